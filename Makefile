@@ -1,0 +1,48 @@
+# rths: two commands matter. `make run` recomputes the paper's tables, `make test` checks the project.
+PYTHON ?= python3
+VENV ?= .venv
+# An active virtual environment is used as it is.
+ifdef VIRTUAL_ENV
+VENV := $(VIRTUAL_ENV)
+endif
+BIN := $(VENV)/bin
+RUN_STAMP := $(VENV)/.rths-run
+DEV_STAMP := $(VENV)/.rths-dev
+CASES := $(foreach r,el_centro hachinohe,$(foreach d,low high,$(foreach c,ff ff_fb,configs/$(r)_$(d)_$(c).yaml)))
+
+.PHONY: help run test check bench clean
+
+help: ## show this list
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 10
+
+run: $(RUN_STAMP) ## install, run the paper's eight cases, print its tables beside ours
+	@$(BIN)/rths run --method paper --method best --output results $(CASES)
+	@echo
+	@echo "To call rths yourself: source $(BIN)/activate, then for example: rths run configs/el_centro_low_ff_fb.yaml"
+
+test: $(DEV_STAMP) ## install with the test tools and run the tests
+	@$(BIN)/python -m pytest -n auto tests
+
+check: $(DEV_STAMP) ## lint, types, import layers
+	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy && $(BIN)/lint-imports
+
+bench: $(DEV_STAMP) ## time the step and whole commands
+	@$(BIN)/python benchmarks/run.py
+
+clean: ## remove the environment and the results
+	rm -rf .venv results build dist
+
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit("rths needs Python 3.11 or newer, this is " + sys.version.split()[0] + "; call make PYTHON=python3.11 ...") if sys.version_info < (3, 11) else None'
+	@echo "creating the virtual environment $(VENV)"
+	@$(PYTHON) -m venv $(VENV)
+
+$(RUN_STAMP): pyproject.toml | $(BIN)/python
+	@echo "installing rths into $(VENV) (about a minute)"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e .
+	@touch $@
+
+$(DEV_STAMP): pyproject.toml | $(BIN)/python
+	@echo "installing rths and its test tools into $(VENV) (about a minute)"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
+	@touch $@

@@ -1,0 +1,32 @@
+"""Faults a user can meet: one sentence each, and the exit code that goes with it."""
+
+
+class RthsError(Exception):
+    """A fault with a sentence for the user; `exit_code` is what the process returns."""
+
+    exit_code = 5
+
+
+class InputError(RthsError):
+    """Bad usage or input: nothing was written.
+
+    `faults` holds one sentence per fault (where known it starts with `file:line:column: `).
+    """
+
+    exit_code = 2
+
+    def __init__(self, *faults: str) -> None:
+        super().__init__("\n".join(faults))
+        self.faults = tuple(faults)
+
+
+class LimitError(RthsError):
+    """A limit of the guard stopped the run."""
+
+    exit_code = 3
+
+
+class RigError(RthsError):
+    """The rig or the link to it failed."""
+
+    exit_code = 4

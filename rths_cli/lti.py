@@ -1,0 +1,102 @@
+"""Frozen arrays any room may pass on: linear systems, discrete blocks, frequency responses, table models.
+
+Time or frequency is the last axis of every array. All quantities are SI.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class StateSpace:
+    """Continuous linear system dx/dt = A x + B u, y = C x + D u.
+
+    Shapes: A (n, n), B (n, m), C (p, n), D (p, m).
+    """
+
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+
+    def response(self, frequency_hz: Array) -> ComplexArray:
+        """Return the frequency response, shape (p, m, n_frequencies)."""
+        return _response(self, 2j * np.pi * np.asarray(frequency_hz, dtype=float))
+
+
+@dataclass(frozen=True)
+class Block:
+    """Discrete linear block x[k+1] = A x[k] + B u[k], y[k] = C x[k] + D u[k] of the step.
+
+    Shapes: A (n, n), B (n, m), C (p, n), D (p, m); `inputs` and `outputs` name the signals with their units.
+    """
+
+    name: str
+    A: Array
+    B: Array
+    C: Array
+    D: Array
+    dt_s: float
+    inputs: tuple[str, ...] = ()
+    outputs: tuple[str, ...] = ()
+
+    def response(self, frequency_hz: Array) -> ComplexArray:
+        """Return the frequency response at z = exp(j w dt), shape (p, m, n_frequencies)."""
+        z = np.exp(2j * np.pi * np.asarray(frequency_hz, dtype=float) * self.dt_s)
+        return _response(self, z)
+
+
+@dataclass(frozen=True)
+class Frf:
+    """Estimated frequency response function of one output to one input.
+
+    `response` (n,) complex, `coherence` (n,), `relative_error` (n,): standard error of |response| over |response|.
+    """
+
+    frequency_hz: Array
+    response: ComplexArray
+    coherence: Array
+    relative_error: Array
+    averages: int
+
+
+@dataclass(frozen=True)
+class Model:
+    """Identified table: command (V) to corrected table acceleration (m/s^2).
+
+    G(s) = gain * prod(s - zeros) / prod(s - poles) * exp(-s delay_s), roots in rad/s. `delay_s` is the part of the
+    loop's transport delay that the fit was told; the rest is in the poles and zeros.
+    """
+
+    zeros: ComplexArray
+    poles: ComplexArray
+    gain: float
+    delay_s: float
+    band_hz: tuple[float, float]
+
+    def response(self, frequency_hz: Array) -> ComplexArray:
+        """Return G(j w), shape (n_frequencies,), in m/s^2/V."""
+        s = 2j * np.pi * np.asarray(frequency_hz, dtype=float)
+        value = np.full(s.shape, self.gain, dtype=complex)
+        for k in range(max(len(self.zeros), len(self.poles))):
+            if k < len(self.zeros):
+                value = value * (s - self.zeros[k])
+            if k < len(self.poles):
+                value = value / (s - self.poles[k])
+        return value * np.exp(-s * self.delay_s)
+
+
+def _response(system: StateSpace | Block, points: ComplexArray) -> ComplexArray:
+    """Evaluate C (p I - A)^-1 B + D at complex points, shape (p, m, n_points)."""
+    n = system.A.shape[0]
+    if n == 0:
+        return np.repeat(system.D[:, :, None].astype(complex), points.size, axis=2)
+    resolvent = np.linalg.solve(points[:, None, None] * np.eye(n) - system.A, system.B.astype(complex))
+    return np.moveaxis(system.C @ resolvent + system.D, 0, -1)

@@ -1,0 +1,27 @@
+"""Shear buildings cut at a storey: numerical and experimental substructure, and the total they add up to.
+
+Storeys count from 1 at the ground. Numerical floors are described by displacements relative to the ground,
+experimental floors by displacements relative to the table (the interface floor): the paper's Eq. 2.3 and 2.5.
+"""
+
+from rths_cli.structure.building import DampingSpec, ExperimentalSpec, NumericalSpec, StructureSpec, build
+from rths_cli.structure.chain import modal_damping_matrix, modes, storey_matrix, storey_values
+from rths_cli.structure.inverse import stiffness_from_frequencies
+from rths_cli.structure.parts import Building, Numerical, Specimen, assemble
+
+__all__ = [
+    "Building",
+    "DampingSpec",
+    "ExperimentalSpec",
+    "Numerical",
+    "NumericalSpec",
+    "Specimen",
+    "StructureSpec",
+    "assemble",
+    "build",
+    "modal_damping_matrix",
+    "modes",
+    "stiffness_from_frequencies",
+    "storey_matrix",
+    "storey_values",
+]

@@ -1,0 +1,209 @@
+"""From what a structure file states to matrices: stiffnesses, damping, both substructures and their total."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Protocol
+
+import numpy as np
+
+from rths_cli.errors import InputError
+from rths_cli.lti import Array
+from rths_cli.structure.chain import first_mode_ratio, modal_damping_matrix, storey_matrix, storey_values
+from rths_cli.structure.inverse import stiffness_from_frequencies
+from rths_cli.structure.parts import Building, Numerical, Specimen, assemble
+
+
+class NumericalSpec(Protocol):
+    """The `numerical` part of a structure file: storeys 1..p from the ground, the last is the interface."""
+
+    @property
+    def masses_kg(self) -> Sequence[float]: ...
+    @property
+    def stiffness_n_per_m(self) -> str | Sequence[float]: ...
+
+
+class ExperimentalSpec(Protocol):
+    """The `experimental` part of a structure file: the storeys on the table, from the table up."""
+
+    @property
+    def masses_kg(self) -> Sequence[float]: ...
+    @property
+    def natural_frequencies_hz(self) -> Sequence[float] | None: ...
+    @property
+    def stiffness_n_per_m(self) -> Sequence[float] | None: ...
+    @property
+    def damping_ratios(self) -> Sequence[float] | None: ...
+    @property
+    def dashpots_n_s_per_m(self) -> Sequence[float] | None: ...
+
+
+class StructureSpec(Protocol):
+    """What `build` reads of a structure file."""
+
+    @property
+    def numerical(self) -> NumericalSpec: ...
+    @property
+    def experimental(self) -> ExperimentalSpec: ...
+    @property
+    def interface_experimental_mass_kg(self) -> float: ...
+
+
+class DampingSpec(Protocol):
+    """A damping level: the first mode's ratio or the dashpots of the numerical storeys, the other is None."""
+
+    @property
+    def first_mode_ratio(self) -> float | None: ...
+    @property
+    def dashpots_n_s_per_m(self) -> Sequence[float] | None: ...
+
+
+def build(spec: StructureSpec, damping: DampingSpec) -> Building:
+    """Build both substructures and their total from a structure file and a damping level.
+
+    Raises InputError when a list's length differs from the number of storeys, when the interface mass is not
+    less than its floor's, when no stiffnesses give the natural frequencies, or when the first mode's ratio is
+    out of reach.
+    """
+    _check(spec, damping)
+    specimen, notes = _build_specimen(spec.experimental)
+    interface_mass = float(spec.interface_experimental_mass_kg)
+    numerical = _undamped_numerical(spec, specimen)
+    dashpots = damping.dashpots_n_s_per_m
+    if damping.first_mode_ratio is not None:
+        c = _equal_dashpot(numerical, specimen, interface_mass, damping.first_mode_ratio)
+        dashpots = [c] * len(numerical.masses_kg)
+    assert dashpots is not None  # _check
+    numerical = replace(numerical, C=storey_matrix(dashpots))
+    return Building(
+        numerical, specimen, interface_mass, *assemble(numerical, specimen, interface_mass), notes
+    )
+
+
+def _check(spec: StructureSpec, damping: DampingSpec) -> None:
+    """Raise one InputError with every list of a wrong length and an interface mass out of its range."""
+    numerical, experimental = spec.numerical, spec.experimental
+    p, n = len(numerical.masses_kg), len(experimental.masses_kg)
+    stated = numerical.stiffness_n_per_m
+    faults = [
+        *_length("structure.numerical.stiffness_n_per_m", None if isinstance(stated, str) else stated, p),
+        *_one_of("structure.experimental", experimental, "natural_frequencies_hz", "stiffness_n_per_m"),
+        *_one_of("structure.experimental", experimental, "damping_ratios", "dashpots_n_s_per_m"),
+        *_one_of("damping", damping, "first_mode_ratio", "dashpots_n_s_per_m"),
+        *_length("structure.experimental.natural_frequencies_hz", experimental.natural_frequencies_hz, n),
+        *_length("structure.experimental.stiffness_n_per_m", experimental.stiffness_n_per_m, n),
+        *_length("structure.experimental.damping_ratios", experimental.damping_ratios, n),
+        *_length("structure.experimental.dashpots_n_s_per_m", experimental.dashpots_n_s_per_m, n),
+        *_length("damping.dashpots_n_s_per_m", damping.dashpots_n_s_per_m, p),
+    ]
+    mass = spec.interface_experimental_mass_kg
+    if not 0.0 <= mass < numerical.masses_kg[-1]:
+        faults.append(
+            f"structure.interface_experimental_mass_kg: {mass:g} kg must be at least 0 and less than the "
+            f"interface floor's whole mass, numerical.masses_kg[{p}] = {numerical.masses_kg[-1]:g} kg"
+        )
+    if faults:
+        raise InputError(*faults)
+
+
+def _length(field: str, values: Sequence[float] | None, storeys: int) -> list[str]:
+    """Return a sentence if a list is stated and has not one value per storey."""
+    if values is None or len(values) == storeys:
+        return []
+    return [f"{field}: {len(values)} values for {storeys} storeys; state one value per mass"]
+
+
+def _one_of(where: str, spec: object, first: str, second: str) -> list[str]:
+    """Return a sentence unless exactly one of two fields is stated."""
+    if (getattr(spec, first) is None) != (getattr(spec, second) is None):
+        return []
+    return [f"{where}: state either {first} or {second}"]
+
+
+def _build_specimen(spec: ExperimentalSpec) -> tuple[Specimen, tuple[str, ...]]:
+    """Return the specimen and sentences on the stiffness solutions not taken."""
+    masses, stiffness = np.asarray(spec.masses_kg, dtype=float), spec.stiffness_n_per_m
+    notes: tuple[str, ...] = ()
+    if spec.natural_frequencies_hz is not None:
+        solutions = stiffness_from_frequencies(masses.tolist(), spec.natural_frequencies_hz)
+        stiffness, notes = solutions[0].tolist(), _notes_on(solutions)
+    assert stiffness is not None  # _check
+    K = storey_matrix(stiffness)
+    if spec.damping_ratios is not None:
+        return Specimen(masses, K, modal_damping_matrix(masses, K, spec.damping_ratios)), notes
+    assert spec.dashpots_n_s_per_m is not None  # _check
+    return Specimen(masses, K, storey_matrix(spec.dashpots_n_s_per_m)), notes
+
+
+def _notes_on(solutions: Array) -> tuple[str, ...]:
+    """Name the stiffness sets that have the same natural frequencies and were not taken."""
+    texts = ["(" + ", ".join(f"{k:.2f}" for k in solution) + ") N/m" for solution in solutions]
+    if len(texts) == 1:
+        return ()
+    return (
+        f"experimental storey stiffnesses {texts[0]}, the most equal of {len(texts)} sets with these natural "
+        f"frequencies, are used; the others are {'; '.join(texts[1:])}; to take another, state "
+        "experimental.stiffness_n_per_m",
+    )
+
+
+def _undamped_numerical(spec: StructureSpec, specimen: Specimen) -> Numerical:
+    """Return the numerical substructure without dashpots, its mass without what stands on the table."""
+    masses = np.array(spec.numerical.masses_kg, dtype=float)
+    masses[-1] -= spec.interface_experimental_mass_kg
+    stiffness = spec.numerical.stiffness_n_per_m
+    if isinstance(stiffness, str):
+        stiffness = [float(np.mean(storey_values(specimen.K)))] * len(masses)
+    return Numerical(masses, storey_matrix(stiffness), np.zeros((len(masses), len(masses))))
+
+
+def _equal_dashpot(numerical: Numerical, specimen: Specimen, interface_mass: float, target: float) -> float:
+    """Return the dashpot in N s/m, equal in all numerical storeys, that gives the first mode its ratio.
+
+    The ratio is that of the complex eigenvalue; it rises with the dashpot up to a greatest value, then falls
+    because the numerical storeys lock. Raises InputError when the target is outside the rising branch.
+    """
+    from scipy.optimize import brentq
+
+    chain = storey_matrix(np.ones(len(numerical.masses_kg)))
+
+    def ratio(dashpot: float) -> float:
+        return first_mode_ratio(*assemble(replace(numerical, C=dashpot * chain), specimen, interface_mass))
+
+    lowest = ratio(0.0)
+    if abs(lowest - target) < 1e-12:
+        return 0.0
+    first_step = 1e-3 * _critical_dashpot(numerical, chain)
+    low, high = _rising_bracket(ratio, target if target > lowest else np.inf, first_step)
+    greatest = ratio(high)
+    if lowest < target <= greatest:
+        c = float(brentq(lambda dashpot: ratio(dashpot) - target, low, high, rtol=1e-12))
+        if abs(ratio(c) - target) < 1e-9:
+            return c
+    raise InputError(
+        f"damping.first_mode_ratio: equal dashpots in the numerical storeys cannot give {target:g}, only "
+        f"{np.ceil(lowest * 1e4) / 1e4:g} to {np.floor(greatest * 1e4) / 1e4:g}; state a ratio in "
+        "that range, or dashpots_n_s_per_m"
+    )
+
+
+def _critical_dashpot(numerical: Numerical, chain: Array) -> float:
+    """Return 2 sqrt(k m) of the numerical storeys in N s/m, the size of dashpots that lock them."""
+    stiffness = np.trace(numerical.K) / np.trace(chain)
+    return float(2.0 * np.sqrt(stiffness * numerical.masses_kg.sum()))
+
+
+def _rising_bracket(ratio: Callable[[float], float], target: float, first_step: float) -> tuple[float, float]:
+    """Return two dashpots with the target between their ratios, or an interval up to the greatest ratio."""
+    from scipy.optimize import minimize_scalar
+
+    before, low, high = 0.0, 0.0, first_step
+    previous, current = ratio(low), ratio(high)
+    while previous < current < target:
+        before, low, high = low, high, 1.25 * high
+        previous, current = current, ratio(high)
+    if current >= target:
+        return low, high
+    top = float(minimize_scalar(lambda c: -ratio(c), bounds=(before, high), method="bounded").x)
+    return before, top

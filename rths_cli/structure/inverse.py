@@ -2,7 +2,7 @@
 
 The coefficients of the characteristic polynomial det(K - w^2 M) are multilinear in the n storey stiffnesses,
 the j-th one homogeneous of degree j. So there are n! complex solutions, none at infinity, and a total-degree
-homotopy reaches all (Sommese and Wampler, The Numerical Solution of Systems of Polynomials, 2005, chapter 8).
+homotopy reaches all (Sommese and Wampler, The Numerical Solution of Systems of Polynomials, 2005).
 """
 
 from __future__ import annotations
@@ -70,17 +70,18 @@ def stiffness_from_frequencies(masses_kg: Sequence[float], frequencies_hz: Seque
 
 
 def _positive_solutions(masses: Array, eigenvalues: Array) -> Array:
-    """Return the real positive roots among all complex ones, in N/m, (n_solutions, n)."""
+    """Return the real roots among all complex ones, in N/m, (n_solutions, n).
+
+    They are positive: K = B^T diag(k) B has as many negative eigenvalues as k negative entries (Sylvester), none.
+    """
     equations = _polynomials(masses, eigenvalues)
     for phase in _START_PHASES_RAD:
         roots, complete = _follow_paths(equations, len(masses), phase)
         if complete:
             break
     real = np.abs(roots.imag).max(axis=1) < 1e-8 * np.abs(roots).max(axis=1)
-    positive = roots[real].real
-    positive = positive[(positive > 0.0).all(axis=1)]
-    _, first = np.unique(np.round(positive, 7), axis=0, return_index=True)
-    return positive[np.sort(first)] * equations.reference_n_per_m
+    _, first = np.unique(np.round(roots[real].real, 7), axis=0, return_index=True)
+    return roots[real][first].real * equations.reference_n_per_m
 
 
 def _polynomials(masses: Array, eigenvalues: Array) -> _Polynomials:
@@ -128,13 +129,11 @@ def _advance(
     """Step each path from t to end by Euler prediction and three Newton corrections; say which converged."""
     _, jacobian, rate = _homotopy(equations, phase, x, t)
     moved = x - np.linalg.solve(jacobian, rate[..., None])[..., 0] * (end - t)[:, None]
-    corrections = []
     for _ in range(3):
         residual, jacobian, _ = _homotopy(equations, phase, moved, end)
         change = np.linalg.solve(jacobian, residual[..., None])[..., 0]
         moved = moved - change
-        corrections.append(np.abs(change).max(axis=1) / np.abs(moved).max(axis=1))
-    return moved, (corrections[0] < 0.02) & (corrections[2] < 1e-8)
+    return moved, np.abs(change).max(axis=1) < 1e-8 * np.abs(moved).max(axis=1)
 
 
 def _homotopy(

@@ -1,0 +1,244 @@
+"""Write the result file of one case (HDF5, format version 1), group by group.
+
+A file is written under a temporary name in its own folder and renamed when it is finished, so a file with the
+final name is never half a file. Until then its status says `interrupted`, and every group is flushed: what a
+killed process leaves behind (`.NAME.h5.PID.part`) opens and says how it ended.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rths_cli.errors import InputError
+from rths_cli.files.hdf5 import Dataset, write_group
+from rths_cli.lti import Array
+
+FORMAT = "rths-result"
+FORMAT_VERSION = 1
+HEADER: dict[str, str | int] = {
+    "format": FORMAT,
+    "format_version": FORMAT_VERSION,
+    "status": "interrupted",
+    "status_reason": "the writing process ended before the run did",
+}
+Status = Literal["complete", "aborted", "interrupted", "failed", "refused"]
+Attribute = str | int | float
+
+
+@dataclass(frozen=True)
+class Metric:
+    """Hold one figure of a run: a number, or one value per storey (n_storeys,), with unit and definition."""
+
+    value: ArrayLike
+    units: str
+    definition: str
+    axis: str = "storey"
+
+
+class ResultWriter:
+    """Write one result file; use as a context manager and call `finish` before leaving it.
+
+    When the body raises, a virtual run's file is removed unless `finish` gave a status other than complete;
+    a hardware run's file is always kept. Every fault of the disk is an InputError naming path and cause.
+    """
+
+    def __init__(self, path: Path, attributes: Mapping[str, Attribute]) -> None:
+        self.path = Path(path)
+        self.part = self.path.with_name(f".{self.path.name}.{os.getpid()}.part")
+        self._attributes = dict(attributes)
+        self._virtual = self._attributes.get("rig_kind", "virtual") == "virtual"
+        self._status: str | None = None
+        self._broken = False
+        self._file: Any = None  # h5py.File while open
+
+    def __enter__(self) -> ResultWriter:
+        """Open the temporary file; raise InputError where the disk refuses or hardware data have the name."""
+        import h5py
+
+        if not self._virtual and self.path.exists():
+            raise InputError(
+                f"{self.path}: exists and holds a hardware run; choose another name or --output folder."
+            )
+        try:
+            with self._reporting():
+                self._file = h5py.File(self.part, "w")
+                self._file.attrs.update({**self._attributes, **HEADER})
+                self._file.flush()
+        except InputError:
+            self._abandon()
+            raise
+        return self
+
+    def group(
+        self,
+        name: str,
+        datasets: Mapping[str, Dataset],
+        time_s: ArrayLike | None = None,
+        storey: ArrayLike | None = None,
+        scales: Mapping[str, Dataset] | None = None,
+    ) -> None:
+        """Write a group with its scales: `time_s` (n,), `storey` (n_storeys,) and any other (`frequency_hz`).
+
+        Raises InputError when the disk refuses, ValueError when an axis fits no scale.
+        """
+        axes: dict[str, Dataset] = {}
+        if time_s is not None:
+            axes["time_s"] = Dataset(time_s, "s", "time since the start of the record", "computed")
+        if storey is not None:
+            axes["storey"] = Dataset(storey, "1", "storey, counted from 1 at the ground", "computed")
+        self._write(name, datasets, {**axes, **(scales or {})}, {})
+
+    def case(self, yaml: str, resolved: str) -> None:
+        """Write the case file as it was given and with everything filled in."""
+        texts = {
+            "yaml": (yaml, "case file as written"),
+            "resolved": (resolved, "case file with all defaults"),
+        }
+        datasets = {name: Dataset(text, "1", meaning, "computed") for name, (text, meaning) in texts.items()}
+        self._write("case", datasets, {}, {})
+
+    def block(
+        self,
+        name: str,
+        A: Array,
+        B: Array,
+        C: Array,
+        D: Array,
+        dt_s: float,
+        inputs: Sequence[str],
+        outputs: Sequence[str],
+    ) -> None:
+        """Write a block x[k+1] = A x + B u, y = C x + D u of step `dt_s` under /controller/NAME."""
+        axes = {
+            "A": ("next_state", "state"),
+            "B": ("next_state", "input"),
+            "C": ("output", "state"),
+            "D": ("output", "input"),
+        }
+        matrices = dict(zip("ABCD", (A, B, C, D), strict=True))
+        units = "as inputs and outputs"
+        datasets = {k: Dataset(m, units, f"{k} of {name}", "computed", axes[k]) for k, m in matrices.items()}
+        about = {"name": name, "dt_s": dt_s, "inputs": list(inputs), "outputs": list(outputs)}
+        self._write(f"controller/{name}", datasets, {}, about)
+
+    def metrics(self, metrics: Mapping[str, Metric]) -> None:
+        """Write figures: the path `exp_rths.rms_error_m_s2` becomes /metrics/exp_rths/rms_error_m_s2."""
+        for path, metric in metrics.items():
+            parent, _, leaf = f"metrics.{path}".replace(".", "/").rpartition("/")
+            dims = (metric.axis,) * np.ndim(metric.value)
+            item = Dataset(metric.value, metric.units, metric.definition, "computed", dims)
+            with self._reporting():
+                group = self._file.require_group(parent)
+                write_group(group, {leaf: item}, {})
+                group[leaf].attrs["definition"] = metric.definition
+        with self._reporting():
+            self._file.flush()
+
+    def finish(self, status: Status, reason: str = "") -> None:
+        """State how the run ended; the file gets its name when the context is left."""
+        self._status = status
+        with self._reporting():
+            self._file.attrs.update({"status": status, "status_reason": reason})
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close and rename the file, or remove it."""
+        if self._broken:
+            self._abandon()
+            return
+        if not self._virtual and (self._status is None or (error and self._status == "complete")):
+            self.finish("failed", str(error) if error else "the run ended without a status")
+        if self._status is None or (error is not None and self._status == "complete"):
+            self._abandon()
+            if error is None:
+                raise RuntimeError(f"{self.path}: finish() was not called.")
+            return
+        self._publish()
+
+    def _write(
+        self,
+        name: str,
+        datasets: Mapping[str, Dataset],
+        scales: Mapping[str, Dataset],
+        about: Mapping[str, Any],
+    ) -> None:
+        with self._reporting():
+            group = self._file.require_group(name)
+            write_group(group, datasets, scales)
+            for key, value in about.items():
+                group.attrs[key] = _text_list(value) if isinstance(value, list) else value
+            self._file.flush()
+
+    def _publish(self) -> None:
+        try:
+            with self._reporting():
+                self._file.close()
+                os.replace(self.part, self.path)
+        except InputError:
+            self._abandon()
+            raise
+
+    def _abandon(self) -> None:
+        """Close and remove the temporary file; what hardware produced stays under its temporary name."""
+        try:
+            if self._file is not None:
+                self._file.close()
+        except (OSError, RuntimeError):  # HDF5 keeps the descriptor when its last flush fails
+            if self._virtual and self.part.exists():
+                os.truncate(self.part, 0)  # give the space back although the descriptor stays open
+        if self._virtual:
+            with suppress(OSError):
+                self.part.unlink()
+
+    @contextmanager
+    def _reporting(self) -> Iterator[None]:
+        """Turn a fault of disk or HDF5 library into one sentence naming path and cause."""
+        try:
+            yield
+        except (OSError, RuntimeError) as error:
+            self._broken = True
+            left = "" if self._virtual else f" What was written is in {self.part}."
+            raise InputError(refusal(self.path, "cannot write the result file", error) + left) from error
+
+
+def check_writable(folder: Path, needed_bytes: int = 0) -> None:
+    """Create the folder, write in it and compare the free space; raise InputError where that fails."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder) as probe:
+            probe.write(b"x")
+        free = shutil.disk_usage(folder).free
+    except OSError as error:
+        raise InputError(refusal(folder, "cannot write result files here", error)) from error
+    if free < needed_bytes:
+        raise InputError(
+            f"{folder}: {free / 1e6:.0f} MB free, {needed_bytes / 1e6:.0f} MB needed; "
+            "free space or choose another --output folder."
+        )
+
+
+def refusal(path: Path, what: str, error: Exception, advice: bool = True) -> str:
+    """Return one sentence: path, what failed, the system's reason, what to do."""
+    number = getattr(error, "errno", None)
+    told = re.search(r"error message = '([^']*)'", str(error))
+    cause = os.strerror(number) if number else told[1] if told else str(error).partition("\n")[0]
+    return f"{path}: {what}: {cause}" + ("; free space or choose another --output folder." if advice else ".")
+
+
+def _text_list(value: list[str]) -> Any:
+    import h5py
+
+    return np.array(value, dtype=h5py.string_dtype())

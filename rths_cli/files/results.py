@@ -1,0 +1,152 @@
+"""Read the result file of one case (HDF5, format version 1), whole or one series at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import numpy as np
+
+from rths_cli.errors import InputError
+from rths_cli.files.hdf5 import Dataset
+from rths_cli.files.result_writer import (
+    FORMAT,
+    FORMAT_VERSION,
+    Attribute,
+    Metric,
+    ResultWriter,
+    Status,
+    check_writable,
+    refusal,
+)
+from rths_cli.lti import Array
+
+if TYPE_CHECKING:
+    import h5py
+
+__all__ = [
+    "Dataset",
+    "Metric",
+    "Result",
+    "ResultWriter",
+    "Status",
+    "check_writable",
+    "read_dataset",
+    "read_result",
+    "read_series",
+]
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Result:
+    """Hold what a result file says about its case; series are read one by one with `read_series`.
+
+    `metrics`, `units` and `definitions` share their keys, the paths of the figures (as in
+    `exp_rths.rms_error_m_s2`); a metric is a number or an array (n_storeys,). `groups` are those of the root.
+    """
+
+    path: Path
+    attributes: dict[str, Attribute]
+    case_yaml: str
+    resolved_yaml: str
+    metrics: dict[str, float | Array]
+    units: dict[str, str]
+    definitions: dict[str, str]
+    groups: tuple[str, ...]
+
+
+def read_result(path: Path) -> Result:
+    """Read attributes, case and metrics; raise InputError unless the file is a whole result file."""
+    return _reading(Path(path), lambda file: _result(Path(path), file))
+
+
+def read_dataset(path: Path, name: str) -> Dataset:
+    """Read one dataset with unit, meaning, source and axes; raise InputError where there is none."""
+    return _reading(Path(path), lambda file: _dataset(Path(path), file, name))
+
+
+def read_series(path: Path, name: str) -> Array:
+    """Read the values of one dataset (`exp_rths/abs_accel_m_s2`: (n_storeys, n)) as an array."""
+    return np.asarray(read_dataset(path, name).data)
+
+
+def _result(path: Path, file: h5py.File) -> Result:
+    metrics: dict[str, float | Array] = {}
+    units: dict[str, str] = {}
+    definitions: dict[str, str] = {}
+    for key, node in _metric_nodes(file).items():
+        metrics[key] = float(node[()]) if node.ndim == 0 else np.asarray(node[()], dtype=float)
+        units[key] = str(node.attrs["units"])
+        definitions[key] = str(node.attrs["definition"])
+    attributes = {key: _plain(value) for key, value in file.attrs.items()}
+    yaml, resolved = (
+        file[f"case/{k}"].asstr()[()] if f"case/{k}" in file else "" for k in ("yaml", "resolved")
+    )
+    return Result(path, attributes, yaml, resolved, metrics, units, definitions, tuple(file))
+
+
+def _metric_nodes(file: h5py.File) -> dict[str, h5py.Dataset]:
+    """Return the datasets below /metrics by their dotted paths, without the scales."""
+    import h5py
+
+    nodes: dict[str, h5py.Dataset] = {}
+
+    def collect(name: str, node: h5py.Group | h5py.Dataset) -> None:
+        if isinstance(node, h5py.Dataset) and not node.is_scale:
+            nodes[name.replace("/", ".")] = node
+
+    if "metrics" in file:
+        file["metrics"].visititems(collect)
+    return nodes
+
+
+def _dataset(path: Path, file: h5py.File, name: str) -> Dataset:
+    import h5py
+
+    node = file.get(name)
+    if not isinstance(node, h5py.Dataset):
+        raise InputError(f"{path}: holds no dataset {name}; its groups are {', '.join(file)}.")
+    dims = tuple(axis[0].name.rpartition("/")[2] for axis in node.dims if len(axis))
+    data = node.asstr()[()] if h5py.check_string_dtype(node.dtype) else node[()]
+    return Dataset(data, str(node.attrs["units"]), str(node.attrs["long_name"]), node.attrs["source"], dims)
+
+
+def _reading(path: Path, read: Callable[[h5py.File], T]) -> T:
+    """Apply `read` to an open, checked result file; every fault of the file is an InputError."""
+    import h5py
+
+    try:
+        with open(path, "rb"):
+            pass
+    except OSError as error:
+        raise InputError(refusal(path, "cannot read", error, advice=False)) from error
+    if not h5py.is_hdf5(path):
+        raise InputError(f"{path}: is not an HDF5 file; give a result file written by rths run.")
+    try:
+        with h5py.File(path, "r") as file:
+            _check_format(path, file.attrs)
+            return read(file)
+    except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
+        raise InputError(
+            f"{path}: is truncated or damaged and cannot be read; run the case again."
+        ) from error
+
+
+def _check_format(path: Path, attributes: Mapping[str, Any]) -> None:
+    if _plain(attributes.get("format", "")) != FORMAT:
+        raise InputError(f"{path}: is not a result file of rths (no attribute format = {FORMAT}).")
+    version = int(attributes["format_version"])
+    if version > FORMAT_VERSION:
+        raise InputError(
+            f"{path}: has format version {version}, this rths reads up to {FORMAT_VERSION}; update rths."
+        )
+
+
+def _plain(value: Any) -> Attribute:
+    """Return an HDF5 attribute as a plain Python value."""
+    plain = value.item() if isinstance(value, np.generic) else value
+    return plain.decode() if isinstance(plain, bytes) else plain

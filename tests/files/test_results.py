@@ -1,0 +1,383 @@
+"""Result files: what is written is read back, by us and by xarray; what is broken says so in one sentence."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import h5py
+import numpy as np
+import pytest
+import xarray
+
+from rths_cli.errors import InputError
+from rths_cli.files.results import (
+    Dataset,
+    Metric,
+    ResultWriter,
+    check_writable,
+    read_dataset,
+    read_result,
+    read_series,
+)
+
+ATTRIBUTES = {
+    "case_name": "demo",
+    "method": "best",
+    "rig_kind": "virtual",
+    "seed": 3,
+    "sample_rate_hz": 2000.0,
+}
+N = 500
+TIME = np.arange(N) / 2000.0
+ACCEL = np.sin(np.arange(3)[:, None] + 20.0 * TIME)
+STOREYS = [1, 2, 3]
+
+
+def accel(data, **extra):
+    return Dataset(data, "m/s^2", "absolute acceleration of the floors", "computed", **extra)
+
+
+def fill(writer):
+    writer.case("record: el_centro # µ\n", "scaling: 0.3\n")
+    shear = Dataset(ACCEL[0], "N", "force on the interface", "computed")
+    writer.group("sim", {"abs_accel_m_s2": accel(ACCEL), "base_shear_n": shear}, time_s=TIME, storey=STOREYS)
+    writer.group(
+        "exp_rths",
+        {"abs_accel_m_s2": accel(ACCEL[:, :200]), "floor_accel_measured_m_s2": accel(ACCEL[1:, :200])},
+        TIME[:200],
+        STOREYS,
+        {"experimental_storey": Dataset([2, 3], "1", "storey on the table", "computed")},
+    )
+    writer.group(
+        "exp_rths/truth", {"table_accel_m_s2": Dataset(ACCEL[0, :200], "m/s^2", "table", "true")}, TIME[:200]
+    )
+    frequency = {"frequency_hz": Dataset(np.linspace(0.5, 50, 40), "Hz", "frequency", "computed")}
+    frf = np.exp(1j * np.linspace(0, 6, 40))
+    writer.group(
+        "identification",
+        {
+            "frf": Dataset(frf, "m/s^2/V", "table response", "estimated"),
+            "poles": Dataset(np.array([-1 + 2j, -1 - 2j, -5]), "rad/s", "poles", "estimated", ("pole",)),
+            "gain": Dataset(2.5, "m/s^2/V", "gain", "estimated"),
+        },
+        scales=frequency,
+    )
+    eye = np.eye(2)
+    writer.block(
+        "feedforward", eye * 0.9, eye[:, :1], eye[:1], np.array([[0.5]]), 0.0005, ["a_m_s2"], ["u_v"]
+    )
+    writer.block(
+        "gain", np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.array([[2.0]]), 0.0005, ["a"], ["b"]
+    )
+    writer.metrics(
+        {
+            "exp_rths.rms_error_m_s2": Metric(
+                [0.1, 0.2, np.nan], "m/s^2", "rms of EXP-RTHS - SIM, test band"
+            ),
+            "shake_table.tracking_rms_m_s2": Metric(0.0012, "m/s^2", "rms of desired - measured"),
+        }
+    )
+
+
+def write(path, attributes=ATTRIBUTES):
+    with ResultWriter(path, attributes) as writer:
+        fill(writer)
+        writer.finish("complete")
+    return path
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    return write(tmp_path_factory.mktemp("results") / "demo.h5")
+
+
+def test_what_is_written_is_read_back(written):
+    result = read_result(written)
+    assert {key: result.attributes[key] for key in ATTRIBUTES} == ATTRIBUTES
+    assert result.attributes["status"] == "complete" and result.attributes["format_version"] == 1
+    assert result.case_yaml == "record: el_centro # µ\n" and result.resolved_yaml == "scaling: 0.3\n"
+    assert set(result.metrics) == {"exp_rths.rms_error_m_s2", "shake_table.tracking_rms_m_s2"}
+    np.testing.assert_array_equal(result.metrics["exp_rths.rms_error_m_s2"], [0.1, 0.2, np.nan])
+    assert result.metrics["shake_table.tracking_rms_m_s2"] == 0.0012
+    assert result.units["exp_rths.rms_error_m_s2"] == "m/s^2"
+    assert result.definitions["shake_table.tracking_rms_m_s2"] == "rms of desired - measured"
+    np.testing.assert_array_equal(read_series(written, "exp_rths/abs_accel_m_s2"), ACCEL[:, :200])
+    truth = read_dataset(written, "exp_rths/truth/table_accel_m_s2")
+    assert (truth.units, truth.long_name, truth.source, truth.dims) == ("m/s^2", "table", "true", ("time_s",))
+
+
+def test_complex_values_are_stored_as_real_and_imag(written):
+    frf = read_series(written, "identification/frf_real") + 1j * read_series(
+        written, "identification/frf_imag"
+    )
+    np.testing.assert_allclose(frf, np.exp(1j * np.linspace(0, 6, 40)), rtol=1e-15)
+    np.testing.assert_array_equal(read_series(written, "identification/poles_imag"), [2, -2, 0])
+
+
+def test_every_dataset_carries_units_name_and_source_and_none_is_at_the_root(written):
+    with h5py.File(written) as file:
+        assert all(isinstance(node, h5py.Group) for node in file.values())
+        nodes = []
+        file.visititems(lambda name, node: nodes.append(node) if isinstance(node, h5py.Dataset) else None)
+        assert len(nodes) > 30
+        for node in nodes:
+            assert node.attrs["units"] and node.attrs["long_name"], node.name
+            assert node.attrs["source"] in ("computed", "measured", "estimated", "true"), node.name
+
+
+@pytest.mark.filterwarnings("error:.*duplicate dim.*")
+def test_xarray_opens_every_group_with_named_axes(written):
+    with h5py.File(written) as file:
+        groups = []
+        file.visititems(lambda name, node: groups.append(name) if isinstance(node, h5py.Group) else None)
+    for name in groups:
+        with xarray.open_dataset(written, group=name, engine="h5netcdf", decode_timedelta=False) as group:
+            assert not [dim for dim in group.sizes if "phony" in str(dim)], name
+    with xarray.open_dataset(written, group="exp_rths", engine="h5netcdf", decode_timedelta=False) as group:
+        assert group.abs_accel_m_s2.dims == ("storey", "time_s")
+        assert group.floor_accel_measured_m_s2.dims == ("experimental_storey", "time_s")
+        third = group.abs_accel_m_s2.sel(storey=3)
+        np.testing.assert_array_equal(third.values, ACCEL[2, :200])
+        np.testing.assert_array_equal(third.time_s.values, TIME[:200])
+    with xarray.open_dataset(written, group="identification", engine="h5netcdf") as group:
+        assert group.frf_real.dims == ("frequency_hz",) and group.poles_real.dims == ("pole",)
+    with xarray.open_dataset(written, group="controller/feedforward", engine="h5netcdf") as group:
+        assert group.A.dims == ("next_state", "state") and group.attrs["dt_s"] == 0.0005
+        assert list(np.atleast_1d(group.attrs["inputs"])) == ["a_m_s2"]
+
+
+def test_xarray_opens_the_file_as_a_tree(written):
+    with xarray.open_datatree(written, engine="h5netcdf", decode_timedelta=False) as tree:
+        assert tree["sim"].sizes["time_s"] == N and tree["exp_rths"].sizes["time_s"] == 200
+
+
+def test_time_is_the_last_axis_even_of_a_square_array_and_a_lone_scale_is_a_coordinate(tmp_path):
+    with ResultWriter(tmp_path / "a.h5", ATTRIBUTES) as writer:
+        writer.group("sim", {"abs_accel_m_s2": accel(np.eye(3))}, TIME[:3], STOREYS)
+        writer.group("record", {}, TIME)
+        writer.finish("complete")
+    assert read_dataset(tmp_path / "a.h5", "sim/abs_accel_m_s2").dims == ("storey", "time_s")
+    with xarray.open_dataset(tmp_path / "a.h5", group="record", engine="h5netcdf") as group:
+        assert group.time_s.dims == ("time_s",)
+
+
+def test_the_same_data_give_the_same_bytes_later(tmp_path, written):
+    time.sleep(1.1)  # a time stamp in an HDF5 object has a resolution of one second
+    assert write(tmp_path / "later.h5").read_bytes() == written.read_bytes()
+
+
+def test_a_default_case_is_below_50_mb_and_written_quickly(tmp_path):
+    n = 108_000
+    t = np.arange(n) / 2000.0
+    noise = np.random.default_rng(0).normal(size=(3, n))  # the worst case: nothing to compress
+    codes = np.round(noise[0] * 30) * 3e-3
+    series = {"sim": 10, "sim_delay": 10, "exp_rths": 16, "exp_rths/truth": 4, "exp_rths/timing": 3}
+    series |= {"shake_table": 6, "shake_table/truth": 4, "record": 1}
+    start = time.perf_counter()
+    with ResultWriter(tmp_path / "big.h5", ATTRIBUTES) as writer:
+        for name, count in series.items():
+            datasets = {f"series_{k}": accel(noise[k % 3]) for k in range(count)}
+            command = {"command_v": accel(codes)} if name in ("exp_rths", "shake_table") else {}
+            writer.group(name, datasets | command, t, STOREYS)
+        writer.finish("complete")
+    seconds = time.perf_counter() - start
+    size = (tmp_path / "big.h5").stat().st_size
+    assert 45e6 < size < 50e6, size
+    assert seconds < 2.0, seconds  # 0.2 s on a quiet machine
+    np.testing.assert_array_equal(read_series(tmp_path / "big.h5", "exp_rths/command_v"), codes)
+
+
+def test_a_dataset_or_axis_that_does_not_say_what_it_is_is_refused(tmp_path):
+    path = tmp_path / "x.h5"
+    with (
+        pytest.raises(ValueError, match="axis 0 of length 2"),
+        ResultWriter(path, ATTRIBUTES) as writer,
+    ):
+        writer.group("sim", {"a": accel(ACCEL[:2])}, TIME, STOREYS)
+    with (
+        pytest.raises(ValueError, match="needs units"),
+        ResultWriter(path, ATTRIBUTES) as writer,
+    ):
+        writer.group("sim", {"a": Dataset(1.0, "", "x", "computed")})
+    with (
+        pytest.raises(ValueError, match="other values"),
+        ResultWriter(path, ATTRIBUTES) as writer,
+    ):
+        writer.group("sim", {}, TIME)
+        writer.group("sim", {}, TIME + 1)
+    with pytest.raises(ValueError, match="other values"), ResultWriter(path, ATTRIBUTES) as writer:
+        writer.group("sim", {}, TIME)
+        writer.group("sim/truth", {}, TIME[:9])
+    assert os.listdir(tmp_path) == []
+
+
+def end(path, status, error, attributes=ATTRIBUTES):
+    with ResultWriter(path, attributes) as writer:
+        writer.group("sim", {"abs_accel_m_s2": accel(ACCEL)}, TIME, STOREYS)
+        if status:
+            writer.finish(status, "the reason")
+        if error:
+            raise error
+
+
+def test_a_virtual_run_that_raises_leaves_nothing_unless_it_was_finished(tmp_path):
+    for status in (None, "complete"):
+        with pytest.raises(KeyError):
+            end(tmp_path / "a.h5", status, KeyError("x"))
+        assert os.listdir(tmp_path) == []
+    for status in ("aborted", "interrupted", "failed"):
+        with pytest.raises(KeyboardInterrupt):
+            end(tmp_path / f"{status}.h5", status, KeyboardInterrupt())
+        result = read_result(tmp_path / f"{status}.h5")
+        assert (result.attributes["status"], result.attributes["status_reason"]) == (status, "the reason")
+        np.testing.assert_array_equal(read_series(result.path, "sim/abs_accel_m_s2"), ACCEL)
+    assert len(os.listdir(tmp_path)) == 3
+
+
+def test_a_virtual_result_stays_when_its_successor_fails_and_is_replaced_when_it_succeeds(tmp_path):
+    path = write(tmp_path / "a.h5")
+    before = path.read_bytes()
+    with pytest.raises(KeyError):
+        end(path, None, KeyError("x"))
+    assert path.read_bytes() == before
+    end(path, "complete", None)
+    assert read_result(path).metrics == {}
+
+
+def test_a_hardware_run_is_always_kept_and_never_replaced(tmp_path):
+    attributes = {**ATTRIBUTES, "rig_kind": "udp"}
+    with pytest.raises(KeyError):
+        end(tmp_path / "a.h5", None, KeyError("lost the link"), attributes)
+    result = read_result(tmp_path / "a.h5")
+    assert result.attributes["status"] == "failed" and "lost the link" in result.attributes["status_reason"]
+    with pytest.raises(InputError, match="holds a hardware run"):
+        end(tmp_path / "a.h5", "complete", None, attributes)
+
+
+def test_forgetting_to_finish_is_a_bug(tmp_path):
+    with pytest.raises(RuntimeError, match="finish"):
+        end(tmp_path / "a.h5", None, None)
+    assert os.listdir(tmp_path) == []
+
+
+def child(code, *arguments):
+    prelude = """
+import os, resource, signal, sys, numpy as np
+from pathlib import Path
+from rths_cli.errors import InputError
+from rths_cli.files.results import Dataset, ResultWriter
+path, attributes = Path(sys.argv[1]), {"case_name": "demo", "rig_kind": "virtual"}
+series = lambda n: {"a_m_s2": Dataset(np.random.default_rng(0).normal(size=n), "m/s^2", "a", "computed")}
+"""
+    return subprocess.run(
+        [sys.executable, "-c", prelude + code, *map(str, arguments)], capture_output=True, text=True
+    )
+
+
+def test_what_a_killed_process_leaves_opens_and_says_so(tmp_path):
+    code = """
+with ResultWriter(path, attributes) as writer:
+    writer.group("sim", series(1000), np.arange(1000) / 2000)
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+    assert child(code, tmp_path / "a.h5").returncode == -signal.SIGKILL
+    (left,) = tmp_path.iterdir()
+    assert left.name.startswith(".a.h5.") and left.name.endswith(".part")
+    result = read_result(left)
+    assert (
+        result.attributes["status"] == "interrupted" and "process ended" in result.attributes["status_reason"]
+    )
+    assert read_series(left, "sim/a_m_s2").shape == (1000,)
+
+
+def fill_the_disk(path, limit, rig_kind="virtual"):
+    code = f"""
+signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
+try:
+    with ResultWriter(path, attributes | {{"rig_kind": "{rig_kind}"}}) as writer:
+        for run in ("sim", "sim_delay", "exp_rths", "shake_table"):
+            writer.group(run, series(108_000), np.arange(108_000) / 2000)
+            writer.finish("aborted")
+except InputError as error:
+    print(error, end="")
+    sys.exit(error.exit_code)
+"""
+    done = child(code, path)
+    assert done.returncode == 2, done.stderr
+    assert "Traceback" not in done.stderr and "\n" not in done.stdout
+    return done.stdout
+
+
+@pytest.mark.parametrize("limit", [100, 3_000_000])
+def test_a_full_disk_is_one_sentence_and_leaves_nothing(tmp_path, limit):
+    said = fill_the_disk(tmp_path / "a.h5", limit)
+    assert said.startswith(f"{tmp_path}/a.h5: cannot write the result file: File too large; free space or")
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_full_disk_does_not_lose_what_hardware_produced(tmp_path):
+    said = fill_the_disk(tmp_path / "a.h5", 3_000_000, "udp")
+    (left,) = tmp_path.iterdir()
+    assert str(left) in said and left.name.endswith(".part")
+    assert read_series(left, "sim/a_m_s2").shape == (108_000,)
+
+
+def test_an_unwritable_folder_is_named_with_its_cause(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(
+        InputError, match=r"file/sub: cannot write result files here: Not a directory; free space"
+    ):
+        check_writable(tmp_path / "file" / "sub")
+    with pytest.raises(InputError, match=r"a\.h5: cannot write the result file: "):
+        write(tmp_path / "missing" / "a.h5")
+    with pytest.raises(InputError, match=r"a\.h5: cannot write the result file: Is a directory"):
+        (tmp_path / "a.h5").mkdir()
+        write(tmp_path / "a.h5")
+    check_writable(tmp_path / "new" / "results")
+    assert os.listdir(tmp_path / "new" / "results") == []
+    with pytest.raises(InputError, match="MB needed"):
+        check_writable(tmp_path, needed_bytes=shutil.disk_usage(tmp_path).total + 1)
+    assert sorted(os.listdir(tmp_path)) == ["a.h5", "file", "new"]
+
+
+def sentence(path):
+    with pytest.raises(InputError) as caught:
+        read_result(path)
+    (fault,) = caught.value.faults
+    assert fault.startswith(f"{path}: ") and "\n" not in fault
+    return fault
+
+
+@pytest.mark.parametrize("part", [0.0, 0.02, 0.5, 0.97, 0.9999])
+def test_a_truncated_file_is_one_sentence(tmp_path, written, part):
+    whole = written.read_bytes()
+    path = tmp_path / "cut.h5"
+    path.write_bytes(whole[: int(part * len(whole))])
+    assert "truncated" in sentence(path) or "not an HDF5 file" in sentence(path)
+
+
+def test_foreign_later_missing_and_other_files_are_one_sentence(tmp_path, written):
+    path = tmp_path / "x.h5"
+    assert "No such file" in sentence(path)
+    assert "Is a directory" in sentence(tmp_path)
+    path.write_text(json.dumps({"format": "rths-result"}))
+    assert "is not an HDF5 file" in sentence(path)
+    with h5py.File(path, "w") as file:
+        file["x"] = 1
+    assert "not a result file" in sentence(path)
+    shutil.copy(written, path)
+    with h5py.File(path, "r+") as file:
+        file.attrs["format_version"] = 2
+    assert "format version 2" in sentence(path) and "update rths" in sentence(path)
+
+
+def test_a_missing_dataset_is_named_with_what_there_is(written):
+    with pytest.raises(InputError, match=r"holds no dataset exp_rths/nothing; its groups are .*exp_rths"):
+        read_series(written, "exp_rths/nothing")
+    with pytest.raises(InputError, match="holds no dataset exp_rths;"):
+        read_series(written, "exp_rths")

@@ -1,5 +1,6 @@
 """Result files: what is written is read back, by us and by xarray; what is broken says so in one sentence."""
 
+import errno
 import json
 import os
 import shutil
@@ -317,6 +318,19 @@ except InputError as error:
 def test_a_full_disk_is_one_sentence_and_leaves_nothing(tmp_path, limit):
     said = fill_the_disk(tmp_path / "a.h5", limit)
     assert said.startswith(f"{tmp_path}/a.h5: cannot write the result file: File too large; free space or")
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_file_that_missed_a_write_is_not_published_although_it_was_finished(tmp_path, monkeypatch):
+    def refuse(*_):
+        raise OSError(errno.ENOSPC, "full")
+
+    monkeypatch.setattr("rths_cli.files.result_writer.write_group", refuse)
+    with pytest.raises(InputError, match="No space left on device"):
+        end(tmp_path / "a.h5", "aborted", None)
+    with pytest.raises(InputError), ResultWriter(tmp_path / "a.h5", ATTRIBUTES) as writer:
+        writer.finish("aborted")
+        writer.group("sim", {})
     assert os.listdir(tmp_path) == []
 
 

@@ -1,0 +1,224 @@
+"""From what a case file says to what it means: settings applied, names looked up, `extends` merged."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from rths_cli.case.fields import near
+from rths_cli.case.find import find
+from rths_cli.case.nodes import Fault, Mark, Node, Source, join, plain
+from rths_cli.case.yaml_nodes import parse, read_file
+from rths_cli.errors import InputError
+
+DEFAULT_RIG = "aps400_virtual"
+FILES = {"structure": "structures", "table": "rigs", "reference": "references"}
+SHORT_FORMS = {"structure": "extends", "table": "extends", "controller": "kind", "record": "file"}
+RIVALS = {
+    "natural_frequencies_hz": ("stiffness_n_per_m",),
+    "stiffness_n_per_m": ("natural_frequencies_hz",),
+    "damping_ratios": ("dashpots_n_s_per_m",),
+    "first_mode_ratio": ("dashpots_n_s_per_m",),
+    "dashpots_n_s_per_m": ("damping_ratios", "first_mode_ratio"),
+}
+
+Setting = tuple[tuple[str, ...], Node]
+
+
+def read_settings(settings: Sequence[str]) -> tuple[list[Setting], list[Fault]]:
+    """Return keys and value of each `key.sub=value`, and the faults of those that are none."""
+    found: list[Setting] = []
+    faults: list[Fault] = []
+    for text in settings:
+        key, sign, value = text.partition("=")
+        source = Source(f"--set {key.strip()}"[:120], Path.cwd())
+        keys = _setting_keys(key.strip())
+        if not sign or not all(keys):
+            faults.append(
+                Fault(Mark(source), "", "must be key=value, for example --set table.physics.coulomb_n=0.9")
+            )
+            continue
+        node, more = parse(value, source)
+        faults += [replace(fault, mark=Mark(source)) for fault in more]
+        if node is not None and not more:
+            found.append((keys, unplaced(node, Mark(source))))
+    return found, faults
+
+
+def apply_settings(tree: Node, settings: Iterable[Setting]) -> Node:
+    """Return the case's document with settings put in; setting below a name varies what is named."""
+    for keys, value in settings:
+        tree = _put(tree, keys, value)
+    return tree
+
+
+def expand_case(tree: Node, stem: str) -> tuple[Node, list[Fault], set[str]]:
+    """Return the document with every name replaced by what it names, the faults, and the keys that are lost.
+
+    `stem` is the case's name when the file gives none.
+    """
+    faults: list[Fault] = []
+    children = {"name": Node(stem, tree.mark), "table": Node(DEFAULT_RIG, tree.mark)} | tree.children
+    lost: set[str] = set()
+    for key, kind in FILES.items():
+        if key in children:
+            node = _expand(children[key], kind, key, faults, ())
+            lost |= {key} if node is None else set()
+            children[key] = node or children[key]
+    for key in ("record", "controller"):
+        if key in children:
+            children[key] = _long_form(children[key], SHORT_FORMS[key])
+    _expand_damping(children, faults, lost)
+    _expand_file(children, ("record", "file"), "records", faults)
+    _expand_file(children, ("identification", "model"), None, faults)
+    return replace(tree, value=children), faults, lost
+
+
+def merge(base: Node, over: Node) -> Node:
+    """Return `base` with what `over` states in its place, key by key; a key drops its rivals in `base`."""
+    if not (isinstance(base.value, dict) and isinstance(over.value, dict)):
+        return over
+    merged = dict(base.value)
+    for key, child in over.value.items():
+        for rival in RIVALS.get(key, ()):
+            if rival not in over.value:
+                merged.pop(rival, None)
+        merged[key] = merge(merged[key], child) if key in merged else child
+    return replace(over, value=merged)
+
+
+def unplaced(node: Node, mark: Mark) -> Node:
+    """Return a node all of whose places are one mark."""
+    value = node.value
+    if isinstance(value, dict):
+        value = {key: unplaced(child, mark) for key, child in value.items()}
+    elif isinstance(value, tuple):
+        value = tuple(unplaced(child, mark) for child in value)
+    return Node(value, mark, mark)
+
+
+def _setting_keys(key: str) -> tuple[str, ...]:
+    """Return the keys of a dotted path; behind `accept.` stands one key, itself dotted."""
+    head, _, rest = key.partition(".")
+    return (head, rest) if head == "accept" and rest else tuple(key.split("."))
+
+
+def _put(tree: Node, keys: tuple[str, ...], value: Node, short_form: str | None = None) -> Node:
+    if not keys:
+        return value
+    children = dict(_long_form(tree, short_form).children if short_form else tree.children)
+    below = children.get(keys[0])
+    short = SHORT_FORMS.get(keys[0]) if tree.key_mark is None else None
+    if below is None and keys[0] == "table":
+        below = Node(DEFAULT_RIG, value.mark)
+    empty = Node({}, value.mark, value.mark)
+    children[keys[0]] = replace(_put(below or empty, keys[1:], value, short), key_mark=value.mark)
+    return replace(tree, value=children)
+
+
+def _long_form(node: Node, key: str) -> Node:
+    """Return a scalar as the mapping it abbreviates."""
+    if isinstance(node.value, dict | tuple) or node.value is None:
+        return node
+    return replace(node, value={key: Node(node.value, node.mark, node.key_mark)})
+
+
+def _expand(node: Node, kind: str, key: str, faults: list[Fault], trail: tuple[Path, ...]) -> Node | None:
+    """Return a mapping complete with what it is named after or extends; None when that cannot be read."""
+    if isinstance(node.value, str):
+        return _from_file(node, kind, key, faults, trail)
+    own = dict(node.children)
+    base_name = own.pop("extends", None) if kind != "references" else None
+    if base_name is None:
+        return (
+            node if "name" in own or not own else replace(node, value={"name": _text("inline", node), **own})
+        )
+    base = _from_file(base_name, kind, join(key, "extends"), faults, trail)
+    if base is None:
+        return None
+    own.setdefault("name", _text(f"{plain(base).get('name')}_varied", node))
+    return merge(base, replace(node, value=own))
+
+
+def _from_file(node: Node, kind: str, key: str, faults: list[Fault], trail: tuple[Path, ...]) -> Node | None:
+    """Return the mapping in the file that a node names, marks of faults kept; None when there is none."""
+    if not isinstance(node.value, str):
+        faults.append(Fault(node.mark, key, "must be a name or a path"))
+        return None
+    source = node.mark.source
+    try:
+        path = find(node.value, kind, source.folder, source.path).resolve()
+    except InputError as error:
+        faults.append(Fault(node.mark, key, str(error)))
+        return None
+    if path in trail:
+        names = " -> ".join(step.stem for step in (*trail, path))
+        faults.append(Fault(node.mark, key, f"goes round in a circle: {names}; remove one extends"))
+        return None
+    _, tree, found = read_file(path)
+    faults += found
+    if tree is None:
+        return None
+    if not isinstance(tree.value, dict):
+        faults.append(Fault(tree.mark, "", f"must hold a mapping of the keys of a {kind.removesuffix('s')}"))
+        return None
+    named = {"name": _text(path.stem, tree), **tree.value}
+    return _expand(replace(tree, value=named, key_mark=node.key_mark), kind, key, faults, (*trail, path))
+
+
+def _text(value: str, beside: Node) -> Node:
+    return Node(value, beside.mark, beside.key_mark)
+
+
+def _expand_damping(children: dict[str, Node], faults: list[Fault], lost: set[str]) -> None:
+    """Replace the name of a damping level by the level of the structure."""
+    node, structure = children.get("damping"), children.get("structure")
+    if node is None or not isinstance(node.value, str):
+        return
+    levels = structure.children.get("damping_levels") if structure and "structure" not in lost else None
+    if structure is None or "structure" in lost or (levels and not isinstance(levels.value, dict)):
+        lost.add("damping")
+        return
+    named = levels.children if levels else {}
+    if node.value not in named:
+        ends = near(node.value, named)
+        faults.append(
+            Fault(node.mark, "damping", f"the structure has no damping level {node.value[:40]!r}{ends}")
+        )
+        lost.add("damping")
+        return
+    level = named[node.value]
+    if isinstance(level.value, dict):
+        children["damping"] = replace(level, value={**level.value, "name": _text(node.value, node)})
+    else:
+        lost.add("damping")
+
+
+def _expand_file(
+    children: dict[str, Node], keys: tuple[str, str], kind: str | None, faults: list[Fault]
+) -> None:
+    """Replace the file that stands at two keys by its absolute path."""
+    parent = children.get(keys[0])
+    node = parent.children.get(keys[1]) if parent else None
+    if parent is None or node is None or not isinstance(node.value, str):
+        return
+    source = node.mark.source
+    try:
+        path = (
+            find(node.value, kind, source.folder, source.path)
+            if kind
+            else _plain_file(node.value, source.folder)
+        )
+    except InputError as error:
+        faults.append(Fault(node.mark, keys[0] if node.mark == parent.mark else ".".join(keys), str(error)))
+        path = source.folder / "missing"
+    children[keys[0]] = replace(
+        parent, value={**parent.children, keys[1]: replace(node, value=Path(os.path.abspath(path)))}
+    )
+
+
+def _plain_file(name: str, folder: Path) -> Path:
+    """Return an existing file given by its path relative to `folder`."""
+    return find(name if "/" in name else f"./{name}", "cases", folder)

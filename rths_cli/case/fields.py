@@ -1,0 +1,217 @@
+"""What all case models share: strictness, ranges of numbers, and faults as sentences instead of codes."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar, Self
+
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    ModelWrapValidatorHandler,
+    ValidationError,
+    model_validator,
+)
+from pydantic_core import CoreSchema, ErrorDetails, InitErrorDetails, PydanticCustomError, core_schema
+
+Problem = tuple[tuple[str | int, ...], str]
+"""A fault found by comparing keys: location below the model, sentence."""
+
+
+@dataclass(frozen=True)
+class Range:
+    """Annotation of a number: its physical range, for the check, its sentence and the JSON Schema."""
+
+    gt: float | None = None
+    ge: float | None = None
+    lt: float | None = None
+    le: float | None = None
+    or_zero: bool = False
+
+    def holds(self, value: float) -> bool:
+        """Return whether the value lies in the range (NaN never does)."""
+        if self.or_zero and value == 0:
+            return True
+        return (
+            (self.gt is None or value > self.gt)
+            and (self.ge is None or value >= self.ge)
+            and (self.lt is None or value < self.lt)
+            and (self.le is None or value <= self.le)
+        )
+
+    def __str__(self) -> str:
+        signs = (("> ", self.gt), (">= ", self.ge), ("< ", self.lt), ("<= ", self.le))
+        text = " and ".join(f"{sign}{limit:g}" for sign, limit in signs if limit is not None)
+        return f"0 (off) or {text}" if self.or_zero else text
+
+    def check(self, value: float) -> float:
+        """Return the value; raise the sentence when it lies outside."""
+        if not self.holds(value):
+            raise refusal(f"must be {self}, got {value:.10g}")
+        return value
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.no_info_after_validator_function(self.check, handler(source))
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        limits = {
+            "exclusiveMinimum": self.gt,
+            "minimum": self.ge,
+            "exclusiveMaximum": self.lt,
+            "maximum": self.le,
+        }
+        number = dict(handler(schema)) | {key: limit for key, limit in limits.items() if limit is not None}
+        return {"anyOf": [{"const": 0}, number]} if self.or_zero else number
+
+
+class Strict(BaseModel):
+    """Frozen data that refuses unknown keys and wrong types, and reports all of its faults at once."""
+
+    model_config = ConfigDict(
+        strict=True,
+        extra="forbid",
+        frozen=True,
+        allow_inf_nan=False,
+        validate_default=True,
+        protected_namespaces=(),
+    )
+    named_keys: ClassVar[frozenset[str]] = frozenset()
+
+    @classmethod
+    def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
+        """Yield faults between keys; `data` is unchecked: what is missing or of a wrong type is left out."""
+        yield from ()
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _all_faults(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        faults: list[InitErrorDetails] = []
+        model: Self | None = None
+        try:
+            model = handler(data)
+        except ValidationError as error:
+            faults += [_in_words(cls, entry) for entry in error.errors(include_url=False)]
+        if isinstance(data, Mapping):
+            faults += [_detail("fault", loc, message) for loc, message in cls.problems(data)]
+        if faults or model is None:
+            raise ValidationError.from_exception_data(cls.__name__, faults)
+        return model
+
+
+def shown(value: object) -> str:
+    """Return a value as a fault names it, short and on one line."""
+    if value is None:
+        return "nothing"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, Mapping | BaseModel):
+        return "a mapping"
+    if isinstance(value, list | tuple):
+        return "a list"
+    text = repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def refusal(sentence: str, kind: str = "fault") -> PydanticCustomError:
+    """Return the error a validator raises; the sentence is no template, braces in it stay as they are."""
+    return PydanticCustomError(kind, "{text}", {"text": sentence})  # type: ignore[arg-type]
+
+
+def near(name: str, known: Iterable[str]) -> str:
+    """Return `; did you mean ...?` or the list of what exists, as the end of a sentence."""
+    names = sorted(known)
+    matches = difflib.get_close_matches(name[:80], names, n=3, cutoff=0.6)
+    if matches:
+        return f"; did you mean {' or '.join(matches)}?"
+    return f"; known: {', '.join(names)}" if names else "; there is none"
+
+
+def listed(data: Mapping[str, Any], *keys: str) -> Sequence[Any] | None:
+    """Return the list found along the keys of nested data, None when there is none."""
+    value = entry(data, *keys)
+    return value if isinstance(value, list | tuple) else None
+
+
+def count(data: Mapping[str, Any], *keys: str) -> int | None:
+    """Return the length of the list found along the keys of nested data, None when there is none."""
+    values = listed(data, *keys)
+    return None if values is None else len(values)
+
+
+def number(data: Mapping[str, Any], *keys: str) -> float | None:
+    """Return the number found along the keys of nested data, None when there is none."""
+    value = entry(data, *keys)
+    return value if isinstance(value, int | float) and not isinstance(value, bool) else None
+
+
+def entry(data: object, *keys: str) -> Any:
+    """Return what stands along the keys of nested data, mappings or models, None when there is nothing."""
+    for key in keys:
+        data = data.get(key) if isinstance(data, Mapping) else getattr(data, key, None)
+    return data
+
+
+def exactly_one(data: Mapping[str, Any], first: str, second: str) -> Iterator[Problem]:
+    """Yield a fault unless exactly one of two keys is given."""
+    given = [key for key in (first, second) if data.get(key) is not None]
+    if len(given) == 2:
+        yield (second,), f"give {first} or {second}, not both"
+    if not given:
+        yield (), f"give {first} or {second}"
+
+
+def same_length(data: Mapping[str, Any], key: str, count: int | None, of: str) -> Iterator[Problem]:
+    """Yield a fault when a list has another length than there are `of`."""
+    values = listed(data, key)
+    if values is not None and count is not None and len(values) != count:
+        yield (key,), f"must have one entry per {of}, {count} in all, got {len(values)}"
+
+
+def _detail(kind: str, loc: tuple[int | str, ...], message: str) -> InitErrorDetails:
+    return InitErrorDetails(type=refusal(message, kind), loc=loc, input=None)
+
+
+def _in_words(cls: type[Strict], error: ErrorDetails) -> InitErrorDetails:
+    """Return pydantic's error as a sentence; errors of models below were put into words there."""
+    kind, loc = error["type"], error["loc"]
+    if kind in ("fault", "unknown_key"):
+        return _detail(kind, loc, error["msg"])
+    if kind == "extra_forbidden":
+        return _detail("unknown_key", loc, "unknown key" + near(str(loc[-1]), cls.model_fields))
+    if kind == "missing":
+        return _detail("fault", loc, f"is missing; add {loc[-1]}")
+    wanted = _wanted(cls, error)
+    message = f"must be {wanted}, got {shown(error['input'])}" if wanted else error["msg"]
+    return _detail("fault", loc, message)
+
+
+def _wanted(cls: type[Strict], error: ErrorDetails) -> str:
+    """Return what a value had to be, empty when pydantic's own message says it best."""
+    words = {
+        "float_type": "a number",
+        "int_type": "a whole number",
+        "int_from_float": "a whole number",
+        "string_type": "text",
+        "bool_type": "true or false",
+        "tuple_type": "a list",
+        "dict_type": "a mapping",
+        "model_type": "a mapping",
+        "is_instance_of": "the name of a file",
+        "finite_number": "a finite number",
+    }
+    kind, context = error["type"], error.get("ctx", {})
+    if kind == "literal_error":
+        return str(context["expected"]).replace("'", "")
+    if kind == "too_short":
+        return f"a list of at least {context['min_length']} entries"
+    if kind == "too_long":
+        return f"a list of at most {context['max_length']} entries"
+    if kind == "model_type" and error["loc"][:1] and error["loc"][0] in cls.named_keys:
+        return "a name or a mapping"
+    return words.get(kind, "")

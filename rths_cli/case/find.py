@@ -1,0 +1,92 @@
+"""Where a name of a case, structure, rig, reference or record is looked up."""
+
+from __future__ import annotations
+
+import contextlib
+import difflib
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+from rths_cli.errors import InputError
+
+YAML = (".yaml", ".yml")
+RECORD = (".csv", ".at2", ".AT2", ".txt", ".dat")
+FOLDERS = {
+    "cases": "configs",
+    "structures": "configs/structures",
+    "rigs": "configs/rigs",
+    "references": "configs/references",
+    "records": "records",
+}
+
+
+def shipped(kind: str) -> Path:
+    """Return the folder of the shipped files of a kind (a key of FOLDERS).
+
+    It lies in the installed package, or in the source tree the package is used from.
+    """
+    package = Path(__file__).resolve().parents[1]
+    installed = package / "shipped"
+    return (installed if installed.is_dir() else package.parent) / FOLDERS[kind]
+
+
+def suffixes(kind: str) -> tuple[str, ...]:
+    """Return the file suffixes of a kind, in the order they are tried."""
+    return RECORD if kind == "records" else YAML
+
+
+def find(name: str, kind: str, folder: Path, exclude: Path | None = None) -> Path:
+    """Return the file a name or path stands for.
+
+    A path (it contains a separator) is relative to `folder`. A bare name is looked up in `folder`, in the
+    current folder's place for the kind, and among the shipped ones; `exclude` is the file it stands in.
+    Raise InputError with one sentence when there is no such file.
+    """
+    if not name.strip() or "\0" in name:
+        raise InputError(f"{name[:40]!r} names no file; give a name or a path")
+    for candidate in _candidates(name, kind, folder):
+        if os.path.isfile(candidate) and not _same(candidate, exclude):
+            return candidate
+    raise InputError(_missing(name, kind, folder))
+
+
+def known(kind: str, folder: Path) -> list[str]:
+    """Return the bare names of a kind that exist, sorted."""
+    names = set()
+    for place in _places(kind, folder)[1:]:
+        with contextlib.suppress(OSError):
+            names |= {entry.stem for entry in place.iterdir() if entry.suffix in suffixes(kind)}
+    return sorted(names)
+
+
+def is_bare(name: str) -> bool:
+    """Return whether a name contains no separator."""
+    return "/" not in name and os.sep not in name
+
+
+def _places(kind: str, folder: Path) -> tuple[Path, ...]:
+    return (folder, Path.cwd() / FOLDERS[kind], shipped(kind))
+
+
+def _candidates(name: str, kind: str, folder: Path) -> Iterator[Path]:
+    for place in _places(kind, folder) if is_bare(name) else (folder,):
+        path = place / os.path.expanduser(name)
+        yield path
+        for suffix in suffixes(kind):
+            yield Path(f"{path}{suffix}")
+
+
+def _same(path: Path, other: Path | None) -> bool:
+    return other is not None and os.path.exists(other) and os.path.samefile(path, other)
+
+
+def _missing(name: str, kind: str, folder: Path) -> str:
+    """Return the sentence for a name that stands for no file."""
+    what = kind.removesuffix("s")
+    if not is_bare(name):
+        return f"no such file: {os.path.normpath(folder / os.path.expanduser(name))[:300]}; check the path"
+    names = known(kind, folder)
+    matches = difflib.get_close_matches(name[:80], names, n=3, cutoff=0.6)
+    hint = f"did you mean {' or '.join(matches)}?" if matches else f"known: {', '.join(names) or 'none'}"
+    return f"no {what} is called {name[:80]!r}; {hint}"

@@ -1,0 +1,126 @@
+"""Case files in, checked cases out: every fault of every file in one go."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from rths_cli.case.expand import SHORT_FORMS, Setting, apply_settings, expand_case, read_settings
+from rths_cli.case.find import find, is_bare, shipped
+from rths_cli.case.models import Case, CaseKeys
+from rths_cli.case.nodes import Fault, Mark, Node, Source, display, join, plain
+from rths_cli.case.schema import schema
+from rths_cli.case.yaml_nodes import dump, read_file
+from rths_cli.errors import InputError
+
+__all__ = ["load_cases", "resolved_yaml", "schema"]
+
+
+def load_cases(paths: Sequence[Path | str], settings: Sequence[str] = ()) -> list[Case]:
+    """Return the cases of files (paths or bare names), with `key.sub=value` settings applied to each.
+
+    Raise InputError with all faults of all files.
+    """
+    values, faults = read_settings(settings)
+    cases: list[Case] = []
+    for path in paths:
+        case, found = _load(path, values)
+        faults += found
+        cases += [] if case is None else [case]
+    faults += _repeated_names(cases)
+    if faults:
+        raise InputError(*dict.fromkeys(str(fault) for fault in faults))
+    return cases
+
+
+def resolved_yaml(case: Case) -> str:
+    """Return a case with defaults filled in and names looked up, as YAML that loads to the same case."""
+    data = case.model_dump(exclude={"path", "yaml_text"}, exclude_none=True)
+    record = case.record.path
+    if record.parent == shipped("records"):
+        data["record"]["file"] = record.stem
+    return dump(_writable(data))
+
+
+def _load(path: Path | str, settings: Sequence[Setting]) -> tuple[Case | None, list[Fault]]:
+    """Return the case of one file, None with its faults."""
+    try:
+        found = _case_file(str(path))
+    except InputError as error:
+        source = Source(display(Path(path)) if "\0" not in str(path) else "case", Path.cwd())
+        return None, [Fault(Mark(source), "", str(error))]
+    text, tree, faults = read_file(found)
+    if tree is None:
+        return None, faults
+    if not isinstance(tree.value, dict):
+        message = "must hold the keys of a case, at least structure, damping, record, scaling and controller"
+        return None, [*faults, Fault(tree.mark, "", message)]
+    tree = apply_settings(tree, settings)
+    expanded, more, lost = expand_case(tree, found.stem)
+    case, wrong = _validate(expanded, lost, found, text)
+    unread = {fault.mark for fault in faults if fault.mark.line}
+    wrong = [fault for fault in wrong if fault.mark not in unread]
+    faults = sorted([*faults, *more, *wrong], key=lambda fault: (fault.mark.line, fault.mark.column))
+    return (None if faults else case), faults
+
+
+def _case_file(name: str) -> Path:
+    """Return the file of a case named on the command line; a path is left to the reader to refuse."""
+    if is_bare(name) and not Path(name).is_dir():
+        return find(name, "cases", Path.cwd())
+    return Path(name)
+
+
+def _validate(tree: Node, lost: set[str], path: Path, text: str) -> tuple[Case | None, list[Fault]]:
+    """Return the case of an expanded document, or the faults of its values, lost keys passed over."""
+    try:
+        keys = CaseKeys.model_validate(plain(tree))
+    except ValidationError as error:
+        faults = [_fault(tree, entry["type"], entry["loc"], entry["msg"]) for entry in error.errors()]
+        return None, [
+            fault for fault, entry in zip(faults, error.errors(), strict=True) if entry["loc"][0] not in lost
+        ]
+    table = keys.table.model_copy(update={"limits": keys.table.limits.tightened(keys.limits)})
+    return Case.model_validate(dict(keys) | {"table": table, "path": path.absolute(), "yaml_text": text}), []
+
+
+def _fault(tree: Node, kind: str, loc: tuple[int | str, ...], message: str) -> Fault:
+    """Return a fault with the place of its location: the value, or for an unknown key the key."""
+    node, path, key_found = tree, "", True
+    for part in loc:
+        if isinstance(part, str) and isinstance(node.value, dict):
+            child = node.value.get(part)
+            key_found = child is not None
+            short_form = child is not None and child.mark == node.mark and SHORT_FORMS.get(path) == part
+            path = path if short_form else join(path, part)
+            node = child or node
+        elif isinstance(part, int) and isinstance(node.value, tuple) and part < len(node.value):
+            path, node = join(path, part), node.value[part]
+    at_key = kind == "unknown_key" or not key_found or isinstance(node.value, dict)
+    return Fault(node.place if at_key else node.mark, path, message)
+
+
+def _repeated_names(cases: Sequence[Case]) -> list[Fault]:
+    """Return a fault for each case whose name an earlier one has: their result files would be the same."""
+    first: dict[str, Path] = {}
+    faults = []
+    for case in cases:
+        if case.name in first:
+            message = (
+                f"{case.name!r} is also the name of {display(first[case.name])}; give each case its own name"
+            )
+            faults.append(Fault(Mark(Source(display(case.path), case.path.parent)), "name", message))
+        first.setdefault(case.name, case.path)
+    return faults
+
+
+def _writable(data: Any) -> Any:
+    """Return nested data with lists for tuples and text for paths."""
+    if isinstance(data, dict):
+        return {key: _writable(value) for key, value in data.items()}
+    if isinstance(data, tuple | list):
+        return [_writable(value) for value in data]
+    return str(data) if isinstance(data, Path) else data

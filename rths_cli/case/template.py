@@ -1,0 +1,36 @@
+"""The case file that `rths new` writes."""
+
+from __future__ import annotations
+
+CASE_TEMPLATE = """\
+# A hybrid simulation: five keys name the experiment, everything below them has a default.
+# A value is a name that is looked up (beside this file, in configs/ or records/, among the shipped files),
+# a path relative to this file, or a mapping. Units stand in the names of the keys. `rths check` checks it.
+
+structure: three_storey        # shear building, cut into numerical and experimental storeys
+damping: low                   # a level the structure defines, or {first_mode_ratio: 0.026}
+record: el_centro              # or {file: my_record.csv, unit: g, dt_s: 0.01}
+scaling: 0.30                  # factor on the record
+controller: FF+FB              # FF, FF+FB or none (the table as delivered)
+
+# Remove the "# " in front of a line to change a default.
+
+# table: aps400_virtual          # a rig; {extends: aps400_virtual, physics: {coulomb_n: 0.9}} varies one
+# method: best                   # or paper: the control of the paper, as printed
+# runs: [sim, sim-delay, shake-table, exp-rths]
+# sample_rate_hz: 2000
+# delay_s: 0.005                 # the delay of sim-delay
+# record_filter: {corner_hz: 0.25, order: 2}   # causal Butterworth high pass; corner_hz: 0 switches it off
+# identification: {seed: 0, duration_s: 300, accel_rms_m_s2: 2.0}   # or {model: FILE} to reuse a model
+# kalman: {q: 1e3, r: 1.0}
+# limits: {stroke_m: 0.07}       # may only be stricter than the rig's
+# seed: 0                        # of the noise in the runs
+# accept: {"exp_rths.rms_error_m_s2[3]": 0.06}   # the command returns 1 when a figure is above its limit
+# reference: zhang2015           # published figures to print beside ours
+# notes: what this case is for
+"""
+
+
+def case_template() -> str:
+    """Return the text of a commented case file that loads as it is."""
+    return CASE_TEMPLATE

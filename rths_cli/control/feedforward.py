@@ -1,0 +1,75 @@
+"""Feedforward: the inverse of the identified table (paper, section 3)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rths_cli.control.realise import discretise, modal, residues, static
+from rths_cli.lti import Block, ComplexArray, Model
+
+INPUTS = ("desired_accel_m_s2", "desired_vel_m_s", "desired_disp_m")
+OUTPUTS = ("feedforward_v",)
+LEAK_HZ = 0.002
+
+
+def direct(gain_m_per_v: float, dt_s: float) -> Block:
+    """Return the table as delivered: absolute interface displacement over the low-frequency gain."""
+    return static(np.array([[0.0, 0.0, 1.0 / gain_m_per_v]]), dt_s, "feedforward", INPUTS, OUTPUTS)
+
+
+def leaky_inverse(model: Model, dt_s: float, leak_hz: float = LEAK_HZ) -> Block:
+    """Return the printed inverse, driven by the desired acceleration alone; its two integrators leak at `leak_hz`
+    so that it is stable. Bilinear: neither lag nor lead at low frequency."""
+    moved = np.where(np.abs(model.zeros) < 1e-9, -2.0 * np.pi * leak_hz, model.zeros)
+    moved[np.flatnonzero(np.abs(model.zeros) < 1e-9)[1:]] *= 1.001  # distinct poles of the inverse
+    weights = residues(model.poles, moved, 1.0 / model.gain)
+    single = modal(moved, weights, 1.0 / model.gain if len(moved) == len(model.poles) else 0.0)
+    block = discretise(single, dt_s, "bilinear", "feedforward", INPUTS[:1], OUTPUTS)
+    return _with_motion(block, 0.0, 0.0)
+
+
+def lagged_inverse(model: Model, dt_s: float, lead_samples: int) -> Block:
+    """Return the inverse that lags exactly `lead_samples`, without an integrator of its own.
+
+    exp(s (delay - n_p dt)) / G(s) is taken as D(s) / (gain s^2 N(s)) times a low pass of the delay
+    n_p dt - model.delay_s that is left. Its double pole at the origin is c2 / s^2 + c1 / s: these act on the desired
+    displacement and velocity, which numerical part and record know, the stable rest on the desired acceleration.
+    """
+    left = lead_samples * dt_s - model.delay_s
+    low_pass = low_pass_poles(left, len(model.poles) - len(model.zeros))
+    finite = model.zeros[np.abs(model.zeros) > 1e-9]
+    poles = np.concatenate([finite, low_pass])
+    gain = float(np.real(np.prod(-low_pass))) / model.gain
+    c2, c1, weights, constant = _split_double_integrator(model.poles, poles, gain)
+    block = discretise(modal(poles, weights, constant), dt_s, "foh", "feedforward", INPUTS[:1], OUTPUTS)
+    return _with_motion(block, c1, c2)
+
+
+def low_pass_poles(delay_s: float, order: int) -> ComplexArray:
+    """Return the poles of a Bessel low pass (unit gain) of this order whose low-frequency delay is `delay_s`."""
+    from scipy.signal import besselap
+
+    if order == 0:
+        return np.zeros(0, dtype=complex)
+    _, poles, _ = besselap(order, norm="delay")
+    return poles / delay_s
+
+
+def _split_double_integrator(
+    zeros: ComplexArray, poles: ComplexArray, gain: float
+) -> tuple[float, float, ComplexArray, float]:
+    """Split H(s) / s^2, H = gain prod(s - z) / prod(s - p), into c2 / s^2 + c1 / s + sum w / (s - p) + constant."""
+    value = gain * np.prod(-zeros[: len(poles)] / -poles) * np.prod(-zeros[len(poles) :])
+    slope = value * (np.sum(1.0 / poles) - np.sum(1.0 / zeros))
+    with_origin = residues(zeros, poles, gain) / poles**2
+    constant = gain if len(zeros) == len(poles) + 2 else 0.0
+    return float(value.real), float(slope.real), with_origin, constant
+
+
+def _with_motion(block: Block, velocity_v: float, displacement_v: float) -> Block:
+    """Return a single-input block widened by static gains on desired velocity and displacement."""
+    n = block.A.shape[0]
+    b = np.hstack([block.B, np.zeros((n, 2))])
+    d = np.array([[block.D[0, 0], velocity_v, displacement_v]])
+    return Block(block.name, block.A, b, block.C, d, block.dt_s, INPUTS, OUTPUTS)
+

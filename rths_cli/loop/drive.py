@@ -1,0 +1,157 @@
+"""Play a source through step, guard and rig, and keep every sample: one drive for every kind of run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from rths_cli.errors import RigError
+from rths_cli.loop.blocks import Blocks, Step, assemble
+from rths_cli.loop.clocks import monotonic_ns
+from rths_cli.loop.guard import REASONS, STOPPED, GuardLimits, GuardState, fresh_guard, guard
+from rths_cli.loop.step import note_sent, step
+from rths_cli.lti import Array
+from rths_cli.rigs.interface import Rig, RigInfo
+from rths_cli.rigs.virtual import kernel
+from rths_cli.rigs.virtual.plant import Plant
+from rths_cli.rigs.virtual.rig import VirtualRig
+
+
+class Log(NamedTuple):
+    """Every signal of every step k; n steps, c channels, e estimator outputs. NaN after the last step."""
+
+    command_v: Array  # (n,) as it left the guard
+    desired: Array  # (3, n) acceleration, velocity, displacement at k + n_p
+    corrected: Array  # (c, n) corrected accelerations at k
+    estimated: Array  # (e, n) estimator outputs at k
+    base_shear_n: Array  # (n,) at k + n_p
+    true_velocity_m_s: Array  # (c, n) in the middle between t_k and t_k+1 (virtual rigs)
+    true_displacement_m: Array  # (n,) of the table at t_k (virtual rigs)
+    compute_ns: Array  # (n,) duration of sense + step + guard
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run went: log on the loop's own clock, steps done, and why it stopped early (empty when it did not)."""
+
+    log: Log
+    steps: int
+    stopped_by_limit: str
+    rig_fault: str
+
+
+def play(rig: Rig, info: RigInfo, blocks: Blocks, source: int, drive: Array, limits: GuardLimits) -> Outcome:
+    """Play `drive` (n, 3) through the rig: open, arm, exchange every step, rest, close."""
+    state, guard_state = assemble(blocks, source), fresh_guard(len(info.channels))
+    log = empty_log(len(drive), len(info.channels), state.estimated.size)
+    rig.open()
+    try:
+        if isinstance(rig, VirtualRig):
+            steps, fault = _play_virtual(rig, state, limits, guard_state, drive, log)
+        else:
+            steps, fault = _play_exchanging(rig, state, limits, guard_state, drive, log)
+    finally:
+        rig.rest()
+        rig.close()
+    return Outcome(log, steps, _reason(info, guard_state), fault)
+
+
+def _play_virtual(
+    rig: VirtualRig, state: Step, limits: GuardLimits, guard_state: GuardState, drive: Array, log: Log
+) -> tuple[int, str]:
+    rig.restart()
+    noise = rig.noise(len(drive) + 1)
+    steps = run_virtual(rig.plant, rig.state, state, limits, guard_state, drive, noise, log)
+    fault = "the table ran into its end stop" if rig.state.fault[0] == kernel.END_STOP else ""
+    return steps, fault
+
+
+def _play_exchanging(
+    rig: Rig, state: Step, limits: GuardLimits, guard_state: GuardState, drive: Array, log: Log
+) -> tuple[int, str]:
+    """Play through `exchange`, one call per step; true signals stay NaN."""
+    samples = rig.arm()
+    scratch = np.zeros(2, dtype=np.int64)
+    for k in range(len(drive)):
+        state.samples[:] = samples
+        command = think(state, limits, guard_state, drive[k], log, k, scratch)
+        try:
+            samples = rig.exchange(command)
+        except RigError as fault:
+            return k + 1, str(fault)
+        if guard_state.flags[0] == STOPPED:
+            return k + 1, ""
+    return len(drive), ""
+
+
+@njit(cache=True)
+def think(
+    s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, k: int, scratch: Array
+) -> float:
+    """Run step and guard on the samples in `s.samples`, note every signal, return the command in V."""
+    start = monotonic_ns(scratch)
+    command = guard(limits, g, step(s, drive), s.samples, s.corrected, s.interface[0], s.error[0])
+    note_sent(s, command)
+    log.compute_ns[k] = monotonic_ns(scratch) - start
+    log.command_v[k] = command
+    log.base_shear_n[k] = s.ground[1]
+    for i in range(3):
+        log.desired[i, k] = s.interface[i]
+    for i in range(s.corrected.size):
+        log.corrected[i, k] = s.corrected[i]
+    for i in range(s.estimated.size):
+        log.estimated[i, k] = s.estimated[i]
+    return command
+
+
+@njit(cache=True)
+def run_virtual(
+    plant: Plant,
+    table: kernel.PlantState,
+    s: Step,
+    limits: GuardLimits,
+    g: GuardState,
+    drive: Array,
+    noise: Array,
+    log: Log,
+) -> int:
+    """Play a whole run on the virtual table, counted clock; return the number of steps done."""
+    scratch = np.zeros(2, dtype=np.int64)
+    for k in range(drive.shape[0]):
+        kernel.read_samples(plant, table, noise[k], s.samples)
+        log.true_displacement_m[k] = table.state[0]
+        command = think(s, limits, g, drive[k], log, k, scratch)
+        kernel.hold_interval(plant, table, command)
+        for c in range(table.middle_velocity.size):
+            log.true_velocity_m_s[c, k] = table.middle_velocity[c]
+        if table.fault[0] != 0 or g.flags[0] == STOPPED:
+            return k + 1
+    return drive.shape[0]
+
+
+def empty_log(steps: int, channels: int, estimates: int) -> Log:
+    """Return a log full of NaN."""
+    shapes = (
+        (steps,),
+        (3, steps),
+        (channels, steps),
+        (estimates, steps),
+        (steps,),
+        (channels, steps),
+        (steps,),
+        (steps,),
+    )
+    return Log(*(np.full(shape, np.nan) for shape in shapes))
+
+
+def _reason(info: RigInfo, state: GuardState) -> str:
+    """Return the guard's reason as a sentence, empty when it let everything pass."""
+    if state.flags[1] == 0:
+        return ""
+    text = REASONS[state.flags[1]]
+    if "acceleration beyond" in text or "sensor" in text or "sample" in text:
+        return f"{text} (channel {info.channels[state.flags[2]].name})"
+    return text

@@ -1,0 +1,158 @@
+"""The last block of every step: nothing reaches a rig except through it (DESIGN.md section 6).
+
+A violated limit takes the command over: the commanded motion is braked to a halt at a bounded deceleration,
+then led back to zero without overshoot. Displacement and velocity are estimates, from the command and the nominal
+gain; the actuator force is the estimate sum of mass times acceleration.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from rths_cli.lti import Array
+
+RUNNING, BRAKING, RETURNING, STOPPED = 0, 1, 2, 3
+NONE, STROKE, VELOCITY, ACCELERATION, FORCE, COMMAND, TRACKING, NOT_A_NUMBER, SATURATED, STUCK = range(10)
+REASONS = (
+    "",
+    "displacement (estimated from the command) beyond the stroke limit",
+    "velocity (estimated from the command) beyond its limit",
+    "measured acceleration beyond its limit",
+    "actuator force (estimated from accelerations and masses) beyond its limit",
+    "command beyond the converter's range",
+    "tracking error beyond its limit",
+    "a sample or the command is not a number",
+    "a sensor is saturated",
+    "a sensor is stuck",
+)
+BRAKE_SHARE = 0.45  # of the acceleration limit
+RETURN_RATE = 2.0 * math.pi  # rad/s: back at zero within 2 s
+AT_REST_M = 1e-5
+STUCK_S = 0.5
+STUCK_BITS = 10.0
+
+
+class GuardLimits(NamedTuple):
+    """Constants of the guard; c channels. An infinite limit is off."""
+
+    stroke_m: float
+    velocity_m_s: float
+    acceleration_m_s2: float
+    force_n: float
+    command_v: float
+    tracking_error_m_s2: float
+    gain_m_per_v: float
+    dt_s: float
+    masses_kg: Array  # (c,) moving mass and floor masses: force per acceleration
+    saturation_v: Array  # (c,)
+    stuck_m_s2: float  # desired motion that a stuck sensor must have missed
+
+
+class GuardState(NamedTuple):
+    """What the guard remembers between steps."""
+
+    flags: Array  # int (3,): phase, reason, channel the reason is about
+    motion: Array  # (2,) commanded displacement in m and velocity in m/s
+    codes: Array  # (c,) last sample in V of each channel
+    desired_at: Array  # (c,) desired acceleration when that sample last changed
+    moved: Array  # (c,) largest change of the desired acceleration since then
+    same: Array  # int (c,) how many samples it has not changed
+
+
+def fresh_guard(channels: int) -> GuardState:
+    """Return a guard that has seen nothing yet."""
+    return GuardState(
+        np.zeros(3, dtype=np.int64), np.zeros(2), np.full(channels, np.nan), np.zeros(channels),
+        np.zeros(channels), np.zeros(channels, dtype=np.int64),
+    )  # fmt: skip
+
+
+@njit(cache=True)
+def check_samples(lim: GuardLimits, g: GuardState, samples: Array, accel: Array, desired: float) -> int:
+    """Return the reason to stop that the samples give, or NONE; the channel is noted."""
+    force = 0.0
+    for c in range(samples.size):
+        g.flags[2] = c
+        if not math.isfinite(samples[c]):
+            return NOT_A_NUMBER
+        if abs(samples[c]) >= lim.saturation_v[c]:
+            return SATURATED
+        if abs(accel[c]) > lim.acceleration_m_s2:
+            return ACCELERATION
+        if is_stuck(lim, g, c, samples[c], desired):
+            return STUCK
+        force += lim.masses_kg[c] * accel[c]
+    g.flags[2] = 0
+    return FORCE if abs(force) > lim.force_n else NONE
+
+
+@njit(cache=True)
+def is_stuck(lim: GuardLimits, g: GuardState, c: int, sample: float, desired: float) -> bool:
+    """Tell whether a channel kept its code for 0.5 s while the desired acceleration moved by over 10 bits."""
+    if sample != g.codes[c]:
+        g.codes[c], g.desired_at[c], g.moved[c], g.same[c] = sample, desired, 0.0, 0
+        return False
+    g.same[c] += 1
+    g.moved[c] = max(g.moved[c], abs(desired - g.desired_at[c]))
+    return g.same[c] * lim.dt_s >= STUCK_S and g.moved[c] > lim.stuck_m_s2
+
+
+@njit(cache=True)
+def check_command(lim: GuardLimits, g: GuardState, command: float, error: float) -> int:
+    """Return the reason to stop that the command gives, or NONE; an outward motion must leave room to brake."""
+    if not (math.isfinite(command) and math.isfinite(error)):
+        return NOT_A_NUMBER
+    if abs(command) > lim.command_v:
+        return COMMAND
+    place = lim.gain_m_per_v * command
+    velocity = (place - g.motion[0]) / lim.dt_s
+    if abs(velocity) > lim.velocity_m_s:
+        return VELOCITY
+    reach = abs(place)
+    if place * velocity > 0.0:
+        reach += 0.5 * velocity * velocity / (BRAKE_SHARE * lim.acceleration_m_s2)
+    if reach > lim.stroke_m:
+        return STROKE
+    return TRACKING if abs(error) > lim.tracking_error_m_s2 else NONE
+
+
+@njit(cache=True)
+def ramp_down(lim: GuardLimits, g: GuardState) -> None:
+    """Lead the commanded motion one step on its way to rest."""
+    place, velocity = g.motion[0], g.motion[1]
+    if g.flags[0] == BRAKING:
+        less = BRAKE_SHARE * lim.acceleration_m_s2 * lim.dt_s
+        velocity = math.copysign(max(abs(velocity) - less, 0.0), velocity)
+        place += velocity * lim.dt_s
+        if velocity == 0.0:
+            g.flags[0] = RETURNING
+    elif g.flags[0] == RETURNING:
+        slope = (velocity + RETURN_RATE * place) * lim.dt_s
+        decay = math.exp(-RETURN_RATE * lim.dt_s)
+        place, velocity = (place + slope) * decay, (velocity - RETURN_RATE * slope) * decay
+        if abs(place) < AT_REST_M and abs(velocity) < AT_REST_M * RETURN_RATE:
+            g.flags[0], place, velocity = STOPPED, 0.0, 0.0
+    g.motion[0], g.motion[1] = place, velocity
+
+
+@njit(cache=True)
+def guard(
+    lim: GuardLimits, g: GuardState, command: float, samples: Array, accel: Array, desired: float, error: float
+) -> float:
+    """Return the command in V that may leave; accelerations in m/s^2, samples in V, both (c,)."""
+    if g.flags[0] == RUNNING:
+        reason = check_samples(lim, g, samples, accel, desired)
+        if reason == NONE:
+            reason = check_command(lim, g, command, error)
+        if reason == NONE:
+            place = lim.gain_m_per_v * command
+            g.motion[1] = (place - g.motion[0]) / lim.dt_s
+            g.motion[0] = place
+            return command
+        g.flags[0], g.flags[1] = BRAKING, reason
+    ramp_down(lim, g)
+    return g.motion[0] / lim.gain_m_per_v

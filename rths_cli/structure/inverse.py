@@ -72,7 +72,7 @@ def stiffness_from_frequencies(masses_kg: Sequence[float], frequencies_hz: Seque
 def _positive_solutions(masses: Array, eigenvalues: Array) -> Array:
     """Return the real roots among all complex ones, in N/m, (n_solutions, n).
 
-    They are positive: K = B^T diag(k) B has as many negative eigenvalues as k negative entries (Sylvester), none.
+    They are positive: B^T diag(k) B has as many negative eigenvalues as k has negative entries (Sylvester).
     """
     equations = _polynomials(masses, eigenvalues)
     for phase in _START_PHASES_RAD:

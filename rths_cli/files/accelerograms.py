@@ -1,0 +1,255 @@
+"""Recorded ground accelerations from text files: our CSV, PEER .AT2, one or two columns; no guesses."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from rths_cli.errors import InputError
+from rths_cli.files.accelerogram_headers import (
+    FACTORS_M_S2,
+    Header,
+    at2_header,
+    column_header,
+    find_unit,
+    is_number,
+)
+from rths_cli.lti import Array
+
+MAX_BYTES = 200_000_000
+MAX_PEAK_M_S2 = 100.0
+MAX_INTERVAL_S = 1.0
+_EVENNESS = 0.04
+"""Time steps may differ by this part of the interval: files print few digits."""
+_AGREEMENT = 1e-4
+"""Relative difference up to which a stated interval agrees with the file's."""
+_SEPARATORS = str.maketrans(",;\t", "   ")
+
+
+@dataclass(frozen=True)
+class Accelerogram:
+    """One recorded ground acceleration: `accel_m_s2` (n,) at the interval `dt_s`, as read and not yet scaled.
+
+    `unit_read` is the unit of the file's figures, `format` their layout, `sha256` that of the file's bytes.
+    """
+
+    dt_s: float
+    accel_m_s2: Array
+    title: str
+    origin: str
+    unit_read: str
+    format: str
+    sha256: str
+
+
+def read_accelerogram(path: str | Path, unit: str | None = None, dt_s: float | None = None) -> Accelerogram:
+    """Read an accelerogram; `unit` and `dt_s` (in s) state what the file does not say.
+
+    Raises InputError, with file and line, when the file is neither numbers in one or two columns nor PEER
+    .AT2, when unit or interval is missing, unknown or contradicts the file, for uneven time steps, values not
+    finite, fewer than three samples, a count other than the header's, and a peak above 100 m/s^2.
+    """
+    path = Path(path)
+    data = _read_bytes(path)
+    lines = _decode(path, data).splitlines()
+    header = at2_header(path, lines) or column_header(path, lines)
+    values = _read_values(path, lines, header)
+    if values.shape[1] == 2:
+        interval = _even_interval(path, lines, header, values[:, 0])
+        header = _with_interval(path, header, interval)
+    unit_read, interval = _unit_and_interval(path, header, unit, dt_s)
+    accel = values[:, -1] * FACTORS_M_S2[unit_read]
+    _check_peak(path, lines, header, accel, unit_read)
+    digest = hashlib.sha256(data).hexdigest()
+    return Accelerogram(
+        interval, accel, header.title or path.stem, header.origin, unit_read, header.layout, digest
+    )
+
+
+def _read_bytes(path: Path) -> bytes:
+    """Return the file's bytes after a look at its size."""
+    try:
+        size = path.stat().st_size
+        if size <= MAX_BYTES:
+            return path.read_bytes()
+    except OSError as fault:
+        raise InputError(f"{path}: cannot be read ({fault.strerror}); name an accelerogram file") from None
+    raise InputError(
+        f"{path}: {size / 1e6:.0f} MB; an accelerogram may have {MAX_BYTES / 1e6:.0f} MB, cut it"
+    )
+
+
+def _decode(path: Path, data: bytes) -> str:
+    """Return the text; headers of old files are not always UTF-8."""
+    if data.translate(None, bytes(range(32, 256)) + b"\t\n\r\f"):
+        raise InputError(f"{path}: is a binary file; convert the accelerogram to CSV (time_s,accel_m_s2)")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
+
+
+def _read_values(path: Path, lines: list[str], header: Header) -> Array:
+    """Return the figures after the header, (n_samples, 1 or 2), finite and as many as the header states."""
+    body = "\n".join(lines[header.first_line :]).translate(_SEPARATORS)
+    if not body.strip():
+        raise InputError(f"{path}: holds no figures; name an accelerogram file")
+    try:
+        is_table = header.layout != "PEER AT2"
+        values = (
+            np.loadtxt(io.StringIO(body), ndmin=2) if is_table else np.array([body.split()], dtype=float).T
+        )
+    except ValueError:
+        raise InputError(_first_bad_line(path, lines, header)) from None
+    if values.shape[1] > 2:
+        raise InputError(
+            f"{path}:{header.first_line + 1}: {values.shape[1]} columns; give one (acceleration) or "
+            "two (time in s, acceleration)"
+        )
+    faulty = np.flatnonzero(~np.isfinite(values).all(axis=1))
+    if len(faulty):
+        line = _line_of(lines, header, int(faulty[0]))
+        raise InputError(
+            f"{path}:{line}: sample {faulty[0] + 1} is not a finite number; mend or cut the record"
+        )
+    _check_count(path, header, len(values))
+    return values
+
+
+def _check_count(path: Path, header: Header, count: int) -> None:
+    """Raise InputError for too few samples or a number of samples other than stated."""
+    if header.samples is not None and header.samples != count:
+        raise InputError(
+            f"{path}:{header.samples_line}: the header states {header.samples} samples, the file holds "
+            f"{count}; complete the file or correct the header"
+        )
+    if count < 3:
+        raise InputError(f"{path}: holds {count} samples, an accelerogram needs at least 3")
+
+
+def _first_bad_line(path: Path, lines: list[str], header: Header) -> str:
+    """Name the first line that is not made of numbers or has another number of columns than the first."""
+    columns = 0
+    for number, words in _rows(lines, header):
+        for word in words:
+            if not is_number(word):
+                return (
+                    f"{path}:{number}: {word[:40]!r} is not a number; give CSV with one or two columns or "
+                    "PEER .AT2, and convert other formats (COSMOS, SMC) to CSV (time_s,accel_m_s2)"
+                )
+        columns = columns or len(words)
+        if len(words) != columns and header.layout != "PEER AT2":
+            return f"{path}:{number}: {len(words)} columns after rows of {columns}; give every row the same"
+    return f"{path}: the figures cannot be read; convert the file to CSV (time_s,accel_m_s2)"
+
+
+def _rows(lines: list[str], header: Header) -> Iterator[tuple[int, list[str]]]:
+    """Yield line number and words of every line of figures, without comments and blank lines."""
+    for number, line in enumerate(lines[header.first_line :], header.first_line + 1):
+        words = line.partition("#")[0].translate(_SEPARATORS).split()
+        if words:
+            yield number, words
+
+
+def _line_of(lines: list[str], header: Header, sample: int) -> int:
+    """Return the line number of a sample counted from 0."""
+    count = 0
+    for number, words in _rows(lines, header):
+        count += len(words) if header.layout == "PEER AT2" else 1
+        if count > sample:
+            return number
+    return len(lines)
+
+
+def _even_interval(path: Path, lines: list[str], header: Header, time_s: Array) -> float:
+    """Return the interval of a time column (n,) in s; raise InputError where it falls back or is uneven."""
+    steps = np.diff(time_s)
+    usual = float(np.median(steps))
+    faulty = np.flatnonzero((steps <= 0.0) | (np.abs(steps - usual) > _EVENNESS * usual))
+    if len(faulty):
+        line, step = _line_of(lines, header, int(faulty[0]) + 1), steps[faulty[0]]
+        what = (
+            "does not increase here"
+            if step <= 0.0
+            else f"steps by {step:.6g} s here, elsewhere by {usual:.6g} s"
+        )
+        raise InputError(f"{path}:{line}: the time (first column) {what}; give samples at an even interval")
+    return float(f"{(time_s[-1] - time_s[0]) / len(steps):.9g}")
+
+
+def _with_interval(path: Path, header: Header, interval: float) -> Header:
+    """Return the header with the interval of the time column, which must agree with a stated one."""
+    if header.dt_s is not None and not math.isclose(header.dt_s, interval, rel_tol=_AGREEMENT):
+        raise InputError(
+            f"{path}:{header.dt_line}: the header states dt = {header.dt_s:g} s, the time column steps by "
+            f"{interval:g} s; correct one of them"
+        )
+    line = header.dt_line or header.first_line + 1
+    return replace(header, dt_s=interval, dt_line=line, layout="time and acceleration")
+
+
+def _unit_and_interval(path: Path, header: Header, unit: str | None, dt_s: float | None) -> tuple[str, float]:
+    """Return unit and interval in s from what is stated and what the file says, which must agree."""
+    faults = _unit_faults(path, header, unit) + _interval_faults(path, header, dt_s)
+    if faults:
+        raise InputError(*faults)
+    interval = header.dt_s if header.dt_s is not None else dt_s
+    unit_read = header.unit or find_unit(unit or "")
+    assert unit_read is not None and interval is not None  # no faults
+    return unit_read, interval
+
+
+def _unit_faults(path: Path, header: Header, unit: str | None) -> list[str]:
+    """Return a sentence when the unit is missing, unknown or contradicts the file."""
+    if unit is None and header.unit is None:
+        return [
+            f"{path}: states no unit of acceleration; state it in the case (record: {{file: {path.name}, "
+            "unit: g}) or in the file (# units: g)"
+        ]
+    if unit is None:
+        return []
+    stated = find_unit(unit)
+    if stated is None:
+        return [f"record.unit: {unit!r} is not one of the units {', '.join(FACTORS_M_S2)}; correct it"]
+    if header.unit is not None and FACTORS_M_S2[stated] != FACTORS_M_S2[header.unit]:
+        return [
+            f"{path}:{header.unit_line}: the file states the unit {header.unit}, the case "
+            f"record.unit: {unit}; correct or remove one of them"
+        ]
+    return []
+
+
+def _interval_faults(path: Path, header: Header, dt_s: float | None) -> list[str]:
+    """Return a sentence when the interval is missing, out of range or contradicts the file."""
+    interval = header.dt_s if header.dt_s is not None else dt_s
+    if interval is None:
+        return [
+            f"{path}: states no sampling interval; state it in the case (record: {{file: {path.name}, "
+            "dt_s: 0.01}) or in the file (# dt: 0.01 s)"
+        ]
+    if not 0.0 < interval <= MAX_INTERVAL_S:
+        where = "record.dt_s" if header.dt_s is None else f"{path}:{header.dt_line}"
+        return [f"{where}: the interval {interval:g} s must be above 0 and at most {MAX_INTERVAL_S:g} s"]
+    if dt_s is not None and not math.isclose(dt_s, interval, rel_tol=_AGREEMENT):
+        return [
+            f"{path}:{header.dt_line}: the file states an interval of {interval:g} s, the case record.dt_s: "
+            f"{dt_s:g}; correct or remove one of them"
+        ]
+    return []
+
+
+def _check_peak(path: Path, lines: list[str], header: Header, accel_m_s2: Array, unit: str) -> None:
+    """Raise InputError for a peak that no ground reached."""
+    index = int(np.argmax(np.abs(accel_m_s2)))
+    peak = abs(float(accel_m_s2[index]))
+    if peak > MAX_PEAK_M_S2:
+        raise InputError(
+            f"{path}:{_line_of(lines, header, index)}: the peak of {peak:.4g} m/s^2 is above the limit of "
+            f"{MAX_PEAK_M_S2:g} m/s^2, the unit {unit} is probably wrong; correct it"
+        )

@@ -67,9 +67,7 @@ def read_accelerogram(path: str | Path, unit: str | None = None, dt_s: float | N
     accel = values[:, -1] * FACTORS_M_S2[unit_read]
     _check_peak(path, lines, header, accel, unit_read)
     digest = hashlib.sha256(data).hexdigest()
-    return Accelerogram(
-        interval, accel, header.title or path.stem, header.origin, unit_read, header.layout, digest
-    )
+    return Accelerogram(interval, accel, header.title or path.stem, header.origin, unit_read, header.layout, digest)
 
 
 def _read_bytes(path: Path) -> bytes:
@@ -80,9 +78,7 @@ def _read_bytes(path: Path) -> bytes:
             return path.read_bytes()
     except OSError as fault:
         raise InputError(f"{path}: cannot be read ({fault.strerror}); name an accelerogram file") from None
-    raise InputError(
-        f"{path}: {size / 1e6:.0f} MB; an accelerogram may have {MAX_BYTES / 1e6:.0f} MB, cut it"
-    )
+    raise InputError(f"{path}: {size / 1e6:.0f} MB; an accelerogram may have {MAX_BYTES / 1e6:.0f} MB, cut it")
 
 
 def _decode(path: Path, data: bytes) -> str:
@@ -102,9 +98,7 @@ def _read_values(path: Path, lines: list[str], header: Header) -> Array:
         raise InputError(f"{path}: holds no figures; name an accelerogram file")
     try:
         is_table = header.layout != "PEER AT2"
-        values = (
-            np.loadtxt(io.StringIO(body), ndmin=2) if is_table else np.array([body.split()], dtype=float).T
-        )
+        values = np.loadtxt(io.StringIO(body), ndmin=2) if is_table else np.array([body.split()], dtype=float).T
     except ValueError:
         raise InputError(_first_bad_line(path, lines, header)) from None
     if values.shape[1] > 2:
@@ -115,9 +109,7 @@ def _read_values(path: Path, lines: list[str], header: Header) -> Array:
     faulty = np.flatnonzero(~np.isfinite(values).all(axis=1))
     if len(faulty):
         line = _line_of(lines, header, int(faulty[0]))
-        raise InputError(
-            f"{path}:{line}: sample {faulty[0] + 1} is not a finite number; mend or cut the record"
-        )
+        raise InputError(f"{path}:{line}: sample {faulty[0] + 1} is not a finite number; mend or cut the record")
     _check_count(path, header, len(values))
     return values
 
@@ -171,14 +163,12 @@ def _even_interval(path: Path, lines: list[str], header: Header, time_s: Array) 
     """Return the interval of a time column (n,) in s; raise InputError where it falls back or is uneven."""
     steps = np.diff(time_s)
     usual = float(np.median(steps))
-    faulty = np.flatnonzero((steps <= 0.0) | (np.abs(steps - usual) > _EVENNESS * usual))
+    faulty = np.flatnonzero(steps <= 0.0)
+    if len(faulty) == 0:
+        faulty = np.flatnonzero(np.abs(steps - usual) > _EVENNESS * usual)
     if len(faulty):
         line, step = _line_of(lines, header, int(faulty[0]) + 1), steps[faulty[0]]
-        what = (
-            "does not increase here"
-            if step <= 0.0
-            else f"steps by {step:.6g} s here, elsewhere by {usual:.6g} s"
-        )
+        what = "does not increase here" if step <= 0.0 else f"steps by {step:.6g} s here, elsewhere by {usual:.6g} s"
         raise InputError(f"{path}:{line}: the time (first column) {what}; give samples at an even interval")
     return float(f"{(time_s[-1] - time_s[0]) / len(steps):.9g}")
 

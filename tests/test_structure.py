@@ -19,9 +19,7 @@ from rths_cli.structure import (
 )
 
 
-def paper_structure(
-    storeys: int = 1, interface_mass_kg: float = 0.0, **experimental: object
-) -> SimpleNamespace:
+def paper_structure(storeys: int = 1, interface_mass_kg: float = 0.0, **experimental: object) -> SimpleNamespace:
     stated = {
         "masses_kg": [6.91, 6.95],
         "natural_frequencies_hz": [3.2, 8.4],
@@ -72,9 +70,7 @@ def test_total_structure_has_the_frequencies_of_the_notes(
     ("first", "c1", "ratios"),
     [(0.026, 22.163, (0.026, 0.066, 0.056)), (0.036, 40.884, (0.036, 0.085, 0.064))],
 )
-def test_first_mode_target_gives_the_dashpot_of_the_notes(
-    first: float, c1: float, ratios: tuple[float, ...]
-) -> None:
+def test_first_mode_target_gives_the_dashpot_of_the_notes(first: float, c1: float, ratios: tuple[float, ...]) -> None:
     building = build(paper_structure(), target(first))
     assert building.numerical.C[0, 0] == pytest.approx(c1, abs=0.0005)
     _, found = modes(building.M, building.C, building.K)
@@ -106,9 +102,7 @@ def test_total_is_equation_2_2_with_part_of_the_interface_mass_on_the_table() ->
 def test_substructures_coupled_by_equation_2_6_move_as_the_total() -> None:
     rng = np.random.default_rng(3)
     p, n, m_interface, a_ground = 3, 2, 0.7, 1.3
-    numerical = Numerical(
-        rng.uniform(1, 5, p), storey_matrix([9.0, 8.0, 7.0]), storey_matrix([0.3, 0.2, 0.4])
-    )
+    numerical = Numerical(rng.uniform(1, 5, p), storey_matrix([9.0, 8.0, 7.0]), storey_matrix([0.3, 0.2, 0.4]))
     masses, K = rng.uniform(1, 5, n), storey_matrix([6.0, 5.0])
     specimen = Specimen(masses, K, modal_damping_matrix(masses, K, [0.04, 0.03]))
     M, C, K_total = assemble(numerical, specimen, m_interface)
@@ -151,9 +145,7 @@ def test_two_storey_solutions_are_the_roots_of_the_quadratic() -> None:
 def test_known_stiffness_is_recovered_and_every_set_has_the_frequencies(n: int) -> None:
     rng = np.random.default_rng(n)
     masses, stiffness = rng.uniform(2, 9, n), rng.uniform(1e3, 2e4, n)
-    frequencies = np.sqrt(np.sort(np.linalg.eigvals(storey_matrix(stiffness) / masses[:, None]).real)) / (
-        2 * np.pi
-    )
+    frequencies = np.sqrt(np.sort(np.linalg.eigvals(storey_matrix(stiffness) / masses[:, None]).real)) / (2 * np.pi)
     found = stiffness_from_frequencies(masses, frequencies)
     assert min(np.abs(found / stiffness - 1).max(axis=1)) < 1e-9
     for solution in found:
@@ -193,9 +185,7 @@ def test_a_search_from_many_starts_reaches_the_same_six_three_storey_sets() -> N
         ([7.0] * 6, [1.0, 2.0, 3.0, 4.0, 5.0, 6.0], "experimental.stiffness_n_per_m"),
     ],
 )
-def test_frequencies_without_an_answer_are_refused(
-    masses: list[float], frequencies: list[float], words: str
-) -> None:
+def test_frequencies_without_an_answer_are_refused(masses: list[float], frequencies: list[float], words: str) -> None:
     with pytest.raises(InputError) as caught:
         stiffness_from_frequencies(masses, frequencies)
     assert len(caught.value.faults) == 1
@@ -206,9 +196,7 @@ def test_modal_damping_gives_the_stated_ratios_and_keeps_the_frequencies() -> No
     masses, K, ratios = np.array([3.0, 4.0, 2.0]), storey_matrix([900.0, 1500.0, 700.0]), [0.05, 0.01, 0.08]
     frequency, ratio = modes(np.diag(masses), modal_damping_matrix(masses, K, ratios), K)
     assert ratio == pytest.approx(ratios, rel=1e-9)
-    assert frequency == pytest.approx(
-        np.sqrt(np.sort(np.linalg.eigvals(K / masses[:, None]).real)) / (2 * np.pi)
-    )
+    assert frequency == pytest.approx(np.sqrt(np.sort(np.linalg.eigvals(K / masses[:, None]).real)) / (2 * np.pi))
 
 
 def test_modes_of_a_hundred_equal_storeys_match_the_closed_form() -> None:

@@ -119,9 +119,7 @@ def _state(path: Path, stated: dict[str, tuple[str, int]], key: str, value: str,
     if key == "origin" and key in stated:
         value = f"{stated[key][0]} {value}"
     elif key in stated:
-        raise InputError(
-            f"{path}:{line}: {key} is stated here and in line {stated[key][1]}; keep one of the two"
-        )
+        raise InputError(f"{path}:{line}: {key} is stated here and in line {stated[key][1]}; keep one of the two")
     stated[key] = value, line
 
 
@@ -131,9 +129,7 @@ def _from_keys(path: Path, stated: dict[str, tuple[str, int]], title: str, first
     dt, dt_line = stated.get("dt", (None, 0))
     samples, samples_line = stated.get("sample", (None, 0))
     if samples is not None and not samples.isdecimal():
-        raise InputError(
-            f"{path}:{samples_line}: samples: {samples[:40]!r} is not a whole number; correct it"
-        )
+        raise InputError(f"{path}:{samples_line}: samples: {samples[:40]!r} is not a whole number; correct it")
     return Header(
         "one column",
         first_line,
@@ -154,26 +150,20 @@ def _interval(where: str, text: str) -> float:
     try:
         return float(match[1] if match else "")
     except ValueError:
-        raise InputError(
-            f"{where}: dt: {text[:40]!r} is not an interval in s; write for example 0.02 s"
-        ) from None
+        raise InputError(f"{where}: dt: {text[:40]!r} is not an interval in s; write for example 0.02 s") from None
 
 
 def _known_unit(where: str, text: str) -> str:
     """Return the unit a text names, or raise InputError with the units understood."""
     unit = find_unit(text)
     if unit is None:
-        raise InputError(
-            f"{where}: {text[:40]!r} is not one of the units {', '.join(FACTORS_M_S2)}; correct it"
-        )
+        raise InputError(f"{where}: {text[:40]!r} is not one of the units {', '.join(FACTORS_M_S2)}; correct it")
     return unit
 
 
 def split_columns(line: str) -> list[str]:
     """Return the cells of a line, separated by commas, semicolons, tabs or spaces not before a bracket."""
-    cells = (
-        re.split(r"[,;\t]", line) if re.search(r"[,;\t]", line) else re.split(r"\s+(?![(\[])", line.strip())
-    )
+    cells = re.split(r"[,;\t]", line) if re.search(r"[,;\t]", line) else re.split(r"\s+(?![(\[])", line.strip())
     return [cell.strip().strip("\"'") for cell in cells if cell.strip()]
 
 
@@ -196,9 +186,7 @@ def _unit_of_names(where: str, line: str) -> str | None:
     """Return the unit in names like `time (s), acceleration (g)` or `time_s,accel_m_s2`, None if silent."""
     *time, accel = split_columns(line)
     if re.match(r"vel|disp", accel, re.IGNORECASE):
-        raise InputError(
-            f"{where}: the column {accel!r} is not an acceleration; give the acceleration record"
-        )
+        raise InputError(f"{where}: the column {accel!r} is not an acceleration; give the acceleration record")
     if time:
         match = _BRACKETED.search(time[0]) or _TIME_SUFFIX.search(time[0])
         if match is not None and match[1].strip().lower() not in ("s", "sec", "seconds"):

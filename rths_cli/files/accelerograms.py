@@ -94,7 +94,7 @@ def _decode(path: Path, data: bytes) -> str:
 def _read_values(path: Path, lines: list[str], header: Header) -> Array:
     """Return the figures after the header, (n_samples, 1 or 2), finite and as many as the header states."""
     body = "\n".join(lines[header.first_line :]).translate(_SEPARATORS)
-    if not body.strip():
+    if not any(_rows(lines, header)):
         raise InputError(f"{path}: holds no figures; name an accelerogram file")
     try:
         is_table = header.layout != "PEER AT2"

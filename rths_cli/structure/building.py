@@ -76,9 +76,7 @@ def build(spec: StructureSpec, damping: DampingSpec) -> Building:
         dashpots = [c] * len(numerical.masses_kg)
     assert dashpots is not None  # _check
     numerical = replace(numerical, C=storey_matrix(dashpots))
-    return Building(
-        numerical, specimen, interface_mass, *assemble(numerical, specimen, interface_mass), notes
-    )
+    return Building(numerical, specimen, interface_mass, *assemble(numerical, specimen, interface_mass), notes)
 
 
 def _check(spec: StructureSpec, damping: DampingSpec) -> None:

@@ -56,9 +56,7 @@ def stiffness_from_frequencies(masses_kg: Sequence[float], frequencies_hz: Seque
             f"{len(masses)}; state experimental.stiffness_n_per_m instead"
         )
     if len(masses) != len(frequencies) or frequencies[0] <= 0.0 or np.any(np.diff(frequencies) <= 0.0):
-        raise InputError(
-            f"{_FIELD}: state {len(masses)} positive frequencies that ascend, not {_listed(frequencies)}"
-        )
+        raise InputError(f"{_FIELD}: state {len(masses)} positive frequencies that ascend, not {_listed(frequencies)}")
     solutions = _positive_solutions(masses, (2.0 * np.pi * frequencies) ** 2)
     if len(solutions) == 0:
         raise InputError(

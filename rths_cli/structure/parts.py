@@ -50,9 +50,7 @@ class Building:
     notes: tuple[str, ...] = ()
 
 
-def assemble(
-    numerical: Numerical, specimen: Specimen, interface_mass_kg: float
-) -> tuple[Array, Array, Array]:
+def assemble(numerical: Numerical, specimen: Specimen, interface_mass_kg: float) -> tuple[Array, Array, Array]:
     """Add both substructures up to M, C, K (p + n, p + n) of the total, relative to the ground (Eq. 2.2).
 
     The specimen enters through its displacements relative to the interface floor, x_hat = x_E - 1 x_I.

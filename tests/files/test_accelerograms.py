@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from rths_cli.errors import InputError
 from rths_cli.files.accelerogram_headers import find_unit
@@ -237,3 +239,31 @@ def test_latin_1_header_windows_lines_and_byte_order_mark_are_read(tmp_path: Pat
     new.write_bytes(b"\xef\xbb\xbf# units: g\n# dt: 0.01\n1\n2\n3\n")
     assert read_accelerogram(old).title == "Tokachi 43°N"
     assert read_accelerogram(new).accel_m_s2 == pytest.approx(np.array([1, 2, 3]) * 9.80665)
+
+
+WORDS = [
+    "# units: g",
+    "# dt: 0.01",
+    "NPTS= 3, DT= .01 SEC",
+    "3 .01 NPTS, DT",
+    "time_s,accel_g",
+    "nan",
+    "1e999",
+    "0 1",
+    "0.01,2",
+    "-3",
+]
+
+
+@settings(derandomize=True, max_examples=300, deadline=None)
+@given(st.one_of(st.binary(max_size=60), st.lists(st.sampled_from(WORDS)).map(lambda rows: "\n".join(rows).encode())))
+def test_any_bytes_give_a_record_or_a_sentence(tmp_path_factory: pytest.TempPathFactory, data: bytes) -> None:
+    path = tmp_path_factory.getbasetemp() / "any.csv"
+    path.write_bytes(data)
+    try:
+        record = read_accelerogram(path)
+    except InputError as fault:
+        assert fault.faults
+    else:
+        assert np.isfinite(record.accel_m_s2).all()
+        assert len(record.accel_m_s2) >= 3

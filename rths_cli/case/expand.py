@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rths_cli.case.fields import near
 from rths_cli.case.find import find
-from rths_cli.case.nodes import Fault, Mark, Node, Source, join, plain
+from rths_cli.case.nodes import Fault, Mark, Node, Source, plain, printable
 from rths_cli.case.yaml_nodes import parse, read_file
 from rths_cli.errors import InputError
 
@@ -33,12 +33,10 @@ def read_settings(settings: Sequence[str]) -> tuple[list[Setting], list[Fault]]:
     faults: list[Fault] = []
     for text in settings:
         key, sign, value = text.partition("=")
-        source = Source(f"--set {key.strip()}"[:120], Path.cwd())
+        source = Source(f"--set {printable(key.strip())}"[:120], Path.cwd())
         keys = _setting_keys(key.strip())
         if not sign or not all(keys):
-            faults.append(
-                Fault(Mark(source), "", "must be key=value, for example --set table.physics.coulomb_n=0.9")
-            )
+            faults.append(Fault(Mark(source), "", "must be key=value, for example --set table.physics.coulomb_n=0.9"))
             continue
         node, more = parse(value, source)
         faults += [replace(fault, mark=Mark(source)) for fault in more]
@@ -132,10 +130,8 @@ def _expand(node: Node, kind: str, key: str, faults: list[Fault], trail: tuple[P
     own = dict(node.children)
     base_name = own.pop("extends", None) if kind != "references" else None
     if base_name is None:
-        return (
-            node if "name" in own or not own else replace(node, value={"name": _text("inline", node), **own})
-        )
-    base = _from_file(base_name, kind, join(key, "extends"), faults, trail)
+        return node if "name" in own or not own else replace(node, value={"name": _text("inline", node), **own})
+    base = _from_file(base_name, kind, f"{key.removesuffix('.extends')}.extends", faults, trail)
     if base is None:
         return None
     own.setdefault("name", _text(f"{plain(base).get('name')}_varied", node))
@@ -184,9 +180,7 @@ def _expand_damping(children: dict[str, Node], faults: list[Fault], lost: set[st
     named = levels.children if levels else {}
     if node.value not in named:
         ends = near(node.value, named)
-        faults.append(
-            Fault(node.mark, "damping", f"the structure has no damping level {node.value[:40]!r}{ends}")
-        )
+        faults.append(Fault(node.mark, "damping", f"the structure has no damping level {node.value[:40]!r}{ends}"))
         lost.add("damping")
         return
     level = named[node.value]
@@ -196,9 +190,7 @@ def _expand_damping(children: dict[str, Node], faults: list[Fault], lost: set[st
         lost.add("damping")
 
 
-def _expand_file(
-    children: dict[str, Node], keys: tuple[str, str], kind: str | None, faults: list[Fault]
-) -> None:
+def _expand_file(children: dict[str, Node], keys: tuple[str, str], kind: str | None, faults: list[Fault]) -> None:
     """Replace the file that stands at two keys by its absolute path."""
     parent = children.get(keys[0])
     node = parent.children.get(keys[1]) if parent else None
@@ -206,11 +198,7 @@ def _expand_file(
         return
     source = node.mark.source
     try:
-        path = (
-            find(node.value, kind, source.folder, source.path)
-            if kind
-            else _plain_file(node.value, source.folder)
-        )
+        path = find(node.value, kind, source.folder, source.path) if kind else _plain_file(node.value, source.folder)
     except InputError as error:
         faults.append(Fault(node.mark, keys[0] if node.mark == parent.mark else ".".join(keys), str(error)))
         path = source.folder / "missing"
@@ -221,4 +209,7 @@ def _expand_file(
 
 def _plain_file(name: str, folder: Path) -> Path:
     """Return an existing file given by its path relative to `folder`."""
-    return find(name if "/" in name else f"./{name}", "cases", folder)
+    path = folder / os.path.expanduser(name)
+    if not os.path.isfile(path):
+        raise InputError(f"no such file: {printable(str(path))[:300]}; check the path")
+    return path

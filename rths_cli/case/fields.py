@@ -57,9 +57,7 @@ class Range:
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         return core_schema.no_info_after_validator_function(self.check, handler(source))
 
-    def __get_pydantic_json_schema__(
-        self, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> dict[str, Any]:
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
         limits = {
             "exclusiveMinimum": self.gt,
             "minimum": self.ge,
@@ -81,7 +79,7 @@ class Strict(BaseModel):
         validate_default=True,
         protected_namespaces=(),
     )
-    named_keys: ClassVar[frozenset[str]] = frozenset()
+    wanted: ClassVar[str] = "a mapping"
 
     @classmethod
     def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
@@ -201,7 +199,6 @@ def _wanted(cls: type[Strict], error: ErrorDetails) -> str:
         "bool_type": "true or false",
         "tuple_type": "a list",
         "dict_type": "a mapping",
-        "model_type": "a mapping",
         "is_instance_of": "the name of a file",
         "finite_number": "a finite number",
     }
@@ -212,6 +209,6 @@ def _wanted(cls: type[Strict], error: ErrorDetails) -> str:
         return f"a list of at least {context['min_length']} entries"
     if kind == "too_long":
         return f"a list of at most {context['max_length']} entries"
-    if kind == "model_type" and error["loc"][:1] and error["loc"][0] in cls.named_keys:
-        return "a name or a mapping"
+    if kind == "model_type":
+        return cls.wanted
     return words.get(kind, "")

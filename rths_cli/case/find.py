@@ -54,7 +54,8 @@ def find(name: str, kind: str, folder: Path, exclude: Path | None = None) -> Pat
 def known(kind: str, folder: Path) -> list[str]:
     """Return the bare names of a kind that exist, sorted."""
     names = set()
-    for place in _places(kind, folder)[1:]:
+    beside = kind in ("cases", "records")  # other kinds share their folder with case files
+    for place in _places(kind, folder)[0 if beside else 1 :]:
         with contextlib.suppress(OSError):
             names |= {entry.stem for entry in place.iterdir() if entry.suffix in suffixes(kind)}
     return sorted(names)

@@ -80,9 +80,7 @@ def _validate(tree: Node, lost: set[str], path: Path, text: str) -> tuple[Case |
         keys = CaseKeys.model_validate(plain(tree))
     except ValidationError as error:
         faults = [_fault(tree, entry["type"], entry["loc"], entry["msg"]) for entry in error.errors()]
-        return None, [
-            fault for fault, entry in zip(faults, error.errors(), strict=True) if entry["loc"][0] not in lost
-        ]
+        return None, [fault for fault, entry in zip(faults, error.errors(), strict=True) if entry["loc"][0] not in lost]
     table = keys.table.model_copy(update={"limits": keys.table.limits.tightened(keys.limits)})
     return Case.model_validate(dict(keys) | {"table": table, "path": path.absolute(), "yaml_text": text}), []
 
@@ -109,9 +107,7 @@ def _repeated_names(cases: Sequence[Case]) -> list[Fault]:
     faults = []
     for case in cases:
         if case.name in first:
-            message = (
-                f"{case.name!r} is also the name of {display(first[case.name])}; give each case its own name"
-            )
+            message = f"{case.name!r} is also the name of {display(first[case.name])}; give each case its own name"
             faults.append(Fault(Mark(Source(display(case.path), case.path.parent)), "name", message))
         first.setdefault(case.name, case.path)
     return faults

@@ -46,6 +46,8 @@ RunName = Annotated[
 class RecordSpec(Strict):
     """Hold a ground motion's file; unit and interval only where the file itself does not state them."""
 
+    wanted: ClassVar[str] = "a name or a mapping"
+
     file: Path = Field(description="a name looked up in records/, or a path")
     unit: str | None = Field(default=None, min_length=1, max_length=20)
     dt_s: Annotated[float, Range(gt=0, le=10)] | None = None
@@ -64,6 +66,8 @@ class RecordSpec(Strict):
 class ControllerSpec(Strict):
     """Hold the table's controller: feedforward, with feedback, or the table as delivered."""
 
+    wanted: ClassVar[str] = "a name or a mapping"
+
     kind: Literal["FF", "FF+FB", "none"]
     feedback_bandwidth_hz: Annotated[float, Range(gt=0, le=1000)] = 20.0
     max_sensitivity: Annotated[float, Range(gt=1, le=10)] = 1.5
@@ -72,9 +76,7 @@ class ControllerSpec(Strict):
 class IdentificationSpec(Strict):
     """Hold the model file to use, or how to excite the rig for one."""
 
-    model: Path | None = Field(
-        default=None, description="a model file; without one a virtual rig is identified first"
-    )
+    model: Path | None = Field(default=None, description="a model file; without one a virtual rig is identified first")
     seed: Seed = 0
     duration_s: Annotated[float, Range(ge=5, le=7200)] = 300.0
     accel_rms_m_s2: Annotated[float, Range(gt=0, le=100)] = 2.0
@@ -109,10 +111,6 @@ class KalmanSpec(Strict):
 class CaseKeys(Strict):
     """Hold the keys of a case file; names are replaced by what they name before this is checked."""
 
-    named_keys: ClassVar[frozenset[str]] = frozenset(
-        {"structure", "damping", "record", "controller", "table", "reference"}
-    )
-
     name: FileName = Field(description="default: the file's name")
     structure: StructureSpec
     damping: DampingSpec
@@ -123,9 +121,7 @@ class CaseKeys(Strict):
     method: Literal["best", "paper"] = "best"
     runs: tuple[RunName, ...] = Field(default=RUNS, min_length=1, description="default: all")
     sample_rate_hz: Annotated[float, Range(ge=100, le=50_000)] = 2000.0
-    delay_s: Annotated[float, Range(ge=0, le=0.1)] = Field(
-        default=0.005, description="the delay of SIM-DELAY"
-    )
+    delay_s: Annotated[float, Range(ge=0, le=0.1)] = Field(default=0.005, description="the delay of SIM-DELAY")
     record_filter: RecordFilterSpec = RecordFilterSpec()
     identification: IdentificationSpec = IdentificationSpec()
     kalman: KalmanSpec = KalmanSpec()
@@ -174,9 +170,7 @@ class Case(CaseKeys):
         """Return the reference's figures for this case by metric path, empty when there are none."""
         if self.reference is None:
             return {}
-        return self.reference.figures_for(
-            self.record.name, self.damping.name, self.controller.kind, self.scaling
-        )
+        return self.reference.figures_for(self.record.name, self.damping.name, self.controller.kind, self.scaling)
 
 
 def _limit_problems(data: Mapping[str, Any]) -> Iterator[Problem]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Discriminator, Field, Tag
 
@@ -41,6 +41,8 @@ class ReferenceEntry(Strict):
 
 class ReferenceSpec(Strict):
     """Hold a publication's figures."""
+
+    wanted: ClassVar[str] = "a name or a mapping"
 
     name: str = "inline"
     title: str

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field, ValidationError, model_validator
 from pydantic_core import InitErrorDetails
@@ -73,6 +73,8 @@ class NominalSpec(Strict):
 
 class RigSpec(Strict):
     """Hold one shake table; defaults are the APS 400 of the paper."""
+
+    wanted: ClassVar[str] = "a name or a mapping"
 
     name: str = Field(default="inline", description="label in tables; default: the file's name")
     kind: Literal["virtual"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import ConfigDict, Discriminator, Field, Tag, field_validator
 
@@ -41,8 +41,7 @@ def _word_or_list(value: object) -> str:
 
 
 NumericalStiffness = Annotated[
-    Annotated[Literal["mean_of_experimental"], Tag("word")]
-    | Annotated[tuple[Stiffness, ...], Storeys, Tag("list")],
+    Annotated[Literal["mean_of_experimental"], Tag("word")] | Annotated[tuple[Stiffness, ...], Storeys, Tag("list")],
     Discriminator(_word_or_list),
 ]
 
@@ -50,11 +49,11 @@ NumericalStiffness = Annotated[
 class DampingSpec(Strict):
     """Hold the numerical storeys' damping: the total structure's first modal ratio, or dashpots (p,)."""
 
+    wanted: ClassVar[str] = "a name or a mapping"
+
     model_config = ConfigDict(json_schema_extra=_one_of(("first_mode_ratio", "dashpots_n_s_per_m")))
 
-    name: str = Field(
-        default="inline", description="label in tables; a level of a structure is named by its key"
-    )
+    name: str = Field(default="inline", description="label in tables; a level of a structure is named by its key")
     first_mode_ratio: Annotated[float, Range(gt=0, lt=1)] | None = None
     dashpots_n_s_per_m: tuple[Dashpot, ...] | None = MaybeStoreys
 
@@ -107,15 +106,15 @@ class ExperimentalSpec(Strict):
 class StructureSpec(Strict):
     """Hold a shear building: numerical storeys from the ground, experimental storeys above, on the table."""
 
+    wanted: ClassVar[str] = "a name or a mapping"
+
     name: str = Field(default="inline", description="label in tables; default: the file's name")
     numerical: NumericalSpec
     experimental: ExperimentalSpec
     interface_experimental_mass_kg: Annotated[float, Range(ge=0, le=1e7)] = Field(
         default=0.0, description="part of the interface floor's mass that stands on the table"
     )
-    damping_levels: dict[str, DampingSpec] = Field(
-        default={}, description="what `damping:` in a case may name"
-    )
+    damping_levels: dict[str, DampingSpec] = Field(default={}, description="what `damping:` in a case may name")
 
     @field_validator("damping_levels")
     @classmethod
@@ -138,7 +137,5 @@ class StructureSpec(Strict):
             if name not in (None, key, "inline"):
                 yield ("damping_levels", key, "name"), f"a level is named by its key {key!r}; remove name"
             if isinstance(level, Mapping):
-                for loc, message in same_length(
-                    level, "dashpots_n_s_per_m", len(masses) or None, "numerical storey"
-                ):
+                for loc, message in same_length(level, "dashpots_n_s_per_m", len(masses) or None, "numerical storey"):
                     yield ("damping_levels", key, *loc), message

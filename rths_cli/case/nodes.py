@@ -86,4 +86,9 @@ def join(path: str, key: str | int) -> str:
 def display(path: Path) -> str:
     """Return a path as faults show it: relative to the current folder when it lies below it."""
     relative = os.path.relpath(path)
-    return str(path.absolute()) if relative.startswith("..") else relative
+    return printable(str(path.absolute()) if relative.startswith("..") else relative)
+
+
+def printable(text: str) -> str:
+    """Return a text as it is, or quoted with escapes when a terminal could not show it on one line."""
+    return text if text.isprintable() else repr(text)

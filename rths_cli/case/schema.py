@@ -22,52 +22,38 @@ NAME = {"type": "string", "minLength": 1, "description": "a name or a path"}
 def schema(kind: str = "case") -> dict[str, Any]:
     """Return the JSON Schema of a case file, or of a structure, rig or reference file."""
     generated = MODELS[kind].model_json_schema()
-    properties = generated["properties"]
+    definitions = generated.pop("$defs")
     if kind == "case":
-        for key in ("structure", "table"):
-            properties[key] = {"anyOf": [NAME, _with_extends(key, generated)]}
-        for key in ("damping", "record", "controller", "reference"):
-            properties[key] = {"anyOf": [_short_form(key, generated), *_forms(properties[key])]}
-        generated["required"] = [key for key in generated["required"] if key not in ("name", "table")]
+        _allow_names(generated, definitions)
     elif kind in ("structure", "rig"):
-        properties["extends"] = NAME
-        del generated["required"]
-        generated["anyOf"] = [{"required": ["extends"]}, {"required": _required(MODELS[kind])}]
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        **generated,
-        "title": f"rths {kind} file",
-    }
+        generated = _with_extends(generated, definitions)
+    head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": f"rths {kind} file"}
+    return {**generated, **head, "$defs": definitions}
 
 
 def write_schemas(folder: Path) -> None:
     """Write `KIND.schema.json` of every kind into a folder (the source tree's configs/)."""
     for kind in MODELS:
-        (folder / f"{kind}.schema.json").write_text(
-            json.dumps(schema(kind), indent=1) + "\n", encoding="utf-8"
-        )
+        (folder / f"{kind}.schema.json").write_text(json.dumps(schema(kind), indent=1) + "\n", encoding="utf-8")
 
 
-def _required(model: type[BaseModel]) -> list[str]:
-    return [name for name, field in model.model_fields.items() if field.is_required()]
+def _allow_names(case: dict[str, Any], definitions: dict[str, Any]) -> None:
+    """Let names stand for mappings in the schema of a case, and drop what the loader fills in from `required`."""
+    properties = case["properties"]
+    for key, model in (("structure", "StructureSpec"), ("table", "RigSpec")):
+        properties[key] = {"anyOf": [NAME, _with_extends(definitions[model], definitions)]}
+    for key in ("damping", "record", "reference"):
+        properties[key] = {"anyOf": [NAME, *properties[key].get("anyOf", [properties[key]])]}
+    kinds = definitions["ControllerSpec"]["properties"]["kind"]
+    properties["controller"] = {"anyOf": [kinds, properties["controller"]]}
+    case["required"] = [key for key in case["required"] if key not in ("name", "table")]
 
 
-def _short_form(key: str, generated: dict[str, Any]) -> dict[str, Any]:
-    """Return what may stand for a mapping: a name, or the kind of a controller."""
-    return dict(generated["$defs"]["ControllerSpec"]["properties"]["kind"]) if key == "controller" else NAME
-
-
-def _forms(property_schema: dict[str, Any]) -> list[dict[str, Any]]:
-    return list(property_schema.get("anyOf", [property_schema]))
-
-
-def _with_extends(key: str, generated: dict[str, Any]) -> dict[str, Any]:
-    """Return the schema of an inline structure or table: complete, or the variation of a named one."""
-    name = {"structure": "StructureSpec", "table": "RigSpec"}[key]
-    whole = {"$ref": f"#/$defs/{name}"}
-    varied = _relaxed(generated["$defs"][name], generated["$defs"])
+def _with_extends(whole: dict[str, Any], definitions: dict[str, Any]) -> dict[str, Any]:
+    """Return the schema of a complete mapping, or with `extends` of the variation of a named one."""
+    varied = _relaxed(whole, definitions)
     varied["properties"]["extends"] = NAME
-    return {"if": {"required": ["extends"]}, "then": {**varied, "required": ["extends"]}, "else": whole}
+    return {"if": {"type": "object", "required": ["extends"]}, "then": varied, "else": whole}
 
 
 def _relaxed(part: Any, definitions: dict[str, Any]) -> Any:

@@ -210,9 +210,7 @@ def _scalar(kind: str, text: str) -> Scalar:
         return text == "true"
     if kind == "int":
         if len(text) > MAX_DIGITS:
-            raise ValueError(
-                f"must be a whole number of at most {MAX_DIGITS} digits, got {len(text)} characters"
-            )
+            raise ValueError(f"must be a whole number of at most {MAX_DIGITS} digits, got {len(text)} characters")
         return int(text)
     if kind == "float":
         value = float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))

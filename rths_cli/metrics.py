@@ -1,0 +1,128 @@
+"""Figures of a run: test band, RMS, peak and fitted delay. Time is the last axis of every array.
+
+A series that was cut (NaN from some sample on) has no figures: all of that storey's are NaN, and
+`diverged` says so.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rths_cli.errors import InputError
+from rths_cli.lti import Array, ComplexArray
+
+BAND_HZ = 12.0
+BAND_ORDER = 4
+_TAPERED = 0.1  # share of the record under the taper of the delay fit, half of it at each end
+_MOST_NEWTON_STEPS = 20
+
+
+@dataclass(frozen=True)
+class ErrorFigures:
+    """Errors of a value against its reference, each figure of shape (...), in the unit of the series.
+
+    `rms`, `maximum` in the test band; `rms_full`, `maximum_full` in full band; `diverged` where a series is
+    not finite.
+    """
+
+    rms: Array
+    maximum: Array
+    rms_full: Array
+    maximum_full: Array
+    diverged: NDArray[np.bool_]
+
+
+def test_band(series: ArrayLike, dt_s: float) -> Array:
+    """Filter `series` (..., n) with a 4th-order 12 Hz Butterworth low pass, forward and backward.
+
+    The ends are extended by odd reflection over 15 samples (the default of scipy's sosfiltfilt, so that
+    anyone can repeat a figure in one line), or over n - 1 if the record is shorter. A NaN anywhere makes
+    its whole series NaN. Raises InputError when half the sample rate is not above 12 Hz.
+    """
+    from scipy.signal import butter, sosfiltfilt
+
+    values = np.asarray(series, dtype=float)
+    if not 0 < dt_s < 0.5 / BAND_HZ:
+        raise InputError(
+            f"dt_s is {dt_s:g} s, but the {BAND_HZ:g} Hz test band needs one above 0"
+            f" and below {0.5 / BAND_HZ:.4f} s: sample faster"
+        )
+    sections = butter(BAND_ORDER, BAND_HZ, fs=1.0 / dt_s, output="sos")
+    padding = min(3 * (2 * len(sections) + 1), values.shape[-1] - 1)
+    return sosfiltfilt(sections, values, padlen=padding)
+
+
+def rms(series: ArrayLike) -> Array:
+    """Return sqrt(mean(e^2)) of `series` (..., n) over every sample, shape (...), unit of the series."""
+    return np.sqrt(np.mean(np.square(np.asarray(series, dtype=float)), axis=-1))
+
+
+def peak(series: ArrayLike) -> Array:
+    """Return the largest absolute value of `series` (..., n), shape (...), in the unit of the series."""
+    return np.max(np.abs(np.asarray(series, dtype=float)), axis=-1)
+
+
+def error_figures(reference: ArrayLike, value: ArrayLike, dt_s: float) -> ErrorFigures:
+    """Return the figures of reference - value, both (..., n), in the test band and in full band.
+
+    Nothing is shifted and no mean is removed: delay and offset are errors. Raises InputError when the
+    shapes differ.
+    """
+    if np.shape(reference) != np.shape(value) or np.size(value) == 0:
+        raise InputError(
+            f"value has shape {np.shape(value)}, but the reference has {np.shape(reference)}:"
+            " compare series of the same storeys and samples"
+        )
+    error = np.asarray(reference, dtype=float) - np.asarray(value, dtype=float)
+    diverged = ~np.isfinite(error).all(axis=-1)
+    error = np.where(diverged[..., None], np.nan, error)
+    banded = test_band(error, dt_s)
+    return ErrorFigures(rms(banded), peak(banded), rms(error), peak(error), diverged)
+
+
+def fitted_delay_s(desired: ArrayLike, measured: ArrayLike, dt_s: float) -> float:
+    """Return the delay in s of `measured` (n,) against `desired` (n,): positive is late, negative early.
+
+    The maximum of the cross-correlation, refined below a sample by Newton steps on the cross-spectrum, that
+    is the phase slope weighted by power. Means are removed and the ends tapered. For reporting only: no
+    series is ever shifted by it. NaN when a series is constant or not finite. Raises InputError when the
+    lengths differ.
+    """
+    x, y = np.asarray(desired, dtype=float), np.asarray(measured, dtype=float)
+    if x.ndim != 1 or x.shape != y.shape:
+        raise InputError(f"measured has shape {y.shape}, but desired has {x.shape}: compare two series of equal length")
+    if not (np.isfinite(x).all() and np.isfinite(y).all() and np.ptp(x) > 0 and np.ptp(y) > 0):
+        return float("nan")
+    cross, angle_rad = _cross_spectrum(x, y)
+    correlation = np.fft.irfft(cross)
+    lag = float(np.argmax(correlation))
+    if lag > len(correlation) / 2:
+        lag -= len(correlation)
+    return _refined_lag(cross, angle_rad, lag) * dt_s
+
+
+def _cross_spectrum(x: Array, y: Array) -> tuple[ComplexArray, Array]:
+    """Return conj(X) Y of the tapered, zero-padded series and the phase per sample of every line in rad."""
+    from scipy.fft import next_fast_len
+    from scipy.signal.windows import tukey
+
+    taper = tukey(len(x), _TAPERED)
+    padded = 2 * next_fast_len(len(x))
+    lines_x = np.fft.rfft((x - x.mean()) * taper, padded)
+    lines_y = np.fft.rfft((y - y.mean()) * taper, padded)
+    return np.conj(lines_x) * lines_y, 2 * np.pi * np.arange(len(lines_x)) / padded
+
+
+def _refined_lag(cross: ComplexArray, angle_rad: Array, lag: float) -> float:
+    """Return the lag in samples, within one of `lag`, that maximises Re sum(cross exp(j angle_rad lag))."""
+    refined = lag
+    for _ in range(_MOST_NEWTON_STEPS):
+        turned = cross * np.exp(1j * angle_rad * refined)
+        step = -np.sum(angle_rad * turned.imag) / np.sum(angle_rad**2 * turned.real)
+        refined = float(np.clip(refined + step, lag - 1, lag + 1))
+        if abs(step) < 1e-9:
+            break
+    return refined

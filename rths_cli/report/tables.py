@@ -1,0 +1,78 @@
+"""All tables of a report as plain text: published figure, `paper` and `best` side by side; and the same as JSON."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import groupby
+
+import numpy as np
+
+from rths_cli.errors import InputError
+from rths_cli.files.results import Result
+from rths_cli.report.cells import remarks
+from rths_cli.report.claims import claims_text
+from rths_cli.report.layout import render, wrapped
+from rths_cli.report.load import Entry, Figures, entries
+from rths_cli.report.response import response_tables
+from rths_cli.report.single import other_figures, single_table
+from rths_cli.report.tracking import tracking_tables
+
+ABOUT = ("case_name", "method", "rig", "rig_kind", "record_name", "scaling", "damping_name", "controller")
+TEST_BAND = (
+    "Test band: the error through a 4th-order 12 Hz low pass, forward and backward; full: without it. "
+    "Measured: by the accelerometers, corrected for their known dynamics."
+)
+TRUE = "True: table and floors before any sensor, which only a virtual rig knows; full-t: true, in full band."
+WORDS = "-: not run or not published. *: figure of a run that did not end as planned."
+
+
+def tables(results: Sequence[Result], references: Mapping[str, Figures] | None = None) -> str:
+    """Return all tables and the verdicts on the paper's claims as text of at most 100 columns.
+
+    `references` gives published figures by case name and metric path, before those stored with the results.
+    One case alone is printed in a compact form with all its figures. Raises InputError without results.
+    """
+    if not results:
+        raise InputError("There are no results to print; give result files or run a case first.")
+    cases = entries(results, references or {})
+    groups = [list(group) for _, group in groupby(cases, key=lambda entry: entry.table_name)]
+    return "\n\n".join(block for group in groups for block in _blocks(group) if block) + "\n"
+
+
+def to_json(results: Sequence[Result]) -> dict[str, object]:
+    """Return every result with every metric by its path; what is not a finite number is null."""
+    return {"results": [_json_result(result) for result in results]}
+
+
+def _blocks(cases: Sequence[Entry]) -> Iterator[str]:
+    """Yield the tables of one rig, what their words mean, what went wrong, and the claims."""
+    if len(cases) == 1:
+        yield render(single_table(cases[0]))
+        yield other_figures(cases[0])
+    else:
+        yield from (render(table) for table in tracking_tables(cases))
+        yield from (render(table) for table in response_tables(cases))
+    yield wrapped(_legend(cases))
+    lines = remarks(cases)
+    yield wrapped(["Runs that ended otherwise", *(f"  {line}" for line in lines)], indent=4) if lines else ""
+    yield claims_text(cases)
+
+
+def _legend(cases: Sequence[Entry]) -> list[str]:
+    titles = dict.fromkeys(entry.reference_title for entry in cases if entry.reference_title)
+    sources = [f"Published (publ.): {'; '.join(titles)}."] if titles else []
+    return [*sources, TEST_BAND, *([TRUE] if cases[0].virtual else []), WORDS]
+
+
+def _json_result(result: Result) -> dict[str, object]:
+    about = {key: result.attributes.get(key) for key in (*ABOUT, "status", "status_reason")}
+    metrics = {path: _json_value(value) for path, value in result.metrics.items()}
+    return {"file": str(result.path), **about, "metrics": metrics, "units": dict(result.units)}
+
+
+def _json_value(value: object) -> object:
+    numbers = np.asarray(value, dtype=float)
+    if numbers.ndim:
+        return [_json_value(item) for item in numbers]
+    return float(numbers) if math.isfinite(float(numbers)) else None

@@ -134,6 +134,14 @@ def test_what_did_not_end_well_is_shown_as_such():
     assert "el_centro_low_ff (best): sim_delay diverged at 3.25 s" in text
 
 
+def test_a_case_that_no_method_ran_has_its_row_and_column():
+    text = tables([case for k, case in enumerate(paper_cases()) if k not in (3, 7)])  # high, FF+FB
+    assert row(text, "Table 5.1  ", "FF+FB", "damping high") == ["-"] * 6
+    assert len(row(text, "Table 5.2, FF  RMS error to SIM (m/s^2), test band", "1")) == 10
+    only_low = [case for k, case in enumerate(paper_cases()) if k in (1, 3, 5)]  # best, high was not run
+    assert row(tables(only_low), "Table 5.2, FF+FB  EXP-RTHS / SIM-DELAY", "2")[-1] == "-"
+
+
 @pytest.mark.parametrize("made", [paper_cases, mixed_cases, lambda: paper_cases()[:1], lambda: paper_cases()[1::4]])
 def test_lines_of_a_table_have_one_width_of_at_most_100_and_are_ascii(made):
     text = tables(made())

@@ -72,7 +72,8 @@ class Model:
     """Identified table: command (V) to corrected table acceleration (m/s^2).
 
     G(s) = gain * prod(s - zeros) / prod(s - poles) * exp(-s delay_s), roots in rad/s. `delay_s` is the part of the
-    loop's transport delay that the fit was told; the rest is in the poles and zeros.
+    loop's transport delay that the fit was told; the rest is in the poles and zeros. A sample of the table also
+    carries an alias of the hold's staircase, ripple * (u[k - l] - u[k - l - 1]), l = max(latency_samples, 1).
     """
 
     zeros: ComplexArray
@@ -80,6 +81,9 @@ class Model:
     gain: float
     delay_s: float
     band_hz: tuple[float, float]
+    ripple_m_s2_per_v: float = 0.0
+    latency_samples: int = 1
+    dt_s: float = 0.0
 
     def response(self, frequency_hz: Array) -> ComplexArray:
         """Return G(j w), shape (n_frequencies,), in m/s^2/V."""
@@ -91,6 +95,23 @@ class Model:
             if k < len(self.poles):
                 value = value / (s - self.poles[k])
         return value * np.exp(-s * self.delay_s)
+
+    @property
+    def low_frequency_gain_m_per_v(self) -> float:
+        """Return the displacement per V of command far below every pole, the limit of G(s) / s^2."""
+        finite = self.zeros[np.abs(self.zeros) > 1e-9]
+        return float(np.real(self.gain * np.prod(-finite) / np.prod(-self.poles)))
+
+    def sampled_response(self, frequency_hz: Array) -> ComplexArray:
+        """Return the response of the table's samples, staircase alias included, (n_frequencies,), in m/s^2/V."""
+        alias = staircase(frequency_hz, self.latency_samples, self.dt_s)
+        return self.response(frequency_hz) + self.ripple_m_s2_per_v * alias
+
+
+def staircase(frequency_hz: Array, latency_samples: int, dt_s: float) -> ComplexArray:
+    """Return the response of u[k - l] - u[k - l - 1] to u, l = max(latency_samples, 1), (n_frequencies,)."""
+    late = np.exp(-2j * np.pi * np.asarray(frequency_hz, dtype=float) * dt_s)
+    return late ** max(latency_samples, 1) * (1.0 - late)
 
 
 def _response(system: StateSpace | Block, points: ComplexArray) -> ComplexArray:

@@ -86,7 +86,8 @@ def _missing(name: str, kind: str, folder: Path) -> str:
     """Return the sentence for a name that stands for no file."""
     what = kind.removesuffix("s")
     if not is_bare(name):
-        return f"no such file: {os.path.normpath(folder / os.path.expanduser(name))[:300]}; check the path"
+        shown = os.path.normpath(folder / os.path.expanduser(name))[:300]
+        return f"no such file: {shown}; check the path"
     names = known(kind, folder)
     matches = difflib.get_close_matches(name[:80], names, n=3, cutoff=0.6)
     hint = f"did you mean {' or '.join(matches)}?" if matches else f"known: {', '.join(names) or 'none'}"

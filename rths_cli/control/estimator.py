@@ -74,7 +74,7 @@ def measured_shear(specimen: Specimen, interface_mass_kg: float) -> Shear:
 
 
 def predicted_shear(specimen: Specimen, interface_mass_kg: float, lead_samples: int, dt_s: float) -> Shear:
-    """Return the base shear n_p samples ahead: the estimated state is carried on by the identified specimen under
+    """Return the base shear n_p >= 1 samples ahead: the estimated state is carried on by the identified specimen under
     the desired accelerations already issued, straight lines between samples (NOTES.md 8).
 
     The interface mass feels the desired acceleration plus the tracking error measured now.
@@ -89,11 +89,8 @@ def predicted_shear(specimen: Specimen, interface_mass_kg: float, lead_samples: 
         weights[j - 1] += row @ start
         row = row @ a
     weights[-1] -= interface_mass_kg
-    if lead_samples > 0:
-        weights[0] += interface_mass_kg
+    weights[0] += interface_mass_kg
     measured = np.concatenate([[-interface_mass_kg], np.zeros(n)])
-    if lead_samples == 0:
-        weights[-1] = 0.0
     return Shear(np.concatenate([row, np.zeros(n)]), weights[:-1], measured, float(weights[-1]))
 
 

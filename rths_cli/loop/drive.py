@@ -35,12 +35,16 @@ class Log(NamedTuple):
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run went: log on the loop's own clock, steps done, and why it stopped early (empty when it did not)."""
+    """How a run went: log on the loop's own clock, steps done, and why it stopped early (empty when it did not).
+
+    `stopped_at_s`: when the guard took over, on the loop's clock.
+    """
 
     log: Log
     steps: int
     stopped_by_limit: str
     rig_fault: str
+    stopped_at_s: float
 
 
 def play(rig: Rig, info: RigInfo, blocks: Blocks, source: int, drive: Array, limits: GuardLimits) -> Outcome:
@@ -56,7 +60,7 @@ def play(rig: Rig, info: RigInfo, blocks: Blocks, source: int, drive: Array, lim
     finally:
         rig.rest()
         rig.close()
-    return Outcome(log, steps, _reason(info, guard_state), fault)
+    return Outcome(log, steps, _reason(info, guard_state), fault, float(guard_state.flags[3] * info.dt_s))
 
 
 def _play_virtual(

@@ -55,7 +55,7 @@ class GuardLimits(NamedTuple):
 class GuardState(NamedTuple):
     """What the guard remembers between steps."""
 
-    flags: Array  # int (3,): phase, reason, channel the reason is about
+    flags: Array  # int (4,): phase, reason, channel the reason is about, steps before it
     motion: Array  # (2,) commanded displacement in m and velocity in m/s
     codes: Array  # (c,) last sample in V of each channel
     desired_at: Array  # (c,) desired acceleration when that sample last changed
@@ -66,7 +66,7 @@ class GuardState(NamedTuple):
 def fresh_guard(channels: int) -> GuardState:
     """Return a guard that has seen nothing yet."""
     return GuardState(
-        np.zeros(3, dtype=np.int64), np.zeros(2), np.full(channels, np.nan), np.zeros(channels),
+        np.zeros(4, dtype=np.int64), np.zeros(2), np.full(channels, np.nan), np.zeros(channels),
         np.zeros(channels), np.zeros(channels, dtype=np.int64),
     )  # fmt: skip
 
@@ -152,6 +152,7 @@ def guard(
             place = lim.gain_m_per_v * command
             g.motion[1] = (place - g.motion[0]) / lim.dt_s
             g.motion[0] = place
+            g.flags[3] += 1
             return command
         g.flags[0], g.flags[1] = BRAKING, reason
     ramp_down(lim, g)

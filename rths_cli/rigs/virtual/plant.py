@@ -67,7 +67,9 @@ class Plant(NamedTuple):
     refine: int  # levels added to the one chosen (0; more to check the integration)
 
 
-def continuous(physics: Physics, specimen: Specimen) -> tuple[Array, Array, Array, Array, Array]:
+def continuous(
+    physics: Physics, specimen: Specimen, interface_mass_kg: float = 0.0
+) -> tuple[Array, Array, Array, Array, Array]:
     """Return A (n, n), b_u (n,), B_n (n, 2), argument rows (2, n) and their command part (2,).
 
     The nonlinearities are tanh(v / v_s), whose argument is v, and clip(F_ref) - F_ref, whose argument is F_ref.
@@ -75,7 +77,7 @@ def continuous(physics: Physics, specimen: Specimen) -> tuple[Array, Array, Arra
     floors = len(specimen.masses_kg)
     n = 3 + 2 * floors
     drift, vel = slice(3, 3 + floors), slice(3 + floors, n)
-    mass = physics.moving_mass_kg
+    mass = physics.moving_mass_kg + interface_mass_kg
     loop_mass = mass + physics.loop_specimen_mass_kg
     omega = 2.0 * np.pi * physics.loop_frequency_hz
     rows = np.zeros((2, n))

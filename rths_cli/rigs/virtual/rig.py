@@ -45,11 +45,19 @@ def changed(physics: Physics, specimen: Specimen, change: Change) -> tuple[Physi
 
 
 def build_plant(
-    info: RigInfo, physics: Physics, specimen: Specimen, noise_rms_m_s2: float, refine: int = 0
+    info: RigInfo,
+    physics: Physics,
+    specimen: Specimen,
+    noise_rms_m_s2: float,
+    refine: int = 0,
+    interface_mass_kg: float = 0.0,
 ) -> Plant:
-    """Return the kernel's constant arrays; `refine` halves every inner step so often (to check the integration)."""
+    """Return the kernel's constant arrays; `refine` halves every inner step so often (to check the integration).
+
+    The part of the interface floor's mass that stands on the table adds to the table's moving mass.
+    """
     sensor, converters = info.channels[0], info.converters
-    a, b_u, b_n, rows, row_command = continuous(physics, specimen)
+    a, b_u, b_n, rows, row_command = continuous(physics, specimen, interface_mass_kg)
     accel_rows, accel_friction = accelerations(a, b_n, len(specimen.masses_kg))
     full, full_u, full_n = with_low_pass(a, b_u, b_n, accel_rows, accel_friction, sensor.low_pass_hz)
     rows = np.hstack([rows, np.zeros((2, accel_rows.shape[0]))])

@@ -1,0 +1,244 @@
+"""The commands: text in, exit code out. Everything heavy is imported inside them."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import FrameType
+from typing import Any, NoReturn, TypeVar
+
+import click
+
+from rths_cli import __version__
+from rths_cli.errors import InputError, RthsError
+
+F = TypeVar("F", bound=Callable[..., Any])
+TERMINATED = 143
+INTERRUPTED = 130
+
+
+class Terminated(BaseException):
+    """SIGTERM arrived."""
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(__version__, prog_name="rths")
+@click.option("--debug", is_flag=True, help="Show a traceback when rths itself fails.")
+def cli(debug: bool) -> None:
+    """Run substructure real-time hybrid simulations with a uni-axial shake table.
+
+    A case file names a structure, its damping, a record, its scaling and a controller.
+
+    Example: rths run el_centro_low_ff_fb
+    """
+
+
+def settings_option(command: F) -> F:
+    """Add --set KEY=VALUE."""
+    return click.option(
+        "--set",
+        "settings",
+        multiple=True,
+        metavar="KEY=VALUE",
+        help="Change a key of every case, for instance --set table.physics.coulomb_n=0. Repeatable.",
+    )(command)
+
+
+def json_option(command: F) -> F:
+    """Add --json."""
+    return click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout and nothing else.")(
+        command
+    )
+
+
+@cli.command()
+@click.argument("cases", nargs=-1, required=True, metavar="CASE...")
+@click.option("--output", default="results", show_default=True, metavar="DIR", help="Folder of the result files.")
+@click.option(
+    "--method",
+    "methods",
+    multiple=True,
+    type=click.Choice(["paper", "best"]),
+    help="Method instead of the case's own; give both to compare (files NAME-paper.h5, NAME-best.h5).",
+)
+@click.option("--no-replace", is_flag=True, help="Refuse, before running, to replace a finished result.")
+@click.option("--quiet", is_flag=True, help="Show no progress, only what went wrong.")
+@settings_option
+@json_option
+def run(
+    cases: tuple[str, ...],
+    output: str,
+    methods: tuple[str, ...],
+    no_replace: bool,
+    quiet: bool,
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> int:
+    """Run cases and print their tables; one result file per case.
+
+    Example: rths run el_centro_low_ff_fb --set scaling=0.2
+    """
+    from rths_cli.screen import Screen
+    from rths_cli.workflows.batch import Request, exit_code, run_batch
+
+    screen = Screen(quiet)
+    request = Request(
+        paths=cases,
+        settings=settings,
+        methods=tuple(dict.fromkeys(methods)),
+        output=Path(output),
+        replace=not no_replace,
+        command_line=" ".join(["rths", *sys.argv[1:]]),
+    )
+    ended = run_batch(request, screen)
+    _show_results([e.path for e in ended if e.path], as_json, [e.__dict__ for e in ended])
+    return exit_code(ended)
+
+
+@cli.command()
+@click.argument("results", nargs=-1, metavar="[RESULT...]")
+@json_option
+def report(results: tuple[str, ...], as_json: bool) -> int:
+    """Print the tables of result files or folders of them (default: results/).
+
+    Example: rths report results
+    """
+    from rths_cli.report.load import load
+
+    paths = [Path(result) for result in results or ("results",)]
+    _print_tables(load(paths), as_json, None)
+    return 0
+
+
+def _show_results(paths: list[Path], as_json: bool, endings: list[dict[str, Any]]) -> None:
+    """Read the result files back and print their tables."""
+    from rths_cli.report.load import load
+
+    if paths or as_json:
+        _print_tables(load(paths), as_json, endings)
+
+
+def _print_tables(results: Any, as_json: bool, endings: list[dict[str, Any]] | None) -> None:
+    from rths_cli.report.tables import tables, to_json
+
+    if as_json:
+        document = to_json(results) | ({"cases": endings} if endings is not None else {})
+        click.echo(json.dumps(document, indent=2, default=str))
+    else:
+        click.echo(tables(results), nl=False)
+
+
+@cli.command()
+@click.argument("case", default="el_centro_low_ff_fb")
+@settings_option
+@json_option
+def identify(case: str, settings: tuple[str, ...], as_json: bool) -> int:
+    """Excite the rig of a case and print what was identified (default: the default rig and structure).
+
+    Example: rths identify el_centro_low_ff_fb --set identification.seed=1
+    """
+    from rths_cli.report.identified import as_document, page
+    from rths_cli.screen import Screen
+    from rths_cli.workflows.identify import identify_case
+
+    identified, setup = identify_case(case, settings, Screen().doing)
+    click.echo(
+        json.dumps(as_document(identified), indent=2) if as_json else page(identified, setup.rig.kind), nl=as_json
+    )
+    return 0 if identified.accepted else 1
+
+
+@cli.command()
+@click.argument("record", required=False)
+@click.option("--unit", help="Unit of the accelerations, where the file does not state it (g, cm/s^2, ...).")
+@click.option("--dt", "dt_s", type=float, help="Sample interval in s, where the file does not state it.")
+@json_option
+def records(record: str | None, unit: str | None, dt_s: float | None, as_json: bool) -> int:
+    """List the shipped ground motions, or show one: peaks, duration, response spectrum.
+
+    Example: rths records el_centro
+    """
+    from rths_cli.workflows.records import listing, show
+
+    document, text = show(record, unit, dt_s) if record else listing()
+    click.echo(json.dumps(document, indent=2) if as_json else text, nl=as_json)
+    return 0
+
+
+@cli.command()
+@click.argument("path", type=click.Path(path_type=Path), metavar="FILE")
+@json_option
+def new(path: Path, as_json: bool) -> int:
+    """Write a commented case file to start from; an existing file is left alone.
+
+    Example: rths new my_case.yaml
+    """
+    from rths_cli.case.template import case_template
+
+    try:
+        with open(path, "x", encoding="utf-8") as file:
+            file.write(case_template())
+    except FileExistsError:
+        raise InputError(f"{path}: exists; choose another name") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+    click.echo(json.dumps({"written": str(path)}) if as_json else f"wrote {path}; try: rths run {path}")
+    return 0
+
+
+@cli.command()
+@click.argument("kind", type=click.Choice(["case", "structure", "rig", "reference"]), default="case")
+@json_option
+def schema(kind: str, as_json: bool) -> int:
+    """Print the JSON Schema of case files (or of what they name), for editors.
+
+    Example: rths schema > case.schema.json
+    """
+    from rths_cli.case.schema import schema as build_schema
+
+    click.echo(json.dumps(build_schema(kind), indent=2))
+    return 0
+
+
+def main() -> NoReturn:
+    """Run the command line and leave with the exit code of DESIGN.md section 2."""
+    signal.signal(signal.SIGTERM, _on_sigterm)
+    sys.exit(_guarded())
+
+
+def _on_sigterm(number: int, frame: FrameType | None) -> None:
+    raise Terminated
+
+
+def _guarded() -> int:
+    """Run the command; turn every way of failing into one sentence and a code."""
+    try:
+        return int(cli.main(standalone_mode=False) or 0)
+    except click.ClickException as error:
+        error.show()
+        return 2
+    except (click.Abort, KeyboardInterrupt):
+        return _say("rths: interrupted", INTERRUPTED)
+    except Terminated:
+        return _say("rths: terminated", TERMINATED)
+    except InputError as error:
+        return _say("\n".join(error.faults), error.exit_code)
+    except RthsError as error:
+        return _say(str(error), error.exit_code)
+    except BrokenPipeError:
+        sys.stderr.close()
+        return 0
+    except Exception as error:
+        if "--debug" in sys.argv:
+            raise
+        from rths_cli.workflows.batch import write_crash_file
+
+        return _say(f"rths: internal error ({type(error).__name__}); details in {write_crash_file()}", 5)
+
+
+def _say(text: str, code: int) -> int:
+    click.echo(text, err=True)
+    return code

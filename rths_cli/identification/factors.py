@@ -1,0 +1,87 @@
+"""A rational response as a product of factors whose roots cannot leave the left half plane, with its slopes.
+
+G(s) = gain s^2 prod(1 + 2 zeta s / w + s^2 / w^2) / prod(...) exp(-s T): each pair of roots is a frequency and a
+damping ratio (above 1: two real roots), each single pole a corner. The parameters are their logarithms.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rths_cli.lti import Array, ComplexArray
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How many pairs of poles, single poles and pairs of finite zeros; `delay_s` is the declared T.
+
+    Parameters: log |gain|, then (log w, log zeta) of each pole pair, log corner of each single pole, and
+    (log w, log zeta) of each zero pair; w and corners in rad/s.
+    """
+
+    pole_pairs: int
+    single_poles: int
+    zero_pairs: int
+    delay_s: float
+
+    @property
+    def size(self) -> int:
+        """Return the number of parameters."""
+        return 1 + 2 * (self.pole_pairs + self.zero_pairs) + self.single_poles
+
+    def pairs(self, parameters: Array) -> tuple[Array, Array, Array]:
+        """Return pole pairs (m, 2), corners of the single poles (k,) and zero pairs (n, 2), no logarithms."""
+        values = np.exp(parameters)
+        end = 1 + 2 * self.pole_pairs
+        poles, single, zeros = np.split(values[1 : self.size], [end - 1, end - 1 + self.single_poles])
+        return poles.reshape(-1, 2), single, zeros.reshape(-1, 2)
+
+
+def pack(gain: float, pole_pairs: Array, single_poles: Array, zero_pairs: Array) -> Array:
+    """Return the parameters of |gain|, pairs (w, zeta) and corners in rad/s."""
+    return np.log(np.concatenate([[abs(gain)], np.ravel(pole_pairs), np.ravel(single_poles), np.ravel(zero_pairs)]))
+
+
+def response_and_slopes(layout: Layout, parameters: Array, s: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+    """Return |G| exp(j phase) for a positive gain at s (m,) and d log G / d parameter, (m, size)."""
+    poles, single, zeros = layout.pairs(parameters)
+    slopes = np.ones((len(s), layout.size), dtype=complex)
+    value = np.exp(parameters[0]) * s**2 * np.exp(-s * layout.delay_s)
+    column = 1
+    for omega, zeta in poles:
+        factor, slopes[:, column : column + 2] = _pair(omega, zeta, s)
+        value, column = value / factor, column + 2
+    for corner in single:
+        slopes[:, column] = (s / corner) / (1.0 + s / corner)
+        value, column = value / (1.0 + s / corner), column + 1
+    first_zero = column
+    for omega, zeta in zeros:
+        factor, slopes[:, column : column + 2] = _pair(omega, zeta, s)
+        value, column = value * factor, column + 2
+    slopes[:, first_zero:] *= -1.0
+    return value, slopes
+
+
+def _pair(omega: float, zeta: float, s: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+    """Return 1 + 2 zeta s / w + s^2 / w^2 and minus its logarithm's slopes by log w and log zeta, (m, 2)."""
+    damping, inertia = 2.0 * zeta * s / omega, (s / omega) ** 2
+    factor = 1.0 + damping + inertia
+    return factor, np.column_stack([(damping + 2.0 * inertia) / factor, -damping / factor])
+
+
+def roots(pairs: Array) -> ComplexArray:
+    """Return the roots (2 n,) of pairs (w, zeta), conjugates side by side; real ones where zeta is 1 or more."""
+    omega, zeta = pairs[:, 0], pairs[:, 1]
+    fast = -omega * (zeta + np.sqrt((zeta**2 - 1.0).astype(complex)))
+    return np.ravel(np.column_stack([fast, omega**2 / fast]))
+
+
+def zeros_poles_gain(layout: Layout, parameters: Array, sign: float) -> tuple[ComplexArray, ComplexArray, float]:
+    """Return the roots in rad/s, the double zero at the origin first, and the gain of prod(s - z) / prod(s - p)."""
+    pole_pairs, single, zero_pairs = layout.pairs(parameters)
+    scale = np.prod(pole_pairs[:, 0]) ** 2 * np.prod(single) / np.prod(zero_pairs[:, 0]) ** 2
+    zeros = np.concatenate([np.zeros(2, dtype=complex), roots(zero_pairs)])
+    poles = np.concatenate([roots(pole_pairs), (-single).astype(complex)])
+    return zeros, poles, float(sign * np.exp(parameters[0]) * scale)

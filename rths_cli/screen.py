@@ -1,0 +1,55 @@
+"""What a terminal shows while work goes on: a status line on a terminal, plain lines elsewhere, all on stderr."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, TextIO
+
+if TYPE_CHECKING:
+    from rths_cli.workflows.run import Ended
+
+
+class Screen:
+    """Show the progress of a batch; `quiet` shows only what went wrong."""
+
+    def __init__(self, quiet: bool = False, stream: TextIO | None = None) -> None:
+        self._stream = stream or sys.stderr
+        self._quiet = quiet
+        self._live = not quiet and self._stream.isatty()
+        self._label = ""
+
+    def started(self, number: int, count: int, name: str) -> None:
+        """Show that a case starts."""
+        self._label = f"[{number:>{len(str(count))}}/{count}] {name}"
+        self._status("")
+
+    def doing(self, what: str) -> None:
+        """Show what is being done."""
+        self._status(what)
+
+    def ended(self, ended: Ended, seconds: float) -> None:
+        """Show how a case ended."""
+        self._clear()
+        good = ended.exit_code == 0
+        where = str(ended.path) if ended.path else "no result"
+        line = f"{self._label}: {ended.status}, {where}, {seconds:.1f} s"
+        if not good:
+            line = f"{self._label}: {ended.status}: {ended.reason}"
+        if not (good and self._quiet):
+            print(line, file=self._stream, flush=True)
+
+    def message(self, text: str) -> None:
+        """Show a line, for instance a warning."""
+        self._clear()
+        print(text, file=self._stream, flush=True)
+
+    def _status(self, what: str) -> None:
+        if self._live:
+            self._clear()
+            text = f"{self._label}  {what}" if self._label else what
+            self._stream.write(text[:100])
+            self._stream.flush()
+
+    def _clear(self) -> None:
+        if self._live:
+            self._stream.write("\r\x1b[K")

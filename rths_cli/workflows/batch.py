@@ -1,0 +1,104 @@
+"""Run several cases, by one or more methods: all checked before the first starts, each in its own file."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+import traceback
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+from rths_cli.case.load import load_cases
+from rths_cli.errors import InputError, RthsError
+from rths_cli.workflows.identify import Memory
+from rths_cli.workflows.run import Ended, prepare_all, run_case
+
+if TYPE_CHECKING:
+    from rths_cli.workflows.setup import Setup
+
+PRECEDENCE = (143, 130, 5, 4, 3, 2, 1)
+
+
+class Watcher(Protocol):
+    """Who is told how a batch goes on."""
+
+    def started(self, number: int, count: int, name: str) -> None:
+        """Take note that a case starts."""
+
+    def doing(self, what: str) -> None:
+        """Take note of what is being done."""
+
+    def ended(self, ended: Ended, seconds: float) -> None:
+        """Take note of how a case ended."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What `rths run` was asked: case files, settings KEY=VALUE, methods (none: each case's own), where to."""
+
+    paths: tuple[str, ...]
+    settings: tuple[str, ...]
+    methods: tuple[str, ...]
+    output: Path
+    replace: bool
+    command_line: str
+
+
+def plan(request: Request) -> list[tuple[Setup, Path]]:
+    """Load and check every case and name its result file; raises InputError with all faults, writes nothing."""
+    jobs: list[tuple[Setup, Path]] = []
+    for method in request.methods or ("",):
+        chosen = (f"method={method}",) if method else ()
+        cases = load_cases(request.paths, (*request.settings, *chosen))
+        suffix = f"-{method}" if len(request.methods) > 1 else ""
+        setups = prepare_all(cases, request.output)
+        jobs += [(setup, request.output / f"{setup.case.name}{suffix}.h5") for setup in setups]
+    present = [str(path) for _, path in jobs if path.exists()]
+    if present and not request.replace:
+        raise InputError(*(f"{path}: exists; remove it, choose another --output, or drop --no-replace" for path in present))
+    return jobs
+
+
+def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
+    """Run every case of a request; one that fails is named and the others go on."""
+    jobs = plan(request)
+    memory = Memory()
+    results = []
+    for number, (setup, path) in enumerate(jobs, 1):
+        watcher.started(number, len(jobs), path.stem)
+        start = time.monotonic()
+        ended = _run_one(setup, path, memory, request.command_line, watcher)
+        results.append(ended)
+        watcher.ended(ended, time.monotonic() - start)
+    return results
+
+
+def exit_code(results: Sequence[Ended]) -> int:
+    """Return the code of the worst ending (DESIGN.md section 2)."""
+    codes = {ended.exit_code for ended in results}
+    return next((code for code in PRECEDENCE if code in codes), 0)
+
+
+def _run_one(setup: Setup, path: Path, memory: Memory, command_line: str, watcher: Watcher) -> Ended:
+    name = setup.case.name
+    try:
+        return run_case(setup, path, memory, command_line, watcher.doing)
+    except RthsError as error:
+        return Ended(name, None, "failed", str(error), error.exit_code)
+    except Exception as error:
+        where = write_crash_file()
+        return Ended(name, None, "failed", f"internal error ({type(error).__name__}), details in {where}", 5)
+
+
+def write_crash_file() -> Path:
+    """Write the traceback of the exception being handled to a file in the folder for temporary files."""
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
+    handle = tempfile.NamedTemporaryFile(  # noqa: SIM115
+        "w", prefix=f"rths-crash-{stamp}-", suffix=".txt", delete=False
+    )
+    with handle:
+        handle.write(traceback.format_exc())
+    return Path(handle.name)

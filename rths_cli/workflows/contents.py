@@ -1,0 +1,173 @@
+"""What stands in each group of a result file."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rths_cli.control import latency
+from rths_cli.files.results import Dataset, Metric
+from rths_cli.workflows.figures import scalar
+
+if TYPE_CHECKING:
+    from rths_cli.analysis.sim import Response
+    from rths_cli.files.results import ResultWriter
+    from rths_cli.identification.evaluate import Identification
+    from rths_cli.lti import Array
+    from rths_cli.workflows.controllers import Design
+    from rths_cli.workflows.series import Series
+    from rths_cli.workflows.setup import Setup
+
+ACCEL = "m/s^2"
+
+
+def write_record(writer: ResultWriter, setup: Setup) -> None:
+    """Write the scaled, filtered record."""
+    accel = Dataset(setup.motion.accel_m_s2, ACCEL, "ground acceleration, scaled and filtered", "computed")
+    writer.group("record", {"ground_accel_m_s2": accel}, time_s=setup.motion.time_s)
+
+
+def write_response(writer: ResultWriter, run: str, setup: Setup, response: Response) -> None:
+    """Write a computed response (SIM, SIM-DELAY)."""
+    motion = (response.rel_disp_m, response.rel_vel_m_s, response.abs_accel_m_s2)
+    datasets = _motion(motion, response.base_shear_n)
+    writer.group(run, datasets, time_s=setup.motion.time_s, storey=np.arange(1, len(motion[0]) + 1))
+
+
+def _motion(motion: tuple[Array, Array, Array], base_shear: Array) -> dict[str, Dataset]:
+    disp, vel, accel = motion
+    return {
+        "rel_disp_m": Dataset(disp, "m", "displacement relative to the ground", "computed"),
+        "rel_vel_m_s": Dataset(vel, "m/s", "velocity relative to the ground", "computed"),
+        "abs_accel_m_s2": Dataset(accel, ACCEL, "absolute acceleration", "computed"),
+        "base_shear_n": Dataset(base_shear, "N", "force f of the specimen on the interface floor, Eq. 2.6", "computed"),
+    }
+
+
+def write_table_run(
+    writer: ResultWriter, run: str, setup: Setup, series: Series, hybrid: tuple[Array, Array, Array] | None
+) -> None:
+    """Write a run on the table: signals, with `hybrid` the whole building's motion, timing and, if known, truth."""
+    time = setup.motion.time_s[: series.command_v.size]
+    storeys = len(setup.building.M)
+    floors = len(setup.floor_masses_kg)
+    floor_scale = Dataset(np.arange(storeys - floors + 1, storeys + 1), "1", "experimental storey", "computed")
+    datasets = _hybrid_motion(hybrid, series) if hybrid else {}
+    datasets |= {
+        "interface_accel_desired_m_s2": Dataset(series.desired[0], ACCEL, "desired table acceleration", "computed"),
+        "interface_accel_measured_m_s2": Dataset(
+            series.measured[0], ACCEL, "table acceleration, corrected for the sensor", "measured"
+        ),
+        "command_v": Dataset(series.command_v, "V", "command that left the guard", "computed"),
+        "floor_accel_measured_m_s2": Dataset(
+            series.measured[1:], ACCEL, "floor acceleration, corrected for the sensor", "measured", ("floor", "time_s")
+        ),
+        "floor_accel_estimated_m_s2": Dataset(
+            series.estimated[2 * floors :], ACCEL, "floor acceleration of the Kalman filter", "estimated", ("floor", "time_s")
+        ),
+    }
+    scales = {"floor": floor_scale}
+    storey = np.arange(1, storeys + 1) if hybrid else None
+    writer.group(run, datasets, time_s=time, storey=storey, scales=scales)
+    compute = Dataset(series.compute_s, "s", "time taken by the step and the guard", "measured")
+    writer.group(f"{run}/timing", {"compute_s": compute}, time_s=time)
+    if setup.rig.kind == "virtual":
+        _write_truth(writer, run, series, time, scales)
+
+
+def _hybrid_motion(motion: tuple[Array, Array, Array], series: Series) -> dict[str, Dataset]:
+    datasets = _motion(motion, series.base_shear_n)
+    accel = "absolute acceleration: numerical storeys computed, interface and experimental floors measured"
+    estimated = "relative to the ground: experimental floors estimated by the Kalman filter"
+    datasets["abs_accel_m_s2"] = Dataset(motion[2], ACCEL, accel, "measured")
+    datasets["rel_disp_m"] = Dataset(motion[0], "m", f"displacement {estimated}", "estimated")
+    datasets["rel_vel_m_s"] = Dataset(motion[1], "m/s", f"velocity {estimated}", "estimated")
+    return datasets
+
+
+def _write_truth(
+    writer: ResultWriter, run: str, series: Series, time: Array, scales: dict[str, Dataset]
+) -> None:
+    about = "absolute, before any sensor, mean over the step around the sample (virtual rig only)"
+    datasets = {
+        "table_accel_m_s2": Dataset(series.true_accel[0], ACCEL, f"table acceleration, {about}", "true"),
+        "table_disp_m": Dataset(series.true_disp_m, "m", "table displacement (virtual rig only)", "true"),
+        "floor_accel_m_s2": Dataset(series.true_accel[1:], ACCEL, f"floor acceleration, {about}", "true", ("floor", "time_s")),
+    }
+    writer.group(f"{run}/truth", datasets, time_s=time, scales=scales)
+
+
+def write_identification(writer: ResultWriter, identified: Identification, design: Design) -> None:
+    """Write what was identified and the table model the controllers use."""
+    model, fit = design.model, identified.specimen
+    frequency = Dataset(identified.table.frequency_hz, "Hz", "frequency", "computed")
+    on_frequency = ("frequency_hz",)
+    datasets = {
+        "frf": Dataset(identified.table.response, "m/s^2/V", "H1, command to table acceleration", "measured", on_frequency),
+        "coherence": Dataset(identified.table.coherence, "1", "coherence of command and table", "measured", on_frequency),
+        "zeros": Dataset(model.zeros, "rad/s", "zeros of the table model", "estimated", ("zero",)),
+        "poles": Dataset(model.poles, "rad/s", "poles of the table model", "estimated", ("pole",)),
+        "gain": Dataset(model.gain, "as zeros and poles", "gain of the table model", "estimated"),
+        "delay_s": Dataset(model.delay_s, "s", "explicit delay of the table model", "estimated"),
+        "ripple_m_s2_per_v": Dataset(
+            model.ripple_m_s2_per_v, "m/s^2/V", "what the hold's staircase adds to a table sample per command change", "estimated"
+        ),
+        "natural_frequency_hz": Dataset(fit.natural_frequency_hz, "Hz", "specimen on a fixed base", "estimated", ("mode",)),
+        "damping_ratio": Dataset(fit.damping_ratio, "1", "specimen on a fixed base", "estimated", ("mode",)),
+    }
+    writer.group("identification", datasets, scales={"frequency_hz": frequency})
+
+
+def write_controller(writer: ResultWriter, design: Design) -> None:
+    """Write every discrete block of the step."""
+    for block in design.blocks.named():
+        writer.block(block.name, block.A, block.B, block.C, block.D, block.dt_s, block.inputs, block.outputs)
+
+
+def design_figures(setup: Setup, identified: Identification, design: Design) -> dict[str, Metric]:
+    """Return figures of the identified model, the feedback and the loop's latency."""
+    best = setup.case.method == "best"
+    error = identified.best_error if best else identified.paper_error
+    values = {
+        "identification.fit_error_rms": scalar(error.rms, "1", "RMS of |fit / FRF - 1| over 0.7-11 Hz"),
+        "identification.fit_error_max": scalar(error.maximum, "1", "largest |fit / FRF - 1| over 0.7-11 Hz"),
+        "identification.natural_frequency_hz": Metric(
+            identified.specimen.natural_frequency_hz, "Hz", "identified natural frequencies of the specimen", "mode"
+        ),
+        "identification.damping_ratio": Metric(
+            identified.specimen.damping_ratio, "1", "identified damping ratios of the specimen", "mode"
+        ),
+    }
+    if design.feedback is not None:
+        values |= _feedback_figures(design)
+    return values | _latency_figures(setup, identified, design)
+
+
+def _feedback_figures(design: Design) -> dict[str, Metric]:
+    found = design.feedback
+    assert found is not None
+    return {
+        "feedback.sensitivity_peak": scalar(found.sensitivity_peak, "1", "largest |1 / (1 + loop)| on the measured FRF"),
+        "feedback.bandwidth_hz": scalar(found.bandwidth_hz, "Hz", "highest frequency with a loop gain of one"),
+    }
+
+
+def _latency_figures(setup: Setup, identified: Identification, design: Design) -> dict[str, Metric]:
+    """Return every latency of the loop and what takes it out."""
+    rig, shear = setup.rig, design.shear_now
+    lag, noise = latency.shear_response(
+        design.blocks.estimator, shear, identified.specimen.specimen, latency.FREQUENCIES_HZ
+    )
+    listed = ", ".join(f"{f:g}" for f in latency.FREQUENCIES_HZ)
+    lead = design.blocks.lead_samples * rig.dt_s
+    return {
+        "latency.converter_s": scalar(latency.converter_s(rig), "s", "wait from samples to the hold they command"),
+        "latency.hold_s": scalar(latency.hold_s(rig), "s", "mean age of a held command"),
+        "latency.sensor_s": scalar(latency.sensor_s(rig), "s", "lag of the accelerometers' low pass, corrected"),
+        "latency.predicted_s": scalar(lead, "s", "lead of the hybrid clock: base shear predicted, command lagged by it"),
+        "latency.kalman_s": Metric(lag, "s", f"lag of the estimated base shear at {listed} Hz", "frequency"),
+        "latency.kalman_noise_gain": Metric(
+            noise, "1", f"noise of the estimated over noise of the raw base shear at {listed} Hz", "frequency"
+        ),
+    }

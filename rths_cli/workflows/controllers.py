@@ -1,0 +1,78 @@
+"""Design the blocks of a run from what was identified: method `paper` as printed, method `best` with prediction."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from rths_cli.control import estimator, feedback, feedforward, numerical, sensing
+from rths_cli.loop.blocks import Blocks
+
+if TYPE_CHECKING:
+    from rths_cli.control.estimator import Shear
+    from rths_cli.identification.evaluate import Identification
+    from rths_cli.lti import Block, Model
+    from rths_cli.workflows.setup import Setup
+
+
+@dataclass(frozen=True)
+class Design:
+    """The blocks of a run, the table model behind them, and the feedback's figures (None without feedback).
+
+    `shear_now`: weights of the base shear at the instant of the samples, without prediction.
+    """
+
+    blocks: Blocks
+    model: Model
+    feedback: feedback.Feedback | None
+    shear_now: Shear
+
+
+def design_blocks(setup: Setup, identified: Identification) -> Design:
+    """Return the blocks for the case's method and controller; raises InputError when no controller exists."""
+    case, dt = setup.case, setup.rig.dt_s
+    best = case.method == "best"
+    model = identified.best if best else identified.paper
+    driven = case.controller.kind != "none"
+    lead = math.ceil(model.delay_s / dt - 1e-9) if best and driven else 0
+    designed = _feedback(setup, identified, model) if case.controller.kind == "FF+FB" else None
+    shear = _shear(setup, identified, lead)
+    blocks = Blocks(
+        correction=sensing.correction(setup.rig.channels, dt),
+        estimator=estimator.kalman_block(
+            identified.specimen.specimen, case.kalman.q, case.kalman.r, dt, knows_table=best
+        ),
+        numerical=numerical.interface(setup.building.numerical, dt),
+        feedforward=_feedforward(model, dt, lead, best, driven),
+        feedback=designed.block if designed else feedback.none(dt),
+        shear_estimate=shear.estimate,
+        shear_recent=shear.recent,
+        shear_measured=shear.measured,
+        shear_desired=shear.desired,
+        shaping_step_v=setup.rig.converters.step_v if best else 0.0,
+        ripple_m_s2_per_v=model.ripple_m_s2_per_v if best else 0.0,
+        latency_samples=setup.rig.latency_samples,
+    )
+    return Design(blocks, model, designed, _shear(setup, identified, 0))
+
+
+def _feedforward(model: Model, dt_s: float, lead: int, best: bool, driven: bool) -> Block:
+    if not driven:
+        return feedforward.direct(model.low_frequency_gain_m_per_v, dt_s)
+    return feedforward.lagged_inverse(model, dt_s, lead) if best else feedforward.leaky_inverse(model, dt_s)
+
+
+def _feedback(setup: Setup, identified: Identification, model: Model) -> feedback.Feedback:
+    controller = setup.case.controller
+    return feedback.design(
+        model, identified.table, setup.rig.dt_s, controller.feedback_bandwidth_hz, controller.max_sensitivity
+    )
+
+
+def _shear(setup: Setup, identified: Identification, lead: int) -> Shear:
+    """Return the base shear's weights: measured now, or predicted over the lead."""
+    specimen, mass = identified.specimen.specimen, setup.building.interface_experimental_mass_kg
+    if lead == 0:
+        return estimator.measured_shear(specimen, mass)
+    return estimator.predicted_shear(specimen, mass, lead, setup.rig.dt_s)

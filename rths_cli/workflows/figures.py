@@ -1,0 +1,63 @@
+"""The figures of a run by their paths, with units and definitions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rths_cli.files.result_writer import Metric
+from rths_cli.lti import Array
+from rths_cli.metrics import error_figures, fitted_delay_s
+
+BAND = "in the test band (12 Hz, 4th-order Butterworth forward and backward)"
+FULL = "in full band"
+
+
+def tracking(run: str, desired: Array, measured: Array, true: Array | None, dt_s: float) -> dict[str, Metric]:
+    """Return tracking figures of the table, desired - measured and, on a virtual rig, desired - true; all (n,)."""
+    figures = {}
+    for value, suffix, what in ((measured, "", "measured"), (true, "_true", "true")):
+        if value is None:
+            continue
+        error = error_figures(desired, value, dt_s)
+        about = f"desired - {what} table acceleration"
+        figures |= _four(f"{run}.tracking_{{}}_m_s2{suffix}", error.maximum, error.rms, error.maximum_full, error.rms_full, about)
+        figures[f"{run}.tracking_delay_s{suffix}"] = Metric(
+            fitted_delay_s(desired, value, dt_s),
+            "s",
+            f"delay of the {what} against the desired table acceleration, positive = late (reported, never applied)",
+        )
+    return figures
+
+
+def against_sim(
+    run: str, sim_accel: Array, accel: Array, true_accel: Array | None, dt_s: float
+) -> dict[str, Metric]:
+    """Return errors of absolute acceleration against SIM, storey by storey; arrays (n_storeys, n)."""
+    figures = {}
+    for value, suffix, what in ((accel, "", ""), (true_accel, "_true", "true ")):
+        if value is None:
+            continue
+        error = error_figures(sim_accel, value, dt_s)
+        about = f"SIM - {what}absolute acceleration of each storey"
+        figures |= _four(f"{run}.{{}}_error_m_s2{suffix}", error.maximum, error.rms, error.maximum_full, error.rms_full, about)
+    return figures
+
+
+def _four(path: str, maximum: Array, rms: Array, maximum_full: Array, rms_full: Array, about: str) -> dict[str, Metric]:
+    """Return maximum and RMS in the test band and in full band under a path with a hole for max or rms."""
+    return {
+        path.format("max"): Metric(maximum, "m/s^2", f"largest |{about}| {BAND}"),
+        path.format("rms"): Metric(rms, "m/s^2", f"RMS of {about} {BAND}"),
+        path.format("max") + "_full": Metric(maximum_full, "m/s^2", f"largest |{about}| {FULL}"),
+        path.format("rms") + "_full": Metric(rms_full, "m/s^2", f"RMS of {about} {FULL}"),
+    }
+
+
+def solution_error(run: str, relative: float) -> dict[str, Metric]:
+    """Return the stated error of a computed run, relative to its peak."""
+    return {f"{run}.solution_error": Metric(relative, "1", "own estimate of the solution's error over its peak")}
+
+
+def scalar(value: float, units: str, definition: str) -> Metric:
+    """Return a figure of one number."""
+    return Metric(np.float64(value), units, definition)

@@ -1,0 +1,85 @@
+"""Where a result comes from: the root attributes of its file."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import subprocess
+from datetime import UTC, datetime
+from functools import cache
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rths_cli import __version__
+
+if TYPE_CHECKING:
+    from rths_cli.lti import Model
+    from rths_cli.workflows.controllers import Design
+    from rths_cli.workflows.setup import Setup
+
+PACKAGES = ("numpy", "scipy", "numba", "h5py", "pydantic")
+
+
+def attributes(setup: Setup, design: Design | None, command_line: str) -> dict[str, str | int | float]:
+    """Return the root attributes of a result file except format, status and reason."""
+    case = setup.case
+    published = case.published()
+    return {
+        "case_name": case.name,
+        "created_utc": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "rths_version": __version__,
+        "seed": case.seed,
+        "sample_rate_hz": case.sample_rate_hz,
+        "method": case.method,
+        "rig": case.table.name,
+        "rig_kind": case.table.kind,
+        "overrides": "",
+        "command_line": command_line,
+        "platform": platform.platform(),
+        "package_versions": json.dumps(_versions()),
+        "git_commit": git_commit(),
+        "record_sha256": setup.record_sha256,
+        "model_sha256": model_sha256(design.model) if design else "",
+        "record_name": case.record.name,
+        "damping_name": case.damping.name,
+        "controller": case.controller.kind,
+        "scaling": case.scaling,
+        "reference_title": case.reference.title if case.reference else "",
+        "reference_json": json.dumps(published) if published else "",
+    }
+
+
+def model_sha256(model: Model) -> str:
+    """Return the hash of a table model's numbers."""
+    digest = hashlib.sha256()
+    for part in (model.zeros, model.poles):
+        digest.update(part.tobytes())
+    digest.update(repr((model.gain, model.delay_s, model.ripple_m_s2_per_v)).encode())
+    return digest.hexdigest()
+
+
+def _versions() -> dict[str, str]:
+    found = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            found[name] = "unknown"
+    return found
+
+
+@cache
+def git_commit() -> str:
+    """Return the commit of the source tree rths runs from, empty when it runs from an installed package."""
+    root = Path(__file__).resolve().parents[2]
+    if not (root / ".git").exists():
+        return ""
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(root), "rev-parse", "HEAD"], capture_output=True, text=True, timeout=5, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return done.stdout.strip()

@@ -1,0 +1,69 @@
+"""A run's log, moved from the loop's clock to the record's, as named series."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rths_cli.control.numerical import all_storeys
+from rths_cli.loop.drive import Outcome
+from rths_cli.loop.replay import run_block
+from rths_cli.lti import Array
+from rths_cli.structure import Building
+
+
+@dataclass(frozen=True)
+class Series:
+    """Table signals on the record's clock, n samples: what belongs to one instant has one index.
+
+    `desired` (3, n): acceleration, velocity, displacement; `measured` (1 + n_exp, n) corrected accelerations;
+    `estimated` (3 n_exp, n): the Kalman filter's displacement and velocity relative to the table, floor
+    accelerations; `true_accel` (1 + n_exp, n), `true_disp_m` (n,): NaN unless the rig is virtual.
+    """
+
+    desired: Array
+    measured: Array
+    estimated: Array
+    base_shear_n: Array
+    command_v: Array
+    true_accel: Array
+    true_disp_m: Array
+    compute_s: Array
+
+
+def on_record_clock(outcome: Outcome, lead_samples: int, dt_s: float, samples: int) -> Series:
+    """Return at most `samples` samples: the hybrid clock is `lead_samples` ahead of the table, so what was desired at
+    step k is met by what is measured at step k + lead."""
+    log = outcome.log
+    count = min(samples, max(outcome.steps - lead_samples, 0))
+    table = slice(lead_samples, lead_samples + count)
+    velocity = np.hstack([np.zeros((log.true_velocity_m_s.shape[0], 1)), log.true_velocity_m_s])
+    return Series(
+        desired=log.desired[:, :count],
+        measured=log.corrected[:, table],
+        estimated=log.estimated[:, table],
+        base_shear_n=log.base_shear_n[:count],
+        command_v=log.command_v[table],
+        true_accel=(np.diff(velocity, axis=1) / dt_s)[:, table],
+        true_disp_m=log.true_displacement_m[table],
+        compute_s=log.compute_ns[table] * 1e-9,
+    )
+
+
+def whole_building(
+    building: Building, series: Series, ground_accel: Array, dt_s: float
+) -> tuple[Array, Array, Array]:
+    """Return rel_disp, rel_vel, abs_accel (n_storeys, n) of the hybrid building, relative to the ground.
+
+    Numerical storeys as computed, interface and experimental floors as measured; the displacements and velocities
+    of the experimental floors are the Kalman filter's.
+    """
+    numerical = len(building.numerical.masses_kg)
+    floors = len(building.specimen.masses_kg)
+    inputs = np.vstack([ground_accel[: series.base_shear_n.size], series.base_shear_n])
+    computed = run_block(all_storeys(building.numerical, dt_s), inputs)
+    disp, vel, accel = (computed[i * numerical : (i + 1) * numerical] for i in range(3))
+    rel_disp = np.vstack([disp, disp[-1] + series.estimated[:floors]])
+    rel_vel = np.vstack([vel, vel[-1] + series.estimated[floors : 2 * floors]])
+    return rel_disp, rel_vel, np.vstack([accel[:-1], series.measured])

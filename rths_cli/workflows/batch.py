@@ -58,7 +58,8 @@ def plan(request: Request) -> list[tuple[Setup, Path]]:
         jobs += [(setup, request.output / f"{setup.case.name}{suffix}.h5") for setup in setups]
     present = [str(path) for _, path in jobs if path.exists()]
     if present and not request.replace:
-        raise InputError(*(f"{path}: exists; remove it, choose another --output, or drop --no-replace" for path in present))
+        advice = "exists; remove it, choose another --output, or drop --no-replace"
+        raise InputError(*(f"{path}: {advice}" for path in present))
     return jobs
 
 

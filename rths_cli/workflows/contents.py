@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from rths_cli.workflows.setup import Setup
 
 ACCEL = "m/s^2"
+ON_FLOORS = ("floor", "time_s")
+ON_FREQUENCY = ("frequency_hz",)
 
 
 def write_record(writer: ResultWriter, setup: Setup) -> None:
@@ -61,10 +63,10 @@ def write_table_run(
         ),
         "command_v": Dataset(series.command_v, "V", "command that left the guard", "computed"),
         "floor_accel_measured_m_s2": Dataset(
-            series.measured[1:], ACCEL, "floor acceleration, corrected for the sensor", "measured", ("floor", "time_s")
+            series.measured[1:], ACCEL, "floor acceleration, corrected for the sensor", "measured", ON_FLOORS
         ),
         "floor_accel_estimated_m_s2": Dataset(
-            series.estimated[2 * floors :], ACCEL, "floor acceleration of the Kalman filter", "estimated", ("floor", "time_s")
+            series.estimated[2 * floors :], ACCEL, "floor acceleration of the Kalman filter", "estimated", ON_FLOORS
         ),
     }
     scales = {"floor": floor_scale}
@@ -86,14 +88,12 @@ def _hybrid_motion(motion: tuple[Array, Array, Array], series: Series) -> dict[s
     return datasets
 
 
-def _write_truth(
-    writer: ResultWriter, run: str, series: Series, time: Array, scales: dict[str, Dataset]
-) -> None:
+def _write_truth(writer: ResultWriter, run: str, series: Series, time: Array, scales: dict[str, Dataset]) -> None:
     about = "absolute, before any sensor, mean over the step around the sample (virtual rig only)"
     datasets = {
         "table_accel_m_s2": Dataset(series.true_accel[0], ACCEL, f"table acceleration, {about}", "true"),
         "table_disp_m": Dataset(series.true_disp_m, "m", "table displacement (virtual rig only)", "true"),
-        "floor_accel_m_s2": Dataset(series.true_accel[1:], ACCEL, f"floor acceleration, {about}", "true", ("floor", "time_s")),
+        "floor_accel_m_s2": Dataset(series.true_accel[1:], ACCEL, f"floor acceleration, {about}", "true", ON_FLOORS),
     }
     writer.group(f"{run}/truth", datasets, time_s=time, scales=scales)
 
@@ -101,20 +101,20 @@ def _write_truth(
 def write_identification(writer: ResultWriter, identified: Identification, design: Design) -> None:
     """Write what was identified and the table model the controllers use."""
     model, fit = design.model, identified.specimen
-    frequency = Dataset(identified.table.frequency_hz, "Hz", "frequency", "computed")
-    on_frequency = ("frequency_hz",)
+    table = identified.table
+    frequency = Dataset(table.frequency_hz, "Hz", "frequency", "computed")
     datasets = {
-        "frf": Dataset(identified.table.response, "m/s^2/V", "H1, command to table acceleration", "measured", on_frequency),
-        "coherence": Dataset(identified.table.coherence, "1", "coherence of command and table", "measured", on_frequency),
+        "frf": Dataset(table.response, "m/s^2/V", "H1, command to table acceleration", "measured", ON_FREQUENCY),
+        "coherence": Dataset(table.coherence, "1", "coherence of command and table", "measured", ON_FREQUENCY),
         "zeros": Dataset(model.zeros, "rad/s", "zeros of the table model", "estimated", ("zero",)),
         "poles": Dataset(model.poles, "rad/s", "poles of the table model", "estimated", ("pole",)),
         "gain": Dataset(model.gain, "as zeros and poles", "gain of the table model", "estimated"),
         "delay_s": Dataset(model.delay_s, "s", "explicit delay of the table model", "estimated"),
         "ripple_m_s2_per_v": Dataset(
-            model.ripple_m_s2_per_v, "m/s^2/V", "what the hold's staircase adds to a table sample per command change", "estimated"
+            model.ripple_m_s2_per_v, "m/s^2/V", "share of a command change in a table sample (hold)", "estimated"
         ),
-        "natural_frequency_hz": Dataset(fit.natural_frequency_hz, "Hz", "specimen on a fixed base", "estimated", ("mode",)),
-        "damping_ratio": Dataset(fit.damping_ratio, "1", "specimen on a fixed base", "estimated", ("mode",)),
+        "natural_frequency_hz": Dataset(fit.natural_frequency_hz, "Hz", "specimen, fixed base", "estimated", ("mode",)),
+        "damping_ratio": Dataset(fit.damping_ratio, "1", "specimen, fixed base", "estimated", ("mode",)),
     }
     writer.group("identification", datasets, scales={"frequency_hz": frequency})
 
@@ -148,7 +148,7 @@ def _feedback_figures(design: Design) -> dict[str, Metric]:
     found = design.feedback
     assert found is not None
     return {
-        "feedback.sensitivity_peak": scalar(found.sensitivity_peak, "1", "largest |1 / (1 + loop)| on the measured FRF"),
+        "feedback.sensitivity_peak": scalar(found.sensitivity_peak, "1", "largest |1 / (1 + loop)|, measured FRF"),
         "feedback.bandwidth_hz": scalar(found.bandwidth_hz, "Hz", "highest frequency with a loop gain of one"),
     }
 
@@ -165,7 +165,7 @@ def _latency_figures(setup: Setup, identified: Identification, design: Design) -
         "latency.converter_s": scalar(latency.converter_s(rig), "s", "wait from samples to the hold they command"),
         "latency.hold_s": scalar(latency.hold_s(rig), "s", "mean age of a held command"),
         "latency.sensor_s": scalar(latency.sensor_s(rig), "s", "lag of the accelerometers' low pass, corrected"),
-        "latency.predicted_s": scalar(lead, "s", "lead of the hybrid clock: base shear predicted, command lagged by it"),
+        "latency.predicted_s": scalar(lead, "s", "lead of the hybrid clock over the table"),
         "latency.kalman_s": Metric(lag, "s", f"lag of the estimated base shear at {listed} Hz", "frequency"),
         "latency.kalman_noise_gain": Metric(
             noise, "1", f"noise of the estimated over noise of the raw base shear at {listed} Hz", "frequency"

@@ -6,7 +6,7 @@ import numpy as np
 
 from rths_cli.files.result_writer import Metric
 from rths_cli.lti import Array
-from rths_cli.metrics import error_figures, fitted_delay_s
+from rths_cli.metrics import ErrorFigures, error_figures, fitted_delay_s
 
 BAND = "in the test band (12 Hz, 4th-order Butterworth forward and backward)"
 FULL = "in full band"
@@ -20,7 +20,7 @@ def tracking(run: str, desired: Array, measured: Array, true: Array | None, dt_s
             continue
         error = error_figures(desired, value, dt_s)
         about = f"desired - {what} table acceleration"
-        figures |= _four(f"{run}.tracking_{{}}_m_s2{suffix}", error.maximum, error.rms, error.maximum_full, error.rms_full, about)
+        figures |= _four(f"{run}.tracking_{{}}_m_s2{suffix}", error, about)
         figures[f"{run}.tracking_delay_s{suffix}"] = Metric(
             fitted_delay_s(desired, value, dt_s),
             "s",
@@ -29,9 +29,7 @@ def tracking(run: str, desired: Array, measured: Array, true: Array | None, dt_s
     return figures
 
 
-def against_sim(
-    run: str, sim_accel: Array, accel: Array, true_accel: Array | None, dt_s: float
-) -> dict[str, Metric]:
+def against_sim(run: str, sim_accel: Array, accel: Array, true_accel: Array | None, dt_s: float) -> dict[str, Metric]:
     """Return errors of absolute acceleration against SIM, storey by storey; arrays (n_storeys, n)."""
     figures = {}
     for value, suffix, what in ((accel, "", ""), (true_accel, "_true", "true ")):
@@ -39,17 +37,17 @@ def against_sim(
             continue
         error = error_figures(sim_accel, value, dt_s)
         about = f"SIM - {what}absolute acceleration of each storey"
-        figures |= _four(f"{run}.{{}}_error_m_s2{suffix}", error.maximum, error.rms, error.maximum_full, error.rms_full, about)
+        figures |= _four(f"{run}.{{}}_error_m_s2{suffix}", error, about)
     return figures
 
 
-def _four(path: str, maximum: Array, rms: Array, maximum_full: Array, rms_full: Array, about: str) -> dict[str, Metric]:
+def _four(path: str, error: ErrorFigures, about: str) -> dict[str, Metric]:
     """Return maximum and RMS in the test band and in full band under a path with a hole for max or rms."""
     return {
-        path.format("max"): Metric(maximum, "m/s^2", f"largest |{about}| {BAND}"),
-        path.format("rms"): Metric(rms, "m/s^2", f"RMS of {about} {BAND}"),
-        path.format("max") + "_full": Metric(maximum_full, "m/s^2", f"largest |{about}| {FULL}"),
-        path.format("rms") + "_full": Metric(rms_full, "m/s^2", f"RMS of {about} {FULL}"),
+        path.format("max"): Metric(error.maximum, "m/s^2", f"largest |{about}| {BAND}"),
+        path.format("rms"): Metric(error.rms, "m/s^2", f"RMS of {about} {BAND}"),
+        path.format("max") + "_full": Metric(error.maximum_full, "m/s^2", f"largest |{about}| {FULL}"),
+        path.format("rms") + "_full": Metric(error.rms_full, "m/s^2", f"RMS of {about} {FULL}"),
     }
 
 

@@ -37,6 +37,7 @@ def guard_limits(setup: Setup) -> GuardLimits:
     rig = setup.rig
     sensor = rig.channels[0]
     bit = rig.converters.step_v / sensor.sensitivity_v_per_m_s2
+    saturation = [min(c.range_m_s2 * c.sensitivity_v_per_m_s2, rig.converters.range_v) for c in rig.channels]
     return GuardLimits(
         stroke_m=rig.limits.stroke_m,
         velocity_m_s=rig.limits.velocity_m_s,
@@ -47,6 +48,6 @@ def guard_limits(setup: Setup) -> GuardLimits:
         gain_m_per_v=rig.gain_m_per_v,
         dt_s=rig.dt_s,
         masses_kg=np.concatenate([[rig.moving_mass_kg], setup.floor_masses_kg]),
-        saturation_v=np.array([0.999 * min(c.range_m_s2 * c.sensitivity_v_per_m_s2, rig.converters.range_v) for c in rig.channels]),
+        saturation_v=0.999 * np.array(saturation),
         stuck_m_s2=STUCK_BITS * bit if bit > 0.0 else math.inf,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,15 +22,13 @@ from rths_cli.workflows.identify import Memory
 from rths_cli.workflows.provenance import attributes
 from rths_cli.workflows.rigs import EXP_RTHS, SHAKE_TABLE, guard_limits, open_rig
 from rths_cli.workflows.series import Series, on_record_clock, whole_building
-from rths_cli.workflows.setup import Setup, make_setup
+from rths_cli.workflows.setup import Progress, Setup, make_setup
 
 if TYPE_CHECKING:
     from rths_cli.analysis.sim import Response
     from rths_cli.case.models import Case
-    from rths_cli.identification.evaluate import Identification
     from rths_cli.lti import Array
 
-Progress = Callable[[str], None]
 BYTES_PER_SAMPLE = 600  # of a result file, for the check of free space
 
 
@@ -110,6 +108,8 @@ def _simulations(setup: Setup, writer: ResultWriter, progress: Progress) -> tupl
         contents.write_response(writer, "sim_delay", setup, delayed)
         values |= figures.against_sim("sim_delay", sim.abs_accel_m_s2, delayed.abs_accel_m_s2, None, dt)
         values |= figures.solution_error("sim_delay", delayed.error_estimate)
+        if delayed.diverged_at_s is not None:
+            values["sim_delay.diverged_at_s"] = figures.scalar(delayed.diverged_at_s, "s", "when SIM-DELAY was cut")
     return sim, values
 
 
@@ -137,9 +137,9 @@ def play_run(setup: Setup, design: Design, source: int, stream: int) -> Outcome:
     """Play the ground motion through the blocks and the rig: directly (RECORD) or through the numerical part."""
     motion, lead = setup.motion, design.blocks.lead_samples
     drive = np.column_stack([motion.accel_m_s2, motion.velocity_m_s, motion.displacement_m])
-    after = np.repeat(drive[-1:], lead, axis=0)  # the hybrid clock ends `lead` samples before the table does
+    drive = np.vstack([drive, np.repeat(drive[-1:], lead, axis=0)])  # the hybrid clock ends before the table does
     rig = open_rig(setup, stream, setup.case.seed)
-    return play(rig, setup.rig, design.blocks, source, np.ascontiguousarray(np.vstack([drive, after])), guard_limits(setup))
+    return play(rig, setup.rig, design.blocks, source, drive, guard_limits(setup))
 
 
 def _write_run(
@@ -154,9 +154,7 @@ def _write_run(
     contents.write_table_run(writer, run, setup, series, hybrid)
     if not complete:
         return {}
-    values = figures.tracking(
-        run, series.desired[0], series.measured[0], series.true_accel[0] if virtual else None, dt
-    )
+    values = figures.tracking(run, series.desired[0], series.measured[0], series.true_accel[0] if virtual else None, dt)
     if hybrid is not None:
         values |= figures.against_sim(
             run, sim.abs_accel_m_s2, hybrid[2], _true_accel(hybrid[2], series) if virtual else None, dt

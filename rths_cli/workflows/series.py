@@ -51,9 +51,7 @@ def on_record_clock(outcome: Outcome, lead_samples: int, dt_s: float, samples: i
     )
 
 
-def whole_building(
-    building: Building, series: Series, ground_accel: Array, dt_s: float
-) -> tuple[Array, Array, Array]:
+def whole_building(building: Building, series: Series, ground_accel: Array, dt_s: float) -> tuple[Array, Array, Array]:
     """Return rel_disp, rel_vel, abs_accel (n_storeys, n) of the hybrid building, relative to the ground.
 
     Numerical storeys as computed, interface and experimental floors as measured; the displacements and velocities

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -16,10 +17,12 @@ from rths_cli.structure import Building, build
 if TYPE_CHECKING:
     from rths_cli.case.models import Case
 
+Progress = Callable[[str], None]
+
 
 @dataclass(frozen=True)
 class Setup:
-    """What a case means in arrays; `floor_masses_kg` (n_exp,) are weighed, `warnings` are for the user."""
+    """What a case means in arrays; `floor_masses_kg` (n_exp,) are weighed."""
 
     case: Case
     motion: GroundMotion

@@ -1,0 +1,89 @@
+"""Excite the rig of a case and identify table and specimen from its channels."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rths_cli.case.load import load_cases
+from rths_cli.control import feedback, feedforward, numerical, sensing
+from rths_cli.control.realise import static
+from rths_cli.errors import InputError, RigError
+from rths_cli.identification import excitation
+from rths_cli.identification.evaluate import Identification, evaluate
+from rths_cli.loop.blocks import EXCITATION, Blocks
+from rths_cli.loop.drive import play
+from rths_cli.lti import Array
+from rths_cli.workflows.rigs import IDENTIFICATION, guard_limits, open_rig
+from rths_cli.workflows.setup import Progress, Setup, make_setup
+
+
+class Memory:
+    """Identifications already made in this process: cases on the same rig and specimen share one."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, Identification] = {}
+
+    def identify(self, setup: Setup, progress: Progress) -> Identification:
+        """Return the identification of the setup's rig and specimen, made now or earlier in this process."""
+        case = setup.case
+        table = case.table.model_dump_json(exclude={"after_identification"})
+        specimen = case.structure.experimental.model_dump_json()
+        mass = case.structure.interface_experimental_mass_kg
+        key = repr((table, specimen, mass, case.identification, case.sample_rate_hz))
+        if key not in self._known:
+            self._known[key] = identify(setup, progress)
+        return self._known[key]
+
+
+def identify(setup: Setup, progress: Progress) -> Identification:
+    """Excite the virtual rig and evaluate its channels; raises InputError or RigError when that fails."""
+    case = setup.case
+    if case.identification.model is not None:
+        advice = "this version identifies the virtual rig itself; remove it"
+        raise InputError(f"{case.path}: identification.model: {advice}")
+    options = case.identification
+    settings = excitation.ExcitationSettings(
+        options.duration_s, options.accel_rms_m_s2, options.low_hz, options.high_hz
+    )
+    plan = excitation.plan(setup.rig, settings, options.seed)
+    progress(f"identification, {plan.command_v.size * setup.rig.dt_s:.0f} s on the {case.table.kind} table")
+    command, corrected = excite(setup, plan.command_v)
+    return evaluate(command, corrected, setup.rig, setup.floor_masses_kg, plan)
+
+
+def excite(setup: Setup, command_v: Array) -> tuple[Array, Array]:
+    """Play a command (n,) through guard and rig; return it as it left and the corrected channels (c, n).
+
+    Raises RigError when a limit or the rig stopped the excitation.
+    """
+    rig = open_rig(setup, IDENTIFICATION, setup.case.identification.seed)
+    drive = np.column_stack([command_v, np.zeros((command_v.size, 2))])
+    outcome = play(rig, setup.rig, _listening(setup), EXCITATION, drive, guard_limits(setup))
+    stopped = outcome.rig_fault or outcome.stopped_by_limit
+    if stopped:
+        raise RigError(f"identification of rig {setup.rig.name}: {stopped}; lower identification.accel_rms_m_s2")
+    return outcome.log.command_v, outcome.log.corrected
+
+
+def _listening(setup: Setup) -> Blocks:
+    """Return blocks that only correct the sensors; an excitation uses no others."""
+    dt, channels = setup.rig.dt_s, len(setup.rig.channels)
+    silent = static(np.zeros((1, channels)), dt, "kalman", (), ())
+    return Blocks(
+        correction=sensing.correction(setup.rig.channels, dt),
+        estimator=silent,
+        numerical=numerical.interface(setup.building.numerical, dt),
+        feedforward=feedforward.direct(setup.rig.gain_m_per_v, dt),
+        feedback=feedback.none(dt),
+        shear_estimate=np.zeros(1),
+        shear_recent=np.zeros(0),
+        shear_measured=np.zeros(channels),
+        shear_desired=0.0,
+        latency_samples=setup.rig.latency_samples,
+    )
+
+
+def identify_case(path: str, settings: tuple[str, ...], progress: Progress) -> tuple[Identification, Setup]:
+    """Load one case and identify its rig; raises InputError or RigError."""
+    setup = make_setup(load_cases([path], settings)[0])
+    return identify(setup, progress), setup

@@ -13,7 +13,7 @@ from typing import Any, NoReturn, TypeVar
 import click
 
 from rths_cli import __version__
-from rths_cli.errors import InputError, RthsError
+from rths_cli.errors import InputError, RthsError, write_crash_file
 
 F = TypeVar("F", bound=Callable[..., Any])
 TERMINATED = 143
@@ -234,8 +234,6 @@ def _guarded() -> int:
     except Exception as error:
         if "--debug" in sys.argv:
             raise
-        from rths_cli.workflows.batch import write_crash_file
-
         return _say(f"rths: internal error ({type(error).__name__}); details in {write_crash_file()}", 5)
 
 

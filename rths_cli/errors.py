@@ -1,5 +1,9 @@
 """Faults a user can meet: one sentence each, and the exit code that goes with it."""
 
+from __future__ import annotations
+
+from pathlib import Path
+
 
 class RthsError(Exception):
     """A fault with a sentence for the user; `exit_code` is what the process returns."""
@@ -30,3 +34,18 @@ class RigError(RthsError):
     """The rig or the link to it failed."""
 
     exit_code = 4
+
+
+def write_crash_file() -> Path:
+    """Write the traceback of the exception being handled to a file in the folder for temporary files."""
+    import tempfile
+    import traceback
+    from datetime import UTC, datetime
+
+    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
+    handle = tempfile.NamedTemporaryFile(  # noqa: SIM115
+        "w", prefix=f"rths-crash-{stamp}-", suffix=".txt", delete=False
+    )
+    with handle:
+        handle.write(traceback.format_exc())
+    return Path(handle.name)

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import tempfile
 import time
-import traceback
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from rths_cli.case.load import load_cases
-from rths_cli.errors import InputError, RthsError
+from rths_cli.errors import InputError, RthsError, write_crash_file
 from rths_cli.workflows.identify import Memory
 from rths_cli.workflows.run import Ended, prepare_all, run_case
 
@@ -92,14 +89,3 @@ def _run_one(setup: Setup, path: Path, memory: Memory, command_line: str, watche
     except Exception as error:
         where = write_crash_file()
         return Ended(name, None, "failed", f"internal error ({type(error).__name__}), details in {where}", 5)
-
-
-def write_crash_file() -> Path:
-    """Write the traceback of the exception being handled to a file in the folder for temporary files."""
-    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
-    handle = tempfile.NamedTemporaryFile(  # noqa: SIM115
-        "w", prefix=f"rths-crash-{stamp}-", suffix=".txt", delete=False
-    )
-    with handle:
-        handle.write(traceback.format_exc())
-    return Path(handle.name)

@@ -104,12 +104,14 @@ def _setting_keys(key: str) -> tuple[str, ...]:
 
 
 def _put(tree: Node, keys: tuple[str, ...], value: Node, short_form: str | None = None) -> Node:
+    """Return a document with a value at dotted keys; a scalar on the way becomes the mapping it abbreviates."""
     if not keys:
         return value
     children = dict(_long_form(tree, short_form).children if short_form else tree.children)
     below = children.get(keys[0])
-    short = SHORT_FORMS.get(keys[0]) if tree.key_mark is None else None
-    if below is None and keys[0] == "table":
+    at_top = tree.key_mark is None
+    short = SHORT_FORMS.get(keys[0]) if at_top else None
+    if at_top and below is None and keys[0] == "table":
         below = Node(DEFAULT_RIG, value.mark)
     empty = Node({}, value.mark, value.mark)
     children[keys[0]] = replace(_put(below or empty, keys[1:], value, short), key_mark=value.mark)

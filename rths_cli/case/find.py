@@ -87,7 +87,7 @@ def _missing(name: str, kind: str, folder: Path) -> str:
     what = kind.removesuffix("s")
     if not is_bare(name):
         shown = os.path.normpath(folder / os.path.expanduser(name))[:300]
-        return f"no such file: {shown}; check the path"
+        return f"no such file: {shown if shown.isprintable() else repr(shown)}; check the path"
     names = known(kind, folder)
     matches = difflib.get_close_matches(name[:80], names, n=3, cutoff=0.6)
     hint = f"did you mean {' or '.join(matches)}?" if matches else f"known: {', '.join(names) or 'none'}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -69,7 +70,7 @@ def _load(path: Path | str, settings: Sequence[Setting]) -> tuple[Case | None, l
 
 def _case_file(name: str) -> Path:
     """Return the file of a case named on the command line; a path is left to the reader to refuse."""
-    if is_bare(name) and not Path(name).is_dir():
+    if is_bare(name) and not os.path.isdir(name):
         return find(name, "cases", Path.cwd())
     return Path(name)
 

@@ -69,7 +69,9 @@ class ControllerSpec(Strict):
     wanted: ClassVar[str] = "a name or a mapping"
 
     kind: Literal["FF", "FF+FB", "none"]
-    feedback_bandwidth_hz: Annotated[float, Range(gt=0, le=1000)] = 20.0
+    feedback_bandwidth_hz: Annotated[float, Range(gt=0, le=1000)] | None = Field(
+        default=None, description="default, and most: two thirds of the identified band"
+    )
     max_sensitivity: Annotated[float, Range(gt=1, le=10)] = 1.5
 
 

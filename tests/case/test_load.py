@@ -30,7 +30,7 @@ def test_five_keys_are_enough(write) -> None:
     assert (case.record.name, case.record.path) == ("el_centro", Path("records/el_centro.csv").absolute())
     assert (case.sample_rate_hz, case.delay_s, case.method, case.seed) == (2000.0, 0.005, "best", 0)
     assert case.runs == ("sim", "sim_delay", "shake_table", "exp_rths")
-    assert (case.controller.kind, case.controller.feedback_bandwidth_hz) == ("FF+FB", 20.0)
+    assert (case.controller.kind, case.controller.feedback_bandwidth_hz) == ("FF+FB", None)
     assert (case.record_filter.corner_hz, case.record_filter.order) == (0.25, 2)
     assert (case.table.name, case.structure.name, case.n_storeys) == ("aps400_virtual", "three_storey", 3)
     assert case.structure.experimental.natural_frequencies_hz == (3.2, 8.4)
@@ -89,6 +89,7 @@ def test_every_fault_of_every_file_comes_at_once_with_its_place(write) -> None:
         ("runs: [sim]\naccept: {exp_rths.x: 1}", "7:22: accept.exp_rths.x: needs the run exp_rths; add it to runs"),
         ("sample_rate_hz: 100", "6:17: sample_rate_hz: must be > 120, twice identification.high_hz, got 100"),
         ("identification: {model: no.json}", "6:25: identification.model: no such file: "),
+        ("sample_rate_hz: 130\nidentification: {high_hz: 65}", "7:27: identification.high_hz: must be < 65, half the"),
         ("identification: {low_hz: 70}", "6:26: identification.low_hz: low_hz = 70 must be < high_hz = 60"),
         ("notes: 5", "6:8: notes: must be text, got 5"),
         ("name: ../x", "6:7: name: must be usable as a file name, got '../x'"),
@@ -247,6 +248,13 @@ def test_a_folder_and_an_unreadable_file_are_sentences(lab: Path, write, monkeyp
     monkeypatch.setattr(Path, "read_bytes", refuse)
     with pytest.raises(InputError, match=r"^a.yaml: cannot be read: Permission denied; check the path$"):
         load_cases([path])
+
+
+@pytest.mark.parametrize("name", ["", "x" * 5000, "a\0b", "a\nb", "/a\nb/c", "../" * 2000, "/dev/null", "~"])
+def test_strange_names_of_cases_are_sentences(lab: Path, name: str) -> None:
+    with pytest.raises(InputError) as caught:
+        load_cases([name])
+    assert all(fault.isprintable() for fault in caught.value.faults)
 
 
 def test_loading_needs_no_numerical_library() -> None:

@@ -9,7 +9,8 @@ import jsonschema
 import pytest
 
 from rths_cli.case.find import shipped
-from rths_cli.case.load import load_cases
+from rths_cli.case.load import load_cases, resolved_yaml
+from rths_cli.case.models_rig import RigSpec
 from rths_cli.case.nodes import plain
 from rths_cli.case.schema import MODELS, schema
 from rths_cli.case.yaml_nodes import read_file
@@ -104,9 +105,16 @@ def test_the_rig_file_states_every_value_of_the_virtual_table() -> None:
     }  # fmt: skip
 
 
+def test_the_defaults_of_a_rig_are_those_of_the_rig_file(lab: Path) -> None:
+    (case,) = load_cases(["el_centro_low_ff_fb"])
+    assert case.table == RigSpec(name="aps400_virtual", kind="virtual")
+
+
 def test_the_records_named_are_shipped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    assert {case.record.path.parent for case in load_cases(CASES)} == {shipped("records")}
+    cases = load_cases(CASES)
+    assert {case.record.path.parent for case in cases} == {shipped("records")}
+    assert all(f"\n  file: {case.record.name}\n" in resolved_yaml(case) for case in cases)
 
 
 @pytest.mark.parametrize("kind", MODELS)

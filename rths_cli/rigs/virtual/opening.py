@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rths_cli.rigs.virtual.plant import Physics
-from rths_cli.rigs.virtual.rig import Change, VirtualRig, build_plant, changed
+from rths_cli.rigs.virtual.rig import VirtualRig, build_plant, changed
 
 if TYPE_CHECKING:
     from rths_cli.case.models_rig import RigSpec
@@ -25,11 +24,8 @@ def virtual_rig(
 
     `after_identification` applies the changes of table and specimen that the rig file states under that key.
     """
-    physics = Physics(**spec.physics.model_dump())
+    physics, noise = spec.physics, spec.sensors.noise_rms_m_s2
     if after_identification:
-        change = Change(**spec.after_identification.model_dump())
-        physics, specimen = changed(physics, specimen, change)
-    plant = build_plant(
-        info, physics, specimen, spec.sensors.noise_rms_m_s2, interface_mass_kg=interface_mass_kg
-    )
+        physics, specimen = changed(physics, specimen, spec.after_identification)
+    plant = build_plant(info, physics, specimen, noise, interface_mass_kg=interface_mass_kg)
     return VirtualRig(info, plant, seed)

@@ -8,29 +8,22 @@ at the step's start, middle and end satisfy the equations (collocation, fourth o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from rths_cli.lti import Array
 from rths_cli.structure import Specimen
 
+if TYPE_CHECKING:
+    from rths_cli.case.virtual_physics import VirtualPhysics
 
-@dataclass(frozen=True)
-class Physics:
-    """Hidden parameters of the virtual table; the names are those of the rig file."""
 
-    moving_mass_kg: float
-    viscous_n_s_per_m: float
-    coulomb_n: float
-    coulomb_velocity_m_s: float
-    loop_frequency_hz: float
-    loop_damping_ratio: float
-    actuator_time_constant_s: float
-    gain_m_per_v: float
-    loop_specimen_mass_kg: float
-    force_limit_n: float
+def Physics(*values: float) -> VirtualPhysics:
+    """Return the physics of a table from its values in order."""
+    from rths_cli.case.virtual_physics import VirtualPhysics
+
+    return VirtualPhysics(**dict(zip(VirtualPhysics.model_fields, values, strict=True)))
 
 
 class Plant(NamedTuple):
@@ -68,7 +61,7 @@ class Plant(NamedTuple):
 
 
 def continuous(
-    physics: Physics, specimen: Specimen, interface_mass_kg: float = 0.0
+    physics: VirtualPhysics, specimen: Specimen, interface_mass_kg: float = 0.0
 ) -> tuple[Array, Array, Array, Array, Array]:
     """Return A (n, n), b_u (n,), B_n (n, 2), argument rows (2, n) and their command part (2,).
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,43 +10,28 @@ from rths_cli.errors import RigError
 from rths_cli.lti import Array
 from rths_cli.rigs.interface import RigInfo
 from rths_cli.rigs.virtual import kernel
-from rths_cli.rigs.virtual.plant import (
-    Physics,
-    Plant,
-    accelerations,
-    continuous,
-    parabola_response,
-    with_low_pass,
-)
+from rths_cli.rigs.virtual.plant import Plant, accelerations, continuous, parabola_response, with_low_pass
 from rths_cli.structure import Specimen
+
+if TYPE_CHECKING:
+    from rths_cli.case.virtual_physics import AfterIdentification, VirtualPhysics
 
 LEVELS = 7  # inner steps from dt / 2 to dt / 128
 NOISE_ROWS = 4096
 
 
-@dataclass(frozen=True)
-class Change:
-    """What differs on the real table or specimen after identification: wear, damage, payload."""
-
-    specimen_stiffness_factor: float = 1.0
-    coulomb_factor: float = 1.0
-    payload_factor: float = 1.0
-
-
-def changed(physics: Physics, specimen: Specimen, change: Change) -> tuple[Physics, Specimen]:
-    """Return table and specimen with a change applied."""
-    worn = replace(physics, coulomb_n=physics.coulomb_n * change.coulomb_factor)
-    other = Specimen(
-        specimen.masses_kg * change.payload_factor,
-        specimen.K * change.specimen_stiffness_factor,
-        specimen.C,
-    )
-    return worn, other
+def changed(
+    physics: VirtualPhysics, specimen: Specimen, change: AfterIdentification
+) -> tuple[VirtualPhysics, Specimen]:
+    """Return table and specimen with what wear, damage or payload change after identification."""
+    worn = physics.model_copy(update={"coulomb_n": physics.coulomb_n * change.coulomb_factor})
+    masses, stiffness = specimen.masses_kg * change.payload_factor, specimen.K * change.specimen_stiffness_factor
+    return worn, Specimen(masses, stiffness, specimen.C)
 
 
 def build_plant(
     info: RigInfo,
-    physics: Physics,
+    physics: VirtualPhysics,
     specimen: Specimen,
     noise_rms_m_s2: float,
     refine: int = 0,

@@ -17,6 +17,7 @@ class Screen:
         self._quiet = quiet
         self._live = not quiet and self._stream.isatty()
         self._label = ""
+        self._said: set[str] = set()
 
     def started(self, number: int, count: int, name: str) -> None:
         """Show that a case starts."""
@@ -37,6 +38,10 @@ class Screen:
             line = f"{self._label}: {ended.status}: {ended.reason}"
         if not (good and self._quiet):
             print(line, file=self._stream, flush=True)
+        for warning in ended.warnings:
+            if warning not in self._said and not self._quiet:
+                print(f"  note: {warning}", file=self._stream, flush=True)
+            self._said.add(warning)
 
     def message(self, text: str) -> None:
         """Show a line, for instance a warning."""

@@ -8,7 +8,7 @@ import numpy as np
 
 from rths_cli.files.results import Result
 from rths_cli.report.cells import TESTS, mark, published_cells, ratio, words
-from rths_cli.report.layout import Cell, Row, Table, number, wrapped
+from rths_cli.report.layout import Cell, Row, Table
 from rths_cli.report.load import Entry, published, state, storeys
 
 KINDS = {"meas.": "", "true": "_true", "full": "_full", "full-t": "_true_full"}
@@ -36,18 +36,28 @@ def single_table(entry: Entry) -> Table:
 
 
 def other_figures(entry: Entry) -> str:
-    """Return a line for every further metric of the case: path, values, unit, definition."""
+    """Return a line for every further metric of the case: path, unit, values by method; seconds shown in ms."""
     shown = {f"{run}.{figure}{suffix}" for run, figure, suffix in _shown()}
-    lines: list[str] = []
-    for method, result in entry.results.items():
-        lines += [_other_line(result, path, method) for path in result.metrics if path not in shown]
-    return wrapped(["Other figures", *lines], indent=4) if lines else ""
+    results = list(entry.results.values())
+    paths = sorted({path for result in results for path in result.metrics} - shown)
+    if not paths:
+        return ""
+    wide = max(len(path) for path in paths)
+    lines = []
+    for path in paths:
+        unit = next(result.units[path] for result in results if path in result.units)
+        values = {method: _listed(result, path, unit) for method, result in entry.results.items()}
+        same = len(set(values.values())) == 1
+        text = next(iter(values.values())) if same else "   ".join(f"{m}: {v}" for m, v in values.items())
+        lines.append(f"  {path:<{wide}}  {'ms' if unit == 's' else unit:<8}{text}")
+    return "\n".join(["Other figures of this case (definitions: rths report --json, or the result file)", *lines])
 
 
-def _other_line(result: Result, path: str, method: str) -> str:
-    values = ", ".join(_plain(item) for item in np.atleast_1d(result.metrics[path]))
-    unit = result.units[path]
-    return f"  {path} ({method}): {values}{'' if unit == '1' else f' {unit}'}: {result.definitions[path]}"
+def _listed(result: Result, path: str, unit: str) -> str:
+    if path not in result.metrics:
+        return "-"
+    values = np.atleast_1d(result.metrics[path])
+    return " ".join(f"{1e3 * value:.3f}" if unit == "s" else _plain(value) for value in values)
 
 
 def _shown() -> Iterator[tuple[str, str, str]]:
@@ -105,4 +115,4 @@ def _cells(entry: Entry, path: str, storey: int | None) -> tuple[Cell, ...]:
 
 
 def _plain(value: float) -> str:
-    return number(float(value)) if np.isfinite(value) else "-"
+    return f"{float(value):.4g}" if np.isfinite(value) else "-"

@@ -68,7 +68,8 @@ def _legend(cases: Sequence[Entry]) -> list[str]:
 def _json_result(result: Result) -> dict[str, object]:
     about = {key: result.attributes.get(key) for key in (*ABOUT, "status", "status_reason")}
     metrics = {path: _json_value(value) for path, value in result.metrics.items()}
-    return {"file": str(result.path), **about, "metrics": metrics, "units": dict(result.units)}
+    words = {"units": dict(result.units), "definitions": dict(result.definitions)}
+    return {"file": str(result.path), **about, "metrics": metrics, **words}
 
 
 def _json_value(value: object) -> object:

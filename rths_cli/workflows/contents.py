@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from rths_cli.files.results import ResultWriter
     from rths_cli.identification.evaluate import Identification
     from rths_cli.lti import Array
+    from rths_cli.structure import Specimen
     from rths_cli.workflows.controllers import Design
     from rths_cli.workflows.series import Series
     from rths_cli.workflows.setup import Setup
@@ -101,7 +102,8 @@ def _write_truth(writer: ResultWriter, run: str, series: Series, time: Array, sc
 def write_identification(writer: ResultWriter, identified: Identification, design: Design) -> None:
     """Write what was identified and the table model the controllers use."""
     model, fit = design.model, identified.specimen
-    table = identified.table
+    assert fit is not None  # every case has experimental storeys
+    table = identified.frfs[0]
     frequency = Dataset(table.frequency_hz, "Hz", "frequency", "computed")
     datasets = {
         "frf": Dataset(table.response, "m/s^2/V", "H1, command to table acceleration", "measured", ON_FREQUENCY),
@@ -128,20 +130,22 @@ def write_controller(writer: ResultWriter, design: Design) -> None:
 def design_figures(setup: Setup, identified: Identification, design: Design) -> dict[str, Metric]:
     """Return figures of the identified model, the feedback and the loop's latency."""
     best = setup.case.method == "best"
-    error = identified.best_error if best else identified.paper_error
+    error, fit = (identified.best_error if best else identified.paper_error), identified.specimen
+    assert fit is not None  # every case has experimental storeys
     values = {
         "identification.fit_error_rms": scalar(error.rms, "1", "RMS of |fit / FRF - 1| over 0.7-11 Hz"),
-        "identification.fit_error_max": scalar(error.maximum, "1", "largest |fit / FRF - 1| over 0.7-11 Hz"),
+        "identification.fit_error_mid": scalar(error.rms_mid, "1", "RMS of |fit / FRF - 1| over 2-10 Hz"),
+        "identification.fit_error_max": scalar(error.largest, "1", "largest |fit / FRF - 1| over 0.7-11 Hz"),
         "identification.natural_frequency_hz": Metric(
-            identified.specimen.natural_frequency_hz, "Hz", "identified natural frequencies of the specimen", "mode"
+            fit.natural_frequency_hz, "Hz", "identified natural frequencies of the specimen", "mode"
         ),
         "identification.damping_ratio": Metric(
-            identified.specimen.damping_ratio, "1", "identified damping ratios of the specimen", "mode"
+            fit.damping_ratio, "1", "identified damping ratios of the specimen", "mode"
         ),
     }
     if design.feedback is not None:
         values |= _feedback_figures(design)
-    return values | _latency_figures(setup, identified, design)
+    return values | _latency_figures(setup, fit.specimen, design)
 
 
 def _feedback_figures(design: Design) -> dict[str, Metric]:
@@ -153,12 +157,10 @@ def _feedback_figures(design: Design) -> dict[str, Metric]:
     }
 
 
-def _latency_figures(setup: Setup, identified: Identification, design: Design) -> dict[str, Metric]:
+def _latency_figures(setup: Setup, specimen: Specimen, design: Design) -> dict[str, Metric]:
     """Return every latency of the loop and what takes it out."""
     rig, shear = setup.rig, design.shear_now
-    lag, noise = latency.shear_response(
-        design.blocks.estimator, shear, identified.specimen.specimen, latency.FREQUENCIES_HZ
-    )
+    lag, noise = latency.shear_response(design.blocks.estimator, shear, specimen, latency.FREQUENCIES_HZ)
     listed = ", ".join(f"{f:g}" for f in latency.FREQUENCIES_HZ)
     lead = design.blocks.lead_samples * rig.dt_s
     return {

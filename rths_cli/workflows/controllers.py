@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from rths_cli.control.estimator import Shear
     from rths_cli.identification.evaluate import Identification
     from rths_cli.lti import Block, Model
+    from rths_cli.structure import Specimen
     from rths_cli.workflows.setup import Setup
 
 
@@ -40,9 +41,7 @@ def design_blocks(setup: Setup, identified: Identification) -> Design:
     shear = _shear(setup, identified, lead)
     blocks = Blocks(
         correction=sensing.correction(setup.rig.channels, dt),
-        estimator=estimator.kalman_block(
-            identified.specimen.specimen, case.kalman.q, case.kalman.r, dt, knows_table=best
-        ),
+        estimator=estimator.kalman_block(_specimen(identified), case.kalman.q, case.kalman.r, dt, knows_table=best),
         numerical=numerical.interface(setup.building.numerical, dt),
         feedforward=_feedforward(model, dt, lead, best, driven),
         feedback=designed.block if designed else feedback.none(dt),
@@ -57,6 +56,12 @@ def design_blocks(setup: Setup, identified: Identification) -> Design:
     return Design(blocks, model, designed, _shear(setup, identified, 0))
 
 
+def _specimen(identified: Identification) -> Specimen:
+    """Return the specimen identified from noise."""
+    assert identified.specimen is not None  # every case has experimental storeys
+    return identified.specimen.specimen
+
+
 def _feedforward(model: Model, dt_s: float, lead: int, best: bool, driven: bool) -> Block:
     if not driven:
         return feedforward.direct(model.low_frequency_gain_m_per_v, dt_s)
@@ -66,13 +71,13 @@ def _feedforward(model: Model, dt_s: float, lead: int, best: bool, driven: bool)
 def _feedback(setup: Setup, identified: Identification, model: Model) -> feedback.Feedback:
     controller = setup.case.controller
     return feedback.design(
-        model, identified.table, setup.rig.dt_s, controller.feedback_bandwidth_hz, controller.max_sensitivity
+        model, identified.frfs[0], setup.rig.dt_s, controller.feedback_bandwidth_hz, controller.max_sensitivity
     )
 
 
 def _shear(setup: Setup, identified: Identification, lead: int) -> Shear:
     """Return the base shear's weights: measured now, or predicted over the lead."""
-    specimen, mass = identified.specimen.specimen, setup.building.interface_experimental_mass_kg
+    specimen, mass = _specimen(identified), setup.building.interface_experimental_mass_kg
     if lead == 0:
         return estimator.measured_shear(specimen, mass)
     return estimator.predicted_shear(specimen, mass, lead, setup.rig.dt_s)

@@ -9,7 +9,8 @@ from rths_cli.control import feedback, feedforward, numerical, sensing
 from rths_cli.control.realise import static
 from rths_cli.errors import InputError, RigError
 from rths_cli.identification import excitation
-from rths_cli.identification.evaluate import Identification, evaluate
+from rths_cli.identification.evaluate import Identification
+from rths_cli.identification.evaluate import identify as evaluate
 from rths_cli.loop.blocks import EXCITATION, Blocks
 from rths_cli.loop.drive import play
 from rths_cli.lti import Array
@@ -48,7 +49,7 @@ def identify(setup: Setup, progress: Progress) -> Identification:
     plan = excitation.plan(setup.rig, settings, options.seed)
     progress(f"identification, {plan.command_v.size * setup.rig.dt_s:.0f} s on the {case.table.kind} table")
     command, corrected = excite(setup, plan.command_v)
-    return evaluate(command, corrected, setup.rig, setup.floor_masses_kg, plan)
+    return evaluate(command, corrected, setup.rig, setup.floor_masses_kg, plan.parts)
 
 
 def excite(setup: Setup, command_v: Array) -> tuple[Array, Array]:

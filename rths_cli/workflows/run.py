@@ -23,6 +23,7 @@ from rths_cli.workflows.provenance import attributes
 from rths_cli.workflows.rigs import EXP_RTHS, SHAKE_TABLE, guard_limits, open_rig
 from rths_cli.workflows.series import Series, on_record_clock, whole_building
 from rths_cli.workflows.setup import Progress, Setup, make_setup
+from rths_cli.workflows.warnings import of_case
 
 if TYPE_CHECKING:
     from rths_cli.analysis.sim import Response
@@ -41,6 +42,7 @@ class Ended:
     status: str
     reason: str
     exit_code: int
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,8 @@ def run_case(setup: Setup, path: Path, memory: Memory, command_line: str, progre
     if {"shake_table", "exp_rths"} & set(case.runs):
         identified = memory.identify(setup, progress)
         design = design_blocks(setup, identified)
-    with ResultWriter(path, attributes(setup, design, command_line)) as writer:
+    cautions = of_case(setup, identified)
+    with ResultWriter(path, attributes(setup, design, command_line) | {"warnings": "\n".join(cautions)}) as writer:
         writer.case(case.yaml_text, resolved_yaml(case))
         contents.write_record(writer, setup)
         sim, values = _simulations(setup, writer, progress)
@@ -89,7 +92,7 @@ def run_case(setup: Setup, path: Path, memory: Memory, command_line: str, progre
         if stop is None:
             stop = _acceptance(case, values)
         writer.finish(stop.status, stop.reason)  # type: ignore[arg-type]
-    return Ended(case.name, path, stop.status, stop.reason, stop.exit_code)
+    return Ended(case.name, path, stop.status, stop.reason, stop.exit_code, cautions)
 
 
 def _simulations(setup: Setup, writer: ResultWriter, progress: Progress) -> tuple[Response, dict[str, Metric]]:

@@ -1,0 +1,37 @@
+"""What many tests share: the default case, identified once per test process."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from rths_cli.identification.evaluate import Identification
+    from rths_cli.workflows.identify import Memory
+    from rths_cli.workflows.setup import Setup
+
+DEFAULT = "el_centro_low_ff_fb"
+
+
+@pytest.fixture(scope="session")
+def memory() -> Memory:
+    """Return the identifications already made by this test process."""
+    from rths_cli.workflows.identify import Memory
+
+    return Memory()
+
+
+@pytest.fixture(scope="session")
+def default_setup() -> Setup:
+    """Return the default case's setup."""
+    from rths_cli.case.load import load_cases
+    from rths_cli.workflows.setup import make_setup
+
+    return make_setup(load_cases([DEFAULT])[0])
+
+
+@pytest.fixture(scope="session")
+def default_identification(memory: Memory, default_setup: Setup) -> Identification:
+    """Return what the default identification of the default rig finds."""
+    return memory.identify(default_setup, lambda _: None)

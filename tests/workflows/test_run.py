@@ -1,0 +1,133 @@
+"""One case from file to result file: contents, determinism, stops, limits of acceptance."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from rths_cli.case.load import load_cases
+from rths_cli.files.results import read_result
+from rths_cli.workflows.identify import Memory
+from rths_cli.workflows.run import Ended, run_case
+from rths_cli.workflows.setup import make_setup
+from rths_cli.workflows.warnings import differences
+
+CASE = "el_centro_low_ff_fb"
+
+
+def run(path: Path, memory: Memory, *settings: str, case: str = CASE) -> Ended:
+    return run_case(make_setup(load_cases([case], settings)[0]), path, memory, "test", lambda _: None)
+
+
+def datasets(path: Path) -> dict[str, bytes]:
+    found: dict[str, bytes] = {}
+
+    def collect(name: str, node: h5py.Group | h5py.Dataset) -> None:
+        if isinstance(node, h5py.Dataset) and "timing" not in name and not name.startswith("case"):
+            found[name] = np.asarray(node[()]).tobytes()
+
+    with h5py.File(path) as file:
+        file.visititems(collect)
+    return found
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory, memory: Memory) -> Path:
+    path = tmp_path_factory.mktemp("whole") / "whole.h5"
+    assert run(path, memory).exit_code == 0
+    return path
+
+
+def test_the_file_keeps_the_contract(whole: Path) -> None:
+    with h5py.File(whole) as file:
+        assert file.attrs["format"] == "rths-result" and file.attrs["status"] == "complete"
+        assert file.attrs["rig_kind"] == "virtual" and len(file.attrs["model_sha256"]) == 64
+        n = file["record/time_s"].size
+        for name, shape in {
+            "sim/abs_accel_m_s2": (3, n),
+            "sim_delay/base_shear_n": (n,),
+            "exp_rths/rel_disp_m": (3, n),
+            "exp_rths/interface_accel_desired_m_s2": (n,),
+            "exp_rths/floor_accel_measured_m_s2": (2, n),
+            "exp_rths/floor_accel_estimated_m_s2": (2, n),
+            "exp_rths/truth/table_disp_m": (n,),
+            "exp_rths/truth/floor_accel_m_s2": (2, n),
+            "exp_rths/timing/compute_s": (n,),
+            "shake_table/command_v": (n,),
+        }.items():
+            assert file[name].shape == shape, name
+            assert file[name].attrs["units"] and file[name].attrs["long_name"] and file[name].attrs["source"]
+        assert {"kalman", "feedforward", "feedback", "numerical", "sensor_correction"} <= set(file["controller"])
+        assert file["identification/poles_real"].shape == (7,)
+    assert whole.stat().st_size <= 50e6
+
+
+def test_every_group_opens_in_xarray(whole: Path) -> None:
+    import xarray as xr
+
+    tree = xr.open_datatree(whole, engine="h5netcdf")
+    assert tree["exp_rths"]["abs_accel_m_s2"].dims == ("storey", "time_s")
+    assert tree["exp_rths"]["floor_accel_measured_m_s2"].dims == ("floor", "time_s")
+    assert list(tree["exp_rths"]["floor"].values) == [2, 3]
+
+
+def test_the_same_seed_gives_the_same_bytes_and_dropping_a_run_changes_no_other(
+    whole: Path, tmp_path: Path, memory: Memory
+) -> None:
+    run(tmp_path / "again.h5", memory, "runs=[exp-rths]", "name=again")
+    first, again = datasets(whole), datasets(tmp_path / "again.h5")
+    shared = {name for name in again if name in first}
+    assert len([name for name in shared if name.startswith("exp_rths/")]) > 10
+    assert [name for name in sorted(shared) if first[name] != again[name]] == []
+    run(tmp_path / "other.h5", memory, "runs=[exp-rths]", "name=other", "seed=1")
+    other = datasets(tmp_path / "other.h5")
+    assert other["exp_rths/command_v"] != again["exp_rths/command_v"]
+
+
+def test_a_limit_stops_the_run_and_the_file_says_so(tmp_path: Path, memory: Memory) -> None:
+    ended = run(tmp_path / "s.h5", memory, "scaling=3", "runs=[sim, shake_table, exp_rths]")
+    assert (ended.exit_code, ended.status) == (3, "aborted")
+    assert "stroke" in ended.reason and "shake-table test" in ended.reason
+    result = read_result(tmp_path / "s.h5")
+    assert result.attributes["status"] == "aborted"
+    assert not any(path.startswith("exp_rths.") for path in result.metrics)
+    with h5py.File(tmp_path / "s.h5") as file:
+        short = file["exp_rths/command_v"][()]
+        assert 0 < short.size < file["record/time_s"].size
+        assert np.abs(short * 0.0079).max() <= 0.079
+        assert short[-1] == pytest.approx(0.0, abs=1e-3)  # back at rest
+
+
+def test_the_table_as_delivered_is_stopped_by_a_limit_because_the_loop_is_unstable(
+    tmp_path: Path, memory: Memory
+) -> None:
+    ended = run(tmp_path / "n.h5", memory, "controller=none", "runs=[exp_rths]")
+    assert (ended.exit_code, ended.status) == (3, "aborted")
+
+
+def test_accept_limits_judge_the_figures_by_their_path(tmp_path: Path, memory: Memory) -> None:
+    fine = run(tmp_path / "a.h5", memory, "runs=[sim_delay]", "accept={'sim_delay.rms_error_m_s2[3]': 0.2}")
+    assert (fine.exit_code, fine.reason) == (0, "")
+    short = run(tmp_path / "b.h5", memory, "runs=[sim_delay]", "accept={'sim_delay.rms_error_m_s2[3]': 0.1}")
+    assert short.exit_code == 1 and "sim_delay.rms_error_m_s2[3]" in short.reason
+    assert read_result(tmp_path / "b.h5").attributes["status"] == "complete"
+
+
+def test_interface_mass_on_the_table_is_carried_through(tmp_path: Path, memory: Memory) -> None:
+    ended = run(tmp_path / "m.h5", memory, "structure.interface_experimental_mass_kg=1.7", "runs=[sim_delay, exp_rths]")
+    assert ended.exit_code == 0, ended.reason
+    metrics = read_result(tmp_path / "m.h5").metrics
+    ratio = np.asarray(metrics["exp_rths.rms_error_m_s2"]) / np.asarray(metrics["sim_delay.rms_error_m_s2"])
+    assert np.all(ratio < 0.1), ratio
+
+
+def test_a_specimen_that_differs_from_the_declared_one_is_named(tmp_path: Path, memory: Memory) -> None:
+    assert not any("differs" in warning for warning in run(tmp_path / "w.h5", memory, "runs=[exp_rths]").warnings)
+    setup = make_setup(load_cases([CASE])[0])
+    identified = memory.identify(setup, lambda _: None)
+    other = make_setup(load_cases([CASE], ("structure.experimental.natural_frequencies_hz=[3.3, 8.4]",))[0])
+    sentences = differences(other, identified)
+    assert len(sentences) == 1 and "mode 1" in sentences[0] and "3.3" in sentences[0]

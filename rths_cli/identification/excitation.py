@@ -19,6 +19,7 @@ AMPLIFICATION = 2.0  # floors over table: margin of floor sensors
 SILENCE_S, FADE_S, BURST_S, BURST_FADE_S, HOLD_S = 2.0, 2.0, 4.0, 0.3, 16.0
 BURST_BAND_HZ = (1.0, 15.0)
 LEAST_ACCEL_BITS = 100.0
+LEAST_DURATION_S = 40.0
 
 
 @dataclass(frozen=True)
@@ -85,8 +86,10 @@ def check(info: RigInfo, settings: ExcitationSettings) -> None:
             f"identification.high_hz: {settings.high_hz:g} Hz must be between {2.0 * CORNER_HZ:g} Hz and "
             f"{0.4 * nyquist:g} Hz (0.4 of half the sample rate)"
         )
-    if not 60.0 <= settings.duration_s <= 3600.0:
-        faults.append(f"identification.duration_s: {settings.duration_s:g} s must be between 60 and 3600 s")
+    if not LEAST_DURATION_S <= settings.duration_s <= 3600.0:
+        faults.append(
+            f"identification.duration_s: {settings.duration_s:g} s must be between {LEAST_DURATION_S:g} and 3600 s"
+        )
     if not settings.accel_rms_m_s2 > 0.0:
         faults.append(f"identification.accel_rms_m_s2: {settings.accel_rms_m_s2:g} m/s^2 must be positive")
     if faults:
@@ -122,8 +125,10 @@ def nominal_accel(command_v: Array, info: RigInfo) -> Array:
 
 
 def accel_rms(command_v: Array, info: RigInfo) -> float:
-    """Return the rms of the nominal table acceleration in m/s^2."""
-    return float(np.sqrt(np.mean(nominal_accel(command_v, info) ** 2)))
+    """Return the rms below 12 Hz of the nominal table acceleration in m/s^2 (above, no table follows its command)."""
+    amplitude = np.fft.rfft(nominal_accel(command_v, info)) / len(command_v)
+    below = np.fft.rfftfreq(len(command_v), info.dt_s) <= CORNER_HZ
+    return float(np.sqrt(2.0 * np.sum(np.abs(amplitude[below]) ** 2)))
 
 
 def largest_scale(info: RigInfo, command_v: Array) -> tuple[float, str]:
@@ -161,9 +166,7 @@ def reachable_level(info: RigInfo, noise: Array, wanted_m_s2: float) -> tuple[fl
         )
     if wanted_m_s2 <= allowed:
         return wanted_m_s2, ()
-    note = (
-        f"excitation scaled down from {wanted_m_s2:g} to {allowed:.2f} m/s^2 rms: {SHARE:.0%} of the {limit} limit"
-    )
+    note = f"excitation scaled down from {wanted_m_s2:g} to {allowed:.2f} m/s^2 rms: {SHARE:.0%} of the {limit} limit"
     return allowed, (note,)
 
 

@@ -87,8 +87,25 @@ def fit_best(
     layout = Layout(floors + 1, 1, floors, (latency_samples + 0.5) * dt_s)
     problem = _problem(frf, layout, band_hz, staircase(frf.frequency_hz, latency_samples, dt_s))
     theta = _solve(problem, _best_start(problem, modes))
-    zeros, poles, gain = zeros_poles_gain(layout, theta[:-1], problem.sign)
-    return Model(zeros, poles, gain, layout.delay_s, band_hz, float(theta[-1]), latency_samples, dt_s)
+    return _best_model(problem, theta, latency_samples, dt_s, band_hz)
+
+
+def _best_model(
+    problem: _Problem, theta: Array, latency_samples: int, dt_s: float, band_hz: tuple[float, float]
+) -> Model:
+    zeros, poles, gain = zeros_poles_gain(problem.layout, theta[:-1], problem.sign)
+    return Model(zeros, poles, gain, problem.layout.delay_s, band_hz, float(theta[-1]), latency_samples, dt_s)
+
+
+def refit_best(frf: Frf, model: Model) -> Model:
+    """Fit the best model again, to another FRF of the same table, starting from the model it had."""
+    floors = len(model.zeros) // 2 - 1
+    layout = Layout(floors + 1, 1, floors, model.delay_s)
+    alias = staircase(frf.frequency_hz, model.latency_samples, model.dt_s)
+    problem = _problem(frf, layout, model.band_hz, alias)
+    gain, pairs, corner, zero_pairs = _factors_of(model)
+    start = np.append(pack(gain, pairs, corner, zero_pairs), model.ripple_m_s2_per_v)
+    return _best_model(problem, _solve(problem, start), model.latency_samples, model.dt_s, model.band_hz)
 
 
 def fit_paper(frf: Frf, best: Model, band_hz: tuple[float, float]) -> Model:
@@ -113,7 +130,8 @@ def _problem(frf: Frf, layout: Layout, band_hz: tuple[float, float], alias: Comp
             f"table model: {inside.sum()} lines in {band_hz[0]:g}-{band_hz[1]:g} Hz are too few to fit "
             f"{layout.size} parameters; excite for longer or widen the band"
         )
-    s, measured = 2j * np.pi * frf.frequency_hz[inside], frf.response[inside]
+    s = (2j * np.pi * frf.frequency_hz[inside]).astype(complex)
+    measured = frf.response[inside]
     weight = 1.0 / np.hypot(frf.relative_error[inside], LEAST_ERROR)
     weight /= np.sqrt(2.0 * np.sum(weight**2))
     low = slice(0, max(5, len(s) // 100))
@@ -152,20 +170,27 @@ def _loop_roots(frequency_hz: float, ratio: float, stiffening: float) -> tuple[t
     LAG_S s^3 + s^2 + r (2 zeta w s + w^2) = 0; r is above 1 when the loop was set for more mass than moves.
     """
     omega = 2.0 * np.pi * frequency_hz
-    found = np.roots([LAG_S, 1.0, stiffening * 2.0 * ratio * omega, stiffening * omega**2])
+    found: ComplexArray = np.roots([LAG_S, 1.0, stiffening * 2.0 * ratio * omega, stiffening * omega**2]).astype(
+        complex
+    )
     found = found[np.argsort(np.abs(found.imag))]  # a real root first
     return _pair_of(found[1:]), np.abs(found[:1])
 
 
+def _factors_of(best: Model) -> tuple[float, Array, Array, Array]:
+    """Return low-frequency gain, pole pairs (w, zeta), corner of the single pole and zero pairs of a best model."""
+    pairs = np.array([_pair_of(best.poles[i : i + 2]) for i in range(0, len(best.poles) - 1, 2)])
+    zeros = np.array([_pair_of(best.zeros[i : i + 2]) for i in range(2, len(best.zeros), 2)]).reshape(-1, 2)
+    corner = np.abs(best.poles[-1:])
+    gain = best.gain * np.prod(zeros[:, 0]) ** 2 / (np.prod(pairs[:, 0]) ** 2 * corner[0])
+    return float(gain), pairs, corner, zeros
+
+
 def _paper_start(best: Model) -> Array:
     """Return the best model with its lag and delay as a pair of far poles, and a farther pair of zeros."""
-    floors = len(best.zeros) // 2 - 1
-    pairs, corner = np.array([_pair_of(best.poles[i : i + 2]) for i in range(0, 2 * floors + 2, 2)]), best.poles[-1]
-    zeros = np.array([_pair_of(best.zeros[i : i + 2]) for i in range(2, 2 * floors + 2, 2)]).reshape(-1, 2)
-    far = 2.0 * np.pi * LATENCY_START_HZ
-    far_zero = [2.0 * np.pi * FAR_ZERO_START_HZ, 0.7]
-    lag = 1.0 / abs(corner) + best.delay_s + 2.0 * far_zero[1] / far_zero[0]
-    gain = best.gain * np.prod(zeros[:, 0]) ** 2 / (np.prod(pairs[:, 0]) ** 2 * abs(corner))
+    gain, pairs, corner, zeros = _factors_of(best)
+    far, far_zero = 2.0 * np.pi * LATENCY_START_HZ, [2.0 * np.pi * FAR_ZERO_START_HZ, 0.7]
+    lag = 1.0 / corner[0] + best.delay_s + 2.0 * far_zero[1] / far_zero[0]
     return pack(gain, np.vstack([pairs, [[far, 0.5 * lag * far]]]), np.zeros(0), np.vstack([zeros, [far_zero]]))
 
 

@@ -1,9 +1,10 @@
 """The specimen from the accelerations of table and floors, with weighed floor masses.
 
-Output error in the frequency domain: the discrete Fourier transform of a stretch of record obeys
-Y = H(jw) A + C (jw - A_s)^-1 d exactly, H the floors' transmissibility, A the table's acceleration and d the state at the
-stretch's start less that at its end. With d free there is no leakage however light the damping, and the same
-equation serves noise and free vibration, whose coupled motion of table and specimen is input and output at once.
+Output error in the frequency domain. The discrete Fourier transform of a stretch of record obeys, for the motion
+of every floor, Y(s) = H(s) A(s) + sum over modes of phi (alpha + beta s) / (s^2 + 2 zeta w s + w^2): H is the
+transmissibility, A the table's acceleration, and alpha, beta stand for the state at the stretch's start less that at
+its end. With these free there is no leakage however light the damping, and one equation serves noise and free
+vibration: the coupled motion of table and specimen is input and output at once.
 """
 
 from __future__ import annotations
@@ -18,14 +19,16 @@ from rths_cli.structure import Specimen, modal_damping_matrix, storey_matrix
 
 LEAST_RATIO, MOST_RATIO = 1e-3, 0.5
 ABOVE_HIGHEST = 1.6  # the lines used end at this multiple of the highest natural frequency
+BLOCK = 1000  # the stretch is cut to a multiple of so many samples, for a fast transform
 
 
 @dataclass(frozen=True)
 class SpecimenFit:
-    """Identified specimen of n floors relative to the table: chain of storey stiffnesses, modal damping.
+    """Identified specimen of n floors relative to the table: a chain of storeys with modal damping.
 
-    Natural frequencies in Hz, damping ratios (n,) and their standard errors; `mode_shapes` (n, n), a mode per
-    column, largest floor 1; `stiffness_n_per_m` (n,); `residual` = rms of what is not explained over rms of the floors.
+    `stiffness_n_per_m`, `natural_frequency_hz`, `damping_ratio` (n,), the standard errors of the last two, and
+    `mode_shapes` (n, n), a mode per column with its largest floor 1. `residual`: rms of what the fit does not
+    explain over rms of the floors' accelerations.
     """
 
     specimen: Specimen
@@ -39,42 +42,38 @@ class SpecimenFit:
 
 
 @dataclass(frozen=True)
-class _Stretch:
-    """Fourier lines s (m,) of table (m,) and floors (m, n) accelerations."""
+class _Lines:
+    """Fourier lines s (m,) in rad/s of the accelerations of table (m,) and floors (n, m)."""
 
     s: ComplexArray
     table: ComplexArray
     floors: ComplexArray
 
 
-def fit_specimen(
-    table_accel: Array,
-    floor_accel: Array,
-    dt_s: float,
-    masses_kg: Array,
-    band_hz: tuple[float, float],
-    start: SpecimenFit | None = None,
-) -> SpecimenFit:
-    """Fit storey stiffnesses and modal damping ratios to table (n,) and floor accelerations (c, n) in m/s^2.
+@dataclass(frozen=True)
+class Start:
+    """First values of storey stiffnesses in N/m and modal damping ratios, each (n,)."""
 
-    `masses_kg` (c,) are weighed. The start is the dynamic stiffness of each storey, unless one is given.
-    Raises InputError when the accelerations are not those of a shear building with these masses.
+    stiffness_n_per_m: Array
+    damping_ratio: Array
+
+
+def fit_specimen(
+    table_accel: Array, floor_accel: Array, dt_s: float, masses_kg: Array, low_hz: float, start: Start
+) -> SpecimenFit:
+    """Fit storey stiffnesses and modal damping ratios to accelerations in m/s^2 of table (n,) and floors (c, n).
+
+    The table's are without the staircase alias; `masses_kg` (c,) are weighed; lines from `low_hz` up are used.
     """
     from scipy.optimize import least_squares
 
     masses = np.asarray(masses_kg, dtype=float)
-    whole = _transform(table_accel, floor_accel, dt_s, band_hz)
-    if start is None:
-        stiffness, ratios = _storey_start(whole, masses)
-    else:
-        stiffness, ratios = start.stiffness_n_per_m, start.damping_ratio
-    highest = ABOVE_HIGHEST * float(modal(masses, stiffness)[0][-1]) / (2.0 * np.pi)
-    lines = _below(whole, max(highest, 2.0 * band_hz[0]))
-    scale = float(np.linalg.norm(lines.floors))
+    highest = modal(masses, start.stiffness_n_per_m)[0][-1] / (2.0 * np.pi)
+    lines = _transform(table_accel, floor_accel, dt_s, (low_hz, ABOVE_HIGHEST * highest))
+    stiffness, ratios = start.stiffness_n_per_m, start.damping_ratio
     theta = np.log(np.concatenate([stiffness, ratios]))
-    found = least_squares(lambda p: _residual(lines, masses, p) / scale, theta, x_scale=0.1, max_nfev=50)
-    stiffness, ratios = np.split(np.exp(found.x), 2)
-    return _described(masses, stiffness, ratios, found.jac, found.fun)
+    found = least_squares(lambda p: _residual(lines, masses, p), theta, method="lm", xtol=1e-9, ftol=1e-9)
+    return _described(masses, found.x, found.jac, found.fun)
 
 
 def modal(masses_kg: Array, stiffness_n_per_m: Array) -> tuple[Array, Array]:
@@ -84,13 +83,93 @@ def modal(masses_kg: Array, stiffness_n_per_m: Array) -> tuple[Array, Array]:
     return np.sqrt(eigenvalues), shapes / root[:, None]
 
 
-def _transform(table: Array, floors: Array, dt_s: float, band_hz: tuple[float, float]) -> _Stretch:
-    """Return the Fourier lines of a stretch within a band; its first sample is the mean of both ends (trapezoids)."""
-    from scipy.fft import next_fast_len, rfft
-    from scipy.signal import detrend
+def _transform(table: Array, floors: Array, dt_s: float, band_hz: tuple[float, float]) -> _Lines:
+    """Return the Fourier lines of a stretch within a band, scaled so that the floors' sum of squares is 1.
 
-    signals = np.vstack([table, floors])
-    count = next_fast_len(signals.shape[1] // 2, real=True)
-    while count > signals.shape[1] - 1:
-        count = next_fast_len(count // 2, real=True)
-    raise NotImplementedError
+    Its first sample becomes the mean of both ends, so that the sum over samples is the trapezoidal rule.
+    """
+    count = (len(table) - 1) // BLOCK * BLOCK
+    signals = np.vstack([table, floors])[:, : count + 1]
+    signals = np.hstack([0.5 * (signals[:, :1] + signals[:, -1:]), signals[:, 1:-1]])
+    frequency = np.arange(count // 2 + 1) / (count * dt_s)
+    inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
+    spectra: ComplexArray = np.fft.rfft(signals)[:, inside]
+    spectra /= np.linalg.norm(spectra[1:])
+    s = (2j * np.pi * frequency[inside]).astype(complex)
+    return _Lines(s, spectra[0], spectra[1:])
+
+
+def storey_start(frequency_hz: Array, table: ComplexArray, floors: ComplexArray, masses_kg: Array) -> Start:
+    """Return storey stiffnesses and damping ratios from the responses of table (m,) and floors (n, m) to the command.
+
+    A storey carries the inertia of all floors above it: sum of m Y = -(k + s c) drift, linear in k and c.
+    Raises InputError when a stiffness is not positive: then these are not the floors of a shear building.
+    """
+    masses, s = np.asarray(masses_kg, dtype=float), 2j * np.pi * frequency_hz
+    below = np.vstack([table, floors[:-1]])
+    found = np.zeros((len(masses), 2))
+    for i in range(len(masses)):
+        drift, shear = (floors[i] - below[i]) / s**2, masses[i:] @ floors[i:]
+        found[i] = np.linalg.lstsq(_stacked(np.array([drift, drift * s])).T, -_stacked(shear), rcond=None)[0]
+    stiffness, dashpots = found.T
+    if not np.all(stiffness > 0.0):
+        raise InputError(
+            f"specimen: force and drift of storey {int(np.argmin(stiffness)) + 1} give a stiffness of "
+            f"{stiffness.min():.4g} N/m, which must be positive; check order, sign and masses of the floors' channels"
+        )
+    omega, shapes = modal(masses, stiffness)
+    ratios = np.einsum("ir,ij,jr->r", shapes, storey_matrix(dashpots), shapes) / (2.0 * omega)
+    return Start(stiffness, ratios.clip(LEAST_RATIO, MOST_RATIO))
+
+
+def _stacked(values: ComplexArray) -> Array:
+    """Return real parts followed by imaginary parts along the last axis."""
+    return np.concatenate([values.real, values.imag], axis=-1)
+
+
+def _residual(lines: _Lines, masses: Array, theta: Array) -> Array:
+    """Return what transmissibility and free terms leave of the floors' lines, real and imaginary, (2 n m,)."""
+    stiffness, ratios = np.split(np.exp(theta), 2)
+    omega, shapes = modal(masses, stiffness)
+    damping = 2.0 * ratios * omega
+    denominator = lines.s**2 + np.multiply.outer(damping, lines.s) + (omega**2)[:, None]
+    participation = masses @ shapes
+    moved = (np.multiply.outer(damping, lines.s) + (omega**2)[:, None]) / denominator * lines.table
+    left = lines.floors - (shapes * participation) @ moved
+    return _without(_stacked(left).ravel(), _free_terms(lines.s, shapes, omega, denominator))
+
+
+def _free_terms(s: ComplexArray, shapes: Array, omega: Array, denominator: ComplexArray) -> Array:
+    """Return the columns (2 n m, 3 n) of initial and final state, and of a slow drift of each floor's channel."""
+    state = np.stack([omega[:, None] ** 2 / denominator, (omega[:, None] * s) / denominator])
+    free = np.einsum("ir,krm->krim", shapes, state).reshape(-1, len(omega), len(s))
+    drift = np.multiply.outer(np.eye(len(omega)), omega[0] / s)
+    return _stacked(np.concatenate([free, drift])).reshape(3 * len(omega), -1).T
+
+
+def _without(values: Array, columns: Array) -> Array:
+    """Return values (m,) less their projection on columns (m, k), by normal equations of scaled columns."""
+    columns = columns / np.linalg.norm(columns, axis=0)
+    return values - columns @ np.linalg.lstsq(columns.T @ columns, columns.T @ values, rcond=1e-12)[0]
+
+
+def _described(masses: Array, theta: Array, jacobian: Array, residual: Array) -> SpecimenFit:
+    """Return the fit with its standard errors, carried from the logarithms to frequencies and ratios."""
+    stiffness, ratios = np.split(np.exp(theta), 2)
+    omega, shapes = modal(masses, stiffness)
+    n = len(masses)
+    variance = float(residual @ residual) / max(len(residual) - 5 * n, 1)
+    covariance = variance * np.linalg.pinv(jacobian.T @ jacobian)
+    drift = np.diff(shapes, axis=0, prepend=np.zeros((1, n)))
+    slope = (drift**2 * stiffness[:, None]).T / (2.0 * omega[:, None])  # d w_r / d log k_i
+    K = storey_matrix(stiffness)
+    return SpecimenFit(
+        specimen=Specimen(masses, K, modal_damping_matrix(masses, K, ratios)),
+        stiffness_n_per_m=stiffness,
+        natural_frequency_hz=omega / (2.0 * np.pi),
+        damping_ratio=ratios,
+        mode_shapes=shapes / shapes[np.argmax(np.abs(shapes), axis=0), np.arange(n)],
+        frequency_error_hz=np.sqrt(np.diag(slope @ covariance[:n, :n] @ slope.T)) / (2.0 * np.pi),
+        damping_error=ratios * np.sqrt(np.diag(covariance)[n:]),
+        residual=float(np.linalg.norm(residual)),
+    )

@@ -120,4 +120,4 @@ def _response(system: StateSpace | Block, points: ComplexArray) -> ComplexArray:
     if n == 0:
         return np.repeat(system.D[:, :, None].astype(complex), points.size, axis=2)
     resolvent = np.linalg.solve(points[:, None, None] * np.eye(n) - system.A, system.B.astype(complex))
-    return np.moveaxis(system.C @ resolvent + system.D, 0, -1)
+    return np.moveaxis((system.C @ resolvent + system.D).astype(complex), 0, -1)

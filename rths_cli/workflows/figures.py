@@ -14,7 +14,7 @@ FULL = "in full band"
 
 def tracking(run: str, desired: Array, measured: Array, true: Array | None, dt_s: float) -> dict[str, Metric]:
     """Return tracking figures of the table, desired - measured and, on a virtual rig, desired - true; all (n,)."""
-    figures = {}
+    figures: dict[str, Metric] = {}
     for value, suffix, what in ((measured, "", "measured"), (true, "_true", "true")):
         if value is None:
             continue
@@ -31,7 +31,7 @@ def tracking(run: str, desired: Array, measured: Array, true: Array | None, dt_s
 
 def against_sim(run: str, sim_accel: Array, accel: Array, true_accel: Array | None, dt_s: float) -> dict[str, Metric]:
     """Return errors of absolute acceleration against SIM, storey by storey; arrays (n_storeys, n)."""
-    figures = {}
+    figures: dict[str, Metric] = {}
     for value, suffix, what in ((accel, "", ""), (true_accel, "_true", "true ")):
         if value is None:
             continue

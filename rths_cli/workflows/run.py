@@ -120,7 +120,8 @@ def _experiments(
     setup: Setup, design: Design, sim: Response, writer: ResultWriter, progress: Progress
 ) -> tuple[Stop | None, dict[str, Metric]]:
     """Play the table runs of the case, write them, and return what stopped one first and the figures."""
-    stop, values = None, {}
+    stop: Stop | None = None
+    values: dict[str, Metric] = {}
     for run, source, stream, label in (
         ("shake_table", RECORD, SHAKE_TABLE, "shake-table test"),
         ("exp_rths", NUMERICAL, EXP_RTHS, "EXP-RTHS"),

@@ -11,7 +11,7 @@ import numpy as np
 from rths_cli.files.accelerograms import read_accelerogram
 from rths_cli.lti import Array
 from rths_cli.record import GroundMotion, prepare
-from rths_cli.rigs.interface import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
+from rths_cli.rig_info import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
 from rths_cli.structure import Building, build
 
 if TYPE_CHECKING:

@@ -5,12 +5,17 @@ from __future__ import annotations
 import sys
 
 import numpy as np
-from numba import njit, types
+from numba import types
+from numpy.typing import NDArray
+
+from rths_cli.rigs.compiled import part
+
+IntArray = NDArray[np.int64]
 
 if sys.platform == "win32":  # no clock_gettime there: steps of offline runs are not timed
 
-    @njit(cache=True)
-    def monotonic_ns(scratch: np.ndarray) -> int:
+    @part
+    def monotonic_ns(scratch: IntArray) -> int:
         """Return 0."""
         return 0
 
@@ -18,8 +23,8 @@ else:
     _clock_gettime = types.ExternalFunction("clock_gettime", types.intc(types.intc, types.uintp))
     _MONOTONIC = 6 if sys.platform == "darwin" else 1
 
-    @njit(cache=True)
-    def monotonic_ns(scratch: np.ndarray) -> int:
+    @part
+    def monotonic_ns(scratch: IntArray) -> int:
         """Return the monotonic time in ns; `scratch` (2,) int64 receives seconds and nanoseconds."""
-        _clock_gettime(_MONOTONIC, scratch.ctypes.data)
+        _clock_gettime(_MONOTONIC, scratch.ctypes.data)  # type: ignore[call-overload]
         return scratch[0] * 1_000_000_000 + scratch[1]

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from rths_cli.errors import RigError
 from rths_cli.loop.blocks import Blocks, Step, assemble
-from rths_cli.loop.clocks import monotonic_ns
+from rths_cli.loop.clocks import IntArray, monotonic_ns
 from rths_cli.loop.guard import REASONS, STOPPED, GuardLimits, GuardState, fresh_guard, guard
 from rths_cli.loop.step import note_sent, step
 from rths_cli.lti import Array
+from rths_cli.rigs.compiled import entry
 from rths_cli.rigs.interface import Rig, RigInfo
 from rths_cli.rigs.virtual import kernel
 from rths_cli.rigs.virtual.plant import Plant
@@ -68,7 +68,8 @@ def _play_virtual(
 ) -> tuple[int, str]:
     rig.restart()
     noise = rig.noise(len(drive) + 1)
-    steps = run_virtual(rig.plant, rig.state, state, limits, guard_state, drive, noise, log)
+    scratch = np.zeros(2, dtype=np.int64)
+    steps = run_virtual(rig.plant, rig.state, state, limits, guard_state, drive, noise, log, scratch)
     fault = "the table ran into its end stop" if rig.state.fault[0] == kernel.END_STOP else ""
     return steps, fault
 
@@ -91,10 +92,8 @@ def _play_exchanging(
     return len(drive), ""
 
 
-@njit(cache=True)
-def think(
-    s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, k: int, scratch: Array
-) -> float:
+@entry
+def think(s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, k: int, scratch: IntArray) -> float:
     """Run step and guard on the samples in `s.samples`, note every signal, return the command in V."""
     start = monotonic_ns(scratch)
     command = guard(limits, g, step(s, drive), s.samples, s.corrected, s.interface[0], s.error[0])
@@ -111,7 +110,7 @@ def think(
     return command
 
 
-@njit(cache=True)
+@entry
 def run_virtual(
     plant: Plant,
     table: kernel.PlantState,
@@ -121,9 +120,9 @@ def run_virtual(
     drive: Array,
     noise: Array,
     log: Log,
+    scratch: IntArray,
 ) -> int:
     """Play a whole run on the virtual table, counted clock; return the number of steps done."""
-    scratch = np.zeros(2, dtype=np.int64)
     for k in range(drive.shape[0]):
         kernel.read_samples(plant, table, noise[k], s.samples)
         log.true_displacement_m[k] = table.state[0]

@@ -11,9 +11,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from rths_cli.lti import Array
+from rths_cli.rigs.compiled import part
 
 RUNNING, BRAKING, RETURNING, STOPPED = 0, 1, 2, 3
 NONE, STROKE, VELOCITY, ACCELERATION, FORCE, COMMAND, TRACKING, NOT_A_NUMBER, SATURATED, STUCK = range(10)
@@ -71,7 +71,7 @@ def fresh_guard(channels: int) -> GuardState:
     )  # fmt: skip
 
 
-@njit(cache=True)
+@part
 def check_samples(lim: GuardLimits, g: GuardState, samples: Array, accel: Array, desired: float) -> int:
     """Return the reason to stop that the samples give, or NONE; the channel is noted."""
     force = 0.0
@@ -90,7 +90,7 @@ def check_samples(lim: GuardLimits, g: GuardState, samples: Array, accel: Array,
     return FORCE if abs(force) > lim.force_n else NONE
 
 
-@njit(cache=True)
+@part
 def is_stuck(lim: GuardLimits, g: GuardState, c: int, sample: float, desired: float) -> bool:
     """Tell whether a channel kept its code for 0.5 s while the desired acceleration moved by over 10 bits."""
     if sample != g.codes[c]:
@@ -101,7 +101,7 @@ def is_stuck(lim: GuardLimits, g: GuardState, c: int, sample: float, desired: fl
     return g.same[c] * lim.dt_s >= STUCK_S and g.moved[c] > lim.stuck_m_s2
 
 
-@njit(cache=True)
+@part
 def check_command(lim: GuardLimits, g: GuardState, command: float, error: float) -> int:
     """Return the reason to stop that the command gives, or NONE; an outward motion must leave room to brake."""
     if not (math.isfinite(command) and math.isfinite(error)):
@@ -120,7 +120,7 @@ def check_command(lim: GuardLimits, g: GuardState, command: float, error: float)
     return TRACKING if abs(error) > lim.tracking_error_m_s2 else NONE
 
 
-@njit(cache=True)
+@part
 def ramp_down(lim: GuardLimits, g: GuardState) -> None:
     """Lead the commanded motion one step on its way to rest."""
     place, velocity = g.motion[0], g.motion[1]
@@ -139,7 +139,7 @@ def ramp_down(lim: GuardLimits, g: GuardState) -> None:
     g.motion[0], g.motion[1] = place, velocity
 
 
-@njit(cache=True)
+@part
 def guard(
     lim: GuardLimits, g: GuardState, command: float, samples: Array, accel: Array, desired: float, error: float
 ) -> float:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 
 from rths_cli.loop.blocks import Linear, linear
 from rths_cli.loop.step import advance, read_out
 from rths_cli.lti import Array, Block
+from rths_cli.rigs.compiled import entry
 
 
 def run_block(block: Block, inputs: Array) -> Array:
@@ -18,7 +18,7 @@ def run_block(block: Block, inputs: Array) -> Array:
     return outputs
 
 
-@njit(cache=True)
+@entry
 def _run(block: Linear, inputs: Array, outputs: Array, u: Array, y: Array) -> None:
     for k in range(inputs.shape[1]):
         for i in range(u.size):

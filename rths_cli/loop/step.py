@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import math
 
-from numba import njit
-
-from rths_cli.lti import Array
 from rths_cli.loop.blocks import EXCITATION, NUMERICAL, Linear, Step
+from rths_cli.lti import Array
+from rths_cli.rigs.compiled import part
 
 
-@njit(cache=True)
+@part
 def read_out(block: Linear, u: Array, y: Array) -> None:
     """Write y = C x + D u."""
     for i in range(y.size):
@@ -25,7 +24,7 @@ def read_out(block: Linear, u: Array, y: Array) -> None:
         y[i] = value
 
 
-@njit(cache=True)
+@part
 def advance(block: Linear, u: Array) -> None:
     """Replace x by A x + B u."""
     for i in range(block.x.size):
@@ -39,7 +38,7 @@ def advance(block: Linear, u: Array) -> None:
         block.x[i] = block.scratch[i]
 
 
-@njit(cache=True)
+@part
 def sense(s: Step) -> None:
     """Correct the samples for sensors and staircase and estimate the specimen's motion."""
     read_out(s.correction, s.samples, s.corrected)
@@ -50,7 +49,7 @@ def sense(s: Step) -> None:
     advance(s.estimator, s.corrected)
 
 
-@njit(cache=True)
+@part
 def known_base_shear(s: Step) -> float:
     """Return the part of the base shear at k + n_p that does not wait for the desired acceleration there."""
     shear = 0.0
@@ -63,7 +62,7 @@ def known_base_shear(s: Step) -> float:
     return shear
 
 
-@njit(cache=True)
+@part
 def advance_numerical(s: Step, ground_accel: float) -> None:
     """Advance the numerical part to k + n_p: interface motion relative to the ground and base shear.
 
@@ -78,7 +77,7 @@ def advance_numerical(s: Step, ground_accel: float) -> None:
     advance(s.numerical, s.ground)
 
 
-@njit(cache=True)
+@part
 def shape(s: Step, command: float) -> float:
     """Round to the converter's bits, carrying each rounding error over to the next sample (first order)."""
     size = s.shaping[1]
@@ -90,7 +89,7 @@ def shape(s: Step, command: float) -> float:
     return rounded
 
 
-@njit(cache=True)
+@part
 def note_sent(s: Step, command: float) -> None:
     """Keep the command that left the guard: later samples carry the staircase of its hold."""
     for i in range(s.sent.size - 1, 0, -1):
@@ -98,7 +97,7 @@ def note_sent(s: Step, command: float) -> None:
     s.sent[0] = command
 
 
-@njit(cache=True)
+@part
 def step(s: Step, drive: Array) -> float:
     """Return the command in V for the samples in `s.samples`.
 
@@ -114,7 +113,8 @@ def step(s: Step, drive: Array) -> float:
         s.interface[1] += drive[1]
         s.interface[2] += drive[2]
     else:
-        s.interface[:] = drive
+        for i in range(s.interface.size):
+            s.interface[i] = drive[i]
     s.recent[lead] = s.interface[0]
     s.error[0] = s.recent[0] - s.corrected[0]
     read_out(s.feedforward, s.interface, s.command[:1])

@@ -6,9 +6,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
 from rths_cli.lti import Array
+from rths_cli.rigs.compiled import entry, part
 from rths_cli.rigs.virtual.plant import Plant
 
 END_STOP = 1
@@ -40,7 +40,7 @@ def fresh_state(plant: Plant, latency_samples: int) -> PlantState:
     )  # fmt: skip
 
 
-@njit(cache=True, inline="always")
+@part
 def convert(value: float, step: float, bound: float) -> float:
     """Return the value of a converter of that step (0: none) and range, in the same unit."""
     if step > 0.0:
@@ -48,7 +48,7 @@ def convert(value: float, step: float, bound: float) -> float:
     return min(max(value, -bound), bound - step)
 
 
-@njit(cache=True, inline="always")
+@part
 def friction_sign(velocity: float, plant: Plant) -> float:
     """Return tanh(v / v_s)."""
     ratio = velocity / plant.friction_velocity_m_s
@@ -57,7 +57,7 @@ def friction_sign(velocity: float, plant: Plant) -> float:
     return math.tanh(ratio)
 
 
-@njit(cache=True, inline="always")
+@part
 def nonlinearity(which: int, argument: float, plant: Plant) -> float:
     """Return tanh(v / v_s) (which = 0) or clip(F_ref) - F_ref (which = 1)."""
     if which == 0:
@@ -65,7 +65,7 @@ def nonlinearity(which: int, argument: float, plant: Plant) -> float:
     return min(max(argument, -plant.force_limit_n), plant.force_limit_n) - argument
 
 
-@njit(cache=True, inline="always")
+@part
 def start_argument(plant: Plant, s: PlantState, which: int, command: float) -> float:
     """Return v (which = 0) or F_ref (which = 1) at the present state."""
     argument = plant.start_hold[which] * command
@@ -74,7 +74,7 @@ def start_argument(plant: Plant, s: PlantState, which: int, command: float) -> f
     return argument
 
 
-@njit(cache=True)
+@part
 def choose_level(plant: Plant, s: PlantState, command: float) -> tuple[int, int]:
     """Return the level of inner steps for the next interval, and how many nonlinearities act in it.
 
@@ -101,7 +101,7 @@ def choose_level(plant: Plant, s: PlantState, command: float) -> tuple[int, int]
     return min(level + plant.refine, plant.transition.shape[0] - 1), active
 
 
-@njit(cache=True)
+@part
 def solve_nodes(plant: Plant, s: PlantState, level: int, active: int, command: float) -> None:
     """Solve the collocation equations for the acting nonlinearities at middle and end of an inner step."""
     values = s.values
@@ -130,7 +130,7 @@ def solve_nodes(plant: Plant, s: PlantState, level: int, active: int, command: f
             return
 
 
-@njit(cache=True)
+@part
 def inner_step(plant: Plant, s: PlantState, level: int, active: int, command: float) -> None:
     """Advance mechanics and low passes by one inner step under a held command."""
     if active > 0:
@@ -148,7 +148,7 @@ def inner_step(plant: Plant, s: PlantState, level: int, active: int, command: fl
         s.pushed[i] = value
 
 
-@njit(cache=True)
+@part
 def high_pass(plant: Plant, s: PlantState, level: int) -> None:
     """Advance the sensors' high pass over an inner step, its input taken as a straight line."""
     decay = plant.high_pass[level]
@@ -157,7 +157,7 @@ def high_pass(plant: Plant, s: PlantState, level: int) -> None:
         s.slow[c] = decay * s.slow[c] + (1.0 - decay) * mean
 
 
-@njit(cache=True)
+@part
 def sense_directly(plant: Plant, s: PlantState) -> None:
     """Put the accelerations into the places of the low passes, where the sensors have none."""
     friction = friction_sign(s.pushed[1], plant)
@@ -168,7 +168,7 @@ def sense_directly(plant: Plant, s: PlantState) -> None:
         s.pushed[plant.mechanical + c] = value
 
 
-@njit(cache=True)
+@entry
 def hold_interval(plant: Plant, s: PlantState, command_v: float) -> None:
     """Queue a command, hold the one that is due for a sample interval and note the velocities at its middle."""
     last = s.queue.size - 1
@@ -191,7 +191,7 @@ def hold_interval(plant: Plant, s: PlantState, command_v: float) -> None:
         s.fault[0] = END_STOP
 
 
-@njit(cache=True)
+@part
 def note_velocity(plant: Plant, s: PlantState) -> None:
     """Keep the true absolute velocities of table and floors."""
     floors = s.middle_velocity.size - 1
@@ -200,7 +200,7 @@ def note_velocity(plant: Plant, s: PlantState) -> None:
         s.middle_velocity[1 + floor] = s.state[1] + s.state[3 + floors + floor]
 
 
-@njit(cache=True)
+@entry
 def read_samples(plant: Plant, s: PlantState, noise: Array, samples: Array) -> None:
     """Write the converted samples in V, (c,), for one row of standard normal noise (c,)."""
     for c in range(samples.size):

@@ -37,9 +37,7 @@ def kalman_gain(system: StateSpace, q: float, r: float) -> Array:
     from scipy.linalg import solve_continuous_are
 
     outputs = system.C.shape[0]
-    covariance = solve_continuous_are(
-        system.A.T, system.C.T, q * system.B @ system.B.T, r * np.eye(outputs)
-    )
+    covariance = solve_continuous_are(system.A.T, system.C.T, q * system.B @ system.B.T, r * np.eye(outputs))
     return covariance @ system.C.T / r
 
 

@@ -15,8 +15,11 @@ OUTPUTS = ("feedback_v",)
 DISTURBANCE_HZ = (1.0, 12.0)  # band of the error that the feedback is to remove
 COMMAND_WEIGHT = 0.01
 NOISE_RANGE = (1e-3, 1e3)
+BISECTIONS = 10
 BAND_SHARE = 2.0 / 3.0  # of the identified band: the highest bandwidth a model is trusted with
 GRID_HZ = np.geomspace(0.05, 450.0, 800)
+
+Plant = tuple[Array, Array, Array, Array, Array, Array]
 
 
 @dataclass(frozen=True)
@@ -70,17 +73,28 @@ def lqg(model: Model, noise: float, dt_s: float) -> Block:
     COMMAND_WEIGHT times what it moves at the disturbance's upper corner. The observer is the predicting
     steady-state Kalman filter. More noise means less bandwidth.
     """
-    a, b, c, direct, drive, drive_direct = _plant(model, dt_s)
+    plant = _plant(model, dt_s)
+    return _regulator(plant, _regulator_gain(model, plant), noise, dt_s)
+
+
+def _regulator_gain(model: Model, plant: Plant) -> Array:
+    """Return the state feedback (1, n); it does not depend on the noise."""
+    a, b, c, direct, _, _ = plant
     strength = abs(model.response(np.array(DISTURBANCE_HZ[1:]))[0])
     cost = direct.T @ direct + (COMMAND_WEIGHT * strength) ** 2
-    gain = _riccati_gain(a, b, c.T @ c, cost, c.T @ direct)
+    return _riccati_gain(a, b, c.T @ c, cost, c.T @ direct)
+
+
+def _regulator(plant: Plant, gain: Array, noise: float, dt_s: float) -> Block:
+    """Return the regulator that a state feedback and the observer for this noise make."""
+    a, b, c, direct, drive, drive_direct = plant
     variance = drive_direct @ drive_direct.T + noise**2
     observer = _riccati_gain(a.T, c.T, drive @ drive.T, variance, drive @ drive_direct.T).T
     closed = a - b @ gain - observer @ (c - direct @ gain)
     return Block("feedback", closed, -observer, -gain, np.zeros((1, 1)), dt_s, INPUTS, OUTPUTS)
 
 
-def _plant(model: Model, dt_s: float) -> tuple[Array, Array, Array, Array, Array, Array]:
+def _plant(model: Model, dt_s: float) -> Plant:
     """Return A, B, C, D of table and disturbance together, then B and D of the disturbance's white noise."""
     from scipy.linalg import block_diag
 
@@ -112,7 +126,8 @@ def table_response(model: Model, measured: Frf | None) -> ComplexArray:
     response = model.response(GRID_HZ)
     if measured is None:
         return response
-    inside = (GRID_HZ >= model.band_hz[0]) & (GRID_HZ <= model.band_hz[1])
+    lowest, highest = model.band_hz
+    inside = (lowest <= GRID_HZ) & (highest >= GRID_HZ)
     frequency = measured.frequency_hz
     alias = model.ripple_m_s2_per_v * staircase(frequency, model.latency_samples, model.dt_s)
     ratio = (measured.response - alias) / model.response(frequency)
@@ -159,19 +174,27 @@ def design(
 
 
 def _with_bandwidth(model: Model, table: ComplexArray, dt_s: float, bandwidth_hz: float) -> Feedback:
-    """Return the design whose loop gain crosses one last at the bandwidth, by bisection on the noise weight."""
+    """Return the fastest design whose loop gain crosses one last at the bandwidth or below it, by bisection on the
+    noise; the slowest there is when none does."""
+    plant = _plant(model, dt_s)
+    gain = _regulator_gain(model, plant)
     low, high = NOISE_RANGE
-    for _ in range(14):
+    slow = _judge(_regulator(plant, gain, high, dt_s), table)
+    for _ in range(BISECTIONS):
         noise = float(np.sqrt(low * high))
-        found = _judge(lqg(model, noise, dt_s), table)
-        low, high = (noise, high) if found.bandwidth_hz > bandwidth_hz else (low, noise)
-    return found
+        found = _judge(_regulator(plant, gain, noise, dt_s), table)
+        if found.bandwidth_hz > bandwidth_hz:
+            low = noise
+        else:
+            high, slow = noise, found
+    return slow
 
 
 def _judge(block: Block, table: ComplexArray) -> Feedback:
     """Return a feedback with its figures on the given table response (on GRID_HZ)."""
-    size = np.abs(sensitivity(block, table, GRID_HZ))
-    above = np.flatnonzero(np.abs(table * block.response(GRID_HZ)[0, 0]) > 1.0)
+    loop = table * block.response(GRID_HZ)[0, 0]
+    size = np.abs(1.0 / (1.0 + loop))
+    above = np.flatnonzero(np.abs(loop) > 1.0)
     crossing = float(GRID_HZ[above[-1]]) if above.size else 0.0
     peak = int(size.argmax())
     return Feedback(block, float(size[peak]), float(GRID_HZ[peak]), crossing)

@@ -72,4 +72,3 @@ def _with_motion(block: Block, velocity_v: float, displacement_v: float) -> Bloc
     b = np.hstack([block.B, np.zeros((n, 2))])
     d = np.array([[block.D[0, 0], velocity_v, displacement_v]])
     return Block(block.name, block.A, b, block.C, d, block.dt_s, INPUTS, OUTPUTS)
-

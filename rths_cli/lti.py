@@ -110,7 +110,7 @@ class Model:
 
 def staircase(frequency_hz: Array, latency_samples: int, dt_s: float) -> ComplexArray:
     """Return the response of u[k - l] - u[k - l - 1] to u, l = max(latency_samples, 1), (n_frequencies,)."""
-    late = np.exp(-2j * np.pi * np.asarray(frequency_hz, dtype=float) * dt_s)
+    late: ComplexArray = np.exp(-2j * np.pi * np.asarray(frequency_hz, dtype=complex) * dt_s)
     return late ** max(latency_samples, 1) * (1.0 - late)
 
 

@@ -32,7 +32,7 @@ class Screen:
         """Show how a case ended."""
         self._clear()
         good = ended.exit_code == 0
-        where = str(ended.path) if ended.path else "no result"
+        where = f"{ended.path}{' (replaced)' if ended.replaced else ''}" if ended.path else "no result"
         line = f"{self._label}: {ended.status}, {where}, {seconds:.1f} s"
         if not good:
             line = f"{self._label}: {ended.status}: {ended.reason}"

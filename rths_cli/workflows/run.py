@@ -43,6 +43,7 @@ class Ended:
     reason: str
     exit_code: int
     warnings: tuple[str, ...] = ()
+    replaced: bool = False
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,7 @@ def run_case(setup: Setup, path: Path, memory: Memory, command_line: str, progre
     if {"shake_table", "exp_rths"} & set(case.runs):
         identified = memory.identify(setup, progress)
         design = design_blocks(setup, identified)
-    cautions = of_case(setup, identified)
+    cautions, replaced = of_case(setup, identified), path.exists()
     with ResultWriter(path, attributes(setup, design, command_line) | {"warnings": "\n".join(cautions)}) as writer:
         writer.case(case.yaml_text, resolved_yaml(case))
         contents.write_record(writer, setup)
@@ -92,7 +93,7 @@ def run_case(setup: Setup, path: Path, memory: Memory, command_line: str, progre
         if stop is None:
             stop = _acceptance(case, values)
         writer.finish(stop.status, stop.reason)  # type: ignore[arg-type]
-    return Ended(case.name, path, stop.status, stop.reason, stop.exit_code, cautions)
+    return Ended(case.name, path, stop.status, stop.reason, stop.exit_code, cautions, replaced)
 
 
 def _simulations(setup: Setup, writer: ResultWriter, progress: Progress) -> tuple[Response, dict[str, Metric]]:

@@ -1,0 +1,75 @@
+"""Batches: one case that fails is named and the others run; signals end a batch cleanly."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from rths_cli.files.results import read_result
+
+FAST = ("--set", "runs=[sim, sim_delay]")
+CASE = "structure: three_storey\ndamping: low\nrecord: el_centro\nscaling: {scaling}\ncontroller: FF\nruns: {runs}\n"
+
+
+def rths(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "rths_cli", *words], capture_output=True, text=True, cwd=cwd, timeout=240, check=False
+    )
+
+
+def test_one_case_that_is_stopped_by_a_limit_is_named_and_the_others_run(tmp_path: Path) -> None:
+    (tmp_path / "loud.yaml").write_text(CASE.format(scaling=3, runs="[sim, shake_table]"))
+    (tmp_path / "calm.yaml").write_text(CASE.format(scaling=0.3, runs="[sim, shake_table]"))
+    done = rths("run", "loud.yaml", "calm.yaml", cwd=tmp_path)
+    assert done.returncode == 3
+    assert "loud: aborted" in done.stderr and "calm: complete" in done.stderr
+    assert read_result(tmp_path / "results/loud.h5").attributes["status"] == "aborted"
+    assert read_result(tmp_path / "results/calm.h5").attributes["status"] == "complete"
+    assert "aborted" in done.stdout
+
+
+def test_json_is_one_document_and_progress_goes_elsewhere(tmp_path: Path) -> None:
+    done = rths("run", "el_centro_low_ff", *FAST, "--json", cwd=tmp_path)
+    assert done.returncode == 0
+    document = json.loads(done.stdout)
+    assert document["cases"][0]["status"] == "complete"
+    figures = document["results"][0]["metrics"]
+    assert len(figures["sim_delay.rms_error_m_s2"]) == 3
+    assert "complete" in done.stderr
+
+
+def test_a_finished_result_is_replaced_unless_told_not_to(tmp_path: Path) -> None:
+    assert rths("run", "el_centro_low_ff", *FAST, cwd=tmp_path).returncode == 0
+    before = (tmp_path / "results/el_centro_low_ff.h5").stat().st_mtime_ns
+    refused = rths("run", "el_centro_low_ff", *FAST, "--no-replace", cwd=tmp_path)
+    assert refused.returncode == 2 and "el_centro_low_ff.h5" in refused.stderr
+    assert (tmp_path / "results/el_centro_low_ff.h5").stat().st_mtime_ns == before
+    again = rths("run", "el_centro_low_ff", *FAST, cwd=tmp_path)
+    assert again.returncode == 0 and "(replaced)" in again.stderr
+    assert (tmp_path / "results/el_centro_low_ff.h5").stat().st_mtime_ns > before
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_signal_ends_the_batch_with_its_code_and_whole_files(tmp_path: Path, number: int, code: int) -> None:
+    for k in range(60):
+        (tmp_path / f"c{k:02}.yaml").write_text(CASE.format(scaling=0.3, runs="[sim, sim_delay]"))
+    process = subprocess.Popen(
+        [sys.executable, "-m", "rths_cli", "run", *(f"c{k:02}.yaml" for k in range(60))],
+        cwd=tmp_path, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    deadline = time.monotonic() + 100
+    while not list(tmp_path.glob("results/*.h5")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    process.send_signal(number)
+    _, messages = process.communicate(timeout=60)
+    assert process.returncode == code
+    assert "Traceback" not in messages
+    assert list(tmp_path.glob("results/.*")) == []
+    for path in tmp_path.glob("results/*.h5"):
+        assert read_result(path).attributes["status"] == "complete"

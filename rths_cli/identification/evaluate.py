@@ -12,7 +12,7 @@ from rths_cli.identification.fit_table import FitError, fit_best, fit_error, fit
 from rths_cli.identification.frf import estimate, without_leakage
 from rths_cli.identification.specimen import SpecimenFit, Start, fit_specimen, modal, storey_start
 from rths_cli.lti import Array, Frf, Model
-from rths_cli.rigs.interface import RigInfo
+from rths_cli.rig_info import RigInfo
 
 LIMITS = FitError(rms=0.01, largest=0.03, rms_mid=0.004)
 LEAST_COHERENCE = 0.9  # median in COMPARED_HZ

@@ -11,7 +11,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.lti import Array
-from rths_cli.rigs.interface import RigInfo
+from rths_cli.rig_info import RigInfo
 
 FLAT_HZ, CORNER_HZ = 0.7, 12.0  # the command is flat below the first, falls as f^-1.5, above the second as f^-3.5
 SHARE = 0.6  # of each limit that a plan may use

@@ -1,0 +1,90 @@
+"""Records and systems the identification tests share: a rig's description, specimens, the default table excited."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rths_cli.control import sensing
+from rths_cli.control.realise import static
+from rths_cli.identification.excitation import Excitation, ExcitationSettings, plan
+from rths_cli.loop.blocks import EXCITATION, Blocks
+from rths_cli.loop.drive import play
+from rths_cli.loop.guard import GuardLimits
+from rths_cli.lti import Array, Block, ComplexArray
+from rths_cli.rig_info import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
+from rths_cli.rigs.virtual.plant import Physics, accelerations, continuous
+from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
+from rths_cli.structure import Specimen, modal_damping_matrix, storey_matrix
+
+PHYSICS = Physics(7.0, 8.0, 0.3, 1e-3, 14.0, 0.6, 1.5e-3, 0.0079, 13.86, 445.0)
+
+
+def make_specimen(
+    stiffness: tuple[float, ...] = (7331.56, 7376.40), ratios: tuple[float, ...] = (0.043, 0.039)
+) -> Specimen:
+    """Return a specimen of floors near 7 kg."""
+    masses = np.array([6.91, 6.95, 6.80][: len(stiffness)])
+    K = storey_matrix(stiffness)
+    return Specimen(masses, K, modal_damping_matrix(masses, K, ratios))
+
+
+def make_info(specimen: Specimen, bits: int = 16, dt_s: float = 5e-4, stroke_m: float = 0.079) -> RigInfo:
+    """Return what a laboratory knows of the default rig."""
+    names = ["table", *(f"floor_{i + 1}" for i in range(len(specimen.masses_kg)))]
+    range_m_s2 = 5.0 * STANDARD_GRAVITY_M_S2
+    channels = tuple(Channel(name, 1.0 / STANDARD_GRAVITY_M_S2, range_m_s2, 0.024, 1549.0) for name in names)
+    limits = Limits(stroke_m, 1.0, 45.0, 445.0)
+    payload = float(specimen.masses_kg.sum())
+    return RigInfo("aps", "virtual", dt_s, channels, Converters(bits, 10.0), 1, limits, 0.0079, 7.0, payload)
+
+
+@dataclass(frozen=True)
+class Excited:
+    """A virtual rig's record: its plan, the command (n,) and the corrected channels (c, n)."""
+
+    info: RigInfo
+    specimen: Specimen
+    plan: Excitation
+    command_v: Array
+    corrected: Array
+
+
+def excite(specimen: Specimen, seed: int, duration_s: float = 60.0) -> Excited:
+    """Play a planned excitation on the default table."""
+    info = make_info(specimen)
+    excitation = plan(info, ExcitationSettings(duration_s=duration_s), seed)
+    channels = len(info.channels)
+    blocks = Blocks(
+        correction=sensing.correction(info.channels, info.dt_s),
+        estimator=_silent(1, channels),
+        numerical=_silent(3, 2),
+        feedforward=_silent(1, 3),
+        feedback=_silent(1, 1),
+        shear_estimate=np.zeros(1),
+        shear_recent=np.zeros(0),
+        shear_measured=np.zeros(channels),
+        shear_desired=0.0,
+    )
+    masses = np.concatenate([[7.0], specimen.masses_kg])
+    limits = GuardLimits(0.079, 1.0, 45.0, 445.0, 10.0, np.inf, 0.0079, info.dt_s, masses, np.full(channels, 5.0), 1.0)
+    drive = np.column_stack([excitation.command_v, np.zeros((excitation.command_v.size, 2))])
+    rig = VirtualRig(info, build_plant(info, PHYSICS, specimen, 3e-4), (seed, 7))
+    outcome = play(rig, info, blocks, EXCITATION, drive, limits)
+    assert outcome.stopped_by_limit == ""
+    assert outcome.rig_fault == ""
+    return Excited(info, specimen, excitation, outcome.log.command_v, outcome.log.corrected)
+
+
+def _silent(outputs: int, inputs: int) -> Block:
+    return static(np.zeros((outputs, inputs)), 5e-4, "silent", (), ())
+
+
+def true_response(specimen: Specimen, frequency_hz: Array, delay_s: float = 7.5e-4) -> ComplexArray:
+    """Return the default table's linear response to its command, from the equations of motion."""
+    a, b_u, b_n, *_ = continuous(PHYSICS, specimen)
+    rows, _ = accelerations(a, b_n, len(specimen.masses_kg))
+    s = 2j * np.pi * frequency_hz
+    states = np.linalg.solve(s[:, None, None] * np.eye(len(a)) - a, b_u[:, None].astype(complex))
+    return (rows[0] @ states)[:, 0] * np.exp(-s * delay_s)

@@ -1,0 +1,124 @@
+"""The specimen's fit: motions integrated in time by scipy give the stiffnesses and ratios back."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from made_records import make_specimen
+from scipy import signal
+
+from rths_cli.errors import InputError
+from rths_cli.identification.specimen import SpecimenFit, Start, fit_specimen, storey_start
+from rths_cli.structure import Specimen, modes, storey_values
+
+DT = 1e-3
+TIME = np.arange(60000) * DT
+
+
+def table_motion(seed: int = 0) -> np.ndarray:
+    """Return noise below 40 Hz, 2 m/s^2 rms, that starts and ends in full motion."""
+    sections = signal.butter(6, [0.5, 40.0], "band", fs=1.0 / DT, output="sos")
+    motion = signal.sosfilt(sections, np.random.default_rng(seed).standard_normal(len(TIME) + 20000))[20000:]
+    return 2.0 * motion / motion.std()
+
+
+def floors(specimen: Specimen, table: np.ndarray, start: np.ndarray | None = None) -> np.ndarray:
+    """Return the floors' absolute accelerations (n, samples), the table's taken as straight lines."""
+    n, inverse = len(specimen.masses_kg), 1.0 / specimen.masses_kg[:, None]
+    lower = np.hstack([-inverse * specimen.K, -inverse * specimen.C])
+    a = np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), lower])
+    b = np.concatenate([np.zeros(n), -np.ones(n)])[:, None]
+    time = np.arange(len(table)) * DT
+    return signal.lsim((a, b, lower, np.zeros((n, 1))), table, time, start)[1].reshape(len(table), n).T
+
+
+def fitted(specimen: Specimen, table: np.ndarray, moved: np.ndarray) -> SpecimenFit:
+    """Fit from a start that is a few per cent off in stiffness and far off in damping."""
+    first = Start(storey_values(specimen.K) * 1.03, np.full(len(specimen.masses_kg), 0.02))
+    return fit_specimen(table, moved, DT, specimen.masses_kg, 0.5, first)
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "ratios"),
+    [
+        ((7331.56, 7376.40), (0.043, 0.039)),
+        ((14710.35, 3676.36), (0.043, 0.039)),
+        ((7331.56, 7376.40), (0.003, 0.1)),
+        ((6000.0,), (0.02,)),
+        ((7000.0, 7600.0, 7200.0), (0.03, 0.01, 0.05)),
+    ],
+)
+def test_stiffness_and_damping_come_back(stiffness: tuple[float, ...], ratios: tuple[float, ...]) -> None:
+    specimen = make_specimen(stiffness, ratios)
+    table = table_motion()
+    found = fitted(specimen, table, floors(specimen, table))
+    hz, zeta = modes(np.diag(specimen.masses_kg), specimen.C, specimen.K)
+    assert found.stiffness_n_per_m == pytest.approx(stiffness, rel=5e-4)
+    assert found.natural_frequency_hz == pytest.approx(hz, rel=2e-4)
+    assert found.damping_ratio == pytest.approx(zeta, rel=0.01)
+    assert pytest.approx(specimen.K, rel=5e-4) == found.specimen.K
+    assert found.residual < 2e-3
+
+
+def test_mode_shapes_are_the_eigenvectors() -> None:
+    specimen = make_specimen()
+    table = table_motion()
+    found = fitted(specimen, table, floors(specimen, table))
+    for mode in range(2):
+        shape = found.mode_shapes[:, mode]
+        omega = 2.0 * np.pi * found.natural_frequency_hz[mode]
+        assert specimen.K @ shape == pytest.approx(omega**2 * specimen.masses_kg * shape, rel=2e-3)
+        assert np.abs(shape).max() == 1.0
+
+
+def test_free_vibration_on_a_table_that_rings() -> None:
+    specimen = make_specimen()
+    table = 0.05 * np.exp(-TIME[:16000] / 2.0) * np.sin(2.0 * np.pi * 3.15 * TIME[:16000])
+    moved = floors(specimen, table, np.array([4e-3, 9e-3, 0.0, 0.05]))
+    moved += 1e-3 * np.random.default_rng(2).standard_normal(moved.shape)
+    found = fitted(specimen, table, moved)
+    assert found.natural_frequency_hz == pytest.approx([3.2, 8.4], rel=5e-4)
+    assert found.damping_ratio == pytest.approx([0.043, 0.039], rel=0.02)
+
+
+def test_slow_drift_of_a_channel_does_no_harm() -> None:
+    specimen = make_specimen()
+    table = table_motion()
+    moved = floors(specimen, table)
+    moved[1] += 0.5 + 0.03 * TIME
+    assert fitted(specimen, table, moved).damping_ratio == pytest.approx([0.043, 0.039], rel=0.01)
+
+
+def test_standard_errors_are_the_scatter_of_repeated_records() -> None:
+    specimen, random = make_specimen(), np.random.default_rng(5)
+    table = table_motion()[:20000]
+    still = floors(specimen, table)
+    found = [fitted(specimen, table, still + 0.2 * random.standard_normal(still.shape)) for _ in range(25)]
+    for value, error in (("natural_frequency_hz", "frequency_error_hz"), ("damping_ratio", "damping_error")):
+        scatter = np.std([getattr(fit, value) for fit in found], axis=0, ddof=1)
+        assert np.mean([getattr(fit, error) for fit in found], axis=0) == pytest.approx(scatter, rel=0.45)
+
+
+def response(specimen: Specimen, f: np.ndarray, table: np.ndarray) -> np.ndarray:
+    """Return the floors' response (2, m) where the table has the response (m,), from the dynamic stiffness."""
+    s = (2j * np.pi * f)[:, None, None]
+    dynamic = s**2 * np.diag(specimen.masses_kg) + s * specimen.C + specimen.K
+    relative = np.linalg.solve(dynamic, -np.tile(specimen.masses_kg[:, None], (len(f), 1, 1)))[..., 0]
+    return ((1.0 + s[:, :, 0] ** 2 * relative) * table[:, None]).T
+
+
+@pytest.mark.parametrize("stiffness", [(7331.56, 7376.40), (14710.35, 3676.36)])
+def test_start_from_responses_is_close_for_either_stiffness_solution(stiffness: tuple[float, ...]) -> None:
+    specimen, f = make_specimen(stiffness), np.arange(0.5, 30.0, 0.05)
+    table = 1.0 + 0.01j * f  # whatever the table does
+    start = storey_start(f, table, response(specimen, f, table), specimen.masses_kg)
+    assert start.stiffness_n_per_m == pytest.approx(stiffness, rel=0.03)
+    assert np.all((start.damping_ratio > 0.01) & (start.damping_ratio < 0.15))
+
+
+def test_floors_with_the_wrong_sign_are_refused() -> None:
+    specimen, f = make_specimen(), np.arange(0.5, 30.0, 0.05)
+    table = np.ones(len(f), dtype=complex)
+    moved = response(specimen, f, table)
+    with pytest.raises(InputError, match="must be positive"):
+        storey_start(f, table, moved * [[1.0], [-1.0]], specimen.masses_kg)

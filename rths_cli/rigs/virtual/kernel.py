@@ -13,19 +13,18 @@ from rths_cli.rigs.virtual.plant import Plant
 
 END_STOP = 1
 SATURATED = 20.0  # tanh(20) is 1 in double precision
-CLIP_MARGIN = 0.8  # share of the force limit from which on clipping is looked for
-CLIP_LEVEL = 3
+CLIPPED_LEVEL = 3
+CROSSING_LEVEL = 8  # of an interval in which clipping may begin or end
 
 
 class PlantState(NamedTuple):
     """What the kernel changes: c = 1 + n_floors channels, n states, latency + 1 commands under way."""
 
-    state: Array  # (n,) mechanical states, then the channels' low passes
+    state: Array  # (n,) mechanical states, then the channels' low passes, then their AC couplings
     pushed: Array  # (n,) scratch for the next state
     values: Array  # (2, 3) the nonlinearities at start, middle, end of an inner step
     offsets: Array  # (2, 2) scratch: the arguments at middle and end without the nonlinearities
     accel: Array  # (c,) absolute accelerations, wanted where the sensors have no low pass
-    slow: Array  # (c,) state of the sensors' high pass
     queue: Array  # (latency + 1,) commands under way, the oldest first
     middle_velocity: Array  # (c,) true absolute velocities in the middle of the interval
     fault: Array  # (1,) 0 or END_STOP
@@ -35,7 +34,7 @@ def fresh_state(plant: Plant, latency_samples: int) -> PlantState:
     """Return a table at rest."""
     n, c = plant.transition.shape[1], plant.accel_rows.shape[0]
     return PlantState(
-        np.zeros(n), np.zeros(n), np.zeros((2, 3)), np.zeros((2, 2)), np.zeros(c), np.zeros(c),
+        np.zeros(n), np.zeros(n), np.zeros((2, 3)), np.zeros((2, 2)), np.zeros(c),
         np.zeros(latency_samples + 1), np.zeros(c), np.zeros(1, dtype=np.int64),
     )  # fmt: skip
 
@@ -78,7 +77,7 @@ def start_argument(plant: Plant, s: PlantState, which: int, command: float) -> f
 def choose_level(plant: Plant, s: PlantState, command: float) -> tuple[int, int]:
     """Return the level of inner steps for the next interval, and how many nonlinearities act in it.
 
-    None acts while the table moves fast enough for constant friction, two near the force limit.
+    None acts while the table moves fast enough for constant friction, two where F_ref may exceed the force limit.
 
     The parabola through tanh(v / v_s) errs by about 0.03 exp(-2 r) (q / steps)^3, with r the smallest |v| / v_s
     and q the change of v / v_s in the interval; the steps keep this below 5e-6.
@@ -94,8 +93,10 @@ def choose_level(plant: Plant, s: PlantState, command: float) -> tuple[int, int]
     while 2.0 * 2**level < steps:
         level += 1
     active = 0 if nearest > SATURATED else 1
-    if abs(start_argument(plant, s, 1, command)) > CLIP_MARGIN * plant.force_limit_n:
-        level, active = max(level, CLIP_LEVEL), 2
+    wanted = abs(start_argument(plant, s, 1, command))
+    swing = 1.5 * abs(plant.start_rows[1, 0] * s.state[1] + plant.start_rows[1, 1] * accel) * plant.dt_s
+    if wanted + swing > plant.force_limit_n:
+        level, active = max(level, CLIPPED_LEVEL if wanted - swing > plant.force_limit_n else CROSSING_LEVEL), 2
     s.values[0, :] = math.copysign(1.0, velocity)
     s.values[1, :] = 0.0
     return min(level + plant.refine, plant.transition.shape[0] - 1), active
@@ -132,29 +133,22 @@ def solve_nodes(plant: Plant, s: PlantState, level: int, active: int, command: f
 
 @part
 def inner_step(plant: Plant, s: PlantState, level: int, active: int, command: float) -> None:
-    """Advance mechanics and low passes by one inner step under a held command."""
+    """Advance mechanics and sensors by one inner step under a held command."""
     if active > 0:
         solve_nodes(plant, s, level, active, command)
-    mechanical = plant.mechanical
+    mechanical, channels = plant.mechanical, s.accel.size
     for i in range(s.state.size):
         value = plant.hold[level, i] * command
         for j in range(mechanical):
             value += plant.transition[level, i, j] * s.state[j]
         if i >= mechanical:
             value += plant.transition[level, i, i] * s.state[i]
+        if i >= mechanical + channels:
+            value += plant.transition[level, i, i - channels] * s.state[i - channels]
         for source in range(max(active, 1)):
             for j in range(3):
                 value += plant.drive[level, i, source, j] * s.values[source, j]
         s.pushed[i] = value
-
-
-@part
-def high_pass(plant: Plant, s: PlantState, level: int) -> None:
-    """Advance the sensors' high pass over an inner step, its input taken as a straight line."""
-    decay = plant.high_pass[level]
-    for c in range(s.slow.size):
-        mean = 0.5 * (s.state[plant.mechanical + c] + s.pushed[plant.mechanical + c])
-        s.slow[c] = decay * s.slow[c] + (1.0 - decay) * mean
 
 
 @part
@@ -182,7 +176,6 @@ def hold_interval(plant: Plant, s: PlantState, command_v: float) -> None:
         inner_step(plant, s, level, active, held)
         if not plant.has_low_pass:
             sense_directly(plant, s)
-        high_pass(plant, s, level)
         for i in range(s.state.size):
             s.state[i] = s.pushed[i]
         if step == half - 1:
@@ -204,6 +197,7 @@ def note_velocity(plant: Plant, s: PlantState) -> None:
 def read_samples(plant: Plant, s: PlantState, noise: Array, samples: Array) -> None:
     """Write the converted samples in V, (c,), for one row of standard normal noise (c,)."""
     for c in range(samples.size):
-        accel = s.state[plant.mechanical + c] - s.slow[c] + plant.noise_rms_m_s2 * noise[c]
+        place = plant.mechanical + c
+        accel = s.state[place] - s.state[place + samples.size] + plant.noise_rms_m_s2 * noise[c]
         accel = min(max(accel, -plant.sensor_range_m_s2), plant.sensor_range_m_s2)
         samples[c] = convert(accel * plant.sensor_v_per_m_s2, plant.sensor_step_v, plant.sensor_range_v)

@@ -39,12 +39,11 @@ class Plant(NamedTuple):
     node_rows: Array  # (levels, 2, 2, n) nonlinearity's argument at middle, end from the state
     node_hold: Array  # (levels, 2, 2) the same from the command
     node_drive: Array  # (levels, 2, 2, 2, 3) the same from the nonlinearities
-    high_pass: Array  # (levels,) decay of the sensors' high pass over h
     start_rows: Array  # (2, n) the argument at the start
     start_hold: Array  # (2,)
     accel_rows: Array  # (c, n) absolute accelerations from the state
     accel_friction: Array  # (c,) the same from tanh(v / v_s)
-    mechanical: int  # number of mechanical states; one low-pass state per channel follows
+    mechanical: int  # number of mechanical states; one low pass and one AC coupling per channel follow
     has_low_pass: bool
     dt_s: float
     friction_velocity_m_s: float
@@ -121,18 +120,23 @@ def parabola_response(a: Array, b: Array, time_s: float, step_s: float) -> tuple
     return exponential[:n, :n], np.einsum("nim,ij->nmj", moments, lagrange)
 
 
-def with_low_pass(
-    a: Array, b_u: Array, b_n: Array, accel_rows: Array, accel_friction: Array, corner_hz: float
+def with_sensors(
+    a: Array, b_u: Array, b_n: Array, accel_rows: Array, accel_friction: Array, low_pass_hz: float, high_pass_hz: float
 ) -> tuple[Array, Array, Array]:
-    """Return A, b_u, B_n with one first-order low-pass state per channel appended (corner 0: kept at zero)."""
+    """Return A, b_u, B_n with the sensors' states appended: the c low passes z' = w_l (a - z), zero without a corner,
+    then the c AC couplings s' = w_h (z - s), or w_h (a - s) without a low pass."""
     n, c = a.shape[0], accel_rows.shape[0]
-    pole = 2.0 * np.pi * corner_hz
-    full = np.zeros((n + c, n + c))
-    full[:n, :n] = a
-    full[n:, :n] = pole * accel_rows
-    full[n:, n:] = -pole * np.eye(c)
-    friction = np.column_stack([pole * accel_friction, np.zeros(c)])
-    return full, np.concatenate([b_u, np.zeros(c)]), np.vstack([b_n, friction])
+    low, high = 2.0 * np.pi * low_pass_hz, 2.0 * np.pi * high_pass_hz
+    first, second = slice(n, n + c), slice(n + c, n + 2 * c)
+    full, friction = np.zeros((n + 2 * c, n + 2 * c)), np.zeros((n + 2 * c, 2))
+    full[:n, :n], friction[:n] = a, b_n
+    full[first, :n], full[first, first], friction[first, 0] = low * accel_rows, -low * np.eye(c), low * accel_friction
+    full[second, second] = -high * np.eye(c)
+    if low > 0.0:
+        full[second, first] = high * np.eye(c)
+    else:
+        full[second, :n], friction[second, 0] = high * accel_rows, high * accel_friction
+    return full, np.concatenate([b_u, np.zeros(2 * c)]), friction
 
 
 def accelerations(a: Array, b_n: Array, floors: int) -> tuple[Array, Array]:

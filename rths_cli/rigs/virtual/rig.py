@@ -10,13 +10,13 @@ from rths_cli.errors import RigError
 from rths_cli.lti import Array
 from rths_cli.rigs.interface import RigInfo
 from rths_cli.rigs.virtual import kernel
-from rths_cli.rigs.virtual.plant import Plant, accelerations, continuous, parabola_response, with_low_pass
+from rths_cli.rigs.virtual.plant import Plant, accelerations, continuous, parabola_response, with_sensors
 from rths_cli.structure import Specimen
 
 if TYPE_CHECKING:
     from rths_cli.case.virtual_physics import AfterIdentification, VirtualPhysics
 
-LEVELS = 7  # inner steps from dt / 2 to dt / 128
+LEVELS = 9  # inner steps from dt / 2 to dt / 512
 NOISE_ROWS = 4096
 
 
@@ -44,8 +44,10 @@ def build_plant(
     sensor, converters = info.channels[0], info.converters
     a, b_u, b_n, rows, row_command = continuous(physics, specimen, interface_mass_kg)
     accel_rows, accel_friction = accelerations(a, b_n, len(specimen.masses_kg))
-    full, full_u, full_n = with_low_pass(a, b_u, b_n, accel_rows, accel_friction, sensor.low_pass_hz)
-    rows = np.hstack([rows, np.zeros((2, accel_rows.shape[0]))])
+    full, full_u, full_n = with_sensors(
+        a, b_u, b_n, accel_rows, accel_friction, sensor.low_pass_hz, sensor.high_pass_hz
+    )
+    rows = np.hstack([rows, np.zeros((2, 2 * accel_rows.shape[0]))])
     steps = [info.dt_s / 2 ** (level + 1) for level in range(LEVELS + refine)]
     levels = [_level(full, np.column_stack([full_n, full_u]), rows, row_command, step) for step in steps]
     transition, hold, drive, node_rows, node_hold, node_drive = (
@@ -58,7 +60,6 @@ def build_plant(
         node_rows=node_rows,
         node_hold=node_hold,
         node_drive=node_drive,
-        high_pass=np.exp(-2.0 * np.pi * sensor.high_pass_hz * np.array(steps)),
         start_rows=rows,
         start_hold=row_command,
         accel_rows=np.ascontiguousarray(accel_rows),

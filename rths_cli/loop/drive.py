@@ -10,7 +10,7 @@ import numpy as np
 from rths_cli.errors import RigError
 from rths_cli.loop.blocks import Blocks, Step, assemble
 from rths_cli.loop.clocks import IntArray, monotonic_ns
-from rths_cli.loop.guard import REASONS, STOPPED, GuardLimits, GuardState, fresh_guard, guard
+from rths_cli.loop.guard import NO_CHANNEL, REASONS, STOPPED, GuardLimits, GuardState, fresh_guard, guard
 from rths_cli.loop.step import note_sent, step
 from rths_cli.lti import Array
 from rths_cli.rigs.compiled import entry
@@ -154,7 +154,5 @@ def _reason(info: RigInfo, state: GuardState) -> str:
     """Return the guard's reason as a sentence, empty when it let everything pass."""
     if state.flags[1] == 0:
         return ""
-    text = REASONS[state.flags[1]]
-    if "acceleration beyond" in text or "sensor" in text or "sample" in text:
-        return f"{text} (channel {info.channels[state.flags[2]].name})"
-    return text
+    text, channel = REASONS[state.flags[1]], state.flags[2]
+    return text if channel == NO_CHANNEL else f"{text} (channel {info.channels[channel].name})"

@@ -30,10 +30,11 @@ REASONS = (
     "a sensor is stuck",
 )
 BRAKE_SHARE = 0.45  # of the acceleration limit
-RETURN_RATE = 2.0 * math.pi  # rad/s: back at zero within 2 s
+RETURN_RATE = 2.0 * math.pi  # rad/s, or less where a limit is tight: back at zero within 2 s
 AT_REST_M = 1e-5
 STUCK_S = 0.5
 STUCK_BITS = 10.0
+NO_CHANNEL = -1
 
 
 class GuardLimits(NamedTuple):
@@ -55,7 +56,7 @@ class GuardLimits(NamedTuple):
 class GuardState(NamedTuple):
     """What the guard remembers between steps."""
 
-    flags: Array  # int (4,): phase, reason, channel the reason is about, steps before it
+    flags: Array  # int (4,): phase, reason, channel the reason is about (or NO_CHANNEL), steps before it
     motion: Array  # (2,) commanded displacement in m and velocity in m/s
     codes: Array  # (c,) last sample in V of each channel
     desired_at: Array  # (c,) desired acceleration when that sample last changed
@@ -86,7 +87,7 @@ def check_samples(lim: GuardLimits, g: GuardState, samples: Array, accel: Array,
         if is_stuck(lim, g, c, samples[c], desired):
             return STUCK
         force += lim.masses_kg[c] * accel[c]
-    g.flags[2] = 0
+    g.flags[2] = NO_CHANNEL
     return FORCE if abs(force) > lim.force_n else NONE
 
 
@@ -103,7 +104,7 @@ def is_stuck(lim: GuardLimits, g: GuardState, c: int, sample: float, desired: fl
 
 @part
 def check_command(lim: GuardLimits, g: GuardState, command: float, error: float) -> int:
-    """Return the reason to stop that the command gives, or NONE; an outward motion must leave room to brake."""
+    """Return the reason to stop that the command gives, or NONE; the motion must leave room to brake."""
     if not (math.isfinite(command) and math.isfinite(error)):
         return NOT_A_NUMBER
     if abs(command) > lim.command_v:
@@ -112,18 +113,27 @@ def check_command(lim: GuardLimits, g: GuardState, command: float, error: float)
     velocity = (place - g.motion[0]) / lim.dt_s
     if abs(velocity) > lim.velocity_m_s:
         return VELOCITY
-    reach = abs(place)
-    if place * velocity > 0.0:
-        reach += 0.5 * velocity * velocity / (BRAKE_SHARE * lim.acceleration_m_s2)
-    if reach > lim.stroke_m:
+    braked = place + 0.5 * velocity * abs(velocity) / (BRAKE_SHARE * lim.acceleration_m_s2)
+    if max(abs(place), abs(braked)) > lim.stroke_m:
         return STROKE
     return TRACKING if abs(error) > lim.tracking_error_m_s2 else NONE
+
+
+@part
+def return_rate(lim: GuardLimits) -> float:
+    """Return the rate in rad/s of the critically damped return x0 (1 + r t) exp(-r t), whose velocity stays below
+    x0 r / e and its acceleration below x0 r^2."""
+    farthest = min(lim.stroke_m, lim.gain_m_per_v * lim.command_v)
+    by_velocity = math.e * lim.velocity_m_s / farthest
+    by_acceleration = math.sqrt(BRAKE_SHARE * lim.acceleration_m_s2 / farthest)
+    return min(RETURN_RATE, by_velocity, by_acceleration)
 
 
 @part
 def ramp_down(lim: GuardLimits, g: GuardState) -> None:
     """Lead the commanded motion one step on its way to rest."""
     place, velocity = g.motion[0], g.motion[1]
+    rate = return_rate(lim)
     if g.flags[0] == BRAKING:
         less = BRAKE_SHARE * lim.acceleration_m_s2 * lim.dt_s
         velocity = math.copysign(max(abs(velocity) - less, 0.0), velocity)
@@ -131,10 +141,10 @@ def ramp_down(lim: GuardLimits, g: GuardState) -> None:
         if velocity == 0.0:
             g.flags[0] = RETURNING
     elif g.flags[0] == RETURNING:
-        slope = (velocity + RETURN_RATE * place) * lim.dt_s
-        decay = math.exp(-RETURN_RATE * lim.dt_s)
-        place, velocity = (place + slope) * decay, (velocity - RETURN_RATE * slope) * decay
-        if abs(place) < AT_REST_M and abs(velocity) < AT_REST_M * RETURN_RATE:
+        slope = (velocity + rate * place) * lim.dt_s
+        decay = math.exp(-rate * lim.dt_s)
+        place, velocity = (place + slope) * decay, (velocity - rate * slope) * decay
+        if abs(place) < AT_REST_M and abs(velocity) < AT_REST_M * rate:
             g.flags[0], place, velocity = STOPPED, 0.0, 0.0
     g.motion[0], g.motion[1] = place, velocity
 

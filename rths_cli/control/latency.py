@@ -2,41 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Protocol
-
 import numpy as np
 
 from rths_cli.control.estimator import Shear, specimen_state_space
-from rths_cli.control.sensing import Sensor
 from rths_cli.lti import Array, Block
+from rths_cli.rig_info import RigInfo
 from rths_cli.structure import Specimen
 
 FREQUENCIES_HZ = np.array([1.0, 3.0, 5.0, 10.0, 20.0, 100.0])
 
 
-class Timing(Protocol):
-    """What a rig says of its sample timing and sensors."""
-
-    @property
-    def dt_s(self) -> float: ...
-    @property
-    def latency_samples(self) -> int: ...
-    @property
-    def channels(self) -> Sequence[Sensor]: ...
-
-
-def converter_s(rig: Timing) -> float:
+def converter_s(rig: RigInfo) -> float:
     """Return the wait between samples and the hold they command."""
     return rig.latency_samples * rig.dt_s
 
 
-def hold_s(rig: Timing) -> float:
+def hold_s(rig: RigInfo) -> float:
     """Return the mean age of a held command, half a sample."""
     return 0.5 * rig.dt_s
 
 
-def sensor_s(rig: Timing) -> float:
+def sensor_s(rig: RigInfo) -> float:
     """Return the low-frequency lag of the accelerometers' low pass, which the correction takes out."""
     corner = rig.channels[0].low_pass_hz
     return 1.0 / (2.0 * np.pi * corner) if corner > 0.0 else 0.0

@@ -2,28 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Protocol
-
 import numpy as np
 
 from rths_cli.lti import Block
+from rths_cli.rig_info import Channel
 
 
-class Sensor(Protocol):
-    """What a laboratory knows of a channel's accelerometer; a corner of 0 Hz means that there is none."""
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def sensitivity_v_per_m_s2(self) -> float: ...
-    @property
-    def high_pass_hz(self) -> float: ...
-    @property
-    def low_pass_hz(self) -> float: ...
-
-
-def correction(channels: Sequence[Sensor], dt_s: float) -> Block:
+def correction(channels: tuple[Channel, ...], dt_s: float) -> Block:
     """Return the block from samples in V (c,) to accelerations in m/s^2 (c,), corrected for the sensors' corners.
 
     The AC coupling s / (s + w_h) is undone by 1 + w_h / s (trapezoidal rule), the low pass w_l / (s + w_l) by a

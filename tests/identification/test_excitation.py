@@ -78,6 +78,7 @@ def test_command_is_a_whole_number_of_bits_and_repeats_with_its_seed() -> None:
     made, again, other = plan(info, SHORT, 5), plan(info, SHORT, 5), plan(info, SHORT, 6)
     bits = made.command_v / (20.0 / 65536)
     assert np.abs(bits - np.round(bits)).max() < 1e-6
+    assert np.abs(made.command_v - plan(SMOOTH, SHORT, 5).command_v).max() <= 0.5001 * 20.0 / 65536
     assert np.array_equal(made.command_v, again.command_v)
     assert np.corrcoef(made.command_v, other.command_v)[0, 1] < 0.5
 

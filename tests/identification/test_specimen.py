@@ -57,7 +57,7 @@ def test_stiffness_and_damping_come_back(stiffness: tuple[float, ...], ratios: t
     assert found.natural_frequency_hz == pytest.approx(hz, rel=2e-4)
     assert found.damping_ratio == pytest.approx(zeta, rel=0.01)
     assert pytest.approx(specimen.K, rel=5e-4) == found.specimen.K
-    assert found.residual < 2e-3
+    assert found.residual < 2e-4
 
 
 def test_mode_shapes_are_the_eigenvectors() -> None:
@@ -81,12 +81,12 @@ def test_free_vibration_on_a_table_that_rings() -> None:
     assert found.damping_ratio == pytest.approx([0.043, 0.039], rel=0.02)
 
 
-def test_slow_drift_of_a_channel_does_no_harm() -> None:
-    specimen = make_specimen()
-    table = table_motion()
-    moved = floors(specimen, table)
-    moved[1] += 0.5 + 0.03 * TIME
-    assert fitted(specimen, table, moved).damping_ratio == pytest.approx([0.043, 0.039], rel=0.01)
+def test_slow_drift_of_a_channel_does_no_harm_to_a_free_vibration() -> None:
+    specimen, table = make_specimen(), np.zeros(16000)
+    moved = floors(specimen, table, np.array([4e-3, 9e-3, 0.0, 0.05])) + 0.05 * TIME[:16000]
+    found = fitted(specimen, table, moved)
+    assert found.natural_frequency_hz == pytest.approx([3.2, 8.4], rel=1e-4)
+    assert found.damping_ratio == pytest.approx([0.043, 0.039], rel=1e-3)
 
 
 def test_standard_errors_are_the_scatter_of_repeated_records() -> None:

@@ -80,7 +80,7 @@ class IdentificationSpec(Strict):
 
     model: Path | None = Field(default=None, description="a model file; without one a virtual rig is identified first")
     seed: Seed = 0
-    duration_s: Annotated[float, Range(ge=5, le=7200)] = 300.0
+    duration_s: Annotated[float, Range(ge=40, le=7200)] = 120.0
     accel_rms_m_s2: Annotated[float, Range(gt=0, le=100)] = 2.0
     low_hz: Annotated[float, Range(ge=0.01, le=1000)] = 0.3
     high_hz: Annotated[float, Range(gt=0, le=1000)] = 60.0

@@ -21,7 +21,7 @@ controller: FF+FB              # FF, FF+FB or none (the table as delivered)
 # sample_rate_hz: 2000
 # delay_s: 0.005                 # the delay of sim-delay
 # record_filter: {corner_hz: 0.25, order: 2}   # causal Butterworth high pass; corner_hz: 0 switches it off
-# identification: {seed: 0, duration_s: 300, accel_rms_m_s2: 2.0}   # or {model: FILE} to reuse a model
+# identification: {seed: 0, duration_s: 120, accel_rms_m_s2: 2.0}
 # kalman: {q: 1e3, r: 1.0}
 # limits: {stroke_m: 0.07}       # may only be stricter than the rig's
 # seed: 0                        # of the noise in the runs

@@ -26,7 +26,7 @@ LEAST_DURATION_S = 40.0
 class ExcitationSettings:
     """What may be asked of an excitation: duration of the noise, its nominal acceleration and its band."""
 
-    duration_s: float = 300.0
+    duration_s: float = 120.0
     accel_rms_m_s2: float = 2.0
     low_hz: float = 0.3
     high_hz: float = 60.0

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, RthsError, write_crash_file
+from rths_cli.rigs.compiled import is_compiled
 from rths_cli.workflows.identify import Memory
 from rths_cli.workflows.run import Ended, prepare_all, run_case
 
@@ -30,6 +31,9 @@ class Watcher(Protocol):
 
     def ended(self, ended: Ended, seconds: float) -> None:
         """Take note of how a case ended."""
+
+    def message(self, text: str) -> None:
+        """Take note of a sentence for the user."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +67,8 @@ def plan(request: Request) -> list[tuple[Setup, Path]]:
 def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
     """Run every case of a request; one that fails is named and the others go on."""
     jobs = plan(request)
+    if not is_compiled():
+        watcher.message("first run of this version here: compiling the real-time step, about 20 s more")
     memory = Memory()
     results = []
     for number, (setup, path) in enumerate(jobs, 1):

@@ -66,6 +66,13 @@ def json_option(command: F) -> F:
 )
 @click.option("--no-replace", is_flag=True, help="Refuse, before running, to replace a finished result.")
 @click.option("--quiet", is_flag=True, help="Show no progress, only what went wrong.")
+@click.option(
+    "--override",
+    "overrides",
+    multiple=True,
+    type=click.Choice(["model"]),
+    help="I know: use a model that its identification rejected. Stored in the result.",
+)
 @settings_option
 @json_option
 def run(
@@ -74,6 +81,7 @@ def run(
     methods: tuple[str, ...],
     no_replace: bool,
     quiet: bool,
+    overrides: tuple[str, ...],
     settings: tuple[str, ...],
     as_json: bool,
 ) -> int:
@@ -92,6 +100,7 @@ def run(
         output=Path(output),
         replace=not no_replace,
         command_line=" ".join(["rths", *sys.argv[1:]]),
+        overrides=tuple(dict.fromkeys(overrides)),
     )
     ended = run_batch(request, screen)
     _show_results([e.path for e in ended if e.path], as_json, [e.__dict__ for e in ended])

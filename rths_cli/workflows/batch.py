@@ -46,6 +46,7 @@ class Request:
     output: Path
     replace: bool
     command_line: str
+    overrides: tuple[str, ...] = ()
 
 
 def plan(request: Request) -> list[tuple[Setup, Path]]:
@@ -55,7 +56,7 @@ def plan(request: Request) -> list[tuple[Setup, Path]]:
         chosen = (f"method={method}",) if method else ()
         cases = load_cases(request.paths, (*request.settings, *chosen))
         suffix = f"-{method}" if len(request.methods) > 1 else ""
-        setups = prepare_all(cases, request.output)
+        setups = prepare_all(cases, request.output, request.overrides)
         jobs += [(setup, request.output / f"{setup.case.name}{suffix}.h5") for setup in setups]
     present = [str(path) for _, path in jobs if path.exists()]
     if present and not request.replace:

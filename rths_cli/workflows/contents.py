@@ -101,6 +101,7 @@ def _write_truth(writer: ResultWriter, run: str, series: Series, time: Array, sc
 
 def write_identification(writer: ResultWriter, identified: Identification, design: Design) -> None:
     """Write what was identified and the table model the controllers use."""
+    error = identified.best_error if design.model is identified.best else identified.paper_error
     model, fit = design.model, identified.specimen
     assert fit is not None  # every case has experimental storeys
     table = identified.frfs[0]
@@ -115,6 +116,8 @@ def write_identification(writer: ResultWriter, identified: Identification, desig
         "ripple_m_s2_per_v": Dataset(
             model.ripple_m_s2_per_v, "m/s^2/V", "share of a command change in a table sample (hold)", "estimated"
         ),
+        "fit_error_rms": Dataset(error.rms, "1", "RMS of |fit / FRF - 1| over 0.7-11 Hz", "estimated"),
+        "fit_error_max": Dataset(error.largest, "1", "largest |fit / FRF - 1| over 0.7-11 Hz", "estimated"),
         "natural_frequency_hz": Dataset(fit.natural_frequency_hz, "Hz", "specimen, fixed base", "estimated", ("mode",)),
         "damping_ratio": Dataset(fit.damping_ratio, "1", "specimen, fixed base", "estimated", ("mode",)),
     }

@@ -35,7 +35,7 @@ def attributes(setup: Setup, design: Design | None, command_line: str) -> dict[s
         "method": case.method,
         "rig": case.table.name,
         "rig_kind": case.table.kind,
-        "overrides": "",
+        "overrides": " ".join(setup.overrides),
         "command_line": command_line,
         "platform": platform.platform(),
         "package_versions": json.dumps(_versions()),

@@ -28,6 +28,7 @@ from rths_cli.workflows.warnings import of_case
 if TYPE_CHECKING:
     from rths_cli.analysis.sim import Response
     from rths_cli.case.models import Case
+    from rths_cli.identification.evaluate import Identification
     from rths_cli.lti import Array
 
 BYTES_PER_SAMPLE = 600  # of a result file, for the check of free space
@@ -55,12 +56,12 @@ class Stop:
     exit_code: int
 
 
-def prepare_all(cases: Sequence[Case], output: Path) -> list[Setup]:
+def prepare_all(cases: Sequence[Case], output: Path, overrides: tuple[str, ...] = ()) -> list[Setup]:
     """Read and check everything of every case before the first one starts; raises InputError with all faults."""
     setups, faults = [], []
     for case in cases:
         try:
-            setups.append(make_setup(case))
+            setups.append(make_setup(case, overrides))
         except InputError as error:
             faults += [f"{case.path}: {fault}" if str(case.path) not in fault else fault for fault in error.faults]
     if faults:
@@ -87,13 +88,23 @@ def run_case(setup: Setup, path: Path, memory: Memory, command_line: str, progre
             contents.write_identification(writer, identified, design)
             contents.write_controller(writer, design)
             values |= contents.design_figures(setup, identified, design)
-            stop, measured = _experiments(setup, design, sim, writer, progress)
-            values |= measured
+            stop = _verdict(setup, identified)
+            if stop is None:
+                stop, measured = _experiments(setup, design, sim, writer, progress)
+                values |= measured
         writer.metrics(values)
         if stop is None:
             stop = _acceptance(case, values)
         writer.finish(stop.status, stop.reason)  # type: ignore[arg-type]
     return Ended(case.name, path, stop.status, stop.reason, stop.exit_code, cautions, replaced)
+
+
+def _verdict(setup: Setup, identified: Identification) -> Stop | None:
+    """Refuse the table runs with a model that its identification rejected, unless that is overridden."""
+    if identified.accepted or "model" in setup.overrides:
+        return None
+    advice = "improve the identification, or add --override model"
+    return Stop("refused", f"identified model rejected: {'; '.join(identified.reasons)}; {advice}", 1)
 
 
 def _simulations(setup: Setup, writer: ResultWriter, progress: Progress) -> tuple[Response, dict[str, Metric]]:

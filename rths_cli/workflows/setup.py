@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rths_cli.errors import InputError
 from rths_cli.files.accelerograms import read_accelerogram
 from rths_cli.lti import Array
 from rths_cli.record import GroundMotion, prepare
@@ -22,7 +23,7 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Setup:
-    """What a case means in arrays; `floor_masses_kg` (n_exp,) are weighed."""
+    """What a case means in arrays; `floor_masses_kg` (n_exp,) are weighed; `overrides` as given by --override."""
 
     case: Case
     motion: GroundMotion
@@ -30,10 +31,12 @@ class Setup:
     building: Building
     rig: RigInfo
     floor_masses_kg: Array
+    overrides: tuple[str, ...] = ()
 
 
-def make_setup(case: Case) -> Setup:
+def make_setup(case: Case, overrides: tuple[str, ...] = ()) -> Setup:
     """Read the record, build the building and the rig's description; raises InputError."""
+    _check_payload(case)
     accelerogram = read_accelerogram(case.record.path, case.record.unit, case.record.dt_s)
     motion = prepare(
         accelerogram,
@@ -44,7 +47,17 @@ def make_setup(case: Case) -> Setup:
     )
     building = build(case.structure, case.damping)
     masses = np.asarray(case.structure.experimental.masses_kg, dtype=float)
-    return Setup(case, motion, accelerogram.sha256, building, rig_info(case), masses)
+    return Setup(case, motion, accelerogram.sha256, building, rig_info(case), masses, overrides)
+
+
+def _check_payload(case: Case) -> None:
+    """Refuse a specimen that is heavier than the data sheet of the table permits."""
+    weight = sum(case.structure.experimental.masses_kg) + case.structure.interface_experimental_mass_kg
+    if weight > case.table.nominal.payload_kg:
+        raise InputError(
+            f"{case.path}: structure: the specimen weighs {weight:g} kg, rig {case.table.name} carries at most "
+            f"{case.table.nominal.payload_kg:g} kg (nominal.payload_kg); put fewer storeys on the table"
+        )
 
 
 def rig_info(case: Case) -> RigInfo:

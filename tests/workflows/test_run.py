@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
 import pytest
 
 from rths_cli.case.load import load_cases
+from rths_cli.errors import InputError
 from rths_cli.files.results import read_result
 from rths_cli.workflows.identify import Memory
 from rths_cli.workflows.run import Ended, run_case
@@ -131,3 +134,23 @@ def test_a_specimen_that_differs_from_the_declared_one_is_named(tmp_path: Path, 
     other = make_setup(load_cases([CASE], ("structure.experimental.natural_frequencies_hz=[3.3, 8.4]",))[0])
     sentences = differences(other, identified)
     assert len(sentences) == 1 and "mode 1" in sentences[0] and "3.3" in sentences[0]
+
+
+def test_a_rejected_model_moves_no_table_unless_overridden(tmp_path: Path, memory: Memory) -> None:
+    setup = make_setup(load_cases([CASE], ("runs=[sim, exp_rths]",))[0])
+    rejected = replace(memory.identify(setup, lambda _: None), accepted=False, reasons=("made up",))
+    known = SimpleNamespace(identify=lambda *_: rejected)
+    ended = run_case(setup, tmp_path / "r.h5", known, "test", lambda _: None)  # type: ignore[arg-type]
+    assert (ended.exit_code, ended.status) == (1, "refused") and "made up" in ended.reason
+    with h5py.File(tmp_path / "r.h5") as file:
+        assert "exp_rths" not in file and "sim" in file
+    insisted = replace(setup, overrides=("model",))
+    ended = run_case(insisted, tmp_path / "o.h5", known, "test", lambda _: None)  # type: ignore[arg-type]
+    assert ended.exit_code == 0
+    assert read_result(tmp_path / "o.h5").attributes["overrides"] == "model"
+
+
+def test_a_specimen_too_heavy_for_the_table_is_refused() -> None:
+    case = load_cases([CASE], ("table.nominal.payload_kg=13",))[0]
+    with pytest.raises(InputError, match=r"13\.86 kg.*at most 13 kg"):
+        make_setup(case)

@@ -19,7 +19,7 @@ RUNNING, BRAKING, RETURNING, STOPPED = 0, 1, 2, 3
 NONE, STROKE, VELOCITY, ACCELERATION, FORCE, COMMAND, TRACKING, NOT_A_NUMBER, SATURATED, STUCK = range(10)
 REASONS = (
     "",
-    "displacement (estimated from the command) beyond the stroke limit",
+    "displacement (estimated from the command, with room to brake) beyond the stroke limit",
     "velocity (estimated from the command) beyond its limit",
     "measured acceleration beyond its limit",
     "actuator force (estimated from accelerations and masses) beyond its limit",
@@ -30,8 +30,8 @@ REASONS = (
     "a sensor is stuck",
 )
 BRAKE_SHARE = 0.45  # of the acceleration limit
-RETURN_RATE = 2.0 * math.pi  # rad/s, or less where a limit is tight: back at zero within 2 s
-AT_REST_M = 1e-5
+RETURN_RATE = 7.5  # rad/s, or less where a limit is tight: back at zero within 2 s
+AT_REST_M = 1e-6  # less than half a bit of a 16-bit command
 STUCK_S = 0.5
 STUCK_BITS = 10.0
 NO_CHANNEL = -1
@@ -103,6 +103,12 @@ def is_stuck(lim: GuardLimits, g: GuardState, c: int, sample: float, desired: fl
 
 
 @part
+def farthest(lim: GuardLimits) -> float:
+    """Return the largest displacement in m that limit and command range both allow."""
+    return min(lim.stroke_m, lim.gain_m_per_v * lim.command_v)
+
+
+@part
 def check_command(lim: GuardLimits, g: GuardState, command: float, error: float) -> int:
     """Return the reason to stop that the command gives, or NONE; the motion must leave room to brake."""
     if not (math.isfinite(command) and math.isfinite(error)):
@@ -114,7 +120,7 @@ def check_command(lim: GuardLimits, g: GuardState, command: float, error: float)
     if abs(velocity) > lim.velocity_m_s:
         return VELOCITY
     braked = place + 0.5 * velocity * abs(velocity) / (BRAKE_SHARE * lim.acceleration_m_s2)
-    if max(abs(place), abs(braked)) > lim.stroke_m:
+    if max(abs(place), abs(braked)) > farthest(lim):
         return STROKE
     return TRACKING if abs(error) > lim.tracking_error_m_s2 else NONE
 
@@ -123,9 +129,8 @@ def check_command(lim: GuardLimits, g: GuardState, command: float, error: float)
 def return_rate(lim: GuardLimits) -> float:
     """Return the rate in rad/s of the critically damped return x0 (1 + r t) exp(-r t), whose velocity stays below
     x0 r / e and its acceleration below x0 r^2."""
-    farthest = min(lim.stroke_m, lim.gain_m_per_v * lim.command_v)
-    by_velocity = math.e * lim.velocity_m_s / farthest
-    by_acceleration = math.sqrt(BRAKE_SHARE * lim.acceleration_m_s2 / farthest)
+    by_velocity = math.e * lim.velocity_m_s / farthest(lim)
+    by_acceleration = math.sqrt(BRAKE_SHARE * lim.acceleration_m_s2 / farthest(lim))
     return min(RETURN_RATE, by_velocity, by_acceleration)
 
 

@@ -1,0 +1,300 @@
+"""The guard: whatever is asked, what leaves it is bounded, and every limit says its name."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bench import rig_info, specimen
+from hybrid import best_like, ground, open_limits
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rths_cli.case.virtual_physics import VirtualPhysics
+from rths_cli.control import feedback, sensing
+from rths_cli.control.realise import static
+from rths_cli.loop.blocks import EXCITATION, RECORD, Blocks
+from rths_cli.loop.drive import Outcome, play
+from rths_cli.loop.guard import AT_REST_M, STOPPED, GuardLimits, GuardState, fresh_guard, guard
+from rths_cli.lti import Array
+from rths_cli.rig_info import RigInfo
+from rths_cli.rigs.compiled import entry
+from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
+
+DT_S = 5e-4
+NOISE = np.random.default_rng(0).standard_normal((30000, 3)) * 1e-3
+
+
+@entry
+def ask(
+    limits: GuardLimits,
+    state: GuardState,
+    asked: Array,
+    samples: Array,
+    accel: Array,
+    desired: Array,
+    sent: Array,
+    phase: Array,
+) -> None:
+    """Send every asked command (n,) through the guard; note what leaves it and its phase."""
+    for k in range(asked.size):
+        sent[k] = guard(limits, state, asked[k], samples[k], accel[k], desired[k], 0.0)
+        phase[k] = state.flags[0]
+
+
+def limits(
+    stroke_m: float = 0.079, velocity_m_s: float = 1.0, acceleration_m_s2: float = 45.0, force_n: float = 445.0
+) -> GuardLimits:
+    return GuardLimits(
+        stroke_m,
+        velocity_m_s,
+        acceleration_m_s2,
+        force_n,
+        10.0,
+        np.inf,
+        0.0079,
+        DT_S,
+        np.full(3, 7.0),
+        np.full(3, 4.99),
+        0.03,
+    )
+
+
+def answer(lim: GuardLimits, asked: Array, samples: Array | None = None) -> tuple[Array, Array]:
+    """Return what leaves the guard and its phases when these commands are followed by zeros for a long time."""
+    asked = np.concatenate([asked, np.zeros(20000)])
+    noise = NOISE[: asked.size].copy()
+    if samples is not None:
+        noise[: len(samples)] = samples
+    sent, phase = np.zeros(asked.size), np.zeros(asked.size)
+    ask(lim, fresh_guard(3), asked, noise, noise * 9.80665, np.zeros(asked.size), sent, phase)
+    return sent, phase
+
+
+def bad_number(size: float) -> st.SearchStrategy[float]:
+    return st.one_of(st.floats(-size, size), st.sampled_from([math.nan, math.inf, -math.inf, 1e300, 10.0, -10.0]))
+
+
+@st.composite
+def demands(draw: st.DrawFn) -> Array:
+    """A few pieces: constants, ramps, sines, noise, and single wild values among them."""
+    pieces = []
+    for _ in range(draw(st.integers(1, 4))):
+        size, count = draw(st.floats(-12.0, 12.0)), draw(st.integers(1, 400))
+        shape = draw(st.sampled_from(["constant", "ramp", "sine", "noise"]))
+        k = np.arange(count)
+        pieces.append(
+            {
+                "constant": np.full(count, size),
+                "ramp": size * k / count,
+                "sine": size * np.sin(k * DT_S * 2.0 * np.pi * draw(st.floats(0.1, 60.0))),
+                "noise": size * np.random.default_rng(7).standard_normal(count),
+            }[shape]
+        )
+        pieces.append(np.array(draw(st.lists(bad_number(12.0), max_size=2))))
+    return np.concatenate(pieces)
+
+
+@settings(max_examples=100, deadline=None, derandomize=True)
+@given(
+    asked=demands(),
+    stroke=st.floats(0.002, 0.15),
+    velocity=st.floats(0.05, 2.0),
+    acceleration=st.floats(1.0, 60.0),
+    broken=st.one_of(st.none(), st.tuples(st.integers(0, 300), bad_number(20.0))),
+)
+def test_whatever_is_asked_what_leaves_is_bounded_and_comes_to_rest(
+    asked: Array, stroke: float, velocity: float, acceleration: float, broken: tuple[int, float] | None
+) -> None:
+    lim = limits(stroke, velocity, acceleration)
+    samples = None
+    if broken is not None:
+        samples = NOISE[: broken[0] + 1].copy()
+        samples[-1, 1] = broken[1]
+    sent, phase = answer(lim, asked, samples)
+    place = lim.gain_m_per_v * sent
+    speed = np.diff(place, prepend=0.0) / DT_S
+    assert np.isfinite(sent).all()
+    assert np.abs(sent).max() <= 10.0
+    assert np.abs(place).max() <= stroke * (1.0 + 1e-12)
+    assert np.abs(speed).max() <= velocity * (1.0 + 1e-9) + AT_REST_M / DT_S
+    stopped = np.flatnonzero(phase > 0)
+    if stopped.size:
+        first = stopped[0]
+        assert (np.diff(phase[first:]) >= 0).all()
+        change = np.abs(np.diff(speed[max(first - 1, 0) :])) / DT_S
+        last_jump = 2.0 * AT_REST_M / DT_S**2  # the final step to exactly zero, less than half a bit
+        assert change.max(initial=0.0) <= max(0.46 * acceleration, last_jump)
+        assert phase[-1] == STOPPED
+        assert sent[-1] == 0.0
+        assert (sent[phase == STOPPED] == 0.0).all()
+
+
+def test_with_the_shipped_limits_the_table_rests_two_seconds_after_braking() -> None:
+    asked = np.concatenate([np.linspace(0.0, 9.0, 2000), [math.nan]])
+    sent, phase = answer(limits(), asked)
+    speed = np.diff(0.0079 * sent, prepend=0.0) / DT_S
+    braking = np.count_nonzero(phase == 1) * DT_S
+    assert braking == pytest.approx(speed[1999] / (0.45 * 45.0), abs=2.0 * DT_S)
+    rest = (np.flatnonzero(phase == STOPPED)[0] - 2000) * DT_S
+    assert 1.0 < rest < 2.0 + braking
+
+
+def test_what_is_allowed_passes_unchanged() -> None:
+    asked = 5.0 * np.sin(2.0 * np.pi * 1.5 * np.arange(4000) * DT_S)
+    sent, phase = answer(limits(), asked)
+    assert np.array_equal(sent[:4000], asked)
+    assert phase[:4000].max() == 0
+
+
+def excitation_blocks(info: RigInfo) -> Blocks:
+    c, dt = len(info.channels), info.dt_s
+    nothing = [static(np.zeros(s), dt, "none", (), ()) for s in ((1, c), (3, 2), (1, 3))]
+    return Blocks(
+        sensing.correction(info.channels, dt), *nothing, feedback.none(dt), np.zeros(1), np.zeros(0), np.zeros(c), 0.0
+    )
+
+
+class Scripted:
+    """A rig that reports what it is told to."""
+
+    def __init__(self, info: RigInfo, samples: Array) -> None:
+        self.info, self.samples, self.commands = info, samples, []
+
+    def open(self) -> None: ...
+
+    def arm(self) -> Array:
+        return self.samples[0]
+
+    def exchange(self, command_v: float) -> Array:
+        self.commands.append(command_v)
+        return self.samples[min(len(self.commands), len(self.samples) - 1)]
+
+    def rest(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
+def scripted(samples: Array, command: Array, source: int = EXCITATION, **changes: float) -> tuple[Outcome, Scripted]:
+    """Play a command against scripted samples (n, c) with the shipped limits, some of them changed."""
+    info = rig_info(high_pass_hz=0.0, low_pass_hz=0.0)
+    drive = np.zeros((len(command), 3))
+    drive[:, 0] = command
+    rig = Scripted(info, samples)
+    return play(rig, info, excitation_blocks(info), source, drive, limits()._replace(**changes)), rig
+
+
+def quiet(count: int) -> Array:
+    return np.random.default_rng(2).integers(-3, 4, (count, 3)) * 20.0 / 65536.0
+
+
+def with_sample(index: int, channel: int, value: float) -> Array:
+    samples = quiet(6000)
+    samples[index, channel] = value
+    return samples
+
+
+SINE = 3.0 * np.sin(2.0 * np.pi * 1.0 * np.arange(6000) * DT_S)
+RAMP = np.concatenate([np.linspace(0.0, 10.0, 3000), np.zeros(3000)])
+JUMP = np.where(np.arange(6000) < 700, 0.0, 1.0)
+BEYOND = np.where(np.arange(6000) < 700, 0.0, 10.001)
+CASES = {
+    "displacement .* stroke": (quiet(6000), RAMP, {"stroke_m": 0.05}),
+    "velocity .* its limit": (quiet(6000), JUMP, {}),
+    r"measured acceleration .*\(channel channel_2\)": (with_sample(700, 2, 4.7), SINE, {}),
+    "actuator force": (quiet(6000) + np.where(np.arange(6000) < 700, 0.0, 2.2)[:, None], SINE, {}),
+    "command beyond": (quiet(6000), BEYOND, {"velocity_m_s": np.inf, "stroke_m": 1.0}),
+    r"not a number \(channel channel_1\)": (with_sample(700, 1, np.nan), SINE, {}),
+    r"not a number$": (quiet(6000), np.where(np.arange(6000) == 700, np.nan, SINE), {}),
+    r"saturated \(channel channel_1\)": (with_sample(700, 1, -5.0), SINE, {}),
+}
+
+
+@pytest.mark.parametrize("reason", CASES)
+def test_each_limit_stops_and_says_which_and_when(reason: str) -> None:
+    samples, command, changes = CASES[reason]
+    outcome, rig = scripted(samples, command, **changes)
+    assert re.search(reason, outcome.stopped_by_limit)
+    taken_over = round(outcome.stopped_at_s / DT_S)
+    if reason.startswith("displacement"):
+        # 50 mm less the room to brake from the ramp's speed at 0.45 * 45 m/s^2
+        speed = 0.0079 * 10.0 / (2999 * DT_S)
+        assert taken_over == math.floor((0.05 - speed**2 / 40.5) / (0.0079 * 10.0 / 2999)) + 1
+    else:
+        assert taken_over == 700
+    assert np.array_equal(outcome.log.command_v[:taken_over], command[:taken_over])
+    assert outcome.steps < 6000
+    assert outcome.log.command_v[outcome.steps - 1] == 0.0
+    assert len(rig.commands) == outcome.steps
+
+
+def test_the_tracking_error_has_its_limit() -> None:
+    info = rig_info(high_pass_hz=0.0, low_pass_hz=0.0)
+    drive = np.zeros((3000, 3))
+    drive[700:, 0] = 0.9
+    rig = Scripted(info, quiet(3000))
+    outcome = play(rig, info, excitation_blocks(info), RECORD, drive, limits()._replace(tracking_error_m_s2=0.8))
+    assert outcome.stopped_by_limit.startswith("tracking error")
+    assert outcome.stopped_at_s == pytest.approx(700 * DT_S)
+
+
+@pytest.mark.parametrize(("desired_m_s2", "stops"), [(0.031, True), (0.029, False)])
+def test_a_stuck_sensor_is_one_that_misses_ten_bits_for_half_a_second(desired_m_s2: float, stops: bool) -> None:
+    """Channel 1 keeps its code from sample 100 on; the desired acceleration moves by 10 bits, or not quite."""
+    info = rig_info(high_pass_hz=0.0, low_pass_hz=0.0)
+    samples, drive = quiet(3000), np.zeros((3000, 3))
+    samples[100:, 1] = 1e-3
+    drive[300:, 0] = desired_m_s2
+    outcome = play(Scripted(info, samples), info, excitation_blocks(info), RECORD, drive, limits())
+    assert (outcome.stopped_by_limit == "a sensor is stuck (channel channel_1)") == stops
+    if stops:
+        assert outcome.stopped_at_s == pytest.approx((100 + 1000) * DT_S)  # 0.5 s after the code came
+    else:
+        assert outcome.steps == 3000
+
+
+def test_a_virtual_run_beyond_the_stroke_is_stopped_before_the_end_stop() -> None:
+    info = rig_info()
+    rig = VirtualRig(info, build_plant(info, VirtualPhysics(), specimen(), 3e-4), (0,))
+    drive = np.zeros((8000, 3))
+    drive[:, 0] = 9.0 * np.sin(2.0 * np.pi * 0.5 * np.arange(8000) * DT_S) * np.arange(8000) / 4000.0
+    outcome = play(rig, info, excitation_blocks(info), EXCITATION, drive, limits())
+    assert outcome.stopped_by_limit.startswith("displacement")
+    assert outcome.rig_fault == ""
+    assert np.nanmax(np.abs(outcome.log.true_displacement_m)) < 0.079 * 1.05
+    assert np.isnan(outcome.log.command_v[outcome.steps :]).all()
+
+
+def test_an_end_stop_is_a_fault_of_the_rig_in_both_ways_to_play() -> None:
+    info = replace(rig_info(), limits=replace(rig_info().limits, stroke_m=0.01))
+    drive = np.zeros((3000, 3))
+    drive[:, 0] = 2.0
+    outcomes = []
+    for wrap in (False, True):
+        rig = VirtualRig(info, build_plant(info, VirtualPhysics(), specimen(), 0.0), (0,))
+        played = Wrapped(rig) if wrap else rig
+        outcomes.append(play(played, info, excitation_blocks(info), EXCITATION, drive, open_limits(info)))
+    assert "end stop" in outcomes[0].rig_fault
+    assert "end stop" in outcomes[1].rig_fault
+    assert outcomes[0].steps == outcomes[1].steps < 3000
+    assert outcomes[0].stopped_by_limit == ""
+
+
+class Wrapped:
+    """A virtual rig that `play` cannot recognise."""
+
+    def __init__(self, rig: VirtualRig) -> None:
+        self.info, self.open, self.arm, self.exchange, self.rest, self.close = (
+            rig.info, rig.open, rig.arm, rig.exchange, rig.rest, rig.close,
+        )  # fmt: skip
+
+
+def test_a_run_of_the_best_method_passes_the_shipped_guard() -> None:
+    info = rig_info()
+    rig = VirtualRig(info, build_plant(info, VirtualPhysics(), specimen(), 3e-4), (0,))
+    outcome = play(rig, info, best_like(info), RECORD, 0.3 * ground(6000), limits())
+    assert outcome.stopped_by_limit == ""
+    assert outcome.steps == 6000

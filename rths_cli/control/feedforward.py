@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rths_cli.control.realise import discretise, modal, residues, static
-from rths_cli.lti import Block, ComplexArray, Model
+from rths_cli.lti import Block, ComplexArray, Model, StateSpace
 
 INPUTS = ("desired_accel_m_s2", "desired_vel_m_s", "desired_disp_m")
 OUTPUTS = ("feedforward_v",)
@@ -20,11 +20,14 @@ def direct(gain_m_per_v: float, dt_s: float) -> Block:
 def leaky_inverse(model: Model, dt_s: float, leak_hz: float = LEAK_HZ) -> Block:
     """Return the printed inverse, driven by the desired acceleration alone; its two integrators leak at `leak_hz`
     so that it is stable. Bilinear: neither lag nor lead at low frequency."""
-    moved = np.where(np.abs(model.zeros) < 1e-9, -2.0 * np.pi * leak_hz, model.zeros)
-    moved[np.flatnonzero(np.abs(model.zeros) < 1e-9)[1:]] *= 1.001  # distinct poles of the inverse
-    weights = residues(model.poles, moved, 1.0 / model.gain)
-    single = modal(moved, weights, 1.0 / model.gain if len(moved) == len(model.poles) else 0.0)
-    block = discretise(single, dt_s, "bilinear", "feedforward", INPUTS[:1], OUTPUTS)
+    finite = model.zeros[np.abs(model.zeros) > 1e-9]
+    leak = -2.0 * np.pi * leak_hz
+    c2, c1, weights, constant = _split_double_pole(model.poles, finite, 1.0 / model.gain, leak)
+    rest = modal(finite, weights, constant)
+    n = rest.A.shape[0]
+    a = np.block([[rest.A, np.zeros((n, 2))], [np.zeros((2, n)), np.array([[leak, 1.0], [0.0, leak]])]])
+    b, c = np.vstack([rest.B, [[0.0], [1.0]]]), np.hstack([rest.C, [[c2, c1]]])
+    block = discretise(StateSpace(a, b, c, rest.D), dt_s, "bilinear", "feedforward", INPUTS[:1], OUTPUTS)
     return _with_motion(block, 0.0, 0.0)
 
 
@@ -40,7 +43,7 @@ def lagged_inverse(model: Model, dt_s: float, lead_samples: int) -> Block:
     finite = model.zeros[np.abs(model.zeros) > 1e-9]
     poles = np.concatenate([finite, low_pass])
     gain = float(np.real(np.prod(-low_pass))) / model.gain
-    c2, c1, weights, constant = _split_double_integrator(model.poles, poles, gain)
+    c2, c1, weights, constant = _split_double_pole(model.poles, poles, gain, 0.0)
     block = discretise(modal(poles, weights, constant), dt_s, "foh", "feedforward", INPUTS[:1], OUTPUTS)
     return _with_motion(block, c1, c2)
 
@@ -55,15 +58,16 @@ def low_pass_poles(delay_s: float, order: int) -> ComplexArray:
     return poles / delay_s
 
 
-def _split_double_integrator(
-    zeros: ComplexArray, poles: ComplexArray, gain: float
+def _split_double_pole(
+    zeros: ComplexArray, poles: ComplexArray, gain: float, at: float
 ) -> tuple[float, float, ComplexArray, float]:
-    """Split H(s) / s^2, H = gain prod(s - z) / prod(s - p), into c2 / s^2 + c1 / s + sum w / (s - p) + constant."""
-    value = gain * np.prod(-zeros[: len(poles)] / -poles) * np.prod(-zeros[len(poles) :])
-    slope = value * (np.sum(1.0 / poles) - np.sum(1.0 / zeros))
-    with_origin = residues(zeros, poles, gain) / poles**2
+    """Split H(s) / (s - at)^2, H = gain prod(s - z) / prod(s - p), into
+    c2 / (s - at)^2 + c1 / (s - at) + sum w / (s - p) + constant."""
+    value = gain * np.prod((at - zeros[: len(poles)]) / (at - poles)) * np.prod(at - zeros[len(poles) :])
+    slope = value * (np.sum(1.0 / (at - zeros)) - np.sum(1.0 / (at - poles)))
+    weights = residues(zeros, poles, gain) / (poles - at) ** 2
     constant = gain if len(zeros) == len(poles) + 2 else 0.0
-    return float(value.real), float(slope.real), with_origin, constant
+    return float(value.real), float(slope.real), weights, constant
 
 
 def _with_motion(block: Block, velocity_v: float, displacement_v: float) -> Block:

@@ -21,9 +21,7 @@ Source = Literal["computed", "measured", "estimated", "true"]
 SOURCES = ("computed", "measured", "estimated", "true")
 CHUNK = 16384
 PROBE = 8192
-WORTH_COMPRESSING = (
-    0.75  # gzip spends about 17 ms on a series of 108,000 samples: only where it saves a quarter
-)
+WORTH_COMPRESSING = 0.75  # gzip spends about 17 ms on a series of 108,000 samples: only where it saves a quarter
 
 
 @dataclass(frozen=True)
@@ -60,9 +58,7 @@ def write_scale(group: h5py.Group, name: str, scale: Dataset) -> None:
     """Write a dimension scale, once; raise ValueError where it or its like above has other values."""
     for above in _upwards(group):
         if name in above and not np.array_equal(above[name][()], np.asarray(scale.data)):
-            raise ValueError(
-                f"{above.name}/{name} has other values than in {group.name}; name the axis otherwise."
-            )
+            raise ValueError(f"{above.name}/{name} has other values than in {group.name}; name the axis otherwise.")
     if name not in group:
         create(group, name, scale).make_scale(name)
 
@@ -83,14 +79,10 @@ def create(group: h5py.Group, name: str, item: Dataset) -> h5py.Dataset:
     import h5py
 
     if not item.units or not item.long_name or item.source not in SOURCES:
-        raise ValueError(
-            f"{group.name}/{name} needs units, long_name and a source among {', '.join(SOURCES)}."
-        )
+        raise ValueError(f"{group.name}/{name} needs units, long_name and a source among {', '.join(SOURCES)}.")
     data: NDArray[Any] = np.asarray(item.data)
     if data.dtype.kind in "US":
-        node = group.create_dataset(
-            name, data=data.astype(object), dtype=h5py.string_dtype(), track_times=False
-        )
+        node = group.create_dataset(name, data=data.astype(object), dtype=h5py.string_dtype(), track_times=False)
     elif compresses_well(data):
         chunks = (1,) * (data.ndim - 1) + (min(CHUNK, data.shape[-1]),)
         node = group.create_dataset(
@@ -129,9 +121,7 @@ def match_axes(name: str, shape: tuple[int, ...], sizes: Mapping[str, int]) -> t
         fitting = [key for key, size in sizes.items() if size == length and key not in dims]
         fitting = [key for key in fitting if last or key != "time_s"]
         if not fitting:
-            raise ValueError(
-                f"{name}: axis {axis} of length {length} fits no scale; name it in dims or scales."
-            )
+            raise ValueError(f"{name}: axis {axis} of length {length} fits no scale; name it in dims or scales.")
         dims.append("time_s" if last and "time_s" in fitting else fitting[0])
     return tuple(dims)
 
@@ -144,9 +134,7 @@ def _attach(group: h5py.Group, node: h5py.Dataset, dims: tuple[str, ...]) -> Non
         if name not in group:
             write_scale(group, name, _index(name, node.shape[axis]))
         if group[name].shape != (node.shape[axis],):
-            raise ValueError(
-                f"{node.name}: axis {axis} has {node.shape[axis]} values, scale {name} does not."
-            )
+            raise ValueError(f"{node.name}: axis {axis} has {node.shape[axis]} values, scale {name} does not.")
         node.dims[axis].attach_scale(group[name])
 
 
@@ -162,9 +150,7 @@ def _real_parts(datasets: Mapping[str, Dataset]) -> dict[str, Dataset]:
         data = np.asarray(item.data)
         if np.iscomplexobj(data):
             result[f"{name}_real"] = replace(item, data=data.real, long_name=f"{item.long_name}, real part")
-            result[f"{name}_imag"] = replace(
-                item, data=data.imag, long_name=f"{item.long_name}, imaginary part"
-            )
+            result[f"{name}_imag"] = replace(item, data=data.imag, long_name=f"{item.long_name}, imaginary part")
         else:
             result[name] = item
     return result

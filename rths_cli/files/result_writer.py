@@ -68,9 +68,7 @@ class ResultWriter:
         import h5py
 
         if not self._virtual and self.path.exists():
-            raise InputError(
-                f"{self.path}: exists and holds a hardware run; choose another name or --output folder."
-            )
+            raise InputError(f"{self.path}: exists and holds a hardware run; choose another name or --output folder.")
         try:
             with self._reporting():
                 self._file = h5py.File(self.part, "w")

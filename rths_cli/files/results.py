@@ -83,9 +83,7 @@ def _result(path: Path, file: h5py.File) -> Result:
         units[key] = str(node.attrs["units"])
         definitions[key] = str(node.attrs["definition"])
     attributes = {key: _plain(value) for key, value in file.attrs.items()}
-    yaml, resolved = (
-        file[f"case/{k}"].asstr()[()] if f"case/{k}" in file else "" for k in ("yaml", "resolved")
-    )
+    yaml, resolved = (file[f"case/{k}"].asstr()[()] if f"case/{k}" in file else "" for k in ("yaml", "resolved"))
     return Result(path, attributes, yaml, resolved, metrics, units, definitions, tuple(file))
 
 
@@ -131,9 +129,7 @@ def _reading(path: Path, read: Callable[[h5py.File], T]) -> T:
             _check_format(path, file.attrs)
             return read(file)
     except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
-        raise InputError(
-            f"{path}: is truncated or damaged and cannot be read; run the case again."
-        ) from error
+        raise InputError(f"{path}: is truncated or damaged and cannot be read; run the case again.") from error
 
 
 def _check_format(path: Path, attributes: Mapping[str, Any]) -> None:
@@ -141,9 +137,7 @@ def _check_format(path: Path, attributes: Mapping[str, Any]) -> None:
         raise InputError(f"{path}: is not a result file of rths (no attribute format = {FORMAT}).")
     version = int(attributes["format_version"])
     if version > FORMAT_VERSION:
-        raise InputError(
-            f"{path}: has format version {version}, this rths reads up to {FORMAT_VERSION}; update rths."
-        )
+        raise InputError(f"{path}: has format version {version}, this rths reads up to {FORMAT_VERSION}; update rths.")
 
 
 def _plain(value: Any) -> Attribute:

@@ -53,9 +53,7 @@ def fill(writer):
         STOREYS,
         {"experimental_storey": Dataset([2, 3], "1", "storey on the table", "computed")},
     )
-    writer.group(
-        "exp_rths/truth", {"table_accel_m_s2": Dataset(ACCEL[0, :200], "m/s^2", "table", "true")}, TIME[:200]
-    )
+    writer.group("exp_rths/truth", {"table_accel_m_s2": Dataset(ACCEL[0, :200], "m/s^2", "table", "true")}, TIME[:200])
     frequency = {"frequency_hz": Dataset(np.linspace(0.5, 50, 40), "Hz", "frequency", "computed")}
     frf = np.exp(1j * np.linspace(0, 6, 40))
     writer.group(
@@ -68,17 +66,11 @@ def fill(writer):
         scales=frequency,
     )
     eye = np.eye(2)
-    writer.block(
-        "feedforward", eye * 0.9, eye[:, :1], eye[:1], np.array([[0.5]]), 0.0005, ["a_m_s2"], ["u_v"]
-    )
-    writer.block(
-        "gain", np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.array([[2.0]]), 0.0005, ["a"], ["b"]
-    )
+    writer.block("feedforward", eye * 0.9, eye[:, :1], eye[:1], np.array([[0.5]]), 0.0005, ["a_m_s2"], ["u_v"])
+    writer.block("gain", np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.array([[2.0]]), 0.0005, ["a"], ["b"])
     writer.metrics(
         {
-            "exp_rths.rms_error_m_s2": Metric(
-                [0.1, 0.2, np.nan], "m/s^2", "rms of EXP-RTHS - SIM, test band"
-            ),
+            "exp_rths.rms_error_m_s2": Metric([0.1, 0.2, np.nan], "m/s^2", "rms of EXP-RTHS - SIM, test band"),
             "shake_table.tracking_rms_m_s2": Metric(0.0012, "m/s^2", "rms of desired - measured"),
         }
     )
@@ -112,9 +104,7 @@ def test_what_is_written_is_read_back(written):
 
 
 def test_complex_values_are_stored_as_real_and_imag(written):
-    frf = read_series(written, "identification/frf_real") + 1j * read_series(
-        written, "identification/frf_imag"
-    )
+    frf = read_series(written, "identification/frf_real") + 1j * read_series(written, "identification/frf_imag")
     np.testing.assert_allclose(frf, np.exp(1j * np.linspace(0, 6, 40)), rtol=1e-15)
     np.testing.assert_array_equal(read_series(written, "identification/poles_imag"), [2, -2, 0])
 
@@ -274,9 +264,7 @@ from rths_cli.files.results import Dataset, ResultWriter
 path, attributes = Path(sys.argv[1]), {"case_name": "demo", "rig_kind": "virtual"}
 series = lambda n: {"a_m_s2": Dataset(np.random.default_rng(0).normal(size=n), "m/s^2", "a", "computed")}
 """
-    return subprocess.run(
-        [sys.executable, "-c", prelude + code, *map(str, arguments)], capture_output=True, text=True
-    )
+    return subprocess.run([sys.executable, "-c", prelude + code, *map(str, arguments)], capture_output=True, text=True)
 
 
 def test_what_a_killed_process_leaves_opens_and_says_so(tmp_path):
@@ -289,9 +277,7 @@ with ResultWriter(path, attributes) as writer:
     (left,) = tmp_path.iterdir()
     assert left.name.startswith(".a.h5.") and left.name.endswith(".part")
     result = read_result(left)
-    assert (
-        result.attributes["status"] == "interrupted" and "process ended" in result.attributes["status_reason"]
-    )
+    assert result.attributes["status"] == "interrupted" and "process ended" in result.attributes["status_reason"]
     assert read_series(left, "sim/a_m_s2").shape == (1000,)
 
 
@@ -338,17 +324,13 @@ def test_a_full_disk_does_not_lose_what_hardware_produced(tmp_path):
     said = fill_the_disk(tmp_path / "a.h5", 3_000_000, "udp")
     (left,) = tmp_path.iterdir()
     assert str(left) in said and left.name.endswith(".part")
-    os.truncate(
-        left, 20_000_000
-    )  # a full disk, unlike the limit of this test, lets HDF5 extend a file sparsely
+    os.truncate(left, 20_000_000)  # a full disk, unlike the limit of this test, lets HDF5 extend a file sparsely
     assert read_series(left, "sim/a_m_s2").shape == (108_000,)
 
 
 def test_an_unwritable_folder_is_named_with_its_cause(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(
-        InputError, match=r"file/sub: cannot write result files here: Not a directory; free space"
-    ):
+    with pytest.raises(InputError, match=r"file/sub: cannot write result files here: Not a directory; free space"):
         check_writable(tmp_path / "file" / "sub")
     with pytest.raises(InputError, match=r"a\.h5: cannot write the result file: "):
         write(tmp_path / "missing" / "a.h5")

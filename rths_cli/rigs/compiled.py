@@ -67,13 +67,13 @@ def _user_cache() -> Path:
 @contextmanager
 def _kept_in(folder: str) -> Iterator[None]:
     """Have numba keep what is decorated meanwhile in this folder, unless the user chose one or it cannot be written."""
-    before = numba.config.CACHE_DIR
+    before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
     if not before and _writable(folder):
-        numba.config.CACHE_DIR = folder
+        numba.config.CACHE_DIR = folder  # type: ignore[attr-defined]
     try:
         yield
     finally:
-        numba.config.CACHE_DIR = before
+        numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
 
 
 @cache

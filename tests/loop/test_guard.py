@@ -143,6 +143,19 @@ def test_with_the_shipped_limits_the_table_rests_two_seconds_after_braking() -> 
     assert 1.0 < rest < 2.0 + braking
 
 
+@pytest.mark.parametrize(("velocity", "acceleration"), [(0.05, 45.0), (1.0, 2.0)])
+def test_the_way_back_from_far_out_keeps_tight_limits(velocity: float, acceleration: float) -> None:
+    """Unhindered, the return from 63 mm would take 0.17 m/s and 3.6 m/s^2."""
+    asked = np.concatenate([np.linspace(0.0, 8.0, 4000), [math.nan]])
+    sent, phase = answer(limits(0.079, velocity, acceleration), asked)
+    speed = np.diff(0.0079 * sent, prepend=0.0) / DT_S
+    returning = np.flatnonzero(phase == 2)
+    assert returning.size * DT_S > 2.0
+    assert np.abs(speed).max() <= velocity
+    assert np.abs(np.diff(speed[returning])).max() / DT_S <= 0.46 * acceleration
+    assert sent[-1] == 0.0
+
+
 def test_what_is_allowed_passes_unchanged() -> None:
     asked = 5.0 * np.sin(2.0 * np.pi * 1.5 * np.arange(4000) * DT_S)
     sent, phase = answer(limits(), asked)

@@ -24,6 +24,36 @@ class Terminated(BaseException):
     """SIGTERM arrived."""
 
 
+class Signals:
+    """Turn SIGINT and SIGTERM into exceptions, and remember them: a library may swallow the exception on its way."""
+
+    def __init__(self) -> None:
+        self._arrived: type[BaseException] | None = None
+
+    def install(self) -> None:
+        """Take both signals."""
+        signal.signal(signal.SIGINT, self._take)
+        signal.signal(signal.SIGTERM, self._take)
+        sys.unraisablehook = self._unraisable
+
+    def _take(self, number: int, frame: FrameType | None) -> None:
+        self._arrived = Terminated if number == signal.SIGTERM else KeyboardInterrupt
+        raise self._arrived
+
+    def _unraisable(self, ignored: Any) -> None:
+        """Report what cannot be raised, except a signal's exception: `poll` raises that again."""
+        if not isinstance(ignored.exc_value, KeyboardInterrupt | Terminated):
+            sys.__unraisablehook__(ignored)
+
+    def poll(self) -> None:
+        """Raise what arrived earlier."""
+        if self._arrived is not None:
+            raise self._arrived
+
+
+SIGNALS = Signals()
+
+
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__, prog_name="rths")
 @click.option("--debug", is_flag=True, help="Show a traceback when rths itself fails.")
@@ -92,7 +122,7 @@ def run(
     from rths_cli.screen import Screen
     from rths_cli.workflows.batch import Request, exit_code, run_batch
 
-    screen = Screen(quiet)
+    screen = Screen(quiet, poll=SIGNALS.poll)
     request = Request(
         paths=cases,
         settings=settings,
@@ -214,12 +244,8 @@ def schema(kind: str, as_json: bool) -> int:
 
 def main() -> NoReturn:
     """Run the command line and leave with the exit code of DESIGN.md section 2."""
-    signal.signal(signal.SIGTERM, _on_sigterm)
+    SIGNALS.install()
     sys.exit(_guarded())
-
-
-def _on_sigterm(number: int, frame: FrameType | None) -> None:
-    raise Terminated
 
 
 def _guarded() -> int:

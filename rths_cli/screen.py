@@ -3,16 +3,25 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from typing import TYPE_CHECKING, TextIO
 
 if TYPE_CHECKING:
     from rths_cli.workflows.run import Ended
 
 
-class Screen:
-    """Show the progress of a batch; `quiet` shows only what went wrong."""
+def _nothing() -> None:
+    """Do nothing."""
 
-    def __init__(self, quiet: bool = False, stream: TextIO | None = None) -> None:
+
+class Screen:
+    """Show the progress of a batch; `quiet` shows only what went wrong.
+
+    `poll` is called at every sign of progress: it may raise to end the batch.
+    """
+
+    def __init__(self, quiet: bool = False, stream: TextIO | None = None, poll: Callable[[], None] = _nothing) -> None:
+        self._poll = poll
         self._stream = stream or sys.stderr
         self._quiet = quiet
         self._live = not quiet and self._stream.isatty()
@@ -21,11 +30,13 @@ class Screen:
 
     def started(self, number: int, count: int, name: str) -> None:
         """Show that a case starts."""
+        self._poll()
         self._label = f"[{number:>{len(str(count))}}/{count}] {name}"
         self._status("")
 
     def doing(self, what: str) -> None:
         """Show what is being done."""
+        self._poll()
         self._status(what)
 
     def ended(self, ended: Ended, seconds: float) -> None:

@@ -14,11 +14,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numba
 from numba import njit
 
+_CONFIG: Any = numba.config
 F = TypeVar("F", bound=Callable[..., object])
 SOURCES = ("rigs/compiled.py", "rigs/virtual/plant.py", "rigs/virtual/kernel.py")
 SOURCE_FOLDERS = ("loop",)
@@ -67,13 +68,13 @@ def _user_cache() -> Path:
 @contextmanager
 def _kept_in(folder: str) -> Iterator[None]:
     """Have numba keep what is decorated meanwhile in this folder, unless the user chose one or it cannot be written."""
-    before = numba.config.CACHE_DIR  # type: ignore[attr-defined]
+    before = _CONFIG.CACHE_DIR  # type: ignore[attr-defined]
     if not before and _writable(folder):
-        numba.config.CACHE_DIR = folder  # type: ignore[attr-defined]
+        _CONFIG.CACHE_DIR = folder  # type: ignore[attr-defined]
     try:
         yield
     finally:
-        numba.config.CACHE_DIR = before  # type: ignore[attr-defined]
+        _CONFIG.CACHE_DIR = before  # type: ignore[attr-defined]
 
 
 @cache

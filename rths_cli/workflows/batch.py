@@ -12,7 +12,7 @@ from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, RthsError, write_crash_file
 from rths_cli.rigs.compiled import is_compiled
 from rths_cli.workflows.identify import Memory
-from rths_cli.workflows.run import Ended, prepare_all, run_case
+from rths_cli.workflows.run import Ended, moves_table, prepare_all, run_case
 
 if TYPE_CHECKING:
     from rths_cli.workflows.setup import Setup
@@ -68,7 +68,7 @@ def plan(request: Request) -> list[tuple[Setup, Path]]:
 def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
     """Run every case of a request; one that fails is named and the others go on."""
     jobs = plan(request)
-    if not is_compiled():
+    if not is_compiled() and any(moves_table(setup.case) for setup, _ in jobs):
         watcher.message("first run of this version here: compiling the real-time step, about 20 s more")
     memory = Memory()
     results = []

@@ -71,11 +71,16 @@ def prepare_all(cases: Sequence[Case], output: Path, overrides: tuple[str, ...] 
     return setups
 
 
+def moves_table(case: Case) -> bool:
+    """Tell whether a case has a run on the table."""
+    return bool({"shake_table", "exp_rths"} & set(case.runs))
+
+
 def run_case(setup: Setup, path: Path, memory: Memory, command_line: str, progress: Progress) -> Ended:
     """Run one case and write its result file; raises InputError when it cannot be run or written."""
     case = setup.case
     identified, design = None, None
-    if {"shake_table", "exp_rths"} & set(case.runs):
+    if moves_table(case):
         identified = memory.identify(setup, progress)
         design = design_blocks(setup, identified)
     cautions, replaced = of_case(setup, identified), path.exists()

@@ -1,0 +1,33 @@
+"""A signal's exception that a library swallows ends the batch at the next sign of progress, without a traceback."""
+
+import signal
+import subprocess
+import sys
+
+import pytest
+
+from rths_cli.cli import Signals, Terminated
+from rths_cli.screen import Screen
+
+
+@pytest.mark.parametrize(("number", "kind"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, Terminated)])
+def test_what_was_swallowed_is_raised_again(number: int, kind: type[BaseException]) -> None:
+    signals = Signals()
+    screen = Screen(quiet=True, poll=signals.poll)
+    screen.doing("nothing has arrived")
+    with pytest.raises(kind):
+        signals._take(number, None)
+    for sign in (lambda: screen.doing("next"), lambda: screen.started(2, 3, "next")):
+        with pytest.raises(kind):
+            sign()
+
+
+def test_a_swallowed_signal_shows_no_traceback_but_other_faults_do() -> None:
+    code = (
+        "import sys; from rths_cli.cli import SIGNALS; SIGNALS.install()\n"
+        "class Loud:\n    def __init__(self, fault): self.fault = fault\n"
+        "    def __del__(self): raise self.fault\n"
+        "Loud(KeyboardInterrupt('quiet')); Loud(ValueError('lost'))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    assert "lost" in done.stderr and "quiet" not in done.stderr

@@ -59,8 +59,8 @@ def test_without_friction_the_table_is_the_exact_linear_one() -> None:
 def test_friction_and_force_limit_agree_with_a_general_solver(
     physics: VirtualPhysics, command_v: float, interface_mass: float
 ) -> None:
-    """The staircase command is solved interval by interval at rtol 1e-10; 0.4 s with reversals or clipping."""
-    info, count = ideal_info(latency_samples=0), 800
+    """The staircase command is solved interval by interval at rtol 1e-10; 0.3 s with reversals or clipping."""
+    info, count = ideal_info(latency_samples=0), 600
     command = smooth_command(count, DT_S, command_v)
     _, states, _ = play_plant(info, physics, command, interface_mass_kg=interface_mass)
     rate = equations(physics, specimen(), interface_mass)
@@ -94,7 +94,7 @@ def test_halving_the_inner_step_changes_nothing_by_a_millionth_of_the_peak(
     physics: VirtualPhysics, dt_s: float, size_v: float
 ) -> None:
     info = ideal_info(dt_s=dt_s, high_pass_hz=0.024)
-    command = smooth_command(round(4.0 / dt_s), dt_s, size_v)
+    command = smooth_command(round(2.5 / dt_s), dt_s, size_v)
     plain, finer = (play_plant(info, physics, command, refine=refine) for refine in (0, 1))
     for channel in range(3):
         assert peak(plain[0][channel] - finer[0][channel]) < 1e-6 * peak(finer[0][channel])

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rths_cli.case.virtual_physics import VirtualPhysics
 from rths_cli.control import sensing
 from rths_cli.control.realise import static
 from rths_cli.identification.excitation import Excitation, ExcitationSettings, plan
@@ -14,11 +15,11 @@ from rths_cli.loop.drive import play
 from rths_cli.loop.guard import GuardLimits
 from rths_cli.lti import Array, Block, ComplexArray
 from rths_cli.rig_info import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
-from rths_cli.rigs.virtual.plant import Physics, accelerations, continuous
+from rths_cli.rigs.virtual.plant import accelerations, continuous
 from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
 from rths_cli.structure import Specimen, modal_damping_matrix, storey_matrix
 
-PHYSICS = Physics(7.0, 8.0, 0.3, 1e-3, 14.0, 0.6, 1.5e-3, 0.0079, 13.86, 445.0)
+PHYSICS = VirtualPhysics()
 
 
 def make_specimen(

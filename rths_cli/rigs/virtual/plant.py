@@ -19,13 +19,6 @@ if TYPE_CHECKING:
     from rths_cli.case.virtual_physics import VirtualPhysics
 
 
-def Physics(*values: float) -> VirtualPhysics:
-    """Return the physics of a table from its values in order."""
-    from rths_cli.case.virtual_physics import VirtualPhysics
-
-    return VirtualPhysics(**dict(zip(VirtualPhysics.model_fields, values, strict=True)))
-
-
 class Plant(NamedTuple):
     """Constant arrays of the kernel for n states and c = 1 + n_floors channels.
 

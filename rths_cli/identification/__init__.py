@@ -1,1 +1,1 @@
-"""."""
+"""From excitation plan to frequency responses, table model and specimen."""

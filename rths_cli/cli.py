@@ -2,55 +2,20 @@
 
 from __future__ import annotations
 
+import errno
 import json
-import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import FrameType
 from typing import Any, NoReturn, TypeVar
 
 import click
 
 from rths_cli import __version__
 from rths_cli.errors import InputError, RthsError, write_crash_file
+from rths_cli.process import INTERRUPTED, TERMINATED, Signals, Terminated
 
 F = TypeVar("F", bound=Callable[..., Any])
-TERMINATED = 143
-INTERRUPTED = 130
-
-
-class Terminated(BaseException):
-    """SIGTERM arrived."""
-
-
-class Signals:
-    """Turn SIGINT and SIGTERM into exceptions, and remember them: a library may swallow the exception on its way."""
-
-    def __init__(self) -> None:
-        self._arrived: type[BaseException] | None = None
-
-    def install(self) -> None:
-        """Take both signals."""
-        signal.signal(signal.SIGINT, self._take)
-        signal.signal(signal.SIGTERM, self._take)
-        sys.unraisablehook = self._unraisable
-
-    def _take(self, number: int, frame: FrameType | None) -> None:
-        self._arrived = Terminated if number == signal.SIGTERM else KeyboardInterrupt
-        raise self._arrived
-
-    def _unraisable(self, ignored: Any) -> None:
-        """Report what cannot be raised, except a signal's exception: `poll` raises that again."""
-        if not isinstance(ignored.exc_value, KeyboardInterrupt | Terminated):
-            sys.__unraisablehook__(ignored)
-
-    def poll(self) -> None:
-        """Raise what arrived earlier."""
-        if self._arrived is not None:
-            raise self._arrived
-
-
 SIGNALS = Signals()
 
 
@@ -249,29 +214,43 @@ def main() -> NoReturn:
 
 
 def _guarded() -> int:
-    """Run the command; turn every way of failing into one sentence and a code."""
+    """Run the command; turn every way of failing into sentences and a code."""
     try:
-        return int(cli.main(standalone_mode=False) or 0)
+        code = int(cli.main(standalone_mode=False) or 0)
+        sys.stdout.flush()
+        return code
     except click.ClickException as error:
-        error.show()
-        return 2
-    except (click.Abort, KeyboardInterrupt):
-        return _say("rths: interrupted", INTERRUPTED)
-    except Terminated:
-        return _say("rths: terminated", TERMINATED)
+        return _say([error.format_message()], 2)
+    except (click.Abort, KeyboardInterrupt, Terminated):
+        return _ended_by_signal()
     except InputError as error:
-        return _say("\n".join(error.faults), error.exit_code)
+        return _say(error.faults, error.exit_code)
     except RthsError as error:
-        return _say(str(error), error.exit_code)
+        return _say([str(error)], error.exit_code)
     except BrokenPipeError:
         sys.stderr.close()
         return 0
     except Exception as error:
-        if "--debug" in sys.argv:
-            raise
-        return _say(f"rths: internal error ({type(error).__name__}); details in {write_crash_file()}", 5)
+        return _ended_by_signal() if SIGNALS.code else _fault_of_ours(error)
 
 
-def _say(text: str, code: int) -> int:
-    click.echo(text, err=True)
+def _ended_by_signal() -> int:
+    code = SIGNALS.code or INTERRUPTED
+    return _say(["rths: interrupted" if code == INTERRUPTED else "rths: terminated"], code)
+
+
+def _fault_of_ours(error: Exception) -> int:
+    """Report an unforeseen failure: a full disk behind stdout is the user's, the rest is ours."""
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EIO):
+        return _say([f"rths: cannot write the output: {error.strerror}"], 2)
+    if "--debug" in sys.argv:
+        raise error
+    return _say([f"rths: internal error ({type(error).__name__}); details in {write_crash_file()}"], 5)
+
+
+def _say(sentences: Sequence[str], code: int) -> int:
+    """Show sentences on stderr and, where JSON was asked for, as the document on stdout; return the code."""
+    click.echo("\n".join(sentences), err=True)
+    if "--json" in sys.argv and code not in (INTERRUPTED, TERMINATED):
+        click.echo(json.dumps({"exit_code": code, "faults": list(sentences)}, indent=2))
     return code

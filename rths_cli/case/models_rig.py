@@ -38,7 +38,7 @@ class ConvertersSpec(Strict):
 
     bits: Annotated[int, Range(ge=2, le=32, or_zero=True)] = 16
     range_v: Annotated[float, Range(gt=0, le=1000)] = 10.0
-    latency_samples: Annotated[int, Range(ge=0, le=1000)] = 1
+    latency_samples: Annotated[int, Range(ge=0, le=100)] = 1
 
 
 class LimitsSpec(Strict):

@@ -5,7 +5,7 @@ from __future__ import annotations
 CASE_TEMPLATE = """\
 # A hybrid simulation: five keys name the experiment, everything below them has a default.
 # A value is a name that is looked up (beside this file, in configs/ or records/, among the shipped files),
-# a path relative to this file, or a mapping. Units stand in the names of the keys. `rths check` checks it.
+# a path relative to this file, or a mapping. Units stand in the names of the keys.
 
 structure: three_storey        # shear building, cut into numerical and experimental storeys
 damping: low                   # a level the structure defines, or {first_mode_ratio: 0.026}

@@ -7,6 +7,7 @@ killed process leaves behind (`.NAME.h5.PID.part`) opens and says how it ended.
 
 from __future__ import annotations
 
+import glob
 import os
 import re
 import shutil
@@ -69,6 +70,8 @@ class ResultWriter:
 
         if not self._virtual and self.path.exists():
             raise InputError(f"{self.path}: exists and holds a hardware run; choose another name or --output folder.")
+        if self._virtual:
+            _remove_leftovers(self.path)
         try:
             with self._reporting():
                 self._file = h5py.File(self.part, "w")
@@ -210,6 +213,26 @@ class ResultWriter:
             self._broken = True
             left = "" if self._virtual else f" What was written is in {self.part}."
             raise InputError(refusal(self.path, "cannot write the result file", error) + left) from error
+
+
+def _remove_leftovers(path: Path) -> None:
+    """Remove what killed processes left of this virtual result: parts whose process is gone."""
+    for part in path.parent.glob(f".{glob.escape(path.name)}.*.part"):
+        number = part.name.split(".")[-2]
+        if number.isdigit() and not _is_alive(int(number)):
+            with suppress(OSError):
+                part.unlink()
+
+
+def _is_alive(process: int) -> bool:
+    """Tell whether a process of this number runs; in doubt it does."""
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
 
 
 def check_writable(folder: Path, needed_bytes: int = 0) -> None:

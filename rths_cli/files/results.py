@@ -135,6 +135,8 @@ def _reading(path: Path, read: Callable[[h5py.File], T]) -> T:
 def _check_format(path: Path, attributes: Mapping[str, Any]) -> None:
     if _plain(attributes.get("format", "")) != FORMAT:
         raise InputError(f"{path}: is not a result file of rths (no attribute format = {FORMAT}).")
+    if "status" not in attributes:
+        raise InputError(f"{path}: does not say how its run ended (no attribute status); run the case again.")
     version = int(attributes["format_version"])
     if version > FORMAT_VERSION:
         raise InputError(f"{path}: has format version {version}, this rths reads up to {FORMAT_VERSION}; update rths.")

@@ -124,6 +124,11 @@ def _channel_faults(index: int, accel: Array, info: RigInfo, parts: Parts) -> li
     rms = float(accel[parts.noise].std())
     quiet = float(accel[parts.silence].std()) if parts.silence is not None else 0.0
     least = max(DEAD_BITS * info.converters.step_v / channel.sensitivity_v_per_m_s2, DEAD_OVER_SILENCE * quiet, 1e-9)
+    if rms < least and quiet * DEAD_OVER_SILENCE > rms:
+        return [
+            f"channel {channel.name}: noise of {quiet:.2g} m/s^2 rms at rest hides the {rms:.2g} m/s^2 rms under "
+            "excitation; check sensor, range and grounding, or excite louder"
+        ]
     if rms < least:
         return [
             f"channel {channel.name}: dead, {rms:.2g} m/s^2 rms under excitation where at least {least:.2g} is "

@@ -21,7 +21,7 @@ def page(found: Identification, rig_kind: str) -> str:
     lines += _specimen("specimen, from noise", found.specimen)
     lines += _specimen("specimen, free vibration", found.free_vibration)
     if found.noise_rms_m_s2 is not None:
-        lines.append(_line("noise at rest", f"{_numbers(1e3 * found.noise_rms_m_s2)} mm/s^2 rms"))
+        lines.append(_line("noise at rest", _noise(found.noise_rms_m_s2)))
     lines += [_line("note", warning) for warning in found.warnings]
     verdict = "accepted" if found.accepted else "rejected: " + "; ".join(found.reasons)
     return "\n".join([*lines, _line("verdict", verdict)]) + "\n"
@@ -43,17 +43,20 @@ def _model(name: str, model: Model, error: FitError) -> list[str]:
 def _specimen(name: str, fit: SpecimenFit | None) -> list[str]:
     if fit is None:
         return []
-    frequency = zip(fit.natural_frequency_hz, fit.frequency_error_hz, strict=True)
-    damping = zip(fit.damping_ratio, fit.damping_error, strict=True)
     return [
-        _line(name, "  ".join(f"{value:.4f} +- {error:.1g}" for value, error in frequency) + " Hz"),
-        _line("  damping", "  ".join(f"{100 * value:.3f} +- {100 * error:.1g}" for value, error in damping) + " %"),
+        _line(name, "  ".join(f"{value:.4f}" for value in fit.natural_frequency_hz) + " Hz"),
+        _line("  damping", "  ".join(f"{100 * value:.3f}" for value in fit.damping_ratio) + " %"),
         _line("  storey stiffness", f"{_numbers(fit.stiffness_n_per_m)} N/m"),
     ]
 
 
 def _line(name: str, text: str) -> str:
     return f"{name:<{WIDTH}}{text}"
+
+
+def _noise(rms: Array) -> str:
+    """Return the channels' noise in mm/s^2; a channel that showed one code throughout is below a bit."""
+    return "  ".join(f"{1e3 * value:.3g} mm/s^2 rms" if value > 0.0 else "below one bit" for value in rms)
 
 
 def _numbers(values: Array) -> str:

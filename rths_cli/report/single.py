@@ -57,7 +57,7 @@ def _listed(result: Result, path: str, unit: str) -> str:
     if path not in result.metrics:
         return "-"
     values = np.atleast_1d(result.metrics[path])
-    return " ".join(f"{1e3 * value:.3f}" if unit == "s" else _plain(value) for value in values)
+    return " ".join(f"{round(1e3 * value, 3) + 0.0:.3f}" if unit == "s" else _plain(value) for value in values)
 
 
 def _shown() -> Iterator[tuple[str, str, str]]:

@@ -49,7 +49,7 @@ class Request:
     overrides: tuple[str, ...] = ()
 
 
-def plan(request: Request) -> list[tuple[Setup, Path]]:
+def plan(request: Request, memory: Memory) -> list[tuple[Setup, Path]]:
     """Load and check every case and name its result file; raises InputError with all faults, writes nothing."""
     jobs: list[tuple[Setup, Path]] = []
     for method in request.methods or ("",):
@@ -58,6 +58,9 @@ def plan(request: Request) -> list[tuple[Setup, Path]]:
         suffix = f"-{method}" if len(request.methods) > 1 else ""
         setups = prepare_all(cases, request.output, request.overrides)
         jobs += [(setup, request.output / f"{setup.case.name}{suffix}.h5") for setup in setups]
+    for setup, _ in jobs:
+        if moves_table(setup.case):
+            memory.plan(setup)
     present = [str(path) for _, path in jobs if path.exists()]
     if present and not request.replace:
         advice = "exists; remove it, choose another --output, or drop --no-replace"
@@ -67,10 +70,10 @@ def plan(request: Request) -> list[tuple[Setup, Path]]:
 
 def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
     """Run every case of a request; one that fails is named and the others go on."""
-    jobs = plan(request)
+    memory = Memory()
+    jobs = plan(request, memory)
     if not is_compiled() and any(moves_table(setup.case) for setup, _ in jobs):
         watcher.message("first run of this version here: compiling the real-time step, about 20 s more")
-    memory = Memory()
     results = []
     for number, (setup, path) in enumerate(jobs, 1):
         watcher.started(number, len(jobs), path.stem)

@@ -11,6 +11,8 @@ from rths_cli.files.results import Dataset, Metric
 from rths_cli.workflows.figures import scalar
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from rths_cli.analysis.sim import Response
     from rths_cli.files.results import ResultWriter
     from rths_cli.identification.evaluate import Identification
@@ -71,12 +73,12 @@ def write_table_run(
         ),
     }
     scales = {"floor": floor_scale}
-    storey = np.arange(1, storeys + 1) if hybrid else None
+    storey = np.arange(1, storeys + 1)
     writer.group(run, datasets, time_s=time, storey=storey, scales=scales)
     compute = Dataset(series.compute_s, "s", "time taken by the step and the guard", "measured")
-    writer.group(f"{run}/timing", {"compute_s": compute}, time_s=time)
+    writer.group(f"{run}/timing", {"compute_s": compute}, time_s=time, storey=storey)
     if setup.rig.kind == "virtual":
-        _write_truth(writer, run, series, time, scales)
+        _write_truth(writer, run, series, time, storey, scales)
 
 
 def _hybrid_motion(motion: tuple[Array, Array, Array], series: Series) -> dict[str, Dataset]:
@@ -84,19 +86,23 @@ def _hybrid_motion(motion: tuple[Array, Array, Array], series: Series) -> dict[s
     accel = "absolute acceleration: numerical storeys computed, interface and experimental floors measured"
     estimated = "relative to the ground: experimental floors estimated by the Kalman filter"
     datasets["abs_accel_m_s2"] = Dataset(motion[2], ACCEL, accel, "measured")
+    shear = "force f of the specimen on the interface floor, Eq. 2.6, as the numerical part felt it"
+    datasets["base_shear_n"] = Dataset(series.base_shear_n, "N", shear, "estimated")
     datasets["rel_disp_m"] = Dataset(motion[0], "m", f"displacement {estimated}", "estimated")
     datasets["rel_vel_m_s"] = Dataset(motion[1], "m/s", f"velocity {estimated}", "estimated")
     return datasets
 
 
-def _write_truth(writer: ResultWriter, run: str, series: Series, time: Array, scales: dict[str, Dataset]) -> None:
+def _write_truth(
+    writer: ResultWriter, run: str, series: Series, time: Array, storey: ArrayLike, scales: dict[str, Dataset]
+) -> None:
     about = "absolute, before any sensor, mean over the step around the sample (virtual rig only)"
     datasets = {
         "table_accel_m_s2": Dataset(series.true_accel[0], ACCEL, f"table acceleration, {about}", "true"),
         "table_disp_m": Dataset(series.true_disp_m, "m", "table displacement (virtual rig only)", "true"),
         "floor_accel_m_s2": Dataset(series.true_accel[1:], ACCEL, f"floor acceleration, {about}", "true", ON_FLOORS),
     }
-    writer.group(f"{run}/truth", datasets, time_s=time, scales=scales)
+    writer.group(f"{run}/truth", datasets, time_s=time, storey=storey, scales=scales)
 
 
 def write_identification(writer: ResultWriter, identified: Identification, design: Design) -> None:
@@ -126,7 +132,7 @@ def write_identification(writer: ResultWriter, identified: Identification, desig
 
 def write_controller(writer: ResultWriter, design: Design) -> None:
     """Write every discrete block of the step."""
-    for block in design.blocks.named():
+    for block in (*design.blocks.named(), design.blocks.base_shear(), design.blocks.staircase()):
         writer.block(block.name, block.A, block.B, block.C, block.D, block.dt_s, block.inputs, block.outputs)
 
 
@@ -136,6 +142,9 @@ def design_figures(setup: Setup, identified: Identification, design: Design) -> 
     error, fit = (identified.best_error if best else identified.paper_error), identified.specimen
     assert fit is not None  # every case has experimental storeys
     values = {
+        "controller.rounding_step_v": scalar(
+            design.blocks.shaping_step_v, "V", "bit to which commands are rounded, the error carried over (0: not)"
+        ),
         "identification.fit_error_rms": scalar(error.rms, "1", "RMS of |fit / FRF - 1| over 0.7-11 Hz"),
         "identification.fit_error_mid": scalar(error.rms_mid, "1", "RMS of |fit / FRF - 1| over 2-10 Hz"),
         "identification.fit_error_max": scalar(error.largest, "1", "largest |fit / FRF - 1| over 0.7-11 Hz"),

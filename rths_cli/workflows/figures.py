@@ -59,3 +59,19 @@ def solution_error(run: str, relative: float) -> dict[str, Metric]:
 def scalar(value: float, units: str, definition: str) -> Metric:
     """Return a figure of one number."""
     return Metric(np.float64(value), units, definition)
+
+
+def of_runs() -> dict[str, bool]:
+    """Return the path of every figure of the runs, and whether it has one value per storey."""
+    kinds = ("", "_true", "_full", "_true_full")
+    tracking = {
+        f"{run}.tracking_{which}_m_s2{kind}": False
+        for run in ("shake_table", "exp_rths")
+        for which in ("max", "rms")
+        for kind in kinds
+    }
+    delays = {f"{run}.tracking_delay_s{kind}": False for run in ("shake_table", "exp_rths") for kind in ("", "_true")}
+    errors = {f"exp_rths.{which}_error_m_s2{kind}": True for which in ("max", "rms") for kind in kinds}
+    errors |= {f"sim_delay.{which}_error_m_s2{kind}": True for which in ("max", "rms") for kind in ("", "_full")}
+    others = dict.fromkeys(("sim.solution_error", "sim_delay.solution_error", "sim_delay.diverged_at_s"), False)
+    return tracking | delays | errors | others

@@ -7,7 +7,7 @@ import numpy as np
 from rths_cli.case.load import load_cases
 from rths_cli.control import feedback, feedforward, numerical, sensing
 from rths_cli.control.realise import static
-from rths_cli.errors import InputError, RigError
+from rths_cli.errors import InputError, LimitError, RigError
 from rths_cli.identification import excitation
 from rths_cli.identification.evaluate import Identification
 from rths_cli.identification.evaluate import identify as evaluate
@@ -22,47 +22,69 @@ class Memory:
     """Identifications already made in this process: cases on the same rig and specimen share one."""
 
     def __init__(self) -> None:
+        self._plans: dict[str, excitation.Excitation] = {}
         self._known: dict[str, Identification] = {}
+
+    def plan(self, setup: Setup) -> excitation.Excitation:
+        """Return the excitation of the setup's rig; raises InputError when its settings cannot be met."""
+        key = self._key(setup)
+        if key not in self._plans:
+            self._plans[key] = plan(setup)
+        return self._plans[key]
 
     def identify(self, setup: Setup, progress: Progress) -> Identification:
         """Return the identification of the setup's rig and specimen, made now or earlier in this process."""
+        key = self._key(setup)
+        if key not in self._known:
+            self._known[key] = identify(setup, progress, self.plan(setup))
+        return self._known[key]
+
+    def _key(self, setup: Setup) -> str:
+        """Return all that an identification depends on, as text."""
         case = setup.case
         table = case.table.model_dump_json(exclude={"after_identification"})
         specimen = case.structure.experimental.model_dump_json()
         mass = case.structure.interface_experimental_mass_kg
-        key = repr((table, specimen, mass, case.identification, case.sample_rate_hz))
-        if key not in self._known:
-            self._known[key] = identify(setup, progress)
-        return self._known[key]
+        return repr((table, specimen, mass, case.identification, case.sample_rate_hz))
 
 
-def identify(setup: Setup, progress: Progress) -> Identification:
-    """Excite the virtual rig and evaluate its channels; raises InputError or RigError when that fails."""
-    case = setup.case
-    if case.identification.model is not None:
-        advice = "this version identifies the virtual rig itself; remove it"
-        raise InputError(f"{case.path}: identification.model: {advice}")
-    options = case.identification
+def plan(setup: Setup) -> excitation.Excitation:
+    """Return the excitation of the case's rig; raises InputError when its settings cannot be met."""
+    options = setup.case.identification
     settings = excitation.ExcitationSettings(
         options.duration_s, options.accel_rms_m_s2, options.low_hz, options.high_hz
     )
-    plan = excitation.plan(setup.rig, settings, options.seed)
-    progress(f"identification, {plan.command_v.size * setup.rig.dt_s:.0f} s on the {case.table.kind} table")
-    command, corrected = excite(setup, plan.command_v)
-    return evaluate(command, corrected, setup.rig, setup.floor_masses_kg, plan.parts)
+    return excitation.plan(setup.rig, settings, options.seed)
+
+
+def identify(setup: Setup, progress: Progress, planned: excitation.Excitation | None = None) -> Identification:
+    """Excite the virtual rig and evaluate its channels.
+
+    Raises LimitError or RigError when the excitation was stopped, RigError when the channels cannot be used.
+    """
+    planned = planned or plan(setup)
+    seconds = planned.command_v.size * setup.rig.dt_s
+    progress(f"identification, {seconds:.0f} s on the {setup.case.table.kind} table")
+    command, corrected = excite(setup, planned.command_v)
+    try:
+        return evaluate(command, corrected, setup.rig, setup.floor_masses_kg, planned.parts)
+    except InputError as error:
+        raise RigError(f"identification of rig {setup.rig.name}: {'; '.join(error.faults)}") from error
 
 
 def excite(setup: Setup, command_v: Array) -> tuple[Array, Array]:
     """Play a command (n,) through guard and rig; return it as it left and the corrected channels (c, n).
 
-    Raises RigError when a limit or the rig stopped the excitation.
+    Raises LimitError when a limit stopped the excitation, RigError when the rig did.
     """
     rig = open_rig(setup, IDENTIFICATION, setup.case.identification.seed)
     drive = np.column_stack([command_v, np.zeros((command_v.size, 2))])
     outcome = play(rig, setup.rig, _listening(setup), EXCITATION, drive, guard_limits(setup))
-    stopped = outcome.rig_fault or outcome.stopped_by_limit
-    if stopped:
-        raise RigError(f"identification of rig {setup.rig.name}: {stopped}; lower identification.accel_rms_m_s2")
+    where, advice = f"identification of rig {setup.rig.name}", "lower identification.accel_rms_m_s2"
+    if outcome.rig_fault:
+        raise RigError(f"{where}: {outcome.rig_fault}; {advice}")
+    if outcome.stopped_by_limit:
+        raise LimitError(f"{where}: {outcome.stopped_by_limit}; {advice}")
     return outcome.log.command_v, outcome.log.corrected
 
 

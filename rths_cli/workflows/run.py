@@ -82,8 +82,11 @@ def run_case(setup: Setup, path: Path, memory: Memory, command_line: str, progre
     identified, design = None, None
     if moves_table(case):
         identified = memory.identify(setup, progress)
-        design = design_blocks(setup, identified)
-    cautions, replaced = of_case(setup, identified), path.exists()
+        try:
+            design = design_blocks(setup, identified)
+        except InputError as error:
+            return Ended(case.name, None, "refused", str(error), 1)
+    cautions, replaced = of_case(setup, identified, design), path.exists()
     with ResultWriter(path, attributes(setup, design, command_line) | {"warnings": "\n".join(cautions)}) as writer:
         writer.case(case.yaml_text, resolved_yaml(case))
         contents.write_record(writer, setup)
@@ -206,6 +209,9 @@ def _acceptance(case: Case, values: dict[str, Metric]) -> Stop:
             failed.append(f"{path} was not computed")
             continue
         value = np.atleast_1d(np.asarray(values[name].value, dtype=float))
+        if index and int(index[:-1]) > value.size:
+            failed.append(f"{path}: the figure has {value.size} value{'s' if value.size > 1 else ''}")
+            continue
         chosen = value[int(index[:-1]) - 1] if index else np.max(value)
         if not chosen <= limit:
             failed.append(f"{path} = {chosen:.4g} is above its accept limit {limit:g}")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,10 +16,12 @@ from rths_cli.lti import Array
 from rths_cli.record import GroundMotion, prepare
 from rths_cli.rig_info import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
 from rths_cli.structure import Building, build
+from rths_cli.workflows.figures import of_runs
 
 if TYPE_CHECKING:
     from rths_cli.case.models import Case
 
+RUNS = ("sim", "sim_delay", "shake_table", "exp_rths")
 Progress = Callable[[str], None]
 
 
@@ -36,7 +40,9 @@ class Setup:
 
 def make_setup(case: Case, overrides: tuple[str, ...] = ()) -> Setup:
     """Read the record, build the building and the rig's description; raises InputError."""
-    _check_payload(case)
+    faults = [*_payload_faults(case), *_accept_faults(case), *_model_faults(case)]
+    if faults:
+        raise InputError(*(f"{shown(case.path)}: {fault}" for fault in faults))
     accelerogram = read_accelerogram(case.record.path, case.record.unit, case.record.dt_s)
     motion = prepare(
         accelerogram,
@@ -50,14 +56,46 @@ def make_setup(case: Case, overrides: tuple[str, ...] = ()) -> Setup:
     return Setup(case, motion, accelerogram.sha256, building, rig_info(case), masses, overrides)
 
 
-def _check_payload(case: Case) -> None:
-    """Refuse a specimen that is heavier than the data sheet of the table permits."""
+def _payload_faults(case: Case) -> list[str]:
+    """Return a sentence when the specimen is heavier than the data sheet of the table permits."""
     weight = sum(case.structure.experimental.masses_kg) + case.structure.interface_experimental_mass_kg
-    if weight > case.table.nominal.payload_kg:
-        raise InputError(
-            f"{case.path}: structure: the specimen weighs {weight:g} kg, rig {case.table.name} carries at most "
-            f"{case.table.nominal.payload_kg:g} kg (nominal.payload_kg); put fewer storeys on the table"
-        )
+    if weight <= case.table.nominal.payload_kg:
+        return []
+    return [
+        f"structure: the specimen weighs {weight:g} kg, rig {case.table.name} carries at most "
+        f"{case.table.nominal.payload_kg:g} kg (nominal.payload_kg); put fewer storeys on the table"
+    ]
+
+
+def _accept_faults(case: Case) -> list[str]:
+    """Return a sentence for each accepted figure of a run that does not exist or has no storeys."""
+    known, faults = of_runs(), []
+    for path in case.accept:
+        name, _, index = path.partition("[")
+        if name.split(".")[0] not in RUNS:
+            continue
+        if name not in known:
+            near = get_close_matches(name, known, 1)
+            advice = f"did you mean {near[0]}?" if near else "rths report --json lists the figures"
+            faults.append(f"accept: there is no figure {name}; {advice}")
+        elif index and not known[name]:
+            faults.append(f"accept: {name} is one number, not one per storey; drop [{index}")
+    return faults
+
+
+def _model_faults(case: Case) -> list[str]:
+    """Return a sentence when the case names a model file."""
+    if case.identification.model is None:
+        return []
+    return ["identification.model: this version identifies the virtual rig itself; remove the key"]
+
+
+def shown(path: Path) -> str:
+    """Return a path as a user would type it here."""
+    try:
+        return str(path.resolve().relative_to(Path.cwd()))
+    except ValueError:
+        return str(path)
 
 
 def rig_info(case: Case) -> RigInfo:

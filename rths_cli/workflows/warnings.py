@@ -10,17 +10,33 @@ from rths_cli.structure import modes
 
 if TYPE_CHECKING:
     from rths_cli.identification.evaluate import Identification
+    from rths_cli.workflows.controllers import Design
     from rths_cli.workflows.setup import Setup
 
 FREQUENCY_SHARE, DAMPING_SHARE = 0.02, 0.20
+NEGLIGIBLE = 1e-4  # of a damping ratio or of a Hz
+BANDWIDTH_SHARE = 0.9
 
 
-def of_case(setup: Setup, identified: Identification | None) -> tuple[str, ...]:
-    """Return what building and identification want said: other stiffness solutions, doubts, differences."""
+def of_case(setup: Setup, identified: Identification | None, design: Design | None) -> tuple[str, ...]:
+    """Return what building, identification and controller want said: other solutions, doubts, differences."""
     found = list(setup.building.notes)
     if identified is not None:
         found += [*identified.warnings, *identified.reasons, *differences(setup, identified)]
+    if design is not None:
+        found += slower_feedback(setup, design)
     return tuple(found)
+
+
+def slower_feedback(setup: Setup, design: Design) -> list[str]:
+    """Return a sentence when the feedback is slower than the case asks for."""
+    wanted = setup.case.controller.feedback_bandwidth_hz
+    if wanted is None or design.feedback is None or design.feedback.bandwidth_hz >= BANDWIDTH_SHARE * wanted:
+        return []
+    return [
+        f"controller.feedback_bandwidth_hz: {wanted:g} Hz asked, {design.feedback.bandwidth_hz:.3g} Hz designed: the "
+        "most that the identified band and max_sensitivity permit"
+    ]
 
 
 def differences(setup: Setup, identified: Identification) -> list[str]:
@@ -30,13 +46,13 @@ def differences(setup: Setup, identified: Identification) -> list[str]:
     declared = setup.building.specimen
     frequency, damping = modes(np.diag(declared.masses_kg), declared.C, declared.K)
     pairs = (
-        ("natural frequency", frequency, identified.specimen.natural_frequency_hz, "Hz", FREQUENCY_SHARE),
+        ("natural frequency", frequency, identified.specimen.natural_frequency_hz, " Hz", FREQUENCY_SHARE),
         ("damping ratio", damping, identified.specimen.damping_ratio, "", DAMPING_SHARE),
     )
     return [
-        f"specimen, mode {mode + 1}: identified {name} {found[mode]:.4g} {unit} differs from the declared "
-        f"{stated[mode]:.4g} {unit} by more than {share:.0%}; SIM uses the declared one"
+        f"specimen, mode {mode + 1}: identified {name} {found[mode]:.4g}{unit} differs from the declared "
+        f"{abs(stated[mode]):.4g}{unit} by more than {share:.0%}; SIM uses the declared one"
         for name, stated, found, unit, share in pairs
         for mode in range(len(stated))
-        if abs(found[mode] - stated[mode]) > share * stated[mode]
+        if abs(found[mode] - stated[mode]) > share * abs(stated[mode]) + NEGLIGIBLE
     ]

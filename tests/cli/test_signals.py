@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from rths_cli.cli import Signals, Terminated
+from rths_cli.process import Signals, Terminated
 from rths_cli.screen import Screen
 
 

@@ -13,6 +13,7 @@ import pytest
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
 from rths_cli.files.results import read_result
+from rths_cli.workflows.figures import of_runs
 from rths_cli.workflows.identify import Memory
 from rths_cli.workflows.run import Ended, run_case
 from rths_cli.workflows.setup import make_setup
@@ -154,3 +155,48 @@ def test_a_specimen_too_heavy_for_the_table_is_refused() -> None:
     case = load_cases([CASE], ("table.nominal.payload_kg=13",))[0]
     with pytest.raises(InputError, match=r"13\.86 kg.*at most 13 kg"):
         make_setup(case)
+
+
+def test_the_figures_known_beforehand_are_those_a_run_has(whole: Path) -> None:
+    runs = ("sim", "sim_delay", "shake_table", "exp_rths")
+    metrics = {path: np.ndim(value) > 0 for path, value in read_result(whole).metrics.items()}
+    written = {path: per_storey for path, per_storey in metrics.items() if path.split(".")[0] in runs}
+    known = of_runs()
+    assert set(known) - set(written) == {"sim_delay.diverged_at_s"}
+    assert all(known[path] == per_storey for path, per_storey in written.items())
+
+
+@pytest.mark.parametrize(
+    ("path", "word"),
+    [("exp_rths.tracking_rms_m_s2[2]", "one number"), ("exp_rths.rms_eror_m_s2", "did you mean")],
+)
+def test_an_accepted_figure_that_cannot_be_is_refused_before_the_run(path: str, word: str) -> None:
+    with pytest.raises(InputError, match=word):
+        make_setup(load_cases([CASE], (f"accept={{'{path}': 1}}",))[0])
+
+
+def test_a_storey_that_a_figure_does_not_have_fails_the_limit_not_the_run(tmp_path: Path, memory: Memory) -> None:
+    ended = run(tmp_path / "x.h5", memory, "runs=[exp_rths]", "accept={'identification.damping_ratio[3]': 1}")
+    assert ended.exit_code == 1 and "2 values" in ended.reason
+    assert read_result(tmp_path / "x.h5").attributes["status"] == "complete"
+
+
+def test_the_stored_blocks_reproduce_the_base_shear(whole: Path) -> None:
+    with h5py.File(whole) as file:
+        block = file["controller/base_shear"]
+        gain, names = block["D"][()][0], list(block.attrs["inputs"])
+        run_group = file["exp_rths"]
+        desired, measured = run_group["interface_accel_desired_m_s2"][()], run_group["abs_accel_m_s2"][()]
+        shear, estimated = run_group["base_shear_n"][()], run_group["floor_accel_estimated_m_s2"][()]
+        rel = [run_group["rel_disp_m"][1:] - run_group["rel_disp_m"][0], run_group["rel_vel_m_s"][1:]]
+        rel[1] = rel[1] - run_group["rel_vel_m_s"][0]
+    assert len(gain) == len(names) == 6 + 2 + 3 + 1
+    # at step k the estimates are those of clock k - 2, the desired those of clocks k - 2, k - 1 and k
+    inputs = np.vstack([rel[0][:, :-2], rel[1][:, :-2], estimated[:, :-2], desired[:-2], desired[1:-1]])
+    inputs = np.vstack([inputs, measured[:, :-2], desired[2:]])
+    assert gain @ inputs == pytest.approx(shear[2:], abs=1e-9 * np.abs(shear).max())
+
+
+def test_a_feedback_slower_than_asked_is_named(tmp_path: Path, memory: Memory) -> None:
+    ended = run(tmp_path / "f.h5", memory, "runs=[exp_rths]", "controller={kind: FF+FB, feedback_bandwidth_hz: 900}")
+    assert any("900 Hz asked" in warning for warning in ended.warnings)

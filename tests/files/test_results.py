@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -380,3 +381,24 @@ def test_a_missing_dataset_is_named_with_what_there_is(written):
         read_series(written, "exp_rths/nothing")
     with pytest.raises(InputError, match="holds no dataset exp_rths;"):
         read_series(written, "exp_rths")
+
+
+def test_what_a_killed_process_left_is_removed_but_a_living_ones_part_stays(tmp_path: Path) -> None:
+    dead = subprocess.Popen([sys.executable, "-c", "pass"])
+    dead.wait()
+    stale, alive = tmp_path / f".a.h5.{dead.pid}.part", tmp_path / ".a.h5.1.part"
+    other = tmp_path / f".b.h5.{dead.pid}.part"
+    for part in (stale, alive, other):
+        part.write_bytes(b"left")
+    with ResultWriter(tmp_path / "a.h5", {"rig_kind": "virtual"}) as writer:
+        writer.finish("complete")
+    assert not stale.exists() and alive.exists() and other.exists()
+
+
+def test_a_file_that_does_not_say_how_it_ended_is_refused(tmp_path: Path) -> None:
+    with ResultWriter(tmp_path / "a.h5", {"rig_kind": "virtual"}) as writer:
+        writer.finish("complete")
+    with h5py.File(tmp_path / "a.h5", "a") as file:
+        del file.attrs["status"]
+    with pytest.raises(InputError, match="status"):
+        read_result(tmp_path / "a.h5")

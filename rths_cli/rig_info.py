@@ -47,7 +47,7 @@ class RigInfo:
 
     `channels`: the table's accelerometer first, then one per experimental floor. `latency_samples`: the command
     computed from the samples of t_k is held from t_(k + latency) on; hold and sensor lag are not in that number.
-    `gain_m_per_v` and `moving_mass_kg` are nominal data-sheet values; `payload_kg` is the weighed specimen.
+    `gain_m_per_v` and `moving_mass_kg` are nominal data-sheet values; `specimen_mass_kg` is weighed.
     """
 
     name: str
@@ -59,4 +59,4 @@ class RigInfo:
     limits: Limits
     gain_m_per_v: float
     moving_mass_kg: float
-    payload_kg: float
+    specimen_mass_kg: float

@@ -40,7 +40,7 @@ class Response:
 def simulate(building: Building, dt_s: float, ground_accel_m_s2: ArrayLike) -> Response:
     """Solve M d2x + C dx + K x = -M 1 a_g (Eq. 2.1) from rest for a record (n,) linear between samples.
 
-    Exact but for rounding:     `error_estimate` is the largest one-step residual against the matrix
+    Exact but for rounding: `error_estimate` is the largest one-step residual against the matrix
     exponential, accumulated over the memory of the least damped mode. Raises InputError for a step that is
     not positive or a record that is not finite.
     """

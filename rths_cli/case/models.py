@@ -213,7 +213,7 @@ def _accept_problems(data: Mapping[str, Any]) -> Iterator[Problem]:
             yield ("accept", path), "must be a figure's path such as exp_rths.rms_error_m_s2[3]"
             continue
         group, storey = match[1], match[2]
-        if storey is not None and storeys is not None and int(storey) > storeys:
+        if group in RUNS and storey is not None and storeys is not None and int(storey) > storeys:
             yield ("accept", path), f"storey must be <= {storeys}, the structure's storeys, got {storey}"
         if isinstance(runs, tuple) and group in RUNS and group not in [_underscored(run) for run in runs]:
             yield ("accept", path), f"needs the run {group}; add it to runs"

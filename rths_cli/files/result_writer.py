@@ -77,7 +77,7 @@ class ResultWriter:
                 self._file = h5py.File(self.part, "w")
                 self._file.attrs.update({**self._attributes, **HEADER})
                 self._file.flush()
-        except InputError:
+        except BaseException:  # a signal too must leave no half file
             self._abandon()
             raise
         return self
@@ -188,7 +188,7 @@ class ResultWriter:
             with self._reporting():
                 self._file.close()
                 os.replace(self.part, self.path)
-        except InputError:
+        except BaseException:  # a signal too must leave no half file
             self._abandon()
             raise
 

@@ -123,16 +123,16 @@ def _channel_faults(index: int, accel: Array, info: RigInfo, parts: Parts) -> li
     channel = info.channels[index]
     rms = float(accel[parts.noise].std())
     quiet = float(accel[parts.silence].std()) if parts.silence is not None else 0.0
-    least = max(DEAD_BITS * info.converters.step_v / channel.sensitivity_v_per_m_s2, DEAD_OVER_SILENCE * quiet, 1e-9)
-    if rms < least and quiet * DEAD_OVER_SILENCE > rms:
-        return [
-            f"channel {channel.name}: noise of {quiet:.2g} m/s^2 rms at rest hides the {rms:.2g} m/s^2 rms under "
-            "excitation; check sensor, range and grounding, or excite louder"
-        ]
+    least = max(DEAD_BITS * info.converters.step_v / channel.sensitivity_v_per_m_s2, 1e-9)
     if rms < least:
         return [
             f"channel {channel.name}: dead, {rms:.2g} m/s^2 rms under excitation where at least {least:.2g} is "
             "expected; check sensor, cable and power"
+        ]
+    if rms < DEAD_OVER_SILENCE * quiet:
+        return [
+            f"channel {channel.name}: nothing but noise, {quiet:.2g} m/s^2 rms at rest and {rms:.2g} under excitation; "
+            "check sensor and cable, or excite louder"
         ]
     largest = float(np.abs(accel).max())
     if largest > CLIPPED_SHARE * channel.range_m_s2:

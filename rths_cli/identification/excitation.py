@@ -135,7 +135,7 @@ def largest_scale(info: RigInfo, command_v: Array) -> tuple[float, str]:
     """Return the factor that brings a command to 60 % of the first limit it meets, and that limit's name."""
     accel = np.abs(nominal_accel(command_v, info)).max()
     velocity = info.gain_m_per_v * np.abs(np.diff(command_v)).max() / info.dt_s
-    mass = info.moving_mass_kg + info.payload_kg
+    mass = info.moving_mass_kg + info.specimen_mass_kg
     sensor = min(channel.range_m_s2 for channel in info.channels) / AMPLIFICATION
     reach = {
         "stroke": info.limits.stroke_m / (info.gain_m_per_v * np.abs(command_v).max()),

@@ -58,11 +58,12 @@ def write_table_run(
     storeys = len(setup.building.M)
     floors = len(setup.floor_masses_kg)
     floor_scale = Dataset(np.arange(storeys - floors + 1, storeys + 1), "1", "experimental storey", "computed")
+    also = " and for the hold's staircase" if setup.case.method == "best" else ""
     datasets = _hybrid_motion(hybrid, series) if hybrid else {}
     datasets |= {
         "interface_accel_desired_m_s2": Dataset(series.desired[0], ACCEL, "desired table acceleration", "computed"),
         "interface_accel_measured_m_s2": Dataset(
-            series.measured[0], ACCEL, "table acceleration, corrected for the sensor", "measured"
+            series.measured[0], ACCEL, f"table acceleration, corrected for the sensor{also}", "measured"
         ),
         "command_v": Dataset(series.command_v, "V", "command that left the guard", "computed"),
         "floor_accel_measured_m_s2": Dataset(
@@ -164,7 +165,9 @@ def _feedback_figures(design: Design) -> dict[str, Metric]:
     found = design.feedback
     assert found is not None
     return {
-        "feedback.sensitivity_peak": scalar(found.sensitivity_peak, "1", "largest |1 / (1 + loop)|, measured FRF"),
+        "feedback.sensitivity_peak": scalar(
+            found.sensitivity_peak, "1", "largest |1 / (1 + loop)|, FRF in its band, model outside"
+        ),
         "feedback.bandwidth_hz": scalar(found.bandwidth_hz, "Hz", "highest frequency with a loop gain of one"),
     }
 

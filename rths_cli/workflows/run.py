@@ -146,7 +146,7 @@ def _experiments(
         ("shake_table", RECORD, SHAKE_TABLE, "shake-table test"),
         ("exp_rths", NUMERICAL, EXP_RTHS, "EXP-RTHS"),
     ):
-        if run not in setup.case.runs:
+        if run not in setup.case.runs or (stop is not None and setup.rig.kind != "virtual"):
             continue
         progress(f"{label}, {setup.case.table.kind} table")
         outcome = play_run(setup, design, source, stream)

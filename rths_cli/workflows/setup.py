@@ -124,5 +124,5 @@ def rig_info(case: Case) -> RigInfo:
         limits=Limits(limits.stroke_m, limits.velocity_m_s, limits.acceleration_m_s2, limits.force_n),
         gain_m_per_v=table.nominal.gain_m_per_v,
         moving_mass_kg=table.nominal.moving_mass_kg + case.structure.interface_experimental_mass_kg,
-        payload_kg=float(sum(case.structure.experimental.masses_kg)),
+        specimen_mass_kg=float(sum(case.structure.experimental.masses_kg)),
     )

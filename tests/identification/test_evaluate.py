@@ -113,6 +113,8 @@ def spoilt(first: Excited, change: str) -> np.ndarray:
     random = np.random.default_rng(0)
     if change == "dead":
         corrected[1] = 1e-3 * random.standard_normal(corrected.shape[1])
+    elif change == "noisy":
+        corrected[1] = 2.0 * random.standard_normal(corrected.shape[1])
     elif change == "clipped":
         corrected[1, 50000] = 49.0
     elif change == "incoherent":
@@ -127,6 +129,7 @@ def spoilt(first: Excited, change: str) -> np.ndarray:
     ("change", "sentence"),
     [
         ("dead", "channel floor_1: dead"),
+        ("noisy", "channel floor_1: nothing but noise"),
         ("clipped", "channel floor_1: clipped"),
         ("incoherent", "channel floor_1: median coherence"),
         ("lost", "not numbers"),

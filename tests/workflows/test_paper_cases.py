@@ -34,7 +34,7 @@ def test_hybrid_beats_delay_and_feedback_beats_feedforward(
     for kind in ("", "_true"):
         hybrid = np.asarray(both[f"exp_rths.rms_error_m_s2{kind}"])
         assert hybrid.shape == (3,)
-        assert np.all(hybrid < 0.05 * delayed), hybrid / delayed
+        assert np.all(hybrid < 0.02 * delayed), hybrid / delayed
         for run in ("shake_table", "exp_rths"):
             path = f"{run}.tracking_rms_m_s2{kind}"
             assert both[path] < 0.5 * alone[path], path

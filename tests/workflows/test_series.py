@@ -31,6 +31,9 @@ def test_what_was_desired_at_step_k_meets_what_is_measured_lead_samples_later() 
     assert np.array_equal(series.desired[0], np.arange(100.0))
     assert np.array_equal(series.measured[0], np.arange(2.0, 102.0))
     assert np.array_equal(series.command_v, np.arange(2.0, 102.0))
+    assert np.array_equal(series.estimated[0], np.arange(2.0, 102.0))
+    assert np.array_equal(series.true_disp_m, np.arange(2.0, 102.0))
+    assert np.array_equal(series.base_shear_n, np.arange(100.0))
 
 
 def test_true_acceleration_is_the_mean_over_the_step_around_the_sample() -> None:

@@ -179,13 +179,13 @@ def hold_interval(plant: Plant, s: PlantState, command_v: float) -> None:
         for i in range(s.state.size):
             s.state[i] = s.pushed[i]
         if step == half - 1:
-            note_velocity(plant, s)
+            note_velocity(s)
     if abs(s.state[0]) > plant.stroke_m:
         s.fault[0] = END_STOP
 
 
 @part
-def note_velocity(plant: Plant, s: PlantState) -> None:
+def note_velocity(s: PlantState) -> None:
     """Keep the true absolute velocities of table and floors."""
     floors = s.middle_velocity.size - 1
     s.middle_velocity[0] = s.state[1]

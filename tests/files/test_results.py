@@ -402,3 +402,16 @@ def test_a_file_that_does_not_say_how_it_ended_is_refused(tmp_path: Path) -> Non
         del file.attrs["status"]
     with pytest.raises(InputError, match="status"):
         read_result(tmp_path / "a.h5")
+
+
+def test_a_signal_while_the_file_is_opened_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    real = h5py.File
+
+    def interrupted(*arguments: object) -> None:
+        real(*arguments).close()
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(h5py, "File", interrupted)
+    with pytest.raises(KeyboardInterrupt), ResultWriter(tmp_path / "a.h5", {"rig_kind": "virtual"}):
+        pass
+    assert list(tmp_path.iterdir()) == []

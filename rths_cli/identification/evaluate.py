@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.identification.excitation import Parts
 from rths_cli.identification.fit_table import FitError, fit_best, fit_error, fit_paper, refit_best
 from rths_cli.identification.frf import estimate, without_leakage
+from rths_cli.identification.record import Parts
 from rths_cli.identification.specimen import SpecimenFit, Start, fit_specimen, modal, storey_start
 from rths_cli.lti import Array, Frf, Model
 from rths_cli.rig_info import RigInfo

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rths_cli.errors import InputError
+from rths_cli.identification.record import Parts
 from rths_cli.lti import Array
 from rths_cli.rig_info import RigInfo
 
@@ -30,15 +31,6 @@ class ExcitationSettings:
     accel_rms_m_s2: float = 2.0
     low_hz: float = 0.3
     high_hz: float = 60.0
-
-
-@dataclass(frozen=True)
-class Parts:
-    """Which samples of a record are silence, noise and free vibration (command held); None: the record has none."""
-
-    noise: slice
-    silence: slice | None = None
-    free_vibration: slice | None = None
 
 
 @dataclass(frozen=True)

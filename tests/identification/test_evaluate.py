@@ -15,9 +15,9 @@ from rths_cli.identification.evaluate import (
     identify,
     without_staircase,
 )
-from rths_cli.identification.excitation import Parts
 from rths_cli.identification.fit_table import FitError, fit_error
 from rths_cli.identification.frf import estimate
+from rths_cli.identification.record import Parts
 from rths_cli.lti import Frf
 
 

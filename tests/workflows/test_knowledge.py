@@ -16,6 +16,7 @@ import rths_cli
 from rths_cli.case.load import load_cases
 from rths_cli.identification import excitation
 from rths_cli.identification.evaluate import identify as evaluate
+from rths_cli.identification.record import Parts
 from rths_cli.workflows.controllers import Design, design_blocks
 from rths_cli.workflows.identify import excite
 from rths_cli.workflows.rigs import guard_limits
@@ -44,14 +45,14 @@ def setup_with(*settings: str) -> Setup:
 
 
 @pytest.fixture(scope="module")
-def recorded() -> tuple[np.ndarray, np.ndarray, excitation.Parts]:
+def recorded() -> tuple[np.ndarray, np.ndarray, Parts]:
     setup = setup_with()
     plan = excitation.plan(setup.rig, excitation.ExcitationSettings(duration_s=100.0), 0)
     command, channels = excite(setup, plan.command_v)
     return command, channels, plan.parts
 
 
-def designed(setup: Setup, recorded: tuple[np.ndarray, np.ndarray, excitation.Parts]) -> Design:
+def designed(setup: Setup, recorded: tuple[np.ndarray, np.ndarray, Parts]) -> Design:
     command, channels, parts = recorded
     return design_blocks(setup, evaluate(command, channels, setup.rig, setup.floor_masses_kg, parts))
 
@@ -66,7 +67,7 @@ def as_bytes(design: Design) -> list[bytes]:
 
 @pytest.mark.parametrize("method", ["best", "paper"])
 def test_the_same_channels_under_other_physics_change_no_byte(
-    recorded: tuple[np.ndarray, np.ndarray, excitation.Parts], method: str
+    recorded: tuple[np.ndarray, np.ndarray, Parts], method: str
 ) -> None:
     here = setup_with(f"method={method}")
     there = setup_with(f"method={method}", *OTHER_PHYSICS)
@@ -76,7 +77,7 @@ def test_the_same_channels_under_other_physics_change_no_byte(
 
 
 def test_other_channels_change_the_controller(
-    recorded: tuple[np.ndarray, np.ndarray, excitation.Parts],
+    recorded: tuple[np.ndarray, np.ndarray, Parts],
 ) -> None:
     command, channels, parts = recorded
     louder = (command, channels * np.array([[1.01], [1.0], [1.0]]), parts)

@@ -2,24 +2,158 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from made_records import make_info, make_specimen
-from scipy.signal import welch
+from scipy.signal import periodogram, welch
 
 from rths_cli.errors import InputError
-from rths_cli.identification.excitation import ExcitationSettings, plan
+from rths_cli.identification.excitation import Excitation, ExcitationSettings, Kind, make_signal, plan
+from rths_cli.identification.shapes import multisine
 
 SPECIMEN = make_specimen()
 SMOOTH = make_info(SPECIMEN, bits=0)
 SHORT = ExcitationSettings(duration_s=60.0)
+KINDS: tuple[Kind, ...] = ("noise", "multisine", "sweep", "step")
+MASS_KG = 7.0 + 6.91 + 6.95
 
 
 def power(command: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return frequencies and the power spectral density in V^2/Hz."""
     return welch(command, 1.0 / SMOOTH.dt_s, nperseg=20000)
+
+
+def motion(command: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return nominal displacement, velocity and acceleration of a command."""
+    place = SMOOTH.gain_m_per_v * command
+    velocity = np.gradient(place, SMOOTH.dt_s)
+    return place, velocity, np.gradient(velocity, SMOOTH.dt_s)
+
+
+def rms_below_12_hz(made: Excitation) -> float:
+    """Return the level of a plan's signal by the periodogram of its acceleration."""
+    accel = motion(made.command_v)[2][made.parts.noise]
+    f, density = periodogram(accel, 1.0 / made.dt_s)
+    return float(np.sqrt(density[f <= 12.0].sum() * f[1]))
+
+
+def test_default_plan_keeps_its_bytes() -> None:
+    made = plan(make_info(SPECIMEN), ExcitationSettings(), 0)
+    digest = "c5f9e0c3de4d3d0faaffa7e87728cf5bb86a33761b32c7aff84706d8302ede5a"  # results made so far depend on it
+    assert hashlib.sha256(made.command_v.tobytes()).hexdigest() == digest
+    assert (made.parts.noise, made.parts.free_vibration) == (slice(4000, 244000), slice(253000, 285000))
+    assert made.parts.period_samples == 0
+    assert made.accel_rms_m_s2 == 2.0
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_has_the_level_asked_for(kind: Kind) -> None:
+    made = plan(SMOOTH, replace(SHORT, kind=kind, accel_rms_m_s2=0.7), 3)
+    assert made.notes == ()
+    assert made.accel_rms_m_s2 == 0.7
+    # np.gradient twice sees the acceleration through cos(pi f dt)^2, 0.04 % less at 12 Hz
+    assert rms_below_12_hz(made) == pytest.approx(0.7, rel=2e-3)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_given_level_replaces_that_of_the_settings(kind: Kind) -> None:
+    settings = replace(SHORT, kind=kind)
+    made = plan(SMOOTH, settings, 1, level=0.5)
+    assert rms_below_12_hz(made) == pytest.approx(0.5, rel=2e-3)
+    assert np.array_equal(made.command_v, plan(SMOOTH, replace(settings, accel_rms_m_s2=0.5), 1).command_v)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize(
+    ("field", "limit"), [("stroke_m", 0.01), ("velocity_m_s", 0.1), ("acceleration_m_s2", 9.0), ("force_n", 60.0)]
+)
+def test_every_kind_keeps_its_share_of_every_limit(kind: Kind, seed: int, field: str, limit: float) -> None:
+    info = replace(SMOOTH, limits=replace(SMOOTH.limits, **{field: limit}))
+    made = plan(info, replace(SHORT, duration_s=42.0, period_s=14.0, kind=kind, accel_rms_m_s2=4.0), seed)
+    place, velocity, accel = (np.abs(values).max() for values in motion(made.command_v))
+    predicted = {
+        "stroke_m": place,
+        "velocity_m_s": velocity,
+        "acceleration_m_s2": 2.0 * accel,
+        "force_n": MASS_KG * accel,
+    }
+    # 2 % for what np.gradient loses of the peaks near 60 Hz
+    assert predicted[field] == pytest.approx(0.6 * limit, rel=0.02)
+    assert place <= 0.6 * 0.079 * 1.0001
+    assert MASS_KG * accel <= 0.6 * 445.0
+    name = field.split("_")[0]
+    assert f"60% of the {name} limit" in made.notes[-1]
+    assert made.reach[name].share == pytest.approx(0.6)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_reach_tells_the_peaks_of_the_whole_plan(kind: Kind) -> None:
+    made = plan(SMOOTH, replace(SHORT, kind=kind), 2)
+    place, velocity, accel = (float(np.abs(values).max()) for values in motion(made.command_v))
+    expected = {
+        "stroke": (place, 0.079, "m"),
+        "velocity": (velocity, 1.0, "m/s"),
+        "acceleration": (2.0 * accel, 45.0, "m/s^2"),
+        "sensor range": (2.0 * accel, 5.0 * 9.80665, "m/s^2"),
+        "force": (MASS_KG * accel, 445.0, "N"),
+        "command range": (np.abs(made.command_v).max(), 10.0, "V"),
+    }
+    assert made.reach.keys() == expected.keys()
+    for name, (predicted, limit, unit) in expected.items():
+        assert made.reach[name].predicted == pytest.approx(predicted, rel=0.02), name
+        assert made.reach[name][1:] == (pytest.approx(limit), unit)
+        assert made.reach[name].share == made.reach[name].predicted / made.reach[name].limit <= 0.6 * (1.0 + 1e-12)
+
+
+@pytest.mark.parametrize("kind", ["multisine", "sweep"])
+def test_periodic_kinds_repeat_bit_by_bit_after_a_period_to_settle(kind: Kind) -> None:
+    made = plan(make_info(SPECIMEN), replace(SHORT, duration_s=75.0, period_s=20.0, kind=kind), 0)
+    parts, n = made.parts, 40000
+    steady = made.command_v[parts.noise]
+    assert made.notes[0] == "excitation of 60 instead of 75 s: whole periods of 20 s"
+    assert parts.period_samples == n
+    assert len(steady) == 3 * n
+    assert np.array_equal(steady[:n], steady[n : 2 * n])
+    assert np.array_equal(steady[:n], steady[2 * n :])
+    settling = made.command_v[parts.noise.start - n : parts.noise.start]
+    assert parts.noise.start - n == parts.silence.stop == 4000
+    assert np.array_equal(settling[4000:], steady[4000:n])  # all but the fade of 2 s
+    assert np.abs(np.diff(made.command_v[: parts.noise.start + 1])).max() < 0.1
+    assert np.ptp(made.command_v[parts.free_vibration]) == 0.0
+
+
+@pytest.mark.parametrize("kind", ["multisine", "sweep"])
+def test_steady_periods_hold_lines_of_the_period_only(kind: Kind) -> None:
+    made = plan(SMOOTH, replace(SHORT, kind=kind), 0)
+    lines = np.abs(np.fft.rfft(made.command_v[made.parts.noise]))
+    lines[::3] = 0.0
+    assert lines.max() < 1e-9 * np.abs(np.fft.rfft(made.command_v)).max()
+
+
+def test_multisine_draws_reach_a_higher_level_than_one() -> None:
+    info = replace(SMOOTH, limits=replace(SMOOTH.limits, stroke_m=0.01))
+    random = np.random.default_rng(99)
+    periods = [multisine(20.0, info.dt_s, 0.3, 60.0, random) for _ in range(20)]
+    crest = [np.abs(p).max() / p.std() for p in periods]
+    found = [
+        make_signal(info, replace(SHORT, kind="multisine"), np.random.default_rng(seed)).command_v[40000:80000]
+        for seed in range(4)
+    ]
+    gain = np.median(crest) / np.array([np.abs(p).max() / p.std() for p in found])
+    assert 1.15 < gain.mean() < 1.35
+
+
+def test_burst_keeps_its_share_when_the_signal_could_be_louder() -> None:
+    info = replace(SMOOTH, limits=replace(SMOOTH.limits, velocity_m_s=0.1))
+    made = plan(info, replace(SHORT, kind="multisine", accel_rms_m_s2=4.0), 2)
+    signal, burst = made.stretches
+    velocities = [np.abs(motion(made.command_v[part.samples])[1]).max() for part in (signal, burst)]
+    assert velocities == pytest.approx([0.06, 0.06], rel=0.005)
+    assert burst.level_m_s2 < 0.98 * signal.level_m_s2
 
 
 def test_noise_has_the_level_asked_for() -> None:
@@ -98,3 +232,42 @@ def test_level_that_drowns_in_the_bits_is_refused() -> None:
     info = make_info(SPECIMEN, stroke_m=0.002)
     with pytest.raises(InputError, match="stroke limit"):
         plan(info, SHORT, 0)
+
+
+@pytest.mark.parametrize(
+    ("change", "sentences"),
+    [
+        ({"kind": "chirp"}, ["identification.kind: 'chirp' must be one of noise, multisine, sweep, step"]),
+        (
+            {"kind": "multisine", "duration_s": 59.0},
+            [
+                "identification.duration_s: 59 s must hold 3 periods of period_s 20 s for a multisine; "
+                "give at least 60 s"
+            ],
+        ),
+        (
+            {"kind": "sweep", "period_s": 10.0},
+            ["identification.period_s: 10 s must hold 4 cycles of low_hz 0.3 Hz; give at least 13.34 s"],
+        ),
+        (
+            {"kind": "sweep", "period_s": float("nan")},
+            ["identification.period_s: nan s must hold 4 cycles of low_hz 0.3 Hz; give at least 13.34 s"],
+        ),
+    ],
+)
+def test_kinds_and_periods_that_cannot_be_are_named(change: dict[str, object], sentences: list[str]) -> None:
+    with pytest.raises(InputError) as caught:
+        plan(SMOOTH, replace(SHORT, **change), 0)
+    assert list(caught.value.faults) == sentences
+
+
+def test_all_faults_are_named_at_once() -> None:
+    settings = ExcitationSettings(30.0, 0.0, 2.0, 10.0, kind="sweep", period_s=-5.0)
+    with pytest.raises(InputError) as caught:
+        plan(SMOOTH, settings, 0)
+    named = {fault.partition(":")[0].removeprefix("identification.") for fault in caught.value.faults}
+    assert named == {"duration_s", "accel_rms_m_s2", "low_hz", "high_hz", "period_s"}
+
+
+def test_period_does_not_matter_to_noise() -> None:
+    assert np.array_equal(plan(SMOOTH, replace(SHORT, period_s=0.0), 0).command_v, plan(SMOOTH, SHORT, 0).command_v)

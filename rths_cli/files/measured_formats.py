@@ -1,0 +1,120 @@
+"""Which format a file of measured time histories has, told by its content, and what it holds."""
+
+from __future__ import annotations
+
+import io
+import warnings
+from pathlib import Path
+
+import numpy as np
+
+from rths_cli.errors import InputError
+from rths_cli.files.measured_contents import Column, Contents, listed
+from rths_cli.files.measured_hdf5 import hdf5_contents
+from rths_cli.files.measured_matlab import is_matlab, matlab_variables
+from rths_cli.files.measured_text import text_contents
+from rths_cli.files.measured_variables import contents_of
+
+READ = "CSV or text, MATLAB .mat, HDF5 or TDMS"
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_OTHERS = {
+    b"TDSh": "is the index of a TDMS file; give the .tdms file beside it",
+    b"\xd0\xcf\x11\xe0": "is an old Excel workbook (or another Office file); save the sheet as CSV",
+    b"\x1f\x8b": "is a gzip archive; unpack it",
+    b"7z\xbc\xaf\x27\x1c": "is a 7z archive; unpack it",
+    b"\x93NUMPY": "is a NumPy array, which names no channels; save CSV or HDF5",
+    b"%PDF": "is a PDF document; export the figures as CSV",
+    b"MDF  ": "is an ASAM MDF file; export it as .mat or CSV",
+    b"# Created by Octave": "is an Octave text file; save it with: save -v7 FILE.mat",
+}
+
+
+def read_contents(path: Path, data: bytes) -> Contents:
+    """Return what a file with these bytes holds; raise InputError, which says what it is, where it cannot be read."""
+    if not data:
+        raise InputError(f"{path}: is empty; give measured time histories: {READ}")
+    for magic, what in _OTHERS.items():
+        if data.startswith(magic):
+            raise InputError(f"{path}: {what}")
+    if data.startswith(b"PK\x03\x04"):
+        raise InputError(f"{path}: {_zip_kind(data)}")
+    if any(data.startswith(_HDF5, offset) for offset in (0, 512, 1024, 2048, 4096)):
+        return _guarded(path, "HDF5", data)
+    if data.startswith(b"TDSm"):
+        return _guarded(path, "TDMS", data)
+    if is_matlab(data):
+        return _guarded(path, "MATLAB", data)
+    return text_contents(path, _decode(path, data))
+
+
+def _zip_kind(data: bytes) -> str:
+    """Return what a zip archive is and what to do."""
+    if b"xl/" in data:
+        return "is an Excel workbook; save the sheet as CSV"
+    if b".npy" in data:
+        return "is a NumPy archive (npz); save CSV or HDF5"
+    return "is a zip archive; unpack it and give the file inside"
+
+
+def _decode(path: Path, data: bytes) -> str:
+    """Return a text; raise InputError for bytes that are none."""
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return data.decode("utf-16", errors="replace")
+    if data.translate(None, bytes(range(32, 256)) + b"\t\n\r\f"):
+        raise InputError(f"{path}: is a binary file of unknown kind; give {READ}")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
+
+
+def _guarded(path: Path, kind: str, data: bytes) -> Contents:
+    """Read a binary format; whatever its library raises on a damaged file becomes one InputError."""
+    reader = {"HDF5": _hdf5, "TDMS": _tdms, "MATLAB": _matlab}[kind]
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return reader(path, data)
+    except InputError:
+        raise
+    except Exception as error:  # foreign bytes: these libraries raise anything from OSError to IndexError
+        raise InputError(
+            f"{path}: is a damaged or truncated {kind} file and cannot be read; export it again"
+        ) from error
+
+
+def _hdf5(path: Path, _: bytes) -> Contents:
+    """Return the contents of an HDF5 file."""
+    return hdf5_contents(path)
+
+
+def _matlab(path: Path, data: bytes) -> Contents:
+    """Return the contents of a MATLAB file up to version 7."""
+    return contents_of(path, matlab_variables(data))
+
+
+def _tdms(path: Path, data: bytes) -> Contents:
+    """Return the contents of a TDMS file."""
+    try:
+        from nptdms import TdmsFile
+    except ImportError:
+        raise InputError(
+            f'{path}: is a TDMS file, for which a reader is missing; install it: pip install "rths-cli[tdms]"'
+        ) from None
+    file = TdmsFile.read(io.BytesIO(data))
+    channels = [channel for group in file.groups() for channel in group.channels()]
+    names = [channel.name for channel in channels]
+    columns, intervals, ignored = [], [], []
+    for channel in channels:
+        name = channel.name if names.count(channel.name) == 1 else f"{channel.group_name}/{channel.name}"
+        values = np.asarray(channel[:])
+        if values.dtype.kind not in "iuf" or values.size == 0:
+            ignored.append(name)
+            continue
+        columns.append(Column(name, values.astype(np.float64), str(channel.properties.get("unit_string", ""))))
+        if "wf_increment" in channel.properties:
+            intervals.append((f"wf_increment of {name}", float(channel.properties["wf_increment"])))
+    if not columns:
+        raise InputError(f"{path}: holds no channel of numbers; give a TDMS file with measured channels")
+    notes = (f"not used, because they are no series: {listed(ignored)}",) if ignored else ()
+    return Contents(tuple(columns), tuple(intervals), notes)

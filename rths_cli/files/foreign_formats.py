@@ -104,10 +104,14 @@ def _entry(document: Document, name: str, node: Node) -> Entry:
     numbers = [_number(item, pairs) for item in items]
     wanted = "a number or a pair [real, imaginary]" if pairs else "a number"
     wrong = [item for item, number in zip(items, numbers, strict=True) if number is None]
+    told = {fault.mark for fault in document.faults}
     for item in wrong:
-        document.faults.append(Fault(item.mark, name, f"must be {wanted}, got {shown(plain(item))}"))
+        if item.mark not in told:
+            document.faults.append(Fault(item.mark, name, f"must be {wanted}, got {shown(plain(item))}"))
+    if wrong:
+        return Entry(name, None, node.mark)
     values: ComplexArray = np.array(numbers if isinstance(node.value, tuple) else numbers[0], dtype=complex)
-    return Entry(name, None if wrong else values, node.mark)
+    return Entry(name, values, node.mark)
 
 
 def _number(node: Node, pairs: bool) -> complex | None:

@@ -20,7 +20,7 @@ import numpy as np
 
 from rths_cli.case.nodes import display
 from rths_cli.errors import InputError
-from rths_cli.files.foreign_formats import kind_of, read_mat, read_text
+from rths_cli.files.foreign_formats import KEYS, kind_of, read_mat, read_text
 from rths_cli.files.foreign_reader import Reader
 from rths_cli.files.foreign_roots import count_at_origin, paired, shown
 from rths_cli.files.result_writer import refusal
@@ -160,7 +160,7 @@ def _factors(reader: Reader) -> _Factors | None:
     needed = ("numerator", "denominator") if polynomials else ("poles", "gain")
     for key in needed:
         if not reader.stated(key):
-            reader.say(key, "is missing; add it")
+            reader.say(key, f"is missing; add it, in a MATLAB file as {key} or {KEYS[key][0]}")
     return _from_polynomials(reader) if polynomials else _from_roots(reader)
 
 
@@ -221,7 +221,7 @@ def _checked_poles(reader: Reader, factors: _Factors) -> ComplexArray:
         reader.say(key, "must give at least one pole")
     poles, right = _checked_roots(reader, key, factors.poles)
     if right.size:
-        reader.say(key, f"must lie in the left half plane, else the model is unstable; got {shown(right)} rad/s")
+        reader.say(key, f"{shown(right)} rad/s not in the left half plane, the model is unstable; fit a stable one")
     return poles
 
 
@@ -234,25 +234,22 @@ def _checked_zeros(reader: Reader, factors: _Factors, output: str) -> ComplexArr
     if len(stated) + added > len(factors.poles) > 0:
         extra = f", {added} of them for output {output}" if added else ""
         many = f"got {len(stated) + added}{extra}, and {len(factors.poles)} poles"
-        reader.say(key, f"must give at most as many zeros as there are poles; {many}")
+        reader.say(key, f"must give at most as many zeros as there are poles; {many}; fit a proper model")
     if origin + added != ORIGIN_ZEROS:
         reader.say(key, _origin_sentence(output, origin))
     if right.size:
-        sentence = "zeros must lie in the left half plane, else the model has no stable inverse"
-        advice = "fit a minimum-phase model and give its lag as delay_s"
-        reader.say(key, f"{sentence}; got {shown(right)} rad/s; {advice}")
+        why = "not in the left half plane, the model has no stable inverse"
+        reader.say(key, f"{shown(right)} rad/s {why}; fit a minimum-phase one and give its lag as delay_s")
     return np.concatenate([np.zeros(ORIGIN_ZEROS, dtype=complex), others])
 
 
 def _origin_sentence(output: str, found: int) -> str:
     """Return why the zeros at the origin are too few or too many, and what to do."""
     wanted = ORIGIN_ZEROS - OUTPUTS[output]
-    advice = "fit with these zeros given"
-    if found < wanted:
-        fewer = [name for name, added in OUTPUTS.items() if added == ORIGIN_ZEROS - found]
-        advice = f"state output: {fewer[0]} if that is what the model gives, or {advice}"
-    why = "the table follows displacement"
-    return f"must have {wanted} zeros at the origin for output {output}, because {why}; got {found}; {advice}"
+    likely = [name for name, added in OUTPUTS.items() if added == ORIGIN_ZEROS - found]
+    advice = "".join(f"state output: {name} if that is what the model gives, or " for name in likely)
+    zeros, why = f"{wanted} zero{'s' * (wanted != 1)} at the origin", "the table follows displacement"
+    return f"must have {zeros} for output {output}, because {why}; got {found}; {advice}fit with these zeros given"
 
 
 def _checked_roots(reader: Reader, key: str, roots: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
@@ -261,7 +258,7 @@ def _checked_roots(reader: Reader, key: str, roots: ComplexArray) -> tuple[Compl
         reader.say(key, f"must be at most {MAX_ROOTS}, got {roots.size}")
     large = roots[np.abs(roots) > MAX_ROOT_RAD_S]
     if large.size:
-        reader.say(key, f"must be at most {MAX_ROOT_RAD_S:g} rad/s in magnitude, got {shown(large)}")
+        reader.say(key, f"{shown(large)} rad/s is beyond {MAX_ROOT_RAD_S:g} in magnitude; check frequency_unit")
     ordered, lonely = paired(roots)
     if lonely.size:
         missing = f"add {shown(np.conj(lonely))}"

@@ -300,7 +300,10 @@ def test_a_matlab_file_that_is_no_model_says_all_that_is_wrong(tmp_path, save, c
 def test_a_matlab_file_without_roots_names_what_is_missing(tmp_path, save):
     save(tmp_path / "m.mat", {"x": np.arange(5.0)})
     said = faults(tmp_path / "m.mat")
-    assert [text.partition(": ")[2] for text in said] == ["poles: is missing; add it", "gain: is missing; add it"]
+    assert [re.search("m.mat: (.*), in a MATLAB", text)[1] for text in said] == [
+        "poles: is missing; add it",
+        "gain: is missing; add it",
+    ]
 
 
 RIGHT = np.array([5 + 3j, 5 - 3j])
@@ -315,16 +318,17 @@ RIGHT = np.array([5 + 3j, 5 - 3j])
         (zpk(gain=0), "gain: must be other than 0, got 0"),
         (zpk(zeros=[*ZEROS, -1, -2]), "zeros: must give at most as many zeros as there are poles; got 8, and 7 poles"),
         (zpk(zeros=[*ZEROS[2:], -1, -2], output="displacement_m"), "got 8, 2 of them for output displacement_m"),
-        (zpk(poles=[*POLES[:-1], 30]), "poles: must lie in the left half plane, else the model is unstable; got 30"),
-        (zpk(poles=[*POLES, 0]), "poles: must lie in the left half plane, else the model is unstable; got 0"),
-        (zpk(zeros=[*ZEROS, 30]), "no stable inverse; got 30 rad/s; fit a minimum-phase model and give its lag"),
-        (zpk(zeros=[*ZEROS[:4], 52j, -52j]), r"no stable inverse; got 0-52j, 0\+52j|no stable inverse; got 0\+52j"),
+        (zpk(poles=[*POLES[:-1], 30]), "poles: 30 rad/s not in the left half plane, the model is unstable; fit"),
+        (zpk(poles=[*POLES, 0]), "poles: 0 rad/s not in the left half plane, the model is unstable; fit"),
+        (zpk(zeros=[*ZEROS, 30]), "zeros: 30 rad/s not in the left half plane, the model has no stable inverse; fit a"),
+        (zpk(zeros=[*ZEROS[:4], 52j, -52j]), r"zeros: [-+0-9j, ]*52j rad/s not in the left half plane"),
         (zpk(zeros=ZEROS[2:]), "must have 2 zeros at the origin .*follows displacement; got 0; state output: disp"),
         (zpk(zeros=ZEROS[1:]), "must have 2 zeros at the origin .*follows displacement; got 1; state output: velo"),
+        (zpk(zeros=ZEROS[2:], output="velocity_m_s"), "must have 1 zero at the origin for output velocity_m_s.*got 0"),
         (zpk(zeros=[0, *ZEROS]), "must have 2 zeros at the origin .*; got 3; fit with"),
         (
             zpk(zeros=ZEROS[:4], output="displacement_m"),
-            "must have 0 zeros at the origin for output displacement_m.*got 2; fit",
+            "must have 0 zeros at the origin for output displacement_m.*got 2; state output: acceleration_m_s2",
         ),
         (zpk(zeros=[-1e-4, -1e-4, *ZEROS[2:]]), "must have 2 zeros at the origin .*; got 0; state output: disp"),
         (zpk(delay_s=-1e-9), "delay_s: must be >= 0 and <= 1 s, got -1e-09"),
@@ -335,15 +339,15 @@ RIGHT = np.array([5 + 3j, 5 - 3j])
         (zpk(band_hz=5), "band_hz: must be two frequencies, 0 < low < high"),
         (zpk(frequency_unit="hertz"), "frequency_unit: must be rad/s or Hz, got 'hertz'"),
         (zpk(output=3), "output: must be text, got 3"),
-        (zpk(poles=[*POLES, -2e7]), "poles: must be at most 1e[+]07 rad/s in magnitude, got -2e[+]07"),
+        (zpk(poles=[*POLES, -2e7]), r"poles: -2e\+07 rad/s is beyond 1e\+07 in magnitude; check freq"),
         (zpk(poles=[-50.0] * 41), "poles: must be at most 40, got 41"),
         (zpk(sample_time_s=0.001), "sample_time_s: is 0.001, which is a discrete-time model"),
-        ({"numerator": [1, 0, 0]}, "denominator: is missing; add it"),
+        ({"numerator": [1, 0, 0]}, "denominator: is missing; add it, in a MATLAB file as denominator or den"),
         ({"numerator": [0, 0], "denominator": [1, 2, 3]}, "numerator: must have a coefficient other than 0"),
-        ({"numerator": [1, 0, 0], "denominator": [0.0, 1, 2, -3]}, "denominator: must lie in the left half plane"),
+        ({"numerator": [1, 0, 0], "denominator": [0.0, 1, 2, -3]}, "denominator: 1 rad/s not in the left half plane"),
         ({"numerator": [1, 0, 0], "denominator": [1e-300, 1e300, 1, 1]}, "denominator: .* too far apart"),
         ({"numerator": [1.0] * 42, "denominator": [1, 2]}, "numerator: must have at most 41 coefficients, got 42"),
-        ({"poles": pairs(POLES), "zeros": pairs(ZEROS)}, "gain: is missing; add it"),
+        ({"poles": pairs(POLES), "zeros": pairs(ZEROS)}, "gain: is missing; add it, in a MATLAB file as gain or k"),
         ({"zeros": [0, 0], "numerator": [1], "denominator": [1]}, "numerator: stands beside zeros; give"),
         ("[1, 2]", "must hold the keys of a model: zeros, poles and gain"),
         ("zeros: [", "not valid YAML"),
@@ -362,7 +366,6 @@ def test_all_faults_are_told_at_once_with_their_places(tmp_path):
         "2:18: zeros: must be a number or a pair [real, imaginary], got a list",
         "3:16: poles: must be a number or a pair [real, imaginary], got true",
         "4:7: gain: must be a finite number, got 1e999",
-        "4:7: gain: must be a number, got nothing",
         "5:10: delay_s: must be >= 0 and <= 1 s, got 2",
         "6:1: bamd_hz: unknown key; did you mean band_hz?",
     ]

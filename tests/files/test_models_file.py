@@ -296,7 +296,7 @@ def sealed(path, change):
         (lambda file: file.attrs.update({"format": "rths-else"}), "is rths-else version 1, this rths reads"),
         (lambda file: file.attrs.update({"seed": 4}), "holds other content than its attribute sha256 says"),
         (lambda file: file["table/best/gain"].write_direct(np.array(3.1)), "holds other content than its attribute"),
-        (lambda file: file.move("specimen/storey", "specimen/floor"), "holds other content than its attribute"),
+        (lambda file: file.move("specimen/storey", "specimen/storez"), "holds other content than its attribute"),
         (lambda file: file.attrs.pop("sha256"), "holds other content than its attribute"),
         (lambda file: file.attrs.pop("format"), "holds something else than a model"),
         (lambda file: file.pop("table/best/poles_imag"), "holds something else than a model"),

@@ -152,7 +152,7 @@ def _period_faults(settings: ExcitationSettings) -> list[str]:
     """Return sentences on a period that is too short for its lowest frequency or too long for the duration."""
     period, faults = settings.period_s, []
     least = LEAST_CYCLES / settings.low_hz if settings.low_hz > 0.0 else 0.0
-    if not least * (1.0 - 1e-9) <= period < np.inf:
+    if not period >= least * (1.0 - 1e-9):
         faults.append(
             f"identification.period_s: {period:g} s must hold {LEAST_CYCLES:g} cycles of low_hz "
             f"{settings.low_hz:g} Hz; give at least {np.ceil(100.0 * least) / 100.0:g} s"
@@ -183,16 +183,21 @@ def whole_periods(settings: ExcitationSettings) -> tuple[str, ...]:
 def make_signal(info: RigInfo, settings: ExcitationSettings, random: np.random.Generator) -> Signal:
     """Return the signal of the kind asked for: faded ends, and for periodic kinds one period to settle in front."""
     dt, low, high = info.dt_s, settings.low_hz, settings.high_hz
-    if settings.kind in PERIODIC:
-        period = best_multisine(info, settings, random) if settings.kind == "multisine" else None
-        period = sweep(settings.period_s, dt, low, high) if period is None else period
-        n, count = len(period), periods(settings)
-        return Signal(repeated(period, count, FADE_S, dt), slice(n, n * (count + 1)), n)
+    if settings.kind == "multisine":
+        return _periodic(best_multisine(info, settings, random), settings, dt)
+    if settings.kind == "sweep":
+        return _periodic(sweep(settings.period_s, dt, low, high), settings, dt)
     if settings.kind == "step":
         signal = steps(settings.duration_s, dt, high, random)
     else:
         signal = shaped_noise(settings.duration_s, dt, low, high, random)
     return Signal(faded(signal, FADE_S, dt), slice(0, len(signal)))
+
+
+def _periodic(period: Array, settings: ExcitationSettings, dt_s: float) -> Signal:
+    """Return the signal that repeats a period (n,) for the duration; a period before it lets transients die."""
+    n, count = len(period), periods(settings)
+    return Signal(repeated(period, count, FADE_S, dt_s), slice(n, n * (count + 1)), n)
 
 
 def best_multisine(info: RigInfo, settings: ExcitationSettings, random: np.random.Generator) -> Array:

@@ -11,7 +11,8 @@ from scipy.signal import bilinear, lfilter, periodogram
 
 from rths_cli.errors import InputError
 from rths_cli.identification.excitation import Excitation, ExcitationSettings, Kind, plan
-from rths_cli.identification.probe import choose_level, measured_gain, probe_plan
+from rths_cli.identification.probe import choose_level, expected, measured_gain, probe_plan
+from rths_cli.identification.shapes import shaped_noise
 from rths_cli.rig_info import RigInfo
 
 INFO = make_info(make_specimen(stiffness=(7331.56,), ratios=(0.04,)))  # a table and one floor
@@ -74,7 +75,7 @@ def test_probe_is_a_fifth_of_the_level_between_rests() -> None:
 
 def test_probe_has_a_random_stream_of_its_own() -> None:
     probe, again, other = (probe_plan(INFO, SETTINGS, seed).command_v for seed in (0, 0, 1))
-    noise = plan(INFO, replace(SETTINGS, duration_s=40.0), 0).command_v[4000:44000]
+    noise = shaped_noise(20.0, DT, 0.3, 60.0, np.random.default_rng(0))
     assert np.array_equal(probe, again)
     assert abs(np.corrcoef(probe, other)[0, 1]) < 0.5
     assert abs(np.corrcoef(probe[4000:44000], noise)[0, 1]) < 0.5
@@ -115,6 +116,16 @@ def test_gain_is_measured(ratio: float) -> None:
     assert found == pytest.approx(0.0079 * ratio * loop, rel=1e-3)
 
 
+@pytest.mark.parametrize("kind", ["noise", "multisine", "sweep", "step"])
+def test_channels_show_what_was_expected_of_them(kind: Kind) -> None:
+    rig, probe, loud = MadeRig(), probe_plan(INFO, SETTINGS, 0), plan(INFO, replace(SETTINGS, kind=kind), 0)
+    lines = np.fft.rfft(rig.play(loud.command_v))
+    lines[:, np.fft.rfftfreq(len(loud.command_v), DT) > 30.0] = 0.0
+    played = np.fft.irfft(lines, len(loud.command_v))
+    error = np.abs(expected(INFO, probe, rig.play(probe.command_v), loud) - played).max(axis=1)
+    assert np.all(error < 0.01 * np.abs(played).max(axis=1))
+
+
 def test_nothing_limits_a_level_that_fits() -> None:
     level, _ = chosen(MadeRig())
     assert level.accel_rms_m_s2 == 2.0
@@ -138,6 +149,26 @@ def test_plan_that_limits_scaled_down_is_not_raised_again() -> None:
     assert level.accel_rms_m_s2 == loud.accel_rms_m_s2
     lower = choose_level(info, probe, MadeRig(gain_ratio=0.9).play(probe.command_v), 0.5, loud)
     assert lower.accel_rms_m_s2 == 0.5
+
+
+def test_lower_level_than_the_limits_allow_is_kept() -> None:
+    info = replace(INFO, limits=replace(INFO.limits, stroke_m=0.02))
+    probe, loud = probe_plan(info, SETTINGS, 0), plan(info, SETTINGS, 0)
+    accel = MadeRig(gain_ratio=1.5).play(probe.command_v)
+    assert choose_level(info, probe, accel, 2.0, loud).limited_by == "stroke limit"
+    level = choose_level(info, probe, accel, 0.5, loud)
+    assert (level.accel_rms_m_s2, level.limited_by, len(level.notes)) == (0.5, "", 1)  # the note is on the gain
+
+
+def test_burst_that_limits_hold_down_lowers_nothing() -> None:
+    info = replace(INFO, limits=replace(INFO.limits, velocity_m_s=0.1))
+    settings = replace(SETTINGS, kind="multisine", accel_rms_m_s2=4.0)
+    probe, loud = probe_plan(info, settings, 2), plan(info, settings, 2)
+    signal, burst = loud.stretches
+    assert burst.level_m_s2 < 0.98 * signal.level_m_s2
+    level = choose_level(info, probe, MadeRig(gain_ratio=0.985).play(probe.command_v), 4.0, loud)
+    assert level.accel_rms_m_s2 == loud.accel_rms_m_s2
+    assert level.limited_by == ""
 
 
 @pytest.mark.parametrize("kind", ["noise", "multisine", "sweep", "step"])

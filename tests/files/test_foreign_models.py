@@ -173,9 +173,9 @@ def test_json_may_be_indented_with_tabs(tmp_path):
 
 def test_coefficients_of_descending_powers_give_their_response(tmp_path):
     numerator, denominator = zpk2tf(ZEROS, POLES, GAIN)
-    keys = {"numerator": [0, 0, *numerator], "denominator": list(denominator), "delay_s": 0.002}
+    keys = {"numerator": [0, 0, *numerator], "denominator": list(4.0 * denominator), "delay_s": 0.002}
     model = read_foreign(write_text(tmp_path / "m.json", keys))
-    np.testing.assert_allclose(response(model), freqs(numerator, denominator, OMEGA)[1], rtol=1e-9)
+    np.testing.assert_allclose(response(model), freqs(numerator, 4.0 * denominator, OMEGA)[1], rtol=1e-9)
     assert model.delay_s == 0.002 and np.all(model.zeros[:2] == 0)
 
 
@@ -331,6 +331,8 @@ RIGHT = np.array([5 + 3j, 5 - 3j])
             "must have 0 zeros at the origin for output displacement_m.*got 2; state output: acceleration_m_s2",
         ),
         (zpk(zeros=[-1e-4, -1e-4, *ZEROS[2:]]), "must have 2 zeros at the origin .*; got 0; state output: disp"),
+        (zpk(zeros=[-1e-5, -1e-5, -2, -5]), "must have 2 zeros at the origin .*; got 0"),
+        (zpk(poles=[*POLES[2:], -0.8 + 19.8j, -0.8 - 19.9j]), "poles: must come in conjugate pairs; -0.8"),
         (zpk(delay_s=-1e-9), "delay_s: must be >= 0 and <= 1 s, got -1e-09"),
         (zpk(delay_s=1.1), "delay_s: must be >= 0 and <= 1 s, got 1.1"),
         (zpk(delay_s=[0.1, 0.2]), "delay_s: must be one number, got 2"),
@@ -377,6 +379,13 @@ def test_zeros_close_to_the_origin_count_as_at_it(tmp_path):
     near = read_foreign(write_text(tmp_path / "m.json", zpk([1.5e-5, -1.5e-5, *ZEROS[2:]])))
     assert near.zeros[:2].tolist() == [0, 0]
     np.testing.assert_allclose(response(near), STATED, rtol=1e-9)
+
+
+def test_partners_that_rounding_parted_become_conjugate_and_real_roots_real(tmp_path):
+    poles = [*POLES[2:6], -0.8 + 19.8j, -0.8 - 19.800004j, -600 + 1e-8j]
+    model = read_foreign(write_text(tmp_path / "m.json", zpk(poles=poles)))
+    np.testing.assert_array_equal(model.poles[1:6:2], np.conj(model.poles[0:6:2]))
+    assert model.poles[0] == pytest.approx(-0.8 + 19.800002j, rel=1e-12) and model.poles[6] == -600
 
 
 def test_only_files_that_are_not_ours_are_foreign(tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from rths_cli.case.load import load_cases
 from rths_cli.identification.fit_table import fit_error
 from rths_cli.identification.frf import estimate
+from rths_cli.identification.record import Record
 from rths_cli.workflows.identify import excite, identify, plan
 from rths_cli.workflows.setup import Setup, make_setup
 
@@ -20,13 +21,12 @@ def main() -> None:
     """Print |model / FRF - 1| against plain Hann H1 of the second record, leakage of that estimate included."""
     other = setup_with(f"identification.seed={OTHER_SEED}", f"identification.duration_s={OTHER_DURATION_S}")
     planned = plan(other)
-    command, channels = excite(other, planned.command_v)
-    noise = planned.parts.noise
+    record = Record(*excite(other, planned.command_v), planned.parts)
     print("segments s  seed  model   RMS 0.7-11 Hz  largest  RMS 2-10 Hz")
     for seed in SEEDS:
         found = identify(setup_with(f"identification.seed={seed}"), lambda _: None)
         for segment in SEGMENTS_S:
-            frf = estimate(command[noise], channels[:1, noise], other.rig.dt_s, (0.5, 60.0), segment)[0]
+            frf = estimate([record], other.rig.dt_s, (0.5, 60.0), segment)[0]
             for name, model in (("best", found.best), ("paper", found.paper)):
                 error = fit_error(model, frf)
                 print(

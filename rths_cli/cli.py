@@ -68,6 +68,7 @@ def json_option(command: F) -> F:
     type=click.Choice(["model"]),
     help="I know: use a model that its identification rejected. Stored in the result.",
 )
+@click.option("--fresh", is_flag=True, help="Identify anew; use no model of a virtual rig kept from earlier runs.")
 @settings_option
 @json_option
 def run(
@@ -77,6 +78,7 @@ def run(
     no_replace: bool,
     quiet: bool,
     overrides: tuple[str, ...],
+    fresh: bool,
     settings: tuple[str, ...],
     as_json: bool,
 ) -> int:
@@ -96,6 +98,7 @@ def run(
         replace=not no_replace,
         command_line=" ".join(["rths", *sys.argv[1:]]),
         overrides=tuple(dict.fromkeys(overrides)),
+        fresh=fresh,
     )
     ended = run_batch(request, screen)
     _show_results([e.path for e in ended if e.path], as_json, [e.__dict__ for e in ended])
@@ -137,22 +140,99 @@ def _print_tables(results: Any, as_json: bool, endings: list[dict[str, Any]] | N
 
 @cli.command()
 @click.argument("case", default="el_centro_low_ff_fb")
+@click.option(
+    "--data",
+    multiple=True,
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Evaluate measured time histories (CSV, .mat, HDF5, TDMS) instead of exciting the rig. Repeatable: averaged.",
+)
+@click.option(
+    "--channel",
+    "channels",
+    multiple=True,
+    metavar="ROLE=NAME[:UNIT]",
+    help="Which channel of the file is what: command, table, floor_2, ...; for instance --channel table=ai0:g.",
+)
+@click.option("--rate", "rate_hz", type=float, metavar="HZ", help="Sample rate, where the file does not state it.")
+@click.option("--corrected", is_flag=True, help="The file's accelerations are free of the sensors' dynamics already.")
+@click.option(
+    "--model",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Judge this model (zeros, poles, gain in YAML or .mat; or a model file) instead of fitting one.",
+)
+@click.option(
+    "--output", type=click.Path(path_type=Path), metavar="FILE", help="Model file [default: models/RIG_STRUCTURE.h5]."
+)
+@click.option(
+    "--figure",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Figure, .png, .svg or .pdf [default: beside the model file, .png].",
+)
+@click.option("--no-figure", is_flag=True, help="Draw no figure.")
+@click.option(
+    "--save-data",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Write what was measured, for --data --corrected.",
+)
 @settings_option
 @json_option
-def identify(case: str, settings: tuple[str, ...], as_json: bool) -> int:
-    """Excite the rig of a case and print what was identified (default: the default rig and structure).
+def identify(
+    case: str,
+    data: tuple[Path, ...],
+    channels: tuple[str, ...],
+    rate_hz: float | None,
+    corrected: bool,
+    model: Path | None,
+    output: Path | None,
+    figure: Path | None,
+    no_figure: bool,
+    save_data: Path | None,
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> int:
+    """Identify the table and specimen of a case, write a model file, say what it is fit for.
+
+    The rig is excited, first at a low level; or measured records are read (--data). Without CASE: the default rig and
+    structure.
 
     Example: rths identify el_centro_low_ff_fb --set identification.seed=1
     """
-    from rths_cli.report.identified import as_document, page
     from rths_cli.screen import Screen
-    from rths_cli.workflows.identify import identify_case
+    from rths_cli.workflows.make_model import Asked, make_model
+    from rths_cli.workflows.measured import DataRequest, read_roles
 
-    identified, setup = identify_case(case, settings, Screen().doing)
-    click.echo(
-        json.dumps(as_document(identified), indent=2) if as_json else page(identified, setup.rig.kind), nl=as_json
-    )
-    return 0 if identified.accepted else 1
+    if not data and (channels or rate_hz or corrected):
+        raise InputError("--channel, --rate and --corrected belong to --data FILE; add it, or leave them out")
+    request = DataRequest(data, read_roles(channels), rate_hz, corrected) if data else None
+    named = (f"identification.model={json.dumps(str(model.absolute()))}",) if model else ()
+    asked = Asked(case, (*settings, *named), request, output, save_data)
+    screen = Screen(poll=SIGNALS.poll)
+    made = make_model(asked, screen.doing)
+    screen.message("")
+    _show_identified(made, figure, no_figure, as_json)
+    return made.exit_code
+
+
+def _show_identified(made: Any, figure: Path | None, no_figure: bool, as_json: bool) -> None:
+    """Print the page (or the document) of an identification and draw its figure."""
+    from rths_cli.report.identified import page, rejected_page
+    from rths_cli.report.identified_document import as_document, rejected_document
+
+    if made.found is None:
+        faults, seen = made.unfit.faults, made.unfit.channels
+        text = rejected_page(seen, faults, made.about)
+        document = rejected_document(seen, faults, made.about)
+    else:
+        text, document = page(made.found, made.about), as_document(made.found, made.about)
+        if not no_figure:
+            from rths_cli.report.identified_figure import write_figure
+
+            write_figure(made.found, made.about, figure or made.path.with_suffix(".png"))
+    click.echo(json.dumps(document, indent=2) if as_json else text, nl=as_json)
 
 
 @cli.command()

@@ -8,7 +8,7 @@ import pytest
 
 if TYPE_CHECKING:
     from rths_cli.identification.evaluate import Identification
-    from rths_cli.workflows.identify import Memory
+    from rths_cli.workflows.known import Memory
     from rths_cli.workflows.setup import Setup
 
 DEFAULT = "el_centro_low_ff_fb"
@@ -17,7 +17,7 @@ DEFAULT = "el_centro_low_ff_fb"
 @pytest.fixture(scope="session")
 def memory() -> Memory:
     """Return the identifications already made by this test process."""
-    from rths_cli.workflows.identify import Memory
+    from rths_cli.workflows.known import Memory
 
     return Memory()
 

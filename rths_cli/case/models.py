@@ -84,6 +84,16 @@ class IdentificationSpec(Strict):
     accel_rms_m_s2: Annotated[float, Range(gt=0, le=100)] = 2.0
     low_hz: Annotated[float, Range(ge=0.01, le=1000)] = 0.3
     high_hz: Annotated[float, Range(gt=0, le=1000)] = 60.0
+    excitation: Literal["noise", "multisine", "sweep", "step"] = "noise"
+    period_s: Annotated[float, Range(gt=0, le=1000)] = Field(default=20.0, description="of multisine and sweep")
+    records: Annotated[int, Range(ge=1, le=20)] = Field(default=1, description="how many are measured and averaged")
+    estimator: Literal["h1", "h2", "hv"] = "h1"
+    sensor_dynamics: Literal["removed", "kept"] = Field(
+        default="removed", description="kept: the model describes the channels as they are, and the step leaves them so"
+    )
+    latency: Literal["removed", "kept"] = Field(
+        default="removed", description="removed: an explicit, declared delay; kept: the model's roots carry it"
+    )
 
     @classmethod
     def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:

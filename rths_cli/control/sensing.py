@@ -8,8 +8,10 @@ from rths_cli.lti import Block
 from rths_cli.rig_info import Channel
 
 
-def correction(channels: tuple[Channel, ...], dt_s: float) -> Block:
+def correction(channels: tuple[Channel, ...], dt_s: float, corners: bool = True) -> Block:
     """Return the block from samples in V (c,) to accelerations in m/s^2 (c,), corrected for the sensors' corners.
+
+    Without `corners` only the sensitivities are taken out.
 
     The AC coupling s / (s + w_h) is undone by 1 + w_h / s (trapezoidal rule), the low pass w_l / (s + w_l) by a
     first-order lead 1 + T / dt (1 - 1/z), T = 1 / w_l, so that a corrected sample belongs to its own instant: the
@@ -21,8 +23,8 @@ def correction(channels: tuple[Channel, ...], dt_s: float) -> Block:
     c, d = np.zeros((count, 2 * count)), np.zeros((count, count))
     for i, channel in enumerate(channels):
         scale = 1.0 / channel.sensitivity_v_per_m_s2
-        half = np.pi * channel.high_pass_hz * dt_s
-        lead = 1.0 / (2.0 * np.pi * channel.low_pass_hz * dt_s) if channel.low_pass_hz > 0.0 else 0.0
+        half = np.pi * channel.high_pass_hz * dt_s if corners else 0.0
+        lead = 1.0 / (2.0 * np.pi * channel.low_pass_hz * dt_s) if corners and channel.low_pass_hz > 0.0 else 0.0
         led, last, total = scale * (1.0 + lead), 2 * i, 2 * i + 1
         b[last, i] = 1.0
         a[total, total] = 1.0

@@ -1,161 +1,172 @@
-"""From an excited record to what is known of table and specimen: responses, models, modal properties, verdict."""
+"""From excited records to what is known of table and specimen: responses, models, modal properties, verdict."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.identification.fit_table import FitError, fit_best, fit_error, fit_paper, refit_best
-from rths_cli.identification.frf import estimate, without_leakage
-from rths_cli.identification.record import Parts
-from rths_cli.identification.specimen import SpecimenFit, Start, fit_specimen, modal, storey_start
+from rths_cli.identification import channels, verdict
+from rths_cli.identification.channels import ChannelReport, UnfitRecord
+from rths_cli.identification.fit_table import Fit, FitError, Timing, fit_error, fit_paper, refit, within
+from rths_cli.identification.frf import Estimator, estimate, noise_floor, over_model, without_leakage
+from rths_cli.identification.given import with_ripple
+from rths_cli.identification.orders import Candidate, cancelling, choose
+from rths_cli.identification.record import Record
+from rths_cli.identification.specimen import Motion, SpecimenFit, Start, fit_stretches, modal, storey_start
+from rths_cli.identification.starts import first_fit
+from rths_cli.identification.verdict import LIMITS, Band, LevelBand, Root, Verdict
 from rths_cli.lti import Array, Frf, Model
 from rths_cli.rig_info import RigInfo
 
-LIMITS = FitError(rms=0.01, largest=0.03, rms_mid=0.004)
-LEAST_COHERENCE = 0.9  # median in COMPARED_HZ
-COMPARED_HZ = (0.7, 11.0)
-DEAD_BITS, DEAD_OVER_SILENCE = 3.0, 3.0
-CLIPPED_SHARE = 0.98
 START_HZ = 30.0
 SEGMENTS = 5  # a short record is cut into so many segments that do not overlap
 MOST_ROUNDS, CONVERGED = 8, 5e-4  # of taking out leakage; change of the model in 0.7-11 Hz that ends them
-FREE_DIFFERENCE, FREE_DAMPING_DIFFERENCE = 0.01, 0.2
+AGREE_SIGMA, AGREE_HZ, AGREE_DAMPING = 3.0, 0.003, 0.05  # noise and free vibration: standard errors or shares
+COHERENT, OCTAVE_SHARE = 0.5, 2.0 ** (1.0 / 6.0)
 
 
 @dataclass(frozen=True)
 class IdentificationSettings:
-    """Bands in Hz of both models, length of the Hann segments (less in short records), and the errors that the best
-    model's fit must keep."""
+    """Bands in Hz of both models, length of the Hann segments (less in short records), the estimator, whether the
+    best model's roots carry the latency or an explicit delay does, and the errors that its fit must keep."""
 
     band_hz: tuple[float, float] = (0.5, 60.0)
     paper_band_hz: tuple[float, float] = (0.5, 12.0)
     segment_s: float = 20.0
+    estimator: Estimator = "h1"
+    latency_in_roots: bool = False
     most: FitError = LIMITS
 
 
 @dataclass(frozen=True)
 class Identification:
-    """All that a record tells. `frfs`: H1 from command to table (without leakage) and to each floor.
+    """All that records tell. `frfs`: responses from command to table (without leakage) and to each floor; `floors`:
+    what noise at rest alone would show in them (None: not known).
 
-    `specimen` is from noise, `free_vibration` the same from the stretch of held command (None: the record has none, or
-    there are no floors). `noise_rms_m_s2` (c,) is that of the silence. `accepted` is False, with `reasons`, when the
-    best model misses its limits; `warnings` are sentences.
+    `specimen` is from the excitation, `free_vibration` the same from the stretch of held command (None: there is
+    none). `levels`: low against full level. `roots` are those of `best`, with uncertainties.
     """
 
     frfs: tuple[Frf, ...]
+    noise_floors: tuple[Array | None, ...]
     best: Model
     paper: Model
     best_error: FitError
     paper_error: FitError
     specimen: SpecimenFit | None
     free_vibration: SpecimenFit | None
-    noise_rms_m_s2: Array | None
-    accepted: bool
-    reasons: tuple[str, ...]
-    warnings: tuple[str, ...]
+    channels: tuple[ChannelReport, ...]
+    candidates: tuple[Candidate, ...]
+    roots: tuple[Root, ...]
+    residuals: tuple[Band, ...]
+    levels: tuple[LevelBand, ...]
+    verdict: Verdict
+
+    @property
+    def accepted(self) -> bool:
+        """Tell whether the model may drive the table."""
+        return self.verdict.accepted
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Return why it may not."""
+        return self.verdict.reasons
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Return what else to know."""
+        return self.verdict.warnings
 
 
 def identify(
-    command_v: Array, corrected: Array, info: RigInfo, floor_masses_kg: Array, parts: Parts,
-    settings: IdentificationSettings | None = None,
+    records: Sequence[Record], info: RigInfo, floor_masses_kg: Array, settings: IdentificationSettings | None = None,
+    quiet: Record | None = None, given: Model | None = None,
 ) -> Identification:  # fmt: skip
-    """Identify table and specimen from the command (n,) in V and corrected accelerations (c, n) in m/s^2.
+    """Identify table and specimen from records whose commands and channels fit the rig.
 
-    `floor_masses_kg` (c - 1,) are weighed. Raises InputError for records that do not fit together, dead or clipped
-    channels and poor coherence.
+    `floor_masses_kg` (c - 1,) are weighed; `quiet` is a record at low level, `given` a model of the table to judge in
+    place of one fitted here. Raises InputError for records that do not fit together, UnfitRecord when channels are
+    dead, clipped, incoherent, swapped or of wrong sign.
     """
     settings = settings or IdentificationSettings()
     masses = np.asarray(floor_masses_kg, dtype=float)
-    check(command_v, corrected, info, masses, parts)
-    noise = command_v[parts.noise]
-    segment_s = min(settings.segment_s, len(noise) * info.dt_s / SEGMENTS)
-    frfs = estimate(noise, corrected[:, parts.noise], info.dt_s, settings.band_hz, segment_s)
-    check_coherence(frfs, info)
+    check(records, info, masses)
+    shortest = min(r.parts.noise.stop - r.parts.noise.start for r in records) * info.dt_s
+    settings = replace(settings, segment_s=min(settings.segment_s, shortest / SEGMENTS))
+    frfs = estimate(records, info.dt_s, settings.band_hz, settings.segment_s, settings.estimator)
+    seen = channels.reports(records, frfs, info)
+    faults = channels.response_faults(frfs, info, masses)
+    if faults:
+        raise UnfitRecord(faults, seen)
+    settings = replace(settings, band_hz=(settings.band_hz[0], coherent_up_to(frfs[0], settings.band_hz[1])))
     start = _start(frfs, masses)
-    best, table_frf = _table(frfs[0], start, masses, info, settings, command_v, corrected[0], parts.noise)
-    paper = fit_paper(table_frf, best, settings.paper_band_hz)
-    moved = np.vstack([without_staircase(corrected[0], command_v, best), corrected[1:]])
-    specimen = _specimen(moved, parts.noise, info, masses, settings, start)
-    free = _specimen(moved, parts.free_vibration, info, masses, settings, specimen)
-    best_error = fit_error(best, table_frf)
-    reasons = _misses(best_error, settings.most)
+    first, table = _table(frfs[0], start, masses, info, settings, records)
+    chosen, candidates = choose(first, table, records, settings.estimator, settings.latency_in_roots)
+    if chosen.layout != first.layout:
+        chosen, table = _refined(frfs[0], chosen, settings, records)
+    fitted_paper = fit_paper(table, first, _inside(settings.paper_band_hz, settings.band_hz)).model
+    best = with_ripple(given, table, settings.band_hz) if given else chosen.model
+    paper = best if given and len(best.zeros) == len(best.poles) else fitted_paper
+    specimen = _specimen(records, best, info, masses, settings, start, free=False)
+    free = _specimen(records, best, info, masses, settings, specimen, free=True)
+    error = fit_error(best, table)
+    warnings = [
+        *channels.hum_warnings(seen),
+        *channels.gain_warnings(best.low_frequency_gain_m_per_v, info),
+        *_differences(specimen, free),
+        *([] if given else cancelling(chosen)),
+    ]
     return Identification(
-        frfs=(table_frf, *frfs[1:]),
+        frfs=(table, *frfs[1:]),
+        noise_floors=tuple(noise_floor(records, frf, c, info.dt_s) for c, frf in enumerate(frfs)),
         best=best,
         paper=paper,
-        best_error=best_error,
-        paper_error=fit_error(paper, table_frf),
+        best_error=error,
+        paper_error=fit_error(paper, table),
         specimen=specimen,
         free_vibration=free,
-        noise_rms_m_s2=None if parts.silence is None else corrected[:, parts.silence].std(axis=1),
-        accepted=not reasons,
-        reasons=reasons,
-        warnings=_differences(specimen, free),
+        channels=seen,
+        candidates=() if given else candidates,
+        roots=verdict.roots_given(best) if given else verdict.roots_of(chosen),
+        residuals=verdict.residuals(best, table),
+        levels=_levels(best, table, quiet, settings),
+        verdict=verdict.judge(best, error, table, settings.most, warnings),
     )
 
 
-def check(command_v: Array, corrected: Array, info: RigInfo, masses: Array, parts: Parts) -> None:
-    """Raise one InputError with every fault of a record."""
-    channels = len(info.channels)
-    faults = []
-    if corrected.shape != (channels, len(command_v)):
-        faults.append(
-            f"record: {corrected.shape} samples do not fit {channels} channels and {len(command_v)} commands; give "
-            "one row per channel of the rig"
-        )
-    if len(masses) != channels - 1 or not np.all(masses > 0.0):
-        faults.append(f"masses_kg: {masses.tolist()} must be one positive mass for each of {channels - 1} floors")
+def check(records: Sequence[Record], info: RigInfo, masses: Array) -> None:
+    """Raise InputError where records do not fit the rig, UnfitRecord where channels cannot be used."""
+    wanted = len(info.channels)
+    faults = [
+        f"record: {record.accel_m_s2.shape} samples do not fit {wanted} channels and {len(record.command_v)} commands; "
+        "give one row per channel of the rig"
+        for record in records
+        if record.accel_m_s2.shape != (wanted, len(record.command_v))
+    ]
+    if len(masses) != wanted - 1 or not np.all(masses > 0.0):
+        faults.append(f"masses_kg: {masses.tolist()} must be one positive mass for each of {wanted - 1} floors")
     if faults:
         raise InputError(*faults)
-    if not (np.isfinite(command_v).all() and np.isfinite(corrected).all()):
-        raise InputError("record: some samples are not numbers; the record ends early or a channel was lost")
-    for channel in range(channels):
-        faults.extend(_channel_faults(channel, corrected[channel], info, parts))
+    for number, record in enumerate(records, 1):
+        where = f"record {number}: " if len(records) > 1 else ""
+        faults += [where + fault for fault in channels.signal_faults(record, info)]
     if faults:
-        raise InputError(*faults)
+        raise UnfitRecord(faults, channels.reports(records, None, info))
 
 
-def _channel_faults(index: int, accel: Array, info: RigInfo, parts: Parts) -> list[str]:
-    """Return sentences on a channel that is dead or clipped."""
-    channel = info.channels[index]
-    rms = float(accel[parts.noise].std())
-    quiet = float(accel[parts.silence].std()) if parts.silence is not None else 0.0
-    least = max(DEAD_BITS * info.converters.step_v / channel.sensitivity_v_per_m_s2, 1e-9)
-    if rms < least:
-        return [
-            f"channel {channel.name}: dead, {rms:.2g} m/s^2 rms under excitation where at least {least:.2g} is "
-            "expected; check sensor, cable and power"
-        ]
-    if rms < DEAD_OVER_SILENCE * quiet:
-        return [
-            f"channel {channel.name}: nothing but noise, {quiet:.2g} m/s^2 rms at rest and {rms:.2g} under excitation; "
-            "check sensor and cable, or excite louder"
-        ]
-    largest = float(np.abs(accel).max())
-    if largest > CLIPPED_SHARE * channel.range_m_s2:
-        return [
-            f"channel {channel.name}: clipped, {largest:.4g} m/s^2 reaches the sensor's range of "
-            f"{channel.range_m_s2:.4g}; lower identification.accel_rms_m_s2"
-        ]
-    return []
-
-
-def check_coherence(frfs: tuple[Frf, ...], info: RigInfo) -> None:
-    """Raise InputError when the median coherence of a channel is below 0.9 in 0.7-11 Hz."""
-    faults = []
-    for channel, frf in zip(info.channels, frfs, strict=True):
-        inside = (frf.frequency_hz >= COMPARED_HZ[0]) & (frf.frequency_hz <= COMPARED_HZ[1])
-        median = float(np.median(frf.coherence[inside]))
-        if median < LEAST_COHERENCE:
-            faults.append(
-                f"channel {channel.name}: median coherence {median:.2f} in {COMPARED_HZ[0]:g}-{COMPARED_HZ[1]:g} Hz is "
-                f"below {LEAST_COHERENCE:g}; excite louder or longer, and check the sensor"
-            )
-    if faults:
-        raise InputError(*faults)
+def coherent_up_to(frf: Frf, highest_hz: float) -> float:
+    """Return the frequency below which every sixth of an octave above 11 Hz has a median coherence of 0.5 or more."""
+    low = channels.COMPARED_HZ[1]
+    while low < highest_hz:
+        high = min(low * OCTAVE_SHARE, highest_hz)
+        inside = within(frf.frequency_hz, (low, high))
+        if inside.any() and np.median(frf.coherence[inside]) < COHERENT:
+            return low
+        low = high
+    return highest_hz
 
 
 def without_staircase(table_accel: Array, command_v: Array, model: Model) -> Array:
@@ -165,7 +176,11 @@ def without_staircase(table_accel: Array, command_v: Array, model: Model) -> Arr
     return table_accel - model.ripple_m_s2_per_v * np.concatenate([np.zeros(late), change[:-late]])
 
 
-def _start(frfs: tuple[Frf, ...], masses: Array) -> Start:
+def _inside(band_hz: tuple[float, float], outer_hz: tuple[float, float]) -> tuple[float, float]:
+    return max(band_hz[0], outer_hz[0]), min(band_hz[1], outer_hz[1])
+
+
+def _start(frfs: Sequence[Frf], masses: Array) -> Start:
     """Return first values of the specimen from the responses up to 30 Hz."""
     if len(masses) == 0:
         return Start(np.zeros(0), np.zeros(0))
@@ -175,44 +190,60 @@ def _start(frfs: tuple[Frf, ...], masses: Array) -> Start:
 
 
 def _table(
-    frf: Frf, start: Start, masses: Array, info: RigInfo, settings: IdentificationSettings,
-    command_v: Array, table_accel: Array, noise: slice,
-) -> tuple[Model, Frf]:  # fmt: skip
-    """Return the best model and the FRF it was fitted to: each round takes out the leakage the last model shows."""
+    frf: Frf, start: Start, masses: Array, info: RigInfo, settings: IdentificationSettings, records: Sequence[Record]
+) -> tuple[Fit, Frf]:
+    """Return the first fit, and the FRF it was made to."""
     omega = modal(masses, start.stiffness_n_per_m)[0] if len(masses) else np.zeros(0)
     modes = (omega / (2.0 * np.pi), start.damping_ratio)
-    best, clean = fit_best(frf, modes, info.latency_samples, info.dt_s, settings.band_hz), frf
-    for _ in range(MOST_ROUNDS):
-        clean = without_leakage(frf, best, command_v, table_accel, noise)
-        before, best = best, refit_best(clean, best)
-        if fit_error(best, replace(clean, response=before.sampled_response(clean.frequency_hz))).largest < CONVERGED:
+    found = first_fit(frf, modes, Timing(info.latency_samples, info.dt_s), settings.band_hz)
+    return _refined(frf, found, settings, records)
+
+
+def _refined(frf: Frf, found: Fit, settings: IdentificationSettings, records: Sequence[Record]) -> tuple[Fit, Frf]:
+    """Return the fit of the same structure to the response without leakage, and that response.
+
+    Each round takes out the leakage the last model shows; an excitation in whole periods has none.
+    """
+    clean = frf
+    for _ in range(0 if records[0].parts.period_samples else MOST_ROUNDS):
+        clean = without_leakage(frf, found.model, records, settings.segment_s, settings.estimator)
+        before, found = found.model, refit(clean, found)
+        change = fit_error(found.model, replace(clean, response=before.sampled_response(clean.frequency_hz)))
+        if change.largest < CONVERGED:
             break
-    return best, clean
+    return found, clean
 
 
 def _specimen(
-    moved: Array, part: slice | None, info: RigInfo, masses: Array, settings: IdentificationSettings,
-    start: Start | SpecimenFit | None,
+    records: Sequence[Record], model: Model, info: RigInfo, masses: Array, settings: IdentificationSettings,
+    start: Start | SpecimenFit | None, free: bool,
 ) -> SpecimenFit | None:  # fmt: skip
-    """Return the specimen of one part of the record, None without part or floors."""
-    if part is None or start is None or len(masses) == 0:
+    """Return the specimen from the excitation or from the free vibration, None without either or without floors."""
+    if start is None or len(masses) == 0:
+        return None
+    motions = []
+    for record in records:
+        part = record.parts.free_vibration if free else record.parts.noise
+        if part is not None:
+            table = without_staircase(record.accel_m_s2[0], record.command_v, model)
+            motions.append(Motion(table, record.accel_m_s2[1:]).cut(part))
+    if not motions:
         return None
     first = Start(start.stiffness_n_per_m, start.damping_ratio)
-    return fit_specimen(moved[0, part], moved[1:, part], info.dt_s, masses, settings.band_hz[0], first)
+    return fit_stretches(motions, info.dt_s, masses, settings.band_hz[0], first, free)
 
 
-def _misses(error: FitError, most: FitError) -> tuple[str, ...]:
-    """Return a sentence for each limit that the fit misses."""
-    rows = (
-        ("rms in 0.7-11 Hz", error.rms, most.rms),
-        ("largest in 0.7-11 Hz", error.largest, most.largest),
-        ("rms in 2-10 Hz", error.rms_mid, most.rms_mid),
-    )
-    return tuple(
-        f"table model: error |fit / FRF - 1|, {name}, is {value:.2%}, the limit is {limit:.2%}; excite longer or louder"
-        for name, value, limit in rows
-        if not value <= limit
-    )
+def _levels(model: Model, table: Frf, quiet: Record | None, settings: IdentificationSettings) -> tuple[LevelBand, ...]:
+    """Compare the record at low level with the full one, both over the model; () without one."""
+    if quiet is None:
+        return ()
+    length_s = (quiet.parts.noise.stop - quiet.parts.noise.start) * model.dt_s
+    try:
+        low = over_model(model, [quiet], settings.band_hz, min(settings.segment_s, length_s / SEGMENTS))
+    except InputError:
+        return ()
+    over = replace(table, response=table.response / model.sampled_response(table.frequency_hz))
+    return verdict.level_bands(low, over)
 
 
 def _differences(noise: SpecimenFit | None, free: SpecimenFit | None) -> tuple[str, ...]:
@@ -220,10 +251,22 @@ def _differences(noise: SpecimenFit | None, free: SpecimenFit | None) -> tuple[s
     if noise is None or free is None:
         return ()
     return tuple(
-        f"specimen mode {mode + 1}: noise gives {noise.natural_frequency_hz[mode]:.3f} Hz and "
+        f"specimen mode {mode + 1}: excitation gives {noise.natural_frequency_hz[mode]:.3f} Hz and "
         f"{noise.damping_ratio[mode]:.2%}, free vibration {free.natural_frequency_hz[mode]:.3f} Hz and "
         f"{free.damping_ratio[mode]:.2%}; it is nonlinear, or the free vibration is too weak"
         for mode in range(len(noise.damping_ratio))
-        if abs(free.natural_frequency_hz[mode] / noise.natural_frequency_hz[mode] - 1.0) > FREE_DIFFERENCE
-        or abs(free.damping_ratio[mode] / noise.damping_ratio[mode] - 1.0) > FREE_DAMPING_DIFFERENCE
+        if not agree(noise, free, mode)
+    )
+
+
+def agree(one: SpecimenFit, other: SpecimenFit, mode: int) -> bool:
+    """Tell whether two fits agree in a mode: within three standard uncertainties, or 0.3 % of the frequency and 5 %
+    of the damping ratio."""
+    hz = abs(one.natural_frequency_hz[mode] - other.natural_frequency_hz[mode])
+    ratio = abs(one.damping_ratio[mode] - other.damping_ratio[mode])
+    hz_spread = float(np.hypot(one.frequency_error_hz[mode], other.frequency_error_hz[mode]))
+    ratio_spread = float(np.hypot(one.damping_error[mode], other.damping_error[mode]))
+    return bool(
+        hz <= max(AGREE_SIGMA * hz_spread, AGREE_HZ * one.natural_frequency_hz[mode])
+        and ratio <= max(AGREE_SIGMA * ratio_spread, AGREE_DAMPING * one.damping_ratio[mode])
     )

@@ -17,25 +17,35 @@ from rths_cli.lti import Array, ComplexArray
 class Layout:
     """How many pairs of poles, single poles and pairs of finite zeros; `delay_s` is the declared T.
 
-    Parameters: log |gain|, then (log w, log zeta) of each pole pair, log corner of each single pole, and
-    (log w, log zeta) of each zero pair; w and corners in rad/s.
+    Parameters: log |gain|, then (log w, log zeta) of each pole pair, log corner of each single pole,
+    (log w, log zeta) of each zero pair, and log of a delay beyond T where one is fitted; w and corners in rad/s.
     """
 
     pole_pairs: int
     single_poles: int
     zero_pairs: int
     delay_s: float
+    fits_delay: bool = False
 
     @property
     def size(self) -> int:
         """Return the number of parameters."""
+        return self._roots + self.fits_delay
+
+    @property
+    def _roots(self) -> int:
+        """Return the number of parameters without a fitted delay."""
         return 1 + 2 * (self.pole_pairs + self.zero_pairs) + self.single_poles
+
+    def delay(self, parameters: Array) -> float:
+        """Return the whole delay in s."""
+        return self.delay_s + (float(np.exp(parameters[self._roots])) if self.fits_delay else 0.0)
 
     def pairs(self, parameters: Array) -> tuple[Array, Array, Array]:
         """Return pole pairs (m, 2), corners of the single poles (k,) and zero pairs (n, 2), no logarithms."""
         values = np.exp(parameters)
         end = 1 + 2 * self.pole_pairs
-        poles, single, zeros = np.split(values[1 : self.size], [end - 1, end - 1 + self.single_poles])
+        poles, single, zeros = np.split(values[1 : self._roots], [end - 1, end - 1 + self.single_poles])
         return poles.reshape(-1, 2), single, zeros.reshape(-1, 2)
 
 
@@ -48,7 +58,8 @@ def response_and_slopes(layout: Layout, parameters: Array, s: ComplexArray) -> t
     """Return |G| exp(j phase) for a positive gain at s (m,) and d log G / d parameter, (m, size)."""
     poles, single, zeros = layout.pairs(parameters)
     slopes = np.ones((len(s), layout.size), dtype=complex)
-    value = np.exp(parameters[0]) * s**2 * np.exp(-s * layout.delay_s)
+    delay = layout.delay(parameters)
+    value = np.exp(parameters[0]) * s**2 * np.exp(-s * delay)
     column = 1
     for omega, zeta in poles:
         factor, slopes[:, column : column + 2] = _pair(omega, zeta, s)
@@ -60,7 +71,9 @@ def response_and_slopes(layout: Layout, parameters: Array, s: ComplexArray) -> t
     for omega, zeta in zeros:
         factor, slopes[:, column : column + 2] = _pair(omega, zeta, s)
         value, column = value * factor, column + 2
-    slopes[:, first_zero:] *= -1.0
+    slopes[:, first_zero:column] *= -1.0
+    if layout.fits_delay:
+        slopes[:, column] = -s * (delay - layout.delay_s)
     return value, slopes
 
 

@@ -1,4 +1,4 @@
-"""The table's model: a stable, minimum-phase rational function fitted to the measured H1 of command to table.
+"""The table's model: a stable, minimum-phase rational function fitted to the measured response of command to table.
 
 The table follows displacement, so that the double zero at the origin is given, not fitted. A sample of the table
 also carries an alias of the hold's staircase (`ripple`), of first order in s: it is fitted jointly, because no pole
@@ -8,7 +8,6 @@ or zero can stand for it.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 
@@ -17,11 +16,9 @@ from rths_cli.identification.factors import Layout, pack, response_and_slopes, z
 from rths_cli.lti import Array, ComplexArray, Frf, Model, staircase
 
 LEAST_ERROR = 1e-3  # no line counts as known better than this
-LOOP_HZ, LOOP_RATIO, LOOP_STIFFENING, LAG_S = (7.0, 14.0, 26.0), (0.35, 0.7), (1.0, 3.0), 2e-3
-START_LINES = 200
-STARTS_KEPT = 4
 PULL = 1e-4  # of a parameter's logarithm to its start, against a relative error of the fit
 LATENCY_START_HZ, FAR_ZERO_START_HZ = 150.0, 250.0
+COMPARED_HZ, MID_HZ = (0.7, 11.0), (2.0, 10.0)
 
 
 @dataclass(frozen=True)
@@ -34,7 +31,31 @@ class FitError:
 
 
 @dataclass(frozen=True)
-class _Problem:
+class Timing:
+    """When commands act: the loop's declared latency in samples of `dt_s`."""
+
+    latency_samples: int
+    dt_s: float
+
+    @property
+    def delay_s(self) -> float:
+        """Return the declared transport delay: latency and half a sample of hold."""
+        return (self.latency_samples + 0.5) * self.dt_s
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A model and what a further fit starts from: layout, parameters (with the ripple last, where it is fitted) and
+    their covariance, from the weighted residual."""
+
+    model: Model
+    layout: Layout
+    parameters: Array
+    covariance: Array
+
+
+@dataclass(frozen=True)
+class Problem:
     """Data of one fit: lines s (m,), FRF, weights, alias (None: not fitted) and the sign of the gain."""
 
     layout: Layout
@@ -69,62 +90,66 @@ def fit_error(model: Model, frf: Frf) -> FitError:
     """Compare a model's sampled response with a measured FRF: |fit / FRF - 1|."""
     f = frf.frequency_hz
     error = np.abs(model.sampled_response(f) / frf.response - 1.0)
-    band, mid = (f >= 0.7) & (f <= 11.0), (f >= 2.0) & (f <= 10.0)
-    return FitError(
-        float(np.sqrt(np.mean(error[band] ** 2))), float(error[band].max()), float(np.sqrt(np.mean(error[mid] ** 2)))
-    )
+    band, mid = within(f, COMPARED_HZ), within(f, MID_HZ)
+    return FitError(rms(error[band]), float(error[band].max()), rms(error[mid]))
 
 
-def fit_best(
-    frf: Frf, modes: tuple[Array, Array], latency_samples: int, dt_s: float, band_hz: tuple[float, float]
-) -> Model:
-    """Fit 2 n + 3 poles, 2 n finite zeros, the declared delay (latency + half a sample) and the ripple.
+def within(frequency_hz: Array, band_hz: tuple[float, float]) -> np.ndarray:
+    """Tell which frequencies (m,) lie in a band, (m,)."""
+    return (frequency_hz >= band_hz[0] - 1e-9) & (frequency_hz <= band_hz[1] + 1e-9)
 
-    `modes`: natural frequencies in Hz and damping ratios (n,) of the specimen, where the zeros are looked for.
-    Raises InputError when the band holds too few lines.
+
+def rms(values: Array) -> float:
+    """Return the root mean square of values (m,)."""
+    return float(np.sqrt(np.mean(np.abs(values) ** 2)))
+
+
+def fit(frf: Frf, layout: Layout, start: Array, timing: Timing, band_hz: tuple[float, float], ripple: bool) -> Fit:
+    """Fit a layout's roots, and the ripple, to a response in a band.
+
+    `start`: parameters of the layout, with the ripple last where it is fitted. Raises InputError when the band holds
+    too few lines.
     """
-    floors = len(modes[0])
-    layout = Layout(floors + 1, 1, floors, (latency_samples + 0.5) * dt_s)
-    problem = _problem(frf, layout, band_hz, staircase(frf.frequency_hz, latency_samples, dt_s))
-    theta = _solve(problem, _best_start(problem, modes))
-    return _best_model(problem, theta, latency_samples, dt_s, band_hz)
-
-
-def _best_model(
-    problem: _Problem, theta: Array, latency_samples: int, dt_s: float, band_hz: tuple[float, float]
-) -> Model:
-    zeros, poles, gain = zeros_poles_gain(problem.layout, theta[:-1], problem.sign)
-    return Model(zeros, poles, gain, problem.layout.delay_s, band_hz, float(theta[-1]), latency_samples, dt_s)
-
-
-def refit_best(frf: Frf, model: Model) -> Model:
-    """Fit the best model again, to another FRF of the same table, starting from the model it had."""
-    floors = len(model.zeros) // 2 - 1
-    layout = Layout(floors + 1, 1, floors, model.delay_s)
-    alias = staircase(frf.frequency_hz, model.latency_samples, model.dt_s)
-    problem = _problem(frf, layout, model.band_hz, alias)
-    gain, pairs, corner, zero_pairs = _factors_of(model)
-    start = np.append(pack(gain, pairs, corner, zero_pairs), model.ripple_m_s2_per_v)
-    return _best_model(problem, _solve(problem, start), model.latency_samples, model.dt_s, model.band_hz)
-
-
-def fit_paper(frf: Frf, best: Model, band_hz: tuple[float, float]) -> Model:
-    """Fit the paper's model: 2 n + 4 poles and as many zeros, two at the origin, no delay and no ripple.
-
-    The extra pole and the extra zeros stand for the latency, and make the inverse proper. It starts from the
-    best model.
-    """
-    floors = len(best.zeros) // 2 - 1
-    layout = Layout(floors + 2, 0, floors + 1, 0.0)
-    problem = _problem(frf, layout, band_hz, None)
-    theta = _solve(problem, _paper_start(best))
+    problem = problem_of(frf, layout, timing, band_hz, ripple)
+    theta, covariance = solve(problem, start)
     zeros, poles, gain = zeros_poles_gain(layout, theta, problem.sign)
-    return Model(zeros, poles, gain, 0.0, band_hz, 0.0, best.latency_samples, best.dt_s)
+    staircase_share = float(theta[-1]) if ripple else 0.0
+    delay = layout.delay(theta)
+    model = Model(zeros, poles, gain, delay, band_hz, staircase_share, timing.latency_samples, timing.dt_s)
+    return Fit(model, layout, theta, covariance)
 
 
-def _problem(frf: Frf, layout: Layout, band_hz: tuple[float, float], alias: ComplexArray | None) -> _Problem:
+def refit(frf: Frf, before: Fit) -> Fit:
+    """Fit the same layout to another response of the same table, starting from what was found."""
+    model = before.model
+    timing = Timing(model.latency_samples, model.dt_s)
+    ripple = len(before.parameters) > before.layout.size
+    return fit(frf, before.layout, before.parameters, timing, model.band_hz, ripple)
+
+
+def fit_paper(frf: Frf, best: Fit, band_hz: tuple[float, float]) -> Fit:
+    """Fit the paper's model: 2 n + 4 poles and as many zeros for n modes, two at the origin, no delay and no ripple.
+
+    The extra pole and the extra zeros stand for the latency, and make the inverse proper. It starts from the best
+    model of 2 n + 3 poles.
+    """
+    layout, start = rational_latency(best)
+    return fit(frf, layout, start, Timing(best.model.latency_samples, best.model.dt_s), band_hz, ripple=False)
+
+
+def rational_latency(best: Fit) -> tuple[Layout, Array]:
+    """Return layout and start of a model whose roots carry the delay: a pair of far poles, a farther pair of zeros."""
+    pairs, corner, zeros = best.layout.pairs(best.parameters)
+    far, far_zero = 2.0 * np.pi * LATENCY_START_HZ, [2.0 * np.pi * FAR_ZERO_START_HZ, 0.7]
+    lag = float(np.sum(1.0 / corner)) + best.model.delay_s + 2.0 * far_zero[1] / far_zero[0]
+    gain = float(np.exp(best.parameters[0]))
+    start = pack(gain, np.vstack([pairs, [[far, 0.5 * lag * far]]]), np.zeros(0), np.vstack([zeros, [far_zero]]))
+    return Layout(best.layout.pole_pairs + 1, 0, best.layout.zero_pairs + 1, 0.0), start
+
+
+def problem_of(frf: Frf, layout: Layout, timing: Timing, band_hz: tuple[float, float], ripple: bool) -> Problem:
     """Return the lines of a band, weighted by one over their relative error."""
-    inside = (frf.frequency_hz >= band_hz[0]) & (frf.frequency_hz <= band_hz[1])
+    inside = within(frf.frequency_hz, band_hz)
     if inside.sum() < 4 * layout.size:
         raise InputError(
             f"table model: {inside.sum()} lines in {band_hz[0]:g}-{band_hz[1]:g} Hz are too few to fit "
@@ -134,81 +159,25 @@ def _problem(frf: Frf, layout: Layout, band_hz: tuple[float, float], alias: Comp
     measured = frf.response[inside]
     weight = 1.0 / np.hypot(frf.relative_error[inside], LEAST_ERROR)
     weight /= np.sqrt(2.0 * np.sum(weight**2))
+    alias = staircase(frf.frequency_hz[inside], timing.latency_samples, timing.dt_s) if ripple else None
+    return Problem(layout, s, measured, weight, alias, _sign(s, measured))
+
+
+def _sign(s: ComplexArray, measured: ComplexArray) -> float:
+    """Return the sign of the displacement at the lowest lines."""
     low = slice(0, max(5, len(s) // 100))
-    sign = float(np.sign(np.median((measured[low] / s[low] ** 2).real)))
-    return _Problem(layout, s, measured, weight, None if alias is None else alias[inside], sign or 1.0)
+    return float(np.sign(np.median((measured[low] / s[low] ** 2).real))) or 1.0
 
 
-def _thinned(problem: _Problem) -> _Problem:
-    """Return about 200 of the lines, evenly spaced in log frequency, for the search of a start."""
-    wanted = np.geomspace(abs(problem.s[0]), abs(problem.s[-1]), START_LINES)
-    lines = np.unique(np.searchsorted(np.abs(problem.s), wanted).clip(max=len(problem.s) - 1))
-    alias = None if problem.alias is None else problem.alias[lines]
-    return _Problem(
-        problem.layout, problem.s[lines], problem.measured[lines], problem.weight[lines], alias, problem.sign
-    )
-
-
-def _best_start(problem: _Problem, modes: tuple[Array, Array]) -> Array:
-    """Return the best of several structured starts (loop frequency and damping), each improved on few lines."""
-    few = _thinned(problem)
-    low = slice(0, 10)
-    gain = float(np.median(np.abs(few.measured[low] / few.s[low] ** 2)))
-    specimen = np.column_stack([2.0 * np.pi * modes[0], modes[1]])
-    starts = []
-    for loop in product(LOOP_HZ, LOOP_RATIO, LOOP_STIFFENING):
-        pair, corner = _loop_roots(*loop)
-        starts.append(np.append(pack(gain, np.vstack([specimen * [0.99, 1.05], [pair]]), corner, specimen), 0.0))
-    starts.sort(key=lambda theta: float(np.sum(few.residual(theta) ** 2)))
-    improved = [_solve(few, theta, 30) for theta in starts[:STARTS_KEPT]]
-    return min(improved, key=lambda theta: float(np.sum(few.residual(theta) ** 2)))
-
-
-def _loop_roots(frequency_hz: float, ratio: float, stiffening: float) -> tuple[tuple[float, float], Array]:
-    """Return pair (w, zeta) and corner (1,) in rad/s of a displacement loop closed around a lagging actuator.
-
-    LAG_S s^3 + s^2 + r (2 zeta w s + w^2) = 0; r is above 1 when the loop was set for more mass than moves.
-    """
-    omega = 2.0 * np.pi * frequency_hz
-    found: ComplexArray = np.roots([LAG_S, 1.0, stiffening * 2.0 * ratio * omega, stiffening * omega**2]).astype(
-        complex
-    )
-    found = found[np.argsort(np.abs(found.imag))]  # a real root first
-    return _pair_of(found[1:]), np.abs(found[:1])
-
-
-def _factors_of(best: Model) -> tuple[float, Array, Array, Array]:
-    """Return low-frequency gain, pole pairs (w, zeta), corner of the single pole and zero pairs of a best model."""
-    pairs = np.array([_pair_of(best.poles[i : i + 2]) for i in range(0, len(best.poles) - 1, 2)])
-    zeros = np.array([_pair_of(best.zeros[i : i + 2]) for i in range(2, len(best.zeros), 2)]).reshape(-1, 2)
-    corner = np.abs(best.poles[-1:])
-    gain = best.gain * np.prod(zeros[:, 0]) ** 2 / (np.prod(pairs[:, 0]) ** 2 * corner[0])
-    return float(gain), pairs, corner, zeros
-
-
-def _paper_start(best: Model) -> Array:
-    """Return the best model with its lag and delay as a pair of far poles, and a farther pair of zeros."""
-    gain, pairs, corner, zeros = _factors_of(best)
-    far, far_zero = 2.0 * np.pi * LATENCY_START_HZ, [2.0 * np.pi * FAR_ZERO_START_HZ, 0.7]
-    lag = 1.0 / corner[0] + best.delay_s + 2.0 * far_zero[1] / far_zero[0]
-    return pack(gain, np.vstack([pairs, [[far, 0.5 * lag * far]]]), np.zeros(0), np.vstack([zeros, [far_zero]]))
-
-
-def _pair_of(two: ComplexArray) -> tuple[float, float]:
-    """Return w and zeta of two roots in the left half plane."""
-    omega = float(np.sqrt(abs(two[0] * two[1])))
-    return omega, float(-np.real(two[0] + two[1]) / (2.0 * omega))
-
-
-def _solve(problem: _Problem, start: Array, evaluations: int = 100) -> Array:
-    """Return the parameters of least weighted squares, reached from a start by Levenberg-Marquardt.
+def solve(problem: Problem, start: Array, evaluations: int = 100) -> tuple[Array, Array]:
+    """Return parameters of least weighted squares, reached by Levenberg-Marquardt, and their covariance.
 
     A weak pull to the start (PULL) keeps parameters that the band does not determine from running away.
     """
     from scipy.optimize import least_squares
 
     pull = PULL * np.eye(len(start))
-    return least_squares(
+    found = least_squares(
         lambda theta: np.concatenate([problem.residual(theta), pull @ (theta - start)]),
         start,
         lambda theta: np.vstack([problem.jacobian(theta), pull]),
@@ -216,4 +185,8 @@ def _solve(problem: _Problem, start: Array, evaluations: int = 100) -> Array:
         max_nfev=evaluations,
         ftol=1e-8,
         xtol=1e-8,
-    ).x
+    )
+    lines = found.jac[: -len(start)]
+    left = found.fun[: -len(start)]
+    variance = float(left @ left) / max(len(left) - len(start), 1)
+    return found.x, variance * np.linalg.pinv(lines.T @ lines)

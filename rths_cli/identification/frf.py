@@ -1,82 +1,151 @@
-"""Frequency responses from records: H1 by Welch's method, from the command to each corrected channel."""
+"""Frequency responses from records: H1, H2 or Hv from the command to each channel, over one or several records.
+
+Noise is cut into Hann segments that overlap by half (Welch's method); an excitation that repeats is cut into its whole
+periods, which leak nothing.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from rths_cli.errors import InputError
+from rths_cli.identification.record import Record
 from rths_cli.lti import Array, ComplexArray, Frf, Model
 
+Estimator = Literal["h1", "h2", "hv"]
+
 LEAST_SEGMENTS = 4
+LEAST_PERIODS = 3
 OVERLAP_CORRELATION = 1.0 / 36.0  # squared correlation of Hann segments that overlap by half (Welch 1967)
 ERROR_FLOOR = 1e-6
 TAIL_S = 30.0  # rest appended to a command, in which a model's response dies out
 
 
+@dataclass(frozen=True)
+class _Lines:
+    """Fourier lines (segments, m) at `frequency_hz` (m,), and how many of the segments are independent."""
+
+    frequency_hz: Array
+    values: ComplexArray
+    averages: float
+
+
 def estimate(
-    command_v: Array, outputs: Array, dt_s: float, band_hz: tuple[float, float], segment_s: float
+    records: Sequence[Record], dt_s: float, band_hz: tuple[float, float], segment_s: float, estimator: Estimator = "h1"
 ) -> tuple[Frf, ...]:
-    """Estimate H1 from the command (n,) in V to each output (c, n) in m/s^2 at the lines within a band.
+    """Estimate the response from the command in V to each channel in m/s^2 at the lines within a band.
 
     The second difference of the command stands for the command, which makes response and spectrum flat at low
-    frequencies, where leakage would show; it is put back exactly.
-    Raises InputError when the record is shorter than four segments.
+    frequencies, where leakage would show; it is put back exactly. All records count alike, sample by sample.
+    Raises InputError when a record is too short.
     """
-    frfs = h1(np.diff(command_v, 2, prepend=[0.0, 0.0]), outputs, dt_s, band_hz, segment_s)
+    given = [np.diff(record.command_v, 2, prepend=[0.0, 0.0]) for record in records]
+    channels = range(len(records[0].accel_m_s2))
+    frfs = responses(records, given, [[r.accel_m_s2[c] for r in records] for c in channels], dt_s, band_hz, segment_s,
+                     estimator)  # fmt: skip
     difference = (1.0 - np.exp(-2j * np.pi * frfs[0].frequency_hz * dt_s)) ** 2
     return tuple(replace(frf, response=frf.response * difference) for frf in frfs)
 
 
-def h1(given: Array, outputs: Array, dt_s: float, band_hz: tuple[float, float], segment_s: float) -> tuple[Frf, ...]:
-    """Return H1 from an input (n,) to each output (c, n) by Welch's method: Hann segments that overlap by half.
+def responses(
+    records: Sequence[Record], given: Sequence[Array], outputs: Sequence[Sequence[Array]], dt_s: float,
+    band_hz: tuple[float, float], segment_s: float, estimator: Estimator,
+) -> tuple[Frf, ...]:  # fmt: skip
+    """Return the responses from inputs to outputs, each a signal (n,) per record, over the records' excitation."""
+    check_lengths(records, dt_s, segment_s)
+    inputs = _pooled(records, given, dt_s, band_hz, segment_s)
+    return tuple(_response(inputs, _pooled(records, output, dt_s, band_hz, segment_s), estimator) for output in outputs)
 
-    The standard error is sqrt((1 - c) / (2 c n)) (Bendat and Piersol, Random Data, chapter 9).
-    """
-    length = round(segment_s / dt_s)
-    if len(given) < LEAST_SEGMENTS * length:
-        raise InputError(
-            f"identification.duration_s: {len(given) * dt_s:.0f} s of noise is shorter than {LEAST_SEGMENTS} "
-            f"segments of {segment_s:g} s; excite for longer, or shorten identification.segment_s"
-        )
+
+def check_lengths(records: Sequence[Record], dt_s: float, segment_s: float) -> None:
+    """Raise InputError when a record has too few segments or periods."""
+    for record in records:
+        count = record.parts.noise.stop - record.parts.noise.start
+        length, least, name = _cut(record, dt_s, segment_s)
+        if count < least * length:
+            raise InputError(
+                f"identification.duration_s: {count * dt_s:.0f} s of excitation is shorter than {least} {name} of "
+                f"{length * dt_s:g} s; excite for longer"
+            )
+
+
+def _cut(record: Record, dt_s: float, segment_s: float) -> tuple[int, int, str]:
+    """Return the length of the pieces in samples, how many there must be, and what they are called."""
+    if record.parts.period_samples:
+        return record.parts.period_samples, LEAST_PERIODS, "periods"
+    return round(segment_s / dt_s), LEAST_SEGMENTS, "segments"
+
+
+def _pooled(
+    records: Sequence[Record], signals: Sequence[Array], dt_s: float, band_hz: tuple[float, float], segment_s: float
+) -> _Lines:
+    """Return the lines of all segments of all records."""
+    parts = [
+        _lines(signal[r.parts.noise], r, dt_s, band_hz, segment_s) for r, signal in zip(records, signals, strict=True)
+    ]
+    if len({len(part.frequency_hz) for part in parts}) > 1:
+        raise InputError("records: their segments differ in length; evaluate records of one kind together")
+    values = np.vstack([part.values for part in parts])
+    return _Lines(parts[0].frequency_hz, values, sum(part.averages for part in parts))
+
+
+def _lines(signal: Array, record: Record, dt_s: float, band_hz: tuple[float, float], segment_s: float) -> _Lines:
+    """Return the Fourier lines of each segment less its mean: Hann and half overlapping, or whole periods."""
+    length, _, _ = _cut(record, dt_s, segment_s)
+    periodic = record.parts.period_samples > 0
+    window = np.ones(length) if periodic else 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
+    starts = range(0, len(signal) - length + 1, length if periodic else length // 2)
     frequency = np.arange(length // 2 + 1) / (length * dt_s)
     inside = (frequency >= band_hz[0] - 1e-9) & (frequency <= band_hz[1] + 1e-9)
-    lines = _spectra(given, length, inside)
-    return tuple(_h1(frequency[inside], lines, _spectra(output, length, inside)) for output in outputs)
-
-
-def _spectra(signal: Array, length: int, inside: np.ndarray) -> ComplexArray:
-    """Return the Fourier lines of each Hann segment less its mean, (n_segments, n_lines)."""
-    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
-    starts = range(0, len(signal) - length + 1, length // 2)
     segments = (signal[k : k + length] for k in starts)
-    return np.array([np.fft.rfft(window * (part - part.mean()))[inside] for part in segments])
+    values = np.array([np.fft.rfft(window * (part - part.mean()))[inside] for part in segments])
+    count = len(values)
+    overlap = 1.0 if periodic else 1.0 + 2.0 * OVERLAP_CORRELATION * (count - 1) / count
+    return _Lines(frequency[inside], values, count / overlap)
 
 
-def _h1(frequency: Array, given: ComplexArray, output: ComplexArray) -> Frf:
-    """Return H1, coherence and standard error from the segments' lines of input and output."""
-    power, cross = np.sum(np.abs(given) ** 2, axis=0), np.sum(np.conj(given) * output, axis=0)
-    coherence = np.abs(cross) ** 2 / (power * np.sum(np.abs(output) ** 2, axis=0))
-    segments = len(given)
-    averages = segments / (1.0 + 2.0 * OVERLAP_CORRELATION * (segments - 1) / segments)
-    error = np.sqrt((1.0 - coherence).clip(min=0.0) / (2.0 * coherence * averages)).clip(min=ERROR_FLOOR)
-    return Frf(frequency, cross / power, coherence, error, round(averages))
+def _response(given: _Lines, output: _Lines, estimator: Estimator) -> Frf:
+    """Return response, coherence and standard error from the segments' lines of input and output.
+
+    H1 = Sxy / Sxx is free of bias under noise in the output, H2 = Syy / Syx under noise in the input, Hv, their
+    geometric mean, lies between. Standard error: sqrt((1 - c) / (2 c n)) (Bendat and Piersol, Random Data, chapter 9).
+    """
+    power = np.sum(np.abs(given.values) ** 2, axis=0)
+    out = np.sum(np.abs(output.values) ** 2, axis=0)
+    cross = np.sum(np.conj(given.values) * output.values, axis=0)
+    coherence = np.abs(cross) ** 2 / (power * out)
+    h1 = cross / power
+    response = {"h1": h1, "h2": h1 / coherence, "hv": h1 / np.sqrt(coherence)}[estimator]
+    error = np.sqrt((1.0 - coherence).clip(min=0.0) / (2.0 * coherence * given.averages)).clip(min=ERROR_FLOOR)
+    return Frf(given.frequency_hz, response, coherence, error, round(given.averages))
 
 
-def without_leakage(frf: Frf, model: Model, command_v: Array, table_accel: Array, noise: slice) -> Frf:
+def without_leakage(
+    frf: Frf, model: Model, records: Sequence[Record], segment_s: float, estimator: Estimator = "h1"
+) -> Frf:
     """Return the table's FRF with the leakage taken out that a model's own response has too.
 
     Segments average a response over neighbouring lines and cut vibrations off at their ends: 1-2 % in the valleys of
-    a specimen of 4 % damping, a quarter for 0.5 %. H1 from the model's response to the same command (n,) in V to the
-    measured one (n,) in m/s^2 is near 1 and free of that; times the model it is the table's, wrong only by leakage
-    times the model's own error.
+    a specimen of 4 % damping, a quarter for 0.5 %. The response from what the model answers to the same command to
+    what was measured is near 1 and free of that; times the model it is the table's, wrong only by leakage times the
+    model's own error.
     """
     f = frf.frequency_hz
-    simulated = simulate(model, command_v, 1.2 * float(f[-1]))
-    segment_s = 1.0 / (f[1] - f[0])
-    over = h1(simulated[noise], table_accel[None, noise], model.dt_s, (f[0], f[-1]), segment_s)[0]
+    over = over_model(model, records, (float(f[0]), float(f[-1])), segment_s, estimator)
     return replace(over, response=over.response * model.sampled_response(f))
+
+
+def over_model(
+    model: Model, records: Sequence[Record], band_hz: tuple[float, float], segment_s: float, estimator: Estimator = "h1"
+) -> Frf:
+    """Return the table's response over the model's: 1 where the model is right."""
+    simulated = [simulate(model, record.command_v, 1.2 * band_hz[1]) for record in records]
+    table = [record.accel_m_s2[0] for record in records]
+    return responses(records, simulated, [table], model.dt_s, band_hz, segment_s, estimator)[0]
 
 
 def simulate(model: Model, command_v: Array, high_hz: float) -> Array:
@@ -91,3 +160,29 @@ def simulate(model: Model, command_v: Array, high_hz: float) -> Array:
     spectrum[inside] *= model.sampled_response(frequency[inside])
     spectrum[~inside] = 0.0
     return np.fft.irfft(spectrum, count)[: len(command_v)]
+
+
+def noise_floor(records: Sequence[Record], frf: Frf, channel: int, dt_s: float) -> Array | None:
+    """Return the |response| (m,) that a channel's noise at rest alone would show, None without a silent part.
+
+    The spectrum of the silence (one-second Hann segments) over that of the excitation, per unit of averaging.
+    """
+    quiet = [r.accel_m_s2[channel, r.parts.silence] for r in records if r.parts.silence is not None]
+    length = round(1.0 / dt_s)
+    pieces = [
+        q[k : k + length] - q[k : k + length].mean() for q in quiet for k in range(0, len(q) - length + 1, length)
+    ]
+    if not pieces:
+        return None
+    window = np.hanning(length)
+    density = np.mean([np.abs(np.fft.rfft(window * p)) ** 2 for p in pieces], axis=0) / np.sum(window**2)
+    at_rest = np.interp(frf.frequency_hz, np.arange(len(density)) / (length * dt_s), density)
+    driven = np.zeros(len(frf.frequency_hz))
+    segment_s = 1.0 / (frf.frequency_hz[1] - frf.frequency_hz[0])
+    for record in records:
+        lines = _lines(record.command_v[record.parts.noise], record, dt_s, (frf.frequency_hz[0], frf.frequency_hz[-1]),
+                       segment_s)  # fmt: skip
+        driven += np.mean(np.abs(lines.values) ** 2, axis=0) / len(records)
+    hann = 1.0 if records[0].parts.period_samples else 3.0 / 8.0
+    driven /= hann * round(segment_s / dt_s)
+    return np.sqrt(at_rest / driven / frf.averages)

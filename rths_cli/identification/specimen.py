@@ -9,7 +9,8 @@ vibration: the coupled motion of table and specimen is input and output at once.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,25 +21,46 @@ from rths_cli.structure import Specimen, modal_damping_matrix, storey_matrix
 LEAST_RATIO, MOST_RATIO = 1e-3, 0.5
 ABOVE_HIGHEST = 1.6  # the lines used end at this multiple of the highest natural frequency
 BLOCK = 1000  # the stretch is cut to a multiple of so many samples, for a fast transform
+CLOCK = 20e-6  # what a converter's clock is trusted to
+SKEW = 0.01  # of a sample: what the channels' common instant is trusted to
+NOISE_STRETCHES, FREE_SHARE = 5, 0.8
 
 
 @dataclass(frozen=True)
 class SpecimenFit:
     """Identified specimen of n floors relative to the table: a chain of storeys with modal damping.
 
-    `stiffness_n_per_m`, `natural_frequency_hz`, `damping_ratio` (n,), the standard errors of the last two, and
-    `mode_shapes` (n, n), a mode per column with its largest floor 1. `residual`: rms of what the fit does not
-    explain over rms of the floors' accelerations.
+    `stiffness_n_per_m`, `dashpots_n_s_per_m` (those of the storeys that give the same modal ratios),
+    `natural_frequency_hz`, `damping_ratio` (n,) with their standard uncertainties `..._error`, and `mode_shapes`
+    (n, n), a mode per column with its largest floor 1. `residual`: rms of what the fit does not explain over rms of the
+    floors' accelerations. `frequency_scatter_hz`, `damping_scatter` (n,): standard deviation over stretches of the
+    record (NaN before it was split).
     """
 
     specimen: Specimen
     stiffness_n_per_m: Array
+    dashpots_n_s_per_m: Array
     natural_frequency_hz: Array
     damping_ratio: Array
     mode_shapes: Array
+    stiffness_error_n_per_m: Array
     frequency_error_hz: Array
     damping_error: Array
+    frequency_scatter_hz: Array
+    damping_scatter: Array
     residual: float
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Accelerations in m/s^2 of table (n,), without the staircase alias, and floors (c, n) over a stretch."""
+
+    table: Array
+    floors: Array
+
+    def cut(self, part: slice) -> Motion:
+        """Return a part of the stretch."""
+        return Motion(self.table[part], self.floors[:, part])
 
 
 @dataclass(frozen=True)
@@ -58,22 +80,75 @@ class Start:
     damping_ratio: Array
 
 
-def fit_specimen(
-    table_accel: Array, floor_accel: Array, dt_s: float, masses_kg: Array, low_hz: float, start: Start
-) -> SpecimenFit:
-    """Fit storey stiffnesses and modal damping ratios to accelerations in m/s^2 of table (n,) and floors (c, n).
+def fit_specimen(motions: Sequence[Motion], dt_s: float, masses_kg: Array, low_hz: float, start: Start) -> SpecimenFit:
+    """Fit storey stiffnesses and modal damping ratios to one or several motions, which count alike.
 
-    The table's are without the staircase alias; `masses_kg` (c,) are weighed; lines from `low_hz` up are used.
+    `masses_kg` (c,) are weighed; lines from `low_hz` up are used.
     """
     from scipy.optimize import least_squares
 
     masses = np.asarray(masses_kg, dtype=float)
     highest = modal(masses, start.stiffness_n_per_m)[0][-1] / (2.0 * np.pi)
-    lines = _transform(table_accel, floor_accel, dt_s, (low_hz, ABOVE_HIGHEST * highest))
-    stiffness, ratios = start.stiffness_n_per_m, start.damping_ratio
-    theta = np.log(np.concatenate([stiffness, ratios]))
-    found = least_squares(lambda p: _residual(lines, masses, p), theta, method="lm", xtol=1e-9, ftol=1e-9)
-    return _described(masses, found.x, found.jac, found.fun)
+    lines = [_transform(motion, dt_s, (low_hz, ABOVE_HIGHEST * highest)) for motion in motions]
+    theta = np.log(np.concatenate([start.stiffness_n_per_m, start.damping_ratio]))
+    found = least_squares(
+        lambda p: np.concatenate([_residual(part, masses, p) for part in lines]),
+        theta, method="lm", xtol=1e-9, ftol=1e-9,
+    )  # fmt: skip
+    return _described(masses, found.x, found.jac, found.fun, len(lines))
+
+
+def fit_stretches(
+    motions: Sequence[Motion], dt_s: float, masses_kg: Array, low_hz: float, start: Start, free: bool
+) -> SpecimenFit:
+    """Fit whole motions, and state uncertainties that hold for its stretches too.
+
+    The random error is that of the fit, widened by the Birge ratio where the stretches scatter more than their own
+    errors say (friction, amplitude). To it is added what no record shows: the converter's clock (20 ppm of a frequency)
+    and the channels' skew (1 % of a sample, which is w dt / 200 of a damping ratio).
+    """
+    whole = fit_specimen(motions, dt_s, masses_kg, low_hz, start)
+    first = Start(whole.stiffness_n_per_m, whole.damping_ratio)
+    pieces = [motion.cut(part) for motion in motions for part in stretches_of(motion.floors, free)]
+    fits = [fit_specimen([piece], dt_s, masses_kg, low_hz, first) for piece in pieces]
+    hz, ratio = (np.array([getattr(f, name) for f in fits]) for name in ("natural_frequency_hz", "damping_ratio"))
+    clock = CLOCK * whole.natural_frequency_hz
+    skew = np.pi * whole.natural_frequency_hz * SKEW * dt_s
+    widened = birge(hz, np.array([found.frequency_error_hz for found in fits]))
+    damping_widened = birge(ratio, np.array([found.damping_error for found in fits]))
+    return replace(
+        whole,
+        frequency_error_hz=np.hypot(whole.frequency_error_hz * widened, clock),
+        damping_error=np.hypot(whole.damping_error * damping_widened, skew),
+        stiffness_error_n_per_m=np.hypot(
+            whole.stiffness_error_n_per_m * widened.max(), 2.0 * CLOCK * whole.stiffness_n_per_m
+        ),
+        frequency_scatter_hz=hz.std(axis=0, ddof=1),
+        damping_scatter=ratio.std(axis=0, ddof=1),
+    )
+
+
+def birge(values: Array, errors: Array) -> Array:
+    """Return by how much estimates (k, n) scatter more than their errors say, at least 1 (n,).
+
+    Source: R.T. Birge, Phys. Rev. 40, 207 (1932).
+    """
+    weight = 1.0 / errors**2
+    mean = np.sum(weight * values, axis=0) / np.sum(weight, axis=0)
+    return np.sqrt(np.maximum(np.sum(weight * (values - mean) ** 2, axis=0) / (len(values) - 1), 1.0))
+
+
+def stretches_of(floor_accel: Array, free: bool) -> tuple[slice, ...]:
+    """Return stretches of an excited record (c, n), five of one length, or of a free vibration: two, the first with
+    0.8 of the energy."""
+    n = floor_accel.shape[1]
+    if not free:
+        length = n // NOISE_STRETCHES
+        return tuple(slice(i * length, (i + 1) * length) for i in range(NOISE_STRETCHES))
+    energy = np.cumsum(np.sum((floor_accel - floor_accel[:, -1:]) ** 2, axis=0))
+    middle = int(np.searchsorted(energy, FREE_SHARE * energy[-1]))
+    middle = min(max(middle, 2 * BLOCK), n - 2 * BLOCK)
+    return slice(0, middle), slice(middle, n)
 
 
 def modal(masses_kg: Array, stiffness_n_per_m: Array) -> tuple[Array, Array]:
@@ -83,13 +158,13 @@ def modal(masses_kg: Array, stiffness_n_per_m: Array) -> tuple[Array, Array]:
     return np.sqrt(eigenvalues), shapes / root[:, None]
 
 
-def _transform(table: Array, floors: Array, dt_s: float, band_hz: tuple[float, float]) -> _Lines:
+def _transform(motion: Motion, dt_s: float, band_hz: tuple[float, float]) -> _Lines:
     """Return the Fourier lines of a stretch within a band, scaled so that the floors' sum of squares is 1.
 
     Its first sample becomes the mean of both ends, so that the sum over samples is the trapezoidal rule.
     """
-    count = (len(table) - 1) // BLOCK * BLOCK
-    signals = np.vstack([table, floors])[:, : count + 1]
+    count = (len(motion.table) - 1) // BLOCK * BLOCK
+    signals = np.vstack([motion.table, motion.floors])[:, : count + 1]
     signals = np.hstack([0.5 * (signals[:, :1] + signals[:, -1:]), signals[:, 1:-1]])
     frequency = np.arange(count // 2 + 1) / (count * dt_s)
     inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
@@ -153,23 +228,28 @@ def _without(values: Array, columns: Array) -> Array:
     return values - columns @ np.linalg.lstsq(columns.T @ columns, columns.T @ values, rcond=1e-12)[0]
 
 
-def _described(masses: Array, theta: Array, jacobian: Array, residual: Array) -> SpecimenFit:
+def _described(masses: Array, theta: Array, jacobian: Array, residual: Array, motions: int) -> SpecimenFit:
     """Return the fit with its standard errors, carried from the logarithms to frequencies and ratios."""
     stiffness, ratios = np.split(np.exp(theta), 2)
     omega, shapes = modal(masses, stiffness)
     n = len(masses)
-    variance = float(residual @ residual) / max(len(residual) - 5 * n, 1)
+    variance = float(residual @ residual) / max(len(residual) - (2 + 3 * motions) * n, 1)
     covariance = variance * np.linalg.pinv(jacobian.T @ jacobian)
     drift = np.diff(shapes, axis=0, prepend=np.zeros((1, n)))
     slope = (drift**2 * stiffness[:, None]).T / (2.0 * omega[:, None])  # d w_r / d log k_i
     K = storey_matrix(stiffness)
+    unknown = np.full(n, np.nan)
     return SpecimenFit(
         specimen=Specimen(masses, K, modal_damping_matrix(masses, K, ratios)),
         stiffness_n_per_m=stiffness,
+        dashpots_n_s_per_m=np.asarray(np.linalg.solve(drift.T**2, 2.0 * ratios * omega), dtype=float),
         natural_frequency_hz=omega / (2.0 * np.pi),
         damping_ratio=ratios,
         mode_shapes=shapes / shapes[np.argmax(np.abs(shapes), axis=0), np.arange(n)],
+        stiffness_error_n_per_m=stiffness * np.sqrt(np.diag(covariance)[:n]),
         frequency_error_hz=np.sqrt(np.diag(slope @ covariance[:n, :n] @ slope.T)) / (2.0 * np.pi),
         damping_error=ratios * np.sqrt(np.diag(covariance)[n:]),
-        residual=float(np.linalg.norm(residual)),
+        frequency_scatter_hz=unknown,
+        damping_scatter=unknown,
+        residual=float(np.linalg.norm(residual) / np.sqrt(motions)),
     )

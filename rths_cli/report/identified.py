@@ -1,114 +1,210 @@
-"""What an identification found, as a page for the terminal and as a document."""
+"""What an identification found, as a page for the terminal, in the order in which an experimentalist asks."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 
+from rths_cli.identification.channels import ChannelReport
 from rths_cli.identification.evaluate import Identification
-from rths_cli.identification.fit_table import FitError
-from rths_cli.identification.specimen import SpecimenFit
-from rths_cli.lti import Array, Model
+from rths_cli.identification.fit_table import COMPARED_HZ, MID_HZ, FitError
+from rths_cli.identification.verdict import LIMITS, Band, LevelBand, Root, Verdict
+from rths_cli.lti import Model
+from rths_cli.report.identified_document import About, as_document, centre_rad_s, rejected_document
+from rths_cli.report.identified_specimen import specimen_lines
+from rths_cli.report.identified_text import (
+    DASH,
+    aligned,
+    band,
+    labelled,
+    number,
+    percent,
+    short,
+    with_uncertainty,
+    wrapped,
+)
 
-WIDTH = 28
+__all__ = ["About", "as_document", "page", "rejected_document", "rejected_page", "title", "verdict_sentence"]
+
+SIGNIFICANT = 3.0  # standard errors
 
 
-def page(found: Identification, rig_kind: str) -> str:
-    """Return the page: models, specimen by noise and by free vibration, verdict."""
-    lines = [f"Identification of the {rig_kind} table, from its channels only", ""]
-    lines += [*_model("best", found.best, found.best_error), *_model("paper", found.paper, found.paper_error)]
-    lines += _specimen("specimen, from noise", found.specimen)
-    lines += _specimen("specimen, free vibration", found.free_vibration)
-    if found.noise_rms_m_s2 is not None:
-        lines.append(_line("noise at rest", _noise(found.noise_rms_m_s2)))
-    lines += [_line("note", warning) for warning in found.warnings]
-    verdict = "accepted" if found.accepted else "rejected: " + "; ".join(found.reasons)
-    return "\n".join([*lines, _line("verdict", verdict)]) + "\n"
-
-
-def _model(name: str, model: Model, error: FitError) -> list[str]:
-    band = f"{model.band_hz[0]:g}-{model.band_hz[1]:g} Hz"
-    size = f"{len(model.poles)} poles, {len(model.zeros)} zeros (two at the origin), delay {1e3 * model.delay_s:.3g} ms"
-    fit = f"{error.rms:.2%} RMS, {error.largest:.2%} largest in 0.7-11 Hz; {error.rms_mid:.2%} RMS in 2-10 Hz"
-    return [
-        _line(f"table model, {name}", f"{size}, fitted over {band}"),
-        _line("  error |fit / FRF - 1|", fit),
-        _line("  poles", f"{_hertz(model.poles)} Hz"),
-        _line("  zeros off the origin", f"{_hertz(model.zeros[np.abs(model.zeros) > 1e-9])} Hz"),
-        _line("  low-frequency gain", f"{1e3 * model.low_frequency_gain_m_per_v:.4g} mm/V"),
+def page(found: Identification, about: About) -> str:
+    """Return the page: data, channels, table's model, residual, amplitude dependence, specimen, verdict."""
+    sections = [
+        _data(about),
+        _channels(found.channels),
+        _table(found),
+        _roots(found.roots),
+        _residuals(found.residuals),
+        _levels(found.levels),
+        specimen_lines(found),
+        _verdict(found.verdict),
     ]
+    return _set(sections)
 
 
-def _specimen(name: str, fit: SpecimenFit | None) -> list[str]:
-    if fit is None:
+def rejected_page(channels: Sequence[ChannelReport], faults: Sequence[str], about: About) -> str:
+    """Return the page of data from which no model could be made: channels, and a line for each reason."""
+    return _set([_data(about), _channels(channels), _rejected(faults)])
+
+
+def title(about: About) -> str:
+    """Return the first line of the page: which table, and that only its channels were used."""
+    return f"Identification of the {about.rig_kind} table {about.rig}, from its channels only"
+
+
+def verdict_sentence(verdict: Verdict) -> str:
+    """Return what an accepted model may be used for, or "rejected" and the reasons."""
+    if not verdict.accepted:
+        return "rejected: " + "; ".join(verdict.reasons)
+    low, high = verdict.feedforward_hz
+    return (
+        f"accepted: fit for feedforward from {short(low)} to {short(high)} Hz, transport delay "
+        f"{short(1e3 * verdict.delay_s)} ms, lag {short(1e3 * verdict.lag_s)} ms at low frequency"
+    )
+
+
+def _set(sections: Sequence[Sequence[str]]) -> str:
+    """Return sections with a blank line between, none of their lines longer than the page is wide."""
+    return "\n\n".join(wrapped(section) for section in sections if section) + "\n"
+
+
+def _data(about: About) -> list[str]:
+    return [title(about), labelled("data", about.source), *(labelled(label, text) for label, text in about.lines)]
+
+
+def _channels(channels: Sequence[ChannelReport]) -> list[str]:
+    """Return a line per channel."""
+    if not channels:
         return []
+    where = f"coherence: median in {band(*COMPARED_HZ)} Hz"
+    rows = [["channel", "rms", "largest", "at rest", "coherence", "hum"]]
+    rows += [
+        [c.name, number(c.rms_m_s2), number(c.largest_m_s2), _rest(c.rest_rms_m_s2), _coherence(c.coherence), _hum(c)]
+        for c in channels
+    ]
+    return [labelled("channels", f"m/s^2 under excitation, rms at rest; {where}"), *aligned(rows)]
+
+
+def _rest(rms_m_s2: float | None) -> str:
+    """Return the rms at rest; a channel that showed one code throughout is below a bit."""
+    if rms_m_s2 is None:
+        return DASH
+    return "below a bit" if rms_m_s2 == 0.0 else number(rms_m_s2)
+
+
+def _hum(channel: ChannelReport) -> str:
+    return f"{number(channel.hum_m_s2)} at {channel.hum_hz:g} Hz" if channel.hum_hz > 0.0 else "none"
+
+
+def _coherence(value: float) -> str:
+    return f"{value:.5f}" if np.isfinite(value) else DASH
+
+
+def _table(found: Identification) -> list[str]:
+    """Return structure, delay, gain and fit errors of the table's models."""
+    low, high = found.verdict.feedforward_hz
+    reach = f"{short(low)} to {short(high)} Hz" if high > low else "nowhere"
+    delay, lag = short(1e3 * found.verdict.delay_s), short(1e3 * found.verdict.lag_s)
+    gain = number(1e3 * found.best.low_frequency_gain_m_per_v, 4)
     return [
-        _line(name, "  ".join(f"{value:.4f}" for value in fit.natural_frequency_hz) + " Hz"),
-        _line("  damping", "  ".join(f"{100 * value:.3f}" for value in fit.damping_ratio) + " %"),
-        _line("  storey stiffness", f"{_numbers(fit.stiffness_n_per_m)} N/m"),
+        labelled("table model", "command to acceleration, two zeros at the origin given"),
+        *_structure(found),
+        labelled("  transport delay", f"{delay} ms"),
+        labelled("  lag, low frequency", f"{lag} ms (command to displacement, delay included)"),
+        labelled("  gain, low frequency", f"{gain} mm/V"),
+        labelled("  keeps its limits", f"{reach} ({LIMITS.rms:.0%} rms, {LIMITS.largest:.0%} largest)"),
+        "",
+        labelled("fit error", f"|model / FRF - 1| in %, rms and largest in {band(*COMPARED_HZ)} Hz"),
+        *aligned(
+            [
+                ["model", "poles", "zeros", "fitted (Hz)", "rms", "largest", f"rms {band(*MID_HZ)} Hz"],
+                _fit("best", found.best, found.best_error),
+                _fit("paper", found.paper, found.paper_error),
+            ]
+        ),
     ]
 
 
-def _line(name: str, text: str) -> str:
-    return f"{name:<{WIDTH}}{text}"
+def _structure(found: Identification) -> list[str]:
+    """Return the structures that were tried and their held-out errors."""
+    if not found.candidates:
+        return [labelled("  structure", "as given; no others were tried")]
+    rows = [["structure", "poles", "zeros", "held-out error", ""]]
+    rows += [
+        [c.name, str(c.poles), str(c.zeros), number(c.held_out), "chosen" if c.chosen else ""] for c in found.candidates
+    ]
+    meaning = "zeros off the origin; held-out error over the data's own scatter: 1 is all that the data can tell"
+    return [*aligned(rows), labelled("", meaning)]
 
 
-def _noise(rms: Array) -> str:
-    """Return the channels' noise in mm/s^2; a channel that showed one code throughout is below a bit."""
-    return "  ".join(f"{1e3 * value:.3g} mm/s^2 rms" if value > 0.0 else "below one bit" for value in rms)
+def _fit(name: str, model: Model, error: FitError) -> list[str]:
+    size = [str(len(model.poles)), str(len(model.zeros)), band(*model.band_hz)]
+    return [name, *size, percent(error.rms), percent(error.largest), percent(error.rms_mid)]
 
 
-def _numbers(values: Array) -> str:
-    return "  ".join(f"{value:.4g}" for value in values)
+def _roots(roots: Sequence[Root]) -> list[str]:
+    """Return a line for each root or pair of roots of the best model."""
+    rows = [["", "frequency (Hz)", "damping ratio (%)"]]
+    for root in roots:
+        frequency = with_uncertainty(root.frequency_hz, root.frequency_error_hz)
+        damping = with_uncertainty(root.damping_ratio, root.damping_error, 100.0)
+        rows.append([root.kind, frequency, damping if np.isfinite(root.damping_ratio) else "real"])
+    return [labelled("roots, best", "zeros off the origin; +- 2 standard uncertainties"), *aligned(rows)]
 
 
-def _hertz(roots: np.ndarray) -> str:
-    """Return roots as frequency and, for pairs, damping ratio: |s| / 2 pi (zeta)."""
-    shown = []
-    for root in sorted(roots, key=abs):
-        if root.imag == 0.0:
-            shown.append(f"{abs(root) / (2 * np.pi):.4g} (real)")
-        elif root.imag > 0.0:
-            shown.append(f"{abs(root) / (2 * np.pi):.4g} ({-root.real / abs(root):.3f})")
-    return "  ".join(shown)
+def _residuals(bands: Sequence[Band]) -> list[str]:
+    rows = [["band (Hz)", "rms", "largest", "data's scatter", "coherence"]]
+    rows += [
+        [band(b.low_hz, b.high_hz), percent(b.rms), percent(b.largest), percent(b.scatter), _coherence(b.coherence)]
+        for b in bands
+    ]
+    return [labelled("residual, best", "|model / FRF - 1| in %, and the FRF's own standard error"), *aligned(rows)]
 
 
-def as_document(found: Identification) -> dict[str, Any]:
-    """Return what was found as plain numbers and lists for JSON."""
-    return {
-        "accepted": found.accepted,
-        "reasons": list(found.reasons),
-        "warnings": list(found.warnings),
-        "best": _model_document(found.best, found.best_error),
-        "paper": _model_document(found.paper, found.paper_error),
-        "specimen": _specimen_document(found.specimen),
-        "free_vibration": _specimen_document(found.free_vibration),
-    }
+def _levels(levels: Sequence[LevelBand]) -> list[str]:
+    """Return how the table's response differs at low level, and what that means."""
+    if not levels:
+        return []
+    rows = [["band (Hz)", "magnitude (%)", "phase (deg)", "later by (ms)"]]
+    for level in levels:
+        spread = level.error / abs(level.ratio)
+        phase = float(np.angle(level.ratio))
+        rows.append(
+            [
+                band(level.low_hz, level.high_hz),
+                with_uncertainty(abs(level.ratio) - 1.0, level.error, 100.0),
+                with_uncertainty(phase, spread, 180.0 / np.pi),
+                with_uncertainty(-phase, spread, 1e3 / centre_rad_s(level)),
+            ]
+        )
+    heading = labelled("amplitude dependence", "low level over full level, +- 2 standard errors")
+    return [heading, *aligned(rows), labelled("", _meaning(levels))]
 
 
-def _model_document(model: Model, error: FitError) -> dict[str, Any]:
-    return {
-        "zeros": [[root.real, root.imag] for root in model.zeros],
-        "poles": [[root.real, root.imag] for root in model.poles],
-        "gain": model.gain,
-        "delay_s": model.delay_s,
-        "ripple_m_s2_per_v": model.ripple_m_s2_per_v,
-        "band_hz": list(model.band_hz),
-        "fit_error_rms": error.rms,
-        "fit_error_max": error.largest,
-        "fit_error_mid": error.rms_mid,
-    }
+def _meaning(levels: Sequence[LevelBand]) -> str:
+    """Say what a difference between levels means, from the bands up to 11 Hz where there are some."""
+    low = [level for level in levels if level.high_hz <= COMPARED_HZ[1]] or levels
+    clear = [level for level in low if abs(level.ratio - 1.0) > SIGNIFICANT * level.error]
+    if not clear:
+        return "no difference beyond the scatter: friction does not show at these levels"
+    most = max(clear, key=lambda level: abs(level.ratio - 1.0))
+    change = most.ratio - 1.0
+    size = f"differs by up to {percent(abs(change))} % ({band(most.low_hz, most.high_hz)} Hz)"
+    if change.real > abs(change.imag):
+        return f"{size} and is larger at low level, which friction is not: look for clipping or a limit at full level"
+    return f"{size}: friction takes a larger share of small motions; the model holds best near full level"
 
 
-def _specimen_document(fit: SpecimenFit | None) -> dict[str, Any] | None:
-    if fit is None:
-        return None
-    return {
-        "natural_frequency_hz": fit.natural_frequency_hz.tolist(),
-        "frequency_error_hz": fit.frequency_error_hz.tolist(),
-        "damping_ratio": fit.damping_ratio.tolist(),
-        "damping_error": fit.damping_error.tolist(),
-        "stiffness_n_per_m": fit.stiffness_n_per_m.tolist(),
-        "mode_shapes": fit.mode_shapes.tolist(),
-    }
+def _verdict(verdict: Verdict) -> list[str]:
+    """Return the warnings, then the verdict."""
+    warnings = [labelled("warning", warning) for warning in verdict.warnings]
+    if not verdict.accepted:
+        return warnings + _rejected(verdict.reasons)
+    return [*warnings, labelled("verdict", verdict_sentence(verdict))]
+
+
+def _rejected(reasons: Sequence[str]) -> list[str]:
+    return [labelled("" if i else "verdict", f"rejected: {reason}") for i, reason in enumerate(reasons)]

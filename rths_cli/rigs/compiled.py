@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cache
@@ -18,6 +17,8 @@ from typing import Any, TypeVar
 
 import numba
 from numba import njit
+
+from rths_cli.files.user_cache import user_cache
 
 _CONFIG: Any = numba.config
 F = TypeVar("F", bound=Callable[..., object])
@@ -53,16 +54,7 @@ def cache_folder() -> str:
     digest = hashlib.sha256(f"{platform.python_version()} {numba.__version__}".encode())
     for path in files:
         digest.update(path.read_bytes())
-    return str(_user_cache() / f"compiled-{digest.hexdigest()[:16]}")
-
-
-def _user_cache() -> Path:
-    """Return rths's folder in the user's cache."""
-    if sys.platform == "win32":
-        base = os.environ.get("LOCALAPPDATA", "")
-    else:
-        base = os.environ.get("XDG_CACHE_HOME", "")
-    return (Path(base) if base else Path.home() / ".cache") / "rths"
+    return str(user_cache() / f"compiled-{digest.hexdigest()[:16]}")
 
 
 @contextmanager

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Protocol
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, RthsError, write_crash_file
 from rths_cli.rigs.compiled import is_compiled
-from rths_cli.workflows.identify import Memory
+from rths_cli.workflows.known import Memory
+from rths_cli.workflows.model_store import Cache
 from rths_cli.workflows.run import Ended, moves_table, prepare_all, run_case
 
 if TYPE_CHECKING:
@@ -38,7 +39,10 @@ class Watcher(Protocol):
 
 @dataclass(frozen=True)
 class Request:
-    """What `rths run` was asked: case files, settings KEY=VALUE, methods (none: each case's own), where to."""
+    """What `rths run` was asked: case files, settings KEY=VALUE, methods (none: each case's own), where to.
+
+    `fresh` ignores models that earlier runs identified.
+    """
 
     paths: tuple[str, ...]
     settings: tuple[str, ...]
@@ -47,6 +51,7 @@ class Request:
     replace: bool
     command_line: str
     overrides: tuple[str, ...] = ()
+    fresh: bool = False
 
 
 def plan(request: Request, memory: Memory) -> list[tuple[Setup, Path]]:
@@ -60,7 +65,7 @@ def plan(request: Request, memory: Memory) -> list[tuple[Setup, Path]]:
         jobs += [(setup, request.output / f"{setup.case.name}{suffix}.h5") for setup in setups]
     for setup, _ in jobs:
         if moves_table(setup.case):
-            memory.plan(setup)
+            memory.prepare(setup)
     present = [str(path) for _, path in jobs if path.exists()]
     if present and not request.replace:
         advice = "exists; remove it, choose another --output, or drop --no-replace"
@@ -70,7 +75,7 @@ def plan(request: Request, memory: Memory) -> list[tuple[Setup, Path]]:
 
 def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
     """Run every case of a request; one that fails is named and the others go on."""
-    memory = Memory()
+    memory = Memory(Cache(request.fresh))
     jobs = plan(request, memory)
     if not is_compiled() and any(moves_table(setup.case) for setup, _ in jobs):
         watcher.message("first run of this version here: compiling the real-time step, about 20 s more")

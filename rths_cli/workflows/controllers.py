@@ -40,7 +40,7 @@ def design_blocks(setup: Setup, identified: Identification) -> Design:
     designed = _feedback(setup, identified, model) if case.controller.kind == "FF+FB" else None
     shear = _shear(setup, identified, lead)
     blocks = Blocks(
-        correction=sensing.correction(setup.rig.channels, dt),
+        correction=sensing.correction(setup.rig.channels, dt, setup.removes_sensors),
         estimator=estimator.kalman_block(_specimen(identified), case.kalman.q, case.kalman.r, dt, knows_table=best),
         numerical=numerical.interface(setup.building.numerical, dt),
         feedforward=_feedforward(model, dt, lead, best, driven),

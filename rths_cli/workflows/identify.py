@@ -1,90 +1,195 @@
-"""Excite the rig of a case and identify table and specimen from its channels."""
+"""Excite the rig of a case, low first, and identify table and specimen from its channels."""
 
 from __future__ import annotations
 
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
 import numpy as np
 
-from rths_cli.case.load import load_cases
 from rths_cli.control import feedback, feedforward, numerical, sensing
 from rths_cli.control.realise import static
 from rths_cli.errors import InputError, LimitError, RigError
-from rths_cli.identification import excitation
-from rths_cli.identification.evaluate import Identification
+from rths_cli.identification import excitation, probe
+from rths_cli.identification.channels import UnfitRecord
+from rths_cli.identification.evaluate import Identification, IdentificationSettings
 from rths_cli.identification.evaluate import identify as evaluate
+from rths_cli.identification.excitation import Excitation, ExcitationSettings
+from rths_cli.identification.record import Record
 from rths_cli.loop.blocks import EXCITATION, Blocks
 from rths_cli.loop.drive import play
-from rths_cli.lti import Array
-from rths_cli.workflows.rigs import IDENTIFICATION, guard_limits, open_rig
-from rths_cli.workflows.setup import Progress, Setup, make_setup
+from rths_cli.lti import Array, Model
+from rths_cli.workflows.rigs import IDENTIFICATION, PROBE, guard_limits, open_rig
+from rths_cli.workflows.setup import Progress, Setup
+
+if TYPE_CHECKING:
+    from rths_cli.case.models import IdentificationSpec
+
+SEED_STEP = 7919  # between the excitations of several records
+ADVICE = "lower identification.accel_rms_m_s2"
 
 
-class Memory:
-    """Identifications already made in this process: cases on the same rig and specimen share one."""
+class UnfitRig(RigError):
+    """The channels of a rig from which no model may be made; `unfit` says what they showed."""
 
-    def __init__(self) -> None:
-        self._plans: dict[str, excitation.Excitation] = {}
-        self._known: dict[str, Identification] = {}
-
-    def plan(self, setup: Setup) -> excitation.Excitation:
-        """Return the excitation of the setup's rig; raises InputError when its settings cannot be met."""
-        key = self._key(setup)
-        if key not in self._plans:
-            self._plans[key] = plan(setup)
-        return self._plans[key]
-
-    def identify(self, setup: Setup, progress: Progress) -> Identification:
-        """Return the identification of the setup's rig and specimen, made now or earlier in this process."""
-        key = self._key(setup)
-        if key not in self._known:
-            self._known[key] = identify(setup, progress, self.plan(setup))
-        return self._known[key]
-
-    def _key(self, setup: Setup) -> str:
-        """Return all that an identification depends on, as text."""
-        case = setup.case
-        table = case.table.model_dump_json(exclude={"after_identification"})
-        specimen = case.structure.experimental.model_dump_json()
-        mass = case.structure.interface_experimental_mass_kg
-        return repr((table, specimen, mass, case.identification, case.sample_rate_hz))
+    def __init__(self, rig: str, unfit: UnfitRecord) -> None:
+        super().__init__(f"identification of rig {rig}: {'; '.join(unfit.faults)}")
+        self.unfit = unfit
 
 
-def plan(setup: Setup) -> excitation.Excitation:
+@dataclass(frozen=True)
+class Measured:
+    """What was measured for an identification: records at full level, one at low level (None: there is none).
+
+    `source` says where it comes from, `lines` are further (label, text) pairs for the page; `notes` are sentences.
+    """
+
+    records: tuple[Record, ...]
+    quiet: Record | None
+    source: str
+    lines: tuple[tuple[str, str], ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def sha256(self) -> str:
+        """Return the hash of all commands and accelerations."""
+        digest = hashlib.sha256()
+        for record in (*self.records, *((self.quiet,) if self.quiet else ())):
+            digest.update(record.command_v.tobytes() + np.ascontiguousarray(record.accel_m_s2).tobytes())
+        return digest.hexdigest()
+
+
+def excitation_settings(options: IdentificationSpec) -> ExcitationSettings:
+    """Return what a case asks of the excitation."""
+    o = options
+    return ExcitationSettings(o.duration_s, o.accel_rms_m_s2, o.low_hz, o.high_hz, o.excitation, o.period_s)
+
+
+def evaluation_settings(options: IdentificationSpec) -> IdentificationSettings:
+    """Return what a case asks of the evaluation."""
+    default = IdentificationSettings()
+    low = max(default.band_hz[0], options.low_hz)
+    return replace(
+        default,
+        band_hz=(low, min(default.band_hz[1], options.high_hz)),
+        paper_band_hz=(low, default.paper_band_hz[1]),
+        estimator=options.estimator,
+        latency_in_roots=options.latency == "kept",
+    )
+
+
+def plan(setup: Setup) -> Excitation:
     """Return the excitation of the case's rig; raises InputError when its settings cannot be met."""
     options = setup.case.identification
-    settings = excitation.ExcitationSettings(
-        options.duration_s, options.accel_rms_m_s2, options.low_hz, options.high_hz
-    )
-    return excitation.plan(setup.rig, settings, options.seed)
+    return excitation.plan(setup.rig, excitation_settings(options), options.seed)
 
 
-def identify(setup: Setup, progress: Progress, planned: excitation.Excitation | None = None) -> Identification:
-    """Excite the virtual rig and evaluate its channels.
+def identify(
+    setup: Setup, progress: Progress, planned: Excitation | None = None, given: Model | None = None
+) -> Identification:
+    """Excite the rig, probe first, and evaluate its channels; `given` is judged in place of a model fitted here.
 
-    Raises LimitError or RigError when the excitation was stopped, RigError when the channels cannot be used.
+    Raises LimitError or RigError when the excitation was stopped, UnfitRig when the channels cannot be used.
     """
-    planned = planned or plan(setup)
-    seconds = planned.command_v.size * setup.rig.dt_s
-    progress(f"identification, {seconds:.0f} s on the {setup.case.table.kind} table")
-    command, corrected = excite(setup, planned.command_v)
+    return evaluated(setup, measure(setup, progress, planned), given)
+
+
+def evaluated(setup: Setup, measured: Measured, given: Model | None = None) -> Identification:
+    """Evaluate what was measured on the rig; raises UnfitRig when its channels cannot be used."""
     try:
-        return evaluate(command, corrected, setup.rig, setup.floor_masses_kg, planned.parts)
+        found = evaluate(
+            measured.records, setup.rig, setup.floor_masses_kg, evaluation_settings(setup.case.identification),
+            measured.quiet, given,
+        )  # fmt: skip
+    except UnfitRecord as unfit:
+        raise UnfitRig(setup.rig.name, unfit) from unfit
     except InputError as error:
         raise RigError(f"identification of rig {setup.rig.name}: {'; '.join(error.faults)}") from error
+    return noted(found, measured.notes)
 
 
-def excite(setup: Setup, command_v: Array) -> tuple[Array, Array]:
+def noted(found: Identification, notes: Sequence[str]) -> Identification:
+    """Return an identification with further warnings."""
+    return replace(found, verdict=replace(found.verdict, warnings=(*notes, *found.verdict.warnings)))
+
+
+def measure(setup: Setup, progress: Progress, planned: Excitation | None = None) -> Measured:
+    """Play probe and excitation on the rig and return the records.
+
+    Raises LimitError or RigError when one of them was stopped, RigError when the probe shows a channel that is dead.
+    """
+    planned = planned or plan(setup)
+    quiet, level = probed(setup, progress, planned)
+    options = setup.case.identification
+    records = []
+    for number in range(options.records):
+        loud = planned
+        if number or level.accel_rms_m_s2 != planned.accel_rms_m_s2:
+            seed = options.seed + SEED_STEP * number
+            loud = excitation.plan(setup.rig, excitation_settings(options), seed, level.accel_rms_m_s2)
+        seconds = loud.command_v.size * setup.rig.dt_s
+        which = f" {number + 1} of {options.records}" if options.records > 1 else ""
+        progress(f"identification{which}, {seconds:.0f} s on the {setup.case.table.kind} table")
+        command, corrected = excite(setup, loud.command_v, stream=(IDENTIFICATION, number) if number else None)
+        records.append(Record(command, corrected, loud.parts))
+    kind = setup.case.table.kind
+    source = f"excited on the {kind} table for this model"
+    return Measured(tuple(records), quiet, source, _lines(setup, planned, level), (*planned.notes, *level.notes))
+
+
+def probed(setup: Setup, progress: Progress, planned: Excitation, stream: int = PROBE) -> tuple[Record, probe.Level]:
+    """Play the low-level record; return it and the level it allows for the planned excitation."""
+    options = setup.case.identification
+    low = probe.probe_plan(setup.rig, excitation_settings(options), options.seed)
+    seconds = low.command_v.size * setup.rig.dt_s
+    progress(f"probe of {seconds:.0f} s at {low.accel_rms_m_s2:.2g} m/s^2 rms")
+    command, corrected = excite(setup, low.command_v, stream=(stream,))
+    try:
+        level = probe.choose_level(setup.rig, low, corrected, options.accel_rms_m_s2, planned)
+    except InputError as error:
+        raise RigError(f"identification of rig {setup.rig.name}: {'; '.join(error.faults)}") from error
+    return Record(command, corrected, low.parts), level
+
+
+def _lines(setup: Setup, planned: Excitation, level: probe.Level) -> tuple[tuple[str, str], ...]:
+    """Return what the page says about the excitation."""
+    options = setup.case.identification
+    count = f"{options.records} records of " if options.records > 1 else ""
+    signal = (
+        f"{options.excitation}, {count}{options.duration_s:g} s, {options.low_hz:g}-{options.high_hz:g} Hz, "
+        f"{level.accel_rms_m_s2:.3g} m/s^2 rms below 12 Hz, seed {options.seed}"
+    )
+    scale = level.accel_rms_m_s2 / planned.accel_rms_m_s2
+    reach = ", ".join(f"{name} {scale * entry.share:.0%}" for name, entry in planned.reach.items())
+    return (("excitation", signal), ("predicted reach", f"{reach} of the limits"), *processing(options))
+
+
+def processing(options: IdentificationSpec) -> tuple[tuple[str, str], ...]:
+    """Return what the page says about the evaluation."""
+    sensors = {"removed": "removed", "kept": "kept, the model describes the channels as they are"}
+    latency = {"removed": "removed, an explicit declared delay", "kept": "kept, carried by the roots"}
+    return (
+        ("estimator", options.estimator.capitalize()),
+        ("sensor dynamics", sensors[options.sensor_dynamics]),
+        ("latency", latency[options.latency]),
+    )
+
+
+def excite(setup: Setup, command_v: Array, stream: tuple[int, ...] | None = None) -> tuple[Array, Array]:
     """Play a command (n,) through guard and rig; return it as it left and the corrected channels (c, n).
 
-    Raises LimitError when a limit stopped the excitation, RigError when the rig did.
+    `stream` names the rig's noise. Raises LimitError when a limit stopped the excitation, RigError when the rig did.
     """
-    rig = open_rig(setup, IDENTIFICATION, setup.case.identification.seed)
+    rig = open_rig(setup, stream or (IDENTIFICATION,), setup.case.identification.seed)
     drive = np.column_stack([command_v, np.zeros((command_v.size, 2))])
     outcome = play(rig, setup.rig, _listening(setup), EXCITATION, drive, guard_limits(setup))
-    where, advice = f"identification of rig {setup.rig.name}", "lower identification.accel_rms_m_s2"
+    where = f"identification of rig {setup.rig.name}"
     if outcome.rig_fault:
-        raise RigError(f"{where}: {outcome.rig_fault}; {advice}")
+        raise RigError(f"{where}: {outcome.rig_fault}; {ADVICE}")
     if outcome.stopped_by_limit:
-        raise LimitError(f"{where}: {outcome.stopped_by_limit}; {advice}")
+        raise LimitError(f"{where}: {outcome.stopped_by_limit}; {ADVICE}")
     return outcome.log.command_v, outcome.log.corrected
 
 
@@ -93,7 +198,7 @@ def _listening(setup: Setup) -> Blocks:
     dt, channels = setup.rig.dt_s, len(setup.rig.channels)
     silent = static(np.zeros((1, channels)), dt, "kalman", (), ())
     return Blocks(
-        correction=sensing.correction(setup.rig.channels, dt),
+        correction=sensing.correction(setup.rig.channels, dt, setup.removes_sensors),
         estimator=silent,
         numerical=numerical.interface(setup.building.numerical, dt),
         feedforward=feedforward.direct(setup.rig.gain_m_per_v, dt),
@@ -104,9 +209,3 @@ def _listening(setup: Setup) -> Blocks:
         shear_desired=0.0,
         latency_samples=setup.rig.latency_samples,
     )
-
-
-def identify_case(path: str, settings: tuple[str, ...], progress: Progress) -> tuple[Identification, Setup]:
-    """Load one case and identify its rig; raises InputError or RigError."""
-    setup = make_setup(load_cases([path], settings)[0])
-    return identify(setup, progress), setup

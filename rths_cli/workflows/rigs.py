@@ -14,19 +14,22 @@ if TYPE_CHECKING:
     from rths_cli.rigs.virtual.rig import VirtualRig
     from rths_cli.workflows.setup import Setup
 
-IDENTIFICATION, SHAKE_TABLE, EXP_RTHS = 1, 2, 3  # noise streams: dropping one run changes no other
+# noise streams: dropping one run changes no other
+IDENTIFICATION, SHAKE_TABLE, EXP_RTHS, PROBE, VERIFICATION = 1, 2, 3, 4, 5
+BEFORE = (IDENTIFICATION, PROBE)
 
 
-def open_rig(setup: Setup, stream: int, seed: int) -> VirtualRig:
-    """Return the case's virtual rig with the noise stream of one run."""
+def open_rig(setup: Setup, stream: tuple[int, ...], seed: int) -> VirtualRig:
+    """Return the case's virtual rig with the noise stream of one run, before or after the change that the rig file
+    states under `after_identification`."""
     building = setup.building
     return virtual_rig(
         setup.case.table,
         setup.rig,
         building.specimen,
         building.interface_experimental_mass_kg,
-        seed=(seed, stream),
-        after_identification=stream != IDENTIFICATION,
+        seed=(seed, *stream),
+        after_identification=stream[0] not in BEFORE,
     )
 
 

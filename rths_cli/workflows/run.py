@@ -18,7 +18,7 @@ from rths_cli.loop.blocks import NUMERICAL, RECORD
 from rths_cli.loop.drive import Outcome, play
 from rths_cli.workflows import contents, figures
 from rths_cli.workflows.controllers import Design, design_blocks
-from rths_cli.workflows.identify import Memory
+from rths_cli.workflows.known import Known, Memory
 from rths_cli.workflows.provenance import attributes
 from rths_cli.workflows.rigs import EXP_RTHS, SHAKE_TABLE, guard_limits, open_rig
 from rths_cli.workflows.series import Series, on_record_clock, whole_building
@@ -28,7 +28,6 @@ from rths_cli.workflows.warnings import of_case
 if TYPE_CHECKING:
     from rths_cli.analysis.sim import Response
     from rths_cli.case.models import Case
-    from rths_cli.identification.evaluate import Identification
     from rths_cli.lti import Array
 
 BYTES_PER_SAMPLE = 600  # of a result file, for the check of free space
@@ -79,24 +78,25 @@ def moves_table(case: Case) -> bool:
 def run_case(setup: Setup, path: Path, memory: Memory, command_line: str, progress: Progress) -> Ended:
     """Run one case and write its result file; raises InputError when it cannot be run or written."""
     case = setup.case
-    identified, design = None, None
+    known, identified, design = None, None, None
     if moves_table(case):
-        identified = memory.identify(setup, progress)
+        known = memory.known(setup, progress)
+        identified = known.found
         try:
             design = design_blocks(setup, identified)
         except InputError as error:
             return Ended(case.name, None, "refused", str(error), 1)
     cautions, replaced = of_case(setup, identified, design), path.exists()
-    with ResultWriter(path, attributes(setup, design, command_line) | {"warnings": "\n".join(cautions)}) as writer:
+    with ResultWriter(path, _attributes(setup, design, known, command_line, cautions)) as writer:
         writer.case(case.yaml_text, resolved_yaml(case))
         contents.write_record(writer, setup)
         sim, values = _simulations(setup, writer, progress)
         stop = None
-        if identified is not None and design is not None:
+        if known is not None and identified is not None and design is not None:
             contents.write_identification(writer, identified, design)
             contents.write_controller(writer, design)
             values |= contents.design_figures(setup, identified, design)
-            stop = _verdict(setup, identified)
+            stop = _verdict(setup, known)
             if stop is None:
                 stop, measured = _experiments(setup, design, sim, writer, progress)
                 values |= measured
@@ -107,12 +107,21 @@ def run_case(setup: Setup, path: Path, memory: Memory, command_line: str, progre
     return Ended(case.name, path, stop.status, stop.reason, stop.exit_code, cautions, replaced)
 
 
-def _verdict(setup: Setup, identified: Identification) -> Stop | None:
-    """Refuse the table runs with a model that its identification rejected, unless that is overridden."""
-    if identified.accepted or "model" in setup.overrides:
+def _attributes(
+    setup: Setup, design: Design | None, known: Known | None, command_line: str, cautions: Sequence[str]
+) -> dict[str, str | int | float]:
+    """Return the root attributes of the result file."""
+    model = {"model_source": known.source if known else "", "warnings": "\n".join(cautions)}
+    return attributes(setup, design, command_line) | model
+
+
+def _verdict(setup: Setup, known: Known) -> Stop | None:
+    """Refuse the table runs with a model that was rejected, then or now, unless that is overridden."""
+    reasons = [*(() if known.found.accepted else known.found.reasons), *known.reasons]
+    if not reasons or "model" in setup.overrides:
         return None
     advice = "improve the identification, or add --override model"
-    return Stop("refused", f"identified model rejected: {'; '.join(identified.reasons)}; {advice}", 1)
+    return Stop("refused", f"identified model rejected: {'; '.join(reasons)}; {advice}", 1)
 
 
 def _simulations(setup: Setup, writer: ResultWriter, progress: Progress) -> tuple[Response, dict[str, Metric]]:
@@ -162,7 +171,7 @@ def play_run(setup: Setup, design: Design, source: int, stream: int) -> Outcome:
     motion, lead = setup.motion, design.blocks.lead_samples
     drive = np.column_stack([motion.accel_m_s2, motion.velocity_m_s, motion.displacement_m])
     drive = np.vstack([drive, np.repeat(drive[-1:], lead, axis=0)])  # the hybrid clock ends before the table does
-    rig = open_rig(setup, stream, setup.case.seed)
+    rig = open_rig(setup, (stream,), setup.case.seed)
     return play(rig, setup.rig, design.blocks, source, drive, guard_limits(setup))
 
 

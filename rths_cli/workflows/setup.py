@@ -37,10 +37,15 @@ class Setup:
     floor_masses_kg: Array
     overrides: tuple[str, ...] = ()
 
+    @property
+    def removes_sensors(self) -> bool:
+        """Tell whether the step takes the sensors' known dynamics out of the channels."""
+        return self.case.identification.sensor_dynamics == "removed"
+
 
 def make_setup(case: Case, overrides: tuple[str, ...] = ()) -> Setup:
     """Read the record, build the building and the rig's description; raises InputError."""
-    faults = [*_payload_faults(case), *_accept_faults(case), *_model_faults(case)]
+    faults = [*_payload_faults(case), *_accept_faults(case)]
     if faults:
         raise InputError(*(f"{shown(case.path)}: {fault}" for fault in faults))
     accelerogram = read_accelerogram(case.record.path, case.record.unit, case.record.dt_s)
@@ -81,13 +86,6 @@ def _accept_faults(case: Case) -> list[str]:
         elif index and not known[name]:
             faults.append(f"accept: {name} is one number, not one per storey; drop [{index}")
     return faults
-
-
-def _model_faults(case: Case) -> list[str]:
-    """Return a sentence when the case names a model file."""
-    if case.identification.model is None:
-        return []
-    return ["identification.model: this version identifies the virtual rig itself; remove the key"]
 
 
 def shown(path: Path) -> str:

@@ -10,6 +10,7 @@ from rths_cli.case.virtual_physics import VirtualPhysics
 from rths_cli.control import sensing
 from rths_cli.control.realise import static
 from rths_cli.identification.excitation import Excitation, ExcitationSettings, plan
+from rths_cli.identification.record import Record
 from rths_cli.loop.blocks import EXCITATION, Blocks
 from rths_cli.loop.drive import play
 from rths_cli.loop.guard import GuardLimits
@@ -50,6 +51,11 @@ class Excited:
     plan: Excitation
     command_v: Array
     corrected: Array
+
+    @property
+    def record(self) -> Record:
+        """Return it as identification takes it."""
+        return Record(self.command_v, self.corrected, self.plan.parts)
 
 
 def excite(specimen: Specimen, seed: int, duration_s: float = 60.0) -> Excited:

@@ -9,6 +9,7 @@ import pytest
 from made_records import Excited, excite, make_specimen, true_response
 
 from rths_cli.errors import InputError
+from rths_cli.identification.channels import UnfitRecord
 from rths_cli.identification.evaluate import (
     Identification,
     IdentificationSettings,
@@ -17,12 +18,16 @@ from rths_cli.identification.evaluate import (
 )
 from rths_cli.identification.fit_table import FitError, fit_error
 from rths_cli.identification.frf import estimate
-from rths_cli.identification.record import Parts
+from rths_cli.identification.record import Parts, Record
 from rths_cli.lti import Frf
 
 
-def identified(record: Excited) -> Identification:
-    return identify(record.command_v, record.corrected, record.info, record.specimen.masses_kg, record.plan.parts)
+def identified(record: Excited, settings: IdentificationSettings | None = None) -> Identification:
+    return identify([record.record], record.info, record.specimen.masses_kg, settings)
+
+
+def spoilt(record: Excited, accel: np.ndarray) -> Record:
+    return Record(record.command_v, accel, record.plan.parts)
 
 
 @pytest.fixture(scope="module")
@@ -34,8 +39,7 @@ def first() -> Excited:
 def second_frf() -> Frf:
     """Return the table's FRF of a longer record with another seed, as Welch's method gives it."""
     record = excite(make_specimen(), 11, 200.0)
-    noise = record.plan.parts.noise
-    return estimate(record.command_v[noise], record.corrected[:, noise], record.info.dt_s, (0.5, 60.0), 40.0)[0]
+    return estimate([record.record], record.info.dt_s, (0.5, 60.0), 40.0)[0]
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -80,8 +84,9 @@ def test_light_specimen() -> None:
 def test_noise_floor_is_that_of_the_silence(first: Excited) -> None:
     found = identified(first)
     bit = 20.0 / 65536 * 9.80665
-    assert found.noise_rms_m_s2 is not None
-    assert np.all(found.noise_rms_m_s2 < bit)
+    for channel in found.channels:
+        assert channel.rest_rms_m_s2 is not None
+        assert channel.rest_rms_m_s2 < bit
 
 
 def test_staircase_is_taken_out_of_the_table_only(first: Excited) -> None:
@@ -92,22 +97,23 @@ def test_staircase_is_taken_out_of_the_table_only(first: Excited) -> None:
 
 def test_record_without_silence_and_hold(first: Excited) -> None:
     noise = first.plan.parts.noise
-    parts = Parts(slice(0, noise.stop - noise.start))
-    found = identify(first.command_v[noise], first.corrected[:, noise], first.info, first.specimen.masses_kg, parts)
+    record = Record(first.command_v[noise], first.corrected[:, noise], Parts(slice(0, noise.stop - noise.start)))
+    found = identify([record], first.info, first.specimen.masses_kg)
     assert found.accepted
     assert found.free_vibration is None
-    assert found.noise_rms_m_s2 is None
+    assert found.channels[0].rest_rms_m_s2 is None
+    assert found.noise_floors == (None, None, None)
 
 
 def test_fit_that_misses_its_limits_is_kept_but_not_accepted(first: Excited) -> None:
     settings = IdentificationSettings(most=FitError(rms=1e-6, largest=0.03, rms_mid=0.004))
-    found = identify(first.command_v, first.corrected, first.info, first.specimen.masses_kg, first.plan.parts, settings)
+    found = identified(first, settings)
     assert not found.accepted
     assert len(found.reasons) == 1
     assert "rms in 0.7-11 Hz" in found.reasons[0]
 
 
-def spoilt(first: Excited, change: str) -> np.ndarray:
+def with_fault(first: Excited, change: str) -> np.ndarray:
     """Return the channels with one fault in the second."""
     corrected = first.corrected.copy()
     random = np.random.default_rng(0)
@@ -120,8 +126,18 @@ def spoilt(first: Excited, change: str) -> np.ndarray:
     elif change == "incoherent":
         corrected[1] = 3.0 * random.standard_normal(corrected.shape[1])
         corrected[1, first.plan.parts.silence] = 0.0
+    elif change == "cut off":
+        corrected[1] = corrected[1].clip(-6.0, 6.0)
+    elif change == "reversed":
+        corrected[1] *= -1.0
+    elif change == "swapped":
+        corrected[[1, 2]] = corrected[[2, 1]]
+    elif change == "on the table":
+        corrected[[0, 2]] = corrected[[2, 0]]
+    elif change == "sensitive":
+        corrected[1] *= 1.1
     else:
-        corrected[1, 50000] = np.nan
+        corrected[1, random.random(corrected.shape[1]) < 0.05] = np.nan
     return corrected
 
 
@@ -132,17 +148,23 @@ def spoilt(first: Excited, change: str) -> np.ndarray:
         ("noisy", "channel floor_1: nothing but noise"),
         ("clipped", "channel floor_1: clipped"),
         ("incoherent", "channel floor_1: median coherence"),
-        ("lost", "not numbers"),
+        ("cut off", "channel floor_1: clipped"),
+        ("reversed", "channel floor_1: wrong sign"),
+        ("swapped", "channels floor_1 and floor_2: they look swapped"),
+        ("on the table", "channels table and floor_2: they look swapped"),
+        ("sensitive", "channel floor_1: reads 1.1"),
+        ("lost", "are missing"),
     ],
 )
 def test_faulty_channel_is_named(first: Excited, change: str, sentence: str) -> None:
-    with pytest.raises(InputError) as caught:
-        identify(first.command_v, spoilt(first, change), first.info, first.specimen.masses_kg, first.plan.parts)
+    with pytest.raises(UnfitRecord) as caught:
+        identify([spoilt(first, with_fault(first, change))], first.info, first.specimen.masses_kg)
+    assert len(caught.value.channels) == 3
     assert len(caught.value.faults) == 1
     assert sentence in caught.value.faults[0]
 
 
 def test_record_of_the_wrong_shape_is_refused(first: Excited) -> None:
     with pytest.raises(InputError) as caught:
-        identify(first.command_v[:-1], first.corrected, first.info, np.array([6.9]), first.plan.parts)
+        identify([Record(first.command_v[:-1], first.corrected, first.plan.parts)], first.info, np.array([6.9]))
     assert len(caught.value.faults) == 2

@@ -9,10 +9,12 @@ import pytest
 
 from rths_cli.errors import InputError
 from rths_cli.identification.factors import Layout, pack, response_and_slopes, roots, zeros_poles_gain
-from rths_cli.identification.fit_table import fit_best, fit_error, fit_paper
+from rths_cli.identification.fit_table import Timing, fit_error, fit_paper
+from rths_cli.identification.starts import first_fit
 from rths_cli.lti import Frf, Model, staircase
 
 DT = 5e-4
+TIMING = Timing(1, DT)
 MODES = (np.array([3.2, 8.4]), np.array([0.04, 0.04]))
 
 
@@ -47,7 +49,7 @@ def sorted_roots(values: np.ndarray) -> np.ndarray:
 )
 def test_known_roots_come_back(loop: tuple[float, float], corner_hz: float) -> None:
     truth = made_table(loop, corner_hz)
-    found = fit_best(made_frf(truth), MODES, 1, DT, (0.5, 60.0))
+    found = first_fit(made_frf(truth), MODES, TIMING, (0.5, 60.0)).model
     assert sorted_roots(found.poles) == pytest.approx(sorted_roots(truth.poles), rel=1e-3)
     assert sorted_roots(found.zeros) == pytest.approx(sorted_roots(truth.zeros), rel=1e-3, abs=1e-9)
     assert found.gain == pytest.approx(truth.gain, rel=1e-3)
@@ -57,20 +59,20 @@ def test_known_roots_come_back(loop: tuple[float, float], corner_hz: float) -> N
 
 def test_inverted_table_keeps_its_sign() -> None:
     truth = replace(made_table((14.0, 0.6), 100.0), gain=-made_table((14.0, 0.6), 100.0).gain)
-    found = fit_best(made_frf(truth), MODES, 1, DT, (0.5, 60.0))
+    found = first_fit(made_frf(truth), MODES, TIMING, (0.5, 60.0)).model
     assert found.gain == pytest.approx(truth.gain, rel=1e-3)
 
 
 def test_noise_averages_out() -> None:
     truth = made_table((14.0, 0.6), 100.0)
-    found = fit_best(made_frf(truth, 0.005), MODES, 1, DT, (0.5, 60.0))
+    found = first_fit(made_frf(truth, 0.005), MODES, TIMING, (0.5, 60.0)).model
     f = np.linspace(1.0, 40.0, 200)
     assert np.abs(found.response(f) / truth.response(f) - 1.0).max() < 0.004
 
 
 def test_paper_model_is_proper_stable_and_minimum_phase_without_delay() -> None:
     frf = made_frf(made_table((14.0, 0.6), 100.0))
-    found = fit_paper(frf, fit_best(frf, MODES, 1, DT, (0.5, 60.0)), (0.5, 12.0))
+    found = fit_paper(frf, first_fit(frf, MODES, TIMING, (0.5, 60.0)), (0.5, 12.0)).model
     assert (len(found.poles), len(found.zeros), found.delay_s, found.ripple_m_s2_per_v) == (8, 8, 0.0, 0.0)
     assert np.count_nonzero(found.zeros == 0.0) == 2
     assert found.poles.real.max() < 0.0
@@ -84,7 +86,7 @@ def test_table_without_a_specimen() -> None:
     poles = 2.0 * np.pi * np.concatenate([14.0 * np.roots([1.0, 1.2, 1.0]), [-100.0]]).astype(complex)
     gain = 0.0079 * float(np.real(np.prod(-poles)))
     truth = Model(np.zeros(2, dtype=complex), poles, gain, 1.5 * DT, (0.5, 60.0), -1.4, 1, DT)
-    found = fit_best(made_frf(truth), (np.zeros(0), np.zeros(0)), 1, DT, (0.5, 60.0))
+    found = first_fit(made_frf(truth), (np.zeros(0), np.zeros(0)), TIMING, (0.5, 60.0)).model
     assert sorted_roots(found.poles) == pytest.approx(sorted_roots(poles), rel=1e-4)
 
 
@@ -133,4 +135,4 @@ def test_too_few_lines_are_refused() -> None:
     frf = made_frf(made_table((14.0, 0.6), 100.0))
     few = Frf(frf.frequency_hz[:40], frf.response[:40], frf.coherence[:40], frf.relative_error[:40], 20)
     with pytest.raises(InputError, match="40 lines"):
-        fit_best(few, MODES, 1, DT, (0.5, 60.0))
+        first_fit(few, MODES, TIMING, (0.5, 60.0))

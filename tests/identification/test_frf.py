@@ -7,9 +7,10 @@ import pytest
 from scipy import signal
 
 from rths_cli.errors import InputError
-from rths_cli.identification.excitation import faded, shaped_noise
-from rths_cli.identification.frf import estimate, h1, simulate, without_leakage
-from rths_cli.lti import Model
+from rths_cli.identification.frf import Estimator, estimate, noise_floor, responses, simulate, without_leakage
+from rths_cli.identification.record import Parts, Record
+from rths_cli.identification.shapes import faded, shaped_noise
+from rths_cli.lti import Frf, Model
 
 DT = 5e-4
 
@@ -29,11 +30,23 @@ def response_in_time(model: Model, command: np.ndarray) -> np.ndarray:
     return signal.lsim(system, command, np.arange(len(command)) * DT)[1]
 
 
+def whole(command: np.ndarray, accel: np.ndarray, period: int = 0) -> Record:
+    """Return a record that is excitation from end to end."""
+    return Record(command, np.atleast_2d(accel), Parts(slice(0, len(command)), period_samples=period))
+
+
+def between(
+    x: np.ndarray, y: np.ndarray, band: tuple[float, float], segment_s: float, kind: Estimator = "h1", period: int = 0
+) -> Frf:
+    """Return the response from x to y, taken as they are."""
+    return responses([whole(x, y, period)], [x], [[y]], DT, band, segment_s, kind)[0]
+
+
 def test_h1_is_that_of_scipy() -> None:
     random = np.random.default_rng(0)
     x = random.standard_normal(40000)
     y = signal.lfilter([0.2, 0.3], [1.0, -0.6], x) + 0.3 * random.standard_normal(40000) + 5.0
-    frf = h1(x, y[None], DT, (1.0, 400.0), 2.0)[0]
+    frf = between(x, y, (1.0, 400.0), 2.0)
     options = {"fs": 1.0 / DT, "window": "hann", "nperseg": 4000, "noverlap": 2000, "detrend": "constant"}
     f, cross = signal.csd(x, y, **options)
     lines = np.searchsorted(f, frf.frequency_hz - 1e-6)
@@ -46,7 +59,7 @@ def test_standard_error_is_the_scatter_of_repeated_records() -> None:
     records = []
     for _ in range(40):
         x = random.standard_normal(12000)
-        records.append(h1(x, (x + random.standard_normal(12000))[None], DT, (10.0, 800.0), 0.5)[0])
+        records.append(between(x, x + random.standard_normal(12000), (10.0, 800.0), 0.5))
     scatter = np.std([np.abs(r.response) for r in records], axis=0).mean()
     assert np.mean([r.relative_error for r in records]) == pytest.approx(scatter, rel=0.1)
 
@@ -55,8 +68,8 @@ def test_double_differentiator_is_free_of_bias_at_low_frequency() -> None:
     command = shaped_noise(100.0, DT, 0.3, 60.0, np.random.default_rng(2))
     numerator, denominator = signal.butter(2, 30.0, fs=1.0 / DT)
     output = signal.lfilter(np.convolve(numerator, [1.0, -2.0, 1.0]), denominator, command)
-    frf = estimate(command, output[None], DT, (0.4, 1.5), 10.0)[0]
-    naive = h1(command, output[None], DT, (0.4, 1.5), 10.0)[0]
+    frf = estimate([whole(command, output)], DT, (0.4, 1.5), 10.0)[0]
+    naive = between(command, output, (0.4, 1.5), 10.0)
     truth = signal.freqz(np.convolve(numerator, [1, -2, 1]), denominator, frf.frequency_hz, fs=1.0 / DT)[1]
     assert np.abs(frf.response / truth - 1.0).max() < 0.004
     assert np.abs(naive.response / truth - 1.0).max() > 0.01
@@ -68,8 +81,9 @@ def test_leakage_of_a_light_specimen_is_taken_out() -> None:
     truth, near = make_model(3.2, 0.005), make_model(3.2003, 0.00505)
     noise = slice(100, len(command))
     measured = response_in_time(truth, command)
-    raw = estimate(command[noise], measured[None, noise], DT, (0.5, 20.0), 15.0)[0]
-    clean = without_leakage(raw, near, command, measured, noise)
+    record = Record(command, measured[None], Parts(noise))
+    raw = estimate([record], DT, (0.5, 20.0), 15.0)[0]
+    clean = without_leakage(raw, near, [record], 15.0)
     exact = truth.sampled_response(raw.frequency_hz)
     assert np.abs(raw.response / exact - 1.0).max() > 0.2
     assert np.abs(clean.response / exact - 1.0).max() < 0.04
@@ -85,4 +99,80 @@ def test_simulation_is_the_response_in_time_with_the_staircase_alias() -> None:
 
 def test_short_record_is_refused() -> None:
     with pytest.raises(InputError, match="shorter than 4 segments"):
-        h1(np.zeros(15000), np.zeros((1, 15000)), DT, (1.0, 50.0), 2.0)
+        between(np.zeros(15000), np.zeros(15000), (1.0, 50.0), 2.0)
+    with pytest.raises(InputError, match="shorter than 3 periods"):
+        between(np.zeros(15000), np.zeros(15000), (1.0, 50.0), 2.0, period=6000)
+
+
+def noisy_pair(at_input: float, at_output: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return a measured input and an output twice the true input, with white noise of these shares on either."""
+    random = np.random.default_rng(7)
+    true = random.standard_normal(400000)
+    return (
+        true + at_input * random.standard_normal(true.size),
+        2.0 * true + 2.0 * at_output * random.standard_normal(true.size),
+    )
+
+
+@pytest.mark.parametrize(
+    ("at_input", "at_output", "expected"),
+    [
+        (0.0, 0.5, {"h1": 2.0, "h2": 2.0 * 1.25, "hv": 2.0 * 1.25**0.5}),
+        (0.5, 0.0, {"h1": 2.0 / 1.25, "h2": 2.0, "hv": 2.0 / 1.25**0.5}),
+        (0.5, 0.5, {"h1": 2.0 / 1.25, "h2": 2.0 * 1.25, "hv": 2.0}),
+    ],
+)
+def test_estimators_are_right_where_their_noise_is(
+    at_input: float, at_output: float, expected: dict[Estimator, float]
+) -> None:
+    x, y = noisy_pair(at_input, at_output)
+    for kind, value in expected.items():
+        mean = float(np.mean(np.abs(between(x, y, (10.0, 900.0), 1.0, kind).response)))
+        assert mean == pytest.approx(value, rel=0.01)
+
+
+def test_several_records_count_as_one_long_one() -> None:
+    random = np.random.default_rng(8)
+    x = random.standard_normal(40000)
+    y = signal.lfilter([0.2, 0.3], [1.0, -0.6], x) + 0.3 * random.standard_normal(40000)
+    records = [whole(x[:20000], y[:20000]), whole(x[20000:], y[20000:])]
+    both = responses(records, [x[:20000], x[20000:]], [[y[:20000], y[20000:]]], DT, (1.0, 400.0), 1.0, "h1")[0]
+    options = {"fs": 1.0 / DT, "nperseg": 2000}
+    spectra = [
+        (signal.csd(r.command_v, r.accel_m_s2[0], **options)[1], signal.welch(r.command_v, **options)[1])
+        for r in records
+    ]
+    f = signal.welch(x[:20000], **options)[0]
+    lines = np.searchsorted(f, both.frequency_hz - 1e-6)
+    expected = sum(cross for cross, _ in spectra) / sum(power for _, power in spectra)
+    assert both.response == pytest.approx(expected[lines], rel=1e-9)
+    assert both.averages > 30
+
+
+def test_whole_periods_leak_nothing() -> None:
+    model, period = make_model(3.2, 0.005), 20000
+    lines = np.arange(3, 200)
+    spectrum = np.zeros(period // 2 + 1, dtype=complex)
+    spectrum[lines] = np.exp(2j * np.pi * np.random.default_rng(9).random(len(lines))) / lines**1.5
+    command = np.tile(np.fft.irfft(spectrum, period), 14)
+    settled = slice(10 * period, 14 * period)  # the transient of 0.5 % damping has died
+    answer = response_in_time(model, command)
+    record = Record(command, answer[None], Parts(settled, period_samples=period))
+    f = np.arange(3, 200) / (period * DT)
+    found = responses([record], [command], [[answer]], DT, (0.3, 19.95), 99.0, "h1")[0]
+    assert found.frequency_hz == pytest.approx(f)
+    truth = signal.freqs_zpk(model.zeros, model.poles, model.gain, 2.0 * np.pi * f)[1]
+    assert np.abs(found.response / truth - 1.0).max() < 2e-3  # lsim itself errs by 1e-3
+    assert found.coherence.min() > 1.0 - 1e-6
+
+
+def test_noise_floor_is_what_pure_noise_shows() -> None:
+    random = np.random.default_rng(10)
+    command = np.concatenate([np.zeros(40000), random.standard_normal(200000)])
+    accel = 0.05 * random.standard_normal(command.size)  # nothing but noise
+    record = Record(command, accel[None], Parts(slice(40000, command.size), slice(0, 40000)))
+    shown = responses([record], [command], [[accel]], DT, (10.0, 800.0), 2.0, "h1")[0]
+    floor = noise_floor([record], shown, 0, DT)
+    assert floor is not None
+    assert np.sqrt(np.mean(floor**2)) == pytest.approx(np.sqrt(np.mean(np.abs(shown.response) ** 2)), rel=0.1)
+    assert noise_floor([whole(command, accel)], shown, 0, DT) is None

@@ -8,7 +8,7 @@ from made_records import make_specimen
 from scipy import signal
 
 from rths_cli.errors import InputError
-from rths_cli.identification.specimen import SpecimenFit, Start, fit_specimen, storey_start
+from rths_cli.identification.specimen import Motion, SpecimenFit, Start, fit_specimen, storey_start
 from rths_cli.structure import Specimen, modes, storey_values
 
 DT = 1e-3
@@ -35,7 +35,7 @@ def floors(specimen: Specimen, table: np.ndarray, start: np.ndarray | None = Non
 def fitted(specimen: Specimen, table: np.ndarray, moved: np.ndarray) -> SpecimenFit:
     """Fit from a start that is a few per cent off in stiffness and far off in damping."""
     first = Start(storey_values(specimen.K) * 1.03, np.full(len(specimen.masses_kg), 0.02))
-    return fit_specimen(table, moved, DT, specimen.masses_kg, 0.5, first)
+    return fit_specimen([Motion(table, moved)], DT, specimen.masses_kg, 0.5, first)
 
 
 @pytest.mark.parametrize(

@@ -16,7 +16,7 @@ import rths_cli
 from rths_cli.case.load import load_cases
 from rths_cli.identification import excitation
 from rths_cli.identification.evaluate import identify as evaluate
-from rths_cli.identification.record import Parts
+from rths_cli.identification.record import Parts, Record
 from rths_cli.workflows.controllers import Design, design_blocks
 from rths_cli.workflows.identify import excite
 from rths_cli.workflows.rigs import guard_limits
@@ -54,7 +54,7 @@ def recorded() -> tuple[np.ndarray, np.ndarray, Parts]:
 
 def designed(setup: Setup, recorded: tuple[np.ndarray, np.ndarray, Parts]) -> Design:
     command, channels, parts = recorded
-    return design_blocks(setup, evaluate(command, channels, setup.rig, setup.floor_masses_kg, parts))
+    return design_blocks(setup, evaluate([Record(command, channels, parts)], setup.rig, setup.floor_masses_kg))
 
 
 def as_bytes(design: Design) -> list[bytes]:

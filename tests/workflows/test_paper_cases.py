@@ -9,7 +9,7 @@ import pytest
 
 from rths_cli.case.load import load_cases
 from rths_cli.files.results import read_result
-from rths_cli.workflows.identify import Memory
+from rths_cli.workflows.known import Memory
 from rths_cli.workflows.run import run_case
 from rths_cli.workflows.setup import make_setup
 

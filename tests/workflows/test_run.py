@@ -14,7 +14,7 @@ from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
 from rths_cli.files.results import read_result
 from rths_cli.workflows.figures import of_runs
-from rths_cli.workflows.identify import Memory
+from rths_cli.workflows.known import Known, Memory
 from rths_cli.workflows.run import Ended, run_case
 from rths_cli.workflows.setup import make_setup
 from rths_cli.workflows.warnings import differences
@@ -139,8 +139,9 @@ def test_a_specimen_that_differs_from_the_declared_one_is_named(tmp_path: Path, 
 
 def test_a_rejected_model_moves_no_table_unless_overridden(tmp_path: Path, memory: Memory) -> None:
     setup = make_setup(load_cases([CASE], ("runs=[sim, exp_rths]",))[0])
-    rejected = replace(memory.identify(setup, lambda _: None), accepted=False, reasons=("made up",))
-    known = SimpleNamespace(identify=lambda *_: rejected)
+    found = memory.identify(setup, lambda _: None)
+    rejected = replace(found, verdict=replace(found.verdict, accepted=False, reasons=("made up",)))
+    known = SimpleNamespace(known=lambda *_: Known(rejected, "made up"))
     ended = run_case(setup, tmp_path / "r.h5", known, "test", lambda _: None)  # type: ignore[arg-type]
     assert (ended.exit_code, ended.status) == (1, "refused") and "made up" in ended.reason
     with h5py.File(tmp_path / "r.h5") as file:

@@ -1,0 +1,199 @@
+"""How many roots the table needs: candidates judged by halves of the data that they were not fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rths_cli.errors import InputError
+from rths_cli.identification.factors import Layout
+from rths_cli.identification.fit_table import LEAST_ERROR, Fit, Timing, fit, problem_of, rational_latency, within
+from rths_cli.identification.frf import Estimator, without_leakage
+from rths_cli.identification.record import Record
+from rths_cli.identification.starts import best_of, thinned
+from rths_cli.lti import Array, Frf
+
+WORTH = 0.9  # a larger candidate must lower the held-out error to this share of the smaller one's
+HALF_SEGMENTS, LONGEST_SEGMENT_S = 5, 20.0
+EXTRA_LAG_HZ, EXTRA_DELAY_S, EXTRA_MODES_HZ, EXTRA_RATIO = 300.0, 3e-4, (15.0, 25.0, 35.0, 50.0), 0.05
+SPLIT = 1.02
+CERTAIN = 3.0  # standard errors between a pole and a zero that do not cancel
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A structure that was tried: its name, number of poles and finite zeros, and held-out error.
+
+    `held_out`: rms of (model / FRF - 1) over the FRF's own standard error, fitted to one half of the data and taken
+    on the other; 1 is all that the data can tell.
+    """
+
+    name: str
+    poles: int
+    zeros: int
+    held_out: float
+    chosen: bool = False
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A structure and where its fits start: parameters of the layout, then the ripple."""
+
+    name: str
+    layout: Layout
+    start: Array
+
+
+def choose(
+    base: Fit, frf: Frf, records: Sequence[Record], estimator: Estimator, latency_in_roots: bool
+) -> tuple[Fit, tuple[Candidate, ...]]:
+    """Return the fit of the structure that the data ask for, and all that were tried, the smallest first.
+
+    A larger structure is tried where the first one's held-out error leaves room for it, and taken only where it lowers
+    that error to 0.9 of the smaller one's, with roots that do not cancel. Records too short to be halved keep the
+    first structure.
+    """
+    halves = _halves(base, records, estimator)
+    if latency_in_roots or not halves:
+        trial = _with_latency(base) if latency_in_roots else _as_it_is(base)
+        score = _held_out(trial, base, halves) if halves else float("nan")
+        return _fitted(trial, base, frf), (_described(trial, score, chosen=True),)
+    tried = [(trial, _held_out(trial, base, halves)) for trial in (_without_lag(base), _as_it_is(base))]
+    taken = 1 if tried[1][1] < WORTH * tried[0][1] else 0
+    found = _fitted(tried[taken][0], base, frf)
+    for trial in _larger(base, frf) if tried[taken][1] > 1.0 / WORTH else ():
+        tried.append((trial, _held_out(trial, base, halves)))
+        better = _fitted(trial, base, frf) if tried[-1][1] < WORTH * tried[taken][1] else None
+        if better is not None and not cancelling(better):
+            taken, found = len(tried) - 1, better
+    return found, tuple(_described(trial, score, i == taken) for i, (trial, score) in enumerate(tried))
+
+
+def _described(trial: Trial, score: float, chosen: bool) -> Candidate:
+    layout = trial.layout
+    return Candidate(trial.name, 2 * layout.pole_pairs + layout.single_poles, 2 * layout.zero_pairs, score, chosen)
+
+
+def _as_it_is(base: Fit) -> Trial:
+    """Return the first fit's own structure."""
+    return Trial("one lag", base.layout, base.parameters)
+
+
+def _without_lag(base: Fit) -> Trial:
+    """Return the structure without the actuator's lag."""
+    start = np.delete(base.parameters, 1 + 2 * base.layout.pole_pairs)
+    return Trial("no lag", replace(base.layout, single_poles=0), start)
+
+
+def _larger(base: Fit, frf: Frf) -> Iterator[Trial]:
+    """Yield structures with more than the first fit's: another lag, a longer delay, a mode of the frame."""
+    layout, theta = base.layout, base.parameters
+    single = 1 + 2 * layout.pole_pairs
+    wide = np.insert(theta, single, np.log(2.0 * np.pi * EXTRA_LAG_HZ))
+    yield Trial("two lags", replace(layout, single_poles=2), wide)
+    late = np.insert(theta, layout.size, np.log(EXTRA_DELAY_S))
+    yield Trial("one lag, delay fitted", replace(layout, fits_delay=True), late)
+    more = replace(layout, pole_pairs=layout.pole_pairs + 1, zero_pairs=layout.zero_pairs + 1)
+    few = thinned(problem_of(frf, more, _timing(base), base.model.band_hz, ripple=True))
+    starts = [_with_mode(base, hz, split) for hz in EXTRA_MODES_HZ for split in (SPLIT, 1.0 / SPLIT)]
+    yield Trial("one lag, one more mode", more, best_of(few, starts))
+
+
+def _with_latency(base: Fit) -> Trial:
+    """Return the structure whose roots carry the latency."""
+    layout, start = rational_latency(base)
+    return Trial("latency in the roots", layout, np.append(start, base.parameters[-1]))
+
+
+def _with_mode(base: Fit, frequency_hz: float, split: float) -> Array:
+    """Return the first fit's parameters with a pole pair and a zero pair beside it."""
+    pole = np.log([2.0 * np.pi * frequency_hz, EXTRA_RATIO])
+    zero = np.log([2.0 * np.pi * frequency_hz * split, EXTRA_RATIO])
+    theta = np.insert(base.parameters, 1 + 2 * base.layout.pole_pairs, pole)
+    return np.insert(theta, base.layout.size + 2, zero)
+
+
+def _timing(base: Fit) -> Timing:
+    return Timing(base.model.latency_samples, base.model.dt_s)
+
+
+def _fitted(trial: Trial, base: Fit, frf: Frf) -> Fit:
+    """Return the fit of a structure to a response."""
+    return fit(frf, trial.layout, trial.start, _timing(base), base.model.band_hz, ripple=True)
+
+
+def _halves(base: Fit, records: Sequence[Record], estimator: Estimator) -> tuple[Frf, ...]:
+    """Return the table's response from the first and from the second half of every record, () where too short."""
+    try:
+        return tuple(_half(base, records, estimator, which) for which in (_first, _second))
+    except InputError:
+        return ()
+
+
+def _half(base: Fit, records: Sequence[Record], estimator: Estimator, which: Callable[[Record], Record]) -> Frf:
+    parts = [which(record) for record in records]
+    dt = base.model.dt_s
+    shortest = min(part.parts.noise.stop - part.parts.noise.start for part in parts)
+    segment_s = parts[0].parts.period_samples * dt or min(shortest * dt / HALF_SEGMENTS, LONGEST_SEGMENT_S)
+    low, high = base.model.band_hz
+    step = 1.0 / segment_s
+    lines = np.arange(np.ceil(low / step), np.floor(high / step) + 1.0) * step
+    blank = Frf(lines, np.ones(len(lines), dtype=complex), np.ones(len(lines)), np.ones(len(lines)), 0)
+    return without_leakage(blank, base.model, parts, segment_s, estimator)
+
+
+def _first(record: Record) -> Record:
+    noise = record.parts.noise
+    return _cut(record, slice(noise.start, noise.start + _half_length(record)))
+
+
+def _second(record: Record) -> Record:
+    noise = record.parts.noise
+    return _cut(record, slice(noise.start + _half_length(record), noise.stop))
+
+
+def _half_length(record: Record) -> int:
+    """Return half the excitation's length in samples, whole periods where it has some."""
+    length, period = record.parts.noise.stop - record.parts.noise.start, record.parts.period_samples
+    return length // 2 if not period else (length // period // 2) * period
+
+
+def _cut(record: Record, noise: slice) -> Record:
+    return replace(record, parts=replace(record.parts, noise=noise))
+
+
+def _held_out(trial: Trial, base: Fit, halves: tuple[Frf, ...]) -> float:
+    """Return the rms error over both halves, each fitted to the other one."""
+    squares = [_score(_fitted(trial, base, fitted), judged) for fitted, judged in (halves, halves[::-1])]
+    return float(np.sqrt(np.mean(squares)))
+
+
+def _score(found: Fit, frf: Frf) -> float:
+    """Return the mean square of |model / FRF - 1| over the FRF's standard error (of real or imaginary part)."""
+    inside = within(frf.frequency_hz, found.model.band_hz)
+    f = frf.frequency_hz[inside]
+    error = np.abs(found.model.sampled_response(f) / frf.response[inside] - 1.0)
+    scatter = np.hypot(frf.relative_error[inside], LEAST_ERROR)
+    return float(np.mean(error**2 / (2.0 * scatter**2)))
+
+
+def cancelling(found: Fit) -> tuple[str, ...]:
+    """Return a sentence for each pole pair that no data tell from a zero pair."""
+    poles, _, zeros = found.layout.pairs(found.parameters)
+    first_zero = 1 + 2 * found.layout.pole_pairs + found.layout.single_poles
+    sentences = []
+    for i, pole in enumerate(poles):
+        for j, zero in enumerate(zeros):
+            p, z = slice(1 + 2 * i, 3 + 2 * i), slice(first_zero + 2 * j, first_zero + 2 * j + 2)
+            apart = np.log(pole / zero)
+            spread = _block(found.covariance, p, p) + _block(found.covariance, z, z)
+            spread = spread - _block(found.covariance, p, z) - _block(found.covariance, z, p)
+            if float(apart @ np.linalg.pinv(spread) @ apart) < CERTAIN**2:
+                sentences.append(f"poles and zeros at {pole[0] / (2.0 * np.pi):.3g} Hz cancel within their uncertainty")
+    return tuple(sentences)
+
+
+def _block(matrix: Array, rows: slice, columns: slice) -> Array:
+    return matrix[rows, columns]

@@ -1,0 +1,102 @@
+"""Find silence, excitation and free vibration in a command that came without a plan."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+
+from rths_cli.errors import InputError
+from rths_cli.identification.record import Parts
+from rths_cli.lti import Array
+
+BLOCK_S = 0.1
+STILL = 1e-3  # of the command's standard deviation: a block that moves less is at rest
+LEAST_REST_S = 0.4  # a shorter one is part of the excitation
+LEAST_SILENCE_S, LEAST_FREE_S, LEAST_EXCITED_S = 1.0, 5.0, 10.0
+SHORTEST_PERIOD_S = 2.0
+SAME = 1e-3  # of the command's standard deviation, between one period and the next
+
+
+def find_parts(command_v: Array, dt_s: float, name: str = "record") -> Parts:
+    """Return which samples of a command (n,) in V are what.
+
+    Excitation: the longest moving stretch, cut to whole periods where it repeats; silence: rest of a second or more
+    before any motion; free vibration: the longest rest of five seconds or more after motion.
+    Raises InputError when nothing moves for ten seconds.
+    """
+    moves = _moving(command_v, dt_s)
+    stretches = _stretches(moves)
+    loud = [s for s in stretches if moves[s.start]]
+    if not loud or ((longest := max(loud, key=_length)) and _length(longest) * dt_s < LEAST_EXCITED_S):
+        raise InputError(
+            f"{name}: the command does not move for {LEAST_EXCITED_S:g} s on end; an identification needs a longer "
+            "excitation, or the command is another channel"
+        )
+    before = [s for s in stretches if s.stop <= loud[0].start and _length(s) * dt_s >= LEAST_SILENCE_S]
+    after = [s for s in stretches if s.start >= loud[0].stop and not moves[s.start]]
+    free = max(after, key=_length, default=None)
+    period = find_period(command_v[longest], dt_s)
+    if period:
+        longest = _steady(command_v, longest, period)
+    return Parts(
+        longest,
+        before[0] if before else None,
+        free if free is not None and _length(free) * dt_s >= LEAST_FREE_S else None,
+        period,
+    )
+
+
+def _length(part: slice) -> int:
+    return int(part.stop - part.start)
+
+
+def _moving(command_v: Array, dt_s: float) -> np.ndarray:
+    """Tell for each sample whether its block of 0.1 s moves, short rests filled in."""
+    block = max(round(BLOCK_S / dt_s), 2)
+    count = -(-len(command_v) // block)
+    padded = np.concatenate([command_v, np.full(count * block - len(command_v), command_v[-1])]).reshape(count, block)
+    moving = np.ptp(padded, axis=1) > STILL * float(command_v.std())
+    least = round(LEAST_REST_S / BLOCK_S)
+    for rest in _stretches(moving):
+        if not moving[rest.start] and _length(rest) < least and rest.start > 0 and rest.stop < count:
+            moving[rest] = True
+    return np.repeat(moving, block)[: len(command_v)]
+
+
+def _stretches(flags: np.ndarray) -> list[slice]:
+    """Return the stretches over which flags (n,) keep their value."""
+    edges = [0, *(np.flatnonzero(np.diff(flags)) + 1).tolist(), len(flags)]
+    return [slice(a, b) for a, b in pairwise(edges) if b > a]
+
+
+def find_period(command_v: Array, dt_s: float) -> int:
+    """Return after how many samples a command (n,) repeats, at least three times; 0 when it does not."""
+    n = len(command_v)
+    signal = command_v - command_v.mean()
+    power = np.abs(np.fft.rfft(signal, 2 * n)) ** 2
+    together = np.fft.irfft(power)[:n]
+    energy = np.concatenate([[0.0], np.cumsum(signal**2)])
+    lags = np.arange(n)
+    overlap = np.sqrt(energy[n - lags] * (energy[n] - energy[lags])) + 1e-300
+    shortest, longest = round(SHORTEST_PERIOD_S / dt_s), n // 3
+    if longest <= shortest:
+        return 0
+    likeness = (together / overlap)[shortest : longest + 1]
+    lag = shortest + int(np.argmax(likeness))
+    middle = slice(n // 3, n - lag - 1)
+    if middle.stop - middle.start < lag // 2:
+        middle = slice(0, n - lag)
+    apart = signal[middle] - signal[middle.start + lag : middle.stop + lag]
+    return lag if float(apart.std()) < SAME * float(signal.std()) else 0
+
+
+def _steady(command_v: Array, part: slice, period: int) -> slice:
+    """Return the whole periods at the end of a stretch in which the command repeats, its fade-out cut off."""
+    signal = command_v[part]
+    apart = np.abs(signal[period:] - signal[:-period]) < 10.0 * SAME * float(signal.std())
+    longest = max((s for s in _stretches(apart) if apart[s.start]), key=_length, default=slice(0, 0))
+    # the command repeats from longest.start to longest.stop + period; the first period is left to the transient
+    count = (longest.stop - longest.start) // period
+    end = part.start + longest.stop + period
+    return slice(end - count * period, end)

@@ -1,0 +1,208 @@
+"""What a model may be used for: up to which frequency, with which delay, and why not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from rths_cli.identification.fit_table import COMPARED_HZ, Fit, FitError, rms, within
+from rths_cli.lti import Frf, Model
+
+LIMITS = FitError(rms=0.01, largest=0.03, rms_mid=0.004)
+BANDS_HZ = (0.7, 2.0, 5.0, 11.0, 20.0, 40.0, 60.0)
+SCATTER = 2.0  # standard errors of a line that are not held against the model
+GROUP = 5  # lines whose errors are averaged above the compared band
+LAG_HZ = 0.05
+
+
+@dataclass(frozen=True)
+class Band:
+    """Residual |model / FRF - 1| between two frequencies, rms and largest, the FRF's own standard error (rms) and
+    the median coherence there."""
+
+    low_hz: float
+    high_hz: float
+    rms: float
+    largest: float
+    scatter: float
+    coherence: float
+
+
+@dataclass(frozen=True)
+class LevelBand:
+    """Table's response at low level over that at full level, mean in a band, and its standard error."""
+
+    low_hz: float
+    high_hz: float
+    ratio: complex
+    error: float
+
+
+@dataclass(frozen=True)
+class Root:
+    """A pair of roots (or a single real one: ratio NaN) with standard uncertainties, NaN where they are not known."""
+
+    kind: str
+    frequency_hz: float
+    damping_ratio: float
+    frequency_error_hz: float
+    damping_error: float
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether a model may drive a table: fit for feedforward between two frequencies in Hz, (0, 0) if nowhere.
+
+    `delay_s`: transport delay in the model; `lag_s`: phase lag of command to displacement at low frequency, as a time,
+    delay included. `reasons` say why not; `warnings` what else to know.
+    """
+
+    accepted: bool
+    feedforward_hz: tuple[float, float]
+    delay_s: float
+    lag_s: float
+    reasons: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def judge(model: Model, error: FitError, frf: Frf, most: FitError, warnings: Sequence[str]) -> Verdict:
+    """Return the verdict on a model whose fit error against a response is known."""
+    reasons = (*_misses(error, most), *_unsafe_roots(model))
+    reach = reach_hz(model, frf, most)
+    usable = (COMPARED_HZ[0], reach) if reach > COMPARED_HZ[0] else (0.0, 0.0)
+    if not reasons and reach < COMPARED_HZ[1]:
+        reasons = (f"table model: fit only up to {reach:.3g} Hz, {COMPARED_HZ[1]:g} Hz are needed; excite longer",)
+    return Verdict(not reasons, usable, model.delay_s, low_frequency_lag(model), reasons, tuple(warnings))
+
+
+def _misses(error: FitError, most: FitError) -> tuple[str, ...]:
+    """Return a sentence for each limit that the fit misses."""
+    rows = (
+        ("rms in 0.7-11 Hz", error.rms, most.rms),
+        ("largest in 0.7-11 Hz", error.largest, most.largest),
+        ("rms in 2-10 Hz", error.rms_mid, most.rms_mid),
+    )
+    return tuple(
+        f"table model: error |fit / FRF - 1|, {name}, is {value:.2%}, the limit is {limit:.2%}; excite longer or louder"
+        for name, value, limit in rows
+        if not value <= limit
+    )
+
+
+def _unsafe_roots(model: Model) -> tuple[str, ...]:
+    """Return a sentence for each kind of root that must not drive a table."""
+    found = []
+    if np.any(model.poles.real >= 0.0):
+        found.append("table model: poles on or right of the imaginary axis, a table that stands is stable")
+    if np.any(model.zeros[np.abs(model.zeros) > 1e-9].real >= 0.0):
+        found.append(
+            "table model: zeros right of the imaginary axis, the inverse is unstable; let an explicit delay stand for "
+            "what they describe"
+        )
+    if np.sum(np.abs(model.zeros) <= 1e-9) != 2:
+        found.append("table model: needs two zeros at the origin, because the table follows displacement")
+    return tuple(found)
+
+
+def reach_hz(model: Model, frf: Frf, most: FitError) -> float:
+    """Return the frequency up to which the model keeps its limits, counted from 0.7 Hz.
+
+    Above 11 Hz errors are averaged over five lines, and two standard errors of the response are not held against the
+    model; the rms counts from 0.7 Hz.
+    """
+    f = frf.frequency_hz
+    error = model.sampled_response(f) / frf.response - 1.0
+    scatter = SCATTER * frf.relative_error
+    above = f > COMPARED_HZ[1]
+    kernel = np.ones(GROUP) / GROUP
+    error[above] = np.convolve(error, kernel, mode="same")[above]
+    scatter = np.where(above, scatter / np.sqrt(GROUP), 0.0)
+    excess = np.maximum(np.abs(error) - scatter, 0.0)[f >= COMPARED_HZ[0] - 1e-9]
+    lines = f[f >= COMPARED_HZ[0] - 1e-9]
+    mean = np.sqrt(np.cumsum(excess**2) / np.arange(1, len(excess) + 1))
+    # a single first line is no rms: the lines up to 2 Hz count together
+    mean[lines < BANDS_HZ[1]] = mean[np.searchsorted(lines, BANDS_HZ[1]) - 1]
+    bad = np.flatnonzero((excess > most.largest) | (mean > most.rms))
+    if not bad.size:
+        return float(model.band_hz[1])
+    return float(lines[bad[0] - 1]) if bad[0] > 0 else 0.0
+
+
+def low_frequency_lag(model: Model) -> float:
+    """Return how late the displacement follows a slow command, in s: minus the slope of the phase at zero frequency."""
+    finite = model.zeros[np.abs(model.zeros) > 1e-9]
+    return float(np.real(np.sum(1.0 / finite) - np.sum(1.0 / model.poles))) + model.delay_s
+
+
+def residuals(model: Model, frf: Frf) -> tuple[Band, ...]:
+    """Return the residual by band, as far as the response reaches."""
+    f = frf.frequency_hz
+    error = np.abs(model.sampled_response(f) / frf.response - 1.0)
+    edges = [edge for edge in BANDS_HZ if edge < f[-1]] + [float(f[-1])]
+    found = []
+    for low, high in pairwise(edges):
+        inside = within(f, (low, high))
+        if inside.any():
+            scatter = rms(frf.relative_error[inside]) * np.sqrt(2.0)
+            found.append(
+                Band(low, high, rms(error[inside]), float(error[inside].max()), float(scatter),
+                     float(np.median(frf.coherence[inside])))
+            )  # fmt: skip
+    return tuple(found)
+
+
+def level_bands(quiet: Frf, loud: Frf | None) -> tuple[LevelBand, ...]:
+    """Compare two responses over the same model, at low and at full level (None: the model itself), by band.
+
+    Friction makes them differ.
+    """
+    found = []
+    for low, high in pairwise(BANDS_HZ):
+        one, one_error = _mean(quiet, (low, high))
+        other, other_error = (1.0 + 0j, 0.0) if loud is None else _mean(loud, (low, high))
+        if np.isfinite(one_error + other_error):
+            found.append(LevelBand(low, high, one / other, float(np.hypot(one_error, other_error))))
+    return tuple(found)
+
+
+def _mean(frf: Frf, band_hz: tuple[float, float]) -> tuple[complex, float]:
+    """Return the weighted mean of a response near 1 in a band and its standard error (NaN without lines there)."""
+    inside = within(frf.frequency_hz, band_hz)
+    if not inside.any():
+        return complex("nan"), float("nan")
+    weight = 1.0 / frf.relative_error[inside] ** 2
+    mean = np.sum(weight * frf.response[inside]) / np.sum(weight)
+    return complex(mean), float(1.0 / np.sqrt(np.sum(weight)))
+
+
+def roots_of(found: Fit) -> tuple[Root, ...]:
+    """Return poles and finite zeros of a fit with the standard uncertainties that its covariance gives."""
+    poles, single, zeros = found.layout.pairs(found.parameters)
+    error = np.sqrt(np.diag(found.covariance))
+    column, rows = 1, []
+    for kind, pairs in (("pole", poles), ("zero", zeros)):
+        if kind == "zero":
+            for corner in single:
+                hz = corner / (2.0 * np.pi)
+                rows.append(Root("pole", hz, float("nan"), hz * error[column], float("nan")))
+                column += 1
+        for omega, ratio in pairs:
+            hz = omega / (2.0 * np.pi)
+            rows.append(Root(kind, hz, ratio, hz * error[column], ratio * error[column + 1]))
+            column += 2
+    return tuple(rows)
+
+
+def roots_given(model: Model) -> tuple[Root, ...]:
+    """Return poles and finite zeros of a model that came without uncertainties."""
+    nan = float("nan")
+    rows = []
+    for kind, roots in (("pole", model.poles), ("zero", model.zeros[np.abs(model.zeros) > 1e-9])):
+        for root in sorted(roots, key=abs):
+            if root.imag >= 0.0:
+                ratio = -root.real / abs(root) if root.imag > 0.0 else nan
+                rows.append(Root(kind, abs(root) / (2.0 * np.pi), float(ratio), nan, nan))
+    return tuple(rows)

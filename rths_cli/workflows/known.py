@@ -1,0 +1,104 @@
+"""The model a run drives with: from a named file, from the cache of virtual rigs, or identified now; never hidden."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+
+from rths_cli.files.foreign_models import ForeignModel, is_foreign, read_foreign
+from rths_cli.identification.evaluate import Identification
+from rths_cli.identification.excitation import Excitation
+from rths_cli.lti import Model
+from rths_cli.workflows.identify import evaluated, measure, noted, plan
+from rths_cli.workflows.model_store import Cache, Stored, key, load
+from rths_cli.workflows.setup import Progress, Setup, shown
+from rths_cli.workflows.verify import verify
+
+
+@dataclass(frozen=True)
+class Known:
+    """An identification and how it came; `reasons` say why a model that was accepted once must not be used now."""
+
+    found: Identification
+    source: str
+    reasons: tuple[str, ...] = ()
+
+
+class Memory:
+    """Identifications of this process: cases on the same rig and specimen share one.
+
+    With a `cache`, models of virtual rigs outlive the process.
+    """
+
+    def __init__(self, cache: Cache | None = None) -> None:
+        self._cache = cache
+        self._plans: dict[str, Excitation] = {}
+        self._files: dict[str, Stored | ForeignModel] = {}
+        self._known: dict[str, Known] = {}
+
+    def prepare(self, setup: Setup) -> None:
+        """Read the model file that a case names, and plan the excitation of its rig.
+
+        Raises InputError when the file is no model of this rig and specimen, or the excitation cannot be met.
+        """
+        self.plan(setup)
+        path = setup.case.identification.model
+        if path is not None and key(setup) not in self._files:
+            self._files[key(setup)] = read_foreign(path) if is_foreign(path) else load(path, setup)
+
+    def plan(self, setup: Setup) -> Excitation:
+        """Return the excitation of the setup's rig; raises InputError when its settings cannot be met."""
+        if key(setup) not in self._plans:
+            self._plans[key(setup)] = plan(setup)
+        return self._plans[key(setup)]
+
+    def identify(self, setup: Setup, progress: Progress) -> Identification:
+        """Return the identification of the setup's rig and specimen."""
+        return self.known(setup, progress).found
+
+    def known(self, setup: Setup, progress: Progress) -> Known:
+        """Return what is known of the setup's rig and specimen, from where, and whether it still holds."""
+        name = key(setup)
+        if name not in self._known:
+            self.prepare(setup)
+            file = self._files.get(name)
+            self._known[name] = self._from_file(setup, file, progress) if file else self._now(setup, progress)
+        return self._known[name]
+
+    def _from_file(self, setup: Setup, file: Stored | ForeignModel, progress: Progress) -> Known:
+        """Return a named model: one of ours verified by a short record, one from elsewhere judged by a full one."""
+        if isinstance(file, ForeignModel):
+            measured = measure(setup, progress, self.plan(setup))
+            found = evaluated(setup, measured, as_model(file, setup))
+            where = f"zeros, poles and gain of {shown(file.path)}, judged by a record made now"
+            return Known(noted(found, file.notes), where)
+        reasons, sentence = verify(setup, file.found, progress)
+        where = f"model {shown(file.path)}, identified {file.age}"
+        found = file.found if reasons else noted(file.found, (f"{where}; {sentence}",))
+        return Known(found, where, tuple(f"{where}: {reason}" for reason in reasons))
+
+    def _now(self, setup: Setup, progress: Progress) -> Known:
+        """Return the model from the cache, or excite the rig for one."""
+        stored = self._cache.find(setup) if self._cache and setup.rig.kind == "virtual" else None
+        if stored is not None:
+            return Known(stored.found, f"cache, identified {stored.age}")
+        measured = measure(setup, progress, self.plan(setup))
+        found = evaluated(setup, measured)
+        if self._cache and setup.rig.kind == "virtual":
+            self._cache.keep(setup, found, measured.sha256)
+        return Known(found, "identified in this run")
+
+
+def as_model(given: ForeignModel, setup: Setup) -> Model:
+    """Return a model from elsewhere as one of this rig; a ripple that is not stated is NaN, to be found."""
+    ripple = math.nan if given.ripple_m_s2_per_v is None else given.ripple_m_s2_per_v
+    band = given.band_hz or (setup.case.identification.low_hz, setup.case.identification.high_hz)
+    return Model(
+        given.zeros, given.poles, given.gain, given.delay_s, band, ripple, setup.rig.latency_samples, setup.rig.dt_s
+    )
+
+
+def named_model(path: Path | None) -> ForeignModel | None:
+    """Return the model from elsewhere that a case names, None when it names none or one of ours."""
+    return read_foreign(path) if path is not None and is_foreign(path) else None

@@ -1,0 +1,125 @@
+"""What `rths identify` does: measure or read, evaluate, write the model file, and say how it came about."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+
+from rths_cli.case.load import load_cases
+from rths_cli.errors import InputError
+from rths_cli.files.foreign_models import read_foreign
+from rths_cli.files.measured import Recording, write_recording
+from rths_cli.files.result_writer import check_writable
+from rths_cli.identification.channels import UnfitRecord
+from rths_cli.identification.evaluate import Identification
+from rths_cli.identification.evaluate import identify as evaluate
+from rths_cli.lti import Model
+from rths_cli.report.identified import About
+from rths_cli.workflows.identify import (
+    Measured,
+    UnfitRig,
+    evaluated,
+    evaluation_settings,
+    measure,
+    noted,
+    plan,
+)
+from rths_cli.workflows.known import as_model, is_foreign
+from rths_cli.workflows.measured import DataRequest, read_measured
+from rths_cli.workflows.model_store import channel_names, load, save
+from rths_cli.workflows.setup import Progress, Setup, make_setup, shown
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What `rths identify` was asked: a case and settings KEY=VALUE, measured data (None: excite the rig), where to.
+
+    `output` None: models/RIG_STRUCTURE.h5; `save_data`: where to write what was measured.
+    """
+
+    case: str
+    settings: tuple[str, ...]
+    data: DataRequest | None = None
+    output: Path | None = None
+    save_data: Path | None = None
+
+
+@dataclass(frozen=True)
+class Made:
+    """What came of it: the identification and its file, or (found None) why no model could be made."""
+
+    about: About
+    found: Identification | None
+    path: Path | None
+    unfit: UnfitRecord | None = None
+    exit_code: int = 0
+
+
+def make_model(asked: Asked, progress: Progress) -> Made:
+    """Identify as asked and write the model file, a rejected model too: it says so itself.
+
+    Raises InputError before anything moves when the case, the data or the output cannot be used.
+    """
+    setup = make_setup(load_cases([asked.case], asked.settings)[0])
+    output = _output(asked, setup)
+    given = _given(setup)
+    planned = None if asked.data else plan(setup)
+    check_writable(output.parent)
+    about = About(setup.rig.name, setup.rig.kind, "")
+    try:
+        measured = read_measured(asked.data, setup) if asked.data else measure(setup, progress, planned)
+        about = replace(about, source=measured.source, lines=measured.lines)
+        if asked.save_data:
+            _save_data(asked.save_data, setup, measured)
+        found = _evaluate(setup, measured, given, asked.data is not None)
+    except UnfitRig as unfit:
+        return Made(about, None, None, unfit.unfit, unfit.exit_code)
+    except UnfitRecord as unfit:
+        return Made(about, None, None, unfit, 1)
+    replaced = output.exists()
+    sha256 = save(output, setup, found, measured.source, measured.sha256, replace=setup.rig.kind == "virtual")
+    lines = (
+        *measured.lines,
+        ("data SHA-256", measured.sha256[:16]),
+        ("model file", f"{shown(output)}{' (replaced)' if replaced else ''}, SHA-256 {sha256[:16]}"),
+    )
+    return Made(replace(about, lines=lines), found, output, None, 0 if found.accepted else 1)
+
+
+def _evaluate(setup: Setup, measured: Measured, given: Model | None, from_file: bool) -> Identification:
+    """Evaluate records of the rig, or of files: faults of the latter are the user's, not the rig's."""
+    if not from_file:
+        return evaluated(setup, measured, given)
+    settings = evaluation_settings(setup.case.identification)
+    found = evaluate(measured.records, setup.rig, setup.floor_masses_kg, settings, measured.quiet, given)
+    return noted(found, measured.notes)
+
+
+def _given(setup: Setup) -> Model | None:
+    """Return the model that the case names, to be judged in place of one fitted here."""
+    path = setup.case.identification.model
+    if path is None:
+        return None
+    return as_model(read_foreign(path), setup) if is_foreign(path) else load(path, setup).found.best
+
+
+def _output(asked: Asked, setup: Setup) -> Path:
+    """Return where the model file goes; that of a real rig carries the time, so that none is ever replaced."""
+    if asked.output is not None:
+        if asked.output.is_dir():
+            raise InputError(f"--output {asked.output}: is a folder; give the name of the model file")
+        return asked.output
+    stamp = "" if setup.rig.kind == "virtual" else datetime.now(UTC).strftime("_%Y%m%dT%H%M%SZ")
+    return Path("models") / f"{setup.rig.name}_{setup.case.structure.name}{stamp}.h5"
+
+
+def _save_data(path: Path, setup: Setup, measured: Measured) -> None:
+    """Write the first record: command in V, accelerations in m/s^2 as the evaluation took them."""
+    record = measured.records[0]
+    names = ("command_v", *(f"{name}_accel_m_s2" for name in channel_names(setup)))
+    samples = np.vstack([record.command_v, record.accel_m_s2])
+    units = ("V", *["m/s^2"] * len(record.accel_m_s2))
+    write_recording(path, Recording(path, "", setup.rig.dt_s, names, units, samples, ()))

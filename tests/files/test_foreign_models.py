@@ -396,6 +396,7 @@ def test_only_files_that_are_not_ours_are_foreign(tmp_path):
         file["p"] = POLES.real
     (tmp_path / "junk").write_bytes(b"\0\1\2\3" * 100)
     (tmp_path / "empty").write_bytes(b"")
+    (tmp_path / "ours.mat").write_bytes((tmp_path / "m.h5").read_bytes())
     (tmp_path / "cut.h5").write_bytes((tmp_path / "m.h5").read_bytes()[:700])
     found = {path.name: is_foreign(path) for path in tmp_path.iterdir()} | {"none": is_foreign(tmp_path / "none")}
     assert not any(found.values()), found

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import io
+import logging
+import logging.handlers
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +17,7 @@ from rths_cli.files.measured_contents import Column, Contents, listed
 from rths_cli.files.measured_hdf5 import hdf5_contents
 from rths_cli.files.measured_matlab import is_matlab, matlab_variables
 from rths_cli.files.measured_text import text_contents
+from rths_cli.files.measured_trial import survives
 from rths_cli.files.measured_variables import contents_of
 
 READ = "CSV or text, MATLAB .mat, HDF5 or TDMS"
@@ -85,6 +90,8 @@ def _guarded(path: Path, kind: str, data: bytes) -> Contents:
 
 def _hdf5(path: Path, _: bytes) -> Contents:
     """Return the contents of an HDF5 file."""
+    if not survives(lambda: hdf5_contents(path)):
+        raise ValueError("the HDF5 library crashes on this file, or does not come to an end")
     return hdf5_contents(path)
 
 
@@ -101,7 +108,8 @@ def _tdms(path: Path, data: bytes) -> Contents:
         raise InputError(
             f'{path}: is a TDMS file, for which a reader is missing; install it: pip install "rths-cli[tdms]"'
         ) from None
-    file = TdmsFile.read(io.BytesIO(data))
+    with _quiet("nptdms") as complaints:
+        file = TdmsFile.read(io.BytesIO(data))
     channels = [channel for group in file.groups() for channel in group.channels()]
     names = [channel.name for channel in channels]
     columns, intervals, ignored = [], [], []
@@ -116,5 +124,20 @@ def _tdms(path: Path, data: bytes) -> Contents:
             intervals.append((f"wf_increment of {name}", float(channel.properties["wf_increment"])))
     if not columns:
         raise InputError(f"{path}: holds no channel of numbers; give a TDMS file with measured channels")
-    notes = (f"not used, because they are no series: {listed(ignored)}",) if ignored else ()
-    return Contents(tuple(columns), tuple(intervals), notes)
+    notes = [f"not used, because they are no series: {listed(ignored)}"] if ignored else []
+    notes += [f"the TDMS file is damaged ({complaint}); what could be read is used" for complaint in complaints[:1]]
+    return Contents(tuple(columns), tuple(intervals), tuple(notes))
+
+
+@contextmanager
+def _quiet(name: str) -> Iterator[list[str]]:
+    """Collect the warnings that a library logs, so that they become notes."""
+    logger, handler = logging.getLogger(name), logging.handlers.BufferingHandler(1_000_000)
+    complaints: list[str] = []
+    before, logger.handlers = logger.handlers, [handler]
+    propagate, logger.propagate = logger.propagate, False
+    try:
+        yield complaints
+    finally:
+        complaints += [record.getMessage() for record in handler.buffer]
+        logger.handlers, logger.propagate = before, propagate

@@ -282,7 +282,7 @@ def test_own_form_opens_in_xarray(tmp_path: Path) -> None:
 texts = st.text(st.characters(exclude_categories=["Cs"], exclude_characters="\0"), max_size=12)
 
 
-@settings(derandomize=True, max_examples=60, deadline=None)
+@settings(derandomize=True, max_examples=25, deadline=None)
 @given(data=st.data(), dt_s=st.floats(1e-6, 1.0), notes=st.lists(texts, max_size=3))
 def test_own_form_comes_back_bit_for_bit(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject, dt_s: float, notes: list[str]

@@ -1,5 +1,8 @@
 """Whatever the bytes: a recording whose parts fit together, or sentences that start with the path."""
 
+import os
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import h5py
@@ -11,6 +14,7 @@ from hypothesis import strategies as st
 from nptdms import ChannelObject, TdmsWriter
 
 from rths_cli.errors import InputError
+from rths_cli.files import measured_formats, measured_trial
 from rths_cli.files.measured import Recording, choose, mend, missing, read_recording, write_recording
 
 N = 40
@@ -72,7 +76,37 @@ def test_the_seed_itself_is_read(seed: tuple[Path, bytes]) -> None:
     assert read_recording(path).dt_s == 0.001
 
 
-@settings(derandomize=True, max_examples=120, deadline=None)
+def test_a_file_on_which_the_library_hangs_or_crashes_is_called_damaged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, parent = tmp_path / "any.h5", os.getpid()
+    path.write_bytes(make(tmp_path, "h5"))
+    monkeypatch.setattr(measured_trial, "TIME_LIMIT_S", 0.2)
+    for disaster in (lambda: time.sleep(60), os.abort):
+
+        def read(_: Path, happen: Callable[[], None] = disaster) -> None:
+            assert os.getpid() != parent, "read without a trial"
+            happen()
+
+        monkeypatch.setattr(measured_formats, "hdf5_contents", read)
+        with pytest.raises(InputError, match=r"any\.h5: is a damaged or truncated HDF5 file and cannot be read"):
+            read_recording(path)
+
+
+def test_a_cut_tdms_file_is_not_read_in_silence(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "cut.tdms"
+    path.write_bytes(make(tmp_path, "tdms")[:-100])
+    with pytest.raises(InputError, match="the channels have unequal numbers of samples"):
+        read_recording(path)
+    with TdmsWriter(path) as writer:
+        writer.write_segment([ChannelObject("g", "table_g", ROWS[0], properties={"wf_increment": 0.001})])
+    path.write_bytes(path.read_bytes()[:-100])
+    (note,) = read_recording(path).notes
+    assert note.startswith("the TDMS file is damaged (Last segment of file has less data than expected")
+    assert capfd.readouterr().err == ""
+
+
+@settings(derandomize=True, max_examples=60, deadline=None)
 @given(data=st.data())
 def test_changed_bytes(seed: tuple[Path, bytes], data: st.DataObject) -> None:
     path, original = seed
@@ -83,7 +117,7 @@ def test_changed_bytes(seed: tuple[Path, bytes], data: st.DataObject) -> None:
     read_anything(path, bytes(mutated))
 
 
-@settings(derandomize=True, max_examples=40, deadline=None)
+@settings(derandomize=True, max_examples=20, deadline=None)
 @given(data=st.data())
 def test_cut_files(seed: tuple[Path, bytes], data: st.DataObject) -> None:
     path, original = seed

@@ -79,13 +79,13 @@ def _channels(channels: Sequence[ChannelReport]) -> list[str]:
     """Return a line per channel."""
     if not channels:
         return []
-    where = f"coherence: median in {band(*COMPARED_HZ)} Hz"
+    about = f"m/s^2: rms and largest excited, rms at rest; coherence: median in {band(*COMPARED_HZ)} Hz"
     rows = [["channel", "rms", "largest", "at rest", "coherence", "hum"]]
     rows += [
         [c.name, number(c.rms_m_s2), number(c.largest_m_s2), _rest(c.rest_rms_m_s2), _coherence(c.coherence), _hum(c)]
         for c in channels
     ]
-    return [labelled("channels", f"m/s^2 under excitation, rms at rest; {where}"), *aligned(rows)]
+    return [labelled("channels", about), *aligned(rows)]
 
 
 def _rest(rms_m_s2: float | None) -> str:

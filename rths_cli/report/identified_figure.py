@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 # Okabe and Ito's colours, which colour-blind readers tell apart; lightness and dashes tell them apart in grey
 SKY, BLUE, VERMILLION, GREY, LIGHT = "#56B4E9", "#0072B2", "#D55E00", "#999999", "#F0F0F0"
-FLOORS = ("#E69F00", "#56B4E9", "#009E73", "#CC79A7", "#D55E00", "#0072B2")
+FLOORS = ("#E69F00", BLUE, "#009E73", "#CC79A7", SKY, VERMILLION)
 DASHES = ("solid", (0, (5, 1.5)), (0, (1.5, 1)), (0, (5, 1, 1.5, 1)), (0, (8, 2)), (0, (3, 1, 1, 1, 1, 1)))
 A4_INCH = (8.27, 11.69)
 DPI = 150
@@ -162,7 +162,8 @@ def _residual(ax: Axes, found: Identification) -> None:
     scatter = 100.0 * np.sqrt(2.0) * table.relative_error
     low, high = found.verdict.feedforward_hz
     if high > low:
-        ax.axvspan(low, high, color=LIGHT, lw=0.0, label=f"fit for feedforward, {short(low)} to {short(high)} Hz")
+        what = "fit for feedforward" if found.accepted else "keeps its limits"
+        ax.axvspan(low, high, color=LIGHT, lw=0.0, label=f"{what}, {short(low)} to {short(high)} Hz")
     least = max(0.5 * min((100.0 * band.rms for band in found.residuals), default=0.1), LEAST_PERCENT)
     ax.fill_between(f, least, scatter.clip(min=least), color="#BBBBBB", lw=0.0, label="data's own scatter")
     ax.plot(f, error.clip(min=least), color=BLUE, lw=0.7, label="each line")

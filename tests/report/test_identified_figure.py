@@ -74,7 +74,7 @@ def test_residual_with_limits_scatter_and_the_verdict_s_band(found, axes):
     assert [bar.get_ydata()[0] for bar in bars] == pytest.approx([100.0 * band.rms for band in found.residuals])
     limits = [d.get_ydata()[0] for d in ax.lines if d.get_linestyle() == "--"]
     assert limits == [1.0, 3.0] and {"1 % rms", "3 % largest"} <= {text.get_text() for text in ax.texts}
-    usable = next(patch for patch in ax.patches if "0.7 to 58.7 Hz" in patch.get_label())
+    usable = next(patch for patch in ax.patches if patch.get_label() == "fit for feedforward, 0.7 to 58.7 Hz")
     assert [usable.get_x(), usable.get_x() + usable.get_width()] == pytest.approx([0.7, 58.7])
     (scatter,) = (shape for shape in ax.collections if "scatter" in shape.get_label())
     top = scatter.get_paths()[0].vertices[:, 1].max()
@@ -124,6 +124,7 @@ def test_heading_says_rig_virtual_verdict_and_source():
     title, verdict, source = (text.get_text() for text in drawn.texts)
     assert title == "Virtual table a\\$b\\$c_{\\x, identified from its channels" and source == ABOUT.source
     assert verdict.startswith("rejected: the fit misses") and verdict.endswith(" ...")
+    assert drawn.axes[3].patches[0].get_label() == "keeps its limits, 0.7 to 58.7 Hz"
     extent = drawn.texts[1].get_window_extent()
     assert extent.x1 < drawn.bbox.x1
 

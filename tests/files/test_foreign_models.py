@@ -223,8 +223,9 @@ def test_matlab_files_give_the_response_of_their_numbers(tmp_path, save, variabl
 
 @QUICK
 @SAVERS
-def test_a_matlab_model_without_finite_zeros(tmp_path, save):
-    save(tmp_path / "m.mat", {"z": [], "p": POLES, "k": 3.0e12, "output": "displacement_m"})
+@pytest.mark.parametrize("empty", [[], [np.zeros(0)], np.zeros(0)], ids=["cell", "in a cell", "array"])
+def test_a_matlab_model_without_finite_zeros(tmp_path, save, empty):
+    save(tmp_path / "m.mat", {"z": empty, "p": POLES, "k": 3.0e12, "output": "displacement_m"})
     model = read_foreign(tmp_path / "m.mat")
     assert model.zeros.tolist() == [0, 0]
     np.testing.assert_allclose(response(model), freqs_zpk([0, 0], POLES, 3e12, OMEGA)[1], rtol=1e-12)

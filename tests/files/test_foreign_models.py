@@ -490,3 +490,12 @@ def test_a_reader_that_cannot_work_is_no_fault_of_the_file(tmp_path, monkeypatch
     save_v5(tmp_path / "m.mat", FORMS[0])
     with pytest.raises(RuntimeError, match="no_such_module"):
         read_foreign(tmp_path / "m.mat")
+
+
+@QUICK
+def test_a_structure_is_no_list_of_roots(tmp_path):
+    savemat(tmp_path / "a.mat", {"p": {"a": 1.0}, "k": 1.0})
+    with h5py.File(tmp_path / "b.mat", "w", userblock_size=512) as file:
+        file["p/a"], file["k"] = 1.0, 1.0
+    for name in ("a.mat", "b.mat"):
+        assert f"{name}: p: must be numbers, got a structure or something else" in fault(tmp_path / name)

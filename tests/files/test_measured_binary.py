@@ -35,6 +35,7 @@ def the_fault(path: Path, dt_s: float | None = None) -> str:
 
 
 def check(recording: Recording, names: tuple[str, ...] = NAMES, notes: tuple[str, ...] = ()) -> None:
+    assert sorted(recording.names) == sorted(names)
     order = [recording.names.index(name) for name in names]
     np.testing.assert_array_equal(recording.samples[order], SAMPLES)
     assert recording.dt_s == 0.0005
@@ -55,6 +56,7 @@ MATLAB = {
     "rows and Ts": {"Ts": 0.0005, **{name: row[None, :] for name, row in VECTORS.items()}},
     "matrix of columns": {"dt": 0.0005, "data": SAMPLES.T, "names": cells(*NAMES)},
     "matrix of rows": {"dt": 0.0005, "data": SAMPLES, "channel_names": cells(*NAMES)},
+    "names as the rows of a text": {"dt": 0.0005, "data": SAMPLES.T, "names": np.array([f"{n:<14}" for n in NAMES])},
     "matrix with time": {"data": np.vstack([TIME, SAMPLES]).T, "names": cells("time", *NAMES)},
     "struct": {"recording": {"time": TIME, **VECTORS}},
     "struct beside fs": {"recording": VECTORS, "fs": np.int32(2000)},
@@ -133,6 +135,9 @@ def _put_all(file: h5py.File, group: h5py.Group, content: dict[str, object]) -> 
         elif isinstance(value, np.ndarray) and value.dtype == object:
             references = np.array([[_put_text(file, str(text)).ref for text in value.ravel()]], dtype=h5py.ref_dtype)
             group.create_dataset(name, data=references).attrs["MATLAB_class"] = np.bytes_("cell")
+        elif isinstance(value, np.ndarray) and value.dtype.kind == "U":
+            codes = np.array([[ord(letter) for letter in row] for row in value], dtype=np.uint16)
+            group.create_dataset(name, data=codes.T).attrs["MATLAB_class"] = np.bytes_("char")
         else:
             array = np.asarray(value, dtype=float)
             shaped = array.reshape(-1, 1) if array.ndim < 2 else array

@@ -80,17 +80,21 @@ def test_a_file_on_which_the_library_hangs_or_crashes_is_called_damaged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, parent = tmp_path / "any.h5", os.getpid()
+    read_here: list[Path] = []
     path.write_bytes(make(tmp_path, "h5"))
     monkeypatch.setattr(measured_trial, "TIME_LIMIT_S", 0.2)
     for disaster in (lambda: time.sleep(60), os.abort):
 
-        def read(_: Path, happen: Callable[[], None] = disaster) -> None:
-            assert os.getpid() != parent, "read without a trial"
+        def read(given: Path, happen: Callable[[], None] = disaster) -> None:
+            if os.getpid() == parent:
+                read_here.append(given)
+                raise ValueError
             happen()
 
         monkeypatch.setattr(measured_formats, "hdf5_contents", read)
         with pytest.raises(InputError, match=r"any\.h5: is a damaged or truncated HDF5 file and cannot be read"):
             read_recording(path)
+    assert read_here == []
 
 
 def test_a_cut_tdms_file_is_not_read_in_silence(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:

@@ -95,6 +95,12 @@ def test_columns_without_names_are_numbered_and_blank_ones_dropped(tmp_path: Pat
     assert recording.samples.tolist() == [[1, 3, 5], [2, 4, 6]]
 
 
+@pytest.mark.parametrize("end", [",,\n,,\n", "\n\n", ",\t,  \n"])
+def test_blank_rows_at_the_end_are_no_samples(tmp_path: Path, end: str) -> None:
+    recording = read_recording(write(tmp_path, "a_v,b_v,c_v\n1,2,3\n,,\n4,5,6\n" + end), dt_s=0.001)
+    np.testing.assert_array_equal(recording.samples[0], [1, np.nan, 4])
+
+
 def test_infinite_samples_are_named_and_missing(tmp_path: Path) -> None:
     recording = read_recording(write(tmp_path, "a_v\n1\ninf\n-inf\n2\n"), dt_s=0.001)
     np.testing.assert_array_equal(recording.samples, [[1, np.nan, np.nan, 2]])

@@ -1,5 +1,6 @@
 """The figure of an identification: its axes hold the data, its files are the same twice, a refusal is a sentence."""
 
+import errno
 import subprocess
 import sys
 from dataclasses import replace
@@ -48,7 +49,7 @@ def test_phase_is_unwrapped_and_starts_at_one_branch(found, sign, start, delay_s
     """It starts near half a turn (command and acceleration at 0 Hz), whichever side of it the first line is on."""
     model = replace(MODEL, gain=sign * MODEL.gain, delay_s=delay_s)
     f = found.frfs[0].frequency_hz
-    table = replace(found.frfs[0], response=model.sampled_response(f) * (1.0 + 0.05 * np.exp(9j * f)))
+    table = replace(found.frfs[0], response=model.sampled_response(f) * (1.0 + 0.05 * np.exp(-9j * f)))
     drawn = figure(identification(frfs=(table, *found.frfs[1:]), best=model), ABOUT).axes[1].lines
     for phase, response in zip(drawn, (table.response, model.sampled_response(f)), strict=True):
         turns = (phase.get_ydata() - np.degrees(np.angle(response))) / 360.0
@@ -163,6 +164,19 @@ def test_a_file_that_cannot_be_written_is_one_sentence_and_leaves_nothing(found,
     with pytest.raises(InputError, match=r"x\.jpg: a figure's file name must end in \.png, \.svg or \.pdf$"):
         write_figure(found, ABOUT, tmp_path / "x.jpg")
     assert [path.name for path in tmp_path.iterdir()] == ["taken.svg"]
+
+
+def test_a_full_disk_leaves_the_figure_that_was_there(found, tmp_path, monkeypatch):
+    path = tmp_path / "x.svg"
+    path.write_text("before")
+
+    def full(source, target):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("os.replace", full)
+    with pytest.raises(InputError, match=r"x\.svg: cannot write the figure: No space left on device; choose another"):
+        write_figure(found, ABOUT, path)
+    assert path.read_text() == "before" and list(tmp_path.iterdir()) == [path]
 
 
 def test_the_page_needs_no_matplotlib_and_the_figure_no_pyplot():

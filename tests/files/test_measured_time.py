@@ -68,6 +68,7 @@ def test_units_of_time(tmp_path: Path, name: str, factor: float) -> None:
     assert read_recording(write(tmp_path, TIMES * factor, name=name)).dt_s == pytest.approx(0.0005, rel=1e-12)
 
 
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
@@ -76,6 +77,8 @@ def test_units_of_time(tmp_path: Path, name: str, factor: float) -> None:
         ({700: 700.35 / 2000}, ":702: 'time_s' is 0.35 of an interval from its even place"),
         ({700: 700.45 / 2000}, ":702: 'time_s' steps by 1.45 intervals here, which is not whole"),
         ({700: np.nan}, ":702: 'time_s' is missing here"),
+        ({700: -1.7e308, 701: 1.7e308}, ":702: 'time_s' runs backwards"),
+        ({0: -1.7e308, 1999: 1.7e308}, ":3: 'time_s' has gaps longer"),
         ({1999: 9.0}, ":2001: 'time_s' has gaps longer than the recording itself"),
     ],
 )

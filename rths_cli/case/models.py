@@ -85,7 +85,9 @@ class IdentificationSpec(Strict):
     low_hz: Annotated[float, Range(ge=0.01, le=1000)] = 0.3
     high_hz: Annotated[float, Range(gt=0, le=1000)] = 60.0
     excitation: Literal["noise", "multisine", "sweep", "step"] = "noise"
-    period_s: Annotated[float, Range(gt=0, le=1000)] = Field(default=20.0, description="of multisine and sweep")
+    period_s: Annotated[float, Range(gt=0, le=1000)] | None = Field(
+        default=None, description="default: 20 for a multisine, 40 for a sweep"
+    )
     records: Annotated[int, Range(ge=1, le=20)] = Field(default=1, description="how many are measured and averaged")
     estimator: Literal["h1", "h2", "hv"] = "h1"
     sensor_dynamics: Literal["removed", "kept"] = Field(

@@ -270,7 +270,7 @@ def _floor_gains(frfs: Sequence[Frf], info: RigInfo) -> list[str]:
     faults = []
     for channel, frf in zip(info.channels[1:], frfs[1:], strict=True):
         ratio = (frf.response[low] / frfs[0].response[low]).real
-        powers = np.vander((frfs[0].frequency_hz[low]) ** 2, 3 if low.sum() > 8 else 1, increasing=True)
+        powers = np.vander((frfs[0].frequency_hz[low]) ** 2, 3 if low.sum() > 8 else 2, increasing=True)
         gain = float(np.linalg.lstsq(powers, ratio, rcond=None)[0][0])
         if abs(gain - 1.0) > FLOOR_GAIN_SHARE:
             faults.append(

@@ -13,9 +13,17 @@ from rths_cli.identification.channels import ChannelReport, UnfitRecord
 from rths_cli.identification.fit_table import Fit, FitError, Timing, fit_error, fit_paper, refit, within
 from rths_cli.identification.frf import Estimator, estimate, noise_floor, over_model, without_leakage
 from rths_cli.identification.given import with_ripple
-from rths_cli.identification.orders import Candidate, cancelling, choose
+from rths_cli.identification.orders import Candidate, choose, doubtful
 from rths_cli.identification.record import Record
-from rths_cli.identification.specimen import Motion, SpecimenFit, Start, fit_stretches, modal, storey_start
+from rths_cli.identification.specimen import (
+    Motion,
+    SpecimenFit,
+    Start,
+    fit_specimen,
+    fit_stretches,
+    modal,
+    storey_start,
+)
 from rths_cli.identification.starts import first_fit
 from rths_cli.identification.verdict import LIMITS, Band, LevelBand, Root, Verdict
 from rths_cli.lti import Array, Frf, Model
@@ -95,7 +103,8 @@ def identify(
     masses = np.asarray(floor_masses_kg, dtype=float)
     check(records, info, masses)
     shortest = min(r.parts.noise.stop - r.parts.noise.start for r in records) * info.dt_s
-    settings = replace(settings, segment_s=min(settings.segment_s, shortest / SEGMENTS))
+    suited = [r.parts.segment_samples * info.dt_s for r in records if r.parts.segment_samples]
+    settings = replace(settings, segment_s=min(settings.segment_s, shortest / SEGMENTS, *suited))
     frfs = estimate(records, info.dt_s, settings.band_hz, settings.segment_s, settings.estimator)
     seen = channels.reports(records, frfs, info)
     faults = channels.response_faults(frfs, info, masses)
@@ -103,9 +112,10 @@ def identify(
         raise UnfitRecord(faults, seen)
     settings = replace(settings, band_hz=(settings.band_hz[0], coherent_up_to(frfs[0], settings.band_hz[1])))
     start = _start(frfs, masses)
+    start = _specimen_start(records, info, masses, settings, start, None)
     first, table = _table(frfs[0], start, masses, info, settings, records)
     chosen, candidates = choose(first, table, records, settings.estimator, settings.latency_in_roots)
-    if chosen.layout != first.layout:
+    if (chosen.layout, chosen.held_zeros) != (first.layout, first.held_zeros):
         chosen, table = _refined(frfs[0], chosen, settings, records)
     fitted_paper = fit_paper(table, first, _inside(settings.paper_band_hz, settings.band_hz)).model
     best = with_ripple(given, table, settings.band_hz) if given else chosen.model
@@ -117,7 +127,7 @@ def identify(
         *channels.hum_warnings(seen),
         *channels.gain_warnings(best.low_frequency_gain_m_per_v, info),
         *_differences(specimen, free),
-        *([] if given else cancelling(chosen)),
+        *([] if given else doubtful(chosen)),
     ]
     return Identification(
         frfs=(table, *frfs[1:]),
@@ -130,7 +140,7 @@ def identify(
         free_vibration=free,
         channels=seen,
         candidates=() if given else candidates,
-        roots=verdict.roots_given(best) if given else verdict.roots_of(chosen),
+        roots=verdict.roots_given(best) if given else verdict.roots_of(chosen, specimen),
         residuals=verdict.residuals(best, table),
         levels=_levels(best, table, quiet, settings),
         verdict=verdict.judge(best, error, table, settings.most, warnings),
@@ -189,6 +199,18 @@ def _start(frfs: Sequence[Frf], masses: Array) -> Start:
     return storey_start(frfs[0].frequency_hz[low], frfs[0].response[low], floors, masses)
 
 
+def _specimen_start(
+    records: Sequence[Record], info: RigInfo, masses: Array, settings: IdentificationSettings, start: Start,
+    model: Model | None,
+) -> Start:  # fmt: skip
+    """Return the specimen fitted to the motions themselves, where no leakage does harm however light the damping."""
+    if len(masses) == 0:
+        return start
+    motions = [motion for record in records if (motion := _motion(record, model, free=False)) is not None]
+    found = fit_specimen(motions, info.dt_s, masses, settings.band_hz[0], start)
+    return Start(found.stiffness_n_per_m, found.damping_ratio)
+
+
 def _table(
     frf: Frf, start: Start, masses: Array, info: RigInfo, settings: IdentificationSettings, records: Sequence[Record]
 ) -> tuple[Fit, Frf]:
@@ -196,16 +218,19 @@ def _table(
     omega = modal(masses, start.stiffness_n_per_m)[0] if len(masses) else np.zeros(0)
     modes = (omega / (2.0 * np.pi), start.damping_ratio)
     found = first_fit(frf, modes, Timing(info.latency_samples, info.dt_s), settings.band_hz)
+    exact = _specimen_start(records, info, masses, settings, start, found.model)
+    found = replace(found, parameters=_with_zeros(found, exact, masses))
     return _refined(frf, found, settings, records)
 
 
 def _refined(frf: Frf, found: Fit, settings: IdentificationSettings, records: Sequence[Record]) -> tuple[Fit, Frf]:
     """Return the fit of the same structure to the response without leakage, and that response.
 
-    Each round takes out the leakage the last model shows; an excitation in whole periods has none.
+    Each round takes out the leakage the last model shows (an excitation in whole periods has none, but its lines
+    get their errors from the model).
     """
     clean = frf
-    for _ in range(0 if records[0].parts.period_samples else MOST_ROUNDS):
+    for _ in range(MOST_ROUNDS):
         clean = without_leakage(frf, found.model, records, settings.segment_s, settings.estimator)
         before, found = found.model, refit(clean, found)
         change = fit_error(found.model, replace(clean, response=before.sampled_response(clean.frequency_hz)))
@@ -221,16 +246,31 @@ def _specimen(
     """Return the specimen from the excitation or from the free vibration, None without either or without floors."""
     if start is None or len(masses) == 0:
         return None
-    motions = []
-    for record in records:
-        part = record.parts.free_vibration if free else record.parts.noise
-        if part is not None:
-            table = without_staircase(record.accel_m_s2[0], record.command_v, model)
-            motions.append(Motion(table, record.accel_m_s2[1:]).cut(part))
+    motions = [motion for record in records if (motion := _motion(record, model, free)) is not None]
     if not motions:
         return None
     first = Start(start.stiffness_n_per_m, start.damping_ratio)
     return fit_stretches(motions, info.dt_s, masses, settings.band_hz[0], first, free)
+
+
+def _motion(record: Record, model: Model | None, free: bool) -> Motion | None:
+    """Return table and floors during the excitation or the free vibration, less the staircase alias a model knows."""
+    part = record.parts.free_vibration if free else record.parts.noise
+    if part is None:
+        return None
+    table = record.accel_m_s2[0]
+    if model is not None:
+        table = without_staircase(table, record.command_v, model)
+    return Motion(table, record.accel_m_s2[1:]).cut(part)
+
+
+def _with_zeros(found: Fit, specimen: Start, masses: Array) -> Array:
+    """Return the parameters of a fit with its held zeros at the specimen's modes."""
+    parameters = found.parameters.copy()
+    if len(masses):
+        omega = modal(masses, specimen.stiffness_n_per_m)[0]
+        parameters[found.layout.zeros(len(masses))] = np.log(np.column_stack([omega, specimen.damping_ratio])).ravel()
+    return parameters
 
 
 def _levels(model: Model, table: Frf, quiet: Record | None, settings: IdentificationSettings) -> tuple[LevelBand, ...]:

@@ -25,6 +25,7 @@ BURST_BAND_HZ = (1.0, 15.0)
 LEAST_ACCEL_BITS = 100.0
 LEAST_DURATION_S = 40.0
 LEAST_PERIODS, LEAST_CYCLES = 3, 4.0  # periods in a record; cycles of low_hz in a period
+SWEEP_SEGMENTS = 10  # of a period: so short that a harmonic falls in another one than its fundamental
 DRAWS = 50  # of a multisine's phases
 
 
@@ -93,6 +94,7 @@ class Signal(NamedTuple):
     command_v: Array
     steady: slice
     period_samples: int = 0
+    segment_samples: int = 0
 
 
 def plan(info: RigInfo, settings: ExcitationSettings, seed: int, level: float | None = None) -> Excitation:
@@ -114,7 +116,7 @@ def plan(info: RigInfo, settings: ExcitationSettings, seed: int, level: float | 
     pieces = (still(SILENCE_S, dt), loud, still(PAUSE_S, dt), burst, still(HOLD_S, dt))
     ends = [int(end) for end in np.cumsum([len(piece) for piece in pieces])]
     steady = slice(ends[0] + signal.steady.start, ends[0] + signal.steady.stop)
-    parts = Parts(steady, slice(0, ends[0]), slice(ends[3], ends[4]), signal.period_samples)
+    parts = Parts(steady, slice(0, ends[0]), slice(ends[3], ends[4]), signal.period_samples, signal.segment_samples)
     stretches = (
         Stretch(slice(ends[0], ends[2]), level, reach(info, loud)),
         Stretch(slice(ends[2], ends[4]), accel_rms(burst, info), reach(info, burst)),
@@ -186,7 +188,8 @@ def make_signal(info: RigInfo, settings: ExcitationSettings, random: np.random.G
     if settings.kind == "multisine":
         return _periodic(best_multisine(info, settings, random), settings, dt)
     if settings.kind == "sweep":
-        return _periodic(sweep(settings.period_s, dt, low, high), settings, dt)
+        played = _periodic(sweep(settings.period_s, dt, low, high), settings, dt)
+        return played._replace(period_samples=0, segment_samples=played.period_samples // SWEEP_SEGMENTS)
     if settings.kind == "step":
         signal = steps(settings.duration_s, dt, high, random)
     else:

@@ -37,6 +37,11 @@ class Layout:
         """Return the number of parameters without a fitted delay."""
         return 1 + 2 * (self.pole_pairs + self.zero_pairs) + self.single_poles
 
+    def zeros(self, pairs: int) -> slice:
+        """Return which parameters are those of the first so many zero pairs."""
+        first = self._roots - 2 * self.zero_pairs
+        return slice(first, first + 2 * pairs)
+
     def delay(self, parameters: Array) -> float:
         """Return the whole delay in s."""
         return self.delay_s + (float(np.exp(parameters[self._roots])) if self.fits_delay else 0.0)

@@ -17,7 +17,9 @@ from rths_cli.lti import Array, ComplexArray, Frf, Model, staircase
 
 LEAST_ERROR = 1e-3  # no line counts as known better than this
 PULL = 1e-4  # of a parameter's logarithm to its start, against a relative error of the fit
+HOLD = 30.0
 LATENCY_START_HZ, FAR_ZERO_START_HZ = 150.0, 250.0
+LINES_PER_PARAMETER = 2
 COMPARED_HZ, MID_HZ = (0.7, 11.0), (2.0, 10.0)
 
 
@@ -45,13 +47,14 @@ class Timing:
 
 @dataclass(frozen=True)
 class Fit:
-    """A model and what a further fit starts from: layout, parameters (with the ripple last, where it is fitted) and
-    their covariance, from the weighted residual."""
+    """A model and what a further fit starts from: layout, parameters (with the ripple last, where it is fitted), their
+    covariance, from the weighted residual, and how many zero pairs are held, where the specimen's modes are."""
 
     model: Model
     layout: Layout
     parameters: Array
     covariance: Array
+    held_zeros: int = 0
 
 
 @dataclass(frozen=True)
@@ -104,19 +107,22 @@ def rms(values: Array) -> float:
     return float(np.sqrt(np.mean(np.abs(values) ** 2)))
 
 
-def fit(frf: Frf, layout: Layout, start: Array, timing: Timing, band_hz: tuple[float, float], ripple: bool) -> Fit:
+def fit(
+    frf: Frf, layout: Layout, start: Array, timing: Timing, band_hz: tuple[float, float], ripple: bool,
+    held_zeros: int = 0,
+) -> Fit:  # fmt: skip
     """Fit a layout's roots, and the ripple, to a response in a band.
 
-    `start`: parameters of the layout, with the ripple last where it is fitted. Raises InputError when the band holds
-    too few lines.
+    `start`: parameters of the layout, with the ripple last where it is fitted; the first `held_zeros` pairs of
+    zeros stay where they start. Raises InputError when the band holds too few lines.
     """
     problem = problem_of(frf, layout, timing, band_hz, ripple)
-    theta, covariance = solve(problem, start)
+    theta, covariance = solve(problem, start, held=layout.zeros(held_zeros))
     zeros, poles, gain = zeros_poles_gain(layout, theta, problem.sign)
     staircase_share = float(theta[-1]) if ripple else 0.0
     delay = layout.delay(theta)
     model = Model(zeros, poles, gain, delay, band_hz, staircase_share, timing.latency_samples, timing.dt_s)
-    return Fit(model, layout, theta, covariance)
+    return Fit(model, layout, theta, covariance, held_zeros)
 
 
 def refit(frf: Frf, before: Fit) -> Fit:
@@ -124,7 +130,7 @@ def refit(frf: Frf, before: Fit) -> Fit:
     model = before.model
     timing = Timing(model.latency_samples, model.dt_s)
     ripple = len(before.parameters) > before.layout.size
-    return fit(frf, before.layout, before.parameters, timing, model.band_hz, ripple)
+    return fit(frf, before.layout, before.parameters, timing, model.band_hz, ripple, before.held_zeros)
 
 
 def fit_paper(frf: Frf, best: Fit, band_hz: tuple[float, float]) -> Fit:
@@ -150,7 +156,7 @@ def rational_latency(best: Fit) -> tuple[Layout, Array]:
 def problem_of(frf: Frf, layout: Layout, timing: Timing, band_hz: tuple[float, float], ripple: bool) -> Problem:
     """Return the lines of a band, weighted by one over their relative error."""
     inside = within(frf.frequency_hz, band_hz)
-    if inside.sum() < 4 * layout.size:
+    if inside.sum() < LINES_PER_PARAMETER * layout.size:
         raise InputError(
             f"table model: {inside.sum()} lines in {band_hz[0]:g}-{band_hz[1]:g} Hz are too few to fit "
             f"{layout.size} parameters; excite for longer or widen the band"
@@ -169,14 +175,18 @@ def _sign(s: ComplexArray, measured: ComplexArray) -> float:
     return float(np.sign(np.median((measured[low] / s[low] ** 2).real))) or 1.0
 
 
-def solve(problem: Problem, start: Array, evaluations: int = 100) -> tuple[Array, Array]:
+def solve(problem: Problem, start: Array, evaluations: int = 100, held: slice | None = None) -> tuple[Array, Array]:
     """Return parameters of least weighted squares, reached by Levenberg-Marquardt, and their covariance.
 
-    A weak pull to the start (PULL) keeps parameters that the band does not determine from running away.
+    A weak pull to the start (PULL) keeps parameters that the band does not determine from running away; those that are
+    `held` hardly leave it.
     """
     from scipy.optimize import least_squares
 
-    pull = PULL * np.eye(len(start))
+    strength = np.full(len(start), PULL)
+    if held is not None:
+        strength[held] = HOLD
+    pull = np.diag(strength)
     found = least_squares(
         lambda theta: np.concatenate([problem.residual(theta), pull @ (theta - start)]),
         start,
@@ -186,7 +196,15 @@ def solve(problem: Problem, start: Array, evaluations: int = 100) -> tuple[Array
         ftol=1e-8,
         xtol=1e-8,
     )
-    lines = found.jac[: -len(start)]
     left = found.fun[: -len(start)]
     variance = float(left @ left) / max(len(left) - len(start), 1)
-    return found.x, variance * np.linalg.pinv(lines.T @ lines)
+    known = np.concatenate([np.ones(len(left)), strength == HOLD])  # the weak pull is no knowledge
+    return found.x, variance * _inverse_square(found.jac * known[:, None])
+
+
+def _inverse_square(jacobian: Array) -> Array:
+    """Return (J^T J)^-1 by singular values of scaled columns; directions that no data determine come out huge."""
+    scale = np.linalg.norm(jacobian, axis=0)
+    _, singular, rows = np.linalg.svd(jacobian / scale, full_matrices=False)
+    half = (rows / np.maximum(singular, 1e-12)[:, None]) / scale
+    return half.T @ half

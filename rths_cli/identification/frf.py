@@ -22,6 +22,7 @@ LEAST_SEGMENTS = 4
 LEAST_PERIODS = 3
 OVERLAP_CORRELATION = 1.0 / 36.0  # squared correlation of Hann segments that overlap by half (Welch 1967)
 ERROR_FLOOR = 1e-6
+SMOOTHED = 15
 TAIL_S = 30.0  # rest appended to a command, in which a model's response dies out
 
 
@@ -142,10 +143,28 @@ def without_leakage(
 def over_model(
     model: Model, records: Sequence[Record], band_hz: tuple[float, float], segment_s: float, estimator: Estimator = "h1"
 ) -> Frf:
-    """Return the table's response over the model's: 1 where the model is right."""
+    """Return the table's response over the model's: 1 where the model is right.
+
+    Errors of an excitation in whole periods include what its lines scatter.
+    """
     simulated = [simulate(model, record.command_v, 1.2 * band_hz[1]) for record in records]
     table = [record.accel_m_s2[0] for record in records]
-    return responses(records, simulated, [table], model.dt_s, band_hz, segment_s, estimator)[0]
+    over = responses(records, simulated, [table], model.dt_s, band_hz, segment_s, estimator)[0]
+    if not records[0].parts.period_samples:
+        return over
+    return replace(over, relative_error=np.maximum(over.relative_error, line_scatter(over.response)))
+
+
+def line_scatter(over: ComplexArray) -> Array:
+    """Return the standard error (m,) of lines of a response over its model, from how neighbours differ.
+
+    What friction adds to an excitation that repeats is the same in every period, so that coherence does not show it;
+    it differs from line to line, which no smooth response does. The second difference of three lines has 6 times the
+    variance of one; it is averaged over SMOOTHED lines.
+    """
+    second = np.abs(np.diff(over, 2)) ** 2 / 12.0
+    padded = np.pad(second, (SMOOTHED // 2 + 1, SMOOTHED // 2 + 1), mode="reflect")
+    return np.sqrt(np.convolve(padded, np.ones(SMOOTHED) / SMOOTHED, mode="valid"))
 
 
 def simulate(model: Model, command_v: Array, high_hz: float) -> Array:

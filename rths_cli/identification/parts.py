@@ -15,6 +15,7 @@ STILL = 1e-3  # of the command's standard deviation: a block that moves less is 
 LEAST_REST_S = 0.4  # a shorter one is part of the excitation
 LEAST_SILENCE_S, LEAST_FREE_S, LEAST_EXCITED_S = 1.0, 5.0, 10.0
 SHORTEST_PERIOD_S = 2.0
+SWEEP_SEGMENTS, SWEEPING = 10, 0.5  # pieces of a period; scatter of the logarithm of their mean frequencies
 SAME = 1e-3  # of the command's standard deviation, between one period and the next
 
 
@@ -36,14 +37,17 @@ def find_parts(command_v: Array, dt_s: float, name: str = "record") -> Parts:
     before = [s for s in stretches if s.stop <= loud[0].start and _length(s) * dt_s >= LEAST_SILENCE_S]
     after = [s for s in stretches if s.start >= loud[0].stop and not moves[s.start]]
     free = max(after, key=_length, default=None)
-    period = find_period(command_v[longest], dt_s)
+    period, segment = find_period(command_v[longest], dt_s), 0
     if period:
         longest = _steady(command_v, longest, period)
+        if sweeps(command_v[longest][:period]):
+            period, segment = 0, period // SWEEP_SEGMENTS
     return Parts(
         longest,
         before[0] if before else None,
         free if free is not None and _length(free) * dt_s >= LEAST_FREE_S else None,
         period,
+        segment,
     )
 
 
@@ -89,6 +93,18 @@ def find_period(command_v: Array, dt_s: float) -> int:
         middle = slice(0, n - lag)
     apart = signal[middle] - signal[middle.start + lag : middle.stop + lag]
     return lag if float(apart.std()) < SAME * float(signal.std()) else 0
+
+
+def sweeps(period: Array) -> bool:
+    """Tell whether a period (n,) of a command goes through its frequencies one after the other.
+
+    Then its tenths have mean frequencies (of the second derivative) that differ much; those of noise hardly do.
+    """
+    means = []
+    for piece in np.array_split(np.diff(period, 2), SWEEP_SEGMENTS):
+        power = np.abs(np.fft.rfft(np.hanning(len(piece)) * piece)) ** 2
+        means.append(float(np.sum(np.arange(len(power)) * power) / np.sum(power)))
+    return float(np.std(np.log(means))) > SWEEPING
 
 
 def _steady(command_v: Array, part: slice, period: int) -> slice:

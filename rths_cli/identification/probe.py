@@ -33,6 +33,7 @@ from rths_cli.rig_info import RigInfo
 PROBE_SHARE = 0.2  # of the wanted level, or of what the limits allow of it
 PROBE_S, REST_S = 20.0, 3.0
 CHANNEL_SHARE = 0.7  # of sensor and converter range that a channel may use
+WORTH_LOWERING = 0.98  # of a level; a smaller step is left to the margin of the shares
 GAIN_BAND_HZ = (0.7, 2.0)
 HIGHEST_HZ, LEAST_POWER = 30.0, 0.01  # of the measured responses; of a line, over the mean
 GAIN_TOLERANCE = 0.1  # of the nominal gain, beyond which a sentence says so
@@ -112,7 +113,7 @@ def choose_level(info: RigInfo, probe: Excitation, accel: Array, wanted: float, 
     start = min(wanted, planned.accel_rms_m_s2)
     gain = measured_gain(info, probe, accel[0])
     bounds = [*channel_bounds(info, probe, accel, planned), *limit_bounds(planned, gain / info.gain_m_per_v)]
-    lowering = [bound for bound in tightest_first(bounds) if bound.allowed_m_s2 < start * (1.0 - 1e-9)]
+    lowering = [bound for bound in tightest_first(bounds) if bound.allowed_m_s2 < start * WORTH_LOWERING]
     notes = (*_gain_notes(info, gain), *(_sentence(bound) for bound in lowering))
     if not lowering:
         return Level(start, "", notes)

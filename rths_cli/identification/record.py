@@ -12,13 +12,15 @@ class Parts:
     """Which samples of a record are excitation, silence and free vibration (command held); None: the record has none.
 
     `noise` names the excitation whatever its kind. `period_samples`: the excitation repeats after so many samples
-    (0: it does not).
+    (0: it does not, or not so that whole periods should be evaluated). `segment_samples`: length of the Hann segments
+    that suit it (0: any).
     """
 
     noise: slice
     silence: slice | None = None
     free_vibration: slice | None = None
     period_samples: int = 0
+    segment_samples: int = 0
 
 
 @dataclass(frozen=True)

@@ -17,15 +17,16 @@ STARTS_KEPT = 4
 
 
 def first_fit(frf: Frf, modes: tuple[Array, Array], timing: Timing, band_hz: tuple[float, float]) -> Fit:
-    """Fit 2 n + 3 poles, 2 n finite zeros, the declared delay and the ripple, from the best of many starts.
+    """Fit 2 n + 3 poles, the declared delay and the ripple, from the best of many starts, with 2 n finite zeros held.
 
-    `modes`: natural frequencies in Hz and damping ratios (n,) of the specimen, where the zeros are looked for.
+    `modes`: natural frequencies in Hz and damping ratios (n,) of the specimen on a fixed base. The table cannot move at
+    them whatever drives it: they are its zeros.
     Raises InputError when the band holds too few lines.
     """
     floors = len(modes[0])
     layout = Layout(floors + 1, 1, floors, timing.delay_s)
     problem = problem_of(frf, layout, timing, band_hz, ripple=True)
-    return fit(frf, layout, best_start(problem, modes), timing, band_hz, ripple=True)
+    return fit(frf, layout, best_start(problem, modes), timing, band_hz, ripple=True, held_zeros=floors)
 
 
 def best_start(problem: Problem, modes: tuple[Array, Array]) -> Array:
@@ -38,13 +39,13 @@ def best_start(problem: Problem, modes: tuple[Array, Array]) -> Array:
     for loop in product(LOOP_HZ, LOOP_RATIO, LOOP_STIFFENING):
         pair, corner = _loop_roots(*loop)
         starts.append(np.append(pack(gain, np.vstack([specimen * [0.99, 1.05], [pair]]), corner, specimen), 0.0))
-    return best_of(few, starts)
+    return best_of(few, starts, few.layout.zeros(few.layout.zero_pairs))
 
 
-def best_of(few: Problem, starts: list[Array]) -> Array:
+def best_of(few: Problem, starts: list[Array], held: slice | None = None) -> Array:
     """Return the start of least error after a few steps from each of the four that begin best."""
     starts = sorted(starts, key=lambda theta: float(np.sum(few.residual(theta) ** 2)))
-    improved = [solve(few, theta, 30)[0] for theta in starts[:STARTS_KEPT]]
+    improved = [solve(few, theta, 30, held)[0] for theta in starts[:STARTS_KEPT]]
     return min(improved, key=lambda theta: float(np.sum(few.residual(theta) ** 2)))
 
 

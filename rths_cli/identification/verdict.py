@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 
 from rths_cli.identification.fit_table import COMPARED_HZ, Fit, FitError, rms, within
+from rths_cli.identification.specimen import SpecimenFit
 from rths_cli.lti import Frf, Model
 
 LIMITS = FitError(rms=0.01, largest=0.03, rms_mid=0.004)
@@ -178,8 +179,11 @@ def _mean(frf: Frf, band_hz: tuple[float, float]) -> tuple[complex, float]:
     return complex(mean), float(1.0 / np.sqrt(np.sum(weight)))
 
 
-def roots_of(found: Fit) -> tuple[Root, ...]:
-    """Return poles and finite zeros of a fit with the standard uncertainties that its covariance gives."""
+def roots_of(found: Fit, specimen: SpecimenFit | None) -> tuple[Root, ...]:
+    """Return poles and finite zeros of a fit with the standard uncertainties that its covariance gives.
+
+    Zeros held at the specimen's modes have the specimen's.
+    """
     poles, single, zeros = found.layout.pairs(found.parameters)
     error = np.sqrt(np.diag(found.covariance))
     column, rows = 1, []
@@ -193,6 +197,11 @@ def roots_of(found: Fit) -> tuple[Root, ...]:
             hz = omega / (2.0 * np.pi)
             rows.append(Root(kind, hz, ratio, hz * error[column], ratio * error[column + 1]))
             column += 2
+    first = len(rows) - len(zeros)
+    for mode in range(found.held_zeros if specimen is not None else 0):
+        assert specimen is not None
+        spread = (float(specimen.frequency_error_hz[mode]), float(specimen.damping_error[mode]))
+        rows[first + mode] = replace(rows[first + mode], frequency_error_hz=spread[0], damping_error=spread[1])
     return tuple(rows)
 
 

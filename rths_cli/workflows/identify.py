@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from rths_cli.case.models import IdentificationSpec
 
 SEED_STEP = 7919  # between the excitations of several records
+PERIOD_S = {"multisine": 20.0, "sweep": 40.0}
 ADVICE = "lower identification.accel_rms_m_s2"
 
 
@@ -63,8 +64,8 @@ class Measured:
 
 def excitation_settings(options: IdentificationSpec) -> ExcitationSettings:
     """Return what a case asks of the excitation."""
-    o = options
-    return ExcitationSettings(o.duration_s, o.accel_rms_m_s2, o.low_hz, o.high_hz, o.excitation, o.period_s)
+    o, period_s = options, options.period_s or PERIOD_S.get(options.excitation, 20.0)
+    return ExcitationSettings(o.duration_s, o.accel_rms_m_s2, o.low_hz, o.high_hz, o.excitation, period_s)
 
 
 def evaluation_settings(options: IdentificationSpec) -> IdentificationSettings:

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from rths_cli.files.foreign_models import ForeignModel, is_foreign, read_foreign
+from rths_cli.files.foreign import ForeignModel, is_foreign, read_foreign
 from rths_cli.identification.evaluate import Identification
 from rths_cli.identification.excitation import Excitation
 from rths_cli.lti import Model

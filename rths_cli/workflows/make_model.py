@@ -10,7 +10,7 @@ import numpy as np
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
-from rths_cli.files.foreign_models import read_foreign
+from rths_cli.files.foreign import read_foreign
 from rths_cli.files.measured import Recording, write_recording
 from rths_cli.files.result_writer import check_writable
 from rths_cli.identification.channels import UnfitRecord

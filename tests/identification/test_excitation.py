@@ -115,7 +115,7 @@ def test_periodic_kinds_repeat_bit_by_bit_after_a_period_to_settle(kind: Kind) -
     parts, n = made.parts, 40000
     steady = made.command_v[parts.noise]
     assert made.notes[0] == "excitation of 60 instead of 75 s: whole periods of 20 s"
-    assert parts.period_samples == n
+    assert (parts.period_samples, parts.segment_samples) == ((n, 0) if kind == "multisine" else (0, n // 10))
     assert len(steady) == 3 * n
     assert np.array_equal(steady[:n], steady[n : 2 * n])
     assert np.array_equal(steady[:n], steady[2 * n :])

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rths_cli.case.nodes import Fault, printable
-from rths_cli.files.foreign_formats import Document
+from rths_cli.files.foreign.formats import Document
 from rths_cli.lti import Array, ComplexArray
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from rths_cli.case.fields import near, shown
 from rths_cli.case.nodes import Fault, Mark, Node, Source, display, plain, printable
 from rths_cli.case.yaml_nodes import parse, read_file
-from rths_cli.files.matlab import Variable, read_variables
+from rths_cli.files.foreign.matlab import Variable, read_variables
 from rths_cli.lti import ComplexArray
 
 KEYS: dict[str, tuple[str, ...]] = {

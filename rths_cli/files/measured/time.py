@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rths_cli.errors import InputError
-from rths_cli.files.measured_contents import Column, Contents, place
-from rths_cli.files.measured_units import time_factor
+from rths_cli.files.measured.contents import Column, Contents, place
+from rths_cli.files.measured.units import time_factor
 from rths_cli.lti import Array
 
 MAX_INTERVAL_S = 1.0

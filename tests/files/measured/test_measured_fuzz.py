@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from nptdms import ChannelObject, TdmsWriter
 
 from rths_cli.errors import InputError
-from rths_cli.files import measured_formats, measured_trial
-from rths_cli.files.measured import Recording, choose, mend, missing, read_recording, write_recording
+from rths_cli.files.measured import Recording, choose, formats, mend, missing, read_recording, trial, write_recording
 
 N = 40
 ROWS = np.arange(3.0 * N).reshape(3, N)
@@ -82,7 +81,7 @@ def test_a_file_on_which_the_library_hangs_or_crashes_is_called_damaged(
     path, parent = tmp_path / "any.h5", os.getpid()
     read_here: list[Path] = []
     path.write_bytes(make(tmp_path, "h5"))
-    monkeypatch.setattr(measured_trial, "TIME_LIMIT_S", 0.2)
+    monkeypatch.setattr(trial, "TIME_LIMIT_S", 0.2)
     for disaster in (lambda: time.sleep(60), os.abort):
 
         def read(given: Path, happen: Callable[[], None] = disaster) -> None:
@@ -91,7 +90,7 @@ def test_a_file_on_which_the_library_hangs_or_crashes_is_called_damaged(
                 raise ValueError
             happen()
 
-        monkeypatch.setattr(measured_formats, "hdf5_contents", read)
+        monkeypatch.setattr(formats, "hdf5_contents", read)
         with pytest.raises(InputError, match=r"any\.h5: is a damaged or truncated HDF5 file and cannot be read"):
             read_recording(path)
     assert read_here == []

@@ -13,12 +13,12 @@ from pathlib import Path
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.files.measured_contents import Column, Contents, listed
-from rths_cli.files.measured_hdf5 import hdf5_contents
-from rths_cli.files.measured_matlab import is_matlab, matlab_variables
-from rths_cli.files.measured_text import text_contents
-from rths_cli.files.measured_trial import survives
-from rths_cli.files.measured_variables import contents_of
+from rths_cli.files.measured.contents import Column, Contents, listed
+from rths_cli.files.measured.hdf5 import hdf5_contents
+from rths_cli.files.measured.matlab import is_matlab, matlab_variables
+from rths_cli.files.measured.text import text_contents
+from rths_cli.files.measured.trial import survives
+from rths_cli.files.measured.variables import contents_of
 
 READ = "CSV or text, MATLAB .mat, HDF5 or TDMS"
 _HDF5 = b"\x89HDF\r\n\x1a\n"

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rths_cli.errors import InputError
-from rths_cli.files.measured_contents import Column, Contents, listed
-from rths_cli.files.measured_time import stated_interval
+from rths_cli.files.measured.contents import Column, Contents, listed
+from rths_cli.files.measured.time import stated_interval
 from rths_cli.lti import Array
 
 _NAMES = {"names", "name", "channels", "channelnames", "labels", "columns"}

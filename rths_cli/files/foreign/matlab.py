@@ -29,7 +29,7 @@ HDF5 = b"\x89HDF\r\n\x1a\n"
 CHILD = """
 import json, sys
 sys.path[:] = json.loads(sys.argv[1])
-from rths_cli.files.matlab import tell
+from rths_cli.files.foreign.matlab import tell
 tell(*sys.argv[2:])
 """
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.hdf5 import Dataset, write_group
-from rths_cli.files.measured_contents import Column, Contents, Recording
-from rths_cli.files.measured_time import stated_interval
-from rths_cli.files.measured_variables import Variable, contents_of
+from rths_cli.files.measured.contents import Column, Contents, Recording
+from rths_cli.files.measured.time import stated_interval
+from rths_cli.files.measured.variables import Variable, contents_of
 from rths_cli.files.result_writer import refusal
 
 if TYPE_CHECKING:

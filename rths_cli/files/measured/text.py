@@ -12,9 +12,9 @@ from pathlib import Path
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.files.measured_contents import Column, Contents
-from rths_cli.files.measured_time import stated_interval
-from rths_cli.files.measured_units import is_unit
+from rths_cli.files.measured.contents import Column, Contents
+from rths_cli.files.measured.time import stated_interval
+from rths_cli.files.measured.units import is_unit
 from rths_cli.lti import Array
 
 MISSING = frozenset({"", "nan", "-", "--", "---", "na", "n/a", "#n/a", "null", "none"})

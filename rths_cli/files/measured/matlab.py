@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rths_cli.files.measured_variables import Variable
+from rths_cli.files.measured.variables import Variable
 
 _HEADER_BYTES = 128
 _MAX_BYTES = 2_000_000_000

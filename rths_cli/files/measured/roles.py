@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.files.measured_contents import Recording, listed
-from rths_cli.files.measured_units import FACTORS, canonical_unit, role_of, split_name
+from rths_cli.files.measured.contents import Recording, listed
+from rths_cli.files.measured.units import FACTORS, canonical_unit, role_of, split_name
 from rths_cli.lti import Array
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rths_cli.errors import InputError
 from rths_cli.files.measured import Recording, read_recording, write_recording
-from rths_cli.files.measured_matlab import matlab_variables
+from rths_cli.files.measured.matlab import matlab_variables
 
 N = 500
 RNG = np.random.default_rng(5)

@@ -7,7 +7,7 @@ import pytest
 
 from rths_cli.errors import InputError
 from rths_cli.files.measured import Recording, choose
-from rths_cli.files.measured_units import FACTORS, canonical_unit, is_time, role_of, time_factor, unit_of
+from rths_cli.files.measured.units import FACTORS, canonical_unit, is_time, role_of, time_factor, unit_of
 
 ROLES = ("command", "table", "floor_2", "floor_3")
 SAMPLES = np.arange(20.0).reshape(5, 4) + 1.0

@@ -20,9 +20,9 @@ import numpy as np
 
 from rths_cli.case.nodes import display
 from rths_cli.errors import InputError
-from rths_cli.files.foreign_formats import KEYS, kind_of, read_mat, read_text
-from rths_cli.files.foreign_reader import Reader
-from rths_cli.files.foreign_roots import count_at_origin, paired, shown
+from rths_cli.files.foreign.formats import KEYS, kind_of, read_mat, read_text
+from rths_cli.files.foreign.reader import Reader
+from rths_cli.files.foreign.roots import count_at_origin, paired, shown
 from rths_cli.files.result_writer import refusal
 from rths_cli.lti import Array, ComplexArray
 

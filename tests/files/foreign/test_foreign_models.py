@@ -16,8 +16,7 @@ from scipy.io import savemat
 from scipy.signal import freqs, freqs_zpk, zpk2tf
 
 from rths_cli.errors import InputError
-from rths_cli.files import matlab
-from rths_cli.files.foreign_models import is_foreign, read_foreign
+from rths_cli.files.foreign import is_foreign, matlab, read_foreign
 from rths_cli.files.hdf5 import Dataset
 from rths_cli.files.models import write_model
 
@@ -479,14 +478,14 @@ def test_damaged_bytes_give_sentences_only(tmp_path, name, count):
 
 @pytest.mark.parametrize("code", ["import os; os.kill(os.getpid(), 11)", "import time; time.sleep(60)"])
 def test_a_file_on_which_a_reader_crashes_or_hangs_is_called_damaged(tmp_path, monkeypatch, code):
-    monkeypatch.setattr("rths_cli.files.matlab.CHILD", code)
-    monkeypatch.setattr("rths_cli.files.matlab.TIME_LIMIT_S", 0.5)
+    monkeypatch.setattr("rths_cli.files.foreign.matlab.CHILD", code)
+    monkeypatch.setattr("rths_cli.files.foreign.matlab.TIME_LIMIT_S", 0.5)
     save_v5(tmp_path / "m.mat", FORMS[0])
     assert "m.mat: cannot be read as a MATLAB file, it is damaged or none at all" in fault(tmp_path / "m.mat")
 
 
 def test_a_reader_that_cannot_work_is_no_fault_of_the_file(tmp_path, monkeypatch):
-    monkeypatch.setattr("rths_cli.files.matlab.CHILD", "import no_such_module")
+    monkeypatch.setattr("rths_cli.files.foreign.matlab.CHILD", "import no_such_module")
     save_v5(tmp_path / "m.mat", FORMS[0])
     with pytest.raises(RuntimeError, match="no_such_module"):
         read_foreign(tmp_path / "m.mat")

@@ -12,13 +12,13 @@ from pathlib import Path
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.files.measured_contents import Column, Contents, Recording
-from rths_cli.files.measured_formats import READ, read_contents
-from rths_cli.files.measured_gaps import mend, missing
-from rths_cli.files.measured_hdf5 import write_recording
-from rths_cli.files.measured_roles import Chosen, choose
-from rths_cli.files.measured_time import Clock, choose_interval, read_clock
-from rths_cli.files.measured_units import is_time, unit_of
+from rths_cli.files.measured.contents import Column, Contents, Recording
+from rths_cli.files.measured.formats import READ, read_contents
+from rths_cli.files.measured.gaps import mend, missing
+from rths_cli.files.measured.hdf5 import write_recording
+from rths_cli.files.measured.roles import Chosen, choose
+from rths_cli.files.measured.time import Clock, choose_interval, read_clock
+from rths_cli.files.measured.units import is_time, unit_of
 from rths_cli.lti import Array
 
 __all__ = ["Chosen", "Recording", "choose", "mend", "missing", "read_recording", "write_recording"]

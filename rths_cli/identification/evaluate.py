@@ -122,7 +122,7 @@ def identify(
     paper = best if given and len(best.zeros) == len(best.poles) else fitted_paper
     specimen = _specimen(records, best, info, masses, settings, start, free=False)
     free = _specimen(records, best, info, masses, settings, specimen, free=True)
-    error = fit_error(best, table)
+    error, levels = fit_error(best, table), _levels(best, table, quiet, settings)
     warnings = [
         *channels.hum_warnings(seen),
         *channels.gain_warnings(best.low_frequency_gain_m_per_v, info),
@@ -142,8 +142,8 @@ def identify(
         candidates=() if given else candidates,
         roots=verdict.roots_given(best) if given else verdict.roots_of(chosen, specimen),
         residuals=verdict.residuals(best, table),
-        levels=_levels(best, table, quiet, settings),
-        verdict=verdict.judge(best, error, table, settings.most, warnings),
+        levels=levels,
+        verdict=verdict.judge(best, error, table, settings.most, warnings, levels, _level_ratio(records, quiet)),
     )
 
 
@@ -271,6 +271,14 @@ def _with_zeros(found: Fit, specimen: Start, masses: Array) -> Array:
         omega = modal(masses, specimen.stiffness_n_per_m)[0]
         parameters[found.layout.zeros(len(masses))] = np.log(np.column_stack([omega, specimen.damping_ratio])).ravel()
     return parameters
+
+
+def _level_ratio(records: Sequence[Record], quiet: Record | None) -> float:
+    """Return how much louder the records are than the quiet one, by the table's rms."""
+    if quiet is None:
+        return float("inf")
+    loud = float(np.mean([record.accel_m_s2[0, record.parts.noise].std() for record in records]))
+    return loud / float(quiet.accel_m_s2[0, quiet.parts.noise].std())
 
 
 def _levels(model: Model, table: Frf, quiet: Record | None, settings: IdentificationSettings) -> tuple[LevelBand, ...]:

@@ -99,20 +99,27 @@ def _raised(level_m_s2: float, settings: ExcitationSettings) -> str:
     )
 
 
-def choose_level(info: RigInfo, probe: Excitation, accel: Array, wanted: float, planned: Excitation) -> Level:
+def choose_level(
+    info: RigInfo, probe: Excitation, accel: Array, wanted: float, planned: Excitation,
+    floor_masses_kg: Array | None = None,
+) -> Level:  # fmt: skip
     """Choose the level of a planned excitation from the corrected accelerations (c, n) in m/s^2 of its probe.
 
     What each channel will show is the plan's command through the response that the probe measured: on the default rig
     within 5 % for all kinds, within 25 % for a specimen of 0.5 % damping, whose vibration outlasts the probe.
     Every channel keeps 70 % of the range of its sensor and converter; stroke, velocity, acceleration and force,
-    predicted with the measured gain, keep 60 % of their limits. The level is never above `wanted` in m/s^2 rms, nor
+    predicted with the measured gain, keep 60 % of their limits; so does the force that table and floors need together,
+    where the floors' masses (c - 1,) are given. The level is never above `wanted` in m/s^2 rms, nor
     above that of the plan. Raises InputError for a record that does not fit the probe, channels that show nothing but
     noise, and a level that the accelerometers would not resolve.
     """
     check_probe(info, probe, accel)
     start = min(wanted, planned.accel_rms_m_s2)
     gain = measured_gain(info, probe, accel[0])
-    bounds = [*channel_bounds(info, probe, accel, planned), *limit_bounds(planned, gain / info.gain_m_per_v)]
+    shown = expected(info, probe, accel, planned)
+    bounds = [*channel_bounds(info, shown, planned), *limit_bounds(planned, gain / info.gain_m_per_v)]
+    if floor_masses_kg is not None:
+        bounds += force_bounds(info, shown, planned, floor_masses_kg)
     lowering = [bound for bound in tightest_first(bounds) if bound.allowed_m_s2 < start * WORTH_LOWERING]
     notes = (*_gain_notes(info, gain), *(_sentence(bound) for bound in lowering))
     if not lowering:
@@ -181,14 +188,21 @@ def expected(info: RigInfo, probe: Excitation, accel: Array, planned: Excitation
     return np.array([np.fft.irfft(response * wanted, len(planned.command_v)) for response in responses])
 
 
-def channel_bounds(info: RigInfo, probe: Excitation, accel: Array, planned: Excitation) -> Iterator[Bound]:
+def channel_bounds(info: RigInfo, shown: Array, planned: Excitation) -> Iterator[Bound]:
     """Yield the peak that each channel will show in each stretch of a plan, beside the range it must keep."""
-    shown = np.abs(expected(info, probe, accel, planned))
-    for channel, samples in zip(info.channels, shown, strict=True):
+    for channel, samples in zip(info.channels, np.abs(shown), strict=True):
         limit = min(channel.range_m_s2, info.converters.range_v / channel.sensitivity_v_per_m_s2)
         for loud in planned.stretches:
             peak = float(samples[loud.samples].max())
             yield Bound(f"range of channel {channel.name}", loud.level_m_s2, peak, limit, CHANNEL_SHARE, "m/s^2")
+
+
+def force_bounds(info: RigInfo, shown: Array, planned: Excitation, floor_masses_kg: Array) -> Iterator[Bound]:
+    """Yield the peak of the force that moves table and floors in each stretch of a plan, as the guard reckons it."""
+    force = np.abs(np.concatenate([[info.moving_mass_kg], floor_masses_kg]) @ shown)
+    for loud in planned.stretches:
+        peak = float(force[loud.samples].max())
+        yield Bound("force of table and floors", loud.level_m_s2, peak, info.limits.force_n, SHARE, "N")
 
 
 def limit_bounds(planned: Excitation, gain_ratio: float) -> Iterator[Bound]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -16,7 +17,7 @@ LIMITS = FitError(rms=0.01, largest=0.03, rms_mid=0.004)
 BANDS_HZ = (0.7, 2.0, 5.0, 11.0, 20.0, 40.0, 60.0)
 SCATTER = 2.0  # standard errors of a line that are not held against the model
 GROUP = 5  # lines whose errors are averaged above the compared band
-LAG_HZ = 0.05
+DITHER = 1.25
 
 
 @dataclass(frozen=True)
@@ -69,9 +70,15 @@ class Verdict:
     warnings: tuple[str, ...]
 
 
-def judge(model: Model, error: FitError, frf: Frf, most: FitError, warnings: Sequence[str]) -> Verdict:
-    """Return the verdict on a model whose fit error against a response is known."""
-    reasons = (*_misses(error, most), *_unsafe_roots(model))
+def judge(
+    model: Model, error: FitError, frf: Frf, most: FitError, warnings: Sequence[str],
+    levels: Sequence[LevelBand] = (), level_ratio: float = math.inf,
+) -> Verdict:  # fmt: skip
+    """Return the verdict on a model whose fit error against a response is known.
+
+    `levels` compare a record at low level with one `level_ratio` times louder, to which the model was fitted.
+    """
+    reasons = (*_misses(error, most), *_unsafe_roots(model), *_friction(levels, level_ratio, most))
     reach = reach_hz(model, frf, most)
     usable = (COMPARED_HZ[0], reach) if reach > COMPARED_HZ[0] else (0.0, 0.0)
     if not reasons and reach < COMPARED_HZ[1]:
@@ -91,6 +98,34 @@ def _misses(error: FitError, most: FitError) -> tuple[str, ...]:
         for name, value, limit in rows
         if not value <= limit
     )
+
+
+def _friction(levels: Sequence[LevelBand], level_ratio: float, most: FitError) -> tuple[str, ...]:
+    """Return a sentence when friction makes the model err by more than its limits at other levels."""
+    inside = [band for band in levels if band.high_hz <= COMPARED_HZ[1]]
+    share = without_friction(inside, level_ratio)
+    if not inside or share <= most.rms:
+        return ()
+    differs = max(abs(band.ratio - 1.0) for band in inside)
+    return (
+        f"friction: at 1/{level_ratio:.2g} of the level the table answers up to {differs:.1%} differently; without any "
+        f"it would differ by {share:.1%} rms in {COMPARED_HZ[0]:g}-{COMPARED_HZ[1]:g} Hz from the model, the limit is "
+        f"{most.rms:.0%}; excite louder, or reduce friction",
+    )
+
+
+def without_friction(levels: Sequence[LevelBand], level_ratio: float) -> float:
+    """Return by how much (rms over the bands) a table without friction would differ from a model made at full level.
+
+    Coulomb friction acts like a dashpot that weakens as one over the velocity (statistical linearisation, Roberts and
+    Spanos, Random Vibration and Statistical Linearization): of the difference d between two levels of ratio r,
+    d / (r - 1) is left at the louder one. A quarter is added: at low level, commands in bits dither the friction.
+    """
+    if not levels or not level_ratio > 1.0:
+        return 0.0
+    squares = [(band.high_hz - band.low_hz) * abs(band.ratio - 1.0) ** 2 for band in levels]
+    width = sum(band.high_hz - band.low_hz for band in levels)
+    return DITHER * math.sqrt(sum(squares) / width) / (level_ratio - 1.0)
 
 
 def _unsafe_roots(model: Model) -> tuple[str, ...]:

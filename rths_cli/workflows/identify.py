@@ -122,14 +122,12 @@ def measure(setup: Setup, progress: Progress, planned: Excitation | None = None)
     Raises LimitError or RigError when one of them was stopped, RigError when the probe shows a channel that is dead.
     """
     planned = planned or plan(setup)
-    quiet, level = probed(setup, progress, planned)
     options = setup.case.identification
-    records = []
+    low, quiet = probed(setup, progress)
+    records, notes = [], list(planned.notes)
     for number in range(options.records):
-        loud = planned
-        if number or level.accel_rms_m_s2 != planned.accel_rms_m_s2:
-            seed = options.seed + SEED_STEP * number
-            loud = excitation.plan(setup.rig, excitation_settings(options), seed, level.accel_rms_m_s2)
+        loud, said = _allowed(setup, low, quiet, planned, number)
+        notes += [note for note in said if note not in notes]
         seconds = loud.command_v.size * setup.rig.dt_s
         which = f" {number + 1} of {options.records}" if options.records > 1 else ""
         progress(f"identification{which}, {seconds:.0f} s on the {setup.case.table.kind} table")
@@ -137,33 +135,46 @@ def measure(setup: Setup, progress: Progress, planned: Excitation | None = None)
         records.append(Record(command, corrected, loud.parts))
     kind = setup.case.table.kind
     source = f"excited on the {kind} table for this model"
-    return Measured(tuple(records), quiet, source, _lines(setup, planned, level), (*planned.notes, *level.notes))
+    return Measured(tuple(records), quiet, source, _lines(setup, loud), tuple(notes))
 
 
-def probed(setup: Setup, progress: Progress, planned: Excitation, stream: int = PROBE) -> tuple[Record, probe.Level]:
-    """Play the low-level record; return it and the level it allows for the planned excitation."""
+def _allowed(
+    setup: Setup, low: Excitation, quiet: Record, planned: Excitation, number: int
+) -> tuple[Excitation, tuple[str, ...]]:
+    """Return the excitation of one record at the level that the probe allows, and what lowered it."""
+    options, settings = setup.case.identification, excitation_settings(setup.case.identification)
+    seed = options.seed + SEED_STEP * number
+    loud = excitation.plan(setup.rig, settings, seed) if number else planned
+    try:
+        level = probe.choose_level(
+            setup.rig, low, quiet.accel_m_s2, options.accel_rms_m_s2, loud, setup.floor_masses_kg
+        )
+    except InputError as error:
+        raise RigError(f"identification of rig {setup.rig.name}: {'; '.join(error.faults)}") from error
+    if level.accel_rms_m_s2 != loud.accel_rms_m_s2:
+        loud = excitation.plan(setup.rig, settings, seed, level.accel_rms_m_s2)
+    return loud, level.notes
+
+
+def probed(setup: Setup, progress: Progress, stream: int = PROBE) -> tuple[Excitation, Record]:
+    """Play the low-level record and return its plan and what was measured."""
     options = setup.case.identification
     low = probe.probe_plan(setup.rig, excitation_settings(options), options.seed)
     seconds = low.command_v.size * setup.rig.dt_s
     progress(f"probe of {seconds:.0f} s at {low.accel_rms_m_s2:.2g} m/s^2 rms")
     command, corrected = excite(setup, low.command_v, stream=(stream,))
-    try:
-        level = probe.choose_level(setup.rig, low, corrected, options.accel_rms_m_s2, planned)
-    except InputError as error:
-        raise RigError(f"identification of rig {setup.rig.name}: {'; '.join(error.faults)}") from error
-    return Record(command, corrected, low.parts), level
+    return low, Record(command, corrected, low.parts)
 
 
-def _lines(setup: Setup, planned: Excitation, level: probe.Level) -> tuple[tuple[str, str], ...]:
+def _lines(setup: Setup, played: Excitation) -> tuple[tuple[str, str], ...]:
     """Return what the page says about the excitation."""
     options = setup.case.identification
     count = f"{options.records} records of " if options.records > 1 else ""
     signal = (
         f"{options.excitation}, {count}{options.duration_s:g} s, {options.low_hz:g}-{options.high_hz:g} Hz, "
-        f"{level.accel_rms_m_s2:.3g} m/s^2 rms below 12 Hz, seed {options.seed}"
+        f"{played.accel_rms_m_s2:.3g} m/s^2 rms below 12 Hz, seed {options.seed}"
     )
-    scale = level.accel_rms_m_s2 / planned.accel_rms_m_s2
-    reach = ", ".join(f"{name} {scale * entry.share:.0%}" for name, entry in planned.reach.items())
+    reach = ", ".join(f"{name} {entry.share:.0%}" for name, entry in played.reach.items())
     return (("excitation", signal), ("predicted reach", f"{reach} of the limits"), *processing(options))
 
 

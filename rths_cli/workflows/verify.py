@@ -10,7 +10,7 @@ from rths_cli.identification.frf import over_model
 from rths_cli.identification.record import Record
 from rths_cli.identification.specimen import Motion, SpecimenFit, Start, fit_stretches
 from rths_cli.identification.verdict import LevelBand
-from rths_cli.workflows.identify import plan, probed
+from rths_cli.workflows.identify import probed
 from rths_cli.workflows.rigs import VERIFICATION
 from rths_cli.workflows.setup import Progress, Setup
 
@@ -27,7 +27,7 @@ def verify(setup: Setup, known: Identification, progress: Progress) -> tuple[tup
     Friction makes a low level differ from a full one: where the model's own identification had such a record too, the
     two are compared with each other.
     """
-    record, _ = probed(setup, progress, plan(setup), VERIFICATION)
+    _, record = probed(setup, progress, VERIFICATION)
     faults = channels.signal_faults(record, setup.rig)
     if faults:
         return tuple(faults), "verification: channels unusable"

@@ -20,7 +20,7 @@ from rths_cli.structure import Specimen, modal_damping_matrix, storey_matrix
 
 LEAST_RATIO, MOST_RATIO = 1e-3, 0.5
 ABOVE_HIGHEST = 1.6  # the lines used end at this multiple of the highest natural frequency
-BLOCK = 1000  # the stretch is cut to a multiple of so many samples, for a fast transform
+LEAST_STRETCH = 2000  # samples
 CLOCK = 20e-6  # what a converter's clock is trusted to
 SKEW = 0.01  # of a sample: what the channels' common instant is trusted to
 NOISE_STRETCHES, FREE_SHARE = 5, 0.8
@@ -147,7 +147,7 @@ def stretches_of(floor_accel: Array, free: bool) -> tuple[slice, ...]:
         return tuple(slice(i * length, (i + 1) * length) for i in range(NOISE_STRETCHES))
     energy = np.cumsum(np.sum((floor_accel - floor_accel[:, -1:]) ** 2, axis=0))
     middle = int(np.searchsorted(energy, FREE_SHARE * energy[-1]))
-    middle = min(max(middle, 2 * BLOCK), n - 2 * BLOCK)
+    middle = min(max(middle, LEAST_STRETCH), n - LEAST_STRETCH)
     return slice(0, middle), slice(middle, n)
 
 
@@ -163,7 +163,7 @@ def _transform(motion: Motion, dt_s: float, band_hz: tuple[float, float]) -> _Li
 
     Its first sample becomes the mean of both ends, so that the sum over samples is the trapezoidal rule.
     """
-    count = (len(motion.table) - 1) // BLOCK * BLOCK
+    count = _fast_length(len(motion.table) - 1)
     signals = np.vstack([motion.table, motion.floors])[:, : count + 1]
     signals = np.hstack([0.5 * (signals[:, :1] + signals[:, -1:]), signals[:, 1:-1]])
     frequency = np.arange(count // 2 + 1) / (count * dt_s)
@@ -172,6 +172,13 @@ def _transform(motion: Motion, dt_s: float, band_hz: tuple[float, float]) -> _Li
     spectra /= np.linalg.norm(spectra[1:])
     s = (2j * np.pi * frequency[inside]).astype(complex)
     return _Lines(s, spectra[0], spectra[1:])
+
+
+def _fast_length(most: int) -> int:
+    """Return the largest length up to the given one that a Fourier transform takes in small factors."""
+    from scipy.fft import next_fast_len
+
+    return next(n for n in range(most, 0, -1) if next_fast_len(n, real=True) == n)
 
 
 def storey_start(frequency_hz: Array, table: ComplexArray, floors: ComplexArray, masses_kg: Array) -> Start:

@@ -17,7 +17,7 @@ from rths_cli.workflows.setup import Progress, Setup
 SEGMENTS = 5
 HIGHEST_HZ = 40.0
 SIGMA = 3.0
-SHARE, SHARE_UNSEEN, SHARE_ABOVE = 0.03, 0.06, 0.10  # change let pass: below 11 Hz; without a low level then; above
+SHARE, SHARE_UNSEEN, SHARE_ABOVE = 0.01, 0.06, 0.10  # change let pass: below 11 Hz; without a low level then; above
 FREQUENCY_SHARE, DAMPING_SHARE = 0.01, 0.20
 
 

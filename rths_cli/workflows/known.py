@@ -73,10 +73,10 @@ class Memory:
             found = evaluated(setup, measured, as_model(file, setup))
             where = f"zeros, poles and gain of {shown(file.path)}, judged by a record made now"
             return Known(noted(found, file.notes), where)
-        reasons, sentence = verify(setup, file.found, progress)
+        changes, sentence = verify(setup, file.found, progress)
         where = f"model {shown(file.path)}, identified {file.age}"
-        found = file.found if reasons else noted(file.found, (f"{where}; {sentence}",))
-        return Known(found, where, tuple(f"{where}: {reason}" for reason in reasons))
+        reasons = (f"{where}: {'; '.join(changes)}",) if changes else ()
+        return Known(noted(file.found, reasons or (f"{where}; {sentence}",)), where, reasons)
 
     def _now(self, setup: Setup, progress: Progress) -> Known:
         """Return the model from the cache, or excite the rig for one."""

@@ -44,7 +44,8 @@ class Stored:
         minutes = (datetime.now(UTC) - made).total_seconds() / 60.0
         for size, unit in ((60 * 24, "days"), (60, "hours"), (1, "minutes")):
             if minutes >= 2 * size or size == 1:
-                return f"{made:%Y-%m-%d %H:%M} UTC, {max(minutes, 0.0) / size:.0f} {unit} ago"
+                count = round(max(minutes, 0.0) / size)
+                return f"{made:%Y-%m-%d %H:%M} UTC, {count} {unit if count != 1 else unit[:-1]} ago"
         raise AssertionError
 
 

@@ -154,7 +154,13 @@ def _print_tables(results: Any, as_json: bool, endings: list[dict[str, Any]] | N
     metavar="ROLE=NAME[:UNIT]",
     help="Which channel of the file is what: command, table, floor_2, ...; for instance --channel table=ai0:g.",
 )
-@click.option("--rate", "rate_hz", type=float, metavar="HZ", help="Sample rate, where the file does not state it.")
+@click.option(
+    "--rate",
+    "rate_hz",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="HZ",
+    help="Sample rate, where the file does not state it.",
+)
 @click.option("--corrected", is_flag=True, help="The file's accelerations are free of the sensors' dynamics already.")
 @click.option(
     "--model",
@@ -205,19 +211,20 @@ def identify(
     from rths_cli.workflows.make_model import Asked, make_model
     from rths_cli.workflows.measured import DataRequest, read_roles
 
-    if not data and (channels or rate_hz or corrected):
+    if not data and (channels or rate_hz is not None or corrected):
         raise InputError("--channel, --rate and --corrected belong to --data FILE; add it, or leave them out")
     request = DataRequest(data, read_roles(channels), rate_hz, corrected) if data else None
-    named = (f"identification.model={json.dumps(str(model.absolute()))}",) if model else ()
-    asked = Asked(case, (*settings, *named), request, output, save_data)
+    judged = json.dumps(str(model.absolute())) if model else "null"  # what a case names is what is made here
+    settings = (f"identification.model={judged}", *settings)
+    asked = Asked(case, settings, request, output, save_data, figure, not no_figure)
     screen = Screen(poll=SIGNALS.poll)
     made = make_model(asked, screen.doing)
-    screen.message("")
-    _show_identified(made, figure, no_figure, as_json)
+    screen.clear()
+    _show_identified(made, as_json)
     return made.exit_code
 
 
-def _show_identified(made: Any, figure: Path | None, no_figure: bool, as_json: bool) -> None:
+def _show_identified(made: Any, as_json: bool) -> None:
     """Print the page (or the document) of an identification and draw its figure."""
     from rths_cli.report.identified import page, rejected_page
     from rths_cli.report.identified_document import as_document, rejected_document
@@ -228,10 +235,10 @@ def _show_identified(made: Any, figure: Path | None, no_figure: bool, as_json: b
         document = rejected_document(seen, faults, made.about)
     else:
         text, document = page(made.found, made.about), as_document(made.found, made.about)
-        if not no_figure:
+        if made.figure:
             from rths_cli.report.identified_figure import write_figure
 
-            write_figure(made.found, made.about, figure or made.path.with_suffix(".png"))
+            write_figure(made.found, made.about, made.figure)
     click.echo(json.dumps(document, indent=2) if as_json else text, nl=as_json)
 
 

@@ -59,6 +59,12 @@ class Screen:
         self._clear()
         print(text, file=self._stream, flush=True)
 
+    def clear(self) -> None:
+        """Take the status line away; what has been said stays."""
+        self._clear()
+        if self._live:
+            self._stream.flush()
+
     def _status(self, what: str) -> None:
         if self._live:
             self._clear()

@@ -9,10 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from rths_cli.case.load import load_cases
-from rths_cli.errors import InputError
 from rths_cli.files.foreign import read_foreign
 from rths_cli.files.measured import Recording, write_recording
-from rths_cli.files.result_writer import check_writable
 from rths_cli.identification.channels import UnfitRecord
 from rths_cli.identification.evaluate import Identification
 from rths_cli.identification.evaluate import identify as evaluate
@@ -30,6 +28,7 @@ from rths_cli.workflows.identify import (
 from rths_cli.workflows.known import as_model, is_foreign
 from rths_cli.workflows.measured import DataRequest, read_measured
 from rths_cli.workflows.model_store import channel_names, load, save
+from rths_cli.workflows.outputs import Outputs, check_outputs
 from rths_cli.workflows.setup import Progress, Setup, make_setup, shown
 
 
@@ -37,7 +36,8 @@ from rths_cli.workflows.setup import Progress, Setup, make_setup, shown
 class Asked:
     """What `rths identify` was asked: a case and settings KEY=VALUE, measured data (None: excite the rig), where to.
 
-    `output` None: models/RIG_STRUCTURE.h5; `save_data`: where to write what was measured.
+    `output` None: models/RIG_STRUCTURE.h5; `figure` None: beside it, no figure at all without `draw`; `save_data`:
+    where to write what was measured.
     """
 
     case: str
@@ -45,15 +45,17 @@ class Asked:
     data: DataRequest | None = None
     output: Path | None = None
     save_data: Path | None = None
+    figure: Path | None = None
+    draw: bool = True
 
 
 @dataclass(frozen=True)
 class Made:
-    """What came of it: the identification and its file, or (found None) why no model could be made."""
+    """What came of it: the identification and where its figure goes, or (found None) why no model could be made."""
 
     about: About
     found: Identification | None
-    path: Path | None
+    figure: Path | None
     unfit: UnfitRecord | None = None
     exit_code: int = 0
 
@@ -64,10 +66,10 @@ def make_model(asked: Asked, progress: Progress) -> Made:
     Raises InputError before anything moves when the case, the data or the output cannot be used.
     """
     setup = make_setup(load_cases([asked.case], asked.settings)[0])
-    output = _output(asked, setup)
+    outputs = _outputs(asked, setup)
     given = _given(setup)
     planned = None if asked.data else plan(setup)
-    check_writable(output.parent)
+    check_outputs(outputs, _inputs(asked, setup))
     about = About(setup.rig.name, setup.rig.kind, "")
     try:
         measured = read_measured(asked.data, setup) if asked.data else measure(setup, progress, planned)
@@ -79,14 +81,14 @@ def make_model(asked: Asked, progress: Progress) -> Made:
         return Made(about, None, None, unfit.unfit, unfit.exit_code)
     except UnfitRecord as unfit:
         return Made(about, None, None, unfit, 1)
-    replaced = output.exists()
-    sha256 = save(output, setup, found, measured.source, measured.sha256, replace=setup.rig.kind == "virtual")
+    replaced = outputs.model.exists()
+    sha256 = save(outputs.model, setup, found, measured.source, measured.sha256, replace=setup.rig.kind == "virtual")
     lines = (
         *measured.lines,
         ("data SHA-256", measured.sha256[:16]),
-        ("model file", f"{shown(output)}{' (replaced)' if replaced else ''}, SHA-256 {sha256[:16]}"),
+        ("model file", f"{shown(outputs.model)}{' (replaced)' if replaced else ''}, SHA-256 {sha256[:16]}"),
     )
-    return Made(replace(about, lines=lines), found, output, None, 0 if found.accepted else 1)
+    return Made(replace(about, lines=lines), found, outputs.figure, None, 0 if found.accepted else 1)
 
 
 def _evaluate(setup: Setup, measured: Measured, given: Model | None, from_file: bool) -> Identification:
@@ -106,14 +108,20 @@ def _given(setup: Setup) -> Model | None:
     return as_model(read_foreign(path), setup) if is_foreign(path) else load(path, setup).found.best
 
 
-def _output(asked: Asked, setup: Setup) -> Path:
-    """Return where the model file goes; that of a real rig carries the time, so that none is ever replaced."""
-    if asked.output is not None:
-        if asked.output.is_dir():
-            raise InputError(f"--output {asked.output}: is a folder; give the name of the model file")
-        return asked.output
+def _outputs(asked: Asked, setup: Setup) -> Outputs:
+    """Return where everything goes; the model file of a real rig carries the time, so that none is ever replaced."""
     stamp = "" if setup.rig.kind == "virtual" else datetime.now(UTC).strftime("_%Y%m%dT%H%M%SZ")
-    return Path("models") / f"{setup.rig.name}_{setup.case.structure.name}{stamp}.h5"
+    model = asked.output or Path("models") / f"{setup.rig.name}_{setup.case.structure.name}{stamp}.h5"
+    figure = (asked.figure or model.with_suffix(".png")) if asked.draw else None
+    return Outputs(model, figure, asked.save_data)
+
+
+def _inputs(asked: Asked, setup: Setup) -> list[tuple[str, Path]]:
+    """Return the files that are read, each with what names it."""
+    case = setup.case
+    named = [("the case", case.path), ("the record", case.record.path), ("--model", case.identification.model)]
+    data = asked.data.paths if asked.data else ()
+    return [(what, path) for what, path in named if path is not None] + [("--data", path) for path in data]
 
 
 def _save_data(path: Path, setup: Setup, measured: Measured) -> None:

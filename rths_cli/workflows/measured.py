@@ -67,13 +67,15 @@ def read_measured(request: DataRequest, setup: Setup) -> Measured:
     if faults:
         raise InputError(*faults)
     records: list[Record] = []
+    lines: list[tuple[str, str]] = []
     notes: list[str] = []
     for recording in recordings:
-        record, said = _record(recording, request, setup)
+        record, chosen, said = _record(recording, request, setup)
         records.append(record)
-        notes += said
+        lines += [("data", _parts_line(record, setup.rig.dt_s)), ("channels", "; ".join(chosen.notes))]
+        notes += [f"{shown(recording.path)}: {sentence}" for sentence in said]
     files = ", ".join(f"{shown(r.path)} (SHA-256 {r.sha256[:12]})" for r in recordings)
-    return Measured(tuple(records), None, files, _lines(records, request, setup), tuple(notes))
+    return Measured(tuple(records), None, files, (*lines, *_processing(request, setup)), tuple(notes))
 
 
 def _rate_faults(recording: Recording, setup: Setup) -> list[str]:
@@ -87,8 +89,8 @@ def _rate_faults(recording: Recording, setup: Setup) -> list[str]:
     ]
 
 
-def _record(recording: Recording, request: DataRequest, setup: Setup) -> tuple[Record, list[str]]:
-    """Return one file's record, and what was mended in it."""
+def _record(recording: Recording, request: DataRequest, setup: Setup) -> tuple[Record, Chosen, list[str]]:
+    """Return one file's record, which channels it was made of, and what was mended or odd in them."""
     floors = [channel.name for channel in setup.rig.channels]
     chosen = choose(recording, ("command", *floors), request.channels)
     signals = np.vstack([chosen.command_v, chosen.accel])
@@ -102,7 +104,7 @@ def _record(recording: Recording, request: DataRequest, setup: Setup) -> tuple[R
     accel = accel - _rest(accel, parts.silence)[:, None]
     corners = setup.removes_sensors and not request.corrected
     block = sensing.correction(setup.rig.channels, setup.rig.dt_s, corners)
-    return Record(command, run_block(block, accel), parts), [*recording.notes, *chosen.notes, *notes]
+    return Record(command, run_block(block, accel), parts), chosen, [*recording.notes, *notes]
 
 
 def _as_volts(accel: Array, chosen: Chosen, setup: Setup) -> Array:
@@ -119,22 +121,23 @@ def _rest(accel: Array, silence: slice | None) -> Array:
     return accel[:, silence].mean(axis=1) if silence is not None else accel.mean(axis=1)
 
 
-def _lines(records: Sequence[Record], request: DataRequest, setup: Setup) -> tuple[tuple[str, str], ...]:
-    """Return what the page says about the data."""
-    dt = setup.rig.dt_s
-    texts = []
-    for record in records:
-        parts = record.parts
-        seconds = (parts.noise.stop - parts.noise.start) * dt
-        text = f"{seconds:.1f} s of excitation from {parts.noise.start * dt:.1f} s on"
-        if parts.period_samples:
-            text += f", in periods of {parts.period_samples * dt:.4g} s"
-        if parts.silence is not None:
-            text += f", {(parts.silence.stop - parts.silence.start) * dt:.1f} s of silence"
-        if parts.free_vibration is not None:
-            text += f", {(parts.free_vibration.stop - parts.free_vibration.start) * dt:.1f} s of free vibration"
-        texts.append(text)
-    lines = list(processing(setup.case.identification))
+def _parts_line(record: Record, dt_s: float) -> str:
+    """Return what of a record is excitation, silence and free vibration."""
+    parts = record.parts
+    seconds = (parts.noise.stop - parts.noise.start) * dt_s
+    text = f"{seconds:.1f} s of excitation from {parts.noise.start * dt_s:.1f} s on"
+    if parts.period_samples:
+        text += f", in periods of {parts.period_samples * dt_s:.4g} s"
+    if parts.silence is not None:
+        text += f", {(parts.silence.stop - parts.silence.start) * dt_s:.1f} s of silence"
+    if parts.free_vibration is not None:
+        text += f", {(parts.free_vibration.stop - parts.free_vibration.start) * dt_s:.1f} s of free vibration"
+    return text
+
+
+def _processing(request: DataRequest, setup: Setup) -> tuple[tuple[str, str], ...]:
+    """Return what the page says about the evaluation."""
+    lines = dict(processing(setup.case.identification))
     if request.corrected:
-        lines[1] = ("sensor dynamics", "taken as removed by whoever measured (--corrected)")
-    return (*(("data", text) for text in texts), *lines)
+        lines["sensor dynamics"] = "taken as removed by whoever measured (--corrected)"
+    return tuple(lines.items())

@@ -58,6 +58,7 @@ class Frf:
     """Estimated frequency response function of one output to one input.
 
     `response` (n,) complex, `coherence` (n,), `relative_error` (n,): standard error of |response| over |response|.
+    `bandwidth_lines`: over how many lines the noise of one is spread (Hann window: 1.5), so that neighbours share it.
     """
 
     frequency_hz: Array
@@ -65,6 +66,7 @@ class Frf:
     coherence: Array
     relative_error: Array
     averages: int
+    bandwidth_lines: float = 1.0
 
 
 @dataclass(frozen=True)

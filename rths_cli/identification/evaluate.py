@@ -25,6 +25,7 @@ from rths_cli.identification.specimen import (
     storey_start,
 )
 from rths_cli.identification.starts import first_fit
+from rths_cli.identification.systematic import shifts
 from rths_cli.identification.verdict import LIMITS, Band, LevelBand, Root, Verdict
 from rths_cli.lti import Array, Frf, Model
 from rths_cli.rig_info import RigInfo
@@ -122,7 +123,8 @@ def identify(
     paper = best if given and len(best.zeros) == len(best.poles) else fitted_paper
     specimen = _specimen(records, best, info, masses, settings, start, free=False)
     free = _specimen(records, best, info, masses, settings, specimen, free=True)
-    error, levels = fit_error(best, table), _levels(best, table, quiet, settings)
+    error = fit_error(best, table)
+    levels, ratio = _levels(best, table, quiet, settings), _level_ratio(records, quiet)
     warnings = [
         *channels.hum_warnings(seen),
         *channels.gain_warnings(best.low_frequency_gain_m_per_v, info),
@@ -140,10 +142,12 @@ def identify(
         free_vibration=free,
         channels=seen,
         candidates=() if given else candidates,
-        roots=verdict.roots_given(best) if given else verdict.roots_of(chosen, specimen),
+        roots=verdict.roots_given(best)
+        if given
+        else verdict.roots_of(chosen, specimen, shifts(chosen, table, levels, ratio)),
         residuals=verdict.residuals(best, table),
         levels=levels,
-        verdict=verdict.judge(best, error, table, settings.most, warnings, levels, _level_ratio(records, quiet)),
+        verdict=verdict.judge(best, error, table, settings.most, warnings, levels, ratio),
     )
 
 

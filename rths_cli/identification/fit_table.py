@@ -48,7 +48,8 @@ class Timing:
 @dataclass(frozen=True)
 class Fit:
     """A model and what a further fit starts from: layout, parameters (with the ripple last, where it is fitted), their
-    covariance, from the weighted residual, and how many zero pairs are held, where the specimen's modes are."""
+    covariance, from the weighted residual and the lines' bandwidth, and how many zero pairs are held, where the
+    specimen's modes are."""
 
     model: Model
     layout: Layout
@@ -122,7 +123,7 @@ def fit(
     staircase_share = float(theta[-1]) if ripple else 0.0
     delay = layout.delay(theta)
     model = Model(zeros, poles, gain, delay, band_hz, staircase_share, timing.latency_samples, timing.dt_s)
-    return Fit(model, layout, theta, covariance, held_zeros)
+    return Fit(model, layout, theta, frf.bandwidth_lines * covariance, held_zeros)
 
 
 def refit(frf: Frf, before: Fit) -> Fit:

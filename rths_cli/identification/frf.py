@@ -21,6 +21,7 @@ Estimator = Literal["h1", "h2", "hv"]
 LEAST_SEGMENTS = 4
 LEAST_PERIODS = 3
 OVERLAP_CORRELATION = 1.0 / 36.0  # squared correlation of Hann segments that overlap by half (Welch 1967)
+HANN_BANDWIDTH = 1.5  # lines
 ERROR_FLOOR = 1e-6
 SMOOTHED = 15
 TAIL_S = 30.0  # rest appended to a command, in which a model's response dies out
@@ -28,11 +29,13 @@ TAIL_S = 30.0  # rest appended to a command, in which a model's response dies ou
 
 @dataclass(frozen=True)
 class _Lines:
-    """Fourier lines (segments, m) at `frequency_hz` (m,), and how many of the segments are independent."""
+    """Fourier lines (segments, m) at `frequency_hz` (m,), how many of the segments are independent, and the window's
+    noise bandwidth in lines."""
 
     frequency_hz: Array
     values: ComplexArray
     averages: float
+    bandwidth: float
 
 
 def estimate(
@@ -91,7 +94,7 @@ def _pooled(
     if len({len(part.frequency_hz) for part in parts}) > 1:
         raise InputError("records: their segments differ in length; evaluate records of one kind together")
     values = np.vstack([part.values for part in parts])
-    return _Lines(parts[0].frequency_hz, values, sum(part.averages for part in parts))
+    return _Lines(parts[0].frequency_hz, values, sum(part.averages for part in parts), parts[0].bandwidth)
 
 
 def _lines(signal: Array, record: Record, dt_s: float, band_hz: tuple[float, float], segment_s: float) -> _Lines:
@@ -106,7 +109,7 @@ def _lines(signal: Array, record: Record, dt_s: float, band_hz: tuple[float, flo
     values = np.array([np.fft.rfft(window * (part - part.mean()))[inside] for part in segments])
     count = len(values)
     overlap = 1.0 if periodic else 1.0 + 2.0 * OVERLAP_CORRELATION * (count - 1) / count
-    return _Lines(frequency[inside], values, count / overlap)
+    return _Lines(frequency[inside], values, count / overlap, 1.0 if periodic else HANN_BANDWIDTH)
 
 
 def _response(given: _Lines, output: _Lines, estimator: Estimator) -> Frf:
@@ -122,7 +125,7 @@ def _response(given: _Lines, output: _Lines, estimator: Estimator) -> Frf:
     h1 = cross / power
     response = {"h1": h1, "h2": h1 / coherence, "hv": h1 / np.sqrt(coherence)}[estimator]
     error = np.sqrt((1.0 - coherence).clip(min=0.0) / (2.0 * coherence * given.averages)).clip(min=ERROR_FLOOR)
-    return Frf(given.frequency_hz, response, coherence, error, round(given.averages))
+    return Frf(given.frequency_hz, response, coherence, error, round(given.averages), given.bandwidth)
 
 
 def without_leakage(

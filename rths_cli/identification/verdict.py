@@ -11,7 +11,7 @@ import numpy as np
 
 from rths_cli.identification.fit_table import COMPARED_HZ, Fit, FitError, rms, within
 from rths_cli.identification.specimen import SpecimenFit
-from rths_cli.lti import Frf, Model
+from rths_cli.lti import Array, Frf, Model
 
 LIMITS = FitError(rms=0.01, largest=0.03, rms_mid=0.004)
 BANDS_HZ = (0.7, 2.0, 5.0, 11.0, 20.0, 40.0, 60.0)
@@ -214,13 +214,15 @@ def _mean(frf: Frf, band_hz: tuple[float, float]) -> tuple[complex, float]:
     return complex(mean), float(1.0 / np.sqrt(np.sum(weight)))
 
 
-def roots_of(found: Fit, specimen: SpecimenFit | None) -> tuple[Root, ...]:
-    """Return poles and finite zeros of a fit with the standard uncertainties that its covariance gives.
+def roots_of(found: Fit, specimen: SpecimenFit | None, shifts: Array | None = None) -> tuple[Root, ...]:
+    """Return poles and finite zeros of a fit with standard uncertainties: random ones from its covariance, and the
+    `shifts` (n_parameters,) that no scatter shows.
 
     Zeros held at the specimen's modes have the specimen's.
     """
     poles, single, zeros = found.layout.pairs(found.parameters)
     error = np.sqrt(np.diag(found.covariance))
+    error = error if shifts is None else np.hypot(error, shifts)
     column, rows = 1, []
     for kind, pairs in (("pole", poles), ("zero", zeros)):
         if kind == "zero":

@@ -1,0 +1,44 @@
+"""What no scatter shows: how far roots move for a delay that is not quite the declared one, and for friction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rths_cli.identification.fit_table import HOLD, Fit, Timing, problem_of
+from rths_cli.identification.specimen import SKEW
+from rths_cli.identification.verdict import DITHER, LevelBand
+from rths_cli.lti import Array, ComplexArray, Frf
+
+
+def shifts(found: Fit, frf: Frf, levels: Sequence[LevelBand], level_ratio: float) -> Array:
+    """Return by how much each parameter of a fit may be off beside its random error, (n_parameters,).
+
+    First-order propagation of two distortions of the response: 1 % of a sample in the declared delay, and what
+    friction still adds at full level (of the difference d between levels of ratio r, d / (r - 1)).
+    """
+    model = found.model
+    problem = problem_of(frf, found.layout, Timing(model.latency_samples, model.dt_s), model.band_hz, ripple=True)
+    slopes = problem.jacobian(found.parameters)
+    held = found.layout.zeros(found.held_zeros)
+    fixed = np.diag(np.where(np.isin(np.arange(len(found.parameters)), np.arange(held.start, held.stop)), HOLD, 0.0))
+    inverse = np.linalg.pinv(np.vstack([slopes, fixed]), rcond=1e-12)[:, : len(slopes)]
+    late = problem.s * SKEW * model.dt_s
+    frequency = np.abs(problem.s) / (2.0 * np.pi)
+    moved = [_moved(inverse, problem.weight * each) for each in (late, _friction(frequency, levels, level_ratio))]
+    return np.hypot(*moved)
+
+
+def _moved(inverse: Array, distortion: ComplexArray) -> Array:
+    return inverse @ np.concatenate([distortion.real, distortion.imag])
+
+
+def _friction(frequency_hz: Array, levels: Sequence[LevelBand], level_ratio: float) -> ComplexArray:
+    """Return what friction adds to the response at full level, interpolated between the bands' centres."""
+    if not levels or not level_ratio > 1.0:
+        return np.zeros(len(frequency_hz), dtype=complex)
+    centres = np.sqrt([band.low_hz * band.high_hz for band in levels])
+    share = DITHER * (np.array([band.ratio for band in levels]) - 1.0) / (level_ratio - 1.0)
+    at = np.log(frequency_hz)
+    return np.interp(at, np.log(centres), share.real) + 1j * np.interp(at, np.log(centres), share.imag)

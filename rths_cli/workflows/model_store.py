@@ -173,7 +173,7 @@ def key(setup: Setup) -> str:
     """Return a hash of all that an identification on a virtual rig depends on."""
     case = setup.case
     parts = (
-        case.table.model_dump_json(exclude={"after_identification"}),
+        case.table.model_dump_json(exclude={"after_identification", "name"}),
         case.structure.experimental.model_dump_json(),
         case.structure.interface_experimental_mass_kg,
         case.identification.model_dump_json(),

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 
 from rths_cli.files.foreign import ForeignModel, is_foreign, read_foreign
 from rths_cli.identification.evaluate import Identification
@@ -72,7 +71,7 @@ class Memory:
             measured = measure(setup, progress, self.plan(setup))
             found = evaluated(setup, measured, as_model(file, setup))
             where = f"zeros, poles and gain of {shown(file.path)}, judged by a record made now"
-            return Known(noted(found, file.notes), where)
+            return Known(noted(found, notes_on(file)), where)
         changes, sentence = verify(setup, file.found, progress)
         where = f"model {shown(file.path)}, identified {file.age}"
         reasons = (f"{where}: {'; '.join(changes)}",) if changes else ()
@@ -99,6 +98,13 @@ def as_model(given: ForeignModel, setup: Setup) -> Model:
     )
 
 
-def named_model(path: Path | None) -> ForeignModel | None:
-    """Return the model from elsewhere that a case names, None when it names none or one of ours."""
-    return read_foreign(path) if path is not None and is_foreign(path) else None
+def notes_on(given: ForeignModel) -> tuple[str, ...]:
+    """Return what a user should know of a model from elsewhere, also that method paper cannot use one not square."""
+    zeros, poles = len(given.zeros), len(given.poles)
+    if zeros == poles:
+        return given.notes
+    return (
+        *given.notes,
+        f"{shown(given.path)}: {zeros} zeros and {poles} poles; the inverse of method paper needs as many zeros as "
+        "poles, so that method uses a model fitted to the record that judged this one",
+    )

@@ -25,7 +25,7 @@ from rths_cli.workflows.identify import (
     noted,
     plan,
 )
-from rths_cli.workflows.known import as_model, is_foreign
+from rths_cli.workflows.known import as_model, is_foreign, notes_on
 from rths_cli.workflows.measured import DataRequest, read_measured
 from rths_cli.workflows.model_store import channel_names, load, save
 from rths_cli.workflows.outputs import Outputs, check_outputs
@@ -67,7 +67,7 @@ def make_model(asked: Asked, progress: Progress) -> Made:
     """
     setup = make_setup(load_cases([asked.case], asked.settings)[0])
     outputs = _outputs(asked, setup)
-    given = _given(setup)
+    given, notes = _given(setup)
     planned = None if asked.data else plan(setup)
     check_outputs(outputs, _inputs(asked, setup))
     about = About(setup.rig.name, setup.rig.kind, "")
@@ -76,7 +76,7 @@ def make_model(asked: Asked, progress: Progress) -> Made:
         about = replace(about, source=measured.source, lines=measured.lines)
         if asked.save_data:
             _save_data(asked.save_data, setup, measured)
-        found = _evaluate(setup, measured, given, asked.data is not None)
+        found = noted(_evaluate(setup, measured, given, asked.data is not None), notes)
     except UnfitRig as unfit:
         return Made(about, None, None, unfit.unfit, unfit.exit_code)
     except UnfitRecord as unfit:
@@ -100,12 +100,15 @@ def _evaluate(setup: Setup, measured: Measured, given: Model | None, from_file: 
     return noted(found, measured.notes)
 
 
-def _given(setup: Setup) -> Model | None:
-    """Return the model that the case names, to be judged in place of one fitted here."""
+def _given(setup: Setup) -> tuple[Model | None, tuple[str, ...]]:
+    """Return the model that the case names, to be judged in place of one fitted here, and what to know of it."""
     path = setup.case.identification.model
     if path is None:
-        return None
-    return as_model(read_foreign(path), setup) if is_foreign(path) else load(path, setup).found.best
+        return None, ()
+    if not is_foreign(path):
+        return load(path, setup).found.best, ()
+    given = read_foreign(path)
+    return as_model(given, setup), notes_on(given)
 
 
 def _outputs(asked: Asked, setup: Setup) -> Outputs:

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import math
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from rths_cli.files.result_writer import Metric
 from rths_cli.lti import Array
 from rths_cli.metrics import ErrorFigures, error_figures, fitted_delay_s
+
+if TYPE_CHECKING:
+    from rths_cli.analysis.critical_delay import CriticalDelay
 
 BAND = "in the test band (12 Hz, 4th-order Butterworth forward and backward)"
 FULL = "in full band"
@@ -56,6 +62,14 @@ def solution_error(run: str, relative: float) -> dict[str, Metric]:
     return {f"{run}.solution_error": Metric(relative, "1", "own estimate of the solution's error over its peak")}
 
 
+def critical(found: CriticalDelay) -> dict[str, Metric]:
+    """Return the delay at which SIM-DELAY becomes unstable; nothing where no delay does that."""
+    if not math.isfinite(found.delay_s):
+        return {}
+    about = "pure delay of the base shear at which the hybrid test loses stability (0: any delay does)"
+    return {"sim_delay.critical_delay_s": scalar(found.delay_s, "s", about)}
+
+
 def scalar(value: float, units: str, definition: str) -> Metric:
     """Return a figure of one number."""
     return Metric(np.float64(value), units, definition)
@@ -73,5 +87,8 @@ def of_runs() -> dict[str, bool]:
     delays = {f"{run}.tracking_delay_s{kind}": False for run in ("shake_table", "exp_rths") for kind in ("", "_true")}
     errors = {f"exp_rths.{which}_error_m_s2{kind}": True for which in ("max", "rms") for kind in kinds}
     errors |= {f"sim_delay.{which}_error_m_s2{kind}": True for which in ("max", "rms") for kind in ("", "_full")}
-    others = dict.fromkeys(("sim.solution_error", "sim_delay.solution_error", "sim_delay.diverged_at_s"), False)
+    others = dict.fromkeys(
+        ("sim.solution_error", "sim_delay.solution_error", "sim_delay.diverged_at_s", "sim_delay.critical_delay_s"),
+        False,
+    )
     return tracking | delays | errors | others

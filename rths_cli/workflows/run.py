@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rths_cli.analysis.critical_delay import critical_delay
 from rths_cli.analysis.sim import simulate
 from rths_cli.analysis.sim_delay import simulate_delayed
 from rths_cli.case.load import resolved_yaml
@@ -140,6 +141,7 @@ def _simulations(setup: Setup, writer: ResultWriter, progress: Progress) -> tupl
         contents.write_response(writer, "sim_delay", setup, delayed)
         values |= figures.against_sim("sim_delay", sim.abs_accel_m_s2, delayed.abs_accel_m_s2, None, dt)
         values |= figures.solution_error("sim_delay", delayed.error_estimate)
+        values |= figures.critical(critical_delay(setup.building))
         if delayed.diverged_at_s is not None:
             values["sim_delay.diverged_at_s"] = figures.scalar(delayed.diverged_at_s, "s", "when SIM-DELAY was cut")
     return sim, values

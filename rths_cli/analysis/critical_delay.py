@@ -1,0 +1,84 @@
+"""How late the base shear may come before a hybrid test of a building becomes unstable: its critical pure delay.
+
+Cut at the interface floor and freed of the ground, the loop goes from the floor's absolute acceleration a through the
+specimen to the base shear f(t - delay), and through the numerical part back to a: 1 = L(s) exp(-s delay). Where
+|L(j w)| = 1 a delay of (arg L mod 2 pi) / w puts a pole on the imaginary axis; the smallest one is critical.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from rths_cli.lti import Array, StateSpace
+from rths_cli.structure import Building
+
+ON_AXIS = 1e-6  # real part over size, of an eigenvalue that is taken as imaginary
+
+
+@dataclass(frozen=True)
+class CriticalDelay:
+    """`delay_s` (infinite: any delay is stable; 0: none is), the frequency at which stability is lost, and the
+    loop's gain at infinite frequency, the share of the interface floor's mass on the table over that computed."""
+
+    delay_s: float
+    frequency_hz: float
+    gain_at_infinity: float
+
+
+def critical_delay(building: Building) -> CriticalDelay:
+    """Return the critical pure delay of a building without table dynamics."""
+    loop = open_loop(building)
+    high = abs(float(loop.D[0, 0]))
+    if high >= 1.0:
+        return CriticalDelay(0.0, math.inf, high)
+    crossings = unit_gain_rad_s(loop)
+    if not crossings.size:
+        return CriticalDelay(math.inf, math.nan, high)
+    phase = np.angle(loop.response(crossings / (2.0 * np.pi))[0, 0])
+    delays = np.mod(phase, 2.0 * np.pi) / crossings
+    first = int(np.argmin(delays))
+    return CriticalDelay(float(delays[first]), float(crossings[first] / (2.0 * np.pi)), high)
+
+
+def open_loop(building: Building) -> StateSpace:
+    """Return the loop from the interface floor's acceleration by way of the base shear back to it, without delay.
+
+    Specimen: f = 1^T (C v + K x) - m_I a for displacements x relative to the table (Eq. 2.5, 2.6); numerical part:
+    a = (f e_p - C v - K x)_p / m_p for displacements relative to the ground (Eq. 2.3).
+    """
+    specimen, numerical = building.specimen, building.numerical
+    n, p = len(specimen.masses_kg), len(numerical.masses_kg)
+    inverse, own = 1.0 / specimen.masses_kg[:, None], 1.0 / numerical.masses_kg[:, None]
+    shear = np.concatenate([specimen.K.sum(axis=0), specimen.C.sum(axis=0)])
+    motion = -np.hstack([own * numerical.K, own * numerical.C])
+    a = np.zeros((2 * (n + p), 2 * (n + p)))
+    a[:n, n : 2 * n] = np.eye(n)
+    a[n : 2 * n, : 2 * n] = -np.hstack([inverse * specimen.K, inverse * specimen.C])
+    a[2 * n : 2 * n + p, 2 * n + p :] = np.eye(p)
+    a[2 * n + p :, 2 * n :] = motion
+    a[-1, : 2 * n] = own[-1, 0] * shear
+    high = -building.interface_experimental_mass_kg * own[-1, 0]
+    b = np.zeros((len(a), 1))
+    b[n : 2 * n, 0] = -1.0
+    b[-1, 0] = high
+    c = a[-1:].copy()
+    return StateSpace(a, b, c, np.array([[high]]))
+
+
+def unit_gain_rad_s(loop: StateSpace) -> Array:
+    """Return the frequencies in rad/s, ascending, at which |L| = 1, for |D| below 1.
+
+    They are the imaginary eigenvalues of the Hamiltonian matrix of the bounded real lemma (Boyd, Balakrishnan, Kabamba,
+    Math. Control Signals Systems 2, 1989).
+    """
+    d = float(loop.D[0, 0])
+    rest = 1.0 - d * d
+    inner = loop.A + loop.B @ loop.C * (d / rest)
+    corner = loop.C.T @ loop.C * (-1.0 - d * d / rest)
+    hamiltonian = np.block([[inner, loop.B @ loop.B.T / rest], [corner, -inner.T]])
+    values = np.linalg.eigvals(hamiltonian)
+    on_axis = (np.abs(values.real) < ON_AXIS * np.abs(values)) & (values.imag > 0.0)
+    return np.sort(values.imag[on_axis])

@@ -58,16 +58,17 @@ def write_table_run(
     storeys = len(setup.building.M)
     floors = len(setup.floor_masses_kg)
     floor_scale = Dataset(np.arange(storeys - floors + 1, storeys + 1), "1", "experimental storey", "computed")
-    also = " and for the hold's staircase" if setup.case.method == "best" else ""
+    sensed = "corrected for the sensor" if setup.removes_sensors else "as the sensor gives it"
+    staircase = ", less the hold's staircase" if setup.case.method == "best" else ""
     datasets = _hybrid_motion(hybrid, series) if hybrid else {}
     datasets |= {
         "interface_accel_desired_m_s2": Dataset(series.desired[0], ACCEL, "desired table acceleration", "computed"),
         "interface_accel_measured_m_s2": Dataset(
-            series.measured[0], ACCEL, f"table acceleration, corrected for the sensor{also}", "measured"
+            series.measured[0], ACCEL, f"table acceleration, {sensed}{staircase}", "measured"
         ),
         "command_v": Dataset(series.command_v, "V", "command that left the guard", "computed"),
         "floor_accel_measured_m_s2": Dataset(
-            series.measured[1:], ACCEL, "floor acceleration, corrected for the sensor", "measured", ON_FLOORS
+            series.measured[1:], ACCEL, f"floor acceleration, {sensed}", "measured", ON_FLOORS
         ),
         "floor_accel_estimated_m_s2": Dataset(
             series.estimated[2 * floors :], ACCEL, "floor acceleration of the Kalman filter", "estimated", ON_FLOORS

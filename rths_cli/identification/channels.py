@@ -21,13 +21,13 @@ CLIPPED_SHARE = 0.98
 MAINS_HZ = (50.0, 60.0, 100.0, 120.0, 150.0, 180.0)
 HUM_OVER_FLOOR = 10.0
 HUM_WORTH_SAYING = 2e-3  # of the excited rms
-LOW_SHARE = 0.5  # of the specimen's first peak: below it all floors move with the table
+LOW_SHARE = 0.5  # of the specimen's first natural frequency: below it all floors move with the table
 GAIN_SHARE = 0.3  # by which the table's gain may differ from the data sheet's
 FLOOR_GAIN_SHARE = 0.05
 BAD_CHAIN = 0.2  # share of the storeys' inertia left unexplained
 SUSPECT, CURED = 0.12, 0.5  # the share from which exchanges are tried, and the part of it that a true one leaves
 HIGHEST_HZ = 30.0
-LINES_FOR_A_CURVE = 8
+LINES_FOR_A_CURVE, CERTAIN = 8, 2.0
 
 
 @dataclass(frozen=True)
@@ -141,8 +141,8 @@ def _hum(records: Sequence[Record], index: int, dt_s: float, loud: float) -> tup
             at = (np.abs(frequency - mains) <= max(0.2, 1.0 / (values.size * dt_s))) & (frequency < 0.45 / dt_s)
             sides = [size[(way * (frequency - mains) > 2.5) & (way * (frequency - mains) < 6.0)] for way in (-1.0, 1.0)]
             if at.any() and sides[1].size:
-                # the louder side: an excitation may end at the mains frequency
-                amplitude, floor = float(size[at].max()), max(float(np.median(side)) for side in sides)
+                floor = max(float(np.median(side)) for side in sides)  # an excitation may end at the mains frequency
+                amplitude = float(size[at].max())
                 if amplitude > max(HUM_OVER_FLOOR * floor, HUM_WORTH_SAYING * loud, best[1]):
                     best = (mains, amplitude)
     return best
@@ -211,7 +211,7 @@ def _order(frfs: Sequence[Frf], info: RigInfo, masses_kg: Array) -> list[str]:
     if len(frfs) < 2:
         return []
     f = frfs[0].frequency_hz
-    inside = f <= HIGHEST_HZ
+    inside = (f <= HIGHEST_HZ) & np.all([frf.coherence >= LEAST_COHERENCE for frf in frfs], axis=0)
     motion = np.array([frf.response[inside] for frf in frfs])
     here = chain_residual(f[inside], motion, masses_kg)
     if here < SUSPECT:
@@ -260,8 +260,8 @@ def chain_residual(frequency_hz: Array, motion: ComplexArray, masses_kg: Array) 
 
 def _floor_gains(frfs: Sequence[Frf], info: RigInfo) -> list[str]:
     """Return a sentence for each floor, or the table, whose motions do not go over into each other at low frequency."""
-    gains = floor_gains(frfs)
-    off = np.abs(gains - 1.0) > FLOOR_GAIN_SHARE
+    gains, errors = floor_gains(frfs)
+    off = np.abs(gains - 1.0) > FLOOR_GAIN_SHARE + CERTAIN * errors
     if len(gains) > 1 and off.all() and float(np.ptp(gains)) < FLOOR_GAIN_SHARE * float(np.mean(gains)):
         return [
             f"channel {info.channels[0].name}: reads {1.0 / float(np.mean(gains)):.3f} times every floor at zero "
@@ -275,16 +275,21 @@ def _floor_gains(frfs: Sequence[Frf], info: RigInfo) -> list[str]:
     ]
 
 
-def floor_gains(frfs: Sequence[Frf]) -> Array:
-    """Return what each floor reads over what the table reads at zero frequency, from lines below the first mode, (n,).
+def floor_gains(frfs: Sequence[Frf]) -> tuple[Array, Array]:
+    """Return what each floor reads over what the table reads at zero frequency, (n,), and its standard error (n,).
 
-    |floor / table| times 1 - (f / first mode)^2 has no pole there: it is a + b f^2, nearly.
+    Below the first mode, floor / table times 1 - (f / first mode)^2 has no pole: it is a + b f^2, nearly.
     """
     low, first = _low_lines(frfs)
     f2 = frfs[0].frequency_hz[low] ** 2
     powers = np.vander(f2, 3 if low.sum() > LINES_FOR_A_CURVE else 2, increasing=True)
-    ratios = [(frf.response[low] / frfs[0].response[low]).real * (1.0 - f2 / first**2) for frf in frfs[1:]]
-    return np.array([np.linalg.lstsq(powers, ratio, rcond=None)[0][0] for ratio in ratios])
+    table, smooth = frfs[0].response[low], 1.0 - f2 / first**2
+    ratios = np.array([(frf.response[low] / table).real * smooth for frf in frfs[1:]]).reshape(-1, len(f2))
+    inverse = np.linalg.pinv(powers)
+    found = ratios @ inverse.T
+    left = ratios - found @ powers.T
+    spread = np.linalg.norm(left, axis=1) / np.sqrt(max(len(f2) - powers.shape[1], 1))
+    return found[:, 0], spread * float(np.linalg.norm(inverse[0]))
 
 
 def gain_warnings(low_frequency_gain_m_per_v: float, info: RigInfo) -> tuple[str, ...]:

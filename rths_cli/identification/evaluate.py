@@ -31,6 +31,7 @@ from rths_cli.lti import Array, Frf, Model
 from rths_cli.rig_info import RigInfo
 
 START_HZ = 30.0
+SHORTEST_S = 4.0  # segment of a sweep, or its lines are too few for a model
 SEGMENTS = 5  # a short record is cut into so many segments that do not overlap
 MOST_ROUNDS, CONVERGED = 8, 5e-4  # of taking out leakage; change of the model in 0.7-11 Hz that ends them
 AGREE_SIGMA, AGREE_HZ, AGREE_DAMPING = 3.0, 0.003, 0.05  # noise and free vibration: standard errors or shares
@@ -104,11 +105,14 @@ def identify(
     masses = np.asarray(floor_masses_kg, dtype=float)
     check(records, info, masses)
     shortest = min(r.parts.noise.stop - r.parts.noise.start for r in records) * info.dt_s
-    suited = [r.parts.segment_samples * info.dt_s for r in records if r.parts.segment_samples]
-    settings = replace(settings, segment_s=min(settings.segment_s, shortest / SEGMENTS, *suited))
+    suited = [max(r.parts.segment_samples * info.dt_s, SHORTEST_S) for r in records if r.parts.segment_samples]
+    longest = min(settings.segment_s, shortest / SEGMENTS)
+    settings = replace(settings, segment_s=min([longest, *suited]))
     frfs = estimate(records, info.dt_s, settings.band_hz, settings.segment_s, settings.estimator)
-    seen = channels.reports(records, frfs, info)
-    faults = channels.response_faults(frfs, info, masses)
+    # short segments cut the floors' vibrations off, which is no fault of the channels
+    judged = estimate(records, info.dt_s, settings.band_hz, longest, settings.estimator) if suited else frfs
+    seen = channels.reports(records, judged, info)
+    faults = channels.response_faults(judged, info, masses)
     if faults:
         raise UnfitRecord(faults, seen)
     settings = replace(settings, band_hz=(settings.band_hz[0], coherent_up_to(frfs[0], settings.band_hz[1])))

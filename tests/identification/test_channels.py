@@ -1,0 +1,309 @@
+"""Faults put into channels of a linear table are named, with the right channel and no other; clean ones are not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from itertools import combinations
+
+import numpy as np
+import pytest
+from made_linear import DT, Linear, linear
+from made_records import make_specimen
+from scipy import signal
+
+from rths_cli.control import sensing
+from rths_cli.identification import channels
+from rths_cli.identification.clipping import as_sampled, cut_off_peaks, flat_tops
+from rths_cli.identification.evaluate import identify
+from rths_cli.identification.excitation import Kind
+from rths_cli.identification.frf import estimate
+from rths_cli.identification.record import Parts, Record
+from rths_cli.lti import Frf
+
+KINDS: tuple[Kind, ...] = ("noise", "multisine", "sweep", "step")
+STIFFNESS = (7000.0, 7600.0, 7200.0)
+SEGMENT_S = 12.0
+
+
+@cache
+def clean(floors: int, ratio: float = 0.04, kind: Kind = "noise") -> Linear:
+    return linear(make_specimen(STIFFNESS[:floors], (ratio,) * floors), kind)
+
+
+def with_accel(record: Record, accel: np.ndarray) -> Record:
+    return replace(record, accel_m_s2=accel)
+
+
+def faults(made: Linear, accel: np.ndarray | None = None) -> list[str]:
+    record = made.record if accel is None else with_accel(made.record, accel)
+    found = channels.signal_faults(record, made.info)
+    return found or channels.response_faults(responses(record), made.info, made.specimen.masses_kg)
+
+
+def responses(record: Record) -> tuple[Frf, ...]:
+    return estimate([record], DT, (0.5, 60.0), SEGMENT_S)
+
+
+def names(made: Linear) -> list[str]:
+    return [channel.name for channel in made.info.channels]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("floors", "ratio"), [(1, 0.005), (2, 0.005), (3, 0.005), (1, 0.05), (2, 0.05), (3, 0.05)])
+def test_clean_records_have_no_fault(floors: int, ratio: float, kind: Kind) -> None:
+    made = clean(floors, ratio, kind)
+    assert faults(made) == []
+    assert channels.hum_warnings(channels.reports([made.record], None, made.info)) == ()
+
+
+@pytest.mark.parametrize(
+    ("stiffness", "ratios"),
+    [
+        ((8100.0, 7000.0), (0.059, 0.005)),  # the second mode is the largest
+        ((9500.0, 14000.0), (0.071, 0.008)),
+        ((7000.0, 9000.0, 11000.0), (0.10, 0.07, 0.03)),  # modal damping that no dashpots of storeys describe
+        ((14000.0, 4000.0, 9000.0), (0.09, 0.04, 0.02)),
+    ],
+)
+def test_uneven_damping_is_no_fault(stiffness: tuple[float, ...], ratios: tuple[float, ...]) -> None:
+    assert faults(linear(make_specimen(stiffness, ratios))) == []
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("floors", [1, 2, 3])
+def test_every_pair_of_swapped_channels_is_named(floors: int, kind: Kind) -> None:
+    made = clean(floors, kind=kind)
+    for one, other in combinations(range(floors + 1), 2):
+        accel = made.record.accel_m_s2.copy()
+        accel[[one, other]] = accel[[other, one]]
+        found = faults(made, accel)
+        assert len(found) == 1
+        assert f"channels {names(made)[one]} and {names(made)[other]}: they look swapped" in found[0]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("floors", [1, 2, 3])
+def test_only_the_reversed_channel_is_named(floors: int, kind: Kind) -> None:
+    made = clean(floors, kind=kind)
+    for index, name in enumerate(names(made)):
+        accel = made.record.accel_m_s2.copy()
+        accel[index] *= -1.0
+        found = faults(made, accel)
+        assert len(found) == 1
+        # with one floor, either of two channels may be the reversed one: the command tells
+        assert f"channel {name}: wrong sign" in found[0]
+    assert ["command: every channel moves against it" in fault for fault in faults(made, -made.record.accel_m_s2)] == [
+        True
+    ]
+
+
+def stated(fault: str) -> float:
+    """Return the ratio that a sentence states."""
+    return float(fault.split("reads ")[1].split()[0])
+
+
+@pytest.mark.parametrize("factor", [0.9, 1.1])
+@pytest.mark.parametrize("floors", [1, 2, 3])
+def test_only_the_channel_of_wrong_sensitivity_is_named(floors: int, factor: float) -> None:
+    made = clean(floors)
+    for index, name in enumerate(names(made)[1:], 1):
+        accel = made.record.accel_m_s2.copy()
+        accel[index] *= factor
+        found = faults(made, accel)
+        assert len(found) == 1
+        assert f"channel {name}: reads " in found[0]
+        assert stated(found[0]) == pytest.approx(factor, abs=0.01)
+        assert "check the sensitivity" in found[0]
+
+
+@pytest.mark.parametrize("factor", [0.9, 1.1])
+def test_table_of_wrong_sensitivity_is_named_where_all_floors_say_so(factor: float) -> None:
+    made = clean(2)
+    found = faults(made, made.record.accel_m_s2 * [[factor], [1.0], [1.0]])
+    assert len(found) == 1
+    assert "channel table: reads " in found[0]
+    assert stated(found[0]) == pytest.approx(factor, abs=0.01)
+
+
+@pytest.mark.parametrize("floors", [1, 2, 3])
+def test_floor_gains_are_the_factors_put_in(floors: int) -> None:
+    made = clean(floors)
+    put_in = np.array([1.03, 0.98, 1.01][:floors])
+    record = with_accel(made.record, made.record.accel_m_s2 * np.concatenate([[1.0], put_in])[:, None])
+    gains, errors = channels.floor_gains(responses(record))
+    assert gains == pytest.approx(put_in, abs=0.01)
+    assert np.all(errors < 0.01)
+
+
+def test_lost_samples_are_counted_and_placed() -> None:
+    made = clean(2)
+    accel = made.record.accel_m_s2.copy()
+    accel[2, 1234::20] = np.nan
+    lost = len(range(1234, accel.shape[1], 20))
+    (fault,) = faults(made, accel)
+    assert f"channel floor_2: {lost} of {accel.shape[1]} samples (4.9" in fault
+    assert "number 1234;" in fault
+    command = made.record.command_v.copy()
+    command[7] = np.inf
+    (fault,) = channels.signal_faults(replace(made.record, command_v=command), made.info)
+    assert "channel command: 1 of" in fault
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_dead_and_drowned_channels_are_named(kind: Kind) -> None:
+    made = clean(2, kind=kind)
+    noise = np.random.default_rng(1).standard_normal(made.record.accel_m_s2.shape[1])
+    for index, name in enumerate(names(made)):
+        for level, sentence in ((0.0, "dead"), (2e-3, "dead"), (0.5, "nothing but noise")):
+            accel = made.record.accel_m_s2.copy()
+            accel[index] = level * noise
+            found = faults(made, accel)
+            assert len(found) == 1
+            assert f"channel {name}: {sentence}" in found[0]
+
+
+@pytest.mark.parametrize("coherence", [0.6, 0.8])
+def test_incoherent_channel_is_named_with_its_coherence(coherence: float) -> None:
+    made = clean(2)
+    other = linear(made.specimen, "noise", 99).record.accel_m_s2  # the same spectra, another excitation
+    ratio = np.sqrt(1.0 / coherence - 1.0)
+    for index, name in enumerate(names(made)):
+        accel = made.record.accel_m_s2.copy()
+        accel[index] += ratio * other[index]
+        found = faults(made, accel)
+        assert len(found) == 1
+        assert f"channel {name}: median coherence" in found[0]
+        seen = channels.reports([with_accel(made.record, accel)], responses(with_accel(made.record, accel)), made.info)
+        assert seen[index].coherence == pytest.approx(coherence, abs=0.12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("share", [0.97, 0.9, 0.7, 0.5])
+def test_clipped_channel_is_named(share: float, kind: Kind) -> None:
+    made = clean(2, kind=kind)
+    random = np.random.default_rng(2)
+    for index, name in enumerate(names(made)):
+        accel = made.record.accel_m_s2.copy()
+        top = share * np.abs(accel[index]).max()
+        accel[index] = accel[index].clip(-top, top) + 3e-4 * random.standard_normal(accel.shape[1])
+        found = faults(made, accel)
+        assert len(found) == 1
+        assert f"channel {name}: clipped" in found[0]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("share", [1.0, 0.97, 0.9, 0.7, 0.5])
+def test_clipping_is_seen_through_the_correction_of_the_sensor(share: float, kind: Kind) -> None:
+    """The sensor's AC coupling acts before the converter's limit, its correction after it."""
+    made = clean(2, kind=kind)
+    sensor = made.info.channels[1]
+    coupling = signal.butter(1, sensor.high_pass_hz, "high", fs=1.0 / DT)
+    block = sensing.correction((sensor,), DT)
+    inverse = signal.ss2tf(block.A, block.B, block.C, block.D)
+    for accel in made.record.accel_m_s2:
+        sensed = signal.lfilter(*coupling, accel)
+        sensed = sensed.clip(-share * np.abs(sensed).max(), share * np.abs(sensed).max())
+        bits = np.round(sensed / 3e-3) * 3e-3 + 1e-3  # and the converter has an offset
+        corrected = signal.lfilter(inverse[0][0], inverse[1], bits / 9.80665)
+        assert (cut_off_peaks(corrected, sensor, DT, 1e-3) > 0) == (share < 1.0)
+
+
+def test_corners_put_back_are_the_inverse_of_their_correction() -> None:
+    sensor = clean(2).info.channels[0]
+    block = sensing.correction((sensor,), DT)
+    raw = np.random.default_rng(3).standard_normal(4000)
+    raw[0] = 0.0
+    corrected = signal.dlsim((block.A, block.B, block.C, block.D, DT), raw)[1][:, 0]
+    assert as_sampled(corrected, sensor, DT) == pytest.approx(raw / sensor.sensitivity_v_per_m_s2, abs=1e-9)
+
+
+def test_flat_tops_counts_the_peaks_of_a_sine() -> None:
+    sine = np.sin(2.0 * np.pi * 3.0 * np.arange(0.0, 4.0, DT))
+    assert flat_tops(sine) == 0
+    assert flat_tops(sine.clip(-0.9, 0.9)) == 24
+    assert flat_tops(sine.clip(-2.0, 0.9)) == 12
+
+
+def test_channel_at_its_range_is_clipped() -> None:
+    made = clean(1)
+    accel = made.record.accel_m_s2.copy()
+    accel[1, 40000] = 0.985 * made.info.channels[1].range_m_s2
+    (fault,) = faults(made, accel)
+    assert "channel floor_1: clipped" in fault
+    assert "sensor's range" in fault
+
+
+@pytest.mark.parametrize("hz", [50.0, 60.0, 150.0])
+@pytest.mark.parametrize("kind", KINDS)
+def test_hum_is_found_in_silence_with_its_amplitude(kind: Kind, hz: float) -> None:
+    made = clean(2, kind=kind)
+    time = np.arange(made.record.accel_m_s2.shape[1]) * DT
+    for index, size in ((0, 0.02), (1, 0.05), (2, 0.3)):
+        accel = made.record.accel_m_s2.copy()
+        accel[index] += size * np.sin(2.0 * np.pi * hz * time + 0.4)
+        seen = channels.reports([with_accel(made.record, accel)], None, made.info)
+        assert [c.hum_hz for c in seen] == [hz if c is seen[index] else 0.0 for c in seen]
+        assert seen[index].hum_m_s2 == pytest.approx(size, rel=0.2)
+        (warning,) = channels.hum_warnings(seen)
+        assert f"channel {names(made)[index]}: {hz:g} Hz hum" in warning
+
+
+@pytest.mark.parametrize("kind", ["noise", "sweep", "step"])
+def test_hum_without_silence(kind: Kind) -> None:
+    """The excitation ends at 60 Hz: one side of that line is loud, which is no hum."""
+    made = clean(2, kind=kind)
+    bare = replace(made.record, parts=replace(made.record.parts, silence=None))
+    assert channels.hum_warnings(channels.reports([bare], None, made.info)) == ()
+    time = np.arange(bare.accel_m_s2.shape[1]) * DT
+    accel = bare.accel_m_s2 + np.array([[0.0], [0.1], [0.0]]) * np.sin(2.0 * np.pi * 50.0 * time)
+    seen = channels.reports([with_accel(bare, accel)], None, made.info)
+    assert [c.hum_hz for c in seen] == [0.0, 50.0, 0.0]
+    assert seen[1].hum_m_s2 == pytest.approx(0.1, rel=0.2)
+
+
+def test_lines_of_a_multisine_at_the_mains_frequency_are_no_hum() -> None:
+    made = clean(2, kind="multisine")
+    bare = replace(made.record, parts=replace(made.record.parts, silence=None))
+    assert channels.hum_warnings(channels.reports([bare], None, made.info)) == ()
+
+
+def test_report_states_levels() -> None:
+    n = 40000
+    random = np.random.default_rng(4)
+    accel = np.vstack([0.01 * random.standard_normal(n), 0.02 * random.standard_normal(n)])
+    accel[:, 10000:] += np.array([[2.0], [3.0]]) * np.sin(2.0 * np.pi * 3.0 * np.arange(30000) * DT)
+    record = Record(np.zeros(n), accel, Parts(slice(10000, n), slice(0, 10000)))
+    seen = channels.reports([record], None, clean(1).info)
+    assert [c.rms_m_s2 for c in seen] == pytest.approx([2.0 / np.sqrt(2.0), 3.0 / np.sqrt(2.0)], rel=1e-3)
+    assert [c.largest_m_s2 for c in seen] == pytest.approx([2.0, 3.0], rel=0.05)
+    assert [c.rest_rms_m_s2 for c in seen] == pytest.approx([0.01, 0.02], rel=0.05)
+    assert np.all(np.isnan([c.coherence for c in seen]))
+
+
+@pytest.mark.parametrize(("factor", "warned"), [(1.5, True), (0.6, True), (1.2, False), (-1.5, True), (-1.0, False)])
+def test_gain_far_from_the_data_sheet_is_a_warning(factor: float, warned: bool) -> None:
+    info = clean(1).info
+    found = channels.gain_warnings(factor * info.gain_m_per_v, info)
+    assert len(found) == warned
+    if warned:
+        assert f"moves {abs(factor) * 7.9:.3g} mm/V" in found[0]
+
+
+def test_table_of_half_again_the_nominal_gain_is_identified_with_a_warning() -> None:
+    made = clean(1)
+    info = replace(made.info, gain_m_per_v=made.info.gain_m_per_v / 1.5)
+    found = identify([made.record], info, made.specimen.masses_kg)
+    assert found.accepted
+    assert len(found.warnings) == 1
+    assert "the data sheet says 5.27" in found.warnings[0]
+
+
+@pytest.mark.parametrize("ratio", [0.005, 0.04])
+def test_sweep_in_short_segments_is_no_incoherent_channel(ratio: float) -> None:
+    made = clean(2, ratio, "sweep")
+    found = identify([made.record], made.info, made.specimen.masses_kg)
+    assert found.accepted
+    assert all(channel.coherence > 0.95 for channel in found.channels)
+    assert found.specimen is not None
+    assert found.specimen.damping_ratio == pytest.approx([ratio, ratio], rel=0.01)

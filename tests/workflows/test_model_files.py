@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import struct
 from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass, replace
@@ -203,11 +204,18 @@ def no_progress(_: str) -> None:
     """Show nothing."""
 
 
-@pytest.fixture
-def cache_folder(tmp_path: Path, default_setup: Setup, default_identification: Identification) -> Path:
-    folder = tmp_path / "kept"
+@pytest.fixture(scope="module")
+def kept(
+    tmp_path_factory: pytest.TempPathFactory, default_setup: Setup, default_identification: Identification
+) -> Path:
+    folder = tmp_path_factory.mktemp("kept")
     Cache(folder=folder).keep(default_setup, default_identification, "0" * 64)
     return folder
+
+
+@pytest.fixture
+def cache_folder(tmp_path: Path, kept: Path) -> Path:
+    return shutil.copytree(kept, tmp_path / "kept")
 
 
 @pytest.fixture

@@ -1,0 +1,52 @@
+"""What README and docs tell a user to type exists; the files they show are read."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from pathlib import Path
+
+import click
+import pytest
+
+from rths_cli.cli import cli
+from rths_cli.files.foreign import read_foreign
+
+ROOT = Path(__file__).parents[1]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+
+
+def blocks(page: Path, kind: str = "") -> list[str]:
+    """Return the fenced blocks of a page."""
+    return re.findall(rf"^```{kind}\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)
+
+
+def commands(page: Path) -> list[list[str]]:
+    """Return the words of every line that starts with rths, continuation lines joined, comments dropped."""
+    lines = "\n".join(blocks(page)).replace("\\\n", " ").splitlines()
+    return [shlex.split(line.removeprefix("$ "), comments=True) for line in lines if re.match(r"(\$ )?rths ", line)]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_commands_and_options_exist(page: Path) -> None:
+    found = commands(page)
+    assert found or page.name != "identification.md"
+    for _, name, *words in found:
+        command = cli.commands[name]
+        known = {option for parameter in command.params for option in parameter.opts}
+        assert {word for word in words if word.startswith("--")} <= known, (page.name, name, words)
+
+
+def test_every_option_of_identify_is_told_in_its_page() -> None:
+    text = (ROOT / "docs" / "identification.md").read_text()
+    options = [p for p in cli.commands["identify"].params if isinstance(p, click.Option)]
+    assert [p.opts[0] for p in options if p.opts[0] not in text] == []
+
+
+def test_the_model_shown_is_read(tmp_path: Path) -> None:
+    shown = [block for block in blocks(ROOT / "docs" / "identification.md", "yaml") if "zeros:" in block]
+    assert len(shown) == 1
+    path = tmp_path / "model.yaml"
+    path.write_text(shown[0])
+    model = read_foreign(path)
+    assert (len(model.zeros), len(model.poles), model.delay_s) == (4, 5, 0.00075)

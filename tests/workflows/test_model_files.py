@@ -21,7 +21,7 @@ from rths_cli.errors import InputError
 from rths_cli.identification.evaluate import Identification
 from rths_cli.workflows import identify, model_store
 from rths_cli.workflows.known import Known, Memory
-from rths_cli.workflows.model_store import KEPT, Cache, load, save
+from rths_cli.workflows.model_store import KEPT, Cache, key, load, save
 from rths_cli.workflows.run import run_case
 from rths_cli.workflows.setup import Setup, make_setup
 
@@ -281,10 +281,10 @@ def test_a_run_with_a_kept_model_excites_nothing_and_equals_a_fresh_one(
 
 def test_fresh_excites_and_keeps_what_it_found(cache_folder: Path, default_setup: Setup, excited: list[str]) -> None:
     (kept,) = cache_folder.glob("*.h5")
-    kept.write_bytes(b"old")
+    before = kept.stat().st_ino
     known = Memory(Cache(True, cache_folder)).known(default_setup, no_progress)
     assert excited == [CASE] and known.source == "identified in this run"
-    assert load(kept, default_setup).found.accepted
+    assert kept.stat().st_ino != before and load(kept, default_setup).found.accepted
 
 
 @pytest.mark.parametrize(
@@ -304,7 +304,8 @@ def test_fresh_excites_and_keeps_what_it_found(cache_folder: Path, default_setup
         "sample_rate_hz=4000",
     ],
 )
-def test_whatever_the_model_depends_on_misses_the_cache(cache_folder: Path, setting: str) -> None:
+def test_whatever_the_model_depends_on_misses_the_cache(cache_folder: Path, default_setup: Setup, setting: str) -> None:
+    assert key(setup_of(setting)) != key(default_setup)  # by which cases of one process share a model too
     assert Cache(folder=cache_folder).find(setup_of(setting)) is None
 
 

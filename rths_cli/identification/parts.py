@@ -15,7 +15,8 @@ STILL = 1e-3  # of the command's standard deviation: a block that moves less is 
 LEAST_REST_S = 0.4  # a shorter one is part of the excitation
 LEAST_SILENCE_S, LEAST_FREE_S, LEAST_EXCITED_S = 1.0, 5.0, 10.0
 SHORTEST_PERIOD_S = 2.0
-SWEEP_SEGMENTS, SWEEPING = 10, 0.5  # pieces of a period; scatter of the logarithm of their mean frequencies
+AROUND = 16  # samples
+SWEEP_SEGMENTS, SWEEPING = 10, 1.0  # pieces of a period; scatter of the logarithm of their mean frequencies
 SAME = 1e-3  # of the command's standard deviation, between one period and the next
 
 
@@ -37,9 +38,12 @@ def find_parts(command_v: Array, dt_s: float, name: str = "record") -> Parts:
     before = [s for s in stretches if s.stop <= loud[0].start and _length(s) * dt_s >= LEAST_SILENCE_S]
     after = [s for s in stretches if s.start >= loud[0].stop and not moves[s.start]]
     free = max(after, key=_length, default=None)
-    period, segment = find_period(command_v[longest], dt_s), 0
+    segment = 0
+    whole = slice(loud[0].start, loud[-1].stop)  # a sweep rests where its command is less than a bit
+    period = find_period(command_v[whole], dt_s)
+    part, period = (whole, period) if period else (longest, find_period(command_v[longest], dt_s))
     if period:
-        longest = _steady(command_v, longest, period)
+        longest = _steady(command_v, part, period)
         if sweeps(command_v[longest][:period]):
             period, segment = 0, period // SWEEP_SEGMENTS
     return Parts(
@@ -87,32 +91,41 @@ def find_period(command_v: Array, dt_s: float) -> int:
     if longest <= shortest:
         return 0
     likeness = (together / overlap)[shortest : longest + 1]
-    lag = shortest + int(np.argmax(likeness))
-    middle = slice(n // 3, n - lag - 1)
-    if middle.stop - middle.start < lag // 2:
-        middle = slice(0, n - lag)
-    apart = signal[middle] - signal[middle.start + lag : middle.stop + lag]
-    return lag if float(apart.std()) < SAME * float(signal.std()) else 0
+    near = shortest + int(np.argmax(likeness))  # faded ends and a burst push it off the true lag a little
+    around = range(max(near - AROUND, shortest), min(near + AROUND, longest) + 1)
+    lag = min(around, key=lambda candidate: _apart(signal, candidate, AROUND))
+    return lag if _apart(signal, lag, 1) < SAME * float(signal.std()) else 0
+
+
+def _apart(signal: Array, lag: int, stride: int) -> float:
+    """Return how much a signal (n,) differs from itself a lag later, the median over every so many samples.
+
+    The median, because faded ends and a burst do not repeat.
+    """
+    return float(np.median(np.abs(signal[lag::stride] - signal[: len(signal) - lag : stride])))
 
 
 def sweeps(period: Array) -> bool:
     """Tell whether a period (n,) of a command goes through its frequencies one after the other.
 
-    Then its tenths have mean frequencies (of the second derivative) that differ much; those of noise hardly do.
+    Then its tenths have mean frequencies that differ much: their logarithms scatter by 1.5 and more, those of noise by
+    less than 0.5. Of a derivative they would be those of the converter's bits.
     """
     means = []
-    for piece in np.array_split(np.diff(period, 2), SWEEP_SEGMENTS):
+    for piece in np.array_split(period - period.mean(), SWEEP_SEGMENTS):
         power = np.abs(np.fft.rfft(np.hanning(len(piece)) * piece)) ** 2
         means.append(float(np.sum(np.arange(len(power)) * power) / np.sum(power)))
     return float(np.std(np.log(means))) > SWEEPING
 
 
 def _steady(command_v: Array, part: slice, period: int) -> slice:
-    """Return the whole periods at the end of a stretch in which the command repeats, its fade-out cut off."""
+    """Return the whole periods at the end of a stretch in which the command repeats, its fade-out cut off.
+
+    At least half a period before them is left to the transient.
+    """
     signal = command_v[part]
     apart = np.abs(signal[period:] - signal[:-period]) < 10.0 * SAME * float(signal.std())
     longest = max((s for s in _stretches(apart) if apart[s.start]), key=_length, default=slice(0, 0))
-    # the command repeats from longest.start to longest.stop + period; the first period is left to the transient
-    count = (longest.stop - longest.start) // period
-    end = part.start + longest.stop + period
+    end = part.start + longest.stop + period  # so far the command repeats
+    count = (end - part.start - longest.start - period // 2) // period
     return slice(end - count * period, end)

@@ -53,9 +53,9 @@ def choose(
 ) -> tuple[Fit, tuple[Candidate, ...]]:
     """Return the fit of the structure that the data ask for, and all that were tried, the smallest first.
 
-    A larger structure is tried where the first one's held-out error leaves room for it, and taken only where it lowers
-    that error to 0.9 of the smaller one's, with roots that the data determine. Records too short to be halved keep the
-    first structure.
+    A larger structure is tried while the held-out error of the one taken leaves room for it, and taken only where it
+    lowers that error to 0.9 of the smaller one's, with roots that the data determine. Records too short to be halved
+    keep the first structure.
     """
     halves = _halves(base, records, estimator)
     if latency_in_roots or not halves:
@@ -65,7 +65,9 @@ def choose(
     tried = [(trial, _held_out(trial, base, halves)) for trial in (_without_lag(base), _as_it_is(base))]
     taken = 1 if tried[1][1] < WORTH * tried[0][1] else 0
     found = _fitted(tried[taken][0], base, frf)
-    for trial in _larger(base, frf) if tried[taken][1] > 1.0 / WORTH else ():
+    for trial in _larger(base, frf):
+        if tried[taken][1] <= 1.0 / WORTH:
+            break
         tried.append((trial, _held_out(trial, base, halves)))
         better = _fitted(trial, base, frf) if tried[-1][1] < WORTH * tried[taken][1] else None
         if better is not None and not doubtful(better):

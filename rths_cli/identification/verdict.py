@@ -168,7 +168,12 @@ def reach_hz(model: Model, frf: Frf, most: FitError) -> float:
 
 
 def low_frequency_lag(model: Model) -> float:
-    """Return how late the displacement follows a slow command, in s: minus the slope of the phase at zero frequency."""
+    """Return how late the displacement follows a slow command, in s: minus the slope of the phase at zero frequency.
+
+    NaN with a pole at the origin: then it does not follow.
+    """
+    if np.any(np.abs(model.poles) <= 1e-9):
+        return math.nan
     finite = model.zeros[np.abs(model.zeros) > 1e-9]
     return float(np.real(np.sum(1.0 / finite) - np.sum(1.0 / model.poles))) + model.delay_s
 

@@ -8,7 +8,17 @@ from made_records import make_specimen
 from scipy import signal
 
 from rths_cli.errors import InputError
-from rths_cli.identification.specimen import Motion, SpecimenFit, Start, fit_specimen, storey_start
+from rths_cli.identification import specimen as room
+from rths_cli.identification.specimen import (
+    Motion,
+    SpecimenFit,
+    Start,
+    birge,
+    fit_specimen,
+    fit_stretches,
+    storey_start,
+    stretches_of,
+)
 from rths_cli.structure import Specimen, modes, storey_values
 
 DT = 1e-3
@@ -122,3 +132,104 @@ def test_floors_with_the_wrong_sign_are_refused() -> None:
     moved = response(specimen, f, table)
     with pytest.raises(InputError, match="must be positive"):
         storey_start(f, table, moved * [[1.0], [-1.0]], specimen.masses_kg)
+
+
+def test_birge_ratio_is_what_the_scatter_has_too_much() -> None:
+    random = np.random.default_rng(6)
+    errors = random.uniform(0.5, 2.0, (4000, 3))
+    values = 7.0 + random.standard_normal((4000, 3)) * errors * [1.0, 3.0, 0.2]
+    assert birge(values, errors) == pytest.approx([1.0, 3.0, 1.0], rel=0.04)
+    assert birge(np.array([[1.0], [3.0]]), np.array([[1.0], [1.0]])) == pytest.approx([np.sqrt(2.0)])
+
+
+def test_stretches_share_time_or_energy() -> None:
+    random = np.random.default_rng(7).standard_normal((2, 12003))
+    assert stretches_of(random, free=False) == tuple(slice(2400 * i, 2400 * (i + 1)) for i in range(5))
+    decay = np.exp(-np.arange(16000) * DT / 4.0) * np.sin(2.0 * np.pi * 3.0 * np.arange(16000) * DT)
+    first, second = stretches_of(decay[None], free=True)
+    # the energy of exp(-2 t / 4) within t: 1 - exp(-t / 2) of nearly all, 0.8 at t = 2 ln 5
+    assert first == slice(0, first.stop)
+    assert first.stop * DT == pytest.approx(2.0 * np.log(5.0), abs=0.1)
+    assert second == slice(first.stop, 16000)
+    assert stretches_of(decay[None] * np.exp(-np.arange(16000) * 0.01), free=True)[0] == slice(0, 2000)
+
+
+@pytest.fixture(scope="module")
+def drawn() -> list[tuple[Specimen, np.ndarray, np.ndarray]]:
+    """Return 20 specimens of 1-3 floors with the motions of table and floors, noise of 0.3 m/s^2 on the floors."""
+    random = np.random.default_rng(8)
+    made = []
+    for i in range(20):
+        n = 1 + i % 3
+        specimen = make_specimen(tuple(random.uniform(3000.0, 15000.0, n)), tuple(random.uniform(0.005, 0.06, n)))
+        table = table_motion(i)[:20000]
+        moved = floors(specimen, table)
+        made.append((specimen, table, moved + 0.3 * random.standard_normal(moved.shape)))
+    return made
+
+
+def deviations(drawn: list[tuple[Specimen, np.ndarray, np.ndarray]]) -> np.ndarray:
+    """Return (found - true) / stated uncertainty of all frequencies and damping ratios."""
+    apart: list[float] = []
+    for specimen, table, moved in drawn:
+        n = len(specimen.masses_kg)
+        start = Start(storey_values(specimen.K) * 1.03, np.full(n, 0.02))
+        found = fit_stretches([Motion(table, moved)], DT, specimen.masses_kg, 0.5, start, free=False)
+        hz, zeta = modes(np.diag(specimen.masses_kg), specimen.C, specimen.K)
+        apart.extend((found.natural_frequency_hz - hz) / found.frequency_error_hz)
+        apart.extend((found.damping_ratio - zeta) / found.damping_error)
+        assert np.all(np.isfinite(found.frequency_scatter_hz) & np.isfinite(found.damping_scatter))
+    return np.array(apart)
+
+
+def test_true_values_lie_within_the_random_uncertainties(
+    drawn: list[tuple[Specimen, np.ndarray, np.ndarray]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(room, "CLOCK", 0.0)
+    monkeypatch.setattr(room, "SKEW", 0.0)
+    apart = deviations(drawn)
+    assert np.mean(np.abs(apart) <= 2.0) >= 0.9
+    assert 0.5 < apart.std() < 1.2  # neither too narrow nor absurdly wide
+    assert abs(apart.mean()) < 0.4
+
+
+def test_clock_and_skew_are_added_to_the_random_uncertainty(
+    drawn: list[tuple[Specimen, np.ndarray, np.ndarray]],
+) -> None:
+    specimen, table, _ = drawn[1]
+    start = Start(storey_values(specimen.K), np.full(2, 0.02))
+    exact = floors(specimen, table)
+    found = fit_stretches([Motion(table, exact)], DT, specimen.masses_kg, 0.5, start, free=False)
+    plain = fit_specimen([Motion(table, exact)], DT, specimen.masses_kg, 0.5, start)
+    hz = found.natural_frequency_hz
+    assert np.all(found.frequency_error_hz >= np.hypot(plain.frequency_error_hz, 20e-6 * hz) * (1.0 - 1e-9))
+    assert np.all(found.damping_error >= np.hypot(plain.damping_error, np.pi * hz * DT / 100.0) * (1.0 - 1e-9))
+    assert np.all(found.frequency_error_hz < 3e-4 * hz)
+
+
+def test_skew_between_channels_moves_no_more_than_is_stated() -> None:
+    """A rotation of the resonance by phi shifts its frequency by zeta phi, and its damping in second order only."""
+    specimen, table, skew_s = make_specimen((6000.0,), (0.02,)), table_motion(), 0.1 * DT
+    f = np.fft.rfftfreq(len(table), DT)
+    late = np.fft.irfft(np.fft.rfft(table) * np.exp(-2j * np.pi * f * skew_s), len(table))
+    one, other = (fitted(specimen, each, floors(specimen, table)) for each in (table, late))
+    omega = 2.0 * np.pi * one.natural_frequency_hz[0]
+    moved = other.natural_frequency_hz[0] / one.natural_frequency_hz[0] - 1.0
+    assert abs(moved) == pytest.approx(0.02 * omega * skew_s, rel=0.3)
+    assert abs(other.damping_ratio[0] - one.damping_ratio[0]) < 0.1 * omega * skew_s / 2.0
+
+
+def test_several_motions_are_fitted_together() -> None:
+    specimen, random = make_specimen(), np.random.default_rng(9)
+    motions = []
+    for seed in range(4):
+        table = table_motion(seed)[:16000]
+        moved = floors(specimen, table)
+        motions.append(Motion(table, moved + 0.3 * random.standard_normal(moved.shape)))
+    start = Start(storey_values(specimen.K) * 1.03, np.full(2, 0.02))
+    one, four = (fit_specimen(motions[:k], DT, specimen.masses_kg, 0.5, start) for k in (1, 4))
+    assert four.frequency_error_hz == pytest.approx(0.5 * one.frequency_error_hz, rel=0.35)
+    assert four.damping_error == pytest.approx(0.5 * one.damping_error, rel=0.35)
+    assert four.residual == pytest.approx(one.residual, rel=0.15)
+    assert np.all(np.abs(four.natural_frequency_hz - [3.2, 8.4]) < 4.0 * four.frequency_error_hz)
+    assert np.all(np.abs(four.damping_ratio - [0.043, 0.039]) < 4.0 * four.damping_error)

@@ -31,6 +31,7 @@ from rths_cli.lti import Array, Frf, Model
 from rths_cli.rig_info import RigInfo
 
 START_HZ = 30.0
+NO_CHAIN = 0.02  # share of the floors' motion left by the specimen's fit, from which its modes are not the zeros
 SHORTEST_S = 4.0  # segment of a sweep, or its lines are too few for a model
 SEGMENTS = 5  # a short record is cut into so many segments that do not overlap
 MOST_ROUNDS, CONVERGED = 8, 5e-4  # of taking out leakage; change of the model in 0.7-11 Hz that ends them
@@ -117,7 +118,7 @@ def identify(
         raise UnfitRecord(faults, seen)
     settings = replace(settings, band_hz=(settings.band_hz[0], coherent_up_to(frfs[0], settings.band_hz[1])))
     start = _start(frfs, masses)
-    start = _specimen_start(records, info, masses, settings, start, None)
+    start, _ = _specimen_start(records, info, masses, settings, start, None)
     first, table = _table(frfs[0], start, masses, info, settings, records)
     chosen, candidates = choose(first, table, records, settings.estimator, settings.latency_in_roots)
     if (chosen.layout, chosen.held_zeros) != (first.layout, first.held_zeros):
@@ -210,13 +211,14 @@ def _start(frfs: Sequence[Frf], masses: Array) -> Start:
 def _specimen_start(
     records: Sequence[Record], info: RigInfo, masses: Array, settings: IdentificationSettings, start: Start,
     model: Model | None,
-) -> Start:  # fmt: skip
-    """Return the specimen fitted to the motions themselves, where no leakage does harm however light the damping."""
+) -> tuple[Start, float]:  # fmt: skip
+    """Return the specimen fitted to the motions themselves, where no leakage does harm however light the damping, and
+    what that leaves of the floors' motion, relative."""
     if len(masses) == 0:
-        return start
+        return start, 0.0
     motions = [motion for record in records if (motion := _motion(record, model, free=False)) is not None]
     found = fit_specimen(motions, info.dt_s, masses, settings.band_hz[0], start)
-    return Start(found.stiffness_n_per_m, found.damping_ratio)
+    return Start(found.stiffness_n_per_m, found.damping_ratio), found.residual
 
 
 def _table(
@@ -226,8 +228,9 @@ def _table(
     omega = modal(masses, start.stiffness_n_per_m)[0] if len(masses) else np.zeros(0)
     modes = (omega / (2.0 * np.pi), start.damping_ratio)
     found = first_fit(frf, modes, Timing(info.latency_samples, info.dt_s), settings.band_hz)
-    exact = _specimen_start(records, info, masses, settings, start, found.model)
-    found = replace(found, parameters=_with_zeros(found, exact, masses))
+    exact, unexplained = _specimen_start(records, info, masses, settings, start, found.model)
+    held = found.held_zeros if unexplained < NO_CHAIN else 0
+    found = replace(found, parameters=_with_zeros(found, exact, masses), held_zeros=held)
     return _refined(frf, found, settings, records)
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from made_linear import linear
 from made_records import Excited, excite, make_specimen, true_response
 
 from rths_cli.errors import InputError
@@ -16,6 +17,7 @@ from rths_cli.identification.evaluate import (
     identify,
     without_staircase,
 )
+from rths_cli.identification.excitation import Kind
 from rths_cli.identification.fit_table import FitError, fit_error
 from rths_cli.identification.frf import estimate
 from rths_cli.identification.record import Parts, Record
@@ -168,3 +170,56 @@ def test_record_of_the_wrong_shape_is_refused(first: Excited) -> None:
     with pytest.raises(InputError) as caught:
         identify([Record(first.command_v[:-1], first.corrected, first.plan.parts)], first.info, np.array([6.9]))
     assert len(caught.value.faults) == 2
+
+
+def test_several_records_lower_the_errors(first: Excited) -> None:
+    records = [first.record, excite(make_specimen(), 2).record, excite(make_specimen(), 3).record]
+    one, three = (identify(records[:k], first.info, first.specimen.masses_kg) for k in (1, 3))
+    assert three.accepted
+    assert abs(three.frfs[0].averages - 3 * one.frfs[0].averages) <= 1
+    errors = [float(np.median(found.frfs[1].relative_error)) for found in (one, three)]
+    assert errors[1] == pytest.approx(errors[0] / np.sqrt(3.0), rel=0.15)
+    f = np.linspace(0.7, 11.0, 300)
+    assert np.abs(three.best.response(f) / true_response(first.specimen, f) - 1.0).max() < 0.002
+    assert three.specimen is not None
+    assert three.specimen.natural_frequency_hz == pytest.approx([3.2, 8.4], rel=0.0005)
+
+
+def test_linear_table_answers_alike_at_both_levels() -> None:
+    loud, other = linear(make_specimen(), seed=3), linear(make_specimen(), seed=4)
+    quiet = replace(other.record, command_v=0.25 * other.record.command_v, accel_m_s2=0.25 * other.record.accel_m_s2)
+    found = identify([loud.record], loud.info, loud.specimen.masses_kg, quiet=quiet)
+    assert found.accepted
+    assert [band.low_hz for band in found.levels] == [0.7, 2.0, 5.0, 11.0, 20.0, 40.0]
+    assert all(abs(band.ratio - 1.0) < 5.0 * band.error + 1e-4 for band in found.levels)
+
+
+def test_weaker_answer_at_low_level_is_measured_and_rejected() -> None:
+    loud, other = linear(make_specimen(), seed=3), linear(make_specimen(), seed=4)
+    weak = 0.25 * np.array([[0.94], [1.0], [1.0]]) * other.record.accel_m_s2
+    quiet = replace(other.record, command_v=0.25 * other.record.command_v, accel_m_s2=weak)
+    found = identify([loud.record], loud.info, loud.specimen.masses_kg, quiet=quiet)
+    assert [band.ratio.real for band in found.levels] == pytest.approx([0.94] * 6, abs=0.002)
+    assert not found.accepted
+    assert any("friction: at 1/4" in reason for reason in found.reasons)
+
+
+@pytest.mark.parametrize("kind", ["multisine", "sweep", "step"])
+def test_linear_table_is_identified_under_every_excitation(kind: Kind) -> None:
+    made = linear(make_specimen((7000.0, 7600.0, 7200.0), (0.03, 0.01, 0.05)), kind)
+    found = identify([made.record], made.info, made.specimen.masses_kg)
+    assert found.accepted
+    assert found.warnings == ()
+    f = np.linspace(0.7, 30.0, 500)
+    assert np.abs(found.best.response(f) / true_response(made.specimen, f) - 1.0).max() < 0.002
+    assert found.specimen is not None
+    assert found.specimen.damping_ratio == pytest.approx([0.03, 0.01, 0.05], rel=0.005)
+
+
+@pytest.mark.parametrize("factors", [(1.0, 1.0), (0.95, 1.0), (0.9, 1.0), (1.1, 0.9), (0.9, 1.1)])
+def test_masses_wrong_by_a_tenth_do_the_table_s_model_no_harm(factors: tuple[float, float]) -> None:
+    made = linear(make_specimen())
+    found = identify([made.record], made.info, made.specimen.masses_kg * factors)
+    assert found.accepted
+    f = np.linspace(0.7, 30.0, 500)
+    assert np.abs(found.best.response(f) / true_response(made.specimen, f) - 1.0).max() < 0.003

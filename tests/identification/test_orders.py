@@ -54,25 +54,24 @@ def chosen(truth: Model, noise_m_s2: float, kind: Kind = "noise") -> tuple[Fit, 
 
 
 def improved(found: Fit, raw: Frf, record: Record) -> tuple[Fit, Frf]:
-    for _ in range(4):
+    for _ in range(3):
         clean = without_leakage(raw, found.model, [record], SEGMENT_S)
         found = refit(clean, found)
     return found, clean
 
 
-STRUCTURES = [
-    ("no lag", (), 0.0, ()),
-    ("one lag", (80.0,), 0.0, ()),
-    ("two lags", (30.0, 90.0), 0.0, ()),
-    ("two lags", (60.0, 100.0), 0.0, ()),
-    ("one lag, delay fitted", (80.0,), 1e-3, ()),
-    ("one lag, delay fitted", (80.0,), 3e-3, ()),
-    ("one lag, one more mode", (80.0,), 0.0, ((30.0, 0.04), (31.5, 0.04))),
-]
-
-
-@pytest.mark.parametrize("noise_m_s2", [1e-3, 1e-2])
-@pytest.mark.parametrize(("name", "lags_hz", "extra_s", "frame"), STRUCTURES)
+@pytest.mark.parametrize(
+    ("name", "lags_hz", "extra_s", "frame", "noise_m_s2"),
+    [
+        ("no lag", (), 0.0, (), 1e-2),
+        ("one lag", (80.0,), 0.0, (), 1e-2),
+        ("two lags", (30.0, 90.0), 0.0, (), 1e-2),
+        ("two lags", (60.0, 100.0), 0.0, (), 1e-3),
+        ("one lag, delay fitted", (80.0,), 1e-3, (), 1e-2),
+        ("one lag, delay fitted", (80.0,), 3e-3, (), 1e-3),
+        ("one lag, one more mode", (80.0,), 0.0, ((30.0, 0.04), (31.5, 0.04)), 1e-2),
+    ],
+)
 def test_known_structure_is_chosen_and_its_roots_come_back(
     name: str, lags_hz: tuple[float, ...], extra_s: float, frame: Pairs, noise_m_s2: float
 ) -> None:

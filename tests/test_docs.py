@@ -49,4 +49,4 @@ def test_the_model_shown_is_read(tmp_path: Path) -> None:
     path = tmp_path / "model.yaml"
     path.write_text(shown[0])
     model = read_foreign(path)
-    assert (len(model.zeros), len(model.poles), model.delay_s) == (4, 5, 0.00075)
+    assert (len(model.zeros), len(model.poles), model.delay_s) == (6, 7, 0.00075)

@@ -22,7 +22,8 @@ MAINS_HZ = (50.0, 60.0, 100.0, 120.0, 150.0, 180.0)
 HUM_OVER_FLOOR = 10.0
 HUM_WORTH_SAYING = 2e-3  # of the excited rms
 LOW_SHARE = 0.5  # of the specimen's first natural frequency: below it all floors move with the table
-GAIN_SHARE = 0.3  # by which the table's gain may differ from the data sheet's
+GAIN_SHARE, FAR_GAIN = 0.1, (0.6, 1.7)  # of the data sheet's gain: said beyond the first, refused outside the second
+SLOPE_HZ = 3.0
 FLOOR_GAIN_SHARE = 0.05
 BAD_CHAIN = 0.2  # share of the storeys' inertia left unexplained
 SUSPECT, CURED = 0.12, 0.5  # the share from which exchanges are tried, and the part of it that a true one leaves
@@ -168,7 +169,35 @@ def response_faults(frfs: Sequence[Frf], info: RigInfo, masses_kg: Array) -> lis
     ]
     if faults:
         return faults
-    return _signs(frfs, info) or _order(frfs, info, masses_kg) or _floor_gains(frfs, info)
+    return _reversed_roles(frfs, info) or _signs(frfs, info) or _order(frfs, info, masses_kg)
+
+
+def gain_faults(table: Frf, floors: Sequence[Frf], info: RigInfo) -> list[str]:
+    """Return a sentence for each channel whose sensitivity is wrong; `table` is without the staircase alias."""
+    return _floor_gains((table, *floors), info)
+
+
+def far_gain(low_frequency_gain_m_per_v: float, info: RigInfo) -> tuple[str, ...]:
+    """Return why a model is refused whose gain is nowhere near the data sheet's."""
+    ratio = abs(low_frequency_gain_m_per_v) / info.gain_m_per_v
+    if FAR_GAIN[0] <= ratio <= FAR_GAIN[1]:
+        return ()
+    return (
+        f"table: moves {1e3 * abs(low_frequency_gain_m_per_v):.3g} mm/V, {ratio:.3g} times nominal.gain_m_per_v; a "
+        "unit (g for m/s^2, mV for V), the sample rate, a sensor's corner or the data sheet's gain is wrong",
+    )
+
+
+def _reversed_roles(frfs: Sequence[Frf], info: RigInfo) -> list[str]:
+    """Return a sentence when the table falls with frequency as a command should: it is one, or a displacement."""
+    low = frfs[0].frequency_hz <= SLOPE_HZ
+    slope = np.polyfit(np.log(frfs[0].frequency_hz[low]), np.log(np.abs(frfs[0].response[low])), 1)[0]
+    if slope > 0.0:
+        return []
+    return [
+        f"channels command and {info.channels[0].name}: they look swapped; table over command falls as f^{slope:.1f} "
+        "at low frequency, where an acceleration over a displacement's command rises as f^2"
+    ]
 
 
 def _low_lines(frfs: Sequence[Frf]) -> tuple[np.ndarray, float]:
@@ -231,7 +260,7 @@ def _order(frfs: Sequence[Frf], info: RigInfo, masses_kg: Array) -> list[str]:
         ]
     if here < BAD_CHAIN:
         return []
-    return [
+    return _floor_gains(frfs, info) or [
         f"floors: {min(here, 9.99):.0%} of the storeys' inertia does not fit a chain of storeys with the given masses; "
         "check order, sensitivities and masses of the floors"
     ]
@@ -295,9 +324,9 @@ def floor_gains(frfs: Sequence[Frf]) -> tuple[Array, Array]:
 def gain_warnings(low_frequency_gain_m_per_v: float, info: RigInfo) -> tuple[str, ...]:
     """Return a sentence when the table's gain is far from the data sheet's."""
     ratio = abs(low_frequency_gain_m_per_v) / info.gain_m_per_v
-    if abs(ratio - 1.0) <= GAIN_SHARE:
+    if abs(ratio - 1.0) <= GAIN_SHARE or not FAR_GAIN[0] <= ratio <= FAR_GAIN[1]:
         return ()
     return (
         f"table: moves {1e3 * abs(low_frequency_gain_m_per_v):.3g} mm/V at low frequency, the data sheet says "
-        f"{1e3 * info.gain_m_per_v:.3g}; check the table channel's sensitivity, or nominal.gain_m_per_v",
+        f"{1e3 * info.gain_m_per_v:.3g}; check sensitivity and unit of table and command, or nominal.gain_m_per_v",
     )

@@ -15,6 +15,7 @@ from rths_cli.identification.frf import Estimator, estimate, noise_floor, over_m
 from rths_cli.identification.given import with_ripple
 from rths_cli.identification.orders import Candidate, choose, doubtful
 from rths_cli.identification.record import Record
+from rths_cli.identification.skew import skew
 from rths_cli.identification.specimen import (
     Motion,
     SpecimenFit,
@@ -27,7 +28,7 @@ from rths_cli.identification.specimen import (
 from rths_cli.identification.starts import first_fit
 from rths_cli.identification.systematic import shifts
 from rths_cli.identification.verdict import LIMITS, Band, LevelBand, Root, Verdict
-from rths_cli.lti import Array, Frf, Model
+from rths_cli.lti import Array, Frf, Model, staircase
 from rths_cli.rig_info import RigInfo
 
 START_HZ = 30.0
@@ -36,6 +37,8 @@ SHORTEST_S = 4.0  # segment of a sweep, or its lines are too few for a model
 SEGMENTS = 5  # a short record is cut into so many segments that do not overlap
 MOST_ROUNDS, CONVERGED = 8, 5e-4  # of taking out leakage; change of the model in 0.7-11 Hz that ends them
 AGREE_SIGMA, AGREE_HZ, AGREE_DAMPING = 3.0, 0.003, 0.05  # noise and free vibration: standard errors or shares
+MOST_SKEW, SEEN_SKEW = 0.25, 0.05  # samples between floors and table: refused, said
+USABLE = 0.2  # relative uncertainty, unexplained share, of a free vibration
 COHERENT, OCTAVE_SHARE = 0.5, 2.0 ** (1.0 / 6.0)
 
 
@@ -124,17 +127,23 @@ def identify(
     if (chosen.layout, chosen.held_zeros) != (first.layout, first.held_zeros):
         chosen, table = _refined(frfs[0], chosen, settings, records)
     fitted_paper = fit_paper(table, first, _inside(settings.paper_band_hz, settings.band_hz)).model
-    best = with_ripple(given, table, settings.band_hz) if given else chosen.model
+    best = with_ripple(given, chosen.model) if given else chosen.model
     paper = best if given and len(best.zeros) == len(best.poles) else fitted_paper
-    specimen = _specimen(records, best, info, masses, settings, start, free=False)
-    free = _specimen(records, best, info, masses, settings, specimen, free=True)
+    faults = channels.gain_faults(_smooth(table, chosen.model), frfs[1:], info)
+    if faults:
+        raise UnfitRecord(faults, seen)
+    specimen = _specimen(records, chosen.model, info, masses, settings, start, free=False)
+    free, weak = usable(_specimen(records, chosen.model, info, masses, settings, specimen, free=True))
+    apart, said = _skew(records, chosen.model, info, masses, settings, specimen)
     error = fit_error(best, table)
     levels, ratio = _levels(best, table, quiet, settings), _level_ratio(records, quiet)
     warnings = [
         *channels.hum_warnings(seen),
         *channels.gain_warnings(best.low_frequency_gain_m_per_v, info),
+        *weak,
         *_differences(specimen, free),
-        *([] if given else doubtful(chosen)),
+        *said,
+        *([] if given else [*doubtful(chosen), *_late(chosen.model, info)]),
     ]
     return Identification(
         frfs=(table, *frfs[1:]),
@@ -152,7 +161,17 @@ def identify(
         else verdict.roots_of(chosen, specimen, shifts(chosen, table, levels, ratio)),
         residuals=verdict.residuals(best, table),
         levels=levels,
-        verdict=verdict.judge(best, error, table, settings.most, warnings, levels, ratio),
+        verdict=verdict.judge(
+            best,
+            error,
+            table,
+            settings.most,
+            warnings,
+            levels,
+            ratio,
+            (*apart, *channels.far_gain(best.low_frequency_gain_m_per_v, info)),
+            given is not None,
+        ),
     )
 
 
@@ -193,6 +212,56 @@ def without_staircase(table_accel: Array, command_v: Array, model: Model) -> Arr
     late = max(model.latency_samples, 1)
     change = np.diff(command_v, prepend=command_v[:1])
     return table_accel - model.ripple_m_s2_per_v * np.concatenate([np.zeros(late), change[:-late]])
+
+
+def _smooth(table: Frf, model: Model) -> Frf:
+    """Return the table's response less the staircase alias."""
+    alias = staircase(table.frequency_hz, model.latency_samples, model.dt_s)
+    return replace(table, response=table.response - model.ripple_m_s2_per_v * alias)
+
+
+def _late(model: Model, info: RigInfo) -> tuple[str, ...]:
+    """Return a sentence when the data asked for more delay than the rig declares."""
+    declared = Timing(info.latency_samples, info.dt_s).delay_s
+    if model.delay_s <= declared * (1.0 + 1e-9):
+        return ()
+    return (
+        f"table model: the data ask for a delay of {1e3 * model.delay_s:.3g} ms, {1e3 * declared:.3g} ms are declared "
+        "(latency and half a sample of hold); check converters.latency_samples and the channels' timing",
+    )
+
+
+def _skew(
+    records: Sequence[Record], model: Model, info: RigInfo, masses: Array, settings: IdentificationSettings,
+    specimen: SpecimenFit | None,
+) -> tuple[tuple[str, ...], tuple[str, ...]]:  # fmt: skip
+    """Return reasons and warnings when the floors are out of step with the table."""
+    if specimen is None:
+        return (), ()
+    motions = [motion for record in records if (motion := _motion(record, model, free=False)) is not None]
+    start = Start(specimen.stiffness_n_per_m, specimen.damping_ratio)
+    late, error = skew(motions, info.dt_s, masses, settings.band_hz[0], start)
+    sentence = (
+        f"channels: the floors are {abs(late):.2f} samples ({1e3 * abs(late) * info.dt_s:.3g} ms) "
+        f"{'late' if late > 0.0 else 'early'} against the table; all must be sampled at one instant, and their sensors "
+        "have the stated corners"
+    )
+    if abs(late) > MOST_SKEW + AGREE_SIGMA * error:
+        return (sentence,), ()
+    return (), ((sentence,) if abs(late) > SEEN_SKEW + AGREE_SIGMA * error else ())
+
+
+def usable(free: SpecimenFit | None) -> tuple[SpecimenFit | None, tuple[str, ...]]:
+    """Return a free vibration that can be used, or None and a sentence that it is too weak."""
+    if free is None:
+        return None, ()
+    known = np.concatenate(
+        [free.frequency_error_hz / free.natural_frequency_hz, free.damping_error / free.damping_ratio]
+    )
+    if np.isfinite(known).all() and known.max() < USABLE and free.residual < USABLE:
+        return free, ()
+    sentence = f"free vibration: too weak to be used, {free.residual:.1%} of the floors' motion is not explained"
+    return None, (sentence,)
 
 
 def _inside(band_hz: tuple[float, float], outer_hz: tuple[float, float]) -> tuple[float, float]:

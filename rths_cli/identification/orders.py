@@ -157,9 +157,9 @@ def _half(base: Fit, records: Sequence[Record], estimator: Estimator, which: Cal
 
 def _blank(base: Fit, segment_s: float) -> Frf:
     """Return a response that states no more than the lines of a segment length in the model's band."""
-    low, high = base.model.band_hz
-    step = 1.0 / segment_s
-    lines = np.arange(np.ceil(low / step), np.floor(high / step) + 1.0) * step
+    length, dt = round(segment_s / base.model.dt_s), base.model.dt_s
+    lines = np.arange(length // 2 + 1) / (length * dt)
+    lines = lines[within(lines, base.model.band_hz)]
     return Frf(lines, np.ones(len(lines), dtype=complex), np.ones(len(lines)), np.ones(len(lines)), 0)
 
 

@@ -64,7 +64,7 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class _Lines:
+class Lines:
     """Fourier lines s (m,) in rad/s of the accelerations of table (m,) and floors (n, m)."""
 
     s: ComplexArray
@@ -89,10 +89,10 @@ def fit_specimen(motions: Sequence[Motion], dt_s: float, masses_kg: Array, low_h
 
     masses = np.asarray(masses_kg, dtype=float)
     highest = modal(masses, start.stiffness_n_per_m)[0][-1] / (2.0 * np.pi)
-    lines = [_transform(motion, dt_s, (low_hz, ABOVE_HIGHEST * highest)) for motion in motions]
+    lines = [transform(motion, dt_s, (low_hz, ABOVE_HIGHEST * highest)) for motion in motions]
     theta = np.log(np.concatenate([start.stiffness_n_per_m, start.damping_ratio]))
     found = least_squares(
-        lambda p: np.concatenate([_residual(part, masses, p) for part in lines]),
+        lambda p: np.concatenate([residual(part, masses, p) for part in lines]),
         theta, method="lm", xtol=1e-9, ftol=1e-9,
     )  # fmt: skip
     return _described(masses, found.x, found.jac, found.fun, len(lines))
@@ -158,7 +158,7 @@ def modal(masses_kg: Array, stiffness_n_per_m: Array) -> tuple[Array, Array]:
     return np.sqrt(eigenvalues), shapes / root[:, None]
 
 
-def _transform(motion: Motion, dt_s: float, band_hz: tuple[float, float]) -> _Lines:
+def transform(motion: Motion, dt_s: float, band_hz: tuple[float, float]) -> Lines:
     """Return the Fourier lines of a stretch within a band, scaled so that the floors' sum of squares is 1.
 
     Its first sample becomes the mean of both ends, so that the sum over samples is the trapezoidal rule.
@@ -171,7 +171,7 @@ def _transform(motion: Motion, dt_s: float, band_hz: tuple[float, float]) -> _Li
     spectra: ComplexArray = np.fft.rfft(signals)[:, inside]
     spectra /= np.linalg.norm(spectra[1:])
     s = (2j * np.pi * frequency[inside]).astype(complex)
-    return _Lines(s, spectra[0], spectra[1:])
+    return Lines(s, spectra[0], spectra[1:])
 
 
 def _fast_length(most: int) -> int:
@@ -209,7 +209,7 @@ def _stacked(values: ComplexArray) -> Array:
     return np.concatenate([values.real, values.imag], axis=-1)
 
 
-def _residual(lines: _Lines, masses: Array, theta: Array) -> Array:
+def residual(lines: Lines, masses: Array, theta: Array) -> Array:
     """Return what transmissibility and free terms leave of the floors' lines, real and imaginary, (2 n m,)."""
     stiffness, ratios = np.split(np.exp(theta), 2)
     omega, shapes = modal(masses, stiffness)

@@ -18,6 +18,8 @@ BANDS_HZ = (0.7, 2.0, 5.0, 11.0, 20.0, 40.0, 60.0)
 SCATTER = 2.0  # standard errors of a line that are not held against the model
 GROUP = 5  # lines whose errors are averaged above the compared band
 DITHER = 1.25
+NOISY = 0.5  # of the limit: scatter of the data that may be what a fit misses
+MOST_LAG_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -72,13 +74,16 @@ class Verdict:
 
 def judge(
     model: Model, error: FitError, frf: Frf, most: FitError, warnings: Sequence[str],
-    levels: Sequence[LevelBand] = (), level_ratio: float = math.inf,
+    levels: Sequence[LevelBand] = (), level_ratio: float = math.inf, further: Sequence[str] = (), given: bool = False,
 ) -> Verdict:  # fmt: skip
     """Return the verdict on a model whose fit error against a response is known.
 
     `levels` compare a record at low level with one `level_ratio` times louder, to which the model was fitted.
+    `further`: reasons found elsewhere; `given`: the model was made elsewhere.
     """
-    reasons = (*_misses(error, most), *_unsafe_roots(model), *_friction(levels, level_ratio, most))
+    advice = _advice(frf, most, given)
+    unsafe = _unsafe_roots(model) or _absurd_lag(model)
+    reasons = (*_misses(error, most, advice), *unsafe, *further, *_friction(levels, level_ratio, most))
     reach = reach_hz(model, frf, most)
     usable = (COMPARED_HZ[0], reach) if reach > COMPARED_HZ[0] else (0.0, 0.0)
     if not reasons and reach < COMPARED_HZ[1]:
@@ -86,7 +91,31 @@ def judge(
     return Verdict(not reasons, usable, model.delay_s, low_frequency_lag(model), reasons, tuple(warnings))
 
 
-def _misses(error: FitError, most: FitError) -> tuple[str, ...]:
+def _advice(frf: Frf, most: FitError, given: bool) -> str:
+    """Return what to do about a model that misses its limits: noisy data, or a table that is none such."""
+    if given:
+        return "it is not a model of this table as it is now: check gain, sign, units and delay"
+    scatter = rms(frf.relative_error[within(frf.frequency_hz, COMPARED_HZ)])
+    if scatter > NOISY * most.rms:
+        return "excite longer or louder"
+    return (
+        "the data are good enough, but no table of this structure answers like that: look for lost samples, a clipped "
+        "or humming command, a wrong latency, a part that is loose"
+    )
+
+
+def _absurd_lag(model: Model) -> tuple[str, ...]:
+    """Return a sentence when the table would answer before its command, or half a second late."""
+    lag = low_frequency_lag(model)
+    if 0.0 <= lag <= MOST_LAG_S:
+        return ()
+    return (
+        f"table model: a lag of {1e3 * lag:.4g} ms at low frequency cannot be; check the sensors' high-pass corners "
+        "and the timing of the channels",
+    )
+
+
+def _misses(error: FitError, most: FitError, advice: str) -> tuple[str, ...]:
     """Return a sentence for each limit that the fit misses."""
     rows = (
         ("rms in 0.7-11 Hz", error.rms, most.rms),
@@ -94,7 +123,7 @@ def _misses(error: FitError, most: FitError) -> tuple[str, ...]:
         ("rms in 2-10 Hz", error.rms_mid, most.rms_mid),
     )
     return tuple(
-        f"table model: error |fit / FRF - 1|, {name}, is {value:.2%}, the limit is {limit:.2%}; excite longer or louder"
+        f"table model: error |fit / FRF - 1|, {name}, is {value:.2%}, the limit is {limit:.2%}; {advice}"
         for name, value, limit in rows
         if not value <= limit
     )

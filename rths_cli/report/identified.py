@@ -52,6 +52,8 @@ def rejected_page(channels: Sequence[ChannelReport], faults: Sequence[str], abou
 
 def title(about: About) -> str:
     """Return the first line of the page: which table, and that only its channels were used."""
+    if not about.rig_kind:
+        return f"Identification of the table {about.rig}, from measured files"
     return f"Identification of the {about.rig_kind} table {about.rig}, from its channels only"
 
 
@@ -115,7 +117,10 @@ def _table(found: Identification) -> list[str]:
         labelled("  transport delay", f"{delay} ms"),
         labelled("  lag, low frequency", f"{lag} ms (command to displacement, delay included)"),
         labelled("  gain, low frequency", f"{gain} mm/V"),
-        labelled("  keeps its limits", f"{reach} ({LIMITS.rms:.0%} rms, {LIMITS.largest:.0%} largest)"),
+        labelled(
+            "  keeps its limits",
+            f"{reach} ({LIMITS.rms:.0%} rms, {LIMITS.largest:.0%} largest, above 11 Hz beyond the data's scatter)",
+        ),
         "",
         labelled("fit error", f"|model / FRF - 1| in %, rms and largest in {band(*COMPARED_HZ)} Hz"),
         *aligned(

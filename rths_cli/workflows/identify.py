@@ -21,7 +21,7 @@ from rths_cli.identification.record import Record
 from rths_cli.loop.blocks import EXCITATION, Blocks
 from rths_cli.loop.drive import play
 from rths_cli.lti import Array, Model
-from rths_cli.workflows.rigs import IDENTIFICATION, PROBE, guard_limits, open_rig
+from rths_cli.workflows.rigs import IDENTIFICATION, PROBE, VERIFICATION, guard_limits, open_rig
 from rths_cli.workflows.setup import Progress, Setup
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 SEED_STEP = 7919  # between the excitations of several records
 PERIOD_S = {"multisine": 20.0, "sweep": 40.0}
+RECORDS = {IDENTIFICATION: "full level", PROBE: "probe", VERIFICATION: "verification"}
 ADVICE = "lower identification.accel_rms_m_s2"
 
 
@@ -197,7 +198,7 @@ def excite(setup: Setup, command_v: Array, stream: tuple[int, ...] | None = None
     rig = open_rig(setup, stream or (IDENTIFICATION,), setup.case.identification.seed)
     drive = np.column_stack([command_v, np.zeros((command_v.size, 2))])
     outcome = play(rig, setup.rig, _listening(setup), EXCITATION, drive, guard_limits(setup))
-    where = f"identification of rig {setup.rig.name}"
+    where = f"identification of rig {setup.rig.name}, {RECORDS.get((stream or (IDENTIFICATION,))[0], 'record')}"
     if outcome.rig_fault:
         raise RigError(f"{where}: {outcome.rig_fault}; {ADVICE}")
     if outcome.stopped_by_limit:

@@ -26,10 +26,11 @@ from rths_cli.workflows.identify import (
     plan,
 )
 from rths_cli.workflows.known import as_model, is_foreign, notes_on
-from rths_cli.workflows.measured import DataRequest, read_measured
+from rths_cli.workflows.measured import CORRECTED, DataRequest, read_measured
 from rths_cli.workflows.model_store import channel_names, load, save
 from rths_cli.workflows.outputs import Outputs, check_outputs
 from rths_cli.workflows.setup import Progress, Setup, make_setup, shown
+from rths_cli.workflows.warnings import differences
 
 
 @dataclass(frozen=True)
@@ -70,23 +71,29 @@ def make_model(asked: Asked, progress: Progress) -> Made:
     given, notes = _given(setup)
     planned = None if asked.data else plan(setup)
     check_outputs(outputs, _inputs(asked, setup))
-    about = About(setup.rig.name, setup.rig.kind, "")
+    about = About(setup.rig.name, "" if asked.data else setup.rig.kind, "")
     try:
         measured = read_measured(asked.data, setup) if asked.data else measure(setup, progress, planned)
         about = replace(about, source=measured.source, lines=measured.lines)
         if asked.save_data:
             _save_data(asked.save_data, setup, measured)
         found = noted(_evaluate(setup, measured, given, asked.data is not None), notes)
-    except UnfitRig as unfit:
-        return Made(about, None, None, unfit.unfit, unfit.exit_code)
-    except UnfitRecord as unfit:
-        return Made(about, None, None, unfit, 1)
+        found = noted(found, differences(setup, found))
+    except (UnfitRig, UnfitRecord) as unfit:
+        why, code = (unfit.unfit, unfit.exit_code) if isinstance(unfit, UnfitRig) else (unfit, 1)
+        none = (("model file", "none is written: no model can be made from these channels"),)
+        return Made(replace(about, lines=(*about.lines, *none)), None, None, why, code)
     replaced = outputs.model.exists()
     sha256 = save(outputs.model, setup, found, measured.source, measured.sha256, replace=setup.rig.kind == "virtual")
+    judged = (("judged model", shown(asked_model)),) if (asked_model := setup.case.identification.model) else ()
+    drawn = (("figure", shown(outputs.figure)),) if outputs.figure else ()
     lines = (
+        ("structure", f"{setup.case.structure.name}, case {setup.case.name}"),
         *measured.lines,
+        *judged,
         ("data SHA-256", measured.sha256[:16]),
         ("model file", f"{shown(outputs.model)}{' (replaced)' if replaced else ''}, SHA-256 {sha256[:16]}"),
+        *drawn,
     )
     return Made(replace(about, lines=lines), found, outputs.figure, None, 0 if found.accepted else 1)
 
@@ -128,9 +135,16 @@ def _inputs(asked: Asked, setup: Setup) -> list[tuple[str, Path]]:
 
 
 def _save_data(path: Path, setup: Setup, measured: Measured) -> None:
-    """Write the first record: command in V, accelerations in m/s^2 as the evaluation took them."""
-    record = measured.records[0]
+    """Write every record: command in V, accelerations in m/s^2 as the evaluation took them.
+
+    The first goes to the path, further ones to NAME_2, ..., the one at low level to NAME_probe.
+    """
     names = ("command_v", *(f"{name}_accel_m_s2" for name in channel_names(setup)))
-    samples = np.vstack([record.command_v, record.accel_m_s2])
-    units = ("V", *["m/s^2"] * len(record.accel_m_s2))
-    write_recording(path, Recording(path, "", setup.rig.dt_s, names, units, samples, ()))
+    notes = (CORRECTED,) if setup.removes_sensors else ()
+    saved = {f"_{number}" if number > 1 else "": record for number, record in enumerate(measured.records, 1)}
+    saved |= {"_probe": measured.quiet} if measured.quiet is not None else {}
+    for end, record in saved.items():
+        samples = np.vstack([record.command_v, record.accel_m_s2])
+        units = ("V", *["m/s^2"] * len(record.accel_m_s2))
+        to = path.with_name(f"{path.stem}{end}{path.suffix}")
+        write_recording(to, Recording(to, "", setup.rig.dt_s, names, units, samples, notes))

@@ -20,6 +20,8 @@ from rths_cli.workflows.identify import Measured, processing
 from rths_cli.workflows.setup import Setup, shown
 
 SAME_RATE = 1e-6
+QUIET_SHARE = 0.6  # of the loudest record's rms
+CORRECTED = "accelerations free of the sensors' dynamics"  # what a saved record says of itself
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,7 @@ def read_measured(request: DataRequest, setup: Setup) -> Measured:
         except InputError as error:
             faults += error.faults
     faults += [fault for recording in recordings for fault in _rate_faults(recording, setup)]
+    faults += _repeated(recordings)
     if faults:
         raise InputError(*faults)
     records: list[Record] = []
@@ -75,7 +78,34 @@ def read_measured(request: DataRequest, setup: Setup) -> Measured:
         lines += [("data", _parts_line(record, setup.rig.dt_s)), ("channels", "; ".join(chosen.notes))]
         notes += [f"{shown(recording.path)}: {sentence}" for sentence in said]
     files = ", ".join(f"{shown(r.path)} (SHA-256 {r.sha256[:12]})" for r in recordings)
-    return Measured(tuple(records), None, files, (*lines, *_processing(request, setup)), tuple(notes))
+    loud, quiet = _by_level(records)
+    if quiet is None:
+        notes.append(
+            "friction: not judged, the records hold one level only; give another one at a fraction of it as well"
+        )
+    return Measured(loud, quiet, files, (*lines, *_processing(request, setup)), tuple(notes))
+
+
+def _repeated(recordings: Sequence[Recording]) -> list[str]:
+    """Return a sentence for each file whose bytes another one has: it would count as two records."""
+    first: dict[str, Path] = {}
+    faults = []
+    for recording in recordings:
+        if recording.sha256 in first:
+            faults.append(
+                f"{shown(recording.path)}: holds the same bytes as {shown(first[recording.sha256])}; give it once"
+            )
+        first.setdefault(recording.sha256, recording.path)
+    return faults
+
+
+def _by_level(records: Sequence[Record]) -> tuple[tuple[Record, ...], Record | None]:
+    """Return the records at full level and the quietest one where it is far below them, which shows friction."""
+    rms = [float(record.accel_m_s2[0, record.parts.noise].std()) for record in records]
+    quietest = int(np.argmin(rms))
+    if len(records) < 2 or rms[quietest] > QUIET_SHARE * max(rms):
+        return tuple(records), None
+    return tuple(record for i, record in enumerate(records) if i != quietest), records[quietest]
 
 
 def _rate_faults(recording: Recording, setup: Setup) -> list[str]:
@@ -102,9 +132,13 @@ def _record(recording: Recording, request: DataRequest, setup: Setup) -> tuple[R
     command, accel = mended[0], _as_volts(mended[1:], chosen, setup)
     parts = find_parts(command, setup.rig.dt_s, shown(recording.path))
     accel = accel - _rest(accel, parts.silence)[:, None]
-    corners = setup.removes_sensors and not request.corrected
+    corners = setup.removes_sensors and not (request.corrected or CORRECTED in recording.notes)
     block = sensing.correction(setup.rig.channels, setup.rig.dt_s, corners)
-    return Record(command, run_block(block, accel), parts), chosen, [*recording.notes, *notes]
+    return (
+        Record(command, run_block(block, accel), parts),
+        chosen,
+        [*(n for n in recording.notes if n != CORRECTED), *notes],
+    )
 
 
 def _as_volts(accel: Array, chosen: Chosen, setup: Setup) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import types
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -113,7 +113,8 @@ def _columns(rows: tuple[Any, ...]) -> dict[str, Dataset]:
     for field in fields(rows[0]):
         entries = [getattr(row, field.name) for row in rows]
         known = [np.nan if entry is None else entry for entry in entries]
-        columns[field.name] = _dataset(field.name, tuple(known), "row")
+        name = f"{field.name}_count" if field.type == "int" else field.name
+        columns[field.name] = replace(_dataset(name, tuple(known), "row"), dims=("row",))
     return columns
 
 

@@ -38,7 +38,9 @@ def with_accel(record: Record, accel: np.ndarray) -> Record:
 def faults(made: Linear, accel: np.ndarray | None = None) -> list[str]:
     record = made.record if accel is None else with_accel(made.record, accel)
     found = channels.signal_faults(record, made.info)
-    return found or channels.response_faults(responses(record), made.info, made.specimen.masses_kg)
+    frfs = responses(record)
+    found = found or channels.response_faults(frfs, made.info, made.specimen.masses_kg)
+    return found or channels.gain_faults(frfs[0], frfs[1:], made.info)
 
 
 def responses(record: Record) -> tuple[Frf, ...]:
@@ -281,13 +283,32 @@ def test_report_states_levels() -> None:
     assert np.all(np.isnan([c.coherence for c in seen]))
 
 
-@pytest.mark.parametrize(("factor", "warned"), [(1.5, True), (0.6, True), (1.2, False), (-1.5, True), (-1.0, False)])
+@pytest.mark.parametrize(("factor", "warned"), [(1.5, True), (0.65, True), (1.08, False), (-1.5, True), (-1.0, False)])
 def test_gain_far_from_the_data_sheet_is_a_warning(factor: float, warned: bool) -> None:
     info = clean(1).info
     found = channels.gain_warnings(factor * info.gain_m_per_v, info)
     assert len(found) == warned
     if warned:
         assert f"moves {abs(factor) * 7.9:.3g} mm/V" in found[0]
+
+
+@pytest.mark.parametrize(("factor", "refused"), [(9.81, True), (0.5, True), (2.0, True), (1.5, False), (0.7, False)])
+def test_gain_nowhere_near_the_data_sheet_is_a_reason(factor: float, refused: bool) -> None:
+    info = clean(1).info
+    found = channels.far_gain(factor * info.gain_m_per_v, info)
+    assert len(found) == refused
+    assert bool(channels.gain_warnings(factor * info.gain_m_per_v, info)) != refused
+
+
+def test_command_and_table_exchanged_are_named() -> None:
+    made = clean(2)
+    record = replace(
+        made.record, command_v=made.record.accel_m_s2[0],
+        accel_m_s2=np.vstack([made.record.command_v, made.record.accel_m_s2[1:]]),
+    )  # fmt: skip
+    found = channels.response_faults(responses(record), made.info, made.specimen.masses_kg)
+    assert len(found) == 1
+    assert "command and table: they look swapped" in found[0]
 
 
 def test_table_of_half_again_the_nominal_gain_is_identified_with_a_warning() -> None:

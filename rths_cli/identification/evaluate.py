@@ -38,6 +38,7 @@ SEGMENTS = 5  # a short record is cut into so many segments that do not overlap
 MOST_ROUNDS, CONVERGED = 8, 5e-4  # of taking out leakage; change of the model in 0.7-11 Hz that ends them
 AGREE_SIGMA, AGREE_HZ, AGREE_DAMPING = 3.0, 0.003, 0.05  # noise and free vibration: standard errors or shares
 MOST_SKEW, SEEN_SKEW = 0.25, 0.05  # samples between floors and table: refused, said
+MORE_THAN_HELD = 2.0
 USABLE = 0.2  # relative uncertainty, unexplained share, of a free vibration
 COHERENT, OCTAVE_SHARE = 0.5, 2.0 ** (1.0 / 6.0)
 
@@ -136,14 +137,14 @@ def identify(
     free, weak = usable(_specimen(records, chosen.model, info, masses, settings, specimen, free=True))
     apart, said = _skew(records, chosen.model, info, masses, settings, specimen)
     error = fit_error(best, table)
-    levels, ratio = _levels(best, table, quiet, settings), _level_ratio(records, quiet)
+    levels, ratio = _levels(chosen.model, table, quiet, settings), _level_ratio(records, quiet)
     warnings = [
         *channels.hum_warnings(seen),
         *channels.gain_warnings(best.low_frequency_gain_m_per_v, info),
         *weak,
         *_differences(specimen, free),
         *said,
-        *([] if given else [*doubtful(chosen), *_late(chosen.model, info)]),
+        *([] if given else [*doubtful(chosen), *_late(chosen.model, info), *_not_held(candidates)]),
     ]
     return Identification(
         frfs=(table, *frfs[1:]),
@@ -218,6 +219,17 @@ def _smooth(table: Frf, model: Model) -> Frf:
     """Return the table's response less the staircase alias."""
     alias = staircase(table.frequency_hz, model.latency_samples, model.dt_s)
     return replace(table, response=table.response - model.ripple_m_s2_per_v * alias)
+
+
+def _not_held(candidates: Sequence[Candidate]) -> tuple[str, ...]:
+    """Return a sentence when the data show more than the chosen structure holds."""
+    worst = max((tried.held_out for tried in candidates if tried.chosen), default=0.0)
+    if not worst > MORE_THAN_HELD:
+        return ()
+    return (
+        f"table model: its held-out error is {worst:.3g} times the data's own scatter; the table has more to it than "
+        "any structure that was tried (a delay shorter than declared, a part that is loose, lost samples)",
+    )
 
 
 def _late(model: Model, info: RigInfo) -> tuple[str, ...]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 
+from rths_cli.errors import InputError
 from rths_cli.files.foreign import ForeignModel, is_foreign, read_foreign
 from rths_cli.identification.evaluate import Identification
 from rths_cli.identification.excitation import Excitation
@@ -41,8 +43,10 @@ class Memory:
 
         Raises InputError when the file is no model of this rig and specimen, or the excitation cannot be met.
         """
-        self.plan(setup)
         path = setup.case.identification.model
+        if setup.rig.kind != "virtual":
+            _check_real(setup, path)
+        self.plan(setup)
         if path is not None and key(setup) not in self._files:
             self._files[key(setup)] = read_foreign(path) if is_foreign(path) else load(path, setup)
 
@@ -87,6 +91,15 @@ class Memory:
         if self._cache and setup.rig.kind == "virtual":
             self._cache.keep(setup, found, measured.sha256)
         return Known(found, "identified in this run")
+
+
+def _check_real(setup: Setup, path: Path | None) -> None:
+    """Raise InputError unless a case on a real rig names a model file made by rths: a run never excites such a rig."""
+    advice = f"rths identify {shown(setup.case.path)}"
+    if path is None:
+        raise InputError(f"identification.model: is missing; a run does not excite a real rig, run {advice} first")
+    if is_foreign(path):
+        raise InputError(f"identification.model: {shown(path)} has not been judged; run {advice} --model {shown(path)}")
 
 
 def as_model(given: ForeignModel, setup: Setup) -> Model:

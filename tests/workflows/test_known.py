@@ -215,3 +215,15 @@ def test_method_paper_says_that_it_cannot_use_a_model_that_is_not_square(
     known = Memory().known(setup_of(as_yaml(tmp_path / "square.yaml", square), "method=paper"), no_progress)
     assert [warning for warning in known.found.warnings if "method paper" in warning] == []
     assert ordered(known.found.paper.zeros) == pytest.approx(ordered(square.zeros), rel=1e-9)
+
+
+def test_a_real_rig_is_never_excited_by_a_run(tmp_path: Path) -> None:
+    setup = setup_of(None)
+    real = replace(setup, rig=replace(setup.rig, kind="udp"))
+    with pytest.raises(InputError, match=r"identification.model: is missing.*rths identify"):
+        Memory().prepare(real)
+    path = tmp_path / "m.yaml"
+    path.write_text("zeros: [0, 0]\npoles: [[-60, 60], [-60, -60]]\ngain: 40\n")
+    named = setup_of(path)
+    with pytest.raises(InputError, match=r"has not been judged.*--model"):
+        Memory().prepare(replace(named, rig=replace(named.rig, kind="udp")))

@@ -313,7 +313,8 @@ def floor_gains(frfs: Sequence[Frf]) -> tuple[Array, Array]:
     f2 = frfs[0].frequency_hz[low] ** 2
     powers = np.vander(f2, 3 if low.sum() > LINES_FOR_A_CURVE else 2, increasing=True)
     table, smooth = frfs[0].response[low], 1.0 - f2 / first**2
-    ratios = np.array([(frf.response[low] / table).real * smooth for frf in frfs[1:]]).reshape(-1, len(f2))
+    # what is left of the staircase alias turns table / floor, but hardly changes its real part
+    ratios = np.array([smooth / (table / frf.response[low]).real for frf in frfs[1:]]).reshape(-1, len(f2))
     inverse = np.linalg.pinv(powers)
     found = ratios @ inverse.T
     left = ratios - found @ powers.T

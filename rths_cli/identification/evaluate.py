@@ -32,13 +32,16 @@ from rths_cli.lti import Array, Frf, Model, staircase
 from rths_cli.rig_info import RigInfo
 
 START_HZ = 30.0
-NO_CHAIN = 0.02  # share of the floors' motion left by the specimen's fit, from which its modes are not the zeros
+NO_CHAIN = 0.005  # share of the floors' motion left by the specimen's fit, from which its modes are not the zeros
 SHORTEST_S = 4.0  # segment of a sweep, or its lines are too few for a model
 SEGMENTS = 5  # a short record is cut into so many segments that do not overlap
 MOST_ROUNDS, CONVERGED = 8, 5e-4  # of taking out leakage; change of the model in 0.7-11 Hz that ends them
 AGREE_SIGMA, AGREE_HZ, AGREE_DAMPING = 3.0, 0.003, 0.05  # noise and free vibration: standard errors or shares
 MOST_SKEW, SEEN_SKEW = 0.25, 0.05  # samples between floors and table: refused, said
 MORE_THAN_HELD = 2.0
+MISFIT = 0.003  # share of the floors' motion; clean fits leave 0.0002
+LEAST_LEVELS = 1.5  # between full and low level, for a judgement of friction
+NOT_COMPARABLE = "friction: not judged; that takes noise or a multisine, and a low-level record at 2/3 of it or less"
 USABLE = 0.2  # relative uncertainty, unexplained share, of a free vibration
 COHERENT, OCTAVE_SHARE = 0.5, 2.0 ** (1.0 / 6.0)
 
@@ -46,13 +49,15 @@ COHERENT, OCTAVE_SHARE = 0.5, 2.0 ** (1.0 / 6.0)
 @dataclass(frozen=True)
 class IdentificationSettings:
     """Bands in Hz of both models, length of the Hann segments (less in short records), the estimator, whether the
-    best model's roots carry the latency or an explicit delay does, and the errors that its fit must keep."""
+    best model's roots carry the latency or an explicit delay does, whether the excitation acts on friction like noise,
+    and the errors that its fit must keep."""
 
     band_hz: tuple[float, float] = (0.5, 60.0)
     paper_band_hz: tuple[float, float] = (0.5, 12.0)
     segment_s: float = 20.0
     estimator: Estimator = "h1"
     latency_in_roots: bool = False
+    like_noise: bool = True
     most: FitError = LIMITS
 
 
@@ -138,10 +143,13 @@ def identify(
     apart, said = _skew(records, chosen.model, info, masses, settings, specimen)
     error = fit_error(best, table)
     levels, ratio = _levels(chosen.model, table, quiet, settings), _level_ratio(records, quiet)
+    comparable = settings.like_noise and ratio >= LEAST_LEVELS
     warnings = [
         *channels.hum_warnings(seen),
         *channels.gain_warnings(best.low_frequency_gain_m_per_v, info),
         *weak,
+        *_misfit(specimen, seen),
+        *(() if comparable or quiet is None else (NOT_COMPARABLE,)),
         *_differences(specimen, free),
         *said,
         *([] if given else [*doubtful(chosen), *_late(chosen.model, info), *_not_held(candidates)]),
@@ -168,7 +176,7 @@ def identify(
             table,
             settings.most,
             warnings,
-            levels,
+            levels if comparable else (),
             ratio,
             (*apart, *channels.far_gain(best.low_frequency_gain_m_per_v, info)),
             given is not None,
@@ -219,6 +227,19 @@ def _smooth(table: Frf, model: Model) -> Frf:
     """Return the table's response less the staircase alias."""
     alias = staircase(table.frequency_hz, model.latency_samples, model.dt_s)
     return replace(table, response=table.response - model.ripple_m_s2_per_v * alias)
+
+
+def _misfit(specimen: SpecimenFit | None, seen: Sequence[ChannelReport]) -> tuple[str, ...]:
+    """Return a sentence when the specimen is not quite a chain with the given masses and modal damping."""
+    if specimen is None:
+        return ()
+    noise = max((c.rest_rms_m_s2 or 0.0) / c.rms_m_s2 for c in seen)
+    if specimen.residual <= max(MISFIT, 3.0 * noise):
+        return ()
+    return (
+        f"specimen: {specimen.residual:.2%} of the floors' motion is not that of a chain of storeys with the given "
+        "masses and modal damping; check masses, and read stiffness and damping with care",
+    )
 
 
 def _not_held(candidates: Sequence[Candidate]) -> tuple[str, ...]:

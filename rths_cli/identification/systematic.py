@@ -8,7 +8,7 @@ import numpy as np
 
 from rths_cli.identification.fit_table import HOLD, Fit, Timing, problem_of
 from rths_cli.identification.specimen import SKEW
-from rths_cli.identification.verdict import DITHER, LevelBand
+from rths_cli.identification.verdict import SHORTFALL, LevelBand
 from rths_cli.lti import Array, ComplexArray, Frf
 
 
@@ -39,6 +39,6 @@ def _friction(frequency_hz: Array, levels: Sequence[LevelBand], level_ratio: flo
     if not levels or not level_ratio > 1.0:
         return np.zeros(len(frequency_hz), dtype=complex)
     centres = np.sqrt([band.low_hz * band.high_hz for band in levels])
-    share = DITHER * (np.array([band.ratio for band in levels]) - 1.0) / (level_ratio - 1.0)
+    share = SHORTFALL * (np.array([band.ratio for band in levels]) - 1.0) / (level_ratio - 1.0)
     at = np.log(frequency_hz)
     return np.interp(at, np.log(centres), share.real) + 1j * np.interp(at, np.log(centres), share.imag)

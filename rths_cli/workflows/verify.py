@@ -18,7 +18,8 @@ SEGMENTS = 5
 HIGHEST_HZ = 40.0
 SIGMA = 3.0
 SHARE, SHARE_UNSEEN, SHARE_ABOVE = 0.01, 0.06, 0.10  # change let pass: below 11 Hz; without a low level then; above
-FREQUENCY_SHARE, DAMPING_SHARE = 0.01, 0.20
+# Change let pass of a mode: (df / f) / ratio and (d ratio) / ratio, which err alike at the table's zero there.
+FREQUENCY_SHARE, DAMPING_SHARE = 0.05, 0.05
 
 
 def verify(setup: Setup, known: Identification, progress: Progress) -> tuple[tuple[str, ...], str]:
@@ -74,7 +75,7 @@ def specimen_changes(setup: Setup, known: Identification, record: Record) -> lis
     for mode in range(len(before.natural_frequency_hz)):
         hz, was = now.natural_frequency_hz[mode], before.natural_frequency_hz[mode]
         ratio, ratio_was = now.damping_ratio[mode], before.damping_ratio[mode]
-        off = abs(hz - was) > FREQUENCY_SHARE * was + SIGMA * now.frequency_error_hz[mode]
+        off = abs(hz - was) > FREQUENCY_SHARE * ratio_was * was + SIGMA * now.frequency_error_hz[mode]
         damped = abs(ratio - ratio_was) > DAMPING_SHARE * ratio_was + SIGMA * now.damping_error[mode]
         if off or damped:
             found.append(

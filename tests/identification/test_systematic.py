@@ -13,7 +13,7 @@ from rths_cli.identification.fit_table import Timing, refit
 from rths_cli.identification.specimen import SKEW
 from rths_cli.identification.starts import first_fit
 from rths_cli.identification.systematic import shifts
-from rths_cli.identification.verdict import BANDS_HZ, DITHER, LevelBand
+from rths_cli.identification.verdict import BANDS_HZ, SHORTFALL, LevelBand
 from rths_cli.lti import Frf
 
 DT, RATIO = 5e-4, 5.0
@@ -37,7 +37,7 @@ def test_shifts_are_those_of_a_fit_to_a_distorted_response(frf: Frf) -> None:
     late = np.exp(-2j * np.pi * frf.frequency_hz * SKEW * DT)
     by_delay = refit(replace(frf, response=frf.response * late), found).parameters - found.parameters
     change = 0.004 * (1.0 - 0.5j)
-    share = DITHER * change / (RATIO - 1.0)
+    share = SHORTFALL * change / (RATIO - 1.0)
     by_friction = refit(replace(frf, response=frf.response * (1.0 + share)), found).parameters - found.parameters
     got = shifts(found, frf, levels(change), RATIO)
     free = np.ones(len(got), dtype=bool)

@@ -85,6 +85,7 @@ def test_an_unchanged_rig_passes_and_file_and_age_are_written_down(
     ("change", "word"),
     [
         (f"{AFTER}.specimen_stiffness_factor=0.85", "specimen mode 1 is at 2.95"),
+        (f"{AFTER}.specimen_stiffness_factor=0.99", "specimen mode 1 is at 3.18"),
         (f"{AFTER}.coulomb_factor=10", "table answers"),
         (f"{AFTER}.payload_factor=1.1", "specimen mode 2 is at 8.0"),
     ],

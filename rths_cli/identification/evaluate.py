@@ -39,6 +39,7 @@ MOST_ROUNDS, CONVERGED = 8, 5e-4  # of taking out leakage; change of the model i
 AGREE_SIGMA, AGREE_HZ, AGREE_DAMPING = 3.0, 0.003, 0.05  # noise and free vibration: standard errors or shares
 MOST_SKEW, SEEN_SKEW = 0.25, 0.05  # samples between floors and table: refused, said
 MORE_THAN_HELD = 2.0
+ENOUGH = 120_000  # samples for a first look
 MISFIT = 0.003  # share of the floors' motion; clean fits leave 0.0002
 LEAST_LEVELS = 1.5  # between full and low level, for a judgement of friction
 NOT_COMPARABLE = "friction: not judged; that takes noise or a multisine, and a low-level record at 2/3 of it or less"
@@ -272,6 +273,7 @@ def _skew(
     if specimen is None:
         return (), ()
     motions = [motion for record in records if (motion := _motion(record, model, free=False)) is not None]
+    motions = [motion.cut(slice(0, ENOUGH)) for motion in motions]
     start = Start(specimen.stiffness_n_per_m, specimen.damping_ratio)
     late, error = skew(motions, info.dt_s, masses, settings.band_hz[0], start)
     sentence = (
@@ -319,6 +321,8 @@ def _specimen_start(
     if len(masses) == 0:
         return start, 0.0
     motions = [motion for record in records if (motion := _motion(record, model, free=False)) is not None]
+    if model is None:
+        motions = [motion.cut(slice(0, ENOUGH)) for motion in motions]
     found = fit_specimen(motions, info.dt_s, masses, settings.band_hz[0], start)
     return Start(found.stiffness_n_per_m, found.damping_ratio), found.residual
 

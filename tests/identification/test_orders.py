@@ -9,6 +9,7 @@ import pytest
 from made_linear import DT
 from made_records import make_info, make_specimen
 
+from rths_cli.identification import orders
 from rths_cli.identification.excitation import ExcitationSettings, Kind, plan
 from rths_cli.identification.fit_table import Fit, Timing, refit
 from rths_cli.identification.frf import estimate, simulate, without_leakage
@@ -111,3 +112,15 @@ def test_zeros_that_are_not_the_specimen_s_are_set_free() -> None:
     assert [candidate.name for candidate in candidates if candidate.chosen] == ["one lag, zeros free"]
     apart = np.abs(found.model.zeros[2:, None] / truth.zeros[None, 2:] - 1.0)
     assert apart.min(axis=0).max() < 1e-3
+
+
+def test_a_structure_is_judged_by_the_half_it_was_not_fitted_to() -> None:
+    f = np.arange(0.5, 60.05, 0.1)
+    poles = 2.0 * np.pi * np.concatenate([14.0 * np.roots([1.0, 1.2, 1.0]), [-100.0]]).astype(complex)
+    truth = Model(np.zeros(2, dtype=complex), poles, 30.0, 7.5e-4, (0.5, 60.0), -1.4, 1, 5e-4)
+    known = np.full(len(f), 1e-3)
+    one = Frf(f, truth.sampled_response(f), np.ones(len(f)), known, 20)
+    other = Frf(f, 1.02 * one.response, np.ones(len(f)), known, 20)  # another day, another gain
+    base = first_fit(one, (np.zeros(0), np.zeros(0)), Timing(1, 5e-4), (0.5, 60.0))
+    found = orders._held_out(orders._as_it_is(base), base, (one, other))
+    assert found == pytest.approx(0.02 / (np.sqrt(2.0) * np.hypot(1e-3, 1e-3)), rel=0.03)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.identification import channels, verdict
+from rths_cli.identification import channels, doubts, verdict
 from rths_cli.identification.channels import ChannelReport, UnfitRecord
 from rths_cli.identification.fit_table import Fit, FitError, Timing, fit_error, fit_paper, refit, within
 from rths_cli.identification.frf import Estimator, estimate, noise_floor, over_model, without_leakage
@@ -36,14 +36,10 @@ NO_CHAIN = 0.005  # share of the floors' motion left by the specimen's fit, from
 SHORTEST_S = 4.0  # segment of a sweep, or its lines are too few for a model
 SEGMENTS = 5  # a short record is cut into so many segments that do not overlap
 MOST_ROUNDS, CONVERGED = 8, 5e-4  # of taking out leakage; change of the model in 0.7-11 Hz that ends them
-AGREE_SIGMA, AGREE_HZ, AGREE_DAMPING = 3.0, 0.003, 0.05  # noise and free vibration: standard errors or shares
 MOST_SKEW, SEEN_SKEW = 0.25, 0.05  # samples between floors and table: refused, said
-MORE_THAN_HELD = 2.0
 ENOUGH = 120_000  # samples for a first look
-MISFIT = 0.003  # share of the floors' motion; clean fits leave 0.0002
 LEAST_LEVELS = 1.5  # between full and low level, for a judgement of friction
 NOT_COMPARABLE = "friction: not judged; that takes noise or a multisine, and a low-level record at 2/3 of it or less"
-USABLE = 0.2  # relative uncertainty, unexplained share, of a free vibration
 COHERENT, OCTAVE_SHARE = 0.5, 2.0 ** (1.0 / 6.0)
 
 
@@ -64,8 +60,8 @@ class IdentificationSettings:
 
 @dataclass(frozen=True)
 class Identification:
-    """All that records tell. `frfs`: responses from command to table (without leakage) and to each floor; `floors`:
-    what noise at rest alone would show in them (None: not known).
+    """All that records tell. `frfs`: responses from command to table (without leakage) and to each floor;
+    `noise_floors`: what noise at rest alone would show in them (None: not known).
 
     `specimen` is from the excitation, `free_vibration` the same from the stretch of held command (None: there is
     none). `levels`: low against full level. `roots` are those of `best`, with uncertainties.
@@ -140,7 +136,7 @@ def identify(
     if faults:
         raise UnfitRecord(faults, seen)
     specimen = _specimen(records, chosen.model, info, masses, settings, start, free=False)
-    free, weak = usable(_specimen(records, chosen.model, info, masses, settings, specimen, free=True))
+    free, weak = doubts.usable(_specimen(records, chosen.model, info, masses, settings, specimen, free=True))
     apart, said = _skew(records, chosen.model, info, masses, settings, specimen)
     error = fit_error(best, table)
     levels, ratio = _levels(chosen.model, table, quiet, settings), _level_ratio(records, quiet)
@@ -149,11 +145,11 @@ def identify(
         *channels.hum_warnings(seen),
         *channels.gain_warnings(best.low_frequency_gain_m_per_v, info),
         *weak,
-        *_misfit(specimen, seen),
+        *doubts.misfit(specimen, seen),
         *(() if comparable or quiet is None else (NOT_COMPARABLE,)),
-        *_differences(specimen, free),
+        *doubts.differences(specimen, free),
         *said,
-        *([] if given else [*doubtful(chosen), *_late(chosen.model, info), *_not_held(candidates)]),
+        *([] if given else [*doubtful(chosen), *doubts.late(chosen.model, info), *doubts.not_held(candidates)]),
     ]
     return Identification(
         frfs=(table, *frfs[1:]),
@@ -230,41 +226,6 @@ def _smooth(table: Frf, model: Model) -> Frf:
     return replace(table, response=table.response - model.ripple_m_s2_per_v * alias)
 
 
-def _misfit(specimen: SpecimenFit | None, seen: Sequence[ChannelReport]) -> tuple[str, ...]:
-    """Return a sentence when the specimen is not quite a chain with the given masses and modal damping."""
-    if specimen is None:
-        return ()
-    noise = max((c.rest_rms_m_s2 or 0.0) / c.rms_m_s2 for c in seen)
-    if specimen.residual <= max(MISFIT, 3.0 * noise):
-        return ()
-    return (
-        f"specimen: {specimen.residual:.2%} of the floors' motion is not that of a chain of storeys with the given "
-        "masses and modal damping; check masses, and read stiffness and damping with care",
-    )
-
-
-def _not_held(candidates: Sequence[Candidate]) -> tuple[str, ...]:
-    """Return a sentence when the data show more than the chosen structure holds."""
-    worst = max((tried.held_out for tried in candidates if tried.chosen), default=0.0)
-    if not worst > MORE_THAN_HELD:
-        return ()
-    return (
-        f"table model: its held-out error is {worst:.3g} times the data's own scatter; the table has more to it than "
-        "any structure that was tried (a delay shorter than declared, a part that is loose, lost samples)",
-    )
-
-
-def _late(model: Model, info: RigInfo) -> tuple[str, ...]:
-    """Return a sentence when the data asked for more delay than the rig declares."""
-    declared = Timing(info.latency_samples, info.dt_s).delay_s
-    if model.delay_s <= declared * (1.0 + 1e-9):
-        return ()
-    return (
-        f"table model: the data ask for a delay of {1e3 * model.delay_s:.3g} ms, {1e3 * declared:.3g} ms are declared "
-        "(latency and half a sample of hold); check converters.latency_samples and the channels' timing",
-    )
-
-
 def _skew(
     records: Sequence[Record], model: Model, info: RigInfo, masses: Array, settings: IdentificationSettings,
     specimen: SpecimenFit | None,
@@ -281,22 +242,9 @@ def _skew(
         f"{'late' if late > 0.0 else 'early'} against the table; all must be sampled at one instant, and their sensors "
         "have the stated corners"
     )
-    if abs(late) > MOST_SKEW + AGREE_SIGMA * error:
+    if abs(late) > MOST_SKEW + doubts.AGREE_SIGMA * error:
         return (sentence,), ()
-    return (), ((sentence,) if abs(late) > SEEN_SKEW + AGREE_SIGMA * error else ())
-
-
-def usable(free: SpecimenFit | None) -> tuple[SpecimenFit | None, tuple[str, ...]]:
-    """Return a free vibration that can be used, or None and a sentence that it is too weak."""
-    if free is None:
-        return None, ()
-    known = np.concatenate(
-        [free.frequency_error_hz / free.natural_frequency_hz, free.damping_error / free.damping_ratio]
-    )
-    if np.isfinite(known).all() and known.max() < USABLE and free.residual < USABLE:
-        return free, ()
-    sentence = f"free vibration: too weak to be used, {free.residual:.1%} of the floors' motion is not explained"
-    return None, (sentence,)
+    return (), ((sentence,) if abs(late) > SEEN_SKEW + doubts.AGREE_SIGMA * error else ())
 
 
 def _inside(band_hz: tuple[float, float], outer_hz: tuple[float, float]) -> tuple[float, float]:
@@ -409,29 +357,3 @@ def _levels(model: Model, table: Frf, quiet: Record | None, settings: Identifica
         return ()
     over = replace(table, response=table.response / model.sampled_response(table.frequency_hz))
     return verdict.level_bands(low, over)
-
-
-def _differences(noise: SpecimenFit | None, free: SpecimenFit | None) -> tuple[str, ...]:
-    """Return a sentence for each mode that noise and free vibration see differently."""
-    if noise is None or free is None:
-        return ()
-    return tuple(
-        f"specimen mode {mode + 1}: excitation gives {noise.natural_frequency_hz[mode]:.3f} Hz and "
-        f"{noise.damping_ratio[mode]:.2%}, free vibration {free.natural_frequency_hz[mode]:.3f} Hz and "
-        f"{free.damping_ratio[mode]:.2%}; it is nonlinear, or the free vibration is too weak"
-        for mode in range(len(noise.damping_ratio))
-        if not agree(noise, free, mode)
-    )
-
-
-def agree(one: SpecimenFit, other: SpecimenFit, mode: int) -> bool:
-    """Tell whether two fits agree in a mode: within three standard uncertainties, or 0.3 % of the frequency and 5 %
-    of the damping ratio."""
-    hz = abs(one.natural_frequency_hz[mode] - other.natural_frequency_hz[mode])
-    ratio = abs(one.damping_ratio[mode] - other.damping_ratio[mode])
-    hz_spread = float(np.hypot(one.frequency_error_hz[mode], other.frequency_error_hz[mode]))
-    ratio_spread = float(np.hypot(one.damping_error[mode], other.damping_error[mode]))
-    return bool(
-        hz <= max(AGREE_SIGMA * hz_spread, AGREE_HZ * one.natural_frequency_hz[mode])
-        and ratio <= max(AGREE_SIGMA * ratio_spread, AGREE_DAMPING * one.damping_ratio[mode])
-    )

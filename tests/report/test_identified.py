@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from made_up_identification import ABOUT, MODEL, NAN, PAPER, identification, specimen
 
 from rths_cli.identification.channels import ChannelReport
-from rths_cli.identification.evaluate import agree
+from rths_cli.identification.doubts import agree
 from rths_cli.identification.orders import Candidate
 from rths_cli.identification.verdict import LevelBand, Verdict, roots_given
 from rths_cli.report.identified import About, as_document, page, rejected_document, rejected_page

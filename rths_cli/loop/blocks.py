@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
+from rths_cli.control.blocks import Blocks
 from rths_cli.lti import Array, Block
 
 EXCITATION, RECORD, NUMERICAL = 0, 1, 2
@@ -52,63 +52,6 @@ class Step(NamedTuple):
     shaping: Array  # (2,) rounding error carried over in V, and the size of a bit (0: no shaping)
     ripple_m_s2_per_v: float  # what the hold's staircase adds to a table sample per V of command change
     sent: Array  # (max(latency, 1) + 1,) commands that left, the latest first
-
-
-@dataclass(frozen=True)
-class Blocks:
-    """The blocks a run is made of, as designed: all that `assemble` needs to build a Step.
-
-    `n_p` = lead in samples; `shear_*`, `ripple_m_s2_per_v` as in Step; `shaping_step_v` is the size of a bit of the
-    command converter when its rounding errors are to be shaped, else 0.
-    """
-
-    correction: Block
-    estimator: Block
-    numerical: Block
-    feedforward: Block
-    feedback: Block
-    shear_estimate: Array
-    shear_recent: Array
-    shear_measured: Array
-    shear_desired: float
-    shaping_step_v: float = 0.0
-    ripple_m_s2_per_v: float = 0.0
-    latency_samples: int = 1
-
-    @property
-    def lead_samples(self) -> int:
-        """Return n_p, by how many samples the hybrid clock runs ahead of the table."""
-        return len(self.shear_recent)
-
-    def named(self) -> tuple[Block, ...]:
-        """Return the discrete blocks in the order in which the step runs them."""
-        return (self.correction, self.estimator, self.numerical, self.feedforward, self.feedback)
-
-    def base_shear(self) -> Block:
-        """Return the base shear at k + n_p as a block without memory: estimates, desired and measured accelerations."""
-        parts = (self.shear_estimate, self.shear_recent, self.shear_measured, [self.shear_desired])
-        gain = np.concatenate(parts)[None, :]
-        inputs = (
-            *self.estimator.outputs,
-            *_names("desired_accel_m_s2_at_k_plus", len(self.shear_recent)),
-            *self.correction.outputs,
-            "desired_accel_m_s2_at_k_plus_lead",
-        )
-        empty, wide, tall = np.zeros((0, 0)), np.zeros((0, gain.shape[1])), np.zeros((1, 0))
-        return Block("base_shear", empty, wide, tall, gain, self.correction.dt_s, inputs, ("base_shear_n",))
-
-    def staircase(self) -> Block:
-        """Return the part of a table sample that the hold's staircase makes, from the command (V)."""
-        order = max(self.latency_samples, 1) + 1
-        a, b, c = np.eye(order, k=-1), np.zeros((order, 1)), np.zeros((1, order))
-        b[0, 0], c[0, -2], c[0, -1] = 1.0, self.ripple_m_s2_per_v, -self.ripple_m_s2_per_v
-        direct = np.zeros((1, 1))
-        return Block("staircase", a, b, c, direct, self.correction.dt_s, ("command_v",), ("table_accel_m_s2",))
-
-
-def _names(kind: str, count: int) -> tuple[str, ...]:
-    """Return `kind_0`, `kind_1`, ..."""
-    return tuple(f"{kind}_{i}" for i in range(count))
 
 
 def linear(block: Block) -> Linear:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rths_cli.control import estimator, feedback, feedforward, numerical, sensing
-from rths_cli.loop.blocks import Blocks
+from rths_cli.control.blocks import Blocks
 
 if TYPE_CHECKING:
     from rths_cli.control.estimator import Shear

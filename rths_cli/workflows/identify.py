@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.control import feedback, feedforward, numerical, sensing
+from rths_cli.control.blocks import Blocks
 from rths_cli.control.realise import static
 from rths_cli.errors import InputError, LimitError, RigError
 from rths_cli.identification import excitation, probe
@@ -18,7 +19,7 @@ from rths_cli.identification.evaluate import Identification, IdentificationSetti
 from rths_cli.identification.evaluate import identify as evaluate
 from rths_cli.identification.excitation import Excitation, ExcitationSettings
 from rths_cli.identification.record import Record
-from rths_cli.loop.blocks import EXCITATION, Blocks
+from rths_cli.loop.blocks import EXCITATION
 from rths_cli.loop.drive import play
 from rths_cli.lti import Array, Model
 from rths_cli.workflows.rigs import IDENTIFICATION, PROBE, VERIFICATION, guard_limits, open_rig

@@ -8,10 +8,11 @@ import numpy as np
 
 from rths_cli.case.virtual_physics import VirtualPhysics
 from rths_cli.control import sensing
+from rths_cli.control.blocks import Blocks
 from rths_cli.control.realise import static
 from rths_cli.identification.excitation import Excitation, ExcitationSettings, plan
 from rths_cli.identification.record import Record
-from rths_cli.loop.blocks import EXCITATION, Blocks
+from rths_cli.loop.blocks import EXCITATION
 from rths_cli.loop.drive import play
 from rths_cli.loop.guard import GuardLimits
 from rths_cli.lti import Array, Block, ComplexArray

@@ -8,7 +8,7 @@ import numpy as np
 from bench import DT_S, LINEAR, held, linear_table, specimen
 
 from rths_cli.control import estimator, feedback, feedforward, numerical, sensing
-from rths_cli.loop.blocks import Blocks
+from rths_cli.control.blocks import Blocks
 from rths_cli.loop.guard import GuardLimits
 from rths_cli.lti import Array, Block, Model
 from rths_cli.rig_info import RigInfo

@@ -15,12 +15,13 @@ from scipy.linalg import expm
 
 from rths_cli.case.virtual_physics import VirtualPhysics
 from rths_cli.control import estimator, feedback, numerical
+from rths_cli.control.blocks import Blocks
 from rths_cli.control.realise import static
 from rths_cli.loop import clocks
 from rths_cli.loop import drive as loop_drive
 from rths_cli.loop import guard as loop_guard
 from rths_cli.loop import step as blocks_step
-from rths_cli.loop.blocks import NUMERICAL, RECORD, Blocks
+from rths_cli.loop.blocks import NUMERICAL, RECORD
 from rths_cli.loop.drive import Outcome, play
 from rths_cli.lti import Array
 from rths_cli.rig_info import RigInfo

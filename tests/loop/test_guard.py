@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 
 from rths_cli.case.virtual_physics import VirtualPhysics
 from rths_cli.control import feedback, sensing
+from rths_cli.control.blocks import Blocks
 from rths_cli.control.realise import static
-from rths_cli.loop.blocks import EXCITATION, RECORD, Blocks
+from rths_cli.loop.blocks import EXCITATION, RECORD
 from rths_cli.loop.drive import Outcome, play
 from rths_cli.loop.guard import AT_REST_M, STOPPED, GuardLimits, GuardState, fresh_guard, guard
 from rths_cli.lti import Array

@@ -116,10 +116,12 @@ class RecordFilterSpec(Strict):
 
 
 class KalmanSpec(Strict):
-    """Hold the intensities of process noise (base acceleration) and measurement noise of the floor filter."""
+    """Hold the intensities of process noise (base acceleration) and measurement noise of the floor filter, and up to
+    which frequency method best takes what the filter leaves unexplained from the measured base shear."""
 
     q: Annotated[float, Range(gt=0, le=1e12)] = 1e3
     r: Annotated[float, Range(gt=0, le=1e12)] = 1.0
+    residual_hz: Annotated[float, Range(gt=0, le=1000)] = 40.0
 
 
 class CaseKeys(Strict):
@@ -133,6 +135,9 @@ class CaseKeys(Strict):
     controller: ControllerSpec
     table: RigSpec
     method: Literal["best", "paper"] = "best"
+    integration: Literal["exact", "cr", "newmark"] = Field(
+        default="exact", description="of the numerical storeys: first-order hold, Chen-Ricles, or explicit Newmark"
+    )
     runs: tuple[RunName, ...] = Field(default=RUNS, min_length=1, description="default: all")
     sample_rate_hz: Annotated[float, Range(ge=100, le=50_000)] = 2000.0
     delay_s: Annotated[float, Range(ge=0, le=0.1)] = Field(default=0.005, description="the delay of SIM-DELAY")
@@ -203,6 +208,7 @@ def _nyquist_problems(data: Mapping[str, Any]) -> Iterator[Problem]:
         ("record_filter", "corner_hz"),
         ("identification", "high_hz"),
         ("controller", "feedback_bandwidth_hz"),
+        ("kalman", "residual_hz"),
     )
     for loc in places:
         value = number(data, *loc)

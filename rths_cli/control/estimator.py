@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rths_cli.control.realise import discretise
 from rths_cli.lti import Array, Block, StateSpace
 from rths_cli.structure import Specimen
+
+DAMPING = 0.7
+RESIDUAL = ("base_shear_unexplained_n",)
 
 
 @dataclass(frozen=True)
@@ -90,6 +93,38 @@ def predicted_shear(specimen: Specimen, interface_mass_kg: float, lead_samples: 
     weights[0] += interface_mass_kg
     measured = np.concatenate([[-interface_mass_kg], np.zeros(n)])
     return Shear(np.concatenate([row, np.zeros(n)]), weights[:-1], measured, float(weights[-1]))
+
+
+def with_residual(kalman: Block, specimen: Specimen, corner_hz: float, lead_s: float) -> Block:
+    """Return the filter with one more output: the base shear in N that the identified specimen does not explain.
+
+    That is r = -sum m (measured - estimated floor acceleration), carried `lead_s` ahead by
+    H(s) = (1 + (2 zeta / w + lead) s) / (1 + 2 zeta s / w + s^2 / w^2), w = 2 pi corner_hz, zeta = 0.7: H equals
+    exp(s lead) but for terms of s^2. A specimen that is not quite the identified one (damage, payload) then errs
+    in the base shear by (f / corner)^2 of the difference, not by the difference.
+    """
+    n, w = len(specimen.masses_kg), 2.0 * np.pi * corner_hz
+    rates = np.array([[0.0, 1.0], [-(w**2), -2.0 * DAMPING * w]])
+    lead = StateSpace(rates, np.array([[0.0], [w**2]]), np.array([[1.0, 2.0 * DAMPING / w + lead_s]]), np.zeros((1, 1)))
+    h = discretise(lead, kalman.dt_s, "foh", "residual", ("residual_n",), RESIDUAL)
+    floors = slice(2 * n, 3 * n)
+    from_state, direct = specimen.masses_kg @ kalman.C[floors], specimen.masses_kg @ kalman.D[floors]
+    direct[1:] -= specimen.masses_kg
+    return Block(
+        kalman.name,
+        np.block([[kalman.A, np.zeros((len(kalman.A), 2))], [np.outer(h.B, from_state), h.A]]),
+        np.vstack([kalman.B, np.outer(h.B, direct)]),
+        np.block([[kalman.C, np.zeros((len(kalman.C), 2))], [np.outer(h.D, from_state), h.C]]),
+        np.vstack([kalman.D, np.outer(h.D, direct)]),
+        kalman.dt_s,
+        kalman.inputs,
+        (*kalman.outputs, *RESIDUAL),
+    )
+
+
+def plus_residual(shear: Shear, weight: float = 1.0) -> Shear:
+    """Return a base shear for a filter `with_residual`, whose last output counts with this weight."""
+    return replace(shear, estimate=np.append(shear.estimate, weight))
 
 
 def _foh(system: StateSpace, dt_s: float) -> tuple[Array, Array, Array]:

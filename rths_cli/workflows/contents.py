@@ -71,9 +71,16 @@ def write_table_run(
             series.measured[1:], ACCEL, f"floor acceleration, {sensed}", "measured", ON_FLOORS
         ),
         "floor_accel_estimated_m_s2": Dataset(
-            series.estimated[2 * floors :], ACCEL, "floor acceleration of the Kalman filter", "estimated", ON_FLOORS
+            series.estimated[2 * floors : 3 * floors],
+            ACCEL,
+            "floor acceleration of the Kalman filter",
+            "estimated",
+            ON_FLOORS,
         ),
     }
+    if len(series.estimated) > 3 * floors:
+        about = "base shear that the identified specimen does not explain, carried to the end of the prediction"
+        datasets["base_shear_unexplained_n"] = Dataset(series.estimated[3 * floors], "N", about, "estimated")
     scales = {"floor": floor_scale}
     storey = np.arange(1, storeys + 1)
     writer.group(run, datasets, time_s=time, storey=storey, scales=scales)

@@ -41,8 +41,8 @@ def design_blocks(setup: Setup, identified: Identification) -> Design:
     shear = _shear(setup, identified, lead)
     blocks = Blocks(
         correction=sensing.correction(setup.rig.channels, dt, setup.removes_sensors),
-        estimator=estimator.kalman_block(_specimen(identified), case.kalman.q, case.kalman.r, dt, knows_table=best),
-        numerical=numerical.interface(setup.building.numerical, dt),
+        estimator=_estimator(setup, _specimen(identified), lead),
+        numerical=numerical.interface(setup.building.numerical, dt, case.integration),
         feedforward=_feedforward(model, dt, lead, best, driven),
         feedback=designed.block if designed else feedback.none(dt),
         shear_estimate=shear.estimate,
@@ -53,7 +53,7 @@ def design_blocks(setup: Setup, identified: Identification) -> Design:
         ripple_m_s2_per_v=model.ripple_m_s2_per_v if best else 0.0,
         latency_samples=setup.rig.latency_samples,
     )
-    return Design(blocks, model, designed, _shear(setup, identified, 0))
+    return Design(blocks, model, designed, _shear(setup, identified, 0, residual=0.0))
 
 
 def _specimen(identified: Identification) -> Specimen:
@@ -75,9 +75,18 @@ def _feedback(setup: Setup, identified: Identification, model: Model) -> feedbac
     )
 
 
-def _shear(setup: Setup, identified: Identification, lead: int) -> Shear:
+def _estimator(setup: Setup, specimen: Specimen, lead: int) -> Block:
+    """Return the Kalman filter; method `best` knows the table's motion and what the specimen leaves unexplained."""
+    kalman, dt = setup.case.kalman, setup.rig.dt_s
+    if setup.case.method == "paper":
+        return estimator.kalman_block(specimen, kalman.q, kalman.r, dt, knows_table=False)
+    informed = estimator.kalman_block(specimen, kalman.q, kalman.r, dt, knows_table=True)
+    return estimator.with_residual(informed, specimen, kalman.residual_hz, lead * dt)
+
+
+def _shear(setup: Setup, identified: Identification, lead: int, residual: float = 1.0) -> Shear:
     """Return the base shear's weights: measured now, or predicted over the lead."""
     specimen, mass = _specimen(identified), setup.building.interface_experimental_mass_kg
-    if lead == 0:
-        return estimator.measured_shear(specimen, mass)
-    return estimator.predicted_shear(specimen, mass, lead, setup.rig.dt_s)
+    now = estimator.measured_shear(specimen, mass)
+    shear = estimator.predicted_shear(specimen, mass, lead, setup.rig.dt_s) if lead else now
+    return shear if setup.case.method == "paper" else estimator.plus_residual(shear, residual)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rths_cli.control.numerical import all_storeys
+from rths_cli.control.numerical import Scheme, all_storeys
 from rths_cli.loop.drive import Outcome
 from rths_cli.loop.replay import run_block
 from rths_cli.lti import Array
@@ -18,7 +18,7 @@ class Series:
     """Table signals on the record's clock, n samples: what belongs to one instant has one index.
 
     `desired` (3, n): acceleration, velocity, displacement; `measured` (1 + n_exp, n) corrected accelerations;
-    `estimated` (3 n_exp, n): the Kalman filter's displacement and velocity relative to the table, floor
+    `estimated` (3 n_exp or more, n): the Kalman filter's displacement and velocity relative to the table, floor
     accelerations; `true_accel` (1 + n_exp, n), `true_disp_m` (n,): NaN unless the rig is virtual.
     """
 
@@ -51,16 +51,18 @@ def on_record_clock(outcome: Outcome, lead_samples: int, dt_s: float, samples: i
     )
 
 
-def whole_building(building: Building, series: Series, ground_accel: Array, dt_s: float) -> tuple[Array, Array, Array]:
+def whole_building(
+    building: Building, series: Series, ground_accel: Array, dt_s: float, scheme: Scheme = "exact"
+) -> tuple[Array, Array, Array]:
     """Return rel_disp, rel_vel, abs_accel (n_storeys, n) of the hybrid building, relative to the ground.
 
-    Numerical storeys as computed, interface and experimental floors as measured; the displacements and velocities
+    Numerical storeys as the step computed them, interface and experimental floors as measured; the displacements and velocities
     of the experimental floors are the Kalman filter's.
     """
     numerical = len(building.numerical.masses_kg)
     floors = len(building.specimen.masses_kg)
     inputs = np.vstack([ground_accel[: series.base_shear_n.size], series.base_shear_n])
-    computed = run_block(all_storeys(building.numerical, dt_s), inputs)
+    computed = run_block(all_storeys(building.numerical, dt_s, scheme), inputs)
     disp, vel, accel = (computed[i * numerical : (i + 1) * numerical] for i in range(3))
     rel_disp = np.vstack([disp, disp[-1] + series.estimated[:floors]])
     rel_vel = np.vstack([vel, vel[-1] + series.estimated[floors : 2 * floors]])

@@ -11,8 +11,10 @@ from rths_cli.control.estimator import (
     kalman_block,
     kalman_gain,
     measured_shear,
+    plus_residual,
     predicted_shear,
     specimen_state_space,
+    with_residual,
 )
 from rths_cli.control.latency import shear_response
 from rths_cli.lti import Array
@@ -123,3 +125,27 @@ def test_predicted_shear_is_the_specimen_carried_on(lead: int, interface_mass: f
     error = desired[0] - table
     wanted = -specimen().masses_kg @ (c @ x) - interface_mass * (desired[-1] - error)
     assert found == pytest.approx(wanted, rel=1e-9)
+
+
+@pytest.mark.parametrize("lead", [1, 2, 6])
+@pytest.mark.parametrize("change", [1.0, 0.85, 1.3])
+def test_a_changed_specimen_errs_by_the_square_of_the_frequency_over_the_corner(lead: int, change: float) -> None:
+    """In harmonic motion of a specimen with other stiffness the base shear at k + n_p is off by about (f / corner)^2,
+    and the square of the lead's phase, of what the two specimens differ by. Transfer functions written out here."""
+    corner, parts = 40.0, specimen()
+    block = with_residual(kalman_block(parts, 1e3, 1.0, DT_S, True), parts, corner, lead * DT_S)
+    plain = predicted_shear(parts, 0.0, lead, DT_S)
+    for f in (1.0, 2.5, 6.0, 12.0):
+        s = 2j * np.pi * f
+        ahead = np.exp(s * DT_S * np.arange(lead + 1))
+        floors, nominal = (
+            1.0 - s**2 * np.linalg.solve(s**2 * np.diag(parts.masses_kg) + s * parts.C + k * parts.K, parts.masses_kg)
+            for k in (change, 1.0)
+        )
+        true = -parts.masses_kg @ floors * ahead[-1]
+        differ = abs(parts.masses_kg @ (floors - nominal))
+        outputs = block.response(np.array([f]))[:, :, 0] @ np.concatenate([[1.0], floors])
+        known = plain.recent @ ahead[:-1] + plain.desired * ahead[-1]
+        found = plus_residual(plain).estimate @ outputs + known - true
+        share = 2.0 * (f / corner) ** 2 + abs(s * lead * DT_S) ** 2
+        assert abs(found) < share * differ + 1e-3 * abs(true)

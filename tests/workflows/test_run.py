@@ -191,9 +191,11 @@ def test_the_stored_blocks_reproduce_the_base_shear(whole: Path) -> None:
         shear, estimated = run_group["base_shear_n"][()], run_group["floor_accel_estimated_m_s2"][()]
         rel = [run_group["rel_disp_m"][1:] - run_group["rel_disp_m"][0], run_group["rel_vel_m_s"][1:]]
         rel[1] = rel[1] - run_group["rel_vel_m_s"][0]
-    assert len(gain) == len(names) == 6 + 2 + 3 + 1
+        unexplained = run_group["base_shear_unexplained_n"][()]
+    assert len(gain) == len(names) == 7 + 2 + 3 + 1
     # at step k the estimates are those of clock k - 2, the desired those of clocks k - 2, k - 1 and k
-    inputs = np.vstack([rel[0][:, :-2], rel[1][:, :-2], estimated[:, :-2], desired[:-2], desired[1:-1]])
+    inputs = np.vstack([rel[0][:, :-2], rel[1][:, :-2], estimated[:, :-2], unexplained[:-2]])
+    inputs = np.vstack([inputs, desired[:-2], desired[1:-1]])
     inputs = np.vstack([inputs, measured[:, :-2], desired[2:]])
     assert gain @ inputs == pytest.approx(shear[2:], abs=1e-9 * np.abs(shear).max())
 

@@ -17,6 +17,7 @@ controller: FF+FB              # FF, FF+FB or none (the table as delivered)
 
 # table: aps400_virtual          # a rig; {extends: aps400_virtual, physics: {coulomb_n: 0.9}} varies one
 # method: best                   # or paper: the control of the paper, as printed
+# integration: exact             # of the numerical storeys: exact, cr (Chen-Ricles) or newmark (explicit)
 # runs: [sim, sim-delay, shake-table, exp-rths]
 # sample_rate_hz: 2000
 # delay_s: 0.005                 # the delay of sim-delay

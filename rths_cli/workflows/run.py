@@ -185,7 +185,7 @@ def _write_run(
     virtual = setup.rig.kind == "virtual"
     hybrid = None
     if run == "exp_rths":
-        hybrid = whole_building(setup.building, series, setup.motion.accel_m_s2, dt)
+        hybrid = whole_building(setup.building, series, setup.motion.accel_m_s2, dt, setup.case.integration)
     contents.write_table_run(writer, run, setup, series, hybrid)
     if not complete:
         return {}

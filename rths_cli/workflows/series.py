@@ -56,8 +56,8 @@ def whole_building(
 ) -> tuple[Array, Array, Array]:
     """Return rel_disp, rel_vel, abs_accel (n_storeys, n) of the hybrid building, relative to the ground.
 
-    Numerical storeys as the step computed them, interface and experimental floors as measured; the displacements and velocities
-    of the experimental floors are the Kalman filter's.
+    Numerical storeys as the step computed them (`scheme`: its integration), interface and experimental floors as
+    measured; the displacements and velocities of the experimental floors are the Kalman filter's.
     """
     numerical = len(building.numerical.masses_kg)
     floors = len(building.specimen.masses_kg)

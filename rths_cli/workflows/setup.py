@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rths_cli.control.numerical import check_scheme
 from rths_cli.errors import InputError
 from rths_cli.files.accelerograms import read_accelerogram
 from rths_cli.lti import Array
@@ -57,6 +58,7 @@ def make_setup(case: Case, overrides: tuple[str, ...] = ()) -> Setup:
         order=case.record_filter.order,
     )
     building = build(case.structure, case.damping)
+    check_scheme(building.numerical, 1.0 / case.sample_rate_hz, case.integration)
     masses = np.asarray(case.structure.experimental.masses_kg, dtype=float)
     return Setup(case, motion, accelerogram.sha256, building, rig_info(case), masses, overrides)
 

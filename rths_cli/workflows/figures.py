@@ -91,4 +91,15 @@ def of_runs() -> dict[str, bool]:
         ("sim.solution_error", "sim_delay.solution_error", "sim_delay.diverged_at_s", "sim_delay.critical_delay_s"),
         False,
     )
-    return tracking | delays | errors | others
+    return tracking | delays | errors | others | _of_merit()
+
+
+def _of_merit() -> dict[str, bool]:
+    """Return the paths of FEI, tracking indicator, J1 to J9 and energy error: one number each."""
+    table = ["tracking_indicator_m2_s4", "j1_s"]
+    table += [f"{name}{kind}" for name in ("fei_amplitude", "fei_delay_s") for kind in ("", "_true")]
+    table += [f"{name}{kind}" for name in ("j2", "j3") for kind in ("", "_full")]
+    hybrid = [f"j{number}{kind}" for number in range(4, 10) for kind in ("", "_full")]
+    hybrid += [f"energy_error_{unit}{kind}" for unit in ("j", "ratio") for kind in ("", "_true")]
+    paths = [f"{run}.{name}" for run in ("shake_table", "exp_rths") for name in table]
+    return dict.fromkeys([*paths, *(f"exp_rths.{name}" for name in hybrid)], False)

@@ -17,7 +17,7 @@ from rths_cli.errors import InputError
 from rths_cli.files.results import Metric, ResultWriter, check_writable
 from rths_cli.loop.blocks import NUMERICAL, RECORD
 from rths_cli.loop.drive import Outcome, play
-from rths_cli.workflows import contents, figures
+from rths_cli.workflows import contents, figures, merit
 from rths_cli.workflows.controllers import Design, design_blocks
 from rths_cli.workflows.known import Known, Memory
 from rths_cli.workflows.provenance import attributes
@@ -194,7 +194,7 @@ def _write_run(
         values |= figures.against_sim(
             run, sim.abs_accel_m_s2, hybrid[2], _true_accel(hybrid[2], series) if virtual else None, dt
         )
-    return values
+    return values | merit.of_table_run(setup, run, series, sim, hybrid)
 
 
 def _true_accel(abs_accel: Array, series: Series) -> Array:

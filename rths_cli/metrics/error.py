@@ -1,4 +1,4 @@
-"""Figures of a run: test band, RMS, peak and fitted delay. Time is the last axis of every array.
+"""Errors of a run: test band, RMS, peak and fitted delay. Time is the last axis of every array.
 
 A series that was cut (NaN from some sample on) has no figures: all of that storey's are NaN, and
 `diverged` says so.
@@ -83,6 +83,18 @@ def error_figures(reference: ArrayLike, value: ArrayLike, dt_s: float) -> ErrorF
     return ErrorFigures(rms(banded), peak(banded), rms(error), peak(error), diverged)
 
 
+def check_pair(
+    reference: ArrayLike, value: ArrayLike, names: tuple[str, str] = ("desired", "measured")
+) -> tuple[Array, Array]:
+    """Return both series as floats (n,); raise InputError, with their names, unless they are of equal length."""
+    x, y = np.asarray(reference, dtype=float), np.asarray(value, dtype=float)
+    if x.ndim != 1 or x.shape != y.shape:
+        raise InputError(
+            f"{names[1]} has shape {y.shape}, but {names[0]} has {x.shape}: compare two series of equal length"
+        )
+    return x, y
+
+
 def fitted_delay_s(desired: ArrayLike, measured: ArrayLike, dt_s: float) -> float:
     """Return the delay in s of `measured` (n,) against `desired` (n,): positive is late, negative early.
 
@@ -91,9 +103,7 @@ def fitted_delay_s(desired: ArrayLike, measured: ArrayLike, dt_s: float) -> floa
     series is ever shifted by it. NaN when a series is constant or not finite. Raises InputError when the
     lengths differ.
     """
-    x, y = np.asarray(desired, dtype=float), np.asarray(measured, dtype=float)
-    if x.ndim != 1 or x.shape != y.shape:
-        raise InputError(f"measured has shape {y.shape}, but desired has {x.shape}: compare two series of equal length")
+    x, y = check_pair(desired, measured)
     if not (np.isfinite(x).all() and np.isfinite(y).all() and np.ptp(x) > 0 and np.ptp(y) > 0):
         return float("nan")
     cross, angle_rad = _cross_spectrum(x, y)

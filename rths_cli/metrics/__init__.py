@@ -1,0 +1,46 @@
+"""Figures of merit of a run: errors, tracking fidelity, the 2020 benchmark's criteria, energy.
+
+Time is the last axis of every array. docs/figures.md has formula, source and sign of each.
+"""
+
+from rths_cli.metrics.benchmark2020 import (
+    ResponseCriteria,
+    TrackingCriteria,
+    best_lag_s,
+    response_criteria,
+    tracking_criteria,
+)
+from rths_cli.metrics.energy import error_energy_j, input_energy_j, velocity_error_m_s
+from rths_cli.metrics.error import (
+    BAND_HZ,
+    BAND_ORDER,
+    ErrorFigures,
+    error_figures,
+    fitted_delay_s,
+    peak,
+    rms,
+    test_band,
+)
+from rths_cli.metrics.fidelity import FrequencyEvaluation, frequency_evaluation, tracking_indicator
+
+__all__ = [
+    "BAND_HZ",
+    "BAND_ORDER",
+    "ErrorFigures",
+    "FrequencyEvaluation",
+    "ResponseCriteria",
+    "TrackingCriteria",
+    "best_lag_s",
+    "error_energy_j",
+    "error_figures",
+    "fitted_delay_s",
+    "frequency_evaluation",
+    "input_energy_j",
+    "peak",
+    "response_criteria",
+    "rms",
+    "test_band",
+    "tracking_criteria",
+    "tracking_indicator",
+    "velocity_error_m_s",
+]

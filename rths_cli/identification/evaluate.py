@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.identification import channels, doubts, verdict
+from rths_cli.identification import channels, doubts, friction, verdict
 from rths_cli.identification.channels import ChannelReport, UnfitRecord
 from rths_cli.identification.fit_table import Fit, FitError, Timing, fit_error, fit_paper, refit, within
 from rths_cli.identification.frf import Estimator, estimate, noise_floor, over_model, without_leakage
+from rths_cli.identification.friction import Friction
 from rths_cli.identification.given import with_ripple
 from rths_cli.identification.orders import Candidate, choose, doubtful
 from rths_cli.identification.record import Record
@@ -64,7 +65,8 @@ class Identification:
     `noise_floors`: what noise at rest alone would show in them (None: not known).
 
     `specimen` is from the excitation, `free_vibration` the same from the stretch of held command (None: there is
-    none). `levels`: low against full level. `roots` are those of `best`, with uncertainties.
+    none). `levels`: low against full level. `roots` are those of `best`, with uncertainties. `friction` is the table's
+    (None: the records do not tell).
     """
 
     frfs: tuple[Frf, ...]
@@ -81,6 +83,7 @@ class Identification:
     residuals: tuple[Band, ...]
     levels: tuple[LevelBand, ...]
     verdict: Verdict
+    friction: Friction | None = None
 
     @property
     def accepted(self) -> bool:
@@ -178,6 +181,7 @@ def identify(
             (*apart, *channels.far_gain(best.low_frequency_gain_m_per_v, info)),
             given is not None,
         ),
+        friction=friction.estimate(records, chosen.model, info),
     )
 
 
@@ -281,7 +285,9 @@ def _table(
     """Return the first fit, and the FRF it was made to."""
     omega = modal(masses, start.stiffness_n_per_m)[0] if len(masses) else np.zeros(0)
     modes = (omega / (2.0 * np.pi), start.damping_ratio)
-    found = first_fit(frf, modes, Timing(info.latency_samples, info.dt_s), settings.band_hz)
+    found = first_fit(
+        frf, modes, Timing(info.latency_samples, info.dt_s, info.transport_s), settings.band_hz
+    )
     exact, unexplained = _specimen_start(records, info, masses, settings, start, found.model)
     held = found.held_zeros if unexplained < NO_CHAIN else 0
     found = replace(found, parameters=_with_zeros(found, exact, masses), held_zeros=held)

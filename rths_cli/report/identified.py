@@ -38,7 +38,7 @@ def page(found: Identification, about: About) -> str:
         _table(found),
         _roots(found.roots),
         _residuals(found.residuals),
-        _levels(found.levels),
+        [*_levels(found.levels), *_friction(found)],
         specimen_lines(found),
         _verdict(found.verdict),
     ]
@@ -201,6 +201,22 @@ def _meaning(levels: Sequence[LevelBand]) -> str:
     if change.real > abs(change.imag):
         return f"{size} and is larger at low level, which friction is not: look for clipping or a limit at full level"
     return f"{size}: friction takes a larger share of small motions; the model holds best near full level"
+
+
+def _friction(found: Identification) -> list[str]:
+    """Return the line on friction: as a command, and as the displacement that is worth; newtons are not known."""
+    friction = found.friction
+    if friction is None:
+        return []
+    size = with_uncertainty(friction.command_v, friction.error_v, 1e3)
+    moved = short(1e6 * abs(friction.command_v * found.best.low_frequency_gain_m_per_v))
+    if friction.command_v < SIGNIFICANT * friction.error_v:
+        return [labelled("friction", f"none beyond the scatter: {size} mV of command against the velocity")]
+    text = (
+        f"like {size} mV of command ({moved} um of the table) against the velocity, {percent(friction.explained)} % of "
+        "the power that the model leaves of the record"
+    )
+    return [labelled("friction", text)]
 
 
 def _verdict(verdict: Verdict) -> list[str]:

@@ -49,6 +49,7 @@ def as_document(found: Identification, about: About) -> dict[str, Any]:
         "candidates": [asdict(candidate) for candidate in found.candidates],
         "residuals": [asdict(band) for band in found.residuals],
         "levels": [_level(band) for band in found.levels],
+        "friction": _friction(found),
     }
     return {key: _plain(value) for key, value in document.items()}
 
@@ -136,6 +137,13 @@ def _level(level: LevelBand) -> dict[str, Any]:
         "error": level.error,
         "late_s": late_s(level),
     }
+
+
+def _friction(found: Identification) -> dict[str, float] | None:
+    if found.friction is None:
+        return None
+    moved = found.friction.command_v * found.best.low_frequency_gain_m_per_v
+    return {**asdict(found.friction), "displacement_m": moved}
 
 
 def _plain(value: Any) -> Any:

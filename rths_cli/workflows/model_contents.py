@@ -13,6 +13,7 @@ from rths_cli.files.hdf5 import Dataset
 from rths_cli.identification.channels import ChannelReport
 from rths_cli.identification.evaluate import Identification
 from rths_cli.identification.fit_table import FitError
+from rths_cli.identification.friction import Friction
 from rths_cli.identification.orders import Candidate
 from rths_cli.identification.specimen import SpecimenFit
 from rths_cli.identification.verdict import Band, LevelBand, Root, Verdict
@@ -25,7 +26,7 @@ Groups = dict[str, dict[str, Dataset]]
 
 UNITS = (
     ("_n_s_per_m", "N*s/m"), ("_n_per_m", "N/m"), ("_m_s2_per_v", "m/s^2/V"), ("_m_s2", "m/s^2"), ("_hz", "Hz"),
-    ("_kg", "kg"), ("_s", "s"),
+    ("_kg", "kg"), ("_m_s", "m/s"), ("_s", "s"), ("_v", "V"),
 )  # fmt: skip
 UNIT_OF = {
     "response": "m/s^2/V", "noise_floor": "m/s^2/V", "zeros": "rad/s", "poles": "rad/s", "gain": "as zeros and poles",
@@ -59,6 +60,8 @@ def to_groups(found: Identification, names: tuple[str, ...]) -> Groups:
     for where, fit in (("excitation", found.specimen), ("free_vibration", found.free_vibration)):
         if fit is not None:
             groups[f"specimen/{where}"] = {**_flat(fit, "mode"), **_flat(fit.specimen)}
+    if found.friction is not None:
+        groups["friction"] = _flat(found.friction)
     for table in TABLES:
         rows = getattr(found, table)
         if rows:
@@ -80,6 +83,7 @@ def from_groups(groups: Mapping[str, Values], names: tuple[str, ...]) -> Identif
         specimen=_specimen(groups.get("specimen/excitation")),
         free_vibration=_specimen(groups.get("specimen/free_vibration")),
         verdict=_made(Verdict, groups["verdict"]),
+        friction=_made(Friction, groups["friction"]) if "friction" in groups else None,
         **tables,
     )
 

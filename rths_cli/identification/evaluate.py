@@ -285,9 +285,7 @@ def _table(
     """Return the first fit, and the FRF it was made to."""
     omega = modal(masses, start.stiffness_n_per_m)[0] if len(masses) else np.zeros(0)
     modes = (omega / (2.0 * np.pi), start.damping_ratio)
-    found = first_fit(
-        frf, modes, Timing(info.latency_samples, info.dt_s, info.transport_s), settings.band_hz
-    )
+    found = first_fit(frf, modes, Timing(info.latency_samples, info.dt_s), settings.band_hz)
     exact, unexplained = _specimen_start(records, info, masses, settings, start, found.model)
     held = found.held_zeros if unexplained < NO_CHAIN else 0
     found = replace(found, parameters=_with_zeros(found, exact, masses), held_zeros=held)

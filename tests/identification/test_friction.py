@@ -59,8 +59,8 @@ def true_command_v(setup: Setup) -> float:
         ((MINUTE, KILOHERTZ, LATE, "table.physics={coulomb_n: 1.5, loop_frequency_hz: 20, moving_mass_kg: 11}"), 0.015),
         ((MINUTE, KILOHERTZ, "identification.accel_rms_m_s2=0.5", "identification.latency=kept", LIGHT), 0.02),
         ((MINUTE, KILOHERTZ, "identification.excitation=multisine"), 0.02),
-        ((KILOHERTZ, "identification.excitation=sweep"), 0.05),
-        ((KILOHERTZ, "identification.excitation=step"), 0.05),
+        ((MINUTE, KILOHERTZ, "identification.excitation=sweep", "identification.period_s=20"), 0.07),
+        ((MINUTE, KILOHERTZ, "identification.excitation=step"), 0.07),
     ],
     ids=["noise", "strong, stiff loop, late", "low level, light", "multisine", "sweep", "step"],
 )
@@ -70,7 +70,7 @@ def test_friction_is_that_of_the_table(settings: Sequence[str], within: float) -
     assert found.friction.command_v == pytest.approx(true_command_v(setup), rel=within)
     assert found.friction.error_v < within * found.friction.command_v
     assert found.friction.scale_m_s == pytest.approx(1e-3, rel=1.5)
-    assert found.friction.explained > 0.85
+    assert found.friction.explained > 0.7
 
 
 @pytest.mark.parametrize("kind", ["noise", "step"])

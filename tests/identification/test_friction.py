@@ -154,6 +154,15 @@ def test_made_up_friction_is_found_with_an_uncertainty_that_holds() -> None:
     assert abs(sizes.mean() - kappa) < 3.0 * errors.mean() / 4.0
 
 
+def test_the_velocity_is_that_of_the_excited_table() -> None:
+    record, info = made_up(4, 3e-4, 0.0), make_info(make_specimen())
+    n = len(record.command_v)
+    f = np.maximum(np.fft.rfftfreq(n, DT), 0.2)
+    velocity = np.fft.irfft(np.fft.rfft(record.accel_m_s2[0]) / (2j * np.pi * f), n)[record.parts.noise]
+    found = estimate([record], SIMPLE, info)
+    assert found is not None and found.velocity_rms_m_s == pytest.approx(velocity.std(), rel=0.005)
+
+
 def test_friction_is_that_of_all_records_together() -> None:
     info = make_info(make_specimen())
     one, other = made_up(1, 1e-4, 1e-3), made_up(2, 3e-4, 1e-3, 50.0)

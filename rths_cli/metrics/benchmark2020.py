@@ -65,8 +65,8 @@ def best_lag_s(target: ArrayLike, measured: ArrayLike, dt_s: float, leads: bool 
     edge means that or more. NaN when a series is constant or not finite. Raises InputError when the lengths differ.
     """
     x, y = check_pair(target, measured, ("target", "measured"))
-    most = min(int(WINDOW_S / dt_s + 1e-9), len(x) - 2)
-    if most < 0 or not (np.ptp(x) > 0 and np.ptp(y) > 0):
+    most = min(int(WINDOW_S / dt_s + 1e-9), len(x) - 1)
+    if not (np.ptp(x) > 0 and np.ptp(y) > 0):
         return float("nan")
     lags = np.arange(-most if leads else 0, most + 1)
     return float(lags[np.nanargmax(_correlations(x - x.mean(), y - y.mean(), lags))] * dt_s)

@@ -62,7 +62,8 @@ def test_nothing_desired_or_a_cut_series_has_no_index() -> None:
     cut = sine(3.2)
     cut[-1] = np.nan
     for desired, measured in ((0 * TIME_S, sine(3.2)), (cut, sine(3.2)), (sine(3.2), cut)):
-        found = frequency_evaluation(desired, measured, DT_S)
+        with np.errstate(invalid="raise"):
+            found = frequency_evaluation(desired, measured, DT_S)
         assert np.isnan([found.amplitude, found.delay_s, found.frequency_hz]).all()
     with pytest.raises(InputError, match=r"measured has shape \(3,\), but desired has \(4,\)"):
         frequency_evaluation(np.arange(4.0), np.arange(3.0), DT_S)

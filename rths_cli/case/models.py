@@ -74,9 +74,11 @@ class ControllerSpec(Strict):
     )
     max_sensitivity: Annotated[float, Range(gt=1, le=10)] = 1.5
     disturbance_hz: tuple[Annotated[float, Range(ge=0.05, le=500)], ...] = Field(
-        default=(1.0, 12.0), min_length=2, max_length=2, description="band of the error that the feedback removes"
+        default=(1.0, 12.0),
+        description="band of the error that the feedback removes",
+        json_schema_extra={"minItems": 2, "maxItems": 2},
     )
-    command_weight: Annotated[float, Range(ge=1e-4, le=100)] = Field(
+    command_weight: Annotated[float, Range(ge=1e-3, le=10)] = Field(
         default=0.01, description="cost of a command, over what it moves at the disturbance's upper corner"
     )
     feedback_limit_v: Annotated[float, Range(gt=0, le=1000)] | None = Field(
@@ -85,12 +87,12 @@ class ControllerSpec(Strict):
 
     @classmethod
     def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
-        band = [f for f in listed(data, "disturbance_hz") or () if isinstance(f, int | float)]
-        if len(band) == 2 and band[1] < 2 * band[0]:
-            yield (
-                ("disturbance_hz",),
-                f"must be a band of an octave or more, its lower end first, got {band[0]:g} to {band[1]:g} Hz",
-            )
+        band = listed(data, "disturbance_hz")
+        if band is not None and len(band) != 2:
+            yield ("disturbance_hz",), f"must be the two ends of a band in Hz, such as [1, 12], got {len(band)} entries"
+        elif band and all(isinstance(f, int | float) for f in band) and band[1] < 2 * band[0]:
+            ends = f"{band[0]:g} to {band[1]:g} Hz"
+            yield ("disturbance_hz",), f"must be a band of an octave or more, its lower end first, got {ends}"
 
 
 class IdentificationSpec(Strict):

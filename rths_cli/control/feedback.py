@@ -155,10 +155,16 @@ def _plant(model: Model, dt_s: float, weights: Weights) -> Plant:
 
 
 def _riccati_gain(a: Array, b: Array, q: Array, r: Array, s: Array) -> Array:
-    """Return the gain of the discrete linear-quadratic regulator with cross weight s."""
+    """Return the gain of the discrete linear-quadratic regulator with cross weight s; InputError when there is none."""
     from scipy.linalg import solve_discrete_are
 
-    cost = solve_discrete_are(a, b, q, r, s=s)
+    try:
+        cost = solve_discrete_are(a, b, q, r, s=s)
+    except (np.linalg.LinAlgError, ValueError) as error:  # scipy raises either when it cannot order the eigenvalues
+        raise InputError(
+            "controller: the feedback's Riccati equation cannot be solved with this command_weight and disturbance_hz; "
+            "use a larger command_weight or the default band, 1 to 12 Hz"
+        ) from error
     return np.linalg.solve(r + b.T @ cost @ b, b.T @ cost @ a + s.T)
 
 
@@ -232,8 +238,8 @@ def design(
     useful = _keeps(best, wanted, max_sensitivity)
     for _ in range(BISECTIONS):
         noise = float(np.sqrt(low * high))
-        found = _judge(_regulator(plant, gain, noise, dt_s), table)
-        if _keeps(found, wanted, max_sensitivity) and is_stable(model, found.block, dt_s):
+        found = _attempt(plant, gain, noise, dt_s, table)
+        if found and _keeps(found, wanted, max_sensitivity) and is_stable(model, found.block, dt_s):
             high, best, useful = noise, found, True
         else:
             low = noise
@@ -243,6 +249,14 @@ def design(
             "use controller: FF, raise max_sensitivity or lower command_weight"
         )
     return best
+
+
+def _attempt(plant: Plant, gain: Array, noise: float, dt_s: float, table: Table) -> Feedback | None:
+    """Return the feedback for this noise, None when it has no observer."""
+    try:
+        return _judge(_regulator(plant, gain, noise, dt_s), table)
+    except InputError:
+        return None
 
 
 def _keeps(found: Feedback, bandwidth_hz: float, max_sensitivity: float) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from bench import DT_S, LINEAR, held, linear_table, specimen
@@ -10,6 +12,7 @@ from hybrid import true_model
 from rths_cli.control import feedback
 from rths_cli.control.feedback import (
     DEFAULT,
+    Feedback,
     Weights,
     design,
     grid_hz,
@@ -25,6 +28,12 @@ from rths_cli.lti import Array, Block, Frf, Model
 
 MODEL = true_model(1.5 * DT_S)
 GRID = grid_hz(MODEL, DT_S)
+
+
+@cache
+def designed(wanted_hz: float | None = 20.0, limit: float = 1.5, weights: Weights = DEFAULT) -> Feedback:
+    """Return a design on the model alone."""
+    return design(MODEL, None, DT_S, wanted_hz, limit, weights)
 
 
 def loop_radius(model: Model, block: Block) -> float:
@@ -102,7 +111,7 @@ def test_instability_is_seen() -> None:
 
 @pytest.mark.parametrize("wanted_hz", [None, 20.0, 8.0])
 def test_a_design_keeps_its_promises(wanted_hz: float | None) -> None:
-    found = design(MODEL, None, DT_S, wanted_hz, 1.5)
+    found = designed(wanted_hz)
     assert 0.9 * (wanted_hz or 40.0) <= found.bandwidth_hz <= (wanted_hz or 40.0)
     fine = np.geomspace(0.05, 450.0, 4000)
     loop = MODEL.response(fine) * found.block.response(fine)[0, 0]
@@ -117,7 +126,7 @@ def test_a_design_keeps_its_promises(wanted_hz: float | None) -> None:
 
 
 def test_a_tight_sensitivity_limit_slows_the_feedback_down() -> None:
-    wide, tight = (design(MODEL, None, DT_S, 35.0, limit) for limit in (1.5, 1.18))
+    wide, tight = (designed(35.0, limit) for limit in (1.5, 1.18))
     assert tight.sensitivity_peak <= 1.18 < wide.sensitivity_peak
     assert tight.bandwidth_hz < wide.bandwidth_hz
 
@@ -144,6 +153,13 @@ def test_an_impossible_limit_is_one_sentence() -> None:
     assert "max_sensitivity" in sentence
 
 
+def test_weights_without_a_solution_are_one_sentence() -> None:
+    with pytest.raises(InputError) as caught:
+        design(MODEL, None, DT_S, None, 1.5, Weights((1.0, 12.0), 1e-9))
+    assert len(caught.value.faults) == 1
+    assert "larger command_weight" in caught.value.faults[0]
+
+
 def test_the_measured_response_replaces_the_model_inside_its_band_only() -> None:
     frequency = np.linspace(0.4, 70.0, 700)
     measured = Frf(frequency, 1.3 * MODEL.response(frequency), np.ones(700), np.full(700, 0.02), 10)
@@ -159,7 +175,7 @@ def test_the_measured_response_replaces_the_model_inside_its_band_only() -> None
     louder = design(MODEL, measured, DT_S, 20.0, 1.5)
     assert louder.bandwidth_hz <= 20.0
     level = np.abs(louder.block.response(np.array([20.0]))[0, 0])
-    assert level < 0.9 * np.abs(design(MODEL, None, DT_S, 20.0, 1.5).block.response(np.array([20.0]))[0, 0])
+    assert level < 0.9 * np.abs(designed().block.response(np.array([20.0]))[0, 0])
 
 
 def closed_radius(model: Model, block: Block, gain: float = 1.0, delay: int = 0) -> float:
@@ -268,7 +284,7 @@ def test_a_table_with_a_direct_path_is_told_through_the_observer_too() -> None:
 def test_other_weights_remove_less_where_the_default_works(weights: Weights, band: tuple[float, float]) -> None:
     """A dearer command, or a disturbance elsewhere: same limit on |S|, less taken off the error in the band."""
     f = np.linspace(*band, 50)
-    plain, other = (design(MODEL, None, DT_S, 20.0, 1.5, w).block for w in (DEFAULT, weights))
+    plain, other = (designed(20.0, 1.5, w).block for w in (DEFAULT, weights))
     size = [np.abs(sensitivity(block, MODEL.response(f), f)).mean() for block in (plain, other)]
     assert size[1] > 1.05 * size[0]
 

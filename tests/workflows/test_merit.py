@@ -12,6 +12,7 @@ import pytest
 from rths_cli.files.result_writer import Metric
 from rths_cli.workflows.figures import of_runs
 from rths_cli.workflows.merit import energy, fidelity, of_table_run, response
+from rths_cli.workflows.run import _acceptance
 
 DT_S = 1 / 2000
 TIME_S = DT_S * np.arange(40_000)
@@ -124,6 +125,29 @@ def test_other_runs_and_other_rigs_have_fewer(parts: Parts) -> None:
     assert not any(".j4" in path or "energy" in path for path in table)
     setup.rig.kind = "udp"
     assert not any(path.endswith("_true") for path in of_table_run(setup, "exp_rths", series, sim, hybrid))
+
+
+def test_a_limit_on_a_signed_figure_holds_either_way() -> None:
+    figures = {
+        "exp_rths.fei_delay_s": Metric(-0.0003, "s", "early"),
+        "exp_rths.rms_error_m_s2": Metric([0.1, -0.4, 0.2], "m/s^2", "made up"),
+    }
+    for path, limit, code in (
+        ("exp_rths.fei_delay_s", 0.0002, 1),
+        ("exp_rths.fei_delay_s", 0.0004, 0),
+        ("exp_rths.rms_error_m_s2", 0.3, 1),
+        ("exp_rths.rms_error_m_s2", 0.5, 0),
+        ("exp_rths.rms_error_m_s2[3]", 0.3, 0),
+    ):
+        ended = _acceptance(SimpleNamespace(accept={path: limit}), figures)  # type: ignore[arg-type]
+        assert ended.exit_code == code, (path, limit)
+    assert (
+        "exp_rths.fei_delay_s = -0.0003 is beyond its accept limit 0.0002"
+        in _acceptance(
+            SimpleNamespace(accept={"exp_rths.fei_delay_s": 0.0002}),
+            figures,  # type: ignore[arg-type]
+        ).reason
+    )
 
 
 def test_the_page_of_figures_tells_every_path() -> None:

@@ -26,6 +26,7 @@ MINUTE = "identification.duration_s=60"
 KILOHERTZ, LATE = "sample_rate_hz=1000", "table.converters={latency_samples: 4}"
 FRICTIONLESS = "table.physics={coulomb_n: 0}"
 ONE_BIT_V = 3.1e-4
+INFO = make_info(make_specimen())
 NAMES = ("table", "floor_2", "floor_3")
 LIGHT = (
     "structure={numerical: {masses_kg: [6.93], stiffness_n_per_m: [7354]}, experimental: {masses_kg: [1.0], "
@@ -166,6 +167,17 @@ def test_the_velocity_is_that_of_the_excited_table() -> None:
 def test_friction_that_fades_near_standstill_is_found_too() -> None:
     found = estimate([made_up(1, 3e-4, 1e-3, scale_m_s=4e-3)], SIMPLE, make_info(make_specimen()))
     assert found is not None and found.command_v == pytest.approx(3e-4, rel=0.006)
+
+
+def test_what_every_period_repeats_counts_as_uncertain() -> None:
+    ratios = []
+    for seed in range(6):
+        once = made_up(seed, 3e-4, 0.1, 2.5)
+        accel = np.tile(once.accel_m_s2, 16)
+        found = estimate([Record(np.tile(once.command_v, 16), accel, Parts(slice(5000, 75000)))], SIMPLE, INFO)
+        assert found is not None
+        ratios.append((found.command_v - 3e-4) / found.error_v)
+    assert np.sqrt(np.mean(np.square(ratios))) < 2.5
 
 
 def test_friction_is_that_of_all_records_together() -> None:

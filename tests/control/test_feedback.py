@@ -318,5 +318,12 @@ def test_lines_that_say_nothing_are_left_out() -> None:
     assert table.relative_error.max() == pytest.approx(0.01)
 
 
+def test_the_disturbance_lies_in_the_band_asked_for() -> None:
+    """Its two poles, sampled: exp(-w dt) at both corners."""
+    a = feedback._plant(MODEL, DT_S, Weights((3.0, 30.0)))[0]
+    poles = np.sort(np.linalg.eigvals(a[-2:, -2:]).real)
+    assert poles == pytest.approx(np.exp(-2.0 * np.pi * np.array([30.0, 3.0]) * DT_S), rel=1e-12)
+
+
 def test_no_feedback_is_zero() -> None:
     assert none(DT_S).response(np.array([1.0]))[0, 0, 0] == 0.0

@@ -30,6 +30,7 @@ def test_the_default_case_leaves_little_of_its_latency(default_identification: I
     found = {path: metric.value for path, metric in figures(default_identification).items()}
     total = sum(np.asarray(found[f"latency.{name}_s"]) for name in ITEMS)
     assert found["latency.total_s"] == pytest.approx(total)
+    assert found["latency.left_s"] == pytest.approx(sum(np.asarray(found[f"latency.{name}_left_s"]) for name in ITEMS))
     assert np.abs(found["latency.left_s"])[:4].max() < 2e-5  # up to 10 Hz
     assert found["latency.total_s"][2] > 9e-4
     assert found["latency.declared_s"] == pytest.approx(7.5e-4)

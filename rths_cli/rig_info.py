@@ -47,6 +47,7 @@ class RigInfo:
 
     `channels`: the table's accelerometer first, then one per experimental floor. `latency_samples`: the command
     computed from the samples of t_k is held from t_(k + latency) on; hold and sensor lag are not in that number.
+    `transport_s`: further delay between command and table or table and samples, as of a network link.
     `gain_m_per_v` and `moving_mass_kg` are nominal data-sheet values; `specimen_mass_kg` is weighed.
     """
 
@@ -60,3 +61,4 @@ class RigInfo:
     gain_m_per_v: float
     moving_mass_kg: float
     specimen_mass_kg: float
+    transport_s: float = 0.0

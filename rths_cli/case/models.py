@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, field_validator
 
-from rths_cli.case.fields import Problem, Range, Strict, count, entry, number, refusal, same_length
+from rths_cli.case.fields import Problem, Range, Strict, count, entry, listed, number, refusal, same_length
 from rths_cli.case.models_reference import ReferenceSpec
 from rths_cli.case.models_rig import LimitOverrides, LimitsSpec, RigSpec
 from rths_cli.case.models_structure import DampingSpec, StructureSpec
@@ -73,6 +73,26 @@ class ControllerSpec(Strict):
         default=None, description="default, and most: two thirds of the identified band"
     )
     max_sensitivity: Annotated[float, Range(gt=1, le=10)] = 1.5
+    disturbance_hz: tuple[Annotated[float, Range(ge=0.05, le=500)], ...] = Field(
+        default=(1.0, 12.0),
+        description="band of the error that the feedback removes",
+        json_schema_extra={"minItems": 2, "maxItems": 2},
+    )
+    command_weight: Annotated[float, Range(ge=1e-3, le=10)] = Field(
+        default=0.01, description="cost of a command, over what it moves at the disturbance's upper corner"
+    )
+    feedback_limit_v: Annotated[float, Range(gt=0, le=1000)] | None = Field(
+        default=None, description="largest share of the feedback in the command; default: what the range leaves"
+    )
+
+    @classmethod
+    def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
+        band = listed(data, "disturbance_hz")
+        if band is not None and len(band) != 2:
+            yield ("disturbance_hz",), f"must be the two ends of a band in Hz, such as [1, 12], got {len(band)} entries"
+        elif band and all(isinstance(f, int | float) for f in band) and band[1] < 2 * band[0]:
+            ends = f"{band[0]:g} to {band[1]:g} Hz"
+            yield ("disturbance_hz",), f"must be a band of an octave or more, its lower end first, got {ends}"
 
 
 class IdentificationSpec(Strict):
@@ -214,6 +234,10 @@ def _nyquist_problems(data: Mapping[str, Any]) -> Iterator[Problem]:
         value = number(data, *loc)
         if value is not None and value >= rate / 2:
             yield loc, f"must be < {rate / 2:g}, half the sample rate, got {value:g}"
+    band = listed(data, "controller", "disturbance_hz") or ()
+    highest = max((f for f in band if isinstance(f, int | float)), default=0.0)
+    if highest >= rate / 2:
+        yield ("controller", "disturbance_hz"), f"must be < {rate / 2:g}, half the sample rate, got {highest:g}"
     default = IdentificationSpec.model_fields["high_hz"].default
     if number(data, "identification", "high_hz") is None and rate / 2 <= default:
         yield ("sample_rate_hz",), f"must be > {2 * default:g}, twice identification.high_hz, got {rate:g}"

@@ -14,7 +14,8 @@ class Blocks:
     """The blocks a run is made of, as designed: all that `assemble` needs to build a Step.
 
     `n_p` = lead in samples; `shear_*`, `ripple_m_s2_per_v` as in loop.blocks.Step; `shaping_step_v` is the size of a
-    bit of the command converter when its rounding errors are to be shaped, else 0.
+    bit of the command converter when its rounding errors are to be shaped, else 0. The feedback's part of the command
+    is kept within +-`feedback_limit_v`, and the sum within +-`command_limit_v` as far as the feedback's part can.
     """
 
     correction: Block
@@ -29,6 +30,8 @@ class Blocks:
     shaping_step_v: float = 0.0
     ripple_m_s2_per_v: float = 0.0
     latency_samples: int = 1
+    command_limit_v: float = float("inf")
+    feedback_limit_v: float = float("inf")
 
     @property
     def lead_samples(self) -> int:

@@ -6,38 +6,72 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rths_cli.control.margins import Margins, margins, worst_sensitivity_peak
 from rths_cli.control.realise import discretise, from_roots, static
 from rths_cli.errors import InputError
 from rths_cli.lti import Array, Block, ComplexArray, Frf, Model, StateSpace, staircase
 
-INPUTS = ("tracking_error_m_s2",)
+INPUTS = ("tracking_error_m_s2", "feedback_shortfall_v")
 OUTPUTS = ("feedback_v",)
-DISTURBANCE_HZ = (1.0, 12.0)  # band of the error that the feedback is to remove
-COMMAND_WEIGHT = 0.01
 NOISE_RANGE = (1e-3, 1e3)
 BISECTIONS = 14
 BAND_SHARE = 2.0 / 3.0  # of the identified band: the highest bandwidth a model is trusted with
 LEAST_USE = 0.9
+AROUND_ROOT = np.linspace(-4.0, 4.0, 25)  # half widths of a resonance at which a loop is judged
 
 Plant = tuple[Array, Array, Array, Array, Array, Array]
 
 
 @dataclass(frozen=True)
-class Feedback:
-    """A designed feedback and what it promises on the identified table.
+class Weights:
+    """What the regulator is designed for: the band of the error it is to remove, and what a command costs."""
 
-    `sensitivity_peak` = max |S|, at `peak_hz`; `bandwidth_hz`: highest frequency at which the loop gain is one.
+    disturbance_hz: tuple[float, float] = (1.0, 12.0)
+    command_weight: float = 0.01
+
+
+DEFAULT = Weights()
+
+
+@dataclass(frozen=True)
+class Table:
+    """The identified table on which a loop is judged, (n,) each: `measured` where it was, the model elsewhere;
+    `modelled` everywhere the model; `relative_error`: standard error of |measured| over |measured|, 0 elsewhere."""
+
+    frequency_hz: Array
+    measured: ComplexArray
+    modelled: ComplexArray
+    relative_error: Array
+
+
+@dataclass(frozen=True)
+class Feedback:
+    """A designed feedback and what it promises: margins with the measured table response and with its model alone.
+
+    `worst_peak` = max |S| when every measured line is off by two standard errors in the worst direction. `same_side`:
+    measured and modelled loop go round -1 alike, so that both are stable or neither is.
     """
 
     block: Block
-    sensitivity_peak: float
-    peak_hz: float
-    bandwidth_hz: float
+    measured: Margins
+    modelled: Margins
+    worst_peak: float
+    same_side: bool
+
+    @property
+    def sensitivity_peak(self) -> float:
+        """Return max |S| with the measured response."""
+        return self.measured.sensitivity_peak
+
+    @property
+    def bandwidth_hz(self) -> float:
+        """Return the highest frequency at which the loop gain is one, with the measured response."""
+        return self.measured.bandwidth_hz
 
 
 def none(dt_s: float) -> Block:
     """Return the feedback that does nothing."""
-    return static(np.zeros((1, 1)), dt_s, "feedback", INPUTS, OUTPUTS)
+    return static(np.zeros((1, 2)), dt_s, "feedback", INPUTS, OUTPUTS)
 
 
 def sampled_table(model: Model, dt_s: float) -> StateSpace:
@@ -64,42 +98,54 @@ def _delayed(system: StateSpace, samples: int) -> StateSpace:
     return StateSpace(a, b, c, d)
 
 
-def lqg(model: Model, noise: float, dt_s: float) -> Block:
-    """Return the LQG regulator from tracking error to command (V).
+def lqg(model: Model, noise: float, dt_s: float, weights: Weights = DEFAULT) -> Block:
+    """Return the LQG regulator from tracking error, and what the command lacked of the one wanted (V), to command (V).
 
     Table and disturbance are the plant: the error is minus the table's answer to the feedback command, minus a
-    disturbance that is white noise through w_h s / ((s + w_l)(s + w_h)), band DISTURBANCE_HZ, minus white measurement
+    disturbance that is white noise through w_h s / ((s + w_l)(s + w_h)), band `disturbance_hz`, minus white measurement
     noise of relative strength `noise`. The regulator minimises E[error^2 + r command^2], r small: the command costs
-    COMMAND_WEIGHT times what it moves at the disturbance's upper corner. The observer is the predicting
-    steady-state Kalman filter. More noise means less bandwidth.
+    `command_weight` times what it moves at the disturbance's upper corner. The observer is the predicting
+    steady-state Kalman filter; it is driven by the command that was applied, so that a limit does not wind it up.
+    More noise means less bandwidth.
     """
-    plant = _plant(model, dt_s)
-    return _regulator(plant, _regulator_gain(model, plant), noise, dt_s)
+    plant = _plant(model, dt_s, weights)
+    return _regulator(plant, _regulator_gain(model, plant, weights), noise, dt_s)
 
 
-def _regulator_gain(model: Model, plant: Plant) -> Array:
+def _regulator_gain(model: Model, plant: Plant, weights: Weights) -> Array:
     """Return the state feedback (1, n); it does not depend on the noise."""
     a, b, c, direct, _, _ = plant
-    strength = abs(model.response(np.array(DISTURBANCE_HZ[1:]))[0])
-    cost = direct.T @ direct + (COMMAND_WEIGHT * strength) ** 2
+    strength = abs(model.response(np.array(weights.disturbance_hz[1:]))[0])
+    cost = direct.T @ direct + (weights.command_weight * strength) ** 2
     return _riccati_gain(a, b, c.T @ c, cost, c.T @ direct)
 
 
 def _regulator(plant: Plant, gain: Array, noise: float, dt_s: float) -> Block:
-    """Return the regulator that a state feedback and the observer for this noise make."""
+    """Return the regulator that a state feedback K and the observer L for this noise make.
+
+    x+ = A x + B (u + s) + L (-e - C x - D (u + s)), u = -K x: e is the tracking error and s the shortfall, applied less
+    wanted command, so that s enters by B - L D.
+    """
     a, b, c, direct, drive, drive_direct = plant
     variance = drive_direct @ drive_direct.T + noise**2
     observer = _riccati_gain(a.T, c.T, drive @ drive.T, variance, drive @ drive_direct.T).T
+    shortfall = b - observer @ direct
     closed = a - b @ gain - observer @ (c - direct @ gain)
-    return Block("feedback", closed, -observer, -gain, np.zeros((1, 1)), dt_s, INPUTS, OUTPUTS)
+    return Block("feedback", closed, np.hstack([-observer, shortfall]), -gain, np.zeros((1, 2)), dt_s, INPUTS, OUTPUTS)
 
 
-def _plant(model: Model, dt_s: float) -> Plant:
+def unlimited(feedback: Block) -> Block:
+    """Return the feedback while no limit acts: its path from tracking error to command alone."""
+    b, d = feedback.B[:, :1], feedback.D[:, :1]
+    return Block(feedback.name, feedback.A, b, feedback.C, d, feedback.dt_s, feedback.inputs[:1], feedback.outputs)
+
+
+def _plant(model: Model, dt_s: float, weights: Weights) -> Plant:
     """Return A, B, C, D of table and disturbance together, then B and D of the disturbance's white noise."""
     from scipy.linalg import block_diag
 
     table = sampled_table(model, dt_s)
-    low, high = (2.0 * np.pi * f for f in DISTURBANCE_HZ)
+    low, high = (2.0 * np.pi * f for f in weights.disturbance_hz)
     colour = from_roots(np.zeros(1, dtype=complex), np.array([-low, -high], dtype=complex), high)
     shape = discretise(colour, dt_s, "foh", "disturbance", ("w",), ("d",))
     n, m = table.A.shape[0], shape.A.shape[0]
@@ -109,10 +155,16 @@ def _plant(model: Model, dt_s: float) -> Plant:
 
 
 def _riccati_gain(a: Array, b: Array, q: Array, r: Array, s: Array) -> Array:
-    """Return the gain of the discrete linear-quadratic regulator with cross weight s."""
+    """Return the gain of the discrete linear-quadratic regulator with cross weight s; InputError when there is none."""
     from scipy.linalg import solve_discrete_are
 
-    cost = solve_discrete_are(a, b, q, r, s=s)
+    try:
+        cost = solve_discrete_are(a, b, q, r, s=s)
+    except (np.linalg.LinAlgError, ValueError) as error:  # scipy raises either when it cannot order the eigenvalues
+        raise InputError(
+            "controller: the feedback's Riccati equation cannot be solved with this command_weight and disturbance_hz; "
+            "use a larger command_weight or the default band, 1 to 12 Hz"
+        ) from error
     return np.linalg.solve(r + b.T @ cost @ b, b.T @ cost @ a + s.T)
 
 
@@ -121,86 +173,114 @@ def sensitivity(feedback: Block, table: ComplexArray, frequency_hz: Array) -> Co
     return 1.0 / (1.0 + table * feedback.response(frequency_hz)[0, 0])
 
 
-def grid_hz(dt_s: float) -> Array:
-    """Return the frequencies on which a loop is judged, up to 0.4 times the sample rate, (800,)."""
-    return np.geomspace(0.05, 0.4 / dt_s, 800)
+def grid_hz(model: Model, dt_s: float) -> Array:
+    """Return the frequencies on which a loop is judged, (n,): up to 0.4 times the sample rate, dense at resonances."""
+    lowest, highest = 0.05, 0.4 / dt_s
+    roots = np.concatenate([model.zeros, model.poles])
+    near = np.abs(roots)[:, None] + np.abs(roots.real)[:, None] * AROUND_ROOT
+    grid = np.concatenate([np.geomspace(lowest, highest, 800), near.ravel() / (2.0 * np.pi)])
+    logs = np.log(grid[(grid >= lowest) & (grid <= highest)])
+    return np.exp(np.unique(np.round(logs, 6)))
 
 
-def table_response(model: Model, measured: Frf | None, dt_s: float) -> ComplexArray:
-    """Return the table's response on grid_hz: measured inside the model's band, the model outside."""
-    grid = grid_hz(dt_s)
-    response = model.response(grid)
+def table_response(model: Model, measured: Frf | None, dt_s: float) -> Table:
+    """Return the table's response on grid_hz: measured inside the model's band, less its alias; the model outside."""
+    grid = grid_hz(model, dt_s)
+    modelled = model.response(grid)
     if measured is None:
-        return response
+        return Table(grid, modelled, modelled, np.zeros(grid.size))
     lowest, highest = model.band_hz
     inside = (lowest <= grid) & (highest >= grid)
     frequency = measured.frequency_hz
     alias = model.ripple_m_s2_per_v * staircase(frequency, model.latency_samples, model.dt_s)
     ratio = (measured.response - alias) / model.response(frequency)
-    real = np.interp(grid[inside], frequency, ratio.real)
-    imag = np.interp(grid[inside], frequency, ratio.imag)
-    response[inside] *= real + 1j * imag
-    return response
+    real, imag, error = (
+        np.interp(grid, frequency, values) for values in (ratio.real, ratio.imag, measured.relative_error)
+    )
+    response = np.where(inside, modelled * (real + 1j * imag), modelled)
+    return Table(grid, response, modelled, np.where(inside, error, 0.0))
 
 
 def is_stable(model: Model, block: Block, dt_s: float) -> bool:
     """Tell whether identified table and feedback together are stable (spectral radius below one)."""
-    t = sampled_table(model, dt_s)
-    through = np.eye(1) + t.D @ block.D
+    t, k = sampled_table(model, dt_s), unlimited(block)
+    through = np.eye(1) + t.D @ k.D
     inner = np.linalg.inv(through)
     closed = np.block(
         [
-            [t.A - t.B @ block.D @ inner @ t.C, t.B @ block.C - t.B @ block.D @ inner @ t.D @ block.C],
-            [-block.B @ inner @ t.C, block.A - block.B @ inner @ t.D @ block.C],
+            [t.A - t.B @ k.D @ inner @ t.C, t.B @ k.C - t.B @ k.D @ inner @ t.D @ k.C],
+            [-k.B @ inner @ t.C, k.A - k.B @ inner @ t.D @ k.C],
         ]
     )
     return bool(np.abs(np.linalg.eigvals(closed)).max() < 1.0)
 
 
 def design(
-    model: Model, measured: Frf | None, dt_s: float, bandwidth_hz: float | None, max_sensitivity: float
+    model: Model,
+    measured: Frf | None,
+    dt_s: float,
+    bandwidth_hz: float | None,
+    max_sensitivity: float,
+    weights: Weights = DEFAULT,
 ) -> Feedback:
-    """Return the fastest LQG feedback, found by bisection on the noise, that is stable with the model, keeps max |S|
-    within its limit and crosses a loop gain of one at the wanted bandwidth or below (default and most: 2/3 of the
-    identified band).
+    """Return the fastest LQG feedback, found by bisection on the noise, that is stable, keeps max |S| within its limit
+    on measured response and model, and crosses a loop gain of one at the wanted bandwidth or below (default and most:
+    2/3 of the identified band).
 
-    Raises InputError when what remains takes less than a tenth off the error anywhere in DISTURBANCE_HZ.
+    Raises InputError when what remains takes less than a tenth off the error anywhere in `disturbance_hz`.
     """
     most = BAND_SHARE * model.band_hz[1]
     wanted = most if bandwidth_hz is None else min(bandwidth_hz, most)
-    table, plant = table_response(model, measured, dt_s), _plant(model, dt_s)
-    gain = _regulator_gain(model, plant)
+    table, plant = table_response(model, measured, dt_s), _plant(model, dt_s, weights)
+    gain = _regulator_gain(model, plant, weights)
     low, high = NOISE_RANGE
     best = _judge(_regulator(plant, gain, high, dt_s), table)
+    useful = _keeps(best, wanted, max_sensitivity)
     for _ in range(BISECTIONS):
         noise = float(np.sqrt(low * high))
-        found = _judge(_regulator(plant, gain, noise, dt_s), table)
-        fits = found.bandwidth_hz <= wanted and found.sensitivity_peak <= max_sensitivity
-        if fits and is_stable(model, found.block, dt_s):
-            high, best = noise, found
+        found = _attempt(plant, gain, noise, dt_s, table)
+        if found and _keeps(found, wanted, max_sensitivity) and is_stable(model, found.block, dt_s):
+            high, best, useful = noise, found, True
         else:
             low = noise
-    if _least_sensitivity(best.block, table) > LEAST_USE:
+    if not useful or _least_sensitivity(best.block, table, weights.disturbance_hz) > LEAST_USE:
         raise InputError(
             f"controller: no feedback with a sensitivity peak of {max_sensitivity:g} or less is of use on this table; "
-            "use controller: FF, or raise max_sensitivity"
+            "use controller: FF, raise max_sensitivity or lower command_weight"
         )
     return best
 
 
-def _least_sensitivity(block: Block, table: ComplexArray) -> float:
-    """Return the smallest |S| in the band of the disturbance."""
-    frequency = grid_hz(block.dt_s)
-    inside = (frequency >= DISTURBANCE_HZ[0]) & (frequency <= DISTURBANCE_HZ[1])
-    return float(np.abs(sensitivity(block, table, frequency))[inside].min())
+def _attempt(plant: Plant, gain: Array, noise: float, dt_s: float, table: Table) -> Feedback | None:
+    """Return the feedback for this noise, None when it has no observer."""
+    try:
+        return _judge(_regulator(plant, gain, noise, dt_s), table)
+    except InputError:
+        return None
 
 
-def _judge(block: Block, table: ComplexArray) -> Feedback:
-    """Return a feedback with its figures on the given table response (on grid_hz)."""
-    frequency = grid_hz(block.dt_s)
-    loop = table * block.response(frequency)[0, 0]
-    size = np.abs(1.0 / (1.0 + loop))
-    above = np.flatnonzero(np.abs(loop) > 1.0)
-    crossing = float(frequency[above[-1]]) if above.size else 0.0
-    peak = int(size.argmax())
-    return Feedback(block, float(size[peak]), float(frequency[peak]), crossing)
+def _keeps(found: Feedback, bandwidth_hz: float, max_sensitivity: float) -> bool:
+    """Tell whether a feedback keeps both limits, and is stable on the measured response if it is with the model."""
+    peak = max(found.measured.sensitivity_peak, found.modelled.sensitivity_peak)
+    return found.bandwidth_hz <= bandwidth_hz and peak <= max_sensitivity and found.same_side
+
+
+def _least_sensitivity(block: Block, table: Table, band_hz: tuple[float, float]) -> float:
+    """Return the smallest |S| in a band."""
+    inside = (table.frequency_hz >= band_hz[0]) & (table.frequency_hz <= band_hz[1])
+    return float(np.abs(sensitivity(block, table.measured, table.frequency_hz))[inside].min(initial=1.0))
+
+
+def _judge(block: Block, table: Table) -> Feedback:
+    """Return a feedback with its figures on a table."""
+    response = block.response(table.frequency_hz)[0, 0]
+    loop, modelled = table.measured * response, table.modelled * response
+    with_data = margins(loop, table.frequency_hz)
+    apart = np.abs((1.0 + loop) / (1.0 + modelled) - 1.0)  # below one it cannot go round zero (Rouche)
+    return Feedback(
+        block,
+        with_data,
+        margins(modelled, table.frequency_hz),
+        max(worst_sensitivity_peak(loop, table.relative_error), with_data.sensitivity_peak),
+        bool(apart.max() < 1.0),
+    )

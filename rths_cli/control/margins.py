@@ -51,7 +51,6 @@ def margins(loop: ComplexArray, frequency_hz: Array) -> Margins:
     unity = _crossings(size, np.zeros(size.x.size - 1))
     away = np.mod(phase(unity) + np.pi, 2.0 * np.pi)  # rad of further lag to -1, [0, 2 pi)
     factors = 1.0 / np.exp(size(_half_turns(phase)))
-    factors = factors[factors < 0.5 / LEAST_GAIN]
     peak, peak_hz = _peak(size, phase)
     return Margins(
         gain_margin=_smallest(factors[factors > 1.0]),

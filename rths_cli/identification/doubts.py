@@ -45,7 +45,7 @@ def not_held(candidates: Sequence[Candidate]) -> tuple[str, ...]:
 
 def late(model: Model, info: RigInfo) -> tuple[str, ...]:
     """Return a sentence when the data asked for more delay than the rig declares."""
-    declared = Timing(info.latency_samples, info.dt_s).delay_s
+    declared = Timing(info.latency_samples, info.dt_s, info.transport_s).delay_s
     if model.delay_s <= declared * (1.0 + 1e-9):
         return ()
     return (

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.identification import channels, doubts, friction, verdict
+from rths_cli.identification import channels, delay, doubts, friction, verdict
 from rths_cli.identification.channels import ChannelReport, UnfitRecord
+from rths_cli.identification.delay import DelayEstimate
 from rths_cli.identification.fit_table import Fit, FitError, Timing, fit_error, fit_paper, refit, within
 from rths_cli.identification.frf import Estimator, estimate, noise_floor, over_model, without_leakage
 from rths_cli.identification.friction import Friction
@@ -47,14 +48,15 @@ COHERENT, OCTAVE_SHARE = 0.5, 2.0 ** (1.0 / 6.0)
 @dataclass(frozen=True)
 class IdentificationSettings:
     """Bands in Hz of both models, length of the Hann segments (less in short records), the estimator, whether the
-    best model's roots carry the latency or an explicit delay does, whether the excitation acts on friction like noise,
-    and the errors that its fit must keep."""
+    best model's roots carry the latency or an explicit delay does, whether the sensors' corners are out of the records,
+    whether the excitation acts on friction like noise, and the errors that its fit must keep."""
 
     band_hz: tuple[float, float] = (0.5, 60.0)
     paper_band_hz: tuple[float, float] = (0.5, 12.0)
     segment_s: float = 20.0
     estimator: Estimator = "h1"
     latency_in_roots: bool = False
+    sensors_removed: bool = True
     like_noise: bool = True
     most: FitError = LIMITS
 
@@ -66,7 +68,7 @@ class Identification:
 
     `specimen` is from the excitation, `free_vibration` the same from the stretch of held command (None: there is
     none). `levels`: low against full level. `roots` are those of `best`, with uncertainties. `friction` is the table's
-    (None: the records do not tell).
+    (None: the records do not tell), `latency` the transport delay as the data see it.
     """
 
     frfs: tuple[Frf, ...]
@@ -84,6 +86,7 @@ class Identification:
     levels: tuple[LevelBand, ...]
     verdict: Verdict
     friction: Friction | None = None
+    latency: DelayEstimate | None = None
 
     @property
     def accepted(self) -> bool:
@@ -143,6 +146,8 @@ def identify(
     apart, said = _skew(records, chosen.model, info, masses, settings, specimen)
     error = fit_error(best, table)
     levels, ratio = _levels(chosen.model, table, quiet, settings), _level_ratio(records, quiet)
+    latency = delay.estimate((first, chosen), table, info, levels, ratio, settings.sensors_removed)
+    late = delay.doubts(latency) or (() if given else doubts.late(chosen.model, info))
     comparable = settings.like_noise and ratio >= LEAST_LEVELS
     warnings = [
         *channels.hum_warnings(seen),
@@ -152,7 +157,8 @@ def identify(
         *(() if comparable or quiet is None else (NOT_COMPARABLE,)),
         *doubts.differences(specimen, free),
         *said,
-        *([] if given else [*doubtful(chosen), *doubts.late(chosen.model, info), *doubts.not_held(candidates)]),
+        *([] if given else [*doubtful(chosen), *doubts.not_held(candidates)]),
+        *late,
     ]
     return Identification(
         frfs=(table, *frfs[1:]),
@@ -182,6 +188,7 @@ def identify(
             given is not None,
         ),
         friction=friction.estimate(records, chosen.model, info),
+        latency=latency,
     )
 
 
@@ -285,7 +292,7 @@ def _table(
     """Return the first fit, and the FRF it was made to."""
     omega = modal(masses, start.stiffness_n_per_m)[0] if len(masses) else np.zeros(0)
     modes = (omega / (2.0 * np.pi), start.damping_ratio)
-    found = first_fit(frf, modes, Timing(info.latency_samples, info.dt_s), settings.band_hz)
+    found = first_fit(frf, modes, Timing(info.latency_samples, info.dt_s, info.transport_s), settings.band_hz)
     exact, unexplained = _specimen_start(records, info, masses, settings, start, found.model)
     held = found.held_zeros if unexplained < NO_CHAIN else 0
     found = replace(found, parameters=_with_zeros(found, exact, masses), held_zeros=held)

@@ -34,15 +34,16 @@ class FitError:
 
 @dataclass(frozen=True)
 class Timing:
-    """When commands act: the loop's declared latency in samples of `dt_s`."""
+    """When commands act: the loop's declared latency in samples of `dt_s`, and what a link adds."""
 
     latency_samples: int
     dt_s: float
+    transport_s: float = 0.0
 
     @property
     def delay_s(self) -> float:
-        """Return the declared transport delay: latency and half a sample of hold."""
-        return (self.latency_samples + 0.5) * self.dt_s
+        """Return the declared transport delay: latency, half a sample of hold, and the link's."""
+        return (self.latency_samples + 0.5) * self.dt_s + self.transport_s
 
 
 @dataclass(frozen=True)

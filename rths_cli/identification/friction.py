@@ -110,7 +110,8 @@ def _spectra(record: Record, model: Model, info: RigInfo, count: int) -> _Spectr
     response: ComplexArray = model.response(f)
     table = table - model.ripple_m_s2_per_v * staircase(f, model.latency_samples, model.dt_s) * command
     velocity = _velocity(f, table, response * command)
-    delay_s = max(model.delay_s, Timing(info.latency_samples, info.dt_s).delay_s)
+    declared = Timing(info.latency_samples, info.dt_s, info.transport_s)
+    delay_s = max(model.delay_s, declared.delay_s)
     fine = max(2 * len(f), round(SIGN_RATE_HZ * duration_s))
     noise = record.parts.noise
     return _Spectra(

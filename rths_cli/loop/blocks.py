@@ -40,16 +40,18 @@ class Step(NamedTuple):
     shear_desired: float
     numerical: Linear  # ground acceleration, base shear (2,) -> interface accel, velocity, displacement (3,)
     feedforward: Linear  # desired accel, velocity, displacement (3,) -> command in V (1,)
-    feedback: Linear  # tracking error (1,) -> command in V (1,)
+    feedback: Linear  # tracking error, shortfall in V (2,), or the error alone (1,) -> command in V (1,)
     recent: Array  # (n_p + 1,) desired accelerations d[k] .. d[k + n_p]
     samples: Array  # (c,) raw samples in V
     corrected: Array  # (c,)
     estimated: Array  # (e,)
     ground: Array  # (2,) ground acceleration and base shear
     interface: Array  # (3,) desired absolute acceleration, velocity, displacement of the interface
-    error: Array  # (1,)
+    error: Array  # (2,) tracking error, and the feedback's part as applied less as wanted in V; or (1,)
     command: Array  # (2,) feedforward and feedback part in V
     shaping: Array  # (2,) rounding error carried over in V, and the size of a bit (0: no shaping)
+    command_limit_v: float  # the feedback's part is clipped so that the sum stays within,
+    feedback_limit_v: float  # and itself within this
     ripple_m_s2_per_v: float  # what the hold's staircase adds to a table sample per V of command change
     sent: Array  # (max(latency, 1) + 1,) commands that left, the latest first
 
@@ -81,9 +83,11 @@ def assemble(blocks: Blocks, source: int) -> Step:
         estimated=np.zeros(estimates),
         ground=np.zeros(2),
         interface=np.zeros(3),
-        error=np.zeros(1),
+        error=np.zeros(blocks.feedback.D.shape[1]),
         command=np.zeros(2),
         shaping=np.array([0.0, blocks.shaping_step_v]),
+        command_limit_v=float(blocks.command_limit_v),
+        feedback_limit_v=float(blocks.feedback_limit_v),
         ripple_m_s2_per_v=blocks.ripple_m_s2_per_v,
         sent=np.zeros(max(blocks.latency_samples, 1) + 1),
     )

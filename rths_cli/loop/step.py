@@ -90,6 +90,24 @@ def shape(s: Step, command: float) -> float:
 
 
 @part
+def apply_feedback(s: Step) -> None:
+    """Clip the feedback's part so that the command stays in its range, and let the feedback know what was applied.
+
+    A feedforward beyond the range is left to the guard: the feedback's part is then never made to oppose it.
+    """
+    forward, wanted = s.command[0], s.command[1]
+    highest = min(s.feedback_limit_v, max(s.command_limit_v - forward, 0.0))
+    lowest = max(-s.feedback_limit_v, min(-s.command_limit_v - forward, 0.0))
+    if wanted > highest:
+        s.command[1] = highest
+    elif wanted < lowest:
+        s.command[1] = lowest
+    if s.error.size > 1:
+        s.error[1] = s.command[1] - wanted
+    advance(s.feedback, s.error)
+
+
+@part
 def note_sent(s: Step, command: float) -> None:
     """Keep the command that left the guard: later samples carry the staircase of its hold."""
     for i in range(s.sent.size - 1, 0, -1):
@@ -119,8 +137,10 @@ def step(s: Step, drive: Array) -> float:
     s.error[0] = s.recent[0] - s.corrected[0]
     read_out(s.feedforward, s.interface, s.command[:1])
     advance(s.feedforward, s.interface)
+    if s.error.size > 1:
+        s.error[1] = 0.0
     read_out(s.feedback, s.error, s.command[1:])
-    advance(s.feedback, s.error)
+    apply_feedback(s)
     for i in range(lead):
         s.recent[i] = s.recent[i + 1]
     return shape(s, s.command[0] + s.command[1])

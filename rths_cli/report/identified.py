@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rths_cli.identification.channels import ChannelReport
+from rths_cli.identification.delay import DelayEstimate
 from rths_cli.identification.evaluate import Identification
 from rths_cli.identification.fit_table import COMPARED_HZ, MID_HZ, FitError
 from rths_cli.identification.verdict import LIMITS, Band, LevelBand, Root, Verdict
@@ -115,6 +116,7 @@ def _table(found: Identification) -> list[str]:
         labelled("table model", "command to acceleration, two zeros at the origin given"),
         *_structure(found),
         labelled("  transport delay", f"{delay} ms"),
+        *_identified_delay(found.latency),
         labelled("  lag, low frequency", f"{lag} ms (command to displacement, delay included)"),
         labelled("  gain, low frequency", f"{gain} mm/V"),
         labelled(
@@ -131,6 +133,15 @@ def _table(found: Identification) -> list[str]:
             ]
         ),
     ]
+
+
+def _identified_delay(latency: DelayEstimate | None) -> list[str]:
+    """Return the line on the delay that the data show beside free roots."""
+    if latency is None:
+        return []
+    seen = with_uncertainty(latency.identified_s, latency.error_s, 1e3)
+    declared = short(1e3 * latency.declared_s)
+    return [labelled("  delay as identified", f"{seen} ms, {declared} ms declared (latency, hold, transport)")]
 
 
 def _structure(found: Identification) -> list[str]:

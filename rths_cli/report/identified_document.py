@@ -50,6 +50,7 @@ def as_document(found: Identification, about: About) -> dict[str, Any]:
         "residuals": [asdict(band) for band in found.residuals],
         "levels": [_level(band) for band in found.levels],
         "friction": _friction(found),
+        "latency": asdict(found.latency) if found.latency else None,
     }
     return {key: _plain(value) for key, value in document.items()}
 

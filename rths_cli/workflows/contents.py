@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.control import latency
+from rths_cli.control.numerical import amplitude_and_lag
 from rths_cli.files.results import Dataset, Metric
 from rths_cli.workflows.figures import scalar
 
@@ -14,10 +15,11 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from rths_cli.analysis.sim import Response
+    from rths_cli.control.latency import LatencyBudget
+    from rths_cli.control.margins import Margins
     from rths_cli.files.results import ResultWriter
     from rths_cli.identification.evaluate import Identification
     from rths_cli.lti import Array
-    from rths_cli.structure import Specimen
     from rths_cli.workflows.controllers import Design
     from rths_cli.workflows.series import Series
     from rths_cli.workflows.setup import Setup
@@ -166,33 +168,74 @@ def design_figures(setup: Setup, identified: Identification, design: Design) -> 
     }
     if design.feedback is not None:
         values |= _feedback_figures(design)
-    return values | _latency_figures(setup, fit.specimen, design)
+    return values | _latency_figures(setup, identified, design)
 
 
 def _feedback_figures(design: Design) -> dict[str, Metric]:
+    """Return the feedback's margins with the measured response, with the model alone, and what its doubts may do."""
     found = design.feedback
     assert found is not None
-    return {
-        "feedback.sensitivity_peak": scalar(
-            found.sensitivity_peak, "1", "largest |1 / (1 + loop)|, FRF in its band, model outside"
-        ),
-        "feedback.bandwidth_hz": scalar(found.bandwidth_hz, "Hz", "highest frequency with a loop gain of one"),
-    }
+    values = _margins(found.measured, "", "FRF in its band, model outside")
+    values |= _margins(found.modelled, "_model", "model alone")
+    worst = "largest |S| when every line of the FRF is off by two standard errors in the worst direction"
+    values["feedback.sensitivity_peak_uncertain"] = scalar(found.worst_peak, "1", worst)
+    values["feedback.bandwidth_hz"] = scalar(found.bandwidth_hz, "Hz", "highest frequency with a loop gain of one")
+    return values
 
 
-def _latency_figures(setup: Setup, specimen: Specimen, design: Design) -> dict[str, Metric]:
-    """Return every latency of the loop and what takes it out."""
-    rig, shear = setup.rig, design.shear_now
-    lag, noise = latency.shear_response(design.blocks.estimator, shear, specimen, latency.FREQUENCIES_HZ)
-    listed = ", ".join(f"{f:g}" for f in latency.FREQUENCIES_HZ)
-    lead = design.blocks.lead_samples * rig.dt_s
-    return {
-        "latency.converter_s": scalar(latency.converter_s(rig), "s", "wait from samples to the hold they command"),
-        "latency.hold_s": scalar(latency.hold_s(rig), "s", "mean age of a held command"),
-        "latency.sensor_s": scalar(latency.sensor_s(rig), "s", "lag of the accelerometers' low pass, corrected"),
+def _margins(margins: Margins, suffix: str, where: str) -> dict[str, Metric]:
+    """Return the margins of one loop; infinite where nothing is crossed."""
+    figures = (
+        ("sensitivity_peak", margins.sensitivity_peak, "1", "largest |S| = |1 / (1 + loop)|"),
+        ("sensitivity_peak_hz", margins.peak_hz, "Hz", "where |S| is largest"),
+        ("gain_margin", margins.gain_margin, "1", "smallest factor > 1 on the loop gain that makes it unstable"),
+        ("gain_reduction_margin", margins.gain_reduction_margin, "1", "the same, dividing the loop gain"),
+        ("phase_margin_deg", margins.phase_margin_deg, "deg", "smallest change of phase that makes the loop unstable"),
+        ("delay_margin_s", margins.delay_margin_s, "s", "smallest further delay that makes the loop unstable"),
+    )
+    return {f"feedback.{name}{suffix}": scalar(value, unit, f"{text}, {where}") for name, value, unit, text in figures}
+
+
+def _latency_figures(setup: Setup, identified: Identification, design: Design) -> dict[str, Metric]:
+    """Return every latency of the loop, what takes it out and what is left, and the delay identified on the rig."""
+    assert identified.specimen is not None  # every case has experimental storeys
+    rig, blocks, specimen = setup.rig, design.blocks, identified.specimen.specimen
+    loop = latency.Loop(
+        rig, blocks, design.model, setup.building.numerical, specimen, design.shear_now, setup.removes_sensors,
+        setup.case.controller.kind != "none",
+    )  # fmt: skip
+    frequency = latency.FREQUENCIES_HZ
+    amplitude, _ = amplitude_and_lag(setup.building.numerical, blocks.numerical, frequency)
+    _, noise = latency.shear_response(blocks.estimator, design.shear_now, specimen, frequency)
+    lead, declared = blocks.lead_samples * rig.dt_s, latency.declared_s(rig)
+    values = {
+        **_budget_figures(latency.budget(loop)),
         "latency.predicted_s": scalar(lead, "s", "lead of the hybrid clock over the table"),
-        "latency.kalman_s": Metric(lag, "s", f"lag of the estimated base shear at {listed} Hz", "frequency"),
-        "latency.kalman_noise_gain": Metric(
-            noise, "1", f"noise of the estimated over noise of the raw base shear at {listed} Hz", "frequency"
-        ),
+        "latency.declared_s": scalar(declared, "s", "converter, hold and transport, as the rig declares them"),
+        "latency.integration_amplitude": _at_each(amplitude, "1", "amplitude error of the integration"),
+        "latency.kalman_noise_gain": _at_each(noise, "1", "noise of the estimated over noise of the raw base shear"),
     }
+    if identified.latency is None:
+        return values
+    about = "delay from command to table as identified beside free roots: converter, hold and transport"
+    return values | {
+        "latency.identified_s": scalar(identified.latency.identified_s, "s", about),
+        "latency.identified_error_s": scalar(identified.latency.error_s, "s", f"standard uncertainty of the {about}"),
+    }
+
+
+def _budget_figures(budget: LatencyBudget) -> dict[str, Metric]:
+    """Return the items of a latency budget and their sums, each (n_frequencies,) in s."""
+    values = {"latency.frequency_hz": Metric(budget.frequency_hz, "Hz", "frequencies of the budget", "frequency")}
+    for item in budget.items:
+        about, path = f"lag by {latency.MEANING[item.name]}", f"latency.{item.name}"
+        values[f"{path}_s"] = _at_each(item.delay_s, "s", about)
+        values[f"{path}_left_s"] = _at_each(item.left_s, "s", f"{about}: left by {item.taken_out_by}")
+    sums = (("total", budget.total_s), ("compensated", budget.compensated_s), ("left", budget.left_s))
+    return values | {f"latency.{name}_s": _at_each(s, "s", f"{name} latency of the loop") for name, s in sums}
+
+
+def _at_each(value: Array, units: str, about: str) -> Metric:
+    """Return a figure of one value per frequency of the budget."""
+    listed = ", ".join(f"{f:g}" for f in latency.FREQUENCIES_HZ)
+    return Metric(value, units, f"{about}, at {listed} Hz", "frequency")

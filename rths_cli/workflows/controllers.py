@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from rths_cli.control.estimator import Shear
     from rths_cli.identification.evaluate import Identification
     from rths_cli.lti import Block, Model
+    from rths_cli.rig_info import RigInfo
     from rths_cli.structure import Specimen
     from rths_cli.workflows.setup import Setup
 
@@ -52,6 +53,8 @@ def design_blocks(setup: Setup, identified: Identification) -> Design:
         shaping_step_v=setup.rig.converters.step_v if best else 0.0,
         ripple_m_s2_per_v=model.ripple_m_s2_per_v if best else 0.0,
         latency_samples=setup.rig.latency_samples,
+        command_limit_v=_command_limit_v(setup.rig),
+        feedback_limit_v=case.controller.feedback_limit_v or math.inf,
     )
     return Design(blocks, model, designed, _shear(setup, identified, 0, residual=0.0))
 
@@ -70,9 +73,20 @@ def _feedforward(model: Model, dt_s: float, lead: int, best: bool, driven: bool)
 
 def _feedback(setup: Setup, identified: Identification, model: Model) -> feedback.Feedback:
     controller = setup.case.controller
+    low, high = controller.disturbance_hz
     return feedback.design(
-        model, identified.frfs[0], setup.rig.dt_s, controller.feedback_bandwidth_hz, controller.max_sensitivity
+        model,
+        identified.frfs[0],
+        setup.rig.dt_s,
+        controller.feedback_bandwidth_hz,
+        controller.max_sensitivity,
+        feedback.Weights((low, high), controller.command_weight),
     )
+
+
+def _command_limit_v(rig: RigInfo) -> float:
+    """Return the largest command that a feedback may bring about: range or stroke, less a bit for rounding."""
+    return min(rig.converters.range_v, rig.limits.stroke_m / rig.gain_m_per_v) - rig.converters.step_v
 
 
 def _estimator(setup: Setup, specimen: Specimen, lead: int) -> Block:

@@ -80,6 +80,7 @@ def evaluation_settings(options: IdentificationSpec) -> IdentificationSettings:
         paper_band_hz=(low, default.paper_band_hz[1]),
         estimator=options.estimator,
         latency_in_roots=options.latency == "kept",
+        sensors_removed=options.sensor_dynamics == "removed",
         like_noise=options.excitation in ("noise", "multisine"),
     )
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from rths_cli.files.hdf5 import Dataset
 from rths_cli.identification.channels import ChannelReport
+from rths_cli.identification.delay import DelayEstimate
 from rths_cli.identification.evaluate import Identification
 from rths_cli.identification.fit_table import FitError
 from rths_cli.identification.friction import Friction
@@ -62,6 +63,8 @@ def to_groups(found: Identification, names: tuple[str, ...]) -> Groups:
             groups[f"specimen/{where}"] = {**_flat(fit, "mode"), **_flat(fit.specimen)}
     if found.friction is not None:
         groups["friction"] = _flat(found.friction)
+    if found.latency is not None:
+        groups["latency"] = _flat(found.latency)
     for table in TABLES:
         rows = getattr(found, table)
         if rows:
@@ -84,6 +87,7 @@ def from_groups(groups: Mapping[str, Values], names: tuple[str, ...]) -> Identif
         free_vibration=_specimen(groups.get("specimen/free_vibration")),
         verdict=_made(Verdict, groups["verdict"]),
         friction=_made(Friction, groups["friction"]) if "friction" in groups else None,
+        latency=_made(DelayEstimate, groups["latency"]) if "latency" in groups else None,
         **tables,
     )
 

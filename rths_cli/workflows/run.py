@@ -223,7 +223,7 @@ def _acceptance(case: Case, values: dict[str, Metric]) -> Stop:
         if index and int(index[:-1]) > value.size:
             failed.append(f"{path}: the figure has {value.size} value{'s' if value.size > 1 else ''}")
             continue
-        chosen = value[int(index[:-1]) - 1] if index else np.max(value)
-        if not chosen <= limit:
-            failed.append(f"{path} = {chosen:.4g} is above its accept limit {limit:g}")
+        chosen = value[int(index[:-1]) - 1] if index else value[np.argmax(np.abs(value))]
+        if not abs(chosen) <= limit:  # a signed figure is limited either way
+            failed.append(f"{path} = {chosen:.4g} is beyond its accept limit {limit:g}")
     return Stop("complete", "; ".join(failed), 1 if failed else 0)

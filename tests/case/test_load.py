@@ -219,11 +219,44 @@ def test_settings_reach_keys_defaults_and_short_forms(write) -> None:
         ("a..b=1", "--set a..b: must be key=value"),
         ("scaling.x=1", "--set scaling.x: must be a number, got a mapping"),
         ("controller=ff", "--set controller: must be FF, FF+FB or none, got 'ff'"),
+        ("controller.command_weight=0", "--set controller.command_weight: must be >= 0.001 and <= 10, got 0"),
+        ("controller.feedback_limit_v=0", "--set controller.feedback_limit_v: must be > 0 and <= 1000, got 0"),
+        (
+            "controller.disturbance_hz=[1]",
+            "--set controller.disturbance_hz: must be the two ends of a band in Hz, such as [1, 12], got 1 entries",
+        ),
+        ("controller.disturbance_hz=12", "--set controller.disturbance_hz: must be a list, got 12"),
+        (
+            "controller.disturbance_hz=[0, 12]",
+            "--set controller.disturbance_hz: controller.disturbance_hz[1]: must be >= 0.05 and <= 500, got 0",
+        ),
+        (
+            "controller.disturbance_hz=[12, 1]",
+            "--set controller.disturbance_hz: must be a band of an octave or more, its lower end first, got 12 to 1 Hz",
+        ),
+        (
+            "controller={kind: FF+FB, disturbance_hz: [7, 13]}",
+            "--set controller: controller.disturbance_hz: must be a band of an octave or more, its lower",
+        ),
     ],
 )
 def test_a_fault_of_a_setting_names_the_setting(faults_of, setting: str, fault: str) -> None:
     found = faults_of(settings=(setting,))
     assert found[0].startswith(fault) and len(found) == 1
+
+
+def test_the_feedback_removes_nothing_beyond_half_the_sample_rate(faults_of) -> None:
+    found = faults_of(settings=("sample_rate_hz=400", "controller.disturbance_hz=[1, 200]"))
+    assert list(found) == ["--set controller.disturbance_hz: must be < 200, half the sample rate, got 200"]
+
+
+def test_the_feedback_weights_have_defaults(write) -> None:
+    (case,) = load_cases([write()])
+    controller = case.controller
+    assert (controller.disturbance_hz, controller.command_weight) == ((1.0, 12.0), 0.01)
+    assert controller.feedback_limit_v is None
+    (case,) = load_cases([write()], ["controller.disturbance_hz=[0.5, 1]", "controller.feedback_limit_v=2"])
+    assert (case.controller.disturbance_hz, case.controller.feedback_limit_v) == ((0.5, 1.0), 2.0)
 
 
 def test_paths_are_relative_to_the_file_that_names_them(lab: Path, write) -> None:

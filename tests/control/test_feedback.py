@@ -2,23 +2,43 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from bench import DT_S, LINEAR, held, linear_table, specimen
 from hybrid import true_model
 
 from rths_cli.control import feedback
-from rths_cli.control.feedback import design, grid_hz, is_stable, lqg, none, sampled_table, sensitivity
+from rths_cli.control.feedback import (
+    DEFAULT,
+    Feedback,
+    Weights,
+    design,
+    grid_hz,
+    is_stable,
+    lqg,
+    none,
+    sampled_table,
+    sensitivity,
+    unlimited,
+)
 from rths_cli.errors import InputError
 from rths_cli.lti import Array, Block, Frf, Model
 
 MODEL = true_model(1.5 * DT_S)
-GRID = grid_hz(DT_S)
+GRID = grid_hz(MODEL, DT_S)
+
+
+@cache
+def designed(wanted_hz: float | None = 20.0, limit: float = 1.5, weights: Weights = DEFAULT) -> Feedback:
+    """Return a design on the model alone."""
+    return design(MODEL, None, DT_S, wanted_hz, limit, weights)
 
 
 def loop_radius(model: Model, block: Block) -> float:
     """Return how the sampled closed loop grows per step, by running it from a random state."""
-    t = sampled_table(model, DT_S)
+    t, block = sampled_table(model, DT_S), unlimited(block)
     table, state = np.random.default_rng(0).standard_normal(len(t.A)), np.zeros(len(block.A))
     size = []
     for k in range(20000):
@@ -45,7 +65,7 @@ def riccati_residual(a: Array, b: Array, q: Array, r: Array, s: Array, gain: Arr
 
 
 def test_the_gain_is_the_fixed_point_of_its_riccati_recursion() -> None:
-    a, b, c, direct, drive, drive_direct = feedback._plant(MODEL, DT_S)
+    a, b, c, direct, drive, drive_direct = feedback._plant(MODEL, DT_S, DEFAULT)
     cost = direct.T @ direct + 3.0
     gain = feedback._riccati_gain(a, b, c.T @ c, cost, c.T @ direct)
     assert riccati_residual(a, b, c.T @ c, cost, c.T @ direct, gain) < 1e-6
@@ -91,14 +111,14 @@ def test_instability_is_seen() -> None:
 
 @pytest.mark.parametrize("wanted_hz", [None, 20.0, 8.0])
 def test_a_design_keeps_its_promises(wanted_hz: float | None) -> None:
-    found = design(MODEL, None, DT_S, wanted_hz, 1.5)
+    found = designed(wanted_hz)
     assert 0.9 * (wanted_hz or 40.0) <= found.bandwidth_hz <= (wanted_hz or 40.0)
     fine = np.geomspace(0.05, 450.0, 4000)
     loop = MODEL.response(fine) * found.block.response(fine)[0, 0]
     peaks = np.abs(1.0 / (1.0 + loop))
-    assert found.sensitivity_peak == pytest.approx(peaks.max(), rel=1e-3)
-    assert found.peak_hz == pytest.approx(fine[peaks.argmax()], rel=0.03)
-    assert found.bandwidth_hz == pytest.approx(fine[np.abs(loop) > 1.0].max(), rel=0.012)
+    assert found.sensitivity_peak == pytest.approx(peaks.max(), rel=1e-4)
+    assert found.measured.peak_hz == pytest.approx(fine[peaks.argmax()], rel=0.03)
+    assert found.bandwidth_hz == pytest.approx(fine[np.abs(loop) > 1.0].max(), rel=3e-3)
     assert found.sensitivity_peak <= 1.5
     assert loop_radius(MODEL, found.block) < 1.0
     inside = (fine > 2.0) & (fine < 10.0)
@@ -106,7 +126,7 @@ def test_a_design_keeps_its_promises(wanted_hz: float | None) -> None:
 
 
 def test_a_tight_sensitivity_limit_slows_the_feedback_down() -> None:
-    wide, tight = (design(MODEL, None, DT_S, 35.0, limit) for limit in (1.5, 1.18))
+    wide, tight = (designed(35.0, limit) for limit in (1.5, 1.18))
     assert tight.sensitivity_peak <= 1.18 < wide.sensitivity_peak
     assert tight.bandwidth_hz < wide.bandwidth_hz
 
@@ -117,12 +137,12 @@ def test_a_slow_loop_still_gets_the_feedback_that_exists(dt_s: float, samples: i
     found = design(late, None, dt_s, None, 1.5)
     assert found.sensitivity_peak <= 1.5
     t = sampled_table(late, dt_s)
-    k = found.block
+    k = unlimited(found.block)
     closed = np.block([[t.A - t.B @ k.D @ t.C, t.B @ k.C], [-k.B @ t.C, k.A]])
     assert np.abs(np.linalg.eigvals(closed)).max() < 1.0
     band = np.linspace(1.0, 12.0, 100)
     assert np.abs(sensitivity(k, late.response(band), band)).min() < 0.9
-    assert found.peak_hz < 0.5 / dt_s
+    assert found.measured.peak_hz < 0.5 / dt_s
 
 
 def test_an_impossible_limit_is_one_sentence() -> None:
@@ -133,18 +153,140 @@ def test_an_impossible_limit_is_one_sentence() -> None:
     assert "max_sensitivity" in sentence
 
 
+def test_weights_without_a_solution_are_one_sentence() -> None:
+    with pytest.raises(InputError) as caught:
+        design(MODEL, None, DT_S, None, 1.5, Weights((1.0, 12.0), 1e-9))
+    assert len(caught.value.faults) == 1
+    assert "larger command_weight" in caught.value.faults[0]
+
+
 def test_the_measured_response_replaces_the_model_inside_its_band_only() -> None:
     frequency = np.linspace(0.4, 70.0, 700)
-    measured = Frf(frequency, 1.3 * MODEL.response(frequency), np.ones(700), np.zeros(700), 10)
+    measured = Frf(frequency, 1.3 * MODEL.response(frequency), np.ones(700), np.full(700, 0.02), 10)
     table = feedback.table_response(MODEL, measured, DT_S)
-    ratio = table / MODEL.response(GRID)
+    assert np.array_equal(table.frequency_hz, GRID)
+    assert np.array_equal(table.modelled, MODEL.response(GRID))
+    ratio = table.measured / table.modelled
     inside = (GRID >= 0.5) & (GRID <= 60.0)
     assert ratio[inside] == pytest.approx(np.full(inside.sum(), 1.3), rel=1e-9)
     assert ratio[~inside] == pytest.approx(np.ones((~inside).sum()), rel=1e-12)
+    assert table.relative_error[inside] == pytest.approx(0.02)
+    assert not table.relative_error[~inside].any()
     louder = design(MODEL, measured, DT_S, 20.0, 1.5)
     assert louder.bandwidth_hz <= 20.0
     level = np.abs(louder.block.response(np.array([20.0]))[0, 0])
-    assert level < 0.9 * np.abs(design(MODEL, None, DT_S, 20.0, 1.5).block.response(np.array([20.0]))[0, 0])
+    assert level < 0.9 * np.abs(designed().block.response(np.array([20.0]))[0, 0])
+
+
+def closed_radius(model: Model, block: Block, gain: float = 1.0, delay: int = 0) -> float:
+    """Return the spectral radius of table and feedback with another loop gain and further samples of delay."""
+    t, k = sampled_table(model, DT_S), unlimited(block)
+    for _ in range(delay):
+        t = feedback._delayed(t, 1)
+    closed = np.block([[t.A, gain * t.B @ k.C], [-k.B @ t.C, k.A - gain * k.B @ t.D @ k.C]])
+    return float(np.abs(np.linalg.eigvals(closed)).max())
+
+
+@pytest.mark.parametrize("samples", [1, 4])
+def test_the_margins_are_where_the_sampled_loop_turns_unstable(samples: int) -> None:
+    """Factors on the gain and whole samples of delay, by the eigenvalues of the closed loop."""
+    model = true_model((samples + 0.5) * DT_S)
+    found = design(model, None, DT_S, None, 1.5)
+    assert found.measured == found.modelled
+    factor = found.modelled.gain_margin
+    assert closed_radius(model, found.block, 0.97 * factor) < 1.0 < closed_radius(model, found.block, 1.03 * factor)
+    whole = int(found.modelled.delay_margin_s / DT_S)
+    assert closed_radius(model, found.block, 1.0, whole - 1) < 1.0 < closed_radius(model, found.block, 1.0, whole + 1)
+
+
+def test_lines_at_which_the_table_is_louder_slow_the_feedback_down() -> None:
+    """The limit holds on the measured response and on the model alone, whichever is worse."""
+    frequency = np.linspace(0.4, 70.0, 1400)
+    bump = 1.0 + 1.2 * np.exp(-(((frequency - 25.0) / 4.0) ** 2)) * np.exp(-2.3j)
+    measured = Frf(frequency, bump * MODEL.response(frequency), np.ones(1400), np.zeros(1400), 10)
+    alone, found = (design(MODEL, frf, DT_S, None, 1.25) for frf in (None, measured))
+    fine = np.linspace(0.5, 60.0, 5000)
+    table = np.interp(fine, frequency, bump.real) + 1j * np.interp(fine, frequency, bump.imag)
+    table = table * MODEL.response(fine)
+    assert np.abs(sensitivity(alone.block, table, fine)).max() > 1.3
+    assert np.abs(sensitivity(found.block, table, fine)).max() <= 1.2501
+    assert np.abs(sensitivity(found.block, MODEL.response(fine), fine)).max() <= 1.2501
+    assert found.measured.sensitivity_peak != pytest.approx(found.modelled.sensitivity_peak, rel=1e-3)
+
+
+def test_a_model_that_is_worse_than_the_data_counts_too() -> None:
+    """Measured half as loud as the model: on the data alone the feedback could be faster than the model permits."""
+    late, frequency = true_model(4.5 * DT_S), np.linspace(0.4, 250.0, 5000)
+    late = Model(late.zeros, late.poles, late.gain, late.delay_s, (0.5, 240.0), 0.0, 1, DT_S)
+    quiet = Frf(frequency, 0.5 * late.response(frequency), np.ones(5000), np.zeros(5000), 10)
+    found = design(late, quiet, DT_S, None, 1.1)
+    fine = np.geomspace(0.05, 450.0, 4000)
+    assert np.abs(sensitivity(found.block, late.response(fine), fine)).max() <= 1.1001
+    assert found.modelled.sensitivity_peak > 1.02 * found.measured.sensitivity_peak
+
+
+def test_doubtful_lines_raise_the_stated_peak_by_what_they_may_hide() -> None:
+    frequency = np.linspace(0.4, 70.0, 1400)
+    measured = Frf(frequency, MODEL.response(frequency), np.ones(1400), np.full(1400, 0.2), 10)
+    found = design(MODEL, measured, DT_S, 20.0, 1.5)
+    loop = MODEL.response(GRID) * found.block.response(GRID)[0, 0]
+    error = np.where((GRID >= 0.5) & (GRID <= 60.0), 0.4, 0.0)[:, None] * np.exp(2j * np.pi * np.arange(360) / 360)
+    worst = np.abs(1.0 / (1.0 + loop[:, None] * (1.0 + error))).max()
+    assert found.worst_peak == pytest.approx(max(worst, found.sensitivity_peak), rel=1e-3)
+    assert found.worst_peak > 1.02 * found.sensitivity_peak
+
+
+def test_a_measured_loop_that_goes_round_is_no_feedback() -> None:
+    """A table with the opposite sign, quiet enough to keep the sensitivity limit, would be fed back positively."""
+    frequency = np.linspace(0.01, 400.0, 8000)
+    wide = true_model(1.5 * DT_S)
+    wide = Model(wide.zeros, wide.poles, wide.gain, wide.delay_s, (0.05, 390.0), 0.0, 1, DT_S)
+    opposite = Frf(frequency, -8.0 * wide.response(frequency), np.ones(8000), np.zeros(8000), 10)
+    strong = design(wide, None, DT_S, 20.0, 1.5).block
+    assert not feedback._judge(strong, feedback.table_response(wide, opposite, DT_S)).same_side
+    assert feedback._judge(strong, feedback.table_response(wide, None, DT_S)).same_side
+
+
+def test_the_observer_follows_the_command_that_was_applied() -> None:
+    """Written out: the state of the plant's observer, driven by what was applied and by the error that was measured."""
+    model, noise = true_model(0.5 * DT_S), 0.5
+    block = lqg(model, noise, DT_S)
+    a, b, c, d, drive, drive_direct = feedback._plant(model, DT_S, DEFAULT)
+    b, d = b[:, 0], float(d[0, 0])
+    variance = drive_direct @ drive_direct.T + noise**2
+    gain = feedback._riccati_gain(a.T, c.T, drive @ drive.T, variance, drive @ drive_direct.T)[0]
+    random, limit = np.random.default_rng(4), 0.02
+    state, estimate, clipped = np.zeros(len(a)), np.zeros(len(a)), 0
+    for error in 3.0 * random.standard_normal(400):
+        wanted = float(block.C[0] @ state)
+        applied = float(np.clip(wanted, -limit, limit))
+        clipped += applied != wanted
+        assert state == pytest.approx(estimate, rel=1e-9, abs=1e-12)
+        state = block.A @ state + block.B @ np.array([error, applied - wanted])
+        estimate = a @ estimate + b * applied + gain * (-error - c[0] @ estimate - d * applied)
+    assert 100 < clipped < 400
+
+
+def test_a_table_with_a_direct_path_is_told_through_the_observer_too() -> None:
+    """The shortfall enters by B - L D: with a direct path the two differ."""
+    model = true_model(0.0)
+    model = Model(model.zeros, model.poles[:6], model.gain / np.prod(-model.poles[6:]).real, 0.0, (0.5, 60.0))
+    a, b, c, d, drive, drive_direct = feedback._plant(model, DT_S, DEFAULT)
+    assert abs(d[0, 0]) > 1e-3
+    variance = drive_direct @ drive_direct.T + 1.0
+    gain = feedback._riccati_gain(a.T, c.T, drive @ drive.T, variance, drive @ drive_direct.T).T
+    assert np.array_equal(lqg(model, 1.0, DT_S).B[:, 1:], b - gain @ d)
+
+
+@pytest.mark.parametrize(
+    ("weights", "band"), [(Weights((1.0, 12.0), 0.3), (2.0, 10.0)), (Weights((20.0, 40.0), 0.01), (1.0, 2.0))]
+)
+def test_other_weights_remove_less_where_the_default_works(weights: Weights, band: tuple[float, float]) -> None:
+    """A dearer command, or a disturbance elsewhere: same limit on |S|, less taken off the error in the band."""
+    f = np.linspace(*band, 50)
+    plain, other = (designed(20.0, 1.5, w).block for w in (DEFAULT, weights))
+    size = [np.abs(sensitivity(block, MODEL.response(f), f)).mean() for block in (plain, other)]
+    assert size[1] > 1.05 * size[0]
 
 
 def test_no_feedback_is_zero() -> None:

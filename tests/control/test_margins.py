@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from rths_cli.control.margins import Margins, margins, worst_sensitivity_peak
 from rths_cli.lti import Array, ComplexArray
@@ -54,6 +55,20 @@ def test_a_lead_that_ends_stability_is_a_phase_margin_too() -> None:
     assert found.phase_margin_deg == pytest.approx(np.rad2deg(min(lag_left, 2.0 * np.pi - lag_left)), rel=1e-4)
     assert found.delay_margin_s == pytest.approx(lag_left / crossing, rel=1e-4)
     assert found.gain_reduction_margin == np.inf
+
+
+def test_a_loop_that_rises_through_one_is_nearest_by_lead() -> None:
+    """L = k s^2 / (s + 1)^3 is stable for every k > 0; at its lower crossing 3 atan(w) of lead make it half a turn."""
+    k = 10.0
+    found = of(k * S**2 / (S + 1.0) ** 3)
+    w = brentq(lambda x: k * x**2 - (1.0 + x**2) ** 1.5, 0.1, 1.0)
+    upper = brentq(lambda x: k * x**2 - (1.0 + x**2) ** 1.5, 2.0, 100.0)
+    assert found.phase_margin_deg == pytest.approx(
+        np.rad2deg(min(3.0 * np.arctan(w), 2.0 * np.pi - 3.0 * np.arctan(upper))), rel=1e-4
+    )
+    lag = np.array([2.0 * np.pi - 3.0 * np.arctan(w), 2.0 * np.pi - 3.0 * np.arctan(upper)])
+    assert found.delay_margin_s == pytest.approx((lag / [w, upper]).min(), rel=1e-4)
+    assert np.rad2deg(3.0 * np.arctan(w)) < 60.0
 
 
 def test_of_several_crossings_the_tightest_counts() -> None:

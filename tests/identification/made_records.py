@@ -33,14 +33,17 @@ def make_specimen(
     return Specimen(masses, K, modal_damping_matrix(masses, K, ratios))
 
 
-def make_info(specimen: Specimen, bits: int = 16, dt_s: float = 5e-4, stroke_m: float = 0.079) -> RigInfo:
+def make_info(
+    specimen: Specimen, bits: int = 16, dt_s: float = 5e-4, stroke_m: float = 0.079, latency_samples: int = 1
+) -> RigInfo:
     """Return what a laboratory knows of the default rig."""
     names = ["table", *(f"floor_{i + 1}" for i in range(len(specimen.masses_kg)))]
     range_m_s2 = 5.0 * STANDARD_GRAVITY_M_S2
     channels = tuple(Channel(name, 1.0 / STANDARD_GRAVITY_M_S2, range_m_s2, 0.024, 1549.0) for name in names)
     limits = Limits(stroke_m, 1.0, 45.0, 445.0)
     payload = float(specimen.masses_kg.sum())
-    return RigInfo("aps", "virtual", dt_s, channels, Converters(bits, 10.0), 1, limits, 0.0079, 7.0, payload)
+    converters = Converters(bits, 10.0)
+    return RigInfo("aps", "virtual", dt_s, channels, converters, latency_samples, limits, 0.0079, 7.0, payload)
 
 
 @dataclass(frozen=True)
@@ -59,9 +62,9 @@ class Excited:
         return Record(self.command_v, self.corrected, self.plan.parts)
 
 
-def excite(specimen: Specimen, seed: int, duration_s: float = 60.0) -> Excited:
-    """Play a planned excitation on the default table."""
-    info = make_info(specimen)
+def excite(specimen: Specimen, seed: int, duration_s: float = 60.0, info: RigInfo | None = None) -> Excited:
+    """Play a planned excitation on the default table, or on one of another latency or rate."""
+    info = info or make_info(specimen)
     excitation = plan(info, ExcitationSettings(duration_s=duration_s), seed)
     channels = len(info.channels)
     blocks = Blocks(

@@ -174,7 +174,7 @@ def closed_loop(info: RigInfo, blocks: Blocks, interface_mass_kg: float = 0.0) -
     assert np.allclose(interface[0], desired)
     interface[1:] += rows("input")[1:]
     recent = np.vstack([rows("recent"), desired])
-    error = (recent[0] - corrected[0])[None]
+    error = np.vstack([recent[0] - corrected[0], np.zeros(signal.width)])  # no limit acts: no shortfall
     command = output(blocks.feedforward, interface) + output(blocks.feedback, error)
     queue = np.vstack([rows("queue"), command])
     following_rows = [

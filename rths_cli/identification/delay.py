@@ -1,0 +1,121 @@
+"""The transport delay as the data see it: a free delay beside the table's roots, with its uncertainty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rths_cli.errors import InputError
+from rths_cli.identification.fit_table import Fit, Timing, fit, problem_of
+from rths_cli.identification.systematic import shifts
+from rths_cli.identification.verdict import LevelBand
+from rths_cli.lti import Array, ComplexArray, Frf
+from rths_cli.rig_info import RigInfo
+
+REACH_S = 0.01  # by so much the delay may be shorter than the model's
+ROUNDS = 2  # the second knows which command's staircase a sample carries
+WORTH = 0.9  # a larger structure must leave this share of the smaller one's misfit
+SIGMA, SEEN_S = 3.0, 1e-4  # standard uncertainties and time between declared and identified delay, to be said
+
+
+@dataclass(frozen=True)
+class DelayEstimate:
+    """Delay from command to table in s, as identified, with its standard uncertainty, and as the rig declares it
+    (latency, half a sample of hold, transport)."""
+
+    identified_s: float
+    error_s: float
+    declared_s: float
+
+
+def estimate(
+    fits: tuple[Fit, ...], table: Frf, info: RigInfo, levels: tuple[LevelBand, ...] = (), level_ratio: float = np.inf,
+    sensors_removed: bool = True,
+) -> DelayEstimate | None:  # fmt: skip
+    """Estimate the delay beside the roots of a fit to the table's response; None where the data cannot tell.
+
+    `fits`: structures with an explicit delay, the smallest first; a larger one counts only where it leaves less. The
+    standard uncertainty is that of the Gauss-Newton curvature with all roots free, times the misfit, and what friction
+    and a hundredth of a sample in the channels' timing may add.
+    """
+    channel = channel_response(info, table.frequency_hz, sensors_removed)
+    bare = replace(table, response=table.response / channel)
+    try:
+        found = _smallest([_free(each, bare) for each in _distinct(fits)], bare)
+    except InputError:
+        return None
+    column = found.layout.size - 1
+    extra_s = found.model.delay_s - found.layout.delay_s
+    moved = shifts(found, bare, levels, level_ratio)[column]
+    error_s = extra_s * float(np.hypot(np.sqrt(found.covariance[column, column]), moved))
+    return DelayEstimate(found.model.delay_s, error_s, declared(info)) if error_s < REACH_S else None
+
+
+def declared(info: RigInfo) -> float:
+    """Return the delay from command to table in s that a rig declares."""
+    return Timing(info.latency_samples, info.dt_s, info.transport_s).delay_s
+
+
+def channel_response(info: RigInfo, frequency_hz: Array, sensors_removed: bool) -> ComplexArray:
+    """Return what the hold's and the table channel's known amplitudes add to the response, (n,), half a sample apart.
+
+    The hold is a sinc; of the sensor's corners the correction (a first-order lead of the samples) leaves a little.
+    Without this they would count as lag: 7 and 17 us at 2 kHz.
+    """
+    channel, s = info.channels[0], 2j * np.pi * frequency_hz
+    value = np.sinc(frequency_hz * info.dt_s).astype(complex)
+    if channel.low_pass_hz > 0.0:
+        corner_s = 1.0 / (2.0 * np.pi * channel.low_pass_hz)
+        lead = 1.0 + corner_s / info.dt_s * (1.0 - np.exp(-s * info.dt_s)) if sensors_removed else 1.0
+        value = value * lead / (1.0 + s * corner_s)
+    return value if sensors_removed else value * s / (s + 2.0 * np.pi * channel.high_pass_hz)
+
+
+def _free(known: Fit, table: Frf) -> Fit:
+    """Return the fit of the same structure with a free delay, up to REACH_S shorter than the model's."""
+    layout = replace(known.layout, delay_s=known.model.delay_s - REACH_S, fits_delay=True)
+    roots, ripple = known.parameters[: layout.size - 1], known.parameters[known.layout.size :]
+    found = replace(known, layout=layout, parameters=np.concatenate([roots, [np.log(REACH_S)], ripple]))
+    for _ in range(ROUNDS):
+        dt = known.model.dt_s
+        timing = Timing(max(round(found.model.delay_s / dt - 0.5), 0), dt)
+        found = fit(table, layout, found.parameters, timing, known.model.band_hz, True, known.held_zeros)
+    return found
+
+
+def _distinct(fits: tuple[Fit, ...]) -> list[Fit]:
+    """Return fits of different structures, without those whose roots carry the delay."""
+    kinds = {(each.layout, each.held_zeros): each for each in fits if each.layout.delay_s > 0.0}
+    return list(kinds.values())
+
+
+def _smallest(fits: list[Fit], table: Frf) -> Fit:
+    """Return the first fit that no later one beats clearly."""
+    best = fits[0]
+    for other in fits[1:]:
+        if _misfit(other, table) < WORTH * _misfit(best, table):
+            best = other
+    return best
+
+
+def _misfit(found: Fit, table: Frf) -> float:
+    """Return the rms weighted residual of a fit."""
+    model = found.model
+    timing = Timing(model.latency_samples, model.dt_s)
+    residual = problem_of(table, found.layout, timing, model.band_hz, ripple=True).residual(found.parameters)
+    return float(np.linalg.norm(residual))
+
+
+def doubts(found: DelayEstimate | None) -> tuple[str, ...]:
+    """Return a sentence when identified and declared delay differ clearly."""
+    if found is None:
+        return ()
+    late_s = found.identified_s - found.declared_s
+    if abs(late_s) <= max(SIGMA * found.error_s, SEEN_S):
+        return ()
+    return (
+        f"delay: the data show {1e3 * found.identified_s:.3f} +- {2e3 * found.error_s:.3f} ms from command to table, "
+        f"{1e3 * found.declared_s:.3f} ms are declared (latency, half a sample of hold, transport); check "
+        "converters.latency_samples and the channels' timing",
+    )

@@ -37,7 +37,7 @@ class LoopResponse:
 
     @property
     def loop(self) -> ComplexArray:
-        """Return the loop gain (m,) broken at the command, negative feedback: what gain and delay of the table act on."""
+        """Return the loop gain (m,) broken at the command, negative feedback: gain and delay of the table act on it."""
         return self._loop(self.rig)
 
     def with_rig(self, factor: ComplexArray) -> ComplexArray:

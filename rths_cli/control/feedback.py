@@ -17,6 +17,8 @@ NOISE_RANGE = (1e-3, 1e3)
 BISECTIONS = 14
 BAND_SHARE = 2.0 / 3.0  # of the identified band: the highest bandwidth a model is trusted with
 LEAST_USE = 0.9
+DOUBTFUL = 0.1  # relative error of a line that says nothing of the loop
+LAST_LINES = 20  # of the measured response, from which the model goes on
 AROUND_ROOT = np.linspace(-4.0, 4.0, 25)  # half widths of a resonance at which a loop is judged
 
 Plant = tuple[Array, Array, Array, Array, Array, Array]
@@ -35,7 +37,7 @@ DEFAULT = Weights()
 
 @dataclass(frozen=True)
 class Table:
-    """The identified table on which a loop is judged, (n,) each: `measured` where it was, the model elsewhere;
+    """The identified table on which a loop is judged, (n,) each: `measured` where it was, the model's way elsewhere;
     `modelled` everywhere the model; `relative_error`: standard error of |measured| over |measured|, 0 elsewhere."""
 
     frequency_hz: Array
@@ -184,21 +186,29 @@ def grid_hz(model: Model, dt_s: float) -> Array:
 
 
 def table_response(model: Model, measured: Frf | None, dt_s: float) -> Table:
-    """Return the table's response on grid_hz: measured inside the model's band, less its alias; the model outside."""
+    """Return the table's response on grid_hz: measured, less its alias, as far as good lines reach; below, the model.
+
+    Above, the model goes on from the last lines. Where its roots stand for a part of the rig's declared latency they do
+    so in their band only: there it is late by that part, and falls no faster than 1 / sqrt(f).
+    """
     grid = grid_hz(model, dt_s)
     modelled = model.response(grid)
-    if measured is None:
+    good = np.zeros(0, dtype=bool) if measured is None else measured.relative_error <= DOUBTFUL
+    if measured is None or not good.any():
         return Table(grid, modelled, modelled, np.zeros(grid.size))
-    lowest, highest = model.band_hz
-    inside = (lowest <= grid) & (highest >= grid)
-    frequency = measured.frequency_hz
+    frequency, error = measured.frequency_hz[good], measured.relative_error[good]
     alias = model.ripple_m_s2_per_v * staircase(frequency, model.latency_samples, model.dt_s)
-    ratio = (measured.response - alias) / model.response(frequency)
-    real, imag, error = (
-        np.interp(grid, frequency, values) for values in (ratio.real, ratio.imag, measured.relative_error)
-    )
-    response = np.where(inside, modelled * (real + 1j * imag), modelled)
-    return Table(grid, response, modelled, np.where(inside, error, 0.0))
+    ratio = (measured.response[good] - alias) / model.response(frequency)
+    real, imag = (np.interp(grid, frequency, v, left=u) for v, u in ((ratio.real, 1.0), (ratio.imag, 0.0)))
+    inside = (grid >= frequency[0]) & (grid <= frequency[-1])
+    untold_s = max((model.latency_samples + 0.5) * dt_s - model.delay_s, 0.0)
+    beyond = np.where(grid > frequency[-1], grid - frequency[-1], 0.0)
+    joined = np.where(beyond > 0.0, ratio[-LAST_LINES:].mean(), real + 1j * imag)
+    response = modelled * joined * np.exp(-2j * np.pi * beyond * untold_s)
+    if untold_s > 0.0:
+        loud = np.abs(model.response(frequency[-1:]) * joined[-1]) * np.sqrt(frequency[-1] / grid)
+        response *= np.where(beyond > 0.0, np.maximum(loud / np.abs(response), 1.0), 1.0)
+    return Table(grid, response, modelled, np.where(inside, np.interp(grid, frequency, error), 0.0))
 
 
 def is_stable(model: Model, block: Block, dt_s: float) -> bool:

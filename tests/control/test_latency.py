@@ -169,6 +169,15 @@ def test_every_item_counts_once() -> None:
     paper = {item.name: item for item in budget(loop_of(info, paper_like(info))).items}
     assert (paper["converter"].taken_out_by, paper["kalman"].taken_out_by) == ("inverse", "nothing")
     assert not np.any(paper["hold"].left_s)
+    assert np.array_equal(paper["inverse"].delay_s, paper["inverse"].left_s)
+
+
+def test_the_inverse_fills_what_the_declared_delay_leaves_of_the_lead() -> None:
+    """Two samples of lead, one and a half of delay: half a sample, less what is left."""
+    info = rig_info(latency_samples=1)
+    item = next(item for item in budget(loop_of(info, best_like(info))).items if item.name == "inverse")
+    assert item.delay_s - item.left_s == pytest.approx(np.full(6, 2.5e-4))
+    assert item.delay_s[:3] == pytest.approx(np.full(3, 2.5e-4), abs=1e-6)
 
 
 @pytest.mark.parametrize("frequency", [20.0, 60.0])

@@ -191,5 +191,7 @@ def test_the_lag_of_a_scheme_is_that_of_its_closed_form(h: float) -> None:
         assert lag == pytest.approx(-np.angle(schemes / true) / (2.0 * np.pi * frequency), abs=1e-12)
         assert amplitude == pytest.approx(np.abs(schemes / true) - 1.0, abs=1e-9)
         assert np.abs(lag).max() > 1e-7
+        if scheme == "cr":  # of first order in the step: alpha stands between acceleration and velocity
+            assert amplitude[-1] == pytest.approx(c * h / (2.0 * m), abs=k * h**2 / (10.0 * m))
     _, lag = amplitude_and_lag(part, interface(part, h, "exact"), frequency)
     assert lag == pytest.approx(np.full(5, c * h**2 / (12.0 * m)), rel=0.01)  # of the dashpot's velocity, a 500th step

@@ -5,7 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from rths_cli.control.numerical import interface
 from rths_cli.loop.drive import Log, Outcome
+from rths_cli.loop.replay import run_block
 from rths_cli.structure import build
 from rths_cli.workflows.series import on_record_clock, whole_building
 
@@ -68,3 +70,8 @@ def test_experimental_floors_ride_on_the_interface() -> None:
     assert np.allclose(vel[2] - vel[1], series.estimated[1])
     assert np.array_equal(accel[1:], series.measured)  # interface and floor as measured
     assert disp[1, -1] > 0.0  # the base shear pushes the interface its own way
+    chosen, _, _ = whole_building(building, series, np.zeros(60), 5e-4, "cr")
+    block = interface(building.numerical, 5e-4, "cr")
+    stepped = run_block(block, np.vstack([np.zeros(60), series.base_shear_n]))
+    assert chosen[1] == pytest.approx(stepped[2])  # the displacement that the step computed
+    assert np.abs(chosen[1] - disp[1]).max() > 1e-4 * np.abs(disp[1]).max()

@@ -74,8 +74,9 @@ class Model:
     """Identified table: command (V) to corrected table acceleration (m/s^2).
 
     G(s) = gain * prod(s - zeros) / prod(s - poles) * exp(-s delay_s), roots in rad/s. `delay_s` is the part of the
-    loop's transport delay that the fit was told; the rest is in the poles and zeros. A sample of the table also
-    carries an alias of the hold's staircase, ripple * (u[k - l] - u[k - l - 1]), l = max(latency_samples, 1).
+    loop's transport delay that the fit was told, half a sample of the hold included; the rest is in the poles and
+    zeros. What a hold takes off the size, sin(x) / x with x = pi f dt_s, is in every response. A sample of the table
+    also carries an alias of the hold's staircase, ripple * (u[k - l] - u[k - l - 1]), l = max(latency_samples, 1).
     """
 
     zeros: ComplexArray
@@ -96,7 +97,7 @@ class Model:
                 value = value * (s - self.zeros[k])
             if k < len(self.poles):
                 value = value / (s - self.poles[k])
-        return value * np.exp(-s * self.delay_s)
+        return value * np.exp(-s * self.delay_s) * hold_size(frequency_hz, self.dt_s)
 
     @property
     def low_frequency_gain_m_per_v(self) -> float:
@@ -108,6 +109,11 @@ class Model:
         """Return the response of the table's samples, staircase alias included, (n_frequencies,), in m/s^2/V."""
         alias = staircase(frequency_hz, self.latency_samples, self.dt_s)
         return self.response(frequency_hz) + self.ripple_m_s2_per_v * alias
+
+
+def hold_size(frequency_hz: Array, dt_s: float) -> Array:
+    """Return by how much a hold of dt_s (0: none) makes a command smaller, sin(x) / x with x = pi f dt_s."""
+    return np.asarray(np.sinc(np.asarray(frequency_hz, dtype=float) * dt_s))
 
 
 def staircase(frequency_hz: Array, latency_samples: int, dt_s: float) -> ComplexArray:

@@ -13,7 +13,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.identification.factors import Layout, pack, response_and_slopes, zeros_poles_gain
-from rths_cli.lti import Array, ComplexArray, Frf, Model, staircase
+from rths_cli.lti import Array, ComplexArray, Frf, Model, hold_size, staircase
 
 LEAST_ERROR = 1e-3  # no line counts as known better than this
 PULL = 1e-4  # of a parameter's logarithm to its start, against a relative error of the fit
@@ -61,19 +61,20 @@ class Fit:
 
 @dataclass(frozen=True)
 class Problem:
-    """Data of one fit: lines s (m,), FRF, weights, alias (None: not fitted) and the sign of the gain."""
+    """Data of one fit: lines s (m,), FRF, weights, alias (None: not fitted), size of the hold, sign of the gain."""
 
     layout: Layout
     s: ComplexArray
     measured: ComplexArray
     weight: Array
     alias: ComplexArray | None
+    hold: Array
     sign: float
 
     def residual(self, theta: Array) -> Array:
         """Return weighted fit / FRF - 1, real parts then imaginary parts, (2 m,)."""
         value, _ = response_and_slopes(self.layout, theta, self.s)
-        value *= self.sign
+        value *= self.sign * self.hold
         if self.alias is not None:
             value += theta[-1] * self.alias
         return _stacked(self.weight * (value / self.measured - 1.0))
@@ -81,7 +82,7 @@ class Problem:
     def jacobian(self, theta: Array) -> Array:
         """Return the derivative of the residual, (2 m, n_parameters)."""
         value, slopes = response_and_slopes(self.layout, theta, self.s)
-        slopes *= (self.sign * value)[:, None]
+        slopes *= (self.sign * self.hold * value)[:, None]
         if self.alias is not None:
             slopes = np.column_stack([slopes, self.alias])
         return _stacked((self.weight / self.measured)[:, None] * slopes)
@@ -168,7 +169,8 @@ def problem_of(frf: Frf, layout: Layout, timing: Timing, band_hz: tuple[float, f
     weight = 1.0 / np.hypot(frf.relative_error[inside], LEAST_ERROR)
     weight /= np.sqrt(2.0 * np.sum(weight**2))
     alias = staircase(frf.frequency_hz[inside], timing.latency_samples, timing.dt_s) if ripple else None
-    return Problem(layout, s, measured, weight, alias, _sign(s, measured))
+    hold = hold_size(frf.frequency_hz[inside], timing.dt_s)
+    return Problem(layout, s, measured, weight, alias, hold, _sign(s, measured))
 
 
 def _sign(s: ComplexArray, measured: ComplexArray) -> float:

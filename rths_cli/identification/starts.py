@@ -55,7 +55,12 @@ def thinned(problem: Problem) -> Problem:
     lines = np.unique(np.searchsorted(np.abs(problem.s), wanted).clip(max=len(problem.s) - 1))
     alias = None if problem.alias is None else problem.alias[lines]
     return replace(
-        problem, s=problem.s[lines], measured=problem.measured[lines], weight=problem.weight[lines], alias=alias
+        problem,
+        s=problem.s[lines],
+        measured=problem.measured[lines],
+        weight=problem.weight[lines],
+        alias=alias,
+        hold=problem.hold[lines],
     )
 
 

@@ -36,7 +36,7 @@ def answer(block: Block, frequency_hz: np.ndarray) -> np.ndarray:
 def test_the_printed_inverse_times_the_table_is_a_leaking_one(leak_hz: float) -> None:
     model = proper_model()
     block = leaky_inverse(model, DT_S, leak_hz)
-    product = answer(block, BAND_HZ) * model.response(BAND_HZ)
+    product = answer(block, BAND_HZ) * model.response(BAND_HZ) / np.sinc(BAND_HZ * DT_S)
     s = 2j * np.pi * BAND_HZ
     leak = (s / (s + 2.0 * np.pi * leak_hz)) ** 2
     assert np.abs(product / leak - 1.0).max() < 2e-3
@@ -45,7 +45,7 @@ def test_the_printed_inverse_times_the_table_is_a_leaking_one(leak_hz: float) ->
     assert (block.D[0, 1:] == 0.0).all()
     warped = np.tan(np.pi * BAND_HZ * DT_S) / (np.pi * DT_S)
     w = 2j * np.pi * warped
-    exact = (w / (w + 2.0 * np.pi * leak_hz)) ** 2 / model.response(warped)
+    exact = (w / (w + 2.0 * np.pi * leak_hz)) ** 2 / (model.response(warped) / np.sinc(warped * DT_S))
     assert np.abs(answer(block, BAND_HZ) / exact - 1.0).max() < 1e-8
 
 

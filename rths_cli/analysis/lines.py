@@ -1,0 +1,92 @@
+"""Records as Fourier lines, low ones only: a linear loop is solved line by line, fast and without a step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rths_cli.lti import Array, ComplexArray
+from rths_cli.metrics import BAND_HZ, BAND_ORDER
+
+HIGHEST_HZ = 40.0  # the test band's filter leaves 3e-5 there
+_FALLING = np.array([[1, 1, 1, 1, 1, 1], [0, 1, 2, 3, 4, 5], [0, 0, 2, 6, 12, 20]], dtype=float)  # at 1: value, slope
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Fourier lines up to HIGHEST_HZ of series of `samples` samples, padded so that what rings has died out.
+
+    `frequency_hz` (m,) without zero frequency; every `stride`-th sample carries all of it.
+    """
+
+    samples: int
+    padded: int
+    dt_s: float
+
+    @property
+    def count(self) -> int:
+        """Return the number of lines, zero frequency included."""
+        return min(int(HIGHEST_HZ * self.padded * self.dt_s), self.padded // 2 - 1) + 1
+
+    @property
+    def frequency_hz(self) -> Array:
+        """Return the lines' frequencies (m,) in Hz, the first one zero."""
+        return np.arange(self.count) / (self.padded * self.dt_s)
+
+    @property
+    def z(self) -> ComplexArray:
+        """Return exp(j w dt), (m,)."""
+        return np.exp(2j * np.pi * self.frequency_hz * self.dt_s)
+
+    @property
+    def reduced(self) -> int:
+        """Return the number of samples of a padded series at the reduced rate."""
+        return 2 * self.count
+
+    @property
+    def reduced_dt_s(self) -> float:
+        """Return the sample interval at the reduced rate in s."""
+        return self.padded * self.dt_s / self.reduced
+
+    def of(self, series: Array) -> ComplexArray:
+        """Return the lines (..., m) of series (..., n); what does not end at zero is led there after the end."""
+        rest = self.padded - self.samples
+        fade = 0.5 + 0.5 * np.cos(np.pi * np.minimum(np.arange(1, rest + 1) / (0.5 * rest), 1.0))
+        whole = np.concatenate([series, series[..., -1:] * fade], axis=-1)
+        return np.asarray(np.fft.rfft(whole)[..., : self.count])
+
+    def of_motion(self, accel: Array, velocity: Array, displacement: Array) -> ComplexArray:
+        """Return the lines (3, m) of a motion, each (n,): after the end it comes to rest at zero by a quintic of the
+        displacement, so that its derivatives stay its derivatives."""
+        rest = self.padded - self.samples
+        lasts = 0.5 * rest * self.dt_s
+        share = np.minimum(np.arange(1, rest + 1) * self.dt_s / lasts, 1.0)
+        ends = np.array([displacement[-1], velocity[-1] * lasts, 0.5 * accel[-1] * lasts**2])
+        back = np.linalg.solve(_FALLING[:, 3:], -_FALLING[:, :3] @ ends)
+        path = np.polynomial.Polynomial(np.concatenate([ends, back]))
+        after = [path.deriv(2)(share) / lasts**2, path.deriv(1)(share) / lasts, path(share)]
+        before = (accel, velocity, displacement)
+        whole = [np.concatenate([b, np.where(share < 1.0, a, 0.0)]) for b, a in zip(before, after, strict=True)]
+        return np.asarray(np.fft.rfft(whole)[..., : self.count])
+
+    def series(self, lines: ComplexArray) -> Array:
+        """Return the series (..., n_reduced) of lines (..., m) over the record, at the reduced rate."""
+        both = np.concatenate([lines, np.zeros((*lines.shape[:-1], 1))], axis=-1)
+        whole = np.fft.irfft(both, self.reduced) * (self.reduced / self.padded)
+        return whole[..., : int(np.ceil(self.samples * self.dt_s / self.reduced_dt_s))]
+
+    def test_band(self) -> Array:
+        """Return what the test band's filter, forward and backward, leaves of each line, (m,)."""
+        from scipy.signal import butter, sosfreqz
+
+        _, once = sosfreqz(butter(BAND_ORDER, BAND_HZ, fs=1.0 / self.dt_s, output="sos"), np.angle(self.z))
+        return np.abs(once) ** 2
+
+
+def lines_for(samples: int, dt_s: float, ring_s: float) -> Lines:
+    """Return the lines of a record after which motions ring for `ring_s`; at most three times its length is added."""
+    from scipy.fft import next_fast_len
+
+    rest = min(max(round(ring_s / dt_s), samples), 3 * samples)
+    return Lines(samples, next_fast_len(samples + rest, real=True), dt_s)

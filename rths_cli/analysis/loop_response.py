@@ -1,0 +1,143 @@
+"""The hybrid test as a linear loop in the frequency domain: what ground motion and every disturbance make of it.
+
+On each line the loop is two equations for base shear f and command u (signals at k + n_p for the numerical part, at k
+for the table; z^-n_p leads from one clock to the other):
+
+    f = S_c c + S_d d,  d = N_g g + N_f f,  u = F_a d + F_v v + F_x x + B (z^-n_p d - c_0),  c = P u + e,
+
+c the corrected samples, e what disturbs them, d, v, x the desired motion of the interface, g the ground.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rths_cli.analysis.identified_rig import IdentifiedRig
+from rths_cli.control.blocks import Blocks
+from rths_cli.lti import Array, Block, ComplexArray, staircase
+
+
+@dataclass(frozen=True)
+class LoopResponse:
+    """Responses on m lines: `rig` (c, m) command to corrected samples, `from_samples` (c, m) and `from_desired` (m,) to
+    the base shear, `numerical` (3, 2, m) ground acceleration and base shear to the interface's motion, `storeys`
+    (p, 2, m) the same to all numerical storeys' accelerations, `feedforward` (3, m), `feedback` (m,), `ahead` (m,) is
+    z^n_p."""
+
+    rig: ComplexArray
+    from_samples: ComplexArray
+    from_desired: ComplexArray
+    numerical: ComplexArray
+    storeys: ComplexArray
+    feedforward: ComplexArray
+    feedback: ComplexArray
+    ahead: ComplexArray
+
+    @property
+    def loop(self) -> ComplexArray:
+        """Return the loop gain (m,) broken at the command, negative feedback: gain and delay of the table act on it."""
+        return self._loop(self.rig)
+
+    def with_rig(self, factor: ComplexArray) -> ComplexArray:
+        """Return the loop gain (m,) with the rig's response multiplied by a factor (m,)."""
+        return self._loop(self.rig * factor)
+
+    def _loop(self, rig: ComplexArray) -> ComplexArray:
+        inner = 1.0 - self.from_desired * self.numerical[0, 1]
+        through = np.sum(self.from_samples * rig, axis=0) / inner
+        return self.feedback * rig[0] - self._command_of_shear() * through
+
+    def _command_of_shear(self) -> ComplexArray:
+        desired = self.numerical[0, 1]
+        return np.sum(self.feedforward * self.numerical[:, 1], axis=0) + self.feedback * desired / self.ahead
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Signals on m lines: `desired` (m,) interface acceleration and `shear_n` on the record's clock, `corrected`
+    (c, m) samples and `command_v` (m,) on the table's, `storeys` (p + c - 1, m) absolute accelerations as reported."""
+
+    desired: ComplexArray
+    shear_n: ComplexArray
+    command_v: ComplexArray
+    corrected: ComplexArray
+    storeys: ComplexArray
+
+    @property
+    def tracking(self) -> ComplexArray:
+        """Return desired - measured table acceleration (m,), of the same instant."""
+        return self.desired - self.storeys[len(self.storeys) - len(self.corrected)]
+
+
+def loop_response(rig: IdentifiedRig, blocks: Blocks, storeys: Block, z: ComplexArray) -> LoopResponse:
+    """Return the loop's responses at points z (m,) on the unit circle; `storeys` is numerical.all_storeys."""
+    frequency = np.angle(z) / (2.0 * np.pi * blocks.numerical.dt_s)
+    samples = np.einsum("cdm,dm->cm", _at(rig.correction, frequency), _at(rig.plant, frequency)[:, 0])
+    net = rig.ripple_m_s2_per_v - blocks.ripple_m_s2_per_v
+    samples[0] += net * staircase(frequency, rig.latency_samples, blocks.numerical.dt_s)
+    estimator = _at(blocks.estimator, frequency)
+    late = z[None, :] ** (np.arange(blocks.lead_samples) - blocks.lead_samples)[:, None]
+    p = len(storeys.C) // 3
+    return LoopResponse(
+        rig=samples,
+        from_samples=np.einsum("e,ecm->cm", blocks.shear_estimate, estimator) + blocks.shear_measured[:, None],
+        from_desired=blocks.shear_recent @ late + blocks.shear_desired,
+        numerical=_at(blocks.numerical, frequency),
+        storeys=_at(storeys, frequency)[2 * p :],
+        feedforward=_at(blocks.feedforward, frequency)[0],
+        feedback=_at(blocks.feedback, frequency)[0, 0],
+        ahead=z**blocks.lead_samples,
+    )
+
+
+def _at(block: Block, frequency_hz: Array) -> ComplexArray:
+    return block.response(frequency_hz)
+
+
+def hybrid(
+    loop: LoopResponse, ground: ComplexArray, samples: ComplexArray, rounding: ComplexArray | None = None
+) -> Motion:
+    """Return the hybrid test's motion for ground acceleration, velocity and displacement (3, m), disturbances of the
+    corrected samples (c, m), and what is added to the command before it leaves (m,)."""
+    added = np.zeros(loop.feedback.shape, dtype=complex) if rounding is None else rounding
+    disturbed = samples + loop.rig * added
+    free = loop.numerical[:, 0] * ground[0]
+    inner = 1.0 - loop.from_desired * loop.numerical[0, 1]
+    shear = np.sum(loop.from_samples * disturbed, axis=0) + loop.from_desired * free[0]
+    whole = np.vstack([free[:1], free[1:] + ground[1:]])
+    command = np.sum(loop.feedforward * whole, axis=0) + loop.feedback * (free[0] / loop.ahead - disturbed[0])
+    to_command = loop._command_of_shear()
+    sent = (command + to_command * shear / inner) / (1.0 + loop.loop)
+    shear = (np.sum(loop.from_samples * loop.rig, axis=0) * sent + shear) / inner
+    corrected = loop.rig * sent + disturbed
+    desired = free[0] + loop.numerical[0, 1] * shear
+    computed = loop.storeys[:, 0] * ground[0] + loop.storeys[:, 1] * shear
+    reported = np.vstack([computed[:-1], corrected * loop.ahead])
+    return Motion(desired, shear, sent + added, corrected, reported)
+
+
+def shake_table(
+    loop: LoopResponse, ground: ComplexArray, samples: ComplexArray, rounding: ComplexArray | None = None
+) -> Motion:
+    """Return the traditional test's motion: the table is to do what the ground does (3, m)."""
+    added = np.zeros(loop.feedback.shape, dtype=complex) if rounding is None else rounding
+    disturbed = samples + loop.rig * added
+    command = np.sum(loop.feedforward * ground, axis=0) + loop.feedback * (ground[0] / loop.ahead - disturbed[0])
+    sent = command / (1.0 + loop.feedback * loop.rig[0])
+    corrected = loop.rig * sent + disturbed
+    nothing = np.zeros_like(sent)
+    return Motion(ground[0], nothing, sent + added, corrected, corrected * loop.ahead)
+
+
+def on_perfect_table(loop: LoopResponse, floors: ComplexArray, ground: ComplexArray) -> Motion:
+    """Return the hybrid test's motion on a table that does at once what is desired: `floors` (c, m) are the
+    accelerations of table (one) and floors per table acceleration. What is left is the coupling's own error."""
+    through = np.sum(loop.from_samples * floors, axis=0) / loop.ahead + loop.from_desired
+    free = loop.numerical[0, 0] * ground[0]
+    desired = free / (1.0 - loop.numerical[0, 1] * through)
+    shear = through * desired
+    computed = loop.storeys[:, 0] * ground[0] + loop.storeys[:, 1] * shear
+    measured = floors * desired / loop.ahead
+    return Motion(desired, shear, np.zeros_like(desired), measured, np.vstack([computed[:-1], floors * desired]))

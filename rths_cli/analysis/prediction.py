@@ -1,0 +1,163 @@
+"""The error a hybrid test will have, by cause, from what was identified: before anything moves.
+
+Reference is SIM of the numerical part with the identified specimen. Causes that are series add up instant by instant,
+noise and rounding by their power; all in the test band.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from rths_cli.analysis.lines import Lines
+from rths_cli.analysis.loop_response import LoopResponse, Motion, hybrid, on_perfect_table
+from rths_cli.identification.friction import Friction, disturbance
+from rths_cli.lti import Array, Block, ComplexArray, Frf, Model, hold_size, staircase
+from rths_cli.metrics import rms
+from rths_cli.rig_info import RigInfo
+
+CAUSES = ("coupling", "latency", "model", "friction", "rounding", "noise", "quantisation")
+ABOUT = {
+    "coupling": "the base shear's filter, its prediction and the integration, on a perfect table",
+    "latency": "what inverse and feedback leave of the table's lag",
+    "model": "difference between the table's model and its measured response",
+    "friction": "dry friction of the table, beyond what the model holds",
+    "rounding": "rounding of commands to the converter's bits",
+    "noise": "noise of the accelerometers, at rest",
+    "quantisation": "rounding of samples to the converter's bits",
+}
+SMOOTHED_HZ = 0.5  # over which the ratio of measured response to model is averaged
+
+
+@dataclass(frozen=True)
+class Errors:
+    """RMS errors in m/s^2, test band: `storeys` (n_storeys,) against SIM, `tracking` of the table."""
+
+    storeys: Array
+    tracking: float
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Errors by cause, all of them together, and the undisturbed motion on lines."""
+
+    causes: Mapping[str, Errors]
+    total: Errors
+    nominal: Motion
+
+
+@dataclass(frozen=True)
+class Known:
+    """What a prediction starts from: `floors` (c, m) accelerations of table (one) and floors per table acceleration,
+    `sim` (n_storeys, m) and `ground` (3, m) on lines, `velocity_m_s` (n,) of the interface, noise of each channel at
+    rest (c,) in m/s^2."""
+
+    loop: LoopResponse
+    lines: Lines
+    model: Model
+    measured: Frf
+    friction: Friction | None
+    floors: ComplexArray
+    ground: ComplexArray
+    sim: ComplexArray
+    velocity_m_s: Array
+    noise_m_s2: Array
+    rig: RigInfo
+    correction: Block
+    shaped: bool
+
+
+def predict(known: Known) -> Prediction:
+    """Return the predicted errors of the hybrid test."""
+    nothing = np.zeros_like(known.floors)
+    nominal = hybrid(known.loop, known.ground, nothing)
+    perfect = on_perfect_table(known.loop, known.floors, known.ground)
+    still = np.zeros_like(known.ground)
+    series = {
+        "coupling": known.sim - perfect.storeys,
+        "latency": perfect.storeys - nominal.storeys,
+        "model": -hybrid(known.loop, still, _model_error(known, nominal)).storeys,
+        "friction": -hybrid(known.loop, still, friction_samples(known)).storeys,
+    }
+    tracking = {
+        "coupling": np.zeros_like(nominal.tracking),
+        "latency": nominal.tracking,
+        "model": hybrid(known.loop, still, _model_error(known, nominal)).tracking,
+        "friction": hybrid(known.loop, still, friction_samples(known)).tracking,
+    }
+    powers = _stochastic(known)
+    causes = {name: Errors(_rms(known, series[name]), float(_rms(known, tracking[name]))) for name in series}
+    causes |= {name: Errors(np.sqrt(power[:-1]), float(np.sqrt(power[-1]))) for name, power in powers.items()}
+    random = sum(powers.values())
+    together = Errors(
+        np.sqrt(_rms(known, sum(series.values())) ** 2 + random[:-1]),
+        float(np.sqrt(_rms(known, sum(tracking.values())) ** 2 + random[-1])),
+    )
+    return Prediction(causes, together, nominal)
+
+
+def _rms(known: Known, lines: ComplexArray) -> Array:
+    return rms(known.lines.series(lines * known.lines.test_band()))
+
+
+def _model_error(known: Known, nominal: Motion) -> ComplexArray:
+    """Return what the samples (c, m) would have more if the table answered as measured, not as modelled."""
+    return known.loop.rig * (data_ratio(known.model, known.measured, known.lines.frequency_hz) - 1.0) * nominal.command_v
+
+
+def data_ratio(model: Model, measured: Frf, frequency_hz: Array) -> ComplexArray:
+    """Return measured response over model, less the staircase alias, averaged over SMOOTHED_HZ; one outside the band
+    of the data, (m,)."""
+    f = measured.frequency_hz
+    alias = model.ripple_m_s2_per_v * staircase(f, model.latency_samples, model.dt_s)
+    ratio = (measured.response - alias) / model.response(f)
+    inside = (f >= model.band_hz[0]) & (f <= model.band_hz[1])
+    f, ratio = f[inside], ratio[inside]
+    width = max(round(SMOOTHED_HZ / (f[1] - f[0])), 1)
+    weight = np.convolve(np.ones(len(f)), np.ones(width), "same")
+    ratio = np.convolve(ratio, np.ones(width), "same") / weight
+    found = np.interp(frequency_hz, f, ratio.real) + 1j * np.interp(frequency_hz, f, ratio.imag)
+    return np.where((frequency_hz >= f[0]) & (frequency_hz <= f[-1]), found, 1.0)
+
+
+def friction_samples(known: Known) -> ComplexArray:
+    """Return what dry friction adds to the corrected samples (c, m): it acts at once, without the command's delay."""
+    if known.friction is None:
+        return np.zeros_like(known.floors)
+    pushed = known.lines.of(disturbance(known.friction, known.velocity_m_s))
+    return known.floors * at_once(known.model, known.lines.frequency_hz) * pushed / known.loop.ahead
+
+
+def at_once(model: Model, frequency_hz: Array) -> ComplexArray:
+    """Return the table's response (m,) without delay and hold."""
+    late = np.exp(2j * np.pi * frequency_hz * model.delay_s)
+    return model.response(frequency_hz) * late / hold_size(frequency_hz, model.dt_s)
+
+
+def _stochastic(known: Known) -> dict[str, Array]:
+    """Return the power in the test band, storeys then tracking, (n_storeys + 1,), of what is random by cause."""
+    bit = known.rig.converters.step_v
+    sizes = np.array([c.sensitivity_v_per_m_s2 for c in known.rig.channels])
+    corrected = np.einsum("ccm->cm", known.correction.response(known.lines.frequency_hz[1:])) / sizes[:, None] ** -1
+    corrected = np.concatenate([np.zeros((len(sizes), 1)), corrected], axis=1)
+    each = []
+    for channel in range(len(sizes)):
+        unit = np.zeros_like(known.floors)
+        unit[channel] = corrected[channel]
+        each.append(_power(known, hybrid(known.loop, np.zeros_like(known.ground), unit)))
+    gains = np.array(each)
+    shape = 1.0 - 1.0 / known.lines.z if known.shaped else np.ones_like(known.lines.z)
+    rounded = hybrid(known.loop, np.zeros_like(known.ground), np.zeros_like(known.floors), shape)
+    return {
+        "noise": known.noise_m_s2**2 @ gains,
+        "quantisation": (bit / sizes) ** 2 / 12.0 @ gains,
+        "rounding": bit**2 / 12.0 * _power(known, rounded),
+    }
+
+
+def _power(known: Known, unit: Motion) -> Array:
+    """Return the mean square in the test band, storeys then tracking, of white noise of one per sample through this."""
+    density = np.abs(np.vstack([unit.storeys, unit.tracking]) * known.lines.test_band()) ** 2
+    return 2.0 * np.sum(density[:, 1:], axis=1) / known.lines.padded

@@ -104,7 +104,9 @@ def _rms(known: Known, lines: ComplexArray) -> Array:
 
 def _model_error(known: Known, nominal: Motion) -> ComplexArray:
     """Return what the samples (c, m) would have more if the table answered as measured, not as modelled."""
-    return known.loop.rig * (data_ratio(known.model, known.measured, known.lines.frequency_hz) - 1.0) * nominal.command_v
+    return (
+        known.loop.rig * (data_ratio(known.model, known.measured, known.lines.frequency_hz) - 1.0) * nominal.command_v
+    )
 
 
 def data_ratio(model: Model, measured: Frf, frequency_hz: Array) -> ComplexArray:

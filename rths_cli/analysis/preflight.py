@@ -1,0 +1,202 @@
+"""Whether a hybrid test may be run: stability of the sampled loop, what it tolerates, and what it asks of the table."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from rths_cli.analysis.closed_loop import closed_loop_matrix, spectral_radius
+from rths_cli.analysis.critical_delay import CriticalDelay
+from rths_cli.analysis.identified_rig import IdentifiedRig
+from rths_cli.analysis.loop_response import LoopResponse, loop_response
+from rths_cli.analysis.prediction import Known, Prediction, data_ratio
+from rths_cli.control.blocks import Blocks
+from rths_cli.control.margins import Margins, margins
+from rths_cli.lti import Array, Block, ComplexArray, Frf, Model
+from rths_cli.rig_info import RigInfo
+
+SAFE, UNSAFE, UNSTABLE = "safe", "unsafe", "unstable"
+TOLERATED = 0.06  # error of the table that a test must stand up to 11 Hz: twice the largest of an accepted model
+COMPARED_HZ = 11.0
+LEAST_DELAY_SAMPLES = 2.0  # one sample lost and one late
+RESERVE = 0.1  # of every limit
+GROWN = 1e3  # over the record, from which growth is no doubt
+LOWEST_HZ, POINTS, AROUND, WIDTH = 0.05, 1500, 100, 0.2  # of the grid: in all, about each closed-loop mode, half width
+MODES_HZ = 60.0
+BRAKE_SHARE = 0.45  # of the acceleration limit, with which the guard brakes
+
+
+@dataclass(frozen=True)
+class Stability:
+    """`radius` of the closed-loop matrix, `growth` over the record (1 and less: none); margins of the loop broken at
+    the command, on the measured response and on the model; `tolerates` and `required`: error of the table's response
+    that makes the loop unstable, and that it must stand, where the two are nearest, `at_hz`."""
+
+    radius: float
+    growth: float
+    measured: Margins
+    modelled: Margins
+    tolerates: float
+    required: float
+    at_hz: float
+
+
+@dataclass(frozen=True)
+class Reach:
+    """The predicted peak of a quantity beside its limit, both in `units`."""
+
+    name: str
+    peak: float
+    limit: float
+    units: str
+
+    @property
+    def share(self) -> float:
+        """Return the peak as a share of the limit."""
+        return self.peak / self.limit
+
+
+@dataclass(frozen=True)
+class Preflight:
+    """What is known of a hybrid test before it moves anything; `reasons` say why it is not safe."""
+
+    verdict: str
+    reasons: tuple[str, ...]
+    critical: CriticalDelay
+    stability: Stability
+    reach: tuple[Reach, ...]
+    largest_scaling: float
+    prediction: Prediction | None
+
+
+def judge(
+    critical: CriticalDelay, stability: Stability, reach: tuple[Reach, ...], scaling: float,
+    prediction: Prediction | None, dt_s: float,
+) -> Preflight:  # fmt: skip
+    """Return the verdict: unstable, unsafe (which limit), or safe."""
+    reasons = [*_unstable(stability), *_fragile(stability, dt_s)] if stability.radius < 1.0 else _unstable(stability)
+    doubt = stability.radius >= 1.0 and stability.growth >= GROWN
+    largest = scaling * min((1.0 - RESERVE) / row.share if row.share > 0.0 else math.inf for row in reach)
+    if stability.radius < 1.0:
+        reasons += [_beyond(row, largest) for row in reach if not row.share <= 1.0 - RESERVE]
+    verdict = UNSTABLE if doubt else UNSAFE if reasons else SAFE
+    return Preflight(verdict, tuple(reasons), critical, stability, reach, largest, prediction)
+
+
+def _unstable(found: Stability) -> list[str]:
+    if found.radius < 1.0:
+        return []
+    return [
+        f"the sampled closed loop is unstable: its spectral radius is {found.radius:.6f}, motions grow by a factor "
+        f"{found.growth:.3g} over the record; choose another controller, more damping, or less mass on the table"
+    ]
+
+
+def _fragile(found: Stability, dt_s: float) -> list[str]:
+    """Return a sentence when too small an error of the table, or too little delay, makes the loop unstable."""
+    reasons = []
+    if found.tolerates < found.required:
+        reasons.append(
+            f"an error of {found.tolerates:.2%} in the table's response at {found.at_hz:.3g} Hz makes the loop unstable, "
+            f"it must stand {found.required:.2%}; add damping to the structure, use controller FF+FB, or cut the "
+            "building higher up"
+        )
+    least = LEAST_DELAY_SAMPLES * dt_s
+    if found.measured.delay_margin_s < least:
+        reasons.append(
+            f"{1e3 * found.measured.delay_margin_s:.3g} ms of further delay make the loop unstable, it must stand "
+            f"{1e3 * least:.3g} ms (two samples); raise sample_rate_hz, or put less of the interface floor's mass on "
+            "the table"
+        )
+    return reasons
+
+
+def _beyond(row: Reach, largest: float) -> str:
+    return (
+        f"{row.name}: {row.peak:.4g} {row.units} is predicted, the limit is {row.limit:.4g} {row.units} and a tenth of "
+        f"it is kept in reserve; the largest safe scaling is {largest:.3g}"
+    )
+
+
+def stability(
+    rig: IdentifiedRig, blocks: Blocks, storeys: Block, model: Model, measured: Frf, samples: int
+) -> Stability:
+    """Return the stability of the sampled loop of identified rig and blocks for a record of so many samples."""
+    matrix = closed_loop_matrix(rig, blocks)
+    radius = spectral_radius(matrix)
+    frequency = _grid(matrix, rig.plant.dt_s)
+    loop = loop_response(rig, blocks, storeys, np.exp(2j * np.pi * frequency * rig.plant.dt_s))
+    on_data = loop.with_rig(data_ratio(model, measured, frequency))
+    tolerated = np.minimum(_tolerated(on_data), _tolerated(loop.loop))
+    wanted = required(frequency, model.band_hz[1])
+    nearest = int(np.argmin(tolerated / wanted))
+    growth = float(np.exp(min(samples * math.log(radius), 700.0))) if radius > 0.0 else 0.0
+    return Stability(
+        radius,
+        growth,
+        margins(on_data, frequency),
+        margins(loop.loop, frequency),
+        float(tolerated[nearest]),
+        float(wanted[nearest]),
+        float(frequency[nearest]),
+    )
+
+
+def _tolerated(loop: ComplexArray) -> Array:
+    """Return the smallest relative error of the table (n,) that puts the loop gain on -1."""
+    return np.abs(1.0 + loop) / np.maximum(np.abs(loop), 1e-12)
+
+
+def required(frequency_hz: Array, identified_hz: float) -> Array:
+    """Return the error of the table's response that a loop must stand, (n,): TOLERATED up to 11 Hz, in proportion to
+    the frequency up to the end of the identified band, and all of it (1) from twice that on."""
+    top = max(identified_hz, COMPARED_HZ)
+    inside = TOLERATED * np.maximum(frequency_hz / COMPARED_HZ, 1.0)
+    share = np.clip(np.log2(np.maximum(frequency_hz, 1e-9) / top), 0.0, 1.0)
+    at_top = TOLERATED * top / COMPARED_HZ
+    return np.where(frequency_hz <= top, inside, at_top ** (1.0 - share))
+
+
+def _grid(matrix: Array, dt_s: float) -> Array:
+    """Return frequencies in Hz on which the loop is looked at, dense about its modes."""
+    values = np.linalg.eigvals(matrix)
+    values = values[np.abs(values) > 0.1]
+    modes = np.abs(np.log(values.astype(complex))) / (2.0 * np.pi * dt_s)
+    modes = np.unique(np.round(modes[(modes > LOWEST_HZ) & (modes < MODES_HZ)], 6))
+    around = np.outer(modes, 1.0 + WIDTH * np.linspace(-1.0, 1.0, AROUND) ** 3).ravel()
+    return np.unique(np.concatenate([np.geomspace(LOWEST_HZ, 0.4 / dt_s, POINTS), around]))
+
+
+def reach(known: Known, prediction: Prediction, rig: RigInfo, masses_kg: Array) -> tuple[Reach, ...]:
+    """Return what the undisturbed test asks of table and sensors, beside the limits that the guard holds.
+
+    `masses_kg` (c,): moving mass and floors. Displacement and velocity are the command's through the nominal gain, as
+    the guard sees them, the displacement with the room to brake.
+    """
+    lines, motion = known.lines, prediction.nominal
+    s = 2j * np.pi * lines.frequency_hz
+    command, rate = lines.series(motion.command_v), lines.series(s * motion.command_v)
+    accel = lines.series(motion.corrected)
+    place, speed = rig.gain_m_per_v * command, rig.gain_m_per_v * rate
+    braked = place + 0.5 * speed * np.abs(speed) / (BRAKE_SHARE * rig.limits.acceleration_m_s2)
+    force = masses_kg @ accel
+    range_m_s2 = min(min(c.range_m_s2, rig.converters.range_v / c.sensitivity_v_per_m_s2) for c in rig.channels)
+    rounding = rig.gain_m_per_v * rig.converters.step_v / rig.dt_s
+    stroke = min(rig.limits.stroke_m, rig.gain_m_per_v * rig.converters.range_v)
+    return (
+        Reach("displacement (with room to brake)", _peak(np.maximum(np.abs(place), np.abs(braked))), stroke, "m"),
+        Reach("velocity", _peak(speed) + rounding, rig.limits.velocity_m_s, "m/s"),
+        Reach("acceleration", _peak(accel), rig.limits.acceleration_m_s2, "m/s^2"),
+        Reach("accelerometers' range", _peak(accel), range_m_s2, "m/s^2"),
+        Reach("actuator force", _peak(force), rig.limits.force_n, "N"),
+        Reach("command", _peak(command), rig.converters.range_v, "V"),
+    )
+
+
+def _peak(series: Array) -> float:
+    return float(np.abs(series).max())
+
+
+__all__ = ["LoopResponse", "Preflight", "Reach", "Stability", "judge", "reach", "required", "stability"]

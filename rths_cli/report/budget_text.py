@@ -21,6 +21,7 @@ CAUSES = {
     "quantisation": "rounded samples",
     "rest": "rest",
 }
+WORDS = {"check": "pred.", "budget": "meas."}
 LABEL, COLUMN = 18, 9
 Metrics = Mapping[str, ArrayLike]
 
@@ -35,13 +36,9 @@ def budget_text(metrics: Metrics) -> str:
     columns = _columns(metrics, kinds)
     heads = [f"storey {column}" if column else "tracking" for column in columns]
     top = "".join(f"{head:>{COLUMN * len(kinds)}}" for head in heads)
-    names = "".join(f"{'predicted' if kind == 'check' else 'measured':>{COLUMN}}"[-COLUMN:] for kind in kinds)
+    words = "".join(f"{WORDS[kind]:>{COLUMN}}" for kind in kinds) * len(columns)
     rule = "-" * (LABEL + len(top))
-    lines = ["Error by cause (RMS, mm/s^2, test band)", rule, f"{'':<{LABEL}}{top}"]
-    lines += [
-        f"{'':<{LABEL}}{names.replace('predicted', '    pred.').replace('measured', '   meas.') * len(columns)}",
-        rule,
-    ]
+    lines = ["Error by cause (RMS, mm/s^2, test band)", rule, f"{'':<{LABEL}}{top}", f"{'':<{LABEL}}{words}", rule]
     for cause, label in CAUSES.items():
         cells = [_cell(metrics, kind, cause, column) for column in columns for kind in kinds]
         if any(cell.strip() != "-" for cell in cells):

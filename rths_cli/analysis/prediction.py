@@ -90,10 +90,10 @@ def predict(known: Known) -> Prediction:
     powers = _stochastic(known)
     causes = {name: Errors(_rms(known, series[name]), float(_rms(known, tracking[name]))) for name in series}
     causes |= {name: Errors(np.sqrt(power[:-1]), float(np.sqrt(power[-1]))) for name, power in powers.items()}
-    random = sum(powers.values())
+    random = np.sum(list(powers.values()), axis=0)
     together = Errors(
-        np.sqrt(_rms(known, sum(series.values())) ** 2 + random[:-1]),
-        float(np.sqrt(_rms(known, sum(tracking.values())) ** 2 + random[-1])),
+        np.sqrt(_rms(known, np.sum(list(series.values()), axis=0)) ** 2 + random[:-1]),
+        float(np.sqrt(_rms(known, np.sum(list(tracking.values()), axis=0)) ** 2 + random[-1])),
     )
     return Prediction(causes, together, nominal)
 

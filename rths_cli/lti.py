@@ -113,8 +113,8 @@ class Model:
 
     def alias(self, frequency_hz: Array) -> ComplexArray:
         """Return what the hold's staircase adds to the response of the table's samples, (n_frequencies,)."""
-        unit = staircase(frequency_hz, self.latency_samples, self.dt_s, self.coupling_hz)
-        return self.ripple_m_s2_per_v * unit
+        per_ripple = staircase(frequency_hz, self.latency_samples, self.dt_s, self.coupling_hz)
+        return np.asarray(self.ripple_m_s2_per_v * per_ripple, dtype=complex)
 
     @property
     def ripple_sum_m_s2_per_v(self) -> float:

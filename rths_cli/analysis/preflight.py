@@ -99,9 +99,9 @@ def _fragile(found: Stability, dt_s: float) -> list[str]:
     reasons = []
     if found.tolerates < found.required:
         reasons.append(
-            f"an error of {found.tolerates:.2%} in the table's response at {found.at_hz:.3g} Hz makes the loop unstable, "
-            f"it must stand {found.required:.2%}; add damping to the structure, use controller FF+FB, or cut the "
-            "building higher up"
+            f"an error of {found.tolerates:.2%} in the table's response at {found.at_hz:.3g} Hz makes the loop "
+            f"unstable, it must stand {found.required:.2%}; add damping to the structure, use controller FF+FB, or "
+            "cut the building higher up"
         )
     least = LEAST_DELAY_SAMPLES * dt_s
     if found.measured.delay_margin_s < least:

@@ -17,7 +17,7 @@ from rths_cli.errors import InputError
 from rths_cli.files.results import Metric, ResultWriter, check_writable
 from rths_cli.loop.blocks import NUMERICAL, RECORD
 from rths_cli.loop.drive import Outcome, play
-from rths_cli.workflows import contents, figures, merit
+from rths_cli.workflows import budget, contents, figures, merit
 from rths_cli.workflows.controllers import Design, design_blocks
 from rths_cli.workflows.known import Known, Memory
 from rths_cli.workflows.provenance import attributes
@@ -29,6 +29,7 @@ from rths_cli.workflows.warnings import of_case
 if TYPE_CHECKING:
     from rths_cli.analysis.sim import Response
     from rths_cli.case.models import Case
+    from rths_cli.identification.evaluate import Identification
     from rths_cli.lti import Array
 
 BYTES_PER_SAMPLE = 600  # of a result file, for the check of free space
@@ -99,7 +100,7 @@ def run_case(setup: Setup, path: Path, memory: Memory, command_line: str, progre
             values |= contents.design_figures(setup, identified, design)
             stop = _verdict(setup, known)
             if stop is None:
-                stop, measured = _experiments(setup, design, sim, writer, progress)
+                stop, measured = _experiments(setup, identified, design, sim, writer, progress)
                 values |= measured
         writer.metrics(values)
         if stop is None:
@@ -148,7 +149,7 @@ def _simulations(setup: Setup, writer: ResultWriter, progress: Progress) -> tupl
 
 
 def _experiments(
-    setup: Setup, design: Design, sim: Response, writer: ResultWriter, progress: Progress
+    setup: Setup, identified: Identification, design: Design, sim: Response, writer: ResultWriter, progress: Progress
 ) -> tuple[Stop | None, dict[str, Metric]]:
     """Play the table runs of the case, write them, and return what stopped one first and the figures."""
     stop: Stop | None = None
@@ -164,7 +165,12 @@ def _experiments(
         series = on_record_clock(outcome, design.blocks.lead_samples, setup.rig.dt_s, len(setup.motion.time_s))
         stopped = _why(label, outcome, setup.rig.dt_s)
         stop = stop or stopped
-        values |= _write_run(setup, run, series, sim, writer, complete=stopped is None)
+        hybrid = _hybrid(setup, series) if run == "exp_rths" else None
+        contents.write_table_run(writer, run, setup, series, hybrid)
+        if stopped is None:
+            values |= _figures(setup, run, series, sim, hybrid)
+        if stopped is None and hybrid is not None:
+            values |= budget.of_exp_rths(setup, identified, design, series, hybrid[2], sim)
     return stop, values
 
 
@@ -177,18 +183,17 @@ def play_run(setup: Setup, design: Design, source: int, stream: int) -> Outcome:
     return play(rig, setup.rig, design.blocks, source, drive, guard_limits(setup))
 
 
-def _write_run(
-    setup: Setup, run: str, series: Series, sim: Response, writer: ResultWriter, complete: bool
+def _hybrid(setup: Setup, series: Series) -> tuple[Array, Array, Array]:
+    """Return displacement, velocity and acceleration of the whole building in a hybrid test."""
+    dt, scheme = setup.rig.dt_s, setup.case.integration
+    return whole_building(setup.building, series, setup.motion.accel_m_s2, dt, scheme)
+
+
+def _figures(
+    setup: Setup, run: str, series: Series, sim: Response, hybrid: tuple[Array, Array, Array] | None
 ) -> dict[str, Metric]:
-    """Write one table run; return its figures, none when it did not reach the end of the record."""
-    dt = setup.rig.dt_s
-    virtual = setup.rig.kind == "virtual"
-    hybrid = None
-    if run == "exp_rths":
-        hybrid = whole_building(setup.building, series, setup.motion.accel_m_s2, dt, setup.case.integration)
-    contents.write_table_run(writer, run, setup, series, hybrid)
-    if not complete:
-        return {}
+    """Return the figures of a table run that reached the end of the record."""
+    dt, virtual = setup.rig.dt_s, setup.rig.kind == "virtual"
     values = figures.tracking(run, series.desired[0], series.measured[0], series.true_accel[0] if virtual else None, dt)
     if hybrid is not None:
         values |= figures.against_sim(

@@ -1,0 +1,138 @@
+"""The error of a hybrid test that was run, split by cause from its signals.
+
+The loop is linear: what was measured is what the identified rig makes of ground motion, of what disturbed the samples
+(measured less what the identified rig answers to the commands that left) and of what was added to the command. The
+disturbance is split once more: dry friction and an error of the table's gain and delay are fitted to it, what the
+floors do otherwise than the identified specimen on the measured table is the specimen's. The parts add up instant by
+instant; what is left over is stated.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rths_cli.analysis.loop_response import Motion, hybrid, on_perfect_table
+from rths_cli.analysis.prediction import Errors, Known, friction_samples
+from rths_cli.identification.friction import Friction
+from rths_cli.lti import Array, ComplexArray
+from rths_cli.metrics import rms
+
+CAUSES = ("declared", "coupling", "latency", "model", "friction", "specimen", "rounding", "rest")
+ABOUT = {
+    "declared": "declared building, which SIM has, instead of the identified specimen",
+    "coupling": "the base shear's filter, its prediction and the integration, on a perfect table",
+    "latency": "what inverse and feedback leave of the table's lag",
+    "model": "gain and delay of the table other than identified",
+    "friction": "dry friction of the table, beyond what the model holds",
+    "specimen": "floors moving otherwise than the identified specimen on the measured table, and their noise",
+    "rounding": "rounding of commands to the converter's bits",
+    "rest": "the rest of the table's motion: noise, and whatever no other cause explains",
+}
+FITTED_HZ = (0.5, 15.0)  # of the disturbance, for friction, gain and delay
+CUT_S = 0.5  # of the end, where the series break off
+ASSUMED_SCALE = 0.01  # of the rms velocity: v_s of a friction that was not identified
+
+
+@dataclass(frozen=True)
+class Signals:
+    """What a run measured, n samples: `desired` (3, n) and `sim` (n_storeys, n) and `reported` (n_storeys, n) on the
+    record's clock, `corrected` (c, n) and `command_v` (n,) as stored, n_p samples after they were made."""
+
+    desired: Array
+    corrected: Array
+    command_v: Array
+    reported: Array
+    sim: Array
+
+
+@dataclass(frozen=True)
+class Budget:
+    """RMS errors in the test band by cause, all together as measured, and what the parts leave over; and what was
+    fitted: `gain_error` and `delay_error_s` of the table (positive: more, late), `friction_v` as a command."""
+
+    causes: Mapping[str, Errors]
+    measured: Errors
+    unexplained: Errors
+    gain_error: float
+    delay_error_s: float
+    friction_v: float
+
+
+def split(known: Known, signals: Signals) -> Budget:
+    """Return the measured error by cause."""
+    lines, loop, still = known.lines, known.loop, np.zeros_like(known.ground)
+    command = lines.of(signals.command_v) / loop.ahead
+    corrected = lines.of(signals.corrected) / loop.ahead
+    desired = lines.of_motion(*signals.desired)
+    added = command - _wanted(known, desired, corrected[0])
+    disturbed = corrected - loop.rig * command
+    parts, fitted = _disturbances(known, disturbed, command, signals.desired[1])
+    nominal = hybrid(loop, known.ground, np.zeros_like(disturbed))
+    perfect = on_perfect_table(loop, known.floors, known.ground)
+    quiet = np.zeros_like(nominal.tracking)
+    series = {
+        "declared": (lines.of(signals.sim) - known.sim, quiet),
+        "coupling": (known.sim - perfect.storeys, quiet),
+        "latency": (perfect.storeys - nominal.storeys, nominal.tracking),
+        "rounding": _error(hybrid(loop, still, np.zeros_like(disturbed), added)),
+    } | {name: _error(hybrid(loop, still, part)) for name, part in parts.items()}
+    measured = (lines.of(signals.sim - signals.reported), lines.of(signals.desired[0]) - corrected[0] * loop.ahead)
+    left = tuple(whole - sum(pair[i] for pair in series.values()) for i, whole in enumerate(measured))
+    return Budget({name: _errors(known, *series[name]) for name in CAUSES}, _errors(known, *measured),
+                  _errors(known, *left), *fitted)  # fmt: skip
+
+
+def _error(motion: Motion) -> tuple[ComplexArray, ComplexArray]:
+    return -motion.storeys, motion.tracking
+
+
+def _errors(known: Known, storeys: ComplexArray, tracking: ComplexArray) -> Errors:
+    return Errors(_rms(known, storeys), float(_rms(known, tracking)))
+
+
+def _rms(known: Known, lines: ComplexArray) -> Array:
+    series = known.lines.series(lines * known.lines.test_band())
+    return rms(series[..., : -int(CUT_S / known.lines.reduced_dt_s)])
+
+
+def _wanted(known: Known, desired: ComplexArray, table: ComplexArray) -> ComplexArray:
+    """Return the command that feedforward and feedback made of desired motion (3, m) and corrected table (m,)."""
+    error = desired[0] / known.loop.ahead - table
+    return np.sum(known.loop.feedforward * desired, axis=0) + known.loop.feedback * error
+
+
+def _disturbances(
+    known: Known, disturbed: ComplexArray, command: ComplexArray, velocity_m_s: Array
+) -> tuple[dict[str, ComplexArray], tuple[float, float, float]]:
+    """Return the disturbance of the samples (c, m) by cause; gain error, delay error and friction that were fitted."""
+    s = 2j * np.pi * known.lines.frequency_hz
+    friction = known.friction or _unit(velocity_m_s)
+    pushed = friction_samples(replace(known, friction=friction, velocity_m_s=velocity_m_s))
+    answer = known.loop.rig * command
+    gain, late, size = _fitted(known, disturbed[0], (answer[0], -s * answer[0], pushed[0]))
+    parts = {"model": (gain - late * s) * answer, "friction": size * pushed}
+    left = disturbed[0] - parts["model"][0] - parts["friction"][0]
+    parts["rest"] = known.floors * left
+    parts["specimen"] = disturbed - sum(parts.values())
+    return parts, (gain, late, size * friction.command_v)
+
+
+def _unit(velocity_m_s: Array) -> Friction:
+    """Return a friction of one volt for a table of which none was identified."""
+    speed = float(rms(velocity_m_s)) or 1.0
+    return Friction(1.0, 0.0, speed, 0.0, ASSUMED_SCALE * speed)
+
+
+def _fitted(known: Known, disturbed: ComplexArray, rows: tuple[ComplexArray, ...]) -> tuple[float, ...]:
+    """Return the real factors of rows (m,) that explain most of a disturbance (m,) between FITTED_HZ."""
+    f = known.lines.frequency_hz
+    inside = (f >= FITTED_HZ[0]) & (f <= FITTED_HZ[1])
+    matrix = np.array([np.concatenate([row[inside].real, row[inside].imag]) for row in rows]).T
+    wanted = np.concatenate([disturbed[inside].real, disturbed[inside].imag])
+    size = np.linalg.norm(matrix, axis=0)
+    size[size == 0.0] = 1.0
+    found = np.linalg.lstsq(matrix / size, wanted, rcond=1e-9)[0] / size
+    return tuple(float(value) for value in found)

@@ -1,0 +1,138 @@
+"""The error budget: known changes of the rig come out as what they are, and the parts add up."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rths_cli.analysis.sim import simulate
+from rths_cli.case.load import load_cases
+from rths_cli.files.result_writer import Metric
+from rths_cli.identification.evaluate import Identification
+from rths_cli.loop.blocks import NUMERICAL
+from rths_cli.structure import Building, Specimen, assemble
+from rths_cli.workflows import budget
+from rths_cli.workflows.controllers import design_blocks
+from rths_cli.workflows.known import Memory
+from rths_cli.workflows.rigs import EXP_RTHS
+from rths_cli.workflows.run import play_run
+from rths_cli.workflows.series import on_record_clock, whole_building
+from rths_cli.workflows.setup import Setup, make_setup
+
+CASE = "el_centro_low_ff_fb"
+CHANGED = "table.after_identification."
+
+
+def setup_with(*settings: str) -> Setup:
+    return make_setup(load_cases([CASE], settings)[0])
+
+
+def budget_of(
+    setup: Setup, identified: Identification, believed: Identification | None = None
+) -> tuple[dict[str, Metric], np.ndarray]:
+    """Return the budget of a run whose blocks are designed from `identified`, judged with what is `believed`; and the
+    error series (n_storeys, n)."""
+    design, dt = design_blocks(setup, identified), setup.rig.dt_s
+    outcome = play_run(setup, design, NUMERICAL, EXP_RTHS)
+    series = on_record_clock(outcome, design.blocks.lead_samples, dt, len(setup.motion.time_s))
+    reported = whole_building(setup.building, series, setup.motion.accel_m_s2, dt, setup.case.integration)[2]
+    sim = simulate(setup.building, dt, setup.motion.accel_m_s2)
+    found = budget.of_exp_rths(setup, believed or identified, design, series, reported, sim)
+    return found, sim.abs_accel_m_s2 - reported
+
+
+def value(found: dict[str, Metric], path: str) -> float:
+    return float(np.max(np.asarray(found[f"budget.{path}"].value)))
+
+
+@pytest.fixture(scope="module")
+def default(memory: Memory) -> tuple[dict[str, Metric], np.ndarray, Identification]:
+    setup = setup_with()
+    identified = memory.identify(setup, lambda _: None)
+    return *budget_of(setup, identified), identified
+
+
+def test_the_parts_add_up_to_the_measured_error(default: tuple[dict[str, Metric], np.ndarray, Identification]) -> None:
+    found, error, _ = default
+    assert value(found, "unexplained_rms_m_s2") < 1e-5 * np.sqrt(np.mean(error**2))
+    powers = [value(found, f"rms_error_{name}_m_s2") for name in budget.ABOUT]
+    assert max(powers) > 2e-4
+    assert set(found) == set(budget.paths())
+    for path, per_storey in budget.paths().items():
+        assert (np.ndim(found[path].value) == 1) == per_storey
+
+
+def test_friction_is_the_identified_one_and_three_times_that_when_it_is_tripled(
+    default: tuple[dict[str, Metric], np.ndarray, Identification],
+) -> None:
+    found, _, identified = default
+    assert identified.friction is not None
+    assert value(found, "friction_v") == pytest.approx(identified.friction.command_v, rel=0.05)
+    tripled, _ = budget_of(setup_with(CHANGED + "coulomb_factor=3"), identified)
+    assert value(tripled, "friction_v") == pytest.approx(3.0 * identified.friction.command_v, rel=0.05)
+    ratio = value(tripled, "rms_error_friction_m_s2") / value(found, "rms_error_friction_m_s2")
+    assert ratio == pytest.approx(3.0, rel=0.1)
+
+
+def test_friction_that_was_not_identified_is_found_in_the_run(
+    default: tuple[dict[str, Metric], np.ndarray, Identification],
+) -> None:
+    _, _, identified = default
+    assert identified.friction is not None
+    found, _ = budget_of(setup_with(), replace(identified, friction=None))
+    assert value(found, "friction_v") == pytest.approx(identified.friction.command_v, rel=0.2)
+
+
+def test_a_softer_specimen_is_the_specimens_error(
+    default: tuple[dict[str, Metric], np.ndarray, Identification],
+) -> None:
+    _, _, identified = default
+    found, error = budget_of(setup_with(CHANGED + "specimen_stiffness_factor=0.85"), identified)
+    roof = float(np.sqrt(np.mean(error[-1] ** 2)))
+    assert value(found, "rms_error_specimen_m_s2") == pytest.approx(roof, rel=0.05)
+    for name in ("model", "friction", "coupling", "latency", "declared", "rounding"):
+        assert value(found, f"rms_error_{name}_m_s2") < 0.05 * roof
+
+
+@pytest.mark.parametrize(("gain", "late_s"), [(1.01, 0.0), (1.0, 5e-5), (0.98, -1e-4)])
+def test_a_wrong_gain_and_delay_of_the_model_are_named(
+    default: tuple[dict[str, Metric], np.ndarray, Identification], gain: float, late_s: float
+) -> None:
+    """The table is what it was; the model that judges it has another gain, or another delay."""
+    found, _, identified = default
+    best = replace(identified.best, gain=gain * identified.best.gain, delay_s=identified.best.delay_s + late_s)
+    believed, _ = budget_of(setup_with(), identified, replace(identified, best=best))
+    gain_error = value(believed, "table_gain_error") - value(found, "table_gain_error")
+    assert gain_error == pytest.approx(1.0 / gain - 1.0, abs=3e-4)
+    late = value(believed, "table_delay_error_s") - value(found, "table_delay_error_s")
+    assert late == pytest.approx(-late_s, abs=1e-5)
+
+
+def test_another_specimen_than_declared_is_the_declared_ones_error(memory: Memory) -> None:
+    """SIM keeps the declared building: what it differs by from the identified one is stated by itself."""
+    setup = setup_with()
+    identified = memory.identify(setup, lambda _: None)
+    assert identified.specimen is not None
+    specimen = identified.specimen.specimen
+    stiffer = replace(identified.specimen, specimen=replace(specimen, K=1.02 * specimen.K))
+    found, _ = budget_of(setup, identified, replace(identified, specimen=stiffer))
+    buildings = (setup.building, with_specimen(setup.building, stiffer.specimen))
+    sims = [simulate(b, setup.rig.dt_s, setup.motion.accel_m_s2).abs_accel_m_s2 for b in buildings]
+    wanted = float(np.sqrt(np.mean((sims[0] - sims[1])[-1] ** 2)))
+    assert np.asarray(found["budget.rms_error_declared_m_s2"].value)[-1] == pytest.approx(wanted, rel=0.03)
+
+
+def with_specimen(building: Building, specimen: Specimen) -> Building:
+    mass = building.interface_experimental_mass_kg
+    matrices = assemble(building.numerical, specimen, mass)
+    return replace(building, specimen=specimen, **dict(zip("MCK", matrices, strict=True)))
+
+
+def test_a_run_that_was_cut_or_a_loop_that_is_unstable_has_no_budget(memory: Memory) -> None:
+    setup = setup_with("controller=none")
+    identified = memory.identify(setup, lambda _: None)
+    design = design_blocks(setup, identified)
+    nothing = np.zeros((3, 10))
+    assert budget.of_exp_rths(setup, identified, design, None, nothing, None) == {}  # type: ignore[arg-type]

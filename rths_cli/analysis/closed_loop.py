@@ -47,7 +47,9 @@ def closed_loop_matrix(rig: IdentifiedRig, blocks: Blocks) -> Array:
     command = np.eye(rows.width)[-1:]
     samples = rows.output("rig", rig.plant, command)
     corrected = rows.output("correction", rig.correction, samples)
-    corrected[0] += (rig.ripple_m_s2_per_v - blocks.ripple_m_s2_per_v) * (rows.of("sent")[-2] - rows.of("sent")[-1])
+    later, earlier = rows.of("sent")[-2:]
+    corrected[0] += (rig.ripple_m_s2_per_v - blocks.ripple_m_s2_per_v) * (later - earlier)
+    corrected[0] += rig.summed_m_s2_per_v * (later + earlier)
     estimated = rows.output("estimator", blocks.estimator, corrected)
     shear_desired = _coupled(rows, blocks, corrected, estimated)
     into = np.vstack([np.zeros(rows.width), shear_desired[0]])

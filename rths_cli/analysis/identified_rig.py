@@ -25,13 +25,16 @@ RIPPLE_HZ = np.array([2.0, 5.0, 10.0])  # where the hold's own alias in the samp
 class IdentifiedRig:
     """`plant`: command (V) to raw samples (c,) in V; `correction` as the step has it, less what undoes AC coupling.
 
-    `ripple_m_s2_per_v`: what a corrected table sample carries of a command change beyond what `plant` has.
+    `ripple_m_s2_per_v`: what a corrected table sample carries of a command change beyond what `plant` has;
+    `summed_m_s2_per_v`: what undoing the AC coupling makes of the staircase alias, ripple pi f_h dt, times
+    u[k - l] + u[k - l - 1], l as in Model: the sensor let the alias pass, so that its integral is too much.
     """
 
     plant: Block
     correction: Block
     ripple_m_s2_per_v: float
     latency_samples: int
+    summed_m_s2_per_v: float = 0.0
 
 
 def identified_rig(model: Model, specimen: Specimen, info: RigInfo, removes_sensors: bool) -> IdentifiedRig:
@@ -46,7 +49,10 @@ def identified_rig(model: Model, specimen: Specimen, info: RigInfo, removes_sens
     plant = replace(sampled, C=scale[:, None] * sampled.C, D=scale[:, None] * sampled.D)
     fixed = _correction(info, removes_sensors)
     own = _own_ripple(plant, fixed, model) if model.delay_s > 0.0 else 0.0
-    return IdentifiedRig(plant, fixed, model.ripple_m_s2_per_v - own, model.latency_samples)
+    undone = np.pi * info.channels[0].high_pass_hz * info.dt_s if removes_sensors else 0.0
+    return IdentifiedRig(
+        plant, fixed, model.ripple_m_s2_per_v - own, model.latency_samples, model.ripple_m_s2_per_v * undone
+    )
 
 
 def _table(model: Model) -> StateSpace:

@@ -77,6 +77,7 @@ def loop_response(rig: IdentifiedRig, blocks: Blocks, storeys: Block, z: Complex
     samples = np.einsum("cdm,dm->cm", _at(rig.correction, frequency), _at(rig.plant, frequency)[:, 0])
     net = rig.ripple_m_s2_per_v - blocks.ripple_m_s2_per_v
     samples[0] += net * staircase(frequency, rig.latency_samples, blocks.numerical.dt_s)
+    samples[0] += rig.summed_m_s2_per_v * (1.0 + 1.0 / z) / z ** max(rig.latency_samples, 1)
     estimator = _at(blocks.estimator, frequency)
     late = z[None, :] ** (np.arange(blocks.lead_samples) - blocks.lead_samples)[:, None]
     p = len(storeys.C) // 3

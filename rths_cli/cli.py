@@ -65,8 +65,9 @@ def json_option(command: F) -> F:
     "--override",
     "overrides",
     multiple=True,
-    type=click.Choice(["model"]),
-    help="I know: use a model that its identification rejected. Stored in the result.",
+    type=click.Choice(["check", "model"]),
+    help="I know: run EXP-RTHS although its check says no, or use a model that was rejected. Repeatable, stored in "
+    "the result.",
 )
 @click.option("--fresh", is_flag=True, help="Identify anew; use no model of a virtual rig kept from earlier runs.")
 @settings_option
@@ -103,6 +104,70 @@ def run(
     ended = run_batch(request, screen)
     _show_results([e.path for e in ended if e.path], as_json, [e.__dict__ for e in ended])
     return exit_code(ended)
+
+
+@cli.command()
+@click.argument("cases", nargs=-1, required=True, metavar="CASE...")
+@click.option(
+    "--method",
+    "methods",
+    multiple=True,
+    type=click.Choice(["paper", "best"]),
+    help="Method instead of the case's own; give both to compare.",
+)
+@click.option(
+    "--override",
+    "overrides",
+    multiple=True,
+    type=click.Choice(["model"]),
+    help="I know: judge with a model that its identification rejected.",
+)
+@click.option("--resolved", is_flag=True, help="Print the cases with all defaults as YAML, and do nothing else.")
+@click.option("--quiet", is_flag=True, help="Show no progress.")
+@settings_option
+@json_option
+def check(
+    cases: tuple[str, ...],
+    methods: tuple[str, ...],
+    overrides: tuple[str, ...],
+    resolved: bool,
+    quiet: bool,
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> int:
+    """Say whether EXP-RTHS of a case is safe, unsafe or unstable, and how wrong it will be, before anything moves.
+
+    Exit code 0: all are safe; 1: one is not.
+
+    Example: rths check el_centro_low_ff_fb
+    """
+    from rths_cli.workflows.check_cases import check_cases, load_all
+
+    loaded = load_all(cases, settings, tuple(dict.fromkeys(methods)))
+    if resolved:
+        _show_resolved(loaded, as_json)
+        return 0
+    from rths_cli.report.preflight_document import as_document
+    from rths_cli.report.preflight_page import pages
+    from rths_cli.screen import Screen
+
+    screen = Screen(quiet, poll=SIGNALS.poll)
+    checked = check_cases(loaded, tuple(dict.fromkeys(overrides)), screen.doing)
+    screen.clear()
+    click.echo(json.dumps(as_document(checked), indent=2) if as_json else pages(checked), nl=as_json)
+    return max(one.exit_code for one in checked)
+
+
+def _show_resolved(cases: Sequence[Any], as_json: bool) -> None:
+    """Print cases with everything filled in: YAML documents, or these as texts in one JSON document."""
+    from rths_cli.case.load import resolved_yaml
+
+    texts = [resolved_yaml(case) for case in cases]
+    if as_json:
+        named = [{"case": case.name, "resolved": text} for case, text in zip(cases, texts, strict=True)]
+        click.echo(json.dumps({"cases": named}, indent=2))
+    else:
+        click.echo("---\n".join(texts), nl=False)
 
 
 @cli.command()

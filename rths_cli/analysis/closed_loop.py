@@ -6,7 +6,9 @@ import numpy as np
 
 from rths_cli.analysis.identified_rig import IdentifiedRig
 from rths_cli.control.blocks import Blocks
-from rths_cli.lti import Array, Block
+from rths_cli.lti import Array, Block, ComplexArray
+
+FORGOTTEN = 0.1  # size of an eigenvalue that dies out within a few samples: no motion of table or building
 
 
 class _Rows:
@@ -86,3 +88,19 @@ def _coupled(rows: _Rows, blocks: Blocks, corrected: Array, estimated: Array) ->
 def spectral_radius(matrix: Array) -> float:
     """Return the largest absolute eigenvalue: below one, every motion dies out."""
     return float(np.abs(np.linalg.eigvals(matrix)).max())
+
+
+def loop_roots(matrix: Array, dt_s: float) -> ComplexArray:
+    """Return the closed loop's oscillating motions as roots log(z) / dt_s in rad/s, (n,), of each pair the one above
+    the real axis, the slowest to die out first."""
+    z = np.linalg.eigvals(matrix).astype(complex)
+    roots = np.log(z[(np.abs(z) > FORGOTTEN) & (z.imag > 0.0)]) / dt_s
+    return roots[np.argsort(-roots.real)]
+
+
+def modes_in_loop(roots: ComplexArray, frequency_hz: Array, damping_ratio: Array) -> tuple[Array, Array]:
+    """Return frequencies in Hz and damping ratios (m,) of the loop's roots nearest to those of given modes (m,)."""
+    size = 2.0 * np.pi * frequency_hz
+    wanted = size * (-damping_ratio + 1j * np.sqrt(np.maximum(1.0 - damping_ratio**2, 0.0)))
+    nearest = roots[np.abs(roots[:, None] - wanted).argmin(axis=0)]
+    return np.abs(nearest) / (2.0 * np.pi), -nearest.real / np.abs(nearest)

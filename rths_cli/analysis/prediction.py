@@ -119,7 +119,7 @@ def data_ratio(model: Model, measured: Frf, frequency_hz: Array, summed_m_s2_per
     ratio = (measured.response - alias) / model.response(f)
     inside = (f >= model.band_hz[0]) & (f <= model.band_hz[1])
     f, ratio = f[inside], ratio[inside]
-    width = max(round(SMOOTHED_HZ / (f[1] - f[0])), 1)
+    width = 2 * round(0.5 * SMOOTHED_HZ / (f[1] - f[0])) + 1  # odd: about each line alike
     weight = np.convolve(np.ones(len(f)), np.ones(width), "same")
     ratio = np.convolve(ratio, np.ones(width), "same") / weight
     found = np.interp(frequency_hz, f, ratio.real) + 1j * np.interp(frequency_hz, f, ratio.imag)
@@ -144,7 +144,7 @@ def _stochastic(known: Known) -> dict[str, Array]:
     """Return the power in the test band, storeys then tracking, (n_storeys + 1,), of what is random by cause."""
     bit = known.rig.converters.step_v
     sizes = np.array([c.sensitivity_v_per_m_s2 for c in known.rig.channels])
-    corrected = np.einsum("ccm->cm", known.correction.response(known.lines.frequency_hz[1:])) / sizes[:, None] ** -1
+    corrected = np.einsum("ccm->cm", known.correction.response(known.lines.frequency_hz[1:])) * sizes[:, None]
     corrected = np.concatenate([np.zeros((len(sizes), 1)), corrected], axis=1)
     each = []
     for channel in range(len(sizes)):

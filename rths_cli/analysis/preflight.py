@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from decimal import ROUND_DOWN, Context
 
 import numpy as np
 
@@ -76,13 +77,23 @@ def judge(
     prediction: Prediction | None, dt_s: float,
 ) -> Preflight:  # fmt: skip
     """Return the verdict: unstable, unsafe (which limit), or safe."""
-    reasons = [*_unstable(stability), *_fragile(stability, dt_s)] if stability.radius < 1.0 else _unstable(stability)
+    reasons = faults_of_loop(stability, dt_s)
     doubt = stability.radius >= 1.0 and stability.growth >= GROWN
     largest = scaling * min((1.0 - RESERVE) / row.share if row.share > 0.0 else math.inf for row in reach)
     if stability.radius < 1.0:
         reasons += [_beyond(row, largest) for row in reach if not row.share <= 1.0 - RESERVE]
     verdict = UNSTABLE if doubt else UNSAFE if reasons else SAFE
     return Preflight(verdict, tuple(reasons), critical, stability, reach, largest, prediction)
+
+
+def faults_of_loop(found: Stability, dt_s: float) -> list[str]:
+    """Return why a loop is not safe whatever is played; nothing for one that is."""
+    return _fragile(found, dt_s) if found.radius < 1.0 else _unstable(found)
+
+
+def rounded_down(value: float, digits: int = 3) -> float:
+    """Return a positive number of at most so many significant digits that is not above the given one."""
+    return float(Context(prec=digits, rounding=ROUND_DOWN).create_decimal(repr(float(value))))
 
 
 def _unstable(found: Stability) -> list[str]:
@@ -116,7 +127,7 @@ def _fragile(found: Stability, dt_s: float) -> list[str]:
 def _beyond(row: Reach, largest: float) -> str:
     return (
         f"{row.name}: {row.peak:.4g} {row.units} is predicted, the limit is {row.limit:.4g} {row.units} and a tenth of "
-        f"it is kept in reserve; the largest safe scaling is {largest:.3g}"
+        f"it is kept in reserve; the largest safe scaling is {rounded_down(largest):g}"
     )
 
 
@@ -199,4 +210,15 @@ def _peak(series: Array) -> float:
     return float(np.abs(series).max())
 
 
-__all__ = ["LoopResponse", "Preflight", "Reach", "Stability", "judge", "reach", "required", "stability"]
+__all__ = [
+    "LoopResponse",
+    "Preflight",
+    "Reach",
+    "Stability",
+    "faults_of_loop",
+    "judge",
+    "reach",
+    "required",
+    "rounded_down",
+    "stability",
+]

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rths_cli.analysis import preflight
+from rths_cli.analysis.closed_loop import closed_loop_matrix, loop_roots, modes_in_loop
 from rths_cli.analysis.critical_delay import critical_delay
+from rths_cli.analysis.delayed_lines import delayed_rms
 from rths_cli.analysis.identified_rig import identified_rig
 from rths_cli.analysis.lines import lines_for
 from rths_cli.analysis.loop_response import loop_response
@@ -16,12 +19,13 @@ from rths_cli.analysis.prediction import Known, Prediction, predict
 from rths_cli.analysis.sim import simulate
 from rths_cli.control.estimator import specimen_state_space
 from rths_cli.control.numerical import all_storeys
-from rths_cli.structure import Building, assemble
+from rths_cli.structure import Building, assemble, modes
 
 if TYPE_CHECKING:
+    from rths_cli.analysis.critical_delay import CriticalDelay
     from rths_cli.analysis.identified_rig import IdentifiedRig
     from rths_cli.identification.evaluate import Identification
-    from rths_cli.lti import Block
+    from rths_cli.lti import Array, Block
     from rths_cli.structure import Specimen
     from rths_cli.workflows.controllers import Design
     from rths_cli.workflows.setup import Setup
@@ -30,12 +34,34 @@ RINGS = 7.0  # time constants after which a motion has died out
 LONGEST_S = 300.0
 
 
+@dataclass(frozen=True)
+class Judged:
+    """A case's verdict, the modes of the building as identified and what they are in the loop (frequencies in Hz and
+    damping ratios (n,) each), and SIM-DELAY's RMS errors (n_storeys,) in m/s^2, None where it would diverge.
+
+    `friction_v`: of the table as a change of command, as counted with; `largest_scaling`: up to which the test is
+    safe; 0 where no scaling makes it so.
+    """
+
+    preflight: preflight.Preflight
+    building: tuple[Array, Array]
+    in_loop: tuple[Array, Array]
+    sim_delay_rms_m_s2: Array | None
+    friction_v: float
+    largest_scaling: float
+
+
 def preflight_of(setup: Setup, identified: Identification, design: Design) -> preflight.Preflight:
     """Return the verdict on a case's hybrid test, from the rig as identified and the blocks as designed."""
-    specimen = _specimen(identified)
+    return judge(setup, identified, design).preflight
+
+
+def judge(setup: Setup, identified: Identification, design: Design) -> Judged:
+    """Return all that is known of a case's hybrid test, from the rig as identified and the blocks as designed."""
+    specimen, dt = _specimen(identified), setup.rig.dt_s
     building = as_identified(setup, specimen)
     rig = identified_rig(identified.best, specimen, setup.rig, setup.removes_sensors)
-    storeys = all_storeys(building.numerical, setup.rig.dt_s, setup.case.integration)
+    storeys = all_storeys(building.numerical, dt, setup.case.integration)
     samples = len(setup.motion.time_s)
     found = preflight.stability(rig, design.blocks, storeys, identified.best, identified.frfs[0], samples)
     known = known_of(setup, identified, design, rig, storeys, found.radius)
@@ -44,7 +70,18 @@ def preflight_of(setup: Setup, identified: Identification, design: Design) -> pr
     rows = preflight.reach(known, prediction, setup.rig, masses)
     stable = prediction if found.radius < 1.0 else None
     critical = critical_delay(building)
-    return preflight.judge(critical, found, rows, setup.case.scaling, stable, setup.rig.dt_s)
+    verdict = preflight.judge(critical, found, rows, setup.case.scaling, stable, dt)
+    own = modes(building.M, building.C, building.K)
+    looped = modes_in_loop(loop_roots(closed_loop_matrix(rig, design.blocks), dt), *own)
+    largest = 0.0 if preflight.faults_of_loop(found, dt) else preflight.rounded_down(verdict.largest_scaling)
+    friction = identified.friction.command_v if identified.friction else 0.0
+    return Judged(verdict, own, looped, _sim_delay(setup, building, known, critical), friction, largest)
+
+
+def _sim_delay(setup: Setup, building: Building, known: Known, critical: CriticalDelay) -> Array | None:
+    if setup.case.delay_s >= critical.delay_s:
+        return None
+    return delayed_rms(known.lines, building, known.floors, known.ground[0], known.sim, setup.case.delay_s)
 
 
 def _specimen(identified: Identification) -> Specimen:
@@ -87,4 +124,4 @@ def known_of(
     )
 
 
-__all__ = ["Prediction", "as_identified", "known_of", "preflight_of"]
+__all__ = ["Judged", "Prediction", "as_identified", "judge", "known_of", "preflight_of"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rths_cli.errors import InputError
@@ -16,6 +16,8 @@ from rths_cli.workflows.model_store import Cache, Stored, key, load
 from rths_cli.workflows.setup import Progress, Setup, shown
 from rths_cli.workflows.verify import verify
 
+NOW, AT_REST = "identified in this run", "identified now, which on a virtual rig is a computation"
+
 
 @dataclass(frozen=True)
 class Known:
@@ -24,6 +26,14 @@ class Known:
     found: Identification
     source: str
     reasons: tuple[str, ...] = ()
+
+    def faults(self, overrides: tuple[str, ...]) -> tuple[str, ...]:
+        """Return why the model may not drive a table, then or now; nothing when that is overridden."""
+        reasons = (*(() if self.found.accepted else self.found.reasons), *self.reasons)
+        if not reasons or "model" in overrides:
+            return ()
+        advice = "improve the identification, or add --override model"
+        return (f"identified model rejected: {'; '.join(reasons)}; {advice}",)
 
 
 class Memory:
@@ -69,6 +79,18 @@ class Memory:
             self._known[name] = self._from_file(setup, file, progress) if file else self._now(setup, progress)
         return self._known[name]
 
+    def at_rest(self, setup: Setup, progress: Progress) -> Known:
+        """Return what is known without moving a real table: a named model of ours as it is, verified by no record.
+
+        What a virtual rig is still to be asked is computed. Raises InputError as `prepare` does.
+        """
+        self.prepare(setup)
+        file = self._files.get(key(setup))
+        if isinstance(file, Stored):
+            return Known(file.found, f"{_named(file)}; a run verifies it by a short record first")
+        known = self.known(setup, progress)
+        return replace(known, source=AT_REST) if known.source == NOW else known
+
     def _from_file(self, setup: Setup, file: Stored | ForeignModel, progress: Progress) -> Known:
         """Return a named model: one of ours verified by a short record, one from elsewhere judged by a full one."""
         if isinstance(file, ForeignModel):
@@ -77,7 +99,7 @@ class Memory:
             where = f"zeros, poles and gain of {shown(file.path)}, judged by a record made now"
             return Known(noted(found, notes_on(file)), where)
         changes, sentence = verify(setup, file.found, progress)
-        where = f"model {shown(file.path)}, identified {file.age}"
+        where = _named(file)
         reasons = (f"{where}: {'; '.join(changes)}",) if changes else ()
         return Known(noted(file.found, reasons or (f"{where}; {sentence}",)), where, reasons)
 
@@ -90,7 +112,11 @@ class Memory:
         found = evaluated(setup, measured)
         if self._cache and setup.rig.kind == "virtual":
             self._cache.keep(setup, found, measured.sha256)
-        return Known(found, "identified in this run")
+        return Known(found, NOW)
+
+
+def _named(file: Stored) -> str:
+    return f"model {shown(file.path)}, identified {file.age}"
 
 
 def _check_real(setup: Setup, path: Path | None) -> None:

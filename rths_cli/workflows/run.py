@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,17 +13,16 @@ from rths_cli.analysis.critical_delay import critical_delay
 from rths_cli.analysis.sim import simulate
 from rths_cli.analysis.sim_delay import simulate_delayed
 from rths_cli.case.load import resolved_yaml
-from rths_cli.errors import InputError
 from rths_cli.files.results import Metric, ResultWriter, check_writable
 from rths_cli.loop.blocks import NUMERICAL, RECORD
 from rths_cli.loop.drive import Outcome, play
 from rths_cli.workflows import budget, contents, figures, merit
-from rths_cli.workflows.controllers import Design, design_blocks
+from rths_cli.workflows.check_cases import Verdict, verdict_on
 from rths_cli.workflows.known import Known, Memory
 from rths_cli.workflows.provenance import attributes
 from rths_cli.workflows.rigs import EXP_RTHS, SHAKE_TABLE, guard_limits, open_rig
 from rths_cli.workflows.series import Series, on_record_clock, whole_building
-from rths_cli.workflows.setup import Progress, Setup, make_setup
+from rths_cli.workflows.setup import Progress, Setup, make_setups, shown
 from rths_cli.workflows.warnings import of_case
 
 if TYPE_CHECKING:
@@ -31,6 +30,7 @@ if TYPE_CHECKING:
     from rths_cli.case.models import Case
     from rths_cli.identification.evaluate import Identification
     from rths_cli.lti import Array
+    from rths_cli.workflows.controllers import Design
 
 BYTES_PER_SAMPLE = 600  # of a result file, for the check of free space
 
@@ -59,14 +59,7 @@ class Stop:
 
 def prepare_all(cases: Sequence[Case], output: Path, overrides: tuple[str, ...] = ()) -> list[Setup]:
     """Read and check everything of every case before the first one starts; raises InputError with all faults."""
-    setups, faults = [], []
-    for case in cases:
-        try:
-            setups.append(make_setup(case, overrides))
-        except InputError as error:
-            faults += [f"{case.path}: {fault}" if str(case.path) not in fault else fault for fault in error.faults]
-    if faults:
-        raise InputError(*faults)
+    setups = make_setups(cases, overrides)
     samples = sum(len(setup.motion.time_s) for setup in setups)
     check_writable(output, BYTES_PER_SAMPLE * samples)
     return setups
@@ -80,28 +73,17 @@ def moves_table(case: Case) -> bool:
 def run_case(setup: Setup, path: Path, memory: Memory, command_line: str, progress: Progress) -> Ended:
     """Run one case and write its result file; raises InputError when it cannot be run or written."""
     case = setup.case
-    known, identified, design = None, None, None
-    if moves_table(case):
-        known = memory.known(setup, progress)
-        identified = known.found
-        try:
-            design = design_blocks(setup, identified)
-        except InputError as error:
-            return Ended(case.name, None, "refused", str(error), 1)
-    cautions, replaced = of_case(setup, identified, design), path.exists()
-    with ResultWriter(path, _attributes(setup, design, known, command_line, cautions)) as writer:
+    known = memory.known(setup, progress) if moves_table(case) else None
+    checked = verdict_on(setup, known, hybrid="exp_rths" in case.runs) if known else None
+    cautions, replaced = _cautions(setup, known, checked), path.exists()
+    with ResultWriter(path, _attributes(setup, checked, known, command_line, cautions)) as writer:
         writer.case(case.yaml_text, resolved_yaml(case))
         contents.write_record(writer, setup)
         sim, values = _simulations(setup, writer, progress)
         stop = None
-        if known is not None and identified is not None and design is not None:
-            contents.write_identification(writer, identified, design)
-            contents.write_controller(writer, design)
-            values |= contents.design_figures(setup, identified, design)
-            stop = _verdict(setup, known)
-            if stop is None:
-                stop, measured = _experiments(setup, identified, design, sim, writer, progress)
-                values |= measured
+        if known is not None and checked is not None:
+            stop, measured = _on_table(setup, known, checked, sim, writer, progress)
+            values |= measured
         writer.metrics(values)
         if stop is None:
             stop = _acceptance(case, values)
@@ -109,21 +91,46 @@ def run_case(setup: Setup, path: Path, memory: Memory, command_line: str, progre
     return Ended(case.name, path, stop.status, stop.reason, stop.exit_code, cautions, replaced)
 
 
+def _cautions(setup: Setup, known: Known | None, checked: Verdict | None) -> tuple[str, ...]:
+    """Return what a user should read before trusting the result."""
+    said = of_case(setup, known.found if known else None, checked.design if checked else None)
+    if checked is None or not checked.refused or "check" not in setup.overrides:
+        return said
+    return (*said, f"the check of EXP-RTHS is overridden, it says {checked.verdict}: {'; '.join(checked.reasons)}")
+
+
 def _attributes(
-    setup: Setup, design: Design | None, known: Known | None, command_line: str, cautions: Sequence[str]
+    setup: Setup, checked: Verdict | None, known: Known | None, command_line: str, cautions: Sequence[str]
 ) -> dict[str, str | int | float]:
     """Return the root attributes of the result file."""
     model = {"model_source": known.source if known else "", "warnings": "\n".join(cautions)}
-    return attributes(setup, design, command_line) | model
+    verdict = {"check_verdict": checked.verdict if checked else ""}
+    return attributes(setup, checked.design if checked else None, command_line) | model | verdict
 
 
-def _verdict(setup: Setup, known: Known) -> Stop | None:
-    """Refuse the table runs with a model that was rejected, then or now, unless that is overridden."""
-    reasons = [*(() if known.found.accepted else known.found.reasons), *known.reasons]
-    if not reasons or "model" in setup.overrides:
+def _on_table(
+    setup: Setup, known: Known, checked: Verdict, sim: Response, writer: ResultWriter, progress: Progress
+) -> tuple[Stop | None, dict[str, Metric]]:
+    """Write what is known of rig and blocks, play the table runs; return what stopped one first and the figures."""
+    design = checked.design
+    if design is None:
+        return Stop("refused", "; ".join(checked.reasons), 1), {}
+    contents.write_identification(writer, known.found, design)
+    contents.write_controller(writer, design)
+    values = contents.design_figures(setup, known.found, design) | checked.figures
+    rejected = known.faults(setup.overrides)
+    if rejected:
+        return Stop("refused", rejected[0], 1), values
+    stop, measured = _experiments(setup, known.found, checked, design, sim, writer, progress)
+    return stop, values | measured
+
+
+def _refusal(setup: Setup, checked: Verdict) -> Stop | None:
+    """Return why EXP-RTHS is not run, None when it is safe or when that is overridden."""
+    if not checked.refused or "check" in setup.overrides:
         return None
-    advice = "improve the identification, or add --override model"
-    return Stop("refused", f"identified model rejected: {'; '.join(reasons)}; {advice}", 1)
+    advice = f"rths check {shown(setup.case.path)} tells more, --override check runs it all the same"
+    return Stop("refused", f"EXP-RTHS refused, {checked.verdict}: {'; '.join(checked.reasons)}; {advice}", 1)
 
 
 def _simulations(setup: Setup, writer: ResultWriter, progress: Progress) -> tuple[Response, dict[str, Metric]]:
@@ -149,8 +156,9 @@ def _simulations(setup: Setup, writer: ResultWriter, progress: Progress) -> tupl
 
 
 def _experiments(
-    setup: Setup, identified: Identification, design: Design, sim: Response, writer: ResultWriter, progress: Progress
-) -> tuple[Stop | None, dict[str, Metric]]:
+    setup: Setup, identified: Identification, checked: Verdict, design: Design, sim: Response, writer: ResultWriter,
+    progress: Progress,
+) -> tuple[Stop | None, dict[str, Metric]]:  # fmt: skip
     """Play the table runs of the case, write them, and return what stopped one first and the figures."""
     stop: Stop | None = None
     values: dict[str, Metric] = {}
@@ -159,6 +167,9 @@ def _experiments(
         ("exp_rths", NUMERICAL, EXP_RTHS, "EXP-RTHS"),
     ):
         if run not in setup.case.runs or (stop is not None and setup.rig.kind != "virtual"):
+            continue
+        if run == "exp_rths" and (refusal := _refusal(setup, checked)):
+            stop = replace(stop, reason=f"{stop.reason}; {refusal.reason}") if stop else refusal
             continue
         progress(f"{label}, {setup.case.table.kind} table")
         outcome = play_run(setup, design, source, stream)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
@@ -17,6 +17,7 @@ from rths_cli.lti import Array
 from rths_cli.record import GroundMotion, prepare
 from rths_cli.rig_info import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
 from rths_cli.structure import Building, build
+from rths_cli.workflows.check_figures import paths as of_check
 from rths_cli.workflows.figures import of_runs
 
 if TYPE_CHECKING:
@@ -63,6 +64,19 @@ def make_setup(case: Case, overrides: tuple[str, ...] = ()) -> Setup:
     return Setup(case, motion, accelerogram.sha256, building, rig_info(case), masses, overrides)
 
 
+def make_setups(cases: Sequence[Case], overrides: tuple[str, ...] = ()) -> list[Setup]:
+    """Read and check everything of every case before the first one starts; raises InputError with all faults."""
+    setups, faults = [], []
+    for case in cases:
+        try:
+            setups.append(make_setup(case, overrides))
+        except InputError as error:
+            faults += [f"{case.path}: {fault}" if str(case.path) not in fault else fault for fault in error.faults]
+    if faults:
+        raise InputError(*faults)
+    return setups
+
+
 def _payload_faults(case: Case) -> list[str]:
     """Return a sentence when the specimen is heavier than the data sheet of the table permits."""
     weight = sum(case.structure.experimental.masses_kg) + case.structure.interface_experimental_mass_kg
@@ -75,11 +89,11 @@ def _payload_faults(case: Case) -> list[str]:
 
 
 def _accept_faults(case: Case) -> list[str]:
-    """Return a sentence for each accepted figure of a run that does not exist or has no storeys."""
-    known, faults = of_runs(), []
+    """Return a sentence for each accepted figure of a run or of its check that does not exist or has no storeys."""
+    known, faults = of_runs() | of_check(), []
     for path in case.accept:
         name, _, index = path.partition("[")
-        if name.split(".")[0] not in RUNS:
+        if name.split(".")[0] not in (*RUNS, "check"):
             continue
         if name not in known:
             near = get_close_matches(name, known, 1)

@@ -13,6 +13,7 @@ import pytest
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
 from rths_cli.files.results import read_result
+from rths_cli.workflows import check_figures
 from rths_cli.workflows.figures import of_runs
 from rths_cli.workflows.known import Known, Memory
 from rths_cli.workflows.run import Ended, run_case
@@ -22,8 +23,8 @@ from rths_cli.workflows.warnings import differences
 CASE = "el_centro_low_ff_fb"
 
 
-def run(path: Path, memory: Memory, *settings: str, case: str = CASE) -> Ended:
-    return run_case(make_setup(load_cases([case], settings)[0]), path, memory, "test", lambda _: None)
+def run(path: Path, memory: Memory, *settings: str, case: str = CASE, overrides: tuple[str, ...] = ()) -> Ended:
+    return run_case(make_setup(load_cases([case], settings)[0], overrides), path, memory, "test", lambda _: None)
 
 
 def datasets(path: Path) -> dict[str, bytes]:
@@ -92,7 +93,7 @@ def test_the_same_seed_gives_the_same_bytes_and_dropping_a_run_changes_no_other(
 
 
 def test_a_limit_stops_the_run_and_the_file_says_so(tmp_path: Path, memory: Memory) -> None:
-    ended = run(tmp_path / "s.h5", memory, "scaling=3", "runs=[sim, shake_table, exp_rths]")
+    ended = run(tmp_path / "s.h5", memory, "scaling=3", "runs=[sim, shake_table, exp_rths]", overrides=("check",))
     assert (ended.exit_code, ended.status) == (3, "aborted")
     assert "stroke" in ended.reason and "shake-table test" in ended.reason
     result = read_result(tmp_path / "s.h5")
@@ -108,7 +109,7 @@ def test_a_limit_stops_the_run_and_the_file_says_so(tmp_path: Path, memory: Memo
 def test_the_table_as_delivered_is_stopped_by_a_limit_because_the_loop_is_unstable(
     tmp_path: Path, memory: Memory
 ) -> None:
-    ended = run(tmp_path / "n.h5", memory, "controller=none", "runs=[exp_rths]")
+    ended = run(tmp_path / "n.h5", memory, "controller=none", "runs=[exp_rths]", overrides=("check",))
     assert (ended.exit_code, ended.status) == (3, "aborted")
 
 
@@ -159,10 +160,10 @@ def test_a_specimen_too_heavy_for_the_table_is_refused() -> None:
 
 
 def test_the_figures_known_beforehand_are_those_a_run_has(whole: Path) -> None:
-    runs = ("sim", "sim_delay", "shake_table", "exp_rths")
+    runs = ("sim", "sim_delay", "shake_table", "exp_rths", "check")
     metrics = {path: np.ndim(value) > 0 for path, value in read_result(whole).metrics.items()}
     written = {path: per_storey for path, per_storey in metrics.items() if path.split(".")[0] in runs}
-    known = of_runs()
+    known = of_runs() | check_figures.paths()
     assert set(known) - set(written) == {"sim_delay.diverged_at_s"}
     assert all(known[path] == per_storey for path, per_storey in written.items())
 

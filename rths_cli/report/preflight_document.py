@@ -1,0 +1,79 @@
+"""What the check of a case found, as numbers for JSON: what is not known or not finite is None."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from rths_cli.files.result_writer import Metric
+
+SAFE = "safe"
+
+
+@dataclass(frozen=True)
+class Tested:
+    """What a check is about: the case as a reader knows it, the model used and where it comes from."""
+
+    case: str
+    file: str
+    structure: str
+    damping: str
+    record: str
+    scaling: float
+    controller: str
+    method: str
+    rig: str
+    rig_kind: str
+    sample_rate_hz: float
+    delay_s: float
+    model: str
+    overrides: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Checked:
+    """The verdict on a case, why it is not safe, what a reader should know beside, and the figures by path."""
+
+    about: Tested
+    verdict: str
+    reasons: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
+    metrics: Mapping[str, Metric] = field(default_factory=dict)
+
+    @property
+    def exit_code(self) -> int:
+        """Return 0 for a safe case, else 1."""
+        return 0 if self.verdict == SAFE else 1
+
+
+def as_document(checked: Sequence[Checked]) -> dict[str, Any]:
+    """Return checked cases as plain numbers, texts and lists for JSON."""
+    return {"cases": [_case(one) for one in checked]}
+
+
+def _case(one: Checked) -> dict[str, Any]:
+    about = {name: _plain(value) for name, value in vars(one.about).items()}
+    return {
+        **about,
+        "verdict": one.verdict,
+        "reasons": list(one.reasons),
+        "warnings": list(one.warnings),
+        "metrics": {path: _number(metric.value) for path, metric in one.metrics.items()},
+        "units": {path: metric.units for path, metric in one.metrics.items()},
+        "definitions": {path: metric.definition for path, metric in one.metrics.items()},
+    }
+
+
+def _plain(value: Any) -> Any:
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _number(value: Any) -> Any:
+    """Return a number or a list of them, None for one that is not finite."""
+    numbers = np.asarray(value, dtype=float)
+    if numbers.ndim:
+        return [_number(item) for item in numbers]
+    return float(numbers) if np.isfinite(numbers) else None

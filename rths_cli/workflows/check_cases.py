@@ -1,0 +1,112 @@
+"""What `rths check` does: judge cases as `rths run` does before EXP-RTHS, without moving a table."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from rths_cli.analysis.preflight import SAFE, UNSAFE, UNSTABLE
+from rths_cli.case.load import load_cases
+from rths_cli.errors import InputError, LimitError, RigError
+from rths_cli.report.preflight_document import Checked, Tested
+from rths_cli.workflows import contents
+from rths_cli.workflows.check import judge
+from rths_cli.workflows.check_figures import check_figures
+from rths_cli.workflows.controllers import design_blocks
+from rths_cli.workflows.known import Memory
+from rths_cli.workflows.model_store import Cache
+from rths_cli.workflows.setup import make_setups, shown
+from rths_cli.workflows.warnings import of_case
+
+if TYPE_CHECKING:
+    from rths_cli.case.models import Case
+    from rths_cli.files.result_writer import Metric
+    from rths_cli.workflows.controllers import Design
+    from rths_cli.workflows.known import Known
+    from rths_cli.workflows.setup import Progress, Setup
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether EXP-RTHS may be run, why not, the blocks it would run with (None: there are none), and the figures."""
+
+    verdict: str
+    reasons: tuple[str, ...]
+    design: Design | None
+    figures: dict[str, Metric]
+
+    @property
+    def refused(self) -> bool:
+        """Tell whether there is a hybrid test and it is not safe."""
+        return self.verdict in (UNSAFE, UNSTABLE)
+
+
+def verdict_on(setup: Setup, known: Known, hybrid: bool = True) -> Verdict:
+    """Return the verdict on a case's hybrid test from what is known of its rig and specimen; "" when `hybrid` says that
+    there is none, unless no blocks can be designed."""
+    faults = known.faults(setup.overrides)
+    try:
+        design = design_blocks(setup, known.found)
+    except InputError as error:
+        return Verdict(UNSAFE, (*faults, *error.faults), None, {})
+    if not hybrid:
+        return Verdict("", faults, design, {})
+    judged = judge(setup, known.found, design)
+    found = judged.preflight
+    verdict = UNSAFE if faults and found.verdict == SAFE else found.verdict
+    return Verdict(verdict, (*faults, *found.reasons), design, check_figures(judged))
+
+
+def load_all(paths: Sequence[str], settings: Sequence[str], methods: Sequence[str]) -> list[Case]:
+    """Return the cases, once for each method (none: their own); raises InputError with all faults."""
+    cases: list[Case] = []
+    for method in methods or ("",):
+        chosen = (f"method={method}",) if method else ()
+        cases += load_cases(paths, (*settings, *chosen))
+    return cases
+
+
+def check_cases(
+    cases: Sequence[Case], overrides: tuple[str, ...], progress: Progress, memory: Memory | None = None
+) -> list[Checked]:
+    """Return the verdict on each case; all are read before the first is judged. Raises InputError with all faults."""
+    memory = memory or Memory(Cache())
+    setups = make_setups(cases, overrides)
+    for setup in setups:
+        memory.prepare(setup)
+    return [check_case(setup, memory, progress) for setup in setups]
+
+
+def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
+    """Return the verdict on one case; a virtual rig that cannot be identified makes it unsafe."""
+    progress(f"check of {setup.case.name}")
+    try:
+        known = memory.at_rest(setup, progress)
+    except (RigError, LimitError) as error:
+        return Checked(_about(setup, "none"), UNSAFE, (str(error),))
+    found = verdict_on(setup, known)
+    figures = {} if found.design is None else contents.design_figures(setup, known.found, found.design) | found.figures
+    told = () if "model" in setup.overrides else known.found.reasons
+    notes = tuple(note for note in of_case(setup, known.found, found.design) if note not in told)
+    return Checked(_about(setup, known.source), found.verdict, found.reasons, notes, figures)
+
+
+def _about(setup: Setup, model: str) -> Tested:
+    case = setup.case
+    return Tested(
+        case=case.name,
+        file=shown(case.path),
+        structure=case.structure.name,
+        damping=case.damping.name,
+        record=case.record.name,
+        scaling=case.scaling,
+        controller=case.controller.kind,
+        method=case.method,
+        rig=setup.rig.name,
+        rig_kind=setup.rig.kind,
+        sample_rate_hz=case.sample_rate_hz,
+        delay_s=case.delay_s,
+        model=model,
+        overrides=setup.overrides,
+    )

@@ -14,7 +14,7 @@ import numpy as np
 from rths_cli.analysis.lines import Lines
 from rths_cli.analysis.loop_response import LoopResponse, Motion, hybrid, on_perfect_table
 from rths_cli.identification.friction import Friction, disturbance
-from rths_cli.lti import Array, Block, ComplexArray, Frf, Model, hold_size, staircase
+from rths_cli.lti import Array, Block, ComplexArray, Frf, Model, hold_size
 from rths_cli.metrics import rms
 from rths_cli.rig_info import RigInfo
 
@@ -113,10 +113,7 @@ def data_ratio(model: Model, measured: Frf, frequency_hz: Array, summed_m_s2_per
     """Return measured response over model, less the staircase alias and its integral (`summed_m_s2_per_v` as in
     IdentifiedRig), averaged over SMOOTHED_HZ; one outside the band of the data, (m,)."""
     f = measured.frequency_hz
-    alias = model.ripple_m_s2_per_v * staircase(f, model.latency_samples, model.dt_s)
-    later = np.exp(-2j * np.pi * f * model.dt_s)
-    alias = alias + summed_m_s2_per_v * (1.0 + later) * later ** max(model.latency_samples, 1)
-    ratio = (measured.response - alias) / model.response(f)
+    ratio = (measured.response - model.alias(f)) / model.response(f)
     inside = (f >= model.band_hz[0]) & (f <= model.band_hz[1])
     f, ratio = f[inside], ratio[inside]
     width = 2 * round(0.5 * SMOOTHED_HZ / (f[1] - f[0])) + 1  # odd: about each line alike

@@ -67,7 +67,6 @@ class Known:
     rig: RigInfo
     correction: Block
     shaped: bool
-    summed_m_s2_per_v: float = 0.0  # as in IdentifiedRig
 
 
 def predict(known: Known) -> Prediction:
@@ -105,13 +104,14 @@ def _rms(known: Known, lines: ComplexArray) -> Array:
 
 def _model_error(known: Known, nominal: Motion) -> ComplexArray:
     """Return what the samples (c, m) would have more if the table answered as measured, not as modelled."""
-    ratio = data_ratio(known.model, known.measured, known.lines.frequency_hz, known.summed_m_s2_per_v)
-    return known.loop.rig * (ratio - 1.0) * nominal.command_v
+    return (
+        known.loop.rig * (data_ratio(known.model, known.measured, known.lines.frequency_hz) - 1.0) * nominal.command_v
+    )
 
 
-def data_ratio(model: Model, measured: Frf, frequency_hz: Array, summed_m_s2_per_v: float = 0.0) -> ComplexArray:
-    """Return measured response over model, less the staircase alias and its integral (`summed_m_s2_per_v` as in
-    IdentifiedRig), averaged over SMOOTHED_HZ; one outside the band of the data, (m,)."""
+def data_ratio(model: Model, measured: Frf, frequency_hz: Array) -> ComplexArray:
+    """Return measured response over model, less the staircase alias, averaged over SMOOTHED_HZ; one outside the band
+    of the data, (m,)."""
     f = measured.frequency_hz
     ratio = (measured.response - model.alias(f)) / model.response(f)
     inside = (f >= model.band_hz[0]) & (f <= model.band_hz[1])

@@ -139,7 +139,7 @@ def stability(
     radius = spectral_radius(matrix)
     frequency = _grid(matrix, rig.plant.dt_s)
     loop = loop_response(rig, blocks, storeys, np.exp(2j * np.pi * frequency * rig.plant.dt_s))
-    on_data = loop.with_rig(data_ratio(model, measured, frequency, rig.summed_m_s2_per_v))
+    on_data = loop.with_rig(data_ratio(model, measured, frequency))
     tolerated = np.minimum(_tolerated(on_data), _tolerated(loop.loop))
     wanted = required(frequency, model.band_hz[1])
     nearest = int(np.argmin(tolerated / wanted))

@@ -120,7 +120,6 @@ def known_of(
         rig=setup.rig,
         correction=design.blocks.correction,
         shaped=design.blocks.shaping_step_v > 0.0,
-        summed_m_s2_per_v=rig.summed_m_s2_per_v,
     )
 
 

@@ -29,6 +29,8 @@ class IdentifiedRig:
 
     `ripple_m_s2_per_v`: what a corrected table sample carries of a command change beyond what `plant` has;
     `ripple_sum_m_s2_per_v`: the whole alias's integral, from correcting the AC coupling; `plant` has none of it.
+    `excess`: share of a table sample that is alias like an acceleration. An identification cannot tell it from the
+    table's gain: table and floors move by that much less than the model says.
     """
 
     plant: Block
@@ -36,6 +38,7 @@ class IdentifiedRig:
     ripple_m_s2_per_v: float
     latency_samples: int
     ripple_sum_m_s2_per_v: float = 0.0
+    excess: float = 0.0
 
     def alias_left(self, blocks: Blocks) -> tuple[float, float]:
         """Return what the step of these blocks leaves of the alias beside what `plant` has, m/s^2 per V of difference
@@ -55,9 +58,9 @@ def identified_rig(model: Model, specimen: Specimen, info: RigInfo, removes_sens
     sampled = _held(chain, model, info.dt_s) if model.delay_s > 0.0 else _smooth(chain, info.dt_s)
     plant = replace(sampled, C=scale[:, None] * sampled.C, D=scale[:, None] * sampled.D)
     fixed = _correction(info, removes_sensors)
-    own = _own_ripple(plant, fixed, model) if model.delay_s > 0.0 else 0.0
+    own, excess = _own_alias(plant, fixed, model) if model.delay_s > 0.0 else (0.0, 0.0)
     beyond = model.ripple_m_s2_per_v - own
-    return IdentifiedRig(plant, fixed, beyond, model.latency_samples, model.ripple_sum_m_s2_per_v)
+    return IdentifiedRig(plant, fixed, beyond, model.latency_samples, model.ripple_sum_m_s2_per_v, excess)
 
 
 def _table(model: Model) -> StateSpace:
@@ -134,8 +137,13 @@ def _correction(info: RigInfo, removes_sensors: bool) -> Block:
     return replace(block, A=block.A[np.ix_(kept, kept)], B=block.B[kept], C=block.C[:, kept])
 
 
-def _own_ripple(plant: Block, fixed: Block, model: Model) -> float:
-    """Return what the sampled model's own hold adds to a corrected table sample, per V of command change."""
-    sampled = fixed.response(RIPPLE_HZ)[0, 0] * plant.response(RIPPLE_HZ)[0, 0]
-    alias = staircase(RIPPLE_HZ, model.latency_samples, model.dt_s)
-    return float(np.mean(((sampled - model.response(RIPPLE_HZ)) / alias).real))
+def _own_alias(plant: Block, fixed: Block, model: Model) -> tuple[float, float]:
+    """Return what the sampled model's own hold adds to a corrected table sample: per V of command change (first order
+    in the frequency), and as a share of the response (second order, like an acceleration)."""
+    response = model.response(RIPPLE_HZ)
+    added = fixed.response(RIPPLE_HZ)[0, 0] * plant.response(RIPPLE_HZ)[0, 0] / response - 1.0
+    alias = staircase(RIPPLE_HZ, model.latency_samples, model.dt_s) / response
+    rows = np.stack([alias, np.ones_like(alias)], axis=-1)
+    both = np.concatenate([rows.real, rows.imag]), np.concatenate([added.real, added.imag])
+    own, excess = np.linalg.lstsq(*both, rcond=None)[0]
+    return float(own), float(excess)

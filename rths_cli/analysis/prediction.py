@@ -52,7 +52,7 @@ class Prediction:
 class Known:
     """What a prediction starts from: `floors` (c, m) accelerations of table (one) and floors per table acceleration,
     `sim` (n_storeys, m) and `ground` (3, m) on lines, `velocity_m_s` (n,) of the interface, noise of each channel at
-    rest (c,) in m/s^2."""
+    rest (c,) in m/s^2; `excess` as in IdentifiedRig."""
 
     loop: LoopResponse
     lines: Lines
@@ -67,6 +67,7 @@ class Known:
     rig: RigInfo
     correction: Block
     shaped: bool
+    excess: float = 0.0
 
 
 def predict(known: Known) -> Prediction:
@@ -103,10 +104,10 @@ def _rms(known: Known, lines: ComplexArray) -> Array:
 
 
 def _model_error(known: Known, nominal: Motion) -> ComplexArray:
-    """Return what the samples (c, m) would have more if the table answered as measured, not as modelled."""
-    return (
-        known.loop.rig * (data_ratio(known.model, known.measured, known.lines.frequency_hz) - 1.0) * nominal.command_v
-    )
+    """Return what the samples (c, m) would have more if the table answered as measured, less what of that is alias
+    (`excess`), not as modelled."""
+    ratio = data_ratio(known.model, known.measured, known.lines.frequency_hz) / (1.0 + known.excess)
+    return known.loop.rig * (ratio - 1.0) * nominal.command_v
 
 
 def data_ratio(model: Model, measured: Frf, frequency_hz: Array) -> ComplexArray:

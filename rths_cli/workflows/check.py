@@ -120,6 +120,7 @@ def known_of(
         rig=setup.rig,
         correction=design.blocks.correction,
         shaped=design.blocks.shaping_step_v > 0.0,
+        excess=rig.excess,
     )
 
 

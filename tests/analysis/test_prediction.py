@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from bench import DT_S, ideal_info, specimen
 from hybrid import best_like, open_limits, paper_like, storeys, true_model
-from open_loop import rig_as_identified
+from open_loop import floors_per_table, rig_as_identified
 from scipy.signal.windows import tukey
 
 from rths_cli.analysis.lines import Lines, lines_for
@@ -105,7 +105,7 @@ def known(fault: Fault, paper: bool = False, interface_friction: float = 0.0) ->
         model=model,
         measured=measured,
         friction=Friction(interface_friction, 0.0, 1e9, 0.9, 1e-3) if interface_friction else None,
-        floors=floors(lines.frequency_hz),
+        floors=floors_per_table(lines.frequency_hz),
         ground=ground,
         sim=rung_out(lines, ground[0]),
         velocity_m_s=sim.rel_vel_m_s[0] + velocity,
@@ -121,15 +121,6 @@ def rung_out(lines: Lines, accel: ComplexArray) -> ComplexArray:
     once = np.fft.irfft(np.append(accel, np.zeros(lines.padded // 2 + 1 - lines.count)), lines.padded)
     twice = simulate(building(), DT_S, np.concatenate([once, once])).abs_accel_m_s2
     return np.fft.rfft(twice[:, lines.padded :])[:, : lines.count]
-
-
-def floors(frequency_hz: Array) -> ComplexArray:
-    """Return accelerations of table (one) and floors per table acceleration, from M s^2 x + C s x + K x = -M 1 a."""
-    parts, found = specimen(), []
-    for s in 2j * np.pi * frequency_hz:
-        restoring = parts.K + s * parts.C
-        found.append(1.0 - s**2 * np.linalg.solve(np.diag(parts.masses_kg) * s**2 + restoring, parts.masses_kg))
-    return np.vstack([np.ones(len(frequency_hz)), np.array(found).T])
 
 
 def figures(errors: Errors) -> Array:

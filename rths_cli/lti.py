@@ -99,7 +99,8 @@ class Model:
                 value = value * (s - self.zeros[k])
             if k < len(self.poles):
                 value = value / (s - self.poles[k])
-        return value * np.exp(-s * self.delay_s) * hold_size(frequency_hz, self.dt_s)
+        late: ComplexArray = np.exp(-s * self.delay_s)
+        return value * late * hold_size(frequency_hz, self.dt_s)
 
     @property
     def low_frequency_gain_m_per_v(self) -> float:

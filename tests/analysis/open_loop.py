@@ -101,7 +101,8 @@ def open_loop(
 
         samples = out(0, command)
         corrected = out(1, samples) + noise
-        corrected[0] -= blocks.ripple_m_s2_per_v * (old[-2] - old[-1])
+        change, total = blocks.ripple_m_s2_per_v, blocks.ripple_sum_m_s2_per_v
+        corrected[0] -= change * (old[-2] - old[-1]) + total * (old[-2] + old[-1])
         estimated = out(2, corrected)
         shear = blocks.shear_estimate @ estimated + blocks.shear_recent @ recent + blocks.shear_measured @ corrected
         without = out(3, np.array([ground[0], 0.0]))[0]

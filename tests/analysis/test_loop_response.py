@@ -128,9 +128,10 @@ def test_ground_motion_makes_what_the_compiled_loops_matrix_says(make: Callable[
 
 def test_a_net_ripple_of_the_rig_acts_like_less_of_its_correction() -> None:
     info, blocks = ideal_info(), best_like(ideal_info(), ripple=-1.35)
-    rig = replace(rig_as_identified(info)[0], ripple_m_s2_per_v=0.4)
+    rig = replace(rig_as_identified(info)[0], ripple_m_s2_per_v=0.4, ripple_sum_m_s2_per_v=0.002)
+    assert blocks.ripple_sum_m_s2_per_v == pytest.approx(-0.00135)
     every = numerical.all_storeys(storeys(), DT_S)
-    cut = open_loop(true_rig(info), replace(blocks, ripple_m_s2_per_v=-1.75))
+    cut = open_loop(true_rig(info), replace(blocks, ripple_m_s2_per_v=-1.75, ripple_sum_m_s2_per_v=-0.00335))
     same(loop_response(rig, blocks, every, Z).loop, -cut.response(Z)[0, 0])
 
 

@@ -99,8 +99,7 @@ class Model:
                 value = value * (s - self.zeros[k])
             if k < len(self.poles):
                 value = value / (s - self.poles[k])
-        late: ComplexArray = np.exp(-s * self.delay_s)
-        return value * late * hold_size(frequency_hz, self.dt_s)
+        return np.asarray(value * np.exp(-s * self.delay_s) * hold_size(frequency_hz, self.dt_s), dtype=complex)
 
     @property
     def low_frequency_gain_m_per_v(self) -> float:
@@ -114,8 +113,7 @@ class Model:
 
     def alias(self, frequency_hz: Array) -> ComplexArray:
         """Return what the hold's staircase adds to the response of the table's samples, (n_frequencies,)."""
-        per_ripple = staircase(frequency_hz, self.latency_samples, self.dt_s, self.coupling_hz)
-        return np.asarray(self.ripple_m_s2_per_v * per_ripple, dtype=complex)
+        return self.ripple_m_s2_per_v * staircase(frequency_hz, self.latency_samples, self.dt_s, self.coupling_hz)
 
     @property
     def ripple_sum_m_s2_per_v(self) -> float:

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bench import LINEAR, held, linear_table, rig_info, specimen
-from hybrid import best_like, storeys, true_model
+from hybrid import best_like, closed_loop, storeys, true_model
 
+from rths_cli.analysis.closed_loop import closed_loop_matrix, spectral_radius
 from rths_cli.analysis.identified_rig import identified_rig
 from rths_cli.analysis.loop_response import loop_response
 from rths_cli.control.numerical import all_storeys
@@ -114,3 +115,16 @@ def test_nothing_is_left_of_the_alias_where_the_rig_is_known(high_pass_hz: float
     assert np.abs(known / model.response(FREQUENCY_HZ) - 1.0).max() < 3e-4
     unknown = table(0.0, 0.0)
     assert unknown == pytest.approx(known + model.alias(FREQUENCY_HZ), rel=1e-9)
+
+
+@pytest.mark.parametrize("total", [0.0, -0.05])
+def test_the_loops_matrix_has_difference_and_sum_as_the_step_takes_them_out(total: float) -> None:
+    """Against the matrix of the true table; without AC coupling its samples have no sum, so that the step adds one."""
+    info = rig_info(high_pass_hz=0.0)
+    blocks = replace(best_like(info), ripple_sum_m_s2_per_v=total)
+    own = identified_rig(true_model(1.5 * info.dt_s), specimen(), info, True).ripple_m_s2_per_v
+    model = replace(true_model(1.5 * info.dt_s), ripple_m_s2_per_v=-own)
+    rig = identified_rig(model, specimen(), info, True)
+    roots = np.linalg.eigvals(closed_loop(info, blocks).M)
+    slowest = np.abs(roots[np.abs(roots - 1.0) > 1e-7]).max()  # integrators of an AC coupling that is not there
+    assert spectral_radius(closed_loop_matrix(rig, blocks)) == pytest.approx(slowest, rel=1e-7)

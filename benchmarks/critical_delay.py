@@ -1,6 +1,6 @@
 """Critical delay of 20 random buildings: by the eigenvalues of the loop, and by bisection of SIM-DELAY in time.
 
-    python benchmarks/critical_delay.py [FIRST_SEED] [COUNT]
+python benchmarks/critical_delay.py [FIRST_SEED] [COUNT]
 """
 
 from __future__ import annotations

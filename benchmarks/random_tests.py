@@ -26,8 +26,7 @@ from rths_cli.workflows.run import play_run
 from rths_cli.workflows.series import on_record_clock, whole_building
 from rths_cli.workflows.setup import Setup, make_setup
 
-FIRST_SCALING = 0.3  # at which the reach is asked for
-LEAST_SHARE, MOST_SHARE = 0.1, 1.1  # of the largest safe scaling
+SHARES = 0.1, 1.1  # of the scaling at which the building's motion fills the table's stroke or reaches its speed
 DAMPING_RATIOS = (0.003, 0.08)
 DIVERGED = 10.0  # times SIM's RMS
 DRAWS = 50  # of a damping ratio, until dashpots can give it
@@ -36,7 +35,7 @@ PAYLOAD_KG = 40.0
 
 @dataclass(frozen=True)
 class Drawn:
-    """A random test: the case as a mapping, and the scaling as a share of the largest safe one."""
+    """A random test: the case as a mapping, and the scaling as a share of what the table's stroke and speed allow."""
 
     case: dict[str, object]
     share: float
@@ -107,7 +106,7 @@ def draw(seed: int) -> Drawn:
         "name": f"random_{seed}",
         "structure": structure,
         "record": str(random.choice(["el_centro", "hachinohe"])),
-        "scaling": FIRST_SCALING,
+        "scaling": 1.0,
         "controller": controller,
         "method": method,
         "sample_rate_hz": rate,
@@ -115,7 +114,7 @@ def draw(seed: int) -> Drawn:
         "runs": ["sim", "exp_rths"],
         "table": _table(rig, latency),
     }
-    share = float(random.uniform(LEAST_SHARE, MOST_SHARE))
+    share = float(random.uniform(*SHARES))
     ratio = _damping(case, random)
     return Drawn(
         case | {"damping": {"first_mode_ratio": ratio}}, share, rate, latency, controller, method, rig.loop_hz,
@@ -172,8 +171,7 @@ def judged(seed: int, cache: Cache | None = None) -> Row:
         design = design_blocks(setup, identified)
     except RthsError as error:
         return Row(seed, drawn, str(error))
-    largest = preflight_of(setup, identified, design).largest_scaling
-    setup = setup_of(drawn.case, f"scaling={drawn.share * largest}")
+    setup = setup_of(drawn.case, f"scaling={drawn.share * allowed(setup)}")
     found = preflight_of(setup, identified, design)
     prediction = found.prediction
     predicted = {"total": prediction.total, **prediction.causes} if prediction else {}
@@ -184,6 +182,16 @@ def judged(seed: int, cache: Cache | None = None) -> Row:
         seed, drawn, "", found.verdict, found.reasons, found.stability.radius, found.stability.tolerates,
         setup.case.scaling, errors.pop("total", nothing), measured, sim_rms, errors, stopped,
     )  # fmt: skip
+
+
+def allowed(setup: Setup) -> float:
+    """Return the scaling at which the interface's motion in SIM fills the stroke or reaches the speed limit."""
+    motion, floor = setup.motion, len(setup.building.numerical.masses_kg) - 1
+    sim = simulate(setup.building, setup.rig.dt_s, motion.accel_m_s2)
+    place = np.abs(sim.rel_disp_m[floor] + motion.displacement_m).max()
+    speed = np.abs(sim.rel_vel_m_s[floor] + motion.velocity_m_s).max()
+    limits = setup.rig.limits
+    return setup.case.scaling * min(limits.stroke_m / place, limits.velocity_m_s / speed)
 
 
 def played(setup: Setup, design: Design) -> tuple[Array, Array, str]:

@@ -76,7 +76,8 @@ class Model:
     G(s) = gain * prod(s - zeros) / prod(s - poles) * exp(-s delay_s), roots in rad/s. `delay_s` is the part of the
     loop's transport delay that the fit was told, half a sample of the hold included; the rest is in the poles and
     zeros. What a hold takes off the size, sin(x) / x with x = pi f dt_s, is in every response. A sample of the table
-    also carries an alias of the hold's staircase, ripple * (u[k - l] - u[k - l - 1]), l = max(latency_samples, 1).
+    also carries an alias of the hold's staircase, ripple * (u[k - l] - u[k - l - 1]), l = max(latency_samples, 1);
+    samples corrected for an AC coupling of the sensor, corner `coupling_hz` (0: none), carry its integral too.
     """
 
     zeros: ComplexArray
@@ -87,6 +88,7 @@ class Model:
     ripple_m_s2_per_v: float = 0.0
     latency_samples: int = 1
     dt_s: float = 0.0
+    coupling_hz: float = 0.0
 
     def response(self, frequency_hz: Array) -> ComplexArray:
         """Return G(j w), shape (n_frequencies,), in m/s^2/V."""
@@ -97,7 +99,7 @@ class Model:
                 value = value * (s - self.zeros[k])
             if k < len(self.poles):
                 value = value / (s - self.poles[k])
-        return value * np.exp(-s * self.delay_s) * hold_size(frequency_hz, self.dt_s)
+        return np.asarray(value * np.exp(-s * self.delay_s) * hold_size(frequency_hz, self.dt_s), dtype=complex)
 
     @property
     def low_frequency_gain_m_per_v(self) -> float:
@@ -107,8 +109,16 @@ class Model:
 
     def sampled_response(self, frequency_hz: Array) -> ComplexArray:
         """Return the response of the table's samples, staircase alias included, (n_frequencies,), in m/s^2/V."""
-        alias = staircase(frequency_hz, self.latency_samples, self.dt_s)
-        return self.response(frequency_hz) + self.ripple_m_s2_per_v * alias
+        return self.response(frequency_hz) + self.alias(frequency_hz)
+
+    def alias(self, frequency_hz: Array) -> ComplexArray:
+        """Return what the hold's staircase adds to the response of the table's samples, (n_frequencies,)."""
+        return self.ripple_m_s2_per_v * staircase(frequency_hz, self.latency_samples, self.dt_s, self.coupling_hz)
+
+    @property
+    def ripple_sum_m_s2_per_v(self) -> float:
+        """Return the alias's integral per V of the sum u[k - l] + u[k - l - 1]."""
+        return self.ripple_m_s2_per_v * integral_share(self.coupling_hz, self.dt_s)
 
 
 def hold_size(frequency_hz: Array, dt_s: float) -> Array:
@@ -116,10 +126,19 @@ def hold_size(frequency_hz: Array, dt_s: float) -> Array:
     return np.asarray(np.sinc(np.asarray(frequency_hz, dtype=float) * dt_s))
 
 
-def staircase(frequency_hz: Array, latency_samples: int, dt_s: float) -> ComplexArray:
-    """Return the response of u[k - l] - u[k - l - 1] to u, l = max(latency_samples, 1), (n_frequencies,)."""
+def staircase(frequency_hz: Array, latency_samples: int, dt_s: float, coupling_hz: float = 0.0) -> ComplexArray:
+    """Return the response of u[k - l] - u[k - l - 1] to u, l = max(latency_samples, 1), (n_frequencies,).
+
+    With `coupling_hz` its integral is in it as well, share * (u[k - l] + u[k - l - 1]): an alias lies far above the
+    corner of an AC coupling and passes it, but the correction 1 + w_h / s of the samples acts on it too.
+    """
     late: ComplexArray = np.exp(-2j * np.pi * np.asarray(frequency_hz, dtype=complex) * dt_s)
-    return late ** max(latency_samples, 1) * (1.0 - late)
+    return late ** max(latency_samples, 1) * (1.0 - late + integral_share(coupling_hz, dt_s) * (1.0 + late))
+
+
+def integral_share(coupling_hz: float, dt_s: float) -> float:
+    """Return w_h dt / 2, by which the correction of an AC coupling integrates samples (trapezoidal rule)."""
+    return np.pi * coupling_hz * dt_s
 
 
 def _response(system: StateSpace | Block, points: ComplexArray) -> ComplexArray:

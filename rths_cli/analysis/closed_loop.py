@@ -49,7 +49,8 @@ def closed_loop_matrix(rig: IdentifiedRig, blocks: Blocks) -> Array:
     command = np.eye(rows.width)[-1:]
     samples = rows.output("rig", rig.plant, command)
     corrected = rows.output("correction", rig.correction, samples)
-    corrected[0] += (rig.ripple_m_s2_per_v - blocks.ripple_m_s2_per_v) * (rows.of("sent")[-2] - rows.of("sent")[-1])
+    (change, total), (now, before) = rig.alias_left(blocks), rows.of("sent")[-2:]
+    corrected[0] += change * (now - before) + total * (now + before)
     estimated = rows.output("estimator", blocks.estimator, corrected)
     shear_desired = _coupled(rows, blocks, corrected, estimated)
     into = np.vstack([np.zeros(rows.width), shear_desired[0]])

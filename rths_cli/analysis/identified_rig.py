@@ -1,7 +1,8 @@
 """The identified rig as one sampled block: command to the corrected samples of table and floors.
 
 The identified table moves the identified specimen; between samples everything is exact for a held command. The
-sensors' AC coupling is left out together with its correction, which cancels it.
+sensors' AC coupling is left out together with its correction, which cancels it but for the hold's alias: that passes
+the coupling, and its integral is what `ripple_sum_m_s2_per_v` stands for.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rths_cli.control.blocks import Blocks
 from rths_cli.control.estimator import specimen_state_space
 from rths_cli.control.realise import discretise, from_roots
 from rths_cli.control.sensing import correction
@@ -25,13 +27,21 @@ RIPPLE_HZ = np.array([2.0, 5.0, 10.0])  # where the hold's own alias in the samp
 class IdentifiedRig:
     """`plant`: command (V) to raw samples (c,) in V; `correction` as the step has it, less what undoes AC coupling.
 
-    `ripple_m_s2_per_v`: what a corrected table sample carries of a command change beyond what `plant` has.
+    `ripple_m_s2_per_v`: what a corrected table sample carries of a command change beyond what `plant` has;
+    `ripple_sum_m_s2_per_v`: the whole alias's integral, from correcting the AC coupling; `plant` has none of it.
     """
 
     plant: Block
     correction: Block
     ripple_m_s2_per_v: float
     latency_samples: int
+    ripple_sum_m_s2_per_v: float = 0.0
+
+    def alias_left(self, blocks: Blocks) -> tuple[float, float]:
+        """Return what the step of these blocks leaves of the alias beside what `plant` has, m/s^2 per V of difference
+        and of sum of the last two commands that act."""
+        change = self.ripple_m_s2_per_v - blocks.ripple_m_s2_per_v
+        return change, self.ripple_sum_m_s2_per_v - blocks.ripple_sum_m_s2_per_v
 
 
 def identified_rig(model: Model, specimen: Specimen, info: RigInfo, removes_sensors: bool) -> IdentifiedRig:
@@ -46,7 +56,8 @@ def identified_rig(model: Model, specimen: Specimen, info: RigInfo, removes_sens
     plant = replace(sampled, C=scale[:, None] * sampled.C, D=scale[:, None] * sampled.D)
     fixed = _correction(info, removes_sensors)
     own = _own_ripple(plant, fixed, model) if model.delay_s > 0.0 else 0.0
-    return IdentifiedRig(plant, fixed, model.ripple_m_s2_per_v - own, model.latency_samples)
+    beyond = model.ripple_m_s2_per_v - own
+    return IdentifiedRig(plant, fixed, beyond, model.latency_samples, model.ripple_sum_m_s2_per_v)
 
 
 def _table(model: Model) -> StateSpace:

@@ -16,7 +16,7 @@ import numpy as np
 
 from rths_cli.analysis.identified_rig import IdentifiedRig
 from rths_cli.control.blocks import Blocks
-from rths_cli.lti import Array, Block, ComplexArray, staircase
+from rths_cli.lti import Array, Block, ComplexArray
 
 
 @dataclass(frozen=True)
@@ -75,8 +75,8 @@ def loop_response(rig: IdentifiedRig, blocks: Blocks, storeys: Block, z: Complex
     """Return the loop's responses at points z (m,) on the unit circle; `storeys` is numerical.all_storeys."""
     frequency = np.angle(z) / (2.0 * np.pi * blocks.numerical.dt_s)
     samples = np.einsum("cdm,dm->cm", _at(rig.correction, frequency), _at(rig.plant, frequency)[:, 0])
-    net = rig.ripple_m_s2_per_v - blocks.ripple_m_s2_per_v
-    samples[0] += net * staircase(frequency, rig.latency_samples, blocks.numerical.dt_s)
+    change, total = rig.alias_left(blocks)
+    samples[0] += (change * (1.0 - 1.0 / z) + total * (1.0 + 1.0 / z)) * z ** -max(rig.latency_samples, 1)
     estimator = _at(blocks.estimator, frequency)
     late = z[None, :] ** (np.arange(blocks.lead_samples) - blocks.lead_samples)[:, None]
     p = len(storeys.C) // 3

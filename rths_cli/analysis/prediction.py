@@ -14,7 +14,7 @@ import numpy as np
 from rths_cli.analysis.lines import Lines
 from rths_cli.analysis.loop_response import LoopResponse, Motion, hybrid, on_perfect_table
 from rths_cli.identification.friction import Friction, disturbance
-from rths_cli.lti import Array, Block, ComplexArray, Frf, Model, hold_size, staircase
+from rths_cli.lti import Array, Block, ComplexArray, Frf, Model, hold_size
 from rths_cli.metrics import rms
 from rths_cli.rig_info import RigInfo
 
@@ -113,8 +113,7 @@ def data_ratio(model: Model, measured: Frf, frequency_hz: Array) -> ComplexArray
     """Return measured response over model, less the staircase alias, averaged over SMOOTHED_HZ; one outside the band
     of the data, (m,)."""
     f = measured.frequency_hz
-    alias = model.ripple_m_s2_per_v * staircase(f, model.latency_samples, model.dt_s)
-    ratio = (measured.response - alias) / model.response(f)
+    ratio = (measured.response - model.alias(f)) / model.response(f)
     inside = (f >= model.band_hz[0]) & (f <= model.band_hz[1])
     f, ratio = f[inside], ratio[inside]
     width = 2 * round(0.5 * SMOOTHED_HZ / (f[1] - f[0])) + 1  # odd: about each line alike

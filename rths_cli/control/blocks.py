@@ -13,7 +13,7 @@ from rths_cli.lti import Array, Block
 class Blocks:
     """The blocks a run is made of, as designed: all that `assemble` needs to build a Step.
 
-    `n_p` = lead in samples; `shear_*`, `ripple_m_s2_per_v` as in loop.blocks.Step; `shaping_step_v` is the size of a
+    `n_p` = lead in samples; `shear_*`, `ripple_*` as in loop.blocks.Step; `shaping_step_v` is the size of a
     bit of the command converter when its rounding errors are to be shaped, else 0. The feedback's part of the command
     is kept within +-`feedback_limit_v`, and the sum within +-`command_limit_v` as far as the feedback's part can.
     """
@@ -32,6 +32,7 @@ class Blocks:
     latency_samples: int = 1
     command_limit_v: float = float("inf")
     feedback_limit_v: float = float("inf")
+    ripple_sum_m_s2_per_v: float = 0.0
 
     @property
     def lead_samples(self) -> int:
@@ -59,7 +60,7 @@ class Blocks:
         """Return the part of a table sample that the hold's staircase makes, from the command (V)."""
         order = max(self.latency_samples, 1) + 1
         a, b, c = np.eye(order, k=-1), np.zeros((order, 1)), np.zeros((1, order))
-        b[0, 0], c[0, -2], c[0, -1] = 1.0, self.ripple_m_s2_per_v, -self.ripple_m_s2_per_v
+        b[0, 0], c[0, -2:] = 1.0, self.ripple_sum_m_s2_per_v + np.array([1.0, -1.0]) * self.ripple_m_s2_per_v
         direct = np.zeros((1, 1))
         return Block("staircase", a, b, c, direct, self.correction.dt_s, ("command_v",), ("table_accel_m_s2",))
 

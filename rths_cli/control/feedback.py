@@ -9,7 +9,7 @@ import numpy as np
 from rths_cli.control.margins import Margins, margins, worst_sensitivity_peak
 from rths_cli.control.realise import discretise, from_roots, static
 from rths_cli.errors import InputError
-from rths_cli.lti import Array, Block, ComplexArray, Frf, Model, StateSpace, staircase
+from rths_cli.lti import Array, Block, ComplexArray, Frf, Model, StateSpace
 
 INPUTS = ("tracking_error_m_s2", "feedback_shortfall_v")
 OUTPUTS = ("feedback_v",)
@@ -197,8 +197,7 @@ def table_response(model: Model, measured: Frf | None, dt_s: float) -> Table:
     if measured is None or not good.any():
         return Table(grid, modelled, modelled, np.zeros(grid.size))
     frequency, error = measured.frequency_hz[good], measured.relative_error[good]
-    alias = model.ripple_m_s2_per_v * staircase(frequency, model.latency_samples, model.dt_s)
-    ratio = (measured.response[good] - alias) / model.response(frequency)
+    ratio = (measured.response[good] - model.alias(frequency)) / model.response(frequency)
     real, imag = (np.interp(grid, frequency, v, left=u) for v, u in ((ratio.real, 1.0), (ratio.imag, 0.0)))
     inside = (grid >= frequency[0]) & (grid <= frequency[-1])
     untold_s = max((model.latency_samples + 0.5) * dt_s - model.delay_s, 0.0)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.identification.fit_table import Fit, Timing, fit, problem_of
+from rths_cli.identification.fit_table import Fit, Timing, fit, problem_of, timing_of
 from rths_cli.identification.systematic import shifts
 from rths_cli.identification.verdict import LevelBand
 from rths_cli.lti import Array, ComplexArray, Frf
@@ -79,7 +79,7 @@ def _free(known: Fit, table: Frf) -> Fit:
     found = replace(known, layout=layout, parameters=np.concatenate([roots, [np.log(REACH_S)], ripple]))
     for _ in range(ROUNDS):
         dt = known.model.dt_s
-        timing = Timing(max(round(found.model.delay_s / dt - 0.5), 0), dt)
+        timing = replace(timing_of(known.model), latency_samples=max(round(found.model.delay_s / dt - 0.5), 0))
         found = fit(table, layout, found.parameters, timing, known.model.band_hz, True, known.held_zeros)
     return found
 
@@ -102,8 +102,7 @@ def _smallest(fits: list[Fit], table: Frf) -> Fit:
 def _misfit(found: Fit, table: Frf) -> float:
     """Return the rms weighted residual of a fit."""
     model = found.model
-    timing = Timing(model.latency_samples, model.dt_s)
-    residual = problem_of(table, found.layout, timing, model.band_hz, ripple=True).residual(found.parameters)
+    residual = problem_of(table, found.layout, timing_of(model), model.band_hz, ripple=True).residual(found.parameters)
     return float(np.linalg.norm(residual))
 
 

@@ -30,7 +30,7 @@ from rths_cli.identification.specimen import (
 from rths_cli.identification.starts import first_fit
 from rths_cli.identification.systematic import shifts
 from rths_cli.identification.verdict import LIMITS, Band, LevelBand, Root, Verdict
-from rths_cli.lti import Array, Frf, Model, staircase
+from rths_cli.lti import Array, Frf, Model
 from rths_cli.rig_info import RigInfo
 
 START_HZ = 30.0
@@ -225,16 +225,19 @@ def coherent_up_to(frf: Frf, highest_hz: float) -> float:
 
 
 def without_staircase(table_accel: Array, command_v: Array, model: Model) -> Array:
-    """Return the table's samples (n,) in m/s^2 less the alias of the command's staircase, (n,) in V."""
-    late = max(model.latency_samples, 1)
-    change = np.diff(command_v, prepend=command_v[:1])
-    return table_accel - model.ripple_m_s2_per_v * np.concatenate([np.zeros(late), change[:-late]])
+    """Return the table's samples (n,) in m/s^2 less the alias of the command's staircase, (n,) in V.
+
+    Before the record the command is taken as held.
+    """
+    late, count = max(model.latency_samples, 1), len(command_v)
+    moved = np.concatenate([np.zeros(late + 1), command_v - command_v[0]])
+    now, before = moved[1 : count + 1], moved[:count]
+    return table_accel - model.ripple_m_s2_per_v * (now - before) - model.ripple_sum_m_s2_per_v * (now + before)
 
 
 def _smooth(table: Frf, model: Model) -> Frf:
     """Return the table's response less the staircase alias."""
-    alias = staircase(table.frequency_hz, model.latency_samples, model.dt_s)
-    return replace(table, response=table.response - model.ripple_m_s2_per_v * alias)
+    return replace(table, response=table.response - model.alias(table.frequency_hz))
 
 
 def _skew(
@@ -292,7 +295,9 @@ def _table(
     """Return the first fit, and the FRF it was made to."""
     omega = modal(masses, start.stiffness_n_per_m)[0] if len(masses) else np.zeros(0)
     modes = (omega / (2.0 * np.pi), start.damping_ratio)
-    found = first_fit(frf, modes, Timing(info.latency_samples, info.dt_s, info.transport_s), settings.band_hz)
+    coupling_hz = info.channels[0].high_pass_hz if settings.sensors_removed else 0.0
+    timing = Timing(info.latency_samples, info.dt_s, info.transport_s, coupling_hz)
+    found = first_fit(frf, modes, timing, settings.band_hz)
     exact, unexplained = _specimen_start(records, info, masses, settings, start, found.model)
     held = found.held_zeros if unexplained < NO_CHAIN else 0
     found = replace(found, parameters=_with_zeros(found, exact, masses), held_zeros=held)

@@ -34,16 +34,23 @@ class FitError:
 
 @dataclass(frozen=True)
 class Timing:
-    """When commands act: the loop's declared latency in samples of `dt_s`, and what a link adds."""
+    """When commands act: the loop's declared latency in samples of `dt_s`, and what a link adds; and the corner of the
+    AC coupling that the table's samples are corrected for (0: none)."""
 
     latency_samples: int
     dt_s: float
     transport_s: float = 0.0
+    coupling_hz: float = 0.0
 
     @property
     def delay_s(self) -> float:
         """Return the declared transport delay: latency, half a sample of hold, and the link's."""
         return (self.latency_samples + 0.5) * self.dt_s + self.transport_s
+
+
+def timing_of(model: Model) -> Timing:
+    """Return the timing that a model was fitted with, without what its link adds."""
+    return Timing(model.latency_samples, model.dt_s, coupling_hz=model.coupling_hz)
 
 
 @dataclass(frozen=True)
@@ -124,16 +131,15 @@ def fit(
     zeros, poles, gain = zeros_poles_gain(layout, theta, problem.sign)
     staircase_share = float(theta[-1]) if ripple else 0.0
     delay = layout.delay(theta)
-    model = Model(zeros, poles, gain, delay, band_hz, staircase_share, timing.latency_samples, timing.dt_s)
+    sampling = (timing.latency_samples, timing.dt_s, timing.coupling_hz)
+    model = Model(zeros, poles, gain, delay, band_hz, staircase_share, *sampling)
     return Fit(model, layout, theta, frf.bandwidth_lines * covariance, held_zeros)
 
 
 def refit(frf: Frf, before: Fit) -> Fit:
     """Fit the same layout to another response of the same table, starting from what was found."""
-    model = before.model
-    timing = Timing(model.latency_samples, model.dt_s)
-    ripple = len(before.parameters) > before.layout.size
-    return fit(frf, before.layout, before.parameters, timing, model.band_hz, ripple, before.held_zeros)
+    ripple, model = len(before.parameters) > before.layout.size, before.model
+    return fit(frf, before.layout, before.parameters, timing_of(model), model.band_hz, ripple, before.held_zeros)
 
 
 def fit_paper(frf: Frf, best: Fit, band_hz: tuple[float, float]) -> Fit:
@@ -143,7 +149,7 @@ def fit_paper(frf: Frf, best: Fit, band_hz: tuple[float, float]) -> Fit:
     model of 2 n + 3 poles.
     """
     layout, start = rational_latency(best)
-    return fit(frf, layout, start, Timing(best.model.latency_samples, best.model.dt_s), band_hz, ripple=False)
+    return fit(frf, layout, start, timing_of(best.model), band_hz, ripple=False)
 
 
 def rational_latency(best: Fit) -> tuple[Layout, Array]:
@@ -168,8 +174,9 @@ def problem_of(frf: Frf, layout: Layout, timing: Timing, band_hz: tuple[float, f
     measured = frf.response[inside]
     weight = 1.0 / np.hypot(frf.relative_error[inside], LEAST_ERROR)
     weight /= np.sqrt(2.0 * np.sum(weight**2))
-    alias = staircase(frf.frequency_hz[inside], timing.latency_samples, timing.dt_s) if ripple else None
-    hold = hold_size(frf.frequency_hz[inside], timing.dt_s)
+    f = frf.frequency_hz[inside]
+    alias = staircase(f, timing.latency_samples, timing.dt_s, timing.coupling_hz) if ripple else None
+    hold = hold_size(f, timing.dt_s)
     return Problem(layout, s, measured, weight, alias, hold, _sign(s, measured))
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from rths_cli.identification.fit_table import Timing, within
 from rths_cli.identification.frf import TAIL_S
 from rths_cli.identification.record import Record
-from rths_cli.lti import Array, ComplexArray, Model, staircase
+from rths_cli.lti import Array, ComplexArray, Model
 from rths_cli.rig_info import RigInfo
 
 LOW_HZ, BAND_SHARE = 0.7, 2.0 / 3.0  # band of the fit: from, and to this share of the model's
@@ -108,7 +108,7 @@ def _spectra(record: Record, model: Model, info: RigInfo, count: int) -> _Spectr
     s = (2j * np.pi * f).astype(complex)
     command, table = (np.fft.rfft(x, count)[: len(f)] / count for x in (record.command_v, record.accel_m_s2[0]))
     response: ComplexArray = model.response(f)
-    table = table - model.ripple_m_s2_per_v * staircase(f, model.latency_samples, model.dt_s) * command
+    table = table - model.alias(f) * command
     velocity = _velocity(f, table, response * command)
     declared = Timing(info.latency_samples, info.dt_s, info.transport_s)
     delay_s = max(model.delay_s, declared.delay_s)

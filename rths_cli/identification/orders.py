@@ -9,7 +9,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.identification.factors import Layout
-from rths_cli.identification.fit_table import LEAST_ERROR, Fit, Timing, fit, problem_of, rational_latency, within
+from rths_cli.identification.fit_table import LEAST_ERROR, Fit, fit, problem_of, rational_latency, timing_of, within
 from rths_cli.identification.frf import Estimator, without_leakage
 from rths_cli.identification.record import Record
 from rths_cli.identification.starts import best_of, thinned
@@ -102,7 +102,7 @@ def _larger(base: Fit, frf: Frf) -> Iterator[Trial]:
     late = np.insert(theta, layout.size, np.log(EXTRA_DELAY_S))
     yield Trial("one lag, delay fitted", replace(layout, fits_delay=True), late, held)
     more = replace(layout, pole_pairs=layout.pole_pairs + 1, zero_pairs=layout.zero_pairs + 1)
-    few = thinned(problem_of(frf, more, _timing(base), base.model.band_hz, ripple=True))
+    few = thinned(problem_of(frf, more, timing_of(base.model), base.model.band_hz, ripple=True))
     starts = [_with_mode(base, hz, split) for hz in EXTRA_MODES_HZ for split in (SPLIT, 1.0 / SPLIT)]
     yield Trial("one lag, one more mode", more, best_of(few, starts, more.zeros(held)), held)
 
@@ -121,14 +121,10 @@ def _with_mode(base: Fit, frequency_hz: float, split: float) -> Array:
     return np.insert(theta, base.layout.size + 2, zero)
 
 
-def _timing(base: Fit) -> Timing:
-    return Timing(base.model.latency_samples, base.model.dt_s)
-
-
 def _fitted(trial: Trial, base: Fit, frf: Frf) -> Fit:
     """Return the fit of a structure to a response."""
     band = base.model.band_hz
-    return fit(frf, trial.layout, trial.start, _timing(base), band, ripple=True, held_zeros=trial.held_zeros)
+    return fit(frf, trial.layout, trial.start, timing_of(base.model), band, ripple=True, held_zeros=trial.held_zeros)
 
 
 def _halves(base: Fit, records: Sequence[Record], estimator: Estimator) -> tuple[Frf, ...]:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rths_cli.identification.fit_table import HOLD, Fit, Timing, problem_of
+from rths_cli.identification.fit_table import HOLD, Fit, problem_of, timing_of
 from rths_cli.identification.specimen import SKEW
 from rths_cli.identification.verdict import SHORTFALL, LevelBand
 from rths_cli.lti import Array, ComplexArray, Frf
@@ -19,7 +19,7 @@ def shifts(found: Fit, frf: Frf, levels: Sequence[LevelBand], level_ratio: float
     friction still adds at full level (of the difference d between levels of ratio r, d / (r - 1)).
     """
     model = found.model
-    problem = problem_of(frf, found.layout, Timing(model.latency_samples, model.dt_s), model.band_hz, ripple=True)
+    problem = problem_of(frf, found.layout, timing_of(model), model.band_hz, ripple=True)
     slopes = problem.jacobian(found.parameters)
     held = found.layout.zeros(found.held_zeros)
     fixed = np.diag(np.where(np.isin(np.arange(len(found.parameters)), np.arange(held.start, held.stop)), HOLD, 0.0))

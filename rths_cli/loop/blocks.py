@@ -52,7 +52,8 @@ class Step(NamedTuple):
     shaping: Array  # (2,) rounding error carried over in V, and the size of a bit (0: no shaping)
     command_limit_v: float  # the feedback's part is clipped so that the sum stays within,
     feedback_limit_v: float  # and itself within this
-    ripple_m_s2_per_v: float  # what the hold's staircase adds to a table sample per V of command change
+    ripple_m_s2_per_v: float  # what the hold's staircase adds to a table sample per V of command change,
+    ripple_sum_m_s2_per_v: float  # and its integral, where an AC coupling is corrected, per V of their sum
     sent: Array  # (max(latency, 1) + 1,) commands that left, the latest first
 
 
@@ -89,5 +90,6 @@ def assemble(blocks: Blocks, source: int) -> Step:
         command_limit_v=float(blocks.command_limit_v),
         feedback_limit_v=float(blocks.feedback_limit_v),
         ripple_m_s2_per_v=blocks.ripple_m_s2_per_v,
+        ripple_sum_m_s2_per_v=blocks.ripple_sum_m_s2_per_v,
         sent=np.zeros(max(blocks.latency_samples, 1) + 1),
     )

@@ -43,8 +43,8 @@ def sense(s: Step) -> None:
     """Correct the samples for sensors and staircase and estimate the specimen's motion."""
     read_out(s.correction, s.samples, s.corrected)
     advance(s.correction, s.samples)
-    oldest = s.sent.size - 1
-    s.corrected[0] -= s.ripple_m_s2_per_v * (s.sent[oldest - 1] - s.sent[oldest])
+    now, before = s.sent[s.sent.size - 2], s.sent[s.sent.size - 1]
+    s.corrected[0] -= s.ripple_m_s2_per_v * (now - before) + s.ripple_sum_m_s2_per_v * (now + before)
     read_out(s.estimator, s.corrected, s.estimated)
     advance(s.estimator, s.corrected)
 

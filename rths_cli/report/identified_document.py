@@ -99,6 +99,7 @@ def _model(model: Model, error: FitError) -> dict[str, Any]:
         "latency_samples": model.latency_samples,
         "low_frequency_gain_m_per_v": model.low_frequency_gain_m_per_v,
         "ripple_m_s2_per_v": model.ripple_m_s2_per_v,
+        "coupling_hz": model.coupling_hz,
         "band_hz": model.band_hz,
         "fit_error_rms": error.rms,
         "fit_error_max": error.largest,

@@ -15,7 +15,7 @@ import numpy as np
 from rths_cli.errors import InputError
 from rths_cli.identification.evaluate import Identification
 from rths_cli.identification.verdict import LIMITS
-from rths_cli.lti import Array, ComplexArray, staircase
+from rths_cli.lti import Array, ComplexArray
 from rths_cli.report.identified import About, verdict_sentence
 from rths_cli.report.identified_text import short
 from rths_cli.structure import Specimen
@@ -189,7 +189,7 @@ def _floors(ax: Axes, found: Identification, specimen: Specimen, natural_hz: Arr
     """Draw |floor / table| as measured and as the identified specimen gives it, and mark its natural frequencies."""
     table = found.frfs[0]
     f = table.frequency_hz
-    clean = table.response - found.best.ripple_m_s2_per_v * staircase(f, found.best.latency_samples, found.best.dt_s)
+    clean = table.response - found.best.alias(f)
     identified = np.abs(transmissibility(specimen, f))
     for index, frf in enumerate(found.frfs[1:]):
         name, colour = _name(found.channels[index + 1].name), FLOORS[index % 6]

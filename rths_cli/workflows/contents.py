@@ -133,6 +133,9 @@ def write_identification(writer: ResultWriter, identified: Identification, desig
         "ripple_m_s2_per_v": Dataset(
             model.ripple_m_s2_per_v, "m/s^2/V", "share of a command change in a table sample (hold)", "estimated"
         ),
+        "coupling_hz": Dataset(
+            model.coupling_hz, "Hz", "corner of the AC coupling that table samples are corrected for", "computed"
+        ),
         "fit_error_rms": Dataset(error.rms, "1", "RMS of |fit / FRF - 1| over 0.7-11 Hz", "estimated"),
         "fit_error_max": Dataset(error.largest, "1", "largest |fit / FRF - 1| over 0.7-11 Hz", "estimated"),
         "natural_frequency_hz": Dataset(fit.natural_frequency_hz, "Hz", "specimen, fixed base", "estimated", ("mode",)),

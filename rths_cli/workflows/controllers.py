@@ -52,6 +52,7 @@ def design_blocks(setup: Setup, identified: Identification) -> Design:
         shear_desired=shear.desired,
         shaping_step_v=setup.rig.converters.step_v if best else 0.0,
         ripple_m_s2_per_v=model.ripple_m_s2_per_v if best else 0.0,
+        ripple_sum_m_s2_per_v=model.ripple_sum_m_s2_per_v if best else 0.0,
         latency_samples=setup.rig.latency_samples,
         command_limit_v=_command_limit_v(setup.rig),
         feedback_limit_v=case.controller.feedback_limit_v or math.inf,

@@ -132,9 +132,9 @@ def as_model(given: ForeignModel, setup: Setup) -> Model:
     """Return a model from elsewhere as one of this rig; a ripple that is not stated is NaN, to be found."""
     ripple = math.nan if given.ripple_m_s2_per_v is None else given.ripple_m_s2_per_v
     band = given.band_hz or (setup.case.identification.low_hz, setup.case.identification.high_hz)
-    return Model(
-        given.zeros, given.poles, given.gain, given.delay_s, band, ripple, setup.rig.latency_samples, setup.rig.dt_s
-    )
+    sampling = (setup.rig.latency_samples, setup.rig.dt_s)
+    coupling_hz = setup.rig.channels[0].high_pass_hz if setup.removes_sensors else 0.0
+    return Model(given.zeros, given.poles, given.gain, given.delay_s, band, ripple, *sampling, coupling_hz)
 
 
 def notes_on(given: ForeignModel) -> tuple[str, ...]:

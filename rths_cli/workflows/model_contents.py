@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import types
 from collections.abc import Mapping
-from dataclasses import fields, replace
+from dataclasses import MISSING, fields, replace
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -135,11 +135,12 @@ def _rows(kind: type[T], columns: Values) -> tuple[T, ...]:
 
 
 def _made(kind: type[T], values: Values) -> T:
-    """Return a dataclass from stored values, each as its field is declared."""
+    """Return a dataclass from stored values, each as its field is declared; one that is not there has its default."""
     hints = get_type_hints(kind)
     given = {}
     for field in fields(kind):  # type: ignore[arg-type]
-        given[field.name] = _as_declared(hints[field.name], values.get(field.name))
+        if field.name in values or field.default is MISSING:
+            given[field.name] = _as_declared(hints[field.name], values.get(field.name))
     return kind(**given)
 
 

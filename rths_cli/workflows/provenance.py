@@ -56,7 +56,7 @@ def model_sha256(model: Model) -> str:
     digest = hashlib.sha256()
     for part in (model.zeros, model.poles):
         digest.update(part.tobytes())
-    digest.update(repr((model.gain, model.delay_s, model.ripple_m_s2_per_v)).encode())
+    digest.update(repr((model.gain, model.delay_s, model.ripple_m_s2_per_v, model.coupling_hz)).encode())
     return digest.hexdigest()
 
 

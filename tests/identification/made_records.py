@@ -62,8 +62,11 @@ class Excited:
         return Record(self.command_v, self.corrected, self.plan.parts)
 
 
-def excite(specimen: Specimen, seed: int, duration_s: float = 60.0, info: RigInfo | None = None) -> Excited:
-    """Play a planned excitation on the default table, or on one of another latency or rate."""
+def excite(
+    specimen: Specimen, seed: int, duration_s: float = 60.0, info: RigInfo | None = None, coulomb_n: float = 0.3,
+    noise_m_s2: float = 3e-4,
+) -> Excited:  # fmt: skip
+    """Play a planned excitation on the default table, or on one of another latency, rate, friction or noise."""
     info = info or make_info(specimen)
     excitation = plan(info, ExcitationSettings(duration_s=duration_s), seed)
     channels = len(info.channels)
@@ -81,7 +84,8 @@ def excite(specimen: Specimen, seed: int, duration_s: float = 60.0, info: RigInf
     masses = np.concatenate([[7.0], specimen.masses_kg])
     limits = GuardLimits(0.079, 1.0, 45.0, 445.0, 10.0, np.inf, 0.0079, info.dt_s, masses, np.full(channels, 5.0), 1.0)
     drive = np.column_stack([excitation.command_v, np.zeros((excitation.command_v.size, 2))])
-    rig = VirtualRig(info, build_plant(info, PHYSICS, specimen, 3e-4), (seed, 7))
+    physics = PHYSICS.model_copy(update={"coulomb_n": coulomb_n})
+    rig = VirtualRig(info, build_plant(info, physics, specimen, noise_m_s2), (seed, 7))
     outcome = play(rig, info, blocks, EXCITATION, drive, limits)
     assert outcome.stopped_by_limit == ""
     assert outcome.rig_fault == ""

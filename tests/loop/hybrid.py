@@ -41,7 +41,7 @@ def true_model(delay_s: float, interface_mass_kg: float = 0.0) -> Model:
 def best_like(
     info: RigInfo, interface_mass_kg: float = 0.0, numerical_storeys: int = 1, ripple: float = -1.35
 ) -> Blocks:
-    """Return prediction over two samples, lagged inverse, feedback and staircase correction."""
+    """Return prediction over two samples, lagged inverse, feedback and correction of the staircase and its integral."""
     lead = 2
     model = true_model((info.latency_samples + 0.5) * info.dt_s, interface_mass_kg)
     if info.latency_samples == 2:
@@ -60,6 +60,7 @@ def best_like(
         0.0,
         ripple,
         info.latency_samples,
+        ripple_sum_m_s2_per_v=1e-3 * ripple,
     )
 
 
@@ -162,7 +163,8 @@ def closed_loop(info: RigInfo, blocks: Blocks, interface_mass_kg: float = 0.0) -
 
     samples = sensed @ rows("table") * channel.sensitivity_v_per_m_s2
     corrected = output(blocks.correction, samples)
-    corrected[0] -= blocks.ripple_m_s2_per_v * (rows("sent")[-2] - rows("sent")[-1])
+    now, before = rows("sent")[-2:]
+    corrected[0] -= blocks.ripple_m_s2_per_v * (now - before) + blocks.ripple_sum_m_s2_per_v * (now + before)
     estimated = output(blocks.estimator, corrected)
     known = blocks.shear_estimate @ estimated + blocks.shear_recent @ rows("recent") + blocks.shear_measured @ corrected
     # desired and base shear at the same instant: two linear equations

@@ -84,7 +84,7 @@ def reference(limit_v: float) -> Array:
         sample[0] += disturbance[k]
         sample = sample * channel.sensitivity_v_per_m_s2
         accel = (blocks.correction.C @ corrector + blocks.correction.D @ sample)[0]
-        accel -= blocks.ripple_m_s2_per_v * (sent[0] - sent[1])
+        accel -= blocks.ripple_m_s2_per_v * (sent[0] - sent[1]) + blocks.ripple_sum_m_s2_per_v * (sent[0] + sent[1])
         corrector = blocks.correction.A @ corrector + blocks.correction.B @ sample
         applied = np.clip(-gain @ estimate, -limit_v, limit_v)
         innovation = accel - c[0] @ estimate - d[0, 0] * applied

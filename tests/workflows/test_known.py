@@ -181,6 +181,7 @@ def test_the_model_brought_along_runs_like_the_one_identified_here(
     assert known.found.accepted, known.found.reasons
     assert ordered(known.found.best.poles) == pytest.approx(ordered(best.poles), rel=1e-9)
     assert known.found.best.ripple_m_s2_per_v == pytest.approx(best.ripple_m_s2_per_v, rel=0.03)
+    assert known.found.best.coupling_hz == best.coupling_hz > 0.0
     ended, result = run(tmp_path / "r.h5", setup, memory)
     assert ended.exit_code == 0, ended.reason
     assert np.asarray(result.metrics["exp_rths.rms_error_m_s2"]) == pytest.approx(errors, rel=0.1)

@@ -21,6 +21,7 @@ from rths_cli.errors import InputError
 from rths_cli.identification.evaluate import Identification
 from rths_cli.workflows import identify, model_store
 from rths_cli.workflows.known import Known, Memory
+from rths_cli.workflows.model_contents import from_groups, to_groups
 from rths_cli.workflows.model_store import KEPT, Cache, key, load, save
 from rths_cli.workflows.run import run_case
 from rths_cli.workflows.setup import Setup, make_setup
@@ -72,6 +73,21 @@ def test_every_bit_of_an_identification_comes_back(
     assert len(wanted) > 200
     assert got == wanted
     assert stored.about["data_source"] == "made for this test" and len(stored.sha256) == 64
+
+
+def test_a_file_from_before_the_aliass_integral_was_known_has_none(default_identification: Identification) -> None:
+    names = tuple(f"channel_{i}" for i in range(len(default_identification.frfs)))
+    groups = {
+        name: {key: item.data for key, item in group.items()}
+        for name, group in to_groups(default_identification, names).items()
+    }
+    assert default_identification.best.coupling_hz == 0.024
+    assert dict(leaves(from_groups(groups, names).best)) == dict(leaves(default_identification.best))
+    del groups["table/best"]["coupling_hz"]
+    assert from_groups(groups, names).best.coupling_hz == 0.0
+    del groups["table/best"]["gain"]
+    with pytest.raises(TypeError):
+        from_groups(groups, names)
 
 
 def test_what_an_identification_may_lack_comes_back_too(

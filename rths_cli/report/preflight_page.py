@@ -121,7 +121,6 @@ def _margins(values: Values) -> list[str]:
     stands, must = (100.0 * _one(values, f"{name}_table_error") for name in ("tolerated", "required"))
     where = short(_one(values, "table_error_hz"))
     least, there = (_one(values, name) for name in ("tolerated_table_error_in_band", "table_error_in_band_hz"))
-    inside = f"{100.0 * least:.3g} % or more up to 11 Hz, the least at {short(there)} Hz"
     alone = [labelled("  feedback alone", _feedback(values))] if "feedback.sensitivity_peak" in values else []
     return [
         labelled("margins", "of the loop broken at the command; with the measured response, and with the model alone"),
@@ -129,8 +128,9 @@ def _margins(values: Values) -> list[str]:
         *alone,
         labelled(
             "  error of the table",
-            f"stands {inside}; closest to what is asked at {where} Hz: stands {stands:.3g} %, must stand {must:.3g} %",
+            f"stands {stands:.3g} %, must stand {must:.3g} % at {where} Hz, where the two are nearest",
         ),
+        labelled("    up to 11 Hz", f"stands {100.0 * least:.3g} % or more, the least at {short(there)} Hz"),
     ]
 
 

@@ -55,6 +55,8 @@ def test_every_margin_stands_with_measured_response_and_model() -> None:
     words = " ".join(cells(text, "error of the table"))
     assert f"stands {100 * figure(found, 'tolerated_table_error'):.3g} %" in words
     assert f"must stand {100 * figure(found, 'required_table_error'):.3g} %" in words
+    words = " ".join(cells(text, "up to 11 Hz"))
+    assert f"stands {100 * figure(found, 'tolerated_table_error_in_band'):.3g} % or more" in words
 
 
 def test_every_peak_stands_beside_its_limit_and_share() -> None:

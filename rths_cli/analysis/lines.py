@@ -15,10 +15,8 @@ _FALLING = np.array([[1, 1, 1, 1, 1, 1], [0, 1, 2, 3, 4, 5], [0, 0, 2, 6, 12, 20
 
 @dataclass(frozen=True)
 class Lines:
-    """Fourier lines up to HIGHEST_HZ of series of `samples` samples, padded so that what rings has died out.
-
-    `frequency_hz` (m,) without zero frequency; every `stride`-th sample carries all of it.
-    """
+    """Fourier lines from zero frequency to HIGHEST_HZ of series of `samples` samples, padded to `padded` so that what
+    rings has died out."""
 
     samples: int
     padded: int
@@ -66,8 +64,7 @@ class Lines:
         back = np.linalg.solve(_FALLING[:, 3:], -_FALLING[:, :3] @ ends)
         path = np.polynomial.Polynomial(np.concatenate([ends, back]))
         after = [path.deriv(2)(share) / lasts**2, path.deriv(1)(share) / lasts, path(share)]
-        before = (accel, velocity, displacement)
-        whole = [np.concatenate([b, np.where(share < 1.0, a, 0.0)]) for b, a in zip(before, after, strict=True)]
+        whole = [np.concatenate(pair) for pair in zip((accel, velocity, displacement), after, strict=True)]
         return np.asarray(np.fft.rfft(whole)[..., : self.count])
 
     def series(self, lines: ComplexArray) -> Array:

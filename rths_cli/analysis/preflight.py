@@ -33,7 +33,8 @@ BRAKE_SHARE = 0.45  # of the acceleration limit, with which the guard brakes
 class Stability:
     """`radius` of the closed-loop matrix, `growth` over the record (1 and less: none); margins of the loop broken at
     the command, on the measured response and on the model; `tolerates` and `required`: error of the table's response
-    that makes the loop unstable, and that it must stand, where the two are nearest, `at_hz`."""
+    that makes the loop unstable, and that it must stand, where the two are nearest, `at_hz`; `in_band`: the smallest
+    that makes it unstable up to 11 Hz, `in_band_hz` where."""
 
     radius: float
     growth: float
@@ -42,6 +43,8 @@ class Stability:
     tolerates: float
     required: float
     at_hz: float
+    in_band: float = math.inf
+    in_band_hz: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -143,6 +146,7 @@ def stability(
     tolerated = np.minimum(_tolerated(on_data), _tolerated(loop.loop))
     wanted = required(frequency, model.band_hz[1])
     nearest = int(np.argmin(tolerated / wanted))
+    weakest = int(np.argmin(np.where(frequency <= COMPARED_HZ, tolerated, math.inf)))
     growth = float(np.exp(min(samples * math.log(radius), 700.0))) if radius > 0.0 else 0.0
     return Stability(
         radius,
@@ -152,6 +156,8 @@ def stability(
         float(tolerated[nearest]),
         float(wanted[nearest]),
         float(frequency[nearest]),
+        float(tolerated[weakest]),
+        float(frequency[weakest]),
     )
 
 

@@ -122,9 +122,9 @@ def state(result: Result | None, path: str, index: int | None = None) -> float |
     value = look_up(result.metrics, path, index)
     if value is not None and math.isfinite(value):
         return value
-    if status != "complete":
-        return status
-    return "-" if value is None else DIVERGED
+    if value is not None:
+        return DIVERGED
+    return status if status != "complete" else "-"
 
 
 def published(entry: Entry, path: str, index: int | None = None) -> float | str:

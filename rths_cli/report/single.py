@@ -1,10 +1,8 @@
-"""One case by itself: all its figures in one table, then whatever else was measured or identified."""
+"""One case by itself: all its figures of the paper's tables in one."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-
-import numpy as np
 
 from rths_cli.files.results import Result
 from rths_cli.report.cells import TESTS, mark, published_cells, ratio, words
@@ -35,35 +33,11 @@ def single_table(entry: Entry) -> Table:
     )
 
 
-def other_figures(entry: Entry) -> str:
-    """Return a line for every further metric of the case: path, unit, values by method; seconds shown in ms."""
-    shown = {f"{run}.{figure}{suffix}" for run, figure, suffix in _shown()}
-    results = list(entry.results.values())
-    paths = sorted({path for result in results for path in result.metrics} - shown)
-    if not paths:
-        return ""
-    wide = max(len(path) for path in paths)
-    lines = []
-    for path in paths:
-        unit = next(result.units[path] for result in results if path in result.units)
-        values = {method: _listed(result, path, unit) for method, result in entry.results.items()}
-        same = len(set(values.values())) == 1
-        text = next(iter(values.values())) if same else "   ".join(f"{m}: {v}" for m, v in values.items())
-        lines.append(f"  {path:<{wide}}  {'ms' if unit == 's' else unit:<8}{text}")
-    return "\n".join(["Other figures of this case (definitions: rths report --json, or the result file)", *lines])
-
-
-def _listed(result: Result, path: str, unit: str) -> str:
-    if path not in result.metrics:
-        return "-"
-    values = np.atleast_1d(result.metrics[path])
-    return " ".join(f"{round(1e3 * value, 3) + 0.0:.3f}" if unit == "s" else _plain(value) for value in values)
-
-
-def _shown() -> Iterator[tuple[str, str, str]]:
+def paths() -> Iterator[str]:
+    """Yield the path of every figure that the table of a single case shows."""
     for suffix in KINDS.values():
-        yield from ((run, figure, suffix) for run in TESTS for figure in TRACKING.values())
-        yield from ((run, figure, suffix) for run in RUNS.values() for figure in ERRORS.values())
+        yield from (f"{run}.{figure}{suffix}" for run in TESTS for figure in TRACKING.values())
+        yield from (f"{run}.{figure}{suffix}" for run in RUNS.values() for figure in ERRORS.values())
 
 
 def _kinds(entry: Entry) -> dict[str, str]:
@@ -109,10 +83,11 @@ def _ratio(result: Result, suffix: str, storey: int) -> float | str:
 def _cells(entry: Entry, path: str, storey: int | None) -> tuple[Cell, ...]:
     cells = published_cells(entry, [path], storey)
     for result in entry.results.values():
-        states: Sequence[float | str] = [state(result, path + s, storey) for s in _kinds(entry).values()]
+        states: Sequence[float | str] = [_state(result, path, s, storey) for s in _kinds(entry).values()]
         cells += words(states, mark(result))
     return cells
 
 
-def _plain(value: float) -> str:
-    return f"{float(value):.4g}" if np.isfinite(value) else "-"
+def _state(result: Result, path: str, suffix: str, storey: int | None) -> float | str:
+    """Return a figure or why there is none; nothing is truer than what is computed."""
+    return "-" if path.startswith("sim_delay.") and "_true" in suffix else state(result, path + suffix, storey)

@@ -14,8 +14,9 @@ from rths_cli.report.cells import remarks
 from rths_cli.report.claims import claims_text
 from rths_cli.report.layout import render, wrapped
 from rths_cli.report.load import Entry, Figures, entries
+from rths_cli.report.other_figures import other_figures
 from rths_cli.report.response import response_tables
-from rths_cli.report.single import other_figures, single_table
+from rths_cli.report.single import paths, single_table
 from rths_cli.report.tracking import tracking_tables
 
 ABOUT = ("case_name", "method", "rig", "rig_kind", "record_name", "scaling", "damping_name", "controller")
@@ -49,7 +50,7 @@ def _blocks(cases: Sequence[Entry]) -> Iterator[str]:
     """Yield the tables of one rig, what their words mean, what went wrong, and the claims."""
     if len(cases) == 1:
         yield render(single_table(cases[0]))
-        yield other_figures(cases[0])
+        yield other_figures(cases[0], paths())
     else:
         yield from (render(table) for table in tracking_tables(cases))
         yield from (render(table) for table in response_tables(cases))

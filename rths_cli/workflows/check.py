@@ -17,6 +17,7 @@ from rths_cli.analysis.lines import lines_for
 from rths_cli.analysis.loop_response import loop_response
 from rths_cli.analysis.prediction import Known, Prediction, predict
 from rths_cli.analysis.sim import simulate
+from rths_cli.analysis.sim_lines import sim_lines
 from rths_cli.control.estimator import specimen_state_space
 from rths_cli.control.numerical import all_storeys
 from rths_cli.structure import Building, assemble, modes
@@ -104,6 +105,7 @@ def known_of(
     ring = RINGS * dt / -math.log(radius) if radius < 1.0 else LONGEST_S
     lines = lines_for(len(motion.time_s), dt, min(ring, LONGEST_S))
     sim = simulate(building, dt, motion.accel_m_s2)
+    ground = lines.of_motion(motion.accel_m_s2, motion.velocity_m_s, motion.displacement_m)
     floors = specimen_state_space(specimen).response(lines.frequency_hz)[:, 0]
     interface = len(building.numerical.masses_kg) - 1
     return Known(
@@ -113,8 +115,8 @@ def known_of(
         measured=identified.frfs[0],
         friction=identified.friction,
         floors=np.vstack([np.ones((1, lines.count)), floors]),
-        ground=lines.of_motion(motion.accel_m_s2, motion.velocity_m_s, motion.displacement_m),
-        sim=lines.of(sim.abs_accel_m_s2),
+        ground=ground,
+        sim=sim_lines(building, lines, ground[0]),
         velocity_m_s=sim.rel_vel_m_s[interface] + motion.velocity_m_s,
         noise_m_s2=np.array([channel.rest_rms_m_s2 or 0.0 for channel in identified.channels]),
         rig=setup.rig,

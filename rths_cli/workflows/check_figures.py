@@ -80,6 +80,10 @@ def _table_error(found: Preflight) -> dict[str, Metric]:
         "check.tolerated_table_error": scalar(loop.tolerates, "1", f"{error} that makes the loop unstable"),
         "check.required_table_error": scalar(loop.required, "1", f"{error} that the loop must stand there"),
         "check.table_error_hz": scalar(loop.at_hz, "Hz", "where the two are nearest to each other"),
+        "check.tolerated_table_error_in_band": scalar(
+            loop.in_band, "1", f"smallest {error} up to 11 Hz that makes the loop unstable"
+        ),
+        "check.table_error_in_band_hz": scalar(loop.in_band_hz, "Hz", "where that is"),
     }
 
 
@@ -128,6 +132,7 @@ def paths() -> dict[str, bool]:
     several += [f"{of}_{what}" for of in ("building", "loop") for what in ("frequency_hz", "damping_ratio")]
     single = ["spectral_radius", "growth", "critical_delay_s", "critical_delay_hz", "gain_at_infinity"]
     single += ["tolerated_table_error", "required_table_error", "table_error_hz", "largest_scaling", "friction_v"]
+    single += ["tolerated_table_error_in_band", "table_error_in_band_hz"]
     margins = ["gain_margin", "gain_reduction_margin", "phase_margin_deg", "delay_margin_s"]
     margins += ["sensitivity_peak", "sensitivity_peak_hz"]
     single += [f"{margin}{kind}" for margin in margins for kind in ("", "_model")]

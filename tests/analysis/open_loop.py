@@ -23,6 +23,15 @@ def points(frequency_hz: Array, dt_s: float) -> ComplexArray:
     return np.exp(2j * np.pi * frequency_hz * dt_s)
 
 
+def floors_per_table(frequency_hz: Array) -> ComplexArray:
+    """Return accelerations of table (one) and floors per table acceleration, from M s^2 x + C s x + K x = -M 1 a."""
+    parts, found = specimen(), []
+    for s in 2j * np.pi * frequency_hz:
+        restoring = parts.K + s * parts.C
+        found.append(1.0 - s**2 * np.linalg.solve(np.diag(parts.masses_kg) * s**2 + restoring, parts.masses_kg))
+    return np.vstack([np.ones(len(frequency_hz)), np.array(found).T])
+
+
 def true_rig(info: RigInfo, interface_mass_kg: float = 0.0) -> Block:
     """Return command to raw samples from the equations of motion, the late commands in a queue."""
     a, b, rows, _ = linear_table(LINEAR, specimen(), info.channels[0].low_pass_hz, 0.0, interface_mass_kg)
@@ -92,7 +101,8 @@ def open_loop(
 
         samples = out(0, command)
         corrected = out(1, samples) + noise
-        corrected[0] -= blocks.ripple_m_s2_per_v * (old[-2] - old[-1])
+        change, total = blocks.ripple_m_s2_per_v, blocks.ripple_sum_m_s2_per_v
+        corrected[0] -= change * (old[-2] - old[-1]) + total * (old[-2] + old[-1])
         estimated = out(2, corrected)
         shear = blocks.shear_estimate @ estimated + blocks.shear_recent @ recent + blocks.shear_measured @ corrected
         without = out(3, np.array([ground[0], 0.0]))[0]

@@ -59,11 +59,15 @@ def test_what_the_rig_has_beyond_the_correction_of_the_staircase_acts() -> None:
     info = ideal_info()
     blocks = best_like(info, ripple=-1.35)
     rig, _ = rig_as_identified(info)
-    found = closed_loop_matrix(replace(rig, ripple_m_s2_per_v=0.4), blocks)
-    other = closed_loop_matrix(replace(rig, ripple_m_s2_per_v=0.0), replace(blocks, ripple_m_s2_per_v=-1.75))
+    left = replace(rig, ripple_m_s2_per_v=0.4, ripple_sum_m_s2_per_v=0.002)
+    found = closed_loop_matrix(left, blocks)
+    less = replace(blocks, ripple_m_s2_per_v=-1.75, ripple_sum_m_s2_per_v=blocks.ripple_sum_m_s2_per_v - 0.002)
+    other = closed_loop_matrix(replace(rig, ripple_m_s2_per_v=0.0), less)
     none = closed_loop_matrix(replace(rig, ripple_m_s2_per_v=0.0), blocks)
     assert np.abs(found - other).max() < 1e-10
     assert np.abs(found - none).max() > 1e-4
+    one = closed_loop_matrix(replace(left, ripple_sum_m_s2_per_v=0.0), blocks)
+    assert np.abs(found - one).max() > 1e-7
 
 
 @pytest.mark.parametrize("make", [paper_like, best_like])

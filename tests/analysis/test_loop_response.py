@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from bench import DT_S, ideal_info, specimen
 from hybrid import best_like, closed_loop, paper_like, storeys
-from open_loop import OpenLoop, open_loop, points, rig_as_identified, true_rig
+from open_loop import OpenLoop, floors_per_table, open_loop, points, rig_as_identified, true_rig
 
 from rths_cli.analysis.closed_loop import closed_loop_matrix
 from rths_cli.analysis.loop_response import LoopResponse, Motion, hybrid, loop_response, on_perfect_table, shake_table
@@ -128,9 +128,10 @@ def test_ground_motion_makes_what_the_compiled_loops_matrix_says(make: Callable[
 
 def test_a_net_ripple_of_the_rig_acts_like_less_of_its_correction() -> None:
     info, blocks = ideal_info(), best_like(ideal_info(), ripple=-1.35)
-    rig = replace(rig_as_identified(info)[0], ripple_m_s2_per_v=0.4)
+    rig = replace(rig_as_identified(info)[0], ripple_m_s2_per_v=0.4, ripple_sum_m_s2_per_v=0.002)
+    assert blocks.ripple_sum_m_s2_per_v == pytest.approx(-0.00135)
     every = numerical.all_storeys(storeys(), DT_S)
-    cut = open_loop(true_rig(info), replace(blocks, ripple_m_s2_per_v=-1.75))
+    cut = open_loop(true_rig(info), replace(blocks, ripple_m_s2_per_v=-1.75, ripple_sum_m_s2_per_v=-0.00335))
     same(loop_response(rig, blocks, every, Z).loop, -cut.response(Z)[0, 0])
 
 
@@ -168,7 +169,7 @@ def test_on_a_perfect_table_the_building_is_whole_when_the_step_shrinks(
 ) -> None:
     """A Kalman filter that knows the table's motion, prediction and straight lines: second order."""
     below, errors = storeys(count, mass_kg=6.93 - mass), []
-    floors = floors_per_table()
+    floors = floors_per_table(F[:10])
     for dt_s in (1e-3, 5e-4, 2.5e-4):
         info = ideal_info(dt_s=dt_s)
         shear = estimator.predicted_shear(specimen(), mass, 2, dt_s)
@@ -193,20 +194,10 @@ def test_on_a_perfect_table_the_building_is_whole_when_the_step_shrinks(
     assert errors[-1] < 5e-3
 
 
-def floors_per_table() -> ComplexArray:
-    """Return accelerations of table (one) and floors per table acceleration, (3, 10)."""
-    parts, found = specimen(), []
-    for f in F[:10]:
-        s = 2j * np.pi * f
-        restoring = parts.K + s * parts.C
-        found.append(1.0 - s**2 * np.linalg.solve(np.diag(parts.masses_kg) * s**2 + restoring, parts.masses_kg))
-    return np.vstack([np.ones(10), np.array(found).T])
-
-
 def test_a_perfect_table_moves_as_desired_and_late_by_the_lead() -> None:
     """The samples of a rig without any dynamics: the desired acceleration, n_p samples later on the table's clock."""
     loop, _, _ = made(best_like, z=points(F[:10], DT_S))
-    floors = floors_per_table()
+    floors = floors_per_table(F[:10])
     motion = on_perfect_table(loop, floors, np.full((3, 10), 2.0 + 0.0j))
     same(motion.corrected, floors * motion.desired * points(F[:10], DT_S) ** -2)
     shear = np.sum(loop.from_samples * motion.corrected, axis=0) + loop.from_desired * motion.desired

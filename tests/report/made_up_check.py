@@ -1,0 +1,43 @@
+"""Figures of a check with made-up numbers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from rths_cli.files.result_writer import Metric
+from rths_cli.report.preflight_document import Checked, Tested
+from rths_cli.workflows.check_figures import paths
+
+ABOUT = Tested(
+    case="my_case",
+    file="my_case.yaml",
+    structure="three_storey",
+    damping="low",
+    record="el_centro",
+    scaling=0.3,
+    controller="FF+FB",
+    method="best",
+    rig="aps400",
+    rig_kind="virtual",
+    sample_rate_hz=2000.0,
+    delay_s=0.005,
+    model="cache, identified an hour ago",
+)
+
+
+def metrics(seed: int = 0) -> dict[str, Metric]:
+    """Return every figure of a check, each with a number of its own."""
+    random = np.random.default_rng(seed)
+    return {
+        path: Metric(random.uniform(0.1, 0.9, 3) if several else random.uniform(0.1, 0.9), "1", f"made up {path}")
+        for path, several in paths().items()
+    }
+
+
+def checked(verdict: str = "safe", reasons: tuple[str, ...] = (), drop: tuple[str, ...] = (), **about: Any) -> Checked:
+    """Return a checked case; figures whose path starts with one of `drop` are missing."""
+    found = {path: metric for path, metric in metrics().items() if not path.startswith(drop or ("none",))}
+    return Checked(replace(ABOUT, **about), verdict, reasons, ("a warning",), found)

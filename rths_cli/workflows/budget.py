@@ -7,39 +7,25 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.analysis.budget import ABOUT, Budget, Signals, split
-from rths_cli.analysis.closed_loop import closed_loop_matrix, spectral_radius
-from rths_cli.analysis.identified_rig import identified_rig
-from rths_cli.control.numerical import all_storeys
 from rths_cli.files.result_writer import Metric
-from rths_cli.workflows.check import known_of
 from rths_cli.workflows.figures import BAND, scalar
 
 if TYPE_CHECKING:
+    from rths_cli.analysis.prediction import Known
     from rths_cli.analysis.sim import Response
-    from rths_cli.identification.evaluate import Identification
     from rths_cli.lti import Array
-    from rths_cli.workflows.controllers import Design
     from rths_cli.workflows.series import Series
-    from rths_cli.workflows.setup import Setup
 
 ACCEL = "m/s^2"
 
 
-def of_exp_rths(
-    setup: Setup, identified: Identification, design: Design, series: Series, reported: Array, sim: Response
-) -> dict[str, Metric]:
-    """Return the measured errors by cause; nothing for a loop that is unstable or a run that was cut short.
+def of_exp_rths(known: Known | None, series: Series, reported: Array, sim: Response) -> dict[str, Metric]:
+    """Return the measured errors by cause; nothing for a loop that is unstable (None) or figures that are not finite.
 
-    `reported` (n_storeys, n) absolute accelerations.
+    `reported` (n_storeys, n) absolute accelerations of a run that reached the end of the record.
     """
-    assert identified.specimen is not None  # every case has experimental storeys
-    specimen, dt = identified.specimen.specimen, setup.rig.dt_s
-    rig = identified_rig(identified.best, specimen, setup.rig, setup.removes_sensors)
-    radius = spectral_radius(closed_loop_matrix(rig, design.blocks))
-    if radius >= 1.0 or not np.isfinite(reported).all():
+    if known is None or not np.isfinite(reported).all():
         return {}
-    storeys = all_storeys(setup.building.numerical, dt, setup.case.integration)
-    known = known_of(setup, identified, design, rig, storeys, radius)
     signals = Signals(series.desired, series.measured, series.command_v, reported, sim.abs_accel_m_s2)
     return as_figures(split(known, signals))
 

@@ -41,7 +41,7 @@ class Judged:
     damping ratios (n,) each), and SIM-DELAY's RMS errors (n_storeys,) in m/s^2, None where it would diverge.
 
     `friction_v`: of the table as a change of command, as counted with; `largest_scaling`: up to which the test is
-    safe; 0 where no scaling makes it so.
+    safe; 0 where no scaling makes it so. `known`: what the prediction started from, None for an unstable loop.
     """
 
     preflight: preflight.Preflight
@@ -50,6 +50,7 @@ class Judged:
     sim_delay_rms_m_s2: Array | None
     friction_v: float
     largest_scaling: float
+    known: Known | None
 
 
 def preflight_of(setup: Setup, identified: Identification, design: Design) -> preflight.Preflight:
@@ -76,7 +77,8 @@ def judge(setup: Setup, identified: Identification, design: Design) -> Judged:
     looped = modes_in_loop(loop_roots(closed_loop_matrix(rig, design.blocks), dt), *own)
     largest = 0.0 if preflight.faults_of_loop(found, dt) else preflight.rounded_down(verdict.largest_scaling)
     friction = identified.friction.command_v if identified.friction else 0.0
-    return Judged(verdict, own, looped, _sim_delay(setup, building, known, critical), friction, largest)
+    delayed = _sim_delay(setup, building, known, critical)
+    return Judged(verdict, own, looped, delayed, friction, largest, known if found.radius < 1.0 else None)
 
 
 def _sim_delay(setup: Setup, building: Building, known: Known, critical: CriticalDelay) -> Array | None:

@@ -20,6 +20,7 @@ from rths_cli.workflows.setup import make_setups, shown
 from rths_cli.workflows.warnings import of_case
 
 if TYPE_CHECKING:
+    from rths_cli.analysis.prediction import Known as LoopKnown
     from rths_cli.case.models import Case
     from rths_cli.files.result_writer import Metric
     from rths_cli.workflows.controllers import Design
@@ -29,12 +30,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether EXP-RTHS may be run, why not, the blocks it would run with (None: there are none), and the figures."""
+    """Whether EXP-RTHS may be run, why not, the blocks it would run with (None: there are none), the figures, and what
+    an error budget starts from (None: the loop is unstable, or there is none)."""
 
     verdict: str
     reasons: tuple[str, ...]
     design: Design | None
     figures: dict[str, Metric]
+    loop: LoopKnown | None = None
 
     @property
     def refused(self) -> bool:
@@ -55,7 +58,7 @@ def verdict_on(setup: Setup, known: Known, hybrid: bool = True) -> Verdict:
     judged = judge(setup, known.found, design)
     found = judged.preflight
     verdict = UNSAFE if faults and found.verdict == SAFE else found.verdict
-    return Verdict(verdict, (*faults, *found.reasons), design, check_figures(judged))
+    return Verdict(verdict, (*faults, *found.reasons), design, check_figures(judged), judged.known)
 
 
 def load_all(paths: Sequence[str], settings: Sequence[str], methods: Sequence[str]) -> list[Case]:

@@ -28,7 +28,6 @@ from rths_cli.workflows.warnings import of_case
 if TYPE_CHECKING:
     from rths_cli.analysis.sim import Response
     from rths_cli.case.models import Case
-    from rths_cli.identification.evaluate import Identification
     from rths_cli.lti import Array
     from rths_cli.workflows.controllers import Design
 
@@ -121,7 +120,7 @@ def _on_table(
     rejected = known.faults(setup.overrides)
     if rejected:
         return Stop("refused", rejected[0], 1), values
-    stop, measured = _experiments(setup, known.found, checked, design, sim, writer, progress)
+    stop, measured = _experiments(setup, checked, design, sim, writer, progress)
     return stop, values | measured
 
 
@@ -156,9 +155,8 @@ def _simulations(setup: Setup, writer: ResultWriter, progress: Progress) -> tupl
 
 
 def _experiments(
-    setup: Setup, identified: Identification, checked: Verdict, design: Design, sim: Response, writer: ResultWriter,
-    progress: Progress,
-) -> tuple[Stop | None, dict[str, Metric]]:  # fmt: skip
+    setup: Setup, checked: Verdict, design: Design, sim: Response, writer: ResultWriter, progress: Progress
+) -> tuple[Stop | None, dict[str, Metric]]:
     """Play the table runs of the case, write them, and return what stopped one first and the figures."""
     stop: Stop | None = None
     values: dict[str, Metric] = {}
@@ -181,7 +179,7 @@ def _experiments(
         if stopped is None:
             values |= _figures(setup, run, series, sim, hybrid)
         if stopped is None and hybrid is not None:
-            values |= budget.of_exp_rths(setup, identified, design, series, hybrid[2], sim)
+            values |= budget.of_exp_rths(checked.loop, series, hybrid[2], sim)
     return stop, values
 
 

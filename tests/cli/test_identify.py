@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from rths_cli import cli
+from rths_cli.cli import cli, ending
 from rths_cli.files.measured import read_recording
 from rths_cli.files.models import read_model
 from rths_cli.identification.channels import UnfitRecord
@@ -43,7 +43,7 @@ def rths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
 
     def call(*words: str) -> Shown:
         monkeypatch.setattr("sys.argv", ["rths", *words])
-        code = cli._guarded()
+        code = ending._guarded()
         return Shown(code, *capsys.readouterr())
 
     return call
@@ -253,7 +253,11 @@ def test_what_is_interrupted_leaves_nothing_behind(
 def test_help_lists_every_option_with_its_purpose(rths: Rths) -> None:
     shown = rths("identify", "--help")
     words = " ".join(shown.out.split())
-    options = [option for option in cli.identify.params if hasattr(option, "help") and option.opts[0].startswith("--")]
+    options = [
+        option
+        for option in cli.commands["identify"].params
+        if hasattr(option, "help") and option.opts[0].startswith("--")
+    ]
     assert len(options) == 11
     for option in options:
         assert option.opts[0] in words and option.help in words, option.name  # type: ignore[attr-defined]

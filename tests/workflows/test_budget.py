@@ -14,6 +14,7 @@ from rths_cli.identification.evaluate import Identification
 from rths_cli.loop.blocks import NUMERICAL
 from rths_cli.structure import Building, Specimen, assemble
 from rths_cli.workflows import budget
+from rths_cli.workflows.check import judge
 from rths_cli.workflows.controllers import design_blocks
 from rths_cli.workflows.known import Memory
 from rths_cli.workflows.rigs import EXP_RTHS
@@ -39,7 +40,7 @@ def budget_of(
     series = on_record_clock(outcome, design.blocks.lead_samples, dt, len(setup.motion.time_s))
     reported = whole_building(setup.building, series, setup.motion.accel_m_s2, dt, setup.case.integration)[2]
     sim = simulate(setup.building, dt, setup.motion.accel_m_s2)
-    found = budget.of_exp_rths(setup, believed or identified, design, series, reported, sim)
+    found = budget.of_exp_rths(judge(setup, believed or identified, design).known, series, reported, sim)
     return found, sim.abs_accel_m_s2 - reported
 
 
@@ -134,5 +135,5 @@ def test_a_run_that_was_cut_or_a_loop_that_is_unstable_has_no_budget(memory: Mem
     setup = setup_with("controller=none")
     identified = memory.identify(setup, lambda _: None)
     design = design_blocks(setup, identified)
-    nothing = np.zeros((3, 10))
-    assert budget.of_exp_rths(setup, identified, design, None, nothing, None) == {}  # type: ignore[arg-type]
+    assert judge(setup, identified, design).known is None
+    assert budget.of_exp_rths(None, None, np.zeros((3, 10)), None) == {}  # type: ignore[arg-type]

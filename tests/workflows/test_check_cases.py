@@ -76,11 +76,19 @@ def test_a_named_model_is_read_and_nothing_is_played(file: Path) -> None:
     assert all(metric.units and metric.definition for metric in found.metrics.values())
 
 
-def test_a_real_rig_without_a_model_is_bad_input_and_one_with_a_model_is_judged(file: Path) -> None:
-    setup = setup_of()
-    real = replace(setup, rig=replace(setup.rig, kind="udp"))
+@pytest.mark.usefixtures("no_rig")
+def test_a_real_rig_is_judged_with_a_model_and_bad_input_without(
+    tmp_path: Path, default_identification: Identification
+) -> None:
+    def real(*settings: str) -> Setup:
+        setup = setup_of(*settings)
+        return replace(setup, rig=replace(setup.rig, kind="udp"))
+
+    path = tmp_path / "real.h5"
+    save(path, real(), default_identification, "made for this test", "0" * 64)
+    assert check_cases.check_case(real(f"identification.model={path}"), Memory(), nothing).verdict == "safe"
     with pytest.raises(InputError, match=r"identification\.model: is missing"):
-        check_cases.check_case(real, Memory(), nothing)
+        check_cases.check_case(real(), Memory(), nothing)
 
 
 def test_a_virtual_rig_without_a_model_is_identified_and_that_is_said(memory: Memory) -> None:

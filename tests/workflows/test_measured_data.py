@@ -14,8 +14,8 @@ import pytest
 import scipy.io
 import scipy.signal
 
-from rths_cli import cli
 from rths_cli.case.load import load_cases
+from rths_cli.cli import ending
 from rths_cli.errors import InputError
 from rths_cli.files.measured import Recording, read_recording, write_recording
 from rths_cli.identification.evaluate import Identification
@@ -74,7 +74,7 @@ def identify(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Cap
     def call(*words: str) -> Shown:
         argv = ["rths", "identify", "--set", SHORT, "--no-figure", "--output", "m.h5", *words]
         monkeypatch.setattr("sys.argv", argv)
-        code = cli._guarded()
+        code = ending._guarded()
         return Shown(code, *capsys.readouterr())
 
     return call

@@ -1,0 +1,9 @@
+"""The commands: text in, exit code out. Everything heavy is imported inside them."""
+
+from __future__ import annotations
+
+from rths_cli.cli import check_command, identify_command, run_commands, start_commands  # each adds its commands
+from rths_cli.cli.ending import main
+from rths_cli.cli.group import SIGNALS, cli
+
+__all__ = ["SIGNALS", "check_command", "cli", "identify_command", "main", "run_commands", "start_commands"]

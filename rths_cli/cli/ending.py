@@ -1,0 +1,64 @@
+"""Run the command line, and turn every way of ending into sentences and an exit code."""
+
+from __future__ import annotations
+
+import errno
+import json
+import sys
+from collections.abc import Sequence
+from typing import NoReturn
+
+import click
+
+from rths_cli.cli.group import SIGNALS, cli
+from rths_cli.errors import InputError, RthsError, write_crash_file
+from rths_cli.process import INTERRUPTED, TERMINATED, Terminated
+
+
+def main() -> NoReturn:
+    """Run the command line and leave with the exit code of DESIGN.md section 2."""
+    SIGNALS.install()
+    sys.exit(_guarded())
+
+
+def _guarded() -> int:
+    """Run the command; turn every way of failing into sentences and a code."""
+    try:
+        code = int(cli.main(standalone_mode=False) or 0)
+        sys.stdout.flush()
+        return code
+    except click.ClickException as error:
+        return _say([error.format_message()], 2)
+    except (click.Abort, KeyboardInterrupt, Terminated):
+        return _ended_by_signal()
+    except InputError as error:
+        return _say(error.faults, error.exit_code)
+    except RthsError as error:
+        return _say([str(error)], error.exit_code)
+    except BrokenPipeError:
+        sys.stderr.close()
+        return 0
+    except Exception as error:
+        return _ended_by_signal() if SIGNALS.code else _fault_of_ours(error)
+
+
+def _ended_by_signal() -> int:
+    code = SIGNALS.code or INTERRUPTED
+    return _say(["rths: interrupted" if code == INTERRUPTED else "rths: terminated"], code)
+
+
+def _fault_of_ours(error: Exception) -> int:
+    """Report an unforeseen failure: a full disk behind stdout is the user's, the rest is ours."""
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EIO):
+        return _say([f"rths: cannot write the output: {error.strerror}"], 2)
+    if "--debug" in sys.argv:
+        raise error
+    return _say([f"rths: internal error ({type(error).__name__}); details in {write_crash_file()}"], 5)
+
+
+def _say(sentences: Sequence[str], code: int) -> int:
+    """Show sentences on stderr and, where JSON was asked for, as the document on stdout; return the code."""
+    click.echo("\n".join(sentences), err=True)
+    if "--json" in sys.argv and code not in (INTERRUPTED, TERMINATED):
+        click.echo(json.dumps({"exit_code": code, "faults": list(sentences)}, indent=2))
+    return code

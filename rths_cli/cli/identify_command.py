@@ -1,0 +1,117 @@
+"""`rths identify`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import click
+
+from rths_cli.cli.group import SIGNALS, cli
+from rths_cli.cli.options import json_option, settings_option
+from rths_cli.errors import InputError
+
+
+@cli.command()
+@click.argument("case", default="el_centro_low_ff_fb")
+@click.option(
+    "--data",
+    multiple=True,
+    metavar="FILE",
+    type=click.Path(path_type=Path),
+    help="Evaluate measured time histories (CSV, .mat, HDF5, TDMS) instead of exciting the rig. Repeatable: averaged.",
+)
+@click.option(
+    "--channel",
+    "channels",
+    multiple=True,
+    metavar="ROLE=NAME[:UNIT]",
+    help="Which channel of the file is what: command, table, floor_2, ...; for instance --channel table=ai0:g.",
+)
+@click.option(
+    "--rate",
+    "rate_hz",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="HZ",
+    help="Sample rate, where the file does not state it.",
+)
+@click.option("--corrected", is_flag=True, help="The file's accelerations are free of the sensors' dynamics already.")
+@click.option(
+    "--model",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Judge this model (zeros, poles, gain in YAML or .mat; or a model file) instead of fitting one.",
+)
+@click.option(
+    "--output", type=click.Path(path_type=Path), metavar="FILE", help="Model file [default: models/RIG_STRUCTURE.h5]."
+)
+@click.option(
+    "--figure",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Figure, .png, .svg or .pdf [default: beside the model file, .png].",
+)
+@click.option("--no-figure", is_flag=True, help="Draw no figure.")
+@click.option(
+    "--save-data",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Write what was measured, for --data --corrected.",
+)
+@settings_option
+@json_option
+def identify(
+    case: str,
+    data: tuple[Path, ...],
+    channels: tuple[str, ...],
+    rate_hz: float | None,
+    corrected: bool,
+    model: Path | None,
+    output: Path | None,
+    figure: Path | None,
+    no_figure: bool,
+    save_data: Path | None,
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> int:
+    """Identify the table and specimen of a case, write a model file, say what it is fit for.
+
+    The rig is excited, first at a low level; or measured records are read (--data). Without CASE: the default rig and
+    structure.
+
+    Example: rths identify el_centro_low_ff_fb --set identification.seed=1
+    """
+    from rths_cli.screen import Screen
+    from rths_cli.workflows.make_model import Asked, make_model
+    from rths_cli.workflows.measured import DataRequest, read_roles
+
+    if not data and (channels or rate_hz is not None or corrected):
+        raise InputError("--channel, --rate and --corrected belong to --data FILE; add it, or leave them out")
+    request = DataRequest(data, read_roles(channels), rate_hz, corrected) if data else None
+    judged = json.dumps(str(model.absolute())) if model else "null"  # what a case names is what is made here
+    settings = (f"identification.model={judged}", *settings)
+    asked = Asked(case, settings, request, output, save_data, figure, not no_figure)
+    screen = Screen(poll=SIGNALS.poll)
+    made = make_model(asked, screen.doing)
+    screen.clear()
+    _show_identified(made, as_json)
+    return made.exit_code
+
+
+def _show_identified(made: Any, as_json: bool) -> None:
+    """Print the page (or the document) of an identification and draw its figure."""
+    from rths_cli.report.identified import page, rejected_page
+    from rths_cli.report.identified_document import as_document, rejected_document
+
+    if made.found is None:
+        faults, seen = made.unfit.faults, made.unfit.channels
+        text = rejected_page(seen, faults, made.about)
+        document = rejected_document(seen, faults, made.about)
+    else:
+        text, document = page(made.found, made.about), as_document(made.found, made.about)
+        if made.figure:
+            from rths_cli.report.identified_figure import write_figure
+
+            write_figure(made.found, made.about, made.figure)
+    click.echo(json.dumps(document, indent=2) if as_json else text, nl=as_json)

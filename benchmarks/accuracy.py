@@ -29,6 +29,7 @@ from rths_cli.workflows.series import on_record_clock, whole_building
 from rths_cli.workflows.setup import Setup, make_setup
 
 PROCESSES = 2
+MEMORY = Memory()  # of each process: cases on the same rig and specimen share an identification
 BUILDINGS = tuple(f"{record}_{damping}" for record in ("el_centro", "hachinohe") for damping in ("low", "high"))
 SEEDS = range(5)
 LATENCIES, RATES_HZ = (0, 1, 2, 4), (1000, 2000, 4000)
@@ -81,18 +82,17 @@ class Task:
 
 
 def results(task: Task) -> list[Result]:
-    """Identify once, then play every case."""
-    memory = Memory()
+    """Identify, unless this rig was before, then play every case."""
     changed = (f"table.after_identification.{task.change.setting}",) if task.change.setting else ()
     names = [f"{name}_{CONTROLLERS[task.controller]}" for name in task.buildings]
     setups = [make_setup(case) for case in load_cases(names, (*task.settings, *changed))]
-    return [result(setup, memory, task.change) for setup in setups]
+    return [result(setup, task.change) for setup in setups]
 
 
-def result(setup: Setup, memory: Memory, change: Change) -> Result:
+def result(setup: Setup, change: Change) -> Result:
     """Play shake-table test and EXP-RTHS of one case and compare them with their references."""
     dt, ground, building = setup.rig.dt_s, setup.motion.accel_m_s2, setup.building
-    design = design_blocks(setup, memory.identify(setup, lambda _: None))
+    design = design_blocks(setup, MEMORY.identify(setup, lambda _: None))
     tracked, stopped = [], ""
     for source, stream in ((RECORD, SHAKE_TABLE), (NUMERICAL, EXP_RTHS)):
         outcome = play_run(setup, design, source, stream)
@@ -117,8 +117,8 @@ def result(setup: Setup, memory: Memory, change: Change) -> Result:
 def changed_building(building: Building, change: Change, dt_s: float, ground: Array) -> Array:
     """Return absolute accelerations (n_storeys, n) of the numerical part coupled with the changed specimen.
 
-    Exact for a record that is a straight line between samples. The base shear is Eq. 2.6 with the masses the runner
-    weighed, before the payload was added; so the floor feels a force that is not quite the specimen's.
+    For a record that is a straight line between samples exact, but for its start (1e-5 of the peak). The base shear is
+    Eq. 2.6 with the masses the runner weighed, before the payload was added: the floor feels not quite the specimen's.
     """
     from scipy.signal import cont2discrete, dlsim
 

@@ -112,7 +112,7 @@ def _disturbances(
     friction = known.friction or _unit(velocity_m_s)
     pushed = friction_samples(replace(known, friction=friction, velocity_m_s=velocity_m_s))
     answer = known.loop.rig * command
-    gain, late, size = _fitted(known, disturbed[0], (answer[0], -s * answer[0], pushed[0]))
+    gain, late, size = _fitted(known, disturbed[0], (answer[0], -s * answer[0], pushed[0]), _felt(known))
     parts = {"model": (gain - late * s) * answer, "friction": size * pushed}
     left = disturbed[0] - parts["model"][0] - parts["friction"][0]
     parts["rest"] = known.floors * left
@@ -126,12 +126,19 @@ def _unit(velocity_m_s: Array) -> Friction:
     return Friction(1.0, 0.0, speed, 0.0, ASSUMED_SCALE * speed)
 
 
-def _fitted(known: Known, disturbed: ComplexArray, rows: tuple[ComplexArray, ...]) -> tuple[float, ...]:
-    """Return the real factors of rows (m,) that explain most of a disturbance (m,) between FITTED_HZ."""
+def _felt(known: Known) -> Array:
+    """Return how much a disturbance of the table's motion moves the storeys, (m,): a mode feels it most."""
+    moved = hybrid(known.loop, np.zeros_like(known.ground), known.floors)
+    return np.sqrt(np.sum(np.abs(moved.storeys) ** 2, axis=0)) * known.lines.test_band()
+
+
+def _fitted(known: Known, disturbed: ComplexArray, rows: tuple[ComplexArray, ...], weight: Array) -> tuple[float, ...]:
+    """Return the real factors of rows (m,) that explain most of a disturbance (m,) between FITTED_HZ, weighted."""
     f = known.lines.frequency_hz
     inside = (f >= FITTED_HZ[0]) & (f <= FITTED_HZ[1])
-    matrix = np.array([np.concatenate([row[inside].real, row[inside].imag]) for row in rows]).T
-    wanted = np.concatenate([disturbed[inside].real, disturbed[inside].imag])
+    scaled = [(weight * row)[inside] for row in (*rows, disturbed)]
+    *parts, wanted = (np.concatenate([row.real, row.imag]) for row in scaled)
+    matrix = np.array(parts).T
     size = np.linalg.norm(matrix, axis=0)
     size[size == 0.0] = 1.0
     found = np.linalg.lstsq(matrix / size, wanted, rcond=1e-9)[0] / size

@@ -21,7 +21,7 @@ from rths_cli.rig_info import RigInfo
 SAFE, UNSAFE, UNSTABLE = "safe", "unsafe", "unstable"
 TOLERATED = 0.06  # error of the table that a test must stand up to 11 Hz: twice the largest of an accepted model
 COMPARED_HZ = 11.0
-LEAST_DELAY_SAMPLES = 2.0  # one sample lost and one late
+LEAST_DELAY_SAMPLES, LEAST_DELAY_S = 2.0, 1e-3  # further delay to stand: one sample lost and one late, at least 1 ms
 RESERVE = 0.1  # of every limit
 GROWN = 1e3  # over the record, from which growth is no doubt
 LOWEST_HZ, POINTS, AROUND, WIDTH = 0.05, 1500, 100, 0.2  # of the grid: in all, about each closed-loop mode, half width
@@ -114,17 +114,26 @@ def _fragile(found: Stability, dt_s: float) -> list[str]:
     if found.tolerates < found.required:
         reasons.append(
             f"an error of {found.tolerates:.2%} in the table's response at {found.at_hz:.3g} Hz makes the loop "
-            f"unstable, it must stand {found.required:.2%}; add damping to the structure, use controller FF+FB, or "
-            "cut the building higher up"
+            f"unstable, it must stand {found.required:.2%}; {_advice(found.at_hz)}"
         )
-    least = LEAST_DELAY_SAMPLES * dt_s
+    least = max(LEAST_DELAY_SAMPLES * dt_s, LEAST_DELAY_S)
     if found.measured.delay_margin_s < least:
         reasons.append(
             f"{1e3 * found.measured.delay_margin_s:.3g} ms of further delay make the loop unstable, it must stand "
-            f"{1e3 * least:.3g} ms (two samples); raise sample_rate_hz, or put less of the interface floor's mass on "
-            "the table"
+            f"{1e3 * least:.3g} ms (two samples, or 1 ms where that is more); put less of the interface floor's mass "
+            "on the table, add damping, or raise a sample_rate_hz below 2000"
         )
     return reasons
+
+
+def _advice(at_hz: float) -> str:
+    """Return what to do about a loop that stands too small an error at a frequency: among the modes, or above them."""
+    if at_hz <= COMPARED_HZ:
+        return "add damping to the structure, cut the building higher up, or use FF+FB where the controller is FF"
+    return (
+        "put less of the interface floor's mass on the table, lower feedback_bandwidth_hz, use controller FF, or identify "
+        "to a higher frequency"
+    )
 
 
 def _beyond(row: Reach, largest: float) -> str:

@@ -8,6 +8,7 @@ import numpy as np
 
 from rths_cli.control.margins import Margins, margins, worst_sensitivity_peak
 from rths_cli.control.realise import discretise, from_roots, static
+from rths_cli.control.riccati import riccati_gain
 from rths_cli.errors import InputError
 from rths_cli.lti import Array, Block, ComplexArray, Frf, Model, StateSpace
 
@@ -119,7 +120,7 @@ def _regulator_gain(model: Model, plant: Plant, weights: Weights) -> Array:
     a, b, c, direct, _, _ = plant
     strength = abs(model.response(np.array(weights.disturbance_hz[1:]))[0])
     cost = direct.T @ direct + (weights.command_weight * strength) ** 2
-    return _riccati_gain(a, b, c.T @ c, cost, c.T @ direct)
+    return riccati_gain(a, b, c.T @ c, cost, c.T @ direct)
 
 
 def _regulator(plant: Plant, gain: Array, noise: float, dt_s: float) -> Block:
@@ -130,7 +131,7 @@ def _regulator(plant: Plant, gain: Array, noise: float, dt_s: float) -> Block:
     """
     a, b, c, direct, drive, drive_direct = plant
     variance = drive_direct @ drive_direct.T + noise**2
-    observer = _riccati_gain(a.T, c.T, drive @ drive.T, variance, drive @ drive_direct.T).T
+    observer = riccati_gain(a.T, c.T, drive @ drive.T, variance, drive @ drive_direct.T).T
     shortfall = b - observer @ direct
     closed = a - b @ gain - observer @ (c - direct @ gain)
     return Block("feedback", closed, np.hstack([-observer, shortfall]), -gain, np.zeros((1, 2)), dt_s, INPUTS, OUTPUTS)
@@ -154,20 +155,6 @@ def _plant(model: Model, dt_s: float, weights: Weights) -> Plant:
     b = np.vstack([table.B, np.zeros((m, 1))])
     drive = np.vstack([np.zeros((n, 1)), shape.B])
     return block_diag(table.A, shape.A), b, np.hstack([table.C, shape.C]), table.D, drive, shape.D
-
-
-def _riccati_gain(a: Array, b: Array, q: Array, r: Array, s: Array) -> Array:
-    """Return the gain of the discrete linear-quadratic regulator with cross weight s; InputError when there is none."""
-    from scipy.linalg import solve_discrete_are
-
-    try:
-        cost = solve_discrete_are(a, b, q, r, s=s)
-    except (np.linalg.LinAlgError, ValueError) as error:  # scipy raises either when it cannot order the eigenvalues
-        raise InputError(
-            "controller: the feedback's Riccati equation cannot be solved with this command_weight and disturbance_hz; "
-            "use a larger command_weight or the default band, 1 to 12 Hz"
-        ) from error
-    return np.linalg.solve(r + b.T @ cost @ b, b.T @ cost @ a + s.T)
 
 
 def sensitivity(feedback: Block, table: ComplexArray, frequency_hz: Array) -> ComplexArray:

@@ -22,7 +22,7 @@ CAUSES = {
     "rest": "rest",
 }
 WORDS = {"check": "pred.", "budget": "meas."}
-LABEL, COLUMN = 18, 9
+LABEL, COLUMN = 18, 10
 Metrics = Mapping[str, ArrayLike]
 
 

@@ -36,9 +36,9 @@ def published_cells(entry: Entry | None, paths: Sequence[str], index: int | None
 
 
 def mark(*results: Result | None) -> str:
-    """Return the mark of figures from runs that did not end as planned."""
+    """Return the mark of figures from runs that did not end as planned; a refused one has other runs that did."""
     ends = [str(r.attributes.get("status", "complete")) for r in results if r is not None]
-    return UNFINISHED if any(end != "complete" for end in ends) else " "
+    return UNFINISHED if any(end not in ("complete", "refused") for end in ends) else " "
 
 
 def of(entry: Entry | None, method: str) -> Result | None:

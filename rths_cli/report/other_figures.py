@@ -88,4 +88,7 @@ def _listed(result: Result, path: str, unit: str) -> str:
 
 
 def _plain(value: float) -> str:
-    return f"{float(value):.4g}" if np.isfinite(value) else "-"
+    if not np.isfinite(value):
+        return "-"
+    near_one = 0.0 < abs(value - 1.0) < 1e-3  # a radius of 0.99996 is not 1
+    return f"{float(value):.{7 if near_one else 4}g}"

@@ -168,7 +168,7 @@ def _compared(values: Values, about: Tested) -> list[str]:
     lines = [labelled("friction", f"counted with: like {1e3 * friction:.3g} mV of command, as identified")]
     late = f"SIM-DELAY, {1e3 * about.delay_s:g} ms"
     if "check.sim_delay_rms_error_m_s2" not in values:
-        return [*lines, labelled(late, "diverges")]
+        return [*lines, labelled(late, "not told: near its critical delay, or beyond it")]
     delayed, error = values["check.sim_delay_rms_error_m_s2"], values["check.rms_error_m_s2"]
     storeys = range(1, len(error) + 1)
     rows = [["", *(f"storey {storey}" for storey in storeys)]]

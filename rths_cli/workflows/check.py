@@ -27,12 +27,15 @@ if TYPE_CHECKING:
     from rths_cli.analysis.identified_rig import IdentifiedRig
     from rths_cli.identification.evaluate import Identification
     from rths_cli.lti import Array, Block
+    from rths_cli.rig_info import RigInfo
     from rths_cli.structure import Specimen
     from rths_cli.workflows.controllers import Design
     from rths_cli.workflows.setup import Setup
 
 RINGS = 7.0  # time constants after which a motion has died out
 LONGEST_S = 300.0
+NOISE_FROM_HZ, NOISE_POINTS = 1.0, 400  # over which noise at rest is taken as white
+NEAR = 0.97  # of the critical delay, from which SIM-DELAY rings on for too long to be told from its lines
 
 
 @dataclass(frozen=True)
@@ -82,7 +85,7 @@ def judge(setup: Setup, identified: Identification, design: Design) -> Judged:
 
 
 def _sim_delay(setup: Setup, building: Building, known: Known, critical: CriticalDelay) -> Array | None:
-    if setup.case.delay_s >= critical.delay_s:
+    if setup.case.delay_s >= NEAR * critical.delay_s:
         return None
     return delayed_rms(known.lines, building, known.floors, known.ground[0], known.sim, setup.case.delay_s)
 
@@ -120,12 +123,22 @@ def known_of(
         ground=ground,
         sim=sim_lines(building, lines, ground[0]),
         velocity_m_s=sim.rel_vel_m_s[interface] + motion.velocity_m_s,
-        noise_m_s2=np.array([channel.rest_rms_m_s2 or 0.0 for channel in identified.channels]),
+        noise_m_s2=_before_correction(identified, design.blocks.correction, setup.rig),
         rig=setup.rig,
         correction=design.blocks.correction,
         shaped=design.blocks.shaping_step_v > 0.0,
         excess=rig.excess,
     )
+
+
+def _before_correction(identified: Identification, correction: Block, rig: RigInfo) -> Array:
+    """Return the noise (c,) in m/s^2 that the channels have at rest before the sensors' corners are taken out of it,
+    which makes white noise louder."""
+    frequency = np.linspace(NOISE_FROM_HZ, 0.5 / rig.dt_s, NOISE_POINTS)
+    sizes = np.array([channel.sensitivity_v_per_m_s2 for channel in rig.channels])
+    louder = np.abs(np.einsum("ccf->cf", correction.response(frequency)) * sizes[:, None])
+    at_rest = np.array([channel.rest_rms_m_s2 or 0.0 for channel in identified.channels])
+    return at_rest / np.sqrt(np.mean(louder**2, axis=1))
 
 
 __all__ = ["Judged", "Prediction", "as_identified", "judge", "known_of", "preflight_of"]

@@ -14,6 +14,7 @@ from rths_cli.control import feedback
 from rths_cli.control.blocks import Blocks
 from rths_cli.control.feedback import DEFAULT
 from rths_cli.control.realise import static
+from rths_cli.control.riccati import riccati_gain
 from rths_cli.loop.blocks import NUMERICAL, RECORD, assemble
 from rths_cli.loop.drive import Outcome, play
 from rths_cli.lti import Array, Block
@@ -74,7 +75,7 @@ def reference(limit_v: float) -> Array:
     a, b, c, d, drive, drive_direct = feedback._plant(model, DT_S, DEFAULT)
     gain = feedback._regulator_gain(model, (a, b, c, d, drive, drive_direct), DEFAULT)[0]
     variance = drive_direct @ drive_direct.T + NOISE**2
-    observer = feedback._riccati_gain(a.T, c.T, drive @ drive.T, variance, drive @ drive_direct.T)[0]
+    observer = riccati_gain(a.T, c.T, drive @ drive.T, variance, drive @ drive_direct.T)[0]
     ta, tb, sensed, _ = linear_table(LINEAR, specimen(), channel.low_pass_hz)
     step, into = held(ta, tb, DT_S)
     table, estimate, corrector = np.zeros(len(ta)), np.zeros(len(a)), np.zeros(len(blocks.correction.A))
@@ -113,7 +114,7 @@ def test_a_feedback_that_knows_recovers_with_its_observer_and_one_that_does_not_
     blocks = replace(best_like(ideal_info(latency_samples=1)), feedback_limit_v=LIMIT_V)
     a, _, c, _, drive, direct = feedback._plant(true_model(1.5 * DT_S), DT_S, DEFAULT)
     variance = direct @ direct.T + NOISE**2
-    observer = feedback._riccati_gain(a.T, c.T, drive @ drive.T, variance, drive @ direct.T).T
+    observer = riccati_gain(a.T, c.T, drive @ drive.T, variance, drive @ direct.T).T
     sizes = np.abs(np.linalg.eigvals(a - observer @ c))
     constants_s = -DT_S / np.log(sizes[sizes > 0.5])  # beyond 0.1 s: the disturbance's band and the specimen
     table_s = constants_s[constants_s < 0.1].max()

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 STANDARD_GRAVITY_M_S2 = 9.80665
+BRAKE_SHARE = 0.45  # of the acceleration limit, with which the guard brakes
 
 
 @dataclass(frozen=True)

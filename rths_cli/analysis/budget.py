@@ -9,6 +9,7 @@ instant; what is left over is stated.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -109,21 +110,38 @@ def _disturbances(
 ) -> tuple[dict[str, ComplexArray], tuple[float, float, float]]:
     """Return the disturbance of the samples (c, m) by cause; gain error, delay error and friction that were fitted."""
     s = 2j * np.pi * known.lines.frequency_hz
-    friction = known.friction or _unit(velocity_m_s)
-    pushed = friction_samples(replace(known, friction=friction, velocity_m_s=velocity_m_s))
+    friction, more = _friction(known, disturbed, command, velocity_m_s)
     answer = known.loop.rig * command
-    gain, late, size = _fitted(known, disturbed[0], (answer[0], -s * answer[0], pushed[0]), _felt(known))
-    parts = {"model": (gain - late * s) * answer, "friction": size * pushed}
+    rows = (answer[0], -s * answer[0])
+    gain, late = _fitted(known, disturbed[0] - friction[0], rows, _felt(known))
+    parts = {"model": (gain - late * s) * answer, "friction": friction}
     left = disturbed[0] - parts["model"][0] - parts["friction"][0]
     parts["rest"] = known.floors * left
     parts["specimen"] = disturbed - sum(parts.values())
-    return parts, (gain, late, size * friction.command_v)
+    identified = known.friction.command_v if known.friction else 0.0
+    return parts, (gain, late, identified + more)
 
 
-def _unit(velocity_m_s: Array) -> Friction:
-    """Return a friction of one volt for a table of which none was identified."""
+def _friction(
+    known: Known, disturbed: ComplexArray, command: ComplexArray, velocity_m_s: Array
+) -> tuple[ComplexArray, float]:
+    """Return what friction adds to the samples (c, m), and by how many V it is more than identified.
+
+    Its size is told by sign(v) - c v, which neither gain nor delay can look like; what is more than identified acts
+    with all of sign(v), because no model holds its linear part.
+    """
     speed = float(rms(velocity_m_s)) or 1.0
-    return Friction(1.0, 0.0, speed, 0.0, ASSUMED_SCALE * speed)
+    scale = known.friction.scale_m_s if known.friction else ASSUMED_SCALE * speed
+
+    def pushed(friction: Friction | None) -> ComplexArray:
+        return friction_samples(replace(known, friction=friction, velocity_m_s=velocity_m_s))
+
+    as_identified = pushed(known.friction)
+    shape, whole = (pushed(Friction(1.0, 0.0, rms_m_s, 0.0, scale)) for rms_m_s in (speed, math.inf))
+    answer, s = known.loop.rig[0] * command, 2j * np.pi * known.lines.frequency_hz
+    rows = (shape[0], answer, s * answer)
+    more = _fitted(known, disturbed[0] - as_identified[0], rows, np.ones(len(command)))[0]
+    return as_identified + more * whole, more
 
 
 def _felt(known: Known) -> Array:

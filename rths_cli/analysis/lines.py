@@ -67,11 +67,12 @@ class Lines:
         whole = [np.concatenate(pair) for pair in zip((accel, velocity, displacement), after, strict=True)]
         return np.asarray(np.fft.rfft(whole)[..., : self.count])
 
-    def series(self, lines: ComplexArray) -> Array:
-        """Return the series (..., n_reduced) of lines (..., m) over the record, at the reduced rate."""
+    def series(self, lines: ComplexArray, finer: int = 1) -> Array:
+        """Return the series (..., n) of lines (..., m) over the record, at `finer` times the reduced rate."""
         both = np.concatenate([lines, np.zeros((*lines.shape[:-1], 1))], axis=-1)
-        whole = np.fft.irfft(both, self.reduced) * (self.reduced / self.padded)
-        return whole[..., : int(np.ceil(self.samples * self.dt_s / self.reduced_dt_s))]
+        count = finer * self.reduced
+        whole = np.fft.irfft(both, count) * (count / self.padded)
+        return whole[..., : int(np.ceil(self.samples * self.dt_s / self.reduced_dt_s * finer))]
 
     def test_band(self) -> Array:
         """Return what the test band's filter, forward and backward, leaves of each line, (m,)."""

@@ -52,7 +52,8 @@ class Prediction:
 class Known:
     """What a prediction starts from: `floors` (c, m) accelerations of table (one) and floors per table acceleration,
     `sim` (n_storeys, m) and `ground` (3, m) on lines, `velocity_m_s` (n,) of the interface, noise of each channel at
-    rest (c,) in m/s^2; `excess` as in IdentifiedRig."""
+    rest (c,) in m/s^2; `excess` as in IdentifiedRig; `peaks_m_s2` (c,) of SIM's interface and floors, all frequencies
+    (None: not known)."""
 
     loop: LoopResponse
     lines: Lines
@@ -68,6 +69,7 @@ class Known:
     correction: Block
     shaped: bool
     excess: float = 0.0
+    peaks_m_s2: Array | None = None
 
 
 def predict(known: Known) -> Prediction:

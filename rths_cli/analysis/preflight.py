@@ -11,22 +11,23 @@ import numpy as np
 from rths_cli.analysis.closed_loop import closed_loop_matrix, spectral_radius
 from rths_cli.analysis.critical_delay import CriticalDelay
 from rths_cli.analysis.identified_rig import IdentifiedRig
+from rths_cli.analysis.lines import HIGHEST_HZ
 from rths_cli.analysis.loop_response import LoopResponse, loop_response
 from rths_cli.analysis.prediction import Known, Prediction, data_ratio
 from rths_cli.control.blocks import Blocks
 from rths_cli.control.margins import Margins, margins
 from rths_cli.lti import Array, Block, ComplexArray, Frf, Model
-from rths_cli.rig_info import RigInfo
+from rths_cli.rig_info import BRAKE_SHARE, RigInfo
 
 SAFE, UNSAFE, UNSTABLE = "safe", "unsafe", "unstable"
 TOLERATED = 0.06  # error of the table that a test must stand up to 11 Hz: twice the largest of an accepted model
 COMPARED_HZ = 11.0
 LEAST_DELAY_SAMPLES, LEAST_DELAY_S = 2.0, 1e-3  # further delay to stand: one sample lost and one late, at least 1 ms
 RESERVE = 0.1  # of every limit
+FINER = 8  # points of a peak's series per point of the reduced one
 GROWN = 1e3  # over the record, from which growth is no doubt
 LOWEST_HZ, POINTS, AROUND, WIDTH = 0.05, 1500, 100, 0.2  # of the grid: in all, about each closed-loop mode, half width
 MODES_HZ = 60.0
-BRAKE_SHARE = 0.45  # of the acceleration limit, with which the guard brakes
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,8 @@ class Stability:
     """`radius` of the closed-loop matrix, `growth` over the record (1 and less: none); margins of the loop broken at
     the command, on the measured response and on the model; `tolerates` and `required`: error of the table's response
     that makes the loop unstable, and that it must stand, where the two are nearest, `at_hz`; `in_band`: the smallest
-    that makes it unstable up to 11 Hz, `in_band_hz` where."""
+    that makes it unstable up to 11 Hz, `in_band_hz` where; `apart`: largest |(1 + L) / (1 + L_model) - 1| of the loop
+    on the measured response: below one both go round -1 alike (Rouche), and the model's radius speaks for both."""
 
     radius: float
     growth: float
@@ -45,6 +47,7 @@ class Stability:
     at_hz: float
     in_band: float = math.inf
     in_band_hz: float = math.nan
+    apart: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -77,14 +80,14 @@ class Preflight:
 
 def judge(
     critical: CriticalDelay, stability: Stability, reach: tuple[Reach, ...], scaling: float,
-    prediction: Prediction | None, dt_s: float,
+    prediction: Prediction | None, dt_s: float, further: tuple[str, ...] = (),
 ) -> Preflight:  # fmt: skip
-    """Return the verdict: unstable, unsafe (which limit), or safe."""
+    """Return the verdict: unstable, unsafe (which limit), or safe; `further` reasons make a stable loop unsafe."""
     reasons = faults_of_loop(stability, dt_s)
     doubt = stability.radius >= 1.0 and stability.growth >= GROWN
     largest = scaling * min((1.0 - RESERVE) / row.share if row.share > 0.0 else math.inf for row in reach)
     if stability.radius < 1.0:
-        reasons += [_beyond(row, largest) for row in reach if not row.share <= 1.0 - RESERVE]
+        reasons += [*further, *(_beyond(row, largest) for row in reach if not row.share <= 1.0 - RESERVE)]
     verdict = UNSTABLE if doubt else UNSAFE if reasons else SAFE
     return Preflight(verdict, tuple(reasons), critical, stability, reach, largest, prediction)
 
@@ -111,6 +114,11 @@ def _unstable(found: Stability) -> list[str]:
 def _fragile(found: Stability, dt_s: float) -> list[str]:
     """Return a sentence when too small an error of the table, or too little delay, makes the loop unstable."""
     reasons = []
+    if found.apart >= 1.0:
+        reasons.append(
+            "the table's measured response differs so much from its model that the model's stability says nothing of "
+            "the table's; identify again"
+        )
     if found.tolerates < found.required:
         reasons.append(
             f"an error of {found.tolerates:.2%} in the table's response at {found.at_hz:.3g} Hz makes the loop "
@@ -131,8 +139,8 @@ def _advice(at_hz: float) -> str:
     if at_hz <= COMPARED_HZ:
         return "add damping to the structure, cut the building higher up, or use FF+FB where the controller is FF"
     return (
-        "put less of the interface floor's mass on the table, lower feedback_bandwidth_hz, use controller FF, or identify "
-        "to a higher frequency"
+        "put less of the interface floor's mass on the table, lower feedback_bandwidth_hz, use controller FF, or "
+        "identify to a higher frequency"
     )
 
 
@@ -167,6 +175,7 @@ def stability(
         float(frequency[nearest]),
         float(tolerated[weakest]),
         float(frequency[weakest]),
+        float(np.abs((1.0 + on_data) / (1.0 + loop.loop) - 1.0).max()),
     )
 
 
@@ -203,8 +212,9 @@ def reach(known: Known, prediction: Prediction, rig: RigInfo, masses_kg: Array) 
     """
     lines, motion = known.lines, prediction.nominal
     s = 2j * np.pi * lines.frequency_hz
-    command, rate = lines.series(motion.command_v), lines.series(s * motion.command_v)
-    accel = lines.series(motion.corrected)
+    command, rate = lines.series(motion.command_v, FINER), lines.series(s * motion.command_v, FINER)
+    accel = lines.series(motion.corrected, FINER)
+    loudest = _peak(accel) if known.peaks_m_s2 is None else max(_peak(accel), float(known.peaks_m_s2.max()))
     place, speed = rig.gain_m_per_v * command, rig.gain_m_per_v * rate
     braked = place + 0.5 * speed * np.abs(speed) / (BRAKE_SHARE * rig.limits.acceleration_m_s2)
     force = masses_kg @ accel
@@ -214,10 +224,24 @@ def reach(known: Known, prediction: Prediction, rig: RigInfo, masses_kg: Array) 
     return (
         Reach("displacement (with room to brake)", _peak(np.maximum(np.abs(place), np.abs(braked))), stroke, "m"),
         Reach("velocity", _peak(speed) + rounding, rig.limits.velocity_m_s, "m/s"),
-        Reach("acceleration", _peak(accel), rig.limits.acceleration_m_s2, "m/s^2"),
-        Reach("accelerometers' range", _peak(accel), range_m_s2, "m/s^2"),
+        Reach("acceleration", loudest, rig.limits.acceleration_m_s2, "m/s^2"),
+        Reach("accelerometers' range", loudest, range_m_s2, "m/s^2"),
         Reach("actuator force", _peak(force), rig.limits.force_n, "N"),
         Reach("command", _peak(command), rig.converters.range_v, "V"),
+    )
+
+
+def unseen(known: Known, prediction: Prediction) -> tuple[str, ...]:
+    """Return a sentence when more than a reserve's share of the interface's peak acceleration is above the lines."""
+    if known.peaks_m_s2 is None:
+        return ()
+    seen = _peak(known.lines.series(prediction.nominal.desired, FINER))
+    missing = 1.0 - seen / float(known.peaks_m_s2[0]) if known.peaks_m_s2[0] > 0.0 else 0.0
+    if missing <= RESERVE:
+        return ()
+    return (
+        f"{missing:.0%} of the interface floor's peak acceleration lies above {HIGHEST_HZ:g} Hz, where the check does "
+        "not look; filter the record, or soften the computed storeys that shake there",
     )
 
 
@@ -236,4 +260,5 @@ __all__ = [
     "required",
     "rounded_down",
     "stability",
+    "unseen",
 ]

@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rths_cli.lti import Array
+from rths_cli.rig_info import BRAKE_SHARE
 from rths_cli.rigs.compiled import part
 
 RUNNING, BRAKING, RETURNING, STOPPED = 0, 1, 2, 3
@@ -29,7 +30,6 @@ REASONS = (
     "a sensor is saturated",
     "a sensor is stuck",
 )
-BRAKE_SHARE = 0.45  # of the acceleration limit
 RETURN_RATE = 7.5  # rad/s, or less where a limit is tight: back at zero within 2 s
 AT_REST_M = 1e-6  # less than half a bit of a 16-bit command
 STUCK_S = 0.5

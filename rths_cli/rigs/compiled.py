@@ -22,7 +22,7 @@ from rths_cli.files.user_cache import user_cache
 
 _CONFIG: Any = numba.config
 F = TypeVar("F", bound=Callable[..., object])
-SOURCES = ("rigs/compiled.py", "rigs/virtual/plant.py", "rigs/virtual/kernel.py")
+SOURCES = ("rig_info.py", "rigs/compiled.py", "rigs/virtual/plant.py", "rigs/virtual/kernel.py")
 SOURCE_FOLDERS = ("loop",)
 
 

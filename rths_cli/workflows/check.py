@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +19,7 @@ from rths_cli.analysis.prediction import Known, Prediction, predict
 from rths_cli.analysis.sim import simulate
 from rths_cli.analysis.sim_lines import sim_lines
 from rths_cli.control.estimator import specimen_state_space
+from rths_cli.control.feedback import none
 from rths_cli.control.numerical import all_storeys
 from rths_cli.structure import Building, assemble, modes
 
@@ -69,13 +70,18 @@ def judge(setup: Setup, identified: Identification, design: Design) -> Judged:
     storeys = all_storeys(building.numerical, dt, setup.case.integration)
     samples = len(setup.motion.time_s)
     found = preflight.stability(rig, design.blocks, storeys, identified.best, identified.frfs[0], samples)
+    if math.isfinite(design.blocks.feedback_limit_v):  # at its limit a feedback is none
+        alone = replace(design.blocks, feedback=none(dt))
+        without = preflight.stability(rig, alone, storeys, identified.best, identified.frfs[0], samples)
+        found = max(found, without, key=lambda each: (each.radius >= 1.0, each.required / each.tolerates))
     known = known_of(setup, identified, design, rig, storeys, found.radius)
     prediction = predict(known)
     masses = np.concatenate([[setup.rig.moving_mass_kg], setup.floor_masses_kg])
     rows = preflight.reach(known, prediction, setup.rig, masses)
     stable = prediction if found.radius < 1.0 else None
     critical = critical_delay(building)
-    verdict = preflight.judge(critical, found, rows, setup.case.scaling, stable, dt)
+    further = preflight.unseen(known, prediction)
+    verdict = preflight.judge(critical, found, rows, setup.case.scaling, stable, dt, further)
     own = modes(building.M, building.C, building.K)
     looped = modes_in_loop(loop_roots(closed_loop_matrix(rig, design.blocks), dt), *own)
     largest = 0.0 if preflight.faults_of_loop(found, dt) else preflight.rounded_down(verdict.largest_scaling)
@@ -128,6 +134,7 @@ def known_of(
         correction=design.blocks.correction,
         shaped=design.blocks.shaping_step_v > 0.0,
         excess=rig.excess,
+        peaks_m_s2=np.abs(sim.abs_accel_m_s2[interface:]).max(axis=1),
     )
 
 

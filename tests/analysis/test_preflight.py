@@ -29,6 +29,7 @@ from rths_cli.analysis.preflight import (
     reach,
     required,
     stability,
+    unseen,
 )
 from rths_cli.control.blocks import Blocks
 from rths_cli.control.margins import Margins
@@ -74,8 +75,10 @@ def test_too_little_tolerance_is_unsafe() -> None:
     assert found.verdict == UNSAFE
     assert found.reasons == (
         "an error of 3.12% in the table's response at 9.3 Hz makes the loop unstable, it must stand 6.00%; add damping "
-        "to the structure, use controller FF+FB, or cut the building higher up",
+        "to the structure, cut the building higher up, or use FF+FB where the controller is FF",
     )
+    above = verdict(replace(STABLE, tolerates=0.3, required=0.9, at_hz=120.0))
+    assert "less of the interface floor's mass on the table" in above.reasons[0]
     assert verdict(replace(STABLE, tolerates=0.06)).verdict == SAFE
 
 
@@ -83,7 +86,7 @@ def test_less_than_two_samples_of_delay_margin_is_unsafe() -> None:
     short = replace(MARGINS, delay_margin_s=0.99e-3)
     found = verdict(replace(STABLE, measured=short))
     assert found.verdict == UNSAFE
-    assert "0.99 ms of further delay make the loop unstable, it must stand 1 ms (two samples)" in found.reasons[0]
+    assert "0.99 ms of further delay make the loop unstable, it must stand 1 ms (two samples" in found.reasons[0]
     assert verdict(replace(STABLE, modelled=short)).verdict == SAFE  # the measured response counts
     assert verdict(replace(STABLE, measured=replace(short, delay_margin_s=1.01e-3))).verdict == SAFE
 
@@ -236,7 +239,8 @@ def test_what_a_sinusoid_asks_of_the_table() -> None:
     corrected = np.array([sinusoid(a, line, lines) for a in accel])
     nominal = SimpleNamespace(command_v=sinusoid(command, line, lines), corrected=corrected)
     masses = np.array([7.0, 6.91, 6.95])
-    rows = {r.name: r for r in reach(SimpleNamespace(lines=lines), SimpleNamespace(nominal=nominal), info, masses)}
+    known = SimpleNamespace(lines=lines, peaks_m_s2=None)
+    rows = {r.name: r for r in reach(known, SimpleNamespace(nominal=nominal), info, masses)}
     place, speed = 0.0079 * command, 0.0079 * command * w
     # x + v |v| / (2 b) is largest at a phase found by looking at all
     angle = np.linspace(0.0, 2.0 * np.pi, 100001)
@@ -257,11 +261,46 @@ def test_what_a_sinusoid_asks_of_the_table() -> None:
     assert rows["command"].share == pytest.approx(0.3, rel=2e-3)
 
 
+@pytest.mark.parametrize("phase", [0.0, 0.5, 1.0, 1.5])
+def test_a_peak_between_the_points_of_the_reduced_series_is_seen(phase: float) -> None:
+    """Near the highest line there are two points a period: a sinusoid may pass zero at both of them."""
+    lines = Lines(8000, 8000, DT_S)
+    accel = np.exp(1j * phase) * sinusoid(4.0, lines.count - 2, lines)
+    nominal = SimpleNamespace(command_v=0.0 * accel, corrected=np.array([accel]))
+    known = SimpleNamespace(lines=lines, peaks_m_s2=None)
+    rows = {row.name: row for row in reach(known, SimpleNamespace(nominal=nominal), rig_info(), np.ones(1))}
+    assert rows["acceleration"].peak == pytest.approx(4.0, rel=0.025)
+
+
+def test_motion_above_the_lines_is_not_taken_for_none() -> None:
+    """SIM knows all frequencies: its peaks count, and a check that sees too little of them says so."""
+    lines = Lines(8000, 8000, DT_S)
+    accel = sinusoid(4.0, 22, lines)
+    nominal = SimpleNamespace(command_v=0.0 * accel, corrected=np.array([accel]), desired=accel)
+    prediction = SimpleNamespace(nominal=nominal)
+    for peak, said in ((4.2, False), (8.0, True)):
+        known = SimpleNamespace(lines=lines, peaks_m_s2=np.array([peak, 1.0]))
+        rows = {row.name: row for row in reach(known, prediction, rig_info(), np.ones(1))}
+        assert rows["acceleration"].peak == peak
+        sentences = unseen(known, prediction)
+        assert bool(sentences) == said
+        found = judge(CRITICAL, STABLE, tuple(rows.values()), 0.3, None, DT_S, sentences)
+        assert found.verdict == (UNSAFE if said else SAFE)
+    assert "50% of the interface floor's peak acceleration lies above 40 Hz" in sentences[0]
+
+
+def test_a_measured_response_that_may_go_round_the_point_otherwise_is_unsafe() -> None:
+    found = verdict(replace(STABLE, apart=1.01))
+    assert found.verdict == UNSAFE and "identify again" in found.reasons[0]
+    assert verdict(replace(STABLE, apart=0.99)).verdict == SAFE
+
+
 def test_a_converter_narrower_than_stroke_or_sensor_is_the_limit() -> None:
     lines = Lines(2000, 2000, DT_S)
     info = replace(rig_info(range_v=2.0), limits=replace(rig_info().limits, stroke_m=0.079))
     nothing = SimpleNamespace(command_v=np.zeros(lines.count) + 0j, corrected=np.zeros((3, lines.count)) + 0j)
-    rows = reach(SimpleNamespace(lines=lines), SimpleNamespace(nominal=nothing), info, np.ones(3))
+    known = SimpleNamespace(lines=lines, peaks_m_s2=None)
+    rows = reach(known, SimpleNamespace(nominal=nothing), info, np.ones(3))
     limits = {row.name: row.limit for row in rows}
     assert limits["displacement (with room to brake)"] == pytest.approx(2.0 * 0.0079)
     assert limits["accelerometers' range"] == pytest.approx(2.0 * 9.80665)

@@ -100,7 +100,7 @@ def test_the_predicted_error_is_set_against_sim_delay() -> None:
     assert [float(c) for c in cells(text, "predicted over SIM-DELAY")] == pytest.approx(error / late, rel=6e-3)
     assert [float(c) for c in cells(text, "together")][1:] == pytest.approx(1e3 * error, abs=6e-4)
     beyond = page(checked(drop=("check.sim_delay",)))
-    assert cells(beyond, "SIM-DELAY, 5 ms") == ["diverges"]
+    assert "near its critical delay" in " ".join(cells(beyond, "SIM-DELAY, 5 ms"))
 
 
 def test_an_unstable_loop_has_no_margins_reach_or_error_and_its_reasons_are_all_told() -> None:

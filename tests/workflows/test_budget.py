@@ -74,7 +74,9 @@ def test_friction_is_the_identified_one_and_three_times_that_when_it_is_tripled(
     tripled, _ = budget_of(setup_with(CHANGED + "coulomb_factor=3"), identified)
     assert value(tripled, "friction_v") == pytest.approx(3.0 * identified.friction.command_v, rel=0.05)
     ratio = value(tripled, "rms_error_friction_m_s2") / value(found, "rms_error_friction_m_s2")
-    assert ratio == pytest.approx(3.0, rel=0.1)
+    assert 3.0 < ratio < 4.5  # three times what sign(v) does, and the linear part that the model does not hold
+    assert abs(value(tripled, "table_delay_error_s")) < 1e-5
+    assert value(tripled, "rms_error_rest_m_s2") < 0.1 * value(tripled, "rms_error_friction_m_s2")
 
 
 def test_friction_that_was_not_identified_is_found_in_the_run(
@@ -109,6 +111,7 @@ def test_a_wrong_gain_and_delay_of_the_model_are_named(
     assert gain_error == pytest.approx(1.0 / gain - 1.0, abs=3e-4)
     late = value(believed, "table_delay_error_s") - value(found, "table_delay_error_s")
     assert late == pytest.approx(-late_s, abs=1e-5)
+    assert value(believed, "rms_error_rest_m_s2") < 0.5 * value(believed, "rms_error_model_m_s2")
 
 
 def test_another_specimen_than_declared_is_the_declared_ones_error(memory: Memory) -> None:

@@ -46,7 +46,7 @@ class Screen:
         where = f"{ended.path}{' (replaced)' if ended.replaced else ''}" if ended.path else "no result"
         line = f"{self._label}: {ended.status}, {where}, {seconds:.1f} s"
         if not good:
-            line = f"{self._label}: {ended.status}: {ended.reason}"
+            line = f"{self._label}: {ended.status}{f', {where}' if ended.path else ''}: {ended.reason}"
         if not (good and self._quiet):
             print(line, file=self._stream, flush=True)
         for warning in ended.warnings:

@@ -107,7 +107,10 @@ def _critical(values: Values) -> str:
     if not np.isfinite(delay):
         return "none, on a perfect table no pure delay makes this building unstable"
     if delay == 0.0:
-        return "0 ms, on a perfect table any pure delay makes this building unstable"
+        return (
+            "0 ms: on a perfect table of unlimited bandwidth any pure delay makes this building unstable; the verdict "
+            "rests on the table as identified"
+        )
     return f"{short(1e3 * delay)} ms of pure delay on a perfect table, lost at {short(hz)} Hz"
 
 

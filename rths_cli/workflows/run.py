@@ -128,7 +128,9 @@ def _refusal(setup: Setup, checked: Verdict) -> Stop | None:
     """Return why EXP-RTHS is not run, None when it is safe or when that is overridden."""
     if not checked.refused or "check" in setup.overrides:
         return None
-    advice = f"rths check {shown(setup.case.path)} tells more, --override check runs it all the same"
+    advice = (
+        f"rths check {shown(setup.case.path)} with the same options tells more, --override check runs it all the same"
+    )
     return Stop("refused", f"EXP-RTHS refused, {checked.verdict}: {'; '.join(checked.reasons)}; {advice}", 1)
 
 

@@ -89,7 +89,7 @@ def assemble(blocks: Blocks, source: int) -> Step:
         shaping=np.array([0.0, blocks.shaping_step_v]),
         command_limit_v=float(blocks.command_limit_v),
         feedback_limit_v=float(blocks.feedback_limit_v),
-        ripple_m_s2_per_v=blocks.ripple_m_s2_per_v,
-        ripple_sum_m_s2_per_v=blocks.ripple_sum_m_s2_per_v,
+        ripple_m_s2_per_v=float(blocks.ripple_m_s2_per_v),
+        ripple_sum_m_s2_per_v=float(blocks.ripple_sum_m_s2_per_v),
         sent=np.zeros(max(blocks.latency_samples, 1) + 1),
     )

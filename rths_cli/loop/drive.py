@@ -50,6 +50,7 @@ class Outcome:
 
 def play(rig: Rig, info: RigInfo, blocks: Blocks, source: int, drive: Array, limits: GuardLimits) -> Outcome:
     """Play `drive` (n, 3) through the rig: open, arm, exchange every step, rest, close."""
+    drive = np.ascontiguousarray(drive, dtype=float)  # any other layout would be compiled anew
     state, guard_state = assemble(blocks, source), fresh_guard(len(info.channels))
     log = empty_log(len(drive), len(info.channels), state.estimated.size)
     rig.open()

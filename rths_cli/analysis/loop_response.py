@@ -118,19 +118,6 @@ def hybrid(
     return Motion(desired, shear, sent + added, corrected, reported)
 
 
-def shake_table(
-    loop: LoopResponse, ground: ComplexArray, samples: ComplexArray, rounding: ComplexArray | None = None
-) -> Motion:
-    """Return the traditional test's motion: the table is to do what the ground does (3, m)."""
-    added = np.zeros(loop.feedback.shape, dtype=complex) if rounding is None else rounding
-    disturbed = samples + loop.rig * added
-    command = np.sum(loop.feedforward * ground, axis=0) + loop.feedback * (ground[0] / loop.ahead - disturbed[0])
-    sent = command / (1.0 + loop.feedback * loop.rig[0])
-    corrected = loop.rig * sent + disturbed
-    nothing = np.zeros_like(sent)
-    return Motion(ground[0], nothing, sent + added, corrected, corrected * loop.ahead)
-
-
 def on_perfect_table(loop: LoopResponse, floors: ComplexArray, ground: ComplexArray) -> Motion:
     """Return the hybrid test's motion on a table that does at once what is desired: `floors` (c, m) are the
     accelerations of table (one) and floors per table acceleration. What is left is the coupling's own error."""

@@ -12,7 +12,7 @@ from rths_cli.analysis.closed_loop import closed_loop_matrix, spectral_radius
 from rths_cli.analysis.critical_delay import CriticalDelay
 from rths_cli.analysis.identified_rig import IdentifiedRig
 from rths_cli.analysis.lines import HIGHEST_HZ
-from rths_cli.analysis.loop_response import LoopResponse, loop_response
+from rths_cli.analysis.loop_response import loop_response
 from rths_cli.analysis.prediction import Known, Prediction, data_ratio
 from rths_cli.control.blocks import Blocks
 from rths_cli.control.margins import Margins, margins
@@ -247,18 +247,3 @@ def unseen(known: Known, prediction: Prediction) -> tuple[str, ...]:
 
 def _peak(series: Array) -> float:
     return float(np.abs(series).max())
-
-
-__all__ = [
-    "LoopResponse",
-    "Preflight",
-    "Reach",
-    "Stability",
-    "faults_of_loop",
-    "judge",
-    "reach",
-    "required",
-    "rounded_down",
-    "stability",
-    "unseen",
-]

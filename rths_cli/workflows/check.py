@@ -15,7 +15,7 @@ from rths_cli.analysis.delayed_lines import delayed_rms
 from rths_cli.analysis.identified_rig import identified_rig
 from rths_cli.analysis.lines import lines_for
 from rths_cli.analysis.loop_response import loop_response
-from rths_cli.analysis.prediction import Known, Prediction, predict
+from rths_cli.analysis.prediction import Known, predict
 from rths_cli.analysis.sim import simulate
 from rths_cli.analysis.sim_lines import sim_lines
 from rths_cli.control.estimator import specimen_state_space
@@ -146,6 +146,3 @@ def _before_correction(identified: Identification, correction: Block, rig: RigIn
     louder = np.abs(np.einsum("ccf->cf", correction.response(frequency)) * sizes[:, None])
     at_rest = np.array([channel.rest_rms_m_s2 or 0.0 for channel in identified.channels])
     return at_rest / np.sqrt(np.mean(louder**2, axis=1))
-
-
-__all__ = ["Judged", "Prediction", "as_identified", "judge", "known_of", "preflight_of"]

@@ -6,12 +6,11 @@ from typing import TYPE_CHECKING
 
 from rths_cli.analysis.prediction import ABOUT, CAUSES
 from rths_cli.files.result_writer import Metric
-from rths_cli.workflows.figures import BAND, scalar
+from rths_cli.workflows.figures import BAND, of_margins, scalar
 
 if TYPE_CHECKING:
     from rths_cli.analysis.prediction import Prediction
     from rths_cli.analysis.preflight import Preflight
-    from rths_cli.control.margins import Margins
     from rths_cli.workflows.check import Judged
 
 ACCEL = "m/s^2"
@@ -30,8 +29,8 @@ def check_figures(judged: Judged) -> dict[str, Metric]:
     """Return the figures of a check; without those of the motion when the loop is unstable and has none."""
     found = judged.preflight
     values = _stability(found) | _modes(judged) | _table_error(found)
-    values |= _margins(found.stability.measured, "", "FRF in its band, model outside")
-    values |= _margins(found.stability.modelled, "_model", "model alone")
+    values |= of_margins("check", found.stability.measured, "", f"{BROKEN}, FRF in its band, model outside")
+    values |= of_margins("check", found.stability.modelled, "_model", f"{BROKEN}, model alone")
     about = "up to which the check finds the test safe, rounded down (0: at none)"
     values["check.largest_scaling"] = scalar(judged.largest_scaling, "1", f"scaling of the record {about}")
     friction = "dry friction of the table as identified, as a change of command (0: none seen)"
@@ -85,18 +84,6 @@ def _table_error(found: Preflight) -> dict[str, Metric]:
         ),
         "check.table_error_in_band_hz": scalar(loop.in_band_hz, "Hz", "where that is"),
     }
-
-
-def _margins(found: Margins, suffix: str, where: str) -> dict[str, Metric]:
-    figures = (
-        ("gain_margin", found.gain_margin, "1", "smallest factor > 1 on the gain that makes it unstable"),
-        ("gain_reduction_margin", found.gain_reduction_margin, "1", "the same, dividing the gain"),
-        ("phase_margin_deg", found.phase_margin_deg, "deg", "smallest change of phase that makes it unstable"),
-        ("delay_margin_s", found.delay_margin_s, "s", "smallest further delay that makes it unstable"),
-        ("sensitivity_peak", found.sensitivity_peak, "1", "largest |1 / (1 + loop)|"),
-        ("sensitivity_peak_hz", found.peak_hz, "Hz", "where that is"),
-    )
-    return {f"check.{name}{suffix}": scalar(v, unit, f"{text}, {BROKEN}, {where}") for name, v, unit, text in figures}
 
 
 def _reach(found: Preflight) -> dict[str, Metric]:

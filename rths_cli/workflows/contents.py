@@ -9,14 +9,13 @@ import numpy as np
 from rths_cli.control import latency
 from rths_cli.control.numerical import amplitude_and_lag
 from rths_cli.files.results import Dataset, Metric
-from rths_cli.workflows.figures import scalar
+from rths_cli.workflows.figures import of_margins, scalar
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from rths_cli.analysis.sim import Response
     from rths_cli.control.latency import LatencyBudget
-    from rths_cli.control.margins import Margins
     from rths_cli.files.results import ResultWriter
     from rths_cli.identification.evaluate import Identification
     from rths_cli.lti import Array
@@ -178,25 +177,12 @@ def _feedback_figures(design: Design) -> dict[str, Metric]:
     """Return the feedback's margins with the measured response, with the model alone, and what its doubts may do."""
     found = design.feedback
     assert found is not None
-    values = _margins(found.measured, "", "FRF in its band, model outside")
-    values |= _margins(found.modelled, "_model", "model alone")
+    values = of_margins("feedback", found.measured, "", "FRF in its band, model outside")
+    values |= of_margins("feedback", found.modelled, "_model", "model alone")
     worst = "largest |S| when every line of the FRF is off by two standard errors in the worst direction"
     values["feedback.sensitivity_peak_uncertain"] = scalar(found.worst_peak, "1", worst)
     values["feedback.bandwidth_hz"] = scalar(found.bandwidth_hz, "Hz", "highest frequency with a loop gain of one")
     return values
-
-
-def _margins(margins: Margins, suffix: str, where: str) -> dict[str, Metric]:
-    """Return the margins of one loop; infinite where nothing is crossed."""
-    figures = (
-        ("sensitivity_peak", margins.sensitivity_peak, "1", "largest |S| = |1 / (1 + loop)|"),
-        ("sensitivity_peak_hz", margins.peak_hz, "Hz", "where |S| is largest"),
-        ("gain_margin", margins.gain_margin, "1", "smallest factor > 1 on the loop gain that makes it unstable"),
-        ("gain_reduction_margin", margins.gain_reduction_margin, "1", "the same, dividing the loop gain"),
-        ("phase_margin_deg", margins.phase_margin_deg, "deg", "smallest change of phase that makes the loop unstable"),
-        ("delay_margin_s", margins.delay_margin_s, "s", "smallest further delay that makes the loop unstable"),
-    )
-    return {f"feedback.{name}{suffix}": scalar(value, unit, f"{text}, {where}") for name, value, unit, text in figures}
 
 
 def _latency_figures(setup: Setup, identified: Identification, design: Design) -> dict[str, Metric]:

@@ -13,6 +13,7 @@ from rths_cli.metrics import ErrorFigures, error_figures, fitted_delay_s
 
 if TYPE_CHECKING:
     from rths_cli.analysis.critical_delay import CriticalDelay
+    from rths_cli.control.margins import Margins
 
 BAND = "in the test band (12 Hz, 4th-order Butterworth forward and backward)"
 FULL = "in full band"
@@ -68,6 +69,19 @@ def critical(found: CriticalDelay) -> dict[str, Metric]:
         return {}
     about = "pure delay of the base shear at which the hybrid test loses stability (0: any delay does)"
     return {"sim_delay.critical_delay_s": scalar(found.delay_s, "s", about)}
+
+
+def of_margins(group: str, found: Margins, suffix: str, where: str) -> dict[str, Metric]:
+    """Return the margins of one loop under a group of paths; infinite where nothing is crossed."""
+    figures = (
+        ("sensitivity_peak", found.sensitivity_peak, "1", "largest |S| = |1 / (1 + loop)|"),
+        ("sensitivity_peak_hz", found.peak_hz, "Hz", "where |S| is largest"),
+        ("gain_margin", found.gain_margin, "1", "smallest factor > 1 on the loop gain that makes it unstable"),
+        ("gain_reduction_margin", found.gain_reduction_margin, "1", "the same, dividing the loop gain"),
+        ("phase_margin_deg", found.phase_margin_deg, "deg", "smallest change of phase that makes the loop unstable"),
+        ("delay_margin_s", found.delay_margin_s, "s", "smallest further delay that makes the loop unstable"),
+    )
+    return {f"{group}.{name}{suffix}": scalar(value, unit, f"{text}, {where}") for name, value, unit, text in figures}
 
 
 def scalar(value: float, units: str, definition: str) -> Metric:

@@ -84,10 +84,8 @@ class OpenLoop:
         return own * (1.0 - self.response(z)[0, 0]) / (1.0 - self.D[0, 0])
 
 
-def open_loop(
-    rig: Block, blocks: Blocks, numerical_storeys: int = 1, ground_only: bool = False, mass_kg: float = 6.93
-) -> OpenLoop:
-    """Return the open loop of a hybrid test, or of a shake-table test (`ground_only`)."""
+def open_loop(rig: Block, blocks: Blocks, numerical_storeys: int = 1, mass_kg: float = 6.93) -> OpenLoop:
+    """Return the open loop of a hybrid test."""
     parts, every = [rig, *blocks.named()], all_storeys(storeys(numerical_storeys, mass_kg=mass_kg), rig.dt_s)
     lead, sent, channels = blocks.lead_samples, max(blocks.latency_samples, 1) + 1, len(rig.C)
     ends = np.cumsum([*(len(part.A) for part in parts), lead, sent])
@@ -109,7 +107,7 @@ def open_loop(
         share = parts[3].D[0, 1] * blocks.shear_desired
         shear = (shear + blocks.shear_desired * without) / (1.0 - share)
         forces = np.array([ground[0], shear])
-        interface = ground if ground_only else out(3, forces) + ground * np.array([0.0, 1.0, 1.0])
+        interface = out(3, forces) + ground * np.array([0.0, 1.0, 1.0])
         issued = np.append(recent, interface[0])
         error = np.array([issued[0] - corrected[0]])
         wanted = out(4, interface) + out(5, error)

@@ -12,7 +12,7 @@ from hybrid import best_like, closed_loop, paper_like, storeys
 from open_loop import OpenLoop, floors_per_table, open_loop, points, rig_as_identified, true_rig
 
 from rths_cli.analysis.closed_loop import closed_loop_matrix
-from rths_cli.analysis.loop_response import LoopResponse, Motion, hybrid, loop_response, on_perfect_table, shake_table
+from rths_cli.analysis.loop_response import LoopResponse, Motion, hybrid, loop_response, on_perfect_table
 from rths_cli.control import estimator, numerical
 from rths_cli.control.blocks import Blocks
 from rths_cli.lti import ComplexArray
@@ -100,14 +100,6 @@ def test_every_disturbance_of_a_hybrid_test(
     upper = exact[6:-1]
     assert len(motion.storeys) == len(upper) + 3
     same(motion.storeys[: len(upper)], upper)
-
-
-@pytest.mark.parametrize("source", range(7))
-@pytest.mark.parametrize("make", [paper_like, best_like])
-def test_every_disturbance_of_a_shake_table_test(make: Callable[..., Blocks], source: int) -> None:
-    loop, _, blocks = made(make)
-    cut = open_loop(true_rig(ideal_info()), blocks, ground_only=True)
-    compare(shake_table(loop, *sources(source)), driven(cut, source), blocks, source)
 
 
 @pytest.mark.parametrize("make", [paper_like, best_like])

@@ -8,7 +8,7 @@ import numpy as np
 from numba import types
 from numpy.typing import NDArray
 
-from rths_cli.rigs.compiled import part
+from rths_cli.compiled import part
 
 IntArray = NDArray[np.int64]
 

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rths_cli.compiled import entry
 from rths_cli.control.blocks import Blocks
 from rths_cli.errors import RigError
 from rths_cli.loop.blocks import Step, assemble
@@ -14,7 +15,6 @@ from rths_cli.loop.clocks import IntArray, monotonic_ns
 from rths_cli.loop.guard import NO_CHANNEL, REASONS, STOPPED, GuardLimits, GuardState, fresh_guard, guard
 from rths_cli.loop.step import note_sent, step
 from rths_cli.lti import Array
-from rths_cli.rigs.compiled import entry
 from rths_cli.rigs.interface import Rig, RigInfo
 from rths_cli.rigs.virtual import kernel
 from rths_cli.rigs.virtual.plant import Plant

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from rths_cli.compiled import entry
 from rths_cli.loop.blocks import Linear, linear
 from rths_cli.loop.step import advance, read_out
 from rths_cli.lti import Array, Block
-from rths_cli.rigs.compiled import entry
 
 
 def run_block(block: Block, inputs: Array) -> Array:

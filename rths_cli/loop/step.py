@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import math
 
+from rths_cli.compiled import part
 from rths_cli.loop.blocks import EXCITATION, NUMERICAL, Linear, Step
 from rths_cli.lti import Array
-from rths_cli.rigs.compiled import part
 
 
 @part

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from rths_cli.case.load import load_cases
+from rths_cli.compiled import is_compiled
 from rths_cli.errors import InputError, RthsError, write_crash_file
-from rths_cli.rigs.compiled import is_compiled
 from rths_cli.workflows.known import Memory
 from rths_cli.workflows.model_store import Cache
 from rths_cli.workflows.run import Ended, moves_table, prepare_all, run_case

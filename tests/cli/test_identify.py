@@ -282,7 +282,7 @@ def test_the_status_line_is_cleared_without_a_line_of_its_own() -> None:
 def test_a_kept_model_spares_the_excitation_and_fresh_asks_for_it(
     rths: Rths, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    from rths_cli.rigs.compiled import cache_folder
+    from rths_cli.compiled import cache_folder
 
     cache_folder()  # compiled code stays where it is; models go to an empty folder
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))

@@ -14,6 +14,7 @@ from numba.core.errors import NumbaError
 from scipy.linalg import expm
 
 from rths_cli.case.virtual_physics import VirtualPhysics
+from rths_cli.compiled import entry
 from rths_cli.control import estimator, feedback, numerical
 from rths_cli.control.blocks import Blocks
 from rths_cli.control.realise import static
@@ -25,7 +26,6 @@ from rths_cli.loop.blocks import NUMERICAL, RECORD
 from rths_cli.loop.drive import Outcome, play
 from rths_cli.lti import Array
 from rths_cli.rig_info import RigInfo
-from rths_cli.rigs.compiled import entry
 from rths_cli.rigs.virtual import kernel
 from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
 

@@ -14,6 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rths_cli.case.virtual_physics import VirtualPhysics
+from rths_cli.compiled import entry
 from rths_cli.control import feedback, sensing
 from rths_cli.control.blocks import Blocks
 from rths_cli.control.realise import static
@@ -22,7 +23,6 @@ from rths_cli.loop.drive import Outcome, play
 from rths_cli.loop.guard import AT_REST_M, STOPPED, GuardLimits, GuardState, fresh_guard, guard
 from rths_cli.lti import Array
 from rths_cli.rig_info import RigInfo
-from rths_cli.rigs.compiled import entry
 from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
 
 DT_S = 5e-4

@@ -7,8 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rths_cli.compiled import entry, part
 from rths_cli.lti import Array
-from rths_cli.rigs.compiled import entry, part
 from rths_cli.rigs.virtual.plant import Plant
 
 END_STOP = 1

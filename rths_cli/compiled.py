@@ -22,7 +22,7 @@ from rths_cli.files.user_cache import user_cache
 
 _CONFIG: Any = numba.config
 F = TypeVar("F", bound=Callable[..., object])
-SOURCES = ("rig_info.py", "rigs/compiled.py", "rigs/virtual/plant.py", "rigs/virtual/kernel.py")
+SOURCES = ("rig_info.py", "compiled.py", "rigs/virtual/plant.py", "rigs/virtual/kernel.py")
 SOURCE_FOLDERS = ("loop",)
 
 
@@ -48,7 +48,7 @@ def is_compiled() -> bool:
 @cache
 def cache_folder() -> str:
     """Return the folder of the compiled code for these sources, this Python and this numba."""
-    package = Path(__file__).resolve().parents[1]
+    package = Path(__file__).resolve().parents[0]
     files = [package / name for name in SOURCES]
     files += sorted(path for name in SOURCE_FOLDERS for path in (package / name).glob("*.py"))
     digest = hashlib.sha256(f"{platform.python_version()} {numba.__version__}".encode())

@@ -22,7 +22,7 @@ from rths_cli.files.user_cache import user_cache
 
 _CONFIG: Any = numba.config
 F = TypeVar("F", bound=Callable[..., object])
-SOURCES = ("rig_info.py", "compiled.py", "rigs/virtual/plant.py", "rigs/virtual/kernel.py")
+SOURCES = ("rig_info.py", "compiled.py", "filters.py", "rigs/virtual/plant.py", "rigs/virtual/kernel.py")
 SOURCE_FOLDERS = ("loop",)
 
 

@@ -82,3 +82,24 @@ with ResultWriter(Path("a.h5"), {"rig_kind": "virtual", "case_name": "a"}) as wr
 """
     modules = imported(code, "report", "a.h5", cwd=tmp_path)
     assert {"h5py", "rths_cli.report.tables"} <= modules and not heavy(modules, NUMERICAL)
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="threads are counted where Linux lists them")
+def test_linear_algebra_runs_in_one_thread_unless_the_user_says_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
+    code = """
+import sys; sys.argv = ['rths', '--help']
+import rths_cli.cli as c
+try: c.main()
+except SystemExit: pass
+import os, numpy as np
+a = np.ones((600, 600)); a @ a
+print(len(os.listdir('/proc/self/task')), os.environ['OPENBLAS_NUM_THREADS'], file=sys.stderr)
+"""
+    for stated, expected in (("", "1 1"), ("3", None)):
+        monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+        if stated:
+            monkeypatch.setenv("OPENBLAS_NUM_THREADS", stated)
+        environment = {**os.environ, "PYTHONPATH": str(TREE)}
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
+        assert done.stderr.split()[1] == (stated or "1")
+        assert expected is None or done.stderr.strip() == expected

@@ -15,7 +15,6 @@ from rths_cli.cli.group import SIGNALS, cli
 from rths_cli.errors import InputError, RthsError, write_crash_file
 from rths_cli.process import INTERRUPTED, TERMINATED, Terminated
 
-
 BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")  # read when numpy is imported
 
 

@@ -15,7 +15,7 @@ _PADE = (
     64764752532480000.0, 32382376266240000.0, 7771770303897600.0, 1187353796428800.0, 129060195264000.0,
     10559470521600.0, 670442572800.0, 33522128640.0, 1323241920.0, 40840800.0, 960960.0, 16380.0, 182.0, 1.0,
 )  # fmt: skip
-_LARGEST_NORM, _ERROR_SCALE = 4.25, 113250775606021113483283660800000000.0
+_ERROR_SCALE = 113250775606021113483283660800000000.0
 _MOST_DOUBLINGS, _CONVERGED = 60, 1e-14
 
 
@@ -39,22 +39,15 @@ def exponential(A: Array) -> Array:
 
 
 def _halvings(A: Array) -> int:
-    """Return how often A is halved: the norms of its powers tell, as its own says too much of blocks of unlike size."""
-    if not A.any():
+    """Return how often A is halved: until the first term that the approximant leaves out is a rounding error.
+
+    A power of A tells, not its norm alone, which says too much where blocks are of unlike size.
+    """
+    norm = float(np.abs(A).sum(axis=0).max(initial=0.0))
+    left_out = np.linalg.matrix_power(np.abs(A) / norm, 27).sum(axis=0).max() if norm > 0.0 else 0.0
+    if left_out == 0.0:
         return 0
-    A2 = A @ A
-    A4 = A2 @ A2
-    sixth, eighth, tenth = (_norm(A4 @ other) ** (1.0 / k) for other, k in ((A2, 6), (A4, 8), (A4 @ A2, 10)))
-    size = min(max(sixth, eighth), max(eighth, tenth))
-    needed = max(0, int(np.ceil(np.log2(size / _LARGEST_NORM)))) if size > 0.0 else 0
-    magnitude = np.abs(A) / 2.0**needed
-    error = _norm(np.linalg.matrix_power(magnitude, 27)) / (_norm(magnitude) * _ERROR_SCALE * 2.0**-53)
-    return needed + (max(0, int(np.ceil(np.log2(error) / 26.0))) if error > 0.0 else 0)
-
-
-def _norm(A: Array) -> float:
-    """Return the largest sum of magnitudes in a column."""
-    return float(np.abs(A).sum(axis=0).max(initial=0.0))
+    return max(0, int(np.ceil(np.log2(norm) + np.log2(left_out / (_ERROR_SCALE * 2.0**-53)) / 26.0)))
 
 
 def continuous_riccati(A: Array, B: Array, Q: Array, R: Array) -> Array:

@@ -23,6 +23,7 @@ def test_closed_forms_of_the_exponential() -> None:
     assert exponential(np.array([[0.0, 1e6], [0.0, 0.0]])) == pytest.approx(
         np.array([[1.0, 1e6], [0.0, 1.0]]), rel=1e-15
     )
+    assert exponential(np.array([[-1e200]]))[0, 0] == 0.0
     turn = exponential(np.array([[0.0, -30.0], [30.0, 0.0]]))
     assert turn == pytest.approx(np.array([[np.cos(30), -np.sin(30)], [np.sin(30), np.cos(30)]]), abs=1e-13)
     assert exponential(np.array([[2j]]))[0, 0] == pytest.approx(np.exp(2j), rel=1e-15)

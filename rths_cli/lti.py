@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
+Integers = NDArray[np.int64]
 
 FEW_POINTS = 16  # up to which a frequency response is solved point by point
 POINTS_AT_ONCE = 65_536  # complex numbers of the states at once: they stay in the processor's cache

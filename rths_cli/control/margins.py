@@ -5,16 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rths_cli.control.monotone import Curve, monotone_curve
-from rths_cli.lti import Array, ComplexArray
+from rths_cli.lti import Array, ComplexArray, Integers
 
 FINER = 8  # points between two of the response at which the sensitivity is looked at
 HALVINGS = 30
 LEAST_GAIN = 1e-12  # less is no loop at all, and zero has no logarithm
-
-Integers = NDArray[np.intp]
 
 
 @dataclass(frozen=True)

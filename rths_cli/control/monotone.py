@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rths_cli.lti import Array
+from rths_cli.lti import Array, Integers
 
 
 @dataclass(frozen=True)
@@ -18,11 +17,11 @@ class Curve:
     y: Array
     slope: Array
 
-    def place(self, stretch: NDArray[np.intp] | int, share: Array | float) -> Array:
+    def place(self, stretch: Integers | int, share: Array | float) -> Array:
         """Return x (m,) at shares (m,) in [0, 1] of stretches (m,)."""
         return np.asarray(self.x[stretch] + share * (self.x[np.add(stretch, 1)] - self.x[stretch]))
 
-    def at(self, stretch: NDArray[np.intp] | int, share: Array | float) -> Array:
+    def at(self, stretch: Integers | int, share: Array | float) -> Array:
         """Return y (m,) at shares (m,) in [0, 1] of stretches (m,)."""
         end = np.add(stretch, 1)
         width, rise = self.x[end] - self.x[stretch], self.y[end] - self.y[stretch]

@@ -122,12 +122,14 @@ def _crossings(curve: Curve, levels: Array) -> tuple[Integers, Array]:
     shares of them, (m,)."""
     left, right = curve.y[:-1] < levels, curve.y[1:] < levels
     passed = np.flatnonzero(left != right)
-    level, rises = levels[passed], left[passed]
-    low, high = np.zeros(passed.size), np.ones(passed.size)
+    start, first, second, third = curve.cubic(passed)
+    start, rises = start - levels[passed], left[passed]
+    low, width = np.zeros(passed.size), 1.0
     for _ in range(HALVINGS if passed.size else 0):
-        middle = 0.5 * (low + high)
-        before = (curve.at(passed, middle) < level) == rises
-        low, high = np.where(before, middle, low), np.where(before, high, middle)
+        width *= 0.5
+        middle = low + width
+        before = (start + middle * (first + middle * (second + middle * third)) < 0.0) == rises
+        low = np.where(before, middle, low)
     return passed, low
 
 

@@ -23,13 +23,16 @@ class Curve:
 
     def at(self, stretch: Integers | int, share: Array | float) -> Array:
         """Return y (m,) at shares (m,) in [0, 1] of stretches (m,)."""
+        t = np.asarray(share)
+        start, first, second, third = self.cubic(stretch)
+        return np.asarray(start + t * (first + t * (second + t * third)))
+
+    def cubic(self, stretch: Integers | int) -> tuple[Array, Array, Array, Array]:
+        """Return the coefficients of y in powers 0 to 3 of the share of stretches (m,), each (m,)."""
         end = np.add(stretch, 1)
         width, rise = self.x[end] - self.x[stretch], self.y[end] - self.y[stretch]
         first, last = width * self.slope[stretch], width * self.slope[end]
-        t = np.asarray(share)
-        return np.asarray(
-            self.y[stretch] + t * (first + t * (3.0 * rise - 2.0 * first - last + t * (first + last - 2.0 * rise)))
-        )
+        return self.y[stretch], first, 3.0 * rise - 2.0 * first - last, first + last - 2.0 * rise
 
     def on(self, shares: Array) -> Array:
         """Return y (n - 1, m) at the same shares (m,) of every stretch."""

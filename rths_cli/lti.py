@@ -15,6 +15,7 @@ ComplexArray = NDArray[np.complex128]
 Integers = NDArray[np.int64]
 
 FEW_POINTS = 16  # up to which a frequency response is solved point by point
+ROWS_AT_ONCE = 24  # of a triangular solution: the rest of the matrix acts on them in one product
 POINTS_AT_ONCE = 65_536  # complex numbers of the states at once: they stay in the processor's cache
 
 
@@ -163,7 +164,7 @@ def _response(system: StateSpace | Block, points: ComplexArray, about: float) ->
     at_once = max(POINTS_AT_ONCE // (n * m), 1)
     for start in range(0, points.size, at_once):
         part = points[start : start + at_once] - about
-        states = _triangular(triangle, into, part).reshape(n, -1)
+        states = _triangular(triangle, into, part)
         found[..., start : start + at_once] = (out @ states).reshape(-1, m, part.size)
     found += system.D[:, :, None]
     return found
@@ -179,10 +180,13 @@ def _schur(system: StateSpace | Block, about: float) -> tuple[ComplexArray, Comp
 
 
 def _triangular(triangle: ComplexArray, into: ComplexArray, points: ComplexArray) -> ComplexArray:
-    """Return (p I - T)^-1 B, shape (n, m, n_points), for T upper triangular, from the last row up."""
+    """Return (p I - T)^-1 B, shape (n, m n_points), for T upper triangular, from the last row up."""
     n, m = into.shape
-    states = np.empty((n, m, points.size), dtype=complex)
-    for i in range(n - 1, -1, -1):
-        known = (triangle[i, i + 1 :] @ states[i + 1 :].reshape(n - i - 1, m * points.size)).reshape(m, -1)
-        states[i] = (into[i][:, None] + known) / (points - triangle[i, i])
+    states = np.empty((n, m * points.size), dtype=complex)
+    for end in range(n, 0, -ROWS_AT_ONCE):
+        first = max(end - ROWS_AT_ONCE, 0)
+        states[first:end] = triangle[first:end, end:] @ states[end:] + np.repeat(into[first:end], points.size, axis=1)
+        for i in range(end - 1, first - 1, -1):
+            states[i] += triangle[i, i + 1 : end] @ states[i + 1 : end]
+            states[i].reshape(m, -1)[...] /= points - triangle[i, i]
     return states

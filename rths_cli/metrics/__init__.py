@@ -21,7 +21,12 @@ from rths_cli.metrics.error import (
     rms,
     test_band,
 )
-from rths_cli.metrics.fidelity import FrequencyEvaluation, frequency_evaluation, tracking_indicator
+from rths_cli.metrics.fidelity import (
+    FrequencyEvaluation,
+    frequency_evaluation,
+    frequency_evaluations,
+    tracking_indicator,
+)
 
 __all__ = [
     "BAND_HZ",
@@ -35,6 +40,7 @@ __all__ = [
     "error_figures",
     "fitted_delay_s",
     "frequency_evaluation",
+    "frequency_evaluations",
     "input_energy_j",
     "peak",
     "response_criteria",

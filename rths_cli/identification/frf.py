@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 
 from rths_cli.errors import InputError
+from rths_cli.filters import fast_length
 from rths_cli.identification.record import Record
 from rths_cli.lti import Array, ComplexArray, Frf, Model
 
@@ -173,9 +174,7 @@ def line_scatter(over: ComplexArray) -> Array:
 def simulate(model: Model, command_v: Array, high_hz: float) -> Array:
     """Return the table's samples (n,) in m/s^2 that a model gives from rest, for a command (n,) without content
     above `high_hz`."""
-    from scipy.fft import next_fast_len
-
-    count = next_fast_len(len(command_v) + round(TAIL_S / model.dt_s), real=True)
+    count = fast_length(len(command_v) + round(TAIL_S / model.dt_s))
     spectrum = np.fft.rfft(command_v, count)
     frequency = np.arange(len(spectrum)) / (count * model.dt_s)
     inside = frequency <= high_hz

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rths_cli.filters import fast_length
 from rths_cli.identification.fit_table import Timing, within
 from rths_cli.identification.frf import TAIL_S
 from rths_cli.identification.record import Record
@@ -86,10 +87,8 @@ def estimate(records: Sequence[Record], model: Model, info: RigInfo) -> Friction
     Least squares over stretches of the records, weighted by the residual's spectrum; the uncertainty is from the
     scatter between stretches.
     """
-    from scipy.fft import next_fast_len
-
     longest = max(len(record.command_v) for record in records)
-    count = next_fast_len(longest + round(TAIL_S / info.dt_s), real=True)
+    count = fast_length(longest + round(TAIL_S / info.dt_s))
     spectra = [_spectra(record, model, info, count) for record in records]
     speeds = np.concatenate([np.sqrt(np.mean(_cut(x.velocity[None], x)[:, 0] ** 2, axis=-1)) for x in spectra])
     rms = float(np.sqrt(np.mean(speeds**2))) if len(speeds) else 0.0

@@ -93,13 +93,13 @@ def _linear_terms(state: ComplexArray, shapes: Array, drift: ComplexArray) -> tu
     of_modes = shapes.T[None, :, :, None] * parts(state)[:, :, None, :]
     of_floors = np.eye(n)[:, :, None] * parts(drift)
     rows = np.concatenate([of_modes.reshape(2 * n, -1), of_floors.reshape(n, -1)])
-    size = np.linalg.norm(rows, axis=1)
-    return rows / size[:, None], size[: 2 * n]
+    size = np.sqrt(np.sum(rows**2, axis=1))
+    return np.asarray(rows / size[:, None]), np.asarray(size[: 2 * n])
 
 
 def _without(values: Array, rows: Array) -> tuple[Array, Array]:
     """Return values (k, m) less their projection on rows (p, m) of length 1, and that projection's parts (k, p)."""
-    found = np.linalg.lstsq(rows @ rows.T, rows @ values.T, rcond=LOST)[0].T
+    found = np.linalg.lstsq(rows @ rows.T, rows @ values.T, rcond=LOST)[0].T.astype(float)
     return values - found @ rows, found
 
 

@@ -26,9 +26,10 @@ import numpy as np
 from rths_cli.files.user_cache import user_cache
 
 F = TypeVar("F", bound=Callable[..., object])
-SOURCES = ("rig_info.py", "compiled.py", "filters.py", "rigs/virtual/plant.py", "rigs/virtual/kernel.py")
+SOURCES = ("rig_info.py", "compiled.py", "filters.py", "tiles.py", "rigs/virtual/plant.py", "rigs/virtual/kernel.py")
 SOURCE_FOLDERS = ("loop",)
-OPTIONS = {"_nrt": False, "no_cpython_wrapper": True, "error_model": "numpy"}  # no allocation; 1 / 0 is inf
+WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+OPTIONS = {"_nrt": False, "error_model": "numpy", **WRAPPERS}  # no allocation; 1 / 0 is inf
 RESULTS = {"none": ctypes.c_void_p, "float64": ctypes.c_double, "int64": ctypes.c_int64, "bool": ctypes.c_bool}
 _LOCK = threading.RLock()
 _ENGINES: list[Any] = []  # loaded machine code lives as long as the process
@@ -116,7 +117,10 @@ class Entry(Part):
         self.dispatcher.compile(signature)
         made = self.dispatcher.overloads[signature]
         about = {"symbol": made.fndesc.llvm_func_name, "result": str(made.signature.return_type)}
-        return json.dumps(about).encode() + b"\n" + made.library._get_compiled_object()
+        code = made.library._get_compiled_object()
+        if b"\0numba_" in code:  # calls into numba: on the way to an exception, or to memory
+            raise TypeError(f"{self.function.__qualname__} could raise or allocate: compiled code must not")
+        return json.dumps(about).encode() + b"\n" + code
 
 
 def entry(function: F) -> F:

@@ -32,7 +32,7 @@ def butterworth(order: int, corner_hz: float, sample_rate_hz: float, kind: Liter
         raise ValueError(f"no Butterworth filter of order {order} and corner {corner_hz:g} Hz at {sample_rate_hz:g} Hz")
     warped = 4.0 * math.tan(math.pi * corner_hz / sample_rate_hz)  # in rad per half a sample, as the analog poles
     unit = -np.exp(-0.5j * np.pi * np.arange((order - 1) % 2, order, 2) / order)  # one of each pair, or the real one
-    analog, zero = (warped * unit, -1.0) if kind == "low" else (warped / unit, 1.0)
+    analog, zero = warped * unit, (-1.0 if kind == "low" else 1.0)  # a high pass has the conjugates, the same set
     pole = (4.0 + analog) / (4.0 - analog)
     rows = [_of_pole(p, zero, single=order % 2 == 1 and i == 0) for i, p in enumerate(pole)]
     each = np.abs((warped if kind == "low" else 4.0) / (4.0 - analog)) ** np.where(unit.imag > 0.0, 2, 1)

@@ -82,7 +82,7 @@ def _evaluated(lines: Lines, masses_kg: Array, theta: Array) -> tuple[Array, Arr
     moved = participation * carried + np.sum(free * state, axis=0)
     pulled = (participation * table - moved) * under
     basis = parts(np.concatenate([moved, carried, pulled, s * pulled, s * carried]))
-    slopes = -(_weights(masses_kg, stiffness, ratios) @ basis).reshape(len(theta) + 1, -1)
+    slopes = -(_weights(masses_kg, stiffness, ratios, omega, shapes) @ basis).reshape(len(theta) + 1, -1)
     return residual[0], _without(slopes, columns)[0]
 
 
@@ -103,13 +103,12 @@ def _without(values: Array, rows: Array) -> tuple[Array, Array]:
     return values - found @ rows, found
 
 
-def _weights(masses_kg: Array, stiffness: Array, ratios: Array) -> Array:
+def _weights(masses_kg: Array, stiffness: Array, ratios: Array, omega: Array, shapes: Array) -> Array:
     """Return how the model's slopes (2 n + 1 parameters, n floors) are made of the 5 n rows of their basis.
 
     By log k_j: shapes and frequencies change, d phi_r = sum over q of phi_q phi_q^T K_j phi_r / (w_r^2 - w_q^2). By
     log zeta_r: one mode's damping. By the table's delay: -s times what it carries.
     """
-    omega, shapes = modal(masses_kg, stiffness)
     n, coupled = len(omega), _stiffness_slopes(shapes, stiffness)
     apart = np.subtract.outer(-(omega**2), -(omega**2)) + np.diag(np.full(n, np.inf))  # w_r^2 - w_q^2, q first
     turned = np.einsum("iq,qrj->jir", shapes, coupled / apart[:, :, None])

@@ -123,8 +123,8 @@ def _linear(slopes: Array, residual: Array, scale: Array) -> _Linear:
 
 
 def _gain(before: float, after: float) -> float:
-    """Return by what share the sum of squares fell; -1 where it rose much, or is not finite."""
-    return 1.0 - (after / before) ** 2 if np.isfinite(after) and 0.1 * after < before else -1.0
+    """Return by what share the sum of squares fell; -1 where it rose much, or is not a number."""
+    return 1.0 - (after / before) ** 2 if 0.1 * after < before else -1.0
 
 
 def _adapted(

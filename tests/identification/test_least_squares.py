@@ -144,6 +144,13 @@ def test_linear_least_squares_are_numpys() -> None:
     assert linear(slopes, wanted) == pytest.approx(np.linalg.lstsq(slopes.T, wanted, rcond=None)[0], rel=1e-10)
 
 
+def test_what_slopes_do_not_determine_is_left_alone() -> None:
+    random = np.random.default_rng(2)
+    slope, wanted = random.standard_normal(50), random.standard_normal(50)
+    share = float(slope @ wanted / (slope @ slope))
+    assert linear(np.array([slope, 3.0 * slope]), wanted) == pytest.approx([0.5 * share, share / 6.0], rel=1e-9)
+
+
 def test_parts_keep_the_sum_of_squares() -> None:
     values = np.array([[1.0 + 2.0j, 3.0], [0.0, -4.0j]])
     assert parts(values).tolist() == [[1.0, 2.0, 3.0, 0.0], [0.0, 0.0, 0.0, -4.0]]

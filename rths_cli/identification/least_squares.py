@@ -61,6 +61,13 @@ class _Linear:
         """Return the step (n,) of the parameters."""
         return self.vectors @ self.along(damping) / self.scale
 
+    def promised(self, damping: float, size: float) -> tuple[float, float, float]:
+        """Return by what share the sum of squares, of a residual of that norm, falls if the slopes tell all; half of
+        how steeply it falls at the start; and the length of the scaled step."""
+        along = self.along(damping)
+        linear, damped = float(along**2 @ self.values) / size**2, damping * float(along @ along) / size**2
+        return linear + 2.0 * damped, linear + damped, float(np.linalg.norm(along))
+
     def damping(self, radius: float, before: float) -> float:
         """Return the damping with which a step is as long as the radius; none where an undamped one is shorter."""
         if float(np.linalg.norm(self.along(0.0))) <= (1.0 + SAME_LENGTH) * radius:
@@ -94,16 +101,13 @@ def least_squares(function: Function, start: Array, tolerance: float = 1e-8, eva
         if float(np.linalg.norm(normal.gradient)) <= tolerance * here.size:
             break
         damping = normal.damping(radius, damping)
-        along = normal.along(damping)
-        length = float(np.linalg.norm(along))
+        foreseen, slope, length = normal.promised(damping, here.size)
         radius = min(radius, length) if count == 1 else radius
         at = here.parameters + normal.step(damping)
         there = Solution(at, *function(at))
-        linear_gain, damped = float(along**2 @ normal.values) / here.size**2, damping * (length / here.size) ** 2
-        foreseen = linear_gain + 2.0 * damped
         gain = _gain(here.size, there.size)
         ratio = gain / foreseen if foreseen > 0.0 else 0.0
-        radius, damping = _adapted(radius, damping, length, ratio, gain, linear_gain + damped)
+        radius, damping = _adapted(radius, damping, length, ratio, gain, slope)
         if ratio >= LEAST_GAIN:
             here = there
             normal = _linear(here.slopes, here.residual, normal.scale)

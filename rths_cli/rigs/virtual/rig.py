@@ -68,8 +68,7 @@ def build_plant(
         accel_rows=np.ascontiguousarray(accel_rows),
         accel_friction=accel_friction,
         steps_cubed=0.008 * physics.coulomb_n * a[1, 2] / INTERPOLATED_M_S2,
-        bend=(info.dt_s * (1.0 / physics.actuator_time_constant_s + abs(b_n[1, 0]) / physics.coulomb_velocity_m_s))
-        ** 2,
+        bend=(info.dt_s * rates) ** 2,
         reference_per_velocity=float(rows[1, 1]),
         mechanical=a.shape[0],
         has_low_pass=sensor.low_pass_hz > 0.0,

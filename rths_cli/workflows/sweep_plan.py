@@ -13,7 +13,7 @@ from typing import Any
 
 from rths_cli.case.models import SEED_MAX
 from rths_cli.case.nodes import Source, plain, printable
-from rths_cli.case.yaml_nodes import parse
+from rths_cli.case.yaml_nodes import dump, parse
 from rths_cli.errors import InputError
 
 MOST_VARIANTS = 1_000_000
@@ -67,7 +67,7 @@ class Grid:
     def settings(self, point: int) -> tuple[str, ...]:
         """Return a grid point as settings KEY=VALUE of a case."""
         values = zip(self.axes, self.values(point), strict=True)
-        return tuple(f"{axis.key}={json.dumps(value)}" for axis, value in values)
+        return tuple(f"{axis.key}={dump(value)}" for axis, value in values)
 
     def label(self, point: int) -> str:
         """Return a grid point as a reader would name it."""

@@ -1,78 +1,232 @@
-"""How everything that runs while a table moves is compiled: nothing in it can allocate memory.
+"""How everything that runs while a table moves is compiled: once per machine, and nothing in it allocates memory.
 
-The compiled code is kept on disk, in a folder of the user's cache named after the text of all sources it comes from:
-numba looks only at a function's own file, and a part compiled into a caller in another file must not go stale there.
+`entry` marks a function that Python may call, `part` one that compiled code calls; numba translates them at the first
+call with arguments of a new kind. The machine code is kept in a folder of the user's cache that is named after the
+text of all sources it comes from, and later processes load it as it is: numba is then not imported at all.
+Arguments are C-contiguous arrays, int, float, bool and NamedTuples of these; the call releases the interpreter lock.
 """
 
 from __future__ import annotations
 
+import ctypes
 import hashlib
+import inspect
+import json
 import os
 import platform
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+import threading
+from collections.abc import Callable
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TypeVar
 
-import numba
-from numba import njit
+import numpy as np
 
 from rths_cli.files.user_cache import user_cache
 
-_CONFIG: Any = numba.config
 F = TypeVar("F", bound=Callable[..., object])
-SOURCES = ("rig_info.py", "compiled.py", "rigs/virtual/plant.py", "rigs/virtual/kernel.py")
+SOURCES = ("rig_info.py", "compiled.py", "tiles.py", "rigs/virtual/plant.py", "rigs/virtual/kernel.py")
 SOURCE_FOLDERS = ("loop",)
+WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+OPTIONS = {"_nrt": False, "error_model": "numpy", **WRAPPERS}  # no allocation; 1 / 0 is inf
+RESULTS = {"none": ctypes.c_void_p, "float64": ctypes.c_double, "int64": ctypes.c_int64, "bool": ctypes.c_bool}
+_LOCK = threading.RLock()
+_ENGINES: list[Any] = []  # loaded machine code lives as long as the process
+
+
+class Part:
+    """A function for numba: a dispatcher that is made when compiled code asks for it."""
+
+    def __init__(self, function: Callable[..., object], **options: bool) -> None:
+        self.function, self._options = function, options
+        self._made: Any = None
+
+    @property
+    def dispatcher(self) -> Any:
+        """Return numba's dispatcher of the function."""
+        if self._made is None:
+            import numba
+
+            translator: Any = numba
+            translator.config.SLP_VECTORIZE = 1  # four rows of a block in one instruction
+            self._made = translator.njit(**OPTIONS, **self._options)(self.function)
+        return self._made
+
+    @property
+    def _numba_type_(self) -> Any:
+        """Return what numba takes for this object where compiled code names it."""
+        return self.dispatcher._numba_type_
+
+
+class External:
+    """A C function of the process, for compiled code."""
+
+    def __init__(self, name: str, result: str, *arguments: str) -> None:
+        self._name, self._result, self._arguments = name, result, arguments
+
+    @property
+    def _numba_type_(self) -> Any:
+        """Return what numba takes for this object where compiled code names it."""
+        from numba import types
+
+        arguments = [getattr(types, argument) for argument in self._arguments]
+        return types.ExternalFunction(self._name, getattr(types, self._result)(*arguments))
+
+
+class Entry(Part):
+    """A function that Python calls: machine code from the cache, or compiled at the first call."""
+
+    def __init__(self, function: Callable[..., object]) -> None:
+        super().__init__(function)
+        self._loaded: dict[str, Callable[[list[Any]], object]] = {}
+
+    def __call__(self, *arguments: object) -> object:
+        """Run the compiled function."""
+        return self.bind(*arguments)()
+
+    def bind(self, *arguments: object) -> Callable[[], Any]:
+        """Return a function without arguments that runs on these; their arrays must live as long as it."""
+        flat: list[Any] = []
+        kind = ",".join(_flatten(argument, flat) for argument in arguments)
+        run = self._loaded.get(kind) or self._load(kind, arguments)
+        return lambda: run(flat)
+
+    def _load(self, kind: str, arguments: tuple[object, ...]) -> Callable[[list[Any]], object]:
+        with _LOCK:
+            if kind not in self._loaded:
+                path = self._path(kind)
+                kept = _read(path)
+                if kept is None:
+                    kept = self._compile(arguments)
+                    _keep(path, kept)
+                self._loaded[kind] = _callable(kept)
+            return self._loaded[kind]
+
+    def _path(self, kind: str) -> Path:
+        """Return where the machine code for arguments of this kind is kept."""
+        source = Path(inspect.getfile(self.function)).read_bytes()
+        digest = hashlib.sha256(f"{self.function.__qualname__} {kind} {_processor()} ".encode() + source).hexdigest()
+        return Path(cache_folder()) / f"{self.function.__name__.strip('_')}-{digest[:24]}.native"
+
+    def _compile(self, arguments: tuple[object, ...]) -> bytes:
+        """Return symbol, kind of result and machine code."""
+        import numba
+
+        signature = tuple(numba.typeof(argument) for argument in arguments)
+        self.dispatcher.compile(signature)
+        made = self.dispatcher.overloads[signature]
+        about = {"symbol": made.fndesc.llvm_func_name, "result": str(made.signature.return_type)}
+        code = made.library._get_compiled_object()
+        if b"\0numba_" in code:  # calls into numba: on the way to an exception, or to memory
+            raise TypeError(f"{self.function.__qualname__} could raise or allocate: compiled code must not")
+        return json.dumps(about).encode() + b"\n" + code
 
 
 def entry(function: F) -> F:
     """Compile a function that Python may call."""
-    with _kept_in(cache_folder()):
-        return njit(cache=True, _nrt=False)(function)  # type: ignore[call-overload, no-any-return]
+    return Entry(function)  # type: ignore[return-value]
 
 
 def part(function: F) -> F:
     """Compile a function into its compiled callers; Python cannot call it."""
-    options = {"cache": True, "forceinline": True, "no_cpython_wrapper": True, "_nrt": False}
-    with _kept_in(cache_folder()):
-        return njit(**options)(function)  # type: ignore[call-overload, no-any-return]
+    return Part(function, forceinline=True)  # type: ignore[return-value]
 
 
 def is_compiled() -> bool:
     """Tell whether this machine has compiled this version before."""
     folder = Path(cache_folder())
-    return folder.is_dir() and any(folder.rglob("*.nbi"))
+    return folder.is_dir() and any(folder.glob("*.native"))
 
 
 @cache
 def cache_folder() -> str:
     """Return the folder of the compiled code for these sources, this Python and this numba."""
-    package = Path(__file__).resolve().parents[0]
+    package = Path(__file__).resolve().parent
     files = [package / name for name in SOURCES]
     files += sorted(path for name in SOURCE_FOLDERS for path in (package / name).glob("*.py"))
-    digest = hashlib.sha256(f"{platform.python_version()} {numba.__version__}".encode())
+    digest = hashlib.sha256(f"{platform.python_version()} {version('numba')} {version('llvmlite')}".encode())
     for path in files:
         digest.update(path.read_bytes())
     return str(user_cache() / f"compiled-{digest.hexdigest()[:16]}")
 
 
-@contextmanager
-def _kept_in(folder: str) -> Iterator[None]:
-    """Have numba keep what is decorated meanwhile in this folder, unless the user chose one or it cannot be written."""
-    before = _CONFIG.CACHE_DIR  # type: ignore[attr-defined]
-    if not before and _writable(folder):
-        _CONFIG.CACHE_DIR = folder  # type: ignore[attr-defined]
-    try:
-        yield
-    finally:
-        _CONFIG.CACHE_DIR = before  # type: ignore[attr-defined]
+def _flatten(value: object, flat: list[Any]) -> str:
+    """Append what the machine code takes for an argument; return its kind."""
+    if isinstance(value, np.ndarray):
+        if not (value.flags.c_contiguous and value.flags.aligned):
+            raise TypeError("compiled code takes C-contiguous arrays only")
+        place = value.__array_interface__["data"][0]
+        flat += [None, None, ctypes.c_ssize_t(value.size), ctypes.c_ssize_t(value.itemsize), ctypes.c_void_p(place)]
+        flat += [ctypes.c_ssize_t(number) for number in (*value.shape, *value.strides)]
+        return f"{value.dtype.str}{value.ndim}"
+    if isinstance(value, tuple):
+        return f"{type(value).__name__}({','.join(_flatten(item, flat) for item in value)})"
+    if isinstance(value, bool | np.bool_):
+        flat.append(ctypes.c_uint8(bool(value)))
+        return "bool"
+    if isinstance(value, int | np.integer):
+        flat.append(ctypes.c_int64(int(value)))
+        return "int"
+    flat.append(ctypes.c_double(float(value)))  # type: ignore[arg-type]
+    return "float"
+
+
+def _callable(kept: bytes) -> Callable[[list[Any]], object]:
+    """Return a function that takes flat arguments, from kept machine code.
+
+    numba's own calling convention: pointers for result and error, then all arguments taken apart.
+    """
+    head, _, code = kept.partition(b"\n")
+    about = json.loads(head)
+    function = ctypes.CFUNCTYPE(ctypes.c_int)(_address(about["symbol"], code))
+    kind = RESULTS[about["result"]]
+
+    def run(flat: list[Any]) -> object:
+        result: Any = kind()
+        error = ctypes.c_void_p()
+        if function(ctypes.byref(result), ctypes.byref(error), *flat) not in (0, -2):
+            raise RuntimeError(f"compiled {about['symbol']} failed")
+        return result.value
+
+    return run
+
+
+def _address(symbol: str, code: bytes) -> int:
+    """Load machine code into the process and return where the function stands."""
+    import llvmlite.binding as llvm
+
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    machine = llvm.Target.from_default_triple().create_target_machine(codemodel="jitdefault", jit=True)
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    _ENGINES.append(engine)
+    return int(engine.get_function_address(symbol))
 
 
 @cache
-def _writable(folder: str) -> bool:
+def _processor() -> str:
+    """Return which instructions the machine code may hold."""
+    import llvmlite.binding as llvm
+
+    return f"{llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()}"
+
+
+def _read(path: Path) -> bytes | None:
     try:
-        os.makedirs(folder, exist_ok=True)
+        return path.read_bytes()
     except OSError:
-        return False
-    return os.access(folder, os.W_OK)
+        return None
+
+
+def _keep(path: Path, kept: bytes) -> None:
+    """Write machine code for later processes, whole or not at all; a cache that cannot be written is no fault."""
+    part_file = path.with_suffix(f".{os.getpid()}")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part_file.write_bytes(kept)
+        os.replace(part_file, path)
+    except OSError:
+        part_file.unlink(missing_ok=True)

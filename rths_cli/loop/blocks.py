@@ -7,20 +7,20 @@ from typing import NamedTuple
 import numpy as np
 
 from rths_cli.control.blocks import Blocks
+from rths_cli.loop.modal import Modal, modal
 from rths_cli.lti import Array, Block
+from rths_cli.tiles import tiled
 
 EXCITATION, RECORD, NUMERICAL = 0, 1, 2
 
 
 class Linear(NamedTuple):
-    """A discrete block and its state: x (n,) is changed in place, `scratch` (n,) holds the next one."""
+    """A discrete block as one product, n states, m inputs, p outputs: made = matrix @ given."""
 
-    A: Array
-    B: Array
-    C: Array
-    D: Array
-    x: Array
-    scratch: Array
+    matrix: Array  # (tiles, n + m, 4), tiles.tiled
+    given: Array  # (n + m,) state, then inputs
+    made: Array  # (4 tiles,) next state, then outputs, then zeros
+    states: int
 
 
 class Step(NamedTuple):
@@ -28,27 +28,28 @@ class Step(NamedTuple):
 
     At t_k the hybrid clock stands at k + n_p. The base shear there is
     f = shear_estimate . z + shear_recent . d[k .. k+n_p-1] + shear_measured . c + shear_desired * d[k+n_p],
-    z the estimator's outputs, c the corrected samples, d the desired accelerations.
+    z the estimator's outputs, c the corrected samples, d the desired accelerations. What of it is known from the
+    samples is one more output of the estimator, after its own. `samples`, `corrected`, `estimated`, `interface` and
+    `error` are places within the `given` and `made` of the blocks.
     """
 
     source: int  # EXCITATION, RECORD or NUMERICAL
     correction: Linear  # raw samples in V (c,) -> corrected accelerations (c,)
-    estimator: Linear  # corrected accelerations (c,) -> specimen's state and floor accelerations (e,)
-    shear_estimate: Array  # (e,)
+    estimator: (
+        Linear  # corrected accelerations (c,) -> specimen's state, floor accelerations (e,), base shear known (1,)
+    )
     shear_recent: Array  # (n_p,)
-    shear_measured: Array  # (c,)
     shear_desired: float
-    numerical: Linear  # ground acceleration, base shear (2,) -> interface accel, velocity, displacement (3,)
+    numerical: Modal  # ground acceleration, base shear (2,) -> interface accel, velocity, displacement (3,)
     feedforward: Linear  # desired accel, velocity, displacement (3,) -> command in V (1,)
     feedback: Linear  # tracking error, shortfall in V (2,), or the error alone (1,) -> command in V (1,)
     recent: Array  # (n_p + 1,) desired accelerations d[k] .. d[k + n_p]
     samples: Array  # (c,) raw samples in V
     corrected: Array  # (c,)
     estimated: Array  # (e,)
-    ground: Array  # (2,) ground acceleration and base shear
+    base_shear: Array  # (1,) in N at k + n_p
     interface: Array  # (3,) desired absolute acceleration, velocity, displacement of the interface
     error: Array  # (2,) tracking error, and the feedback's part as applied less as wanted in V; or (1,)
-    command: Array  # (2,) feedforward and feedback part in V
     shaping: Array  # (2,) rounding error carried over in V, and the size of a bit (0: no shaping)
     command_limit_v: float  # the feedback's part is clipped so that the sum stays within,
     feedback_limit_v: float  # and itself within this
@@ -57,35 +58,38 @@ class Step(NamedTuple):
     sent: Array  # (max(latency, 1) + 1,) commands that left, the latest first
 
 
-def linear(block: Block) -> Linear:
-    """Return a block with a fresh state, as contiguous arrays."""
-    n = block.A.shape[0]
-    a, b, c, d = (np.ascontiguousarray(m, dtype=float) for m in (block.A, block.B, block.C, block.D))
-    return Linear(a, b, c, d, np.zeros(n), np.zeros(n))
+def linear(block: Block, more_c: Array | None = None, more_d: Array | None = None) -> Linear:
+    """Return a discrete block at rest; `more_c` (q, n), `more_d` (q, m) are outputs in addition to its own."""
+    n, m = block.B.shape
+    rows = [np.hstack([block.A, block.B]), np.hstack([block.C, block.D])]
+    if more_c is not None and more_d is not None:
+        rows.append(np.hstack([more_c, more_d]))
+    matrix = tiled(np.vstack(rows))
+    return Linear(matrix, np.zeros(n + m), np.zeros(4 * len(matrix)), n)
 
 
 def assemble(blocks: Blocks, source: int) -> Step:
     """Return a step at rest for one run of the given source."""
-    channels, estimates = blocks.correction.C.shape[0], blocks.estimator.C.shape[0]
+    correction, feedforward, feedback = (linear(b) for b in (blocks.correction, blocks.feedforward, blocks.feedback))
+    known = blocks.shear_estimate[None, :]
+    design, channels = blocks.estimator, blocks.correction.C.shape[0]
+    estimator = linear(design, known @ design.C, known @ design.D + blocks.shear_measured[None, :])
     return Step(
         source=source,
-        correction=linear(blocks.correction),
-        estimator=linear(blocks.estimator),
-        shear_estimate=np.ascontiguousarray(blocks.shear_estimate),
-        shear_recent=np.ascontiguousarray(blocks.shear_recent),
-        shear_measured=np.ascontiguousarray(blocks.shear_measured),
+        correction=correction,
+        estimator=estimator,
+        shear_recent=np.ascontiguousarray(blocks.shear_recent, dtype=float),
         shear_desired=float(blocks.shear_desired),
-        numerical=linear(blocks.numerical),
-        feedforward=linear(blocks.feedforward),
-        feedback=linear(blocks.feedback),
+        numerical=modal(blocks.numerical),
+        feedforward=feedforward,
+        feedback=feedback,
         recent=np.zeros(blocks.lead_samples + 1),
-        samples=np.zeros(channels),
-        corrected=np.zeros(channels),
-        estimated=np.zeros(estimates),
-        ground=np.zeros(2),
-        interface=np.zeros(3),
-        error=np.zeros(blocks.feedback.D.shape[1]),
-        command=np.zeros(2),
+        samples=correction.given[correction.states :],
+        corrected=estimator.given[estimator.states : estimator.states + channels],
+        estimated=estimator.made[estimator.states : estimator.states + design.C.shape[0]],
+        base_shear=np.zeros(1),
+        interface=feedforward.given[feedforward.states :],
+        error=feedback.given[feedback.states :],
         shaping=np.array([0.0, blocks.shaping_step_v]),
         command_limit_v=float(blocks.command_limit_v),
         feedback_limit_v=float(blocks.feedback_limit_v),

@@ -102,7 +102,7 @@ def think(s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, k
     note_sent(s, command)
     log.compute_ns[k] = monotonic_ns(scratch) - start
     log.command_v[k] = command
-    log.base_shear_n[k] = s.ground[1]
+    log.base_shear_n[k] = s.base_shear[0]
     for i in range(3):
         log.desired[i, k] = s.interface[i]
     for i in range(s.corrected.size):

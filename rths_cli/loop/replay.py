@@ -6,7 +6,7 @@ import numpy as np
 
 from rths_cli.compiled import entry
 from rths_cli.loop.blocks import Linear, linear
-from rths_cli.loop.step import advance, read_out
+from rths_cli.loop.step import apply
 from rths_cli.lti import Array, Block
 
 
@@ -14,16 +14,15 @@ def run_block(block: Block, inputs: Array) -> Array:
     """Return the outputs (p, n) of a block, from rest, for inputs (m, n)."""
     outputs = np.zeros((block.C.shape[0], inputs.shape[1]))
     recorded = np.ascontiguousarray(inputs, dtype=float)
-    _run(linear(block), recorded, outputs, np.zeros(inputs.shape[0]), np.zeros(outputs.shape[0]))
+    _run(linear(block), recorded, outputs)
     return outputs
 
 
 @entry
-def _run(block: Linear, inputs: Array, outputs: Array, u: Array, y: Array) -> None:
+def _run(block: Linear, inputs: Array, outputs: Array) -> None:
     for k in range(inputs.shape[1]):
-        for i in range(u.size):
-            u[i] = inputs[i, k]
-        read_out(block, u, y)
-        advance(block, u)
-        for i in range(y.size):
-            outputs[i, k] = y[i]
+        for i in range(inputs.shape[0]):
+            block.given[block.states + i] = inputs[i, k]
+        apply(block)
+        for i in range(outputs.shape[0]):
+            outputs[i, k] = block.made[block.states + i]

@@ -9,72 +9,50 @@ import math
 
 from rths_cli.compiled import part
 from rths_cli.loop.blocks import EXCITATION, NUMERICAL, Linear, Step
+from rths_cli.loop.modal import advance_modal, read_modal
 from rths_cli.lti import Array
+from rths_cli.tiles import product
 
 
 @part
-def read_out(block: Linear, u: Array, y: Array) -> None:
-    """Write y = C x + D u."""
-    for i in range(y.size):
-        value = 0.0
-        for j in range(block.x.size):
-            value += block.C[i, j] * block.x[j]
-        for j in range(u.size):
-            value += block.D[i, j] * u[j]
-        y[i] = value
-
-
-@part
-def advance(block: Linear, u: Array) -> None:
-    """Replace x by A x + B u."""
-    for i in range(block.x.size):
-        value = 0.0
-        for j in range(block.x.size):
-            value += block.A[i, j] * block.x[j]
-        for j in range(u.size):
-            value += block.B[i, j] * u[j]
-        block.scratch[i] = value
-    for i in range(block.x.size):
-        block.x[i] = block.scratch[i]
+def apply(block: Linear) -> None:
+    """Write outputs and next state of a block for the inputs in its `given`, and take the step."""
+    product(block.matrix, block.given.size, block.given, block.made)
+    for i in range(block.states):
+        block.given[i] = block.made[i]
 
 
 @part
 def sense(s: Step) -> None:
     """Correct the samples for sensors and staircase and estimate the specimen's motion."""
-    read_out(s.correction, s.samples, s.corrected)
-    advance(s.correction, s.samples)
+    apply(s.correction)
+    for c in range(s.corrected.size):
+        s.corrected[c] = s.correction.made[s.correction.states + c]
     now, before = s.sent[s.sent.size - 2], s.sent[s.sent.size - 1]
     s.corrected[0] -= s.ripple_m_s2_per_v * (now - before) + s.ripple_sum_m_s2_per_v * (now + before)
-    read_out(s.estimator, s.corrected, s.estimated)
-    advance(s.estimator, s.corrected)
+    apply(s.estimator)
 
 
 @part
-def known_base_shear(s: Step) -> float:
-    """Return the part of the base shear at k + n_p that does not wait for the desired acceleration there."""
-    shear = 0.0
-    for i in range(s.estimated.size):
-        shear += s.shear_estimate[i] * s.estimated[i]
-    for i in range(s.shear_recent.size):
-        shear += s.shear_recent[i] * s.recent[i]
-    for i in range(s.corrected.size):
-        shear += s.shear_measured[i] * s.corrected[i]
-    return shear
-
-
-@part
-def advance_numerical(s: Step, ground_accel: float) -> None:
-    """Advance the numerical part to k + n_p: interface motion relative to the ground and base shear.
+def advance_numerical(s: Step, drive: Array) -> None:
+    """Advance the numerical part to k + n_p: absolute interface motion and base shear.
 
     Desired acceleration and base shear depend on each other at the same instant by two scalars, solved here.
     """
-    known = known_base_shear(s)
-    s.ground[0], s.ground[1] = ground_accel, known
-    read_out(s.numerical, s.ground, s.interface)
-    desired = s.interface[0] / (1.0 - s.numerical.D[0, 1] * s.shear_desired)
-    s.ground[1] = known + s.shear_desired * desired
-    read_out(s.numerical, s.ground, s.interface)
-    advance(s.numerical, s.ground)
+    block, ground_accel = s.numerical, drive[0]
+    known = s.estimator.made[s.estimator.states + s.estimated.size]
+    for i in range(s.shear_recent.size):
+        known += s.shear_recent[i] * s.recent[i]
+    read_modal(block)
+    direct = block.direct
+    free = block.made[0] + direct[0, 0] * ground_accel + direct[0, 1] * known
+    shear = known + s.shear_desired * (free / (1.0 - direct[0, 1] * s.shear_desired))
+    s.base_shear[0] = shear
+    for i in range(3):
+        s.interface[i] = block.made[i] + direct[i, 0] * ground_accel + direct[i, 1] * shear
+    s.interface[1] += drive[1]
+    s.interface[2] += drive[2]
+    advance_modal(block, ground_accel, shear)
 
 
 @part
@@ -90,21 +68,25 @@ def shape(s: Step, command: float) -> float:
 
 
 @part
-def apply_feedback(s: Step) -> None:
-    """Clip the feedback's part so that the command stays in its range, and let the feedback know what was applied.
+def feed_back(s: Step, forward: float) -> float:
+    """Return the feedback's part of the command in V, clipped so that the command stays in its range.
 
-    A feedforward beyond the range is left to the guard: the feedback's part is then never made to oppose it.
+    The feedback learns what was applied less than it wanted. A feedforward beyond the range is left to the guard: the
+    feedback's part is then never made to oppose it.
     """
-    forward, wanted = s.command[0], s.command[1]
+    block = s.feedback
+    if s.error.size > 1:
+        s.error[1] = 0.0
+    apply(block)
+    wanted = block.made[block.states]
     highest = min(s.feedback_limit_v, max(s.command_limit_v - forward, 0.0))
     lowest = max(-s.feedback_limit_v, min(-s.command_limit_v - forward, 0.0))
-    if wanted > highest:
-        s.command[1] = highest
-    elif wanted < lowest:
-        s.command[1] = lowest
-    if s.error.size > 1:
-        s.error[1] = s.command[1] - wanted
-    advance(s.feedback, s.error)
+    applied = highest if wanted > highest else lowest if wanted < lowest else wanted
+    if s.error.size > 1 and applied != wanted:
+        s.error[1] = applied - wanted
+        for i in range(block.states):
+            block.given[i] += block.matrix[i // 4, block.states + 1, i % 4] * s.error[1]
+    return applied
 
 
 @part
@@ -127,20 +109,14 @@ def step(s: Step, drive: Array) -> float:
         return drive[0]
     lead = s.shear_recent.size
     if s.source == NUMERICAL:
-        advance_numerical(s, drive[0])
-        s.interface[1] += drive[1]
-        s.interface[2] += drive[2]
+        advance_numerical(s, drive)
     else:
         for i in range(s.interface.size):
             s.interface[i] = drive[i]
     s.recent[lead] = s.interface[0]
     s.error[0] = s.recent[0] - s.corrected[0]
-    read_out(s.feedforward, s.interface, s.command[:1])
-    advance(s.feedforward, s.interface)
-    if s.error.size > 1:
-        s.error[1] = 0.0
-    read_out(s.feedback, s.error, s.command[1:])
-    apply_feedback(s)
+    apply(s.feedforward)
+    forward = s.feedforward.made[s.feedforward.states]
     for i in range(lead):
         s.recent[i] = s.recent[i + 1]
-    return shape(s, s.command[0] + s.command[1])
+    return shape(s, forward + feed_back(s, forward))

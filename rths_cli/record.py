@@ -9,6 +9,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.accelerograms import Accelerogram
+from rths_cli.filters import butterworth, driven_modes, filtered
 from rths_cli.lti import Array
 
 
@@ -88,9 +89,7 @@ def _high_pass(accel: Array, sample_rate_hz: float, corner_hz: float, order: int
     """Return the causal Butterworth high pass of a series (n,) from rest; a corner of 0 Hz returns it unchanged."""
     if corner_hz == 0.0:
         return accel
-    from scipy.signal import butter, sosfilt
-
-    return sosfilt(butter(order, corner_hz, btype="highpass", fs=sample_rate_hz, output="sos"), accel)
+    return filtered(butterworth(order, corner_hz, sample_rate_hz, "high"), accel)
 
 
 def integrate(accel_m_s2: Array, dt_s: float) -> tuple[Array, Array]:
@@ -128,15 +127,12 @@ def response_spectrum(motion: GroundMotion, periods_s: Sequence[float] | Array, 
 
 def _peak_displacement(motion: GroundMotion, omega: float, damping_ratio: float) -> float:
     """Return max|u| in m of one oscillator with u = -Im(z) / w_d, dz = s z + a, s = -zeta w + i w_d."""
-    from scipy.signal import lfilter
-
     damped = omega * np.sqrt(1.0 - damping_ratio**2)
     x = complex(-damping_ratio * omega, damped) * motion.dt_s
     first, second = _exponential_integrals(x)
-    before, after = motion.accel_m_s2[:-1], motion.accel_m_s2[1:]
-    forcing = motion.dt_s * (first * before + second * (after - before))
-    z = lfilter([1.0], [1.0, -np.exp(x)], forcing)
-    return float(np.abs(z.imag).max() / damped)
+    now, before = motion.dt_s * second, motion.dt_s * (first - second)
+    _, imaginary = driven_modes(np.exp(x), now, before, motion.accel_m_s2)
+    return float(np.abs(imaginary).max() / damped)
 
 
 def _exponential_integrals(x: complex) -> tuple[complex, complex]:

@@ -6,22 +6,22 @@ itself in xarray; a subgroup's agree with those of the groups above it, so that 
 
 from __future__ import annotations
 
-import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, MutableMapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rths_cli.files.hdf5_nodes import add_copy, add_dataset, add_text, is_compressed
+
 if TYPE_CHECKING:
     import h5py
+    from h5py.h5d import DatasetID
 
 Source = Literal["computed", "measured", "estimated", "true"]
 SOURCES = ("computed", "measured", "estimated", "true")
-CHUNK = 16384
-PROBE = 8192
-WORTH_COMPRESSING = 0.75  # gzip spends about 17 ms on a series of 108,000 samples: only where it saves a quarter
+Written = MutableMapping[str, NDArray[Any]]
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,7 @@ class Dataset:
 
     `data`: number, text or array, real or complex, time on the last axis. `dims` names one scale per axis;
     empty means the scales of the group whose lengths fit. A name without a scale becomes an index from 1.
+    `definition` becomes an attribute where it is stated.
     """
 
     data: ArrayLike
@@ -37,77 +38,108 @@ class Dataset:
     long_name: str
     source: Source
     dims: tuple[str, ...] = ()
+    definition: str = ""
 
 
-def write_group(group: h5py.Group, datasets: Mapping[str, Dataset], scales: Mapping[str, Dataset]) -> None:
+def write_group(
+    group: h5py.Group, datasets: Mapping[str, Dataset], scales: Mapping[str, Dataset], written: Written | None = None
+) -> None:
     """Write scales, then datasets attached to them; complex data become NAME_real and NAME_imag.
 
-    Raises ValueError when an axis fits no scale, or a scale of that name exists with other values.
+    `written` holds the values of the file's scales by their path and takes new ones; without it they are read from the
+    file. Raises ValueError when an axis fits no scale, or a scale of that name exists with other values.
     """
+    axes = _Axes(group, _scales_around(group) if written is None else written)
     for name, scale in scales.items():
-        write_scale(group, name, scale)
+        axes.add(name, scale)
     sizes = {name: int(np.size(np.asarray(scale.data))) for name, scale in scales.items()}
     for name, item in _real_parts(datasets).items():
         shape = np.shape(np.asarray(item.data))
-        dims = item.dims or match_axes(f"{group.name}/{name}", shape, sizes)
-        node = create(group, name, item)
-        _attach(group, node, dims)
+        dims = item.dims or match_axes(f"{axes.path}/{name}", shape, sizes)
+        if len(dims) != len(shape):
+            raise ValueError(f"{axes.path}/{name} has {len(shape)} axes, dims names {len(dims)}.")
+        node = _create(axes.path, group, name, item)
+        for axis, dim in enumerate(dims):
+            axes.attach(f"{axes.path}/{name}", node, axis, shape[axis], dim)
 
 
-def write_scale(group: h5py.Group, name: str, scale: Dataset) -> None:
-    """Write a dimension scale, once; raise ValueError where it or its like above has other values."""
-    for above in _upwards(group):
-        if name in above and not np.array_equal(above[name][()], np.asarray(scale.data)):
-            raise ValueError(f"{above.name}/{name} has other values than in {group.name}; name the axis otherwise.")
-    if name not in group:
-        create(group, name, scale).make_scale(name)
+class _Axes:
+    """The scales of one group: what was written of them, and those open."""
+
+    def __init__(self, group: h5py.Group, written: Written) -> None:
+        self.path = group.name.rstrip("/")
+        self._group, self._written = group, written
+        self._open: dict[str, DatasetID] = {}
+
+    def add(self, name: str, scale: Dataset) -> None:
+        """Write a dimension scale, once; raise ValueError where it or its like above has other values."""
+        from h5py import h5ds
+
+        values = np.asarray(scale.data)
+        for above in _upwards(self.path):
+            known = self._written.get(f"{above}/{name}")
+            if known is not None and known is not values and not np.array_equal(known, values):
+                raise ValueError(f"{above}/{name} has other values than in {self.path}; name the axis otherwise.")
+        if f"{self.path}/{name}" not in self._written:
+            self._open[name] = _create(self.path, self._group, name, scale, self._twin(name, values))
+            h5ds.set_scale(self._open[name], name.encode())
+            self._written[f"{self.path}/{name}"] = values
+
+    def _twin(self, name: str, values: NDArray[Any]) -> DatasetID | None:
+        """Return a compressed scale of that name with the same values: the record's time is compressed once."""
+        from h5py import h5d
+
+        for path, known in self._written.items():
+            if path.endswith(f"/{name}") and known.dtype == values.dtype and np.array_equal(known, values):
+                node = h5d.open(self._group.id, path.encode())
+                return node if is_compressed(node) else None
+        return None
+
+    def attach(self, path: str, node: DatasetID, axis: int, length: int, name: str) -> None:
+        """Attach a scale to an axis of the dataset `path`; a name without a scale becomes an index from 1."""
+        from h5py import h5d, h5ds
+
+        if f"{self.path}/{name}" not in self._written:
+            self.add(name, Dataset(np.arange(1, length + 1), "1", f"{name}, counted from 1", "computed"))
+        if self._written[f"{self.path}/{name}"].shape != (length,):
+            raise ValueError(f"{path}: axis {axis} has {length} values, scale {name} does not.")
+        if name not in self._open:
+            self._open[name] = h5d.open(self._group.id, name.encode())
+        h5ds.attach_scale(node, self._open[name], axis)
 
 
-def _upwards(group: h5py.Group) -> Iterator[h5py.Group]:
-    """Yield the group and every group above it."""
-    yield group
-    while group.name != "/":
-        group = group.parent
-        yield group
+def _upwards(path: str) -> Iterator[str]:
+    """Yield the path of a group and of every group above it, the root's being empty."""
+    yield path
+    while path:
+        path = path.rpartition("/")[0]
+        yield path
 
 
-def create(group: h5py.Group, name: str, item: Dataset) -> h5py.Dataset:
-    """Create one dataset with units, long_name and source and no time stamp, compressed where that pays.
+def _scales_around(group: h5py.Group) -> dict[str, NDArray[Any]]:
+    """Return the values of the scales in a group and in those above it by their paths."""
+    found = {}
+    for path in _upwards(group.name.rstrip("/")):
+        for name, node in group.file[path or "/"].items():
+            if getattr(node, "is_scale", False):
+                found[f"{path}/{name}"] = node[()]
+    return found
+
+
+def _create(path: str, group: h5py.Group, name: str, item: Dataset, like: DatasetID | None = None) -> DatasetID:
+    """Create one dataset with its attributes; `like` has its values already.
 
     Raises ValueError when units, long_name or source is missing.
     """
-    import h5py
-
     if not item.units or not item.long_name or item.source not in SOURCES:
-        raise ValueError(f"{group.name}/{name} needs units, long_name and a source among {', '.join(SOURCES)}.")
-    data: NDArray[Any] = np.asarray(item.data)
-    if data.dtype.kind in "US":
-        node = group.create_dataset(name, data=data.astype(object), dtype=h5py.string_dtype(), track_times=False)
-    elif compresses_well(data):
-        chunks = (1,) * (data.ndim - 1) + (min(CHUNK, data.shape[-1]),)
-        node = group.create_dataset(
-            name,
-            data=data,
-            chunks=chunks,
-            compression="gzip",
-            compression_opts=1,
-            shuffle=True,
-            track_times=False,
-        )
-    else:
-        node = group.create_dataset(name, data=data, track_times=False)
-    node.attrs.update({"units": item.units, "long_name": item.long_name, "source": item.source})
+        raise ValueError(f"{path}/{name} needs units, long_name and a source among {', '.join(SOURCES)}.")
+    node = add_copy(group.id, name, like) if like else add_dataset(group.id, name, np.asarray(item.data))
+    add_text(node, "units", item.units)
+    add_text(node, "long_name", item.long_name)
+    add_text(node, "source", item.source)
+    if item.definition:
+        add_text(node, "definition", item.definition)
     return node
-
-
-def compresses_well(data: NDArray[Any]) -> bool:
-    """Return whether gzip saves a quarter, judged by 8192 values from the middle of the array."""
-    if data.size < PROBE:
-        return False
-    start = (data.size - PROBE) // 2
-    sample = np.ascontiguousarray(data.reshape(-1)[start : start + PROBE])
-    shuffled = sample.view(np.uint8).reshape(PROBE, -1).T.tobytes()
-    return len(zlib.compress(shuffled, 1)) < WORTH_COMPRESSING * len(shuffled)
 
 
 def match_axes(name: str, shape: tuple[int, ...], sizes: Mapping[str, int]) -> tuple[str, ...]:
@@ -124,23 +156,6 @@ def match_axes(name: str, shape: tuple[int, ...], sizes: Mapping[str, int]) -> t
             raise ValueError(f"{name}: axis {axis} of length {length} fits no scale; name it in dims or scales.")
         dims.append("time_s" if last and "time_s" in fitting else fitting[0])
     return tuple(dims)
-
-
-def _attach(group: h5py.Group, node: h5py.Dataset, dims: tuple[str, ...]) -> None:
-    """Attach a scale to every axis; names without a scale become an index from 1."""
-    if len(dims) != node.ndim:
-        raise ValueError(f"{node.name} has {node.ndim} axes, dims names {len(dims)}.")
-    for axis, name in enumerate(dims):
-        if name not in group:
-            write_scale(group, name, _index(name, node.shape[axis]))
-        if group[name].shape != (node.shape[axis],):
-            raise ValueError(f"{node.name}: axis {axis} has {node.shape[axis]} values, scale {name} does not.")
-        node.dims[axis].attach_scale(group[name])
-
-
-def _index(name: str, length: int) -> Dataset:
-    """Return the scale 1, 2, ... of an axis that counts something."""
-    return Dataset(np.arange(1, length + 1), "1", f"{name}, counted from 1", "computed")
 
 
 def _real_parts(datasets: Mapping[str, Dataset]) -> dict[str, Dataset]:

@@ -20,7 +20,7 @@ from types import TracebackType
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from rths_cli.errors import InputError
 from rths_cli.files.hdf5 import Dataset, write_group
@@ -28,6 +28,7 @@ from rths_cli.lti import Array
 
 FORMAT = "rths-result"
 FORMAT_VERSION = 1
+META_BLOCK = 1 << 16  # bytes reserved at a time for what describes the data, so that it is written in few pieces
 HEADER: dict[str, str | int] = {
     "format": FORMAT,
     "format_version": FORMAT_VERSION,
@@ -63,6 +64,7 @@ class ResultWriter:
         self._status: str | None = None
         self._broken = False
         self._file: Any = None  # h5py.File while open
+        self._scales: dict[str, NDArray[Any]] = {}  # those written, by path
 
     def __enter__(self) -> ResultWriter:
         """Open the temporary file; raise InputError where the disk refuses or hardware data have the name."""
@@ -74,7 +76,7 @@ class ResultWriter:
             _remove_leftovers(self.path)
         try:
             with self._reporting():
-                self._file = h5py.File(self.part, "w")
+                self._file = h5py.File(self.part, "w", meta_block_size=META_BLOCK)
                 self._file.attrs.update({**self._attributes, **HEADER})
                 self._file.flush()
         except BaseException:  # a signal too must leave no half file
@@ -136,15 +138,15 @@ class ResultWriter:
 
     def metrics(self, metrics: Mapping[str, Metric]) -> None:
         """Write figures: the path `exp_rths.rms_error_m_s2` becomes /metrics/exp_rths/rms_error_m_s2."""
+        groups: dict[str, dict[str, Dataset]] = {}
         for path, metric in metrics.items():
             parent, _, leaf = f"metrics.{path}".replace(".", "/").rpartition("/")
             dims = (metric.axis,) * np.ndim(metric.value)
-            item = Dataset(metric.value, metric.units, metric.definition, "computed", dims)
-            with self._reporting():
-                group = self._file.require_group(parent)
-                write_group(group, {leaf: item}, {})
-                group[leaf].attrs["definition"] = metric.definition
+            item = Dataset(metric.value, metric.units, metric.definition, "computed", dims, metric.definition)
+            groups.setdefault(parent, {})[leaf] = item
         with self._reporting():
+            for parent, items in groups.items():
+                write_group(self._file.require_group(parent), items, {}, self._scales)
             self._file.flush()
 
     def finish(self, status: Status, reason: str = "") -> None:
@@ -178,7 +180,7 @@ class ResultWriter:
     ) -> None:
         with self._reporting():
             group = self._file.require_group(name)
-            write_group(group, datasets, scales)
+            write_group(group, datasets, scales, self._scales)
             for key, value in about.items():
                 group.attrs[key] = _text_list(value) if isinstance(value, list) else value
             self._file.flush()

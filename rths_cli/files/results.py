@@ -11,6 +11,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.hdf5 import Dataset
+from rths_cli.files.hdf5_nodes import datasets, numbers, text
 from rths_cli.files.result_writer import (
     FORMAT,
     FORMAT_VERSION,
@@ -78,28 +79,14 @@ def _result(path: Path, file: h5py.File) -> Result:
     metrics: dict[str, float | Array] = {}
     units: dict[str, str] = {}
     definitions: dict[str, str] = {}
-    for key, node in _metric_nodes(file).items():
-        metrics[key] = float(node[()]) if node.ndim == 0 else np.asarray(node[()], dtype=float)
-        units[key] = str(node.attrs["units"])
-        definitions[key] = str(node.attrs["definition"])
+    for name, node in datasets(file["metrics"].id) if "metrics" in file else ():
+        key, value = name.replace("/", "."), numbers(node)
+        metrics[key] = float(value) if value.ndim == 0 else value
+        units[key] = text(node, "units")
+        definitions[key] = text(node, "definition")
     attributes = {key: _plain(value) for key, value in file.attrs.items()}
     yaml, resolved = (file[f"case/{k}"].asstr()[()] if f"case/{k}" in file else "" for k in ("yaml", "resolved"))
     return Result(path, attributes, yaml, resolved, metrics, units, definitions, tuple(file))
-
-
-def _metric_nodes(file: h5py.File) -> dict[str, h5py.Dataset]:
-    """Return the datasets below /metrics by their dotted paths, without the scales."""
-    import h5py
-
-    nodes: dict[str, h5py.Dataset] = {}
-
-    def collect(name: str, node: h5py.Group | h5py.Dataset) -> None:
-        if isinstance(node, h5py.Dataset) and not node.is_scale:
-            nodes[name.replace("/", ".")] = node
-
-    if "metrics" in file:
-        file["metrics"].visititems(collect)
-    return nodes
 
 
 def _dataset(path: Path, file: h5py.File, name: str) -> Dataset:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rths_cli.errors import InputError
+from rths_cli.filters import fast_length
 from rths_cli.lti import Array
 from rths_cli.metrics.error import check_pair, peak
 
@@ -74,9 +75,7 @@ def best_lag_s(target: ArrayLike, measured: ArrayLike, dt_s: float, leads: bool 
 
 def _correlations(x: Array, y: Array, lags: NDArray[np.int_]) -> Array:
     """Return the correlation coefficients (m,) of the overlaps of y (n,), moved forward by `lags` (m,), and x (n,)."""
-    from scipy.fft import next_fast_len
-
-    padded = next_fast_len(2 * len(x))
+    padded = fast_length(2 * len(x))
     products = np.fft.irfft(np.conj(np.fft.rfft(x, padded)) * np.fft.rfft(y, padded), padded)[lags]
     starts, count = np.maximum(-lags, 0), len(x) - np.abs(lags)
     sum_x, square_x = (_window_sums(z, starts, count) for z in (x, x * x))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from rths_cli.filters import butterworth, filtered_both_ways
 from rths_cli.lti import Array
 from rths_cli.metrics.error import check_pair
 
@@ -17,11 +18,9 @@ def velocity_error_m_s(accel_error_m_s2: ArrayLike, dt_s: float) -> Array:
     Trapezoidal rule, then a 2nd-order 0.1 Hz Butterworth high pass, forward and backward: an accelerometer says
     nothing about slower motion.
     """
-    from scipy.signal import butter, sosfiltfilt
-
     velocity = _integral(np.asarray(accel_error_m_s2, dtype=float), dt_s)
-    sections = butter(2, DRIFT_HZ, "highpass", fs=1.0 / dt_s, output="sos")
-    return sosfiltfilt(sections, velocity, padlen=min(9, len(velocity) - 1))
+    sections = butterworth(2, DRIFT_HZ, 1.0 / dt_s, "high")
+    return filtered_both_ways(sections, velocity, min(9, len(velocity) - 1))
 
 
 def error_energy_j(base_shear_n: ArrayLike, velocity_error_m_s: ArrayLike, dt_s: float) -> Array:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rths_cli.errors import InputError
+from rths_cli.filters import butterworth, fast_length, filtered_both_ways, tukey
 from rths_cli.lti import Array, ComplexArray
 
 BAND_HZ = 12.0
@@ -42,17 +43,15 @@ def test_band(series: ArrayLike, dt_s: float) -> Array:
     anyone can repeat a figure in one line), or over n - 1 if the record is shorter. A NaN anywhere makes
     its whole series NaN. Raises InputError when half the sample rate is not above 12 Hz.
     """
-    from scipy.signal import butter, sosfiltfilt
-
     values = np.asarray(series, dtype=float)
     if not 0 < dt_s < 0.5 / BAND_HZ:
         raise InputError(
             f"dt_s is {dt_s:g} s, but the {BAND_HZ:g} Hz test band needs one above 0"
             f" and below {0.5 / BAND_HZ:.4f} s: sample faster"
         )
-    sections = butter(BAND_ORDER, BAND_HZ, fs=1.0 / dt_s, output="sos")
+    sections = butterworth(BAND_ORDER, BAND_HZ, 1.0 / dt_s)
     padding = min(3 * (2 * len(sections) + 1), values.shape[-1] - 1)
-    return sosfiltfilt(sections, values, padlen=padding)
+    return filtered_both_ways(sections, values, padding)
 
 
 def rms(series: ArrayLike) -> Array:
@@ -116,11 +115,8 @@ def fitted_delay_s(desired: ArrayLike, measured: ArrayLike, dt_s: float) -> floa
 
 def _cross_spectrum(x: Array, y: Array) -> tuple[ComplexArray, Array]:
     """Return conj(X) Y of the tapered, zero-padded series and the phase per sample of every line in rad."""
-    from scipy.fft import next_fast_len
-    from scipy.signal.windows import tukey
-
     taper = tukey(len(x), _TAPERED)
-    padded = 2 * next_fast_len(len(x))
+    padded = fast_length(2 * len(x))
     lines_x = np.fft.rfft((x - x.mean()) * taper, padded)
     lines_y = np.fft.rfft((y - y.mean()) * taper, padded)
     return np.conj(lines_x) * lines_y, 2 * np.pi * np.arange(len(lines_x)) / padded

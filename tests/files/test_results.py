@@ -407,8 +407,8 @@ def test_a_file_that_does_not_say_how_it_ended_is_refused(tmp_path: Path) -> Non
 def test_a_signal_while_the_file_is_opened_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     real = h5py.File
 
-    def interrupted(*arguments: object) -> None:
-        real(*arguments).close()
+    def interrupted(*arguments: object, **options: object) -> None:
+        real(*arguments, **options).close()
         raise KeyboardInterrupt
 
     monkeypatch.setattr(h5py, "File", interrupted)

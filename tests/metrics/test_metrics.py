@@ -152,3 +152,9 @@ def test_no_delay_is_told_of_a_constant_or_a_cut_series() -> None:
     assert np.isnan(fitted_delay_s(structure_like(), cut, DT_S))
     with pytest.raises(InputError, match=r"measured has shape \(3,\)"):
         fitted_delay_s(np.arange(4.0), np.arange(3.0), DT_S)
+
+
+def test_a_delay_beyond_half_the_record_does_not_come_round() -> None:
+    pulse = np.exp(-0.5 * ((TIME_S - 2.5) / 0.05) ** 2)
+    late = np.exp(-0.5 * ((TIME_S - 16.5) / 0.05) ** 2)
+    assert fitted_delay_s(pulse, late, DT_S) == pytest.approx(14.0, rel=1e-4)

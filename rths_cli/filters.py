@@ -1,0 +1,196 @@
+"""Digital filters of records and figures: Butterworth sections, recursions along time, lengths and tapers.
+
+A filter is a cascade of second-order sections (n_sections, 6), each row b0, b1, b2, 1, a1, a2 of
+y[k] = b0 x[k] + b1 x[k-1] + b2 x[k-2] - a1 y[k-1] - a2 y[k-2]. Time is the last axis of every series. The recursions
+are compiled and take four series at once: one alone waits for its own last sum most of the time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rths_cli.compiled import entry, part
+from rths_cli.lti import Array, ComplexArray
+
+FORWARD, BACKWARD = 1, -1
+_Coefficients = tuple[float, float, float, float, float]
+_Sample = tuple[float, float, float]
+
+
+def butterworth(order: int, corner_hz: float, sample_rate_hz: float, kind: Literal["low", "high"] = "low") -> Array:
+    """Return the sections of a Butterworth filter, the most damped first: bilinear transform, corner prewarped.
+
+    Raises ValueError for an order below 1 and a corner outside 0 to half the sample rate (both excluded). Source:
+    Oppenheim and Schafer, Discrete-Time Signal Processing, 3rd ed. (2010), section 7.2.
+    """
+    if order < 1 or not 0.0 < corner_hz < 0.5 * sample_rate_hz:
+        raise ValueError(f"no Butterworth filter of order {order} and corner {corner_hz:g} Hz at {sample_rate_hz:g} Hz")
+    warped = 4.0 * math.tan(math.pi * corner_hz / sample_rate_hz)  # in rad per half a sample, as the analog poles
+    unit = -np.exp(-0.5j * np.pi * np.arange((order - 1) % 2, order, 2) / order)  # one of each pair, or the real one
+    analog, zero = warped * unit, (-1.0 if kind == "low" else 1.0)  # a high pass has the conjugates, the same set
+    pole = (4.0 + analog) / (4.0 - analog)
+    rows = [_of_pole(p, zero, single=order % 2 == 1 and i == 0) for i, p in enumerate(pole)]
+    each = np.abs((warped if kind == "low" else 4.0) / (4.0 - analog)) ** np.where(unit.imag > 0.0, 2, 1)
+    rows[0][:3] *= np.prod(each)
+    return np.array(rows)
+
+
+def _of_pole(pole: complex, zero: float, single: bool) -> Array:
+    """Return the row (6,) of a pole, alone or with its conjugate, and as many equal zeros."""
+    if single:
+        return np.array([1.0, -zero, 0.0, 1.0, -pole.real, 0.0])
+    return np.array([1.0, -2.0 * zero, 1.0, 1.0, -2.0 * pole.real, abs(pole) ** 2])
+
+
+def section(numerator: Sequence[float], denominator: Sequence[float]) -> Array:
+    """Return b(1/z) / a(1/z), of up to three coefficients each, as one section (1, 6)."""
+    row = np.zeros((2, 3))
+    row[0, : len(numerator)] = numerator
+    row[1, : len(denominator)] = denominator
+    return row.reshape(1, 6) / row[1, 0]
+
+
+def filtered(sections: Array, series: ArrayLike) -> Array:
+    """Filter `series` (..., n) along time from a zero initial state; returns (..., n) in its unit."""
+    values = np.asarray(series, dtype=float)
+    rows = _extended(values.reshape(-1, values.shape[-1]), 0)
+    _run(sections, np.zeros((len(sections), len(rows), 2)), rows, FORWARD)
+    return rows[: values.size // values.shape[-1]].reshape(values.shape)
+
+
+def filtered_both_ways(sections: Array, series: ArrayLike, padding: int) -> Array:
+    """Filter `series` (..., n) forward and backward: the squared gain and no phase; returns (..., n) in its unit.
+
+    The ends are extended by odd reflection over `padding` samples, and both passes start in the steady state of their
+    first value. A NaN makes its whole series NaN. Raises ValueError unless 0 <= `padding` < n. Source: Gustafsson,
+    IEEE Trans. Signal Process. 44 (1996) 988, for the problem; this is the usual answer, as scipy's sosfiltfilt has it.
+    """
+    values = np.asarray(series, dtype=float)
+    n = values.shape[-1]
+    if not 0 <= padding < n:
+        raise ValueError(f"padding {padding} of a series of {n} samples: it must be at least 0 and below that")
+    rows = _extended(values.reshape(-1, n), padding)
+    steady = _steady_states(sections)[:, None, :]
+    _run(sections, np.ascontiguousarray(steady * rows[:, :1]), rows, FORWARD)
+    _run(sections, np.ascontiguousarray(steady * rows[:, -1:]), rows, BACKWARD)
+    return np.ascontiguousarray(rows[: values.size // n, padding : padding + n]).reshape(values.shape)
+
+
+def _extended(rows: Array, padding: int) -> Array:
+    """Return a copy of rows (m, n) with `padding` samples more at each end, turned about the end's own sample.
+
+    Idle rows fill the last group of four, unless it is a single row: four cost less than two one after the other.
+    """
+    m, n = rows.shape
+    wide = np.zeros((m if m % 4 < 2 else m + 4 - m % 4, n + 2 * padding))
+    wide[:m, padding : padding + n] = rows
+    wide[:m, :padding] = 2.0 * rows[:, :1] - rows[:, padding:0:-1]
+    wide[:m, padding + n :] = 2.0 * rows[:, -1:] - rows[:, -2 : -2 - padding : -1]
+    return wide
+
+
+def _steady_states(sections: Array) -> Array:
+    """Return the states (n_sections, 2) in which a cascade stays while its input is 1."""
+    states, level = np.empty((len(sections), 2)), 1.0
+    for state, (b0, b1, b2, _, a1, a2) in zip(states, sections, strict=True):
+        first, second = b1 - a1 * b0, b2 - a2 * b0
+        state[0] = (first + second) / (1.0 + a1 + a2)
+        state[1] = (1.0 + a1) * state[0] - first
+        state *= level
+        level *= (b0 + b1 + b2) / (1.0 + a1 + a2)
+    return states
+
+
+def response(sections: Array, frequency_hz: ArrayLike, sample_rate_hz: float) -> ComplexArray:
+    """Return the frequency response (n_frequencies,) of a cascade."""
+    late = np.exp(-2j * np.pi * np.asarray(frequency_hz, dtype=float) / sample_rate_hz)
+    powers = np.stack([np.ones_like(late), late, late * late])
+    return np.prod((sections[:, :3] @ powers) / (sections[:, 3:] @ powers), axis=0)
+
+
+def driven_modes(poles: ArrayLike, now: ArrayLike, before: ArrayLike, series: ArrayLike) -> Array:
+    """Return z[k] = p z[k-1] + a u[k] + b u[k-1], z[0] = 0, for each complex mode: (2, m, n), real and imaginary part.
+
+    `poles` p, `now` a, `before` b are complex (m,), `series` u is (n,).
+    """
+    numbers = np.array([poles, now, before], dtype=complex).reshape(3, -1)
+    drive = np.ascontiguousarray(series, dtype=float)
+    modes = np.zeros((2, numbers.shape[1], len(drive)))
+    _drive(np.ascontiguousarray(numbers.real), np.ascontiguousarray(numbers.imag), drive, modes)
+    return modes
+
+
+def fast_length(n: int) -> int:
+    """Return the smallest length of at least `n` without a prime factor above 5, for a fast transform of real data."""
+    best = 1 << max(n - 1, 0).bit_length()
+    fives = 1
+    while fives < best:
+        odd = fives
+        while odd < best:
+            best = min(best, odd << max(-(-n // odd) - 1, 0).bit_length())
+            odd *= 3
+        fives *= 5
+    return best
+
+
+def tukey(n: int, share: float) -> Array:
+    """Return the cosine-tapered window (n,): `share` of it is taper, half of that at each end. Source: Tukey (1967)."""
+    if n < 2 or share <= 0.0:
+        return np.ones(n)
+    from_end = np.minimum(np.arange(n), np.arange(n)[::-1]) * (2.0 / (min(share, 1.0) * (n - 1)))
+    return 0.5 - 0.5 * np.cos(np.pi * np.minimum(from_end, 1.0))
+
+
+@part
+def _sample(c: _Coefficients, x: float, u: float, v: float) -> _Sample:
+    """Return output and states of a section (transposed direct form II) after the sample x."""
+    y = c[0] * x + u
+    return y, c[1] * x - c[3] * y + v, c[2] * x - c[4] * y
+
+
+@entry
+def _run(sections: Array, states: Array, rows: Array, step: int) -> None:
+    """Filter `rows` (m, n) in place from `states` (n_sections, m, 2), forward (`step` 1) or backward (-1) in time."""
+    m, n = rows.shape
+    first = 0 if step > 0 else n - 1
+    for s in range(sections.shape[0]):
+        c = (sections[s, 0], sections[s, 1], sections[s, 2], sections[s, 4], sections[s, 5])
+        r = 0
+        while r + 4 <= m:
+            u0, v0, u1, v1 = states[s, r, 0], states[s, r, 1], states[s, r + 1, 0], states[s, r + 1, 1]
+            u2, v2, u3, v3 = states[s, r + 2, 0], states[s, r + 2, 1], states[s, r + 3, 0], states[s, r + 3, 1]
+            k = first
+            for _ in range(n):
+                rows[r, k], u0, v0 = _sample(c, rows[r, k], u0, v0)
+                rows[r + 1, k], u1, v1 = _sample(c, rows[r + 1, k], u1, v1)
+                rows[r + 2, k], u2, v2 = _sample(c, rows[r + 2, k], u2, v2)
+                rows[r + 3, k], u3, v3 = _sample(c, rows[r + 3, k], u3, v3)
+                k += step
+            r += 4
+        while r < m:
+            u0, v0 = states[s, r, 0], states[s, r, 1]
+            k = first
+            for _ in range(n):
+                rows[r, k], u0, v0 = _sample(c, rows[r, k], u0, v0)
+                k += step
+            r += 1
+
+
+@entry
+def _drive(real: Array, imag: Array, series: Array, modes: Array) -> None:
+    """Run the modes (2, m, n) of p, a, b, the rows of `real` and `imag` (3, m), along `series` (n,)."""
+    m, n = modes.shape[1], modes.shape[2]
+    for r in range(m):
+        p, q = real[0, r], imag[0, r]
+        x, y = 0.0, 0.0
+        for k in range(1, n):
+            now, before = series[k], series[k - 1]
+            forcing_x = real[1, r] * now + real[2, r] * before
+            forcing_y = imag[1, r] * now + imag[2, r] * before
+            x, y = p * x - q * y + forcing_x, p * y + q * x + forcing_y
+            modes[0, r, k], modes[1, r, k] = x, y

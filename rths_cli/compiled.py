@@ -26,7 +26,15 @@ import numpy as np
 from rths_cli.files.user_cache import user_cache
 
 F = TypeVar("F", bound=Callable[..., object])
-SOURCES = ("rig_info.py", "compiled.py", "filters.py", "tiles.py", "rigs/virtual/plant.py", "rigs/virtual/kernel.py")
+SOURCES = (
+    "rig_info.py",
+    "compiled.py",
+    "filters.py",
+    "metrics/error.py",
+    "tiles.py",
+    "rigs/virtual/plant.py",
+    "rigs/virtual/kernel.py",
+)
 SOURCE_FOLDERS = ("loop",)
 WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 OPTIONS = {"_nrt": False, "error_model": "numpy", **WRAPPERS}  # no allocation; 1 / 0 is inf

@@ -59,7 +59,7 @@ def section(numerator: Sequence[float], denominator: Sequence[float]) -> Array:
 def filtered(sections: Array, series: ArrayLike) -> Array:
     """Filter `series` (..., n) along time from a zero initial state; returns (..., n) in its unit."""
     values = np.asarray(series, dtype=float)
-    tiles = _tiles(values.reshape(-1, values.shape[-1]), 0)
+    tiles = _filled(values, 0)
     _run(sections, np.zeros((len(sections), len(tiles), 2, LANES)), tiles, FORWARD)
     return _series(tiles, values.shape, 0)
 
@@ -75,25 +75,38 @@ def filtered_both_ways(sections: Array, series: ArrayLike, padding: int) -> Arra
     n = values.shape[-1]
     if not 0 <= padding < n:
         raise ValueError(f"padding {padding} of a series of {n} samples: it must be at least 0 and below that")
-    tiles = _tiles(values.reshape(-1, n), padding)
-    steady = _steady_states(sections)[:, None, :, None]
-    _run(sections, np.ascontiguousarray(steady * tiles[:, :1]), tiles, FORWARD)
-    _run(sections, np.ascontiguousarray(steady * tiles[:, -1:]), tiles, BACKWARD)
+    tiles = _filled(values, padding)
+    filter_tiles_both_ways(sections, tiles, padding)
     return _series(tiles, values.shape, padding)
 
 
-def _tiles(rows: Array, padding: int) -> Array:
-    """Return rows (m, n) four beside each other, (n_tiles, n + 2 padding, 4), with idle rows where m is no multiple.
+def empty_tiles(series: int, samples: int, padding: int) -> Array:
+    """Return room for so many series four beside each other: (n_tiles, samples + 2 padding, 4), zero."""
+    return np.zeros((-(-series // LANES), samples + 2 * padding, LANES))
 
-    `padding` samples more stand at each end, turned about the end's own sample.
-    """
-    m, n = rows.shape
-    tiles = np.zeros((-(-m // LANES), n + 2 * padding, LANES))
+
+def lane(tiles: Array, series: int, padding: int) -> Array:
+    """Return the place (n,) of one series in tiles, without its padding."""
+    return tiles[series // LANES, padding : tiles.shape[1] - padding, series % LANES]
+
+
+def filter_tiles_both_ways(sections: Array, tiles: Array, padding: int) -> None:
+    """Do in place what `filtered_both_ways` does; what stands in the padding at the ends is replaced."""
+    if padding:
+        end = tiles.shape[1] - padding
+        tiles[:, :padding] = 2.0 * tiles[:, padding : padding + 1] - tiles[:, 2 * padding : padding : -1]
+        tiles[:, end:] = 2.0 * tiles[:, end - 1 : end] - tiles[:, end - 2 : end - 2 - padding : -1]
+    steady = _steady_states(sections)[:, None, :, None]
+    _run(sections, np.ascontiguousarray(steady * tiles[:, :1]), tiles, FORWARD)
+    _run(sections, np.ascontiguousarray(steady * tiles[:, -1:]), tiles, BACKWARD)
+
+
+def _filled(values: Array, padding: int) -> Array:
+    """Return series (..., n) in tiles, room for `padding` samples more at each end."""
+    rows = values.reshape(-1, values.shape[-1])
+    tiles = empty_tiles(*rows.shape, padding)
     for r, row in enumerate(rows):
-        lane = tiles[r // LANES, :, r % LANES]
-        lane[padding : padding + n] = row
-        lane[:padding] = 2.0 * row[:1] - row[padding:0:-1]
-        lane[padding + n :] = 2.0 * row[-1:] - row[-2 : -2 - padding : -1]
+        lane(tiles, r, padding)[:] = row
     return tiles
 
 
@@ -101,7 +114,7 @@ def _series(tiles: Array, shape: tuple[int, ...], padding: int) -> Array:
     """Return the series of a shape (..., n) that stand in tiles, without the padding."""
     rows = np.empty((math.prod(shape[:-1]), shape[-1]))
     for r, row in enumerate(rows):
-        row[:] = tiles[r // LANES, padding : padding + shape[-1], r % LANES]
+        row[:] = lane(tiles, r, padding)
     return rows.reshape(shape)
 
 

@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rths_cli.metrics import error_figures
+from rths_cli.metrics import figures_of_pairs
 from rths_cli.workflows import figures
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from rths_cli.lti import Array
+
+    Pairs = Sequence[tuple[Array, Array]]
 
 RUN = "exp_rths"
 CHECKED = (
@@ -72,18 +74,16 @@ def columns() -> tuple[Column, ...]:
     return (*found, *foretold)
 
 
-def error_values(
-    desired: Array, measured: Array, true: Array, sim_accel: Array, accel: Array, true_accel: Array, dt_s: float
-) -> dict[str, Array]:
+def error_values(table: Pairs, storeys: Pairs, true_storeys: Pairs, dt_s: float, room: Array) -> dict[str, Array]:
     """Return tracking errors and errors to SIM by their paths, in one pass over all series.
 
-    Table accelerations (n,) desired, measured and true; absolute accelerations (n_storeys, n); all in m/s^2.
+    Pairs of reference and value (n,) in m/s^2: the table's measured and true acceleration against the desired, each
+    storey's measured and true absolute acceleration against SIM. `room` as `room_for_pairs` gives it.
     """
-    reference = np.vstack([desired, desired, sim_accel, sim_accel])
-    errors = error_figures(reference, np.vstack([measured, true, accel, true_accel]), dt_s)
-    storeys = len(accel)
+    errors = figures_of_pairs([*table, *storeys, *true_storeys], dt_s, room)
+    count = len(storeys)
     values: dict[str, Array] = {}
-    for kind, place, rows in (("", 0, slice(2, 2 + storeys)), ("_true", 1, slice(2 + storeys, None))):
+    for kind, place, rows in (("", 0, slice(2, 2 + count)), ("_true", 1, slice(2 + count, None))):
         for band, maximum, rms in (("", errors.maximum, errors.rms), ("_full", errors.maximum_full, errors.rms_full)):
             for which, found in (("max", maximum), ("rms", rms)):
                 values[f"{RUN}.tracking_{which}_m_s2{kind}{band}"] = found[place]

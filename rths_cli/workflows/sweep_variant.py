@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -10,6 +11,7 @@ from rths_cli.errors import RthsError, write_crash_file
 from rths_cli.files.result_writer import Metric
 from rths_cli.loop.blocks import NUMERICAL
 from rths_cli.loop.drive import play
+from rths_cli.metrics import room_for_pairs
 from rths_cli.rigs.virtual.rig import VirtualRig
 from rths_cli.workflows.provenance import model_sha256
 from rths_cli.workflows.rigs import EXP_RTHS
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
     from rths_cli.lti import Array
     from rths_cli.workflows.series import Series
     from rths_cli.workflows.sweep_shared import Ready
+
+_THREAD = threading.local()
 
 
 def play_variant(ready: Ready, variant: int, seed: int, of: Sequence[Column], storeys: int) -> Row:
@@ -76,8 +80,20 @@ def _errors(ready: Ready, series: Series) -> dict[str, Array]:
     if len(setup.building.numerical.masses_kg) > 1:  # else every storey is measured
         scheme = setup.case.integration
         accel = whole_building(setup.building, series, setup.motion.accel_m_s2, dt, scheme)[2]
-    table = series.desired[0], series.measured[0], series.true_accel[0]
-    return error_values(*table, ready.sim_accel, accel, true_accel(accel, series), dt)
+    desired, true = series.desired[0], true_accel(accel, series)
+    table = [(desired, series.measured[0]), (desired, series.true_accel[0])]
+    sim = ready.sim_accel
+    storeys, true_storeys = list(zip(sim, accel, strict=True)), list(zip(sim, true, strict=True))
+    return error_values(table, storeys, true_storeys, dt, _room(2 + 2 * len(sim), sim.shape[1], dt))
+
+
+def _room(pairs: int, samples: int, dt_s: float) -> Array:
+    """Return this thread's memory for the errors of a run: the next run of the same size uses it again."""
+    asked = (pairs, samples, dt_s)
+    if getattr(_THREAD, "asked", None) != asked:
+        _THREAD.asked, _THREAD.room = asked, room_for_pairs(*asked)
+    room: Array = _THREAD.room
+    return room
 
 
 def _accepted(ready: Ready, of: Sequence[Column], values: Mapping[str, ArrayLike]) -> Stop:

@@ -92,7 +92,7 @@ def test_a_disk_that_refuses_is_a_sentence_and_leaves_nothing(tmp_path: Path) ->
 
 def test_many_runs_are_not_stored_one_chunk_each(tmp_path: Path) -> None:
     runs = 4000
-    texts = {name: ("x",) * runs for name in made().texts}
+    texts = dict.fromkeys(made().texts, ("x",) * runs)
     figures = {"a": Figure(np.ones((runs, 3)), "m", "the same in every run")}
     write_sweep(tmp_path / "x.h5", Sweep({}, "", "", 1, {}, np.arange(runs), texts, figures))
     with h5py.File(tmp_path / "x.h5") as file:

@@ -15,12 +15,14 @@ from rths_cli.errors import InputError
 from rths_cli.files.results import read_result
 from rths_cli.files.sweep_rows_file import rows_path
 from rths_cli.files.sweeps import read_sweep
+from rths_cli.workflows import sweep as sweep_workflow
 from rths_cli.workflows import sweep_shared
 from rths_cli.workflows.known import Memory
 from rths_cli.workflows.run import run_case
 from rths_cli.workflows.setup import make_setup
 from rths_cli.workflows.sweep import SweepRequest, Swept, run_sweep
-from rths_cli.workflows.sweep_points import Asked
+from rths_cli.workflows.sweep_points import Asked, check_points
+from rths_cli.workflows.sweep_variant import play_variant
 
 CASE = "structure: three_storey\ndamping: low\nrecord: ./short.csv\nscaling: 0.3\ncontroller: FF+FB\n"
 WORN = "table.after_identification.coulomb_factor"
@@ -157,8 +159,13 @@ def test_an_interrupted_sweep_goes_on_where_it_was_and_gives_the_same(
         run_sweep(request, Watcher())
     with pytest.raises(InputError, match="holds 2 runs of another sweep"):
         run_sweep(replace(request, asked=replace(request.asked, seeds="4"), resume=True), Watcher())
-    resumed = run_sweep(replace(request, resume=True), Watcher())
-    assert resumed.played == 4 and not rows_path(path).exists()
+    played: list[int] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(
+            sweep_workflow, "play_variant", lambda ready, k, *rest: played.append(k) or play_variant(ready, k, *rest)
+        )
+        resumed = run_sweep(replace(request, resume=True), Watcher())
+    assert resumed.played == 4 and sorted(played) == [2, 3, 4, 5] and not rows_path(path).exists()
     assert datasets(path) == datasets(worn[1].path)
     again = run_sweep(replace(request, resume=True), Watcher())
     assert (again.played, again.exit_code) == (0, 0)
@@ -196,6 +203,15 @@ def test_what_runs_share_is_made_once(folder: Path, tmp_path: Path, monkeypatch:
         counted(name)
     swept(asked(folder, f"{WORN}=1,2", "scaling=0.2,0.3", seeds="2"), tmp_path / "s.h5")
     assert calls == {"design_blocks": 1, "verdict_on": 2, "simulate": 2, "open_rig": 2}
+
+
+def test_points_that_share_most_are_made_one_after_the_other(folder: Path) -> None:
+    grid = Asked(
+        str(folder / "a.yaml"), (), ("scaling=0.2,0.3", "kalman.q=900,1000", f"{WORN}=1,2", "kalman.r=1,2"), None
+    )
+    points = check_points(grid, sweep_shared.Shared((), lambda _: None), lambda _: None)
+    made = [(q, r, scaling, worn) for scaling, q, worn, r in map(points.grid.values, points.order)]
+    assert made == sorted(made) and len(made) == 16
 
 
 def test_a_run_that_a_limit_stops_is_a_row_too(folder: Path, tmp_path: Path) -> None:

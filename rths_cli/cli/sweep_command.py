@@ -30,7 +30,7 @@ def threads() -> int:
 @click.option("--seeds", metavar="N|A:B", help="Seeds 0 to N-1, or A to B, of every combination [default: the case's].")
 @click.option("--jobs", type=click.IntRange(min=1, max=1024), help="Runs at a time [default: the number of cores].")
 @click.option(
-    "--output", type=click.Path(path_type=Path), metavar="FILE", help="Result file [default: results/NAME-sweep.h5]."
+    "--output", type=click.Path(path_type=Path), metavar="FILE", help="Result file [default: sweeps/NAME.h5]."
 )
 @click.option("--csv", type=click.Path(path_type=Path), metavar="FILE", help="Write the table as CSV too.")
 @click.option(

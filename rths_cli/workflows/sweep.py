@@ -33,7 +33,7 @@ AHEAD = 4  # runs handed out per thread: enough to work on while the next grid p
 
 @dataclass(frozen=True)
 class SweepRequest:
-    """What `rths sweep` was asked; `output` None: results/NAME-sweep.h5; `jobs`: threads that play runs."""
+    """What `rths sweep` was asked; `output` None: sweeps/NAME.h5; `jobs`: threads that play runs."""
 
     asked: Asked
     output: Path | None
@@ -59,7 +59,7 @@ def run_sweep(request: SweepRequest, watcher: Watcher) -> Swept:
     """Play what is not played yet and write the table; raises InputError with all faults before the first run."""
     shared = Shared(request.overrides, watcher.doing)
     points = check_points(request.asked, shared, watcher.doing)
-    path = request.output or Path("results") / f"{points.base.case.name}-sweep.h5"
+    path = request.output or Path("sweeps") / f"{points.base.case.name}.h5"
     about = _attributes(points, request.command_line)
     begun = begin(path, about, points.grid.variants, request.replace, request.resume)
     if request.csv is not None:

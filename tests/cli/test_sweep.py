@@ -81,6 +81,6 @@ def test_bad_input_is_one_sentence_per_fault_and_writes_nothing(folder: Path) ->
 
 
 def test_an_output_that_cannot_be_written_is_refused_before_the_first_run(folder: Path) -> None:
-    (folder / "results").write_text("in the way")
+    (folder / "sweeps").write_text("in the way")
     done = rths("sweep", "a.yaml", cwd=folder)
-    assert done.returncode == 2 and "results" in done.stderr and len(done.stderr.strip().splitlines()) == 1
+    assert done.returncode == 2 and "sweeps" in done.stderr and len(done.stderr.strip().splitlines()) == 1

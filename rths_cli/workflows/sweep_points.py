@@ -14,9 +14,10 @@ from rths_cli.workflows.sweep_plan import Grid, read_grid
 if TYPE_CHECKING:
     from rths_cli.case.models import Case
     from rths_cli.workflows.setup import Progress, Setup
-    from rths_cli.workflows.sweep_shared import Shared
+    from rths_cli.workflows.sweep_shared import Keys, Shared
 
 LISTED = 20  # faults shown of a grid, the rest counted
+FAULTY = 1000  # grid points at fault after which the others are not read
 
 
 @dataclass(frozen=True)
@@ -49,29 +50,34 @@ def point_case(asked: Asked, grid: Grid, point: int) -> Case:
 def check_points(asked: Asked, shared: Shared, progress: Progress) -> Points:
     """Read and check every point of the grid; raises InputError with every fault and the point it is at."""
     grid = read_grid(asked.vary, asked.seeds, own_seed=0)
-    faults: dict[str, list[int]] = {}
-    stages: list[tuple[str, ...]] = []
+    stages: list[Keys] = []
     digest, storeys = hashlib.sha256(), 0
     first: Setup | None = None
-    for point in range(grid.points):
-        progress(f"reading grid point {point + 1} of {grid.points}")
-        try:
-            case = point_case(asked, grid, point)
-            setup = shared.setup(case)
-        except InputError as error:
-            for fault in error.faults:
-                faults.setdefault(_as_varied(fault, grid), []).append(point)
-            continue
-        keys = shared.keys(setup)
-        stages.append((keys.model, keys.design, keys.check, keys.plant))
-        digest.update(repr((*stages[-1], setup.record_sha256, sorted(case.accept.items()))).encode())
-        storeys, first = max(storeys, case.n_storeys), first or setup
-    if faults or first is None:
-        raise InputError(*_told(faults, grid))
+    for setup in _setups(asked, grid, shared, progress):
+        stages.append(shared.keys(setup))
+        digest.update(repr((stages[-1].content, setup.record_sha256, sorted(setup.case.accept.items()))).encode())
+        storeys, first = max(storeys, setup.case.n_storeys), first or setup
+    assert first is not None  # a grid has a point
     if asked.seeds is None:
         grid = replace(grid, seeds=range(first.case.seed, first.case.seed + 1))
     digest.update(repr((grid, first.overrides)).encode())
     return Points(_base(asked, shared, first), grid, _order(stages), storeys, digest.hexdigest())
+
+
+def _setups(asked: Asked, grid: Grid, shared: Shared, progress: Progress) -> Iterator[Setup]:
+    """Yield the setup of every grid point; raise InputError with all faults in the end, or when there are very many."""
+    faults: dict[str, list[int]] = {}
+    for point in range(grid.points):
+        progress(f"reading grid point {point + 1} of {grid.points}")
+        try:
+            yield shared.setup(point_case(asked, grid, point))
+        except InputError as error:
+            for fault in error.faults:
+                faults.setdefault(_as_varied(fault, grid), []).append(point)
+            if sum(map(len, faults.values())) >= FAULTY:
+                break
+    if faults:
+        raise InputError(*_told(faults, grid))
 
 
 def _base(asked: Asked, shared: Shared, first: Setup) -> Setup:
@@ -82,10 +88,11 @@ def _base(asked: Asked, shared: Shared, first: Setup) -> Setup:
         return first
 
 
-def _order(stages: Sequence[tuple[str, ...]]) -> tuple[int, ...]:
+def _order(keys: Sequence[Keys]) -> tuple[int, ...]:
     """Return the points so that those which share a model, then a design, then a check, then a plant are neighbours."""
+    stages = [(key.model, key.design, key.check, key.plant) for key in keys]
     ranks: list[dict[str, int]] = [{} for _ in stages[0]]
-    ranked = [tuple(rank.setdefault(key, len(rank)) for rank, key in zip(ranks, keys, strict=True)) for keys in stages]
+    ranked = [tuple(rank.setdefault(key, len(rank)) for rank, key in zip(ranks, one, strict=True)) for one in stages]
     return tuple(sorted(range(len(stages)), key=lambda point: ranked[point]))
 
 

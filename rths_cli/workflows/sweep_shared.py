@@ -34,8 +34,12 @@ MOTION = {"record", "scaling", "record_filter", "delay_s"}  # what no block depe
 
 @dataclass(frozen=True)
 class Keys:
-    """What a grid point depends on, stage by stage: points with equal keys share the stage."""
+    """What a grid point depends on, in all and stage by stage: points with equal keys share the stage.
 
+    `content` is the same for any version of rths.
+    """
+
+    content: str
     model: str
     design: str
     check: str
@@ -84,7 +88,10 @@ class Shared:
         part = repr(case.model_dump(exclude={**dict.fromkeys(NO_PART | MOTION, True), "table": table}))
         motion = repr((motion_key(case), case.delay_s))
         plant = repr((case.table.model_dump_json(), building_key(case), case.sample_rate_hz))
-        return Keys(*(_digest(text) for text in (model, model + part, model + part + motion, plant)))
+        named = case.identification.model
+        content = part + motion + plant + (_digest(named.read_bytes()) if named else "")
+        stages = (content, model, model + part, model + part + motion, plant)
+        return Keys(*(_digest(text.encode()) for text in stages))
 
     def ready(self, case: Case) -> Ready:
         """Return a grid point ready to be played; raises RthsError when its rig cannot be identified."""
@@ -112,8 +119,8 @@ class Shared:
         return verdict_on(setup, known, design=design)
 
 
-def _digest(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
+def _digest(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
 
 
 def _model_key(setup: Setup) -> str:

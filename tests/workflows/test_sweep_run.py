@@ -21,6 +21,7 @@ from rths_cli.workflows.known import Memory
 from rths_cli.workflows.run import run_case
 from rths_cli.workflows.setup import make_setup
 from rths_cli.workflows.sweep import SweepRequest, Swept, run_sweep
+from rths_cli.workflows.sweep_output import begin
 from rths_cli.workflows.sweep_points import Asked, check_points
 from rths_cli.workflows.sweep_variant import play_variant
 
@@ -185,6 +186,14 @@ def test_what_is_there_already_is_replaced_only_by_the_same_sweep(
     with pytest.raises(InputError, match="is a folder"):
         swept(request, tmp_path)
     assert (tmp_path / "text.h5").read_text() == "mine"
+
+
+def test_a_finished_sweep_of_another_version_is_played_anew(whole: tuple[SweepRequest, Swept]) -> None:
+    path, attributes = whole[1].path, whole[1].sweep.attributes
+    assert begin(path, attributes, 12, replace=True, resume=True) is None
+    newer = attributes | {"software_sha256": "another"}
+    begun = begin(path, newer, 12, replace=True, resume=True)
+    assert begun is not None and begun.rows == {} and not begun.resumed
 
 
 def test_what_runs_share_is_made_once(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

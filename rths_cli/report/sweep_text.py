@@ -21,6 +21,7 @@ STATISTICS = {"median": 50.0, "95 %": 95.0, "largest": 100.0}
 POINTS_SHOWN = 40
 REASONS_SHOWN = 5
 COLUMN = 9
+MM_PER_M = 1e3
 MOST_STOREYS = (WIDTH - 40) // COLUMN
 
 
@@ -64,7 +65,7 @@ def as_text(value: Any) -> str:
     """Return a varied value in few characters."""
     if isinstance(value, float):
         return f"{value:.6g}"
-    return value if isinstance(value, str) else json.dumps(value)
+    return value if isinstance(value, str) else json.dumps(value).replace('"', "")
 
 
 def statistics(errors: Array) -> dict[str, Array]:
@@ -105,7 +106,7 @@ def _table(sweep: Sweep) -> Table:
     heads = (Cell("tracking"), *(Cell(f"storey {1 + k}") for k in range(shown)))
     rows = [row for _, point in zip(range(POINTS_SHOWN), points_of(sweep), strict=False) for row in _rows(point, shown)]
     title = (
-        f"{sweep.attributes['case_name']}: RMS errors (m/s^2, test band, measured) of {len(sweep.seed)} runs of "
+        f"{sweep.attributes['case_name']}: RMS errors (mm/s^2, test band, measured) of {len(sweep.seed)} runs of "
         f"EXP-RTHS; virtual shake table {sweep.attributes['rig']}"
     )
     corner = "grid point" if sweep.seeds_per_point == 1 else "over the seeds"
@@ -116,14 +117,17 @@ def _rows(point: Point, storeys: int) -> Iterator[Row]:
     """Yield the lines of a grid point: one where there is one run, else a heading and one per statistic."""
     runs = sum(point.statuses.values())
     ends = ", ".join(f"{count} {status}" for status, count in sorted(point.statuses.items()))
-    found = statistics(point.errors[:, : 1 + storeys])
+    found = statistics(MM_PER_M * point.errors[:, : 1 + storeys])
     if runs == 1:
-        cells = tuple(Cell(number(value)) for value in found["largest"]) if found else (Cell(ends[2:], 1 + storeys),)
-        yield Row(point.label, cells)
+        yield Row(point.label, _cells(found["largest"]) if found else (Cell(ends[2:], 1 + storeys),))
         return
     yield Row(f"{point.label}: {ends}")
     for name, row in found.items():
-        yield Row(name, tuple(Cell(number(value) if np.isfinite(value) else "-") for value in row))
+        yield Row(name, _cells(row))
+
+
+def _cells(errors: Array) -> tuple[Cell, ...]:
+    return tuple(Cell(number(value) if np.isfinite(value) else "-") for value in errors)
 
 
 def _more_points(sweep: Sweep) -> list[str]:
@@ -147,7 +151,9 @@ def _extremes(sweep: Sweep) -> list[str]:
         varied = {key: values[run] for key, values in sweep.varied.items()}
         where = f"{label(varied)}, seed {sweep.seed[run]}" if varied else f"seed {sweep.seed[run]}"
         storey = 1 + int(np.nanargmax(errors[run]))
-        lines.append(f"{name} error: {number(worst[place])} m/s^2 (storey {storey}) at {where}, run {run + 1}")
+        lines.append(
+            f"{name} error: {number(MM_PER_M * worst[place])} mm/s^2 (storey {storey}) at {where}, run {run + 1}"
+        )
     return lines
 
 

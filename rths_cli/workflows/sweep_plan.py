@@ -81,7 +81,7 @@ def as_text(value: Any) -> str:
         return value
     if isinstance(value, float):
         return f"{value:.10g}"
-    return json.dumps(value)
+    return json.dumps(value).replace('"', "")
 
 
 def read_grid(vary: Sequence[str], seeds: str | None, own_seed: int) -> Grid:

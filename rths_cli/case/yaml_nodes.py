@@ -10,7 +10,7 @@ import math
 import os
 import re
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -72,6 +72,13 @@ def _parsed(text: str, source: Source) -> tuple[Node | None, tuple[Fault, ...]]:
 
 def parse(text: str, source: Source) -> tuple[Node | None, list[Fault]]:
     """Return the document of a YAML text and its faults; the document is None when nothing can be used."""
+    node, faults = _parsed(text, source)
+    return node, list(faults)
+
+
+@lru_cache(maxsize=100)
+def _parsed(text: str, source: Source) -> tuple[Node | None, Sequence[Fault]]:
+    """Read a text once: cases of one command name the same structures and rigs."""
     try:
         raw = _Loader(text).get_single_node()
     except _TooMuch as error:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import json
+import os
 import sys
 from collections.abc import Sequence
 from typing import NoReturn
@@ -14,11 +15,24 @@ from rths_cli.cli.group import SIGNALS, cli
 from rths_cli.errors import InputError, RthsError, write_crash_file
 from rths_cli.process import INTERRUPTED, TERMINATED, Terminated
 
+BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")  # read when numpy is imported
+
 
 def main() -> NoReturn:
     """Run the command line and leave with the exit code of DESIGN.md section 2."""
     SIGNALS.install()
+    _one_blas_thread()
     sys.exit(_guarded())
+
+
+def _one_blas_thread() -> None:
+    """Let linear algebra run in one thread, unless the user set their number.
+
+    For matrices of some tens of rows the threads wait for each other longer than they work (a run took three times as
+    long on two busy cores), and the last bits of a sum would depend on the number of cores.
+    """
+    for name in BLAS_THREADS:
+        os.environ.setdefault(name, "1")
 
 
 def _guarded() -> int:

@@ -126,13 +126,13 @@ def _kit() -> _Kit:
 def _stored_type(dtype: np.dtype[Any]) -> TypeID:
     from h5py import h5t
 
-    return h5t.py_create(dtype, logical=True)
+    return h5t.py_create(dtype)
 
 
 def _layout(data: NDArray[Any]) -> PropDCID:
     """Return where and how the values of a dataset stand in the file."""
     if not compresses_well(data):
-        return _kit().in_header if 0 < data.nbytes <= IN_HEADER_BYTES else _kit().plain
+        return _kit().in_header if data.nbytes <= IN_HEADER_BYTES else _kit().plain
     chunked = _kit().plain.copy()
     chunked.set_chunk((1,) * (data.ndim - 1) + (min(CHUNK, data.shape[-1]),))
     chunked.set_shuffle()

@@ -13,6 +13,7 @@ from rths_cli.lti import Array
 from rths_cli.structure.chain import first_mode_ratio, modal_damping_matrix, storey_matrix, storey_values
 from rths_cli.structure.inverse import stiffness_from_frequencies
 from rths_cli.structure.parts import Building, Numerical, Specimen, assemble
+from rths_cli.structure.search import crossing, summit
 
 
 class NumericalSpec(Protocol):
@@ -162,8 +163,6 @@ def _equal_dashpot(numerical: Numerical, specimen: Specimen, interface_mass: flo
     The ratio is that of the complex eigenvalue; it rises with the dashpot up to a greatest value, then falls
     because the numerical storeys lock. Raises InputError when the target is outside the rising branch.
     """
-    from scipy.optimize import brentq
-
     chain = storey_matrix(np.ones(len(numerical.masses_kg)))
 
     def ratio(dashpot: float) -> float:
@@ -176,7 +175,7 @@ def _equal_dashpot(numerical: Numerical, specimen: Specimen, interface_mass: flo
     low, high = _rising_bracket(ratio, target if target > lowest else np.inf, first_step)
     greatest = ratio(high)
     if lowest < target <= greatest:
-        c = float(brentq(lambda dashpot: ratio(dashpot) - target, low, high, rtol=1e-12))
+        c = crossing(lambda dashpot: ratio(dashpot) - target, low, high)
         if abs(ratio(c) - target) < 1e-9:
             return c
     raise InputError(
@@ -194,8 +193,6 @@ def _critical_dashpot(numerical: Numerical, chain: Array) -> float:
 
 def _rising_bracket(ratio: Callable[[float], float], target: float, first_step: float) -> tuple[float, float]:
     """Return two dashpots with the target between their ratios, or an interval up to the greatest ratio."""
-    from scipy.optimize import minimize_scalar
-
     before, low, high = 0.0, 0.0, first_step
     previous, current = ratio(low), ratio(high)
     while previous < current < target:
@@ -203,5 +200,4 @@ def _rising_bracket(ratio: Callable[[float], float], target: float, first_step: 
         previous, current = current, ratio(high)
     if current >= target:
         return low, high
-    top = float(minimize_scalar(lambda c: -ratio(c), bounds=(before, high), method="bounded").x)
-    return before, top
+    return before, summit(ratio, before, high)

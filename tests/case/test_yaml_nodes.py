@@ -157,3 +157,10 @@ def test_a_fault_without_key_is_a_sentence_of_its_file() -> None:
     node, faults = parse("a: 1", HERE)
     assert node is not None and faults == []
     assert str(Fault(node.children["a"].mark, "", "is wrong")) == "a.yaml:1:4: is wrong"
+
+
+def test_a_text_read_twice_gives_faults_of_its_own_each_time() -> None:
+    _, faults = parse("a: 1\na: 2\n", HERE)
+    faults.clear()
+    assert [fault.key for fault in parse("a: 1\na: 2\n", HERE)[1]] == ["a"]
+    assert [str(fault.mark) for fault in parse("a: 1\na: 2\n", Source("b.yaml", Path(".")))[1]] == ["b.yaml:2:1"]

@@ -191,6 +191,11 @@ def test_a_dataset_or_axis_that_does_not_say_what_it_is_is_refused(tmp_path):
     ):
         writer.group("sim", {"a": accel(ACCEL[:2])}, TIME, STOREYS)
     with (
+        pytest.raises(ValueError, match=r"a: axis 0 has 2 values, scale storey does not"),
+        ResultWriter(path, ATTRIBUTES) as writer,
+    ):
+        writer.group("sim", {"a": accel(ACCEL[:2], dims=("storey", "time_s"))}, TIME, STOREYS)
+    with (
         pytest.raises(ValueError, match="needs units"),
         ResultWriter(path, ATTRIBUTES) as writer,
     ):

@@ -1,0 +1,105 @@
+"""What commands import before they answer: the imports of what they do not need are most of their start-up."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HEAVY = ("numpy", "scipy", "numba", "llvmlite", "pydantic", "h5py", "matplotlib", "rich", "yaml", "control")
+NUMERICAL = ("scipy", "numba", "llvmlite", "matplotlib", "rich", "control", "yaml", "pydantic")
+TREE = Path(__file__).parents[2]
+
+
+def imported(code: str, *words: str, cwd: Path | None = None) -> set[str]:
+    """Return the modules that a process holds after it ran `code`, and then the command of `words`."""
+    text = (
+        f"import sys; sys.argv = {['rths', *words]!r}\n{code}\n"
+        + ("import rths_cli.cli as c\ntry: c.main()\nexcept SystemExit: pass\n" if words else "")
+        + "print(*sys.modules, file=sys.stderr)"
+    )
+    path = os.pathsep.join(filter(None, [str(TREE), os.environ.get("PYTHONPATH")]))
+    environment = {**os.environ, "PYTHONPATH": path}
+    done = subprocess.run(
+        [sys.executable, "-c", text], capture_output=True, text=True, cwd=cwd, env=environment, timeout=60, check=True
+    )
+    return set(done.stderr.split())
+
+
+def heavy(modules: set[str], names: tuple[str, ...]) -> list[str]:
+    return [name for name in names if name in modules]
+
+
+@pytest.mark.parametrize("words", [("--help",), ("run", "--help"), ("--version",), ("run", "--frobnicate")])
+def test_help_and_bad_usage_import_nothing_heavy(words: tuple[str, ...]) -> None:
+    modules = imported("", *words)
+    assert "rths_cli.cli" in modules and not heavy(modules, HEAVY)
+
+
+def test_a_case_is_read_without_numerical_libraries() -> None:
+    modules = imported("from rths_cli.case.load import load_cases; load_cases(['el_centro_low_ff_fb'])")
+    assert "pydantic" in modules and not heavy(modules, ("numpy", "scipy", "numba", "h5py", "matplotlib", "rich"))
+
+
+def test_a_record_is_filtered_and_judged_without_scipy() -> None:
+    code = """
+import numpy as np
+from rths_cli.files.accelerograms import Accelerogram
+from rths_cli.metrics import error_figures, fitted_delay_s, tracking_criteria
+from rths_cli.record import prepare, response_spectrum
+made = Accelerogram(0.01, np.sin(np.arange(600.0)), "made", "made", "m/s^2", "one column", "")
+motion = prepare(made, 1.0, 200.0)
+response_spectrum(motion, [1.0])
+late = np.roll(motion.accel_m_s2, 3)
+error_figures(motion.accel_m_s2, late, motion.dt_s)
+fitted_delay_s(motion.accel_m_s2, late, motion.dt_s), tracking_criteria(motion.accel_m_s2, late, motion.dt_s)
+"""
+    imported(code)  # compiles what this machine has not compiled yet
+    assert not heavy(imported(code), ("scipy", "numba", "matplotlib", "rich"))
+
+
+def test_a_building_is_made_without_scipy() -> None:
+    code = """
+from rths_cli.case.load import load_cases
+from rths_cli.structure import build
+case = load_cases(["el_centro_low_ff_fb"])[0]
+build(case.structure, case.damping)
+"""
+    modules = imported(code)
+    assert "rths_cli.structure.search" in modules and not heavy(modules, ("scipy", "numba", "matplotlib"))
+
+
+def test_results_are_written_and_reported_with_numpy_and_h5py_alone(tmp_path: Path) -> None:
+    code = """
+from pathlib import Path
+from rths_cli.files.results import Metric, ResultWriter
+with ResultWriter(Path("a.h5"), {"rig_kind": "virtual", "case_name": "a"}) as writer:
+    writer.metrics({"exp_rths.rms_error_m_s2": Metric([0.1, 0.2], "m/s^2", "rms")})
+    writer.finish("complete")
+"""
+    modules = imported(code, "report", "a.h5", cwd=tmp_path)
+    assert {"h5py", "rths_cli.report.tables"} <= modules and not heavy(modules, NUMERICAL)
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="threads are counted where Linux lists them")
+def test_linear_algebra_runs_in_one_thread_unless_the_user_says_otherwise(monkeypatch: pytest.MonkeyPatch) -> None:
+    code = """
+import sys; sys.argv = ['rths', '--help']
+import rths_cli.cli as c
+try: c.main()
+except SystemExit: pass
+import os, numpy as np
+a = np.ones((600, 600)); a @ a
+print(len(os.listdir('/proc/self/task')), os.environ['OPENBLAS_NUM_THREADS'], file=sys.stderr)
+"""
+    for stated, expected in (("", "1 1"), ("3", None)):
+        monkeypatch.delenv("OPENBLAS_NUM_THREADS", raising=False)
+        if stated:
+            monkeypatch.setenv("OPENBLAS_NUM_THREADS", stated)
+        environment = {**os.environ, "PYTHONPATH": str(TREE)}
+        done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
+        assert done.stderr.split()[1] == (stated or "1")
+        assert expected is None or done.stderr.strip() == expected

@@ -59,15 +59,7 @@ def read_file(path: Path) -> tuple[str, Node | None, list[Fault]]:
         line = data.count(b"\n", 0, error.start) + 1
         column = error.start - (data.rfind(b"\n", 0, error.start) + 1) + 1
         return "", None, [Fault(Mark(source, line, column), "", "is not UTF-8 text; save the file as UTF-8")]
-    node, faults = _parsed(text, source)
-    return text, node, list(faults)
-
-
-@lru_cache(maxsize=32)
-def _parsed(text: str, source: Source) -> tuple[Node | None, tuple[Fault, ...]]:
-    """Return what `parse` does; the cases of a batch or a sweep name the same few files."""
-    node, faults = parse(text, source)
-    return node, tuple(faults)
+    return text, *parse(text, source)
 
 
 def parse(text: str, source: Source) -> tuple[Node | None, list[Fault]]:

@@ -57,6 +57,7 @@ class Swept:
 
 def run_sweep(request: SweepRequest, watcher: Watcher) -> Swept:
     """Play what is not played yet and write the table; raises InputError with all faults before the first run."""
+    first_here = not is_compiled()  # asked before a record is filtered, which compiles a part
     shared = Shared(request.overrides, watcher.doing)
     points = check_points(request.asked, shared, watcher.doing)
     path = request.output or Path("sweeps") / f"{points.base.case.name}.h5"
@@ -65,6 +66,8 @@ def run_sweep(request: SweepRequest, watcher: Watcher) -> Swept:
     if request.csv is not None:
         check_writable(request.csv.parent)
     played = 0 if begun is None else points.grid.variants - len(begun.rows)
+    if begun is not None:
+        _tell(points, begun, first_here, watcher)
     sweep = read_sweep(path) if begun is None else _play(points, shared, begun, request, watcher)
     if request.csv is not None:
         write_csv(request.csv, sweep)
@@ -80,7 +83,6 @@ def _attributes(points: Points, command_line: str) -> dict[str, str | int | floa
 
 def _play(points: Points, shared: Shared, begun: Begun, request: SweepRequest, watcher: Watcher) -> Sweep:
     """Play the runs that are left, keep each row at once, and write the table when all are there."""
-    _tell(points, begun, watcher)
     rows, count = dict(begun.rows), points.grid.variants
     start, before = time.monotonic(), len(rows)
     with RowsFile(rows_path(begun.path), begun.attributes, begun.resumed) as file:
@@ -98,7 +100,7 @@ def _play(points: Points, shared: Shared, begun: Begun, request: SweepRequest, w
     return sweep
 
 
-def _tell(points: Points, begun: Begun, watcher: Watcher) -> None:
+def _tell(points: Points, begun: Begun, first_here: bool, watcher: Watcher) -> None:
     """Say what a user should know before the first run."""
     known = {column.path for column in columns()}
     left = [path for path in points.base.case.accept if path.partition("[")[0] not in known]
@@ -106,7 +108,7 @@ def _tell(points: Points, begun: Begun, watcher: Watcher) -> None:
         watcher.message(f"note: a sweep does not compute {', '.join(left)}: the accept limits on that are not judged")
     if begun.resumed:
         watcher.message(f"{len(begun.rows)} of {points.grid.variants} runs were played before")
-    if not is_compiled():
+    if first_here:
         watcher.message("first run of this version here: compiling the real-time step, about 20 s more")
 
 

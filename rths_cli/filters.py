@@ -31,13 +31,14 @@ def butterworth(order: int, corner_hz: float, sample_rate_hz: float, kind: Liter
     """
     if order < 1 or not 0.0 < corner_hz < 0.5 * sample_rate_hz:
         raise ValueError(f"no Butterworth filter of order {order} and corner {corner_hz:g} Hz at {sample_rate_hz:g} Hz")
-    warped = 4.0 * math.tan(math.pi * corner_hz / sample_rate_hz)  # in rad per half a sample, as the analog poles
-    unit = -np.exp(-0.5j * np.pi * np.arange((order - 1) % 2, order, 2) / order)  # one of each pair, or the real one
-    analog, zero = warped * unit, (-1.0 if kind == "low" else 1.0)  # a high pass has the conjugates, the same set
+    warped = 4.0 * math.tan(0.5 * math.pi * (2.0 * corner_hz / sample_rate_hz))  # rad per half a sample, as the poles
+    unit = -np.exp(0.5j * np.pi * np.arange((order - 1) % 2, order, 2) / order).conj()  # one of each pair, or the real
+    analog, zero = (warped * unit, -1.0) if kind == "low" else (warped / unit, 1.0)
     pole = (4.0 + analog) / (4.0 - analog)
     rows = [_of_pole(p, zero, single=order % 2 == 1 and i == 0) for i, p in enumerate(pole)]
-    each = np.abs((warped if kind == "low" else 4.0) / (4.0 - analog)) ** np.where(unit.imag > 0.0, 2, 1)
-    rows[0][:3] *= np.prod(each)
+    pairs = analog[unit.imag > 0.0]
+    every = np.concatenate([analog[unit.imag <= 0.0], pairs, pairs.conj()])
+    rows[0][:3] *= ((warped if kind == "low" else 4.0) ** order / np.prod(4.0 - every)).real
     return np.array(rows)
 
 
@@ -45,7 +46,7 @@ def _of_pole(pole: complex, zero: float, single: bool) -> Array:
     """Return the row (6,) of a pole, alone or with its conjugate, and as many equal zeros."""
     if single:
         return np.array([1.0, -zero, 0.0, 1.0, -pole.real, 0.0])
-    return np.array([1.0, -2.0 * zero, 1.0, 1.0, -2.0 * pole.real, abs(pole) ** 2])
+    return np.array([1.0, -2.0 * zero, 1.0, 1.0, -2.0 * pole.real, pole.real**2 + pole.imag**2])
 
 
 def section(numerator: Sequence[float], denominator: Sequence[float]) -> Array:

@@ -34,6 +34,7 @@ SOURCES = (
     "tiles.py",
     "rigs/virtual/plant.py",
     "rigs/virtual/kernel.py",
+    "analysis/delay_kernel.py",
 )
 SOURCE_FOLDERS = ("loop",)
 WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
@@ -89,16 +90,25 @@ class Entry(Part):
         super().__init__(function)
         self._loaded: dict[str, Callable[[list[Any]], object]] = {}
 
-    def __call__(self, *arguments: object) -> object:
+    def __call__(self, *arguments: object) -> Any:
         """Run the compiled function."""
         return self.bind(*arguments)()
 
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Return the kinds of arguments it has run with."""
+        return tuple(self._loaded)
+
     def bind(self, *arguments: object) -> Callable[[], Any]:
-        """Return a function without arguments that runs on these; their arrays must live as long as it."""
+        """Return a function without arguments that runs on these, the same arrays every time."""
         flat: list[Any] = []
         kind = ",".join(_flatten(argument, flat) for argument in arguments)
         run = self._loaded.get(kind) or self._load(kind, arguments)
-        return lambda: run(flat)
+
+        def bound(_kept: object = arguments) -> Any:  # the arrays live as long as the function
+            return run(flat)
+
+        return bound
 
     def _load(self, kind: str, arguments: tuple[object, ...]) -> Callable[[list[Any]], object]:
         with _LOCK:
@@ -124,16 +134,16 @@ class Entry(Part):
         signature = tuple(numba.typeof(argument) for argument in arguments)
         self.dispatcher.compile(signature)
         made = self.dispatcher.overloads[signature]
-        about = {"symbol": made.fndesc.llvm_func_name, "result": str(made.signature.return_type)}
+        about = {"symbol": made.fndesc.llvm_func_name, "result": _plain(made.signature.return_type)}
         code = made.library._get_compiled_object()
         if b"\0numba_" in code:  # calls into numba: on the way to an exception, or to memory
             raise TypeError(f"{self.function.__qualname__} could raise or allocate: compiled code must not")
         return json.dumps(about).encode() + b"\n" + code
 
 
-def entry(function: F) -> F:
+def entry(function: Callable[..., object]) -> Entry:
     """Compile a function that Python may call."""
-    return Entry(function)  # type: ignore[return-value]
+    return Entry(function)
 
 
 def part(function: F) -> F:
@@ -178,6 +188,11 @@ def _flatten(value: object, flat: list[Any]) -> str:
         return "int"
     flat.append(ctypes.c_double(float(value)))  # type: ignore[arg-type]
     return "float"
+
+
+def _plain(kind: Any) -> str:
+    """Return the name of a result's kind; a constant counts as its kind."""
+    return str(getattr(kind, "literal_type", kind))
 
 
 def _callable(kept: bytes) -> Callable[[list[Any]], object]:

@@ -1,4 +1,4 @@
-"""Matrix times vector as compiled code does it: four rows at a time, so that the processor works on all four at once."""
+"""Matrix times vector in compiled code: four rows at a time, which the processor works on at once."""
 
 from __future__ import annotations
 

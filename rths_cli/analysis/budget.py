@@ -67,6 +67,7 @@ def split(known: Known, signals: Signals) -> Budget:
     lines, loop, still = known.lines, known.loop, np.zeros_like(known.ground)
     command = lines.of(signals.command_v) / loop.ahead
     corrected = lines.of(signals.corrected) / loop.ahead
+    sim, reported = lines.of(signals.sim), lines.of(signals.reported)
     desired = lines.of_motion(*signals.desired)
     added = command - _wanted(known, desired, corrected[0])
     disturbed = corrected - loop.rig * command
@@ -75,12 +76,12 @@ def split(known: Known, signals: Signals) -> Budget:
     perfect = on_perfect_table(loop, known.floors, known.ground)
     quiet = np.zeros_like(nominal.tracking)
     series = {
-        "declared": (lines.of(signals.sim) - known.sim, quiet),
+        "declared": (sim - known.sim, quiet),
         "coupling": (known.sim - perfect.storeys, quiet),
         "latency": (perfect.storeys - nominal.storeys, nominal.tracking),
         "rounding": _error(hybrid(loop, still, np.zeros_like(disturbed), added)),
     } | {name: _error(hybrid(loop, still, part)) for name, part in parts.items()}
-    measured = (lines.of(signals.sim - signals.reported), lines.of(signals.desired[0]) - corrected[0] * loop.ahead)
+    measured = (sim - reported, lines.of(signals.desired[0]) - corrected[0] * loop.ahead)
     left = tuple(whole - sum(pair[i] for pair in series.values()) for i, whole in enumerate(measured))
     return Budget({name: _errors(known, *series[name]) for name in CAUSES}, _errors(known, *measured),
                   _errors(known, *left), *fitted)  # fmt: skip

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from rths_cli.analysis.lines import Lines
-from rths_cli.lti import Array, ComplexArray
+from rths_cli.control.numerical import state_space
+from rths_cli.lti import Array, ComplexArray, StateSpace
 from rths_cli.metrics import rms
 from rths_cli.structure import Building
 
@@ -18,15 +19,12 @@ def delayed_rms(
     `floors` (1 + n, m): accelerations of table (one) and floors per table acceleration; `ground` (m,) acceleration and
     `sim` (n_storeys, m) on lines. Numerical part: Eq. 2.3, base shear: Eq. 2.6. The delay must be below the critical.
     """
-    numerical, s = building.numerical, 2j * np.pi * lines.frequency_hz[:, None, None]
-    count = len(numerical.masses_kg)
+    p = len(building.numerical.masses_kg)
     masses = np.concatenate([[building.interface_experimental_mass_kg], building.specimen.masses_kg])
-    late = -(masses @ floors) * np.exp(-2j * np.pi * lines.frequency_hz * delay_s)
-    stiffness = s**2 * np.diag(numerical.masses_kg) + s * numerical.C + numerical.K
-    pushed = -numerical.masses_kg * ground[:, None]
-    pushed[:, -1] += late * ground
-    stiffness[:, -1, -1] -= late * s[:, 0, 0] ** 2
-    relative = np.linalg.solve(stiffness, pushed[..., None])[..., 0].T
-    storeys = ground + s[:, 0, 0] ** 2 * relative
-    whole = np.vstack([storeys, floors[1:] * storeys[count - 1]])
+    late = -(masses @ floors) * np.exp(-2j * np.pi * lines.frequency_hz * delay_s)  # base shear per interface's accel
+    system = state_space(building.numerical)
+    accels = StateSpace(system.A, system.B, system.C[2 * p :], system.D[2 * p :]).response(lines.frequency_hz)
+    interface = accels[-1, 0] * ground / (1.0 - accels[-1, 1] * late)
+    storeys = accels[:, 0] * ground + accels[:, 1] * late * interface
+    whole = np.vstack([storeys, floors[1:] * interface])
     return rms(lines.series((sim - whole) * lines.test_band()))

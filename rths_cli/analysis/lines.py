@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
+from rths_cli.filters import butterworth, fast_length, response
 from rths_cli.lti import Array, ComplexArray
 from rths_cli.metrics import BAND_HZ, BAND_ORDER
 
@@ -76,15 +78,18 @@ class Lines:
 
     def test_band(self) -> Array:
         """Return what the test band's filter, forward and backward, leaves of each line, (m,)."""
-        from scipy.signal import butter, sosfreqz
+        return _test_band(self)
 
-        _, once = sosfreqz(butter(BAND_ORDER, BAND_HZ, fs=1.0 / self.dt_s, output="sos"), np.angle(self.z))
-        return np.abs(once) ** 2
+
+@lru_cache(maxsize=8)
+def _test_band(lines: Lines) -> Array:
+    sections = butterworth(BAND_ORDER, BAND_HZ, 1.0 / lines.dt_s)
+    band = np.asarray(np.abs(response(sections, lines.frequency_hz, 1.0 / lines.dt_s)) ** 2)
+    band.flags.writeable = False
+    return band
 
 
 def lines_for(samples: int, dt_s: float, ring_s: float) -> Lines:
     """Return the lines of a record after which motions ring for `ring_s`; at most three times its length is added."""
-    from scipy.fft import next_fast_len
-
     rest = min(max(round(ring_s / dt_s), samples), 3 * samples)
-    return Lines(samples, next_fast_len(samples + rest, real=True), dt_s)
+    return Lines(samples, fast_length(samples + rest), dt_s)

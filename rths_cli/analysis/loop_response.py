@@ -10,7 +10,7 @@ c the corrected samples, e what disturbs them, d, v, x the desired motion of the
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -79,17 +79,28 @@ def loop_response(rig: IdentifiedRig, blocks: Blocks, storeys: Block, z: Complex
     samples[0] += (change * (1.0 - 1.0 / z) + total * (1.0 + 1.0 / z)) * z ** -max(rig.latency_samples, 1)
     estimator = _at(blocks.estimator, frequency)
     late = z[None, :] ** (np.arange(blocks.lead_samples) - blocks.lead_samples)[:, None]
-    p = len(storeys.C) // 3
+    numerical, accels = _numerical(blocks.numerical, storeys, frequency)
     return LoopResponse(
         rig=samples,
         from_samples=np.einsum("e,ecm->cm", blocks.shear_estimate, estimator) + blocks.shear_measured[:, None],
         from_desired=blocks.shear_recent @ late + blocks.shear_desired,
-        numerical=_at(blocks.numerical, frequency),
-        storeys=_at(storeys, frequency)[2 * p :],
+        numerical=numerical,
+        storeys=accels,
         feedforward=_at(blocks.feedforward, frequency)[0],
         feedback=_at(blocks.feedback, frequency)[0, 0],
         ahead=z**blocks.lead_samples,
     )
+
+
+def _numerical(interface: Block, storeys: Block, frequency_hz: Array) -> tuple[ComplexArray, ComplexArray]:
+    """Return the responses of the interface's motion and of all storeys' accelerations: one block, read out twice."""
+    accels = slice(2 * len(storeys.C) // 3, None)
+    rows = replace(storeys, C=storeys.C[accels], D=storeys.D[accels])
+    if not (np.array_equal(interface.A, storeys.A) and np.array_equal(interface.B, storeys.B)):
+        return _at(interface, frequency_hz), _at(rows, frequency_hz)
+    both = replace(rows, C=np.vstack([interface.C, rows.C]), D=np.vstack([interface.D, rows.D]))
+    found = _at(both, frequency_hz)
+    return found[: len(interface.C)], found[len(interface.C) :]
 
 
 def _at(block: Block, frequency_hz: Array) -> ComplexArray:

@@ -78,18 +78,16 @@ def predict(known: Known) -> Prediction:
     nominal = hybrid(known.loop, known.ground, nothing)
     perfect = on_perfect_table(known.loop, known.floors, known.ground)
     still = np.zeros_like(known.ground)
+    disturbed = {"model": _model_error(known, nominal), "friction": friction_samples(known)}
+    made = {name: hybrid(known.loop, still, samples) for name, samples in disturbed.items()}
     series = {
         "coupling": known.sim - perfect.storeys,
         "latency": perfect.storeys - nominal.storeys,
-        "model": -hybrid(known.loop, still, _model_error(known, nominal)).storeys,
-        "friction": -hybrid(known.loop, still, friction_samples(known)).storeys,
-    }
+    } | {name: -motion.storeys for name, motion in made.items()}
     tracking = {
         "coupling": np.zeros_like(nominal.tracking),
         "latency": nominal.tracking,
-        "model": hybrid(known.loop, still, _model_error(known, nominal)).tracking,
-        "friction": hybrid(known.loop, still, friction_samples(known)).tracking,
-    }
+    } | {name: motion.tracking for name, motion in made.items()}
     powers = _stochastic(known)
     causes = {name: Errors(_rms(known, series[name]), float(_rms(known, tracking[name]))) for name in series}
     causes |= {name: Errors(np.sqrt(power[:-1]), float(np.sqrt(power[-1]))) for name, power in powers.items()}

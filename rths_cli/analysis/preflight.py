@@ -8,7 +8,7 @@ from decimal import ROUND_DOWN, Context
 
 import numpy as np
 
-from rths_cli.analysis.closed_loop import closed_loop_matrix, spectral_radius
+from rths_cli.analysis.closed_loop import closed_loop_matrix
 from rths_cli.analysis.critical_delay import CriticalDelay
 from rths_cli.analysis.identified_rig import IdentifiedRig
 from rths_cli.analysis.lines import HIGHEST_HZ
@@ -156,8 +156,9 @@ def stability(
 ) -> Stability:
     """Return the stability of the sampled loop of identified rig and blocks for a record of so many samples."""
     matrix = closed_loop_matrix(rig, blocks)
-    radius = spectral_radius(matrix)
-    frequency = _grid(matrix, rig.plant.dt_s)
+    values = np.linalg.eigvals(matrix).astype(complex)
+    radius = float(np.abs(values).max())
+    frequency = _grid(values, rig.plant.dt_s)
     loop = loop_response(rig, blocks, storeys, np.exp(2j * np.pi * frequency * rig.plant.dt_s))
     on_data = loop.with_rig(data_ratio(model, measured, frequency))
     tolerated = np.minimum(_tolerated(on_data), _tolerated(loop.loop))
@@ -194,11 +195,10 @@ def required(frequency_hz: Array, identified_hz: float) -> Array:
     return np.where(frequency_hz <= top, inside, at_top ** (1.0 - share))
 
 
-def _grid(matrix: Array, dt_s: float) -> Array:
-    """Return frequencies in Hz on which the loop is looked at, dense about its modes."""
-    values = np.linalg.eigvals(matrix)
+def _grid(values: ComplexArray, dt_s: float) -> Array:
+    """Return frequencies in Hz on which a loop of these eigenvalues (n,) is looked at, dense about its modes."""
     values = values[np.abs(values) > 0.1]
-    modes = np.abs(np.log(values.astype(complex))) / (2.0 * np.pi * dt_s)
+    modes = np.abs(np.log(values)) / (2.0 * np.pi * dt_s)
     modes = np.unique(np.round(modes[(modes > LOWEST_HZ) & (modes < MODES_HZ)], 6))
     around = np.outer(modes, 1.0 + WIDTH * np.linspace(-1.0, 1.0, AROUND) ** 3).ravel()
     return np.unique(np.concatenate([np.geomspace(LOWEST_HZ, 0.4 / dt_s, POINTS), around]))

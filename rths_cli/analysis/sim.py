@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rths_cli.errors import InputError
+from rths_cli.filters import driven_modes
 from rths_cli.lti import Array, ComplexArray
 from rths_cli.structure import Building
 
@@ -111,21 +112,17 @@ def _modal_states(A: Array, B: Array, dt_s: float, record: Array) -> Array | Non
     participation = np.linalg.solve(vectors, B.astype(vectors.dtype))[:, 0]
     kept = np.flatnonzero(eigenvalues.imag >= 0)
     weights = vectors[:, kept] * np.where(eigenvalues[kept].imag > 0, 2.0, 1.0)
-    modal = np.empty((2, len(kept), len(record)))
-    for row, mode in enumerate(kept):
-        response = _one_mode(eigenvalues[mode], participation[mode], dt_s, record)
-        modal[0, row], modal[1, row] = response.real, response.imag
+    modal = _modes(eigenvalues[kept], participation[kept].astype(complex), dt_s, record)
     return np.hstack([weights.real, -weights.imag]) @ modal.reshape(2 * len(kept), -1)
 
 
-def _one_mode(eigenvalue: complex, participation: complex, dt_s: float, record: Array) -> ComplexArray:
-    """Solve dz/dt = eigenvalue z + participation a_g from rest, complex (n,)."""
-    from scipy.signal import lfilter
-
-    pole, (start, slope) = hold_matrices(np.array([[eigenvalue]]), np.array([[participation]]), dt_s, 1)
-    now, before = slope[0, 0], start[0, 0] - slope[0, 0]
-    response, _ = lfilter([now, before], [1.0, -pole[0, 0]], record, zi=[-now * record[0]])
-    return response
+def _modes(eigenvalues: ComplexArray, participation: ComplexArray, dt_s: float, record: Array) -> Array:
+    """Solve dz/dt = eigenvalue z + participation a_g from rest for modes (m,): real and imaginary part (2, m, n)."""
+    poles, starts, slopes = np.zeros((3, len(eigenvalues)), dtype=complex)
+    for i, (eigenvalue, drive) in enumerate(zip(eigenvalues, participation, strict=True)):
+        pole, (start, slope) = hold_matrices(np.array([[eigenvalue]]), np.array([[drive]]), dt_s, 1)
+        poles[i], starts[i], slopes[i] = pole.item(), start.item(), slope.item()
+    return driven_modes(poles, slopes, starts - slopes, record)
 
 
 def _recursive_states(A: Array, B: Array, dt_s: float, record: Array) -> Array:

@@ -6,7 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rths_cli.control.margins import Margins, margins, worst_sensitivity_peak
+from rths_cli.control.margins import (
+    Margins,
+    bandwidth_hz,
+    loop_curve,
+    margins,
+    sensitivity_peak,
+    worst_sensitivity_peak,
+)
 from rths_cli.control.realise import discretise, from_roots, static
 from rths_cli.control.riccati import riccati_gain
 from rths_cli.errors import InputError
@@ -111,7 +118,7 @@ def lqg(model: Model, noise: float, dt_s: float, weights: Weights = DEFAULT) -> 
     steady-state Kalman filter; it is driven by the command that was applied, so that a limit does not wind it up.
     More noise means less bandwidth.
     """
-    plant = _plant(model, dt_s, weights)
+    plant = _plant(sampled_table(model, dt_s), dt_s, weights)
     return _regulator(plant, _regulator_gain(model, plant, weights), noise, dt_s)
 
 
@@ -143,11 +150,10 @@ def unlimited(feedback: Block) -> Block:
     return Block(feedback.name, feedback.A, b, feedback.C, d, feedback.dt_s, feedback.inputs[:1], feedback.outputs)
 
 
-def _plant(model: Model, dt_s: float, weights: Weights) -> Plant:
-    """Return A, B, C, D of table and disturbance together, then B and D of the disturbance's white noise."""
+def _plant(table: StateSpace, dt_s: float, weights: Weights) -> Plant:
+    """Return A, B, C, D of sampled table and disturbance together, then B and D of the disturbance's white noise."""
     from scipy.linalg import block_diag
 
-    table = sampled_table(model, dt_s)
     low, high = (2.0 * np.pi * f for f in weights.disturbance_hz)
     colour = from_roots(np.zeros(1, dtype=complex), np.array([-low, -high], dtype=complex), high)
     shape = discretise(colour, dt_s, "foh", "disturbance", ("w",), ("d",))
@@ -199,7 +205,12 @@ def table_response(model: Model, measured: Frf | None, dt_s: float) -> Table:
 
 def is_stable(model: Model, block: Block, dt_s: float) -> bool:
     """Tell whether identified table and feedback together are stable (spectral radius below one)."""
-    t, k = sampled_table(model, dt_s), unlimited(block)
+    return _holds(sampled_table(model, dt_s), block)
+
+
+def _holds(t: StateSpace, block: Block) -> bool:
+    """Tell whether sampled table and feedback together are stable."""
+    k = unlimited(block)
     through = np.eye(1) + t.D @ k.D
     inner = np.linalg.inv(through)
     closed = np.block(
@@ -227,38 +238,58 @@ def design(
     """
     most = BAND_SHARE * model.band_hz[1]
     wanted = most if bandwidth_hz is None else min(bandwidth_hz, most)
-    table, plant = table_response(model, measured, dt_s), _plant(model, dt_s, weights)
+    table, sampled = table_response(model, measured, dt_s), sampled_table(model, dt_s)
+    plant = _plant(sampled, dt_s, weights)
     gain = _regulator_gain(model, plant, weights)
     low, high = NOISE_RANGE
-    best = _judge(_regulator(plant, gain, high, dt_s), table)
-    useful = _keeps(best, wanted, max_sensitivity)
+    best = _regulator(plant, gain, high, dt_s)
+    useful = _keeps(best, table, wanted, max_sensitivity)
     for _ in range(BISECTIONS):
         noise = float(np.sqrt(low * high))
-        found = _attempt(plant, gain, noise, dt_s, table)
-        if found and _keeps(found, wanted, max_sensitivity) and is_stable(model, found.block, dt_s):
+        found = _attempt(plant, gain, noise, dt_s)
+        if found and _keeps(found, table, wanted, max_sensitivity) and _holds(sampled, found):
             high, best, useful = noise, found, True
         else:
             low = noise
-    if not useful or _least_sensitivity(best.block, table, weights.disturbance_hz) > LEAST_USE:
+    if not useful or _least_sensitivity(best, table, weights.disturbance_hz) > LEAST_USE:
         raise InputError(
             f"controller: no feedback with a sensitivity peak of {max_sensitivity:g} or less is of use on this table; "
             "use controller: FF, raise max_sensitivity or lower command_weight"
         )
-    return best
+    return _judge(best, table)
 
 
-def _attempt(plant: Plant, gain: Array, noise: float, dt_s: float, table: Table) -> Feedback | None:
+def _attempt(plant: Plant, gain: Array, noise: float, dt_s: float) -> Block | None:
     """Return the feedback for this noise, None when it has no observer."""
     try:
-        return _judge(_regulator(plant, gain, noise, dt_s), table)
+        return _regulator(plant, gain, noise, dt_s)
     except InputError:
         return None
 
 
-def _keeps(found: Feedback, bandwidth_hz: float, max_sensitivity: float) -> bool:
+def _keeps(block: Block, table: Table, most_hz: float, max_sensitivity: float) -> bool:
     """Tell whether a feedback keeps both limits, and is stable on the measured response if it is with the model."""
-    peak = max(found.measured.sensitivity_peak, found.modelled.sensitivity_peak)
-    return found.bandwidth_hz <= bandwidth_hz and peak <= max_sensitivity and found.same_side
+    loop, modelled = _loops(block, table)
+    least = min(np.abs(1.0 + loop).min(), np.abs(1.0 + modelled).min())
+    if _apart(loop, modelled) >= 1.0 or least * max_sensitivity < 1.0:  # on the points already
+        return False
+    curve = loop_curve(loop, table.frequency_hz)
+    return (
+        bandwidth_hz(curve) <= most_hz
+        and sensitivity_peak(curve)[0] <= max_sensitivity
+        and sensitivity_peak(loop_curve(modelled, table.frequency_hz))[0] <= max_sensitivity
+    )
+
+
+def _loops(block: Block, table: Table) -> tuple[ComplexArray, ComplexArray]:
+    """Return the loop gain (n,) on the measured table and on the modelled one."""
+    response = block.response(table.frequency_hz)[0, 0]
+    return table.measured * response, table.modelled * response
+
+
+def _apart(loop: ComplexArray, modelled: ComplexArray) -> float:
+    """Return how far two loops are apart: below one they go round -1 alike (Rouche)."""
+    return float(np.abs((1.0 + loop) / (1.0 + modelled) - 1.0).max())
 
 
 def _least_sensitivity(block: Block, table: Table, band_hz: tuple[float, float]) -> float:
@@ -269,14 +300,8 @@ def _least_sensitivity(block: Block, table: Table, band_hz: tuple[float, float])
 
 def _judge(block: Block, table: Table) -> Feedback:
     """Return a feedback with its figures on a table."""
-    response = block.response(table.frequency_hz)[0, 0]
-    loop, modelled = table.measured * response, table.modelled * response
+    loop, modelled = _loops(block, table)
     with_data = margins(loop, table.frequency_hz)
-    apart = np.abs((1.0 + loop) / (1.0 + modelled) - 1.0)  # below one it cannot go round zero (Rouche)
-    return Feedback(
-        block,
-        with_data,
-        margins(modelled, table.frequency_hz),
-        max(worst_sensitivity_peak(loop, table.relative_error), with_data.sensitivity_peak),
-        bool(apart.max() < 1.0),
-    )
+    worst = max(worst_sensitivity_peak(loop, table.relative_error), with_data.sensitivity_peak)
+    on_model = margins(modelled, table.frequency_hz)
+    return Feedback(block, with_data, on_model, worst, _apart(loop, modelled) < 1.0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from rths_cli.control.realise import discretise, modal, residues, static
@@ -50,12 +52,16 @@ def lagged_inverse(model: Model, dt_s: float, lead_samples: int) -> Block:
 
 def low_pass_poles(delay_s: float, order: int) -> ComplexArray:
     """Return the poles of a Bessel low pass (unit gain) of this order whose low-frequency delay is `delay_s`."""
-    from scipy.signal import besselap
+    poles: ComplexArray = np.roots(_bessel_polynomial(order)).astype(complex)
+    return np.asarray(poles[np.argsort(-poles.imag)] / delay_s)
 
-    if order == 0:
-        return np.zeros(0, dtype=complex)
-    _, poles, _ = besselap(order, norm="delay")
-    return poles / delay_s
+
+def _bessel_polynomial(order: int) -> list[float]:
+    """Return the reverse Bessel polynomial, highest power first: (2 n - k)! / (2^(n - k) k! (n - k)!) at s^k."""
+    return [
+        math.factorial(2 * order - k) / (2 ** (order - k) * math.factorial(k) * math.factorial(order - k))
+        for k in range(order, -1, -1)
+    ]
 
 
 def _split_double_pole(

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rths_cli.lti import Array, ComplexArray
-
-if TYPE_CHECKING:
-    from scipy.interpolate import PPoly
+from rths_cli.control.monotone import Curve, monotone_curve
+from rths_cli.lti import Array, ComplexArray, Integers
 
 FINER = 8  # points between two of the response at which the sensitivity is looked at
 HALVINGS = 30
@@ -36,22 +33,41 @@ class Margins:
     bandwidth_hz: float
 
 
+@dataclass(frozen=True)
+class LoopCurve:
+    """A loop gain L between its points: log |L| (`size`) and its angle in rad (`phase`) over log f."""
+
+    size: Curve
+    phase: Curve
+
+
+def loop_curve(loop: ComplexArray, frequency_hz: Array) -> LoopCurve:
+    """Return a loop gain L (n,) at ascending frequencies > 0 (n,) in Hz as curves.
+
+    Between the points log L runs over log f as a monotone cubic, so the phase must change by less than half a turn
+    from one to the next.
+    """
+    log_f = np.log(frequency_hz)
+    gain = np.log(np.maximum(np.abs(loop), LEAST_GAIN))
+    return LoopCurve(monotone_curve(log_f, gain), monotone_curve(log_f, np.unwrap(np.angle(loop))))
+
+
 def margins(loop: ComplexArray, frequency_hz: Array) -> Margins:
     """Return the margins of a loop gain L (n,) with negative feedback at ascending frequencies > 0 (n,) in Hz.
 
-    Between the points log L runs over log f as a monotone cubic, so the phase must change by less than half a turn
-    from one to the next. The margins are distances from L = -1: that the loop is stable must be known from elsewhere.
-    Source: K. J. Astrom and R. M. Murray, Feedback Systems, section 9.3.
+    The margins are distances from L = -1: that the loop is stable must be known from elsewhere. Between the points L
+    is as in `loop_curve`. Source: K. J. Astrom and R. M. Murray, Feedback Systems, section 9.3.
     """
-    from scipy.interpolate import PchipInterpolator
+    return margins_of(loop_curve(loop, frequency_hz))
 
-    gain = np.log(np.maximum(np.abs(loop), LEAST_GAIN))
-    size = PchipInterpolator(np.log(frequency_hz), gain)
-    phase = PchipInterpolator(np.log(frequency_hz), np.unwrap(np.angle(loop)))
-    unity = _crossings(size, np.zeros(size.x.size - 1))
-    away = np.mod(phase(unity) + np.pi, 2.0 * np.pi)  # rad of further lag to -1, [0, 2 pi)
-    factors = 1.0 / np.exp(size(_half_turns(phase)))
-    peak, peak_hz = _peak(size, phase)
+
+def margins_of(curve: LoopCurve) -> Margins:
+    """Return the margins of a loop gain given as curves."""
+    stretch, share = _unity(curve)
+    unity = curve.size.place(stretch, share)
+    away = np.mod(curve.phase.at(stretch, share) + np.pi, 2.0 * np.pi)  # rad of further lag to -1, [0, 2 pi)
+    factors = 1.0 / np.exp(curve.size.at(*_half_turns(curve.phase)))
+    peak, peak_hz = sensitivity_peak(curve)
     return Margins(
         gain_margin=_smallest(factors[factors > 1.0]),
         gain_reduction_margin=_smallest(1.0 / factors[factors < 1.0]),
@@ -59,8 +75,26 @@ def margins(loop: ComplexArray, frequency_hz: Array) -> Margins:
         delay_margin_s=_smallest(away / (2.0 * np.pi * np.exp(unity))),
         sensitivity_peak=peak,
         peak_hz=peak_hz,
-        bandwidth_hz=float(np.exp(unity).max(initial=0.0)),
+        bandwidth_hz=bandwidth_hz(curve),
     )
+
+
+def bandwidth_hz(curve: LoopCurve) -> float:
+    """Return the highest frequency in Hz at which the loop gain is one, 0 when there is none."""
+    return float(np.exp(curve.size.place(*_unity(curve))).max(initial=0.0))
+
+
+def sensitivity_peak(curve: LoopCurve) -> tuple[float, float]:
+    """Return the largest |S| = |1 / (1 + L)| and its frequency in Hz."""
+    shares = np.arange(FINER) / FINER
+    gain = np.exp(curve.size.on(shares))
+    squared = 1.0 + gain * (gain + 2.0 * np.cos(curve.phase.on(shares)))  # |1 + L|^2
+    stretch, part = divmod(int(squared.argmin()), FINER)
+    last = np.abs(1.0 + np.exp(curve.size.y[-1] + 1j * curve.phase.y[-1]))
+    size, phase = (float(each.at(stretch, shares[part])) for each in (curve.size, curve.phase))
+    nearest = np.abs(1.0 + np.exp(size + 1j * phase))
+    place = curve.size.place(stretch, shares[part]) if nearest <= last else curve.size.x[-1]
+    return float(1.0 / min(nearest, last)), float(np.exp(place))
 
 
 def worst_sensitivity_peak(loop: ComplexArray, relative_error: Array) -> float:
@@ -72,31 +106,31 @@ def worst_sensitivity_peak(loop: ComplexArray, relative_error: Array) -> float:
     return float(1.0 / left.min()) if left.min() > 0.0 else float("inf")
 
 
-def _crossings(curve: PPoly, levels: Array) -> Array:
-    """Return where a curve over log f, monotone between its points, passes the level of that stretch (n - 1,)."""
-    left, right = curve(curve.x[:-1]) - levels, curve(curve.x[1:]) - levels
-    passed = (left < 0.0) != (right < 0.0)
-    low, high, level, rises = curve.x[:-1][passed], curve.x[1:][passed], levels[passed], (left < 0.0)[passed]
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        before = (curve(middle) < level) == rises
-        low, high = np.where(before, middle, low), np.where(before, high, middle)
-    return low
+def _unity(curve: LoopCurve) -> tuple[Integers, Array]:
+    """Return where the gain is one: stretches of the curve and shares of them, (m,)."""
+    return _crossings(curve.size, np.zeros(curve.size.x.size - 1))
 
 
-def _half_turns(phase: PPoly) -> Array:
-    """Return where (log f) a phase is half a turn, or that and whole turns, (m,)."""
-    turns = np.floor(phase(phase.x) / (2.0 * np.pi) - 0.5)
+def _half_turns(phase: Curve) -> tuple[Integers, Array]:
+    """Return where a phase is half a turn, or that and whole turns: stretches and shares of them, (m,)."""
+    turns = np.floor(phase.y / (2.0 * np.pi) - 0.5)
     return _crossings(phase, 2.0 * np.pi * (np.maximum(turns[:-1], turns[1:]) + 0.5))
 
 
-def _peak(size: PPoly, phase: PPoly) -> tuple[float, float]:
-    """Return the largest |S| and its frequency in Hz."""
-    points = np.arange((size.x.size - 1) * FINER + 1) / FINER
-    place = np.interp(points, np.arange(size.x.size), size.x)
-    sensitivity = 1.0 / np.abs(1.0 + np.exp(size(place) + 1j * phase(place)))
-    highest = int(sensitivity.argmax())
-    return float(sensitivity[highest]), float(np.exp(place[highest]))
+def _crossings(curve: Curve, levels: Array) -> tuple[Integers, Array]:
+    """Return where a curve, monotone between its points, passes the level of that stretch (n - 1,): stretches and
+    shares of them, (m,)."""
+    left, right = curve.y[:-1] < levels, curve.y[1:] < levels
+    passed = np.flatnonzero(left != right)
+    start, first, second, third = curve.cubic(passed)
+    start, rises = start - levels[passed], left[passed]
+    low, width = np.zeros(passed.size), 1.0
+    for _ in range(HALVINGS if passed.size else 0):
+        width *= 0.5
+        middle = low + width
+        before = (start + middle * (first + middle * (second + middle * third)) < 0.0) == rises
+        low = np.where(before, middle, low)
+    return passed, low
 
 
 def _smallest(values: Array) -> float:

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 
 from rths_cli.lti import Array, Block, ComplexArray, StateSpace
+
+Hold = Literal["foh", "zoh", "bilinear"]
 
 
 def residues(zeros: ComplexArray, poles: ComplexArray, gain: float) -> ComplexArray:
@@ -56,16 +60,47 @@ def from_roots(zeros: ComplexArray, poles: ComplexArray, gain: float) -> StateSp
 
 
 def discretise(
-    system: StateSpace, dt_s: float, method: str, name: str, inputs: tuple[str, ...], outputs: tuple[str, ...]
+    system: StateSpace, dt_s: float, method: Hold, name: str, inputs: tuple[str, ...], outputs: tuple[str, ...]
 ) -> Block:
     """Return the block of a continuous system: `foh` for inputs that are straight lines between samples, `zoh` for
     held ones, `bilinear` (Tustin)."""
     if system.A.shape[0] == 0:
         return static(system.D, dt_s, name, inputs, outputs)
-    from scipy.signal import cont2discrete
+    sampled = {"foh": _straight, "zoh": _held, "bilinear": _bilinear}[method](system, dt_s)
+    return Block(name, sampled.A, sampled.B, sampled.C, sampled.D, dt_s, inputs, outputs)
 
-    a, b, c, d, _ = cont2discrete((system.A, system.B, system.C, system.D), dt_s, method=method)
-    return Block(name, a, b, c, d, dt_s, inputs, outputs)
+
+def _held(system: StateSpace, dt_s: float) -> StateSpace:
+    """Return a system sampled exactly for inputs that are held from sample to sample."""
+    from scipy.linalg import expm
+
+    n, m = system.B.shape
+    both = expm(dt_s * np.block([[system.A, system.B], [np.zeros((m, n + m))]]))
+    return StateSpace(both[:n, :n], both[:n, n:], system.C, system.D)
+
+
+def _straight(system: StateSpace, dt_s: float) -> StateSpace:
+    """Return a system sampled exactly for inputs that are straight lines between samples, its state x less the end's
+    share of the input (Franklin, Powell, Workman, Digital Control of Dynamic Systems, section 6.3.2)."""
+    from scipy.linalg import expm
+
+    n, m = system.B.shape
+    chain = np.zeros((n + 2 * m, n + 2 * m))
+    chain[:n, :n], chain[:n, n : n + m] = system.A * dt_s, system.B * dt_s
+    chain[n : n + m, n + m :] = np.eye(m)
+    rows = expm(chain)[:n]
+    a, start, end = rows[:, :n], rows[:, n : n + m], rows[:, n + m :]
+    return StateSpace(a, start - end + a @ end, system.C, system.D + system.C @ end)
+
+
+def _bilinear(system: StateSpace, dt_s: float) -> StateSpace:
+    """Return a system with s = 2 / dt (z - 1) / (z + 1) (Tustin)."""
+    half: Array = np.asarray(0.5 * dt_s * system.A)
+    eye = np.eye(len(half))
+    a = np.asarray(np.linalg.solve(eye - half, eye + half), dtype=float)
+    b = np.asarray(np.linalg.solve(eye - half, dt_s * system.B), dtype=float)
+    c = np.asarray(np.linalg.solve((eye - half).T, system.C.T).T, dtype=float)
+    return StateSpace(a, b, c, system.D + 0.5 * system.C @ b)
 
 
 def static(gain: Array, dt_s: float, name: str, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> Block:

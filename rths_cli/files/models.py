@@ -12,7 +12,7 @@ import dataclasses
 import hashlib
 import io
 import os
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,10 +22,13 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.hdf5 import Dataset, write_group
+from rths_cli.files.hdf5_nodes import numbers
 from rths_cli.files.result_writer import Attribute, refusal
 
 if TYPE_CHECKING:
     import h5py
+    from h5py.h5d import DatasetID
+    from h5py.h5g import GroupID
 
 FORMAT = "rths-model"
 FORMAT_VERSION = 1
@@ -200,23 +203,33 @@ def _contents(path: Path, image: bytes) -> tuple[dict[str, Attribute], Contents]
 
 def _read_groups(file: h5py.File) -> Contents:
     """Return the values of every dataset that is content, by group; real and imaginary parts put together."""
-    import h5py
-
     groups: Contents = {}
-
-    def collect(name: str, node: h5py.Group | h5py.Dataset) -> None:
-        if isinstance(node, h5py.Dataset) and node.dtype.kind not in "iu":
+    for name, node in _nodes(file.id, ""):
+        if node.dtype.kind not in "iu":
             group, _, leaf = name.rpartition("/")
             groups.setdefault(group, {})[leaf] = _read(node)
-
-    file.visititems(collect)
     return {group: _joined(values) for group, values in groups.items()}
 
 
-def _read(node: h5py.Dataset) -> Any:
+def _nodes(group: GroupID, above: str) -> Iterator[tuple[str, DatasetID]]:
+    """Yield every dataset below a group with its path."""
+    from h5py import h5d, h5o
+
+    for name in group:
+        node, path = h5o.open(group, name), above + name.decode()
+        if isinstance(node, h5d.DatasetID):
+            yield path, node
+        else:
+            yield from _nodes(node, f"{path}/")
+
+
+def _read(node: DatasetID) -> Any:
     import h5py
 
-    return _value(node.asstr()[()] if h5py.check_string_dtype(node.dtype) else node[()])
+    if node.dtype == np.float64:
+        return _value(numbers(node))
+    stored = h5py.Dataset(node)
+    return _value(stored.asstr()[()] if h5py.check_string_dtype(node.dtype) else stored[()])
 
 
 def _joined(values: Mapping[str, Any]) -> dict[str, Any]:

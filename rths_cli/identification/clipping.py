@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from rths_cli.filters import filtered, section
 from rths_cli.lti import Array
 from rths_cli.rig_info import Channel
 
@@ -25,12 +26,11 @@ def as_sampled(accel: Array, channel: Channel, dt_s: float) -> Array:
     It undoes 1 + w_h / s (trapezoidal rule) and the lead 1 + T / dt (3/2 - 2/z + 1/2 z^-2), T = 1 / w_l,
     from rest.
     """
-    from scipy.signal import lfilter
-
     half = np.pi * channel.high_pass_hz * dt_s
     lead = 1.0 / (2.0 * np.pi * channel.low_pass_hz * dt_s) if channel.low_pass_hz > 0.0 else 0.0
-    coupled = lfilter([1.0, -1.0], [1.0 + half, half - 1.0], accel - accel[0])
-    return np.asarray(lfilter([1.0], [1.0 + 1.5 * lead, -2.0 * lead, 0.5 * lead], coupled))
+    coupling = section([1.0, -1.0], [1.0 + half, half - 1.0])
+    lag = section([1.0], [1.0 + 1.5 * lead, -2.0 * lead, 0.5 * lead])
+    return filtered(np.vstack([coupling, lag]), accel - accel[0])
 
 
 def flat_tops(accel: Array, rest_rms_m_s2: float = 0.0) -> int:

@@ -102,8 +102,8 @@ def _smallest(fits: list[Fit], table: Frf) -> Fit:
 def _misfit(found: Fit, table: Frf) -> float:
     """Return the rms weighted residual of a fit."""
     model = found.model
-    residual = problem_of(table, found.layout, timing_of(model), model.band_hz, ripple=True).residual(found.parameters)
-    return float(np.linalg.norm(residual))
+    problem = problem_of(table, found.layout, timing_of(model), model.band_hz, ripple=True)
+    return float(np.linalg.norm(problem.evaluated(found.parameters)[0]))
 
 
 def doubts(found: DelayEstimate | None) -> tuple[str, ...]:

@@ -60,33 +60,33 @@ def pack(gain: float, pole_pairs: Array, single_poles: Array, zero_pairs: Array)
 
 
 def response_and_slopes(layout: Layout, parameters: Array, s: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-    """Return |G| exp(j phase) for a positive gain at s (m,) and d log G / d parameter, (m, size)."""
+    """Return |G| exp(j phase) for a positive gain at s (m,) and d log G / d parameter, (size, m)."""
     poles, single, zeros = layout.pairs(parameters)
-    slopes = np.ones((len(s), layout.size), dtype=complex)
+    slopes = np.ones((layout.size, len(s)), dtype=complex)
     delay = layout.delay(parameters)
-    value = np.exp(parameters[0]) * s**2 * np.exp(-s * delay)
-    column = 1
-    for omega, zeta in poles:
-        factor, slopes[:, column : column + 2] = _pair(omega, zeta, s)
-        value, column = value / factor, column + 2
-    for corner in single:
-        slopes[:, column] = (s / corner) / (1.0 + s / corner)
-        value, column = value / (1.0 + s / corner), column + 1
-    first_zero = column
-    for omega, zeta in zeros:
-        factor, slopes[:, column : column + 2] = _pair(omega, zeta, s)
-        value, column = value * factor, column + 2
-    slopes[:, first_zero:column] *= -1.0
+    factors, of_pairs = _pairs(np.concatenate([poles, zeros]), s)
+    corners = 1.0 + s / single[:, None]
+    below = np.prod(factors[: len(poles)], axis=0) * np.prod(corners, axis=0)
+    value = np.exp(parameters[0]) * s**2 * np.exp(-s * delay) * np.prod(factors[len(poles) :], axis=0) / below
+    end, first_zero = 2 * len(poles), 1 + 2 * len(poles) + len(single)
+    slopes[1 : 1 + end] = of_pairs[:end]
+    slopes[1 + end : first_zero] = 1.0 - 1.0 / corners
+    slopes[first_zero : first_zero + 2 * len(zeros)] = -of_pairs[end:]
     if layout.fits_delay:
-        slopes[:, column] = -s * (delay - layout.delay_s)
+        slopes[-1] = -s * (delay - layout.delay_s)
     return value, slopes
 
 
-def _pair(omega: float, zeta: float, s: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-    """Return 1 + 2 zeta s / w + s^2 / w^2 and minus its logarithm's slopes by log w and log zeta, (m, 2)."""
-    damping, inertia = 2.0 * zeta * s / omega, (s / omega) ** 2
+def _pairs(pairs: Array, s: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+    """Return 1 + 2 zeta s / w + s^2 / w^2 of pairs (n, 2), (n, m), and minus its logarithm's slopes by log w and
+    log zeta, (2 n, m)."""
+    omega, zeta = pairs[:, :1], pairs[:, 1:]
+    over = s / omega
+    damping, inertia = 2.0 * zeta * over, over * over
     factor = 1.0 + damping + inertia
-    return factor, np.column_stack([(damping + 2.0 * inertia) / factor, -damping / factor])
+    share = damping / factor
+    by_frequency = 2.0 - 2.0 / factor - share  # (damping + 2 inertia) / factor
+    return factor, np.stack([by_frequency, -share], axis=1).reshape(2 * len(pairs), len(s))
 
 
 def roots(pairs: Array) -> ComplexArray:

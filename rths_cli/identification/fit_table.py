@@ -13,6 +13,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.identification.factors import Layout, pack, response_and_slopes, zeros_poles_gain
+from rths_cli.identification.least_squares import covariance, least_squares, parts
 from rths_cli.lti import Array, ComplexArray, Frf, Model, hold_size, staircase
 
 LEAST_ERROR = 1e-3  # no line counts as known better than this
@@ -20,6 +21,7 @@ PULL = 1e-4  # of a parameter's logarithm to its start, against a relative error
 HOLD = 30.0
 LATENCY_START_HZ, FAR_ZERO_START_HZ = 150.0, 250.0
 LINES_PER_PARAMETER = 2
+MOST_EVALUATIONS = 400  # of the response, in a fit; the paper's takes up to 300
 COMPARED_HZ, MID_HZ = (0.7, 11.0), (2.0, 10.0)
 
 
@@ -78,25 +80,18 @@ class Problem:
     hold: Array
     sign: float
 
-    def residual(self, theta: Array) -> Array:
-        """Return weighted fit / FRF - 1, real parts then imaginary parts, (2 m,)."""
-        value, _ = response_and_slopes(self.layout, theta, self.s)
-        value *= self.sign * self.hold
-        if self.alias is not None:
-            value += theta[-1] * self.alias
-        return _stacked(self.weight * (value / self.measured - 1.0))
-
-    def jacobian(self, theta: Array) -> Array:
-        """Return the derivative of the residual, (2 m, n_parameters)."""
+    def evaluated(self, theta: Array) -> tuple[Array, Array]:
+        """Return weighted fit / FRF - 1, real and imaginary part of a line side by side, (2 m,), and its slopes
+        (n_parameters, 2 m)."""
         value, slopes = response_and_slopes(self.layout, theta, self.s)
-        slopes *= (self.sign * self.hold * value)[:, None]
+        over = self.weight / self.measured
+        value *= self.sign * self.hold * over
+        slopes *= value
         if self.alias is not None:
-            slopes = np.column_stack([slopes, self.alias])
-        return _stacked((self.weight / self.measured)[:, None] * slopes)
-
-
-def _stacked(values: ComplexArray) -> Array:
-    return np.concatenate([values.real, values.imag])
+            alias = self.alias * over
+            value = value + theta[-1] * alias
+            slopes = np.vstack([slopes, alias])
+        return parts(value - self.weight), parts(slopes)
 
 
 def fit_error(model: Model, frf: Frf) -> FitError:
@@ -127,13 +122,13 @@ def fit(
     zeros stay where they start. Raises InputError when the band holds too few lines.
     """
     problem = problem_of(frf, layout, timing, band_hz, ripple)
-    theta, covariance = solve(problem, start, held=layout.zeros(held_zeros))
+    theta, spread = solve(problem, start, held=layout.zeros(held_zeros))
     zeros, poles, gain = zeros_poles_gain(layout, theta, problem.sign)
     staircase_share = float(theta[-1]) if ripple else 0.0
     delay = layout.delay(theta)
     sampling = (timing.latency_samples, timing.dt_s, timing.coupling_hz)
     model = Model(zeros, poles, gain, delay, band_hz, staircase_share, *sampling)
-    return Fit(model, layout, theta, frf.bandwidth_lines * covariance, held_zeros)
+    return Fit(model, layout, theta, frf.bandwidth_lines * spread, held_zeros)
 
 
 def refit(frf: Frf, before: Fit) -> Fit:
@@ -186,36 +181,25 @@ def _sign(s: ComplexArray, measured: ComplexArray) -> float:
     return float(np.sign(np.median((measured[low] / s[low] ** 2).real))) or 1.0
 
 
-def solve(problem: Problem, start: Array, evaluations: int = 100, held: slice | None = None) -> tuple[Array, Array]:
+def solve(
+    problem: Problem, start: Array, evaluations: int = MOST_EVALUATIONS, held: slice | None = None
+) -> tuple[Array, Array]:
     """Return parameters of least weighted squares, reached by Levenberg-Marquardt, and their covariance.
 
     A weak pull to the start (PULL) keeps parameters that the band does not determine from running away; those that are
     `held` hardly leave it.
     """
-    from scipy.optimize import least_squares
-
     strength = np.full(len(start), PULL)
     if held is not None:
         strength[held] = HOLD
     pull = np.diag(strength)
-    found = least_squares(
-        lambda theta: np.concatenate([problem.residual(theta), pull @ (theta - start)]),
-        start,
-        lambda theta: np.vstack([problem.jacobian(theta), pull]),
-        method="lm",
-        max_nfev=evaluations,
-        ftol=1e-8,
-        xtol=1e-8,
-    )
-    left = found.fun[: -len(start)]
+
+    def pulled(theta: Array) -> tuple[Array, Array]:
+        residual, slopes = problem.evaluated(theta)
+        return np.concatenate([residual, strength * (theta - start)]), np.hstack([slopes, pull])
+
+    found = least_squares(pulled, start, evaluations=evaluations)
+    left = found.residual[: -len(start)]
     variance = float(left @ left) / max(len(left) - len(start), 1)
     known = np.concatenate([np.ones(len(left)), strength == HOLD])  # the weak pull is no knowledge
-    return found.x, variance * _inverse_square(found.jac * known[:, None])
-
-
-def _inverse_square(jacobian: Array) -> Array:
-    """Return (J^T J)^-1 by singular values of scaled columns; directions that no data determine come out huge."""
-    scale = np.linalg.norm(jacobian, axis=0)
-    _, singular, rows = np.linalg.svd(jacobian / scale, full_matrices=False)
-    half = (rows / np.maximum(singular, 1e-12)[:, None]) / scale
-    return half.T @ half
+    return found.parameters, covariance(found.slopes * known, variance)

@@ -13,7 +13,7 @@ from typing import Literal
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.identification.record import Record
+from rths_cli.identification.record import PaddedLines, Record, padded
 from rths_cli.lti import Array, ComplexArray, Frf, Model
 
 Estimator = Literal["h1", "h2", "hv"]
@@ -24,7 +24,6 @@ OVERLAP_CORRELATION = 1.0 / 36.0  # squared correlation of Hann segments that ov
 HANN_BANDWIDTH = 1.5  # lines
 ERROR_FLOOR = 1e-6
 SMOOTHED = 15
-TAIL_S = 30.0  # rest appended to a command, in which a model's response dies out
 
 
 @dataclass(frozen=True)
@@ -150,7 +149,8 @@ def over_model(
 
     Errors of an excitation in whole periods include what its lines scatter.
     """
-    simulated = [simulate(model, record.command_v, 1.2 * band_hz[1]) for record in records]
+    lines = [r.command_lines(padded(len(r.command_v), model.dt_s), model.dt_s) for r in records]
+    simulated = [_answered(model, each, 1.2 * band_hz[1]) for each in lines]
     table = [record.accel_m_s2[0] for record in records]
     over = responses(records, simulated, [table], model.dt_s, band_hz, segment_s, estimator)[0]
     if not records[0].parts.period_samples:
@@ -173,15 +173,18 @@ def line_scatter(over: ComplexArray) -> Array:
 def simulate(model: Model, command_v: Array, high_hz: float) -> Array:
     """Return the table's samples (n,) in m/s^2 that a model gives from rest, for a command (n,) without content
     above `high_hz`."""
-    from scipy.fft import next_fast_len
+    count = padded(len(command_v), model.dt_s)
+    command = PaddedLines(np.fft.rfft(command_v, count), count, model.dt_s)
+    return _answered(model, command, high_hz)[: len(command_v)]
 
-    count = next_fast_len(len(command_v) + round(TAIL_S / model.dt_s), real=True)
-    spectrum = np.fft.rfft(command_v, count)
-    frequency = np.arange(len(spectrum)) / (count * model.dt_s)
-    inside = frequency <= high_hz
-    spectrum[inside] *= model.sampled_response(frequency[inside])
-    spectrum[~inside] = 0.0
-    return np.fft.irfft(spectrum, count)[: len(command_v)]
+
+def _answered(model: Model, command: PaddedLines, high_hz: float) -> Array:
+    """Return the table's samples in m/s^2 that a model gives to a command, the rest at its end included."""
+    duration_s = command.count * command.dt_s
+    frequency = np.arange(min(int(high_hz * duration_s) + 1, len(command.values))) / duration_s
+    answer = np.zeros_like(command.values)
+    answer[: len(frequency)] = command.values[: len(frequency)] * model.sampled_response(frequency)
+    return np.fft.irfft(answer, command.count)
 
 
 def noise_floor(records: Sequence[Record], frf: Frf, channel: int, dt_s: float) -> Array | None:

@@ -15,8 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rths_cli.identification.fit_table import Timing, within
-from rths_cli.identification.frf import TAIL_S
-from rths_cli.identification.record import Record
+from rths_cli.identification.record import Record, padded
 from rths_cli.lti import Array, ComplexArray, Model
 from rths_cli.rig_info import RigInfo
 
@@ -86,10 +85,8 @@ def estimate(records: Sequence[Record], model: Model, info: RigInfo) -> Friction
     Least squares over stretches of the records, weighted by the residual's spectrum; the uncertainty is from the
     scatter between stretches.
     """
-    from scipy.fft import next_fast_len
-
     longest = max(len(record.command_v) for record in records)
-    count = next_fast_len(longest + round(TAIL_S / info.dt_s), real=True)
+    count = padded(longest, info.dt_s)
     spectra = [_spectra(record, model, info, count) for record in records]
     speeds = np.concatenate([np.sqrt(np.mean(_cut(x.velocity[None], x)[:, 0] ** 2, axis=-1)) for x in spectra])
     rms = float(np.sqrt(np.mean(speeds**2))) if len(speeds) else 0.0
@@ -97,7 +94,11 @@ def estimate(records: Sequence[Record], model: Model, info: RigInfo) -> Friction
     high_hz = BAND_SHARE * model.band_hz[1]
     if fast.sum() < LEAST_STRETCHES or (high_hz - LOW_HZ) * STRETCH_S < GROUPS:
         return None
-    tried = [_fitted(_stretch_lines(spectra, share * rms, high_hz)[fast], rms, share * rms) for share in SCALES]
+    residual, *linear = _stretch_lines(spectra, [_fixed_rows(x) for x in spectra], high_hz)[fast].swapaxes(0, 1)
+    tried = []
+    for scale in (share * rms for share in SCALES):
+        acting = _stretch_lines(spectra, [_acting_rows(x, scale) for x in spectra], high_hz)[fast].swapaxes(0, 1)
+        tried.append(_fitted(np.stack([residual, *acting, *linear], axis=1), rms, scale))
     return max(tried, key=lambda friction: friction.explained)
 
 
@@ -106,7 +107,8 @@ def _spectra(record: Record, model: Model, info: RigInfo, count: int) -> _Spectr
     duration_s = count * info.dt_s
     f = np.arange(int(model.band_hz[1] * duration_s) + 1) / duration_s
     s = (2j * np.pi * f).astype(complex)
-    command, table = (np.fft.rfft(x, count)[: len(f)] / count for x in (record.command_v, record.accel_m_s2[0]))
+    lines = record.command_lines(count, info.dt_s).values, np.fft.rfft(record.accel_m_s2[0], count)
+    command, table = (each[: len(f)] / count for each in lines)
     response: ComplexArray = model.response(f)
     table = table - model.alias(f) * command
     velocity = _velocity(f, table, response * command)
@@ -133,21 +135,25 @@ def _velocity(frequency_hz: Array, table: ComplexArray, answer: ComplexArray) ->
     return np.concatenate([[0.0], accel / (2j * np.pi * f)])
 
 
-def _stretch_lines(spectra: Sequence[_Spectra], scale_m_s: float, high_hz: float) -> ComplexArray:
-    """Return the lines (stretches, 6, m) of the rows from the lowest to the highest frequency of the fit."""
-    cut = np.concatenate([_cut(_rows(each, scale_m_s), each) for each in spectra])
+def _stretch_lines(spectra: Sequence[_Spectra], rows: Sequence[ComplexArray], high_hz: float) -> ComplexArray:
+    """Return the lines (stretches, rows, m) of each record's rows, from the lowest to the highest of the fit."""
+    cut = np.concatenate([_cut(some, each) for some, each in zip(rows, spectra, strict=True)])
     n = cut.shape[-1]
     inside = within(np.arange(n // 2 + 1) / STRETCH_S, (LOW_HZ, high_hz))
     return np.fft.rfft(np.hanning(n) * cut)[..., inside]
 
 
-def _rows(x: _Spectra, scale_m_s: float) -> ComplexArray:
-    """Return the lines (6, m): residual, friction of kappa = 1 V, its rate, its change with v_s; two linear in v."""
+def _fixed_rows(x: _Spectra) -> ComplexArray:
+    """Return the lines (3, m) that no v_s changes: residual, and two linear in v."""
+    return np.array([x.residual, -x.through * x.velocity, -x.through * x.s * x.velocity])
+
+
+def _acting_rows(x: _Spectra, scale_m_s: float) -> ComplexArray:
+    """Return the lines (3, m) of friction of kappa = 1 V, its rate, and its change with v_s."""
     ratio = x.velocity_m_s / scale_m_s
     sign = np.tanh(ratio)
     friction, change = (np.fft.rfft(y)[: len(x.s)] / len(y) for y in (sign, ratio * (1.0 - sign**2)))
-    acting = np.array([friction, x.s * friction, change, x.velocity, x.s * x.velocity])
-    return np.vstack([x.residual, -x.through * acting])
+    return -x.through * np.array([friction, x.s * friction, change])
 
 
 def _cut(lines: ComplexArray, x: _Spectra) -> Array:

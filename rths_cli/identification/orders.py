@@ -167,16 +167,12 @@ def _every_other(frf: Frf, first: int) -> Frf:
 
 def _first(record: Record) -> Record:
     noise = record.parts.noise
-    return _cut(record, slice(noise.start, (noise.start + noise.stop) // 2))
+    return record.excited_in(slice(noise.start, (noise.start + noise.stop) // 2))
 
 
 def _second(record: Record) -> Record:
     noise = record.parts.noise
-    return _cut(record, slice((noise.start + noise.stop) // 2, noise.stop))
-
-
-def _cut(record: Record, noise: slice) -> Record:
-    return replace(record, parts=replace(record.parts, noise=noise))
+    return record.excited_in(slice((noise.start + noise.stop) // 2, noise.stop))
 
 
 def _held_out(trial: Trial, base: Fit, halves: tuple[Frf, ...]) -> float:

@@ -1,20 +1,20 @@
 """The specimen from the accelerations of table and floors, with weighed floor masses.
 
-Output error in the frequency domain. The discrete Fourier transform of a stretch of record obeys, for the motion
-of every floor, Y(s) = H(s) A(s) + sum over modes of phi (alpha + beta s) / (s^2 + 2 zeta w s + w^2): H is the
-transmissibility, A the table's acceleration, and alpha, beta stand for the state at the stretch's start less that at
-its end. With these free there is no leakage however light the damping, and one equation serves noise and free
-vibration: the coupled motion of table and specimen is input and output at once.
+Output error in the frequency domain (see chain.py), over whole records and over stretches of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
 from rths_cli.errors import InputError
+from rths_cli.filters import fast_length
+from rths_cli.identification.chain import Lines, evaluated, frequency_slopes, modal, without_time
+from rths_cli.identification.least_squares import Solution, covariance, least_squares, parts
 from rths_cli.lti import Array, ComplexArray
 from rths_cli.structure import Specimen, modal_damping_matrix, storey_matrix
 
@@ -24,6 +24,7 @@ LEAST_STRETCH = 2000  # samples
 CLOCK = 20e-6  # what a converter's clock is trusted to
 SKEW = 0.01  # of a sample: what the channels' common instant is trusted to
 NOISE_STRETCHES, FREE_SHARE = 5, 0.8
+TOLERANCE = 1e-9  # of the fit
 
 
 @dataclass(frozen=True)
@@ -64,15 +65,6 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Lines:
-    """Fourier lines s (m,) in rad/s of the accelerations of table (m,) and floors (n, m)."""
-
-    s: ComplexArray
-    table: ComplexArray
-    floors: ComplexArray
-
-
-@dataclass(frozen=True)
 class Start:
     """First values of storey stiffnesses in N/m and modal damping ratios, each (n,)."""
 
@@ -85,17 +77,12 @@ def fit_specimen(motions: Sequence[Motion], dt_s: float, masses_kg: Array, low_h
 
     `masses_kg` (c,) are weighed; lines from `low_hz` up are used.
     """
-    from scipy.optimize import least_squares
-
     masses = np.asarray(masses_kg, dtype=float)
     highest = modal(masses, start.stiffness_n_per_m)[0][-1] / (2.0 * np.pi)
     lines = [transform(motion, dt_s, (low_hz, ABOVE_HIGHEST * highest)) for motion in motions]
     theta = np.log(np.concatenate([start.stiffness_n_per_m, start.damping_ratio]))
-    found = least_squares(
-        lambda p: np.concatenate([residual(part, masses, p) for part in lines]),
-        theta, method="lm", xtol=1e-9, ftol=1e-9,
-    )  # fmt: skip
-    return _described(masses, found.x, found.jac, found.fun, len(lines))
+    found = least_squares(lambda at: without_time(evaluated(lines, masses, at)), theta, TOLERANCE)
+    return _described(masses, found, len(lines))
 
 
 def fit_stretches(
@@ -151,13 +138,6 @@ def stretches_of(floor_accel: Array, free: bool) -> tuple[slice, ...]:
     return slice(0, middle), slice(middle, n)
 
 
-def modal(masses_kg: Array, stiffness_n_per_m: Array) -> tuple[Array, Array]:
-    """Return natural frequencies in rad/s, ascending, (n,) and mass-normalised mode shapes (n, n)."""
-    root = np.sqrt(masses_kg)
-    eigenvalues, shapes = np.linalg.eigh(storey_matrix(stiffness_n_per_m) / np.outer(root, root))
-    return np.sqrt(eigenvalues), shapes / root[:, None]
-
-
 def transform(motion: Motion, dt_s: float, band_hz: tuple[float, float]) -> Lines:
     """Return the Fourier lines of a stretch within a band, scaled so that the floors' sum of squares is 1.
 
@@ -174,11 +154,13 @@ def transform(motion: Motion, dt_s: float, band_hz: tuple[float, float]) -> Line
     return Lines(s, spectra[0], spectra[1:])
 
 
+@cache
 def _fast_length(most: int) -> int:
     """Return the largest length up to the given one that a Fourier transform takes in small factors."""
-    from scipy.fft import next_fast_len
-
-    return next(n for n in range(most, 0, -1) if next_fast_len(n, real=True) == n)
+    length = fast_length(most // 2)
+    while (longer := fast_length(length + 1)) <= most:
+        length = longer
+    return length
 
 
 def storey_start(frequency_hz: Array, table: ComplexArray, floors: ComplexArray, masses_kg: Array) -> Start:
@@ -192,7 +174,7 @@ def storey_start(frequency_hz: Array, table: ComplexArray, floors: ComplexArray,
     found = np.zeros((len(masses), 2))
     for i in range(len(masses)):
         drift, shear = (floors[i] - below[i]) / s**2, masses[i:] @ floors[i:]
-        found[i] = np.linalg.lstsq(_stacked(np.array([drift, drift * s])).T, -_stacked(shear), rcond=None)[0]
+        found[i] = np.linalg.lstsq(parts(np.array([drift, drift * s])).T, -parts(shear), rcond=None)[0]
     stiffness, dashpots = found.T
     if not np.all(stiffness > 0.0):
         raise InputError(
@@ -204,46 +186,15 @@ def storey_start(frequency_hz: Array, table: ComplexArray, floors: ComplexArray,
     return Start(stiffness, ratios.clip(LEAST_RATIO, MOST_RATIO))
 
 
-def _stacked(values: ComplexArray) -> Array:
-    """Return real parts followed by imaginary parts along the last axis."""
-    return np.concatenate([values.real, values.imag], axis=-1)
-
-
-def residual(lines: Lines, masses: Array, theta: Array) -> Array:
-    """Return what transmissibility and free terms leave of the floors' lines, real and imaginary, (2 n m,)."""
-    stiffness, ratios = np.split(np.exp(theta), 2)
-    omega, shapes = modal(masses, stiffness)
-    damping = 2.0 * ratios * omega
-    denominator = lines.s**2 + np.multiply.outer(damping, lines.s) + (omega**2)[:, None]
-    participation = masses @ shapes
-    moved = (np.multiply.outer(damping, lines.s) + (omega**2)[:, None]) / denominator * lines.table
-    left = lines.floors - (shapes * participation) @ moved
-    return _without(_stacked(left).ravel(), _free_terms(lines.s, shapes, omega, denominator))
-
-
-def _free_terms(s: ComplexArray, shapes: Array, omega: Array, denominator: ComplexArray) -> Array:
-    """Return the columns (2 n m, 3 n) of initial and final state, and of a slow drift of each floor's channel."""
-    state = np.stack([omega[:, None] ** 2 / denominator, (omega[:, None] * s) / denominator])
-    free = np.einsum("ir,krm->krim", shapes, state).reshape(-1, len(omega), len(s))
-    drift = np.multiply.outer(np.eye(len(omega)), omega[0] / s)
-    return _stacked(np.concatenate([free, drift])).reshape(3 * len(omega), -1).T
-
-
-def _without(values: Array, columns: Array) -> Array:
-    """Return values (m,) less their projection on columns (m, k), by normal equations of scaled columns."""
-    columns = columns / np.linalg.norm(columns, axis=0)
-    return values - columns @ np.linalg.lstsq(columns.T @ columns, columns.T @ values, rcond=1e-12)[0]
-
-
-def _described(masses: Array, theta: Array, jacobian: Array, residual: Array, motions: int) -> SpecimenFit:
+def _described(masses: Array, found: Solution, motions: int) -> SpecimenFit:
     """Return the fit with its standard errors, carried from the logarithms to frequencies and ratios."""
-    stiffness, ratios = np.split(np.exp(theta), 2)
+    stiffness, ratios = np.split(np.exp(found.parameters), 2)
     omega, shapes = modal(masses, stiffness)
-    n = len(masses)
+    n, residual = len(masses), found.residual
     variance = float(residual @ residual) / max(len(residual) - (2 + 3 * motions) * n, 1)
-    covariance = variance * np.linalg.pinv(jacobian.T @ jacobian)
+    spread = covariance(found.slopes, variance)
     drift = np.diff(shapes, axis=0, prepend=np.zeros((1, n)))
-    slope = (drift**2 * stiffness[:, None]).T / (2.0 * omega[:, None])  # d w_r / d log k_i
+    slope = frequency_slopes(omega, shapes, stiffness)
     K = storey_matrix(stiffness)
     unknown = np.full(n, np.nan)
     return SpecimenFit(
@@ -253,9 +204,9 @@ def _described(masses: Array, theta: Array, jacobian: Array, residual: Array, mo
         natural_frequency_hz=omega / (2.0 * np.pi),
         damping_ratio=ratios,
         mode_shapes=shapes / shapes[np.argmax(np.abs(shapes), axis=0), np.arange(n)],
-        stiffness_error_n_per_m=stiffness * np.sqrt(np.diag(covariance)[:n]),
-        frequency_error_hz=np.sqrt(np.diag(slope @ covariance[:n, :n] @ slope.T)) / (2.0 * np.pi),
-        damping_error=ratios * np.sqrt(np.diag(covariance)[n:]),
+        stiffness_error_n_per_m=stiffness * np.sqrt(np.diag(spread)[:n]),
+        frequency_error_hz=np.sqrt(np.diag(slope @ spread[:n, :n] @ slope.T)) / (2.0 * np.pi),
+        damping_error=ratios * np.sqrt(np.diag(spread)[n:]),
         frequency_scatter_hz=unknown,
         damping_scatter=unknown,
         residual=float(np.linalg.norm(residual) / np.sqrt(motions)),

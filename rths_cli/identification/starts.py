@@ -44,9 +44,9 @@ def best_start(problem: Problem, modes: tuple[Array, Array]) -> Array:
 
 def best_of(few: Problem, starts: list[Array], held: slice | None = None) -> Array:
     """Return the start of least error after a few steps from each of the four that begin best."""
-    starts = sorted(starts, key=lambda theta: float(np.sum(few.residual(theta) ** 2)))
+    starts = sorted(starts, key=lambda theta: float(np.sum(few.evaluated(theta)[0] ** 2)))
     improved = [solve(few, theta, 30, held)[0] for theta in starts[:STARTS_KEPT]]
-    return min(improved, key=lambda theta: float(np.sum(few.residual(theta) ** 2)))
+    return min(improved, key=lambda theta: float(np.sum(few.evaluated(theta)[0] ** 2)))
 
 
 def thinned(problem: Problem) -> Problem:

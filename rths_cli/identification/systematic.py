@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rths_cli.identification.fit_table import HOLD, Fit, problem_of, timing_of
+from rths_cli.identification.least_squares import linear, parts
 from rths_cli.identification.specimen import SKEW
 from rths_cli.identification.verdict import SHORTFALL, LevelBand
 from rths_cli.lti import Array, ComplexArray, Frf
@@ -20,18 +21,15 @@ def shifts(found: Fit, frf: Frf, levels: Sequence[LevelBand], level_ratio: float
     """
     model = found.model
     problem = problem_of(frf, found.layout, timing_of(model), model.band_hz, ripple=True)
-    slopes = problem.jacobian(found.parameters)
+    _, slopes = problem.evaluated(found.parameters)
     held = found.layout.zeros(found.held_zeros)
     fixed = np.diag(np.where(np.isin(np.arange(len(found.parameters)), np.arange(held.start, held.stop)), HOLD, 0.0))
-    inverse = np.linalg.pinv(np.vstack([slopes, fixed]), rcond=1e-12)[:, : len(slopes)]
+    known = np.hstack([slopes, fixed])
     late = problem.s * SKEW * model.dt_s
     frequency = np.abs(problem.s) / (2.0 * np.pi)
-    moved = [_moved(inverse, problem.weight * each) for each in (late, _friction(frequency, levels, level_ratio))]
-    return np.hypot(*moved)
-
-
-def _moved(inverse: Array, distortion: ComplexArray) -> Array:
-    return inverse @ np.concatenate([distortion.real, distortion.imag])
+    distortions = [late, _friction(frequency, levels, level_ratio)]
+    moved = [np.append(parts(problem.weight * each), np.zeros(len(fixed))) for each in distortions]
+    return np.hypot(*(linear(known, each) for each in moved))
 
 
 def _friction(frequency_hz: Array, levels: Sequence[LevelBand], level_ratio: float) -> ComplexArray:

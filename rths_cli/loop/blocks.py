@@ -23,21 +23,26 @@ class Linear(NamedTuple):
     states: int
 
 
+class Channels(NamedTuple):
+    """Small blocks of one input and one output each, up to three states, one per channel: made = matrix @ given."""
+
+    matrix: Array  # (c, 4, 4) channel, column (three states, then the input), row (three next states, then the output)
+    given: Array  # (c, 4)
+
+
 class Step(NamedTuple):
     """One RTHS step, block by block; c channels (table first), e estimator outputs, lead n_p samples.
 
     At t_k the hybrid clock stands at k + n_p. The base shear there is
     f = shear_estimate . z + shear_recent . d[k .. k+n_p-1] + shear_measured . c + shear_desired * d[k+n_p],
     z the estimator's outputs, c the corrected samples, d the desired accelerations. What of it is known from the
-    samples is one more output of the estimator, after its own. `samples`, `corrected`, `estimated`, `interface` and
-    `error` are places within the `given` and `made` of the blocks.
+    samples is one more output of the estimator, after its own. `corrected`, `estimated`, `interface` and `error` are
+    places within the `given` and `made` of the blocks.
     """
 
     source: int  # EXCITATION, RECORD or NUMERICAL
-    correction: Linear  # raw samples in V (c,) -> corrected accelerations (c,)
-    estimator: (
-        Linear  # corrected accelerations (c,) -> specimen's state, floor accelerations (e,), base shear known (1,)
-    )
+    correction: Channels  # raw samples in V (c,) -> corrected accelerations (c,)
+    estimator: Linear  # corrected accelerations (c,) -> specimen's state and floor accelerations (e,), base shear known
     shear_recent: Array  # (n_p,)
     shear_desired: float
     numerical: Modal  # ground acceleration, base shear (2,) -> interface accel, velocity, displacement (3,)
@@ -68,15 +73,36 @@ def linear(block: Block, more_c: Array | None = None, more_d: Array | None = Non
     return Linear(matrix, np.zeros(n + m), np.zeros(4 * len(matrix)), n)
 
 
+def channelwise(block: Block) -> Channels:
+    """Return a block that treats each channel by itself, its states channel by channel, at rest.
+
+    Raises ValueError when it mixes channels, or has more than three states for one.
+    """
+    count = block.D.shape[0]
+    states = len(block.A) // count
+    if states > 3 or states * count != len(block.A):
+        raise ValueError(f"{block.name}: {len(block.A)} states for {count} channels; up to 3 for each, or none")
+    matrix = np.zeros((count, 4, 4))
+    mixed = np.abs(np.block([[block.A, block.B], [block.C, block.D]]))
+    for c in range(count):
+        own = np.arange(c * states, (c + 1) * states)
+        matrix[c, :states, :states], matrix[c, 3, :states] = block.A[np.ix_(own, own)].T, block.B[own, c]
+        matrix[c, :states, 3], matrix[c, 3, 3] = block.C[c, own], block.D[c, c]
+        mixed[np.ix_([*own, len(block.A) + c], [*own, len(block.A) + c])] = 0.0
+    if mixed.any():
+        raise ValueError(f"{block.name} mixes channels: each must be corrected by itself")
+    return Channels(matrix, np.zeros((count, 4)))
+
+
 def assemble(blocks: Blocks, source: int) -> Step:
     """Return a step at rest for one run of the given source."""
-    correction, feedforward, feedback = (linear(b) for b in (blocks.correction, blocks.feedforward, blocks.feedback))
+    feedforward, feedback = linear(blocks.feedforward), linear(blocks.feedback)
     known = blocks.shear_estimate[None, :]
     design, channels = blocks.estimator, blocks.correction.C.shape[0]
     estimator = linear(design, known @ design.C, known @ design.D + blocks.shear_measured[None, :])
     return Step(
         source=source,
-        correction=correction,
+        correction=channelwise(blocks.correction),
         estimator=estimator,
         shear_recent=np.ascontiguousarray(blocks.shear_recent, dtype=float),
         shear_desired=float(blocks.shear_desired),
@@ -84,7 +110,7 @@ def assemble(blocks: Blocks, source: int) -> Step:
         feedforward=feedforward,
         feedback=feedback,
         recent=np.zeros(blocks.lead_samples + 1),
-        samples=correction.given[correction.states :],
+        samples=np.zeros(channels),
         corrected=estimator.given[estimator.states : estimator.states + channels],
         estimated=estimator.made[estimator.states : estimator.states + design.C.shape[0]],
         base_shear=np.zeros(1),

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rths_cli.compiled import entry
+from rths_cli.compiled import entry, part
 from rths_cli.control.blocks import Blocks
 from rths_cli.errors import RigError
 from rths_cli.loop.blocks import Step, assemble
@@ -31,7 +31,7 @@ class Log(NamedTuple):
     base_shear_n: Array  # (n,) at k + n_p
     true_velocity_m_s: Array  # (c, n) in the middle between t_k and t_k+1 (virtual rigs)
     true_displacement_m: Array  # (n,) of the table at t_k (virtual rigs)
-    compute_ns: Array  # (n,) duration of sense + step + guard
+    compute_ns: Array  # (n,) duration of step and guard; on a virtual rig, of the rig as well
 
 
 @dataclass(frozen=True)
@@ -81,10 +81,10 @@ def _play_exchanging(
 ) -> tuple[int, str]:
     """Play through `exchange`, one call per step; true signals stay NaN."""
     samples = rig.arm()
-    scratch = np.zeros(2, dtype=np.int64)
+    think = think_once.bind(state, limits, guard_state, drive, log, np.zeros(3, dtype=np.int64))
     for k in range(len(drive)):
         state.samples[:] = samples
-        command = think(state, limits, guard_state, drive[k], log, k, scratch)
+        command = think()
         try:
             samples = rig.exchange(command)
         except RigError as fault:
@@ -94,13 +94,11 @@ def _play_exchanging(
     return len(drive), ""
 
 
-@entry
-def think(s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, k: int, scratch: IntArray) -> float:
+@part
+def think(s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, k: int) -> float:
     """Run step and guard on the samples in `s.samples`, note every signal, return the command in V."""
-    start = monotonic_ns(scratch)
     command = guard(limits, g, step(s, drive), s.samples, s.corrected, s.interface[0], s.error[0])
     note_sent(s, command)
-    log.compute_ns[k] = monotonic_ns(scratch) - start
     log.command_v[k] = command
     log.base_shear_n[k] = s.base_shear[0]
     for i in range(3):
@@ -109,6 +107,17 @@ def think(s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, k
         log.corrected[i, k] = s.corrected[i]
     for i in range(s.estimated.size):
         log.estimated[i, k] = s.estimated[i]
+    return command
+
+
+@entry
+def think_once(s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, at: IntArray) -> float:
+    """Run `think` on row at[0] of the drive (n, 3), count at[0] up, note the time it took; at[1:3] is scratch."""
+    k = at[0]
+    at[0] += 1
+    start = monotonic_ns(at[1:])
+    command = think(s, limits, g, drive[k], log, k)
+    log.compute_ns[k] = monotonic_ns(at[1:]) - start
     return command
 
 
@@ -125,13 +134,17 @@ def run_virtual(
     scratch: IntArray,
 ) -> int:
     """Play a whole run on the virtual table, counted clock; return the number of steps done."""
+    before = monotonic_ns(scratch)
     for k in range(drive.shape[0]):
-        kernel.read_samples(plant, table, noise[k], s.samples)
+        kernel.read(plant, table, noise[k], s.samples)
         log.true_displacement_m[k] = table.state[0]
-        command = think(s, limits, g, drive[k], log, k, scratch)
-        kernel.hold_interval(plant, table, command)
+        command = think(s, limits, g, drive[k], log, k)
+        kernel.hold(plant, table, command)
         for c in range(table.middle_velocity.size):
             log.true_velocity_m_s[c, k] = table.middle_velocity[c]
+        now = monotonic_ns(scratch)
+        log.compute_ns[k] = now - before
+        before = now
         if table.fault[0] != 0 or g.flags[0] == STOPPED:
             return k + 1
     return drive.shape[0]

@@ -35,10 +35,10 @@ def modal(block: Block) -> Modal:
     Raises ValueError when the change of coordinates would cost accuracy (modes that coincide and cannot be told apart).
     """
     for shift in (0.0, SPLIT):
-        a = block.A * (1.0 + shift * np.random.default_rng(0).standard_normal(block.A.shape))
+        a = np.asarray(block.A * (1.0 + shift * np.random.default_rng(0).standard_normal(block.A.shape)))
         basis = real_basis(a)
-        turned = np.linalg.solve(basis, a @ basis)
-        lost = np.abs(basis @ pairs_only(turned) @ np.linalg.inv(basis) - block.A).max(initial=0.0)
+        turned = np.asarray(np.linalg.solve(basis, a @ basis), dtype=float)
+        lost = np.abs(np.linalg.multi_dot([basis, pairs_only(turned), np.linalg.inv(basis)]) - block.A).max(initial=0.0)
         if lost <= EXACT * np.abs(block.A).max(initial=1.0):
             break
     else:
@@ -71,7 +71,7 @@ def real_basis(a: Array) -> Array:
 def pairs_only(turned: Array) -> Array:
     """Return the 2 x 2 blocks on the diagonal of a matrix (n, n), zeros elsewhere."""
     keep = np.kron(np.eye(len(turned) // 2), np.ones((2, 2)))
-    return np.asarray(turned * keep)
+    return np.asarray(turned * keep, dtype=float)
 
 
 @part

@@ -23,11 +23,26 @@ def apply(block: Linear) -> None:
 
 
 @part
+def correct(s: Step) -> None:
+    """Correct the samples of every channel for its sensor."""
+    matrix, given = s.correction.matrix, s.correction.given
+    for c in range(s.samples.size):
+        given[c, 3] = s.samples[c]
+        last, before, total, corrected = 0.0, 0.0, 0.0, 0.0
+        for j in range(4):
+            value = given[c, j]
+            last += matrix[c, j, 0] * value
+            before += matrix[c, j, 1] * value
+            total += matrix[c, j, 2] * value
+            corrected += matrix[c, j, 3] * value
+        given[c, 0], given[c, 1], given[c, 2] = last, before, total
+        s.corrected[c] = corrected
+
+
+@part
 def sense(s: Step) -> None:
     """Correct the samples for sensors and staircase and estimate the specimen's motion."""
-    apply(s.correction)
-    for c in range(s.corrected.size):
-        s.corrected[c] = s.correction.made[s.correction.states + c]
+    correct(s)
     now, before = s.sent[s.sent.size - 2], s.sent[s.sent.size - 1]
     s.corrected[0] -= s.ripple_m_s2_per_v * (now - before) + s.ripple_sum_m_s2_per_v * (now + before)
     apply(s.estimator)

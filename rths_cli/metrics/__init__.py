@@ -23,7 +23,12 @@ from rths_cli.metrics.error import (
     room_for_pairs,
     test_band,
 )
-from rths_cli.metrics.fidelity import FrequencyEvaluation, frequency_evaluation, tracking_indicator
+from rths_cli.metrics.fidelity import (
+    FrequencyEvaluation,
+    frequency_evaluation,
+    frequency_evaluations,
+    tracking_indicator,
+)
 
 __all__ = [
     "BAND_HZ",
@@ -38,6 +43,7 @@ __all__ = [
     "figures_of_pairs",
     "fitted_delay_s",
     "frequency_evaluation",
+    "frequency_evaluations",
     "input_energy_j",
     "peak",
     "response_criteria",

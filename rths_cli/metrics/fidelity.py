@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rths_cli.lti import Array
+from rths_cli.filters import fast_length
+from rths_cli.lti import Array, ComplexArray
 from rths_cli.metrics.error import BAND_HZ, check_pair
 
 
@@ -34,17 +37,53 @@ def frequency_evaluation(
     InputError when the lengths differ. Source: Guo, Chen, Xu, Sanchez, Smart Mater. Struct. 23 (2014) 045042,
     with the power l = 2.
     """
-    x, y = check_pair(desired, measured)
-    frequency = np.fft.rfftfreq(len(x), dt_s)
-    lines = (frequency > 0) & (frequency <= high_hz)
-    X, Y = np.fft.rfft(x)[lines], np.fft.rfft(y)[lines]
+    return frequency_evaluations(desired, (measured,), dt_s, high_hz)[0]
+
+
+def frequency_evaluations(
+    desired: ArrayLike, measured: Sequence[ArrayLike], dt_s: float, high_hz: float = BAND_HZ
+) -> list[FrequencyEvaluation]:
+    """Return `frequency_evaluation` of several series (n,) against one, which is transformed once."""
+    pairs = [check_pair(desired, each) for each in measured]
+    n = len(pairs[0][0])
+    frequency = np.arange(n // 2 + 1) / (n * dt_s)
+    frequency = frequency[(frequency > 0) & (frequency <= high_hz)]
+    X, *others = (low_lines(series, len(frequency) + 1)[1:] for series in (pairs[0][0], *(y for _, y in pairs)))
+    return [_evaluation(X, Y, frequency) for Y in others]
+
+
+def _evaluation(X: ComplexArray, Y: ComplexArray, frequency_hz: Array) -> FrequencyEvaluation:
+    """Return the index of lines Y (m,) against X (m,)."""
     power = np.abs(X) ** 2
     total = power.sum()
-    if not (total > 0 and np.isfinite(y).all()):
+    if not (total > 0 and np.isfinite(Y).all()):
         return FrequencyEvaluation(np.nan, np.nan, np.nan)
     index = np.sum(np.conj(X) * Y) / total
-    equivalent = float(np.sum(frequency[lines] * power) / total)
+    equivalent = float(np.sum(frequency_hz * power) / total)
     return FrequencyEvaluation(float(np.abs(index)), float(-np.angle(index)) / (2 * np.pi * equivalent), equivalent)
+
+
+def low_lines(series: Array, count: int) -> ComplexArray:
+    """Return the first `count` lines of the discrete Fourier transform of a series (n,), whatever factors n has.
+
+    As a convolution with a chirp of a good length (Bluestein, IEEE Trans. Audio Electroacoustics 18, 1970), which for
+    few lines is half as long as for all.
+    """
+    n = len(series)
+    chirp, kernel = _chirp(n, count)
+    spectrum = np.fft.fft(series * chirp, len(kernel)) * kernel
+    return np.asarray(np.fft.ifft(spectrum)[:count] * chirp[:count])
+
+
+@lru_cache(maxsize=2)
+def _chirp(n: int, count: int) -> tuple[ComplexArray, ComplexArray]:
+    """Return exp(-j pi k^2 / n) (n,) and the transform of its inverse, as long as the convolution needs."""
+    k = np.arange(n)
+    chirp = np.exp(-1j * np.pi * (k * k % (2 * n)) / n)
+    back = np.zeros(fast_length(n + count), dtype=complex)
+    back[:count] = chirp[:count].conj()
+    back[len(back) - n + 1 :] = chirp[:0:-1].conj()
+    return chirp, np.asarray(np.fft.fft(back))
 
 
 def tracking_indicator(desired: ArrayLike, measured: ArrayLike) -> Array:

@@ -13,7 +13,7 @@ import numpy as np
 from rths_cli.files.result_writer import Metric
 from rths_cli.metrics import (
     error_energy_j,
-    frequency_evaluation,
+    frequency_evaluations,
     input_energy_j,
     response_criteria,
     test_band,
@@ -26,6 +26,7 @@ from rths_cli.workflows.figures import BAND, FULL, scalar
 if TYPE_CHECKING:
     from rths_cli.analysis.sim import Response
     from rths_cli.lti import Array
+    from rths_cli.metrics import FrequencyEvaluation
     from rths_cli.workflows.series import Series
     from rths_cli.workflows.setup import Setup
 
@@ -53,15 +54,16 @@ def fidelity(run: str, desired: Array, measured: Array, true: Array | None, dt_s
     """Return FEI, tracking indicator and J1 to J3 of the table; desired, measured, true accelerations (n,) in m/s^2."""
     banded = test_band([desired, measured], dt_s)
     indicator = float(tracking_indicator(banded[0], banded[1])[-1])
-    figures = _evaluation(run, desired, measured, "", dt_s)
-    figures |= {} if true is None else _evaluation(run, desired, true, "_true", dt_s)
+    values = {"": measured} if true is None else {"": measured, "_true": true}
+    figures: dict[str, Metric] = {}
+    for suffix, found in zip(values, frequency_evaluations(desired, tuple(values.values()), dt_s), strict=True):
+        figures |= _evaluation(run, found, suffix)
     about = f"tracking indicator at the end, {TABLE}, {LATE}, {BAND}"
     figures[f"{run}.tracking_indicator_m2_s4"] = scalar(indicator, "m^2/s^4", about)
     return figures | _tracking_criteria(run, {"": banded, "_full": np.stack([desired, measured])}, dt_s)
 
 
-def _evaluation(run: str, desired: Array, value: Array, suffix: str, dt_s: float) -> dict[str, Metric]:
-    found = frequency_evaluation(desired, value, dt_s)
+def _evaluation(run: str, found: FrequencyEvaluation, suffix: str) -> dict[str, Metric]:
     about = f"of the frequency evaluation index, {'true' if suffix else 'measured'} / desired table acceleration"
     band = f"lines up to 12 Hz, equivalent frequency {found.frequency_hz:.3g} Hz"
     return {

@@ -5,6 +5,7 @@ from __future__ import annotations
 import types
 from collections.abc import Mapping
 from dataclasses import MISSING, fields, replace
+from functools import cache
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -136,12 +137,18 @@ def _rows(kind: type[T], columns: Values) -> tuple[T, ...]:
 
 def _made(kind: type[T], values: Values) -> T:
     """Return a dataclass from stored values, each as its field is declared; one that is not there has its default."""
-    hints = get_type_hints(kind)
+    hints = _hints(kind)  # type: ignore[arg-type]
     given = {}
     for field in fields(kind):  # type: ignore[arg-type]
         if field.name in values or field.default is MISSING:
             given[field.name] = _as_declared(hints[field.name], values.get(field.name))
     return kind(**given)
+
+
+@cache
+def _hints(kind: type) -> dict[str, Any]:
+    """Return how each field of a dataclass is declared."""
+    return get_type_hints(kind)
 
 
 def _as_declared(hint: Any, value: Any) -> Any:

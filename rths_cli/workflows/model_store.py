@@ -11,7 +11,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 
 from rths_cli import __version__
@@ -20,7 +19,7 @@ from rths_cli.files.models import read_model, write_model
 from rths_cli.files.user_cache import user_cache
 from rths_cli.identification.evaluate import Identification
 from rths_cli.workflows.model_contents import from_groups, to_groups
-from rths_cli.workflows.provenance import git_commit
+from rths_cli.workflows.provenance import git_commit, package_version
 from rths_cli.workflows.setup import Setup, shown
 
 KEPT = 200  # models in the cache, the oldest go first
@@ -189,7 +188,7 @@ def software() -> str:
     package = Path(__file__).resolve().parents[1]
     digest = hashlib.sha256(f"{__version__} {platform.python_version()} {platform.machine()}".encode())
     for name in ("numpy", "scipy", "numba"):
-        digest.update(version(name).encode())
+        digest.update(package_version(name).encode())
     for path in sorted(package.rglob("*.py")):
         digest.update(path.read_bytes())
     return digest.hexdigest()

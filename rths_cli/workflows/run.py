@@ -146,7 +146,7 @@ def _simulations(setup: Setup, writer: ResultWriter, progress: Progress) -> tupl
         values |= figures.solution_error("sim", sim.error_estimate)
     if "sim_delay" in case.runs:
         progress(f"SIM-DELAY, {1e3 * case.delay_s:g} ms")
-        delayed = simulate_delayed(setup.building, dt, ground, case.delay_s)
+        delayed = simulate_delayed(setup.building, dt, ground, case.delay_s, sim=sim)
         contents.write_response(writer, "sim_delay", setup, delayed)
         values |= figures.against_sim("sim_delay", sim.abs_accel_m_s2, delayed.abs_accel_m_s2, None, dt)
         values |= figures.solution_error("sim_delay", delayed.error_estimate)

@@ -2,6 +2,7 @@
 
 import math
 import time
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
@@ -127,7 +128,8 @@ def test_error_estimate_is_the_change_by_halving_and_larger_than_the_error() -> 
     building, record = five_storeys(0.0), noise(5.0, 0.01)
     exact = outputs(simulate_delayed(building, 0.01, record, 0.0062, 1e-9))
     limit = 1000 * np.abs(exact).max()
-    solutions = [sim_delay._solve(building, 0.01, record, 0.0062, substeps, limit) for substeps in (2, 4, 8)]
+    bases = sim_delay._basis(building.numerical), sim_delay._basis(building.specimen)
+    solutions = [sim_delay._solve(building, bases, 0.01, record, 0.0062, substeps, limit) for substeps in (2, 4, 8)]
     errors = [relative_difference(outputs(solution), exact) for solution in solutions]
     change = sim_delay._relative_change(solutions[0], solutions[1])
     assert errors[1] < change <= 1.1 * errors[0]
@@ -187,6 +189,26 @@ def growth_per_s(building: Building, delay_s: float) -> float:
 def test_response_grows_beyond_the_critical_delay_and_not_below(ratio: float, critical_s: float) -> None:
     building = paper_building(ratio)
     assert growth_per_s(building, critical_s - 2e-5) < 0 < growth_per_s(building, critical_s + 2e-5)
+
+
+def test_without_modal_coordinates_it_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Defective parts are stepped with full matrices: force that on one that has modes."""
+    building, record = five_storeys(2.0), noise(5.0, 0.01)
+    modal = simulate_delayed(building, 0.01, record, 0.0062)
+    monkeypatch.setattr(sim_delay, "_LARGEST_CONDITION", 0.0)
+    full = simulate_delayed(building, 0.01, record, 0.0062)
+    assert full.substep_s == modal.substep_s
+    assert relative_difference(outputs(full), outputs(modal)) < 1e-10
+
+
+def test_overdamped_parts_have_single_modes_and_agree_with_full_matrices(monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = five_storeys(0.0)
+    building = replace(plain, numerical=replace(plain.numerical, C=0.2 * plain.numerical.K))
+    assert np.isreal(np.linalg.eigvals(sim_delay._state_matrices(building.numerical)[0])).any()
+    modal = simulate_delayed(building, 0.01, noise(5.0, 0.01), 0.0062)
+    monkeypatch.setattr(sim_delay, "_LARGEST_CONDITION", 0.0)
+    full = simulate_delayed(building, 0.01, noise(5.0, 0.01), 0.0062)
+    assert relative_difference(outputs(full), outputs(modal)) < 1e-10
 
 
 def test_divergence_is_cut_at_a_thousand_times_the_peak_of_sim() -> None:

@@ -66,7 +66,7 @@ def riccati_residual(a: Array, b: Array, q: Array, r: Array, s: Array, gain: Arr
 
 
 def test_the_gain_is_the_fixed_point_of_its_riccati_recursion() -> None:
-    a, b, c, direct, drive, drive_direct = feedback._plant(MODEL, DT_S, DEFAULT)
+    a, b, c, direct, drive, drive_direct = feedback._plant(feedback.sampled_table(MODEL, DT_S), DT_S, DEFAULT)
     cost = direct.T @ direct + 3.0
     gain = riccati_gain(a, b, c.T @ c, cost, c.T @ direct)
     assert riccati_residual(a, b, c.T @ c, cost, c.T @ direct, gain) < 1e-6
@@ -270,7 +270,7 @@ def test_the_observer_follows_the_command_that_was_applied() -> None:
     """Written out: the state of the plant's observer, driven by what was applied and by the error that was measured."""
     model, noise = true_model(0.5 * DT_S), 0.5
     block = lqg(model, noise, DT_S)
-    a, b, c, d, drive, drive_direct = feedback._plant(model, DT_S, DEFAULT)
+    a, b, c, d, drive, drive_direct = feedback._plant(feedback.sampled_table(model, DT_S), DT_S, DEFAULT)
     b, d = b[:, 0], float(d[0, 0])
     variance = drive_direct @ drive_direct.T + noise**2
     gain = riccati_gain(a.T, c.T, drive @ drive.T, variance, drive @ drive_direct.T)[0]
@@ -290,7 +290,7 @@ def test_a_table_with_a_direct_path_is_told_through_the_observer_too() -> None:
     """The shortfall enters by B - L D: with a direct path the two differ."""
     model = true_model(0.0)
     model = Model(model.zeros, model.poles[:6], model.gain / np.prod(-model.poles[6:]).real, 0.0, (0.5, 60.0))
-    a, b, c, d, drive, drive_direct = feedback._plant(model, DT_S, DEFAULT)
+    a, b, c, d, drive, drive_direct = feedback._plant(feedback.sampled_table(model, DT_S), DT_S, DEFAULT)
     assert abs(d[0, 0]) > 1e-3
     variance = drive_direct @ drive_direct.T + 1.0
     gain = riccati_gain(a.T, c.T, drive @ drive.T, variance, drive @ drive_direct.T).T
@@ -337,7 +337,7 @@ def test_lines_that_say_nothing_are_left_out() -> None:
 
 def test_the_disturbance_lies_in_the_band_asked_for() -> None:
     """Its two poles, sampled: exp(-w dt) at both corners."""
-    a = feedback._plant(MODEL, DT_S, Weights((3.0, 30.0)))[0]
+    a = feedback._plant(feedback.sampled_table(MODEL, DT_S), DT_S, Weights((3.0, 30.0)))[0]
     poles = np.sort(np.linalg.eigvals(a[-2:, -2:]).real)
     assert poles == pytest.approx(np.exp(-2.0 * np.pi * np.array([30.0, 3.0]) * DT_S), rel=1e-12)
 

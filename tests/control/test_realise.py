@@ -8,10 +8,10 @@ from bench import DT_S, LINEAR, linear_table, specimen
 from hybrid import storeys, true_model
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
-from scipy.signal import freqs_zpk, zpk2ss
+from scipy.signal import cont2discrete, freqs_zpk, zpk2ss
 
 from rths_cli.control.numerical import all_storeys, interface
-from rths_cli.control.realise import discretise, from_roots, modal, static
+from rths_cli.control.realise import Hold, discretise, from_roots, modal, static
 from rths_cli.lti import StateSpace
 from rths_cli.structure import Numerical
 
@@ -113,3 +113,14 @@ def test_the_table_written_by_its_roots_is_the_table() -> None:
         np.abs(from_roots(model.zeros, model.poles, model.gain).response(FREQUENCY_HZ)[0, 0] / wanted - 1.0).max()
         < 1e-6
     )
+
+
+@pytest.mark.parametrize("method", ["foh", "zoh", "bilinear"])
+@pytest.mark.parametrize(("n", "m"), [(1, 1), (6, 2)])
+def test_blocks_are_those_of_scipy(method: Hold, n: int, m: int) -> None:
+    draw = np.random.default_rng(n).standard_normal
+    system = StateSpace(30.0 * draw((n, n)), draw((n, m)), draw((3, n)), draw((3, m)))
+    block = discretise(system, 0.004, method, "any", (), ())
+    exact = cont2discrete((system.A, system.B, system.C, system.D), 0.004, method=method)
+    for found, wanted in zip((block.A, block.B, block.C, block.D), exact, strict=False):
+        assert found == pytest.approx(wanted, rel=1e-12, abs=1e-13)

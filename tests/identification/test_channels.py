@@ -13,7 +13,7 @@ from made_records import make_specimen
 from scipy import signal
 
 from rths_cli.control import sensing
-from rths_cli.identification import channels
+from rths_cli.identification import channel_responses, channels
 from rths_cli.identification.clipping import as_sampled, cut_off_peaks, flat_tops
 from rths_cli.identification.evaluate import identify
 from rths_cli.identification.excitation import Kind
@@ -39,8 +39,8 @@ def faults(made: Linear, accel: np.ndarray | None = None) -> list[str]:
     record = made.record if accel is None else with_accel(made.record, accel)
     found = channels.signal_faults(record, made.info)
     frfs = responses(record)
-    found = found or channels.response_faults(frfs, made.info, made.specimen.masses_kg)
-    return found or channels.gain_faults(frfs[0], frfs[1:], made.info)
+    found = found or channel_responses.response_faults(frfs, made.info, made.specimen.masses_kg)
+    return found or channel_responses.gain_faults(frfs[0], frfs[1:], made.info)
 
 
 def responses(record: Record) -> tuple[Frf, ...]:
@@ -133,7 +133,7 @@ def test_floor_gains_are_the_factors_put_in(floors: int) -> None:
     made = clean(floors)
     put_in = np.array([1.03, 0.98, 1.01][:floors])
     record = with_accel(made.record, made.record.accel_m_s2 * np.concatenate([[1.0], put_in])[:, None])
-    gains, errors = channels.floor_gains(responses(record))
+    gains, errors = channel_responses.floor_gains(responses(record))
     assert gains == pytest.approx(put_in, abs=0.01)
     assert np.all(errors < 0.01)
 
@@ -286,7 +286,7 @@ def test_report_states_levels() -> None:
 @pytest.mark.parametrize(("factor", "warned"), [(1.5, True), (0.65, True), (1.08, False), (-1.5, True), (-1.0, False)])
 def test_gain_far_from_the_data_sheet_is_a_warning(factor: float, warned: bool) -> None:
     info = clean(1).info
-    found = channels.gain_warnings(factor * info.gain_m_per_v, info)
+    found = channel_responses.gain_warnings(factor * info.gain_m_per_v, info)
     assert len(found) == warned
     if warned:
         assert f"moves {abs(factor) * 7.9:.3g} mm/V" in found[0]
@@ -295,9 +295,9 @@ def test_gain_far_from_the_data_sheet_is_a_warning(factor: float, warned: bool) 
 @pytest.mark.parametrize(("factor", "refused"), [(9.81, True), (0.5, True), (2.0, True), (1.5, False), (0.7, False)])
 def test_gain_nowhere_near_the_data_sheet_is_a_reason(factor: float, refused: bool) -> None:
     info = clean(1).info
-    found = channels.far_gain(factor * info.gain_m_per_v, info)
+    found = channel_responses.far_gain(factor * info.gain_m_per_v, info)
     assert len(found) == refused
-    assert bool(channels.gain_warnings(factor * info.gain_m_per_v, info)) != refused
+    assert bool(channel_responses.gain_warnings(factor * info.gain_m_per_v, info)) != refused
 
 
 def test_command_and_table_exchanged_are_named() -> None:
@@ -306,7 +306,7 @@ def test_command_and_table_exchanged_are_named() -> None:
         made.record, command_v=made.record.accel_m_s2[0],
         accel_m_s2=np.vstack([made.record.command_v, made.record.accel_m_s2[1:]]),
     )  # fmt: skip
-    found = channels.response_faults(responses(record), made.info, made.specimen.masses_kg)
+    found = channel_responses.response_faults(responses(record), made.info, made.specimen.masses_kg)
     assert len(found) == 1
     assert "command and table: they look swapped" in found[0]
 

@@ -15,11 +15,11 @@ from rths_cli.identification.evaluate import (
     Identification,
     IdentificationSettings,
     identify,
-    without_staircase,
 )
 from rths_cli.identification.excitation import Kind
 from rths_cli.identification.fit_table import FitError, fit_error
 from rths_cli.identification.frf import estimate
+from rths_cli.identification.motions import without_staircase
 from rths_cli.identification.record import Parts, Record
 from rths_cli.lti import Frf
 

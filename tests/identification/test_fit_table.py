@@ -87,6 +87,15 @@ def test_paper_model_is_proper_stable_and_minimum_phase_without_delay() -> None:
     assert error.rms_mid < 0.004
 
 
+@pytest.mark.parametrize("loop", [(14.0, 0.6), (8.0, 0.4), (25.0, 0.9), (20.0, 0.5), (12.0, 1.6)])
+def test_the_papers_fit_goes_on_until_it_is_done(loop: tuple[float, float]) -> None:
+    frf = made_frf(made_table(loop, 100.0), 0.002)
+    found = fit_paper(frf, first_fit(frf, MODES, TIMING, (0.5, 60.0)), (0.5, 12.0))
+    before, after = fit_error(found.model, frf), fit_error(refit(frf, found).model, frf)
+    assert before.rms == pytest.approx(after.rms, rel=0.01)  # the pull has another start
+    assert before.rms < 0.0035
+
+
 def test_table_without_a_specimen() -> None:
     poles = 2.0 * np.pi * np.concatenate([14.0 * np.roots([1.0, 1.2, 1.0]), [-100.0]]).astype(complex)
     gain = 0.0079 * float(np.real(np.prod(-poles)))
@@ -115,7 +124,7 @@ def test_slopes_are_those_of_the_logarithm() -> None:
     _, slopes = response_and_slopes(layout, parameters, s)
     for i, step in enumerate(1e-6 * np.eye(layout.size)):
         ahead, behind = (response_and_slopes(layout, parameters + sign * step, s)[0] for sign in (1.0, -1.0))
-        assert slopes[:, i] == pytest.approx(np.log(ahead / behind) / 2e-6, abs=1e-6)
+        assert slopes[i] == pytest.approx(np.log(ahead / behind) / 2e-6, abs=1e-6)
 
 
 def test_factors_and_roots_are_one_function() -> None:

@@ -9,12 +9,11 @@ import pytest
 from bench import DT_S, LINEAR, held, ideal_info, rig_info, specimen
 from hybrid import best_like, closed_loop, ground, open_limits, paper_like, storeys
 from numba import njit
-from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError
 from scipy.linalg import expm
 
 from rths_cli.case.virtual_physics import VirtualPhysics
-from rths_cli.compiled import entry
+from rths_cli.compiled import Part, entry
 from rths_cli.control import estimator, feedback, numerical
 from rths_cli.control.blocks import Blocks
 from rths_cli.control.realise import static
@@ -214,7 +213,7 @@ def test_every_size_of_structure_runs_the_same_compiled_code(floors: int, numeri
     outcome = play(rig, info, blocks, NUMERICAL, by_rows, open_limits(info))
     assert outcome.steps == 50
     assert np.isfinite(outcome.log.estimated).all()
-    assert len(loop_drive.run_virtual.signatures) == 1
+    assert len(loop_drive.run_virtual.kinds) == 1
 
 
 def test_nothing_in_a_run_can_allocate() -> None:
@@ -230,7 +229,7 @@ def test_nothing_in_a_run_can_allocate() -> None:
         value
         for module in (blocks_step, loop_guard, loop_drive, clocks, kernel)
         for value in vars(module).values()
-        if isinstance(value, Dispatcher)
+        if isinstance(value, Part)
     ]
-    assert len({part.py_func.__name__ for part in parts}) >= 20
-    assert all(part.targetoptions["_nrt"] is False for part in parts)
+    assert len({part.function.__name__ for part in parts}) >= 20
+    assert all(part.dispatcher.targetoptions["_nrt"] is False for part in parts)

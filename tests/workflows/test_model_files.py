@@ -351,7 +351,7 @@ def test_the_software_is_known_by_its_sources_and_what_it_computes_with(
     (tmp_path / "package" / "deep.py").write_text("b = 1\n")
     after = model_store.software.__wrapped__()
     assert after != before
-    monkeypatch.setattr(model_store, "version", lambda name: f"{name} 99")
+    monkeypatch.setattr(model_store, "package_version", lambda name: f"{name} 99")
     assert model_store.software.__wrapped__() != after
 
 

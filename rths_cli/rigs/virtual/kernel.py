@@ -10,21 +10,24 @@ import numpy as np
 from rths_cli.compiled import entry, part
 from rths_cli.lti import Array
 from rths_cli.rigs.virtual.plant import Plant
+from rths_cli.tiles import product
 
 END_STOP = 1
-SATURATED = 20.0  # tanh(20) is 1 in double precision
-CLIPPED_LEVEL = 3
-CROSSING_LEVEL = 8  # of an interval in which clipping may begin or end
+SATURATED = 10.0  # tanh(10) is 1 within 5e-9
+CLIPPED_LEVEL = 4
+CROSSING_LEVEL = 9  # of an interval in which clipping may begin or end
+SOLVED = 1e-9  # of tanh(v / v_s) at a node
 
 
 class PlantState(NamedTuple):
-    """What the kernel changes: c = 1 + n_floors channels, n states, latency + 1 commands under way."""
+    """What the kernel changes: c = 1 + n_floors channels, n mechanical states, latency + 1 commands under way."""
 
-    state: Array  # (n,) mechanical states, then the channels' low passes, then their AC couplings
-    pushed: Array  # (n,) scratch for the next state
-    values: Array  # (2, 3) the nonlinearities at start, middle, end of an inner step
-    offsets: Array  # (2, 2) scratch: the arguments at middle and end without the nonlinearities
-    accel: Array  # (c,) absolute accelerations, wanted where the sensors have no low pass
+    state: Array  # (n + 7,) mechanical states, command held, both nonlinearities at start, middle, end
+    low: Array  # (c,) the channels' low passes
+    coupled: Array  # (c,) what their AC couplings take away
+    made: Array  # what Plant.push gives
+    begin: Array  # (8,) what Plant.start gives, the offsets included
+    offsets: Array  # (4,) v / v_s at middle and end, F_ref at middle and end, nonlinearities left out
     queue: Array  # (latency + 1,) commands under way, the oldest first
     middle_velocity: Array  # (c,) true absolute velocities in the middle of the interval
     fault: Array  # (1,) 0 or END_STOP
@@ -32,10 +35,10 @@ class PlantState(NamedTuple):
 
 def fresh_state(plant: Plant, latency_samples: int) -> PlantState:
     """Return a table at rest."""
-    n, c = plant.transition.shape[1], plant.accel_rows.shape[0]
+    c, begin = plant.accel_rows.shape[0], np.zeros(8)
     return PlantState(
-        np.zeros(n), np.zeros(n), np.zeros((2, 3)), np.zeros((2, 2)), np.zeros(c),
-        np.zeros(latency_samples + 1), np.zeros(c), np.zeros(1, dtype=np.int64),
+        np.zeros(plant.mechanical + 7), np.zeros(c), np.zeros(c), np.zeros(4 * plant.push.shape[1]),
+        begin, begin[4:], np.zeros(latency_samples + 1), np.zeros(c), np.zeros(1, dtype=np.int64),
     )  # fmt: skip
 
 
@@ -48,156 +51,224 @@ def convert(value: float, step: float, bound: float) -> float:
 
 
 @part
+def tanh(value: float) -> float:
+    """Return tanh to rounding of 1; inf gives 1."""
+    return 1.0 - 2.0 / (math.exp(2.0 * value) + 1.0)
+
+
+@part
+def tanh_after(begun: float, ratio: float, moved: float) -> float:
+    """Return tanh(ratio + moved), `begun` being tanh(ratio): for small moves by the addition theorem, within 2e-12."""
+    if abs(moved) > 1.0:
+        return tanh(ratio + moved)
+    square = moved * moved
+    over = moved * (135135.0 + square * (17325.0 + square * (378.0 + square)))
+    under = 135135.0 + square * (62370.0 + square * (3150.0 + square * 28.0))
+    return (begun * under + over) / (under + begun * over)
+
+
+@part
+def follow(begun: float, moved: float) -> float:
+    """Return a guess of tanh(ratio + moved), `begun` being tanh(ratio): the second-order series, within -1 and 1."""
+    guess = begun + (1.0 - begun * begun) * moved * (1.0 - begun * moved)
+    return min(max(guess, -1.0), 1.0)
+
+
+@part
 def friction_sign(velocity: float, plant: Plant) -> float:
-    """Return tanh(v / v_s)."""
+    """Return tanh(v / v_s), 1 or -1 where it is saturated."""
     ratio = velocity / plant.friction_velocity_m_s
-    if abs(ratio) > SATURATED:
-        return math.copysign(1.0, ratio)
-    return math.tanh(ratio)
+    return math.copysign(1.0, ratio) if abs(ratio) > SATURATED else tanh(ratio)
 
 
 @part
-def nonlinearity(which: int, argument: float, plant: Plant) -> float:
-    """Return tanh(v / v_s) (which = 0) or clip(F_ref) - F_ref (which = 1)."""
-    if which == 0:
-        return friction_sign(argument, plant)
-    return min(max(argument, -plant.force_limit_n), plant.force_limit_n) - argument
+def clipped(reference: float, plant: Plant) -> float:
+    """Return clip(F_ref) - F_ref."""
+    return min(max(reference, -plant.force_limit_n), plant.force_limit_n) - reference
 
 
 @part
-def start_argument(plant: Plant, s: PlantState, which: int, command: float) -> float:
-    """Return v (which = 0) or F_ref (which = 1) at the present state."""
-    argument = plant.start_hold[which] * command
-    for i in range(plant.mechanical):
-        argument += plant.start_rows[which, i] * s.state[i]
-    return argument
-
-
-@part
-def choose_level(plant: Plant, s: PlantState, command: float) -> tuple[int, int]:
+def choose_level(plant: Plant, s: PlantState) -> tuple[int, int]:
     """Return the level of inner steps for the next interval, and how many nonlinearities act in it.
 
     None acts while the table moves fast enough for constant friction, two where F_ref may exceed the force limit.
 
-    The parabola through tanh(v / v_s) errs by about 0.03 exp(-2 r) (q / steps)^3, with r the smallest |v| / v_s
-    and q the change of v / v_s in the interval; the steps keep this below 5e-6.
+    A parabola through tanh(v / v_s) at start, middle and end errs by 0.008 times its third derivative times the third
+    power of the step. Beside exp(-2 r), r the smallest |v| / v_s, that is about q^3 + bend q, q being the change of
+    v / v_s in the interval and bend what actuator and friction add to the bending of v.
     """
+    n = plant.mechanical
+    product(plant.start, n + 1, s.state, s.begin)
     velocity = s.state[1] / plant.friction_velocity_m_s
-    accel = plant.accel_friction[0] * friction_sign(s.state[1], plant)
-    for i in range(plant.mechanical):
-        accel += plant.accel_rows[0, i] * s.state[i]
-    change = abs(accel) * plant.dt_s / plant.friction_velocity_m_s
+    friction_accel = plant.accel_friction[0] * s.state[n + 3]
+    change = (abs(s.begin[0] + friction_accel) + abs(s.begin[3])) * plant.dt_s / plant.friction_velocity_m_s
     nearest = max(abs(velocity) - 1.5 * change, 0.0)
-    steps = 18.0 * change * math.exp(-0.667 * nearest)
-    level = 0
-    while 2.0 * 2**level < steps:
-        level += 1
-    active = 0 if nearest > SATURATED else 1
-    wanted = abs(start_argument(plant, s, 1, command))
-    swing = 1.5 * abs(plant.start_rows[1, 0] * s.state[1] + plant.start_rows[1, 1] * accel) * plant.dt_s
+    level, active = 0, 0 if nearest > SATURATED else 1
+    cubed = plant.steps_cubed * change * (change * change + plant.bend)
+    if cubed > 1.0:
+        cubed *= math.exp(-2.0 * nearest)
+        while cubed > 1.0:
+            level += 1
+            cubed *= 0.125
+    wanted = abs(s.begin[1])
+    swing = 1.5 * abs(s.begin[2] + plant.reference_per_velocity * friction_accel) * plant.dt_s
     if wanted + swing > plant.force_limit_n:
         level, active = max(level, CLIPPED_LEVEL if wanted - swing > plant.force_limit_n else CROSSING_LEVEL), 2
-    s.values[0, :] = math.copysign(1.0, velocity)
-    s.values[1, :] = 0.0
-    return min(level + plant.refine, plant.transition.shape[0] - 1), active
+    return min(level + plant.refine, plant.push.shape[0] - 1), active
 
 
 @part
-def solve_nodes(plant: Plant, s: PlantState, level: int, active: int, command: float) -> None:
-    """Solve the collocation equations for the acting nonlinearities at middle and end of an inner step."""
-    values = s.values
-    for which in range(active):
-        argument = start_argument(plant, s, which, command)
-        value = nonlinearity(which, argument, plant)
-        for node in range(2):
-            offset = plant.node_hold[level, node, which] * command
-            for i in range(plant.mechanical):
-                offset += plant.node_rows[level, node, which, i] * s.state[i]
-            s.offsets[node, which] = offset
-            values[which, node + 1] = value
-        values[which, 0] = value
+def argument(plant: Plant, s: PlantState, level: int, node: int, which: int) -> float:
+    """Return v / v_s (which = 0) or F_ref (1) at middle (node = 0) or end (1) of an inner step, as solved so far."""
+    value = s.offsets[2 * which + node]
+    for j in range(3):
+        value += plant.feed[level, node, which, 0, j] * s.state[plant.mechanical + 1 + j]
+        value += plant.feed[level, node, which, 1, j] * s.state[plant.mechanical + 4 + j]
+    return value
+
+
+@part
+def solve_friction(plant: Plant, s: PlantState, level: int) -> None:
+    """Solve the collocation equations for tanh(v / v_s) at middle and end of an inner step (Newton's method).
+
+    The first guess follows tanh to second order in the change of v / v_s; one step is then mostly enough: it leaves
+    the square of the guess's error in v / v_s.
+    """
+    n, feed = plant.mechanical, plant.feed[level]
+    begun, ratio = s.state[n + 3], s.state[1] / plant.friction_velocity_m_s
+    s.state[n + 1] = begun
+    middle_free = s.offsets[0] + feed[0, 0, 0, 0] * begun - ratio
+    end_free = s.offsets[1] + feed[1, 0, 0, 0] * begun - ratio
+    middle = follow(begun, middle_free + (feed[0, 0, 0, 1] + feed[0, 0, 0, 2]) * begun)
+    end = follow(begun, end_free + (feed[1, 0, 0, 1] + feed[1, 0, 0, 2]) * begun)
+    for _ in range(20):
+        middle_is = tanh_after(begun, ratio, middle_free + feed[0, 0, 0, 1] * middle + feed[0, 0, 0, 2] * end)
+        end_is = tanh_after(begun, ratio, end_free + feed[1, 0, 0, 1] * middle + feed[1, 0, 0, 2] * end)
+        middle_slope, end_slope = 1.0 - middle_is * middle_is, 1.0 - end_is * end_is
+        a, b = 1.0 - middle_slope * feed[0, 0, 0, 1], -middle_slope * feed[0, 0, 0, 2]
+        c, d = -end_slope * feed[1, 0, 0, 1], 1.0 - end_slope * feed[1, 0, 0, 2]
+        scale = 1.0 / (a * d - b * c)
+        by_middle = scale * (d * (middle_is - middle) - b * (end_is - end))
+        by_end = scale * (a * (end_is - end) - c * (middle_is - middle))
+        middle, end = middle + by_middle, end + by_end
+        moved = abs(feed[0, 0, 0, 1] * by_middle + feed[0, 0, 0, 2] * by_end)
+        moved = max(moved, abs(feed[1, 0, 0, 1] * by_middle + feed[1, 0, 0, 2] * by_end))
+        if moved * moved < SOLVED:
+            break
+    s.state[n + 2], s.state[n + 3] = middle, end
+
+
+@part
+def solve_both(plant: Plant, s: PlantState, level: int) -> None:
+    """Solve the collocation equations for friction and clipping at middle and end of an inner step (fixed point)."""
+    n = plant.mechanical
+    product(plant.start[:1], n + 1, s.state, s.begin)
+    s.state[n + 1] = s.state[n + 2] = s.state[n + 3]
+    s.state[n + 4] = s.state[n + 5] = s.state[n + 6] = clipped(s.begin[1], plant)
     for _ in range(20):
         change = 0.0
         for node in range(2):
-            for which in range(active):
-                argument = s.offsets[node, which]
-                for source in range(active):
-                    for j in range(3):
-                        argument += plant.node_drive[level, node, which, source, j] * values[source, j]
-                value = nonlinearity(which, argument, plant)
-                change = max(change, abs(value - values[which, node + 1]))
-                values[which, node + 1] = value
+            friction = tanh(argument(plant, s, level, node, 0))
+            clip = clipped(argument(plant, s, level, node, 1), plant)
+            change = max(change, abs(friction - s.state[n + 2 + node]), abs(clip - s.state[n + 5 + node]))
+            s.state[n + 2 + node], s.state[n + 5 + node] = friction, clip
         if change < 1e-10:
             return
 
 
 @part
-def inner_step(plant: Plant, s: PlantState, level: int, active: int, command: float) -> None:
-    """Advance mechanics and sensors by one inner step under a held command."""
-    if active > 0:
-        solve_nodes(plant, s, level, active, command)
-    mechanical, channels = plant.mechanical, s.accel.size
-    for i in range(s.state.size):
-        value = plant.hold[level, i] * command
-        for j in range(mechanical):
-            value += plant.transition[level, i, j] * s.state[j]
-        if i >= mechanical:
-            value += plant.transition[level, i, i] * s.state[i]
-        if i >= mechanical + channels:
-            value += plant.transition[level, i, i - channels] * s.state[i - channels]
-        for source in range(max(active, 1)):
-            for j in range(3):
-                value += plant.drive[level, i, source, j] * s.values[source, j]
-        s.pushed[i] = value
+def solve(plant: Plant, s: PlantState, level: int, active: int) -> None:
+    """Find the acting nonlinearities at start, middle and end of an inner step."""
+    n = plant.mechanical
+    if active == 0:
+        sign = math.copysign(1.0, s.state[1])
+        s.state[n + 1], s.state[n + 2], s.state[n + 3] = sign, sign, sign
+        return
+    if level > 0:
+        product(plant.nodes[level], n + 1, s.state, s.offsets)
+    if active == 1:
+        s.state[n + 1] = s.state[n + 3]
+        solve_friction(plant, s, level)
+    else:
+        solve_both(plant, s, level)
+
+
+@part
+def take(plant: Plant, s: PlantState, level: int, columns: int) -> None:
+    """Advance mechanics and sensors by an inner step whose nonlinearities are found."""
+    n, channels = plant.mechanical, s.low.size
+    product(plant.push[level], columns, s.state, s.made)
+    for i in range(n):
+        s.state[i] = s.made[i]
+    keeps, couples, takes = plant.filters[level, 0], plant.filters[level, 1], plant.filters[level, 2]
+    for c in range(channels):
+        s.coupled[c] = s.made[n + channels + c] + couples * s.coupled[c] + takes * s.low[c]
+        s.low[c] = s.made[n + c] + keeps * s.low[c]
+    if not plant.has_low_pass:
+        sense_directly(plant, s)
 
 
 @part
 def sense_directly(plant: Plant, s: PlantState) -> None:
     """Put the accelerations into the places of the low passes, where the sensors have none."""
-    friction = friction_sign(s.pushed[1], plant)
-    for c in range(s.accel.size):
+    friction = s.state[plant.mechanical + 3]
+    for c in range(s.low.size):
         value = plant.accel_friction[c] * friction
         for i in range(plant.mechanical):
-            value += plant.accel_rows[c, i] * s.pushed[i]
-        s.pushed[plant.mechanical + c] = value
+            value += plant.accel_rows[c, i] * s.state[i]
+        s.low[c] = value
 
 
-@entry
-def hold_interval(plant: Plant, s: PlantState, command_v: float) -> None:
+@part
+def hold(plant: Plant, s: PlantState, command_v: float) -> None:
     """Queue a command, hold the one that is due for a sample interval and note the velocities at its middle."""
     last = s.queue.size - 1
     for i in range(last):
         s.queue[i] = s.queue[i + 1]
     s.queue[last] = convert(command_v, plant.command_step_v, plant.command_range_v)
-    held = s.queue[0]
-    level, active = choose_level(plant, s, held)
-    half = 2**level
-    for step in range(2 * half):
-        inner_step(plant, s, level, active, held)
-        if not plant.has_low_pass:
-            sense_directly(plant, s)
-        for i in range(s.state.size):
-            s.state[i] = s.pushed[i]
-        if step == half - 1:
-            note_velocity(s)
+    n = plant.mechanical
+    s.state[n] = s.queue[0]
+    level, active = choose_level(plant, s)
+    columns = n + 7 if active == 2 else n + 4
+    half = (1 << level) >> 1
+    for step in range(1 << level):
+        if half > 0 and step == half:
+            note_velocity(s, n)
+        solve(plant, s, level, active)
+        take(plant, s, level, columns)
+    if half == 0:
+        for c in range(s.middle_velocity.size):
+            s.middle_velocity[c] = s.made[n + 2 * s.low.size + c]
+    s.state[n + 3] = friction_sign(s.state[1], plant)
     if abs(s.state[0]) > plant.stroke_m:
         s.fault[0] = END_STOP
 
 
 @part
-def note_velocity(s: PlantState) -> None:
+def note_velocity(s: PlantState, mechanical: int) -> None:
     """Keep the true absolute velocities of table and floors."""
     floors = s.middle_velocity.size - 1
     s.middle_velocity[0] = s.state[1]
     for floor in range(floors):
-        s.middle_velocity[1 + floor] = s.state[1] + s.state[3 + floors + floor]
+        s.middle_velocity[1 + floor] = s.state[1] + s.state[mechanical - floors + floor]
+
+
+@part
+def read(plant: Plant, s: PlantState, noise: Array, samples: Array) -> None:
+    """Write the converted samples in V, (c,), for one row of standard normal noise (c,)."""
+    for c in range(samples.size):
+        accel = s.low[c] - s.coupled[c] + plant.noise_rms_m_s2 * noise[c]
+        accel = min(max(accel, -plant.sensor_range_m_s2), plant.sensor_range_m_s2)
+        samples[c] = convert(accel * plant.sensor_v_per_m_s2, plant.sensor_step_v, plant.sensor_range_v)
+
+
+@entry
+def hold_interval(plant: Plant, s: PlantState, command_v: float) -> None:
+    """Do what `hold` does, called from Python."""
+    hold(plant, s, command_v)
 
 
 @entry
 def read_samples(plant: Plant, s: PlantState, noise: Array, samples: Array) -> None:
-    """Write the converted samples in V, (c,), for one row of standard normal noise (c,)."""
-    for c in range(samples.size):
-        place = plant.mechanical + c
-        accel = s.state[place] - s.state[place + samples.size] + plant.noise_rms_m_s2 * noise[c]
-        accel = min(max(accel, -plant.sensor_range_m_s2), plant.sensor_range_m_s2)
-        samples[c] = convert(accel * plant.sensor_v_per_m_s2, plant.sensor_step_v, plant.sensor_range_v)
+    """Do what `read` does, called from Python."""
+    read(plant, s, noise, samples)

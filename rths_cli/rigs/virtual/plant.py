@@ -23,20 +23,22 @@ class Plant(NamedTuple):
     """Constant arrays of the kernel for n states and c = 1 + n_floors channels.
 
     Arrays with a leading axis of levels hold one entry per inner step: level L divides the sample interval
-    into 2^(L + 1) inner steps.
+    into 2^L inner steps. The matrices stand in tiles (tiles.tiled); their columns are the mechanical states, the
+    command, then tanh(v / v_s) at start, middle and end of the inner step, then clip(F_ref) - F_ref at the same.
     """
 
-    transition: Array  # (levels, n, n) exp(A h)
-    hold: Array  # (levels, n) response at h to the command
-    drive: Array  # (levels, n, 2, 3) response at h to the two nonlinearities at start, middle, end
-    node_rows: Array  # (levels, 2, 2, n) nonlinearity's argument at middle, end from the state
-    node_hold: Array  # (levels, 2, 2) the same from the command
-    node_drive: Array  # (levels, 2, 2, 2, 3) the same from the nonlinearities
-    start_rows: Array  # (2, n) the argument at the start
-    start_hold: Array  # (2,)
+    push: Array  # (levels, tiles, columns, 4) state at the end of an inner step, what the sensors keep of themselves
+    #              left out, then the absolute velocities of table and floors in its middle
+    filters: Array  # (levels, 3) what a low pass keeps of itself, an AC coupling of itself, and takes of its low pass
+    nodes: Array  # (levels, 1, columns, 4) v / v_s at middle and end, F_ref at middle and end, nonlinearities left out
+    feed: Array  # (levels, 2, 2, 2, 3) node, argument: what each nonlinearity at start, middle, end adds to it
+    start: Array  # (2, columns, 4) table acceleration, F_ref, its rate, surge, nonlinearities left out; then nodes[0]
     accel_rows: Array  # (c, n) absolute accelerations from the state
     accel_friction: Array  # (c,) the same from tanh(v / v_s)
-    mechanical: int  # number of mechanical states; one low pass and one AC coupling per channel follow
+    steps_cubed: float  # cube of the inner steps per q^3 + bend q, q the change of v / v_s in an interval
+    bend: float  # square of the interval times the rates of actuator and friction
+    reference_per_velocity: float  # what F_ref changes by with v
+    mechanical: int  # number of mechanical states
     has_low_pass: bool
     dt_s: float
     friction_velocity_m_s: float
@@ -90,27 +92,6 @@ def continuous(
     b_u = np.zeros(n)
     b_u[2] = command[1] / physics.actuator_time_constant_s
     return a, b_u, b_n, rows, command
-
-
-def parabola_response(a: Array, b: Array, time_s: float, step_s: float) -> tuple[Array, Array]:
-    """Return exp(A t) (n, n) and the response at t to b times a parabola over [0, step] by its values, (n, m, 3).
-
-    The parabola is given at 0, step / 2 and step; the integrals come from one exponential of the system
-    augmented with the powers 1, s, s^2 / 2 of time.
-    """
-    from scipy.linalg import expm
-
-    n, m = b.shape
-    chain = np.zeros((n + 3 * m, n + 3 * m))
-    chain[:n, :n] = a
-    chain[:n, n : n + m] = b
-    chain[n : n + m, n + m : n + 2 * m] = np.eye(m)
-    chain[n + m : n + 2 * m, n + 2 * m :] = np.eye(m)
-    exponential = expm(chain * time_s)
-    moments = exponential[:n, n:].reshape(n, 3, m)
-    lagrange = np.array([[1.0, 0.0, 0.0], [-3.0, 4.0, -1.0], [4.0, -8.0, 4.0]])
-    lagrange /= step_s ** np.arange(3)[:, None]
-    return exponential[:n, :n], np.einsum("nim,ij->nmj", moments, lagrange)
 
 
 def with_sensors(

@@ -10,14 +10,17 @@ from rths_cli.errors import RigError
 from rths_cli.lti import Array
 from rths_cli.rigs.interface import RigInfo
 from rths_cli.rigs.virtual import kernel
-from rths_cli.rigs.virtual.plant import Plant, accelerations, continuous, parabola_response, with_sensors
+from rths_cli.rigs.virtual.levels import Parts, level, velocities
+from rths_cli.rigs.virtual.plant import Plant, accelerations, continuous, with_sensors
 from rths_cli.structure import Specimen
+from rths_cli.tiles import tiled
 
 if TYPE_CHECKING:
     from rths_cli.case.virtual_physics import AfterIdentification, VirtualPhysics
 
-LEVELS = 9  # inner steps from dt / 2 to dt / 512
+LEVELS = 10  # inner steps from dt to dt / 512
 NOISE_ROWS = 4096
+INTERPOLATED_M_S2 = 5e-7  # what interpolated friction may err by, as an acceleration of the table
 
 
 def changed(
@@ -47,23 +50,26 @@ def build_plant(
     full, full_u, full_n = with_sensors(
         a, b_u, b_n, accel_rows, accel_friction, sensor.low_pass_hz, sensor.high_pass_hz
     )
-    rows = np.hstack([rows, np.zeros((2, 2 * accel_rows.shape[0]))])
-    steps = [info.dt_s / 2 ** (level + 1) for level in range(LEVELS + refine)]
-    levels = [_level(full, np.column_stack([full_n, full_u]), rows, row_command, step) for step in steps]
-    transition, hold, drive, node_rows, node_hold, node_drive = (
-        np.array([level[i] for level in levels]) for i in range(6)
-    )
+    velocity_rows = velocities(len(full), len(specimen.masses_kg))
+    scale = np.array([1.0 / physics.coulomb_velocity_m_s, 1.0])
+    parts = Parts(full, np.column_stack([full_n, full_u]), a.shape[0], rows, row_command, velocity_rows, scale)
+    levels = [level(parts, info.dt_s / 2**k) for k in range(LEVELS + refine)]
+    swing = rows[1, 0] * np.eye(a.shape[0])[1] + rows[1, 1] * accel_rows[0]
+    surge = a[1, 2] * (rows[1] - np.eye(a.shape[0])[2]) * info.dt_s / physics.actuator_time_constant_s
+    surge_hold = a[1, 2] * row_command[1] * info.dt_s / physics.actuator_time_constant_s
+    rates = 1.0 / physics.actuator_time_constant_s + abs(b_n[1, 0]) / physics.coulomb_velocity_m_s
+    start = np.column_stack([np.vstack([accel_rows[0], rows[1], swing, surge]), [0.0, row_command[1], 0.0, surge_hold]])
     return Plant(
-        transition=transition,
-        hold=hold,
-        drive=drive,
-        node_rows=node_rows,
-        node_hold=node_hold,
-        node_drive=node_drive,
-        start_rows=rows,
-        start_hold=row_command,
+        push=np.array([one.push for one in levels]),
+        filters=np.array([one.filters for one in levels]),
+        nodes=np.array([one.nodes for one in levels]),
+        feed=np.array([one.feed for one in levels]),
+        start=np.concatenate([tiled(start), levels[0].nodes]),
         accel_rows=np.ascontiguousarray(accel_rows),
         accel_friction=accel_friction,
+        steps_cubed=0.008 * physics.coulomb_n * a[1, 2] / INTERPOLATED_M_S2,
+        bend=(info.dt_s * rates) ** 2,
+        reference_per_velocity=float(rows[1, 1]),
         mechanical=a.shape[0],
         has_low_pass=sensor.low_pass_hz > 0.0,
         dt_s=info.dt_s,
@@ -79,19 +85,6 @@ def build_plant(
         noise_rms_m_s2=noise_rms_m_s2,
         refine=refine,
     )
-
-
-def _level(
-    a: Array, b: Array, rows: Array, row_command: Array, step: float
-) -> tuple[Array, Array, Array, Array, Array, Array]:
-    """Return transition, hold, drive, node_rows, node_hold, node_drive of one inner step; b ends with b_u."""
-    middle, response = parabola_response(a, b, 0.5 * step, step)
-    end, full = parabola_response(a, b, step, step)
-    hold_middle, hold_end = response[:, 2].sum(axis=1), full[:, 2].sum(axis=1)
-    node_rows = np.array([rows @ middle, rows @ end])
-    node_hold = np.array([rows @ hold_middle + row_command, rows @ hold_end + row_command])
-    node_drive = np.array([np.einsum("wn,nsj->wsj", rows, r[:, :2]) for r in (response, full)])
-    return end, hold_end, full[:, :2], node_rows, node_hold, node_drive
 
 
 class VirtualRig:

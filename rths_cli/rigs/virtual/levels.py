@@ -1,0 +1,84 @@
+"""The virtual table's inner steps: exact responses over one of them, as tiles for the compiled kernel."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from rths_cli.lti import Array
+from rths_cli.tiles import tiled
+
+
+class Parts(NamedTuple):
+    """The table with its sensors: n states, of which the mechanical ones come first."""
+
+    a: Array  # (n, n)
+    b: Array  # (n, 3) tanh(v / v_s), clip(F_ref) - F_ref, command
+    mechanical: int
+    rows: Array  # (2, mechanical) v and F_ref from the state
+    row_command: Array  # (2,) the same from the command
+    velocity_rows: Array  # (c, n) absolute velocities of table and floors
+    scale: Array  # (2,) what v and F_ref are multiplied with
+
+
+class Level(NamedTuple):
+    """Arrays of one inner step, as in Plant."""
+
+    push: Array
+    filters: Array
+    nodes: Array
+    feed: Array
+
+
+def level(parts: Parts, step_s: float) -> Level:
+    """Return the arrays of inner steps of this length."""
+    n, first = parts.mechanical, len(parts.a) - (len(parts.a) - parts.mechanical) // 2
+    wide = np.zeros((2, len(parts.a)))
+    wide[:, :n] = parts.scale[:, None] * parts.rows
+    halfway, half_response = parabola_response(parts.a, parts.b, 0.5 * step_s, step_s)
+    end, response = parabola_response(parts.a, parts.b, step_s, step_s)
+    offsets = [
+        np.column_stack([wide @ moved[:, :n], wide @ moves[:, 2].sum(axis=1) + parts.scale * parts.row_command])
+        for moved, moves in ((halfway, half_response), (end, response))
+    ]
+    return Level(
+        push=tiled(np.vstack([_columns(end, response, n), parts.velocity_rows @ _columns(halfway, half_response, n)])),
+        filters=np.array([end[n, n], end[first, first], end[first, n]]),
+        nodes=tiled(np.array([offsets[0][0], offsets[1][0], offsets[0][1], offsets[1][1]])),
+        feed=np.array([np.einsum("wn,nsj->wsj", wide, moves[:, :2]) for moves in (half_response, response)]),
+    )
+
+
+def _columns(moved: Array, moves: Array, mechanical: int) -> Array:
+    """Return the response (n, columns) to mechanical state, command, and both nonlinearities at three nodes each."""
+    return np.hstack([moved[:, :mechanical], moves[:, 2].sum(axis=1)[:, None], moves[:, 0], moves[:, 1]])
+
+
+def velocities(states: int, floors: int) -> Array:
+    """Return the rows (1 + floors, states) of the absolute velocities of table and floors."""
+    rows = np.zeros((1 + floors, states))
+    rows[:, 1] = 1.0
+    rows[1:, 3 + floors : 3 + 2 * floors] = np.eye(floors)
+    return rows
+
+
+def parabola_response(a: Array, b: Array, time_s: float, step_s: float) -> tuple[Array, Array]:
+    """Return exp(A t) (n, n) and the response at t to b times a parabola over [0, step] by its values, (n, m, 3).
+
+    The parabola is given at 0, step / 2 and step; the integrals come from one exponential of the system
+    augmented with the powers 1, s, s^2 / 2 of time.
+    """
+    from scipy.linalg import expm
+
+    n, m = b.shape
+    chain = np.zeros((n + 3 * m, n + 3 * m))
+    chain[:n, :n] = a
+    chain[:n, n : n + m] = b
+    chain[n : n + m, n + m : n + 2 * m] = np.eye(m)
+    chain[n + m : n + 2 * m, n + 2 * m :] = np.eye(m)
+    exponential = expm(chain * time_s)
+    moments = exponential[:n, n:].reshape(n, 3, m)
+    lagrange = np.array([[1.0, 0.0, 0.0], [-3.0, 4.0, -1.0], [4.0, -8.0, 4.0]])
+    lagrange /= step_s ** np.arange(3)[:, None]
+    return exponential[:n, :n], np.einsum("nim,ij->nmj", moments, lagrange)

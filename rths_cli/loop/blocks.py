@@ -56,7 +56,7 @@ class Step(NamedTuple):
     interface: Array  # (3,) desired absolute acceleration, velocity, displacement of the interface
     error: Array  # (2,) tracking error, and the feedback's part as applied less as wanted in V; or (1,)
     shortfall: Array  # (feedback's states,) what a shortfall of 1 V adds to each of them
-    shaping: Array  # (2,) rounding error carried over in V, and the size of a bit (0: no shaping)
+    shaping: Array  # (3,) rounding error carried over in V, the size of a bit (0: no shaping) and its inverse
     command_limit_v: float  # the feedback's part is clipped so that the sum stays within,
     feedback_limit_v: float  # and itself within this
     ripple_m_s2_per_v: float  # what the hold's staircase adds to a table sample per V of command change,
@@ -98,7 +98,7 @@ def channelwise(block: Block) -> Channels:
 def assemble(blocks: Blocks, source: int) -> Step:
     """Return a step at rest for one run of the given source."""
     feedforward, feedback = linear(blocks.feedforward), linear(blocks.feedback)
-    known = blocks.shear_estimate[None, :]
+    known, size = blocks.shear_estimate[None, :], blocks.shaping_step_v
     design, channels = blocks.estimator, blocks.correction.C.shape[0]
     estimator = linear(design, known @ design.C, known @ design.D + blocks.shear_measured[None, :])
     return Step(
@@ -118,7 +118,7 @@ def assemble(blocks: Blocks, source: int) -> Step:
         interface=feedforward.given[feedforward.states :],
         error=feedback.given[feedback.states :],
         shortfall=np.ascontiguousarray(blocks.feedback.B[:, -1]),
-        shaping=np.array([0.0, blocks.shaping_step_v]),
+        shaping=np.array([0.0, size, 1.0 / size if size > 0.0 else 0.0]),
         command_limit_v=float(blocks.command_limit_v),
         feedback_limit_v=float(blocks.feedback_limit_v),
         ripple_m_s2_per_v=float(blocks.ripple_m_s2_per_v),

@@ -76,7 +76,7 @@ def shape(s: Step, command: float) -> float:
     if size == 0.0 or not math.isfinite(command):
         return command
     wanted = command + s.shaping[0]
-    rounded = math.floor(wanted / size + 0.5) * size
+    rounded = math.floor(wanted * s.shaping[2] + 0.5) * size
     s.shaping[0] = wanted - rounded
     return rounded
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from rths_cli.errors import RthsError, write_crash_file
 from rths_cli.files.result_writer import Metric
 from rths_cli.loop.blocks import NUMERICAL
-from rths_cli.loop.drive import play
+from rths_cli.loop.drive import Log, empty_log, play
 from rths_cli.metrics import room_for_pairs
 from rths_cli.rigs.virtual.rig import VirtualRig
 from rths_cli.workflows.provenance import model_sha256
@@ -64,7 +64,7 @@ def _played(
     assert design is not None and ready.drive is not None  # what is not refused is ready
     assert ready.plant is not None and ready.limits is not None
     rig = VirtualRig(setup.rig, ready.plant, (seed, EXP_RTHS))
-    outcome = play(rig, setup.rig, design.blocks, NUMERICAL, ready.drive, ready.limits)
+    outcome = play(rig, setup.rig, design.blocks, NUMERICAL, ready.drive, ready.limits, _log(ready))
     stop = why_ended("EXP-RTHS", outcome, setup.rig.dt_s)
     if stop is not None:
         return stop, {}
@@ -94,6 +94,17 @@ def _room(pairs: int, samples: int, dt_s: float) -> Array:
         _THREAD.asked, _THREAD.room = asked, room_for_pairs(*asked)
     room: Array = _THREAD.room
     return room
+
+
+def _log(ready: Ready) -> Log:
+    """Return this thread's log: the next run of the same size uses it again."""
+    assert ready.drive is not None and ready.checked.design is not None
+    channels, estimates = len(ready.setup.rig.channels), len(ready.checked.design.blocks.estimator.C)
+    asked = (len(ready.drive), channels, estimates)
+    if getattr(_THREAD, "logged", None) != asked:
+        _THREAD.logged, _THREAD.log = asked, empty_log(*asked)
+    log: Log = _THREAD.log
+    return log
 
 
 def _accepted(ready: Ready, of: Sequence[Column], values: Mapping[str, ArrayLike]) -> Stop:

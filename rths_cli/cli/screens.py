@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import click
+
 from rths_cli.cli.group import SIGNALS
 
 if TYPE_CHECKING:
@@ -16,6 +18,11 @@ def new_screen(quiet: bool) -> Screen:
     from rths_cli.screen import Screen
 
     screen = Screen(quiet, poll=SIGNALS.poll)
+
+    def say(text: str) -> None:
+        screen.clear()
+        click.echo(text, err=True)
+
     if not quiet:
-        announce(screen.message)
+        announce(say)
     return screen

@@ -125,8 +125,7 @@ def _digest(content: bytes) -> str:
 
 def _model_key(setup: Setup) -> str:
     """Return what a model depends on; a named one is verified on the rig as it is after its identification."""
-    changed = setup.case.table.after_identification.model_dump_json() if setup.case.identification.model else ""
-    return key(setup) + changed
+    return key(setup) + (setup.case.table.model_dump_json() if setup.case.identification.model else "")
 
 
 def _refused(setup: Setup, known: Known, checked: Verdict) -> str:

@@ -9,14 +9,19 @@ from rths_cli.metrics.benchmark2020 import (
     best_lag_s,
     response_criteria,
     tracking_criteria,
+    tracking_ratios,
 )
 from rths_cli.metrics.energy import error_energy_j, input_energy_j, velocity_error_m_s
 from rths_cli.metrics.error import (
     BAND_HZ,
     BAND_ORDER,
+    Banded,
     ErrorFigures,
+    banded,
+    banded_error_figures,
     error_figures,
     fitted_delay_s,
+    fitted_delays_s,
     peak,
     rms,
     test_band,
@@ -27,26 +32,33 @@ from rths_cli.metrics.fidelity import (
     frequency_evaluations,
     tracking_indicator,
 )
+from rths_cli.metrics.low_lines import low_lines
 
 __all__ = [
     "BAND_HZ",
     "BAND_ORDER",
+    "Banded",
     "ErrorFigures",
     "FrequencyEvaluation",
     "ResponseCriteria",
     "TrackingCriteria",
+    "banded",
+    "banded_error_figures",
     "best_lag_s",
     "error_energy_j",
     "error_figures",
     "fitted_delay_s",
+    "fitted_delays_s",
     "frequency_evaluation",
     "frequency_evaluations",
     "input_energy_j",
+    "low_lines",
     "peak",
     "response_criteria",
     "rms",
     "test_band",
     "tracking_criteria",
     "tracking_indicator",
+    "tracking_ratios",
     "velocity_error_m_s",
 ]

@@ -30,6 +30,7 @@ SOURCES = (
     "rig_info.py",
     "compiled.py",
     "filters.py",
+    "metrics/error.py",
     "tiles.py",
     "rigs/virtual/plant.py",
     "rigs/virtual/kernel.py",

@@ -34,3 +34,17 @@ def product(tiles: Array, columns: int, given: Array, made: Array) -> None:
         made[ROWS * tile + 1] = second
         made[ROWS * tile + 2] = third
         made[ROWS * tile + 3] = fourth
+
+
+@part
+def copied(count: int, source: Array, target: Array) -> None:
+    """Copy the first values; adding zero keeps the compiler from calling memmove for so few."""
+    for i in range(count):
+        target[i] = source[i] + 0.0
+
+
+@part
+def shifted(values: Array) -> None:
+    """Move every value one place down; the last stays."""
+    for i in range(values.size - 1):
+        values[i] = values[i + 1] + 0.0

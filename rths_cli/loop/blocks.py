@@ -44,7 +44,7 @@ class Step(NamedTuple):
     correction: Channels  # raw samples in V (c,) -> corrected accelerations (c,)
     estimator: Linear  # corrected accelerations (c,) -> specimen's state and floor accelerations (e,), base shear known
     shear_recent: Array  # (n_p,)
-    shear_desired: float
+    shear_returned: float  # base shear in N per m/s^2 of the desired acceleration that known forces make
     numerical: Modal  # ground acceleration, base shear (2,) -> interface accel, velocity, displacement (3,)
     feedforward: Linear  # desired accel, velocity, displacement (3,) -> command in V (1,)
     feedback: Linear  # tracking error, shortfall in V (2,), or the error alone (1,) -> command in V (1,)
@@ -55,6 +55,7 @@ class Step(NamedTuple):
     base_shear: Array  # (1,) in N at k + n_p
     interface: Array  # (3,) desired absolute acceleration, velocity, displacement of the interface
     error: Array  # (2,) tracking error, and the feedback's part as applied less as wanted in V; or (1,)
+    shortfall: Array  # (feedback's states,) what a shortfall of 1 V adds to each of them
     shaping: Array  # (2,) rounding error carried over in V, and the size of a bit (0: no shaping)
     command_limit_v: float  # the feedback's part is clipped so that the sum stays within,
     feedback_limit_v: float  # and itself within this
@@ -105,7 +106,7 @@ def assemble(blocks: Blocks, source: int) -> Step:
         correction=channelwise(blocks.correction),
         estimator=estimator,
         shear_recent=np.ascontiguousarray(blocks.shear_recent, dtype=float),
-        shear_desired=float(blocks.shear_desired),
+        shear_returned=float(blocks.shear_desired / (1.0 - blocks.numerical.D[0, 1] * blocks.shear_desired)),
         numerical=modal(blocks.numerical),
         feedforward=feedforward,
         feedback=feedback,
@@ -116,6 +117,7 @@ def assemble(blocks: Blocks, source: int) -> Step:
         base_shear=np.zeros(1),
         interface=feedforward.given[feedforward.states :],
         error=feedback.given[feedback.states :],
+        shortfall=np.ascontiguousarray(blocks.feedback.B[:, -1]),
         shaping=np.array([0.0, blocks.shaping_step_v]),
         command_limit_v=float(blocks.command_limit_v),
         feedback_limit_v=float(blocks.feedback_limit_v),

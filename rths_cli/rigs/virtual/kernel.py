@@ -10,7 +10,7 @@ import numpy as np
 from rths_cli.compiled import entry, part
 from rths_cli.lti import Array
 from rths_cli.rigs.virtual.plant import Plant
-from rths_cli.tiles import product
+from rths_cli.tiles import copied, product, shifted
 
 END_STOP = 1
 SATURATED = 10.0  # tanh(10) is 1 within 5e-9
@@ -77,7 +77,7 @@ def follow(begun: float, moved: float) -> float:
 @part
 def friction_sign(velocity: float, plant: Plant) -> float:
     """Return tanh(v / v_s), 1 or -1 where it is saturated."""
-    ratio = velocity / plant.friction_velocity_m_s
+    ratio = velocity * plant.per_friction_velocity
     return math.copysign(1.0, ratio) if abs(ratio) > SATURATED else tanh(ratio)
 
 
@@ -99,9 +99,9 @@ def choose_level(plant: Plant, s: PlantState) -> tuple[int, int]:
     """
     n = plant.mechanical
     product(plant.start, n + 1, s.state, s.begin)
-    velocity = s.state[1] / plant.friction_velocity_m_s
+    velocity = s.state[1] * plant.per_friction_velocity
     friction_accel = plant.accel_friction[0] * s.state[n + 3]
-    change = (abs(s.begin[0] + friction_accel) + abs(s.begin[3])) * plant.dt_s / plant.friction_velocity_m_s
+    change = (abs(s.begin[0] + friction_accel) + abs(s.begin[3])) * plant.dt_s * plant.per_friction_velocity
     nearest = max(abs(velocity) - 1.5 * change, 0.0)
     level, active = 0, 0 if nearest > SATURATED else 1
     cubed = plant.steps_cubed * change * (change * change + plant.bend)
@@ -135,7 +135,7 @@ def solve_friction(plant: Plant, s: PlantState, level: int) -> None:
     the square of the guess's error in v / v_s.
     """
     n, feed = plant.mechanical, plant.feed[level]
-    begun, ratio = s.state[n + 3], s.state[1] / plant.friction_velocity_m_s
+    begun, ratio = s.state[n + 3], s.state[1] * plant.per_friction_velocity
     s.state[n + 1] = begun
     middle_free = s.offsets[0] + feed[0, 0, 0, 0] * begun - ratio
     end_free = s.offsets[1] + feed[1, 0, 0, 0] * begun - ratio
@@ -198,8 +198,7 @@ def take(plant: Plant, s: PlantState, level: int, columns: int) -> None:
     """Advance mechanics and sensors by an inner step whose nonlinearities are found."""
     n, channels = plant.mechanical, s.low.size
     product(plant.push[level], columns, s.state, s.made)
-    for i in range(n):
-        s.state[i] = s.made[i]
+    copied(n, s.made, s.state)
     keeps, couples, takes = plant.filters[level, 0], plant.filters[level, 1], plant.filters[level, 2]
     for c in range(channels):
         s.coupled[c] = s.made[n + channels + c] + couples * s.coupled[c] + takes * s.low[c]
@@ -222,10 +221,8 @@ def sense_directly(plant: Plant, s: PlantState) -> None:
 @part
 def hold(plant: Plant, s: PlantState, command_v: float) -> None:
     """Queue a command, hold the one that is due for a sample interval and note the velocities at its middle."""
-    last = s.queue.size - 1
-    for i in range(last):
-        s.queue[i] = s.queue[i + 1]
-    s.queue[last] = convert(command_v, plant.command_step_v, plant.command_range_v)
+    shifted(s.queue)
+    s.queue[s.queue.size - 1] = convert(command_v, plant.command_step_v, plant.command_range_v)
     n = plant.mechanical
     s.state[n] = s.queue[0]
     level, active = choose_level(plant, s)

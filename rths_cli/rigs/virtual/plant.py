@@ -41,7 +41,7 @@ class Plant(NamedTuple):
     mechanical: int  # number of mechanical states
     has_low_pass: bool
     dt_s: float
-    friction_velocity_m_s: float
+    per_friction_velocity: float  # 1 / v_s
     force_limit_n: float
     stroke_m: float
     command_range_v: float

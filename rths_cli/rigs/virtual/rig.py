@@ -73,7 +73,7 @@ def build_plant(
         mechanical=a.shape[0],
         has_low_pass=sensor.low_pass_hz > 0.0,
         dt_s=info.dt_s,
-        friction_velocity_m_s=physics.coulomb_velocity_m_s,
+        per_friction_velocity=1.0 / physics.coulomb_velocity_m_s,
         force_limit_n=physics.force_limit_n,
         stroke_m=info.limits.stroke_m,
         command_range_v=converters.range_v,

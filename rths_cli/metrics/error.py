@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -212,13 +213,18 @@ def fitted_delays_s(desired: ArrayLike, measured: Sequence[ArrayLike], dt_s: flo
     x = pairs[0][0]
     if not _moves(x):
         return [float("nan")] * len(pairs)
-    taper, padded = tukey(len(x), _TAPERED), fast_length(2 * len(x))
+    taper, padded = _taper(len(x)), fast_length(2 * len(x))
     lines_x = np.fft.rfft((x - x.mean()) * taper, padded).conj()
     delays = []
     for _, y in pairs:
         cross = lines_x * np.fft.rfft((y - y.mean()) * taper, padded) if _moves(y) else None
         delays.append(float("nan") if cross is None else _lag(cross, padded) * dt_s)
     return delays
+
+
+@lru_cache(maxsize=2)
+def _taper(n: int) -> Array:
+    return tukey(n, _TAPERED)
 
 
 def _moves(series: Array) -> bool:

@@ -40,7 +40,9 @@ def _thinned(series: Array, count: int, period: int, step: int) -> ComplexArray:
     return _chirped(sums, count, period, step) * _unwindowed(count, period, step)
 
 
+@lru_cache(maxsize=8)
 def _window(step: int) -> Array:
+    """Return the window (TAPS, step), one thinned sample per row."""
     return np.kaiser(TAPS * step, SHAPE).reshape(TAPS, step)
 
 

@@ -17,16 +17,22 @@ SHAPE = 0.75 * np.pi * TAPS  # of its Kaiser window: its transform is nothing fr
 def low_lines(series: Array, count: int, period: int) -> ComplexArray:
     """Return sum_t x_t exp(-2 pi j k t / period), k < `count`: lines (..., count) of series (..., n), n <= period.
 
-    To rounding, whatever factors the period has: the series is filtered by a window, thinned, its lines are found as a
-    convolution with a chirp, and the window's response is divided out. Sources: Bluestein, IEEE Trans. Audio
-    Electroacoustics 18 (1970) 451; Fessler and Sutton, IEEE Trans. Signal Process. 51 (2003) 560, for the window.
+    To rounding, whatever factors the period has: the series is filtered by a window and thinned, its lines are found by
+    its own transform or, where that does not have them, as a convolution with a chirp, and the window's response is
+    divided out. Sources: Bluestein, IEEE Trans. Audio Electroacoustics 18 (1970) 451; Fessler and Sutton, IEEE Trans.
+    Signal Process. 51 (2003) 560, for the window.
     """
-    step = max(period // (ROOM * count), 1)
+    step = _step(max(period // (ROOM * count), 1), period)
     rows = series.reshape(-1, series.shape[-1])
     lines = np.empty((len(rows), count), dtype=complex)
     for row, found in zip(rows, lines, strict=True):
         found[:] = _chirped(row, count, period, 1) if step == 1 else _thinned(row, count, period, step)
     return lines.reshape(*series.shape[:-1], count)
+
+
+def _step(most: int, period: int) -> int:
+    """Return the step of thinning: the largest that divides the period, unless that is less than half of the most."""
+    return max((step for step in range(most // 2 + 1, most + 1) if period % step == 0), default=most)
 
 
 def _thinned(series: Array, count: int, period: int, step: int) -> ComplexArray:
@@ -37,7 +43,10 @@ def _thinned(series: Array, count: int, period: int, step: int) -> ComplexArray:
     sums = np.zeros(n + TAPS - 1)
     for tap, part in enumerate(_window(step) @ blocks.T):
         sums[TAPS - 1 - tap : TAPS - 1 - tap + n] += part
-    return _chirped(sums, count, period, step) * _unwindowed(count, period, step)
+    grid, rest = divmod(period, step)
+    own = rest == 0 and len(sums) <= grid
+    lines = np.fft.rfft(sums, grid)[:count] if own else _chirped(sums, count, period, step)
+    return np.asarray(lines * _unwindowed(count, period, step))
 
 
 @lru_cache(maxsize=8)

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import click
 
-from rths_cli.cli.group import SIGNALS, cli
+from rths_cli.cli.group import cli
 from rths_cli.cli.options import json_option, settings_option
+from rths_cli.cli.screens import new_screen
 
 
 def threads() -> int:
@@ -73,7 +74,6 @@ def sweep(
 
     Example: rths sweep el_centro_low_ff_fb --seeds 20 --vary scaling=0.2,0.3
     """
-    from rths_cli.screen import Screen
     from rths_cli.workflows.sweep import SweepRequest, run_sweep
     from rths_cli.workflows.sweep_points import Asked
 
@@ -90,7 +90,7 @@ def sweep(
         command_line=" ".join(["rths", *sys.argv[1:]]),
         overrides=tuple(dict.fromkeys(overrides)),
     )
-    screen = Screen(quiet, poll=SIGNALS.poll)
+    screen = new_screen(quiet)
     swept = run_sweep(request, screen)
     screen.clear()
     from rths_cli.report.sweep_text import document, page

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rths_cli.compiled import is_compiled
 from rths_cli.files.result_writer import check_writable
 from rths_cli.files.sweep_rows_file import RowsFile, rows_path
 from rths_cli.files.sweeps import Sweep, read_sweep, write_csv, write_sweep
@@ -57,7 +56,6 @@ class Swept:
 
 def run_sweep(request: SweepRequest, watcher: Watcher) -> Swept:
     """Play what is not played yet and write the table; raises InputError with all faults before the first run."""
-    first_here = not is_compiled()  # asked before a record is filtered, which compiles a part
     shared = Shared(request.overrides, watcher.doing)
     points = check_points(request.asked, shared, watcher.doing)
     path = request.output or Path("sweeps") / f"{points.base.case.name}.h5"
@@ -67,7 +65,7 @@ def run_sweep(request: SweepRequest, watcher: Watcher) -> Swept:
         check_writable(request.csv.parent)
     played = 0 if begun is None else points.grid.variants - len(begun.rows)
     if begun is not None:
-        _tell(points, begun, first_here, watcher)
+        _tell(points, begun, watcher)
     sweep = read_sweep(path) if begun is None else _play(points, shared, begun, request, watcher)
     if request.csv is not None:
         write_csv(request.csv, sweep)
@@ -100,7 +98,7 @@ def _play(points: Points, shared: Shared, begun: Begun, request: SweepRequest, w
     return sweep
 
 
-def _tell(points: Points, begun: Begun, first_here: bool, watcher: Watcher) -> None:
+def _tell(points: Points, begun: Begun, watcher: Watcher) -> None:
     """Say what a user should know before the first run."""
     known = {column.path for column in columns()}
     left = [path for path in points.base.case.accept if path.partition("[")[0] not in known]
@@ -108,8 +106,6 @@ def _tell(points: Points, begun: Begun, first_here: bool, watcher: Watcher) -> N
         watcher.message(f"note: a sweep does not compute {', '.join(left)}: the accept limits on that are not judged")
     if begun.resumed:
         watcher.message(f"{len(begun.rows)} of {points.grid.variants} runs were played before")
-    if first_here:
-        watcher.message("first run of this version here: compiling the real-time step, about 20 s more")
 
 
 def _progress(done: int, count: int, each_s: float) -> str:

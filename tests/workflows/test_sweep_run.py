@@ -242,18 +242,6 @@ def test_accept_limits_judge_each_run(folder: Path, tmp_path: Path) -> None:
     assert any("sim_delay.rms_error_m_s2[3]" in text for text in watcher.messages)
 
 
-def test_the_first_run_on_a_machine_is_told_although_reading_a_record_compiles_a_part(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    compiled: list[bool] = []
-    original = sweep_workflow.check_points
-    monkeypatch.setattr(sweep_workflow, "is_compiled", lambda: bool(compiled))
-    monkeypatch.setattr(sweep_workflow, "check_points", lambda *all: compiled.append(True) or original(*all))
-    watcher = Watcher()
-    run_sweep(replace(asked(folder, "scaling=3.5"), output=tmp_path / "s.h5"), watcher)
-    assert [text for text in watcher.messages if "compiling" in text] != []
-
-
 def test_the_file_opens_in_xarray_and_reads_back(whole: tuple[SweepRequest, Swept]) -> None:
     import xarray as xr
 

@@ -128,8 +128,12 @@ def friction_samples(known: Known) -> ComplexArray:
     """Return what dry friction adds to the corrected samples (c, m): it acts at once, without the command's delay."""
     if known.friction is None:
         return np.zeros_like(known.floors)
-    pushed = known.lines.of(disturbance(known.friction, known.velocity_m_s))
-    return known.floors * at_once(known.model, known.lines.frequency_hz) * pushed / known.loop.ahead
+    return samples_of_push(known) * known.lines.of(disturbance(known.friction, known.velocity_m_s))
+
+
+def samples_of_push(known: Known) -> ComplexArray:
+    """Return the corrected samples (c, m) per V of a command that acts at once."""
+    return known.floors * at_once(known.model, known.lines.frequency_hz) / known.loop.ahead
 
 
 def at_once(model: Model, frequency_hz: Array) -> ComplexArray:

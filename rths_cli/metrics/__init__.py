@@ -9,6 +9,7 @@ from rths_cli.metrics.benchmark2020 import (
     best_lag_s,
     response_criteria,
     tracking_criteria,
+    tracking_ratios,
 )
 from rths_cli.metrics.energy import error_energy_j, input_energy_j, velocity_error_m_s
 from rths_cli.metrics.error import (
@@ -18,6 +19,7 @@ from rths_cli.metrics.error import (
     error_figures,
     figures_of_pairs,
     fitted_delay_s,
+    fitted_delays_s,
     peak,
     rms,
     room_for_pairs,
@@ -29,6 +31,7 @@ from rths_cli.metrics.fidelity import (
     frequency_evaluations,
     tracking_indicator,
 )
+from rths_cli.metrics.low_lines import low_lines
 
 __all__ = [
     "BAND_HZ",
@@ -42,9 +45,11 @@ __all__ = [
     "error_figures",
     "figures_of_pairs",
     "fitted_delay_s",
+    "fitted_delays_s",
     "frequency_evaluation",
     "frequency_evaluations",
     "input_energy_j",
+    "low_lines",
     "peak",
     "response_criteria",
     "rms",
@@ -52,5 +57,6 @@ __all__ = [
     "test_band",
     "tracking_criteria",
     "tracking_indicator",
+    "tracking_ratios",
     "velocity_error_m_s",
 ]

@@ -6,8 +6,10 @@ A series that was cut (NaN from some sample on) has no figures: all of that stor
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -45,6 +47,10 @@ class ErrorFigures:
     rms_full: Array
     maximum_full: Array
     diverged: NDArray[np.bool_]
+
+    def of(self, row: int) -> ErrorFigures:
+        """Return the figures of one of several series."""
+        return ErrorFigures(*(getattr(self, field.name)[row] for field in fields(self)))
 
 
 def test_band(series: ArrayLike, dt_s: float) -> Array:
@@ -198,32 +204,53 @@ def fitted_delay_s(desired: ArrayLike, measured: ArrayLike, dt_s: float) -> floa
     series is ever shifted by it. NaN when a series is constant or not finite. Raises InputError when the
     lengths differ.
     """
-    x, y = check_pair(desired, measured)
-    if not (np.isfinite(x).all() and np.isfinite(y).all() and np.ptp(x) > 0 and np.ptp(y) > 0):
-        return float("nan")
-    cross, angle_rad = _cross_spectrum(x, y)
-    correlation = np.fft.irfft(cross)
-    lag = float(np.argmax(correlation))
-    if lag > len(correlation) / 2:
-        lag -= len(correlation)
-    return _refined_lag(cross, angle_rad, lag) * dt_s
+    return fitted_delays_s(desired, (measured,), dt_s)[0]
 
 
-def _cross_spectrum(x: Array, y: Array) -> tuple[ComplexArray, Array]:
-    """Return conj(X) Y of the tapered, zero-padded series and the phase per sample of every line in rad."""
-    taper = tukey(len(x), _TAPERED)
-    padded = fast_length(2 * len(x))
-    lines_x = np.fft.rfft((x - x.mean()) * taper, padded)
-    lines_y = np.fft.rfft((y - y.mean()) * taper, padded)
-    return np.conj(lines_x) * lines_y, 2 * np.pi * np.arange(len(lines_x)) / padded
+def fitted_delays_s(desired: ArrayLike, measured: Sequence[ArrayLike], dt_s: float) -> list[float]:
+    """Return `fitted_delay_s` of several series (n,) against one, which is transformed once."""
+    pairs = [check_pair(desired, each) for each in measured]
+    x = pairs[0][0]
+    if not _moves(x):
+        return [float("nan")] * len(pairs)
+    taper, padded = _taper(len(x)), fast_length(2 * len(x))
+    lines_x = np.fft.rfft((x - x.mean()) * taper, padded).conj()
+    delays = []
+    for _, y in pairs:
+        cross = lines_x * np.fft.rfft((y - y.mean()) * taper, padded) if _moves(y) else None
+        delays.append(float("nan") if cross is None else _lag(cross, padded) * dt_s)
+    return delays
 
 
-def _refined_lag(cross: ComplexArray, angle_rad: Array, lag: float) -> float:
-    """Return the lag in samples, within one of `lag`, that maximises Re sum(cross exp(j angle_rad lag))."""
+@lru_cache(maxsize=2)
+def _taper(n: int) -> Array:
+    return tukey(n, _TAPERED)
+
+
+def _moves(series: Array) -> bool:
+    return bool(np.isfinite(series).all() and np.ptp(series) > 0)
+
+
+def _lag(cross: ComplexArray, padded: int) -> float:
+    """Return the lag in samples at which the correlation with a cross-spectrum (m,) is largest."""
+    lag = int(np.argmax(np.fft.irfft(cross, padded)))
+    return _refined_lag(cross, 2 * np.pi / padded, float(lag if lag <= padded / 2 else lag - padded))
+
+
+def _refined_lag(cross: ComplexArray, angle_rad: float, lag: float) -> float:
+    """Return the lag in samples, within one of `lag`, that maximises Re sum_k cross_k exp(j k angle lag).
+
+    With k = wide i + l the phase is a product, so no line needs its own exponential.
+    """
+    wide = math.isqrt(len(cross)) + 1
+    angle = angle_rad * np.arange(wide * wide)
+    lines = np.zeros((2, wide, wide), dtype=complex)
+    lines.reshape(2, -1)[:, : len(cross)] = angle[: len(cross)] * cross
+    lines[1] *= angle.reshape(wide, wide)
     refined = lag
     for _ in range(_MOST_NEWTON_STEPS):
-        turned = cross * np.exp(1j * angle_rad * refined)
-        step = -np.sum(angle_rad * turned.imag) / np.sum(angle_rad**2 * turned.real)
+        slope, bend = lines @ np.exp(1j * angle[:wide] * refined) @ np.exp(1j * angle[::wide] * refined)
+        step = -float(slope.imag) / float(bend.real)
         refined = float(np.clip(refined + step, lag - 1, lag + 1))
         if abs(step) < 1e-9:
             break

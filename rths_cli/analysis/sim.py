@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from rths_cli.errors import InputError
 from rths_cli.filters import driven_modes
 from rths_cli.lti import Array, ComplexArray
+from rths_cli.matrices import exponential
 from rths_cli.structure import Building
 
 _LARGEST_EIGENVECTOR_CONDITION = 1e6  # beyond it the modal sum loses six digits: use the matrix recursion
@@ -92,16 +93,14 @@ def hold_matrices(A: Array, B: Array, h_s: float, degree: int) -> tuple[Array, l
 
     Source: Van Loan, IEEE Trans. Automatic Control 23 (1978), the exponential of a block matrix.
     """
-    from scipy.linalg import expm
-
     n, m = B.shape
     chain = np.zeros((n + m * (degree + 1),) * 2, dtype=np.result_type(A, B))
     chain[:n, :n] = A * h_s
     chain[:n, n : n + m] = B * h_s
     chain[n : n + m * degree, n + m :] = np.eye(m * degree)
-    exponential = expm(chain)[:n]
-    inputs = [math.factorial(i) * exponential[:, n + m * i : n + m * (i + 1)] for i in range(degree + 1)]
-    return exponential[:, :n], inputs
+    moved = exponential(chain)[:n]
+    inputs = [math.factorial(i) * moved[:, n + m * i : n + m * (i + 1)] for i in range(degree + 1)]
+    return moved[:, :n], inputs
 
 
 def _modal_states(A: Array, B: Array, dt_s: float, record: Array) -> Array | None:

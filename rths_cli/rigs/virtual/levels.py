@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rths_cli.lti import Array
+from rths_cli.matrices import exponential
 from rths_cli.tiles import tiled
 
 
@@ -69,16 +70,14 @@ def parabola_response(a: Array, b: Array, time_s: float, step_s: float) -> tuple
     The parabola is given at 0, step / 2 and step; the integrals come from one exponential of the system
     augmented with the powers 1, s, s^2 / 2 of time.
     """
-    from scipy.linalg import expm
-
     n, m = b.shape
     chain = np.zeros((n + 3 * m, n + 3 * m))
     chain[:n, :n] = a
     chain[:n, n : n + m] = b
     chain[n : n + m, n + m : n + 2 * m] = np.eye(m)
     chain[n + m : n + 2 * m, n + 2 * m :] = np.eye(m)
-    exponential = expm(chain * time_s)
-    moments = exponential[:n, n:].reshape(n, 3, m)
+    moved = exponential(chain * time_s)
+    moments = moved[:n, n:].reshape(n, 3, m)
     lagrange = np.array([[1.0, 0.0, 0.0], [-3.0, 4.0, -1.0], [4.0, -8.0, 4.0]])
     lagrange /= step_s ** np.arange(3)[:, None]
-    return exponential[:n, :n], np.einsum("nim,ij->nmj", moments, lagrange)
+    return moved[:n, :n], np.einsum("nim,ij->nmj", moments, lagrange)

@@ -187,8 +187,8 @@ def _by_modes(system: StateSpace | Block, about: float) -> tuple[ComplexArray, C
         basis[np.ix_(inside, inside)], scale[inside, 0] = vectors, np.abs(vectors).max(axis=1)
         if not np.linalg.cond(vectors / scale[inside]) < MOST_CONDITION:
             return None
-    similar = np.linalg.solve(basis / scale, np.hstack([A @ basis, system.B]) / scale)
-    between = np.where(circle[:, None] != circle, similar[:, : len(A)], 0.0) + np.diag(values)
+    similar: ComplexArray = np.linalg.solve(basis / scale, np.hstack([A @ basis, system.B]) / scale)
+    between: ComplexArray = np.where(circle[:, None] != circle, similar[:, : len(A)], 0.0) + np.diag(values)
     return between[np.ix_(order, order)], similar[order, len(A) :], (system.C @ basis)[:, order]
 
 

@@ -15,7 +15,7 @@ def riccati_gain(a: Array, b: Array, q: Array, r: Array, s: Array) -> Array:
     Raises InputError when the equation has no stabilising solution.
     """
     cost = riccati_cost(a, b, q, r, s)
-    return np.linalg.solve(r + b.T @ cost @ b, b.T @ cost @ a + s.T)
+    return np.asarray(np.linalg.solve(r + b.T @ cost @ b, b.T @ cost @ a + s.T), dtype=float)
 
 
 def riccati_cost(a: Array, b: Array, q: Array, r: Array, s: Array) -> Array:

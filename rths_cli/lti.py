@@ -187,9 +187,11 @@ def _by_modes(system: StateSpace | Block, about: float) -> tuple[ComplexArray, C
         basis[np.ix_(inside, inside)], scale[inside, 0] = vectors, np.abs(vectors).max(axis=1)
         if not np.linalg.cond(vectors / scale[inside]) < MOST_CONDITION:
             return None
-    similar: ComplexArray = np.linalg.solve(basis / scale, np.hstack([A @ basis, system.B]) / scale)
-    between: ComplexArray = np.where(circle[:, None] != circle, similar[:, : len(A)], 0.0) + np.diag(values)
-    return between[np.ix_(order, order)], similar[order, len(A) :], (system.C @ basis)[:, order]
+    sides = np.hstack([A @ basis, system.B]) / scale
+    similar = np.asarray(np.linalg.solve(basis / scale, sides), dtype=complex)
+    between = np.where(circle[:, None] != circle, similar[:, : len(A)], 0.0) + np.diag(values)
+    out = np.asarray(system.C @ basis, dtype=complex)
+    return between[np.ix_(order, order)], similar[order, len(A) :], out[:, order]
 
 
 def _circles(acts: NDArray[np.bool_]) -> tuple[Integers, Integers]:

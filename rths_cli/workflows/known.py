@@ -56,9 +56,14 @@ class Memory:
         path = setup.case.identification.model
         if setup.rig.kind != "virtual":
             _check_real(setup, path)
-        self.plan(setup)
+        if path is not None or not self._kept(setup):
+            self.plan(setup)
         if path is not None and key(setup) not in self._files:
             self._files[key(setup)] = read_foreign(path) if is_foreign(path) else load(path, setup)
+
+    def _kept(self, setup: Setup) -> bool:
+        """Tell whether the cache has the setup's model, so that its excitation could be planned once."""
+        return self._cache is not None and setup.rig.kind == "virtual" and self._cache.has(setup)
 
     def plan(self, setup: Setup) -> Excitation:
         """Return the excitation of the setup's rig; raises InputError when its settings cannot be met."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from rths_cli.identification.evaluate import Identification
+    from rths_cli.identification.found import Identification
     from rths_cli.workflows.known import Memory
     from rths_cli.workflows.setup import Setup
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from rths_cli.analysis.loop_response import Motion, hybrid, on_perfect_table
 from rths_cli.analysis.prediction import Errors, Known, friction_samples
-from rths_cli.identification.friction import Friction
+from rths_cli.identification.found import Friction
 from rths_cli.lti import Array, ComplexArray
 from rths_cli.metrics import rms
 

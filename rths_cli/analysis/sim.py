@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from rths_cli.errors import InputError
 from rths_cli.filters import driven_modes
 from rths_cli.lti import Array, ComplexArray
-from rths_cli.matrices import exponential
+from rths_cli.matrices import distinct, exponential
 from rths_cli.structure import Building
 
 _LARGEST_EIGENVECTOR_CONDITION = 1e6  # beyond it the modal sum loses six digits: use the matrix recursion
@@ -139,7 +139,7 @@ def _accumulated_residual(A: Array, B: Array, dt_s: float, record: Array, states
     if len(record) < 2:
         return 0.0
     transition, (start, slope) = hold_matrices(A, B, dt_s, 1)
-    k = np.unique(np.linspace(0, len(record) - 2, _CHECKED_STEPS).astype(int))
+    k = distinct(np.floor(np.linspace(0, len(record) - 2, _CHECKED_STEPS))).astype(int)
     step = transition @ states[:, k] + start * record[k] + slope * (record[k + 1] - record[k])
     residual = states[:, k + 1] - step
     outputs = np.abs(np.concatenate([residual, A[len(A) // 2 :] @ residual])).max(axis=1)

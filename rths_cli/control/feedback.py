@@ -18,6 +18,7 @@ from rths_cli.control.realise import discretise, from_roots, static
 from rths_cli.control.riccati import riccati_gain
 from rths_cli.errors import InputError
 from rths_cli.lti import Array, Block, ComplexArray, Frf, Model, StateSpace
+from rths_cli.matrices import distinct
 
 INPUTS = ("tracking_error_m_s2", "feedback_shortfall_v")
 OUTPUTS = ("feedback_v",)
@@ -173,8 +174,8 @@ def grid_hz(model: Model, dt_s: float) -> Array:
     roots = np.concatenate([model.zeros, model.poles])
     near = np.abs(roots)[:, None] + np.abs(roots.real)[:, None] * AROUND_ROOT
     grid = np.concatenate([np.geomspace(lowest, highest, 800), near.ravel() / (2.0 * np.pi)])
-    logs = np.sort(np.round(np.log(grid[(grid >= lowest) & (grid <= highest)]), 6))
-    return np.exp(logs[np.diff(logs, prepend=-np.inf) > 0.0])
+    logs = np.log(grid[(grid >= lowest) & (grid <= highest)])
+    return np.exp(distinct(np.round(logs, 6)))
 
 
 def table_response(model: Model, measured: Frf | None, dt_s: float) -> Table:

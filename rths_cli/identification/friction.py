@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rths_cli.identification.fit_table import Timing, within
+from rths_cli.identification.found import Friction
 from rths_cli.identification.record import Record, padded
 from rths_cli.lti import Array, ComplexArray, Model
 from rths_cli.rig_info import RigInfo
@@ -30,26 +31,6 @@ PASSES, SMOOTHED = 2, 5  # of weighting by the residual's spectrum, averaged ove
 LEAST_POWER = 1e-30  # of a line of that spectrum
 SHAPE = 0.005  # of kappa: what sign(v) and the model's share of it may differ from what is assumed here
 LINEAR = 4  # the first of the rows that are linear in the velocity
-
-
-@dataclass(frozen=True)
-class Friction:
-    """Dry friction as a change of the command: size and its standard uncertainty in V.
-
-    `velocity_rms_m_s`: of the table in the record; `explained`: share of the power of what the model leaves of the
-    record, beside parts linear in the velocity; `scale_m_s`: v_s, below which sign(v) is smooth, to a factor of two.
-    """
-
-    command_v: float
-    error_v: float
-    velocity_rms_m_s: float
-    explained: float
-    scale_m_s: float
-
-    @property
-    def linear_s_per_m(self) -> float:
-        """Return c: the model identified from this record already holds kappa c v."""
-        return float(np.sqrt(2.0 / np.pi)) / self.velocity_rms_m_s
 
 
 @dataclass(frozen=True)

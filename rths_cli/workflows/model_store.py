@@ -17,7 +17,7 @@ from rths_cli import __version__
 from rths_cli.errors import InputError
 from rths_cli.files.models import read_model, write_model
 from rths_cli.files.user_cache import user_cache
-from rths_cli.identification.evaluate import Identification
+from rths_cli.identification.found import Identification
 from rths_cli.workflows.model_contents import from_groups, to_groups
 from rths_cli.workflows.provenance import git_commit, package_version
 from rths_cli.workflows.setup import Setup, shown

@@ -12,9 +12,9 @@ from made_linear import DT
 from made_records import make_info, make_specimen
 
 from rths_cli.case.load import load_cases
-from rths_cli.identification.evaluate import Identification
+from rths_cli.identification.found import Friction, Identification
 from rths_cli.identification.frf import simulate
-from rths_cli.identification.friction import Friction, disturbance, estimate
+from rths_cli.identification.friction import disturbance, estimate
 from rths_cli.identification.record import Parts, Record
 from rths_cli.lti import Model
 from rths_cli.report.identified import About, as_document, page

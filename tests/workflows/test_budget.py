@@ -10,7 +10,7 @@ import pytest
 from rths_cli.analysis.sim import simulate
 from rths_cli.case.load import load_cases
 from rths_cli.files.result_writer import Metric
-from rths_cli.identification.evaluate import Identification
+from rths_cli.identification.found import Identification
 from rths_cli.loop.blocks import NUMERICAL
 from rths_cli.structure import Building, Specimen, assemble
 from rths_cli.workflows import budget

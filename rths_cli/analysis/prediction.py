@@ -128,9 +128,7 @@ def friction_samples(known: Known) -> ComplexArray:
     """Return what dry friction adds to the corrected samples (c, m): it acts at once, without the command's delay."""
     if known.friction is None:
         return np.zeros_like(known.floors)
-    from rths_cli.identification.friction import disturbance
-
-    pushed = known.lines.of(disturbance(known.friction, known.velocity_m_s))
+    pushed = known.lines.of(known.friction.disturbance_v(known.velocity_m_s))
     return known.floors * at_once(known.model, known.lines.frequency_hz) * pushed / known.loop.ahead
 
 

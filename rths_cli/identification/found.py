@@ -52,6 +52,15 @@ class Friction:
         """Return c: the model identified from this record already holds kappa c v."""
         return float(np.sqrt(2.0 / np.pi)) / self.velocity_rms_m_s
 
+    def disturbance_v(self, velocity_m_s: Array) -> Array:
+        """Return the command (n,) in V that friction adds to a table moving at a velocity (n,) in m/s.
+
+        -kappa (sign(v) - c v): without the part kappa c v that the linear model holds since its identification.
+        Friction acts at once, a command late by the delay: for a prediction instant by instant it is that much earlier.
+        """
+        sign = np.tanh(velocity_m_s / self.scale_m_s)
+        return -self.command_v * (sign - self.linear_s_per_m * velocity_m_s)
+
 
 @dataclass(frozen=True)
 class Candidate:

@@ -50,16 +50,6 @@ class _Spectra:
     part_s: tuple[float, float]
 
 
-def disturbance(friction: Friction, velocity_m_s: Array) -> Array:
-    """Return the command (n,) in V that friction adds to a table moving at a velocity (n,) in m/s.
-
-    -kappa (sign(v) - c v): without the part kappa c v that the linear model holds since its identification. Friction
-    acts at once, a command late by the delay: for a prediction instant by instant it is that much earlier.
-    """
-    sign = np.tanh(velocity_m_s / friction.scale_m_s)
-    return -friction.command_v * (sign - friction.linear_s_per_m * velocity_m_s)
-
-
 def estimate(records: Sequence[Record], model: Model, info: RigInfo) -> Friction | None:
     """Estimate friction from records and the model fitted to them; None where they are too short or hardly move.
 

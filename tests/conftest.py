@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING
 
 import pytest
+
+for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):  # as the command does, before numpy
+    os.environ.setdefault(name, "1")
 
 if TYPE_CHECKING:
     from rths_cli.identification.found import Identification

@@ -10,7 +10,7 @@ import pytest
 from rths_cli.cli.ending import BLAS_THREADS
 
 if TYPE_CHECKING:
-    from rths_cli.identification.evaluate import Identification
+    from rths_cli.identification.found import Identification
     from rths_cli.workflows.known import Memory
     from rths_cli.workflows.setup import Setup
 

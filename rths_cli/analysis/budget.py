@@ -17,7 +17,7 @@ import numpy as np
 
 from rths_cli.analysis.loop_response import Motion, hybrid, on_perfect_table
 from rths_cli.analysis.prediction import Errors, Known, samples_of_push
-from rths_cli.identification.friction import Friction, disturbance
+from rths_cli.identification.found import Friction
 from rths_cli.lti import Array, ComplexArray
 from rths_cli.metrics import rms
 
@@ -136,7 +136,7 @@ def _friction(
     speed = float(rms(velocity_m_s)) or 1.0
     scale = known.friction.scale_m_s if known.friction else ASSUMED_SCALE * speed
 
-    sign = known.lines.of(disturbance(Friction(1.0, 0.0, math.inf, 0.0, scale), velocity_m_s))
+    sign = known.lines.of(Friction(1.0, 0.0, math.inf, 0.0, scale).disturbance_v(velocity_m_s))
     velocity, through = known.lines.of(velocity_m_s), samples_of_push(known)
     shape = through * (sign + Friction(1.0, 0.0, speed, 0.0, scale).linear_s_per_m * velocity)
     as_identified = np.zeros_like(shape)

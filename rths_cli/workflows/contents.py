@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from rths_cli.analysis.sim import Response
     from rths_cli.control.latency import LatencyBudget
     from rths_cli.files.results import ResultWriter
-    from rths_cli.identification.evaluate import Identification
+    from rths_cli.identification.found import Identification
     from rths_cli.lti import Array
     from rths_cli.workflows.controllers import Design
     from rths_cli.workflows.series import Series

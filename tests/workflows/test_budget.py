@@ -12,8 +12,7 @@ from rths_cli.analysis.prediction import friction_samples
 from rths_cli.analysis.sim import simulate
 from rths_cli.case.load import load_cases
 from rths_cli.files.result_writer import Metric
-from rths_cli.identification.evaluate import Identification
-from rths_cli.identification.friction import Friction
+from rths_cli.identification.found import Friction, Identification
 from rths_cli.loop.blocks import NUMERICAL
 from rths_cli.metrics import test_band as band_of
 from rths_cli.structure import Building, Specimen, assemble

@@ -10,7 +10,7 @@ from rths_cli.errors import RigError
 from rths_cli.lti import Array
 from rths_cli.rigs.interface import RigInfo
 from rths_cli.rigs.virtual import kernel
-from rths_cli.rigs.virtual.levels import Parts, level, velocities
+from rths_cli.rigs.virtual.levels import Parts, levels, velocities
 from rths_cli.rigs.virtual.plant import Plant, accelerations, continuous, with_sensors
 from rths_cli.structure import Specimen
 from rths_cli.tiles import padded, tiled
@@ -53,18 +53,18 @@ def build_plant(
     velocity_rows = velocities(len(full), len(specimen.masses_kg))
     scale = np.array([1.0 / physics.coulomb_velocity_m_s, 1.0])
     parts = Parts(full, np.column_stack([full_n, full_u]), a.shape[0], rows, row_command, velocity_rows, scale)
-    levels = [level(parts, info.dt_s / 2**k) for k in range(LEVELS + refine)]
+    steps = levels(parts, info.dt_s, LEVELS + refine)
     swing = rows[1, 0] * np.eye(a.shape[0])[1] + rows[1, 1] * accel_rows[0]
     surge = a[1, 2] * (rows[1] - np.eye(a.shape[0])[2]) * info.dt_s / physics.actuator_time_constant_s
     surge_hold = a[1, 2] * row_command[1] * info.dt_s / physics.actuator_time_constant_s
     rates = 1.0 / physics.actuator_time_constant_s + abs(b_n[1, 0]) / physics.coulomb_velocity_m_s
     start = np.column_stack([np.vstack([accel_rows[0], rows[1], swing, surge]), [0.0, row_command[1], 0.0, surge_hold]])
     return Plant(
-        push=np.array([one.push for one in levels]),
-        filters=np.array([one.filters for one in levels]),
-        nodes=np.array([one.nodes for one in levels]),
-        feed=np.array([one.feed for one in levels]),
-        start=np.concatenate([tiled(start), levels[0].nodes]),
+        push=np.array([one.push for one in steps]),
+        filters=np.array([one.filters for one in steps]),
+        nodes=np.array([one.nodes for one in steps]),
+        feed=np.array([one.feed for one in steps]),
+        start=np.concatenate([tiled(start), steps[0].nodes]),
         accel_rows=np.ascontiguousarray(accel_rows),
         accel_friction=accel_friction,
         steps_cubed=0.008 * physics.coulomb_n * a[1, 2] / INTERPOLATED_M_S2,

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):  # as the command does, before numpy
-    os.environ.setdefault(name, "1")
+from rths_cli.cli.ending import BLAS_THREADS
 
 if TYPE_CHECKING:
     from rths_cli.identification.found import Identification
@@ -16,6 +15,7 @@ if TYPE_CHECKING:
     from rths_cli.workflows.setup import Setup
 
 DEFAULT = "el_centro_low_ff_fb"
+os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))  # as the command does, before numpy is imported
 
 
 @pytest.fixture(scope="session")

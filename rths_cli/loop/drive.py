@@ -20,6 +20,8 @@ from rths_cli.rigs.virtual import kernel
 from rths_cli.rigs.virtual.plant import Plant
 from rths_cli.rigs.virtual.rig import VirtualRig
 
+STAMPED = 16  # steps on the counted clock of a virtual rig per look at the time: looking costs a quarter of a step
+
 
 class Log(NamedTuple):
     """Every signal of every step k; n steps, c channels, e estimator outputs. NaN after the last step."""
@@ -31,7 +33,7 @@ class Log(NamedTuple):
     base_shear_n: Array  # (n,) at k + n_p
     true_velocity_m_s: Array  # (c, n) in the middle between t_k and t_k+1 (virtual rigs)
     true_displacement_m: Array  # (n,) of the table at t_k (virtual rigs)
-    compute_ns: Array  # (n,) duration of step and guard; on a virtual rig, of the rig as well
+    compute_ns: Array  # (n,) duration of step and guard; on a virtual rig, of the rig as well, mean of 16 steps
 
 
 @dataclass(frozen=True)
@@ -48,11 +50,16 @@ class Outcome:
     stopped_at_s: float
 
 
-def play(rig: Rig, info: RigInfo, blocks: Blocks, source: int, drive: Array, limits: GuardLimits) -> Outcome:
-    """Play `drive` (n, 3) through the rig: open, arm, exchange every step, rest, close."""
+def play(
+    rig: Rig, info: RigInfo, blocks: Blocks, source: int, drive: Array, limits: GuardLimits, log: Log | None = None
+) -> Outcome:
+    """Play `drive` (n, 3) through the rig: open, arm, exchange every step, rest, close.
+
+    `log`: that of an earlier run of the same sizes, which is written over; what a stopped run leaves stays.
+    """
     drive = np.ascontiguousarray(drive, dtype=float)  # any other layout would be compiled anew
     state, guard_state = assemble(blocks, source), fresh_guard(len(info.channels))
-    log = empty_log(len(drive), len(info.channels), state.estimated.size)
+    log = log or empty_log(len(drive), len(info.channels), state.estimated.size)
     rig.open()
     try:
         if isinstance(rig, VirtualRig):
@@ -72,6 +79,8 @@ def _play_virtual(
     noise = rig.noise(len(drive) + 1)
     scratch = np.zeros(2, dtype=np.int64)
     steps = run_virtual(rig.plant, rig.state, state, limits, guard_state, drive, noise, log, scratch)
+    whole = steps // STAMPED * STAMPED
+    log.compute_ns[whole:steps] = log.compute_ns[whole - 1] if whole else 0.0
     fault = "the table ran into its end stop" if rig.state.fault[0] == kernel.END_STOP else ""
     return steps, fault
 
@@ -121,6 +130,14 @@ def think_once(s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: L
     return command
 
 
+@part
+def stamp(log: Log, k: int, before: int, now: int) -> int:
+    """Note the mean time of the last steps up to k; return the time they ended."""
+    for i in range(STAMPED):
+        log.compute_ns[k - i] = (now - before) / STAMPED
+    return now
+
+
 @entry
 def run_virtual(
     plant: Plant,
@@ -142,9 +159,8 @@ def run_virtual(
         kernel.hold(plant, table, command)
         for c in range(table.middle_velocity.size):
             log.true_velocity_m_s[c, k] = table.middle_velocity[c]
-        now = monotonic_ns(scratch)
-        log.compute_ns[k] = now - before
-        before = now
+        if (k + 1) % STAMPED == 0:
+            before = stamp(log, k, before, monotonic_ns(scratch))
         if table.fault[0] != 0 or g.flags[0] == STOPPED:
             return k + 1
     return drive.shape[0]

@@ -16,9 +16,11 @@ from rths_cli.metrics.error import (
     BAND_ORDER,
     ErrorFigures,
     error_figures,
+    figures_of_pairs,
     fitted_delay_s,
     peak,
     rms,
+    room_for_pairs,
     test_band,
 )
 from rths_cli.metrics.fidelity import (
@@ -38,6 +40,7 @@ __all__ = [
     "best_lag_s",
     "error_energy_j",
     "error_figures",
+    "figures_of_pairs",
     "fitted_delay_s",
     "frequency_evaluation",
     "frequency_evaluations",
@@ -45,6 +48,7 @@ __all__ = [
     "peak",
     "response_criteria",
     "rms",
+    "room_for_pairs",
     "test_band",
     "tracking_criteria",
     "tracking_indicator",

@@ -12,7 +12,7 @@ import pytest
 from rths_cli.files.result_writer import Metric
 from rths_cli.workflows.figures import of_runs
 from rths_cli.workflows.merit import energy, fidelity, of_table_run, response
-from rths_cli.workflows.run import _acceptance
+from rths_cli.workflows.run import acceptance
 
 DT_S = 1 / 2000
 TIME_S = DT_S * np.arange(40_000)
@@ -139,15 +139,10 @@ def test_a_limit_on_a_signed_figure_holds_either_way() -> None:
         ("exp_rths.rms_error_m_s2", 0.5, 0),
         ("exp_rths.rms_error_m_s2[3]", 0.3, 0),
     ):
-        ended = _acceptance(SimpleNamespace(accept={path: limit}), figures)  # type: ignore[arg-type]
+        ended = acceptance({path: limit}, figures)
         assert ended.exit_code == code, (path, limit)
-    assert (
-        "exp_rths.fei_delay_s = -0.0003 is beyond its accept limit 0.0002"
-        in _acceptance(
-            SimpleNamespace(accept={"exp_rths.fei_delay_s": 0.0002}),
-            figures,  # type: ignore[arg-type]
-        ).reason
-    )
+    reason = acceptance({"exp_rths.fei_delay_s": 0.0002}, figures).reason
+    assert "exp_rths.fei_delay_s = -0.0003 is beyond its accept limit 0.0002" in reason
 
 
 def test_the_page_of_figures_tells_every_path() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from rths_cli.lti import Array
 from rths_cli.matrices import exponential
-from rths_cli.tiles import tiled
+from rths_cli.tiles import ROWS, padded, squares, tiled
 
 
 class Parts(NamedTuple):
@@ -62,8 +62,9 @@ def _level(parts: Parts, step_s: float, middle: Array, last: Array) -> Level:
         np.column_stack([wide @ moved[:, :n], wide @ moves[:, 2].sum(axis=1) + parts.scale * parts.row_command])
         for moved, moves in ((halfway, half_response), (end, response))
     ]
+    middle_velocities = parts.velocity_rows @ _columns(halfway, half_response, n)
     return Level(
-        push=tiled(np.vstack([_columns(end, response, n), parts.velocity_rows @ _columns(halfway, half_response, n)])),
+        push=squares(np.vstack([_columns(end, response, n), middle_velocities])),
         filters=np.array([end[n, n], end[first, first], end[first, n]]),
         nodes=tiled(np.array([offsets[0][0], offsets[1][0], offsets[0][1], offsets[1][1]])),
         feed=np.array([np.einsum("wn,nsj->wsj", wide, moves[:, :2]) for moves in (half_response, response)]),
@@ -72,7 +73,11 @@ def _level(parts: Parts, step_s: float, middle: Array, last: Array) -> Level:
 
 def _columns(moved: Array, moves: Array, mechanical: int) -> Array:
     """Return the response (n, columns) to mechanical state, command, and both nonlinearities at three nodes each."""
-    return np.hstack([moved[:, :mechanical], moves[:, 2].sum(axis=1)[:, None], moves[:, 0], moves[:, 1]])
+    first = padded(mechanical + 1)
+    columns = np.zeros((len(moved), first + 2 * ROWS))
+    columns[:, :mechanical], columns[:, mechanical] = moved[:, :mechanical], moves[:, 2].sum(axis=1)
+    columns[:, first : first + 3], columns[:, first + ROWS : first + ROWS + 3] = moves[:, 0], moves[:, 1]
+    return columns
 
 
 def velocities(states: int, floors: int) -> Array:

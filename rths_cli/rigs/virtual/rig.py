@@ -13,7 +13,7 @@ from rths_cli.rigs.virtual import kernel
 from rths_cli.rigs.virtual.levels import Parts, levels, velocities
 from rths_cli.rigs.virtual.plant import Plant, accelerations, continuous, with_sensors
 from rths_cli.structure import Specimen
-from rths_cli.tiles import tiled
+from rths_cli.tiles import padded, tiled
 
 if TYPE_CHECKING:
     from rths_cli.case.virtual_physics import AfterIdentification, VirtualPhysics
@@ -71,20 +71,28 @@ def build_plant(
         bend=(info.dt_s * rates) ** 2,
         reference_per_velocity=float(rows[1, 1]),
         mechanical=a.shape[0],
+        forces=padded(a.shape[0] + 1),
         has_low_pass=sensor.low_pass_hz > 0.0,
         dt_s=info.dt_s,
-        friction_velocity_m_s=physics.coulomb_velocity_m_s,
+        per_friction_velocity=1.0 / physics.coulomb_velocity_m_s,
         force_limit_n=physics.force_limit_n,
         stroke_m=info.limits.stroke_m,
         command_range_v=converters.range_v,
         command_step_v=converters.step_v,
+        command_steps_per_v=inverse(converters.step_v),
         sensor_range_m_s2=sensor.range_m_s2,
         sensor_v_per_m_s2=sensor.sensitivity_v_per_m_s2,
         sensor_range_v=converters.range_v,
         sensor_step_v=converters.step_v,
+        sensor_steps_per_v=inverse(converters.step_v),
         noise_rms_m_s2=noise_rms_m_s2,
         refine=refine,
     )
+
+
+def inverse(step: float) -> float:
+    """Return 1 / step, 0 for none."""
+    return 1.0 / step if step > 0.0 else 0.0
 
 
 class VirtualRig:

@@ -24,7 +24,11 @@ STAMPED = 16  # steps on the counted clock of a virtual rig per look at the time
 
 
 class Log(NamedTuple):
-    """Every signal of every step k; n steps, c channels, e estimator outputs. NaN after the last step."""
+    """Every signal of every step k; n steps, c channels, e estimator outputs. NaN after the last step.
+
+    A lean log keeps accelerations alone: (1, n) of `desired`, all of `corrected` and `true_velocity_m_s`, none of the
+    rest (size 0).
+    """
 
     command_v: Array  # (n,) as it left the guard
     desired: Array  # (3, n) acceleration, velocity, displacement at k + n_p
@@ -80,7 +84,7 @@ def _play_virtual(
     scratch = np.zeros(2, dtype=np.int64)
     steps = run_virtual(rig.plant, rig.state, state, limits, guard_state, drive, noise, log, scratch)
     whole = steps // STAMPED * STAMPED
-    log.compute_ns[whole:steps] = log.compute_ns[whole - 1] if whole else 0.0
+    log.compute_ns[whole:steps] = log.compute_ns[whole - 1] if 0 < whole <= log.compute_ns.size else 0.0
     fault = "the table ran into its end stop" if rig.state.fault[0] == kernel.END_STOP else ""
     return steps, fault
 
@@ -108,13 +112,14 @@ def think(s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, k
     """Run step and guard on the samples in `s.samples`, note every signal, return the command in V."""
     command = guard(limits, g, step(s, drive), s.samples, s.corrected, s.interface[0], s.error[0])
     note_sent(s, command)
-    log.command_v[k] = command
-    log.base_shear_n[k] = s.base_shear[0]
-    for i in range(3):
+    if k < log.command_v.size:
+        log.command_v[k] = command
+        log.base_shear_n[k] = s.base_shear[0]
+    for i in range(log.desired.shape[0]):
         log.desired[i, k] = s.interface[i]
     for i in range(s.corrected.size):
         log.corrected[i, k] = s.corrected[i]
-    for i in range(s.estimated.size):
+    for i in range(log.estimated.shape[0]):
         log.estimated[i, k] = s.estimated[i]
     return command
 
@@ -154,29 +159,31 @@ def run_virtual(
     before = monotonic_ns(scratch)
     for k in range(drive.shape[0]):
         kernel.read(plant, table, noise[k], s.samples)
-        log.true_displacement_m[k] = table.state[0]
+        if k < log.true_displacement_m.size:
+            log.true_displacement_m[k] = table.state[0]
         command = think(s, limits, g, drive[k], log, k)
         kernel.hold(plant, table, command)
         for c in range(table.middle_velocity.size):
             log.true_velocity_m_s[c, k] = table.middle_velocity[c]
-        if (k + 1) % STAMPED == 0:
+        if (k + 1) % STAMPED == 0 and k < log.compute_ns.size:
             before = stamp(log, k, before, monotonic_ns(scratch))
         if table.fault[0] != 0 or g.flags[0] == STOPPED:
             return k + 1
     return drive.shape[0]
 
 
-def empty_log(steps: int, channels: int, estimates: int) -> Log:
-    """Return a log full of NaN."""
+def empty_log(steps: int, channels: int, estimates: int, lean: bool = False) -> Log:
+    """Return a log full of NaN; `lean` as in Log."""
+    kept, three = (0, 1) if lean else (steps, 3)
     shapes = (
-        (steps,),
-        (3, steps),
+        (kept,),
+        (three, steps),
         (channels, steps),
-        (estimates, steps),
-        (steps,),
+        (0 if lean else estimates, steps),
+        (kept,),
         (channels, steps),
-        (steps,),
-        (steps,),
+        (kept,),
+        (kept,),
     )
     return Log(*(np.full(shape, np.nan) for shape in shapes))
 

@@ -95,7 +95,7 @@ def dump(data: object) -> str:
     Python, which therefore writes what holds such text.
     """
     text = _dumped(data, _FastDumper)
-    return text if text.isascii() and not _QUOTED.search(text) else _dumped(data, _Dumper)
+    return text if not _QUOTED.search(text) else _dumped(data, _Dumper)
 
 
 def _dumped(data: object, dumper: type[yaml.SafeDumper]) -> str:

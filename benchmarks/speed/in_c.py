@@ -52,7 +52,7 @@ def in_c(value: Any) -> Any:
         parts = [in_c(item) for item in value]
         fields = zip(value._fields, map(type, parts), strict=True)  # type: ignore[attr-defined]
         return _kind(type(value).__name__, tuple(fields))(*parts)
-    return ctypes.c_int64(value) if isinstance(value, int | np.integer) else ctypes.c_double(value)
+    return ctypes.c_int64(int(value)) if isinstance(value, int | np.integer) else ctypes.c_double(value)
 
 
 def bound(library: ctypes.CDLL, given: Inputs, state: State) -> Callable[[], int]:

@@ -45,11 +45,10 @@ class State:
     log: Log
 
 
-def prepared(settings: tuple[str, ...] = (), case: str = CASE, memory: Memory | None = None) -> tuple[Setup, Blocks]:
+def prepared(memory: Memory, case: str = CASE, settings: tuple[str, ...] = ()) -> tuple[Setup, Blocks]:
     """Return a case as set up, and the blocks of its step; the model is identified unless the memory has it."""
     setup = make_setup(load_cases([case], settings)[0])
-    found = (memory or Memory()).identify(setup, lambda _: None)
-    return setup, design_blocks(setup, found).blocks
+    return setup, design_blocks(setup, memory.identify(setup, lambda _: None)).blocks
 
 
 def inputs(setup: Setup, blocks: Blocks) -> Inputs:

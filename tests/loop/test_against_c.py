@@ -96,5 +96,5 @@ def test_a_linear_table_is_the_one_of_c(library: ctypes.CDLL) -> None:
 def test_a_structure_of_another_size_is_refused(library: ctypes.CDLL) -> None:
     inputs = given(FRICTION, rig_info(), ground(STEPS))
     state = play.fresh(inputs)
-    with pytest.raises(ValueError, match="GuardState has .* adapt step.c"):
+    with pytest.raises(ValueError, match="GuardState has"):
         in_c.bound(library, inputs, replace(state, log=state.guard))  # type: ignore[arg-type]

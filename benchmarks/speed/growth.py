@@ -17,7 +17,7 @@ from rths_cli.workflows.setup import Setup
 from speed import play
 from speed.commands import EIGHT
 from speed.process import median_s
-from speed.rows import RATIO, Row, seconds
+from speed.rows import RATIO, Row
 
 STOREYS = (3, 10, 30, 100)
 FLOORS = (2, 4, 8)
@@ -42,7 +42,7 @@ def growth_rows(setup: Setup, given: play.Inputs) -> list[Row]:
 def _rows(what: str, runs: dict[str, play.Inputs], demand: float | None) -> list[Row]:
     """Compare the time per step with that of the first run; the demand is on the last."""
     first, *others = runs
-    times = {name: per_step_s(run) for name, run in runs.items()}
+    times = per_step_s(runs)
     behind = "; ".join(f"{name}: {1e9 * time_s:.0f} ns" for name, time_s in times.items())
     return [
         Row(
@@ -56,12 +56,17 @@ def _rows(what: str, runs: dict[str, play.Inputs], demand: float | None) -> list
     ]
 
 
-def per_step_s(given: play.Inputs) -> float:
-    """Return the shortest time of a step; raises RuntimeError when a run does not reach its end."""
-    done = play.bound(given, play.fresh(given))()
-    if done != len(given.drive):
-        raise RuntimeError(f"the run stopped after {done} of {len(given.drive)} steps")
-    return min(seconds(play.bound(given, play.fresh(given))) for _ in range(REPETITIONS)) / done
+def per_step_s(runs: dict[str, play.Inputs]) -> dict[str, float]:
+    """Return the shortest time of a step of each run, measured by turns.
+
+    Raises RuntimeError when a run does not reach its end.
+    """
+    for name, given in runs.items():
+        done = play.bound(given, play.fresh(given))()
+        if done != len(given.drive):
+            raise RuntimeError(f"{name}: the run stopped after {done} of {len(given.drive)} steps")
+    turns = [{name: play.seconds_of(given, play.bound) for name, given in runs.items()} for _ in range(REPETITIONS)]
+    return {name: min(turn[name] for turn in turns) / len(given.drive) for name, given in runs.items()}
 
 
 def tall(setup: Setup, given: play.Inputs, storeys: int) -> play.Inputs:
@@ -110,7 +115,7 @@ controller: FF+FB
 
 def cases_row() -> Row:
     """Compare the time of a further case in a long command with that in a short one."""
-    times = {count: median_s("run", *EIGHT[:count], repetitions=3) for count in CASES}
+    times = {count: median_s("run", *EIGHT[:count], repetitions=2) for count in CASES}
     few, more, most = times.values()
     growth = (most - more) / (CASES[2] - CASES[1]) / ((more - few) / (CASES[1] - CASES[0]))
     behind = ", ".join(f"{count}: {time_s:.2f} s" for count, time_s in times.items())

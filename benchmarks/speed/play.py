@@ -19,6 +19,7 @@ from rths_cli.workflows.controllers import design_blocks
 from rths_cli.workflows.known import Memory
 from rths_cli.workflows.rigs import EXP_RTHS, guard_limits, open_rig
 from rths_cli.workflows.setup import Setup, make_setup
+from speed.rows import seconds
 
 CASE = "el_centro_low_ff_fb"
 SIGNALS = tuple(name for name in Log._fields if name != "compute_ns")
@@ -43,6 +44,9 @@ class State:
     step: Step
     guard: GuardState
     log: Log
+
+
+Bind = Callable[[Inputs, State], Callable[[], int]]  # what plays a run
 
 
 def prepared(memory: Memory, case: str = CASE, settings: tuple[str, ...] = ()) -> tuple[Setup, Blocks]:
@@ -75,3 +79,8 @@ def bound(given: Inputs, state: State) -> Callable[[], int]:
     return run_virtual.bind(
         given.plant, state.table, state.step, given.limits, state.guard, given.drive, given.noise, state.log, scratch
     )
+
+
+def seconds_of(given: Inputs, bind: Bind) -> float:
+    """Return how long a run takes that begins at rest, by whatever `bind` makes of it."""
+    return seconds(bind(given, fresh(given)))

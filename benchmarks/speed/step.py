@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import statistics
 import tempfile
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 from speed import in_c, play
-from speed.rows import RATIO, Row, alternating_s, difference, seconds
+from speed.rows import RATIO, Row, alternating_s, difference
 
-Bind = Callable[[play.Inputs, play.State], Callable[[], int]]
 PAIRS = 25
 SAME = 1e-9
 CONTENTS = "noise, quantisation, friction, guard, log and the time of every step"
@@ -25,7 +23,9 @@ def step_rows(given: play.Inputs) -> list[Row]:
         library = in_c.compiled(Path(folder))
         bind_c = partial(in_c.bound, library)
         apart = _apart(given, bind_c)
-        ours, theirs = alternating_s(lambda: _once(given, play.bound), lambda: _once(given, bind_c), PAIRS)
+        ours, theirs = alternating_s(
+            lambda: play.seconds_of(given, play.bound), lambda: play.seconds_of(given, bind_c), PAIRS
+        )
     return _rows(len(given.drive), ours, theirs, apart)
 
 
@@ -42,7 +42,7 @@ def _rows(steps: int, ours: list[float], theirs: list[float], apart: float) -> l
 
 
 def _alone(given: play.Inputs) -> Row:
-    return _loop(len(given.drive), [_once(given, play.bound) for _ in range(PAIRS)])
+    return _loop(len(given.drive), [play.seconds_of(given, play.bound) for _ in range(PAIRS)])
 
 
 def _loop(steps: int, ours: list[float]) -> Row:
@@ -50,11 +50,7 @@ def _loop(steps: int, ours: list[float]) -> Row:
     return Row("one EXP-RTHS of 54 s at 2 kHz, in the loop", 1e3 * statistics.median(ours), "ms", 20.0, behind)
 
 
-def _once(given: play.Inputs, bind: Bind) -> float:
-    return seconds(bind(given, play.fresh(given)))
-
-
-def _apart(given: play.Inputs, bind_c: Bind) -> float:
+def _apart(given: play.Inputs, bind_c: play.Bind) -> float:
     """Return by how much the signals of both differ at most, of the peak of each (infinite when one stops early)."""
     ours, theirs = play.fresh(given), play.fresh(given)
     done = play.bound(given, ours)(), bind_c(given, theirs)()

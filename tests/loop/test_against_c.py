@@ -69,8 +69,9 @@ def test_every_signal_is_the_one_of_c(
     assert_same(ours, theirs, done)
 
 
-def test_the_feedback_is_clipped_as_in_c(library: ctypes.CDLL) -> None:
-    inputs = given(FRICTION, rig_info(), 8.0 * ground(STEPS))
+@pytest.mark.parametrize("scale", [8.0, -8.0])
+def test_the_feedback_is_clipped_as_in_c(library: ctypes.CDLL, scale: float) -> None:
+    inputs = given(FRICTION, rig_info(), scale * ground(STEPS))
     tight = replace(inputs, blocks=replace(inputs.blocks, feedback_limit_v=1e-3))
     ours, theirs, done = both(library, tight)
     assert_same(ours, theirs, done)
@@ -78,11 +79,11 @@ def test_the_feedback_is_clipped_as_in_c(library: ctypes.CDLL) -> None:
     assert not np.array_equal(ours.log.command_v, free.log.command_v)
 
 
-@pytest.mark.parametrize(("limit", "reason"), [("velocity_m_s", 2), ("acceleration_m_s2", 3)])
+@pytest.mark.parametrize(("limit", "reason"), [("stroke_m", 1), ("velocity_m_s", 2), ("acceleration_m_s2", 3)])
 def test_the_guard_stops_as_in_c(library: ctypes.CDLL, limit: str, reason: int) -> None:
     inputs = given(FRICTION, rig_info(), np.vstack([ground(STEPS), np.zeros((6000, 3))]))
     limits = inputs.limits._replace(stroke_m=0.079, velocity_m_s=1.0, acceleration_m_s2=45.0, command_v=10.0)
-    tight = {"velocity_m_s": 0.01, "acceleration_m_s2": 0.05}[limit]
+    tight = {"stroke_m": 0.002, "velocity_m_s": 0.01, "acceleration_m_s2": 0.05}[limit]
     ours, theirs, done = both(library, replace(inputs, limits=limits._replace(**{limit: tight})))
     assert ours.guard.flags[1] == reason
     assert_same(ours, theirs, done)

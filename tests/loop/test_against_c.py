@@ -48,11 +48,19 @@ def both(library: ctypes.CDLL, inputs: play.Inputs) -> tuple[play.State, play.St
 
 
 def assert_same(ours: play.State, theirs: play.State, done: int) -> None:
+    """Compare every signal, the guard's flags, and what table, numerical part and controllers remember."""
     for name in play.SIGNALS:
         one, two = (getattr(state.log, name)[..., :done] for state in (ours, theirs))
         assert np.abs(one).max() > 0.0, name
         np.testing.assert_allclose(two, one, rtol=0.0, atol=1e-9 * np.abs(one).max(), err_msg=name)
+    for one, two in zip(memory(ours), memory(theirs), strict=True):
+        np.testing.assert_allclose(two, one, rtol=0.0, atol=1e-9 * np.abs(one).max())
     np.testing.assert_array_equal(ours.guard.flags, theirs.guard.flags)
+
+
+def memory(state: play.State) -> tuple[Array, ...]:
+    s = state.step
+    return state.table.state, s.numerical.state, s.estimator.given, s.feedforward.given, s.feedback.given
 
 
 @pytest.mark.parametrize(

@@ -18,8 +18,8 @@ import numpy as np
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import RthsError
-from rths_cli.identification.evaluate import Identification
-from rths_cli.identification.fit_table import FitError, rms, within
+from rths_cli.identification.fit_table import rms, within
+from rths_cli.identification.found import FitError, Identification
 from rths_cli.identification.frf import estimate, over_model
 from rths_cli.identification.record import Record
 from rths_cli.identification.verdict import LIMITS

@@ -30,6 +30,7 @@ SOURCES = (
     "rig_info.py",
     "compiled.py",
     "filters.py",
+    "metrics/error.py",
     "tiles.py",
     "rigs/virtual/plant.py",
     "rigs/virtual/kernel.py",
@@ -40,6 +41,7 @@ WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 OPTIONS = {"_nrt": False, "error_model": "numpy", **WRAPPERS}  # no allocation; 1 / 0 is inf
 RESULTS = {"none": ctypes.c_void_p, "float64": ctypes.c_double, "int64": ctypes.c_int64, "bool": ctypes.c_bool}
 _LOCK = threading.RLock()
+_LISTENERS: list[Callable[[str], object]] = []
 _ENGINES: list[Any] = []  # loaded machine code lives as long as the process
 
 
@@ -130,6 +132,9 @@ class Entry(Part):
         """Return symbol, kind of result and machine code."""
         import numba
 
+        while _LISTENERS:
+            _LISTENERS.pop()("first run of this version here: compiling its real-time code, about 20 s more in all")
+
         signature = tuple(numba.typeof(argument) for argument in arguments)
         self.dispatcher.compile(signature)
         made = self.dispatcher.overloads[signature]
@@ -150,10 +155,9 @@ def part(function: F) -> F:
     return Part(function, forceinline=True)  # type: ignore[return-value]
 
 
-def is_compiled() -> bool:
-    """Tell whether this machine has compiled this version before."""
-    folder = Path(cache_folder())
-    return folder.is_dir() and any(folder.glob("*.native"))
+def announce(listener: Callable[[str], object]) -> None:
+    """Have a sentence told once, before the first compilation of this process starts."""
+    _LISTENERS[:] = [listener]
 
 
 @cache
@@ -237,10 +241,16 @@ def _processor() -> str:
 
 
 def _read(path: Path) -> bytes | None:
+    """Return what is kept, None where nothing is or where it is damaged."""
     try:
-        return path.read_bytes()
-    except OSError:
+        check, kept = path.read_bytes().split(b"\n", 1)
+    except (OSError, ValueError):
         return None
+    return kept if check == _check(kept) else None
+
+
+def _check(kept: bytes) -> bytes:
+    return hashlib.sha256(kept).hexdigest().encode()
 
 
 def _keep(path: Path, kept: bytes) -> None:
@@ -248,7 +258,7 @@ def _keep(path: Path, kept: bytes) -> None:
     part_file = path.with_suffix(f".{os.getpid()}")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        part_file.write_bytes(kept)
+        part_file.write_bytes(_check(kept) + b"\n" + kept)
         os.replace(part_file, path)
     except OSError:
         part_file.unlink(missing_ok=True)

@@ -18,6 +18,7 @@ from rths_cli.compiled import entry, part
 from rths_cli.lti import Array, ComplexArray
 
 FORWARD, BACKWARD = 1, -1
+LANES = 4  # series that are filtered at once
 _Coefficients = tuple[float, float, float, float, float]
 _Sample = tuple[float, float, float]
 
@@ -59,9 +60,9 @@ def section(numerator: Sequence[float], denominator: Sequence[float]) -> Array:
 def filtered(sections: Array, series: ArrayLike) -> Array:
     """Filter `series` (..., n) along time from a zero initial state; returns (..., n) in its unit."""
     values = np.asarray(series, dtype=float)
-    rows = _extended(values.reshape(-1, values.shape[-1]), 0)
-    _run(sections, np.zeros((len(sections), len(rows), 2)), rows, FORWARD)
-    return rows[: values.size // values.shape[-1]].reshape(values.shape)
+    tiles = _filled(values, 0)
+    _run(sections, np.zeros((len(sections), len(tiles), 2, LANES)), tiles, FORWARD)
+    return _series(tiles, values.shape, 0)
 
 
 def filtered_both_ways(sections: Array, series: ArrayLike, padding: int) -> Array:
@@ -75,24 +76,47 @@ def filtered_both_ways(sections: Array, series: ArrayLike, padding: int) -> Arra
     n = values.shape[-1]
     if not 0 <= padding < n:
         raise ValueError(f"padding {padding} of a series of {n} samples: it must be at least 0 and below that")
-    rows = _extended(values.reshape(-1, n), padding)
-    steady = _steady_states(sections)[:, None, :]
-    _run(sections, np.ascontiguousarray(steady * rows[:, :1]), rows, FORWARD)
-    _run(sections, np.ascontiguousarray(steady * rows[:, -1:]), rows, BACKWARD)
-    return np.ascontiguousarray(rows[: values.size // n, padding : padding + n]).reshape(values.shape)
+    tiles = _filled(values, padding)
+    filter_tiles_both_ways(sections, tiles, padding)
+    return _series(tiles, values.shape, padding)
 
 
-def _extended(rows: Array, padding: int) -> Array:
-    """Return a copy of rows (m, n) with `padding` samples more at each end, turned about the end's own sample.
+def empty_tiles(series: int, samples: int, padding: int) -> Array:
+    """Return room for so many series four beside each other: (n_tiles, samples + 2 padding, 4), zero."""
+    return np.zeros((-(-series // LANES), samples + 2 * padding, LANES))
 
-    Idle rows fill the last group of four, unless it is a single row: four cost less than two one after the other.
-    """
-    m, n = rows.shape
-    wide = np.zeros((m if m % 4 < 2 else m + 4 - m % 4, n + 2 * padding))
-    wide[:m, padding : padding + n] = rows
-    wide[:m, :padding] = 2.0 * rows[:, :1] - rows[:, padding:0:-1]
-    wide[:m, padding + n :] = 2.0 * rows[:, -1:] - rows[:, -2 : -2 - padding : -1]
-    return wide
+
+def lane(tiles: Array, series: int, padding: int) -> Array:
+    """Return the place (n,) of one series in tiles, without its padding."""
+    return tiles[series // LANES, padding : tiles.shape[1] - padding, series % LANES]
+
+
+def filter_tiles_both_ways(sections: Array, tiles: Array, padding: int) -> None:
+    """Do in place what `filtered_both_ways` does; what stands in the padding at the ends is replaced."""
+    if padding:
+        end = tiles.shape[1] - padding
+        tiles[:, :padding] = 2.0 * tiles[:, padding : padding + 1] - tiles[:, 2 * padding : padding : -1]
+        tiles[:, end:] = 2.0 * tiles[:, end - 1 : end] - tiles[:, end - 2 : end - 2 - padding : -1]
+    steady = _steady_states(sections)[:, None, :, None]
+    _run(sections, np.ascontiguousarray(steady * tiles[:, :1]), tiles, FORWARD)
+    _run(sections, np.ascontiguousarray(steady * tiles[:, -1:]), tiles, BACKWARD)
+
+
+def _filled(values: Array, padding: int) -> Array:
+    """Return series (..., n) in tiles, room for `padding` samples more at each end."""
+    rows = values.reshape(-1, values.shape[-1])
+    tiles = empty_tiles(*rows.shape, padding)
+    for r, row in enumerate(rows):
+        lane(tiles, r, padding)[:] = row
+    return tiles
+
+
+def _series(tiles: Array, shape: tuple[int, ...], padding: int) -> Array:
+    """Return the series of a shape (..., n) that stand in tiles, without the padding."""
+    rows = np.empty((math.prod(shape[:-1]), shape[-1]))
+    for r, row in enumerate(rows):
+        row[:] = lane(tiles, r, padding)
+    return rows.reshape(shape)
 
 
 def _steady_states(sections: Array) -> Array:
@@ -155,31 +179,28 @@ def _sample(c: _Coefficients, x: float, u: float, v: float) -> _Sample:
 
 
 @entry
-def _run(sections: Array, states: Array, rows: Array, step: int) -> None:
-    """Filter `rows` (m, n) in place from `states` (n_sections, m, 2), forward (`step` 1) or backward (-1) in time."""
-    m, n = rows.shape
-    first = 0 if step > 0 else n - 1
-    for s in range(sections.shape[0]):
-        c = (sections[s, 0], sections[s, 1], sections[s, 2], sections[s, 4], sections[s, 5])
-        r = 0
-        while r + 4 <= m:
-            u0, v0, u1, v1 = states[s, r, 0], states[s, r, 1], states[s, r + 1, 0], states[s, r + 1, 1]
-            u2, v2, u3, v3 = states[s, r + 2, 0], states[s, r + 2, 1], states[s, r + 3, 0], states[s, r + 3, 1]
-            k = first
+def _run(sections: Array, states: Array, tiles: Array, step: int) -> None:
+    """Filter tiles (n_tiles, n, 4) in place, forward (`step` 1) or backward (-1) in time.
+
+    `states` (n_sections, n_tiles, 2, 4): where they start.
+    """
+    n = tiles.shape[1]
+    for r in range(tiles.shape[0]):
+        for s in range(sections.shape[0]):
+            c = (sections[s, 0], sections[s, 1], sections[s, 2], sections[s, 4], sections[s, 5])
+            u0, u1, u2, u3 = states[s, r, 0, 0], states[s, r, 0, 1], states[s, r, 0, 2], states[s, r, 0, 3]
+            v0, v1, v2, v3 = states[s, r, 1, 0], states[s, r, 1, 1], states[s, r, 1, 2], states[s, r, 1, 3]
+            k = 0 if step > 0 else n - 1
             for _ in range(n):
-                rows[r, k], u0, v0 = _sample(c, rows[r, k], u0, v0)
-                rows[r + 1, k], u1, v1 = _sample(c, rows[r + 1, k], u1, v1)
-                rows[r + 2, k], u2, v2 = _sample(c, rows[r + 2, k], u2, v2)
-                rows[r + 3, k], u3, v3 = _sample(c, rows[r + 3, k], u3, v3)
+                y0, u0, v0 = _sample(c, tiles[r, k, 0], u0, v0)
+                y1, u1, v1 = _sample(c, tiles[r, k, 1], u1, v1)
+                y2, u2, v2 = _sample(c, tiles[r, k, 2], u2, v2)
+                y3, u3, v3 = _sample(c, tiles[r, k, 3], u3, v3)
+                tiles[r, k, 0] = y0  # beside each other, so that all four are one instruction
+                tiles[r, k, 1] = y1
+                tiles[r, k, 2] = y2
+                tiles[r, k, 3] = y3
                 k += step
-            r += 4
-        while r < m:
-            u0, v0 = states[s, r, 0], states[s, r, 1]
-            k = first
-            for _ in range(n):
-                rows[r, k], u0, v0 = _sample(c, rows[r, k], u0, v0)
-                k += step
-            r += 1
 
 
 @entry

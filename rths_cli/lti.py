@@ -16,6 +16,7 @@ Integers = NDArray[np.int64]
 
 FEW_POINTS = 16  # up to which a frequency response is solved point by point
 ROWS_AT_ONCE = 24  # of a triangular solution: the rest of the matrix acts on them in one product
+MOST_CONDITION = 1e6  # of eigenvectors that stand for their states
 POINTS_AT_ONCE = 65_536  # complex numbers of the states at once: they stay in the processor's cache
 
 
@@ -149,9 +150,9 @@ def integral_share(coupling_hz: float, dt_s: float) -> float:
 def _response(system: StateSpace | Block, points: ComplexArray, about: float) -> ComplexArray:
     """Evaluate C (p I - A)^-1 B + D at complex points, shape (p, m, n_points).
 
-    By a Schur form, one decomposition and then a triangular solution for all points at once, defective A included
-    (Laub, IEEE Trans. Automatic Control 26, 1981, with T in place of a Hessenberg form). A - about I is decomposed:
-    sampled fast, A is nearly I, and its rounding would hide what the slow motions are.
+    By a similar triangular matrix, one decomposition and then a triangular solution for all points at once (Laub, IEEE
+    Trans. Automatic Control 26, 1981, with T in place of a Hessenberg form). A - about I is decomposed: sampled fast,
+    A is nearly I, and its rounding would hide what the slow motions are.
     """
     n, m = system.B.shape
     if n == 0:
@@ -159,7 +160,7 @@ def _response(system: StateSpace | Block, points: ComplexArray, about: float) ->
     if points.size <= FEW_POINTS:
         resolvent = np.linalg.solve(points[:, None, None] * np.eye(n) - system.A, system.B.astype(complex))
         return np.moveaxis((system.C @ resolvent + system.D).astype(complex), 0, -1)
-    triangle, into, out = _schur(system, about)
+    triangle, into, out = _by_modes(system, about) or _by_schur(system, about)
     found = np.empty((len(system.C), m, points.size), dtype=complex)
     at_once = max(POINTS_AT_ONCE // (n * m), 1)
     for start in range(0, points.size, at_once):
@@ -170,7 +171,42 @@ def _response(system: StateSpace | Block, points: ComplexArray, about: float) ->
     return found
 
 
-def _schur(system: StateSpace | Block, about: float) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
+def _by_modes(system: StateSpace | Block, about: float) -> tuple[ComplexArray, ComplexArray, ComplexArray] | None:
+    """Return T (n, n) upper triangular, S^-1 B (n, m) and C S (p, n) for A - about I = S T S^-1.
+
+    S holds the eigenvectors of each set of states that act on each other in a circle; what only acts on others stands
+    behind them, so that a delay's registers, which have no eigenvectors, are triangular as they are. None where
+    eigenvectors of states scaled to equal sizes hardly span them.
+    """
+    A = system.A - about * np.eye(len(system.A))
+    circle, order = _circles(A != 0.0)
+    values, basis, scale = A.diagonal().astype(complex), np.eye(len(A), dtype=complex), np.ones((len(A), 1))
+    for first in np.flatnonzero(np.bincount(circle) > 1):
+        inside = np.flatnonzero(circle == first)
+        values[inside], vectors = np.linalg.eig(A[np.ix_(inside, inside)])
+        basis[np.ix_(inside, inside)], scale[inside, 0] = vectors, np.abs(vectors).max(axis=1)
+        if not np.linalg.cond(vectors / scale[inside]) < MOST_CONDITION:
+            return None
+    sides = np.hstack([A @ basis, system.B]) / scale
+    similar = np.asarray(np.linalg.solve(basis / scale, sides), dtype=complex)
+    between = np.where(circle[:, None] != circle, similar[:, : len(A)], 0.0) + np.diag(values)
+    out = np.asarray(system.C @ basis, dtype=complex)
+    return between[np.ix_(order, order)], similar[order, len(A) :], out[:, order]
+
+
+def _circles(acts: NDArray[np.bool_]) -> tuple[Integers, Integers]:
+    """Return the first state of each state's circle, (n,), and an order (n,) in which none acts on one behind it.
+
+    `acts` (n, n): whether the second state acts on the first.
+    """
+    reached = (acts | np.eye(len(acts), dtype=bool)).astype(np.float32)
+    for _ in range(len(acts).bit_length()):
+        reached = (reached @ reached > 0.0).astype(np.float32)
+    circle = np.argmax(reached * reached.T, axis=1)
+    return circle, np.lexsort((circle, -reached.sum(axis=1)))
+
+
+def _by_schur(system: StateSpace | Block, about: float) -> tuple[ComplexArray, ComplexArray, ComplexArray]:
     """Return T (n, n) upper triangular, S' B (n, m) and C S (p, n) for A - about I = S T S', scaled to equal sizes."""
     from scipy.linalg import matrix_balance, schur
 
@@ -187,6 +223,7 @@ def _triangular(triangle: ComplexArray, into: ComplexArray, points: ComplexArray
         first = max(end - ROWS_AT_ONCE, 0)
         states[first:end] = triangle[first:end, end:] @ states[end:] + np.repeat(into[first:end], points.size, axis=1)
         for i in range(end - 1, first - 1, -1):
-            states[i] += triangle[i, i + 1 : end] @ states[i + 1 : end]
+            if triangle[i, i + 1 : end].any():
+                states[i] += triangle[i, i + 1 : end] @ states[i + 1 : end]
             states[i].reshape(m, -1)[...] /= points - triangle[i, i]
     return states

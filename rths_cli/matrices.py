@@ -1,4 +1,4 @@
-"""Functions of matrices over numpy alone: the exponential, and Riccati equations by doubling.
+"""Functions of arrays over numpy alone: the exponential, Riccati equations by doubling, different values.
 
 scipy.linalg has both; its import takes longer than all matrices of a run.
 """
@@ -67,6 +67,13 @@ def continuous_riccati(A: Array, B: Array, Q: Array, R: Array) -> Array:
     if cost is None:
         raise ValueError("the Riccati equation has no stabilising solution")
     return cost
+
+
+def distinct(values: Array) -> Array:
+    """Return the different values of an array in rising order, (n,): numpy.unique, whose import of masked arrays takes
+    longer than the values of a run."""
+    ordered = np.sort(values, axis=None)
+    return ordered[np.diff(ordered, prepend=-np.inf) > 0.0]
 
 
 def doubled(step: Array, reach: Array, cost: Array) -> Array | None:

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING
 
 import pytest
 
+from rths_cli.cli.ending import BLAS_THREADS
+
 if TYPE_CHECKING:
-    from rths_cli.identification.evaluate import Identification
+    from rths_cli.identification.found import Identification
     from rths_cli.workflows.known import Memory
     from rths_cli.workflows.setup import Setup
 
 DEFAULT = "el_centro_low_ff_fb"
+os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))  # as the command does, before numpy is imported
 
 
 @pytest.fixture(scope="session")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 import shutil
 import subprocess
 import sys
@@ -38,7 +40,43 @@ def test_every_compiled_source_is_watched() -> None:
     users = {
         str(path.relative_to(PACKAGE))
         for path in PACKAGE.rglob("*.py")
-        if "rths_cli.compiled import" in path.read_text() and "is_compiled" not in path.read_text()
+        if re.search(r"rths_cli\.compiled import .*\b(entry|part)\b", path.read_text())
     }
     watched = {name for name in users if name in SOURCES or name.split("/")[0] in SOURCE_FOLDERS}
     assert users == watched and len(users) >= 5
+
+
+HELLO = """
+import numpy as np
+from rths_cli import compiled
+said = []
+compiled.announce(said.append)
+from rths_cli.filters import butterworth, filtered
+value = filtered(butterworth(2, 1.0, 100.0), np.ones(50))
+print(len(said), "numba" in sys.modules, value.tobytes().hex())
+"""
+
+
+def hello(cache: Path) -> list[str]:
+    done = subprocess.run(
+        [sys.executable, "-c", "import sys\n" + HELLO],
+        env={**os.environ, "XDG_CACHE_HOME": str(cache)},
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=True,
+    )
+    return done.stdout.split()
+
+
+def test_code_is_compiled_once_and_announced_then_loaded_without_numba(tmp_path: Path) -> None:
+    first, second = hello(tmp_path), hello(tmp_path)
+    assert first[:2] == ["1", "True"] and second[:2] == ["0", "False"]
+    assert first[2] == second[2]
+
+
+def test_damaged_machine_code_is_compiled_again(tmp_path: Path) -> None:
+    wanted = hello(tmp_path)
+    for path in tmp_path.rglob("*.native"):
+        path.write_bytes(path.read_bytes()[:-100])
+    assert hello(tmp_path)[2] == wanted[2]

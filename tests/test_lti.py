@@ -72,3 +72,19 @@ def test_states_of_very_different_size_and_a_continuous_system() -> None:
 def test_without_states_a_block_is_its_gain() -> None:
     block = Block("gain", np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((1, 0)), np.array([[2.0, 3.0]]), DT_S)
     assert (block.response(HZ) == np.array([2.0, 3.0])[None, :, None]).all()
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_delayed_oscillator_responds_in_closed_form_in_any_order_of_its_states(turned: bool) -> None:
+    """Five registers before an oscillator and three behind it, shuffled; turned, every state acts on every other."""
+    root = np.exp((-0.05 + 1j) * 0.3)
+    a = np.diag(np.ones(9), -1)
+    a[5, 4], a[5:7, 5:7] = 1.0, [[2.0 * root.real, -(abs(root) ** 2)], [1.0, 0.0]]
+    a[7, 6] = 1.0
+    b, c, d = np.eye(10)[:, :1], np.eye(10)[-1:], np.zeros((1, 1))
+    random = np.random.default_rng(5)
+    basis = np.linalg.qr(random.normal(size=(10, 10)))[0] if turned else np.eye(10)[random.permutation(10)]
+    z = np.exp(2j * np.pi * HZ * DT_S)
+    exact = 1.0 / (z**2 - 2.0 * root.real * z + abs(root) ** 2) / z**8
+    found = Block("delayed", basis @ a @ basis.T, basis @ b, c @ basis.T, d, DT_S).response(HZ)[0, 0]
+    assert found == pytest.approx(exact, rel=1e-12)

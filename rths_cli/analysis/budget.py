@@ -11,13 +11,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from rths_cli.analysis.loop_response import Motion, hybrid, on_perfect_table
-from rths_cli.analysis.prediction import Errors, Known, friction_samples
-from rths_cli.identification.friction import Friction
+from rths_cli.analysis.prediction import Errors, Known, samples_of_push
+from rths_cli.identification.found import Friction
 from rths_cli.lti import Array, ComplexArray
 from rths_cli.metrics import rms
 
@@ -39,13 +39,14 @@ ASSUMED_SCALE = 0.01  # of the rms velocity: v_s of a friction that was not iden
 
 @dataclass(frozen=True)
 class Signals:
-    """What a run measured, n samples: `desired` (3, n) and `sim` (n_storeys, n) and `reported` (n_storeys, n) on the
-    record's clock, `corrected` (c, n) and `command_v` (n,) as stored, n_p samples after they were made."""
+    """What a run measured, n samples: `desired` (3, n), `sim` (n_storeys, n) and `computed` (n_storeys - c, n), the
+    storeys below the table, on the record's clock, `corrected` (c, n) and `command_v` (n,) as stored, n_p samples after
+    they were made."""
 
     desired: Array
     corrected: Array
     command_v: Array
-    reported: Array
+    computed: Array
     sim: Array
 
 
@@ -66,8 +67,9 @@ def split(known: Known, signals: Signals) -> Budget:
     """Return the measured error by cause."""
     lines, loop, still = known.lines, known.loop, np.zeros_like(known.ground)
     command = lines.of(signals.command_v) / loop.ahead
-    corrected = lines.of(signals.corrected) / loop.ahead
-    sim, reported = lines.of(signals.sim), lines.of(signals.reported)
+    stored = lines.of(signals.corrected)
+    corrected = stored / loop.ahead
+    sim, reported = lines.of(signals.sim), np.vstack([lines.of(signals.computed), stored])
     desired = lines.of_motion(*signals.desired)
     added = command - _wanted(known, desired, corrected[0])
     disturbed = corrected - loop.rig * command
@@ -81,7 +83,7 @@ def split(known: Known, signals: Signals) -> Budget:
         "latency": (perfect.storeys - nominal.storeys, nominal.tracking),
         "rounding": _error(hybrid(loop, still, np.zeros_like(disturbed), added)),
     } | {name: _error(hybrid(loop, still, part)) for name, part in parts.items()}
-    measured = (sim - reported, lines.of(signals.desired[0]) - corrected[0] * loop.ahead)
+    measured = (sim - reported, lines.of(signals.desired[0]) - stored[0])
     left = tuple(whole - sum(pair[i] for pair in series.values()) for i, whole in enumerate(measured))
     return Budget({name: _errors(known, *series[name]) for name in CAUSES}, _errors(known, *measured),
                   _errors(known, *left), *fitted)  # fmt: skip
@@ -134,15 +136,16 @@ def _friction(
     speed = float(rms(velocity_m_s)) or 1.0
     scale = known.friction.scale_m_s if known.friction else ASSUMED_SCALE * speed
 
-    def pushed(friction: Friction | None) -> ComplexArray:
-        return friction_samples(replace(known, friction=friction, velocity_m_s=velocity_m_s))
-
-    as_identified = pushed(known.friction)
-    shape, whole = (pushed(Friction(1.0, 0.0, rms_m_s, 0.0, scale)) for rms_m_s in (speed, math.inf))
+    sign = known.lines.of(Friction(1.0, 0.0, math.inf, 0.0, scale).disturbance_v(velocity_m_s))
+    velocity, through = known.lines.of(velocity_m_s), samples_of_push(known)
+    shape = through * (sign + Friction(1.0, 0.0, speed, 0.0, scale).linear_s_per_m * velocity)
+    as_identified = np.zeros_like(shape)
+    if known.friction:
+        as_identified = through * known.friction.command_v * (sign + known.friction.linear_s_per_m * velocity)
     answer, s = known.loop.rig[0] * command, 2j * np.pi * known.lines.frequency_hz
     rows = (shape[0], answer, s * answer)
     more = _fitted(known, disturbed[0] - as_identified[0], rows, np.ones(len(command)))[0]
-    return as_identified + more * whole, more
+    return as_identified + more * through * sign, more
 
 
 def _felt(known: Known) -> Array:

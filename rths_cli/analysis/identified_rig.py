@@ -17,6 +17,7 @@ from rths_cli.control.estimator import specimen_state_space
 from rths_cli.control.realise import discretise, from_roots
 from rths_cli.control.sensing import correction
 from rths_cli.lti import Array, Block, Model, StateSpace, staircase
+from rths_cli.matrices import exponential
 from rths_cli.rig_info import RigInfo
 from rths_cli.structure import Specimen
 
@@ -117,10 +118,8 @@ def _held(chain: StateSpace, model: Model, dt_s: float) -> Block:
 
 def _hold(chain: StateSpace, time_s: float) -> tuple[Array, Array]:
     """Return transition (n, n) and response (n,) of a held unit command over a time."""
-    from scipy.linalg import expm
-
     n = len(chain.A)
-    both = expm(np.block([[chain.A, chain.B], [np.zeros((1, n + 1))]]) * time_s)
+    both = exponential(np.block([[chain.A, chain.B], [np.zeros((1, n + 1))]]) * time_s)
     return both[:n, :n], both[:n, n]
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from rths_cli.filters import butterworth, fast_length, response
 from rths_cli.lti import Array, ComplexArray
-from rths_cli.metrics import BAND_HZ, BAND_ORDER
+from rths_cli.metrics import BAND_HZ, BAND_ORDER, low_lines
 
 HIGHEST_HZ = 40.0  # the test band's filter leaves 3e-5 there
 _FALLING = np.array([[1, 1, 1, 1, 1, 1], [0, 1, 2, 3, 4, 5], [0, 0, 2, 6, 12, 20]], dtype=float)  # at 1: value, slope
@@ -51,23 +51,20 @@ class Lines:
 
     def of(self, series: Array) -> ComplexArray:
         """Return the lines (..., m) of series (..., n); what does not end at zero is led there after the end."""
-        rest = self.padded - self.samples
-        fade = 0.5 + 0.5 * np.cos(np.pi * np.minimum(np.arange(1, rest + 1) / (0.5 * rest), 1.0))
-        whole = np.concatenate([series, series[..., -1:] * fade], axis=-1)
-        return np.asarray(np.fft.rfft(whole)[..., : self.count])
+        return low_lines(series, self.count, self.padded) + series[..., -1:] * _fade(self)
 
     def of_motion(self, accel: Array, velocity: Array, displacement: Array) -> ComplexArray:
         """Return the lines (3, m) of a motion, each (n,): after the end it comes to rest at zero by a quintic of the
         displacement, so that its derivatives stay its derivatives."""
         rest = self.padded - self.samples
         lasts = 0.5 * rest * self.dt_s
-        share = np.minimum(np.arange(1, rest + 1) * self.dt_s / lasts, 1.0)
+        share = np.minimum(np.arange(1, rest // 2 + 1) * self.dt_s / lasts, 1.0)
         ends = np.array([displacement[-1], velocity[-1] * lasts, 0.5 * accel[-1] * lasts**2])
         back = np.linalg.solve(_FALLING[:, 3:], -_FALLING[:, :3] @ ends)
         path = np.polynomial.Polynomial(np.concatenate([ends, back]))
         after = [path.deriv(2)(share) / lasts**2, path.deriv(1)(share) / lasts, path(share)]
         whole = [np.concatenate(pair) for pair in zip((accel, velocity, displacement), after, strict=True)]
-        return np.asarray(np.fft.rfft(whole)[..., : self.count])
+        return low_lines(np.array(whole), self.count, self.padded)
 
     def series(self, lines: ComplexArray, finer: int = 1) -> Array:
         """Return the series (..., n) of lines (..., m) over the record, at `finer` times the reduced rate."""
@@ -79,6 +76,15 @@ class Lines:
     def test_band(self) -> Array:
         """Return what the test band's filter, forward and backward, leaves of each line, (m,)."""
         return _test_band(self)
+
+
+@lru_cache(maxsize=8)
+def _fade(lines: Lines) -> ComplexArray:
+    """Return the lines (m,) of half a cosine from one to zero, over half of the room after the end of the series."""
+    rest = lines.padded - lines.samples
+    fade = 0.5 + 0.5 * np.cos(np.pi * np.arange(1, rest // 2 + 1) / (0.5 * rest))
+    late = lines.z ** -float(lines.samples)
+    return np.asarray(low_lines(fade, lines.count, lines.padded) * late)
 
 
 @lru_cache(maxsize=8)

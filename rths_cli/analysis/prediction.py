@@ -13,7 +13,7 @@ import numpy as np
 
 from rths_cli.analysis.lines import Lines
 from rths_cli.analysis.loop_response import LoopResponse, Motion, hybrid, on_perfect_table
-from rths_cli.identification.friction import Friction, disturbance
+from rths_cli.identification.found import Friction
 from rths_cli.lti import Array, Block, ComplexArray, Frf, Model, hold_size
 from rths_cli.metrics import rms
 from rths_cli.rig_info import RigInfo
@@ -128,8 +128,12 @@ def friction_samples(known: Known) -> ComplexArray:
     """Return what dry friction adds to the corrected samples (c, m): it acts at once, without the command's delay."""
     if known.friction is None:
         return np.zeros_like(known.floors)
-    pushed = known.lines.of(disturbance(known.friction, known.velocity_m_s))
-    return known.floors * at_once(known.model, known.lines.frequency_hz) * pushed / known.loop.ahead
+    return samples_of_push(known) * known.lines.of(known.friction.disturbance_v(known.velocity_m_s))
+
+
+def samples_of_push(known: Known) -> ComplexArray:
+    """Return the corrected samples (c, m) per V of a command that acts at once."""
+    return known.floors * at_once(known.model, known.lines.frequency_hz) / known.loop.ahead
 
 
 def at_once(model: Model, frequency_hz: Array) -> ComplexArray:

@@ -17,6 +17,7 @@ from rths_cli.analysis.prediction import Known, Prediction, data_ratio
 from rths_cli.control.blocks import Blocks
 from rths_cli.control.margins import Margins, margins
 from rths_cli.lti import Array, Block, ComplexArray, Frf, Model
+from rths_cli.matrices import distinct
 from rths_cli.rig_info import BRAKE_SHARE, RigInfo
 
 SAFE, UNSAFE, UNSTABLE = "safe", "unsafe", "unstable"
@@ -199,9 +200,9 @@ def _grid(values: ComplexArray, dt_s: float) -> Array:
     """Return frequencies in Hz on which a loop of these eigenvalues (n,) is looked at, dense about its modes."""
     values = values[np.abs(values) > 0.1]
     modes = np.abs(np.log(values)) / (2.0 * np.pi * dt_s)
-    modes = np.unique(np.round(modes[(modes > LOWEST_HZ) & (modes < MODES_HZ)], 6))
+    modes = distinct(np.round(modes[(modes > LOWEST_HZ) & (modes < MODES_HZ)], 6))
     around = np.outer(modes, 1.0 + WIDTH * np.linspace(-1.0, 1.0, AROUND) ** 3).ravel()
-    return np.unique(np.concatenate([np.geomspace(LOWEST_HZ, 0.4 / dt_s, POINTS), around]))
+    return distinct(np.concatenate([np.geomspace(LOWEST_HZ, 0.4 / dt_s, POINTS), around]))
 
 
 def reach(known: Known, prediction: Prediction, rig: RigInfo, masses_kg: Array) -> tuple[Reach, ...]:

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from rths_cli.errors import InputError
 from rths_cli.filters import driven_modes
 from rths_cli.lti import Array, ComplexArray
+from rths_cli.matrices import distinct, exponential
 from rths_cli.structure import Building
 
 _LARGEST_EIGENVECTOR_CONDITION = 1e6  # beyond it the modal sum loses six digits: use the matrix recursion
@@ -92,16 +93,14 @@ def hold_matrices(A: Array, B: Array, h_s: float, degree: int) -> tuple[Array, l
 
     Source: Van Loan, IEEE Trans. Automatic Control 23 (1978), the exponential of a block matrix.
     """
-    from scipy.linalg import expm
-
     n, m = B.shape
     chain = np.zeros((n + m * (degree + 1),) * 2, dtype=np.result_type(A, B))
     chain[:n, :n] = A * h_s
     chain[:n, n : n + m] = B * h_s
     chain[n : n + m * degree, n + m :] = np.eye(m * degree)
-    exponential = expm(chain)[:n]
-    inputs = [math.factorial(i) * exponential[:, n + m * i : n + m * (i + 1)] for i in range(degree + 1)]
-    return exponential[:, :n], inputs
+    moved = exponential(chain)[:n]
+    inputs = [math.factorial(i) * moved[:, n + m * i : n + m * (i + 1)] for i in range(degree + 1)]
+    return moved[:, :n], inputs
 
 
 def _modal_states(A: Array, B: Array, dt_s: float, record: Array) -> Array | None:
@@ -140,7 +139,7 @@ def _accumulated_residual(A: Array, B: Array, dt_s: float, record: Array, states
     if len(record) < 2:
         return 0.0
     transition, (start, slope) = hold_matrices(A, B, dt_s, 1)
-    k = np.unique(np.linspace(0, len(record) - 2, _CHECKED_STEPS).astype(int))
+    k = distinct(np.floor(np.linspace(0, len(record) - 2, _CHECKED_STEPS))).astype(int)
     step = transition @ states[:, k] + start * record[k] + slope * (record[k + 1] - record[k])
     residual = states[:, k + 1] - step
     outputs = np.abs(np.concatenate([residual, A[len(A) // 2 :] @ residual])).max(axis=1)

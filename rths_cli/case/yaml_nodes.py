@@ -26,6 +26,7 @@ MAX_DEPTH = 50
 MAX_DIGITS = 18
 
 _TAG = "tag:yaml.org,2002:"
+_QUOTED = re.compile(r"""["\\]|^ *(?:- )*(?:\? |'':)""", re.MULTILINE)
 _SCALARS = {
     "null": (re.compile(r"^(?:~|null|)$"), ["~", "n", ""]),
     "bool": (re.compile(r"^(?:true|false)$"), list("tf")),
@@ -88,8 +89,17 @@ def _parsed(text: str, source: Source) -> tuple[Node | None, Sequence[Fault]]:
 
 
 def dump(data: object) -> str:
-    """Return YAML text which `parse` reads back as the same data."""
-    return yaml.dump(data, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=100)
+    """Return YAML text which `parse` reads back as the same data.
+
+    PyYAML's dumper in C is several times as fast; it folds and escapes quoted text in another way than the one in
+    Python, which therefore writes what holds such text.
+    """
+    text = _dumped(data, _FastDumper)
+    return text if not _QUOTED.search(text) else _dumped(data, _Dumper)
+
+
+def _dumped(data: object, dumper: type[yaml.SafeDumper]) -> str:
+    return str(yaml.dump(data, Dumper=dumper, sort_keys=False, allow_unicode=True, width=100))
 
 
 class _TooMuch(Exception):
@@ -126,6 +136,15 @@ class _Loader(yaml.SafeLoader):
 
 class _Dumper(yaml.SafeDumper):
     """PyYAML's dumper that quotes what YAML 1.2 scalars would turn into something else."""
+
+    yaml_implicit_resolvers = _resolvers()
+
+    def ignore_aliases(self, data: Any) -> bool:
+        return True
+
+
+class _FastDumper(getattr(yaml, "CSafeDumper", yaml.SafeDumper)):  # type: ignore[misc]
+    """The same, in C where PyYAML was built with it."""
 
     yaml_implicit_resolvers = _resolvers()
 

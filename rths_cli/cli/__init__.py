@@ -2,8 +2,23 @@
 
 from __future__ import annotations
 
-from rths_cli.cli import check_command, identify_command, run_commands, start_commands  # each adds its commands
+from rths_cli.cli import (  # each adds its commands
+    check_command,
+    identify_command,
+    run_commands,
+    start_commands,
+    sweep_command,
+)
 from rths_cli.cli.ending import main
 from rths_cli.cli.group import SIGNALS, cli
 
-__all__ = ["SIGNALS", "check_command", "cli", "identify_command", "main", "run_commands", "start_commands"]
+__all__ = [
+    "SIGNALS",
+    "check_command",
+    "cli",
+    "identify_command",
+    "main",
+    "run_commands",
+    "start_commands",
+    "sweep_command",
+]

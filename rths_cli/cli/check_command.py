@@ -8,8 +8,9 @@ from typing import Any
 
 import click
 
-from rths_cli.cli.group import SIGNALS, cli
+from rths_cli.cli.group import cli
 from rths_cli.cli.options import json_option, settings_option
+from rths_cli.cli.screens import new_screen
 
 
 @cli.command()
@@ -55,9 +56,8 @@ def check(
         return 0
     from rths_cli.report.preflight_document import as_document
     from rths_cli.report.preflight_page import pages
-    from rths_cli.screen import Screen
 
-    screen = Screen(quiet, poll=SIGNALS.poll)
+    screen = new_screen(quiet)
     checked = check_cases(loaded, tuple(dict.fromkeys(overrides)), screen.doing)
     screen.clear()
     click.echo(json.dumps(as_document(checked), indent=2) if as_json else pages(checked), nl=as_json)

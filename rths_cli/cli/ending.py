@@ -22,6 +22,7 @@ def main() -> NoReturn:
     """Run the command line and leave with the exit code of DESIGN.md section 2."""
     SIGNALS.install()
     _one_blas_thread()
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # pydantic would look for some in every package
     sys.exit(_guarded())
 
 

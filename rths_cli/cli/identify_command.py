@@ -8,8 +8,9 @@ from typing import Any
 
 import click
 
-from rths_cli.cli.group import SIGNALS, cli
+from rths_cli.cli.group import cli
 from rths_cli.cli.options import json_option, settings_option
+from rths_cli.cli.screens import new_screen
 from rths_cli.errors import InputError
 
 
@@ -82,7 +83,6 @@ def identify(
 
     Example: rths identify el_centro_low_ff_fb --set identification.seed=1
     """
-    from rths_cli.screen import Screen
     from rths_cli.workflows.make_model import Asked, make_model
     from rths_cli.workflows.measured import DataRequest, read_roles
 
@@ -92,7 +92,7 @@ def identify(
     judged = json.dumps(str(model.absolute())) if model else "null"  # what a case names is what is made here
     settings = (f"identification.model={judged}", *settings)
     asked = Asked(case, settings, request, output, save_data, figure, not no_figure)
-    screen = Screen(poll=SIGNALS.poll)
+    screen = new_screen(False)
     made = make_model(asked, screen.doing)
     screen.clear()
     _show_identified(made, as_json)

@@ -9,8 +9,9 @@ from typing import Any
 
 import click
 
-from rths_cli.cli.group import SIGNALS, cli
+from rths_cli.cli.group import cli
 from rths_cli.cli.options import json_option, settings_option
+from rths_cli.cli.screens import new_screen
 
 
 @cli.command()
@@ -51,10 +52,9 @@ def run(
 
     Example: rths run el_centro_low_ff_fb --set scaling=0.2
     """
-    from rths_cli.screen import Screen
     from rths_cli.workflows.batch import Request, exit_code, run_batch
 
-    screen = Screen(quiet, poll=SIGNALS.poll)
+    screen = new_screen(quiet)
     request = Request(
         paths=cases,
         settings=settings,

@@ -8,6 +8,7 @@ import numpy as np
 
 from rths_cli.control.realise import discretise
 from rths_cli.lti import Array, Block, StateSpace
+from rths_cli.matrices import continuous_riccati, exponential
 from rths_cli.structure import Specimen
 
 DAMPING = 0.7
@@ -37,10 +38,8 @@ def specimen_state_space(specimen: Specimen) -> StateSpace:
 def kalman_gain(system: StateSpace, q: float, r: float) -> Array:
     """Return the steady-state gain (2 n, n) of the continuous filter: process noise of intensity q enters like the
     table's acceleration, measurement noise of intensity r on each output (paper, section 5.2)."""
-    from scipy.linalg import solve_continuous_are
-
     outputs = system.C.shape[0]
-    covariance = solve_continuous_are(system.A.T, system.C.T, q * system.B @ system.B.T, r * np.eye(outputs))
+    covariance = continuous_riccati(system.A.T, system.C.T, q * system.B @ system.B.T, r * np.eye(outputs))
     return covariance @ system.C.T / r
 
 
@@ -129,11 +128,9 @@ def plus_residual(shear: Shear, weight: float = 1.0) -> Shear:
 
 def _foh(system: StateSpace, dt_s: float) -> tuple[Array, Array, Array]:
     """Return A_d, B_start, B_end of x[k+1] = A_d x[k] + B_start u[k] + B_end u[k+1], input a straight line."""
-    from scipy.linalg import expm
-
     n = system.A.shape[0]
     chain = np.zeros((n + 2, n + 2))
     chain[:n, :n], chain[:n, n], chain[n, n + 1] = system.A, system.B[:, 0], 1.0
-    exponential = expm(chain * dt_s)
-    end = exponential[:n, n + 1] / dt_s
-    return exponential[:n, :n], exponential[:n, n] - end, end
+    moved = exponential(chain * dt_s)
+    end = moved[:n, n + 1] / dt_s
+    return moved[:n, :n], moved[:n, n] - end, end

@@ -18,6 +18,7 @@ from rths_cli.control.realise import discretise, from_roots, static
 from rths_cli.control.riccati import riccati_gain
 from rths_cli.errors import InputError
 from rths_cli.lti import Array, Block, ComplexArray, Frf, Model, StateSpace
+from rths_cli.matrices import distinct
 
 INPUTS = ("tracking_error_m_s2", "feedback_shortfall_v")
 OUTPUTS = ("feedback_v",)
@@ -152,15 +153,14 @@ def unlimited(feedback: Block) -> Block:
 
 def _plant(table: StateSpace, dt_s: float, weights: Weights) -> Plant:
     """Return A, B, C, D of sampled table and disturbance together, then B and D of the disturbance's white noise."""
-    from scipy.linalg import block_diag
-
     low, high = (2.0 * np.pi * f for f in weights.disturbance_hz)
     colour = from_roots(np.zeros(1, dtype=complex), np.array([-low, -high], dtype=complex), high)
     shape = discretise(colour, dt_s, "foh", "disturbance", ("w",), ("d",))
     n, m = table.A.shape[0], shape.A.shape[0]
     b = np.vstack([table.B, np.zeros((m, 1))])
     drive = np.vstack([np.zeros((n, 1)), shape.B])
-    return block_diag(table.A, shape.A), b, np.hstack([table.C, shape.C]), table.D, drive, shape.D
+    a = np.block([[table.A, np.zeros((n, m))], [np.zeros((m, n)), shape.A]])
+    return a, b, np.hstack([table.C, shape.C]), table.D, drive, shape.D
 
 
 def sensitivity(feedback: Block, table: ComplexArray, frequency_hz: Array) -> ComplexArray:
@@ -175,7 +175,7 @@ def grid_hz(model: Model, dt_s: float) -> Array:
     near = np.abs(roots)[:, None] + np.abs(roots.real)[:, None] * AROUND_ROOT
     grid = np.concatenate([np.geomspace(lowest, highest, 800), near.ravel() / (2.0 * np.pi)])
     logs = np.log(grid[(grid >= lowest) & (grid <= highest)])
-    return np.exp(np.unique(np.round(logs, 6)))
+    return np.exp(distinct(np.round(logs, 6)))
 
 
 def table_response(model: Model, measured: Frf | None, dt_s: float) -> Table:

@@ -15,6 +15,7 @@ from rths_cli.control.estimator import Shear, specimen_state_space
 from rths_cli.control.numerical import amplitude_and_lag
 from rths_cli.control.sensing import correction
 from rths_cli.lti import Array, Block, ComplexArray, Model
+from rths_cli.matrices import distinct
 from rths_cli.rig_info import Channel, RigInfo
 from rths_cli.structure import Numerical, Specimen
 
@@ -132,7 +133,7 @@ def tracking_lag_s(feedforward: Block, model: Model, frequency_hz: Array) -> Arr
 
     The phase is counted from low frequency on, so that lags beyond half a period are right.
     """
-    grid = np.union1d(GRID_HZ[: np.searchsorted(GRID_HZ, frequency_hz.max())], frequency_hz)
+    grid = distinct(np.concatenate([GRID_HZ[: np.searchsorted(GRID_HZ, frequency_hz.max())], frequency_hz]))
     s = 2j * np.pi * grid
     command = np.einsum("cf,cf->f", feedforward.response(grid)[0], np.array([s**0, 1.0 / s, 1.0 / s**2]))
     lag = -np.unwrap(np.angle(command * model.response(grid))) / (2.0 * np.pi * grid)

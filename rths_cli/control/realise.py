@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from rths_cli.lti import Array, Block, ComplexArray, StateSpace
+from rths_cli.matrices import exponential
 
 Hold = Literal["foh", "zoh", "bilinear"]
 
@@ -72,23 +73,19 @@ def discretise(
 
 def _held(system: StateSpace, dt_s: float) -> StateSpace:
     """Return a system sampled exactly for inputs that are held from sample to sample."""
-    from scipy.linalg import expm
-
     n, m = system.B.shape
-    both = expm(dt_s * np.block([[system.A, system.B], [np.zeros((m, n + m))]]))
+    both = exponential(dt_s * np.block([[system.A, system.B], [np.zeros((m, n + m))]]))
     return StateSpace(both[:n, :n], both[:n, n:], system.C, system.D)
 
 
 def _straight(system: StateSpace, dt_s: float) -> StateSpace:
     """Return a system sampled exactly for inputs that are straight lines between samples, its state x less the end's
     share of the input (Franklin, Powell, Workman, Digital Control of Dynamic Systems, section 6.3.2)."""
-    from scipy.linalg import expm
-
     n, m = system.B.shape
     chain = np.zeros((n + 2 * m, n + 2 * m))
     chain[:n, :n], chain[:n, n : n + m] = system.A * dt_s, system.B * dt_s
     chain[n : n + m, n + m :] = np.eye(m)
-    rows = expm(chain)[:n]
+    rows = exponential(chain)[:n]
     a, start, end = rows[:, :n], rows[:, n : n + m], rows[:, n + m :]
     return StateSpace(a, start - end + a @ end, system.C, system.D + system.C @ end)
 

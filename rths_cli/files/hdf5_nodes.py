@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 CHUNK = 16384
 LEAST_COMPRESSED = 8192
+SHORTEST = 64  # a row of fewer values is no chunk
 PROBE = 1024
 WORTH_COMPRESSING = 0.5  # gzip takes up to 25 ms for a series of 108,000 samples, writing it takes half a millisecond
 IN_HEADER_BYTES = 2048
@@ -141,7 +142,7 @@ def _layout(data: NDArray[Any]) -> PropDCID:
 
 def compresses_well(data: NDArray[Any]) -> bool:
     """Return whether gzip halves an array, judged by 1024 values from its middle."""
-    if data.size < LEAST_COMPRESSED:
+    if data.size < LEAST_COMPRESSED or data.shape[-1] < SHORTEST:
         return False
     start = (data.size - PROBE) // 2
     sample = np.ascontiguousarray(data.reshape(-1)[start : start + PROBE])

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.identification.clipping import cut_off_peaks
 from rths_cli.identification.fit_table import COMPARED_HZ, within
+from rths_cli.identification.found import ChannelReport
 from rths_cli.identification.record import Record
 from rths_cli.lti import Array, Frf
 from rths_cli.rig_info import Channel, RigInfo
@@ -19,20 +19,6 @@ CLIPPED_SHARE = 0.98
 MAINS_HZ = (50.0, 60.0, 100.0, 120.0, 150.0, 180.0)
 HUM_OVER_FLOOR = 10.0
 HUM_WORTH_SAYING = 2e-3  # of the excited rms
-
-
-@dataclass(frozen=True)
-class ChannelReport:
-    """What a channel showed under excitation: rms and largest in m/s^2, rms at rest (None: no silence), median
-    coherence in 0.7-11 Hz, amplitude of mains hum in m/s^2 at its frequency in Hz (0: none)."""
-
-    name: str
-    rms_m_s2: float
-    largest_m_s2: float
-    rest_rms_m_s2: float | None
-    coherence: float
-    hum_m_s2: float = 0.0
-    hum_hz: float = 0.0
 
 
 class UnfitRecord(InputError):

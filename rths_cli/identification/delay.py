@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.identification.fit_table import Fit, Timing, fit, problem_of, timing_of
+from rths_cli.identification.found import DelayEstimate, LevelBand
 from rths_cli.identification.systematic import shifts
-from rths_cli.identification.verdict import LevelBand
 from rths_cli.lti import Array, ComplexArray, Frf
 from rths_cli.rig_info import RigInfo
 
@@ -17,16 +17,6 @@ REACH_S = 0.01  # by so much the delay may be shorter than the model's
 ROUNDS = 2  # the second knows which command's staircase a sample carries
 WORTH = 0.9  # a larger structure must leave this share of the smaller one's misfit
 SIGMA, SEEN_S = 3.0, 1e-4  # standard uncertainties and time between declared and identified delay, to be said
-
-
-@dataclass(frozen=True)
-class DelayEstimate:
-    """Delay from command to table in s, as identified, with its standard uncertainty, and as the rig declares it
-    (latency, half a sample of hold, transport)."""
-
-    identified_s: float
-    error_s: float
-    declared_s: float
 
 
 def estimate(

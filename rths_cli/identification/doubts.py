@@ -6,10 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rths_cli.identification.channels import ChannelReport
 from rths_cli.identification.fit_table import Timing
-from rths_cli.identification.orders import Candidate
-from rths_cli.identification.specimen import SpecimenFit
+from rths_cli.identification.found import Candidate, ChannelReport, SpecimenFit
 from rths_cli.lti import Model
 from rths_cli.rig_info import RigInfo
 

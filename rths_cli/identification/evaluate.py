@@ -6,67 +6,30 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from rths_cli.identification import channel_responses, channels, delay, doubts, friction, motions, verdict
-from rths_cli.identification.channels import ChannelReport, UnfitRecord
-from rths_cli.identification.delay import DelayEstimate
+from rths_cli.identification.channels import UnfitRecord
 from rths_cli.identification.evidence import Evidence, IdentificationSettings, evidence
-from rths_cli.identification.fit_table import FitError, fit_error
+from rths_cli.identification.fit_table import fit_error
+from rths_cli.identification.found import (
+    ChannelReport,
+    DelayEstimate,
+    Identification,
+    LevelBand,
+    Root,
+    SpecimenFit,
+    Verdict,
+)
 from rths_cli.identification.frf import estimate, noise_floor
-from rths_cli.identification.friction import Friction
 from rths_cli.identification.given import with_ripple
-from rths_cli.identification.orders import Candidate, doubtful
+from rths_cli.identification.orders import doubtful
 from rths_cli.identification.record import Record
-from rths_cli.identification.specimen import SpecimenFit, Start
+from rths_cli.identification.specimen import Start
 from rths_cli.identification.systematic import shifts
 from rths_cli.identification.table import TableFit, coherent_up_to, fit_table, levels, smooth
-from rths_cli.identification.verdict import Band, LevelBand, Root, Verdict
 from rths_cli.lti import Array, Frf, Model
 from rths_cli.rig_info import RigInfo
 
 LEAST_LEVELS = 1.5  # between full and low level, for a judgement of friction
 NOT_COMPARABLE = "friction: not judged; that takes noise or a multisine, and a low-level record at 2/3 of it or less"
-
-
-@dataclass(frozen=True)
-class Identification:
-    """All that records tell. `frfs`: responses from command to table (without leakage) and to each floor;
-    `noise_floors`: what noise at rest alone would show in them (None: not known).
-
-    `specimen` is from the excitation, `free_vibration` the same from the stretch of held command (None: there is
-    none). `levels`: low against full level. `roots` are those of `best`, with uncertainties. `friction` is the table's
-    (None: the records do not tell), `latency` the transport delay as the data see it.
-    """
-
-    frfs: tuple[Frf, ...]
-    noise_floors: tuple[Array | None, ...]
-    best: Model
-    paper: Model
-    best_error: FitError
-    paper_error: FitError
-    specimen: SpecimenFit | None
-    free_vibration: SpecimenFit | None
-    channels: tuple[ChannelReport, ...]
-    candidates: tuple[Candidate, ...]
-    roots: tuple[Root, ...]
-    residuals: tuple[Band, ...]
-    levels: tuple[LevelBand, ...]
-    verdict: Verdict
-    friction: Friction | None = None
-    latency: DelayEstimate | None = None
-
-    @property
-    def accepted(self) -> bool:
-        """Tell whether the model may drive the table."""
-        return self.verdict.accepted
-
-    @property
-    def reasons(self) -> tuple[str, ...]:
-        """Return why it may not."""
-        return self.verdict.reasons
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Return what else to know."""
-        return self.verdict.warnings
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 from rths_cli.errors import InputError
 from rths_cli.identification import channels
 from rths_cli.identification.channels import UnfitRecord
-from rths_cli.identification.fit_table import FitError
+from rths_cli.identification.found import FitError
 from rths_cli.identification.frf import Estimator
 from rths_cli.identification.record import Record
 from rths_cli.identification.verdict import LIMITS

@@ -13,6 +13,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.identification.factors import Layout, pack, response_and_slopes, zeros_poles_gain
+from rths_cli.identification.found import FitError
 from rths_cli.identification.least_squares import covariance, least_squares, parts
 from rths_cli.lti import Array, ComplexArray, Frf, Model, hold_size, staircase
 
@@ -23,15 +24,6 @@ LATENCY_START_HZ, FAR_ZERO_START_HZ = 150.0, 250.0
 LINES_PER_PARAMETER = 2
 MOST_EVALUATIONS = 400  # of the response, in a fit; the paper's takes up to 300
 COMPARED_HZ, MID_HZ = (0.7, 11.0), (2.0, 10.0)
-
-
-@dataclass(frozen=True)
-class FitError:
-    """Relative error |fit / FRF - 1| of a model: rms and largest in 0.7-11 Hz, rms in 2-10 Hz."""
-
-    rms: float
-    largest: float
-    rms_mid: float
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rths_cli.identification.fit_table import Timing, within
+from rths_cli.identification.found import Friction
 from rths_cli.identification.record import Record, padded
 from rths_cli.lti import Array, ComplexArray, Model
 from rths_cli.rig_info import RigInfo
@@ -33,26 +34,6 @@ LINEAR = 4  # the first of the rows that are linear in the velocity
 
 
 @dataclass(frozen=True)
-class Friction:
-    """Dry friction as a change of the command: size and its standard uncertainty in V.
-
-    `velocity_rms_m_s`: of the table in the record; `explained`: share of the power of what the model leaves of the
-    record, beside parts linear in the velocity; `scale_m_s`: v_s, below which sign(v) is smooth, to a factor of two.
-    """
-
-    command_v: float
-    error_v: float
-    velocity_rms_m_s: float
-    explained: float
-    scale_m_s: float
-
-    @property
-    def linear_s_per_m(self) -> float:
-        """Return c: the model identified from this record already holds kappa c v."""
-        return float(np.sqrt(2.0 / np.pi)) / self.velocity_rms_m_s
-
-
-@dataclass(frozen=True)
 class _Spectra:
     """Fourier lines (m,) of a record: what the model leaves, velocity, and the response to friction of kappa = 1 V.
 
@@ -67,16 +48,6 @@ class _Spectra:
     velocity_m_s: Array
     duration_s: float
     part_s: tuple[float, float]
-
-
-def disturbance(friction: Friction, velocity_m_s: Array) -> Array:
-    """Return the command (n,) in V that friction adds to a table moving at a velocity (n,) in m/s.
-
-    -kappa (sign(v) - c v): without the part kappa c v that the linear model holds since its identification. Friction
-    acts at once, a command late by the delay: for a prediction instant by instant it is that much earlier.
-    """
-    sign = np.tanh(velocity_m_s / friction.scale_m_s)
-    return -friction.command_v * (sign - friction.linear_s_per_m * velocity_m_s)
 
 
 def estimate(records: Sequence[Record], model: Model, info: RigInfo) -> Friction | None:

@@ -8,16 +8,10 @@ import numpy as np
 
 from rths_cli.identification.doubts import AGREE_SIGMA
 from rths_cli.identification.evidence import Evidence
+from rths_cli.identification.found import SpecimenFit
 from rths_cli.identification.record import Record
 from rths_cli.identification.skew import skew
-from rths_cli.identification.specimen import (
-    Motion,
-    SpecimenFit,
-    Start,
-    fit_specimen,
-    fit_stretches,
-    storey_start,
-)
+from rths_cli.identification.specimen import Motion, Start, fit_specimen, fit_stretches, storey_start
 from rths_cli.lti import Array, Frf, Model
 
 START_HZ = 30.0

@@ -10,6 +10,7 @@ import numpy as np
 from rths_cli.errors import InputError
 from rths_cli.identification.factors import Layout
 from rths_cli.identification.fit_table import LEAST_ERROR, Fit, fit, problem_of, rational_latency, timing_of, within
+from rths_cli.identification.found import Candidate
 from rths_cli.identification.frf import Estimator, without_leakage
 from rths_cli.identification.record import Record
 from rths_cli.identification.starts import best_of, thinned
@@ -21,21 +22,6 @@ EXTRA_LAG_HZ, EXTRA_DELAY_S, EXTRA_MODES_HZ, EXTRA_RATIO = 300.0, 3e-4, (15.0, 2
 SPLIT = 1.02
 UNDETERMINED = 0.4  # standard uncertainty of a frequency's logarithm
 CERTAIN, NEAR = 3.0, 0.1  # standard errors between a pole and a zero that do not cancel; as logarithm of frequencies
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """A structure that was tried: its name, number of poles and finite zeros, and held-out error.
-
-    `held_out`: rms of (model / FRF - 1) over the FRF's own standard error, fitted to one half of the data and taken
-    on the other; 1 is all that the data can tell.
-    """
-
-    name: str
-    poles: int
-    zeros: int
-    held_out: float
-    chosen: bool = False
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ import numpy as np
 from rths_cli.errors import InputError
 from rths_cli.filters import fast_length
 from rths_cli.identification.chain import Lines, evaluated, frequency_slopes, modal, without_time
+from rths_cli.identification.found import SpecimenFit
 from rths_cli.identification.least_squares import Solution, covariance, least_squares, parts
 from rths_cli.lti import Array, ComplexArray
 from rths_cli.structure import Specimen, modal_damping_matrix, storey_matrix
@@ -25,31 +26,6 @@ CLOCK = 20e-6  # what a converter's clock is trusted to
 SKEW = 0.01  # of a sample: what the channels' common instant is trusted to
 NOISE_STRETCHES, FREE_SHARE = 5, 0.8
 TOLERANCE = 1e-9  # of the fit
-
-
-@dataclass(frozen=True)
-class SpecimenFit:
-    """Identified specimen of n floors relative to the table: a chain of storeys with modal damping.
-
-    `stiffness_n_per_m`, `dashpots_n_s_per_m` (those of the storeys that give the same modal ratios),
-    `natural_frequency_hz`, `damping_ratio` (n,) with their standard uncertainties `..._error`, and `mode_shapes`
-    (n, n), a mode per column with its largest floor 1. `residual`: rms of what the fit does not explain over rms of the
-    floors' accelerations. `frequency_scatter_hz`, `damping_scatter` (n,): standard deviation over stretches of the
-    record (NaN before it was split).
-    """
-
-    specimen: Specimen
-    stiffness_n_per_m: Array
-    dashpots_n_s_per_m: Array
-    natural_frequency_hz: Array
-    damping_ratio: Array
-    mode_shapes: Array
-    stiffness_error_n_per_m: Array
-    frequency_error_hz: Array
-    damping_error: Array
-    frequency_scatter_hz: Array
-    damping_scatter: Array
-    residual: float
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from rths_cli.identification.fit_table import HOLD, Fit, problem_of, timing_of
+from rths_cli.identification.found import LevelBand
 from rths_cli.identification.least_squares import linear, parts
 from rths_cli.identification.specimen import SKEW
-from rths_cli.identification.verdict import SHORTFALL, LevelBand
+from rths_cli.identification.verdict import SHORTFALL
 from rths_cli.lti import Array, ComplexArray, Frf
 
 

@@ -12,12 +12,12 @@ from rths_cli.identification.chain import modal
 from rths_cli.identification.channels import COMPARED_HZ
 from rths_cli.identification.evidence import SEGMENTS, Evidence
 from rths_cli.identification.fit_table import Fit, Timing, fit_error, fit_paper, refit, within
+from rths_cli.identification.found import Candidate, LevelBand
 from rths_cli.identification.frf import over_model, without_leakage
 from rths_cli.identification.motions import fit_motions, motions
-from rths_cli.identification.orders import Candidate, choose
+from rths_cli.identification.orders import choose
 from rths_cli.identification.specimen import Start
 from rths_cli.identification.starts import first_fit
-from rths_cli.identification.verdict import LevelBand
 from rths_cli.lti import Array, Frf, Model
 
 NO_CHAIN = 0.005  # share of the floors' motion left by the specimen's fit, from which its modes are not the zeros

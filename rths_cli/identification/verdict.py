@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
-from rths_cli.identification.fit_table import COMPARED_HZ, Fit, FitError, rms, within
-from rths_cli.identification.specimen import SpecimenFit
+from rths_cli.identification.fit_table import COMPARED_HZ, Fit, rms, within
+from rths_cli.identification.found import Band, FitError, LevelBand, Root, SpecimenFit, Verdict
 from rths_cli.lti import Array, Frf, Model
 
 LIMITS = FitError(rms=0.01, largest=0.03, rms_mid=0.004)
@@ -20,56 +20,6 @@ GROUP = 5  # lines whose errors are averaged above the compared band
 SHORTFALL = 1.25
 NOISY = 0.5  # of the limit: scatter of the data that may be what a fit misses
 MOST_LAG_S = 0.5
-
-
-@dataclass(frozen=True)
-class Band:
-    """Residual |model / FRF - 1| between two frequencies, rms and largest, the FRF's own standard error (rms) and
-    the median coherence there."""
-
-    low_hz: float
-    high_hz: float
-    rms: float
-    largest: float
-    scatter: float
-    coherence: float
-
-
-@dataclass(frozen=True)
-class LevelBand:
-    """Table's response at low level over that at full level, mean in a band, and its standard error."""
-
-    low_hz: float
-    high_hz: float
-    ratio: complex
-    error: float
-
-
-@dataclass(frozen=True)
-class Root:
-    """A pair of roots (or a single real one: ratio NaN) with standard uncertainties, NaN where they are not known."""
-
-    kind: str
-    frequency_hz: float
-    damping_ratio: float
-    frequency_error_hz: float
-    damping_error: float
-
-
-@dataclass(frozen=True)
-class Verdict:
-    """Whether a model may drive a table: fit for feedforward between two frequencies in Hz, (0, 0) if nowhere.
-
-    `delay_s`: transport delay in the model; `lag_s`: phase lag of command to displacement at low frequency, as a time,
-    delay included. `reasons` say why not; `warnings` what else to know.
-    """
-
-    accepted: bool
-    feedforward_hz: tuple[float, float]
-    delay_s: float
-    lag_s: float
-    reasons: tuple[str, ...]
-    warnings: tuple[str, ...]
 
 
 def judge(

@@ -44,7 +44,7 @@ class Step(NamedTuple):
     correction: Channels  # raw samples in V (c,) -> corrected accelerations (c,)
     estimator: Linear  # corrected accelerations (c,) -> specimen's state and floor accelerations (e,), base shear known
     shear_recent: Array  # (n_p,)
-    shear_desired: float
+    shear_returned: float  # base shear in N per m/s^2 of the desired acceleration that known forces make
     numerical: Modal  # ground acceleration, base shear (2,) -> interface accel, velocity, displacement (3,)
     feedforward: Linear  # desired accel, velocity, displacement (3,) -> command in V (1,)
     feedback: Linear  # tracking error, shortfall in V (2,), or the error alone (1,) -> command in V (1,)
@@ -55,7 +55,8 @@ class Step(NamedTuple):
     base_shear: Array  # (1,) in N at k + n_p
     interface: Array  # (3,) desired absolute acceleration, velocity, displacement of the interface
     error: Array  # (2,) tracking error, and the feedback's part as applied less as wanted in V; or (1,)
-    shaping: Array  # (2,) rounding error carried over in V, and the size of a bit (0: no shaping)
+    shortfall: Array  # (feedback's states,) what a shortfall of 1 V adds to each of them
+    shaping: Array  # (3,) rounding error carried over in V, the size of a bit (0: no shaping) and its inverse
     command_limit_v: float  # the feedback's part is clipped so that the sum stays within,
     feedback_limit_v: float  # and itself within this
     ripple_m_s2_per_v: float  # what the hold's staircase adds to a table sample per V of command change,
@@ -97,7 +98,7 @@ def channelwise(block: Block) -> Channels:
 def assemble(blocks: Blocks, source: int) -> Step:
     """Return a step at rest for one run of the given source."""
     feedforward, feedback = linear(blocks.feedforward), linear(blocks.feedback)
-    known = blocks.shear_estimate[None, :]
+    known, size = blocks.shear_estimate[None, :], blocks.shaping_step_v
     design, channels = blocks.estimator, blocks.correction.C.shape[0]
     estimator = linear(design, known @ design.C, known @ design.D + blocks.shear_measured[None, :])
     return Step(
@@ -105,7 +106,7 @@ def assemble(blocks: Blocks, source: int) -> Step:
         correction=channelwise(blocks.correction),
         estimator=estimator,
         shear_recent=np.ascontiguousarray(blocks.shear_recent, dtype=float),
-        shear_desired=float(blocks.shear_desired),
+        shear_returned=float(blocks.shear_desired / (1.0 - blocks.numerical.D[0, 1] * blocks.shear_desired)),
         numerical=modal(blocks.numerical),
         feedforward=feedforward,
         feedback=feedback,
@@ -116,7 +117,8 @@ def assemble(blocks: Blocks, source: int) -> Step:
         base_shear=np.zeros(1),
         interface=feedforward.given[feedforward.states :],
         error=feedback.given[feedback.states :],
-        shaping=np.array([0.0, blocks.shaping_step_v]),
+        shortfall=np.ascontiguousarray(blocks.feedback.B[:, -1]),
+        shaping=np.array([0.0, size, 1.0 / size if size > 0.0 else 0.0]),
         command_limit_v=float(blocks.command_limit_v),
         feedback_limit_v=float(blocks.feedback_limit_v),
         ripple_m_s2_per_v=float(blocks.ripple_m_s2_per_v),

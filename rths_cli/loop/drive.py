@@ -20,9 +20,15 @@ from rths_cli.rigs.virtual import kernel
 from rths_cli.rigs.virtual.plant import Plant
 from rths_cli.rigs.virtual.rig import VirtualRig
 
+STAMPED = 16  # steps on the counted clock of a virtual rig per look at the time: looking costs a quarter of a step
+
 
 class Log(NamedTuple):
-    """Every signal of every step k; n steps, c channels, e estimator outputs. NaN after the last step."""
+    """Every signal of every step k; n steps, c channels, e estimator outputs. NaN after the last step.
+
+    A lean log keeps accelerations alone: (1, n) of `desired`, all of `corrected` and `true_velocity_m_s`, none of the
+    rest (size 0).
+    """
 
     command_v: Array  # (n,) as it left the guard
     desired: Array  # (3, n) acceleration, velocity, displacement at k + n_p
@@ -31,7 +37,7 @@ class Log(NamedTuple):
     base_shear_n: Array  # (n,) at k + n_p
     true_velocity_m_s: Array  # (c, n) in the middle between t_k and t_k+1 (virtual rigs)
     true_displacement_m: Array  # (n,) of the table at t_k (virtual rigs)
-    compute_ns: Array  # (n,) duration of step and guard; on a virtual rig, of the rig as well
+    compute_ns: Array  # (n,) duration of step and guard; on a virtual rig, of the rig as well, mean of 16 steps
 
 
 @dataclass(frozen=True)
@@ -48,11 +54,16 @@ class Outcome:
     stopped_at_s: float
 
 
-def play(rig: Rig, info: RigInfo, blocks: Blocks, source: int, drive: Array, limits: GuardLimits) -> Outcome:
-    """Play `drive` (n, 3) through the rig: open, arm, exchange every step, rest, close."""
+def play(
+    rig: Rig, info: RigInfo, blocks: Blocks, source: int, drive: Array, limits: GuardLimits, log: Log | None = None
+) -> Outcome:
+    """Play `drive` (n, 3) through the rig: open, arm, exchange every step, rest, close.
+
+    `log`: that of an earlier run of the same sizes, which is written over; what a stopped run leaves stays.
+    """
     drive = np.ascontiguousarray(drive, dtype=float)  # any other layout would be compiled anew
     state, guard_state = assemble(blocks, source), fresh_guard(len(info.channels))
-    log = empty_log(len(drive), len(info.channels), state.estimated.size)
+    log = log or empty_log(len(drive), len(info.channels), state.estimated.size)
     rig.open()
     try:
         if isinstance(rig, VirtualRig):
@@ -72,6 +83,8 @@ def _play_virtual(
     noise = rig.noise(len(drive) + 1)
     scratch = np.zeros(2, dtype=np.int64)
     steps = run_virtual(rig.plant, rig.state, state, limits, guard_state, drive, noise, log, scratch)
+    whole = steps // STAMPED * STAMPED
+    log.compute_ns[whole:steps] = log.compute_ns[whole - 1] if 0 < whole <= log.compute_ns.size else 0.0
     fault = "the table ran into its end stop" if rig.state.fault[0] == kernel.END_STOP else ""
     return steps, fault
 
@@ -99,13 +112,14 @@ def think(s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, k
     """Run step and guard on the samples in `s.samples`, note every signal, return the command in V."""
     command = guard(limits, g, step(s, drive), s.samples, s.corrected, s.interface[0], s.error[0])
     note_sent(s, command)
-    log.command_v[k] = command
-    log.base_shear_n[k] = s.base_shear[0]
-    for i in range(3):
+    if k < log.command_v.size:
+        log.command_v[k] = command
+        log.base_shear_n[k] = s.base_shear[0]
+    for i in range(log.desired.shape[0]):
         log.desired[i, k] = s.interface[i]
     for i in range(s.corrected.size):
         log.corrected[i, k] = s.corrected[i]
-    for i in range(s.estimated.size):
+    for i in range(log.estimated.shape[0]):
         log.estimated[i, k] = s.estimated[i]
     return command
 
@@ -119,6 +133,14 @@ def think_once(s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: L
     command = think(s, limits, g, drive[k], log, k)
     log.compute_ns[k] = monotonic_ns(at[1:]) - start
     return command
+
+
+@part
+def stamp(log: Log, k: int, before: int, now: int) -> int:
+    """Note the mean time of the last steps up to k; return the time they ended."""
+    for i in range(STAMPED):
+        log.compute_ns[k - i] = (now - before) / STAMPED
+    return now
 
 
 @entry
@@ -137,30 +159,31 @@ def run_virtual(
     before = monotonic_ns(scratch)
     for k in range(drive.shape[0]):
         kernel.read(plant, table, noise[k], s.samples)
-        log.true_displacement_m[k] = table.state[0]
+        if k < log.true_displacement_m.size:
+            log.true_displacement_m[k] = table.state[0]
         command = think(s, limits, g, drive[k], log, k)
         kernel.hold(plant, table, command)
         for c in range(table.middle_velocity.size):
             log.true_velocity_m_s[c, k] = table.middle_velocity[c]
-        now = monotonic_ns(scratch)
-        log.compute_ns[k] = now - before
-        before = now
+        if (k + 1) % STAMPED == 0 and k < log.compute_ns.size:
+            before = stamp(log, k, before, monotonic_ns(scratch))
         if table.fault[0] != 0 or g.flags[0] == STOPPED:
             return k + 1
     return drive.shape[0]
 
 
-def empty_log(steps: int, channels: int, estimates: int) -> Log:
-    """Return a log full of NaN."""
+def empty_log(steps: int, channels: int, estimates: int, lean: bool = False) -> Log:
+    """Return a log full of NaN; `lean` as in Log."""
+    kept, three = (0, 1) if lean else (steps, 3)
     shapes = (
-        (steps,),
-        (3, steps),
+        (kept,),
+        (three, steps),
         (channels, steps),
-        (estimates, steps),
-        (steps,),
+        (0 if lean else estimates, steps),
+        (kept,),
         (channels, steps),
-        (steps,),
-        (steps,),
+        (kept,),
+        (kept,),
     )
     return Log(*(np.full(shape, np.nan) for shape in shapes))
 

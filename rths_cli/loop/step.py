@@ -11,15 +11,14 @@ from rths_cli.compiled import part
 from rths_cli.loop.blocks import EXCITATION, NUMERICAL, Linear, Step
 from rths_cli.loop.modal import advance_modal, read_modal
 from rths_cli.lti import Array
-from rths_cli.tiles import product
+from rths_cli.tiles import copied, product, shifted
 
 
 @part
 def apply(block: Linear) -> None:
     """Write outputs and next state of a block for the inputs in its `given`, and take the step."""
     product(block.matrix, block.given.size, block.given, block.made)
-    for i in range(block.states):
-        block.given[i] = block.made[i]
+    copied(block.states, block.made, block.given)
 
 
 @part
@@ -61,7 +60,7 @@ def advance_numerical(s: Step, drive: Array) -> None:
     read_modal(block)
     direct = block.direct
     free = block.made[0] + direct[0, 0] * ground_accel + direct[0, 1] * known
-    shear = known + s.shear_desired * (free / (1.0 - direct[0, 1] * s.shear_desired))
+    shear = known + s.shear_returned * free
     s.base_shear[0] = shear
     for i in range(3):
         s.interface[i] = block.made[i] + direct[i, 0] * ground_accel + direct[i, 1] * shear
@@ -77,7 +76,7 @@ def shape(s: Step, command: float) -> float:
     if size == 0.0 or not math.isfinite(command):
         return command
     wanted = command + s.shaping[0]
-    rounded = math.floor(wanted / size + 0.5) * size
+    rounded = math.floor(wanted * s.shaping[2] + 0.5) * size
     s.shaping[0] = wanted - rounded
     return rounded
 
@@ -100,7 +99,7 @@ def feed_back(s: Step, forward: float) -> float:
     if s.error.size > 1 and applied != wanted:
         s.error[1] = applied - wanted
         for i in range(block.states):
-            block.given[i] += block.matrix[i // 4, block.states + 1, i % 4] * s.error[1]
+            block.given[i] += s.shortfall[i] * s.error[1]
     return applied
 
 
@@ -108,7 +107,7 @@ def feed_back(s: Step, forward: float) -> float:
 def note_sent(s: Step, command: float) -> None:
     """Keep the command that left the guard: later samples carry the staircase of its hold."""
     for i in range(s.sent.size - 1, 0, -1):
-        s.sent[i] = s.sent[i - 1]
+        s.sent[i] = s.sent[i - 1] + 0.0
     s.sent[0] = command
 
 
@@ -132,6 +131,5 @@ def step(s: Step, drive: Array) -> float:
     s.error[0] = s.recent[0] - s.corrected[0]
     apply(s.feedforward)
     forward = s.feedforward.made[s.feedforward.states]
-    for i in range(lead):
-        s.recent[i] = s.recent[i + 1]
+    shifted(s.recent)
     return shape(s, forward + feed_back(s, forward))

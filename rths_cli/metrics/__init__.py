@@ -9,6 +9,7 @@ from rths_cli.metrics.benchmark2020 import (
     best_lag_s,
     response_criteria,
     tracking_criteria,
+    tracking_ratios,
 )
 from rths_cli.metrics.energy import error_energy_j, input_energy_j, velocity_error_m_s
 from rths_cli.metrics.error import (
@@ -16,9 +17,12 @@ from rths_cli.metrics.error import (
     BAND_ORDER,
     ErrorFigures,
     error_figures,
+    figures_of_pairs,
     fitted_delay_s,
+    fitted_delays_s,
     peak,
     rms,
+    room_for_pairs,
     test_band,
 )
 from rths_cli.metrics.fidelity import (
@@ -27,6 +31,7 @@ from rths_cli.metrics.fidelity import (
     frequency_evaluations,
     tracking_indicator,
 )
+from rths_cli.metrics.low_lines import low_lines
 
 __all__ = [
     "BAND_HZ",
@@ -38,15 +43,20 @@ __all__ = [
     "best_lag_s",
     "error_energy_j",
     "error_figures",
+    "figures_of_pairs",
     "fitted_delay_s",
+    "fitted_delays_s",
     "frequency_evaluation",
     "frequency_evaluations",
     "input_energy_j",
+    "low_lines",
     "peak",
     "response_criteria",
     "rms",
+    "room_for_pairs",
     "test_band",
     "tracking_criteria",
     "tracking_indicator",
+    "tracking_ratios",
     "velocity_error_m_s",
 ]

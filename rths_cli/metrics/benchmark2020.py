@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rths_cli.errors import InputError
-from rths_cli.filters import fast_length
 from rths_cli.lti import Array
 from rths_cli.metrics.error import check_pair, peak
 
@@ -43,8 +42,14 @@ class ResponseCriteria:
 def tracking_criteria(target: ArrayLike, measured: ArrayLike, dt_s: float, leads: bool = True) -> TrackingCriteria:
     """Return J1 to J3 of `measured` (n,) against `target` (n,), of one unit; raises InputError as `best_lag_s`."""
     x, y = check_pair(target, measured, ("target", "measured"))
+    return TrackingCriteria(best_lag_s(x, y, dt_s, leads), *tracking_ratios(x, y))
+
+
+def tracking_ratios(target: ArrayLike, measured: ArrayLike) -> tuple[float, float]:
+    """Return J2 and J3 of `measured` (n,) against `target` (n,); raises InputError when the lengths differ."""
+    x, y = check_pair(target, measured, ("target", "measured"))
     error = y - x
-    return TrackingCriteria(best_lag_s(x, y, dt_s, leads), float(_deviation(error, x)), float(_peak(error, x)))
+    return float(_deviation(error, x)), float(_peak(error, x))
 
 
 def response_criteria(reference: ArrayLike, value: ArrayLike) -> ResponseCriteria:
@@ -75,20 +80,21 @@ def best_lag_s(target: ArrayLike, measured: ArrayLike, dt_s: float, leads: bool 
 
 def _correlations(x: Array, y: Array, lags: NDArray[np.int_]) -> Array:
     """Return the correlation coefficients (m,) of the overlaps of y (n,), moved forward by `lags` (m,), and x (n,)."""
-    padded = fast_length(2 * len(x))
-    products = np.fft.irfft(np.conj(np.fft.rfft(x, padded)) * np.fft.rfft(y, padded), padded)[lags]
-    starts, count = np.maximum(-lags, 0), len(x) - np.abs(lags)
-    sum_x, square_x = (_window_sums(z, starts, count) for z in (x, x * x))
-    sum_y, square_y = (_window_sums(z, starts + lags, count) for z in (y, y * y))
+    late, early, n = np.maximum(lags, 0), np.maximum(-lags, 0), len(x)
+    pairs = zip(early, late, strict=True)
+    products = np.array([x[start : n - rest] @ y[rest : n - start] for start, rest in pairs])
+    sum_x, square_x = (_inner_sums(z, early, late) for z in (x, x * x))
+    sum_y, square_y = (_inner_sums(z, late, early) for z in (y, y * y))
+    count = n - np.abs(lags)
     scale = (square_x - sum_x**2 / count) * (square_y - sum_y**2 / count)
     scale[scale < 1e-18 * scale.max()] = 0.0  # nothing moves in that overlap but rounding
     return _over(products - sum_x * sum_y / count, np.sqrt(scale))
 
 
-def _window_sums(series: Array, starts: NDArray[np.int_], count: NDArray[np.int_]) -> Array:
-    """Return the sums (m,) of `count` (m,) samples of a series (n,) from `starts` (m,) on."""
-    sums = np.concatenate([[0.0], np.cumsum(series)])
-    return sums[starts + count] - sums[starts]
+def _inner_sums(series: Array, first: NDArray[np.int_], last: NDArray[np.int_]) -> Array:
+    """Return the sums (m,) of a series (n,) without its `first` (m,) and `last` (m,) samples."""
+    start, end = (np.concatenate([[0.0], np.cumsum(z[: max(first.max(), last.max())])]) for z in (series, series[::-1]))
+    return np.sum(series) - start[first] - end[last]
 
 
 def _deviation(error: Array, reference: Array) -> Array:

@@ -13,14 +13,14 @@ DRIFT_HZ = 0.1
 
 
 def velocity_error_m_s(accel_error_m_s2: ArrayLike, dt_s: float) -> Array:
-    """Integrate an acceleration error (n,) in m/s^2 from rest to a velocity error (n,) in m/s, without its drift.
+    """Integrate acceleration errors (..., n) in m/s^2 from rest to velocity errors in m/s, without their drift.
 
     Trapezoidal rule, then a 2nd-order 0.1 Hz Butterworth high pass, forward and backward: an accelerometer says
     nothing about slower motion.
     """
     velocity = _integral(np.asarray(accel_error_m_s2, dtype=float), dt_s)
     sections = butterworth(2, DRIFT_HZ, 1.0 / dt_s, "high")
-    return filtered_both_ways(sections, velocity, min(9, len(velocity) - 1))
+    return filtered_both_ways(sections, velocity, min(9, velocity.shape[-1] - 1))
 
 
 def error_energy_j(base_shear_n: ArrayLike, velocity_error_m_s: ArrayLike, dt_s: float) -> Array:
@@ -46,5 +46,7 @@ def input_energy_j(M: Array, rel_vel_m_s: Array, ground_accel_m_s2: Array, dt_s:
 
 
 def _integral(rate: Array, dt_s: float) -> Array:
-    """Return the integral (n,) of a rate (n,) by the trapezoidal rule, zero at the first sample."""
-    return np.concatenate([[0.0], np.cumsum(0.5 * dt_s * (rate[1:] + rate[:-1]))])
+    """Return the integral (..., n) of a rate (..., n) by the trapezoidal rule, zero at the first sample."""
+    whole = np.zeros(rate.shape)
+    np.cumsum(0.5 * dt_s * (rate[..., 1:] + rate[..., :-1]), axis=-1, out=whole[..., 1:])
+    return whole

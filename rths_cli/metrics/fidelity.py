@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rths_cli.filters import fast_length
 from rths_cli.lti import Array, ComplexArray
 from rths_cli.metrics.error import BAND_HZ, check_pair
+from rths_cli.metrics.low_lines import low_lines
 
 
 @dataclass(frozen=True)
@@ -48,7 +47,7 @@ def frequency_evaluations(
     n = len(pairs[0][0])
     frequency = np.arange(n // 2 + 1) / (n * dt_s)
     frequency = frequency[(frequency > 0) & (frequency <= high_hz)]
-    X, *others = (low_lines(series, len(frequency) + 1)[1:] for series in (pairs[0][0], *(y for _, y in pairs)))
+    X, *others = low_lines(np.stack([pairs[0][0], *(y for _, y in pairs)]), len(frequency) + 1, n)[:, 1:]
     return [_evaluation(X, Y, frequency) for Y in others]
 
 
@@ -61,29 +60,6 @@ def _evaluation(X: ComplexArray, Y: ComplexArray, frequency_hz: Array) -> Freque
     index = np.sum(np.conj(X) * Y) / total
     equivalent = float(np.sum(frequency_hz * power) / total)
     return FrequencyEvaluation(float(np.abs(index)), float(-np.angle(index)) / (2 * np.pi * equivalent), equivalent)
-
-
-def low_lines(series: Array, count: int) -> ComplexArray:
-    """Return the first `count` lines of the discrete Fourier transform of a series (n,), whatever factors n has.
-
-    As a convolution with a chirp of a good length (Bluestein, IEEE Trans. Audio Electroacoustics 18, 1970), which for
-    few lines is half as long as for all.
-    """
-    n = len(series)
-    chirp, kernel = _chirp(n, count)
-    spectrum = np.fft.fft(series * chirp, len(kernel)) * kernel
-    return np.asarray(np.fft.ifft(spectrum)[:count] * chirp[:count])
-
-
-@lru_cache(maxsize=2)
-def _chirp(n: int, count: int) -> tuple[ComplexArray, ComplexArray]:
-    """Return exp(-j pi k^2 / n) (n,) and the transform of its inverse, as long as the convolution needs."""
-    k = np.arange(n)
-    chirp = np.exp(-1j * np.pi * (k * k % (2 * n)) / n)
-    back = np.zeros(fast_length(n + count), dtype=complex)
-    back[:count] = chirp[:count].conj()
-    back[len(back) - n + 1 :] = chirp[:0:-1].conj()
-    return chirp, np.asarray(np.fft.fft(back))
 
 
 def tracking_indicator(desired: ArrayLike, measured: ArrayLike) -> Array:

@@ -6,11 +6,18 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rths_cli.identification.channels import ChannelReport
-from rths_cli.identification.delay import DelayEstimate
-from rths_cli.identification.evaluate import Identification
-from rths_cli.identification.fit_table import COMPARED_HZ, MID_HZ, FitError
-from rths_cli.identification.verdict import LIMITS, Band, LevelBand, Root, Verdict
+from rths_cli.identification.fit_table import COMPARED_HZ, MID_HZ
+from rths_cli.identification.found import (
+    Band,
+    ChannelReport,
+    DelayEstimate,
+    FitError,
+    Identification,
+    LevelBand,
+    Root,
+    Verdict,
+)
+from rths_cli.identification.verdict import LIMITS
 from rths_cli.lti import Model
 from rths_cli.report.identified_document import About, as_document, centre_rad_s, rejected_document
 from rths_cli.report.identified_specimen import specimen_lines

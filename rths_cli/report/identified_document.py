@@ -9,12 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from rths_cli.identification.channels import ChannelReport
 from rths_cli.identification.doubts import agree
-from rths_cli.identification.evaluate import Identification
-from rths_cli.identification.fit_table import FitError
-from rths_cli.identification.specimen import SpecimenFit
-from rths_cli.identification.verdict import LevelBand
+from rths_cli.identification.found import ChannelReport, FitError, Identification, LevelBand, SpecimenFit
 from rths_cli.lti import Array, ComplexArray, Model
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.identification.evaluate import Identification
+from rths_cli.identification.found import Identification
 from rths_cli.identification.verdict import LIMITS
 from rths_cli.lti import Array, ComplexArray
 from rths_cli.report.identified import About, verdict_sentence

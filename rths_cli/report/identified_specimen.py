@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rths_cli.identification.evaluate import Identification
-from rths_cli.identification.specimen import SpecimenFit
+from rths_cli.identification.found import Identification, SpecimenFit
 from rths_cli.report.identified_document import agreements
 from rths_cli.report.identified_text import DASH, aligned, labelled, number, percent, with_uncertainty
 from rths_cli.report.layout import WIDTH

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from typing import Protocol
 
 import numpy as np
@@ -125,7 +126,7 @@ def _build_specimen(spec: ExperimentalSpec) -> tuple[Specimen, tuple[str, ...]]:
     masses, stiffness = np.asarray(spec.masses_kg, dtype=float), spec.stiffness_n_per_m
     notes: tuple[str, ...] = ()
     if spec.natural_frequencies_hz is not None:
-        solutions = stiffness_from_frequencies(masses.tolist(), spec.natural_frequencies_hz)
+        solutions = _solutions(tuple(spec.masses_kg), tuple(spec.natural_frequencies_hz))
         stiffness, notes = solutions[0].tolist(), _notes_on(solutions)
     assert stiffness is not None  # _check
     K = storey_matrix(stiffness)
@@ -133,6 +134,12 @@ def _build_specimen(spec: ExperimentalSpec) -> tuple[Specimen, tuple[str, ...]]:
         return Specimen(masses, K, modal_damping_matrix(masses, K, spec.damping_ratios)), notes
     assert spec.dashpots_n_s_per_m is not None  # _check
     return Specimen(masses, K, storey_matrix(spec.dashpots_n_s_per_m)), notes
+
+
+@lru_cache(maxsize=100)
+def _solutions(masses_kg: tuple[float, ...], frequencies_hz: tuple[float, ...]) -> Array:
+    """Find the stiffness sets of a specimen once: the cases of one command share it."""
+    return stiffness_from_frequencies(masses_kg, frequencies_hz)
 
 
 def _notes_on(solutions: Array) -> tuple[str, ...]:

@@ -78,8 +78,10 @@ def _positive_solutions(masses: Array, eigenvalues: Array) -> Array:
         if complete:
             break
     real = np.abs(roots.imag).max(axis=1) < 1e-8 * np.abs(roots).max(axis=1)
-    _, first = np.unique(np.round(roots[real].real, 7), axis=0, return_index=True)
-    return roots[real][first].real * equations.reference_n_per_m
+    rounded = np.round(roots[real].real, 7)
+    order = np.lexsort(rounded.T[::-1])
+    another = np.abs(np.diff(rounded[order], axis=0, prepend=np.inf)).max(axis=1) > 0.0
+    return roots[real][order[another]].real * equations.reference_n_per_m
 
 
 def _polynomials(masses: Array, eigenvalues: Array) -> _Polynomials:

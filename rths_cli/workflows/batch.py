@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from rths_cli.case.load import load_cases
-from rths_cli.compiled import is_compiled
 from rths_cli.errors import InputError, RthsError, write_crash_file
 from rths_cli.workflows.known import Memory
 from rths_cli.workflows.model_store import Cache
@@ -77,8 +76,6 @@ def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
     """Run every case of a request; one that fails is named and the others go on."""
     memory = Memory(Cache(request.fresh))
     jobs = plan(request, memory)
-    if not is_compiled() and any(moves_table(setup.case) for setup, _ in jobs):
-        watcher.message("first run of this version here: compiling the real-time step, about 20 s more")
     results = []
     for number, (setup, path) in enumerate(jobs, 1):
         watcher.started(number, len(jobs), path.stem)

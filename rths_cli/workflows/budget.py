@@ -22,11 +22,12 @@ ACCEL = "m/s^2"
 def of_exp_rths(known: Known | None, series: Series, reported: Array, sim: Response) -> dict[str, Metric]:
     """Return the measured errors by cause; nothing for a loop that is unstable (None) or figures that are not finite.
 
-    `reported` (n_storeys, n) absolute accelerations of a run that reached the end of the record.
+    `reported` (n_storeys, n) absolute accelerations of a run that reached the record's end; from the table up measured.
     """
     if known is None or not np.isfinite(reported).all():
         return {}
-    signals = Signals(series.desired, series.measured, series.command_v, reported, sim.abs_accel_m_s2)
+    computed = reported[: len(reported) - len(series.measured)]
+    signals = Signals(series.desired, series.measured, series.command_v, computed, sim.abs_accel_m_s2)
     return as_figures(split(known, signals))
 
 

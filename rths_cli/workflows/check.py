@@ -26,7 +26,7 @@ from rths_cli.structure import Building, assemble, modes
 if TYPE_CHECKING:
     from rths_cli.analysis.critical_delay import CriticalDelay
     from rths_cli.analysis.identified_rig import IdentifiedRig
-    from rths_cli.identification.evaluate import Identification
+    from rths_cli.identification.found import Identification
     from rths_cli.lti import Array, Block
     from rths_cli.rig_info import RigInfo
     from rths_cli.structure import Specimen

@@ -45,12 +45,12 @@ class Verdict:
         return self.verdict in (UNSAFE, UNSTABLE)
 
 
-def verdict_on(setup: Setup, known: Known, hybrid: bool = True) -> Verdict:
+def verdict_on(setup: Setup, known: Known, hybrid: bool = True, design: Design | None = None) -> Verdict:
     """Return the verdict on a case's hybrid test from what is known of its rig and specimen; "" when `hybrid` says that
-    there is none, unless no blocks can be designed."""
+    there is none, unless no blocks can be designed. `design`: the blocks, where another record had them designed."""
     faults = known.faults(setup.overrides)
     try:
-        design = design_blocks(setup, known.found)
+        design = design or design_blocks(setup, known.found)
     except InputError as error:
         return Verdict(UNSAFE, (*faults, *error.faults), None, {})
     if not hybrid:

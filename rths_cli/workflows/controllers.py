@@ -11,7 +11,7 @@ from rths_cli.control.blocks import Blocks
 
 if TYPE_CHECKING:
     from rths_cli.control.estimator import Shear
-    from rths_cli.identification.evaluate import Identification
+    from rths_cli.identification.found import Identification
     from rths_cli.lti import Block, Model
     from rths_cli.rig_info import RigInfo
     from rths_cli.structure import Specimen

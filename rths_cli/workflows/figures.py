@@ -9,7 +9,7 @@ import numpy as np
 
 from rths_cli.files.result_writer import Metric
 from rths_cli.lti import Array
-from rths_cli.metrics import ErrorFigures, error_figures, fitted_delay_s
+from rths_cli.metrics import ErrorFigures, error_figures, fitted_delays_s
 
 if TYPE_CHECKING:
     from rths_cli.analysis.critical_delay import CriticalDelay
@@ -22,14 +22,15 @@ FULL = "in full band"
 def tracking(run: str, desired: Array, measured: Array, true: Array | None, dt_s: float) -> dict[str, Metric]:
     """Return tracking figures of the table, desired - measured and, on a virtual rig, desired - true; all (n,)."""
     figures: dict[str, Metric] = {}
-    for value, suffix, what in ((measured, "", "measured"), (true, "_true", "true")):
-        if value is None:
-            continue
-        error = error_figures(desired, value, dt_s)
+    values = {"": measured} if true is None else {"": measured, "_true": true}
+    delays = fitted_delays_s(desired, tuple(values.values()), dt_s)
+    errors = error_figures(np.broadcast_to(desired, (len(values), len(desired))), list(values.values()), dt_s)
+    for row, suffix in enumerate(values):
+        what = "true" if suffix else "measured"
         about = f"desired - {what} table acceleration"
-        figures |= _four(f"{run}.tracking_{{}}_m_s2{suffix}", error, about)
+        figures |= _four(f"{run}.tracking_{{}}_m_s2{suffix}", errors.of(row), about)
         figures[f"{run}.tracking_delay_s{suffix}"] = Metric(
-            fitted_delay_s(desired, value, dt_s),
+            delays[row],
             "s",
             f"delay of the {what} against the desired table acceleration, positive = late (reported, never applied)",
         )

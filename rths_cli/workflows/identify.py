@@ -15,9 +15,10 @@ from rths_cli.control.realise import static
 from rths_cli.errors import InputError, LimitError, RigError
 from rths_cli.identification import excitation, probe
 from rths_cli.identification.channels import UnfitRecord
-from rths_cli.identification.evaluate import Identification, IdentificationSettings
+from rths_cli.identification.evaluate import IdentificationSettings
 from rths_cli.identification.evaluate import identify as evaluate
 from rths_cli.identification.excitation import Excitation, ExcitationSettings
+from rths_cli.identification.found import Identification
 from rths_cli.identification.record import Record
 from rths_cli.loop.blocks import EXCITATION
 from rths_cli.loop.drive import play

@@ -5,16 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rths_cli.errors import InputError
-from rths_cli.files.foreign import ForeignModel, is_foreign, read_foreign
-from rths_cli.identification.evaluate import Identification
-from rths_cli.identification.excitation import Excitation
+from rths_cli.identification.found import Identification
 from rths_cli.lti import Model
-from rths_cli.workflows.identify import evaluated, measure, noted, plan
 from rths_cli.workflows.model_store import Cache, Stored, key, load
 from rths_cli.workflows.setup import Progress, Setup, shown
-from rths_cli.workflows.verify import verify
+
+if TYPE_CHECKING:
+    from rths_cli.files.foreign import ForeignModel
+    from rths_cli.identification.excitation import Excitation
 
 NOW, AT_REST = "identified in this run", "identified now, which on a virtual rig is a computation"
 
@@ -56,13 +57,22 @@ class Memory:
         path = setup.case.identification.model
         if setup.rig.kind != "virtual":
             _check_real(setup, path)
-        self.plan(setup)
+        if path is not None or not self._kept(setup):
+            self.plan(setup)
         if path is not None and key(setup) not in self._files:
+            from rths_cli.files.foreign import is_foreign, read_foreign
+
             self._files[key(setup)] = read_foreign(path) if is_foreign(path) else load(path, setup)
+
+    def _kept(self, setup: Setup) -> bool:
+        """Tell whether the cache has the setup's model, so that its excitation could be planned once."""
+        return self._cache is not None and setup.rig.kind == "virtual" and self._cache.has(setup)
 
     def plan(self, setup: Setup) -> Excitation:
         """Return the excitation of the setup's rig; raises InputError when its settings cannot be met."""
         if key(setup) not in self._plans:
+            from rths_cli.workflows.identify import plan
+
             self._plans[key(setup)] = plan(setup)
         return self._plans[key(setup)]
 
@@ -93,7 +103,10 @@ class Memory:
 
     def _from_file(self, setup: Setup, file: Stored | ForeignModel, progress: Progress) -> Known:
         """Return a named model: one of ours verified by a short record, one from elsewhere judged by a full one."""
-        if isinstance(file, ForeignModel):
+        from rths_cli.workflows.identify import evaluated, measure, noted
+        from rths_cli.workflows.verify import verify
+
+        if not isinstance(file, Stored):
             measured = measure(setup, progress, self.plan(setup))
             found = evaluated(setup, measured, as_model(file, setup))
             where = f"zeros, poles and gain of {shown(file.path)}, judged by a record made now"
@@ -108,6 +121,8 @@ class Memory:
         stored = self._cache.find(setup) if self._cache and setup.rig.kind == "virtual" else None
         if stored is not None:
             return Known(stored.found, f"cache, identified {stored.age}")
+        from rths_cli.workflows.identify import evaluated, measure
+
         measured = measure(setup, progress, self.plan(setup))
         found = evaluated(setup, measured)
         if self._cache and setup.rig.kind == "virtual":
@@ -121,6 +136,8 @@ def _named(file: Stored) -> str:
 
 def _check_real(setup: Setup, path: Path | None) -> None:
     """Raise InputError unless a case on a real rig names a model file made by rths: a run never excites such a rig."""
+    from rths_cli.files.foreign import is_foreign
+
     advice = f"rths identify {shown(setup.case.path)}"
     if path is None:
         raise InputError(f"identification.model: is missing; a run does not excite a real rig, run {advice} first")

@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from rths_cli.case.load import load_cases
-from rths_cli.files.foreign import read_foreign
+from rths_cli.files.foreign import is_foreign, read_foreign
 from rths_cli.files.measured import Recording, write_recording
 from rths_cli.identification.channels import UnfitRecord
-from rths_cli.identification.evaluate import Identification
 from rths_cli.identification.evaluate import identify as evaluate
+from rths_cli.identification.found import Identification
 from rths_cli.lti import Model
 from rths_cli.report.identified import About
 from rths_cli.workflows.identify import (
@@ -25,7 +25,7 @@ from rths_cli.workflows.identify import (
     noted,
     plan,
 )
-from rths_cli.workflows.known import as_model, is_foreign, notes_on
+from rths_cli.workflows.known import as_model, notes_on
 from rths_cli.workflows.measured import CORRECTED, DataRequest, read_measured
 from rths_cli.workflows.model_store import channel_names, load, save
 from rths_cli.workflows.outputs import Outputs, check_outputs

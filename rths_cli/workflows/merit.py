@@ -12,13 +12,14 @@ import numpy as np
 
 from rths_cli.files.result_writer import Metric
 from rths_cli.metrics import (
+    best_lag_s,
     error_energy_j,
     frequency_evaluations,
     input_energy_j,
     response_criteria,
     test_band,
-    tracking_criteria,
     tracking_indicator,
+    tracking_ratios,
     velocity_error_m_s,
 )
 from rths_cli.workflows.figures import BAND, FULL, scalar
@@ -74,15 +75,13 @@ def _evaluation(run: str, found: FrequencyEvaluation, suffix: str) -> dict[str, 
 
 def _tracking_criteria(run: str, series: dict[str, Array], dt_s: float) -> dict[str, Metric]:
     """Return J1 (in the test band), J2 and J3 from desired and measured (2, n) by band."""
-    figures: dict[str, Metric] = {}
+    about = f"J1: lag of best correlation within 12 ms either way, whole samples, {TABLE}, {LATE}, {BAND}"
+    figures = {f"{run}.j1_s": scalar(best_lag_s(series[""][0], series[""][1], dt_s), "s", about)}
     for suffix, (desired, measured) in series.items():
-        found = tracking_criteria(desired, measured, dt_s)
+        deviation, largest = tracking_ratios(desired, measured)
         about = f"of desired - measured over desired table acceleration, {BANDS[suffix]}"
-        figures[f"{run}.j2{suffix}"] = scalar(found.j2, "1", f"J2: standard deviation {about}")
-        figures[f"{run}.j3{suffix}"] = scalar(found.j3, "1", f"J3: peak {about}")
-        if not suffix:
-            about = f"J1: lag of best correlation within 12 ms either way, whole samples, {TABLE}, {LATE}"
-            figures[f"{run}.j1_s"] = scalar(found.j1_s, "s", f"{about}, {BAND}")
+        figures[f"{run}.j2{suffix}"] = scalar(deviation, "1", f"J2: standard deviation {about}")
+        figures[f"{run}.j3{suffix}"] = scalar(largest, "1", f"J3: peak {about}")
     return figures
 
 
@@ -113,10 +112,10 @@ def energy(
     Table accelerations (n,) in m/s^2, base shear (n,) in N as the numerical part felt it.
     """
     figures: dict[str, Metric] = {}
-    for value, suffix in ((measured, ""), (true, "_true")):
-        if value is None:
-            continue
-        fed = float(error_energy_j(base_shear_n, velocity_error_m_s(desired - value, dt_s), dt_s)[-1])
+    values = {"": measured} if true is None else {"": measured, "_true": true}
+    errors = velocity_error_m_s(desired - np.array(list(values.values())), dt_s)
+    for suffix, error in zip(values, errors, strict=True):
+        fed = float(error_energy_j(base_shear_n, error, dt_s)[-1])
         about = f"int f (v_desired - v_{'true' if suffix else 'measured'}) dt, positive = fed into the structure"
         figures[f"{run}.energy_error_j{suffix}"] = scalar(fed, "J", about)
         share = fed / input_j if input_j > 0 else math.nan

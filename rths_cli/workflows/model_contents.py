@@ -11,14 +11,19 @@ from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 import numpy as np
 
 from rths_cli.files.hdf5 import Dataset
-from rths_cli.identification.channels import ChannelReport
-from rths_cli.identification.delay import DelayEstimate
-from rths_cli.identification.evaluate import Identification
-from rths_cli.identification.fit_table import FitError
-from rths_cli.identification.friction import Friction
-from rths_cli.identification.orders import Candidate
-from rths_cli.identification.specimen import SpecimenFit
-from rths_cli.identification.verdict import Band, LevelBand, Root, Verdict
+from rths_cli.identification.found import (
+    Band,
+    Candidate,
+    ChannelReport,
+    DelayEstimate,
+    FitError,
+    Friction,
+    Identification,
+    LevelBand,
+    Root,
+    SpecimenFit,
+    Verdict,
+)
 from rths_cli.lti import Frf, Model
 from rths_cli.structure import Specimen
 

@@ -17,7 +17,7 @@ from rths_cli import __version__
 from rths_cli.errors import InputError
 from rths_cli.files.models import read_model, write_model
 from rths_cli.files.user_cache import user_cache
-from rths_cli.identification.evaluate import Identification
+from rths_cli.identification.found import Identification
 from rths_cli.workflows.model_contents import from_groups, to_groups
 from rths_cli.workflows.provenance import git_commit, package_version
 from rths_cli.workflows.setup import Setup, shown
@@ -139,11 +139,15 @@ class Cache:
         self._fresh = fresh
         self._folder = folder or user_cache() / "models"
 
+    def has(self, setup: Setup) -> bool:
+        """Tell whether there is a model of the same rig, specimen, settings, seed and software."""
+        return not self._fresh and self._path(setup).exists()
+
     def find(self, setup: Setup) -> Stored | None:
         """Return the model of the same rig, specimen, settings, seed and software, None when there is none."""
-        path = self._path(setup)
-        if self._fresh or not path.exists():
+        if not self.has(setup):
             return None
+        path = self._path(setup)
         try:
             found = load(path, setup)
         except InputError:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -85,7 +85,7 @@ def run_case(setup: Setup, path: Path, memory: Memory, command_line: str, progre
             values |= measured
         writer.metrics(values)
         if stop is None:
-            stop = _acceptance(case, values)
+            stop = acceptance(case.accept, values)
         writer.finish(stop.status, stop.reason)  # type: ignore[arg-type]
     return Ended(case.name, path, stop.status, stop.reason, stop.exit_code, cautions, replaced)
 
@@ -174,7 +174,7 @@ def _experiments(
         progress(f"{label}, {setup.case.table.kind} table")
         outcome = play_run(setup, design, source, stream)
         series = on_record_clock(outcome, design.blocks.lead_samples, setup.rig.dt_s, len(setup.motion.time_s))
-        stopped = _why(label, outcome, setup.rig.dt_s)
+        stopped = why_ended(label, outcome, setup.rig.dt_s)
         stop = stop or stopped
         hybrid = _hybrid(setup, series) if run == "exp_rths" else None
         contents.write_table_run(writer, run, setup, series, hybrid)
@@ -187,11 +187,15 @@ def _experiments(
 
 def play_run(setup: Setup, design: Design, source: int, stream: int) -> Outcome:
     """Play the ground motion through the blocks and the rig: directly (RECORD) or through the numerical part."""
+    rig = open_rig(setup, (stream,), setup.case.seed)
+    return play(rig, setup.rig, design.blocks, source, drive_of(setup, design), guard_limits(setup))
+
+
+def drive_of(setup: Setup, design: Design) -> Array:
+    """Return the ground's acceleration, velocity and displacement (n + lead, 3); its clock ends before the table's."""
     motion, lead = setup.motion, design.blocks.lead_samples
     drive = np.column_stack([motion.accel_m_s2, motion.velocity_m_s, motion.displacement_m])
-    drive = np.vstack([drive, np.repeat(drive[-1:], lead, axis=0)])  # the hybrid clock ends before the table does
-    rig = open_rig(setup, (stream,), setup.case.seed)
-    return play(rig, setup.rig, design.blocks, source, drive, guard_limits(setup))
+    return np.vstack([drive, np.repeat(drive[-1:], lead, axis=0)])
 
 
 def _hybrid(setup: Setup, series: Series) -> tuple[Array, Array, Array]:
@@ -208,17 +212,17 @@ def _figures(
     values = figures.tracking(run, series.desired[0], series.measured[0], series.true_accel[0] if virtual else None, dt)
     if hybrid is not None:
         values |= figures.against_sim(
-            run, sim.abs_accel_m_s2, hybrid[2], _true_accel(hybrid[2], series) if virtual else None, dt
+            run, sim.abs_accel_m_s2, hybrid[2], true_accel(hybrid[2], series) if virtual else None, dt
         )
     return values | merit.of_table_run(setup, run, series, sim, hybrid)
 
 
-def _true_accel(abs_accel: Array, series: Series) -> Array:
+def true_accel(abs_accel: Array, series: Series) -> Array:
     """Return the storeys' accelerations with true ones on table and specimen in place of the measured."""
     return np.vstack([abs_accel[: len(abs_accel) - len(series.true_accel)], series.true_accel])
 
 
-def _why(label: str, outcome: Outcome, dt_s: float) -> Stop | None:
+def why_ended(label: str, outcome: Outcome, dt_s: float) -> Stop | None:
     """Return why a run did not reach its end, None when it did."""
     if outcome.rig_fault:
         return Stop("failed", f"{label}: {outcome.rig_fault} at {outcome.steps * dt_s:.3f} s", 4)
@@ -227,10 +231,10 @@ def _why(label: str, outcome: Outcome, dt_s: float) -> Stop | None:
     return None
 
 
-def _acceptance(case: Case, values: dict[str, Metric]) -> Stop:
-    """Return how a completed case ends: accepted, or refused by one of its own limits."""
+def acceptance(limits: Mapping[str, float], values: Mapping[str, Metric]) -> Stop:
+    """Return how a completed case ends: accepted, or refused by one of its own limits on figures."""
     failed = []
-    for path, limit in case.accept.items():
+    for path, limit in limits.items():
         name, _, index = path.partition("[")
         if name not in values:
             failed.append(f"{path} was not computed")

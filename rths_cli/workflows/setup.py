@@ -19,6 +19,7 @@ from rths_cli.rig_info import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits
 from rths_cli.structure import Building, build
 from rths_cli.workflows.check_figures import paths as of_check
 from rths_cli.workflows.figures import of_runs
+from rths_cli.workflows.kept import Kept
 
 if TYPE_CHECKING:
     from rths_cli.case.models import Case
@@ -45,11 +46,24 @@ class Setup:
         return self.case.identification.sensor_dynamics == "removed"
 
 
-def make_setup(case: Case, overrides: tuple[str, ...] = ()) -> Setup:
-    """Read the record, build the building and the rig's description; raises InputError."""
+def make_setup(case: Case, overrides: tuple[str, ...] = (), kept: Kept | None = None) -> Setup:
+    """Read the record, build the building and the rig's description; raises InputError.
+
+    With `kept`, cases of the same record or building share it.
+    """
     faults = [*_payload_faults(case), *_accept_faults(case)]
     if faults:
         raise InputError(*(f"{shown(case.path)}: {fault}" for fault in faults))
+    kept = kept or Kept()
+    motion, record_sha256 = kept.get("motion", motion_key(case), lambda: ground_motion(case))
+    building = kept.get("building", building_key(case), lambda: build(case.structure, case.damping))
+    check_scheme(building.numerical, 1.0 / case.sample_rate_hz, case.integration)
+    masses = np.asarray(case.structure.experimental.masses_kg, dtype=float)
+    return Setup(case, motion, record_sha256, building, rig_info(case), masses, overrides)
+
+
+def ground_motion(case: Case) -> tuple[GroundMotion, str]:
+    """Return the scaled, filtered record of a case and the hash of its file; raises InputError."""
     accelerogram = read_accelerogram(case.record.path, case.record.unit, case.record.dt_s)
     motion = prepare(
         accelerogram,
@@ -58,10 +72,18 @@ def make_setup(case: Case, overrides: tuple[str, ...] = ()) -> Setup:
         corner_hz=case.record_filter.corner_hz,
         order=case.record_filter.order,
     )
-    building = build(case.structure, case.damping)
-    check_scheme(building.numerical, 1.0 / case.sample_rate_hz, case.integration)
-    masses = np.asarray(case.structure.experimental.masses_kg, dtype=float)
-    return Setup(case, motion, accelerogram.sha256, building, rig_info(case), masses, overrides)
+    return motion, accelerogram.sha256
+
+
+def motion_key(case: Case) -> tuple[object, ...]:
+    """Return what the ground motion of a case depends on."""
+    sampling = (case.scaling, case.sample_rate_hz)
+    return (case.record.model_dump_json(), case.record_filter.model_dump_json(), *sampling)
+
+
+def building_key(case: Case) -> tuple[str, str]:
+    """Return what the building of a case depends on."""
+    return case.structure.model_dump_json(), case.damping.model_dump_json()
 
 
 def make_setups(cases: Sequence[Case], overrides: tuple[str, ...] = ()) -> list[Setup]:

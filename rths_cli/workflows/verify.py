@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from rths_cli.identification import channels, verdict
-from rths_cli.identification.evaluate import Identification
+from rths_cli.identification.found import Identification, LevelBand, SpecimenFit
 from rths_cli.identification.frf import over_model
 from rths_cli.identification.motions import without_staircase
 from rths_cli.identification.record import Record
-from rths_cli.identification.specimen import Motion, SpecimenFit, Start, fit_stretches
-from rths_cli.identification.verdict import LevelBand
+from rths_cli.identification.specimen import Motion, Start, fit_stretches
 from rths_cli.workflows.identify import probed
 from rths_cli.workflows.rigs import VERIFICATION
 from rths_cli.workflows.setup import Progress, Setup

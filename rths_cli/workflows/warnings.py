@@ -9,7 +9,7 @@ import numpy as np
 from rths_cli.structure import modes
 
 if TYPE_CHECKING:
-    from rths_cli.identification.evaluate import Identification
+    from rths_cli.identification.found import Identification
     from rths_cli.workflows.controllers import Design
     from rths_cli.workflows.setup import Setup
 

@@ -57,6 +57,16 @@ def test_what_does_not_end_at_zero_is_led_there() -> None:
     assert whole[4000 + rest // 2 + 200 : -200] == pytest.approx(0.0, abs=0.01)
 
 
+@pytest.mark.parametrize("ring_s", [4.0, 4.001, 9.0])
+def test_the_lines_are_those_of_the_whole_padded_transform(ring_s: float) -> None:
+    """To rounding, for room of an even and an odd number of samples."""
+    lines, given = lines_for(4000, DT_S, ring_s), np.random.default_rng(8).standard_normal((2, 4000)) + 1.0
+    rest = lines.padded - 4000
+    fade = [0.5 + 0.5 * np.cos(np.pi * min(2.0 * i / rest, 1.0)) for i in range(1, rest + 1)]
+    exact = np.fft.rfft(np.hstack([given, np.outer(given[:, -1], fade)]))[:, : lines.count]
+    assert np.abs(lines.of(given) - exact).max() < 1e-13 * np.abs(given).sum()
+
+
 def test_a_motion_stays_one_beyond_its_end() -> None:
     """Velocity and acceleration are the derivatives of the displacement, on every line."""
     time = np.arange(5000) * DT_S

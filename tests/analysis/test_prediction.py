@@ -19,7 +19,7 @@ from rths_cli.analysis.sim import simulate
 from rths_cli.case.virtual_physics import VirtualPhysics
 from rths_cli.control.blocks import Blocks
 from rths_cli.control.numerical import all_storeys, interface
-from rths_cli.identification.friction import Friction
+from rths_cli.identification.found import Friction
 from rths_cli.loop.blocks import NUMERICAL
 from rths_cli.loop.drive import play
 from rths_cli.lti import Array, ComplexArray, Frf, Model

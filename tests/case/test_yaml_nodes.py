@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rths_cli.case.nodes import Fault, Source, plain
-from rths_cli.case.yaml_nodes import MAX_BYTES, dump, parse, read_file
+from rths_cli.case.yaml_nodes import MAX_BYTES, _dumped, _Dumper, dump, parse, read_file
 
 HERE = Source("a.yaml", Path("."))
 
@@ -164,3 +164,13 @@ def test_a_text_read_twice_gives_faults_of_its_own_each_time() -> None:
     faults.clear()
     assert [fault.key for fault in parse("a: 1\na: 2\n", HERE)[1]] == ["a"]
     assert [str(fault.mark) for fault in parse("a: 1\na: 2\n", Source("b.yaml", Path(".")))[1]] == ["b.yaml:2:1"]
+
+
+CHARACTERS = " :#'\"-1.e?{],%\\\t\n\x07\u00e9\U0001f600"
+PIECES = st.lists(st.sampled_from([*CHARACTERS, "word ", "long_word_", "true"]), max_size=60)
+
+
+@given(st.dictionaries(TEXT, DATA | PIECES.map("".join), min_size=1, max_size=3))
+@settings(max_examples=300, deadline=None, derandomize=True)
+def test_the_dumper_in_c_writes_what_the_one_in_python_writes(data: dict[str, object]) -> None:
+    assert dump(data) == _dumped(data, _Dumper)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from rths_cli.identification.evaluate import Identification
+from rths_cli.identification.found import Identification
 from rths_cli.workflows.check_figures import paths
 from rths_cli.workflows.model_store import save
 from rths_cli.workflows.setup import Setup

@@ -17,7 +17,7 @@ from rths_cli.cli import cli, ending
 from rths_cli.files.measured import read_recording
 from rths_cli.files.models import read_model
 from rths_cli.identification.channels import UnfitRecord
-from rths_cli.identification.evaluate import Identification
+from rths_cli.identification.found import Identification
 from rths_cli.identification.record import Parts, Record
 from rths_cli.screen import Screen
 from rths_cli.workflows import identify as workflow

@@ -103,3 +103,19 @@ print(len(os.listdir('/proc/self/task')), os.environ['OPENBLAS_NUM_THREADS'], fi
         done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, check=True)
         assert done.stderr.split()[1] == (stated or "1")
         assert expected is None or done.stderr.strip() == expected
+
+
+@pytest.fixture(scope="module")
+def warm(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder in which the default case has run once: its model is kept, its step compiled."""
+    folder = tmp_path_factory.mktemp("warm")
+    imported("", "run", "el_centro_low_ff_fb", "--quiet", cwd=folder)
+    return folder
+
+
+@pytest.mark.parametrize("words", [("check", "el_centro_low_ff_fb"), ("run", "el_centro_low_ff_fb", "--quiet")])
+def test_a_second_run_imports_nothing_that_it_does_not_use(words: tuple[str, ...], warm: Path) -> None:
+    modules = imported("", *words, cwd=warm)
+    unused = ("scipy", "numba", "matplotlib", "rich", "control", "pandas", "numpy.ma", "asyncio", "unittest")
+    unused += ("rths_cli.identification.evaluate", "rths_cli.files.foreign", "rths_cli.workflows.identify")
+    assert "rths_cli.workflows.known" in modules and not heavy(modules, unused)

@@ -7,7 +7,7 @@ import pytest
 from scipy.linalg import solve_discrete_are
 
 from rths_cli.control import feedback
-from rths_cli.control.riccati import riccati_gain, solve_by_doubling
+from rths_cli.control.riccati import riccati_cost, riccati_gain
 from rths_cli.errors import InputError
 from rths_cli.lti import Array, Model
 
@@ -25,7 +25,7 @@ def problem(seed: int, slowest: float) -> tuple[Array, Array, Array, Array, Arra
 @pytest.mark.parametrize("slowest", [0.9, 0.999, 0.99999])
 def test_doubling_finds_what_scipy_finds(seed: int, slowest: float) -> None:
     a, b, q, r, s = problem(seed, slowest)
-    found, wanted = solve_by_doubling(a, b, q, r, s), solve_discrete_are(a, b, q, r, s=s)
+    found, wanted = riccati_cost(a, b, q, r, s), solve_discrete_are(a, b, q, r, s=s)
     assert np.abs(found - wanted).max() < 1e-8 * np.abs(wanted).max()
     left = a.T @ found @ a - found + q
     left -= (a.T @ found @ b + s) @ np.linalg.solve(r + b.T @ found @ b, b.T @ found @ a + s.T)

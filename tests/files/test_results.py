@@ -162,24 +162,21 @@ def test_the_same_data_give_the_same_bytes_later(tmp_path, written):
     assert write(tmp_path / "later.h5").read_bytes() == written.read_bytes()
 
 
-def test_a_default_case_is_below_50_mb_and_written_quickly(tmp_path):
+def test_a_default_case_is_below_50_mb(tmp_path):
     n = 108_000
     t = np.arange(n) / 2000.0
     noise = np.random.default_rng(0).normal(size=(3, n))  # the worst case: nothing to compress
     codes = np.round(noise[0] * 30) * 3e-3
     series = {"sim": 10, "sim_delay": 10, "exp_rths": 16, "exp_rths/truth": 4, "exp_rths/timing": 3}
     series |= {"shake_table": 6, "shake_table/truth": 4, "record": 1}
-    start = time.perf_counter()
     with ResultWriter(tmp_path / "big.h5", ATTRIBUTES) as writer:
         for name, count in series.items():
             datasets = {f"series_{k}": accel(noise[k % 3]) for k in range(count)}
             command = {"command_v": accel(codes)} if name in ("exp_rths", "shake_table") else {}
             writer.group(name, datasets | command, t, STOREYS)
         writer.finish("complete")
-    seconds = time.perf_counter() - start
     size = (tmp_path / "big.h5").stat().st_size
     assert 45e6 < size < 50e6, size
-    assert seconds < 2.0, seconds  # 0.2 s on a quiet machine
     np.testing.assert_array_equal(read_series(tmp_path / "big.h5", "exp_rths/command_v"), codes)
 
 

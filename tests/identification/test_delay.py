@@ -9,10 +9,11 @@ import pytest
 from made_records import excite, make_info, make_specimen
 
 from rths_cli.control import sensing
-from rths_cli.identification.delay import DelayEstimate, channel_response, doubts, estimate
-from rths_cli.identification.evaluate import Identification, identify
+from rths_cli.identification.delay import channel_response, doubts, estimate
+from rths_cli.identification.evaluate import identify
 from rths_cli.identification.factors import Layout, pack, response_and_slopes
 from rths_cli.identification.fit_table import Fit, Timing, fit
+from rths_cli.identification.found import DelayEstimate, Identification
 from rths_cli.lti import Frf, Model, staircase
 from rths_cli.rig_info import RigInfo
 

@@ -11,13 +11,10 @@ from made_records import Excited, excite, make_info, make_specimen, true_respons
 
 from rths_cli.errors import InputError
 from rths_cli.identification.channels import UnfitRecord
-from rths_cli.identification.evaluate import (
-    Identification,
-    IdentificationSettings,
-    identify,
-)
+from rths_cli.identification.evaluate import IdentificationSettings, identify
 from rths_cli.identification.excitation import Kind
-from rths_cli.identification.fit_table import FitError, fit_error
+from rths_cli.identification.fit_table import fit_error
+from rths_cli.identification.found import FitError, Identification
 from rths_cli.identification.frf import estimate
 from rths_cli.identification.motions import without_staircase
 from rths_cli.identification.record import Parts, Record

@@ -12,9 +12,9 @@ from made_linear import DT
 from made_records import make_info, make_specimen
 
 from rths_cli.case.load import load_cases
-from rths_cli.identification.evaluate import Identification
+from rths_cli.identification.found import Friction, Identification
 from rths_cli.identification.frf import simulate
-from rths_cli.identification.friction import Friction, disturbance, estimate
+from rths_cli.identification.friction import estimate
 from rths_cli.identification.record import Parts, Record
 from rths_cli.lti import Model
 from rths_cli.report.identified import About, as_document, page
@@ -94,7 +94,7 @@ def test_the_disturbance_foretells_what_another_record_at_another_level_leaves()
     accel = np.fft.rfft(record.accel_m_s2[0])
     accel[f < 0.2] = 0.0
     velocity = np.fft.irfft(accel / (2j * np.pi * np.maximum(f, 0.2)), n)
-    acts = np.fft.rfft(disturbance(friction, velocity)) * np.exp(2j * np.pi * f * model.delay_s)
+    acts = np.fft.rfft(friction.disturbance_v(velocity)) * np.exp(2j * np.pi * f * model.delay_s)
     inside = (f > 1.0) & (f < 12.0)
     foretold = np.fft.irfft(np.where(inside, acts * model.response(f), 0.0), n)[part]
     left = record.accel_m_s2[0] - simulate(model, record.command_v, 60.0)
@@ -106,9 +106,9 @@ def test_the_disturbance_foretells_what_another_record_at_another_level_leaves()
 def test_the_disturbance_is_what_the_model_does_not_hold() -> None:
     friction = Friction(2e-4, 1e-6, 0.06, 0.9, 1e-3)
     velocity = 0.06 * np.random.default_rng(1).standard_normal(200_000)
-    drawn = disturbance(friction, velocity)
-    assert disturbance(friction, np.array([0.0])) == 0.0
-    assert disturbance(friction, np.array([0.02]))[0] < 0.0 < disturbance(friction, np.array([-0.02]))[0]
+    drawn = friction.disturbance_v(velocity)
+    assert friction.disturbance_v(np.array([0.0])) == 0.0
+    assert friction.disturbance_v(np.array([0.02]))[0] < 0.0 < friction.disturbance_v(np.array([-0.02]))[0]
     assert np.abs(drawn).max() > 2e-4
     assert np.mean(drawn * velocity) == pytest.approx(0.0, abs=0.01 * 2e-4 * 0.06)
     assert drawn.std() == pytest.approx(2e-4 * np.sqrt(1.0 - 2.0 / np.pi), rel=0.02)

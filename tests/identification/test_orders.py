@@ -12,8 +12,9 @@ from made_records import make_info, make_specimen
 from rths_cli.identification import orders
 from rths_cli.identification.excitation import ExcitationSettings, Kind, plan
 from rths_cli.identification.fit_table import Fit, Timing, refit
+from rths_cli.identification.found import Candidate
 from rths_cli.identification.frf import estimate, simulate, without_leakage
-from rths_cli.identification.orders import Candidate, choose, doubtful
+from rths_cli.identification.orders import choose, doubtful
 from rths_cli.identification.record import Parts, Record
 from rths_cli.identification.starts import first_fit
 from rths_cli.lti import Array, Frf, Model

@@ -9,9 +9,9 @@ from scipy import signal
 
 from rths_cli.errors import InputError
 from rths_cli.identification import specimen as room
+from rths_cli.identification.found import SpecimenFit
 from rths_cli.identification.specimen import (
     Motion,
-    SpecimenFit,
     Start,
     birge,
     fit_specimen,

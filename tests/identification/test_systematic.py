@@ -10,10 +10,11 @@ import pytest
 from made_records import make_specimen, true_response
 
 from rths_cli.identification.fit_table import Timing, refit
+from rths_cli.identification.found import LevelBand
 from rths_cli.identification.specimen import SKEW
 from rths_cli.identification.starts import first_fit
 from rths_cli.identification.systematic import shifts
-from rths_cli.identification.verdict import BANDS_HZ, SHORTFALL, LevelBand
+from rths_cli.identification.verdict import BANDS_HZ, SHORTFALL
 from rths_cli.lti import Frf
 
 DT, RATIO = 5e-4, 5.0

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rths_cli.identification.fit_table import FitError, Timing, fit_error, refit
+from rths_cli.identification.fit_table import Timing, fit_error, refit
+from rths_cli.identification.found import FitError, LevelBand
 from rths_cli.identification.starts import first_fit
 from rths_cli.identification.verdict import (
     LIMITS,
-    LevelBand,
     judge,
     level_bands,
     low_frequency_lag,

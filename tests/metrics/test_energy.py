@@ -87,3 +87,10 @@ def default_building() -> Building:
     from rths_cli.workflows.setup import make_setup
 
     return make_setup(load_cases(["el_centro_low_ff_fb"])[0]).building
+
+
+def test_each_of_several_errors_is_integrated_for_itself() -> None:
+    errors = np.random.default_rng(6).standard_normal((2, 3000))
+    together = velocity_error_m_s(errors, DT_S)
+    assert np.array_equal(together, [velocity_error_m_s(each, DT_S) for each in errors])
+    assert np.abs(together[0] - together[1]).max() > 0.01

@@ -7,7 +7,7 @@ import pytest
 
 from rths_cli.errors import InputError
 from rths_cli.metrics import frequency_evaluation, tracking_indicator
-from rths_cli.metrics.fidelity import frequency_evaluations, low_lines
+from rths_cli.metrics.fidelity import frequency_evaluations
 
 DT_S = 1 / 2000
 TIME_S = DT_S * np.arange(20_000)
@@ -83,14 +83,6 @@ def test_indicator_is_blind_to_a_gain_and_needs_equal_lengths() -> None:
     assert tracking_indicator(motion, 1.4 * motion) == pytest.approx(np.zeros(1000), abs=1e-7)
     with pytest.raises(InputError, match="compare two series of equal length"):
         tracking_indicator(np.arange(4.0), np.arange(3.0))
-
-
-@pytest.mark.parametrize("n", [1, 2, 64, 997, 1995])
-def test_low_lines_are_those_of_the_transform_whatever_its_length(n: int) -> None:
-    series = np.random.default_rng(n).standard_normal(n)
-    count = n // 3 + 1
-    exact = np.fft.rfft(series)[:count]
-    assert np.abs(low_lines(series, count) - exact).max() < 1e-12 * np.abs(series).sum()
 
 
 def test_several_series_are_evaluated_like_each_alone() -> None:

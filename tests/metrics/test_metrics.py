@@ -5,7 +5,7 @@ import pytest
 
 from rths_cli import metrics
 from rths_cli.errors import InputError
-from rths_cli.metrics import error_figures, fitted_delay_s, peak, rms
+from rths_cli.metrics import error_figures, fitted_delay_s, fitted_delays_s, peak, rms
 
 DT_S = 1 / 2000
 TIME_S = DT_S * np.arange(40_000)
@@ -158,3 +158,28 @@ def test_a_delay_beyond_half_the_record_does_not_come_round() -> None:
     pulse = np.exp(-0.5 * ((TIME_S - 2.5) / 0.05) ** 2)
     late = np.exp(-0.5 * ((TIME_S - 16.5) / 0.05) ** 2)
     assert fitted_delay_s(pulse, late, DT_S) == pytest.approx(14.0, rel=1e-4)
+
+
+def test_the_fitted_delay_is_where_the_correlation_is_level() -> None:
+    """The slope of sum Re(conj(X) Y exp(j w delay)) over its curvature, one exponential per line, is nothing there."""
+    desired = structure_like()
+    noise = np.random.default_rng(2).normal(0, 0.02, (2, len(desired)))
+    measured = shifted(desired, 0.00321) + noise[1]
+    found = fitted_delay_s(desired + noise[0], measured, DT_S)
+    n = len(desired)
+    taper = np.minimum(np.arange(n), np.arange(n)[::-1]) / (0.05 * (n - 1))
+    taper = 0.5 - 0.5 * np.cos(np.pi * np.minimum(taper, 1.0))
+    X, Y = (np.fft.rfft((z - z.mean()) * taper, 80_000) for z in (desired + noise[0], measured))
+    rate = 2 * np.pi * np.fft.rfftfreq(80_000, DT_S)
+    turned = X.conj() * Y * np.exp(1j * rate * found)
+    assert abs(np.sum(rate * turned.imag) / np.sum(rate**2 * turned.real)) < 1e-11
+    assert found == pytest.approx(0.00321, abs=2e-4)
+
+
+def test_delays_of_several_series_are_those_of_each_alone() -> None:
+    desired = structure_like()
+    values = [shifted(desired, 0.003), np.ones_like(desired), shifted(desired, -0.002)]
+    found = fitted_delays_s(desired, values, DT_S)
+    assert found[::2] == [fitted_delay_s(desired, each, DT_S) for each in values[::2]]
+    assert found[::2] == pytest.approx([0.003, -0.002], rel=1e-3) and np.isnan(found[1])
+    assert np.isnan(fitted_delays_s(np.ones(50), [np.arange(50.0), np.ones(50)], DT_S)).tolist() == [True, True]

@@ -2,12 +2,17 @@
 
 import numpy as np
 
-from rths_cli.identification.channels import ChannelReport
-from rths_cli.identification.evaluate import Identification
-from rths_cli.identification.fit_table import FitError
-from rths_cli.identification.orders import Candidate
-from rths_cli.identification.specimen import SpecimenFit
-from rths_cli.identification.verdict import Band, LevelBand, Root, Verdict
+from rths_cli.identification.found import (
+    Band,
+    Candidate,
+    ChannelReport,
+    FitError,
+    Identification,
+    LevelBand,
+    Root,
+    SpecimenFit,
+    Verdict,
+)
 from rths_cli.lti import Frf, Model
 from rths_cli.report.identified import About
 from rths_cli.structure import Specimen, storey_matrix

@@ -12,10 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_up_identification import ABOUT, MODEL, NAN, PAPER, identification, specimen
 
-from rths_cli.identification.channels import ChannelReport
 from rths_cli.identification.doubts import agree
-from rths_cli.identification.orders import Candidate
-from rths_cli.identification.verdict import LevelBand, Verdict, roots_given
+from rths_cli.identification.found import Candidate, ChannelReport, LevelBand, Verdict
+from rths_cli.identification.verdict import roots_given
 from rths_cli.report.identified import About, as_document, page, rejected_document, rejected_page
 from rths_cli.report.identified_text import number, with_uncertainty
 

@@ -8,7 +8,7 @@ import numpy as np
 from made_up_identification import identification
 
 from rths_cli.control.latency import MEANING
-from rths_cli.identification.delay import DelayEstimate
+from rths_cli.identification.found import DelayEstimate
 from rths_cli.report.identified import About, as_document, page
 from rths_cli.report.latency_text import ITEMS, latency_text
 from rths_cli.workflows.model_contents import from_groups, to_groups

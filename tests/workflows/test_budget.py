@@ -7,11 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rths_cli.analysis.budget import CUT_S, Signals, _fitted, _friction, split
+from rths_cli.analysis.prediction import friction_samples
 from rths_cli.analysis.sim import simulate
 from rths_cli.case.load import load_cases
 from rths_cli.files.result_writer import Metric
-from rths_cli.identification.evaluate import Identification
+from rths_cli.identification.found import Friction, Identification
 from rths_cli.loop.blocks import NUMERICAL
+from rths_cli.metrics import test_band as band_of
 from rths_cli.structure import Building, Specimen, assemble
 from rths_cli.workflows import budget
 from rths_cli.workflows.check import judge
@@ -63,6 +66,37 @@ def test_the_parts_add_up_to_the_measured_error(default: tuple[dict[str, Metric]
     assert set(found) == set(budget.paths())
     for path, per_storey in budget.paths().items():
         assert (np.ndim(found[path].value) == 1) == per_storey
+
+
+def test_tracking_is_the_measured_one_and_its_parts_add_up(memory: Memory) -> None:
+    """And friction is what the prediction makes of it: pushes of the command, each made from its own series."""
+    setup = setup_with()
+    identified = memory.identify(setup, lambda _: None)
+    design, dt = design_blocks(setup, identified), setup.rig.dt_s
+    outcome = play_run(setup, design, NUMERICAL, EXP_RTHS)
+    series = on_record_clock(outcome, design.blocks.lead_samples, dt, len(setup.motion.time_s))
+    sim, known = simulate(setup.building, dt, setup.motion.accel_m_s2), judge(setup, identified, design).known
+    assert known is not None and known.friction is not None
+    below = np.zeros((0, series.desired.shape[1]))  # the table is the lowest floor
+    signals = Signals(series.desired, series.measured, series.command_v, below, sim.abs_accel_m_s2)
+    found = split(known, signals)
+    error = band_of(series.desired[0] - series.measured[0], dt)[: -round(CUT_S / dt)]
+    assert found.measured.tracking == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-2)
+    assert found.unexplained.tracking < 1e-5 * found.measured.tracking
+    velocity = series.desired[1]
+    command, disturbed = (known.lines.of(row) / known.loop.ahead for row in (series.command_v, series.measured))
+    disturbed = disturbed - known.loop.rig * command
+    speed, scale = float(np.sqrt(np.mean(velocity**2))), known.friction.scale_m_s
+    made = [
+        friction_samples(replace(known, friction=friction, velocity_m_s=velocity))
+        for friction in (known.friction, Friction(1.0, 0.0, speed, 0.0, scale), Friction(1.0, 0.0, 1e9, 0.0, scale))
+    ]
+    answer = known.loop.rig[0] * command
+    rows = (made[1][0], answer, 2j * np.pi * known.lines.frequency_hz * answer)
+    more = _fitted(known, disturbed[0] - made[0][0], rows, np.ones(known.lines.count))[0]
+    assert found.friction_v == pytest.approx(known.friction.command_v + more, rel=1e-9)
+    acting = _friction(known, disturbed, command, velocity)[0]
+    assert np.abs(acting - made[0] - more * made[2]).max() < 1e-9 * np.abs(acting).max()
 
 
 def test_friction_is_the_identified_one_and_three_times_that_when_it_is_tripled(

@@ -13,7 +13,7 @@ import pytest
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, RigError
 from rths_cli.files.results import Result, read_result
-from rths_cli.identification.evaluate import Identification
+from rths_cli.identification.found import Identification
 from rths_cli.report.preflight_document import Checked
 from rths_cli.workflows import check_cases, identify, rigs
 from rths_cli.workflows.check_figures import REACH, paths

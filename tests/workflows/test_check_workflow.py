@@ -13,7 +13,7 @@ from rths_cli.analysis.preflight import SAFE, UNSAFE, UNSTABLE
 from rths_cli.analysis.sim import simulate
 from rths_cli.case.load import load_cases
 from rths_cli.control.numerical import all_storeys
-from rths_cli.identification.evaluate import Identification
+from rths_cli.identification.found import Identification
 from rths_cli.workflows.check import as_identified, known_of, preflight_of
 from rths_cli.workflows.controllers import design_blocks
 from rths_cli.workflows.known import Memory

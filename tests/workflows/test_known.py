@@ -14,7 +14,7 @@ import yaml
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
 from rths_cli.files.results import Result, read_result
-from rths_cli.identification.evaluate import Identification
+from rths_cli.identification.found import Identification
 from rths_cli.lti import Model
 from rths_cli.workflows import identify
 from rths_cli.workflows.known import Memory

@@ -16,7 +16,7 @@ from rths_cli.workflows.setup import make_setup
 
 if TYPE_CHECKING:
     from rths_cli.files.results import Metric
-    from rths_cli.identification.evaluate import Identification
+    from rths_cli.identification.found import Identification
 
 CASE = "el_centro_low_ff_fb"
 

@@ -18,7 +18,7 @@ from rths_cli.case.load import load_cases
 from rths_cli.cli import ending
 from rths_cli.errors import InputError
 from rths_cli.files.measured import Recording, read_recording, write_recording
-from rths_cli.identification.evaluate import Identification
+from rths_cli.identification.found import Identification
 from rths_cli.lti import Array
 from rths_cli.workflows.make_model import Asked, make_model
 from rths_cli.workflows.measured import DataRequest, read_measured, read_roles

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from rths_cli.files.result_writer import Metric
-from rths_cli.workflows.figures import of_runs
+from rths_cli.workflows.figures import of_runs, tracking
 from rths_cli.workflows.merit import energy, fidelity, of_table_run, response
-from rths_cli.workflows.run import _acceptance
+from rths_cli.workflows.run import acceptance
 
 DT_S = 1 / 2000
 TIME_S = DT_S * np.arange(40_000)
@@ -43,6 +43,20 @@ def test_each_path_of_the_table_holds_its_series() -> None:
     assert found["exp_rths.j3_full"] == pytest.approx(error + 0.2, rel=1e-2)
     indicator = 0.5 * 1.1 * RATE * TIME_S[-1] * np.sin(RATE * 0.003)
     assert found["exp_rths.tracking_indicator_m2_s4"] == pytest.approx(indicator, rel=2e-3)
+
+
+def test_tracking_of_measured_and_true_are_told_apart() -> None:
+    """Measured 2 ms late and true 1 ms early, each with an amplitude of its own; without a true one, no such path."""
+    measured, true = sine(1.1, 0.002), sine(0.7, -0.001)
+    found = values(tracking("shake_table", sine(), measured, true, DT_S))
+    for value, suffix, delay_s in ((measured, "", 0.002), (true, "_true", -0.001)):
+        assert found[f"shake_table.tracking_delay_s{suffix}"] == pytest.approx(delay_s, rel=1e-2)
+        error = sine() - value
+        assert found[f"shake_table.tracking_rms_m_s2{suffix}_full"] == pytest.approx(np.sqrt(np.mean(error**2)))
+        assert found[f"shake_table.tracking_max_m_s2{suffix}_full"] == pytest.approx(np.abs(error).max())
+        assert found[f"shake_table.tracking_rms_m_s2{suffix}"] == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-2)
+    alone = values(tracking("shake_table", sine(), measured, None, DT_S))
+    assert alone == {path: value for path, value in found.items() if "_true" not in path}
 
 
 @pytest.mark.parametrize(
@@ -139,15 +153,10 @@ def test_a_limit_on_a_signed_figure_holds_either_way() -> None:
         ("exp_rths.rms_error_m_s2", 0.5, 0),
         ("exp_rths.rms_error_m_s2[3]", 0.3, 0),
     ):
-        ended = _acceptance(SimpleNamespace(accept={path: limit}), figures)  # type: ignore[arg-type]
+        ended = acceptance({path: limit}, figures)
         assert ended.exit_code == code, (path, limit)
-    assert (
-        "exp_rths.fei_delay_s = -0.0003 is beyond its accept limit 0.0002"
-        in _acceptance(
-            SimpleNamespace(accept={"exp_rths.fei_delay_s": 0.0002}),
-            figures,  # type: ignore[arg-type]
-        ).reason
-    )
+    reason = acceptance({"exp_rths.fei_delay_s": 0.0002}, figures).reason
+    assert "exp_rths.fei_delay_s = -0.0003 is beyond its accept limit 0.0002" in reason
 
 
 def test_the_page_of_figures_tells_every_path() -> None:

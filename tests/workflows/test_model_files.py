@@ -18,7 +18,7 @@ import pytest
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
-from rths_cli.identification.evaluate import Identification
+from rths_cli.identification.found import Identification
 from rths_cli.workflows import identify, model_store
 from rths_cli.workflows.known import Known, Memory
 from rths_cli.workflows.model_contents import from_groups, to_groups
@@ -243,8 +243,8 @@ def excited(monkeypatch: pytest.MonkeyPatch, default_identification: Identificat
         done.append(setup.case.name)
         return identify.Measured((), None, "", ())
 
-    monkeypatch.setattr("rths_cli.workflows.known.measure", measure)
-    monkeypatch.setattr("rths_cli.workflows.known.evaluated", lambda *_: default_identification)
+    monkeypatch.setattr("rths_cli.workflows.identify.measure", measure)
+    monkeypatch.setattr("rths_cli.workflows.identify.evaluated", lambda *_: default_identification)
     return done
 
 

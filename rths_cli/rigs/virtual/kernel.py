@@ -10,7 +10,7 @@ import numpy as np
 from rths_cli.compiled import entry, part
 from rths_cli.lti import Array
 from rths_cli.rigs.virtual.plant import Plant
-from rths_cli.tiles import product
+from rths_cli.tiles import ROWS, copied, product, product_of_squares, shifted
 
 END_STOP = 1
 SATURATED = 10.0  # tanh(10) is 1 within 5e-9
@@ -22,10 +22,12 @@ SOLVED = 1e-9  # of tanh(v / v_s) at a node
 class PlantState(NamedTuple):
     """What the kernel changes: c = 1 + n_floors channels, n mechanical states, latency + 1 commands under way."""
 
-    state: Array  # (n + 7,) mechanical states, command held, both nonlinearities at start, middle, end
+    state: Array  # mechanical states, command held, both nonlinearities at start, middle, end, as Plant.push's columns
+    state_tiles: Array  # the same memory, (column tiles, 4)
     low: Array  # (c,) the channels' low passes
     coupled: Array  # (c,) what their AC couplings take away
     made: Array  # what Plant.push gives
+    made_tiles: Array  # the same memory, (row tiles, 4)
     begin: Array  # (8,) what Plant.start gives, the offsets included
     offsets: Array  # (4,) v / v_s at middle and end, F_ref at middle and end, nonlinearities left out
     queue: Array  # (latency + 1,) commands under way, the oldest first
@@ -36,17 +38,18 @@ class PlantState(NamedTuple):
 def fresh_state(plant: Plant, latency_samples: int) -> PlantState:
     """Return a table at rest."""
     c, begin = plant.accel_rows.shape[0], np.zeros(8)
+    state, made = np.zeros((plant.push.shape[2], ROWS)), np.zeros((plant.push.shape[1], ROWS))
     return PlantState(
-        np.zeros(plant.mechanical + 7), np.zeros(c), np.zeros(c), np.zeros(4 * plant.push.shape[1]),
+        state.reshape(-1), state, np.zeros(c), np.zeros(c), made.reshape(-1), made,
         begin, begin[4:], np.zeros(latency_samples + 1), np.zeros(c), np.zeros(1, dtype=np.int64),
     )  # fmt: skip
 
 
 @part
-def convert(value: float, step: float, bound: float) -> float:
+def convert(value: float, step: float, steps_per_unit: float, bound: float) -> float:
     """Return the value of a converter of that step (0: none) and range, in the same unit."""
     if step > 0.0:
-        value = math.floor(value / step + 0.5) * step
+        value = math.floor(value * steps_per_unit + 0.5) * step
     return min(max(value, -bound), bound - step)
 
 
@@ -77,7 +80,7 @@ def follow(begun: float, moved: float) -> float:
 @part
 def friction_sign(velocity: float, plant: Plant) -> float:
     """Return tanh(v / v_s), 1 or -1 where it is saturated."""
-    ratio = velocity / plant.friction_velocity_m_s
+    ratio = velocity * plant.per_friction_velocity
     return math.copysign(1.0, ratio) if abs(ratio) > SATURATED else tanh(ratio)
 
 
@@ -99,9 +102,9 @@ def choose_level(plant: Plant, s: PlantState) -> tuple[int, int]:
     """
     n = plant.mechanical
     product(plant.start, n + 1, s.state, s.begin)
-    velocity = s.state[1] / plant.friction_velocity_m_s
-    friction_accel = plant.accel_friction[0] * s.state[n + 3]
-    change = (abs(s.begin[0] + friction_accel) + abs(s.begin[3])) * plant.dt_s / plant.friction_velocity_m_s
+    velocity = s.state[1] * plant.per_friction_velocity
+    friction_accel = plant.accel_friction[0] * s.state[plant.forces + 2]
+    change = (abs(s.begin[0] + friction_accel) + abs(s.begin[3])) * plant.dt_s * plant.per_friction_velocity
     nearest = max(abs(velocity) - 1.5 * change, 0.0)
     level, active = 0, 0 if nearest > SATURATED else 1
     cubed = plant.steps_cubed * change * (change * change + plant.bend)
@@ -122,8 +125,8 @@ def argument(plant: Plant, s: PlantState, level: int, node: int, which: int) -> 
     """Return v / v_s (which = 0) or F_ref (1) at middle (node = 0) or end (1) of an inner step, as solved so far."""
     value = s.offsets[2 * which + node]
     for j in range(3):
-        value += plant.feed[level, node, which, 0, j] * s.state[plant.mechanical + 1 + j]
-        value += plant.feed[level, node, which, 1, j] * s.state[plant.mechanical + 4 + j]
+        value += plant.feed[level, node, which, 0, j] * s.state[plant.forces + j]
+        value += plant.feed[level, node, which, 1, j] * s.state[plant.forces + ROWS + j]
     return value
 
 
@@ -134,9 +137,9 @@ def solve_friction(plant: Plant, s: PlantState, level: int) -> None:
     The first guess follows tanh to second order in the change of v / v_s; one step is then mostly enough: it leaves
     the square of the guess's error in v / v_s.
     """
-    n, feed = plant.mechanical, plant.feed[level]
-    begun, ratio = s.state[n + 3], s.state[1] / plant.friction_velocity_m_s
-    s.state[n + 1] = begun
+    first, feed = plant.forces, plant.feed[level]
+    begun, ratio = s.state[first + 2], s.state[1] * plant.per_friction_velocity
+    s.state[first] = begun
     middle_free = s.offsets[0] + feed[0, 0, 0, 0] * begun - ratio
     end_free = s.offsets[1] + feed[1, 0, 0, 0] * begun - ratio
     middle = follow(begun, middle_free + (feed[0, 0, 0, 1] + feed[0, 0, 0, 2]) * begun)
@@ -155,23 +158,24 @@ def solve_friction(plant: Plant, s: PlantState, level: int) -> None:
         moved = max(moved, abs(feed[1, 0, 0, 1] * by_middle + feed[1, 0, 0, 2] * by_end))
         if moved * moved < SOLVED:
             break
-    s.state[n + 2], s.state[n + 3] = middle, end
+    s.state[first + 1], s.state[first + 2] = middle, end
 
 
 @part
 def solve_both(plant: Plant, s: PlantState, level: int) -> None:
     """Solve the collocation equations for friction and clipping at middle and end of an inner step (fixed point)."""
-    n = plant.mechanical
+    n, first = plant.mechanical, plant.forces
     product(plant.start[:1], n + 1, s.state, s.begin)
-    s.state[n + 1] = s.state[n + 2] = s.state[n + 3]
-    s.state[n + 4] = s.state[n + 5] = s.state[n + 6] = clipped(s.begin[1], plant)
+    s.state[first] = s.state[first + 1] = s.state[first + 2]
+    s.state[first + ROWS] = s.state[first + ROWS + 1] = s.state[first + ROWS + 2] = clipped(s.begin[1], plant)
     for _ in range(20):
         change = 0.0
         for node in range(2):
             friction = tanh(argument(plant, s, level, node, 0))
             clip = clipped(argument(plant, s, level, node, 1), plant)
-            change = max(change, abs(friction - s.state[n + 2 + node]), abs(clip - s.state[n + 5 + node]))
-            s.state[n + 2 + node], s.state[n + 5 + node] = friction, clip
+            one, other = first + 1 + node, first + ROWS + 1 + node
+            change = max(change, abs(friction - s.state[one]), abs(clip - s.state[other]))
+            s.state[one], s.state[other] = friction, clip
         if change < 1e-10:
             return
 
@@ -179,27 +183,26 @@ def solve_both(plant: Plant, s: PlantState, level: int) -> None:
 @part
 def solve(plant: Plant, s: PlantState, level: int, active: int) -> None:
     """Find the acting nonlinearities at start, middle and end of an inner step."""
-    n = plant.mechanical
+    n, first = plant.mechanical, plant.forces
     if active == 0:
         sign = math.copysign(1.0, s.state[1])
-        s.state[n + 1], s.state[n + 2], s.state[n + 3] = sign, sign, sign
+        s.state[first], s.state[first + 1], s.state[first + 2] = sign, sign, sign
         return
     if level > 0:
         product(plant.nodes[level], n + 1, s.state, s.offsets)
     if active == 1:
-        s.state[n + 1] = s.state[n + 3]
+        s.state[first] = s.state[first + 2]
         solve_friction(plant, s, level)
     else:
         solve_both(plant, s, level)
 
 
 @part
-def take(plant: Plant, s: PlantState, level: int, columns: int) -> None:
+def take(plant: Plant, s: PlantState, level: int, wide: int) -> None:
     """Advance mechanics and sensors by an inner step whose nonlinearities are found."""
     n, channels = plant.mechanical, s.low.size
-    product(plant.push[level], columns, s.state, s.made)
-    for i in range(n):
-        s.state[i] = s.made[i]
+    product_of_squares(plant.push[level], wide, s.state_tiles, s.made_tiles)
+    copied(n, s.made, s.state)
     keeps, couples, takes = plant.filters[level, 0], plant.filters[level, 1], plant.filters[level, 2]
     for c in range(channels):
         s.coupled[c] = s.made[n + channels + c] + couples * s.coupled[c] + takes * s.low[c]
@@ -211,7 +214,7 @@ def take(plant: Plant, s: PlantState, level: int, columns: int) -> None:
 @part
 def sense_directly(plant: Plant, s: PlantState) -> None:
     """Put the accelerations into the places of the low passes, where the sensors have none."""
-    friction = s.state[plant.mechanical + 3]
+    friction = s.state[plant.forces + 2]
     for c in range(s.low.size):
         value = plant.accel_friction[c] * friction
         for i in range(plant.mechanical):
@@ -222,24 +225,23 @@ def sense_directly(plant: Plant, s: PlantState) -> None:
 @part
 def hold(plant: Plant, s: PlantState, command_v: float) -> None:
     """Queue a command, hold the one that is due for a sample interval and note the velocities at its middle."""
-    last = s.queue.size - 1
-    for i in range(last):
-        s.queue[i] = s.queue[i + 1]
-    s.queue[last] = convert(command_v, plant.command_step_v, plant.command_range_v)
+    shifted(s.queue)
+    step_v, range_v = plant.command_step_v, plant.command_range_v
+    s.queue[s.queue.size - 1] = convert(command_v, step_v, plant.command_steps_per_v, range_v)
     n = plant.mechanical
     s.state[n] = s.queue[0]
     level, active = choose_level(plant, s)
-    columns = n + 7 if active == 2 else n + 4
+    wide = plant.forces // ROWS + (2 if active == 2 else 1)
     half = (1 << level) >> 1
     for step in range(1 << level):
         if half > 0 and step == half:
             note_velocity(s, n)
         solve(plant, s, level, active)
-        take(plant, s, level, columns)
+        take(plant, s, level, wide)
     if half == 0:
         for c in range(s.middle_velocity.size):
             s.middle_velocity[c] = s.made[n + 2 * s.low.size + c]
-    s.state[n + 3] = friction_sign(s.state[1], plant)
+    s.state[plant.forces + 2] = friction_sign(s.state[1], plant)
     if abs(s.state[0]) > plant.stroke_m:
         s.fault[0] = END_STOP
 
@@ -259,7 +261,8 @@ def read(plant: Plant, s: PlantState, noise: Array, samples: Array) -> None:
     for c in range(samples.size):
         accel = s.low[c] - s.coupled[c] + plant.noise_rms_m_s2 * noise[c]
         accel = min(max(accel, -plant.sensor_range_m_s2), plant.sensor_range_m_s2)
-        samples[c] = convert(accel * plant.sensor_v_per_m_s2, plant.sensor_step_v, plant.sensor_range_v)
+        volts = accel * plant.sensor_v_per_m_s2
+        samples[c] = convert(volts, plant.sensor_step_v, plant.sensor_steps_per_v, plant.sensor_range_v)
 
 
 @entry

@@ -23,11 +23,12 @@ class Plant(NamedTuple):
     """Constant arrays of the kernel for n states and c = 1 + n_floors channels.
 
     Arrays with a leading axis of levels hold one entry per inner step: level L divides the sample interval
-    into 2^L inner steps. The matrices stand in tiles (tiles.tiled); their columns are the mechanical states, the
-    command, then tanh(v / v_s) at start, middle and end of the inner step, then clip(F_ref) - F_ref at the same.
+    into 2^L inner steps. The columns of the matrices are the mechanical states and the command; those of `push` go
+    on, after zeros up to `forces`, with tanh(v / v_s) at start, middle and end of the inner step and a zero, then
+    clip(F_ref) - F_ref at the same and a zero.
     """
 
-    push: Array  # (levels, tiles, columns, 4) state at the end of an inner step, what the sensors keep of themselves
+    push: Array  # (levels, ...) tiles.squares: state at the end of an inner step, what the sensors keep of themselves
     #              left out, then the absolute velocities of table and floors in its middle
     filters: Array  # (levels, 3) what a low pass keeps of itself, an AC coupling of itself, and takes of its low pass
     nodes: Array  # (levels, 1, columns, 4) v / v_s at middle and end, F_ref at middle and end, nonlinearities left out
@@ -39,17 +40,20 @@ class Plant(NamedTuple):
     bend: float  # square of the interval times the rates of actuator and friction
     reference_per_velocity: float  # what F_ref changes by with v
     mechanical: int  # number of mechanical states
+    forces: int  # first column of the nonlinearities
     has_low_pass: bool
     dt_s: float
-    friction_velocity_m_s: float
+    per_friction_velocity: float  # 1 / v_s
     force_limit_n: float
     stroke_m: float
     command_range_v: float
     command_step_v: float
+    command_steps_per_v: float
     sensor_range_m_s2: float
     sensor_v_per_m_s2: float
     sensor_range_v: float
     sensor_step_v: float
+    sensor_steps_per_v: float
     noise_rms_m_s2: float
     refine: int  # levels added to the one chosen (0; more to check the integration)
 

@@ -10,10 +10,10 @@ from rths_cli.errors import RigError
 from rths_cli.lti import Array
 from rths_cli.rigs.interface import RigInfo
 from rths_cli.rigs.virtual import kernel
-from rths_cli.rigs.virtual.levels import Parts, level, velocities
+from rths_cli.rigs.virtual.levels import Parts, levels, velocities
 from rths_cli.rigs.virtual.plant import Plant, accelerations, continuous, with_sensors
 from rths_cli.structure import Specimen
-from rths_cli.tiles import tiled
+from rths_cli.tiles import padded, tiled
 
 if TYPE_CHECKING:
     from rths_cli.case.virtual_physics import AfterIdentification, VirtualPhysics
@@ -53,38 +53,46 @@ def build_plant(
     velocity_rows = velocities(len(full), len(specimen.masses_kg))
     scale = np.array([1.0 / physics.coulomb_velocity_m_s, 1.0])
     parts = Parts(full, np.column_stack([full_n, full_u]), a.shape[0], rows, row_command, velocity_rows, scale)
-    levels = [level(parts, info.dt_s / 2**k) for k in range(LEVELS + refine)]
+    steps = levels(parts, info.dt_s, LEVELS + refine)
     swing = rows[1, 0] * np.eye(a.shape[0])[1] + rows[1, 1] * accel_rows[0]
     surge = a[1, 2] * (rows[1] - np.eye(a.shape[0])[2]) * info.dt_s / physics.actuator_time_constant_s
     surge_hold = a[1, 2] * row_command[1] * info.dt_s / physics.actuator_time_constant_s
     rates = 1.0 / physics.actuator_time_constant_s + abs(b_n[1, 0]) / physics.coulomb_velocity_m_s
     start = np.column_stack([np.vstack([accel_rows[0], rows[1], swing, surge]), [0.0, row_command[1], 0.0, surge_hold]])
     return Plant(
-        push=np.array([one.push for one in levels]),
-        filters=np.array([one.filters for one in levels]),
-        nodes=np.array([one.nodes for one in levels]),
-        feed=np.array([one.feed for one in levels]),
-        start=np.concatenate([tiled(start), levels[0].nodes]),
+        push=np.array([one.push for one in steps]),
+        filters=np.array([one.filters for one in steps]),
+        nodes=np.array([one.nodes for one in steps]),
+        feed=np.array([one.feed for one in steps]),
+        start=np.concatenate([tiled(start), steps[0].nodes]),
         accel_rows=np.ascontiguousarray(accel_rows),
         accel_friction=accel_friction,
         steps_cubed=0.008 * physics.coulomb_n * a[1, 2] / INTERPOLATED_M_S2,
         bend=(info.dt_s * rates) ** 2,
         reference_per_velocity=float(rows[1, 1]),
         mechanical=a.shape[0],
+        forces=padded(a.shape[0] + 1),
         has_low_pass=sensor.low_pass_hz > 0.0,
         dt_s=info.dt_s,
-        friction_velocity_m_s=physics.coulomb_velocity_m_s,
+        per_friction_velocity=1.0 / physics.coulomb_velocity_m_s,
         force_limit_n=physics.force_limit_n,
         stroke_m=info.limits.stroke_m,
         command_range_v=converters.range_v,
         command_step_v=converters.step_v,
+        command_steps_per_v=inverse(converters.step_v),
         sensor_range_m_s2=sensor.range_m_s2,
         sensor_v_per_m_s2=sensor.sensitivity_v_per_m_s2,
         sensor_range_v=converters.range_v,
         sensor_step_v=converters.step_v,
+        sensor_steps_per_v=inverse(converters.step_v),
         noise_rms_m_s2=noise_rms_m_s2,
         refine=refine,
     )
+
+
+def inverse(step: float) -> float:
+    """Return 1 / step, 0 for none."""
+    return 1.0 / step if step > 0.0 else 0.0
 
 
 class VirtualRig:

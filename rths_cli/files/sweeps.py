@@ -1,0 +1,214 @@
+"""The result file of a sweep (HDF5, `format = "rths-sweep"`, version 1): one table over all runs, at the root.
+
+Axes `variant` (runs counted from 1, the seed varying fastest) and `storey`; every varied key of the case, by its
+dotted name, and `seed` are coordinates along `variant`; every figure is a dataset named by its path. It opens in
+`xarray.open_dataset`. Written under a temporary name and renamed: a file with the final name is whole.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rths_cli.errors import InputError
+from rths_cli.files.hdf5 import Dataset, write_group
+from rths_cli.files.result_writer import Attribute, refusal
+from rths_cli.lti import Array
+
+FORMAT = "rths-sweep"
+FORMAT_VERSION = 1
+ENDINGS = (
+    ("_n_s_per_m", "N*s/m"), ("_n_per_m", "N/m"), ("_m_per_v", "m/V"), ("_m_s2", "m/s^2"), ("_m_s", "m/s"),
+    ("_hz", "Hz"), ("_kg", "kg"), ("_s", "s"), ("_v", "V"), ("_m", "m"), ("_n", "N"), ("_g", "g"),
+)  # fmt: skip
+TEXTS = {
+    "status": "how the run ended: complete, aborted, failed or refused",
+    "reason": "why it ended so",
+    "verdict": "what the check says of the hybrid test: safe, unsafe or unstable",
+    "model_sha256": "hash of the table model that drove the run",
+}
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure over all runs: `values` (n_variants,) or (n_variants, n_storeys), NaN where a run has none."""
+
+    values: Array
+    units: str
+    definition: str
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A sweep as its file holds it: n runs, the `seeds_per_point` of one grid point next to each other.
+
+    `varied`: the values (n,) of each varied key; `seed` (n,); `texts`: status, reason, verdict, model_sha256 (n,).
+    """
+
+    attributes: dict[str, Attribute]
+    case_yaml: str
+    resolved_yaml: str
+    seeds_per_point: int
+    varied: dict[str, tuple[Any, ...]]
+    seed: NDArray[np.int64]
+    texts: dict[str, tuple[str, ...]]
+    figures: dict[str, Figure]
+
+
+def write_sweep(path: Path, sweep: Sweep) -> None:
+    """Write the file of a sweep; raises InputError when the disk refuses."""
+    import h5py
+
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with h5py.File(part, "w") as file:
+            about = {"format": FORMAT, "format_version": FORMAT_VERSION, "seeds_per_point": sweep.seeds_per_point}
+            file.attrs.update({**sweep.attributes, **about, "coordinates": " ".join(["seed", *sweep.varied])})
+            write_group(file, _datasets(sweep), _scales(sweep))
+        os.replace(part, path)
+    except (OSError, RuntimeError) as error:
+        raise InputError(refusal(path, "cannot write the result file", error)) from error
+    finally:
+        with suppress(OSError):
+            part.unlink()
+
+
+def read_attributes(path: Path) -> dict[str, Attribute]:
+    """Return the root attributes of a sweep's file; raises InputError when it is none."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            found = {
+                name: value.item() if isinstance(value, np.generic) else value for name, value in file.attrs.items()
+            }
+    except (OSError, RuntimeError, ValueError):
+        found = {}
+    if found.get("format") != FORMAT:
+        raise InputError(
+            f"{path}: exists and is no result of a sweep, which alone is replaced; choose another --output"
+        )
+    return found
+
+
+def read_sweep(path: Path) -> Sweep:
+    """Return a sweep from its file; raises InputError when it is none."""
+    import h5py
+
+    attributes = read_attributes(path)
+    with h5py.File(path, "r") as file:
+        names = [name for name in file if not file[name].is_scale]
+        values = {name: file[name][()] for name in names if not h5py.check_string_dtype(file[name].dtype)}
+        texts = {name: file[name].asstr()[()] for name in names if name not in values}
+        units = {name: (str(file[name].attrs["units"]), str(file[name].attrs["long_name"])) for name in names}
+    keys = str(attributes["coordinates"]).split()[1:]
+    columns = texts | values
+    figures = {name: Figure(values[name], *units[name]) for name in values if name not in ("seed", *keys)}
+    return Sweep(
+        attributes,
+        str(texts["case_yaml"]),
+        str(texts["case_resolved"]),
+        int(attributes["seeds_per_point"]),
+        {key: tuple(columns[key].tolist()) for key in keys},
+        values["seed"],
+        {name: tuple(texts[name].tolist()) for name in TEXTS},
+        figures,
+    )
+
+
+def write_csv(path: Path, sweep: Sweep) -> None:
+    """Write the table of a sweep as CSV, one line per run, one column per figure and storey; raises InputError."""
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        part.write_text(_csv(sweep), encoding="utf-8")
+        os.replace(part, path)
+    except OSError as error:
+        raise InputError(refusal(path, "cannot write the table", error)) from error
+    finally:
+        with suppress(OSError):
+            part.unlink()
+
+
+def _csv(sweep: Sweep) -> str:
+    """Return the table as text; numbers read back to the last bit, a figure that is not there is empty."""
+    columns = dict(_columns(sweep))
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(zip(*columns.values(), strict=True))
+    return text.getvalue()
+
+
+def _columns(sweep: Sweep) -> Iterator[tuple[str, list[Any]]]:
+    """Yield name and values (n,) of each column: coordinates, texts, figures with their storey in brackets."""
+    yield "variant", list(range(1, len(sweep.seed) + 1))
+    yield from ((key, [_cell(value) for value in values]) for key, values in sweep.varied.items())
+    yield "seed", sweep.seed.tolist()
+    yield from ((name, list(sweep.texts[name])) for name in TEXTS)
+    for path, figure in sweep.figures.items():
+        if figure.values.ndim == 1:
+            yield path, [_cell(value) for value in figure.values.tolist()]
+            continue
+        for storey, values in enumerate(figure.values.T.tolist(), 1):
+            yield f"{path}[{storey}]", [_cell(value) for value in values]
+
+
+def _cell(value: Any) -> str:
+    """Return a value as CSV holds it."""
+    if isinstance(value, float):
+        return "" if value != value else repr(value)
+    return value if isinstance(value, str) else json.dumps(value)
+
+
+def _scales(sweep: Sweep) -> dict[str, Dataset]:
+    count = len(sweep.seed)
+    storeys = max((figure.values.shape[1] for figure in sweep.figures.values() if figure.values.ndim > 1), default=1)
+    return {
+        "variant": Dataset(np.arange(1, count + 1), "1", "run of the sweep, counted from 1", "computed"),
+        "storey": Dataset(np.arange(1, storeys + 1), "1", "storey, counted from 1 at the ground", "computed"),
+    }
+
+
+def _datasets(sweep: Sweep) -> dict[str, Dataset]:
+    """Return everything along the runs, and the case the sweep starts from."""
+    runs = ("variant",)
+    found = {
+        key: Dataset(_stored(key, v), _units(key), f"varied key {key}", "computed", runs)
+        for key, v in sweep.varied.items()
+    }
+    found["seed"] = Dataset(sweep.seed, "1", "seed of the run's noise", "computed", runs)
+    found |= {name: Dataset(_text(sweep.texts[name]), "1", about, "computed", runs) for name, about in TEXTS.items()}
+    for path, figure in sweep.figures.items():
+        dims = ("variant", "storey")[: figure.values.ndim]
+        found[path] = Dataset(figure.values, figure.units, figure.definition, "computed", dims)
+    found["case_yaml"] = Dataset(sweep.case_yaml, "1", "case file as written", "computed")
+    found["case_resolved"] = Dataset(
+        sweep.resolved_yaml, "1", "the case without what is varied, all defaults", "computed"
+    )
+    return found
+
+
+def _stored(key: str, values: tuple[Any, ...]) -> NDArray[Any]:
+    """Return the values (n,) of a varied key: numbers where all are, else text."""
+    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
+        return np.array(values, dtype=float)
+    return _text(tuple(value if isinstance(value, str) else json.dumps(value) for value in values))
+
+
+def _text(values: tuple[str, ...]) -> NDArray[Any]:
+    return np.array(values, dtype=np.str_)
+
+
+def _units(key: str) -> str:
+    """Return the unit that the name of a key ends with, 1 where it has none."""
+    return next((unit for ending, unit in ENDINGS if key.endswith(ending)), "1")

@@ -1,0 +1,99 @@
+"""Rows of a sweep under way and its table: what a killed process leaves, numbers to the last bit, units of keys."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from rths_cli.errors import InputError
+from rths_cli.files.sweep_rows_file import RowsFile, read_rows, rows_path
+from rths_cli.files.sweeps import Figure, Sweep, read_sweep, write_csv, write_sweep
+
+VALUES = [0.1, 1 / 3, 5e-324, -1.7976931348623157e308, float("inf"), float("nan"), -0.0]
+
+
+def test_rows_read_back_to_the_last_bit_and_half_a_line_is_dropped(tmp_path: Path) -> None:
+    path = tmp_path / "x.h5.rows"
+    assert rows_path(tmp_path / "x.h5") == path
+    with RowsFile(path, {"plan": "p"}, resume=False) as file:
+        file.append([0, "complete", VALUES])
+        assert len(read_rows(path)[1]) == 1  # it is on its way to the disk before the next run ends
+        file.append([1, "refused", []])
+    whole = path.read_bytes()
+    for cut in range(1, len(whole.splitlines(keepends=True)[-1])):
+        path.write_bytes(whole[:-cut])
+        header, rows = read_rows(path)
+        assert header["plan"] == "p" and len(rows) == 1
+        assert np.array(rows[0][2]).tobytes() == np.array(VALUES).tobytes()
+    with RowsFile(path, {}, resume=True) as file:
+        file.append([1, "refused", []])
+    assert path.read_bytes() == whole
+
+
+@pytest.mark.parametrize("text", [b"", b"\n", b"no json\n", b"[1]\n", b'{"format": "other"}\n', b"\xff\n"])
+def test_another_file_is_no_rows(tmp_path: Path, text: bytes) -> None:
+    path = tmp_path / "x.rows"
+    path.write_bytes(text)
+    with pytest.raises(InputError, match=r"x\.rows: .*remove it"):
+        read_rows(path)
+
+
+def test_rows_of_another_process_are_not_overwritten(tmp_path: Path) -> None:
+    with RowsFile(tmp_path / "x.rows", {}, resume=False), pytest.raises(InputError, match="File exists"):
+        RowsFile(tmp_path / "x.rows", {}, resume=False).__enter__()
+
+
+def made() -> Sweep:
+    figures = {"a.b_m": Figure(np.array(VALUES[:3]), "m", "one number"), "a.s": Figure(np.eye(3), "1", "per storey")}
+    texts = dict.fromkeys(("status", "reason", "verdict", "model_sha256"), ("x", "", 'ä, "q"\nnew line'))
+    varied = {
+        "scaling": (0.1, 1 / 3, 2),
+        "t.stiffness_n_per_m": (1.0, 2.0, 3.0),
+        "controller": ("FF", {"kind": "FF"}, [1]),
+    }
+    return Sweep({"plan_sha256": "p"}, "yaml", "resolved", 3, varied, np.array([5, 6, 2**53 - 1]), texts, figures)
+
+
+def test_a_table_reads_back(tmp_path: Path) -> None:
+    write_sweep(tmp_path / "x.h5", made())
+    back = read_sweep(tmp_path / "x.h5")
+    assert back.varied["scaling"] == (0.1, 1 / 3, 2.0)
+    assert [*map(json.loads, back.varied["controller"][1:])] == [{"kind": "FF"}, [1]]
+    assert back.seed.tolist() == [5, 6, 2**53 - 1] and back.texts == made().texts
+    assert back.figures["a.s"].values.tobytes() == np.eye(3).tobytes()
+    with h5py.File(tmp_path / "x.h5") as file:
+        assert file["t.stiffness_n_per_m"].attrs["units"] == "N/m" and file["scaling"].attrs["units"] == "1"
+        assert all(file[name].attrs["long_name"] and file[name].attrs["source"] for name in file)
+        assert [axis[0].name for axis in file["a.s"].dims] == ["/variant", "/storey"]
+    assert [path.name for path in tmp_path.iterdir()] == ["x.h5"]
+
+
+def test_a_table_as_csv_keeps_text_and_numbers(tmp_path: Path) -> None:
+    import csv
+
+    write_csv(tmp_path / "x.csv", made())
+    with open(tmp_path / "x.csv", newline="", encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [float(row["scaling"]) for row in rows] == [0.1, 1 / 3, 2.0]
+    assert rows[2]["reason"] == made().texts["reason"][2]
+    assert [rows[1][f"a.s[{k}]"] for k in (1, 2, 3)] == ["0.0", "1.0", "0.0"]
+
+
+def test_a_disk_that_refuses_is_a_sentence_and_leaves_nothing(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"cannot write the result file"):
+        write_sweep(tmp_path / "none" / "x.h5", made())
+    with pytest.raises(InputError, match=r"cannot write the table"):
+        write_csv(tmp_path / "none" / "x.csv", made())
+
+
+def test_many_runs_are_not_stored_one_chunk_each(tmp_path: Path) -> None:
+    runs = 4000
+    texts = dict.fromkeys(made().texts, ("x",) * runs)
+    figures = {"a": Figure(np.ones((runs, 3)), "m", "the same in every run")}
+    write_sweep(tmp_path / "x.h5", Sweep({}, "", "", 1, {}, np.arange(runs), texts, figures))
+    with h5py.File(tmp_path / "x.h5") as file:
+        assert file["a"].chunks is None and file["a"].shape == (runs, 3)

@@ -1,0 +1,28 @@
+"""What is kept: made once, the least recently used goes first, failures are not kept."""
+
+from __future__ import annotations
+
+import pytest
+
+from rths_cli.workflows.kept import Kept
+
+
+def test_a_value_is_made_once_and_the_one_not_used_longest_is_made_anew() -> None:
+    kept, made = Kept(size=2), []
+
+    def get(key: str, kind: str = "a") -> str:
+        return kept.get(kind, key, lambda: made.append(key) or key.upper())  # type: ignore[func-returns-value]
+
+    assert [get(key) for key in ("x", "y", "x", "z", "x")] == ["X", "Y", "X", "Z", "X"]
+    assert made == ["x", "y", "z"]
+    get("y")
+    assert made == ["x", "y", "z", "y"]
+    get("x", kind="b")
+    assert made[-1] == "x" and len(made) == 5
+
+
+def test_what_fails_is_tried_again() -> None:
+    kept = Kept()
+    with pytest.raises(ZeroDivisionError):
+        kept.get("a", 1, lambda: 1 / 0)
+    assert kept.get("a", 1, lambda: 2.0) == 2.0

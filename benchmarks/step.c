@@ -21,10 +21,10 @@ typedef struct {
   Channels correction;
   Linear estimator;
   Array shear_recent;
-  double shear_desired;
+  double shear_returned;
   Modal numerical;
   Linear feedforward, feedback;
-  Array recent, samples, corrected, estimated, base_shear, interface, error, shaping;
+  Array recent, samples, corrected, estimated, base_shear, interface, error, shortfall, shaping;
   double command_limit_v, feedback_limit_v, ripple_m_s2_per_v, ripple_sum_m_s2_per_v;
   Array sent;
 } Step;
@@ -39,18 +39,19 @@ typedef struct { Integers flags; Array motion, codes, desired_at, moved; Integer
 typedef struct {
   Array push, filters, nodes, feed, start, accel_rows, accel_friction;
   double steps_cubed, bend, reference_per_velocity;
-  int64_t mechanical, has_low_pass;
-  double dt_s, friction_velocity_m_s, force_limit_n, stroke_m, command_range_v, command_step_v;
-  double sensor_range_m_s2, sensor_v_per_m_s2, sensor_range_v, sensor_step_v, noise_rms_m_s2;
+  int64_t mechanical, forces, has_low_pass;
+  double dt_s, per_friction_velocity, force_limit_n, stroke_m, command_range_v, command_step_v, command_steps_per_v;
+  double sensor_range_m_s2, sensor_v_per_m_s2, sensor_range_v, sensor_step_v, sensor_steps_per_v, noise_rms_m_s2;
   int64_t refine;
 } Plant;
-typedef struct { Array state, low, coupled, made, begin, offsets, queue, middle_velocity; Integers fault; } PlantState;
+typedef struct { Array state, state_tiles, low, coupled, made, made_tiles, begin, offsets, queue, middle_velocity; Integers fault; } PlantState;
 
 typedef struct {
   Array command_v, desired, corrected, estimated, base_shear_n, true_velocity_m_s, true_displacement_m, compute_ns;
 } Log;
 
 enum { EXCITATION, RECORD, NUMERICAL };
+enum { STAMPED = 16 }; /* steps per look at the time */
 enum { RUNNING, BRAKING, RETURNING, STOPPED };
 enum { NONE, STROKE, VELOCITY, ACCELERATION, FORCE, COMMAND, TRACKING, NOT_A_NUMBER, SATURATED, STUCK };
 
@@ -108,7 +109,7 @@ INLINE void advance_numerical(const Step *s, const double *drive) {
   product(b->outputs.at, 1, b->outputs.shape[1], b->state.shape[0], b->state.at, b->made.at);
   const double *direct = b->direct.at, ground = drive[0];
   const double freely = b->made.at[0] + direct[0] * ground + direct[1] * known;
-  const double shear = known + s->shear_desired * (freely / (1.0 - direct[1] * s->shear_desired));
+  const double shear = known + s->shear_returned * freely;
   s->base_shear.at[0] = shear;
   for (int i = 0; i < 3; i++)
     s->interface.at[i] = b->made.at[i] + direct[2 * i] * ground + direct[2 * i + 1] * shear;
@@ -126,7 +127,7 @@ INLINE void advance_numerical(const Step *s, const double *drive) {
 INLINE double shape(const Step *s, double command) {
   const double size = s->shaping.at[1];
   if (size == 0.0 || !isfinite(command)) return command;
-  const double wanted = command + s->shaping.at[0], rounded = floor(wanted / size + 0.5) * size;
+  const double wanted = command + s->shaping.at[0], rounded = floor(wanted * s->shaping.at[2] + 0.5) * size;
   s->shaping.at[0] = wanted - rounded;
   return rounded;
 }
@@ -143,7 +144,7 @@ INLINE double feed_back(const Step *s, double forward) {
   if (learns && applied != wanted) {
     s->error.at[1] = applied - wanted;
     for (int64_t i = 0; i < b->states; i++)
-      b->given.at[i] += b->matrix.at[4 * (i / 4 * b->matrix.shape[1] + b->states + 1) + i % 4] * s->error.at[1];
+      b->given.at[i] += s->shortfall.at[i] * s->error.at[1];
   }
   return applied;
 }
@@ -256,8 +257,8 @@ INLINE double guard(const GuardLimits *lim, const GuardState *g, double command,
 static const double saturated = 10.0, solved = 1e-9;
 enum { CLIPPED_LEVEL = 4, CROSSING_LEVEL = 9 };
 
-INLINE double convert(double value, double size, double bound) {
-  if (size > 0.0) value = floor(value / size + 0.5) * size;
+INLINE double convert(double value, double size, double per_unit, double bound) {
+  if (size > 0.0) value = floor(value * per_unit + 0.5) * size;
   return least(most(value, -bound), bound - size);
 }
 
@@ -291,9 +292,9 @@ INLINE int64_t choose_level(const Plant *p, const PlantState *s, int *active) {
   const int64_t n = p->mechanical;
   product(p->start.at, p->start.shape[0], p->start.shape[1], n + 1, s->state.at, s->begin.at);
   const double *begin = s->begin.at;
-  const double velocity = s->state.at[1] / p->friction_velocity_m_s;
-  const double friction_accel = p->accel_friction.at[0] * s->state.at[n + 3];
-  const double change = (fabs(begin[0] + friction_accel) + fabs(begin[3])) * p->dt_s / p->friction_velocity_m_s;
+  const double velocity = s->state.at[1] * p->per_friction_velocity;
+  const double friction_accel = p->accel_friction.at[0] * s->state.at[p->forces + 2];
+  const double change = (fabs(begin[0] + friction_accel) + fabs(begin[3])) * p->dt_s * p->per_friction_velocity;
   const double nearest = most(fabs(velocity) - 1.5 * change, 0.0);
   int64_t level = 0;
   *active = nearest > saturated ? 0 : 1;
@@ -312,14 +313,14 @@ INLINE int64_t choose_level(const Plant *p, const PlantState *s, int *active) {
 }
 
 INLINE void solve_friction(const Plant *p, const PlantState *s, int64_t level) {
-  double *state = s->state.at + p->mechanical;
+  double *state = s->state.at + p->forces;
   const double *at_middle = feed_of(p, level, 0, 0), *at_end = feed_of(p, level, 1, 0);
-  const double begun = state[3], ratio = s->state.at[1] / p->friction_velocity_m_s;
+  const double begun = state[2], ratio = s->state.at[1] * p->per_friction_velocity;
   const double m1 = at_middle[1], m2 = at_middle[2], e1 = at_end[1], e2 = at_end[2];
   const double middle_free = s->offsets.at[0] + at_middle[0] * begun - ratio;
   const double end_free = s->offsets.at[1] + at_end[0] * begun - ratio;
   double middle = follow(begun, middle_free + (m1 + m2) * begun), end = follow(begun, end_free + (e1 + e2) * begun);
-  state[1] = begun;
+  state[0] = begun;
   for (int i = 0; i < 20; i++) {
     const double middle_is = tanh_after(begun, ratio, middle_free + m1 * middle + m2 * end);
     const double end_is = tanh_after(begun, ratio, end_free + e1 * middle + e2 * end);
@@ -333,29 +334,29 @@ INLINE void solve_friction(const Plant *p, const PlantState *s, int64_t level) {
     const double moved = most(fabs(m1 * by_middle + m2 * by_end), fabs(e1 * by_middle + e2 * by_end));
     if (moved * moved < solved) break;
   }
-  state[2] = middle;
-  state[3] = end;
+  state[1] = middle;
+  state[2] = end;
 }
 
 INLINE double argument(const Plant *p, const PlantState *s, int64_t level, int node, int which) {
-  const double *feed = feed_of(p, level, node, which), *acting = s->state.at + p->mechanical + 1;
+  const double *feed = feed_of(p, level, node, which), *acting = s->state.at + p->forces;
   double value = s->offsets.at[2 * which + node];
-  for (int j = 0; j < 6; j++) value += feed[j] * acting[j];
+  for (int j = 0; j < 3; j++) value += feed[j] * acting[j] + feed[3 + j] * acting[4 + j];
   return value;
 }
 
 static __attribute__((noinline)) void solve_both(const Plant *p, const PlantState *s, int64_t level) {
-  double *state = s->state.at + p->mechanical;
+  double *state = s->state.at + p->forces;
   product(p->start.at, 1, p->start.shape[1], p->mechanical + 1, s->state.at, s->begin.at);
-  state[1] = state[2] = state[3];
+  state[0] = state[1] = state[2];
   state[4] = state[5] = state[6] = clipped(s->begin.at[1], p);
   for (int i = 0; i < 20; i++) {
     double change = 0.0;
     for (int node = 0; node < 2; node++) {
       const double friction = tanh_exactly(argument(p, s, level, node, 0));
       const double clip = clipped(argument(p, s, level, node, 1), p);
-      change = most(change, most(fabs(friction - state[2 + node]), fabs(clip - state[5 + node])));
-      state[2 + node] = friction;
+      change = most(change, most(fabs(friction - state[1 + node]), fabs(clip - state[5 + node])));
+      state[1 + node] = friction;
       state[5 + node] = clip;
     }
     if (change < 1e-10) return;
@@ -366,7 +367,7 @@ INLINE void solve(const Plant *p, const PlantState *s, int64_t level, int active
   const int64_t n = p->mechanical;
   if (active == 0) {
     const double sign = copysign(1.0, s->state.at[1]);
-    s->state.at[n + 1] = s->state.at[n + 2] = s->state.at[n + 3] = sign;
+    s->state.at[p->forces] = s->state.at[p->forces + 1] = s->state.at[p->forces + 2] = sign;
     return;
   }
   if (level > 0)
@@ -378,7 +379,7 @@ INLINE void solve(const Plant *p, const PlantState *s, int64_t level, int active
 static __attribute__((noinline)) void sense_directly(const Plant *p, const PlantState *s) {
   const int64_t n = p->mechanical;
   for (int64_t c = 0; c < s->low.shape[0]; c++) {
-    double value = p->accel_friction.at[c] * s->state.at[n + 3];
+    double value = p->accel_friction.at[c] * s->state.at[p->forces + 2];
     for (int64_t i = 0; i < n; i++) value += p->accel_rows.at[n * c + i] * s->state.at[i];
     s->low.at[c] = value;
   }
@@ -386,7 +387,7 @@ static __attribute__((noinline)) void sense_directly(const Plant *p, const Plant
 
 INLINE void take(const Plant *p, const PlantState *s, int64_t level, int64_t columns) {
   const int64_t n = p->mechanical, channels = s->low.shape[0];
-  product(level_of(&p->push, level), p->push.shape[1], p->push.shape[2], columns, s->state.at, s->made.at);
+  product(level_of(&p->push, level), p->push.shape[1], 4 * p->push.shape[2], columns, s->state.at, s->made.at);
   const double *restrict made = s->made.at, *filter = p->filters.at + 3 * level;
   double *restrict state = s->state.at, *restrict low = s->low.at, *restrict coupled = s->coupled.at;
   for (int64_t i = 0; i < n; i++) state[i] = made[i];
@@ -408,10 +409,10 @@ INLINE void note_velocity(const PlantState *s, int64_t mechanical) {
 INLINE void hold(const Plant *p, const PlantState *s, double command) {
   const int64_t last = s->queue.shape[0] - 1, n = p->mechanical, channels = s->low.shape[0];
   for (int64_t i = 0; i < last; i++) s->queue.at[i] = s->queue.at[i + 1];
-  s->queue.at[last] = convert(command, p->command_step_v, p->command_range_v);
+  s->queue.at[last] = convert(command, p->command_step_v, p->command_steps_per_v, p->command_range_v);
   s->state.at[n] = s->queue.at[0];
   int active;
-  const int64_t level = choose_level(p, s, &active), columns = active == 2 ? n + 7 : n + 4;
+  const int64_t level = choose_level(p, s, &active), columns = p->forces + (active == 2 ? 8 : 4);
   const int64_t steps = (int64_t)1 << level, half = steps >> 1;
   for (int64_t i = 0; i < steps; i++) {
     if (half > 0 && i == half) note_velocity(s, n);
@@ -420,15 +421,15 @@ INLINE void hold(const Plant *p, const PlantState *s, double command) {
   }
   if (half == 0)
     for (int64_t c = 0; c < channels; c++) s->middle_velocity.at[c] = s->made.at[n + 2 * channels + c];
-  const double ratio = s->state.at[1] / p->friction_velocity_m_s;
-  s->state.at[n + 3] = fabs(ratio) > saturated ? copysign(1.0, ratio) : tanh_exactly(ratio);
+  const double ratio = s->state.at[1] * p->per_friction_velocity;
+  s->state.at[p->forces + 2] = fabs(ratio) > saturated ? copysign(1.0, ratio) : tanh_exactly(ratio);
   if (fabs(s->state.at[0]) > p->stroke_m) s->fault.at[0] = 1;
 }
 
 INLINE void read(const Plant *p, const PlantState *s, const double *noise, const Array *samples) {
   for (int64_t c = 0; c < samples->shape[0]; c++) {
     const double accel = within(s->low.at[c] - s->coupled.at[c] + p->noise_rms_m_s2 * noise[c], p->sensor_range_m_s2);
-    samples->at[c] = convert(accel * p->sensor_v_per_m_s2, p->sensor_step_v, p->sensor_range_v);
+    samples->at[c] = convert(accel * p->sensor_v_per_m_s2, p->sensor_step_v, p->sensor_steps_per_v, p->sensor_range_v);
   }
 }
 
@@ -467,9 +468,11 @@ int64_t run(const Plant *plant_, const PlantState *table_, const Step *step_, co
     note(&s, &log, k, n, command);
     hold(&plant, &table, command);
     for (int64_t c = 0; c < channels; c++) log.true_velocity_m_s.at[n * c + k] = table.middle_velocity.at[c];
-    const int64_t now = monotonic_ns();
-    log.compute_ns.at[k] = now - before;
-    before = now;
+    if ((k + 1) % STAMPED == 0) {
+      const int64_t now = monotonic_ns();
+      for (int64_t i = 0; i < STAMPED; i++) log.compute_ns.at[k - i] = (double)(now - before) / STAMPED;
+      before = now;
+    }
     if (table.fault.at[0] != 0 || g.flags.at[0] == STOPPED) return k + 1;
   }
   return n;

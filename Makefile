@@ -26,7 +26,7 @@ test: $(DEV_STAMP) ## install with the test tools and run the tests
 check: $(DEV_STAMP) ## lint, types, import layers
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy && $(BIN)/lint-imports
 
-bench: $(DEV_STAMP) ## time the step and whole commands
+bench: $(DEV_STAMP) ## speed against C, numpy, scipy, python-control, and of whole commands (about 4 minutes)
 	@$(BIN)/python benchmarks/run.py
 
 clean: ## remove the environment and the results

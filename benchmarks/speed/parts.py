@@ -1,0 +1,40 @@
+"""The parts of the benchmark by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+from rths_cli.workflows.known import Memory
+from rths_cli.workflows.model_store import Cache
+from rths_cli.workflows.setup import Setup
+from speed import play
+from speed.commands import command_rows
+from speed.growth import growth_rows
+from speed.rivals import rival_rows
+from speed.rows import Row
+from speed.sim import sim_rows
+from speed.step import step_rows
+from speed.sweep import sweep_rows
+
+
+@cache
+def paper_case() -> tuple[Setup, play.Inputs]:
+    """Return the case that all parts share, and what its EXP-RTHS reads."""
+    setup, blocks = play.prepared(Memory(Cache()))
+    return setup, play.inputs(setup, blocks)
+
+
+PARTS: dict[str, Callable[[], list[Row]]] = {
+    "step": lambda: step_rows(paper_case()[1]),
+    "rivals": lambda: rival_rows(*paper_case()),
+    "sim": lambda: sim_rows(paper_case()[0]),
+    "commands": command_rows,
+    "growth": lambda: growth_rows(*paper_case()),
+    "sweep": sweep_rows,
+}
+
+
+def rows_of(part: str) -> list[Row]:
+    """Measure one part."""
+    return PARTS[part]()

@@ -1,0 +1,86 @@
+"""The inputs of one EXP-RTHS on the virtual rig, and the arrays it changes: the same for our step and the one in C."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from rths_cli.case.load import load_cases
+from rths_cli.control.blocks import Blocks
+from rths_cli.loop.blocks import NUMERICAL, Step, assemble
+from rths_cli.loop.drive import Log, empty_log, run_virtual
+from rths_cli.loop.guard import GuardLimits, GuardState, fresh_guard
+from rths_cli.lti import Array
+from rths_cli.rigs.virtual.kernel import PlantState, fresh_state
+from rths_cli.rigs.virtual.plant import Plant
+from rths_cli.workflows.controllers import design_blocks
+from rths_cli.workflows.known import Memory
+from rths_cli.workflows.rigs import EXP_RTHS, guard_limits, open_rig
+from rths_cli.workflows.setup import Setup, make_setup
+from speed.rows import seconds
+
+CASE = "el_centro_low_ff_fb"
+SIGNALS = tuple(name for name in Log._fields if name != "compute_ns")
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What a run reads: `drive` (n, 3), `noise` (n + 1, c) standard normal."""
+
+    plant: Plant
+    blocks: Blocks
+    limits: GuardLimits
+    drive: Array
+    noise: Array
+
+
+@dataclass(frozen=True)
+class State:
+    """What a run changes."""
+
+    table: PlantState
+    step: Step
+    guard: GuardState
+    log: Log
+
+
+Bind = Callable[[Inputs, State], Callable[[], int]]  # what plays a run
+
+
+def prepared(memory: Memory, case: str = CASE, settings: tuple[str, ...] = ()) -> tuple[Setup, Blocks]:
+    """Return a case as set up, and the blocks of its step; the model is identified unless the memory has it."""
+    setup = make_setup(load_cases([case], settings)[0])
+    return setup, design_blocks(setup, memory.identify(setup, lambda _: None)).blocks
+
+
+def inputs(setup: Setup, blocks: Blocks) -> Inputs:
+    """Return what EXP-RTHS of a case reads."""
+    motion = setup.motion
+    drive = np.column_stack([motion.accel_m_s2, motion.velocity_m_s, motion.displacement_m])
+    drive = np.vstack([drive, np.repeat(drive[-1:], blocks.lead_samples, axis=0)])
+    rig = open_rig(setup, (EXP_RTHS,), setup.case.seed)
+    noise = rig.noise(len(drive) + 1)
+    return Inputs(rig.plant, blocks, guard_limits(setup), np.ascontiguousarray(drive), np.ascontiguousarray(noise))
+
+
+def fresh(given: Inputs) -> State:
+    """Return table, step and guard at rest, and an empty log."""
+    channels = given.noise.shape[1]
+    step = assemble(given.blocks, NUMERICAL)
+    log = empty_log(len(given.drive), channels, step.estimated.size)
+    return State(fresh_state(given.plant, given.blocks.latency_samples), step, fresh_guard(channels), log)
+
+
+def bound(given: Inputs, state: State) -> Callable[[], int]:
+    """Return a function that plays the run by our compiled step and returns the number of steps done."""
+    scratch = np.zeros(2, dtype=np.int64)
+    return run_virtual.bind(
+        given.plant, state.table, state.step, given.limits, state.guard, given.drive, given.noise, state.log, scratch
+    )
+
+
+def seconds_of(given: Inputs, bind: Bind) -> float:
+    """Return how long a run takes that begins at rest, by whatever `bind` makes of it."""
+    return seconds(bind(given, fresh(given)))

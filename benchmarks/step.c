@@ -1,0 +1,479 @@
+/* One EXP-RTHS on the virtual table in C: what rths_cli/loop/drive.py run_virtual does, block by block, on its arrays.
+
+   The structures mirror the NamedTuples of Python field by field (speed/in_c.py hands them over). Sizes are known at run
+   time only, as there. */
+
+#include <math.h>
+#include <stdint.h>
+#include <time.h>
+
+#define INLINE static inline __attribute__((always_inline))
+
+typedef double v4 __attribute__((vector_size(32), aligned(8)));
+typedef struct { double *at; int64_t shape[4]; } Array;
+typedef struct { int64_t *at; int64_t shape[4]; } Integers;
+
+typedef struct { Array matrix, given, made; int64_t states; } Linear;
+typedef struct { Array matrix, given; } Channels;
+typedef struct { Array turn, drive, outputs, direct, state, made; } Modal;
+typedef struct {
+  int64_t source;
+  Channels correction;
+  Linear estimator;
+  Array shear_recent;
+  double shear_returned;
+  Modal numerical;
+  Linear feedforward, feedback;
+  Array recent, samples, corrected, estimated, base_shear, interface, error, shortfall, shaping;
+  double command_limit_v, feedback_limit_v, ripple_m_s2_per_v, ripple_sum_m_s2_per_v;
+  Array sent;
+} Step;
+
+typedef struct {
+  double stroke_m, velocity_m_s, acceleration_m_s2, force_n, command_v, tracking_error_m_s2, gain_m_per_v, dt_s;
+  Array masses_kg, saturation_v;
+  double stuck_m_s2;
+} GuardLimits;
+typedef struct { Integers flags; Array motion, codes, desired_at, moved; Integers same; } GuardState;
+
+typedef struct {
+  Array push, filters, nodes, feed, start, accel_rows, accel_friction;
+  double steps_cubed, bend, reference_per_velocity;
+  int64_t mechanical, forces, has_low_pass;
+  double dt_s, per_friction_velocity, force_limit_n, stroke_m, command_range_v, command_step_v, command_steps_per_v;
+  double sensor_range_m_s2, sensor_v_per_m_s2, sensor_range_v, sensor_step_v, sensor_steps_per_v, noise_rms_m_s2;
+  int64_t refine;
+} Plant;
+typedef struct { Array state, state_tiles, low, coupled, made, made_tiles, begin, offsets, queue, middle_velocity; Integers fault; } PlantState;
+
+typedef struct {
+  Array command_v, desired, corrected, estimated, base_shear_n, true_velocity_m_s, true_displacement_m, compute_ns;
+} Log;
+
+enum { EXCITATION, RECORD, NUMERICAL };
+enum { STAMPED = 16 }; /* steps per look at the time */
+enum { RUNNING, BRAKING, RETURNING, STOPPED };
+enum { NONE, STROKE, VELOCITY, ACCELERATION, FORCE, COMMAND, TRACKING, NOT_A_NUMBER, SATURATED, STUCK };
+
+/* in the order of speed/in_c.py: a change of a NamedTuple must not go unseen */
+const int64_t sizes[] = {sizeof(Plant), sizeof(PlantState), sizeof(Step), sizeof(GuardLimits), sizeof(GuardState), sizeof(Log)};
+
+INLINE double least(double a, double b) { return a < b ? a : b; }
+INLINE double most(double a, double b) { return a > b ? a : b; }
+INLINE double within(double value, double bound) { return least(most(value, -bound), bound); }
+
+/* made = matrix @ given, tiles of four rows (count, stride, 4), their first columns only */
+INLINE void product(const double *restrict tiles, int64_t count, int64_t stride, int64_t columns,
+                    const double *restrict given, double *restrict made) {
+  for (int64_t t = 0; t < count; t++) {
+    const double *tile = tiles + 4 * stride * t;
+    v4 a = {0, 0, 0, 0}, b = a;
+    int64_t j = 0;
+    for (; j + 2 <= columns; j += 2) {
+      a += *(const v4 *)(tile + 4 * j) * given[j];
+      b += *(const v4 *)(tile + 4 * j + 4) * given[j + 1];
+    }
+    if (j < columns) a += *(const v4 *)(tile + 4 * j) * given[j];
+    *(v4 *)(made + 4 * t) = a + b;
+  }
+}
+
+/* ---- the step ---- */
+
+INLINE void apply(const Linear *b) {
+  product(b->matrix.at, b->matrix.shape[0], b->matrix.shape[1], b->given.shape[0], b->given.at, b->made.at);
+  for (int64_t i = 0; i < b->states; i++) b->given.at[i] = b->made.at[i];
+}
+
+INLINE void sense(const Step *s) {
+  const int64_t channels = s->samples.shape[0];
+  for (int64_t c = 0; c < channels; c++) {
+    const double *matrix = s->correction.matrix.at + 16 * c;
+    double *given = s->correction.given.at + 4 * c;
+    v4 sum = *(const v4 *)matrix * given[0] + *(const v4 *)(matrix + 4) * given[1] + *(const v4 *)(matrix + 8) * given[2]
+             + *(const v4 *)(matrix + 12) * s->samples.at[c];
+    *(v4 *)given = sum;
+    s->corrected.at[c] = sum[3];
+  }
+  const int64_t held = s->sent.shape[0];
+  const double now = s->sent.at[held - 2], before = s->sent.at[held - 1];
+  s->corrected.at[0] -= s->ripple_m_s2_per_v * (now - before) + s->ripple_sum_m_s2_per_v * (now + before);
+  apply(&s->estimator);
+}
+
+INLINE void advance_numerical(const Step *s, const double *drive) {
+  const Modal *b = &s->numerical;
+  const int64_t m = b->turn.shape[1], lead = s->shear_recent.shape[0];
+  double known = s->estimator.made.at[s->estimator.states + s->estimated.shape[0]];
+  for (int64_t i = 0; i < lead; i++) known += s->shear_recent.at[i] * s->recent.at[i];
+  product(b->outputs.at, 1, b->outputs.shape[1], b->state.shape[0], b->state.at, b->made.at);
+  const double *direct = b->direct.at, ground = drive[0];
+  const double freely = b->made.at[0] + direct[0] * ground + direct[1] * known;
+  const double shear = known + s->shear_returned * freely;
+  s->base_shear.at[0] = shear;
+  for (int i = 0; i < 3; i++)
+    s->interface.at[i] = b->made.at[i] + direct[2 * i] * ground + direct[2 * i + 1] * shear;
+  s->interface.at[1] += drive[1];
+  s->interface.at[2] += drive[2];
+  double *restrict first = b->state.at, *restrict second = b->state.at + m;
+  const double *restrict turn = b->turn.at, *restrict into = b->drive.at;
+  for (int64_t i = 0; i < m; i++) {
+    const double one = first[i], two = second[i];
+    first[i] = turn[i] * one + turn[m + i] * two + (into[i] * ground + into[m + i] * shear);
+    second[i] = turn[2 * m + i] * one + turn[3 * m + i] * two + (into[2 * m + i] * ground + into[3 * m + i] * shear);
+  }
+}
+
+INLINE double shape(const Step *s, double command) {
+  const double size = s->shaping.at[1];
+  if (size == 0.0 || !isfinite(command)) return command;
+  const double wanted = command + s->shaping.at[0], rounded = floor(wanted * s->shaping.at[2] + 0.5) * size;
+  s->shaping.at[0] = wanted - rounded;
+  return rounded;
+}
+
+INLINE double feed_back(const Step *s, double forward) {
+  const Linear *b = &s->feedback;
+  const int64_t learns = s->error.shape[0] > 1;
+  if (learns) s->error.at[1] = 0.0;
+  apply(b);
+  const double wanted = b->made.at[b->states];
+  const double highest = least(s->feedback_limit_v, most(s->command_limit_v - forward, 0.0));
+  const double lowest = most(-s->feedback_limit_v, least(-s->command_limit_v - forward, 0.0));
+  const double applied = wanted > highest ? highest : wanted < lowest ? lowest : wanted;
+  if (learns && applied != wanted) {
+    s->error.at[1] = applied - wanted;
+    for (int64_t i = 0; i < b->states; i++)
+      b->given.at[i] += s->shortfall.at[i] * s->error.at[1];
+  }
+  return applied;
+}
+
+INLINE double step(const Step *s, const double *drive) {
+  sense(s);
+  if (s->source == EXCITATION) return drive[0];
+  const int64_t lead = s->shear_recent.shape[0];
+  if (s->source == NUMERICAL) advance_numerical(s, drive);
+  else for (int i = 0; i < 3; i++) s->interface.at[i] = drive[i];
+  s->recent.at[lead] = s->interface.at[0];
+  s->error.at[0] = s->recent.at[0] - s->corrected.at[0];
+  apply(&s->feedforward);
+  const double forward = s->feedforward.made.at[s->feedforward.states];
+  for (int64_t i = 0; i < lead; i++) s->recent.at[i] = s->recent.at[i + 1];
+  return shape(s, forward + feed_back(s, forward));
+}
+
+INLINE void note_sent(const Step *s, double command) {
+  for (int64_t i = s->sent.shape[0] - 1; i > 0; i--) s->sent.at[i] = s->sent.at[i - 1];
+  s->sent.at[0] = command;
+}
+
+/* ---- the guard; BRAKE_SHARE, RETURN_RATE, ... as in rths_cli/loop/guard.py ---- */
+
+static const double brake_share = 0.45, return_rate_rad_s = 7.5, at_rest_m = 1e-6, stuck_s = 0.5;
+
+INLINE int is_stuck(const GuardLimits *lim, const GuardState *g, int64_t c, double sample, double desired) {
+  if (sample != g->codes.at[c]) {
+    g->codes.at[c] = sample;
+    g->desired_at.at[c] = desired;
+    g->moved.at[c] = 0.0;
+    g->same.at[c] = 0;
+    return 0;
+  }
+  g->same.at[c]++;
+  g->moved.at[c] = most(g->moved.at[c], fabs(desired - g->desired_at.at[c]));
+  return g->same.at[c] * lim->dt_s >= stuck_s && g->moved.at[c] > lim->stuck_m_s2;
+}
+
+INLINE int check_samples(const GuardLimits *lim, const GuardState *g, const Array *samples, const double *accel, double desired) {
+  double force = 0.0;
+  for (int64_t c = 0; c < samples->shape[0]; c++) {
+    const double sample = samples->at[c];
+    g->flags.at[2] = c;
+    if (!isfinite(sample)) return NOT_A_NUMBER;
+    if (fabs(sample) >= lim->saturation_v.at[c]) return SATURATED;
+    if (fabs(accel[c]) > lim->acceleration_m_s2) return ACCELERATION;
+    if (is_stuck(lim, g, c, sample, desired)) return STUCK;
+    force += lim->masses_kg.at[c] * accel[c];
+  }
+  g->flags.at[2] = -1;
+  return fabs(force) > lim->force_n ? FORCE : NONE;
+}
+
+INLINE double farthest(const GuardLimits *lim) { return least(lim->stroke_m, lim->gain_m_per_v * lim->command_v); }
+
+INLINE int check_command(const GuardLimits *lim, const GuardState *g, double command, double error) {
+  if (!(isfinite(command) && isfinite(error))) return NOT_A_NUMBER;
+  if (fabs(command) > lim->command_v) return COMMAND;
+  const double place = lim->gain_m_per_v * command, velocity = (place - g->motion.at[0]) / lim->dt_s;
+  if (fabs(velocity) > lim->velocity_m_s) return VELOCITY;
+  const double braked = place + 0.5 * velocity * fabs(velocity) / (brake_share * lim->acceleration_m_s2);
+  if (most(fabs(place), fabs(braked)) > farthest(lim)) return STROKE;
+  return fabs(error) > lim->tracking_error_m_s2 ? TRACKING : NONE;
+}
+
+static __attribute__((noinline)) void ramp_down(const GuardLimits *lim, const GuardState *g) {
+  const double by_velocity = M_E * lim->velocity_m_s / farthest(lim);
+  const double by_acceleration = sqrt(brake_share * lim->acceleration_m_s2 / farthest(lim));
+  const double rate = least(return_rate_rad_s, least(by_velocity, by_acceleration));
+  double place = g->motion.at[0], velocity = g->motion.at[1];
+  if (g->flags.at[0] == BRAKING) {
+    velocity = copysign(most(fabs(velocity) - brake_share * lim->acceleration_m_s2 * lim->dt_s, 0.0), velocity);
+    place += velocity * lim->dt_s;
+    if (velocity == 0.0) g->flags.at[0] = RETURNING;
+  } else if (g->flags.at[0] == RETURNING) {
+    const double slope = (velocity + rate * place) * lim->dt_s, decay = exp(-rate * lim->dt_s);
+    place = (place + slope) * decay;
+    velocity = (velocity - rate * slope) * decay;
+    if (fabs(place) < at_rest_m && fabs(velocity) < at_rest_m * rate) {
+      g->flags.at[0] = STOPPED;
+      place = velocity = 0.0;
+    }
+  }
+  g->motion.at[0] = place;
+  g->motion.at[1] = velocity;
+}
+
+INLINE double guard(const GuardLimits *lim, const GuardState *g, double command, const Step *s) {
+  if (g->flags.at[0] == RUNNING) {
+    int reason = check_samples(lim, g, &s->samples, s->corrected.at, s->interface.at[0]);
+    if (reason == NONE) reason = check_command(lim, g, command, s->error.at[0]);
+    if (reason == NONE) {
+      const double place = lim->gain_m_per_v * command;
+      g->motion.at[1] = (place - g->motion.at[0]) / lim->dt_s;
+      g->motion.at[0] = place;
+      g->flags.at[3]++;
+      return command;
+    }
+    g->flags.at[0] = BRAKING;
+    g->flags.at[1] = reason;
+  }
+  ramp_down(lim, g);
+  return g->motion.at[0] / lim->gain_m_per_v;
+}
+
+/* ---- the virtual table ---- */
+
+static const double saturated = 10.0, solved = 1e-9;
+enum { CLIPPED_LEVEL = 4, CROSSING_LEVEL = 9 };
+
+INLINE double convert(double value, double size, double per_unit, double bound) {
+  if (size > 0.0) value = floor(value * per_unit + 0.5) * size;
+  return least(most(value, -bound), bound - size);
+}
+
+INLINE double tanh_exactly(double value) { return 1.0 - 2.0 / (exp(2.0 * value) + 1.0); }
+
+INLINE double tanh_after(double begun, double ratio, double moved) {
+  if (fabs(moved) > 1.0) return tanh_exactly(ratio + moved);
+  const double square = moved * moved;
+  const double over = moved * (135135.0 + square * (17325.0 + square * (378.0 + square)));
+  const double under = 135135.0 + square * (62370.0 + square * (3150.0 + square * 28.0));
+  return (begun * under + over) / (under + begun * over);
+}
+
+INLINE double follow(double begun, double moved) {
+  return within(begun + (1.0 - begun * begun) * moved * (1.0 - begun * moved), 1.0);
+}
+
+INLINE double clipped(double reference, const Plant *p) { return within(reference, p->force_limit_n) - reference; }
+
+/* tiles of one level in an array (levels, tiles, columns, 4) */
+INLINE const double *level_of(const Array *a, int64_t level) {
+  return a->at + level * a->shape[1] * a->shape[2] * a->shape[3];
+}
+
+/* feed (levels, 2, 2, 2, 3): node, argument, nonlinearity, place; the last size is not handed over, it is 3 */
+INLINE const double *feed_of(const Plant *p, int64_t level, int node, int which) {
+  return p->feed.at + 24 * level + 12 * node + 6 * which;
+}
+
+INLINE int64_t choose_level(const Plant *p, const PlantState *s, int *active) {
+  const int64_t n = p->mechanical;
+  product(p->start.at, p->start.shape[0], p->start.shape[1], n + 1, s->state.at, s->begin.at);
+  const double *begin = s->begin.at;
+  const double velocity = s->state.at[1] * p->per_friction_velocity;
+  const double friction_accel = p->accel_friction.at[0] * s->state.at[p->forces + 2];
+  const double change = (fabs(begin[0] + friction_accel) + fabs(begin[3])) * p->dt_s * p->per_friction_velocity;
+  const double nearest = most(fabs(velocity) - 1.5 * change, 0.0);
+  int64_t level = 0;
+  *active = nearest > saturated ? 0 : 1;
+  double cubed = p->steps_cubed * change * (change * change + p->bend);
+  if (cubed > 1.0)
+    for (cubed *= exp(-2.0 * nearest); cubed > 1.0; cubed *= 0.125) level++;
+  const double wanted = fabs(begin[1]);
+  const double swing = 1.5 * fabs(begin[2] + p->reference_per_velocity * friction_accel) * p->dt_s;
+  if (wanted + swing > p->force_limit_n) {
+    const int64_t fine = wanted - swing > p->force_limit_n ? CLIPPED_LEVEL : CROSSING_LEVEL;
+    level = level > fine ? level : fine;
+    *active = 2;
+  }
+  level += p->refine;
+  return level < p->push.shape[0] - 1 ? level : p->push.shape[0] - 1;
+}
+
+INLINE void solve_friction(const Plant *p, const PlantState *s, int64_t level) {
+  double *state = s->state.at + p->forces;
+  const double *at_middle = feed_of(p, level, 0, 0), *at_end = feed_of(p, level, 1, 0);
+  const double begun = state[2], ratio = s->state.at[1] * p->per_friction_velocity;
+  const double m1 = at_middle[1], m2 = at_middle[2], e1 = at_end[1], e2 = at_end[2];
+  const double middle_free = s->offsets.at[0] + at_middle[0] * begun - ratio;
+  const double end_free = s->offsets.at[1] + at_end[0] * begun - ratio;
+  double middle = follow(begun, middle_free + (m1 + m2) * begun), end = follow(begun, end_free + (e1 + e2) * begun);
+  state[0] = begun;
+  for (int i = 0; i < 20; i++) {
+    const double middle_is = tanh_after(begun, ratio, middle_free + m1 * middle + m2 * end);
+    const double end_is = tanh_after(begun, ratio, end_free + e1 * middle + e2 * end);
+    const double middle_slope = 1.0 - middle_is * middle_is, end_slope = 1.0 - end_is * end_is;
+    const double a = 1.0 - middle_slope * m1, b = -middle_slope * m2, c = -end_slope * e1, d = 1.0 - end_slope * e2;
+    const double scale = 1.0 / (a * d - b * c);
+    const double by_middle = scale * (d * (middle_is - middle) - b * (end_is - end));
+    const double by_end = scale * (a * (end_is - end) - c * (middle_is - middle));
+    middle += by_middle;
+    end += by_end;
+    const double moved = most(fabs(m1 * by_middle + m2 * by_end), fabs(e1 * by_middle + e2 * by_end));
+    if (moved * moved < solved) break;
+  }
+  state[1] = middle;
+  state[2] = end;
+}
+
+INLINE double argument(const Plant *p, const PlantState *s, int64_t level, int node, int which) {
+  const double *feed = feed_of(p, level, node, which), *acting = s->state.at + p->forces;
+  double value = s->offsets.at[2 * which + node];
+  for (int j = 0; j < 3; j++) value += feed[j] * acting[j] + feed[3 + j] * acting[4 + j];
+  return value;
+}
+
+static __attribute__((noinline)) void solve_both(const Plant *p, const PlantState *s, int64_t level) {
+  double *state = s->state.at + p->forces;
+  product(p->start.at, 1, p->start.shape[1], p->mechanical + 1, s->state.at, s->begin.at);
+  state[0] = state[1] = state[2];
+  state[4] = state[5] = state[6] = clipped(s->begin.at[1], p);
+  for (int i = 0; i < 20; i++) {
+    double change = 0.0;
+    for (int node = 0; node < 2; node++) {
+      const double friction = tanh_exactly(argument(p, s, level, node, 0));
+      const double clip = clipped(argument(p, s, level, node, 1), p);
+      change = most(change, most(fabs(friction - state[1 + node]), fabs(clip - state[5 + node])));
+      state[1 + node] = friction;
+      state[5 + node] = clip;
+    }
+    if (change < 1e-10) return;
+  }
+}
+
+INLINE void solve(const Plant *p, const PlantState *s, int64_t level, int active) {
+  const int64_t n = p->mechanical;
+  if (active == 0) {
+    const double sign = copysign(1.0, s->state.at[1]);
+    s->state.at[p->forces] = s->state.at[p->forces + 1] = s->state.at[p->forces + 2] = sign;
+    return;
+  }
+  if (level > 0)
+    product(level_of(&p->nodes, level), p->nodes.shape[1], p->nodes.shape[2], n + 1, s->state.at, s->offsets.at);
+  if (active == 1) solve_friction(p, s, level);
+  else solve_both(p, s, level);
+}
+
+static __attribute__((noinline)) void sense_directly(const Plant *p, const PlantState *s) {
+  const int64_t n = p->mechanical;
+  for (int64_t c = 0; c < s->low.shape[0]; c++) {
+    double value = p->accel_friction.at[c] * s->state.at[p->forces + 2];
+    for (int64_t i = 0; i < n; i++) value += p->accel_rows.at[n * c + i] * s->state.at[i];
+    s->low.at[c] = value;
+  }
+}
+
+INLINE void take(const Plant *p, const PlantState *s, int64_t level, int64_t columns) {
+  const int64_t n = p->mechanical, channels = s->low.shape[0];
+  product(level_of(&p->push, level), p->push.shape[1], 4 * p->push.shape[2], columns, s->state.at, s->made.at);
+  const double *restrict made = s->made.at, *filter = p->filters.at + 3 * level;
+  double *restrict state = s->state.at, *restrict low = s->low.at, *restrict coupled = s->coupled.at;
+  for (int64_t i = 0; i < n; i++) state[i] = made[i];
+  const double keeps = filter[0], couples = filter[1], takes = filter[2];
+  for (int64_t c = 0; c < channels; c++) {
+    coupled[c] = made[n + channels + c] + couples * coupled[c] + takes * low[c];
+    low[c] = made[n + c] + keeps * low[c];
+  }
+  if (!p->has_low_pass) sense_directly(p, s);
+}
+
+INLINE void note_velocity(const PlantState *s, int64_t mechanical) {
+  const int64_t floors = s->middle_velocity.shape[0] - 1;
+  s->middle_velocity.at[0] = s->state.at[1];
+  for (int64_t f = 0; f < floors; f++)
+    s->middle_velocity.at[1 + f] = s->state.at[1] + s->state.at[mechanical - floors + f];
+}
+
+INLINE void hold(const Plant *p, const PlantState *s, double command) {
+  const int64_t last = s->queue.shape[0] - 1, n = p->mechanical, channels = s->low.shape[0];
+  for (int64_t i = 0; i < last; i++) s->queue.at[i] = s->queue.at[i + 1];
+  s->queue.at[last] = convert(command, p->command_step_v, p->command_steps_per_v, p->command_range_v);
+  s->state.at[n] = s->queue.at[0];
+  int active;
+  const int64_t level = choose_level(p, s, &active), columns = p->forces + (active == 2 ? 8 : 4);
+  const int64_t steps = (int64_t)1 << level, half = steps >> 1;
+  for (int64_t i = 0; i < steps; i++) {
+    if (half > 0 && i == half) note_velocity(s, n);
+    solve(p, s, level, active);
+    take(p, s, level, columns);
+  }
+  if (half == 0)
+    for (int64_t c = 0; c < channels; c++) s->middle_velocity.at[c] = s->made.at[n + 2 * channels + c];
+  const double ratio = s->state.at[1] * p->per_friction_velocity;
+  s->state.at[p->forces + 2] = fabs(ratio) > saturated ? copysign(1.0, ratio) : tanh_exactly(ratio);
+  if (fabs(s->state.at[0]) > p->stroke_m) s->fault.at[0] = 1;
+}
+
+INLINE void read(const Plant *p, const PlantState *s, const double *noise, const Array *samples) {
+  for (int64_t c = 0; c < samples->shape[0]; c++) {
+    const double accel = within(s->low.at[c] - s->coupled.at[c] + p->noise_rms_m_s2 * noise[c], p->sensor_range_m_s2);
+    samples->at[c] = convert(accel * p->sensor_v_per_m_s2, p->sensor_step_v, p->sensor_steps_per_v, p->sensor_range_v);
+  }
+}
+
+/* ---- the run ---- */
+
+INLINE void note(const Step *s, const Log *log, int64_t k, int64_t n, double command) {
+  log->command_v.at[k] = command;
+  log->base_shear_n.at[k] = s->base_shear.at[0];
+  for (int i = 0; i < 3; i++) log->desired.at[n * i + k] = s->interface.at[i];
+  for (int64_t i = 0; i < s->corrected.shape[0]; i++) log->corrected.at[n * i + k] = s->corrected.at[i];
+  for (int64_t i = 0; i < s->estimated.shape[0]; i++) log->estimated.at[n * i + k] = s->estimated.at[i];
+}
+
+INLINE int64_t monotonic_ns(void) {
+  struct timespec now;
+  clock_gettime(CLOCK_MONOTONIC, &now);
+  return now.tv_sec * 1000000000 + now.tv_nsec;
+}
+
+int64_t run(const Plant *plant_, const PlantState *table_, const Step *step_, const GuardLimits *limits_,
+            const GuardState *guard_, const double *restrict drive, const double *restrict noise, const Log *log_, int64_t n) {
+  /* copies of our own: no store through an array can change a size, a pointer or a constant */
+  const Plant plant = *plant_;
+  const PlantState table = *table_;
+  const Step s = *step_;
+  const GuardLimits limits = *limits_;
+  const GuardState g = *guard_;
+  const Log log = *log_;
+  const int64_t channels = s.samples.shape[0];
+  int64_t before = monotonic_ns();
+  for (int64_t k = 0; k < n; k++) {
+    read(&plant, &table, noise + channels * k, &s.samples);
+    log.true_displacement_m.at[k] = table.state.at[0];
+    const double command = guard(&limits, &g, step(&s, drive + 3 * k), &s);
+    note_sent(&s, command);
+    note(&s, &log, k, n, command);
+    hold(&plant, &table, command);
+    for (int64_t c = 0; c < channels; c++) log.true_velocity_m_s.at[n * c + k] = table.middle_velocity.at[c];
+    if ((k + 1) % STAMPED == 0) {
+      const int64_t now = monotonic_ns();
+      for (int64_t i = 0; i < STAMPED; i++) log.compute_ns.at[k - i] = (double)(now - before) / STAMPED;
+      before = now;
+    }
+    if (table.fault.at[0] != 0 || g.flags.at[0] == STOPPED) return k + 1;
+  }
+  return n;
+}

@@ -1,0 +1,109 @@
+"""The compiled step against the same blocks written a second time, in C (benchmarks/step.c)."""
+
+from __future__ import annotations
+
+import ctypes
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bench import LINEAR, rig_info, specimen
+from hybrid import best_like, ground, open_limits, paper_like
+
+from rths_cli.case.virtual_physics import VirtualPhysics
+from rths_cli.lti import Array
+from rths_cli.rig_info import RigInfo
+from rths_cli.rigs.virtual.rig import build_plant
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
+from speed import in_c, play
+
+STEPS = 2000
+FRICTION, FORCE_LIMIT = VirtualPhysics(), VirtualPhysics(force_limit_n=12.0)
+pytestmark = pytest.mark.skipif(in_c.compiler() is None, reason="no C compiler here")
+
+
+@pytest.fixture(scope="module")
+def library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
+    return in_c.compiled(tmp_path_factory.mktemp("c"))
+
+
+def given(
+    physics: VirtualPhysics, info: RigInfo, drive: Array, noise_rms: float = 3e-4, best: bool = True
+) -> play.Inputs:
+    """Return blocks of the bench with shaped commands on a table with this physics."""
+    blocks = replace((best_like if best else paper_like)(info), shaping_step_v=info.converters.step_v)
+    noise = np.random.default_rng(5).standard_normal((len(drive) + 1, len(info.channels)))
+    return play.Inputs(build_plant(info, physics, specimen(), noise_rms), blocks, open_limits(info), drive, noise)
+
+
+def both(library: ctypes.CDLL, inputs: play.Inputs) -> tuple[play.State, play.State, int]:
+    """Play the inputs by our step and in C; return both states and the steps done."""
+    ours, theirs = play.fresh(inputs), play.fresh(inputs)
+    done = play.bound(inputs, ours)()
+    assert in_c.bound(library, inputs, theirs)() == done
+    return ours, theirs, done
+
+
+def assert_same(ours: play.State, theirs: play.State, done: int) -> None:
+    """Compare every signal, the guard's flags, and what table, numerical part and controllers remember."""
+    for name in play.SIGNALS:
+        one, two = (getattr(state.log, name)[..., :done] for state in (ours, theirs))
+        assert np.abs(one).max() > 0.0, name
+        np.testing.assert_allclose(two, one, rtol=0.0, atol=1e-9 * np.abs(one).max(), err_msg=name)
+    for one, two in zip(memory(ours), memory(theirs), strict=True):
+        np.testing.assert_allclose(two, one, rtol=0.0, atol=1e-9 * np.abs(one).max())
+    np.testing.assert_array_equal(ours.guard.flags, theirs.guard.flags)
+
+
+def memory(state: play.State) -> tuple[Array, ...]:
+    s = state.step
+    return state.table.state, s.numerical.state, s.estimator.given, s.feedforward.given, s.feedback.given
+
+
+@pytest.mark.parametrize(
+    ("physics", "latency", "scale", "best"),
+    [(FRICTION, 1, 8.0, True), (FRICTION, 2, 0.1, True), (FORCE_LIMIT, 1, 8.0, True), (FRICTION, 0, 1.0, False)],
+    ids=["friction", "two samples of latency, mostly sticking", "force limit", "printed method"],
+)
+def test_every_signal_is_the_one_of_c(
+    library: ctypes.CDLL, physics: VirtualPhysics, latency: int, scale: float, best: bool
+) -> None:
+    inputs = given(physics, rig_info(latency_samples=latency), scale * ground(STEPS), best=best)
+    ours, theirs, done = both(library, inputs)
+    assert done == STEPS
+    assert_same(ours, theirs, done)
+
+
+@pytest.mark.parametrize("scale", [8.0, -8.0])
+def test_the_feedback_is_clipped_as_in_c(library: ctypes.CDLL, scale: float) -> None:
+    inputs = given(FRICTION, rig_info(), scale * ground(STEPS))
+    tight = replace(inputs, blocks=replace(inputs.blocks, feedback_limit_v=1e-3))
+    ours, theirs, done = both(library, tight)
+    assert_same(ours, theirs, done)
+    free = both(library, inputs)[0]
+    assert not np.array_equal(ours.log.command_v, free.log.command_v)
+
+
+@pytest.mark.parametrize(("limit", "reason"), [("stroke_m", 1), ("velocity_m_s", 2), ("acceleration_m_s2", 3)])
+def test_the_guard_stops_as_in_c(library: ctypes.CDLL, limit: str, reason: int) -> None:
+    inputs = given(FRICTION, rig_info(), np.vstack([ground(STEPS), np.zeros((6000, 3))]))
+    limits = inputs.limits._replace(stroke_m=0.079, velocity_m_s=1.0, acceleration_m_s2=45.0, command_v=10.0)
+    tight = {"stroke_m": 0.002, "velocity_m_s": 0.01, "acceleration_m_s2": 0.05}[limit]
+    ours, theirs, done = both(library, replace(inputs, limits=limits._replace(**{limit: tight})))
+    assert ours.guard.flags[1] == reason
+    assert_same(ours, theirs, done)
+
+
+def test_a_linear_table_is_the_one_of_c(library: ctypes.CDLL) -> None:
+    inputs = given(LINEAR, rig_info(low_pass_hz=0.0), ground(STEPS), noise_rms=0.0)
+    assert_same(*both(library, inputs))
+
+
+def test_a_structure_of_another_size_is_refused(library: ctypes.CDLL) -> None:
+    inputs = given(FRICTION, rig_info(), ground(STEPS))
+    state = play.fresh(inputs)
+    with pytest.raises(ValueError, match="GuardState has"):
+        in_c.bound(library, inputs, replace(state, log=state.guard))  # type: ignore[arg-type]

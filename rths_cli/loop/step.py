@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from rths_cli.compiled import part
 from rths_cli.loop.blocks import EXCITATION, NUMERICAL, Linear, Step
 from rths_cli.loop.modal import advance_modal, read_modal
@@ -76,7 +78,7 @@ def shape(s: Step, command: float) -> float:
     if size == 0.0 or not math.isfinite(command):
         return command
     wanted = command + s.shaping[0]
-    rounded = math.floor(wanted * s.shaping[2] + 0.5) * size
+    rounded = np.floor(wanted * s.shaping[2] + 0.5) * size
     s.shaping[0] = wanted - rounded
     return rounded
 

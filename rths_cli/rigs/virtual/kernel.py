@@ -49,7 +49,7 @@ def fresh_state(plant: Plant, latency_samples: int) -> PlantState:
 def convert(value: float, step: float, steps_per_unit: float, bound: float) -> float:
     """Return the value of a converter of that step (0: none) and range, in the same unit."""
     if step > 0.0:
-        value = math.floor(value * steps_per_unit + 0.5) * step
+        value = np.floor(value * steps_per_unit + 0.5) * step
     return min(max(value, -bound), bound - step)
 
 

@@ -26,7 +26,7 @@ from rths_cli.lti import Array, ComplexArray, Frf, Model
 from rths_cli.metrics import rms
 from rths_cli.metrics import test_band as band_of
 from rths_cli.rig_info import Converters, RigInfo
-from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
+from rths_cli.rigs.virtual.rig import VirtualRig, build_plant, inverse
 from rths_cli.structure import Building, assemble
 
 SAMPLES = 40000
@@ -76,8 +76,12 @@ def errors_of(fault: Fault, ground: Array, seed: int = 0, paper: bool = False) -
     info = bench_info(0, fault.high_pass_hz)
     physics = VirtualPhysics(coulomb_n=fault.coulomb_n, force_limit_n=1e8, gain_m_per_v=0.0079 * fault.gain)
     step = Converters(16, 10.0).step_v
+    sensor, command = step if fault.sample_bits else 0.0, step if fault.command_bits else 0.0
     plant = build_plant(info, physics, specimen(), fault.noise_m_s2)._replace(
-        sensor_step_v=step if fault.sample_bits else 0.0, command_step_v=step if fault.command_bits else 0.0
+        sensor_step_v=sensor,
+        sensor_steps_per_v=inverse(sensor),
+        command_step_v=command,
+        command_steps_per_v=inverse(command),
     )
     blocks = bench_blocks(fault, paper)
     log = play(VirtualRig(info, plant, (seed,)), info, blocks, NUMERICAL, ground[::-1].T, open_limits(info)).log

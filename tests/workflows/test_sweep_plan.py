@@ -19,7 +19,7 @@ def test_the_last_key_varies_fastest_and_every_combination_is_there() -> None:
     assert (grid.points, grid.variants, list(grid.seeds)) == (6, 18, [0, 1, 2])
     wanted = list(itertools.product((0.2, 0.3), ("FF", "FF+FB", "none")))
     assert [grid.values(point) for point in range(6)] == wanted
-    assert [text.split() for text in grid.settings(1)] == [["scaling=0.2", "..."], ["controller=FF+FB", "..."]]
+    assert [text.split() for text in grid.settings(1)] == [["scaling=0.2"], ["controller=FF+FB"]]
     assert grid.label(5) == "scaling=0.3, controller=none"
 
 

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rths_cli.compiled import part
+from rths_cli.errors import InputError
 from rths_cli.lti import Array, Block
 from rths_cli.tiles import product, tiled
 
@@ -32,7 +33,7 @@ class Modal(NamedTuple):
 def modal(block: Block) -> Modal:
     """Return a block at rest in modal coordinates; 2 inputs, up to 4 outputs.
 
-    Raises ValueError when the change of coordinates would cost accuracy (modes that coincide and cannot be told apart).
+    Raises InputError when the change of coordinates would cost accuracy (modes that coincide and cannot be told apart).
     """
     for shift in (0.0, SPLIT):
         a = np.asarray(block.A * (1.0 + shift * np.random.default_rng(0).standard_normal(block.A.shape)))
@@ -42,7 +43,10 @@ def modal(block: Block) -> Modal:
         if lost <= EXACT * np.abs(block.A).max(initial=1.0):
             break
     else:
-        raise ValueError(f"{block.name}: modes that coincide, {lost:.1e} is lost in modal coordinates")
+        raise InputError(
+            f"{block.name}: modes of the computed storeys coincide, the step would lose {lost:.1e} of them; change a"
+            " storey's stiffness or damping by a thousandth"
+        )
     m = len(a) // 2
     drive, outputs = np.linalg.solve(basis, block.B), block.C @ basis
     first, second = slice(0, 2 * m, 2), slice(1, 2 * m, 2)

@@ -54,10 +54,10 @@ def label(varied: dict[str, Any]) -> str:
 
 
 def _short(key: str, keys: Sequence[str]) -> str:
-    """Return the shortest end of a dotted key that no other key has."""
+    """Return the shortest end of a dotted key that no other key has, nor the seed of a run."""
     parts = key.split(".")
     ends = (".".join(parts[start:]) for start in range(len(parts) - 1, 0, -1))
-    others = [f".{other}" for other in keys if other != key]
+    others = [".seed", *(f".{other}" for other in keys if other != key)]
     return next((end for end in ends if not any(other.endswith(f".{end}") for other in others)), key)
 
 

@@ -20,10 +20,18 @@ BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREA
 
 def main() -> NoReturn:
     """Run the command line and leave with the exit code of DESIGN.md section 2."""
+    _open_streams()
     SIGNALS.install()
     _one_blas_thread()
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # pydantic would look for some in every package
     sys.exit(_guarded())
+
+
+def _open_streams() -> None:
+    """Give output a place to go where the caller closed it."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115
 
 
 def _one_blas_thread() -> None:

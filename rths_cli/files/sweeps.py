@@ -27,6 +27,7 @@ from rths_cli.lti import Array
 
 FORMAT = "rths-sweep"
 FORMAT_VERSION = 1
+CSV_START = b"variant,"
 ENDINGS = (
     ("_n_s_per_m", "N*s/m"), ("_n_per_m", "N/m"), ("_m_per_v", "m/V"), ("_m_s2", "m/s^2"), ("_m_s", "m/s"),
     ("_hz", "Hz"), ("_kg", "kg"), ("_s", "s"), ("_v", "V"), ("_m", "m"), ("_n", "N"), ("_g", "g"),
@@ -124,6 +125,25 @@ def read_sweep(path: Path) -> Sweep:
         {name: tuple(texts[name].tolist()) for name in TEXTS},
         figures,
     )
+
+
+def check_csv(path: Path, result: Path) -> None:
+    """Raise InputError where the table as CSV would replace what it must not: anything but such a table."""
+    if path.resolve() == result.resolve():
+        raise InputError(f"--csv {path}: is the result file itself; give it a name of its own")
+    if path.exists() and not path.is_file():
+        raise InputError(f"--csv {path}: is no ordinary file; give the name of a file to write")
+    try:
+        with open(path, "rb") as file:
+            ours = file.read(len(CSV_START)) == CSV_START
+    except FileNotFoundError:
+        ours = True
+    except OSError as error:
+        raise InputError(refusal(path, "cannot read", error, advice=False)) from error
+    if not ours:
+        raise InputError(
+            f"--csv {path}: exists and is no table of a sweep, which alone is replaced; choose another name"
+        )
 
 
 def write_csv(path: Path, sweep: Sweep) -> None:

@@ -35,6 +35,10 @@ def budget_text(metrics: Metrics) -> str:
     kinds = [kind for kind, there in (("check", predicted), ("budget", measured)) if there]
     columns = _columns(metrics, kinds)
     heads = [f"storey {column}" if column else "tracking" for column in columns]
+    heads = [
+        head if len(head) < COLUMN * len(kinds) else f"st. {column}"
+        for head, column in zip(heads, columns, strict=True)
+    ]
     top = "".join(f"{head:>{COLUMN * len(kinds)}}" for head in heads)
     words = "".join(f"{WORDS[kind]:>{COLUMN}}" for kind in kinds) * len(columns)
     rule = "-" * (LABEL + len(top))

@@ -54,10 +54,10 @@ def label(varied: dict[str, Any]) -> str:
 
 
 def _short(key: str, keys: Sequence[str]) -> str:
-    """Return the shortest end of a dotted key that no other key has."""
+    """Return the shortest end of a dotted key that no other key has, nor the seed of a run."""
     parts = key.split(".")
     ends = (".".join(parts[start:]) for start in range(len(parts) - 1, 0, -1))
-    others = [f".{other}" for other in keys if other != key]
+    others = [".seed", *(f".{other}" for other in keys if other != key)]
     return next((end for end in ends if not any(other.endswith(f".{end}") for other in others)), key)
 
 
@@ -100,13 +100,17 @@ def _plain(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
 
 
+def _runs(count: int) -> str:
+    return f"{count} run" if count == 1 else f"{count} runs"
+
+
 def _table(sweep: Sweep) -> Table:
     storeys = sweep.figures[STOREYS].values.shape[1]
     shown = min(storeys, MOST_STOREYS)
     heads = (Cell("tracking"), *(Cell(f"storey {1 + k}") for k in range(shown)))
     rows = [row for _, point in zip(range(POINTS_SHOWN), points_of(sweep), strict=False) for row in _rows(point, shown)]
     title = (
-        f"{sweep.attributes['case_name']}: RMS errors (mm/s^2, test band, measured) of {len(sweep.seed)} runs of "
+        f"{sweep.attributes['case_name']}: RMS errors (mm/s^2, test band, measured) of {_runs(len(sweep.seed))} of "
         f"EXP-RTHS; virtual shake table {sweep.attributes['rig']}"
     )
     corner = "grid point" if sweep.seeds_per_point == 1 else "over the seeds"

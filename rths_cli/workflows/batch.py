@@ -99,5 +99,6 @@ def _run_one(setup: Setup, path: Path, memory: Memory, command_line: str, watche
     except RthsError as error:
         return Ended(name, None, "failed", str(error), error.exit_code)
     except Exception as error:
+        watcher.doing("")  # a signal that came while code was compiled ends the batch here
         where = write_crash_file()
         return Ended(name, None, "failed", f"internal error ({type(error).__name__}), details in {where}", 5)

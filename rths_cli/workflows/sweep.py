@@ -14,7 +14,7 @@ import numpy as np
 
 from rths_cli.files.result_writer import check_writable
 from rths_cli.files.sweep_rows_file import RowsFile, rows_path
-from rths_cli.files.sweeps import Sweep, read_sweep, write_csv, write_sweep
+from rths_cli.files.sweeps import Sweep, check_csv, read_sweep, write_csv, write_sweep
 from rths_cli.workflows.model_store import software
 from rths_cli.workflows.provenance import attributes
 from rths_cli.workflows.sweep_output import Begun, as_line, as_sweep, begin
@@ -60,6 +60,8 @@ def run_sweep(request: SweepRequest, watcher: Watcher) -> Swept:
     points = check_points(request.asked, shared, watcher.doing)
     path = request.output or Path("sweeps") / f"{points.base.case.name}.h5"
     about = _attributes(points, request.command_line)
+    if request.csv is not None:
+        check_csv(request.csv, path)
     begun = begin(path, about, points.grid.variants, request.replace, request.resume)
     if request.csv is not None:
         check_writable(request.csv.parent)

@@ -111,7 +111,7 @@ def _seeds(text: str, faults: list[str]) -> range:
         return range(1)
     first, last = (0, int(found[1]) - 1) if found[2] is None else (int(found[1]), int(found[2]))
     if found[2] is None and last < 0:
-        faults.append("--seeds 0: no run is left; give at least 1")
+        faults.append("--seeds 0: gives no run; give at least 1")
     elif last < first:
         faults.append(f"--seeds {text.strip()}: runs backwards; give the smaller seed first")
     elif last > SEED_MAX:

@@ -16,6 +16,7 @@ import os
 import platform
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -180,16 +181,18 @@ def _flatten(value: object, flat: list[Any]) -> str:
         place = value.__array_interface__["data"][0]
         flat += [None, None, ctypes.c_ssize_t(value.size), ctypes.c_ssize_t(value.itemsize), ctypes.c_void_p(place)]
         flat += [ctypes.c_ssize_t(number) for number in (*value.shape, *value.strides)]
-        return f"{value.dtype.str}{value.ndim}"
+        return f"{value.dtype.str}{value.ndim}{'' if value.flags.writeable else ' read only'}"
     if isinstance(value, tuple):
         return f"{type(value).__name__}({','.join(_flatten(item, flat) for item in value)})"
     if isinstance(value, bool | np.bool_):
         flat.append(ctypes.c_uint8(bool(value)))
         return "bool"
-    if isinstance(value, int | np.integer):
+    if isinstance(value, int | np.int64):
         flat.append(ctypes.c_int64(int(value)))
         return "int"
-    flat.append(ctypes.c_double(float(value)))  # type: ignore[arg-type]
+    if not isinstance(value, float):  # numba would compile float32 or int32 in the name of float or int, for ever
+        raise TypeError(f"compiled code takes int, float, bool, arrays and tuples of these, not {type(value).__name__}")
+    flat.append(ctypes.c_double(value))
     return "float"
 
 
@@ -261,4 +264,5 @@ def _keep(path: Path, kept: bytes) -> None:
         part_file.write_bytes(_check(kept) + b"\n" + kept)
         os.replace(part_file, path)
     except OSError:
-        part_file.unlink(missing_ok=True)
+        with suppress(OSError):  # a read-only file system, or a file where the folder should be
+            part_file.unlink()

@@ -9,7 +9,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+import pytest
+
 import rths_cli
+from rths_cli.compiled import _flatten
 
 PACKAGE = Path(rths_cli.__file__).parent
 CODE = "from rths_cli.compiled import cache_folder; print(cache_folder())"
@@ -80,3 +84,23 @@ def test_damaged_machine_code_is_compiled_again(tmp_path: Path) -> None:
     for path in tmp_path.rglob("*.native"):
         path.write_bytes(path.read_bytes()[:-100])
     assert hello(tmp_path)[2] == wanted[2]
+
+
+@pytest.mark.parametrize("value", [np.float32(1.5), np.int32(2), None, "1.5", [1.0]])
+def test_what_python_and_machine_would_read_differently_is_refused(value: object) -> None:
+    with pytest.raises(TypeError, match="compiled code takes"):
+        _flatten(value, [])
+
+
+def test_kinds_tell_read_only_arrays_and_only_contiguous_ones_are_taken() -> None:
+    frozen = np.zeros(3)
+    frozen.flags.writeable = False
+    assert _flatten(frozen, []) != _flatten(np.zeros(3), [])
+    for array in (np.zeros(4)[::2], np.zeros(4)[::-1], np.asfortranarray(np.zeros((2, 3)))):
+        with pytest.raises(TypeError, match="C-contiguous"):
+            _flatten(array, [])
+
+
+def test_a_cache_that_cannot_be_made_is_no_fault(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    assert hello(tmp_path / "file")[2] == hello(tmp_path)[2]

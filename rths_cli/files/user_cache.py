@@ -6,8 +6,13 @@ import os
 import sys
 from pathlib import Path
 
+from rths_cli.errors import InputError
+
 
 def user_cache() -> Path:
-    """Return rths's folder in the user's cache."""
+    """Return rths's folder in the user's cache; raises InputError for a user who has none."""
     base = os.environ.get("LOCALAPPDATA" if sys.platform == "win32" else "XDG_CACHE_HOME", "")
-    return (Path(base) if base else Path.home() / ".cache") / "rths"
+    try:
+        return (Path(base) if base else Path.home() / ".cache") / "rths"
+    except RuntimeError:
+        raise InputError("there is no home folder to keep compiled code in; set XDG_CACHE_HOME to a folder") from None

@@ -53,8 +53,9 @@ def test_without_friction_the_table_is_the_exact_linear_one() -> None:
         (SHIPPED, 0.15, 0.0),
         (SHIPPED.model_copy(update={"coulomb_n": 1.5}), 0.15, 2.0),
         (SHIPPED.model_copy(update={"force_limit_n": 60.0}), 2.0, 0.0),
+        (SHIPPED.model_copy(update={"coulomb_n": 1.5, "coulomb_velocity_m_s": 2e-4}), 2.5, 0.0),
     ],
-    ids=["friction", "strong friction", "force limit"],
+    ids=["friction", "strong friction", "force limit", "reversal from saturated friction within an interval"],
 )
 def test_friction_and_force_limit_agree_with_a_general_solver(
     physics: VirtualPhysics, command_v: float, interface_mass: float

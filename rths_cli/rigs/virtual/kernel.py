@@ -61,8 +61,11 @@ def tanh(value: float) -> float:
 
 @part
 def tanh_after(begun: float, ratio: float, moved: float) -> float:
-    """Return tanh(ratio + moved), `begun` being tanh(ratio): for small moves by the addition theorem, within 2e-12."""
-    if abs(moved) > 1.0:
+    """Return tanh(ratio + moved), `begun` being tanh(ratio): for small moves by the addition theorem, within 2e-12.
+
+    Not where tanh is saturated: 1 or -1 has forgotten its ratio and would stay the same through a reversal.
+    """
+    if abs(moved) > 1.0 or abs(ratio) > SATURATED:
         return tanh(ratio + moved)
     square = moved * moved
     over = moved * (135135.0 + square * (17325.0 + square * (378.0 + square)))

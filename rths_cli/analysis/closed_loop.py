@@ -98,8 +98,14 @@ def loop_roots(matrix: Array, dt_s: float) -> ComplexArray:
 
 
 def modes_in_loop(roots: ComplexArray, frequency_hz: Array, damping_ratio: Array) -> tuple[Array, Array]:
-    """Return frequencies in Hz and damping ratios (m,) of the loop's roots nearest to those of given modes (m,)."""
+    """Return frequencies in Hz and damping ratios (m,) of the loop's roots nearest to those of given modes (m,).
+
+    Each root stands for one mode; NaN for a mode that does not oscillate, whose root has no frequency.
+    """
     size = 2.0 * np.pi * frequency_hz
     wanted = size * (-damping_ratio + 1j * np.sqrt(np.maximum(1.0 - damping_ratio**2, 0.0)))
-    nearest = roots[np.abs(roots[:, None] - wanted).argmin(axis=0)]
+    nearest, free = np.full(len(wanted), np.nan, dtype=complex), np.asarray(roots)
+    for mode in np.flatnonzero(damping_ratio < 1.0):
+        taken = np.abs(free - wanted[mode]).argmin()
+        nearest[mode], free = free[taken], np.delete(free, taken)
     return np.abs(nearest) / (2.0 * np.pi), -nearest.real / np.abs(nearest)

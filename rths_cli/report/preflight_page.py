@@ -29,6 +29,7 @@ REACH = (
     ("command, V", "command_v", 1.0),
 )
 LEAST_GROWTH = 1e-9
+MOST_MODES = 10  # on the page
 Values = Mapping[str, Array]
 
 
@@ -87,12 +88,15 @@ def _stability(values: Values) -> list[str]:
     columns = [
         values[f"check.{of}_{what}"] for of in ("building", "loop") for what in ("frequency_hz", "damping_ratio")
     ]
-    for mode, (own_hz, own, loop_hz, loop) in enumerate(zip(*columns, strict=True), 1):
+    modes = list(enumerate(zip(*columns, strict=True), 1))
+    for mode, (own_hz, own, loop_hz, loop) in modes[:MOST_MODES]:
         rows.append([str(mode), f"{own_hz:.4f}", f"{100 * own:.3f}", f"{loop_hz:.4f}", f"{100 * loop:.3f}"])
+    more = [f"  {len(modes) - MOST_MODES} more modes in --json"] if len(modes) > MOST_MODES else []
     return [
         labelled("stability", "of the sampled closed loop: every block of the step on the identified rig"),
         labelled("  spectral radius", f"{_one(values, 'spectral_radius'):.6f}; motions {over} over the record"),
         *aligned(rows),
+        *more,
         labelled("  critical delay", _critical(values)),
         labelled(
             "  gain at infinity",

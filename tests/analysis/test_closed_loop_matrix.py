@@ -11,7 +11,7 @@ from bench import DT_S, LINEAR, ideal_info, specimen
 from hybrid import best_like, closed_loop, ground, open_limits, paper_like, true_model
 from open_loop import open_loop, points, rig_as_identified
 
-from rths_cli.analysis.closed_loop import closed_loop_matrix, spectral_radius
+from rths_cli.analysis.closed_loop import closed_loop_matrix, modes_in_loop, spectral_radius
 from rths_cli.analysis.identified_rig import identified_rig
 from rths_cli.control.blocks import Blocks
 from rths_cli.loop.blocks import NUMERICAL
@@ -100,3 +100,13 @@ def test_the_radius_of_a_rotation_is_its_factor() -> None:
     turn = np.array([[0.0, -1.0], [1.0, 0.0]])
     assert spectral_radius(0.97 * turn) == pytest.approx(0.97)
     assert spectral_radius(np.diag([0.5, -1.2])) == pytest.approx(1.2)
+
+
+def test_each_root_stands_for_one_mode_and_none_for_one_that_does_not_oscillate() -> None:
+    pairs = np.array([-1.0 + 10.0j, -1.2 + 10.3j])
+    roots = np.concatenate([pairs, pairs.conj(), [-500.0]])
+    own_hz, own = np.array([10.0, 10.1, 400.0]) / (2.0 * np.pi), np.array([0.1, 0.1, 1.2])
+    frequency_hz, ratio = modes_in_loop(roots, own_hz, own)
+    np.testing.assert_allclose(frequency_hz[:2] * 2.0 * np.pi, np.abs(pairs), rtol=1e-12)
+    np.testing.assert_allclose(ratio[:2], -pairs.real / np.abs(pairs), rtol=1e-12)
+    assert np.isnan(frequency_hz[2]) and np.isnan(ratio[2])

@@ -14,6 +14,7 @@ import inspect
 import json
 import os
 import platform
+import sys
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -61,6 +62,7 @@ class Part:
 
             translator: Any = numba
             translator.config.SLP_VECTORIZE = 1  # four rows of a block in one instruction
+            translator.config.LOOP_VECTORIZE = 0  # our loops are too short for more: it cost a sixth of the step
             self._made = translator.njit(**OPTIONS, **self._options)(self.function)
         return self._made
 
@@ -141,8 +143,8 @@ class Entry(Part):
         made = self.dispatcher.overloads[signature]
         about = {"symbol": made.fndesc.llvm_func_name, "result": _plain(made.signature.return_type)}
         code = made.library._get_compiled_object()
-        if b"\0numba_" in code:  # calls into numba: on the way to an exception, or to memory
-            raise TypeError(f"{self.function.__qualname__} could raise or allocate: compiled code must not")
+        if b"\0numba_" in code:  # calls into numba, for memory or Python objects
+            raise TypeError(f"{self.function.__qualname__} could allocate or call Python: compiled code must not")
         return json.dumps(about).encode() + b"\n" + code
 
 
@@ -167,7 +169,9 @@ def cache_folder() -> str:
     package = Path(__file__).resolve().parent
     files = [package / name for name in SOURCES]
     files += sorted(path for name in SOURCE_FOLDERS for path in (package / name).glob("*.py"))
-    digest = hashlib.sha256(f"{platform.python_version()} {version('numba')} {version('llvmlite')}".encode())
+    digest = hashlib.sha256(
+        f"{sys.platform} {platform.python_version()} {version('numba')} {version('llvmlite')}".encode()
+    )
     for path in files:
         digest.update(path.read_bytes())
     return str(user_cache() / f"compiled-{digest.hexdigest()[:16]}")

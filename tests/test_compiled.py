@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 import rths_cli
-from rths_cli.compiled import _flatten
+from rths_cli.compiled import _flatten, entry
+from rths_cli.lti import Array
 
 PACKAGE = Path(rths_cli.__file__).parent
 CODE = "from rths_cli.compiled import cache_folder; print(cache_folder())"
@@ -104,3 +105,36 @@ def test_kinds_tell_read_only_arrays_and_only_contiguous_ones_are_taken() -> Non
 def test_a_cache_that_cannot_be_made_is_no_fault(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     assert hello(tmp_path / "file")[2] == hello(tmp_path)[2]
+
+
+@entry
+def raises(values: Array) -> float:
+    if values[0] > 0.0:
+        raise ValueError("positive")
+    return values[0]
+
+
+@entry
+def total(values: Array) -> float:
+    result = 0.0
+    for i in range(values.size):
+        result += values[i]
+    return result
+
+
+def test_an_exception_in_compiled_code_ends_the_call() -> None:
+    assert raises(np.zeros(3)) == 0.0
+    with pytest.raises(RuntimeError, match="failed"):
+        raises(np.ones(3))
+
+
+def test_arguments_of_another_kind_are_compiled_for_themselves() -> None:
+    assert total(np.arange(4.0)) == 6.0
+    assert total(np.arange(4)) == 6.0
+    assert len(total.kinds) == 2
+
+
+def test_what_is_bound_lives_as_long_as_the_function() -> None:
+    bound = total.bind(np.full(200_000, 0.5))
+    others = [np.zeros(200_000) for _ in range(20)]
+    assert bound() == 100_000.0 and len(others) == 20

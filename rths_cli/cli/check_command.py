@@ -9,26 +9,14 @@ from typing import Any
 import click
 
 from rths_cli.cli.group import cli
-from rths_cli.cli.options import json_option, settings_option
+from rths_cli.cli.options import json_option, methods_option, overrides_option, settings_option
 from rths_cli.cli.screens import new_screen
 
 
 @cli.command()
 @click.argument("cases", nargs=-1, required=True, metavar="CASE...")
-@click.option(
-    "--method",
-    "methods",
-    multiple=True,
-    type=click.Choice(["paper", "best"]),
-    help="Method instead of the case's own; give both to compare.",
-)
-@click.option(
-    "--override",
-    "overrides",
-    multiple=True,
-    type=click.Choice(["model"]),
-    help="I know: judge with a model that its identification rejected.",
-)
+@methods_option("compare")
+@overrides_option(["model"], "judge with a model that its identification rejected.")
 @click.option("--resolved", is_flag=True, help="Print the cases with all defaults as YAML, and do nothing else.")
 @click.option("--quiet", is_flag=True, help="Show no progress.")
 @settings_option

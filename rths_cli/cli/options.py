@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import click
@@ -26,3 +26,14 @@ def json_option(command: F) -> F:
     return click.option("--json", "as_json", is_flag=True, help="Print one JSON document on stdout and nothing else.")(
         command
     )
+
+
+def methods_option(more: str) -> Callable[[F], F]:
+    """Add --method, repeatable; `more` ends its help."""
+    about = f"Method instead of the case's own; give both to {more}."
+    return click.option("--method", "methods", multiple=True, type=click.Choice(["paper", "best"]), help=about)
+
+
+def overrides_option(choices: Sequence[str], about: str) -> Callable[[F], F]:
+    """Add --override, repeatable: the one option that says "I know"."""
+    return click.option("--override", "overrides", multiple=True, type=click.Choice(choices), help=f"I know: {about}")

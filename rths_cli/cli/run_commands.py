@@ -10,29 +10,19 @@ from typing import Any
 import click
 
 from rths_cli.cli.group import cli
-from rths_cli.cli.options import json_option, settings_option
+from rths_cli.cli.options import json_option, methods_option, overrides_option, settings_option
 from rths_cli.cli.screens import new_screen
 
 
 @cli.command()
 @click.argument("cases", nargs=-1, required=True, metavar="CASE...")
 @click.option("--output", default="results", show_default=True, metavar="DIR", help="Folder of the result files.")
-@click.option(
-    "--method",
-    "methods",
-    multiple=True,
-    type=click.Choice(["paper", "best"]),
-    help="Method instead of the case's own; give both to compare (files NAME-paper.h5, NAME-best.h5).",
-)
+@methods_option("compare (files NAME-paper.h5, NAME-best.h5)")
 @click.option("--no-replace", is_flag=True, help="Refuse, before running, to replace a finished result.")
 @click.option("--quiet", is_flag=True, help="Show no progress, only what went wrong.")
-@click.option(
-    "--override",
-    "overrides",
-    multiple=True,
-    type=click.Choice(["check", "model"]),
-    help="I know: run EXP-RTHS although its check says no, or use a model that was rejected. Repeatable, stored in "
-    "the result.",
+@overrides_option(
+    ["check", "model"],
+    "run EXP-RTHS although its check says no, or use a model that was rejected. Repeatable, stored in the result.",
 )
 @click.option("--fresh", is_flag=True, help="Identify anew; use no model of a virtual rig kept from earlier runs.")
 @settings_option

@@ -10,7 +10,7 @@ from pathlib import Path
 import click
 
 from rths_cli.cli.group import cli
-from rths_cli.cli.options import json_option, settings_option
+from rths_cli.cli.options import json_option, methods_option, overrides_option, settings_option
 from rths_cli.cli.screens import new_screen
 
 
@@ -34,21 +34,12 @@ def threads() -> int:
     "--output", type=click.Path(path_type=Path), metavar="FILE", help="Result file [default: sweeps/NAME.h5]."
 )
 @click.option("--csv", type=click.Path(path_type=Path), metavar="FILE", help="Write the table as CSV too.")
-@click.option(
-    "--method",
-    "methods",
-    multiple=True,
-    type=click.Choice(["paper", "best"]),
-    help="Method instead of the case's own; give both to run both.",
-)
+@methods_option("run both")
 @click.option("--no-replace", is_flag=True, help="Refuse, before running, to replace a finished sweep.")
 @click.option("--resume", is_flag=True, help="Go on with an interrupted sweep.")
-@click.option(
-    "--override",
-    "overrides",
-    multiple=True,
-    type=click.Choice(["check", "model"]),
-    help="I know: run what the check refuses, or use a model that was rejected. Repeatable, stored in the result.",
+@overrides_option(
+    ["check", "model"],
+    "run what the check refuses, or use a model that was rejected. Repeatable, stored in the result.",
 )
 @click.option("--quiet", is_flag=True, help="Show no progress, only what went wrong.")
 @settings_option

@@ -16,7 +16,6 @@ from rths_cli.lti import Array, Block
 from rths_cli.tiles import product, tiled
 
 EXACT = 1e-7  # of the largest entry, what a change of coordinates may lose
-SPLIT = 1e-12  # relative change of A that takes apart modes that coincide
 
 
 class Modal(NamedTuple):
@@ -35,20 +34,19 @@ def modal(block: Block) -> Modal:
 
     Raises InputError when the change of coordinates would cost accuracy (modes that coincide and cannot be told apart).
     """
-    for shift in (0.0, SPLIT):
-        a = np.asarray(block.A * (1.0 + shift * np.random.default_rng(0).standard_normal(block.A.shape)))
-        basis = real_basis(a)
-        turned = np.asarray(np.linalg.solve(basis, a @ basis), dtype=float)
-        lost = np.abs(np.linalg.multi_dot([basis, pairs_only(turned), np.linalg.inv(basis)]) - block.A).max(initial=0.0)
-        if lost <= EXACT * np.abs(block.A).max(initial=1.0):
-            break
-    else:
+    basis = real_basis(block.A)
+    try:
+        turned, drive = (np.asarray(np.linalg.solve(basis, right)) for right in (block.A @ basis, block.B))
+        back = np.linalg.multi_dot([basis, pairs_only(turned), np.linalg.inv(basis)])
+        lost = float(np.abs(back - block.A).max(initial=0.0))
+    except np.linalg.LinAlgError:
+        lost = np.inf
+    if not lost <= EXACT * np.abs(block.A).max(initial=1.0):
         raise InputError(
             f"{block.name}: modes of the computed storeys coincide, the step would lose {lost:.1e} of them; change a"
             " storey's stiffness or damping by a thousandth"
         )
-    m = len(a) // 2
-    drive, outputs = np.linalg.solve(basis, block.B), block.C @ basis
+    m, outputs = len(block.A) // 2, block.C @ basis
     first, second = slice(0, 2 * m, 2), slice(1, 2 * m, 2)
     turn = np.array([np.diag(turned[i, j]) for i in (first, second) for j in (first, second)])
     drives = np.array([drive[first, 0], drive[first, 1], drive[second, 0], drive[second, 1]])

@@ -120,6 +120,8 @@ def _reading(path: Path, read: Callable[[h5py.File], T]) -> T:
 
 
 def _check_format(path: Path, attributes: Mapping[str, Any]) -> None:
+    if _plain(attributes.get("format", "")) == "rths-sweep":
+        raise InputError(f"{path}: holds a sweep; rths sweep with the same options and --resume shows it.")
     if _plain(attributes.get("format", "")) != FORMAT:
         raise InputError(f"{path}: is not a result file of rths (no attribute format = {FORMAT}).")
     if "status" not in attributes:

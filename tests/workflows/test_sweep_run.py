@@ -300,3 +300,8 @@ def test_a_real_table_is_never_swept(folder: Path) -> None:
     with pytest.MonkeyPatch.context() as patch, pytest.raises(InputError, match="moves no real table"):
         patch.setattr(sweep_shared, "make_setup", lambda *_: replace(setup, rig=replace(setup.rig, kind="udp")))
         shared.setup(setup.case)
+
+
+def test_the_report_says_how_to_see_a_sweep(whole: tuple[SweepRequest, Swept]) -> None:
+    with pytest.raises(InputError, match="holds a sweep; rths sweep with the same options and --resume shows it"):
+        read_result(whole[1].path)

@@ -46,9 +46,7 @@ typedef struct {
 } Plant;
 typedef struct { Array state, state_tiles, low, coupled, made, made_tiles, begin, offsets, queue, middle_velocity; Integers fault; } PlantState;
 
-typedef struct {
-  Array command_v, desired, corrected, estimated, base_shear_n, true_velocity_m_s, true_displacement_m, compute_ns;
-} Log;
+typedef struct { Array columns; Integers done; int64_t truths, lean; } Log;
 
 enum { EXCITATION, RECORD, NUMERICAL };
 enum { STAMPED = 16 }; /* steps per look at the time */
@@ -435,12 +433,21 @@ INLINE void read(const Plant *p, const PlantState *s, const double *noise, const
 
 /* ---- the run ---- */
 
-INLINE void note(const Step *s, const Log *log, int64_t k, int64_t n, double command) {
-  log->command_v.at[k] = command;
-  log->base_shear_n.at[k] = s->base_shear.at[0];
-  for (int i = 0; i < 3; i++) log->desired.at[n * i + k] = s->interface.at[i];
-  for (int64_t i = 0; i < s->corrected.shape[0]; i++) log->corrected.at[n * i + k] = s->corrected.at[i];
-  for (int64_t i = 0; i < s->estimated.shape[0]; i++) log->estimated.at[n * i + k] = s->estimated.at[i];
+INLINE double *note(const Step *s, const Log *log, int64_t k, double command) {
+  const int64_t n = log->columns.shape[1], channels = s->corrected.shape[0], estimates = s->estimated.shape[0];
+  double *to = log->columns.at + n * log->truths + k;
+  for (int64_t i = 0; i < channels; i++, to += n) *to = s->corrected.at[i];
+  for (int i = 0; i < 3; i++, to += n) *to = s->interface.at[i];
+  *to = command;
+  to[n] = s->base_shear.at[0];
+  to += 2 * n;
+  for (int64_t i = 0; i < estimates; i++, to += n) *to = s->estimated.at[i];
+  return to;
+}
+
+INLINE void stamp(const Log *log, int64_t steps, int64_t count, int64_t before, int64_t now) {
+  double *last = log->columns.at + log->columns.shape[1] * (log->columns.shape[0] - 1) + steps - 1;
+  for (int64_t i = 0; i < count; i++) last[-i] = (double)(now - before) / count;
 }
 
 INLINE int64_t monotonic_ns(void) {
@@ -459,21 +466,22 @@ int64_t run(const Plant *plant_, const PlantState *table_, const Step *step_, co
   const GuardState g = *guard_;
   const Log log = *log_;
   const int64_t channels = s.samples.shape[0];
-  int64_t before = monotonic_ns();
-  for (int64_t k = 0; k < n; k++) {
-    read(&plant, &table, noise + channels * k, &s.samples);
-    log.true_displacement_m.at[k] = table.state.at[0];
-    const double command = guard(&limits, &g, step(&s, drive + 3 * k), &s);
+  int64_t before = monotonic_ns(), steps = 0;
+  while (steps < n && table.fault.at[0] == 0 && g.flags.at[0] != STOPPED) {
+    read(&plant, &table, noise + channels * steps, &s.samples);
+    const double displacement = table.state.at[0], command = guard(&limits, &g, step(&s, drive + 3 * steps), &s);
     note_sent(&s, command);
-    note(&s, &log, k, n, command);
+    *note(&s, &log, steps, command) = displacement;
     hold(&plant, &table, command);
-    for (int64_t c = 0; c < channels; c++) log.true_velocity_m_s.at[n * c + k] = table.middle_velocity.at[c];
-    if ((k + 1) % STAMPED == 0) {
+    for (int64_t c = 0; c < channels; c++) log.columns.at[n * c + steps] = table.middle_velocity.at[c];
+    steps++;
+    if (steps % STAMPED == 0) {
       const int64_t now = monotonic_ns();
-      for (int64_t i = 0; i < STAMPED; i++) log.compute_ns.at[k - i] = (double)(now - before) / STAMPED;
+      stamp(&log, steps, STAMPED, before, now);
       before = now;
     }
-    if (table.fault.at[0] != 0 || g.flags.at[0] == STOPPED) return k + 1;
   }
-  return n;
+  stamp(&log, steps, steps % STAMPED, before, monotonic_ns());
+  log.done.at[0] = steps;
+  return steps;
 }

@@ -50,7 +50,7 @@ def both(library: ctypes.CDLL, inputs: play.Inputs) -> tuple[play.State, play.St
 def assert_same(ours: play.State, theirs: play.State, done: int) -> None:
     """Compare every signal, the guard's flags, and what table, numerical part and controllers remember."""
     for name in play.SIGNALS:
-        one, two = (getattr(state.log, name)[..., :done] for state in (ours, theirs))
+        one, two = (getattr(state.signals, name)[..., :done] for state in (ours, theirs))
         assert np.abs(one).max() > 0.0, name
         np.testing.assert_allclose(two, one, rtol=0.0, atol=1e-9 * np.abs(one).max(), err_msg=name)
     for one, two in zip(memory(ours), memory(theirs), strict=True):
@@ -84,7 +84,7 @@ def test_the_feedback_is_clipped_as_in_c(library: ctypes.CDLL, scale: float) -> 
     ours, theirs, done = both(library, tight)
     assert_same(ours, theirs, done)
     free = both(library, inputs)[0]
-    assert not np.array_equal(ours.log.command_v, free.log.command_v)
+    assert not np.array_equal(ours.signals.command_v, free.signals.command_v)
 
 
 @pytest.mark.parametrize(("limit", "reason"), [("stroke_m", 1), ("velocity_m_s", 2), ("acceleration_m_s2", 3)])

@@ -94,7 +94,7 @@ def think(s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, k
 
     Return the command in V and the first column of the log that is still to be noted.
     """
-    command = guard(limits, g, step(s, drive), s.samples, s.corrected, s.interface[0], s.error[0])
+    command = guard(limits, g, step(s, drive), s.samples, s.corrected, s.interface, s.error[0], s.base_shear[0])
     note_sent(s, command)
     return command, note_step(log, s, command, k)
 

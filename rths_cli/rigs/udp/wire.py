@@ -45,6 +45,9 @@ IDLE, ARMED, RESTING, RESTED = range(4)
 WATCHDOG, END_STOP, EMERGENCY_STOP, BAD_COMMAND, SENSOR, ACTUATOR, OVERRUN = (1 << bit for bit in range(7))
 TARGET_FAULT = 1 << 16
 
+# why a target refuses a session
+NO_VERSION, BUSY, OTHER_CHANNELS, TOO_FAST, FAULTY = range(1, 6)
+
 # what `verdict` says of a packet
 GENUINE, MALFORMED, OTHER_VERSION, FORGED = range(4)
 

@@ -35,6 +35,8 @@ SOURCES = (
     "clocks.py",
     "metrics/error.py",
     "tiles.py",
+    "rigs/udp/siphash.py",
+    "rigs/udp/wire.py",
     "rigs/virtual/plant.py",
     "rigs/virtual/kernel.py",
     "analysis/delay_kernel.py",

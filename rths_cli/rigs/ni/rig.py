@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
@@ -46,7 +47,12 @@ class NiRig:
         """Put out 0 V, start the clock, enable motion, return the first samples in V, (n_channels,)."""
         card = self._opened()
         self.missed, self._in_a_row, self._command_v = 0, 0, 0.0
-        card.start()
+        try:
+            card.start()
+        except RigError:
+            with suppress(RigError):
+                card.stop()
+            raise
         self._armed = True
         card.wait()
         card.read(self._samples)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from rths_cli.cli import (  # each adds its commands
     check_command,
+    doctor_command,
     identify_command,
     run_commands,
     start_commands,
@@ -16,6 +17,7 @@ __all__ = [
     "SIGNALS",
     "check_command",
     "cli",
+    "doctor_command",
     "identify_command",
     "main",
     "run_commands",

@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rths_cli.clocks import IntArray, monotonic_ns
 from rths_cli.compiled import entry, part
 from rths_cli.control.blocks import Blocks
 from rths_cli.errors import RigError
 from rths_cli.loop.blocks import Step, assemble
-from rths_cli.loop.clocks import IntArray, monotonic_ns
 from rths_cli.loop.guard import NO_CHANNEL, REASONS, STOPPED, GuardLimits, GuardState, fresh_guard, guard
 from rths_cli.loop.step import note_sent, step
 from rths_cli.lti import Array

@@ -12,12 +12,12 @@ from numba import njit
 from numba.core.errors import NumbaError
 from scipy.linalg import expm
 
+from rths_cli import clocks
 from rths_cli.case.virtual_physics import VirtualPhysics
 from rths_cli.compiled import Part, entry
 from rths_cli.control import estimator, feedback, numerical
 from rths_cli.control.blocks import Blocks
 from rths_cli.control.realise import static
-from rths_cli.loop import clocks
 from rths_cli.loop import drive as loop_drive
 from rths_cli.loop import guard as loop_guard
 from rths_cli.loop import step as blocks_step

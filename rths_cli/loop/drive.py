@@ -11,7 +11,7 @@ from rths_cli.compiled import entry, part
 from rths_cli.control.blocks import Blocks
 from rths_cli.errors import RigError
 from rths_cli.loop.blocks import Step, assemble
-from rths_cli.loop.guard import NO_CHANNEL, REASONS, STOPPED, GuardLimits, GuardState, fresh_guard, guard
+from rths_cli.loop.guard import END, NO_CHANNEL, NONE, REASONS, STOPPED, GuardLimits, GuardState, fresh_guard, guard
 from rths_cli.loop.log import Log, Signals, empty_log, note_step, signals
 from rths_cli.loop.step import note_sent, step
 from rths_cli.lti import Array
@@ -27,7 +27,7 @@ STAMPED = 16  # steps on the counted clock of a virtual rig per look at the time
 class Outcome:
     """How a run went: log on the loop's own clock, steps done, and why it stopped early (empty when it did not).
 
-    `stopped_at_s`: when the guard took over, on the loop's clock.
+    `stopped_at_s`: when the guard took over, on the loop's clock; `reason`: why, one of the guard's reasons.
     """
 
     log: Signals
@@ -35,6 +35,7 @@ class Outcome:
     stopped_by_limit: str
     rig_fault: str
     stopped_at_s: float
+    reason: int = NONE
 
 
 def play(
@@ -59,7 +60,9 @@ def play(
         rig.rest()
         rig.close()
     named = signals(log, channels, state.estimated.size)
-    return Outcome(named, steps, _reason(info, guard_state), fault, float(guard_state.flags[3] * info.dt_s))
+    reason = int(guard_state.flags[1])
+    stopped_at_s = float(guard_state.flags[3] * info.dt_s)
+    return Outcome(named, steps, reason_of(info, guard_state), fault, stopped_at_s, reason)
 
 
 def _play_virtual(
@@ -89,12 +92,14 @@ def _play_exchanging(
 
 
 @part
-def think(s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, k: int) -> tuple[float, int]:
-    """Run step and guard on the samples in `s.samples` and note them as step k.
+def think(
+    s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, k: int, share: float
+) -> tuple[float, int]:
+    """Run step and guard on the samples in `s.samples` and note them as step k; `share` of the command is asked for.
 
     Return the command in V and the first column of the log that is still to be noted.
     """
-    command = guard(limits, g, step(s, drive), s.samples, s.corrected, s.interface, s.error[0], s.base_shear[0])
+    command = guard(limits, g, share * step(s, drive), s.samples, s.corrected, s.interface, s.error[0], s.base_shear[0])
     note_sent(s, command)
     return command, note_step(log, s, command, k)
 
@@ -103,7 +108,7 @@ def think(s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, k
 def think_once(s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, scratch: IntArray) -> float:
     """Run `think` on the next row of the drive (n, 3) and note the time it took; scratch (2,)."""
     k, start = log.done[0], monotonic_ns(scratch)
-    command, place = think(s, limits, g, drive[k], log, k)
+    command, place = think(s, limits, g, drive[k], log, k, 1.0)
     log.columns[place, k] = monotonic_ns(scratch) - start
     log.done[0] = k + 1
     return command
@@ -135,7 +140,7 @@ def run_virtual(
     while steps < drive.shape[0] and table.fault[0] == 0 and g.flags[0] != STOPPED:
         kernel.read(plant, table, noise[steps], s.samples)
         displacement = table.state[0]
-        command, place = think(s, limits, g, drive[steps], log, steps)
+        command, place = think(s, limits, g, drive[steps], log, steps, 1.0)
         kernel.hold(plant, table, command)
         for c in range(log.truths):
             log.columns[c, steps] = table.middle_velocity[c]
@@ -150,9 +155,9 @@ def run_virtual(
     return steps
 
 
-def _reason(info: RigInfo, state: GuardState) -> str:
-    """Return the guard's reason as a sentence, empty when it let everything pass."""
-    if state.flags[1] == 0:
+def reason_of(info: RigInfo, state: GuardState) -> str:
+    """Return the guard's reason as a sentence, empty when it let everything pass to the end of the record."""
+    if state.flags[1] in (NONE, END):
         return ""
     text, channel = REASONS[state.flags[1]], state.flags[2]
     return text if channel == NO_CHANNEL else f"{text} (channel {info.channels[channel].name})"

@@ -12,7 +12,7 @@ from rths_cli.compiled import part
 from rths_cli.loop.blocks import Step
 from rths_cli.lti import Array
 
-SEVERAL = ("true_velocity_m_s", "corrected", "desired", "estimated")  # signals of more than one row
+SEVERAL = ("true_velocity_m_s", "corrected", "desired", "estimated", "samples_v")  # signals of more than one row
 
 
 class Log(NamedTuple):
@@ -40,22 +40,29 @@ class Signals:
     estimated: Array  # (e, n) estimator outputs at k
     true_displacement_m: Array  # (n,) of the table at t_k (virtual rigs)
     compute_ns: Array  # (n,) duration of step and guard; on a virtual rig, of the rig as well, mean of 16 steps
+    samples_v: Array  # (c, n) as the rig gave them (real time)
+    late_ns: Array  # (n,) how late the exchange began that brought the samples of step k (real time)
+    exchange_ns: Array  # (n,) how long it took (real time)
+    lost: Array  # (n,) 1 where no samples came and the last ones were taken again, 2 where the step was caught up
+    state: Array  # (n,) RAMP_UP, RUNNING, RAMP_DOWN, STOPPED (real time)
 
 
 def widths(channels: int, estimates: int, truths: int, lean: bool) -> dict[str, int]:
     """Return how many columns each signal has, in their order."""
     if lean:
         return {"true_velocity_m_s": truths, "corrected": channels, "desired": 1}
-    return {
-        "true_velocity_m_s": truths,
-        "corrected": channels,
-        "desired": 3,
-        "command_v": 1,
-        "base_shear_n": 1,
-        "estimated": estimates,
-        "true_displacement_m": min(truths, 1),
-        "compute_ns": 1,
-    }
+    if truths:
+        own = {"true_displacement_m": 1, "compute_ns": 1}
+    else:
+        own = {"samples_v": channels, "late_ns": 1, "exchange_ns": 1, "lost": 1, "state": 1, "compute_ns": 1}
+    common = {"true_velocity_m_s": truths, "corrected": channels, "desired": 3, "command_v": 1, "base_shear_n": 1}
+    return {**common, "estimated": estimates, **own}
+
+
+def column_names(channels: int, estimates: int, truths: int = 0) -> tuple[str, ...]:
+    """Return a name for each column of a log that is not lean."""
+    wide = widths(channels, estimates, truths, False)
+    return tuple(f"{name}_{i}" if name in SEVERAL else name for name, count in wide.items() for i in range(count))
 
 
 def empty_log(steps: int, channels: int, estimates: int, lean: bool = False, truths: int = 0) -> Log:

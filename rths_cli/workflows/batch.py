@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, RthsError, write_crash_file
+from rths_cli.workflows.heap import keep_freed_memory
 from rths_cli.workflows.known import Memory
 from rths_cli.workflows.model_store import Cache
 from rths_cli.workflows.run import Ended, moves_table, prepare_all, run_case
@@ -74,6 +75,7 @@ def plan(request: Request, memory: Memory) -> list[tuple[Setup, Path]]:
 
 def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
     """Run every case of a request; one that fails is named and the others go on."""
+    keep_freed_memory()
     memory = Memory(Cache(request.fresh))
     jobs = plan(request, memory)
     results = []

@@ -238,7 +238,8 @@ def _figures(
 
 def true_accel(abs_accel: Array, series: Series) -> Array:
     """Return the storeys' accelerations with true ones on table and specimen in place of the measured."""
-    return np.vstack([abs_accel[: len(abs_accel) - len(series.true_accel)], series.true_accel])
+    computed = abs_accel[: len(abs_accel) - len(series.true_accel)]
+    return np.vstack([computed, series.true_accel]) if len(computed) else series.true_accel
 
 
 def why_ended(label: str, outcome: Outcome, dt_s: float) -> Stop | None:

@@ -46,6 +46,14 @@ def test_true_acceleration_is_the_mean_over_the_step_around_the_sample() -> None
     assert series.true_accel[0] == pytest.approx((k**2 - (k - 1) ** 2) / 0.5)
 
 
+def test_true_acceleration_begins_at_rest() -> None:
+    whole = outcome(5, 5)
+    whole.log.true_velocity_m_s[:] += 3.0
+    assert on_record_clock(whole, 0, 0.5, 5).true_accel[1] == pytest.approx(np.array([3.0, 1.0, 3.0, 5.0, 7.0]) / 0.5)
+    assert on_record_clock(whole, 1, 0.5, 4).true_accel[1] == pytest.approx(np.array([1.0, 3.0, 5.0, 7.0]) / 0.5)
+    assert on_record_clock(outcome(5, 0), 0, 0.5, 5).true_accel.shape == (2, 0)
+
+
 def test_a_stopped_run_is_shorter() -> None:
     assert on_record_clock(outcome(102, 40), 2, 0.5, 100).desired.shape == (3, 38)
     assert on_record_clock(outcome(102, 1), 2, 0.5, 100).command_v.size == 0

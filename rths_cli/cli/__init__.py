@@ -5,6 +5,7 @@ from __future__ import annotations
 from rths_cli.cli import (  # each adds its commands
     check_command,
     identify_command,
+    recover_command,
     run_commands,
     start_commands,
     sweep_command,
@@ -18,6 +19,7 @@ __all__ = [
     "cli",
     "identify_command",
     "main",
+    "recover_command",
     "run_commands",
     "start_commands",
     "sweep_command",

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-from datetime import datetime
+from datetime import UTC, datetime
 from pathlib import Path
 
 
 def dated(path: Path, when: datetime) -> Path:
-    """Return the path with a UTC time in its name, as the results of hardware have it."""
-    return path.with_name(f"{path.stem}-{when:%Y%m%dT%H%M%SZ}{path.suffix}")
+    """Return the path with the UTC time of an instant in its name, as the results of hardware have it."""
+    return path.with_name(f"{path.stem}-{when.astimezone(UTC):%Y%m%dT%H%M%SZ}{path.suffix}")
 
 
 def sync(path: Path) -> None:

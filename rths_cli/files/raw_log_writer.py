@@ -22,7 +22,8 @@ UNSUPPORTED = (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS)
 
 
 class RawLogWriter:
-    """Append frames to a new raw log; use as a context manager. One without frames is removed when it is closed.
+    """Append frames to a new raw log; use as a context manager until the result holds the samples, too: as long as it
+    is open, nobody recovers it. One without frames is removed when it is closed.
 
     Raises InputError, before anything moves, where the file exists or the disk does not hold the whole run.
     `append` and `sync` raise OSError.
@@ -80,6 +81,10 @@ class RawLogWriter:
         self._file = -1
         if not self._frames:
             self.remove()
+
+    def leave(self) -> None:
+        """Touch the file no more: a call to a dead disk may still hold it."""
+        self._file = -1
 
     def remove(self) -> None:
         """Remove the file: its samples stand in the result."""

@@ -19,8 +19,8 @@ class LogStream:
 
     `columns` (w, n) and `done` (1,) are written by the loop, in this order; `orders` (1 or more,) is read by it. Where
     the log cannot be written, `fault` says why, orders[0] becomes LOG_LOST unless another order stands there, and
-    everything stays in `columns`. Enter it before the loop takes a real-time class: the thread keeps the CPUs of its
-    maker, and gives up its class.
+    everything stays in `columns`. `worst_lag_s` is what a kill at the worst instant would have cost. Enter it before
+    the loop takes a real-time class: the thread keeps the CPUs of its maker, and gives up its class.
     """
 
     def __init__(self, log: RawLogWriter, columns: Array, done: Integers, orders: Integers) -> None:
@@ -29,6 +29,7 @@ class LogStream:
             raise ValueError(f"columns have the shape {columns.shape}, the header of the log states {expected}.")
         self.fault = ""
         self.written = 0
+        self.worst_lag_s = 0.0
         self._log, self._columns, self._done, self._orders = log, columns, done, orders
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="rths-log", daemon=True)
@@ -43,11 +44,12 @@ class LogStream:
         self.finish()
 
     def finish(self) -> None:
-        """Write what is left, end the thread and close the log; safe to call twice. A disk that does not answer for
-        10 s is a fault, too."""
+        """Write what is left and end the thread; safe to call twice. A disk that does not answer for 10 s is a fault,
+        too, and the log is left to it."""
         self._ended.set()
         self._thread.join(PATIENCE_S)
         if self._thread.is_alive():
+            self._log.leave()
             self._fail(f"the disk has not answered for {PATIENCE_S:g} s")
 
     def _run(self) -> None:
@@ -60,12 +62,13 @@ class LogStream:
                 self._append(ended)
             except Exception as error:  # whatever it is: the loop must learn that nothing is kept any more
                 self._fail(getattr(error, "strerror", None) or f"{type(error).__name__}: {error}")
-        self._log.close()
 
     def _append(self, last: bool) -> None:
         done = int(self._done[0])
         if done > self.written:
             self._log.append(self.written, self._columns[:, self.written : done])
+            lag = int(self._done[0]) - self.written
+            self.worst_lag_s = max(self.worst_lag_s, lag * self._log.header.dt_s)
             self.written = done
         self._log.sync(at_once=last)
 

@@ -6,6 +6,7 @@ import errno
 import os
 import threading
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -47,6 +48,19 @@ class Loop:
             self.done[0] = k + 1
 
 
+@pytest.fixture
+def log(tmp_path: Path) -> Iterator[RawLogWriter]:
+    with RawLogWriter(tmp_path / "a.rthslog", HEADER) as opened:
+        yield opened
+
+
+def in_file(log: RawLogWriter) -> np.ndarray:
+    """Return what would be read if this process were killed now: a copy is not locked."""
+    copy = log.path.with_suffix(".copy")
+    copy.write_bytes(log.path.read_bytes())
+    return read_raw_log(copy).columns
+
+
 def wait_for(what: object) -> None:
     """Wait until a condition holds, for at most 20 s."""
     assert callable(what)
@@ -60,40 +74,35 @@ def expected(steps: int) -> np.ndarray:
     return np.arange(steps) + np.arange(2)[:, None] / 8
 
 
-def test_what_is_noted_stands_in_the_file_while_the_loop_runs_and_all_of_it_afterwards(tmp_path: Path) -> None:
-    loop, log = Loop(), RawLogWriter(tmp_path / "a.rthslog", HEADER)
+def test_what_is_noted_stands_in_the_file_while_the_loop_runs_and_all_of_it_afterwards(log: RawLogWriter) -> None:
+    loop = Loop()
     with LogStream(log, loop.columns, loop.done, loop.orders) as streamed:
         for done in (1, 70, 250):
             loop.advance(done - int(loop.done[0]))
             wait_for(lambda done=done: streamed.written == done)
-            (tmp_path / "copy.rthslog").write_bytes(log.path.read_bytes())  # what kill -9 would leave
-            np.testing.assert_array_equal(read_raw_log(tmp_path / "copy.rthslog").columns, expected(done))
+            np.testing.assert_array_equal(in_file(log), expected(done))
         loop.advance(37)
     assert (streamed.fault, loop.orders[0], streamed.written) == ("", GO_ON, 287)
-    np.testing.assert_array_equal(read_raw_log(log.path).columns, expected(287))
+    assert streamed.worst_lag_s == pytest.approx(0.180)  # of the frame from step 70 to step 250
+    np.testing.assert_array_equal(in_file(log), expected(287))
     streamed.finish()
 
 
-def test_a_loop_that_raises_and_one_that_did_nothing_end_the_thread(tmp_path: Path) -> None:
+def test_a_loop_that_raises_ends_the_thread(log: RawLogWriter) -> None:
     loop = Loop()
-    log = RawLogWriter(tmp_path / "a.rthslog", HEADER)
     with pytest.raises(KeyboardInterrupt), LogStream(log, loop.columns, loop.done, loop.orders):
         loop.advance(5)
         raise KeyboardInterrupt
-    assert read_raw_log(tmp_path / "a.rthslog").samples == 5
-    idle = Loop()
-    with LogStream(RawLogWriter(tmp_path / "b.rthslog", HEADER), idle.columns, idle.done, idle.orders):
-        pass
-    assert os.listdir(tmp_path) == ["a.rthslog"]
+    assert in_file(log).shape == (2, 5)
     assert not [thread for thread in threading.enumerate() if thread.name == "rths-log"]
 
 
 @pytest.mark.parametrize("call", ["pwrite", "fdatasync"])
 @pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO])
 def test_a_failing_disk_stops_the_loop_and_memory_keeps_everything(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, call: str, number: int
+    log: RawLogWriter, monkeypatch: pytest.MonkeyPatch, call: str, number: int
 ) -> None:
-    loop, log = Loop(), RawLogWriter(tmp_path / "a.rthslog", HEADER)
+    loop = Loop()
     real = getattr(os, call)
     with LogStream(log, loop.columns, loop.done, loop.orders) as streamed:
         loop.advance(50)
@@ -109,11 +118,11 @@ def test_a_failing_disk_stops_the_loop_and_memory_keeps_everything(
         loop.advance(100)  # the loop leads the table to rest
         np.testing.assert_array_equal(loop.columns[:, :200], expected(200))
         monkeypatch.setattr(raw_log_writer.os, call, real)
-    assert streamed.fault and read_raw_log(log.path).samples == 200  # once the disk takes them again
+    assert streamed.fault and in_file(log).shape == (2, 200)  # once the disk takes them again
 
 
-def test_another_order_is_not_overwritten(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    loop, log = Loop(), RawLogWriter(tmp_path / "a.rthslog", HEADER)
+def test_another_order_is_not_overwritten(log: RawLogWriter, monkeypatch: pytest.MonkeyPatch) -> None:
+    loop = Loop()
     loop.orders[0] = CTRL_C
     monkeypatch.setattr(log, "append", lambda *_: 1 / 0)  # a bug of ours counts like a broken disk
     with LogStream(log, loop.columns, loop.done, loop.orders) as streamed:
@@ -122,8 +131,10 @@ def test_another_order_is_not_overwritten(tmp_path: Path, monkeypatch: pytest.Mo
     assert loop.orders[0] == CTRL_C and "ZeroDivisionError: division by zero" in streamed.fault
 
 
-def test_a_disk_that_does_not_answer_holds_nobody_up_for_ever(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    loop, log, answers = Loop(), RawLogWriter(tmp_path / "a.rthslog", HEADER), threading.Event()
+def test_a_disk_that_does_not_answer_holds_nobody_up_for_ever(
+    log: RawLogWriter, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    loop, answers = Loop(), threading.Event()
     monkeypatch.setattr(stream, "PATIENCE_S", 0.05)
     monkeypatch.setattr(raw_log_writer.os, "fdatasync", lambda file: answers.wait(20))
     with LogStream(log, loop.columns, loop.done, loop.orders) as streamed:
@@ -134,17 +145,17 @@ def test_a_disk_that_does_not_answer_holds_nobody_up_for_ever(tmp_path: Path, mo
     assert not streamed._thread.is_alive()
 
 
-def test_other_columns_than_the_header_states_are_a_bug(tmp_path: Path) -> None:
+def test_other_columns_than_the_header_states_are_a_bug(log: RawLogWriter) -> None:
     loop = Loop()
     told = r"\(2, 399\), the header of the log states \(2, 400\)"
-    with RawLogWriter(tmp_path / "a.rthslog", HEADER) as log, pytest.raises(ValueError, match=told):
+    with pytest.raises(ValueError, match=told):
         LogStream(log, loop.columns[:, 1:], loop.done, loop.orders)
 
 
 @pytest.mark.skipif(
     not hasattr(os, "sched_setscheduler"), reason="scheduling classes are set where the system has them"
 )
-def test_the_thread_takes_no_part_in_real_time(tmp_path: Path) -> None:
+def test_the_thread_takes_no_part_in_real_time(log: RawLogWriter) -> None:
     found: list[int] = []
 
     def born_in_real_time() -> None:
@@ -152,7 +163,7 @@ def test_the_thread_takes_no_part_in_real_time(tmp_path: Path) -> None:
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
         except PermissionError:
             return
-        loop, log = Loop(), RawLogWriter(tmp_path / "a.rthslog", HEADER)
+        loop = Loop()
         with LogStream(log, loop.columns, loop.done, loop.orders) as streamed:
             loop.advance(1)
             wait_for(lambda: streamed.written == 1)

@@ -106,7 +106,7 @@ def _recover(job: _Job) -> Recovered:
     if not result.exists():
         _begin(job)
     found, noted = read_result(result), f"recovered_{header.run}"
-    if header.run in found.groups:
+    if noted in found.attributes or header.run in found.groups:
         said = found.attributes.get(noted, found.attributes["status_reason"])
         return Recovered(*told, str(said), known=True)
     reason = _reason(job.path, log)

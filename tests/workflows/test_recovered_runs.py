@@ -178,7 +178,9 @@ def test_what_no_rig_knows_is_nan_and_what_is_missing_in_between_is_told(played:
     assert np.isnan(disp[402:]).all()
 
 
-def test_a_log_without_a_whole_frame_makes_a_result_without_the_run(played: Played, tmp_path: Path) -> None:
+def test_a_log_that_ends_before_the_record_begins_makes_a_result_without_the_run(
+    played: Played, tmp_path: Path
+) -> None:
     log = left(played, tmp_path, "exp_rths", 1000)
     data = log.read_bytes()
     log.write_bytes(data[: data.index(b"RTHF") + 50])
@@ -186,6 +188,13 @@ def test_a_log_without_a_whole_frame_makes_a_result_without_the_run(played: Play
     assert one.samples == 0 and "0 of" in one.reason
     result = read_result(tmp_path / "a.h5")
     assert result.groups == ("case", "record") and result.attributes["status"] == "interrupted"
+    assert recover([log])[0].known
+    lead = played.logs["exp_rths"][0].lead_samples
+    for steps in (lead, lead + 1):
+        (tmp_path / "a.h5").unlink()
+        log.unlink()
+        recover([left(played, tmp_path, "exp_rths", steps)])
+        assert ("exp_rths" in read_result(tmp_path / "a.h5").groups) == (steps > lead)
 
 
 def refused(paths: list[Path]) -> tuple[str, ...]:

@@ -10,8 +10,10 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 from rths_cli.case.load import load_cases, resolved_yaml
+from rths_cli.cli import cli
 from rths_cli.files.raw_log import RawHeader, raw_log_path
 from rths_cli.files.raw_log_writer import RawLogWriter
 from rths_cli.files.results import ResultWriter
@@ -25,6 +27,12 @@ def rths(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, "-m", "rths_cli", *words], capture_output=True, text=True, cwd=cwd, timeout=120, check=False
     )
+
+
+def inside(*words: str) -> str:
+    """Run a command in this process and return what it prints."""
+    done = CliRunner().invoke(cli, words, catch_exceptions=False)
+    return done.output
 
 
 def killed(folder: Path, name: str) -> np.ndarray:
@@ -44,13 +52,13 @@ def killed(folder: Path, name: str) -> np.ndarray:
     return columns
 
 
-def test_help_has_an_example(tmp_path: Path) -> None:
-    done = rths("recover", "--help", cwd=tmp_path)
-    assert done.returncode == 0 and "Example: rths recover" in " ".join(done.stdout.split())
-    assert rths("recover", cwd=tmp_path).returncode == 2
+def test_help_has_an_example_and_a_log_must_be_named() -> None:
+    assert "Example: rths recover" in " ".join(inside("recover", "--help").split())
+    assert "Missing argument 'LOG...'" in inside("recover")
 
 
-def test_logs_become_results_and_json_is_one_document(tmp_path: Path) -> None:
+def test_logs_become_results_and_json_is_one_document(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
     columns = killed(tmp_path, "one")
     killed(tmp_path, "two")
     done = rths("recover", "one.exp_rths.rthslog", cwd=tmp_path)
@@ -63,14 +71,12 @@ def test_logs_become_results_and_json_is_one_document(tmp_path: Path) -> None:
         assert file.attrs["status"] == "interrupted" and file.attrs["status_reason"] in done.stdout
         np.testing.assert_array_equal(file["exp_rths/command_v"][()], columns[0, LEAD:])
     words = ("recover", "one.exp_rths.rthslog", "two.exp_rths.rthslog", "two.exp_rths.rthslog", "--json")
-    done = rths(*words, cwd=tmp_path)
-    document = json.loads(done.stdout)
-    assert (done.returncode, document["exit_code"], len(document["recovered"])) == (0, 0, 2)
+    document = json.loads(inside(*words))
+    assert (document["exit_code"], len(document["recovered"])) == (0, 2)
     one, two = document["recovered"]
     assert (one["already_there"], two["already_there"]) == (True, False)
     assert (two["result"], two["samples"], two["steps"], two["status"]) == ("two.h5", DONE, STEPS, "interrupted")
-    assert "held it already" in rths("recover", "one.exp_rths.rthslog", cwd=tmp_path).stdout
-    assert "interrupted" in rths("report", "one.h5", cwd=tmp_path).stdout
+    assert "one.h5: held it already and is left as it is" in inside("recover", "one.exp_rths.rthslog")
 
 
 def test_what_cannot_be_recovered_is_one_sentence_each_and_writes_nothing(tmp_path: Path) -> None:
@@ -79,28 +85,26 @@ def test_what_cannot_be_recovered_is_one_sentence_each_and_writes_nothing(tmp_pa
         writer.finish("complete")
     (tmp_path / "b.rthslog").write_text("other")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    words = ("recover", "one.exp_rths.rthslog", "b.rthslog", "c.rthslog")
-    done = rths(*words, cwd=tmp_path)
-    assert done.returncode == 2 and done.stdout == ""
-    assert len(done.stderr.strip().splitlines()) == 3 and "Traceback" not in done.stderr
+    done = rths("recover", "one.exp_rths.rthslog", "b.rthslog", "c.rthslog", "--json", cwd=tmp_path)
+    assert done.returncode == 2 and "Traceback" not in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 3
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
-    document = json.loads(rths(*words, "--json", cwd=tmp_path).stdout)
-    assert document["exit_code"] == 2 and len(document["faults"]) == 3
+    assert json.loads(done.stdout) == {"exit_code": 2, "faults": done.stderr.strip().splitlines()}
 
 
 @pytest.mark.parametrize("others", [True, False], ids=["beside results", "alone"])
-def test_report_says_what_waits_to_be_recovered(tmp_path: Path, others: bool) -> None:
+def test_report_says_what_waits_to_be_recovered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, others: bool) -> None:
+    monkeypatch.chdir(tmp_path)
     folder = tmp_path / "results"
     folder.mkdir()
     killed(folder, "one")
     advice = "results/one.exp_rths.rthslog: holds samples of an interrupted run that are in no result; rths recover"
     if others:
         killed(folder, "two")
-        assert rths("recover", "results/two.exp_rths.rthslog", cwd=tmp_path).returncode == 0
+        inside("recover", "results/two.exp_rths.rthslog")
     done = rths("report", cwd=tmp_path)
     assert done.returncode == (0 if others else 2)
     assert advice in done.stderr and "two" not in done.stderr and "Traceback" not in done.stderr
     assert ("interrupted" in done.stdout) == others
-    assert rths("recover", "results/one.exp_rths.rthslog", cwd=tmp_path).returncode == 0
-    done = rths("report", cwd=tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
+    inside("recover", "results/one.exp_rths.rthslog")
+    assert "rths recover" not in inside("report")

@@ -79,9 +79,10 @@ def test_what_is_written_is_read_back_and_stands_as_documented(tmp_path: Path) -
 
 def test_a_log_cut_at_any_byte_gives_every_frame_before_the_cut(tmp_path: Path) -> None:
     data = write(tmp_path / "a.rthslog")
-    ends = [end for end, *_ in by_hand(data)]
-    start = 20 + int.from_bytes(data[12:16], "little")
-    for cut in range(start, len(data) + 1):
+    start, ends = 20 + int.from_bytes(data[12:16], "little"), [end for end, *_ in by_hand(data)]
+    borders = [place for end in (start, *ends) for place in range(end - 24, end + 24)]
+    places = [*borders, *np.random.default_rng(0).integers(start, len(data), 100)]
+    for cut in (place for place in places if start <= place <= len(data)):
         columns, samples = read(tmp_path / "cut.rthslog", data[:cut])
         whole = CUTS[sum(end <= cut for end in ends)]
         assert samples == columns.shape[1] == whole, cut

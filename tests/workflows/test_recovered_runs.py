@@ -24,6 +24,7 @@ from rths_cli.workflows.run import play_run, run_case, verdict_on
 from rths_cli.workflows.setup import make_setup
 
 CASE = "structure: three_storey\ndamping: low\nrecord: ./short.csv\nscaling: 0.3\ncontroller: FF+FB\n"
+IDENTIFIED = "identification:\n  model: /gone/model.h5\n"
 TRUTH = ("true_velocity_m_s_0", "true_velocity_m_s_1", "true_velocity_m_s_2", "true_displacement_m")
 
 
@@ -123,7 +124,12 @@ def test_a_recovered_run_is_the_start_of_the_whole_one(played: Played, tmp_path:
     result = tmp_path / "a.h5"
     if present:
         begun(played, result)
-    logs = [left(played, tmp_path, "shake_table", 3001), left(played, tmp_path, "exp_rths", 5000)]
+    given = {
+        run: replace(header, resolved_yaml=header.resolved_yaml.replace("identification:\n", IDENTIFIED))
+        for run, (header, _) in played.logs.items()
+    }
+    killed = (("shake_table", 3001), ("exp_rths", 5000))
+    logs = [left(played, tmp_path, run, steps, given[run]) for run, steps in killed]
     two, one = (recover([log])[0] for log in reversed(logs))
     assert (one.samples, two.samples, two.steps) == (3001, 5000, played.logs["exp_rths"][0].steps)
     whole, part = read_result(played.result), read_result(result)
@@ -135,8 +141,9 @@ def test_a_recovered_run_is_the_start_of_the_whole_one(played: Played, tmp_path:
     assert part.attributes["status_reason"] == f"{one.reason}; {two.reason}"
     same = set(whole.attributes) - {"status", "status_reason"}
     assert {key: part.attributes[key] for key in same} == {key: whole.attributes[key] for key in same}
-    assert (part.case_yaml, part.resolved_yaml) == (whole.case_yaml, whole.resolved_yaml)
-    for run, steps in (("shake_table", 3001), ("exp_rths", 5000)):
+    texts = (whole.case_yaml, whole.resolved_yaml if present else given["exp_rths"].resolved_yaml)
+    assert (part.case_yaml, part.resolved_yaml) == texts
+    for run, steps in killed:
         count = steps - played.logs[run][0].lead_samples
         expected, found = series(played.result, run), series(result, run)
         assert set(found) == set(expected) and len(found) > 12

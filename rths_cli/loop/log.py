@@ -13,6 +13,14 @@ from rths_cli.loop.blocks import Step
 from rths_cli.lti import Array
 
 SEVERAL = ("true_velocity_m_s", "corrected", "desired", "estimated", "samples_v")  # signals of more than one row
+DESIRED = ("desired_accel_m_s2", "desired_velocity_m_s", "desired_displacement_m")
+UNITS = {
+    "corrected": "m/s^2",
+    "estimated": "m, m/s, m/s^2 or N",
+    "samples_v": "V",
+    "command_v": "V",
+    "base_shear_n": "N",
+}
 
 
 class Log(NamedTuple):
@@ -61,8 +69,11 @@ def widths(channels: int, estimates: int, truths: int, lean: bool) -> dict[str, 
 
 def column_names(channels: int, estimates: int, truths: int = 0) -> tuple[str, ...]:
     """Return a name for each column of a log that is not lean."""
-    wide = widths(channels, estimates, truths, False)
-    return tuple(f"{name}_{i}" if name in SEVERAL else name for name, count in wide.items() for i in range(count))
+    names = []
+    for name, count in widths(channels, estimates, truths, False).items():
+        names += [f"{name}_{i}" for i in range(count)] if name in SEVERAL else [name] * count
+    place = names.index("desired_0")
+    return (*names[:place], *DESIRED, *names[place + 3 :])
 
 
 def empty_log(steps: int, channels: int, estimates: int, lean: bool = False, truths: int = 0) -> Log:

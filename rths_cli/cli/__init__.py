@@ -8,6 +8,7 @@ from rths_cli.cli import (  # each adds its commands
     identify_command,
     recover_command,
     run_commands,
+    serve_command,
     start_commands,
     sweep_command,
 )
@@ -23,6 +24,7 @@ __all__ = [
     "main",
     "recover_command",
     "run_commands",
+    "serve_command",
     "start_commands",
     "sweep_command",
 ]

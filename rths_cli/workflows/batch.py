@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -14,9 +16,11 @@ from rths_cli.workflows.heap import keep_freed_memory
 from rths_cli.workflows.kept import Kept
 from rths_cli.workflows.known import Memory
 from rths_cli.workflows.model_store import Cache
+from rths_cli.workflows.permission import ask_to_move
 from rths_cli.workflows.run import Ended, moves_table, prepare_all, run_case
 
 if TYPE_CHECKING:
+    from rths_cli.loop.watching import View
     from rths_cli.workflows.setup import Setup
 
 KEPT, KEPT_BYTES = 8, 1 << 28  # of each kind of what cases share, and of all kinds together
@@ -39,12 +43,18 @@ class Watcher(Protocol):
     def message(self, text: str) -> None:
         """Take note of a sentence for the user."""
 
+    def moving(self, label: str, view: View) -> None:
+        """Take note of how a run stands on a real rig."""
+
+    def confirm(self, lines: Sequence[str]) -> bool:
+        """Show a checklist and ask whether a real table may move."""
+
 
 @dataclass(frozen=True)
 class Request:
     """What `rths run` was asked: case files, settings KEY=VALUE, methods (none: each case's own), where to.
 
-    `fresh` ignores models that earlier runs identified.
+    `fresh` ignores models that earlier runs identified. `yes` moves a real table without asking.
     """
 
     paths: tuple[str, ...]
@@ -55,6 +65,7 @@ class Request:
     command_line: str
     overrides: tuple[str, ...] = ()
     fresh: bool = False
+    yes: bool = False
 
 
 def plan(request: Request, memory: Memory, kept: Kept) -> list[tuple[Setup, Path]]:
@@ -65,7 +76,7 @@ def plan(request: Request, memory: Memory, kept: Kept) -> list[tuple[Setup, Path
         cases = load_cases(request.paths, (*request.settings, *chosen))
         suffix = f"-{method}" if len(request.methods) > 1 else ""
         setups = prepare_all(cases, request.output, request.overrides, kept)
-        jobs += [(setup, request.output / f"{setup.case.name}{suffix}.h5") for setup in setups]
+        jobs += [(setup, request.output / f"{setup.case.name}{suffix}{_when(setup)}.h5") for setup in setups]
     for setup, _ in jobs:
         if moves_table(setup.case):
             memory.prepare(setup)
@@ -76,12 +87,18 @@ def plan(request: Request, memory: Memory, kept: Kept) -> list[tuple[Setup, Path
     return jobs
 
 
+def _when(setup: Setup) -> str:
+    """Return what the name of a result says of its time: a real rig's is never replaced."""
+    return "" if setup.rig.kind == "virtual" else datetime.now(UTC).strftime("-%Y%m%dT%H%M%SZ")
+
+
 def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
     """Run every case of a request; one that fails is named and the others go on."""
     keep_freed_memory()
     memory, kept = Memory(Cache(request.fresh)), Kept()
     jobs = plan(request, memory, kept)
     kept.size = _most_kept(jobs)
+    ask_to_move([setup for setup, _ in jobs], request.yes, watcher.confirm)
     results = []
     for number, (setup, path) in enumerate(jobs, 1):
         watcher.started(number, len(jobs), path.stem)
@@ -89,6 +106,8 @@ def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
         ended = _run_one(setup, path, memory, kept, request.command_line, watcher)
         results.append(ended)
         watcher.ended(ended, time.monotonic() - start)
+        if setup.rig.kind != "virtual" and ended.exit_code > 1:
+            break  # a person looks at the table before it moves again
     return results
 
 
@@ -107,7 +126,12 @@ def _most_kept(jobs: Sequence[tuple[Setup, Path]]) -> int:
 def _run_one(setup: Setup, path: Path, memory: Memory, kept: Kept, command_line: str, watcher: Watcher) -> Ended:
     name = setup.case.name
     try:
-        return run_case(setup, path, memory, command_line, watcher.doing, kept)
+        if setup.rig.kind == "virtual":
+            return run_case(setup, path, memory, command_line, watcher.doing, kept)
+        from rths_cli.workflows.real_rig import RealStage
+
+        with closing(RealStage(watcher.moving)) as stage:
+            return run_case(setup, path, memory, command_line, watcher.doing, kept, stage)
     except RthsError as error:
         return Ended(name, None, "failed", str(error), error.exit_code)
     except Exception as error:

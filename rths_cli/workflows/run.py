@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from rths_cli.analysis.sim import simulate
 from rths_cli.analysis.sim_delay import simulate_delayed
 from rths_cli.case.load import resolved_yaml
 from rths_cli.files.results import Metric, ResultWriter, check_writable
+from rths_cli.loop import guard
 from rths_cli.loop.blocks import NUMERICAL, RECORD
 from rths_cli.loop.drive import Outcome, play
 from rths_cli.workflows import budget, contents, figures, merit
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
     from rths_cli.workflows.controllers import Design
 
 BYTES_PER_SAMPLE = 600  # of a result file, for the check of free space
+INTERRUPTIONS = {guard.INTERRUPT: 130, guard.TERMINATION: 143}  # exit codes of orders that came by signals
 
 
 @dataclass(frozen=True)
@@ -58,6 +60,22 @@ class Stop:
     exit_code: int
 
 
+@dataclass(frozen=True)
+class TableRun:
+    """One kind of run on the table: its group in the result, source of the desired motion, noise stream, label."""
+
+    name: str
+    source: int
+    stream: int
+    label: str
+
+
+TABLE_RUNS = (
+    TableRun("shake_table", RECORD, SHAKE_TABLE, "shake-table test"),
+    TableRun("exp_rths", NUMERICAL, EXP_RTHS, "EXP-RTHS"),
+)
+
+
 def prepare_all(
     cases: Sequence[Case], output: Path, overrides: tuple[str, ...] = (), kept: Kept | None = None
 ) -> list[Setup]:
@@ -74,11 +92,17 @@ def moves_table(case: Case) -> bool:
 
 
 def run_case(
-    setup: Setup, path: Path, memory: Memory, command_line: str, progress: Progress, kept: Kept | None = None
+    setup: Setup,
+    path: Path,
+    memory: Memory,
+    command_line: str,
+    progress: Progress,
+    kept: Kept | None = None,
+    stage: Stage | None = None,
 ) -> Ended:
     """Run one case and write its result file; raises InputError when it cannot be run or written.
 
-    With `kept`, cases share what they have in common.
+    With `kept`, cases share what they have in common. `stage` plays the runs, on a virtual rig when there is none.
     """
     case, kept = setup.case, kept or Kept()
     known = memory.known(setup, progress) if moves_table(case) else None
@@ -90,12 +114,14 @@ def run_case(
         sim, values = _simulations(setup, writer, kept, progress)
         stop = None
         if known is not None and checked is not None:
-            stop, measured = _on_table(setup, known, checked, sim, writer, progress)
+            stop, measured = _on_table(setup, known, checked, sim, writer, progress, stage or VirtualStage())
             values |= measured
         writer.metrics(values)
         if stop is None:
             stop = acceptance(case.accept, values)
         writer.finish(stop.status, stop.reason)  # type: ignore[arg-type]
+    if stage is not None:
+        stage.written()
     return Ended(case.name, path, stop.status, stop.reason, stop.exit_code, cautions, replaced)
 
 
@@ -117,7 +143,7 @@ def _attributes(
 
 
 def _on_table(
-    setup: Setup, known: Known, checked: Verdict, sim: Response, writer: ResultWriter, progress: Progress
+    setup: Setup, known: Known, checked: Verdict, sim: Response, writer: ResultWriter, progress: Progress, stage: Stage
 ) -> tuple[Stop | None, dict[str, Metric]]:
     """Write what is known of rig and blocks, play the table runs; return what stopped one first and the figures."""
     design = checked.design
@@ -129,7 +155,7 @@ def _on_table(
     rejected = known.faults(setup.overrides)
     if rejected:
         return Stop("refused", rejected[0], 1), values
-    stop, measured = _experiments(setup, checked, design, sim, writer, progress)
+    stop, measured = _experiments(setup, checked, design, sim, writer, progress, stage)
     return stop, values | measured
 
 
@@ -176,32 +202,56 @@ def _sim_delay(setup: Setup, sim: Response) -> tuple[DelayedResponse, dict[str, 
 
 
 def _experiments(
-    setup: Setup, checked: Verdict, design: Design, sim: Response, writer: ResultWriter, progress: Progress
+    setup: Setup,
+    checked: Verdict,
+    design: Design,
+    sim: Response,
+    writer: ResultWriter,
+    progress: Progress,
+    stage: Stage,
 ) -> tuple[Stop | None, dict[str, Metric]]:
     """Play the table runs of the case, write them, and return what stopped one first and the figures."""
     stop: Stop | None = None
     values: dict[str, Metric] = {}
-    for run, source, stream, label in (
-        ("shake_table", RECORD, SHAKE_TABLE, "shake-table test"),
-        ("exp_rths", NUMERICAL, EXP_RTHS, "EXP-RTHS"),
-    ):
-        if run not in setup.case.runs or (stop is not None and setup.rig.kind != "virtual"):
+    for run in TABLE_RUNS:
+        if run.name not in setup.case.runs or (stop is not None and setup.rig.kind != "virtual"):
             continue
-        if run == "exp_rths" and (refusal := _refusal(setup, checked)):
+        if run.source == NUMERICAL and (refusal := _refusal(setup, checked)):
             stop = replace(stop, reason=f"{stop.reason}; {refusal.reason}") if stop else refusal
             continue
-        progress(f"{label}, {setup.case.table.kind} table")
-        outcome = play_run(setup, design, source, stream)
+        progress(f"{run.label}, {setup.case.table.kind} table")
+        outcome = stage.play(setup, design, run, writer)
         series = on_record_clock(outcome, design.blocks.lead_samples, setup.rig.dt_s, len(setup.motion.time_s))
-        stopped = why_ended(label, outcome, setup.rig.dt_s)
+        stopped = why_ended(run.label, outcome, setup.rig.dt_s)
         stop = stop or stopped
-        hybrid = _hybrid(setup, series) if run == "exp_rths" else None
-        contents.write_table_run(writer, run, setup, series, hybrid)
+        hybrid = _hybrid(setup, series) if run.source == NUMERICAL else None
+        contents.write_table_run(writer, run.name, setup, series, hybrid)
         if stopped is None:
-            values |= _figures(setup, run, series, sim, hybrid)
+            values |= _figures(setup, run.name, series, sim, hybrid)
         if stopped is None and hybrid is not None:
             values |= budget.of_exp_rths(checked.loop, series, hybrid[2], sim)
     return stop, values
+
+
+class Stage(Protocol):
+    """Where the runs of a case are played."""
+
+    def play(self, setup: Setup, design: Design, run: TableRun, writer: ResultWriter) -> Outcome:
+        """Play one run; the result file may be closed meanwhile."""
+
+    def written(self) -> None:
+        """Take note that the result file holds everything that was played."""
+
+
+class VirtualStage:
+    """Plays on virtual rigs, in no time."""
+
+    def play(self, setup: Setup, design: Design, run: TableRun, writer: ResultWriter) -> Outcome:
+        """Play one run."""
+        return play_run(setup, design, run.source, run.stream)
+
+    def written(self) -> None:
+        """Do nothing: nothing was kept elsewhere."""
 
 
 def play_run(setup: Setup, design: Design, source: int, stream: int) -> Outcome:
@@ -244,8 +294,13 @@ def true_accel(abs_accel: Array, series: Series) -> Array:
 
 def why_ended(label: str, outcome: Outcome, dt_s: float) -> Stop | None:
     """Return why a run did not reach its end, None when it did."""
+    if outcome.reason in INTERRUPTIONS:
+        said = f"{label}: {outcome.stopped_by_limit} at {outcome.stopped_at_s:.3f} s, the table was led to rest"
+        return Stop("interrupted", said, INTERRUPTIONS[outcome.reason])
     if outcome.rig_fault:
-        return Stop("failed", f"{label}: {outcome.rig_fault} at {outcome.steps * dt_s:.3f} s", 4)
+        return Stop("failed", f"{label}: {outcome.rig_fault} at {outcome.stopped_at_s:.3f} s", 4)
+    if outcome.reason == guard.LOG_FAILED:
+        return Stop("failed", f"{label}: {outcome.stopped_by_limit} at {outcome.stopped_at_s:.3f} s", 4)
     if outcome.stopped_by_limit:
         return Stop("aborted", f"{label}: {outcome.stopped_by_limit} at {outcome.stopped_at_s:.3f} s", 3)
     return None

@@ -17,7 +17,7 @@ from rths_cli.files.rig_lock import locked_rig
 from rths_cli.loop.blocks import EXCITATION
 from rths_cli.loop.guard import INTERRUPT, TERMINATION
 from rths_cli.loop.log import column_names, column_units
-from rths_cli.loop.performing import Performed, perform_watched, rehearse_watched
+from rths_cli.loop.performing import STOP_KEY, Performed, order, perform_watched, rehearse_watched
 from rths_cli.loop.realtime import Performance, prepare
 from rths_cli.loop.stream import LogStream
 from rths_cli.loop.watching import View, Watching
@@ -73,7 +73,7 @@ def excited(setup: Setup, blocks: Blocks, drive: Array) -> Outcome:
 class RealStage:
     """Plays the runs of one case on its real rig: their samples stand in raw logs until the result holds them."""
 
-    def __init__(self, show: Callable[[str, View], None]) -> None:
+    def __init__(self, show: Callable[[str, View], bool]) -> None:
         self._show = show
         self._logs: list[RawLogWriter] = []
 
@@ -85,8 +85,13 @@ class RealStage:
         log = RawLogWriter(path, _header(setup, design, run, ready, writer))
         self._logs.append(log)
         watching = Watching(ready)
+
+        def watch(performance: Performance) -> None:
+            if self._show(run.label, watching.look()):
+                order(performance, STOP_KEY)
+
         with LogStream(log, ready.log.columns, ready.log.done, ready.course.orders) as stream, opened(rig):
-            performed = perform_watched(rig, ready, lambda _: self._show(run.label, watching.look()))
+            performed = perform_watched(rig, ready, watch)
         writer.resume()
         writer.about({f"{run.name}_{key}": value for key, value in _told(performed, stream).items()})
         return performed.outcome

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.case.models_rig import VirtualRigSpec
-from rths_cli.case.models_rig_real import NiRigSpec, PluginRigSpec
-from rths_cli.errors import RigError
+from rths_cli.case.models_rig_real import NiRigSpec, UdpRigSpec
 from rths_cli.rigs.virtual.opening import virtual_rig
 
 if TYPE_CHECKING:
     from rths_cli.loop.guard import GuardLimits
     from rths_cli.rigs.interface import Rig
     from rths_cli.rigs.ni.rig import NiRig
+    from rths_cli.rigs.udp.rig import UdpRig
     from rths_cli.rigs.virtual.rig import VirtualRig
     from rths_cli.workflows.setup import Setup
 
@@ -33,13 +33,13 @@ def open_rig(setup: Setup, stream: tuple[int, ...], seed: int) -> Rig:
     table = setup.case.table
     if isinstance(table, VirtualRigSpec):
         return open_virtual(setup, stream, seed)
+    if isinstance(table, UdpRigSpec):
+        return _udp(setup, table)
     if isinstance(table, NiRigSpec):
         return _ni(setup, table)
-    if isinstance(table, PluginRigSpec):
-        from rths_cli.rigs.plugins import open_plugin
+    from rths_cli.rigs.plugins import open_plugin
 
-        return open_plugin(setup.rig, table.options)
-    raise RigError(f"rig {setup.rig.name}: there is no driver for rigs of kind {setup.rig.kind}")
+    return open_plugin(setup.rig, table.options)
 
 
 def open_virtual(setup: Setup, stream: tuple[int, ...], seed: int) -> VirtualRig:
@@ -54,6 +54,15 @@ def open_virtual(setup: Setup, stream: tuple[int, ...], seed: int) -> VirtualRig
         seed=(seed, *stream),
         after_identification=stream[0] not in BEFORE,
     )
+
+
+def _udp(setup: Setup, table: UdpRigSpec) -> UdpRig:
+    """Return the rig behind UDP that a rig file describes."""
+    from rths_cli.rigs.udp.rig import UdpRig, UdpTarget
+
+    udp, lost_samples = table.udp, setup.rig.limits.lost_samples
+    target = UdpTarget(udp.host, udp.port, udp.key_file, udp.timeout_s, table.watchdog_s, lost_samples)
+    return UdpRig(setup.rig, target)
 
 
 def _ni(setup: Setup, table: NiRigSpec) -> NiRig:

@@ -6,7 +6,9 @@ from rths_cli.cli import (  # each adds its commands
     check_command,
     doctor_command,
     identify_command,
+    recover_command,
     run_commands,
+    serve_command,
     start_commands,
     sweep_command,
 )
@@ -20,7 +22,9 @@ __all__ = [
     "doctor_command",
     "identify_command",
     "main",
+    "recover_command",
     "run_commands",
+    "serve_command",
     "start_commands",
     "sweep_command",
 ]

@@ -68,9 +68,11 @@ def report(results: tuple[str, ...], as_json: bool) -> int:
 
     Example: rths report results
     """
-    from rths_cli.report.load import load
+    from rths_cli.report.load import load, unrecovered
 
     paths = [Path(result) for result in results or ("results",)]
+    for waiting in unrecovered(paths):
+        click.echo(waiting, err=True)
     _print_tables(load(paths), as_json, None)
     return 0
 

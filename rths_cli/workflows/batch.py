@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Protocol
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, RthsError, write_crash_file
+from rths_cli.workflows.heap import keep_freed_memory
+from rths_cli.workflows.kept import Kept
 from rths_cli.workflows.known import Memory
 from rths_cli.workflows.model_store import Cache
 from rths_cli.workflows.run import Ended, moves_table, prepare_all, run_case
@@ -17,6 +19,8 @@ from rths_cli.workflows.run import Ended, moves_table, prepare_all, run_case
 if TYPE_CHECKING:
     from rths_cli.workflows.setup import Setup
 
+KEPT, KEPT_BYTES = 8, 1 << 28  # of each kind of what cases share, and of all kinds together
+RESPONSES = 3  # kept of a case: SIM, SIM of the identified building, SIM-DELAY
 PRECEDENCE = (143, 130, 5, 4, 3, 2, 1)
 
 
@@ -53,14 +57,14 @@ class Request:
     fresh: bool = False
 
 
-def plan(request: Request, memory: Memory) -> list[tuple[Setup, Path]]:
+def plan(request: Request, memory: Memory, kept: Kept) -> list[tuple[Setup, Path]]:
     """Load and check every case and name its result file; raises InputError with all faults, writes nothing."""
     jobs: list[tuple[Setup, Path]] = []
     for method in request.methods or ("",):
         chosen = (f"method={method}",) if method else ()
         cases = load_cases(request.paths, (*request.settings, *chosen))
         suffix = f"-{method}" if len(request.methods) > 1 else ""
-        setups = prepare_all(cases, request.output, request.overrides)
+        setups = prepare_all(cases, request.output, request.overrides, kept)
         jobs += [(setup, request.output / f"{setup.case.name}{suffix}.h5") for setup in setups]
     for setup, _ in jobs:
         if moves_table(setup.case):
@@ -74,13 +78,15 @@ def plan(request: Request, memory: Memory) -> list[tuple[Setup, Path]]:
 
 def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
     """Run every case of a request; one that fails is named and the others go on."""
-    memory = Memory(Cache(request.fresh))
-    jobs = plan(request, memory)
+    keep_freed_memory()
+    memory, kept = Memory(Cache(request.fresh)), Kept()
+    jobs = plan(request, memory, kept)
+    kept.size = _most_kept(jobs)
     results = []
     for number, (setup, path) in enumerate(jobs, 1):
         watcher.started(number, len(jobs), path.stem)
         start = time.monotonic()
-        ended = _run_one(setup, path, memory, request.command_line, watcher)
+        ended = _run_one(setup, path, memory, kept, request.command_line, watcher)
         results.append(ended)
         watcher.ended(ended, time.monotonic() - start)
     return results
@@ -92,10 +98,16 @@ def exit_code(results: Sequence[Ended]) -> int:
     return next((code for code in PRECEDENCE if code in codes), 0)
 
 
-def _run_one(setup: Setup, path: Path, memory: Memory, command_line: str, watcher: Watcher) -> Ended:
+def _most_kept(jobs: Sequence[tuple[Setup, Path]]) -> int:
+    """Return how many records and responses are kept: as often as those of the longest case fit, once at least."""
+    series = max(len(setup.motion.time_s) * (4 + RESPONSES * (3 * setup.case.n_storeys + 1)) for setup, _ in jobs)
+    return max(1, min(KEPT, KEPT_BYTES // (8 * series)))
+
+
+def _run_one(setup: Setup, path: Path, memory: Memory, kept: Kept, command_line: str, watcher: Watcher) -> Ended:
     name = setup.case.name
     try:
-        return run_case(setup, path, memory, command_line, watcher.doing)
+        return run_case(setup, path, memory, command_line, watcher.doing, kept)
     except RthsError as error:
         return Ended(name, None, "failed", str(error), error.exit_code)
     except Exception as error:

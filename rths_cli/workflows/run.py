@@ -18,15 +18,17 @@ from rths_cli.loop.blocks import NUMERICAL, RECORD
 from rths_cli.loop.drive import Outcome, play
 from rths_cli.workflows import budget, contents, figures, merit
 from rths_cli.workflows.check_cases import Verdict, verdict_on
+from rths_cli.workflows.kept import Kept
 from rths_cli.workflows.known import Known, Memory
 from rths_cli.workflows.provenance import attributes
 from rths_cli.workflows.rigs import EXP_RTHS, SHAKE_TABLE, guard_limits, open_rig
 from rths_cli.workflows.series import Series, on_record_clock, whole_building
-from rths_cli.workflows.setup import Progress, Setup, make_setups, shown
+from rths_cli.workflows.setup import Progress, Setup, building_key, make_setups, motion_key, shown
 from rths_cli.workflows.warnings import of_case
 
 if TYPE_CHECKING:
     from rths_cli.analysis.sim import Response
+    from rths_cli.analysis.sim_delay import DelayedResponse
     from rths_cli.case.models import Case
     from rths_cli.lti import Array
     from rths_cli.workflows.controllers import Design
@@ -56,9 +58,11 @@ class Stop:
     exit_code: int
 
 
-def prepare_all(cases: Sequence[Case], output: Path, overrides: tuple[str, ...] = ()) -> list[Setup]:
+def prepare_all(
+    cases: Sequence[Case], output: Path, overrides: tuple[str, ...] = (), kept: Kept | None = None
+) -> list[Setup]:
     """Read and check everything of every case before the first one starts; raises InputError with all faults."""
-    setups = make_setups(cases, overrides)
+    setups = make_setups(cases, overrides, kept)
     samples = sum(len(setup.motion.time_s) for setup in setups)
     check_writable(output, BYTES_PER_SAMPLE * samples)
     return setups
@@ -69,16 +73,21 @@ def moves_table(case: Case) -> bool:
     return bool({"shake_table", "exp_rths"} & set(case.runs))
 
 
-def run_case(setup: Setup, path: Path, memory: Memory, command_line: str, progress: Progress) -> Ended:
-    """Run one case and write its result file; raises InputError when it cannot be run or written."""
-    case = setup.case
+def run_case(
+    setup: Setup, path: Path, memory: Memory, command_line: str, progress: Progress, kept: Kept | None = None
+) -> Ended:
+    """Run one case and write its result file; raises InputError when it cannot be run or written.
+
+    With `kept`, cases share what they have in common.
+    """
+    case, kept = setup.case, kept or Kept()
     known = memory.known(setup, progress) if moves_table(case) else None
-    checked = verdict_on(setup, known, hybrid="exp_rths" in case.runs) if known else None
+    checked = verdict_on(setup, known, "exp_rths" in case.runs, kept=kept) if known else None
     cautions, replaced = _cautions(setup, known, checked), path.exists()
     with ResultWriter(path, _attributes(setup, checked, known, command_line, cautions)) as writer:
         writer.case(case.yaml_text, resolved_yaml(case))
         contents.write_record(writer, setup)
-        sim, values = _simulations(setup, writer, progress)
+        sim, values = _simulations(setup, writer, kept, progress)
         stop = None
         if known is not None and checked is not None:
             stop, measured = _on_table(setup, known, checked, sim, writer, progress)
@@ -134,26 +143,36 @@ def _refusal(setup: Setup, checked: Verdict) -> Stop | None:
     return Stop("refused", f"EXP-RTHS refused, {checked.verdict}: {'; '.join(checked.reasons)}; {advice}", 1)
 
 
-def _simulations(setup: Setup, writer: ResultWriter, progress: Progress) -> tuple[Response, dict[str, Metric]]:
+def _simulations(
+    setup: Setup, writer: ResultWriter, kept: Kept, progress: Progress
+) -> tuple[Response, dict[str, Metric]]:
     """Write SIM and SIM-DELAY; return SIM, which every error is measured against, and the figures."""
-    case, dt = setup.case, setup.rig.dt_s
-    ground = setup.motion.accel_m_s2
+    case, dt, ground = setup.case, setup.rig.dt_s, setup.motion.accel_m_s2
+    asked = (motion_key(case), building_key(case))
     progress("SIM")
-    sim = simulate(setup.building, dt, ground)
+    sim = kept.get("sim", asked, lambda: simulate(setup.building, dt, ground))
     values: dict[str, Metric] = {}
     if "sim" in case.runs:
         contents.write_response(writer, "sim", setup, sim)
         values |= figures.solution_error("sim", sim.error_estimate)
     if "sim_delay" in case.runs:
         progress(f"SIM-DELAY, {1e3 * case.delay_s:g} ms")
-        delayed = simulate_delayed(setup.building, dt, ground, case.delay_s, sim=sim)
+        delayed, found = kept.get("sim_delay", (*asked, case.delay_s), lambda: _sim_delay(setup, sim))
         contents.write_response(writer, "sim_delay", setup, delayed)
-        values |= figures.against_sim("sim_delay", sim.abs_accel_m_s2, delayed.abs_accel_m_s2, None, dt)
-        values |= figures.solution_error("sim_delay", delayed.error_estimate)
-        values |= figures.critical(critical_delay(setup.building))
-        if delayed.diverged_at_s is not None:
-            values["sim_delay.diverged_at_s"] = figures.scalar(delayed.diverged_at_s, "s", "when SIM-DELAY was cut")
+        values |= found
     return sim, values
+
+
+def _sim_delay(setup: Setup, sim: Response) -> tuple[DelayedResponse, dict[str, Metric]]:
+    """Return SIM-DELAY and its figures."""
+    dt, building = setup.rig.dt_s, setup.building
+    delayed = simulate_delayed(building, dt, setup.motion.accel_m_s2, setup.case.delay_s, sim=sim)
+    values = figures.against_sim("sim_delay", sim.abs_accel_m_s2, delayed.abs_accel_m_s2, None, dt)
+    values |= figures.solution_error("sim_delay", delayed.error_estimate)
+    values |= figures.critical(critical_delay(building))
+    if delayed.diverged_at_s is not None:
+        values["sim_delay.diverged_at_s"] = figures.scalar(delayed.diverged_at_s, "s", "when SIM-DELAY was cut")
+    return delayed, values
 
 
 def _experiments(
@@ -219,7 +238,8 @@ def _figures(
 
 def true_accel(abs_accel: Array, series: Series) -> Array:
     """Return the storeys' accelerations with true ones on table and specimen in place of the measured."""
-    return np.vstack([abs_accel[: len(abs_accel) - len(series.true_accel)], series.true_accel])
+    computed = abs_accel[: len(abs_accel) - len(series.true_accel)]
+    return np.vstack([computed, series.true_accel]) if len(computed) else series.true_accel
 
 
 def why_ended(label: str, outcome: Outcome, dt_s: float) -> Stop | None:

@@ -1,0 +1,108 @@
+"""Play on a real rig: rehearse the rate, listen to the channels at rest, then let the loop move the table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rths_cli.errors import InputError
+from rths_cli.loop.performing import Performed, Watch, perform_watched, rehearse_watched
+from rths_cli.loop.realtime import prepare
+from rths_cli.workflows.doctor import summary
+from rths_cli.workflows.rigs import guard_limits, open_rig
+
+if TYPE_CHECKING:
+    from rths_cli.control.blocks import Blocks
+    from rths_cli.lti import Array
+    from rths_cli.rigs.interface import Rig, RigInfo
+    from rths_cli.workflows.setup import Setup
+
+REHEARSAL_S = 2.0
+LISTENING_S = 1.0
+ZERO_SHARE = 0.1  # of a channel's range, that it may show at rest
+NOISE_SHARE = 0.02  # of a channel's range, rms at rest
+
+
+@dataclass(frozen=True)
+class AtRest:
+    """What the channels showed at rest, (c,) in V: mean and rms about it."""
+
+    zeros_v: Array
+    noise_v: Array
+
+
+def perform_on_rig(setup: Setup, blocks: Blocks, source: int, drive: Array, watch: Watch) -> Performed:
+    """Play a drive (n, 3) on the case's real rig; see `performing.perform_watched`.
+
+    Raises InputError where the machine does not hold the rate or a channel is not at rest, RigError where the rig
+    cannot be had.
+    """
+    rehearsed(setup, blocks, source)
+    rig = open_rig(setup, (), 0)
+    zeros = listened(setup, rig).zeros_v
+    run = prepare(setup.rig, blocks, source, drive, guard_limits(setup), zeros)
+    with opened(rig):
+        return perform_watched(rig, run, watch)
+
+
+@contextmanager
+def opened(rig: Rig) -> Iterator[None]:
+    """Hold a rig open; it rests and is closed whatever happens."""
+    rig.open()
+    try:
+        yield
+    finally:
+        try:
+            rig.rest()
+        finally:
+            rig.close()
+
+
+def rehearsed(setup: Setup, blocks: Blocks, source: int) -> None:
+    """Do the steps of a run in real time without a rig; raise InputError where the machine does not hold its rate."""
+    info = setup.rig
+    run = prepare(info, blocks, source, np.zeros((round(REHEARSAL_S / info.dt_s), 3)), guard_limits(setup))
+    late_s, took_s = rehearse_watched(run, REHEARSAL_S)
+    measured = summary(1.0 / info.dt_s, np.round(1e9 * (late_s + took_s)).astype(np.int64))
+    if not measured.held:
+        raise InputError(
+            f"sample_rate_hz: {1.0 / info.dt_s:g} Hz was not held in a silent rehearsal of {REHEARSAL_S:g} s "
+            f"(p99 {measured.p99_us:.0f} us, {measured.late} of {measured.steps} steps late by a whole interval); "
+            "choose a lower rate, rths doctor recommends one"
+        )
+
+
+def listened(setup: Setup, rig: Rig) -> AtRest:
+    """Return what every channel shows while the armed table rests; raise InputError where that is no rest."""
+    with opened(rig):
+        shown = [np.array(rig.arm(), dtype=float)]
+        shown += [np.array(rig.exchange(0.0), dtype=float) for _ in range(round(LISTENING_S / setup.rig.dt_s))]
+    heard = np.array(shown)
+    found = AtRest(heard.mean(axis=0), heard.std(axis=0))
+    faults = channel_faults(setup.rig, found)
+    if faults:
+        raise InputError(*faults)
+    return found
+
+
+def channel_faults(info: RigInfo, found: AtRest) -> list[str]:
+    """Return a sentence for every channel that is not at rest, or at a rest too far from zero."""
+    faults = []
+    for channel, zero, noise in zip(info.channels, found.zeros_v, found.noise_v, strict=True):
+        range_v = min(channel.range_m_s2 * channel.sensitivity_v_per_m_s2, info.converters.range_v)
+        where = f"rig {info.name}: channel {channel.name}"
+        if not (np.isfinite(zero) and np.isfinite(noise)):
+            faults.append(f"{where} gives no numbers at rest; check its cable")
+        elif abs(zero) > ZERO_SHARE * range_v:
+            share = f"more than {ZERO_SHARE:.0%} of its range"
+            faults.append(
+                f"{where} shows {zero:.3g} V at rest, {share}; check its cable, its coupling and its mounting"
+            )
+        elif noise > NOISE_SHARE * range_v:
+            share = f"more than {NOISE_SHARE:.0%} of its range"
+            faults.append(f"{where} shows {noise:.3g} V rms at rest, {share}; check its cable, and that nothing moves")
+    return faults

@@ -182,6 +182,18 @@ def test_a_closed_port_is_a_lost_answer_and_a_target_that_comes_back_is_heard(en
     assert "unsent" not in ends.counted()
 
 
+def test_an_error_of_an_earlier_packet_does_not_swallow_a_command(ends: Ends) -> None:
+    """The kernel reports a port closed at the next call, which then sends nothing."""
+    address = ends.target.getsockname()
+    ends.target.close()
+    ends.runner.send(b"into the void")
+    ends.target = bound("127.0.0.1", address[1])
+    ends.target.settimeout(2.0)
+    ends.exchange(1, timeout_ns=SHORT_NS)
+    assert ends.received().sequence == 1
+    assert "unsent" not in ends.counted()
+
+
 def test_a_send_that_fails_twice_is_counted(ends: Ends) -> None:
     ends.runner.shutdown(socket.SHUT_WR)
     received = signal.signal(signal.SIGPIPE, signal.SIG_IGN)

@@ -15,6 +15,7 @@ from rths_cli.case.virtual_physics import VirtualPhysics
 from rths_cli.errors import InputError, RigError
 from rths_cli.lti import Array
 from rths_cli.rigs.interface import RigInfo
+from rths_cli.rigs.udp import link as links
 from rths_cli.rigs.udp import wire
 from rths_cli.rigs.udp.rig import UdpRig, UdpTarget
 from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
@@ -139,6 +140,19 @@ def test_a_target_that_cannot_be_armed_says_so(start: MakeTarget, key_file: Path
     rig.close()
 
 
+def test_steps_count_from_the_last_arm_when_an_answer_to_arm_was_lost(start: MakeTarget, key_file: Path) -> None:
+    target = start()
+    target.spoil = lambda sequence, sent: [] if sequence < 2 else [sent]
+    rig = rig_to(target, key_file)
+    rig.open()
+    rig.arm()
+    assert rig.link.status[links.BASE] == rig.link.status[links.LAST] >= 2
+    rig.exchange(1.0)
+    assert [packet.sequence for packet in target.received][-1] == rig.link.status[links.BASE] + 1
+    assert rig.counts["sent"] == 1
+    rig.close()
+
+
 def test_rest_and_close_with_a_dead_peer_end_and_say_so(start: MakeTarget, key_file: Path) -> None:
     target = start()
     rig = rig_to(target, key_file, timeout_s=0.01)
@@ -150,6 +164,7 @@ def test_rest_and_close_with_a_dead_peer_end_and_say_so(start: MakeTarget, key_f
     rig.rest()
     assert not rig.at_rest
     assert rig.counts["unreachable"] > 0
+    assert rig.counts["sent"] < 100  # it was asked every 20 ms, and not for 6 s
     rig.close()
     rig.close()
     assert not rig.at_rest

@@ -295,6 +295,17 @@ def test_a_port_in_use_a_foreign_address_and_an_unknown_host_are_sentences(monke
         connected("shaker", 1)
 
 
+def test_ipv4_is_asked_first_where_a_host_has_both(monkeypatch: pytest.MonkeyPatch) -> None:
+    """localhost is often both, and a target listens at one."""
+    six = (socket.AF_INET6, socket.SOCK_DGRAM, 17, "", ("::1", 9, 0, 0))
+    four = (socket.AF_INET, socket.SOCK_DGRAM, 17, "", ("127.0.0.1", 9))
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: [six, four])
+    found = connected("localhost", 9)
+    for link, _ in found:
+        link.close()
+    assert found[0][1] == "127.0.0.1:9"
+
+
 def test_ipv6_is_spoken_where_the_machine_has_it() -> None:
     try:
         door = bound("::1", 0)

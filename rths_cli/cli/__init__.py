@@ -7,6 +7,7 @@ from rths_cli.cli import (  # each adds its commands
     doctor_command,
     identify_command,
     run_commands,
+    serve_command,
     start_commands,
     sweep_command,
 )
@@ -21,6 +22,7 @@ __all__ = [
     "identify_command",
     "main",
     "run_commands",
+    "serve_command",
     "start_commands",
     "sweep_command",
 ]

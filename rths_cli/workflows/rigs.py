@@ -7,10 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rths_cli.case.models_rig import VirtualRigSpec
+from rths_cli.case.models_rig_real import NiRigSpec, PluginRigSpec
+from rths_cli.errors import RigError
 from rths_cli.rigs.virtual.opening import virtual_rig
 
 if TYPE_CHECKING:
     from rths_cli.loop.guard import GuardLimits
+    from rths_cli.rigs.interface import Rig
+    from rths_cli.rigs.ni.rig import NiRig
     from rths_cli.rigs.virtual.rig import VirtualRig
     from rths_cli.workflows.setup import Setup
 
@@ -19,18 +24,50 @@ IDENTIFICATION, SHAKE_TABLE, EXP_RTHS, PROBE, VERIFICATION = 1, 2, 3, 4, 5
 BEFORE = (IDENTIFICATION, PROBE)
 
 
-def open_rig(setup: Setup, stream: tuple[int, ...], seed: int) -> VirtualRig:
-    """Return the case's virtual rig with the noise stream of one run, before or after the change that the rig file
-    states under `after_identification`."""
-    building = setup.building
+def open_rig(setup: Setup, stream: tuple[int, ...], seed: int) -> Rig:
+    """Return the case's rig, made but not opened: nothing is connected, nothing moves.
+
+    On a virtual rig `stream` and `seed` name the noise of one run, before or after the change that the rig file states
+    under `after_identification`. Raises InputError or RigError when a plug-in cannot make its rig.
+    """
+    table = setup.case.table
+    if isinstance(table, VirtualRigSpec):
+        return open_virtual(setup, stream, seed)
+    if isinstance(table, NiRigSpec):
+        return _ni(setup, table)
+    if isinstance(table, PluginRigSpec):
+        from rths_cli.rigs.plugins import open_plugin
+
+        return open_plugin(setup.rig, table.options)
+    raise RigError(f"rig {setup.rig.name}: there is no driver for rigs of kind {setup.rig.kind}")
+
+
+def open_virtual(setup: Setup, stream: tuple[int, ...], seed: int) -> VirtualRig:
+    """Return the case's virtual rig with the noise stream of one run."""
+    table, building = setup.case.table, setup.building
+    assert isinstance(table, VirtualRigSpec)
     return virtual_rig(
-        setup.case.table,
+        table,
         setup.rig,
         building.specimen,
         building.interface_experimental_mass_kg,
         seed=(seed, *stream),
         after_identification=stream[0] not in BEFORE,
     )
+
+
+def _ni(setup: Setup, table: NiRigSpec) -> NiRig:
+    """Return the rig on an NI card that a rig file describes."""
+    from rths_cli.rigs.ni.daqmx import Wiring
+    from rths_cli.rigs.ni.rig import NiRig
+
+    card, rig = table.ni, setup.rig
+    terminals = tuple(channel.terminal for channel in rig.channels)
+    wiring = Wiring(
+        card.device, card.command_channel, terminals, card.enable_line or "", card.wiring,
+        rig.converters.range_v, 1.0 / rig.dt_s, card.timeout_s,
+    )  # fmt: skip
+    return NiRig(rig, wiring)
 
 
 def guard_limits(setup: Setup) -> GuardLimits:

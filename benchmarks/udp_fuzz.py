@@ -169,8 +169,7 @@ def rest_info() -> RigInfo:
     """Return a rig of three channels at 1 kHz."""
     channels = tuple(Channel(name, 0.1, 50.0, 0.0, 0.0) for name in ("table", "floor 1", "floor 2"))
     limits = Limits(0.079, 1.0, 45.0, 445.0)
-    converters = Converters(16, 10.0)
-    return RigInfo("fuzzed", "udp", 1e-3, channels, converters, 1, limits, 0.0079, 7.0, 13.86, watchdog_s=1.0)
+    return RigInfo("fuzzed", "udp", 1e-3, channels, Converters(16, 10.0), 1, limits, 0.0079, 7.0, 13.86)
 
 
 def at_example(count: int) -> str:
@@ -188,7 +187,7 @@ def at_example(count: int) -> str:
         assert process.stdout is not None
         port = int(process.stdout.readline().rpartition(":")[2])
         try:
-            return at_target(count, "example in C", UdpTarget("127.0.0.1", port, key_file))
+            return at_target(count, "example in C", UdpTarget("127.0.0.1", port, key_file, watchdog_s=1.0))
         finally:
             process.kill()
 

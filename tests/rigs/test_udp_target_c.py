@@ -44,7 +44,7 @@ def rig(program: Path, tmp_path: Path) -> Iterator[UdpRig]:
     process = subprocess.Popen([program, "0", key_file], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     port = int(process.stdout.readline().rpartition(":")[2])
-    rig = UdpRig(replace(rig_info(dt_s=2e-3), watchdog_s=1.0), UdpTarget("127.0.0.1", port, key_file, timeout_s=5.0))
+    rig = UdpRig(rig_info(dt_s=2e-3), UdpTarget("127.0.0.1", port, key_file, timeout_s=5.0, watchdog_s=1.0))
     yield rig
     rig.close()
     process.kill()
@@ -127,7 +127,7 @@ def test_a_command_that_is_no_number_or_out_of_range_is_not_obeyed_and_rests_the
 
 
 def test_its_watchdog_rests_the_table_and_refuses_further_commands(rig: UdpRig) -> None:
-    rig.info = replace(rig.info, watchdog_s=0.3)
+    rig.target = replace(rig.target, watchdog_s=0.3)
     rig.open()
     rig.arm()
     for _ in range(30):

@@ -31,15 +31,18 @@ IN_S = 1e-9
 
 @dataclass(frozen=True)
 class UdpTarget:
-    """Where a target is, the secret shared with it, and how long to wait for an answer.
+    """Where a target is and how patient the runner is with it.
 
-    `key_file` None: the file that RTHS_KEY_FILE names. `timeout_s` None: a share of the sample interval.
+    `timeout_s`: how long to wait for an answer, None for a share of the sample interval. `watchdog_s`: after how long
+    without a command the target is to rest its table. `lost_samples`: answers that may miss in a row.
     """
 
     host: str
     port: int
     key_file: Path | None = None
     timeout_s: float | None = None
+    watchdog_s: float = 0.1
+    lost_samples: int = 5
 
 
 class UdpRig:
@@ -114,7 +117,7 @@ class UdpRig:
             self.overruns += 1
         converse_at(link, wire.COMMAND, k, float(command_v), instant_ns, self._timeout_ns)
         self._check(f"rig {self.info.name}: the target {self.peer} stopped")
-        if link.counts[links.IN_A_ROW] > self.info.limits.lost_samples:
+        if link.counts[links.IN_A_ROW] > self.target.lost_samples:
             raise RigError(self._lost())
         return link.samples_v
 
@@ -149,7 +152,7 @@ class UdpRig:
 
     def _greet(self, secret: Words) -> tuple[socket.socket, str, Session]:
         """Return socket, name and session of the first address of the host that answers."""
-        channels, watchdog_ns = len(self.info.channels), round(self.info.watchdog_s / IN_S)
+        channels, watchdog_ns = len(self.info.channels), round(self.target.watchdog_s / IN_S)
         wanted = Terms(channels, self._dt_ns, watchdog_ns)
         found = connected(self.target.host, self.target.port)
         fault: RigError | None = None

@@ -60,9 +60,7 @@ def table(tmp_path: Path) -> Iterator[tuple[PlainTarget, Relay, UdpRig]]:
     key_file.chmod(0o600)
     target = PlainTarget(SECRET, Counting())
     relay = Relay("127.0.0.1", target.port)
-    info = rig_info(dt_s=1e-3)
-    info = replace(info, limits=replace(info.limits, lost_samples=200))
-    rig = UdpRig(info, UdpTarget("127.0.0.1", relay.port, key_file, timeout_s=0.01))
+    rig = UdpRig(rig_info(dt_s=1e-3), UdpTarget("127.0.0.1", relay.port, key_file, timeout_s=0.01, lost_samples=200))
     yield target, relay, rig
     rig.close()
     relay.close()
@@ -113,7 +111,7 @@ def test_a_handshake_and_arming_succeed_over_a_bad_network(table: tuple[PlainTar
 
 def test_a_cable_pulled_out_is_told_after_the_allowed_losses(table: tuple[PlainTarget, Relay, UdpRig]) -> None:
     target, relay, rig = table
-    rig.info = replace(rig.info, limits=replace(rig.info.limits, lost_samples=20))
+    rig.target = replace(rig.target, lost_samples=20)
     rig.open()
     rig.arm()
     rig.exchange(0.5)

@@ -32,6 +32,7 @@ SOURCES = (
     "rig_info.py",
     "compiled.py",
     "filters.py",
+    "clocks.py",
     "metrics/error.py",
     "tiles.py",
     "rigs/virtual/plant.py",

@@ -53,4 +53,5 @@ def guard_limits(setup: Setup) -> GuardLimits:
         masses_kg=np.concatenate([[rig.moving_mass_kg], setup.floor_masses_kg]),
         saturation_v=0.999 * np.array(saturation),
         stuck_m_s2=STUCK_BITS * bit if bit > 0.0 else math.inf,
+        abort_m_s2=np.full(len(rig.channels), rig.limits.acceleration_m_s2),
     )

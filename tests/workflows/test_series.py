@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from rths_cli.control.numerical import interface
-from rths_cli.loop.drive import Log, Outcome
+from rths_cli.loop.drive import Outcome
+from rths_cli.loop.log import Signals
 from rths_cli.loop.replay import run_block
 from rths_cli.structure import build
 from rths_cli.workflows.series import on_record_clock, whole_building
@@ -14,7 +15,7 @@ from rths_cli.workflows.series import on_record_clock, whole_building
 
 def outcome(steps: int, done: int) -> Outcome:
     count = np.arange(steps, dtype=float)
-    log = Log(
+    log = Signals(
         command_v=count,
         desired=np.vstack([count, count, count]),
         corrected=np.vstack([count, 10 + count]),

@@ -226,6 +226,39 @@ def mutated(packet: bytes, random: np.random.Generator) -> bytes:
     return bytes(made)
 
 
+def test_the_end_stop_and_a_wild_runner_end_in_rest(running: Running) -> None:
+    """A step to the end of the stroke: the table overshoots into its stop; the way back starts at a sane velocity."""
+    rig = running.rig()
+    rig.open()
+    rig.arm()
+    session, table = running.session, running.server._table
+    with pytest.raises(RigError, match="end stop"):
+        for _ in range(40):
+            rig.exchange(9.99)
+    farthest = 0.0
+    while session[serving.STATE] != wire.RESTED:
+        farthest = max(farthest, abs(table.guard.motion[0]))
+        time.sleep(0.002)
+    assert session[serving.FAULTS] == wire.END_STOP
+    assert farthest < 0.0079 * 9.99 + 0.5 * 1.0**2 / (0.45 * 45.0) + 0.002
+    rig.close()
+
+
+def test_a_closed_session_takes_no_more_packets(running: Running) -> None:
+    rig = running.rig()
+    rig.open()
+    rig.arm()
+    rig.exchange(0.0)
+    link, door, key = rig.link, rig._door, running.server._door.key.copy()
+    assert links.converse_at(link, wire.CLOSE, rig._next_k(), 0.0, 0, 500_000_000) == links.FAULT  # at rest, not armed
+    until(lambda: len(running.server.ended) == 1)
+    assert running.server.ended[0].ended_by == "the runner closed it"
+    assert door is not None and not np.array_equal(running.server._door.key, key)
+    lost = int(link.counts[links.UNANSWERED])
+    links.converse_at(link, wire.COMMAND, rig._next_k(), 0.0, 0, 30_000_000)
+    assert link.counts[links.UNANSWERED] == lost + 1 and running.counts[serving.FORGED] == 1
+
+
 def test_doubled_and_reordered_commands_are_not_obeyed_and_gaps_are_counted(running: Running) -> None:
     rig = running.rig()
     rig.open()

@@ -2,7 +2,8 @@
 
 A file is written under a temporary name in its own folder and renamed when it is finished, so a file with the
 final name is never half a file. Until then its status says `interrupted`, and every group is flushed: what a
-killed process leaves behind (`.NAME.h5.PID.part`) opens and says how it ended.
+killed process leaves behind (`.NAME.h5.PID.part`) opens and says how it ended. A file that will be added to once the
+table is at rest is finished as `interrupted`, and a writer that `continues` it works on a copy.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rths_cli.errors import InputError
+from rths_cli.files.durable import sync
 from rths_cli.files.hdf5 import Dataset, write_group
 from rths_cli.lti import Array
 
@@ -53,16 +55,22 @@ class ResultWriter:
     """Write one result file; use as a context manager and call `finish` before leaving it.
 
     When the body raises, a virtual run's file is removed unless `finish` gave a status other than complete;
-    a hardware run's file is always kept. Every fault of the disk is an InputError naming path and cause.
+    a hardware run's file is always kept. With `continues`, groups are added to the finished file of that name, which
+    is replaced by the whole at the end and stays as it was when the body raises. Every fault of the disk is an
+    InputError naming path and cause.
     """
 
-    def __init__(self, path: Path, attributes: Mapping[str, Attribute]) -> None:
+    def __init__(self, path: Path, attributes: Mapping[str, Attribute], continues: bool = False) -> None:
         self.path = Path(path)
         self.part = self.path.with_name(f".{self.path.name}.{os.getpid()}.part")
         self._attributes = dict(attributes)
-        self._virtual = self._attributes.get("rig_kind", "virtual") == "virtual"
+        self._continues = continues
+        virtual = self._attributes.get("rig_kind", "virtual") == "virtual"
+        self._expendable = virtual or continues  # the part, when its writing fails
+        self._lasting = continues or not virtual
         self._status: str | None = None
         self._broken = False
+        self._parked = False
         self._file: Any = None  # h5py.File while open
         self._scales: dict[str, NDArray[Any]] = {}  # those written, by path
 
@@ -70,14 +78,17 @@ class ResultWriter:
         """Open the temporary file; raise InputError where the disk refuses or hardware data have the name."""
         import h5py
 
-        if not self._virtual and self.path.exists():
+        if not self._expendable and self.path.exists():
             raise InputError(f"{self.path}: exists and holds a hardware run; choose another name or --output folder.")
-        if self._virtual:
+        if self._expendable:
             _remove_leftovers(self.path)
         try:
             with self._reporting():
-                self._file = h5py.File(self.part, "w", meta_block_size=META_BLOCK)
-                self._file.attrs.update({**self._attributes, **HEADER})
+                if self._continues:
+                    shutil.copyfile(self.path, self.part)
+                self._file = h5py.File(self.part, "a" if self._continues else "w", meta_block_size=META_BLOCK)
+                self._scales = _scales_of(self._file)
+                self._file.attrs.update(self._attributes | ({} if self._continues else HEADER))
                 self._file.flush()
         except BaseException:  # a signal too must leave no half file
             self._abandon()
@@ -149,20 +160,45 @@ class ResultWriter:
                 write_group(self._file.require_group(parent), items, {}, self._scales)
             self._file.flush()
 
+    @property
+    def attributes(self) -> dict[str, Attribute]:
+        """Return the attributes of the root that the writer was given."""
+        return dict(self._attributes)
+
+    def about(self, attributes: Mapping[str, Attribute]) -> None:
+        """Add attributes to the root."""
+        with self._reporting():
+            self._file.attrs.update(dict(attributes))
+
     def finish(self, status: Status, reason: str = "") -> None:
         """State how the run ended; the file gets its name when the context is left."""
         self._status = status
         with self._reporting():
             self._file.attrs.update({"status": status, "status_reason": reason})
 
+    def park(self, reason: str) -> None:
+        """Publish the file as interrupted and close it: whatever happens until `resume`, it can be read."""
+        self.finish("interrupted", reason)
+        self._publish()
+        self._file, self._status, self._parked = None, None, True
+
+    def resume(self) -> None:
+        """Go on writing to a parked file, on a copy that takes its place at the end."""
+        if self._parked:
+            self._continues, self._expendable, self._parked = True, True, False
+            self.__enter__()
+
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Close and rename the file, or remove it."""
+        if self._parked:
+            self.resume()
+            self.finish("failed", str(error) if error else "the run ended without a status")
         if self._broken:
             self._abandon()
             return
-        if not self._virtual and (self._status is None or (error and self._status == "complete")):
+        if not self._expendable and (self._status is None or (error and self._status == "complete")):
             self.finish("failed", str(error) if error else "the run ended without a status")
         if self._status is None or (error is not None and self._status == "complete"):
             self._abandon()
@@ -189,7 +225,11 @@ class ResultWriter:
         try:
             with self._reporting():
                 self._file.close()
+                if self._lasting:
+                    sync(self.part)
                 os.replace(self.part, self.path)
+                if self._lasting:
+                    sync(self.path.parent)
         except BaseException:  # a signal too must leave no half file
             self._abandon()
             raise
@@ -200,9 +240,9 @@ class ResultWriter:
             if self._file is not None:
                 self._file.close()
         except (OSError, RuntimeError):  # HDF5 keeps the descriptor when its last flush fails
-            if self._virtual and self.part.exists():
+            if self._expendable and self.part.exists():
                 os.truncate(self.part, 0)  # give the space back although the descriptor stays open
-        if self._virtual:
+        if self._expendable:
             with suppress(OSError):
                 self.part.unlink()
 
@@ -213,7 +253,7 @@ class ResultWriter:
             yield
         except (OSError, RuntimeError) as error:
             self._broken = True
-            left = "" if self._virtual else f" What was written is in {self.part}."
+            left = "" if self._expendable else f" What was written is in {self.part}."
             raise InputError(refusal(self.path, "cannot write the result file", error) + left) from error
 
 
@@ -259,6 +299,18 @@ def refusal(path: Path, what: str, error: Exception, advice: bool = True) -> str
     told = re.search(r"error message = '([^']*)'", str(error))
     cause = os.strerror(number) if number else told[1] if told else str(error).partition("\n")[0]
     return f"{path}: {what}: {cause}" + ("; free space or choose another --output folder." if advice else ".")
+
+
+def _scales_of(file: Any) -> dict[str, NDArray[Any]]:
+    """Return the values of every scale in an open file by its path."""
+    found: dict[str, NDArray[Any]] = {}
+
+    def collect(name: str, node: Any) -> None:
+        if getattr(node, "is_scale", False):
+            found[f"/{name}"] = node[()]
+
+    file.visititems(collect)
+    return found
 
 
 def _text_list(value: list[str]) -> Any:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from rths_cli.errors import InputError
+from rths_cli.files.raw_log import SUFFIX, read_header
 from rths_cli.files.results import Result, read_result
 
 Figure = float | Sequence[float | None] | None
@@ -69,6 +70,26 @@ def load(paths: Sequence[Path]) -> list[Result]:
     if faults:
         raise InputError(*faults)
     return results
+
+
+def unrecovered(paths: Sequence[Path]) -> list[str]:
+    """Return a sentence for each raw log in a folder whose samples are in no result."""
+    logs = [log for path in paths if path.is_dir() for log in sorted(path.glob(f"*{SUFFIX}")) if _waits(log)]
+    what = "holds samples of an interrupted run that are in no result"
+    return [f"{log}: {what}; rths recover {log} puts them there." for log in logs]
+
+
+def _waits(log: Path) -> bool:
+    """Tell whether a log that no running process writes belongs to a result without its run."""
+    try:
+        header = read_header(log)
+        result = log.parent / Path(header.result).name
+        if not result.exists():
+            return True
+        found = read_result(result)
+    except InputError:
+        return False
+    return header.run not in found.groups and f"recovered_{header.run}" not in found.attributes
 
 
 def entries(results: Sequence[Result], references: Mapping[str, Figures]) -> list[Entry]:

@@ -121,11 +121,11 @@ def differences(stated: Mapping[str, str | int | float], wanted: Mapping[str, st
     faults = []
     if wanted["rig_kind"] != "virtual" and _rig(stated) != _rig(wanted):
         name, kind = _rig(stated)
-        faults.append(
+        return [
             f"identified on rig {name} of kind {kind}, the case's rig is {wanted['rig']} of kind {wanted['rig_kind']}; "
             "a real rig needs a model that was identified on it"
-        )
-    elif stated.get("rig_sha256") != wanted["rig_sha256"]:
+        ]
+    if stated.get("rig_sha256") != wanted["rig_sha256"]:
         faults.append(
             f"identified on rig {stated.get('rig', 'unknown')}, the case's rig {wanted['rig']} is another one (or its "
             "file has changed); identify the rig of the case"

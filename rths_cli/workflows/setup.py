@@ -87,12 +87,16 @@ def building_key(case: Case) -> tuple[str, str]:
     return case.structure.model_dump_json(), case.damping.model_dump_json()
 
 
-def make_setups(cases: Sequence[Case], overrides: tuple[str, ...] = ()) -> list[Setup]:
-    """Read and check everything of every case before the first one starts; raises InputError with all faults."""
+def make_setups(cases: Sequence[Case], overrides: tuple[str, ...] = (), kept: Kept | None = None) -> list[Setup]:
+    """Read and check everything of every case before the first one starts; raises InputError with all faults.
+
+    Cases of the same record or building share it; with `kept`, with those of other calls too.
+    """
+    kept = kept or Kept()
     setups, faults = [], []
     for case in cases:
         try:
-            setups.append(make_setup(case, overrides))
+            setups.append(make_setup(case, overrides, kept))
         except InputError as error:
             faults += [f"{case.path}: {fault}" if str(case.path) not in fault else fault for fault in error.faults]
     if faults:

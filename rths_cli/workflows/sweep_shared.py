@@ -112,11 +112,12 @@ class Shared:
 
     def _verdict(self, setup: Setup, known: Known, keys: Keys) -> Verdict:
         self._progress("check")
+        kept = self._kept
         try:
-            design: Design | None = self._kept.get("design", keys.design, lambda: design_blocks(setup, known.found))
+            design: Design | None = kept.get("design", keys.design, lambda: design_blocks(setup, known.found, kept))
         except InputError:
             design = None  # the verdict says why
-        return verdict_on(setup, known, design=design)
+        return verdict_on(setup, known, design=design, kept=kept)
 
 
 def _digest(content: bytes) -> str:

@@ -17,7 +17,7 @@ from rths_cli.case.models_rig_real import ChannelSpec, NiRigSpec, PluginRigSpec,
 CHANNEL = {"sensitivity_mv_per_g": 1000, "range_g": 5, "high_pass_hz": 0.024, "low_pass_hz": 1549}
 UDP: dict[str, Any] = {
     "kind": "udp",
-    "udp": {"host": "192.168.7.2", "port": 47808},
+    "udp": {"host": "192.168.7.2", "port": 47800},
     "channels": [{**CHANNEL, "name": "table"}, CHANNEL, CHANNEL],
     "converters": {"bits": 16, "range_v": 10},
     "limits": {"stroke_m": 0.075, "velocity_m_s": 0.9, "acceleration_m_s2": 40, "force_n": 400},
@@ -57,7 +57,7 @@ def test_a_udp_rig_is_read_with_the_defaults_of_what_is_no_knowledge_of_the_tabl
     (case,) = load_cases([write(rig())])
     table = case.table
     assert isinstance(table, UdpRigSpec) and table.channels is not None
-    assert (table.name, table.udp.host, table.udp.port, table.udp.timeout_s) == ("bench", "192.168.7.2", 47808, None)
+    assert (table.name, table.udp.host, table.udp.port, table.udp.timeout_s) == ("bench", "192.168.7.2", 47800, None)
     assert (table.unattended, table.watchdog_s, table.overrun, table.converters.latency_samples) == (
         False,
         0.1,

@@ -121,6 +121,14 @@ class UdpRig:
             raise RigError(self._lost())
         return link.samples_v
 
+    def fault(self) -> str:
+        """Return what is wrong with target or link, empty when nothing is."""
+        try:
+            self._check(f"rig {self.info.name}: the target {self.peer} stopped")
+        except RigError as fault:
+            return str(fault)
+        return self._lost() if self.link.counts[links.IN_A_ROW] > self.target.lost_samples else ""
+
     def rest(self) -> None:
         """Have the target lead its table to rest and disable motion; `at_rest` tells whether it confirmed that.
 

@@ -1,0 +1,168 @@
+"""Raw logs: what a running loop noted, in one file whose samples can be read wherever it is cut.
+
+A raw log begins with magic, version and length of a JSON header, the header, and a CRC-32 of all that. Frames follow:
+magic, number of steps, first step, the values of those steps column by column (float64), and a CRC-32 of all that.
+All numbers are little-endian. Space for the whole run is taken at the start, so zeros may follow the last frame.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+import zlib
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rths_cli.errors import InputError
+from rths_cli.files.result_writer import Attribute, refusal
+from rths_cli.lti import Array
+
+try:
+    import fcntl
+except ImportError:  # Windows: there a log under way is not told from one left behind
+    fcntl = None  # type: ignore[assignment]
+
+SUFFIX = ".rthslog"
+MAGIC = b"RTHSLOG\n"
+VERSION = 1
+START = struct.Struct("<8sII")  # magic, version, bytes of the JSON header
+FRAME_MAGIC = b"RTHF"
+FRAME = struct.Struct("<4sIQ")  # magic, steps in the frame, first step
+CHECK = struct.Struct("<I")
+VALUE = np.dtype("<f8")
+
+
+@dataclass(frozen=True)
+class RawHeader:
+    """What the log of one run says of itself: all that its result file is made of, save the samples.
+
+    `names` and `units`: of the w columns; `steps`: how many the run has at most, the first `ramp_steps` of them before
+    the record; `lead_samples`: by how many the hybrid clock runs ahead of the table; `result`: name of the result file,
+    in the folder of the log; `attributes`: those of its root.
+    """
+
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    dt_s: float
+    steps: int
+    lead_samples: int
+    run: str
+    result: str
+    case_path: str
+    case_yaml: str
+    resolved_yaml: str
+    attributes: Mapping[str, Attribute]
+    ramp_steps: int = 0
+
+
+@dataclass(frozen=True)
+class RawLog:
+    """A log as read: `columns` (w, n) up to the last step that is there, NaN where one is missing; `samples` of these n
+    steps are there."""
+
+    header: RawHeader
+    columns: Array
+    samples: int
+
+
+def raw_log_path(result: Path, run: str) -> Path:
+    """Return where the samples of one run stand until its result file holds them."""
+    return result.with_name(f"{result.stem}.{run}{SUFFIX}")
+
+
+def read_header(path: Path) -> RawHeader:
+    """Read what a log says of itself; raise InputError when it is no raw log, or a running process writes it."""
+    try:
+        with open(path, "rb") as file:
+            if _is_locked(file.fileno()):
+                raise InputError(f"{path}: is being written by a run under way; wait until that has ended.")
+            start = file.read(START.size)
+            length = START.unpack(start)[2] if start.startswith(MAGIC) and len(start) == START.size else 0
+            return _header(path, start + file.read(length + CHECK.size))[0]
+    except OSError as error:
+        raise InputError(refusal(path, "cannot read", error, advice=False)) from error
+
+
+def read_raw_log(path: Path) -> RawLog:
+    """Read every whole frame of a log, wherever it is cut or damaged; raise InputError as `read_header`."""
+    header = read_header(path)
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(refusal(path, "cannot read", error, advice=False)) from error
+    frames = list(_frames(data, _header(path, data)[1], len(header.names), header.steps))
+    columns = np.full((len(header.names), max((first + part.shape[1] for first, part in frames), default=0)), np.nan)
+    there = np.zeros(columns.shape[1], dtype=bool)
+    for first, part in frames:
+        columns[:, first : first + part.shape[1]] = part
+        there[first : first + part.shape[1]] = True
+    return RawLog(header, columns, int(there.sum()))
+
+
+def packed_header(header: RawHeader) -> bytes:
+    """Return the start of a log."""
+    text = json.dumps(asdict(header)).encode()
+    start = START.pack(MAGIC, VERSION, len(text)) + text
+    return start + CHECK.pack(zlib.crc32(start))
+
+
+def packed_frame(first: int, columns: Array) -> bytes:
+    """Return the frame of the steps `first` to `first + m - 1`, columns (w, m)."""
+    frame = FRAME.pack(FRAME_MAGIC, columns.shape[1], first) + columns.astype(VALUE, copy=False).tobytes()
+    return frame + CHECK.pack(zlib.crc32(frame))
+
+
+def _header(path: Path, data: bytes) -> tuple[RawHeader, int]:
+    """Return the header and where the frames begin."""
+    if not data.startswith(MAGIC) or len(data) < START.size:
+        raise InputError(f"{path}: is no raw log of rths; give a file NAME{SUFFIX} that an interrupted run left.")
+    _, version, length = START.unpack_from(data)
+    if version > VERSION:
+        raise InputError(f"{path}: has version {version}, this rths reads up to {VERSION}; update rths.")
+    end = START.size + length
+    with suppress(struct.error, ValueError, TypeError, KeyError):
+        if CHECK.unpack_from(data, end)[0] == zlib.crc32(memoryview(data)[:end]):
+            told = json.loads(data[START.size : end])
+            told |= {key: tuple(told[key]) for key in ("names", "units")}
+            return RawHeader(**told), end + CHECK.size
+    raise InputError(f"{path}: its header is cut or damaged, so its samples have no names; nothing can be recovered.")
+
+
+def _frames(data: bytes, at: int, width: int, steps: int) -> Iterator[tuple[int, Array]]:
+    """Yield first step and values (w, m) of every whole frame from a place on; what lies between is passed over."""
+    while (at := data.find(FRAME_MAGIC, at)) >= 0:
+        end = _frame_end(data, at, width, steps)
+        if end:
+            _, count, first = FRAME.unpack_from(data, at)
+            yield first, np.frombuffer(data, VALUE, width * count, at + FRAME.size).reshape(width, count)
+        at = end or at + 1
+
+
+def _frame_end(data: bytes, at: int, width: int, steps: int) -> int:
+    """Return where a whole frame at a place ends, 0 where there is none."""
+    if at + FRAME.size > len(data):
+        return 0
+    _, count, first = FRAME.unpack_from(data, at)
+    end = at + FRAME.size + VALUE.itemsize * width * count
+    if first + count > steps or end + CHECK.size > len(data):
+        return 0
+    whole = CHECK.unpack_from(data, end)[0] == zlib.crc32(memoryview(data)[at:end])
+    return end + CHECK.size if whole else 0
+
+
+def _is_locked(file: int) -> bool:
+    """Tell whether a running process writes the log open under this descriptor."""
+    if fcntl is None:
+        return False
+    try:
+        fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        fcntl.flock(file, fcntl.LOCK_UN)
+    except BlockingIOError:
+        return True
+    except OSError:  # a file system without locks
+        return False
+    return False

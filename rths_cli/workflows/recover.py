@@ -1,0 +1,230 @@
+"""What `rths recover` does: put the samples of interrupted runs from their raw logs into their result files."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import count, takewhile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from pydantic import ValidationError
+
+from rths_cli.case.find import find
+from rths_cli.case.models import Case
+from rths_cli.case.nodes import Source, plain
+from rths_cli.case.yaml_nodes import parse
+from rths_cli.errors import InputError
+from rths_cli.files.raw_log import RawHeader, RawLog, read_header, read_raw_log
+from rths_cli.files.results import ResultWriter, read_result, read_series
+from rths_cli.loop.drive import Outcome
+from rths_cli.loop.log import DESIRED, Signals
+from rths_cli.record import GroundMotion, integrate
+from rths_cli.structure import build
+from rths_cli.workflows import contents
+from rths_cli.workflows.series import on_record_clock, whole_building
+from rths_cli.workflows.setup import Setup, ground_motion, rig_info
+
+if TYPE_CHECKING:
+    from rths_cli.lti import Array
+
+LABELS = {"shake_table": "shake-table test", "exp_rths": "EXP-RTHS"}
+TIMED = ("late_ns", "exchange_ns", "lost", "state")
+NOTED = tuple(f"recovered_{run}" for run in LABELS)
+
+
+@dataclass(frozen=True)
+class Recovered:
+    """What came of one log: its result, the samples that were there of the steps of the run, and what the result says
+    of how the run ended. `known`: the result held the run already and was left as it is."""
+
+    log: Path
+    result: Path
+    run: str
+    samples: int
+    steps: int
+    dt_s: float
+    reason: str
+    known: bool = False
+
+
+@dataclass(frozen=True)
+class _Job:
+    """A log that can be recovered, with its case and the result that it belongs to."""
+
+    path: Path
+    header: RawHeader
+    case: Case
+    result: Path
+
+
+def recover(paths: Sequence[Path]) -> list[Recovered]:
+    """Make or complete the result beside each raw log; the logs stay.
+
+    Raises InputError, with every fault and before anything is written, for what is no log, is under way, or belongs to
+    a finished result.
+    """
+    jobs: list[_Job] = []
+    faults: list[str] = []
+    for path in paths:
+        try:
+            jobs.append(_job(path))
+        except InputError as error:
+            faults += error.faults
+    if faults:
+        raise InputError(*faults)
+    return [_recover(job) for job in jobs]
+
+
+def result_of(path: Path, header: RawHeader) -> Path:
+    """Return the result file that a log belongs to: it stands beside the log."""
+    return path.parent / Path(header.result).name
+
+
+def _job(path: Path) -> _Job:
+    """Return a log whose result is missing or interrupted, with its case; raises InputError."""
+    header = read_header(path)
+    result = result_of(path, header)
+    if result.exists():
+        status = read_result(result).attributes["status"]
+        if status != "interrupted":
+            advice = f"{result} is {status}, has all of the run and is left alone; remove the log"
+            raise InputError(f"{path}: is not needed any more: {advice}.")
+    case = _case(path, header)
+    floors = len(case.structure.experimental.masses_kg)
+    needed = ("command_v", "base_shear_n", *DESIRED, *_numbered("corrected", 1 + floors))
+    missing = [name for name in (*needed, *_numbered("estimated", 3 * floors)) if name not in header.names]
+    if missing:
+        raise InputError(f"{path}: has no column {missing[0]}, without which its case has no result.")
+    return _Job(path, header, case, result)
+
+
+def _recover(job: _Job) -> Recovered:
+    """Put one log into its result."""
+    header, result, log = job.header, job.result, read_raw_log(job.path)
+    told = (job.path, result, header.run, log.samples, header.steps, header.dt_s)
+    if not result.exists():
+        _begin(job)
+    found, noted = read_result(result), f"recovered_{header.run}"
+    if noted in found.attributes or header.run in found.groups:
+        said = found.attributes.get(noted, found.attributes["status_reason"])
+        return Recovered(*told, str(said), known=True)
+    reason = _reason(job.path, log)
+    attributes = found.attributes | {noted: reason}
+    with ResultWriter(result, {noted: reason}, continues=True) as writer:
+        if log.columns.shape[1] > header.ramp_steps + header.lead_samples:
+            _write(writer, job, log)
+        writer.finish("interrupted", "; ".join(str(attributes[key]) for key in NOTED if key in attributes))
+    return Recovered(*told, reason)
+
+
+def _write(writer: ResultWriter, job: _Job, log: RawLog) -> None:
+    """Write the run as one that reached its end would be, only shorter."""
+    header, setup = job.header, _setup(job)
+    steps = log.columns.shape[1] - header.ramp_steps
+    outcome = Outcome(_signals(log, setup), steps, "", "", 0.0)
+    ground = setup.motion.accel_m_s2
+    series = on_record_clock(outcome, header.lead_samples, header.dt_s, len(ground))
+    hybrid = None
+    if header.run == "exp_rths":
+        hybrid = whole_building(setup.building, series, ground, header.dt_s, setup.case.integration)
+    contents.write_table_run(writer, header.run, setup, series, hybrid)
+
+
+def _reason(path: Path, log: RawLog) -> str:
+    """Return how the run ended, as the result states it."""
+    header, steps = log.header, log.columns.shape[1]
+    gaps = f", {steps - log.samples} of them are missing" if log.samples < steps else ""
+    return (
+        f"{LABELS.get(header.run, header.run)}: the process ended before the run did; {steps} of {header.steps} steps "
+        f"({steps * header.dt_s:.3f} s of {header.steps * header.dt_s:.3f} s) are recovered from {path.name}{gaps}"
+    )
+
+
+def _begin(job: _Job) -> None:
+    """Write a result with all that the log's header and the record's file tell; raises InputError without the record's
+    file, or when it is another one now."""
+    header, case = job.header, job.case
+    motion, sha256 = ground_motion(case)
+    if sha256 != header.attributes.get("record_sha256", sha256):
+        name = job.result.name
+        raise InputError(f"{case.record.path}: is not the file any more that {name} was made with; restore it.")
+    with ResultWriter(job.result, header.attributes) as writer:
+        writer.case(header.case_yaml, header.resolved_yaml)
+        contents.write_record(writer, _about(job, motion))
+        writer.finish("interrupted", f"made anew from the raw log of {header.run}")
+
+
+def _case(path: Path, header: RawHeader) -> Case:
+    """Return the case of a log as it was resolved for the run; no file that it names need be there any more."""
+    node, faults = parse(header.resolved_yaml, Source(f"{path}: its case", path.parent))
+    if node is None or faults:
+        raise InputError(*(str(fault) for fault in faults))
+    told = plain(node) | {"path": Path(header.case_path), "yaml_text": header.case_yaml}
+    try:
+        told["record"]["file"] = _record_file(told["record"]["file"], path.parent)
+        told["identification"]["model"] = None  # the blocks are made already
+        return Case.model_validate(told)
+    except KeyError as error:
+        raise InputError(f"{path}: its case has no {error.args[0]}; nothing can be recovered.") from error
+    except ValidationError as error:
+        written = header.attributes.get("rths_version", "another version")
+        fault = error.errors()[0]
+        place = ".".join(str(part) for part in fault["loc"])
+        raise InputError(
+            f"{path}: its case was written by rths {written} and does not fit this one ({place}: {fault['msg']}); "
+            "use the version that wrote it."
+        ) from error
+
+
+def _record_file(name: str, folder: Path) -> Path:
+    """Return the file of a record: a shipped one stands in a resolved case by its name alone."""
+    try:
+        return find(name, "records", folder)
+    except InputError:
+        return Path(name)  # needed only where there is no result yet
+
+
+def _setup(job: _Job) -> Setup:
+    """Return what the case means in arrays, with the ground motion as it stands in the result."""
+    time_s, accel = (read_series(job.result, f"record/{name}") for name in ("time_s", "ground_accel_m_s2"))
+    return _about(job, GroundMotion(job.header.dt_s, time_s, accel, *integrate(accel, job.header.dt_s)))
+
+
+def _about(job: _Job, motion: GroundMotion) -> Setup:
+    case, attributes = job.case, job.header.attributes
+    masses = np.asarray(case.structure.experimental.masses_kg, dtype=float)
+    sha256, overrides = (str(attributes.get(key, "")) for key in ("record_sha256", "overrides"))
+    building = build(case.structure, case.damping)
+    return Setup(case, motion, sha256, building, rig_info(case), masses, tuple(overrides.split()))
+
+
+def _signals(log: RawLog, setup: Setup) -> Signals:
+    """Return the columns of a log from the start of the record on, by name; what a rig does not know is NaN."""
+    from_start = log.columns[:, log.header.ramp_steps :]
+    columns = dict(zip(log.header.names, from_start, strict=True))
+    channels = len(setup.rig.channels)
+    unknown = np.full(from_start.shape[1], np.nan)
+
+    def rows(names: Sequence[str]) -> Array:
+        return np.array([columns.get(name, unknown) for name in names])
+
+    single = ("command_v", "base_shear_n", "true_displacement_m", "compute_ns", *TIMED)
+    several = ("corrected", "true_velocity_m_s", "samples_v")
+    return Signals(
+        desired=rows(DESIRED),
+        estimated=rows(list(takewhile(columns.__contains__, _named("estimated")))),
+        **{name: rows(_numbered(name, channels)) for name in several},
+        **{name: columns.get(name, unknown) for name in single},
+    )
+
+
+def _named(stem: str) -> Iterator[str]:
+    """Yield `stem_0`, `stem_1`, ..."""
+    return (f"{stem}_{i}" for i in count())
+
+
+def _numbered(stem: str, length: int) -> list[str]:
+    """Return the first names of `_named`."""
+    return [f"{stem}_{i}" for i in range(length)]

@@ -1,0 +1,135 @@
+"""A finished result is continued on a copy: whatever happens, a whole file stands under its name."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from datetime import UTC, datetime, timedelta, timezone
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray
+
+from rths_cli.errors import InputError
+from rths_cli.files import result_writer
+from rths_cli.files.durable import dated
+from rths_cli.files.results import Dataset, Metric, ResultWriter, read_result, read_series
+
+N = 3000
+TIME = np.arange(N) / 1000.0
+COMMAND = np.sin(TIME)
+ERRORS = {"exp_rths.rms_error_m_s2": Metric([0.1, 0.2], "m/s^2", "rms error")}
+
+
+def command() -> dict[str, Dataset]:
+    return {"command_v": Dataset(COMMAND, "V", "command that left the guard", "computed")}
+
+
+def begin(path: Path) -> Path:
+    """Write what is known before the table moves."""
+    with ResultWriter(path, {"case_name": "demo", "rig_kind": "udp", "seed": 3}) as writer:
+        writer.case("a: 1\n", "a: 1\nb: 2\n")
+        writer.group("record", {}, TIME)
+        writer.metrics({"exp_rths.max_error_m_s2": Metric([0.3, 0.4], "m/s^2", "largest error")})
+        writer.finish("interrupted", "the table moves")
+    return path
+
+
+def test_a_continued_result_holds_both_halves(tmp_path: Path) -> None:
+    path = begin(tmp_path / "a.h5")
+    first = read_result(path)
+    assert (first.attributes["status"], first.attributes["status_reason"]) == ("interrupted", "the table moves")
+    with ResultWriter(path, {"driver_verified": "loopback"}, continues=True) as writer:
+        writer.group("exp_rths", command(), TIME)
+        writer.metrics(ERRORS)
+        assert read_result(path).groups == first.groups  # until all of it is there
+        writer.finish("complete")
+    result = read_result(path)
+    expected = {**first.attributes, "driver_verified": "loopback", "status": "complete", "status_reason": ""}
+    assert result.attributes == expected and result.case_yaml == "a: 1\n"
+    assert set(result.metrics) == {"exp_rths.rms_error_m_s2", "exp_rths.max_error_m_s2"}
+    np.testing.assert_array_equal(read_series(path, "exp_rths/command_v"), COMMAND)
+    with xarray.open_datatree(path, engine="h5netcdf", decode_timedelta=False) as tree:
+        assert tree["metrics/exp_rths"].rms_error_m_s2.dims == ("storey",)
+        np.testing.assert_array_equal(tree["exp_rths"].time_s.values, TIME)
+    assert os.listdir(tmp_path) == ["a.h5"]
+
+
+@pytest.mark.parametrize("status", [None, "complete"])
+def test_a_continuation_that_raises_leaves_the_file_as_it_was(tmp_path: Path, status: str | None) -> None:
+    path = begin(tmp_path / "a.h5")
+    before = path.read_bytes()
+    with pytest.raises(KeyboardInterrupt), ResultWriter(path, {}, continues=True) as writer:
+        writer.group("exp_rths", command(), TIME)
+        if status:
+            writer.finish("complete")
+        raise KeyboardInterrupt
+    assert path.read_bytes() == before and os.listdir(tmp_path) == ["a.h5"]
+
+
+def test_a_disk_that_is_full_leaves_the_file_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = begin(tmp_path / "a.h5")
+    before = path.read_bytes()
+
+    def refuse(*_: object) -> None:
+        raise OSError(28, "full")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(result_writer, "write_group", refuse)
+        told = r"a\.h5: cannot write the result file: No space left on device; [^.]*\.$"
+        with pytest.raises(InputError, match=told), ResultWriter(path, {}, continues=True) as writer:
+            writer.group("exp_rths", command(), TIME)
+    with monkeypatch.context() as patched:
+        patched.setattr(result_writer, "sync", refuse)
+        with pytest.raises(InputError, match="No space left"), ResultWriter(path, {}, continues=True) as writer:
+            writer.finish("complete")
+    assert path.read_bytes() == before and os.listdir(tmp_path) == ["a.h5"]
+
+
+def test_hardware_is_on_the_disk_before_it_has_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls: list[tuple[str, str]] = []
+    real = os.replace
+    monkeypatch.setattr(result_writer, "sync", lambda path: calls.append(("sync", path.suffix)))
+    monkeypatch.setattr(result_writer.os, "replace", lambda a, b: (calls.append(("replace", b.suffix)), real(a, b)))
+    path = begin(tmp_path / "a.h5")
+    assert calls == [("sync", ".part"), ("replace", ".h5"), ("sync", "")]
+    with ResultWriter(path, {}, continues=True) as writer:
+        writer.finish("complete")
+    assert calls[3:] == calls[:3]
+    with ResultWriter(tmp_path / "virtual.h5", {"rig_kind": "virtual"}) as writer:
+        writer.finish("complete")
+    assert calls[6:] == [("replace", ".h5")]  # a virtual run is repeated in seconds
+
+
+def test_a_continuation_that_is_killed_leaves_the_file_as_it_was_and_the_next_one_clears_up(tmp_path: Path) -> None:
+    path = begin(tmp_path / "a.h5")
+    before = path.read_bytes()
+    code = """
+import os, signal, sys, numpy as np
+from pathlib import Path
+from rths_cli.files.results import ResultWriter
+with ResultWriter(Path(sys.argv[1]), {}, continues=True) as writer:
+    writer.group("exp_rths", {}, np.arange(5.0))
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[2])}
+    done = subprocess.run([sys.executable, "-c", code, str(path)], env=environment, check=False)
+    assert done.returncode == -signal.SIGKILL
+    assert path.read_bytes() == before and len(os.listdir(tmp_path)) == 2
+    with ResultWriter(path, {}, continues=True) as writer:
+        writer.finish("interrupted", "again")
+    assert os.listdir(tmp_path) == ["a.h5"]
+
+
+def test_what_is_not_there_cannot_be_continued(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"a\.h5: cannot write the result file: No such file"):
+        ResultWriter(tmp_path / "a.h5", {}, continues=True).__enter__()
+    assert os.listdir(tmp_path) == []
+
+
+def test_a_hardware_result_carries_the_time() -> None:
+    when = datetime(2026, 3, 4, 5, 6, 7, tzinfo=UTC).astimezone(timezone(timedelta(hours=-5)))
+    assert dated(Path("results/el_centro.v2.h5"), when) == Path("results/el_centro.v2-20260304T050607Z.h5")

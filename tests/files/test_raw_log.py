@@ -17,7 +17,7 @@ import pytest
 
 from rths_cli.errors import InputError
 from rths_cli.files import raw_log_writer
-from rths_cli.files.raw_log import RawHeader, raw_log_path, read_header, read_raw_log
+from rths_cli.files.raw_log import RawHeader, packed_frame, raw_log_path, read_header, read_raw_log
 from rths_cli.files.raw_log_writer import RawLogWriter
 
 HEADER = RawHeader(
@@ -115,6 +115,13 @@ def test_a_damaged_frame_costs_its_own_samples_alone(tmp_path: Path) -> None:
         np.testing.assert_array_equal(columns[:, kept], COLUMNS[:, kept])
 
 
+def test_steps_that_the_run_does_not_have_are_passed_over(tmp_path: Path) -> None:
+    data = write(tmp_path / "a.rthslog")
+    for first in (2**63, 97):
+        columns, samples = read(tmp_path / "b.rthslog", data + packed_frame(first, COLUMNS[:, :4]))
+        assert columns.shape == (3, 64) and samples == 64
+
+
 def test_space_is_taken_at_the_start_and_given_back_at_the_end(tmp_path: Path) -> None:
     path = tmp_path / "a.rthslog"
     with RawLogWriter(path, replace(HEADER, steps=100_000)) as log:
@@ -186,6 +193,7 @@ def test_after_a_failed_write_the_next_takes_its_place(tmp_path: Path, monkeypat
         fails[0] = False
         log.append(4, COLUMNS[:, 4:50])
     np.testing.assert_array_equal(read_raw_log(path).columns, COLUMNS[:, :50])
+    assert [first for _, first, _ in by_hand(path.read_bytes())] == [0, 4]
 
 
 def sentence(path: Path, data: bytes | None = None) -> str:

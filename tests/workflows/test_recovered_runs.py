@@ -24,7 +24,7 @@ from rths_cli.workflows.run import play_run, run_case, verdict_on
 from rths_cli.workflows.setup import make_setup
 
 CASE = "structure: three_storey\ndamping: low\nrecord: ./short.csv\nscaling: 0.3\ncontroller: FF+FB\n"
-IDENTIFIED = "identification:\n  model: /gone/model.h5\n"
+IDENTIFIED = "\nidentification:\n  model: /gone/model.h5\n"
 TRUTH = ("true_velocity_m_s_0", "true_velocity_m_s_1", "true_velocity_m_s_2", "true_displacement_m")
 
 
@@ -125,7 +125,7 @@ def test_a_recovered_run_is_the_start_of_the_whole_one(played: Played, tmp_path:
     if present:
         begun(played, result)
     given = {
-        run: replace(header, resolved_yaml=header.resolved_yaml.replace("identification:\n", IDENTIFIED))
+        run: replace(header, resolved_yaml=header.resolved_yaml.replace("\nidentification:\n", IDENTIFIED))
         for run, (header, _) in played.logs.items()
     }
     killed = (("shake_table", 3001), ("exp_rths", 5000))

@@ -119,13 +119,19 @@ def series(path: Path, run: str) -> dict[str, np.ndarray]:
     return found
 
 
+def _elsewhere(resolved: str, folder: str, gone: str) -> str:
+    """Return a resolved case that names a model, and another folder."""
+    return resolved.replace("\nidentification:\n", IDENTIFIED).replace(folder, gone)
+
+
 @pytest.mark.parametrize("present", [True, False], ids=["result begun", "no result"])
 def test_a_recovered_run_is_the_start_of_the_whole_one(played: Played, tmp_path: Path, present: bool) -> None:
     result = tmp_path / "a.h5"
     if present:
         begun(played, result)
+    gone = "/gone" if present else str(played.folder)  # the result has the record
     given = {
-        run: replace(header, resolved_yaml=header.resolved_yaml.replace("\nidentification:\n", IDENTIFIED))
+        run: replace(header, resolved_yaml=_elsewhere(header.resolved_yaml, str(played.folder), gone))
         for run, (header, _) in played.logs.items()
     }
     killed = (("shake_table", 3001), ("exp_rths", 5000))

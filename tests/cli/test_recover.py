@@ -98,7 +98,7 @@ def test_report_says_what_waits_to_be_recovered(tmp_path: Path, monkeypatch: pyt
     folder = tmp_path / "results"
     folder.mkdir()
     killed(folder, "one")
-    advice = "results/one.exp_rths.rthslog: holds samples of an interrupted run that are in no result; rths recover"
+    advice = "results/one.exp_rths.rthslog: the run that it logged is in no result; rths recover"
     if others:
         killed(folder, "two")
         killed(folder, "three", LEAD)  # of which the record's clock knows nothing

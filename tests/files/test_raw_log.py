@@ -17,7 +17,7 @@ import pytest
 
 from rths_cli.errors import InputError
 from rths_cli.files import raw_log_writer
-from rths_cli.files.raw_log import RawHeader, packed_frame, raw_log_path, read_header, read_raw_log
+from rths_cli.files.raw_log import RawHeader, packed_frame, packed_header, raw_log_path, read_header, read_raw_log
 from rths_cli.files.raw_log_writer import RawLogWriter
 
 HEADER = RawHeader(
@@ -147,6 +147,21 @@ def test_a_log_is_never_replaced_nor_read_while_it_is_written(tmp_path: Path) ->
     with pytest.raises(InputError, match=r"a\.rthslog: exists and may hold .* rths recover .* remove it"):
         RawLogWriter(path, HEADER)
     assert path.read_bytes() == before and read_raw_log(path).samples == 100
+
+
+def test_whoever_sees_a_log_sees_its_header(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, seen = tmp_path / "a.rthslog", []
+
+    def interrupted(part: Path, final: Path) -> None:
+        seen.append((part.read_bytes(), os.listdir(tmp_path)))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(raw_log_writer.os, "rename", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        RawLogWriter(path, HEADER)
+    ((written, names),) = seen
+    assert written == packed_header(HEADER) and names == [f".a.rthslog.{os.getpid()}.part"]
+    assert os.listdir(tmp_path) == []
 
 
 def test_the_disk_is_asked_to_keep_frames_at_most_every_quarter_of_a_second(

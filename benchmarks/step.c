@@ -33,8 +33,10 @@ typedef struct {
   double stroke_m, velocity_m_s, acceleration_m_s2, force_n, command_v, tracking_error_m_s2, gain_m_per_v, dt_s;
   Array masses_kg, saturation_v;
   double stuck_m_s2;
+  Array abort_m_s2;
+  double command_rate_v_s, energy_ratio, energy_floor_j;
 } GuardLimits;
-typedef struct { Integers flags; Array motion, codes, desired_at, moved; Integers same; } GuardState;
+typedef struct { Integers flags; Array motion, codes, desired_at, moved; Integers same; Array energy; } GuardState;
 
 typedef struct {
   Array push, filters, nodes, feed, start, accel_rows, accel_friction;
@@ -46,14 +48,12 @@ typedef struct {
 } Plant;
 typedef struct { Array state, state_tiles, low, coupled, made, made_tiles, begin, offsets, queue, middle_velocity; Integers fault; } PlantState;
 
-typedef struct {
-  Array command_v, desired, corrected, estimated, base_shear_n, true_velocity_m_s, true_displacement_m, compute_ns;
-} Log;
+typedef struct { Array columns; Integers done; int64_t truths, lean; } Log;
 
 enum { EXCITATION, RECORD, NUMERICAL };
 enum { STAMPED = 16 }; /* steps per look at the time */
 enum { RUNNING, BRAKING, RETURNING, STOPPED };
-enum { NONE, STROKE, VELOCITY, ACCELERATION, FORCE, COMMAND, TRACKING, NOT_A_NUMBER, SATURATED, STUCK };
+enum { NONE, STROKE, VELOCITY, ACCELERATION, FORCE, COMMAND, TRACKING, NOT_A_NUMBER, SATURATED, STUCK, RATE, ENERGY };
 
 /* in the order of speed/in_c.py: a change of a NamedTuple must not go unseen */
 const int64_t sizes[] = {sizeof(Plant), sizeof(PlantState), sizeof(Step), sizeof(GuardLimits), sizeof(GuardState), sizeof(Log)};
@@ -171,6 +171,7 @@ INLINE void note_sent(const Step *s, double command) {
 /* ---- the guard; BRAKE_SHARE, RETURN_RATE, ... as in rths_cli/loop/guard.py ---- */
 
 static const double brake_share = 0.45, return_rate_rad_s = 7.5, at_rest_m = 1e-6, stuck_s = 0.5;
+static const double forget_hz = 0.5;
 
 INLINE int is_stuck(const GuardLimits *lim, const GuardState *g, int64_t c, double sample, double desired) {
   if (sample != g->codes.at[c]) {
@@ -192,7 +193,7 @@ INLINE int check_samples(const GuardLimits *lim, const GuardState *g, const Arra
     g->flags.at[2] = c;
     if (!isfinite(sample)) return NOT_A_NUMBER;
     if (fabs(sample) >= lim->saturation_v.at[c]) return SATURATED;
-    if (fabs(accel[c]) > lim->acceleration_m_s2) return ACCELERATION;
+    if (fabs(accel[c]) > lim->abort_m_s2.at[c]) return ACCELERATION;
     if (is_stuck(lim, g, c, sample, desired)) return STUCK;
     force += lim->masses_kg.at[c] * accel[c];
   }
@@ -207,13 +208,25 @@ INLINE int check_command(const GuardLimits *lim, const GuardState *g, double com
   if (fabs(command) > lim->command_v) return COMMAND;
   const double place = lim->gain_m_per_v * command, velocity = (place - g->motion.at[0]) / lim->dt_s;
   if (fabs(velocity) > lim->velocity_m_s) return VELOCITY;
+  if (fabs(velocity) > lim->gain_m_per_v * lim->command_rate_v_s) return RATE;
   const double braked = place + 0.5 * velocity * fabs(velocity) / (brake_share * lim->acceleration_m_s2);
   if (most(fabs(place), fabs(braked)) > farthest(lim)) return STROKE;
   return fabs(error) > lim->tracking_error_m_s2 ? TRACKING : NONE;
 }
 
+INLINE int check_energy(const GuardLimits *lim, const GuardState *g, const Step *s) {
+  if (isinf(lim->energy_ratio)) return NONE;
+  double *energy = g->energy.at;
+  const double shear = s->base_shear.at[0];
+  energy[0] += (s->error.at[0] - 2.0 * M_PI * forget_hz * energy[0]) * lim->dt_s;
+  energy[1] += shear * energy[0] * lim->dt_s;
+  energy[2] += fabs(shear * s->interface.at[1]) * lim->dt_s;
+  return energy[1] > lim->energy_ratio * (energy[2] + lim->energy_floor_j) ? ENERGY : NONE;
+}
+
 static __attribute__((noinline)) void ramp_down(const GuardLimits *lim, const GuardState *g) {
-  const double by_velocity = M_E * lim->velocity_m_s / farthest(lim);
+  const double fastest = least(lim->velocity_m_s, lim->gain_m_per_v * lim->command_rate_v_s);
+  const double by_velocity = M_E * fastest / farthest(lim);
   const double by_acceleration = sqrt(brake_share * lim->acceleration_m_s2 / farthest(lim));
   const double rate = least(return_rate_rad_s, least(by_velocity, by_acceleration));
   double place = g->motion.at[0], velocity = g->motion.at[1];
@@ -238,6 +251,7 @@ INLINE double guard(const GuardLimits *lim, const GuardState *g, double command,
   if (g->flags.at[0] == RUNNING) {
     int reason = check_samples(lim, g, &s->samples, s->corrected.at, s->interface.at[0]);
     if (reason == NONE) reason = check_command(lim, g, command, s->error.at[0]);
+    if (reason == NONE) reason = check_energy(lim, g, s);
     if (reason == NONE) {
       const double place = lim->gain_m_per_v * command;
       g->motion.at[1] = (place - g->motion.at[0]) / lim->dt_s;
@@ -435,12 +449,21 @@ INLINE void read(const Plant *p, const PlantState *s, const double *noise, const
 
 /* ---- the run ---- */
 
-INLINE void note(const Step *s, const Log *log, int64_t k, int64_t n, double command) {
-  log->command_v.at[k] = command;
-  log->base_shear_n.at[k] = s->base_shear.at[0];
-  for (int i = 0; i < 3; i++) log->desired.at[n * i + k] = s->interface.at[i];
-  for (int64_t i = 0; i < s->corrected.shape[0]; i++) log->corrected.at[n * i + k] = s->corrected.at[i];
-  for (int64_t i = 0; i < s->estimated.shape[0]; i++) log->estimated.at[n * i + k] = s->estimated.at[i];
+INLINE double *note(const Step *s, const Log *log, int64_t k, double command) {
+  const int64_t n = log->columns.shape[1], channels = s->corrected.shape[0], estimates = s->estimated.shape[0];
+  double *to = log->columns.at + n * log->truths + k;
+  for (int64_t i = 0; i < channels; i++, to += n) *to = s->corrected.at[i];
+  for (int i = 0; i < 3; i++, to += n) *to = s->interface.at[i];
+  *to = command;
+  to[n] = s->base_shear.at[0];
+  to += 2 * n;
+  for (int64_t i = 0; i < estimates; i++, to += n) *to = s->estimated.at[i];
+  return to;
+}
+
+INLINE void stamp(const Log *log, int64_t steps, int64_t count, int64_t before, int64_t now) {
+  double *last = log->columns.at + log->columns.shape[1] * (log->columns.shape[0] - 1) + steps - 1;
+  for (int64_t i = 0; i < count; i++) last[-i] = (double)(now - before) / count;
 }
 
 INLINE int64_t monotonic_ns(void) {
@@ -459,21 +482,22 @@ int64_t run(const Plant *plant_, const PlantState *table_, const Step *step_, co
   const GuardState g = *guard_;
   const Log log = *log_;
   const int64_t channels = s.samples.shape[0];
-  int64_t before = monotonic_ns();
-  for (int64_t k = 0; k < n; k++) {
-    read(&plant, &table, noise + channels * k, &s.samples);
-    log.true_displacement_m.at[k] = table.state.at[0];
-    const double command = guard(&limits, &g, step(&s, drive + 3 * k), &s);
+  int64_t before = monotonic_ns(), steps = 0;
+  while (steps < n && table.fault.at[0] == 0 && g.flags.at[0] != STOPPED) {
+    read(&plant, &table, noise + channels * steps, &s.samples);
+    const double displacement = table.state.at[0], command = guard(&limits, &g, step(&s, drive + 3 * steps), &s);
     note_sent(&s, command);
-    note(&s, &log, k, n, command);
+    *note(&s, &log, steps, command) = displacement;
     hold(&plant, &table, command);
-    for (int64_t c = 0; c < channels; c++) log.true_velocity_m_s.at[n * c + k] = table.middle_velocity.at[c];
-    if ((k + 1) % STAMPED == 0) {
+    for (int64_t c = 0; c < channels; c++) log.columns.at[n * c + steps] = table.middle_velocity.at[c];
+    steps++;
+    if (steps % STAMPED == 0) {
       const int64_t now = monotonic_ns();
-      for (int64_t i = 0; i < STAMPED; i++) log.compute_ns.at[k - i] = (double)(now - before) / STAMPED;
+      stamp(&log, steps, STAMPED, before, now);
       before = now;
     }
-    if (table.fault.at[0] != 0 || g.flags.at[0] == STOPPED) return k + 1;
   }
-  return n;
+  stamp(&log, steps, steps % STAMPED, before, monotonic_ns());
+  log.done.at[0] = steps;
+  return steps;
 }

@@ -86,11 +86,6 @@ def empty_tiles(series: int, samples: int, padding: int) -> Array:
     return np.zeros((-(-series // LANES), samples + 2 * padding, LANES))
 
 
-def lane(tiles: Array, series: int, padding: int) -> Array:
-    """Return the place (n,) of one series in tiles, without its padding."""
-    return tiles[series // LANES, padding : tiles.shape[1] - padding, series % LANES]
-
-
 def filter_tiles_both_ways(sections: Array, tiles: Array, padding: int) -> None:
     """Do in place what `filtered_both_ways` does; what stands in the padding at the ends is replaced."""
     if padding:
@@ -104,18 +99,16 @@ def filter_tiles_both_ways(sections: Array, tiles: Array, padding: int) -> None:
 
 def _filled(values: Array, padding: int) -> Array:
     """Return series (..., n) in tiles, room for `padding` samples more at each end."""
-    rows = values.reshape(-1, values.shape[-1])
-    tiles = empty_tiles(*rows.shape, padding)
-    for r, row in enumerate(rows):
-        lane(tiles, r, padding)[:] = row
+    rows = np.ascontiguousarray(values.reshape(-1, values.shape[-1]))
+    tiles = np.empty((-(-len(rows) // LANES), rows.shape[1] + 2 * padding, LANES))
+    _spread(rows, padding, tiles)
     return tiles
 
 
 def _series(tiles: Array, shape: tuple[int, ...], padding: int) -> Array:
     """Return the series of a shape (..., n) that stand in tiles, without the padding."""
     rows = np.empty((math.prod(shape[:-1]), shape[-1]))
-    for r, row in enumerate(rows):
-        row[:] = lane(tiles, r, padding)
+    _collect(tiles, padding, rows)
     return rows.reshape(shape)
 
 
@@ -179,28 +172,89 @@ def _sample(c: _Coefficients, x: float, u: float, v: float) -> _Sample:
 
 
 @entry
+def _spread(rows: Array, padding: int, tiles: Array) -> None:
+    """Write series (m, n) beside each other into tiles; idle places repeat the last series."""
+    last = rows.shape[0] - 1
+    for r in range(tiles.shape[0]):
+        a, b = rows[min(LANES * r, last)], rows[min(LANES * r + 1, last)]
+        c, d = rows[min(LANES * r + 2, last)], rows[min(LANES * r + 3, last)]
+        for k in range(rows.shape[1]):
+            tiles[r, padding + k, 0] = a[k]
+            tiles[r, padding + k, 1] = b[k]
+            tiles[r, padding + k, 2] = c[k]
+            tiles[r, padding + k, 3] = d[k]
+
+
+@entry
+def _collect(tiles: Array, padding: int, rows: Array) -> None:
+    """Write the series in tiles into rows (m, n)."""
+    for m in range(rows.shape[0]):
+        tile, place = tiles[m // LANES], m % LANES
+        for k in range(rows.shape[1]):
+            rows[m, k] = tile[padding + k, place]
+
+
+@part
+def _coefficients(sections: Array, s: int) -> _Coefficients:
+    return sections[s, 0], sections[s, 1], sections[s, 2], sections[s, 4], sections[s, 5]
+
+
+@part
+def _one(c: _Coefficients, states: Array, tile: Array, step: int) -> None:
+    """Filter a tile (n, 4) in place by one section that starts in `states` (2, 4)."""
+    u0, u1, u2, u3 = states[0, 0], states[0, 1], states[0, 2], states[0, 3]
+    v0, v1, v2, v3 = states[1, 0], states[1, 1], states[1, 2], states[1, 3]
+    k = 0 if step > 0 else tile.shape[0] - 1
+    for _ in range(tile.shape[0]):
+        y0, u0, v0 = _sample(c, tile[k, 0], u0, v0)
+        y1, u1, v1 = _sample(c, tile[k, 1], u1, v1)
+        y2, u2, v2 = _sample(c, tile[k, 2], u2, v2)
+        y3, u3, v3 = _sample(c, tile[k, 3], u3, v3)
+        tile[k, 0] = y0  # beside each other, so that all four are one instruction
+        tile[k, 1] = y1
+        tile[k, 2] = y2
+        tile[k, 3] = y3
+        k += step
+
+
+@part
+def _two(c: _Coefficients, d: _Coefficients, first: Array, second: Array, tile: Array, step: int) -> None:
+    """Filter a tile (n, 4) in place by two sections: one works while the other waits for its own last sum."""
+    u0, u1, u2, u3 = first[0, 0], first[0, 1], first[0, 2], first[0, 3]
+    v0, v1, v2, v3 = first[1, 0], first[1, 1], first[1, 2], first[1, 3]
+    p0, p1, p2, p3 = second[0, 0], second[0, 1], second[0, 2], second[0, 3]
+    q0, q1, q2, q3 = second[1, 0], second[1, 1], second[1, 2], second[1, 3]
+    k = 0 if step > 0 else tile.shape[0] - 1
+    for _ in range(tile.shape[0]):
+        y0, u0, v0 = _sample(c, tile[k, 0], u0, v0)
+        y1, u1, v1 = _sample(c, tile[k, 1], u1, v1)
+        y2, u2, v2 = _sample(c, tile[k, 2], u2, v2)
+        y3, u3, v3 = _sample(c, tile[k, 3], u3, v3)
+        y0, p0, q0 = _sample(d, y0, p0, q0)
+        y1, p1, q1 = _sample(d, y1, p1, q1)
+        y2, p2, q2 = _sample(d, y2, p2, q2)
+        y3, p3, q3 = _sample(d, y3, p3, q3)
+        tile[k, 0] = y0
+        tile[k, 1] = y1
+        tile[k, 2] = y2
+        tile[k, 3] = y3
+        k += step
+
+
+@entry
 def _run(sections: Array, states: Array, tiles: Array, step: int) -> None:
     """Filter tiles (n_tiles, n, 4) in place, forward (`step` 1) or backward (-1) in time.
 
     `states` (n_sections, n_tiles, 2, 4): where they start.
     """
-    n = tiles.shape[1]
     for r in range(tiles.shape[0]):
-        for s in range(sections.shape[0]):
-            c = (sections[s, 0], sections[s, 1], sections[s, 2], sections[s, 4], sections[s, 5])
-            u0, u1, u2, u3 = states[s, r, 0, 0], states[s, r, 0, 1], states[s, r, 0, 2], states[s, r, 0, 3]
-            v0, v1, v2, v3 = states[s, r, 1, 0], states[s, r, 1, 1], states[s, r, 1, 2], states[s, r, 1, 3]
-            k = 0 if step > 0 else n - 1
-            for _ in range(n):
-                y0, u0, v0 = _sample(c, tiles[r, k, 0], u0, v0)
-                y1, u1, v1 = _sample(c, tiles[r, k, 1], u1, v1)
-                y2, u2, v2 = _sample(c, tiles[r, k, 2], u2, v2)
-                y3, u3, v3 = _sample(c, tiles[r, k, 3], u3, v3)
-                tiles[r, k, 0] = y0  # beside each other, so that all four are one instruction
-                tiles[r, k, 1] = y1
-                tiles[r, k, 2] = y2
-                tiles[r, k, 3] = y3
-                k += step
+        s = 0
+        while s + 1 < sections.shape[0]:
+            c, d = _coefficients(sections, s), _coefficients(sections, s + 1)
+            _two(c, d, states[s, r], states[s + 1, r], tiles[r], step)
+            s += 2
+        if s < sections.shape[0]:
+            _one(_coefficients(sections, s), states[s, r], tiles[r], step)
 
 
 @entry

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 STANDARD_GRAVITY_M_S2 = 9.80665
@@ -10,13 +11,22 @@ BRAKE_SHARE = 0.45  # of the acceleration limit, with which the guard brakes
 
 @dataclass(frozen=True)
 class Channel:
-    """One measured channel, as a laboratory knows it; a corner of 0 Hz means that there is none."""
+    """One measured channel, as a laboratory knows it; a corner of 0 Hz means that there is none.
+
+    `sign` is -1 for a sensor that is mounted against the positive direction; the level to warn of and the one to stop
+    at are infinite where the rig file states none; `label` is the laboratory's own name, `terminal` the input's.
+    """
 
     name: str
     sensitivity_v_per_m_s2: float
     range_m_s2: float
     high_pass_hz: float
     low_pass_hz: float
+    sign: float = 1.0
+    warning_m_s2: float = math.inf
+    abort_m_s2: float = math.inf
+    label: str = ""
+    terminal: str = ""
 
 
 @dataclass(frozen=True)
@@ -34,12 +44,19 @@ class Converters:
 
 @dataclass(frozen=True)
 class Limits:
-    """Bounds that the guard holds: table displacement, velocity, acceleration and actuator force."""
+    """Bounds that the guard holds: table displacement, velocity, acceleration and actuator force.
+
+    Further ones are infinite where the rig file states none; `lost_samples` is how many answers in a row may be lost.
+    """
 
     stroke_m: float
     velocity_m_s: float
     acceleration_m_s2: float
     force_n: float
+    command_rate_v_s: float = math.inf
+    tracking_error_m_s2: float = math.inf
+    energy_ratio: float = math.inf
+    lost_samples: int = 5
 
 
 @dataclass(frozen=True)
@@ -49,7 +66,10 @@ class RigInfo:
     `channels`: the table's accelerometer first, then one per experimental floor. `latency_samples`: the command
     computed from the samples of t_k is held from t_(k + latency) on; hold and sensor lag are not in that number.
     `transport_s`: further delay between command and table or table and samples, as of a network link.
-    `gain_m_per_v` and `moving_mass_kg` are nominal data-sheet values; `specimen_mass_kg` is weighed.
+    `gain_m_per_v` and `moving_mass_kg` are nominal data-sheet values; `specimen_mass_kg` is weighed. `unattended`: the
+    rig may move without a person's confirmation. `watchdog_s`: after so long without a command the rig leads its table
+    to rest by itself (0: it has no watchdog). `overrun`: what a missed deadline does, hold, skip or stop.
+    `driver_verified`: what is behind the driver, hardware, loopback or fake; empty on a virtual rig.
     """
 
     name: str
@@ -63,3 +83,12 @@ class RigInfo:
     moving_mass_kg: float
     specimen_mass_kg: float
     transport_s: float = 0.0
+    unattended: bool = False
+    watchdog_s: float = 0.1
+    overrun: str = "hold"
+    driver_verified: str = ""
+
+    @property
+    def signs(self) -> tuple[float, ...]:
+        """Return the factor on each channel's raw samples, +1 or -1."""
+        return tuple(channel.sign for channel in self.channels)

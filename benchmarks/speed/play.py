@@ -10,8 +10,9 @@ import numpy as np
 from rths_cli.case.load import load_cases
 from rths_cli.control.blocks import Blocks
 from rths_cli.loop.blocks import NUMERICAL, Step, assemble
-from rths_cli.loop.drive import Log, empty_log, run_virtual
+from rths_cli.loop.drive import run_virtual
 from rths_cli.loop.guard import GuardLimits, GuardState, fresh_guard
+from rths_cli.loop.log import Log, Signals, empty_log, signals
 from rths_cli.lti import Array
 from rths_cli.rigs.virtual.kernel import PlantState, fresh_state
 from rths_cli.rigs.virtual.plant import Plant
@@ -22,7 +23,7 @@ from rths_cli.workflows.setup import Setup, make_setup
 from speed.rows import seconds
 
 CASE = "el_centro_low_ff_fb"
-SIGNALS = tuple(name for name in Log._fields if name != "compute_ns")
+SIGNALS = tuple(name for name in Signals.__dataclass_fields__ if name != "compute_ns")
 
 
 @dataclass(frozen=True)
@@ -44,6 +45,11 @@ class State:
     step: Step
     guard: GuardState
     log: Log
+
+    @property
+    def signals(self) -> Signals:
+        """Return what the log holds, by name."""
+        return signals(self.log, self.step.samples.size, self.step.estimated.size)
 
 
 Bind = Callable[[Inputs, State], Callable[[], int]]  # what plays a run
@@ -69,7 +75,7 @@ def fresh(given: Inputs) -> State:
     """Return table, step and guard at rest, and an empty log."""
     channels = given.noise.shape[1]
     step = assemble(given.blocks, NUMERICAL)
-    log = empty_log(len(given.drive), channels, step.estimated.size)
+    log = empty_log(len(given.drive), channels, step.estimated.size, truths=channels)
     return State(fresh_state(given.plant, given.blocks.latency_samples), step, fresh_guard(channels), log)
 
 

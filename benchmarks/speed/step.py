@@ -56,7 +56,7 @@ def _apart(given: play.Inputs, bind_c: play.Bind) -> float:
     done = play.bound(given, ours)(), bind_c(given, theirs)()
     if done != (len(given.drive), len(given.drive)):
         return float("inf")
-    return max(difference(getattr(ours.log, name), getattr(theirs.log, name)) for name in play.SIGNALS)
+    return max(difference(getattr(ours.signals, name), getattr(theirs.signals, name)) for name in play.SIGNALS)
 
 
 def _ns(duration_s: float, steps: int) -> str:

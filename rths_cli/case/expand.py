@@ -13,7 +13,9 @@ from rths_cli.case.nodes import Fault, Mark, Node, Source, plain, printable
 from rths_cli.case.yaml_nodes import parse, read_file
 from rths_cli.errors import InputError
 
+VARIED = "_varied"  # ends the name of what extends something and gives itself no name
 DEFAULT_RIG = "aps400_virtual"
+REAL_RUNS = ("sim", "sim_delay", "exp_rths")
 FILES = {"structure": "structures", "table": "rigs", "reference": "references"}
 SHORT_FORMS = {"structure": "extends", "table": "extends", "controller": "kind", "record": "file"}
 RIVALS = {
@@ -69,6 +71,7 @@ def expand_case(tree: Node, stem: str) -> tuple[Node, list[Fault], set[str]]:
         if key in children:
             children[key] = _long_form(children[key], SHORT_FORMS[key])
     _expand_damping(children, faults, lost)
+    _expand_real_rig(children, faults)
     _expand_file(children, ("record", "file"), "records", faults)
     _expand_file(children, ("identification", "model"), None, faults)
     return replace(tree, value=children), faults, lost
@@ -136,7 +139,7 @@ def _expand(node: Node, kind: str, key: str, faults: list[Fault], trail: tuple[P
     base = _from_file(base_name, kind, f"{key.removesuffix('.extends')}.extends", faults, trail)
     if base is None:
         return None
-    own.setdefault("name", _text(f"{plain(base).get('name')}_varied", node))
+    own.setdefault("name", _text(f"{plain(base).get('name')}{VARIED}", node))
     return merge(base, replace(node, value=own))
 
 
@@ -207,6 +210,44 @@ def _expand_file(children: dict[str, Node], keys: tuple[str, str], kind: str | N
     children[keys[0]] = replace(
         parent, value={**parent.children, keys[1]: replace(node, value=Path(os.path.abspath(path)))}
     )
+
+
+def _expand_real_rig(children: dict[str, Node], faults: list[Fault]) -> None:
+    """Fill in what a rig that is not virtual changes in a case: its runs, its model file; make its files' paths whole.
+
+    A file of such a rig need not be there before it is used: only the model file is looked for, where a case needs it.
+    """
+    table = children["table"]
+    kind = table.children.get("kind")
+    if kind is None or kind.value == "virtual":
+        return
+    runs = tuple(Node(run, table.mark) for run in REAL_RUNS)
+    children.setdefault("runs", Node(runs, table.mark, table.key_mark))
+    parts = {key: _whole_path(part) for key, part in table.children.items() if key == "model"}
+    udp = table.children.get("udp")
+    if udp is not None and "key_file" in udp.children:
+        parts["udp"] = replace(udp, value={**udp.children, "key_file": _whole_path(udp.children["key_file"])})
+    children["table"] = replace(table, value={**table.children, **parts})
+    if "model" in parts and isinstance(parts["model"].value, Path):
+        _use_model(children, parts["model"], faults)
+
+
+def _use_model(children: dict[str, Node], model: Node, faults: list[Fault]) -> None:
+    """Give a case that says nothing of a model the one of its rig."""
+    options = children.get("identification", Node({}, model.mark, model.key_mark))
+    if not isinstance(options.value, dict) or "model" in options.value:
+        return
+    if not os.path.isfile(str(model.value)):
+        advice = "identify the rig (rths identify) and name its model file here, or under identification.model"
+        faults.append(Fault(model.mark, "table.model", f"no such file: {printable(str(model.value))[:300]}; {advice}"))
+    children["identification"] = replace(options, value={**options.value, "model": model})
+
+
+def _whole_path(node: Node) -> Node:
+    """Return the node of a file's name with its absolute path; anything else as it is."""
+    if not isinstance(node.value, str):
+        return node
+    return replace(node, value=Path(os.path.abspath(node.mark.source.folder / os.path.expanduser(node.value))))
 
 
 def _plain_file(name: str, folder: Path) -> Path:

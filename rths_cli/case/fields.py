@@ -81,6 +81,8 @@ class Strict(BaseModel):
         protected_namespaces=(),
     )
     wanted: ClassVar[str] = "a mapping"
+    elsewhere: ClassVar[Mapping[str, str]] = {}
+    """Keys that belong to other models, each with the end of its sentence."""
 
     @classmethod
     def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
@@ -182,7 +184,8 @@ def _in_words(cls: type[Strict], error: ErrorDetails) -> InitErrorDetails:
     if kind in ("fault", "unknown_key"):
         return _detail(kind, loc, error["msg"])
     if kind == "extra_forbidden":
-        return _detail("unknown_key", loc, "unknown key" + near(str(loc[-1]), cls.model_fields))
+        key = str(loc[-1])
+        return _detail("unknown_key", loc, cls.elsewhere.get(key) or "unknown key" + near(key, cls.model_fields))
     if kind == "missing":
         return _detail("fault", loc, f"is missing; add {loc[-1]}")
     wanted = _wanted(cls, error)

@@ -11,7 +11,8 @@ from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, fie
 
 from rths_cli.case.fields import Problem, Range, Strict, count, entry, listed, number, refusal, same_length
 from rths_cli.case.models_reference import ReferenceSpec
-from rths_cli.case.models_rig import LimitOverrides, LimitsSpec, RigSpec
+from rths_cli.case.models_rig import DEFAULT_LOST_SAMPLES, LimitOverrides, LimitsSpec
+from rths_cli.case.models_rig_kinds import AnyRig
 from rths_cli.case.models_structure import DampingSpec, StructureSpec
 
 Run = Literal["sim", "sim_delay", "shake_table", "exp_rths"]
@@ -153,12 +154,14 @@ class CaseKeys(Strict):
     record: RecordSpec
     scaling: Annotated[float, Range(gt=0, le=100)] = Field(description="factor on the record")
     controller: ControllerSpec
-    table: RigSpec
+    table: AnyRig
     method: Literal["best", "paper"] = "best"
     integration: Literal["exact", "cr", "newmark"] = Field(
         default="exact", description="of the numerical storeys: first-order hold, Chen-Ricles, or explicit Newmark"
     )
-    runs: tuple[RunName, ...] = Field(default=RUNS, min_length=1, description="default: all")
+    runs: tuple[RunName, ...] = Field(
+        default=RUNS, min_length=1, description="default: all; on a rig that is not virtual all but shake_table"
+    )
     sample_rate_hz: Annotated[float, Range(ge=100, le=50_000)] = 2000.0
     delay_s: Annotated[float, Range(ge=0, le=0.1)] = Field(default=0.005, description="the delay of SIM-DELAY")
     record_filter: RecordFilterSpec = RecordFilterSpec()
@@ -190,6 +193,7 @@ class CaseKeys(Strict):
             for loc, message in same_length(damping, "dashpots_n_s_per_m", storeys, "numerical storey"):
                 yield ("damping", *loc), message
         yield from _limit_problems(data)
+        yield from _rig_problems(data)
         yield from _nyquist_problems(data)
         yield from _accept_problems(data)
 
@@ -214,11 +218,24 @@ class Case(CaseKeys):
 
 def _limit_problems(data: Mapping[str, Any]) -> Iterator[Problem]:
     """Yield a fault for each limit that is looser than the rig's."""
-    for key, field in LimitsSpec.model_fields.items():
+    unstated = {key: field.default for key, field in LimitsSpec.model_fields.items()}
+    for key, default in {**unstated, "lost_samples": DEFAULT_LOST_SAMPLES}.items():
         own, rig = number(data, "limits", key), number(data, "table", "limits", key)
-        limit = field.default if rig is None else rig
-        if own is not None and own > limit:
+        limit = default if rig is None else rig
+        if own is not None and limit is not None and own > limit:
             yield ("limits", key), f"must be <= the rig's {limit:g}, got {own:g}; a case may only be stricter"
+
+
+def _rig_problems(data: Mapping[str, Any]) -> Iterator[Problem]:
+    """Yield faults of a real rig with this structure and sample rate: channels, and how long an answer may take."""
+    floors, channels = count(data, "structure", "experimental", "masses_kg"), count(data, "table", "channels")
+    if floors is not None and channels is not None and channels != 1 + floors:
+        wanted = f"the table's and one per experimental storey, {1 + floors} in all"
+        yield ("table", "channels"), f"must be {wanted}, got {channels}; list the channels of this structure"
+    rate, timeout_s = number(data, "sample_rate_hz"), number(data, "table", "udp", "timeout_s")
+    interval_s = 1.0 / (rate or CaseKeys.model_fields["sample_rate_hz"].default)
+    if timeout_s is not None and timeout_s >= interval_s:
+        yield ("table", "udp", "timeout_s"), f"must be < the sample interval of {interval_s:g} s, got {timeout_s:g}"
 
 
 def _nyquist_problems(data: Mapping[str, Any]) -> Iterator[Problem]:

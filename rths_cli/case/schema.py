@@ -6,27 +6,33 @@ import json
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel
+from pydantic import TypeAdapter
 
-from rths_cli.case.models import CaseKeys, ReferenceSpec, RigSpec, StructureSpec
+from rths_cli.case.models import CaseKeys, ReferenceSpec, StructureSpec
+from rths_cli.case.models_rig import RigSpec
+from rths_cli.case.models_rig_kinds import KINDS, AnyRig
+from rths_cli.case.models_rig_real import PluginRigSpec
 
-MODELS: dict[str, type[BaseModel]] = {
+MODELS: dict[str, Any] = {
     "case": CaseKeys,
     "structure": StructureSpec,
-    "rig": RigSpec,
+    "rig": AnyRig,
     "reference": ReferenceSpec,
 }
+EXTENDS = {"type": "object", "required": ["extends"]}
 NAME = {"type": "string", "minLength": 1, "description": "a name or a path"}
 
 
 def schema(kind: str = "case") -> dict[str, Any]:
     """Return the JSON Schema of a case file, or of a structure, rig or reference file."""
-    generated = MODELS[kind].model_json_schema()
+    generated = TypeAdapter(MODELS[kind]).json_schema()
     definitions = generated.pop("$defs")
     if kind == "case":
         _allow_names(generated, definitions)
-    elif kind in ("structure", "rig"):
+    elif kind == "structure":
         generated = _with_extends(generated, definitions)
+    elif kind == "rig":
+        generated = _any_rig(definitions)
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": f"rths {kind} file"}
     return {**generated, **head, "$defs": definitions}
 
@@ -40,8 +46,8 @@ def write_schemas(folder: Path) -> None:
 def _allow_names(case: dict[str, Any], definitions: dict[str, Any]) -> None:
     """Let names stand for mappings in the schema of a case, and drop what the loader fills in from `required`."""
     properties = case["properties"]
-    for key, model in (("structure", "StructureSpec"), ("table", "RigSpec")):
-        properties[key] = {"anyOf": [NAME, _with_extends(definitions[model], definitions)]}
+    properties["structure"] = {"anyOf": [NAME, _with_extends(definitions["StructureSpec"], definitions)]}
+    properties["table"] = {"anyOf": [NAME, _any_rig(definitions)]}
     for key in ("damping", "record", "reference"):
         properties[key] = {"anyOf": [NAME, *properties[key].get("anyOf", [properties[key]])]}
     kinds = definitions["ControllerSpec"]["properties"]["kind"]
@@ -49,11 +55,41 @@ def _allow_names(case: dict[str, Any], definitions: dict[str, Any]) -> None:
     case["required"] = [key for key in case["required"] if key not in ("name", "table")]
 
 
+def _any_rig(definitions: dict[str, Any]) -> dict[str, Any]:
+    """Return the schema of a rig of any kind: which one is read is decided by `kind`, the last is a plug-in's.
+
+    A variation of a named rig seldom states its kind: every key of every kind may stand in it.
+    """
+    whole: dict[str, Any] = {"$ref": f"#/$defs/{PluginRigSpec.__name__}"}
+    for kind, model in reversed(list(KINDS.items())):
+        of_kind = {"properties": {"kind": {"const": kind}}, "required": ["kind"]}
+        whole = {"if": of_kind, "then": {"$ref": f"#/$defs/{model.__name__}"}, "else": whole}
+    return {"if": EXTENDS, "then": _any_varied(definitions), "else": whole}
+
+
+def _any_varied(definitions: dict[str, Any]) -> dict[str, Any]:
+    """Return the schema of a variation of a rig of any kind: each key as one of the kinds reads it."""
+    models: list[type[RigSpec]] = [*KINDS.values(), PluginRigSpec]
+    kinds = [_varied(definitions[model.__name__], definitions) for model in models]
+    readings: dict[str, list[Any]] = {}
+    for kind in kinds:
+        for key, reading in kind["properties"].items():
+            known = readings.setdefault(key, [])
+            known += [] if reading in known else [reading]
+    properties = {key: known[0] if len(known) == 1 else {"anyOf": known} for key, known in readings.items()}
+    return {**kinds[0], "title": "RigSpec", "description": "A variation of a named rig.", "properties": properties}
+
+
 def _with_extends(whole: dict[str, Any], definitions: dict[str, Any]) -> dict[str, Any]:
     """Return the schema of a complete mapping, or with `extends` of the variation of a named one."""
-    varied = _relaxed(whole, definitions)
+    return {"if": EXTENDS, "then": _varied(whole, definitions), "else": whole}
+
+
+def _varied(whole: dict[str, Any], definitions: dict[str, Any]) -> dict[str, Any]:
+    """Return the schema of a variation: nothing is required, and `extends` may stand in it."""
+    varied: dict[str, Any] = _relaxed(whole, definitions)
     varied["properties"]["extends"] = NAME
-    return {"if": {"type": "object", "required": ["extends"]}, "then": varied, "else": whole}
+    return varied
 
 
 def _relaxed(part: Any, definitions: dict[str, Any]) -> Any:

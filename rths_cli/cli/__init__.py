@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from rths_cli.cli import (  # each adds its commands
     check_command,
+    doctor_command,
     identify_command,
     recover_command,
     run_commands,
+    serve_command,
     start_commands,
     sweep_command,
 )
@@ -17,10 +19,12 @@ __all__ = [
     "SIGNALS",
     "check_command",
     "cli",
+    "doctor_command",
     "identify_command",
     "main",
     "recover_command",
     "run_commands",
+    "serve_command",
     "start_commands",
     "sweep_command",
 ]

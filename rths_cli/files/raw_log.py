@@ -40,9 +40,9 @@ VALUE = np.dtype("<f8")
 class RawHeader:
     """What the log of one run says of itself: all that its result file is made of, save the samples.
 
-    `names` and `units`: of the w columns; `steps`: how many the run has at most; `lead_samples`: by how many the
-    hybrid clock runs ahead of the table; `result`: name of the result file, in the folder of the log; `attributes`:
-    those of its root.
+    `names` and `units`: of the w columns; `steps`: how many the run has at most, the first `ramp_steps` of them before
+    the record; `lead_samples`: by how many the hybrid clock runs ahead of the table; `result`: name of the result file,
+    in the folder of the log; `attributes`: those of its root.
     """
 
     names: tuple[str, ...]
@@ -56,6 +56,7 @@ class RawHeader:
     case_yaml: str
     resolved_yaml: str
     attributes: Mapping[str, Attribute]
+    ramp_steps: int = 0
 
 
 @dataclass(frozen=True)

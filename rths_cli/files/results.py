@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -26,6 +27,7 @@ from rths_cli.lti import Array
 
 if TYPE_CHECKING:
     import h5py
+    from h5py.h5d import DatasetID
 
 __all__ = [
     "Dataset",
@@ -48,6 +50,7 @@ class Result:
 
     `metrics`, `units` and `definitions` share their keys, the paths of the figures (as in
     `exp_rths.rms_error_m_s2`); a metric is a number or an array (n_storeys,). `groups` are those of the root.
+    Units and definitions are read when they are first asked for: tables of many cases need none.
     """
 
     path: Path
@@ -55,8 +58,8 @@ class Result:
     case_yaml: str
     resolved_yaml: str
     metrics: dict[str, float | Array]
-    units: dict[str, str]
-    definitions: dict[str, str]
+    units: Mapping[str, str]
+    definitions: Mapping[str, str]
     groups: tuple[str, ...]
 
 
@@ -76,17 +79,45 @@ def read_series(path: Path, name: str) -> Array:
 
 
 def _result(path: Path, file: h5py.File) -> Result:
-    metrics: dict[str, float | Array] = {}
-    units: dict[str, str] = {}
-    definitions: dict[str, str] = {}
-    for name, node in datasets(file["metrics"].id) if "metrics" in file else ():
-        key, value = name.replace("/", "."), numbers(node)
-        metrics[key] = float(value) if value.ndim == 0 else value
-        units[key] = text(node, "units")
-        definitions[key] = text(node, "definition")
+    metrics = {key: _figure(node) for key, node in _metrics(file)}
+    texts = cache(lambda: _reading(path, _texts))
+    units, definitions = _Texts(metrics, lambda: texts()[0]), _Texts(metrics, lambda: texts()[1])
     attributes = {key: _plain(value) for key, value in file.attrs.items()}
     yaml, resolved = (file[f"case/{k}"].asstr()[()] if f"case/{k}" in file else "" for k in ("yaml", "resolved"))
     return Result(path, attributes, yaml, resolved, metrics, units, definitions, tuple(file))
+
+
+def _metrics(file: h5py.File) -> Iterator[tuple[str, DatasetID]]:
+    """Yield the figures of a file by their paths."""
+    for name, node in datasets(file["metrics"].id) if "metrics" in file else ():
+        yield name.replace("/", "."), node
+
+
+def _figure(node: DatasetID) -> float | Array:
+    value = numbers(node)
+    return float(value) if value.ndim == 0 else value
+
+
+class _Texts(Mapping[str, str]):
+    """Texts of the figures of a file, read when the first is asked for; raises InputError where the file is gone."""
+
+    def __init__(self, figures: Collection[str], read: Callable[[], Mapping[str, str]]) -> None:
+        self._figures, self._read = figures, read
+
+    def __getitem__(self, figure: str) -> str:
+        return self._read()[figure]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._figures)
+
+    def __len__(self) -> int:
+        return len(self._figures)
+
+
+def _texts(file: h5py.File) -> tuple[dict[str, str], dict[str, str]]:
+    """Return units and definitions of the figures of a file."""
+    found = [(key, text(node, "units"), text(node, "definition")) for key, node in _metrics(file)]
+    return {key: unit for key, unit, _ in found}, {key: about for key, _, about in found}
 
 
 def _dataset(path: Path, file: h5py.File, name: str) -> Dataset:

@@ -18,6 +18,7 @@ from rths_cli.rig_info import BRAKE_SHARE
 
 RUNNING, BRAKING, RETURNING, STOPPED = 0, 1, 2, 3
 NONE, STROKE, VELOCITY, ACCELERATION, FORCE, COMMAND, TRACKING, NOT_A_NUMBER, SATURATED, STUCK = range(10)
+RATE, ENERGY, LOST, OVERRUN, RIG_FAULT, OPERATOR, INTERRUPT, TERMINATION, LOG_FAILED, END = range(10, 20)
 REASONS = (
     "",
     "displacement (estimated from the command, with room to brake) beyond the stroke limit",
@@ -29,11 +30,22 @@ REASONS = (
     "a sample or the command is not a number",
     "a sensor is saturated",
     "a sensor is stuck",
+    "command changes faster than its limit",
+    "the table's errors add energy to the structure beyond their limit",
+    "samples were lost or late, one after another, beyond their limit",
+    "steps overran their interval, one after another, beyond their limit",
+    "the rig reports a fault",
+    "stopped by the operator",
+    "interrupted",
+    "terminated",
+    "the log cannot be written",
+    "the end of the record",
 )
 RETURN_RATE = 7.5  # rad/s, or less where a limit is tight: back at zero within 2 s
 AT_REST_M = 1e-6  # less than half a bit of a 16-bit command
 STUCK_S = 0.5
 STUCK_BITS = 10.0
+FORGET_HZ = 0.5  # below it, an error of velocity is taken for an offset of sensors
 NO_CHANNEL = -1
 
 
@@ -51,6 +63,10 @@ class GuardLimits(NamedTuple):
     masses_kg: Array  # (c,) moving mass and floor masses: force per acceleration
     saturation_v: Array  # (c,)
     stuck_m_s2: float  # desired motion that a stuck sensor must have missed
+    abort_m_s2: Array  # (c,) acceleration at which each channel stops the test, the limit or less
+    command_rate_v_s: float = math.inf
+    energy_ratio: float = math.inf  # of the energy exchanged at the interface, what the table's errors may add
+    energy_floor_j: float = 0.0  # added to the energy exchanged: noise at rest exchanges next to none
 
 
 class GuardState(NamedTuple):
@@ -62,13 +78,14 @@ class GuardState(NamedTuple):
     desired_at: Array  # (c,) desired acceleration when that sample last changed
     moved: Array  # (c,) largest change of the desired acceleration since then
     same: Array  # int (c,) how many samples it has not changed
+    energy: Array  # (3,) error of the table's velocity in m/s, energy added by it and energy exchanged in J
 
 
 def fresh_guard(channels: int) -> GuardState:
     """Return a guard that has seen nothing yet."""
     return GuardState(
         np.zeros(4, dtype=np.int64), np.zeros(2), np.full(channels, np.nan), np.zeros(channels),
-        np.zeros(channels), np.zeros(channels, dtype=np.int64),
+        np.zeros(channels), np.zeros(channels, dtype=np.int64), np.zeros(3),
     )  # fmt: skip
 
 
@@ -82,7 +99,7 @@ def check_samples(lim: GuardLimits, g: GuardState, samples: Array, accel: Array,
             return NOT_A_NUMBER
         if abs(samples[c]) >= lim.saturation_v[c]:
             return SATURATED
-        if abs(accel[c]) > lim.acceleration_m_s2:
+        if abs(accel[c]) > lim.abort_m_s2[c]:
             return ACCELERATION
         if is_stuck(lim, g, c, samples[c], desired):
             return STUCK
@@ -119,6 +136,8 @@ def check_command(lim: GuardLimits, g: GuardState, command: float, error: float)
     velocity = (place - g.motion[0]) / lim.dt_s
     if abs(velocity) > lim.velocity_m_s:
         return VELOCITY
+    if abs(velocity) > lim.gain_m_per_v * lim.command_rate_v_s:
+        return RATE
     braked = place + 0.5 * velocity * abs(velocity) / (BRAKE_SHARE * lim.acceleration_m_s2)
     if max(abs(place), abs(braked)) > farthest(lim):
         return STROKE
@@ -126,10 +145,27 @@ def check_command(lim: GuardLimits, g: GuardState, command: float, error: float)
 
 
 @part
+def check_energy(lim: GuardLimits, g: GuardState, error: float, velocity: float, shear: float) -> int:
+    """Return ENERGY when the table's errors have added too much energy to the structure, or NONE.
+
+    The numerical part takes in f v, the specimen gives f v_table: what the interface adds is the integral of
+    f (v - v_table), as in hybrid simulation error monitors (Mosqueda, Stojadinovic and Mahin 2007). A lagging table
+    adds energy in every cycle long before motions grow.
+    """
+    if lim.energy_ratio == math.inf:
+        return NONE
+    g.energy[0] += (error - 2.0 * math.pi * FORGET_HZ * g.energy[0]) * lim.dt_s
+    g.energy[1] += shear * g.energy[0] * lim.dt_s
+    g.energy[2] += abs(shear * velocity) * lim.dt_s
+    return ENERGY if g.energy[1] > lim.energy_ratio * (g.energy[2] + lim.energy_floor_j) else NONE
+
+
+@part
 def return_rate(lim: GuardLimits) -> float:
     """Return the rate in rad/s of the critically damped return x0 (1 + r t) exp(-r t), whose velocity stays below
     x0 r / e and its acceleration below x0 r^2."""
-    by_velocity = math.e * lim.velocity_m_s / farthest(lim)
+    fastest = min(lim.velocity_m_s, lim.gain_m_per_v * lim.command_rate_v_s)
+    by_velocity = math.e * fastest / farthest(lim)
     by_acceleration = math.sqrt(BRAKE_SHARE * lim.acceleration_m_s2 / farthest(lim))
     return min(RETURN_RATE, by_velocity, by_acceleration)
 
@@ -155,14 +191,34 @@ def ramp_down(lim: GuardLimits, g: GuardState) -> None:
 
 
 @part
-def guard(
-    lim: GuardLimits, g: GuardState, command: float, samples: Array, accel: Array, desired: float, error: float
-) -> float:
-    """Return the command in V that may leave; accelerations in m/s^2, samples in V, both (c,)."""
+def take_over(g: GuardState, reason: int) -> None:
+    """Take the command over for a reason that lies outside samples and command; the first reason stays."""
     if g.flags[0] == RUNNING:
-        reason = check_samples(lim, g, samples, accel, desired)
+        g.flags[0], g.flags[1], g.flags[2] = BRAKING, reason, NO_CHANNEL
+
+
+@part
+def guard(
+    lim: GuardLimits,
+    g: GuardState,
+    command: float,
+    samples: Array,
+    accel: Array,
+    desired: Array,
+    error: float,
+    shear: float,
+) -> float:
+    """Return the command in V that may leave.
+
+    Samples in V and accelerations in m/s^2, both (c,); desired acceleration and velocity of the interface (>= 2,);
+    tracking error in m/s^2; base shear in N.
+    """
+    if g.flags[0] == RUNNING:
+        reason = check_samples(lim, g, samples, accel, desired[0])
         if reason == NONE:
             reason = check_command(lim, g, command, error)
+        if reason == NONE:
+            reason = check_energy(lim, g, error, desired[1], shear)
         if reason == NONE:
             place = lim.gain_m_per_v * command
             g.motion[1] = (place - g.motion[0]) / lim.dt_s

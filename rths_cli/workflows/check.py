@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pickle
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -22,6 +23,8 @@ from rths_cli.control.estimator import specimen_state_space
 from rths_cli.control.feedback import none
 from rths_cli.control.numerical import all_storeys
 from rths_cli.structure import Building, assemble, modes
+from rths_cli.workflows.kept import Kept
+from rths_cli.workflows.setup import motion_key
 
 if TYPE_CHECKING:
     from rths_cli.analysis.critical_delay import CriticalDelay
@@ -62,8 +65,11 @@ def preflight_of(setup: Setup, identified: Identification, design: Design) -> pr
     return judge(setup, identified, design).preflight
 
 
-def judge(setup: Setup, identified: Identification, design: Design) -> Judged:
-    """Return all that is known of a case's hybrid test, from the rig as identified and the blocks as designed."""
+def judge(setup: Setup, identified: Identification, design: Design, kept: Kept | None = None) -> Judged:
+    """Return all that is known of a case's hybrid test, from the rig as identified and the blocks as designed.
+
+    With `kept`, cases of the same record and building share its SIM.
+    """
     specimen, dt = _specimen(identified), setup.rig.dt_s
     building = as_identified(setup, specimen)
     rig = identified_rig(identified.best, specimen, setup.rig, setup.removes_sensors)
@@ -74,7 +80,7 @@ def judge(setup: Setup, identified: Identification, design: Design) -> Judged:
         alone = replace(design.blocks, feedback=none(dt))
         without = preflight.stability(rig, alone, storeys, identified.best, identified.frfs[0], samples)
         found = max(found, without, key=lambda each: (each.radius >= 1.0, each.required / each.tolerates))
-    known = known_of(setup, identified, design, rig, storeys, found.radius)
+    known = known_of(setup, identified, design, rig, storeys, found.radius, kept)
     prediction = predict(known)
     masses = np.concatenate([[setup.rig.moving_mass_kg], setup.floor_masses_kg])
     rows = preflight.reach(known, prediction, setup.rig, masses)
@@ -108,14 +114,16 @@ def as_identified(setup: Setup, specimen: Specimen) -> Building:
 
 
 def known_of(
-    setup: Setup, identified: Identification, design: Design, rig: IdentifiedRig, storeys: Block, radius: float
-) -> Known:
+    setup: Setup, identified: Identification, design: Design, rig: IdentifiedRig, storeys: Block, radius: float,
+    kept: Kept | None = None,
+) -> Known:  # fmt: skip
     """Return what the prediction of errors starts from."""
     dt, motion, specimen = setup.rig.dt_s, setup.motion, _specimen(identified)
     building = as_identified(setup, specimen)
     ring = RINGS * dt / -math.log(radius) if radius < 1.0 else LONGEST_S
     lines = lines_for(len(motion.time_s), dt, min(ring, LONGEST_S))
-    sim = simulate(building, dt, motion.accel_m_s2)
+    asked = (motion_key(setup.case), pickle.dumps(building))
+    sim = (kept or Kept()).get("sim as identified", asked, lambda: simulate(building, dt, motion.accel_m_s2))
     ground = lines.of_motion(motion.accel_m_s2, motion.velocity_m_s, motion.displacement_m)
     floors = specimen_state_space(specimen).response(lines.frequency_hz)[:, 0]
     interface = len(building.numerical.masses_kg) - 1

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from rths_cli.case.models import Case
     from rths_cli.files.result_writer import Metric
     from rths_cli.workflows.controllers import Design
+    from rths_cli.workflows.kept import Kept
     from rths_cli.workflows.known import Known
     from rths_cli.workflows.setup import Progress, Setup
 
@@ -45,17 +46,20 @@ class Verdict:
         return self.verdict in (UNSAFE, UNSTABLE)
 
 
-def verdict_on(setup: Setup, known: Known, hybrid: bool = True, design: Design | None = None) -> Verdict:
+def verdict_on(
+    setup: Setup, known: Known, hybrid: bool = True, design: Design | None = None, kept: Kept | None = None
+) -> Verdict:
     """Return the verdict on a case's hybrid test from what is known of its rig and specimen; "" when `hybrid` says that
-    there is none, unless no blocks can be designed. `design`: the blocks, where another record had them designed."""
+    there is none, unless no blocks can be designed. `design`: the blocks, where another record had them designed; with
+    `kept`, cases share what they have in common."""
     faults = known.faults(setup.overrides)
     try:
-        design = design or design_blocks(setup, known.found)
+        design = design or design_blocks(setup, known.found, kept)
     except InputError as error:
         return Verdict(UNSAFE, (*faults, *error.faults), None, {})
     if not hybrid:
         return Verdict("", faults, design, {})
-    judged = judge(setup, known.found, design)
+    judged = judge(setup, known.found, design, kept)
     found = judged.preflight
     verdict = UNSAFE if faults and found.verdict == SAFE else found.verdict
     return Verdict(verdict, (*faults, *found.reasons), design, check_figures(judged), judged.known)

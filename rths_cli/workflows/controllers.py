@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import pickle
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rths_cli.control import estimator, feedback, feedforward, numerical, sensing
 from rths_cli.control.blocks import Blocks
+from rths_cli.workflows.kept import Kept
 
 if TYPE_CHECKING:
     from rths_cli.control.estimator import Shear
@@ -31,14 +33,17 @@ class Design:
     shear_now: Shear
 
 
-def design_blocks(setup: Setup, identified: Identification) -> Design:
-    """Return the blocks for the case's method and controller; raises InputError when no controller exists."""
+def design_blocks(setup: Setup, identified: Identification, kept: Kept | None = None) -> Design:
+    """Return the blocks for the case's method and controller; raises InputError when no controller exists.
+
+    With `kept`, cases of one model, method and controller share the feedback, whatever their building.
+    """
     case, dt = setup.case, setup.rig.dt_s
     best = case.method == "best"
     model = identified.best if best else identified.paper
     driven = case.controller.kind != "none"
     lead = math.ceil(model.delay_s / dt - 1e-9) if best and driven else 0
-    designed = _feedback(setup, identified, model) if case.controller.kind == "FF+FB" else None
+    designed = _feedback(setup, identified, model, kept or Kept()) if case.controller.kind == "FF+FB" else None
     shear = _shear(setup, identified, lead)
     blocks = Blocks(
         correction=sensing.correction(setup.rig.channels, dt, setup.removes_sensors),
@@ -72,17 +77,13 @@ def _feedforward(model: Model, dt_s: float, lead: int, best: bool, driven: bool)
     return feedforward.lagged_inverse(model, dt_s, lead) if best else feedforward.leaky_inverse(model, dt_s)
 
 
-def _feedback(setup: Setup, identified: Identification, model: Model) -> feedback.Feedback:
+def _feedback(setup: Setup, identified: Identification, model: Model, kept: Kept) -> feedback.Feedback:
     controller = setup.case.controller
     low, high = controller.disturbance_hz
-    return feedback.design(
-        model,
-        identified.frfs[0],
-        setup.rig.dt_s,
-        controller.feedback_bandwidth_hz,
-        controller.max_sensitivity,
-        feedback.Weights((low, high), controller.command_weight),
-    )
+    weights = feedback.Weights((low, high), controller.command_weight)
+    limits = (controller.feedback_bandwidth_hz, controller.max_sensitivity)
+    asked = (model, identified.frfs[0], setup.rig.dt_s, *limits, weights)
+    return kept.get("feedback", pickle.dumps(asked), lambda: feedback.design(*asked))
 
 
 def _command_limit_v(rig: RigInfo) -> float:

@@ -4,25 +4,43 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable, Hashable
+from threading import Lock, RLock
 from typing import Any, TypeVar
 
 T = TypeVar("T")
 
 
+class _Value:
+    """A value that is made once; `made` is empty until then."""
+
+    def __init__(self) -> None:
+        self.lock = RLock()
+        self.made: tuple[Any, ...] = ()
+
+
 class Kept:
-    """The last values made of each kind, at most `size` of a kind."""
+    """The last values made of each kind, at most `size` of a kind. Threads that ask for the same wait for the first."""
 
     def __init__(self, size: int = 8) -> None:
-        self._size = size
-        self._kinds: dict[str, OrderedDict[Hashable, Any]] = {}
+        self.size = size
+        self._kinds: dict[str, OrderedDict[Hashable, _Value]] = {}
+        self._lock = Lock()
 
     def get(self, kind: str, key: Hashable, make: Callable[[], T]) -> T:
         """Return the value of a kind that was made from `key`, or make it; what `make` raises is not kept."""
-        values = self._kinds.setdefault(kind, OrderedDict())
-        if key not in values:
-            values[key] = make()
-            if len(values) > self._size:
-                values.popitem(last=False)
-        values.move_to_end(key)
-        found: T = values[key]
+        value = self._place(kind, key)
+        with value.lock:
+            if not value.made:
+                value.made = (make(),)
+            found: T = value.made[0]
         return found
+
+    def _place(self, kind: str, key: Hashable) -> _Value:
+        """Return where the value of a key stands or will stand; the place not asked for longest goes."""
+        with self._lock:
+            values = self._kinds.setdefault(kind, OrderedDict())
+            value = values.setdefault(key, _Value())
+            values.move_to_end(key)
+            if len(values) > self.size:
+                values.popitem(last=False)
+            return value

@@ -12,8 +12,10 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from rths_cli import __version__
+from rths_cli.case.expand import VARIED
 from rths_cli.errors import InputError
 from rths_cli.files.models import read_model, write_model
 from rths_cli.files.user_cache import user_cache
@@ -24,7 +26,13 @@ from rths_cli.workflows.setup import Setup, shown
 
 KEPT = 200  # models in the cache, the oldest go first
 TIME = "%Y-%m-%dT%H:%M:%SZ"
-HARDWARE_ONLY = ("limits", "name", "after_identification")  # of a rig file: no part of what the rig is
+LEVELS = dict.fromkeys(("name", "warning_m_s2", "abort_m_s2"), True)
+HARDWARE_ONLY: dict[str, Any] = {  # of a rig file: no part of what the rig is
+    **dict.fromkeys(("limits", "name", "after_identification"), True),
+    **dict.fromkeys(("udp", "unattended", "watchdog_s", "overrun", "model"), True),
+    "sensors": LEVELS,
+    "channels": {"__all__": LEVELS},
+}
 
 
 @dataclass(frozen=True)
@@ -80,7 +88,7 @@ def identity(setup: Setup) -> dict[str, str | int | float]:
     return {
         "rig": case.table.name,
         "rig_kind": case.table.kind,
-        "rig_sha256": _hash(case.table.model_dump_json(exclude=set(HARDWARE_ONLY))),
+        "rig_sha256": _hash(case.table.model_dump_json(exclude=HARDWARE_ONLY)),
         "structure": case.structure.name,
         "specimen_sha256": _specimen_hash(setup),
         "floor_masses_kg": " ".join(f"{mass:g}" for mass in setup.floor_masses_kg),
@@ -111,6 +119,12 @@ def _hash(text: str) -> str:
 def differences(stated: Mapping[str, str | int | float], wanted: Mapping[str, str | int | float]) -> list[str]:
     """Return a sentence for each difference between a model file and a case that forbids its use."""
     faults = []
+    if wanted["rig_kind"] != "virtual" and _rig(stated) != _rig(wanted):
+        name, kind = _rig(stated)
+        return [
+            f"identified on rig {name} of kind {kind}, the case's rig is {wanted['rig']} of kind {wanted['rig_kind']}; "
+            "a real rig needs a model that was identified on it"
+        ]
     if stated.get("rig_sha256") != wanted["rig_sha256"]:
         faults.append(
             f"identified on rig {stated.get('rig', 'unknown')}, the case's rig {wanted['rig']} is another one (or its "
@@ -130,6 +144,11 @@ def differences(stated: Mapping[str, str | int | float], wanted: Mapping[str, st
         if stated.get(key) != wanted[key]:
             faults.append(f"{text.format(stated.get(key, '?'), wanted[key])}; identify again, or change the case")
     return faults
+
+
+def _rig(about: Mapping[str, str | int | float]) -> tuple[str, str]:
+    """Return name and kind of a rig; a variation of it, as by --set table.unattended=true, is the same table."""
+    return str(about.get("rig", "unknown")).removesuffix(VARIED), str(about.get("rig_kind", "unknown"))
 
 
 class Cache:

@@ -18,7 +18,8 @@ from rths_cli.case.yaml_nodes import parse
 from rths_cli.errors import InputError
 from rths_cli.files.raw_log import RawHeader, RawLog, read_header, read_raw_log
 from rths_cli.files.results import ResultWriter, read_result, read_series
-from rths_cli.loop.drive import Log, Outcome
+from rths_cli.loop.drive import Outcome
+from rths_cli.loop.log import DESIRED, Signals
 from rths_cli.record import GroundMotion, integrate
 from rths_cli.structure import build
 from rths_cli.workflows import contents
@@ -29,8 +30,8 @@ if TYPE_CHECKING:
     from rths_cli.lti import Array
 
 LABELS = {"shake_table": "shake-table test", "exp_rths": "EXP-RTHS"}
+TIMED = ("late_ns", "exchange_ns", "lost", "state")
 NOTED = tuple(f"recovered_{run}" for run in LABELS)
-DESIRED = ("desired_accel_m_s2", "desired_velocity_m_s", "desired_displacement_m")
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,7 @@ def _recover(job: _Job) -> Recovered:
     reason = _reason(job.path, log)
     attributes = found.attributes | {noted: reason}
     with ResultWriter(result, {noted: reason}, continues=True) as writer:
-        if log.columns.shape[1] > header.lead_samples:
+        if log.columns.shape[1] > header.ramp_steps + header.lead_samples:
             _write(writer, job, log)
         writer.finish("interrupted", "; ".join(str(attributes[key]) for key in NOTED if key in attributes))
     return Recovered(*told, reason)
@@ -121,7 +122,8 @@ def _recover(job: _Job) -> Recovered:
 def _write(writer: ResultWriter, job: _Job, log: RawLog) -> None:
     """Write the run as one that reached its end would be, only shorter."""
     header, setup = job.header, _setup(job)
-    outcome = Outcome(_as_log(log, setup), log.columns.shape[1], "", "", 0.0)
+    steps = log.columns.shape[1] - header.ramp_steps
+    outcome = Outcome(_signals(log, setup), steps, "", "", 0.0)
     ground = setup.motion.accel_m_s2
     series = on_record_clock(outcome, header.lead_samples, header.dt_s, len(ground))
     hybrid = None
@@ -198,24 +200,23 @@ def _about(job: _Job, motion: GroundMotion) -> Setup:
     return Setup(case, motion, sha256, building, rig_info(case), masses, tuple(overrides.split()))
 
 
-def _as_log(log: RawLog, setup: Setup) -> Log:
-    """Return the columns of a log as the loop's signals; what a rig does not know is NaN."""
-    columns = dict(zip(log.header.names, log.columns, strict=True))
+def _signals(log: RawLog, setup: Setup) -> Signals:
+    """Return the columns of a log from the start of the record on, by name; what a rig does not know is NaN."""
+    from_start = log.columns[:, log.header.ramp_steps :]
+    columns = dict(zip(log.header.names, from_start, strict=True))
     channels = len(setup.rig.channels)
-    unknown = np.full(log.columns.shape[1], np.nan)
+    unknown = np.full(from_start.shape[1], np.nan)
 
     def rows(names: Sequence[str]) -> Array:
         return np.array([columns.get(name, unknown) for name in names])
 
-    return Log(
-        command_v=columns["command_v"],
+    single = ("command_v", "base_shear_n", "true_displacement_m", "compute_ns", *TIMED)
+    several = ("corrected", "true_velocity_m_s", "samples_v")
+    return Signals(
         desired=rows(DESIRED),
-        corrected=rows(_numbered("corrected", channels)),
         estimated=rows(list(takewhile(columns.__contains__, _named("estimated")))),
-        base_shear_n=columns["base_shear_n"],
-        true_velocity_m_s=rows(_numbered("true_velocity_m_s", channels)),
-        true_displacement_m=columns.get("true_displacement_m", unknown),
-        compute_ns=columns.get("compute_ns", unknown),
+        **{name: rows(_numbered(name, channels)) for name in several},
+        **{name: columns.get(name, unknown) for name in single},
     )
 
 

@@ -7,30 +7,79 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rths_cli.case.models_rig import VirtualRigSpec
+from rths_cli.case.models_rig_real import NiRigSpec, UdpRigSpec
 from rths_cli.rigs.virtual.opening import virtual_rig
 
 if TYPE_CHECKING:
     from rths_cli.loop.guard import GuardLimits
+    from rths_cli.rig_info import RigInfo
+    from rths_cli.rigs.interface import Rig
+    from rths_cli.rigs.ni.rig import NiRig
+    from rths_cli.rigs.udp.rig import UdpRig
     from rths_cli.rigs.virtual.rig import VirtualRig
     from rths_cli.workflows.setup import Setup
 
 # noise streams: dropping one run changes no other
 IDENTIFICATION, SHAKE_TABLE, EXP_RTHS, PROBE, VERIFICATION = 1, 2, 3, 4, 5
 BEFORE = (IDENTIFICATION, PROBE)
+ENERGY_RATIO = 0.1  # accurate tests stay below 0.005, unstable ones pass 0.1 long before motions are large
+AT_REST_SHARE = 0.02  # of the velocity limit: noise moves a specimen at rest by less
 
 
-def open_rig(setup: Setup, stream: tuple[int, ...], seed: int) -> VirtualRig:
-    """Return the case's virtual rig with the noise stream of one run, before or after the change that the rig file
-    states under `after_identification`."""
-    building = setup.building
+def open_rig(setup: Setup, stream: tuple[int, ...], seed: int) -> Rig:
+    """Return the case's rig, made but not opened: nothing is connected, nothing moves.
+
+    On a virtual rig `stream` and `seed` name the noise of one run, before or after the change that the rig file states
+    under `after_identification`. Raises InputError or RigError when a plug-in cannot make its rig.
+    """
+    table = setup.case.table
+    if isinstance(table, VirtualRigSpec):
+        return open_virtual(setup, stream, seed)
+    if isinstance(table, UdpRigSpec):
+        return _udp(setup, table)
+    if isinstance(table, NiRigSpec):
+        return _ni(setup, table)
+    from rths_cli.rigs.plugins import open_plugin
+
+    return open_plugin(setup.rig, table.options)
+
+
+def open_virtual(setup: Setup, stream: tuple[int, ...], seed: int) -> VirtualRig:
+    """Return the case's virtual rig with the noise stream of one run."""
+    table, building = setup.case.table, setup.building
+    assert isinstance(table, VirtualRigSpec)
     return virtual_rig(
-        setup.case.table,
+        table,
         setup.rig,
         building.specimen,
         building.interface_experimental_mass_kg,
         seed=(seed, *stream),
         after_identification=stream[0] not in BEFORE,
     )
+
+
+def _udp(setup: Setup, table: UdpRigSpec) -> UdpRig:
+    """Return the rig behind UDP that a rig file describes."""
+    from rths_cli.rigs.udp.rig import UdpRig, UdpTarget
+
+    udp, lost_samples = table.udp, setup.rig.limits.lost_samples
+    target = UdpTarget(udp.host, udp.port, udp.key_file, udp.timeout_s, table.watchdog_s, lost_samples)
+    return UdpRig(setup.rig, target)
+
+
+def _ni(setup: Setup, table: NiRigSpec) -> NiRig:
+    """Return the rig on an NI card that a rig file describes."""
+    from rths_cli.rigs.ni.daqmx import Wiring
+    from rths_cli.rigs.ni.rig import NiRig
+
+    card, rig = table.ni, setup.rig
+    terminals = tuple(channel.terminal for channel in rig.channels)
+    wiring = Wiring(
+        card.device, card.command_channel, terminals, card.enable_line or "", card.wiring,
+        rig.converters.range_v, 1.0 / rig.dt_s, card.timeout_s,
+    )  # fmt: skip
+    return NiRig(rig, wiring)
 
 
 def guard_limits(setup: Setup) -> GuardLimits:
@@ -47,10 +96,21 @@ def guard_limits(setup: Setup) -> GuardLimits:
         acceleration_m_s2=rig.limits.acceleration_m_s2,
         force_n=rig.limits.force_n,
         command_v=rig.converters.range_v,
-        tracking_error_m_s2=math.inf,
+        tracking_error_m_s2=rig.limits.tracking_error_m_s2,
         gain_m_per_v=rig.gain_m_per_v,
         dt_s=rig.dt_s,
         masses_kg=np.concatenate([[rig.moving_mass_kg], setup.floor_masses_kg]),
         saturation_v=0.999 * np.array(saturation),
         stuck_m_s2=STUCK_BITS * bit if bit > 0.0 else math.inf,
+        abort_m_s2=np.array([min(c.abort_m_s2, rig.limits.acceleration_m_s2) for c in rig.channels]),
+        command_rate_v_s=rig.limits.command_rate_v_s,
+        energy_ratio=_energy_ratio(rig),
+        energy_floor_j=0.5 * rig.specimen_mass_kg * (AT_REST_SHARE * rig.limits.velocity_m_s) ** 2,
     )
+
+
+def _energy_ratio(rig: RigInfo) -> float:
+    """Return how much energy the table's errors may add, of that exchanged; off on a virtual rig that states none."""
+    if math.isfinite(rig.limits.energy_ratio) or rig.kind == "virtual":
+        return rig.limits.energy_ratio
+    return ENERGY_RATIO

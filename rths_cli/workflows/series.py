@@ -38,17 +38,28 @@ def on_record_clock(outcome: Outcome, lead_samples: int, dt_s: float, samples: i
     log = outcome.log
     count = min(samples, max(outcome.steps - lead_samples, 0))
     table = slice(lead_samples, lead_samples + count)
-    velocity = np.hstack([np.zeros((log.true_velocity_m_s.shape[0], 1)), log.true_velocity_m_s])
     return Series(
         desired=log.desired[:, :count],
         measured=log.corrected[:, table],
         estimated=log.estimated[:, table],
         base_shear_n=log.base_shear_n[:count],
         command_v=log.command_v[table],
-        true_accel=(np.diff(velocity, axis=1) / dt_s)[:, table],
+        true_accel=_mean_accelerations(log.true_velocity_m_s, table, dt_s),
         true_disp_m=log.true_displacement_m[table],
         compute_s=log.compute_ns[table] * 1e-9,
     )
+
+
+def _mean_accelerations(velocity_m_s: Array, at: slice, dt_s: float) -> Array:
+    """Return the mean accelerations (c, .) over the steps around samples `at`, from velocities (c, n) between samples,
+    the first half a step after the start from rest."""
+    accel = np.empty((len(velocity_m_s), at.stop - at.start))
+    first = min(max(at.start, 1), at.stop)
+    accel[:, : first - at.start] = velocity_m_s[:, at.start : first]
+    before, after = velocity_m_s[:, first - 1 : at.stop - 1], velocity_m_s[:, first : at.stop]
+    np.subtract(after, before, accel[:, first - at.start :])
+    accel /= dt_s
+    return accel
 
 
 def whole_building(

@@ -15,9 +15,10 @@ from rths_cli.errors import InputError
 from rths_cli.files.accelerograms import read_accelerogram
 from rths_cli.lti import Array
 from rths_cli.record import GroundMotion, prepare
-from rths_cli.rig_info import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
+from rths_cli.rig_info import RigInfo
 from rths_cli.structure import Building, build
 from rths_cli.workflows.check_figures import paths as of_check
+from rths_cli.workflows.describe_rig import rig_info
 from rths_cli.workflows.figures import of_runs
 from rths_cli.workflows.kept import Kept
 
@@ -86,12 +87,16 @@ def building_key(case: Case) -> tuple[str, str]:
     return case.structure.model_dump_json(), case.damping.model_dump_json()
 
 
-def make_setups(cases: Sequence[Case], overrides: tuple[str, ...] = ()) -> list[Setup]:
-    """Read and check everything of every case before the first one starts; raises InputError with all faults."""
+def make_setups(cases: Sequence[Case], overrides: tuple[str, ...] = (), kept: Kept | None = None) -> list[Setup]:
+    """Read and check everything of every case before the first one starts; raises InputError with all faults.
+
+    Cases of the same record or building share it; with `kept`, with those of other calls too.
+    """
+    kept = kept or Kept()
     setups, faults = [], []
     for case in cases:
         try:
-            setups.append(make_setup(case, overrides))
+            setups.append(make_setup(case, overrides, kept))
         except InputError as error:
             faults += [f"{case.path}: {fault}" if str(case.path) not in fault else fault for fault in error.faults]
     if faults:
@@ -132,33 +137,3 @@ def shown(path: Path) -> str:
         return str(path.resolve().relative_to(Path.cwd()))
     except ValueError:
         return str(path)
-
-
-def rig_info(case: Case) -> RigInfo:
-    """Return what a laboratory knows of the case's rig before it has measured anything."""
-    table = case.table
-    numerical = len(case.structure.numerical.masses_kg)
-    floors = [f"floor_{numerical + 1 + i}" for i in range(len(case.structure.experimental.masses_kg))]
-    channels = tuple(
-        Channel(
-            name,
-            table.sensors.sensitivity_mv_per_g / 1000.0 / STANDARD_GRAVITY_M_S2,
-            table.sensors.range_g * STANDARD_GRAVITY_M_S2,
-            table.sensors.high_pass_hz,
-            table.sensors.low_pass_hz,
-        )
-        for name in ("table", *floors)
-    )
-    limits = table.limits
-    return RigInfo(
-        name=table.name,
-        kind=table.kind,
-        dt_s=1.0 / case.sample_rate_hz,
-        channels=channels,
-        converters=Converters(table.converters.bits, table.converters.range_v),
-        latency_samples=table.converters.latency_samples,
-        limits=Limits(limits.stroke_m, limits.velocity_m_s, limits.acceleration_m_s2, limits.force_n),
-        gain_m_per_v=table.nominal.gain_m_per_v,
-        moving_mass_kg=table.nominal.moving_mass_kg + case.structure.interface_experimental_mass_kg,
-        specimen_mass_kg=float(sum(case.structure.experimental.masses_kg)),
-    )

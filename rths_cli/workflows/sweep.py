@@ -15,6 +15,7 @@ import numpy as np
 from rths_cli.files.result_writer import check_writable
 from rths_cli.files.sweep_rows_file import RowsFile, rows_path
 from rths_cli.files.sweeps import Sweep, check_csv, read_sweep, write_csv, write_sweep
+from rths_cli.workflows.heap import keep_freed_memory
 from rths_cli.workflows.model_store import software
 from rths_cli.workflows.provenance import attributes
 from rths_cli.workflows.sweep_output import Begun, as_line, as_sweep, begin
@@ -56,6 +57,7 @@ class Swept:
 
 def run_sweep(request: SweepRequest, watcher: Watcher) -> Swept:
     """Play what is not played yet and write the table; raises InputError with all faults before the first run."""
+    keep_freed_memory()
     shared = Shared(request.overrides, watcher.doing)
     points = check_points(request.asked, shared, watcher.doing)
     path = request.output or Path("sweeps") / f"{points.base.case.name}.h5"

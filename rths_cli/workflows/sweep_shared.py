@@ -15,7 +15,7 @@ from rths_cli.workflows.controllers import design_blocks
 from rths_cli.workflows.kept import Kept
 from rths_cli.workflows.known import Memory
 from rths_cli.workflows.model_store import Cache, key
-from rths_cli.workflows.rigs import EXP_RTHS, guard_limits, open_rig
+from rths_cli.workflows.rigs import EXP_RTHS, guard_limits, open_virtual
 from rths_cli.workflows.run import drive_of
 from rths_cli.workflows.setup import building_key, make_setup, motion_key
 
@@ -104,7 +104,7 @@ class Shared:
             return Ready(setup, checked, refused, np.zeros((0, 0)), None, None, None)
         motion = (motion_key(case), building_key(case))
         sim_accel = self._kept.get("sim", motion, lambda: _sim_accel(setup))
-        plant = self._kept.get("plant", keys.plant, lambda: open_rig(setup, (EXP_RTHS,), 0).plant)
+        plant = self._kept.get("plant", keys.plant, lambda: open_virtual(setup, (EXP_RTHS,), 0).plant)
         return Ready(setup, checked, "", sim_accel, drive_of(setup, checked.design), plant, guard_limits(setup))
 
     def _memory(self, setup: Setup) -> Memory:
@@ -112,11 +112,12 @@ class Shared:
 
     def _verdict(self, setup: Setup, known: Known, keys: Keys) -> Verdict:
         self._progress("check")
+        kept = self._kept
         try:
-            design: Design | None = self._kept.get("design", keys.design, lambda: design_blocks(setup, known.found))
+            design: Design | None = kept.get("design", keys.design, lambda: design_blocks(setup, known.found, kept))
         except InputError:
             design = None  # the verdict says why
-        return verdict_on(setup, known, design=design)
+        return verdict_on(setup, known, design=design, kept=kept)
 
 
 def _digest(content: bytes) -> str:

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 from rths_cli.errors import RthsError, write_crash_file
 from rths_cli.files.result_writer import Metric
 from rths_cli.loop.blocks import NUMERICAL
-from rths_cli.loop.drive import Log, empty_log, play
+from rths_cli.loop.drive import play
+from rths_cli.loop.log import Log, empty_log
 from rths_cli.metrics import room_for_pairs
 from rths_cli.rigs.virtual.rig import VirtualRig
 from rths_cli.workflows.provenance import model_sha256
@@ -100,7 +101,7 @@ def _log(ready: Ready) -> Log:
     """Return this thread's log, lean where every storey is measured: the next run of the same size uses it again."""
     assert ready.drive is not None and ready.checked.design is not None
     channels, estimates = len(ready.setup.rig.channels), len(ready.checked.design.blocks.estimator.C)
-    asked = (len(ready.drive), channels, estimates, len(ready.setup.building.numerical.masses_kg) == 1)
+    asked = (len(ready.drive), channels, estimates, len(ready.setup.building.numerical.masses_kg) == 1, channels)
     if getattr(_THREAD, "logged", None) != asked:
         _THREAD.logged, _THREAD.log = asked, empty_log(*asked)
     log: Log = _THREAD.log

@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from rths_cli.case.fields import Range, Strict
 from rths_cli.case.models import Case, CaseKeys, LimitOverrides, LimitsSpec
 from rths_cli.case.models_reference import ReferenceSpec
-from rths_cli.case.models_rig import ConvertersSpec, RigSpec, SensorsSpec
+from rths_cli.case.models_rig import ConvertersSpec, SensorsSpec
 from rths_cli.case.models_structure import DampingSpec, ExperimentalSpec, StructureSpec
 
 
@@ -111,11 +111,6 @@ def test_zero_switches_a_sensor_fault_off() -> None:
     assert (ideal.high_pass_hz, ideal.low_pass_hz, ideal.noise_rms_m_s2) == (0, 0, 0)
     assert ConvertersSpec(bits=0).bits == 0
     assert set(faults(SensorsSpec, {"high_pass_hz": 5.0, "low_pass_hz": 4.0})) == {"low_pass_hz"}
-
-
-def test_other_kinds_of_rigs_get_one_sentence() -> None:
-    found = faults(RigSpec, {"kind": "udp", "host": "10.0.0.1", "port": "x"})
-    assert found == {"kind": "this version has only virtual rigs, got 'udp'; write kind: virtual"}
 
 
 def test_limits_are_tightened_one_by_one() -> None:

@@ -10,7 +10,7 @@ import pytest
 
 from rths_cli.case.find import shipped
 from rths_cli.case.load import load_cases, resolved_yaml
-from rths_cli.case.models_rig import RigSpec
+from rths_cli.case.models_rig import VirtualRigSpec
 from rths_cli.case.nodes import plain
 from rths_cli.case.schema import MODELS, schema
 from rths_cli.case.yaml_nodes import read_file
@@ -107,7 +107,7 @@ def test_the_rig_file_states_every_value_of_the_virtual_table() -> None:
 
 def test_the_defaults_of_a_rig_are_those_of_the_rig_file(lab: Path) -> None:
     (case,) = load_cases(["el_centro_low_ff_fb"])
-    assert case.table == RigSpec(name="aps400_virtual", kind="virtual")
+    assert case.table == VirtualRigSpec(name="aps400_virtual", kind="virtual")
 
 
 def test_the_records_named_are_shipped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -130,6 +130,13 @@ def test_a_shipped_file_fits_its_schema_and_names_it(kind: str, path: Path) -> N
     first = path.read_text(encoding="utf-8").splitlines()[0]
     assert first.startswith("# yaml-language-server: $schema=")
     assert (path.parent / first.partition("$schema=")[2]).resolve() == (CONFIGS / f"{kind}.schema.json").resolve()
+
+
+REAL = (
+    "table: {kind: udp, udp: {host: 10.0.0.1, port: 47800}, sensors: {sensitivity_mv_per_g: 100, range_g: 2, "
+    "high_pass_hz: 0, low_pass_hz: 0}, converters: {bits: 16, range_v: 10}, limits: {stroke_m: 0.07, velocity_m_s: 1, "
+    "acceleration_m_s2: 20, force_n: 400}, nominal: {gain_m_per_v: 0.0079, moving_mass_kg: 7, payload_kg: 23}}"
+)
 
 
 @pytest.mark.parametrize(
@@ -157,6 +164,23 @@ def test_a_shipped_file_fits_its_schema_and_names_it(kind: str, path: Path) -> N
         ("table: {extends: aps400_virtual, colour: red}", False),
         ("accept: {exp_rths.rms_error_m_s2: 1}", True),
         ("accept: {Nonsense: 1}", False),
+        ("table: {kind: upd}", False),
+        (REAL, True),
+        (REAL.replace("kind: udp", "kind: ni"), False),
+        (REAL.replace("port: 47800", "port: 0"), False),
+        (REAL.replace("gain_m_per_v: 0.0079, ", ""), False),
+        (REAL.replace("bits: 16, ", ""), False),
+        (f"{REAL[:-1]}, physics: {{}}}}", False),
+        (f"{REAL[:-1]}, colour: red}}", False),
+        (f"{REAL[:-1]}, overrun: skip, unattended: true, watchdog_s: 0.05}}", True),
+        (f"{REAL[:-1]}, overrun: wait}}", False),
+        (f"{REAL[:-1]}, watchdog_s: 60}}", False),
+        (REAL.replace("low_pass_hz: 0", "low_pass_hz: 0, sign: -1"), True),
+        (REAL.replace("low_pass_hz: 0", "low_pass_hz: 0, sign: 2"), False),
+        ("table: {extends: udp_example, limits: {force_n: 300}, udp: {host: 10.0.0.1}}", True),
+        ("table: {extends: udp_example, limits: {force_n: -300}}", False),
+        ("table: {extends: aps400_virtual, limits: {command_rate_v_s: 100, energy_ratio: 5, lost_samples: 3}}", True),
+        ("table: {extends: aps400_virtual, limits: {lost_samples: 0}}", False),
         ("colour: red", False),
     ],
 )  # fmt: skip

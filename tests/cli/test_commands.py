@@ -27,7 +27,9 @@ def test_help_imports_nothing_heavy() -> None:
     assert "Commands:" in done.stdout
 
 
-@pytest.mark.parametrize("command", ["run", "sweep", "check", "report", "identify", "records", "new", "schema"])
+@pytest.mark.parametrize(
+    "command", ["run", "sweep", "check", "report", "identify", "records", "new", "schema", "doctor", "serve"]
+)
 def test_every_command_has_help_with_an_example(command: str) -> None:
     done = rths(command, "--help")
     assert done.returncode == 0

@@ -104,6 +104,17 @@ def test_what_is_written_is_read_back(written):
     assert (truth.units, truth.long_name, truth.source, truth.dims) == ("m/s^2", "table", "true", ("time_s",))
 
 
+def test_units_and_definitions_are_read_when_they_are_asked_for(tmp_path):
+    result = read_result(write(tmp_path / "a.h5"))
+    assert set(result.units) == set(result.definitions) == set(result.metrics) and len(result.units) == 2
+    assert dict(read_result(tmp_path / "a.h5").units) == dict.fromkeys(result.metrics, "m/s^2")
+    with pytest.raises(KeyError):
+        read_result(tmp_path / "a.h5").units["exp_rths"]
+    (tmp_path / "a.h5").unlink()
+    with pytest.raises(InputError, match=r"a\.h5: cannot read: No such file"):
+        result.definitions["shake_table.tracking_rms_m_s2"]
+
+
 def test_complex_values_are_stored_as_real_and_imag(written):
     frf = read_series(written, "identification/frf_real") + 1j * read_series(written, "identification/frf_imag")
     np.testing.assert_allclose(frf, np.exp(1j * np.linspace(0, 6, 40)), rtol=1e-15)

@@ -82,7 +82,20 @@ def excite(
         shear_desired=0.0,
     )
     masses = np.concatenate([[7.0], specimen.masses_kg])
-    limits = GuardLimits(0.079, 1.0, 45.0, 445.0, 10.0, np.inf, 0.0079, info.dt_s, masses, np.full(channels, 5.0), 1.0)
+    limits = GuardLimits(
+        0.079,
+        1.0,
+        45.0,
+        445.0,
+        10.0,
+        np.inf,
+        0.0079,
+        info.dt_s,
+        masses,
+        np.full(channels, 5.0),
+        1.0,
+        np.full(channels, 45.0),
+    )
     drive = np.column_stack([excitation.command_v, np.zeros((excitation.command_v.size, 2))])
     physics = PHYSICS.model_copy(update={"coulomb_n": coulomb_n})
     rig = VirtualRig(info, build_plant(info, physics, specimen, noise_m_s2), (seed, 7))

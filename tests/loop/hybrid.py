@@ -97,6 +97,7 @@ def open_limits(info: RigInfo) -> GuardLimits:
         np.ones(channels),
         np.full(channels, wide),
         wide,
+        np.full(channels, wide),
     )
 
 

@@ -50,7 +50,7 @@ def both(library: ctypes.CDLL, inputs: play.Inputs) -> tuple[play.State, play.St
 def assert_same(ours: play.State, theirs: play.State, done: int) -> None:
     """Compare every signal, the guard's flags, and what table, numerical part and controllers remember."""
     for name in play.SIGNALS:
-        one, two = (getattr(state.log, name)[..., :done] for state in (ours, theirs))
+        one, two = (getattr(state.signals, name)[..., :done] for state in (ours, theirs))
         assert np.abs(one).max() > 0.0, name
         np.testing.assert_allclose(two, one, rtol=0.0, atol=1e-9 * np.abs(one).max(), err_msg=name)
     for one, two in zip(memory(ours), memory(theirs), strict=True):
@@ -60,7 +60,14 @@ def assert_same(ours: play.State, theirs: play.State, done: int) -> None:
 
 def memory(state: play.State) -> tuple[Array, ...]:
     s = state.step
-    return state.table.state, s.numerical.state, s.estimator.given, s.feedforward.given, s.feedback.given
+    return (
+        state.guard.energy,
+        state.table.state,
+        s.numerical.state,
+        s.estimator.given,
+        s.feedforward.given,
+        s.feedback.given,
+    )
 
 
 @pytest.mark.parametrize(
@@ -84,14 +91,25 @@ def test_the_feedback_is_clipped_as_in_c(library: ctypes.CDLL, scale: float) -> 
     ours, theirs, done = both(library, tight)
     assert_same(ours, theirs, done)
     free = both(library, inputs)[0]
-    assert not np.array_equal(ours.log.command_v, free.log.command_v)
+    assert not np.array_equal(ours.signals.command_v, free.signals.command_v)
 
 
-@pytest.mark.parametrize(("limit", "reason"), [("stroke_m", 1), ("velocity_m_s", 2), ("acceleration_m_s2", 3)])
-def test_the_guard_stops_as_in_c(library: ctypes.CDLL, limit: str, reason: int) -> None:
+TIGHT = {
+    "stroke_m": (0.002, 1),
+    "velocity_m_s": (0.01, 2),
+    "abort_m_s2": (np.full(3, 0.05), 3),
+    "command_rate_v_s": (1.0, 10),
+    "energy_ratio": (1e-3, 11),
+}
+
+
+@pytest.mark.parametrize("limit", TIGHT)
+def test_the_guard_stops_as_in_c(library: ctypes.CDLL, limit: str) -> None:
     inputs = given(FRICTION, rig_info(), np.vstack([ground(STEPS), np.zeros((6000, 3))]))
-    limits = inputs.limits._replace(stroke_m=0.079, velocity_m_s=1.0, acceleration_m_s2=45.0, command_v=10.0)
-    tight = {"stroke_m": 0.002, "velocity_m_s": 0.01, "acceleration_m_s2": 0.05}[limit]
+    limits = inputs.limits._replace(
+        stroke_m=0.079, velocity_m_s=1.0, acceleration_m_s2=45.0, command_v=10.0, energy_floor_j=1e-5
+    )
+    tight, reason = TIGHT[limit]
     ours, theirs, done = both(library, replace(inputs, limits=limits._replace(**{limit: tight})))
     assert ours.guard.flags[1] == reason
     assert_same(ours, theirs, done)

@@ -12,12 +12,12 @@ from numba import njit
 from numba.core.errors import NumbaError
 from scipy.linalg import expm
 
+from rths_cli import clocks
 from rths_cli.case.virtual_physics import VirtualPhysics
 from rths_cli.compiled import Part, entry
 from rths_cli.control import estimator, feedback, numerical
 from rths_cli.control.blocks import Blocks
 from rths_cli.control.realise import static
-from rths_cli.loop import clocks
 from rths_cli.loop import drive as loop_drive
 from rths_cli.loop import guard as loop_guard
 from rths_cli.loop import step as blocks_step
@@ -107,7 +107,7 @@ def test_the_compiled_run_equals_the_exchanging_one_byte_for_byte(source: int) -
         if not (source == RECORD and name == "base_shear_n"):
             assert np.isfinite(one).all()
         assert one.tobytes() == other.tobytes(), name
-    assert np.isnan(exchanged.log.true_velocity_m_s).all()
+    assert exchanged.log.true_velocity_m_s.size == 0
     for log in (compiled.log, exchanged.log):
         assert (log.compute_ns > 0).all()
 

@@ -12,6 +12,7 @@ from bench import rig_info, specimen
 from hybrid import best_like, ground, open_limits
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.optimize import brentq
 
 from rths_cli.case.virtual_physics import VirtualPhysics
 from rths_cli.compiled import entry
@@ -20,7 +21,7 @@ from rths_cli.control.blocks import Blocks
 from rths_cli.control.realise import static
 from rths_cli.loop.blocks import EXCITATION, RECORD
 from rths_cli.loop.drive import Outcome, play
-from rths_cli.loop.guard import AT_REST_M, STOPPED, GuardLimits, GuardState, fresh_guard, guard
+from rths_cli.loop.guard import AT_REST_M, FORGET_HZ, STOPPED, GuardLimits, GuardState, check_energy, fresh_guard, guard
 from rths_cli.lti import Array
 from rths_cli.rig_info import RigInfo
 from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
@@ -42,7 +43,7 @@ def ask(
 ) -> None:
     """Send every asked command (n,) through the guard; note what leaves it and its phase."""
     for k in range(asked.size):
-        sent[k] = guard(limits, state, asked[k], samples[k], accel[k], desired[k], 0.0)
+        sent[k] = guard(limits, state, asked[k], samples[k], accel[k], desired[k], 0.0, 0.0)
         phase[k] = state.flags[0]
 
 
@@ -61,6 +62,7 @@ def limits(
         np.full(3, 7.0),
         np.full(3, 4.99),
         0.03,
+        np.full(3, acceleration_m_s2),
     )
 
 
@@ -71,7 +73,7 @@ def answer(lim: GuardLimits, asked: Array, samples: Array | None = None) -> tupl
     if samples is not None:
         noise[: len(samples)] = samples
     sent, phase = np.zeros(asked.size), np.zeros(asked.size)
-    ask(lim, fresh_guard(3), asked, noise, noise * 9.80665, np.zeros(asked.size), sent, phase)
+    ask(lim, fresh_guard(3), asked, noise, noise * 9.80665, np.zeros((asked.size, 2)), sent, phase)
     return sent, phase
 
 
@@ -312,3 +314,46 @@ def test_a_run_of_the_best_method_passes_the_shipped_guard() -> None:
     outcome = play(rig, info, best_like(info), RECORD, 0.3 * ground(6000), limits())
     assert outcome.stopped_by_limit == ""
     assert outcome.steps == 6000
+
+
+@entry
+def watch(limits: GuardLimits, state: GuardState, steps: int, error: float, velocity: float, shear: float) -> int:
+    """Return the step at which a constant error of acceleration stops the test, or -1."""
+    for k in range(steps):
+        if check_energy(limits, state, error, velocity, shear) != 0:
+            return k
+    return -1
+
+
+@pytest.mark.parametrize(("ratio", "shear"), [(0.1, 10.0), (0.4, 10.0), (0.1, -10.0)])
+def test_energy_that_errors_add_is_the_integral_of_force_and_error_of_velocity(ratio: float, shear: float) -> None:
+    """An error of 0.2 m/s^2 becomes a velocity w(t) = 0.2 (1 - exp(-a t)) / a: f w is added, |f v| exchanged."""
+    lim = limits()._replace(energy_ratio=ratio, energy_floor_j=0.05)
+    step = watch(lim, fresh_guard(3), 20000, 0.2, 0.1, shear)
+    if shear < 0.0:  # the error takes energy away
+        assert step == -1
+        return
+    rate = 2.0 * math.pi * FORGET_HZ
+
+    def less(t: float) -> float:
+        added = shear * 0.2 / rate * (t - (1.0 - math.exp(-rate * t)) / rate)
+        return added - ratio * (abs(shear) * 0.1 * t + 0.05)
+
+    assert step * DT_S == pytest.approx(brentq(less, 1e-3, 10.0), rel=2e-3, abs=1.5 * DT_S)
+
+
+def test_a_fast_command_stops_by_its_rate_before_its_velocity() -> None:
+    slow = limits()._replace(command_rate_v_s=50.0)
+    assert answer(slow, 49.0 * DT_S * np.arange(100))[1][99] == 0
+    sent, phase = answer(slow, 51.0 * DT_S * np.arange(100))
+    assert phase[1] != 0
+    assert np.abs(np.diff(sent)).max() <= 50.0 * DT_S * (1.0 + 1e-9)
+
+
+def test_a_channel_stops_at_its_own_level() -> None:
+    lim = limits()._replace(abort_m_s2=np.array([45.0, 45.0, 0.5]))
+    samples = NOISE[:10].copy()
+    samples[5, 1] = 0.06  # V: 0.59 m/s^2 on a channel that may
+    assert answer(lim, np.zeros(10), samples)[1][9] == 0
+    samples[5, 2] = 0.06
+    assert answer(lim, np.zeros(10), samples)[1][5] != 0

@@ -2,36 +2,102 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import replace
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from bench import rig_info, specimen
+from slow_table import slow_table
+from udp_peer import PlainTarget
 
 from rths_cli.case.virtual_physics import VirtualPhysics
 from rths_cli.errors import RigError
 from rths_cli.lti import Array
-from rths_cli.rigs.interface import Rig
+from rths_cli.rigs.interface import Rig, RigInfo
+from rths_cli.rigs.plugins import open_plugin
+from rths_cli.rigs.udp.rig import UdpRig, UdpTarget
 from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
 
 Maker = Callable[..., Rig]
 
 
-def virtual(latency_samples: int = 1, seed: tuple[int, ...] = (0, 1), bits: int = 16) -> Rig:
+@dataclass(frozen=True)
+class Kind:
+    """One kind of rig: how it is made, which latencies it can have, whether a seed names its noise."""
+
+    make: Maker
+    latencies: tuple[int, ...]
+    seeded: bool = True
+
+
+def virtual(latency_samples: int = 1, seed: tuple[int, ...] = (0, 1), bits: int = 16) -> VirtualRig:
     info = rig_info(latency_samples=latency_samples, bits=bits)
     return VirtualRig(info, build_plant(info, VirtualPhysics(), specimen(), 3e-4), seed)
 
 
-@pytest.fixture(params=[virtual])
-def make(request: pytest.FixtureRequest) -> Maker:
-    """Return the maker of one kind of rig; each further kind of rig adds one line here."""
-    return request.param
+def of_kind(kind: str, latency_samples: int = 1) -> RigInfo:
+    return replace(rig_info(latency_samples=latency_samples), kind=kind)
 
 
-def bit_v(make: Maker) -> float:
-    """Return one bit of the samples in V."""
-    return make().info.converters.step_v
+@pytest.fixture
+def virtual_kind() -> Kind:
+    return Kind(virtual, (0, 1, 2, 4))
+
+
+@pytest.fixture
+def plugin_kind(monkeypatch: pytest.MonkeyPatch) -> Kind:
+    slow_table(monkeypatch)
+    return Kind(lambda latency_samples=1: open_plugin(of_kind("slow_table"), {}), (1,), seeded=False)
+
+
+@pytest.fixture
+def ni_kind(monkeypatch: pytest.MonkeyPatch) -> Kind:
+    """Return the NI rig on a made-up card in front of the virtual table."""
+    pytest.importorskip("nidaqmx", reason="pip install 'rths-cli[ni]' to test the NI rig")
+    from fake_daqmx import FakeCard, install
+
+    from rths_cli.rigs.ni.daqmx import Wiring
+    from rths_cli.rigs.ni.rig import NiRig
+
+    def make(latency_samples: int = 1, seed: tuple[int, ...] = (0, 1)) -> Rig:
+        table = virtual(seed=seed)
+        install(monkeypatch, FakeCard(table.arm, table.exchange))
+        wiring = Wiring("Dev1", "ao0", ("ai0", "ai1", "ai2"), "", "default", 10.0, 1.0 / table.info.dt_s, 1.0)
+        return NiRig(of_kind("ni"), wiring)
+
+    return Kind(make, (1,))
+
+
+@pytest.fixture
+def udp_kind(tmp_path: Path) -> Iterator[Kind]:
+    """Return the rig behind UDP, its target in plain Python in front of the virtual table."""
+    targets: list[PlainTarget] = []
+    secret, key_file = bytes(range(16)), tmp_path / "key"
+    key_file.write_text(secret.hex())
+    key_file.chmod(0o600)
+
+    def make(latency_samples: int = 1, seed: tuple[int, ...] = (0, 1)) -> Rig:
+        table = virtual(latency_samples - 1, seed)  # the first sample of latency is that of the wire
+
+        def samples(command_v: float | None) -> list[float]:
+            return (table.arm() if command_v is None else table.exchange(command_v)).tolist()
+
+        targets.append(PlainTarget(secret, samples))
+        patient = UdpTarget("127.0.0.1", targets[-1].port, key_file, timeout_s=5.0)
+        return UdpRig(of_kind("udp", latency_samples), patient)
+
+    yield Kind(make, (1, 2, 4))
+    for target in targets:
+        target.kill()
+
+
+@pytest.fixture(params=["virtual", "plugin", "ni", "udp"])
+def kind(request: pytest.FixtureRequest) -> Kind:
+    """Return each kind of rig; a further one adds its name here and a fixture above."""
+    found: Kind = request.getfixturevalue(f"{request.param}_kind")
+    return found
 
 
 def play(rig: Rig, command_v: Array) -> Array:
@@ -45,8 +111,8 @@ def play(rig: Rig, command_v: Array) -> Array:
     return np.array(samples)
 
 
-def test_a_session_gives_one_row_of_samples_per_command(make: Maker) -> None:
-    rig = make()
+def test_a_session_gives_one_row_of_samples_per_command(kind: Kind) -> None:
+    rig = kind.make()
     samples = play(rig, 0.5 * np.sin(0.02 * np.arange(300)))
     assert samples.shape == (301, len(rig.info.channels))
     assert np.isfinite(samples).all()
@@ -54,37 +120,41 @@ def test_a_session_gives_one_row_of_samples_per_command(make: Maker) -> None:
 
 
 @pytest.mark.parametrize("latency", [0, 1, 2, 4])
-def test_the_declared_latency_is_true(make: Maker, latency: int) -> None:
+def test_the_declared_latency_is_true(kind: Kind, latency: int) -> None:
     """A command of step k acts from t_(k + latency) on, so the first sample it changes is the next one."""
+    if latency not in kind.latencies:
+        pytest.skip("a latency that this kind of rig cannot have")
     pulse = np.zeros(30)
     pulse[10] = 5.0
-    rig = make(latency_samples=latency)
+    rig = kind.make(latency_samples=latency)
     assert rig.info.latency_samples == latency
-    moved = np.abs(play(rig, pulse) - play(make(latency_samples=latency), np.zeros(30)))[:, 0]
+    moved = np.abs(play(rig, pulse) - play(kind.make(latency_samples=latency), np.zeros(30)))[:, 0]
     assert np.flatnonzero(moved > 0.1)[0] == 10 + latency + 1
     assert moved[: 10 + latency + 1].max() == 0.0
 
 
-def test_arming_puts_the_table_at_rest_and_repeats_the_run(make: Maker) -> None:
-    rig, command = make(), 3.0 * np.sin(0.05 * np.arange(200))
+def test_arming_puts_the_table_at_rest_and_repeats_the_run(kind: Kind) -> None:
+    rig, command = kind.make(), 3.0 * np.sin(0.05 * np.arange(200))
     first = play(rig, command)
     assert np.array_equal(play(rig, command), first)
     assert np.abs(first[0]).max() < 1e-3
     assert np.abs(first).max() > 0.1
 
 
-def test_the_seed_decides_the_bytes(make: Maker) -> None:
+def test_the_seed_decides_the_bytes(kind: Kind) -> None:
+    if not kind.seeded:
+        pytest.skip("a kind of rig without noise")
     command = 3.0 * np.sin(0.05 * np.arange(400))
-    same, again, other = (play(make(seed=seed), command) for seed in ((7, 1), (7, 1), (7, 2)))
+    same, again, other = (play(kind.make(seed=seed), command) for seed in ((7, 1), (7, 1), (7, 2)))
     assert same.tobytes() == again.tobytes()
     different = same != other  # noise is a tenth of a bit
     assert 0.02 < different.mean() < 0.5
-    assert np.abs(same - other).max() < 1.5 * bit_v(make)
+    assert np.abs(same - other).max() < 1.5 * kind.make().info.converters.step_v
 
 
-def test_samples_are_codes_of_the_converter_inside_its_range(make: Maker) -> None:
+def test_samples_are_codes_of_the_converter_inside_its_range(kind: Kind) -> None:
     """A command of full range jerks the table beyond 5 g: the samples stay codes, and inside +-range."""
-    rig = make()
+    rig = kind.make()
     samples = play(rig, np.where(np.arange(400) % 40 < 20, 10.0, -10.0) * (np.arange(400) < 200))
     converters = rig.info.converters
     codes = samples / (2.0 * converters.range_v / 2**converters.bits)  # 0.305 mV
@@ -92,6 +162,28 @@ def test_samples_are_codes_of_the_converter_inside_its_range(make: Maker) -> Non
     assert codes.min() >= -(2 ** (converters.bits - 1))
     assert codes.max() <= 2 ** (converters.bits - 1) - 1
     assert np.unique(codes[:, 0]).size > 100
+
+
+def test_rest_and_close_are_safe_at_any_time(kind: Kind) -> None:
+    rig = kind.make()
+    rig.rest()
+    rig.close()
+    rig.open()
+    rig.rest()
+    rig.arm()
+    rig.exchange(1.0)
+    rig.rest()
+    rig.rest()
+    rig.close()
+    rig.rest()
+    rig.close()
+
+
+def test_a_rig_says_what_is_behind_its_driver(kind: Kind) -> None:
+    rig = kind.make()
+    rig.open()
+    assert rig.info.driver_verified == {"slow_table": "fake", "ni": "fake"}.get(rig.info.kind, "")
+    rig.close()
 
 
 def test_a_rig_at_its_end_stop_says_so_in_one_sentence() -> None:

@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+from threading import Event
+from time import sleep
+
 import pytest
 
 from rths_cli.workflows.kept import Kept
@@ -26,3 +30,19 @@ def test_what_fails_is_tried_again() -> None:
     with pytest.raises(ZeroDivisionError):
         kept.get("a", 1, lambda: 1 / 0)
     assert kept.get("a", 1, lambda: 2.0) == 2.0
+
+
+def test_threads_that_ask_for_the_same_wait_for_the_first() -> None:
+    kept, made, begun = Kept(), [], Event()
+
+    def make() -> int:
+        made.append(1)
+        begun.set()
+        sleep(0.05)  # the others ask meanwhile
+        return len(made)
+
+    with ThreadPoolExecutor(4) as pool:
+        first = pool.submit(kept.get, "a", "x", make)
+        assert begun.wait(10)
+        others = [pool.submit(kept.get, "a", "x", make) for _ in range(3)]
+        assert [each.result() for each in (first, *others)] == [1, 1, 1, 1]

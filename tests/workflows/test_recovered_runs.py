@@ -16,7 +16,7 @@ from rths_cli.files.raw_log import RawHeader, raw_log_path
 from rths_cli.files.raw_log_writer import RawLogWriter
 from rths_cli.files.results import ResultWriter, read_result
 from rths_cli.loop.blocks import NUMERICAL, RECORD
-from rths_cli.loop.drive import Log
+from rths_cli.loop.log import Signals
 from rths_cli.workflows.known import Memory
 from rths_cli.workflows.recover import recover
 from rths_cli.workflows.rigs import EXP_RTHS, SHAKE_TABLE
@@ -37,7 +37,7 @@ class Played:
     logs: dict[str, tuple[RawHeader, np.ndarray]]
 
 
-def named(log: Log) -> dict[str, np.ndarray]:
+def named(log: Signals) -> dict[str, np.ndarray]:
     """Return the signals of a log by the names of the columns of a raw log."""
     desired = ("desired_accel_m_s2", "desired_velocity_m_s", "desired_displacement_m")
     return {

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from rths_cli.control.numerical import interface
-from rths_cli.loop.drive import Log, Outcome
+from rths_cli.loop.drive import Outcome
+from rths_cli.loop.log import Signals
 from rths_cli.loop.replay import run_block
 from rths_cli.structure import build
 from rths_cli.workflows.series import on_record_clock, whole_building
@@ -14,7 +15,7 @@ from rths_cli.workflows.series import on_record_clock, whole_building
 
 def outcome(steps: int, done: int) -> Outcome:
     count = np.arange(steps, dtype=float)
-    log = Log(
+    log = Signals(
         command_v=count,
         desired=np.vstack([count, count, count]),
         corrected=np.vstack([count, 10 + count]),
@@ -43,6 +44,14 @@ def test_true_acceleration_is_the_mean_over_the_step_around_the_sample() -> None
     series = on_record_clock(outcome(50, 50), 1, 0.5, 49)
     k = np.arange(1.0, 50.0)
     assert series.true_accel[0] == pytest.approx((k**2 - (k - 1) ** 2) / 0.5)
+
+
+def test_true_acceleration_begins_at_rest() -> None:
+    whole = outcome(5, 5)
+    whole.log.true_velocity_m_s[:] += 3.0
+    assert on_record_clock(whole, 0, 0.5, 5).true_accel[1] == pytest.approx(np.array([3.0, 1.0, 3.0, 5.0, 7.0]) / 0.5)
+    assert on_record_clock(whole, 1, 0.5, 4).true_accel[1] == pytest.approx(np.array([1.0, 3.0, 5.0, 7.0]) / 0.5)
+    assert on_record_clock(outcome(5, 0), 0, 0.5, 5).true_accel.shape == (2, 0)
 
 
 def test_a_stopped_run_is_shorter() -> None:

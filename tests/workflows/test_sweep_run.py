@@ -210,10 +210,10 @@ def test_what_runs_share_is_made_once(folder: Path, tmp_path: Path, monkeypatch:
 
         monkeypatch.setattr(sweep_shared, name, count)
 
-    for name in ("design_blocks", "verdict_on", "simulate", "open_rig"):
+    for name in ("design_blocks", "verdict_on", "simulate", "open_virtual"):
         counted(name)
     swept(asked(folder, f"{WORN}=1,2", "scaling=0.2,0.3", seeds="2"), tmp_path / "s.h5")
-    assert calls == {"design_blocks": 1, "verdict_on": 2, "simulate": 2, "open_rig": 2}
+    assert calls == {"design_blocks": 1, "verdict_on": 2, "simulate": 2, "open_virtual": 2}
 
 
 def test_points_that_share_most_are_made_one_after_the_other(folder: Path) -> None:

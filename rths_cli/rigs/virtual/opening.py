@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 from rths_cli.rigs.virtual.rig import VirtualRig, build_plant, changed
 
 if TYPE_CHECKING:
-    from rths_cli.case.models_rig import RigSpec
+    from rths_cli.case.models_rig import VirtualRigSpec
     from rths_cli.rigs.interface import RigInfo
     from rths_cli.structure import Specimen
 
 
 def virtual_rig(
-    spec: RigSpec,
+    spec: VirtualRigSpec,
     info: RigInfo,
     specimen: Specimen,
     interface_mass_kg: float,

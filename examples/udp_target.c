@@ -1,0 +1,223 @@
+/* A target for rths over UDP (docs/udp.md): C99, no memory allocation, no operating system.
+ *
+ * Give the four hooks below, set `secret` of a target that is zero otherwise, call handle() with each packet received
+ * and send back what it returns, and call watch() at least every millisecond. udp_target_pc.c does that on a PC.
+ *
+ * The watchdog here is no safety function: a real table needs an independent emergency stop.
+ */
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+enum { CHANNELS = 3, RANGE_V = 10, REST_V_PER_S = 6, SHORTEST_NS = 200000, LONGEST_WATCHDOG_NS = 1000000000 };
+enum { HELLO = 1, WELCOME, REFUSAL, ARM, COMMAND, SAMPLES, REST, CLOSE };
+enum { IDLE, ARMED, RESTING, RESTED };
+enum { WATCHDOG = 1, BAD_COMMAND = 8 };
+enum { NO_VERSION = 1, BUSY, OTHER_CHANNELS, TOO_FAST };
+enum { VERSION = 1, HEAD = 40, MOST = 176 };
+
+struct target {
+    uint8_t secret[16], key[16], nonces[32]; /* nonces: the runner's, then ours */
+    int open, state;
+    uint32_t faults, lost;
+    int64_t sequence, watchdog_ns, interval_ns, heard_ns, moved_ns;
+    double command_v;
+};
+
+/* Hooks: what the rig is made of. */
+void read_samples(double volts[CHANNELS], int64_t now_ns);
+void write_command(double volts, int64_t now_ns);
+void random_bytes(uint8_t *bytes, size_t count); /* unpredictable, from a hardware generator */
+int64_t clock_ns(void);                          /* monotonic */
+
+/* --- packets ------------------------------------------------------------------------------------------------- */
+
+static uint64_t get(const uint8_t *from, int bytes)
+{
+    uint64_t value = 0;
+    while (bytes-- > 0)
+        value = value << 8 | from[bytes];
+    return value;
+}
+
+static void put(uint8_t *to, uint64_t value, int bytes)
+{
+    for (; bytes-- > 0; value >>= 8)
+        *to++ = (uint8_t)value;
+}
+
+static double get_real(const uint8_t *from)
+{
+    uint64_t bits = get(from, 8);
+    double value;
+    memcpy(&value, &bits, 8);
+    return value;
+}
+
+static void put_real(uint8_t *to, double value)
+{
+    uint64_t bits;
+    memcpy(&bits, &value, 8);
+    put(to, bits, 8);
+}
+
+static uint64_t rotated(uint64_t word, int by)
+{
+    return word << by | word >> (64 - by);
+}
+
+static void sip_rounds(uint64_t v[4], int count)
+{
+    while (count-- > 0) {
+        v[0] += v[1], v[2] += v[3];
+        v[1] = rotated(v[1], 13) ^ v[0], v[3] = rotated(v[3], 16) ^ v[2];
+        v[0] = rotated(v[0], 32);
+        v[2] += v[1], v[0] += v[3];
+        v[1] = rotated(v[1], 17) ^ v[2], v[3] = rotated(v[3], 21) ^ v[0];
+        v[2] = rotated(v[2], 32);
+    }
+}
+
+/* SipHash-2-4 of whole words of 8 bytes: all that is hashed here is a multiple of 8 long. */
+static uint64_t siphash(const uint8_t *data, size_t size, const uint8_t key[16])
+{
+    uint64_t k0 = get(key, 8), k1 = get(key + 8, 8), word;
+    uint64_t v[4] = {k0 ^ 0x736f6d6570736575, k1 ^ 0x646f72616e646f6d, k0 ^ 0x6c7967656e657261, k1 ^ 0x7465646279746573};
+    for (size_t i = 0; i <= size; i += 8) {
+        word = i < size ? get(data + i, 8) : (uint64_t)(size & 255) << 56;
+        v[3] ^= word;
+        sip_rounds(v, 2);
+        v[0] ^= word;
+    }
+    v[2] ^= 255;
+    sip_rounds(v, 4);
+    return v[0] ^ v[1] ^ v[2] ^ v[3];
+}
+
+static int is_genuine(const uint8_t *packet, size_t size, const uint8_t key[16])
+{
+    return size >= HEAD + 8 && size <= MOST && size % 8 == 0 && memcmp(packet, "RTHS", 4) == 0
+        && (packet[4] != VERSION || size == HEAD + 8 * (size_t)packet[6] + 8)
+        && get(packet + size - 8, 8) == siphash(packet, size - 8, key);
+}
+
+static size_t seal(uint8_t *packet, int kind, int count, const uint8_t key[16])
+{
+    size_t end = HEAD + 8 * (size_t)count;
+    memcpy(packet, "RTHS", 4);
+    packet[4] = VERSION, packet[5] = (uint8_t)kind, packet[6] = (uint8_t)count;
+    put(packet + end, siphash(packet, end, key), 8);
+    return end + 8;
+}
+
+/* --- session ------------------------------------------------------------------------------------------------- */
+
+static void begin_session(struct target *t)
+{
+    uint8_t message[48] = "rths-key";
+    memcpy(message + 16, t->nonces, 32);
+    for (int i = 0; i < 2; i++) {
+        message[8] = (uint8_t)i;
+        put(t->key + 8 * i, siphash(message, 48, t->secret), 8);
+    }
+    t->open = 1, t->state = IDLE, t->faults = t->lost = 0, t->sequence = -1, t->command_v = 0.0;
+}
+
+static size_t refuse(struct target *t, const uint8_t *nonce, int reason, int64_t detail, uint8_t *out)
+{
+    memcpy(out + HEAD, nonce, 16);
+    put(out + HEAD + 16, (uint64_t)reason, 8);
+    put(out + HEAD + 24, (uint64_t)detail, 8);
+    return seal(out, REFUSAL, 4, t->secret);
+}
+
+static size_t greet(struct target *t, const uint8_t *in, uint8_t *out)
+{
+    const uint8_t *nonce = in + HEAD;
+    int64_t channels = (int64_t)get(in + HEAD + 16, 8), interval = (int64_t)get(in + HEAD + 24, 8);
+    int64_t watchdog = (int64_t)get(in + HEAD + 32, 8);
+    if (in[4] != VERSION)
+        return refuse(t, nonce, NO_VERSION, VERSION, out);
+    if (in[6] != 5)
+        return 0;
+    if (!t->open || memcmp(nonce, t->nonces, 16) != 0) { /* else the same welcome again */
+        if (t->state == ARMED || t->state == RESTING)
+            return refuse(t, nonce, BUSY, 0, out);
+        if (channels != CHANNELS)
+            return refuse(t, nonce, OTHER_CHANNELS, CHANNELS, out);
+        if (interval < SHORTEST_NS)
+            return refuse(t, nonce, TOO_FAST, SHORTEST_NS, out);
+        memcpy(t->nonces, nonce, 16);
+        random_bytes(t->nonces + 16, 16);
+        t->interval_ns = interval;
+        t->watchdog_ns = watchdog > 0 && watchdog < LONGEST_WATCHDOG_NS ? watchdog : LONGEST_WATCHDOG_NS;
+        begin_session(t);
+    }
+    memcpy(out + HEAD, t->nonces, 32);
+    put(out + HEAD + 32, CHANNELS, 8);
+    put(out + HEAD + 40, (uint64_t)t->interval_ns, 8);
+    put(out + HEAD + 48, (uint64_t)t->watchdog_ns, 8);
+    return seal(out, WELCOME, 7, t->secret);
+}
+
+static void obey(struct target *t, int kind, double volts, int64_t now_ns)
+{
+    if (kind == ARM && t->state == IDLE)
+        t->state = ARMED, t->heard_ns = now_ns;
+    if ((kind == REST || kind == CLOSE) && t->state == ARMED)
+        t->state = RESTING, t->moved_ns = now_ns;
+    if (kind == CLOSE)
+        t->open = 0;
+    if (kind != COMMAND || t->state != ARMED)
+        return;
+    if (volts >= -RANGE_V && volts <= RANGE_V) { /* not a number is neither */
+        t->command_v = volts, t->heard_ns = now_ns;
+        write_command(volts, now_ns);
+    } else
+        t->faults |= BAD_COMMAND, t->state = RESTING, t->moved_ns = now_ns;
+}
+
+/* Answer one received packet: return the size of the answer in `out` (MOST bytes), 0 for none. */
+size_t handle(struct target *t, const uint8_t *in, size_t size, uint8_t *out)
+{
+    int64_t now_ns = clock_ns(), sequence;
+    double volts[CHANNELS];
+    memset(out, 0, MOST);
+    if (is_genuine(in, size, t->secret))
+        return in[5] == HELLO && size >= HEAD + 24 ? greet(t, in, out) : 0;
+    if (!t->open || !is_genuine(in, size, t->key) || in[4] != VERSION)
+        return 0;
+    sequence = (int64_t)get(in + 16, 8);
+    if (sequence <= t->sequence || in[6] != (in[5] == COMMAND) || in[5] < ARM || in[5] == SAMPLES || in[5] > CLOSE)
+        return 0; /* doubled, reordered, or nothing for us */
+    if (t->sequence >= 0)
+        t->lost += (uint32_t)(sequence - t->sequence - 1);
+    t->sequence = sequence;
+    read_samples(volts, now_ns); /* first sample, then latch */
+    obey(t, in[5], in[5] == COMMAND ? get_real(in + HEAD) : 0.0, now_ns);
+    out[7] = (uint8_t)t->state;
+    put(out + 8, t->faults, 4);
+    put(out + 12, t->lost, 4);
+    put(out + 16, (uint64_t)sequence, 8);
+    put(out + 24, (uint64_t)clock_ns(), 8);
+    put(out + 32, (uint64_t)now_ns, 8);
+    for (int c = 0; c < CHANNELS; c++)
+        put_real(out + HEAD + 8 * c, volts[c]);
+    return seal(out, SAMPLES, CHANNELS, t->key);
+}
+
+/* Rest the table when no command came for too long; while it rests, lead it to zero (shape this as your table needs). */
+void watch(struct target *t)
+{
+    int64_t now_ns = clock_ns();
+    if (t->state == ARMED && now_ns - t->heard_ns > t->watchdog_ns)
+        t->faults |= WATCHDOG, t->state = RESTING, t->moved_ns = now_ns;
+    if (t->state != RESTING)
+        return;
+    double step = REST_V_PER_S * 1e-9 * (double)(now_ns - t->moved_ns), u = t->command_v;
+    t->moved_ns = now_ns;
+    t->command_v = u > step ? u - step : u < -step ? u + step : 0.0;
+    write_command(t->command_v, now_ns);
+    if (t->command_v == 0.0)
+        t->state = RESTED;
+}

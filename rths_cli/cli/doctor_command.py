@@ -1,0 +1,59 @@
+"""`rths doctor`."""
+
+from __future__ import annotations
+
+import json
+
+import click
+
+from rths_cli.cli.group import cli
+from rths_cli.cli.options import json_option, settings_option
+from rths_cli.cli.screens import new_screen
+
+
+@cli.command()
+@click.argument("case", required=False)
+@click.option(
+    "--rig", metavar="FILE", help="Measure the exchange with this rig too: its table is armed, and held at zero."
+)
+@click.option(
+    "--rate",
+    "rates_hz",
+    type=click.FloatRange(min=10, max=20_000),
+    multiple=True,
+    metavar="HZ",
+    help="Rate that must be held [default: the case's; without one 500, 1000, 2000 and 4000 are tried]. Repeatable.",
+)
+@click.option(
+    "--seconds",
+    type=click.FloatRange(min=0.1, max=3600),
+    default=3.0,
+    show_default=True,
+    help="Duration of each measurement.",
+)
+@click.option("--quiet", is_flag=True, help="Show no progress.")
+@settings_option
+@json_option
+def doctor(
+    case: str | None,
+    rig: str | None,
+    rates_hz: tuple[float, ...],
+    seconds: float,
+    quiet: bool,
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> int:
+    """Measure which sample rates this machine holds in real time, and say what would make it more punctual.
+
+    Exit code 1: the rate of the case, or one given by --rate, is not held. The figures are kept for rths run.
+
+    Example: rths doctor --seconds 1
+    """
+    from rths_cli.report.doctor_text import document, page
+    from rths_cli.workflows.doctor_case import DoctorRequest, examine_request
+
+    screen = new_screen(quiet)
+    found = examine_request(DoctorRequest(case, rig, rates_hz, seconds, settings), screen.doing)
+    screen.clear()
+    click.echo(json.dumps(document(found), indent=2) if as_json else page(found), nl=as_json)
+    return found.exit_code

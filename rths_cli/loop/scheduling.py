@@ -1,0 +1,161 @@
+"""What a thread asks of the system so that it wakes up in time, and how to permit what was refused."""
+
+from __future__ import annotations
+
+import ctypes
+import gc
+import os
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from rths_cli.clocks import require_real_time
+
+PRIORITY = 80  # above the system's threaded interrupts (50), below its own watchdogs (99)
+CPU_LATENCY = Path("/dev/cpu_dma_latency")
+ISOLATED = Path("/sys/devices/system/cpu/isolated")
+LIMITS_FILE = "/etc/security/limits.d/rths.conf"
+MLOCK_CURRENT = 1
+SET_TIMER_SLACK, GET_TIMER_SLACK = 29, 30
+
+
+@dataclass(frozen=True)
+class Granted:
+    """What this thread was given. `fifo_priority` 0 and `cpu` -1: not given.
+
+    `refused`: one sentence for each thing that was not, with what to do about it.
+    """
+
+    memory_locked: bool
+    fifo_priority: int
+    cpu: int
+    cpu_latency_held: bool
+    refused: tuple[str, ...]
+
+
+@contextmanager
+def real_time(priority: int = PRIORITY, pin: bool = True) -> Iterator[Granted]:
+    """Give the calling thread what a real-time loop needs, as far as the system permits it; take it back at the end.
+
+    Memory that is there is locked, the thread runs under SCHED_FIFO on a processor of its own (`pin`), deep sleep of
+    the processors and Python's garbage collection are off. Threads that it starts inherit its processor but not its
+    priority: start them before. Raises InputError where real time is not possible at all.
+    """
+    require_real_time()
+    with ExitStack() as stack:
+        refused: list[str] = []
+        _no_garbage_collection(stack)
+        _no_timer_slack(stack)
+        memory = _lock_memory(stack, refused)
+        cpu = _take_cpu(stack, refused) if pin else -1
+        latency = _hold_cpu_latency(stack, refused)
+        given = _take_priority(stack, refused, priority)
+        yield Granted(memory, given, cpu, latency, tuple(refused))
+
+
+def _no_garbage_collection(stack: ExitStack) -> None:
+    if gc.isenabled():
+        gc.disable()
+        stack.callback(gc.enable)
+
+
+def _libc() -> ctypes.CDLL:
+    return ctypes.CDLL(None, use_errno=True)
+
+
+def _no_timer_slack(stack: ExitStack) -> None:
+    """Have timers of this thread end as soon as they can; without SCHED_FIFO Linux may add 50 us."""
+    prctl = _libc().prctl
+    before = prctl(GET_TIMER_SLACK, 0, 0, 0, 0)
+    if before > 0 and prctl(SET_TIMER_SLACK, ctypes.c_ulong(1), 0, 0, 0) == 0:
+        stack.callback(prctl, SET_TIMER_SLACK, ctypes.c_ulong(before), 0, 0, 0)
+
+
+def _lock_memory(stack: ExitStack, refused: list[str]) -> bool:
+    """Keep all memory that the process has now in RAM; what it asks for later is not locked."""
+    libc = _libc()
+    if libc.mlockall(MLOCK_CURRENT) == 0:
+        stack.callback(libc.munlockall)
+        return True
+    why = os.strerror(ctypes.get_errno())
+    refused.append(f"memory is not locked ({why}): put '@realtime - memlock unlimited' into {LIMITS_FILE}")
+    return False
+
+
+def _take_cpu(stack: ExitStack, refused: list[str]) -> int:
+    """Move this thread to one processor: an isolated one, else the last one; return its number, -1 for none."""
+    before = os.sched_getaffinity(0)
+    choice = isolated_cpus() or before
+    if len(before | choice) < 2:
+        refused.append("the thread has no processor of its own: there is one only, and the system needs it")
+        return -1
+    cpu = max(choice)
+    if not _tried(lambda: os.sched_setaffinity(0, {cpu}), f"processor {cpu} was not given", "ask for it", refused):
+        return -1
+    stack.callback(os.sched_setaffinity, 0, before)
+    return cpu
+
+
+def isolated_cpus() -> set[int]:
+    """Return the processors that the kernel was started with `isolcpus=` for."""
+    try:
+        return parse_cpu_list(ISOLATED.read_text())
+    except OSError:
+        return set()
+
+
+def parse_cpu_list(text: str) -> set[int]:
+    """Return the numbers of a kernel's list of processors, for instance 1,4-6."""
+    ranges = [part.partition("-") for part in text.strip().split(",") if part]
+    return {n for first, _, last in ranges for n in range(int(first), int(last or first) + 1)}
+
+
+def _hold_cpu_latency(stack: ExitStack, refused: list[str]) -> bool:
+    """Keep the processors out of deep sleep, from which they wake up late."""
+    return _tried(
+        lambda: _write_zero(stack),
+        "the processors may fall into deep sleep",
+        f'let the group realtime write to {CPU_LATENCY} (a udev rule: KERNEL=="cpu_dma_latency", GROUP="realtime")',
+        refused,
+    )
+
+
+def _write_zero(stack: ExitStack) -> None:
+    descriptor = os.open(CPU_LATENCY, os.O_WRONLY)
+    stack.callback(os.close, descriptor)  # the kernel keeps the wish as long as it is open
+    os.write(descriptor, bytes(4))  # 0 us
+
+
+def _take_priority(stack: ExitStack, refused: list[str], wanted: int) -> int:
+    """Put this thread under SCHED_FIFO, at most as high as its limit permits; return the priority, 0 for none."""
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    for priority in dict.fromkeys((wanted, min(wanted, _priority_limit()))):
+        try:
+            os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+        except (OSError, ValueError):
+            continue
+        stack.callback(os.sched_setscheduler, 0, *before)
+        return priority
+    refused.append(
+        f"SCHED_FIFO {wanted} was refused: put '@realtime - rtprio {wanted}' into {LIMITS_FILE}, join the group "
+        "realtime and log in again"
+    )
+    return 0
+
+
+def _priority_limit() -> int:
+    import resource
+
+    limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
+    return 99 if limit == resource.RLIM_INFINITY else limit
+
+
+def _tried(action: Callable[[], object], what: str, remedy: str, refused: list[str]) -> bool:
+    """Do something that the system may refuse; tell whether it did it."""
+    try:
+        action()
+    except OSError as error:
+        refused.append(f"{what} ({error.strerror}): {remedy}")
+        return False
+    return True

@@ -1,0 +1,265 @@
+"""The virtual table as a target on UDP (docs/realtime.md): receive, verify, advance the physics, answer.
+
+The physics goes in ticks of a quarter of the runner's sample interval, counted on this process's monotonic clock from
+the first command on. Whatever arrives late, or never, is felt as on a real table.
+"""
+
+from __future__ import annotations
+
+import math
+import socket
+from typing import NamedTuple
+
+import numpy as np
+
+from rths_cli.clocks import IntArray, monotonic_ns, sleep_until
+from rths_cli.compiled import External, entry, part
+from rths_cli.loop.guard import BRAKING, RUNNING, STOPPED, GuardLimits, GuardState, ramp_down
+from rths_cli.lti import Array
+from rths_cli.rigs.udp import wire
+from rths_cli.rigs.udp.siphash import Bytes, Words
+from rths_cli.rigs.virtual import kernel
+from rths_cli.rigs.virtual.plant import Plant
+
+TICKS_PER_INTERVAL = 4
+LOOK_NS = 20_000_000  # the longest wait for a packet: orders are looked at so often
+GREETED_NS = 50_000_000  # between two greetings that may disturb a session
+BROKEN_NS = 1_000_000  # wait after a failing socket
+
+GREETING, ENDED, ORDERED = 1, 2, 3  # what `serve_packets` returns for
+
+# places in Door.counts; packets that are no packets or of another version, made with another key, doubled or reordered;
+# commands of the session obeyed, commands of it that a jump in the sequence shows lost
+MALFORMED, FORGED, REPLAYED, OBEYED, LOST = range(5)
+COUNTS = 5
+
+# places in Door.session; SEQUENCE is the highest seen, STARTED_NS 0 while the clock does not run, TICK the time of the
+# physics, LAST_TICK that of the last command, LONGEST_TICKS the longest time between two
+STATE, FAULTS, SEQUENCE, STARTED_NS, TICK, LAST_TICK, LONGEST_TICKS, ROW, CLOSING, GREETED_AT_NS, SIZE = range(11)
+PLACES = 11
+
+_recvfrom = External("recvfrom", "intp", "intc", "uintp", "uintp", "intc", "uintp", "uintp")
+_sendto = External("sendto", "intp", "intc", "uintp", "uintp", "intc", "uintp", "uintc")
+_ppoll = External("ppoll", "intc", "uintp", "uintp", "uintp", "uintp")
+_AT_ONCE, _WHOLE_SIZE, _READABLE = 0x40, 0x20, 1  # MSG_DONTWAIT, MSG_TRUNC, POLLIN
+ADDRESS_BYTES = 28  # of the longest socket address
+
+
+class Door(NamedTuple):
+    """The socket, and what is known of who is at it."""
+
+    fd: int
+    interval_ns: int
+    watchdog_ticks: int
+    secret: Words  # (2,) greetings are made with it
+    key: Words  # (2,) of the session, or a random one without
+    incoming: Bytes  # (MOST_BYTES,)
+    outgoing: Bytes  # (MOST_BYTES,)
+    address: Bytes  # (ADDRESS_BYTES,) where the last packet came from
+    address_size: IntArray  # (1,)
+    counts: IntArray  # (COUNTS,)
+    session: IntArray  # (PLACES,)
+    orders: IntArray  # (1,) not 0: rest the table and return
+    scratch: IntArray  # (3,) times, and what is polled
+
+
+class Table(NamedTuple):
+    """The physics of one session: a plant of one tick, what it leads to rest with, noise rows (rows, c)."""
+
+    plant: Plant
+    state: kernel.PlantState
+    limits: GuardLimits
+    guard: GuardState
+    noise: Array
+    samples: Array  # (c,) in V
+    latched_v: Array  # (1,) the command that is held
+
+
+def open_door(
+    link: socket.socket, secret: Words, key: Words, interval_ns: int, watchdog_ns: int, orders: IntArray
+) -> Door:
+    """Return a door over a bound socket that does not block, and must stay open as long as the door is used."""
+    return Door(
+        link.fileno(), interval_ns, math.ceil(TICKS_PER_INTERVAL * watchdog_ns / interval_ns), secret, key,
+        np.zeros(wire.MOST_BYTES, np.uint8), np.zeros(wire.MOST_BYTES, np.uint8), np.zeros(ADDRESS_BYTES, np.uint8),
+        np.zeros(1, np.int64), np.zeros(COUNTS, np.int64), np.array([0, 0, -1, *[0] * (PLACES - 3)]), orders,
+        np.zeros(3, np.int64),
+    )  # fmt: skip
+
+
+@part
+def lead_to_rest(d: Door, t: Table, fault: int) -> None:
+    """Take the table over from the runner, unless it is done already."""
+    d.session[FAULTS] |= fault
+    if d.session[STATE] == wire.ARMED:
+        d.session[STATE] = wire.RESTING
+        t.guard.flags[0] = BRAKING
+    elif d.session[STATE] == wire.IDLE:
+        d.session[STATE] = wire.RESTED
+
+
+@part
+def tick(d: Door, t: Table) -> None:
+    """Advance the physics by one tick; in it the watchdog may bite, and the way to rest goes on."""
+    s = d.session
+    if s[STATE] == wire.ARMED and s[TICK] - s[LAST_TICK] >= d.watchdog_ticks:
+        lead_to_rest(d, t, wire.WATCHDOG)
+    if s[STATE] == wire.RESTING:
+        ramp_down(t.limits, t.guard)
+        t.latched_v[0] = t.guard.motion[0] / t.limits.gain_m_per_v
+        if t.guard.flags[0] == STOPPED:
+            s[STATE] = wire.RESTED
+    kernel.hold(t.plant, t.state, t.latched_v[0])
+    s[TICK] += 1
+    if t.state.fault[0] != 0:
+        lead_to_rest(d, t, wire.END_STOP)
+
+
+@part
+def advance(d: Door, t: Table, now: int) -> None:
+    """Advance the physics to the tick nearest to a time in ns; a table at rest after its session stays as it is."""
+    s = d.session
+    due = (2 * TICKS_PER_INTERVAL * (now - s[STARTED_NS]) + d.interval_ns) // (2 * d.interval_ns)
+    while s[TICK] < due and (s[STATE] == wire.ARMED or s[STATE] == wire.RESTING):
+        tick(d, t)
+
+
+@part
+def arm(d: Door, t: Table, now: int) -> None:
+    """Enable motion at the start of a session; later ARMs change nothing."""
+    s = d.session
+    if s[STATE] == wire.IDLE:
+        s[STATE] = wire.ARMED
+        s[STARTED_NS], s[TICK], s[LAST_TICK], s[LONGEST_TICKS], s[ROW] = now, 0, 0, 0, 0
+        t.guard.flags[0] = RUNNING
+
+
+@part
+def obey(d: Door, t: Table, now: int, command_v: float) -> None:
+    """Latch a command, or lead the table to rest where it is no number or out of range."""
+    s = d.session
+    if s[STATE] != wire.ARMED:
+        return
+    if not (math.isfinite(command_v) and abs(command_v) <= t.limits.command_v):
+        lead_to_rest(d, t, wire.BAD_COMMAND)
+        return
+    if d.counts[OBEYED] == 0:  # the clock starts anew: steps count from here, not from ARM
+        s[STARTED_NS], s[TICK], s[LAST_TICK] = now, 0, 0
+    since = s[TICK] - s[LAST_TICK]
+    place = t.limits.gain_m_per_v * command_v
+    velocity = (place - t.guard.motion[0]) / (max(since, 1) * t.limits.dt_s)
+    t.guard.motion[0] = place
+    t.guard.motion[1] = min(max(velocity, -t.limits.velocity_m_s), t.limits.velocity_m_s)
+    t.latched_v[0] = command_v
+    s[LONGEST_TICKS] = max(s[LONGEST_TICKS], since)
+    s[LAST_TICK] = s[TICK]
+    d.counts[OBEYED] += 1
+
+
+@part
+def answer(d: Door, t: Table, now: int) -> None:
+    """Send the samples that were taken, with the state they were taken in."""
+    s, packet = d.session, d.outgoing
+    wire.begin(packet, wire.SAMPLES, t.samples.size, s[SEQUENCE])
+    packet[wire.STATE] = s[STATE]
+    wire.put_bytes(packet, wire.FAULTS, s[FAULTS], 4)
+    wire.put_bytes(packet, wire.LOST, min(d.counts[LOST], 0xFFFFFFFF), 4)
+    wire.put_int(packet, wire.INSTANT_NS, now)
+    for c in range(t.samples.size):
+        wire.put_real(packet, wire.WORDS + 8 * c, t.samples[c])
+    wire.put_int(packet, wire.SENT_NS, monotonic_ns(d.scratch))
+    size = wire.seal(packet, d.key)
+    _sendto(d.fd, packet.ctypes.data, size, _AT_ONCE, d.address.ctypes.data, d.address_size[0])  # type: ignore[operator]
+
+
+@part
+def sample(t: Table, s: IntArray) -> None:
+    """Read the sensors with the next row of noise."""
+    kernel.read(t.plant, t.state, t.noise[s[ROW]], t.samples)
+    s[ROW] = (s[ROW] + 1) % t.noise.shape[0]
+
+
+@part
+def take(d: Door, t: Table, now: int) -> None:
+    """Do what a genuine packet of the session asks for and answer it; one that came before is not answered."""
+    s, packet = d.session, d.incoming
+    sequence, kind = wire.get_int(packet, wire.SEQUENCE), int(packet[wire.KIND])
+    if sequence <= s[SEQUENCE]:
+        d.counts[REPLAYED] += 1
+        return
+    if d.counts[OBEYED] > 0:
+        d.counts[LOST] += sequence - s[SEQUENCE] - 1
+    s[SEQUENCE] = sequence
+    if kind == wire.ARM:
+        arm(d, t, now)
+    elif kind == wire.REST or kind == wire.CLOSE:
+        lead_to_rest(d, t, 0)
+        s[CLOSING] |= 1 if kind == wire.CLOSE else 0
+    elif kind != wire.COMMAND or packet[wire.COUNT] != 1:
+        d.counts[MALFORMED] += 1
+        return
+    sample(t, s)
+    if kind == wire.COMMAND:
+        obey(d, t, now, wire.get_real(packet, wire.WORDS))
+    answer(d, t, now)
+
+
+@part
+def is_greeting(d: Door, size: int, now: int) -> bool:
+    """Tell whether a packet is a HELLO of who knows the secret; while a table moves, at most one in 50 ms counts."""
+    moving = d.session[STATE] == wire.ARMED or d.session[STATE] == wire.RESTING
+    verdict = wire.verdict(d.incoming, size, d.secret)
+    if verdict != wire.GENUINE and verdict != wire.OTHER_VERSION:
+        d.counts[FORGED if verdict == wire.FORGED else MALFORMED] += 1
+        return False
+    if d.incoming[wire.KIND] != wire.HELLO or (moving and now - d.session[GREETED_AT_NS] < GREETED_NS):
+        d.counts[REPLAYED] += 1
+        return False
+    d.session[GREETED_AT_NS], d.session[SIZE] = now, size
+    return True
+
+
+@part
+def receive(d: Door) -> int:
+    """Return the size of the next packet that is there, -1 for none; more than fits is told and cut off."""
+    d.address_size[0] = ADDRESS_BYTES
+    place, whole = d.incoming.ctypes.data, _AT_ONCE | _WHOLE_SIZE
+    from_where, its_size = d.address.ctypes.data, d.address_size.ctypes.data
+    return _recvfrom(d.fd, place, d.incoming.size, whole, from_where, its_size)  # type: ignore[operator, no-any-return]
+
+
+@part
+def wait(d: Door, time_ns: int) -> None:
+    """Sleep until a packet comes, at most for a time in ns; rest a little where the socket fails."""
+    d.scratch[0], d.scratch[1] = time_ns // 1_000_000_000, time_ns % 1_000_000_000
+    d.scratch[2] = d.fd | _READABLE << 32
+    times, polled = d.scratch.ctypes.data, d.scratch.ctypes.data + 16
+    _ppoll(polled, 1, times, 0)  # type: ignore[operator]
+    seen = d.scratch[2] >> 48
+    if seen != 0 and seen != _READABLE:
+        sleep_until(monotonic_ns(d.scratch) + BROKEN_NS, 0, d.scratch)
+
+
+@entry
+def serve_packets(d: Door, t: Table) -> int:
+    """Serve a session until Python is needed: GREETING (a packet of `session[SIZE]` bytes in `incoming`), ENDED (the
+    table has come to rest, or the session was closed), ORDERED (by `orders`, with the table at rest)."""
+    s = d.session
+    while True:
+        size = receive(d)
+        now = monotonic_ns(d.scratch)
+        before = s[STATE]
+        advance(d, t, now)  # here alone: the plant is a large piece of code
+        if size >= 0 and wire.is_genuine(d.incoming, size, d.key):
+            take(d, t, now)
+        elif size >= 0 and is_greeting(d, size, now):
+            return GREETING
+        if d.orders[0] != 0:
+            lead_to_rest(d, t, 0)
+            if s[STATE] == wire.RESTED:
+                return ORDERED
+        if s[STATE] == wire.RESTED and (before != wire.RESTED or s[CLOSING] == 1):
+            s[CLOSING] *= 2  # told once
+            return ENDED
+        if size < 0:
+            wait(d, LOOK_NS)

@@ -1,0 +1,187 @@
+"""The compiled link to a target: send a command, take its answer and no other, until a deadline (docs/udp.md).
+
+Everything is preallocated; the socket is connected, does not block, and belongs to one thread. Linux only.
+"""
+
+from __future__ import annotations
+
+import socket
+from typing import NamedTuple
+
+import numpy as np
+
+from rths_cli.clocks import IntArray, monotonic_ns, sleep_until
+from rths_cli.compiled import External, entry, part
+from rths_cli.lti import Array
+from rths_cli.rigs.udp import wire
+from rths_cli.rigs.udp.siphash import Bytes, Words
+
+OK, LOST, FAULT = range(3)  # what `exchange` returns
+SPIN_NS = 50_000  # looked for an answer so long before the thread sleeps: waking costs as long as a near target takes
+
+# places in Link.counts: commands sent; answers taken, missing, missing in a row; packets that were late, doubled or
+# reordered, not genuine, genuine but never asked for; sends that failed; times the network called the peer unreachable
+SENT, ANSWERED, UNANSWERED, IN_A_ROW, LATE, DOUBLED, BAD, STRAY, UNSENT, UNREACHABLE = range(10)
+COUNTS = ("sent", "answered", "lost", "lost_in_a_row", "late", "doubled", "bad", "stray", "unsent", "unreachable")
+
+# places in Link.status: sequence numbers of step 0, of the last packet sent, of the newest answer; state, faults and
+# lost commands as the target last told; when the last packet left and its answer came (own clock), when the target
+# sampled and sent (its clock)
+BASE, LAST, SEEN, STATE, FAULTS, TARGET_LOST, SENT_NS, RECEIVED_NS, SAMPLED_NS, ANSWERED_NS = range(10)
+
+_send = External("send", "intp", "intc", "uintp", "uintp", "intc")
+_recv = External("recv", "intp", "intc", "uintp", "uintp", "intc")
+_ppoll = External("ppoll", "intc", "uintp", "uintp", "uintp", "uintp")
+_errno_location = External("__errno_location", "uintp")
+_memcpy = External("memcpy", "uintp", "uintp", "uintp", "uintp")
+_AT_ONCE, _WHOLE_SIZE, _READABLE = 0x40, 0x20, 1  # MSG_DONTWAIT, MSG_TRUNC, POLLIN
+_TRY_AGAIN, _INTERRUPTED = 11, 4  # EAGAIN, EINTR
+
+
+class Link(NamedTuple):
+    """A socket with all that an exchange reads and writes; c channels."""
+
+    fd: int
+    spin_ns: int
+    key: Words  # (2,) of the session
+    outgoing: Bytes  # (MOST_BYTES,)
+    incoming: Bytes  # (MOST_BYTES,)
+    samples_v: Array  # (c,) the last ones that came
+    status: IntArray
+    counts: IntArray
+    scratch: IntArray  # (4,) times, and what is polled
+
+
+def fresh_link(door: socket.socket, key: Words, channels: int, spin_ns: int = SPIN_NS) -> Link:
+    """Return a link over a connected socket, which must stay open as long as the link is used."""
+    return Link(
+        door.fileno(), spin_ns, key, np.zeros(wire.MOST_BYTES, np.uint8), np.zeros(wire.MOST_BYTES, np.uint8),
+        np.zeros(channels), np.array([0, -1, -1, *[0] * 7]), np.zeros(len(COUNTS), np.int64), np.zeros(4, np.int64),
+    )  # fmt: skip
+
+
+@part
+def error_of(link: Link) -> int:
+    """Return errno of the call that just failed."""
+    link.scratch[3] = 0
+    _memcpy(link.scratch.ctypes.data + 24, _errno_location(), 4)  # type: ignore[operator]
+    return link.scratch[3] & 0xFFFFFFFF
+
+
+@part
+def post(link: Link, kind: int, sequence: int, command_v: float) -> int:
+    """Send a packet; return the time it left in ns.
+
+    What the network reports of an earlier packet ends the first call without sending; the second one sends.
+    """
+    wire.begin(link.outgoing, kind, 1 if kind == wire.COMMAND else 0, sequence)
+    if kind == wire.COMMAND:
+        wire.put_real(link.outgoing, wire.WORDS, command_v)
+    now = monotonic_ns(link.scratch)
+    wire.put_int(link.outgoing, wire.SENT_NS, now)
+    size = wire.seal(link.outgoing, link.key)
+    link.status[SENT_NS], link.status[LAST] = now, sequence
+    link.counts[SENT] += 1
+    for _ in range(2):
+        if _send(link.fd, link.outgoing.ctypes.data, size, _AT_ONCE) == size:  # type: ignore[operator]
+            return now
+    link.counts[UNSENT] += 1
+    return now
+
+
+@part
+def receive(link: Link) -> int:
+    """Return the size of the next packet that is there, -1 for none; more than fits is told and cut off."""
+    size = _recv(link.fd, link.incoming.ctypes.data, link.incoming.size, _AT_ONCE | _WHOLE_SIZE)  # type: ignore[operator]
+    if size < 0:
+        error = error_of(link)
+        if error not in (_TRY_AGAIN, _INTERRUPTED):
+            link.counts[UNREACHABLE] += 1
+    return size
+
+
+@part
+def wait(link: Link, time_ns: int) -> None:
+    """Sleep until a packet comes, at most for a time; a signal or an error may end it early."""
+    link.scratch[0], link.scratch[1] = time_ns // 1_000_000_000, time_ns % 1_000_000_000
+    link.scratch[2] = link.fd | _READABLE << 32
+    times, polled = link.scratch.ctypes.data, link.scratch.ctypes.data + 16
+    _ppoll(polled, 1, times, 0)  # type: ignore[operator]
+
+
+@part
+def is_answer(link: Link, size: int, sequence: int, now: int) -> bool:
+    """Count a received packet and take what it says; return whether it is the answer to `sequence`.
+
+    The state of the target is taken from any answer newer than those before, samples from the one asked for alone.
+    """
+    packet, counts = link.incoming, link.counts
+    if not wire.is_genuine(packet, size, link.key):
+        counts[BAD] += 1
+        return False
+    answered = wire.get_int(packet, wire.SEQUENCE)
+    strange = packet[wire.KIND] != wire.SAMPLES or packet[wire.COUNT] != link.samples_v.size
+    if strange or answered < 0 or answered > sequence:
+        counts[STRAY] += 1
+        return False
+    if answered <= link.status[SEEN]:
+        counts[DOUBLED] += 1
+        return False
+    link.status[SEEN] = answered
+    take_status(link, now)
+    if answered < sequence:
+        counts[LATE] += 1
+        return False
+    for c in range(link.samples_v.size):
+        link.samples_v[c] = wire.get_real(packet, wire.WORDS + 8 * c)
+    return True
+
+
+@part
+def take_status(link: Link, now: int) -> None:
+    """Note what an answer says beside its samples."""
+    packet, status = link.incoming, link.status
+    status[STATE] = packet[wire.STATE]
+    status[FAULTS] = wire.get_small(packet, wire.FAULTS)
+    status[TARGET_LOST] = wire.get_small(packet, wire.LOST)
+    status[RECEIVED_NS] = now
+    status[SAMPLED_NS] = wire.get_int(packet, wire.INSTANT_NS)
+    status[ANSWERED_NS] = wire.get_int(packet, wire.SENT_NS)
+
+
+@part
+def converse(link: Link, kind: int, k: int, command_v: float, deadline_ns: int) -> int:
+    """Send packet k of a kind, take its answer; return OK, LOST or FAULT as `exchange` does."""
+    sequence = link.status[BASE] + k
+    now = post(link, kind, sequence, command_v)
+    sleep_ns = now + link.spin_ns
+    outcome = -1
+    while outcome < 0:
+        size = receive(link)
+        now = monotonic_ns(link.scratch)
+        if size >= 0 and is_answer(link, size, sequence, now):
+            outcome = OK
+        elif now >= deadline_ns:
+            outcome = LOST
+        elif size < 0 and now > sleep_ns:
+            wait(link, deadline_ns - now)
+    link.counts[ANSWERED if outcome == OK else UNANSWERED] += 1
+    link.counts[IN_A_ROW] = 0 if outcome == OK else link.counts[IN_A_ROW] + 1
+    return FAULT if link.status[FAULTS] != 0 or link.status[STATE] != wire.ARMED else outcome
+
+
+@part
+def exchange(link: Link, command_v: float, k: int, deadline_ns: int) -> int:
+    """Send command k (k rises from 1; `arm` took the samples of step 0), take the samples of step k in V.
+
+    Returns OK, LOST when no answer came until the monotonic time `deadline_ns` (the samples are then the last ones
+    that came), FAULT when the target reports a fault or obeys no commands.
+    """
+    return converse(link, wire.COMMAND, k, command_v, deadline_ns)
+
+
+@entry
+def converse_at(link: Link, kind: int, k: int, command_v: float, instant_ns: int, timeout_ns: int) -> int:
+    """Do what `converse` does at a monotonic time, or now when that is past, and wait so long for the answer."""
+    sleep_until(instant_ns, link.spin_ns, link.scratch)
+    return converse(link, kind, k, command_v, monotonic_ns(link.scratch) + timeout_ns)

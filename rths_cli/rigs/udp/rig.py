@@ -1,0 +1,201 @@
+"""A rig whose table hangs on a target behind UDP: a microcontroller, or `rths serve`."""
+
+from __future__ import annotations
+
+import math
+import socket
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from rths_cli.clocks import REAL_TIME
+from rths_cli.errors import RigError
+from rths_cli.lti import Array
+from rths_cli.rigs.interface import RigInfo
+from rths_cli.rigs.udp import link as links
+from rths_cli.rigs.udp import wire
+from rths_cli.rigs.udp.link import Link, converse_at, fresh_link
+from rths_cli.rigs.udp.secret import read_secret
+from rths_cli.rigs.udp.sentences import fault_names
+from rths_cli.rigs.udp.session import GREETING_S, Session, Terms, greet
+from rths_cli.rigs.udp.siphash import Words
+from rths_cli.rigs.udp.sockets import connected
+
+ANSWER_SHARE = 0.8  # of the sample interval, in which an answer must come where the rig file does not say
+ARMING_S = 1.0
+RESTING_S = 6.0  # a table is back at zero within 2 s
+SILENT_S = 0.5  # of a peer that is asked to rest, until it is taken for dead
+PAUSE_S = 0.02  # between two questions to a target at leisure
+IN_S = 1e-9
+
+
+@dataclass(frozen=True)
+class UdpTarget:
+    """Where a target is and how patient the runner is with it.
+
+    `timeout_s`: how long to wait for an answer, None for a share of the sample interval. `watchdog_s`: after how long
+    without a command the target is to rest its table. `lost_samples`: answers that may miss in a row.
+    """
+
+    host: str
+    port: int
+    key_file: Path | None = None
+    timeout_s: float | None = None
+    watchdog_s: float = 0.1
+    lost_samples: int = 5
+
+
+class UdpRig:
+    """A rig behind UDP, paced by this machine's monotonic clock: `exchange` sends at t_k and takes the samples of t_k.
+
+    `link` serves compiled loops as well, which then count k on from the last step. `at_rest` tells after `rest`
+    whether the target confirmed it; `overruns` counts the exchanges asked for more than an interval late.
+    """
+
+    def __init__(self, info: RigInfo, target: UdpTarget) -> None:
+        if info.latency_samples < 1:
+            raise RigError(f"rig {info.name}: latency_samples must be at least 1 over UDP, got {info.latency_samples}")
+        self.info = info
+        self.target = target
+        self.at_rest = True
+        self.overruns = 0
+        self.peer = f"{target.host}:{target.port}"
+        self._door: socket.socket | None = None
+        self._link: Link | None = None
+        self._start_ns = 0
+        self._dt_ns = round(info.dt_s / IN_S)
+        self._timeout_ns = round((target.timeout_s or ANSWER_SHARE * info.dt_s) / IN_S)
+
+    @property
+    def link(self) -> Link:
+        """Return the open link; raises RigError when there is none."""
+        if self._link is None:
+            raise RigError(f"rig {self.info.name}: the link to {self.peer} is not open")
+        return self._link
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Return how many packets were sent, answered, lost, late, doubled, bad, ... in this session."""
+        return {name: int(count) for name, count in zip(links.COUNTS, self.link.counts, strict=True)}
+
+    def open(self) -> None:
+        """Begin a session with the target; raise RigError when it refuses or stays silent."""
+        if not REAL_TIME:
+            raise RigError("a rig over UDP needs Linux; offline runs on a virtual rig work here")
+        self.close()
+        secret = read_secret(self.target.key_file)
+        self._door, self.peer, session = self._greet(secret)
+        self._link = fresh_link(self._door, session.key, session.terms.channels)
+        self.at_rest, self.overruns = True, 0
+
+    def arm(self) -> Array:
+        """Enable motion and return the samples of step 0 in V, (n_channels,); step k follows k intervals later."""
+        link, end = self.link, time.monotonic() + ARMING_S
+        self.at_rest = False
+        while self._ask(wire.ARM) != links.OK:
+            self._check(f"rig {self.info.name}: the target {self.peer} does not arm")
+            if time.monotonic() > end:
+                raise RigError(f"rig {self.info.name}: the target {self.peer} does not answer when it is to arm")
+        link.status[links.BASE] = link.status[links.LAST]
+        link.counts[:] = 0
+        self._start_ns = int(link.status[links.RECEIVED_NS])
+        return link.samples_v
+
+    def exchange(self, command_v: float) -> Array:
+        """Send a command at the next sample instant, return the samples of that instant in V, (n_channels,).
+
+        After a lost answer they are the last that came. Raises RigError on a fault or when too many were lost.
+        """
+        link = self.link
+        if not math.isfinite(command_v):
+            raise RigError(f"rig {self.info.name}: the command is not a number; it was not sent")
+        k = self._next_k()
+        instant_ns = self._start_ns + k * self._dt_ns
+        late_ns = time.monotonic_ns() - instant_ns
+        if late_ns > self._dt_ns:
+            self._start_ns += late_ns
+            self.overruns += 1
+        converse_at(link, wire.COMMAND, k, float(command_v), instant_ns, self._timeout_ns)
+        self._check(f"rig {self.info.name}: the target {self.peer} stopped")
+        if link.counts[links.IN_A_ROW] > self.target.lost_samples:
+            raise RigError(self._lost())
+        return link.samples_v
+
+    def fault(self) -> str:
+        """Return what is wrong with target or link, empty when nothing is."""
+        try:
+            self._check(f"rig {self.info.name}: the target {self.peer} stopped")
+        except RigError as fault:
+            return str(fault)
+        return self._lost() if self.link.counts[links.IN_A_ROW] > self.target.lost_samples else ""
+
+    def rest(self) -> None:
+        """Have the target lead its table to rest and disable motion; `at_rest` tells whether it confirmed that.
+
+        Safe at any time: without a session, twice, and with a dead peer, whose own watchdog then rests the table.
+        """
+        if self._link is None or self.at_rest:
+            return
+        end = time.monotonic() + RESTING_S
+        heard = time.monotonic()
+        while not self.at_rest and time.monotonic() < min(end, heard + SILENT_S):
+            before = self._link.counts[links.ANSWERED]
+            self._ask(wire.REST)
+            if self._link.counts[links.ANSWERED] > before:
+                heard = time.monotonic()
+                self.at_rest = bool(self._link.status[links.STATE] in (wire.RESTED, wire.IDLE))
+                time.sleep(0.0 if self.at_rest else PAUSE_S)
+
+    def close(self) -> None:
+        """End the session and let go of the socket; safe to call twice. A table that still moves is led to rest."""
+        if self._link is not None:
+            for _ in range(3):
+                before = self._link.counts[links.ANSWERED]
+                self._ask(wire.CLOSE)
+                if self._link.counts[links.ANSWERED] > before:
+                    break
+        if self._door is not None:
+            self._door.close()
+        self._door = self._link = None
+
+    def _greet(self, secret: Words) -> tuple[socket.socket, str, Session]:
+        """Return socket, name and session of the first address of the host that answers."""
+        channels, watchdog_ns = len(self.info.channels), round(self.target.watchdog_s / IN_S)
+        wanted = Terms(channels, self._dt_ns, watchdog_ns)
+        found = connected(self.target.host, self.target.port)
+        fault: RigError | None = None
+        for i, (door, peer) in enumerate(found):
+            try:
+                session = greet(door, peer, secret, wanted, GREETING_S / len(found))
+            except RigError as refused:
+                door.close()
+                fault = fault or refused
+                continue
+            for other, _ in found[i + 1 :]:
+                other.close()
+            return door, peer, session
+        raise fault or RigError(f"target {self.peer} has no address")
+
+    def _next_k(self) -> int:
+        link = self.link
+        return int(link.status[links.LAST] - link.status[links.BASE]) + 1
+
+    def _ask(self, kind: int) -> int:
+        """Send a packet without a command and wait shortly for the answer."""
+        return int(converse_at(self.link, kind, self._next_k(), 0.0, 0, round(PAUSE_S / IN_S)))
+
+    def _check(self, text: str) -> None:
+        """Raise RigError where the target reported a fault or left the armed state."""
+        status = self.link.status
+        if status[links.FAULTS]:
+            raise RigError(f"{text}: {fault_names(int(status[links.FAULTS]))}")
+        if status[links.STATE] in (wire.RESTING, wire.RESTED):
+            raise RigError(f"{text}: it has led its table to rest")
+
+    def _lost(self) -> str:
+        counts = self.counts
+        return (
+            f"rig {self.info.name}: {counts['lost_in_a_row']} answers of target {self.peer} in a row were lost "
+            f"({counts['lost']} of {counts['sent']} in all, {counts['late']} came late, {counts['bad']} were not "
+            "genuine); check the target, the cable and the sample rate"
+        )

@@ -1,0 +1,64 @@
+"""UDP sockets of both sides, IPv4 and IPv6."""
+
+from __future__ import annotations
+
+import socket
+
+from rths_cli.errors import RigError
+
+
+def connected(host: str, port: int) -> list[tuple[socket.socket, str]]:
+    """Return a socket connected to each address of a host, with its name for messages, IPv4 first.
+
+    A connected socket receives from that address and port alone. The sockets do not block.
+    Raises RigError for a host that is not known or not to be reached.
+    """
+    found, fault = [], ""
+    for family, _, _, _, address in _addresses(host, port):
+        try:
+            link = socket.socket(family, socket.SOCK_DGRAM)
+        except OSError as error:
+            fault = str(error.strerror)
+            continue
+        try:
+            link.connect(address)
+        except OSError as error:
+            fault = str(error.strerror)
+            link.close()
+            continue
+        link.setblocking(False)
+        found.append((link, shown(address)))
+    if not found:
+        raise RigError(f"target {host} port {port} cannot be reached: {fault}; check udp.host and the network")
+    return found
+
+
+def bound(host: str, port: int) -> socket.socket:
+    """Return a socket that does not block and receives at an address; port 0 takes a free one.
+
+    Raises RigError where the address is not this machine's or the port is in use.
+    """
+    family, _, _, _, address = _addresses(host, port)[0]
+    door = socket.socket(family, socket.SOCK_DGRAM)
+    try:
+        door.bind(address)
+    except OSError as error:
+        door.close()
+        raise RigError(f"cannot listen at {shown(address)}: {error.strerror}; choose another port or address") from None
+    door.setblocking(False)
+    return door
+
+
+def shown(address: tuple[str | int, ...]) -> str:
+    """Return an address as host:port, [host]:port for IPv6."""
+    host, port = address[:2]
+    return f"[{host}]:{port}" if ":" in str(host) else f"{host}:{port}"
+
+
+def _addresses(host: str, port: int) -> list[tuple[int, int, int, str, tuple[str | int, ...]]]:
+    try:
+        found = socket.getaddrinfo(host.strip("[]"), port, type=socket.SOCK_DGRAM)
+    except (OSError, UnicodeError) as error:
+        why = getattr(error, "strerror", None) or "it is no host name"
+        raise RigError(f"host {host!r} is not known: {why}; check udp.host in the rig file") from None
+    return sorted(found, key=lambda one: one[0] != socket.AF_INET)  # type: ignore[arg-type]

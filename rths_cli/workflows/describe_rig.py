@@ -1,0 +1,106 @@
+"""What a laboratory knows of the rig of a case before it has measured anything."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from rths_cli.case.models_rig import DEFAULT_LOST_SAMPLES, SensorsSpec, VirtualRigSpec
+from rths_cli.case.models_rig_real import ChannelSpec, PluginRigSpec, RealRigSpec, UdpRigSpec
+from rths_cli.rig_info import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
+
+if TYPE_CHECKING:
+    from rths_cli.case.models import Case
+    from rths_cli.case.models_rig import LimitsSpec
+    from rths_cli.case.models_rig_real import RealSensorsSpec
+
+
+def rig_info(case: Case) -> RigInfo:
+    """Return what is known of the case's rig with its structure on it."""
+    table = case.table
+    names = channel_names(case)
+    real = table if isinstance(table, RealRigSpec) else None
+    return RigInfo(
+        name=table.name,
+        kind=table.kind,
+        dt_s=1.0 / case.sample_rate_hz,
+        channels=_virtual_channels(table, names) if isinstance(table, VirtualRigSpec) else _channels(table, names),
+        converters=Converters(table.converters.bits, table.converters.range_v),
+        latency_samples=table.converters.latency_samples,
+        limits=_limits(table.limits),
+        gain_m_per_v=table.nominal.gain_m_per_v,
+        moving_mass_kg=table.nominal.moving_mass_kg + case.structure.interface_experimental_mass_kg,
+        specimen_mass_kg=float(sum(case.structure.experimental.masses_kg)),
+        unattended=real.unattended if real else False,
+        watchdog_s=_watchdog_s(real),
+        overrun=real.overrun if real else "hold",
+        driver_verified=_driver_verified(real),
+    )
+
+
+def channel_names(case: Case) -> tuple[str, ...]:
+    """Return the roles of the channels: the table, then the experimental floors upwards, numbered from the ground."""
+    numerical = len(case.structure.numerical.masses_kg)
+    return ("table", *(f"floor_{numerical + 1 + i}" for i in range(len(case.structure.experimental.masses_kg))))
+
+
+def _virtual_channels(table: VirtualRigSpec, names: tuple[str, ...]) -> tuple[Channel, ...]:
+    sensors: SensorsSpec = table.sensors
+    sensitivity = sensors.sensitivity_mv_per_g / 1000.0 / STANDARD_GRAVITY_M_S2
+    span = sensors.range_g * STANDARD_GRAVITY_M_S2
+    return tuple(Channel(name, sensitivity, span, sensors.high_pass_hz, sensors.low_pass_hz) for name in names)
+
+
+def _channels(table: RealRigSpec, names: tuple[str, ...]) -> tuple[Channel, ...]:
+    """Return the channels of a real rig: listed one by one, or all alike."""
+    listed: tuple[RealSensorsSpec, ...] = table.channels or ()
+    alike = (table.sensors,) * len(names) if table.sensors is not None else ()
+    return tuple(_channel(name, one) for name, one in zip(names, listed or alike, strict=True))
+
+
+def _channel(name: str, spec: RealSensorsSpec) -> Channel:
+    own = spec if isinstance(spec, ChannelSpec) else None
+    return Channel(
+        name,
+        spec.volts_per_m_s2,
+        spec.range_g * STANDARD_GRAVITY_M_S2,
+        spec.high_pass_hz,
+        spec.low_pass_hz,
+        sign=float(spec.sign),
+        warning_m_s2=_or_none(spec.warning_m_s2),
+        abort_m_s2=_or_none(spec.abort_m_s2),
+        label=own.name if own else "",
+        terminal=own.terminal or "" if own else "",
+    )
+
+
+def _limits(limits: LimitsSpec) -> Limits:
+    return Limits(
+        limits.stroke_m,
+        limits.velocity_m_s,
+        limits.acceleration_m_s2,
+        limits.force_n,
+        command_rate_v_s=_or_none(limits.command_rate_v_s),
+        tracking_error_m_s2=_or_none(limits.tracking_error_m_s2),
+        energy_ratio=_or_none(limits.energy_ratio),
+        lost_samples=DEFAULT_LOST_SAMPLES if limits.lost_samples is None else limits.lost_samples,
+    )
+
+
+def _or_none(limit: float | None) -> float:
+    """Return a limit, infinite where none is stated."""
+    return math.inf if limit is None else limit
+
+
+def _watchdog_s(real: RealRigSpec | None) -> float:
+    """Return after which silence the rig rests its table by itself, 0 for a card without watchdog."""
+    if isinstance(real, UdpRigSpec | PluginRigSpec):
+        return real.watchdog_s
+    return RigInfo.watchdog_s if real is None else 0.0
+
+
+def _driver_verified(real: RealRigSpec | None) -> str:
+    """Return what a rig file lets expect behind the driver; a driver that knows better says so itself."""
+    if real is None:
+        return ""
+    return "loopback" if isinstance(real, UdpRigSpec) and real.udp.is_loopback else "hardware"

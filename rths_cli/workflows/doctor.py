@@ -1,0 +1,132 @@
+"""`rths doctor`: measure which sample rates this machine, and a rig on it, can hold."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+import numpy as np
+
+from rths_cli.clocks import IntArray, require_real_time
+from rths_cli.files.held_rates import RULE, RateMeasured, keep_rates
+from rths_cli.loop.periodic import wait_periodically, wake_up_delays
+from rths_cli.loop.scheduling import Granted, real_time
+from rths_cli.workflows.machine import Machine, this_machine
+
+RATES_HZ = (500.0, 1000.0, 2000.0, 4000.0)
+Progress = Callable[[str], object]
+ExchangeDelays = Callable[[float, float], IntArray]
+
+
+@dataclass(frozen=True)
+class RigRates:
+    """What was measured of a rig's exchange, from wake-up to samples."""
+
+    rig: str
+    rates: tuple[RateMeasured, ...]
+
+
+@dataclass(frozen=True)
+class Examined:
+    """All that `rths doctor` found; `wanted_hz` are the rates whose holding decides its exit code."""
+
+    machine: Machine
+    granted: Granted
+    rates: tuple[RateMeasured, ...]
+    rig: RigRates | None
+    wanted_hz: tuple[float, ...]
+    advice: tuple[str, ...]
+    rule: str = RULE
+
+    @property
+    def recommended_hz(self) -> float | None:
+        """Return the highest rate that was held, by the rig too where one was measured."""
+        return max((rate.rate_hz for rate in self._deciding() if rate.held), default=None)
+
+    @property
+    def not_held_hz(self) -> tuple[float, ...]:
+        """Return the wanted rates that were not held."""
+        bad = [rate.rate_hz for rate in (*self.rates, *self._deciding()) if not rate.held]
+        return tuple(hz for hz in self.wanted_hz if hz in bad)
+
+    @property
+    def exit_code(self) -> int:
+        """Return 1 where a wanted rate, or without one every rate, was not held."""
+        return 1 if self.not_held_hz or self.recommended_hz is None else 0
+
+    def _deciding(self) -> tuple[RateMeasured, ...]:
+        """Return the rates of the rig where the machine alone held them, or of the machine."""
+        if self.rig is None:
+            return self.rates
+        held = [rate.rate_hz for rate in self.rates if rate.held]
+        return tuple(rate for rate in self.rig.rates if rate.rate_hz in held)
+
+
+def examine(
+    rates_hz: Sequence[float],
+    wanted_hz: Sequence[float],
+    seconds: float,
+    say: Progress,
+    rig: str = "",
+    exchange: ExchangeDelays | None = None,
+) -> Examined:
+    """Measure `seconds` of each rate on the machine alone, then with a rig's `exchange`, and keep the figures.
+
+    Raises InputError where real time is not possible, RigError where the rig fails.
+    """
+    require_real_time()
+    wait_periodically(1000, 0, np.zeros(1, dtype=np.int64), np.zeros(2, dtype=np.int64))  # compiled before it counts
+    every = sorted({*rates_hz, *wanted_hz})
+    with real_time() as granted:
+        rates = [_measured(hz, seconds, wake_up_delays, say, "waking up") for hz in every]
+        keep_rates(rates)
+        of_rig = [_measured(hz, seconds, exchange, say, f"exchanging with {rig}") for hz in every] if exchange else []
+    keep_rates(of_rig, rig)
+    machine = this_machine()
+    found = RigRates(rig, tuple(of_rig)) if exchange else None
+    return Examined(machine, granted, tuple(rates), found, tuple(wanted_hz), advice(machine, granted, rates))
+
+
+def rehearse(rate_hz: float, seconds: float) -> RateMeasured:
+    """Measure and keep how late this machine wakes up a thread at one rate."""
+    with real_time():
+        measured = summary(rate_hz, wake_up_delays(rate_hz, seconds))
+    keep_rates([measured])
+    return measured
+
+
+def _measured(hz: float, seconds: float, delays: ExchangeDelays, say: Progress, what: str) -> RateMeasured:
+    say(f"{what} at {hz:g} Hz, {seconds:g} s")
+    return summary(hz, delays(hz, seconds))
+
+
+def summary(rate_hz: float, late_ns: IntArray) -> RateMeasured:
+    """Return the figures of a measurement: how late each step was ready in ns, (n,); a lost one counts as late."""
+    interval_ns = round(1e9 / rate_hz)
+    p50, p99, p99_9, most = (float(q) / 1e3 for q in np.percentile(late_ns, [50, 99, 99.9, 100]))
+    whole = late_ns // interval_ns
+    now = datetime.now(UTC).isoformat(timespec="seconds")
+    return RateMeasured(
+        rate_hz, late_ns.size, p50, p99, p99_9, most, int(np.count_nonzero(whole)), int(whole.sum()), now
+    )
+
+
+def advice(machine: Machine, granted: Granted, rates: Sequence[RateMeasured]) -> tuple[str, ...]:
+    """Return one sentence for everything that could make this machine more punctual, or that threatens a test."""
+    told = list(granted.refused)
+    if machine.preemption != "PREEMPT_RT":
+        told.append(f"the kernel is not a real-time one ({machine.preemption}): install one built with PREEMPT_RT")
+    if machine.virtual:
+        told.append("this is a virtual machine: its host takes the processor away as it likes; use a real one")
+    if machine.governor not in ("", "performance"):
+        told.append(f"the frequency governor is {machine.governor}: run 'cpupower frequency-set -g performance'")
+    if granted.cpu >= 0 and granted.cpu not in machine.isolated_cpus:
+        told.append(f"processor {granted.cpu} serves other threads too: start the kernel with isolcpus={granted.cpu}")
+    longest = max(rates, key=lambda rate: rate.max_us)
+    if longest.max_us * longest.rate_hz > 1e6:
+        told.append(
+            f"the longest stall was {longest.max_us / 1e3:.1f} ms: a table would hold its command for "
+            f"{longest.max_us * longest.rate_hz / 1e6:.0f} samples at {longest.rate_hz:g} Hz"
+        )
+    return tuple(told)

@@ -1,0 +1,48 @@
+"""What `rths doctor` was asked for: the rate of a case, and the rig to measure."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+
+from rths_cli.errors import InputError
+from rths_cli.workflows.doctor import RATES_HZ, Examined, Progress, examine
+
+DEFAULT_CASE = "el_centro_low_ff_fb"  # lends its structure where only a rig was named
+
+
+@dataclass(frozen=True)
+class DoctorRequest:
+    """Hold what the user asked `rths doctor` for."""
+
+    case: str | None
+    rig: str | None
+    rates_hz: tuple[float, ...]
+    seconds: float
+    settings: tuple[str, ...]
+
+
+def examine_request(request: DoctorRequest, say: Progress) -> Examined:
+    """Measure the machine, and the rig where one was named; raises InputError, RigError."""
+    wanted = request.rates_hz
+    if request.case is None and request.rig is None:
+        if request.settings:
+            raise InputError("--set changes a case: name one, or leave it out")
+        return examine(() if wanted else RATES_HZ, wanted, request.seconds, say)
+    from rths_cli.case.load import load_cases
+
+    table = (f"table={json.dumps(request.rig)}",) if request.rig else ()
+    case = load_cases([request.case or DEFAULT_CASE], (*table, *request.settings))[0]
+    if request.case and not wanted:
+        wanted = (case.sample_rate_hz,)
+    others = () if wanted else RATES_HZ
+    if case.table.kind == "virtual":
+        if request.rig:
+            raise InputError(
+                f"--rig {request.rig}: a virtual rig has no clock of its own to hold; start it with "
+                f"'rths serve {request.rig}' and name a rig of kind udp"
+            )
+        return examine(others, wanted, request.seconds, say)
+    from rths_cli.workflows.doctor_rig import exchange_delays
+
+    return examine(others, wanted, request.seconds, say, case.table.name, exchange_delays(case))

@@ -1,0 +1,190 @@
+"""Play on a real rig: rehearse the rate, listen to the channels at rest, then let the loop move the table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rths_cli.case.load import resolved_yaml
+from rths_cli.errors import InputError
+from rths_cli.files.raw_log import RawHeader, raw_log_path
+from rths_cli.files.raw_log_writer import RawLogWriter
+from rths_cli.files.rig_lock import locked_rig
+from rths_cli.loop.blocks import EXCITATION
+from rths_cli.loop.guard import INTERRUPT, TERMINATION
+from rths_cli.loop.log import column_names, column_units
+from rths_cli.loop.performing import STOP_KEY, Performed, order, perform_watched, rehearse_watched
+from rths_cli.loop.realtime import Performance, prepare
+from rths_cli.loop.stream import LogStream
+from rths_cli.loop.watching import View, Watching
+from rths_cli.workflows.doctor import summary
+from rths_cli.workflows.rigs import guard_limits, open_rig
+from rths_cli.workflows.run import TableRun, drive_of
+
+if TYPE_CHECKING:
+    from rths_cli.control.blocks import Blocks
+    from rths_cli.files.result_writer import ResultWriter
+    from rths_cli.loop.drive import Outcome
+    from rths_cli.lti import Array
+    from rths_cli.rigs.interface import Rig, RigInfo
+    from rths_cli.workflows.controllers import Design
+    from rths_cli.workflows.setup import Setup
+
+REHEARSAL_S = 2.0
+LISTENING_S = 1.0
+ZERO_SHARE = 0.1  # of a channel's range, that it may show at rest
+NOISE_SHARE = 0.02  # of a channel's range, rms at rest
+
+
+@dataclass(frozen=True)
+class AtRest:
+    """What the channels showed at rest, (c,) in V: mean and rms about it."""
+
+    zeros_v: Array
+    noise_v: Array
+
+
+def ready_on_rig(setup: Setup, blocks: Blocks, source: int, drive: Array) -> tuple[Rig, Performance]:
+    """Return the case's real rig, closed, and a run of a drive (n, 3) on it, ready to be performed.
+
+    Raises InputError where the machine does not hold the rate or a channel is not at rest, RigError where the rig
+    cannot be had.
+    """
+    rehearsed(setup, blocks, source)
+    rig = open_rig(setup, (), 0)
+    zeros = listened(setup, rig).zeros_v
+    return rig, prepare(setup.rig, blocks, source, drive, guard_limits(setup), zeros)
+
+
+def excited(setup: Setup, blocks: Blocks, drive: Array) -> Outcome:
+    """Play an excitation (n, 3) on the case's real rig; an interrupt leads the table to rest first."""
+    rig, run = ready_on_rig(setup, blocks, EXCITATION, drive)
+    with opened(rig):
+        outcome = perform_watched(rig, run, lambda _: None).outcome
+    if outcome.reason in (INTERRUPT, TERMINATION):
+        raise KeyboardInterrupt  # the command line remembers which signal it was
+    return outcome
+
+
+class RealStage:
+    """Plays the runs of one case on its real rig: their samples stand in raw logs until the result holds them."""
+
+    def __init__(self, show: Callable[[str, View], bool]) -> None:
+        self._show = show
+        self._logs: list[RawLogWriter] = []
+
+    def play(self, setup: Setup, design: Design, run: TableRun, writer: ResultWriter) -> Outcome:
+        """Play one run, its result file closed as interrupted meanwhile."""
+        rig, ready = ready_on_rig(setup, design.blocks, run.source, drive_of(setup, design))
+        path = raw_log_path(writer.path, run.name)
+        writer.park(f"{run.label} was under way; rths recover {path.name} brings its samples here")
+        log = RawLogWriter(path, _header(setup, design, run, ready, writer))
+        self._logs.append(log)
+        watching = Watching(ready)
+
+        def watch(performance: Performance) -> None:
+            if self._show(run.label, watching.look()):
+                order(performance, STOP_KEY)
+
+        with LogStream(log, ready.log.columns, ready.log.done, ready.course.orders) as stream, opened(rig):
+            performed = perform_watched(rig, ready, watch)
+        writer.resume()
+        writer.about({f"{run.name}_{key}": value for key, value in _told(performed, stream).items()})
+        return performed.outcome
+
+    def written(self) -> None:
+        """Remove the raw logs: the result file holds everything."""
+        for log in self._logs:
+            log.remove()
+
+    def close(self) -> None:
+        """Let go of the raw logs; those whose samples stand nowhere else stay."""
+        for log in self._logs:
+            log.close()
+
+
+def _header(setup: Setup, design: Design, run: TableRun, ready: Performance, writer: ResultWriter) -> RawHeader:
+    """Return what the raw log of a run says of itself."""
+    names = column_names(len(setup.rig.channels), ready.step.estimated.size)
+    return RawHeader(
+        names, column_units(names), setup.rig.dt_s, ready.log.columns.shape[1], design.blocks.lead_samples, run.name,
+        writer.path.name, str(setup.case.path), setup.case.yaml_text, resolved_yaml(setup.case), writer.attributes,
+        ready.course.ramp,
+    )  # fmt: skip
+
+
+def _told(performed: Performed, stream: LogStream) -> dict[str, str | int | float]:
+    """Return what a result says of the loop that made it."""
+    granted = performed.granted
+    return {
+        "overruns": performed.overruns,
+        "fifo_priority": granted.fifo_priority,
+        "cpu": granted.cpu,
+        "memory_locked": int(granted.memory_locked),
+        "not_granted": "\n".join(granted.refused),
+        "log_fault": stream.fault,
+    }
+
+
+@contextmanager
+def opened(rig: Rig) -> Iterator[None]:
+    """Hold a rig open, for this process alone; it rests and is closed whatever happens."""
+    with locked_rig(rig.info.name):
+        rig.open()
+        try:
+            yield
+        finally:
+            try:
+                rig.rest()
+            finally:
+                rig.close()
+
+
+def rehearsed(setup: Setup, blocks: Blocks, source: int) -> None:
+    """Do the steps of a run in real time without a rig; raise InputError where the machine does not hold its rate."""
+    info = setup.rig
+    run = prepare(info, blocks, source, np.zeros((round(REHEARSAL_S / info.dt_s), 3)), guard_limits(setup))
+    late_s, took_s = rehearse_watched(run, REHEARSAL_S)
+    measured = summary(1.0 / info.dt_s, np.round(1e9 * (late_s + took_s)).astype(np.int64))
+    if not measured.held:
+        raise InputError(
+            f"sample_rate_hz: {1.0 / info.dt_s:g} Hz was not held in a silent rehearsal of {REHEARSAL_S:g} s "
+            f"(p99 {measured.p99_us:.0f} us, {measured.late} of {measured.steps} steps late by a whole interval); "
+            "choose a lower rate, rths doctor recommends one"
+        )
+
+
+def listened(setup: Setup, rig: Rig) -> AtRest:
+    """Return what every channel shows while the armed table rests; raise InputError where that is no rest."""
+    with opened(rig):
+        shown = [np.array(rig.arm(), dtype=float)]
+        shown += [np.array(rig.exchange(0.0), dtype=float) for _ in range(round(LISTENING_S / setup.rig.dt_s))]
+    heard = np.array(shown)
+    found = AtRest(heard.mean(axis=0), heard.std(axis=0))
+    faults = channel_faults(setup.rig, found)
+    if faults:
+        raise InputError(*faults)
+    return found
+
+
+def channel_faults(info: RigInfo, found: AtRest) -> list[str]:
+    """Return a sentence for every channel that is not at rest, or at a rest too far from zero."""
+    faults = []
+    for channel, zero, noise in zip(info.channels, found.zeros_v, found.noise_v, strict=True):
+        range_v = min(channel.range_m_s2 * channel.sensitivity_v_per_m_s2, info.converters.range_v)
+        where = f"rig {info.name}: channel {channel.name}"
+        if not (np.isfinite(zero) and np.isfinite(noise)):
+            faults.append(f"{where} gives no numbers at rest; check its cable")
+        elif abs(zero) > ZERO_SHARE * range_v:
+            share = f"more than {ZERO_SHARE:.0%} of its range"
+            faults.append(
+                f"{where} shows {zero:.3g} V at rest, {share}; check its cable, its coupling and its mounting"
+            )
+        elif noise > NOISE_SHARE * range_v:
+            share = f"more than {NOISE_SHARE:.0%} of its range"
+            faults.append(f"{where} shows {noise:.3g} V rms at rest, {share}; check its cable, and that nothing moves")
+    return faults

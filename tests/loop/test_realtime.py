@@ -1,0 +1,122 @@
+"""A run in real time: the same step as offline, a ramp before and after, orders and losses that end it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bench import rig_info, specimen
+from hybrid import best_like, ground, open_limits
+
+from rths_cli.case.virtual_physics import VirtualPhysics
+from rths_cli.loop import guard as g
+from rths_cli.loop import realtime
+from rths_cli.loop.blocks import NUMERICAL
+from rths_cli.loop.drive import play
+from rths_cli.loop.log import signals
+from rths_cli.lti import Array
+from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
+
+
+class Wired:
+    """A virtual rig behind the bare interface, its command one sample under way, that may misbehave."""
+
+    def __init__(self, spoil=lambda k, samples: samples) -> None:
+        self.info = rig_info()
+        self.rig = VirtualRig(self.info, build_plant(self.info, VirtualPhysics(), specimen(), 3e-4), (1, 3))
+        self.spoil, self.k, self.commands = spoil, 0, []
+
+    def open(self) -> None: ...
+
+    def arm(self) -> Array:
+        return self.rig.arm()
+
+    def exchange(self, command_v: float) -> Array:
+        self.k += 1
+        self.commands.append(command_v)
+        return self.spoil(self.k, self.rig.exchange(command_v).copy())
+
+    def rest(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
+def prepared(info, drive, **options):
+    limits = options.pop("limits", open_limits(info))
+    blocks = replace(best_like(info), shaping_step_v=info.converters.step_v)
+    return blocks, realtime.prepare(info, blocks, NUMERICAL, drive, limits, **options)
+
+
+def test_the_steps_are_those_of_an_offline_run_byte_for_byte() -> None:
+    rig, drive = Wired(), ground(3000)
+    blocks, run = prepared(rig.info, drive, ramp_s=0.0)
+    assert realtime.perform(rig, run) == ""
+    offline = play(rig.rig, rig.info, blocks, NUMERICAL, drive, open_limits(rig.info))
+    live = signals(run.log, 3, run.step.estimated.size)
+    for name in ("command_v", "desired", "corrected", "estimated", "base_shear_n"):
+        assert getattr(live, name)[..., :3000].tobytes() == getattr(offline.log, name).tobytes(), name
+
+
+def test_after_the_record_the_table_is_led_to_rest_within_two_seconds() -> None:
+    rig, drive = Wired(), ground(3000)
+    _, run = prepared(rig.info, drive, ramp_s=0.25)
+    realtime.perform(rig, run)
+    state = signals(run.log, 3, run.step.estimated.size).state[: run.log.done[0]]
+    assert run.guard.flags[1] == g.END
+    assert rig.commands[-1] == 0.0
+    assert [int((state == number).sum()) for number in (2, 3)] == [500, 3000]
+    assert (state == 4).sum() * rig.info.dt_s < 2.0
+    assert state[-1] == realtime.AT_REST
+
+
+def test_the_command_fades_in() -> None:
+    info = rig_info()
+    noise = lambda k, samples: samples + 0.05 * np.sin(0.05 * k)  # noqa: E731 what a sensor of a shaken floor shows
+    fading, whole = Wired(noise), Wired(noise)
+    realtime.perform(fading, prepared(info, ground(500), ramp_s=0.5)[1])
+    realtime.perform(whole, prepared(info, np.vstack([np.zeros((1000, 3)), ground(500)]), ramp_s=0.0)[1])
+    first, other = (np.abs(rig.commands[:200]).max() for rig in (fading, whole))
+    assert other > 0.01
+    assert first < 0.25 * other
+
+
+@pytest.mark.parametrize(
+    ("order", "reason"), [(1, g.OPERATOR), (2, g.INTERRUPT), (3, g.TERMINATION), (4, g.LOG_FAILED)]
+)
+def test_an_order_leads_to_rest_and_says_whose_it_was(order: int, reason: int) -> None:
+    orders = np.zeros(1, dtype=np.int64)
+
+    def spoil(k: int, samples: Array) -> Array:
+        orders[0] = order if k >= 1500 else 0
+        return samples
+
+    rig = Wired(spoil)
+    _, run = prepared(rig.info, ground(20000), ramp_s=0.0, orders=orders)
+    realtime.perform(rig, run)
+    assert tuple(run.guard.flags[:2]) == (g.STOPPED, reason)
+    assert rig.k - 1500 < 2.0 / rig.info.dt_s
+    assert rig.commands[-1] == 0.0
+    assert g.OPERATOR + 3 == g.LOG_FAILED
+
+
+def test_signs_and_zeros_are_those_of_the_channels() -> None:
+    info = rig_info()
+    upside = replace(info, channels=tuple(replace(channel, sign=-1.0) for channel in info.channels))
+    zeros = np.array([0.05, -0.02, 0.01])
+    right, turned = Wired(), Wired(lambda k, samples: zeros - samples)
+    runs = [prepared(info, ground(400), ramp_s=0.0)[1], prepared(upside, ground(400), ramp_s=0.0, zeros_v=zeros)[1]]
+    arm = turned.arm
+    turned.arm = lambda: zeros - arm()
+    for rig, run in zip((right, turned), runs, strict=True):
+        realtime.perform(rig, run)
+    np.testing.assert_allclose(turned.commands, right.commands, rtol=0.0, atol=1e-9)
+
+
+def test_a_rehearsal_moves_nothing_and_tells_how_late_each_step_was() -> None:
+    info = rig_info(dt_s=2e-3)
+    _, run = prepared(info, ground(1000))
+    late, took = realtime.rehearse(run, 0.2)
+    assert late.shape == took.shape == (99,)
+    assert (late >= 0.0).all()
+    assert (took > 0.0).all()

@@ -1,0 +1,264 @@
+"""The NI rig through the package nidaqmx itself, over a made-up driver: no card is needed, none is tested here."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from bench import rig_info, specimen
+
+from rths_cli.case.virtual_physics import VirtualPhysics
+from rths_cli.errors import RigError
+from rths_cli.rig_info import RigInfo
+from rths_cli.rigs.ni.daqmx import Wiring
+from rths_cli.rigs.ni.rig import NiRig, way_to_rest
+from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
+
+pytest.importorskip("nidaqmx", reason="pip install 'rths-cli[ni]' to test the NI rig")
+from fake_daqmx import CONTINUOUS, SINGLE_POINT, FakeCard, install
+
+WIRING = Wiring("Dev1", "ao0", ("ai0", "ai1", "ai2"), "port0/line0", "differential", 10.0, 2000.0, 1.0)
+MakeRig = Callable[..., tuple[NiRig, FakeCard]]
+
+
+def behind(info: RigInfo) -> VirtualRig:
+    """Return the table that hangs on the card; its own samples come one interval after what the card puts out."""
+    return VirtualRig(info, build_plant(info, VirtualPhysics(), specimen(), 0.0), (0,))
+
+
+@pytest.fixture
+def make(monkeypatch: pytest.MonkeyPatch) -> MakeRig:
+    """Make an NI rig on a card with these properties, in front of a virtual table."""
+
+    def made(info: RigInfo | None = None, wiring: Wiring = WIRING, **card: Any) -> tuple[NiRig, FakeCard]:
+        info = info or replace(rig_info(), kind="ni", name="bench")
+        without = card.pop("without", frozenset())
+        table = behind(info)
+        fake = FakeCard(table.arm, table.exchange, **card)
+        install(monkeypatch, fake, without)
+        return NiRig(info, wiring), fake
+
+    return made
+
+
+def test_a_session_gives_the_samples_of_the_table_behind_the_card(make: MakeRig) -> None:
+    """The order write, wait, read: the command of t_k acts from t_k+1 on, as on the table itself with latency 1."""
+    rig, _ = make()
+    commands = 2.0 * np.sin(0.03 * np.arange(400))
+    rig.open()
+    samples = [rig.arm().copy(), *(rig.exchange(float(v)).copy() for v in commands)]
+    alone = behind(rig_info())
+    expected = [alone.arm().copy(), *(alone.exchange(float(v)).copy() for v in commands)]
+    assert np.array_equal(samples, expected)
+    assert np.ptp(samples, axis=0).min() > 0.05
+    assert rig.info.driver_verified == "fake" and rig.missed == 0
+    rig.rest()
+    rig.close()
+    rig.close()
+
+
+def test_the_output_runs_before_the_input_and_motion_is_enabled_at_last(make: MakeRig) -> None:
+    rig, card = make()
+    rig.open()
+    assert ("line", False) in card.done and not card.line_high
+    inputs = [entry[1:] for entry in card.done if entry[0] == "input"]
+    assert inputs == [("Dev1/ai0", 10106), ("Dev1/ai1", 10106), ("Dev1/ai2", 10106)]  # DAQmx_Val_Diff
+    rig.arm()
+    assert card.done[-4:] == [("write", 0.0), ("start", "output"), ("start", "input"), ("line", True)]
+    rig.exchange(0.5)
+    card.done.clear()
+    rig.rest()
+    assert not card.line_high
+    assert [entry for entry in card.done if entry[0] != "write"] == [
+        ("line", False), ("stop", "input"), ("stop", "output"),
+    ]  # fmt: skip
+    rig.close()
+    assert not card.tasks
+
+
+def test_rest_leads_the_command_to_zero_within_the_limits(make: MakeRig) -> None:
+    rig, card = make()
+    rig.open()
+    rig.arm()
+    for command in np.linspace(0.0, 8.0, 1000):
+        rig.exchange(float(command))
+    card.done.clear()
+    rig.rest()
+    path_m = 0.0079 * np.array([8.0, *(entry[1] for entry in card.done if entry[0] == "write"), 0.0])
+    speed = np.diff(path_m) / 5e-4
+    assert path_m[-2] == 0.0 and len(path_m) * 5e-4 < 2.0
+    assert np.abs(speed).max() < 0.5 * 1.0
+    assert np.abs(np.diff(speed)).max() / 5e-4 < 0.5 * 45.0
+    card.done.clear()
+    rig.rest()
+    assert card.done == []  # at rest already
+
+
+@pytest.mark.parametrize("start_v", [10.0, -10.0, 0.5, 1e-6, 0.0])
+def test_the_way_to_rest_keeps_every_limit(start_v: float) -> None:
+    limits = replace(rig_info().limits, velocity_m_s=0.1, acceleration_m_s2=2.0, command_rate_v_s=9.0)
+    info = replace(rig_info(), limits=limits)
+    path_v = np.array([start_v, start_v, *way_to_rest(start_v, info), 0.0])
+    assert path_v[-2] == pytest.approx(0.0, abs=1e-15)
+    speed = np.diff(path_v * info.gain_m_per_v) / info.dt_s
+    assert np.abs(speed).max() <= 0.1
+    assert np.abs(np.diff(speed)).max() / info.dt_s <= 2.0
+    assert np.abs(np.diff(path_v)).max() / info.dt_s <= 9.0 * (1 + 1e-9)
+    assert np.abs(path_v).max() == abs(start_v)
+
+
+@pytest.mark.parametrize("code", [209802, -209802, -209803, -201027, 0])
+def test_missed_edges_are_counted_and_the_table_goes_on(make: MakeRig, code: int) -> None:
+    rig, _ = make(late=frozenset({5, 20, 21}), late_as=code)
+    rig.open()
+    rig.arm()
+    for _ in range(40):
+        rig.exchange(0.1)
+    assert rig.missed == 2  # edge 21 passed unseen behind edge 20
+    rig.rest()
+    rig.close()
+
+
+def test_the_policy_stop_ends_a_run_at_the_first_missed_edge(make: MakeRig) -> None:
+    info = replace(rig_info(), kind="ni", overrun="stop")
+    rig, card = make(info, late=frozenset({7}))
+    rig.open()
+    rig.arm()
+    for _ in range(5):
+        rig.exchange(0.1)
+    with pytest.raises(RigError, match=r"^rig bench: missed an edge of the sample clock; lower sample_rate_hz$"):
+        rig.exchange(0.1)
+    rig.rest()
+    assert card.written_v == 0.0 and not card.line_high
+
+
+def test_too_many_edges_missed_in_a_row_end_a_run(make: MakeRig) -> None:
+    info = replace(rig_info(), kind="ni", limits=replace(rig_info().limits, lost_samples=2))
+    rig, _ = make(info, late=frozenset(range(4, 40, 2)))
+    rig.open()
+    rig.arm()
+    with pytest.raises(RigError, match=r"^rig bench: missed 3 edges of the sample clock in a row$"):
+        for _ in range(10):
+            rig.exchange(0.1)
+    assert rig.missed == 3
+
+
+@pytest.mark.parametrize("command_v", [math.nan, math.inf, -10.001])
+def test_a_command_that_is_none_is_not_sent(make: MakeRig, command_v: float) -> None:
+    rig, card = make()
+    rig.open()
+    rig.arm()
+    rig.exchange(1.0)
+    with pytest.raises(RigError, match=r"is outside \+-10 V and was not sent"):
+        rig.exchange(command_v)
+    assert card.written_v == 1.0
+    rig.rest()
+    assert card.written_v == 0.0
+
+
+def test_a_clock_that_stands_still_is_one_sentence_and_motion_is_disabled(make: MakeRig) -> None:
+    rig, card = make(breaks_at=10)
+    rig.open()
+    rig.arm()
+    with pytest.raises(RigError, match=r"^rig bench: NI-DAQmx says: Specified operation did not complete.*\(-200474\)"):
+        for _ in range(20):
+            rig.exchange(3.0)
+    with pytest.raises(RigError, match=r"could not be led to rest: use the emergency stop$"):
+        rig.rest()
+    assert not card.line_high
+    rig.close()
+    assert not card.tasks
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"ai_modes": (CONTINUOUS,)}, "the analogue inputs of Dev1 have no hardware-timed single point"),
+        ({"ao_modes": (CONTINUOUS,)}, "the analogue outputs of Dev1 have no hardware-timed single point"),
+        ({"ao_modes": None}, "the analogue outputs of Dev1 have no hardware-timed single point"),
+        ({"ai_modes": (CONTINUOUS,), "ao_modes": ()}, "the analogue inputs and outputs of Dev1 have no hardware-timed"),
+        ({"device": "Dev2"}, "there is no device Dev1, the driver knows Dev2; correct ni.device or look into NI MAX"),
+        ({"device": ""}, "there is no device Dev1, the driver knows none;"),
+        ({"ai_rate_hz": 3000.0}, "Dev1 samples at most at 1000 Hz; lower sample_rate_hz"),
+        ({"ao_rate_hz": 1500.0}, "Dev1 samples at most at 1500 Hz; lower sample_rate_hz"),
+        ({"divides_hz": 3000.0}, "the card samples at 1500.000000 Hz in place of 2000 Hz; choose a"),
+        ({"without": frozenset({"DAQmxWaitForNextSampleClock"})}, "this NI-DAQmx cannot wait for a sample clock"),
+        ({"without": frozenset({"DAQmxCreateTask"})}, "this NI-DAQmx lacks a function that is needed"),
+    ],
+)  # fmt: skip
+def test_a_card_that_does_not_do_is_refused_in_one_sentence(make: MakeRig, changes: Any, sentence: str) -> None:
+    rig, card = make(**changes)
+    with pytest.raises(RigError) as caught:
+        rig.open()
+    assert str(caught.value).startswith(f"rig bench: {sentence}") and "\n" not in str(caught.value)
+    assert not card.tasks  # nothing stays reserved
+    with pytest.raises(RigError, match="is not open"):
+        rig.exchange(0.0)
+    rig.rest()
+    rig.close()
+
+
+def test_a_terminal_that_is_not_there_is_the_driver_s_own_sentence(make: MakeRig) -> None:
+    rig, _ = make(wiring=replace(WIRING, device="Dev1"))
+    rig.open()
+    other = NiRig(rig.info, WIRING)
+    with pytest.raises(RigError, match=r"NI-DAQmx says: The specified resource is reserved\..*\(-50103\)$"):
+        other.open()
+    rig.close()
+
+
+def test_a_start_that_fails_leaves_motion_disabled(make: MakeRig, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, card = make()
+    rig.open()
+    started = card.of_kind("input")
+    assert started is not None
+    started.runs = True  # its clock runs before the output waits for it
+    with pytest.raises(RigError, match=r"NI-DAQmx says: Specified route cannot be satisfied.*\(-89137\)$"):
+        rig.arm()
+    assert not card.line_high and ("stop", "input") in card.done
+    rig.rest()
+    rig.close()
+
+
+def test_a_card_has_one_sample_of_latency(make: MakeRig) -> None:
+    rig, _ = make(replace(rig_info(latency_samples=2), kind="ni"))
+    with pytest.raises(RigError, match=r"a card's latency is 1 sample, not 2; correct latency_samples"):
+        rig.open()
+
+
+def test_without_the_driver_the_package_itself_says_so() -> None:
+    """Run apart from the made-up library: here the package looks for NI's own, which this machine lacks or has."""
+    from ctypes.util import find_library
+
+    if find_library("nidaqmx") or sys.platform == "win32":
+        pytest.skip("this machine may have the driver")
+    with pytest.raises(RigError) as caught:
+        NiRig(replace(rig_info(), kind="ni"), WIRING).open()
+    assert str(caught.value) == (
+        "rig bench: the driver NI-DAQmx is not installed on this machine; install it from ni.com "
+        "(nidaqmx installdriver)"
+    )
+
+
+def test_without_the_package_a_sentence_names_the_command_that_installs_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "nidaqmx", None)
+    with pytest.raises(RigError, match=r"needs the package nidaqmx .*; install it: pip install 'rths-cli\[ni\]'$"):
+        NiRig(replace(rig_info(), kind="ni"), WIRING).open()
+
+
+def test_the_package_is_imported_only_when_a_card_is_opened() -> None:
+    code = "import sys, rths_cli.rigs.ni.rig, rths_cli.workflows.rigs; print('nidaqmx' in sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
+
+
+def test_a_mode_s_number_is_the_package_s() -> None:
+    from nidaqmx.constants import AcquisitionType
+
+    assert AcquisitionType.HW_TIMED_SINGLE_POINT.value == SINGLE_POINT

@@ -1,0 +1,303 @@
+"""How a session begins, fails to begin, and who may begin one."""
+
+from __future__ import annotations
+
+import os
+import socket
+import struct
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from packets import Packet, opened, plain_siphash
+
+from rths_cli.errors import InputError, RigError
+from rths_cli.rigs.udp import wire
+from rths_cli.rigs.udp.secret import make_secret, read_secret
+from rths_cli.rigs.udp.session import (
+    Answer,
+    Offer,
+    Session,
+    Terms,
+    answer_hello,
+    greet,
+    judge,
+    sealed,
+    session_key,
+)
+from rths_cli.rigs.udp.sockets import bound, connected, shown
+
+SECRET = bytes(range(100, 116))
+WORDS = np.frombuffer(SECRET, "<u8").astype(np.uint64)
+WANTED = Terms(3, 1_000_000, 100_000_000)
+OFFER = Offer(3, 250_000, 50_000_000)
+Reply = Callable[[bytes], list[bytes]]
+
+
+@pytest.fixture
+def meet() -> Iterator[Callable[[Reply], tuple[socket.socket, str]]]:
+    """Return a function that starts a target which answers each packet with a list of packets."""
+    doors: list[socket.socket] = []
+    threads = []
+
+    def start(reply: Reply) -> tuple[socket.socket, str]:
+        door = bound("127.0.0.1", 0)
+        door.settimeout(5.0)
+        link, peer = connected("127.0.0.1", door.getsockname()[1])[0]
+        doors.extend([door, link])
+
+        def serve() -> None:
+            while True:
+                try:
+                    data, address = door.recvfrom(2048)
+                except OSError:
+                    return
+                if not data:
+                    return
+                for packet in reply(data):
+                    door.sendto(packet, address)
+
+        threads.append(threading.Thread(target=serve, daemon=True))
+        threads[-1].start()
+        return link, peer
+
+    yield start
+    for link in doors[1::2]:
+        link.send(b"")
+    for thread in threads:
+        thread.join()
+    for door in doors:
+        door.close()
+
+
+def hello(nonce: bytes = b"n" * 16, terms: Terms = WANTED, version: int = 1, kind: int = wire.HELLO) -> bytes:
+    content = nonce + struct.pack("<3q", terms.channels, terms.interval_ns, terms.watchdog_ns)
+    return Packet(kind, 0, content, version=version).sealed(SECRET)
+
+
+def test_both_sides_get_the_same_key_and_the_shorter_watchdog(
+    meet: Callable[[Reply], tuple[socket.socket, str]],
+) -> None:
+    answers: list[Answer | None] = []
+
+    def reply(data: bytes) -> list[bytes]:
+        answers.append(answer_hello(data, WORDS, OFFER))
+        return [answers[-1].packet] if answers[-1] else []
+
+    session = greet(*meet(reply), WORDS, WANTED)
+    assert answers[0] is not None
+    other = answers[0].session
+    assert other is not None
+    assert session.terms == other.terms == Terms(3, 1_000_000, 50_000_000)
+    assert np.array_equal(session.key, other.key)
+
+
+def test_the_session_key_is_the_documented_hash() -> None:
+    runner, target = b"r" * 16, b"t" * 16
+    wanted = [plain_siphash(b"rths-key" + struct.pack("<Q", i) + runner + target, SECRET) for i in (0, 1)]
+    assert session_key(WORDS, runner, target).astype("<u8").tobytes() == b"".join(wanted)
+    keys = [session_key(WORDS, *pair) for pair in ((runner, target), (target, runner), (runner, runner))]
+    assert len({key.tobytes() for key in keys}) == 3
+
+
+def test_a_lost_welcome_is_sent_again_and_is_the_same(meet: Callable[[Reply], tuple[socket.socket, str]]) -> None:
+    answers: list[Answer] = []
+
+    def reply(data: bytes) -> list[bytes]:
+        answer = answer_hello(data, WORDS, OFFER, answers[-1] if answers else None)
+        assert answer is not None
+        answers.append(answer)
+        return [answer.packet] if len(answers) == 3 else []
+
+    session = greet(*meet(reply), WORDS, WANTED)
+    assert len(answers) == 3
+    assert answers[0].session is not None
+    assert np.array_equal(session.key, answers[0].session.key)
+
+
+def test_two_sessions_never_share_a_key() -> None:
+    first, second = (answer_hello(hello(), WORDS, OFFER) for _ in range(2))
+    assert first is not None and second is not None
+    assert isinstance(first.session, Session) and isinstance(second.session, Session)
+    assert not np.array_equal(first.session.key, second.session.key)
+
+
+@pytest.mark.parametrize(
+    ("offer", "words"),
+    [
+        (replace(OFFER, busy=True), "another session has its table"),
+        (replace(OFFER, channels=2), "it has 2 channels; name as many in the rig file"),
+        (replace(OFFER, shortest_interval_ns=2_000_000), "shortest sample interval is 2000 us; lower sample_rate_hz"),
+        (replace(OFFER, faults=wire.EMERGENCY_STOP | wire.SENSOR), "emergency stop is pressed, a sensor failed; put"),
+        (replace(OFFER, faults=wire.TARGET_FAULT << 3), "its own fault code 0x80000"),
+    ],
+)
+def test_a_refusal_says_why(meet: Callable[[Reply], tuple[socket.socket, str]], offer: Offer, words: str) -> None:
+    def reply(data: bytes) -> list[bytes]:
+        answer = answer_hello(data, WORDS, offer)
+        assert answer is not None and answer.session is None
+        return [answer.packet]
+
+    link, peer = meet(reply)
+    with pytest.raises(RigError, match=f"target 127.0.0.1:.* refuses the session: .*{words}"):
+        greet(link, peer, WORDS, WANTED)
+
+
+def test_another_version_is_told_on_both_sides(meet: Callable[[Reply], tuple[socket.socket, str]]) -> None:
+    answer = answer_hello(hello(version=2), WORDS, OFFER)
+    assert answer is not None and answer.session is None
+    told = opened(answer.packet, SECRET)
+    assert told is not None
+    assert told.content == b"n" * 16 + struct.pack("<2q", wire.NO_VERSION, 1)
+
+    def reply(data: bytes) -> list[bytes]:
+        return [Packet(wire.REFUSAL, 0, data[40:56], version=7).sealed(SECRET)]
+
+    link, peer = meet(reply)
+    with pytest.raises(RigError, match="speaks version 7 of the protocol, this rths version 1; bring both"):
+        greet(link, peer, WORDS, WANTED)
+
+
+def test_replayed_and_forged_welcomes_are_passed_over(meet: Callable[[Reply], tuple[socket.socket, str]]) -> None:
+    old = answer_hello(hello(b"o" * 16), WORDS, OFFER)
+    assert old is not None
+
+    def reply(data: bytes) -> list[bytes]:
+        forged = answer_hello(hello(data[40:56]), WORDS, OFFER)
+        real = answer_hello(data, WORDS, OFFER)
+        assert real is not None and forged is not None
+        return [old.packet, forged.packet[:-1] + b"x", data, b"", bytes(2000), real.packet]
+
+    session = greet(*meet(reply), WORDS, WANTED)
+    assert session.terms.watchdog_ns == 50_000_000
+
+
+def test_answers_under_another_key_are_named(meet: Callable[[Reply], tuple[socket.socket, str]]) -> None:
+    link, peer = meet(lambda data: [Packet(wire.WELCOME, 0, data[40:56] + bytes(40)).sealed(bytes(16))])
+    with pytest.raises(RigError, match=r"sent \d+ answers made with another key; give both sides the same key file"):
+        greet(link, peer, WORDS, WANTED, timeout_s=0.15)
+
+
+def test_silence_and_a_closed_port_name_address_and_what_to_look_at(
+    meet: Callable[[Reply], tuple[socket.socket, str]],
+) -> None:
+    link, peer = meet(lambda data: [])
+    with pytest.raises(RigError, match=rf"target {peer} did not answer within 0.15 s: check that it runs, .*key file"):
+        greet(link, peer, WORDS, WANTED, timeout_s=0.15)
+    door = bound("127.0.0.1", 0)
+    link, peer = connected("127.0.0.1", door.getsockname()[1])[0]
+    door.close()
+    with link, pytest.raises(RigError, match="did not answer"):
+        greet(link, peer, WORDS, WANTED, timeout_s=0.15)
+
+
+def test_a_target_answers_nothing_but_genuine_hellos() -> None:
+    good = hello()
+    bad = [
+        b"",
+        good[:-1],
+        good + b"\0",
+        good[:60] + b"\xff" + good[61:],
+        Packet(wire.HELLO, 0, bytes(40)).sealed(bytes(16)),
+        Packet(wire.HELLO, 0, bytes(32)).sealed(SECRET),
+        *(hello(kind=kind) for kind in range(256) if kind != wire.HELLO),
+    ]
+    assert [data for data in bad if answer_hello(data, WORDS, OFFER) is not None] == []
+    assert answer_hello(good, WORDS, OFFER) is not None
+
+
+def test_terms_out_of_sense_are_refused_or_set_right() -> None:
+    for interval in (0, -1, 249_999):
+        answer = answer_hello(hello(terms=Terms(3, interval, 0)), WORDS, OFFER)
+        assert answer is not None and answer.session is None
+    for watchdog in (0, -5, 10**18):
+        answer = answer_hello(hello(terms=Terms(3, 250_000, watchdog)), WORDS, OFFER)
+        assert answer is not None and answer.session is not None
+        assert answer.session.terms.watchdog_ns == 50_000_000
+
+
+def test_packets_made_in_python_are_judged_in_python() -> None:
+    data = sealed(wire.CLOSE, b"", WORDS, 5)
+    assert data == Packet(wire.CLOSE, 5).sealed(SECRET)
+    assert judge(data, WORDS) == wire.GENUINE
+    assert judge(data, WORDS + np.uint64(1)) == wire.FORGED
+    assert judge(data * 40, WORDS) == wire.MALFORMED
+
+
+def test_a_new_secret_is_read_back_and_is_the_owners_alone(tmp_path: Path) -> None:
+    path = tmp_path / "keys" / "table.key"
+    secret = make_secret(path)
+    assert np.array_equal(read_secret(path), secret)
+    assert path.stat().st_mode & 0o777 == 0o600
+    assert len(path.read_text().strip()) == 32
+    assert not np.array_equal(make_secret(tmp_path / "other"), secret)
+    with pytest.raises(InputError, match="cannot be made: File exists"):
+        make_secret(path)
+
+
+def test_the_environment_names_a_key_file_where_the_rig_does_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("RTHS_KEY_FILE", raising=False)
+    with pytest.raises(InputError, match=r"needs a key file: name it as udp\.key_file .* or in RTHS_KEY_FILE"):
+        read_secret(None)
+    named, other = tmp_path / "named", tmp_path / "other"
+    wanted = make_secret(named)
+    monkeypatch.setenv("RTHS_KEY_FILE", str(named))
+    assert np.array_equal(read_secret(None), wanted)
+    assert not np.array_equal(make_secret(other), wanted)
+    assert not np.array_equal(read_secret(other), wanted)
+
+
+@pytest.mark.parametrize(
+    ("text", "mode", "words"),
+    [
+        ("00" * 16 + "\n", 0o640, "is open to other users; run: chmod 600"),
+        ("00" * 15, 0o600, "must hold 32 hexadecimal digits and nothing else, it has 30 signs"),
+        ("0g" * 16, 0o600, "must hold 32 hexadecimal digits"),
+        ("\u00fc" * 32, 0o600, "cannot be read: it is not text"),
+        (None, 0o600, "cannot be read: No such file"),
+    ],
+)
+def test_a_bad_key_file_is_one_sentence(tmp_path: Path, text: str | None, mode: int, words: str) -> None:
+    path = tmp_path / "key"
+    if text is not None:
+        path.write_text(text, encoding="utf-8")
+        os.chmod(path, mode)
+    with pytest.raises(InputError, match=words) as raised:
+        read_secret(path)
+    assert "\n" not in str(raised.value)
+
+
+def test_a_port_in_use_a_foreign_address_and_an_unknown_host_are_sentences(monkeypatch: pytest.MonkeyPatch) -> None:
+    with bound("127.0.0.1", 0) as door:
+        port = door.getsockname()[1]
+        with pytest.raises(RigError, match=rf"cannot listen at 127\.0\.0\.1:{port}: Address already in use; choose"):
+            bound("127.0.0.1", port)
+    with pytest.raises(RigError, match=r"cannot listen at 192\.0\.2\.1:0: "):
+        bound("192.0.2.1", 0)
+    with pytest.raises(RigError, match=r"host 'two\.\.dots' is not known: it is no host name"):
+        connected("two..dots", 1)
+
+    def unknown(*_: object, **__: object) -> None:
+        raise socket.gaierror(-2, "Name or service not known")
+
+    monkeypatch.setattr(socket, "getaddrinfo", unknown)
+    with pytest.raises(RigError, match=r"host 'shaker' is not known: Name or service not known; check udp\.host"):
+        connected("shaker", 1)
+
+
+def test_ipv6_is_spoken_where_the_machine_has_it() -> None:
+    try:
+        door = bound("::1", 0)
+    except RigError:
+        pytest.skip("no IPv6 here")
+    link, peer = connected("[::1]", door.getsockname()[1])[0]
+    with door, link:
+        assert peer == f"[::1]:{door.getsockname()[1]}" == shown(door.getsockname())
+        link.send(b"hello")
+        door.settimeout(2.0)
+        assert door.recv(10) == b"hello"

@@ -1,0 +1,88 @@
+"""A target in plain Python, written from docs/udp.md alone, whose answers a test may spoil."""
+
+from __future__ import annotations
+
+import secrets
+import socket
+import struct
+import threading
+from collections.abc import Callable, Sequence
+
+from packets import Packet, opened, plain_siphash
+
+HELLO, WELCOME, REFUSAL, ARM, COMMAND, SAMPLES, REST, CLOSE = range(1, 9)
+IDLE, ARMED, RESTING, RESTED = range(4)
+Spoil = Callable[[int, bytes], list[bytes]]
+
+
+def faithful(_: int, answer: bytes) -> list[bytes]:
+    return [answer]
+
+
+class PlainTarget:
+    """A target in a thread: `table(None)` gives the first samples, `table(u)` those after u was held one interval.
+
+    Each answer passes `spoil(sequence, answer)`, which returns what is sent instead. `obeyed` lists (sequence, V).
+    """
+
+    def __init__(
+        self, secret: bytes, table: Callable[[float | None], Sequence[float]], channels: int = 3, port: int = 0
+    ) -> None:
+        self.secret, self.table, self.channels = secret, table, channels
+        self.spoil: Spoil = faithful
+        self.key: bytes | None = None
+        self.state, self.faults, self.lost, self.last, self.rests = IDLE, 0, 0, -1, 0
+        self.latched_v = 0.0
+        self.samples: Sequence[float] = [0.0] * channels
+        self.obeyed: list[tuple[int, float]] = []
+        self.received: list[Packet] = []
+        self.door = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.door.bind(("127.0.0.1", port))
+        self.port: int = self.door.getsockname()[1]
+        self._thread = threading.Thread(target=self._serve, daemon=True)
+        self._thread.start()
+
+    def kill(self) -> None:
+        """Stop, and leave the port closed."""
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as last:
+            last.sendto(b"", ("127.0.0.1", self.port))
+        self._thread.join()
+        self.door.close()
+
+    def _serve(self) -> None:
+        while True:
+            data, address = self.door.recvfrom(2048)
+            if not data:
+                return
+            if (hello := opened(data, self.secret)) is not None and hello.kind == HELLO:
+                self.door.sendto(self._welcome(hello), address)
+            elif (
+                self.key is not None and (packet := opened(data, self.key)) is not None and packet.sequence > self.last
+            ):
+                for answer in self.spoil(packet.sequence, self._answer(packet)):
+                    self.door.sendto(answer, address)
+
+    def _welcome(self, hello: Packet) -> bytes:
+        nonces = hello.content[:16] + secrets.token_bytes(16)
+        label = (b"rths-key" + struct.pack("<Q", i) for i in (0, 1))
+        self.key = b"".join(plain_siphash(head + nonces, self.secret) for head in label)
+        self.state, self.lost, self.last = IDLE, 0, -1
+        return Packet(WELCOME, 0, nonces + hello.content[16:40]).sealed(self.secret)
+
+    def _answer(self, packet: Packet) -> bytes:
+        self.received.append(packet)
+        self.lost += packet.sequence - self.last - 1 if self.last >= 0 else 0
+        self.last = packet.sequence
+        if packet.kind == ARM and self.state == IDLE:
+            self.state, self.samples, self.latched_v = ARMED, self.table(None), 0.0
+        elif packet.kind == COMMAND and self.state == ARMED:
+            self.samples = self.table(self.latched_v)
+            self.latched_v = struct.unpack("<d", packet.content)[0]
+            self.obeyed.append((packet.sequence, self.latched_v))
+        elif packet.kind in (REST, CLOSE):
+            self.rests += 1
+            self.state = RESTING if self.rests < 3 else RESTED
+        content = struct.pack(f"<{len(self.samples)}d", *self.samples)
+        answer = Packet(SAMPLES, packet.sequence, content, self.state, self.faults, self.lost, 11, 7)
+        assert self.key is not None
+        return answer.sealed(self.key)

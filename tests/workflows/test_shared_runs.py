@@ -1,0 +1,92 @@
+"""What cases of a batch share changes no byte of their results, and is made once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+
+import h5py
+import numpy as np
+import pytest
+
+from rths_cli.case.load import load_cases
+from rths_cli.workflows import batch, check, controllers, run
+from rths_cli.workflows.kept import Kept
+from rths_cli.workflows.known import Memory
+from rths_cli.workflows.setup import make_setups
+
+CASE = "el_centro_low_ff_fb"
+
+
+def play(path: Path, settings: tuple[str, ...], memory: Memory, kept: Kept | None) -> dict[str, bytes]:
+    """Return every dataset of a run but the case's text and the time it took."""
+    setup = make_setups(load_cases([CASE], settings), kept=kept)[0]
+    assert run.run_case(setup, path, memory, "test", lambda _: None, kept).exit_code == 0
+    found: dict[str, bytes] = {}
+
+    def collect(name: str, node: h5py.Group | h5py.Dataset) -> None:
+        if isinstance(node, h5py.Dataset) and "timing" not in name and not name.startswith("case"):
+            found[name] = np.asarray(node[()]).tobytes()
+
+    with h5py.File(path) as file:
+        file.visititems(collect)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("of", "varied"),
+    [
+        (
+            "sim,sim_delay",
+            (
+                "scaling=0.2",
+                "damping=high",
+                "record=hachinohe",
+                "record_filter.corner_hz=0.5",
+                "sample_rate_hz=1000",
+                "delay_s=0.004",
+                "structure.interface_experimental_mass_kg=0.5",
+            ),
+        ),
+        ("exp_rths", ("controller.command_weight=0.1", "damping=high")),
+    ],
+)
+def test_a_case_has_the_same_bytes_beside_those_that_differ_in_one_key(
+    of: str, varied: tuple[str, ...], tmp_path: Path, memory: Memory
+) -> None:
+    kept, asked, path = Kept(), (f"runs=[{of}]",), tmp_path / "a.h5"
+    first = play(path, asked, memory, kept)
+    for one in varied:
+        beside = play(path, (*asked, one), memory, kept)
+        assert beside == play(path, (*asked, one), memory, None), one
+        assert beside != first, one
+    assert first == play(path, asked, memory, kept)
+
+
+def test_what_two_cases_have_in_common_is_made_once(
+    tmp_path: Path, memory: Memory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[str] = []
+
+    def count(module: object, name: str) -> None:
+        function = getattr(module, name)
+        monkeypatch.setattr(module, name, lambda *a, **k: (made.append(name), function(*a, **k))[1])
+
+    for module, name in ((run, "simulate"), (run, "simulate_delayed"), (check, "simulate")):
+        count(module, name)
+    count(controllers.feedback, "design")
+    kept = Kept()
+    for number, seed in enumerate(("seed=0", "seed=1")):
+        play(tmp_path / f"{number}.h5", ("runs=[sim,sim_delay,exp_rths]", seed), memory, kept)
+    assert sorted(made) == ["design", "simulate", "simulate", "simulate_delayed"]
+
+
+def test_as_much_is_kept_as_fits() -> None:
+    def jobs(samples: int) -> list[tuple[object, Path]]:
+        setup = SimpleNamespace(motion=SimpleNamespace(time_s=np.empty(samples)), case=SimpleNamespace(n_storeys=3))
+        return [(setup, Path("a.h5"))]
+
+    per_sample = 8 * (4 + 3 * 10)
+    assert batch._most_kept(jobs(1000)) == batch.KEPT
+    assert batch._most_kept(jobs(batch.KEPT_BYTES // (3 * per_sample))) == 3
+    assert batch._most_kept(jobs(batch.KEPT_BYTES)) == 1

@@ -88,7 +88,8 @@ def _waits(log: Path) -> bool:
         found = read_result(result)
     except InputError:
         return False
-    return header.run not in found.groups and f"recovered_{header.run}" not in found.attributes
+    finished = found.attributes["status"] == "complete" or f"recovered_{header.run}" in found.attributes
+    return not finished and header.run not in found.groups
 
 
 def entries(results: Sequence[Result], references: Mapping[str, Figures]) -> list[Entry]:

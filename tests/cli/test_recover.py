@@ -64,11 +64,11 @@ def test_logs_become_results_and_json_is_one_document(tmp_path: Path, monkeypatc
     done = rths("recover", "one.exp_rths.rthslog", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout == (
-        "one.h5: interrupted, EXP-RTHS: the process ended before the run did; 1500 of 4000 steps (0.750 s of 2.000 s) "
-        "are recovered from one.exp_rths.rthslog\n"
+        "one.h5: interrupted, EXP-RTHS: 1500 of at most 4000 steps (0.750 s of 2.000 s) are recovered from "
+        "one.exp_rths.rthslog\n"
     )
     with h5py.File(tmp_path / "one.h5") as file:
-        assert file.attrs["status"] == "interrupted" and file.attrs["status_reason"] in done.stdout
+        assert file.attrs["status"] == "interrupted" and file.attrs["recovered_exp_rths"] in done.stdout
         np.testing.assert_array_equal(file["exp_rths/command_v"][()], columns[0, LEAD:])
     words = ("recover", "one.exp_rths.rthslog", "two.exp_rths.rthslog", "two.exp_rths.rthslog", "--json")
     document = json.loads(inside(*words))

@@ -13,7 +13,9 @@ from rths_cli.cli.screens import new_screen
 
 @cli.command()
 @click.argument("case", required=False)
-@click.option("--rig", metavar="FILE", help="Measure the exchange with this rig too, its table held at rest.")
+@click.option(
+    "--rig", metavar="FILE", help="Measure the exchange with this rig too: its table is armed, and held at zero."
+)
 @click.option(
     "--rate",
     "rates_hz",

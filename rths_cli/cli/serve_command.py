@@ -17,7 +17,7 @@ from rths_cli.cli.screens import new_screen
 @click.option("--structure", default="three_storey", show_default=True, help="Whose experimental storeys stand on it.")
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
 @click.option(
-    "--port", type=click.IntRange(0, 65535), default=0, show_default=True, help="Port to listen at; 0: a free one."
+    "--port", type=click.IntRange(0, 65535), default=47800, show_default=True, help="Port to listen at; 0: a free one."
 )
 @click.option(
     "--key-file",
@@ -54,7 +54,7 @@ def serve(
 
     Ends, with the table at rest, after --seconds or by Ctrl-C.
 
-    Example: rths serve aps400_virtual --port 5400
+    Example: rths serve aps400_virtual --structure three_storey
     """
     from dataclasses import asdict
 

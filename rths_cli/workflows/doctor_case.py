@@ -36,9 +36,13 @@ def examine_request(request: DoctorRequest, say: Progress) -> Examined:
     if request.case and not wanted:
         wanted = (case.sample_rate_hz,)
     others = () if wanted else RATES_HZ
-    if case.table.kind == "virtual" and request.rig:
-        raise InputError(
-            f"--rig {request.rig}: a virtual rig has no clock of its own to hold; start it with "
-            f"'rths serve {request.rig}' and name a rig of kind udp"
-        )
-    return examine(others, wanted, request.seconds, say)
+    if case.table.kind == "virtual":
+        if request.rig:
+            raise InputError(
+                f"--rig {request.rig}: a virtual rig has no clock of its own to hold; start it with "
+                f"'rths serve {request.rig}' and name a rig of kind udp"
+            )
+        return examine(others, wanted, request.seconds, say)
+    from rths_cli.workflows.doctor_rig import exchange_delays
+
+    return examine(others, wanted, request.seconds, say, case.table.name, exchange_delays(case))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from rths_cli.rigs.virtual.plant import Plant
 from rths_cli.workflows.rigs import EXP_RTHS, guard_limits
 from rths_cli.workflows.setup import Setup, make_setup
 
+if TYPE_CHECKING:
+    from rths_cli.case.models_rig import VirtualRigSpec
+
 CASE = "el_centro_low_ff_fb"  # lends what a rig and a structure do not state: they stand in its place
 NOISE_ROWS = 1 << 17  # 131 s at 1 kHz, then it repeats
 
@@ -27,6 +31,7 @@ class ServedRig:
     """A virtual rig with its specimen; its noise is that of the offline run EXP-RTHS with the same seed."""
 
     setup: Setup
+    table: VirtualRigSpec
     seed: int
 
     @property
@@ -53,21 +58,22 @@ class ServedRig:
 def describe(rig: str, structure: str, settings: tuple[str, ...], seed: int) -> ServedRig:
     """Return a rig file's virtual table with a structure's specimen; raises InputError."""
     from rths_cli.case.load import load_cases
+    from rths_cli.case.models_rig import VirtualRigSpec
 
     named = (f"table={json.dumps(rig)}", f"structure={json.dumps(structure)}", "damping={first_mode_ratio: 0.03}")
     case = load_cases([CASE], (*named, *settings))[0]
-    if case.table.kind != "virtual":
+    if not isinstance(case.table, VirtualRigSpec):
         raise InputError(f"{rig}: its kind is {case.table.kind}; only a virtual rig can be served")
     undamped = case.damping.model_copy(
         update={"first_mode_ratio": None, "dashpots_n_s_per_m": (0.0,) * len(case.structure.numerical.masses_kg)}
     )  # the computed storeys are not served
-    return ServedRig(make_setup(case.model_copy(update={"damping": undamped})), seed)
+    return ServedRig(make_setup(case.model_copy(update={"damping": undamped})), case.table, seed)
 
 
 def make_table(rig: ServedRig, interval_ns: int) -> Table:
     """Return table and specimen at rest, in ticks of a quarter of the interval."""
     tick_s = 1e-9 * interval_ns / TICKS_PER_INTERVAL
-    plant = _plant(rig.setup, tick_s)
+    plant = _plant(rig, tick_s)
     return Table(
         plant,
         fresh_state(plant, 0),
@@ -79,8 +85,8 @@ def make_table(rig: ServedRig, interval_ns: int) -> Table:
     )
 
 
-def _plant(setup: Setup, tick_s: float) -> Plant:
-    info = replace(setup.rig, dt_s=tick_s, latency_samples=0)
-    mass = setup.building.interface_experimental_mass_kg
-    table = setup.case.table
-    return virtual_rig(table, info, setup.building.specimen, mass, (0,), after_identification=True).plant
+def _plant(rig: ServedRig, tick_s: float) -> Plant:
+    info = replace(rig.setup.rig, dt_s=tick_s, latency_samples=0)
+    building = rig.setup.building
+    mass = building.interface_experimental_mass_kg
+    return virtual_rig(rig.table, info, building.specimen, mass, (0,), after_identification=True).plant

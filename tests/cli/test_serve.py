@@ -20,7 +20,7 @@ from rths_cli.rigs.udp.rig import UdpRig, UdpTarget
 from rths_cli.workflows.serve_table import describe
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
-RTHS = [sys.executable, "-m", "rths_cli", "serve"]
+RTHS = [sys.executable, "-m", "rths_cli", "serve", "--port", "0"]
 
 
 @contextmanager

@@ -5,32 +5,30 @@ from __future__ import annotations
 import socket
 import struct
 import sys
-import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from serving_bench import WATCHDOG_S, Running, until
 
 from rths_cli.errors import InputError, RigError
 from rths_cli.loop import serving
 from rths_cli.lti import Array
 from rths_cli.rigs.udp import link as links
 from rths_cli.rigs.udp import wire
-from rths_cli.rigs.udp.rig import UdpRig, UdpTarget
+from rths_cli.rigs.udp.rig import UdpRig
 from rths_cli.rigs.udp.secret import make_secret
 from rths_cli.rigs.udp.session import sealed
-from rths_cli.rigs.udp.sockets import bound
 from rths_cli.rigs.virtual.opening import virtual_rig
 from rths_cli.workflows.rigs import EXP_RTHS, open_rig
-from rths_cli.workflows.serve import Server, socket_address
+from rths_cli.workflows.serve import socket_address
 from rths_cli.workflows.serve_table import ServedRig, describe
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
 RATE_HZ = 200.0
-WATCHDOG_S = 0.1
 AT_REST_M = 5e-4  # friction may hold the table off its centre, a thirtieth of what it moved by
 
 
@@ -46,52 +44,12 @@ def key_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-class Running:
-    """A server in a thread of this process, and what a runner needs to reach it."""
-
-    def __init__(self, served: ServedRig, key_file: Path, host: str = "127.0.0.1") -> None:
-        from rths_cli.rigs.udp.secret import read_secret
-
-        self.served, self.key_file = served, key_file
-        self.said: list[str] = []
-        self.link = bound(host, 0)
-        self.host, self.port = self.link.getsockname()[:2]
-        self.server = Server(self.link, read_secret(key_file), served, round(1e9 * WATCHDOG_S), self.said.append)
-        self.thread = threading.Thread(target=self.server.run_for, args=(None,))
-        self.thread.start()
-
-    def end(self) -> None:
-        self.server._orders[0] = 1
-        self.thread.join(10)
-        assert not self.thread.is_alive()
-        self.link.close()
-
-    def rig(self) -> UdpRig:
-        return UdpRig(self.served.setup.rig, UdpTarget(self.host, self.port, self.key_file, timeout_s=0.5))
-
-    @property
-    def session(self) -> Array:
-        return self.server._door.session
-
-    @property
-    def counts(self) -> Array:
-        return self.server._door.counts
-
-
 @pytest.fixture
 def running(served: ServedRig, key_file: Path) -> Iterator[Running]:
     made = Running(served, key_file)
     yield made
     made.session[serving.STATE] = wire.RESTED  # no test waits for a table that it has done with
     made.end()
-
-
-def until(condition: Callable[[], bool], seconds: float = 20.0) -> None:
-    """Wait for something that must come; the time is a bound for a broken program, not a measure."""
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.005)
 
 
 def wave(steps: int) -> Array:

@@ -1,0 +1,55 @@
+"""A server of the virtual table in a thread, for tests of both of its sides."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from rths_cli.lti import Array
+from rths_cli.rigs.udp.rig import UdpRig, UdpTarget
+from rths_cli.rigs.udp.secret import read_secret
+from rths_cli.rigs.udp.sockets import bound
+from rths_cli.workflows.serve import Server
+from rths_cli.workflows.serve_table import ServedRig
+
+WATCHDOG_S = 0.1
+
+
+class Running:
+    """A server in a thread of this process, and what a runner needs to reach it."""
+
+    def __init__(self, served: ServedRig, key_file: Path, host: str = "127.0.0.1") -> None:
+        self.served, self.key_file = served, key_file
+        self.said: list[str] = []
+        self.link = bound(host, 0)
+        self.host, self.port = self.link.getsockname()[:2]
+        self.server = Server(self.link, read_secret(key_file), served, round(1e9 * WATCHDOG_S), self.said.append)
+        self.thread = threading.Thread(target=self.server.run_for, args=(None,))
+        self.thread.start()
+
+    def end(self) -> None:
+        self.server._orders[0] = 1
+        self.thread.join(10)
+        assert not self.thread.is_alive()
+        self.link.close()
+
+    def rig(self) -> UdpRig:
+        return UdpRig(self.served.setup.rig, UdpTarget(self.host, self.port, self.key_file, timeout_s=0.5))
+
+    @property
+    def session(self) -> Array:
+        return self.server._door.session
+
+    @property
+    def counts(self) -> Array:
+        return self.server._door.counts
+
+
+def until(condition: Callable[[], bool], seconds: float = 20.0) -> None:
+    """Wait for something that must come; the time is a bound for a broken program, not a measure."""
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.005)

@@ -23,7 +23,7 @@ from rths_cli.loop.stream import LogStream
 from rths_cli.loop.watching import View, Watching
 from rths_cli.workflows.doctor import summary
 from rths_cli.workflows.rigs import guard_limits, open_rig
-from rths_cli.workflows.run import TableRun, drive_of
+from rths_cli.workflows.table_runs import TableRun, drive_of
 
 if TYPE_CHECKING:
     from rths_cli.control.blocks import Blocks

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rths_cli.errors import InputError
 from rths_cli.files.hdf5 import Dataset, write_group
+from rths_cli.files.hdf5_nodes import add_text
 from rths_cli.lti import Array
 
 FORMAT = "rths-result"
@@ -77,7 +78,7 @@ class ResultWriter:
         try:
             with self._reporting():
                 self._file = h5py.File(self.part, "w", meta_block_size=META_BLOCK)
-                self._file.attrs.update({**self._attributes, **HEADER})
+                _add_attributes(self._file, {**self._attributes, **HEADER})
                 self._file.flush()
         except BaseException:  # a signal too must leave no half file
             self._abandon()
@@ -181,8 +182,7 @@ class ResultWriter:
         with self._reporting():
             group = self._file.require_group(name)
             write_group(group, datasets, scales, self._scales)
-            for key, value in about.items():
-                group.attrs[key] = _text_list(value) if isinstance(value, list) else value
+            _add_attributes(group, about)
             self._file.flush()
 
     def _publish(self) -> None:
@@ -259,6 +259,15 @@ def refusal(path: Path, what: str, error: Exception, advice: bool = True) -> str
     told = re.search(r"error message = '([^']*)'", str(error))
     cause = os.strerror(number) if number else told[1] if told else str(error).partition("\n")[0]
     return f"{path}: {what}: {cause}" + ("; free space or choose another --output folder." if advice else ".")
+
+
+def _add_attributes(group: Any, about: Mapping[str, Any]) -> None:
+    """Add new attributes to a group: numbers, texts and lists of texts."""
+    for key, value in about.items():
+        if isinstance(value, str):
+            add_text(group.id, key, value)
+        else:
+            group.attrs[key] = _text_list(value) if isinstance(value, list) else value
 
 
 def _text_list(value: list[str]) -> Any:

@@ -44,7 +44,7 @@ class _Kit(NamedTuple):
     in_header: PropDCID
 
 
-def add_text(node: DatasetID, name: str, text: str) -> None:
+def add_text(node: DatasetID | GroupID, name: str, text: str) -> None:
     """Add a new attribute holding a text."""
     kit = _kit()
     held = np.empty((), dtype=object)

@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from rths_cli.errors import InputError
 from rths_cli.files.durable import sync
 from rths_cli.files.hdf5 import Dataset, write_group
+from rths_cli.files.hdf5_nodes import add_text
 from rths_cli.lti import Array
 
 FORMAT = "rths-result"
@@ -88,7 +89,10 @@ class ResultWriter:
                     shutil.copyfile(self.path, self.part)
                 self._file = h5py.File(self.part, "a" if self._continues else "w", meta_block_size=META_BLOCK)
                 self._scales = _scales_of(self._file)
-                self._file.attrs.update({**self._attributes, **HEADER})
+                if self._continues:
+                    self._file.attrs.update({**self._attributes, **HEADER})
+                else:
+                    _add_attributes(self._file, {**self._attributes, **HEADER})
                 self._file.flush()
         except BaseException:  # a signal too must leave no half file
             self._abandon()
@@ -217,8 +221,7 @@ class ResultWriter:
         with self._reporting():
             group = self._file.require_group(name)
             write_group(group, datasets, scales, self._scales)
-            for key, value in about.items():
-                group.attrs[key] = _text_list(value) if isinstance(value, list) else value
+            _add_attributes(group, about)
             self._file.flush()
 
     def _publish(self) -> None:
@@ -311,6 +314,15 @@ def _scales_of(file: Any) -> dict[str, NDArray[Any]]:
 
     file.visititems(collect)
     return found
+
+
+def _add_attributes(group: Any, about: Mapping[str, Any]) -> None:
+    """Add new attributes to a group: numbers, texts and lists of texts."""
+    for key, value in about.items():
+        if isinstance(value, str):
+            add_text(group.id, key, value)
+        else:
+            group.attrs[key] = _text_list(value) if isinstance(value, list) else value
 
 
 def _text_list(value: list[str]) -> Any:

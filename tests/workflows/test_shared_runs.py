@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import h5py
 import numpy as np
@@ -81,12 +82,24 @@ def test_what_two_cases_have_in_common_is_made_once(
     assert sorted(made) == ["_stability", "design", "simulate", "simulate", "simulate_delayed"]
 
 
-def test_as_much_is_kept_as_fits() -> None:
-    def jobs(samples: int) -> list[tuple[object, Path]]:
-        setup = SimpleNamespace(motion=SimpleNamespace(time_s=np.empty(samples)), case=SimpleNamespace(n_storeys=3))
-        return [(setup, Path("a.h5"))]
+def jobs(samples: int, *kinds: str) -> list[tuple[Any, Path]]:
+    """Return jobs of records of so many samples on rigs of these kinds."""
+    motion, case = SimpleNamespace(time_s=np.empty(samples)), SimpleNamespace(n_storeys=3)
+    return [(SimpleNamespace(motion=motion, case=case, rig=SimpleNamespace(kind=kind)), Path("a.h5")) for kind in kinds]
 
+
+def test_as_much_is_kept_as_fits() -> None:
     per_sample = 8 * (4 + 3 * 10)
-    assert batch._most_kept(jobs(1000)) == batch.KEPT
-    assert batch._most_kept(jobs(batch.KEPT_BYTES // (3 * per_sample))) == 3
-    assert batch._most_kept(jobs(batch.KEPT_BYTES)) == 1
+    assert batch._most_kept(jobs(1000, "virtual")) == batch.KEPT
+    assert batch._most_kept(jobs(batch.KEPT_BYTES // (3 * per_sample), "virtual")) == 3
+    assert batch._most_kept(jobs(batch.KEPT_BYTES, "virtual")) == 1
+
+
+def test_two_cases_are_worked_on_unless_one_is_real_or_very_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(batch, "cores", lambda: 4)
+    assert batch._at_once(jobs(1000, "virtual", "virtual", "virtual")) == 2
+    assert batch._at_once(jobs(1000, "virtual")) == 1
+    assert batch._at_once(jobs(1000, "virtual", "udp")) == 1
+    assert batch._at_once(jobs(batch.KEPT_BYTES, "virtual", "virtual")) == 1
+    monkeypatch.setattr(batch, "cores", lambda: 1)
+    assert batch._at_once(jobs(1000, "virtual", "virtual")) == 1

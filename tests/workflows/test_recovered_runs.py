@@ -182,6 +182,27 @@ def test_a_failed_result_gets_the_run_that_it_has_not_and_says_both(played: Play
     assert found.attributes["status_reason"] == f"the link was lost; {added.note}"
 
 
+def test_the_ramp_before_the_record_is_left_out(played: Played, tmp_path: Path) -> None:
+    header, columns = played.logs["exp_rths"]
+    ramped = replace(header, steps=header.steps + 300, ramp_steps=300)
+    path, result, whole = (
+        raw_log_path(tmp_path / "a.h5", "exp_rths"),
+        tmp_path / "a.h5",
+        series(played.result, "exp_rths"),
+    )
+    for steps in (300, 1300):
+        begun(played, result)
+        with RawLogWriter(path, ramped) as log:
+            log.append(0, np.full((len(columns), 300), 7.0))
+            if steps > 300:
+                log.append(300, columns[:, :steps])
+        recover([path])
+        path.unlink()
+        assert ("exp_rths" in read_result(result).groups) == (steps > 300)  # no step of the record before
+    found = series(result, "exp_rths")["rel_disp_m"]
+    np.testing.assert_array_equal(found, whole["rel_disp_m"][:, : 1300 - header.lead_samples])
+
+
 def test_what_no_rig_knows_is_nan_and_what_is_missing_in_between_is_told(played: Played, tmp_path: Path) -> None:
     header, columns = played.logs["exp_rths"]
     kept = [i for i, name in enumerate(header.names) if name not in TRUTH]

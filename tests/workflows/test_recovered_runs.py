@@ -17,11 +17,13 @@ from rths_cli.files.raw_log_writer import RawLogWriter
 from rths_cli.files.results import ResultWriter, read_result
 from rths_cli.loop.blocks import NUMERICAL, RECORD
 from rths_cli.loop.log import Signals
+from rths_cli.workflows.check_cases import verdict_on
 from rths_cli.workflows.known import Memory
 from rths_cli.workflows.recover import recover
 from rths_cli.workflows.rigs import EXP_RTHS, SHAKE_TABLE
-from rths_cli.workflows.run import play_run, run_case, verdict_on
+from rths_cli.workflows.run import run_case
 from rths_cli.workflows.setup import make_setup
+from rths_cli.workflows.table_runs import play_run
 
 CASE = "structure: three_storey\ndamping: low\nrecord: ./short.csv\nscaling: 0.3\ncontroller: FF+FB\n"
 IDENTIFIED = "\nidentification:\n  model: /gone/model.h5\n"

@@ -205,6 +205,20 @@ def test_the_ramp_before_the_record_is_left_out(played: Played, tmp_path: Path) 
     np.testing.assert_array_equal(found, whole["rel_disp_m"][:, : 1300 - header.lead_samples])
 
 
+def test_what_the_loop_noted_of_its_time_comes_back(played: Played, tmp_path: Path) -> None:
+    header, columns = played.logs["exp_rths"]
+    names = ("late_ns", "exchange_ns", "lost", "state")
+    timed = replace(header, names=(*header.names, *names), units=(*header.units, "ns", "ns", "1", "1"))
+    noted = 1000.0 * np.arange(4.0)[:, None] + np.arange(800.0)
+    path = raw_log_path(begun(played, tmp_path / "a.h5"), "exp_rths")
+    with RawLogWriter(path, timed) as log:
+        log.append(0, np.vstack([columns[:, :800], noted]))
+    recover([path])
+    found, lead = series(tmp_path / "a.h5", "exp_rths"), header.lead_samples
+    for name, values in zip(("late_s", "exchange_s", "lost", "state"), noted, strict=True):
+        np.testing.assert_allclose(found[f"timing/{name}"], values[lead:] * (1e-9 if name.endswith("_s") else 1.0))
+
+
 def test_what_no_rig_knows_is_nan_and_what_is_missing_in_between_is_told(played: Played, tmp_path: Path) -> None:
     header, columns = played.logs["exp_rths"]
     kept = [i for i, name in enumerate(header.names) if name not in TRUTH]

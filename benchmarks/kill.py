@@ -132,10 +132,10 @@ def _run(result: Path, setup: Setup, done: NDArray[np.int64]) -> None:
         with ResultWriter(result, attributes) as writer:
             writer.case(case.yaml_text, resolved_yaml(case))
             contents.write_record(writer, setup)
-            writer.finish("interrupted", still_in(log.path))
-        with LogStream(log, columns, done, np.zeros(1, dtype=np.int64)):
-            _loop(columns, done)
-        with ResultWriter(result, {}, continues=True) as writer:
+            writer.park(still_in(log.path))
+            with LogStream(log, columns, done, np.zeros(1, dtype=np.int64)):
+                _loop(columns, done)
+            writer.resume()
             command = Dataset(_made_up(STEPS)[0, LEAD:], "V", "command that left the guard", "computed")
             writer.group("exp_rths", {"command_v": command}, DT_S * np.arange(STEPS - LEAD))
             writer.finish("complete")

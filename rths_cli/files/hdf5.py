@@ -128,6 +128,18 @@ def _scales_around(group: h5py.Group) -> dict[str, NDArray[Any]]:
     return found
 
 
+def scales_of(file: h5py.File) -> dict[str, NDArray[Any]]:
+    """Return the values of every scale in a file by its path."""
+    found: dict[str, NDArray[Any]] = {}
+
+    def collect(name: str, node: Any) -> None:
+        if getattr(node, "is_scale", False):
+            found[f"/{name}"] = node[()]
+
+    file.visititems(collect)
+    return found
+
+
 def _create(path: str, group: h5py.Group, name: str, item: Dataset, like: DatasetID | None = None) -> DatasetID:
     """Create one dataset with its attributes; `like` has its values already.
 

@@ -8,7 +8,6 @@ table is at rest is finished as `interrupted`, and a writer that `continues` it 
 
 from __future__ import annotations
 
-import glob
 import os
 import re
 import shutil
@@ -24,8 +23,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rths_cli.errors import InputError
-from rths_cli.files.durable import sync
-from rths_cli.files.hdf5 import Dataset, write_group
+from rths_cli.files.durable import remove_leftovers, sync
+from rths_cli.files.hdf5 import Dataset, scales_of, write_group
 from rths_cli.files.hdf5_nodes import add_text
 from rths_cli.lti import Array
 
@@ -82,13 +81,13 @@ class ResultWriter:
         if not self._expendable and self.path.exists():
             raise InputError(f"{self.path}: exists and holds a hardware run; choose another name or --output folder.")
         if self._expendable:
-            _remove_leftovers(self.path)
+            remove_leftovers(self.path)
         try:
             with self._reporting():
                 if self._continues:
                     shutil.copyfile(self.path, self.part)
                 self._file = h5py.File(self.part, "a" if self._continues else "w", meta_block_size=META_BLOCK)
-                self._scales = _scales_of(self._file)
+                self._scales = scales_of(self._file)
                 if self._continues:
                     self._file.attrs.update({**self._attributes, **HEADER})
                 else:
@@ -198,12 +197,12 @@ class ResultWriter:
         """Close and rename the file, or remove it."""
         if self._parked:
             self.resume()
-            self.finish("failed", str(error) if error else "the run ended without a status")
+            self.finish("failed", _said(error))
         if self._broken:
             self._abandon()
             return
         if not self._expendable and (self._status is None or (error and self._status == "complete")):
-            self.finish("failed", str(error) if error else "the run ended without a status")
+            self.finish("failed", _said(error))
         if self._status is None or (error is not None and self._status == "complete"):
             self._abandon()
             if error is None:
@@ -260,24 +259,9 @@ class ResultWriter:
             raise InputError(refusal(self.path, "cannot write the result file", error) + left) from error
 
 
-def _remove_leftovers(path: Path) -> None:
-    """Remove what killed processes left of this virtual result: parts whose process is gone."""
-    for part in path.parent.glob(f".{glob.escape(path.name)}.*.part"):
-        number = part.name.split(".")[-2]
-        if number.isdigit() and not _is_alive(int(number)):
-            with suppress(OSError):
-                part.unlink()
-
-
-def _is_alive(process: int) -> bool:
-    """Tell whether a process of this number runs; in doubt it does."""
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        return True
-    return True
+def _said(error: BaseException | None) -> str:
+    """Return what ended a run: an interrupt says nothing itself."""
+    return "the run ended without a status" if error is None else str(error) or type(error).__name__
 
 
 def check_writable(folder: Path, needed_bytes: int = 0) -> None:
@@ -302,18 +286,6 @@ def refusal(path: Path, what: str, error: Exception, advice: bool = True) -> str
     told = re.search(r"error message = '([^']*)'", str(error))
     cause = os.strerror(number) if number else told[1] if told else str(error).partition("\n")[0]
     return f"{path}: {what}: {cause}" + ("; free space or choose another --output folder." if advice else ".")
-
-
-def _scales_of(file: Any) -> dict[str, NDArray[Any]]:
-    """Return the values of every scale in an open file by its path."""
-    found: dict[str, NDArray[Any]] = {}
-
-    def collect(name: str, node: Any) -> None:
-        if getattr(node, "is_scale", False):
-            found[f"/{name}"] = node[()]
-
-    file.visititems(collect)
-    return found
 
 
 def _add_attributes(group: Any, about: Mapping[str, Any]) -> None:

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from rths_cli.lti import Array
 
 LABELS = {"shake_table": "shake-table test", "exp_rths": "EXP-RTHS"}
-TIMED = ("late_ns", "exchange_ns", "lost", "state")
+TIMED = ("late_ns", "exchange_ns", "lost", "state")  # not in every log
 NOTED = tuple(f"recovered_{run}" for run in LABELS)
 
 
@@ -213,13 +213,14 @@ def _signals(log: RawLog, setup: Setup) -> Signals:
     def rows(names: Sequence[str]) -> Array:
         return np.array([columns.get(name, unknown) for name in names])
 
-    single = ("command_v", "base_shear_n", "true_displacement_m", "compute_ns", *TIMED)
+    single = ("command_v", "base_shear_n", "true_displacement_m", "compute_ns")
     several = ("corrected", "true_velocity_m_s", "samples_v")
     return Signals(
         desired=rows(DESIRED),
         estimated=rows(list(takewhile(columns.__contains__, _named("estimated")))),
         **{name: rows(_numbered(name, channels)) for name in several},
         **{name: columns.get(name, unknown) for name in single},
+        **{name: columns.get(name, unknown[:0]) for name in TIMED},
     )
 
 

@@ -16,10 +16,11 @@ from rths_cli.case.load import load_cases, resolved_yaml
 from rths_cli.cli import cli
 from rths_cli.files.raw_log import RawHeader, raw_log_path
 from rths_cli.files.raw_log_writer import RawLogWriter
-from rths_cli.files.results import ResultWriter
+from rths_cli.files.results import ResultWriter, Status
 
 NAMES = ("command_v", "desired_accel_m_s2", "desired_velocity_m_s", "desired_displacement_m", "base_shear_n")
 NAMES += (*(f"corrected_{i}" for i in range(3)), *(f"estimated_{i}" for i in range(6)))
+FINISHED: tuple[tuple[str, Status], ...] = (("four", "complete"), ("six", "aborted"))
 STEPS, DONE, LEAD = 4000, 1500, 2
 
 
@@ -103,10 +104,11 @@ def test_report_says_what_waits_to_be_recovered(tmp_path: Path, monkeypatch: pyt
         killed(folder, "two")
         killed(folder, "three", LEAD)  # of which the record's clock knows nothing
         inside("recover", "results/two.exp_rths.rthslog", "results/three.exp_rths.rthslog")
-        killed(folder, "four")
-        with ResultWriter(folder / "four.h5", {"case_name": "four"}) as writer:
-            writer.group("exp_rths", {})
-            writer.finish("complete")
+        for name, status in FINISHED:
+            killed(folder, name)
+            with ResultWriter(folder / f"{name}.h5", {"case_name": name}) as writer:
+                writer.group("exp_rths" if status == "aborted" else "record", {})
+                writer.finish(status)
         (folder / "five.rthslog").write_text("no log")
     done = rths("report", cwd=tmp_path)
     assert done.returncode == (0 if others else 2)

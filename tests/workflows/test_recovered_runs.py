@@ -184,6 +184,41 @@ def test_a_failed_result_gets_the_run_that_it_has_not_and_says_both(played: Play
     assert found.attributes["status_reason"] == f"the link was lost; {added.note}"
 
 
+def test_the_ramp_before_the_record_is_left_out(played: Played, tmp_path: Path) -> None:
+    header, columns = played.logs["exp_rths"]
+    ramped = replace(header, steps=header.steps + 300, ramp_steps=300)
+    path, result, whole = (
+        raw_log_path(tmp_path / "a.h5", "exp_rths"),
+        tmp_path / "a.h5",
+        series(played.result, "exp_rths"),
+    )
+    for steps in (300, 1300):
+        begun(played, result)
+        with RawLogWriter(path, ramped) as log:
+            log.append(0, np.full((len(columns), 300), 7.0))
+            if steps > 300:
+                log.append(300, columns[:, :steps])
+        recover([path])
+        path.unlink()
+        assert ("exp_rths" in read_result(result).groups) == (steps > 300)  # no step of the record before
+    found = series(result, "exp_rths")["rel_disp_m"]
+    np.testing.assert_array_equal(found, whole["rel_disp_m"][:, : 1300 - header.lead_samples])
+
+
+def test_what_the_loop_noted_of_its_time_comes_back(played: Played, tmp_path: Path) -> None:
+    header, columns = played.logs["exp_rths"]
+    names = ("late_ns", "exchange_ns", "lost", "state")
+    timed = replace(header, names=(*header.names, *names), units=(*header.units, "ns", "ns", "1", "1"))
+    noted = 1000.0 * np.arange(4.0)[:, None] + np.arange(800.0)
+    path = raw_log_path(begun(played, tmp_path / "a.h5"), "exp_rths")
+    with RawLogWriter(path, timed) as log:
+        log.append(0, np.vstack([columns[:, :800], noted]))
+    recover([path])
+    found, lead = series(tmp_path / "a.h5", "exp_rths"), header.lead_samples
+    for name, values in zip(("late_s", "exchange_s", "lost", "state"), noted, strict=True):
+        np.testing.assert_allclose(found[f"timing/{name}"], values[lead:] * (1e-9 if name.endswith("_s") else 1.0))
+
+
 def test_what_no_rig_knows_is_nan_and_what_is_missing_in_between_is_told(played: Played, tmp_path: Path) -> None:
     header, columns = played.logs["exp_rths"]
     kept = [i for i, name in enumerate(header.names) if name not in TRUTH]

@@ -2,16 +2,61 @@
 
 from __future__ import annotations
 
+import os
 import sys
-from collections.abc import Callable
-from typing import TYPE_CHECKING, TextIO
+import time
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, TextIO
 
 if TYPE_CHECKING:
+    from rich.live import Live
+
+    from rths_cli.loop.watching import View
     from rths_cli.workflows.run import Ended
+
+PLAIN_S = 5.0  # between two lines where output is no terminal
 
 
 def _nothing() -> None:
     """Do nothing."""
+
+
+class Keys:
+    """The operator's keyboard, read key by key while a table moves, where there is one."""
+
+    def __init__(self) -> None:
+        self._before: Any = None
+
+    def stop_pressed(self) -> bool:
+        """Tell whether s, space or escape was pressed."""
+        if not self._taken():
+            return False
+        import select
+
+        pressed = b""
+        while select.select([sys.stdin], [], [], 0.0)[0] and (key := os.read(sys.stdin.fileno(), 32)):
+            pressed += key
+        return any(key in b"sS \x1b" for key in pressed)
+
+    def _taken(self) -> bool:
+        """Take the keyboard, unless it is taken; tell whether there is one."""
+        if self._before is None:
+            if os.name != "posix" or not sys.stdin.isatty():
+                return False
+            import termios
+            import tty
+
+            self._before = termios.tcgetattr(sys.stdin)
+            tty.setcbreak(sys.stdin)
+        return True
+
+    def release(self) -> None:
+        """Give the keyboard back as it was."""
+        if self._before is not None:
+            import termios
+
+            termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._before)
+            self._before = None
 
 
 class Screen:
@@ -27,6 +72,9 @@ class Screen:
         self._live = not quiet and self._stream.isatty()
         self._label = ""
         self._said: set[str] = set()
+        self._drawn: Live | None = None
+        self._shown_s = 0.0
+        self._keys = Keys()
 
     def started(self, number: int, count: int, name: str) -> None:
         """Show that a case starts."""
@@ -54,6 +102,39 @@ class Screen:
                 print(f"  note: {warning}", file=self._stream, flush=True)
             self._said.add(warning)
 
+    def moving(self, label: str, view: View) -> bool:
+        """Show how a run stands on a real rig: a few lines on a terminal, a line every 5 s elsewhere.
+
+        Return whether the operator pressed the stop key.
+        """
+        from rths_cli.report.live_text import live_lines, one_line
+
+        if self._live:
+            self._panel(live_lines(label, view))
+        elif not self._quiet and time.monotonic() - self._shown_s >= PLAIN_S:
+            print(f"{self._label}: {one_line(label, view)}", file=self._stream, flush=True)
+            self._shown_s = time.monotonic()
+        return self._keys.stop_pressed()
+
+    def _panel(self, lines: list[str]) -> None:
+        """Draw lines in the place of those drawn before."""
+        from rich.console import Console
+        from rich.live import Live
+        from rich.text import Text
+
+        if self._drawn is None:
+            self._clear()
+            self._drawn = Live(console=Console(file=self._stream), transient=True, auto_refresh=False)
+            self._drawn.start()
+        self._drawn.update(Text("\n".join(lines)), refresh=True)
+
+    def confirm(self, lines: Sequence[str]) -> bool:
+        """Show a checklist and ask whether a real table may move."""
+        self._clear()
+        print("\n".join([lines[0], *(f"  {line}" for line in lines[1:])]), file=self._stream, flush=True)
+        print("Type yes to move the table: ", end="", file=self._stream, flush=True)
+        return sys.stdin.readline().strip().lower() == "yes"
+
     def message(self, text: str) -> None:
         """Show a line, for instance a warning."""
         self._clear()
@@ -73,5 +154,9 @@ class Screen:
             self._stream.flush()
 
     def _clear(self) -> None:
+        if self._drawn is not None:
+            self._drawn.stop()
+            self._drawn = None
+        self._keys.release()
         if self._live:
             self._stream.write("\r\x1b[K")

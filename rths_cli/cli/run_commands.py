@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from rths_cli.cli.group import cli
-from rths_cli.cli.options import json_option, methods_option, overrides_option, settings_option
+from rths_cli.cli.options import json_option, methods_option, overrides_option, settings_option, yes_option
 from rths_cli.cli.screens import new_screen
 
 
@@ -24,6 +24,7 @@ from rths_cli.cli.screens import new_screen
     ["check", "model"],
     "run EXP-RTHS although its check says no, or use a model that was rejected. Repeatable, stored in the result.",
 )
+@yes_option
 @click.option("--fresh", is_flag=True, help="Identify anew; use no model of a virtual rig kept from earlier runs.")
 @settings_option
 @json_option
@@ -34,6 +35,7 @@ def run(
     no_replace: bool,
     quiet: bool,
     overrides: tuple[str, ...],
+    yes: bool,
     fresh: bool,
     settings: tuple[str, ...],
     as_json: bool,
@@ -54,6 +56,7 @@ def run(
         command_line=" ".join(["rths", *sys.argv[1:]]),
         overrides=tuple(dict.fromkeys(overrides)),
         fresh=fresh,
+        yes=yes,
     )
     ended = run_batch(request, screen)
     _show_results([e.path for e in ended if e.path], as_json, [e.__dict__ for e in ended])

@@ -70,6 +70,7 @@ class ResultWriter:
         self._lasting = continues or not virtual
         self._status: str | None = None
         self._broken = False
+        self._parked = False
         self._file: Any = None  # h5py.File while open
         self._scales: dict[str, NDArray[Any]] = {}  # those written, by path
 
@@ -87,7 +88,7 @@ class ResultWriter:
                     shutil.copyfile(self.path, self.part)
                 self._file = h5py.File(self.part, "a" if self._continues else "w", meta_block_size=META_BLOCK)
                 self._scales = _scales_of(self._file)
-                self._file.attrs.update(self._attributes | ({} if self._continues else HEADER))
+                self._file.attrs.update({**self._attributes, **HEADER})
                 self._file.flush()
         except BaseException:  # a signal too must leave no half file
             self._abandon()
@@ -159,16 +160,41 @@ class ResultWriter:
                 write_group(self._file.require_group(parent), items, {}, self._scales)
             self._file.flush()
 
+    @property
+    def attributes(self) -> dict[str, Attribute]:
+        """Return the attributes of the root that the writer was given."""
+        return dict(self._attributes)
+
+    def about(self, attributes: Mapping[str, Attribute]) -> None:
+        """Add attributes to the root."""
+        with self._reporting():
+            self._file.attrs.update(dict(attributes))
+
     def finish(self, status: Status, reason: str = "") -> None:
         """State how the run ended; the file gets its name when the context is left."""
         self._status = status
         with self._reporting():
             self._file.attrs.update({"status": status, "status_reason": reason})
 
+    def park(self, reason: str) -> None:
+        """Publish the file as interrupted and close it: whatever happens until `resume`, it can be read."""
+        self.finish("interrupted", reason)
+        self._publish()
+        self._file, self._status, self._parked = None, None, True
+
+    def resume(self) -> None:
+        """Go on writing to a parked file, on a copy that takes its place at the end."""
+        if self._parked:
+            self._continues, self._expendable, self._parked = True, True, False
+            self.__enter__()
+
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Close and rename the file, or remove it."""
+        if self._parked:
+            self.resume()
+            self.finish("failed", str(error) if error else "the run ended without a status")
         if self._broken:
             self._abandon()
             return

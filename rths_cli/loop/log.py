@@ -16,10 +16,16 @@ SEVERAL = ("true_velocity_m_s", "corrected", "desired", "estimated", "samples_v"
 DESIRED = ("desired_accel_m_s2", "desired_velocity_m_s", "desired_displacement_m")
 UNITS = {
     "corrected": "m/s^2",
-    "estimated": "m, m/s, m/s^2 or N",
-    "samples_v": "V",
+    "desired_accel_m_s2": "m/s^2",
+    "desired_velocity_m_s": "m/s",
+    "desired_displacement_m": "m",
     "command_v": "V",
     "base_shear_n": "N",
+    "estimated": "m, m/s, m/s^2 or N",
+    "samples_v": "V",
+    "late_ns": "ns",
+    "exchange_ns": "ns",
+    "compute_ns": "ns",
 }
 
 
@@ -74,6 +80,11 @@ def column_names(channels: int, estimates: int, truths: int = 0) -> tuple[str, .
         names += [f"{name}_{i}" for i in range(count)] if name in SEVERAL else [name] * count
     place = names.index("desired_0")
     return (*names[:place], *DESIRED, *names[place + 3 :])
+
+
+def column_units(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the unit of each column named by `column_names`."""
+    return tuple(UNITS.get(name, UNITS.get(name.rstrip("0123456789").rstrip("_"), "1")) for name in names)
 
 
 def empty_log(steps: int, channels: int, estimates: int, lean: bool = False, truths: int = 0) -> Log:

@@ -29,7 +29,7 @@ BROKEN_NS = 1_000_000  # wait after a failing socket
 GREETING, ENDED, ORDERED = 1, 2, 3  # what `serve_packets` returns for
 
 # places in Door.counts; packets that are no packets or of another version, made with another key, doubled or reordered;
-# commands of the session obeyed, commands of it that a jump in the sequence shows lost
+# commands obeyed, packets of the session that a jump in the sequence shows lost
 MALFORMED, FORGED, REPLAYED, OBEYED, LOST = range(5)
 COUNTS = 5
 
@@ -187,8 +187,7 @@ def take(d: Door, t: Table, now: int) -> None:
     if sequence <= s[SEQUENCE]:
         d.counts[REPLAYED] += 1
         return
-    if d.counts[OBEYED] > 0:
-        d.counts[LOST] += sequence - s[SEQUENCE] - 1
+    d.counts[LOST] += sequence - s[SEQUENCE] - 1
     s[SEQUENCE] = sequence
     if kind == wire.ARM:
         arm(d, t, now)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
@@ -14,13 +16,17 @@ from rths_cli.workflows.heap import keep_freed_memory
 from rths_cli.workflows.kept import Kept
 from rths_cli.workflows.known import Memory
 from rths_cli.workflows.model_store import Cache
+from rths_cli.workflows.permission import ask_to_move
 from rths_cli.workflows.run import Ended, moves_table, prepare_all, run_case
+from rths_cli.workflows.setup import Progress, Setup
+from rths_cli.workflows.side_by_side import AT_ONCE, cores, in_order
 
 if TYPE_CHECKING:
-    from rths_cli.workflows.setup import Setup
+    from rths_cli.loop.watching import View
 
 KEPT, KEPT_BYTES = 8, 1 << 28  # of each kind of what cases share, and of all kinds together
 RESPONSES = 3  # kept of a case: SIM, SIM of the identified building, SIM-DELAY
+Job = tuple[Setup, Path]
 PRECEDENCE = (143, 130, 5, 4, 3, 2, 1)
 
 
@@ -39,12 +45,18 @@ class Watcher(Protocol):
     def message(self, text: str) -> None:
         """Take note of a sentence for the user."""
 
+    def moving(self, label: str, view: View) -> bool:
+        """Take note of how a run stands on a real rig; return whether an operator wants it to stop."""
+
+    def confirm(self, lines: Sequence[str]) -> bool:
+        """Show a checklist and ask whether a real table may move."""
+
 
 @dataclass(frozen=True)
 class Request:
     """What `rths run` was asked: case files, settings KEY=VALUE, methods (none: each case's own), where to.
 
-    `fresh` ignores models that earlier runs identified.
+    `fresh` ignores models that earlier runs identified. `yes` moves a real table without asking.
     """
 
     paths: tuple[str, ...]
@@ -55,17 +67,18 @@ class Request:
     command_line: str
     overrides: tuple[str, ...] = ()
     fresh: bool = False
+    yes: bool = False
 
 
-def plan(request: Request, memory: Memory, kept: Kept) -> list[tuple[Setup, Path]]:
+def plan(request: Request, memory: Memory, kept: Kept) -> list[Job]:
     """Load and check every case and name its result file; raises InputError with all faults, writes nothing."""
-    jobs: list[tuple[Setup, Path]] = []
+    jobs: list[Job] = []
     for method in request.methods or ("",):
         chosen = (f"method={method}",) if method else ()
         cases = load_cases(request.paths, (*request.settings, *chosen))
         suffix = f"-{method}" if len(request.methods) > 1 else ""
         setups = prepare_all(cases, request.output, request.overrides, kept)
-        jobs += [(setup, request.output / f"{setup.case.name}{suffix}.h5") for setup in setups]
+        jobs += [(setup, request.output / f"{setup.case.name}{suffix}{_when(setup)}.h5") for setup in setups]
     for setup, _ in jobs:
         if moves_table(setup.case):
             memory.prepare(setup)
@@ -76,20 +89,39 @@ def plan(request: Request, memory: Memory, kept: Kept) -> list[tuple[Setup, Path
     return jobs
 
 
+def _when(setup: Setup) -> str:
+    """Return what the name of a result says of its time: a real rig's is never replaced."""
+    return "" if setup.rig.kind == "virtual" else datetime.now(UTC).strftime("-%Y%m%dT%H%M%SZ")
+
+
 def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
-    """Run every case of a request; one that fails is named and the others go on."""
+    """Run every case of a request, on virtual rigs two at a time; one that fails is named and the others go on."""
     keep_freed_memory()
     memory, kept = Memory(Cache(request.fresh)), Kept()
     jobs = plan(request, memory, kept)
     kept.size = _most_kept(jobs)
-    results = []
-    for number, (setup, path) in enumerate(jobs, 1):
-        watcher.started(number, len(jobs), path.stem)
+    ask_to_move([setup for setup, _ in jobs], request.yes, watcher.confirm)
+
+    def work(job: Job, tell: Progress) -> tuple[Ended, float]:
         start = time.monotonic()
-        ended = _run_one(setup, path, memory, kept, request.command_line, watcher)
-        results.append(ended)
-        watcher.ended(ended, time.monotonic() - start)
+        return _run_one(*job, memory, kept, request.command_line, tell, watcher), time.monotonic() - start
+
+    results: list[Ended] = []
+    with closing(in_order(work, jobs, watcher.doing, _at_once(jobs))) as endings:
+        for number, (setup, path) in enumerate(jobs, 1):
+            watcher.started(number, len(jobs), path.stem)
+            ended, seconds = next(endings)
+            results.append(ended)
+            watcher.ended(ended, seconds)
+            if setup.rig.kind != "virtual" and ended.exit_code > 1:
+                break  # a person looks at the table before it moves again
     return results
+
+
+def _at_once(jobs: Sequence[Job]) -> int:
+    """Return how many cases are worked on at a time: a real rig, and a case alone, have the process for themselves."""
+    real = any(setup.rig.kind != "virtual" for setup, _ in jobs)
+    return 1 if real else min(AT_ONCE, len(jobs), cores())
 
 
 def exit_code(results: Sequence[Ended]) -> int:
@@ -98,19 +130,26 @@ def exit_code(results: Sequence[Ended]) -> int:
     return next((code for code in PRECEDENCE if code in codes), 0)
 
 
-def _most_kept(jobs: Sequence[tuple[Setup, Path]]) -> int:
+def _most_kept(jobs: Sequence[Job]) -> int:
     """Return how many records and responses are kept: as often as those of the longest case fit, once at least."""
     series = max(len(setup.motion.time_s) * (4 + RESPONSES * (3 * setup.case.n_storeys + 1)) for setup, _ in jobs)
     return max(1, min(KEPT, KEPT_BYTES // (8 * series)))
 
 
-def _run_one(setup: Setup, path: Path, memory: Memory, kept: Kept, command_line: str, watcher: Watcher) -> Ended:
+def _run_one(
+    setup: Setup, path: Path, memory: Memory, kept: Kept, command_line: str, tell: Progress, watcher: Watcher
+) -> Ended:
     name = setup.case.name
     try:
-        return run_case(setup, path, memory, command_line, watcher.doing, kept)
+        if setup.rig.kind == "virtual":
+            return run_case(setup, path, memory, command_line, tell, kept)
+        from rths_cli.workflows.real_rig import RealStage
+
+        with closing(RealStage(watcher.moving)) as stage:
+            return run_case(setup, path, memory, command_line, tell, kept, stage)
     except RthsError as error:
         return Ended(name, None, "failed", str(error), error.exit_code)
     except Exception as error:
-        watcher.doing("")  # a signal that came while code was compiled ends the batch here
+        tell("")  # a signal that came while code was compiled ends the batch here
         where = write_crash_file()
         return Ended(name, None, "failed", f"internal error ({type(error).__name__}), details in {where}", 5)

@@ -21,7 +21,8 @@ from rths_cli.identification.excitation import Excitation, ExcitationSettings
 from rths_cli.identification.found import Identification
 from rths_cli.identification.record import Record
 from rths_cli.loop.blocks import EXCITATION
-from rths_cli.loop.drive import play
+from rths_cli.loop.drive import Outcome, play
+from rths_cli.loop.guard import LOST, OPERATOR, OVERRUN, RIG_FAULT
 from rths_cli.lti import Array, Model
 from rths_cli.workflows.rigs import IDENTIFICATION, PROBE, VERIFICATION, guard_limits, open_rig
 from rths_cli.workflows.setup import Progress, Setup
@@ -33,6 +34,7 @@ SEED_STEP = 7919  # between the excitations of several records
 PERIOD_S = {"multisine": 20.0, "sweep": 40.0}
 RECORDS = {IDENTIFICATION: "full level", PROBE: "probe", VERIFICATION: "verification"}
 ADVICE = "lower identification.accel_rms_m_s2"
+NOT_BY_MOTION = (LOST, OVERRUN, RIG_FAULT, OPERATOR)  # a quieter excitation would not help
 
 
 class UnfitRig(RigError):
@@ -199,15 +201,25 @@ def excite(setup: Setup, command_v: Array, stream: tuple[int, ...] | None = None
 
     `stream` names the rig's noise. Raises LimitError when a limit stopped the excitation, RigError when the rig did.
     """
-    rig = open_rig(setup, stream or (IDENTIFICATION,), setup.case.identification.seed)
     drive = np.column_stack([command_v, np.zeros((command_v.size, 2))])
-    outcome = play(rig, setup.rig, _listening(setup), EXCITATION, drive, guard_limits(setup))
+    outcome = _played(setup, drive, stream or (IDENTIFICATION,))
     where = f"identification of rig {setup.rig.name}, {RECORDS.get((stream or (IDENTIFICATION,))[0], 'record')}"
+    advice = "" if outcome.reason in NOT_BY_MOTION else f"; {ADVICE}"
     if outcome.rig_fault:
-        raise RigError(f"{where}: {outcome.rig_fault}; {ADVICE}")
+        raise RigError(f"{where}: {outcome.rig_fault}{advice}")
     if outcome.stopped_by_limit:
-        raise LimitError(f"{where}: {outcome.stopped_by_limit}; {ADVICE}")
+        raise LimitError(f"{where}: {outcome.stopped_by_limit}{advice}")
     return outcome.log.command_v, outcome.log.corrected
+
+
+def _played(setup: Setup, drive: Array, stream: tuple[int, ...]) -> Outcome:
+    """Play an excitation (n, 3) on the rig, a real one in real time."""
+    if setup.rig.kind != "virtual":
+        from rths_cli.workflows.real_rig import excited
+
+        return excited(setup, _listening(setup), drive)
+    rig = open_rig(setup, stream, setup.case.identification.seed)
+    return play(rig, setup.rig, _listening(setup), EXCITATION, drive, guard_limits(setup))
 
 
 def _listening(setup: Setup) -> Blocks:

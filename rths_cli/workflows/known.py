@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
+from threading import RLock
 from typing import TYPE_CHECKING
 
 from rths_cli.errors import InputError
@@ -40,7 +41,7 @@ class Known:
 class Memory:
     """Identifications of this process: cases on the same rig and specimen share one.
 
-    With a `cache`, models of virtual rigs outlive the process.
+    With a `cache`, models of virtual rigs outlive the process. Threads identify one after another.
     """
 
     def __init__(self, cache: Cache | None = None) -> None:
@@ -48,6 +49,7 @@ class Memory:
         self._plans: dict[str, Excitation] = {}
         self._files: dict[str, Stored | ForeignModel] = {}
         self._known: dict[str, Known] = {}
+        self._lock = RLock()
 
     def prepare(self, setup: Setup) -> None:
         """Read the model file that a case names, and plan the excitation of its rig.
@@ -83,11 +85,12 @@ class Memory:
     def known(self, setup: Setup, progress: Progress) -> Known:
         """Return what is known of the setup's rig and specimen, from where, and whether it still holds."""
         name = key(setup)
-        if name not in self._known:
-            self.prepare(setup)
-            file = self._files.get(name)
-            self._known[name] = self._from_file(setup, file, progress) if file else self._now(setup, progress)
-        return self._known[name]
+        with self._lock:
+            if name not in self._known:
+                self.prepare(setup)
+                file = self._files.get(name)
+                self._known[name] = self._from_file(setup, file, progress) if file else self._now(setup, progress)
+            return self._known[name]
 
     def at_rest(self, setup: Setup, progress: Progress) -> Known:
         """Return what is known without moving a real table: a named model of ours as it is, verified by no record.

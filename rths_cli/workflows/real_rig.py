@@ -2,23 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rths_cli.case.load import resolved_yaml
 from rths_cli.errors import InputError
-from rths_cli.loop.performing import Performed, Watch, perform_watched, rehearse_watched
-from rths_cli.loop.realtime import prepare
+from rths_cli.files.held_rates import held_rate
+from rths_cli.files.raw_log import RawHeader, raw_log_path
+from rths_cli.files.raw_log_writer import RawLogWriter
+from rths_cli.files.rig_lock import locked_rig
+from rths_cli.loop.blocks import EXCITATION
+from rths_cli.loop.guard import INTERRUPT, TERMINATION
+from rths_cli.loop.log import column_names, column_units
+from rths_cli.loop.performing import STOP_KEY, Performed, order, perform_watched, rehearse_watched
+from rths_cli.loop.realtime import Performance, prepare
+from rths_cli.loop.stream import LogStream
+from rths_cli.loop.watching import View, Watching
+from rths_cli.rigs.udp.rig import UdpRig
 from rths_cli.workflows.doctor import summary
 from rths_cli.workflows.rigs import guard_limits, open_rig
+from rths_cli.workflows.table_runs import TableRun, drive_of
 
 if TYPE_CHECKING:
     from rths_cli.control.blocks import Blocks
+    from rths_cli.files.result_writer import ResultWriter
+    from rths_cli.loop.drive import Outcome
     from rths_cli.lti import Array
     from rths_cli.rigs.interface import Rig, RigInfo
+    from rths_cli.workflows.controllers import Design
     from rths_cli.workflows.setup import Setup
 
 REHEARSAL_S = 2.0
@@ -35,31 +50,102 @@ class AtRest:
     noise_v: Array
 
 
-def perform_on_rig(setup: Setup, blocks: Blocks, source: int, drive: Array, watch: Watch) -> Performed:
-    """Play a drive (n, 3) on the case's real rig; see `performing.perform_watched`.
+def ready_on_rig(setup: Setup, blocks: Blocks, source: int, drive: Array) -> tuple[Rig, Performance]:
+    """Return the case's real rig, closed, and a run of a drive (n, 3) on it, ready to be performed.
 
     Raises InputError where the machine does not hold the rate or a channel is not at rest, RigError where the rig
     cannot be had.
     """
     rehearsed(setup, blocks, source)
     rig = open_rig(setup, (), 0)
+    if not isinstance(rig, UdpRig):
+        check_measured(setup.rig)
     zeros = listened(setup, rig).zeros_v
-    run = prepare(setup.rig, blocks, source, drive, guard_limits(setup), zeros)
+    return rig, prepare(setup.rig, blocks, source, drive, guard_limits(setup), zeros)
+
+
+def excited(setup: Setup, blocks: Blocks, drive: Array) -> Outcome:
+    """Play an excitation (n, 3) on the case's real rig; an interrupt leads the table to rest first."""
+    rig, run = ready_on_rig(setup, blocks, EXCITATION, drive)
     with opened(rig):
-        return perform_watched(rig, run, watch)
+        outcome = perform_watched(rig, run, lambda _: None).outcome
+    if outcome.reason in (INTERRUPT, TERMINATION):
+        raise KeyboardInterrupt  # the command line remembers which signal it was
+    return outcome
+
+
+class RealStage:
+    """Plays the runs of one case on its real rig: their samples stand in raw logs until the result holds them."""
+
+    def __init__(self, show: Callable[[str, View], bool]) -> None:
+        self._show = show
+        self._logs: list[RawLogWriter] = []
+
+    def play(self, setup: Setup, design: Design, run: TableRun, writer: ResultWriter) -> Outcome:
+        """Play one run, its result file closed as interrupted meanwhile."""
+        rig, ready = ready_on_rig(setup, design.blocks, run.source, drive_of(setup, design))
+        path = raw_log_path(writer.path, run.name)
+        writer.park(f"{run.label} was under way; rths recover {path.name} brings its samples here")
+        log = RawLogWriter(path, _header(setup, design, run, ready, writer))
+        self._logs.append(log)
+        watching = Watching(ready)
+
+        def watch(performance: Performance) -> None:
+            if self._show(run.label, watching.look()):
+                order(performance, STOP_KEY)
+
+        with LogStream(log, ready.log.columns, ready.log.done, ready.course.orders) as stream, opened(rig):
+            performed = perform_watched(rig, ready, watch)
+        writer.resume()
+        writer.about({f"{run.name}_{key}": value for key, value in _told(performed, stream).items()})
+        return performed.outcome
+
+    def written(self) -> None:
+        """Remove the raw logs: the result file holds everything."""
+        for log in self._logs:
+            log.remove()
+
+    def close(self) -> None:
+        """Let go of the raw logs; those whose samples stand nowhere else stay."""
+        for log in self._logs:
+            log.close()
+
+
+def _header(setup: Setup, design: Design, run: TableRun, ready: Performance, writer: ResultWriter) -> RawHeader:
+    """Return what the raw log of a run says of itself."""
+    names = column_names(len(setup.rig.channels), ready.step.estimated.size)
+    return RawHeader(
+        names, column_units(names), setup.rig.dt_s, ready.log.columns.shape[1], design.blocks.lead_samples, run.name,
+        writer.path.name, str(setup.case.path), setup.case.yaml_text, resolved_yaml(setup.case), writer.attributes,
+        ready.course.ramp,
+    )  # fmt: skip
+
+
+def _told(performed: Performed, stream: LogStream) -> dict[str, str | int | float]:
+    """Return what a result says of the loop that made it."""
+    granted = performed.granted
+    return {
+        "overruns": performed.overruns,
+        "fifo_priority": granted.fifo_priority,
+        "cpu": granted.cpu,
+        "memory_locked": int(granted.memory_locked),
+        "not_granted": "\n".join(granted.refused),
+        "log_fault": stream.fault,
+    }
 
 
 @contextmanager
 def opened(rig: Rig) -> Iterator[None]:
-    """Hold a rig open; it rests and is closed whatever happens."""
-    rig.open()
-    try:
-        yield
-    finally:
+    """Hold a rig open, for this process alone; it rests and is closed whatever happens."""
+    with locked_rig(rig.info.name):
+        rig.open()
         try:
-            rig.rest()
+            yield
         finally:
-            rig.close()
+            try:
+                rig.rest()
+            finally:
+                rig.close()
 
 
 def rehearsed(setup: Setup, blocks: Blocks, source: int) -> None:
@@ -73,6 +159,19 @@ def rehearsed(setup: Setup, blocks: Blocks, source: int) -> None:
             f"sample_rate_hz: {1.0 / info.dt_s:g} Hz was not held in a silent rehearsal of {REHEARSAL_S:g} s "
             f"(p99 {measured.p99_us:.0f} us, {measured.late} of {measured.steps} steps late by a whole interval); "
             "choose a lower rate, rths doctor recommends one"
+        )
+
+
+def check_measured(info: RigInfo) -> None:
+    """Raise InputError unless the rate of a rig whose exchange is written in Python was measured and held."""
+    rate_hz = 1.0 / info.dt_s
+    measured = held_rate(rate_hz, info.name)
+    advice = f"run rths doctor with --rig {info.name} --rate {rate_hz:g}"
+    if measured is None:
+        raise InputError(f"sample_rate_hz: {rate_hz:g} Hz was not measured with rig {info.name}; {advice}")
+    if not measured.held:
+        raise InputError(
+            f"sample_rate_hz: rig {info.name} did not hold {rate_hz:g} Hz; choose a lower one and {advice}"
         )
 
 

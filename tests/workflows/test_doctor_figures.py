@@ -65,6 +65,8 @@ def test_a_rig_that_answers_late_counts_too() -> None:
     slow = RigRates("lab", (summary(500.0, delays()), summary(1000.0, delays(*[900] * 20))))
     found = examined(500.0, 1000.0, wanted=(1000.0,), rig=slow)
     assert (found.recommended_hz, found.not_held_hz, found.exit_code) == (500.0, (1000.0,), 1)
+    jittery = examined(500.0, 1000.0, late=3, rig=RigRates("lab", (summary(500.0, delays()),)))
+    assert (jittery.recommended_hz, jittery.exit_code) == (None, 1)  # a rig cannot be better than its machine
     assert "lab" in page(found) and document(found)["rig"]["rates"][1]["held"] is False
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rths_cli.case.expand import VARIED
 from rths_cli.case.load import resolved_yaml
 from rths_cli.errors import InputError
 from rths_cli.files.held_rates import held_rate
@@ -164,14 +165,14 @@ def rehearsed(setup: Setup, blocks: Blocks, source: int) -> None:
 
 def check_measured(info: RigInfo) -> None:
     """Raise InputError unless the rate of a rig whose exchange is written in Python was measured and held."""
-    rate_hz = 1.0 / info.dt_s
-    measured = held_rate(rate_hz, info.name)
-    advice = f"run rths doctor with --rig {info.name} --rate {rate_hz:g}"
+    rate_hz, name = 1.0 / info.dt_s, info.name.removesuffix(VARIED)
+    measured = held_rate(rate_hz, name)
+    advice = f"run rths doctor with --rig {name} --rate {rate_hz:g}"
     if measured is None:
-        raise InputError(f"sample_rate_hz: {rate_hz:g} Hz was not measured with rig {info.name}; {advice}")
+        raise InputError(f"sample_rate_hz: {rate_hz:g} Hz was not measured with rig {name}; {advice}")
     if not measured.held:
         raise InputError(
-            f"sample_rate_hz: rig {info.name} did not hold {rate_hz:g} Hz; choose a lower one and {advice}"
+            f"sample_rate_hz: rig {name} did not hold {rate_hz:g} Hz; choose a lower one and {advice}"
         )
 
 

@@ -13,7 +13,7 @@ from rths_cli.case.expand import VARIED
 from rths_cli.case.load import resolved_yaml
 from rths_cli.errors import InputError
 from rths_cli.files.held_rates import held_rate
-from rths_cli.files.raw_log import RawHeader, raw_log_path
+from rths_cli.files.raw_log import RawHeader, raw_log_path, still_in
 from rths_cli.files.raw_log_writer import RawLogWriter
 from rths_cli.files.rig_lock import locked_rig
 from rths_cli.loop.blocks import EXCITATION
@@ -86,9 +86,9 @@ class RealStage:
         """Play one run, its result file closed as interrupted meanwhile."""
         rig, ready = ready_on_rig(setup, design.blocks, run.source, drive_of(setup, design))
         path = raw_log_path(writer.path, run.name)
-        writer.park(f"{run.label} was under way; rths recover {path.name} brings its samples here")
         log = RawLogWriter(path, _header(setup, design, run, ready, writer))
         self._logs.append(log)
+        writer.park(f"{run.label}: {still_in(path)}")
         watching = Watching(ready)
 
         def watch(performance: Performance) -> None:
@@ -132,6 +132,7 @@ def _told(performed: Performed, stream: LogStream) -> dict[str, str | int | floa
         "memory_locked": int(granted.memory_locked),
         "not_granted": "\n".join(granted.refused),
         "log_fault": stream.fault,
+        "log_behind_s": stream.worst_lag_s,
     }
 
 
@@ -171,9 +172,7 @@ def check_measured(info: RigInfo) -> None:
     if measured is None:
         raise InputError(f"sample_rate_hz: {rate_hz:g} Hz was not measured with rig {name}; {advice}")
     if not measured.held:
-        raise InputError(
-            f"sample_rate_hz: rig {name} did not hold {rate_hz:g} Hz; choose a lower one and {advice}"
-        )
+        raise InputError(f"sample_rate_hz: rig {name} did not hold {rate_hz:g} Hz; choose a lower one and {advice}")
 
 
 def listened(setup: Setup, rig: Rig) -> AtRest:

@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from rths_cli.errors import RthsError
 from rths_cli.rig_info import Channel, Converters, Limits, RigInfo
 from rths_cli.rigs.udp import link as links
 from rths_cli.rigs.udp import wire
@@ -203,4 +204,7 @@ def main(words: list[str]) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    try:
+        main(sys.argv[1:])
+    except RthsError as fault:
+        sys.exit(str(fault))

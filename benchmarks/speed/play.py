@@ -12,7 +12,7 @@ from rths_cli.control.blocks import Blocks
 from rths_cli.loop.blocks import NUMERICAL, Step, assemble
 from rths_cli.loop.drive import run_virtual
 from rths_cli.loop.guard import GuardLimits, GuardState, fresh_guard
-from rths_cli.loop.log import Log, Signals, empty_log, signals
+from rths_cli.loop.log import Log, Signals, empty_log, signals, widths
 from rths_cli.lti import Array
 from rths_cli.rigs.virtual.kernel import PlantState, fresh_state
 from rths_cli.rigs.virtual.plant import Plant
@@ -23,7 +23,7 @@ from rths_cli.workflows.setup import Setup, make_setup
 from speed.rows import seconds
 
 CASE = "el_centro_low_ff_fb"
-SIGNALS = tuple(name for name in Signals.__dataclass_fields__ if name != "compute_ns")
+SIGNALS = tuple(name for name in widths(1, 1, 1, False) if name != "compute_ns")
 
 
 @dataclass(frozen=True)

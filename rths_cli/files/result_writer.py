@@ -88,7 +88,7 @@ class ResultWriter:
                     shutil.copyfile(self.path, self.part)
                 self._file = h5py.File(self.part, "a" if self._continues else "w", meta_block_size=META_BLOCK)
                 self._scales = _scales_of(self._file)
-                self._file.attrs.update(self._attributes | ({} if self._continues else HEADER))
+                self._file.attrs.update({**self._attributes, **HEADER})
                 self._file.flush()
         except BaseException:  # a signal too must leave no half file
             self._abandon()

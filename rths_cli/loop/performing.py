@@ -102,15 +102,16 @@ def _watched(loop: _Loop, run: Performance, watch: Watch) -> Exception | None:
 
 
 def _outcome(run: Performance, fault: str) -> Outcome:
-    """Return how the run went, its signals from the start of the record on."""
+    """Return how the run went, and its signals on the record."""
     ramp, dt_s = run.course.ramp, run.info.dt_s
     everything = signals(run.log, len(run.info.channels), run.step.estimated.size)
     steps = int(np.clip(run.log.done[0] - ramp, 0, run.course.record))
     stopped_at_s = float(max(run.guard.flags[3] - ramp, 0) * dt_s)
     reason = int(run.guard.flags[1])
-    return Outcome(_after(everything, ramp), steps, reason_of(run.info, run.guard), fault, stopped_at_s, reason)
+    record = slice(ramp, ramp + run.course.record)
+    return Outcome(_part(everything, record), steps, reason_of(run.info, run.guard), fault, stopped_at_s, reason)
 
 
-def _after(everything: Signals, ramp: int) -> Signals:
-    """Return the signals from a step on."""
-    return replace(everything, **{field.name: getattr(everything, field.name)[..., ramp:] for field in fields(Signals)})
+def _part(everything: Signals, steps: slice) -> Signals:
+    """Return the signals of some steps."""
+    return replace(everything, **{field.name: getattr(everything, field.name)[..., steps] for field in fields(Signals)})

@@ -26,6 +26,12 @@ if TYPE_CHECKING:
 ACCEL = "m/s^2"
 ON_FLOORS = ("floor", "time_s")
 ON_FREQUENCY = ("frequency_hz",)
+LIVE = {
+    "late_s": ("s", "how late the exchange began that brought the samples of this step"),
+    "exchange_s": ("s", "how long that exchange took, from command to samples"),
+    "lost": ("1", "0 samples came, 1 none came and the last ones were taken again, 2 the step was caught up without"),
+    "state": ("1", "2 ramp-up, 3 running, 4 ramp-down, 5 stopped"),
+}
 
 
 def write_record(writer: ResultWriter, setup: Setup) -> None:
@@ -87,7 +93,8 @@ def write_table_run(
     writer.group(run, datasets, time_s=time, storey=storey, scales=scales)
     timed = "step and guard" if setup.rig.kind != "virtual" else "step, guard and virtual rig, mean of 16 steps"
     compute = Dataset(series.compute_s, "s", f"time taken by {timed}", "measured")
-    writer.group(f"{run}/timing", {"compute_s": compute}, time_s=time, storey=storey)
+    live = {name: Dataset(values, *LIVE[name], "measured") for name, values in series.live.items()}
+    writer.group(f"{run}/timing", {"compute_s": compute, **live}, time_s=time, storey=storey)
     if setup.rig.kind == "virtual":
         _write_truth(writer, run, series, time, storey, scales)
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from rths_cli.case.load import resolved_yaml
 from rths_cli.errors import InputError
+from rths_cli.files.held_rates import held_rate
 from rths_cli.files.raw_log import RawHeader, raw_log_path
 from rths_cli.files.raw_log_writer import RawLogWriter
 from rths_cli.files.rig_lock import locked_rig
@@ -21,9 +22,10 @@ from rths_cli.loop.performing import STOP_KEY, Performed, order, perform_watched
 from rths_cli.loop.realtime import Performance, prepare
 from rths_cli.loop.stream import LogStream
 from rths_cli.loop.watching import View, Watching
+from rths_cli.rigs.udp.rig import UdpRig
 from rths_cli.workflows.doctor import summary
 from rths_cli.workflows.rigs import guard_limits, open_rig
-from rths_cli.workflows.run import TableRun, drive_of
+from rths_cli.workflows.table_runs import TableRun, drive_of
 
 if TYPE_CHECKING:
     from rths_cli.control.blocks import Blocks
@@ -56,6 +58,8 @@ def ready_on_rig(setup: Setup, blocks: Blocks, source: int, drive: Array) -> tup
     """
     rehearsed(setup, blocks, source)
     rig = open_rig(setup, (), 0)
+    if not isinstance(rig, UdpRig):
+        check_measured(setup.rig)
     zeros = listened(setup, rig).zeros_v
     return rig, prepare(setup.rig, blocks, source, drive, guard_limits(setup), zeros)
 
@@ -155,6 +159,19 @@ def rehearsed(setup: Setup, blocks: Blocks, source: int) -> None:
             f"sample_rate_hz: {1.0 / info.dt_s:g} Hz was not held in a silent rehearsal of {REHEARSAL_S:g} s "
             f"(p99 {measured.p99_us:.0f} us, {measured.late} of {measured.steps} steps late by a whole interval); "
             "choose a lower rate, rths doctor recommends one"
+        )
+
+
+def check_measured(info: RigInfo) -> None:
+    """Raise InputError unless the rate of a rig whose exchange is written in Python was measured and held."""
+    rate_hz = 1.0 / info.dt_s
+    measured = held_rate(rate_hz, info.name)
+    advice = f"run rths doctor with --rig {info.name} --rate {rate_hz:g}"
+    if measured is None:
+        raise InputError(f"sample_rate_hz: {rate_hz:g} Hz was not measured with rig {info.name}; {advice}")
+    if not measured.held:
+        raise InputError(
+            f"sample_rate_hz: rig {info.name} did not hold {rate_hz:g} Hz; choose a lower one and {advice}"
         )
 
 

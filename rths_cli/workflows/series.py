@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from rths_cli.control.numerical import Scheme, all_storeys
 from rths_cli.loop.drive import Outcome
+from rths_cli.loop.log import Signals
 from rths_cli.loop.replay import run_block
 from rths_cli.lti import Array
 from rths_cli.structure import Building
@@ -20,6 +22,7 @@ class Series:
     `desired` (3, n): acceleration, velocity, displacement; `measured` (1 + n_exp, n) corrected accelerations;
     `estimated` (3 n_exp or more, n): the Kalman filter's displacement and velocity relative to the table, floor
     accelerations; `true_accel` (1 + n_exp, n), `true_disp_m` (n,): NaN unless the rig is virtual.
+    `live`: how late steps were, how long exchanges took, losses and states on a real rig, (n,) each.
     """
 
     desired: Array
@@ -30,6 +33,7 @@ class Series:
     true_accel: Array
     true_disp_m: Array
     compute_s: Array
+    live: Mapping[str, Array] = field(default_factory=dict)
 
 
 def on_record_clock(outcome: Outcome, lead_samples: int, dt_s: float, samples: int) -> Series:
@@ -47,7 +51,16 @@ def on_record_clock(outcome: Outcome, lead_samples: int, dt_s: float, samples: i
         true_accel=_mean_accelerations(log.true_velocity_m_s, table, dt_s),
         true_disp_m=log.true_displacement_m[table],
         compute_s=log.compute_ns[table] * 1e-9,
+        live=_live(log, table),
     )
+
+
+def _live(log: Signals, table: slice) -> dict[str, Array]:
+    """Return what the loop noted of its time on a real rig, by the name of its dataset; nothing of a virtual one."""
+    if not log.state.size:
+        return {}
+    named = {"late_s": 1e-9 * log.late_ns, "exchange_s": 1e-9 * log.exchange_ns, "lost": log.lost, "state": log.state}
+    return {name: values[table] for name, values in named.items()}
 
 
 def _mean_accelerations(velocity_m_s: Array, at: slice, dt_s: float) -> Array:

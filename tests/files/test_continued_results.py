@@ -28,9 +28,12 @@ def command() -> dict[str, Dataset]:
     return {"command_v": Dataset(COMMAND, "V", "command that left the guard", "computed")}
 
 
+ABOUT = {"case_name": "demo", "rig_kind": "udp", "seed": 3}
+
+
 def begin(path: Path) -> Path:
     """Write what is known before the table moves."""
-    with ResultWriter(path, {"case_name": "demo", "rig_kind": "udp", "seed": 3}) as writer:
+    with ResultWriter(path, ABOUT) as writer:
         writer.case("a: 1\n", "a: 1\nb: 2\n")
         writer.group("record", {}, TIME)
         writer.metrics({"exp_rths.max_error_m_s2": Metric([0.3, 0.4], "m/s^2", "largest error")})
@@ -62,7 +65,7 @@ def test_a_continued_result_holds_both_halves(tmp_path: Path) -> None:
 def test_a_continuation_that_raises_leaves_the_file_as_it_was(tmp_path: Path, status: str | None) -> None:
     path = begin(tmp_path / "a.h5")
     before = path.read_bytes()
-    with pytest.raises(KeyboardInterrupt), ResultWriter(path, {}, continues=True) as writer:
+    with pytest.raises(KeyboardInterrupt), ResultWriter(path, ABOUT, continues=True) as writer:
         writer.group("exp_rths", command(), TIME)
         if status:
             writer.finish("complete")
@@ -80,7 +83,7 @@ def test_a_disk_that_is_full_leaves_the_file_as_it_was(tmp_path: Path, monkeypat
     with monkeypatch.context() as patched:
         patched.setattr(result_writer, "write_group", refuse)
         told = r"a\.h5: cannot write the result file: No space left on device; [^.]*\.$"
-        with pytest.raises(InputError, match=told), ResultWriter(path, {}, continues=True) as writer:
+        with pytest.raises(InputError, match=told), ResultWriter(path, ABOUT, continues=True) as writer:
             writer.group("exp_rths", command(), TIME)
     with monkeypatch.context() as patched:
         patched.setattr(result_writer, "sync", refuse)

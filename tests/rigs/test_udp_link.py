@@ -140,6 +140,18 @@ def test_packets_of_strangers_are_counted_and_never_taken(ends: Ends) -> None:
     assert ends.exchange(3, answer(3, 1.0, 2.0, 3.0)) == OK
 
 
+def test_a_packet_that_goes_on_beyond_the_memory_is_not_taken_for_its_beginning(ends: Ends) -> None:
+    wide = ends.link._replace(samples_v=np.zeros(16))
+    whole = answer(1, *range(16))
+    assert len(whole) == wire.MOST_BYTES
+    ends.send(whole + b"x")
+    assert converse_at(wide, wire.COMMAND, 1, 0.0, 0, SHORT_NS) == LOST
+    assert ends.counted()["bad"] == 1
+    ends.send(whole)
+    assert converse_at(wide, wire.COMMAND, 1, 0.0, 0, ANSWER_NS) == OK
+    assert wide.samples_v.tolist() == list(range(16))
+
+
 @pytest.mark.parametrize(
     ("state", "faults"), [(wire.ARMED, wire.SENSOR), (wire.ARMED, 1 << 31), (wire.RESTING, 0), (wire.RESTED, 0)]
 )
@@ -179,6 +191,18 @@ def test_a_closed_port_is_a_lost_answer_and_a_target_that_comes_back_is_heard(en
     ends.target.settimeout(2.0)
     assert ends.exchange(4, answer(4)) == OK
     assert ends.received().sequence == 4
+    assert "unsent" not in ends.counted()
+
+
+def test_an_error_of_an_earlier_packet_does_not_swallow_a_command(ends: Ends) -> None:
+    """The kernel reports a port closed at the next call, which then sends nothing."""
+    address = ends.target.getsockname()
+    ends.target.close()
+    ends.runner.send(b"into the void")
+    ends.target = bound("127.0.0.1", address[1])
+    ends.target.settimeout(2.0)
+    ends.exchange(1, timeout_ns=SHORT_NS)
+    assert ends.received().sequence == 1
     assert "unsent" not in ends.counted()
 
 

@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import udp_peer
 from bench import rig_info, specimen
-from udp_peer import PlainTarget
+from udp_peer import PATIENT_S, SECRET, PlainTarget, virtual_table
 
 from rths_cli.case.virtual_physics import VirtualPhysics
 from rths_cli.errors import InputError, RigError
 from rths_cli.lti import Array
 from rths_cli.rigs.interface import RigInfo
+from rths_cli.rigs.udp import link as links
 from rths_cli.rigs.udp import wire
 from rths_cli.rigs.udp.rig import UdpRig, UdpTarget
 from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
 
-SECRET = bytes(range(200, 216))
-PATIENT_S = 5.0
 MakeTarget = Callable[..., PlainTarget]
 
 
@@ -90,18 +88,11 @@ def test_commands_leave_at_their_instants_and_never_before(start: MakeTarget, ke
 def test_over_the_wire_the_virtual_table_gives_the_same_samples(
     start: MakeTarget, key_file: Path, latency: int
 ) -> None:
-    """The target latches at t_k+1 what was computed from t_k: that is the first sample of latency."""
     info = rig_info(dt_s=5e-4, latency_samples=latency)
     command = 3.0 * np.sin(0.05 * np.arange(150))
-    direct, within = (VirtualRig(i, build_plant(i, VirtualPhysics(), specimen(), 3e-4), (7,)) for i in (
-        info, replace(info, latency_samples=latency - 1)
-    ))  # fmt: skip
-
-    def table(command_v: float | None) -> list[float]:
-        return (within.arm() if command_v is None else within.exchange(command_v)).tolist()
-
+    direct = VirtualRig(info, build_plant(info, VirtualPhysics(), specimen(), 3e-4), (7,))
     wanted = [direct.arm().copy(), *(direct.exchange(float(volts)).copy() for volts in command)]
-    samples = play(rig_to(start(table), key_file, info), command)
+    samples = play(rig_to(start(virtual_table(info, (7,))), key_file, info), command)
     assert np.array_equal(samples, wanted)
     assert np.ptp(samples[:, 0]) > 0.05
 
@@ -149,6 +140,19 @@ def test_a_target_that_cannot_be_armed_says_so(start: MakeTarget, key_file: Path
     rig.close()
 
 
+def test_steps_count_from_the_last_arm_when_an_answer_to_arm_was_lost(start: MakeTarget, key_file: Path) -> None:
+    target = start()
+    target.spoil = lambda sequence, sent: [] if sequence < 2 else [sent]
+    rig = rig_to(target, key_file)
+    rig.open()
+    rig.arm()
+    assert rig.link.status[links.BASE] == rig.link.status[links.LAST] >= 2
+    rig.exchange(1.0)
+    assert [packet.sequence for packet in target.received][-1] == rig.link.status[links.BASE] + 1
+    assert rig.counts["sent"] == 1
+    rig.close()
+
+
 def test_rest_and_close_with_a_dead_peer_end_and_say_so(start: MakeTarget, key_file: Path) -> None:
     target = start()
     rig = rig_to(target, key_file, timeout_s=0.01)
@@ -160,6 +164,7 @@ def test_rest_and_close_with_a_dead_peer_end_and_say_so(start: MakeTarget, key_f
     rig.rest()
     assert not rig.at_rest
     assert rig.counts["unreachable"] > 0
+    assert rig.counts["sent"] < 100  # it was asked every 20 ms, and not for 6 s
     rig.close()
     rig.close()
     assert not rig.at_rest

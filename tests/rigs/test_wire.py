@@ -152,6 +152,11 @@ def test_the_count_must_be_that_of_the_size_even_with_a_right_tag() -> None:
         assert judged(bytes(head) + plain_siphash(bytes(head), KEY)) == wire.MALFORMED
 
 
+def test_the_magic_must_be_right_even_with_a_right_tag() -> None:
+    head = b"RTHX" + Packet(wire.REST, 1).sealed(KEY)[4:-8]
+    assert judged(head + plain_siphash(head, KEY)) == wire.MALFORMED
+
+
 def test_another_version_is_told_from_a_forged_one() -> None:
     """A later version may count its words otherwise; its tag still closes the packet."""
     assert judged(Packet(wire.HELLO, 0, bytes(24), version=2).sealed(KEY)) == wire.OTHER_VERSION

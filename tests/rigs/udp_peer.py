@@ -5,11 +5,23 @@ from __future__ import annotations
 import secrets
 import socket
 import struct
+import tempfile
 import threading
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
 
+from bench import rig_info, specimen
 from packets import Packet, opened, plain_siphash
 
+from rths_cli.case.virtual_physics import VirtualPhysics
+from rths_cli.rigs.interface import RigInfo
+from rths_cli.rigs.udp.rig import UdpRig, UdpTarget
+from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
+
+SECRET = bytes(range(200, 216))
+PATIENT_S = 5.0
+FOLDER = tempfile.TemporaryDirectory()  # for the key file; gone when the process ends
 HELLO, WELCOME, REFUSAL, ARM, COMMAND, SAMPLES, REST, CLOSE = range(1, 9)
 IDLE, ARMED, RESTING, RESTED = range(4)
 Spoil = Callable[[int, bytes], list[bytes]]
@@ -86,3 +98,23 @@ class PlainTarget:
         answer = Packet(SAMPLES, packet.sequence, content, self.state, self.faults, self.lost, 11, 7)
         assert self.key is not None
         return answer.sealed(self.key)
+
+
+def virtual_table(info: RigInfo, seed: tuple[int, ...]) -> Callable[[float | None], Sequence[float]]:
+    """Return a target's table that makes the rig behind UDP behave as the virtual rig of `info` does.
+
+    The target latches at t_k+1 what was computed from t_k: one sample of the latency lies in the link.
+    """
+    within = replace(info, latency_samples=info.latency_samples - 1)
+    rig = VirtualRig(within, build_plant(within, VirtualPhysics(), specimen(), 3e-4), seed)
+    return lambda command_v: (rig.arm() if command_v is None else rig.exchange(command_v)).tolist()
+
+
+def over_udp(latency_samples: int = 1, seed: tuple[int, ...] = (0, 1), bits: int = 16) -> UdpRig:
+    """Return the rig of the contract test, its table behind UDP in this process; the target ends with the tests."""
+    info = rig_info(latency_samples=latency_samples, bits=bits)
+    target = PlainTarget(SECRET, virtual_table(info, seed))
+    key_file = Path(FOLDER.name) / "key"
+    key_file.write_text(SECRET.hex())
+    key_file.chmod(0o600)
+    return UdpRig(info, UdpTarget("127.0.0.1", target.port, key_file, PATIENT_S))

@@ -48,7 +48,7 @@ def play(path: Path, settings: tuple[str, ...], memory: Memory, kept: Kept | Non
                 "structure.interface_experimental_mass_kg=0.5",
             ),
         ),
-        ("exp_rths", ("controller.command_weight=0.1", "damping=high")),
+        ("exp_rths", ("controller.command_weight=0.1", "damping=high", "record=hachinohe")),
     ],
 )
 def test_a_case_has_the_same_bytes_beside_those_that_differ_in_one_key(
@@ -72,13 +72,13 @@ def test_what_two_cases_have_in_common_is_made_once(
         function = getattr(module, name)
         monkeypatch.setattr(module, name, lambda *a, **k: (made.append(name), function(*a, **k))[1])
 
-    for module, name in ((run, "simulate"), (run, "simulate_delayed"), (check, "simulate")):
+    for module, name in ((run, "simulate"), (run, "simulate_delayed"), (check, "simulate"), (check, "_stability")):
         count(module, name)
     count(controllers.feedback, "design")
     kept = Kept()
     for number, seed in enumerate(("seed=0", "seed=1")):
         play(tmp_path / f"{number}.h5", ("runs=[sim,sim_delay,exp_rths]", seed), memory, kept)
-    assert sorted(made) == ["design", "simulate", "simulate", "simulate_delayed"]
+    assert sorted(made) == ["_stability", "design", "simulate", "simulate", "simulate_delayed"]
 
 
 def test_as_much_is_kept_as_fits() -> None:

@@ -35,14 +35,12 @@ def rths(folder: Path, *words: str) -> dict[str, Any]:
 
 
 def served(folder: Path) -> subprocess.Popen[str]:
-    """Start the server and wait until it listens."""
-    key = folder / "key"
-    server = subprocess.Popen(
-        [*WORDS, "serve", "aps400_virtual", "--port", str(PORT), "--key-file", str(key)],
-        stdout=subprocess.PIPE, text=True, cwd=folder,
-    )  # fmt: skip
+    """Start the server, wait until it listens, write the rig file with its key."""
+    words = ["serve", "aps400_virtual", "--port", str(PORT)]
+    server = subprocess.Popen([*WORDS, *words], stdout=subprocess.PIPE, text=True, cwd=folder)
     assert server.stdout is not None
-    server.stdout.readline()
+    line = next(line for line in server.stdout if line.startswith("key file "))
+    key = line.removeprefix("key file ").partition(";")[0]
     (folder / "rig.yaml").write_text(RIG.format(port=PORT, key=key))
     return server
 

@@ -1,7 +1,9 @@
 """The virtual table as a target on UDP (docs/realtime.md): receive, verify, advance the physics, answer.
 
 The physics goes in ticks of a quarter of the runner's sample interval, counted on this process's monotonic clock from
-the first command on. Whatever arrives late, or never, is felt as on a real table.
+the first command on; their phase follows that of the commands slowly, so that a first one that came late, or a clock
+that runs a little faster, does not decide between three ticks and five. Whatever else arrives late, or never, is felt
+as on a real table.
 """
 
 from __future__ import annotations
@@ -22,6 +24,7 @@ from rths_cli.rigs.virtual import kernel
 from rths_cli.rigs.virtual.plant import Plant
 
 TICKS_PER_INTERVAL = 4
+PHASE_STEPS = 64  # over so many commands the ticks settle around the instants at which commands come
 LOOK_NS = 20_000_000  # the longest wait for a packet: orders are looked at so often
 GREETED_NS = 50_000_000  # between two greetings that may disturb a session
 BROKEN_NS = 1_000_000  # wait after a failing socket
@@ -149,6 +152,8 @@ def obey(d: Door, t: Table, now: int, command_v: float) -> None:
         return
     if d.counts[OBEYED] == 0:  # the clock starts anew: steps count from here, not from ARM
         s[STARTED_NS], s[TICK], s[LAST_TICK] = now, 0, 0
+    else:
+        s[STARTED_NS] += (now - s[STARTED_NS] - s[TICK] * d.interval_ns // TICKS_PER_INTERVAL) // PHASE_STEPS
     since = s[TICK] - s[LAST_TICK]
     place = t.limits.gain_m_per_v * command_v
     velocity = (place - t.guard.motion[0]) / (max(since, 1) * t.limits.dt_s)

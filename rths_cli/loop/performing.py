@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -39,6 +40,7 @@ class _Loop(threading.Thread):
         self.result: object = None
         self.granted: Granted | None = None
         self.error: BaseException | None = None
+        self.ended = threading.Event()  # a signal that arrives in Thread.join makes Python 3.11 take a thread for dead
 
     def run(self) -> None:
         try:
@@ -46,6 +48,8 @@ class _Loop(threading.Thread):
                 self.result = self._work()
         except BaseException as error:
             self.error = error
+        finally:
+            self.ended.set()
 
 
 def perform_watched(rig: Rig, run: Performance, watch: Watch) -> Performed:
@@ -66,7 +70,7 @@ def rehearse_watched(run: Performance, seconds: float) -> tuple[Array, Array]:
     """Do what `realtime.rehearse` does, in a thread of real-time class."""
     loop = _Loop(lambda: rehearse(run, seconds))
     loop.start()
-    loop.join()
+    loop.ended.wait()
     if loop.error:
         raise loop.error
     return loop.result  # type: ignore[return-value]
@@ -83,9 +87,9 @@ def _watched(loop: _Loop, run: Performance, watch: Watch) -> Exception | None:
     raised: Exception | None = None
     loop.start()
     try:
-        while loop.is_alive():
+        while not loop.ended.is_set():
             try:
-                loop.join(GLANCE_S)
+                loop.ended.wait(GLANCE_S)
                 if raised is None:
                     watch(run)
             except KeyboardInterrupt:
@@ -97,8 +101,15 @@ def _watched(loop: _Loop, run: Performance, watch: Watch) -> Exception | None:
                 order(run, SIGTERM)
     finally:
         order(run, CTRL_C)
-        loop.join()
+        _outlast(loop)
     return raised
+
+
+def _outlast(loop: _Loop) -> None:
+    """Wait for the loop: whatever arrives meanwhile, the table comes to rest first."""
+    while not loop.ended.is_set():
+        with suppress(BaseException):
+            loop.ended.wait(GLANCE_S)
 
 
 def _outcome(run: Performance, fault: str) -> Outcome:

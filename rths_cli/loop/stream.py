@@ -32,6 +32,7 @@ class LogStream:
         self.worst_lag_s = 0.0
         self._log, self._columns, self._done, self._orders = log, columns, done, orders
         self._ended = threading.Event()
+        self._finished = threading.Event()  # a signal in Thread.join makes Python 3.11 take a thread for dead
         self._thread = threading.Thread(target=self._run, name="rths-log", daemon=True)
 
     def __enter__(self) -> LogStream:
@@ -47,8 +48,7 @@ class LogStream:
         """Write what is left and end the thread; safe to call twice. A disk that does not answer for 10 s is a fault,
         too, and the log is left to it."""
         self._ended.set()
-        self._thread.join(PATIENCE_S)
-        if self._thread.is_alive():
+        if not self._finished.wait(PATIENCE_S):
             self._log.leave()
             self._fail(f"the disk has not answered for {PATIENCE_S:g} s")
 
@@ -62,6 +62,7 @@ class LogStream:
                 self._append(ended)
             except Exception as error:  # whatever it is: the loop must learn that nothing is kept any more
                 self._fail(getattr(error, "strerror", None) or f"{type(error).__name__}: {error}")
+        self._finished.set()
 
     def _append(self, last: bool) -> None:
         done = int(self._done[0])

@@ -85,7 +85,7 @@ class RigInfo:
     transport_s: float = 0.0
     unattended: bool = False
     watchdog_s: float = 0.1
-    overrun: str = "hold"
+    overrun: str = "skip"
     driver_verified: str = ""
 
     @property

@@ -16,7 +16,7 @@ from rths_cli.clocks import SPIN_NS, IntArray, monotonic_ns, sleep_until
 from rths_cli.compiled import entry, part
 from rths_cli.control.blocks import Blocks
 from rths_cli.errors import RigError
-from rths_cli.loop.blocks import Step, assemble
+from rths_cli.loop.blocks import EXCITATION, Step, assemble
 from rths_cli.loop.drive import think
 from rths_cli.loop.guard import (
     END,
@@ -41,6 +41,7 @@ IN_RAMP_UP, IN_RUN, IN_RAMP_DOWN, AT_REST = 2, 3, 4, 5  # states of DESIGN.md se
 HOLD, SKIP, STOP = range(3)  # what an overrun does: the record waits, steps are caught up, the test stops
 POLICIES = {"hold": HOLD, "skip": SKIP, "stop": STOP}
 ANSWER_SHARE = 0.7  # of an interval, how long an answer may take: step and guard need the rest
+RESERVE = 0.99  # of the velocity limit, in a step that catches up
 RAMP_UP_S = 1.0
 RAMP_DOWN_S = 3.0  # at most: the guard is back at zero within 2 s
 
@@ -59,6 +60,7 @@ class Course(NamedTuple):
     policy: int  # HOLD, SKIP or STOP
     signs: Array  # (c,) of the channels
     zeros_v: Array  # (c,) what each channel shows at rest
+    volts: Array  # (c,) sensitivities in V per m/s^2
     orders: IntArray  # orders[0]: 0 go on, else stop; written by other threads
     marks: IntArray  # (4,)
     scratch: IntArray  # (2,)
@@ -68,7 +70,8 @@ def course(info: RigInfo, ramp_s: float, record: int, zeros_v: Array, orders: In
     """Return the course of a run over `record` steps."""
     return Course(
         round(1e9 * info.dt_s), SPIN_NS, round(ramp_s / info.dt_s), record, info.limits.lost_samples,
-        POLICIES[info.overrun], np.array([float(channel.sign) for channel in info.channels]), zeros_v, orders,
+        POLICIES[info.overrun], np.array([float(channel.sign) for channel in info.channels]), zeros_v,
+        np.array([channel.sensitivity_v_per_m_s2 for channel in info.channels]), orders,
         np.zeros(4, dtype=np.int64), np.zeros(2, dtype=np.int64),
     )  # fmt: skip
 
@@ -78,6 +81,23 @@ def take(course: Course, s: Step, samples_v: Array) -> None:
     """Give the step the samples of a rig, less their zeros, by the signs of their channels."""
     for c in range(s.samples.size):
         s.samples[c] = course.signs[c] * (samples_v[c] - course.zeros_v[c])
+
+
+@part
+def bridge(course: Course, s: Step, log: Log, k: int) -> None:
+    """Give the step what the channels would show, where no samples came: the table as desired, the floors as estimated.
+
+    What is desired at t_k is known from before; the estimated accelerations of the floors go on in a straight line.
+    An excitation, and a step without lead, keep the last samples.
+    """
+    floors, lead = s.samples.size - 1, s.recent.size - 1
+    if s.source == EXCITATION or lead == 0 or k < 2 or s.estimated.size < 3 * floors:
+        return
+    first = log.truths + s.samples.size + 5 + 2 * floors  # of the floors' accelerations in the log
+    s.samples[0] = course.volts[0] * s.recent[0]
+    for i in range(floors):
+        last, before = log.columns[first + i, k - 1], log.columns[first + i, k - 2]
+        s.samples[1 + i] = course.volts[1 + i] * (2.0 * last - before)
 
 
 @part
@@ -109,7 +129,10 @@ def conduct(
     `lost` as in the log. The drive (n, 3) is zero before and after the record; its last row is used for ever.
     """
     k, begun = log.done[0], monotonic_ns(course.scratch)
-    take(course, s, samples_v)
+    if lost == 0:
+        take(course, s, samples_v)
+    else:
+        bridge(course, s, log, k)
     obey(course, g, k)
     share = (k + 1) / (course.ramp + 1) if k < course.ramp else 1.0
     command, place = think(s, limits, g, drive[min(k, drive.shape[0] - 1)], log, k, share)
@@ -168,24 +191,61 @@ def run_udp(
 
     The samples of step 0 stand in the link. Deadlines are those of the course's clock, which begins now.
     """
-    sent, marks = 0, course.marks
+    marks, sent, behind = course.marks, 0, 0
     marks[START_NS] = monotonic_ns(course.scratch) + course.dt_ns
-    command = conduct(course, s, limits, g, drive, log, link.samples_v, 0)
+    command = last = 0.0
+    deadline = marks[START_NS]
     while log.done[0] < log.columns.shape[1] and g.flags[0] != STOPPED:
-        sent += 1
-        deadline = marks[START_NS] + (log.done[0] - 1) * course.dt_ns
-        late = sleep_until(deadline, course.spin_ns, course.scratch)
-        outcome = udp.OK
-        if sends:
-            until = deadline + late + int(ANSWER_SHARE * course.dt_ns)
-            outcome = udp.exchange(link, command, sent, until)
-        note_exchange(log, late, monotonic_ns(course.scratch) - deadline - late)
-        judge(course, g, outcome)
-        command = conduct(course, s, limits, g, drive, log, link.samples_v, 1 if outcome == udp.LOST else 0)
-        for _ in range(overrun(course, g, deadline)):
-            if log.done[0] < log.columns.shape[1]:
-                command = conduct(course, s, limits, g, drive, log, link.samples_v, 2)
+        lost = 0
+        if behind > 0:
+            lost = 2
+            note_command(s, log, log.done[0] - 1, last)  # the one of the step before never left
+        elif log.done[0] > 0:
+            sent, last = sent + 1, command
+            deadline = marks[START_NS] + (log.done[0] - 1) * course.dt_ns
+            lost = swap(link, course, g, log, deadline, command, sent) if sends else rest_until(course, log, deadline)
+        command = conduct(course, s, limits, g, drive, log, link.samples_v, lost)
+        if lost != 2:
+            behind = overrun(course, g, deadline) if sent > 0 else 0
+        else:
+            behind -= 1
+            if behind == 0:
+                command = held_back(limits, g, last, command)
+                note_command(s, log, log.done[0] - 1, command)
     return log.done[0]
+
+
+@part
+def rest_until(course: Course, log: Log, deadline: int) -> int:
+    """Wait for a deadline, in a rehearsal."""
+    note_exchange(log, sleep_until(deadline, course.spin_ns, course.scratch), 0)
+    return 0
+
+
+@part
+def swap(link: udp.Link, course: Course, g: GuardState, log: Log, deadline: int, command: float, number: int) -> int:
+    """Send a command at its deadline and take the samples of that instant; return 1 where none came in time."""
+    late = sleep_until(deadline, course.spin_ns, course.scratch)
+    outcome = udp.exchange(link, command, number, deadline + late + int(ANSWER_SHARE * course.dt_ns))
+    note_exchange(log, late, monotonic_ns(course.scratch) - deadline - late)
+    judge(course, g, outcome)
+    return 1 if outcome == udp.LOST else 0
+
+
+@part
+def note_command(s: Step, log: Log, k: int, command: float) -> None:
+    """Note for step k what left instead of what it computed."""
+    log.columns[log.truths + s.corrected.size + 3, k] = command
+
+
+@part
+def held_back(limits: GuardLimits, g: GuardState, last: float, command: float) -> float:
+    """Return the command after steps that were caught up, no farther from the last that left than one step may go."""
+    fastest = min(limits.velocity_m_s / limits.gain_m_per_v, limits.command_rate_v_s)
+    farthest = RESERVE * fastest * limits.dt_s
+    command = min(max(command, last - farthest), last + farthest)
+    g.motion[0] = limits.gain_m_per_v * command
+    return command
 
 
 @entry

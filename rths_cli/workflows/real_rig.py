@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from rths_cli.control.blocks import Blocks
     from rths_cli.files.result_writer import ResultWriter
     from rths_cli.loop.drive import Outcome
+    from rths_cli.loop.log import Signals
     from rths_cli.lti import Array
     from rths_cli.rigs.interface import Rig, RigInfo
     from rths_cli.workflows.controllers import Design
@@ -72,7 +73,16 @@ def excited(setup: Setup, blocks: Blocks, drive: Array) -> Outcome:
         outcome = perform_watched(rig, run, lambda _: None).outcome
     if outcome.reason in (INTERRUPT, TERMINATION):
         raise KeyboardInterrupt  # the command line remembers which signal it was
-    return outcome
+    return replace(outcome, log=mended(outcome.log))
+
+
+def mended(log: Signals) -> Signals:
+    """Return signals with a straight line where samples were lost."""
+    came = np.flatnonzero(~(log.lost > 0.0))
+    if came.size in (0, log.lost.size):
+        return log
+    every = np.arange(log.lost.size)
+    return replace(log, corrected=np.array([np.interp(every, came, channel[came]) for channel in log.corrected]))
 
 
 class RealStage:

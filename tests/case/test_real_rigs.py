@@ -71,7 +71,7 @@ def test_a_udp_rig_is_read_with_the_defaults_of_what_is_no_knowledge_of_the_tabl
     assert (table.unattended, table.watchdog_s, table.overrun, table.converters.latency_samples) == (
         False,
         0.1,
-        "hold",
+        "skip",
         1,
     )
     assert [channel.name for channel in table.channels] == ["table", "", ""]

@@ -68,6 +68,13 @@ def run_of(rig: Sitting, seconds: float = 20.0) -> realtime.Performance:
     return realtime.prepare(rig.info, best_like(rig.info), EXCITATION, drive, open_limits(rig.info), ramp_s=0.0)
 
 
+@pytest.fixture(autouse=True, scope="module")
+def compiled() -> None:
+    """Have the loop compiled before signals are sent to it."""
+    rig = Sitting()
+    realtime.perform(rig, run_of(rig, 0.01))
+
+
 @pytest.mark.usefixtures("handlers")
 @pytest.mark.parametrize(
     ("numbers", "reason"),

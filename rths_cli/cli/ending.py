@@ -49,7 +49,7 @@ def _guarded() -> int:
     try:
         code = int(cli.main(standalone_mode=False) or 0)
         sys.stdout.flush()
-        return code
+        return SIGNALS.code or code  # one that came when everything was done ends the caller's loop all the same
     except click.ClickException as error:
         return _say([error.format_message()], 2)
     except (click.Abort, KeyboardInterrupt, Terminated):

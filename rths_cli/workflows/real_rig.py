@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +15,7 @@ from rths_cli.files.raw_log import RawHeader, raw_log_path
 from rths_cli.files.raw_log_writer import RawLogWriter
 from rths_cli.files.rig_lock import locked_rig
 from rths_cli.loop.blocks import EXCITATION
-from rths_cli.loop.guard import INTERRUPT, TERMINATION
+from rths_cli.loop.guard import INTERRUPT, LOG_FAILED, TERMINATION, WATCHER_FAILED
 from rths_cli.loop.log import column_names, column_units
 from rths_cli.loop.performing import STOP_KEY, Performed, order, perform_watched, rehearse_watched
 from rths_cli.loop.realtime import Performance, prepare
@@ -81,9 +81,9 @@ class RealStage:
         """Play one run, its result file closed as interrupted meanwhile."""
         rig, ready = ready_on_rig(setup, design.blocks, run.source, drive_of(setup, design))
         path = raw_log_path(writer.path, run.name)
-        writer.park(f"{run.label} was under way; rths recover {path.name} brings its samples here")
         log = RawLogWriter(path, _header(setup, design, run, ready, writer))
         self._logs.append(log)
+        writer.park(f"{run.label} was under way; rths recover {path.name} brings its samples here")
         watching = Watching(ready)
 
         def watch(performance: Performance) -> None:
@@ -94,7 +94,12 @@ class RealStage:
             performed = perform_watched(rig, ready, watch)
         writer.resume()
         writer.about({f"{run.name}_{key}": value for key, value in _told(performed, stream).items()})
-        return performed.outcome
+        outcome = performed.outcome
+        if outcome.reason == WATCHER_FAILED:
+            return replace(outcome, stopped_by_limit=f"{outcome.stopped_by_limit} ({performed.watch_fault})")
+        if outcome.reason == LOG_FAILED:
+            return replace(outcome, stopped_by_limit=stream.fault or outcome.stopped_by_limit)
+        return outcome
 
     def written(self) -> None:
         """Remove the raw logs: the result file holds everything."""

@@ -294,16 +294,21 @@ def true_accel(abs_accel: Array, series: Series) -> Array:
 
 def why_ended(label: str, outcome: Outcome, dt_s: float) -> Stop | None:
     """Return why a run did not reach its end, None when it did."""
+    fault, limit = outcome.rig_fault, outcome.stopped_by_limit
+    if not (fault or limit):
+        return None
+    if fault and outcome.reason in (guard.RIG_FAULT, guard.LOST):
+        limit = ""  # the fault says more
+    said = f"{label}: {'; '.join(filter(None, (limit, fault)))} at {outcome.stopped_at_s:.3f} s"
     if outcome.reason in INTERRUPTIONS:
-        said = f"{label}: {outcome.stopped_by_limit} at {outcome.stopped_at_s:.3f} s, the table was led to rest"
-        return Stop("interrupted", said, INTERRUPTIONS[outcome.reason])
-    if outcome.rig_fault:
-        return Stop("failed", f"{label}: {outcome.rig_fault} at {outcome.stopped_at_s:.3f} s", 4)
-    if outcome.reason == guard.LOG_FAILED:
-        return Stop("failed", f"{label}: {outcome.stopped_by_limit} at {outcome.stopped_at_s:.3f} s", 4)
-    if outcome.stopped_by_limit:
-        return Stop("aborted", f"{label}: {outcome.stopped_by_limit} at {outcome.stopped_at_s:.3f} s", 3)
-    return None
+        return Stop(
+            "interrupted", said + ("" if fault else ", the table was led to rest"), INTERRUPTIONS[outcome.reason]
+        )
+    if outcome.reason == guard.WATCHER_FAILED:
+        return Stop("failed", said, 5)
+    if fault or outcome.reason == guard.LOG_FAILED:
+        return Stop("failed", said, 4)
+    return Stop("aborted", said, 3)
 
 
 def acceptance(limits: Mapping[str, float], values: Mapping[str, Metric]) -> Stop:

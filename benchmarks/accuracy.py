@@ -24,9 +24,9 @@ from rths_cli.structure import Building
 from rths_cli.workflows.controllers import design_blocks
 from rths_cli.workflows.known import Memory
 from rths_cli.workflows.rigs import EXP_RTHS, SHAKE_TABLE
-from rths_cli.workflows.run import play_run
 from rths_cli.workflows.series import on_record_clock, whole_building
 from rths_cli.workflows.setup import Setup, make_setup
+from rths_cli.workflows.table_runs import play_run
 
 PROCESSES = 2
 MEMORY = Memory()  # of each process: cases on the same rig and specimen share an identification

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rths_cli.case.load import load_cases, resolved_yaml
-from rths_cli.files.raw_log import SUFFIX, RawHeader, raw_log_path
+from rths_cli.files.raw_log import SUFFIX, RawHeader, raw_log_path, still_in
 from rths_cli.files.raw_log_writer import RawLogWriter
 from rths_cli.files.results import Dataset, ResultWriter, read_result, read_series
 from rths_cli.loop.stream import LogStream
@@ -52,6 +52,11 @@ class Trial:
     status: str
     fault: str
 
+    @property
+    def lost_s(self) -> float:
+        """Return how long a stretch of the run did not come back."""
+        return DT_S * max(self.done - self.back, 0)
+
 
 def main() -> int:
     """Run the trials and print what came of them; return 1 when one left a fault."""
@@ -63,7 +68,7 @@ def main() -> int:
         trial for first in range(0, count, TOGETHER) for trial in _trials(setup, noise, min(TOGETHER, count - first))
     ]
     _show(trials)
-    return int(any(trial.fault for trial in trials))
+    return int(any(trial.fault or trial.lost_s > MOST_LOST_S for trial in trials))
 
 
 def _trials(setup: Setup, noise: np.random.Generator, count: int) -> list[Trial]:
@@ -85,7 +90,7 @@ def _trial(result: Path, done: int, run_s: float, recovery_s: float) -> Trial:
             _kill([partial(recover, logs)], [recovery_s])
             _status(result, done)
             recover(logs)
-        return Trial(run_s, done, _came_back(result, done), _status(result, done), "")
+        return Trial(run_s, done, _came_back(result), _status(result, done), "")
     except Exception as error:
         return Trial(run_s, done, 0, "", f"{type(error).__name__}: {error}")
 
@@ -127,10 +132,10 @@ def _run(result: Path, setup: Setup, done: NDArray[np.int64]) -> None:
         with ResultWriter(result, attributes) as writer:
             writer.case(case.yaml_text, resolved_yaml(case))
             contents.write_record(writer, setup)
-            writer.finish("interrupted", f"the process ended while the table moved: rths recover {log.path.name}")
-        with LogStream(log, columns, done, np.zeros(1, dtype=np.int64)):
-            _loop(columns, done)
-        with ResultWriter(result, {}, continues=True) as writer:
+            writer.park(still_in(log.path))
+            with LogStream(log, columns, done, np.zeros(1, dtype=np.int64)):
+                _loop(columns, done)
+            writer.resume()
             command = Dataset(_made_up(STEPS)[0, LEAD:], "V", "command that left the guard", "computed")
             writer.group("exp_rths", {"command_v": command}, DT_S * np.arange(STEPS - LEAD))
             writer.finish("complete")
@@ -159,8 +164,8 @@ def _status(result: Path, done: int) -> str:
     return str(read_result(result).attributes["status"])
 
 
-def _came_back(result: Path, done: int) -> int:
-    """Return the number of steps that came back; raise where a value is wrong or too much is lost."""
+def _came_back(result: Path) -> int:
+    """Return the number of steps that came back; raise where a value is wrong."""
     if not result.exists():
         return 0
     found = read_result(result)
@@ -168,7 +173,6 @@ def _came_back(result: Path, done: int) -> int:
     np.testing.assert_array_equal(command, _made_up(STEPS)[0, LEAD : LEAD + command.size])
     back = command.size + LEAD if command.size else 0
     assert found.attributes["status"] == "interrupted" or back == STEPS, f"complete with {back} steps"
-    assert (done - back) * DT_S <= MOST_LOST_S, f"{done - back} steps are lost"
     return back
 
 
@@ -177,7 +181,7 @@ def _show(trials: list[Trial]) -> None:
     if "--json" in sys.argv:
         print(json.dumps([asdict(trial) for trial in trials]))
         return
-    lost = np.array([1e3 * DT_S * max(trial.done - trial.back, 0) for trial in trials if trial.done])
+    lost = np.array([1e3 * trial.lost_s for trial in trials if trial.done])
     kinds = {status: sum(trial.status == status for trial in trials) for status in ("none", "interrupted", "complete")}
     print(f"{len(trials)} runs killed, {lost.size} after the table had begun to move")
     print(
@@ -186,7 +190,7 @@ def _show(trials: list[Trial]) -> None:
     quantiles = np.quantile(lost, (0.5, 0.95, 1.0)) if lost.size else np.zeros(3)
     print("  lost, ms: median {:.0f}, 95 % {:.0f}, most {:.0f} (limit {:.0f})".format(*quantiles, 1e3 * MOST_LOST_S))
     faults = [trial for trial in trials if trial.fault]
-    print(f"  files that did not open, wrong values, or more lost: {len(faults)}")
+    print(f"  files that did not open, or wrong values: {len(faults)}")
     for trial in faults:
         print(f"    after {trial.after_s:.3f} s: {trial.fault}")
 

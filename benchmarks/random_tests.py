@@ -22,9 +22,9 @@ from rths_cli.workflows.controllers import Design, design_blocks
 from rths_cli.workflows.known import Memory
 from rths_cli.workflows.model_store import Cache
 from rths_cli.workflows.rigs import EXP_RTHS
-from rths_cli.workflows.run import play_run
 from rths_cli.workflows.series import on_record_clock, whole_building
 from rths_cli.workflows.setup import Setup, make_setup
+from rths_cli.workflows.table_runs import play_run
 
 SHARES = 0.1, 1.1  # of the scaling at which the building's motion fills the table's stroke or reaches its speed
 DAMPING_RATIOS = (0.003, 0.08)

@@ -166,10 +166,9 @@ def stability(
     wanted = required(frequency, model.band_hz[1])
     nearest = int(np.argmin(tolerated / wanted))
     weakest = int(np.argmin(np.where(frequency <= COMPARED_HZ, tolerated, math.inf)))
-    growth = float(np.exp(min(samples * math.log(radius), 700.0))) if radius > 0.0 else 0.0
     return Stability(
         radius,
-        growth,
+        growth(radius, samples),
         margins(on_data, frequency),
         margins(loop.loop, frequency),
         float(tolerated[nearest]),
@@ -179,6 +178,11 @@ def stability(
         float(frequency[weakest]),
         float(np.abs((1.0 + on_data) / (1.0 + loop.loop) - 1.0).max()),
     )
+
+
+def growth(radius: float, samples: int) -> float:
+    """Return the factor by which the slowest motion of a loop of this spectral radius changes over a record."""
+    return float(np.exp(min(samples * math.log(radius), 700.0))) if radius > 0.0 else 0.0
 
 
 def _tolerated(loop: ComplexArray) -> Array:

@@ -245,8 +245,8 @@ def _use_model(children: dict[str, Node], model: Node, faults: list[Fault]) -> N
 
 def _whole_path(node: Node) -> Node:
     """Return the node of a file's name with its absolute path; anything else as it is."""
-    if not isinstance(node.value, str):
-        return node
+    if not isinstance(node.value, str) or not node.value.strip() or "\0" in node.value:
+        return node  # the model refuses what names no file
     return replace(node, value=Path(os.path.abspath(node.mark.source.folder / os.path.expanduser(node.value))))
 
 

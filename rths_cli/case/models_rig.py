@@ -15,7 +15,7 @@ Velocity = Annotated[float, Range(gt=0, le=100)]
 Acceleration = Annotated[float, Range(gt=0, le=1000)]
 Force = Annotated[float, Range(gt=0, le=1e8)]
 CommandRate = Annotated[float, Range(gt=0, le=1e7)]
-EnergyRatio = Annotated[float, Range(gt=1, le=1e6)]
+EnergyRatio = Annotated[float, Range(gt=0, le=100)]
 LostSamples = Annotated[int, Range(ge=1, le=1000)]
 DEFAULT_LOST_SAMPLES = 5
 Corner = Annotated[float, Range(ge=0, le=1e6)]
@@ -69,7 +69,9 @@ class LimitsSpec(Strict):
     lost_samples: LostSamples | None = Field(
         default=None, description=f"how many answers of the rig in a row may be lost; default: {DEFAULT_LOST_SAMPLES}"
     )
-    energy_ratio: EnergyRatio | None = Field(default=None, description="growth of energy that stops a hybrid test")
+    energy_ratio: EnergyRatio | None = Field(
+        default=None, description="energy that errors of the table may add, of that exchanged with the specimen"
+    )
 
     def tightened(self, overrides: LimitOverrides) -> Self:
         """Return these limits with the given ones in their place; that they are stricter, the case checks."""

@@ -35,7 +35,7 @@ def kind_fault(kind: object) -> str:
     found = {} if kind in KINDS else plugin_kinds()
     if kind not in (*KINDS, *found):
         return (
-            f"no kind of rig is called {kind[:40]!r}{near(kind, (*KINDS, *found))}; "
+            f"no kind of rig is called {kind[:40]!r}{near(kind, {*KINDS, *found})}; "
             f"a further kind comes with a package that has an entry point of that name in the group {GROUP}"
         )
     points = found.get(kind, ())

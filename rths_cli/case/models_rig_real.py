@@ -136,7 +136,7 @@ class RealRigSpec(RigSpec):
     nominal: RealNominalSpec
     unattended: bool = Field(default=False, description="true: --yes may move this rig with nobody asked")
     overrun: Literal["hold", "skip", "stop"] = Field(
-        default="hold", description="a missed deadline: late step, next instant of the clock, or the end of the run"
+        default="hold", description="a missed deadline: the record waits, its steps are caught up, or the run ends"
     )
     model: Path | None = Field(default=None, description="the model file of cases that name none")
 

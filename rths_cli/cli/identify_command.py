@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from rths_cli.cli.group import cli
-from rths_cli.cli.options import json_option, settings_option
+from rths_cli.cli.options import json_option, settings_option, yes_option
 from rths_cli.cli.screens import new_screen
 from rths_cli.errors import InputError
 
@@ -60,6 +60,7 @@ from rths_cli.errors import InputError
     metavar="FILE",
     help="Write what was measured, for --data --corrected.",
 )
+@yes_option
 @settings_option
 @json_option
 def identify(
@@ -73,6 +74,7 @@ def identify(
     figure: Path | None,
     no_figure: bool,
     save_data: Path | None,
+    yes: bool,
     settings: tuple[str, ...],
     as_json: bool,
 ) -> int:
@@ -85,6 +87,7 @@ def identify(
     """
     from rths_cli.workflows.make_model import Asked, make_model
     from rths_cli.workflows.measured import DataRequest, read_roles
+    from rths_cli.workflows.permission import ask_to_move
 
     if not data and (channels or rate_hz is not None or corrected):
         raise InputError("--channel, --rate and --corrected belong to --data FILE; add it, or leave them out")
@@ -93,7 +96,7 @@ def identify(
     settings = (f"identification.model={judged}", *settings)
     asked = Asked(case, settings, request, output, save_data, figure, not no_figure)
     screen = new_screen(False)
-    made = make_model(asked, screen.doing)
+    made = make_model(asked, screen.doing, lambda setup: ask_to_move([setup], yes, screen.confirm))
     screen.clear()
     _show_identified(made, as_json)
     return made.exit_code

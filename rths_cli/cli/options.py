@@ -37,3 +37,9 @@ def methods_option(more: str) -> Callable[[F], F]:
 def overrides_option(choices: Sequence[str], about: str) -> Callable[[F], F]:
     """Add --override, repeatable: the one option that says "I know"."""
     return click.option("--override", "overrides", multiple=True, type=click.Choice(choices), help=f"I know: {about}")
+
+
+def yes_option(command: F) -> F:
+    """Add --yes."""
+    about = "Move a real rig without asking; its file must say `unattended: true`."
+    return click.option("--yes", is_flag=True, help=about)(command)

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 def recover(logs: tuple[Path, ...], as_json: bool) -> int:
     """Make the results of runs whose process was killed from the raw logs (NAME.RUN.rthslog) beside them.
 
-    Each result says `interrupted` and holds every sample that was on the disk. Finished results are left alone, logs
-    stay.
+    Each result says `interrupted` (or how else its run failed) and holds every sample that was on the disk. Complete
+    results are left alone, logs stay.
 
     Example: rths recover results/*.rthslog
     """
@@ -34,7 +34,7 @@ def recover(logs: tuple[Path, ...], as_json: bool) -> int:
         return 0
     for one in found:
         known = "held it already and is left as it is; " if one.known else ""
-        click.echo(f"{one.result}: {known}interrupted, {one.reason}")
+        click.echo(f"{one.result}: {known}{one.status}, {one.note}")
     return 0
 
 
@@ -42,8 +42,8 @@ def _document(one: Recovered) -> dict[str, object]:
     return {
         "log": str(one.log),
         "result": str(one.result),
-        "status": "interrupted",
-        "status_reason": one.reason,
+        "status": one.status,
+        "note": one.note,
         "run": one.run,
         "samples": one.samples,
         "steps": one.steps,

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from rths_cli.cli.group import cli
-from rths_cli.cli.options import json_option, methods_option, overrides_option, settings_option
+from rths_cli.cli.options import json_option, methods_option, overrides_option, settings_option, yes_option
 from rths_cli.cli.screens import new_screen
 
 
@@ -24,7 +24,7 @@ from rths_cli.cli.screens import new_screen
     ["check", "model"],
     "run EXP-RTHS although its check says no, or use a model that was rejected. Repeatable, stored in the result.",
 )
-@click.option("--yes", is_flag=True, help="Move a real rig without asking; its file must say `unattended: true`.")
+@yes_option
 @click.option("--fresh", is_flag=True, help="Identify anew; use no model of a virtual rig kept from earlier runs.")
 @settings_option
 @json_option

@@ -1,15 +1,11 @@
-"""What makes a file last: names that no later run takes, and contents that a loss of power leaves."""
+"""What makes a file last, and what is cleared away of those that were not finished."""
 
 from __future__ import annotations
 
+import glob
 import os
-from datetime import UTC, datetime
+from contextlib import suppress
 from pathlib import Path
-
-
-def dated(path: Path, when: datetime) -> Path:
-    """Return the path with the UTC time of an instant in its name, as the results of hardware have it."""
-    return path.with_name(f"{path.stem}-{when.astimezone(UTC):%Y%m%dT%H%M%SZ}{path.suffix}")
 
 
 def sync(path: Path) -> None:
@@ -21,3 +17,23 @@ def sync(path: Path) -> None:
         os.fsync(file)
     finally:
         os.close(file)
+
+
+def remove_leftovers(path: Path) -> None:
+    """Remove what killed processes left of this file (`.NAME.PID.part`): parts whose process is gone."""
+    for part in path.parent.glob(f".{glob.escape(path.name)}.*.part"):
+        number = part.name.split(".")[-2]
+        if number.isdigit() and not _is_alive(int(number)):
+            with suppress(OSError):
+                part.unlink()
+
+
+def _is_alive(process: int) -> bool:
+    """Tell whether a process of this number runs; in doubt it does."""
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True

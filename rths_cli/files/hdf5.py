@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rths_cli.files.hdf5_nodes import add_copy, add_dataset, add_text, is_compressed
+from rths_cli.files.hdf5_nodes import LEAST_COMPRESSED, add_copy, add_dataset, add_text, is_compressed
 
 if TYPE_CHECKING:
     import h5py
@@ -89,6 +89,8 @@ class _Axes:
         """Return a compressed scale of that name with the same values: the record's time is compressed once."""
         from h5py import h5d
 
+        if values.size < LEAST_COMPRESSED:
+            return None
         for path, known in self._written.items():
             if path.endswith(f"/{name}") and known.dtype == values.dtype and np.array_equal(known, values):
                 node = h5d.open(self._group.id, path.encode())
@@ -123,6 +125,18 @@ def _scales_around(group: h5py.Group) -> dict[str, NDArray[Any]]:
         for name, node in group.file[path or "/"].items():
             if getattr(node, "is_scale", False):
                 found[f"{path}/{name}"] = node[()]
+    return found
+
+
+def scales_of(file: h5py.File) -> dict[str, NDArray[Any]]:
+    """Return the values of every scale in a file by its path."""
+    found: dict[str, NDArray[Any]] = {}
+
+    def collect(name: str, node: Any) -> None:
+        if getattr(node, "is_scale", False):
+            found[f"/{name}"] = node[()]
+
+    file.visititems(collect)
     return found
 
 

@@ -7,14 +7,15 @@ its header, and a series is compressed where that halves it.
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterator
-from functools import cache
+from collections.abc import Callable, Iterator
+from functools import cache, lru_cache
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
+    from h5py.h5a import AttrID
     from h5py.h5d import DatasetID
     from h5py.h5g import GroupID
     from h5py.h5p import PropDCID
@@ -30,8 +31,12 @@ IN_HEADER_BYTES = 2048
 
 
 class _Kit(NamedTuple):
-    """Types, space and properties that every dataset and text share."""
+    """Types, spaces and properties that every dataset and text share, and the calls that make them: an import in a
+    function costs as much as either."""
 
+    attribute: Callable[..., AttrID]
+    dataset: Callable[..., DatasetID]
+    all: int
     text: TypeID
     text_in_memory: TypeID
     single: SpaceID
@@ -39,12 +44,12 @@ class _Kit(NamedTuple):
     in_header: PropDCID
 
 
-def add_text(node: DatasetID, name: str, text: str) -> None:
+def add_text(node: DatasetID | GroupID, name: str, text: str) -> None:
     """Add a new attribute holding a text."""
-    from h5py import h5a
-
     kit = _kit()
-    h5a.create(node, name.encode(), kit.text, kit.single).write(np.array(text, dtype=object), mtype=kit.text_in_memory)
+    held = np.empty((), dtype=object)
+    held[()] = text
+    kit.attribute(node, name.encode(), kit.text, kit.single).write(held, mtype=kit.text_in_memory)
 
 
 def text(node: DatasetID, name: str) -> str:
@@ -59,10 +64,8 @@ def text(node: DatasetID, name: str) -> str:
 
 def numbers(node: DatasetID) -> NDArray[np.float64]:
     """Return the numbers of a dataset."""
-    from h5py import h5s
-
-    held = np.empty(node.shape)
-    node.read(h5s.ALL, h5s.ALL, held)
+    kit, held = _kit(), np.empty(node.shape)
+    node.read(kit.all, kit.all, held, mtype=_stored_type(held.dtype))
     return held
 
 
@@ -80,15 +83,14 @@ def datasets(group: GroupID, above: str = "") -> Iterator[tuple[str, DatasetID]]
 
 def add_dataset(group: GroupID, name: str, data: NDArray[Any]) -> DatasetID:
     """Add a dataset of numbers or texts."""
-    from h5py import h5d, h5s
-
-    space = h5s.create_simple(data.shape)
+    kit, space = _kit(), _space(data.shape)
     if data.dtype.kind in "US":
-        node = h5d.create(group, name.encode(), _kit().text, space, _kit().plain)
-        node.write(h5s.ALL, h5s.ALL, data.astype(object), mtype=_kit().text_in_memory)
+        node = kit.dataset(group, name.encode(), kit.text, space, kit.plain)
+        node.write(kit.all, kit.all, data.astype(object), mtype=kit.text_in_memory)
         return node
-    node = h5d.create(group, name.encode(), _stored_type(data.dtype), space, _layout(data))
-    node.write(h5s.ALL, h5s.ALL, np.asarray(data, order="C"))
+    stored = _stored_type(data.dtype)
+    node = kit.dataset(group, name.encode(), stored, space, _layout(data))
+    node.write(kit.all, kit.all, np.asarray(data, order="C"), mtype=stored)
     return node
 
 
@@ -112,14 +114,22 @@ def is_compressed(node: DatasetID) -> bool:
 @cache
 def _kit() -> _Kit:
     import h5py
-    from h5py import h5d, h5p, h5s, h5t
+    from h5py import h5a, h5d, h5p, h5s, h5t
 
     plain = h5p.create(h5p.DATASET_CREATE)
     plain.set_obj_track_times(False)
     in_header = plain.copy()
     in_header.set_layout(h5d.COMPACT)
     text = h5py.string_dtype()
-    return _Kit(h5t.py_create(text, logical=True), h5t.py_create(text), h5s.create(h5s.SCALAR), plain, in_header)
+    types = h5t.py_create(text, logical=True), h5t.py_create(text)
+    return _Kit(h5a.create, h5d.create, h5s.ALL, *types, h5s.create(h5s.SCALAR), plain, in_header)
+
+
+@lru_cache(maxsize=64)
+def _space(shape: tuple[int, ...]) -> SpaceID:
+    from h5py import h5s
+
+    return h5s.create_simple(shape)
 
 
 @cache

@@ -13,7 +13,7 @@ from typing import Any
 
 from rths_cli.files.user_cache import user_cache
 
-LATE_SHARE = 2e-3  # of the steps, that may be late by a whole interval or lost
+LATE_SHARE = 5e-3  # of the steps, that may be late by a whole interval or lost
 P99_SHARE = 0.5  # of an interval, within which 99 % of the steps are ready
 RULE = (
     f"a rate is held when 99 % of the steps are ready within {P99_SHARE:g} of a sample interval and at most "

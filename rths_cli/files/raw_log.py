@@ -74,6 +74,11 @@ def raw_log_path(result: Path, run: str) -> Path:
     return result.with_name(f"{result.stem}.{run}{SUFFIX}")
 
 
+def still_in(log: Path) -> str:
+    """Return what a result says of how its run ended while the samples are in a log alone."""
+    return f"the process ended before the run did; its samples are in {log.name}: rths recover {log.name}"
+
+
 def read_header(path: Path) -> RawHeader:
     """Read what a log says of itself; raise InputError when it is no raw log, or a running process writes it."""
     try:

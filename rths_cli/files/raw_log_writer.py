@@ -36,14 +36,7 @@ class RawLogWriter:
         self._unsynced, self._synced_s = False, clock()
         start = packed_header(header)
         self._end = len(start)
-        self._file = _reserved(self.path, len(start) + _frames_bytes(header))
-        try:
-            _write(self._file, start, 0)
-            os.fsync(self._file)
-            sync(self.path.parent)
-        except OSError as error:
-            self.close()
-            raise InputError(refusal(self.path, "cannot write the raw log", error)) from error
+        self._file = _begun(self.path, start, len(start) + _frames_bytes(header))
 
     def __enter__(self) -> RawLogWriter:
         """Return the open log."""
@@ -98,23 +91,32 @@ def _frames_bytes(header: RawHeader) -> int:
     return VALUE.itemsize * len(header.names) * header.steps + frames * (FRAME.size + CHECK.size) + SPARE_BYTES
 
 
-def _reserved(path: Path, size: int) -> int:
-    """Return the descriptor of a new, locked file with space for `size` bytes; raise InputError where there is none."""
-    check_writable(path.parent, size)
-    try:
-        file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
-    except FileExistsError:
+def _begun(path: Path, start: bytes, size: int) -> int:
+    """Return the descriptor of a new, locked file that begins with `start` and has space for `size` bytes; raise
+    InputError where there is none."""
+    if path.exists():
         advice = "rths recover makes a result of it; then remove it, or choose another --output folder."
-        raise InputError(f"{path}: exists and may hold the samples of an interrupted run; {advice}") from None
+        raise InputError(f"{path}: exists and may hold the samples of an interrupted run; {advice}")
+    check_writable(path.parent, size)
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        file = os.open(part, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
     except OSError as error:
         raise InputError(refusal(path, "cannot write the raw log", error)) from error
     try:
         _lock(file)
+        _write(file, start, 0)
+        os.fsync(file)
+        os.rename(part, path)  # whoever sees the log sees its header
         _allocate(file, size)
-    except OSError as error:
+        sync(path.parent)
+    except BaseException as error:  # a signal too must leave no empty log
         os.close(file)
-        path.unlink()
-        raise InputError(refusal(path, f"cannot take {size / 1e6:.1f} MB for the raw log", error)) from error
+        for left in (part, path):
+            left.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise InputError(refusal(path, f"cannot take {size / 1e6:.1f} MB for the raw log", error)) from error
+        raise
     return file
 
 

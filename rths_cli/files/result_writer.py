@@ -8,7 +8,6 @@ table is at rest is finished as `interrupted`, and a writer that `continues` it 
 
 from __future__ import annotations
 
-import glob
 import os
 import re
 import shutil
@@ -24,8 +23,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rths_cli.errors import InputError
-from rths_cli.files.durable import sync
-from rths_cli.files.hdf5 import Dataset, write_group
+from rths_cli.files.durable import remove_leftovers, sync
+from rths_cli.files.hdf5 import Dataset, scales_of, write_group
+from rths_cli.files.hdf5_nodes import add_text
 from rths_cli.lti import Array
 
 FORMAT = "rths-result"
@@ -81,14 +81,17 @@ class ResultWriter:
         if not self._expendable and self.path.exists():
             raise InputError(f"{self.path}: exists and holds a hardware run; choose another name or --output folder.")
         if self._expendable:
-            _remove_leftovers(self.path)
+            remove_leftovers(self.path)
         try:
             with self._reporting():
                 if self._continues:
                     shutil.copyfile(self.path, self.part)
                 self._file = h5py.File(self.part, "a" if self._continues else "w", meta_block_size=META_BLOCK)
-                self._scales = _scales_of(self._file)
-                self._file.attrs.update(self._attributes | ({} if self._continues else HEADER))
+                self._scales = scales_of(self._file)
+                if self._continues:
+                    self._file.attrs.update({**self._attributes, **HEADER})
+                else:
+                    _add_attributes(self._file, {**self._attributes, **HEADER})
                 self._file.flush()
         except BaseException:  # a signal too must leave no half file
             self._abandon()
@@ -194,12 +197,12 @@ class ResultWriter:
         """Close and rename the file, or remove it."""
         if self._parked:
             self.resume()
-            self.finish("failed", str(error) if error else "the run ended without a status")
+            self.finish(*_ending(error))
         if self._broken:
             self._abandon()
             return
         if not self._expendable and (self._status is None or (error and self._status == "complete")):
-            self.finish("failed", str(error) if error else "the run ended without a status")
+            self.finish(*_ending(error))
         if self._status is None or (error is not None and self._status == "complete"):
             self._abandon()
             if error is None:
@@ -217,8 +220,7 @@ class ResultWriter:
         with self._reporting():
             group = self._file.require_group(name)
             write_group(group, datasets, scales, self._scales)
-            for key, value in about.items():
-                group.attrs[key] = _text_list(value) if isinstance(value, list) else value
+            _add_attributes(group, about)
             self._file.flush()
 
     def _publish(self) -> None:
@@ -257,24 +259,14 @@ class ResultWriter:
             raise InputError(refusal(self.path, "cannot write the result file", error) + left) from error
 
 
-def _remove_leftovers(path: Path) -> None:
-    """Remove what killed processes left of this virtual result: parts whose process is gone."""
-    for part in path.parent.glob(f".{glob.escape(path.name)}.*.part"):
-        number = part.name.split(".")[-2]
-        if number.isdigit() and not _is_alive(int(number)):
-            with suppress(OSError):
-                part.unlink()
-
-
-def _is_alive(process: int) -> bool:
-    """Tell whether a process of this number runs; in doubt it does."""
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:
-        return True
-    return True
+def _ending(error: BaseException | None) -> tuple[Status, str]:
+    """Return status and reason of a run that an error or a signal ended."""
+    if error is None:
+        return "failed", "the run ended without a status"
+    if isinstance(error, Exception):
+        return "failed", str(error) or type(error).__name__
+    signal = "interrupted" if isinstance(error, KeyboardInterrupt) else "terminated"
+    return "interrupted", f"{signal} before the run had ended"
 
 
 def check_writable(folder: Path, needed_bytes: int = 0) -> None:
@@ -301,16 +293,13 @@ def refusal(path: Path, what: str, error: Exception, advice: bool = True) -> str
     return f"{path}: {what}: {cause}" + ("; free space or choose another --output folder." if advice else ".")
 
 
-def _scales_of(file: Any) -> dict[str, NDArray[Any]]:
-    """Return the values of every scale in an open file by its path."""
-    found: dict[str, NDArray[Any]] = {}
-
-    def collect(name: str, node: Any) -> None:
-        if getattr(node, "is_scale", False):
-            found[f"/{name}"] = node[()]
-
-    file.visititems(collect)
-    return found
+def _add_attributes(group: Any, about: Mapping[str, Any]) -> None:
+    """Add new attributes to a group: numbers, texts and lists of texts."""
+    for key, value in about.items():
+        if isinstance(value, str):
+            add_text(group.id, key, value)
+        else:
+            group.attrs[key] = _text_list(value) if isinstance(value, list) else value
 
 
 def _text_list(value: list[str]) -> Any:

@@ -108,8 +108,8 @@ def think(
 def think_once(s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, scratch: IntArray) -> float:
     """Run `think` on the next row of the drive (n, 3) and note the time it took; scratch (2,)."""
     k, start = log.done[0], monotonic_ns(scratch)
-    command, place = think(s, limits, g, drive[k], log, k, 1.0)
-    log.columns[place, k] = monotonic_ns(scratch) - start
+    command = think(s, limits, g, drive[k], log, k, 1.0)[0]
+    log.columns[log.columns.shape[0] - 1, k] = monotonic_ns(scratch) - start
     log.done[0] = k + 1
     return command
 

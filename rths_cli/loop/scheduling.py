@@ -17,6 +17,7 @@ CPU_LATENCY = Path("/dev/cpu_dma_latency")
 ISOLATED = Path("/sys/devices/system/cpu/isolated")
 LIMITS_FILE = "/etc/security/limits.d/rths.conf"
 MLOCK_CURRENT = 1
+LAST, NEXT_TO_LAST = -1, -2  # places in the row of processors, the isolated ones at its end
 SET_TIMER_SLACK, GET_TIMER_SLACK = 29, 30
 
 
@@ -35,12 +36,13 @@ class Granted:
 
 
 @contextmanager
-def real_time(priority: int = PRIORITY, pin: bool = True) -> Iterator[Granted]:
+def real_time(priority: int = PRIORITY, place: int | None = LAST) -> Iterator[Granted]:
     """Give the calling thread what a real-time loop needs, as far as the system permits it; take it back at the end.
 
-    Memory that is there is locked, the thread runs under SCHED_FIFO on a processor of its own (`pin`), deep sleep of
-    the processors and Python's garbage collection are off. Threads that it starts inherit its processor but not its
-    priority: start them before. Raises InputError where real time is not possible at all.
+    Memory that is there is locked, the thread runs under SCHED_FIFO on a processor of its own, deep sleep of the
+    processors and Python's garbage collection are off. Threads that it starts inherit its processor but not its
+    priority: start them before. `place`: of its processor in the row of all, None leaves it on any.
+    Raises InputError where real time is not possible at all.
     """
     require_real_time()
     with ExitStack() as stack:
@@ -48,7 +50,7 @@ def real_time(priority: int = PRIORITY, pin: bool = True) -> Iterator[Granted]:
         _no_garbage_collection(stack)
         _no_timer_slack(stack)
         memory = _lock_memory(stack, refused)
-        cpu = _take_cpu(stack, refused) if pin else -1
+        cpu = -1 if place is None else _take_cpu(stack, refused, place)
         latency = _hold_cpu_latency(stack, refused)
         given = _take_priority(stack, refused, priority)
         yield Granted(memory, given, cpu, latency, tuple(refused))
@@ -83,14 +85,14 @@ def _lock_memory(stack: ExitStack, refused: list[str]) -> bool:
     return False
 
 
-def _take_cpu(stack: ExitStack, refused: list[str]) -> int:
-    """Move this thread to one processor: an isolated one, else the last one; return its number, -1 for none."""
-    before = os.sched_getaffinity(0)
-    choice = isolated_cpus() or before
-    if len(before | choice) < 2:
+def _take_cpu(stack: ExitStack, refused: list[str], place: int) -> int:
+    """Move this thread to one processor; return its number, -1 for none."""
+    before, isolated = os.sched_getaffinity(0), isolated_cpus()
+    choice = [*sorted(before - isolated), *sorted(isolated)]
+    if len(choice) < 2:
         refused.append("the thread has no processor of its own: there is one only, and the system needs it")
         return -1
-    cpu = max(choice)
+    cpu = choice[place]
     if not _tried(lambda: os.sched_setaffinity(0, {cpu}), f"processor {cpu} was not given", "ask for it", refused):
         return -1
     stack.callback(os.sched_setaffinity, 0, before)

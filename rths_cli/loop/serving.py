@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rths_cli.clocks import IntArray, monotonic_ns, sleep_until
+from rths_cli.clocks import SPIN_NS, IntArray, monotonic_ns, sleep_until
 from rths_cli.compiled import External, entry, part
 from rths_cli.loop.guard import BRAKING, RUNNING, STOPPED, GuardLimits, GuardState, ramp_down
 from rths_cli.lti import Array
@@ -29,14 +29,16 @@ BROKEN_NS = 1_000_000  # wait after a failing socket
 GREETING, ENDED, ORDERED = 1, 2, 3  # what `serve_packets` returns for
 
 # places in Door.counts; packets that are no packets or of another version, made with another key, doubled or reordered;
-# commands of the session obeyed, commands of it that a jump in the sequence shows lost
+# commands obeyed, packets of the session that a jump in the sequence shows lost
 MALFORMED, FORGED, REPLAYED, OBEYED, LOST = range(5)
 COUNTS = 5
 
 # places in Door.session; SEQUENCE is the highest seen, STARTED_NS 0 while the clock does not run, TICK the time of the
-# physics, LAST_TICK that of the last command, LONGEST_TICKS the longest time between two
-STATE, FAULTS, SEQUENCE, STARTED_NS, TICK, LAST_TICK, LONGEST_TICKS, ROW, CLOSING, GREETED_AT_NS, SIZE = range(11)
-PLACES = 11
+# physics, LAST_TICK that of the last command, ARRIVED_NS when it came, LONGEST_TICKS the longest time between two
+STATE, FAULTS, SEQUENCE, STARTED_NS, TICK, LAST_TICK, LONGEST_TICKS, ROW, CLOSING, GREETED_AT_NS, SIZE, ARRIVED_NS = (
+    range(12)
+)
+PLACES = 12
 
 _recvfrom = External("recvfrom", "intp", "intc", "uintp", "uintp", "intc", "uintp", "uintp")
 _sendto = External("sendto", "intp", "intc", "uintp", "uintp", "intc", "uintp", "uintc")
@@ -94,6 +96,8 @@ def lead_to_rest(d: Door, t: Table, fault: int) -> None:
     if d.session[STATE] == wire.ARMED:
         d.session[STATE] = wire.RESTING
         t.guard.flags[0] = BRAKING
+        if d.session[TICK] - d.session[LAST_TICK] > TICKS_PER_INTERVAL:
+            t.guard.motion[1] = 0.0  # it has been holding the last command
     elif d.session[STATE] == wire.IDLE:
         d.session[STATE] = wire.RESTED
 
@@ -152,7 +156,7 @@ def obey(d: Door, t: Table, now: int, command_v: float) -> None:
     t.guard.motion[1] = min(max(velocity, -t.limits.velocity_m_s), t.limits.velocity_m_s)
     t.latched_v[0] = command_v
     s[LONGEST_TICKS] = max(s[LONGEST_TICKS], since)
-    s[LAST_TICK] = s[TICK]
+    s[LAST_TICK], s[ARRIVED_NS] = s[TICK], now
     d.counts[OBEYED] += 1
 
 
@@ -187,8 +191,7 @@ def take(d: Door, t: Table, now: int) -> None:
     if sequence <= s[SEQUENCE]:
         d.counts[REPLAYED] += 1
         return
-    if d.counts[OBEYED] > 0:
-        d.counts[LOST] += sequence - s[SEQUENCE] - 1
+    d.counts[LOST] += sequence - s[SEQUENCE] - 1
     s[SEQUENCE] = sequence
     if kind == wire.ARM:
         arm(d, t, now)
@@ -229,6 +232,16 @@ def receive(d: Door) -> int:
 
 
 @part
+def pause(d: Door, now: int) -> int:
+    """Return how long to sleep for a packet in ns: not at all where the next command is about to come."""
+    if d.session[STATE] != wire.ARMED:
+        return LOOK_NS
+    spin_ns = min(SPIN_NS, d.interval_ns // 4)
+    ahead_ns = d.session[ARRIVED_NS] + d.interval_ns - now
+    return min(max(ahead_ns - spin_ns, 0), LOOK_NS) if ahead_ns > -spin_ns else LOOK_NS
+
+
+@part
 def wait(d: Door, time_ns: int) -> None:
     """Sleep until a packet comes, at most for a time in ns; rest a little where the socket fails."""
     d.scratch[0], d.scratch[1] = time_ns // 1_000_000_000, time_ns % 1_000_000_000
@@ -261,5 +274,6 @@ def serve_packets(d: Door, t: Table) -> int:
         if s[STATE] == wire.RESTED and (before != wire.RESTED or s[CLOSING] == 1):
             s[CLOSING] *= 2  # told once
             return ENDED
-        if size < 0:
-            wait(d, LOOK_NS)
+        sleep_ns = pause(d, now) if size < 0 else 0
+        if sleep_ns > 0:
+            wait(d, sleep_ns)

@@ -75,8 +75,7 @@ def load(paths: Sequence[Path]) -> list[Result]:
 def unrecovered(paths: Sequence[Path]) -> list[str]:
     """Return a sentence for each raw log in a folder whose samples are in no result."""
     logs = [log for path in paths if path.is_dir() for log in sorted(path.glob(f"*{SUFFIX}")) if _waits(log)]
-    what = "holds samples of an interrupted run that are in no result"
-    return [f"{log}: {what}; rths recover {log} puts them there." for log in logs]
+    return [f"{log}: the run that it logged is in no result; rths recover {log} puts it there." for log in logs]
 
 
 def _waits(log: Path) -> bool:
@@ -89,7 +88,8 @@ def _waits(log: Path) -> bool:
         found = read_result(result)
     except InputError:
         return False
-    return header.run not in found.groups and f"recovered_{header.run}" not in found.attributes
+    finished = found.attributes["status"] == "complete" or f"recovered_{header.run}" in found.attributes
+    return not finished and header.run not in found.groups
 
 
 def entries(results: Sequence[Result], references: Mapping[str, Figures]) -> list[Entry]:

@@ -24,7 +24,8 @@ class Rig(Protocol):
     def exchange(self, command_v: float) -> Array:
         """Send one command, wait for the next sample instant, return its samples in V, shape (n_channels,).
 
-        The array belongs to the rig and is overwritten by the next call. Raises RigError on a fault of the rig.
+        Samples are as the converter gives them: the loop takes zero offsets and signs out. The array belongs to the
+        rig and is overwritten by the next call. Raises RigError on a fault of the rig.
         """
 
     def rest(self) -> None:

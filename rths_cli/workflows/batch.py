@@ -119,9 +119,9 @@ def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
 
 
 def _at_once(jobs: Sequence[Job]) -> int:
-    """Return how many cases are worked on at a time: a real rig, and a case alone, have the process for themselves."""
+    """Return how many cases are worked on at a time: a real rig or a very long record is alone."""
     real = any(setup.rig.kind != "virtual" for setup, _ in jobs)
-    return 1 if real else min(AT_ONCE, len(jobs), cores())
+    return 1 if real else min(AT_ONCE, len(jobs), cores(), _most_kept(jobs))
 
 
 def exit_code(results: Sequence[Ended]) -> int:

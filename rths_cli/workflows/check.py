@@ -29,6 +29,7 @@ from rths_cli.workflows.setup import motion_key
 if TYPE_CHECKING:
     from rths_cli.analysis.critical_delay import CriticalDelay
     from rths_cli.analysis.identified_rig import IdentifiedRig
+    from rths_cli.control.blocks import Blocks
     from rths_cli.identification.found import Identification
     from rths_cli.lti import Array, Block
     from rths_cli.rig_info import RigInfo
@@ -68,18 +69,17 @@ def preflight_of(setup: Setup, identified: Identification, design: Design) -> pr
 def judge(setup: Setup, identified: Identification, design: Design, kept: Kept | None = None) -> Judged:
     """Return all that is known of a case's hybrid test, from the rig as identified and the blocks as designed.
 
-    With `kept`, cases of the same record and building share its SIM.
+    With `kept`, cases of the same record and building share its SIM, those of the same blocks what the loop tolerates.
     """
+    kept = kept or Kept()
     specimen, dt = _specimen(identified), setup.rig.dt_s
     building = as_identified(setup, specimen)
     rig = identified_rig(identified.best, specimen, setup.rig, setup.removes_sensors)
     storeys = all_storeys(building.numerical, dt, setup.case.integration)
     samples = len(setup.motion.time_s)
-    found = preflight.stability(rig, design.blocks, storeys, identified.best, identified.frfs[0], samples)
-    if math.isfinite(design.blocks.feedback_limit_v):  # at its limit a feedback is none
-        alone = replace(design.blocks, feedback=none(dt))
-        without = preflight.stability(rig, alone, storeys, identified.best, identified.frfs[0], samples)
-        found = max(found, without, key=lambda each: (each.radius >= 1.0, each.required / each.tolerates))
+    asked = pickle.dumps((rig, design.blocks, storeys, identified.best, identified.frfs[0]))
+    found = kept.get("stability", asked, lambda: _stability(rig, design.blocks, storeys, identified, samples))
+    found = replace(found, growth=preflight.growth(found.radius, samples))
     known = known_of(setup, identified, design, rig, storeys, found.radius, kept)
     prediction = predict(known)
     masses = np.concatenate([[setup.rig.moving_mass_kg], setup.floor_masses_kg])
@@ -94,6 +94,19 @@ def judge(setup: Setup, identified: Identification, design: Design, kept: Kept |
     friction = identified.friction.command_v if identified.friction else 0.0
     delayed = _sim_delay(setup, building, known, critical)
     return Judged(verdict, own, looped, delayed, friction, largest, known if found.radius < 1.0 else None)
+
+
+def _stability(
+    rig: IdentifiedRig, blocks: Blocks, storeys: Block, identified: Identification, samples: int
+) -> preflight.Stability:
+    """Return the stability of the loop, of that without feedback where it is worse: at its limit a feedback is none."""
+    table = identified.best, identified.frfs[0]
+    found = preflight.stability(rig, blocks, storeys, *table, samples)
+    if not math.isfinite(blocks.feedback_limit_v):
+        return found
+    alone = replace(blocks, feedback=none(rig.plant.dt_s))
+    without = preflight.stability(rig, alone, storeys, *table, samples)
+    return max(found, without, key=lambda each: (each.radius >= 1.0, each.required / each.tolerates))
 
 
 def _sim_delay(setup: Setup, building: Building, known: Known, critical: CriticalDelay) -> Array | None:

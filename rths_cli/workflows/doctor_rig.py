@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.errors import RigError
+from rths_cli.files.rig_lock import locked_rig
 from rths_cli.rigs.udp import link as links
 from rths_cli.rigs.udp.rig import UdpRig
 from rths_cli.rigs.udp.sentences import fault_names
@@ -32,13 +33,14 @@ def exchange_delays(case: Case) -> ExchangeDelays:
     def measure(rate_hz: float, seconds: float) -> IntArray:
         rig = open_rig(make_setup(case.model_copy(update={"sample_rate_hz": rate_hz})), (EXP_RTHS,), 0)
         steps = max(round(seconds * rate_hz), 1)
-        rig.open()
-        try:
-            rig.arm()
-            return udp_delays(rig, steps) if isinstance(rig, UdpRig) else paced_delays(rig, steps)
-        finally:
-            rig.rest()
-            rig.close()
+        with locked_rig(rig.info.name):
+            rig.open()
+            try:
+                rig.arm()
+                return udp_delays(rig, steps) if isinstance(rig, UdpRig) else paced_delays(rig, steps)
+            finally:
+                rig.rest()
+                rig.close()
 
     return measure
 

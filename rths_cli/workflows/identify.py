@@ -22,6 +22,7 @@ from rths_cli.identification.found import Identification
 from rths_cli.identification.record import Record
 from rths_cli.loop.blocks import EXCITATION
 from rths_cli.loop.drive import Outcome, play
+from rths_cli.loop.guard import LOST, OPERATOR, OVERRUN, RIG_FAULT
 from rths_cli.lti import Array, Model
 from rths_cli.workflows.rigs import IDENTIFICATION, PROBE, VERIFICATION, guard_limits, open_rig
 from rths_cli.workflows.setup import Progress, Setup
@@ -33,6 +34,7 @@ SEED_STEP = 7919  # between the excitations of several records
 PERIOD_S = {"multisine": 20.0, "sweep": 40.0}
 RECORDS = {IDENTIFICATION: "full level", PROBE: "probe", VERIFICATION: "verification"}
 ADVICE = "lower identification.accel_rms_m_s2"
+NOT_BY_MOTION = (LOST, OVERRUN, RIG_FAULT, OPERATOR)  # a quieter excitation would not help
 
 
 class UnfitRig(RigError):
@@ -202,10 +204,11 @@ def excite(setup: Setup, command_v: Array, stream: tuple[int, ...] | None = None
     drive = np.column_stack([command_v, np.zeros((command_v.size, 2))])
     outcome = _played(setup, drive, stream or (IDENTIFICATION,))
     where = f"identification of rig {setup.rig.name}, {RECORDS.get((stream or (IDENTIFICATION,))[0], 'record')}"
+    advice = "" if outcome.reason in NOT_BY_MOTION else f"; {ADVICE}"
     if outcome.rig_fault:
-        raise RigError(f"{where}: {outcome.rig_fault}; {ADVICE}")
+        raise RigError(f"{where}: {outcome.rig_fault}{advice}")
     if outcome.stopped_by_limit:
-        raise LimitError(f"{where}: {outcome.stopped_by_limit}; {ADVICE}")
+        raise LimitError(f"{where}: {outcome.stopped_by_limit}{advice}")
     return outcome.log.command_v, outcome.log.corrected
 
 

@@ -143,7 +143,10 @@ def _check_real(setup: Setup, path: Path | None) -> None:
 
     advice = f"rths identify {shown(setup.case.path)}"
     if path is None:
-        raise InputError(f"identification.model: is missing; a run does not excite a real rig, run {advice} first")
+        raise InputError(
+            "identification.model: is missing; a run does not excite a real rig, "
+            f"run {advice} first, with the same --set"
+        )
     if is_foreign(path):
         raise InputError(f"identification.model: {shown(path)} has not been judged; run {advice} --model {shown(path)}")
 

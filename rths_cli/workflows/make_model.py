@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -61,8 +62,10 @@ class Made:
     exit_code: int = 0
 
 
-def make_model(asked: Asked, progress: Progress) -> Made:
+def make_model(asked: Asked, progress: Progress, permit: Callable[[Setup], None] = lambda _: None) -> Made:
     """Identify as asked and write the model file, a rejected model too: it says so itself.
+
+    `permit` is called before a rig is excited; it may refuse by an InputError.
 
     Raises InputError before anything moves when the case, the data or the output cannot be used.
     """
@@ -71,6 +74,8 @@ def make_model(asked: Asked, progress: Progress) -> Made:
     given, notes = _given(setup)
     planned = None if asked.data else plan(setup)
     check_outputs(outputs, _inputs(asked, setup))
+    if not asked.data:
+        permit(setup)
     about = About(setup.rig.name, "" if asked.data else setup.rig.kind, "")
     try:
         measured = read_measured(asked.data, setup) if asked.data else measure(setup, progress, planned)

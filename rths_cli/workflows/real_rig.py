@@ -9,9 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rths_cli.case.expand import VARIED
 from rths_cli.case.load import resolved_yaml
 from rths_cli.errors import InputError
-from rths_cli.files.raw_log import RawHeader, raw_log_path
+from rths_cli.files.held_rates import held_rate
+from rths_cli.files.raw_log import RawHeader, raw_log_path, still_in
 from rths_cli.files.raw_log_writer import RawLogWriter
 from rths_cli.files.rig_lock import locked_rig
 from rths_cli.loop.blocks import EXCITATION
@@ -21,9 +23,10 @@ from rths_cli.loop.performing import STOP_KEY, Performed, order, perform_watched
 from rths_cli.loop.realtime import Performance, prepare
 from rths_cli.loop.stream import LogStream
 from rths_cli.loop.watching import View, Watching
+from rths_cli.rigs.udp.rig import UdpRig
 from rths_cli.workflows.doctor import summary
 from rths_cli.workflows.rigs import guard_limits, open_rig
-from rths_cli.workflows.run import TableRun, drive_of
+from rths_cli.workflows.table_runs import TableRun, drive_of
 
 if TYPE_CHECKING:
     from rths_cli.control.blocks import Blocks
@@ -56,6 +59,8 @@ def ready_on_rig(setup: Setup, blocks: Blocks, source: int, drive: Array) -> tup
     """
     rehearsed(setup, blocks, source)
     rig = open_rig(setup, (), 0)
+    if not isinstance(rig, UdpRig):
+        check_measured(setup.rig)
     zeros = listened(setup, rig).zeros_v
     return rig, prepare(setup.rig, blocks, source, drive, guard_limits(setup), zeros)
 
@@ -83,7 +88,7 @@ class RealStage:
         path = raw_log_path(writer.path, run.name)
         log = RawLogWriter(path, _header(setup, design, run, ready, writer))
         self._logs.append(log)
-        writer.park(f"{run.label} was under way; rths recover {path.name} brings its samples here")
+        writer.park(f"{run.label}: {still_in(path)}")
         watching = Watching(ready)
 
         def watch(performance: Performance) -> None:
@@ -132,6 +137,7 @@ def _told(performed: Performed, stream: LogStream) -> dict[str, str | int | floa
         "memory_locked": int(granted.memory_locked),
         "not_granted": "\n".join(granted.refused),
         "log_fault": stream.fault,
+        "log_behind_s": stream.worst_lag_s,
     }
 
 
@@ -161,6 +167,17 @@ def rehearsed(setup: Setup, blocks: Blocks, source: int) -> None:
             f"(p99 {measured.p99_us:.0f} us, {measured.late} of {measured.steps} steps late by a whole interval); "
             "choose a lower rate, rths doctor recommends one"
         )
+
+
+def check_measured(info: RigInfo) -> None:
+    """Raise InputError unless the rate of a rig whose exchange is written in Python was measured and held."""
+    rate_hz, name = 1.0 / info.dt_s, info.name.removesuffix(VARIED)
+    measured = held_rate(rate_hz, name)
+    advice = f"run rths doctor with --rig {name} --rate {rate_hz:g}"
+    if measured is None:
+        raise InputError(f"sample_rate_hz: {rate_hz:g} Hz was not measured with rig {name}; {advice}")
+    if not measured.held:
+        raise InputError(f"sample_rate_hz: rig {name} did not hold {rate_hz:g} Hz; choose a lower one and {advice}")
 
 
 def listened(setup: Setup, rig: Rig) -> AtRest:

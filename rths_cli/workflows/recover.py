@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import count, takewhile
 from pathlib import Path
@@ -17,7 +17,7 @@ from rths_cli.case.nodes import Source, plain
 from rths_cli.case.yaml_nodes import parse
 from rths_cli.errors import InputError
 from rths_cli.files.raw_log import RawHeader, RawLog, read_header, read_raw_log
-from rths_cli.files.results import ResultWriter, read_result, read_series
+from rths_cli.files.results import ResultWriter, Status, read_result, read_series
 from rths_cli.loop.drive import Outcome
 from rths_cli.loop.log import DESIRED, Signals
 from rths_cli.record import GroundMotion, integrate
@@ -27,25 +27,27 @@ from rths_cli.workflows.series import on_record_clock, whole_building
 from rths_cli.workflows.setup import Setup, ground_motion, rig_info
 
 if TYPE_CHECKING:
+    from rths_cli.files.result_writer import Attribute
     from rths_cli.lti import Array
 
 LABELS = {"shake_table": "shake-table test", "exp_rths": "EXP-RTHS"}
-TIMED = ("late_ns", "exchange_ns", "lost", "state")
+TIMED = ("late_ns", "exchange_ns", "lost", "state")  # not in every log
 NOTED = tuple(f"recovered_{run}" for run in LABELS)
 
 
 @dataclass(frozen=True)
 class Recovered:
-    """What came of one log: its result, the samples that were there of the steps of the run, and what the result says
-    of how the run ended. `known`: the result held the run already and was left as it is."""
+    """What came of one log: its result and the status in it, the samples that were there of the most steps that the run
+    could have, and that in a sentence. `known`: the result held the run already and was left as it is."""
 
     log: Path
     result: Path
+    status: str
     run: str
     samples: int
     steps: int
     dt_s: float
-    reason: str
+    note: str
     known: bool = False
 
 
@@ -63,7 +65,7 @@ def recover(paths: Sequence[Path]) -> list[Recovered]:
     """Make or complete the result beside each raw log; the logs stay.
 
     Raises InputError, with every fault and before anything is written, for what is no log, is under way, or belongs to
-    a finished result.
+    a complete result.
     """
     jobs: list[_Job] = []
     faults: list[str] = []
@@ -83,14 +85,11 @@ def result_of(path: Path, header: RawHeader) -> Path:
 
 
 def _job(path: Path) -> _Job:
-    """Return a log whose result is missing or interrupted, with its case; raises InputError."""
+    """Return a log whose result is missing or not complete, with its case; raises InputError."""
     header = read_header(path)
     result = result_of(path, header)
-    if result.exists():
-        status = read_result(result).attributes["status"]
-        if status != "interrupted":
-            advice = f"{result} is {status}, has all of the run and is left alone; remove the log"
-            raise InputError(f"{path}: is not needed any more: {advice}.")
+    if result.exists() and read_result(result).attributes["status"] == "complete":
+        raise InputError(f"{path}: is not needed any more: {result} is complete and is left alone; remove the log.")
     case = _case(path, header)
     floors = len(case.structure.experimental.masses_kg)
     needed = ("command_v", "base_shear_n", *DESIRED, *_numbered("corrected", 1 + floors))
@@ -103,20 +102,17 @@ def _job(path: Path) -> _Job:
 def _recover(job: _Job) -> Recovered:
     """Put one log into its result."""
     header, result, log = job.header, job.result, read_raw_log(job.path)
-    told = (job.path, result, header.run, log.samples, header.steps, header.dt_s)
     if not result.exists():
         _begin(job)
-    found, noted = read_result(result), f"recovered_{header.run}"
-    if noted in found.attributes or header.run in found.groups:
-        said = found.attributes.get(noted, found.attributes["status_reason"])
-        return Recovered(*told, str(said), known=True)
-    reason = _reason(job.path, log)
-    attributes = found.attributes | {noted: reason}
-    with ResultWriter(result, {noted: reason}, continues=True) as writer:
-        if log.columns.shape[1] > header.ramp_steps + header.lead_samples:
-            _write(writer, job, log)
-        writer.finish("interrupted", "; ".join(str(attributes[key]) for key in NOTED if key in attributes))
-    return Recovered(*told, reason)
+    found, key, note = read_result(result), f"recovered_{header.run}", _note(job.path, log)
+    status: Status = found.attributes["status"]  # type: ignore[assignment]
+    known = key in found.attributes or header.run in found.groups
+    if not known:
+        with ResultWriter(result, {key: note}, continues=True) as writer:
+            if log.columns.shape[1] > header.ramp_steps + header.lead_samples:
+                _write(writer, job, log)
+            writer.finish(status, _reason(found.attributes | {key: note}, note))
+    return Recovered(job.path, result, status, header.run, log.samples, header.steps, header.dt_s, note, known)
 
 
 def _write(writer: ResultWriter, job: _Job, log: RawLog) -> None:
@@ -132,14 +128,21 @@ def _write(writer: ResultWriter, job: _Job, log: RawLog) -> None:
     contents.write_table_run(writer, header.run, setup, series, hybrid)
 
 
-def _reason(path: Path, log: RawLog) -> str:
-    """Return how the run ended, as the result states it."""
+def _note(path: Path, log: RawLog) -> str:
+    """Return what there was of a run."""
     header, steps = log.header, log.columns.shape[1]
     gaps = f", {steps - log.samples} of them are missing" if log.samples < steps else ""
-    return (
-        f"{LABELS.get(header.run, header.run)}: the process ended before the run did; {steps} of {header.steps} steps "
-        f"({steps * header.dt_s:.3f} s of {header.steps * header.dt_s:.3f} s) are recovered from {path.name}{gaps}"
-    )
+    label, time_s, most_s = LABELS.get(header.run, header.run), steps * header.dt_s, header.steps * header.dt_s
+    there = f"{steps} of at most {header.steps} steps ({time_s:.3f} s of {most_s:.3f} s)"
+    return f"{label}: {there} are recovered from {path.name}{gaps}"
+
+
+def _reason(attributes: Mapping[str, Attribute], note: str) -> str:
+    """Return how the run ended, as the result states it: what it said of a fault stays."""
+    if attributes["status"] != "interrupted":
+        return f"{attributes['status_reason']}; {note}"
+    notes = [str(attributes[key]) for key in NOTED if key in attributes]
+    return "; ".join(["the process ended before the run did", *notes])
 
 
 def _begin(job: _Job) -> None:
@@ -210,13 +213,14 @@ def _signals(log: RawLog, setup: Setup) -> Signals:
     def rows(names: Sequence[str]) -> Array:
         return np.array([columns.get(name, unknown) for name in names])
 
-    single = ("command_v", "base_shear_n", "true_displacement_m", "compute_ns", *TIMED)
+    single = ("command_v", "base_shear_n", "true_displacement_m", "compute_ns")
     several = ("corrected", "true_velocity_m_s", "samples_v")
     return Signals(
         desired=rows(DESIRED),
         estimated=rows(list(takewhile(columns.__contains__, _named("estimated")))),
         **{name: rows(_numbered(name, channels)) for name in several},
         **{name: columns.get(name, unknown) for name in single},
+        **{name: columns.get(name, unknown[:0]) for name in TIMED},
     )
 
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.case.models_rig import VirtualRigSpec
-from rths_cli.case.models_rig_real import NiRigSpec, UdpRigSpec
+from rths_cli.case.models_rig_real import NiRigSpec, PluginRigSpec, UdpRigSpec
+from rths_cli.errors import RigError
 from rths_cli.rigs.virtual.opening import virtual_rig
 
 if TYPE_CHECKING:
@@ -40,9 +41,11 @@ def open_rig(setup: Setup, stream: tuple[int, ...], seed: int) -> Rig:
         return _udp(setup, table)
     if isinstance(table, NiRigSpec):
         return _ni(setup, table)
-    from rths_cli.rigs.plugins import open_plugin
+    if isinstance(table, PluginRigSpec):
+        from rths_cli.rigs.plugins import open_plugin
 
-    return open_plugin(setup.rig, table.options)
+        return open_plugin(setup.rig, table.options)
+    raise RigError(f"rig {setup.rig.name}: there is no driver for rigs of kind {setup.rig.kind}")
 
 
 def open_virtual(setup: Setup, stream: tuple[int, ...], seed: int) -> VirtualRig:
@@ -63,9 +66,11 @@ def _udp(setup: Setup, table: UdpRigSpec) -> UdpRig:
     """Return the rig behind UDP that a rig file describes."""
     from rths_cli.rigs.udp.rig import UdpRig, UdpTarget
 
-    udp, lost_samples = table.udp, setup.rig.limits.lost_samples
-    target = UdpTarget(udp.host, udp.port, udp.key_file, udp.timeout_s, table.watchdog_s, lost_samples)
-    return UdpRig(setup.rig, target)
+    there, rig = table.udp, setup.rig
+    target = UdpTarget(
+        there.host, there.port, there.key_file, there.timeout_s, table.watchdog_s, rig.limits.lost_samples
+    )  # fmt: skip
+    return UdpRig(rig, target)
 
 
 def _ni(setup: Setup, table: NiRigSpec) -> NiRig:

@@ -19,7 +19,7 @@ import numpy as np
 from rths_cli.clocks import require_real_time
 from rths_cli.files.user_cache import user_cache
 from rths_cli.loop import serving
-from rths_cli.loop.scheduling import real_time
+from rths_cli.loop.scheduling import NEXT_TO_LAST, real_time
 from rths_cli.rigs.udp import wire
 from rths_cli.rigs.udp.secret import KEY_FILE_VARIABLE, as_words, make_secret, read_secret
 from rths_cli.rigs.udp.sentences import fault_names
@@ -115,7 +115,7 @@ class Server:
 
     def _serve(self) -> None:
         try:
-            with real_time(PRIORITY, pin=False) as granted:
+            with real_time(PRIORITY, NEXT_TO_LAST) as granted:
                 for sentence in granted.refused:
                     self._say(f"note: {sentence}")
                 while (event := serving.serve_packets(self._door, self._table)) != serving.ORDERED:

@@ -86,7 +86,7 @@ def make_table(rig: ServedRig, interval_ns: int) -> Table:
 
 
 def _plant(rig: ServedRig, tick_s: float) -> Plant:
-    info = replace(rig.setup.rig, dt_s=tick_s, latency_samples=0)
+    info = replace(rig.setup.rig, dt_s=tick_s)
     building = rig.setup.building
     mass = building.interface_experimental_mass_kg
     return virtual_rig(rig.table, info, building.specimen, mass, (0,), after_identification=True).plant

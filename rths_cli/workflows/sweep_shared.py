@@ -16,8 +16,8 @@ from rths_cli.workflows.kept import Kept
 from rths_cli.workflows.known import Memory
 from rths_cli.workflows.model_store import Cache, key
 from rths_cli.workflows.rigs import EXP_RTHS, guard_limits, open_virtual
-from rths_cli.workflows.run import drive_of
 from rths_cli.workflows.setup import building_key, make_setup, motion_key
+from rths_cli.workflows.table_runs import drive_of
 
 if TYPE_CHECKING:
     from rths_cli.case.models import Case

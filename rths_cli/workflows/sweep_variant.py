@@ -16,9 +16,10 @@ from rths_cli.metrics import room_for_pairs
 from rths_cli.rigs.virtual.rig import VirtualRig
 from rths_cli.workflows.provenance import model_sha256
 from rths_cli.workflows.rigs import EXP_RTHS
-from rths_cli.workflows.run import Stop, acceptance, true_accel, why_ended
+from rths_cli.workflows.run import acceptance
 from rths_cli.workflows.series import on_record_clock, whole_building
 from rths_cli.workflows.sweep_rows import Column, Row, error_values, flat
+from rths_cli.workflows.table_runs import Stop, true_accel, why_ended
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

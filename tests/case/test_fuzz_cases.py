@@ -30,12 +30,36 @@ accept:
   exp_rths.rms_error_m_s2[3]: 0.06
 identification: {seed: 3, high_hz: 50}
 """
-SEEDS = [INLINE, (shipped("cases") / "el_centro_low_ff_fb.yaml").read_text(encoding="utf-8")]
+REAL = """\
+structure: three_storey
+damping: low
+record: el_centro
+scaling: 3e-1
+controller: FF+FB
+table:
+  extends: udp_example
+  udp: {host: 10.0.0.1, key_file: ../a.key, timeout_s: 3e-4}
+  limits: {energy_ratio: 0.2, lost_samples: 3}
+  overrun: skip
+"""
+SEEDS = [INLINE, REAL, (shipped("cases") / "el_centro_low_ff_fb.yaml").read_text(encoding="utf-8")]
 PIECES = [
     *("~", "[]", "{}", "-1", "1e9", ".nan", "true", "yes", "*a", "&a ", "!!x ", "extends: x", "\n", "  ", ": ", "\x00"),
     *("{a: {b: [1]}}", "/", "..", "'", '"', "#", "é", "[[1], 2]", "9" * 20, "? ", "- ", "--- ", "%Y", "|"),
 ]
-KEYS = ["table.physics", "structure.experimental.masses_kg", "accept", "runs", "damping", "record", "table.extends"]
+KEYS = [
+    "table.physics",
+    "table.channels",
+    "table.kind",
+    "table.udp.key_file",
+    "table.model",
+    "structure.experimental.masses_kg",
+    "accept",
+    "runs",
+    "damping",
+    "record",
+    "table.extends",
+]
 WORDS = sorted({word for seed in SEEDS for word in seed.replace(":", " ").replace(",", " ").split()})
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,16 @@ import yaml
 from rths_cli.case import plugin_kinds
 from rths_cli.case.find import shipped
 from rths_cli.case.load import load_cases, resolved_yaml
-from rths_cli.case.models_rig_real import ChannelSpec, NiRigSpec, PluginRigSpec, UdpRigSpec, UdpSpec
+from rths_cli.case.models_rig_real import (
+    ChannelSpec,
+    NiRigSpec,
+    PluginRigSpec,
+    RealConvertersSpec,
+    RealLimitsSpec,
+    RealNominalSpec,
+    UdpRigSpec,
+    UdpSpec,
+)
 
 CHANNEL = {"sensitivity_mv_per_g": 1000, "range_g": 5, "high_pass_hz": 0.024, "low_pass_hz": 1549}
 UDP: dict[str, Any] = {
@@ -124,10 +134,13 @@ def test_a_channel_states_its_sensor_completely(write, faults_of, rig, key: str)
          "must be a host's name or address, without port, got '10.0.0.1:7'"),
         ({"udp": {"host": "a", "port": 1, "timeout_s": 5e-4}}, "udp.timeout_s",
          "must be < the sample interval of 0.0005 s, got 0.0005"),
+        ({"udp": {"host": "a", "port": 1, "key_file": "a\0b"}}, "udp.key_file",
+         "must be the name of a file, got 'a\\x00b'"),
+        ({"model": " "}, "model", "must be the name of a file, got ' '"),
         ({"udp": {"host": "a", "port": 65536}}, "udp.port", "must be >= 1 and <= 65535, got 65536"),
         ({"udp": {"host": "a", "port": 1, "key": "secret"}}, "udp.key",
          "unknown key; known: host, key_file, port, timeout_s"),
-        ({"limits": {**UDP["limits"], "energy_ratio": 1}}, "limits.energy_ratio", "must be > 1 and <= 1e+06, got 1"),
+        ({"limits": {**UDP["limits"], "energy_ratio": 0}}, "limits.energy_ratio", "must be > 0 and <= 100, got 0"),
     ],
 )  # fmt: skip
 def test_one_fault_is_one_sentence_with_its_place(faults_of, rig, changes, place: str, fault: str) -> None:
@@ -275,6 +288,13 @@ def test_a_resolved_case_on_a_shipped_rig_loads_to_the_same_case(lab: Path, writ
     (again,) = load_cases([again_path])
     hidden = {"path", "yaml_text"}
     assert again.model_dump(exclude=hidden) == case.model_dump(exclude=hidden)
+
+
+def test_the_page_on_rigs_names_every_key() -> None:
+    text = (Path(__file__).parents[2] / "docs" / "rigs.md").read_text(encoding="utf-8")
+    models = (PluginRigSpec, ChannelSpec, RealLimitsSpec, RealNominalSpec, RealConvertersSpec, UdpSpec)
+    keys = {key for model in models for key in model.model_fields} - {"name", "terminal"}
+    assert [key for key in sorted(keys) if not re.search(rf"`[^`]*\b{key}\b", text)] == []
 
 
 def test_the_commented_example_names_every_key(lab: Path) -> None:

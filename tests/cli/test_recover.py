@@ -16,10 +16,11 @@ from rths_cli.case.load import load_cases, resolved_yaml
 from rths_cli.cli import cli
 from rths_cli.files.raw_log import RawHeader, raw_log_path
 from rths_cli.files.raw_log_writer import RawLogWriter
-from rths_cli.files.results import ResultWriter
+from rths_cli.files.results import ResultWriter, Status
 
 NAMES = ("command_v", "desired_accel_m_s2", "desired_velocity_m_s", "desired_displacement_m", "base_shear_n")
 NAMES += (*(f"corrected_{i}" for i in range(3)), *(f"estimated_{i}" for i in range(6)))
+FINISHED: tuple[tuple[str, Status], ...] = (("four", "complete"), ("six", "aborted"))
 STEPS, DONE, LEAD = 4000, 1500, 2
 
 
@@ -35,7 +36,7 @@ def inside(*words: str) -> str:
     return done.output
 
 
-def killed(folder: Path, name: str) -> np.ndarray:
+def killed(folder: Path, name: str, done: int = DONE) -> np.ndarray:
     """Leave the raw log of a run of the default case; return its columns (w, done)."""
     case = load_cases(["el_centro_low_ff_fb"])[0]
     result = folder / f"{name}.h5"
@@ -46,7 +47,7 @@ def killed(folder: Path, name: str) -> np.ndarray:
         NAMES, ("1",) * len(NAMES), 0.0005, STEPS, LEAD, "exp_rths", result.name, *texts,
         {**attributes, "scaling": 0.3},
     )  # fmt: skip
-    columns = np.random.default_rng(0).normal(size=(len(NAMES), DONE))
+    columns = np.random.default_rng(0).normal(size=(len(NAMES), done))
     with RawLogWriter(raw_log_path(result, "exp_rths"), header) as log:
         log.append(0, columns)
     return columns
@@ -64,11 +65,11 @@ def test_logs_become_results_and_json_is_one_document(tmp_path: Path, monkeypatc
     done = rths("recover", "one.exp_rths.rthslog", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout == (
-        "one.h5: interrupted, EXP-RTHS: the process ended before the run did; 1500 of 4000 steps (0.750 s of 2.000 s) "
-        "are recovered from one.exp_rths.rthslog\n"
+        "one.h5: interrupted, EXP-RTHS: 1500 of at most 4000 steps (0.750 s of 2.000 s) are recovered from "
+        "one.exp_rths.rthslog\n"
     )
     with h5py.File(tmp_path / "one.h5") as file:
-        assert file.attrs["status"] == "interrupted" and file.attrs["status_reason"] in done.stdout
+        assert file.attrs["status"] == "interrupted" and file.attrs["recovered_exp_rths"] in done.stdout
         np.testing.assert_array_equal(file["exp_rths/command_v"][()], columns[0, LEAD:])
     words = ("recover", "one.exp_rths.rthslog", "two.exp_rths.rthslog", "two.exp_rths.rthslog", "--json")
     document = json.loads(inside(*words))
@@ -98,13 +99,20 @@ def test_report_says_what_waits_to_be_recovered(tmp_path: Path, monkeypatch: pyt
     folder = tmp_path / "results"
     folder.mkdir()
     killed(folder, "one")
-    advice = "results/one.exp_rths.rthslog: holds samples of an interrupted run that are in no result; rths recover"
+    advice = "results/one.exp_rths.rthslog: the run that it logged is in no result; rths recover"
     if others:
         killed(folder, "two")
-        inside("recover", "results/two.exp_rths.rthslog")
+        killed(folder, "three", LEAD)  # of which the record's clock knows nothing
+        inside("recover", "results/two.exp_rths.rthslog", "results/three.exp_rths.rthslog")
+        for name, status in FINISHED:
+            killed(folder, name)
+            with ResultWriter(folder / f"{name}.h5", {"case_name": name}) as writer:
+                writer.group("exp_rths" if status == "aborted" else "record", {})
+                writer.finish(status)
+        (folder / "five.rthslog").write_text("no log")
     done = rths("report", cwd=tmp_path)
     assert done.returncode == (0 if others else 2)
-    assert advice in done.stderr and "two" not in done.stderr and "Traceback" not in done.stderr
+    assert advice in done.stderr and len(done.stderr.splitlines()) == (1 if others else 2)
     assert ("interrupted" in done.stdout) == others
     inside("recover", "results/one.exp_rths.rthslog")
     assert "rths recover" not in inside("report")

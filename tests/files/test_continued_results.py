@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,6 @@ import xarray
 
 from rths_cli.errors import InputError
 from rths_cli.files import result_writer
-from rths_cli.files.durable import dated
 from rths_cli.files.results import Dataset, Metric, ResultWriter, read_result, read_series
 
 N = 3000
@@ -28,9 +26,12 @@ def command() -> dict[str, Dataset]:
     return {"command_v": Dataset(COMMAND, "V", "command that left the guard", "computed")}
 
 
+ABOUT = {"case_name": "demo", "rig_kind": "udp", "seed": 3}
+
+
 def begin(path: Path) -> Path:
     """Write what is known before the table moves."""
-    with ResultWriter(path, {"case_name": "demo", "rig_kind": "udp", "seed": 3}) as writer:
+    with ResultWriter(path, ABOUT) as writer:
         writer.case("a: 1\n", "a: 1\nb: 2\n")
         writer.group("record", {}, TIME)
         writer.metrics({"exp_rths.max_error_m_s2": Metric([0.3, 0.4], "m/s^2", "largest error")})
@@ -62,7 +63,7 @@ def test_a_continued_result_holds_both_halves(tmp_path: Path) -> None:
 def test_a_continuation_that_raises_leaves_the_file_as_it_was(tmp_path: Path, status: str | None) -> None:
     path = begin(tmp_path / "a.h5")
     before = path.read_bytes()
-    with pytest.raises(KeyboardInterrupt), ResultWriter(path, {}, continues=True) as writer:
+    with pytest.raises(KeyboardInterrupt), ResultWriter(path, ABOUT, continues=True) as writer:
         writer.group("exp_rths", command(), TIME)
         if status:
             writer.finish("complete")
@@ -80,7 +81,7 @@ def test_a_disk_that_is_full_leaves_the_file_as_it_was(tmp_path: Path, monkeypat
     with monkeypatch.context() as patched:
         patched.setattr(result_writer, "write_group", refuse)
         told = r"a\.h5: cannot write the result file: No space left on device; [^.]*\.$"
-        with pytest.raises(InputError, match=told), ResultWriter(path, {}, continues=True) as writer:
+        with pytest.raises(InputError, match=told), ResultWriter(path, ABOUT, continues=True) as writer:
             writer.group("exp_rths", command(), TIME)
     with monkeypatch.context() as patched:
         patched.setattr(result_writer, "sync", refuse)
@@ -124,12 +125,49 @@ with ResultWriter(Path(sys.argv[1]), {}, continues=True) as writer:
     assert os.listdir(tmp_path) == ["a.h5"]
 
 
+def test_a_parked_file_can_be_read_until_it_is_resumed_and_afterwards(tmp_path: Path) -> None:
+    path = tmp_path / "a.h5"
+    with ResultWriter(path, ABOUT) as writer:
+        writer.group("record", {}, TIME)
+        for run in ("shake_table", "exp_rths"):
+            writer.park(f"{run} was under way")
+            assert os.listdir(tmp_path) == ["a.h5"]
+            found = read_result(path)
+            assert (found.attributes["status"], found.attributes["status_reason"]) == (
+                "interrupted",
+                f"{run} was under way",
+            )
+            assert found.groups == (("record",) if run == "shake_table" else ("record", "shake_table"))
+            writer.resume()
+            writer.group(run, command(), TIME)
+        assert read_result(path).groups == ("record", "shake_table")
+        writer.finish("complete")
+    assert read_result(path).groups == ("exp_rths", "record", "shake_table")
+    assert os.listdir(tmp_path) == ["a.h5"]
+
+
+@pytest.mark.parametrize("error", [KeyError("lost the link"), KeyboardInterrupt()])
+def test_a_fault_while_a_file_is_parked_is_told_and_after_that_leaves_it_as_it_was(
+    tmp_path: Path, error: BaseException
+) -> None:
+    with pytest.raises(type(error)), ResultWriter(tmp_path / "a.h5", ABOUT) as writer:
+        writer.group("record", {}, TIME)
+        writer.park("it moves")
+        raise error
+    found = read_result(tmp_path / "a.h5")
+    assert found.attributes["status"] == "failed" and found.groups == ("record",)
+    assert found.attributes["status_reason"] == (str(error) or "KeyboardInterrupt")
+    with pytest.raises(type(error)), ResultWriter(tmp_path / "b.h5", ABOUT) as writer:
+        writer.park("it moves")
+        writer.resume()
+        writer.group("exp_rths", command(), TIME)
+        raise error
+    found = read_result(tmp_path / "b.h5")
+    assert (found.attributes["status"], found.groups) == ("interrupted", ())
+    assert sorted(os.listdir(tmp_path)) == ["a.h5", "b.h5"]
+
+
 def test_what_is_not_there_cannot_be_continued(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"a\.h5: cannot write the result file: No such file"):
         ResultWriter(tmp_path / "a.h5", {}, continues=True).__enter__()
     assert os.listdir(tmp_path) == []
-
-
-def test_a_hardware_result_carries_the_time() -> None:
-    when = datetime(2026, 3, 4, 5, 6, 7, tzinfo=UTC).astimezone(timezone(timedelta(hours=-5)))
-    assert dated(Path("results/el_centro.v2.h5"), when) == Path("results/el_centro.v2-20260304T050607Z.h5")

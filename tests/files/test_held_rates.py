@@ -21,8 +21,8 @@ def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def test_what_is_held_follows_the_rule_at_its_edges() -> None:
     assert GOOD.held
-    assert replace(GOOD, late=6, p99_us=500.0).held
-    assert not replace(GOOD, late=7).held
+    assert replace(GOOD, late=15, p99_us=500.0).held
+    assert not replace(GOOD, late=16).held
     assert not replace(GOOD, p99_us=500.1).held
     assert replace(GOOD, rate_hz=2000.0, p99_us=250.0).held and not replace(GOOD, rate_hz=2000.0, p99_us=251.0).held
 

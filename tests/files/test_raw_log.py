@@ -17,7 +17,7 @@ import pytest
 
 from rths_cli.errors import InputError
 from rths_cli.files import raw_log_writer
-from rths_cli.files.raw_log import RawHeader, raw_log_path, read_header, read_raw_log
+from rths_cli.files.raw_log import RawHeader, packed_frame, packed_header, raw_log_path, read_header, read_raw_log
 from rths_cli.files.raw_log_writer import RawLogWriter
 
 HEADER = RawHeader(
@@ -115,6 +115,13 @@ def test_a_damaged_frame_costs_its_own_samples_alone(tmp_path: Path) -> None:
         np.testing.assert_array_equal(columns[:, kept], COLUMNS[:, kept])
 
 
+def test_steps_that_the_run_does_not_have_are_passed_over(tmp_path: Path) -> None:
+    data = write(tmp_path / "a.rthslog")
+    for first in (2**63, 97):
+        columns, samples = read(tmp_path / "b.rthslog", data + packed_frame(first, COLUMNS[:, :4]))
+        assert columns.shape == (3, 64) and samples == 64
+
+
 def test_space_is_taken_at_the_start_and_given_back_at_the_end(tmp_path: Path) -> None:
     path = tmp_path / "a.rthslog"
     with RawLogWriter(path, replace(HEADER, steps=100_000)) as log:
@@ -140,6 +147,21 @@ def test_a_log_is_never_replaced_nor_read_while_it_is_written(tmp_path: Path) ->
     with pytest.raises(InputError, match=r"a\.rthslog: exists and may hold .* rths recover .* remove it"):
         RawLogWriter(path, HEADER)
     assert path.read_bytes() == before and read_raw_log(path).samples == 100
+
+
+def test_whoever_sees_a_log_sees_its_header(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, seen = tmp_path / "a.rthslog", []
+
+    def interrupted(part: Path, final: Path) -> None:
+        seen.append((part.read_bytes(), os.listdir(tmp_path)))
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(raw_log_writer.os, "rename", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        RawLogWriter(path, HEADER)
+    ((written, names),) = seen
+    assert written == packed_header(HEADER) and names == [f".a.rthslog.{os.getpid()}.part"]
+    assert os.listdir(tmp_path) == []
 
 
 def test_the_disk_is_asked_to_keep_frames_at_most_every_quarter_of_a_second(
@@ -186,6 +208,7 @@ def test_after_a_failed_write_the_next_takes_its_place(tmp_path: Path, monkeypat
         fails[0] = False
         log.append(4, COLUMNS[:, 4:50])
     np.testing.assert_array_equal(read_raw_log(path).columns, COLUMNS[:, :50])
+    assert [first for _, first, _ in by_hand(path.read_bytes())] == [0, 4]
 
 
 def sentence(path: Path, data: bytes | None = None) -> str:

@@ -49,15 +49,16 @@ def test_it_sleeps_and_does_not_only_spin() -> None:
 
 def test_a_signal_does_not_end_the_wait() -> None:
     arrived: list[int] = []
-    before = signal.signal(signal.SIGALRM, lambda number, _: arrived.append(number))
+    handler = signal.signal(signal.SIGALRM, lambda number, _: arrived.append(number))
     try:
         signal.setitimer(signal.ITIMER_REAL, 0.005, 0.005)
-        deadline = time.monotonic_ns() + 40 * MS
+        deadline, before = time.monotonic_ns() + 200 * MS, time.thread_time_ns()
         assert wait_for(deadline, 0, np.zeros(3, dtype=np.int64)) >= 0
         assert time.monotonic_ns() >= deadline
+        assert time.thread_time_ns() - before < 15 * MS  # it goes back to sleep
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+        signal.signal(signal.SIGALRM, handler)
     assert arrived
 
 

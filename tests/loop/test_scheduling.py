@@ -44,7 +44,7 @@ def test_what_is_granted_is_what_the_kernel_says_and_all_is_given_back() -> None
         )
         assert cpus == ({granted.cpu} if granted.cpu >= 0 else before[2])
         assert (locked > before[3]) == granted.memory_locked
-        assert (files == 1) == granted.cpu_latency_held
+        assert (files == 1) == granted.cpu_latency_held == os.access(scheduling.CPU_LATENCY, os.W_OK)
         assert not collects and (slack == 1 or priority)
         given = [granted.fifo_priority > 0, granted.cpu >= 0, granted.memory_locked, granted.cpu_latency_held]
         assert len(granted.refused) == given.count(False)
@@ -98,10 +98,25 @@ def test_a_lower_priority_is_taken_where_the_limit_is_lower(monkeypatch: pytest.
 
     monkeypatch.setattr(os, "sched_setscheduler", at_most_20)
     monkeypatch.setattr(scheduling, "_priority_limit", lambda: 20)
-    with real_time(80, pin=False) as granted:
+    with real_time(80, place=None) as granted:
         assert (granted.fifo_priority, granted.cpu) == (20, -1)
     assert asked[:2] == [80, 20]
     assert not any("SCHED_FIFO" in text for text in granted.refused)
+
+
+@pytest.mark.parametrize(
+    ("isolated", "last", "next_to_last"), [(set(), 7, 6), ({2}, 2, 7), ({2, 3}, 3, 2), ({8}, 8, 7)]
+)
+def test_isolated_processors_come_first_and_a_second_thread_takes_another(
+    monkeypatch: pytest.MonkeyPatch, isolated: set[int], last: int, next_to_last: int
+) -> None:
+    taken: list[set[int]] = []
+    monkeypatch.setattr(scheduling, "isolated_cpus", lambda: isolated)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(8)))
+    monkeypatch.setattr(os, "sched_setaffinity", lambda _, cpus: taken.append(set(cpus)))
+    with real_time() as first, real_time(place=scheduling.NEXT_TO_LAST) as second:
+        assert (first.cpu, second.cpu) == (last, next_to_last)
+    assert taken == [{last}, {next_to_last}, set(range(8)), set(range(8))]
 
 
 def test_one_processor_is_left_to_the_system(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -108,14 +108,18 @@ def test_a_failing_disk_stops_the_loop_and_memory_keeps_everything(
         loop.advance(50)
         wait_for(lambda: streamed.written == 50)
 
+        causes = [number]
+
         def refuse(*_: object) -> None:
-            raise OSError(number, os.strerror(number))
+            causes.append(errno.EBUSY)
+            raise OSError(causes[-2], os.strerror(causes[-2]))
 
         monkeypatch.setattr(raw_log_writer.os, call, refuse)
         loop.advance(50)
         wait_for(lambda: loop.orders[0] == LOG_LOST)
-        assert streamed.fault == f"{log.path}: cannot write the raw log: {os.strerror(number)}"
         loop.advance(100)  # the loop leads the table to rest
+        wait_for(lambda: len(causes) > 2)
+        assert streamed.fault == f"{log.path}: cannot write the raw log: {os.strerror(number)}"  # the first cause
         np.testing.assert_array_equal(loop.columns[:, :200], expected(200))
         monkeypatch.setattr(raw_log_writer.os, call, real)
     assert streamed.fault and in_file(log).shape == (2, 200)  # once the disk takes them again
@@ -140,6 +144,9 @@ def test_a_disk_that_does_not_answer_holds_nobody_up_for_ever(
     with LogStream(log, loop.columns, loop.done, loop.orders) as streamed:
         loop.advance(1)
     assert "a.rthslog: cannot write the raw log: the disk has not answered for 0.05 s" in streamed.fault
+    reserved = log.path.stat().st_size
+    log.close()
+    assert log.path.stat().st_size == reserved  # the file is left to the call that holds it
     answers.set()
     streamed._thread.join(20)
     assert not streamed._thread.is_alive()

@@ -15,7 +15,7 @@ from bench import rig_info, specimen
 
 from rths_cli.case.virtual_physics import VirtualPhysics
 from rths_cli.errors import RigError
-from rths_cli.rig_info import RigInfo
+from rths_cli.rig_info import Limits, RigInfo
 from rths_cli.rigs.ni.daqmx import Wiring
 from rths_cli.rigs.ni.rig import NiRig, way_to_rest
 from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
@@ -86,11 +86,12 @@ def test_rest_leads_the_command_to_zero_within_the_limits(make: MakeRig) -> None
     rig, card = make()
     rig.open()
     rig.arm()
-    for command in np.linspace(0.0, 8.0, 1000):
+    outwards = np.linspace(0.0, 8.0, 1000)
+    for command in outwards:
         rig.exchange(float(command))
     card.done.clear()
     rig.rest()
-    path_m = 0.0079 * np.array([8.0, *(entry[1] for entry in card.done if entry[0] == "write"), 0.0])
+    path_m = 0.0079 * np.array([*outwards[-2:], *(entry[1] for entry in card.done if entry[0] == "write"), 0.0])
     speed = np.diff(path_m) / 5e-4
     assert path_m[-2] == 0.0 and len(path_m) * 5e-4 < 2.0
     assert np.abs(speed).max() < 0.5 * 1.0
@@ -100,22 +101,53 @@ def test_rest_leads_the_command_to_zero_within_the_limits(make: MakeRig) -> None
     assert card.done == []  # at rest already
 
 
+TIGHT = [(0.02, 50.0, 1e3), (1.0, 0.05, 1e3), (1.0, 50.0, 2.0), (1.0, 45.0, 1e3)]  # m/s, m/s^2, V/s
+
+
 @pytest.mark.parametrize("start_v", [10.0, -10.0, 0.5, 1e-6, 0.0])
-def test_the_way_to_rest_keeps_every_limit(start_v: float) -> None:
-    limits = replace(rig_info().limits, velocity_m_s=0.1, acceleration_m_s2=2.0, command_rate_v_s=9.0)
+@pytest.mark.parametrize(("velocity_m_s", "accel_m_s2", "rate_v_s"), TIGHT)
+def test_the_way_to_rest_keeps_every_limit(
+    start_v: float, velocity_m_s: float, accel_m_s2: float, rate_v_s: float
+) -> None:
+    limits = Limits(0.079, velocity_m_s, accel_m_s2, 445.0, command_rate_v_s=rate_v_s)
     info = replace(rig_info(), limits=limits)
-    path_v = np.array([start_v, start_v, *way_to_rest(start_v, info), 0.0])
+    path_v = np.array([start_v, start_v, *way_to_rest(start_v, 0.0, info), 0.0])
     assert path_v[-2] == pytest.approx(0.0, abs=1e-15)
     speed = np.diff(path_v * info.gain_m_per_v) / info.dt_s
-    assert np.abs(speed).max() <= 0.1
-    assert np.abs(np.diff(speed)).max() / info.dt_s <= 2.0
-    assert np.abs(np.diff(path_v)).max() / info.dt_s <= 9.0 * (1 + 1e-9)
+    assert np.abs(speed).max() <= velocity_m_s
+    assert np.abs(np.diff(speed)).max() / info.dt_s <= accel_m_s2
+    assert np.abs(np.diff(path_v)).max() / info.dt_s <= rate_v_s * (1 + 1e-9)
     assert np.abs(path_v).max() == abs(start_v)
+
+
+@pytest.mark.parametrize(("start_v", "speed_m_s"), [(0.0, 0.5), (5.0, 0.4), (-3.0, -0.2), (5.0, -0.8), (-9.0, 0.1)])
+def test_the_way_to_rest_out_of_full_motion_brakes_first(start_v: float, speed_m_s: float) -> None:
+    """Constant deceleration of 0.45 a over v^2 / (2 0.45 a), as the guard brakes."""
+    info = rig_info()
+    rate_v_s = speed_m_s / info.gain_m_per_v
+    path_v = np.array([start_v - rate_v_s * info.dt_s, start_v, *way_to_rest(start_v, rate_v_s, info), 0.0])
+    accel = np.diff(path_v * info.gain_m_per_v, 2) / info.dt_s**2
+    assert path_v[-2] == pytest.approx(0.0, abs=1e-15)
+    assert np.abs(accel).max() < 0.5 * 45.0
+    if start_v * speed_m_s >= 0.0:  # outwards: it turns where the braking ends
+        farthest_v = start_v + math.copysign(speed_m_s**2, speed_m_s) / (2 * 0.45 * 45.0) / info.gain_m_per_v
+        assert (path_v.max() if speed_m_s > 0 else path_v.min()) == pytest.approx(farthest_v, abs=0.04)
+
+
+def test_a_step_of_the_command_is_no_motion_to_be_braked_beyond_the_stroke() -> None:
+    info = rig_info()
+    for start_v, rate_v_s in ((1.0, 2000.0), (9.99, 500.0), (-9.99, -500.0)):
+        way_v = way_to_rest(start_v, rate_v_s, info)
+        assert np.abs(way_v).max() <= 10.0 and way_v[-1] == pytest.approx(0.0, abs=1e-15)
+    assert way_to_rest(1.0, 2000.0, info).max() == pytest.approx(1.0 + 1.0 / (2 * 0.45 * 45.0) / 0.0079, abs=0.05)
+    tight = replace(info, limits=replace(info.limits, stroke_m=0.0395))
+    assert way_to_rest(4.9, 100.0, tight).max() == pytest.approx(5.0)
 
 
 @pytest.mark.parametrize("code", [209802, -209802, -209803, -201027, 0])
 def test_missed_edges_are_counted_and_the_table_goes_on(make: MakeRig, code: int) -> None:
-    rig, _ = make(late=frozenset({5, 20, 21}), late_as=code)
+    info = replace(rig_info(), kind="ni", limits=replace(rig_info().limits, lost_samples=1))  # in a row
+    rig, _ = make(info, late=frozenset({5, 20, 21}), late_as=code)
     rig.open()
     rig.arm()
     for _ in range(40):

@@ -14,13 +14,14 @@ import numpy as np
 import pytest
 from bench import rig_info
 from scipy.linalg import expm
-from slow_table import slow_table
+from slow_table import EXAMPLE, slow_table
 
 from rths_cli.case import plugin_kinds
 from rths_cli.errors import InputError, LimitError, RigError
 from rths_cli.rigs.interface import Rig, RigInfo
 from rths_cli.rigs.plugins import open_plugin
 
+ROOT = EXAMPLE.parents[1]
 Plug = Callable[[Any], None]
 INFO = replace(rig_info(high_pass_hz=0.0, low_pass_hz=0.0), kind="shaker", name="lab")
 
@@ -71,6 +72,11 @@ def test_the_example_follows_its_command_with_its_lag(monkeypatch: pytest.Monkey
     assert np.abs(samples[:, 0] * 9.80665 - accel_m_s2).max() < 2e-3 * np.abs(accel_m_s2).max()
     assert np.array_equal(samples[:, 0], samples[:, 2])
     assert rig.info.driver_verified == "fake"
+
+
+def test_the_page_on_rigs_shows_the_example_s_entry_point() -> None:
+    shown = re.findall(r"^```toml\n(.*?)^```", (ROOT / "docs" / "rigs.md").read_text(), re.DOTALL | re.MULTILINE)
+    assert [block in (EXAMPLE / "pyproject.toml").read_text() for block in shown] == [True]
 
 
 @pytest.mark.parametrize(

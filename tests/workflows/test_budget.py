@@ -21,9 +21,9 @@ from rths_cli.workflows.check import judge
 from rths_cli.workflows.controllers import design_blocks
 from rths_cli.workflows.known import Memory
 from rths_cli.workflows.rigs import EXP_RTHS
-from rths_cli.workflows.run import play_run
 from rths_cli.workflows.series import on_record_clock, whole_building
 from rths_cli.workflows.setup import Setup, make_setup
+from rths_cli.workflows.table_runs import play_run
 
 CASE = "el_centro_low_ff_fb"
 CHANGED = "table.after_identification."

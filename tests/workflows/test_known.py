@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import re
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from time import sleep
 
 import numpy as np
 import pytest
@@ -229,3 +231,20 @@ def test_a_real_rig_is_never_excited_by_a_run(tmp_path: Path) -> None:
     named = setup_of(path)
     with pytest.raises(InputError, match=r"has not been judged.*--model"):
         Memory().prepare(replace(named, rig=replace(named.rig, kind="udp")))
+
+
+def test_threads_that_ask_for_the_same_rig_have_it_identified_once(
+    default_setup: Setup, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[int] = []
+
+    def now(memory: Memory, setup: Setup, progress: object) -> int:
+        made.append(1)
+        sleep(0.05)  # the others ask meanwhile
+        return len(made)
+
+    monkeypatch.setattr(Memory, "_now", now)
+    memory = Memory()
+    with ThreadPoolExecutor(3) as pool:
+        found = list(pool.map(lambda _: memory.known(default_setup, lambda _: None), range(3)))
+    assert found == [1, 1, 1]

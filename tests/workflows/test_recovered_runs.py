@@ -17,11 +17,13 @@ from rths_cli.files.raw_log_writer import RawLogWriter
 from rths_cli.files.results import ResultWriter, read_result
 from rths_cli.loop.blocks import NUMERICAL, RECORD
 from rths_cli.loop.log import Signals
+from rths_cli.workflows.check_cases import verdict_on
 from rths_cli.workflows.known import Memory
 from rths_cli.workflows.recover import recover
 from rths_cli.workflows.rigs import EXP_RTHS, SHAKE_TABLE
-from rths_cli.workflows.run import play_run, run_case, verdict_on
+from rths_cli.workflows.run import run_case
 from rths_cli.workflows.setup import make_setup
+from rths_cli.workflows.table_runs import play_run
 
 CASE = "structure: three_storey\ndamping: low\nrecord: ./short.csv\nscaling: 0.3\ncontroller: FF+FB\n"
 IDENTIFIED = "\nidentification:\n  model: /gone/model.h5\n"
@@ -119,13 +121,19 @@ def series(path: Path, run: str) -> dict[str, np.ndarray]:
     return found
 
 
+def _elsewhere(resolved: str, folder: str, gone: str) -> str:
+    """Return a resolved case that names a model, and another folder."""
+    return resolved.replace("\nidentification:\n", IDENTIFIED).replace(folder, gone)
+
+
 @pytest.mark.parametrize("present", [True, False], ids=["result begun", "no result"])
 def test_a_recovered_run_is_the_start_of_the_whole_one(played: Played, tmp_path: Path, present: bool) -> None:
     result = tmp_path / "a.h5"
     if present:
         begun(played, result)
+    gone = "/gone" if present else str(played.folder)  # the result has the record
     given = {
-        run: replace(header, resolved_yaml=header.resolved_yaml.replace("\nidentification:\n", IDENTIFIED))
+        run: replace(header, resolved_yaml=_elsewhere(header.resolved_yaml, str(played.folder), gone))
         for run, (header, _) in played.logs.items()
     }
     killed = (("shake_table", 3001), ("exp_rths", 5000))
@@ -133,12 +141,11 @@ def test_a_recovered_run_is_the_start_of_the_whole_one(played: Played, tmp_path:
     two, one = (recover([log])[0] for log in reversed(logs))
     assert (one.samples, two.samples, two.steps) == (3001, 5000, played.logs["exp_rths"][0].steps)
     whole, part = read_result(played.result), read_result(result)
-    reason = (
-        f"EXP-RTHS: the process ended before the run did; 5000 of {two.steps} steps (2.500 s of 4.492 s) are recovered"
-    )
-    assert two.reason == f"{reason} from a.exp_rths.rthslog" and one.reason.startswith("shake-table test: ")
-    assert part.attributes["status"] == "interrupted" and part.metrics == {}
-    assert part.attributes["status_reason"] == f"{one.reason}; {two.reason}"
+    note = f"EXP-RTHS: 5000 of at most {two.steps} steps (2.500 s of 4.492 s) are recovered from a.exp_rths.rthslog"
+    assert two.note == note and one.note.startswith("shake-table test: 3001 of")
+    assert part.attributes["status"] == one.status == "interrupted" and part.metrics == {}
+    reason = f"the process ended before the run did; {one.note}; {two.note}"
+    assert part.attributes["status_reason"] == reason and part.attributes["recovered_exp_rths"] == note
     same = set(whole.attributes) - {"status", "status_reason"}
     assert {key: part.attributes[key] for key in same} == {key: whole.attributes[key] for key in same}
     texts = (whole.case_yaml, whole.resolved_yaml if present else given["exp_rths"].resolved_yaml)
@@ -164,6 +171,54 @@ def test_a_second_time_nothing_is_done(played: Played, tmp_path: Path) -> None:
     assert result.read_bytes() == before and log.exists()
 
 
+def test_a_failed_result_gets_the_run_that_it_has_not_and_says_both(played: Played, tmp_path: Path) -> None:
+    result = begun(played, tmp_path / "a.h5")
+    with h5py.File(result, "a") as file:
+        file.attrs.update({"status": "failed", "status_reason": "the link was lost"})
+        file["exp_rths/command_v"] = [0.0]
+    logs = [left(played, tmp_path, "exp_rths", 1000), left(played, tmp_path, "shake_table", 500)]
+    here, added = recover(logs)
+    assert (here.known, added.known, added.status) == (True, False, "failed")
+    found = read_result(result)
+    assert found.attributes["status"] == "failed" and "shake_table" in found.groups
+    assert found.attributes["status_reason"] == f"the link was lost; {added.note}"
+
+
+def test_the_ramp_before_the_record_is_left_out(played: Played, tmp_path: Path) -> None:
+    header, columns = played.logs["exp_rths"]
+    ramped = replace(header, steps=header.steps + 300, ramp_steps=300)
+    path, result, whole = (
+        raw_log_path(tmp_path / "a.h5", "exp_rths"),
+        tmp_path / "a.h5",
+        series(played.result, "exp_rths"),
+    )
+    for steps in (300, 1300):
+        begun(played, result)
+        with RawLogWriter(path, ramped) as log:
+            log.append(0, np.full((len(columns), 300), 7.0))
+            if steps > 300:
+                log.append(300, columns[:, :steps])
+        recover([path])
+        path.unlink()
+        assert ("exp_rths" in read_result(result).groups) == (steps > 300)  # no step of the record before
+    found = series(result, "exp_rths")["rel_disp_m"]
+    np.testing.assert_array_equal(found, whole["rel_disp_m"][:, : 1300 - header.lead_samples])
+
+
+def test_what_the_loop_noted_of_its_time_comes_back(played: Played, tmp_path: Path) -> None:
+    header, columns = played.logs["exp_rths"]
+    names = ("late_ns", "exchange_ns", "lost", "state")
+    timed = replace(header, names=(*header.names, *names), units=(*header.units, "ns", "ns", "1", "1"))
+    noted = 1000.0 * np.arange(4.0)[:, None] + np.arange(800.0)
+    path = raw_log_path(begun(played, tmp_path / "a.h5"), "exp_rths")
+    with RawLogWriter(path, timed) as log:
+        log.append(0, np.vstack([columns[:, :800], noted]))
+    recover([path])
+    found, lead = series(tmp_path / "a.h5", "exp_rths"), header.lead_samples
+    for name, values in zip(("late_s", "exchange_s", "lost", "state"), noted, strict=True):
+        np.testing.assert_allclose(found[f"timing/{name}"], values[lead:] * (1e-9 if name.endswith("_s") else 1.0))
+
+
 def test_what_no_rig_knows_is_nan_and_what_is_missing_in_between_is_told(played: Played, tmp_path: Path) -> None:
     header, columns = played.logs["exp_rths"]
     kept = [i for i, name in enumerate(header.names) if name not in TRUTH]
@@ -174,7 +229,7 @@ def test_what_no_rig_knows_is_nan_and_what_is_missing_in_between_is_told(played:
         log.append(0, columns[kept, :400])
         log.append(500, columns[kept, 500:1000])
     (one,) = recover([path])
-    assert one.samples == 900 and "1000 of" in one.reason and "100 of them are missing" in one.reason
+    assert one.samples == 900 and "1000 of" in one.note and "100 of them are missing" in one.note
     whole, found = series(played.result, "exp_rths"), series(tmp_path / "a.h5", "exp_rths")
     lead, name = header.lead_samples, "interface_accel_measured_m_s2"
     assert np.isnan(found["truth/table_accel_m_s2"]).all() and np.isnan(found[name][400 - lead : 500 - lead]).all()
@@ -192,7 +247,7 @@ def test_a_log_that_ends_before_the_record_begins_makes_a_result_without_the_run
     data = log.read_bytes()
     log.write_bytes(data[: data.index(b"RTHF") + 50])
     (one,) = recover([log])
-    assert one.samples == 0 and "0 of" in one.reason
+    assert one.samples == 0 and " 0 of" in one.note
     result = read_result(tmp_path / "a.h5")
     assert result.groups == ("case", "record") and result.attributes["status"] == "interrupted"
     assert recover([log])[0].known

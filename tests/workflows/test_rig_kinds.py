@@ -38,7 +38,7 @@ def test_the_loop_learns_what_a_rig_file_states() -> None:
     limits = info.limits
     assert (limits.stroke_m, limits.velocity_m_s, limits.acceleration_m_s2, limits.force_n) == (0.075, 0.9, 40, 400)
     assert (limits.command_rate_v_s, limits.tracking_error_m_s2, limits.energy_ratio, limits.lost_samples) == (
-        120, 3, 10, 5,
+        120, 3, 0.1, 5,
     )  # fmt: skip
     assert (info.unattended, info.watchdog_s, info.overrun, info.driver_verified) == (False, 0.1, "hold", "hardware")
 

@@ -24,6 +24,11 @@ def outcome(steps: int, done: int) -> Outcome:
         true_velocity_m_s=np.vstack([count**2, count**2]),
         true_displacement_m=count,
         compute_ns=count,
+        samples_v=np.zeros((0, steps)),
+        late_ns=np.zeros(0),
+        exchange_ns=np.zeros(0),
+        lost=np.zeros(0),
+        state=np.zeros(0),
     )
     return Outcome(log, done, "", "", 0.0)
 

@@ -34,7 +34,8 @@ AT_REST_M = 5e-4  # friction may hold the table off its centre, a thirtieth of w
 
 @pytest.fixture(scope="module")
 def served() -> ServedRig:
-    return describe("aps400_virtual", "three_storey", (f"sample_rate_hz={RATE_HZ:g}",), 0)
+    settings = (f"sample_rate_hz={RATE_HZ:g}", "table.sensors.noise_rms_m_s2=0.05")  # sixteen bits: it shows
+    return describe("aps400_virtual", "three_storey", settings, 0)
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +55,7 @@ def running(served: ServedRig, key_file: Path) -> Iterator[Running]:
 
 def wave(steps: int) -> Array:
     t = np.arange(steps) / RATE_HZ
-    return np.asarray(2.0 * np.sin(2 * np.pi * 2.0 * t) * np.minimum(t / 0.2, 1.0))
+    return np.asarray(0.1 + 2.0 * np.sin(2 * np.pi * 2.0 * t) * np.minimum(t / 0.2, 1.0))
 
 
 def play(rig: UdpRig, commands: Array) -> tuple[Array, Array]:
@@ -178,7 +179,7 @@ def test_a_command_that_is_no_number_or_out_of_range_is_not_obeyed(running: Runn
     links.converse_at(rig.link, wire.COMMAND, rig._next_k(), float(bad), 0, 50_000_000)
     assert running.session[serving.STATE] in (wire.RESTING, wire.RESTED)
     assert running.session[serving.FAULTS] == wire.BAD_COMMAND
-    assert running.counts[serving.OBEYED] == before and abs(table.latched_v[0]) < 0.1
+    assert running.counts[serving.OBEYED] == before and abs(table.latched_v[0]) < 0.2
     with pytest.raises(RigError, match="not a number or out of range"):
         rig.exchange(0.0)
     rig.close()
@@ -224,6 +225,53 @@ def mutated(packet: bytes, random: np.random.Generator) -> bytes:
     for bit in random.choice(8 * len(packet), int(random.integers(1, 5)), replace=False):
         made[bit // 8] ^= 1 << bit % 8
     return bytes(made)
+
+
+def test_the_table_rests_after_it_ran_into_its_end_stop(running: Running) -> None:
+    """A step to the end of the stroke overshoots into the stop."""
+    rig = running.rig()
+    rig.open()
+    rig.arm()
+    with pytest.raises(RigError, match="end stop"):
+        for _ in range(40):
+            rig.exchange(9.99)
+    until(lambda: running.session[serving.STATE] == wire.RESTED)
+    assert running.session[serving.FAULTS] == wire.END_STOP
+    rig.close()
+
+
+@pytest.mark.parametrize("silent", [False, True])
+def test_the_way_to_rest_begins_as_the_table_may_move(running: Running, silent: bool) -> None:
+    """After a step of 63 mm: braked from 1 m/s, the limit, when asked at once, from a halt when it has held it."""
+    rig = running.rig()
+    rig.open()
+    rig.arm()
+    rig.exchange(0.0)
+    rig.exchange(8.0)
+    if not silent:
+        links.converse_at(rig.link, wire.REST, rig._next_k(), 0.0, 0, 500_000_000)
+    farthest = 0.0
+    while running.session[serving.STATE] != wire.RESTED:
+        farthest = max(farthest, abs(running.server._table.guard.motion[0]))
+        time.sleep(0.002)
+    braking_m = 0.0 if silent else 0.5 * 1.0**2 / (0.45 * 45.0)
+    assert farthest < 0.0079 * 8.0 + braking_m + 0.002
+    rig.close()
+
+
+def test_a_closed_session_takes_no_more_packets(running: Running) -> None:
+    rig = running.rig()
+    rig.open()
+    rig.arm()
+    rig.exchange(0.0)
+    link, door, key = rig.link, rig._door, running.server._door.key.copy()
+    assert links.converse_at(link, wire.CLOSE, rig._next_k(), 0.0, 0, 500_000_000) == links.FAULT  # at rest, not armed
+    until(lambda: len(running.server.ended) == 1)
+    assert running.server.ended[0].ended_by == "the runner closed it"
+    assert door is not None and not np.array_equal(running.server._door.key, key)
+    lost = int(link.counts[links.UNANSWERED])
+    links.converse_at(link, wire.COMMAND, rig._next_k(), 0.0, 0, 30_000_000)
+    assert link.counts[links.UNANSWERED] == lost + 1 and running.counts[serving.FORGED] == 1
 
 
 def test_doubled_and_reordered_commands_are_not_obeyed_and_gaps_are_counted(running: Running) -> None:

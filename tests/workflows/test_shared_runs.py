@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import h5py
 import numpy as np
@@ -48,7 +49,7 @@ def play(path: Path, settings: tuple[str, ...], memory: Memory, kept: Kept | Non
                 "structure.interface_experimental_mass_kg=0.5",
             ),
         ),
-        ("exp_rths", ("controller.command_weight=0.1", "damping=high")),
+        ("exp_rths", ("controller.command_weight=0.1", "damping=high", "record=hachinohe")),
     ],
 )
 def test_a_case_has_the_same_bytes_beside_those_that_differ_in_one_key(
@@ -72,21 +73,33 @@ def test_what_two_cases_have_in_common_is_made_once(
         function = getattr(module, name)
         monkeypatch.setattr(module, name, lambda *a, **k: (made.append(name), function(*a, **k))[1])
 
-    for module, name in ((run, "simulate"), (run, "simulate_delayed"), (check, "simulate")):
+    for module, name in ((run, "simulate"), (run, "simulate_delayed"), (check, "simulate"), (check, "_stability")):
         count(module, name)
     count(controllers.feedback, "design")
     kept = Kept()
     for number, seed in enumerate(("seed=0", "seed=1")):
         play(tmp_path / f"{number}.h5", ("runs=[sim,sim_delay,exp_rths]", seed), memory, kept)
-    assert sorted(made) == ["design", "simulate", "simulate", "simulate_delayed"]
+    assert sorted(made) == ["_stability", "design", "simulate", "simulate", "simulate_delayed"]
+
+
+def jobs(samples: int, *kinds: str) -> list[tuple[Any, Path]]:
+    """Return jobs of records of so many samples on rigs of these kinds."""
+    motion, case = SimpleNamespace(time_s=np.empty(samples)), SimpleNamespace(n_storeys=3)
+    return [(SimpleNamespace(motion=motion, case=case, rig=SimpleNamespace(kind=kind)), Path("a.h5")) for kind in kinds]
 
 
 def test_as_much_is_kept_as_fits() -> None:
-    def jobs(samples: int) -> list[tuple[object, Path]]:
-        setup = SimpleNamespace(motion=SimpleNamespace(time_s=np.empty(samples)), case=SimpleNamespace(n_storeys=3))
-        return [(setup, Path("a.h5"))]
-
     per_sample = 8 * (4 + 3 * 10)
-    assert batch._most_kept(jobs(1000)) == batch.KEPT
-    assert batch._most_kept(jobs(batch.KEPT_BYTES // (3 * per_sample))) == 3
-    assert batch._most_kept(jobs(batch.KEPT_BYTES)) == 1
+    assert batch._most_kept(jobs(1000, "virtual")) == batch.KEPT
+    assert batch._most_kept(jobs(batch.KEPT_BYTES // (3 * per_sample), "virtual")) == 3
+    assert batch._most_kept(jobs(batch.KEPT_BYTES, "virtual")) == 1
+
+
+def test_two_cases_are_worked_on_unless_one_is_real_or_very_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(batch, "cores", lambda: 4)
+    assert batch._at_once(jobs(1000, "virtual", "virtual", "virtual")) == 2
+    assert batch._at_once(jobs(1000, "virtual")) == 1
+    assert batch._at_once(jobs(1000, "virtual", "udp")) == 1
+    assert batch._at_once(jobs(batch.KEPT_BYTES, "virtual", "virtual")) == 1
+    monkeypatch.setattr(batch, "cores", lambda: 1)
+    assert batch._at_once(jobs(1000, "virtual", "virtual")) == 1

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from threading import Event, get_ident
 
@@ -33,6 +34,12 @@ class Watcher:
 
     def ended(self, ended: Ended, seconds: float) -> None:
         self.lines.append(f"{ended.name} {ended.status}")
+
+    def moving(self, label: str, view: object) -> bool:
+        raise AssertionError(f"{label}: no real table moves here, {view}")
+
+    def confirm(self, lines: Sequence[str]) -> bool:
+        raise AssertionError(f"nobody is asked here, {lines}")
 
 
 def test_results_come_in_order_though_a_later_job_is_done_first() -> None:

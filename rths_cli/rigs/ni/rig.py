@@ -29,7 +29,7 @@ class NiRig:
         self._wiring = wiring
         self._card: Card | None = None
         self._armed = False
-        self._command_v = 0.0
+        self._command_v = self._rate_v_s = 0.0
         self._in_a_row = 0
         self._samples = np.zeros(len(info.channels))
 
@@ -46,7 +46,7 @@ class NiRig:
     def arm(self) -> Array:
         """Put out 0 V, start the clock, enable motion, return the first samples in V, (n_channels,)."""
         card = self._opened()
-        self.missed, self._in_a_row, self._command_v = 0, 0, 0.0
+        self.missed, self._in_a_row, self._command_v, self._rate_v_s = 0, 0, 0.0, 0.0
         try:
             card.start()
         except RigError:
@@ -78,7 +78,7 @@ class NiRig:
             return
         self._armed = False
         try:
-            for command_v in way_to_rest(self._command_v, self.info):
+            for command_v in way_to_rest(self._command_v, self._rate_v_s, self.info):
                 self._send(self._card, float(command_v))
                 self._card.wait()
         except RigError as fault:
@@ -107,11 +107,36 @@ class NiRig:
             span = self.info.converters.range_v
             raise RigError(f"{self._who}: a command of {command_v:g} V is outside +-{span:g} V and was not sent")
         card.write(command_v)
+        self._rate_v_s = (command_v - self._command_v) / self.info.dt_s
         self._command_v = command_v
 
 
-def way_to_rest(from_v: float, info: RigInfo) -> Array:
-    """Return commands in V, (n,), from the one held to 0: half a cosine, within the shares of the rig's limits."""
+def way_to_rest(from_v: float, rate_v_s: float, info: RigInfo) -> Array:
+    """Return commands in V, (n,), from the one held, which changed at this rate, to 0.
+
+    The commanded motion is braked at a constant deceleration, then led back along half a cosine, both within shares of
+    the rig's limits.
+    """
+    braked_v = _braking(from_v, rate_v_s, info)
+    return np.concatenate([braked_v, _returning(float(braked_v[-1]) if braked_v.size else from_v, info)])
+
+
+def _braking(from_v: float, rate_v_s: float, info: RigInfo) -> Array:
+    """Return commands that lose their rate at a constant deceleration, none where there is none to lose.
+
+    A rate beyond the velocity limit was no motion but a step; what would pass the stroke or the range ends there.
+    """
+    limits, gain = info.limits, info.gain_m_per_v
+    fastest, deceleration = limits.velocity_m_s / gain, BRAKE_SHARE * limits.acceleration_m_s2 / gain
+    rate_v_s = min(max(rate_v_s, -fastest), fastest)
+    steps = math.ceil(abs(rate_v_s) / (deceleration * info.dt_s))
+    rates = rate_v_s * (1.0 - np.arange(1, steps + 1) / max(steps, 1))
+    span = min(info.converters.range_v, limits.stroke_m / gain)
+    return np.clip(from_v + np.cumsum(rates) * info.dt_s, -span, span)
+
+
+def _returning(from_v: float, info: RigInfo) -> Array:
+    """Return commands along half a cosine, slow enough for velocity, acceleration and rate."""
     away, limits = abs(from_v) * info.gain_m_per_v, info.limits
     seconds = max(
         GENTLY_S,

@@ -39,14 +39,16 @@ class SlowTable:
         self.info = replace(info, driver_verified="fake")  # a rig that drives hardware leaves info as it is
         self._lag_s = lag_s
         self._armed = False
-        self._start()
+        self._place_m = self._velocity_m_s = self._next_v = 0.0
+        self._samples = np.zeros(len(info.channels))
 
     def open(self) -> None:
         """Take hold of the hardware. HERE: connect, refuse what is not there by RigError with one sentence."""
 
     def arm(self) -> Array:
         """Enable motion, return the first samples in V, (n_channels,). HERE: enable, wait for the first sample."""
-        self._start()
+        self._place_m = self._velocity_m_s = self._next_v = 0.0
+        self._samples[:] = 0.0
         self._armed = True
         return self._samples
 
@@ -67,10 +69,6 @@ class SlowTable:
 
     def close(self) -> None:
         """Let go of the hardware; called twice now and then."""
-
-    def _start(self) -> None:
-        self._place_m = self._velocity_m_s = self._next_v = 0.0
-        self._samples = np.zeros(len(self.info.channels))
 
     def _advance(self, wanted_m: float) -> None:
         """Advance the table one interval, half a step at a time, and sample its acceleration."""

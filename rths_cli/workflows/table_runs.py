@@ -1,0 +1,168 @@
+"""The runs of a case on its table: what is played, where, and how each one ended."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from rths_cli.loop import guard
+from rths_cli.loop.blocks import NUMERICAL, RECORD
+from rths_cli.loop.drive import Outcome, play
+from rths_cli.workflows import budget, contents, figures, merit
+from rths_cli.workflows.rigs import EXP_RTHS, SHAKE_TABLE, guard_limits, open_rig
+from rths_cli.workflows.series import Series, on_record_clock, whole_building
+from rths_cli.workflows.setup import Progress, Setup, shown
+
+if TYPE_CHECKING:
+    from rths_cli.analysis.sim import Response
+    from rths_cli.files.results import Metric, ResultWriter
+    from rths_cli.lti import Array
+    from rths_cli.workflows.check_cases import Verdict
+    from rths_cli.workflows.controllers import Design
+
+INTERRUPTIONS = {guard.INTERRUPT: 130, guard.TERMINATION: 143}  # exit codes of orders that came by signals
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Why a run ended early: the status of its file and the exit code that goes with it."""
+
+    status: str
+    reason: str
+    exit_code: int
+
+
+@dataclass(frozen=True)
+class TableRun:
+    """One kind of run on the table: its group in the result, source of the desired motion, noise stream, label."""
+
+    name: str
+    source: int
+    stream: int
+    label: str
+
+
+TABLE_RUNS = (
+    TableRun("shake_table", RECORD, SHAKE_TABLE, "shake-table test"),
+    TableRun("exp_rths", NUMERICAL, EXP_RTHS, "EXP-RTHS"),
+)
+
+
+class Stage(Protocol):
+    """Where the runs of a case are played."""
+
+    def play(self, setup: Setup, design: Design, run: TableRun, writer: ResultWriter) -> Outcome:
+        """Play one run; the result file may be closed meanwhile."""
+
+    def written(self) -> None:
+        """Take note that the result file holds everything that was played."""
+
+
+class VirtualStage:
+    """Plays on virtual rigs, in no time."""
+
+    def play(self, setup: Setup, design: Design, run: TableRun, writer: ResultWriter) -> Outcome:
+        """Play one run."""
+        return play_run(setup, design, run.source, run.stream)
+
+    def written(self) -> None:
+        """Do nothing: nothing was kept elsewhere."""
+
+
+def play_all(
+    setup: Setup,
+    checked: Verdict,
+    design: Design,
+    sim: Response,
+    writer: ResultWriter,
+    progress: Progress,
+    stage: Stage,
+) -> tuple[Stop | None, dict[str, Metric]]:
+    """Play the table runs of the case, write them, and return what stopped one first and the figures."""
+    stop: Stop | None = None
+    values: dict[str, Metric] = {}
+    for run in TABLE_RUNS:
+        if run.name not in setup.case.runs or (stop is not None and setup.rig.kind != "virtual"):
+            continue
+        if run.source == NUMERICAL and (refusal := refusal_of(setup, checked)):
+            stop = replace(stop, reason=f"{stop.reason}; {refusal.reason}") if stop else refusal
+            continue
+        progress(f"{run.label}, {setup.case.table.kind} table")
+        outcome = stage.play(setup, design, run, writer)
+        series = on_record_clock(outcome, design.blocks.lead_samples, setup.rig.dt_s, len(setup.motion.time_s))
+        stopped = why_ended(run.label, outcome, setup.rig.dt_s)
+        stop = stop or stopped
+        hybrid = hybrid_of(setup, series) if run.source == NUMERICAL else None
+        contents.write_table_run(writer, run.name, setup, series, hybrid)
+        if stopped is None:
+            values |= _figures(setup, run.name, series, sim, hybrid)
+        if stopped is None and hybrid is not None:
+            values |= budget.of_exp_rths(checked.loop, series, hybrid[2], sim)
+    return stop, values
+
+
+def refusal_of(setup: Setup, checked: Verdict) -> Stop | None:
+    """Return why EXP-RTHS is not run, None when it is safe or when that is overridden."""
+    if not checked.refused or "check" in setup.overrides:
+        return None
+    advice = (
+        f"rths check {shown(setup.case.path)} with the same options tells more, --override check runs it all the same"
+    )
+    return Stop("refused", f"EXP-RTHS refused, {checked.verdict}: {'; '.join(checked.reasons)}; {advice}", 1)
+
+
+def play_run(setup: Setup, design: Design, source: int, stream: int) -> Outcome:
+    """Play the ground motion through the blocks and the rig: directly (RECORD) or through the numerical part."""
+    rig = open_rig(setup, (stream,), setup.case.seed)
+    return play(rig, setup.rig, design.blocks, source, drive_of(setup, design), guard_limits(setup))
+
+
+def drive_of(setup: Setup, design: Design) -> Array:
+    """Return the ground's acceleration, velocity and displacement (n + lead, 3); its clock ends before the table's."""
+    motion, lead = setup.motion, design.blocks.lead_samples
+    drive = np.column_stack([motion.accel_m_s2, motion.velocity_m_s, motion.displacement_m])
+    return np.vstack([drive, np.repeat(drive[-1:], lead, axis=0)])
+
+
+def hybrid_of(setup: Setup, series: Series) -> tuple[Array, Array, Array]:
+    """Return displacement, velocity and acceleration of the whole building in a hybrid test."""
+    dt, scheme = setup.rig.dt_s, setup.case.integration
+    return whole_building(setup.building, series, setup.motion.accel_m_s2, dt, scheme)
+
+
+def _figures(
+    setup: Setup, run: str, series: Series, sim: Response, hybrid: tuple[Array, Array, Array] | None
+) -> dict[str, Metric]:
+    """Return the figures of a table run that reached the end of the record."""
+    dt, virtual = setup.rig.dt_s, setup.rig.kind == "virtual"
+    values = figures.tracking(run, series.desired[0], series.measured[0], series.true_accel[0] if virtual else None, dt)
+    if hybrid is not None:
+        values |= figures.against_sim(
+            run, sim.abs_accel_m_s2, hybrid[2], true_accel(hybrid[2], series) if virtual else None, dt
+        )
+    return values | merit.of_table_run(setup, run, series, sim, hybrid)
+
+
+def true_accel(abs_accel: Array, series: Series) -> Array:
+    """Return the storeys' accelerations with true ones on table and specimen in place of the measured."""
+    computed = abs_accel[: len(abs_accel) - len(series.true_accel)]
+    return np.vstack([computed, series.true_accel]) if len(computed) else series.true_accel
+
+
+def why_ended(label: str, outcome: Outcome, dt_s: float) -> Stop | None:
+    """Return why a run did not reach its end, None when it did: what came first, then what the rig says."""
+    fault, limit, at = outcome.rig_fault, outcome.stopped_by_limit, f"at {outcome.stopped_at_s:.3f} s"
+    if not (fault or limit):
+        return None
+    says_more = fault and outcome.reason in (guard.NONE, guard.RIG_FAULT, guard.LOST, guard.END)
+    said = f"{label} {at}: {fault}" if says_more else f"{label}: {limit} {at}{f'; {fault}' if fault else ''}"
+    if outcome.reason in INTERRUPTIONS:
+        told = said if fault else f"{said}, the table was led to rest"
+        return Stop("interrupted", told, INTERRUPTIONS[outcome.reason])
+    if outcome.reason == guard.WATCHER_FAILED:
+        return Stop("failed", said, 5)
+    if fault or outcome.reason == guard.LOG_FAILED:
+        return Stop("failed", said, 4)
+    return Stop("aborted", said, 3)

@@ -150,7 +150,8 @@ class Worker:
         status, reason = _left(output, code)
         shares = used(bench.network.commands(self.secret))  # type: ignore[attr-defined]
         faults = [f"{limit} {share:.3f} of its limit" for limit, share in shares.items() if not share <= 1.0 + 1e-9]
-        if stopped and (rest_s is None or rest_s > REST_S + TOLD_S):
+        at_once = 0 not in kind.codes  # else it may have gone on for long before a limit stopped it
+        if stopped and (rest_s is None or (at_once and rest_s > REST_S + TOLD_S)):
             faults.append("the table did not come to rest" if rest_s is None else f"at rest after {rest_s:.2f} s")
         if code not in kind.codes:
             faults.append(f"exit code {code}: {said.strip()[-300:]}")

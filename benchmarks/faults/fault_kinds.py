@@ -245,7 +245,7 @@ KINDS: dict[str, Kind] = {
     "Ctrl-C": Kind(to_runner(signal.SIGINT), frozenset({130}), "interrupted", "interrupted"),
     "SIGTERM": Kind(to_runner(signal.SIGTERM), frozenset({143}), "interrupted", "terminated"),
     "SIGHUP": Kind(to_runner(signal.SIGHUP), frozenset({143}), "interrupted", "terminated"),
-    "Ctrl-C five times": Kind(to_runner(*[signal.SIGINT] * 5), frozenset({130}), "interrupted", "interrupted"),
+    "Ctrl-C five times": Kind(to_runner(*[signal.SIGINT] * 5), frozenset({130}), "interrupted"),
     "SIGKILL": Kind(to_runner(signal.SIGKILL), frozenset({-9}), "interrupted", "recovered"),
     "Ctrl-C while listening": Kind(
         to_runner(signal.SIGINT), frozenset({130}), "interrupted", "interrupted before", True, "listening"

@@ -24,7 +24,9 @@ def main() -> NoReturn:
     SIGNALS.install()
     _one_blas_thread()
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # pydantic would look for some in every package
-    sys.exit(_guarded())
+    code = _guarded()
+    SIGNALS.ignore()
+    sys.exit(code)
 
 
 def _open_streams() -> None:

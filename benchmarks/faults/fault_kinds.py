@@ -219,7 +219,7 @@ KINDS: dict[str, Kind] = {
     "10 answers lost in a row": may_stop(losing(0, 10)),
     "5 % lost both ways": good(drawn(lambda bench, packet: [], 0.05)),
     "all answers lost": failed(network(None, lost), BROKEN),
-    "all commands lost": failed(network(lost, None), BROKEN),
+    "all commands lost": failed(network(lost, None), "target"),
     "cable pulled": failed(network(lost, lost), BROKEN),
     "cable out for 60 ms": Kind(losing(30, 30), frozenset({3}), "aborted", "beyond their limit"),
     "answers 10 ms late": failed(network(None, delayed(0.01)), BROKEN),

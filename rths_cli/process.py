@@ -29,6 +29,12 @@ class Signals:
             signal.signal(signal.SIGHUP, self._take)
         sys.unraisablehook = self._unraisable
 
+    def ignore(self) -> None:
+        """Take no more notice of them: the exit code stands, and Python on its way out would let them kill it."""
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+            if hasattr(signal, name):
+                signal.signal(getattr(signal, name), signal.SIG_IGN)
+
     def _take(self, number: int, frame: FrameType | None) -> None:
         self._arrived = KeyboardInterrupt if number == signal.SIGINT else Terminated
         raise self._arrived

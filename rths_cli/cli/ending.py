@@ -24,7 +24,9 @@ def main() -> NoReturn:
     SIGNALS.install()
     _one_blas_thread()
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # pydantic would look for some in every package
-    sys.exit(_guarded())
+    code = _guarded()
+    SIGNALS.ignore()
+    sys.exit(code)
 
 
 def _open_streams() -> None:
@@ -49,7 +51,7 @@ def _guarded() -> int:
     try:
         code = int(cli.main(standalone_mode=False) or 0)
         sys.stdout.flush()
-        return code
+        return SIGNALS.code or code  # one that came when everything was done ends the caller's loop all the same
     except click.ClickException as error:
         return _say([error.format_message()], 2)
     except (click.Abort, KeyboardInterrupt, Terminated):

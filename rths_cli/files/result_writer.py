@@ -197,12 +197,12 @@ class ResultWriter:
         """Close and rename the file, or remove it."""
         if self._parked:
             self.resume()
-            self.finish("failed", _said(error))
+            self.finish(*_ending(error))
         if self._broken:
             self._abandon()
             return
         if not self._expendable and (self._status is None or (error and self._status == "complete")):
-            self.finish("failed", _said(error))
+            self.finish(*_ending(error))
         if self._status is None or (error is not None and self._status == "complete"):
             self._abandon()
             if error is None:
@@ -259,9 +259,14 @@ class ResultWriter:
             raise InputError(refusal(self.path, "cannot write the result file", error) + left) from error
 
 
-def _said(error: BaseException | None) -> str:
-    """Return what ended a run: an interrupt says nothing itself."""
-    return "the run ended without a status" if error is None else str(error) or type(error).__name__
+def _ending(error: BaseException | None) -> tuple[Status, str]:
+    """Return status and reason of a run that an error or a signal ended."""
+    if error is None:
+        return "failed", "the run ended without a status"
+    if isinstance(error, Exception):
+        return "failed", str(error) or type(error).__name__
+    signal = "interrupted" if isinstance(error, KeyboardInterrupt) else "terminated"
+    return "interrupted", f"{signal} before the run had ended"
 
 
 def check_writable(folder: Path, needed_bytes: int = 0) -> None:

@@ -18,7 +18,9 @@ from rths_cli.rig_info import BRAKE_SHARE
 
 RUNNING, BRAKING, RETURNING, STOPPED = 0, 1, 2, 3
 NONE, STROKE, VELOCITY, ACCELERATION, FORCE, COMMAND, TRACKING, NOT_A_NUMBER, SATURATED, STUCK = range(10)
-RATE, ENERGY, LOST, OVERRUN, RIG_FAULT, OPERATOR, INTERRUPT, TERMINATION, LOG_FAILED, END = range(10, 20)
+RATE, ENERGY, LOST, OVERRUN, RIG_FAULT, OPERATOR, INTERRUPT, TERMINATION, LOG_FAILED, WATCHER_FAILED, END = range(
+    10, 21
+)
 REASONS = (
     "",
     "displacement (estimated from the command, with room to brake) beyond the stroke limit",
@@ -39,6 +41,7 @@ REASONS = (
     "interrupted",
     "terminated",
     "the log cannot be written",
+    "the live view failed",
     "the end of the record",
 )
 RETURN_RATE = 7.5  # rad/s, or less where a limit is tight: back at zero within 2 s

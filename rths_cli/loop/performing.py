@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import signal
 import threading
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, replace
+from types import FrameType
 
 import numpy as np
 
+from rths_cli.errors import write_crash_file
 from rths_cli.loop.drive import Outcome, reason_of
-from rths_cli.loop.guard import INTERRUPT, OPERATOR, TERMINATION
+from rths_cli.loop.guard import INTERRUPT, OPERATOR, TERMINATION, WATCHER_FAILED
 from rths_cli.loop.log import Signals, signals
 from rths_cli.loop.realtime import OVERRUNS, Performance, perform, rehearse
 from rths_cli.loop.scheduling import Granted, real_time
@@ -18,21 +21,32 @@ from rths_cli.lti import Array
 from rths_cli.rigs.interface import Rig
 
 GLANCE_S = 0.05  # between two looks of those who watch
-STOP_KEY, CTRL_C, SIGTERM = (reason - OPERATOR + 1 for reason in (OPERATOR, INTERRUPT, TERMINATION))  # orders[0]
+STOP_KEY, CTRL_C, SIGTERM, NO_WATCH = (
+    reason - OPERATOR + 1 for reason in (OPERATOR, INTERRUPT, TERMINATION, WATCHER_FAILED)
+)  # orders[0]
+ORDERS = {"SIGINT": CTRL_C, "SIGTERM": SIGTERM, "SIGHUP": SIGTERM}
 Watch = Callable[[Performance], None]
 
 
 @dataclass(frozen=True)
 class Performed:
-    """How a run in real time went, what the system granted its loop, and how many intervals it overran."""
+    """How a run in real time went, what the system granted its loop, and how many intervals it overran.
+
+    `watch_fault`: what ended those who watched, empty where nothing did.
+    """
 
     outcome: Outcome
     granted: Granted
     overruns: int
+    watch_fault: str = ""
 
 
 class _Loop(threading.Thread):
-    """The thread of the loop; `work` is called in it with what the system granted."""
+    """The thread of the loop; `work` is called in it with what the system granted.
+
+    Who waits for it waits for `ended`: an exception that interrupts Thread.join makes Python take a thread that runs
+    for ended.
+    """
 
     def __init__(self, work: Callable[[], object]) -> None:
         super().__init__(name="rths-loop")
@@ -40,7 +54,7 @@ class _Loop(threading.Thread):
         self.result: object = None
         self.granted: Granted | None = None
         self.error: BaseException | None = None
-        self.ended = threading.Event()  # a signal that arrives in Thread.join makes Python 3.11 take a thread for dead
+        self.ended = threading.Event()
 
     def run(self) -> None:
         try:
@@ -55,15 +69,15 @@ class _Loop(threading.Thread):
 def perform_watched(rig: Rig, run: Performance, watch: Watch) -> Performed:
     """Play a prepared run on an open rig; `watch` looks at it every 50 ms.
 
-    Ctrl-C, SIGTERM and a failing watcher lead the table to rest first. An interrupt is then told by the outcome's
-    reason; what else the watcher raised is raised again.
+    Ctrl-C, SIGTERM, SIGHUP and a failing watcher lead the table to rest, however often they come; the outcome's reason
+    tells of them.
     """
     loop = _Loop(lambda: perform(rig, run))
-    raised = _watched(loop, run, watch)
-    if loop.error or raised:
-        raise loop.error or raised  # type: ignore[misc]
+    watch_fault = _watched(loop, run, watch)
+    if loop.error:
+        raise loop.error
     assert loop.granted is not None
-    return Performed(_outcome(run, str(loop.result)), loop.granted, int(run.course.marks[OVERRUNS]))
+    return Performed(_outcome(run, str(loop.result)), loop.granted, int(run.course.marks[OVERRUNS]), watch_fault)
 
 
 def rehearse_watched(run: Performance, seconds: float) -> tuple[Array, Array]:
@@ -82,34 +96,54 @@ def order(run: Performance, what: int) -> None:
         run.course.orders[0] = what
 
 
-def _watched(loop: _Loop, run: Performance, watch: Watch) -> Exception | None:
-    """Run the loop to its end whatever arrives meanwhile; return what the watcher raised."""
-    raised: Exception | None = None
-    loop.start()
-    try:
-        while not loop.ended.is_set():
+def _watched(loop: _Loop, run: Performance, watch: Watch) -> str:
+    """Run the loop to its end whatever arrives meanwhile; return what ended the watching."""
+    fault = ""
+    with _signals_as_orders(run):
+        loop.start()
+        while not loop.ended.wait(GLANCE_S):
             try:
-                loop.ended.wait(GLANCE_S)
-                if raised is None:
+                if not fault:
                     watch(run)
-            except KeyboardInterrupt:
+            except KeyboardInterrupt:  # a signal of before that was swallowed on its way
                 order(run, CTRL_C)
             except Exception as error:
-                raised = error
-                order(run, STOP_KEY)
+                fault = f"{type(error).__name__}, details in {write_crash_file()}"
+                order(run, NO_WATCH)
             except BaseException:  # SIGTERM, as the command line raises it
                 order(run, SIGTERM)
+    return fault
+
+
+@contextmanager
+def _signals_as_orders(run: Performance) -> Iterator[None]:
+    """Let signals order the loop to stop and raise nothing here; whoever took them before is told, too.
+
+    Python gives signals to its main thread alone: in any other there is nothing to do.
+    """
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        for name, what in ORDERS.items():
+            number = getattr(signal, name, None)  # Windows has no SIGHUP
+            if number is not None and signal.getsignal(number) is not None:
+                before[number] = signal.signal(number, _giver(run, what, signal.getsignal(number)))
+    try:
+        yield
     finally:
-        order(run, CTRL_C)
-        _outlast(loop)
-    return raised
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
-def _outlast(loop: _Loop) -> None:
-    """Wait for the loop: whatever arrives meanwhile, the table comes to rest first."""
-    while not loop.ended.is_set():
-        with suppress(BaseException):
-            loop.ended.wait(GLANCE_S)
+def _giver(run: Performance, what: int, before: object) -> Callable[[int, FrameType | None], None]:
+    """Return a signal handler that gives an order and tells the one before."""
+
+    def take(number: int, frame: FrameType | None) -> None:
+        order(run, what)
+        if callable(before):
+            with suppress(BaseException):
+                before(number, frame)
+
+    return take
 
 
 def _outcome(run: Performance, fault: str) -> Outcome:

@@ -294,18 +294,29 @@ def prepare(
 
 
 def perform(rig: Rig, run: Performance) -> str:
-    """Play a prepared run on an open rig, bring the table to rest; return the rig's fault, empty without one.
+    """Play a prepared run on an open rig, bring the table to rest; return the rig's faults, empty without one.
 
     To be called in the thread that has the real-time class. How the test ended stands in the guard's flags.
     """
+    fault, unrest = "", ""
     try:
-        if isinstance(rig, UdpRig):
-            return _perform_udp(rig, run)
-        return _perform_exchanging(rig, run)
-    except RigError as fault:
-        return str(fault)
+        fault = _perform_udp(rig, run) if isinstance(rig, UdpRig) else _perform_exchanging(rig, run)
+    except RigError as error:
+        fault = str(error)
     finally:
+        unrest = _brought_to_rest(rig)
+    return "; ".join(filter(None, (fault, unrest)))
+
+
+def _brought_to_rest(rig: Rig) -> str:
+    """Bring the table to rest; return why that is in doubt, empty when it is not."""
+    try:
         rig.rest()
+    except RigError as error:
+        return str(error)
+    if isinstance(rig, UdpRig) and not rig.at_rest:
+        return f"the target {rig.peer} did not confirm that its table is at rest; look at it before you go near"
+    return ""
 
 
 def _perform_udp(rig: UdpRig, run: Performance) -> str:

@@ -17,7 +17,7 @@ from rths_cli.files.raw_log import RawHeader, raw_log_path, still_in
 from rths_cli.files.raw_log_writer import RawLogWriter
 from rths_cli.files.rig_lock import locked_rig
 from rths_cli.loop.blocks import EXCITATION
-from rths_cli.loop.guard import INTERRUPT, TERMINATION
+from rths_cli.loop.guard import INTERRUPT, LOG_FAILED, TERMINATION, WATCHER_FAILED
 from rths_cli.loop.log import column_names, column_units
 from rths_cli.loop.performing import STOP_KEY, Performed, order, perform_watched, rehearse_watched
 from rths_cli.loop.realtime import Performance, prepare
@@ -109,7 +109,12 @@ class RealStage:
             performed = perform_watched(rig, ready, watch)
         writer.resume()
         writer.about({f"{run.name}_{key}": value for key, value in _told(performed, stream).items()})
-        return performed.outcome
+        outcome = performed.outcome
+        if outcome.reason == WATCHER_FAILED:
+            return replace(outcome, stopped_by_limit=f"{outcome.stopped_by_limit} ({performed.watch_fault})")
+        if outcome.reason == LOG_FAILED:
+            return replace(outcome, stopped_by_limit=stream.fault or outcome.stopped_by_limit)
+        return outcome
 
     def written(self) -> None:
         """Remove the raw logs: the result file holds everything."""

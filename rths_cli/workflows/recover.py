@@ -168,6 +168,9 @@ def _case(path: Path, header: RawHeader) -> Case:
     try:
         told["record"]["file"] = _record_file(told["record"]["file"], path.parent)
         told["identification"]["model"] = None  # the blocks are made already
+        told["table"] |= {name: None for name in ("model",) if name in told["table"]}
+        if isinstance(told["table"].get("udp"), dict):
+            told["table"]["udp"]["key_file"] = None  # nobody is asked anything
         return Case.model_validate(told)
     except KeyError as error:
         raise InputError(f"{path}: its case has no {error.args[0]}; nothing can be recovered.") from error

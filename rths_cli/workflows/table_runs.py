@@ -152,14 +152,17 @@ def true_accel(abs_accel: Array, series: Series) -> Array:
 
 
 def why_ended(label: str, outcome: Outcome, dt_s: float) -> Stop | None:
-    """Return why a run did not reach its end, None when it did."""
+    """Return why a run did not reach its end, None when it did: what came first, then what the rig says."""
+    fault, limit, at = outcome.rig_fault, outcome.stopped_by_limit, f"at {outcome.stopped_at_s:.3f} s"
+    if not (fault or limit):
+        return None
+    says_more = fault and outcome.reason in (guard.NONE, guard.RIG_FAULT, guard.LOST, guard.END)
+    said = f"{label} {at}: {fault}" if says_more else f"{label}: {limit} {at}{f'; {fault}' if fault else ''}"
     if outcome.reason in INTERRUPTIONS:
-        said = f"{label}: {outcome.stopped_by_limit} at {outcome.stopped_at_s:.3f} s, the table was led to rest"
-        return Stop("interrupted", said, INTERRUPTIONS[outcome.reason])
-    if outcome.rig_fault:
-        return Stop("failed", f"{label}: {outcome.rig_fault} at {outcome.stopped_at_s:.3f} s", 4)
-    if outcome.reason == guard.LOG_FAILED:
-        return Stop("failed", f"{label}: {outcome.stopped_by_limit} at {outcome.stopped_at_s:.3f} s", 4)
-    if outcome.stopped_by_limit:
-        return Stop("aborted", f"{label}: {outcome.stopped_by_limit} at {outcome.stopped_at_s:.3f} s", 3)
-    return None
+        told = said if fault else f"{said}, the table was led to rest"
+        return Stop("interrupted", told, INTERRUPTIONS[outcome.reason])
+    if outcome.reason == guard.WATCHER_FAILED:
+        return Stop("failed", said, 5)
+    if fault or outcome.reason == guard.LOG_FAILED:
+        return Stop("failed", said, 4)
+    return Stop("aborted", said, 3)

@@ -146,17 +146,24 @@ def test_a_parked_file_can_be_read_until_it_is_resumed_and_afterwards(tmp_path: 
     assert os.listdir(tmp_path) == ["a.h5"]
 
 
-@pytest.mark.parametrize("error", [KeyError("lost the link"), KeyboardInterrupt()])
+@pytest.mark.parametrize(
+    ("error", "status", "reason"),
+    [
+        (KeyError("lost the link"), "failed", "'lost the link'"),
+        (KeyboardInterrupt(), "interrupted", "interrupted before the run had ended"),
+        (GeneratorExit(), "interrupted", "terminated before the run had ended"),
+    ],
+)
 def test_a_fault_while_a_file_is_parked_is_told_and_after_that_leaves_it_as_it_was(
-    tmp_path: Path, error: BaseException
+    tmp_path: Path, error: BaseException, status: str, reason: str
 ) -> None:
     with pytest.raises(type(error)), ResultWriter(tmp_path / "a.h5", ABOUT) as writer:
         writer.group("record", {}, TIME)
         writer.park("it moves")
         raise error
     found = read_result(tmp_path / "a.h5")
-    assert found.attributes["status"] == "failed" and found.groups == ("record",)
-    assert found.attributes["status_reason"] == (str(error) or "KeyboardInterrupt")
+    assert found.attributes["status"] == status and found.groups == ("record",)
+    assert found.attributes["status_reason"] == reason
     with pytest.raises(type(error)), ResultWriter(tmp_path / "b.h5", ABOUT) as writer:
         writer.park("it moves")
         writer.resume()

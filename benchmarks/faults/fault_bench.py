@@ -1,0 +1,186 @@
+"""A served table, a network that can be spoilt, and `rths run` between them, as three processes to be mistreated."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import struct
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+HERE = Path(__file__).parent
+TREE = HERE.parents[1]
+sys.path.insert(0, str(TREE / "tests" / "rigs"))
+
+from packets import Packet, opened, plain_siphash  # noqa: E402
+from udp_relay import Mishap, Relay, as_it_came  # noqa: E402
+
+from rths_cli.case.load import load_cases  # noqa: E402
+from rths_cli.rigs.udp.secret import make_secret  # noqa: E402
+from rths_cli.workflows.known import Memory  # noqa: E402
+from rths_cli.workflows.model_store import Cache, save  # noqa: E402
+from rths_cli.workflows.setup import make_setup  # noqa: E402
+
+RATE_HZ, RECORD_S = 500, 4.5
+HELLO, WELCOME, ARM, COMMAND = 1, 2, 4, 5
+PATIENCE_S = 90.0
+CASE = "structure: three_storey\ndamping: low\nrecord: ./short.csv\nscaling: 0.3\ncontroller: FF+FB\n"
+STROKE_M, VELOCITY_M_S, RANGE_V, GAIN_M_PER_V = 0.079, 1.0, 10.0, 0.0079  # of udp_loopback
+Passed = tuple[float, bytes]
+
+
+def make_files(folder: Path, rig: str) -> None:
+    """Write record, case, rig file, key and model of a rig of this name into a folder."""
+    time_s = np.arange(0.0, RECORD_S, 0.01)
+    accel = 4.0 * np.sin(4 * np.pi * time_s) * np.sin(np.pi * time_s / RECORD_S) ** 2
+    rows = "\n".join(f"{value:.6g}" for value in accel)
+    (folder / "short.csv").write_text(f"# dt: 0.01 s\n# units: m/s^2\n{rows}\n")
+    (folder / "a.yaml").write_text(CASE)
+    (folder / f"{rig}.yaml").write_text((TREE / "configs" / "rigs" / "udp_loopback.yaml").read_text())
+    make_secret(folder / "key")
+    settings = (f"sample_rate_hz={RATE_HZ}",)
+    known = Memory(Cache()).known(make_setup(load_cases([str(folder / "a.yaml")], settings)[0]), lambda _: None)
+    served = (*settings, f"table={folder / rig}.yaml")
+    save(folder / "model.h5", make_setup(load_cases([str(folder / "a.yaml")], served)[0]), known.found, "virtual", "")
+
+
+class Served:
+    """`rths serve` as a process; `lines` are what it said, with the time it said it."""
+
+    def __init__(self, folder: Path) -> None:
+        words = [sys.executable, "-m", "rths_cli", "serve", "--port", "0", "--key-file", str(folder / "key")]
+        self.process = subprocess.Popen(words, stdout=subprocess.PIPE, text=True, env=environment())
+        assert self.process.stdout is not None
+        found = re.search(r" at .+:(\d+);", self.process.stdout.readline())
+        assert found is not None
+        self.port = int(found[1])
+        self.lines: list[tuple[float, str]] = []
+        threading.Thread(target=self._listen, daemon=True).start()
+
+    def _listen(self) -> None:
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.lines.append((time.monotonic(), line.strip()))
+
+    def send(self, number: int) -> None:
+        if self.process.poll() is None:
+            self.process.send_signal(number)
+
+    def end(self) -> None:
+        self.process.kill()
+        self.process.wait()
+
+
+class Network:
+    """A relay that keeps what it delivered, and knows when the run itself, after the listening, begins."""
+
+    def __init__(self, port: int) -> None:
+        self.relay = Relay("127.0.0.1", port)
+        self.began = threading.Event()
+        self.to_target: Mishap = as_it_came
+        self.to_runner: Mishap = as_it_came
+        self.forth: list[Passed] = []
+        self.back: list[Passed] = []
+        self.greeted: list[bytes] = []
+        self.relay.to_target, self.relay.to_runner = self._forth, self._back
+
+    def _forth(self, packet: bytes) -> list[tuple[float, bytes]]:
+        if packet[5] == HELLO and packet[40:56] not in self.greeted:
+            self.greeted.append(packet[40:56])
+        if packet[5] == COMMAND and len(self.greeted) == 2:
+            self.began.set()
+        out = self.to_target(packet)
+        self.forth += [(time.monotonic() + delay, one) for delay, one in out]
+        return out
+
+    def _back(self, packet: bytes) -> list[tuple[float, bytes]]:
+        out = self.to_runner(packet)
+        self.back += [(time.monotonic() + delay, one) for delay, one in out]
+        return out
+
+    def commands(self, secret: bytes) -> list[tuple[int, float]]:
+        """Return the genuine commands of the run that the target was given and had to obey: (sequence, V)."""
+        nonces = [one[40:72] for _, one in self.back if one[5] == WELCOME and one[40:56] == self.greeted[-1]]
+        if not nonces:
+            return []
+        labels = (b"rths-key" + struct.pack("<Q", i) for i in (0, 1))
+        key = b"".join(plain_siphash(label + nonces[0], secret) for label in labels)
+        obeyed: list[tuple[int, float]] = []
+        for _, data in sorted(self.forth, key=lambda passed: passed[0]):
+            packet = opened(data, key)
+            if packet is not None and packet.kind == COMMAND and packet.sequence > (obeyed[-1][0] if obeyed else -1):
+                obeyed.append((packet.sequence, _volts(packet)))
+        return obeyed
+
+
+def _volts(packet: Packet) -> float:
+    return float(struct.unpack("<d", packet.content)[0])
+
+
+def environment(**more: str) -> dict[str, str]:
+    """Return the environment of a process that imports this tree."""
+    return {**os.environ, "PYTHONPATH": str(TREE), **more}
+
+
+@dataclass
+class Bench:
+    """One run under way: what a fault may take hold of."""
+
+    folder: Path
+    served: Served
+    spare: Served
+    network: Network
+    random: np.random.Generator
+    runner: subprocess.Popen[str]
+    at_s: float = 0.0  # when the fault came
+    notes: list[str] = field(default_factory=list)
+
+    def kill_runner(self, number: int) -> None:
+        self.runner.send_signal(number)
+
+
+def used(commands: list[tuple[int, float]]) -> dict[str, float]:
+    """Return the largest share of each limit that a target saw, its table at rest at 0 V before."""
+    if not commands:
+        return dict.fromkeys(("stroke", "velocity", "range"), 0.0)
+    sequence = np.array([commands[0][0] - 1, *(number for number, _ in commands)])
+    place = GAIN_M_PER_V * np.array([0.0, *(volts for _, volts in commands)])
+    velocity = np.diff(place) / np.diff(sequence) * RATE_HZ
+    worst = {
+        "stroke": np.abs(place).max() / STROKE_M,
+        "velocity": np.abs(velocity).max() / VELOCITY_M_S,
+        "range": np.abs(place).max() / GAIN_M_PER_V / RANGE_V,
+    }
+    return {name: float(share) if np.isfinite(share) else np.inf for name, share in worst.items()}
+
+
+def start_runner(
+    folder: Path, output: Path, rig: str, port: int, preexec: Callable[[], None] | None, more: dict[str, str]
+) -> subprocess.Popen[str]:
+    """Start `rths run` against a port."""
+    sets = (
+        f"table={folder / rig}.yaml", f"table.udp.port={port}", f"sample_rate_hz={RATE_HZ}",
+        f"identification.model={folder / 'model.h5'}", "runs=[sim, exp_rths]",
+    )  # fmt: skip
+    words = [sys.executable, str(HERE / "fault_runner.py"), "run", str(folder / "a.yaml"), "--yes"]
+    words += ["--override", "model", "--override", "check", "--output", str(output), "--quiet"]
+    words += [word for one in sets for word in ("--set", one)]
+    env = environment(RTHS_KEY_FILE=str(folder / "key"), **more)
+    return subprocess.Popen(
+        words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=env, preexec_fn=preexec
+    )
+
+
+def frozen(process: subprocess.Popen[str], seconds: float) -> None:
+    """Stop a process for a while."""
+    process.send_signal(signal.SIGSTOP)
+    time.sleep(seconds)
+    process.send_signal(signal.SIGCONT)

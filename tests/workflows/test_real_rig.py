@@ -1,0 +1,187 @@
+"""A case on a rig behind UDP, the served table in a thread: what is left of runs that end, are stopped, or fail."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from serving_bench import Running
+
+from rths_cli.case.load import load_cases
+from rths_cli.files.raw_log_writer import RawLogWriter
+from rths_cli.files.results import read_result, read_series
+from rths_cli.loop.realtime import RAMP_UP_S
+from rths_cli.loop.watching import View
+from rths_cli.rigs.udp.secret import make_secret
+from rths_cli.workflows import real_rig
+from rths_cli.workflows.identify import identify
+from rths_cli.workflows.known import Known, Memory
+from rths_cli.workflows.model_store import key
+from rths_cli.workflows.real_rig import RealStage
+from rths_cli.workflows.recover import recover
+from rths_cli.workflows.run import Ended, run_case
+from rths_cli.workflows.serve_table import describe
+from rths_cli.workflows.setup import Setup, make_setup
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
+CASE = """
+structure: three_storey
+damping: low
+record: ./short.csv
+scaling: 0.3
+controller: FF+FB
+sample_rate_hz: 500
+record_filter: {corner_hz: 0}
+runs: [sim, exp_rths]
+identification: {duration_s: 60}
+"""
+RECORD_S = 1.5
+
+
+@dataclass(frozen=True)
+class Bench:
+    """A server, the case's setup on it, and a memory that knows the model."""
+
+    running: Running
+    setup: Setup
+    memory: Memory
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
+    folder = tmp_path_factory.mktemp("real")
+    time_s = np.arange(0.0, RECORD_S, 0.01)
+    accel = 2.0 * np.sin(6 * np.pi * time_s) * np.sin(np.pi * time_s / RECORD_S) ** 2
+    (folder / "short.csv").write_text("# dt: 0.01 s\n# units: m/s^2\n" + "\n".join(f"{x:.6g}" for x in accel) + "\n")
+    (folder / "a.yaml").write_text(CASE)
+    make_secret(folder / "key")
+    virtual = make_setup(load_cases([str(folder / "a.yaml")])[0])
+    found = identify(virtual, lambda _: None)
+    running = Running(describe("aps400_virtual", "three_storey", ("sample_rate_hz=500",), 0), folder / "key")
+    udp = f"{{port: {running.port}, key_file: {folder / 'key'}}}"
+    at = f"table={{extends: udp_loopback, limits: {{lost_samples: 45}}, udp: {udp}}}"
+    try:
+        setup = make_setup(load_cases([str(folder / "a.yaml")], (at,))[0], ("check", "model"))
+        memory = Memory()
+        memory._known[key(setup)] = Known(found, "made for a test")
+        yield Bench(running, setup, memory)
+    finally:
+        running.end()
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Leave the rehearsal out, which is a matter of timing, and most of the listening."""
+    monkeypatch.setattr(real_rig, "rehearsed", lambda setup, blocks, source: None)
+    monkeypatch.setattr(real_rig, "LISTENING_S", 0.05)
+
+
+def ran(bench: Bench, path: Path, show: Callable[[str, View], bool] = lambda label, view: False) -> Ended:
+    """Run the case on the served table."""
+    stage = RealStage(show)
+    try:
+        return run_case(bench.setup, path, bench.memory, "rths run a.yaml", lambda _: None, stage=stage)
+    finally:
+        stage.close()
+
+
+def once_running(act: Callable[[], object]) -> Callable[[str, View], bool]:
+    """Return a live view that does something, once, in the middle of the record."""
+    done: list[bool] = []
+
+    def show(label: str, view: View) -> bool:
+        if view.time_s > 0.2 and not done:
+            done.append(True)
+            return bool(act())
+        return False
+
+    return show
+
+
+def status(path: Path) -> tuple[str, str]:
+    attributes = read_result(path).attributes
+    return str(attributes["status"]), str(attributes["status_reason"])
+
+
+def test_a_signal_ends_as_interrupted_with_the_samples_and_the_table_at_rest(bench: Bench, tmp_path: Path) -> None:
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        ended = ran(bench, tmp_path / "a.h5", once_running(lambda: os.kill(os.getpid(), signal.SIGTERM)))
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert (ended.status, ended.exit_code) == ("interrupted", 143)
+    assert status(tmp_path / "a.h5") == (ended.status, ended.reason)
+    assert ended.reason.startswith("EXP-RTHS: terminated at ") and ended.reason.endswith("the table was led to rest")
+    command = read_series(tmp_path / "a.h5", "exp_rths/command_v")
+    assert np.isfinite(command).all() and np.abs(command).max() > 0.01
+    assert bench.running.server.ended[-1].ended_by in ("the runner had the table rest", "the runner closed it")
+    assert os.listdir(tmp_path) == ["a.h5"]
+
+
+def test_a_log_that_cannot_be_written_any_more_stops_the_test_and_nothing_is_lost(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    broken = threading.Event()
+    append = RawLogWriter.append
+
+    def refuse(self: RawLogWriter, first: int, columns: np.ndarray) -> None:
+        if broken.is_set():
+            raise OSError(5, "Input/output error")
+        append(self, first, columns)
+
+    monkeypatch.setattr(RawLogWriter, "append", refuse)
+    ended = ran(bench, tmp_path / "a.h5", once_running(broken.set))
+    assert (ended.status, ended.exit_code) == ("failed", 4)
+    assert "cannot write the raw log: Input/output error" in ended.reason
+    assert status(tmp_path / "a.h5") == (ended.status, ended.reason)
+    assert read_series(tmp_path / "a.h5", "exp_rths/command_v").size > 40
+
+
+def test_a_live_view_that_fails_is_our_bug_and_the_run_is_in_its_file(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
+
+    def fail() -> None:
+        raise BrokenPipeError
+
+    ended = ran(bench, tmp_path / "a.h5", once_running(fail))
+    assert (ended.status, ended.exit_code) == ("failed", 5)
+    assert "the live view failed (BrokenPipeError, details in " in ended.reason
+    assert "exp_rths" in read_result(tmp_path / "a.h5").groups
+
+
+def test_a_target_that_ends_by_itself_is_told_with_what_it_did_not_confirm(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def end_stop() -> None:
+        bench.running.server._table.state.state[0] = 0.09
+
+    ended = ran(bench, tmp_path / "a.h5", once_running(end_stop))
+    assert (ended.status, ended.exit_code) == ("failed", 4)
+    assert "the table is at its end stop" in ended.reason
+    assert status(tmp_path / "a.h5") == (ended.status, ended.reason)
+
+
+def test_a_crash_of_the_driver_leaves_a_result_and_a_log_that_recover_reads(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def crash(rig: object, run: real_rig.Performance) -> str:
+        run.log.columns[:] = 0.0
+        run.log.done[0] = run.course.ramp + 100
+        raise ZeroDivisionError("in a driver")
+
+    monkeypatch.setattr("rths_cli.loop.performing.perform", crash)
+    with pytest.raises(ZeroDivisionError):
+        ran(bench, tmp_path / "a.h5")
+    assert status(tmp_path / "a.h5") == ("failed", "in a driver")
+    (recovered,) = recover(list(tmp_path.glob("*.rthslog")))
+    assert recovered.samples == round(RAMP_UP_S / bench.setup.rig.dt_s) + 100
+    assert "exp_rths" in read_result(tmp_path / "a.h5").groups

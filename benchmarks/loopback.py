@@ -59,7 +59,7 @@ def show_timing(path: Path) -> None:
         timing = {name: file[f"exp_rths/timing/{name}"][()] for name in ("late_s", "exchange_s", "compute_s", "lost")}
         overruns = file.attrs["exp_rths_overruns"]
     for name, label in (("late_s", "wake-up delay"), ("exchange_s", "exchange"), ("compute_s", "step, guard, log")):
-        p50, p99, p99_9, most = 1e6 * np.percentile(timing[name], [50, 99, 99.9, 100])
+        p50, p99, p99_9, most = 1e6 * np.nanpercentile(timing[name], [50, 99, 99.9, 100])
         print(f"  {label:<18}{p50:9.1f}{p99:9.1f}{p99_9:9.1f}{most:10.1f} us (p50, p99, p99.9, max)")
     print(f"  lost or late answers {int((timing['lost'] == 1).sum())}, intervals overrun {overruns}")
 

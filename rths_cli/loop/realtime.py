@@ -202,8 +202,12 @@ def run_udp(
             note_command(s, log, log.done[0] - 1, last)  # the one of the step before never left
         elif log.done[0] > 0:
             sent, last = sent + 1, command
+            link.rate_v_s[0] = g.motion[1] / limits.gain_m_per_v  # a target may go on by it where the next is late
             deadline = marks[START_NS] + (log.done[0] - 1) * course.dt_ns
-            lost = swap(link, course, g, log, deadline, command, sent) if sends else rest_until(course, log, deadline)
+            if sends:
+                lost = swap(link, course, g, log, deadline, command, sent)
+            else:
+                note_exchange(log, sleep_until(deadline, course.spin_ns, course.scratch), 0)
         command = conduct(course, s, limits, g, drive, log, link.samples_v, lost)
         if lost != 2:
             behind = overrun(course, g, deadline) if sent > 0 else 0
@@ -213,13 +217,6 @@ def run_udp(
                 command = held_back(limits, g, last, command)
                 note_command(s, log, log.done[0] - 1, command)
     return log.done[0]
-
-
-@part
-def rest_until(course: Course, log: Log, deadline: int) -> int:
-    """Wait for a deadline, in a rehearsal."""
-    note_exchange(log, sleep_until(deadline, course.spin_ns, course.scratch), 0)
-    return 0
 
 
 @part

@@ -24,6 +24,7 @@ from rths_cli.rigs.virtual import kernel
 from rths_cli.rigs.virtual.plant import Plant
 
 TICKS_PER_INTERVAL = 4
+BRIDGED = 10  # intervals without a command, through which it goes on at the rate it was sent with; then it holds
 PHASE_STEPS = 64  # over so many commands the ticks settle around the instants at which commands come
 LOOK_NS = 20_000_000  # the longest wait for a packet: orders are looked at so often
 GREETED_NS = 50_000_000  # between two greetings that may disturb a session
@@ -77,7 +78,7 @@ class Table(NamedTuple):
     guard: GuardState
     noise: Array
     samples: Array  # (c,) in V
-    latched_v: Array  # (1,) the command that is held
+    latched_v: Array  # (2,) the command that is held, and by how much it goes on in an interval without one
 
 
 def open_door(
@@ -99,10 +100,21 @@ def lead_to_rest(d: Door, t: Table, fault: int) -> None:
     if d.session[STATE] == wire.ARMED:
         d.session[STATE] = wire.RESTING
         t.guard.flags[0] = BRAKING
-        if d.session[TICK] - d.session[LAST_TICK] > TICKS_PER_INTERVAL:
+        waited = d.session[TICK] - d.session[LAST_TICK]
+        if waited > TICKS_PER_INTERVAL and (t.latched_v[1] == 0.0 or waited > BRIDGED * TICKS_PER_INTERVAL):
             t.guard.motion[1] = 0.0  # it has been holding the last command
     elif d.session[STATE] == wire.IDLE:
         d.session[STATE] = wire.RESTED
+
+
+@part
+def go_on(t: Table, since: int) -> None:
+    """Move a command that was sent with a rate, `since` ticks ago, on at the instants at which the next were due."""
+    if since == 0 or since % TICKS_PER_INTERVAL != 0 or since > BRIDGED * TICKS_PER_INTERVAL:
+        return
+    limit = min(t.limits.command_v, t.limits.stroke_m / t.limits.gain_m_per_v)
+    t.latched_v[0] = min(max(t.latched_v[0] + t.latched_v[1], -limit), limit)
+    t.guard.motion[0] = t.limits.gain_m_per_v * t.latched_v[0]
 
 
 @part
@@ -111,6 +123,8 @@ def tick(d: Door, t: Table) -> None:
     s = d.session
     if s[STATE] == wire.ARMED and s[TICK] - s[LAST_TICK] >= d.watchdog_ticks:
         lead_to_rest(d, t, wire.WATCHDOG)
+    if s[STATE] == wire.ARMED:
+        go_on(t, s[TICK] - s[LAST_TICK])
     if s[STATE] == wire.RESTING:
         ramp_down(t.limits, t.guard)
         t.latched_v[0] = t.guard.motion[0] / t.limits.gain_m_per_v
@@ -142,7 +156,7 @@ def arm(d: Door, t: Table, now: int) -> None:
 
 
 @part
-def obey(d: Door, t: Table, now: int, command_v: float) -> None:
+def obey(d: Door, t: Table, now: int, command_v: float, rate_v_s: float) -> None:
     """Latch a command, or lead the table to rest where it is no number or out of range."""
     s = d.session
     if s[STATE] != wire.ARMED:
@@ -159,10 +173,19 @@ def obey(d: Door, t: Table, now: int, command_v: float) -> None:
     velocity = (place - t.guard.motion[0]) / (max(since, 1) * t.limits.dt_s)
     t.guard.motion[0] = place
     t.guard.motion[1] = min(max(velocity, -t.limits.velocity_m_s), t.limits.velocity_m_s)
-    t.latched_v[0] = command_v
+    t.latched_v[0], t.latched_v[1] = command_v, going_on(d, t, rate_v_s)
     s[LONGEST_TICKS] = max(s[LONGEST_TICKS], since)
     s[LAST_TICK], s[ARRIVED_NS] = s[TICK], now
     d.counts[OBEYED] += 1
+
+
+@part
+def going_on(d: Door, t: Table, rate_v_s: float) -> float:
+    """Return by how much a command goes on in an interval, within the velocity limit; not at all by no number."""
+    if not math.isfinite(rate_v_s):
+        return 0.0
+    fastest = t.limits.velocity_m_s / t.limits.gain_m_per_v
+    return 1e-9 * d.interval_ns * min(max(rate_v_s, -fastest), fastest)
 
 
 @part
@@ -203,12 +226,13 @@ def take(d: Door, t: Table, now: int) -> None:
     elif kind == wire.REST or kind == wire.CLOSE:
         lead_to_rest(d, t, 0)
         s[CLOSING] |= 1 if kind == wire.CLOSE else 0
-    elif kind != wire.COMMAND or packet[wire.COUNT] != 1:
+    elif kind != wire.COMMAND or packet[wire.COUNT] < 1 or packet[wire.COUNT] > 2:
         d.counts[MALFORMED] += 1
         return
     sample(t, s)
     if kind == wire.COMMAND:
-        obey(d, t, now, wire.get_real(packet, wire.WORDS))
+        rate = wire.get_real(packet, wire.WORDS + 8) if packet[wire.COUNT] == 2 else 0.0
+        obey(d, t, now, wire.get_real(packet, wire.WORDS), rate)
     answer(d, t, now)
 
 

@@ -33,7 +33,7 @@ def rig_info(case: Case) -> RigInfo:
         specimen_mass_kg=float(sum(case.structure.experimental.masses_kg)),
         unattended=real.unattended if real else False,
         watchdog_s=_watchdog_s(real),
-        overrun=real.overrun if real else "hold",
+        overrun=real.overrun if real else "skip",
         driver_verified=_driver_verified(real),
     )
 

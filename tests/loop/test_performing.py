@@ -89,6 +89,8 @@ def test_signals_end_in_rest_and_the_first_one_is_the_reason(numbers: tuple[int,
     rig = Sitting()
 
     def send() -> None:
+        while len(rig.commands) < 50:
+            time.sleep(0.01)
         for number in numbers:
             time.sleep(0.2)
             os.kill(os.getpid(), number)

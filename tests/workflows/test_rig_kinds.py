@@ -40,7 +40,7 @@ def test_the_loop_learns_what_a_rig_file_states() -> None:
     assert (limits.command_rate_v_s, limits.tracking_error_m_s2, limits.energy_ratio, limits.lost_samples) == (
         120, 3, 0.1, 5,
     )  # fmt: skip
-    assert (info.unattended, info.watchdog_s, info.overrun, info.driver_verified) == (False, 0.1, "hold", "hardware")
+    assert (info.unattended, info.watchdog_s, info.overrun, info.driver_verified) == (False, 0.1, "skip", "hardware")
 
 
 def test_a_case_s_stricter_limit_reaches_the_loop() -> None:

@@ -5,6 +5,7 @@ Everything is preallocated; the socket is connected, does not block, and belongs
 
 from __future__ import annotations
 
+import math
 import socket
 from typing import NamedTuple
 
@@ -46,6 +47,7 @@ class Link(NamedTuple):
     key: Words  # (2,) of the session
     outgoing: Bytes  # (MOST_BYTES,)
     incoming: Bytes  # (MOST_BYTES,)
+    rate_v_s: Array  # (1,) how the command goes on where the next one is late; not a number: this is not told
     samples_v: Array  # (c,) the last ones that came
     status: IntArray
     counts: IntArray
@@ -56,7 +58,8 @@ def fresh_link(door: socket.socket, key: Words, channels: int, spin_ns: int = SP
     """Return a link over a connected socket, which must stay open as long as the link is used."""
     return Link(
         door.fileno(), spin_ns, key, np.zeros(wire.MOST_BYTES, np.uint8), np.zeros(wire.MOST_BYTES, np.uint8),
-        np.zeros(channels), np.array([0, -1, -1, *[0] * 7]), np.zeros(len(COUNTS), np.int64), np.zeros(4, np.int64),
+        np.full(1, np.nan), np.zeros(channels), np.array([0, -1, -1, *[0] * 7]), np.zeros(len(COUNTS), np.int64),
+        np.zeros(4, np.int64),
     )  # fmt: skip
 
 
@@ -74,9 +77,13 @@ def post(link: Link, kind: int, sequence: int, command_v: float) -> int:
 
     What the network reports of an earlier packet ends the first call without sending; the second one sends.
     """
-    wire.begin(link.outgoing, kind, 1 if kind == wire.COMMAND else 0, sequence)
-    if kind == wire.COMMAND:
+    rate = link.rate_v_s[0]
+    words = 0 if kind != wire.COMMAND else 2 if math.isfinite(rate) else 1
+    wire.begin(link.outgoing, kind, words, sequence)
+    if words > 0:
         wire.put_real(link.outgoing, wire.WORDS, command_v)
+    if words > 1:
+        wire.put_real(link.outgoing, wire.WORDS + 8, rate)
     now = monotonic_ns(link.scratch)
     wire.put_int(link.outgoing, wire.SENT_NS, now)
     size = wire.seal(link.outgoing, link.key)

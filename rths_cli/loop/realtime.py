@@ -36,6 +36,7 @@ from rths_cli.lti import Array
 from rths_cli.rigs.interface import Rig, RigInfo
 from rths_cli.rigs.udp import link as udp
 from rths_cli.rigs.udp.rig import UdpRig
+from rths_cli.rigs.udp.wire import BRIDGED
 
 IN_RAMP_UP, IN_RUN, IN_RAMP_DOWN, AT_REST = 2, 3, 4, 5  # states of DESIGN.md section 6; 0 idle, 1 armed
 HOLD, SKIP, STOP = range(3)  # what an overrun does: the record waits, steps are caught up, the test stops
@@ -191,17 +192,17 @@ def run_udp(
 
     The samples of step 0 stand in the link. Deadlines are those of the course's clock, which begins now.
     """
-    marks, sent, behind = course.marks, 0, 0
+    marks, sent, behind, waited = course.marks, 0, 0, 0
     marks[START_NS] = monotonic_ns(course.scratch) + course.dt_ns
     command = last = 0.0
     deadline = marks[START_NS]
     while log.done[0] < log.columns.shape[1] and g.flags[0] != STOPPED:
         lost = 0
         if behind > 0:
-            lost = 2
-            note_command(s, log, log.done[0] - 1, last)  # the one of the step before never left
+            lost, waited = 2, min(waited + 1, BRIDGED)  # the command of the step before never left: the rig goes on
+            note_command(s, log, log.done[0] - 1, last + waited * limits.dt_s * link.rate_v_s[0])
         elif log.done[0] > 0:
-            sent, last = sent + 1, command
+            sent, last, waited = sent + 1, command, 0
             link.rate_v_s[0] = g.motion[1] / limits.gain_m_per_v  # a target may go on by it where the next is late
             deadline = marks[START_NS] + (log.done[0] - 1) * course.dt_ns
             if sends:

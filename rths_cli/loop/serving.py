@@ -24,7 +24,6 @@ from rths_cli.rigs.virtual import kernel
 from rths_cli.rigs.virtual.plant import Plant
 
 TICKS_PER_INTERVAL = 4
-BRIDGED = 10  # intervals without a command, through which it goes on at the rate it was sent with; then it holds
 PHASE_STEPS = 64  # over so many commands the ticks settle around the instants at which commands come
 LOOK_NS = 20_000_000  # the longest wait for a packet: orders are looked at so often
 GREETED_NS = 50_000_000  # between two greetings that may disturb a session
@@ -101,7 +100,7 @@ def lead_to_rest(d: Door, t: Table, fault: int) -> None:
         d.session[STATE] = wire.RESTING
         t.guard.flags[0] = BRAKING
         waited = d.session[TICK] - d.session[LAST_TICK]
-        if waited > TICKS_PER_INTERVAL and (t.latched_v[1] == 0.0 or waited > BRIDGED * TICKS_PER_INTERVAL):
+        if waited > TICKS_PER_INTERVAL and (t.latched_v[1] == 0.0 or waited > wire.BRIDGED * TICKS_PER_INTERVAL):
             t.guard.motion[1] = 0.0  # it has been holding the last command
     elif d.session[STATE] == wire.IDLE:
         d.session[STATE] = wire.RESTED
@@ -110,7 +109,7 @@ def lead_to_rest(d: Door, t: Table, fault: int) -> None:
 @part
 def go_on(t: Table, since: int) -> None:
     """Move a command that was sent with a rate, `since` ticks ago, on at the instants at which the next were due."""
-    if since == 0 or since % TICKS_PER_INTERVAL != 0 or since > BRIDGED * TICKS_PER_INTERVAL:
+    if since == 0 or since % TICKS_PER_INTERVAL != 0 or since > wire.BRIDGED * TICKS_PER_INTERVAL:
         return
     limit = min(t.limits.command_v, t.limits.stroke_m / t.limits.gain_m_per_v)
     t.latched_v[0] = min(max(t.latched_v[0] + t.latched_v[1], -limit), limit)

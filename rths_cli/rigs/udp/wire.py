@@ -38,6 +38,8 @@ MOST_BYTES = (
 # kinds: to the target HELLO, ARM, COMMAND, REST, CLOSE; from it WELCOME, REFUSAL, SAMPLES
 HELLO, WELCOME, REFUSAL, ARM, COMMAND, SAMPLES, REST, CLOSE = range(1, 9)
 
+BRIDGED = 10  # intervals without a command, through which a target may go on at the rate it was sent with
+
 # states of the target: commands are obeyed in ARMED alone; RESTING leads the table to rest, RESTED ends the session
 IDLE, ARMED, RESTING, RESTED = range(4)
 

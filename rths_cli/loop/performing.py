@@ -15,7 +15,8 @@ from rths_cli.errors import write_crash_file
 from rths_cli.loop.drive import Outcome, reason_of
 from rths_cli.loop.guard import INTERRUPT, OPERATOR, TERMINATION, WATCHER_FAILED
 from rths_cli.loop.log import Signals, signals
-from rths_cli.loop.realtime import OVERRUNS, Performance, perform, rehearse
+from rths_cli.loop.performance import Performance, perform, rehearse
+from rths_cli.loop.realtime import OVERRUNS
 from rths_cli.loop.scheduling import Granted, real_time
 from rths_cli.lti import Array
 from rths_cli.rigs.interface import Rig
@@ -81,7 +82,7 @@ def perform_watched(rig: Rig, run: Performance, watch: Watch) -> Performed:
 
 
 def rehearse_watched(run: Performance, seconds: float) -> tuple[Array, Array]:
-    """Do what `realtime.rehearse` does, in a thread of real-time class."""
+    """Do what `performance.rehearse` does, in a thread of real-time class."""
     loop = _Loop(lambda: rehearse(run, seconds))
     loop.start()
     loop.ended.wait()

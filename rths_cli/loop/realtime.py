@@ -6,17 +6,13 @@ samples of t_(k+1) come back. A rig without a compiled exchange waits for its ow
 
 from __future__ import annotations
 
-import socket
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
 from rths_cli.clocks import SPIN_NS, IntArray, monotonic_ns, sleep_until
 from rths_cli.compiled import entry, part
-from rths_cli.control.blocks import Blocks
-from rths_cli.errors import RigError
-from rths_cli.loop.blocks import EXCITATION, Step, assemble
+from rths_cli.loop.blocks import EXCITATION, Step
 from rths_cli.loop.drive import think
 from rths_cli.loop.guard import (
     END,
@@ -28,14 +24,12 @@ from rths_cli.loop.guard import (
     STOPPED,
     GuardLimits,
     GuardState,
-    fresh_guard,
     take_over,
 )
-from rths_cli.loop.log import Log, empty_log
+from rths_cli.loop.log import Log
 from rths_cli.lti import Array
-from rths_cli.rigs.interface import Rig, RigInfo
+from rths_cli.rigs.interface import RigInfo
 from rths_cli.rigs.udp import link as udp
-from rths_cli.rigs.udp.rig import UdpRig
 from rths_cli.rigs.udp.wire import BRIDGED
 
 IN_RAMP_UP, IN_RUN, IN_RAMP_DOWN, AT_REST = 2, 3, 4, 5  # states of DESIGN.md section 6; 0 idle, 1 armed
@@ -43,8 +37,6 @@ HOLD, SKIP, STOP = range(3)  # what an overrun does: the record waits, steps are
 POLICIES = {"hold": HOLD, "skip": SKIP, "stop": STOP}
 ANSWER_SHARE = 0.7  # of an interval, how long an answer may take: step and guard need the rest
 RESERVE = 0.99  # of the velocity limit, in a step that catches up
-RAMP_UP_S = 1.0
-RAMP_DOWN_S = 3.0  # at most: the guard is back at zero within 2 s
 
 # places in Course.marks: start of the clock, intervals overrun, lost in a row, overrun in a row
 START_NS, OVERRUNS, LOST_IN_A_ROW, OVERRUN_IN_A_ROW = range(4)
@@ -252,98 +244,3 @@ def conduct_once(
 ) -> float:
     """Do what `conduct` does for a rig whose exchange is written in Python."""
     return conduct(course, s, limits, g, drive, log, samples_v, 0)
-
-
-@dataclass(frozen=True)
-class Performance:
-    """All arrays of one run in real time, made before the rig is opened."""
-
-    info: RigInfo
-    course: Course
-    step: Step
-    limits: GuardLimits
-    guard: GuardState
-    drive: Array
-    log: Log
-
-
-def prepare(
-    info: RigInfo,
-    blocks: Blocks,
-    source: int,
-    drive: Array,
-    limits: GuardLimits,
-    zeros_v: Array | None = None,
-    orders: IntArray | None = None,
-    ramp_s: float = RAMP_UP_S,
-) -> Performance:
-    """Return a run over `drive` (n, 3) at rest: a ramp-up before it, room for the way back to rest after it.
-
-    `zeros_v` (c,): what the channels show at rest. `orders` (1 or more,): see Course.
-    """
-    state, channels = assemble(blocks, source), len(info.channels)
-    orders = np.zeros(1, dtype=np.int64) if orders is None else orders
-    zeros_v = np.zeros(channels) if zeros_v is None else zeros_v
-    way = course(info, ramp_s, len(drive), zeros_v, orders)
-    limits = limits._replace(saturation_v=limits.saturation_v - np.abs(zeros_v))
-    whole = np.vstack([np.zeros((way.ramp, 3)), drive, np.zeros((round(RAMP_DOWN_S / info.dt_s), 3))])
-    log = empty_log(len(whole), channels, state.estimated.size)
-    return Performance(info, way, state, limits, fresh_guard(channels), np.ascontiguousarray(whole), log)
-
-
-def perform(rig: Rig, run: Performance) -> str:
-    """Play a prepared run on an open rig, bring the table to rest; return the rig's faults, empty without one.
-
-    To be called in the thread that has the real-time class. How the test ended stands in the guard's flags.
-    """
-    fault, unrest = "", ""
-    try:
-        fault = _perform_udp(rig, run) if isinstance(rig, UdpRig) else _perform_exchanging(rig, run)
-    except RigError as error:
-        fault = str(error)
-    finally:
-        unrest = _brought_to_rest(rig)
-    return "; ".join(filter(None, (fault, unrest)))
-
-
-def _brought_to_rest(rig: Rig) -> str:
-    """Bring the table to rest; return why that is in doubt, empty when it is not."""
-    try:
-        rig.rest()
-    except RigError as error:
-        return str(error)
-    if isinstance(rig, UdpRig) and not rig.at_rest:
-        return f"the target {rig.peer} did not confirm that its table is at rest; look at it before you go near"
-    return ""
-
-
-def _perform_udp(rig: UdpRig, run: Performance) -> str:
-    rig.arm()
-    run_udp(rig.link, run.course, run.step, run.limits, run.guard, run.drive, run.log, True)
-    return rig.fault()
-
-
-def _perform_exchanging(rig: Rig, run: Performance) -> str:
-    """Play through `exchange`, one call per step: the rig's own clock sets the pace."""
-    samples = rig.arm()
-    given = np.array(samples, dtype=float)
-    once = conduct_once.bind(run.course, run.step, run.limits, run.guard, run.drive, run.log, given)
-    while run.log.done[0] < run.log.columns.shape[1] and run.guard.flags[0] != STOPPED:
-        given[:] = samples
-        samples = rig.exchange(once())
-    return ""
-
-
-def rehearse(run: Performance, seconds: float) -> tuple[Array, Array]:
-    """Do steps of a prepared run at its rate, on samples that are zero; nothing leaves.
-
-    Return how late every step began and how long it took, both (n,) in s. The run is spent: prepare another one.
-    """
-    steps = min(round(seconds / run.info.dt_s), run.log.columns.shape[1])
-    log = run.log._replace(columns=np.ascontiguousarray(run.log.columns[:, :steps]))
-    course = run.course._replace(policy=HOLD, lost_samples=steps)  # what is late is judged afterwards
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as door:
-        link = udp.fresh_link(door, np.zeros(2, dtype=np.uint64), len(run.info.channels))
-        run_udp(link, course, run.step, run.limits, run.guard, run.drive, log, False)
-    done = slice(1, int(log.done[0]))
-    return log.columns[-5, done] * 1e-9, log.columns[-1, done] * 1e-9

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rths_cli.loop.log import signals
-from rths_cli.loop.realtime import AT_REST, IN_RAMP_DOWN, IN_RAMP_UP, IN_RUN, OVERRUNS, Performance
+from rths_cli.loop.performance import Performance
+from rths_cli.loop.realtime import AT_REST, IN_RAMP_DOWN, IN_RAMP_UP, IN_RUN, OVERRUNS
 from rths_cli.lti import Array
 
 PEAKS = ("desired", "measured", "place", "velocity", "accel", "force", "late", "compute")

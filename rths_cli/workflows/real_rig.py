@@ -19,8 +19,8 @@ from rths_cli.files.rig_lock import locked_rig
 from rths_cli.loop.blocks import EXCITATION
 from rths_cli.loop.guard import INTERRUPT, LOG_FAILED, TERMINATION, WATCHER_FAILED
 from rths_cli.loop.log import column_names, column_units
+from rths_cli.loop.performance import Performance, prepare
 from rths_cli.loop.performing import STOP_KEY, Performed, order, perform_watched, rehearse_watched
-from rths_cli.loop.realtime import Performance, prepare
 from rths_cli.loop.stream import LogStream
 from rths_cli.loop.watching import View, Watching
 from rths_cli.rigs.udp.rig import UdpRig

@@ -9,9 +9,9 @@ from faulty_rig import DT_S, RAMP_S, RECORD, FaultyRig, Play, bench_info, blocks
 from loop_faults import DRIVES, EVENTS, KINDS, SENSORS, TABLES, WIRES
 
 from rths_cli.loop import guard as g
-from rths_cli.loop import realtime
+from rths_cli.loop import performance
 from rths_cli.loop.blocks import NUMERICAL
-from rths_cli.loop.realtime import Performance
+from rths_cli.loop.performance import Performance
 from rths_cli.lti import Array
 from rths_cli.rig_info import RigInfo
 
@@ -43,8 +43,8 @@ def performed(name: str, seed: int) -> Ended:
     ramp = round(RAMP_S / DT_S)
     play = Play(int(random.integers(ramp + 200, ramp + RECORD - 900)), random, rig, orders, shaken().copy())
     _spoil(name, play)
-    run = realtime.prepare(info, blocks(), NUMERICAL, play.drive, guard_of(info), None, orders, RAMP_S)
-    fault = realtime.perform(rig, run)
+    run = performance.prepare(info, blocks(), NUMERICAL, play.drive, guard_of(info), None, orders, RAMP_S)
+    fault = performance.perform(rig, run)
     return ended(rig, run, fault, play.at)
 
 

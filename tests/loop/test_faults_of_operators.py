@@ -16,10 +16,10 @@ import pytest
 from faulty import FaultyRig, bench_info
 
 from rths_cli.loop import guard as g
-from rths_cli.loop import realtime
+from rths_cli.loop import performance
 from rths_cli.loop.blocks import NUMERICAL
+from rths_cli.loop.performance import Performance
 from rths_cli.loop.performing import Performed, perform_watched, rehearse_watched
-from rths_cli.loop.realtime import Performance
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
 
@@ -30,7 +30,7 @@ def slow_run(record: int = 1200) -> tuple[FaultyRig, Performance]:
     rig.event = lambda k: time.sleep(2e-4)
     drive = faulty.shaken()[:record].copy()
     orders = np.zeros(1, dtype=np.int64)
-    run = realtime.prepare(
+    run = performance.prepare(
         bench_info(), faulty.blocks(), NUMERICAL, drive, faulty.guard_of(rig.info), None, orders, 0.1
     )
     return rig, run

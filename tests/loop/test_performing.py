@@ -14,7 +14,7 @@ from bench import rig_info
 from hybrid import best_like, open_limits
 
 from rths_cli.clocks import REAL_TIME
-from rths_cli.loop import guard, realtime
+from rths_cli.loop import guard, performance
 from rths_cli.loop.blocks import EXCITATION
 from rths_cli.loop.performing import perform_watched
 from rths_cli.lti import Array
@@ -62,17 +62,17 @@ def handlers() -> Iterator[None]:
     signal.signal(signal.SIGTERM, before[1])
 
 
-def run_of(rig: Sitting, seconds: float = 20.0) -> realtime.Performance:
+def run_of(rig: Sitting, seconds: float = 20.0) -> performance.Performance:
     """Return a run that holds the table at 7.9 mm, from where the way to rest takes more than a second."""
     drive = np.column_stack([np.ones(round(1e3 * seconds)), np.zeros((round(1e3 * seconds), 2))])
-    return realtime.prepare(rig.info, best_like(rig.info), EXCITATION, drive, open_limits(rig.info), ramp_s=0.0)
+    return performance.prepare(rig.info, best_like(rig.info), EXCITATION, drive, open_limits(rig.info), ramp_s=0.0)
 
 
 @pytest.fixture(autouse=True, scope="module")
 def compiled() -> None:
     """Have the loop compiled before signals are sent to it."""
     rig = Sitting()
-    realtime.perform(rig, run_of(rig, 0.01))
+    performance.perform(rig, run_of(rig, 0.01))
 
 
 @pytest.mark.usefixtures("handlers")
@@ -107,7 +107,7 @@ def test_signals_end_in_rest_and_the_first_one_is_the_reason(numbers: tuple[int,
 def test_a_watcher_that_fails_rests_the_table_and_is_told() -> None:
     rig = Sitting()
 
-    def watch(run: realtime.Performance) -> None:
+    def watch(run: performance.Performance) -> None:
         raise ZeroDivisionError("a fault of the screen")
 
     done = perform_watched(rig, run_of(rig), watch)

@@ -11,7 +11,7 @@ from hybrid import best_like, ground, open_limits
 
 from rths_cli.case.virtual_physics import VirtualPhysics
 from rths_cli.loop import guard as g
-from rths_cli.loop import realtime
+from rths_cli.loop import performance, realtime
 from rths_cli.loop.blocks import NUMERICAL
 from rths_cli.loop.drive import play
 from rths_cli.loop.log import signals
@@ -45,13 +45,13 @@ class Wired:
 def prepared(info, drive, **options):
     limits = options.pop("limits", open_limits(info))
     blocks = replace(best_like(info), shaping_step_v=info.converters.step_v)
-    return blocks, realtime.prepare(info, blocks, NUMERICAL, drive, limits, **options)
+    return blocks, performance.prepare(info, blocks, NUMERICAL, drive, limits, **options)
 
 
 def test_the_steps_are_those_of_an_offline_run_byte_for_byte() -> None:
     rig, drive = Wired(), ground(3000)
     blocks, run = prepared(rig.info, drive, ramp_s=0.0)
-    assert realtime.perform(rig, run) == ""
+    assert performance.perform(rig, run) == ""
     offline = play(rig.rig, rig.info, blocks, NUMERICAL, drive, open_limits(rig.info))
     live = signals(run.log, 3, run.step.estimated.size)
     for name in ("command_v", "desired", "corrected", "estimated", "base_shear_n"):
@@ -61,7 +61,7 @@ def test_the_steps_are_those_of_an_offline_run_byte_for_byte() -> None:
 def test_after_the_record_the_table_is_led_to_rest_within_two_seconds() -> None:
     rig, drive = Wired(), ground(3000)
     _, run = prepared(rig.info, drive, ramp_s=0.25)
-    realtime.perform(rig, run)
+    performance.perform(rig, run)
     state = signals(run.log, 3, run.step.estimated.size).state[: run.log.done[0]]
     assert run.guard.flags[1] == g.END
     assert rig.commands[-1] == 0.0
@@ -74,8 +74,8 @@ def test_the_command_fades_in() -> None:
     info = rig_info()
     noise = lambda k, samples: samples + 0.05 * np.sin(0.05 * k)  # noqa: E731 what a sensor of a shaken floor shows
     fading, whole = Wired(noise), Wired(noise)
-    realtime.perform(fading, prepared(info, ground(500), ramp_s=0.5)[1])
-    realtime.perform(whole, prepared(info, np.vstack([np.zeros((1000, 3)), ground(500)]), ramp_s=0.0)[1])
+    performance.perform(fading, prepared(info, ground(500), ramp_s=0.5)[1])
+    performance.perform(whole, prepared(info, np.vstack([np.zeros((1000, 3)), ground(500)]), ramp_s=0.0)[1])
     first, other = (np.abs(rig.commands[:200]).max() for rig in (fading, whole))
     assert other > 0.01
     assert first < 0.25 * other
@@ -93,7 +93,7 @@ def test_an_order_leads_to_rest_and_says_whose_it_was(order: int, reason: int) -
 
     rig = Wired(spoil)
     _, run = prepared(rig.info, ground(20000), ramp_s=0.0, orders=orders)
-    realtime.perform(rig, run)
+    performance.perform(rig, run)
     assert tuple(run.guard.flags[:2]) == (g.STOPPED, reason)
     assert rig.k - 1500 < 2.0 / rig.info.dt_s
     assert rig.commands[-1] == 0.0
@@ -109,14 +109,14 @@ def test_signs_and_zeros_are_those_of_the_channels() -> None:
     arm = turned.arm
     turned.arm = lambda: zeros - arm()
     for rig, run in zip((right, turned), runs, strict=True):
-        realtime.perform(rig, run)
+        performance.perform(rig, run)
     np.testing.assert_allclose(turned.commands, right.commands, rtol=0.0, atol=1e-9)
 
 
 def test_a_rehearsal_moves_nothing_and_tells_how_late_each_step_was() -> None:
     info = rig_info(dt_s=2e-3)
     _, run = prepared(info, ground(1000))
-    late, took = realtime.rehearse(run, 0.2)
+    late, took = performance.rehearse(run, 0.2)
     assert late.shape == took.shape == (99,)
     assert (late >= 0.0).all()
     assert (took > 0.0).all()

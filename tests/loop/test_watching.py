@@ -9,18 +9,18 @@ import pytest
 from bench import rig_info
 from hybrid import best_like, open_limits
 
-from rths_cli.loop import realtime
+from rths_cli.loop import performance, realtime
 from rths_cli.loop.blocks import NUMERICAL
 from rths_cli.loop.log import signals
 from rths_cli.loop.watching import Watching
 from rths_cli.report.live_text import live_lines, one_line
 
 
-def made() -> realtime.Performance:
+def made() -> performance.Performance:
     """Return a run of 1,000 steps with a ramp of 100, all signals zero, none done."""
     info = rig_info(dt_s=1e-3)
     limits = open_limits(info)._replace(stroke_m=0.079, velocity_m_s=1.0, acceleration_m_s2=45.0, force_n=445.0)
-    run = realtime.prepare(info, best_like(info), NUMERICAL, np.zeros((1000, 3)), limits, ramp_s=0.1)
+    run = performance.prepare(info, best_like(info), NUMERICAL, np.zeros((1000, 3)), limits, ramp_s=0.1)
     run.log.columns[:] = 0.0
     return run
 

@@ -17,7 +17,7 @@ from serving_bench import Running
 from rths_cli.case.load import load_cases
 from rths_cli.files.raw_log_writer import RawLogWriter
 from rths_cli.files.results import read_result, read_series
-from rths_cli.loop.realtime import RAMP_UP_S
+from rths_cli.loop.performance import RAMP_UP_S
 from rths_cli.loop.watching import View
 from rths_cli.rigs.udp.secret import make_secret
 from rths_cli.workflows import real_rig

@@ -1,0 +1,118 @@
+"""A run in real time from Python: its arrays made beforehand, played on an open rig, or rehearsed without one."""
+
+from __future__ import annotations
+
+import socket
+from dataclasses import dataclass
+
+import numpy as np
+
+from rths_cli.clocks import IntArray
+from rths_cli.control.blocks import Blocks
+from rths_cli.errors import RigError
+from rths_cli.loop.blocks import Step, assemble
+from rths_cli.loop.guard import STOPPED, GuardLimits, GuardState, fresh_guard
+from rths_cli.loop.log import Log, empty_log
+from rths_cli.loop.realtime import HOLD, Course, conduct_once, course, run_udp
+from rths_cli.lti import Array
+from rths_cli.rigs.interface import Rig, RigInfo
+from rths_cli.rigs.udp import link as udp
+from rths_cli.rigs.udp.rig import UdpRig
+
+RAMP_UP_S = 1.0
+RAMP_DOWN_S = 3.0  # at most: the guard is back at zero within 2 s
+
+
+@dataclass(frozen=True)
+class Performance:
+    """All arrays of one run in real time, made before the rig is opened."""
+
+    info: RigInfo
+    course: Course
+    step: Step
+    limits: GuardLimits
+    guard: GuardState
+    drive: Array
+    log: Log
+
+
+def prepare(
+    info: RigInfo,
+    blocks: Blocks,
+    source: int,
+    drive: Array,
+    limits: GuardLimits,
+    zeros_v: Array | None = None,
+    orders: IntArray | None = None,
+    ramp_s: float = RAMP_UP_S,
+) -> Performance:
+    """Return a run over `drive` (n, 3) at rest: a ramp-up before it, room for the way back to rest after it.
+
+    `zeros_v` (c,): what the channels show at rest. `orders` (1 or more,): see Course.
+    """
+    state, channels = assemble(blocks, source), len(info.channels)
+    orders = np.zeros(1, dtype=np.int64) if orders is None else orders
+    zeros_v = np.zeros(channels) if zeros_v is None else zeros_v
+    way = course(info, ramp_s, len(drive), zeros_v, orders)
+    limits = limits._replace(saturation_v=limits.saturation_v - np.abs(zeros_v))
+    whole = np.vstack([np.zeros((way.ramp, 3)), drive, np.zeros((round(RAMP_DOWN_S / info.dt_s), 3))])
+    log = empty_log(len(whole), channels, state.estimated.size)
+    return Performance(info, way, state, limits, fresh_guard(channels), np.ascontiguousarray(whole), log)
+
+
+def perform(rig: Rig, run: Performance) -> str:
+    """Play a prepared run on an open rig, bring the table to rest; return the rig's faults, empty without one.
+
+    To be called in the thread that has the real-time class. How the test ended stands in the guard's flags.
+    """
+    fault, unrest = "", ""
+    try:
+        fault = _perform_udp(rig, run) if isinstance(rig, UdpRig) else _perform_exchanging(rig, run)
+    except RigError as error:
+        fault = str(error)
+    finally:
+        unrest = _brought_to_rest(rig)
+    return "; ".join(filter(None, (fault, unrest)))
+
+
+def _brought_to_rest(rig: Rig) -> str:
+    """Bring the table to rest; return why that is in doubt, empty when it is not."""
+    try:
+        rig.rest()
+    except RigError as error:
+        return str(error)
+    if isinstance(rig, UdpRig) and not rig.at_rest:
+        return f"the target {rig.peer} did not confirm that its table is at rest; look at it before you go near"
+    return ""
+
+
+def _perform_udp(rig: UdpRig, run: Performance) -> str:
+    rig.arm()
+    run_udp(rig.link, run.course, run.step, run.limits, run.guard, run.drive, run.log, True)
+    return rig.fault()
+
+
+def _perform_exchanging(rig: Rig, run: Performance) -> str:
+    """Play through `exchange`, one call per step: the rig's own clock sets the pace."""
+    samples = rig.arm()
+    given = np.array(samples, dtype=float)
+    once = conduct_once.bind(run.course, run.step, run.limits, run.guard, run.drive, run.log, given)
+    while run.log.done[0] < run.log.columns.shape[1] and run.guard.flags[0] != STOPPED:
+        given[:] = samples
+        samples = rig.exchange(once())
+    return ""
+
+
+def rehearse(run: Performance, seconds: float) -> tuple[Array, Array]:
+    """Do steps of a prepared run at its rate, on samples that are zero; nothing leaves.
+
+    Return how late every step began and how long it took, both (n,) in s. The run is spent: prepare another one.
+    """
+    steps = min(round(seconds / run.info.dt_s), run.log.columns.shape[1])
+    log = run.log._replace(columns=np.ascontiguousarray(run.log.columns[:, :steps]))
+    course = run.course._replace(policy=HOLD, lost_samples=steps)  # what is late is judged afterwards
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as door:
+        link = udp.fresh_link(door, np.zeros(2, dtype=np.uint64), len(run.info.channels))
+        run_udp(link, course, run.step, run.limits, run.guard, run.drive, log, False)
+    done = slice(1, int(log.done[0]))
+    return log.columns[-5, done] * 1e-9, log.columns[-1, done] * 1e-9

@@ -122,7 +122,7 @@ class Network:
 
 
 def _volts(packet: Packet) -> float:
-    return float(struct.unpack("<d", packet.content)[0])
+    return float(struct.unpack("<d", packet.content[:8])[0])
 
 
 def environment(**more: str) -> dict[str, str]:

@@ -89,7 +89,7 @@ class PlainTarget:
             self.state, self.samples, self.latched_v = ARMED, self.table(None), 0.0
         elif packet.kind == COMMAND and self.state == ARMED:
             self.samples = self.table(self.latched_v)
-            self.latched_v = struct.unpack("<d", packet.content)[0]
+            self.latched_v = struct.unpack("<d", packet.content[:8])[0]
             self.obeyed.append((packet.sequence, self.latched_v))
         elif packet.kind in (REST, CLOSE):
             self.rests += 1

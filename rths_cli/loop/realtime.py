@@ -36,7 +36,6 @@ IN_RAMP_UP, IN_RUN, IN_RAMP_DOWN, AT_REST = 2, 3, 4, 5  # states of DESIGN.md se
 HOLD, SKIP, STOP = range(3)  # what an overrun does: the record waits, steps are caught up, the test stops
 POLICIES = {"hold": HOLD, "skip": SKIP, "stop": STOP}
 ANSWER_SHARE = 0.7  # of an interval, how long an answer may take: step and guard need the rest
-RESERVE = 0.99  # of the velocity limit, in a step that catches up
 
 # places in Course.marks: start of the clock, intervals overrun, lost in a row, overrun in a row
 START_NS, OVERRUNS, LOST_IN_A_ROW, OVERRUN_IN_A_ROW = range(4)
@@ -194,7 +193,10 @@ def run_udp(
             lost, waited = 2, min(waited + 1, BRIDGED)  # the command of the step before never left: the rig goes on
             note_command(s, log, log.done[0] - 1, last + waited * limits.dt_s * link.rate_v_s[0])
         elif log.done[0] > 0:
-            sent, last, waited = sent + 1, command, 0
+            sent, last, waited = sent + 1, slewed(limits, last, command), 0
+            if last != command:
+                command = last
+                note_command(s, log, log.done[0] - 1, command)
             link.rate_v_s[0] = g.motion[1] / limits.gain_m_per_v  # a target may go on by it where the next is late
             deadline = marks[START_NS] + (log.done[0] - 1) * course.dt_ns
             if sends:
@@ -206,9 +208,6 @@ def run_udp(
             behind = overrun(course, g, deadline) if sent > 0 else 0
         else:
             behind -= 1
-            if behind == 0:
-                command = held_back(limits, g, last, command)
-                note_command(s, log, log.done[0] - 1, command)
     return log.done[0]
 
 
@@ -229,13 +228,13 @@ def note_command(s: Step, log: Log, k: int, command: float) -> None:
 
 
 @part
-def held_back(limits: GuardLimits, g: GuardState, last: float, command: float) -> float:
-    """Return the command after steps that were caught up, no farther from the last that left than one step may go."""
-    fastest = min(limits.velocity_m_s / limits.gain_m_per_v, limits.command_rate_v_s)
-    farthest = RESERVE * fastest * limits.dt_s
-    command = min(max(command, last - farthest), last + farthest)
-    g.motion[0] = limits.gain_m_per_v * command
-    return command
+def slewed(limits: GuardLimits, last: float, command: float) -> float:
+    """Return a command no farther from the last one that left than velocity and rate limits allow in an interval.
+
+    The guard sees to that from step to step; steps that were caught up left nothing, and their sum may be more.
+    """
+    farthest = limits.dt_s * min(limits.velocity_m_s / limits.gain_m_per_v, limits.command_rate_v_s)
+    return min(max(command, last - farthest), last + farthest)
 
 
 @entry

@@ -10,11 +10,14 @@ from bench import rig_info, specimen
 from hybrid import best_like, ground, open_limits
 
 from rths_cli.case.virtual_physics import VirtualPhysics
+from rths_cli.compiled import entry
 from rths_cli.loop import guard as g
 from rths_cli.loop import performance, realtime
 from rths_cli.loop.blocks import NUMERICAL
 from rths_cli.loop.drive import play
+from rths_cli.loop.guard import GuardLimits
 from rths_cli.loop.log import signals
+from rths_cli.loop.realtime import slewed
 from rths_cli.lti import Array
 from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
 
@@ -120,3 +123,24 @@ def test_a_rehearsal_moves_nothing_and_tells_how_late_each_step_was() -> None:
     assert late.shape == took.shape == (99,)
     assert (late >= 0.0).all()
     assert (took > 0.0).all()
+
+
+@entry
+def slew(limits: GuardLimits, asked: Array, left: Array) -> None:
+    """Let every command (n,) leave as `slewed` does."""
+    last = 0.0
+    for k in range(asked.size):
+        last = slewed(limits, last, asked[k])
+        left[k] = last
+
+
+def test_what_leaves_after_a_gap_catches_up_within_the_velocity_limit() -> None:
+    limits = open_limits(rig_info())._replace(velocity_m_s=0.79, gain_m_per_v=0.0079, dt_s=1e-3)  # 0.1 V a step
+    asked = np.concatenate([np.linspace(0.0, 0.5, 11), np.full(6, 0.95), np.full(3, -2.0)])
+    left = np.zeros(asked.size)
+    slew(limits, asked, left)
+    assert left[:11] == pytest.approx(asked[:11])
+    assert left[11:17] == pytest.approx([0.6, 0.7, 0.8, 0.9, 0.95, 0.95])
+    assert left[17:] == pytest.approx([0.85, 0.75, 0.65])
+    slew(limits._replace(command_rate_v_s=50.0), asked, left)
+    assert np.abs(np.diff(left)).max() == pytest.approx(0.05)

@@ -25,7 +25,7 @@ class Signals:
         """Take the signals."""
         signal.signal(signal.SIGINT, self._take)
         signal.signal(signal.SIGTERM, self._take)
-        if hasattr(signal, "SIGHUP"):
+        if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # nohup
             signal.signal(signal.SIGHUP, self._take)
         sys.unraisablehook = self._unraisable
 

@@ -21,6 +21,14 @@ def _nothing() -> None:
     """Do nothing."""
 
 
+def _is_in_background(terminal: int) -> bool:
+    """Tell whether another job has the terminal: to change it would stop this process, and the loop with it."""
+    try:
+        return os.tcgetpgrp(terminal) != os.getpgrp()
+    except OSError:  # a terminal that does not control this process
+        return False
+
+
 class Keys:
     """The operator's keyboard, read key by key while a table moves, where there is one."""
 
@@ -41,7 +49,9 @@ class Keys:
     def _taken(self) -> bool:
         """Take the keyboard, unless it is taken; tell whether there is one."""
         if self._before is None:
-            if os.name != "posix" or not sys.stdin.isatty():
+            if os.name != "posix" or sys.stdin is None or not sys.stdin.isatty():
+                return False
+            if _is_in_background(sys.stdin.fileno()):
                 return False
             import termios
             import tty

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import json
+from typing import TYPE_CHECKING
 
 import click
 
 from rths_cli.cli.group import cli
-from rths_cli.cli.options import json_option, settings_option
+from rths_cli.cli.options import json_option, settings_option, yes_option
 from rths_cli.cli.screens import new_screen
+
+if TYPE_CHECKING:
+    from rths_cli.workflows.setup import Setup
 
 
 @cli.command()
@@ -32,6 +36,7 @@ from rths_cli.cli.screens import new_screen
     help="Duration of each measurement.",
 )
 @click.option("--quiet", is_flag=True, help="Show no progress.")
+@yes_option
 @settings_option
 @json_option
 def doctor(
@@ -40,6 +45,7 @@ def doctor(
     rates_hz: tuple[float, ...],
     seconds: float,
     quiet: bool,
+    yes: bool,
     settings: tuple[str, ...],
     as_json: bool,
 ) -> int:
@@ -53,7 +59,14 @@ def doctor(
     from rths_cli.workflows.doctor_case import DoctorRequest, examine_request
 
     screen = new_screen(quiet)
-    found = examine_request(DoctorRequest(case, rig, rates_hz, seconds, settings), screen.doing)
+    request = DoctorRequest(case, rig, rates_hz, seconds, settings)
+
+    def permit(setup: Setup) -> None:
+        from rths_cli.workflows.permission import ask_to_move
+
+        ask_to_move([setup], yes, screen.confirm)
+
+    found = examine_request(request, screen.doing, permit)
     screen.clear()
     click.echo(json.dumps(document(found), indent=2) if as_json else page(found), nl=as_json)
     return found.exit_code

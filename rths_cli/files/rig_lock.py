@@ -1,4 +1,4 @@
-"""A rig belongs to one process of this machine at a time."""
+"""A rig belongs to one process of a user of this machine at a time."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
+from rths_cli.case.expand import VARIED
 from rths_cli.errors import RigError
 from rths_cli.files.user_cache import user_cache
 
@@ -22,9 +23,12 @@ def locked_rig(name: str) -> Iterator[None]:
     if fcntl is None:
         yield
         return
-    path = user_cache() / "locks" / f"{re.sub(r'[^A-Za-z0-9._-]', '_', name)}.lock"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+    path = user_cache() / "locks" / f"{re.sub(r'[^A-Za-z0-9._-]', '_', name.removesuffix(VARIED))}.lock"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+    except OSError as error:
+        raise RigError(f"rig {name}: cannot be locked, {path}: {error.strerror}; set XDG_CACHE_HOME") from error
     try:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -57,7 +57,7 @@ class Signals:
     samples_v: Array  # (c, n) as the rig gave them (real time)
     late_ns: Array  # (n,) how late the exchange began that brought the samples of step k (real time)
     exchange_ns: Array  # (n,) how long it took (real time)
-    lost: Array  # (n,) 1 where no samples came and the last ones were taken again, 2 where the step was caught up
+    lost: Array  # (n,) 1 where no samples came in time, 2 where the step was caught up (real time)
     state: Array  # (n,) RAMP_UP, RUNNING, RAMP_DOWN, STOPPED (real time)
 
 

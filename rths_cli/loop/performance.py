@@ -11,16 +11,17 @@ from rths_cli.clocks import IntArray
 from rths_cli.control.blocks import Blocks
 from rths_cli.errors import RigError
 from rths_cli.loop.blocks import Step, assemble
-from rths_cli.loop.guard import STOPPED, GuardLimits, GuardState, fresh_guard
+from rths_cli.loop.guard import RETURN_RATE, STOPPED, GuardLimits, GuardState, fresh_guard
 from rths_cli.loop.log import Log, empty_log
 from rths_cli.loop.realtime import HOLD, Course, conduct_once, course, run_udp
 from rths_cli.lti import Array
+from rths_cli.rig_info import BRAKE_SHARE
 from rths_cli.rigs.interface import Rig, RigInfo
 from rths_cli.rigs.udp import link as udp
 from rths_cli.rigs.udp.rig import UdpRig
 
 RAMP_UP_S = 1.0
-RAMP_DOWN_S = 3.0  # at most: the guard is back at zero within 2 s
+RETURN_DECAYS = 16.0  # of the return to zero, until a micrometre is left
 
 
 @dataclass(frozen=True)
@@ -55,9 +56,18 @@ def prepare(
     zeros_v = np.zeros(channels) if zeros_v is None else zeros_v
     way = course(info, ramp_s, len(drive), zeros_v, orders)
     limits = limits._replace(saturation_v=limits.saturation_v - np.abs(zeros_v))
-    whole = np.vstack([np.zeros((way.ramp, 3)), drive, np.zeros((round(RAMP_DOWN_S / info.dt_s), 3))])
+    whole = np.vstack([np.zeros((way.ramp, 3)), drive, np.zeros((round(way_to_rest_s(limits) / info.dt_s), 3))])
     log = empty_log(len(whole), channels, state.estimated.size)
     return Performance(info, way, state, limits, fresh_guard(channels), np.ascontiguousarray(whole), log)
+
+
+def way_to_rest_s(limits: GuardLimits) -> float:
+    """Return how long the guard may take to rest a table from the worst state in s."""
+    stroke = min(limits.stroke_m, limits.gain_m_per_v * limits.command_v)
+    fastest = min(limits.velocity_m_s, limits.gain_m_per_v * limits.command_rate_v_s)
+    braking = BRAKE_SHARE * limits.acceleration_m_s2
+    rate = min(RETURN_RATE, np.e * fastest / stroke, np.sqrt(braking / stroke))
+    return float(fastest / braking + RETURN_DECAYS / rate)
 
 
 def perform(rig: Rig, run: Performance) -> str:

@@ -25,7 +25,7 @@ GLANCE_S = 0.05  # between two looks of those who watch
 STOP_KEY, CTRL_C, SIGTERM, NO_WATCH = (
     reason - OPERATOR + 1 for reason in (OPERATOR, INTERRUPT, TERMINATION, WATCHER_FAILED)
 )  # orders[0]
-ORDERS = {"SIGINT": CTRL_C, "SIGTERM": SIGTERM, "SIGHUP": SIGTERM}
+ORDERS = {"SIGINT": CTRL_C, "SIGTERM": SIGTERM, "SIGHUP": SIGTERM, "SIGTSTP": STOP_KEY}  # Ctrl-Z would freeze the loop
 Watch = Callable[[Performance], None]
 
 
@@ -126,7 +126,7 @@ def _signals_as_orders(run: Performance) -> Iterator[None]:
     if threading.current_thread() is threading.main_thread():
         for name, what in ORDERS.items():
             number = getattr(signal, name, None)  # Windows has no SIGHUP
-            if number is not None and signal.getsignal(number) is not None:
+            if number is not None and signal.getsignal(number) not in (None, signal.SIG_IGN):  # nohup stays in force
                 before[number] = signal.signal(number, _giver(run, what, signal.getsignal(number)))
     try:
         yield

@@ -6,6 +6,7 @@ samples of t_(k+1) come back. A rig without a compiled exchange waits for its ow
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -193,30 +194,35 @@ def run_udp(
             lost, waited = 2, min(waited + 1, BRIDGED)  # the command of the step before never left: the rig goes on
             note_command(s, log, log.done[0] - 1, last + waited * limits.dt_s * link.rate_v_s[0])
         elif log.done[0] > 0:
-            sent, last, waited = sent + 1, slewed(limits, last, command), 0
+            deadline = marks[START_NS] + (log.done[0] - 1) * course.dt_ns
+            late = sleep_until(deadline, course.spin_ns, course.scratch)
+            note_exchange(log, late, 0)
+            behind = overrun(course, g, deadline) if late >= course.dt_ns else 0
+            if behind > 0:
+                continue  # the command is as old as the stall by now: it never leaves
+            gone = last + waited * limits.dt_s * link.rate_v_s[0] if waited > 0 else last
+            sent, last, waited = sent + 1, slewed(limits, gone, command), 0
             if last != command:
                 command = last
                 note_command(s, log, log.done[0] - 1, command)
-            link.rate_v_s[0] = g.motion[1] / limits.gain_m_per_v  # a target may go on by it where the next is late
-            deadline = marks[START_NS] + (log.done[0] - 1) * course.dt_ns
             if sends:
-                lost = swap(link, course, g, log, deadline, command, sent)
-            else:
-                note_exchange(log, sleep_until(deadline, course.spin_ns, course.scratch), 0)
+                link.rate_v_s[0] = g.motion[1] / limits.gain_m_per_v if course.policy == SKIP else math.nan
+                lost = swap(link, course, g, log, deadline + late, late, command, sent)
         command = conduct(course, s, limits, g, drive, log, link.samples_v, lost)
         if lost != 2:
-            behind = overrun(course, g, deadline) if sent > 0 else 0
+            behind = overrun(course, g, deadline) if log.done[0] > 1 else 0
         else:
             behind -= 1
     return log.done[0]
 
 
 @part
-def swap(link: udp.Link, course: Course, g: GuardState, log: Log, deadline: int, command: float, number: int) -> int:
-    """Send a command at its deadline and take the samples of that instant; return 1 where none came in time."""
-    late = sleep_until(deadline, course.spin_ns, course.scratch)
-    outcome = udp.exchange(link, command, number, deadline + late + int(ANSWER_SHARE * course.dt_ns))
-    note_exchange(log, late, monotonic_ns(course.scratch) - deadline - late)
+def swap(
+    link: udp.Link, course: Course, g: GuardState, log: Log, now: int, late: int, command: float, number: int
+) -> int:
+    """Send a command now, take the samples of this instant; return 1 where none came in time."""
+    outcome = udp.exchange(link, command, number, now + int(ANSWER_SHARE * course.dt_ns))
+    note_exchange(log, late, monotonic_ns(course.scratch) - now)
     judge(course, g, outcome)
     return 1 if outcome == udp.LOST else 0
 

@@ -168,12 +168,14 @@ def obey(d: Door, t: Table, now: int, command_v: float, rate_v_s: float) -> None
     else:
         s[STARTED_NS] += (now - s[STARTED_NS] - s[TICK] * d.interval_ns // TICKS_PER_INTERVAL) // PHASE_STEPS
     since = s[TICK] - s[LAST_TICK]
+    if t.latched_v[1] != 0.0 and since > TICKS_PER_INTERVAL:
+        since = (since - 1) % TICKS_PER_INTERVAL + 1  # it has gone on until a moment ago
     place = t.limits.gain_m_per_v * command_v
     velocity = (place - t.guard.motion[0]) / (max(since, 1) * t.limits.dt_s)
     t.guard.motion[0] = place
     t.guard.motion[1] = min(max(velocity, -t.limits.velocity_m_s), t.limits.velocity_m_s)
     t.latched_v[0], t.latched_v[1] = command_v, going_on(d, t, rate_v_s)
-    s[LONGEST_TICKS] = max(s[LONGEST_TICKS], since)
+    s[LONGEST_TICKS] = max(s[LONGEST_TICKS], s[TICK] - s[LAST_TICK])
     s[LAST_TICK], s[ARRIVED_NS] = s[TICK], now
     d.counts[OBEYED] += 1
 

@@ -29,7 +29,10 @@ ON_FREQUENCY = ("frequency_hz",)
 LIVE = {
     "late_s": ("s", "how late the exchange began that brought the samples of this step"),
     "exchange_s": ("s", "how long that exchange took, from command to samples"),
-    "lost": ("1", "0 samples came, 1 none came and the last ones were taken again, 2 the step was caught up without"),
+    "lost": (
+        "1",
+        "0 samples came, 1 none came in time, 2 the step was caught up without them",
+    ),
     "state": ("1", "2 ramp-up, 3 running, 4 ramp-down, 5 stopped"),
 }
 

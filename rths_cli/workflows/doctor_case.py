@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from rths_cli.errors import InputError
 from rths_cli.workflows.doctor import RATES_HZ, Examined, Progress, examine
 
 DEFAULT_CASE = "el_centro_low_ff_fb"  # lends its structure where only a rig was named
+
+if TYPE_CHECKING:
+    from rths_cli.workflows.setup import Setup
 
 
 @dataclass(frozen=True)
@@ -22,8 +27,13 @@ class DoctorRequest:
     settings: tuple[str, ...]
 
 
-def examine_request(request: DoctorRequest, say: Progress) -> Examined:
-    """Measure the machine, and the rig where one was named; raises InputError, RigError."""
+def examine_request(
+    request: DoctorRequest, say: Progress, permit: Callable[[Setup], None] = lambda _: None
+) -> Examined:
+    """Measure the machine, and the rig where one was named; raises InputError, RigError.
+
+    `permit` is called before a rig is armed; it may refuse by an InputError.
+    """
     wanted = request.rates_hz
     if request.case is None and request.rig is None:
         if request.settings:
@@ -44,5 +54,7 @@ def examine_request(request: DoctorRequest, say: Progress) -> Examined:
             )
         return examine(others, wanted, request.seconds, say)
     from rths_cli.workflows.doctor_rig import exchange_delays
+    from rths_cli.workflows.setup import make_setup
 
+    permit(make_setup(case))
     return examine(others, wanted, request.seconds, say, case.table.name, exchange_delays(case))

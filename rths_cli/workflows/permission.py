@@ -22,18 +22,19 @@ def ask_to_move(setups: Sequence[Setup], yes: bool, confirm: Callable[[Sequence[
 
     `yes` answers for rigs whose file says `unattended: true`, and for no other.
     """
-    rigs = {setup.rig.name: setup.rig for setup in setups if setup.rig.kind != "virtual"}
-    if not rigs:
+    real = [setup for setup in setups if setup.rig.kind != "virtual"]
+    if not real:
         return
-    attended = [name for name, rig in rigs.items() if not rig.unattended]
+    attended = [setup.rig.name for setup in real if not setup.rig.unattended]
     if yes:
         if attended:
             raise InputError(f"--yes: rig {attended[0]} does not say `unattended: true`; a person has to confirm here")
         return
-    if not sys.stdin.isatty():
+    if sys.stdin is None or not sys.stdin.isatty():
         raise InputError("nobody can be asked here; --yes moves rigs whose file says `unattended: true`")
-    names = ", ".join(setup.case.name for setup in setups if setup.rig.name in rigs)
-    if not confirm([f"{names}:", *(_about(rig) for rig in rigs.values()), *BEFORE_MOVING]):
+    names = ", ".join(setup.case.name for setup in real)
+    rigs = dict.fromkeys(_about(setup.rig) for setup in real)
+    if not confirm([f"{names}:", *rigs, *BEFORE_MOVING]):
         raise InputError("not confirmed; nothing was moved")
 
 

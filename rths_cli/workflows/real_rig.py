@@ -108,7 +108,7 @@ class RealStage:
         with LogStream(log, ready.log.columns, ready.log.done, ready.course.orders) as stream, opened(rig):
             performed = perform_watched(rig, ready, watch)
         writer.resume()
-        writer.about({f"{run.name}_{key}": value for key, value in _told(performed, stream).items()})
+        writer.about({f"{run.name}_{key}": value for key, value in _told(performed, ready, stream).items()})
         outcome = performed.outcome
         if outcome.reason == WATCHER_FAILED:
             return replace(outcome, stopped_by_limit=f"{outcome.stopped_by_limit} ({performed.watch_fault})")
@@ -137,10 +137,11 @@ def _header(setup: Setup, design: Design, run: TableRun, ready: Performance, wri
     )  # fmt: skip
 
 
-def _told(performed: Performed, stream: LogStream) -> dict[str, str | int | float]:
+def _told(performed: Performed, ready: Performance, stream: LogStream) -> dict[str, str | int | float]:
     """Return what a result says of the loop that made it."""
     granted = performed.granted
     return {
+        "zeros_v": " ".join(f"{zero:.6g}" for zero in ready.course.zeros_v),
         "overruns": performed.overruns,
         "fifo_priority": granted.fifo_priority,
         "cpu": granted.cpu,

@@ -163,6 +163,6 @@ def why_ended(label: str, outcome: Outcome, dt_s: float) -> Stop | None:
         return Stop("interrupted", told, INTERRUPTIONS[outcome.reason])
     if outcome.reason == guard.WATCHER_FAILED:
         return Stop("failed", said, 5)
-    if fault or outcome.reason == guard.LOG_FAILED:
+    if fault or outcome.reason in (guard.LOG_FAILED, guard.RIG_FAULT):
         return Stop("failed", said, 4)
     return Stop("aborted", said, 3)

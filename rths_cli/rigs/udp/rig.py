@@ -85,6 +85,7 @@ class UdpRig:
         self.close()
         secret = read_secret(self.target.key_file)
         self._door, self.peer, session = self._greet(secret)
+        self._check_terms(session.terms)
         self._link = fresh_link(self._door, session.key, session.terms.channels)
         self.at_rest, self.overruns = True, 0
 
@@ -175,6 +176,20 @@ class UdpRig:
                 other.close()
             return door, peer, session
         raise fault or RigError(f"target {self.peer} has no address")
+
+    def _check_terms(self, told: Terms) -> None:
+        """Raise RigError where a target grants other terms than were asked for."""
+        channels, watchdog_ns = len(self.info.channels), round(self.target.watchdog_s / IN_S)
+        if told.channels != channels or told.interval_ns != self._dt_ns:
+            raise RigError(
+                f"rig {self.info.name}: the target {self.peer} grants {told.channels} channels every "
+                f"{told.interval_ns} ns, asked for were {channels} every {self._dt_ns} ns; check its program"
+            )
+        if not 0 < told.watchdog_ns <= watchdog_ns:
+            raise RigError(
+                f"rig {self.info.name}: the watchdog of target {self.peer} waits {1e-9 * told.watchdog_ns:g} s, "
+                f"the rig file allows {self.target.watchdog_s:g} s; raise watchdog_s or change the target"
+            )
 
     def _next_k(self) -> int:
         link = self.link

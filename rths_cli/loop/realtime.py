@@ -159,10 +159,19 @@ def judge(course: Course, g: GuardState, outcome: int) -> None:
 
 
 @part
-def overrun(course: Course, g: GuardState, deadline_ns: int) -> int:
-    """Count the intervals that have passed whole since a deadline; return how many steps to catch up."""
+def deadline_of(course: Course, number: int) -> int:
+    """Return when exchange `number`, counted from 0, is due on the monotonic clock in ns, as things stand."""
+    return course.marks[START_NS] + number * course.dt_ns
+
+
+@part
+def overrun(course: Course, g: GuardState, number: int) -> int:
+    """Count the intervals that have passed whole since an exchange was due; return how many steps to catch up.
+
+    Where the record waits (HOLD) the clock is moved, so that no interval is counted twice.
+    """
     marks = course.marks
-    missed = (monotonic_ns(course.scratch) - deadline_ns) // course.dt_ns
+    missed = (monotonic_ns(course.scratch) - deadline_of(course, number)) // course.dt_ns
     if missed <= 0:
         marks[OVERRUN_IN_A_ROW] = 0
         return 0
@@ -187,17 +196,18 @@ def run_udp(
     marks, sent, behind, waited = course.marks, 0, 0, 0
     marks[START_NS] = monotonic_ns(course.scratch) + course.dt_ns
     command = last = 0.0
-    deadline = marks[START_NS]
+    due = 0
     while log.done[0] < log.columns.shape[1] and g.flags[0] != STOPPED:
         lost = 0
         if behind > 0:
             lost, waited = 2, min(waited + 1, BRIDGED)  # the command of the step before never left: the rig goes on
             note_command(s, log, log.done[0] - 1, last + waited * limits.dt_s * link.rate_v_s[0])
         elif log.done[0] > 0:
-            deadline = marks[START_NS] + (log.done[0] - 1) * course.dt_ns
+            due = log.done[0] - 1
+            deadline = deadline_of(course, due)
             late = sleep_until(deadline, course.spin_ns, course.scratch)
             note_exchange(log, late, 0)
-            behind = overrun(course, g, deadline) if late >= course.dt_ns else 0
+            behind = overrun(course, g, due) if late >= course.dt_ns else 0
             if behind > 0:
                 continue  # the command is as old as the stall by now: it never leaves
             gone = last + waited * limits.dt_s * link.rate_v_s[0] if waited > 0 else last
@@ -210,7 +220,7 @@ def run_udp(
                 lost = swap(link, course, g, log, deadline + late, late, command, sent)
         command = conduct(course, s, limits, g, drive, log, link.samples_v, lost)
         if lost != 2:
-            behind = overrun(course, g, deadline) if log.done[0] > 1 else 0
+            behind = overrun(course, g, due) if log.done[0] > 1 else 0
         else:
             behind -= 1
     return log.done[0]

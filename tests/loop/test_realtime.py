@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +18,7 @@ from rths_cli.loop.blocks import NUMERICAL
 from rths_cli.loop.drive import play
 from rths_cli.loop.guard import GuardLimits
 from rths_cli.loop.log import signals
-from rths_cli.loop.realtime import slewed
+from rths_cli.loop.realtime import overrun, slewed
 from rths_cli.lti import Array
 from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
 
@@ -144,3 +145,21 @@ def test_what_leaves_after_a_gap_catches_up_within_the_velocity_limit() -> None:
     assert left[17:] == pytest.approx([0.85, 0.75, 0.65])
     slew(limits._replace(command_rate_v_s=50.0), asked, left)
     assert np.abs(np.diff(left)).max() == pytest.approx(0.05)
+
+
+@entry
+def look(course: realtime.Course, state: g.GuardState, number: int) -> int:
+    """Call `overrun`."""
+    return overrun(course, state, number)
+
+
+@pytest.mark.parametrize(("policy", "caught_up"), [(realtime.HOLD, 0), (realtime.SKIP, 3)])
+def test_a_missed_interval_is_counted_once_where_the_record_waits(policy: int, caught_up: int) -> None:
+    """Intervals of 100 s: exchange 2 was due 350 s ago, three whole ones have passed."""
+    _, run = prepared(rig_info(), ground(100))
+    course = run.course._replace(dt_ns=100_000_000_000, policy=policy)
+    course.marks[realtime.START_NS] = time.monotonic_ns() - 550_000_000_000
+    assert look(course, run.guard, 2) == caught_up
+    assert course.marks[realtime.OVERRUNS] == 3
+    again = look(course, run.guard, 2)
+    assert (again, course.marks[realtime.OVERRUNS]) == ((0, 3) if policy == realtime.HOLD else (3, 6))

@@ -14,11 +14,11 @@ from rths_cli.case.virtual_physics import VirtualPhysics
 from rths_cli.compiled import entry
 from rths_cli.loop import guard as g
 from rths_cli.loop import performance, realtime
-from rths_cli.loop.blocks import NUMERICAL
+from rths_cli.loop.blocks import NUMERICAL, Step
 from rths_cli.loop.drive import play
 from rths_cli.loop.guard import GuardLimits
-from rths_cli.loop.log import signals
-from rths_cli.loop.realtime import overrun, slewed
+from rths_cli.loop.log import Log, signals
+from rths_cli.loop.realtime import bridge, overrun, slewed
 from rths_cli.lti import Array
 from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
 
@@ -163,3 +163,19 @@ def test_a_missed_interval_is_counted_once_where_the_record_waits(policy: int, c
     assert course.marks[realtime.OVERRUNS] == 3
     again = look(course, run.guard, 2)
     assert (again, course.marks[realtime.OVERRUNS]) == ((0, 3) if policy == realtime.HOLD else (3, 6))
+
+
+@entry
+def fill(course: realtime.Course, s: Step, log: Log, k: int) -> None:
+    """Call `bridge`."""
+    bridge(course, s, log, k)
+
+
+def test_where_no_samples_came_the_table_is_as_desired_and_the_floors_go_on_straight() -> None:
+    """1 V per g: 2.5 m/s^2 desired; floors from 1.0 over 1.5 to 2.0 m/s^2, and from 4.0 over 3.0 to 2.0."""
+    _, run = prepared(rig_info(), ground(100))
+    held = signals(run.log, 3, run.step.estimated.size)
+    held.estimated[4:6, 8:10] = [[1.0, 1.5], [4.0, 3.0]]
+    run.step.recent[0], run.step.samples[:] = 2.5, 9.0
+    fill(run.course, run.step, run.log, 10)
+    assert run.step.samples * 9.80665 == pytest.approx([2.5, 2.0, 2.0])

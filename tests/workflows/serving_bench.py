@@ -26,6 +26,7 @@ class Running:
         self.link = bound(host, 0)
         self.host, self.port = self.link.getsockname()[:2]
         self.server = Server(self.link, read_secret(key_file), served, round(1e9 * WATCHDOG_S), self.said.append)
+        self.server.start()
         self.thread = threading.Thread(target=self.server.run_for, args=(None,))
         self.thread.start()
 

@@ -11,17 +11,20 @@ from collections.abc import Iterator
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
 
 from rths_cli.errors import InputError
 from rths_cli.lti import Array
 
+Mask = NDArray[np.bool_]
+Places = NDArray[np.int_]
 PAST_S = 0.04  # of channel and command that a prediction looks at
 LEAST_PAST = 8
 ROWS_EACH = 4  # at least so many complete rows for each coefficient
 MOST_MISSING = 0.05  # of a record's samples
 
 
-def filled(command_v: Array, accel_m_s2: Array, missing: Array, dt_s: float) -> Array:
+def filled(command_v: Array, accel_m_s2: Array, missing: Mask, dt_s: float) -> Array:
     """Return accelerations (c, n) with the samples where `missing`, (n,) bool, is set put back; the command is whole.
 
     Raises InputError where so much is missing that the rest does not say what it was.
@@ -39,12 +42,12 @@ def filled(command_v: Array, accel_m_s2: Array, missing: Array, dt_s: float) -> 
     return np.array([_filled(command_v, channel, missing, whole, past) for channel in accel_m_s2])
 
 
-def _touched(missing: Array, past: int) -> Array:
+def _touched(missing: Mask, past: int) -> Mask:
     """Return which rows of a prediction, those of samples past, past + 1, ..., look at a missing sample."""
     return np.asarray(sliding_window_view(missing, past + 1).any(axis=1))
 
 
-def _filled(command_v: Array, accel: Array, missing: Array, whole: Array, past: int) -> Array:
+def _filled(command_v: Array, accel: Array, missing: Mask, whole: Mask, past: int) -> Array:
     """Return one channel (n,) with its missing samples put back."""
     own, inputs = sliding_window_view(accel, past + 1), sliding_window_view(command_v, past + 1)
     seen = np.column_stack([own[whole, :-1], inputs[whole]])
@@ -56,7 +59,7 @@ def _filled(command_v: Array, accel: Array, missing: Array, whole: Array, past: 
     return found
 
 
-def clusters(places: Array, past: int) -> Iterator[Array]:
+def clusters(places: Places, past: int) -> Iterator[Places]:
     """Yield places (m,) of missing samples in groups no prediction (of `past` samples) looks at two of."""
     yield from np.split(places, np.flatnonzero(np.diff(places) > past) + 1)
 
@@ -70,7 +73,7 @@ def _least_squares(seen: Array, wanted: Array) -> Array:
     return np.asarray(np.linalg.solve(square, scaled.T @ wanted) / scale)
 
 
-def _put_back(accel: Array, places: Array, errors_of: Array, forced: Array, past: int) -> Array:
+def _put_back(accel: Array, places: Places, errors_of: Array, forced: Array, past: int) -> Array:
     """Return the samples at `places` (m,) that make the prediction errors which depend on them smallest."""
     rows = np.arange(places[0], min(places[-1] + past + 1, accel.size))
     lag = rows[:, None] - places[None, :]

@@ -37,6 +37,7 @@ IN_RAMP_UP, IN_RUN, IN_RAMP_DOWN, AT_REST = 2, 3, 4, 5  # states of DESIGN.md se
 HOLD, SKIP, STOP = range(3)  # what an overrun does: the record waits, steps are caught up, the test stops
 POLICIES = {"hold": HOLD, "skip": SKIP, "stop": STOP}
 ANSWER_SHARE = 0.7  # of an interval, how long an answer may take: step and guard need the rest
+PUNCTUAL = 0.125  # of an interval, how late a command may leave where steps are caught up; a later one waits for none
 
 # places in Course.marks: start of the clock, intervals overrun, lost in a row, overrun in a row
 START_NS, OVERRUNS, LOST_IN_A_ROW, OVERRUN_IN_A_ROW = range(4)
@@ -165,14 +166,20 @@ def deadline_of(course: Course, number: int) -> int:
 
 
 @part
-def overrun(course: Course, g: GuardState, number: int) -> int:
-    """Count the intervals that have passed whole since an exchange was due; return how many steps to catch up.
+def too_late_for(course: Course, number: int, tolerance_ns: int) -> int:
+    """Return how many exchanges, from `number` on, were due longer ago than a tolerance."""
+    late = monotonic_ns(course.scratch) - deadline_of(course, number)
+    return max((late - tolerance_ns + course.dt_ns) // course.dt_ns, 0)
+
+
+@part
+def overrun(course: Course, g: GuardState, missed: int) -> int:
+    """Count the exchanges that are too late to be made; return how many steps to catch up.
 
     Where the record waits (HOLD) the clock is moved, so that no interval is counted twice.
     """
     marks = course.marks
-    missed = (monotonic_ns(course.scratch) - deadline_of(course, number)) // course.dt_ns
-    if missed <= 0:
+    if missed == 0:
         marks[OVERRUN_IN_A_ROW] = 0
         return 0
     marks[OVERRUNS] += missed
@@ -196,7 +203,7 @@ def run_udp(
     marks, sent, behind, waited = course.marks, 0, 0, 0
     marks[START_NS] = monotonic_ns(course.scratch) + course.dt_ns
     command = last = 0.0
-    due = 0
+    due, punctual = 0, int(PUNCTUAL * course.dt_ns)
     while log.done[0] < log.columns.shape[1] and g.flags[0] != STOPPED:
         lost = 0
         if behind > 0:
@@ -207,7 +214,8 @@ def run_udp(
             deadline = deadline_of(course, due)
             late = sleep_until(deadline, course.spin_ns, course.scratch)
             note_exchange(log, late, 0)
-            behind = overrun(course, g, due) if late >= course.dt_ns else 0
+            missed = too_late_for(course, due, punctual if course.policy == SKIP else course.dt_ns)
+            behind = overrun(course, g, missed) if missed > 0 else 0
             if behind > 0:
                 continue  # the command is as old as the stall by now: it never leaves
             gone = last + waited * limits.dt_s * link.rate_v_s[0] if waited > 0 else last
@@ -220,7 +228,8 @@ def run_udp(
                 lost = swap(link, course, g, log, deadline + late, late, command, sent)
         command = conduct(course, s, limits, g, drive, log, link.samples_v, lost)
         if lost != 2:
-            behind = overrun(course, g, due) if log.done[0] > 1 else 0
+            missed = too_late_for(course, due + 1, punctual if course.policy == SKIP else 0)
+            behind = overrun(course, g, missed) if log.done[0] > 1 else 0
         else:
             behind -= 1
     return log.done[0]

@@ -11,11 +11,12 @@ import numpy as np
 
 from rths_cli.case.expand import VARIED
 from rths_cli.case.load import resolved_yaml
-from rths_cli.errors import InputError
+from rths_cli.errors import InputError, RigError
 from rths_cli.files.held_rates import held_rate
 from rths_cli.files.raw_log import RawHeader, raw_log_path, still_in
 from rths_cli.files.raw_log_writer import RawLogWriter
 from rths_cli.files.rig_lock import locked_rig
+from rths_cli.identification.gaps import filled
 from rths_cli.loop.blocks import EXCITATION
 from rths_cli.loop.guard import INTERRUPT, LOG_FAILED, TERMINATION, WATCHER_FAILED
 from rths_cli.loop.log import column_names, column_units
@@ -29,6 +30,8 @@ from rths_cli.workflows.rigs import guard_limits, open_rig
 from rths_cli.workflows.table_runs import TableRun, drive_of
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from rths_cli.control.blocks import Blocks
     from rths_cli.files.result_writer import ResultWriter
     from rths_cli.loop.drive import Outcome
@@ -42,6 +45,8 @@ REHEARSAL_S = 2.0
 LISTENING_S = 1.0
 ZERO_SHARE = 0.1  # of a channel's range, that it may show at rest
 NOISE_SHARE = 0.02  # of a channel's range, rms at rest
+CORRECTED_WITH = 3  # samples before it that the correction of a sensor may look at
+SETTLED_S = 0.03  # in which a table forgets a command that came late
 
 
 @dataclass(frozen=True)
@@ -73,16 +78,28 @@ def excited(setup: Setup, blocks: Blocks, drive: Array) -> Outcome:
         outcome = perform_watched(rig, run, lambda _: None).outcome
     if outcome.reason in (INTERRUPT, TERMINATION):
         raise KeyboardInterrupt  # the command line remembers which signal it was
-    return replace(outcome, log=mended(outcome.log))
+    if outcome.rig_fault or outcome.stopped_by_limit:
+        return outcome
+    return replace(outcome, log=mended(outcome.log, setup.rig.dt_s))
 
 
-def mended(log: Signals) -> Signals:
-    """Return signals with a straight line where samples were lost."""
-    came = np.flatnonzero(~(log.lost > 0.0))
-    if came.size in (0, log.lost.size):
-        return log
-    every = np.arange(log.lost.size)
-    return replace(log, corrected=np.array([np.interp(every, came, channel[came]) for channel in log.corrected]))
+def mended(log: Signals, dt_s: float) -> Signals:
+    """Return signals with the samples put back that were lost, or corrected with lost ones before them.
+
+    Raises RigError where too many were.
+    """
+    no_answer = log.lost == 1.0
+    late_there = no_answer & np.roll(no_answer, 1)  # a target that stalls moves the table other than it was told
+    missing = followed(log.lost > 0.0, CORRECTED_WITH) | followed(late_there, round(SETTLED_S / dt_s))
+    try:
+        return replace(log, corrected=filled(log.command_v, log.corrected, missing, dt_s))
+    except InputError as fault:
+        raise RigError(str(fault)) from fault
+
+
+def followed(places: NDArray[np.bool_], by: int) -> NDArray[np.bool_]:
+    """Return places (n,) and so many after each of them."""
+    return np.asarray(np.convolve(places, np.ones(1 + by))[: places.size] > 0.5)
 
 
 class RealStage:

@@ -18,7 +18,7 @@ from rths_cli.loop.blocks import NUMERICAL, Step
 from rths_cli.loop.drive import play
 from rths_cli.loop.guard import GuardLimits
 from rths_cli.loop.log import Log, signals
-from rths_cli.loop.realtime import bridge, overrun, slewed
+from rths_cli.loop.realtime import bridge, overrun, slewed, too_late_for
 from rths_cli.lti import Array
 from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
 
@@ -148,21 +148,33 @@ def test_what_leaves_after_a_gap_catches_up_within_the_velocity_limit() -> None:
 
 
 @entry
-def look(course: realtime.Course, state: g.GuardState, number: int) -> int:
-    """Call `overrun`."""
-    return overrun(course, state, number)
+def look(course: realtime.Course, state: g.GuardState, number: int, tolerance_ns: int) -> int:
+    """Call `overrun` with what `too_late_for` finds."""
+    return overrun(course, state, too_late_for(course, number, tolerance_ns))
 
 
-@pytest.mark.parametrize(("policy", "caught_up"), [(realtime.HOLD, 0), (realtime.SKIP, 3)])
-def test_a_missed_interval_is_counted_once_where_the_record_waits(policy: int, caught_up: int) -> None:
-    """Intervals of 100 s: exchange 2 was due 350 s ago, three whole ones have passed."""
+@pytest.mark.parametrize(
+    ("policy", "tolerance", "missed"),
+    [(realtime.HOLD, 100, 3), (realtime.HOLD, 0, 4), (realtime.SKIP, 12, 4), (realtime.SKIP, 60, 3)],
+)
+def test_a_missed_interval_is_counted_once_where_the_record_waits(policy: int, tolerance: int, missed: int) -> None:
+    """Intervals of 100 s: exchange 2 was due 350 s ago, 3 was 250 s ago, 4 150 s, 5 50 s."""
     _, run = prepared(rig_info(), ground(100))
     course = run.course._replace(dt_ns=100_000_000_000, policy=policy)
     course.marks[realtime.START_NS] = time.monotonic_ns() - 550_000_000_000
-    assert look(course, run.guard, 2) == caught_up
-    assert course.marks[realtime.OVERRUNS] == 3
-    again = look(course, run.guard, 2)
-    assert (again, course.marks[realtime.OVERRUNS]) == ((0, 3) if policy == realtime.HOLD else (3, 6))
+    waits = policy == realtime.HOLD
+    assert look(course, run.guard, 2, tolerance * 1_000_000_000) == (0 if waits else missed)
+    assert course.marks[realtime.OVERRUNS] == missed
+    look(course, run.guard, 2, tolerance * 1_000_000_000)
+    assert course.marks[realtime.OVERRUNS] == (missed if waits else 2 * missed)
+
+
+def test_an_exchange_that_is_due_later_is_not_missed() -> None:
+    _, run = prepared(rig_info(), ground(100))
+    course = run.course._replace(dt_ns=100_000_000_000, policy=realtime.SKIP)
+    course.marks[realtime.START_NS] = time.monotonic_ns()
+    assert look(course, run.guard, 5, 0) == look(course, run.guard, 0, 12_000_000_000) == 0
+    assert course.marks[realtime.OVERRUNS] == 0
 
 
 @entry

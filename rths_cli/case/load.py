@@ -83,7 +83,15 @@ def _validate(tree: Node, lost: set[str], path: Path, text: str) -> tuple[Case |
         faults = [_fault(tree, entry["type"], entry["loc"], entry["msg"]) for entry in error.errors()]
         return None, [fault for fault, entry in zip(faults, error.errors(), strict=True) if entry["loc"][0] not in lost]
     table = keys.table.model_copy(update={"limits": keys.table.limits.tightened(keys.limits)})
-    return Case.model_validate(dict(keys) | {"table": table, "path": path.absolute(), "yaml_text": text}), []
+    about = {"path": path.absolute(), "yaml_text": text, "rig_file": _rig_file(tree, path.absolute())}
+    return Case.model_validate(dict(keys) | {"table": table} | about), []
+
+
+def _rig_file(tree: Node, case: Path) -> Path | None:
+    """Return the file that states the kind of a case's rig, None where the case or --set does."""
+    kind = tree.children["table"].children.get("kind")
+    path = kind.mark.source.path if kind is not None else None
+    return None if path == case else path
 
 
 def _fault(tree: Node, kind: str, loc: tuple[int | str, ...], message: str) -> Fault:

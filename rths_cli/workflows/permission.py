@@ -20,7 +20,7 @@ BEFORE_MOVING = (
 def ask_to_move(setups: Sequence[Setup], yes: bool, confirm: Callable[[Sequence[str]], bool]) -> None:
     """Have a person confirm that the real rigs of these cases may move; raises InputError when they may not.
 
-    `yes` answers for rigs whose file says `unattended: true`, and for no other.
+    `yes` answers for rigs whose own file says `unattended: true`, and for no other.
     """
     real = [setup for setup in setups if setup.rig.kind != "virtual"]
     if not real:
@@ -28,7 +28,10 @@ def ask_to_move(setups: Sequence[Setup], yes: bool, confirm: Callable[[Sequence[
     attended = [setup.rig.name for setup in real if not setup.rig.unattended]
     if yes:
         if attended:
-            raise InputError(f"--yes: rig {attended[0]} does not say `unattended: true`; a person has to confirm here")
+            raise InputError(
+                f"--yes: rig {attended[0]} does not say `unattended: true` in a file of its own; "
+                "a person has to confirm here"
+            )
         return
     if sys.stdin is None or not sys.stdin.isatty():
         raise InputError("nobody can be asked here; --yes moves rigs whose file says `unattended: true`")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,15 +28,21 @@ RIVALS = {
 }
 
 Setting = tuple[tuple[str, ...], Node]
+NOTHING_TYPED: Mapping[str, str] = {}
 
 
-def read_settings(settings: Sequence[str]) -> tuple[list[Setting], list[Fault]]:
-    """Return keys and value of each `key.sub=value`, and the faults of those that are none."""
+def read_settings(
+    settings: Sequence[str], typed: Mapping[str, str] = NOTHING_TYPED
+) -> tuple[list[Setting], list[Fault]]:
+    """Return keys and value of each `key.sub=value`, and the faults of those that are none.
+
+    `typed`: the option by which the user gave a setting that is no --set.
+    """
     found: list[Setting] = []
     faults: list[Fault] = []
     for text in settings:
         key, sign, value = text.partition("=")
-        source = Source(f"--set {printable(key.strip())}"[:120], Path.cwd())
+        source = Source(typed.get(text, f"--set {printable(key.strip())}")[:120], Path.cwd())
         keys = _setting_keys(key.strip())
         if not sign or not all(keys):
             faults.append(Fault(Mark(source), "", "must be key=value, for example --set table.physics.coulomb_n=0.9"))

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
-from rths_cli.case.expand import SHORT_FORMS, Setting, apply_settings, expand_case, read_settings
+from rths_cli.case.expand import NOTHING_TYPED, SHORT_FORMS, Setting, apply_settings, expand_case, read_settings
 from rths_cli.case.find import find, is_bare, shipped
 from rths_cli.case.models import Case, CaseKeys
 from rths_cli.case.nodes import Fault, Mark, Node, Source, display, join, plain
@@ -20,12 +20,15 @@ from rths_cli.errors import InputError
 __all__ = ["load_cases", "resolved_yaml", "schema"]
 
 
-def load_cases(paths: Sequence[Path | str], settings: Sequence[str] = ()) -> list[Case]:
+def load_cases(
+    paths: Sequence[Path | str], settings: Sequence[str] = (), typed: Mapping[str, str] = NOTHING_TYPED
+) -> list[Case]:
     """Return the cases of files (paths or bare names), with `key.sub=value` settings applied to each.
 
+    `typed`: for a setting that came by another option than --set, the name of that option, which faults then give.
     Raise InputError with all faults of all files.
     """
-    values, faults = read_settings(settings)
+    values, faults = read_settings(settings, typed)
     cases: list[Case] = []
     for path in paths:
         case, found = _load(path, values)

@@ -210,7 +210,7 @@ class UdpRig:
     def _lost(self) -> str:
         counts = self.counts
         return (
-            f"rig {self.info.name}: {counts['lost_in_a_row']} answers of target {self.peer} in a row were lost "
-            f"({counts['lost']} of {counts['sent']} in all, {counts['late']} came late, {counts['bad']} were not "
+            f"rig {self.info.name}: {counts['lost_in_a_row']} answers of target {self.peer} in a row were lost, "
+            f"limits.lost_samples is {self.target.lost_samples} ({counts['lost']} of {counts['sent']} in all, {counts['late']} came late, {counts['bad']} were not "
             "genuine); check the target, the cable and the sample rate"
         )

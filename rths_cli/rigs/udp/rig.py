@@ -208,9 +208,9 @@ class UdpRig:
             raise RigError(f"{text}: it has led its table to rest")
 
     def _lost(self) -> str:
-        counts = self.counts
+        counts, limit = self.counts, self.target.lost_samples
         return (
             f"rig {self.info.name}: {counts['lost_in_a_row']} answers of target {self.peer} in a row were lost, "
-            f"limits.lost_samples is {self.target.lost_samples} ({counts['lost']} of {counts['sent']} in all, {counts['late']} came late, {counts['bad']} were not "
-            "genuine); check the target, the cable and the sample rate"
+            f"limits.lost_samples is {limit} ({counts['lost']} of {counts['sent']} in all, {counts['late']} came late, "
+            f"{counts['bad']} were not genuine); check the target, the cable and the sample rate"
         )

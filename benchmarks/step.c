@@ -36,7 +36,7 @@ typedef struct {
   Array abort_m_s2;
   double command_rate_v_s, energy_ratio, energy_floor_j;
 } GuardLimits;
-typedef struct { Integers flags; Array motion, codes, desired_at, moved; Integers same; Array energy; } GuardState;
+typedef struct { Integers flags; Array motion, codes, desired_at, moved; Integers same; Array energy, seen; } GuardState;
 
 typedef struct {
   Array push, filters, nodes, feed, start, accel_rows, accel_friction;
@@ -186,32 +186,38 @@ INLINE int is_stuck(const GuardLimits *lim, const GuardState *g, int64_t c, doub
   return g->same.at[c] * lim->dt_s >= stuck_s && g->moved.at[c] > lim->stuck_m_s2;
 }
 
+INLINE int beyond(const GuardState *g, double value, int reason) {
+  g->seen.at[0] = value;
+  return reason;
+}
+
 INLINE int check_samples(const GuardLimits *lim, const GuardState *g, const Array *samples, const double *accel, double desired) {
   double force = 0.0;
   for (int64_t c = 0; c < samples->shape[0]; c++) {
     const double sample = samples->at[c];
     g->flags.at[2] = c;
     if (!isfinite(sample)) return NOT_A_NUMBER;
-    if (fabs(sample) >= lim->saturation_v.at[c]) return SATURATED;
-    if (fabs(accel[c]) > lim->abort_m_s2.at[c]) return ACCELERATION;
-    if (is_stuck(lim, g, c, sample, desired)) return STUCK;
+    if (fabs(sample) >= lim->saturation_v.at[c]) return beyond(g, fabs(sample), SATURATED);
+    if (fabs(accel[c]) > lim->abort_m_s2.at[c]) return beyond(g, fabs(accel[c]), ACCELERATION);
+    if (is_stuck(lim, g, c, sample, desired)) return beyond(g, g->moved.at[c], STUCK);
     force += lim->masses_kg.at[c] * accel[c];
   }
   g->flags.at[2] = -1;
-  return fabs(force) > lim->force_n ? FORCE : NONE;
+  return fabs(force) > lim->force_n ? beyond(g, fabs(force), FORCE) : NONE;
 }
 
 INLINE double farthest(const GuardLimits *lim) { return least(lim->stroke_m, lim->gain_m_per_v * lim->command_v); }
 
 INLINE int check_command(const GuardLimits *lim, const GuardState *g, double command, double error) {
   if (!(isfinite(command) && isfinite(error))) return NOT_A_NUMBER;
-  if (fabs(command) > lim->command_v) return COMMAND;
+  if (fabs(command) > lim->command_v) return beyond(g, fabs(command), COMMAND);
   const double place = lim->gain_m_per_v * command, velocity = (place - g->motion.at[0]) / lim->dt_s;
-  if (fabs(velocity) > lim->velocity_m_s) return VELOCITY;
-  if (fabs(velocity) > lim->gain_m_per_v * lim->command_rate_v_s) return RATE;
+  if (fabs(velocity) > lim->velocity_m_s) return beyond(g, fabs(velocity), VELOCITY);
+  if (fabs(velocity) > lim->gain_m_per_v * lim->command_rate_v_s) return beyond(g, fabs(velocity) / lim->gain_m_per_v, RATE);
   const double braked = place + 0.5 * velocity * fabs(velocity) / (brake_share * lim->acceleration_m_s2);
-  if (most(fabs(place), fabs(braked)) > farthest(lim)) return STROKE;
-  return fabs(error) > lim->tracking_error_m_s2 ? TRACKING : NONE;
+  const double reached = most(fabs(place), fabs(braked));
+  if (reached > farthest(lim)) return beyond(g, reached, STROKE);
+  return fabs(error) > lim->tracking_error_m_s2 ? beyond(g, fabs(error), TRACKING) : NONE;
 }
 
 INLINE int check_energy(const GuardLimits *lim, const GuardState *g, const Step *s) {
@@ -221,7 +227,9 @@ INLINE int check_energy(const GuardLimits *lim, const GuardState *g, const Step 
   energy[0] += (s->error.at[0] - 2.0 * M_PI * forget_hz * energy[0]) * lim->dt_s;
   energy[1] += shear * energy[0] * lim->dt_s;
   energy[2] += fabs(shear * s->interface.at[1]) * lim->dt_s;
-  return energy[1] > lim->energy_ratio * (energy[2] + lim->energy_floor_j) ? ENERGY : NONE;
+  const double exchanged = energy[2] + lim->energy_floor_j;
+  if (energy[1] <= lim->energy_ratio * exchanged) return NONE;
+  return beyond(g, exchanged > 0.0 ? energy[1] / exchanged : INFINITY, ENERGY);
 }
 
 static __attribute__((noinline)) void ramp_down(const GuardLimits *lim, const GuardState *g) {

@@ -66,10 +66,10 @@ class RigInfo:
     `channels`: the table's accelerometer first, then one per experimental floor. `latency_samples`: the command
     computed from the samples of t_k is held from t_(k + latency) on; hold and sensor lag are not in that number.
     `transport_s`: further delay between command and table or table and samples, as of a network link.
-    `gain_m_per_v` and `moving_mass_kg` are nominal data-sheet values; `specimen_mass_kg` is weighed. `unattended`: the
-    rig may move without a person's confirmation. `watchdog_s`: after so long without a command the rig leads its table
-    to rest by itself (0: it has no watchdog). `overrun`: what a missed deadline does, hold, skip or stop.
-    `driver_verified`: what is behind the driver, hardware, loopback or fake; empty on a virtual rig.
+    `gain_m_per_v` and `moving_mass_kg` are nominal data-sheet values; `specimen_mass_kg` is weighed. `unattended`: its
+    own file lets the rig move without a person's confirmation. `watchdog_s`: after so long without a command the rig
+    leads its table to rest by itself (0: it has no watchdog). `overrun`: what a missed deadline does, hold, skip or
+    stop. `driver_verified`: what is behind the driver, hardware, loopback or fake; empty on a virtual rig.
     """
 
     name: str

@@ -165,9 +165,11 @@ def used(commands: list[tuple[int, float]]) -> dict[str, float]:
 def start_runner(
     folder: Path, output: Path, rig: str, port: int, preexec: Callable[[], None] | None, more: dict[str, str]
 ) -> subprocess.Popen[str]:
-    """Start `rths run` against a port."""
+    """Start `rths run` against a port, which the rig's own file alone may state."""
+    file = folder / f"{rig}.yaml"
+    file.write_text(re.sub(r"port: \d+", f"port: {port}", file.read_text()))
     sets = (
-        f"table={folder / rig}.yaml", f"table.udp.port={port}", f"sample_rate_hz={RATE_HZ}",
+        f"table={file}", f"sample_rate_hz={RATE_HZ}",
         f"identification.model={folder / 'model.h5'}", "runs=[sim, exp_rths]",
     )  # fmt: skip
     words = [sys.executable, str(HERE / "fault_runner.py"), "run", str(folder / "a.yaml"), "--yes"]

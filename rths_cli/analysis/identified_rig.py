@@ -81,13 +81,15 @@ def _with_specimen(table: StateSpace, specimen: Specimen) -> StateSpace:
 
 def _with_sensors(chain: StateSpace, low_pass_hz: list[float]) -> StateSpace:
     """Return the chain with a first-order low pass on each output; a corner of 0 Hz leaves it as it is."""
-    if not all(low_pass_hz):
-        return chain
-    corner = 2.0 * np.pi * np.array(low_pass_hz)[:, None]
-    n, c = len(chain.A), len(corner)
-    a = np.block([[chain.A, np.zeros((n, c))], [corner * chain.C, -np.diag(corner[:, 0])]])
-    b = np.vstack([chain.B, corner * chain.D])
-    return StateSpace(a, b, np.hstack([np.zeros((c, n)), np.eye(c)]), np.zeros((c, 1)))
+    every = 2.0 * np.pi * np.array(low_pass_hz)
+    slow = np.flatnonzero(every)
+    corner = every[slow, None]
+    n, c = len(chain.A), slow.size
+    a = np.block([[chain.A, np.zeros((n, c))], [corner * chain.C[slow], -np.diag(corner[:, 0])]])
+    b = np.vstack([chain.B, corner * chain.D[slow]])
+    out, direct = np.hstack([chain.C, np.zeros((len(every), c))]), chain.D.copy()
+    out[slow], direct[slow] = np.eye(n + c)[n:], 0.0
+    return StateSpace(a, b, out, direct)
 
 
 def _held(chain: StateSpace, model: Model, dt_s: float) -> Block:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from rths_cli.case.fields import near
 from rths_cli.case.find import find
 from rths_cli.case.nodes import Fault, Mark, Node, Source, plain, printable
+from rths_cli.case.stricter import is_real, over_real_rig, set_inside
 from rths_cli.case.yaml_nodes import parse, read_file
 from rths_cli.errors import InputError
 
@@ -27,15 +28,21 @@ RIVALS = {
 }
 
 Setting = tuple[tuple[str, ...], Node]
+NOTHING_TYPED: Mapping[str, str] = {}
 
 
-def read_settings(settings: Sequence[str]) -> tuple[list[Setting], list[Fault]]:
-    """Return keys and value of each `key.sub=value`, and the faults of those that are none."""
+def read_settings(
+    settings: Sequence[str], typed: Mapping[str, str] = NOTHING_TYPED
+) -> tuple[list[Setting], list[Fault]]:
+    """Return keys and value of each `key.sub=value`, and the faults of those that are none.
+
+    `typed`: the option by which the user gave a setting that is no --set.
+    """
     found: list[Setting] = []
     faults: list[Fault] = []
     for text in settings:
         key, sign, value = text.partition("=")
-        source = Source(f"--set {printable(key.strip())}"[:120], Path.cwd())
+        source = Source(typed.get(text, f"--set {printable(key.strip())}")[:120], Path.cwd())
         keys = _setting_keys(key.strip())
         if not sign or not all(keys):
             faults.append(Fault(Mark(source), "", "must be key=value, for example --set table.physics.coulomb_n=0.9"))
@@ -135,11 +142,16 @@ def _expand(node: Node, kind: str, key: str, faults: list[Fault], trail: tuple[P
     own = dict(node.children)
     base_name = own.pop("extends", None) if kind != "references" else None
     if base_name is None:
+        faults += set_inside(node, key) if kind == "rigs" and not trail and is_real(node) else []
         return node if "name" in own or not own else replace(node, value={"name": _text("inline", node), **own})
     base = _from_file(base_name, kind, f"{key.removesuffix('.extends')}.extends", faults, trail)
     if base is None:
         return None
-    own.setdefault("name", _text(f"{plain(base).get('name')}{VARIED}", node))
+    if kind == "rigs" and not trail and is_real(base):  # it stays that rig, by name too
+        own, loosened = over_real_rig(base, own, key)
+        faults += loosened
+    else:
+        own.setdefault("name", _text(f"{plain(base).get('name')}{VARIED}", node))
     return merge(base, replace(node, value=own))
 
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
-from rths_cli.case.expand import SHORT_FORMS, Setting, apply_settings, expand_case, read_settings
+from rths_cli.case.expand import NOTHING_TYPED, SHORT_FORMS, Setting, apply_settings, expand_case, read_settings
 from rths_cli.case.find import find, is_bare, shipped
 from rths_cli.case.models import Case, CaseKeys
 from rths_cli.case.nodes import Fault, Mark, Node, Source, display, join, plain
@@ -20,12 +20,15 @@ from rths_cli.errors import InputError
 __all__ = ["load_cases", "resolved_yaml", "schema"]
 
 
-def load_cases(paths: Sequence[Path | str], settings: Sequence[str] = ()) -> list[Case]:
+def load_cases(
+    paths: Sequence[Path | str], settings: Sequence[str] = (), typed: Mapping[str, str] = NOTHING_TYPED
+) -> list[Case]:
     """Return the cases of files (paths or bare names), with `key.sub=value` settings applied to each.
 
+    `typed`: for a setting that came by another option than --set, the name of that option, which faults then give.
     Raise InputError with all faults of all files.
     """
-    values, faults = read_settings(settings)
+    values, faults = read_settings(settings, typed)
     cases: list[Case] = []
     for path in paths:
         case, found = _load(path, values)
@@ -83,7 +86,15 @@ def _validate(tree: Node, lost: set[str], path: Path, text: str) -> tuple[Case |
         faults = [_fault(tree, entry["type"], entry["loc"], entry["msg"]) for entry in error.errors()]
         return None, [fault for fault, entry in zip(faults, error.errors(), strict=True) if entry["loc"][0] not in lost]
     table = keys.table.model_copy(update={"limits": keys.table.limits.tightened(keys.limits)})
-    return Case.model_validate(dict(keys) | {"table": table, "path": path.absolute(), "yaml_text": text}), []
+    about = {"path": path.absolute(), "yaml_text": text, "rig_file": _rig_file(tree, path.absolute())}
+    return Case.model_validate(dict(keys) | {"table": table} | about), []
+
+
+def _rig_file(tree: Node, case: Path) -> Path | None:
+    """Return the file that states the kind of a case's rig, None where the case or --set does."""
+    kind = tree.children["table"].children.get("kind")
+    path = kind.mark.source.path if kind is not None else None
+    return None if path == case else path
 
 
 def _fault(tree: Node, kind: str, loc: tuple[int | str, ...], message: str) -> Fault:

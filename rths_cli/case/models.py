@@ -13,12 +13,15 @@ from rths_cli.case.fields import Problem, Range, Strict, count, entry, listed, n
 from rths_cli.case.models_reference import ReferenceSpec
 from rths_cli.case.models_rig import DEFAULT_LOST_SAMPLES, LimitOverrides, LimitsSpec
 from rths_cli.case.models_rig_kinds import AnyRig
+from rths_cli.case.models_rig_real import UdpRigSpec
 from rths_cli.case.models_structure import DampingSpec, StructureSpec
+from rths_cli.case.stricter import REAL_DEFAULTS, STRICTER
 
 Run = Literal["sim", "sim_delay", "shake_table", "exp_rths"]
 RUNS: tuple[Run, ...] = ("sim", "sim_delay", "shake_table", "exp_rths")
 ACCEPT_PATH = r"^([a-z][a-z0-9_]*)(?:\.[a-z][a-z0-9_]*)+(?:\[([1-9][0-9]{0,3})\])?$"
 SEED_MAX = 2**53 - 1
+ANSWER_SHARE = 0.7  # of a sample interval, how long an answer may take
 
 
 def check_file_name(name: str) -> str:
@@ -199,10 +202,14 @@ class CaseKeys(Strict):
 
 
 class Case(CaseKeys):
-    """Hold a checked case, defaults filled in; `limits` are already merged into `table.limits`."""
+    """Hold a checked case, defaults filled in; `limits` are already merged into `table.limits`.
+
+    `rig_file`: the file that states the kind of rig, None where the case itself or --set does.
+    """
 
     path: Path
     yaml_text: str
+    rig_file: Path | None = Field(default=None, exclude=True)
 
     @property
     def n_storeys(self) -> int:
@@ -219,23 +226,41 @@ class Case(CaseKeys):
 def _limit_problems(data: Mapping[str, Any]) -> Iterator[Problem]:
     """Yield a fault for each limit that is looser than the rig's."""
     unstated = {key: field.default for key, field in LimitsSpec.model_fields.items()}
-    for key, default in {**unstated, "lost_samples": DEFAULT_LOST_SAMPLES}.items():
+    unstated |= {"lost_samples": DEFAULT_LOST_SAMPLES}
+    unstated |= REAL_DEFAULTS if entry(data, "table", "kind") not in (None, "virtual") else {}
+    for key, default in unstated.items():
         own, rig = number(data, "limits", key), number(data, "table", "limits", key)
         limit = default if rig is None else rig
         if own is not None and limit is not None and own > limit:
-            yield ("limits", key), f"must be <= the rig's {limit:g}, got {own:g}; a case may only be stricter"
+            yield ("limits", key), f"must be <= the rig's {limit:g}, got {own:g}; {STRICTER}"
 
 
 def _rig_problems(data: Mapping[str, Any]) -> Iterator[Problem]:
-    """Yield faults of a real rig with this structure and sample rate: channels, and how long an answer may take."""
+    """Yield faults of a real rig with this structure and sample rate: channels, answers that are late or lost."""
     floors, channels = count(data, "structure", "experimental", "masses_kg"), count(data, "table", "channels")
     if floors is not None and channels is not None and channels != 1 + floors:
         wanted = f"the table's and one per experimental storey, {1 + floors} in all"
         yield ("table", "channels"), f"must be {wanted}, got {channels}; list the channels of this structure"
     rate, timeout_s = number(data, "sample_rate_hz"), number(data, "table", "udp", "timeout_s")
     interval_s = 1.0 / (rate or CaseKeys.model_fields["sample_rate_hz"].default)
-    if timeout_s is not None and timeout_s >= interval_s:
-        yield ("table", "udp", "timeout_s"), f"must be < the sample interval of {interval_s:g} s, got {timeout_s:g}"
+    if timeout_s is not None and timeout_s > ANSWER_SHARE * interval_s:
+        longest = f"{ANSWER_SHARE * interval_s:g}, {ANSWER_SHARE:g} of the sample interval"
+        yield ("table", "udp", "timeout_s"), f"must be <= {longest}, got {timeout_s:g}; the step needs the rest"
+    yield from _watchdog_problems(data, interval_s)
+
+
+def _watchdog_problems(data: Mapping[str, Any], interval_s: float) -> Iterator[Problem]:
+    """Yield a fault where a rig would rest its table over a loss that the runner bears."""
+    kind = entry(data, "table", "kind")
+    if kind in (None, "virtual", "ni"):  # of these none has a watchdog
+        return
+    stated = number(data, "limits", "lost_samples") or number(data, "table", "limits", "lost_samples")
+    lost = round(stated or DEFAULT_LOST_SAMPLES)
+    watchdog_s = number(data, "table", "watchdog_s") or UdpRigSpec.model_fields["watchdog_s"].default
+    if 0.0 < watchdog_s <= (lost + 1) * interval_s:
+        told = f"what the {lost} samples last that may be lost in a row (limits.lost_samples), and one more"
+        advice = "the rig would rest its table first; lower lost_samples, or raise watchdog_s in the rig's file"
+        yield ("table", "watchdog_s"), f"must be > {(lost + 1) * interval_s:g}, {told}, got {watchdog_s:g}; {advice}"
 
 
 def _nyquist_problems(data: Mapping[str, Any]) -> Iterator[Problem]:

@@ -154,7 +154,7 @@ class UdpSpec(Strict):
         default=None, description="the shared secret; default: the file that RTHS_KEY_FILE names"
     )
     timeout_s: Annotated[float, Range(ge=1e-5, le=0.1)] | None = Field(
-        default=None, description="how long an answer may take; default: 0.8 of the sample interval"
+        default=None, description="how long an answer may take; default, and most: 0.7 of the sample interval"
     )
 
     @field_validator("host")

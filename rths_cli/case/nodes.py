@@ -30,6 +30,9 @@ class Mark:
         return f"{self.source.label}:{self.line}:{self.column}" if self.line else self.source.label
 
 
+OPTIONS = ("--rig ", "--structure ", "rths serve ")  # what names a value on the command line beside --set
+
+
 @dataclass(frozen=True)
 class Fault:
     """One fault: where it is, the dotted key it is about (may be empty), and a sentence."""
@@ -39,7 +42,8 @@ class Fault:
     message: str
 
     def __str__(self) -> str:
-        told = f"{self.mark.source.label}.".startswith(f"--set {self.key}.")
+        label = self.mark.source.label
+        told = f"{label}.".startswith(f"--set {self.key}.") or (label.startswith(OPTIONS))
         named = f"{self.key}: " if self.key and not told else ""
         return f"{self.mark}: {named}{self.message}"
 

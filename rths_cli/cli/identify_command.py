@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import json
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -12,6 +17,11 @@ from rths_cli.cli.group import cli
 from rths_cli.cli.options import json_option, settings_option, yes_option
 from rths_cli.cli.screens import new_screen
 from rths_cli.errors import InputError
+
+if TYPE_CHECKING:
+    from rths_cli.screen import Screen
+
+SAID_S = 5.0  # between two lines of progress where stderr is no terminal
 
 
 @cli.command()
@@ -60,6 +70,7 @@ from rths_cli.errors import InputError
     metavar="FILE",
     help="Write what was measured, for --data --corrected.",
 )
+@click.option("--quiet", is_flag=True, help="Show no progress.")
 @yes_option
 @settings_option
 @json_option
@@ -74,6 +85,7 @@ def identify(
     figure: Path | None,
     no_figure: bool,
     save_data: Path | None,
+    quiet: bool,
     yes: bool,
     settings: tuple[str, ...],
     as_json: bool,
@@ -95,11 +107,34 @@ def identify(
     judged = json.dumps(str(model.absolute())) if model else "null"  # what a case names is what is made here
     settings = (f"identification.model={judged}", *settings)
     asked = Asked(case, settings, request, output, save_data, figure, not no_figure)
-    screen = new_screen(False)
-    made = make_model(asked, screen.doing, lambda setup: ask_to_move([setup], yes, screen.confirm))
+    screen = new_screen(quiet)
+    with said_again(screen, quiet or sys.stderr.isatty()) as doing:
+        made = make_model(asked, doing, lambda setup: ask_to_move([setup], yes, screen.confirm))
     screen.clear()
     _show_identified(made, as_json)
     return made.exit_code
+
+
+@contextmanager
+def said_again(screen: Screen, silent: bool, every_s: float = SAID_S) -> Iterator[Callable[[str], None]]:
+    """Yield what tells a screen of progress; where that is no terminal, say every 5 s what is still being done."""
+    now, ended, since = [""], threading.Event(), time.monotonic()
+
+    def say() -> None:
+        while not ended.wait(every_s):
+            if now[0]:
+                click.echo(f"{now[0]} ... {time.monotonic() - since:.0f} s", err=True)
+
+    def doing(what: str) -> None:
+        now[0] = what
+        screen.doing(what)
+
+    if not silent:
+        threading.Thread(target=say, name="rths-progress", daemon=True).start()
+    try:
+        yield doing
+    finally:
+        ended.set()
 
 
 def _show_identified(made: Any, as_json: bool) -> None:
@@ -118,3 +153,5 @@ def _show_identified(made: Any, as_json: bool) -> None:
 
             write_figure(made.found, made.about, made.figure)
     click.echo(json.dumps(document, indent=2) if as_json else text, nl=as_json)
+    if made.model is not None and not as_json:
+        click.echo(f"\nto use it in a case:\nidentification: {{model: {json.dumps(str(made.model.absolute()))}}}")

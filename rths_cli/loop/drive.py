@@ -11,8 +11,9 @@ from rths_cli.compiled import entry, part
 from rths_cli.control.blocks import Blocks
 from rths_cli.errors import RigError
 from rths_cli.loop.blocks import Step, assemble
-from rths_cli.loop.guard import END, NO_CHANNEL, NONE, REASONS, STOPPED, GuardLimits, GuardState, fresh_guard, guard
+from rths_cli.loop.guard import NONE, STOPPED, GuardLimits, GuardState, fresh_guard, guard
 from rths_cli.loop.log import Log, Signals, empty_log, note_step, signals
+from rths_cli.loop.reasons import reason_of
 from rths_cli.loop.step import note_sent, step
 from rths_cli.lti import Array
 from rths_cli.rigs.interface import Rig, RigInfo
@@ -62,7 +63,7 @@ def play(
     named = signals(log, channels, state.estimated.size)
     reason = int(guard_state.flags[1])
     stopped_at_s = float(guard_state.flags[3] * info.dt_s)
-    return Outcome(named, steps, reason_of(info, guard_state), fault, stopped_at_s, reason)
+    return Outcome(named, steps, reason_of(info, limits, guard_state, source), fault, stopped_at_s, reason)
 
 
 def _play_virtual(
@@ -153,11 +154,3 @@ def run_virtual(
         stamp(log, steps, steps % STAMPED, before, monotonic_ns(scratch))
     log.done[0] = steps
     return steps
-
-
-def reason_of(info: RigInfo, state: GuardState) -> str:
-    """Return the guard's reason as a sentence, empty when it let everything pass to the end of the record."""
-    if state.flags[1] in (NONE, END):
-        return ""
-    text, channel = REASONS[state.flags[1]], state.flags[2]
-    return text if channel == NO_CHANNEL else f"{text} (channel {info.channels[channel].name})"

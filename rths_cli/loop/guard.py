@@ -82,14 +82,22 @@ class GuardState(NamedTuple):
     moved: Array  # (c,) largest change of the desired acceleration since then
     same: Array  # int (c,) how many samples it has not changed
     energy: Array  # (3,) error of the table's velocity in m/s, energy added by it and energy exchanged in J
+    seen: Array  # (1,) what was beyond its limit, in the limit's unit; not a number where nothing was measured
 
 
 def fresh_guard(channels: int) -> GuardState:
     """Return a guard that has seen nothing yet."""
     return GuardState(
         np.zeros(4, dtype=np.int64), np.zeros(2), np.full(channels, np.nan), np.zeros(channels),
-        np.zeros(channels), np.zeros(channels, dtype=np.int64), np.zeros(3),
+        np.zeros(channels), np.zeros(channels, dtype=np.int64), np.zeros(3), np.full(1, np.nan),
     )  # fmt: skip
+
+
+@part
+def beyond(g: GuardState, value: float, reason: int) -> int:
+    """Return a reason to stop, the value that gives it noted."""
+    g.seen[0] = value
+    return reason
 
 
 @part
@@ -101,14 +109,14 @@ def check_samples(lim: GuardLimits, g: GuardState, samples: Array, accel: Array,
         if not math.isfinite(samples[c]):
             return NOT_A_NUMBER
         if abs(samples[c]) >= lim.saturation_v[c]:
-            return SATURATED
+            return beyond(g, abs(samples[c]), SATURATED)
         if abs(accel[c]) > lim.abort_m_s2[c]:
-            return ACCELERATION
+            return beyond(g, abs(accel[c]), ACCELERATION)
         if is_stuck(lim, g, c, samples[c], desired):
-            return STUCK
+            return beyond(g, g.moved[c], STUCK)
         force += lim.masses_kg[c] * accel[c]
     g.flags[2] = NO_CHANNEL
-    return FORCE if abs(force) > lim.force_n else NONE
+    return beyond(g, abs(force), FORCE) if abs(force) > lim.force_n else NONE
 
 
 @part
@@ -134,17 +142,17 @@ def check_command(lim: GuardLimits, g: GuardState, command: float, error: float)
     if not (math.isfinite(command) and math.isfinite(error)):
         return NOT_A_NUMBER
     if abs(command) > lim.command_v:
-        return COMMAND
+        return beyond(g, abs(command), COMMAND)
     place = lim.gain_m_per_v * command
     velocity = (place - g.motion[0]) / lim.dt_s
     if abs(velocity) > lim.velocity_m_s:
-        return VELOCITY
+        return beyond(g, abs(velocity), VELOCITY)
     if abs(velocity) > lim.gain_m_per_v * lim.command_rate_v_s:
-        return RATE
+        return beyond(g, abs(velocity) / lim.gain_m_per_v, RATE)
     braked = place + 0.5 * velocity * abs(velocity) / (BRAKE_SHARE * lim.acceleration_m_s2)
     if max(abs(place), abs(braked)) > farthest(lim):
-        return STROKE
-    return TRACKING if abs(error) > lim.tracking_error_m_s2 else NONE
+        return beyond(g, max(abs(place), abs(braked)), STROKE)
+    return beyond(g, abs(error), TRACKING) if abs(error) > lim.tracking_error_m_s2 else NONE
 
 
 @part
@@ -160,7 +168,10 @@ def check_energy(lim: GuardLimits, g: GuardState, error: float, velocity: float,
     g.energy[0] += (error - 2.0 * math.pi * FORGET_HZ * g.energy[0]) * lim.dt_s
     g.energy[1] += shear * g.energy[0] * lim.dt_s
     g.energy[2] += abs(shear * velocity) * lim.dt_s
-    return ENERGY if g.energy[1] > lim.energy_ratio * (g.energy[2] + lim.energy_floor_j) else NONE
+    exchanged = g.energy[2] + lim.energy_floor_j
+    if g.energy[1] <= lim.energy_ratio * exchanged:
+        return NONE
+    return beyond(g, g.energy[1] / exchanged if exchanged > 0.0 else math.inf, ENERGY)
 
 
 @part

@@ -11,12 +11,32 @@ from rths_cli.clocks import IntArray
 from rths_cli.control.blocks import Blocks
 from rths_cli.errors import RigError
 from rths_cli.loop.blocks import Step, assemble
-from rths_cli.loop.guard import RETURN_RATE, STOPPED, GuardLimits, GuardState, fresh_guard
+from rths_cli.loop.guard import (
+    BRAKING,
+    NO_CHANNEL,
+    OVERRUN,
+    RETURN_RATE,
+    RUNNING,
+    STOPPED,
+    GuardLimits,
+    GuardState,
+    fresh_guard,
+)
 from rths_cli.loop.log import Log, empty_log
-from rths_cli.loop.realtime import HOLD, Course, conduct_once, course, run_udp
+from rths_cli.loop.realtime import (
+    HOLD,
+    OVERRUN_IN_A_ROW,
+    OVERRUNS,
+    STOP,
+    Course,
+    conduct_once,
+    course,
+    run_udp,
+)
 from rths_cli.lti import Array
 from rths_cli.rig_info import BRAKE_SHARE
 from rths_cli.rigs.interface import Rig, RigInfo
+from rths_cli.rigs.ni.rig import NiRig
 from rths_cli.rigs.udp import link as udp
 from rths_cli.rigs.udp.rig import UdpRig
 
@@ -105,12 +125,32 @@ def _perform_udp(rig: UdpRig, run: Performance) -> str:
 def _perform_exchanging(rig: Rig, run: Performance) -> str:
     """Play through `exchange`, one call per step: the rig's own clock sets the pace."""
     samples = rig.arm()
-    given = np.array(samples, dtype=float)
+    given, missed = np.array(samples, dtype=float), 0
     once = conduct_once.bind(run.course, run.step, run.limits, run.guard, run.drive, run.log, given)
     while run.log.done[0] < run.log.columns.shape[1] and run.guard.flags[0] != STOPPED:
         given[:] = samples
         samples = rig.exchange(once())
+        if isinstance(rig, NiRig):
+            note_missed(run, rig.missed - missed)
+            missed = rig.missed
     return ""
+
+
+def note_missed(run: Performance, edges: int) -> None:
+    """Note how many edges of a rig's own clock passed before the exchange that just ended, as overrun intervals.
+
+    The record waits for them, whatever the policy: the card has held its command. The test stops at the first where
+    that is the policy, and where more than `lost_samples` have passed in a row.
+    """
+    marks, k = run.course.marks, int(run.log.done[0])
+    marks[OVERRUNS] += edges
+    marks[OVERRUN_IN_A_ROW] = marks[OVERRUN_IN_A_ROW] + edges if edges else 0
+    if k < run.log.columns.shape[1]:
+        run.log.columns[-5, k] = edges * run.course.dt_ns
+    too_many = marks[OVERRUN_IN_A_ROW] > run.course.lost_samples
+    if edges and (run.course.policy == STOP or too_many) and run.guard.flags[0] == RUNNING:
+        run.guard.flags[:3] = BRAKING, OVERRUN, NO_CHANNEL
+        run.guard.seen[0] = marks[OVERRUN_IN_A_ROW]
 
 
 def rehearse(run: Performance, seconds: float) -> tuple[Array, Array]:

@@ -12,11 +12,12 @@ from types import FrameType
 import numpy as np
 
 from rths_cli.errors import write_crash_file
-from rths_cli.loop.drive import Outcome, reason_of
+from rths_cli.loop.drive import Outcome
 from rths_cli.loop.guard import INTERRUPT, OPERATOR, TERMINATION, WATCHER_FAILED
 from rths_cli.loop.log import Signals, signals
 from rths_cli.loop.performance import Performance, perform, rehearse
 from rths_cli.loop.realtime import OVERRUNS
+from rths_cli.loop.reasons import reason_of
 from rths_cli.loop.scheduling import Granted, real_time
 from rths_cli.lti import Array
 from rths_cli.rigs.interface import Rig
@@ -155,7 +156,8 @@ def _outcome(run: Performance, fault: str) -> Outcome:
     stopped_at_s = float(max(run.guard.flags[3] - ramp, 0) * dt_s)
     reason = int(run.guard.flags[1])
     record = slice(ramp, ramp + run.course.record)
-    return Outcome(_part(everything, record), steps, reason_of(run.info, run.guard), fault, stopped_at_s, reason)
+    told = reason_of(run.info, run.limits, run.guard, run.step.source)
+    return Outcome(_part(everything, record), steps, told, fault, stopped_at_s, reason)
 
 
 def _part(everything: Signals, steps: slice) -> Signals:

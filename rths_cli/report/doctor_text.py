@@ -19,7 +19,7 @@ HEADINGS = ("rate, Hz", "p50", "p99", "p99.9", "max", "late", "missed", "held")
 
 def page(found: Examined) -> str:
     """Return the page of an examination."""
-    sections = [wrapped([*_machine(found.machine), _granted(found.granted)])]
+    sections = [wrapped([*_machine(found.machine, found.granted), _granted(found.granted)])]
     sections.append("\n".join([f"Wake-up delay in us, {_duration(found.rates)}", *table(found.rates)]))
     if found.rig:
         title = f"Until samples of {found.rig.rig} are there, in us after the deadline, {_duration(found.rig.rates)}"
@@ -66,7 +66,7 @@ def _duration(rates: Sequence[RateMeasured]) -> str:
     return f"{rates[0].steps / rates[0].rate_hz:g} s each"
 
 
-def _machine(machine: Machine) -> list[str]:
+def _machine(machine: Machine, granted: Granted) -> list[str]:
     kind = ", virtual machine" if machine.virtual else ""
     isolated = ", ".join(map(str, machine.isolated_cpus)) or "none"
     return [
@@ -75,10 +75,16 @@ def _machine(machine: Machine) -> list[str]:
         labelled("clock", machine.clock_source or "not stated"),
         labelled(
             "limits",
-            f"rtprio {_limit(machine.rtprio_limit, '')}, memlock {_limit(machine.memlock_limit_bytes, ' bytes')}, "
+            f"rtprio {_rtprio(machine, granted)}, memlock {_limit(machine.memlock_limit_bytes, ' bytes')}, "
             f"SCHED_FIFO threads {_throttle(machine)}",
         ),
     ]
+
+
+def _rtprio(machine: Machine, granted: Granted) -> str:
+    """Return the limit of priorities, which does not bind a privileged user."""
+    limit = _limit(machine.rtprio_limit, "")
+    return f"{limit} (does not bind this user)" if 0 <= machine.rtprio_limit < granted.fifo_priority else limit
 
 
 def _limit(value: int, unit: str) -> str:

@@ -31,7 +31,7 @@ def rig_info(case: Case) -> RigInfo:
         gain_m_per_v=table.nominal.gain_m_per_v,
         moving_mass_kg=table.nominal.moving_mass_kg + case.structure.interface_experimental_mass_kg,
         specimen_mass_kg=float(sum(case.structure.experimental.masses_kg)),
-        unattended=real.unattended if real else False,
+        unattended=real is not None and real.unattended and case.rig_file is not None,
         watchdog_s=_watchdog_s(real),
         overrun=real.overrun if real else "skip",
         driver_verified=_driver_verified(real),

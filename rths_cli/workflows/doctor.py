@@ -118,7 +118,7 @@ def advice(machine: Machine, granted: Granted, rates: Sequence[RateMeasured]) ->
     if machine.preemption != "PREEMPT_RT":
         told.append(f"the kernel is not a real-time one ({machine.preemption}): install one built with PREEMPT_RT")
     if machine.virtual:
-        told.append("this is a virtual machine: its host takes the processor away as it likes; use a real one")
+        told.append(_of_virtual_machine(rates))
     if machine.governor not in ("", "performance"):
         told.append(f"the frequency governor is {machine.governor}: run 'cpupower frequency-set -g performance'")
     if granted.cpu >= 0 and granted.cpu not in machine.isolated_cpus:
@@ -130,3 +130,13 @@ def advice(machine: Machine, granted: Granted, rates: Sequence[RateMeasured]) ->
             f"{longest.max_us * longest.rate_hz / 1e6:.0f} samples at {longest.rate_hz:g} Hz"
         )
     return tuple(told)
+
+
+def _of_virtual_machine(rates: Sequence[RateMeasured]) -> str:
+    """Return what the host of a virtual machine was seen to do to these rates, and what to do about it."""
+    late = sum(rate.late for rate in rates)
+    seconds = sum(rate.steps / rate.rate_hz for rate in rates)
+    held = max((rate.rate_hz for rate in rates if rate.held), default=None)
+    seen = f"in {seconds:.3g} s {late} steps were late by an interval"
+    advice = f"use a real one, or stay at {held:g} Hz or below, which was held" if held else "use a real one"
+    return f"this is a virtual machine, whose host takes the processor away as it likes: {seen}; {advice}"

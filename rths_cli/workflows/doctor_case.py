@@ -42,7 +42,8 @@ def examine_request(
     from rths_cli.case.load import load_cases
 
     table = (f"table={json.dumps(request.rig)}",) if request.rig else ()
-    case = load_cases([request.case or DEFAULT_CASE], (*table, *request.settings))[0]
+    typed = dict.fromkeys(table, f"--rig {request.rig}")
+    case = load_cases([request.case or DEFAULT_CASE], (*table, *request.settings), typed)[0]
     if request.case and not wanted:
         wanted = (case.sample_rate_hz,)
     others = () if wanted else RATES_HZ

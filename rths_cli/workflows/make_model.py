@@ -29,7 +29,7 @@ from rths_cli.workflows.identify import (
 from rths_cli.workflows.known import as_model, notes_on
 from rths_cli.workflows.measured import CORRECTED, DataRequest, read_measured
 from rths_cli.workflows.model_store import channel_names, load, save
-from rths_cli.workflows.outputs import Outputs, check_outputs
+from rths_cli.workflows.outputs import Outputs, check_outputs, make_folders
 from rths_cli.workflows.setup import Progress, Setup, make_setup, shown
 from rths_cli.workflows.warnings import differences
 
@@ -53,13 +53,17 @@ class Asked:
 
 @dataclass(frozen=True)
 class Made:
-    """What came of it: the identification and where its figure goes, or (found None) why no model could be made."""
+    """What came of it: the identification and where its figure goes, or (found None) why no model could be made.
+
+    `model`: the model file, where it is accepted.
+    """
 
     about: About
     found: Identification | None
     figure: Path | None
     unfit: UnfitRecord | None = None
     exit_code: int = 0
+    model: Path | None = None
 
 
 def make_model(asked: Asked, progress: Progress, permit: Callable[[Setup], None] = lambda _: None) -> Made:
@@ -80,6 +84,7 @@ def make_model(asked: Asked, progress: Progress, permit: Callable[[Setup], None]
     try:
         measured = read_measured(asked.data, setup) if asked.data else measure(setup, progress, planned)
         about = replace(about, source=measured.source, lines=measured.lines)
+        make_folders(outputs)
         if asked.save_data:
             _save_data(asked.save_data, setup, measured)
         found = noted(_evaluate(setup, measured, given, asked.data is not None), notes)
@@ -100,7 +105,8 @@ def make_model(asked: Asked, progress: Progress, permit: Callable[[Setup], None]
         ("model file", f"{shown(outputs.model)}{' (replaced)' if replaced else ''}, SHA-256 {sha256[:16]}"),
         *drawn,
     )
-    return Made(replace(about, lines=lines), found, outputs.figure, None, 0 if found.accepted else 1)
+    code, accepted = (0, outputs.model) if found.accepted else (1, None)
+    return Made(replace(about, lines=lines), found, outputs.figure, None, code, accepted)
 
 
 def _evaluate(setup: Setup, measured: Measured, given: Model | None, from_file: bool) -> Identification:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -39,7 +40,22 @@ def check_outputs(outputs: Outputs, inputs: Iterable[Named]) -> None:
     if faults:
         raise InputError(*faults)
     for _, path in outputs.named:
+        _try(path.parent)
+
+
+def make_folders(outputs: Outputs) -> None:
+    """Make the folders of the files that are about to be written; raises InputError where that fails."""
+    for _, path in outputs.named:
         check_writable(path.parent)
+
+
+def _try(folder: Path) -> None:
+    """Raise InputError where a folder cannot be written to; one that is not there yet is not left behind."""
+    new = [place for place in (folder, *folder.parents) if not place.exists()]
+    check_writable(folder)
+    with suppress(OSError):
+        for place in new:
+            place.rmdir()
 
 
 def _name_faults(option: str, path: Path) -> list[str]:

@@ -3,12 +3,22 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.rig_info import RigInfo
 from rths_cli.workflows.setup import Setup
 
+if TYPE_CHECKING:
+    from rths_cli.files.result_writer import Metric
+
+PEAKS = {
+    "displacement_m": (1e3, "mm"), "velocity_m_s": (1.0, "m/s"), "acceleration_m_s2": (1.0, "m/s^2"),
+    "force_n": (1.0, "N"),
+}  # fmt: skip
 BEFORE_MOVING = (
     "The emergency stop works without this computer, and somebody stands beside it.",
     "Nobody is within reach of table and specimen; the specimen is bolted down and its guards are in place.",
@@ -17,10 +27,25 @@ BEFORE_MOVING = (
 )
 
 
-def ask_to_move(setups: Sequence[Setup], yes: bool, confirm: Callable[[Sequence[str]], bool]) -> None:
+Predicted = Callable[["Setup"], Mapping[str, "Metric"]]
+
+
+def _nothing_predicted(setup: Setup) -> Mapping[str, Metric]:
+    """Return no figures."""
+    return {}
+
+
+def ask_to_move(
+    setups: Sequence[Setup],
+    yes: bool,
+    confirm: Callable[[Sequence[str]], bool],
+    predicted: Predicted = _nothing_predicted,
+) -> None:
     """Have a person confirm that the real rigs of these cases may move; raises InputError when they may not.
 
-    `yes` answers for rigs whose file says `unattended: true`, and for no other.
+    `predicted` returns the figures of a case's check, `check.*`, where one was made: the question then names the peaks.
+
+    `yes` answers for rigs whose own file says `unattended: true`, and for no other.
     """
     real = [setup for setup in setups if setup.rig.kind != "virtual"]
     if not real:
@@ -28,14 +53,33 @@ def ask_to_move(setups: Sequence[Setup], yes: bool, confirm: Callable[[Sequence[
     attended = [setup.rig.name for setup in real if not setup.rig.unattended]
     if yes:
         if attended:
-            raise InputError(f"--yes: rig {attended[0]} does not say `unattended: true`; a person has to confirm here")
+            raise InputError(
+                f"--yes: rig {attended[0]} does not say `unattended: true` in a file of its own; "
+                "a person has to confirm here"
+            )
         return
     if sys.stdin is None or not sys.stdin.isatty():
         raise InputError("nobody can be asked here; --yes moves rigs whose file says `unattended: true`")
-    names = ", ".join(setup.case.name for setup in real)
+    motions = [f"{setup.case.name}: {_motion(setup)}{_peaks(predicted(setup))}" for setup in real]
     rigs = dict.fromkeys(_about(setup.rig) for setup in real)
-    if not confirm([f"{names}:", *rigs, *BEFORE_MOVING]):
+    if not confirm(["This moves a table:", *motions, *rigs, *BEFORE_MOVING]):
         raise InputError("not confirmed; nothing was moved")
+
+
+def _motion(setup: Setup) -> str:
+    """Return what is played, and for how long."""
+    time_s, accel = setup.motion.time_s, setup.motion.accel_m_s2
+    return (
+        f"record {setup.case.record.name} times {setup.case.scaling:g}, {time_s[-1]:.0f} s, "
+        f"ground {np.abs(accel).max():.3g} m/s^2"
+    )
+
+
+def _peaks(figures: Mapping[str, Metric]) -> str:
+    """Return the peaks that a check predicts of the table, empty without one."""
+    known = [(path, figures[f"check.peak_{path}"]) for path in PEAKS if f"check.peak_{path}" in figures]
+    told = ", ".join(f"{float(np.max(peak.value)) * PEAKS[path][0]:.3g} {PEAKS[path][1]}" for path, peak in known)
+    return f"; predicted peaks of the table {told}" if told else ""
 
 
 def _about(rig: RigInfo) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rths_cli.case.models_rig import VirtualRigSpec
+from rths_cli.case.models_rig import DEFAULT_ENERGY_RATIO, VirtualRigSpec
 from rths_cli.case.models_rig_real import NiRigSpec, PluginRigSpec, UdpRigSpec
 from rths_cli.errors import RigError
 from rths_cli.rigs.virtual.opening import virtual_rig
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 # noise streams: dropping one run changes no other
 IDENTIFICATION, SHAKE_TABLE, EXP_RTHS, PROBE, VERIFICATION = 1, 2, 3, 4, 5
 BEFORE = (IDENTIFICATION, PROBE)
-ENERGY_RATIO = 0.1  # accurate tests stay below 0.005, unstable ones pass 0.1 long before motions are large
 AT_REST_SHARE = 0.02  # of the velocity limit: noise moves a specimen at rest by less
 
 
@@ -92,8 +91,7 @@ def guard_limits(setup: Setup) -> GuardLimits:
     from rths_cli.loop.guard import STUCK_BITS, GuardLimits
 
     rig = setup.rig
-    sensor = rig.channels[0]
-    bit = rig.converters.step_v / sensor.sensitivity_v_per_m_s2
+    bit = rig.converters.step_v / min(c.sensitivity_v_per_m_s2 for c in rig.channels)  # the coarsest channel's
     saturation = [min(c.range_m_s2 * c.sensitivity_v_per_m_s2, rig.converters.range_v) for c in rig.channels]
     return GuardLimits(
         stroke_m=rig.limits.stroke_m,
@@ -118,4 +116,4 @@ def _energy_ratio(rig: RigInfo) -> float:
     """Return how much energy the table's errors may add, of that exchanged; off on a virtual rig that states none."""
     if math.isfinite(rig.limits.energy_ratio) or rig.kind == "virtual":
         return rig.limits.energy_ratio
-    return ENERGY_RATIO
+    return DEFAULT_ENERGY_RATIO

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ipaddress
 import math
 import secrets
+import shlex
 import socket
 import threading
 import time
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 SHORTEST_INTERVAL_NS = 100_000
 LOOK_S = 0.1  # between two looks at signals
 REST_S = 5.0  # the longest a table may take to come to rest
+NOT_AT_REST = f"the table was not yet at rest after {REST_S:g} s"
 PRIORITY = 79  # below a runner on the same machine
 Say = Callable[[str], object]
 
@@ -79,10 +81,14 @@ def serve(request: ServeRequest, say: Say) -> list[SessionEnded]:
         server = Server(link, secret, rig, round(1e9 * request.watchdog_s), say)
         server.start()
         say(f"{rig.title} at {shown(link.getsockname())}; end with Ctrl-C")
-        say(f"key file {path}; on this machine: export {KEY_FILE_VARIABLE}={path}")
+        say(f"key file {path}; a runner on this machine learns of it by")
+        say(f"export {KEY_FILE_VARIABLE}={shlex.quote(str(path))}")
         if not ipaddress.ip_address(link.getsockname()[0]).is_loopback:
             say("warning: reachable from other machines; packets are authenticated with the key file, not encrypted")
-        server.run_for(request.seconds)
+        try:
+            server.run_for(request.seconds)
+        finally:
+            say("ended; the table was led to rest" if server.at_rest else f"ended; {NOT_AT_REST}")
     return server.ended
 
 
@@ -107,6 +113,11 @@ class Server:
         threading.Thread(target=self._serve, name="rths serve", daemon=True).start()
         while not self._ready.wait(LOOK_S):
             pass
+
+    @property
+    def at_rest(self) -> bool:
+        """Tell whether the served table stands still."""
+        return self._door.session[serving.STATE] in (wire.IDLE, wire.RESTED)
 
     def run_for(self, seconds: float | None) -> None:
         """Serve on for a time, or until an exception such as a signal's ends it; the table is then led to rest."""

@@ -61,7 +61,8 @@ def describe(rig: str, structure: str, settings: tuple[str, ...], seed: int) -> 
     from rths_cli.case.models_rig import VirtualRigSpec
 
     named = (f"table={json.dumps(rig)}", f"structure={json.dumps(structure)}", "damping={first_mode_ratio: 0.03}")
-    case = load_cases([CASE], (*named, *settings))[0]
+    typed = dict(zip(named, (f"rths serve {rig}", f"--structure {structure}", ""), strict=True))
+    case = load_cases([CASE], (*named, *settings), typed)[0]
     if not isinstance(case.table, VirtualRigSpec):
         raise InputError(f"{rig}: its kind is {case.table.kind}; only a virtual rig can be served")
     undamped = case.damping.model_copy(

@@ -120,3 +120,21 @@ def test_the_ac_coupling_is_left_out_with_its_correction() -> None:
     assert with_coupling.correction.D.tobytes() == without.correction.D.tobytes()
     assert with_coupling.correction.A.tobytes() == without.correction.A.tobytes()
     assert np.abs(np.linalg.eigvals(with_coupling.correction.A)).max() < 0.5
+
+
+@pytest.mark.parametrize("delay_s", [1.25 * DT_S, 0.0])
+def test_each_channel_has_the_corner_of_its_own_sensor(delay_s: float) -> None:
+    """A sensor without low pass leaves the others theirs: row by row, the rigs whose sensors are all alike."""
+    pairs = np.array([-30.0 + 40.0j, -30.0 - 40.0j]), np.array([-90.0 + 60.0j, -90.0 - 60.0j])
+    model = Model(*pairs, 20.0, delay_s, (0.5, 60.0), 0.0, 1, DT_S if delay_s else 0.0)
+
+    def samples(*low_pass_hz: float) -> Array:
+        info = ideal_info()
+        channels = [replace(one, low_pass_hz=hz) for one, hz in zip(info.channels, low_pass_hz, strict=True)]
+        return identified_rig(model, specimen(), replace(info, channels=tuple(channels)), True).plant.response(BAND)
+
+    mixed = samples(1549.0, 0.0, 300.0)
+    for row, hz in enumerate((1549.0, 0.0, 300.0)):
+        alike = samples(hz, hz, hz)
+        assert np.abs(mixed[row] / alike[row] - 1.0).max() < 1e-9
+    assert np.abs(samples(0.0, 0.0, 0.0)[2] / mixed[2] - 1.0).max() > 0.02

@@ -38,9 +38,7 @@ scaling: 3e-1
 controller: FF+FB
 table:
   extends: udp_example
-  udp: {host: 10.0.0.1, key_file: ../a.key, timeout_s: 3e-4}
-  limits: {energy_ratio: 0.2, lost_samples: 3}
-  overrun: skip
+  limits: {energy_ratio: 0.05, lost_samples: 3}
 """
 SEEDS = [INLINE, REAL, (shipped("cases") / "el_centro_low_ff_fb.yaml").read_text(encoding="utf-8")]
 PIECES = [

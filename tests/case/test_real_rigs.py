@@ -133,7 +133,10 @@ def test_a_channel_states_its_sensor_completely(write, faults_of, rig, key: str)
         ({"udp": {"host": "10.0.0.1:7", "port": 1}}, "udp.host",
          "must be a host's name or address, without port, got '10.0.0.1:7'"),
         ({"udp": {"host": "a", "port": 1, "timeout_s": 5e-4}}, "udp.timeout_s",
-         "must be < the sample interval of 0.0005 s, got 0.0005"),
+         "must be <= 0.00035, 0.7 of the sample interval, got 0.0005; the step needs the rest"),
+        ({"watchdog_s": 0.003}, "watchdog_s", "must be > 0.003, what the 5 samples last that may be lost in a row "
+         "(limits.lost_samples), and one more, got 0.003; the rig would rest its table first; lower lost_samples, or "
+         "raise watchdog_s in the rig's file"),
         ({"udp": {"host": "a", "port": 1, "key_file": "a\0b"}}, "udp.key_file",
          "must be the name of a file, got 'a\\x00b'"),
         ({"model": " "}, "model", "must be the name of a file, got ' '"),
@@ -303,3 +306,31 @@ def test_the_commented_example_names_every_key(lab: Path) -> None:
     for model in models:
         for key in set(model.model_fields) - {"name", "terminal", "sensors"}:
             assert f" {key}:" in f" {text}".replace("\n", " "), key
+
+
+@pytest.mark.parametrize(
+    ("changes", "lines", "fits"),
+    [
+        ({"watchdog_s": 0.0031}, "", True),
+        ({"watchdog_s": 0.003}, "limits: {lost_samples: 4}\n", True),
+        ({"watchdog_s": 0.003}, "sample_rate_hz: 2100\n", True),
+        ({}, "sample_rate_hz: 130\n", True),
+        ({"limits": {**UDP["limits"], "lost_samples": 20}}, "sample_rate_hz: 200\n", False),
+        ({"limits": {**UDP["limits"], "lost_samples": 20}}, "sample_rate_hz: 211\n", True),
+    ],
+)  # fmt: skip
+def test_a_watchdog_outlasts_what_the_runner_bears(write, faults_of, rig, changes, lines: str, fits: bool) -> None:
+    """Between the last command before k lost ones and the next pass k + 1 intervals."""
+    if fits:
+        assert load_cases([write(rig(**changes) + lines)])
+    else:
+        (fault,) = faults_of(rig(**changes) + lines)
+        assert ": table.watchdog_s: must be > 0.105, what the 20 samples last" in fault
+
+
+def test_the_loop_waits_for_an_answer_as_long_as_a_rig_file_may_ask_at_most() -> None:
+    from rths_cli.case.models import ANSWER_SHARE
+    from rths_cli.loop import realtime
+    from rths_cli.rigs.udp import rig as udp_rig
+
+    assert ANSWER_SHARE == realtime.ANSWER_SHARE == udp_rig.ANSWER_SHARE

@@ -177,7 +177,7 @@ REAL = (
         (f"{REAL[:-1]}, watchdog_s: 60}}", False),
         (REAL.replace("low_pass_hz: 0", "low_pass_hz: 0, sign: -1"), True),
         (REAL.replace("low_pass_hz: 0", "low_pass_hz: 0, sign: 2"), False),
-        ("table: {extends: udp_example, limits: {force_n: 300}, udp: {host: 10.0.0.1}}", True),
+        ("table: {extends: udp_example, limits: {force_n: 300}}", True),
         ("table: {extends: udp_example, limits: {force_n: -300}}", False),
         ("table: {extends: aps400_virtual, limits: {command_rate_v_s: 100, energy_ratio: 0.5, lost_samples: 3}}", True),
         ("table: {extends: aps400_virtual, limits: {lost_samples: 0}}", False),

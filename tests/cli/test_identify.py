@@ -8,12 +8,14 @@ import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 from rths_cli.cli import cli, ending
+from rths_cli.cli.identify_command import said_again
 from rths_cli.files.measured import read_recording
 from rths_cli.files.models import read_model
 from rths_cli.identification.channels import UnfitRecord
@@ -71,8 +73,11 @@ def tree() -> list[str]:
 
 
 def test_a_whole_identification_of_the_default_rig(rths: Rths) -> None:
-    shown = rths("identify", *SHORT)
+    shown = rths("identify", *SHORT, "--quiet")
     assert shown.code == 0 and shown.err == ""
+    assert shown.out.endswith(
+        f'\nidentification: {{model: "{Path("models/aps400_virtual_three_storey.h5").absolute()}"}}\n'
+    )
     assert shown.out.startswith("Identification of the virtual table aps400_virtual")
     assert "verdict                 accepted: fit for feedforward" in shown.out
     assert tree() == ["models/aps400_virtual_three_storey.h5", "models/aps400_virtual_three_storey.png"]
@@ -258,7 +263,7 @@ def test_help_lists_every_option_with_its_purpose(rths: Rths) -> None:
         for option in cli.commands["identify"].params
         if hasattr(option, "help") and option.opts[0].startswith("--")
     ]
-    assert len(options) == 12
+    assert len(options) == 13
     for option in options:
         assert option.opts[0] in words and option.help in words, option.name  # type: ignore[attr-defined]
     assert "--fresh" in rths("run", "--help").out
@@ -316,3 +321,21 @@ def test_a_run_with_a_model_of_another_rig_and_specimen_names_every_difference(r
     Path("m.h5").write_bytes(Path("m.h5").read_bytes()[: os.path.getsize("m.h5") // 2])
     damaged = rths("run", "el_centro_low_ff", "--set", 'identification.model="m.h5"')
     assert damaged.code == 2 and "m.h5: is truncated, damaged or edited" in damaged.err
+
+
+def test_what_is_being_done_is_said_again_where_nobody_sees_a_status_line(capsys: pytest.CaptureFixture[str]) -> None:
+    screen = SimpleNamespace(doing=lambda what: None)
+    with said_again(screen, False, 0.001) as doing:  # type: ignore[arg-type]
+        doing("probe of 20 s")
+        seen = ""
+        while "probe of 20 s ... 0 s" not in seen:
+            seen += capsys.readouterr().err
+    with said_again(screen, True, 0.001) as doing:  # type: ignore[arg-type]
+        doing("nothing")
+    assert "nothing" not in capsys.readouterr().err
+
+
+def test_a_refusal_leaves_no_folder_behind(rths: Rths) -> None:
+    shown = rths("identify", "--set", "table=udp_loopback", "--set", "sample_rate_hz=1000", "--output", "a/b/m.h5")
+    assert shown.code == 2 and "nobody can be asked here" in shown.err
+    assert not Path("a").exists()

@@ -29,9 +29,10 @@ def started(*words: str) -> Iterator[tuple[subprocess.Popen[str], str, int, Path
     process = subprocess.Popen([*RTHS, *words], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         assert process.stdout
-        first, second = process.stdout.readline(), process.stdout.readline()
+        first, second, third = (process.stdout.readline() for _ in range(3))
         where, key = re.search(r" at (.+):(\d+);", first), re.match(r"key file (.+?);", second)
         assert where and key, (first, second)
+        assert third == f"export RTHS_KEY_FILE={key[1]}\n"  # alone on its line, to copy
         yield process, where[1], int(where[2]), Path(key[1])
     finally:
         process.kill()
@@ -67,6 +68,7 @@ def test_a_signal_rests_the_table_and_ends_with_its_code(own_cache: Path, number
         rig._door.close() if rig._door else None
     assert process.returncode == code
     assert re.search(r"session 1 with 127\.0\.0\.1:\d+ at 200 Hz: 3 commands, .*ended: the server was told to end", out)
+    assert out.endswith("\nended; the table was led to rest\n")
     assert "Traceback" not in err
 
 

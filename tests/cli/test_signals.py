@@ -31,3 +31,14 @@ def test_a_swallowed_signal_shows_no_traceback_but_other_faults_do() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
     assert "lost" in done.stderr and "quiet" not in done.stderr
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_once_ignored_a_signal_changes_no_exit_code(number: int) -> None:
+    code = (
+        "import os, sys; from rths_cli.process import Signals\n"
+        "signals = Signals(); signals.install(); signals.ignore()\n"
+        f"os.kill(os.getpid(), {int(number)})\n"
+        "sys.exit(3 if signals.code == 0 else 9)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 3

@@ -62,6 +62,7 @@ def memory(state: play.State) -> tuple[Array, ...]:
     s = state.step
     return (
         state.guard.energy,
+        state.guard.seen,
         state.table.state,
         s.numerical.state,
         s.estimator.given,

@@ -19,9 +19,11 @@ from rths_cli.compiled import entry
 from rths_cli.control import feedback, sensing
 from rths_cli.control.blocks import Blocks
 from rths_cli.control.realise import static
+from rths_cli.loop import guard as g
 from rths_cli.loop.blocks import EXCITATION, RECORD
 from rths_cli.loop.drive import Outcome, play
 from rths_cli.loop.guard import AT_REST_M, FORGET_HZ, STOPPED, GuardLimits, GuardState, check_energy, fresh_guard, guard
+from rths_cli.loop.reasons import reason_of
 from rths_cli.lti import Array
 from rths_cli.rig_info import RigInfo
 from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
@@ -218,14 +220,26 @@ RAMP = np.concatenate([np.linspace(0.0, 10.0, 3000), np.zeros(3000)])
 JUMP = np.where(np.arange(6000) < 700, 0.0, 1.0)
 BEYOND = np.where(np.arange(6000) < 700, 0.0, 10.001)
 CASES = {
-    "displacement .* stroke": (quiet(6000), RAMP, {"stroke_m": 0.05}),
-    "velocity .* its limit": (quiet(6000), JUMP, {}),
-    r"measured acceleration .*\(channel channel_2\)": (with_sample(700, 2, 4.7), SINE, {}),
-    "actuator force": (quiet(6000) + np.where(np.arange(6000) < 700, 0.0, 2.2)[:, None], SINE, {}),
-    "command beyond": (quiet(6000), BEYOND, {"velocity_m_s": np.inf, "stroke_m": 1.0}),
-    r"not a number \(channel channel_1\)": (with_sample(700, 1, np.nan), SINE, {}),
-    r"not a number$": (quiet(6000), np.where(np.arange(6000) == 700, np.nan, SINE), {}),
-    r"saturated \(channel channel_1\)": (with_sample(700, 1, -5.0), SINE, {}),
+    r"displacement .* stroke limit \(0\.05\d* m, limits\.stroke_m is 0\.05\)": (quiet(6000), RAMP, {"stroke_m": 0.05}),
+    r"velocity .* its limit \(15\.8 m/s, limits\.velocity_m_s is 1\)": (quiet(6000), JUMP, {}),
+    r"measured acceleration .*\(channel channel_2, 46\.09 m/s\^2, limits\.acceleration_m_s2 is 45\)": (
+        with_sample(700, 2, 4.7),
+        SINE,
+        {},
+    ),
+    r"actuator force .* its limit \(45\d\.?\d* N, limits\.force_n is 445\)": (
+        quiet(6000) + np.where(np.arange(6000) < 700, 0.0, 2.2)[:, None],
+        SINE,
+        {},
+    ),
+    r"command beyond the converter's range \(10 V, converters\.range_v is 10\)": (
+        quiet(6000),
+        BEYOND,
+        {"velocity_m_s": np.inf, "stroke_m": 1.0},
+    ),
+    r"not a number \(channel channel_1; check its cable and power\)": (with_sample(700, 1, np.nan), SINE, {}),
+    r"not a number \(rths check tells": (quiet(6000), np.where(np.arange(6000) == 700, np.nan, SINE), {}),
+    r"saturated \(channel channel_1, 5 V, its range is 4.99; check its cable": (with_sample(700, 1, -5.0), SINE, {}),
 }
 
 
@@ -265,7 +279,7 @@ def test_a_stuck_sensor_is_one_that_misses_ten_bits_for_half_a_second(desired_m_
     samples[100:, 1] = 1e-3
     drive[300:, 0] = desired_m_s2
     outcome = play(Scripted(info, samples), info, excitation_blocks(info), RECORD, drive, limits())
-    assert (outcome.stopped_by_limit == "a sensor is stuck (channel channel_1)") == stops
+    assert outcome.stopped_by_limit.startswith("a sensor is stuck (channel channel_1, 0.031 m/s^2, the motion") == stops
     if stops:
         assert outcome.stopped_at_s == pytest.approx((100 + 1000) * DT_S)  # 0.5 s after the code came
     else:
@@ -357,3 +371,36 @@ def test_a_channel_stops_at_its_own_level() -> None:
     assert answer(lim, np.zeros(10), samples)[1][9] == 0
     samples[5, 2] = 0.06
     assert answer(lim, np.zeros(10), samples)[1][5] != 0
+
+
+def test_a_reason_names_what_was_seen_its_limit_and_key_and_what_to_do() -> None:
+    """Those that only a loop in real time, or a rig file's own levels, can give."""
+    info = rig_info()
+    lim = limits()._replace(
+        tracking_error_m_s2=3.0, command_rate_v_s=100.0, energy_ratio=0.1, abort_m_s2=np.array([45.0, 20.0, 45.0])
+    )
+
+    def told(reason: int, seen: float = np.nan, channel: int = -1, source: int = RECORD, about: RigInfo = info) -> str:
+        state = fresh_guard(3)
+        state.flags[1:3], state.seen[0] = (reason, channel), seen
+        return reason_of(about, lim, state, source)
+
+    assert told(g.NONE) == told(g.END) == ""
+    assert told(g.VELOCITY, 1.2).endswith("(1.2 m/s, limits.velocity_m_s is 1; lower scaling)")
+    assert told(g.VELOCITY, 1.2, source=EXCITATION).endswith("(1.2 m/s, limits.velocity_m_s is 1)")
+    assert told(g.ACCELERATION, 21.0, 1).endswith("(channel channel_1, 21 m/s^2, its abort_m_s2 is 20; lower scaling)")
+    assert told(g.RATE, 120.0).endswith("(120 V/s, limits.command_rate_v_s is 100; lower scaling)")
+    assert "(3.5 m/s^2, limits.tracking_error_m_s2 is 3; identify the rig anew" in told(g.TRACKING, 3.5)
+    assert "(0.25, limits.energy_ratio is 0.1; identify the rig anew" in told(g.ENERGY, 0.25)
+    assert told(g.LOST, 6.0).endswith("(6, limits.lost_samples is 5; check target and cable, or lower sample_rate_hz)")
+    assert "(9, limits.lost_samples is 5; lower sample_rate_hz" in told(g.OVERRUN, 9.0)
+    assert "(1, overrun is stop; lower sample_rate_hz" in told(g.OVERRUN, 1.0, about=replace(info, overrun="stop"))
+    assert told(g.OPERATOR) == "stopped by the operator"
+    short = reason_of(info, lim._replace(command_v=5.0), _at(g.STROKE, 0.04), EXCITATION)
+    assert short.endswith("(0.04 m, converters.range_v by nominal.gain_m_per_v is 0.0395)")
+
+
+def _at(reason: int, seen: float) -> GuardState:
+    state = fresh_guard(3)
+    state.flags[1:3], state.seen[0] = (reason, -1), seen
+    return state

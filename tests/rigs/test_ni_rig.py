@@ -12,9 +12,16 @@ from typing import Any
 import numpy as np
 import pytest
 from bench import rig_info, specimen
+from hybrid import best_like, open_limits
 
 from rths_cli.case.virtual_physics import VirtualPhysics
 from rths_cli.errors import RigError
+from rths_cli.loop import guard as g
+from rths_cli.loop.blocks import RECORD
+from rths_cli.loop.log import signals
+from rths_cli.loop.performance import Performance, perform, prepare
+from rths_cli.loop.realtime import OVERRUNS
+from rths_cli.loop.reasons import reason_of
 from rths_cli.rig_info import Limits, RigInfo
 from rths_cli.rigs.ni.daqmx import Wiring
 from rths_cli.rigs.ni.rig import NiRig, way_to_rest
@@ -157,28 +164,39 @@ def test_missed_edges_are_counted_and_the_table_goes_on(make: MakeRig, code: int
     rig.close()
 
 
-def test_the_policy_stop_ends_a_run_at_the_first_missed_edge(make: MakeRig) -> None:
-    info = replace(rig_info(), kind="ni", overrun="stop")
-    rig, card = make(info, late=frozenset({7}))
+def played(make: MakeRig, late: set[int], overrun: str = "hold", lost_samples: int = 5) -> tuple[Performance, str]:
+    """Return a run at rest of 400 steps over a card that misses edges, and the rig's fault."""
+    limits = replace(rig_info().limits, lost_samples=lost_samples)
+    info = replace(rig_info(), kind="ni", overrun=overrun, limits=limits)
+    rig, card = make(info, late=frozenset(late))
+    run = prepare(info, best_like(info), RECORD, np.zeros((400, 3)), open_limits(info), ramp_s=0.01)
     rig.open()
-    rig.arm()
-    for _ in range(5):
-        rig.exchange(0.1)
-    with pytest.raises(RigError, match=r"^rig bench: missed an edge of the sample clock; lower sample_rate_hz$"):
-        rig.exchange(0.1)
-    rig.rest()
+    fault = perform(rig, run)
+    rig.close()
     assert card.written_v == 0.0 and not card.line_high
+    return run, fault
 
 
-def test_too_many_edges_missed_in_a_row_end_a_run(make: MakeRig) -> None:
-    info = replace(rig_info(), kind="ni", limits=replace(rig_info().limits, lost_samples=2))
-    rig, _ = make(info, late=frozenset(range(4, 40, 2)))
-    rig.open()
-    rig.arm()
-    with pytest.raises(RigError, match=r"^rig bench: missed 3 edges of the sample clock in a row$"):
-        for _ in range(10):
-            rig.exchange(0.1)
-    assert rig.missed == 3
+def test_missed_edges_are_overruns_of_the_loop_and_stand_in_its_log(make: MakeRig) -> None:
+    run, fault = played(make, {50, 70, 71})
+    assert (fault, int(run.course.marks[OVERRUNS]), int(run.guard.flags[1])) == ("", 2, g.END)
+    late = signals(run.log, 3, run.step.estimated.size).late_ns
+    assert np.nansum(late) == 1e6 and np.count_nonzero(late[: int(run.log.done[0])] > 0) == 2
+
+
+def test_the_policy_stop_leads_the_table_to_rest_after_the_first_missed_edge(make: MakeRig) -> None:
+    run, fault = played(make, {50}, overrun="stop")
+    assert (fault, int(run.guard.flags[1]), int(run.guard.flags[0])) == ("", g.OVERRUN, g.STOPPED)
+    assert run.guard.flags[3] < 60 and run.guard.seen[0] == 1
+    assert "(1, overrun is stop; lower sample_rate_hz" in reason_of(run.info, run.limits, run.guard, RECORD)
+
+
+@pytest.mark.parametrize(("count", "stops"), [(2, False), (3, True)])
+def test_more_missed_edges_in_a_row_than_may_be_lost_stop_a_run(make: MakeRig, count: int, stops: bool) -> None:
+    run, _ = played(make, set(range(50, 50 + 2 * count, 2)), lost_samples=2)
+    assert int(run.course.marks[OVERRUNS]) == count
+    assert int(run.guard.flags[1]) == (g.OVERRUN if stops else g.END)
+    assert np.isnan(run.guard.seen[0]) != stops and (not stops or run.guard.seen[0] == 3)
 
 
 @pytest.mark.parametrize("command_v", [math.nan, math.inf, -10.001])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import socket
 import struct
+import threading
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -13,15 +14,23 @@ import numpy as np
 import pytest
 from packets import Packet, opened
 
+from rths_cli.compiled import entry
 from rths_cli.rigs.udp import link as links
 from rths_cli.rigs.udp import wire
 from rths_cli.rigs.udp.link import FAULT, LOST, OK, Link, converse_at, fresh_link
 from rths_cli.rigs.udp.sockets import bound, connected
 
 KEY = bytes(range(40, 56))
+FOR_EVER_NS = 1 << 62
 WORDS = np.frombuffer(KEY, "<u8").astype(np.uint64)
 ANSWER_NS = 2_000_000_000  # more than any preloaded answer needs
 SHORT_NS = 3_000_000
+
+
+@entry
+def exchange_for_ever(link: Link, command_v: float, k: int) -> int:
+    """Exchange as a compiled loop does, with a deadline that never comes."""
+    return links.exchange(link, command_v, k, FOR_EVER_NS)
 
 
 def answer(sequence: int, *volts: float, key: bytes = KEY, state: int = wire.ARMED, faults: int = 0) -> bytes:
@@ -252,3 +261,14 @@ def test_random_and_mutated_packets_are_never_answers(ends: Ends) -> None:
     assert ends.counted()["bad"] == 3000
     assert not ends.link.samples_v.any()
     assert set(ends.counted()) == {"sent", "lost", "lost_in_a_row", "bad"}
+
+
+def test_a_loop_waits_for_an_answer_no_longer_than_its_link_allows(ends: Ends) -> None:
+    link, outcomes = ends.link._replace(timeout_ns=SHORT_NS), []
+    loop = threading.Thread(target=lambda: outcomes.append(exchange_for_ever(link, 1.25, 1)), daemon=True)
+    loop.start()
+    loop.join(60.0)  # a bound for a broken link, which never returns
+    assert outcomes == [LOST]
+    ends.send(answer(2, 0.25, 0.5, 0.75))
+    assert exchange_for_ever(link._replace(timeout_ns=ANSWER_NS), 1.25, 2) == OK
+    assert ends.counted() == {"sent": 2, "answered": 1, "lost": 1}

@@ -109,7 +109,10 @@ def test_lost_answers_keep_samples_and_too_many_in_a_row_are_a_fault(start: Make
             assert samples.tolist() == echo(1.0)
     for k in range(9, 14):
         rig.exchange(float(k))
-    with pytest.raises(RigError, match=r"6 answers of target 127\.0\.0\.1:\d+ in a row were lost .*check the target"):
+    with pytest.raises(
+        RigError,
+        match=r"6 answers of target 127\.0\.0\.1:\d+ in a row were lost, limits\.lost_samples is 5 .*check the target",
+    ):
         rig.exchange(14.0)
     assert len(target.obeyed) == 14  # answers were lost, not commands
     rig.close()

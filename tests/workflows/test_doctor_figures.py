@@ -138,3 +138,21 @@ def test_the_rate_of_a_case_is_wanted_and_a_virtual_rig_is_refused() -> None:
         examine_request(DoctorRequest(None, "aps400_virtual", (), 0.1, ()), lambda _: None)
     with pytest.raises(InputError, match="--set"):
         examine_request(DoctorRequest(None, None, (), 0.1, ("scaling=1",)), lambda _: None)
+
+
+def test_a_virtual_machine_that_stalls_is_told_which_rate_held() -> None:
+    guest = replace(PUNCTUAL, virtual=True)
+    rates = (summary(500.0, delays()), summary(1000.0, delays(*[5000] * 200)))
+    told = next(text for text in advice(guest, GRANTED, rates) if "virtual machine" in text)
+    assert "200 steps were late by an interval; use a real one, or stay at 500 Hz or below, which was held" in told
+    (alone,) = (text for text in advice(guest, GRANTED, rates[1:]) if "virtual machine" in text)
+    assert alone.endswith("late by an interval; use a real one")
+
+
+@pytest.mark.parametrize(("limit", "words"), [(0, "rtprio 0 (does not bind this user), "), (99, "rtprio 99, ")])
+def test_a_limit_of_priorities_that_does_not_bind_is_called_so(limit: int, words: str) -> None:
+    found = examined(1000.0)
+    text = page(
+        replace(found, machine=replace(PUNCTUAL, rtprio_limit=limit), granted=replace(GRANTED, fifo_priority=80))
+    )
+    assert words in " ".join(text.split())

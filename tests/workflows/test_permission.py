@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from rths_cli.errors import InputError
+from rths_cli.files.result_writer import Metric
 from rths_cli.rig_info import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
 from rths_cli.workflows import permission
 from rths_cli.workflows.permission import ask_to_move
@@ -25,7 +26,9 @@ def rig_info() -> RigInfo:
 
 def setups(**about: object) -> list[SimpleNamespace]:
     rig: RigInfo = replace(rig_info(), **({"kind": "udp", "name": "lab"} | about))  # type: ignore[arg-type]
-    return [SimpleNamespace(rig=rig, case=SimpleNamespace(name="demo"))]
+    case = SimpleNamespace(name="demo", scaling=0.3, record=SimpleNamespace(name="el_centro"))
+    motion = SimpleNamespace(time_s=np.array([0.0, 20.0, 40.0]), accel_m_s2=np.array([0.0, -1.234, 1.0]))
+    return [SimpleNamespace(rig=rig, case=case, motion=motion)]
 
 
 class Person:
@@ -56,8 +59,18 @@ def test_a_person_sees_rig_limits_and_checklist_and_may_refuse() -> None:
     ask_to_move(setups(), False, person)
     for told in ("demo", "lab", "79 mm", "1 m/s", "45 m/s^2", "445 N", "2000 Hz", "emergency stop"):
         assert told in person.shown
+    assert "demo: record el_centro times 0.3, 40 s, ground 1.23 m/s^2\n" in person.shown
     with pytest.raises(InputError, match="not confirmed; nothing was moved"):
         ask_to_move(setups(), False, Person(False))
+
+
+@pytest.mark.usefixtures("terminal")
+def test_a_person_sees_the_peaks_that_a_check_predicts() -> None:
+    peaks = {"displacement_m": 0.0123, "velocity_m_s": 0.25, "acceleration_m_s2": np.array([4.5, 6.5]), "force_n": 81.2}
+    figures = {f"check.peak_{path}": Metric(value, "", "") for path, value in peaks.items()}
+    person = Person(True)
+    ask_to_move(setups(), False, person, lambda setup: figures)
+    assert "; predicted peaks of the table 12.3 mm, 0.25 m/s, 6.5 m/s^2, 81.2 N\n" in person.shown
 
 
 @pytest.mark.usefixtures("terminal")

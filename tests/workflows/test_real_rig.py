@@ -66,9 +66,10 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     found = identify(virtual, lambda _: None)
     running = Running(describe("aps400_virtual", "three_storey", ("sample_rate_hz=500",), 0), folder / "key")
     udp = f"{{port: {running.port}, key_file: {folder / 'key'}}}"
-    at = f"table={{extends: udp_loopback, limits: {{lost_samples: 45}}, udp: {udp}}}"
+    rig = folder / "udp_loopback.yaml"
+    rig.write_text(f"extends: udp_loopback\nlimits: {{lost_samples: 45}}\nudp: {udp}\n")
     try:
-        setup = make_setup(load_cases([str(folder / "a.yaml")], (at,))[0], ("check", "model"))
+        setup = make_setup(load_cases([str(folder / "a.yaml")], (f"table={rig}",))[0], ("check", "model"))
         memory = Memory()
         memory._known[key(setup)] = Known(found, "made for a test")
         yield Bench(running, setup, memory)

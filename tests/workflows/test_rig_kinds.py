@@ -57,7 +57,7 @@ def test_a_virtual_rig_has_no_further_limits_and_verifies_no_driver() -> None:
 
 def test_what_stands_behind_a_driver_is_what_its_address_says() -> None:
     assert setup_of("table=udp_loopback").rig.driver_verified == "loopback"
-    assert setup_of("table=udp_loopback", "table.udp.host=10.0.0.1").rig.driver_verified == "hardware"
+    assert setup_of("table=udp_example").rig.driver_verified == "hardware"
     ni = setup_of("table=ni_example").rig
     assert (ni.driver_verified, ni.watchdog_s, ni.overrun) == ("hardware", 0.0, "stop")
 
@@ -74,7 +74,7 @@ def test_the_driver_of_each_kind_gets_what_its_file_says() -> None:
     target: Any = udp.target  # type: ignore[attr-defined]
     assert (target.host, target.port, target.key_file.name) == ("192.168.7.2", 47800, "rths.key")
     assert target.key_file.parent.name == "rigs"  # beside its rig file
-    assert (target.timeout_s, target.watchdog_s, target.lost_samples) == (0.0004, 0.1, 2)
+    assert (target.timeout_s, target.watchdog_s, target.lost_samples) == (0.0003, 0.1, 2)
     ni = open_rig(setup_of("table=ni_example"), (EXP_RTHS,), 0)
     assert type(ni).__name__ == "NiRig"
     wiring: Any = ni._wiring  # type: ignore[attr-defined]
@@ -99,6 +99,16 @@ def test_a_run_on_a_real_rig_asks_for_a_model_and_excites_nothing(table: str, mo
         monkeypatch.setattr(f"{module}.open_rig", lambda *_: pytest.fail("the rig was made"))
     with pytest.raises(InputError, match=r"^identification\.model: is missing; a run does not excite a real rig"):
         Memory().known(setup, lambda text: None)
+
+
+def changed(folder: Path, change: str) -> str:
+    """Return the setting that names a rig file udp_loopback with one key.sub=value changed."""
+    path, _, value = change.partition("=")
+    keys: Any = yaml.safe_load(value)
+    for key in reversed(path.split(".")):
+        keys = {key: keys}
+    (folder / "udp_loopback.yaml").write_text(yaml.safe_dump({"extends": "udp_loopback", **keys}))
+    return f"table={folder / 'udp_loopback.yaml'}"
 
 
 def named(*settings: str) -> dict[str, str | int | float]:
@@ -128,26 +138,29 @@ def test_a_model_of_another_rig_is_refused_by_name_and_kind() -> None:
         "sensors.abort_m_s2=9",
     ],
 )
-def test_what_does_not_change_a_rig_leaves_its_model_valid(setting: str) -> None:
-    assert differences(named("table=udp_loopback"), named("table=udp_loopback", f"table.{setting}")) == []
+def test_what_does_not_change_a_rig_leaves_its_model_valid(setting: str, tmp_path: Path) -> None:
+    assert differences(named("table=udp_loopback"), named(changed(tmp_path, setting))) == []
 
 
 @pytest.mark.parametrize(
     "setting",
     ["sensors.sensitivity_mv_per_g=999", "sensors.sign=-1", "converters.bits=12", "nominal.gain_m_per_v=0.008"],
 )
-def test_what_changes_a_rig_makes_its_model_that_of_another(setting: str) -> None:
-    (fault,) = differences(named("table=udp_loopback"), named("table=udp_loopback", f"table.{setting}"))
+def test_what_changes_a_rig_makes_its_model_that_of_another(setting: str, tmp_path: Path) -> None:
+    (fault,) = differences(named("table=udp_loopback"), named(changed(tmp_path, setting)))
     assert "is another one (or its file has changed)" in fault
 
 
-def test_levels_and_labels_of_single_channels_leave_a_model_valid(tmp_path: Path, monkeypatch: Any) -> None:
-    monkeypatch.chdir(tmp_path)
+def test_levels_and_labels_of_single_channels_leave_a_model_valid(tmp_path: Path) -> None:
+    def with_channels(channels: list[dict[str, Any]]) -> str:
+        text = yaml.safe_dump({"extends": "udp_example", "channels": channels})
+        (tmp_path / "udp_example.yaml").write_text(text)
+        return f"table={tmp_path / 'udp_example.yaml'}"
+
     before = named("table=udp_example")
     channel = {"sensitivity_mv_per_g": 1021.4, "range_g": 5, "high_pass_hz": 0.024, "low_pass_hz": 1549}
     others = [{**channel, "sensitivity_mv_per_g": 998.7, "sign": -1}]
     others += [{**{k: v for k, v in channel.items() if "mv" not in k}, "sensitivity_v_per_m_s2": 0.1022}]
-    same = yaml.safe_dump([{**channel, "name": "new", "abort_m_s2": 5}, *others])
-    assert differences(before, named("table=udp_example", f"table.channels={same}")) == []
-    swapped = yaml.safe_dump([others[0], channel, others[1]])
-    assert len(differences(before, named("table=udp_example", f"table.channels={swapped}"))) == 1
+    same = [{**channel, "name": "new", "abort_m_s2": 5}, *others]
+    assert differences(before, named(with_channels(same))) == []
+    assert len(differences(before, named(with_channels([others[0], channel, others[1]])))) == 1

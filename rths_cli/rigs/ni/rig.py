@@ -20,7 +20,8 @@ class NiRig:
     """A table on an NI card; the card's sample clock is the clock of the loop.
 
     A command written after the samples of t_k is put out from t_k+1 on: `latency_samples` is 1. `missed` counts steps
-    at whose end an edge of the clock had passed already. The card has no watchdog, it holds its last voltage.
+    at whose end an edge of the clock had passed already; what that leads to is the loop's to decide. The card has no
+    watchdog, it holds its last voltage.
     """
 
     def __init__(self, info: RigInfo, wiring: Wiring) -> None:
@@ -30,7 +31,6 @@ class NiRig:
         self._card: Card | None = None
         self._armed = False
         self._command_v = self._rate_v_s = 0.0
-        self._in_a_row = 0
         self._samples = np.zeros(len(info.channels))
 
     def open(self) -> None:
@@ -46,7 +46,7 @@ class NiRig:
     def arm(self) -> Array:
         """Put out 0 V, start the clock, enable motion, return the first samples in V, (n_channels,)."""
         card = self._opened()
-        self.missed, self._in_a_row, self._command_v, self._rate_v_s = 0, 0, 0.0, 0.0
+        self.missed, self._command_v, self._rate_v_s = 0, 0.0, 0.0
         try:
             card.start()
         except RigError:
@@ -62,14 +62,8 @@ class NiRig:
         """Write a command, wait for the next edge, return its samples in V, (n_channels,); raises RigError."""
         card = self._opened()
         self._send(card, command_v)
-        late = card.wait()
+        self.missed += card.wait()
         card.read(self._samples)
-        self._in_a_row = self._in_a_row + 1 if late else 0
-        self.missed += late
-        if late and self.info.overrun == "stop":
-            raise RigError(f"{self._who}: missed an edge of the sample clock; lower sample_rate_hz")
-        if self._in_a_row > self.info.limits.lost_samples:
-            raise RigError(f"{self._who}: missed {self._in_a_row} edges of the sample clock in a row")
         return self._samples
 
     def rest(self) -> None:

@@ -18,6 +18,7 @@ from rths_cli.rigs.udp import wire
 from rths_cli.rigs.udp.siphash import Bytes, Words
 
 OK, LOST, FAULT = range(3)  # what `exchange` returns
+NO_TIMEOUT_NS = 1 << 62
 SPIN_NS = 50_000  # looked for an answer so long before the thread sleeps: waking costs as long as a near target takes
 
 # places in Link.counts: commands sent; answers taken, missing, missing in a row; packets that were late, doubled or
@@ -44,6 +45,7 @@ class Link(NamedTuple):
 
     fd: int
     spin_ns: int
+    timeout_ns: int  # the longest that an answer may take, whatever its deadline
     key: Words  # (2,) of the session
     outgoing: Bytes  # (MOST_BYTES,)
     incoming: Bytes  # (MOST_BYTES,)
@@ -54,10 +56,13 @@ class Link(NamedTuple):
     scratch: IntArray  # (4,) times, and what is polled
 
 
-def fresh_link(door: socket.socket, key: Words, channels: int, spin_ns: int = SPIN_NS) -> Link:
+def fresh_link(
+    door: socket.socket, key: Words, channels: int, spin_ns: int = SPIN_NS, timeout_ns: int = NO_TIMEOUT_NS
+) -> Link:
     """Return a link over a connected socket, which must stay open as long as the link is used."""
     return Link(
-        door.fileno(), spin_ns, key, np.zeros(wire.MOST_BYTES, np.uint8), np.zeros(wire.MOST_BYTES, np.uint8),
+        door.fileno(), spin_ns, timeout_ns, key,
+        np.zeros(wire.MOST_BYTES, np.uint8), np.zeros(wire.MOST_BYTES, np.uint8),
         np.full(1, np.nan), np.zeros(channels), np.array([0, -1, -1, *[0] * 7]), np.zeros(len(COUNTS), np.int64),
         np.zeros(4, np.int64),
     )  # fmt: skip
@@ -181,10 +186,11 @@ def converse(link: Link, kind: int, k: int, command_v: float, deadline_ns: int) 
 def exchange(link: Link, command_v: float, k: int, deadline_ns: int) -> int:
     """Send command k (k rises from 1; `arm` took the samples of step 0), take the samples of step k in V.
 
-    Returns OK, LOST when no answer came until the monotonic time `deadline_ns` (the samples are then the last ones
-    that came), FAULT when the target reports a fault or obeys no commands.
+    Returns OK, LOST when no answer came until the monotonic time `deadline_ns` or for the link's `timeout_ns` (the
+    samples are then the last ones that came), FAULT when the target reports a fault or obeys no commands.
     """
-    return converse(link, wire.COMMAND, k, command_v, deadline_ns)
+    patient_ns = monotonic_ns(link.scratch) + link.timeout_ns
+    return converse(link, wire.COMMAND, k, command_v, min(deadline_ns, patient_ns))
 
 
 @entry

@@ -21,7 +21,7 @@ from rths_cli.rigs.udp.session import GREETING_S, Session, Terms, greet
 from rths_cli.rigs.udp.siphash import Words
 from rths_cli.rigs.udp.sockets import connected
 
-ANSWER_SHARE = 0.8  # of the sample interval, in which an answer must come where the rig file does not say
+ANSWER_SHARE = 0.7  # of the sample interval, in which an answer must come where the rig file does not say
 ARMING_S = 1.0
 RESTING_S = 6.0  # a table is back at zero within 2 s
 SILENT_S = 0.5  # of a peer that is asked to rest, until it is taken for dead
@@ -86,7 +86,7 @@ class UdpRig:
         secret = read_secret(self.target.key_file)
         self._door, self.peer, session = self._greet(secret)
         self._check_terms(session.terms)
-        self._link = fresh_link(self._door, session.key, session.terms.channels)
+        self._link = fresh_link(self._door, session.key, session.terms.channels, timeout_ns=self._timeout_ns)
         self.at_rest, self.overruns = True, 0
 
     def arm(self) -> Array:
@@ -208,9 +208,9 @@ class UdpRig:
             raise RigError(f"{text}: it has led its table to rest")
 
     def _lost(self) -> str:
-        counts = self.counts
+        counts, limit = self.counts, self.target.lost_samples
         return (
-            f"rig {self.info.name}: {counts['lost_in_a_row']} answers of target {self.peer} in a row were lost "
-            f"({counts['lost']} of {counts['sent']} in all, {counts['late']} came late, {counts['bad']} were not "
-            "genuine); check the target, the cable and the sample rate"
+            f"rig {self.info.name}: {counts['lost_in_a_row']} answers of target {self.peer} in a row were lost, "
+            f"limits.lost_samples is {limit} ({counts['lost']} of {counts['sent']} in all, {counts['late']} came late, "
+            f"{counts['bad']} were not genuine); check the target, the cable and the sample rate"
         )

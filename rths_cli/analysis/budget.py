@@ -4,7 +4,8 @@ The loop is linear: what was measured is what the identified rig makes of ground
 (measured less what the identified rig answers to the commands that left) and of what was added to the command. The
 disturbance is split once more: dry friction and an error of the table's gain and delay are fitted to it, what the
 floors do otherwise than the identified specimen on the measured table is the specimen's. The parts add up instant by
-instant; what is left over is stated.
+instant; what is left over is stated. Where samples did not come, what the loop was given in their place less what they
+would have been is a part of its own, and nothing is fitted to them.
 """
 
 from __future__ import annotations
@@ -14,7 +15,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
+from rths_cli.analysis import left_out
 from rths_cli.analysis.loop_response import Motion, hybrid, on_perfect_table
 from rths_cli.analysis.prediction import Errors, Known, samples_of_push
 from rths_cli.identification.found import Friction
@@ -32,6 +35,8 @@ ABOUT = {
     "rounding": "rounding of commands to the converter's bits",
     "rest": "the rest of the table's motion: noise, and whatever no other cause explains",
 }
+LOST = "lost"  # a cause only where steps are without samples
+ABOUT_LOST = "steps without samples: what the loop was given in their place, and commands that did not leave"
 FITTED_HZ = (0.5, 15.0)  # of the disturbance, for friction, gain and delay
 CUT_S = 0.5  # of the end, where the series break off
 ASSUMED_SCALE = 0.01  # of the rms velocity: v_s of a friction that was not identified
@@ -41,19 +46,25 @@ ASSUMED_SCALE = 0.01  # of the rms velocity: v_s of a friction that was not iden
 class Signals:
     """What a run measured, n samples: `desired` (3, n), `sim` (n_storeys, n) and `computed` (n_storeys - c, n), the
     storeys below the table, on the record's clock, `corrected` (c, n) and `command_v` (n,) as stored, n_p samples after
-    they were made."""
+    they were made.
+
+    `lost` (n,): steps without samples of their own. With it the fits also leave out the record's end, where the series
+    break off; None: everything is fitted.
+    """
 
     desired: Array
     corrected: Array
     command_v: Array
     computed: Array
     sim: Array
+    lost: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True)
 class Budget:
     """RMS errors in the test band by cause, all together as measured, and what the parts leave over; and what was
-    fitted: `gain_error` and `delay_error_s` of the table (positive: more, late), `friction_v` as a command."""
+    fitted, with standard uncertainties: `gain_error` and `delay_error_s` of the table (positive: more, late),
+    `friction_v` as a command."""
 
     causes: Mapping[str, Errors]
     measured: Errors
@@ -61,19 +72,26 @@ class Budget:
     gain_error: float
     delay_error_s: float
     friction_v: float
+    gain_uncertainty: float
+    delay_uncertainty_s: float
+    friction_uncertainty_v: float
 
 
 def split(known: Known, signals: Signals) -> Budget:
     """Return the measured error by cause."""
     lines, loop, still = known.lines, known.loop, np.zeros_like(known.ground)
     command = lines.of(signals.command_v) / loop.ahead
-    stored = lines.of(signals.corrected)
+    stored, came = lines.of(signals.corrected), lines.of(_samples(known, signals))
     corrected = stored / loop.ahead
     sim, reported = lines.of(signals.sim), np.vstack([lines.of(signals.computed), stored])
     desired = lines.of_motion(*signals.desired)
-    added = command - _wanted(known, desired, corrected[0])
-    disturbed = corrected - loop.rig * command
-    parts, fitted = _disturbances(known, disturbed, command, signals.desired[1])
+    rounded, held = _added(known, signals, command - _wanted(known, desired, corrected[0]))
+    disturbed = came / loop.ahead - loop.rig * command
+    instants = None if signals.lost is None else left_out.inside(lines)
+    parts, fitted = _disturbances(known, disturbed, command, signals.desired[1], instants)
+    if held is not None:
+        bridged = _disturbances(known, corrected - loop.rig * command, command, signals.desired[1], instants)[1]
+        fitted = _less_sure(fitted, bridged)
     nominal = hybrid(loop, known.ground, np.zeros_like(disturbed))
     perfect = on_perfect_table(loop, known.floors, known.ground)
     quiet = np.zeros_like(nominal.tracking)
@@ -81,12 +99,39 @@ def split(known: Known, signals: Signals) -> Budget:
         "declared": (sim - known.sim, quiet),
         "coupling": (known.sim - perfect.storeys, quiet),
         "latency": (perfect.storeys - nominal.storeys, nominal.tracking),
-        "rounding": _error(hybrid(loop, still, np.zeros_like(disturbed), added)),
+        "rounding": _error(hybrid(loop, still, np.zeros_like(disturbed), rounded)),
     } | {name: _error(hybrid(loop, still, part)) for name, part in parts.items()}
+    if held is not None:
+        series[LOST] = _error(hybrid(loop, still, (stored - came) / loop.ahead, held))
     measured = (sim - reported, lines.of(signals.desired[0]) - stored[0])
     left = tuple(whole - sum(pair[i] for pair in series.values()) for i, whole in enumerate(measured))
-    return Budget({name: _errors(known, *series[name]) for name in CAUSES}, _errors(known, *measured),
-                  _errors(known, *left), *fitted)  # fmt: skip
+    causes = {name: _errors(known, *series[name]) for name in (*CAUSES, LOST) if name in series}
+    return Budget(causes, _errors(known, *measured), _errors(known, *left), *fitted)
+
+
+def _samples(known: Known, signals: Signals) -> Array:
+    """Return the corrected samples (c, n), those that did not come replaced by what the identified rig answers to the
+    commands, shifted to what came before and after."""
+    if signals.lost is None or not signals.lost.any():
+        return signals.corrected
+    answer = left_out.at_full_rate(known.lines, known.loop.rig * known.lines.of(signals.command_v))
+    width = 2 * round(left_out.JOINED_S / known.lines.dt_s) + 1
+    return left_out.mended(signals.corrected, answer, signals.lost, width)
+
+
+def _less_sure(fitted: tuple[float, ...], bridged: tuple[float, ...]) -> tuple[float, ...]:
+    """Return fitted figures, their uncertainties grown by how far they depend on what stands for lost samples."""
+    half = len(fitted) // 2
+    moved = [a - b for a, b in zip(fitted[:half], bridged[:half], strict=True)]
+    return (*fitted[:half], *(math.hypot(off, by) for off, by in zip(fitted[half:], moved, strict=True)))
+
+
+def _added(known: Known, signals: Signals, added: ComplexArray) -> tuple[ComplexArray, ComplexArray | None]:
+    """Return what rounding added to the command (m,), and what near steps without samples did (None: all came)."""
+    if signals.lost is None or not signals.lost.any():
+        return added, None
+    held = left_out.bursts(known.lines, added, signals.lost)
+    return added - held, held
 
 
 def _error(motion: Motion) -> tuple[ComplexArray, ComplexArray]:
@@ -109,26 +154,31 @@ def _wanted(known: Known, desired: ComplexArray, table: ComplexArray) -> Complex
 
 
 def _disturbances(
-    known: Known, disturbed: ComplexArray, command: ComplexArray, velocity_m_s: Array
-) -> tuple[dict[str, ComplexArray], tuple[float, float, float]]:
-    """Return the disturbance of the samples (c, m) by cause; gain error, delay error and friction that were fitted."""
+    known: Known, disturbed: ComplexArray, command: ComplexArray, velocity_m_s: Array, instants: Array | None
+) -> tuple[dict[str, ComplexArray], tuple[float, ...]]:
+    """Return the disturbance of the samples (c, m) by cause; gain error, delay error and friction that were fitted, and
+    their standard uncertainties."""
     s = 2j * np.pi * known.lines.frequency_hz
-    friction, more = _friction(known, disturbed, command, velocity_m_s)
+    friction, more, friction_off = _friction(known, disturbed, command, velocity_m_s, instants)
     answer = known.loop.rig * command
     rows = (answer[0], -s * answer[0])
-    gain, late = _fitted(known, disturbed[0] - friction[0], rows, _felt(known))
+    (gain, late), off = _told(known, disturbed[0] - friction[0], rows, _felt(known), instants)
     parts = {"model": (gain - late * s) * answer, "friction": friction}
     left = disturbed[0] - parts["model"][0] - parts["friction"][0]
     parts["rest"] = known.floors * left
     parts["specimen"] = disturbed - sum(parts.values())
     identified = known.friction.command_v if known.friction else 0.0
-    return parts, (gain, late, identified + more)
+    return parts, (gain, late, identified + more, *off, friction_off)
 
 
 def _friction(
-    known: Known, disturbed: ComplexArray, command: ComplexArray, velocity_m_s: Array
-) -> tuple[ComplexArray, float]:
-    """Return what friction adds to the samples (c, m), and by how many V it is more than identified.
+    known: Known,
+    disturbed: ComplexArray,
+    command: ComplexArray,
+    velocity_m_s: Array,
+    instants: Array | None = None,
+) -> tuple[ComplexArray, float, float]:
+    """Return what friction adds to the samples (c, m), by how many V it is more than identified, and how surely.
 
     Its size is told by sign(v) - c v, which neither gain nor delay can look like; what is more than identified acts
     with all of sign(v), because no model holds its linear part.
@@ -144,8 +194,8 @@ def _friction(
         as_identified = through * known.friction.command_v * (sign + known.friction.linear_s_per_m * velocity)
     answer, s = known.loop.rig[0] * command, 2j * np.pi * known.lines.frequency_hz
     rows = (shape[0], answer, s * answer)
-    more = _fitted(known, disturbed[0] - as_identified[0], rows, np.ones(len(command)))[0]
-    return as_identified + more * through * sign, more
+    (more, *_), (off, *_) = _told(known, disturbed[0] - as_identified[0], rows, np.ones(len(command)), instants)
+    return as_identified + more * through * sign, more, off
 
 
 def _felt(known: Known) -> Array:
@@ -154,10 +204,27 @@ def _felt(known: Known) -> Array:
     return np.sqrt(np.sum(np.abs(moved.storeys) ** 2, axis=0)) * known.lines.test_band()
 
 
+def _told(
+    known: Known, disturbed: ComplexArray, rows: tuple[ComplexArray, ...], weight: Array, instants: Array | None
+) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return the factors of rows as `_fitted` and their standard uncertainties, of the record's instants alone that
+    have a weight (at the reduced rate; None: of all)."""
+    both = np.vstack([*rows, disturbed[None]])
+    if instants is not None:
+        both = left_out.weighted_in_time(known.lines, both, instants)
+    found = _fitted(known, both[-1], tuple(both[:-1]), weight)
+    both = np.asarray(both * (weight * _inside(known)), dtype=complex)
+    return found, tuple(float(off) for off in left_out.scatter(known.lines, both[:-1], both[-1]))
+
+
+def _inside(known: Known) -> NDArray[np.bool_]:
+    f = known.lines.frequency_hz
+    return (f >= FITTED_HZ[0]) & (f <= FITTED_HZ[1])
+
+
 def _fitted(known: Known, disturbed: ComplexArray, rows: tuple[ComplexArray, ...], weight: Array) -> tuple[float, ...]:
     """Return the real factors of rows (m,) that explain most of a disturbance (m,) between FITTED_HZ, weighted."""
-    f = known.lines.frequency_hz
-    inside = (f >= FITTED_HZ[0]) & (f <= FITTED_HZ[1])
+    inside = _inside(known)
     scaled = [(weight * row)[inside] for row in (*rows, disturbed)]
     *parts, wanted = (np.concatenate([row.real, row.imag]) for row in scaled)
     matrix = np.array(parts).T

@@ -3,7 +3,8 @@
 A file is written under a temporary name in its own folder and renamed when it is finished, so a file with the
 final name is never half a file. Until then its status says `interrupted`, and every group is flushed: what a
 killed process leaves behind (`.NAME.h5.PID.part`) opens and says how it ended. A file that will be added to once the
-table is at rest is finished as `interrupted`, and a writer that `continues` it works on a copy.
+table is at rest is finished as `interrupted`, and a writer that `continues` it works on a copy. One that was parked
+while a table moved and fails after that keeps what it holds, and says why.
 """
 
 from __future__ import annotations
@@ -71,6 +72,7 @@ class ResultWriter:
         self._status: str | None = None
         self._broken = False
         self._parked = False
+        self._resumed = False
         self._file: Any = None  # h5py.File while open
         self._scales: dict[str, NDArray[Any]] = {}  # those written, by path
 
@@ -188,8 +190,14 @@ class ResultWriter:
     def resume(self) -> None:
         """Go on writing to a parked file, on a copy that takes its place at the end."""
         if self._parked:
-            self._continues, self._expendable, self._parked = True, True, False
+            self._continues, self._expendable, self._parked, self._resumed = True, True, False, True
             self.__enter__()
+
+    def drop(self, name: str) -> None:
+        """Remove a group, which may be half written."""
+        with self._reporting():
+            del self._file[name]
+            self._scales = scales_of(self._file)
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -197,11 +205,11 @@ class ResultWriter:
         """Close and rename the file, or remove it."""
         if self._parked:
             self.resume()
-            self.finish(*_ending(error))
         if self._broken:
             self._abandon()
             return
-        if not self._expendable and (self._status is None or (error and self._status == "complete")):
+        kept = self._resumed or not self._expendable
+        if kept and (self._status is None or (error and self._status == "complete")):
             self.finish(*_ending(error))
         if self._status is None or (error is not None and self._status == "complete"):
             self._abandon()

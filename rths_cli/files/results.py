@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from h5py.h5d import DatasetID
 
 __all__ = [
+    "BEGUN",
+    "COMPLETE",
     "Dataset",
     "Metric",
     "Result",
@@ -42,6 +44,7 @@ __all__ = [
 ]
 
 T = TypeVar("T")
+BEGUN, COMPLETE = "begun", "complete"  # of one run on the table, in the attribute RUN_status of the root
 
 
 @dataclass(frozen=True)

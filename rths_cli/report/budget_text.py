@@ -17,6 +17,7 @@ CAUSES = {
     "friction": "friction",
     "specimen": "specimen",
     "rounding": "rounded commands",
+    "lost": "lost samples",
     "noise": "sensor noise",
     "quantisation": "rounded samples",
     "rest": "rest",
@@ -76,12 +77,26 @@ def _cell(metrics: Metrics, kind: str, cause: str, column: int) -> str:
 
 
 def _fitted(metrics: Metrics) -> str:
-    """Return what the run says of the table."""
-    gain, late, friction = (
-        float(np.asarray(metrics[f"budget.{name}"]))
-        for name in ("table_gain_error", "table_delay_error_s", "friction_v")
-    )
-    return (
-        f"The table in the run against the identified one: gain {100.0 * gain:+.3f} %, delay {1e6 * late:+.1f} "
-        f"microseconds, friction like {1e3 * friction:.3f} mV of command."
-    )
+    """Return what the run says of the table; a figure that its uncertainty exceeds is not named."""
+    gain = _figure(metrics, "table_gain_error", "table_gain_error_uncertainty", 100.0, "%")
+    late = _figure(metrics, "table_delay_error_s", "table_delay_error_uncertainty_s", 1e6, "microseconds", 1)
+    friction = _figure(metrics, "friction_v", "friction_uncertainty_v", 1e3, "mV of command", sign="")
+    told = f"The table in the run against the identified one: gain {gain}, delay {late}, friction like {friction}."
+    if "not told" not in told:
+        return told
+    left = "budget.rms_error_lost_m_s2" in metrics
+    why = "not enough of the record is left" if left else "the record does not say more"
+    return f"{told} Not told: the uncertainty (two standard ones) is larger than the figure; {why}."
+
+
+def _figure(
+    metrics: Metrics, name: str, uncertainty: str, scale: float, unit: str, digits: int = 3, sign: str = "+"
+) -> str:
+    """Return a figure with two standard uncertainties, or how large it is at most."""
+    value = scale * float(np.asarray(metrics[f"budget.{name}"]))
+    if f"budget.{uncertainty}" not in metrics:  # a result of an earlier version
+        return f"{value:{sign}.{digits}f} {unit}"
+    off = 2.0 * scale * float(np.asarray(metrics[f"budget.{uncertainty}"]))
+    if not off <= abs(value):
+        return f"not told from none (within {off:.2g} {unit})"
+    return f"{value:{sign}.{digits}f} +- {off:.2g} {unit}"

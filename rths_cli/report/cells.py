@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rths_cli.files.results import Result
+from rths_cli.files.results import COMPLETE, Result
 from rths_cli.report.layout import Cell, number
-from rths_cli.report.load import DIVERGED, Entry, look_up, published, state
+from rths_cli.report.load import DIVERGED, Entry, look_up, published, run_state, state
+from rths_cli.report.losses_text import losses_of_runs
 
 TRACKING = ("tracking_max_m_s2", "tracking_rms_m_s2")
 TESTS = {"shake_table": "shake table test", "exp_rths": "RTHS"}
@@ -27,7 +28,7 @@ def words(states: Sequence[float | str], mark: str = " ") -> tuple[Cell, ...]:
 
 def our_cells(result: Result | None, paths: Sequence[str], index: int | None = None) -> tuple[Cell, ...]:
     """Return the cells of one result's figures."""
-    return words([state(result, path, index) for path in paths], mark(result))
+    return words([state(result, path, index) for path in paths], mark(result, paths[0]))
 
 
 def published_cells(entry: Entry | None, paths: Sequence[str], index: int | None = None) -> tuple[Cell, ...]:
@@ -35,10 +36,9 @@ def published_cells(entry: Entry | None, paths: Sequence[str], index: int | None
     return words([published(entry, path, index) if entry else "-" for path in paths])
 
 
-def mark(*results: Result | None) -> str:
-    """Return the mark of figures from runs that did not end as planned; a refused one has other runs that did."""
-    ends = [str(r.attributes.get("status", "complete")) for r in results if r is not None]
-    return UNFINISHED if any(end not in ("complete", "refused") for end in ends) else " "
+def mark(result: Result | None, path: str) -> str:
+    """Return the mark of a figure whose run did not end as planned; of a refused one others did."""
+    return UNFINISHED if result and run_state(result, path) not in (COMPLETE, "refused") else " "
 
 
 def of(entry: Entry | None, method: str) -> Result | None:
@@ -66,12 +66,23 @@ def remarks(cases: Sequence[Entry]) -> list[str]:
     for entry in cases:
         for method, result in entry.results.items():
             name = f"{result.attributes.get('case_name') or '-'} ({method})"
-            status = str(result.attributes.get("status", "complete"))
+            status = str(result.attributes.get("status", COMPLETE))
             reason = str(result.attributes.get("status_reason") or "no reason stored")
-            lines += [f"{name}: {status}: {reason}"] if status != "complete" else []
+            told = reason if status in reason else f"{status}: {reason}"
+            lines += [f"{name}: {told}"] if status != COMPLETE else []
             lines += [f"{name}: {text}" for text in _divergences(result)]
         lines += _other_sim_delay(entry)
     return lines
+
+
+def losses(cases: Sequence[Entry]) -> list[str]:
+    """Return one line per run in real time that had steps without samples of their own."""
+    return [
+        f"{result.attributes.get('case_name') or '-'} ({method}): {text}"
+        for entry in cases
+        for method, result in entry.results.items()
+        for text in losses_of_runs(result.metrics)
+    ]
 
 
 def _divergences(result: Result) -> list[str]:

@@ -6,9 +6,10 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby, pairwise
 
+from rths_cli.files.results import COMPLETE
 from rths_cli.report.cells import EXP_ERROR, SIM_DELAY_ERROR, of, sim_delay_result
 from rths_cli.report.layout import number, wrapped
-from rths_cli.report.load import METHODS, PUBLISHED, Entry, damping_key, methods, published, state, storeys
+from rths_cli.report.load import METHODS, PUBLISHED, Entry, damping_key, methods, published, run_state, state, storeys
 
 HELD, NOT_HELD, UNJUDGED = "held", "not held", "cannot be judged"
 
@@ -108,9 +109,9 @@ def _figure(pick: Pick, source: str, suffix: str) -> float | str:
     result = sim_delay_result(pick.entry) if delayed else of(pick.entry, source)
     if result is None:
         return f"{pick.name} was not run"
-    status = str(result.attributes.get("status", "complete"))
-    if status != "complete":
-        return f"{pick.name} {status}"
+    end = run_state(result, pick.path)
+    if end != COMPLETE:
+        return f"{pick.name} {end}"
     value = state(result, pick.path + ("" if delayed else suffix), pick.index)
     if isinstance(value, float):
         return value

@@ -12,7 +12,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.raw_log import SUFFIX, read_header
-from rths_cli.files.results import Result, read_result
+from rths_cli.files.results import BEGUN, COMPLETE, Result, read_result
 
 Figure = float | Sequence[float | None] | None
 Figures = Mapping[str, Figure]
@@ -21,6 +21,8 @@ PUBLISHED = "published"
 DAMPINGS = ("low", "high")
 CONTROLLERS = ("FF", "FF+FB", "none")
 DIVERGED = "diverged"
+TABLE_RUNS = ("shake_table", "exp_rths")
+SHORT = {"interrupted": "halted"}  # in a narrow column
 
 
 @dataclass(frozen=True)
@@ -136,16 +138,29 @@ def look_up(figures: Mapping[str, object], path: str, index: int | None) -> floa
 
 
 def state(result: Result | None, path: str, index: int | None = None) -> float | str:
-    """Return a figure as a number, or why there is none: "-", "diverged", or the run's status."""
+    """Return a figure as a number, or why there is none: "-", "diverged", or how its run ended."""
     if result is None:
         return "-"
-    status = str(result.attributes.get("status", "complete"))
     value = look_up(result.metrics, path, index)
     if value is not None and math.isfinite(value):
         return value
     if value is not None:
         return DIVERGED
-    return status if status != "complete" else "-"
+    end = run_state(result, path)
+    return SHORT.get(end, end) if end != COMPLETE else "-"
+
+
+def run_state(result: Result, path: str) -> str:
+    """Return how the run ended that a figure belongs to: what is computed, or was not run, is complete.
+
+    A result of an earlier version tells how the first run ended that did not reach its end, not which one that was.
+    """
+    status, run = str(result.attributes.get("status", COMPLETE)), path.partition(".")[0]
+    if status == COMPLETE or run not in TABLE_RUNS:
+        return COMPLETE
+    told = {name: result.attributes[f"{name}_status"] for name in TABLE_RUNS if f"{name}_status" in result.attributes}
+    end = str(told.get(run, COMPLETE if told else status))
+    return status if end == BEGUN else end
 
 
 def published(entry: Entry, path: str, index: int | None = None) -> float | str:

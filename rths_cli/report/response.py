@@ -87,7 +87,7 @@ def _ratios(cases: Sequence[Entry]) -> Table:
         for method in sources:
             result = of(entry, method)
             above = [state(result, EXP_ERROR + suffix, storey) for suffix in kinds.values()]
-            row += words([ratio(item, below) for item in above], mark(result, delayed))
+            row += words([ratio(item, below) for item in above], mark(result, EXP_ERROR))
         return row
 
     heads = (

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from rths_cli.files.results import Result
-from rths_cli.report.cells import TESTS, mark, published_cells, ratio, words
+from rths_cli.report.cells import EXP_ERROR, TESTS, mark, published_cells, ratio, words
 from rths_cli.report.layout import Cell, Row, Table
 from rths_cli.report.load import Entry, published, state, storeys
 
@@ -69,7 +69,9 @@ def _ratios(entry: Entry) -> Iterator[Row]:
         theirs = [published(entry, f"{run}.{leaf}", storey) for run in ("exp_rths", "sim_delay")]
         cells = words([ratio(*theirs)])
         for result in entry.results.values():
-            cells += words([_ratio(result, suffix, storey) for suffix in _kinds(entry).values()], mark(result))
+            cells += words(
+                [_ratio(result, suffix, storey) for suffix in _kinds(entry).values()], mark(result, EXP_ERROR)
+            )
         yield Row(f"storey {storey + 1}", cells)
 
 
@@ -84,7 +86,7 @@ def _cells(entry: Entry, path: str, storey: int | None) -> tuple[Cell, ...]:
     cells = published_cells(entry, [path], storey)
     for result in entry.results.values():
         states: Sequence[float | str] = [_state(result, path, s, storey) for s in _kinds(entry).values()]
-        cells += words(states, mark(result))
+        cells += words(states, mark(result, path))
     return cells
 
 

@@ -10,10 +10,10 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.results import Result
-from rths_cli.report.cells import remarks
+from rths_cli.report.cells import losses, remarks
 from rths_cli.report.claims import claims_text
 from rths_cli.report.layout import render, wrapped
-from rths_cli.report.load import Entry, Figures, entries
+from rths_cli.report.load import SHORT, Entry, Figures, entries, state
 from rths_cli.report.other_figures import other_figures
 from rths_cli.report.response import response_tables
 from rths_cli.report.single import paths, single_table
@@ -25,6 +25,9 @@ TEST_BAND = (
     "Measured: by the accelerometers, corrected for their known dynamics."
 )
 TRUE = "True: table and floors before any sensor, which only a virtual rig knows; full-t: true, in full band."
+HALTED_WORD = SHORT["interrupted"]
+HALTED = f"{HALTED_WORD}: interrupted, by an order to stop or because the process ended."
+TOLD = ("shake_table.tracking_rms_m_s2", "exp_rths.tracking_rms_m_s2")
 WORDS = "-: not run or not published. *: figure of a run that did not end as planned."
 
 
@@ -47,7 +50,9 @@ def to_json(results: Sequence[Result]) -> dict[str, object]:
 
 
 def _blocks(cases: Sequence[Entry]) -> Iterator[str]:
-    """Yield the tables of one rig, what their words mean, what went wrong, and the claims."""
+    """Yield what went wrong, the tables of one rig, what their words mean, and the claims."""
+    for title, lines in (("Runs that ended otherwise", remarks(cases)), ("Steps without samples", losses(cases))):
+        yield wrapped([title, *(f"  {line}" for line in lines)], indent=4) if lines else ""
     if len(cases) == 1:
         yield render(single_table(cases[0]))
         yield other_figures(cases[0], paths())
@@ -55,15 +60,15 @@ def _blocks(cases: Sequence[Entry]) -> Iterator[str]:
         yield from (render(table) for table in tracking_tables(cases))
         yield from (render(table) for table in response_tables(cases))
     yield wrapped(_legend(cases))
-    lines = remarks(cases)
-    yield wrapped(["Runs that ended otherwise", *(f"  {line}" for line in lines)], indent=4) if lines else ""
     yield claims_text(cases)
 
 
 def _legend(cases: Sequence[Entry]) -> list[str]:
     titles = dict.fromkeys(entry.reference_title for entry in cases if entry.reference_title)
     sources = [f"Published (publ.): {'; '.join(titles)}."] if titles else []
-    return [*sources, TEST_BAND, *([TRUE] if cases[0].virtual else []), WORDS]
+    ends = {state(result, path) for entry in cases for result in entry.results.values() for path in TOLD}
+    halted = [HALTED] if HALTED_WORD in ends else []
+    return [*sources, TEST_BAND, *([TRUE] if cases[0].virtual else []), WORDS, *halted]
 
 
 def _json_result(result: Result) -> dict[str, object]:

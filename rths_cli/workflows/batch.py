@@ -139,17 +139,37 @@ def _most_kept(jobs: Sequence[Job]) -> int:
 def _run_one(
     setup: Setup, path: Path, memory: Memory, kept: Kept, command_line: str, tell: Progress, watcher: Watcher
 ) -> Ended:
-    name = setup.case.name
+    taken = path.exists()
     try:
         if setup.rig.kind == "virtual":
             return run_case(setup, path, memory, command_line, tell, kept)
-        from rths_cli.workflows.real_rig import RealStage
-
-        with closing(RealStage(watcher.moving)) as stage:
-            return run_case(setup, path, memory, command_line, tell, kept, stage)
+        return _run_real(setup, path, memory, kept, command_line, tell, watcher)
     except RthsError as error:
-        return Ended(name, None, "failed", str(error), error.exit_code)
+        return _failed(setup, path, taken, str(error), error.exit_code)
     except Exception as error:
         tell("")  # a signal that came while code was compiled ends the batch here
         where = write_crash_file()
-        return Ended(name, None, "failed", f"internal error ({type(error).__name__}), details in {where}", 5)
+        return _failed(setup, path, taken, f"internal error ({type(error).__name__}), details in {where}", 5)
+
+
+def _run_real(
+    setup: Setup, path: Path, memory: Memory, kept: Kept, command_line: str, tell: Progress, watcher: Watcher
+) -> Ended:
+    """Run a case on a real rig: what may refuse it is asked before the table moves and before its file begins."""
+    from rths_cli.workflows.real_stage import RealStage, ask_the_rig
+
+    if moves_table(setup.case):
+        ask_the_rig(setup, memory, tell)
+    with closing(RealStage(watcher.moving)) as stage:
+        return run_case(setup, path, memory, command_line, tell, kept, stage)
+
+
+def _failed(setup: Setup, path: Path, taken: bool, reason: str, code: int) -> Ended:
+    """Return the ending of a case that raised; `taken`: its file's name was another's before.
+
+    A file of a real rig that was begun stays, and then the code is not that of input by which nothing was written.
+    """
+    begun = setup.rig.kind != "virtual" and not taken and bool(path.exists() or [*path.parent.glob(f".{path.name}.*")])
+    return Ended(
+        setup.case.name, path if begun and path.exists() else None, "failed", reason, 4 if begun and code == 2 else code
+    )

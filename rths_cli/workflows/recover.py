@@ -17,7 +17,7 @@ from rths_cli.case.nodes import Source, plain
 from rths_cli.case.yaml_nodes import parse
 from rths_cli.errors import InputError
 from rths_cli.files.raw_log import RawHeader, RawLog, read_header, read_raw_log
-from rths_cli.files.results import ResultWriter, Status, read_result, read_series
+from rths_cli.files.results import BEGUN, ResultWriter, Status, read_result, read_series
 from rths_cli.loop.drive import Outcome
 from rths_cli.loop.log import DESIRED, Signals
 from rths_cli.record import GroundMotion, integrate
@@ -104,11 +104,15 @@ def _recover(job: _Job) -> Recovered:
     header, result, log = job.header, job.result, read_raw_log(job.path)
     if not result.exists():
         _begin(job)
-    found, key, note = read_result(result), f"recovered_{header.run}", _note(job.path, log)
+    samples = read_series(result, "record/time_s").size
+    found, key, note = read_result(result), f"recovered_{header.run}", _note(job.path, log, samples)
     status: Status = found.attributes["status"]  # type: ignore[assignment]
-    known = key in found.attributes or header.run in found.groups
+    half = header.run in found.groups and found.attributes.get(f"{header.run}_status") == BEGUN
+    known = key in found.attributes or (header.run in found.groups and not half)
     if not known:
         with ResultWriter(result, {key: note}, continues=True) as writer:
+            if half:
+                writer.drop(header.run)
             if log.columns.shape[1] > header.ramp_steps + header.lead_samples:
                 _write(writer, job, log)
             writer.finish(status, _reason(found.attributes | {key: note}, note))
@@ -128,13 +132,17 @@ def _write(writer: ResultWriter, job: _Job, log: RawLog) -> None:
     contents.write_table_run(writer, header.run, setup, series, hybrid)
 
 
-def _note(path: Path, log: RawLog) -> str:
-    """Return what there was of a run."""
+def _note(path: Path, log: RawLog, samples: int) -> str:
+    """Return what there was of a run over a record of so many samples, the ramps apart."""
     header, steps = log.header, log.columns.shape[1]
+    ramp, record = min(steps, header.ramp_steps), min(samples + header.lead_samples, header.steps - header.ramp_steps)
+    played = min(max(steps - header.ramp_steps, 0), record)
+    after = steps - ramp - played
     gaps = f", {steps - log.samples} of them are missing" if log.samples < steps else ""
-    label, time_s, most_s = LABELS.get(header.run, header.run), steps * header.dt_s, header.steps * header.dt_s
-    there = f"{steps} of at most {header.steps} steps ({time_s:.3f} s of {most_s:.3f} s)"
-    return f"{label}: {there} are recovered from {path.name}{gaps}"
+    label, time_s, most_s = LABELS.get(header.run, header.run), played * header.dt_s, record * header.dt_s
+    there = f"{played} of {record} steps of the record ({time_s:.3f} s of {most_s:.3f} s)"
+    beside = [f"{count} of the {name}" for count, name in ((ramp, "ramp-up"), (after, "ramp-down")) if count]
+    return f"{label}: {', '.join([there, *beside])} are recovered from {path.name}{gaps}"
 
 
 def _reason(attributes: Mapping[str, Attribute], note: str) -> str:

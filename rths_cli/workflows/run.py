@@ -14,13 +14,14 @@ from rths_cli.analysis.sim import simulate
 from rths_cli.analysis.sim_delay import simulate_delayed
 from rths_cli.case.load import resolved_yaml
 from rths_cli.files.results import Metric, ResultWriter, check_writable
+from rths_cli.report.losses_text import losses_of_runs
 from rths_cli.workflows import contents, figures
 from rths_cli.workflows.check_cases import Verdict, verdict_on
 from rths_cli.workflows.kept import Kept
 from rths_cli.workflows.known import Known, Memory
 from rths_cli.workflows.provenance import attributes
 from rths_cli.workflows.setup import Progress, Setup, building_key, make_setups, motion_key
-from rths_cli.workflows.table_runs import Stage, Stop, VirtualStage, play_all
+from rths_cli.workflows.table_runs import Stage, Stop, VirtualStage, play_all, refused
 from rths_cli.workflows.warnings import of_case
 
 if TYPE_CHECKING:
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from rths_cli.case.models import Case
 
 BYTES_PER_SAMPLE = 600  # of a result file, for the check of free space
+LOG_BYTES_PER_SAMPLE = 400  # of the raw logs of two runs on a real rig
 
 
 @dataclass(frozen=True)
@@ -49,9 +51,14 @@ def prepare_all(
 ) -> list[Setup]:
     """Read and check everything of every case before the first one starts; raises InputError with all faults."""
     setups = make_setups(cases, overrides, kept)
-    samples = sum(len(setup.motion.time_s) for setup in setups)
-    check_writable(output, BYTES_PER_SAMPLE * samples)
+    check_writable(output, sum(_bytes(setup) for setup in setups))
     return setups
+
+
+def _bytes(setup: Setup) -> int:
+    """Return how much room the files of a case may take."""
+    logged = LOG_BYTES_PER_SAMPLE if setup.rig.kind != "virtual" else 0
+    return (BYTES_PER_SAMPLE + logged) * len(setup.motion.time_s)
 
 
 def moves_table(case: Case) -> bool:
@@ -84,6 +91,9 @@ def run_case(
         if known is not None and checked is not None:
             stop, measured = _on_table(setup, known, checked, sim, writer, progress, stage or VirtualStage())
             values |= measured
+        if missed := losses_of_runs({path: metric.value for path, metric in values.items()}):
+            cautions = (*cautions, *missed)
+            writer.about({"warnings": "\n".join(cautions)})
         writer.metrics(values)
         if stop is None:
             stop = acceptance(case.accept, values)
@@ -116,13 +126,13 @@ def _on_table(
     """Write what is known of rig and blocks, play the table runs; return what stopped one first and the figures."""
     design = checked.design
     if design is None:
-        return Stop("refused", "; ".join(checked.reasons), 1), {}
+        return refused(writer, setup.case.runs, "; ".join(checked.reasons)), {}
     contents.write_identification(writer, known.found, design)
     contents.write_controller(writer, design)
     values = contents.design_figures(setup, known.found, design) | checked.figures
     rejected = known.faults(setup.overrides)
     if rejected:
-        return Stop("refused", rejected[0], 1), values
+        return refused(writer, setup.case.runs, rejected[0]), values
     stop, measured = play_all(setup, checked, design, sim, writer, progress, stage)
     return stop, values | measured
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
+from rths_cli.files.results import BEGUN, COMPLETE
 from rths_cli.loop import guard
 from rths_cli.loop.blocks import NUMERICAL, RECORD
 from rths_cli.loop.drive import Outcome, play
-from rths_cli.workflows import budget, contents, figures, merit
+from rths_cli.workflows import budget, contents, figures, losses, merit
 from rths_cli.workflows.rigs import EXP_RTHS, SHAKE_TABLE, guard_limits, open_rig
 from rths_cli.workflows.series import Series, on_record_clock, whole_building
 from rths_cli.workflows.setup import Progress, Setup, shown
@@ -87,20 +89,40 @@ def play_all(
         if run.name not in setup.case.runs or (stop is not None and setup.rig.kind != "virtual"):
             continue
         if run.source == NUMERICAL and (refusal := refusal_of(setup, checked)):
+            _note(writer, run.name, refusal)
             stop = replace(stop, reason=f"{stop.reason}; {refusal.reason}") if stop else refusal
             continue
         progress(f"{run.label}, {setup.case.table.kind} table")
+        writer.about({f"{run.name}_status": BEGUN})
         outcome = stage.play(setup, design, run, writer)
         series = on_record_clock(outcome, design.blocks.lead_samples, setup.rig.dt_s, len(setup.motion.time_s))
-        stopped = why_ended(run.label, outcome, setup.rig.dt_s)
+        stopped = why_ended(run.label, outcome, len(setup.motion.time_s) * setup.rig.dt_s)
         stop = stop or stopped
         hybrid = hybrid_of(setup, series) if run.source == NUMERICAL else None
         contents.write_table_run(writer, run.name, setup, series, hybrid)
+        _note(writer, run.name, stopped)
+        if found := losses.of_live(series.live, setup.rig.dt_s):
+            values |= losses.as_figures(run.name, found)
         if stopped is None:
             values |= _figures(setup, run.name, series, sim, hybrid)
         if stopped is None and hybrid is not None:
             values |= budget.of_exp_rths(checked.loop, series, hybrid[2], sim)
     return stop, values
+
+
+def refused(writer: ResultWriter, runs: Sequence[str], reason: str) -> Stop:
+    """Return that no table run of a case is played, and why; its file says so of each."""
+    stop = Stop("refused", reason, 1)
+    for run in TABLE_RUNS:
+        if run.name in runs:
+            _note(writer, run.name, stop)
+    return stop
+
+
+def _note(writer: ResultWriter, run: str, stopped: Stop | None) -> None:
+    """Write how one run ended: its file tells how the first that ended early did."""
+    told = {f"{run}_status": stopped.status, f"{run}_status_reason": stopped.reason} if stopped else {}
+    writer.about(told or {f"{run}_status": COMPLETE})
 
 
 def refusal_of(setup: Setup, checked: Verdict) -> Stop | None:
@@ -151,11 +173,12 @@ def true_accel(abs_accel: Array, series: Series) -> Array:
     return np.vstack([computed, series.true_accel]) if len(computed) else series.true_accel
 
 
-def why_ended(label: str, outcome: Outcome, dt_s: float) -> Stop | None:
+def why_ended(label: str, outcome: Outcome, record_s: float) -> Stop | None:
     """Return why a run did not reach its end, None when it did: what came first, then what the rig says."""
-    fault, limit, at = outcome.rig_fault, outcome.stopped_by_limit, f"at {outcome.stopped_at_s:.3f} s"
+    fault, limit = outcome.rig_fault, outcome.stopped_by_limit
     if not (fault or limit):
         return None
+    at = _instant(outcome, record_s)
     says_more = fault and outcome.reason in (guard.NONE, guard.RIG_FAULT, guard.LOST, guard.END)
     said = f"{label} {at}: {fault}" if says_more else f"{label}: {limit} {at}{f'; {fault}' if fault else ''}"
     if outcome.reason in INTERRUPTIONS:
@@ -166,3 +189,12 @@ def why_ended(label: str, outcome: Outcome, dt_s: float) -> Stop | None:
     if fault or outcome.reason in (guard.LOG_FAILED, guard.RIG_FAULT):
         return Stop("failed", said, 4)
     return Stop("aborted", said, 3)
+
+
+def _instant(outcome: Outcome, record_s: float) -> str:
+    """Return when a run ended early, in the time of its record."""
+    if not outcome.log.state.size:  # on the counted clock, without ramps
+        return f"at {outcome.stopped_at_s:.3f} s"
+    if outcome.stopped_at_s <= 0.0:
+        return "in the ramp-up, before the record began"
+    return "after the record" if outcome.reason == guard.END else f"at {outcome.stopped_at_s:.3f} s of {record_s:.3f} s"

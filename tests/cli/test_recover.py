@@ -65,7 +65,7 @@ def test_logs_become_results_and_json_is_one_document(tmp_path: Path, monkeypatc
     done = rths("recover", "one.exp_rths.rthslog", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout == (
-        "one.h5: interrupted, EXP-RTHS: 1500 of at most 4000 steps (0.750 s of 2.000 s) are recovered from "
+        "one.h5: interrupted, EXP-RTHS: 1500 of 4000 steps of the record (0.750 s of 2.000 s) are recovered from "
         "one.exp_rths.rthslog\n"
     )
     with h5py.File(tmp_path / "one.h5") as file:

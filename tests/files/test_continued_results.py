@@ -154,7 +154,7 @@ def test_a_parked_file_can_be_read_until_it_is_resumed_and_afterwards(tmp_path: 
         (GeneratorExit(), "interrupted", "terminated before the run had ended"),
     ],
 )
-def test_a_fault_while_a_file_is_parked_is_told_and_after_that_leaves_it_as_it_was(
+def test_a_fault_while_a_file_is_parked_or_after_that_is_told_and_what_it_holds_stays(
     tmp_path: Path, error: BaseException, status: str, reason: str
 ) -> None:
     with pytest.raises(type(error)), ResultWriter(tmp_path / "a.h5", ABOUT) as writer:
@@ -170,8 +170,20 @@ def test_a_fault_while_a_file_is_parked_is_told_and_after_that_leaves_it_as_it_w
         writer.group("exp_rths", command(), TIME)
         raise error
     found = read_result(tmp_path / "b.h5")
-    assert (found.attributes["status"], found.groups) == ("interrupted", ())
+    assert (found.attributes["status"], found.groups) == (status, ("exp_rths",))
+    assert found.attributes["status_reason"] == reason
     assert sorted(os.listdir(tmp_path)) == ["a.h5", "b.h5"]
+
+
+def test_a_half_written_group_is_removed_and_written_anew(tmp_path: Path) -> None:
+    path = begin(tmp_path / "a.h5")
+    for size in (5, 7):
+        with ResultWriter(path, {}, continues=True) as writer:
+            if size == 7:
+                writer.drop("exp_rths")
+            writer.group("exp_rths", {}, np.arange(float(size)))
+            writer.finish("interrupted", "again")
+    assert read_series(path, "exp_rths/time_s").size == 7
 
 
 def test_what_is_not_there_cannot_be_continued(tmp_path: Path) -> None:

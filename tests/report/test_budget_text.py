@@ -65,3 +65,19 @@ def test_many_storeys_leave_out_the_middle_ones() -> None:
 def test_what_the_run_says_of_the_table_is_said() -> None:
     text = budget_text(figures("budget", 1, 0) | FITTED)
     assert "gain +0.123 %" in text and "delay -4.2 microseconds" in text and "0.235 mV" in text
+
+
+def test_a_figure_stands_with_two_standard_uncertainties_and_one_below_them_is_not_named() -> None:
+    offs = {
+        "budget.table_gain_error_uncertainty": 0.0002,
+        "budget.table_delay_error_uncertainty_s": 2.2e-6,
+        "budget.friction_uncertainty_v": 1e-5,
+    }
+    text = " ".join(budget_text(figures("budget", 1, 0) | FITTED | offs).split())
+    assert "gain +0.123 +- 0.04 %" in text and "0.235 +- 0.02 mV" in text
+    assert "delay not told from none (within 4.4 microseconds)" in text and "-4.2" not in text
+    assert "Not told: the uncertainty (two standard ones) is larger than the figure" in text
+    whole = {path: value for path, value in figures("budget", 1, 0).items() if "_lost_" not in path}
+    assert "the record does not say more" in " ".join(budget_text(whole | FITTED | offs).split())
+    sure = offs | {"budget.table_delay_error_uncertainty_s": 1e-6}
+    assert "not told" not in budget_text(figures("budget", 1, 0) | FITTED | sure).lower()

@@ -141,7 +141,9 @@ def test_a_recovered_run_is_the_start_of_the_whole_one(played: Played, tmp_path:
     two, one = (recover([log])[0] for log in reversed(logs))
     assert (one.samples, two.samples, two.steps) == (3001, 5000, played.logs["exp_rths"][0].steps)
     whole, part = read_result(played.result), read_result(result)
-    note = f"EXP-RTHS: 5000 of at most {two.steps} steps (2.500 s of 4.492 s) are recovered from a.exp_rths.rthslog"
+    note = (
+        f"EXP-RTHS: 5000 of {two.steps} steps of the record (2.500 s of 4.492 s) are recovered from a.exp_rths.rthslog"
+    )
     assert two.note == note and one.note.startswith("shake-table test: 3001 of")
     assert part.attributes["status"] == one.status == "interrupted" and part.metrics == {}
     reason = f"the process ended before the run did; {one.note}; {two.note}"

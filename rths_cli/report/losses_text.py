@@ -1,0 +1,33 @@
+"""Steps of a run in real time that had no samples of their own, in words."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+RUNS = {"shake_table": "shake-table test", "exp_rths": "EXP-RTHS"}
+
+
+def losses_of_runs(metrics: Mapping[str, ArrayLike]) -> list[str]:
+    """Return a sentence for each table run of a result that had steps without samples."""
+    lines = []
+    for run, label in RUNS.items():
+        names = ("lost_steps", "overrun_steps", "longest_gap_s")
+        lost, overrun, gap_s = (float(np.asarray(metrics.get(f"{run}.{name}", 0.0))) for name in names)
+        if lost or overrun:
+            lines.append(loss_sentence(label, int(lost), int(overrun), gap_s))
+    return lines
+
+
+def loss_sentence(what: str, lost: int, overrun: int, longest_gap_s: float) -> str:
+    """Return how many steps had no samples of their own, and the longest time without."""
+    return (
+        f"{what}: {_steps(lost)} lost samples, {_steps(overrun)} overrun, longest gap {1e3 * longest_gap_s:.3g} ms; "
+        "what was measured there is bridged"
+    )
+
+
+def _steps(count: int) -> str:
+    return f"{count} step{'s' if count != 1 else ''}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from rths_cli.cli import (  # each adds its commands
     check_command,
     doctor_command,
+    export_command,
     identify_command,
     recover_command,
     run_commands,
@@ -20,6 +21,7 @@ __all__ = [
     "check_command",
     "cli",
     "doctor_command",
+    "export_command",
     "identify_command",
     "main",
     "recover_command",

@@ -13,6 +13,7 @@ from rths_cli.cli import (  # each adds its commands
     start_commands,
     sweep_command,
 )
+from rths_cli.cli.completion import complete_cases
 from rths_cli.cli.ending import main
 from rths_cli.cli.group import SIGNALS, cli
 
@@ -30,3 +31,5 @@ __all__ = [
     "start_commands",
     "sweep_command",
 ]
+
+complete_cases(cli.commands.values())

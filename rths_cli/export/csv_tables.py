@@ -71,14 +71,13 @@ def tables(source: Source) -> list[Table]:
 
 def columns(source: Source, table: Table) -> Iterator[Column]:
     """Yield the columns of a table, its axis first."""
-    axis = source.read(table.groups[0][0], table.axis)
-    yield Column(table.axis, np.asarray(axis.data), axis)
     for group, prefix in table.groups:
-        scales = {name: np.asarray(source.read(group, name).data) for name in source.groups[group].scales}
-        for name in source.groups[group].datasets:
-            item = source.read(group, name)
+        read = source.read(group)
+        if not prefix:
+            yield Column(table.axis, np.asarray(read[table.axis].data), read[table.axis])
+        for name, item in read.items():
             if item.dims[-1:] == (table.axis,):
-                yield from _columns(f"{prefix}{name}", item, [scales[dim] for dim in item.dims[:-1]])
+                yield from _columns(f"{prefix}{name}", item, [np.asarray(read[dim].data) for dim in item.dims[:-1]])
 
 
 def _columns(name: str, item: Dataset, scales: Sequence[Array]) -> Iterator[Column]:

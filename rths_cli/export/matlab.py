@@ -79,14 +79,15 @@ def _is_block(outline: Outline) -> bool:
 
 def _block(source: Source, outline: Outline) -> Struct:
     """Return a discrete block x[k+1] = A x + B u, y = C x + D u: ss(A, B, C, D, Ts) makes it a system."""
-    matrices = {name: np.asarray(source.read(outline.path, name).data, dtype=float) for name in "ABCD"}
+    read = source.read(outline.path)
+    matrices = {name: np.asarray(read[name].data, dtype=float) for name in "ABCD"}
     rest = {legal_name(key): _plain(value) for key, value in outline.attributes.items() if key != "dt_s"}
     return {**matrices, "Ts": outline.attributes["dt_s"], **rest}
 
 
 def _series(source: Source, outline: Outline) -> Struct:
     """Return the datasets and scales of a group, with a struct each of their units, meanings and sources."""
-    read = {name: source.read(outline.path, name) for name in (*outline.scales, *outline.datasets)}
+    read = source.read(outline.path)
     values = {legal_name(name): _values(item) for name, item in read.items()}
     told = {about: {legal_name(name): str(getattr(item, about)) for name, item in read.items()} for about in ABOUT}
     rest = {legal_name(key): _plain(value) for key, value in outline.attributes.items()}

@@ -62,10 +62,10 @@ def _groups(source: Source) -> Iterator[NetcdfGroup]:
 
 def _group(source: Source, outline: Outline) -> NetcdfGroup:
     """Return a group without empty arrays (a block without states), which netCDF would take for unlimited ones."""
-    held = [name for name, shape in outline.datasets.items() if 0 not in shape]
-    read = {name: source.read(outline.path, name) for name in held}
+    found = source.read(outline.path)
+    read = {name: found[name] for name, shape in outline.datasets.items() if 0 not in shape}
     needed = {dim for item in read.values() for dim in item.dims}
-    scales = {name: source.read(outline.path, name) for name in outline.scales if name in needed}
+    scales = {name: found[name] for name in outline.scales if name in needed}
     unknown = {name: f"units: {item.units}" for name, item in read.items() if udunits(item.units) is None}
     variables, axes = ({name: _spelt(item) for name, item in items.items()} for items in (read, scales))
     return NetcdfGroup(outline.path, variables, axes, outline.attributes, unknown)

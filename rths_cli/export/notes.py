@@ -22,9 +22,8 @@ def notes(source: Source) -> dict[str, Any]:
 
 def _group(source: Source, outline: Outline) -> dict[str, Any]:
     found: dict[str, Any] = {key: _plain(value) for key, value in outline.attributes.items()}
-    for name in outline.datasets:
-        item = source.read(outline.path, name)
-        if item.dims[-1:] not in [(axis,) for axis in SERIES]:
+    for name, item in source.read(outline.path).items():
+        if name in outline.datasets and item.dims[-1:] not in [(axis,) for axis in SERIES]:
             told = {"units": item.units, "long_name": item.long_name, "source": item.source}
             found[name] = {"value": _plain(np.asarray(item.data).tolist()), **told, "dims": list(item.dims)}
     return found

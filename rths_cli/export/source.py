@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.files.result_outline import Outline, read_outlines
-from rths_cli.files.results import Dataset, Result, read_dataset, read_result
+from rths_cli.files.result_outline import Outline, read_group, read_outlines
+from rths_cli.files.results import Dataset, Result, read_result
 
 BYTES = 8  # of a number, as it is written
 
@@ -27,9 +27,9 @@ class Source:
         """Return the name of the result's file without its suffix."""
         return self.result.path.stem
 
-    def read(self, group: str, name: str) -> Dataset:
-        """Read one dataset or scale of a group; raises InputError."""
-        return read_dataset(self.result.path, f"{group}/{name}")
+    def read(self, group: str) -> dict[str, Dataset]:
+        """Read the scales and datasets of a group by name; raises InputError."""
+        return read_group(self.result.path, self.groups[group])
 
     def size_bytes(self, group: str) -> int:
         """Return how many bytes the numbers of a group take, without the groups in it."""

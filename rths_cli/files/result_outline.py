@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rths_cli.files.results import _reading
+from rths_cli.files.results import Dataset, _dataset, _reading
 
 if TYPE_CHECKING:
     import h5py
@@ -35,6 +35,12 @@ def read_outlines(path: Path) -> dict[str, Outline]:
     Raises InputError unless the file is a whole result file.
     """
     return _reading(Path(path), _outlines)
+
+
+def read_group(path: Path, outline: Outline) -> dict[str, Dataset]:
+    """Read the scales and datasets of a group by name; raises InputError."""
+    names = (*outline.scales, *outline.datasets)
+    return _reading(path, lambda file: {name: _dataset(path, file, f"{outline.path}/{name}") for name in names})
 
 
 def _outlines(file: h5py.File) -> dict[str, Outline]:

@@ -35,6 +35,7 @@ def fill(writer: ResultWriter, status: str) -> None:
     n = N if status == "complete" else STOPPED
     writer.case(YAML, "scaling: 0.3\n")
     writer.group("record", {"ground_accel_m_s2": series(NOISE[0])}, TIME)
+    writer.group("sim", {"base_shear_n": series(NOISE[1], "N")}, TIME)
     diverged = np.where(TIME > 0.01, np.nan, NOISE)
     writer.group(
         "sim_delay", {"abs_accel_m_s2": series(diverged), "base_shear_n": series(NOISE[1], "N")}, TIME, [1, 2, 3]

@@ -40,13 +40,13 @@ def same(texts: tuple[str, ...] | list[str], numbers: np.ndarray) -> bool:
 
 
 def test_there_is_a_table_for_each_run_and_one_file_about_them(exported: Path) -> None:
-    runs = ("exp_rths", "identification", "record", "sim_delay")
+    runs = ("exp_rths", "identification", "record", "sim", "sim_delay")
     assert sorted(path.name for path in exported.iterdir()) == sorted(
         [*(f"demo.{run}.csv" for run in runs), "demo.json"]
     )
 
 
-@pytest.mark.parametrize("run", ["exp_rths", "sim_delay", "record", "identification"])
+@pytest.mark.parametrize("run", ["exp_rths", "sim", "sim_delay", "record", "identification"])
 def test_time_is_first_and_every_number_comes_back_bit_for_bit(run: str, result: Path, exported: Path) -> None:
     found, axis = table(exported / f"demo.{run}.csv"), "frequency_hz" if run == "identification" else "time_s"
     assert next(iter(found)) == axis

@@ -58,10 +58,10 @@ def test_a_missing_group_is_named_with_those_there(result: Path, tmp_path: Path)
 
 
 def test_a_group_brings_what_is_in_it_and_hyphens_are_taken(result: Path, tmp_path: Path) -> None:
-    export(ExportRequest((result,), "netcdf", tmp_path, ("exp-rths", "metrics/check")))
+    export(ExportRequest((result,), "netcdf", tmp_path, ("exp-rths", "sim", "metrics/check")))
     with h5py.File(tmp_path / "demo.nc") as file:
         assert (
-            set(file) == {"exp_rths", "metrics"} and "truth" in file["exp_rths"] and set(file["metrics"]) == {"check"}
+            set(file) == {"exp_rths", "metrics", "sim"} and "truth" in file["exp_rths"] and set(file["metrics"]) == {"check"}
         )
 
 
@@ -112,7 +112,7 @@ def test_the_same_result_gives_the_same_bytes(result: Path, tmp_path: Path) -> N
         done = [export(ExportRequest((result,), form, tmp_path / folder))[0] for form in FORMATS]
         written.append([(path.name, path.read_bytes()) for one in done for path in one.files])
         time.sleep(1.1 if folder == "a" else 0.0)  # a time of writing would differ
-    assert written[0] == written[1] and len(written[0]) == 7
+    assert written[0] == written[1] and len(written[0]) == 8
 
 
 def rths(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:

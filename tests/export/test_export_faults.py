@@ -61,7 +61,9 @@ def test_a_group_brings_what_is_in_it_and_hyphens_are_taken(result: Path, tmp_pa
     export(ExportRequest((result,), "netcdf", tmp_path, ("exp-rths", "sim", "metrics/check")))
     with h5py.File(tmp_path / "demo.nc") as file:
         assert (
-            set(file) == {"exp_rths", "metrics", "sim"} and "truth" in file["exp_rths"] and set(file["metrics"]) == {"check"}
+            set(file) == {"exp_rths", "metrics", "sim"}
+            and "truth" in file["exp_rths"]
+            and set(file["metrics"]) == {"check"}
         )
 
 

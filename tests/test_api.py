@@ -14,7 +14,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from contextlib import chdir
+from contextlib import chdir, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -263,26 +263,37 @@ def test_a_real_rig_needs_a_folder_and_the_main_thread(tmp_path: Path) -> None:
     assert "call this in the main thread" in caught[0].faults[0]
 
 
-def test_a_real_rig_moves_by_no_script_that_was_not_permitted(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_real_rig_moves_by_no_script_that_was_not_permitted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     from rths_cli.workflows import permission
 
     sentence = r"yes=True moves rigs whose file says `unattended: true`, rths run asks for others"
     monkeypatch.setattr(permission.sys, "stdin", type("Terminal", (), {"isatty": staticmethod(lambda: True)}))
     with pytest.raises(rths_cli.InputError, match=sentence):
         rths_cli.identify(CASE, "models/real.h5", settings={"table": "udp_loopback", "sample_rate_hz": 1000})
+    with pytest.raises(rths_cli.InputError, match=sentence):
+        rths_cli.run(CASE, settings=REAL, output=tmp_path)
+    text = (
+        (ROOT / "configs" / "rigs" / "udp_loopback.yaml").read_text().replace("unattended: true", "unattended: false")
+    )
+    (tmp_path / "attended.yaml").write_text(text)
+    with pytest.raises(rths_cli.InputError, match="does not say `unattended: true`; a person has to confirm here"):
+        rths_cli.run(CASE, settings={**REAL, "table": tmp_path / "attended.yaml"}, output=tmp_path, yes=True)
+    assert list(tmp_path.glob("*.h5")) == []
     monkeypatch.setattr(permission.sys, "stdin", None)
     with pytest.raises(rths_cli.InputError, match="nobody can be asked here"):
         rths_cli.identify(CASE, "models/real.h5", settings={"table": "udp_loopback", "sample_rate_hz": 1000})
 
 
-def test_sigterm_ends_a_run_and_handlers_are_as_before() -> None:
+@pytest.mark.parametrize("swallowed", [False, True])
+def test_sigterm_ends_a_run_and_handlers_are_as_before(swallowed: bool) -> None:
     from rths_cli.process import Terminated
 
     before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)], sys.unraisablehook
 
     def end(text: str) -> None:
         if text == "SIM":
-            signal.raise_signal(signal.SIGTERM)
+            with suppress(Terminated) if swallowed else nullcontext():
+                signal.raise_signal(signal.SIGTERM)
 
     with pytest.raises(Terminated):
         rths_cli.run(CASE, settings={"runs": ["sim"]}, progress=end)

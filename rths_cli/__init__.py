@@ -1,3 +1,50 @@
-"""Substructure real-time hybrid simulation (RTHS) with a uni-axial shake table."""
+"""Substructure real-time hybrid simulation (RTHS) with a uni-axial shake table.
+
+`run`, `load`, `check`, `identify` and `plot` are what a script needs; docs/python.md shows each. Nothing heavy is
+imported before one of them is used.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from rths_cli.api import check, identify, load, plot, run
+    from rths_cli.api_results import CheckResult, Group, ModelResult, RunResult
+    from rths_cli.errors import InputError, LimitError, RigError, RthsError
 
 __version__ = "0.1.0"
+
+__all__ = [
+    "CheckResult",
+    "Group",
+    "InputError",
+    "LimitError",
+    "ModelResult",
+    "RigError",
+    "RthsError",
+    "RunResult",
+    "__version__",
+    "check",
+    "identify",
+    "load",
+    "plot",
+    "run",
+]
+
+_FUNCTIONS = ("check", "identify", "load", "plot", "run")
+_ERRORS = ("InputError", "LimitError", "RigError", "RthsError")
+
+
+def __getattr__(name: str) -> Any:
+    """Return a public name, its module imported when it is first asked for."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    from importlib import import_module  # by name, so that no layer below counts as importing those above
+
+    module = "api" if name in _FUNCTIONS else "errors" if name in _ERRORS else "api_results"
+    return getattr(import_module(f"{__name__}.{module}"), name)
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

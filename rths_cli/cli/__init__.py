@@ -5,6 +5,7 @@ from __future__ import annotations
 from rths_cli.cli import (  # each adds its commands
     check_command,
     doctor_command,
+    export_command,
     identify_command,
     recover_command,
     run_commands,
@@ -12,6 +13,7 @@ from rths_cli.cli import (  # each adds its commands
     start_commands,
     sweep_command,
 )
+from rths_cli.cli.completion import complete_cases
 from rths_cli.cli.ending import main
 from rths_cli.cli.group import SIGNALS, cli
 
@@ -20,6 +22,7 @@ __all__ = [
     "check_command",
     "cli",
     "doctor_command",
+    "export_command",
     "identify_command",
     "main",
     "recover_command",
@@ -28,3 +31,5 @@ __all__ = [
     "start_commands",
     "sweep_command",
 ]
+
+complete_cases(cli.commands.values())

@@ -8,9 +8,37 @@ from rths_cli import __version__
 from rths_cli.process import Signals
 
 SIGNALS = Signals()
+PARTS = {
+    "Run": ("check", "run", "sweep"),
+    "Look": ("report", "export"),
+    "Prepare": ("new", "records", "schema", "identify"),
+    "Real rigs": ("doctor", "serve", "recover"),
+}
+LONGEST = 200  # characters of the first sentence: all of it, over several lines
+OTHERS = "Other"  # commands that stand in none of the parts
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+class Commands(click.Group):
+    """A group whose help lists its commands by what they are for."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the commands, a part at a time, in the order in which they are met."""
+        named = {name for names in PARTS.values() for name in names}
+        parts = {**PARTS, OTHERS: tuple(name for name in self.list_commands(ctx) if name not in named)}
+        width = max(map(len, self.commands))
+        with formatter.section("Commands"):
+            for part, names in parts.items():
+                shown = [(name.ljust(width), self._line(ctx, name)) for name in names if name in self.commands]
+                if shown:
+                    with formatter.section(part):
+                        formatter.write_dl(shown)
+
+    def _line(self, ctx: click.Context, name: str) -> str:
+        command = self.get_command(ctx, name)
+        return command.get_short_help_str(LONGEST) if command else ""
+
+
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__, prog_name="rths")
 @click.option("--debug", is_flag=True, help="Show a traceback when rths itself fails.")
 def cli(debug: bool) -> None:

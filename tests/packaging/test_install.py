@@ -38,6 +38,7 @@ def test_the_sdist_holds_what_a_packager_needs(built: Path) -> None:
 
 def test_the_wheel_finds_its_shipped_files_by_name(built: Path, tmp_path: Path) -> None:
     with zipfile.ZipFile(next(built.glob("*.whl"))) as archive:
+        assert "rths_cli/py.typed" in archive.namelist()
         archive.extractall(tmp_path / "site")
     # the dependencies are this environment's; the package is the unpacked wheel's, far from the source tree
     code = (

@@ -1,0 +1,304 @@
+"""`import rths_cli`: it gives what the file holds; every snippet of docs/python.md and docs/export.md is run."""
+
+from __future__ import annotations
+
+import copy
+import gc
+import importlib.util
+import os
+import pickle
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import chdir, nullcontext, suppress
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+import rths_cli
+from rths_cli import api
+
+ROOT = Path(__file__).parents[1]
+CASE = "el_centro_low_ff_fb"
+OCTAVE = shutil.which("octave-cli") or shutil.which("octave")
+HEAVY = ("numpy", "scipy", "numba", "pydantic", "h5py", "matplotlib", "click", "yaml", "rich", "rths_cli.api")
+RUNS = ("sim", "exp_rths")
+HAS_FIGURES = importlib.util.find_spec("rths_cli.report.figures") is not None
+
+
+def snippets(page: str, kind: str) -> list[str]:
+    return re.findall(rf"^```{kind}\n(.*?)^```", (ROOT / "docs" / page).read_text(), re.DOTALL | re.MULTILINE)
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """Return a folder whose results/ holds the default case under the first 9 s of its record."""
+    folder = tmp_path_factory.mktemp("api")
+    lines = (ROOT / "records" / "el_centro.csv").read_text().splitlines()
+    values = [line for line in lines if not line.startswith("#")][:450]
+    (folder / "short.csv").write_text("\n".join(["# units: cm/s^2", "# dt: 0.02 s", *values]) + "\n")
+    rths_cli.run(CASE, settings={"record.file": folder / "short.csv", "runs": RUNS}, output=folder / "results")
+    with chdir(folder):
+        yield folder
+
+
+@pytest.fixture(scope="module")
+def result(place: Path) -> rths_cli.RunResult:
+    return rths_cli.load(place / "results" / f"{CASE}.h5")
+
+
+def in_fresh_process(code: str) -> str:
+    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True,
+        env={**os.environ, "PYTHONPATH": path},
+    )  # fmt: skip
+    return done.stdout.strip()
+
+
+def test_the_import_is_lazy_and_every_public_name_is_there() -> None:
+    code = f"import sys, rths_cli; print([name for name in {HEAVY!r} if name in sys.modules])"
+    assert in_fresh_process(code) == "[]"
+    code = "import sys, rths_cli; rths_cli.InputError; print('numpy' in sys.modules, 'rths_cli.api' in sys.modules)"
+    assert in_fresh_process(code) == "False False"
+    assert all(getattr(rths_cli, name) is not None for name in rths_cli.__all__)
+    assert set(rths_cli.__all__) <= set(dir(rths_cli))
+    with pytest.raises(AttributeError, match="no attribute 'frobnicate'"):
+        rths_cli.frobnicate  # noqa: B018
+
+
+def test_every_snippet_of_the_python_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    names: dict[str, Any] = {}
+    for code in snippets("python.md", "python"):
+        if "rths_cli.plot" in code and not HAS_FIGURES:
+            continue
+        exec(compile(code, "docs/python.md", "exec"), names)
+    assert len(names["faults"]) == 2 and names["model"].accepted and (tmp_path / "models" / "mine.h5").exists()
+    assert names["verdict"].safe and names["verdict"].units["check.critical_delay_s"] == "s"
+    assert names["errors"][0.002] < names["errors"][0.005]
+    assert names["command"].shape == (200, 1)
+
+
+def test_every_snippet_of_the_export_page_runs(place: Path, result: rths_cli.RunResult) -> None:
+    for form in ("csv", "mat", "netcdf"):
+        result.export("exported", to=form, replace=True)
+    names: dict[str, Any] = {}
+    for code in snippets("export.md", "python"):
+        exec(compile(code, "docs/export.md", "exec"), names)
+    accel = result.exp_rths.abs_accel_m_s2
+    assert names["copied"].command_v.values.max() == result.exp_rths.command_v.max()
+    assert np.array_equal(names["storey_3"], accel[2]) and np.array_equal(names["top"].values, accel[2])
+    true_error = result.exp_rths.interface_accel_desired_m_s2 - result.exp_rths.truth.table_accel_m_s2
+    assert np.array_equal(names["true_error"].values, true_error)
+    assert np.array_equal(names["table"]["abs_accel_m_s2_storey_3"], accel[2])
+
+
+@pytest.mark.skipif(OCTAVE is None, reason="needs Octave")
+def test_every_matlab_snippet_runs_in_octave(place: Path, result: rths_cli.RunResult) -> None:
+    result.export("exported", to="mat", replace=True)
+    (place / "page.m").write_text("\n".join(snippets("export.md", "matlab")))
+    done = subprocess.run(
+        [str(OCTAVE), "--norc", "--quiet", "page.m"], capture_output=True, text=True, timeout=60, check=False
+    )
+    said = done.stdout.splitlines()
+    assert said[0] == "complete" and CASE in said[1] and "m/s^2" in said[1], done.stderr
+    error = result.exp_rths.abs_accel_m_s2[2] - result.sim.abs_accel_m_s2[2]
+    assert float(said[2].split()[-1]) == pytest.approx(np.sqrt(np.mean(error**2)), rel=5e-3)
+    block, x = result.controller.feedforward, np.zeros(5)
+    for _ in range(200):
+        y, x = block.C @ x + block.D @ [0.1, 0, 0], block.A @ x + block.B @ [0.1, 0, 0]
+    assert said[3] == f"after 0.100 s the command is {y[0]:.4g} V"
+
+
+def test_a_result_gives_what_the_file_holds(result: rths_cli.RunResult) -> None:
+    with h5py.File(result.path) as file:
+        assert set(result.groups) == set(file)
+        assert (result.status, result.status_reason) == ("complete", "")
+        assert np.array_equal(result.exp_rths.command_v, file["exp_rths/command_v"][:])
+        assert np.array_equal(result["exp_rths"]["truth"].table_disp_m, file["exp_rths/truth/table_disp_m"][:])
+        assert result.case.yaml == result.case_yaml == file["case/yaml"][()].decode()
+        assert set(result.exp_rths) == set(file["exp_rths"]) and "truth" in result.exp_rths
+        assert set(result.exp_rths) <= set(dir(result.exp_rths)) and set(result.groups) <= set(dir(result))
+        figure = file["metrics/exp_rths/rms_error_m_s2"]
+        assert np.array_equal(result.metrics["exp_rths.rms_error_m_s2"], figure[:])
+        assert result.units["exp_rths.rms_error_m_s2"] == figure.attrs["units"]
+        block = file["controller/feedforward"]
+        assert np.array_equal(result.controller.feedforward.A, block["A"][:])
+        assert result.controller.feedforward.attributes["inputs"] == tuple(block.attrs["inputs"])
+    about = result.exp_rths.about("abs_accel_m_s2")
+    assert (about.units, about.dims) == ("m/s^2", ("storey", "time_s"))
+
+
+def test_arrays_are_the_readers_own(result: rths_cli.RunResult) -> None:
+    taken = result.exp_rths.command_v
+    taken[:] = 0.0
+    assert result.exp_rths.command_v.any()
+
+
+def test_what_is_not_there_is_told_and_is_no_attribute(result: rths_cli.RunResult) -> None:
+    with pytest.raises(rths_cli.InputError, match=r"holds no group exp \(status complete\); its groups are case, "):
+        result.exp  # noqa: B018
+    with pytest.raises(rths_cli.InputError, match="there is no command in exp_rths; it holds "):
+        result.exp_rths["command"]
+    assert not hasattr(result, "exp") and not hasattr(result.exp_rths, "command") and "exp" not in result
+    assert not hasattr(result, "_repr_html_") and repr(result).startswith(f"<{CASE}.h5: complete; case")
+
+
+def test_a_result_can_be_copied_and_sent_to_another_process(result: rths_cli.RunResult) -> None:
+    assert np.array_equal(copy.copy(result).exp_rths.command_v, result.exp_rths.command_v)
+    assert pickle.loads(pickle.dumps(result)).status == "complete"
+
+
+def test_a_file_that_was_replaced_is_not_read_as_the_old_one(place: Path) -> None:
+    shutil.copy(place / "results" / f"{CASE}.h5", "twin.h5")
+    twin = rths_cli.load("twin.h5")
+    shutil.copy("twin.h5", "other.h5")
+    os.replace("other.h5", "twin.h5")
+    for read in (lambda: twin.exp_rths.command_v, lambda: twin.export("x")):
+        with pytest.raises(rths_cli.InputError, match="was replaced or removed since it was loaded; load it again"):
+            read()
+
+
+def test_runs_are_kept_apart_and_go_with_their_results() -> None:
+    runs = [rths_cli.run(CASE, settings={"scaling": s, "runs": ["sim"]}) for s in (np.float64(0.1), 0.2)]
+    first, second = (one.sim.abs_accel_m_s2 for one in runs)
+    assert np.abs(second).max() == pytest.approx(2.0 * np.abs(first).max(), rel=1e-9)
+    folders = [one.path.parent for one in runs]
+    assert folders[0] != folders[1] and all(folder.exists() for folder in folders)
+    del runs
+    gc.collect()
+    assert not any(folder.exists() for folder in folders)
+
+
+def test_a_method_and_an_override_reach_the_run(tmp_path: Path) -> None:
+    done = rths_cli.run("el_centro_bare_ff_fb", method="paper", settings={"runs": ["exp_rths"]}, output=tmp_path)
+    assert (done.attributes["method"], done.path.parent) == ("paper", tmp_path)
+    assert done.status == "refused" and "unstable" in done.status_reason + str(done.attributes["check_verdict"])
+    assert "exp_rths" not in done
+    assert str(done.attributes["command_line"]).startswith("rths_cli.run el_centro_bare_ff_fb")
+
+
+def test_a_case_that_is_not_safe_is_judged_so() -> None:
+    judged = rths_cli.check(CASE, settings={"scaling": 0.95})
+    assert (judged.verdict, judged.safe) == ("unsafe", False) and "displacement" in judged.reasons[0]
+    assert judged.metrics["check.peak_displacement_m"] > 0.07 and judged.metrics["check.largest_scaling"] < 0.95
+
+
+def test_progress_is_told() -> None:
+    told: list[str] = []
+    rths_cli.run(CASE, settings={"runs": ["sim"]}, progress=told.append)
+    assert "SIM" in told and "" not in told
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"scaling": -1, "controler": "FF"}, ("scaling", "controler")),
+        ({"scaling": float("nan")}, ("settings: scaling must be finite",)),
+        ({"scaling": 1j}, ("settings: scaling must be a number, text, list or mapping, got complex",)),
+        ({"": 1}, ("must be key=value",)),
+    ],
+)
+def test_bad_settings_are_told_in_one_sentence_each(settings: dict[str, object], words: tuple[str, ...]) -> None:
+    with pytest.raises(rths_cli.InputError) as refused:
+        rths_cli.run(CASE, settings=settings)
+    assert len(refused.value.faults) == len(words)
+    assert all(
+        word in fault for word, fault in zip(words, sorted(refused.value.faults, reverse=True), strict=True)
+    ) or (all(any(word in fault for fault in refused.value.faults) for word in words))
+
+
+def test_texts_stay_texts_and_paths_are_taken() -> None:
+    given = {"name": "0.30", "identification.model": Path("m.h5"), "identification.seed": np.int64(3), "runs": ("sim",)}
+    assert api._texts(given, "paper") == (
+        'name="0.30"', 'identification.model="m.h5"', "identification.seed=3", 'runs=["sim"]', 'method="paper"'
+    )  # fmt: skip
+
+
+def test_files_that_are_no_results_are_told(tmp_path: Path) -> None:
+    (tmp_path / "text.h5").write_text("no")
+    with pytest.raises(rths_cli.InputError, match="is not an HDF5 file"):
+        rths_cli.load(tmp_path / "text.h5")
+    with pytest.raises(rths_cli.InputError, match="No such file"):
+        rths_cli.load(tmp_path / "none.h5")
+
+
+def test_an_unknown_format_is_refused(result: rths_cli.RunResult) -> None:
+    with pytest.raises(rths_cli.InputError, match="to: 'xlsx' is no format; give one of csv, mat, netcdf"):
+        result.export("x", to="xlsx")
+
+
+@pytest.mark.skipif(not HAS_FIGURES, reason="needs the package of figures")
+def test_a_figure_is_drawn_and_an_unknown_one_refused(result: rths_cli.RunResult) -> None:
+    assert rths_cli.plot(result, "tracking").axes
+    with pytest.raises(rths_cli.InputError, match="frobnicate"):
+        rths_cli.plot(result, "frobnicate")
+
+
+REAL = {"table": "udp_loopback", "sample_rate_hz": 1000, "runs": ["sim"]}
+
+
+def test_a_real_rig_needs_a_folder_and_the_main_thread(tmp_path: Path) -> None:
+    with pytest.raises(rths_cli.InputError, match="output: rig udp_loopback is real and its result must last"):
+        rths_cli.run(CASE, settings=REAL, yes=True)
+    caught: list[rths_cli.InputError] = []
+
+    def elsewhere() -> None:
+        try:
+            rths_cli.run(CASE, settings=REAL, output=tmp_path, yes=True)
+        except rths_cli.InputError as error:
+            caught.append(error)
+
+    thread = threading.Thread(target=elsewhere)
+    thread.start()
+    thread.join()
+    assert "call this in the main thread" in caught[0].faults[0]
+
+
+def test_a_real_rig_moves_by_no_script_that_was_not_permitted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    from rths_cli.workflows import permission
+
+    sentence = r"yes=True moves rigs whose file says `unattended: true`, rths run asks for others"
+    monkeypatch.setattr(permission.sys, "stdin", type("Terminal", (), {"isatty": staticmethod(lambda: True)}))
+    with pytest.raises(rths_cli.InputError, match=sentence):
+        rths_cli.identify(CASE, "models/real.h5", settings={"table": "udp_loopback", "sample_rate_hz": 1000})
+    with pytest.raises(rths_cli.InputError, match=sentence):
+        rths_cli.run(CASE, settings=REAL, output=tmp_path)
+    text = (
+        (ROOT / "configs" / "rigs" / "udp_loopback.yaml").read_text().replace("unattended: true", "unattended: false")
+    )
+    (tmp_path / "attended.yaml").write_text(text)
+    with pytest.raises(rths_cli.InputError, match="does not say `unattended: true`; a person has to confirm here"):
+        rths_cli.run(CASE, settings={**REAL, "table": tmp_path / "attended.yaml"}, output=tmp_path, yes=True)
+    assert list(tmp_path.glob("*.h5")) == []
+    monkeypatch.setattr(permission.sys, "stdin", None)
+    with pytest.raises(rths_cli.InputError, match="nobody can be asked here"):
+        rths_cli.identify(CASE, "models/real.h5", settings={"table": "udp_loopback", "sample_rate_hz": 1000})
+
+
+@pytest.mark.parametrize("swallowed", [False, True])
+def test_sigterm_ends_a_run_and_handlers_are_as_before(swallowed: bool) -> None:
+    from rths_cli.process import Terminated
+
+    before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)], sys.unraisablehook
+
+    def end(text: str) -> None:
+        if text == "SIM":
+            with suppress(Terminated) if swallowed else nullcontext():
+                signal.raise_signal(signal.SIGTERM)
+
+    with pytest.raises(Terminated):
+        rths_cli.run(CASE, settings={"runs": ["sim"]}, progress=end)
+    assert before == ([signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)], sys.unraisablehook)
+
+
+def test_the_package_says_that_it_is_typed() -> None:
+    assert (Path(rths_cli.__file__).parent / "py.typed").is_file()

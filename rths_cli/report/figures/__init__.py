@@ -1,6 +1,6 @@
 """Publication figures of results: the paper's figures and further ones, for any structure, rig and number of storeys.
 
-docs/figures_gallery.md shows what each one is for.
+docs/figures_gallery.md says what each one shows.
 """
 
 from rths_cli.report.figures.source import NotDrawn

@@ -64,7 +64,7 @@ def table_response(source: Source, width: str) -> Figure:
     _frequency_axis(axes, float(f[0]), float(f[-1]))
     size = f"model, {len(source.read('identification/poles_real'))} poles, "
     size += f"{len(source.read('identification/zeros_real'))} zeros"
-    marks = Look("specimen's natural frequencies", VERMILLION, (0, (4.0, 2.0)))
+    marks = Look("natural frequencies", VERMILLION, (0, (4.0, 2.0)))
     legend_below(figure, [MEASURED_FRF, replace(MODEL, label=size), marks])
     return figure
 

@@ -58,7 +58,9 @@ def kalman(source: Source, width: str) -> Figure:
     if source.virtual:
         lines.append(Line(TRUE, time, source.read(f"{run}/truth/floor_accel_m_s2")[-1]))
     lines.append(Line(ESTIMATED, time, estimated))
-    near = busiest(time, measured, NEAR_S) if source.complete else window_at(time, float(time[-1]), NEAR_S)
+    near = (
+        busiest(time, measured, NEAR_S) if _reached_the_end(source, time) else window_at(time, float(time[-1]), NEAR_S)
+    )
     floor = int(source.read(f"{run}/floor")[-1])
     difference = replace(RUNS[run], label="measured − filtered", dashes="solid")
     rows = [
@@ -142,7 +144,11 @@ def _error_panel(source: Source, title: str, look: Look, time: Array, error: Arr
 
 def _close(source: Source, time: Array, values: Array) -> slice:
     """Return the stretch around the peak, or before the end of a run that stopped early."""
-    return busiest(time, values) if source.complete else window_at(time, float(time[-1]))
+    return busiest(time, values) if _reached_the_end(source, time) else window_at(time, float(time[-1]))
+
+
+def _reached_the_end(source: Source, time: Array) -> bool:
+    return source.complete or time.size >= source.read("record/time_s").size
 
 
 def _what(source: Source, storey: int) -> str:

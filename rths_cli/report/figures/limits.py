@@ -46,14 +46,15 @@ def limits(source: Source, width: str) -> Figure:
     margins = [name for name in MARGINS if any(source.metric(f"{loop}.{name}") is not None for loop in LOOPS)]
     if not names and not margins:
         raise NotDrawn("no limits and no margins in the result")
+    over = 3 if names else 0  # rows of the grid above the margins
     beside = width == "two" and bool(names)
     figure = new_figure(source, width, 28.0 + 14.0 * max(len(margins), 3) + (0.0 if beside else 50.0 * bool(names)))
-    grid = figure.add_gridspec(max(len(margins), 1), 2) if beside else figure.add_gridspec(len(margins) + 3, 1)
+    grid = figure.add_gridspec(max(len(margins), 1), 2) if beside else figure.add_gridspec(len(margins) + over, 1)
     marks: list[Mark] = []
     if names:
-        marks = _peaks(figure.add_subplot(grid[:, 0] if beside else grid[:3, 0]), source, names)
+        marks = _peaks(figure.add_subplot(grid[:, 0] if beside else grid[:over, 0]), source, names)
     for i, name in enumerate(margins):
-        _margin(figure.add_subplot(grid[i, 1] if beside else grid[3 + i, 0]), source, name)
+        _margin(figure.add_subplot(grid[i, 1] if beside else grid[over + i, 0]), source, name)
     titles = ["peaks against limits"] * bool(names) + [MARGINS[name][0] for name in margins]
     for ax, title in zip(figure.axes, lettered(titles), strict=True):
         ax.set_title(title)

@@ -77,7 +77,7 @@ def storeys(source: Source, width: str) -> Figure:
         found = source.metric(f"{run}.rms_error_m_s2")
         if found is not None:
             _profile(errors, run, np.where(np.isfinite(found), found, np.nan))
-    for ax, title in zip((peaks, errors), lettered(("peaks", "errors to SIM, test band")), strict=True):
+    for ax, title in zip((peaks, errors), lettered(("peaks", "errors, test band")), strict=True):
         _storey_axis(ax, count, interface_storey(source))
         ax.set_title(title)
     peaks.set(xlabel="acceleration (m/s²)", ylabel="storey")
@@ -104,10 +104,13 @@ def _storey_axis(ax: Axes, count: int, interface: int) -> None:
 
 def _wide_axis(ax: Axes) -> None:
     """Make the axis logarithmic where values differ by more than ten times, else start it at zero."""
+    from matplotlib.ticker import NullFormatter
+
     drawn = [np.asarray(line.get_xdata(), dtype=float) for line in ax.lines if line.get_label() in PROFILES]
     values = np.concatenate([np.zeros(0), *drawn])
     values = values[np.isfinite(values) & (values > 0.0)]
     if values.size and values.max() > 10.0 * values.min():
         ax.set_xscale("log")
+        ax.xaxis.set_minor_formatter(NullFormatter())
     else:
         ax.set_xlim(left=0.0)

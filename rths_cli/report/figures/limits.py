@@ -46,13 +46,15 @@ def limits(source: Source, width: str) -> Figure:
     margins = [name for name in MARGINS if any(source.metric(f"{loop}.{name}") is not None for loop in LOOPS)]
     if not names and not margins:
         raise NotDrawn("no limits and no margins in the result")
-    over = 3 if names else 0  # rows of the grid above the margins
+    over = 4 if names else 0  # rows of the grid above the margins
     beside = width == "two" and bool(names)
-    figure = new_figure(source, width, 28.0 + 14.0 * max(len(margins), 3) + (0.0 if beside else 50.0 * bool(names)))
+    figure = new_figure(source, width, 28.0 + 14.0 * max(len(margins), 3) + (0.0 if beside else 62.0 * bool(names)))
     grid = figure.add_gridspec(max(len(margins), 1), 2) if beside else figure.add_gridspec(len(margins) + over, 1)
     marks: list[Mark] = []
     if names:
-        marks = _peaks(figure.add_subplot(grid[:, 0] if beside else grid[:over, 0]), source, names)
+        marks = _peaks(
+            figure.add_subplot(grid[:, 0] if beside else grid[:over, 0]), source, names, "\n" if beside else " "
+        )
     for i, name in enumerate(margins):
         _margin(figure.add_subplot(grid[i, 1] if beside else grid[over + i, 0]), source, name)
     titles = ["peaks against limits"] * bool(names) + [MARGINS[name][0] for name in margins]
@@ -63,13 +65,13 @@ def limits(source: Source, width: str) -> Figure:
     return figure
 
 
-def _peaks(ax: Axes, source: Source, names: Sequence[str]) -> list[Mark]:
+def _peaks(ax: Axes, source: Source, names: Sequence[str], between: str) -> list[Mark]:
     """Draw peaks in percent of their limits and return the marks used."""
     bounds = {name: _figure(source, f"check.limit_{name}") for name in names}
     peaks = [(PREDICTED, {name: _figure(source, f"check.peak_{name}") for name in names})]
     peaks += [(REACHED[run], reached_peaks(source, run)) for run in REACHED if run in source.result.groups]
     shares = [np.array([100.0 * found.get(name, np.nan) / bounds[name] for name in names]) for _, found in peaks]
-    labels = [f"{LIMITS[name][0]}\n({bounds[name]:.4g} {LIMITS[name][1]})" for name in names]
+    labels = [f"{LIMITS[name][0]}{between}({bounds[name]:.4g} {LIMITS[name][1]})" for name in names]
     dot_rows(ax, labels, [(mark, share) for (mark, _), share in zip(peaks, shares, strict=True)])
     ax.axvline(100.0, color=VERMILLION, lw=1.0, ls=(0, (4.0, 2.0)))
     ax.set_xlim(0.0, max(110.0, 1.05 * float(np.nanmax(np.concatenate(shares)))))

@@ -80,7 +80,7 @@ def write_table_run(writer, run, storeys, floors, n, kind, live):
     floor = {"floor": Dataset(np.arange(storeys - floors + 1, storeys + 1), "1", "experimental storey", "computed")}
     on_floors = ("floor", "time_s")
     desired = motion(n, seed)
-    seen = building(floors, n, seed + 1)
+    seen = 2.0 * building(floors, n, seed + 1)
     late = np.concatenate([np.zeros(1), desired[:-1]])
     datasets = {
         "interface_accel_desired_m_s2": accel(desired),

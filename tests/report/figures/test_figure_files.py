@@ -22,9 +22,8 @@ import sys
 from pathlib import Path
 from rths_cli.files.results import read_result
 from rths_cli.report.figures import write_figures
-tall, short, folder = map(Path, sys.argv[1:])
-write_figures([read_result(tall)], folder, "svg", "two")
-for form in ("pdf", "png"):
+short, folder = map(Path, sys.argv[1:])
+for form in ("svg", "pdf", "png"):
     write_figures([read_result(short)], folder, form, "one", lambda _: None)
 assert "matplotlib.pyplot" not in sys.modules
 """
@@ -48,7 +47,7 @@ def written(tall, short, tmp_path_factory):
     folder, told = tmp_path_factory.mktemp("written"), []
     paths = write_figures([tall], folder, "svg", "two", told.append)
     assert [path.name for path in paths] == [f"tall-{name}.svg" for name in figure_names()] and not told
-    for form in ("pdf", "png"):
+    for form in ("svg", "pdf", "png"):
         write_figures([short], folder, form, "one", told.append)
     return folder
 
@@ -62,16 +61,16 @@ def test_names_are_those_of_the_issue():
     assert {"delay_and_gain", "error_budget", "limits", "timing"} < set(figure_names())
 
 
-def test_another_process_with_other_settings_writes_the_same_bytes(written, tall, short, tmp_path):
+def test_another_process_with_other_settings_writes_the_same_bytes(written, short, tmp_path):
     (tmp_path / "matplotlibrc").write_text("font.size: 20\nlines.linestyle: --\nsvg.hashsalt: other\n")
     environment = os.environ | {"PYTHONHASHSEED": "7", "SOURCE_DATE_EPOCH": "1000000000"}
     environment |= {"MATPLOTLIBRC": str(tmp_path), "TZ": "Asia/Tokyo"}
     again = tmp_path / "again"
-    command = [sys.executable, "-c", AGAIN, str(tall.path), str(short.path), str(again)]
+    command = [sys.executable, "-c", AGAIN, str(short.path), str(again)]
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    ours, theirs = ({path.name: path.read_bytes() for path in where.iterdir()} for where in (written, again))
-    assert len(ours) == len(figure_names()) + 4
+    ours, theirs = ({path.name: path.read_bytes() for path in where.glob("sim-*")} for where in (written, again))
+    assert len(ours) == 2 * 3
     assert [name for name in ours if ours[name] != theirs.get(name)] == []
 
 
@@ -84,7 +83,7 @@ def test_files_are_what_they_say_small_and_with_their_fonts(written):
         if path.suffix == ".pdf":
             assert b"/FontFile2" in image and b"/Type3" not in image
         if path.suffix == ".svg":
-            assert b"<text" not in image and re.search(rb'width="493\.2\d+pt"', image[:500])
+            assert b"<text" not in image and re.search(rb'width="(493|238)\.\d+pt"', image[:500])
 
 
 @pytest.mark.parametrize("name", figure_names())

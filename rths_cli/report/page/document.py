@@ -106,7 +106,10 @@ def _errors(cases: Sequence[Entry]) -> list[Html]:
 
 def _plots(virtual: bool) -> list[Html]:
     """Return the frames that the script fills."""
-    hint = "Drag across a plot to zoom, drag with shift to move, double click for the whole; two fingers on a phone."
+    hint = (
+        "Drag across a plot to zoom, drag with shift to move, double click for the whole; on a phone one finger moves "
+        "and two zoom. A click on a name below a plot hides its line."
+    )
     needs = element("noscript", element("p", "The plots need JavaScript, which is switched off here."))
     time = element("div", attributes={"id": "time-plots"})
     response = element("div", frequency.heading(virtual), element("div", attributes={"id": "frequency-plots"}))

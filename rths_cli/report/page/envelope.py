@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from rths_cli.lti import Array, Integers
 
-BUCKETS = 2000  # of a series, two samples each: more than a screen has columns
+BUCKETS = 8000  # of a series at most, two samples each: several times what a screen has columns, to zoom into
 MOST_CHARACTERS = 3_400_000  # of all series of a page
 QUANTA = 32767  # to which a peak is divided
 FINE = 100  # quanta that half of a series must exceed to be told in them

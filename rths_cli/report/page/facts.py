@@ -62,7 +62,7 @@ def status(result: Result) -> str:
 def name_of(result: Result) -> str:
     """Return case and method of a result, and the instant of a run on a real rig, which may be one of several."""
     a = result.attributes
-    when = "" if is_virtual(result) else f", {a.get('rig', '-')} {a.get('created_utc', '')}".rstrip()
+    when = "" if is_virtual(result) else f", {a.get('created_utc') or '-'}"
     return f"{a.get('case_name') or '-'} ({a.get('method') or '-'}{when})"
 
 

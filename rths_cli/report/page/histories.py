@@ -113,7 +113,8 @@ def _chart(chart: Chart, pool: Pool) -> dict[str, object]:
     for trace in chart.traces:
         if np.any(np.isfinite(trace.values)):
             short = envelope(trace.values, start, step, width_of(chart.time_s.size))
-            traces.append({"name": trace.name, "role": trace.role, "series": pool.add(short)})
+            whole = bool(np.all(np.isfinite(trace.values)))
+            traces.append({"name": trace.name, "role": trace.role, "series": pool.add(short), "whole": whole})
     return {"title": chart.title, "unit": chart.unit, "traces": traces}
 
 

@@ -10,11 +10,13 @@ from rths_cli.files.results import Result, read_series
 from rths_cli.lti import Array
 from rths_cli.report.budget_text import CAUSES
 from rths_cli.report.latency_text import latency_text
+from rths_cli.report.layout import Cell, Row, Table
 from rths_cli.report.load import Entry
 from rths_cli.report.page.facts import is_virtual
 from rths_cli.report.page.html import Html, element, framed, table
+from rths_cli.report.page.paper_tables import as_html
 
-KINDS = {"check": "predicted", "budget": "measured"}
+KINDS = {"check": "pred.", "budget": "meas."}
 TIMES = {
     "late_s": "start of the exchange, late by",
     "exchange_s": "exchange with the rig",
@@ -38,11 +40,18 @@ def by_cause(result: Result) -> Html:
         return Html("")
     storeys = np.atleast_1d(result.metrics[f"{kinds[0]}.rms_error_coupling_m_s2"]).size
     columns = ["tracking", *(f"storey {storey}" for storey in range(1, storeys + 1))]
-    heads = [f"{column}, {KINDS[kind]}" for column in columns for kind in kinds]
-    causes = {**CAUSES, "": "together"}
-    rows = [[label, *_causes(result, kinds, cause, storeys)] for cause, label in causes.items()]
-    shown = [row for row in rows if any(cell != "-" for cell in row[1:])]
-    return table([["RMS, mm/s², test band", *heads]], shown, "figures")
+    heads = (
+        tuple(Cell(column, len(kinds)) for column in columns),
+        tuple(Cell(KINDS[kind]) for kind in kinds) * len(columns),
+    )
+    rows = [
+        Row(label, tuple(Cell(text) for text in _causes(result, kinds, cause, storeys)))
+        for cause, label in {**CAUSES, "": "together"}.items()
+    ]
+    shown = tuple(row for row in rows if any(cell.text != "-" for cell in row.cells))
+    virtual = "; virtual" if is_virtual(result) else ""
+    title = f"Error by cause (RMS, mm/s^2, test band{virtual})"
+    return as_html(Table(title, "", (len(kinds),) * len(columns), 10, heads, shown))
 
 
 def latency(result: Result) -> Html:

@@ -30,8 +30,9 @@ def as_html(shown: Table) -> Html:
     corners = [""] * (len(shown.headers) - 1) + [shown.corner]
     heads = (_row("th", corner, cells, shown) for corner, cells in zip(corners, shown.headers, strict=True))
     rows = (_row("td", row.label, row.cells, shown) if row.cells else _heading(row, shown) for row in shown.rows)
-    parts = (element("caption", shown.title), element("thead", *heads), element("tbody", *rows))
-    return framed(element("table", *parts, attributes={"class": "figures"}))
+    about = {"class": "figures", "aria-label": shown.title}
+    body = element("table", element("thead", *heads), element("tbody", *rows), attributes=about)
+    return join([element("h4", shown.title), framed(body)])
 
 
 def claims(cases: Sequence[Entry]) -> Html:

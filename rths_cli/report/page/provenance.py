@@ -31,7 +31,9 @@ def provenance(results: Sequence[Result]) -> Html:
     """Return what the results say of their making, each value once with the results that say so, and their files."""
     rows = (row for key, label in ABOUT.items() for row in _rows(results, key, label))
     made = ([name_of(r), r.path.name, str(r.attributes.get("created_utc") or "-")] for r in results)
-    return join([table([["", "value", "results"]], rows), table([["result", "file", "created (UTC)"]], made)])
+    head = ["", "value", "results"] if len(results) > 1 else ["", "value"]
+    told = (row[: len(head)] for row in rows)
+    return join([table([head], told), table([["result", "file", "created (UTC)"]], made)])
 
 
 def commands(results: Sequence[Result], command_line: str) -> Html:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from rths_cli.files.results import Result
 from rths_cli.report.page.facts import MET, NOT_MET, Limit, facts, is_virtual, name_of, status
@@ -21,12 +21,12 @@ def verdicts(results: Sequence[Result]) -> Html:
 
 
 def summary(results: Sequence[Result]) -> str:
-    """Return how many results ended how, and how many limits were met."""
+    """Return how many results ended how, and how many limits were met, or not."""
     ends = [status(result) for result in results]
     told = [f"{ends.count(end)} {end}" for end in dict.fromkeys(ends)]
     limits = [limit.verdict for result in results for limit in facts(result).limits]
-    met = f"{limits.count(MET)} of {len(limits)} accept limits met" if limits else "no accept limits set"
-    return f"{', '.join(told)}; {met}"
+    judged = ", ".join(f"{limits.count(word)} {word}" for word in dict.fromkeys(limits))
+    return f"{', '.join(told)}; {f'accept limits: {judged}' if limits else 'no accept limits set'}"
 
 
 def pill(kind: str, text: str) -> Html:
@@ -38,7 +38,7 @@ def _cells(result: Result) -> Iterator[Html]:
     a = result.attributes
     kind = "virtual" if is_virtual(result) else f"{a.get('rig_kind', '-')} {a.get('driver_verified', '')}".strip()
     checked = str(a.get("check_verdict") or "-")
-    contents = (
+    contents: tuple[Iterable[str], ...] = (
         [f"{a.get('rig', '-')}, {kind}"],
         _ending(result),
         [pill(CHECKED.get(checked, OPEN), checked), *_overrides(result)],

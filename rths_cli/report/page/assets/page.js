@@ -57,7 +57,8 @@
 
   function axis(more) {
     const line = () => ({ stroke: () => colour("line"), width: 1 });
-    return { stroke: () => colour("ink"), font: "12px system-ui, sans-serif", grid: line(), ticks: line(), ...more };
+    const values = (_, splits) => splits.map((value) => (value == null ? "" : Number(value.toPrecision(7)).toString()));
+    return { stroke: () => colour("ink"), values, font: "12px system-ui, sans-serif", grid: line(), ticks: line(), ...more };
   }
 
   // Of a logarithmic axis, the lines at powers of ten.
@@ -66,9 +67,12 @@
     return { stroke: () => colour("line"), width: 1, filter };
   }
 
+  // One that was cut ran away before: it would leave no room for the others, so that it waits for a click.
   function trace(one) {
+    const cut = one.whole === false;
     return {
-      label: one.name,
+      label: cut ? `${one.name} (cut: click to show)` : one.name,
+      show: !cut,
       stroke: () => colour(one.role),
       width: WIDE.has(one.role) ? 3 : 1.2,
       points: { show: false },
@@ -76,10 +80,10 @@
     };
   }
 
-  // Traces have samples at different instants: the cursor tells each by its own nearest one.
+  // Traces have samples at different instants: the cursor tells each by its own nearest one, if it is near.
   function nearest(plot, series, index) {
     const values = plot.data[series];
-    for (let away = 0; away < 400; away++) {
+    for (let away = 0; away < 40; away++) {
       if (values[index - away] != null) return index - away;
       if (values[index + away] != null) return index + away;
     }

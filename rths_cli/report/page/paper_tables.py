@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from rths_cli.report.cells import remarks
-from rths_cli.report.claims import CLAIMS, HELD, NOT_HELD, Claim, Verdict, judge
+from rths_cli.report.claims import CLAIMS, HELD, NOT_HELD, UNJUDGED, Claim, Verdict, judge
 from rths_cli.report.layout import Cell, Row, Table
 from rths_cli.report.load import Entry
 from rths_cli.report.page.html import Html, classed, details, element, framed, join, table
@@ -54,11 +54,12 @@ def _claim(place: int, claim: Claim, cases: Sequence[Entry]) -> Html:
 
 def _count(source: str, found: Sequence[Verdict]) -> Iterator[Html]:
     mine = [verdict.verdict for verdict in found if verdict.source == source]
-    for word, kind in ((HELD, GOOD), (NOT_HELD, BAD)):
-        if word in mine:
-            yield join([pill(kind, f"{source}: {word} in {mine.count(word)} of {len(mine)}"), " "])
-    if all(word not in JUDGED for word in mine):
-        yield join([pill(OPEN, f"{source}: {mine[0]}"), " "])
+    judged = [word for word in mine if word in JUDGED]
+    for word, kind in JUDGED.items():
+        if word in judged:
+            yield join([pill(kind, f"{source}: {word} in {judged.count(word)} of {len(judged)}"), " "])
+    if len(judged) < len(mine):
+        yield join([pill(OPEN, f"{source}: {UNJUDGED} in {len(mine) - len(judged)}"), " "])
 
 
 def _row(kind: str, label: str, cells: Sequence[Cell], shown: Table) -> Html:

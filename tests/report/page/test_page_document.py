@@ -311,3 +311,19 @@ def test_nothing_is_imported_before_a_page_is_asked_for() -> None:
     code = "import sys, rths_cli.report; print('rths_cli.report.page' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     assert done.stdout == "False\n"
+
+
+def test_claims_are_counted_where_they_can_be_judged(tmp_path: Path) -> None:
+    def made(name: str, status: str, error: float) -> Result:
+        metrics = {
+            "sim_delay.rms_error_m_s2": Metric(np.array([0.1, 0.2]), "m/s^2", "made up", "storey"),
+            "exp_rths.rms_error_m_s2": Metric(np.array([error, 0.01]), "m/s^2", "made up", "storey"),
+        }
+        return page_results.write(
+            tmp_path / f"{name}.h5", case_name=name, status=status, metrics=metrics, samples=50, record_name=name
+        )
+
+    results = [made("a", "complete", 0.01), made("b", "aborted", 0.01), made("c", "complete", 0.3)]
+    words = " ".join(page_reader.read(page(results, "")).words().split())
+    second = words[words.index("2. EXP-RTHS is better than SIM-DELAY") : words.index("3. EXP-RTHS is better with")]
+    assert "best: held in 1 of 2 best: not held in 1 of 2 best: cannot be judged in 1" in second

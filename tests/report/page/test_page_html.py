@@ -58,3 +58,8 @@ def test_html_is_not_escaped_twice_and_numbers_must_be_finite() -> None:
     assert element("details", Html("<b></b>"), attributes={"open": ""}) == "<details open><b></b></details>"
     with pytest.raises(ValueError):
         data_script("d", float("nan"))
+
+
+def test_what_no_page_can_hold_becomes_a_sign() -> None:
+    assert safe("a\x00\x1b\x7f\ud800\n\tb") == "a\ufffd\ufffd\ufffd\ufffd\n\tb"
+    assert page_reader.read(element("p", "\udfff")).texts == [("p", "\ufffd")]

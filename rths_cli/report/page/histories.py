@@ -92,10 +92,8 @@ def _error(sim: Array, run: str, values: Array, time: Array) -> Trace:
 
 
 def in_test_band(error: Array, time: Array) -> Array:
-    """Return an error (n,) in the test band; NaN where it was cut, or has too few samples."""
-    if error.size < 2 or not np.all(np.isfinite(error)):
-        return np.full(error.shape, np.nan)
-    return test_band(error, _step(time))
+    """Return an error (n,) in the test band; NaN throughout where it was cut, or has too few samples."""
+    return test_band(error, _step(time)) if error.size > 1 else np.full(error.shape, np.nan)
 
 
 def document(result: Result, pool: Pool) -> dict[str, object]:

@@ -23,7 +23,7 @@ from rths_cli.loop.scheduling import NEXT_TO_LAST, real_time
 from rths_cli.rigs.udp import wire
 from rths_cli.rigs.udp.secret import KEY_FILE_VARIABLE, as_words, make_secret, read_secret
 from rths_cli.rigs.udp.sentences import fault_names
-from rths_cli.rigs.udp.session import Answer, Offer, Terms, answer_hello
+from rths_cli.rigs.udp.session import Answer, Offer, Terms, answer_hello, prepare
 from rths_cli.rigs.udp.sockets import bound, shown
 from rths_cli.workflows.serve_table import ServedRig, describe, make_table
 
@@ -77,6 +77,7 @@ def serve(request: ServeRequest, say: Say) -> list[SessionEnded]:
     path, secret = _secret(request.key_file)
     with bound(request.host, request.port) as link:
         server = Server(link, secret, rig, round(1e9 * request.watchdog_s), say)
+        server.start()
         say(f"{rig.title} at {shown(link.getsockname())}; end with Ctrl-C")
         say(f"key file {path}; on this machine: export {KEY_FILE_VARIABLE}={path}")
         if not ipaddress.ip_address(link.getsockname()[0]).is_loopback:
@@ -93,16 +94,22 @@ class Server:
         self._link, self._secret, self._rig, self._say = link, secret, rig, say
         self._watchdog_ns = watchdog_ns
         self._orders = np.zeros(1, np.int64)
-        self._done = threading.Event()
+        self._ready, self._done = threading.Event(), threading.Event()
         self._fault: BaseException | None = None
         self._last: Answer | None = None
         self._peer = ""
         self._begin(Terms(rig.channels, round(1e9 * rig.usual_dt_s), watchdog_ns), _stranger())
-        serving.serve_packets.bind(self._door, self._table)  # compiled before anyone waits for an answer
+        prepare()  # compiled before anyone waits for an answer
+        serving.serve_packets.bind(self._door, self._table)
+
+    def start(self) -> None:
+        """Begin to serve, and return when the thread that does so has what it needs from the system."""
+        threading.Thread(target=self._serve, name="rths serve", daemon=True).start()
+        while not self._ready.wait(LOOK_S):
+            pass
 
     def run_for(self, seconds: float | None) -> None:
-        """Serve for a time, or until an exception such as a signal's ends it; the table is then led to rest."""
-        threading.Thread(target=self._serve, name="rths serve", daemon=True).start()
+        """Serve on for a time, or until an exception such as a signal's ends it; the table is then led to rest."""
         end = time.monotonic() + seconds if seconds is not None else math.inf
         try:
             while not self._done.wait(min(LOOK_S, max(end - time.monotonic(), 0.0))) and time.monotonic() < end:
@@ -118,12 +125,14 @@ class Server:
             with real_time(PRIORITY, NEXT_TO_LAST) as granted:
                 for sentence in granted.refused:
                     self._say(f"note: {sentence}")
+                self._ready.set()
                 while (event := serving.serve_packets(self._door, self._table)) != serving.ORDERED:
                     self._greet() if event == serving.GREETING else self._tell_end()
                 self._tell_end()
         except BaseException as fault:  # raised again by the thread that waits for this one
             self._fault = fault
         finally:
+            self._ready.set()
             self._done.set()
 
     def _begin(self, terms: Terms, key: Words) -> None:

@@ -14,7 +14,7 @@ from rths_cli.rigs.udp.sockets import bound
 from rths_cli.workflows.serve import Server
 from rths_cli.workflows.serve_table import ServedRig
 
-WATCHDOG_S = 0.1
+WATCHDOG_S = 0.3  # a busy machine stops a test for a tenth of a second now and then
 
 
 class Running:
@@ -26,6 +26,7 @@ class Running:
         self.link = bound(host, 0)
         self.host, self.port = self.link.getsockname()[:2]
         self.server = Server(self.link, read_secret(key_file), served, round(1e9 * WATCHDOG_S), self.said.append)
+        self.server.start()
         self.thread = threading.Thread(target=self.server.run_for, args=(None,))
         self.thread.start()
 
@@ -36,7 +37,7 @@ class Running:
         self.link.close()
 
     def rig(self) -> UdpRig:
-        return UdpRig(self.served.setup.rig, UdpTarget(self.host, self.port, self.key_file, timeout_s=0.5))
+        return UdpRig(self.served.setup.rig, UdpTarget(self.host, self.port, self.key_file, 0.5, WATCHDOG_S))
 
     @property
     def session(self) -> Array:

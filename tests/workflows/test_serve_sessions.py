@@ -59,18 +59,15 @@ def wave(steps: int) -> Array:
     return np.asarray(0.1 + 2.0 * np.sin(2 * np.pi * 2.0 * t) * np.minimum(t / 0.2, 1.0))
 
 
-def play(rig: UdpRig, commands: Array) -> tuple[Array, Array]:
-    """Return samples, (n + 1, c), and the target's instants of steps 1 to n in ns."""
-    samples, instants = [rig.arm().copy()], []
-    for command in commands:
+def play(running: Running, rig: UdpRig, commands: Array, pause: tuple[int, float] = (-1, 0.0)) -> tuple[Array, Array]:
+    """Return samples, (n + 1, c), and the ticks that passed before each step; `pause`: before which step, seconds."""
+    samples, ticks = [rig.arm().copy()], []
+    for k, command in enumerate(commands):
+        if k == pause[0]:
+            time.sleep(pause[1])
         samples.append(rig.exchange(command).copy())
-        instants.append(int(rig.link.status[links.SAMPLED_NS]))
-    return np.array(samples), np.array(instants)
-
-
-def ticks_of(instants: Array, rate_hz: float) -> Array:
-    """Return the ticks that passed between steps: time since the first command, rounded to quarters of dt."""
-    return np.diff(np.floor((instants - instants[0]) * 4 * rate_hz / 1e9 + 0.5).astype(int), prepend=0)
+        ticks.append(int(running.session[serving.LAST_TICK]))
+    return np.array(samples), np.diff(ticks, prepend=0)
 
 
 def offline_in_ticks(served: ServedRig, commands: Array, ticks: Array) -> Array:
@@ -95,12 +92,12 @@ def test_a_session_has_the_samples_of_the_offline_table(running: Running) -> Non
     """Up to the first stall those of the offline run, then those of a table advanced by as many ticks as passed."""
     commands, rig = wave(160), running.rig()
     rig.open()
-    samples, instants = play(rig, commands)
+    samples, ticks = play(running, rig, commands)
     rig.rest()
     rig.close()
     assert rig.at_rest
     setup = running.served.setup
-    step_v, ticks = setup.rig.converters.step_v, ticks_of(instants, RATE_HZ)
+    step_v = setup.rig.converters.step_v
     offline = open_rig(setup, (EXP_RTHS,), 0)
     wanted = np.array([offline.arm().copy(), *[offline.exchange(command).copy() for command in commands]])
     stalls = np.flatnonzero(ticks[1:] != 4)
@@ -120,23 +117,17 @@ def test_a_stall_of_the_runner_is_felt(running: Running) -> None:
     """Half the watchdog's time without a command: the table goes on holding the last one."""
     commands, rig = wave(60), running.rig()
     rig.open()
-    samples, instants = [rig.arm().copy()], []
-    for k, command in enumerate(commands):
-        if k == 40:
-            time.sleep(WATCHDOG_S / 2)
-        samples.append(rig.exchange(command).copy())
-        instants.append(int(rig.link.status[links.SAMPLED_NS]))
+    samples, ticks = play(running, rig, commands, (40, WATCHDOG_S / 2))
     rig.close()
-    ticks = ticks_of(np.array(instants), RATE_HZ)
     assert ticks[40] >= 4 * RATE_HZ * WATCHDOG_S / 2 - 1
     ticked = offline_in_ticks(running.served, commands, ticks)
-    assert np.abs(np.array(samples) - ticked).max() <= 2.01 * running.served.setup.rig.converters.step_v
+    assert np.abs(samples - ticked).max() <= 2.01 * running.served.setup.rig.converters.step_v
 
 
 def test_silence_makes_the_watchdog_rest_the_table_and_end_the_session(running: Running) -> None:
     rig = running.rig()
     rig.open()
-    play(rig, wave(60))
+    play(running, rig, wave(60))
     session, table = running.session, running.server._table
     last = int(session[serving.LAST_TICK])
     until(lambda: session[serving.STATE] == wire.RESTED)
@@ -156,15 +147,15 @@ def test_silence_makes_the_watchdog_rest_the_table_and_end_the_session(running: 
 def test_a_killed_runner_is_waited_out_and_a_new_one_begins_at_rest(running: Running) -> None:
     first, second = running.rig(), running.rig()
     first.open()
-    play(first, wave(40))
+    play(running, first, wave(40))
     assert first._door is not None
     first._door.close()  # as a killed process leaves it
     with pytest.raises(RigError, match="another session"):
         second.open()
     until(lambda: running.session[serving.STATE] == wire.RESTED)
     second.open()
-    samples, instants = play(second, wave(30))
-    ticked = offline_in_ticks(running.served, wave(30), ticks_of(instants, RATE_HZ))
+    samples, ticks = play(running, second, wave(30))
+    ticked = offline_in_ticks(running.served, wave(30), ticks)
     assert np.abs(samples - ticked).max() <= 2.01 * running.served.setup.rig.converters.step_v
     second.close()
     assert [one.commands for one in running.server.ended] == [40]
@@ -174,7 +165,7 @@ def test_a_killed_runner_is_waited_out_and_a_new_one_begins_at_rest(running: Run
 def test_a_command_that_is_no_number_or_out_of_range_is_not_obeyed(running: Running, bad: float) -> None:
     rig = running.rig()
     rig.open()
-    play(rig, wave(5))
+    play(running, rig, wave(5))
     table = running.server._table
     before = int(running.counts[serving.OBEYED])
     links.converse_at(rig.link, wire.COMMAND, rig._next_k(), float(bad), 0, 50_000_000)
@@ -292,7 +283,7 @@ def test_the_end_of_the_server_rests_the_table_first(served: ServedRig, key_file
     running = Running(served, key_file)
     rig = running.rig()
     rig.open()
-    play(rig, wave(60))
+    play(running, rig, wave(60))
     running.end()
     assert running.session[serving.STATE] == wire.RESTED and abs(running.server._table.state.state[0]) < AT_REST_M
     assert running.server.ended[0].commands == 60
@@ -302,11 +293,11 @@ def test_the_end_of_the_server_rests_the_table_first(served: ServedRig, key_file
 def test_another_key_and_another_number_of_channels_begin_no_session(
     running: Running, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("rths_cli.rigs.udp.rig.GREETING_S", 0.4)
     make_secret(tmp_path / "other")
     rig = running.rig()
     rig.target = replace(rig.target, key_file=tmp_path / "other")
-    with pytest.raises(RigError, match="did not answer"):
+    with monkeypatch.context() as hurried, pytest.raises(RigError, match="did not answer"):
+        hurried.setattr("rths_cli.rigs.udp.rig.GREETING_S", 0.4)
         rig.open()
     info = replace(rig.info, channels=rig.info.channels[:2])
     with pytest.raises(RigError, match="3 channels"):
@@ -322,7 +313,7 @@ def test_it_serves_ipv6(served: ServedRig, key_file: Path) -> None:
     rig = running.rig()
     try:
         rig.open()
-        play(rig, np.zeros(5))
+        play(running, rig, np.zeros(5))
         rig.rest()
         rig.close()
         until(lambda: len(running.server.ended) == 1)

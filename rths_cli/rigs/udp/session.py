@@ -17,7 +17,7 @@ from rths_cli.rigs.udp.sentences import refused, silence
 from rths_cli.rigs.udp.siphash import Words, siphash_into
 
 NONCE_BYTES = 16
-GREETING_S = 2.0
+GREETING_S = 5.0
 RESEND_S = 0.1
 HELLO_WORDS, WELCOME_WORDS, REFUSAL_WORDS = "<16s3q", "<16s16s3q", "<16s2Q"
 KEY_LABEL = b"rths-key"

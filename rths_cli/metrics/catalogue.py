@@ -8,6 +8,10 @@ from dataclasses import dataclass
 ACCEL = "m/s^2"
 LESS, MORE, ZERO, ONE, NONE = "smaller", "larger", "near zero", "near one", "none"
 TABLE_RUNS = ("shake_table", "exp_rths")
+GROUPS = (
+    "shake_table", "exp_rths", "sim", "sim_delay", "budget", "check", "feedback", "controller", "latency",
+    "identification",
+)  # fmt: skip
 KINDS = {
     "_true_full": "true, in full band",
     "_true": "true: before any sensor, which only a virtual rig knows",
@@ -63,7 +67,8 @@ class Definition:
 
 def catalogue() -> tuple[Definition, ...]:
     """Return the definition of every figure, in the order of the groups of a result."""
-    return (*_of_table(), *_against_sim(), *_of_check(), *_of_budget(), *_of_loop(), *_of_identification())
+    found = (*_of_table(), *_against_sim(), *_of_check(), *_of_budget(), *_of_loop(), *_of_identification())
+    return tuple(sorted(found, key=lambda one: GROUPS.index(one.path.partition(".")[0])))
 
 
 def define(path: str) -> Definition | None:

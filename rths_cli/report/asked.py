@@ -60,7 +60,7 @@ def check_asked(asked: Asked) -> None:
 def read_asked(asked: Asked, tell: Tell) -> Contents:
     """Read and compare what a report is made of; raises InputError with all that is wrong, unless it keeps going and
     something is left to show."""
-    inputs = read_inputs(asked.paths, tell, whole=asked.table == "json")
+    inputs = read_inputs(asked.paths, tell)
     before = None
     if asked.baseline:
         percent = DEFAULT_PERCENT if asked.percent is None else asked.percent

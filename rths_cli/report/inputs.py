@@ -36,14 +36,12 @@ class Inputs:
     unread: tuple[Unread, ...]
 
 
-def read_inputs(paths: Sequence[Path], tell: Tell, whole: bool = False) -> Inputs:
-    """Read result files, sweeps and folders of them; a file named twice is read once.
-
-    `whole` reads the definitions of all figures at once instead of when they are asked for. `tell` hears how it goes.
-    """
+def read_inputs(paths: Sequence[Path], tell: Tell) -> Inputs:
+    """Read result files, sweeps and folders of them with units and definitions, but no time history; a file named twice
+    is read once. `tell` hears how it goes."""
     files, unread = _files(paths)
     read: list[Result | Sweep | str] = []
-    for number, found in enumerate(_reading(files, whole), 1):
+    for number, found in enumerate(_reading(files), 1):
         tell(f"reading results: {number} of {len(files)}")
         read.append(found)
     pairs = list(zip(files, read, strict=True))
@@ -66,30 +64,23 @@ def _files(paths: Sequence[Path]) -> tuple[list[Path], list[Unread]]:
     return list(files.values()), unread
 
 
-def _reading(files: Sequence[Path], whole: bool) -> Iterator[Result | Sweep | str]:
+def _reading(files: Sequence[Path]) -> Iterator[Result | Sweep | str]:
     """Yield what stands in each file, or the sentence why nothing does; many files by several processes."""
     workers = min(AT_ONCE, os.cpu_count() or 1)
     if len(files) < MANY or workers < 2:
-        yield from (_read(file, whole) for file in files)
+        yield from map(_read, files)
         return
     with ProcessPoolExecutor(workers) as pool:
         try:
-            for found in pool.map(_read_whole, files, chunksize=CHUNK):
+            for found in pool.map(_read, files, chunksize=CHUNK):
                 yield _shared(found) if isinstance(found, Result) else found
         finally:
             pool.shutdown(cancel_futures=True)
 
 
-def _read_whole(file: Path) -> Result | Sweep | str:
-    return _read(file, whole=True)
-
-
-def _read(file: Path, whole: bool) -> Result | Sweep | str:
+def _read(file: Path) -> Result | Sweep | str:
     try:
-        found = read_result(file)
-        if whole:
-            found = replace(found, units=dict(found.units), definitions=dict(found.definitions))
-        return found
+        return read_result(file, whole=True)
     except InputError as error:
         return _as_sweep(file) if "holds a sweep" in str(error) else " ".join(error.faults)
 

@@ -138,7 +138,8 @@ def laboratory(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "quake.csv").write_text(
         "# dt: 0.02 s\n# units: m/s^2\n" + "".join(f"{0.01 * (k % 7 - 3)}\n" for k in range(300))
     )
-    case = "structure: three_storey\ndamping: low\nrecord: ../quake.csv\nscaling: 1\ncontroller: FF\nruns: [sim, exp_rths]\n"
+    keys = ("structure: three_storey", "damping: low", "record: ../quake.csv", "scaling: 1", "controller: FF")
+    case = "\n".join([*keys, "runs: [sim, exp_rths]", ""])
     (folder / "cases" / "met.yaml").write_text(case + "accept: {exp_rths.tracking_rms_m_s2: 1.0}\n")
     (folder / "cases" / "not_met.yaml").write_text(case + "accept: {exp_rths.tracking_rms_m_s2: 1.0e-9}\n")
     return folder

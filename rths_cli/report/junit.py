@@ -13,6 +13,7 @@ from rths_cli.report.inputs import Unread
 
 HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n'
 NOT_IN_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+INSTANT = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d")
 NEVER = "1970-01-01T00:00:00"
 PROPERTIES = ("method", "rig", "rig_kind", "seed", "rths_version", "git_commit", "status", "status_reason")
 
@@ -44,8 +45,7 @@ def junit(results: Sequence[Result], unread: Sequence[Unread] = (), failed: Sequ
     suites = [_suite(result) for result in results]
     suites += [_broken(one.path.stem, one.sentence) for one in unread]
     suites += [_broken(name, reason) for name, reason in failed]
-    tests = [test for suite in suites for test in suite.tests]
-    lines = [f'<testsuites name="rths" {_counts(tests)}>']
+    lines = ["<testsuites>"]
     for number, suite in enumerate(suites):
         lines += _lines(suite, number)
     return HEAD + "\n".join([*lines, "</testsuites>"]) + "\n"
@@ -54,7 +54,8 @@ def junit(results: Sequence[Result], unread: Sequence[Unread] = (), failed: Sequ
 def _suite(result: Result) -> Suite:
     a = result.attributes
     known = [(key, str(a[key])) for key in PROPERTIES if a.get(key) not in (None, "")]
-    stamp = str(a.get("created_utc") or NEVER).removesuffix("Z")
+    stamp = str(a.get("created_utc", "")).removesuffix("Z")
+    stamp = stamp if INSTANT.fullmatch(stamp) else NEVER
     return Suite(_name(result), stamp, (("file", str(result.path)), *known), tuple(_tests(result)))
 
 

@@ -85,6 +85,9 @@ def test_a_file_named_twice_is_read_once_and_a_copy_is_told(tmp_path: Path) -> N
 def test_another_case_of_one_name_is_a_fault_and_another_seed_is_not(tmp_path: Path) -> None:
     first = write(tmp_path / "a.h5")
     write(tmp_path / "b.h5", seed=1, created_utc="2026-02-02")
+    for number in (1, 2):  # identified with another seed
+        nested = f"scaling: 0.3\nidentification:\n  seed: {number}\n  records: 1\n"
+        write(tmp_path / f"i{number}.h5", resolved=nested, seed=number, case_name="i")
     assert report([tmp_path]).faults == ()
     write(tmp_path / "c.h5", resolved="scaling: 0.4\nruns:\n- sim\n", scaling=0.4, created_utc="2026-02-03")
     (fault,) = report([tmp_path]).faults

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -22,12 +23,12 @@ LIMITS = '{"exp_rths.rms_error_m_s2[3]": 0.06, "exp_rths.rms_error_m_s2": 0.025,
 def checked(text: str) -> ET.Element:
     """Return the root of JUnit XML that fits the schema of Ant's and Jenkins' JUnit reports; check every element."""
     root = ET.fromstring(text)
-    assert root.tag == "testsuites" and set(root.attrib) == {"name", "tests", "failures", "errors", "time"}
+    assert root.tag == "testsuites" and root.attrib == {}  # Ant's schema has none there
     for suite in root:
         assert suite.tag == "testsuite" and set(suite.attrib) == SUITE
         assert [child.tag for child in suite if child.tag != "testcase"] == ["properties", "system-out", "system-err"]
         assert suite[0].tag == "properties" and suite[-2].tag == "system-out"
-        assert len(suite.attrib["timestamp"]) == 19
+        assert re.fullmatch(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d", suite.attrib["timestamp"])
         cases = suite.findall("testcase")
         assert cases and all(set(case.attrib) == {"name", "classname", "time"} for case in cases)
         for found in (element for case in cases for element in case):
@@ -35,8 +36,7 @@ def checked(text: str) -> ET.Element:
         for kind in ("failure", "error"):
             assert int(suite.attrib[f"{kind}s"]) == sum(case.find(kind) is not None for case in cases)
         assert int(suite.attrib["tests"]) == len(cases)
-    for count in ("tests", "failures", "errors"):
-        assert int(root.attrib[count]) == sum(int(suite.attrib[count]) for suite in root)
+    assert [suite.attrib["id"] for suite in root] == [str(number) for number in range(len(root))]
     return root
 
 

@@ -1,17 +1,22 @@
-"""`rths run` and `rths report`."""
+"""`rths run`."""
 
 from __future__ import annotations
 
 import json
+import shlex
 import sys
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from rths_cli.cli.group import cli
 from rths_cli.cli.options import json_option, methods_option, overrides_option, settings_option, yes_option
 from rths_cli.cli.screens import new_screen
+
+if TYPE_CHECKING:
+    from rths_cli.workflows.run import Ended
 
 
 @cli.command()
@@ -20,6 +25,9 @@ from rths_cli.cli.screens import new_screen
 @methods_option("compare (files NAME-paper.h5, NAME-best.h5)")
 @click.option("--no-replace", is_flag=True, help="Refuse, before running, to replace a finished result.")
 @click.option("--quiet", is_flag=True, help="Show no progress, only what went wrong.")
+@click.option(
+    "--junit", type=click.Path(path_type=Path), metavar="FILE", help="Write JUnit XML: one test per accept limit."
+)
 @overrides_option(
     ["check", "model"],
     "run EXP-RTHS although its check says no, or use a model that was rejected. Repeatable, stored in the result.",
@@ -34,6 +42,7 @@ def run(
     methods: tuple[str, ...],
     no_replace: bool,
     quiet: bool,
+    junit: Path | None,
     overrides: tuple[str, ...],
     yes: bool,
     fresh: bool,
@@ -46,6 +55,10 @@ def run(
     """
     from rths_cli.workflows.batch import Request, exit_code, run_batch
 
+    if junit:
+        from rths_cli.report.output import check_output
+
+        check_output("--junit", junit, ())
     screen = new_screen(quiet)
     request = Request(
         paths=cases,
@@ -53,46 +66,36 @@ def run(
         methods=tuple(dict.fromkeys(methods)),
         output=Path(output),
         replace=not no_replace,
-        command_line=" ".join(["rths", *sys.argv[1:]]),
+        command_line=shlex.join(["rths", *sys.argv[1:]]),
         overrides=tuple(dict.fromkeys(overrides)),
         fresh=fresh,
         yes=yes,
     )
     ended = run_batch(request, screen)
-    _show_results([e.path for e in ended if e.path], as_json, [e.__dict__ for e in ended])
+    _show_results(ended, as_json, junit)
     return exit_code(ended)
 
 
-@cli.command()
-@click.argument("results", nargs=-1, metavar="[RESULT...]")
-@json_option
-def report(results: tuple[str, ...], as_json: bool) -> int:
-    """Print the tables of result files or folders of them (default: results/).
-
-    Example: rths report results
-    """
-    from rths_cli.report.load import load, unrecovered
-
-    paths = [Path(result) for result in results or ("results",)]
-    for waiting in unrecovered(paths):
-        click.echo(waiting, err=True)
-    _print_tables(load(paths), as_json, None)
-    return 0
-
-
-def _show_results(paths: list[Path], as_json: bool, endings: list[dict[str, Any]]) -> None:
-    """Read the result files back and print their tables."""
+def _show_results(ended: Sequence[Ended], as_json: bool, junit: Path | None) -> None:
+    """Read the result files back, write their tests and print their tables."""
     from rths_cli.report.load import load
 
+    paths = [one.path for one in ended if one.path]
+    results = load(paths) if paths or as_json else []
+    if junit:
+        from rths_cli.report.junit import junit as as_junit
+        from rths_cli.report.output import write_text
+
+        write_text(junit, as_junit(results, failed=[(one.name, one.reason) for one in ended if one.path is None]))
     if paths or as_json:
-        _print_tables(load(paths), as_json, endings)
+        _print_tables(results, as_json, [one.__dict__ for one in ended])
 
 
-def _print_tables(results: Any, as_json: bool, endings: list[dict[str, Any]] | None) -> None:
+def _print_tables(results: Any, as_json: bool, endings: list[dict[str, Any]]) -> None:
     from rths_cli.report.tables import tables, to_json
 
     if as_json:
-        document = to_json(results) | ({"cases": endings} if endings is not None else {})
+        document = to_json(results) | {"cases": endings}
         click.echo(json.dumps(document, indent=2, default=str))
     else:
         click.echo(tables(results), nl=False)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import sys
 from pathlib import Path
 
@@ -78,7 +79,7 @@ def sweep(
         jobs=jobs or threads(),
         replace=not no_replace,
         resume=resume,
-        command_line=" ".join(["rths", *sys.argv[1:]]),
+        command_line=shlex.join(["rths", *sys.argv[1:]]),
         overrides=tuple(dict.fromkeys(overrides)),
     )
     screen = new_screen(quiet)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -66,9 +66,10 @@ class Result:
     groups: tuple[str, ...]
 
 
-def read_result(path: Path) -> Result:
-    """Read attributes, case and metrics; raise InputError unless the file is a whole result file."""
-    return _reading(Path(path), lambda file: _result(Path(path), file))
+def read_result(path: Path, whole: bool = False) -> Result:
+    """Read attributes, case and metrics, `whole` their units and definitions too, which costs half as much as to read
+    them later; raise InputError unless the file is a whole result file."""
+    return _reading(Path(path), lambda file: _result(Path(path), file, whole))
 
 
 def read_dataset(path: Path, name: str) -> Dataset:
@@ -81,10 +82,16 @@ def read_series(path: Path, name: str) -> Array:
     return np.asarray(read_dataset(path, name).data)
 
 
-def _result(path: Path, file: h5py.File) -> Result:
-    metrics = {key: _figure(node) for key, node in _metrics(file)}
-    texts = cache(lambda: _reading(path, _texts))
-    units, definitions = _Texts(metrics, lambda: texts()[0]), _Texts(metrics, lambda: texts()[1])
+def _result(path: Path, file: h5py.File, whole: bool) -> Result:
+    nodes = list(_metrics(file))
+    metrics = {key: _figure(node) for key, node in nodes}
+    units: Mapping[str, str]
+    definitions: Mapping[str, str]
+    if whole:
+        units, definitions = _texts_of(nodes)
+    else:
+        texts = cache(lambda: _reading(path, lambda again: _texts_of(_metrics(again))))
+        units, definitions = _Texts(metrics, lambda: texts()[0]), _Texts(metrics, lambda: texts()[1])
     attributes = {key: _plain(value) for key, value in file.attrs.items()}
     yaml, resolved = (file[f"case/{k}"].asstr()[()] if f"case/{k}" in file else "" for k in ("yaml", "resolved"))
     return Result(path, attributes, yaml, resolved, metrics, units, definitions, tuple(file))
@@ -117,9 +124,9 @@ class _Texts(Mapping[str, str]):
         return len(self._figures)
 
 
-def _texts(file: h5py.File) -> tuple[dict[str, str], dict[str, str]]:
-    """Return units and definitions of the figures of a file."""
-    found = [(key, text(node, "units"), text(node, "definition")) for key, node in _metrics(file)]
+def _texts_of(nodes: Iterable[tuple[str, DatasetID]]) -> tuple[dict[str, str], dict[str, str]]:
+    """Return units and definitions of figures."""
+    found = [(key, text(node, "units"), text(node, "definition")) for key, node in nodes]
     return {key: unit for key, unit, _ in found}, {key: about for key, _, about in found}
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 WIDTH = 100
@@ -29,7 +29,10 @@ class Row:
 
 @dataclass(frozen=True)
 class Table:
-    """Hold a table: columns of one `column_width`, with a bar after each of the `groups` (numbers of columns)."""
+    """Hold a table: columns of one `column_width`, with a bar after each of the `groups` (numbers of columns).
+
+    The title or the last of the `headers` tells the units; `notes` explain the words of the table.
+    """
 
     title: str
     corner: str
@@ -37,12 +40,42 @@ class Table:
     column_width: int
     headers: tuple[tuple[Cell, ...], ...]
     rows: tuple[Row, ...]
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Paragraphs:
+    """Hold sentences, each a line of its own; what goes on below the first line stands `indent` columns in."""
+
+    lines: tuple[str, ...]
+    indent: int = 0
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """Hold text laid out already, for tables that are no grid."""
+
+    text: str
+
+
+Block = Table | Paragraphs | Fixed
 
 
 def render(table: Table) -> str:
-    """Return the table as text: title, then lines of equal width."""
+    """Return the table as text: title, lines of equal width, notes."""
     body = table_lines(table)
-    return "\n".join([*textwrap.wrap(table.title, WIDTH), *body])
+    return "\n".join([*textwrap.wrap(table.title, WIDTH), *body, *([wrapped(table.notes, 2)] if table.notes else [])])
+
+
+def plain_text(blocks: Iterable[Block]) -> str:
+    """Return the blocks of a report as text of at most 100 columns, an empty line between them."""
+    return "\n\n".join(text for block in blocks if (text := _plain(block))) + "\n"
+
+
+def _plain(block: Block) -> str:
+    if isinstance(block, Table):
+        return render(block)
+    return wrapped(block.lines, block.indent) if isinstance(block, Paragraphs) else block.text
 
 
 def table_lines(table: Table) -> list[str]:

@@ -12,14 +12,19 @@ from rths_cli.errors import InputError
 from rths_cli.files.results import Result
 from rths_cli.report.cells import losses, remarks
 from rths_cli.report.claims import claims_text
-from rths_cli.report.layout import render, wrapped
+from rths_cli.report.claims_table import claims_tables
+from rths_cli.report.layout import Block, Fixed, Paragraphs, plain_text
 from rths_cli.report.load import SHORT, Entry, Figures, entries, state
+from rths_cli.report.merit_table import every_figure, merit_table
 from rths_cli.report.other_figures import other_figures
 from rths_cli.report.response import response_tables
 from rths_cli.report.single import paths, single_table
 from rths_cli.report.tracking import tracking_tables
 
-ABOUT = ("case_name", "method", "rig", "rig_kind", "record_name", "scaling", "damping_name", "controller")
+ABOUT = (
+    "case_name", "method", "rig", "rig_kind", "record_name", "scaling", "damping_name", "controller", "seed",
+    "created_utc", "rths_version", "git_commit",
+)  # fmt: skip
 TEST_BAND = (
     "Test band: the error through a 4th-order 12 Hz low pass, forward and backward; full: without it. "
     "Measured: by the accelerometers, corrected for their known dynamics."
@@ -37,11 +42,22 @@ def tables(results: Sequence[Result], references: Mapping[str, Figures] | None =
     `references` gives published figures by case name and metric path, before those stored with the results.
     One case alone is printed in a compact form with all its figures. Raises InputError without results.
     """
+    return plain_text(blocks(results, references, laid_out=True))
+
+
+def blocks(
+    results: Sequence[Result], references: Mapping[str, Figures] | None = None, laid_out: bool = False
+) -> list[Block]:
+    """Return the tables of a report, the verdicts on the paper's claims and what their words mean.
+
+    `laid_out`: error by cause, latency and claims as text for a terminal, else as tables with the figures of merit.
+    Raises InputError without results.
+    """
     if not results:
         raise InputError("There are no results to print; give result files or run a case first.")
     cases = entries(results, references or {})
     groups = [list(group) for _, group in groupby(cases, key=lambda entry: entry.table_name)]
-    return "\n\n".join(block for group in groups for block in _blocks(group) if block) + "\n"
+    return [block for group in groups for block in _blocks(group, laid_out)]
 
 
 def to_json(results: Sequence[Result]) -> dict[str, object]:
@@ -49,18 +65,23 @@ def to_json(results: Sequence[Result]) -> dict[str, object]:
     return {"results": [_json_result(result) for result in results]}
 
 
-def _blocks(cases: Sequence[Entry]) -> Iterator[str]:
+def _blocks(cases: Sequence[Entry], laid_out: bool) -> Iterator[Block]:
     """Yield what went wrong, the tables of one rig, what their words mean, and the claims."""
     for title, lines in (("Runs that ended otherwise", remarks(cases)), ("Steps without samples", losses(cases))):
-        yield wrapped([title, *(f"  {line}" for line in lines)], indent=4) if lines else ""
+        if lines:
+            yield Paragraphs((title, *(f"  {line}" for line in lines)), indent=4)
     if len(cases) == 1:
-        yield render(single_table(cases[0]))
-        yield other_figures(cases[0], paths())
+        yield single_table(cases[0])
     else:
-        yield from (render(table) for table in tracking_tables(cases))
-        yield from (render(table) for table in response_tables(cases))
-    yield wrapped(_legend(cases))
-    yield claims_text(cases)
+        yield from tracking_tables(cases)
+        yield from response_tables(cases)
+    if len(cases) == 1 and laid_out:
+        yield Fixed(other_figures(cases[0], paths()))
+    if not laid_out:
+        yield merit_table(cases)
+        yield from every_figure(cases[0]) if len(cases) == 1 else ()
+    yield Paragraphs(tuple(_legend(cases)))
+    yield from (Fixed(claims_text(cases)),) if laid_out else claims_tables(cases)
 
 
 def _legend(cases: Sequence[Entry]) -> list[str]:

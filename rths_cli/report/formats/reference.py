@@ -1,0 +1,38 @@
+"""The reference page of all figures (docs/metrics.md), made from their one table of definitions."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import groupby
+
+from rths_cli.metrics.catalogue import KINDS, Definition, catalogue
+from rths_cli.report.formats.markdown import escaped
+
+HEAD = """# Every figure and its definition
+
+Made from `rths_cli/metrics/catalogue.py`; `docs/figures.md` explains the figures of merit and their sources. A figure
+stands in the result file under `/metrics/` with `/` for `.`, in `rths report --format json`, in CSV, and in a case's
+`accept` under the path given here; one of several storeys as `exp_rths.rms_error_m_s2[3]`, counted from 1.
+*Better* says which way an error or index improves; only figures that are better when
+smaller are judged against a baseline.
+
+Suffixes: {kinds}. Without one: measured, in the test band.
+"""
+COLUMNS = ("figure", "also with", "unit", "one per", "better", "definition")
+
+
+def reference_page() -> str:
+    """Return the page as Markdown: a table per group of figures."""
+    kinds = "; ".join(f"`{suffix}` {words}" for suffix, words in KINDS.items())
+    parts = [HEAD.format(kinds=kinds)]
+    for group, members in groupby(catalogue(), key=lambda one: one.path.partition(".")[0]):
+        lines = [f"| {' | '.join(COLUMNS)} |", "|" + "---|" * len(COLUMNS), *_rows(members)]
+        parts.append(f"## {group}\n\n" + "\n".join(lines) + "\n")
+    return "\n".join(parts)
+
+
+def _rows(members: Iterator[Definition]) -> Iterator[str]:
+    for one in members:
+        kinds = ", ".join(f"`{kind}`" for kind in one.kinds) or "-"
+        cells = (f"`{one.path}`", kinds, one.units, one.over or "-", one.better, escaped(one.text))
+        yield f"| {' | '.join(cells)} |"

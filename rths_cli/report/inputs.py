@@ -1,0 +1,103 @@
+"""What a report is made of: results and sweeps from files and folders, and a sentence for each that cannot be used."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from rths_cli.errors import InputError
+from rths_cli.files.results import Result, read_result
+from rths_cli.files.sweeps import FORMAT_VERSION, Sweep, read_attributes, read_sweep
+
+MANY = 64  # files from which several processes read
+AT_ONCE = 4  # processes at most
+CHUNK = 8  # files a process is handed at a time
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Unread:
+    """A file, or a folder without one, that is in no table, and the sentence why."""
+
+    path: Path
+    sentence: str
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """All that was named: results and sweeps in the order given, and what could not be read."""
+
+    results: tuple[Result, ...]
+    sweeps: tuple[tuple[Path, Sweep], ...]
+    unread: tuple[Unread, ...]
+
+
+def read_inputs(paths: Sequence[Path], tell: Tell) -> Inputs:
+    """Read result files, sweeps and folders of them with units and definitions, but no time history; a file named twice
+    is read once. `tell` hears how it goes."""
+    files, unread = _files(paths)
+    read: list[Result | Sweep | str] = []
+    for number, found in enumerate(_reading(files), 1):
+        tell(f"reading results: {number} of {len(files)}")
+        read.append(found)
+    pairs = list(zip(files, read, strict=True))
+    unread += [Unread(file, found) for file, found in pairs if isinstance(found, str)]
+    sweeps = tuple((file, found) for file, found in pairs if isinstance(found, Sweep))
+    return Inputs(tuple(found for found in read if isinstance(found, Result)), sweeps, tuple(unread))
+
+
+def _files(paths: Sequence[Path]) -> tuple[list[Path], list[Unread]]:
+    """Return every file once, in the order given, and the folders that hold none."""
+    files: dict[Path, Path] = {}
+    unread: list[Unread] = []
+    for path in paths:
+        found = sorted(path.glob("*.h5")) if path.is_dir() else [path]
+        for file in found:
+            files.setdefault(file.resolve(), file)
+        if not found:
+            empty = f"{path}: holds no result file (*.h5); run a case or name another folder."
+            unread.append(Unread(path, empty))
+    return list(files.values()), unread
+
+
+def _reading(files: Sequence[Path]) -> Iterator[Result | Sweep | str]:
+    """Yield what stands in each file, or the sentence why nothing does; many files by several processes."""
+    workers = min(AT_ONCE, os.cpu_count() or 1)
+    if len(files) < MANY or workers < 2:
+        yield from map(_read, files)
+        return
+    with ProcessPoolExecutor(workers) as pool:
+        try:
+            for found in pool.map(_read, files, chunksize=CHUNK):
+                yield _shared(found) if isinstance(found, Result) else found
+        finally:
+            pool.shutdown(cancel_futures=True)
+
+
+def _read(file: Path) -> Result | Sweep | str:
+    try:
+        return read_result(file, whole=True)
+    except InputError as error:
+        return _as_sweep(file) if "holds a sweep" in str(error) else " ".join(error.faults)
+
+
+def _as_sweep(file: Path) -> Sweep | str:
+    """Return the sweep in a file, or why there is none."""
+    try:
+        version = int(read_attributes(file)["format_version"])
+        if version > FORMAT_VERSION:
+            return f"{file}: has format version {version}, this rths reads up to {FORMAT_VERSION}; update rths."
+        return read_sweep(file)
+    except (InputError, OSError, RuntimeError, KeyError, ValueError, TypeError, IndexError):
+        return f"{file}: is a sweep that is truncated or damaged and cannot be read; run the sweep again."
+
+
+def _shared(result: Result) -> Result:
+    """Return a result whose texts stand in memory once for all results that have them."""
+    units = {sys.intern(path): sys.intern(unit) for path, unit in result.units.items()}
+    definitions = {sys.intern(path): sys.intern(about) for path, about in result.definitions.items()}
+    return replace(result, units=units, definitions=definitions)

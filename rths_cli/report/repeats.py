@@ -1,0 +1,100 @@
+"""Statistics over repeats: runs of the same case, by the same method and software on the same rig, at other instants or
+with other seeds."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from rths_cli.files.results import Result
+from rths_cli.report.groups import PLACE, Place, in_order, over_runs, place_name, value_of
+from rths_cli.report.layout import Cell, Row, Table, number
+from rths_cli.report.statistics import Statistics
+
+HEADS = ("n", "mean", "std", "min", "max", "95% from", "95% to")
+COLUMN = 9
+
+
+@dataclass(frozen=True)
+class Repeats:
+    """Hold the runs of one case, each counted once: how many ended how, which were left out as they have the seed of
+    another on a virtual rig, and the statistics of every figure over the complete ones."""
+
+    case: str
+    where: str
+    runs: int
+    ends: dict[str, int]
+    same_seed: int
+    seeds: tuple[str, ...]
+    figures: dict[Place, Statistics]
+
+
+def repeats(results: Sequence[Result]) -> list[Repeats]:
+    """Return the cases that were run more than once; a repeat of the same seed on a virtual rig is none."""
+    places: dict[tuple[str, ...], list[Result]] = {}
+    for result in results:
+        places.setdefault((value_of(result, "case"), *(value_of(result, key) for key in PLACE)), []).append(result)
+    return [_repeats(members) for members in places.values() if len(members) > 1 and len(_once(members)) > 1]
+
+
+def _repeats(members: Sequence[Result]) -> Repeats:
+    once = _once(members)
+    a = members[0].attributes
+    virtual = "virtual " if a.get("rig_kind") == "virtual" else ""
+    where = f"method {a.get('method', '-')}, {virtual}rig {a.get('rig', '-')}"
+    ends = Counter(str(result.attributes.get("status", "complete")) for result in members)
+    seeds = tuple(dict.fromkeys(value_of(result, "seed") for result in members))
+    case = str(a.get("case_name") or "-")
+    return Repeats(
+        case, where, len(members), dict(sorted(ends.items())), len(members) - len(once), seeds, over_runs(once)
+    )
+
+
+def _once(members: Sequence[Result]) -> list[Result]:
+    """Return the results without those that repeat another's figures: a virtual run with the same seed is the same."""
+    found: list[Result] = []
+    for result in members:
+        alike = [other for other in found if other.attributes.get("seed") == result.attributes.get("seed")]
+        if result.attributes.get("rig_kind") != "virtual" or not any(_equal(result, other) for other in alike):
+            found.append(result)
+    return found
+
+
+def _equal(one: Result, other: Result) -> bool:
+    return one.metrics.keys() == other.metrics.keys() and all(
+        np.array_equal(value, other.metrics[path], equal_nan=True) for path, value in one.metrics.items()
+    )
+
+
+def repeats_tables(found: Sequence[Repeats]) -> Iterator[Table]:
+    """Yield the statistics of the paper's figures over repeats as one table."""
+    if found:
+        rows = tuple(row for one in found for row in _rows(one))
+        notes = (
+            "n: complete runs; std: of one run, over n - 1; 95 %: interval of the mean by Student's distribution, for "
+            "runs that scatter independently.",
+        )
+        title = "Statistics over repeats (m/s^2, test band, measured)"
+        yield Table(title, "figure", (1, 4, 2), COLUMN, (tuple(map(Cell, HEADS)),), rows, notes)
+
+
+def _rows(one: Repeats) -> Iterator[Row]:
+    ends = ", ".join(f"{count} {status}" for status, count in one.ends.items())
+    twice = f"; {one.same_seed} with the seed and figures of another, counted once" if one.same_seed else ""
+    yield Row(f"{one.case}, {one.where}: {ends}{twice}")
+    for place in in_order(one.figures):
+        found = one.figures[place]
+        yield Row(place_name(place), (Cell(str(found.n)), *(Cell(_text(value)) for value in _values(found))))
+
+
+def _values(found: Statistics) -> tuple[float, ...]:
+    return found.mean, found.std, found.minimum, found.maximum, found.low, found.high
+
+
+def _text(value: float) -> str:
+    if not np.isfinite(value):
+        return "-"
+    return number(value) if value >= 0 else f"-{number(-value)}"

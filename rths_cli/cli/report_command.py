@@ -117,9 +117,11 @@ def _report(asked: Asked, quiet: bool) -> int:
 
     check_asked(asked)
     screen = Screen(quiet, poll=SIGNALS.poll)
+    for sentence in unrecovered(asked.paths):
+        click.echo(sentence, err=True)
     found = read_asked(asked, _teller(screen, quiet))
     screen.clear()
-    for sentence in (*unrecovered(asked.paths), *found.faults):
+    for sentence in found.faults:
         click.echo(sentence, err=True)
     _write(asked, found, screen, quiet)
     from rths_cli.report.baseline import got_worse

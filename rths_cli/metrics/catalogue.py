@@ -28,6 +28,7 @@ CAUSES = {
 }
 PREDICTED = {"noise": "the sensors' noise", "quantisation": "rounding of samples to the converter's bits"}
 MEASURED = {
+    "lost": "steps without samples of their own, bridged (real rigs)",
     "declared": "the declared building, which SIM has, instead of the identified specimen",
     "specimen": "floors moving otherwise than the identified specimen, and their noise",
     "rest": "the rest of the table's motion",
@@ -67,7 +68,15 @@ class Definition:
 
 def catalogue() -> tuple[Definition, ...]:
     """Return the definition of every figure, in the order of the groups of a result."""
-    found = (*_of_table(), *_against_sim(), *_of_check(), *_of_budget(), *_of_loop(), *_of_identification())
+    found = (
+        *_of_table(),
+        *_of_losses(),
+        *_against_sim(),
+        *_of_check(),
+        *_of_budget(),
+        *_of_loop(),
+        *_of_identification(),
+    )
     return tuple(sorted(found, key=lambda one: GROUPS.index(one.path.partition(".")[0])))
 
 
@@ -98,6 +107,15 @@ def _of_table() -> Iterator[Definition]:
         deviation, largest = f"J2: standard deviation of {error} over desired", f"J3: peak of {error} over desired"
         yield Definition(f"{run}.j2", "1", "", LESS, deviation, BANDS)
         yield Definition(f"{run}.j3", "1", "", LESS, largest, BANDS)
+
+
+def _of_losses() -> Iterator[Definition]:
+    about = "steps of the record, on a real rig,"
+    for run in TABLE_RUNS:
+        yield Definition(f"{run}.lost_steps", "1", "", LESS, f"{about} whose samples were lost")
+        yield Definition(f"{run}.overrun_steps", "1", "", LESS, f"{about} late by an interval, or caught up")
+        gap = "longest time without samples of the right instant, on a real rig"
+        yield Definition(f"{run}.longest_gap_s", "s", "", LESS, gap)
 
 
 def _against_sim() -> Iterator[Definition]:
@@ -167,7 +185,13 @@ def _of_budget() -> Iterator[Definition]:
     yield Definition("budget.table_gain_error", "1", "", NONE, "gain of the table in the run over identified, less 1")
     late = "delay of the table in the run less identified"
     yield Definition("budget.table_delay_error_s", "s", "", NONE, late)
-    yield Definition("budget.friction_v", "V", "", NONE, "friction of the table in the run, as a change of command")
+    friction = "friction of the table in the run, as a change of command"
+    yield Definition("budget.friction_v", "V", "", NONE, friction)
+    unsure = "standard uncertainty of the"
+    gain = f"{unsure} gain of the table in the run over identified, less 1"
+    yield Definition("budget.table_gain_error_uncertainty", "1", "", NONE, gain)
+    yield Definition("budget.table_delay_error_uncertainty_s", "s", "", NONE, f"{unsure} {late}")
+    yield Definition("budget.friction_uncertainty_v", "V", "", NONE, f"{unsure} {friction}")
 
 
 def _margins(group: str, where: str) -> Iterator[Definition]:

@@ -41,7 +41,7 @@ def test_units_are_those_that_are_written() -> None:
 
 
 def test_causes_are_those_of_the_budgets() -> None:
-    for group, names in (("check", prediction.CAUSES), ("budget", causes_of_budget.ABOUT)):
+    for group, names in (("check", prediction.CAUSES), ("budget", [*causes_of_budget.ABOUT, causes_of_budget.LOST])):
         expected = {f"{group}.rms_error_{name}_m_s2" for name in names}
         found = {one.path for one in catalogue() if one.path.startswith(f"{group}.rms_error_")}
         assert found - {f"{group}.rms_error_m_s2"} == expected

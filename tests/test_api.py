@@ -276,7 +276,7 @@ def test_a_real_rig_moves_by_no_script_that_was_not_permitted(monkeypatch: pytes
         (ROOT / "configs" / "rigs" / "udp_loopback.yaml").read_text().replace("unattended: true", "unattended: false")
     )
     (tmp_path / "attended.yaml").write_text(text)
-    with pytest.raises(rths_cli.InputError, match="does not say `unattended: true`; a person has to confirm here"):
+    with pytest.raises(rths_cli.InputError, match="does not say `unattended: true` in a file of its own"):
         rths_cli.run(CASE, settings={**REAL, "table": tmp_path / "attended.yaml"}, output=tmp_path, yes=True)
     assert list(tmp_path.glob("*.h5")) == []
     monkeypatch.setattr(permission.sys, "stdin", None)

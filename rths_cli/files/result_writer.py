@@ -86,6 +86,7 @@ class ResultWriter:
             remove_leftovers(self.path)
         try:
             with self._reporting():
+                self.path.parent.mkdir(parents=True, exist_ok=True)
                 if self._continues:
                     shutil.copyfile(self.path, self.part)
                 self._file = h5py.File(self.part, "a" if self._continues else "w", meta_block_size=META_BLOCK)

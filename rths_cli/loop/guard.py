@@ -205,10 +205,11 @@ def ramp_down(lim: GuardLimits, g: GuardState) -> None:
 
 
 @part
-def take_over(g: GuardState, reason: int) -> None:
-    """Take the command over for a reason that lies outside samples and command; the first reason stays."""
+def take_over(g: GuardState, reason: int, value: float) -> None:
+    """Take the command over for a reason that lies outside samples and command, with what was counted (not a number:
+    nothing); the first reason stays."""
     if g.flags[0] == RUNNING:
-        g.flags[0], g.flags[1], g.flags[2] = BRAKING, reason, NO_CHANNEL
+        g.flags[0], g.flags[1], g.flags[2], g.seen[0] = BRAKING, reason, NO_CHANNEL, value
 
 
 @part

@@ -115,9 +115,9 @@ def obey(course: Course, g: GuardState, k: int) -> None:
     """End the test where somebody asks for it, or where the record ends."""
     order = course.orders[0]
     if order != 0:
-        take_over(g, OPERATOR + order - 1)
+        take_over(g, OPERATOR + order - 1, math.nan)
     if k >= course.ramp + course.record:
-        take_over(g, END)
+        take_over(g, END, math.nan)
 
 
 @part
@@ -132,13 +132,22 @@ def state_of(course: Course, g: GuardState, k: int) -> int:
 
 @part
 def conduct(
-    course: Course, s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, samples_v: Array, lost: int
+    course: Course,
+    s: Step,
+    limits: GuardLimits,
+    g: GuardState,
+    drive: Array,
+    log: Log,
+    samples_v: Array,
+    lost: int,
+    k: int,
 ) -> float:
-    """Do the next step on samples of a rig in V, (c,), and note it; return the command in V.
+    """Do step k on samples of a rig in V, (c,), and note it; return the command in V.
 
-    `lost` as in the log. The drive (n, 3) is zero before and after the record; its last row is used for ever.
+    `lost` as in the log, whose `done` is left to the caller: others read what stands before it. The drive (n, 3) is
+    zero before and after the record; its last row is used for ever.
     """
-    k, begun = log.done[0], monotonic_ns(course.scratch)
+    begun = monotonic_ns(course.scratch)
     if lost == 0:
         take(course, s, samples_v)
     else:
@@ -152,14 +161,13 @@ def conduct(
     log.columns[place + 2, k] = lost
     log.columns[place + 3, k] = state_of(course, g, k)
     log.columns[place + 4, k] = monotonic_ns(course.scratch) - begun
-    log.done[0] = k + 1
     return command
 
 
 @part
-def note_exchange(log: Log, late_ns: int, took_ns: int) -> None:
-    """Note when the exchange began that brings the samples of the next step, and how long it took."""
-    k, place = log.done[0], log.columns.shape[0] - 5
+def note_exchange(log: Log, k: int, late_ns: int, took_ns: int) -> None:
+    """Note when the exchange began that brings the samples of step k, and how long it took."""
+    place = log.columns.shape[0] - 5
     if k < log.columns.shape[1]:
         log.columns[place, k], log.columns[place + 1, k] = late_ns, took_ns
 
@@ -170,9 +178,9 @@ def judge(course: Course, g: GuardState, outcome: int) -> None:
     marks = course.marks
     marks[LOST_IN_A_ROW] = marks[LOST_IN_A_ROW] + 1 if outcome == udp.LOST else 0
     if outcome == udp.FAULT:
-        take_over(g, RIG_FAULT)
+        take_over(g, RIG_FAULT, math.nan)
     elif marks[LOST_IN_A_ROW] > course.lost_samples:
-        take_over(g, LOST)
+        take_over(g, LOST, float(marks[LOST_IN_A_ROW]))
 
 
 @part
@@ -201,7 +209,7 @@ def overrun(course: Course, g: GuardState, missed: int) -> int:
     marks[OVERRUNS] += missed
     marks[OVERRUN_IN_A_ROW] += missed
     if course.policy == STOP or marks[OVERRUN_IN_A_ROW] > course.lost_samples:
-        take_over(g, OVERRUN)
+        take_over(g, OVERRUN, float(marks[OVERRUN_IN_A_ROW]))
     if course.policy == SKIP:
         return missed
     marks[START_NS] += missed * course.dt_ns
@@ -216,20 +224,20 @@ def run_udp(
 
     The samples of step 0 stand in the link. Deadlines are those of the course's clock, which begins now.
     """
-    marks, sent, behind, waited = course.marks, 0, 0, 0
+    marks, sent, behind, waited, k = course.marks, 0, 0, 0, 0
     marks[START_NS] = monotonic_ns(course.scratch) + course.dt_ns
     command = last = 0.0
     due, punctual = 0, int(PUNCTUAL * course.dt_ns)
-    while log.done[0] < log.columns.shape[1] and g.flags[0] != STOPPED:
+    while k < log.columns.shape[1] and g.flags[0] != STOPPED:
         lost = 0
         if behind > 0:
             lost, waited = 2, min(waited + 1, BRIDGED)  # the command of the step before never left: the rig goes on
-            note_command(s, log, log.done[0] - 1, last + waited * limits.dt_s * link.rate_v_s[0])
-        elif log.done[0] > 0:
-            due = log.done[0] - 1
+            note_command(s, log, k - 1, last + waited * limits.dt_s * link.rate_v_s[0])
+        elif k > 0:
+            due = k - 1
             deadline = deadline_of(course, due)
             late = sleep_until(deadline, course.spin_ns, course.scratch)
-            note_exchange(log, late, 0)
+            note_exchange(log, k, late, 0)
             missed = too_late_for(course, due, punctual if course.policy == SKIP else course.dt_ns)
             behind = overrun(course, g, missed) if missed > 0 else 0
             if behind > 0:
@@ -238,33 +246,37 @@ def run_udp(
             sent, last, waited = sent + 1, slewed(limits, gone, command), 0
             if last != command:
                 command = last
-                note_command(s, log, log.done[0] - 1, command)
+                note_command(s, log, k - 1, command)
             if sends:
                 link.rate_v_s[0] = g.motion[1] / limits.gain_m_per_v if course.policy == SKIP else math.nan
-                lost = swap(link, course, g, log, deadline + late, late, command, sent)
-        command = conduct(course, s, limits, g, drive, log, link.samples_v, lost)
+                lost = swap(link, course, g, log, deadline + late, late, command, sent, k)
+        log.done[0] = k  # what left for the steps before is known from here on
+        command = conduct(course, s, limits, g, drive, log, link.samples_v, lost, k)
+        k += 1
         if lost != 2:
             missed = too_late_for(course, due + 1, punctual if course.policy == SKIP else 0)
-            behind = overrun(course, g, missed) if log.done[0] > 1 else 0
+            behind = overrun(course, g, missed) if k > 1 else 0
         else:
             behind -= 1
-    return log.done[0]
+    log.done[0] = k
+    return k
 
 
 @part
 def swap(
-    link: udp.Link, course: Course, g: GuardState, log: Log, now: int, late: int, command: float, number: int
+    link: udp.Link, course: Course, g: GuardState, log: Log, now: int, late: int, command: float, number: int, k: int
 ) -> int:
-    """Send a command now, take the samples of this instant; return 1 where none came in time."""
+    """Send a command now, take the samples of this instant for step k; return 1 where none came in time."""
     outcome = udp.exchange(link, command, number, now + int(ANSWER_SHARE * course.dt_ns))
-    note_exchange(log, late, monotonic_ns(course.scratch) - now)
+    note_exchange(log, k, late, monotonic_ns(course.scratch) - now)
     judge(course, g, outcome)
     return 1 if outcome == udp.LOST else 0
 
 
 @part
 def note_command(s: Step, log: Log, k: int, command: float) -> None:
-    """Note for step k what left instead of what it computed."""
+    """Note for step k, the last one, what left instead of what it computed: the staircase of its hold is that."""
+    s.sent[0] = command
     log.columns[log.truths + s.corrected.size + 3, k] = command
 
 
@@ -283,4 +295,7 @@ def conduct_once(
     course: Course, s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, samples_v: Array
 ) -> float:
     """Do what `conduct` does for a rig whose exchange is written in Python."""
-    return conduct(course, s, limits, g, drive, log, samples_v, 0)
+    k = log.done[0]
+    command = conduct(course, s, limits, g, drive, log, samples_v, 0, k)
+    log.done[0] = k + 1
+    return command

@@ -91,6 +91,7 @@ class Watching:
         first = max(new.start, self._run.course.ramp + lead)
         if new.stop > first:
             error = held.desired[0, first - lead : new.stop - lead] - held.corrected[0, first : new.stop]
+            error = error[held.state[first : new.stop] == IN_RUN]
             self._squares += float(np.nansum(error**2))
             self._count += error.size
 

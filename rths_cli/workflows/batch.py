@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Protocol
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, RthsError, write_crash_file
+from rths_cli.files.results import Metric
+from rths_cli.workflows.check_cases import verdict_on
 from rths_cli.workflows.heap import keep_freed_memory
 from rths_cli.workflows.kept import Kept
 from rths_cli.workflows.known import Memory
@@ -100,7 +102,16 @@ def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
     memory, kept = Memory(Cache(request.fresh)), Kept()
     jobs = plan(request, memory, kept)
     kept.size = _most_kept(jobs)
-    ask_to_move([setup for setup, _ in jobs], request.yes, watcher.confirm)
+
+    def predicted(setup: Setup) -> Mapping[str, Metric]:
+        from rths_cli.files.foreign import is_foreign
+
+        model = setup.case.identification.model
+        if "exp_rths" not in setup.case.runs or model is None or is_foreign(model):
+            return {}
+        return verdict_on(setup, memory.at_rest(setup, watcher.doing), kept=kept).figures
+
+    ask_to_move([setup for setup, _ in jobs], request.yes, watcher.confirm, predicted)
 
     def work(job: Job, tell: Progress) -> tuple[Ended, float]:
         start = time.monotonic()

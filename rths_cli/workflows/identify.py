@@ -24,6 +24,7 @@ from rths_cli.loop.blocks import EXCITATION
 from rths_cli.loop.drive import Outcome, play
 from rths_cli.loop.guard import LOST, OPERATOR, OVERRUN, RIG_FAULT
 from rths_cli.lti import Array, Model
+from rths_cli.workflows.losses import losses_of
 from rths_cli.workflows.rigs import IDENTIFICATION, PROBE, VERIFICATION, guard_limits, open_rig
 from rths_cli.workflows.setup import Progress, Setup
 
@@ -138,8 +139,9 @@ def measure(setup: Setup, progress: Progress, planned: Excitation | None = None)
         seconds = loud.command_v.size * setup.rig.dt_s
         which = f" {number + 1} of {options.records}" if options.records > 1 else ""
         progress(f"identification{which}, {seconds:.0f} s on the {setup.case.table.kind} table")
-        command, corrected = excite(setup, loud.command_v, stream=(IDENTIFICATION, number) if number else None)
+        command, corrected, lost = excite(setup, loud.command_v, stream=(IDENTIFICATION, number) if number else None)
         records.append(Record(command, corrected, loud.parts))
+        notes += [lost] if lost else []
     kind = setup.case.table.kind
     source = f"excited on the {kind} table for this model"
     return Measured(tuple(records), quiet, source, _lines(setup, loud), tuple(notes))
@@ -169,7 +171,7 @@ def probed(setup: Setup, progress: Progress, stream: int = PROBE) -> tuple[Excit
     low = probe.probe_plan(setup.rig, excitation_settings(options), options.seed)
     seconds = low.command_v.size * setup.rig.dt_s
     progress(f"probe of {seconds:.0f} s at {low.accel_rms_m_s2:.2g} m/s^2 rms")
-    command, corrected = excite(setup, low.command_v, stream=(stream,))
+    command, corrected, _ = excite(setup, low.command_v, stream=(stream,))
     return low, Record(command, corrected, low.parts)
 
 
@@ -196,8 +198,9 @@ def processing(options: IdentificationSpec) -> tuple[tuple[str, str], ...]:
     )
 
 
-def excite(setup: Setup, command_v: Array, stream: tuple[int, ...] | None = None) -> tuple[Array, Array]:
-    """Play a command (n,) through guard and rig; return it as it left and the corrected channels (c, n).
+def excite(setup: Setup, command_v: Array, stream: tuple[int, ...] | None = None) -> tuple[Array, Array, str]:
+    """Play a command (n,) through guard and rig; return it as it left, the corrected channels (c, n), and what to say
+    of samples that were lost and put back.
 
     `stream` names the rig's noise. Raises LimitError when a limit stopped the excitation, RigError when the rig did.
     """
@@ -209,7 +212,10 @@ def excite(setup: Setup, command_v: Array, stream: tuple[int, ...] | None = None
         raise RigError(f"{where}: {outcome.rig_fault}{advice}")
     if outcome.stopped_by_limit:
         raise LimitError(f"{where}: {outcome.stopped_by_limit}{advice}")
-    return outcome.log.command_v, outcome.log.corrected
+    log = outcome.log
+    lost = losses_of(log.lost, 1e-9 * log.late_ns, setup.rig.dt_s)
+    said = lost.sentence(f"{RECORDS.get((stream or (IDENTIFICATION,))[0], 'record')}") if lost.any else ""
+    return log.command_v, log.corrected, said
 
 
 def _played(setup: Setup, drive: Array, stream: tuple[int, ...]) -> Outcome:

@@ -40,7 +40,7 @@ def check_outputs(outputs: Outputs, inputs: Iterable[Named]) -> None:
     if faults:
         raise InputError(*faults)
     for _, path in outputs.named:
-        _try(path.parent)
+        try_folder(path.parent)
 
 
 def make_folders(outputs: Outputs) -> None:
@@ -49,10 +49,10 @@ def make_folders(outputs: Outputs) -> None:
         check_writable(path.parent)
 
 
-def _try(folder: Path) -> None:
+def try_folder(folder: Path, needed_bytes: int = 0) -> None:
     """Raise InputError where a folder cannot be written to; one that is not there yet is not left behind."""
     new = [place for place in (folder, *folder.parents) if not place.exists()]
-    check_writable(folder)
+    check_writable(folder, needed_bytes)
     with suppress(OSError):
         for place in new:
             place.rmdir()

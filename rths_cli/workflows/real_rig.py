@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -10,35 +10,26 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.case.expand import VARIED
-from rths_cli.case.load import resolved_yaml
 from rths_cli.errors import InputError, RigError
 from rths_cli.files.held_rates import held_rate
-from rths_cli.files.raw_log import RawHeader, raw_log_path, still_in
-from rths_cli.files.raw_log_writer import RawLogWriter
 from rths_cli.files.rig_lock import locked_rig
 from rths_cli.identification.gaps import filled
 from rths_cli.loop.blocks import EXCITATION
-from rths_cli.loop.guard import INTERRUPT, LOG_FAILED, TERMINATION, WATCHER_FAILED
-from rths_cli.loop.log import column_names, column_units
+from rths_cli.loop.guard import INTERRUPT, TERMINATION
 from rths_cli.loop.performance import Performance, prepare
-from rths_cli.loop.performing import STOP_KEY, Performed, order, perform_watched, rehearse_watched
-from rths_cli.loop.stream import LogStream
-from rths_cli.loop.watching import View, Watching
+from rths_cli.loop.performing import perform_watched, rehearse_watched
 from rths_cli.rigs.udp.rig import UdpRig
 from rths_cli.workflows.doctor import summary
 from rths_cli.workflows.rigs import guard_limits, open_rig
-from rths_cli.workflows.table_runs import TableRun, drive_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rths_cli.control.blocks import Blocks
-    from rths_cli.files.result_writer import ResultWriter
     from rths_cli.loop.drive import Outcome
     from rths_cli.loop.log import Signals
     from rths_cli.lti import Array
     from rths_cli.rigs.interface import Rig, RigInfo
-    from rths_cli.workflows.controllers import Design
     from rths_cli.workflows.setup import Setup
 
 REHEARSAL_S = 2.0
@@ -100,73 +91,6 @@ def mended(log: Signals, dt_s: float) -> Signals:
 def followed(places: NDArray[np.bool_], by: int) -> NDArray[np.bool_]:
     """Return places (n,) and so many after each of them."""
     return np.asarray(np.convolve(places, np.ones(1 + by))[: places.size] > 0.5)
-
-
-class RealStage:
-    """Plays the runs of one case on its real rig: their samples stand in raw logs until the result holds them."""
-
-    def __init__(self, show: Callable[[str, View], bool]) -> None:
-        self._show = show
-        self._logs: list[RawLogWriter] = []
-
-    def play(self, setup: Setup, design: Design, run: TableRun, writer: ResultWriter) -> Outcome:
-        """Play one run, its result file closed as interrupted meanwhile."""
-        rig, ready = ready_on_rig(setup, design.blocks, run.source, drive_of(setup, design))
-        path = raw_log_path(writer.path, run.name)
-        log = RawLogWriter(path, _header(setup, design, run, ready, writer))
-        self._logs.append(log)
-        writer.park(f"{run.label}: {still_in(path)}")
-        watching = Watching(ready)
-
-        def watch(performance: Performance) -> None:
-            if self._show(run.label, watching.look()):
-                order(performance, STOP_KEY)
-
-        with LogStream(log, ready.log.columns, ready.log.done, ready.course.orders) as stream, opened(rig):
-            performed = perform_watched(rig, ready, watch)
-        writer.resume()
-        writer.about({f"{run.name}_{key}": value for key, value in _told(performed, ready, stream).items()})
-        outcome = performed.outcome
-        if outcome.reason == WATCHER_FAILED:
-            return replace(outcome, stopped_by_limit=f"{outcome.stopped_by_limit} ({performed.watch_fault})")
-        if outcome.reason == LOG_FAILED:
-            return replace(outcome, stopped_by_limit=stream.fault or outcome.stopped_by_limit)
-        return outcome
-
-    def written(self) -> None:
-        """Remove the raw logs: the result file holds everything."""
-        for log in self._logs:
-            log.remove()
-
-    def close(self) -> None:
-        """Let go of the raw logs; those whose samples stand nowhere else stay."""
-        for log in self._logs:
-            log.close()
-
-
-def _header(setup: Setup, design: Design, run: TableRun, ready: Performance, writer: ResultWriter) -> RawHeader:
-    """Return what the raw log of a run says of itself."""
-    names = column_names(len(setup.rig.channels), ready.step.estimated.size)
-    return RawHeader(
-        names, column_units(names), setup.rig.dt_s, ready.log.columns.shape[1], design.blocks.lead_samples, run.name,
-        writer.path.name, str(setup.case.path), setup.case.yaml_text, resolved_yaml(setup.case), writer.attributes,
-        ready.course.ramp,
-    )  # fmt: skip
-
-
-def _told(performed: Performed, ready: Performance, stream: LogStream) -> dict[str, str | int | float]:
-    """Return what a result says of the loop that made it."""
-    granted = performed.granted
-    return {
-        "zeros_v": " ".join(f"{zero:.6g}" for zero in ready.course.zeros_v),
-        "overruns": performed.overruns,
-        "fifo_priority": granted.fifo_priority,
-        "cpu": granted.cpu,
-        "memory_locked": int(granted.memory_locked),
-        "not_granted": "\n".join(granted.refused),
-        "log_fault": stream.fault,
-        "log_behind_s": stream.worst_lag_s,
-    }
 
 
 @contextmanager

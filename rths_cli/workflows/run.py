@@ -13,12 +13,13 @@ from rths_cli.analysis.critical_delay import critical_delay
 from rths_cli.analysis.sim import simulate
 from rths_cli.analysis.sim_delay import simulate_delayed
 from rths_cli.case.load import resolved_yaml
-from rths_cli.files.results import Metric, ResultWriter, check_writable
+from rths_cli.files.results import Metric, ResultWriter
 from rths_cli.report.losses_text import losses_of_runs
 from rths_cli.workflows import contents, figures
 from rths_cli.workflows.check_cases import Verdict, verdict_on
 from rths_cli.workflows.kept import Kept
 from rths_cli.workflows.known import Known, Memory
+from rths_cli.workflows.outputs import try_folder
 from rths_cli.workflows.provenance import attributes
 from rths_cli.workflows.setup import Progress, Setup, building_key, make_setups, motion_key
 from rths_cli.workflows.table_runs import Stage, Stop, VirtualStage, play_all, refused
@@ -51,7 +52,7 @@ def prepare_all(
 ) -> list[Setup]:
     """Read and check everything of every case before the first one starts; raises InputError with all faults."""
     setups = make_setups(cases, overrides, kept)
-    check_writable(output, sum(_bytes(setup) for setup in setups))
+    try_folder(output, sum(_bytes(setup) for setup in setups))
     return setups
 
 

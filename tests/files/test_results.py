@@ -347,7 +347,9 @@ def test_an_unwritable_folder_is_named_with_its_cause(tmp_path):
     with pytest.raises(InputError, match=r"file/sub: cannot write result files here: Not a directory; free space"):
         check_writable(tmp_path / "file" / "sub")
     with pytest.raises(InputError, match=r"a\.h5: cannot write the result file: "):
-        write(tmp_path / "missing" / "a.h5")
+        write(tmp_path / "file" / "a.h5")
+    write(tmp_path / "missing" / "a.h5")
+    assert (tmp_path / "missing" / "a.h5").exists()
     with pytest.raises(InputError, match=r"a\.h5: cannot write the result file: Is a directory"):
         (tmp_path / "a.h5").mkdir()
         write(tmp_path / "a.h5")

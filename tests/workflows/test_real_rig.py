@@ -24,7 +24,7 @@ from rths_cli.workflows import real_rig
 from rths_cli.workflows.identify import identify
 from rths_cli.workflows.known import Known, Memory
 from rths_cli.workflows.model_store import key
-from rths_cli.workflows.real_rig import RealStage
+from rths_cli.workflows.real_stage import RealStage
 from rths_cli.workflows.recover import recover
 from rths_cli.workflows.run import Ended, run_case
 from rths_cli.workflows.serve_table import describe

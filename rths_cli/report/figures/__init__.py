@@ -1,0 +1,9 @@
+"""Publication figures of results: the paper's figures and further ones, for any structure, rig and number of storeys.
+
+docs/figures_gallery.md says what each one shows.
+"""
+
+from rths_cli.report.figures.source import NotDrawn
+from rths_cli.report.figures.write import draw, figure_names, write_figures
+
+__all__ = ["NotDrawn", "draw", "figure_names", "write_figures"]

@@ -1,0 +1,228 @@
+"""Figures over frequency: the table's response (the paper's Fig. 4.1a), spectra, gain and delay of the tracking."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rths_cli.lti import Array, Block, ComplexArray, Model
+from rths_cli.report.figures.panels import legend_below, lettered, new_figure
+from rths_cli.report.figures.source import DESIRED, MEASURED, TABLE_RUNS, NotDrawn, Source
+from rths_cli.report.figures.style import (
+    BLACK,
+    GREY,
+    MEASURED_FRF,
+    MODEL,
+    RUNS,
+    TRUE,
+    VERMILLION,
+    Look,
+)
+from rths_cli.report.figures.style import DESIRED as DESIRED_LOOK
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FREQUENCY = "frequency (Hz)"
+SPECTRAL_S = 8.0  # length of a segment of Welch's method: lines every 0.125 Hz
+BAND_HZ = (0.1, 100.0)
+ROOTS = ("zeros", "poles")
+TRACKED_HZ = (0.25, 20.0)
+LEAST_COHERENCE = 0.98  # with a dozen averages or more a line of H1 is then known to some 3 % or better
+DECADES = 9.0  # of power below the largest that spectra show
+LATENCY = {
+    "compensated": Look("latency compensated", "#BBBBBB", "solid", 2.4),
+    "total": Look("latency of the loop", VERMILLION, (0, (5.0, 1.5))),
+    "left": Look("latency left", BLACK),
+}
+THIN = 0.6
+
+
+def table_response(source: Source, width: str) -> Figure:
+    """Draw the table's measured and fitted response from command to acceleration, and the coherence (Fig. 4.1a)."""
+    if "identification" not in source.result.groups:
+        raise NotDrawn("no identification in the result")
+    f = source.read("identification/frequency_hz")
+    measured = source.read("identification/frf_real") + 1j * source.read("identification/frf_imag")
+    fitted = fitted_response(source, f)
+    figure = new_figure(source, width, 105.0)
+    axes = figure.subplots(3, 1, sharex=True, height_ratios=(2.4, 1.4, 1.0))
+    sizes = (np.abs(measured), np.abs(fitted))
+    for ax, (seen, model) in zip(axes[:2], (sizes, _phases(measured, fitted)), strict=True):
+        ax.plot(f, seen, **MEASURED_FRF.line())
+        ax.plot(f, model, **MODEL.line())
+    axes[0].set(yscale="log", ylabel="acceleration / command\n(m/s²/V)")
+    axes[1].set(ylabel="phase (deg)")
+    axes[1].yaxis.set_major_locator(_quarter_turns())
+    axes[2].plot(f, source.read("identification/coherence"), **replace(MEASURED_FRF, width=1.0).line())
+    axes[2].set(ylabel="coherence", ylim=(0.0, 1.08))
+    _natural_frequencies(axes, source.read("identification/natural_frequency_hz"))
+    _frequency_axis(axes, float(f[0]), float(f[-1]))
+    size = f"model, {len(source.read('identification/poles_real'))} poles, "
+    size += f"{len(source.read('identification/zeros_real'))} zeros"
+    marks = Look("natural frequencies", VERMILLION, (0, (4.0, 2.0)))
+    legend_below(figure, [MEASURED_FRF, replace(MODEL, label=size), marks])
+    return figure
+
+
+def fitted_response(source: Source, frequency_hz: Array) -> ComplexArray:
+    """Return the model's response of the table's samples (n,) in m/s^2/V, what the hold's staircase adds included."""
+    group = "identification/"
+    parts = {name: source.read(f"{group}{name}_real") + 1j * source.read(f"{group}{name}_imag") for name in ROOTS}
+    gain, delay_s = (float(source.read(f"{group}{name}")) for name in ("gain", "delay_s"))
+    dt_s = 1.0 / source.rate_hz
+    response = Model(parts["zeros"], parts["poles"], gain, delay_s, (0.0, 0.0), dt_s=dt_s).response(frequency_hz)
+    if float(source.read(f"{group}ripple_m_s2_per_v")) == 0.0:
+        return response
+    A, B, C, D = (source.read(f"controller/staircase/{name}") for name in "ABCD")
+    alias = Block("staircase", A, B, C, D, dt_s)
+    return np.asarray(response + alias.response(frequency_hz)[0, 0], dtype=complex)
+
+
+def _phases(measured: ComplexArray, fitted: ComplexArray) -> tuple[Array, Array]:
+    """Return the unwrapped phases of both in degrees; the measured one is the model's and what it differs by."""
+    model = np.unwrap(np.angle(fitted))
+    model += 2.0 * np.pi * (model[0] < -0.5 * np.pi)  # near 0 Hz an acceleration is 180 deg before its cause
+    return np.degrees(model + np.angle(measured / fitted)), np.degrees(model)
+
+
+def _quarter_turns() -> Any:
+    from matplotlib.ticker import MaxNLocator
+
+    return MaxNLocator(5, steps=[1.0, 1.8, 4.5, 9.0, 10.0])
+
+
+def _natural_frequencies(axes: Sequence[Axes], natural_hz: Array) -> None:
+    for ax in axes:
+        for value in natural_hz:
+            ax.axvline(float(value), color=VERMILLION, ls=(0, (4.0, 2.0)), lw=0.6)
+
+
+def spectra(source: Source, width: str) -> Figure:
+    """Draw power spectral densities of desired, measured and desired - measured table acceleration (Welch's method)."""
+    runs = source.runs(TABLE_RUNS)
+    figure = new_figure(source, width, 75.0 if width == "two" or len(runs) == 1 else 120.0)
+    shape = (1, len(runs)) if width == "two" else (len(runs), 1)
+    axes = list(figure.subplots(*shape, squeeze=False).ravel())
+    looks: list[Look] = []
+    for ax, run, title in zip(axes, runs, lettered(RUNS[run].label for run in runs), strict=True):
+        looks += _spectra_of(ax, source, run)
+        ax.set_title(title)
+        ax.set_ylabel("power spectral density ((m/s²)²/Hz)")
+        _test_band(ax)
+    _frequency_axis(axes, BAND_HZ[0], min(BAND_HZ[1], 0.5 * source.rate_hz), every=True)
+    legend_below(figure, [*looks, Look("edge of the test band", GREY, (0, (4.0, 2.0)), 0.7)])
+    return figure
+
+
+def _spectra_of(ax: Axes, source: Source, run: str) -> list[Look]:
+    from scipy.signal import welch
+
+    desired, measured = source.read(f"{run}/{DESIRED}"), source.read(f"{run}/{MEASURED}")
+    looks = [
+        DESIRED_LOOK,
+        replace(RUNS[run], label=f"measured, {RUNS[run].label}"),
+        Look("desired − measured", VERMILLION, (0, (6.0, 1.0, 1.0, 1.0)), 0.8),
+    ]
+    series = [desired, measured, desired - measured]
+    if source.virtual:
+        looks.append(replace(TRUE, label="desired − true"))
+        series.append(desired - source.read(f"{run}/truth/table_accel_m_s2"))
+    top = 0.0
+    for look, values in zip(looks, series, strict=True):
+        f, power = welch(values, source.rate_hz, nperseg=_segment(source, values.size))
+        inside = (f >= BAND_HZ[0]) & (f <= BAND_HZ[1])
+        ax.plot(f[inside], power[inside], **replace(look, width=THIN).line())
+        top = max(top, float(power[inside].max(initial=0.0)))
+    ax.set_yscale("log")
+    if top > 0.0:
+        ax.set_ylim(top * 10.0**-DECADES, 3.0 * top)
+    return looks
+
+
+def delay_and_gain(source: Source, width: str) -> Figure:
+    """Draw gain and delay from desired to measured table acceleration by frequency, and the loop's latency."""
+    runs = source.runs(TABLE_RUNS)
+    latency = source.metric("latency.frequency_hz")
+    figure = new_figure(source, width, 75.0 if latency is None else 105.0)
+    axes = list(figure.subplots(2 if latency is None else 3, 1, sharex=True))
+    looks: list[Look] = []
+    for run, name, look in _tracked(source, runs):
+        f, gain, delay_s = gain_and_delay(source, run, name)
+        axes[0].plot(f, gain, **look.line())
+        axes[1].plot(f, 1e3 * delay_s, **look.line())
+        looks.append(look)
+    axes[0].set_ylabel("gain (1)")
+    axes[1].set_ylabel("delay (ms), + late")
+    if latency is not None:
+        _latency(axes[2], source, latency)
+        looks += LATENCY.values()
+    titles = ("gain of the table, measured / desired", "delay of the table", "latency of the loop, as designed")
+    for ax, title in zip(axes, lettered(titles), strict=False):
+        ax.set_title(title)
+    _frequency_axis(axes, *TRACKED_HZ)
+    legend_below(figure, looks)
+    return figure
+
+
+def _tracked(source: Source, runs: Sequence[str]) -> Iterator[tuple[str, str, Look]]:
+    """Yield run, series and look of what is compared with the desired acceleration; the last run's true one too."""
+    for run in runs:
+        yield run, MEASURED, replace(RUNS[run], label=f"measured, {RUNS[run].label}")
+    if source.virtual:
+        yield runs[-1], "truth/table_accel_m_s2", replace(TRUE, label=f"true, {RUNS[runs[-1]].label}")
+
+
+def gain_and_delay(source: Source, run: str, name: str) -> tuple[Array, Array, Array]:
+    """Return frequencies, |H1| and -arg(H1) / (2 pi f) from desired to a series of a run, each (n,).
+
+    Where the coherence is below 0.98 there is NaN: noise has no gain.
+    """
+    from scipy.signal import coherence, csd, welch
+
+    desired, seen = source.read(f"{run}/{DESIRED}"), source.read(f"{run}/{name}")
+    segment, rate = _segment(source, desired.size), source.rate_hz
+    f, power = welch(desired, rate, nperseg=segment)
+    inside = (f >= TRACKED_HZ[0]) & (f <= TRACKED_HZ[1]) & (power > 0.0)
+    cross = csd(desired, seen, rate, nperseg=segment)[1][inside]
+    poor = ~(coherence(desired, seen, rate, nperseg=segment)[1][inside] >= LEAST_COHERENCE)
+    response = np.where(poor, np.nan, cross / power[inside])
+    return f[inside], np.abs(response), -np.angle(response) / (2.0 * np.pi * f[inside])
+
+
+def _latency(ax: Axes, source: Source, frequency_hz: Array) -> None:
+    for name, look in LATENCY.items():
+        value = source.metric(f"latency.{name}_s")
+        if value is not None:
+            ax.plot(frequency_hz, 1e3 * value, marker="o", ms=2.5, **look.line())
+    ax.set_ylabel("latency (ms)")
+
+
+def _segment(source: Source, samples: int) -> int:
+    """Return how many samples a segment of Welch's method has; a short record gives four segments that overlap."""
+    return min(round(SPECTRAL_S * source.rate_hz), max(samples // 2, 8), samples)
+
+
+def _test_band(ax: Axes) -> None:
+    from rths_cli.metrics import BAND_HZ as TEST_BAND_HZ
+
+    ax.axvline(TEST_BAND_HZ, color=GREY, ls=(0, (4.0, 2.0)), lw=0.7)
+
+
+def _frequency_axis(axes: Sequence[Axes], low: float, high: float, every: bool = False) -> None:
+    """Give all axes the same band, frequencies written out; one label at the bottom unless `every` has its own."""
+    from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
+
+    marks = [m * 10.0**k for k in range(-4, 5) for m in (1.0, 2.0, 5.0) if low <= m * 10.0**k <= high]
+    for ax in axes:
+        ax.set_xscale("log")
+        ax.set_xlim(low, high)
+        ax.xaxis.set_major_locator(FixedLocator(marks))
+        ax.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        ax.xaxis.set_minor_formatter(NullFormatter())
+        if every or ax is axes[-1]:
+            ax.set_xlabel(FREQUENCY)

@@ -1,0 +1,168 @@
+"""Time histories: tracking (the paper's Fig. 5.1), Kalman filter (5.2), storeys against SIM (5.3), errors over time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rths_cli.lti import Array
+from rths_cli.report.figures.panels import ACCELERATION, BAND, Line, Panel, draw_rows, largest
+from rths_cli.report.figures.series import busiest, known_part, quietest, window_at
+from rths_cli.report.figures.source import (
+    ACCEL,
+    COMPUTED_RUNS,
+    DESIRED,
+    MEASURED,
+    TABLE_RUNS,
+    NotDrawn,
+    Source,
+    chosen_storeys,
+    interface_storey,
+)
+from rths_cli.report.figures.style import DESIRED as DESIRED_LOOK
+from rths_cli.report.figures.style import ESTIMATED, RUNS, TRUE, Look
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+CLOSE = "close look"
+NEAR_S = 1.0  # how close the Kalman filter is looked at
+ERROR = "error (m/s²)"
+DIFFERENCE = "difference (m/s²)"
+
+
+def tracking(source: Source, width: str) -> Figure:
+    """Draw desired and measured acceleration of the table in each test on it (Fig. 5.1)."""
+    rows = []
+    for run in source.runs(TABLE_RUNS):
+        time = source.read(f"{run}/time_s")
+        desired = source.read(f"{run}/{DESIRED}")
+        measured = replace(RUNS[run], label=f"measured, {RUNS[run].label}")
+        lines = (Line(DESIRED_LOOK, time, desired), Line(measured, time, source.read(f"{run}/{MEASURED}")))
+        whole = Panel(RUNS[run].label, ACCELERATION, lines, note=_rms(source, f"{run}.tracking_rms_m_s2"))
+        rows.append((whole, Panel(CLOSE, "", lines, _close(source, time, desired))))
+    return draw_rows(source, rows, width, about=BAND)
+
+
+def kalman(source: Source, width: str) -> Figure:
+    """Draw the top floor's acceleration before and after the Kalman filter, and their difference (Fig. 5.2)."""
+    run = source.runs(TABLE_RUNS)[-1]
+    time = source.read(f"{run}/time_s")
+    measured = source.read(f"{run}/floor_accel_measured_m_s2")[-1]
+    estimated = source.read(f"{run}/floor_accel_estimated_m_s2")[-1]
+    seen = replace(RUNS[run], label="measured", dashes="solid", width=0.8)
+    lines = [Line(seen, time, measured)]
+    if source.virtual:
+        lines.append(Line(TRUE, time, source.read(f"{run}/truth/floor_accel_m_s2")[-1]))
+    lines.append(Line(ESTIMATED, time, estimated))
+    near = (
+        busiest(time, measured, NEAR_S) if _reached_the_end(source, time) else window_at(time, float(time[-1]), NEAR_S)
+    )
+    floor = int(source.read(f"{run}/floor")[-1])
+    difference = replace(RUNS[run], label="measured − filtered", dashes="solid")
+    rows = [
+        (
+            Panel(f"storey {floor}, {RUNS[run].label}", ACCELERATION, tuple(lines)),
+            Panel(CLOSE, "", tuple(lines), near),
+        ),
+        (
+            Panel("measured − filtered", DIFFERENCE, (Line(difference, time, measured - estimated),)),
+            Panel("quietest second", "", tuple(lines), quietest(time, measured, NEAR_S)),
+        ),
+    ]
+    return draw_rows(source, rows, width)
+
+
+def responses(source: Source, width: str) -> Figure:
+    """Draw the absolute acceleration of the storeys in SIM, SIM-DELAY and EXP-RTHS (Fig. 5.3)."""
+    runs = source.runs((*COMPUTED_RUNS, "exp_rths"))
+    motions = {run: (source.read(f"{run}/time_s"), source.read(f"{run}/{ACCEL}")) for run in runs}
+    storeys = len(motions[runs[0]][1])
+    rows = []
+    for storey in reversed(chosen_storeys(storeys, interface_storey(source))):
+        lines = tuple(Line(RUNS[run], time, accel[storey - 1]) for run, (time, accel) in motions.items())
+        shown = [line.values for line in lines if line.look is not RUNS["sim_delay"]] or [line.values for line in lines]
+        guide = lines[-1]
+        title = f"storey {storey}{_what(source, storey)}"
+        whole = Panel(title, ACCELERATION, lines, reach=largest(*shown))
+        close = _close(source, guide.time_s, guide.values)
+        rows.append((whole, Panel(CLOSE, "", lines, close, reach=largest(*(values[close] for values in shown)))))
+    return draw_rows(source, rows, width)
+
+
+def errors(source: Source, width: str) -> Figure:
+    """Draw tracking errors and the storeys' errors to SIM over time, in the test band."""
+    tracked = tuple(_tracking_errors(source))
+    against = [tuple(_storey_errors(source, storey)) for storey in _storeys_with_errors(source)]
+    rows = [row for row in (tracked, *against) if row]
+    if not rows:
+        raise NotDrawn("no run on a table and no two runs to compare")
+    return draw_rows(source, rows, width, (1.0, 1.0), BAND, legend=False)
+
+
+def _tracking_errors(source: Source) -> Iterator[Panel]:
+    for run in TABLE_RUNS:
+        if run in source.result.groups:
+            error = source.read(f"{run}/{DESIRED}") - source.read(f"{run}/{MEASURED}")
+            look = RUNS[run]
+            note = _rms(source, f"{run}.tracking_rms_m_s2")
+            yield _error_panel(source, f"tracking, {look.label}", look, source.read(f"{run}/time_s"), error, note)
+
+
+def _storeys_with_errors(source: Source) -> list[int]:
+    groups = source.result.groups
+    if "sim" not in groups or not {"sim_delay", "exp_rths"} & set(groups):
+        return []
+    return list(reversed(chosen_storeys(len(source.read(f"sim/{ACCEL}")), interface_storey(source))))
+
+
+def _storey_errors(source: Source, storey: int) -> Iterator[Panel]:
+    exact = source.read(f"sim/{ACCEL}")[storey - 1]
+    for run in ("sim_delay", "exp_rths"):
+        if run in source.result.groups:
+            values = source.read(f"{run}/{ACCEL}")[storey - 1]
+            figures = source.metric(f"{run}.rms_error_m_s2")
+            note = "" if figures is None else _told(float(figures[storey - 1]))
+            title = f"storey {storey}, SIM − {RUNS[run].label}"
+            time = source.read(f"{run}/time_s")
+            yield _error_panel(source, title, RUNS[run], time, exact[: values.size] - values, note)
+
+
+def _error_panel(source: Source, title: str, look: Look, time: Array, error: Array, note: str) -> Panel:
+    """Return the panel of an error (n,), filtered to the test band as far as it is known."""
+    from rths_cli.metrics import test_band
+
+    n = known_part(error)
+    banded = np.full(error.size, np.nan)
+    if n > 1:
+        banded[:n] = test_band(error[:n], 1.0 / source.rate_hz)
+    return Panel(title, ERROR, (Line(look, time, banded),), note=note)
+
+
+def _close(source: Source, time: Array, values: Array) -> slice:
+    """Return the stretch around the peak, or before the end of a run that stopped early."""
+    return busiest(time, values) if _reached_the_end(source, time) else window_at(time, float(time[-1]))
+
+
+def _reached_the_end(source: Source, time: Array) -> bool:
+    return source.complete or time.size >= source.read("record/time_s").size
+
+
+def _what(source: Source, storey: int) -> str:
+    """Return what a storey is in the hybrid test, with a comma before it."""
+    interface = interface_storey(source)
+    if not interface:
+        return ""
+    return ", computed" if storey < interface else ", interface" if storey == interface else ", on the table"
+
+
+def _rms(source: Source, path: str) -> str:
+    found = source.metric(path)
+    return "" if found is None else _told(float(found[0]))
+
+
+def _told(value: float) -> str:
+    return f"RMS error {value:.2g} m/s²" if np.isfinite(value) else ""

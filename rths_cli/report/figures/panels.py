@@ -1,0 +1,150 @@
+"""Panels of time histories: whole records and close looks, in rows for two columns, below each other for one."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from string import ascii_lowercase
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rths_cli.lti import Array
+from rths_cli.report.figures.series import points_of_lines, thinned
+from rths_cli.report.figures.source import Source
+from rths_cli.report.figures.style import MM_PER_INCH, VERMILLION, WIDTHS_MM, Look, plain
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+HEADING_CHARACTERS = {"one": 60, "two": 128}
+HEADING_LINES = 4
+TALLEST_MM = 235.0  # the type area of a journal's page
+AROUND_MM = 19.0  # heading, legend, label of the time axis
+HIGH_MM = {"one": 29.0, "two": 36.0}
+GREY_TEXT = "#444444"
+BAND = "errors in the test band, below 12 Hz"
+SECONDS = "time (s)"
+ACCELERATION = "acceleration (m/s²)"
+
+
+@dataclass(frozen=True)
+class Line:
+    """Hold one line of a panel: its look, instants and values, both (n,)."""
+
+    look: Look
+    time_s: Array
+    values: Array
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Hold one pair of axes: title on the left, note on the right, lines, and what part of them is shown.
+
+    `close`: samples of a close look, of every line; None shows whole lines. `reach`: largest value that must be seen;
+    None takes that of all lines.
+    """
+
+    title: str
+    ylabel: str
+    lines: tuple[Line, ...]
+    close: slice | None = None
+    note: str = ""
+    reach: float | None = None
+
+
+def new_figure(source: Source, width: str, height_mm: float, about: str = "") -> Figure:
+    """Return an empty figure of a journal's width with the heading that names case, table and how the run ended."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    size = (WIDTHS_MM[width] / MM_PER_INCH, min(height_mm, TALLEST_MM) / MM_PER_INCH)
+    figure = Figure(figsize=size, layout="constrained")
+    FigureCanvasAgg(figure)
+    text, color = "\n".join(heading(source, width, about)), GREY_TEXT if source.complete else VERMILLION
+    figure.suptitle(plain(text), x=0.01, ha="left", fontsize=6.5, color=color)
+    return figure
+
+
+def heading(source: Source, width: str, about: str = "") -> list[str]:
+    """Return the lines above a figure: case, method and table ("virtual" where it is), and why a run ended early."""
+    known = source.result.attributes
+    table = f"{'virtual ' if source.virtual else ''}shake table {known.get('rig', '')}".rstrip()
+    case = f"{known.get('case_name', source.result.path.stem)}, method {known.get('method', 'unknown')}"
+    lines = ["; ".join(filter(None, (case, table, about)))]
+    if not source.complete:
+        lines.append(f"{known.get('status', 'unfinished')}: {known.get('status_reason', '')}".rstrip(": "))
+    long = HEADING_CHARACTERS[width]
+    wrapped = [part for line in lines for part in textwrap.wrap(line, long)]
+    return [*wrapped[: HEADING_LINES - 1], *(["..."] if len(wrapped) > HEADING_LINES else wrapped[HEADING_LINES - 1 :])]
+
+
+def lettered(titles: Iterable[str]) -> Iterator[str]:
+    """Yield titles with (a), (b), ... before them."""
+    for number, title in enumerate(titles):
+        yield f"({ascii_lowercase[number % 26]}) {title}"
+
+
+def draw_rows(
+    source: Source,
+    rows: Sequence[Sequence[Panel]],
+    width: str,
+    ratios: Sequence[float] = (2.2, 1.0),
+    about: str = "",
+    legend: bool = True,
+) -> Figure:
+    """Draw panels in rows of two, or one below the other in one column; `about` goes into the heading."""
+    panels = [panel for row in rows for panel in row]
+    stacked = width == "one" or len(panels) == 1
+    count = len(panels) if stacked else len(rows)
+    figure = new_figure(source, width, AROUND_MM + count * HIGH_MM[width], about)
+    grid = figure.add_gridspec(count, 1 if stacked else 2, width_ratios=None if stacked else ratios)
+    places = (
+        [(i, 0) for i in range(count)] if stacked else [(i, k) for i, row in enumerate(rows) for k in range(len(row))]
+    )
+    wide = [1.0 if stacked else ratios[column] for _, column in places]
+    points = iter(points_of_lines([wide[i] for i, panel in enumerate(panels) for _ in panel.lines]))
+    for panel, title, (row, column) in zip(panels, lettered(p.title for p in panels), places, strict=True):
+        ax = figure.add_subplot(grid[row, column])
+        _draw_panel(ax, panel, title if len(panels) > 1 else panel.title, points)
+        if row == count - 1:
+            ax.set_xlabel(SECONDS)
+    if legend:
+        legend_below(figure, [line.look for panel in panels for line in panel.lines])
+    return figure
+
+
+def legend_below(figure: Figure, looks: Sequence[Look]) -> None:
+    """Put one legend for all lines below the axes, each look once."""
+    from matplotlib.lines import Line2D
+
+    each = list({look.label: look for look in looks if look.label}.values())
+    handles = [Line2D([], [], label=plain(look.label), **look.line()) for look in each]
+    narrow = figure.get_figwidth() * MM_PER_INCH < 100.0
+    figure.legend(handles=handles, loc="outside lower center", ncols=min(len(each), 2 if narrow else 4))
+
+
+def _draw_panel(ax: Axes, panel: Panel, title: str, points: Iterator[int]) -> None:
+    dense = panel.close is None
+    for line in panel.lines:
+        part = slice(None) if panel.close is None else panel.close
+        ax.plot(*thinned(line.time_s[part], line.values[part], next(points)), **line.look.line(dense))
+    ax.set_title(title)
+    if panel.note:
+        ax.set_title(panel.note, loc="right", fontweight="normal", fontsize=6.5)
+    ax.set_ylabel(panel.ylabel)
+    ax.set_xlim(_first_and_last(panel))
+    if panel.reach:
+        ax.set_ylim(-1.08 * panel.reach, 1.08 * panel.reach)
+
+
+def _first_and_last(panel: Panel) -> tuple[float, float]:
+    times = [line.time_s[panel.close or slice(None)] for line in panel.lines]
+    return min(float(time[0]) for time in times), max(float(time[-1]) for time in times)
+
+
+def largest(*series: Array) -> float:
+    """Return the largest absolute value of several series, numbers that are not finite left out."""
+    return max((float(np.abs(values[np.isfinite(values)]).max(initial=0.0)) for values in series), default=0.0)

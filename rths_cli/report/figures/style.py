@@ -1,0 +1,97 @@
+"""How every figure of a result looks: widths, fonts, and one colour and line style per run, told apart in grey too."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from typing import Any
+
+WIDTHS_MM = {"one": 84.0, "two": 174.0}
+FORMS = ("pdf", "svg", "png")
+MM_PER_INCH = 25.4
+DPI = 300
+DENSE_LINEWIDTH = 0.5  # of a whole record, whose oscillations touch each other
+
+# Okabe and Ito's colours, which colour-blind readers tell apart
+BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
+BLUE, VERMILLION, PURPLE, GREY = "#0072B2", "#D55E00", "#CC79A7", "#777777"
+
+STYLE: dict[str, Any] = {
+    "font.family": ["DejaVu Sans"],
+    "mathtext.fontset": "dejavusans",
+    "font.size": 7.0,
+    "axes.labelsize": 7.0,
+    "axes.titlesize": 7.0,
+    "axes.titleweight": "bold",
+    "axes.titlelocation": "left",
+    "axes.titlepad": 3.0,
+    "axes.labelpad": 2.0,
+    "axes.linewidth": 0.6,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#E0E0E0",
+    "grid.linewidth": 0.4,
+    "xtick.labelsize": 6.5,
+    "ytick.labelsize": 6.5,
+    "xtick.direction": "in",
+    "ytick.direction": "in",
+    "legend.fontsize": 6.5,
+    "legend.frameon": False,
+    "legend.handlelength": 2.6,
+    "legend.borderaxespad": 0.2,
+    "legend.columnspacing": 1.4,
+    "lines.linewidth": 0.9,
+    "lines.markersize": 4.0,
+    "hatch.linewidth": 0.5,
+    "figure.constrained_layout.h_pad": 0.03,
+    "figure.constrained_layout.w_pad": 0.03,
+    "pdf.fonttype": 42,
+    "svg.fonttype": "path",
+    "svg.hashsalt": "rths",
+    "path.simplify": False,
+}
+METADATA: dict[str, dict[str, str | None]] = {
+    "png": {"Software": None},
+    "svg": {"Date": None},
+    "pdf": {"CreationDate": None},
+}
+
+
+@dataclass(frozen=True)
+class Look:
+    """Hold what tells one line from the others: its name in legends, colour, line style, width in points."""
+
+    label: str
+    color: str
+    dashes: Any = "solid"
+    width: float = 0.9
+
+    def line(self, dense: bool = False) -> dict[str, Any]:
+        """Return the arguments of a line; `dense`: thin and solid, since dashes of a whole record cannot be seen."""
+        style = "solid" if dense else self.dashes
+        return {"color": self.color, "ls": style, "lw": min(self.width, DENSE_LINEWIDTH) if dense else self.width}
+
+
+RUNS = {
+    "sim": Look("SIM", BLACK),
+    "sim_delay": Look("SIM-DELAY", VERMILLION, (0, (5.0, 1.5))),
+    "exp_rths": Look("EXP-RTHS", BLUE, (0, (1.5, 1.0)), 1.2),
+    "shake_table": Look("shake table test", GREEN, (0, (4.0, 1.0, 1.0, 1.0)), 1.0),
+}
+DESIRED = Look("desired", BLACK)
+TRUE = Look("true", PURPLE, (0, (1.0, 1.5)), 1.0)
+ESTIMATED = Look("Kalman filter", ORANGE, (0, (5.0, 1.5)), 1.0)
+MEASURED_FRF = Look("measured", SKY, "solid", 2.4)
+MODEL = Look("model", BLACK, "solid", 0.8)
+
+
+def in_house_style() -> AbstractContextManager[None]:
+    """Return a context in which matplotlib draws in this style, whatever the user's own settings are."""
+    from matplotlib import style
+
+    return style.context(STYLE, after_reset=True)
+
+
+def plain(text: str) -> str:
+    """Return text in which a dollar sign is a dollar sign, not the start of a formula."""
+    return text.replace("$", r"\$")

@@ -1,0 +1,130 @@
+"""Draw the figures of results by name, and write them as files that are the same whenever the data are."""
+
+from __future__ import annotations
+
+import io
+import logging
+import os
+import re
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rths_cli.errors import InputError
+from rths_cli.files.results import Result
+from rths_cli.report.figures import frequency, histories, merit
+from rths_cli.report.figures.limits import limits
+from rths_cli.report.figures.panels import heading
+from rths_cli.report.figures.source import NotDrawn, Source
+from rths_cli.report.figures.style import DPI, FORMS, METADATA, WIDTHS_MM, in_house_style
+from rths_cli.report.figures.timing import timing
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Tell = Callable[[str], None]
+LONG_VERTEX = re.compile(rb"^L (-?\d+\.\d+) (-?\d+\.\d+) $", re.MULTILINE)
+FIGURES: dict[str, Callable[[Source, str], Figure]] = {
+    "table_response": frequency.table_response,
+    "tracking": histories.tracking,
+    "kalman": histories.kalman,
+    "responses": histories.responses,
+    "errors": histories.errors,
+    "storeys": merit.storeys,
+    "spectra": frequency.spectra,
+    "delay_and_gain": frequency.delay_and_gain,
+    "error_budget": merit.error_budget,
+    "limits": limits,
+    "timing": timing,
+}
+
+
+def figure_names() -> tuple[str, ...]:
+    """Return the names of all figures, in the order in which they are written."""
+    return tuple(FIGURES)
+
+
+def draw(name: str, result: Result, width: str = "two") -> Figure:
+    """Return one figure of a result as a matplotlib Figure, 84 mm ("one" column) or 174 mm ("two") wide.
+
+    Raises InputError for an unknown name or width, and (NotDrawn) with the reason where the result lacks the data.
+    """
+    _check(name, FIGURES, "figure")
+    _check(width, WIDTHS_MM, "width")
+    return _drawn(name, Source(result), width)
+
+
+def write_figures(
+    results: Sequence[Result], folder: Path, form: str = "pdf", width: str = "one", tell: Tell | None = None
+) -> list[Path]:
+    """Write every figure of every result into `folder` as NAME-FIGURE.pdf (svg, png), and return the files written.
+
+    NAME is the result file's; the same name from another folder becomes NAME-2. Files that exist are replaced. `tell`
+    is given a sentence for each figure that a result has no data for (default: a warning of the log `rths_cli`).
+    Raises InputError for an unknown form or width, and where a file cannot be written.
+    """
+    _check(form, FORMS, "form")
+    _check(width, WIDTHS_MM, "width")
+    report = logging.getLogger("rths_cli").warning if tell is None else tell
+    written: list[Path] = []
+    for stem, result in zip(_stems(results), results, strict=True):
+        source = Source(result)
+        for name in FIGURES:
+            try:
+                image = _image(name, source, form, width)
+            except NotDrawn as reason:
+                report(f"{result.path}: figure {name} is left out: {reason}")
+                continue
+            written.append(_write(folder / f"{stem}-{name}.{form}", image))
+    return written
+
+
+def _drawn(name: str, source: Source, width: str) -> Figure:
+    with in_house_style():
+        return FIGURES[name](source, width)
+
+
+def _image(name: str, source: Source, form: str, width: str) -> bytes:
+    """Return the file of a figure as bytes."""
+    buffer = io.BytesIO()
+    title = f"{name}: {' '.join(heading(source, 'two'))}"
+    with in_house_style():
+        FIGURES[name](source, width).savefig(buffer, format=form, dpi=DPI, metadata={**METADATA[form], "Title": title})
+    return LONG_VERTEX.sub(_short_vertex, buffer.getvalue()) if form == "svg" else buffer.getvalue()
+
+
+def _short_vertex(found: re.Match[bytes]) -> bytes:
+    """Return a vertex of an SVG line with two decimals of a point (3.5 micrometres): a third of the file less."""
+    return b"L %.2f %.2f" % (float(found[1]), float(found[2]))
+
+
+def _write(path: Path, image: bytes) -> Path:
+    """Write a file whole or not at all; raise InputError where that fails."""
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part.write_bytes(image)
+        os.replace(part, path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot write the figure: {error.strerror}; choose another folder.") from error
+    finally:
+        with suppress(OSError):
+            part.unlink()
+    return path
+
+
+def _stems(results: Sequence[Result]) -> Iterator[str]:
+    """Yield a file name for each result, with a number from the second of that name on."""
+    seen: Counter[str] = Counter()
+    for result in results:
+        stem = result.path.stem
+        seen[stem] += 1
+        yield stem if seen[stem] == 1 else f"{stem}-{seen[stem]}"
+
+
+def _check(value: str, known: Iterable[str], what: str) -> None:
+    names = tuple(known)
+    if value not in names:
+        raise InputError(f"{what} is {value!r}; it must be one of {', '.join(names)}.")

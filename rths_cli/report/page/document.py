@@ -1,0 +1,185 @@
+"""The report page: one HTML file that needs no network, for a screen, a phone and paper."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from functools import cache
+from importlib.resources import files
+from itertools import groupby
+from pathlib import Path
+
+from rths_cli.errors import InputError
+from rths_cli.files.results import Result
+from rths_cli.report.load import Entry, entries
+from rths_cli.report.page import frequency, histories, merit
+from rths_cli.report.page.envelope import Pool
+from rths_cli.report.page.facts import is_virtual, name_of, status
+from rths_cli.report.page.html import Html, classed, data_script, details, element, join
+from rths_cli.report.page.paper_tables import claims, error_tables
+from rths_cli.report.page.provenance import case_files, commands, provenance
+from rths_cli.report.page.verdicts import summary, verdicts
+
+STYLES = ("uPlot.min.css", "page.css")
+SCRIPTS = ("uPlot.iife.min.js", "page.js")
+ENCODING = "utf-8"
+
+
+def write_page(results: Sequence[Result], path: Path, command_line: str) -> None:
+    """Write the page of results; the same results and command line give the same bytes.
+
+    Raises InputError without results, when a result cannot be read any more, or when the file cannot be written;
+    then nothing is left behind.
+    """
+    text = page(results, command_line)
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        part.write_text(text, encoding=ENCODING)
+        os.replace(part, path)
+    except OSError as error:
+        raise InputError(f"{path}: cannot write the page: {error.strerror}; choose another file") from error
+    finally:
+        with suppress(OSError):
+            part.unlink()
+
+
+def page(results: Sequence[Result], command_line: str) -> str:
+    """Return the page of results as HTML; `command_line` makes it. Raises InputError without results."""
+    if not results:
+        raise InputError("There are no results to show; give result files or run a case first.")
+    cases = entries(results, {})
+    ordered = [result for entry in cases for result in entry.results.values()]
+    title = f"Hybrid simulation: {_subject(cases, ordered)}"
+    body = join([_header(title, cases, ordered), element("main", *_sections(cases, ordered, command_line))])
+    return _whole(title, body, data_script("rths-data", _data(ordered)))
+
+
+def _subject(cases: Sequence[Entry], results: Sequence[Result]) -> str:
+    if len(cases) > 1:
+        return f"{len(results)} results of {len(cases)} cases"
+    return str(results[0].attributes.get("case_name") or results[0].path.stem)
+
+
+def _header(title: str, cases: Sequence[Entry], results: Sequence[Result]) -> Html:
+    """Return title, the word virtual, how the results ended, and the way to the sections."""
+    tables = ", ".join(dict.fromkeys(entry.table_name for entry in cases))
+    virtual = [is_virtual(result) for result in results]
+    words = "virtual: no table moved" if all(virtual) else "some results are virtual"
+    badge = [classed("p", "badge", words)] if any(virtual) else []
+    links = (element("a", text, attributes={"href": f"#{name}"}) for name, text in SECTIONS.items())
+    about = element("p", f"On {tables}. {summary(results)}.")
+    return element("header", element("h1", title), *badge, about, element("nav", *links))
+
+
+SECTIONS = {
+    "verdicts": "Verdicts",
+    "errors": "Errors",
+    "histories": "Time histories",
+    "cases": "Cases and figures",
+    "provenance": "Provenance",
+}
+
+
+def _sections(cases: Sequence[Entry], results: Sequence[Result], command_line: str) -> Iterator[Html]:
+    contents = {
+        "verdicts": [verdicts(results)],
+        "errors": _errors(cases),
+        "histories": _plots(any(is_virtual(result) for result in results)),
+        "cases": [_case(entry, unfolded=len(cases) == 1) for entry in cases],
+        "provenance": [provenance(results), element("h3", "Make it again"), commands(results, command_line)],
+    }
+    for name, heading in SECTIONS.items():
+        yield element("section", element("h2", heading), *contents[name], attributes={"id": name})
+
+
+def _errors(cases: Sequence[Entry]) -> list[Html]:
+    """Return error tables and claims, table by table."""
+    found: list[Html] = []
+    for name, group in groupby(cases, key=lambda entry: entry.table_name):
+        members = list(group)
+        found += [error_tables(members), element("h3", f"The paper's claims, on {name}"), claims(members)]
+    return found
+
+
+def _plots(virtual: bool) -> list[Html]:
+    """Return the frames that the script fills."""
+    hint = (
+        "Drag across a plot to zoom, drag with shift to move, double click for the whole; on a phone one finger moves "
+        "and two zoom. A click on a name below a plot hides its line."
+    )
+    needs = element("noscript", element("p", "The plots need JavaScript, which is switched off here."))
+    time = element("div", attributes={"id": "time-plots"})
+    response = element("div", frequency.heading(virtual), element("div", attributes={"id": "frequency-plots"}))
+    return [needs, element("div", attributes={"id": "controls"}), classed("p", "note", hint), time, response]
+
+
+def _case(entry: Entry, unfolded: bool) -> Html:
+    """Return what one case has of its own: by method error by cause, timing, latency, table, case; all its figures."""
+    names = dict.fromkeys(str(result.attributes.get("case_name") or "-") for result in entry.results.values())
+    what = f"{', '.join(names)}: {entry.excitation}, damping {entry.damping}, {entry.controller}; {entry.table_name}"
+    parts = [part for result in entry.results.values() for part in _result(result)]
+    figures = details("Every figure with its definition", merit.every_figure(entry))
+    return details(what, *parts, figures, unfolded=unfolded)
+
+
+def _result(result: Result) -> Iterator[Html]:
+    yield element("h3", name_of(result))
+    yield merit.by_cause(result)
+    yield merit.timing(result)
+    yield frequency.identification(result)
+    latency = merit.latency(result)
+    yield details("Latency of the loop", latency) if latency else Html("")
+    yield case_files(result)
+
+
+def _data(results: Sequence[Result]) -> dict[str, object]:
+    """Return what the script plots; series and responses that several results share stand once."""
+    pool, responses, shown = Pool(), [], []
+    for result in results:
+        response = frequency.response(result)
+        if response is not None and response not in responses:
+            responses.append(response)
+        about = {"name": name_of(result), "remark": _remark(result), **histories.document(result, pool)}
+        shown.append(about | {"response": None if response is None else responses.index(response)})
+    return {"results": shown, "responses": responses, "series": pool.packed()}
+
+
+def _remark(result: Result) -> str:
+    """Return what stands over every plot of a result: the table, virtual or not, and how the run ended if not well."""
+    rig = f"{'virtual ' if is_virtual(result) else ''}shake table {result.attributes.get('rig', '-')}"
+    end = status(result)
+    reason = str(result.attributes.get("status_reason") or "no reason stored")
+    return rig if end == "complete" else f"{rig}; {end}: {reason}"
+
+
+def _whole(title: str, body: Html, data: Html) -> str:
+    """Return the document; its policy lets no script run but those that are embedded here, and nothing be fetched."""
+    scripts = [asset(name) for name in SCRIPTS]
+    allowed = " ".join(f"'sha256-{_hash(script)}'" for script in scripts)
+    policy = f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data:; base-uri 'none'"
+    head = join(
+        [
+            Html('<meta charset="utf-8">'),
+            Html(f'<meta http-equiv="Content-Security-Policy" content="{policy}">'),
+            Html('<meta name="viewport" content="width=device-width, initial-scale=1">'),
+            Html('<meta name="color-scheme" content="light dark"><link rel="icon" href="data:,">'),
+            element("title", title),
+            *(element("style", Html(asset(name))) for name in STYLES),
+        ]
+    )
+    told = join(element("script", Html(script)) for script in scripts)
+    whole = element("html", element("head", head), element("body", body, data, told), attributes={"lang": "en"})
+    return f"<!DOCTYPE html>\n{whole}\n"
+
+
+@cache
+def asset(name: str) -> str:
+    """Return a file that is embedded in every page."""
+    return files("rths_cli.report.page").joinpath("assets", name).read_text(ENCODING)
+
+
+def _hash(script: str) -> str:
+    return base64.b64encode(hashlib.sha256(script.encode(ENCODING)).digest()).decode("ascii")

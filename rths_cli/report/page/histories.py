@@ -1,0 +1,129 @@
+"""The time histories of a result as charts: table, storeys and their errors, made short without losing a peak."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from rths_cli.files.results import Result, read_series
+from rths_cli.lti import Array
+from rths_cli.metrics import test_band
+from rths_cli.report.page.envelope import Pool, envelope, width_of
+from rths_cli.report.page.facts import RUNS
+
+BUILDINGS = ("sim", "sim_delay", "exp_rths")
+TABLES = ("exp_rths", "shake_table")
+UNIT = "m/s²"
+IN_BAND = "12 Hz test band"
+
+
+@dataclass(frozen=True)
+class Trace:
+    """Hold a series (n,) of a chart; `role` chooses its colour: sim, sim_delay, exp_rths, desired, measured, error."""
+
+    name: str
+    role: str
+    values: Array
+
+
+@dataclass(frozen=True)
+class Chart:
+    """Hold series of one unit over one time (n,) in s; a series that is shorter was stopped."""
+
+    title: str
+    unit: str
+    time_s: Array
+    traces: tuple[Trace, ...]
+
+
+@dataclass(frozen=True)
+class View:
+    """Hold what one choice shows: the table in a run, or a storey."""
+
+    name: str
+    charts: tuple[Chart, ...]
+
+
+def tables(result: Result) -> Iterator[View]:
+    """Yield desired and measured acceleration of the table and their difference, for each run on the table."""
+    for run in TABLES:
+        if run in result.groups:
+            time = read_series(result.path, f"{run}/time_s")
+            desired, measured = (
+                read_series(result.path, f"{run}/interface_accel_{name}_m_s2") for name in ("desired", "measured")
+            )
+            both = (Trace("desired", "desired", desired), Trace("measured", "measured", measured))
+            error = Trace("desired - measured", "error", in_test_band(desired - measured, time))
+            charts = (
+                Chart("Table acceleration", UNIT, time, both),
+                Chart(f"Tracking error, {IN_BAND}", UNIT, time, (error,)),
+            )
+            yield View(RUNS[run], charts)
+
+
+def storeys(result: Result) -> Iterator[View]:
+    """Yield the absolute acceleration of each storey by SIM, SIM-DELAY and EXP-RTHS, and their errors to SIM."""
+    runs = [run for run in BUILDINGS if run in result.groups]
+    if not runs:
+        return
+    times = [read_series(result.path, f"{run}/time_s") for run in runs]
+    time = max(times, key=lambda values: values.size)
+    accel = {run: read_series(result.path, f"{run}/abs_accel_m_s2") for run in runs}
+    interface = _interface(result)
+    for place in range(len(accel[runs[0]])):
+        of = {run: values[place] for run, values in accel.items()}
+        name = f"{place + 1}{' (interface)' if place + 1 == interface else ''}"
+        yield View(name, tuple(_storey_charts(place + 1, of, time)))
+
+
+def _storey_charts(storey: int, of: dict[str, Array], time: Array) -> Iterator[Chart]:
+    traces = tuple(Trace(RUNS[run], run, values) for run, values in of.items())
+    yield Chart(f"Absolute acceleration, storey {storey}", UNIT, time, traces)
+    errors = tuple(_error(of["sim"], run, of[run], time) for run in BUILDINGS[1:] if run in of and "sim" in of)
+    if errors:
+        yield Chart(f"Error to SIM, storey {storey}, {IN_BAND}", UNIT, time, errors)
+
+
+def _error(sim: Array, run: str, values: Array, time: Array) -> Trace:
+    both = min(sim.size, values.size)
+    return Trace(f"SIM - {RUNS[run]}", run, in_test_band(sim[:both] - values[:both], time))
+
+
+def in_test_band(error: Array, time: Array) -> Array:
+    """Return an error (n,) in the test band; NaN throughout where it was cut, or has too few samples."""
+    return test_band(error, _step(time)) if error.size > 1 else np.full(error.shape, np.nan)
+
+
+def document(result: Result, pool: Pool) -> dict[str, object]:
+    """Return the charts of a result for JSON; their series join the pool and stand here by their places."""
+    views = {"runs": tables(result), "storeys": storeys(result)}
+    return {
+        kind: [{"name": view.name, "charts": [_chart(chart, pool) for chart in view.charts]} for view in found]
+        for kind, found in views.items()
+    }
+
+
+def _chart(chart: Chart, pool: Pool) -> dict[str, object]:
+    step, start = _step(chart.time_s), float(chart.time_s[0]) if chart.time_s.size else 0.0
+    traces = []
+    for trace in chart.traces:
+        if np.any(np.isfinite(trace.values)):
+            short = envelope(trace.values, start, step, width_of(chart.time_s.size))
+            whole = bool(np.all(np.isfinite(trace.values)))
+            traces.append({"name": trace.name, "role": trace.role, "series": pool.add(short), "whole": whole})
+    return {"title": chart.title, "unit": chart.unit, "traces": traces}
+
+
+def _step(time: Array) -> float:
+    """Return the mean interval of a time (n,) in s, rounded to a femtosecond: 0.0005, not 0.00050000000000001."""
+    return round(float(time[-1] - time[0]) / (time.size - 1), 15) if time.size > 1 else 1.0
+
+
+def _interface(result: Result) -> int:
+    """Return the storey that the table plays, 0 where no run tells."""
+    for run in TABLES:
+        if run in result.groups:
+            return int(read_series(result.path, f"{run}/floor")[0]) - 1
+    return 0

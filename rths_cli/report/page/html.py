@@ -1,0 +1,69 @@
+"""HTML that cannot be injected into: text is escaped unless its type says that it was made here."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from html import escape
+
+UNSEEN = dict.fromkeys((*range(9), 11, 12, *range(14, 32), 127, *range(0xD800, 0xE000)), "�")
+IN_SCRIPT = {ord(sign): f"\\u{ord(sign):04x}" for sign in "<>&\u2028\u2029"}
+
+
+class Html(str):
+    """Mark a text that is HTML already; every other text is escaped where it enters the page."""
+
+    __slots__ = ()
+
+
+def safe(content: str) -> Html:
+    """Return HTML as it is and text escaped; control characters and halves of surrogate pairs become a sign."""
+    return content if isinstance(content, Html) else Html(escape(str(content).translate(UNSEEN), quote=True))
+
+
+def join(parts: Iterable[str]) -> Html:
+    """Return parts one after the other, text among them escaped."""
+    return Html("".join(safe(part) for part in parts))
+
+
+def element(name: str, *children: str, attributes: Mapping[str, str] | None = None) -> Html:
+    """Return an element around its children; values of `attributes` are escaped, an empty one stands without value."""
+    given = "".join(f' {key}="{safe(value)}"' if value else f" {key}" for key, value in (attributes or {}).items())
+    return Html(f"<{name}{given}>{join(children)}</{name}>")
+
+
+def classed(name: str, kind: str, *children: str) -> Html:
+    """Return an element of a class."""
+    return element(name, *children, attributes={"class": kind})
+
+
+def data_script(name: str, document: object) -> Html:
+    """Return a document as JSON that a script finds by its id; no text in it can end the element."""
+    text = json.dumps(document, separators=(",", ":"), allow_nan=False).translate(IN_SCRIPT)
+    return Html(f'<script type="application/json" id="{safe(name)}">{text}</script>')
+
+
+def table(head: Iterable[Iterable[str]], body: Iterable[Iterable[str]], kind: str = "texts") -> Html:
+    """Return a table in a frame that scrolls where it is wider than the page; row labels come first.
+
+    `kind` is its class: texts, or figures, which stand to the right.
+    """
+    heads = join(element("tr", *(element("th", cell) for cell in row)) for row in head)
+    rows = join(_row(list(row)) for row in body)
+    return framed(classed("table", kind, element("thead", heads), element("tbody", rows)))
+
+
+def framed(wide: Html) -> Html:
+    """Return what may be wider than the page in a frame that scrolls by itself, by keyboard too."""
+    return element("div", wide, attributes={"class": "frame", "tabindex": "0"})
+
+
+def details(title: str, *children: str, unfolded: bool = False) -> Html:
+    """Return what a title folds away; in print it stands as it stands on the screen."""
+    state = {"open": ""} if unfolded else {}
+    return element("details", element("summary", title), *children, attributes=state)
+
+
+def _row(cells: list[str]) -> Html:
+    label = element("th", cells[0], attributes={"scope": "row"})
+    return element("tr", label, *(element("td", cell) for cell in cells[1:]))

@@ -1,0 +1,84 @@
+"""The tables of the terminal as HTML tables: the paper's 5.1 and 5.2, one case alone, and the paper's claims."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from rths_cli.report.cells import remarks
+from rths_cli.report.claims import CLAIMS, HELD, NOT_HELD, UNJUDGED, Claim, Verdict, judge
+from rths_cli.report.layout import Cell, Row, Table
+from rths_cli.report.load import Entry
+from rths_cli.report.page.html import Html, classed, details, element, framed, join, table
+from rths_cli.report.page.verdicts import BAD, GOOD, OPEN, pill
+from rths_cli.report.response import response_tables
+from rths_cli.report.single import single_table
+from rths_cli.report.tables import TEST_BAND, TRUE, WORDS
+from rths_cli.report.tracking import tracking_tables
+
+JUDGED = {HELD: GOOD, NOT_HELD: BAD}
+
+
+def error_tables(cases: Sequence[Entry]) -> Html:
+    """Return the error tables of the cases of one table, with what their words mean and what went wrong."""
+    found = [single_table(cases[0])] if len(cases) == 1 else [*tracking_tables(cases), *response_tables(cases)]
+    lines = [*_sources(cases), TEST_BAND, *([TRUE] if cases[0].virtual else []), WORDS, *remarks(cases)]
+    return join([*(as_html(one) for one in found), *(classed("p", "note", line) for line in lines)])
+
+
+def as_html(shown: Table) -> Html:
+    """Return a table with its title; a bar stands where the text has one."""
+    corners = [""] * (len(shown.headers) - 1) + [shown.corner]
+    heads = (_row("th", corner, cells, shown) for corner, cells in zip(corners, shown.headers, strict=True))
+    rows = (_row("td", row.label, row.cells, shown) if row.cells else _heading(row, shown) for row in shown.rows)
+    about = {"class": "figures", "aria-label": shown.title}
+    body = element("table", element("thead", *heads), element("tbody", *rows), attributes=about)
+    return join([element("h4", shown.title), framed(body)])
+
+
+def claims(cases: Sequence[Entry]) -> Html:
+    """Return the verdicts on the paper's claims, counted, with every comparison folded away."""
+    return join(_claim(place, claim, cases) for place, claim in enumerate(CLAIMS, 1))
+
+
+def _claim(place: int, claim: Claim, cases: Sequence[Entry]) -> Html:
+    found = judge(claim, cases, "")
+    if not found:
+        return Html("")
+    counts = element(
+        "div", *(part for source in dict.fromkeys(v.source for v in found) for part in _count(source, found))
+    )
+    rows = ([v.where, v.source, v.verdict, v.because] for v in found)
+    compared = table([["where", "source", "verdict", "figures compared, measured (m/s^2)"]], rows)
+    return join([element("p", element("strong", f"{place}. {claim.text}")), counts, details("comparisons", compared)])
+
+
+def _count(source: str, found: Sequence[Verdict]) -> Iterator[Html]:
+    mine = [verdict.verdict for verdict in found if verdict.source == source]
+    judged = [word for word in mine if word in JUDGED]
+    for word, kind in JUDGED.items():
+        if word in judged:
+            yield join([pill(kind, f"{source}: {word} in {judged.count(word)} of {len(judged)}"), " "])
+    if len(judged) < len(mine):
+        yield join([pill(OPEN, f"{source}: {UNJUDGED} in {len(mine) - len(judged)}"), " "])
+
+
+def _row(kind: str, label: str, cells: Sequence[Cell], shown: Table) -> Html:
+    """Return a row; the last cell of a group carries its bar."""
+    ends = {sum(shown.groups[: place + 1]) for place in range(len(shown.groups))}
+    parts, column = [element("th", label, attributes={"scope": "row"} if kind == "td" else None)], 0
+    for cell in cells:
+        column += cell.span
+        span = {"colspan": str(cell.span)} if cell.span > 1 else {}
+        bar = {"class": "end"} if column in ends else {}
+        parts.append(element(kind, f"{cell.text}{cell.mark}".strip(), attributes=span | bar))
+    return element("tr", *parts)
+
+
+def _heading(row: Row, shown: Table) -> Html:
+    attributes = {"colspan": str(sum(shown.groups) + 1), "class": "heading"}
+    return element("tr", element("th", row.label, attributes=attributes))
+
+
+def _sources(cases: Sequence[Entry]) -> list[str]:
+    titles = dict.fromkeys(entry.reference_title for entry in cases if entry.reference_title)
+    return [f"Published (publ.): {'; '.join(titles)}."] if titles else []

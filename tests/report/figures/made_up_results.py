@@ -1,0 +1,180 @@
+"""Result files with known series: sums of sines and seeded noise, written as a run writes them."""
+
+from pathlib import Path
+
+import numpy as np
+
+from rths_cli.files.results import Dataset, Metric, ResultWriter
+
+RATE = 200.0
+CAUSES = ("declared", "coupling", "latency", "model", "friction", "specimen", "rounding", "rest")
+PEAKS = {
+    "command_v": (3.0, 10.0, "V"),
+    "displacement_m": (0.02, 0.079, "m"),
+    "velocity_m_s": (0.2, 1.0, "m/s"),
+    "acceleration_m_s2": (2.5, 45.0, "m/s^2"),
+    "sensor_m_s2": (2.5, 49.0, "m/s^2"),
+    "force_n": (40.0, 445.0, "N"),
+}
+ZEROS = np.array([0.0, 0.0, -0.8 + 20.0j, -0.8 - 20.0j])
+POLES = np.array([-30.0 + 80.0j, -30.0 - 80.0j, -1.0 + 19.0j, -1.0 - 19.0j, -600.0])
+GAIN, DELAY_S, RIPPLE = 4.0e4, 0.0075, -0.9
+
+
+def accel(data, about="acceleration", source="measured", dims=()):
+    return Dataset(data, "m/s^2", about, source, dims)
+
+
+def motion(n, seed):
+    """Return a shaking that fades, with noise (n,)."""
+    time = np.arange(n) / RATE
+    noise = np.random.default_rng(seed).normal(size=n)
+    swing = np.sin(2 * np.pi * (1.3 + 0.2 * seed) * time) + 0.4 * np.sin(2 * np.pi * 6.1 * time + seed)
+    return (swing + 0.3 * np.cumsum(noise) / np.sqrt(np.arange(1, n + 1))) * np.exp(-((time - 4.0) ** 2) / 18.0)
+
+
+def building(storeys, n, seed):
+    """Return accelerations (storeys, n), each storey another."""
+    return np.array([(1.0 + 0.3 * i) * motion(n, seed + i) for i in range(storeys)])
+
+
+def noise(shape, seed, size=0.01):
+    return size * np.random.default_rng(seed).normal(size=shape)
+
+
+def write_result(
+    path,
+    runs=("sim", "sim_delay", "shake_table", "exp_rths"),
+    storeys=3,
+    floors=2,
+    n=1600,
+    stop=None,
+    kind="virtual",
+    live=False,
+    **attributes,
+):
+    """Write a result; `stop`: samples of EXP-RTHS before it was aborted."""
+    status = "aborted" if stop else "complete"
+    about = {"case_name": "made_up", "method": "best", "rig": "bench", "rig_kind": kind, "sample_rate_hz": RATE}
+    about |= {"status_reason": "EXP-RTHS: force beyond its limit at 3.000 s" if stop else ""} | attributes
+    time = np.arange(n) / RATE
+    with ResultWriter(Path(path), about) as writer:
+        writer.case("record: made up\n", "scaling: 1.0\n")
+        writer.group("record", {"ground_accel_m_s2": accel(motion(n, 3))}, time_s=time)
+        for run in runs:
+            if run in ("sim", "sim_delay"):
+                values = building(storeys, n, 1) + (0.05 * building(storeys, n, 4) if run == "sim_delay" else 0.0)
+                writer.group(run, {"abs_accel_m_s2": accel(values)}, time_s=time, storey=np.arange(1, storeys + 1))
+            else:
+                write_table_run(writer, run, storeys, floors, stop if stop and run == "exp_rths" else n, kind, live)
+        if {"shake_table", "exp_rths"} & set(runs):
+            write_identification(writer)
+        writer.metrics(metrics(runs, storeys, stop))
+        writer.finish(about.get("status", status), about["status_reason"])
+    return Path(path)
+
+
+def write_table_run(writer, run, storeys, floors, n, kind, live):
+    seed = 10 if run == "exp_rths" else 20
+    time, storey = np.arange(n) / RATE, np.arange(1, storeys + 1)
+    floor = {"floor": Dataset(np.arange(storeys - floors + 1, storeys + 1), "1", "experimental storey", "computed")}
+    on_floors = ("floor", "time_s")
+    desired = motion(n, seed)
+    seen = 2.0 * building(floors, n, seed + 1)
+    late = np.concatenate([np.zeros(1), desired[:-1]])
+    datasets = {
+        "interface_accel_desired_m_s2": accel(desired),
+        "interface_accel_measured_m_s2": accel(1.01 * late + noise(n, seed)),
+        "command_v": Dataset(3.0 * desired, "V", "command", "computed"),
+        "floor_accel_measured_m_s2": accel(seen + noise((floors, n), seed + 2), dims=on_floors),
+        "floor_accel_estimated_m_s2": accel(seen, "filtered", "estimated", on_floors),
+    }
+    if run == "exp_rths":
+        datasets["abs_accel_m_s2"] = accel(building(storeys, n, 1) + 0.01 * building(storeys, n, 7))
+    writer.group(run, datasets, time_s=time, storey=storey, scales=floor)
+    timing = {"compute_s": Dataset(1e-6 * np.exp(noise(n, seed, 1.0)), "s", "time of a step", "measured")}
+    if live:
+        timing["late_s"] = Dataset(2e-5 * np.exp(noise(n, seed + 3, 1.0)), "s", "late", "measured")
+        timing["exchange_s"] = Dataset(9e-5 * np.exp(noise(n, seed + 4, 1.0)), "s", "exchange", "measured")
+        timing["lost"] = Dataset((np.arange(n) % 500 == 499).astype(float), "1", "lost", "measured")
+    writer.group(f"{run}/timing", timing, time_s=time, storey=storey)
+    if kind == "virtual":
+        truth = {
+            "table_accel_m_s2": accel(1.01 * late, source="true"),
+            "table_disp_m": Dataset(0.02 * desired, "m", "displacement", "true"),
+            "floor_accel_m_s2": accel(seen, source="true", dims=on_floors),
+        }
+        writer.group(f"{run}/truth", truth, time_s=time, storey=storey, scales=floor)
+
+
+def write_identification(writer):
+    """Write a response that is not quite the model's, and the block of the hold's staircase."""
+    f = np.arange(0.5, 40.0, 0.1)
+    frequency = {"frequency_hz": Dataset(f, "Hz", "frequency", "computed")}
+    on = ("frequency_hz",)
+    frf = exact_response(f) * (1.0 + 0.02 * np.exp(2j * f))
+    one = {"gain": GAIN, "delay_s": DELAY_S, "ripple_m_s2_per_v": RIPPLE, "coupling_hz": 0.0}
+    datasets = {name: Dataset(value, "1", name, "estimated") for name, value in one.items()}
+    datasets |= {
+        "frf": Dataset(frf, "m/s^2/V", "H1", "measured", on),
+        "coherence": Dataset(1.0 - 0.1 * np.cos(f) ** 2, "1", "coherence", "measured", on),
+        "zeros": Dataset(ZEROS, "rad/s", "zeros", "estimated", ("zero",)),
+        "poles": Dataset(POLES, "rad/s", "poles", "estimated", ("pole",)),
+        "natural_frequency_hz": Dataset([3.2, 8.4], "Hz", "specimen", "estimated", ("mode",)),
+        "damping_ratio": Dataset([0.04, 0.04], "1", "specimen", "estimated", ("mode",)),
+    }
+    writer.group("identification", datasets, scales=frequency)
+    A, B = np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([[1.0], [0.0]])
+    writer.block(
+        "staircase", A, B, RIPPLE * np.array([[1.0, -1.0]]), np.zeros((1, 1)), 1.0 / RATE, ["command_v"], ["a"]
+    )
+
+
+def exact_response(f):
+    """Return the model's response (n,) by its definition: roots, delay, hold, and the alias of the staircase."""
+    s = 2j * np.pi * f
+    roots = np.prod(s[:, None] - ZEROS, axis=1) / np.prod(s[:, None] - POLES, axis=1)
+    late = np.exp(-s / RATE)
+    return GAIN * roots * np.exp(-s * DELAY_S) * np.sinc(f / RATE) + RIPPLE * late * (1.0 - late)
+
+
+def metrics(runs, storeys, stop):
+    """Return figures of merit; a run that was stopped has none of its own."""
+    found = {}
+
+    def put(path, value, unit="m/s^2", axis="storey"):
+        found[path] = Metric(np.asarray(value, dtype=float), unit, f"made up {path}", axis)
+
+    done = "exp_rths" in runs and not stop
+    floor = np.arange(1, storeys + 1)
+    if "sim_delay" in runs:
+        put("sim_delay.rms_error_m_s2", 0.08 * floor)
+    if "shake_table" in runs:
+        put("shake_table.tracking_rms_m_s2", 0.0123)
+    if not {"shake_table", "exp_rths"} & set(runs):
+        return found
+    for i, cause in enumerate(CAUSES):
+        put(f"check.rms_error_{cause}_m_s2", 1e-5 * (i + 1) * floor)
+        put(f"check.tracking_rms_{cause}_m_s2", 0.0 if cause == "coupling" else 2e-5 * (i + 1))
+        if done:
+            put(f"budget.rms_error_{cause}_m_s2", 1.5e-5 * (i + 1) * floor)
+            put(f"budget.tracking_rms_{cause}_m_s2", 3e-5 * (i + 1))
+    put("check.rms_error_m_s2", 4e-4 * floor)
+    put("check.tracking_rms_m_s2", 5e-4)
+    if done:
+        put("exp_rths.rms_error_m_s2", 6e-4 * floor)
+        put("exp_rths.tracking_rms_m_s2", 7e-4)
+    for name, (peak, limit, unit) in PEAKS.items():
+        put(f"check.peak_{name}", peak, unit)
+        put(f"check.limit_{name}", limit, unit)
+    for loop in ("check", "feedback"):
+        put(f"{loop}.gain_margin", 5.0, "1")
+        put(f"{loop}.gain_reduction_margin", np.inf if loop == "feedback" else 1.6, "1")
+        put(f"{loop}.phase_margin_deg", 20.0, "deg")
+        put(f"{loop}.delay_margin_s", 0.0068, "s")
+        put(f"{loop}.sensitivity_peak", 3.7, "1")
+    put("latency.frequency_hz", [1.0, 3.0, 5.0, 10.0], "Hz", "frequency")
+    put("latency.total_s", [-0.0027, 0.0007, 0.0009, 0.0011], "s", "frequency")
+    put("latency.compensated_s", [-0.0026, 0.0006, 0.0009, 0.0010], "s", "frequency")
+    put("latency.left_s", [-0.0001, 0.0001, 0.0, 0.0001], "s", "frequency")
+    return found

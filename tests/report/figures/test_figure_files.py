@@ -1,0 +1,161 @@
+"""Files of figures: the same bytes twice, small, nothing cut, "virtual" where the table is, reasons for what is not."""
+
+import logging
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import matplotlib
+import numpy as np
+import pytest
+from made_up_results import write_result
+
+from rths_cli.errors import InputError
+from rths_cli.files.results import read_result
+from rths_cli.report.figures import NotDrawn, draw, figure_names, write_figures
+
+HERE = Path(__file__).parent
+AGAIN = """
+import sys
+from pathlib import Path
+from rths_cli.files.results import read_result
+from rths_cli.report.figures import write_figures
+short, folder = map(Path, sys.argv[1:])
+for form in ("svg", "pdf", "png"):
+    write_figures([read_result(short)], folder, form, "one", lambda _: None)
+assert "matplotlib.pyplot" not in sys.modules
+"""
+
+
+@pytest.fixture(scope="module")
+def short(tmp_path_factory):
+    """Return a result of SIM alone."""
+    return read_result(write_result(tmp_path_factory.mktemp("short") / "sim.h5", runs=("sim",), n=300))
+
+
+@pytest.fixture(scope="module")
+def tall(tmp_path_factory):
+    """Return a long result of a tall building."""
+    return read_result(write_result(tmp_path_factory.mktemp("tall") / "tall.h5", storeys=30, n=6_000))
+
+
+@pytest.fixture(scope="module")
+def written(tall, short, tmp_path_factory):
+    """Return the folder with all figures of a long record as SVG, and some as PDF and PNG."""
+    folder, told = tmp_path_factory.mktemp("written"), []
+    paths = write_figures([tall], folder, "svg", "two", told.append)
+    assert [path.name for path in paths] == [f"tall-{name}.svg" for name in figure_names()] and not told
+    for form in ("svg", "pdf", "png"):
+        write_figures([short], folder, form, "one", told.append)
+    return folder
+
+
+def texts(figure):
+    return [text.get_text() for text in figure.findobj(matplotlib.text.Text)]
+
+
+def test_names_are_those_of_the_issue():
+    assert {"table_response", "tracking", "kalman", "responses", "errors", "spectra"} < set(figure_names())
+    assert {"delay_and_gain", "error_budget", "limits", "timing"} < set(figure_names())
+
+
+def test_another_process_with_other_settings_writes_the_same_bytes(written, short, tmp_path):
+    (tmp_path / "matplotlibrc").write_text("font.size: 20\nlines.linestyle: --\nsvg.hashsalt: other\n")
+    environment = os.environ | {"PYTHONHASHSEED": "7", "SOURCE_DATE_EPOCH": "1000000000"}
+    environment |= {"MATPLOTLIBRC": str(tmp_path), "TZ": "Asia/Tokyo"}
+    again = tmp_path / "again"
+    command = [sys.executable, "-c", AGAIN, str(short.path), str(again)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    ours, theirs = ({path.name: path.read_bytes() for path in where.glob("sim-*")} for where in (written, again))
+    assert len(ours) == 2 * 3
+    assert [name for name in ours if ours[name] != theirs.get(name)] == []
+
+
+def test_files_are_what_they_say_small_and_with_their_fonts(written):
+    starts = {".svg": b"<?xml", ".pdf": b"%PDF", ".png": b"\x89PNG"}
+    for path in written.iterdir():
+        image = path.read_bytes()
+        assert image.startswith(starts[path.suffix]) and b"virtual" in image
+        assert len(image) < 300_000, path.name
+        if path.suffix == ".pdf":
+            assert b"/FontFile2" in image and b"/Type3" not in image
+        if path.suffix == ".svg":
+            assert b"<text" not in image and re.search(rb'width="(493|238)\.\d+pt"', image[:500])
+
+
+@pytest.mark.parametrize("name", figure_names())
+def test_every_figure_says_virtual_and_nothing_is_cut(made_up, name):
+    figure = draw(name, made_up, "one")
+    assert "virtual shake table bench" in " ".join(texts(figure)).replace("\n", " ")
+    figure.draw_without_rendering()
+    drawn, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
+    assert drawn.x0 > -0.01 and drawn.y0 > -0.01 and drawn.x1 < width + 0.01 and drawn.y1 < height + 0.01
+
+
+def test_a_measured_table_is_not_called_virtual(tmp_path):
+    result = read_result(write_result(tmp_path / "real.h5", kind="udp", n=600))
+    for name in figure_names():
+        assert not any("virtual" in text for text in texts(draw(name, result)))
+
+
+def test_an_aborted_run_is_drawn_as_far_as_it_goes_and_says_so(tmp_path):
+    result = read_result(write_result(tmp_path / "stopped.h5", stop=600))
+    for name in figure_names():
+        assert "aborted: EXP-RTHS: force beyond its limit" in draw(name, result).get_suptitle()
+    close = draw("responses", result).axes[1]
+    exp = next(line for line in close.lines if line.get_color() == "#0072B2")
+    assert exp.get_xdata()[-1] == pytest.approx(599 / 200.0)
+    errors = draw("errors", result).axes[1]
+    assert np.max(errors.lines[0].get_xdata()) == pytest.approx(599 / 200.0)
+
+
+def test_what_a_result_does_not_hold_is_left_out_with_a_reason(short, tmp_path, caplog):
+    result, told = short, []
+    paths = write_figures([result], tmp_path / "out", "svg", "one", told.append)
+    assert [path.name for path in paths] == ["sim-responses.svg", "sim-storeys.svg"]
+    assert f"{result.path}: figure timing is left out: no shake_table and no exp_rths in the result" in told
+    assert len(told) == len(figure_names()) - 2
+    with caplog.at_level(logging.WARNING):
+        write_figures([result], tmp_path / "out", "svg")
+    assert [record.getMessage() for record in caplog.records] == told
+    with pytest.raises(NotDrawn, match="no identification in the result"):
+        draw("table_response", result)
+
+
+def test_results_of_one_name_get_files_of_their_own(tmp_path):
+    results = []
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+        results.append(read_result(write_result(tmp_path / folder / "case.h5", runs=("sim",), n=300)))
+    names = [path.name for path in write_figures(results, tmp_path / "out", "svg", tell=lambda _: None)]
+    assert names == ["case-responses.svg", "case-storeys.svg", "case-2-responses.svg", "case-2-storeys.svg"]
+
+
+def test_bad_words_and_folders_are_one_sentence(made_up, tmp_path):
+    with pytest.raises(InputError, match=r"^figure is 'trakcing'; it must be one of table_response, tracking, "):
+        draw("trakcing", made_up)
+    with pytest.raises(InputError, match=r"^width is 'three'; it must be one of one, two\.$"):
+        draw("tracking", made_up, "three")
+    with pytest.raises(InputError, match=r"^form is 'jpg'; it must be one of pdf, svg, png\.$"):
+        write_figures([made_up], tmp_path, "jpg")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match=r"file.*: cannot write the figure: .*; choose another folder\.$"):
+        write_figures([made_up], tmp_path / "file", "png")
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_the_user_s_own_settings_stay(made_up, monkeypatch):
+    monkeypatch.setitem(matplotlib.rcParams, "font.size", 31.0)
+    before = dict(matplotlib.rcParams)
+    draw("storeys", made_up)
+    assert dict(matplotlib.rcParams) == before
+
+
+def test_importing_the_figures_is_cheap():
+    heavy = "{'matplotlib', 'scipy', 'numba', 'h5py'}"
+    code = f"import sys, rths_cli.report.figures; print(sorted({heavy} & set(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout.strip() == "[]", done.stdout + done.stderr

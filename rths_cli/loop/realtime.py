@@ -38,7 +38,7 @@ IN_RAMP_UP, IN_RUN, IN_RAMP_DOWN, AT_REST = 2, 3, 4, 5  # states of DESIGN.md se
 HOLD, SKIP, STOP = range(3)  # what an overrun does: the record waits, steps are caught up, the test stops
 POLICIES = {"hold": HOLD, "skip": SKIP, "stop": STOP}
 ANSWER_SHARE = 0.7  # of an interval, how long an answer may take: step and guard need the rest
-ROUNDS = 8  # of the fixed point, X
+ROUNDS = 12  # to the fixed point of `bridge`: each leaves an eighth at 1 kHz, a quarter at 500 Hz
 PUNCTUAL = 0.125  # of an interval, how late a command may leave where steps are caught up; a later one waits for none
 
 # places in Course.marks: start of the clock, intervals overrun, lost in a row, overrun in a row
@@ -56,7 +56,6 @@ class Course(NamedTuple):
     policy: int  # HOLD, SKIP or STOP
     signs: Array  # (c,) of the channels
     zeros_v: Array  # (c,) what each channel shows at rest
-    volts: Array  # (c,) sensitivities in V per m/s^2
     orders: IntArray  # orders[0]: 0 go on, else stop; written by other threads
     marks: IntArray  # (4,)
     scratch: IntArray  # (2,)
@@ -67,8 +66,7 @@ def course(info: RigInfo, ramp_s: float, record: int, zeros_v: Array, orders: In
     return Course(
         round(1e9 * info.dt_s), SPIN_NS, round(ramp_s / info.dt_s), record, info.limits.lost_samples,
         POLICIES[info.overrun], np.array([float(channel.sign) for channel in info.channels]), zeros_v,
-        np.array([channel.sensitivity_v_per_m_s2 for channel in info.channels]), orders,
-        np.zeros(4, dtype=np.int64), np.zeros(2, dtype=np.int64),
+        orders, np.zeros(4, dtype=np.int64), np.zeros(2, dtype=np.int64),
     )  # fmt: skip
 
 
@@ -83,8 +81,8 @@ def take(course: Course, s: Step, samples_v: Array) -> None:
 def bridge(s: Step) -> None:
     """Give the step what the channels would show, where no samples came: the table as desired, the floors as estimated.
 
-    What is desired at t_k is known from before. The floors' accelerations are those that the estimator takes for what
-    it estimates from them, so that it goes on by the identified specimen alone; a fixed point, found in a few rounds.
+    What is desired at t_k is known from before. The floors' accelerations are those from which the estimator estimates
+    just these (no innovation), so that it goes on by the identified specimen alone: a fixed point, found in rounds.
     An excitation, and a step without lead, keep the last samples.
     """
     floors, block = s.samples.size - 1, s.estimator
@@ -100,7 +98,7 @@ def bridge(s: Step) -> None:
 
 @part
 def show(s: Step) -> None:
-    """Give the step the samples that it will correct to what stands in `corrected`."""
+    """Give the step the samples of which `sense` makes what stands in `corrected`."""
     now, before = s.sent[s.sent.size - 2], s.sent[s.sent.size - 1]
     s.corrected[0] += s.ripple_m_s2_per_v * (now - before) + s.ripple_sum_m_s2_per_v * (now + before)
     for c in range(s.samples.size):

@@ -10,13 +10,16 @@ import socket
 
 import numpy as np
 
-from rths_cli.clocks import IntArray
+from rths_cli.clocks import IntArray, monotonic_ns, sleep_until
 from rths_cli.compiled import External, part
 from rths_cli.rigs.udp.siphash import Bytes
 
+BROKEN_NS = 1_000_000  # wait after a failing socket
+
 _recvmsg = External("recvmsg", "intp", "intc", "uintp", "intc")
+_ppoll = External("ppoll", "intc", "uintp", "uintp", "uintp", "uintp")
 _clock_gettime = External("clock_gettime", "intc", "intc", "uintp")
-_AT_ONCE, _WHOLE_SIZE, _WALL_CLOCK = 0x40, 0x20, 0  # MSG_DONTWAIT, MSG_TRUNC, CLOCK_REALTIME
+_AT_ONCE, _WHOLE_SIZE, _READABLE, _WALL_CLOCK = 0x40, 0x20, 1, 0  # MSG_DONTWAIT, MSG_TRUNC, POLLIN, CLOCK_REALTIME
 _STAMPS = 35  # SO_TIMESTAMPNS, and SCM_TIMESTAMPNS
 _IS_STAMP = socket.SOL_SOCKET | _STAMPS << 32  # level and type of a control message
 
@@ -53,11 +56,23 @@ def wall_clock_ns(scratch: IntArray) -> int:
 
 @part
 def arrival(message: IntArray, now: int, wall: int, earliest: int) -> int:
-    """Return when the received packet came on the clock of `now`, which is `wall` on the wall clock; `now` without stamp.
+    """Return when the received packet came, on the clock of `now`, at which the wall clock shows `wall`.
 
-    It is kept between `earliest` and `now`, whatever a step of the wall clock makes of it.
+    That is `now` where no stamp came; a step of the wall clock makes it no earlier than `earliest`, no later than `now`.
     """
     if message[CONTROL_SIZE] < 32 or message[STAMP_KIND] != _IS_STAMP:
         return now
     ago = wall - (message[STAMP_S] * 1_000_000_000 + message[STAMP_NS])
     return min(max(now - ago, earliest), now)
+
+
+@part
+def wait(fd: int, time_ns: int, scratch: IntArray) -> None:
+    """Sleep until a packet comes, at most for a time in ns; rest a little where the socket fails. `scratch` (3,)."""
+    scratch[0], scratch[1] = time_ns // 1_000_000_000, time_ns % 1_000_000_000
+    scratch[2] = fd | _READABLE << 32
+    times, polled = scratch.ctypes.data, scratch.ctypes.data + 16
+    _ppoll(polled, 1, times, 0)  # type: ignore[operator]
+    seen = scratch[2] >> 48
+    if seen != 0 and seen != _READABLE:
+        sleep_until(monotonic_ns(scratch) + BROKEN_NS, 0, scratch)

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rths_cli.clocks import SPIN_NS, IntArray, monotonic_ns, sleep_until
+from rths_cli.clocks import SPIN_NS, IntArray, monotonic_ns
 from rths_cli.compiled import External, entry, part
 from rths_cli.loop import receiving
 from rths_cli.loop.guard import BRAKING, RUNNING, STOPPED, GuardLimits, GuardState, ramp_down
@@ -29,7 +29,6 @@ TICKS_PER_INTERVAL = 4
 PHASE_STEPS = 64  # over so many commands the ticks settle around the instants at which commands come
 LOOK_NS = 20_000_000  # the longest wait for a packet: orders are looked at so often
 GREETED_NS = 50_000_000  # between two greetings that may disturb a session
-BROKEN_NS = 1_000_000  # wait after a failing socket
 
 GREETING, ENDED, ORDERED = 1, 2, 3  # what `serve_packets` returns for
 
@@ -46,8 +45,7 @@ ARRIVED_NS, REACHED_NS = 11, 12
 PLACES = 13
 
 _sendto = External("sendto", "intp", "intc", "uintp", "uintp", "intc", "uintp", "uintc")
-_ppoll = External("ppoll", "intc", "uintp", "uintp", "uintp", "uintp")
-_AT_ONCE, _READABLE = 0x40, 1  # MSG_DONTWAIT, POLLIN
+_AT_ONCE = 0x40  # MSG_DONTWAIT
 ADDRESS_BYTES = 28  # of the longest socket address
 
 
@@ -264,18 +262,6 @@ def pause(d: Door, now: int) -> int:
     return min(max(ahead_ns - spin_ns, 0), LOOK_NS) if ahead_ns > -spin_ns else LOOK_NS
 
 
-@part
-def wait(d: Door, time_ns: int) -> None:
-    """Sleep until a packet comes, at most for a time in ns; rest a little where the socket fails."""
-    d.scratch[0], d.scratch[1] = time_ns // 1_000_000_000, time_ns % 1_000_000_000
-    d.scratch[2] = d.fd | _READABLE << 32
-    times, polled = d.scratch.ctypes.data, d.scratch.ctypes.data + 16
-    _ppoll(polled, 1, times, 0)  # type: ignore[operator]
-    seen = d.scratch[2] >> 48
-    if seen != 0 and seen != _READABLE:
-        sleep_until(monotonic_ns(d.scratch) + BROKEN_NS, 0, d.scratch)
-
-
 @entry
 def serve_packets(d: Door, t: Table) -> int:
     """Serve a session until Python is needed: GREETING (a packet of `session[SIZE]` bytes in `incoming`), ENDED (the
@@ -301,4 +287,4 @@ def serve_packets(d: Door, t: Table) -> int:
             return ENDED
         sleep_ns = pause(d, now) if size < 0 else 0
         if sleep_ns > 0:
-            wait(d, sleep_ns)
+            receiving.wait(d.fd, sleep_ns, d.scratch)

@@ -58,7 +58,8 @@ def wall_clock_ns(scratch: IntArray) -> int:
 def arrival(message: IntArray, now: int, wall: int, earliest: int) -> int:
     """Return when the received packet came, on the clock of `now`, at which the wall clock shows `wall`.
 
-    That is `now` where no stamp came; a step of the wall clock makes it no earlier than `earliest`, no later than `now`.
+    That is `now` where no stamp came; a step of the wall clock makes it no earlier than `earliest` and no later than
+    `now`.
     """
     if message[CONTROL_SIZE] < 32 or message[STAMP_KIND] != _IS_STAMP:
         return now

@@ -32,11 +32,13 @@ from rths_cli.lti import Array
 from rths_cli.rigs.interface import RigInfo
 from rths_cli.rigs.udp import link as udp
 from rths_cli.rigs.udp.wire import BRIDGED
+from rths_cli.tiles import product
 
 IN_RAMP_UP, IN_RUN, IN_RAMP_DOWN, AT_REST = 2, 3, 4, 5  # states of DESIGN.md section 6; 0 idle, 1 armed
 HOLD, SKIP, STOP = range(3)  # what an overrun does: the record waits, steps are caught up, the test stops
 POLICIES = {"hold": HOLD, "skip": SKIP, "stop": STOP}
 ANSWER_SHARE = 0.7  # of an interval, how long an answer may take: step and guard need the rest
+ROUNDS = 12  # to the fixed point of `bridge`: each leaves an eighth at 1 kHz, a quarter at 500 Hz
 PUNCTUAL = 0.125  # of an interval, how late a command may leave where steps are caught up; a later one waits for none
 
 # places in Course.marks: start of the clock, intervals overrun, lost in a row, overrun in a row
@@ -54,7 +56,6 @@ class Course(NamedTuple):
     policy: int  # HOLD, SKIP or STOP
     signs: Array  # (c,) of the channels
     zeros_v: Array  # (c,) what each channel shows at rest
-    volts: Array  # (c,) sensitivities in V per m/s^2
     orders: IntArray  # orders[0]: 0 go on, else stop; written by other threads
     marks: IntArray  # (4,)
     scratch: IntArray  # (2,)
@@ -65,8 +66,7 @@ def course(info: RigInfo, ramp_s: float, record: int, zeros_v: Array, orders: In
     return Course(
         round(1e9 * info.dt_s), SPIN_NS, round(ramp_s / info.dt_s), record, info.limits.lost_samples,
         POLICIES[info.overrun], np.array([float(channel.sign) for channel in info.channels]), zeros_v,
-        np.array([channel.sensitivity_v_per_m_s2 for channel in info.channels]), orders,
-        np.zeros(4, dtype=np.int64), np.zeros(2, dtype=np.int64),
+        orders, np.zeros(4, dtype=np.int64), np.zeros(2, dtype=np.int64),
     )  # fmt: skip
 
 
@@ -78,20 +78,34 @@ def take(course: Course, s: Step, samples_v: Array) -> None:
 
 
 @part
-def bridge(course: Course, s: Step, log: Log, k: int) -> None:
+def bridge(s: Step) -> None:
     """Give the step what the channels would show, where no samples came: the table as desired, the floors as estimated.
 
-    What is desired at t_k is known from before; the estimated accelerations of the floors go on in a straight line.
+    What is desired at t_k is known from before. The floors' accelerations are those from which the estimator estimates
+    just these (no innovation), so that it goes on by the identified specimen alone: a fixed point, found in rounds.
     An excitation, and a step without lead, keep the last samples.
     """
-    floors, lead = s.samples.size - 1, s.recent.size - 1
-    if s.source == EXCITATION or lead == 0 or k < 2 or s.estimated.size < 3 * floors:
+    floors, block = s.samples.size - 1, s.estimator
+    if s.source == EXCITATION or s.recent.size == 1 or s.estimated.size < 3 * floors:
         return
-    first = log.truths + s.samples.size + 5 + 2 * floors  # of the floors' accelerations in the log
-    s.samples[0] = course.volts[0] * s.recent[0]
-    for i in range(floors):
-        last, before = log.columns[first + i, k - 1], log.columns[first + i, k - 2]
-        s.samples[1 + i] = course.volts[1 + i] * (2.0 * last - before)
+    s.corrected[0] = s.recent[0]
+    for _ in range(ROUNDS):
+        product(block.matrix, block.given.size, block.given, block.made)
+        for i in range(floors):
+            s.corrected[1 + i] = s.estimated[2 * floors + i]
+    show(s)
+
+
+@part
+def show(s: Step) -> None:
+    """Give the step the samples of which `sense` makes what stands in `corrected`."""
+    now, before = s.sent[s.sent.size - 2], s.sent[s.sent.size - 1]
+    s.corrected[0] += s.ripple_m_s2_per_v * (now - before) + s.ripple_sum_m_s2_per_v * (now + before)
+    for c in range(s.samples.size):
+        matrix, given, wanted = s.correction.matrix[c], s.correction.given[c], s.corrected[c]
+        for j in range(3):
+            wanted -= matrix[j, 3] * given[j]
+        s.samples[c] = wanted / matrix[3, 3]
 
 
 @part
@@ -135,7 +149,7 @@ def conduct(
     if lost == 0:
         take(course, s, samples_v)
     else:
-        bridge(course, s, log, k)
+        bridge(s)
     obey(course, g, k)
     share = (k + 1) / (course.ramp + 1) if k < course.ramp else 1.0
     command, place = think(s, limits, g, drive[min(k, drive.shape[0] - 1)], log, k, share)

@@ -3,7 +3,8 @@
 The physics goes in ticks of a quarter of the runner's sample interval, counted on this process's monotonic clock from
 the first command on; their phase follows that of the commands slowly, so that a first one that came late, or a clock
 that runs a little faster, does not decide between three ticks and five. Whatever else arrives late, or never, is felt
-as on a real table.
+as on a real table. What counts is when a packet arrived, by the kernel's stamp, not when this process came to it: one
+that is held up samples and latches for each instant afterwards, and only its answers are late.
 """
 
 from __future__ import annotations
@@ -14,8 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rths_cli.clocks import SPIN_NS, IntArray, monotonic_ns, sleep_until
+from rths_cli.clocks import SPIN_NS, IntArray, monotonic_ns
 from rths_cli.compiled import External, entry, part
+from rths_cli.loop import receiving
 from rths_cli.loop.guard import BRAKING, RUNNING, STOPPED, GuardLimits, GuardState, ramp_down
 from rths_cli.lti import Array
 from rths_cli.rigs.udp import wire
@@ -27,7 +29,6 @@ TICKS_PER_INTERVAL = 4
 PHASE_STEPS = 64  # over so many commands the ticks settle around the instants at which commands come
 LOOK_NS = 20_000_000  # the longest wait for a packet: orders are looked at so often
 GREETED_NS = 50_000_000  # between two greetings that may disturb a session
-BROKEN_NS = 1_000_000  # wait after a failing socket
 
 GREETING, ENDED, ORDERED = 1, 2, 3  # what `serve_packets` returns for
 
@@ -37,16 +38,14 @@ MALFORMED, FORGED, REPLAYED, OBEYED, LOST = range(5)
 COUNTS = 5
 
 # places in Door.session; SEQUENCE is the highest seen, STARTED_NS 0 while the clock does not run, TICK the time of the
-# physics, LAST_TICK that of the last command, ARRIVED_NS when it came, LONGEST_TICKS the longest time between two
-STATE, FAULTS, SEQUENCE, STARTED_NS, TICK, LAST_TICK, LONGEST_TICKS, ROW, CLOSING, GREETED_AT_NS, SIZE, ARRIVED_NS = (
-    range(12)
-)
-PLACES = 12
+# physics, LAST_TICK that of the last command, ARRIVED_NS when it came, LONGEST_TICKS the longest time between two;
+# until REACHED_NS all packets are known, and the physics was advanced to it
+STATE, FAULTS, SEQUENCE, STARTED_NS, TICK, LAST_TICK, LONGEST_TICKS, ROW, CLOSING, GREETED_AT_NS, SIZE = range(11)
+ARRIVED_NS, REACHED_NS = 11, 12
+PLACES = 13
 
-_recvfrom = External("recvfrom", "intp", "intc", "uintp", "uintp", "intc", "uintp", "uintp")
 _sendto = External("sendto", "intp", "intc", "uintp", "uintp", "intc", "uintp", "uintc")
-_ppoll = External("ppoll", "intc", "uintp", "uintp", "uintp", "uintp")
-_AT_ONCE, _WHOLE_SIZE, _READABLE = 0x40, 0x20, 1  # MSG_DONTWAIT, MSG_TRUNC, POLLIN
+_AT_ONCE = 0x40  # MSG_DONTWAIT
 ADDRESS_BYTES = 28  # of the longest socket address
 
 
@@ -61,7 +60,7 @@ class Door(NamedTuple):
     incoming: Bytes  # (MOST_BYTES,)
     outgoing: Bytes  # (MOST_BYTES,)
     address: Bytes  # (ADDRESS_BYTES,) where the last packet came from
-    address_size: IntArray  # (1,)
+    message: IntArray  # (receiving.WORDS,) what receives into these two
     counts: IntArray  # (COUNTS,)
     session: IntArray  # (PLACES,)
     orders: IntArray  # (1,) not 0: rest the table and return
@@ -84,11 +83,11 @@ def open_door(
     link: socket.socket, secret: Words, key: Words, interval_ns: int, watchdog_ns: int, orders: IntArray
 ) -> Door:
     """Return a door over a bound socket that does not block, and must stay open as long as the door is used."""
+    incoming, address = np.zeros(wire.MOST_BYTES, np.uint8), np.zeros(ADDRESS_BYTES, np.uint8)
     return Door(
         link.fileno(), interval_ns, math.ceil(TICKS_PER_INTERVAL * watchdog_ns / interval_ns), secret, key,
-        np.zeros(wire.MOST_BYTES, np.uint8), np.zeros(wire.MOST_BYTES, np.uint8), np.zeros(ADDRESS_BYTES, np.uint8),
-        np.zeros(1, np.int64), np.zeros(COUNTS, np.int64), np.array([0, 0, -1, *[0] * (PLACES - 3)]), orders,
-        np.zeros(3, np.int64),
+        incoming, np.zeros(wire.MOST_BYTES, np.uint8), address, receiving.open_message(link, incoming, address),
+        np.zeros(COUNTS, np.int64), np.array([0, 0, -1, *[0] * (PLACES - 3)]), orders, np.zeros(3, np.int64),
     )  # fmt: skip
 
 
@@ -139,6 +138,7 @@ def tick(d: Door, t: Table) -> None:
 def advance(d: Door, t: Table, now: int) -> None:
     """Advance the physics to the tick nearest to a time in ns; a table at rest after its session stays as it is."""
     s = d.session
+    s[REACHED_NS] = now
     due = (2 * TICKS_PER_INTERVAL * (now - s[STARTED_NS]) + d.interval_ns) // (2 * d.interval_ns)
     while s[TICK] < due and (s[STATE] == wire.ARMED or s[STATE] == wire.RESTING):
         tick(d, t)
@@ -201,8 +201,8 @@ def answer(d: Door, t: Table, now: int) -> None:
     for c in range(t.samples.size):
         wire.put_real(packet, wire.WORDS + 8 * c, t.samples[c])
     wire.put_int(packet, wire.SENT_NS, monotonic_ns(d.scratch))
-    size = wire.seal(packet, d.key)
-    _sendto(d.fd, packet.ctypes.data, size, _AT_ONCE, d.address.ctypes.data, d.address_size[0])  # type: ignore[operator]
+    size, address_size = wire.seal(packet, d.key), d.message[receiving.ADDRESS_SIZE]
+    _sendto(d.fd, packet.ctypes.data, size, _AT_ONCE, d.address.ctypes.data, address_size)  # type: ignore[operator]
 
 
 @part
@@ -253,15 +253,6 @@ def is_greeting(d: Door, size: int, now: int) -> bool:
 
 
 @part
-def receive(d: Door) -> int:
-    """Return the size of the next packet that is there, -1 for none; more than fits is told and cut off."""
-    d.address_size[0] = ADDRESS_BYTES
-    place, whole = d.incoming.ctypes.data, _AT_ONCE | _WHOLE_SIZE
-    from_where, its_size = d.address.ctypes.data, d.address_size.ctypes.data
-    return _recvfrom(d.fd, place, d.incoming.size, whole, from_where, its_size)  # type: ignore[operator, no-any-return]
-
-
-@part
 def pause(d: Door, now: int) -> int:
     """Return how long to sleep for a packet in ns: not at all where the next command is about to come."""
     if d.session[STATE] != wire.ARMED:
@@ -271,27 +262,17 @@ def pause(d: Door, now: int) -> int:
     return min(max(ahead_ns - spin_ns, 0), LOOK_NS) if ahead_ns > -spin_ns else LOOK_NS
 
 
-@part
-def wait(d: Door, time_ns: int) -> None:
-    """Sleep until a packet comes, at most for a time in ns; rest a little where the socket fails."""
-    d.scratch[0], d.scratch[1] = time_ns // 1_000_000_000, time_ns % 1_000_000_000
-    d.scratch[2] = d.fd | _READABLE << 32
-    times, polled = d.scratch.ctypes.data, d.scratch.ctypes.data + 16
-    _ppoll(polled, 1, times, 0)  # type: ignore[operator]
-    seen = d.scratch[2] >> 48
-    if seen != 0 and seen != _READABLE:
-        sleep_until(monotonic_ns(d.scratch) + BROKEN_NS, 0, d.scratch)
-
-
 @entry
 def serve_packets(d: Door, t: Table) -> int:
     """Serve a session until Python is needed: GREETING (a packet of `session[SIZE]` bytes in `incoming`), ENDED (the
     table has come to rest, or the session was closed), ORDERED (by `orders`, with the table at rest)."""
     s = d.session
     while True:
-        size = receive(d)
-        now = monotonic_ns(d.scratch)
-        before = s[STATE]
+        before, now = s[STATE], monotonic_ns(d.scratch)  # read first: where nothing is there, nothing came until now
+        size = receiving.receive(d.fd, d.message, d.address)
+        if size >= 0:
+            now = monotonic_ns(d.scratch)
+            now = receiving.arrival(d.message, now, receiving.wall_clock_ns(d.scratch), s[REACHED_NS])
         advance(d, t, now)  # here alone: the plant is a large piece of code
         if size >= 0 and wire.is_genuine(d.incoming, size, d.key):
             take(d, t, now)
@@ -306,4 +287,4 @@ def serve_packets(d: Door, t: Table) -> int:
             return ENDED
         sleep_ns = pause(d, now) if size < 0 else 0
         if sleep_ns > 0:
-            wait(d, sleep_ns)
+            receiving.wait(d.fd, sleep_ns, d.scratch)

@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bench import rig_info, specimen
+from bench import DT_S, rig_info, specimen
 from hybrid import best_like, ground, open_limits
+from scipy.linalg import expm
 
 from rths_cli.case.virtual_physics import VirtualPhysics
 from rths_cli.compiled import entry
@@ -17,8 +18,8 @@ from rths_cli.loop import performance, realtime
 from rths_cli.loop.blocks import NUMERICAL, Step
 from rths_cli.loop.drive import play
 from rths_cli.loop.guard import GuardLimits
-from rths_cli.loop.log import Log, signals
-from rths_cli.loop.realtime import bridge, overrun, slewed, too_late_for
+from rths_cli.loop.log import Log, Signals, signals
+from rths_cli.loop.realtime import overrun, slewed, too_late_for
 from rths_cli.lti import Array
 from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
 
@@ -178,16 +179,67 @@ def test_an_exchange_that_is_due_later_is_not_missed() -> None:
 
 
 @entry
-def fill(course: realtime.Course, s: Step, log: Log, k: int) -> None:
-    """Call `bridge`."""
-    bridge(course, s, log, k)
+def conducted(
+    course: realtime.Course, s: Step, limits: GuardLimits, state: g.GuardState, drive: Array, log: Log, samples: Array,
+    lost: int, k: int,
+) -> float:  # fmt: skip
+    """Call `conduct`."""
+    return realtime.conduct(course, s, limits, state, drive, log, samples, lost, k)
 
 
-def test_where_no_samples_came_the_table_is_as_desired_and_the_floors_go_on_straight() -> None:
-    """1 V per g: 2.5 m/s^2 desired; floors from 1.0 over 1.5 to 2.0 m/s^2, and from 4.0 over 3.0 to 2.0."""
-    _, run = prepared(rig_info(), ground(100))
-    held = signals(run.log, 3, run.step.estimated.size)
-    held.estimated[4:6, 8:10] = [[1.0, 1.5], [4.0, 3.0]]
-    run.step.recent[0], run.step.samples[:] = 2.5, 9.0
-    fill(run.course, run.step, run.log, 10)
-    assert run.step.samples * 9.80665 == pytest.approx([2.5, 2.0, 2.0])
+def with_losses(lost: Array) -> Signals:
+    """Return the signals of a hybrid test on the virtual table of which some steps get no samples, (n,)."""
+    rig = Wired()
+    blocks = replace(best_like(rig.info), shaping_step_v=rig.info.converters.step_v)
+    limits = open_limits(rig.info)
+    run = performance.prepare(rig.info, blocks, NUMERICAL, 10.0 * ground(len(lost)), limits, ramp_s=0.0)
+    samples = rig.arm().copy()
+    for k, missing in enumerate(lost):
+        shown = np.full(3, 9.0) if missing else samples  # what stands there must not matter
+        told = (run.course, run.step, limits, run.guard, run.drive, run.log, shown, int(missing), k)
+        samples = rig.exchange(conducted(*told)).copy()
+    return signals(run.log, 3, run.step.estimated.size)
+
+
+@pytest.fixture(scope="module")
+def whole() -> Signals:
+    return with_losses(np.zeros(1500))
+
+
+GAP = slice(900, 912)
+
+
+@pytest.fixture(scope="module")
+def gap() -> Signals:
+    lost = np.zeros(1500)
+    lost[GAP] = 1
+    return with_losses(lost)
+
+
+def test_where_no_samples_came_the_table_is_as_desired(gap: Signals) -> None:
+    """Corrected for sensor and staircase it is what was desired for t_k, two samples before."""
+    wanted = gap.desired[0, GAP.start - 2 : GAP.stop - 2]
+    assert np.abs(wanted).max() > 0.1
+    assert gap.corrected[0, GAP] == pytest.approx(wanted, rel=1e-12, abs=1e-12)
+
+
+def test_where_no_samples_came_the_specimen_goes_on_by_itself(gap: Signals) -> None:
+    """Its motion from the last estimate on, by the matrix exponential of Eq. 2.5 under a straight line of the table."""
+    parts = specimen()
+    inverse = 1.0 / parts.masses_kg[:, None]
+    lower = np.hstack([-inverse * parts.K, -inverse * parts.C])
+    chain = np.zeros((6, 6))
+    chain[:2, 2:4], chain[2:4, :4], chain[2:4, 4], chain[4, 5] = np.eye(2), lower, -1.0, 1.0
+    moved = expm(chain * DT_S)
+    motion, table = gap.estimated[:4, GAP.start], gap.corrected[0]
+    for k in range(GAP.start + 1, GAP.stop):
+        motion = moved[:4] @ [*motion, table[k - 1], (table[k] - table[k - 1]) / DT_S]
+        assert gap.estimated[:4, k] == pytest.approx(motion, rel=3e-3)
+        assert gap.corrected[1:, k] == pytest.approx(lower @ motion, rel=3e-3)
+        assert gap.corrected[1:, k] == pytest.approx(gap.estimated[4:6, k], rel=1e-9)
+
+
+def test_what_is_lost_changes_what_is_desired_by_little(whole: Signals, gap: Signals) -> None:
+    wanted = whole.desired[0, :1500]
+    change = gap.desired[0, :1500] - wanted
+    assert 0.0 < np.abs(change).max() < 2e-3 * np.abs(wanted).max()

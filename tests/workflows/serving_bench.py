@@ -1,19 +1,25 @@
-"""A server of the virtual table in a thread, for tests of both of its sides."""
+"""A server of the virtual table in a thread, for tests of both of its sides, and the table that it has to be."""
 
 from __future__ import annotations
 
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from rths_cli.lti import Array
 from rths_cli.rigs.udp.rig import UdpRig, UdpTarget
 from rths_cli.rigs.udp.secret import read_secret
 from rths_cli.rigs.udp.sockets import bound
+from rths_cli.rigs.virtual.opening import virtual_rig
+from rths_cli.workflows.rigs import EXP_RTHS, open_rig
 from rths_cli.workflows.serve import Server
 from rths_cli.workflows.serve_table import ServedRig
 
+RATE_HZ = 200.0
 WATCHDOG_S = 0.3  # a busy machine stops a test for a tenth of a second now and then
 
 
@@ -54,3 +60,26 @@ def until(condition: Callable[[], bool], seconds: float = 20.0) -> None:
     while not condition():
         assert time.monotonic() < end
         time.sleep(0.005)
+
+
+def wave(steps: int) -> Array:
+    t = np.arange(steps) / RATE_HZ
+    return np.asarray(0.1 + 2.0 * np.sin(2 * np.pi * 2.0 * t) * np.minimum(t / 0.2, 1.0))
+
+
+def offline_in_ticks(served: ServedRig, commands: Array, ticks: Array) -> Array:
+    """Return the samples of a table that is advanced tick by tick, from the offline rig's own code."""
+    setup = served.setup
+    info = replace(setup.rig, dt_s=setup.rig.dt_s / 4, latency_samples=0)
+    rig = virtual_rig(setup.case.table, info, setup.building.specimen, 0.0, (0,), after_identification=True)
+    rig.plant = rig.plant._replace(noise_rms_m_s2=0.0)
+    noise = open_rig(setup, (EXP_RTHS,), 0).noise(len(commands) + 1)
+    scale = setup.case.table.sensors.noise_rms_m_s2 * setup.rig.channels[0].sensitivity_v_per_m_s2
+    made, now = [rig.arm() + scale * noise[0]], rig.arm().copy()
+    held = 0.0
+    for k, command in enumerate(commands):
+        for _ in range(ticks[k]):
+            now = rig.exchange(held).copy()
+        made.append(now + scale * noise[k + 1])
+        held = command
+    return np.array(made)

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from serving_bench import WATCHDOG_S, Running, until
+from serving_bench import RATE_HZ, WATCHDOG_S, Running, offline_in_ticks, until, wave
 
 from rths_cli.errors import InputError, RigError
 from rths_cli.loop import serving
@@ -23,13 +23,11 @@ from rths_cli.rigs.udp import wire
 from rths_cli.rigs.udp.rig import UdpRig
 from rths_cli.rigs.udp.secret import make_secret
 from rths_cli.rigs.udp.session import sealed
-from rths_cli.rigs.virtual.opening import virtual_rig
 from rths_cli.workflows.rigs import EXP_RTHS, open_rig
 from rths_cli.workflows.serve import socket_address
 from rths_cli.workflows.serve_table import ServedRig, describe
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
-RATE_HZ = 200.0
 AT_REST_M = 5e-4  # friction may hold the table off its centre, a thirtieth of what it moved by
 
 
@@ -54,11 +52,6 @@ def running(served: ServedRig, key_file: Path) -> Iterator[Running]:
     made.end()
 
 
-def wave(steps: int) -> Array:
-    t = np.arange(steps) / RATE_HZ
-    return np.asarray(0.1 + 2.0 * np.sin(2 * np.pi * 2.0 * t) * np.minimum(t / 0.2, 1.0))
-
-
 def play(running: Running, rig: UdpRig, commands: Array, pause: tuple[int, float] = (-1, 0.0)) -> tuple[Array, Array]:
     """Return samples, (n + 1, c), and the ticks that passed before each step; `pause`: before which step, seconds."""
     samples, ticks = [rig.arm().copy()], []
@@ -68,24 +61,6 @@ def play(running: Running, rig: UdpRig, commands: Array, pause: tuple[int, float
         samples.append(rig.exchange(command).copy())
         ticks.append(int(running.session[serving.LAST_TICK]))
     return np.array(samples), np.diff(ticks, prepend=0)
-
-
-def offline_in_ticks(served: ServedRig, commands: Array, ticks: Array) -> Array:
-    """Return the samples of a table that is advanced tick by tick, from the offline rig's own code."""
-    setup = served.setup
-    info = replace(setup.rig, dt_s=setup.rig.dt_s / 4, latency_samples=0)
-    rig = virtual_rig(setup.case.table, info, setup.building.specimen, 0.0, (0,), after_identification=True)
-    rig.plant = rig.plant._replace(noise_rms_m_s2=0.0)
-    noise = open_rig(setup, (EXP_RTHS,), 0).noise(len(commands) + 1)
-    scale = setup.case.table.sensors.noise_rms_m_s2 * setup.rig.channels[0].sensitivity_v_per_m_s2
-    made, now = [rig.arm() + scale * noise[0]], rig.arm().copy()
-    held = 0.0
-    for k, command in enumerate(commands):
-        for _ in range(ticks[k]):
-            now = rig.exchange(held).copy()
-        made.append(now + scale * noise[k + 1])
-        held = command
-    return np.array(made)
 
 
 def test_a_session_has_the_samples_of_the_offline_table(running: Running) -> None:

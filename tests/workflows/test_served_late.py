@@ -1,0 +1,142 @@
+"""A server that was held up: each command counts from when it arrived, whenever it is read."""
+
+from __future__ import annotations
+
+import socket
+import struct
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+from serving_bench import RATE_HZ, offline_in_ticks, wave
+
+from rths_cli.clocks import IntArray
+from rths_cli.compiled import entry
+from rths_cli.loop import receiving, serving
+from rths_cli.loop.receiving import CONTROL_SIZE, STAMP_KIND, STAMP_NS, STAMP_S
+from rths_cli.lti import Array
+from rths_cli.rigs.udp import wire
+from rths_cli.rigs.udp.session import sealed
+from rths_cli.rigs.udp.siphash import Words
+from rths_cli.rigs.udp.sockets import bound
+from rths_cli.workflows.serve_table import ServedRig, describe, make_table
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
+INTERVAL_NS = round(1e9 / RATE_HZ)
+SECRET, KEY = np.array([1, 2], np.uint64), np.array([3, 4], np.uint64)
+SINCE_LONG, HOUR_NS = -(10**12), 3_600_000_000_000
+
+
+@pytest.fixture(scope="module")
+def served() -> ServedRig:
+    return describe(
+        "aps400_virtual", "three_storey", (f"sample_rate_hz={RATE_HZ:g}", "table.sensors.noise_rms_m_s2=0.05"), 0
+    )
+
+
+@dataclass
+class Late:
+    """A door and a table that nobody serves until `serve` is called, and a runner's end of the line."""
+
+    door: serving.Door
+    table: serving.Table
+    runner: socket.socket
+    answers: list[tuple[int, Array]]  # when each step was sampled, and its samples
+
+    def send(self, kind: int, sequence: int, content: bytes = b"", key: Words = KEY) -> tuple[int, int]:
+        """Send a packet; return the times before and after."""
+        before = time.monotonic_ns()
+        self.runner.send(sealed(kind, content, key, sequence))
+        return before, time.monotonic_ns()
+
+    def serve(self) -> None:
+        """Read what is there up to the next greeting, and take its answer where there is one."""
+        self.door.session[serving.GREETED_AT_NS] = SINCE_LONG
+        assert serving.serve_packets(self.door, self.table) == serving.GREETING
+        try:
+            packet = self.runner.recv(wire.MOST_BYTES)
+        except BlockingIOError:
+            return
+        instant = int.from_bytes(packet[wire.INSTANT_NS : wire.WORDS], "little")
+        self.answers.append((instant, np.frombuffer(packet[wire.WORDS : -wire.TAG_BYTES])))
+
+
+@pytest.fixture
+def late(served: ServedRig) -> Iterator[Late]:
+    with bound("127.0.0.1", 0) as link, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as runner:
+        runner.connect(link.getsockname())
+        runner.setblocking(False)
+        door = serving.open_door(link, SECRET, KEY, INTERVAL_NS, 300_000_000, np.zeros(1, np.int64))
+        table = make_table(served, INTERVAL_NS)
+        serving.serve_packets.bind(door, table)  # compiled before the clock runs
+        yield Late(door, table, runner, [])
+
+
+def commanded(late: Late, command_v: float, sequence: int) -> tuple[int, int]:
+    """Send a command, and a greeting behind which the server stops; return the times before and after the command."""
+    sent = late.send(wire.COMMAND, sequence, struct.pack("<d", command_v))
+    late.send(wire.HELLO, 0, bytes(40), SECRET)
+    return sent
+
+
+def test_a_server_held_up_gives_the_samples_of_each_command_s_own_instant(late: Late, served: ServedRig) -> None:
+    """Commands wait for longer than the watchdog bears; table and answers are as if they had been read at once."""
+    commands = wave(80)
+    late.send(wire.ARM, 0)
+    late.send(wire.HELLO, 0, bytes(40), SECRET)
+    late.serve()
+    sent = []
+    for k, command in enumerate(commands):
+        sent.append(commanded(late, command, 1 + k))
+        time.sleep(1e-9 * INTERVAL_NS)
+    ticks = []
+    for _ in commands:
+        late.serve()
+        ticks.append(int(late.door.session[serving.LAST_TICK]))
+    assert late.door.session[serving.STATE] == wire.ARMED and late.door.counts[serving.OBEYED] == len(commands)
+    times = np.array(sent) - sent[0][0]
+    instants = np.array([instant for instant, _ in late.answers[1:]]) - sent[0][0]
+    assert np.all(instants >= times[:, 0] - INTERVAL_NS / 10) and np.all(instants <= times[:, 1] + INTERVAL_NS / 10)
+    assert np.abs(np.array(ticks) * INTERVAL_NS / 4 - instants).max() <= INTERVAL_NS / 4
+    offline = offline_in_ticks(served, commands, np.diff(ticks, prepend=0))
+    samples = np.array([shown for _, shown in late.answers])
+    assert np.abs(samples - offline).max() <= 2.01 * served.setup.rig.converters.step_v
+    assert np.ptp(samples) > 1000 * served.setup.rig.converters.step_v
+
+
+def test_without_any_command_the_watchdog_still_bites(late: Late) -> None:
+    late.send(wire.ARM, 0)
+    commanded(late, 0.5, 1)
+    late.serve()
+    time.sleep(0.35)
+    commanded(late, 0.6, 2)
+    late.serve()
+    assert late.door.session[serving.FAULTS] == wire.WATCHDOG and late.door.counts[serving.OBEYED] == 1
+
+
+@entry
+def arrived(message: IntArray, now: int, wall: int, earliest: int) -> int:
+    """Call `arrival`."""
+    return receiving.arrival(message, now, wall, earliest)
+
+
+@pytest.mark.parametrize(
+    ("ago_ns", "came_ns"),
+    [(7_000_000, 993_000_000), (0, 1_000_000_000), (-HOUR_NS, 1_000_000_000), (HOUR_NS, 900_000_000)],
+    ids=["stamped 7 ms ago", "stamped now", "wall clock set back by an hour", "wall clock set on by an hour"],
+)
+def test_arrival_is_the_stamp_s_between_what_is_known_and_now(ago_ns: int, came_ns: int) -> None:
+    message, wall = np.zeros(receiving.WORDS, np.int64), 1_700_000_000_123_456_789
+    message[CONTROL_SIZE], message[STAMP_KIND] = 32, 1 | 35 << 32  # SOL_SOCKET, SCM_TIMESTAMPNS
+    message[STAMP_S], message[STAMP_NS] = divmod(wall - ago_ns, 1_000_000_000)
+    assert arrived(message, 1_000_000_000, wall, 900_000_000) == came_ns
+
+
+@pytest.mark.parametrize(("size", "kind"), [(0, 1 | 35 << 32), (32, 1 | 29 << 32)], ids=["nothing told", "not a stamp"])
+def test_where_no_stamp_came_a_packet_arrived_now(size: int, kind: int) -> None:
+    message = np.zeros(receiving.WORDS, np.int64)
+    message[CONTROL_SIZE], message[STAMP_KIND] = size, kind
+    assert arrived(message, 1_000_000_000, 1_700_000_000_000_000_000, 900_000_000) == 1_000_000_000

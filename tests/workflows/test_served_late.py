@@ -102,6 +102,7 @@ def test_a_server_held_up_gives_the_samples_of_each_command_s_own_instant(late: 
     assert np.all(instants >= times[:, 0] - INTERVAL_NS / 10) and np.all(instants <= times[:, 1] + INTERVAL_NS / 10)
     assert np.abs(np.array(ticks) * INTERVAL_NS / 4 - instants).max() <= INTERVAL_NS / 4
     offline = offline_in_ticks(served, commands, np.diff(ticks, prepend=0))
+    assert late.door.session[serving.REACHED_NS] >= late.answers[-1][0] > 0
     samples = np.array([shown for _, shown in late.answers])
     assert np.abs(samples - offline).max() <= 2.01 * served.setup.rig.converters.step_v
     assert np.ptp(samples) > 1000 * served.setup.rig.converters.step_v

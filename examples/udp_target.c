@@ -190,7 +190,7 @@ size_t handle(struct target *t, const uint8_t *in, size_t size, uint8_t *out)
     sequence = (int64_t)get(in + 16, 8);
     if (sequence <= t->sequence || in[5] < ARM || in[5] == SAMPLES || in[5] > CLOSE)
         return 0; /* doubled, reordered, or nothing for us */
-    if (in[5] == COMMAND ? in[6] < 1 || in[6] > 2 : in[6] != 0) /* a second word, the rate, is not used here */
+    if (in[5] == COMMAND ? in[6] < 1 || in[6] > 3 : in[6] != 0) /* how a late one would go on is not used here */
         return 0;
     if (t->sequence >= 0)
         t->lost += (uint32_t)(sequence - t->sequence - 1);

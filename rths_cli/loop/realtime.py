@@ -15,6 +15,7 @@ from rths_cli.clocks import SPIN_NS, IntArray, monotonic_ns, sleep_until
 from rths_cli.compiled import entry, part
 from rths_cli.loop.blocks import EXCITATION, Step
 from rths_cli.loop.drive import think
+from rths_cli.loop.going_on import go_on, look_ahead, slewed, slopes_of
 from rths_cli.loop.guard import (
     END,
     LOST,
@@ -56,6 +57,8 @@ class Course(NamedTuple):
     policy: int  # HOLD, SKIP or STOP
     signs: Array  # (c,) of the channels
     zeros_v: Array  # (c,) what each channel shows at rest
+    slopes: Array  # (2, n) of the last n commands: how they go on
+    ahead: Array  # (3,) the command that the rig has, or has gone on to; its next step and how the steps grow, in V
     orders: IntArray  # orders[0]: 0 go on, else stop; written by other threads
     marks: IntArray  # (4,)
     scratch: IntArray  # (2,)
@@ -66,7 +69,7 @@ def course(info: RigInfo, ramp_s: float, record: int, zeros_v: Array, orders: In
     return Course(
         round(1e9 * info.dt_s), SPIN_NS, round(ramp_s / info.dt_s), record, info.limits.lost_samples,
         POLICIES[info.overrun], np.array([float(channel.sign) for channel in info.channels]), zeros_v,
-        orders, np.zeros(4, dtype=np.int64), np.zeros(2, dtype=np.int64),
+        slopes_of(info.dt_s), np.zeros(3), orders, np.zeros(4, dtype=np.int64), np.zeros(2, dtype=np.int64),
     )  # fmt: skip
 
 
@@ -223,14 +226,17 @@ def run_udp(
     The samples of step 0 stand in the link. Deadlines are those of the course's clock, which begins now.
     """
     marks, sent, behind, waited, k = course.marks, 0, 0, 0, 0
+    ahead = course.ahead
     marks[START_NS] = monotonic_ns(course.scratch) + course.dt_ns
-    command = last = 0.0
+    command = 0.0
     due, punctual = 0, int(PUNCTUAL * course.dt_ns)
     while k < log.columns.shape[1] and g.flags[0] != STOPPED:
         lost = 0
         if behind > 0:
-            lost, waited = 2, min(waited + 1, BRIDGED)  # the command of the step before never left: the rig goes on
-            note_command(s, log, k - 1, last + waited * limits.dt_s * link.rate_v_s[0])
+            lost, waited = 2, waited + 1  # the command of the step before never left: the rig goes on
+            if waited <= BRIDGED:
+                go_on(ahead, limits)
+            note_command(s, log, k - 1, ahead[0])
         elif k > 0:
             due = k - 1
             deadline = deadline_of(course, due)
@@ -240,13 +246,14 @@ def run_udp(
             behind = overrun(course, g, missed) if missed > 0 else 0
             if behind > 0:
                 continue  # the command is as old as the stall by now: it never leaves
-            gone = last + waited * limits.dt_s * link.rate_v_s[0] if waited > 0 else last
-            sent, last, waited = sent + 1, slewed(limits, gone, command), 0
-            if last != command:
-                command = last
+            sent, waited, left = sent + 1, 0, slewed(limits, ahead[0], command)
+            if left != command:
+                command = left
                 note_command(s, log, k - 1, command)
+            look_ahead(ahead, course.slopes, limits, g, log, k, command)
             if sends:
-                link.rate_v_s[0] = g.motion[1] / limits.gain_m_per_v if course.policy == SKIP else math.nan
+                link.onward[0] = ahead[1] / limits.dt_s if course.policy == SKIP else math.nan
+                link.onward[1] = ahead[2] / limits.dt_s**2
                 lost = swap(link, course, g, log, deadline + late, late, command, sent, k)
         log.done[0] = k  # what left for the steps before is known from here on
         command = conduct(course, s, limits, g, drive, log, link.samples_v, lost, k)
@@ -276,16 +283,6 @@ def note_command(s: Step, log: Log, k: int, command: float) -> None:
     """Note for step k, the last one, what left instead of what it computed: the staircase of its hold is that."""
     s.sent[0] = command
     log.columns[log.truths + s.corrected.size + 3, k] = command
-
-
-@part
-def slewed(limits: GuardLimits, last: float, command: float) -> float:
-    """Return a command no farther from the last one that left than velocity and rate limits allow in an interval.
-
-    The guard sees to that from step to step; steps that were caught up left nothing, and their sum may be more.
-    """
-    farthest = limits.dt_s * min(limits.velocity_m_s / limits.gain_m_per_v, limits.command_rate_v_s)
-    return min(max(command, last - farthest), last + farthest)
 
 
 @entry

@@ -76,7 +76,8 @@ class Table(NamedTuple):
     guard: GuardState
     noise: Array
     samples: Array  # (c,) in V
-    latched_v: Array  # (2,) the command that is held, and by how much it goes on in an interval without one
+    latched_v: Array  # (3,) the command that is held, by how much it goes on in an interval without one, and by how
+    # much that grows from interval to interval
 
 
 def open_door(
@@ -111,8 +112,11 @@ def go_on(t: Table, since: int) -> None:
     if since == 0 or since % TICKS_PER_INTERVAL != 0 or since > wire.BRIDGED * TICKS_PER_INTERVAL:
         return
     limit = min(t.limits.command_v, t.limits.stroke_m / t.limits.gain_m_per_v)
-    t.latched_v[0] = min(max(t.latched_v[0] + t.latched_v[1], -limit), limit)
+    step, interval_s = t.latched_v[1], TICKS_PER_INTERVAL * t.limits.dt_s
+    t.latched_v[0] = min(max(t.latched_v[0] + step, -limit), limit)
+    t.latched_v[1] = within(step + t.latched_v[2], fastest_v_s(t) * interval_s)
     t.guard.motion[0] = t.limits.gain_m_per_v * t.latched_v[0]
+    t.guard.motion[1] = t.limits.gain_m_per_v * step / interval_s
 
 
 @part
@@ -155,7 +159,7 @@ def arm(d: Door, t: Table, now: int) -> None:
 
 
 @part
-def obey(d: Door, t: Table, now: int, command_v: float, rate_v_s: float) -> None:
+def obey(d: Door, t: Table, now: int, command_v: float, rate_v_s: float, change_v_s2: float) -> None:
     """Latch a command, or lead the table to rest where it is no number or out of range."""
     s = d.session
     if s[STATE] != wire.ARMED:
@@ -174,19 +178,34 @@ def obey(d: Door, t: Table, now: int, command_v: float, rate_v_s: float) -> None
     velocity = (place - t.guard.motion[0]) / (max(since, 1) * t.limits.dt_s)
     t.guard.motion[0] = place
     t.guard.motion[1] = min(max(velocity, -t.limits.velocity_m_s), t.limits.velocity_m_s)
-    t.latched_v[0], t.latched_v[1] = command_v, going_on(d, t, rate_v_s)
+    t.latched_v[0] = command_v
+    go_on_with(d, t, rate_v_s, change_v_s2)
     s[LONGEST_TICKS] = max(s[LONGEST_TICKS], s[TICK] - s[LAST_TICK])
     s[LAST_TICK], s[ARRIVED_NS] = s[TICK], now
     d.counts[OBEYED] += 1
 
 
 @part
-def going_on(d: Door, t: Table, rate_v_s: float) -> float:
-    """Return by how much a command goes on in an interval, within the velocity limit; not at all by no number."""
-    if not math.isfinite(rate_v_s):
-        return 0.0
-    fastest = t.limits.velocity_m_s / t.limits.gain_m_per_v
-    return 1e-9 * d.interval_ns * min(max(rate_v_s, -fastest), fastest)
+def go_on_with(d: Door, t: Table, rate_v_s: float, change_v_s2: float) -> None:
+    """Keep by how much the command goes on in an interval, within the velocity limit, and how that changes; not at all
+    where one of them is no number."""
+    t.latched_v[1], t.latched_v[2] = 0.0, 0.0
+    if math.isfinite(rate_v_s) and math.isfinite(change_v_s2):
+        interval_s, fastest = 1e-9 * d.interval_ns, fastest_v_s(t)
+        t.latched_v[1] = interval_s * within(rate_v_s, fastest)
+        t.latched_v[2] = interval_s * within(interval_s * change_v_s2, fastest)
+
+
+@part
+def fastest_v_s(t: Table) -> float:
+    """Return the velocity limit as a rate of the command."""
+    return t.limits.velocity_m_s / t.limits.gain_m_per_v
+
+
+@part
+def within(value: float, limit: float) -> float:
+    """Return a value, or the limit of its sign where it is beyond that."""
+    return min(max(value, -limit), limit)
 
 
 @part
@@ -227,13 +246,14 @@ def take(d: Door, t: Table, now: int) -> None:
     elif kind == wire.REST or kind == wire.CLOSE:
         lead_to_rest(d, t, 0)
         s[CLOSING] |= 1 if kind == wire.CLOSE else 0
-    elif kind != wire.COMMAND or packet[wire.COUNT] < 1 or packet[wire.COUNT] > 2:
+    elif kind != wire.COMMAND or packet[wire.COUNT] < 1 or packet[wire.COUNT] > 3:
         d.counts[MALFORMED] += 1
         return
     sample(t, s)
     if kind == wire.COMMAND:
-        rate = wire.get_real(packet, wire.WORDS + 8) if packet[wire.COUNT] == 2 else 0.0
-        obey(d, t, now, wire.get_real(packet, wire.WORDS), rate)
+        rate = wire.get_real(packet, wire.WORDS + 8) if packet[wire.COUNT] > 1 else 0.0
+        change = wire.get_real(packet, wire.WORDS + 16) if packet[wire.COUNT] > 2 else 0.0
+        obey(d, t, now, wire.get_real(packet, wire.WORDS), rate, change)
     answer(d, t, now)
 
 

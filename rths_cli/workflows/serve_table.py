@@ -82,7 +82,7 @@ def make_table(rig: ServedRig, interval_ns: int) -> Table:
         fresh_guard(rig.channels),
         rig.noise,
         np.zeros(rig.channels),
-        np.zeros(2),
+        np.zeros(3),
     )
 
 

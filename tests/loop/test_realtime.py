@@ -17,9 +17,10 @@ from rths_cli.loop import guard as g
 from rths_cli.loop import performance, realtime
 from rths_cli.loop.blocks import NUMERICAL, Step
 from rths_cli.loop.drive import play
+from rths_cli.loop.going_on import slewed
 from rths_cli.loop.guard import GuardLimits
 from rths_cli.loop.log import Log, Signals, signals
-from rths_cli.loop.realtime import overrun, slewed, too_late_for
+from rths_cli.loop.realtime import overrun, too_late_for
 from rths_cli.lti import Array
 from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
 

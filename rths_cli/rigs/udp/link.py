@@ -49,7 +49,7 @@ class Link(NamedTuple):
     key: Words  # (2,) of the session
     outgoing: Bytes  # (MOST_BYTES,)
     incoming: Bytes  # (MOST_BYTES,)
-    rate_v_s: Array  # (1,) how the command goes on where the next one is late; not a number: this is not told
+    onward: Array  # (2,) how the command goes on where the next one is late: V/s, V/s^2; no numbers: this is not told
     samples_v: Array  # (c,) the last ones that came
     status: IntArray
     counts: IntArray
@@ -63,7 +63,7 @@ def fresh_link(
     return Link(
         door.fileno(), spin_ns, timeout_ns, key,
         np.zeros(wire.MOST_BYTES, np.uint8), np.zeros(wire.MOST_BYTES, np.uint8),
-        np.full(1, np.nan), np.zeros(channels), np.array([0, -1, -1, *[0] * 7]), np.zeros(len(COUNTS), np.int64),
+        np.full(2, np.nan), np.zeros(channels), np.array([0, -1, -1, *[0] * 7]), np.zeros(len(COUNTS), np.int64),
         np.zeros(4, np.int64),
     )  # fmt: skip
 
@@ -82,13 +82,14 @@ def post(link: Link, kind: int, sequence: int, command_v: float) -> int:
 
     What the network reports of an earlier packet ends the first call without sending; the second one sends.
     """
-    rate = link.rate_v_s[0]
-    words = 0 if kind != wire.COMMAND else 2 if math.isfinite(rate) else 1
+    rate, change = link.onward[0], link.onward[1]
+    words = 0 if kind != wire.COMMAND else 3 if math.isfinite(rate) and math.isfinite(change) else 1
     wire.begin(link.outgoing, kind, words, sequence)
     if words > 0:
         wire.put_real(link.outgoing, wire.WORDS, command_v)
     if words > 1:
         wire.put_real(link.outgoing, wire.WORDS + 8, rate)
+        wire.put_real(link.outgoing, wire.WORDS + 16, change)
     now = monotonic_ns(link.scratch)
     wire.put_int(link.outgoing, wire.SENT_NS, now)
     size = wire.seal(link.outgoing, link.key)

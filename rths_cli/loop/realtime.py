@@ -216,7 +216,7 @@ def run_udp(
         lost = 0
         if behind > 0:
             lost, waited = 2, min(waited + 1, BRIDGED)  # the command of the step before never left: the rig goes on
-            note_command(s, log, k - 1, last + waited * limits.dt_s * link.rate_v_s[0])
+            note_command(s, log, k - 1, gone_on(limits, last, waited, link.rate_v_s[0]))
         elif k > 0:
             due = k - 1
             deadline = deadline_of(course, due)
@@ -226,7 +226,7 @@ def run_udp(
             behind = overrun(course, g, missed) if missed > 0 else 0
             if behind > 0:
                 continue  # the command is as old as the stall by now: it never leaves
-            gone = last + waited * limits.dt_s * link.rate_v_s[0] if waited > 0 else last
+            gone = gone_on(limits, last, waited, link.rate_v_s[0])
             sent, last, waited = sent + 1, slewed(limits, gone, command), 0
             if last != command:
                 command = last
@@ -262,6 +262,18 @@ def note_command(s: Step, log: Log, k: int, command: float) -> None:
     """Note for step k, the last one, what left instead of what it computed: the staircase of its hold is that."""
     s.sent[0] = command
     log.columns[log.truths + s.corrected.size + 3, k] = command
+
+
+@part
+def gone_on(limits: GuardLimits, last: float, waited: int, rate_v_s: float) -> float:
+    """Return what a target holds `waited` intervals after the last command, which told it a rate, or none (no number).
+
+    It goes no farther than range and stroke, and so nothing that is slewed from there does.
+    """
+    if waited == 0 or not math.isfinite(rate_v_s):
+        return last
+    most = min(limits.command_v, limits.stroke_m / limits.gain_m_per_v)
+    return min(max(last + waited * limits.dt_s * rate_v_s, -most), most)
 
 
 @part

@@ -10,7 +10,7 @@ from pathlib import Path
 from rths_cli.case.fields import near
 from rths_cli.case.find import find
 from rths_cli.case.nodes import Fault, Mark, Node, Source, plain, printable
-from rths_cli.case.stricter import is_real, over_real_rig, set_inside
+from rths_cli.case.stricter import is_real, made_real, over_real_rig, set_inside
 from rths_cli.case.yaml_nodes import parse, read_file
 from rths_cli.errors import InputError
 
@@ -151,6 +151,7 @@ def _expand(node: Node, kind: str, key: str, faults: list[Fault], trail: tuple[P
         own, loosened = over_real_rig(base, own, key)
         faults += loosened
     else:
+        faults += made_real(own, key) if kind == "rigs" and not trail else []
         own.setdefault("name", _text(f"{plain(base).get('name')}{VARIED}", node))
     return merge(base, replace(node, value=own))
 

@@ -35,6 +35,15 @@ def over_real_rig(base: Node, own: dict[str, Node], key: str) -> tuple[dict[str,
     return {name: node for name, node in own.items() if name not in KEYS or name == "limits"}, faults
 
 
+def made_real(own: dict[str, Node], key: str) -> list[Fault]:
+    """Return a fault where a case makes a real rig of a file that is none: no limit of that file would hold."""
+    kind = own.get("kind")
+    if kind is None or kind.value == "virtual":
+        return []
+    said = f"only the rig's own file may make it a real one, got {shown(plain(kind))}; state it there"
+    return [Fault(kind.place, join(key, "kind"), said)]
+
+
 def set_inside(rig: Node, key: str) -> list[Fault]:
     """Return a fault for everything that --set changes in a real rig whose mapping stands in the case itself."""
     faults = []

@@ -38,9 +38,10 @@ def look_ahead(
 
 @part
 def go_on(ahead: Array, limits: GuardLimits) -> None:
-    """Move a command on by an interval in which none left, as the rig does."""
+    """Move a command on by an interval in which none left, as the rig does: no farther than range and stroke."""
+    most = min(limits.command_v, limits.stroke_m / limits.gain_m_per_v)
     fastest = limits.dt_s * limits.velocity_m_s / limits.gain_m_per_v
-    ahead[0] += ahead[1]
+    ahead[0] = min(max(ahead[0] + ahead[1], -most), most)
     ahead[1] = min(max(ahead[1] + ahead[2], -fastest), fastest)
 
 

@@ -56,6 +56,11 @@ def contents(
     left = {one.path for one in odd}
     results = tuple(result for result in inputs.results if result.path not in left)
     clashes = doubled(results, lambda result: (group_name(result, keys),))
+    if baseline:  # numbers in other units say nothing of better or worse
+        source, read, percent = baseline
+        other = other_units(read.results)
+        kept = tuple(result for result in read.results if result.path not in {one.path for one in other})
+        baseline = source, Inputs(kept, read.sweeps, (*read.unread, *other)), percent
     unread = (*inputs.unread, *odd)
     faults = [one.sentence for one in (*unread, *clashes)]
     compared = _compared(baseline, results)
@@ -68,7 +73,7 @@ def contents(
     groups = tuple(compare(results, keys)) if keys and results else ()
     used = Inputs(results, inputs.sweeps, inputs.unread)
     told = (*unread, *(baseline[1].unread if baseline else ()))
-    return Contents(used, told, tuple(clashes), tuple(keys), groups, tuple(repeats(results)), compared)
+    return Contents(used, told, tuple(clashes), tuple(keys), groups, tuple(repeats(results, keys)), compared)
 
 
 def _compared(baseline: tuple[str, Inputs, float] | None, results: Sequence[Result]) -> Baseline | None:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rths_cli.files.results import Result
-from rths_cli.report.groups import PLACE, Place, in_order, over_runs, place_name, value_of
+from rths_cli.report.groups import PLACE, Place, group_name, in_order, over_runs, place_name, value_of
 from rths_cli.report.layout import Cell, Row, Table, number
 from rths_cli.report.statistics import Statistics
 
@@ -32,11 +32,14 @@ class Repeats:
     figures: dict[Place, Statistics]
 
 
-def repeats(results: Sequence[Result]) -> list[Repeats]:
-    """Return the cases that were run more than once; a repeat of the same seed on a virtual rig is none."""
+def repeats(results: Sequence[Result], keys: Sequence[str] = ()) -> list[Repeats]:
+    """Return the cases that were run more than once; a repeat of the same seed on a virtual rig is none, nor are
+    results that `--group-by` keys tell apart, but by their seed: they may be other cases of one name."""
+    apart = [key for key in keys if key != "seed"]
     places: dict[tuple[str, ...], list[Result]] = {}
     for result in results:
-        places.setdefault((value_of(result, "case"), *(value_of(result, key) for key in PLACE)), []).append(result)
+        where = [value_of(result, key) for key in ("case", *PLACE)]
+        places.setdefault((*where, group_name(result, apart)), []).append(result)
     return [_repeats(members) for members in places.values() if len(members) > 1 and len(_once(members)) > 1]
 
 

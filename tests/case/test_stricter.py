@@ -124,3 +124,12 @@ def test_on_a_virtual_rig_everything_stays_free(write) -> None:
     free = ("limits.stroke_m=1", "limits.force_n=1e4", "nominal.gain_m_per_v=0.008", "converters.range_v=20")
     (case,) = load_cases([write()], [f"table.{one}" for one in free])
     assert (case.table.limits.stroke_m, case.table.limits.force_n, case.table.converters.range_v) == (1, 1e4, 20)
+
+
+def test_a_case_makes_no_real_rig_of_a_file_that_is_none(faults_of, write) -> None:
+    """Such a file's limits, and its gain, which the guard reckons with, could be loosened by the case or by --set."""
+    write(name="configs/rigs/half.yaml", text=yaml.safe_dump({k: v for k, v in RIG.items() if k != "kind"}))
+    for settings in ((), ("table.limits.stroke_m=1.0",), ("table.nominal.gain_m_per_v=0.0001",)):
+        faults = faults_of("table: {extends: half, kind: udp}\n", settings=settings)
+        assert any("table.kind: only the rig's own file may make it a real one, got 'udp'" in one for one in faults)
+    assert faults_of("table: {extends: half}\n", settings=("table.kind=udp",))

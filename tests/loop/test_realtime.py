@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from dataclasses import replace
 
@@ -17,11 +18,12 @@ from rths_cli.loop import guard as g
 from rths_cli.loop import performance, realtime
 from rths_cli.loop.blocks import NUMERICAL, Step
 from rths_cli.loop.drive import play
-from rths_cli.loop.going_on import slewed
+from rths_cli.loop.going_on import go_on, slewed
 from rths_cli.loop.guard import GuardLimits
 from rths_cli.loop.log import Log, Signals, signals
-from rths_cli.loop.realtime import overrun, too_late_for
+from rths_cli.loop.realtime import overrun, run_udp, too_late_for
 from rths_cli.lti import Array
+from rths_cli.rigs.udp.link import fresh_link
 from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
 
 
@@ -244,3 +246,50 @@ def test_what_is_lost_changes_what_is_desired_by_little(whole: Signals, gap: Sig
     wanted = whole.desired[0, :1500]
     change = gap.desired[0, :1500] - wanted
     assert 0.0 < np.abs(change).max() < 2e-3 * np.abs(wanted).max()
+
+
+@entry
+def gone(ahead: Array, limits: GuardLimits) -> None:
+    go_on(ahead, limits)
+
+
+@pytest.mark.parametrize("towards", [1.0, -1.0])
+@pytest.mark.parametrize(("stroke_m", "most_v"), [(0.079, 10.0), (0.0395, 5.0), (1.0, 10.0)])
+def test_after_a_gap_near_a_limit_nothing_beyond_it_leaves(towards: float, stroke_m: float, most_v: float) -> None:
+    """A target goes on within its limits alone: slewing from beyond them sent 10.07 V over a range of 10 V."""
+    info = rig_info()
+    limits = open_limits(info)._replace(
+        stroke_m=stroke_m, command_v=10.0, gain_m_per_v=0.0079, velocity_m_s=0.15, dt_s=1e-3
+    )
+    last, rate = towards * (most_v - 0.05), towards * 16.0
+    ahead = np.array([last, 1e-3 * rate, 0.0])
+    held = [last]
+    for _ in range(10):
+        gone(ahead, limits)
+        held.append(float(ahead[0]))
+    expected = [min(most_v - 0.05 + 0.016 * waited, most_v) for waited in range(11)]
+    np.testing.assert_allclose(held, [towards * volts for volts in expected], rtol=1e-12)
+    left = np.zeros(1)
+    for place in held:
+        slew_from(limits, place, towards * (most_v - 0.01), left)
+        assert abs(left[0]) <= most_v
+
+
+@entry
+def slew_from(limits: GuardLimits, place: float, asked: float, left: Array) -> None:
+    left[0] = slewed(limits, place, asked)
+
+
+def test_a_run_whose_first_exchange_is_late_logs_numbers() -> None:
+    """Every exchange of so fast a clock is late, the first one too; nothing is sent."""
+    info = rig_info()
+    _, run = prepared(info, ground(400), ramp_s=0.0)
+    course = run.course._replace(dt_ns=1, spin_ns=0, lost_samples=1 << 40)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as door:
+        link = fresh_link(door, np.zeros(2, dtype=np.uint64), len(info.channels))
+        run_udp(link, course, run.step, run.limits, run.guard, run.drive, run.log, False)
+    live = signals(run.log, len(info.channels), run.step.estimated.size)
+    done = slice(0, int(run.log.done[0]))
+    assert (live.lost[done] == 2).any()
+    assert np.isfinite(live.command_v[done]).all()
+    assert run.guard.flags[1] != g.NOT_A_NUMBER

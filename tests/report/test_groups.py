@@ -131,3 +131,12 @@ def test_a_missing_or_aborted_run_is_worse_and_a_new_one_is_not() -> None:
     lost = against([run([0.01])], [run([0.01, 0.02])], 1.0)
     assert got_worse(lost) and "1 errors of the baseline are missing" in lost[0].state
     assert not got_worse(against([run([0.01])], [run(None, status="aborted")], 1.0))
+
+
+def test_results_that_keys_tell_apart_are_no_repeats_but_seeds_are() -> None:
+    """With --group-by sample_rate_hz two cases of one name may stand in a report: a mean over both says nothing."""
+    members = [run([0.01], seed=k, sample_rate_hz=rate) for k, rate in enumerate((1000.0, 2000.0))]
+    assert len(repeats(members)) == 1
+    assert repeats(members, ["sample_rate_hz"]) == []
+    (found,) = repeats(members, ["seed"])
+    assert found.figures[ERROR, 1].n == 2

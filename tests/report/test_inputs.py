@@ -134,3 +134,16 @@ def test_a_sweep_is_shown_by_its_own_text_and_a_damaged_one_told(tmp_path: Path)
     assert report([path]).inputs.results == ()
     path.write_bytes(path.read_bytes()[:-3000])
     assert "cannot be read" in read_inputs([path], quiet).unread[0].sentence
+
+
+def test_a_baseline_in_other_units_is_not_compared(tmp_path: Path) -> None:
+    """Errors in mm/s^2 made everything look a thousand times better."""
+    (tmp_path / "old").mkdir()
+    now = write(tmp_path / "now.h5")
+    old = write(tmp_path / "old" / "units.h5", {**FIGURES, "exp_rths.rms_error_m_s2": ([10.0, 20.0, 30.0], "mm/s^2")})
+    read = [read_inputs([path], quiet) for path in (now, old)]
+    with pytest.raises(InputError, match=r"units\.h5: exp_rths\.rms_error_m_s2 is in mm/s\^2, not m/s\^2"):
+        contents(read[0], (), ("old", read[1], 1.0), keep_going=False)
+    found = contents(read[0], (), ("old", read[1], 1.0), keep_going=True)
+    assert any("is in mm/s^2" in one for one in found.faults)
+    assert found.baseline is not None and not any(one.changes for one in found.baseline.changes)

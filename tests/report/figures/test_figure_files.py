@@ -7,8 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-import matplotlib
 import h5py
+import matplotlib
 import numpy as np
 import pytest
 from made_up_results import write_result

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from made_up import result
@@ -131,3 +133,11 @@ def test_a_missing_or_aborted_run_is_worse_and_a_new_one_is_not() -> None:
     lost = against([run([0.01])], [run([0.01, 0.02])], 1.0)
     assert got_worse(lost) and "1 errors of the baseline are missing" in lost[0].state
     assert not got_worse(against([run([0.01])], [run(None, status="aborted")], 1.0))
+
+
+def test_a_case_that_was_changed_since_the_baseline_is_told() -> None:
+    old, new = (replace(run([0.01]), resolved_yaml=f"scaling: {value}\nseed: 0\n") for value in (0.3, 0.2))
+    (found,) = against([new], [old], 1.0)
+    assert found.state == "another case than in the baseline: they differ in scaling"
+    assert found.state in " ".join(plain_text(baseline_blocks([found], "old", 1.0)).replace("|", " ").split())
+    assert against([new], [replace(old, resolved_yaml=new.resolved_yaml)], 1.0)[0].state == ""

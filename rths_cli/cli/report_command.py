@@ -131,10 +131,16 @@ def _report(asked: Asked, quiet: bool) -> int:
 
 
 def _write(asked: Asked, found: Contents, screen: Screen, quiet: bool) -> None:
-    """Write or print the tables, the page, the figures and the tests."""
+    """Write the figures first, because they alone read time histories; then the tests, and the tables or the page."""
     from rths_cli.report.asked import rendered
     from rths_cli.report.output import write_text
 
+    if asked.figures:
+        from rths_cli.report.figures import write_figures
+
+        form, say = asked.drawn or "pdf", _nothing if quiet else screen.message
+        written = write_figures(found.inputs.results, asked.figures, form, asked.width, say)
+        say(f"{len(written)} figures in {asked.figures}")
     if asked.junit:
         from rths_cli.report.junit import junit
 
@@ -148,12 +154,6 @@ def _write(asked: Asked, found: Contents, screen: Screen, quiet: bool) -> None:
         write_text(asked.output, rendered(asked, found))
     else:
         click.echo(rendered(asked, found), nl=False)
-    if asked.figures:
-        from rths_cli.report.figures import write_figures
-
-        form, say = asked.drawn or "pdf", _nothing if quiet else screen.message
-        written = write_figures(found.inputs.results, asked.figures, form, asked.width, say)
-        say(f"{len(written)} figures in {asked.figures}")
 
 
 def _nothing(text: str) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from rths_cli.files.results import Result
 from rths_cli.metrics.catalogue import LESS, define
+from rths_cli.report.faults import differing
 from rths_cli.report.groups import Place, complete, in_order, over_runs, place_name, value_of
 from rths_cli.report.layout import Block, Cell, Paragraphs, Row, Table, number
 
@@ -84,6 +85,9 @@ def _case(key: tuple[str, ...], before: Sequence[Result], now: Sequence[Result],
     state = f"{', '.join(sorted(ended))} now" if ended else ""
     if lost:
         state = "; ".join(filter(None, [state, f"{len(lost)} errors of the baseline are missing"]))
+    keys = differing(now[0], before[0])
+    if keys:
+        state = "; ".join(filter(None, [state, f"another case than in the baseline: they differ in {', '.join(keys)}"]))
     if not complete(before):
         return CaseChanges(name, "did not end as planned in the baseline", (), False)
     return CaseChanges(name, state, tuple(found), bool(ended or lost))

@@ -57,7 +57,7 @@ def _clash(result: Result, others: Sequence[Result]) -> Iterator[Unread]:
         if moment == _moment(other) and _same_figures(result, other):
             yield Unread(path, f"{path}: is the same run as {other.path}; leave one of them out.")
             return
-    keys = _differing(result, others[0]) if others else []
+    keys = differing(result, others[0]) if others else []
     if keys:
         yield Unread(
             path,
@@ -81,7 +81,7 @@ def _same_figures(one: Result, other: Result) -> bool:
     )
 
 
-def _differing(one: Result, other: Result) -> list[str]:
+def differing(one: Result, other: Result) -> list[str]:
     """Return the keys of the case in which two results differ, none where a case is not stored."""
     if not one.resolved_yaml or not other.resolved_yaml or one.resolved_yaml == other.resolved_yaml:
         return []

@@ -85,7 +85,7 @@ def examine(
     keep_rates(of_rig, rig)
     machine = this_machine()
     found = RigRates(rig, tuple(of_rig)) if exchange else None
-    return Examined(machine, granted, tuple(rates), found, tuple(wanted_hz), advice(machine, granted, rates))
+    return Examined(machine, granted, tuple(rates), found, tuple(wanted_hz), advice(machine, granted, rates, of_rig))
 
 
 def rehearse(rate_hz: float, seconds: float) -> RateMeasured:
@@ -112,13 +112,15 @@ def summary(rate_hz: float, late_ns: IntArray) -> RateMeasured:
     )
 
 
-def advice(machine: Machine, granted: Granted, rates: Sequence[RateMeasured]) -> tuple[str, ...]:
+def advice(
+    machine: Machine, granted: Granted, rates: Sequence[RateMeasured], of_rig: Sequence[RateMeasured] = ()
+) -> tuple[str, ...]:
     """Return one sentence for everything that could make this machine more punctual, or that threatens a test."""
     told = list(granted.refused)
     if machine.preemption != "PREEMPT_RT":
         told.append(f"the kernel is not a real-time one ({machine.preemption}): install one built with PREEMPT_RT")
     if machine.virtual:
-        told.append(_of_virtual_machine(rates))
+        told.append(_of_virtual_machine(rates, of_rig))
     if machine.governor not in ("", "performance"):
         told.append(f"the frequency governor is {machine.governor}: run 'cpupower frequency-set -g performance'")
     if granted.cpu >= 0 and granted.cpu not in machine.isolated_cpus:
@@ -132,11 +134,12 @@ def advice(machine: Machine, granted: Granted, rates: Sequence[RateMeasured]) ->
     return tuple(told)
 
 
-def _of_virtual_machine(rates: Sequence[RateMeasured]) -> str:
+def _of_virtual_machine(rates: Sequence[RateMeasured], of_rig: Sequence[RateMeasured]) -> str:
     """Return what the host of a virtual machine was seen to do to these rates, and what to do about it."""
     late = sum(rate.late for rate in rates)
     seconds = sum(rate.steps / rate.rate_hz for rate in rates)
-    held = max((rate.rate_hz for rate in rates if rate.held), default=None)
+    missed = {rate.rate_hz for rate in of_rig if not rate.held}
+    held = max((rate.rate_hz for rate in rates if rate.held and rate.rate_hz not in missed), default=None)
     seen = f"in {seconds:.3g} s {late} steps were late by an interval"
     advice = f"use a real one, or stay at {held:g} Hz or below, which was held" if held else "use a real one"
     return f"this is a virtual machine, whose host takes the processor away as it likes: {seen}; {advice}"

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from made_up import result
@@ -140,3 +142,11 @@ def test_results_that_keys_tell_apart_are_no_repeats_but_seeds_are() -> None:
     assert repeats(members, ["sample_rate_hz"]) == []
     (found,) = repeats(members, ["seed"])
     assert found.figures[ERROR, 1].n == 2
+
+
+def test_a_case_that_was_changed_since_the_baseline_is_told() -> None:
+    old, new = (replace(run([0.01]), resolved_yaml=f"scaling: {value}\nseed: 0\n") for value in (0.3, 0.2))
+    (found,) = against([new], [old], 1.0)
+    assert found.state == "another case than in the baseline: they differ in scaling"
+    assert found.state in " ".join(plain_text(baseline_blocks([found], "old", 1.0)).replace("|", " ").split())
+    assert against([new], [replace(old, resolved_yaml=new.resolved_yaml)], 1.0)[0].state == ""

@@ -147,6 +147,9 @@ def test_a_virtual_machine_that_stalls_is_told_which_rate_held() -> None:
     assert "200 steps were late by an interval; use a real one, or stay at 500 Hz or below, which was held" in told
     (alone,) = (text for text in advice(guest, GRANTED, rates[1:]) if "virtual machine" in text)
     assert alone.endswith("late by an interval; use a real one")
+    of_rig = (summary(500.0, delays(*[5000] * 200)),)
+    (missed,) = (text for text in advice(guest, GRANTED, rates, of_rig) if "virtual machine" in text)
+    assert missed.endswith("late by an interval; use a real one")
 
 
 @pytest.mark.parametrize(("limit", "words"), [(0, "rtprio 0 (does not bind this user), "), (99, "rtprio 99, ")])

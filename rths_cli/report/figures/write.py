@@ -8,7 +8,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -61,24 +61,35 @@ def write_figures(
 ) -> list[Path]:
     """Write every figure of every result into `folder` as NAME-FIGURE.pdf (svg, png), and return the files written.
 
-    NAME is the result file's; the same name from another folder becomes NAME-2. Files that exist are replaced. `tell`
+    NAME is the result file's; the same name from another folder becomes NAME-2. Files that exist are replaced, when all
+    are drawn: where a result cannot be read or the disk refuses, none is written. `tell`
     is given a sentence for each figure that a result has no data for (default: a warning of the log `rths_cli`).
     Raises InputError for an unknown form or width, and where a file cannot be written.
     """
     _check(form, FORMS, "form")
     _check(width, WIDTHS_MM, "width")
     report = logging.getLogger("rths_cli").warning if tell is None else tell
-    written: list[Path] = []
-    for stem, result in zip(_stems(results), results, strict=True):
-        source = Source(result)
-        for name in FIGURES:
-            try:
-                image = _image(name, source, form, width)
-            except NotDrawn as reason:
-                report(f"{result.path}: figure {name} is left out: {reason}")
-                continue
-            written.append(_write(folder / f"{stem}-{name}.{form}", image))
-    return written
+    made = _make(folder)
+    parts: dict[Path, Path] = {}
+    try:
+        for stem, result in zip(_stems(results), results, strict=True):
+            source = Source(result)
+            for name in FIGURES:
+                try:
+                    image = _image(name, source, form, width)
+                except NotDrawn as reason:
+                    report(f"{result.path}: figure {name} is left out: {reason}")
+                    continue
+                path = folder / f"{stem}-{name}.{form}"
+                parts[path] = path.with_name(f".{path.name}.{os.getpid()}.part")
+                with _told(path):
+                    parts[path].write_bytes(image)
+        for path, part in parts.items():
+            with _told(path):
+                os.replace(part, path)
+    finally:
+        _remove(parts.values(), made)
+    return list(parts)
 
 
 def _drawn(name: str, source: Source, width: str) -> Figure:
@@ -100,19 +111,31 @@ def _short_vertex(found: re.Match[bytes]) -> bytes:
     return b"L %.2f %.2f" % (float(found[1]), float(found[2]))
 
 
-def _write(path: Path, image: bytes) -> Path:
-    """Write a file whole or not at all; raise InputError where that fails."""
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+def _make(folder: Path) -> list[Path]:
+    """Make a folder and return what was made, the innermost first; raise InputError where that fails."""
+    missing = [one for one in (folder, *folder.parents) if not one.exists()]
+    with _told(folder):
+        folder.mkdir(parents=True, exist_ok=True)
+    return missing
+
+
+@contextmanager
+def _told(path: Path) -> Iterator[None]:
+    """Raise InputError, with path and cause, where the disk refuses."""
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part.write_bytes(image)
-        os.replace(part, path)
+        yield
     except OSError as error:
         raise InputError(f"{path}: cannot write the figure: {error.strerror}; choose another folder.") from error
-    finally:
+
+
+def _remove(parts: Iterable[Path], folders: Iterable[Path]) -> None:
+    """Remove parts that were not renamed, and folders made for nothing."""
+    for part in parts:
         with suppress(OSError):
             part.unlink()
-    return path
+    for folder in folders:
+        with suppress(OSError):  # it holds figures
+            folder.rmdir()
 
 
 def _stems(results: Sequence[Result]) -> Iterator[str]:

@@ -59,8 +59,8 @@ def _parts(block: Block) -> Iterator[str]:
 def _table(table: Table) -> Iterator[str]:
     columns = width(table)
     wide = [_is_wordy(table, column) for column in range(columns)]
-    kinds = "".join(r"p{5cm}" if wordy else "r" for wordy in wide)
-    small = r"\scriptsize\setlength{\tabcolsep}{2pt}" if columns > 6 else r"\small"
+    kinds = "".join(r"p{3.5cm}" if wordy else "r" for wordy in wide)
+    small = r"\scriptsize\setlength{\tabcolsep}{2pt}" if columns > 6 or any(wide) else r"\small"
     yield rf"{{{small}"
     yield rf"\begin{{longtable}}{{@{{}}l{kinds}@{{}}}}"
     yield rf"\caption{{{escaped(table.title)}}}\\"

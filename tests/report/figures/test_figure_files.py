@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import h5py
 import matplotlib
 import numpy as np
 import pytest
@@ -145,6 +146,18 @@ def test_bad_words_and_folders_are_one_sentence(made_up, tmp_path):
     with pytest.raises(InputError, match=r"file.*: cannot write the figure: .*; choose another folder\.$"):
         write_figures([made_up], tmp_path / "file", "png")
     assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_result_that_cannot_be_read_leaves_no_figure_at_all(tmp_path):
+    path = write_result(tmp_path / "short.h5", n=300)
+    with h5py.File(path, "r+") as file:
+        command = file["exp_rths/command_v"][:100]
+        del file["exp_rths/command_v"]
+        file["exp_rths/command_v"] = command
+        file["exp_rths/command_v"].attrs["units"] = "V"
+    with pytest.raises(InputError, match="truncated or damaged"):
+        write_figures([read_result(path)], tmp_path / "new" / "out", "svg", "one", lambda _: None)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["short.h5"]
 
 
 def test_the_user_s_own_settings_stay(made_up, monkeypatch):

@@ -332,7 +332,8 @@
   const frequency = new Group("f (Hz)", document.getElementById("frequency-plots"), true);
   showResult();
 
-  new ResizeObserver(() => resize(0)).observe(plots);
+  // In the next frame: a size changed within the observer's own turn is a fault on the console of a narrow window.
+  new ResizeObserver(() => requestAnimationFrame(() => resize(0))).observe(plots);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
   addEventListener("beforeprint", () => printing(true));
   addEventListener("afterprint", () => printing(false));

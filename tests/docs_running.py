@@ -16,6 +16,7 @@ from rths_cli.cli import cli
 from rths_cli.cli.ending import BLAS_THREADS
 from rths_cli.errors import RthsError
 
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))  # as the command does, before numpy is imported
 
 
@@ -51,7 +52,7 @@ def run_page(page: Path, passed_over: Sequence[str] = ()) -> list[str]:
 
     `sh`: commands of rths, each with the exit code that its comment says (0). `yaml`: a file whose name is its first
     line. `python`: executed, all of a page in one namespace. `text`: what the command before it printed, shortened;
-    numbers may differ. Kinds `passed_over` are let be.
+    the last digits may differ. Kinds `passed_over` are let be.
     """
     names: dict[str, Any] = {"__name__": "docs"}
     printed, left = "", []
@@ -62,7 +63,7 @@ def run_page(page: Path, passed_over: Sequence[str] = ()) -> list[str]:
         elif block.kind == "sh":
             printed = "".join(_run_line(line, place) for line in _lines(block.text))
         elif block.kind == "yaml":
-            _write_file(block.text, place)
+            write_file(block.text, place)
         elif block.kind == "python":
             exec(compile(block.text, place, "exec"), names)
         elif block.kind == "text":
@@ -86,7 +87,8 @@ def _run_line(line: str, place: str) -> str:
     return printed
 
 
-def _write_file(text: str, place: str) -> None:
+def write_file(text: str, place: str) -> None:
+    """Write a block to the file that its first line names."""
     name = re.match(r"# ([\w./-]+\.ya?ml)\b", text)
     assert name, f"{place}: the first line of a file is its name"
     Path(name[1]).parent.mkdir(parents=True, exist_ok=True)
@@ -94,15 +96,30 @@ def _write_file(text: str, place: str) -> None:
 
 
 def _check_shown(text: str, printed: str, place: str) -> None:
-    """Check that every line shown was printed, but for numbers and spaces."""
-    known = {_worded(line) for line in printed.splitlines()}
-    missing = [line for line in text.splitlines() if line.strip() not in ("", "...") and _worded(line) not in known]
+    """Check that every line shown was printed, but for spaces and the last digits of numbers."""
+    known: dict[str, list[list[str]]] = {}
+    for line in printed.splitlines():
+        known.setdefault(_worded(line), []).append(NUMBER.findall(line))
+    shown = [line for line in text.splitlines() if line.strip() not in ("", "...")]
+    missing = [line for line in shown if not any(_close(line, found) for found in known.get(_worded(line), []))]
     assert missing == [], f"{place}: not printed: {missing}\n{printed}"
 
 
 def _worded(line: str) -> str:
     """Return a line without numbers and spaces."""
-    return re.sub(r"[-+]?\d[\d.]*(e[-+]?\d+)?|\s", "", line)
+    return re.sub(r"\s", "", NUMBER.sub("#", line))
+
+
+def _close(line: str, found: Sequence[str]) -> bool:
+    """Tell whether the numbers of a line are those found, within a tenth or two of the last digit shown."""
+    pairs = zip(NUMBER.findall(line), found, strict=True)
+    return all(abs(float(a) - float(b)) <= 0.1 * abs(float(b)) + 2.0 * _last_digit(a) for a, b in pairs)
+
+
+def _last_digit(number: str) -> float:
+    """Return the size of the last digit of a number as it is written."""
+    mantissa, _, power = number.partition("e")
+    return float(10.0 ** (int(power or 0) - len(mantissa.partition(".")[2])))
 
 
 def shortened(record: Path, target: Path, samples: int) -> None:

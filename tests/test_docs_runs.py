@@ -9,7 +9,7 @@ from pathlib import Path
 
 import matplotlib
 import pytest
-from docs_running import blocks_of, run_page, run_words, shortened
+from docs_running import blocks_of, run_page, run_words, shortened, write_file
 from test_docs import commands
 
 from rths_cli.report.figures import write
@@ -80,7 +80,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for method, results in (("best", "results"), ("paper", "paper_run")):
             words = ["run", CASE, "--set", "record.file=short.csv", "--method", method, "--output", results, "--quiet"]
             assert run_words(words)[0] == 0
-        for copy in ("best_run", "last_release"):
+        for copy in ("best_run", "last_release", "baseline"):
             shutil.copytree("results", copy)
         assert (
             run_words(["sweep", "my_case.yaml", "--vary", "scaling=0.2,0.3", "--output", f"sweeps/{CASE}.h5"])[0] == 0
@@ -118,6 +118,9 @@ def test_the_commands_of_other_pages_run(page: Path, place: Path) -> None:
     if page in PAGES or page.name in RUN_ELSEWHERE:
         return
     with chdir(place):
+        for block in blocks_of(page.read_text(encoding="utf-8")):
+            if block.kind == "yaml" and block.text.startswith("# cases/"):
+                write_file(block.text, page.name)
         for words in commands(page):
             if not left_out(page.name, words):
                 shutil.rmtree("sweeps", ignore_errors=True)  # a file there holds one sweep

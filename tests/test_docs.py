@@ -13,17 +13,18 @@ from rths_cli.cli import cli
 from rths_cli.files.foreign import read_foreign
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 def blocks(page: Path, kind: str = "") -> list[str]:
-    """Return the fenced blocks of a page."""
-    return re.findall(rf"^```{kind}\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE)
+    """Return the fenced blocks of a page, of a kind."""
+    found = re.findall(r"^```(\w*)\n(.*?)^```$", page.read_text(encoding="utf-8"), re.DOTALL | re.MULTILINE)
+    return [text for of_kind, text in found if of_kind == kind]
 
 
 def commands(page: Path) -> list[list[str]]:
     """Return the words of every line that starts with rths, continuation lines joined, comments dropped."""
-    lines = "\n".join(blocks(page)).replace("\\\n", " ").splitlines()
+    lines = "\n".join(blocks(page) + blocks(page, "sh")).replace("\\\n", " ").splitlines()
     return [shlex.split(line.removeprefix("$ "), comments=True) for line in lines if re.match(r"(\$ )?rths ", line)]
 
 
@@ -35,6 +36,34 @@ def test_commands_and_options_exist(page: Path) -> None:
         command = cli.commands[name]
         known = {option for parameter in command.params for option in parameter.opts}
         assert {word for word in words if word.startswith("--")} <= known, (page.name, name, words)
+
+
+def links(page: Path) -> list[Path]:
+    """Return the files that a page links to."""
+    targets = re.findall(r"\]\((?!https?:)([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8"))
+    return [(page.parent / target).resolve() for target in targets]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_link_leads_somewhere(page: Path) -> None:
+    assert [target for target in links(page) if not target.exists()] == []
+
+
+def test_every_page_is_reached_from_the_index() -> None:
+    index = ROOT / "docs" / "index.md"
+    assert index in links(ROOT / "README.md")
+    reached, waiting = {index}, [index]
+    while waiting:
+        new = {page for page in links(waiting.pop()) if page.suffix == ".md"} - reached
+        reached |= new
+        waiting += new
+    assert set(PAGES) <= reached
+
+
+def test_every_module_that_is_named_exists() -> None:
+    named = {(page, path) for page in PAGES for path in re.findall(r"`(rths_cli/[\w/.]+)`", page.read_text("utf-8"))}
+    assert len(named) > 10
+    assert [path for _, path in named if not (ROOT / path).exists()] == []
 
 
 def test_every_option_of_identify_is_told_in_its_page() -> None:

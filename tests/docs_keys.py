@@ -1,0 +1,173 @@
+"""The reference pages of case and rig files, from the models that check them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
+
+from docs_words import WORDS
+from pydantic import BaseModel, TypeAdapter
+from pydantic_core import PydanticUndefined
+
+from rths_cli.case.models import CaseKeys
+from rths_cli.case.models_reference import ReferenceSpec
+from rths_cli.case.models_rig import VirtualRigSpec
+from rths_cli.case.models_rig_real import NiRigSpec, PluginRigSpec, UdpRigSpec
+from rths_cli.case.models_structure import StructureSpec
+
+Schema = Mapping[str, Any]
+COLUMNS = ("key", "type", "unit", "default", "limits", "meaning")
+UNITS = (
+    ("_mv_per_g", "mV/g"), ("_v_per_m_s2", "V/(m/s^2)"), ("_n_s_per_m", "N*s/m"), ("_n_per_m", "N/m"),
+    ("_m_per_v", "m/V"), ("_v_s", "V/s"), ("_m_s2", "m/s^2"), ("_m_s", "m/s"), ("_hz", "Hz"), ("_kg", "kg"),
+    ("_m", "m"), ("_n", "N"), ("_v", "V"), ("_s", "s"), ("_g", "g"),
+)  # fmt: skip
+WORD_OF_TYPE = {
+    "number": "number", "integer": "whole number", "string": "text", "boolean": "true or false", "object": "mapping",
+}  # fmt: skip
+LIMITS = (("exclusiveMinimum", "> "), ("minimum", ">= "), ("exclusiveMaximum", "< "), ("maximum", "<= "))
+FILES = {
+    "case": (
+        "Case files",
+        "What a case may state. A value of `structure`, `damping`, `record`, `controller`, `table` and `reference` is "
+        "a name that is looked up, or a mapping as below; `extends: NAME` varies what has that name. `--set KEY=VALUE` "
+        "takes the same keys. The keys of `table` are those of [rig files](rig.md).",
+    ),
+    "rig": (
+        "Rig files",
+        "What the file of a table may state, by its `kind`; `extends: NAME` varies another rig. "
+        "[rigs.md](../rigs.md) explains the kinds; [configs/rigs](../../configs/rigs) has a commented example of each.",
+    ),
+}
+RIGS: dict[str, type[BaseModel]] = {
+    "virtual": VirtualRigSpec,
+    "udp": UdpRigSpec,
+    "ni": NiRigSpec,
+    "of a package": PluginRigSpec,
+}
+
+
+def case_page() -> str:
+    """Return the page of case files, with the structure and reference files that a case names."""
+    tables = [
+        ("The case", _rows(CaseKeys, "", skip=("structure", "table", "reference"))),
+        ("`structure`, and a structure file", _rows(StructureSpec, "structure.")),
+        ("`reference`, and a reference file", _rows(ReferenceSpec, "reference.")),
+    ]
+    return _page("case", tables)
+
+
+def rig_page() -> str:
+    """Return the page of rig files, a section per kind."""
+    virtual, *real = (list(_rows(model, "")) for model in RIGS.values())
+    shared = [row for row in real[0] if all(row in rows for rows in real[1:])]
+    own = [[row for row in rows if row not in shared] for rows in real]
+    headings = ("Kind `virtual`", "Every other kind", "Kind `udp`", "Kind `ni`", "Kind of a package")
+    return _page("rig", list(zip(headings, (virtual, shared, *own), strict=True)))
+
+
+def _page(name: str, tables: list[tuple[str, Iterable[tuple[str, ...]]]]) -> str:
+    title, about = FILES[name]
+    made = "Made from the models that check these files by `python tests/docs_reference.py`; a test compares."
+    unit = "`-` in *default*: nothing, or what the meaning says; **required**: must be stated."
+    parts = [f"# {title}", made, about, unit]
+    for heading, rows in tables:
+        lines = [f"| {' | '.join(cells)} |" for cells in (COLUMNS, ("---",) * len(COLUMNS), *rows)]
+        parts += [f"## {heading}", "\n".join(lines)]
+    return "\n\n".join(parts) + "\n"
+
+
+def _rows(model: type[BaseModel], prefix: str, skip: tuple[str, ...] = ()) -> Iterator[tuple[str, ...]]:
+    """Yield a row per key of a model and of the models in it, depth first; below `skip` nothing is told."""
+    schema = TypeAdapter(model).json_schema()
+    yield from _model_rows(schema, schema.get("$defs", {}), prefix, skip)
+
+
+def _model_rows(
+    schema: Schema, definitions: Schema, prefix: str, skip: tuple[str, ...] = ()
+) -> Iterator[tuple[str, ...]]:
+    for key, field in schema["properties"].items():
+        path = f"{prefix}{key}"
+        required = key in schema.get("required", ()) and path not in ("name", "table")
+        default = "**required**" if required else _default(field)
+        kind, limits = _type(field, definitions)
+        yield f"`{path}`", kind, _unit(key), default, limits, _meaning(path, field)
+        if path not in skip:
+            yield from _below(field, definitions, path)
+
+
+def _below(field: Schema, definitions: Schema, path: str) -> Iterator[tuple[str, ...]]:
+    """Yield the rows of the models that a field holds."""
+    inner = {"items": "[].", "additionalProperties": ".NAME."}
+    for part in field.get("anyOf", [field]):
+        if "$ref" in part:
+            yield from _model_rows(_resolved(part, definitions), definitions, f"{path}.")
+        for key, mark in inner.items():
+            if isinstance(part.get(key), Mapping) and "$ref" in part[key]:
+                yield from _model_rows(_resolved(part[key], definitions), definitions, f"{path}{mark}")
+
+
+def _resolved(part: Schema, definitions: Schema) -> Schema:
+    found: Schema = definitions[part["$ref"].rpartition("/")[2]]
+    return found
+
+
+def _type(field: Schema, definitions: Schema) -> tuple[str, str]:
+    """Return the type of a field in words, and its limits."""
+    parts = [part for part in field.get("anyOf", field.get("oneOf", [field])) if part.get("type") != "null"]
+    told = [_one_type(part, definitions) for part in parts]
+    kinds, limits = (list(dict.fromkeys(entry for entry in column if entry)) for column in zip(*told, strict=True))
+    return " or ".join(kinds), " or ".join(limits)
+
+
+def _one_type(part: Schema, definitions: Schema) -> tuple[str, str]:
+    if "anyOf" in part or "oneOf" in part:
+        return _type(part, definitions)
+    if "const" in part or "enum" in part:
+        values = part.get("enum", [part.get("const")])
+        return ("", f"{values[0]}") if values == [0] else (", ".join(f"`{value}`" for value in values), "")
+    if "$ref" in part:
+        return "mapping", ""
+    if part.get("type") == "array":
+        kind, limits = _type(part.get("items", {}), definitions)
+        return f"list of {kind}", "; ".join(filter(None, [limits, _counts(part)]))
+    limits = " and ".join(f"{sign}{_number(part[key])}" for key, sign in LIMITS if key in part)
+    longest = f"at most {part['maxLength']} characters" if "maxLength" in part else ""
+    if part.get("format") == "path":
+        return "file", ""
+    inner = part.get("additionalProperties")
+    if isinstance(inner, Mapping):
+        kind, limits = _type(inner, definitions)
+        return f"mapping of names to {kind}", limits
+    return WORD_OF_TYPE[part["type"]] if "type" in part else "anything", limits or longest
+
+
+def _counts(part: Schema) -> str:
+    """Return how many entries a list may have."""
+    least, most = part.get("minItems"), part.get("maxItems")
+    if least == most:
+        return f"{least} entries" if least else ""
+    return " to ".join(str(number) for number in (least, most) if number) + (" entries" if most else " or more entries")
+
+
+def _number(value: float) -> str:
+    return str(value) if isinstance(value, int) else f"{value:g}"
+
+
+def _default(field: Schema) -> str:
+    value = field.get("default", PydanticUndefined)
+    if value is None or value is PydanticUndefined or isinstance(value, dict) or value == "":
+        return "-"
+    if isinstance(value, bool):
+        return f"`{str(value).lower()}`"
+    return f"`{value:g}`" if isinstance(value, float) else f"`{value}`".replace("'", "")
+
+
+def _unit(key: str) -> str:
+    return next((unit for end, unit in UNITS if key.endswith(end)), "-")
+
+
+def _meaning(path: str, field: Schema) -> str:
+    """Return what a key means: what its model says, else the words of docs_words."""
+    text = field.get("description") or WORDS.get(path, "")
+    return str(text).replace("|", "\\|").replace("\n", " ")

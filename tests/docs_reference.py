@@ -1,0 +1,30 @@
+"""Write docs/reference/, made from the code: `python tests/docs_reference.py`."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from docs_commands import commands_page
+from docs_hdf5 import hdf5_page
+from docs_keys import case_page, rig_page
+
+FOLDER = Path(__file__).parents[1] / "docs" / "reference"
+PAGES: dict[str, Callable[[], str]] = {
+    "commands.md": commands_page,
+    "case.md": case_page,
+    "rig.md": rig_page,
+    "hdf5.md": hdf5_page,
+}
+
+
+def write_pages(folder: Path) -> None:
+    """Write every page of the reference into a folder."""
+    for name, page in PAGES.items():
+        (folder / name).write_text(page(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    write_pages(FOLDER)
+    sys.exit(0)

@@ -1,0 +1,130 @@
+"""Run what documentation shows: the blocks of a page, in order, in one folder."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from click.testing import CliRunner, Result
+
+from rths_cli.cli import cli
+from rths_cli.cli.ending import BLAS_THREADS
+from rths_cli.errors import RthsError
+
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))  # as the command does, before numpy is imported
+
+
+def run_words(words: Sequence[str]) -> tuple[int, str]:
+    """Run `rths WORDS` in this process; return exit code and what it printed, faults included."""
+    done: Result = CliRunner().invoke(cli, list(words), standalone_mode=False)
+    if isinstance(done.exception, RthsError):
+        faults: Sequence[str] = getattr(done.exception, "faults", (str(done.exception),))
+        return done.exception.exit_code, done.output + "\n".join(faults)
+    if done.exception is not None:
+        raise done.exception
+    return int(done.return_value or 0), done.output
+
+
+@dataclass(frozen=True)
+class Block:
+    """A fenced block of a page: its language, text, line in the page, and why it is not run ("": it is)."""
+
+    kind: str
+    text: str
+    line: int
+    not_run: str = ""
+
+
+def blocks_of(page: str) -> Iterator[Block]:
+    """Yield the fenced blocks of a page in order; `<!-- not run: REASON -->` stands on the line before one."""
+    for found in re.finditer(r"^(?:<!-- not run: (.*?) -->\n)?```(\w*)\n(.*?)^```$", page, re.DOTALL | re.MULTILINE):
+        yield Block(found[2], found[3], page.count("\n", 0, found.start()) + 1, found[1] or "")
+
+
+def run_page(page: Path, passed_over: Sequence[str] = ()) -> list[str]:
+    """Run the blocks of a page in the working directory; return why others were not run.
+
+    `sh`: commands of rths, each with the exit code that its comment says (0). `yaml`: a file whose name is its first
+    line. `python`: executed, all of a page in one namespace. `text`: what the command before it printed, shortened;
+    the last digits may differ. Kinds `passed_over` are let be.
+    """
+    names: dict[str, Any] = {"__name__": "docs"}
+    printed, left = "", []
+    for block in blocks_of(page.read_text(encoding="utf-8")):
+        place = f"{page.name}:{block.line}"
+        if block.not_run:
+            left.append(block.not_run)
+        elif block.kind == "sh":
+            printed = "".join(_run_line(line, place) for line in _lines(block.text))
+        elif block.kind == "yaml":
+            write_file(block.text, place)
+        elif block.kind == "python":
+            exec(compile(block.text, place, "exec"), names)
+        elif block.kind == "text":
+            _check_shown(block.text, printed, place)
+        elif block.kind not in passed_over:
+            raise AssertionError(f"{place}: a block is sh, yaml, python or text, or marked as not run")
+    return left
+
+
+def _lines(text: str) -> list[str]:
+    """Return the commands of a block, continued lines joined, without lines of comment."""
+    return [line for line in text.replace("\\\n", " ").splitlines() if line.strip() and not line.startswith("#")]
+
+
+def _run_line(line: str, place: str) -> str:
+    words = shlex.split(line, comments=True)
+    assert words[0] == "rths", f"{place}: only commands of rths are run: {line}"
+    wanted = re.search(r"# exit code (\d+)", line)
+    code, printed = run_words(words[1:])
+    assert code == (int(wanted[1]) if wanted else 0), f"{place}: {line}: exit code {code}\n{printed}"
+    return printed
+
+
+def write_file(text: str, place: str) -> None:
+    """Write a block to the file that its first line names."""
+    name = re.match(r"# ([\w./-]+\.ya?ml)\b", text)
+    assert name, f"{place}: the first line of a file is its name"
+    Path(name[1]).parent.mkdir(parents=True, exist_ok=True)
+    Path(name[1]).write_text(text, encoding="utf-8")
+
+
+def _check_shown(text: str, printed: str, place: str) -> None:
+    """Check that every line shown was printed, but for spaces and the last digits of numbers."""
+    known: dict[str, list[list[str]]] = {}
+    for line in printed.splitlines():
+        known.setdefault(_worded(line), []).append(NUMBER.findall(line))
+    shown = [line for line in text.splitlines() if line.strip() not in ("", "...")]
+    missing = [line for line in shown if not any(_close(line, found) for found in known.get(_worded(line), []))]
+    assert missing == [], f"{place}: not printed: {missing}\n{printed}"
+
+
+def _worded(line: str) -> str:
+    """Return a line without numbers and spaces."""
+    return re.sub(r"\s", "", NUMBER.sub("#", line))
+
+
+def _close(line: str, found: Sequence[str]) -> bool:
+    """Tell whether the numbers of a line are those found, within a tenth or two of the last digit shown."""
+    pairs = zip(NUMBER.findall(line), found, strict=True)
+    return all(abs(float(a) - float(b)) <= 0.1 * abs(float(b)) + 2.0 * _last_digit(a) for a, b in pairs)
+
+
+def _last_digit(number: str) -> float:
+    """Return the size of the last digit of a number as it is written."""
+    mantissa, _, power = number.partition("e")
+    return float(10.0 ** (int(power or 0) - len(mantissa.partition(".")[2])))
+
+
+def shortened(record: Path, target: Path, samples: int) -> None:
+    """Write the first samples of a shipped record to a file."""
+    lines = record.read_text(encoding="utf-8").splitlines()
+    head = [line for line in lines if line.startswith(("# units", "# dt"))]
+    values = [line for line in lines if not line.startswith("#")]
+    target.write_text("\n".join([*head, *values[:samples]]) + "\n", encoding="utf-8")

@@ -1,0 +1,182 @@
+"""The reference is what the code says, and says all of it: commands, options, keys, attributes, datasets, figures."""
+
+from __future__ import annotations
+
+import inspect
+import re
+from collections.abc import Iterator
+from contextlib import chdir
+from pathlib import Path
+from typing import Any, get_args
+
+import click
+import h5py
+import pytest
+from docs_reference import FOLDER, PAGES
+from docs_running import run_words, shortened
+from docs_words import WORDS
+from pydantic import BaseModel
+
+from rths_cli.case.models import CaseKeys
+from rths_cli.case.models_rig_kinds import KINDS
+from rths_cli.case.models_rig_real import PluginRigSpec
+from rths_cli.cli import cli
+from rths_cli.workflows import real_stage
+
+ROOT = Path(__file__).parents[1]
+CASE = "el_centro_low_ff_fb"
+
+
+def sections(page: Path) -> dict[str, str]:
+    """Return the text below each heading of the second level."""
+    parts = re.split(r"^## (.*)\n", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    return dict(zip(parts[1::2], parts[2::2], strict=True))
+
+
+def rows(text: str) -> list[list[str]]:
+    """Return the cells of every row whose first one is code."""
+    lines = [line for line in text.splitlines() if line.startswith("| `")]
+    return [[cell.strip().replace("\\|", "|") for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in lines]
+
+
+def first_cells(text: str) -> list[str]:
+    return [cells[0].strip("`") for cells in rows(text)]
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_the_page_is_the_generated_one(name: str) -> None:
+    same = (FOLDER / name).read_text(encoding="utf-8") == PAGES[name]()
+    assert same, f"docs/reference/{name} is stale; write it anew: python tests/docs_reference.py"
+
+
+def test_every_command_and_option_is_told_with_its_help() -> None:
+    told = sections(FOLDER / "commands.md")
+    assert {head.strip("`").split()[1] for head in told if " " in head} == set(cli.commands)
+    for head, text in told.items():
+        words = head.strip("`").split()
+        command: click.Command = cli.commands[words[1]] if len(words) > 1 else cli
+        options = [p for p in command.params if isinstance(p, click.Option)]
+        listed = {cells[0].strip("`"): cells[1] for cells in rows(text)}
+        for option in options:
+            (about,) = [about for shown, about in listed.items() if shown.split()[0].rstrip(",") == option.opts[0]]
+            assert option.help and option.help.partition("  ")[0] in about, (head, option.opts)
+        assert len(listed) == len(options) + 1  # --help
+        assert "Example:" in (command.help or "") and "```sh\nrths" in text, head
+
+
+def models_in(annotation: Any) -> Iterator[tuple[str, type[BaseModel]]]:
+    """Yield the models in an annotation, each with what stands between its key and theirs."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        yield ".", annotation
+    mark = {dict: ".NAME", tuple: "[]"}.get(getattr(annotation, "__origin__", None), "")
+    for part in get_args(annotation):
+        for inner, model in models_in(part):
+            yield mark + inner, model
+
+
+def keys_of(model: type[BaseModel], prefix: str = "") -> set[str]:
+    """Return every key below a model as a path."""
+    found = {prefix + key for key in model.model_fields}
+    for key, field in model.model_fields.items():
+        for mark, inner in models_in(field.annotation):
+            found |= keys_of(inner, f"{prefix}{key}{mark}")
+    return found
+
+
+def test_every_key_of_a_case_is_told_once_with_its_meaning() -> None:
+    page = (FOLDER / "case.md").read_text(encoding="utf-8")
+    told = first_cells(page)
+    assert len(told) == len(set(told))
+    wanted = {key for key in keys_of(CaseKeys) if not key.startswith("table.")}
+    assert len(wanted) > 60 and set(told) == wanted
+    assert [cells[0] for cells in rows(page) if not cells[5]] == []
+
+
+def test_every_key_of_every_rig_is_told() -> None:
+    told = {head: first_cells(text) for head, text in sections(FOLDER / "rig.md").items()}
+    real = {"Kind `udp`": KINDS["udp"], "Kind `ni`": KINDS["ni"], "Kind of a package": PluginRigSpec}
+    assert set(told["Kind `virtual`"]) == keys_of(KINDS["virtual"])
+    for head, model in real.items():
+        assert set(told[head]) | set(told["Every other kind"]) == keys_of(model), head
+    assert [cells[0] for cells in rows((FOLDER / "rig.md").read_text(encoding="utf-8")) if not cells[5]] == []
+
+
+def test_defaults_and_limits_are_those_that_are_checked() -> None:
+    told = {cells[0].strip("`"): cells for cells in rows((FOLDER / "case.md").read_text(encoding="utf-8"))}
+    assert told["delay_s"][1:5] == ["number", "s", "`0.005`", ">= 0 and <= 0.1"]
+    assert told["scaling"][2:5] == ["-", "**required**", "> 0 and <= 100"]
+    assert told["structure.experimental.dashpots_n_s_per_m"][2] == "N*s/m"
+    assert told["controller.disturbance_hz"][1:5] == [
+        "list of number", "Hz", "`[1.0, 12.0]`", ">= 0.05 and <= 500; 2 entries",
+    ]  # fmt: skip
+    from rths_cli.case.load import load_cases
+
+    for value, code in (("0.1", 0), ("0.11", 2)):
+        assert run_words(["check", CASE, "--resolved", "--set", f"delay_s={value}"])[0] == code
+    assert load_cases([CASE])[0].delay_s == float(told["delay_s"][3].strip("`"))
+
+
+def test_no_word_is_left_over() -> None:
+    pages = [FOLDER / "case.md", FOLDER / "rig.md"]
+    meanings = {(c[0].strip("`"), c[5]) for page in pages for c in rows(page.read_text(encoding="utf-8"))}
+    assert [key for key, words in WORDS.items() if (key, words) not in meanings] == []
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, Any]]:
+    """Return the open results of both methods on a record of 6 s, and a model file."""
+    with chdir(tmp_path_factory.mktemp("files")):
+        shortened(ROOT / "records" / "el_centro.csv", Path("short.csv"), 300)
+        made = ["run", CASE, "--method", "best", "--method", "paper", "--set", "record.file=short.csv", "--quiet"]
+        assert run_words(made)[0] == 0
+        assert run_words(["identify", CASE, "--output", "model.h5", "--no-figure"])[0] == 0
+        opened = [h5py.File(name) for name in (f"results/{CASE}-best.h5", f"results/{CASE}-paper.h5", "model.h5")]
+        yield dict(zip(("best", "paper", "model"), opened, strict=True))
+        for file in opened:
+            file.close()
+
+
+def datasets(file: Any) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    file.visititems(lambda name, node: found.update({f"/{name}": node}) if isinstance(node, h5py.Dataset) else None)
+    return found
+
+
+def test_every_dataset_of_a_result_is_told_with_its_unit(files: dict[str, Any]) -> None:
+    told = {cells[0].strip("`"): cells for cells in rows((FOLDER / "hdf5.md").read_text(encoding="utf-8"))}
+    for method in ("best", "paper"):
+        for path, node in datasets(files[method]).items():
+            shown = re.sub("^/controller/[^/]+", "/controller/BLOCK", path)
+            if not path.startswith("/metrics"):
+                assert told[shown][2] == node.attrs["units"], path
+                sizes = told[shown][1].strip("()").split(", ") if node.ndim else []
+                assert len(sizes) == node.ndim, path
+    known = {path for path in told if path.startswith("/") and len(told[path]) == 5} - {"/exp_rths/timing/compute_s"}
+    real = {path for path in known if told[path][4].endswith("(real rig only)")}
+    assert {path.rpartition("/")[2] for path in real} == {"late_s", "exchange_s", "lost", "state"}
+    seen = {re.sub("^/controller/[^/]+", "/controller/BLOCK", path) for path in datasets(files["best"])}
+    assert known - real <= seen
+
+
+def test_every_attribute_and_block_is_told(files: dict[str, Any]) -> None:
+    told = {head: first_cells(text) for head, text in sections(FOLDER / "hdf5.md").items()}
+    listed = set(told["Attributes of a result"])
+    seen = {re.sub("^(shake_table|exp_rths)_", "RUN_", name) for name in files["best"].attrs}
+    written = set(re.findall(r'^\s+"(\w+)": ', inspect.getsource(real_stage._told), re.MULTILINE))  # needs real time
+    assert len(written) > 5
+    assert listed == seen | {f"RUN_{name}" for name in written} | {"RUN_status_reason"}
+    assert set(told["`/controller/BLOCK`"]) >= set(files["best"]["controller"])
+    assert set(told["Model files"]) >= set(files["model"].attrs)
+    groups = {path.rpartition("/")[0]: set() for path in datasets(files["model"])}
+    assert set(told["Model files"]) >= set(groups)
+
+
+def test_every_figure_of_a_result_is_told_with_its_unit(files: dict[str, Any]) -> None:
+    told = {cells[0].strip("`"): cells for cells in rows((ROOT / "docs" / "metrics.md").read_text(encoding="utf-8"))}
+    shown = {path + kind: cells for path, cells in told.items() for kind in ["", *re.findall(r"`(_\w+)`", cells[1])]}
+    for method in ("best", "paper"):
+        figures = {path: node for path, node in datasets(files[method]).items() if path.startswith("/metrics/")}
+        assert len(figures) > 150
+        for path, node in figures.items():
+            if not node.is_scale:
+                assert shown[path.removeprefix("/metrics/").replace("/", ".")][2] == node.attrs["units"], path

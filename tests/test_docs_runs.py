@@ -1,0 +1,150 @@
+"""Every command and snippet of the documentation is run: the pages work as they are written."""
+
+from __future__ import annotations
+
+import shlex
+import shutil
+from contextlib import chdir
+from pathlib import Path
+
+import matplotlib
+import pytest
+from docs_running import blocks_of, run_page, run_words, shortened, write_file
+from test_docs import commands
+
+from rths_cli.report.figures import write
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+CASE = "el_centro_low_ff_fb"
+PAGES = [
+    DOCS / "tutorial.md",
+    *sorted((DOCS / "howto").glob("*.md")),
+    *sorted((DOCS / "background").glob("*.md")),
+]
+LEFT_OUT = {"hardware.md": ["needs a second terminal with rths serve, and real time"]}
+NEEDS_A_RIG = "moves a rig behind UDP, or measures the machine, in real time; tests/rigs and tests/workflows do"
+OTHERS_LEFT_OUT = {
+    "real_runs.md": ("rths", NEEDS_A_RIG),
+    "realtime.md": ("rths", NEEDS_A_RIG),
+    "rigs.md": ("rths", NEEDS_A_RIG),
+    "recovery.md": ("rths recover", "needs the log of a killed process; tests/workflows/test_kill.py makes one"),
+    "identification.md": (
+        "--data",
+        "needs a measured file; tests/files/measured and tests/cli/test_identify.py make some",
+    ),
+    "udp.md": ("cc", "is compiled and run by tests/rigs/test_udp_target_c.py"),
+}
+RUN_ELSEWHERE = ("python.md", "export.md")  # tests/test_api.py
+WITH_SNIPPETS = ("figures_gallery.md", "report_page.md", "sweep.md")
+EXAMPLES_LEFT_OUT = {
+    "doctor": "measures the machine in real time",
+    "serve": "runs until it is stopped",
+    "recover": "needs the log of a killed process",
+}
+
+
+@pytest.fixture(autouse=True)
+def drawing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw two figures where all are asked for: tests/report/figures draws the others."""
+    matplotlib.use("Agg")
+    monkeypatch.setattr(write, "FIGURES", {name: write.FIGURES[name] for name in ("tracking", "errors")})
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_the_page_works_as_it_is_written(page: Path, tmp_path: Path) -> None:
+    with chdir(tmp_path):
+        assert run_page(page) == LEFT_OUT.get(page.name, [])
+    assert all(block.kind in ("sh", "yaml", "python", "text") for block in blocks_of(page.read_text(encoding="utf-8")))
+
+
+def test_the_readme_works_as_it_is_written(tmp_path: Path) -> None:
+    with chdir(tmp_path):
+        assert run_page(ROOT / "README.md", passed_over=("",)) == []
+    assert (tmp_path / "results" / "pulse.h5").exists()
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with what the other pages name: cases on a record of 6 s, folders of results, a sweep."""
+    folder = tmp_path_factory.mktemp("pages")
+    shortened(ROOT / "records" / "el_centro.csv", folder / "short.csv", 300)
+    case = (
+        (ROOT / "configs" / f"{CASE}.yaml")
+        .read_text(encoding="utf-8")
+        .replace("record: el_centro", "record: short.csv")
+    )
+    for name in ("my_case", "a", "b"):
+        (folder / f"{name}.yaml").write_text(case, encoding="utf-8")
+    with chdir(folder):
+        for method, results in (("best", "results"), ("paper", "paper_run")):
+            words = ["run", CASE, "--set", "record.file=short.csv", "--method", method, "--output", results, "--quiet"]
+            assert run_words(words)[0] == 0
+        for copy in ("best_run", "last_release", "baseline"):
+            shutil.copytree("results", copy)
+        assert (
+            run_words(["sweep", "my_case.yaml", "--vary", "scaling=0.2,0.3", "--output", f"sweeps/{CASE}.h5"])[0] == 0
+        )
+    return folder
+
+
+@pytest.fixture
+def place(made: Path, tmp_path: Path) -> Path:
+    """Return a copy of that folder, for one page."""
+    return Path(shutil.copytree(made, tmp_path / "place"))
+
+
+def quick(words: list[str]) -> list[str]:
+    """Return a command on the short record, a sweep with one seed."""
+    short = (
+        ["--set", "record.file=short.csv"]
+        if CASE in words and words[0] in ("run", "check", "sweep", "identify")
+        else []
+    )
+    varied = [word for word in words if word.startswith("record=")]
+    return [
+        *words,
+        *([] if varied else short),
+        *(["--seeds", "1"] if words[0] == "sweep" and "--seeds" in words else []),
+    ]
+
+
+def left_out(page: str, words: list[str]) -> bool:
+    return page in OTHERS_LEFT_OUT and OTHERS_LEFT_OUT[page][0] in " ".join(words)
+
+
+@pytest.mark.parametrize("page", sorted(DOCS.glob("*.md")), ids=lambda page: page.name)
+def test_the_commands_of_other_pages_run(page: Path, place: Path) -> None:
+    if page in PAGES or page.name in RUN_ELSEWHERE:
+        return
+    with chdir(place):
+        for block in blocks_of(page.read_text(encoding="utf-8")):
+            if block.kind == "yaml" and block.text.startswith("# cases/"):
+                write_file(block.text, page.name)
+        for words in commands(page):
+            if not left_out(page.name, words):
+                shutil.rmtree("sweeps", ignore_errors=True)  # a file there holds one sweep
+                code, printed = run_words(quick(words[1:]))
+                assert code == 0 or (code == 1 and "refused" in printed and words[1] == "sweep"), (words, printed)
+
+
+@pytest.mark.parametrize("name", WITH_SNIPPETS)
+def test_the_snippets_of_other_pages_run(name: str, place: Path) -> None:
+    with chdir(place):
+        names: dict[str, object] = {}
+        for block in blocks_of((DOCS / name).read_text(encoding="utf-8")):
+            if block.kind == "python":
+                exec(compile(block.text, f"{name}:{block.line}", "exec"), names)
+    assert len(names) > 2
+
+
+def test_every_example_of_the_help_runs(place: Path, tmp_path: Path) -> None:
+    text = (DOCS / "reference" / "commands.md").read_text(encoding="utf-8")
+    examples = [shlex.split(block.text.partition(">")[0])[1:] for block in blocks_of(text) if block.kind == "sh"]
+    run = [words for words in examples if words[0] not in EXAMPLES_LEFT_OUT]
+    assert len(run) == len(examples) - len(EXAMPLES_LEFT_OUT)
+    shutil.copy(place / "short.csv", tmp_path)
+    with chdir(tmp_path):
+        for words in sorted(run, key=lambda words: words[0] in ("report", "export")):
+            code, printed = run_words(quick(words))
+            assert code == 0, (words, printed)

@@ -144,17 +144,17 @@ def identify(
     )
 
 
-def plot(result: RunResult, name: str, width: Literal["one", "two"] = "two") -> Figure:
-    """Draw a figure of a result, for instance "tracking", for one column of a page (84 mm) or two (174 mm).
+def plot(result: RunResult | str | Path, name: str, width: Literal["one", "two"] = "two") -> Figure:
+    """Draw a figure of a result or its file, say "tracking", for one column of a page (84 mm) or two (174 mm).
 
     `plot(result, "tracking").savefig("tracking.pdf")` writes it. Raises InputError for a name that is none of the
     figures, and when the result does not hold what the figure shows.
     """
-    from rths_cli.report.figures import draw  # type: ignore[import-not-found, import-untyped, unused-ignore]
+    from rths_cli.report.figures import draw
 
-    result.check_unchanged()
-    drawn: Figure = draw(name, result.contents, width)
-    return drawn
+    opened = result if isinstance(result, RunResult) else load(result)
+    opened.check_unchanged()
+    return draw(name, opened.contents, width)
 
 
 def _run(
@@ -251,7 +251,7 @@ def _texts(settings: Settings | None, method: Method | None) -> tuple[str, ...]:
 
 def _value(key: str, value: object) -> str:
     try:
-        return json.dumps(value, default=_plain, allow_nan=False)
+        return json.dumps(value, default=_plain, allow_nan=False, ensure_ascii=False)
     except TypeError as error:
         raise InputError(f"settings: {key} must be a number, text, list or mapping, got {error}") from None
     except ValueError:

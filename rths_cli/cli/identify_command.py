@@ -104,7 +104,9 @@ def identify(
     if not data and (channels or rate_hz is not None or corrected):
         raise InputError("--channel, --rate and --corrected belong to --data FILE; add it, or leave them out")
     request = DataRequest(data, read_roles(channels), rate_hz, corrected) if data else None
-    judged = json.dumps(str(model.absolute())) if model else "null"  # what a case names is what is made here
+    judged = (
+        json.dumps(str(model.absolute()), ensure_ascii=False) if model else "null"
+    )  # what a case names is what is made here
     settings = (f"identification.model={judged}", *settings)
     asked = Asked(case, settings, request, output, save_data, figure, not no_figure)
     screen = new_screen(quiet)
@@ -154,4 +156,9 @@ def _show_identified(made: Any, as_json: bool) -> None:
             write_figure(made.found, made.about, made.figure)
     click.echo(json.dumps(document, indent=2) if as_json else text, nl=as_json)
     if made.model is not None and not as_json:
-        click.echo(f"\nto use it in a case:\nidentification: {{model: {json.dumps(str(made.model.absolute()))}}}")
+        click.echo(f"\nto use it in a case:\nidentification: {{model: {_quoted(made.model)}}}")
+
+
+def _quoted(path: Path) -> str:
+    """Return a path as a case names it."""
+    return json.dumps(str(path.absolute()), ensure_ascii=False)

@@ -83,6 +83,8 @@ def report(
     """
     from rths_cli.report.asked import Asked
 
+    if not results and not Path("results").is_dir():
+        raise InputError("there are no results here yet: rths run CASE makes results/, or name result files.")
     table, drawn = _formats(formats, as_json)
     asked = Asked(
         paths=results or (Path("results"),),
@@ -144,12 +146,15 @@ def _write(asked: Asked, found: Contents, screen: Screen, quiet: bool) -> None:
     if asked.junit:
         from rths_cli.report.junit import junit
 
-        write_text(asked.junit, junit(found.inputs.results, found.unread))
+        changes = found.baseline.changes if found.baseline and asked.percent is not None else ()
+
+        write_text(asked.junit, junit(found.inputs.results, found.unread, (), changes))
     if asked.table == "html":
+        from rths_cli.report.contents import comparison_text
         from rths_cli.report.page import write_page
 
         assert asked.output is not None  # check_asked
-        write_page(found.inputs.results, asked.output, shlex.join(["rths", *sys.argv[1:]]))
+        write_page(found.inputs.results, asked.output, shlex.join(["rths", *sys.argv[1:]]), comparison_text(found))
     elif asked.output:
         write_text(asked.output, rendered(asked, found))
     else:

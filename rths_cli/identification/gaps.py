@@ -54,6 +54,9 @@ def _filled(command_v: Array, accel: Array, missing: Mask, whole: Mask, past: in
     factors = _least_squares(seen, own[whole, -1])
     errors_of, forced = np.append(-factors[:past], 1.0), inputs @ factors[past:]
     found = accel.copy()
+    head = np.flatnonzero(missing[:past])  # of which nothing before tells: a straight line to what came first
+    came = np.flatnonzero(~missing[: 4 * past])
+    found[head] = np.interp(head, came, accel[came])
     for places in clusters(np.flatnonzero(missing[past:]) + past, past):
         found[places] = _put_back(found, places, errors_of, forced, past)
     return found

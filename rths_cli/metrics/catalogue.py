@@ -112,10 +112,10 @@ def _of_table() -> Iterator[Definition]:
 def _of_losses() -> Iterator[Definition]:
     about = "steps of the record, on a real rig,"
     for run in TABLE_RUNS:
-        yield Definition(f"{run}.lost_steps", "1", "", LESS, f"{about} whose samples were lost")
-        yield Definition(f"{run}.overrun_steps", "1", "", LESS, f"{about} late by an interval, or caught up")
+        yield Definition(f"{run}.lost_steps", "1", "", NONE, f"{about} whose samples were lost")
+        yield Definition(f"{run}.overrun_steps", "1", "", NONE, f"{about} late by an interval, or caught up")
         gap = "longest time without samples of the right instant, on a real rig"
-        yield Definition(f"{run}.longest_gap_s", "s", "", LESS, gap)
+        yield Definition(f"{run}.longest_gap_s", "s", "", NONE, gap)
 
 
 def _against_sim() -> Iterator[Definition]:

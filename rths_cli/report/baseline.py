@@ -53,7 +53,7 @@ def against(results: Sequence[Result], baseline: Sequence[Result], percent: floa
     """Return per case and method what changed against a baseline, means over repeats on both sides.
 
     An error is worse when it grew by more than `percent`. A run that the baseline has and that is missing or did not
-    end as planned counts as worse; one that is new does not.
+    end as planned, or is of another case by now, counts as worse; one that is new does not.
     """
     before, now = _by_case(baseline), _by_case(results)
     return [_case(key, before.get(key, []), now.get(key, []), percent) for key in dict.fromkeys((*before, *now))]
@@ -90,7 +90,7 @@ def _case(key: tuple[str, ...], before: Sequence[Result], now: Sequence[Result],
         state = "; ".join(filter(None, [state, f"another case than in the baseline: they differ in {', '.join(keys)}"]))
     if not complete(before):
         return CaseChanges(name, "did not end as planned in the baseline", (), False)
-    return CaseChanges(name, state, tuple(found), bool(ended or lost))
+    return CaseChanges(name, state, tuple(found), bool(ended or lost or keys))
 
 
 def _is_error(place: Place) -> bool:
@@ -116,7 +116,7 @@ def baseline_blocks(found: Sequence[CaseChanges], source: str, percent: float) -
     note = f"Means over repeats; same: within {percent:g} %."
     yield Table(title, "figure", (2, 2, 1), 10, (tuple(map(Cell, heads)),), rows, (note,))
     worse = [(one.case, change) for one in found for change in one.changes if change.verdict == WORSE]
-    lines = [f"  {case}: {_told(change)}" for case, change in worse[:LISTED]]
+    lines = [f"  {case}: {told(change)}" for case, change in worse[:LISTED]]
     lines += [f"  {one.case}: {one.state}" for one in found if one.failed]
     more = [f"  and {len(worse) - LISTED} more figures, which --format json lists"] if len(worse) > LISTED else []
     head = (
@@ -127,7 +127,7 @@ def baseline_blocks(found: Sequence[CaseChanges], source: str, percent: float) -
     yield Paragraphs((head, *lines, *more), 4)
 
 
-def _told(change: Change) -> str:
+def told(change: Change) -> str:
     """Return a change in words, with its percentage."""
     percent = f" ({100 * (change.ratio - 1):+.3g} %)" if change.ratio else ""
     return f"{place_name(change.place)} {change.before:.4g} -> {change.now:.4g}{percent}"

@@ -11,7 +11,7 @@ from rths_cli.report.baseline import CaseChanges, against, baseline_blocks
 from rths_cli.report.faults import doubled, other_units
 from rths_cli.report.groups import Compared, check_keys, compare, group_name, group_tables
 from rths_cli.report.inputs import Inputs, Unread
-from rths_cli.report.layout import Block, Fixed, Paragraphs
+from rths_cli.report.layout import Block, Fixed, Paragraphs, plain_text
 from rths_cli.report.repeats import Repeats, repeats, repeats_tables
 from rths_cli.report.sweep_text import page
 from rths_cli.report.tables import blocks
@@ -83,6 +83,11 @@ def _compared(baseline: tuple[str, Inputs, float] | None, results: Sequence[Resu
     if not read.results and not read.unread:
         raise InputError(f"--baseline {source}: holds no result; name a result file or a folder of them.")
     return Baseline(source, percent, tuple(against(results, read.results, percent)))
+
+
+def comparison_text(found: Contents) -> str:
+    """Return groups, repeats, baseline and what is in no table as text, "" where there is none of them."""
+    return plain_text(list(_more(found)))
 
 
 def all_blocks(found: Contents, laid_out: bool) -> list[Block]:

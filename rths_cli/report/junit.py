@@ -9,6 +9,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 from rths_cli.files.results import Result
 from rths_cli.report.accepted import Judged, judge
+from rths_cli.report.baseline import WORSE, CaseChanges, told
 from rths_cli.report.inputs import Unread
 
 HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n'
@@ -37,14 +38,21 @@ class Suite:
     tests: tuple[Test, ...]
 
 
-def junit(results: Sequence[Result], unread: Sequence[Unread] = (), failed: Sequence[tuple[str, str]] = ()) -> str:
-    """Return JUnit XML of results, of files that cannot be read, and of runs without a file (name and reason).
+def junit(
+    results: Sequence[Result],
+    unread: Sequence[Unread] = (),
+    failed: Sequence[tuple[str, str]] = (),
+    changes: Sequence[CaseChanges] = (),
+) -> str:
+    """Return JUnit XML of results, of files that cannot be read, of runs without a file (name and reason), and of
+    `changes` against a baseline where these are judged.
 
     Raises InputError when limits stored in a result cannot be read.
     """
     suites = [_suite(result) for result in results]
     suites += [_broken(one.path.stem, one.sentence) for one in unread]
     suites += [_broken(name, reason) for name, reason in failed]
+    suites += [Suite(f"baseline.{one.case}", NEVER, (), (_compared(one),)) for one in changes]
     lines = ["<testsuites>"]
     for number, suite in enumerate(suites):
         lines += _lines(suite, number)
@@ -81,6 +89,13 @@ def _test(one: Judged) -> Test:
     if one.value is None:
         return Test(_limit(one), "failure", f"{one.path} was not computed, its accept limit is {one.limit:g}")
     return Test(_limit(one), "failure", f"{one.path} = {one.value:.6g} is beyond its accept limit {one.limit:g}")
+
+
+def _compared(one: CaseChanges) -> Test:
+    """Return the test that a case is no worse than in the baseline."""
+    worse = [told(change) for change in one.changes if change.verdict == WORSE]
+    reasons = [*([one.state] if one.failed else []), *worse]
+    return Test("no worse than the baseline", "failure" if reasons else "", "; ".join(reasons))
 
 
 def _limit(one: Judged) -> str:

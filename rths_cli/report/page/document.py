@@ -28,13 +28,13 @@ SCRIPTS = ("uPlot.iife.min.js", "page.js")
 ENCODING = "utf-8"
 
 
-def write_page(results: Sequence[Result], path: Path, command_line: str) -> None:
+def write_page(results: Sequence[Result], path: Path, command_line: str, comparison: str = "") -> None:
     """Write the page of results; the same results and command line give the same bytes.
 
     Raises InputError without results, when a result cannot be read any more, or when the file cannot be written;
     then nothing is left behind.
     """
-    text = page(results, command_line)
+    text = page(results, command_line, comparison)
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         part.write_text(text, encoding=ENCODING)
@@ -46,15 +46,30 @@ def write_page(results: Sequence[Result], path: Path, command_line: str) -> None
             part.unlink()
 
 
-def page(results: Sequence[Result], command_line: str) -> str:
-    """Return the page of results as HTML; `command_line` makes it. Raises InputError without results."""
+def page(results: Sequence[Result], command_line: str, comparison: str = "") -> str:
+    """Return the page of results as HTML; `command_line` makes it, `comparison` is text about all of them.
+
+    Raises InputError without results.
+    """
     if not results:
         raise InputError("There are no results to show; give result files or run a case first.")
     cases = entries(results, {})
     ordered = [result for entry in cases for result in entry.results.values()]
     title = f"Hybrid simulation: {_subject(cases, ordered)}"
-    body = join([_header(title, cases, ordered), element("main", *_sections(cases, ordered, command_line))])
+    body = join(
+        [
+            _header(title, cases, ordered),
+            element("main", *_sections(cases, ordered, command_line), *_comparison(comparison)),
+        ]
+    )
     return _whole(title, body, data_script("rths-data", _data(ordered)))
+
+
+def _comparison(text: str) -> tuple[Html, ...]:
+    """Return a section of laid-out text, none without."""
+    if not text.strip():
+        return ()
+    return (element("section", element("h2", "Comparison"), element("pre", text), attributes={"id": "comparison"}),)
 
 
 def _subject(cases: Sequence[Entry], results: Sequence[Result]) -> str:

@@ -89,11 +89,10 @@ def compare(results: Sequence[Result], keys: Sequence[str]) -> list[Compared]:
     names = dict.fromkeys(group_name(result, keys) for result in results)
     places: dict[tuple[str, ...], list[Result]] = {}
     for result in results:
-        where = (*(value_of(result, key) for key in rest), _storeys(result))
-        places.setdefault(where, []).append(result)
+        places.setdefault(tuple(value_of(result, key) for key in rest), []).append(result)
     found = []
     for place, members in places.items():
-        common = dict(zip(rest, place[:-1], strict=True))
+        common = dict(zip(rest, place, strict=True))
         groups = {name: tuple(r for r in members if group_name(r, keys) == name) for name in names}
         found.append(Compared(_where(common), common, groups))
     return found
@@ -186,13 +185,6 @@ def _rows(place: Compared, names: Sequence[str]) -> Iterator[Row]:
         first = means[0].get(item)
         ratios = [Cell(_ratio(found.get(item), first)) for found in means[1:]]
         yield Row(place_name(item), (*cells, *ratios))
-
-
-def _storeys(result: Result) -> str:
-    """Return how many storeys a result has figures of: buildings of other heights are no two groups of one place."""
-    return str(
-        np.size(result.metrics.get("exp_rths.rms_error_m_s2", result.metrics.get("sim_delay.rms_error_m_s2", ())))
-    )
 
 
 def _mixed(runs: Sequence[Sequence[Result]]) -> str:

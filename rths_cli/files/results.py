@@ -44,6 +44,7 @@ __all__ = [
 ]
 
 T = TypeVar("T")
+UNITS_BY_NAME = {"_m_s2": "m/s^2", "_vel_m_s": "m/s", "_disp_m": "m", "base_shear_n": "N", "command_v": "V"}
 BEGUN, COMPLETE = "begun", "complete"  # of one run on the table, in the attribute RUN_status of the root
 
 
@@ -78,8 +79,17 @@ def read_dataset(path: Path, name: str) -> Dataset:
 
 
 def read_series(path: Path, name: str) -> Array:
-    """Read the values of one dataset (`exp_rths/abs_accel_m_s2`: (n_storeys, n)) as an array."""
-    return np.asarray(read_dataset(path, name).data)
+    """Read the values of one dataset (`exp_rths/abs_accel_m_s2`: (n_storeys, n)) as an array.
+
+    Raises InputError where it states another unit than its name.
+    """
+    found = read_dataset(path, name)
+    expected = next((unit for end, unit in UNITS_BY_NAME.items() if name.endswith(end)), found.units)
+    if found.units != expected:
+        raise InputError(
+            f"{path}: {name} is in {found.units}, expected is {expected}; convert it, or run the case again."
+        )
+    return np.asarray(found.data)
 
 
 def _result(path: Path, file: h5py.File, whole: bool) -> Result:

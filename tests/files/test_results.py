@@ -183,7 +183,7 @@ def test_a_default_case_is_below_50_mb(tmp_path):
     with ResultWriter(tmp_path / "big.h5", ATTRIBUTES) as writer:
         for name, count in series.items():
             datasets = {f"series_{k}": accel(noise[k % 3]) for k in range(count)}
-            command = {"command_v": accel(codes)} if name in ("exp_rths", "shake_table") else {}
+            command = {"command_v": Dataset(codes, "V", "command", "computed")} if name in ("exp_rths", "shake_table") else {}
             writer.group(name, datasets | command, t, STOREYS)
         writer.finish("complete")
     size = (tmp_path / "big.h5").stat().st_size
@@ -340,6 +340,15 @@ def test_a_full_disk_does_not_lose_what_hardware_produced(tmp_path):
     assert str(left) in said and left.name.endswith(".part")
     os.truncate(left, 20_000_000)  # a full disk, unlike the limit of this test, lets HDF5 extend a file sparsely
     assert read_series(left, "sim/a_m_s2").shape == (108_000,)
+
+
+def test_a_series_in_another_unit_than_its_name_says_is_refused(written, tmp_path):
+    copied = tmp_path / "g.h5"
+    shutil.copyfile(written, copied)
+    with h5py.File(copied, "a") as file:
+        file["exp_rths/abs_accel_m_s2"].attrs["units"] = "g"
+    with pytest.raises(InputError, match=r"g\.h5: exp_rths/abs_accel_m_s2 is in g, expected is m/s\^2; convert it"):
+        read_series(copied, "exp_rths/abs_accel_m_s2")
 
 
 def test_an_unwritable_folder_is_named_with_its_cause(tmp_path):

@@ -183,7 +183,9 @@ def test_a_default_case_is_below_50_mb(tmp_path):
     with ResultWriter(tmp_path / "big.h5", ATTRIBUTES) as writer:
         for name, count in series.items():
             datasets = {f"series_{k}": accel(noise[k % 3]) for k in range(count)}
-            command = {"command_v": Dataset(codes, "V", "command", "computed")} if name in ("exp_rths", "shake_table") else {}
+            command = (
+                {"command_v": Dataset(codes, "V", "command", "computed")} if name in ("exp_rths", "shake_table") else {}
+            )
             writer.group(name, datasets | command, t, STOREYS)
         writer.finish("complete")
     size = (tmp_path / "big.h5").stat().st_size

@@ -117,7 +117,7 @@ class Worker:
 
     def _mistreated(self, bench: object, when: str, act: object) -> str:
         """Let a fault happen at its instant, wait for the end; return what the runner said on stderr."""
-        from fault_bench import PATIENCE_S, RECORD_S
+        from fault_bench import PATIENCE_S, RECORD_S, SESSIONS
 
         network, runner = bench.network, bench.runner  # type: ignore[attr-defined]
         ready = {"run": network.began.is_set, "listening": lambda: len(network.forth) > 40, "rehearsal": lambda: False}
@@ -127,7 +127,7 @@ class Worker:
         if when == "run":
             time.sleep(float(bench.random.uniform(0.1, RAMP_S + RECORD_S - ENDING_S)))  # type: ignore[attr-defined]
         bench.at_s = time.monotonic()  # type: ignore[attr-defined]
-        if when == "run" and (runner.poll() is not None or self._sessions() > 1):
+        if when == "run" and (runner.poll() is not None or self._sessions() >= SESSIONS):
             runner.communicate()
             return TOO_SOON
         act(bench)  # type: ignore[operator]

@@ -31,6 +31,7 @@ from rths_cli.workflows.setup import make_setup  # noqa: E402
 
 RATE_HZ, RECORD_S = 500, 4.5
 HELLO, WELCOME, ARM, COMMAND = 1, 2, 4, 5
+SESSIONS = 3  # of a run: listening before its file begins, listening again, the run itself
 PATIENCE_S = 90.0
 CASE = "structure: three_storey\ndamping: low\nrecord: ./short.csv\nscaling: 0.3\ncontroller: FF+FB\n"
 STROKE_M, VELOCITY_M_S, RANGE_V, GAIN_M_PER_V = 0.079, 1.0, 10.0, 0.0079  # of udp_loopback
@@ -95,7 +96,7 @@ class Network:
     def _forth(self, packet: bytes) -> list[tuple[float, bytes]]:
         if packet[5] == HELLO and packet[40:56] not in self.greeted:
             self.greeted.append(packet[40:56])
-        if packet[5] == COMMAND and len(self.greeted) == 2:
+        if packet[5] == COMMAND and len(self.greeted) == SESSIONS:
             self.began.set()
         out = self.to_target(packet)
         self.forth += [(time.monotonic() + delay, one) for delay, one in out]

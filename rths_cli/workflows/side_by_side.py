@@ -37,18 +37,20 @@ def in_order(
         return
     stop, awaited = Event(), [0]
 
-    def of(number: int) -> Tell:
+    def begin(number: int, job: Job) -> Result:
         def told(what: str) -> None:
             if stop.is_set():
                 raise Stopped
             if awaited[0] == number:
                 tell(what)
 
-        return told
+        if stop.is_set():
+            raise Stopped
+        return work(job, told)
 
     with ThreadPoolExecutor(at_once) as pool:
         try:
-            futures = [pool.submit(work, job, of(number)) for number, job in enumerate(jobs)]
+            futures = [pool.submit(begin, number, job) for number, job in enumerate(jobs)]
             for awaited[0], future in enumerate(futures):
                 yield future.result()
         finally:

@@ -79,24 +79,25 @@ def test_one_at_a_time_works_here_and_no_sooner_than_asked() -> None:
 
 
 def test_what_a_job_raises_ends_the_others() -> None:
-    ends: list[str] = []
-    raised = Event()
+    ends: list[int] = []
+    begun = Event()
 
     def work(job: int, tell: Tell) -> None:
         if job == 0:
-            raised.set()
+            assert begun.wait(WAIT_S)
             raise ValueError("no luck")
-        assert raised.wait(WAIT_S)
         try:
+            if job == 1:
+                begun.set()
             while True:
                 tell("still here")
         except Stopped:
-            ends.append(f"{job} stopped")
+            ends.append(job)
             raise
 
     with pytest.raises(ValueError, match="no luck"):
         list(in_order(work, [0, 1, 2, 3], lambda _: None, 2))
-    assert ends[:1] == ["1 stopped"] and len(ends) <= 2  # at most what a free thread had begun meanwhile
+    assert sorted(ends) in ([1], [1, 2])  # the free thread may have begun job 2 meanwhile; 3 never begins
 
 
 def test_whoever_goes_away_leaves_nothing_running() -> None:

@@ -35,17 +35,22 @@ TOLD_S = 0.25  # from the table at rest until its server's line is read here
 LOST_S = 1.0  # of samples, after a kill
 RAMP_S, ENDING_S = 1.0, 0.3
 TRIES, TOO_SOON = 3, "ended before the fault came"  # on a machine that others use, a run may fail by itself
+STOLEN_S = 0.05  # of a processor at a stretch, by the host of a virtual machine: enough to end any run
 
 
 @dataclass(frozen=True)
 class Row:
-    """What one run showed: seconds to rest (None: nobody was left to tell), shares of limits, and what was wrong."""
+    """What one run showed: seconds to rest (None: nobody was left to tell), shares of limits, and what was wrong.
+
+    `beside`: it says nothing of its fault, as something else ended it.
+    """
 
     kind: str
     rest_s: float | None
     used: dict[str, float]
     ending: str
     faults: tuple[str, ...]
+    beside: bool = False
 
 
 # --- in one process
@@ -77,15 +82,17 @@ class Worker:
     """A folder with a rig of its own, and two servers of it, the second one for when the first is killed."""
 
     def __init__(self, number: int) -> None:
-        from fault_bench import Served, make_files
+        from fault_bench import Host, Served, make_files
 
         self.folder = Path(tempfile.mkdtemp(prefix="rths-faults-"))
         self.rig = f"faults_{number}"
         make_files(self.folder, self.rig)
         self.secret = bytes.fromhex((self.folder / "key").read_text().strip())
         self.served, self.spare = Served(self.folder), Served(self.folder)
+        self.host = Host()
 
     def close(self) -> None:
+        self.host.end()
         self.served.end()
         self.spare.end()
         shutil.rmtree(self.folder, ignore_errors=True)
@@ -106,10 +113,11 @@ class Worker:
         more = {key: self._library(value) if key == "LD_PRELOAD" else value for key, value in kind.more.items()}
         runner = start_runner(self.folder, output, self.rig, network.relay.port, kind.before, more)
         bench = Bench(self.folder, self.served, self.spare, network, random, runner)
+        self.host.begin()
         try:
             told = self._mistreated(bench, kind.when, kind.act)
             if told == TOO_SOON:
-                return Row(name, None, dict.fromkeys(("stroke", "velocity", "range"), 0.0), TOO_SOON, (TOO_SOON,))
+                return Row(name, None, dict.fromkeys(("stroke", "velocity", "range"), 0.0), TOO_SOON, (TOO_SOON,), True)
             return self._row(name, bench, output, told)
         finally:
             runner.kill()
@@ -149,7 +157,8 @@ class Worker:
         rest_s = self._rest_s(bench, stopped)
         status, reason = _left(output, code)
         shares = used(bench.network.commands(self.secret))  # type: ignore[attr-defined]
-        faults = [f"{limit} {share:.3f} of its limit" for limit, share in shares.items() if not share <= 1.0 + 1e-9]
+        broken = [f"{limit} {share:.3f} of its limit" for limit, share in shares.items() if not share <= 1.0 + 1e-9]
+        faults, stolen_s = list(broken), self.host.longest_s
         at_once = 0 not in kind.codes  # else it may have gone on for long before a limit stopped it
         if stopped and (rest_s is None or (at_once and rest_s > REST_S + TOLD_S)):
             faults.append("the table did not come to rest" if rest_s is None else f"at rest after {rest_s:.2f} s")
@@ -159,7 +168,9 @@ class Worker:
             faults.append(f"the file says {status!r}: {reason!r}; stderr {said.strip()[-200:]!r}")
         if "Traceback" in said:
             faults.append(f"a traceback: {said[-600:]}")
-        return Row(name, rest_s if stopped else None, shares, f"{code} {status}: {reason}", tuple(faults))
+        beside = bool(faults) and not broken and stolen_s >= STOLEN_S
+        faults += [f"the host took {1e3 * stolen_s:.0f} ms of a processor"] if beside else []
+        return Row(name, rest_s if stopped else None, shares, f"{code} {status}: {reason}", tuple(faults), beside)
 
     def _rest_s(self, bench: object, expected: bool) -> float | None:
         """Return how long after the fault the server told that its table is at rest."""
@@ -186,6 +197,8 @@ def _left(output: Path, code: int) -> tuple[str, str]:
 
     results = [path for path in output.glob("*.h5") if not path.name.startswith(".")]
     parts = list(output.glob(".*.part"))
+    if not list(output.glob("*")) and not list(output.glob(".*")):
+        return "no file", ""
     try:
         if code == -9:
             logs = list(output.glob("*.rthslog"))
@@ -241,8 +254,9 @@ def played(kinds: list[str], runs: int, seed: int, workers: int) -> list[Row]:
         try:
             for attempt in range(TRIES):
                 row = worker.played(job[0], job[1] + 1000 * attempt)
-                if row.ending != TOO_SOON:
+                if not row.beside:
                     break
+                print(f"again: {row.kind}: {'; '.join(row.faults)}", file=sys.stderr)
         finally:
             free.put(worker)
         with lock:

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 HERE = Path(__file__).parent
 TREE = HERE.parents[1]
@@ -25,6 +26,7 @@ from udp_relay import Mishap, Relay, as_it_came  # noqa: E402
 
 from rths_cli.case.load import load_cases  # noqa: E402
 from rths_cli.rigs.udp.secret import make_secret  # noqa: E402
+from rths_cli.rigs.udp.wire import BRIDGED  # noqa: E402
 from rths_cli.workflows.known import Memory  # noqa: E402
 from rths_cli.workflows.model_store import Cache, save  # noqa: E402
 from rths_cli.workflows.setup import make_setup  # noqa: E402
@@ -107,23 +109,71 @@ class Network:
         self.back += [(time.monotonic() + delay, one) for delay, one in out]
         return out
 
-    def commands(self, secret: bytes) -> list[tuple[int, float]]:
-        """Return the genuine commands of the run that the target was given and had to obey: (sequence, V)."""
+    def commands(self, secret: bytes) -> list[Packet]:
+        """Return the genuine commands of the run that the target was given and had to obey."""
         nonces = [one[40:72] for _, one in self.back if one[5] == WELCOME and one[40:56] == self.greeted[-1]]
         if not nonces:
             return []
         labels = (b"rths-key" + struct.pack("<Q", i) for i in (0, 1))
         key = b"".join(plain_siphash(label + nonces[0], secret) for label in labels)
-        obeyed: list[tuple[int, float]] = []
+        obeyed: list[Packet] = []
         for _, data in sorted(self.forth, key=lambda passed: passed[0]):
             packet = opened(data, key)
-            if packet is not None and packet.kind == COMMAND and packet.sequence > (obeyed[-1][0] if obeyed else -1):
-                obeyed.append((packet.sequence, _volts(packet)))
+            newest = obeyed[-1].sequence if obeyed else -1
+            if packet is not None and packet.kind == COMMAND and packet.sequence > newest:
+                obeyed.append(packet)
         return obeyed
 
 
-def _volts(packet: Packet) -> float:
-    return float(struct.unpack("<d", packet.content[:8])[0])
+def _words(packet: Packet) -> tuple[float, float, float]:
+    """Return command (V), rate (V/s) and change of the rate (V/s^2) of a command; 0 where it does not tell them."""
+    words = struct.unpack(f"<{len(packet.content) // 8}d", packet.content)
+    return (*words, 0.0, 0.0)[:3]
+
+
+def _before(earlier: Packet | None, later: Packet) -> tuple[float, int]:
+    """Return where the target stood (V) when a command came, having gone on as the one before told (docs/udp.md), and
+    how many commands were on their way since: 1 when none was lost."""
+    if earlier is None:
+        return 0.0, 1
+    volts, rate, change = _words(earlier)
+    fastest = VELOCITY_M_S / GAIN_M_PER_V / RATE_HZ
+    step, grows = (min(max(one, -fastest), fastest) for one in (rate / RATE_HZ, change / RATE_HZ**2))
+    for _ in range(min(round(1e-9 * (later.sent_ns - earlier.sent_ns) * RATE_HZ) - 1, BRIDGED)):
+        volts += step
+        step = min(max(step + grows, -fastest), fastest)
+    return volts, later.sequence - earlier.sequence
+
+
+class Host:
+    """How long the host of a virtual machine took a processor from us, read 20 times a second from /proc/stat.
+
+    `longest_s` within any 0.2 s since `begin`; 0 for ever where the kernel is not told of it (steal).
+    """
+
+    def __init__(self) -> None:
+        self.longest_s = 0.0
+        self._ended = threading.Event()
+        threading.Thread(target=self._watch, daemon=True).start()
+
+    def begin(self) -> None:
+        self.longest_s = 0.0
+
+    def end(self) -> None:
+        self._ended.set()
+
+    def _watch(self) -> None:
+        before = [stolen_s()] * 4
+        while not self._ended.wait(0.05):
+            now = stolen_s()
+            self.longest_s = max(self.longest_s, float((now - before[0]).max()))
+            before = [*before[1:], now]
+
+
+def stolen_s() -> NDArray[np.float64]:
+    """Return how long each processor was ours to use, and the host's choice not to give, since the machine started."""
+    lines = [line.split() for line in Path("/proc/stat").read_text().splitlines() if re.match(r"cpu\d", line)]
+    return np.array([float(words[8]) for words in lines]) / os.sysconf("SC_CLK_TCK")
 
 
 def environment(**more: str) -> dict[str, str]:
@@ -148,13 +198,17 @@ class Bench:
         self.runner.send_signal(number)
 
 
-def used(commands: list[tuple[int, float]]) -> dict[str, float]:
-    """Return the largest share of each limit that a target saw, its table at rest at 0 V before."""
+def used(commands: list[Packet]) -> dict[str, float]:
+    """Return the largest share of each limit that a target saw, its table at rest at 0 V before.
+
+    The velocity is that of the way from where it stood to the new command in one interval: how it goes on between
+    commands it limits itself. Where the network lost some, it is the mean over the intervals of those.
+    """
     if not commands:
         return dict.fromkeys(("stroke", "velocity", "range"), 0.0)
-    sequence = np.array([commands[0][0] - 1, *(number for number, _ in commands)])
-    place = GAIN_M_PER_V * np.array([0.0, *(volts for _, volts in commands)])
-    velocity = np.diff(place) / np.diff(sequence) * RATE_HZ
+    place = GAIN_M_PER_V * np.array([_words(one)[0] for one in commands])
+    stood, sent = np.array([_before(*two) for two in zip([None, *commands[:-1]], commands, strict=True)]).T
+    velocity = (place - GAIN_M_PER_V * stood) / sent * RATE_HZ
     worst = {
         "stroke": np.abs(place).max() / STROKE_M,
         "velocity": np.abs(velocity).max() / VELOCITY_M_S,

@@ -83,10 +83,14 @@ def perform_watched(rig: Rig, run: Performance, watch: Watch) -> Performed:
 
 
 def rehearse_watched(run: Performance, seconds: float) -> tuple[Array, Array]:
-    """Do what `performance.rehearse` does, in a thread of real-time class."""
+    """Do what `performance.rehearse` does, in a thread of real-time class; it ends with whatever interrupts this."""
     loop = _Loop(lambda: rehearse(run, seconds))
     loop.start()
-    loop.ended.wait()
+    try:
+        loop.ended.wait()
+    except BaseException:
+        order(run, SIGTERM)  # or the process would wait for it
+        raise
     if loop.error:
         raise loop.error
     return loop.result  # type: ignore[return-value]

@@ -120,10 +120,15 @@ def test_a_signal_that_a_watcher_raises_is_an_order() -> None:
 
 def test_a_signal_ends_a_rehearsal_at_once() -> None:
     """Nothing moves yet: there is nothing to be led to rest."""
-    _, run = slow_run()
+    info, still = bench_info(), np.zeros((20_000, 3))
+    run = performance.prepare(info, faulty.blocks(), NUMERICAL, still, faulty.guard_of(info))
     number = signal.SIGTERM
     with taken_before(number) as noted:
         threading.Timer(0.3, os.kill, (os.getpid(), number)).start()
         with pytest.raises(KeyboardInterrupt):
-            rehearse_watched(run, 1.2)
+            rehearse_watched(run, 20.0)
     assert noted == [number]
+    for thread in threading.enumerate():
+        if thread is not threading.current_thread():
+            thread.join(20.0)
+    assert 0 < run.log.done[0] < 10_000  # it goes no further either: the process would wait for it

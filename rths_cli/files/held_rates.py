@@ -14,11 +14,7 @@ from typing import Any
 from rths_cli.files.user_cache import user_cache
 
 LATE_SHARE = 5e-3  # of the steps, that may be late by a whole interval or lost
-P99_SHARE = 0.5  # of an interval, within which 99 % of the steps are ready
-RULE = (
-    f"a rate is held when 99 % of the steps are ready within {P99_SHARE:g} of a sample interval and at most "
-    f"{LATE_SHARE:.1%} are late by a whole one"
-)
+P99_SHARE = 0.5  # of an interval, within which 99 % of the steps have their samples
 
 
 @dataclass(frozen=True)
@@ -27,7 +23,7 @@ class RateMeasured:
 
     On the machine alone: the wake-up delay. On a rig: wake-up and exchange, until its samples are there.
     `late`: steps ready a whole interval after their deadline or later, or whose samples were lost; `missed`: whole
-    intervals that passed in them.
+    intervals that passed in them. `share`: of an interval, within which 99 % of the steps must be ready.
     """
 
     rate_hz: float
@@ -39,11 +35,12 @@ class RateMeasured:
     late: int
     missed: int
     measured_utc: str
+    share: float = P99_SHARE
 
     @property
     def held(self) -> bool:
-        """Tell whether the rate was held, by RULE."""
-        return self.late <= LATE_SHARE * self.steps and self.p99_us <= P99_SHARE * 1e6 / self.rate_hz
+        """Tell whether the rate was held."""
+        return self.late <= LATE_SHARE * self.steps and self.p99_us <= self.share * 1e6 / self.rate_hz
 
 
 def keep_rates(rates: Iterable[RateMeasured], rig: str = "") -> None:

@@ -9,12 +9,17 @@ from datetime import UTC, datetime
 import numpy as np
 
 from rths_cli.clocks import IntArray, require_real_time
-from rths_cli.files.held_rates import RULE, RateMeasured, keep_rates
+from rths_cli.files.held_rates import LATE_SHARE, P99_SHARE, RateMeasured, keep_rates
 from rths_cli.loop.periodic import wait_periodically, wake_up_delays
+from rths_cli.loop.realtime import PUNCTUAL
 from rths_cli.loop.scheduling import Granted, real_time
 from rths_cli.workflows.machine import Machine, this_machine
 
 RATES_HZ = (500.0, 1000.0, 2000.0, 4000.0)
+RULE = (
+    f"a rate is held when 99 % of the steps wake up within {PUNCTUAL:g} of a sample interval (later ones send no "
+    f"command), have a rig's samples within {P99_SHARE:g} of one, and at most {LATE_SHARE:.1%} are late by a whole one"
+)
 Progress = Callable[[str], object]
 ExchangeDelays = Callable[[float, float], IntArray]
 
@@ -79,9 +84,10 @@ def examine(
     wait_periodically(1000, 0, np.zeros(1, dtype=np.int64), np.zeros(2, dtype=np.int64))  # compiled before it counts
     every = sorted({*rates_hz, *wanted_hz})
     with real_time() as granted:
-        rates = [_measured(hz, seconds, wake_up_delays, say, "waking up") for hz in every]
+        rates = [_measured(hz, seconds, wake_up_delays, PUNCTUAL, say, "waking up") for hz in every]
         keep_rates(rates)
-        of_rig = [_measured(hz, seconds, exchange, say, f"exchanging with {rig}") for hz in every] if exchange else []
+        what, asked = f"exchanging with {rig}", every if exchange else []
+        of_rig = [_measured(hz, seconds, exchange, P99_SHARE, say, what) for hz in asked if exchange]
     keep_rates(of_rig, rig)
     machine = this_machine()
     found = RigRates(rig, tuple(of_rig)) if exchange else None
@@ -91,24 +97,29 @@ def examine(
 def rehearse(rate_hz: float, seconds: float) -> RateMeasured:
     """Measure and keep how late this machine wakes up a thread at one rate."""
     with real_time():
-        measured = summary(rate_hz, wake_up_delays(rate_hz, seconds))
+        measured = summary(rate_hz, wake_up_delays(rate_hz, seconds), PUNCTUAL)
     keep_rates([measured])
     return measured
 
 
-def _measured(hz: float, seconds: float, delays: ExchangeDelays, say: Progress, what: str) -> RateMeasured:
+def _measured(
+    hz: float, seconds: float, delays: ExchangeDelays, share: float, say: Progress, what: str
+) -> RateMeasured:
     say(f"{what} at {hz:g} Hz, {seconds:g} s")
-    return summary(hz, delays(hz, seconds))
+    return summary(hz, delays(hz, seconds), share)
 
 
-def summary(rate_hz: float, late_ns: IntArray) -> RateMeasured:
-    """Return the figures of a measurement: how late each step was ready in ns, (n,); a lost one counts as late."""
+def summary(rate_hz: float, late_ns: IntArray, share: float) -> RateMeasured:
+    """Return the figures of a measurement: how late each step was ready in ns, (n,); a lost one counts as late.
+
+    `share` of an interval, within which 99 % of the steps must be ready for the rate to be held.
+    """
     interval_ns = round(1e9 / rate_hz)
     p50, p99, p99_9, most = (float(q) / 1e3 for q in np.percentile(late_ns, [50, 99, 99.9, 100]))
     whole = late_ns // interval_ns
     now = datetime.now(UTC).isoformat(timespec="seconds")
     return RateMeasured(
-        rate_hz, late_ns.size, p50, p99, p99_9, most, int(np.count_nonzero(whole)), int(whole.sum()), now
+        rate_hz, late_ns.size, p50, p99, p99_9, most, int(np.count_nonzero(whole)), int(whole.sum()), now, share
     )
 
 

@@ -24,6 +24,7 @@ def test_what_is_held_follows_the_rule_at_its_edges() -> None:
     assert replace(GOOD, late=15, p99_us=500.0).held
     assert not replace(GOOD, late=16).held
     assert not replace(GOOD, p99_us=500.1).held
+    assert replace(GOOD, p99_us=125.0, share=0.125).held and not replace(GOOD, p99_us=126.0, share=0.125).held
     assert replace(GOOD, rate_hz=2000.0, p99_us=250.0).held and not replace(GOOD, rate_hz=2000.0, p99_us=251.0).held
 
 

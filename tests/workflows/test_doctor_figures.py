@@ -10,11 +10,12 @@ import numpy as np
 import pytest
 
 from rths_cli.errors import InputError
-from rths_cli.files.held_rates import held_rate
+from rths_cli.files.held_rates import RateMeasured, held_rate
 from rths_cli.loop.scheduling import Granted
 from rths_cli.report.doctor_text import document, page
+from rths_cli.workflows import doctor
 from rths_cli.workflows import machine as machine_module
-from rths_cli.workflows.doctor import Examined, RigRates, advice, examine, rehearse, summary
+from rths_cli.workflows.doctor import Examined, RigRates, advice, examine, rehearse
 from rths_cli.workflows.doctor_case import DoctorRequest, examine_request
 from rths_cli.workflows.machine import Machine, preemption, this_machine
 
@@ -26,6 +27,10 @@ US = 1000
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+
+
+def summary(rate_hz: float, late_ns: np.ndarray, share: float = 0.5) -> RateMeasured:
+    return doctor.summary(rate_hz, late_ns, share)
 
 
 def delays(*late_us: int, steps: int = 1000) -> np.ndarray:
@@ -59,6 +64,19 @@ def test_the_highest_rate_held_is_recommended_and_a_wanted_one_decides_the_exit_
         (1000.0,),
         1,
     )
+
+
+def test_a_machine_has_an_eighth_of_an_interval_to_wake_up_a_rig_half_of_one_to_answer(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Later than an eighth no command leaves (loop.realtime.PUNCTUAL)."""
+    monkeypatch.setattr(doctor, "wake_up_delays", lambda hz, seconds: delays(*[130] * 20))
+    monkeypatch.setattr(doctor, "require_real_time", lambda: None)
+    found = examine((500.0, 1000.0), (), 0.1, lambda _: None, "lab", lambda hz, seconds: delays(*[400] * 20))
+    assert [rate.held for rate in found.rates] == [True, False]
+    assert found.rig is not None and [rate.held for rate in found.rig.rates] == [True, True]
+    assert (found.recommended_hz, found.exit_code) == (500.0, 0)
+    assert held_rate(1000.0, "lab") == found.rig.rates[1]
 
 
 def test_a_rig_that_answers_late_counts_too() -> None:

@@ -1,0 +1,52 @@
+"""The silent rehearsal before a run: which delays of its steps refuse a rate, and in which words."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from rths_cli.errors import InputError
+from rths_cli.loop.blocks import NUMERICAL
+from rths_cli.workflows import real_rig
+
+DT_S, STEPS = 1e-3, 2000
+
+
+def rehearsed(monkeypatch: pytest.MonkeyPatch, late: dict[float, int], took_s: float) -> None:
+    """Judge a rehearsal in which so many steps began so late, in s, all others in time."""
+    late_s = np.concatenate([np.full(count, value) for value, count in late.items()])
+    late_s = np.concatenate([late_s, np.zeros(STEPS - late_s.size)])
+    monkeypatch.setattr(real_rig, "prepare", lambda *given: None)
+    monkeypatch.setattr(real_rig, "guard_limits", lambda setup: None)
+    monkeypatch.setattr(real_rig, "rehearse_watched", lambda run, seconds: (late_s, np.full(STEPS, took_s)))
+    setup: Any = SimpleNamespace(rig=SimpleNamespace(dt_s=DT_S))
+    blocks: Any = None
+    real_rig.rehearsed(setup, blocks, NUMERICAL)
+
+
+def test_a_rate_is_held_at_the_edges_of_the_rule(monkeypatch: pytest.MonkeyPatch) -> None:
+    """1 % may begin later than an eighth of an interval: their commands do not leave; 0.5 % by a whole one."""
+    rehearsed(monkeypatch, {126e-6: 19}, 20e-6)
+    rehearsed(monkeypatch, {1000e-6: 10}, 20e-6)
+    rehearsed(monkeypatch, {124e-6: STEPS}, 370e-6)
+
+
+@pytest.mark.parametrize(
+    ("late", "took_s", "words"),
+    [
+        ({126e-6: 40}, 20e-6, "1 % of the steps began 126 us late or more (125 may be), 0 of 2000 by a whole"),
+        ({1000e-6: 11}, 20e-6, "1 % of the steps began 0 us late or more (125 may be), 11 of 2000 by a whole"),
+        ({124e-6: 40}, 380e-6, "1 % of the steps were ready 504 us late or more (500 may be), 0 of 2000 by a"),
+    ],
+)
+def test_a_rate_that_was_not_held_is_refused_in_a_sentence(
+    monkeypatch: pytest.MonkeyPatch, late: dict[float, int], took_s: float, words: str
+) -> None:
+    with pytest.raises(InputError) as refused:
+        rehearsed(monkeypatch, late, took_s)
+    sentence = str(refused.value)
+    assert sentence.startswith("sample_rate_hz: 1000 Hz was not held in a silent rehearsal of 2 s: ")
+    assert words in sentence and "rths doctor recommends one" in sentence

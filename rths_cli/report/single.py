@@ -16,17 +16,17 @@ RUNS = {"SIM-DELAY": "sim_delay", "EXP-RTHS": "exp_rths"}
 
 
 def single_table(entry: Entry) -> Table:
-    """Return every figure of the paper's two tables for one case: published, then per method and kind."""
-    kinds = _kinds(entry)
+    """Return every figure of the paper's two tables for one case: published, where any is, then per method and kind."""
+    kinds, known = _kinds(entry), 1 if entry.published else 0
     heads = (
-        (Cell(""), *(Cell(method, len(kinds)) for method in entry.results)),
-        (Cell("publ."), *[Cell(kind) for kind in kinds] * len(entry.results)),
+        (*[Cell("")] * known, *(Cell(method, len(kinds)) for method in entry.results)),
+        (*[Cell("publ.")] * known, *[Cell(kind) for kind in kinds] * len(entry.results)),
     )
     what = f"{entry.excitation}, damping {entry.damping}, controller {entry.controller}"
     return Table(
         f"{what}: errors (m/s^2, test band unless full); {entry.table_name}",
         "",
-        (1, *(len(kinds),) * len(entry.results)),
+        (*(1,) * known, *(len(kinds),) * len(entry.results)),
         9 if len(entry.results) < 2 else 8,
         heads,
         (*_tracking(entry), *_errors(entry), *_ratios(entry)),
@@ -67,7 +67,7 @@ def _ratios(entry: Entry) -> Iterator[Row]:
     yield Row("EXP-RTHS / SIM-DELAY (ratio of RMS errors, -)")
     for storey in range(storeys([entry])):
         theirs = [published(entry, f"{run}.{leaf}", storey) for run in ("exp_rths", "sim_delay")]
-        cells = words([ratio(*theirs)])
+        cells = words([ratio(*theirs)]) if entry.published else ()
         for result in entry.results.values():
             cells += words(
                 [_ratio(result, suffix, storey) for suffix in _kinds(entry).values()], mark(result, EXP_ERROR)
@@ -83,7 +83,7 @@ def _ratio(result: Result, suffix: str, storey: int) -> float | str:
 
 
 def _cells(entry: Entry, path: str, storey: int | None) -> tuple[Cell, ...]:
-    cells = published_cells(entry, [path], storey)
+    cells = published_cells(entry, [path], storey) if entry.published else ()
     for result in entry.results.values():
         states: Sequence[float | str] = [_state(result, path, s, storey) for s in _kinds(entry).values()]
         cells += words(states, mark(result, path))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -12,7 +11,6 @@ from bench import rig_info, specimen
 from hybrid import best_like
 from scipy.signal import butter, sosfilt
 
-from rths_cli import compiled
 from rths_cli.case.virtual_physics import VirtualPhysics
 from rths_cli.control.blocks import Blocks
 from rths_cli.errors import RigError
@@ -49,20 +47,17 @@ Wire = Callable[[Play, int, float], float]  # (play, k, command in V) -> what th
 
 
 class Table:
-    """The virtual table with its compiled calls bound once: a step of a bound call takes 20 us, of a rig's own 400."""
+    """The virtual table with its compiled calls, which may become another one while it moves."""
 
     def __init__(self, plant: Plant) -> None:
         self.state = kernel.fresh_state(plant, 1)
-        self.samples, self._noise = np.zeros(3), np.zeros(3)
+        self.samples, self._noise, self._command = np.zeros(3), np.zeros(3), np.zeros(1)
         self._random = np.random.default_rng(3)
         self.wear(plant)
 
     def wear(self, plant: Plant) -> None:
         """Go on as another table."""
-        self._flat: list[object] = []
-        kind = ",".join(compiled._flatten(argument, self._flat) for argument in (plant, self.state, 0.0))
-        kernel.hold_interval.bind(plant, self.state, 0.0)
-        self._hold, self._plant = kernel.hold_interval._loaded[kind], plant
+        self._hold = kernel.hold_interval.bind(plant, self.state, self._command)
         self._read = kernel.read_samples.bind(plant, self.state, self._noise, self.samples)
 
     def read(self) -> Array:
@@ -71,8 +66,8 @@ class Table:
         return self.samples.copy()
 
     def exchange(self, command_v: float) -> Array:
-        self._flat[-1] = ctypes.c_double(command_v)
-        self._hold(self._flat)
+        self._command[0] = command_v
+        self._hold()
         if self.state.fault[0] == kernel.END_STOP:
             raise RigError("rig bench: the table ran into its end stop")
         return self.read()

@@ -120,11 +120,14 @@ def run_plant(plant: Plant, info: RigInfo, command_v: Array) -> tuple[Array, Arr
     state, count = kernel.fresh_state(plant, info.latency_samples), len(command_v)
     samples = np.zeros((len(info.channels), count))
     states, middle, quiet = np.zeros((plant.mechanical, count)), np.zeros_like(samples), np.zeros(len(info.channels))
-    one = np.zeros(len(info.channels))
+    one, command = np.zeros(len(info.channels)), np.zeros(1)
+    read = kernel.read_samples.bind(plant, state, quiet, one)
+    hold = kernel.hold_interval.bind(plant, state, command)
     for k in range(count):
-        kernel.read_samples(plant, state, quiet, one)
+        read()
         samples[:, k], states[:, k] = one, state.state[: plant.mechanical]
-        kernel.hold_interval(plant, state, float(command_v[k]))
+        command[0] = command_v[k]
+        hold()
         middle[:, k] = state.middle_velocity
     return samples, states, middle
 

@@ -269,9 +269,9 @@ def read(plant: Plant, s: PlantState, noise: Array, samples: Array) -> None:
 
 
 @entry
-def hold_interval(plant: Plant, s: PlantState, command_v: float) -> None:
-    """Do what `hold` does, called from Python."""
-    hold(plant, s, command_v)
+def hold_interval(plant: Plant, s: PlantState, command_v: Array) -> None:
+    """Do what `hold` does with the command in an array (1,), called from Python."""
+    hold(plant, s, command_v[0])
 
 
 @entry

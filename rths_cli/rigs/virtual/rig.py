@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -109,11 +110,10 @@ class VirtualRig:
 
     def restart(self) -> None:
         """Put the table at rest and start the noise anew."""
-        self.state = kernel.fresh_state(self.plant, self.info.latency_samples)
         self._random = np.random.default_rng(self._seed)
         self._rows = np.empty((0, len(self.info.channels)))
         self._row = 0
-        self._samples = np.zeros(len(self.info.channels))
+        self.rest()
 
     def noise(self, rows: int) -> Array:
         """Return the next rows of standard normal noise, (rows, n_channels)."""
@@ -129,7 +129,8 @@ class VirtualRig:
 
     def exchange(self, command_v: float) -> Array:
         """Hold the command that is due for one interval and return the next samples in V, (n_channels,)."""
-        kernel.hold_interval(self.plant, self.state, float(command_v))
+        self._command[0] = command_v
+        self._calls()[0]()
         if self.state.fault[0] == kernel.END_STOP:
             raise RigError(f"rig {self.info.name}: the table ran into its end stop ({self.plant.stroke_m} m)")
         return self._read()
@@ -137,6 +138,9 @@ class VirtualRig:
     def rest(self) -> None:
         """Bring the table to rest at zero (a virtual table may simply be put there)."""
         self.state = kernel.fresh_state(self.plant, self.info.latency_samples)
+        self._command, self._noise = np.zeros(1), np.zeros(len(self.info.channels))
+        self._samples = np.zeros(len(self.info.channels))
+        self._bound: tuple[Callable[[], object], Callable[[], object]] | None = None
 
     def close(self) -> None:
         """Let go of the rig (nothing to do)."""
@@ -144,6 +148,14 @@ class VirtualRig:
     def _read(self) -> Array:
         if self._row == len(self._rows):
             self._rows, self._row = self.noise(NOISE_ROWS), 0
-        kernel.read_samples(self.plant, self.state, self._rows[self._row], self._samples)
+        self._noise[:] = self._rows[self._row]
         self._row += 1
+        self._calls()[1]()
         return self._samples
+
+    def _calls(self) -> tuple[Callable[[], object], Callable[[], object]]:
+        """Return what holds and what reads, bound when first needed: a run in compiled code needs neither."""
+        if self._bound is None:
+            hold = kernel.hold_interval.bind(self.plant, self.state, self._command)
+            self._bound = hold, kernel.read_samples.bind(self.plant, self.state, self._noise, self._samples)
+        return self._bound

@@ -169,6 +169,12 @@ def published(entry: Entry, path: str, index: int | None = None) -> float | str:
     return "-" if value is None or not math.isfinite(value) else value
 
 
+def sources(cases: Sequence[Entry]) -> list[str]:
+    """Return a sentence that says where published figures are from, where there are any."""
+    titles = dict.fromkeys(entry.reference_title for entry in cases if entry.published and entry.reference_title)
+    return [f"Published (publ.): {'; '.join(titles)}."] if titles else []
+
+
 def controllers(cases: Sequence[Entry]) -> list[str]:
     """Return the controllers that occur, FF and FF+FB first."""
     return sorted({entry.controller for entry in cases}, key=lambda name: _rank(CONTROLLERS, name))

@@ -14,7 +14,7 @@ from rths_cli.report.cells import losses, remarks
 from rths_cli.report.claims import claims_text
 from rths_cli.report.claims_table import claims_tables
 from rths_cli.report.layout import Block, Fixed, Paragraphs, plain_text
-from rths_cli.report.load import SHORT, Entry, Figures, entries, state
+from rths_cli.report.load import SHORT, Entry, Figures, entries, sources, state
 from rths_cli.report.merit_table import every_figure, merit_table
 from rths_cli.report.other_figures import other_figures
 from rths_cli.report.response import response_tables
@@ -85,11 +85,9 @@ def _blocks(cases: Sequence[Entry], laid_out: bool) -> Iterator[Block]:
 
 
 def _legend(cases: Sequence[Entry]) -> list[str]:
-    titles = dict.fromkeys(entry.reference_title for entry in cases if entry.reference_title)
-    sources = [f"Published (publ.): {'; '.join(titles)}."] if titles else []
     ends = {state(result, path) for entry in cases for result in entry.results.values() for path in TOLD}
     halted = [HALTED] if HALTED_WORD in ends else []
-    return [*sources, TEST_BAND, *([TRUE] if cases[0].virtual else []), WORDS, *halted]
+    return [*sources(cases), TEST_BAND, *([TRUE] if cases[0].virtual else []), WORDS, *halted]
 
 
 def _json_result(result: Result) -> dict[str, object]:

@@ -1,6 +1,7 @@
 """The printed tables: hand-made numbers must stand where a reader looks for them, and nothing may be dropped."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -202,6 +203,18 @@ def test_one_case_alone_is_printed_whole():
     squeezed = [" ".join(line.split()) for line in lines]
     assert "identification.fit_error 1 0.0042" in squeezed
     assert "loop.delay_s ms -2.100" in squeezed
+
+
+def test_a_case_of_one_s_own_has_no_column_of_published_figures():
+    """Nor the words that explain it; what was run stands as it does beside published figures."""
+    case = paper_cases()[5]
+    own = replace(case, attributes={**case.attributes, "reference_json": "{}"})
+    beside, alone = tables([case]).splitlines(), tables([own]).splitlines()
+    assert alone[3:5] == ["                     |               best                 |",
+                          "                     |   meas.     true     full   full-t |"]  # fmt: skip
+    cut = [line[:21] + line[31:] for line in beside if line.startswith(("EXP-RTHS, storey", "storey"))]
+    assert len(cut) >= 6 and [line for line in alone if line.startswith(("EXP-RTHS, storey", "storey"))] == cut
+    assert not any("publ." in line for line in alone) and any("Published (publ.)" in line for line in beside)
 
 
 @pytest.mark.parametrize("count", [1, 5])

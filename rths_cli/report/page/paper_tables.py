@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from rths_cli.report.cells import remarks
 from rths_cli.report.claims import CLAIMS, HELD, NOT_HELD, UNJUDGED, Claim, Verdict, judge
 from rths_cli.report.layout import Cell, Row, Table
-from rths_cli.report.load import Entry
+from rths_cli.report.load import Entry, sources
 from rths_cli.report.page.html import Html, classed, details, element, framed, join, table
 from rths_cli.report.page.verdicts import BAD, GOOD, OPEN, pill
 from rths_cli.report.response import response_tables
@@ -21,7 +21,7 @@ JUDGED = {HELD: GOOD, NOT_HELD: BAD}
 def error_tables(cases: Sequence[Entry]) -> Html:
     """Return the error tables of the cases of one table, with what their words mean and what went wrong."""
     found = [single_table(cases[0])] if len(cases) == 1 else [*tracking_tables(cases), *response_tables(cases)]
-    lines = [*_sources(cases), TEST_BAND, *([TRUE] if cases[0].virtual else []), WORDS, *remarks(cases)]
+    lines = [*sources(cases), TEST_BAND, *([TRUE] if cases[0].virtual else []), WORDS, *remarks(cases)]
     return join([*(as_html(one) for one in found), *(classed("p", "note", line) for line in lines)])
 
 
@@ -77,8 +77,3 @@ def _row(kind: str, label: str, cells: Sequence[Cell], shown: Table) -> Html:
 def _heading(row: Row, shown: Table) -> Html:
     attributes = {"colspan": str(sum(shown.groups) + 1), "class": "heading"}
     return element("tr", element("th", row.label, attributes=attributes))
-
-
-def _sources(cases: Sequence[Entry]) -> list[str]:
-    titles = dict.fromkeys(entry.reference_title for entry in cases if entry.reference_title)
-    return [f"Published (publ.): {'; '.join(titles)}."] if titles else []

@@ -13,6 +13,7 @@ from rths_cli.export.netcdf import netcdf_targets
 from rths_cli.export.source import Source, open_source
 from rths_cli.export.target import Target, write_all
 from rths_cli.files.result_writer import check_writable
+from rths_cli.files.results import result_files
 
 FORMATS: Mapping[str, Callable[[Source, Path], list[Target]]] = {
     "csv": csv_targets,
@@ -63,7 +64,8 @@ def export(request: ExportRequest, progress: Callable[[str], None] = lambda _: N
 
 def plan(request: ExportRequest) -> list[tuple[Source, list[Target]]]:
     """Read every result and name its files; raises InputError with all faults, writes nothing."""
-    found, faults = _results(request.paths)
+    found, empty = result_files(request.paths)
+    faults = list(empty.values())
     planned: list[tuple[Source, list[Target]]] = []
     for path in found:
         try:
@@ -75,18 +77,6 @@ def plan(request: ExportRequest) -> list[tuple[Source, list[Target]]]:
     if faults:
         raise InputError(*faults)
     return planned
-
-
-def _results(paths: Sequence[Path]) -> tuple[list[Path], list[str]]:
-    """Return the result files that paths name, and a sentence for each folder that holds none."""
-    found: list[Path] = []
-    faults: list[str] = []
-    for path in paths:
-        held = sorted(path.glob("*.h5")) if path.is_dir() else [path]
-        found += held
-        if not held:
-            faults.append(f"{path}: holds no result file (*.h5); run a case or name another folder.")
-    return list(dict.fromkeys(found)), faults
 
 
 def _shared(planned: Sequence[tuple[Source, list[Target]]]) -> list[str]:

@@ -20,6 +20,7 @@ from rths_cli.files.accelerogram_headers import (
     find_unit,
     is_number,
 )
+from rths_cli.files.whole_file import read_whole
 from rths_cli.lti import Array
 
 MAX_BYTES = 200_000_000
@@ -56,7 +57,7 @@ def read_accelerogram(path: str | Path, unit: str | None = None, dt_s: float | N
     finite, fewer than three samples, a count other than the header's, and a peak above 100 m/s^2.
     """
     path = Path(path)
-    data = _read_bytes(path)
+    data = read_whole(path, MAX_BYTES, "an accelerogram", "name an accelerogram file")
     lines = _decode(path, data).splitlines()
     header = at2_header(path, lines) or column_header(path, lines)
     values = _read_values(path, lines, header)
@@ -68,17 +69,6 @@ def read_accelerogram(path: str | Path, unit: str | None = None, dt_s: float | N
     _check_peak(path, lines, header, accel, unit_read)
     digest = hashlib.sha256(data).hexdigest()
     return Accelerogram(interval, accel, header.title or path.stem, header.origin, unit_read, header.layout, digest)
-
-
-def _read_bytes(path: Path) -> bytes:
-    """Return the file's bytes after a look at its size."""
-    try:
-        size = path.stat().st_size
-        if size <= MAX_BYTES:
-            return path.read_bytes()
-    except OSError as fault:
-        raise InputError(f"{path}: cannot be read ({fault.strerror}); name an accelerogram file") from None
-    raise InputError(f"{path}: {size / 1e6:.0f} MB; an accelerogram may have {MAX_BYTES / 1e6:.0f} MB, cut it")
 
 
 def _decode(path: Path, data: bytes) -> str:

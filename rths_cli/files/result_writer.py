@@ -279,12 +279,17 @@ def _ending(error: BaseException | None) -> tuple[Status, str]:
 
 
 def check_writable(folder: Path, needed_bytes: int = 0) -> None:
-    """Create the folder, write in it and compare the free space; raise InputError where that fails."""
+    """Compare the free space, create the folder and write in it; raise InputError where that fails.
+
+    What has no room leaves no folder behind.
+    """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder) as probe:
-            probe.write(b"x")
-        free = shutil.disk_usage(folder).free
+        there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+        free = shutil.disk_usage(there).free
+        if free >= needed_bytes:
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryFile(dir=folder) as probe:
+                probe.write(b"x")
     except OSError as error:
         raise InputError(refusal(folder, "cannot write result files here", error)) from error
     if free < needed_bytes:

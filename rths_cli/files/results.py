@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -65,6 +65,20 @@ class Result:
     units: Mapping[str, str]
     definitions: Mapping[str, str]
     groups: tuple[str, ...]
+
+
+def result_files(paths: Sequence[Path]) -> tuple[list[Path], dict[Path, str]]:
+    """Return every result file that files and folders name, once, in their order; and a sentence for each folder that
+    holds none."""
+    files: dict[Path, Path] = {}
+    empty: dict[Path, str] = {}
+    for path in paths:
+        found = sorted(path.glob("*.h5")) if path.is_dir() else [path]
+        for file in found:
+            files.setdefault(file.resolve(), file)
+        if not found:
+            empty[path] = f"{path}: holds no result file (*.h5); run a case or name another folder."
+    return list(files.values()), empty
 
 
 def read_result(path: Path, whole: bool = False) -> Result:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rths_cli.errors import InputError
-from rths_cli.files.results import Result, read_result
+from rths_cli.files.results import Result, read_result, result_files
 from rths_cli.files.sweeps import FORMAT_VERSION, Sweep, read_attributes, read_sweep
 
 MANY = 64  # files from which several processes read
@@ -39,7 +39,8 @@ class Inputs:
 def read_inputs(paths: Sequence[Path], tell: Tell) -> Inputs:
     """Read result files, sweeps and folders of them with units and definitions, but no time history; a file named twice
     is read once. `tell` hears how it goes."""
-    files, unread = _files(paths)
+    files, empty = result_files(paths)
+    unread = [Unread(path, sentence) for path, sentence in empty.items()]
     read: list[Result | Sweep | str] = []
     for number, found in enumerate(_reading(files), 1):
         tell(f"reading results: {number} of {len(files)}")
@@ -48,20 +49,6 @@ def read_inputs(paths: Sequence[Path], tell: Tell) -> Inputs:
     unread += [Unread(file, found) for file, found in pairs if isinstance(found, str)]
     sweeps = tuple((file, found) for file, found in pairs if isinstance(found, Sweep))
     return Inputs(tuple(found for found in read if isinstance(found, Result)), sweeps, tuple(unread))
-
-
-def _files(paths: Sequence[Path]) -> tuple[list[Path], list[Unread]]:
-    """Return every file once, in the order given, and the folders that hold none."""
-    files: dict[Path, Path] = {}
-    unread: list[Unread] = []
-    for path in paths:
-        found = sorted(path.glob("*.h5")) if path.is_dir() else [path]
-        for file in found:
-            files.setdefault(file.resolve(), file)
-        if not found:
-            empty = f"{path}: holds no result file (*.h5); run a case or name another folder."
-            unread.append(Unread(path, empty))
-    return list(files.values()), unread
 
 
 def _reading(files: Sequence[Path]) -> Iterator[Result | Sweep | str]:

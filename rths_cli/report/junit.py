@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from xml.sax.saxutils import escape, quoteattr
 
 from rths_cli.files.results import Result
-from rths_cli.report.accepted import Judged, judge
+from rths_cli.metrics.accept import Judged
+from rths_cli.report.accepted import judge
 from rths_cli.report.baseline import WORSE, CaseChanges, told
 from rths_cli.report.inputs import Unread
 

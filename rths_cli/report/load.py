@@ -12,7 +12,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.raw_log import SUFFIX, read_header
-from rths_cli.files.results import BEGUN, COMPLETE, Result, read_result
+from rths_cli.files.results import BEGUN, COMPLETE, Result, read_result, result_files
 
 Figure = float | Sequence[float | None] | None
 Figures = Mapping[str, Figure]
@@ -56,14 +56,8 @@ class Entry:
 
 def load(paths: Sequence[Path]) -> list[Result]:
     """Read result files and folders of them; raise InputError with one sentence per file that cannot be read."""
-    files: list[Path] = []
-    faults: list[str] = []
-    for path in paths:
-        found = sorted(path.glob("*.h5")) if path.is_dir() else [path]
-        files += found
-        if not found:
-            faults.append(f"{path}: holds no result file (*.h5); run a case or name another folder.")
-    results: list[Result] = []
+    files, empty = result_files(paths)
+    results, faults = [], list(empty.values())
     for file in files:
         try:
             results.append(read_result(file))

@@ -14,6 +14,7 @@ from rths_cli.analysis.sim import simulate
 from rths_cli.analysis.sim_delay import simulate_delayed
 from rths_cli.case.load import resolved_yaml
 from rths_cli.files.results import Metric, ResultWriter
+from rths_cli.metrics import accept
 from rths_cli.report.losses_text import losses_of_runs
 from rths_cli.workflows import contents, figures
 from rths_cli.workflows.check_cases import Verdict, verdict_on
@@ -174,15 +175,14 @@ def acceptance(limits: Mapping[str, float], values: Mapping[str, Metric]) -> Sto
     """Return how a completed case ends: accepted, or refused by one of its own limits on figures."""
     failed = []
     for path, limit in limits.items():
-        name, _, index = path.partition("[")
-        if name not in values:
+        found = values.get(accept.figure(path))
+        if found is None:
             failed.append(f"{path} was not computed")
             continue
-        value = np.atleast_1d(np.asarray(values[name].value, dtype=float))
-        if index and int(index[:-1]) > value.size:
-            failed.append(f"{path}: the figure has {value.size} value{'s' if value.size > 1 else ''}")
-            continue
-        chosen = value[int(index[:-1]) - 1] if index else value[np.argmax(np.abs(value))]
-        if not abs(chosen) <= limit:  # a signed figure is limited either way
-            failed.append(f"{path} = {chosen:.4g} is beyond its accept limit {limit:g}")
+        judged = accept.judge(path, limit, found.value)
+        if judged.value is None:
+            count = np.size(found.value)
+            failed.append(f"{path}: the figure has {count} value{'s' if count > 1 else ''}")
+        elif not judged.met:
+            failed.append(f"{path} = {judged.value:.4g} is beyond its accept limit {limit:g}")
     return Stop("complete", "; ".join(failed), 1 if failed else 0)

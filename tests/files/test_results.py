@@ -367,7 +367,8 @@ def test_an_unwritable_folder_is_named_with_its_cause(tmp_path):
     check_writable(tmp_path / "new" / "results")
     assert os.listdir(tmp_path / "new" / "results") == []
     with pytest.raises(InputError, match="MB needed"):
-        check_writable(tmp_path, needed_bytes=shutil.disk_usage(tmp_path).total + 1)
+        check_writable(tmp_path / "no" / "room", needed_bytes=shutil.disk_usage(tmp_path).total + 1)
+    assert not (tmp_path / "no").exists()
     assert sorted(os.listdir(tmp_path)) == ["a.h5", "file", "missing", "new"]
 
 

@@ -19,6 +19,7 @@ from rths_cli.files.measured.hdf5 import write_recording
 from rths_cli.files.measured.roles import Chosen, choose
 from rths_cli.files.measured.time import Clock, choose_interval, read_clock
 from rths_cli.files.measured.units import is_time, unit_of
+from rths_cli.files.whole_file import read_whole
 from rths_cli.lti import Array
 
 __all__ = ["Chosen", "Recording", "choose", "mend", "missing", "read_recording", "write_recording"]
@@ -35,7 +36,7 @@ def read_recording(path: Path, dt_s: float | None = None) -> Recording:
     interval, or one that contradicts `dt_s` by more than 1e-6.
     """
     path = Path(path)
-    data = _read_bytes(path)
+    data = read_whole(path, MAX_BYTES, "a recording", f"give measured time histories: {READ}")
     contents = read_contents(path, data)
     columns, time, faults = _time_and_channels(path, contents)
     clock: Clock | None = None
@@ -56,17 +57,6 @@ def read_recording(path: Path, dt_s: float | None = None) -> Recording:
     notes = (*contents.notes, *(clock.notes if clock else ()), *doubts, *infinite)
     names = tuple(c.name for c in columns)
     return Recording(path, hashlib.sha256(data).hexdigest(), interval, names, units, samples, notes)
-
-
-def _read_bytes(path: Path) -> bytes:
-    """Return the file's bytes after a look at its size."""
-    try:
-        size = path.stat().st_size
-        if size <= MAX_BYTES:
-            return path.read_bytes()
-    except OSError as fault:
-        raise InputError(f"{path}: cannot be read ({fault.strerror}); give measured time histories: {READ}") from None
-    raise InputError(f"{path}: {size / 1e6:.0f} MB; a recording may have {MAX_BYTES / 1e6:.0f} MB, cut it")
 
 
 def _time_and_channels(path: Path, contents: Contents) -> tuple[tuple[Column, ...], Column | None, list[str]]:

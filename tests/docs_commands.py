@@ -55,7 +55,9 @@ def _option_rows(command: click.Command) -> Iterator[tuple[str, str, str]]:
             record = option.get_help_record(context)
             assert record is not None, option.name  # a hidden option would stand nowhere
             text, _, extra = record[1].partition("  [")
-            yield f"`{record[0]}`", text, extra.removesuffix("]").replace("default: ", "").replace("; ", ", ")
+            # click keeps a command's help option as the first context made it: names are taken from this one
+            names = ", ".join(context.help_option_names) if option is command.get_help_option(context) else record[0]
+            yield f"`{names}`", text, extra.removesuffix("]").replace("default: ", "").replace("; ", ", ")
 
 
 def _table(columns: tuple[str, ...], rows: Iterator[tuple[str, ...]]) -> str:

@@ -37,6 +37,7 @@ SESSIONS = 3  # of a run: listening before its file begins, listening again, the
 PATIENCE_S = 90.0
 CASE = "structure: three_storey\ndamping: low\nrecord: ./short.csv\nscaling: 0.3\ncontroller: FF+FB\n"
 STROKE_M, VELOCITY_M_S, RANGE_V, GAIN_M_PER_V = 0.079, 1.0, 10.0, 0.0079  # of udp_loopback
+FASTEST_V = VELOCITY_M_S / GAIN_M_PER_V / RATE_HZ  # in an interval
 Passed = tuple[float, bytes]
 
 
@@ -131,24 +132,29 @@ def _words(packet: Packet) -> tuple[float, float, float]:
     return (*words, 0.0, 0.0)[:3]
 
 
-def _before(earlier: Packet | None, later: Packet) -> tuple[float, int]:
-    """Return where the target stood (V) when a command came, having gone on as the one before told (docs/udp.md), and
-    how many commands were on their way since: 1 when none was lost."""
+def _steps(earlier: Packet | None, later: Packet) -> tuple[float, float]:
+    """Return two steps that a command makes, each in V per interval: from where the target stood, having gone on as the
+    one before told (docs/udp.md, by the times at which both were sent), where none was lost between them; and from the
+    command before, over the intervals since. The velocity limit holds for both."""
+    volts = _words(later)[0]
     if earlier is None:
-        return 0.0, 1
-    volts, rate, change = _words(earlier)
-    fastest = VELOCITY_M_S / GAIN_M_PER_V / RATE_HZ
-    step, grows = (min(max(one, -fastest), fastest) for one in (rate / RATE_HZ, change / RATE_HZ**2))
-    for _ in range(min(round(1e-9 * (later.sent_ns - earlier.sent_ns) * RATE_HZ) - 1, BRIDGED)):
-        volts += step
-        step = min(max(step + grows, -fastest), fastest)
-    return volts, later.sequence - earlier.sequence
+        return volts, volts
+    stood, rate, change = _words(earlier)
+    since = round(1e-9 * (later.sent_ns - earlier.sent_ns) * RATE_HZ)
+    lost = later.sequence - earlier.sequence > 1
+    mean = (volts - stood) / max(since, later.sequence - earlier.sequence, 1)
+    most = min(RANGE_V, STROKE_M / GAIN_M_PER_V)
+    step, grows = (min(max(one, -FASTEST_V), FASTEST_V) for one in (rate / RATE_HZ, change / RATE_HZ**2))
+    for _ in range(min(since - 1, BRIDGED)):
+        stood = min(max(stood + step, -most), most)
+        step = min(max(step + grows, -FASTEST_V), FASTEST_V)
+    return mean if lost else volts - stood, mean
 
 
 class Host:
     """How long the host of a virtual machine took a processor from us, read 20 times a second from /proc/stat.
 
-    `longest_s` within any 0.2 s since `begin`; 0 for ever where the kernel is not told of it (steal).
+    `longest_s` within any 0.1 s since `begin`; 0 for ever where the kernel is not told of it (steal).
     """
 
     def __init__(self) -> None:
@@ -163,7 +169,7 @@ class Host:
         self._ended.set()
 
     def _watch(self) -> None:
-        before = [stolen_s()] * 4
+        before = [stolen_s()] * 2
         while not self._ended.wait(0.05):
             now = stolen_s()
             self.longest_s = max(self.longest_s, float((now - before[0]).max()))
@@ -171,7 +177,7 @@ class Host:
 
 
 def stolen_s() -> NDArray[np.float64]:
-    """Return how long each processor was ours to use, and the host's choice not to give, since the machine started."""
+    """Return how long the host kept each processor from us while we wanted it, since the machine started."""
     lines = [line.split() for line in Path("/proc/stat").read_text().splitlines() if re.match(r"cpu\d", line)]
     return np.array([float(words[8]) for words in lines]) / os.sysconf("SC_CLK_TCK")
 
@@ -201,14 +207,14 @@ class Bench:
 def used(commands: list[Packet]) -> dict[str, float]:
     """Return the largest share of each limit that a target saw, its table at rest at 0 V before.
 
-    The velocity is that of the way from where it stood to the new command in one interval: how it goes on between
-    commands it limits itself. Where the network lost some, it is the mean over the intervals of those.
+    The velocity is the largest of the two steps of each command, and of the rates at which they are told to go on.
     """
     if not commands:
         return dict.fromkeys(("stroke", "velocity", "range"), 0.0)
     place = GAIN_M_PER_V * np.array([_words(one)[0] for one in commands])
-    stood, sent = np.array([_before(*two) for two in zip([None, *commands[:-1]], commands, strict=True)]).T
-    velocity = (place - GAIN_M_PER_V * stood) / sent * RATE_HZ
+    steps = np.array([_steps(*two) for two in zip([None, *commands[:-1]], commands, strict=True)])
+    rates = np.array([_words(one)[1] for one in commands])
+    velocity = GAIN_M_PER_V * np.append(steps * RATE_HZ, rates)
     worst = {
         "stroke": np.abs(place).max() / STROKE_M,
         "velocity": np.abs(velocity).max() / VELOCITY_M_S,

@@ -281,10 +281,10 @@ def _ending(error: BaseException | None) -> tuple[Status, str]:
 def check_writable(folder: Path, needed_bytes: int = 0) -> None:
     """Compare the free space, create the folder and write in it; raise InputError where that fails.
 
-    What has no room leaves no folder behind.
+    A folder with too little room is not created.
     """
     try:
-        there = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+        there = next((place for place in (folder, *folder.absolute().parents) if place.exists()), folder)
         free = shutil.disk_usage(there).free
         if free >= needed_bytes:
             folder.mkdir(parents=True, exist_ok=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -70,12 +71,12 @@ class Result:
 def result_files(paths: Sequence[Path]) -> tuple[list[Path], dict[Path, str]]:
     """Return every result file that files and folders name, once, in their order; and a sentence for each folder that
     holds none."""
-    files: dict[Path, Path] = {}
+    files: dict[str, Path] = {}
     empty: dict[Path, str] = {}
     for path in paths:
         found = sorted(path.glob("*.h5")) if path.is_dir() else [path]
         for file in found:
-            files.setdefault(file.resolve(), file)
+            files.setdefault(os.path.realpath(file), file)
         if not found:
             empty[path] = f"{path}: holds no result file (*.h5); run a case or name another folder."
     return list(files.values()), empty

@@ -85,8 +85,8 @@ def perform_watched(rig: Rig, run: Performance, watch: Watch) -> Performed:
 def rehearse_watched(run: Performance, seconds: float) -> tuple[Array, Array]:
     """Do what `performance.rehearse` does, in a thread of real-time class; it ends with whatever interrupts this."""
     loop = _Loop(lambda: rehearse(run, seconds))
-    loop.start()
     try:
+        loop.start()
         loop.ended.wait()
     except BaseException:
         order(run, SIGTERM)  # or the process would wait for it

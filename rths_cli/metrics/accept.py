@@ -25,8 +25,8 @@ def judge(path: str, limit: float, values: ArrayLike) -> Judged:
     """
     given = np.atleast_1d(np.asarray(values, dtype=float))
     index = place(path)
-    if index:
-        given = given[index - 1 : index]
+    if index is not None:
+        given = given[index - 1 : index] if index > 0 else given[:0]
     if given.size == 0:
         return Judged(path, limit, None, False)
     value = float(given[np.argmax(np.abs(given))])
@@ -38,7 +38,7 @@ def figure(path: str) -> str:
     return path.partition("[")[0]
 
 
-def place(path: str) -> int:
-    """Return which of its values a limit's path names, counted from 1; 0: none."""
+def place(path: str) -> int | None:
+    """Return which of its values a limit's path names, counted from 1; None: no certain one."""
     index = path.partition("[")[2]
-    return int(index[:-1]) if index else 0
+    return int(index[:-1]) if index else None

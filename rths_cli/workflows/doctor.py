@@ -13,12 +13,14 @@ from rths_cli.files.held_rates import LATE_SHARE, P99_SHARE, RateMeasured, keep_
 from rths_cli.loop.periodic import wait_periodically, wake_up_delays
 from rths_cli.loop.realtime import PUNCTUAL
 from rths_cli.loop.scheduling import Granted, real_time
+from rths_cli.rig_info import RigInfo
 from rths_cli.workflows.machine import Machine, this_machine
 
 RATES_HZ = (500.0, 1000.0, 2000.0, 4000.0)
 RULE = (
-    f"a rate is held when 99 % of the steps wake up within {PUNCTUAL:g} of a sample interval (later ones send no "
-    f"command), have a rig's samples within {P99_SHARE:g} of one, and at most {LATE_SHARE:.1%} are late by a whole one"
+    f"a rate is held when 99 % of the steps wake up within {PUNCTUAL:g} of a sample interval ({P99_SHARE:g} for rigs "
+    f"that catch no steps up), have a rig's samples within {P99_SHARE:g}, and at most {LATE_SHARE:.1%} are late by a "
+    "whole one"
 )
 Progress = Callable[[str], object]
 ExchangeDelays = Callable[[float, float], IntArray]
@@ -75,8 +77,11 @@ def examine(
     say: Progress,
     rig: str = "",
     exchange: ExchangeDelays | None = None,
+    share: float = PUNCTUAL,
 ) -> Examined:
     """Measure `seconds` of each rate on the machine alone, then with a rig's `exchange`, and keep the figures.
+
+    `share` of an interval, within which 99 % of the steps must wake up (`wake_share`).
 
     Raises InputError where real time is not possible, RigError where the rig fails.
     """
@@ -84,7 +89,7 @@ def examine(
     wait_periodically(1000, 0, np.zeros(1, dtype=np.int64), np.zeros(2, dtype=np.int64))  # compiled before it counts
     every = sorted({*rates_hz, *wanted_hz})
     with real_time() as granted:
-        rates = [_measured(hz, seconds, wake_up_delays, PUNCTUAL, say, "waking up") for hz in every]
+        rates = [_measured(hz, seconds, wake_up_delays, share, say, "waking up") for hz in every]
         keep_rates(rates)
         what, asked = f"exchanging with {rig}", every if exchange else []
         of_rig = [_measured(hz, seconds, exchange, P99_SHARE, say, what) for hz in asked if exchange]
@@ -100,6 +105,12 @@ def rehearse(rate_hz: float, seconds: float) -> RateMeasured:
         measured = summary(rate_hz, wake_up_delays(rate_hz, seconds), PUNCTUAL)
     keep_rates([measured])
     return measured
+
+
+def wake_share(info: RigInfo) -> float:
+    """Return within which share of an interval a step must wake up: where the loop's own clock paces a rig and missed
+    steps are caught up, a command that is later never leaves."""
+    return PUNCTUAL if info.kind == "udp" and info.overrun == "skip" else P99_SHARE
 
 
 def _measured(

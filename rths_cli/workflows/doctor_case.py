@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rths_cli.errors import InputError
-from rths_cli.workflows.doctor import RATES_HZ, Examined, Progress, examine
+from rths_cli.workflows.doctor import RATES_HZ, Examined, Progress, examine, wake_share
 
 DEFAULT_CASE = "el_centro_low_ff_fb"  # lends its structure where only a rig was named
 
@@ -57,5 +57,7 @@ def examine_request(
     from rths_cli.workflows.doctor_rig import exchange_delays
     from rths_cli.workflows.setup import make_setup
 
-    permit(make_setup(case))
-    return examine(others, wanted, request.seconds, say, case.table.name, exchange_delays(case))
+    setup = make_setup(case)
+    permit(setup)
+    delays, share = exchange_delays(case), wake_share(setup.rig)
+    return examine(others, wanted, request.seconds, say, case.table.name, delays, share)

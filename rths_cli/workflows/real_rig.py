@@ -11,16 +11,15 @@ import numpy as np
 
 from rths_cli.case.expand import VARIED
 from rths_cli.errors import InputError, RigError
-from rths_cli.files.held_rates import P99_SHARE, held_rate
+from rths_cli.files.held_rates import LATE_SHARE, P99_SHARE, held_rate
 from rths_cli.files.rig_lock import locked_rig
 from rths_cli.identification.gaps import filled
 from rths_cli.loop.blocks import EXCITATION
 from rths_cli.loop.guard import INTERRUPT, TERMINATION
 from rths_cli.loop.performance import Performance, prepare
 from rths_cli.loop.performing import perform_watched, rehearse_watched
-from rths_cli.loop.realtime import PUNCTUAL
 from rths_cli.rigs.udp.rig import UdpRig
-from rths_cli.workflows.doctor import summary
+from rths_cli.workflows.doctor import summary, wake_share
 from rths_cli.workflows.rigs import guard_limits, open_rig
 
 if TYPE_CHECKING:
@@ -113,14 +112,14 @@ def rehearsed(setup: Setup, blocks: Blocks, source: int) -> None:
     info = setup.rig
     run = prepare(info, blocks, source, np.zeros((round(REHEARSAL_S / info.dt_s), 3)), guard_limits(setup))
     late_s, took_s = rehearse_watched(run, REHEARSAL_S)
-    judged = (("began", late_s, PUNCTUAL), ("were ready", late_s + took_s, P99_SHARE))
-    for what, after_s, share in judged:
+    for what, after_s, share in (("began", late_s, wake_share(info)), ("were ready", late_s + took_s, P99_SHARE)):
         found = summary(1.0 / info.dt_s, np.round(1e9 * after_s).astype(np.int64), share)
         if not found.held:
             raise InputError(
                 f"sample_rate_hz: {found.rate_hz:g} Hz was not held in a silent rehearsal of {REHEARSAL_S:g} s: "
-                f"1 % of the steps {what} {found.p99_us:.0f} us late or more ({share * 1e6 * info.dt_s:.0f} may be), "
-                f"{found.late} of {found.steps} by a whole interval; choose a lower rate, rths doctor recommends one"
+                f"99 % of the steps {what} within {found.p99_us:.0f} us (at most {share * 1e6 * info.dt_s:.0f}), "
+                f"{found.late} of {found.steps} late by a whole interval (at most {int(LATE_SHARE * found.steps)}); "
+                "choose a lower rate, rths doctor recommends one"
             )
 
 

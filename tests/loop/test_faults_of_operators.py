@@ -128,7 +128,7 @@ def test_a_signal_ends_a_rehearsal_at_once() -> None:
         with pytest.raises(KeyboardInterrupt):
             rehearse_watched(run, 20.0)
     assert noted == [number]
-    for thread in threading.enumerate():
-        if thread is not threading.current_thread():
-            thread.join(20.0)
-    assert 0 < run.log.done[0] < 10_000  # it goes no further either: the process would wait for it
+    for thread in [thread for thread in threading.enumerate() if thread.name == "rths-loop"]:
+        thread.join(20.0)
+        assert not thread.is_alive()
+    assert run.guard.flags[0] == g.STOPPED and 0 < run.log.done[0] < 20_000  # the process would wait for it

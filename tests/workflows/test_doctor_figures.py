@@ -66,17 +66,19 @@ def test_the_highest_rate_held_is_recommended_and_a_wanted_one_decides_the_exit_
     )
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
 def test_a_machine_has_an_eighth_of_an_interval_to_wake_up_a_rig_half_of_one_to_answer(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Later than an eighth no command leaves (loop.realtime.PUNCTUAL)."""
     monkeypatch.setattr(doctor, "wake_up_delays", lambda hz, seconds: delays(*[130] * 20))
-    monkeypatch.setattr(doctor, "require_real_time", lambda: None)
     found = examine((500.0, 1000.0), (), 0.1, lambda _: None, "lab", lambda hz, seconds: delays(*[400] * 20))
     assert [rate.held for rate in found.rates] == [True, False]
     assert found.rig is not None and [rate.held for rate in found.rig.rates] == [True, True]
     assert (found.recommended_hz, found.exit_code) == (500.0, 0)
     assert held_rate(1000.0, "lab") == found.rig.rates[1]
+    patient = examine((1000.0,), (), 0.1, lambda _: None, "lab", lambda hz, seconds: delays(), 0.5)
+    assert patient.rates[0].held
 
 
 def test_a_rig_that_answers_late_counts_too() -> None:

@@ -12,6 +12,7 @@ from rths_cli.compiled import part
 from rths_cli.loop.guard import RUNNING, GuardLimits, GuardState
 from rths_cli.loop.log import Log
 from rths_cli.lti import Array
+from rths_cli.rigs.udp.wire import BRIDGED
 
 PARABOLA_S, FEWEST_COMMANDS, MOST_COMMANDS = 0.016, 8, 32  # that a parabola is laid through
 
@@ -21,7 +22,10 @@ def look_ahead(
     ahead: Array, slopes: Array, limits: GuardLimits, g: GuardState, log: Log, k: int, command: float
 ) -> None:
     """Tell how the command of step k - 1 goes on where the next one cannot leave: by a parabola through what left last,
-    least squares; while the test ends, and before there are enough, by the rate of the guard alone."""
+    least squares; while the test ends, and before there are enough, by the rate of the guard alone.
+
+    No step that the rig makes of it is beyond velocity and rate limits.
+    """
     count = slopes.shape[1]
     ahead[0], ahead[1], ahead[2] = command, limits.dt_s * g.motion[1] / limits.gain_m_per_v, 0.0
     if count == 0 or k < count or g.flags[0] != RUNNING:
@@ -32,8 +36,9 @@ def look_ahead(
         left = log.columns[row, k - 1 - j]
         step += slopes[0, j] * left
         change += slopes[1, j] * left
-    fastest = limits.dt_s * limits.velocity_m_s / limits.gain_m_per_v
-    ahead[1], ahead[2] = min(max(step, -fastest), fastest), min(max(change, -fastest), fastest)
+    most = farthest(limits)
+    ahead[1] = min(max(step, -most), most)
+    ahead[2] = min(max(change, (-most - ahead[1]) / BRIDGED), (most - ahead[1]) / BRIDGED)
 
 
 @part
@@ -61,5 +66,11 @@ def slewed(limits: GuardLimits, last: float, command: float) -> float:
 
     The guard sees to that from step to step; steps that were caught up left nothing, and their sum may be more.
     """
-    farthest = limits.dt_s * min(limits.velocity_m_s / limits.gain_m_per_v, limits.command_rate_v_s)
-    return min(max(command, last - farthest), last + farthest)
+    most = farthest(limits)
+    return min(max(command, last - most), last + most)
+
+
+@part
+def farthest(limits: GuardLimits) -> float:
+    """Return how far velocity and rate limits let a command go in an interval, in V."""
+    return limits.dt_s * min(limits.velocity_m_s / limits.gain_m_per_v, limits.command_rate_v_s)

@@ -82,7 +82,6 @@ def examine(
     """Measure `seconds` of each rate on the machine alone, then with a rig's `exchange`, and keep the figures.
 
     `share` of an interval, within which 99 % of the steps must wake up (`wake_share`).
-
     Raises InputError where real time is not possible, RigError where the rig fails.
     """
     require_real_time()
@@ -91,20 +90,12 @@ def examine(
     with real_time() as granted:
         rates = [_measured(hz, seconds, wake_up_delays, share, say, "waking up") for hz in every]
         keep_rates(rates)
-        what, asked = f"exchanging with {rig}", every if exchange else []
-        of_rig = [_measured(hz, seconds, exchange, P99_SHARE, say, what) for hz in asked if exchange]
+        what, asked = f"exchanging with {rig}", [] if exchange is None else [(hz, exchange) for hz in every]
+        of_rig = [_measured(hz, seconds, delays, P99_SHARE, say, what) for hz, delays in asked]
     keep_rates(of_rig, rig)
     machine = this_machine()
     found = RigRates(rig, tuple(of_rig)) if exchange else None
     return Examined(machine, granted, tuple(rates), found, tuple(wanted_hz), advice(machine, granted, rates, of_rig))
-
-
-def rehearse(rate_hz: float, seconds: float) -> RateMeasured:
-    """Measure and keep how late this machine wakes up a thread at one rate."""
-    with real_time():
-        measured = summary(rate_hz, wake_up_delays(rate_hz, seconds), PUNCTUAL)
-    keep_rates([measured])
-    return measured
 
 
 def wake_share(info: RigInfo) -> float:

@@ -133,6 +133,22 @@ def test_what_the_rig_is_told_is_the_parabola_and_the_guard_s_rate_while_the_tes
     assert ahead[1] == pytest.approx(0.1)  # the velocity limit
 
 
+@pytest.mark.parametrize(("rate_v_s", "most"), [(np.inf, 0.1), (62.0, 0.062)])
+@pytest.mark.parametrize("towards", [1.0, -1.0])
+def test_no_step_that_the_rig_makes_of_it_is_beyond_velocity_or_rate_limit(
+    rate_v_s: float, most: float, towards: float
+) -> None:
+    limits = open_limits(rig_info())._replace(velocity_m_s=0.79, gain_m_per_v=0.0079, dt_s=1e-3)
+    limits, ahead = limits._replace(command_rate_v_s=rate_v_s), np.zeros(3)
+    log = empty_log(40, 3, 6)
+    log.columns[6] = towards * 1e-3 * np.arange(40.0) ** 2
+    for bend, steepest in ((1.0, 0.059), (5.0, most)):  # steps of 0.059, 0.061, ..., or five times that
+        log.columns[6] *= bend
+        looked(ahead, going_on.slopes_of(1e-3), limits, guard.fresh_guard(3), log, 30, log.columns[6, 29])
+        steps = ahead[1] + ahead[2] * np.arange(BRIDGED + 1)
+        assert steps[0] == pytest.approx(towards * steepest) and np.abs(steps).max() <= most * (1.0 + 1e-12)
+
+
 @entry
 def ticked(d: Door, t: Table, count: int) -> float:
     """Advance the physics by ticks; return what is held."""

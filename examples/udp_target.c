@@ -9,12 +9,13 @@
 #include <stdint.h>
 #include <string.h>
 
-enum { CHANNELS = 3, RANGE_V = 10, REST_V_PER_S = 6, SHORTEST_NS = 200000, LONGEST_WATCHDOG_NS = 1000000000 };
+enum { CHANNELS = 3, RANGE_V = 10, FASTEST_V_PER_S = 127, REST_V_PER_S = 6 };
+enum { SHORTEST_NS = 200000, LONGEST_WATCHDOG_NS = 1000000000 };
 enum { HELLO = 1, WELCOME, REFUSAL, ARM, COMMAND, SAMPLES, REST, CLOSE };
 enum { IDLE, ARMED, RESTING, RESTED };
 enum { WATCHDOG = 1, BAD_COMMAND = 8 };
 enum { NO_VERSION = 1, BUSY, OTHER_CHANNELS, TOO_FAST };
-enum { VERSION = 1, HEAD = 40, MOST = 176 };
+enum { VERSION = 2, HEAD = 40, MOST = 176, POINTS = 14, LONGEST_SPACING = 1000 };
 
 struct target {
     uint8_t secret[16], key[16], nonces[32]; /* nonces: the runner's, then ours */
@@ -22,6 +23,9 @@ struct target {
     uint32_t faults, lost;
     int64_t sequence, watchdog_ns, interval_ns, heard_ns, moved_ns;
     double command_v;
+    double way_v[1 + POINTS]; /* the last command, then the points it goes on to while no other comes */
+    int points;
+    int64_t spacing, intervals; /* sample intervals from one point to the next, and since the last command */
 };
 
 /* Hooks: what the rig is made of. */
@@ -110,6 +114,55 @@ static size_t seal(uint8_t *packet, int kind, int count, const uint8_t key[16])
     return end + 8;
 }
 
+/* --- the way on ------------------------------------------------------------------------------------------------ */
+
+static double within(double value, double limit)
+{
+    return value > limit ? limit : value < -limit ? -limit : value;
+}
+
+/* Keep the words of a command: the command, the spacing, the points. A bad one among them, and it is held. */
+static void take_way(struct target *t, const uint8_t *words, int count)
+{
+    t->way_v[0] = get_real(words);
+    t->points = count > 2 ? count - 2 : 0;
+    t->spacing = t->points ? (int64_t)get(words + 8, 8) : 1;
+    if (t->spacing < 1 || t->spacing > LONGEST_SPACING)
+        t->points = 0;
+    for (int i = 1; i <= t->points; i++) {
+        t->way_v[i] = get_real(words + 8 + 8 * i);
+        if (!(t->way_v[i] >= -1e9 && t->way_v[i] <= 1e9)) /* not a number is neither */
+            t->points = 0;
+    }
+    t->intervals = 0;
+}
+
+/* Where the last command has gone on to: smoothly from point to point, then it is held. */
+static double place(const struct target *t)
+{
+    int64_t behind = t->points ? t->intervals / t->spacing : 0;
+    if (behind >= t->points)
+        return t->way_v[t->points];
+    const double *p = t->way_v + behind;
+    double after = behind + 2 <= t->points ? p[2] : p[0];
+    double before = behind > 0 ? p[-1] : 3.0 * (p[0] - p[1]) + after;
+    double x = (double)(t->intervals - behind * t->spacing) / (double)t->spacing;
+    double bend = 2.0 * before - 5.0 * p[0] + 4.0 * p[1] - after, twist = after - before + 3.0 * (p[0] - p[1]);
+    return p[0] + 0.5 * x * (p[1] - before + x * (bend + x * twist));
+}
+
+/* Move on at each instant at which the next command was due, within the limits of this rig. */
+static void go_on(struct target *t, int64_t now_ns)
+{
+    double most = FASTEST_V_PER_S * 1e-9 * (double)t->interval_ns, before = t->command_v;
+    while (t->intervals < (now_ns - t->heard_ns) / t->interval_ns) {
+        t->intervals++;
+        t->command_v = within(t->command_v + within(place(t) - t->command_v, most), RANGE_V);
+    }
+    if (t->command_v != before)
+        write_command(t->command_v, now_ns);
+}
+
 /* --- session ------------------------------------------------------------------------------------------------- */
 
 static void begin_session(struct target *t)
@@ -160,10 +213,11 @@ static size_t greet(struct target *t, const uint8_t *in, uint8_t *out)
     return seal(out, WELCOME, 7, t->secret);
 }
 
-static void obey(struct target *t, int kind, double volts, int64_t now_ns)
+static void obey(struct target *t, int kind, const uint8_t *words, int count, int64_t now_ns)
 {
+    double volts = kind == COMMAND ? get_real(words) : 0.0;
     if (kind == ARM && t->state == IDLE)
-        t->state = ARMED, t->heard_ns = now_ns;
+        t->state = ARMED, t->heard_ns = now_ns, t->way_v[0] = t->command_v, t->points = 0, t->intervals = 0;
     if ((kind == REST || kind == CLOSE) && t->state == ARMED)
         t->state = RESTING, t->moved_ns = now_ns;
     if (kind == CLOSE)
@@ -172,6 +226,7 @@ static void obey(struct target *t, int kind, double volts, int64_t now_ns)
         return;
     if (volts >= -RANGE_V && volts <= RANGE_V) { /* not a number is neither */
         t->command_v = volts, t->heard_ns = now_ns;
+        take_way(t, words, count);
         write_command(volts, now_ns);
     } else
         t->faults |= BAD_COMMAND, t->state = RESTING, t->moved_ns = now_ns;
@@ -190,13 +245,13 @@ size_t handle(struct target *t, const uint8_t *in, size_t size, uint8_t *out)
     sequence = (int64_t)get(in + 16, 8);
     if (sequence <= t->sequence || in[5] < ARM || in[5] == SAMPLES || in[5] > CLOSE)
         return 0; /* doubled, reordered, or nothing for us */
-    if (in[5] == COMMAND ? in[6] < 1 || in[6] > 3 : in[6] != 0) /* how a late one would go on is not used here */
+    if (in[5] == COMMAND ? in[6] == 0 || in[6] == 2 : in[6] != 0)
         return 0;
     if (t->sequence >= 0)
         t->lost += (uint32_t)(sequence - t->sequence - 1);
     t->sequence = sequence;
     read_samples(volts, now_ns); /* first sample, then latch */
-    obey(t, in[5], in[5] == COMMAND ? get_real(in + HEAD) : 0.0, now_ns);
+    obey(t, in[5], in + HEAD, in[6], now_ns);
     out[7] = (uint8_t)t->state;
     put(out + 8, t->faults, 4);
     put(out + 12, t->lost, 4);
@@ -208,12 +263,15 @@ size_t handle(struct target *t, const uint8_t *in, size_t size, uint8_t *out)
     return seal(out, SAMPLES, CHANNELS, t->key);
 }
 
-/* Rest the table when no command came for too long; while it rests, lead it to zero (shape this as your table needs). */
+/* Go on while a command is late, rest the table when none came for too long; while it rests, lead it to zero (shape
+ * this as your table needs). */
 void watch(struct target *t)
 {
     int64_t now_ns = clock_ns();
     if (t->state == ARMED && now_ns - t->heard_ns > t->watchdog_ns)
         t->faults |= WATCHDOG, t->state = RESTING, t->moved_ns = now_ns;
+    if (t->state == ARMED)
+        go_on(t, now_ns);
     if (t->state != RESTING)
         return;
     double step = REST_V_PER_S * 1e-9 * (double)(now_ns - t->moved_ns), u = t->command_v;

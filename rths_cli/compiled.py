@@ -37,6 +37,7 @@ SOURCES = (
     "tiles.py",
     "rigs/udp/link.py",
     "rigs/udp/siphash.py",
+    "rigs/udp/way.py",
     "rigs/udp/wire.py",
     "rigs/virtual/plant.py",
     "rigs/virtual/kernel.py",

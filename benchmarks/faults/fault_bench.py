@@ -22,11 +22,11 @@ TREE = HERE.parents[1]
 sys.path.insert(0, str(TREE / "tests" / "rigs"))
 
 from packets import Packet, opened, plain_siphash  # noqa: E402
+from smooth_way import smooth_way  # noqa: E402
 from udp_relay import Mishap, Relay, as_it_came  # noqa: E402
 
 from rths_cli.case.load import load_cases  # noqa: E402
 from rths_cli.rigs.udp.secret import make_secret  # noqa: E402
-from rths_cli.rigs.udp.wire import BRIDGED  # noqa: E402
 from rths_cli.workflows.known import Memory  # noqa: E402
 from rths_cli.workflows.model_store import Cache, save  # noqa: E402
 from rths_cli.workflows.setup import make_setup  # noqa: E402
@@ -126,29 +126,39 @@ class Network:
         return obeyed
 
 
-def _words(packet: Packet) -> tuple[float, float, float]:
-    """Return command (V), rate (V/s) and change of the rate (V/s^2) of a command; 0 where it does not tell them."""
-    words = struct.unpack(f"<{len(packet.content) // 8}d", packet.content)
-    return (*words, 0.0, 0.0)[:3]
+def _way(packet: Packet, count: int) -> NDArray[np.float64]:
+    """Return where a command is in each of `count` intervals from its own on, going on as it tells (docs/udp.md), V."""
+    words = len(packet.content) // 8
+    if words < 3:
+        return np.full(count, struct.unpack("<d", packet.content[:8])[0])
+    command, spacing, *points = struct.unpack(f"<dq{words - 2}d", packet.content)
+    return smooth_way((command, *points), spacing, count)
 
 
 def _steps(earlier: Packet | None, later: Packet) -> tuple[float, float]:
     """Return two steps that a command makes, each in V per interval: from where the target stood, having gone on as the
-    one before told (docs/udp.md, by the times at which both were sent), where none was lost between them; and from the
-    command before, over the intervals since. The velocity limit holds for both."""
-    volts = _words(later)[0]
+    one before told (by the times at which both were sent), where none was lost between them; and from the command
+    before, over the intervals since. The velocity limit holds for both."""
+    volts = float(_way(later, 1)[0])
     if earlier is None:
         return volts, volts
-    stood, rate, change = _words(earlier)
-    since = round(1e-9 * (later.sent_ns - earlier.sent_ns) * RATE_HZ)
+    since = max(round(1e-9 * (later.sent_ns - earlier.sent_ns) * RATE_HZ), 1)
+    way = _way(earlier, since)
     lost = later.sequence - earlier.sequence > 1
-    mean = (volts - stood) / max(since, later.sequence - earlier.sequence, 1)
-    most = min(RANGE_V, STROKE_M / GAIN_M_PER_V)
-    step, grows = (min(max(one, -FASTEST_V), FASTEST_V) for one in (rate / RATE_HZ, change / RATE_HZ**2))
-    for _ in range(min(since - 1, BRIDGED)):
-        stood = min(max(stood + step, -most), most)
-        step = min(max(step + grows, -FASTEST_V), FASTEST_V)
+    mean = (volts - way[0]) / max(since, later.sequence - earlier.sequence)
+    most, stood = min(RANGE_V, STROKE_M / GAIN_M_PER_V), way[0]
+    for place in way[1:]:
+        stood = min(max(stood + min(max(place - stood, -FASTEST_V), FASTEST_V), -most), most)
     return mean if lost else volts - stood, mean
+
+
+def _steepest(packet: Packet) -> float:
+    """Return the largest step in an interval that a command tells its target to make after it, in V."""
+    words = len(packet.content) // 8
+    if words < 3:
+        return 0.0
+    spacing = struct.unpack("<q", packet.content[8:16])[0]
+    return float(np.abs(np.diff(_way(packet, (words - 2) * spacing + 1))).max())
 
 
 class Host:
@@ -207,14 +217,14 @@ class Bench:
 def used(commands: list[Packet]) -> dict[str, float]:
     """Return the largest share of each limit that a target saw, its table at rest at 0 V before.
 
-    The velocity is the largest of the two steps of each command, and of the rates at which they are told to go on.
+    The velocity is the largest of the two steps of each command, and of those that they tell the target to make after.
     """
     if not commands:
         return dict.fromkeys(("stroke", "velocity", "range"), 0.0)
-    place = GAIN_M_PER_V * np.array([_words(one)[0] for one in commands])
+    place = GAIN_M_PER_V * np.array([_way(one, 1)[0] for one in commands])
     steps = np.array([_steps(*two) for two in zip([None, *commands[:-1]], commands, strict=True)])
-    rates = np.array([_words(one)[1] for one in commands])
-    velocity = GAIN_M_PER_V * np.append(steps * RATE_HZ, rates)
+    told = np.array([_steepest(one) for one in commands])
+    velocity = GAIN_M_PER_V * RATE_HZ * np.append(steps, told)
     worst = {
         "stroke": np.abs(place).max() / STROKE_M,
         "velocity": np.abs(velocity).max() / VELOCITY_M_S,

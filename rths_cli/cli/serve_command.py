@@ -29,7 +29,7 @@ from rths_cli.cli.screens import new_screen
     "--watchdog",
     "watchdog_s",
     type=click.FloatRange(min=0.001, max=10),
-    default=0.1,
+    default=0.15,
     show_default=True,
     metavar="S",
     help="Rest the table after so long without a command.",

@@ -11,6 +11,7 @@ from rths_cli.clocks import IntArray
 from rths_cli.control.blocks import Blocks
 from rths_cli.errors import RigError
 from rths_cli.loop.blocks import Step, assemble
+from rths_cli.loop.foresight import foresight_of, no_foresight
 from rths_cli.loop.guard import (
     BRAKING,
     NO_CHANNEL,
@@ -74,7 +75,9 @@ def prepare(
     state, channels = assemble(blocks, source), len(info.channels)
     orders = np.zeros(1, dtype=np.int64) if orders is None else orders
     zeros_v = np.zeros(channels) if zeros_v is None else zeros_v
-    way = course(info, ramp_s, len(drive), zeros_v, orders)
+    told = info.kind == "udp" and info.overrun == "skip"
+    foresight = foresight_of(blocks, source, info.dt_s) if told else no_foresight(channels)
+    way = course(info, ramp_s, len(drive), zeros_v, orders, foresight)
     limits = limits._replace(saturation_v=limits.saturation_v - np.abs(zeros_v))
     whole = np.vstack([np.zeros((way.ramp, 3)), drive, np.zeros((round(way_to_rest_s(limits) / info.dt_s), 3))])
     log = empty_log(len(whole), channels, state.estimated.size)

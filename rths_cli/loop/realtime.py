@@ -13,9 +13,10 @@ import numpy as np
 
 from rths_cli.clocks import SPIN_NS, IntArray, monotonic_ns, sleep_until
 from rths_cli.compiled import entry, part
-from rths_cli.loop.blocks import EXCITATION, Step
+from rths_cli.loop.blocks import Step
+from rths_cli.loop.bridging import bridge
 from rths_cli.loop.drive import think
-from rths_cli.loop.going_on import go_on, look_ahead, slewed, slopes_of
+from rths_cli.loop.foresight import Foresight, foresee, lay_way, lay_way_to_rest
 from rths_cli.loop.guard import (
     END,
     LOST,
@@ -29,17 +30,16 @@ from rths_cli.loop.guard import (
     take_over,
 )
 from rths_cli.loop.log import Log
+from rths_cli.loop.rejoining import STANDS_V, WANTED_V, drift_to, fresh_drift, rejoin
 from rths_cli.lti import Array
 from rths_cli.rigs.interface import RigInfo
 from rths_cli.rigs.udp import link as udp
-from rths_cli.rigs.udp.wire import BRIDGED
-from rths_cli.tiles import product
+from rths_cli.rigs.udp.way import Way, place_after
 
 IN_RAMP_UP, IN_RUN, IN_RAMP_DOWN, AT_REST = 2, 3, 4, 5  # states of DESIGN.md section 6; 0 idle, 1 armed
 HOLD, SKIP, STOP = range(3)  # what an overrun does: the record waits, steps are caught up, the test stops
 POLICIES = {"hold": HOLD, "skip": SKIP, "stop": STOP}
 ANSWER_SHARE = 0.7  # of an interval, how long an answer may take: step and guard need the rest
-ROUNDS = 12  # to the fixed point of `bridge`: each leaves an eighth at 1 kHz, a quarter at 500 Hz
 PUNCTUAL = 0.125  # of an interval, how late a command may leave where steps are caught up; a later one waits for none
 
 # places in Course.marks: start of the clock, intervals overrun, lost in a row, overrun in a row
@@ -57,19 +57,19 @@ class Course(NamedTuple):
     policy: int  # HOLD, SKIP or STOP
     signs: Array  # (c,) of the channels
     zeros_v: Array  # (c,) what each channel shows at rest
-    slopes: Array  # (2, n) of the last n commands: how they go on
-    ahead: Array  # (3,) the command that the rig has, or has gone on to; its next step and how the steps grow, in V
+    foresight: Foresight  # of the commands to come
+    drift: Array  # (5,) where the rig is, and how that goes back to where it should be
     orders: IntArray  # orders[0]: 0 go on, else stop; written by other threads
     marks: IntArray  # (4,)
     scratch: IntArray  # (2,)
 
 
-def course(info: RigInfo, ramp_s: float, record: int, zeros_v: Array, orders: IntArray) -> Course:
+def course(info: RigInfo, ramp_s: float, record: int, zeros_v: Array, orders: IntArray, foresight: Foresight) -> Course:
     """Return the course of a run over `record` steps."""
     return Course(
         round(1e9 * info.dt_s), SPIN_NS, round(ramp_s / info.dt_s), record, info.limits.lost_samples,
         POLICIES[info.overrun], np.array([float(channel.sign) for channel in info.channels]), zeros_v,
-        slopes_of(info.dt_s), np.zeros(3), orders, np.zeros(4, dtype=np.int64), np.zeros(2, dtype=np.int64),
+        foresight, fresh_drift(), orders, np.zeros(4, dtype=np.int64), np.zeros(2, dtype=np.int64),
     )  # fmt: skip
 
 
@@ -78,37 +78,6 @@ def take(course: Course, s: Step, samples_v: Array) -> None:
     """Give the step the samples of a rig, less their zeros, by the signs of their channels."""
     for c in range(s.samples.size):
         s.samples[c] = course.signs[c] * (samples_v[c] - course.zeros_v[c])
-
-
-@part
-def bridge(s: Step) -> None:
-    """Give the step what the channels would show, where no samples came: the table as desired, the floors as estimated.
-
-    What is desired at t_k is known from before. The floors' accelerations are those from which the estimator estimates
-    just these (no innovation), so that it goes on by the identified specimen alone: a fixed point, found in rounds.
-    An excitation, and a step without lead, keep the last samples.
-    """
-    floors, block = s.samples.size - 1, s.estimator
-    if s.source == EXCITATION or s.recent.size == 1 or s.estimated.size < 3 * floors:
-        return
-    s.corrected[0] = s.recent[0]
-    for _ in range(ROUNDS):
-        product(block.matrix, block.given.size, block.given, block.made)
-        for i in range(floors):
-            s.corrected[1 + i] = s.estimated[2 * floors + i]
-    show(s)
-
-
-@part
-def show(s: Step) -> None:
-    """Give the step the samples of which `sense` makes what stands in `corrected`."""
-    now, before = s.sent[s.sent.size - 2], s.sent[s.sent.size - 1]
-    s.corrected[0] += s.ripple_m_s2_per_v * (now - before) + s.ripple_sum_m_s2_per_v * (now + before)
-    for c in range(s.samples.size):
-        matrix, given, wanted = s.correction.matrix[c], s.correction.given[c], s.corrected[c]
-        for j in range(3):
-            wanted -= matrix[j, 3] * given[j]
-        s.samples[c] = wanted / matrix[3, 3]
 
 
 @part
@@ -129,6 +98,12 @@ def state_of(course: Course, g: GuardState, k: int) -> int:
     if g.flags[0] != RUNNING:
         return IN_RAMP_DOWN
     return IN_RAMP_UP if k < course.ramp else IN_RUN
+
+
+@part
+def share_of(course: Course, k: int) -> float:
+    """Return the share of the command that is asked for in step k."""
+    return (k + 1) / (course.ramp + 1) if k < course.ramp else 1.0
 
 
 @part
@@ -154,8 +129,9 @@ def conduct(
     else:
         bridge(s)
     obey(course, g, k)
-    share = (k + 1) / (course.ramp + 1) if k < course.ramp else 1.0
-    command, place = think(s, limits, g, drive[min(k, drive.shape[0] - 1)], log, k, share)
+    row, carried = drive[min(k, drive.shape[0] - 1)], s.shaping[0]
+    command, place = think(s, limits, g, row, log, k, share_of(course, k))
+    course.drift[WANTED_V] = command + s.shaping[0] - carried if g.flags[0] == RUNNING else command
     for c in range(samples_v.size):
         log.columns[place + c, k] = samples_v[c]
     place += samples_v.size
@@ -226,17 +202,14 @@ def run_udp(
     The samples of step 0 stand in the link. Deadlines are those of the course's clock, which begins now.
     """
     marks, sent, behind, waited, k = course.marks, 0, 0, 0, 0
-    ahead = course.ahead
     marks[START_NS] = monotonic_ns(course.scratch) + course.dt_ns
     command = 0.0
     due, punctual = 0, int(PUNCTUAL * course.dt_ns)
     while k < log.columns.shape[1] and g.flags[0] != STOPPED:
         lost = 0
         if behind > 0:
-            lost, waited = 2, waited + 1  # the command of the step before never left: the rig goes on
-            if waited <= BRIDGED:
-                go_on(ahead, limits)
-            note_command(s, log, k - 1, ahead[0])
+            lost, waited = 2, waited + 1
+            pass_by(course, s, limits, log, link.way, waited, k)
         elif k > 0:
             due = k - 1
             deadline = deadline_of(course, due)
@@ -246,14 +219,9 @@ def run_udp(
             behind = overrun(course, g, missed) if missed > 0 else 0
             if behind > 0:
                 continue  # the command is as old as the stall by now: it never leaves
-            sent, waited, left = sent + 1, 0, slewed(limits, ahead[0], command)
-            if left != command:
-                command = left
-                note_command(s, log, k - 1, command)
-            look_ahead(ahead, course.slopes, limits, g, log, k, command)
+            sent, waited = sent + 1, 0
+            command = leave(course, s, limits, g, log, link.way, command, k)
             if sends:
-                link.onward[0] = ahead[1] / limits.dt_s if course.policy == SKIP else math.nan
-                link.onward[1] = ahead[2] / limits.dt_s**2
                 lost = swap(link, course, g, log, deadline + late, late, command, sent, k)
         log.done[0] = k  # what left for the steps before is known from here on
         command = conduct(course, s, limits, g, drive, log, link.samples_v, lost, k)
@@ -263,8 +231,41 @@ def run_udp(
             behind = overrun(course, g, missed) if k > 1 else 0
         else:
             behind -= 1
+        if behind <= 0:
+            look_ahead(course, s, drive, log, k)
     log.done[0] = k
     return k
+
+
+@part
+def pass_by(course: Course, s: Step, limits: GuardLimits, log: Log, way: Way, waited: int, k: int) -> None:
+    """Let an interval pass in which the command of step k - 1 never left: the rig goes on from the last that did."""
+    drift_to(course.drift, limits, place_after(way, waited))
+    note_command(s, log, k - 1, course.drift[STANDS_V])
+
+
+@part
+def leave(
+    course: Course, s: Step, limits: GuardLimits, g: GuardState, log: Log, way: Way, command: float, k: int
+) -> float:
+    """Return what leaves for the command of step k - 1, noted where that differs, and tell how it goes on."""
+    left = rejoin(course.drift, limits, s.shaping[1], command)
+    if left != command:
+        note_command(s, log, k - 1, left)
+    way.volts[0] = left
+    if g.flags[0] == RUNNING:
+        lay_way(way, course.foresight, limits, course.drift, share_of(course, k))
+    else:
+        lay_way_to_rest(way, course.foresight, limits, g, course.drift)
+    return left
+
+
+@part
+def look_ahead(course: Course, s: Step, drive: Array, log: Log, k: int) -> None:
+    """Foresee the commands after that of step k - 1, and count the time with that step's."""
+    begun = monotonic_ns(course.scratch)
+    foresee(course.foresight, s, drive, k, course.ramp + course.record - 1)
+    log.columns[log.columns.shape[0] - 1, k - 1] += monotonic_ns(course.scratch) - begun
 
 
 @part

@@ -22,6 +22,7 @@ from rths_cli.loop.guard import BRAKING, RUNNING, STOPPED, GuardLimits, GuardSta
 from rths_cli.lti import Array
 from rths_cli.rigs.udp import wire
 from rths_cli.rigs.udp.siphash import Bytes, Words
+from rths_cli.rigs.udp.way import POINTS, Way, place_after, take_way
 from rths_cli.rigs.virtual import kernel
 from rths_cli.rigs.virtual.plant import Plant
 
@@ -39,10 +40,10 @@ COUNTS = 5
 
 # places in Door.session; SEQUENCE is the highest seen, STARTED_NS 0 while the clock does not run, TICK the time of the
 # physics, LAST_TICK that of the last command, ARRIVED_NS when it came, LONGEST_TICKS the longest time between two;
-# until REACHED_NS all packets are known, and the physics was advanced to it
+# until REACHED_NS all packets are known, and the physics was advanced to it; at MOVED_TICK the command last changed
 STATE, FAULTS, SEQUENCE, STARTED_NS, TICK, LAST_TICK, LONGEST_TICKS, ROW, CLOSING, GREETED_AT_NS, SIZE = range(11)
-ARRIVED_NS, REACHED_NS = 11, 12
-PLACES = 13
+ARRIVED_NS, REACHED_NS, MOVED_TICK = 11, 12, 13
+PLACES = 14
 
 _sendto = External("sendto", "intp", "intc", "uintp", "uintp", "intc", "uintp", "uintc")
 _AT_ONCE = 0x40  # MSG_DONTWAIT
@@ -76,8 +77,8 @@ class Table(NamedTuple):
     guard: GuardState
     noise: Array
     samples: Array  # (c,) in V
-    latched_v: Array  # (3,) the command that is held, by how much it goes on in an interval without one, and by how
-    # much that grows from interval to interval
+    latched_v: Array  # (1,) what is held
+    way: Way  # the last command, and how it goes on in intervals without one
 
 
 def open_door(
@@ -99,24 +100,23 @@ def lead_to_rest(d: Door, t: Table, fault: int) -> None:
     if d.session[STATE] == wire.ARMED:
         d.session[STATE] = wire.RESTING
         t.guard.flags[0] = BRAKING
-        waited = d.session[TICK] - d.session[LAST_TICK]
-        if waited > TICKS_PER_INTERVAL and (t.latched_v[1] == 0.0 or waited > wire.BRIDGED * TICKS_PER_INTERVAL):
-            t.guard.motion[1] = 0.0  # it has been holding the last command
     elif d.session[STATE] == wire.IDLE:
         d.session[STATE] = wire.RESTED
 
 
 @part
-def go_on(t: Table, since: int) -> None:
-    """Move a command that was sent with a rate, `since` ticks ago, on at the instants at which the next were due."""
-    if since == 0 or since % TICKS_PER_INTERVAL != 0 or since > wire.BRIDGED * TICKS_PER_INTERVAL:
+def go_on(d: Door, t: Table) -> None:
+    """Move the last command on at the instants at which the next ones were due, within own limits."""
+    since = d.session[TICK] - d.session[LAST_TICK]
+    if since == 0 or since % TICKS_PER_INTERVAL != 0:
         return
-    limit = min(t.limits.command_v, t.limits.stroke_m / t.limits.gain_m_per_v)
-    step, interval_s = t.latched_v[1], TICKS_PER_INTERVAL * t.limits.dt_s
-    t.latched_v[0] = min(max(t.latched_v[0] + step, -limit), limit)
-    t.latched_v[1] = within(step + t.latched_v[2], fastest_v_s(t) * interval_s)
-    t.guard.motion[0] = t.limits.gain_m_per_v * t.latched_v[0]
-    t.guard.motion[1] = t.limits.gain_m_per_v * step / interval_s
+    gain, interval_s, held = t.limits.gain_m_per_v, TICKS_PER_INTERVAL * t.limits.dt_s, t.latched_v[0]
+    farthest = min(t.limits.command_v, t.limits.stroke_m / gain)
+    step = within(place_after(t.way, since // TICKS_PER_INTERVAL) - held, t.limits.velocity_m_s / gain * interval_s)
+    t.latched_v[0] = within(held + step, farthest)
+    t.guard.motion[0], t.guard.motion[1] = gain * t.latched_v[0], gain * (t.latched_v[0] - held) / interval_s
+    if t.latched_v[0] != held:
+        d.session[MOVED_TICK] = d.session[TICK]
 
 
 @part
@@ -126,7 +126,7 @@ def tick(d: Door, t: Table) -> None:
     if s[STATE] == wire.ARMED and s[TICK] - s[LAST_TICK] >= d.watchdog_ticks:
         lead_to_rest(d, t, wire.WATCHDOG)
     if s[STATE] == wire.ARMED:
-        go_on(t, s[TICK] - s[LAST_TICK])
+        go_on(d, t)
     if s[STATE] == wire.RESTING:
         ramp_down(t.limits, t.guard)
         t.latched_v[0] = t.guard.motion[0] / t.limits.gain_m_per_v
@@ -154,52 +154,31 @@ def arm(d: Door, t: Table, now: int) -> None:
     s = d.session
     if s[STATE] == wire.IDLE:
         s[STATE] = wire.ARMED
-        s[STARTED_NS], s[TICK], s[LAST_TICK], s[LONGEST_TICKS], s[ROW] = now, 0, 0, 0, 0
+        s[STARTED_NS], s[TICK], s[LAST_TICK], s[MOVED_TICK], s[LONGEST_TICKS], s[ROW] = now, 0, 0, 0, 0, 0
         t.guard.flags[0] = RUNNING
+        t.way.volts[0], t.way.marks[POINTS] = t.latched_v[0], 0
 
 
 @part
-def obey(d: Door, t: Table, now: int, command_v: float, rate_v_s: float, change_v_s2: float) -> None:
-    """Latch a command, or lead the table to rest where it is no number or out of range."""
-    s = d.session
+def obey(d: Door, t: Table, now: int) -> None:
+    """Latch the command that begins the way, or lead the table to rest where it is no number or out of range."""
+    s, command_v = d.session, t.way.volts[0]
     if s[STATE] != wire.ARMED:
         return
     if not (math.isfinite(command_v) and abs(command_v) <= t.limits.command_v):
         lead_to_rest(d, t, wire.BAD_COMMAND)
         return
     if d.counts[OBEYED] == 0:  # the clock starts anew: steps count from here, not from ARM
-        s[STARTED_NS], s[TICK], s[LAST_TICK] = now, 0, 0
+        s[STARTED_NS], s[TICK], s[LAST_TICK], s[MOVED_TICK] = now, 0, 0, 0
     else:
         s[STARTED_NS] += (now - s[STARTED_NS] - s[TICK] * d.interval_ns // TICKS_PER_INTERVAL) // PHASE_STEPS
-    since = s[TICK] - s[LAST_TICK]
-    if t.latched_v[1] != 0.0 and since > TICKS_PER_INTERVAL:
-        since = (since - 1) % TICKS_PER_INTERVAL + 1  # it has gone on until a moment ago
     place = t.limits.gain_m_per_v * command_v
-    velocity = (place - t.guard.motion[0]) / (max(since, 1) * t.limits.dt_s)
-    t.guard.motion[0] = place
-    t.guard.motion[1] = min(max(velocity, -t.limits.velocity_m_s), t.limits.velocity_m_s)
+    velocity = (place - t.guard.motion[0]) / (max(s[TICK] - s[MOVED_TICK], 1) * t.limits.dt_s)
+    t.guard.motion[0], t.guard.motion[1] = place, within(velocity, t.limits.velocity_m_s)
     t.latched_v[0] = command_v
-    go_on_with(d, t, rate_v_s, change_v_s2)
     s[LONGEST_TICKS] = max(s[LONGEST_TICKS], s[TICK] - s[LAST_TICK])
-    s[LAST_TICK], s[ARRIVED_NS] = s[TICK], now
+    s[LAST_TICK], s[MOVED_TICK], s[ARRIVED_NS] = s[TICK], s[TICK], now
     d.counts[OBEYED] += 1
-
-
-@part
-def go_on_with(d: Door, t: Table, rate_v_s: float, change_v_s2: float) -> None:
-    """Keep by how much the command goes on in an interval, within the velocity limit, and how that changes; not at all
-    where one of them is no number."""
-    t.latched_v[1], t.latched_v[2] = 0.0, 0.0
-    if math.isfinite(rate_v_s) and math.isfinite(change_v_s2):
-        interval_s, fastest = 1e-9 * d.interval_ns, fastest_v_s(t)
-        t.latched_v[1] = interval_s * within(rate_v_s, fastest)
-        t.latched_v[2] = interval_s * within(interval_s * change_v_s2, fastest)
-
-
-@part
-def fastest_v_s(t: Table) -> float:
-    """Return the velocity limit as a rate of the command."""
-    return t.limits.velocity_m_s / t.limits.gain_m_per_v
 
 
 @part
@@ -246,14 +225,13 @@ def take(d: Door, t: Table, now: int) -> None:
     elif kind == wire.REST or kind == wire.CLOSE:
         lead_to_rest(d, t, 0)
         s[CLOSING] |= 1 if kind == wire.CLOSE else 0
-    elif kind != wire.COMMAND or packet[wire.COUNT] < 1 or packet[wire.COUNT] > 3:
+    elif kind != wire.COMMAND or packet[wire.COUNT] == 0 or packet[wire.COUNT] == 2:
         d.counts[MALFORMED] += 1
         return
     sample(t, s)
     if kind == wire.COMMAND:
-        rate = wire.get_real(packet, wire.WORDS + 8) if packet[wire.COUNT] > 1 else 0.0
-        change = wire.get_real(packet, wire.WORDS + 16) if packet[wire.COUNT] > 2 else 0.0
-        obey(d, t, now, wire.get_real(packet, wire.WORDS), rate, change)
+        take_way(packet, t.way)
+        obey(d, t, now)
     answer(d, t, now)
 
 

@@ -13,6 +13,7 @@ from rths_cli.errors import InputError
 from rths_cli.loop.guard import fresh_guard
 from rths_cli.loop.serving import TICKS_PER_INTERVAL, Table
 from rths_cli.lti import Array
+from rths_cli.rigs.udp.way import fresh_way
 from rths_cli.rigs.virtual.kernel import fresh_state
 from rths_cli.rigs.virtual.opening import virtual_rig
 from rths_cli.rigs.virtual.plant import Plant
@@ -82,7 +83,8 @@ def make_table(rig: ServedRig, interval_ns: int) -> Table:
         fresh_guard(rig.channels),
         rig.noise,
         np.zeros(rig.channels),
-        np.zeros(3),
+        np.zeros(1),
+        fresh_way(),
     )
 
 

@@ -18,7 +18,6 @@ from rths_cli.loop import guard as g
 from rths_cli.loop import performance, realtime
 from rths_cli.loop.blocks import NUMERICAL, Step
 from rths_cli.loop.drive import play
-from rths_cli.loop.going_on import go_on, slewed
 from rths_cli.loop.guard import GuardLimits
 from rths_cli.loop.log import Log, Signals, signals
 from rths_cli.loop.realtime import overrun, run_udp, too_late_for
@@ -131,27 +130,6 @@ def test_a_rehearsal_moves_nothing_and_tells_how_late_each_step_was() -> None:
 
 
 @entry
-def slew(limits: GuardLimits, asked: Array, left: Array) -> None:
-    """Let every command (n,) leave as `slewed` does."""
-    last = 0.0
-    for k in range(asked.size):
-        last = slewed(limits, last, asked[k])
-        left[k] = last
-
-
-def test_what_leaves_after_a_gap_catches_up_within_the_velocity_limit() -> None:
-    limits = open_limits(rig_info())._replace(velocity_m_s=0.79, gain_m_per_v=0.0079, dt_s=1e-3)  # 0.1 V a step
-    asked = np.concatenate([np.linspace(0.0, 0.5, 11), np.full(6, 0.95), np.full(3, -2.0)])
-    left = np.zeros(asked.size)
-    slew(limits, asked, left)
-    assert left[:11] == pytest.approx(asked[:11])
-    assert left[11:17] == pytest.approx([0.6, 0.7, 0.8, 0.9, 0.95, 0.95])
-    assert left[17:] == pytest.approx([0.85, 0.75, 0.65])
-    slew(limits._replace(command_rate_v_s=50.0), asked, left)
-    assert np.abs(np.diff(left)).max() == pytest.approx(0.05)
-
-
-@entry
 def look(course: realtime.Course, state: g.GuardState, number: int, tolerance_ns: int) -> int:
     """Call `overrun` with what `too_late_for` finds."""
     return overrun(course, state, too_late_for(course, number, tolerance_ns))
@@ -246,38 +224,6 @@ def test_what_is_lost_changes_what_is_desired_by_little(whole: Signals, gap: Sig
     wanted = whole.desired[0, :1500]
     change = gap.desired[0, :1500] - wanted
     assert 0.0 < np.abs(change).max() < 2e-3 * np.abs(wanted).max()
-
-
-@entry
-def gone(ahead: Array, limits: GuardLimits) -> None:
-    go_on(ahead, limits)
-
-
-@pytest.mark.parametrize("towards", [1.0, -1.0])
-@pytest.mark.parametrize(("stroke_m", "most_v"), [(0.079, 10.0), (0.0395, 5.0), (1.0, 10.0)])
-def test_after_a_gap_near_a_limit_nothing_beyond_it_leaves(towards: float, stroke_m: float, most_v: float) -> None:
-    """A target goes on within its limits alone: slewing from beyond them sent 10.07 V over a range of 10 V."""
-    info = rig_info()
-    limits = open_limits(info)._replace(
-        stroke_m=stroke_m, command_v=10.0, gain_m_per_v=0.0079, velocity_m_s=0.15, dt_s=1e-3
-    )
-    last, rate = towards * (most_v - 0.05), towards * 16.0
-    ahead = np.array([last, 1e-3 * rate, 0.0])
-    held = [last]
-    for _ in range(10):
-        gone(ahead, limits)
-        held.append(float(ahead[0]))
-    expected = [min(most_v - 0.05 + 0.016 * waited, most_v) for waited in range(11)]
-    np.testing.assert_allclose(held, [towards * volts for volts in expected], rtol=1e-12)
-    left = np.zeros(1)
-    for place in held:
-        slew_from(limits, place, towards * (most_v - 0.01), left)
-        assert abs(left[0]) <= most_v
-
-
-@entry
-def slew_from(limits: GuardLimits, place: float, asked: float, left: Array) -> None:
-    left[0] = slewed(limits, place, asked)
 
 
 def test_a_run_whose_first_exchange_is_late_logs_numbers() -> None:

@@ -65,7 +65,7 @@ def test_the_session_key_shown_is_computed() -> None:
 
 
 def test_the_packets_shown_are_the_compiled_ones_and_those_of_plain_python() -> None:
-    hello, welcome, command, samples = examples()
+    hello, welcome, command, going_on, samples = examples()
     secret = as_words(SECRET)
     assert hello == session.sealed(wire.HELLO, RUNNER + TERMS, secret)
     assert welcome == session.sealed(wire.WELCOME, RUNNER + TARGET + TERMS, secret)
@@ -77,6 +77,8 @@ def test_the_packets_shown_are_the_compiled_ones_and_those_of_plain_python() -> 
     plain = key.astype("<u8").tobytes()
     assert hello == Packet(wire.HELLO, 0, RUNNER + TERMS).sealed(SECRET)
     assert command == Packet(wire.COMMAND, 1, struct.pack("<d", 1.25), sent_ns=123_456_789).sealed(plain)
+    words = struct.pack("<dqdd", 1.25, 4, 1.5, 1.625)
+    assert going_on == Packet(wire.COMMAND, 2, words, sent_ns=124_456_789).sealed(plain)
     values = struct.pack("<3d", 0.5, -0.25, 0.0)
     assert samples == Packet(wire.SAMPLES, 1, values, 1, 0, 0, 987_654_321, 987_650_000).sealed(plain)
 

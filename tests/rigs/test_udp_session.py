@@ -147,11 +147,11 @@ def test_a_refusal_says_why(meet: Callable[[Reply], tuple[socket.socket, str]], 
 
 
 def test_another_version_is_told_on_both_sides(meet: Callable[[Reply], tuple[socket.socket, str]]) -> None:
-    answer = answer_hello(hello(version=2), WORDS, OFFER)
+    answer = answer_hello(hello(version=1), WORDS, OFFER)
     assert answer is not None and answer.session is None
     told = opened(answer.packet, SECRET)
     assert told is not None
-    assert told.content == b"n" * 16 + struct.pack("<2q", wire.NO_VERSION, 1)
+    assert told.content == b"n" * 16 + struct.pack("<2q", wire.NO_VERSION, 2)
 
     def reply(data: bytes) -> list[bytes]:
         return [Packet(wire.REFUSAL, 0, data[40:56], version=7).sealed(SECRET)]

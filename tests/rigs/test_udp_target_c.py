@@ -169,8 +169,8 @@ def test_replayed_doubled_and_forged_packets_move_nothing(rig: UdpRig) -> None:
     volts = struct.pack("<d", 5.0)
     old = [Packet(wire.COMMAND, sequence, volts).sealed(old_key) for sequence in range(10)]
     again = [Packet(wire.COMMAND, sequence, volts).sealed(key) for sequence in range(base + 2)]
-    odd = [Packet(kind, base + 2, volts * n).sealed(key) for kind, n in ((wire.COMMAND, 0), (wire.COMMAND, 4), (9, 1))]
-    odd.append(Packet(wire.COMMAND, base + 2, volts, version=2).sealed(key))
+    odd = [Packet(kind, base + 2, volts * n).sealed(key) for kind, n in ((wire.COMMAND, 0), (wire.COMMAND, 2), (9, 1))]
+    odd.append(Packet(wire.COMMAND, base + 2, volts, version=1).sealed(key))
     fresh = np.frombuffer(Packet(wire.COMMAND, base + 3, volts).sealed(key), np.uint8)
     for _ in range(20):
         spoilt = np.repeat(fresh[None], 100, axis=0)

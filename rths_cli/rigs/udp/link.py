@@ -5,7 +5,6 @@ Everything is preallocated; the socket is connected, does not block, and belongs
 
 from __future__ import annotations
 
-import math
 import socket
 from typing import NamedTuple
 
@@ -16,6 +15,7 @@ from rths_cli.compiled import External, entry, part
 from rths_cli.lti import Array
 from rths_cli.rigs.udp import wire
 from rths_cli.rigs.udp.siphash import Bytes, Words
+from rths_cli.rigs.udp.way import POINTS, Way, fresh_way, put_way, words_of
 
 OK, LOST, FAULT = range(3)  # what `exchange` returns
 NO_TIMEOUT_NS = 1 << 62
@@ -49,7 +49,7 @@ class Link(NamedTuple):
     key: Words  # (2,) of the session
     outgoing: Bytes  # (MOST_BYTES,)
     incoming: Bytes  # (MOST_BYTES,)
-    onward: Array  # (2,) how the command goes on where the next one is late: V/s, V/s^2; no numbers: this is not told
+    way: Way  # the next command to leave, and how it goes on where the one after it is late
     samples_v: Array  # (c,) the last ones that came
     status: IntArray
     counts: IntArray
@@ -63,7 +63,7 @@ def fresh_link(
     return Link(
         door.fileno(), spin_ns, timeout_ns, key,
         np.zeros(wire.MOST_BYTES, np.uint8), np.zeros(wire.MOST_BYTES, np.uint8),
-        np.full(2, np.nan), np.zeros(channels), np.array([0, -1, -1, *[0] * 7]), np.zeros(len(COUNTS), np.int64),
+        fresh_way(), np.zeros(channels), np.array([0, -1, -1, *[0] * 7]), np.zeros(len(COUNTS), np.int64),
         np.zeros(4, np.int64),
     )  # fmt: skip
 
@@ -82,14 +82,11 @@ def post(link: Link, kind: int, sequence: int, command_v: float) -> int:
 
     What the network reports of an earlier packet ends the first call without sending; the second one sends.
     """
-    rate, change = link.onward[0], link.onward[1]
-    words = 0 if kind != wire.COMMAND else 3 if math.isfinite(rate) and math.isfinite(change) else 1
+    words = words_of(link.way) if kind == wire.COMMAND else 0
     wire.begin(link.outgoing, kind, words, sequence)
     if words > 0:
-        wire.put_real(link.outgoing, wire.WORDS, command_v)
-    if words > 1:
-        wire.put_real(link.outgoing, wire.WORDS + 8, rate)
-        wire.put_real(link.outgoing, wire.WORDS + 16, change)
+        link.way.volts[0] = command_v
+        put_way(link.outgoing, link.way)
     now = monotonic_ns(link.scratch)
     wire.put_int(link.outgoing, wire.SENT_NS, now)
     size = wire.seal(link.outgoing, link.key)
@@ -196,6 +193,8 @@ def exchange(link: Link, command_v: float, k: int, deadline_ns: int) -> int:
 
 @entry
 def converse_at(link: Link, kind: int, k: int, command_v: float, instant_ns: int, timeout_ns: int) -> int:
-    """Do what `converse` does at a monotonic time, or now when that is past, and wait so long for the answer."""
+    """Do what `converse` does at a monotonic time, or now when that is past, and wait so long for the answer; how a
+    command goes on is not told."""
+    link.way.marks[POINTS] = 0
     sleep_until(instant_ns, link.spin_ns, link.scratch)
     return converse(link, kind, k, command_v, monotonic_ns(link.scratch) + timeout_ns)

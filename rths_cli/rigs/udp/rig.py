@@ -190,6 +190,13 @@ class UdpRig:
                 f"rig {self.info.name}: the watchdog of target {self.peer} waits {1e-9 * told.watchdog_ns:g} s, "
                 f"the rig file allows {self.target.watchdog_s:g} s; raise watchdog_s or change the target"
             )
+        borne_ns = (self.target.lost_samples + 1) * self._dt_ns
+        if told.watchdog_ns <= borne_ns:
+            raise RigError(
+                f"rig {self.info.name}: the watchdog of target {self.peer} waits {1e-9 * told.watchdog_ns:g} s, "
+                f"it must wait more than {1e-9 * borne_ns:g} s (lost_samples of the rig file and one more); raise it, or "
+                "lower lost_samples"
+            )
 
     def _next_k(self) -> int:
         link = self.link

@@ -27,7 +27,7 @@ MAGIC, VERSION, KIND, COUNT, STATE, FAULTS, LOST, SEQUENCE, SENT_NS, INSTANT_NS,
 )
 MAGIC_BYTES = b"RTHS"
 MAGIC_NUMBER = int.from_bytes(MAGIC_BYTES, "little")
-PROTOCOL = 1  # what stands at VERSION
+PROTOCOL = 2  # what stands at VERSION
 MOST_WORDS = 16
 TAG_BYTES = 8
 LEAST_BYTES = WORDS + TAG_BYTES
@@ -38,7 +38,10 @@ MOST_BYTES = (
 # kinds: to the target HELLO, ARM, COMMAND, REST, CLOSE; from it WELCOME, REFUSAL, SAMPLES
 HELLO, WELCOME, REFUSAL, ARM, COMMAND, SAMPLES, REST, CLOSE = range(1, 9)
 
-BRIDGED = 10  # intervals without a command, through which a target may go on at the rate it was sent with
+# the words of a COMMAND: alone, or with how many sample intervals lie between the points it goes on to, and these
+COMMAND_V, SPACING, FIRST_POINT = WORDS, WORDS + 8, WORDS + 16
+MOST_POINTS = MOST_WORDS - 2
+LONGEST_SPACING = 1000
 
 # states of the target: commands are obeyed in ARMED alone; RESTING leads the table to rest, RESTED ends the session
 IDLE, ARMED, RESTING, RESTED = range(4)

@@ -1,0 +1,171 @@
+"""What the next commands will be if no samples come, foreseen in every step and told to the rig with each command.
+
+A processor or a link that stalls for some milliseconds must not shake the building. The step is linear but for its
+limits and its rounding, so the commands that it computes on bridged samples (bridging.py) are a matrix times its state
+and the drive to come. The matrix is found before the run, by letting a step go on by itself from each unit state.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from rths_cli.compiled import entry, part
+from rths_cli.control.blocks import Blocks
+from rths_cli.loop.blocks import Step, assemble
+from rths_cli.loop.bridging import bridge
+from rths_cli.loop.guard import GuardLimits, GuardState, fresh_guard, ramp_down
+from rths_cli.loop.rejoining import farthest, hardest, off_after, outermost
+from rths_cli.loop.step import note_sent, step
+from rths_cli.lti import Array
+from rths_cli.rigs.udp.way import POINTS, SPACING, Way
+from rths_cli.rigs.udp.wire import MOST_POINTS
+from rths_cli.tiles import padded, product, tiled
+
+SPACING_S = 8e-3  # between two points: 112 ms are foreseen
+STEEPEST = 2.0  # of the way between two points, against the straight line
+DRIVEN = 3  # values in a row of the drive
+
+
+class Foresight(NamedTuple):
+    """The matrix, and where what it is multiplied with is gathered; of no points where nothing is told."""
+
+    matrix: Array  # (tiles, n, 4), tiles.tiled: state and drive to come -> points
+    given: Array  # (n,) the state, then rows of the drive
+    made: Array  # (points padded to 4,) in V
+    points: int
+    spacing: int  # sample intervals from one point to the next
+    rest: GuardState  # led to rest ahead of the guard
+
+
+def no_foresight(channels: int) -> Foresight:
+    """Return the foresight of a rig that is not told how commands go on."""
+    return Foresight(np.zeros((0, 0, 4)), np.zeros(0), np.zeros(0), 0, 1, fresh_guard(channels))
+
+
+def foresight_of(blocks: Blocks, source: int, dt_s: float) -> Foresight:
+    """Return the foresight of a run of a source."""
+    spacing = max(round(SPACING_S / dt_s), 1)
+    ahead = MOST_POINTS * spacing  # steps
+    own = [_goes_on(blocks, source, ahead, place) for place in range(_size(assemble(blocks, source)))]
+    driven = [_goes_on(blocks, source, ahead, -1 - column) for column in range(DRIVEN)]
+    later = [np.pad(commands, (rows, 0))[:ahead] for rows in range(ahead) for commands in driven]
+    rows = np.vstack([*own, *later])[:, spacing - 1 :: spacing]
+    return Foresight(
+        tiled(rows.T), np.zeros(len(rows)), np.zeros(padded(MOST_POINTS)), MOST_POINTS, spacing,
+        fresh_guard(len(blocks.correction.C)),
+    )  # fmt: skip
+
+
+def _goes_on(blocks: Blocks, source: int, steps: int, place: int) -> Array:
+    """Return the commands (steps,) of a step without limits and rounding that nobody gives samples, from a unit at a
+    place of its state, or from rest under a unit of the drive at first (-1, -2, -3: its columns)."""
+    s = assemble(blocks, source)
+    s = s._replace(shaping=np.zeros(3), command_limit_v=np.inf, feedback_limit_v=np.inf)
+    drive, commands = np.zeros((steps, DRIVEN)), np.zeros(steps)
+    if place >= 0:
+        scattered(s, np.eye(1, _size(s), place)[0])
+    else:
+        drive[0, -1 - place] = 1.0
+    go_on_alone(s, drive, commands)
+    return commands
+
+
+def _size(s: Step) -> int:
+    return 3 * s.samples.size + sum(values.size for values in _parts(s))
+
+
+def _parts(s: Step) -> tuple[Array, ...]:
+    """Return what a step keeps from one sample to the next, but for the states of its correction."""
+    return (
+        s.estimator.given, s.numerical.state, s.feedforward.given, s.feedback.given, s.recent, s.samples, s.sent
+    )  # fmt: skip
+
+
+def scattered(s: Step, state: Array) -> None:
+    """Put a state (n,) into a step, in the order of `gathered`."""
+    s.correction.given[:, :3] = state[: 3 * s.samples.size].reshape(-1, 3)
+    at = 3 * s.samples.size
+    for values in _parts(s):
+        values[:] = state[at : at + values.size]
+        at += values.size
+
+
+@part
+def gathered(s: Step, state: Array) -> int:
+    """Write a step's state to the front of an array; return its size."""
+    at = 0
+    for c in range(s.samples.size):
+        for j in range(3):
+            state[at] = s.correction.given[c, j]
+            at += 1
+    at = put(s.estimator.given, state, at)
+    at = put(s.numerical.state, state, at)
+    at = put(s.feedforward.given, state, at)
+    at = put(s.feedback.given, state, at)
+    at = put(s.recent, state, at)
+    at = put(s.samples, state, at)
+    return put(s.sent, state, at)
+
+
+@part
+def put(values: Array, state: Array, at: int) -> int:
+    """Copy values to a place; return the place after them."""
+    for i in range(values.size):
+        state[at + i] = values[i] + 0.0  # as `tiles.copied`
+    return at + values.size
+
+
+@entry
+def go_on_alone(s: Step, drive: Array, commands: Array) -> None:
+    """Let a step go on without samples over a drive (n, 3); write its commands (n,) in V."""
+    for k in range(drive.shape[0]):
+        bridge(s)
+        commands[k] = step(s, drive[k])
+        note_sent(s, commands[k])
+
+
+@part
+def foresee(f: Foresight, s: Step, drive: Array, k: int, last: int) -> None:
+    """Foresee the commands after that of step k - 1, whose state the step is in: the drive (n, 3) goes on with row k,
+    and stays as it is from row `last` on."""
+    if f.points == 0:
+        return
+    at = gathered(s, f.given)
+    rows = min(last, drive.shape[0] - 1)
+    for i in range(f.points * f.spacing):
+        row = min(k + i, rows)
+        for column in range(DRIVEN):
+            f.given[at] = drive[row, column] + 0.0
+            at += 1
+    product(f.matrix, f.given.size, f.given, f.made)
+
+
+@part
+def lay_way(way: Way, f: Foresight, limits: GuardLimits, drift: Array, share: float) -> None:
+    """Tell how a command goes on: as foreseen, and as the rig comes back from where it is off."""
+    way.marks[POINTS], way.marks[SPACING] = f.points, f.spacing
+    for i in range(f.points):
+        lay_point(way, f, limits, i, share * f.made[i] + off_after(drift, (i + 1) * f.spacing))
+
+
+@part
+def lay_way_to_rest(way: Way, f: Foresight, limits: GuardLimits, g: GuardState, drift: Array) -> None:
+    """Tell how a command goes on while the guard leads the table to rest."""
+    way.marks[POINTS], way.marks[SPACING] = f.points, f.spacing
+    f.rest.flags[0], f.rest.motion[0], f.rest.motion[1] = g.flags[0], g.motion[0], g.motion[1]
+    for i in range(f.points):
+        for _ in range(f.spacing):
+            ramp_down(limits, f.rest)
+        lay_point(way, f, limits, i, f.rest.motion[0] / limits.gain_m_per_v + off_after(drift, (i + 1) * f.spacing))
+
+
+@part
+def lay_point(way: Way, f: Foresight, limits: GuardLimits, i: int, wanted: float) -> None:
+    """Lay a point as near to what is wanted as all limits allow; at the last one the rig comes to rest, having slowed
+    down as hard as the guard brakes."""
+    to_stop = hardest(limits) * f.spacing**2 * (f.points - i - 0.5)
+    most, last = min(f.spacing * farthest(limits) / STEEPEST, to_stop), way.volts[i]
+    point = min(max(wanted, last - most), last + most)
+    way.volts[i + 1] = min(max(point, -outermost(limits)), outermost(limits))

@@ -3,6 +3,7 @@
 A processor or a link that stalls for some milliseconds must not shake the building. The step is linear but for its
 limits and its rounding, so the commands that it computes on bridged samples (bridging.py) are a matrix times its state
 and the drive to come. The matrix is found before the run, by letting a step go on by itself from each unit state.
+Of the drive one row is read per point, and the rows between are taken to lie on the same curve as the way of the rig.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from rths_cli.loop.guard import GuardLimits, GuardState, fresh_guard, ramp_down
 from rths_cli.loop.rejoining import farthest, hardest, off_after, outermost
 from rths_cli.loop.step import note_sent, step
 from rths_cli.lti import Array
-from rths_cli.rigs.udp.way import POINTS, SPACING, Way
+from rths_cli.rigs.udp.way import POINTS, SPACING, Way, fresh_way, place_after
 from rths_cli.rigs.udp.wire import MOST_POINTS
 from rths_cli.tiles import padded, product, tiled
 
@@ -32,7 +33,7 @@ class Foresight(NamedTuple):
     """The matrix, and where what it is multiplied with is gathered; of no points where nothing is told."""
 
     matrix: Array  # (tiles, n, 4), tiles.tiled: state and drive to come -> points
-    given: Array  # (n,) the state, then rows of the drive
+    given: Array  # (n,) the state, then rows of the drive: that of the last step and those of the points
     made: Array  # (points padded to 4,) in V
     points: int
     spacing: int  # sample intervals from one point to the next
@@ -50,12 +51,23 @@ def foresight_of(blocks: Blocks, source: int, dt_s: float) -> Foresight:
     ahead = MOST_POINTS * spacing  # steps
     own = [_goes_on(blocks, source, ahead, place) for place in range(_size(assemble(blocks, source)))]
     driven = [_goes_on(blocks, source, ahead, -1 - column) for column in range(DRIVEN)]
-    later = [np.pad(commands, (rows, 0))[:ahead] for rows in range(ahead) for commands in driven]
-    rows = np.vstack([*own, *later])[:, spacing - 1 :: spacing]
+    later = np.array([[np.pad(commands, (rows, 0))[:ahead] for commands in driven] for rows in range(ahead)])
+    by_points = np.tensordot(_between_points(spacing), later, 1).reshape(-1, ahead)
+    rows = np.vstack([*own, by_points])[:, spacing - 1 :: spacing]
     return Foresight(
         tiled(rows.T), np.zeros(len(rows)), np.zeros(padded(MOST_POINTS)), MOST_POINTS, spacing,
         fresh_guard(len(blocks.correction.C)),
     )  # fmt: skip
+
+
+def _between_points(spacing: int) -> Array:
+    """Return what each point has of the rows to come, (points + 1, rows): the first point is the row before them."""
+    shares = np.zeros((MOST_POINTS + 1, MOST_POINTS * spacing))
+    for point, row in enumerate(shares):
+        way = fresh_way()
+        way.volts[point], way.marks[POINTS], way.marks[SPACING] = 1.0, MOST_POINTS, spacing
+        go_the_way(way, row)
+    return shares
 
 
 def _goes_on(blocks: Blocks, source: int, steps: int, place: int) -> Array:
@@ -126,6 +138,13 @@ def go_on_alone(s: Step, drive: Array, commands: Array) -> None:
         note_sent(s, commands[k])
 
 
+@entry
+def go_the_way(way: Way, places: Array) -> None:
+    """Write where a command has gone on to after one, two, ... intervals, (n,)."""
+    for i in range(places.size):
+        places[i] = place_after(way, i + 1)
+
+
 @part
 def foresee(f: Foresight, s: Step, drive: Array, k: int, last: int) -> None:
     """Foresee the commands after that of step k - 1, whose state the step is in: the drive (n, 3) goes on with row k,
@@ -133,9 +152,9 @@ def foresee(f: Foresight, s: Step, drive: Array, k: int, last: int) -> None:
     if f.points == 0:
         return
     at = gathered(s, f.given)
-    rows = min(last, drive.shape[0] - 1)
-    for i in range(f.points * f.spacing):
-        row = min(k + i, rows)
+    final = min(last, drive.shape[0] - 1)
+    for i in range(f.points + 1):
+        row = min(k - 1 + i * f.spacing, final)
         for column in range(DRIVEN):
             f.given[at] = drive[row, column] + 0.0
             at += 1

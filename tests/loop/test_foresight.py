@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bench import rig_info
-from hybrid import best_like, ground, open_limits
+from hybrid import best_like, open_limits
 from test_realtime import Wired, conducted
 
 from rths_cli.compiled import entry
@@ -66,23 +66,27 @@ def go_on_without_samples(run: Performance, steps: int) -> Array:
 
 
 def wave(count: int, dt_s: float, source: int) -> Array:
-    drive = 10.0 * ground(count)
+    """Return a drive (n, 3) of sines: acceleration, velocity and displacement, or a command in the first column."""
     if source == EXCITATION:
-        drive[:, 0] = 0.3 * np.sin(30.0 * dt_s * np.arange(count))
-    return drive
+        return np.outer(np.random.default_rng(5).uniform(-0.3, 0.3, count), [1.0, 0.0, 0.0])
+    omega, amplitude = 2.0 * np.pi * np.array([[1.0], [4.0], [9.0]]), np.array([[1.0], [2.0], [0.5]])
+    phase = omega * dt_s * np.arange(count) + np.array([[0.0], [1.0], [2.0]])
+    parts = np.sin(phase), -np.cos(phase) / omega, -np.sin(phase) / omega**2
+    drive = np.column_stack([np.sum(amplitude * each, axis=0) for each in parts])
+    return np.asarray(drive * np.minimum(np.arange(count) * dt_s, 1.0)[:, None])
 
 
 @pytest.mark.parametrize("source", [NUMERICAL, RECORD, EXCITATION])
 @pytest.mark.parametrize("dt_s", [2e-3, 1e-3, 2.5e-4])
 def test_the_points_are_what_the_step_commands_without_samples(dt_s: float, source: int) -> None:
-    """To the bit that a command is rounded to; a command that stood still would be off by a hundred."""
+    """To a bit and a half, one of which a command is rounded to; a command that stood still would be off by a hundred."""
     drive = wave(2000, dt_s, source)
     run = played(dt_s, source, drive)
     f, before = run.course.foresight, signals(run.log, 3, run.step.estimated.size).command_v[UNTIL - 1]
     assert f.points == POINTS and f.spacing == max(round(SPACING_S / dt_s), 1)
     foreseen(f, run.step, run.drive, UNTIL, len(drive) - 1)
     commands = go_on_without_samples(run, f.points * f.spacing)[f.spacing - 1 :: f.spacing]
-    assert np.abs(f.made[:POINTS] - commands).max() < 1.01 * run.info.converters.step_v
+    assert np.abs(f.made[:POINTS] - commands).max() < 1.5 * run.info.converters.step_v
     assert np.abs(commands - before).max() > 100 * run.info.converters.step_v
 
 

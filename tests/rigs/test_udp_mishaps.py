@@ -60,7 +60,8 @@ def table(tmp_path: Path) -> Iterator[tuple[PlainTarget, Relay, UdpRig]]:
     key_file.chmod(0o600)
     target = PlainTarget(SECRET, Counting())
     relay = Relay("127.0.0.1", target.port)
-    rig = UdpRig(rig_info(dt_s=1e-3), UdpTarget("127.0.0.1", relay.port, key_file, timeout_s=0.01, lost_samples=200))
+    reached = UdpTarget("127.0.0.1", relay.port, key_file, timeout_s=0.01, lost_samples=200, watchdog_s=0.5)
+    rig = UdpRig(rig_info(dt_s=1e-3), reached)
     yield target, relay, rig
     rig.close()
     relay.close()

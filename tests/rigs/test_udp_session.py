@@ -70,7 +70,7 @@ def meet() -> Iterator[Callable[[Reply], tuple[socket.socket, str]]]:
         door.close()
 
 
-def hello(nonce: bytes = b"n" * 16, terms: Terms = WANTED, version: int = 1, kind: int = wire.HELLO) -> bytes:
+def hello(nonce: bytes = b"n" * 16, terms: Terms = WANTED, version: int = 2, kind: int = wire.HELLO) -> bytes:
     content = nonce + struct.pack("<3q", terms.channels, terms.interval_ns, terms.watchdog_ns)
     return Packet(kind, 0, content, version=version).sealed(SECRET)
 
@@ -157,7 +157,7 @@ def test_another_version_is_told_on_both_sides(meet: Callable[[Reply], tuple[soc
         return [Packet(wire.REFUSAL, 0, data[40:56], version=7).sealed(SECRET)]
 
     link, peer = meet(reply)
-    with pytest.raises(RigError, match="speaks version 7 of the protocol, this rths version 1; bring both"):
+    with pytest.raises(RigError, match="speaks version 7 of the protocol, this rths version 2; bring both"):
         greet(link, peer, WORDS, WANTED)
 
 

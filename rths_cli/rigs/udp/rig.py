@@ -194,8 +194,8 @@ class UdpRig:
         if told.watchdog_ns <= borne_ns:
             raise RigError(
                 f"rig {self.info.name}: the watchdog of target {self.peer} waits {1e-9 * told.watchdog_ns:g} s, "
-                f"it must wait more than {1e-9 * borne_ns:g} s (lost_samples of the rig file and one more); raise it, or "
-                "lower lost_samples"
+                f"it must wait more than {1e-9 * borne_ns:g} s (lost_samples of the rig file and one more); raise it "
+                "or lower lost_samples"
             )
 
     def _next_k(self) -> int:

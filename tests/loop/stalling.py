@@ -1,0 +1,131 @@
+"""A hybrid test whose runner stalls, in simulated time: runner and served table, no clock and no network between.
+
+Its accuracy, RMS errors to SIM, which shares no code with the step, stands beside that of a test without a stall.
+"""
+
+from __future__ import annotations
+
+import socket
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from rths_cli.analysis.sim import simulate
+from rths_cli.case.load import load_cases
+from rths_cli.clocks import IntArray
+from rths_cli.compiled import entry
+from rths_cli.loop import performance, serving
+from rths_cli.loop.blocks import NUMERICAL, Step
+from rths_cli.loop.drive import Outcome
+from rths_cli.loop.foresight import no_foresight
+from rths_cli.loop.guard import STOPPED, GuardLimits, GuardState
+from rths_cli.loop.log import Log, Signals, signals
+from rths_cli.loop.performance import Performance
+from rths_cli.loop.realtime import STANDS_V, Course, conduct, leave, look_ahead, pass_by
+from rths_cli.lti import Array
+from rths_cli.metrics import error_figures
+from rths_cli.rigs.udp.way import Way, fresh_way
+from rths_cli.workflows.controllers import Design, design_blocks
+from rths_cli.workflows.known import Memory
+from rths_cli.workflows.rigs import guard_limits
+from rths_cli.workflows.series import Series, on_record_clock, whole_building
+from rths_cli.workflows.serve_table import ServedRig, describe, make_table
+from rths_cli.workflows.setup import Setup, make_setup
+from rths_cli.workflows.table_runs import drive_of
+
+INTERVAL_NS = 1_000_000
+
+
+@entry
+def stalled(
+    d: serving.Door, t: serving.Table, way: Way, course: Course, s: Step, limits: GuardLimits, g: GuardState,
+    drive: Array, log: Log, stalls: IntArray, apart: Array,
+) -> int:  # fmt: skip
+    """Do what `run_udp` does, the clock set on by as many intervals as `stalls` (n,) says where an exchange is due.
+
+    Return the steps done; `apart` (1,) is how far the table was at most from where the runner took it to stand.
+    """
+    behind, waited, k, command = 0, 0, 0, 0.0
+    serving.arm(d, t, 0)
+    serving.sample(t, d.session)
+    while k < log.columns.shape[1] and g.flags[0] != STOPPED:
+        lost = 0
+        if behind > 0:
+            lost, waited, behind = 2, waited + 1, behind - 1
+            pass_by(course, s, limits, log, way, waited, k)
+        elif k > 0:
+            if stalls[k - 1] > 0:
+                behind, stalls[k - 1] = stalls[k - 1], 0
+                continue
+            now = (k - 1) * course.dt_ns
+            serving.advance(d, t, now)
+            apart[0] = max(apart[0], abs(t.latched_v[0] - course.drift[STANDS_V]))
+            waited, command = 0, leave(course, s, limits, g, log, way, command, k)
+            for i in range(way.volts.size):
+                t.way.volts[i] = way.volts[i]
+            for i in range(way.marks.size):
+                t.way.marks[i] = way.marks[i]
+            serving.sample(t, d.session)
+            serving.obey(d, t, now)
+        log.done[0] = k
+        command = conduct(course, s, limits, g, drive, log, t.samples, lost, k)
+        k += 1
+        if behind <= 0:
+            look_ahead(course, s, drive, log, k)
+    log.done[0] = k
+    return k
+
+
+@dataclass(frozen=True)
+class Laboratory:
+    """A case, what was identified of its rig, and the same rig to be served."""
+
+    setup: Setup
+    design: Design
+    served: ServedRig
+
+    record: int  # samples that are played
+
+    def run(self, at: IntArray, length: int, told: bool = True) -> tuple[Performance, float]:
+        """Play the case with stalls at some steps, of so many intervals each; return the run, and by how much the
+        runner was at most mistaken of where the table stands in V. `told` False: the rig holds what it has."""
+        setup, blocks = self.setup, self.design.blocks
+        drive = drive_of(setup, self.design)[: self.record]
+        info = replace(setup.rig, kind="udp", overrun="skip", limits=replace(setup.rig.limits, lost_samples=200))
+        run = performance.prepare(info, blocks, NUMERICAL, drive, guard_limits(setup))
+        course = run.course if told else run.course._replace(foresight=no_foresight(3))
+        table, stalls, apart = make_table(self.served, INTERVAL_NS), np.zeros(len(run.drive), np.int64), np.zeros(1)
+        stalls[at] = length
+        nobody = np.zeros(2, np.uint64)
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
+            door = serving.open_door(link, nobody, nobody, INTERVAL_NS, 500_000_000, np.zeros(1, np.int64))
+            told_to = (run.step, run.limits, run.guard, run.drive, run.log, stalls, apart)
+            stalled(door, table, fresh_way(), course, *told_to)
+        return run, float(apart[0])
+
+    def errors(self, run: Performance) -> Array:
+        """Return the RMS errors of a run to SIM, storey by storey, in m/s^2."""
+        setup, ramp = self.setup, run.course.ramp
+        log, dt = logged(run), setup.rig.dt_s
+        outcome = Outcome(log, int(run.log.done[0]), "", "", 0.0)
+        whole = on_record_clock(outcome, self.design.blocks.lead_samples, dt, ramp + self.record)
+        cut = {name: getattr(whole, name)[..., ramp:] for name in Series.__dataclass_fields__ if name != "live"}
+        found = whole_building(setup.building, Series(**cut), setup.motion.accel_m_s2[: self.record], dt)[2]
+        return error_figures(self.sim[:, : found.shape[1]], found, dt).rms
+
+    @cached_property
+    def sim(self) -> Array:
+        return simulate(self.setup.building, self.setup.rig.dt_s, self.setup.motion.accel_m_s2).abs_accel_m_s2
+
+
+def laboratory_of(record: int) -> Laboratory:
+    """Return the laboratory of the example case with a record of so many ms; the rig is identified."""
+    setup = make_setup(load_cases(["el_centro_low_ff_fb"], ("sample_rate_hz=1000",))[0])
+    design = design_blocks(setup, Memory().identify(setup, lambda _: None))
+    served = describe("aps400_virtual", "three_storey", ("sample_rate_hz=1000",), 0)
+    return Laboratory(setup, design, served, record)
+
+
+def logged(run: Performance) -> Signals:
+    return signals(run.log, len(run.info.channels), run.step.estimated.size)

@@ -79,7 +79,7 @@ def wave(count: int, dt_s: float, source: int) -> Array:
 @pytest.mark.parametrize("source", [NUMERICAL, RECORD, EXCITATION])
 @pytest.mark.parametrize("dt_s", [2e-3, 1e-3, 2.5e-4])
 def test_the_points_are_what_the_step_commands_without_samples(dt_s: float, source: int) -> None:
-    """To a bit and a half, one of which a command is rounded to; a command that stood still would be off by a hundred."""
+    """To a bit and a half, of which one is rounding; a command that stood still would be off by a hundred."""
     drive = wave(2000, dt_s, source)
     run = played(dt_s, source, drive)
     f, before = run.course.foresight, signals(run.log, 3, run.step.estimated.size).command_v[UNTIL - 1]

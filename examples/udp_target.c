@@ -1,7 +1,8 @@
 /* A target for rths over UDP (docs/udp.md): C99, no memory allocation, no operating system.
  *
  * Give the four hooks below, set `secret` of a target that is zero otherwise, call handle() with each packet received
- * and send back what it returns, and call watch() at least every millisecond. udp_target_pc.c does that on a PC.
+ * and send back what it returns, and call watch() some times in every sample interval: it moves a late command on.
+ * udp_target_pc.c does that on a PC.
  *
  * The watchdog here is no safety function: a real table needs an independent emergency stop.
  */
@@ -15,7 +16,7 @@ enum { HELLO = 1, WELCOME, REFUSAL, ARM, COMMAND, SAMPLES, REST, CLOSE };
 enum { IDLE, ARMED, RESTING, RESTED };
 enum { WATCHDOG = 1, BAD_COMMAND = 8 };
 enum { NO_VERSION = 1, BUSY, OTHER_CHANNELS, TOO_FAST };
-enum { VERSION = 2, HEAD = 40, MOST = 176, POINTS = 14, LONGEST_SPACING = 1000 };
+enum { VERSION = 2, HEAD = 40, MOST = 176, POINTS = 14, LONGEST_SPACING = 1000, FARTHEST_V = 1000000 };
 
 struct target {
     uint8_t secret[16], key[16], nonces[32]; /* nonces: the runner's, then ours */
@@ -131,7 +132,7 @@ static void take_way(struct target *t, const uint8_t *words, int count)
         t->points = 0;
     for (int i = 1; i <= t->points; i++) {
         t->way_v[i] = get_real(words + 8 + 8 * i);
-        if (!(t->way_v[i] >= -1e9 && t->way_v[i] <= 1e9)) /* not a number is neither */
+        if (!(t->way_v[i] >= -FARTHEST_V && t->way_v[i] <= FARTHEST_V)) /* not a number is neither */
             t->points = 0;
     }
     t->intervals = 0;

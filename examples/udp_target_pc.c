@@ -4,9 +4,9 @@
  */
 #define _POSIX_C_SOURCE 200809L
 #include <arpa/inet.h>
-#include <poll.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <sys/select.h>
 #include <sys/socket.h>
 #include <time.h>
 
@@ -77,6 +77,15 @@ static int listen_at(const char *address, int port)
     return door;
 }
 
+static void wait_for_packet(int door, int64_t longest_ns)
+{
+    struct timespec longest = {.tv_nsec = (long)longest_ns};
+    fd_set doors;
+    FD_ZERO(&doors);
+    FD_SET(door, &doors);
+    pselect(door + 1, &doors, NULL, NULL, &longest, NULL);
+}
+
 int main(int count, char **words)
 {
     static struct target target;
@@ -85,14 +94,14 @@ int main(int count, char **words)
     if (count < 3)
         fail("usage: udp_target PORT KEYFILE [ADDRESS]");
     read_secret(words[2], target.secret);
-    struct pollfd door = {.fd = listen_at(count > 3 ? words[3] : "127.0.0.1", atoi(words[1])), .events = POLLIN};
+    int door = listen_at(count > 3 ? words[3] : "127.0.0.1", atoi(words[1]));
     for (;;) {
         socklen_t length = sizeof peer;
-        poll(&door, 1, 1);
-        ssize_t got = recvfrom(door.fd, in, sizeof in, MSG_DONTWAIT, (struct sockaddr *)&peer, &length);
+        wait_for_packet(door, target.state == ARMED && target.interval_ns < 4000000 ? target.interval_ns / 4 : 1000000);
+        ssize_t got = recvfrom(door, in, sizeof in, MSG_DONTWAIT, (struct sockaddr *)&peer, &length);
         size_t size = got > 0 ? handle(&target, in, (size_t)got, out) : 0;
         if (size > 0)
-            sendto(door.fd, out, size, 0, (struct sockaddr *)&peer, length);
+            sendto(door, out, size, 0, (struct sockaddr *)&peer, length);
         watch(&target);
     }
 }

@@ -17,15 +17,13 @@ from rths_cli.control.blocks import Blocks
 from rths_cli.loop.blocks import Step, assemble
 from rths_cli.loop.bridging import bridge
 from rths_cli.loop.guard import GuardLimits, GuardState, fresh_guard, ramp_down
-from rths_cli.loop.rejoining import farthest, hardest, off_after, outermost
 from rths_cli.loop.step import note_sent, step
 from rths_cli.lti import Array
 from rths_cli.rigs.udp.way import POINTS, SPACING, Way, fresh_way, place_after
 from rths_cli.rigs.udp.wire import MOST_POINTS
 from rths_cli.tiles import padded, product, tiled
 
-SPACING_S = 8e-3  # between two points: 112 ms are foreseen
-STEEPEST = 2.0  # of the way between two points, against the straight line
+SPACING_S = 8e-3  # between two points, about: 112 ms are foreseen
 DRIVEN = 3  # values in a row of the drive
 
 
@@ -51,9 +49,8 @@ def foresight_of(blocks: Blocks, source: int, dt_s: float) -> Foresight:
     ahead = MOST_POINTS * spacing  # steps
     own = [_goes_on(blocks, source, ahead, place) for place in range(_size(assemble(blocks, source)))]
     driven = [_goes_on(blocks, source, ahead, -1 - column) for column in range(DRIVEN)]
-    later = np.array([[np.pad(commands, (rows, 0))[:ahead] for commands in driven] for rows in range(ahead)])
-    by_points = np.tensordot(_between_points(spacing), later, 1).reshape(-1, ahead)
-    rows = np.vstack([*own, by_points])[:, spacing - 1 :: spacing]
+    by_points = [np.convolve(share, one)[:ahead] for share in _between_points(spacing) for one in driven]
+    rows = np.vstack([*own, *by_points])[:, spacing - 1 :: spacing]
     return Foresight(
         tiled(rows.T), np.zeros(len(rows)), np.zeros(padded(MOST_POINTS)), MOST_POINTS, spacing,
         fresh_guard(len(blocks.correction.C)),
@@ -146,11 +143,9 @@ def go_the_way(way: Way, places: Array) -> None:
 
 
 @part
-def foresee(f: Foresight, s: Step, drive: Array, k: int, last: int) -> None:
+def foresee(f: Foresight, s: Step, drive: Array, k: int, last: int, share: float) -> None:
     """Foresee the commands after that of step k - 1, whose state the step is in: the drive (n, 3) goes on with row k,
-    and stays as it is from row `last` on."""
-    if f.points == 0:
-        return
+    and stays as it is from row `last` on. Of them a share is asked for."""
     at = gathered(s, f.given)
     final = min(last, drive.shape[0] - 1)
     for i in range(f.points + 1):
@@ -159,32 +154,15 @@ def foresee(f: Foresight, s: Step, drive: Array, k: int, last: int) -> None:
             f.given[at] = drive[row, column] + 0.0
             at += 1
     product(f.matrix, f.given.size, f.given, f.made)
-
-
-@part
-def lay_way(way: Way, f: Foresight, limits: GuardLimits, drift: Array, share: float) -> None:
-    """Tell how a command goes on: as foreseen, and as the rig comes back from where it is off."""
-    way.marks[POINTS], way.marks[SPACING] = f.points, f.spacing
     for i in range(f.points):
-        lay_point(way, f, limits, i, share * f.made[i] + off_after(drift, (i + 1) * f.spacing))
+        f.made[i] *= share
 
 
 @part
-def lay_way_to_rest(way: Way, f: Foresight, limits: GuardLimits, g: GuardState, drift: Array) -> None:
-    """Tell how a command goes on while the guard leads the table to rest."""
-    way.marks[POINTS], way.marks[SPACING] = f.points, f.spacing
+def foresee_rest(f: Foresight, limits: GuardLimits, g: GuardState) -> None:
+    """Foresee the commands of the guard on its way to rest."""
     f.rest.flags[0], f.rest.motion[0], f.rest.motion[1] = g.flags[0], g.motion[0], g.motion[1]
     for i in range(f.points):
         for _ in range(f.spacing):
             ramp_down(limits, f.rest)
-        lay_point(way, f, limits, i, f.rest.motion[0] / limits.gain_m_per_v + off_after(drift, (i + 1) * f.spacing))
-
-
-@part
-def lay_point(way: Way, f: Foresight, limits: GuardLimits, i: int, wanted: float) -> None:
-    """Lay a point as near to what is wanted as all limits allow; at the last one the rig comes to rest, having slowed
-    down as hard as the guard brakes."""
-    to_stop = hardest(limits) * f.spacing**2 * (f.points - i - 0.5)
-    most, last = min(f.spacing * farthest(limits) / STEEPEST, to_stop), way.volts[i]
-    point = min(max(wanted, last - most), last + most)
-    way.volts[i + 1] = min(max(point, -outermost(limits)), outermost(limits))
+        f.made[i] = f.rest.motion[0] / limits.gain_m_per_v

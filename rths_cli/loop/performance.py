@@ -77,11 +77,11 @@ def prepare(
     zeros_v = np.zeros(channels) if zeros_v is None else zeros_v
     told = info.kind == "udp" and info.overrun == "skip"
     foresight = foresight_of(blocks, source, info.dt_s) if told else no_foresight(channels)
-    way = course(info, ramp_s, len(drive), zeros_v, orders, foresight)
+    planned = course(info, ramp_s, len(drive), zeros_v, orders, foresight)
     limits = limits._replace(saturation_v=limits.saturation_v - np.abs(zeros_v))
-    whole = np.vstack([np.zeros((way.ramp, 3)), drive, np.zeros((round(way_to_rest_s(limits) / info.dt_s), 3))])
+    whole = np.vstack([np.zeros((planned.ramp, 3)), drive, np.zeros((round(way_to_rest_s(limits) / info.dt_s), 3))])
     log = empty_log(len(whole), channels, state.estimated.size)
-    return Performance(info, way, state, limits, fresh_guard(channels), np.ascontiguousarray(whole), log)
+    return Performance(info, planned, state, limits, fresh_guard(channels), np.ascontiguousarray(whole), log)
 
 
 def way_to_rest_s(limits: GuardLimits) -> float:

@@ -16,7 +16,7 @@ from rths_cli.compiled import entry, part
 from rths_cli.loop.blocks import Step
 from rths_cli.loop.bridging import bridge
 from rths_cli.loop.drive import think
-from rths_cli.loop.foresight import Foresight, foresee, lay_way, lay_way_to_rest
+from rths_cli.loop.foresight import Foresight, foresee, foresee_rest
 from rths_cli.loop.guard import (
     END,
     LOST,
@@ -29,6 +29,7 @@ from rths_cli.loop.guard import (
     GuardState,
     take_over,
 )
+from rths_cli.loop.laying import lay_way
 from rths_cli.loop.log import Log
 from rths_cli.loop.rejoining import STANDS_V, WANTED_V, drift_to, fresh_drift, rejoin
 from rths_cli.lti import Array
@@ -58,7 +59,7 @@ class Course(NamedTuple):
     signs: Array  # (c,) of the channels
     zeros_v: Array  # (c,) what each channel shows at rest
     foresight: Foresight  # of the commands to come
-    drift: Array  # (5,) where the rig is, and how that goes back to where it should be
+    drift: Array  # (7,) where the rig is, and how that goes back to where it should be
     orders: IntArray  # orders[0]: 0 go on, else stop; written by other threads
     marks: IntArray  # (4,)
     scratch: IntArray  # (2,)
@@ -129,9 +130,9 @@ def conduct(
     else:
         bridge(s)
     obey(course, g, k)
-    row, carried = drive[min(k, drive.shape[0] - 1)], s.shaping[0]
-    command, place = think(s, limits, g, row, log, k, share_of(course, k))
-    course.drift[WANTED_V] = command + s.shaping[0] - carried if g.flags[0] == RUNNING else command
+    row, carried, share = drive[min(k, drive.shape[0] - 1)], s.shaping[0], share_of(course, k)
+    command, place = think(s, limits, g, row, log, k, share)
+    course.drift[WANTED_V] = command + share * (s.shaping[0] - carried) if g.flags[0] == RUNNING else command
     for c in range(samples_v.size):
         log.columns[place + c, k] = samples_v[c]
     place += samples_v.size
@@ -220,7 +221,7 @@ def run_udp(
             if behind > 0:
                 continue  # the command is as old as the stall by now: it never leaves
             sent, waited = sent + 1, 0
-            command = leave(course, s, limits, g, log, link.way, command, k)
+            command = leave(course, s, limits, log, link.way, command, k)
             if sends:
                 lost = swap(link, course, g, log, deadline + late, late, command, sent, k)
         log.done[0] = k  # what left for the steps before is known from here on
@@ -232,7 +233,7 @@ def run_udp(
         else:
             behind -= 1
         if behind <= 0:
-            look_ahead(course, s, drive, log, k)
+            look_ahead(course, s, limits, g, drive, log, k)
     log.done[0] = k
     return k
 
@@ -245,26 +246,24 @@ def pass_by(course: Course, s: Step, limits: GuardLimits, log: Log, way: Way, wa
 
 
 @part
-def leave(
-    course: Course, s: Step, limits: GuardLimits, g: GuardState, log: Log, way: Way, command: float, k: int
-) -> float:
+def leave(course: Course, s: Step, limits: GuardLimits, log: Log, way: Way, command: float, k: int) -> float:
     """Return what leaves for the command of step k - 1, noted where that differs, and tell how it goes on."""
     left = rejoin(course.drift, limits, s.shaping[1], command)
     if left != command:
         note_command(s, log, k - 1, left)
     way.volts[0] = left
-    if g.flags[0] == RUNNING:
-        lay_way(way, course.foresight, limits, course.drift, share_of(course, k))
-    else:
-        lay_way_to_rest(way, course.foresight, limits, g, course.drift)
+    lay_way(way, course.foresight, limits, course.drift)
     return left
 
 
 @part
-def look_ahead(course: Course, s: Step, drive: Array, log: Log, k: int) -> None:
+def look_ahead(course: Course, s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, k: int) -> None:
     """Foresee the commands after that of step k - 1, and count the time with that step's."""
-    begun = monotonic_ns(course.scratch)
-    foresee(course.foresight, s, drive, k, course.ramp + course.record - 1)
+    begun, f = monotonic_ns(course.scratch), course.foresight
+    if f.points > 0 and g.flags[0] == RUNNING:
+        foresee(f, s, drive, k, course.ramp + course.record - 1, share_of(course, k))
+    elif f.points > 0:
+        foresee_rest(f, limits, g)
     log.columns[log.columns.shape[0] - 1, k - 1] += monotonic_ns(course.scratch) - begun
 
 

@@ -111,9 +111,9 @@ def go_on(d: Door, t: Table) -> None:
     if since == 0 or since % TICKS_PER_INTERVAL != 0:
         return
     gain, interval_s, held = t.limits.gain_m_per_v, TICKS_PER_INTERVAL * t.limits.dt_s, t.latched_v[0]
-    farthest = min(t.limits.command_v, t.limits.stroke_m / gain)
+    outermost = min(t.limits.command_v, t.limits.stroke_m / gain)
     step = within(place_after(t.way, since // TICKS_PER_INTERVAL) - held, t.limits.velocity_m_s / gain * interval_s)
-    t.latched_v[0] = within(held + step, farthest)
+    t.latched_v[0] = within(held + step, outermost)
     t.guard.motion[0], t.guard.motion[1] = gain * t.latched_v[0], gain * (t.latched_v[0] - held) / interval_s
     if t.latched_v[0] != held:
         d.session[MOVED_TICK] = d.session[TICK]

@@ -61,7 +61,7 @@ def stalled(
             now = (k - 1) * course.dt_ns
             serving.advance(d, t, now)
             apart[0] = max(apart[0], abs(t.latched_v[0] - course.drift[STANDS_V]))
-            waited, command = 0, leave(course, s, limits, g, log, way, command, k)
+            waited, command = 0, leave(course, s, limits, log, way, command, k)
             for i in range(way.volts.size):
                 t.way.volts[i] = way.volts[i]
             for i in range(way.marks.size):
@@ -72,7 +72,7 @@ def stalled(
         command = conduct(course, s, limits, g, drive, log, t.samples, lost, k)
         k += 1
         if behind <= 0:
-            look_ahead(course, s, drive, log, k)
+            look_ahead(course, s, limits, g, drive, log, k)
     log.done[0] = k
     return k
 

@@ -11,31 +11,30 @@ from hybrid import best_like, open_limits
 from test_realtime import Wired, conducted
 
 from rths_cli.compiled import entry
-from rths_cli.loop import foresight, guard, performance, rejoining
+from rths_cli.loop import foresight, guard, performance
 from rths_cli.loop.blocks import EXCITATION, NUMERICAL, RECORD, Step
 from rths_cli.loop.foresight import Foresight, foresight_of
 from rths_cli.loop.guard import GuardLimits, GuardState
 from rths_cli.loop.log import signals
 from rths_cli.loop.performance import Performance
 from rths_cli.lti import Array
-from rths_cli.rigs.udp.way import Way, fresh_way
 
 UNTIL, POINTS, SPACING_S = 900, 14, 8e-3
 
 
 @entry
 def foreseen(f: Foresight, s: Step, drive: Array, k: int, last: int) -> None:
-    foresight.foresee(f, s, drive, k, last)
+    foresight.foresee(f, s, drive, k, last, 1.0)
 
 
 @entry
-def laid(way: Way, f: Foresight, limits: GuardLimits, drift: Array, share: float) -> None:
-    foresight.lay_way(way, f, limits, drift, share)
+def foreseen_in_ramp(f: Foresight, s: Step, drive: Array, k: int, last: int, share: float) -> None:
+    foresight.foresee(f, s, drive, k, last, share)
 
 
 @entry
-def laid_to_rest(way: Way, f: Foresight, limits: GuardLimits, g: GuardState, drift: Array) -> None:
-    foresight.lay_way_to_rest(way, f, limits, g, drift)
+def foreseen_to_rest(f: Foresight, limits: GuardLimits, g: GuardState) -> None:
+    foresight.foresee_rest(f, limits, g)
 
 
 @entry
@@ -107,67 +106,22 @@ def test_the_state_is_gathered_as_it_was_scattered() -> None:
     assert gathered(s, again) == count and (again[:count] == state).all()
 
 
-GAIN_M_PER_V, DT_S, HARDEST_M_S2 = 0.0079, 1e-3, 0.45 * 45.0
+def test_in_the_ramp_a_share_of_it_is_foreseen() -> None:
+    drive = wave(2000, 2e-3, EXCITATION)
+    run = played(2e-3, EXCITATION, drive)
+    foreseen(run.course.foresight, run.step, run.drive, UNTIL, 1999)
+    whole = run.course.foresight.made[:POINTS].copy()
+    foreseen_in_ramp(run.course.foresight, run.step, run.drive, UNTIL, 1999, 0.25)
+    assert run.course.foresight.made[:POINTS] == pytest.approx(0.25 * whole) and np.abs(whole).max() > 0.1
 
 
-def empty(points: int = POINTS, spacing: int = 8) -> Foresight:
-    f = foresight.no_foresight(3)
-    return f._replace(points=points, spacing=spacing, made=np.zeros(16))
-
-
-def limits_of(**other: float) -> GuardLimits:
-    usual = {"velocity_m_s": 1.0, "gain_m_per_v": GAIN_M_PER_V, "dt_s": DT_S, "stroke_m": 0.03, "command_v": 10.0}
-    return open_limits(rig_info())._replace(**{**usual, "acceleration_m_s2": 45.0, **other})
-
-
-@pytest.mark.parametrize("other", [{}, {"velocity_m_s": 0.2}, {"command_rate_v_s": 30.0}])
-def test_no_step_on_the_way_is_beyond_a_limit(other: dict[str, float]) -> None:
-    """Whatever is wanted: 200 ways of random points, as far apart as the range is wide."""
-    from smooth_way import smooth_way
-
-    limits, f, random = limits_of(**other), empty(), np.random.default_rng(3)
-    fastest = min(limits.velocity_m_s, GAIN_M_PER_V * limits.command_rate_v_s)
-    for _ in range(200):
-        way = fresh_way()
-        f.made[:POINTS] = random.uniform(-12.0, 12.0, POINTS) if random.random() < 0.5 else random.uniform(-12.0, 12.0)
-        way.volts[0] = random.uniform(-3.0, 3.0)
-        laid(way, f, limits, rejoining.fresh_drift(), 1.0)
-        path = GAIN_M_PER_V * smooth_way(way.volts, 8, 8 * POINTS + 2)
-        assert np.abs(np.diff(path)).max() / DT_S <= fastest * (1.0 + 1e-9)
-        assert np.abs(way.volts).max() * GAIN_M_PER_V <= 0.03 * (1.0 + 1e-12)
-
-
-@pytest.mark.parametrize("velocity_m_s", [0.05, 0.2, 0.45])
-def test_at_the_last_point_the_rig_comes_to_rest_about_as_hard_as_the_guard_brakes(velocity_m_s: float) -> None:
-    from smooth_way import smooth_way
-
-    way, f = fresh_way(), empty()
-    f.made[:POINTS] = velocity_m_s / GAIN_M_PER_V * SPACING_S * np.arange(1.0, 15.0)
-    laid(way, f, limits_of(stroke_m=0.079), rejoining.fresh_drift(), 1.0)
-    path = GAIN_M_PER_V * smooth_way(way.volts, 8, 8 * POINTS + 30)
-    assert np.diff(path)[:8] == pytest.approx(velocity_m_s * DT_S, rel=1e-6)  # it does not brake before it must
-    assert np.abs(np.diff(path, 2)).max() / DT_S**2 <= 1.5 * HARDEST_M_S2
-    assert (path[8 * POINTS :] == path[-1]).all()
-
-
-def test_in_the_ramp_a_share_of_it_is_told_and_where_the_rig_is_off_the_way_back() -> None:
-    way, f, drift = fresh_way(), empty(), rejoining.fresh_drift()
-    f.made[:POINTS] = 0.01 * np.arange(1.0, 15.0)
-    laid(way, f, limits_of(), drift, 0.25)
-    assert way.volts[1:] == pytest.approx(0.0025 * np.arange(1.0, 15.0))
-    drift[rejoining.OFF_V], drift[rejoining.RATE] = 0.02, 0.1
-    laid(way, f, limits_of(), drift, 0.0)
-    t = 0.8 * np.arange(1.0, 15.0)
-    assert way.volts[1:] == pytest.approx(0.02 * (1.0 + t) * np.exp(-t))
-
-
-def test_while_the_test_ends_the_way_of_the_guard_is_told() -> None:
+def test_while_the_test_ends_the_way_of_the_guard_is_foreseen() -> None:
     run = played(1e-3, NUMERICAL, wave(2000, 1e-3, NUMERICAL))
-    f, way, limits = run.course.foresight, fresh_way(), run.limits._replace(acceleration_m_s2=45.0, stroke_m=0.079)
+    run = replace(run, limits=run.limits._replace(acceleration_m_s2=45.0, stroke_m=0.079))
     run.guard.flags[:2], run.guard.motion[:] = (guard.BRAKING, guard.OPERATOR), (0.004, 0.15)
-    way.volts[0] = 0.004 / limits.gain_m_per_v
-    laid_to_rest(way, f, limits, run.guard, rejoining.fresh_drift())
-    run = replace(run, limits=limits)
+    foreseen_to_rest(run.course.foresight, run.limits, run.guard)
+    made = run.course.foresight.made[:POINTS].copy()
+    assert tuple(run.guard.motion) == (0.004, 0.15) and run.guard.flags[0] == guard.BRAKING
     commands = go_on_without_samples(run, 112)[7::8]
-    assert way.volts[1:] == pytest.approx(commands, rel=1e-12)
-    assert commands[0] > way.volts[0] and (run.guard.flags[0] == guard.RETURNING)
+    assert made == pytest.approx(commands, rel=1e-12)
+    assert commands[0] > 0.004 / run.limits.gain_m_per_v and run.guard.flags[0] == guard.RETURNING

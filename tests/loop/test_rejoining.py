@@ -10,7 +10,7 @@ from hybrid import open_limits
 from rths_cli.compiled import entry
 from rths_cli.loop import rejoining
 from rths_cli.loop.guard import GuardLimits
-from rths_cli.loop.rejoining import OFF_V, RATE, WANTED_V, fresh_drift
+from rths_cli.loop.rejoining import OFF_V, RATE, STANDS_V, WANTED_V, fresh_drift
 from rths_cli.lti import Array
 
 GAIN_M_PER_V, DT_S, BIT_V = 0.0079, 1e-3, 20.0 / 2**16
@@ -113,3 +113,22 @@ def test_what_is_told_of_the_return_is_what_leaves_later() -> None:
     told = [off(drift, float(n)) for n in range(1, 30)]
     assert left_of(drift, limits, np.zeros(29)) == pytest.approx(told, rel=1e-12, abs=1e-15)
     assert 0.0 < drift[OFF_V] < 0.115 and 0.0 < drift[RATE] <= 0.25
+
+
+@pytest.mark.parametrize("dt_s", [1e-3, 2.5e-4])
+def test_a_bit_of_rounding_is_not_taken_for_a_velocity(dt_s: float) -> None:
+    """A command rounded up by half a bit leaves; an interval later the rig stands where it should, and so on."""
+    limits, drift = limits_of(dt_s=dt_s), fresh_drift()
+    drift[WANTED_V] = 99.5 * BIT_V
+    assert left_of(drift, limits, np.array([100.0 * BIT_V]), BIT_V) == 100.0 * BIT_V
+    drift[WANTED_V] = 100.5 * BIT_V
+    gone(drift, limits, 101.0 * BIT_V)
+    left = left_of(drift, limits, 102.0 * BIT_V * np.ones(60), BIT_V)
+    assert np.abs(left / BIT_V - 102.0).max() <= 1.001
+
+
+@pytest.mark.parametrize("towards", [1.0, -1.0])
+def test_a_rig_is_not_believed_to_be_beyond_its_stroke(towards: float) -> None:
+    drift, limits = fresh_drift(), limits_of(stroke_m=5.0 * GAIN_M_PER_V)
+    gone(drift, limits, towards * 5.1)
+    assert drift[STANDS_V] == pytest.approx(towards * 5.0)

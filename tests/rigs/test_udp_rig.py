@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -95,6 +96,18 @@ def test_over_the_wire_the_virtual_table_gives_the_same_samples(
     samples = play(rig_to(start(virtual_table(info, (7,))), key_file, info), command)
     assert np.array_equal(samples, wanted)
     assert np.ptp(samples[:, 0]) > 0.05
+
+
+def test_a_watchdog_that_bites_before_the_losses_borne_is_refused(start: MakeTarget, key_file: Path) -> None:
+    rig = rig_to(start(), key_file)
+    rig.target = replace(rig.target, watchdog_s=0.006)
+    with pytest.raises(
+        RigError, match=r"waits 0\.006 s, it must wait more than 0\.006 s \(lost_samples of the rig file"
+    ):
+        rig.open()
+    rig.target = replace(rig.target, watchdog_s=0.007)
+    rig.open()
+    rig.close()
 
 
 def test_lost_answers_keep_samples_and_too_many_in_a_row_are_a_fault(start: MakeTarget, key_file: Path) -> None:

@@ -123,7 +123,7 @@ def test_it_goes_no_faster_than_its_limit_and_no_farther_than_its_range(target: 
     assert target.held(5_000_000, 6) == pytest.approx([9.7, 9.827, 9.954, 10.0, 10.0, 10.0], rel=1e-12)
 
 
-@pytest.mark.parametrize(("spacing", "last"), [(0, 0.1), (-1, 0.1), (1001, 0.1), (4, np.nan), (4, np.inf)])
+@pytest.mark.parametrize(("spacing", "last"), [(0, 0.1), (-1, 0.1), (1001, 0.1), (4, np.nan), (4, np.inf), (4, 1e308)])
 def test_a_way_that_is_no_good_makes_it_hold(target: Clocked, spacing: int, last: float) -> None:
     target.command(5_000_000, struct.pack("<dq2d", 0.01, spacing, 0.1, last))
     assert target.held(5_000_000, 20) == [0.01] * 20

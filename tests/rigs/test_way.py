@@ -99,7 +99,7 @@ def test_a_bad_spacing_makes_it_hold(spacing: int) -> None:
     assert (places_of(read(struct.pack("<dq3d", 1.0, spacing, *POINTS)), 20) == 1.0).all()
 
 
-@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf, 1e308, -1.1e6])
 @pytest.mark.parametrize("place", range(3))
 def test_a_point_that_is_no_number_makes_it_hold(bad: float, place: int) -> None:
     points = np.array(POINTS)

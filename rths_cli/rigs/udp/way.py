@@ -7,7 +7,6 @@ steep as the steepest straight line between two points that follow each other.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +18,7 @@ from rths_cli.rigs.udp import wire
 from rths_cli.rigs.udp.siphash import Bytes
 
 POINTS, SPACING = range(2)  # places in Way.marks
+FARTHEST_V = 1e6  # no point lies farther, so that no place between two overflows
 
 
 class Way(NamedTuple):
@@ -69,14 +69,14 @@ def words_of(way: Way) -> int:
 
 @part
 def take_way(packet: Bytes, way: Way) -> None:
-    """Read what `put_way` wrote; where spacing or a point is no good number, the command is held."""
+    """Read what `put_way` wrote; where the spacing or a point is no good number, the command is held."""
     points, spacing = max(int(packet[wire.COUNT]) - 2, 0), 1
     way.volts[0] = wire.get_real(packet, wire.COMMAND_V)
     if points > 0:
         spacing = wire.get_int(packet, wire.SPACING)
     for i in range(points):
         way.volts[1 + i] = wire.get_real(packet, wire.FIRST_POINT + 8 * i)
-        if not math.isfinite(way.volts[1 + i]):
+        if not abs(way.volts[1 + i]) <= FARTHEST_V:
             spacing = 0
     good = 1 <= spacing <= wire.LONGEST_SPACING
     way.marks[POINTS], way.marks[SPACING] = points if good else 0, spacing if good else 1

@@ -1,0 +1,108 @@
+"""The way that is told: as wanted where it may be, nowhere beyond a limit, and at rest at its end."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from bench import rig_info
+from hybrid import open_limits
+from smooth_way import smooth_way
+
+from rths_cli.compiled import entry
+from rths_cli.loop import laying
+from rths_cli.loop.foresight import Foresight, no_foresight
+from rths_cli.loop.guard import GuardLimits
+from rths_cli.loop.rejoining import OFF_V, RATE, STEP_V, fresh_drift
+from rths_cli.lti import Array
+from rths_cli.rigs.udp.way import Way, fresh_way
+
+GAIN_M_PER_V, DT_S, HARDEST_M_S2, SPACING, POINTS = 0.0079, 1e-3, 0.45 * 45.0, 8, 14
+STROKE_M, END = 0.03, SPACING * POINTS
+
+
+@entry
+def laid(way: Way, f: Foresight, limits: GuardLimits, drift: Array) -> None:
+    laying.lay_way(way, f, limits, drift)
+
+
+def limits_of(**other: float) -> GuardLimits:
+    usual = {"velocity_m_s": 1.0, "gain_m_per_v": GAIN_M_PER_V, "dt_s": DT_S, "stroke_m": STROKE_M, "command_v": 10.0}
+    return open_limits(rig_info())._replace(**{**usual, "acceleration_m_s2": 45.0, **other})
+
+
+def path(
+    wanted: Array, limits: GuardLimits, start_v: float = 0.0, step_v: float = 0.0, drift: Array | None = None
+) -> Array:
+    """Return where a rig goes, in m, that stands at `start_v` after a step and whose points are wanted to be there."""
+    f = no_foresight(3)._replace(points=POINTS, spacing=SPACING, made=np.append(wanted, np.zeros(2)))
+    way, drift = fresh_way(), fresh_drift() if drift is None else drift
+    way.volts[0], drift[STEP_V] = start_v, step_v
+    laid(way, f, limits, drift)
+    return GAIN_M_PER_V * smooth_way(way.volts, SPACING, END + 30)
+
+
+def straight(velocity_m_s: float) -> Array:
+    return velocity_m_s / GAIN_M_PER_V * DT_S * SPACING * np.arange(1.0, POINTS + 1)
+
+
+def test_what_may_be_is_laid_as_wanted() -> None:
+    t = DT_S * SPACING * np.arange(POINTS + 1)
+    wave = 0.004 * np.sin(12.0 * t) / GAIN_M_PER_V
+    assert path(wave[1:], limits_of())[: END - SPACING] == pytest.approx(
+        GAIN_M_PER_V * smooth_way(wave, SPACING, END - SPACING), abs=1e-12
+    )
+
+
+@pytest.mark.parametrize(
+    "other",
+    [{}, {"velocity_m_s": 0.2}, {"command_rate_v_s": 30.0}, {"acceleration_m_s2": 5.0}, {"acceleration_m_s2": 400.0}],
+)
+def test_no_place_and_no_step_on_the_way_is_beyond_a_limit(other: dict[str, float]) -> None:
+    """Whatever is wanted: 500 ways to random points, as far apart as the range is wide, or all in one place."""
+    limits, random = limits_of(**other), np.random.default_rng(3)
+    fastest = min(limits.velocity_m_s, GAIN_M_PER_V * limits.command_rate_v_s)
+    for _ in range(500):
+        wanted = random.uniform(-12.0, 12.0, POINTS if random.random() < 0.5 else 1) * np.ones(POINTS)
+        went = path(
+            wanted, limits, random.uniform(-3.7, 3.7), random.uniform(-1.0, 1.0) * fastest / GAIN_M_PER_V * DT_S
+        )
+        assert np.abs(np.diff(went)).max() / DT_S <= fastest * (1.0 + 1e-9)
+        assert np.abs(went).max() <= STROKE_M * (1.0 + 1e-12)
+
+
+@pytest.mark.parametrize("towards", [1.0, -1.0])
+@pytest.mark.parametrize("velocity_m_s", [0.05, 0.2, 0.45, 0.6, 0.8])
+def test_it_goes_as_fast_as_wanted_and_comes_to_rest_about_as_hard_as_the_guard_brakes(
+    velocity_m_s: float, towards: float
+) -> None:
+    went = towards * path(towards * straight(velocity_m_s), limits_of(stroke_m=0.079))
+    assert np.diff(went)[:SPACING] == pytest.approx(velocity_m_s * DT_S, rel=1e-6)  # it does not brake before it must
+    assert np.abs(np.diff(went, 2)).max() / DT_S**2 <= 1.5 * HARDEST_M_S2
+    assert (went[END:] == went[-1]).all()
+
+
+def test_a_rig_too_fast_to_stop_in_time_brakes_evenly() -> None:
+    """0.4 m/s, and a guard that brakes with 2.25 m/s^2: 0.178 s, of which 0.112 are told."""
+    limits = limits_of(acceleration_m_s2=5.0, stroke_m=0.079)
+    went = path(straight(0.4), limits, 0.0, 0.4 * DT_S / GAIN_M_PER_V)
+    assert np.diff(went)[0] == pytest.approx(0.4 * DT_S, rel=0.05)
+    assert np.abs(np.diff(went, 2)).max() / DT_S**2 <= 1.6 * 0.4 / 0.112
+    assert (went[END:] == went[-1]).all()
+
+
+@pytest.mark.parametrize("velocity_m_s", [0.2, 0.5])
+def test_it_slows_down_before_the_end_of_the_stroke(velocity_m_s: float) -> None:
+    """From where the guard would still let it go on: the way to brake, and 2 mm."""
+    limits = limits_of()
+    start = STROKE_M - 0.002 - velocity_m_s**2 / (2.0 * HARDEST_M_S2)
+    went = path(start / GAIN_M_PER_V + straight(velocity_m_s), limits, start / GAIN_M_PER_V)
+    assert STROKE_M - 5e-4 < went.max() <= STROKE_M
+    assert np.abs(np.diff(went, 2)).max() / DT_S**2 <= 1.6 * HARDEST_M_S2
+
+
+def test_where_the_rig_is_off_the_way_back_is_told() -> None:
+    drift = fresh_drift()
+    drift[OFF_V], drift[RATE] = 0.02, 0.1
+    went = path(np.zeros(POINTS), limits_of(), 0.02, 0.0, drift)
+    t = 0.1 * SPACING * np.arange(POINTS)
+    assert went[:END:SPACING] == pytest.approx(GAIN_M_PER_V * 0.02 * (1.0 + t) * np.exp(-t), rel=1e-9)

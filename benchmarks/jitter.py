@@ -14,7 +14,6 @@ import subprocess
 import numpy as np
 from numpy.typing import NDArray
 
-from rths_cli.clocks import SPIN_NS
 from rths_cli.loop.periodic import wake_up_delays
 from rths_cli.loop.scheduling import PRIORITY, real_time
 
@@ -24,10 +23,10 @@ LONGEST_US = 100_000
 OURS, ASLEEP, THEIRS = "rths", "rths, no spin", "cyclictest"
 
 
-def ours(rate_hz: float, seconds: float, spin_ns: int) -> Delays:
+def ours(rate_hz: float, seconds: float, spins: bool) -> Delays:
     """Return the delays of our loop."""
     with real_time():
-        return wake_up_delays(rate_hz, seconds, spin_ns) / 1e3
+        return wake_up_delays(rate_hz, seconds, spins) / 1e3
 
 
 def cyclictest(rate_hz: float, seconds: float, cpu: int) -> Delays:
@@ -49,8 +48,8 @@ def compare(rate_hz: float, seconds: float, turns: int) -> None:
     for _ in range(turns):
         if shutil.which("cyclictest"):
             found[THEIRS].append(cyclictest(rate_hz, seconds, granted.cpu))
-        found[OURS].append(ours(rate_hz, seconds, SPIN_NS))
-        found[ASLEEP].append(ours(rate_hz, seconds, 0))
+        found[OURS].append(ours(rate_hz, seconds, True))
+        found[ASLEEP].append(ours(rate_hz, seconds, False))
     pooled = {name: np.concatenate(parts) for name, parts in found.items() if parts}
     figures = {name: np.percentile(delays, QUANTILES) for name, delays in pooled.items()}
     print(f"\n{rate_hz:g} Hz, {turns} x {seconds:g} s by turns, processor {granted.cpu}, delays in us")

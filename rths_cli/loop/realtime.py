@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rths_cli.clocks import SPIN_NS, IntArray, monotonic_ns, sleep_until
+from rths_cli.clocks import IntArray, monotonic_ns, sleep_until, spin_of
 from rths_cli.compiled import entry, part
 from rths_cli.loop.blocks import Step
 from rths_cli.loop.bridging import bridge
@@ -68,7 +68,7 @@ class Course(NamedTuple):
 def course(info: RigInfo, ramp_s: float, record: int, zeros_v: Array, orders: IntArray, foresight: Foresight) -> Course:
     """Return the course of a run over `record` steps."""
     return Course(
-        round(1e9 * info.dt_s), SPIN_NS, round(ramp_s / info.dt_s), record, info.limits.lost_samples,
+        round(1e9 * info.dt_s), spin_of(round(1e9 * info.dt_s)), round(ramp_s / info.dt_s), record, info.limits.lost_samples,
         POLICIES[info.overrun], np.array([float(channel.sign) for channel in info.channels]), zeros_v,
         foresight, fresh_drift(), orders, np.zeros(4, dtype=np.int64), np.zeros(2, dtype=np.int64),
     )  # fmt: skip

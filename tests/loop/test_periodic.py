@@ -9,7 +9,7 @@ import time
 import numpy as np
 import pytest
 
-from rths_cli.clocks import IntArray, monotonic_ns, sleep_until
+from rths_cli.clocks import IntArray, monotonic_ns, sleep_until, spin_of
 from rths_cli.compiled import entry
 from rths_cli.loop.periodic import wait_periodically, wake_up_delays
 
@@ -78,3 +78,8 @@ def test_delays_are_measured_for_the_whole_time_asked_for() -> None:
     delays = wake_up_delays(1000.0, 0.3)
     assert delays.shape == (300,) and (delays >= 0).all()
     assert time.monotonic_ns() - before >= 300 * MS
+
+
+@pytest.mark.parametrize(("rate_hz", "spin_us"), [(250, 250), (500, 250), (1000, 125), (2000, 62.5), (4000, 60)])
+def test_before_a_deadline_it_looks_at_the_clock_for_an_eighth_of_an_interval(rate_hz: int, spin_us: float) -> None:
+    assert spin_of(1_000_000_000 // rate_hz) == 1000 * spin_us

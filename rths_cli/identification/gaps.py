@@ -24,13 +24,13 @@ ROWS_EACH = 4  # at least so many complete rows for each coefficient
 MOST_MISSING = 0.05  # of a record's samples
 
 
-def filled(command_v: Array, accel_m_s2: Array, missing: Mask, dt_s: float) -> Array:
-    """Return accelerations (c, n) with the samples where `missing`, (n,) bool, is set put back; the command is whole.
+def filled(command_v: Array, channels: Array, missing: Mask, dt_s: float) -> Array:
+    """Return channels (c, n) with the samples where `missing`, (n,) bool, is set put back; the command is whole.
 
     Raises InputError where so much is missing that the rest does not say what it was.
     """
     if not missing.any():
-        return accel_m_s2
+        return channels
     past = max(round(PAST_S / dt_s), LEAST_PAST)
     whole = ~_touched(missing, past)
     share = missing.mean()
@@ -39,7 +39,7 @@ def filled(command_v: Array, accel_m_s2: Array, missing: Mask, dt_s: float) -> A
             f"{missing.sum()} of {missing.size} samples ({share:.1%}) were lost on the link, at most "
             f"{MOST_MISSING:.0%} may be; look at network and machine (rths doctor), or measure at a lower rate"
         )
-    return np.array([_filled(command_v, channel, missing, whole, past) for channel in accel_m_s2])
+    return np.array([_filled(command_v, channel, missing, whole, past) for channel in channels])
 
 
 def _touched(missing: Mask, past: int) -> Mask:

@@ -18,6 +18,7 @@ from rths_cli.loop.blocks import EXCITATION
 from rths_cli.loop.guard import INTERRUPT, TERMINATION
 from rths_cli.loop.performance import Performance, prepare
 from rths_cli.loop.performing import perform_watched, rehearse_watched
+from rths_cli.loop.replay import run_block
 from rths_cli.rigs.udp.rig import UdpRig
 from rths_cli.workflows.doctor import summary, wake_share
 from rths_cli.workflows.rigs import guard_limits, open_rig
@@ -28,7 +29,8 @@ if TYPE_CHECKING:
     from rths_cli.control.blocks import Blocks
     from rths_cli.loop.drive import Outcome
     from rths_cli.loop.log import Signals
-    from rths_cli.lti import Array
+    from rths_cli.loop.realtime import Course
+    from rths_cli.lti import Array, Block
     from rths_cli.rigs.interface import Rig, RigInfo
     from rths_cli.workflows.setup import Setup
 
@@ -36,7 +38,6 @@ REHEARSAL_S = 2.0
 LISTENING_S = 1.0
 ZERO_SHARE = 0.1  # of a channel's range, that it may show at rest
 NOISE_SHARE = 0.02  # of a channel's range, rms at rest
-CORRECTED_WITH = 3  # samples before it that the correction of a sensor may look at
 SETTLED_S = 0.03  # in which a table forgets a command that came late
 
 
@@ -71,19 +72,23 @@ def excited(setup: Setup, blocks: Blocks, drive: Array) -> Outcome:
         raise KeyboardInterrupt  # the command line remembers which signal it was
     if outcome.rig_fault or outcome.stopped_by_limit:
         return outcome
-    return replace(outcome, log=mended(outcome.log, setup.rig.dt_s))
+    return replace(outcome, log=mended(outcome.log, run.course, blocks.correction))
 
 
-def mended(log: Signals, dt_s: float) -> Signals:
-    """Return signals with the samples put back that were lost, or corrected with lost ones before them.
+def mended(log: Signals, course: Course, correction: Block) -> Signals:
+    """Return signals with the samples put back that were lost, as the sensors show them, and all corrected anew: what
+    stood in their place while the loop ran is still in its corrected samples long after.
 
-    Raises RigError where too many were.
+    Raises RigError where too many were lost.
     """
-    no_answer = log.lost == 1.0
+    no_answer, dt_s = log.lost == 1.0, 1e-9 * course.dt_ns
     late_there = no_answer & np.roll(no_answer, 1)  # a target that stalls moves the table other than it was told
-    missing = followed(log.lost > 0.0, CORRECTED_WITH) | followed(late_there, round(SETTLED_S / dt_s))
+    missing = (log.lost > 0.0) | followed(late_there, round(SETTLED_S / dt_s))
+    if not missing.any():
+        return log
+    shown = course.signs[:, None] * (log.samples_v - course.zeros_v[:, None])
     try:
-        return replace(log, corrected=filled(log.command_v, log.corrected, missing, dt_s))
+        return replace(log, corrected=run_block(correction, filled(log.command_v, shown, missing, dt_s)))
     except InputError as fault:
         raise RigError(str(fault)) from fault
 

@@ -69,8 +69,8 @@ def course(info: RigInfo, ramp_s: float, record: int, zeros_v: Array, orders: In
     """Return the course of a run over `record` steps."""
     return Course(
         round(1e9 * info.dt_s), spin_of(round(1e9 * info.dt_s)), round(ramp_s / info.dt_s), record,
-        info.limits.lost_samples, POLICIES[info.overrun], np.array([float(channel.sign) for channel in info.channels]), zeros_v,
-        foresight, fresh_drift(), orders, np.zeros(4, dtype=np.int64), np.zeros(2, dtype=np.int64),
+        info.limits.lost_samples, POLICIES[info.overrun], np.array([float(channel.sign) for channel in info.channels]),
+        zeros_v, foresight, fresh_drift(), orders, np.zeros(4, dtype=np.int64), np.zeros(2, dtype=np.int64),
     )  # fmt: skip
 
 

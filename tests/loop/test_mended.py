@@ -65,7 +65,7 @@ def gaps(share: float) -> Array:
 
 
 def test_what_was_lost_is_put_back_and_leaves_no_trace(whole: Signals) -> None:
-    """3 % lost. In the loop the last samples stood in their place, which the correction of an AC coupling integrates."""
+    """3 % lost. In the loop the last samples stood in their place; the correction of an AC coupling integrates them."""
     logged, put_back = excited(gaps(0.03))
     size = whole.corrected.std(axis=1)
     assert (logged.command_v == whole.command_v).all()
@@ -76,5 +76,5 @@ def test_what_was_lost_is_put_back_and_leaves_no_trace(whole: Signals) -> None:
 
 
 def test_a_record_that_lost_too_much_is_refused() -> None:
-    with pytest.raises(RigError, match="samples .* were lost on the link, at most 5% may be"):
+    with pytest.raises(RigError, match=r"samples .* were lost on the link, at most 5% may be"):
         excited(gaps(0.06))

@@ -222,7 +222,7 @@ KINDS: dict[str, Kind] = {
     "all answers lost": failed(network(None, lost), BROKEN),
     "all commands lost": failed(network(lost, None), "target"),
     "cable pulled": failed(network(lost, lost), BROKEN),
-    "cable out for 60 ms": Kind(losing(30, 30), frozenset({3}), "aborted", "beyond their limit"),
+    "cable out for 80 ms": Kind(losing(40, 40), frozenset({3}), "aborted", "beyond their limit"),
     "answers 10 ms late": failed(network(None, delayed(0.01)), BROKEN),
     "commands 10 ms late": failed(network(delayed(0.01), None), BROKEN),
     "cable delay 0.3 ms more": good(network(delayed(3e-4), delayed(3e-4))),

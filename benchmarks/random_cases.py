@@ -1,0 +1,279 @@
+"""Random legitimate tests through identify, check and run; every refusal and stop is judged against the true cause.
+
+    python benchmarks/random_cases.py [--seed 1] [--count 40] [--jobs 1] [--output rows.jsonl] [--case SEED]
+
+The acceptance of any building that a table can carry: 1-8 floors, modes 0.3-60 Hz, damping 0.2-20 %, 500 Hz-4 kHz,
+12-18 bits, friction 0-6 N, latency 0-8, all controllers, integrations and methods, five kinds of records. Warnings of
+libraries count as failures. A refused test is run again with both overrides, which tells what it would have done.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import tempfile
+import time
+import traceback
+import warnings
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+from random_case_draw import draw, make_records
+from random_case_truth import GOOD, Played, Truth, judge
+
+from rths_cli.case.load import load_cases
+from rths_cli.errors import InputError, LimitError, RigError, RthsError
+from rths_cli.files.results import read_result
+from rths_cli.metrics import rms
+from rths_cli.rigs.virtual.plant import continuous
+from rths_cli.workflows.check_cases import Verdict, verdict_on
+from rths_cli.workflows.identify import UnfitRig
+from rths_cli.workflows.known import Known, Memory
+from rths_cli.workflows.run import Ended, run_case
+from rths_cli.workflows.setup import Setup, make_setup
+
+RAN, REFUSED, STOPPED, CRASHED, WARNED = "ran", "refused", "stopped", "crashed", "warned"
+OVERRIDES = ("check", "model")
+SETTLED = 0.02  # least damping ratio of the bare table's own poles: a table that rings on by itself is not legitimate
+DRAWS = 50
+
+
+@dataclass(frozen=True)
+class Row:
+    """What came of one test: `kinds` and `true` of each of the reasons given; `error` as it ran, or would have run."""
+
+    seed: int
+    outcome: str
+    about: str
+    reasons: tuple[str, ...] = ()
+    kinds: tuple[str, ...] = ()
+    true: tuple[bool, ...] = ()
+    verdict: str = ""
+    error: float = float("nan")
+    measured: float = float("nan")
+    predicted: float = float("nan")
+    stopped: str = ""
+    crash: str = ""
+    seconds: float = 0.0
+
+    @property
+    def honest(self) -> bool:
+        """Tell whether it ran, or every reason why it did not is true."""
+        return self.outcome == RAN or (self.outcome in (REFUSED, STOPPED) and bool(self.true) and all(self.true))
+
+    @property
+    def would_do(self) -> bool:
+        """Tell whether it ran, or would have run, with an error worth having."""
+        return not self.stopped and self.error < GOOD
+
+
+def legitimate(seed: int, folder: Path) -> Setup:
+    """Draw a test of a seed whose bare table stands by itself, and scale it to its share of the limits.
+
+    Raises InputError where the program refuses the case's file.
+    """
+    for attempt in range(DRAWS):
+        drawn = draw(seed + 10**6 * attempt, folder)
+        path = folder / f"case_{seed}.yaml"
+        path.write_text(json.dumps(drawn.case | {"name": f"random_{seed}"}))
+        setup = make_setup(load_cases([path])[0])
+        if _stands(setup):
+            largest = max(Truth(setup).shares.values())
+            return make_setup(load_cases([path], [f"scaling={drawn.share / largest!r}"])[0])
+    raise AssertionError(f"seed {seed}: no table of {DRAWS} stands by itself")
+
+
+def _stands(setup: Setup) -> bool:
+    """Tell whether the table's poles are damped, those that lie near the specimen's apart."""
+    building = setup.building
+    a, *_ = continuous(setup.case.table.physics, building.specimen, building.interface_experimental_mass_kg)
+    poles = np.linalg.eigvals(a)
+    ratio = -poles.real / np.abs(poles)
+    least = min(SETTLED, 0.5 * setup.case.structure.experimental.damping_ratios[0])
+    return bool(ratio.min() > least)
+
+
+def judged(seed: int, folder: Path) -> Row:
+    """Draw one test and take it through identify, check and run."""
+    begun = time.monotonic()
+    try:
+        setup = legitimate(seed, folder)
+    except InputError as error:
+        known = all("is unstable at dt = " in fault for fault in error.faults)
+        return Row(seed, REFUSED, "", error.faults, ("scheme" if known else "input",), (known,))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        try:
+            row = _taken_through(seed, setup, folder)
+        except Warning as warning:
+            row = Row(seed, WARNED, about(setup), (str(warning),), crash=traceback.format_exc())
+        except Exception as error:
+            row = Row(seed, CRASHED, about(setup), (repr(error),), crash=traceback.format_exc())
+    return replace(row, seconds=time.monotonic() - begun)
+
+
+def _taken_through(seed: int, setup: Setup, folder: Path) -> Row:
+    memory = Memory()
+    try:
+        known = memory.known(setup, lambda _: None)
+    except (InputError, RigError, LimitError) as error:
+        faults = _faults(error)
+        outcome = STOPPED if isinstance(error, LimitError) else REFUSED
+        said = [judge(fault, Truth(setup)) for fault in faults]
+        kinds, true = zip(*said, strict=True)
+        return Row(seed, outcome, about(setup), faults, kinds, true)
+    checked = verdict_on(setup, known)
+    ended, played = _run(setup, memory, folder)
+    predicted = _predicted(setup, checked)
+    row = Row(seed, RAN, about(setup), verdict=checked.verdict, predicted=predicted)
+    if ended.status == "complete":
+        return replace(row, error=played.error, measured=played.measured)
+    if ended.status == "refused":
+        reasons = _reasons(known, checked)
+        if checked.design is not None:
+            again = make_setup(setup.case, OVERRIDES)
+            _, played = _run(again, memory, folder)
+        truth = Truth(setup, known.found, checked.design, played if checked.design else None)
+    else:
+        reasons, truth = (ended.reason,), Truth(setup, known.found, checked.design, None)
+    said = [judge(reason, truth) for reason in reasons]
+    return replace(
+        row,
+        outcome=REFUSED if ended.status == "refused" else STOPPED,
+        reasons=tuple(reasons),
+        kinds=tuple(kind for kind, _ in said),
+        true=tuple(holds for _, holds in said),
+        error=played.error,
+        measured=played.measured,
+        stopped=played.stopped,
+    )
+
+
+def _faults(error: RthsError) -> tuple[str, ...]:
+    """Return why an identification came to nothing, one sentence each."""
+    if isinstance(error, UnfitRig):
+        return error.unfit.faults
+    return error.faults if isinstance(error, InputError) else (str(error),)
+
+
+def _reasons(known: Known, checked: Verdict) -> tuple[str, ...]:
+    """Return why a test is refused, one sentence each: the model's reasons are joined in the verdict."""
+    faults = known.faults(())
+    model = known.found.reasons if faults else ()
+    return (*model, *(reason for reason in checked.reasons if reason not in faults))
+
+
+def _run(setup: Setup, memory: Memory, folder: Path) -> tuple[Ended, Played]:
+    """Run a test to a result file, as `rths run` does, and read what is true of it."""
+    path = folder / f"result_{setup.case.seed}.h5"
+    ended = run_case(setup, path, memory, "random_cases", lambda _: None)
+    try:
+        figures = read_result(path).metrics
+    finally:
+        path.unlink()
+    if ended.status != "complete":
+        return ended, Played(ended.reason, float("nan"), float("nan"))
+    sim = rms(Truth(setup).sim.abs_accel_m_s2)
+    true, measured = (np.asarray(figures[f"exp_rths.rms_error_m_s2{end}"]) for end in ("_true", ""))
+    return ended, Played("", float((true / sim).max()), float((measured / sim).max()))
+
+
+def _predicted(setup: Setup, checked: Verdict) -> float:
+    """Return the predicted error over SIM's RMS, worst storey."""
+    found = checked.figures.get("check.rms_error_m_s2")
+    if found is None:
+        return float("nan")
+    return float((np.asarray(found.value) / rms(Truth(setup).sim.abs_accel_m_s2)).max())
+
+
+def about(setup: Setup) -> str:
+    """Return what a reader needs to see of a test, in one line."""
+    case, rig = setup.case, setup.rig
+    truth, physics = Truth(setup), case.table.physics
+    hz = truth.modes_hz
+    return (
+        f"{1.0 / rig.dt_s:4.0f} Hz {rig.converters.bits} bit l={rig.latency_samples} {case.controller.kind:<5} "
+        f"{case.method:<5} {case.integration:<7} {len(setup.building.numerical.masses_kg)}+{len(hz)} "
+        f"{hz[0]:5.2f}-{hz[-1]:4.1f} Hz z {min(case.structure.experimental.damping_ratios):.2%} "
+        f"Fc {physics.coulomb_n:4.2f} N {case.record.name} x{case.scaling:.2g}, {truth.bits:.0f} bits rms"
+    )
+
+
+def line(row: Row) -> str:
+    """Return one test's lines."""
+    error = f"{row.error:6.1%}" if np.isfinite(row.error) else f"{'stop' if row.stopped else '-':>6}"
+    predicted = f"{row.predicted:6.1%}" if np.isfinite(row.predicted) else f"{'-':>6}"
+    head = f"{row.seed:>6} {row.outcome:<8}{error} {predicted}  {row.about}  {row.seconds:.0f} s"
+    ends = [f"{'':>9}{'true ' if true else 'FALSE'} {kind}: {reason}"
+            for kind, true, reason in zip(row.kinds, row.true, row.reasons, strict=True)] if row.kinds else [
+            f"{'':>9}{reason}" for reason in row.reasons]  # fmt: skip
+    stop = [f"{'':>9}overridden: {row.stopped}"] if row.stopped and row.outcome == REFUSED else []
+    return "\n".join([head, *ends, *stop, *([row.crash] if row.crash else [])])
+
+
+def summary(rows: Sequence[Row]) -> Iterator[str]:
+    """Yield the shares that are asked for."""
+    count = len(rows)
+    of = Counter(row.outcome for row in rows)
+    yield "; ".join(f"{name} {of[name]}" for name in (RAN, REFUSED, STOPPED, CRASHED, WARNED))
+    false_stops = [row for row in rows if row.outcome == STOPPED and not row.honest]
+    yield f"crashes {of[CRASHED]}, warnings {of[WARNED]}, false stops {len(false_stops)}: none of each is demanded"
+    honest = sum(row.honest for row in rows)
+    yield f"ran or refused for a true reason: {honest} of {count}, {honest / count:.1%} (at least 95 % are demanded)"
+    good = [row for row in rows if row.would_do]
+    run = sum(row.outcome == RAN for row in good)
+    share = run / len(good) if good else float("nan")
+    yield f"of {len(good)} that run or would run with an error below {GOOD:.0%}: {run} run, {share:.1%} (at least 85 %)"
+    margins = ("margin", "delay margin")
+    only = sum(row.outcome == REFUSED and all(kind in margins for kind in row.kinds) for row in good)
+    share = run / max(len(good) - only, 1)
+    yield f"  without the {only} that only a margin of the check refuses: {share:.1%}"
+    blind = sum(row.outcome == REFUSED and not row.verdict for row in rows)
+    yield f"  {blind} have no model at all, so that nobody knows what they would have done"
+    kinds = Counter((kind, true) for row in rows for kind, true in zip(row.kinds, row.true, strict=True))
+    for kind in sorted({kind for kind, _ in kinds}):
+        yield f"  reason {kind:<13} true {kinds[kind, True]:>4}   false {kinds[kind, False]:>4}"
+    ratio = np.array([row.predicted / row.error for row in rows if row.outcome == RAN])
+    ratio = ratio[np.isfinite(ratio)]
+    if len(ratio):
+        low, middle, high = np.quantile(ratio, [0.05, 0.5, 0.95])
+        yield f"predicted over true error of those that ran: {low:.2f} (5 %), {middle:.2f}, {high:.2f} (95 %)"
+
+
+def main() -> None:
+    """Print every test and the summary."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seed", type=int, default=1, help="of the first test")
+    parser.add_argument("--count", type=int, default=40)
+    parser.add_argument("--jobs", type=int, default=1, help="processes")
+    parser.add_argument("--output", type=Path, help="a line of JSON for each test")
+    parser.add_argument("--case", type=int, help="print the case file of a seed and nothing else")
+    asked = parser.parse_args()
+    begun = time.monotonic()
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        make_records(folder)
+        if asked.case is not None:
+            setup = legitimate(asked.case, folder)
+            print((folder / f"case_{asked.case}.yaml").read_text())
+            print(f"# --set scaling={setup.case.scaling!r}; {about(setup)}")
+            return
+        rows = []
+        with ProcessPoolExecutor(asked.jobs) as pool:
+            for row in pool.map(partial(judged, folder=folder), range(asked.seed, asked.seed + asked.count)):
+                rows.append(row)
+                print(line(row), flush=True)
+                if asked.output:
+                    with asked.output.open("a") as file:
+                        file.write(json.dumps(asdict(row)) + "\n")
+    print("\n".join(summary(rows)))
+    print(f"{time.monotonic() - begun:.0f} s")
+
+
+if __name__ == "__main__":
+    main()

@@ -246,10 +246,14 @@ def _address(symbol: str, code: bytes) -> int:
 
 @cache
 def _processor() -> str:
-    """Return which instructions the machine code may hold."""
+    """Return what decides which instructions numba chooses: the host, and every setting of numba, from its environment
+    variables (NUMBA_CPU_NAME, NUMBA_OPT, ...) or its file in the working directory."""
     import llvmlite.binding as llvm
 
-    return f"{llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()}"
+    settings = [f"{name}={value}" for name, value in sorted(os.environ.items()) if name.startswith("NUMBA_")]
+    with suppress(OSError):  # mostly there is no such file
+        settings.append(Path(".numba_config.yaml").read_bytes().hex())
+    return f"{llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()} {' '.join(settings)}"
 
 
 def _read(path: Path) -> bytes | None:

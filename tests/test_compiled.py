@@ -62,10 +62,10 @@ print(len(said), "numba" in sys.modules, value.tobytes().hex())
 """
 
 
-def hello(cache: Path) -> list[str]:
+def hello(cache: Path, **settings: str) -> list[str]:
     done = subprocess.run(
         [sys.executable, "-c", "import sys\n" + HELLO],
-        env={**os.environ, "XDG_CACHE_HOME": str(cache)},
+        env={**os.environ, "XDG_CACHE_HOME": str(cache), **settings},
         capture_output=True,
         text=True,
         timeout=120,
@@ -78,6 +78,15 @@ def test_code_is_compiled_once_and_announced_then_loaded_without_numba(tmp_path:
     first, second = hello(tmp_path), hello(tmp_path)
     assert first[:2] == ["1", "True"] and second[:2] == ["0", "False"]
     assert first[2] == second[2]
+
+
+def test_code_for_another_processor_is_kept_beside_it(tmp_path: Path) -> None:
+    """What numba is told to compile for is a part of the name: neither is loaded in place of the other."""
+    quick, generic = {"NUMBA_OPT": "1"}, {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
+    made = [hello(tmp_path, **settings)[:2] for settings in (quick, generic, quick, generic)]
+    assert made == [["1", "True"], ["1", "True"], ["0", "False"], ["0", "False"]]
+    kept = {path.name: path.read_bytes() for path in tmp_path.rglob("*.native")}
+    assert len(kept) == len(set(kept.values())) == 2 * len({name.split("-")[0] for name in kept})
 
 
 def test_damaged_machine_code_is_compiled_again(tmp_path: Path) -> None:

@@ -6,9 +6,10 @@ imported before one of them is used.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
-
+TYPE_CHECKING = False  # typing takes longer to import than all else that is done before signals are taken
 if TYPE_CHECKING:
+    from typing import Any
+
     from rths_cli.api import check, identify, load, plot, run
     from rths_cli.api_results import CheckResult, Group, ModelResult, RunResult
     from rths_cli.errors import InputError, LimitError, RigError, RthsError

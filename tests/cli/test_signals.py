@@ -42,3 +42,32 @@ def test_once_ignored_a_signal_changes_no_exit_code(number: int) -> None:
         "sys.exit(3 if signals.code == 0 else 9)"
     )
     assert subprocess.run([sys.executable, "-c", code], timeout=60, check=False).returncode == 3
+
+
+EARLY = """
+import os, sys
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == "typing":
+            sys.stderr.write("typing is imported before signals are taken")
+        if name in ("rths_cli.cli", "click"):
+            os.kill(os.getpid(), NUMBER)
+sys.meta_path.insert(0, Finder())
+sys.argv = ["rths", "--version"]
+from rths_cli.__main__ import main
+main()
+"""
+
+
+@pytest.mark.parametrize(
+    ("number", "code", "sentence"),
+    [(signal.SIGINT, 130, "rths: interrupted\n"), (signal.SIGTERM, 143, "rths: terminated\n")],
+)
+def test_a_signal_among_the_first_imports_ends_the_process_in_a_sentence(number: int, code: int, sentence: str) -> None:
+    """The process sends it to itself when the command line is to be imported, before any other module is."""
+    code_text = f"import sys; sys.path[:0] = {sys.path!r}\n" + EARLY.replace("NUMBER", str(int(number)))
+    done = subprocess.run(
+        [sys.executable, "-S", "-c", code_text],
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stderr, done.stdout) == (code, sentence, "")

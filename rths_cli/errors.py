@@ -36,16 +36,29 @@ class RigError(RthsError):
     exit_code = 4
 
 
+def crash_note() -> str:
+    """Write the traceback of the exception being handled to a file, and return where it is, or why there is none."""
+    try:
+        return f"details in {write_crash_file()}"
+    except OSError as error:
+        return f"its details cannot be written: {error.strerror}"
+
+
 def write_crash_file() -> Path:
-    """Write the traceback of the exception being handled to a file in the folder for temporary files."""
+    """Write the traceback of the exception being handled to a file in the folder for temporary files.
+
+    Raises OSError, and leaves no file, where the disk refuses.
+    """
     import tempfile
     import traceback
     from datetime import UTC, datetime
 
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%S")
-    handle = tempfile.NamedTemporaryFile(  # noqa: SIM115
-        "w", prefix=f"rths-crash-{stamp}-", suffix=".txt", delete=False
-    )
-    with handle:
-        handle.write(traceback.format_exc())
-    return Path(handle.name)
+    handle, name = tempfile.mkstemp(prefix=f"rths-crash-{stamp}-", suffix=".txt")
+    try:
+        with open(handle, "w", encoding="utf-8", errors="backslashreplace") as file:
+            file.write(traceback.format_exc())
+    except OSError:
+        Path(name).unlink(missing_ok=True)
+        raise
+    return Path(name)

@@ -8,6 +8,8 @@ import time
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, TextIO
 
+from rths_cli.printed import visible
+
 if TYPE_CHECKING:
     from rich.live import Live
 
@@ -78,6 +80,7 @@ class Screen:
     def __init__(self, quiet: bool = False, stream: TextIO | None = None, poll: Callable[[], None] = _nothing) -> None:
         self._poll = poll
         self._stream = stream or sys.stderr
+        self._terminal = getattr(self._stream, "unfiltered", self._stream)  # takes control sequences
         self._quiet = quiet
         self._live = not quiet and self._stream.isatty()
         self._label = ""
@@ -134,9 +137,9 @@ class Screen:
 
         if self._drawn is None:
             self._clear()
-            self._drawn = Live(console=Console(file=self._stream), transient=True, auto_refresh=False)
+            self._drawn = Live(console=Console(file=self._terminal), transient=True, auto_refresh=False)
             self._drawn.start()
-        self._drawn.update(Text("\n".join(lines)), refresh=True)
+        self._drawn.update(Text(visible("\n".join(lines))), refresh=True)
 
     def confirm(self, lines: Sequence[str]) -> bool:
         """Show a checklist and ask whether a real table may move."""
@@ -169,4 +172,4 @@ class Screen:
             self._drawn = None
         self._keys.release()
         if self._live:
-            self._stream.write("\r\x1b[K")
+            self._terminal.write("\r\x1b[K")

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-import errno
+import codecs
 import json
 import os
 import sys
 from collections.abc import Sequence
+from io import TextIOWrapper
 from typing import NoReturn
 
 import click
 
 from rths_cli.cli.group import SIGNALS, cli
-from rths_cli.errors import InputError, RthsError, write_crash_file
+from rths_cli.errors import InputError, RthsError, crash_note
+from rths_cli.printed import OutputError, PrintedStream, shortened
 from rths_cli.process import INTERRUPTED, TERMINATED, Terminated
 
 BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")  # read when numpy is imported
+
+LONGEST_SENTENCE = 1000  # characters of a fault: what is longer repeats an input
 
 
 def main() -> NoReturn:
@@ -30,10 +34,24 @@ def main() -> NoReturn:
 
 
 def _open_streams() -> None:
-    """Give output a place to go where the caller closed it."""
+    """Make what is printed visible, and give output a place to go where the caller closed it.
+
+    A closed stdout takes tables without a word, but no document that --json asks for.
+    """
+    if sys.stdout is None:
+        sys.stdout = open(os.open(os.devnull, os.O_RDONLY if _wants_json() else os.O_WRONLY), "w")  # noqa: SIM115
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w")  # noqa: SIM115
     for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, "w"))  # noqa: SIM115
+        stream = getattr(sys, name)
+        if isinstance(stream, TextIOWrapper):
+            ascii_only = codecs.lookup(stream.encoding).name == "ascii"
+            stream.reconfigure(encoding="utf-8" if ascii_only else None, errors="backslashreplace")
+        setattr(sys, name, PrintedStream(stream, name, needed=name == "stdout"))
+
+
+def _wants_json() -> bool:
+    return "--json" in sys.argv
 
 
 def _one_blas_thread() -> None:
@@ -56,13 +74,12 @@ def _guarded() -> int:
         return _say([error.format_message()], 2)
     except (click.Abort, KeyboardInterrupt, Terminated):
         return _ended_by_signal()
+    except OutputError as error:
+        return _without_stdout(error, SIGNALS.code)
     except InputError as error:
         return _say(error.faults, error.exit_code)
     except RthsError as error:
         return _say([str(error)], error.exit_code)
-    except BrokenPipeError:
-        sys.stderr.close()
-        return 0
     except Exception as error:
         return _ended_by_signal() if SIGNALS.code else _fault_of_ours(error)
 
@@ -73,17 +90,28 @@ def _ended_by_signal() -> int:
 
 
 def _fault_of_ours(error: Exception) -> int:
-    """Report an unforeseen failure: a full disk behind stdout is the user's, the rest is ours."""
-    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EIO):
-        return _say([f"rths: cannot write the output: {error.strerror}"], 2)
+    """Report an unforeseen failure."""
     if "--debug" in sys.argv:
         raise error
-    return _say([f"rths: internal error ({type(error).__name__}); details in {write_crash_file()}"], 5)
+    return _say([f"rths: internal error ({type(error).__name__}); {crash_note()}"], 5)
 
 
 def _say(sentences: Sequence[str], code: int) -> int:
     """Show sentences on stderr and, where JSON was asked for, as the document on stdout; return the code."""
-    click.echo("\n".join(sentences), err=True)
-    if "--json" in sys.argv and code not in (INTERRUPTED, TERMINATED):
-        click.echo(json.dumps({"exit_code": code, "faults": list(sentences)}, indent=2))
+    told = [shortened(sentence, LONGEST_SENTENCE) for sentence in sentences]
+    click.echo("\n".join(told), err=True)
+    if _wants_json() and code not in (INTERRUPTED, TERMINATED):
+        try:
+            click.echo(json.dumps({"exit_code": code, "faults": told}, indent=2))
+        except OutputError as fault:
+            return _without_stdout(fault, code)
     return code
+
+
+def _without_stdout(fault: OutputError, code: int) -> int:
+    """Say that stdout takes nothing more, and return the code; a reader of tables who left has seen enough."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes it once more on its way out
+    if fault.reader_gone and not _wants_json():
+        return code
+    click.echo(str(fault), err=True)
+    return code or fault.exit_code

@@ -9,7 +9,6 @@ import click
 
 from rths_cli.cli.group import cli
 from rths_cli.cli.options import json_option
-from rths_cli.errors import InputError
 
 
 @cli.command()
@@ -38,14 +37,9 @@ def new(path: Path, as_json: bool) -> int:
     Example: rths new my_case.yaml
     """
     from rths_cli.case.template import case_template
+    from rths_cli.files.whole_file import write_new
 
-    try:
-        with open(path, "x", encoding="utf-8") as file:
-            file.write(case_template())
-    except FileExistsError:
-        raise InputError(f"{path}: exists; choose another name") from None
-    except OSError as error:
-        raise InputError(f"{path}: cannot be written: {error.strerror}") from None
+    write_new(path, case_template())
     click.echo(json.dumps({"written": str(path)}) if as_json else f"wrote {path}; try: rths run {path}")
     return 0
 

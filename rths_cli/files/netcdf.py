@@ -11,6 +11,7 @@ import numpy as np
 
 from rths_cli.files.hdf5 import Dataset, Written, write_group
 from rths_cli.files.hdf5_nodes import add_text
+from rths_cli.files.staged_file import new_hdf5
 
 
 @dataclass(frozen=True)
@@ -29,10 +30,8 @@ class NetcdfGroup:
 
 def write_netcdf(path: Path, attributes: Mapping[str, Any], groups: Iterable[NetcdfGroup]) -> None:
     """Write a file; what is the same has the same bytes. Raises OSError or RuntimeError where the disk refuses."""
-    import h5py
-
     written: Written = {}
-    with h5py.File(path, "w") as file:
+    with new_hdf5(path) as file:
         _add_attributes(file, attributes)
         for group in groups:
             node = file.require_group(group.path)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import time
 from collections.abc import Callable
@@ -13,12 +12,12 @@ from rths_cli.errors import InputError
 from rths_cli.files.durable import sync
 from rths_cli.files.raw_log import CHECK, FRAME, VALUE, RawHeader, fcntl, packed_frame, packed_header
 from rths_cli.files.result_writer import check_writable, refusal
+from rths_cli.files.staged_file import allocate
 from rths_cli.lti import Array
 
 SYNC_S = 0.25
 FRAMES_PER_S = 20
 SPARE_BYTES = 1 << 16
-UNSUPPORTED = (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS)
 
 
 class RawLogWriter:
@@ -108,7 +107,7 @@ def _begun(path: Path, start: bytes, size: int) -> int:
         _write(file, start, 0)
         os.fsync(file)
         os.rename(part, path)  # whoever sees the log sees its header
-        _allocate(file, size)
+        allocate(file, 0, size)
         sync(path.parent)
     except BaseException as error:  # a signal too must leave no empty log
         os.close(file)
@@ -124,17 +123,6 @@ def _lock(file: int) -> None:
     if fcntl is not None:
         with suppress(OSError):  # a file system without locks
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-
-def _allocate(file: int, size: int) -> None:
-    """Take disk space; where the system has no such call, the free space that was checked must do."""
-    if not hasattr(os, "posix_fallocate"):
-        return
-    try:
-        os.posix_fallocate(file, 0, size)
-    except OSError as error:
-        if error.errno not in UNSUPPORTED:
-            raise
 
 
 def _write(file: int, data: bytes, place: int) -> None:

@@ -27,11 +27,11 @@ from rths_cli.errors import InputError
 from rths_cli.files.durable import remove_leftovers, sync
 from rths_cli.files.hdf5 import Dataset, scales_of, write_group
 from rths_cli.files.hdf5_nodes import add_text
+from rths_cli.files.staged_file import StagedFile
 from rths_cli.lti import Array
 
 FORMAT = "rths-result"
 FORMAT_VERSION = 1
-META_BLOCK = 1 << 16  # bytes reserved at a time for what describes the data, so that it is written in few pieces
 HEADER: dict[str, str | int] = {
     "format": FORMAT,
     "format_version": FORMAT_VERSION,
@@ -74,6 +74,7 @@ class ResultWriter:
         self._parked = False
         self._resumed = False
         self._file: Any = None  # h5py.File while open
+        self._staged: StagedFile | None = None  # what it writes through
         self._scales: dict[str, NDArray[Any]] = {}  # those written, by path
 
     def __enter__(self) -> ResultWriter:
@@ -89,13 +90,14 @@ class ResultWriter:
                 self.path.parent.mkdir(parents=True, exist_ok=True)
                 if self._continues:
                     shutil.copyfile(self.path, self.part)
-                self._file = h5py.File(self.part, "a" if self._continues else "w", meta_block_size=META_BLOCK)
+                self._staged = StagedFile(self.part, keep=self._continues)
+                self._file = h5py.File(self._staged, "r+" if self._continues else "w")
                 self._scales = scales_of(self._file)
                 if self._continues:
                     self._file.attrs.update({**self._attributes, **HEADER})
                 else:
                     _add_attributes(self._file, {**self._attributes, **HEADER})
-                self._file.flush()
+                self._flush()
         except BaseException:  # a signal too must leave no half file
             self._abandon()
             raise
@@ -164,7 +166,7 @@ class ResultWriter:
         with self._reporting():
             for parent, items in groups.items():
                 write_group(self._file.require_group(parent), items, {}, self._scales)
-            self._file.flush()
+            self._flush()
 
     @property
     def attributes(self) -> dict[str, Attribute]:
@@ -186,7 +188,7 @@ class ResultWriter:
         """Publish the file as interrupted and close it: whatever happens until `resume`, it can be read."""
         self.finish("interrupted", reason)
         self._publish()
-        self._file, self._status, self._parked = None, None, True
+        self._file, self._staged, self._status, self._parked = None, None, None, True
 
     def resume(self) -> None:
         """Go on writing to a parked file, on a copy that takes its place at the end."""
@@ -230,12 +232,21 @@ class ResultWriter:
             group = self._file.require_group(name)
             write_group(group, datasets, scales, self._scales)
             _add_attributes(group, about)
-            self._file.flush()
+            self._flush()
+
+    def _flush(self) -> None:
+        """Put everything that was written on the disk; raises OSError."""
+        assert self._staged is not None
+        self._file.flush()
+        self._staged.commit()
 
     def _publish(self) -> None:
+        assert self._staged is not None
         try:
             with self._reporting():
                 self._file.close()
+                self._staged.commit()
+                self._staged.close()
                 if self._lasting:
                     sync(self.part)
                 os.replace(self.part, self.path)
@@ -247,12 +258,11 @@ class ResultWriter:
 
     def _abandon(self) -> None:
         """Close and remove the temporary file; what hardware produced stays under its temporary name."""
-        try:
-            if self._file is not None:
-                self._file.close()
-        except (OSError, RuntimeError):  # HDF5 keeps the descriptor when its last flush fails
-            if self._expendable and self.part.exists():
-                os.truncate(self.part, 0)  # give the space back although the descriptor stays open
+        if self._file is not None:
+            self._file.close()
+        if self._staged is not None:
+            with suppress(OSError):  # the fault that ended the writing is told already
+                self._staged.close()
         if self._expendable:
             with suppress(OSError):
                 self.part.unlink()

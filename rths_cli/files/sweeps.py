@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from rths_cli.errors import InputError
 from rths_cli.files.hdf5 import Dataset, write_group
 from rths_cli.files.result_writer import Attribute, refusal
+from rths_cli.files.staged_file import new_hdf5
 from rths_cli.lti import Array
 
 FORMAT = "rths-sweep"
@@ -68,11 +69,9 @@ class Sweep:
 
 def write_sweep(path: Path, sweep: Sweep) -> None:
     """Write the file of a sweep; raises InputError when the disk refuses."""
-    import h5py
-
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        with h5py.File(part, "w") as file:
+        with new_hdf5(part) as file:
             about = {"format": FORMAT, "format_version": FORMAT_VERSION, "seeds_per_point": sweep.seeds_per_point}
             file.attrs.update({**sweep.attributes, **about, "coordinates": " ".join(["seed", *sweep.varied])})
             write_group(file, _datasets(sweep), _scales(sweep))

@@ -11,7 +11,7 @@ from types import FrameType
 
 import numpy as np
 
-from rths_cli.errors import write_crash_file
+from rths_cli.errors import crash_note
 from rths_cli.loop.drive import Outcome
 from rths_cli.loop.guard import INTERRUPT, OPERATOR, TERMINATION, WATCHER_FAILED
 from rths_cli.loop.log import Signals, signals
@@ -114,7 +114,7 @@ def _watched(loop: _Loop, run: Performance, watch: Watch) -> str:
             except KeyboardInterrupt:  # a signal of before that was swallowed on its way
                 order(run, CTRL_C)
             except Exception as error:
-                fault = f"{type(error).__name__}, details in {write_crash_file()}"
+                fault = f"{type(error).__name__}, {crash_note()}"
                 order(run, NO_WATCH)
             except BaseException:  # SIGTERM, as the command line raises it
                 order(run, SIGTERM)

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from rths_cli.case.load import load_cases
-from rths_cli.errors import InputError, RthsError, write_crash_file
+from rths_cli.errors import InputError, RthsError, crash_note
 from rths_cli.files.results import Metric
 from rths_cli.workflows.check_cases import verdict_on
 from rths_cli.workflows.heap import keep_freed_memory
@@ -159,8 +159,7 @@ def _run_one(
         return _failed(setup, path, taken, str(error), error.exit_code)
     except Exception as error:
         tell("")  # a signal that came while code was compiled ends the batch here
-        where = write_crash_file()
-        return _failed(setup, path, taken, f"internal error ({type(error).__name__}), details in {where}", 5)
+        return _failed(setup, path, taken, f"internal error ({type(error).__name__}), {crash_note()}", 5)
 
 
 def _run_real(

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from rths_cli.errors import RthsError, write_crash_file
+from rths_cli.errors import RthsError, crash_note
 from rths_cli.files.result_writer import Metric
 from rths_cli.loop.blocks import NUMERICAL
 from rths_cli.loop.drive import play
@@ -54,7 +54,7 @@ def failed(row: Row, error: Exception) -> Row:
     """Return the row of a run that an error ended."""
     if isinstance(error, RthsError):
         return replace(row, status="failed", reason=str(error), exit_code=error.exit_code)
-    reason = f"internal error ({type(error).__name__}), details in {write_crash_file()}"
+    reason = f"internal error ({type(error).__name__}), {crash_note()}"
     return replace(row, status="failed", reason=reason, exit_code=5)
 
 

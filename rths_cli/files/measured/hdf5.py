@@ -17,6 +17,7 @@ from rths_cli.files.measured.contents import Column, Contents, Recording
 from rths_cli.files.measured.time import stated_interval
 from rths_cli.files.measured.variables import Variable, contents_of
 from rths_cli.files.result_writer import refusal
+from rths_cli.files.staged_file import new_hdf5
 
 if TYPE_CHECKING:
     import h5py
@@ -33,13 +34,11 @@ def write_recording(path: Path, recording: Recording) -> None:
 
     The file appears under its name only when it is whole. Raises InputError where the disk refuses.
     """
-    import h5py
-
     path = Path(path)
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with h5py.File(part, "w") as file:
+        with new_hdf5(part) as file:
             _fill(file, recording)
         os.replace(part, path)
     except (OSError, RuntimeError) as error:

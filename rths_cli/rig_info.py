@@ -69,7 +69,8 @@ class RigInfo:
     `gain_m_per_v` and `moving_mass_kg` are nominal data-sheet values; `specimen_mass_kg` is weighed. `unattended`: its
     own file lets the rig move without a person's confirmation. `watchdog_s`: after so long without a command the rig
     leads its table to rest by itself (0: it has no watchdog). `overrun`: what a missed deadline does, hold, skip or
-    stop. `driver_verified`: what is behind the driver, hardware, loopback or fake; empty on a virtual rig.
+    stop. `driver_verified`: what is behind the driver, hardware, loopback or fake: an open rig's own info says it,
+    before that it is empty or what the address of a target lets expect. Empty on a virtual rig.
     """
 
     name: str

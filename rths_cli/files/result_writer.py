@@ -170,11 +170,12 @@ class ResultWriter:
 
     @property
     def attributes(self) -> dict[str, Attribute]:
-        """Return the attributes of the root that the writer was given."""
+        """Return the attributes of the root that the writer was given so far."""
         return dict(self._attributes)
 
     def about(self, attributes: Mapping[str, Attribute]) -> None:
-        """Add attributes to the root."""
+        """Add attributes to the root, in place of those given before."""
+        self._attributes.update(attributes)
         with self._reporting():
             self._file.attrs.update(dict(attributes))
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -116,15 +116,23 @@ def _response(given: _Lines, output: _Lines, estimator: Estimator) -> Frf:
 
     H1 = Sxy / Sxx is free of bias under noise in the output, H2 = Syy / Syx under noise in the input, Hv, their
     geometric mean, lies between. Standard error: sqrt((1 - c) / (2 c n)) (Bendat and Piersol, Random Data, chapter 9).
+    A line at which input or output is exactly zero says nothing: response and coherence 0, an infinite error.
     """
     power = np.sum(np.abs(given.values) ** 2, axis=0)
     out = np.sum(np.abs(output.values) ** 2, axis=0)
     cross = np.sum(np.conj(given.values) * output.values, axis=0)
-    coherence = np.abs(cross) ** 2 / (power * out)
-    h1 = cross / power
-    response = {"h1": h1, "h2": h1 / coherence, "hv": h1 / np.sqrt(coherence)}[estimator]
-    error = np.sqrt((1.0 - coherence).clip(min=0.0) / (2.0 * coherence * given.averages)).clip(min=ERROR_FLOOR)
+    coherence = _quotient(np.abs(cross) ** 2, power * out)
+    h1 = _quotient(cross, power)
+    share = {"h1": np.ones_like(coherence), "h2": coherence, "hv": np.sqrt(coherence)}[estimator]
+    response = _quotient(h1, share)
+    spread = _quotient((1.0 - coherence).clip(min=0.0), 2.0 * coherence * given.averages, np.inf)
+    error = np.sqrt(spread).clip(min=ERROR_FLOOR)
     return Frf(given.frequency_hz, response, coherence, error, round(given.averages), given.bandwidth)
+
+
+def _quotient(over: Array | ComplexArray, under: Array, otherwise: float = 0.0) -> Any:
+    """Return over / under, and `otherwise` where `under` is zero."""
+    return np.divide(over, under, out=np.full_like(over, otherwise), where=under > 0.0)
 
 
 def without_leakage(

@@ -19,6 +19,7 @@ from rths_cli.lti import Array
 from rths_cli.rigs.interface import Rig, RigInfo
 
 METHODS = ("open", "arm", "exchange", "rest", "close")
+DRIVERS = ("hardware", "loopback", "fake")  # what may be behind a driver
 
 
 def open_plugin(info: RigInfo, options: Mapping[str, object]) -> PluginRig:
@@ -43,21 +44,24 @@ def open_plugin(info: RigInfo, options: Mapping[str, object]) -> PluginRig:
         raise
     except Exception as error:
         raise RigError(f"{who} could not make its rig: {_told(error)}") from error
-    return PluginRig(_checked(rig, info, who), info.kind)
+    return PluginRig(_checked(rig, info, who), info.kind, who)
 
 
 class PluginRig:
     """The rig of a plug-in: whatever goes wrong in it comes out as one sentence, and samples have their shape."""
 
-    def __init__(self, rig: Rig, kind: str) -> None:
+    def __init__(self, rig: Rig, kind: str, who: str) -> None:
         self.info = rig.info
         self._rig = rig
         self._kind = kind
+        self._who = who
         self._samples = np.zeros(len(rig.info.channels))
 
     def open(self) -> None:
-        """Take hold of the rig; raises RigError."""
+        """Take hold of the rig, which may learn by that what is behind its driver; raises RigError."""
         self._call("open", self._rig.open)
+        own = _checked(self._rig, self.info, self._who).info
+        self.info = replace(own, driver_verified=own.driver_verified or "hardware")
 
     def arm(self) -> Array:
         """Enable motion and return the first samples in V, (n_channels,); raises RigError."""
@@ -113,6 +117,8 @@ def _checked(rig: Any, info: RigInfo, who: str) -> Rig:
     own = getattr(rig, "info", None)
     if not isinstance(own, RigInfo) or replace(own, driver_verified=info.driver_verified) != info:
         raise RigError(f"{who} must keep the info it was given; only driver_verified is its own to state")
+    if own.driver_verified not in ("", *DRIVERS):
+        raise RigError(f"{who} states driver_verified {str(own.driver_verified)[:40]!r}; known: {', '.join(DRIVERS)}")
     made: Rig = rig
     return made
 

@@ -100,7 +100,7 @@ def _watchdog_s(real: RealRigSpec | None) -> float:
 
 
 def _driver_verified(real: RealRigSpec | None) -> str:
-    """Return what a rig file lets expect behind the driver; a driver that knows better says so itself."""
-    if real is None:
+    """Return what the address of a target lets expect behind its driver; other drivers know once they are open."""
+    if not isinstance(real, UdpRigSpec):
         return ""
-    return "loopback" if isinstance(real, UdpRigSpec) and real.udp.is_loopback else "hardware"
+    return "loopback" if real.udp.is_loopback else "hardware"

@@ -73,6 +73,7 @@ class RealStage:
         """Play one run, its result file closed as interrupted meanwhile; the channels' zeros are taken anew."""
         rig = open_rig(setup, (), 0)
         zeros_v = real_rig.listened(setup, rig).zeros_v
+        writer.about({"driver_verified": rig.info.driver_verified})  # known once it was opened
         drive, limits = drive_of(setup, design), guard_limits(setup)
         ready = prepare(setup.rig, design.blocks, run.source, drive, limits, zeros_v)
         path = raw_log_path(writer.path, run.name)

@@ -176,3 +176,14 @@ def test_noise_floor_is_what_pure_noise_shows() -> None:
     assert floor is not None
     assert np.sqrt(np.mean(floor**2)) == pytest.approx(np.sqrt(np.mean(np.abs(shown.response) ** 2)), rel=0.1)
     assert noise_floor([whole(command, accel)], shown, 0, DT) is None
+
+
+@pytest.mark.parametrize("estimator", ["h1", "h2", "hv"])
+def test_a_dead_channel_has_no_coherence_and_no_response(estimator: Estimator) -> None:
+    """No evidence, and no division by zero: a NaN would pass for coherent where it is compared with a limit."""
+    command = np.random.default_rng(1).normal(size=40_000)
+    answer = np.diff(command, 2, prepend=[0.0, 0.0])
+    with np.errstate(all="raise"):
+        alive, dead = estimate((whole(command, np.vstack([answer, 0.0 * answer])),), DT, (1.0, 100.0), 2.0, estimator)
+    assert not dead.coherence.any() and not dead.response.any() and np.isinf(dead.relative_error).all()
+    assert alive.coherence == pytest.approx(1.0) and np.isfinite(alive.relative_error).all()

@@ -113,6 +113,28 @@ def test_a_rig_is_asked_what_the_loop_asks_and_keeps_one_array(plug: Plug) -> No
     assert made[0].asked == ["open", "rest", "close"] and rig.info.driver_verified == "fake"
 
 
+def test_a_rig_that_states_nothing_is_hardware_once_it_is_open(plug: Plug) -> None:
+    plug(lambda info, options: Shaker(info))
+    rig = open_plugin(INFO, {})
+    assert rig.info.driver_verified == ""
+    rig.open()
+    assert rig.info.driver_verified == "hardware"
+
+
+def test_a_rig_may_find_out_when_it_is_opened_what_is_behind_it_and_nothing_else(plug: Plug) -> None:
+    made: list[Shaker] = []
+    plug(lambda info, options: made.append(Shaker(info)) or made[-1])
+    for stated, fault in (("fake", ""), ("hard\x1bware", "states driver_verified 'hard\\x1bware'"), ("x", "known: ")):
+        rig = open_plugin(INFO, {})
+        made[-1].open = lambda stated=stated: setattr(made[-1], "info", replace(INFO, driver_verified=stated))
+        if fault:
+            with pytest.raises(RigError, match=re.escape(fault)):
+                rig.open()
+        else:
+            rig.open()
+            assert rig.info.driver_verified == stated
+
+
 def raising(error: Exception) -> Callable[..., Any]:
     def fail(*_: Any) -> Any:
         raise error

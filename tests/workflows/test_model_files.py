@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import struct
 from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass, replace
 from datetime import datetime
+from importlib.metadata import EntryPoint
 from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,7 @@ import h5py
 import numpy as np
 import pytest
 
+from rths_cli.case import plugin_kinds
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
 from rths_cli.identification.found import Identification
@@ -437,3 +440,23 @@ def test_two_processes_at_once_do_no_harm(
         process.join(30)
     assert [process.exitcode for process in processes] == [0, 0]
     assert len(list(tmp_path.iterdir())) == 1
+
+
+def test_changed_options_of_a_plug_in_make_another_rig(
+    default_identification: Identification, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nested ones too: only the plug-in knows which of them act on the table."""
+    points = [EntryPoint("slow_table", "rths_slow_table:make", plugin_kinds.GROUP)]
+    monkeypatch.setattr(plugin_kinds, "entry_points", lambda group: points)
+    shipped = (Path(__file__).parents[2] / "configs" / "rigs" / "plugin_example.yaml").read_text()
+
+    def with_options(options: str) -> Setup:
+        (tmp_path / "lab.yaml").write_text(re.sub(r"options:.*\n  lag_s.*", f"options: {options}", shipped))
+        return setup_of(f"table={tmp_path / 'lab.yaml'}")
+
+    before = with_options("{lag_s: 0.02, box: {port: 1}}")
+    save(tmp_path / "m.h5", before, default_identification, "measured", "")
+    assert load(tmp_path / "m.h5", with_options("{lag_s: 0.02, box: {port: 1}}")).found
+    for other in ("{lag_s: 0.03, box: {port: 1}}", "{lag_s: 0.02, box: {port: 2}}", "{lag_s: 0.02}"):
+        with pytest.raises(InputError, match="its file has changed"):
+            load(tmp_path / "m.h5", with_options(other))

@@ -8,12 +8,14 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import numpy as np
 import pytest
 from serving_bench import Running
 
+from rths_cli.case import plugin_kinds
 from rths_cli.case.load import load_cases
 from rths_cli.files.raw_log_writer import RawLogWriter
 from rths_cli.files.results import read_result, read_series
@@ -43,6 +45,7 @@ runs: [sim, exp_rths]
 identification: {duration_s: 60}
 """
 RECORD_S = 1.5
+ROOT = Path(__file__).parents[2]
 
 
 @dataclass(frozen=True)
@@ -124,6 +127,24 @@ def test_a_signal_ends_as_interrupted_with_the_samples_and_the_table_at_rest(ben
     assert np.isfinite(command).all() and np.abs(command).max() > 0.01
     assert bench.running.server.ended[-1].ended_by in ("the runner had the table rest", "the runner closed it")
     assert os.listdir(tmp_path) == ["a.h5"]
+
+
+def test_a_result_says_what_was_behind_the_rig_that_ran(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The example plug-in is a fake, which its rig file does not know; the served table is on this machine."""
+    monkeypatch.syspath_prepend(str(ROOT / "examples" / "plugin_rig" / "src"))
+    points = [EntryPoint("slow_table", "rths_slow_table:make", plugin_kinds.GROUP)]
+    monkeypatch.setattr(plugin_kinds, "entry_points", lambda group: points)
+    monkeypatch.setattr(real_rig, "check_measured", lambda info: None)
+    plugged = make_setup(load_cases([str(bench.setup.case.path)], ("table=plugin_example",))[0], bench.setup.overrides)
+    found = next(iter(bench.memory._known.values()))
+    memory = Memory()
+    memory._known[key(plugged)] = found
+    for name, tried in (("udp", bench), ("plugged", Bench(bench.running, plugged, memory))):
+        ran(tried, tmp_path / f"{name}.h5")
+    verified = {path.stem: read_result(path).attributes["driver_verified"] for path in tmp_path.glob("*.h5")}
+    assert verified == {"udp": "loopback", "plugged": "fake"}
 
 
 def test_a_log_that_cannot_be_written_any_more_stops_the_test_and_nothing_is_lost(

@@ -55,11 +55,11 @@ def test_a_virtual_rig_has_no_further_limits_and_verifies_no_driver() -> None:
     assert setup_of("table.limits.tracking_error_m_s2=2").rig.limits.tracking_error_m_s2 == 2.0
 
 
-def test_what_stands_behind_a_driver_is_what_its_address_says() -> None:
+def test_before_it_is_open_only_an_address_says_what_is_behind_a_driver() -> None:
     assert setup_of("table=udp_loopback").rig.driver_verified == "loopback"
     assert setup_of("table=udp_example").rig.driver_verified == "hardware"
     ni = setup_of("table=ni_example").rig
-    assert (ni.driver_verified, ni.watchdog_s, ni.overrun) == ("hardware", 0.0, "stop")
+    assert (ni.driver_verified, ni.watchdog_s, ni.overrun) == ("", 0.0, "stop")
 
 
 def test_all_channels_alike_are_stated_once() -> None:

@@ -40,8 +40,7 @@ class NiRig:
             raise RigError(f"{self._who}: a card's latency is 1 sample, not {declared}; correct latency_samples")
         self.close()
         self._card = Card(self._wiring, self._who)
-        if not self._card.is_hardware:
-            self.info = replace(self.info, driver_verified="fake")
+        self.info = replace(self.info, driver_verified="hardware" if self._card.is_hardware else "fake")
 
     def arm(self) -> Array:
         """Put out 0 V, start the clock, enable motion, return the first samples in V, (n_channels,)."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import socket
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rths_cli.clocks import REAL_TIME
@@ -19,7 +19,7 @@ from rths_cli.rigs.udp.secret import read_secret
 from rths_cli.rigs.udp.sentences import fault_names
 from rths_cli.rigs.udp.session import GREETING_S, Session, Terms, greet
 from rths_cli.rigs.udp.siphash import Words
-from rths_cli.rigs.udp.sockets import connected
+from rths_cli.rigs.udp.sockets import connected, on_this_machine
 
 ANSWER_SHARE = 0.7  # of the sample interval, in which an answer must come where the rig file does not say
 ARMING_S = 1.0
@@ -85,6 +85,7 @@ class UdpRig:
         self.close()
         secret = read_secret(self.target.key_file)
         self._door, self.peer, session = self._greet(secret)
+        self.info = replace(self.info, driver_verified="loopback" if on_this_machine(self._door) else "hardware")
         self._check_terms(session.terms)
         self._link = fresh_link(self._door, session.key, session.terms.channels, timeout_ns=self._timeout_ns)
         self.at_rest, self.overruns = True, 0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ipaddress
 import socket
 
 from rths_cli.errors import RigError
@@ -31,6 +32,12 @@ def connected(host: str, port: int) -> list[tuple[socket.socket, str]]:
     if not found:
         raise RigError(f"target {host} port {port} cannot be reached: {fault}; check udp.host and the network")
     return found
+
+
+def on_this_machine(link: socket.socket) -> bool:
+    """Tell whether a connected socket reaches this machine itself: a loopback address, or its own."""
+    here, there = (name()[0].partition("%")[0] for name in (link.getsockname, link.getpeername))
+    return bool(here == there or ipaddress.ip_address(there).is_loopback)
 
 
 def bound(host: str, port: int) -> socket.socket:

@@ -96,10 +96,11 @@ def _responses(data: Evidence) -> tuple[tuple[Frf, ...], tuple[ChannelReport, ..
 
 def _specimen(data: Evidence, model: Model, start: Start) -> _Specimen:
     """Return what excitation and free vibration tell of the specimen."""
-    excited = motions.specimen(data, model, start, free=False)
-    free, weak = doubts.usable(motions.specimen(data, model, excited, free=True))
+    excited = motions.excited(data, model, start)
+    free, died = motions.freely_vibrating(data, model, excited)
+    free, weak = doubts.usable(free)
     reasons, said = motions.out_of_step(data, model, excited)
-    return _Specimen(excited, free, reasons, weak, said)
+    return _Specimen(excited, free, reasons, (*died, *weak), said)
 
 
 def _table(data: Evidence, fit: TableFit, given: Model | None) -> _Table:

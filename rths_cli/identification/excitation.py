@@ -1,10 +1,13 @@
 """Excitation plans: a loud, shaped signal for the frequency responses, then a burst that leaves a free vibration.
 
-Planned with data-sheet values only: acceleration = nominal gain times the command's second derivative.
+Planned with data-sheet values only, which tell displacement and velocity of the table. Its acceleration, and with it
+what sensors show and the actuator's force, depend on how the table answers: the nominal acceleration, gain times the
+command's second derivative, only names levels, and holds the probe down (see probe.py).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple, get_args
 
@@ -22,7 +25,7 @@ SHARE = 0.6  # of each limit that a plan may use
 AMPLIFICATION = 2.0  # floors over table: margin of floor sensors
 SILENCE_S, FADE_S, PAUSE_S, BURST_S, BURST_FADE_S, HOLD_S = 2.0, 2.0, 0.5, 4.0, 0.3, 16.0
 BURST_BAND_HZ = (1.0, 15.0)
-LEAST_ACCEL_BITS = 100.0
+MOVED = ("stroke", "velocity", "command range")  # limits on what a command itself says
 LEAST_DURATION_S = 40.0
 LEAST_PERIODS, LEAST_CYCLES = 3, 4.0  # periods in a record; cycles of low_hz in a period
 SWEEP_SEGMENTS = 10  # of a period: so short that a harmonic falls in another one than its fundamental
@@ -59,7 +62,8 @@ class Reach(NamedTuple):
 
 @dataclass(frozen=True)
 class Stretch:
-    """A moving stretch of a plan: from which sample to which, its level in m/s^2 rms, what it takes of the limits."""
+    """A moving stretch of a plan: from which sample to which, its level in m/s^2 rms, what it nominally takes of the
+    limits."""
 
     samples: slice
     level_m_s2: float
@@ -83,7 +87,7 @@ class Excitation:
 
     @property
     def reach(self) -> dict[str, Reach]:
-        """Return the largest predicted peak of the whole plan beside each limit."""
+        """Return the largest nominal peak of the whole plan beside each limit."""
         names = self.stretches[0].reach if self.stretches else ()
         return {name: max(stretch.reach[name] for stretch in self.stretches) for name in names}
 
@@ -101,7 +105,7 @@ def plan(info: RigInfo, settings: ExcitationSettings, seed: int, level: float | 
     """Plan silence, the signal, a burst and a hold for a rig, rounded to the bits of its command converter.
 
     A `level` in m/s^2 rms, as a probe allows it, replaces that of the settings. The signal is scaled down, and a note
-    says so, when stroke, velocity, acceleration or force would take more than 60 % of their limits.
+    says so, when stroke, velocity or command would take more than 60 % of their limits.
     Raises InputError when the settings cannot be met.
     """
     settings = settings if level is None else replace(settings, accel_rms_m_s2=level)
@@ -110,9 +114,9 @@ def plan(info: RigInfo, settings: ExcitationSettings, seed: int, level: float | 
     dt = info.dt_s
     signal = make_signal(info, settings, random)
     burst = faded(shaped_noise(BURST_S, dt, *burst_band(settings), random), BURST_FADE_S, dt)
-    level, notes = reachable_level(info, signal, settings.accel_rms_m_s2)
+    level, notes = reachable_level(info, signal, settings.accel_rms_m_s2, MOVED)
     loud = signal.command_v * level / accel_rms(signal.command_v, info, signal.steady)
-    burst = burst * min(level / accel_rms(burst, info), largest_scale(info, burst)[0])
+    burst = burst * min(level / accel_rms(burst, info), largest_scale(info, burst, MOVED)[0])
     pieces = (still(SILENCE_S, dt), loud, still(PAUSE_S, dt), burst, still(HOLD_S, dt))
     ends = [int(end) for end in np.cumsum([len(piece) for piece in pieces])]
     steady = slice(ends[0] + signal.steady.start, ends[0] + signal.steady.stop)
@@ -255,33 +259,22 @@ def reach(info: RigInfo, command_v: Array) -> dict[str, Reach]:
     }
 
 
-def largest_scale(info: RigInfo, command_v: Array) -> tuple[float, str]:
-    """Return the factor that brings a command to 60 % of the first limit it meets, and that limit's name."""
-    room = {name: entry.limit / entry.predicted for name, entry in reach(info, command_v).items()}
+def largest_scale(info: RigInfo, command_v: Array, limits: Sequence[str] = ()) -> tuple[float, str]:
+    """Return the factor that brings a command to 60 % of the first limit it meets, of those named (none: of all), and
+    that limit's name."""
+    nominal = reach(info, command_v)
+    room = {name: nominal[name].limit / nominal[name].predicted for name in limits or nominal}
     first = min(room, key=lambda name: room[name])
     return SHARE * room[first], first
 
 
-def least_level(info: RigInfo) -> float:
-    """Return the level in m/s^2 rms below which an excitation drowns in the bits of the accelerometers."""
-    bit = max(info.converters.step_v / channel.sensitivity_v_per_m_s2 for channel in info.channels)
-    return LEAST_ACCEL_BITS * bit
-
-
-def reachable_level(info: RigInfo, signal: Signal, wanted_m_s2: float) -> tuple[float, tuple[str, ...]]:
-    """Return the level in m/s^2 rms that the limits allow, up to the wanted one, and a note when it is less.
-
-    Raises InputError when what is allowed would drown in the bits of the accelerometers.
-    """
-    scale, limit = largest_scale(info, signal.command_v)
+def reachable_level(
+    info: RigInfo, signal: Signal, wanted_m_s2: float, limits: Sequence[str] = ()
+) -> tuple[float, tuple[str, ...]]:
+    """Return the level in m/s^2 rms that limits allow, those named or all, up to the wanted one, and a note when it is
+    less."""
+    scale, limit = largest_scale(info, signal.command_v, limits)
     allowed = scale * accel_rms(signal.command_v, info, signal.steady)
-    least = least_level(info)
-    if min(allowed, wanted_m_s2) < least:
-        raise InputError(
-            f"identification.accel_rms_m_s2: {min(allowed, wanted_m_s2):.2g} m/s^2 (asked {wanted_m_s2:g}, at most "
-            f"{allowed:.2g} within {SHARE:.0%} of the {limit} limit) is below {least:.2g} m/s^2, {LEAST_ACCEL_BITS:g} "
-            "bits of the accelerometers; raise the level or the limit, or use a finer converter"
-        )
     if wanted_m_s2 <= allowed:
         return wanted_m_s2, ()
     note = f"excitation scaled down from {wanted_m_s2:g} to {allowed:.2f} m/s^2 rms: {SHARE:.0%} of the {limit} limit"

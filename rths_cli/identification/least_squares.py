@@ -84,17 +84,23 @@ class _Linear:
         return damping
 
 
-def least_squares(function: Function, start: Array, tolerance: float = 1e-8, evaluations: int = 100) -> Solution:
+def least_squares(
+    function: Function, start: Array, tolerance: float = 1e-8, evaluations: int = 100, reach: Array | float = np.inf
+) -> Solution:
     """Minimise the sum of squares of a function's residual from a start (n,).
 
-    It ends when a step changes the sum of squares, or the scaled parameters, by less than `tolerance`, relative, when
-    the residual is orthogonal to the slopes to that, or after so many evaluations. A step to where the residual is not
-    finite is not taken. Raises ValueError when it is not finite at the start.
+    No parameter moves farther from its start than `reach` (a number, or one for each): there the function is still
+    finite, and a parameter that the data do not determine ends there instead of running away. It ends when a step
+    changes the sum of squares, or the scaled parameters, by less than `tolerance`, relative, when the residual is
+    orthogonal to the slopes to that, or after so many evaluations. A step to where the residual is not finite is not
+    taken. Raises ValueError when it is not finite at the start.
     """
-    here = Solution(np.asarray(start, dtype=float), *function(start))
+    start = np.asarray(start, dtype=float)
+    low, high = start - reach, start + reach
+    here = Solution(start, *function(start))
     if not np.isfinite(here.size):
         raise ValueError("least squares: the residual is not finite at the start")
-    normal = _linear(here.slopes, here.residual, np.zeros(len(start)))
+    normal = _linear(_inside(here, low, high), here.residual, np.zeros(len(start)))
     radius = FIRST_RADIUS * (float(np.linalg.norm(normal.scale * here.parameters)) or 1.0)
     damping = 0.0
     for count in range(1, evaluations):
@@ -103,18 +109,25 @@ def least_squares(function: Function, start: Array, tolerance: float = 1e-8, eva
         damping = normal.damping(radius, damping)
         foreseen, slope, length = normal.promised(damping, here.size)
         radius = min(radius, length) if count == 1 else radius
-        at = here.parameters + normal.step(damping)
+        at = np.clip(here.parameters + normal.step(damping), low, high)
         there = Solution(at, *function(at))
         gain = _gain(here.size, there.size)
         ratio = gain / foreseen if foreseen > 0.0 else 0.0
         radius, damping = _adapted(radius, damping, length, ratio, gain, slope)
         if ratio >= LEAST_GAIN:
             here = there
-            normal = _linear(here.slopes, here.residual, normal.scale)
+            normal = _linear(_inside(here, low, high), here.residual, normal.scale)
         small = abs(gain) <= tolerance and foreseen <= tolerance and ratio <= 2.0
         if small or radius <= tolerance * float(np.linalg.norm(normal.scale * here.parameters)):
             break
     return here
+
+
+def _inside(here: Solution, low: Array, high: Array) -> Array:
+    """Return the slopes (n, m) without those of parameters that stand at a bound and are pushed against it."""
+    uphill = here.slopes @ here.residual
+    held = ((here.parameters <= low) & (uphill > 0.0)) | ((here.parameters >= high) & (uphill < 0.0))
+    return np.where(held[:, None], 0.0, here.slopes)
 
 
 def _linear(slopes: Array, residual: Array, scale: Array) -> _Linear:

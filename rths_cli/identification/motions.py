@@ -11,8 +11,17 @@ from rths_cli.identification.evidence import Evidence
 from rths_cli.identification.found import SpecimenFit
 from rths_cli.identification.record import Record
 from rths_cli.identification.skew import skew
-from rths_cli.identification.specimen import Motion, Start, fit_specimen, fit_stretches, storey_start
+from rths_cli.identification.specimen import (
+    Motion,
+    Start,
+    alive,
+    fit_specimen,
+    fit_stretches,
+    least_samples,
+    storey_start,
+)
 from rths_cli.lti import Array, Frf, Model
+from rths_cli.rig_info import RigInfo
 
 START_HZ = 30.0
 MOST_SKEW, SEEN_SKEW = 0.25, 0.05  # samples between floors and table: refused, said
@@ -67,15 +76,48 @@ def fit_motions(data: Evidence, start: Start, seen: Sequence[Motion]) -> tuple[S
     return Start(found.stiffness_n_per_m, found.damping_ratio), found.residual
 
 
-def specimen(data: Evidence, model: Model, start: Start | SpecimenFit | None, free: bool) -> SpecimenFit | None:
-    """Return the specimen from the excitation or from the free vibration, None without either or without floors."""
-    if start is None or len(data.masses_kg) == 0:
+def excited(data: Evidence, model: Model, start: Start) -> SpecimenFit | None:
+    """Return the specimen from the excitation, None without floors."""
+    if len(data.masses_kg) == 0:
         return None
-    seen = motions(data, model, free)
-    if not seen:
-        return None
-    first = Start(start.stiffness_n_per_m, start.damping_ratio)
-    return fit_stretches(seen, data.info.dt_s, data.masses_kg, data.settings.band_hz[0], first, free)
+    seen = motions(data, model, free=False)
+    return fit_stretches(seen, data.info.dt_s, data.masses_kg, data.settings.band_hz[0], start, free=False)
+
+
+def freely_vibrating(
+    data: Evidence, model: Model, known: SpecimenFit | None
+) -> tuple[SpecimenFit | None, tuple[str, ...]]:
+    """Return the specimen from what the free vibrations show until they have died out in the channels' noise, None
+    without any; and a sentence where they die too soon to tell anything. `known`: the specimen from the excitation."""
+    if known is None:
+        return None, ()
+    held = [record for record in data.records if record.parts.free_vibration is not None]
+    dt_s, low_hz = data.info.dt_s, data.settings.band_hz[0]
+    least = least_samples(known.natural_frequency_hz, dt_s, low_hz)
+    seen = [_living(record, data, model) for record in held]
+    lasting = [motion for motion in seen if len(motion.table) >= least]
+    if not lasting:
+        longest_s = dt_s * max((len(motion.table) for motion in seen), default=0)
+        said = f"free vibration: died out after {longest_s:.2g} s, too soon to tell frequencies and damping ratios"
+        return None, (said,) if held else ()
+    first = Start(known.stiffness_n_per_m, known.damping_ratio)
+    return fit_stretches(lasting, dt_s, data.masses_kg, low_hz, first, free=True), ()
+
+
+def _living(record: Record, data: Evidence, model: Model) -> Motion:
+    """Return table and floors in a record's free vibration until the floors' noise hides it."""
+    motion = _motion(record, model, free=True)
+    assert motion is not None
+    return motion.cut(alive(motion.floors, channel_noise(record, data.info)[1:]))
+
+
+def channel_noise(record: Record, info: RigInfo) -> Array:
+    """Return the standard deviation (c,) in m/s^2 of the channels' noise: at rest, and of rounding to bits, which a
+    channel at rest within one bit does not show."""
+    rounding = [info.converters.step_v / channel.sensitivity_v_per_m_s2 / np.sqrt(12.0) for channel in info.channels]
+    silence = record.parts.silence
+    at_rest = np.zeros(len(rounding)) if silence is None else record.accel_m_s2[:, silence].std(axis=1)
+    return np.maximum(at_rest, rounding)
 
 
 def out_of_step(data: Evidence, model: Model, found: SpecimenFit | None) -> tuple[tuple[str, ...], tuple[str, ...]]:

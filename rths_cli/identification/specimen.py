@@ -21,11 +21,14 @@ from rths_cli.structure import Specimen, modal_damping_matrix, storey_matrix
 
 LEAST_RATIO, MOST_RATIO = 1e-3, 0.5
 ABOVE_HIGHEST = 1.6  # the lines used end at this multiple of the highest natural frequency
-LEAST_STRETCH = 2000  # samples
+MISFIT, USUAL_RATIO = 0.01, 0.02  # share of the floors' motion; damping ratio
+LEAST_LINES = 12  # of a stretch, in the band of the fit
+STIFFNESS_REACH, RATIO_REACH = 1e4, 1e3  # factors by which a fit may leave its start
 CLOCK = 20e-6  # what a converter's clock is trusted to
 SKEW = 0.01  # of a sample: what the channels' common instant is trusted to
 NOISE_STRETCHES, FREE_SHARE = 5, 0.8
 TOLERANCE = 1e-9  # of the fit
+ALIVE_SIGMA, REST_SHARE = 5.0, 8  # standard deviations of the noise; the last part of a hold, whose median is the rest
 
 
 @dataclass(frozen=True)
@@ -51,13 +54,21 @@ class Start:
 def fit_specimen(motions: Sequence[Motion], dt_s: float, masses_kg: Array, low_hz: float, start: Start) -> SpecimenFit:
     """Fit storey stiffnesses and modal damping ratios to one or several motions, which count alike.
 
-    `masses_kg` (c,) are weighed; lines from `low_hz` up are used.
+    `masses_kg` (c,) are weighed; lines from `low_hz` up are used. A fit that leaves more than MISFIT of the motion
+    unexplained starts once more, with damping ratios of USUAL_RATIO: from far too light a damping no slope leads back.
     """
     masses = np.asarray(masses_kg, dtype=float)
     highest = modal(masses, start.stiffness_n_per_m)[0][-1] / (2.0 * np.pi)
     lines = [transform(motion, dt_s, (low_hz, ABOVE_HIGHEST * highest)) for motion in motions]
-    theta = np.log(np.concatenate([start.stiffness_n_per_m, start.damping_ratio]))
-    found = least_squares(lambda at: without_time(evaluated(lines, masses, at)), theta, TOLERANCE)
+    reach = np.log(np.repeat([STIFFNESS_REACH, RATIO_REACH], len(masses)))
+
+    def from_start(ratios: Array) -> Solution:
+        theta = np.log(np.concatenate([start.stiffness_n_per_m, ratios]))
+        return least_squares(lambda at: without_time(evaluated(lines, masses, at)), theta, TOLERANCE, reach=reach)
+
+    found = from_start(start.damping_ratio)
+    if found.size > MISFIT * np.sqrt(len(lines)):
+        found = min(found, from_start(np.full(len(masses), USUAL_RATIO)), key=lambda each: each.size)
     return _described(masses, found, len(lines))
 
 
@@ -68,26 +79,36 @@ def fit_stretches(
 
     The random error is that of the fit, widened by the Birge ratio where the stretches scatter more than their own
     errors say (friction, amplitude). To it is added what no record shows: the converter's clock (20 ppm of a frequency)
-    and the channels' skew (1 % of a sample, which is w dt / 200 of a damping ratio).
+    and the channels' skew (1 % of a sample, which is w dt / 200 of a damping ratio). Motions too short to be divided
+    have no scatter (NaN), and their errors are not widened.
     """
     whole = fit_specimen(motions, dt_s, masses_kg, low_hz, start)
     first = Start(whole.stiffness_n_per_m, whole.damping_ratio)
-    pieces = [motion.cut(part) for motion in motions for part in stretches_of(motion.floors, free)]
+    least = least_samples(whole.natural_frequency_hz, dt_s, low_hz)
+    pieces = [motion.cut(part) for motion in motions for part in stretches_of(motion.floors, free, least)]
+    if len(pieces) < 2:
+        return _trusted(whole, np.ones(len(whole.damping_ratio)), np.ones(len(whole.damping_ratio)), dt_s)
     fits = [fit_specimen([piece], dt_s, masses_kg, low_hz, first) for piece in pieces]
     hz, ratio = (np.array([getattr(f, name) for f in fits]) for name in ("natural_frequency_hz", "damping_ratio"))
-    clock = CLOCK * whole.natural_frequency_hz
-    skew = np.pi * whole.natural_frequency_hz * SKEW * dt_s
     widened = birge(hz, np.array([found.frequency_error_hz for found in fits]))
     damping_widened = birge(ratio, np.array([found.damping_error for found in fits]))
     return replace(
+        _trusted(whole, widened, damping_widened, dt_s),
+        frequency_scatter_hz=hz.std(axis=0, ddof=1),
+        damping_scatter=ratio.std(axis=0, ddof=1),
+    )
+
+
+def _trusted(whole: SpecimenFit, widened: Array, damping_widened: Array, dt_s: float) -> SpecimenFit:
+    """Return a fit with its random errors widened (n,) each, and with what no record shows: clock and skew."""
+    skew = np.pi * whole.natural_frequency_hz * SKEW * dt_s
+    return replace(
         whole,
-        frequency_error_hz=np.hypot(whole.frequency_error_hz * widened, clock),
+        frequency_error_hz=np.hypot(whole.frequency_error_hz * widened, CLOCK * whole.natural_frequency_hz),
         damping_error=np.hypot(whole.damping_error * damping_widened, skew),
         stiffness_error_n_per_m=np.hypot(
             whole.stiffness_error_n_per_m * widened.max(), 2.0 * CLOCK * whole.stiffness_n_per_m
         ),
-        frequency_scatter_hz=hz.std(axis=0, ddof=1),
-        damping_scatter=ratio.std(axis=0, ddof=1),
     )
 
 
@@ -101,17 +122,33 @@ def birge(values: Array, errors: Array) -> Array:
     return np.sqrt(np.maximum(np.sum(weight * (values - mean) ** 2, axis=0) / (len(values) - 1), 1.0))
 
 
-def stretches_of(floor_accel: Array, free: bool) -> tuple[slice, ...]:
+def least_samples(frequency_hz: Array, dt_s: float, low_hz: float) -> int:
+    """Return how many samples a stretch must have for LEAST_LINES Fourier lines between `low_hz` and the end of the
+    band, for modes (n,) in Hz."""
+    width = max(ABOVE_HIGHEST * float(frequency_hz[-1]) - low_hz, low_hz)
+    return int(np.ceil(LEAST_LINES / (width * dt_s))) + 1
+
+
+def stretches_of(floor_accel: Array, free: bool, least: int = 2) -> tuple[slice, ...]:
     """Return stretches of an excited record (c, n), five of one length, or of a free vibration: two, the first with
-    0.8 of the energy."""
+    0.8 of the energy; none where one would be shorter than the least number of samples."""
     n = floor_accel.shape[1]
     if not free:
         length = n // NOISE_STRETCHES
-        return tuple(slice(i * length, (i + 1) * length) for i in range(NOISE_STRETCHES))
+        return tuple(slice(i * length, (i + 1) * length) for i in range(NOISE_STRETCHES)) if length >= least else ()
+    if n < 2 * least:
+        return ()
     energy = np.cumsum(np.sum((floor_accel - floor_accel[:, -1:]) ** 2, axis=0))
     middle = int(np.searchsorted(energy, FREE_SHARE * energy[-1]))
-    middle = min(max(middle, LEAST_STRETCH), n - LEAST_STRETCH)
+    middle = min(max(middle, least), n - least)
     return slice(0, middle), slice(middle, n)
+
+
+def alive(floor_accel: Array, noise_m_s2: Array) -> slice:
+    """Return the stretch of a free vibration (c, n) that ends with its last sample above the channels' noise (c,)."""
+    rest = np.median(floor_accel[:, -max(floor_accel.shape[1] // REST_SHARE, 1) :], axis=1)
+    over = np.abs(floor_accel - rest[:, None]) > ALIVE_SIGMA * noise_m_s2[:, None]
+    return slice(0, int(np.max(np.flatnonzero(over.any(axis=0)), initial=-1)) + 1)
 
 
 def transform(motion: Motion, dt_s: float, band_hz: tuple[float, float]) -> Lines:
@@ -125,7 +162,13 @@ def transform(motion: Motion, dt_s: float, band_hz: tuple[float, float]) -> Line
     frequency = np.arange(count // 2 + 1) / (count * dt_s)
     inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
     spectra: ComplexArray = np.fft.rfft(signals)[:, inside]
-    spectra /= np.linalg.norm(spectra[1:])
+    size = float(np.linalg.norm(spectra[1:]))
+    if not size > 0.0:
+        raise InputError(
+            f"specimen: the floors do not move in {band_hz[0]:.3g}-{band_hz[1]:.3g} Hz for {count * dt_s:.3g} s of the "
+            "record; excite louder, and look at the floors' channels"
+        )
+    spectra /= size
     s = (2j * np.pi * frequency[inside]).astype(complex)
     return Lines(s, spectra[0], spectra[1:])
 
@@ -176,7 +219,7 @@ def _described(masses: Array, found: Solution, motions: int) -> SpecimenFit:
     return SpecimenFit(
         specimen=Specimen(masses, K, modal_damping_matrix(masses, K, ratios)),
         stiffness_n_per_m=stiffness,
-        dashpots_n_s_per_m=np.asarray(np.linalg.solve(drift.T**2, 2.0 * ratios * omega), dtype=float),
+        dashpots_n_s_per_m=np.asarray(np.linalg.lstsq(drift.T**2, 2.0 * ratios * omega, rcond=None)[0], dtype=float),
         natural_frequency_hz=omega / (2.0 * np.pi),
         damping_ratio=ratios,
         mode_shapes=shapes / shapes[np.argmax(np.abs(shapes), axis=0), np.arange(n)],

@@ -19,6 +19,7 @@ from rths_cli.identification.evaluate import IdentificationSettings
 from rths_cli.identification.evaluate import identify as evaluate
 from rths_cli.identification.excitation import Excitation, ExcitationSettings
 from rths_cli.identification.found import Identification
+from rths_cli.identification.probe import Level
 from rths_cli.identification.record import Record
 from rths_cli.loop.blocks import EXCITATION
 from rths_cli.loop.drive import Outcome, play
@@ -31,6 +32,7 @@ from rths_cli.workflows.setup import Progress, Setup
 if TYPE_CHECKING:
     from rths_cli.case.models import IdentificationSpec
 
+MOST_ATTEMPTS = 3  # at an excitation that overdrives the table, each at half the level of the one before
 SEED_STEP = 7919  # between the excitations of several records
 PERIOD_S = {"multisine": 20.0, "sweep": 40.0}
 RECORDS = {IDENTIFICATION: "full level", PROBE: "probe", VERIFICATION: "verification"}
@@ -130,39 +132,55 @@ def measure(setup: Setup, progress: Progress, planned: Excitation | None = None)
     Raises LimitError or RigError when one of them was stopped, RigError when the probe shows a channel that is dead.
     """
     planned = planned or plan(setup)
-    options = setup.case.identification
     low, quiet = probed(setup, progress)
-    records, notes = [], list(planned.notes)
-    for number in range(options.records):
-        loud, said = _allowed(setup, low, quiet, planned, number)
+    records, notes = [], []
+    for number in range(setup.case.identification.records):
+        record, loud, level, said = _excited(setup, low, quiet, planned, number, progress)
         notes += [note for note in said if note not in notes]
-        seconds = loud.command_v.size * setup.rig.dt_s
-        which = f" {number + 1} of {options.records}" if options.records > 1 else ""
-        progress(f"identification{which}, {seconds:.0f} s on the {setup.case.table.kind} table")
-        command, corrected, lost = excite(setup, loud.command_v, stream=(IDENTIFICATION, number) if number else None)
-        records.append(Record(command, corrected, loud.parts))
-        notes += [lost] if lost else []
+        records.append(record)
     kind = setup.case.table.kind
     source = f"excited on the {kind} table for this model"
-    return Measured(tuple(records), quiet, source, _lines(setup, loud), tuple(notes))
+    return Measured(tuple(records), quiet, source, _lines(setup, loud, level), tuple(notes))
 
 
-def _allowed(
-    setup: Setup, low: Excitation, quiet: Record, planned: Excitation, number: int
-) -> tuple[Excitation, tuple[str, ...]]:
-    """Return the excitation of one record at the level that the probe allows, and what lowered it."""
+def _excited(
+    setup: Setup, low: Excitation, quiet: Record, planned: Excitation, number: int, progress: Progress
+) -> tuple[Record, Excitation, Level, list[str]]:
+    """Play one excitation at the level that the probe allows, and again at half of it where that overdrives the table;
+    return its record, plan and level, and what to say of it."""
     options, settings = setup.case.identification, excitation_settings(setup.case.identification)
     seed = options.seed + SEED_STEP * number
     loud = excitation.plan(setup.rig, settings, seed) if number else planned
-    try:
-        level = probe.choose_level(
-            setup.rig, low, quiet.accel_m_s2, options.accel_rms_m_s2, loud, setup.floor_masses_kg
+    level = _allowed(setup, low, quiet, loud)
+    notes, which = [*loud.notes, *level.notes], f" {number + 1} of {options.records}" if options.records > 1 else ""
+    for attempt in range(1, MOST_ATTEMPTS + 1):
+        if level.accel_rms_m_s2 != loud.accel_rms_m_s2:
+            loud = excitation.plan(setup.rig, settings, seed, level.accel_rms_m_s2)
+        progress(
+            f"identification{which}, {loud.command_v.size * setup.rig.dt_s:.0f} s on the {setup.case.table.kind} table"
         )
+        command, corrected, lost = excite(setup, loud.command_v, stream=(IDENTIFICATION, number) if number else None)
+        record = Record(command, corrected, loud.parts)
+        notes += [lost] if lost else []
+        grown = probe.overdriven(quiet, record, setup.rig.dt_s) if options.excitation == "noise" else None
+        if grown is None or attempt == MOST_ATTEMPTS:
+            break
+        notes.append(
+            f"at {level.accel_rms_m_s2:.2g} m/s^2 rms the table no longer follows its command in proportion "
+            f"({grown[1]:.2%} of its power is not explained, {grown[0]:.2%} in the probe): an actuator at a limit, "
+            "perhaps; measured again at half the level"
+        )
+        level = level.at(0.5 * level.accel_rms_m_s2)
+    return record, loud, level, notes
+
+
+def _allowed(setup: Setup, low: Excitation, quiet: Record, loud: Excitation) -> Level:
+    """Return the level that the probe allows for a planned excitation."""
+    wanted = setup.case.identification.accel_rms_m_s2
+    try:
+        return probe.choose_level(setup.rig, low, quiet.accel_m_s2, wanted, loud, setup.floor_masses_kg)
     except InputError as error:
         raise RigError(f"identification of rig {setup.rig.name}: {'; '.join(error.faults)}") from error
-    if level.accel_rms_m_s2 != loud.accel_rms_m_s2:
-        loud = excitation.plan(setup.rig, settings, seed, level.accel_rms_m_s2)
-    return loud, level.notes
 
 
 def probed(setup: Setup, progress: Progress, stream: int = PROBE) -> tuple[Excitation, Record]:
@@ -175,7 +193,7 @@ def probed(setup: Setup, progress: Progress, stream: int = PROBE) -> tuple[Excit
     return low, Record(command, corrected, low.parts)
 
 
-def _lines(setup: Setup, played: Excitation) -> tuple[tuple[str, str], ...]:
+def _lines(setup: Setup, played: Excitation, level: Level) -> tuple[tuple[str, str], ...]:
     """Return what the page says about the excitation."""
     options = setup.case.identification
     count = f"{options.records} records of " if options.records > 1 else ""
@@ -183,7 +201,7 @@ def _lines(setup: Setup, played: Excitation) -> tuple[tuple[str, str], ...]:
         f"{options.excitation}, {count}{options.duration_s:g} s, {options.low_hz:g}-{options.high_hz:g} Hz, "
         f"{played.accel_rms_m_s2:.3g} m/s^2 rms below 12 Hz, seed {options.seed}"
     )
-    reach = ", ".join(f"{name} {entry.share:.0%}" for name, entry in played.reach.items())
+    reach = ", ".join(f"{name} {entry.share:.0%}" for name, entry in level.reach.items())
     return (("excitation", signal), ("predicted reach", f"{reach} of the limits"), *processing(options))
 
 

@@ -68,23 +68,15 @@ def test_given_level_replaces_that_of_the_settings(kind: Kind) -> None:
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", [0, 1])
-@pytest.mark.parametrize(
-    ("field", "limit"), [("stroke_m", 0.01), ("velocity_m_s", 0.1), ("acceleration_m_s2", 9.0), ("force_n", 60.0)]
-)
-def test_every_kind_keeps_its_share_of_every_limit(kind: Kind, seed: int, field: str, limit: float) -> None:
+@pytest.mark.parametrize(("field", "limit"), [("stroke_m", 0.01), ("velocity_m_s", 0.1)])
+def test_every_kind_keeps_its_share_of_what_its_command_says(kind: Kind, seed: int, field: str, limit: float) -> None:
     info = replace(SMOOTH, limits=replace(SMOOTH.limits, **{field: limit}))
     made = plan(info, replace(SHORT, duration_s=42.0, period_s=14.0, kind=kind, accel_rms_m_s2=4.0), seed)
-    place, velocity, accel = (np.abs(values).max() for values in motion(made.command_v))
-    predicted = {
-        "stroke_m": place,
-        "velocity_m_s": velocity,
-        "acceleration_m_s2": 2.0 * accel,
-        "force_n": MASS_KG * accel,
-    }
+    place, velocity, _ = (np.abs(values).max() for values in motion(made.command_v))
+    predicted = {"stroke_m": place, "velocity_m_s": velocity}
     # 2 % for what np.gradient loses of the peaks near 60 Hz
     assert predicted[field] == pytest.approx(0.6 * limit, rel=0.02)
     assert place <= 0.6 * 0.079 * 1.0001
-    assert MASS_KG * accel <= 0.6 * 445.0
     name = field.split("_")[0]
     assert f"60% of the {name} limit" in made.notes[-1]
     assert made.reach[name].share == pytest.approx(0.6)
@@ -106,7 +98,8 @@ def test_reach_tells_the_peaks_of_the_whole_plan(kind: Kind) -> None:
     for name, (predicted, limit, unit) in expected.items():
         assert made.reach[name].predicted == pytest.approx(predicted, rel=0.02), name
         assert made.reach[name][1:] == (pytest.approx(limit), unit)
-        assert made.reach[name].share == made.reach[name].predicted / made.reach[name].limit <= 0.6 * (1.0 + 1e-12)
+        assert made.reach[name].share == made.reach[name].predicted / made.reach[name].limit
+        assert made.reach[name].share <= 0.6 * (1.0 + 1e-12) or name in ("acceleration", "sensor range", "force")
 
 
 @pytest.mark.parametrize("kind", ["multisine", "sweep"])
@@ -174,17 +167,11 @@ def test_noise_falls_as_stated() -> None:
     assert density[f > 65.0].max() < 1e-6 * density[(f > 50.0) & (f < 58.0)].mean()
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_plan_keeps_its_share_of_every_limit(seed: int) -> None:
-    info = replace(SMOOTH, limits=replace(SMOOTH.limits, force_n=200.0))
-    made = plan(info, SHORT, seed)
-    place = info.gain_m_per_v * made.command_v
-    velocity, accel = np.gradient(place, info.dt_s), np.gradient(np.gradient(place, info.dt_s), info.dt_s)
-    assert len(made.notes) == 1
-    assert "force" in made.notes[0]
-    assert np.abs(accel).max() * 20.86 == pytest.approx(0.6 * 200.0, rel=0.02)
-    assert np.abs(place).max() <= 0.6 * 0.079
-    assert np.abs(velocity).max() <= 0.6
+@pytest.mark.parametrize("limits", [{"force_n": 20.0}, {"acceleration_m_s2": 1.0}])
+def test_what_a_command_does_not_say_is_left_to_the_probe(limits: dict[str, float]) -> None:
+    made = plan(replace(SMOOTH, limits=replace(SMOOTH.limits, **limits)), SHORT, 0)
+    assert made.accel_rms_m_s2 == 2.0
+    assert made.notes == ()
 
 
 def test_small_stroke_scales_the_noise_down() -> None:
@@ -228,10 +215,10 @@ def test_settings_out_of_range_are_named(field: str, value: float) -> None:
     assert f"identification.{field}: {value:g}" in caught.value.faults[0]
 
 
-def test_level_that_drowns_in_the_bits_is_refused() -> None:
-    info = make_info(SPECIMEN, stroke_m=0.002)
-    with pytest.raises(InputError, match="stroke limit"):
-        plan(info, SHORT, 0)
+def test_a_small_stroke_and_a_coarse_converter_leave_a_small_plan() -> None:
+    made = plan(make_info(SPECIMEN, bits=12, stroke_m=0.002), SHORT, 0)
+    assert 0.0 < made.accel_rms_m_s2 < 0.2
+    assert "stroke limit" in made.notes[0]
 
 
 @pytest.mark.parametrize(

@@ -154,3 +154,22 @@ def test_what_slopes_do_not_determine_is_left_alone() -> None:
 def test_parts_keep_the_sum_of_squares() -> None:
     values = np.array([[1.0 + 2.0j, 3.0], [0.0, -4.0j]])
     assert parts(values).tolist() == [[1.0, 2.0, 3.0, 0.0], [0.0, 0.0, 0.0, -4.0]]
+
+
+def test_a_parameter_that_nothing_determines_ends_at_its_reach() -> None:
+    """exp(p) beyond any number would overflow: e^p / (1 + e^p) falls short of 1 the less, the larger p is."""
+
+    def towards_one(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        grown = np.exp(x[0])
+        return np.array([grown / (1.0 + grown) - 1.0, x[1] - 3.0]), np.array(
+            [[grown / (1.0 + grown) ** 2, 0.0], [0.0, 1.0]]
+        )
+
+    with np.errstate(all="raise"):
+        found = least_squares(towards_one, np.array([0.0, 0.0]), 1e-14, 2000, reach=np.array([5.0, 10.0]))
+    assert found.parameters == pytest.approx([5.0, 3.0])
+
+
+def test_a_reach_that_is_not_needed_changes_nothing() -> None:
+    free, held = (least_squares(rosenbrock, np.array([-1.2, 1.0]), 1e-12, reach=reach) for reach in (np.inf, 50.0))
+    assert np.array_equal(free.parameters, held.parameters)

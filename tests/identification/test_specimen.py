@@ -13,6 +13,7 @@ from rths_cli.identification.found import SpecimenFit
 from rths_cli.identification.specimen import (
     Motion,
     Start,
+    alive,
     birge,
     fit_specimen,
     fit_stretches,
@@ -151,7 +152,43 @@ def test_stretches_share_time_or_energy() -> None:
     assert first == slice(0, first.stop)
     assert first.stop * DT == pytest.approx(2.0 * np.log(5.0), abs=0.1)
     assert second == slice(first.stop, 16000)
-    assert stretches_of(decay[None] * np.exp(-np.arange(16000) * 0.01), free=True)[0] == slice(0, 2000)
+    short = decay[None] * np.exp(-np.arange(16000) * 0.01)
+    assert stretches_of(short, free=True, least=2000) == (slice(0, 2000), slice(2000, 16000))
+    assert stretches_of(short, free=True, least=8001) == ()
+    assert stretches_of(random[:, :9999], free=False, least=2000) == ()
+
+
+def test_a_free_vibration_ends_where_noise_hides_it() -> None:
+    time = np.arange(16000) * DT
+    decay = 0.3 + np.exp(-time / 0.5) * np.sin(2.0 * np.pi * 14.0 * time)
+    rounded = 0.003 * np.round(decay / 0.003)
+    end = alive(rounded[None], np.array([0.001])).stop * DT
+    # exp(-t / 0.5) falls to 5 mm/s^2 at t = 0.5 ln 200 = 2.65 s; half a cycle is 0.036 s
+    assert end == pytest.approx(0.5 * np.log(200.0), abs=0.2)
+    assert alive(np.full((1, 16000), 0.3), np.array([0.001])) == slice(0, 0)
+
+
+def test_a_motion_that_shows_nothing_is_a_sentence() -> None:
+    specimen = make_specimen()
+    with pytest.raises(InputError, match=r"the floors do not move in 0\.5-13\.\d Hz for 9\.\d* s of the record"):
+        fitted(specimen, table_motion()[:10000], np.zeros((2, 10000)))
+
+
+def test_a_short_motion_has_no_scatter_but_an_error() -> None:
+    specimen, table = make_specimen(), table_motion()[:1100]
+    moved = floors(specimen, table) + 0.01 * np.random.default_rng(3).standard_normal((2, 1100))
+    start = Start(storey_values(specimen.K), np.full(2, 0.04))
+    found = fit_stretches([Motion(table, moved)], DT, specimen.masses_kg, 0.5, start, free=True)
+    assert np.isnan(found.frequency_scatter_hz).all()
+    assert np.all(np.abs(found.natural_frequency_hz - [3.2, 8.4]) < 4.0 * found.frequency_error_hz)
+
+
+def test_a_fit_that_starts_at_no_damping_comes_back() -> None:
+    specimen, table = make_specimen(ratios=(0.004, 0.006)), table_motion()
+    moved = floors(specimen, table)
+    start = Start(storey_values(specimen.K) * 1.002, np.full(2, 2e-6))
+    found = fit_specimen([Motion(table, moved)], DT, specimen.masses_kg, 0.5, start)
+    assert found.damping_ratio == pytest.approx([0.004, 0.006], rel=0.02)
 
 
 @pytest.fixture(scope="module")

@@ -25,6 +25,7 @@ from rths_cli.workflows.setup import Setup
 GOOD = 0.1  # error over SIM's RMS, of the worst storey, below which a test is worth running
 NEAR = 1.25  # a figure that is off by less than this factor counts as right
 BAND_HZ, MOST_RMS = (0.7, 11.0), 0.01  # of a model that may drive a table
+CHECKED_HZ = 40.0  # where the check stops looking
 EXCITED_HZ = (0.3, 60.0)
 NOMINAL_VELOCITY_M_S = 0.06  # rms of the table under the default excitation, where no level is known
 POOR_BITS = 20.0  # rms of a channel over its bit: from there on rounding alone is several per cent of a sample
@@ -173,6 +174,14 @@ def _reach(truth: Truth) -> bool:
     return max(truth.shares.values()) > 0.9 / NEAR
 
 
+def _unseen(truth: Truth) -> bool:
+    floor = len(truth.setup.building.numerical.masses_kg) - 1
+    accel, dt = truth.sim.abs_accel_m_s2[floor], truth.setup.rig.dt_s
+    lines = np.fft.rfft(accel)
+    lines[np.fft.rfftfreq(len(accel), dt) > CHECKED_HZ] = 0.0
+    return float(np.abs(np.fft.irfft(lines, len(accel))).max()) < (1.0 - 0.1 / NEAR) * float(np.abs(accel).max())
+
+
 RULES: tuple[tuple[str, str, Callable[[Truth], bool]], ...] = (
     ("scheme", r"is unstable at dt = ", lambda truth: True),
     ("unstable", r"closed loop is unstable", lambda truth: truth.failed or _margin(truth)),
@@ -180,6 +189,7 @@ RULES: tuple[tuple[str, str, Callable[[Truth], bool]], ...] = (
     ("delay margin", r"of further delay", _delay_margin),
     ("apart", r"differs so much from its model", _model_off),
     ("reach", r"is predicted, the limit is", _reach),
+    ("unseen", r"peak acceleration lies above", _unseen),
     ("band", r"(lies|lie|mode).*(below|above|outside)", _outside),
     ("resolution", r"resol|converter", lambda truth: truth.failed or truth.bits < POOR_BITS),
     ("friction", r"[Ff]riction", lambda truth: truth.friction_share > MOST_RMS / NEAR),

@@ -10,17 +10,19 @@
 #include <stdint.h>
 #include <string.h>
 
+#define PERIOD_NS INT64_C(10000000000) /* an ARM is taken in the period of its WELCOME and in the next one */
 enum { CHANNELS = 3, RANGE_V = 10, FASTEST_V_PER_S = 127, REST_V_PER_S = 6 };
 enum { SHORTEST_NS = 200000, LONGEST_WATCHDOG_NS = 1000000000 };
 enum { HELLO = 1, WELCOME, REFUSAL, ARM, COMMAND, SAMPLES, REST, CLOSE };
 enum { IDLE, ARMED, RESTING, RESTED };
 enum { WATCHDOG = 1, BAD_COMMAND = 8 };
 enum { NO_VERSION = 1, BUSY, OTHER_CHANNELS, TOO_FAST };
-enum { VERSION = 2, HEAD = 40, MOST = 176, POINTS = 14, LONGEST_SPACING = 1000, FARTHEST_V = 1000000 };
+enum { VERSION = 3, HEAD = 40, MOST = 176, POINTS = 14, LONGEST_SPACING = 1000, FARTHEST_V = 1000000 };
 
 struct target {
-    uint8_t secret[16], key[16], nonces[32]; /* nonces: the runner's, then ours */
-    int open, state;
+    uint8_t secret[16], key[16], boot[16]; /* shared with the runner; of the session; ours alone, drawn at the start */
+    int started, state;
+    uint64_t armed; /* sessions since then */
     uint32_t faults, lost;
     int64_t sequence, watchdog_ns, interval_ns, heard_ns, moved_ns;
     double command_v;
@@ -166,52 +168,87 @@ static void go_on(struct target *t, int64_t now_ns)
 
 /* --- session ------------------------------------------------------------------------------------------------- */
 
-static void begin_session(struct target *t)
+/* Our nonce for a runner's nonce, computed from what we drew at the start, how many sessions were armed since, and the
+ * period of the clock: nothing needs to be remembered of a HELLO. */
+static void make_nonce(const struct target *t, const uint8_t runner_nonce[16], int64_t period, uint8_t nonce[16])
 {
-    uint8_t message[48] = "rths-key";
-    memcpy(message + 16, t->nonces, 32);
+    uint8_t message[40] = {0};
+    put(message + 8, t->armed, 8);
+    put(message + 16, (uint64_t)period, 8);
+    memcpy(message + 24, runner_nonce, 16);
     for (int i = 0; i < 2; i++) {
-        message[8] = (uint8_t)i;
-        put(t->key + 8 * i, siphash(message, 48, t->secret), 8);
+        message[0] = (uint8_t)i;
+        put(nonce + 8 * i, siphash(message, 40, t->boot), 8);
     }
-    t->open = 1, t->state = IDLE, t->faults = t->lost = 0, t->sequence = -1, t->command_v = 0.0;
 }
 
-static size_t refuse(struct target *t, const uint8_t *nonce, int reason, int64_t detail, uint8_t *out)
+static void make_key(const struct target *t, const uint8_t nonces[32], uint8_t key[16])
 {
-    memcpy(out + HEAD, nonce, 16);
+    uint8_t message[48] = "rths-key";
+    memcpy(message + 16, nonces, 32);
+    for (int i = 0; i < 2; i++) {
+        message[8] = (uint8_t)i;
+        put(key + 8 * i, siphash(message, 48, t->secret), 8);
+    }
+}
+
+static int64_t granted_watchdog(int64_t wanted_ns)
+{
+    return wanted_ns > 0 && wanted_ns < LONGEST_WATCHDOG_NS ? wanted_ns : LONGEST_WATCHDOG_NS;
+}
+
+static size_t refuse(struct target *t, int reason, int64_t detail, uint8_t *out)
+{
     put(out + HEAD + 16, (uint64_t)reason, 8);
     put(out + HEAD + 24, (uint64_t)detail, 8);
     return seal(out, REFUSAL, 4, t->secret);
 }
 
-static size_t greet(struct target *t, const uint8_t *in, uint8_t *out)
+/* Answer a HELLO; it changes nothing but the random bytes that the first one makes us draw. */
+static size_t greet(struct target *t, const uint8_t *in, int64_t now_ns, uint8_t *out)
 {
-    const uint8_t *nonce = in + HEAD;
     int64_t channels = (int64_t)get(in + HEAD + 16, 8), interval = (int64_t)get(in + HEAD + 24, 8);
-    int64_t watchdog = (int64_t)get(in + HEAD + 32, 8);
+    memcpy(out + HEAD, in + HEAD, 16);
     if (in[4] != VERSION)
-        return refuse(t, nonce, NO_VERSION, VERSION, out);
-    if (in[6] != 5)
+        return refuse(t, NO_VERSION, VERSION, out);
+    if (in[6] != 7)
         return 0;
-    if (!t->open || memcmp(nonce, t->nonces, 16) != 0) { /* else the same welcome again */
-        if (t->state == ARMED || t->state == RESTING)
-            return refuse(t, nonce, BUSY, 0, out);
-        if (channels != CHANNELS)
-            return refuse(t, nonce, OTHER_CHANNELS, CHANNELS, out);
-        if (interval < SHORTEST_NS)
-            return refuse(t, nonce, TOO_FAST, SHORTEST_NS, out);
-        memcpy(t->nonces, nonce, 16);
-        random_bytes(t->nonces + 16, 16);
-        t->interval_ns = interval;
-        t->watchdog_ns = watchdog > 0 && watchdog < LONGEST_WATCHDOG_NS ? watchdog : LONGEST_WATCHDOG_NS;
-        begin_session(t);
-    }
-    memcpy(out + HEAD, t->nonces, 32);
-    put(out + HEAD + 32, CHANNELS, 8);
-    put(out + HEAD + 40, (uint64_t)t->interval_ns, 8);
-    put(out + HEAD + 48, (uint64_t)t->watchdog_ns, 8);
+    if (t->state == ARMED || t->state == RESTING)
+        return refuse(t, BUSY, 0, out);
+    if (channels != CHANNELS)
+        return refuse(t, OTHER_CHANNELS, CHANNELS, out);
+    if (interval < SHORTEST_NS)
+        return refuse(t, TOO_FAST, SHORTEST_NS, out);
+    if (!t->started)
+        random_bytes(t->boot, 16), t->started = 1;
+    make_nonce(t, in + HEAD, now_ns / PERIOD_NS, out + HEAD + 16);
+    memcpy(out + HEAD + 32, in + HEAD + 16, 16);
+    put(out + HEAD + 48, (uint64_t)granted_watchdog((int64_t)get(in + HEAD + 32, 8)), 8);
     return seal(out, WELCOME, 7, t->secret);
+}
+
+/* Take the first ARM of a session, made from a WELCOME of this period or the one before; it replaces the last session,
+ * whose table is at rest, and no ARM made from an earlier WELCOME is taken any more. */
+static int begin_session(struct target *t, const uint8_t *in, size_t size, int64_t now_ns)
+{
+    uint8_t nonces[32], key[16];
+    int64_t interval = (int64_t)get(in + HEAD + 24, 8), watchdog = (int64_t)get(in + HEAD + 32, 8);
+    if (!t->started || t->state == ARMED || t->state == RESTING || in[5] != ARM || in[6] != 5)
+        return 0;
+    memcpy(nonces, in + HEAD, 16);
+    for (int ago = 0; ago < 2; ago++) {
+        make_nonce(t, in + HEAD, now_ns / PERIOD_NS - ago, nonces + 16);
+        make_key(t, nonces, key);
+        if (!is_genuine(in, size, key) || in[4] != VERSION)
+            continue;
+        if (get(in + HEAD + 16, 8) != CHANNELS || interval < SHORTEST_NS || granted_watchdog(watchdog) != watchdog)
+            return 0;
+        memcpy(t->key, key, 16);
+        t->armed++, t->interval_ns = interval, t->watchdog_ns = watchdog;
+        t->state = IDLE, t->faults = t->lost = 0, t->sequence = -1;
+        return 1;
+    }
+    return 0;
 }
 
 static void obey(struct target *t, int kind, const uint8_t *words, int count, int64_t now_ns)
@@ -221,8 +258,6 @@ static void obey(struct target *t, int kind, const uint8_t *words, int count, in
         t->state = ARMED, t->heard_ns = now_ns, t->way_v[0] = t->command_v, t->points = 0, t->intervals = 0;
     if ((kind == REST || kind == CLOSE) && t->state == ARMED)
         t->state = RESTING, t->moved_ns = now_ns;
-    if (kind == CLOSE)
-        t->open = 0;
     if (kind != COMMAND || t->state != ARMED)
         return;
     if (volts >= -RANGE_V && volts <= RANGE_V) { /* not a number is neither */
@@ -233,23 +268,28 @@ static void obey(struct target *t, int kind, const uint8_t *words, int count, in
         t->faults |= BAD_COMMAND, t->state = RESTING, t->moved_ns = now_ns;
 }
 
+/* Whether a packet from a runner may have as many words as it says. */
+static int is_whole(int kind, int count)
+{
+    if (kind == COMMAND)
+        return count != 0 && count != 2;
+    return kind == ARM ? count == 5 : (kind == REST || kind == CLOSE) && count == 0;
+}
+
 /* Answer one received packet: return the size of the answer in `out` (MOST bytes), 0 for none. */
 size_t handle(struct target *t, const uint8_t *in, size_t size, uint8_t *out)
 {
     int64_t now_ns = clock_ns(), sequence;
     double volts[CHANNELS];
     memset(out, 0, MOST);
-    if (is_genuine(in, size, t->secret))
-        return in[5] == HELLO && size >= HEAD + 24 ? greet(t, in, out) : 0;
-    if (!t->open || !is_genuine(in, size, t->key) || in[4] != VERSION)
+    if (size >= HEAD + 24 && size <= MOST && in[5] == HELLO)
+        return is_genuine(in, size, t->secret) ? greet(t, in, now_ns, out) : 0;
+    if (!(t->armed && is_genuine(in, size, t->key)) && !(size == HEAD + 48 && begin_session(t, in, size, now_ns)))
         return 0;
     sequence = (int64_t)get(in + 16, 8);
-    if (sequence <= t->sequence || in[5] < ARM || in[5] == SAMPLES || in[5] > CLOSE)
+    if (in[4] != VERSION || sequence <= t->sequence || !is_whole(in[5], in[6]))
         return 0; /* doubled, reordered, or nothing for us */
-    if (in[5] == COMMAND ? in[6] == 0 || in[6] == 2 : in[6] != 0)
-        return 0;
-    if (t->sequence >= 0)
-        t->lost += (uint32_t)(sequence - t->sequence - 1);
+    t->lost += (uint32_t)(sequence - t->sequence - 1);
     t->sequence = sequence;
     read_samples(volts, now_ns); /* first sample, then latch */
     obey(t, in[5], in + HEAD, in[6], now_ns);

@@ -58,10 +58,15 @@ int64_t clock_ns(void)
 static void read_secret(const char *path, uint8_t secret[16])
 {
     FILE *file = fopen(path, "r");
-    for (int i = 0; i < 16; i++)
+    int different = 0;
+    for (int i = 0; i < 16; i++) {
         if (!file || fscanf(file, "%2hhx", &secret[i]) != 1)
             fail("the key file must hold 32 hexadecimal digits");
+        different |= secret[i] ^ secret[0];
+    }
     fclose(file);
+    if (!different)
+        fail("the key file holds one byte 16 times, which anybody may guess; make another");
 }
 
 static int listen_at(const char *address, int port)

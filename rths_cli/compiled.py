@@ -35,6 +35,7 @@ SOURCES = (
     "clocks.py",
     "metrics/error.py",
     "tiles.py",
+    "rigs/udp/handshake.py",
     "rigs/udp/link.py",
     "rigs/udp/siphash.py",
     "rigs/udp/way.py",

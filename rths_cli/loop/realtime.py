@@ -43,8 +43,9 @@ POLICIES = {"hold": HOLD, "skip": SKIP, "stop": STOP}
 ANSWER_SHARE = 0.7  # of an interval, how long an answer may take: step and guard need the rest
 PUNCTUAL = 0.125  # of an interval, how late a command may leave where steps are caught up; a later one waits for none
 
-# places in Course.marks: start of the clock, intervals overrun, lost in a row, overrun in a row
-START_NS, OVERRUNS, LOST_IN_A_ROW, OVERRUN_IN_A_ROW = range(4)
+# places in Course.marks: start of the clock, intervals overrun, lost in a row, overrun in a row, intervals by which the
+# record waited
+START_NS, OVERRUNS, LOST_IN_A_ROW, OVERRUN_IN_A_ROW, HELD = range(5)
 
 
 class Course(NamedTuple):
@@ -61,7 +62,7 @@ class Course(NamedTuple):
     foresight: Foresight  # of the commands to come
     drift: Array  # (7,) where the rig is, and how that goes back to where it should be
     orders: IntArray  # orders[0]: 0 go on, else stop; written by other threads
-    marks: IntArray  # (4,)
+    marks: IntArray  # (5,)
     scratch: IntArray  # (2,)
 
 
@@ -70,7 +71,7 @@ def course(info: RigInfo, ramp_s: float, record: int, zeros_v: Array, orders: In
     return Course(
         round(1e9 * info.dt_s), spin_of(round(1e9 * info.dt_s)), round(ramp_s / info.dt_s), record,
         info.limits.lost_samples, POLICIES[info.overrun], np.array([float(channel.sign) for channel in info.channels]),
-        zeros_v, foresight, fresh_drift(), orders, np.zeros(4, dtype=np.int64), np.zeros(2, dtype=np.int64),
+        zeros_v, foresight, fresh_drift(), orders, np.zeros(5, dtype=np.int64), np.zeros(2, dtype=np.int64),
     )  # fmt: skip
 
 
@@ -191,6 +192,7 @@ def overrun(course: Course, g: GuardState, missed: int) -> int:
     if course.policy == SKIP:
         return missed
     marks[START_NS] += missed * course.dt_ns
+    marks[HELD] += missed
     return 0
 
 
@@ -202,7 +204,7 @@ def run_udp(
 
     The samples of step 0 stand in the link. Deadlines are those of the course's clock, which begins now.
     """
-    marks, sent, behind, waited, k = course.marks, 0, 0, 0, 0
+    marks, behind, waited, k = course.marks, 0, 0, 0
     marks[START_NS] = monotonic_ns(course.scratch) + course.dt_ns
     command = 0.0
     due, punctual = 0, int(PUNCTUAL * course.dt_ns)
@@ -220,10 +222,10 @@ def run_udp(
             behind = overrun(course, g, missed) if missed > 0 else 0
             if behind > 0:
                 continue  # the command is as old as the stall by now: it never leaves
-            sent, waited = sent + 1, 0
+            waited = 0
             command = leave(course, s, limits, log, link.way, command, k)
             if sends:
-                lost = swap(link, course, g, log, deadline + late, late, command, sent, k)
+                lost = swap(link, course, g, log, deadline + late, late, command, k)
         log.done[0] = k  # what left for the steps before is known from here on
         command = conduct(course, s, limits, g, drive, log, link.samples_v, lost, k)
         k += 1
@@ -268,10 +270,12 @@ def look_ahead(course: Course, s: Step, limits: GuardLimits, g: GuardState, driv
 
 
 @part
-def swap(
-    link: udp.Link, course: Course, g: GuardState, log: Log, now: int, late: int, command: float, number: int, k: int
-) -> int:
-    """Send a command now, take the samples of this instant for step k; return 1 where none came in time."""
+def swap(link: udp.Link, course: Course, g: GuardState, log: Log, now: int, late: int, command: float, k: int) -> int:
+    """Send a command now, take the samples of this instant for step k; return 1 where none came in time.
+
+    Its number counts the instants of the run, also those at which nothing left because they were caught up or waited.
+    """
+    number = k + course.marks[HELD]
     outcome = udp.exchange(link, command, number, now + int(ANSWER_SHARE * course.dt_ns))
     note_exchange(log, k, late, monotonic_ns(course.scratch) - now)
     judge(course, g, outcome)

@@ -56,6 +56,25 @@ def real_time(priority: int = PRIORITY, place: int | None = LAST) -> Iterator[Gr
         yield Granted(memory, given, cpu, latency, tuple(refused))
 
 
+@contextmanager
+def at_leisure() -> Iterator[None]:
+    """Let the calling thread wait for others as any does, while it holds all else that `real_time` gave it."""
+    before = os.sched_getscheduler(0), os.sched_getparam(0)
+    _schedule(os.SCHED_OTHER, os.sched_param(0))
+    try:
+        yield
+    finally:
+        _schedule(*before)
+
+
+def _schedule(policy: int, parameters: os.sched_param) -> None:
+    """Give the calling thread a policy that it had or that stands below its own."""
+    try:
+        os.sched_setscheduler(0, policy, parameters)
+    except PermissionError:  # only root may take back that a thread's children get no priority (sched(7))
+        os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, parameters)
+
+
 def _no_garbage_collection(stack: ExitStack) -> None:
     if gc.isenabled():
         gc.disable()
@@ -137,7 +156,7 @@ def _take_priority(stack: ExitStack, refused: list[str], wanted: int) -> int:
             os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
         except (OSError, ValueError):
             continue
-        stack.callback(os.sched_setscheduler, 0, *before)
+        stack.callback(_schedule, *before)
         return priority
     refused.append(
         f"SCHED_FIFO {wanted} was refused: put '@realtime - rtprio {wanted}' into {LIMITS_FILE}, join the group "

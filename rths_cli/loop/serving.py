@@ -5,6 +5,9 @@ the first command on; their phase follows that of the commands slowly, so that a
 that runs a little faster, does not decide between three ticks and five. Whatever else arrives late, or never, is felt
 as on a real table. What counts is when a packet arrived, by the kernel's stamp, not when this process came to it: one
 that is held up samples and latches for each instant afterwards, and only its answers are late.
+
+A session is replaced by the first authentic ARM of another one alone, while the table is at rest. Whatever else a
+stranger sends costs one or two hashes, and at most one answer no longer than what he sent.
 """
 
 from __future__ import annotations
@@ -15,12 +18,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rths_cli.clocks import SPIN_NS, IntArray, monotonic_ns
+from rths_cli.clocks import SPIN_NS, IntArray, monotonic_ns, sleep_until
 from rths_cli.compiled import External, entry, part
 from rths_cli.loop import receiving
 from rths_cli.loop.guard import BRAKING, RUNNING, STOPPED, GuardLimits, GuardState, ramp_down
 from rths_cli.lti import Array
 from rths_cli.rigs.udp import wire
+from rths_cli.rigs.udp.handshake import Greeter, answer_hello, opens_session
 from rths_cli.rigs.udp.siphash import Bytes, Words
 from rths_cli.rigs.udp.way import POINTS, Way, place_after, take_way
 from rths_cli.rigs.virtual import kernel
@@ -29,21 +33,23 @@ from rths_cli.rigs.virtual.plant import Plant
 TICKS_PER_INTERVAL = 4
 PHASE_STEPS = 64  # over so many commands the ticks settle around the instants at which commands come
 LOOK_NS = 20_000_000  # the longest wait for a packet: orders are looked at so often
-GREETED_NS = 50_000_000  # between two greetings that may disturb a session
+GREETED_NS = 1_000_000  # between two HELLO that are answered while the table moves; the others go unanswered
+BATCH, BATCH_NS = 64, 5_000_000  # while the table is at rest, so many packets are served in so much time at most
 
-GREETING, ENDED, ORDERED = 1, 2, 3  # what `serve_packets` returns for
+BEGUN, ENDED, ORDERED = 1, 2, 3  # what `serve_packets` returns for
 
 # places in Door.counts; packets that are no packets or of another version, made with another key, doubled or reordered;
-# commands obeyed, packets of the session that a jump in the sequence shows lost
-MALFORMED, FORGED, REPLAYED, OBEYED, LOST = range(5)
-COUNTS = 5
+# commands obeyed, sequence numbers of the session that never came, genuine HELLO
+MALFORMED, FORGED, REPLAYED, OBEYED, LOST, GREETED = range(6)
+COUNTS = 6
 
 # places in Door.session; SEQUENCE is the highest seen, STARTED_NS 0 while the clock does not run, TICK the time of the
 # physics, LAST_TICK that of the last command, ARRIVED_NS when it came, LONGEST_TICKS the longest time between two;
-# until REACHED_NS all packets are known, and the physics was advanced to it; at MOVED_TICK the command last changed
-STATE, FAULTS, SEQUENCE, STARTED_NS, TICK, LAST_TICK, LONGEST_TICKS, ROW, CLOSING, GREETED_AT_NS, SIZE = range(11)
-ARRIVED_NS, REACHED_NS, MOVED_TICK = 11, 12, 13
-PLACES = 14
+# until REACHED_NS all packets are known, and the physics was advanced to it; at MOVED_TICK the command last changed;
+# ARMING 1: the ARM that began this session stands in `incoming`, not yet obeyed; BATCHED packets since BATCH_BEGAN_NS
+STATE, FAULTS, SEQUENCE, STARTED_NS, TICK, LAST_TICK, LONGEST_TICKS, ROW, CLOSING, GREETED_AT_NS, ARMING = range(11)
+ARRIVED_NS, REACHED_NS, MOVED_TICK, BATCHED, BATCH_BEGAN_NS = range(11, 16)
+PLACES = 16
 
 _sendto = External("sendto", "intp", "intc", "uintp", "uintp", "intc", "uintp", "uintc")
 _AT_ONCE = 0x40  # MSG_DONTWAIT
@@ -56,7 +62,7 @@ class Door(NamedTuple):
     fd: int
     interval_ns: int
     watchdog_ticks: int
-    secret: Words  # (2,) greetings are made with it
+    greeter: Greeter  # answers HELLO, and knows the ARM that follows
     key: Words  # (2,) of the session, or a random one without
     incoming: Bytes  # (MOST_BYTES,)
     outgoing: Bytes  # (MOST_BYTES,)
@@ -82,15 +88,43 @@ class Table(NamedTuple):
 
 
 def open_door(
-    link: socket.socket, secret: Words, key: Words, interval_ns: int, watchdog_ns: int, orders: IntArray
+    link: socket.socket,
+    greeter: Greeter,
+    key: Words,
+    interval_ns: int,
+    watchdog_ns: int,
+    orders: IntArray,
 ) -> Door:
     """Return a door over a bound socket that does not block, and must stay open as long as the door is used."""
     incoming, address = np.zeros(wire.MOST_BYTES, np.uint8), np.zeros(ADDRESS_BYTES, np.uint8)
     return Door(
-        link.fileno(), interval_ns, math.ceil(TICKS_PER_INTERVAL * watchdog_ns / interval_ns), secret, key,
+        link.fileno(), interval_ns, _watchdog_ticks(watchdog_ns, interval_ns), greeter, key,
         incoming, np.zeros(wire.MOST_BYTES, np.uint8), address, receiving.open_message(link, incoming, address),
-        np.zeros(COUNTS, np.int64), np.array([0, 0, -1, *[0] * (PLACES - 3)]), orders, np.zeros(3, np.int64),
+        np.zeros(COUNTS, np.int64), _no_packets(), orders, np.zeros(3, np.int64),
     )  # fmt: skip
+
+
+def begin_session(door: Door, interval_ns: int, watchdog_ns: int) -> Door:
+    """Return the door of the session that the ARM in `incoming` opened; it obeys that ARM first."""
+    session = _no_packets()
+    session[ARMING] = 1
+    return door._replace(
+        interval_ns=interval_ns,
+        watchdog_ticks=_watchdog_ticks(watchdog_ns, interval_ns),
+        key=door.greeter.key.copy(),
+        counts=np.zeros(COUNTS, np.int64),
+        session=session,
+    )
+
+
+def _watchdog_ticks(watchdog_ns: int, interval_ns: int) -> int:
+    return math.ceil(TICKS_PER_INTERVAL * watchdog_ns / interval_ns)
+
+
+def _no_packets() -> IntArray:
+    session = np.zeros(PLACES, np.int64)
+    session[SEQUENCE] = -1
+    return session
 
 
 @part
@@ -150,11 +184,13 @@ def advance(d: Door, t: Table, now: int) -> None:
 
 @part
 def arm(d: Door, t: Table, now: int) -> None:
-    """Enable motion at the start of a session; later ARMs change nothing."""
+    """Enable motion at the start of a session; later ARMs change nothing, but the last one has the noise of step 0."""
     s = d.session
+    if d.counts[OBEYED] == 0:
+        s[ROW] = 0
     if s[STATE] == wire.IDLE:
         s[STATE] = wire.ARMED
-        s[STARTED_NS], s[TICK], s[LAST_TICK], s[MOVED_TICK], s[LONGEST_TICKS], s[ROW] = now, 0, 0, 0, 0, 0
+        s[STARTED_NS], s[TICK], s[LAST_TICK], s[MOVED_TICK], s[LONGEST_TICKS] = now, 0, 0, 0, 0
         t.guard.flags[0] = RUNNING
         t.way.volts[0], t.way.marks[POINTS] = t.latched_v[0], 0
 
@@ -188,6 +224,13 @@ def within(value: float, limit: float) -> float:
 
 
 @part
+def post(d: Door, size: int) -> None:
+    """Send what stands in `outgoing` to where the last packet came from."""
+    address_size = d.message[receiving.ADDRESS_SIZE]
+    _sendto(d.fd, d.outgoing.ctypes.data, size, _AT_ONCE, d.address.ctypes.data, address_size)  # type: ignore[operator]
+
+
+@part
 def answer(d: Door, t: Table, now: int) -> None:
     """Send the samples that were taken, with the state they were taken in."""
     s, packet = d.session, d.outgoing
@@ -199,8 +242,7 @@ def answer(d: Door, t: Table, now: int) -> None:
     for c in range(t.samples.size):
         wire.put_real(packet, wire.WORDS + 8 * c, t.samples[c])
     wire.put_int(packet, wire.SENT_NS, monotonic_ns(d.scratch))
-    size, address_size = wire.seal(packet, d.key), d.message[receiving.ADDRESS_SIZE]
-    _sendto(d.fd, packet.ctypes.data, size, _AT_ONCE, d.address.ctypes.data, address_size)  # type: ignore[operator]
+    post(d, wire.seal(packet, d.key))
 
 
 @part
@@ -215,6 +257,9 @@ def take(d: Door, t: Table, now: int) -> None:
     """Do what a genuine packet of the session asks for and answer it; one that came before is not answered."""
     s, packet = d.session, d.incoming
     sequence, kind = wire.get_int(packet, wire.SEQUENCE), int(packet[wire.KIND])
+    if not wire.is_whole(packet):
+        d.counts[MALFORMED] += 1
+        return
     if sequence <= s[SEQUENCE]:
         d.counts[REPLAYED] += 1
         return
@@ -225,9 +270,6 @@ def take(d: Door, t: Table, now: int) -> None:
     elif kind == wire.REST or kind == wire.CLOSE:
         lead_to_rest(d, t, 0)
         s[CLOSING] |= 1 if kind == wire.CLOSE else 0
-    elif kind != wire.COMMAND or packet[wire.COUNT] == 0 or packet[wire.COUNT] == 2:
-        d.counts[MALFORMED] += 1
-        return
     sample(t, s)
     if kind == wire.COMMAND:
         take_way(packet, t.way)
@@ -236,18 +278,48 @@ def take(d: Door, t: Table, now: int) -> None:
 
 
 @part
-def is_greeting(d: Door, size: int, now: int) -> bool:
-    """Tell whether a packet is a HELLO of who knows the secret; while a table moves, at most one in 50 ms counts."""
-    moving = d.session[STATE] == wire.ARMED or d.session[STATE] == wire.RESTING
-    verdict = wire.verdict(d.incoming, size, d.secret)
-    if verdict != wire.GENUINE and verdict != wire.OTHER_VERSION:
+def moves(d: Door) -> bool:
+    """Tell whether the table is armed, or not yet led to rest."""
+    return d.session[STATE] == wire.ARMED or d.session[STATE] == wire.RESTING
+
+
+@part
+def greet(d: Door, size: int, now: int) -> None:
+    """Answer a genuine HELLO, and remember nothing of it; while the table moves, one in a while and by a refusal."""
+    busy = moves(d)
+    answer_size = answer_hello(d.greeter, d.incoming, size, monotonic_ns(d.scratch), 0, busy, d.outgoing)
+    d.counts[GREETED if answer_size > 0 else FORGED] += 1
+    if answer_size > 0 and not (busy and now - d.session[GREETED_AT_NS] < GREETED_NS):
+        d.session[GREETED_AT_NS] = now
+        post(d, answer_size)
+
+
+@part
+def attend(d: Door, t: Table, size: int, now: int) -> int:
+    """Do what a received packet asks for; return BEGUN where it begins a session, else 0."""
+    verdict = wire.verdict(d.incoming, size, d.key)
+    if verdict == wire.GENUINE:
+        take(d, t, now)
+    elif verdict == wire.MALFORMED:
+        d.counts[MALFORMED] += 1
+    elif d.incoming[wire.KIND] == wire.HELLO:
+        greet(d, size, now)
+    elif not moves(d) and opens_session(d.greeter, d.incoming, size, monotonic_ns(d.scratch), d.outgoing):
+        return BEGUN
+    else:
         d.counts[FORGED if verdict == wire.FORGED else MALFORMED] += 1
-        return False
-    if d.incoming[wire.KIND] != wire.HELLO or (moving and now - d.session[GREETED_AT_NS] < GREETED_NS):
-        d.counts[REPLAYED] += 1
-        return False
-    d.session[GREETED_AT_NS], d.session[SIZE] = now, size
-    return True
+    return 0
+
+
+@part
+def breathe(d: Door) -> None:
+    """Wait where more packets than a batch were served in its time: at rest, no flood takes more of the processor."""
+    s, now = d.session, monotonic_ns(d.scratch)
+    if now - s[BATCH_BEGAN_NS] > BATCH_NS:
+        s[BATCH_BEGAN_NS], s[BATCHED] = now, 0
+    s[BATCHED] += 1
+    if s[BATCHED] >= BATCH:
+        sleep_until(s[BATCH_BEGAN_NS] + BATCH_NS, 0, d.scratch)
 
 
 @part
@@ -260,29 +332,41 @@ def pause(d: Door, now: int) -> int:
     return min(max(ahead_ns - spin_ns, 0), LOOK_NS) if ahead_ns > -spin_ns else LOOK_NS
 
 
+@part
+def look(d: Door, t: Table) -> int:
+    """Serve the packet that is there, or wait for one; return what `serve_packets` does, or 0 to go on."""
+    s = d.session
+    before, now = s[STATE], monotonic_ns(d.scratch)  # read first: where nothing is there, nothing came until now
+    size = receiving.receive(d.fd, d.message, d.address)
+    if size >= 0:
+        now = monotonic_ns(d.scratch)
+        now = receiving.arrival(d.message, now, receiving.wall_clock_ns(d.scratch), s[REACHED_NS])
+    advance(d, t, now)  # here alone: the plant is a large piece of code
+    if size >= 0 and attend(d, t, size, now) == BEGUN:
+        return BEGUN
+    if d.orders[0] != 0:
+        lead_to_rest(d, t, 0)
+        if s[STATE] == wire.RESTED:
+            return ORDERED
+    if s[STATE] == wire.RESTED and (before != wire.RESTED or s[CLOSING] == 1):
+        s[CLOSING] *= 2  # told once
+        return ENDED
+    sleep_ns = pause(d, now) if size < 0 else 0
+    if sleep_ns > 0:
+        receiving.wait(d.fd, sleep_ns, d.scratch)
+    elif not moves(d):
+        breathe(d)
+    return 0
+
+
 @entry
 def serve_packets(d: Door, t: Table) -> int:
-    """Serve a session until Python is needed: GREETING (a packet of `session[SIZE]` bytes in `incoming`), ENDED (the
-    table has come to rest, or the session was closed), ORDERED (by `orders`, with the table at rest)."""
-    s = d.session
-    while True:
-        before, now = s[STATE], monotonic_ns(d.scratch)  # read first: where nothing is there, nothing came until now
-        size = receiving.receive(d.fd, d.message, d.address)
-        if size >= 0:
-            now = monotonic_ns(d.scratch)
-            now = receiving.arrival(d.message, now, receiving.wall_clock_ns(d.scratch), s[REACHED_NS])
-        advance(d, t, now)  # here alone: the plant is a large piece of code
-        if size >= 0 and wire.is_genuine(d.incoming, size, d.key):
-            take(d, t, now)
-        elif size >= 0 and is_greeting(d, size, now):
-            return GREETING
-        if d.orders[0] != 0:
-            lead_to_rest(d, t, 0)
-            if s[STATE] == wire.RESTED:
-                return ORDERED
-        if s[STATE] == wire.RESTED and (before != wire.RESTED or s[CLOSING] == 1):
-            s[CLOSING] *= 2  # told once
-            return ENDED
-        sleep_ns = pause(d, now) if size < 0 else 0
-        if sleep_ns > 0:
-            receiving.wait(d.fd, sleep_ns, d.scratch)
+    """Serve a session until Python is needed: BEGUN (the ARM in `incoming` opens another session; the greeter has its
+    key), ENDED (the table has come to rest, or the session was closed), ORDERED (by `orders`, the table at rest)."""
+    s, event = d.session, 0
+    if s[ARMING] == 1:  # after the time that the session took to be made
+        s[ARMING], s[REACHED_NS] = 0, monotonic_ns(d.scratch)
+        take(d, t, s[REACHED_NS])
+    while event == 0:
+        event = look(d, t)
+    return event

@@ -48,16 +48,17 @@ def exchange_delays(case: Case) -> ExchangeDelays:
 def udp_delays(rig: UdpRig, steps: int) -> IntArray:
     """Return when the answer of each step came, in ns after its deadline; a lost one counts as an interval."""
     link, interval_ns = rig.link, round(1e9 * rig.info.dt_s)
-    first = int(link.status[links.LAST] - link.status[links.BASE]) + 1
+    number = int(link.status[links.LAST] - link.status[links.BASE]) + 1
     late_ns = np.zeros(steps, dtype=np.int64)
     deadline = time.monotonic_ns() + interval_ns
     for k in range(steps):
-        outcome = links.converse_at(link, COMMAND, first + k, 0.0, deadline, interval_ns)
+        outcome = links.converse_at(link, COMMAND, number, 0.0, deadline, interval_ns)
         if outcome == links.FAULT:
             why = fault_names(int(link.status[links.FAULTS])) or "it obeys no commands"
             raise RigError(f"rig {rig.info.name}: the target {rig.peer} stopped: {why}")
         late_ns[k] = link.status[links.RECEIVED_NS] - deadline if outcome == links.OK else interval_ns
-        deadline += interval_ns * (1 + late_ns[k] // interval_ns)
+        passed = 1 + int(late_ns[k]) // interval_ns
+        number, deadline = number + passed, deadline + interval_ns * passed
     return late_ns
 
 

@@ -7,10 +7,10 @@ import math
 import secrets
 import shlex
 import socket
+import struct
 import threading
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,11 +20,12 @@ import numpy as np
 from rths_cli.clocks import require_real_time
 from rths_cli.files.user_cache import user_cache
 from rths_cli.loop import serving
-from rths_cli.loop.scheduling import NEXT_TO_LAST, real_time
+from rths_cli.loop.scheduling import NEXT_TO_LAST, at_leisure, real_time
 from rths_cli.rigs.udp import wire
+from rths_cli.rigs.udp.handshake import open_greeter
 from rths_cli.rigs.udp.secret import KEY_FILE_VARIABLE, as_words, make_secret, read_secret
 from rths_cli.rigs.udp.sentences import fault_names
-from rths_cli.rigs.udp.session import Answer, Offer, Terms, answer_hello, prepare
+from rths_cli.rigs.udp.session import ARM_WORDS, Terms
 from rths_cli.rigs.udp.sockets import bound, shown
 from rths_cli.workflows.serve_table import ServedRig, describe, make_table
 
@@ -56,7 +57,10 @@ class ServeRequest:
 
 @dataclass(frozen=True)
 class SessionEnded:
-    """How a session went; packets that were not obeyed are counted since the session before."""
+    """How a session went; all packets but its own are counted from its ARM to the next session's.
+
+    `lost`: sequence numbers that never came; `greetings`: genuine HELLO, of runners to come or replayed.
+    """
 
     peer: str
     rate_hz: float
@@ -66,6 +70,7 @@ class SessionEnded:
     replayed: int
     forged: int
     malformed: int
+    greetings: int
     longest_gap_s: float
 
 
@@ -97,16 +102,17 @@ class Server:
 
     def __init__(self, link: socket.socket, secret: Words, rig: ServedRig, watchdog_ns: int, say: Say) -> None:
         self.ended: list[SessionEnded] = []
-        self._link, self._secret, self._rig, self._say = link, secret, rig, say
-        self._watchdog_ns = watchdog_ns
+        self._link, self._rig, self._say = link, rig, say
         self._orders = np.zeros(1, np.int64)
         self._ready, self._done = threading.Event(), threading.Event()
         self._fault: BaseException | None = None
-        self._last: Answer | None = None
-        self._peer = ""
-        self._begin(Terms(rig.channels, round(1e9 * rig.usual_dt_s), watchdog_ns), _stranger())
-        prepare()  # compiled before anyone waits for an answer
-        serving.serve_packets.bind(self._door, self._table)
+        self._peer, self._told = "", True
+        self._terms = Terms(rig.channels, round(1e9 * rig.usual_dt_s), watchdog_ns)
+        greeter = open_greeter(secret, rig.channels, SHORTEST_INTERVAL_NS, watchdog_ns)
+        nobody = as_words(secrets.token_bytes(16))  # there is no session yet
+        self._table = make_table(rig, self._terms.interval_ns)
+        self._door = serving.open_door(link, greeter, nobody, self._terms.interval_ns, watchdog_ns, self._orders)
+        serving.serve_packets.bind(self._door, self._table)  # compiled before anyone waits for an answer
 
     def start(self) -> None:
         """Begin to serve, and return when the thread that does so has what it needs from the system."""
@@ -137,49 +143,39 @@ class Server:
                 for sentence in granted.refused:
                     self._say(f"note: {sentence}")
                 self._ready.set()
-                while (event := serving.serve_packets(self._door, self._table)) != serving.ORDERED:
-                    self._greet() if event == serving.GREETING else self._tell_end()
-                self._tell_end()
+                event = serving.ENDED
+                while event != serving.ORDERED:
+                    with at_leisure():  # the table is at rest: nobody's flood of packets stops this processor
+                        event = self._serve_on()
+                    if event == serving.BEGUN:
+                        self._begin()
+                        event = self._serve_on()
         except BaseException as fault:  # raised again by the thread that waits for this one
             self._fault = fault
         finally:
             self._ready.set()
             self._done.set()
 
-    def _begin(self, terms: Terms, key: Words) -> None:
-        self._told = False
-        self._terms = terms
-        self._table = make_table(self._rig, terms.interval_ns)
-        self._door = serving.open_door(
-            self._link, self._secret, key, terms.interval_ns, terms.watchdog_ns, self._orders
-        )
+    def _serve_on(self) -> int:
+        """Serve until something is to be done, and say how the session ended where it did."""
+        event = int(serving.serve_packets(self._door, self._table))
+        self._tell_end()
+        return event
 
-    def _greet(self) -> None:
-        """Answer a HELLO; a new session replaces one whose table is at rest."""
-        door = self._door
-        data = door.incoming[: min(door.session[serving.SIZE], wire.MOST_BYTES)].tobytes()
-        address = socket_address(door.address)
-        busy = door.session[serving.STATE] in (wire.ARMED, wire.RESTING)
-        offer = Offer(self._rig.channels, SHORTEST_INTERVAL_NS, self._watchdog_ns, busy)
-        answer = answer_hello(data, self._secret, offer, self._last)
-        if answer is None:
-            return
-        if answer.session is not None and answer is not self._last:
-            self._tell_end()
-            self._begin(answer.session.terms, answer.session.key)
-            self._last, self._peer = answer, shown(address)
-        with suppress(OSError):
-            self._link.sendto(answer.packet, address)
+    def _begin(self) -> None:
+        """Begin the session whose ARM was received: it replaces the last one, whose table is at rest."""
+        words = self._door.incoming[wire.WORDS : wire.WORDS + 8 * wire.ARM_WORDS].tobytes()
+        self._terms = Terms(*struct.unpack(ARM_WORDS, words)[1:])
+        self._table = make_table(self._rig, self._terms.interval_ns)
+        self._door = serving.begin_session(self._door, self._terms.interval_ns, self._terms.watchdog_ns)
+        self._peer, self._told = shown(socket_address(self._door.address)), False
 
     def _tell_end(self) -> None:
-        """Note and say, once, how a session ended whose table was armed; a closed one takes no more packets."""
-        door = self._door
-        if door.counts[serving.OBEYED] and not self._told:
-            self.ended.append(summary(door, self._peer, self._terms))
+        """Note and say, once, how a session ended whose table was armed."""
+        if self._door.counts[serving.OBEYED] and not self._told:
+            self.ended.append(summary(self._door, self._peer, self._terms))
             self._say(sentence(len(self.ended), self.ended[-1]))
-        self._told = True
-        if door.session[serving.CLOSING]:
-            door.key[:] = _stranger()
+            self._told = True
 
 
 def summary(door: serving.Door, peer: str, terms: Terms) -> SessionEnded:
@@ -198,6 +194,7 @@ def summary(door: serving.Door, peer: str, terms: Terms) -> SessionEnded:
         replayed=count[serving.REPLAYED],
         forged=count[serving.FORGED],
         malformed=count[serving.MALFORMED],
+        greetings=count[serving.GREETED],
         longest_gap_s=int(door.session[serving.LONGEST_TICKS]) * tick_s,
     )
 
@@ -206,8 +203,8 @@ def sentence(number: int, ended: SessionEnded) -> str:
     """Return the line of a session."""
     return (
         f"session {number} with {ended.peer} at {ended.rate_hz:g} Hz: {ended.commands} commands, lost {ended.lost}, "
-        f"doubled or late {ended.replayed}, forged {ended.forged}, malformed {ended.malformed}, longest gap "
-        f"{1e3 * ended.longest_gap_s:.2f} ms; ended: {ended.ended_by}"
+        f"doubled or late {ended.replayed}, forged {ended.forged}, malformed {ended.malformed}, HELLO "
+        f"{ended.greetings}, longest gap {1e3 * ended.longest_gap_s:.2f} ms; ended: {ended.ended_by}"
     )
 
 
@@ -219,11 +216,6 @@ def socket_address(data: serving.Bytes) -> tuple[str, int] | tuple[str, int, int
         return socket.inet_ntop(socket.AF_INET, raw[4:8]), port
     flow, scope = int.from_bytes(raw[4:8], "big"), int.from_bytes(raw[24:28], "little")
     return socket.inet_ntop(socket.AF_INET6, raw[8:24]), port, flow, scope
-
-
-def _stranger() -> Words:
-    """Return a key (2,) that nobody has."""
-    return as_words(secrets.token_bytes(16))
 
 
 def _secret(key_file: Path | None) -> tuple[Path, Words]:

@@ -25,6 +25,7 @@ from rths_cli.loop.performance import Performance
 from rths_cli.loop.realtime import STANDS_V, Course, conduct, leave, look_ahead, pass_by
 from rths_cli.lti import Array
 from rths_cli.metrics import error_figures
+from rths_cli.rigs.udp.handshake import open_greeter
 from rths_cli.rigs.udp.way import Way, fresh_way
 from rths_cli.workflows.controllers import Design, design_blocks
 from rths_cli.workflows.known import Memory
@@ -99,7 +100,9 @@ class Laboratory:
         stalls[at] = length
         nobody = np.zeros(2, np.uint64)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
-            door = serving.open_door(link, nobody, nobody, INTERVAL_NS, 500_000_000, np.zeros(1, np.int64))
+            door = serving.open_door(
+                link, open_greeter(nobody, 3, 1, 10**9), nobody, INTERVAL_NS, 500_000_000, np.zeros(1, np.int64)
+            )
             told_to = (run.step, run.limits, run.guard, run.drive, run.log, stalls, apart)
             stalled(door, table, fresh_way(), course, *told_to)
         return run, float(apart[0])

@@ -14,6 +14,7 @@ from rths_cli.loop import serving
 from rths_cli.loop.serving import LAST_TICK, MOVED_TICK, STATE, TICK, TICKS_PER_INTERVAL, Door, Table, open_door
 from rths_cli.lti import Array
 from rths_cli.rigs.udp import wire
+from rths_cli.rigs.udp.handshake import open_greeter
 from rths_cli.workflows.serve_table import describe, make_table
 
 INTERVAL_NS = 2_000_000
@@ -49,7 +50,9 @@ def table() -> Table:
 def door(table: Table) -> Iterator[Door]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
         secret = np.zeros(2, np.uint64)
-        made = open_door(link, secret, secret, INTERVAL_NS, 100_000_000, np.zeros(1, np.int64))
+        made = open_door(
+            link, open_greeter(secret, 3, 1, 10**9), secret, INTERVAL_NS, 100_000_000, np.zeros(1, np.int64)
+        )
         armed(made, table)
         yield made
 

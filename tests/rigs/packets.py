@@ -61,7 +61,7 @@ class Packet:
     lost: int = 0
     sent_ns: int = 0
     instant_ns: int = 0
-    version: int = 2
+    version: int = 3
 
     def sealed(self, key: bytes) -> bytes:
         """Return the packet's bytes under a key of 16 bytes."""

@@ -47,7 +47,8 @@ def write_pair(command: Bytes, samples: Bytes, key: Words) -> None:
     wire.put_int(command, wire.SENT_NS, 123_456_789)
     wire.put_real(command, wire.WORDS, 1.25)
     wire.seal(command, key)
-    wire.begin(samples, wire.SAMPLES, 3, 1)
+    wire.begin(samples, wire.SAMPLES, 3, 3)
+    wire.put_bytes(samples, wire.LOST, 1, 4)
     samples[wire.STATE] = wire.ARMED
     wire.put_int(samples, wire.SENT_NS, 987_654_321)
     wire.put_int(samples, wire.INSTANT_NS, 987_650_000)
@@ -65,22 +66,24 @@ def test_the_session_key_shown_is_computed() -> None:
 
 
 def test_the_packets_shown_are_the_compiled_ones_and_those_of_plain_python() -> None:
-    hello, welcome, command, going_on, samples = examples()
+    hello, welcome, arm, command, going_on, samples = examples()
     secret = as_words(SECRET)
-    assert hello == session.sealed(wire.HELLO, RUNNER + TERMS, secret)
+    assert hello == session.sealed(wire.HELLO, RUNNER + TERMS + bytes(16), secret)
     assert welcome == session.sealed(wire.WELCOME, RUNNER + TARGET + TERMS, secret)
     key = session.session_key(secret, RUNNER, TARGET)
+    assert arm == session.sealed(wire.ARM, RUNNER + TERMS, key)
     made = np.zeros((2, wire.MOST_BYTES), np.uint8)
     write_pair(made[0], made[1], key)
     assert made[0].tobytes().startswith(command) and len(command) == 56
     assert made[1].tobytes().startswith(samples) and len(samples) == 72
     plain = key.astype("<u8").tobytes()
-    assert hello == Packet(wire.HELLO, 0, RUNNER + TERMS).sealed(SECRET)
+    assert hello == Packet(wire.HELLO, 0, RUNNER + TERMS + bytes(16)).sealed(SECRET)
+    assert arm == Packet(wire.ARM, 0, RUNNER + TERMS).sealed(plain)
     assert command == Packet(wire.COMMAND, 1, struct.pack("<d", 1.25), sent_ns=123_456_789).sealed(plain)
     words = struct.pack("<dqdd", 1.25, 4, 1.5, 1.625)
-    assert going_on == Packet(wire.COMMAND, 2, words, sent_ns=124_456_789).sealed(plain)
+    assert going_on == Packet(wire.COMMAND, 3, words, sent_ns=125_456_789).sealed(plain)
     values = struct.pack("<3d", 0.5, -0.25, 0.0)
-    assert samples == Packet(wire.SAMPLES, 1, values, 1, 0, 0, 987_654_321, 987_650_000).sealed(plain)
+    assert samples == Packet(wire.SAMPLES, 3, values, 1, 0, 1, 987_654_321, 987_650_000).sealed(plain)
 
 
 def test_the_table_of_fields_has_the_offsets_of_the_code() -> None:

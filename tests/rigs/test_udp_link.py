@@ -91,12 +91,25 @@ def test_a_command_leaves_as_documented_and_its_answer_is_taken(ends: Ends) -> N
     assert ends.counted() == {"sent": 1, "answered": 1}
 
 
-@pytest.mark.parametrize("kind", [wire.ARM, wire.REST, wire.CLOSE])
+@pytest.mark.parametrize("kind", [wire.REST, wire.CLOSE])
 def test_other_kinds_carry_no_words(ends: Ends, kind: int) -> None:
     ends.send(answer(3))
     assert converse_at(ends.link, kind, 3, 9.9, 0, ANSWER_NS) == OK
     sent = ends.received()
     assert (sent.kind, sent.sequence, sent.content) == (kind, 3, b"")
+
+
+def test_arm_carries_the_words_of_its_session(ends: Ends) -> None:
+    """And nothing of an earlier session stays: sequence, state, counts."""
+    ends.exchange(7, answer(7, faults=wire.SENSOR))
+    ends.received()
+    words, key = bytes(range(40)), bytes(range(60, 76))
+    links.begin_session(ends.link, np.frombuffer(key, "<u8").astype(np.uint64), words)
+    assert not ends.counted() and ends.link.status.tolist() == [0, -1, -1, *[0] * 7]
+    ends.send(answer(0, key=key))
+    assert converse_at(ends.link, wire.ARM, 0, 9.9, 0, ANSWER_NS) == OK
+    sent = opened(ends.target.recv(300), key)
+    assert sent is not None and (sent.kind, sent.sequence, sent.content) == (wire.ARM, 0, words)
 
 
 def test_a_lost_answer_keeps_the_last_samples_and_is_counted_until_one_comes(ends: Ends) -> None:

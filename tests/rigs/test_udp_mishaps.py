@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import time
 from collections import Counter
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bench import rig_info
+from packets import opened
 from udp_peer import SECRET, PlainTarget
 from udp_relay import Mishap, Relay
 
@@ -76,7 +78,16 @@ def test_what_is_obeyed_was_sent_and_what_is_taken_is_the_answer(
     first = rig.arm().copy()
     base = int(rig.link.status[links.BASE])
     there, back = Counter[str](), Counter[str]()
-    relay.to_target, relay.to_runner = mishaps(1, there), mishaps(2, back)
+    spoil, sent = mishaps(1, there), dict[int, float]()
+    key = rig.link.key.astype("<u8").tobytes()
+
+    def note(packet: bytes) -> list[tuple[float, bytes]]:
+        said = opened(packet, key)
+        assert said is not None
+        sent[said.sequence] = struct.unpack("<d", said.content[:8])[0]
+        return spoil(packet)
+
+    relay.to_target, relay.to_runner = note, mishaps(2, back)
     command, samples = np.arange(1.0, STEPS + 1.0) / STEPS, [first]
     for volts in command:
         samples.append(rig.exchange(float(volts)).copy())
@@ -85,7 +96,8 @@ def test_what_is_obeyed_was_sent_and_what_is_taken_is_the_answer(
     assert min(there.values()) >= 3 and min(back.values()) >= 3
     sequences = [sequence for sequence, _ in target.obeyed]
     assert sequences == sorted(set(sequences))
-    assert all(volts == command[sequence - base - 1] for sequence, volts in target.obeyed)
+    assert list(sent.values()) == command.tolist() and list(sent) == sorted(sent)
+    assert all(volts == sent[sequence] for sequence, volts in target.obeyed)
     assert counts["sent"] == STEPS == counts["answered"] + counts["lost"]
     assert min(counts["lost"], counts["late"], counts["doubled"], counts["bad"]) > 0
     assert counts["stray"] == counts["unsent"] == 0

@@ -6,7 +6,6 @@ import socket
 import struct
 import threading
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,24 +13,63 @@ from packets import Packet, opened, plain_siphash
 
 from rths_cli.errors import RigError
 from rths_cli.rigs.udp import wire
-from rths_cli.rigs.udp.session import (
-    Answer,
-    Offer,
-    Session,
-    Terms,
-    answer_hello,
-    greet,
-    judge,
-    sealed,
-    session_key,
-)
+from rths_cli.rigs.udp.handshake import PERIOD_NS, Greeter, answer_hello_at, open_greeter, opens_session_at
+from rths_cli.rigs.udp.session import Session, Terms, greet, judge, sealed, session_key
 from rths_cli.rigs.udp.sockets import bound, connected
 
 SECRET = bytes(range(100, 116))
 WORDS = np.frombuffer(SECRET, "<u8").astype(np.uint64)
 WANTED = Terms(3, 1_000_000, 100_000_000)
-OFFER = Offer(3, 250_000, 50_000_000)
+NOW = 7 * PERIOD_NS + PERIOD_NS // 2
 Reply = Callable[[bytes], list[bytes]]
+
+
+class Target:
+    """A target's side of the handshake: what it answers to a HELLO, and which ARM begins a session."""
+
+    def __init__(self, channels: int = 3, busy: bool = False, faults: int = 0) -> None:
+        self.greeter: Greeter = open_greeter(WORDS, channels, 250_000, 50_000_000)
+        self.busy, self.faults = busy, faults
+        self.answer(b"")  # compiled before anyone waits for an answer
+
+    def answer(self, data: bytes, now: int = NOW) -> bytes | None:
+        """Return the answer to a packet, None for none."""
+        packet, out = buffer(data), np.zeros(wire.MOST_BYTES, np.uint8)
+        before = self.greeter.armed[0], self.greeter.offer.copy(), self.greeter.boot.copy()
+        size = answer_hello_at(self.greeter, packet, len(data), now, self.faults, self.busy, out)
+        assert before[0] == self.greeter.armed[0]  # no HELLO changes anything
+        assert np.array_equal(before[1], self.greeter.offer) and np.array_equal(before[2], self.greeter.boot)
+        return out[:size].tobytes() if size else None
+
+    def begins(self, data: bytes, now: int = NOW) -> bool:
+        """Tell whether a packet begins a session."""
+        scratch = np.zeros(wire.MOST_BYTES, np.uint8)
+        return bool(opens_session_at(self.greeter, buffer(data), len(data), now, scratch))
+
+    def key(self) -> bytes:
+        """Return the key of the session that began last."""
+        return self.greeter.key.astype("<u8").tobytes()
+
+
+def buffer(data: bytes) -> np.ndarray:
+    packet = np.zeros(wire.MOST_BYTES, np.uint8)
+    packet[: len(data)] = np.frombuffer(data[: wire.MOST_BYTES], np.uint8)
+    return packet
+
+
+def key_of(welcome: bytes) -> bytes:
+    """Return the session key that a WELCOME gives, by the page's words."""
+    said = opened(welcome, SECRET)
+    assert said is not None and said.kind == wire.WELCOME
+    label = (b"rths-key" + struct.pack("<Q", i) for i in (0, 1))
+    return b"".join(plain_siphash(head + said.content[:32], SECRET) for head in label)
+
+
+def arm_of(welcome: bytes, sequence: int = 0, terms: bytes | None = None) -> bytes:
+    """Return the ARM of a runner that was welcomed."""
+    said = opened(welcome, SECRET)
+    assert said is not None
+    return Packet(wire.ARM, sequence, said.content[:16] + (terms or said.content[32:])).sealed(key_of(welcome))
 
 
 @pytest.fixture
@@ -70,26 +108,26 @@ def meet() -> Iterator[Callable[[Reply], tuple[socket.socket, str]]]:
         door.close()
 
 
-def hello(nonce: bytes = b"n" * 16, terms: Terms = WANTED, version: int = 2, kind: int = wire.HELLO) -> bytes:
-    content = nonce + struct.pack("<3q", terms.channels, terms.interval_ns, terms.watchdog_ns)
+def hello(nonce: bytes = b"n" * 16, terms: Terms = WANTED, version: int = 3, kind: int = wire.HELLO) -> bytes:
+    content = nonce + struct.pack("<3q", terms.channels, terms.interval_ns, terms.watchdog_ns) + bytes(16)
     return Packet(kind, 0, content, version=version).sealed(SECRET)
+
+
+def welcomed(target: Target, nonce: bytes = b"n" * 16, now: int = NOW) -> bytes:
+    answer = target.answer(hello(nonce), now)
+    assert answer is not None and answer[wire.KIND] == wire.WELCOME
+    return answer
 
 
 def test_both_sides_get_the_same_key_and_the_shorter_watchdog(
     meet: Callable[[Reply], tuple[socket.socket, str]],
 ) -> None:
-    answers: list[Answer | None] = []
-
-    def reply(data: bytes) -> list[bytes]:
-        answers.append(answer_hello(data, WORDS, OFFER))
-        return [answers[-1].packet] if answers[-1] else []
-
-    session = greet(*meet(reply), WORDS, WANTED)
-    assert answers[0] is not None
-    other = answers[0].session
-    assert other is not None
-    assert session.terms == other.terms == Terms(3, 1_000_000, 50_000_000)
-    assert np.array_equal(session.key, other.key)
+    target = Target()
+    session = greet(*meet(lambda data: [target.answer(data) or b""]), WORDS, WANTED)
+    assert session.terms == Terms(3, 1_000_000, 50_000_000)
+    arm = sealed(wire.ARM, session.arming, session.key)
+    assert target.begins(arm)
+    assert target.key() == session.key.astype("<u8").tobytes()
 
 
 def test_the_session_key_is_the_documented_hash() -> None:
@@ -101,85 +139,152 @@ def test_the_session_key_is_the_documented_hash() -> None:
 
 
 def test_a_lost_welcome_is_sent_again_and_is_the_same(meet: Callable[[Reply], tuple[socket.socket, str]]) -> None:
-    answers: list[Answer] = []
+    target, answers = Target(), list[bytes]()
 
     def reply(data: bytes) -> list[bytes]:
-        answer = answer_hello(data, WORDS, OFFER, answers[-1] if answers else None)
-        assert answer is not None
-        answers.append(answer)
-        return [answer.packet] if len(answers) == 3 else []
+        answers.append(target.answer(data) or b"")
+        return [answers[-1]] if len(answers) == 3 else []
 
     session = greet(*meet(reply), WORDS, WANTED)
-    assert len(answers) == 3
-    assert answers[0].session is not None
-    assert np.array_equal(session.key, answers[0].session.key)
+    assert len(answers) == 3 and len(set(answers)) == 1
+    assert target.begins(sealed(wire.ARM, session.arming, session.key))
 
 
 def test_two_sessions_never_share_a_key() -> None:
-    first, second = (answer_hello(hello(), WORDS, OFFER) for _ in range(2))
-    assert first is not None and second is not None
-    assert isinstance(first.session, Session) and isinstance(second.session, Session)
-    assert not np.array_equal(first.session.key, second.session.key)
-    third = answer_hello(hello(b"m" * 16), WORDS, OFFER, second)
-    assert third is not None and third.session is not None
-    assert not np.array_equal(second.session.key, third.session.key)
+    """Not of two nonces, of two targets or starts, of two periods, nor before and after a session was armed."""
+    target = Target()
+    answers = [welcomed(target), welcomed(target, b"m" * 16), welcomed(Target()), welcomed(target, now=NOW + PERIOD_NS)]
+    assert target.begins(arm_of(answers[0]))
+    answers.append(welcomed(target))
+    assert len({key_of(answer) for answer in answers}) == len(answers)
+    assert len({answer[56:64] for answer in answers} | {answer[64:72] for answer in answers}) == 2 * len(answers)
+
+
+def test_an_arm_begins_one_session_and_never_another() -> None:
+    """Each of three runners was welcomed; the first ARM that comes makes the others and itself worthless."""
+    target = Target()
+    arms = [arm_of(welcomed(target, nonce)) for nonce in (b"a" * 16, b"b" * 16, b"c" * 16)]
+    again = [arm_of(welcomed(target, nonce), sequence=1) for nonce in (b"a" * 16, b"b" * 16)]
+    assert target.begins(arms[1])
+    assert not any(target.begins(arm) for arm in (*arms, *again))
+    assert target.greeter.armed[0] == 1
+    assert target.begins(arm_of(welcomed(target, b"a" * 16), sequence=3))
+    assert not any(target.begins(arm) for arm in (*arms, *again))
+
+
+def test_an_arm_of_before_the_target_s_start_begins_no_session() -> None:
+    arm = arm_of(welcomed(Target()))
+    assert not Target().begins(arm)
 
 
 @pytest.mark.parametrize(
-    ("offer", "words"),
+    ("later", "taken"), [(0, True), (PERIOD_NS, True), (2 * PERIOD_NS, False), (-PERIOD_NS, False)]
+)
+def test_an_arm_is_worth_something_in_the_period_of_its_welcome_and_the_next(later: int, taken: bool) -> None:
+    target = Target()
+    arm = arm_of(welcomed(target))
+    assert target.begins(arm, NOW + later) == taken
+
+
+@pytest.mark.parametrize("terms", [(2, 1_000_000, 50_000_000), (3, 249_999, 50_000_000), (3, 1_000_000, 50_000_001),
+                                   (3, 1_000_000, 0), (3, 1_000_000, -5), (3, -1, 50_000_000)])  # fmt: skip
+def test_an_arm_of_terms_that_no_welcome_grants_begins_no_session(terms: tuple[int, int, int]) -> None:
+    target = Target()
+    assert not target.begins(arm_of(welcomed(target), terms=struct.pack("<3q", *terms)))
+    assert target.begins(arm_of(welcomed(target)))
+
+
+def test_nothing_but_an_arm_begins_a_session() -> None:
+    target = Target()
+    welcome = welcomed(target)
+    arm, key = arm_of(welcome), key_of(welcome)
+    content = arm[40:80]
+    bad = [
+        *(Packet(kind, 0, content).sealed(key) for kind in range(256) if kind != wire.ARM),
+        *(Packet(wire.ARM, 0, content[: 8 * n]).sealed(key) for n in range(5)),
+        Packet(wire.ARM, 0, content + bytes(8)).sealed(key),
+        Packet(wire.ARM, 0, content, version=2).sealed(key),
+        Packet(wire.ARM, 0, content).sealed(SECRET),
+        Packet(wire.ARM, 0, bytes(16) + content[16:]).sealed(key),
+        arm[:-1],
+        arm + b"\0",
+        *(arm[:at] + bytes([arm[at] ^ 1]) + arm[at + 1 :] for at in range(len(arm))),
+    ]
+    assert not any(target.begins(data) for data in bad)
+    assert target.begins(arm)
+
+
+@pytest.mark.parametrize(
+    ("target", "words"),
     [
-        (replace(OFFER, busy=True), "another session has its table"),
-        (replace(OFFER, channels=2), "it has 2 channels; name as many in the rig file"),
-        (replace(OFFER, shortest_interval_ns=2_000_000), "shortest sample interval is 2000 us; lower sample_rate_hz"),
-        (replace(OFFER, faults=wire.EMERGENCY_STOP | wire.SENSOR), "emergency stop is pressed, a sensor failed; put"),
-        (replace(OFFER, faults=wire.TARGET_FAULT << 3), "its own fault code 0x80000"),
+        (Target(busy=True), "another session has its table"),
+        (Target(channels=2), "it has 2 channels; name as many in the rig file"),
+        (Target(faults=wire.EMERGENCY_STOP | wire.SENSOR), "emergency stop is pressed, a sensor failed; put"),
+        (Target(faults=wire.TARGET_FAULT << 3), "its own fault code 0x80000"),
     ],
 )
-def test_a_refusal_says_why(meet: Callable[[Reply], tuple[socket.socket, str]], offer: Offer, words: str) -> None:
-    def reply(data: bytes) -> list[bytes]:
-        answer = answer_hello(data, WORDS, offer)
-        assert answer is not None and answer.session is None
-        return [answer.packet]
-
-    link, peer = meet(reply)
+def test_a_refusal_says_why(meet: Callable[[Reply], tuple[socket.socket, str]], target: Target, words: str) -> None:
+    link, peer = meet(lambda data: [target.answer(data) or b""])
     with pytest.raises(RigError, match=f"target 127.0.0.1:.* refuses the session: .*{words}"):
         greet(link, peer, WORDS, WANTED)
 
 
-def test_another_version_is_told_on_both_sides(meet: Callable[[Reply], tuple[socket.socket, str]]) -> None:
-    answer = answer_hello(hello(version=1), WORDS, OFFER)
-    assert answer is not None and answer.session is None
-    told = opened(answer.packet, SECRET)
-    assert told is not None
-    assert told.content == b"n" * 16 + struct.pack("<2q", wire.NO_VERSION, 2)
+def test_too_short_an_interval_is_refused(meet: Callable[[Reply], tuple[socket.socket, str]]) -> None:
+    link, peer = meet(lambda data: [Target().answer(data) or b""])
+    with pytest.raises(RigError, match="shortest sample interval is 250 us; lower sample_rate_hz"):
+        greet(link, peer, WORDS, Terms(3, 249_999, 0))
+
+
+def version_2(nonce: bytes = b"n" * 16) -> bytes:
+    """Return the HELLO of a runner of version 2."""
+    return Packet(wire.HELLO, 0, nonce + struct.pack("<3q", 3, 10**6, 10**8), version=2).sealed(SECRET)
+
+
+def test_a_runner_of_version_2_is_answered_by_a_refusal_that_it_understands() -> None:
+    """It asks for its nonce and a genuine tag, and names the version in the head of what it gets."""
+    answer = Target().answer(version_2())
+    assert answer is not None and answer[wire.VERSION] == 3 and len(answer) == 80 <= len(version_2())
+    told = opened(answer, SECRET)
+    assert told is not None and told.kind == wire.REFUSAL
+    assert told.content == b"n" * 16 + struct.pack("<2q", wire.NO_VERSION, 3)
+
+
+def test_a_target_of_version_2_is_refused_in_one_sentence(meet: Callable[[Reply], tuple[socket.socket, str]]) -> None:
+    """Version 2 answered a HELLO of another version by its own REFUSAL (its examples/udp_target.c)."""
 
     def reply(data: bytes) -> list[bytes]:
-        return [Packet(wire.REFUSAL, 0, data[40:56], version=7).sealed(SECRET)]
+        words = data[40:56] + struct.pack("<2Q", wire.NO_VERSION, 2)
+        return [Packet(wire.REFUSAL, 0, words, version=2).sealed(SECRET)]
 
     link, peer = meet(reply)
-    with pytest.raises(RigError, match="speaks version 7 of the protocol, this rths version 2; bring both"):
+    with pytest.raises(RigError, match="speaks version 2 of the protocol, this rths version 3; bring both") as raised:
         greet(link, peer, WORDS, WANTED)
+    assert "\n" not in str(raised.value)
 
 
 def test_replayed_and_forged_welcomes_are_passed_over(meet: Callable[[Reply], tuple[socket.socket, str]]) -> None:
-    old = answer_hello(hello(b"o" * 16), WORDS, OFFER)
-    assert old is not None
-    keys = []
+    target = Target()
+    old = welcomed(target, b"o" * 16)
 
     def reply(data: bytes) -> list[bytes]:
-        forged = answer_hello(hello(data[40:56]), WORDS, OFFER)
-        real = answer_hello(data, WORDS, OFFER)
-        assert real is not None and real.session is not None and forged is not None
-        keys.append(real.session.key)
-        return [old.packet, forged.packet[:-1] + b"x", data, b"", bytes(2000), real.packet]
+        real = target.answer(data)
+        assert real is not None
+        return [old, real[:-1] + bytes([real[-1] ^ 1]), data, b"", bytes(2000), real]
 
     session = greet(*meet(reply), WORDS, WANTED)
-    assert any(np.array_equal(session.key, key) for key in keys)
+    assert isinstance(session, Session) and target.begins(sealed(wire.ARM, session.arming, session.key))
 
 
 def test_answers_under_another_key_are_named(meet: Callable[[Reply], tuple[socket.socket, str]]) -> None:
     link, peer = meet(lambda data: [Packet(wire.WELCOME, 0, data[40:56] + bytes(40)).sealed(bytes(16))])
     with pytest.raises(RigError, match=r"sent \d+ answers made with another key; give both sides the same key file"):
+        greet(link, peer, WORDS, WANTED, timeout_s=0.15)
+
+
+def test_replayed_welcomes_are_not_taken_for_another_key(meet: Callable[[Reply], tuple[socket.socket, str]]) -> None:
+    old = welcomed(Target(), b"o" * 16)
+    link, peer = meet(lambda data: [old] * 3)
+    with pytest.raises(RigError, match=r"did not answer within 0\.15 s"):
         greet(link, peer, WORDS, WANTED, timeout_s=0.15)
 
 
@@ -196,29 +301,31 @@ def test_silence_and_a_closed_port_name_address_and_what_to_look_at(
         greet(link, peer, WORDS, WANTED, timeout_s=0.15)
 
 
-def test_a_target_answers_nothing_but_genuine_hellos() -> None:
-    good = hello()
+def test_a_target_answers_nothing_but_genuine_hellos_and_nothing_longer() -> None:
+    good, target = hello(), Target()
     bad = [
         b"",
         good[:-1],
         good + b"\0",
         good[:60] + b"\xff" + good[61:],
-        Packet(wire.HELLO, 0, bytes(40)).sealed(bytes(16)),
-        Packet(wire.HELLO, 0, bytes(32)).sealed(SECRET),
+        Packet(wire.HELLO, 0, bytes(56)).sealed(bytes(16)),
+        *(Packet(wire.HELLO, 0, bytes(8 * n)).sealed(SECRET) for n in range(17) if n != 7),
+        *(Packet(wire.HELLO, 0, bytes(8 * n), version=2).sealed(SECRET) for n in range(2)),
         *(hello(kind=kind) for kind in range(256) if kind != wire.HELLO),
     ]
-    assert [data for data in bad if answer_hello(data, WORDS, OFFER) is not None] == []
-    assert answer_hello(good, WORDS, OFFER) is not None
+    assert [data for data in bad if target.answer(data) is not None] == []
+    for asked in (good, hello(version=9), hello(terms=Terms(9, 0, 0))):
+        answer = target.answer(asked)
+        assert answer is not None and len(answer) <= len(asked)
 
 
 def test_terms_out_of_sense_are_refused_or_set_right() -> None:
     for interval in (0, -1, 249_999):
-        answer = answer_hello(hello(terms=Terms(3, interval, 0)), WORDS, OFFER)
-        assert answer is not None and answer.session is None
-    for watchdog in (0, -5, 10**18):
-        answer = answer_hello(hello(terms=Terms(3, 250_000, watchdog)), WORDS, OFFER)
-        assert answer is not None and answer.session is not None
-        assert answer.session.terms.watchdog_ns == 50_000_000
+        answer = Target().answer(hello(terms=Terms(3, interval, 0)))
+        assert answer is not None and answer[wire.KIND] == wire.REFUSAL
+    for watchdog in (0, -5, 10**18, 50_000_001):
+        answer = Target().answer(hello(terms=Terms(3, 250_000, watchdog)))
+        assert answer is not None and struct.unpack("<3q", answer[72:96]) == (3, 250_000, 50_000_000)
 
 
 def test_packets_made_in_python_are_judged_in_python() -> None:

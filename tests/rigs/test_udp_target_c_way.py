@@ -62,14 +62,15 @@ class Clocked:
 
     def __init__(self, program: Path) -> None:
         self.process = subprocess.Popen([program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        hello = Packet(wire.HELLO, 0, bytes(16) + struct.pack("<3q", 3, INTERVAL_NS, 200_000_000))
+        terms = struct.pack("<3q", 3, INTERVAL_NS, 200_000_000)
+        hello = Packet(wire.HELLO, 0, bytes(16) + terms + bytes(16))
         answer = self.at(0, hello.sealed(SECRET))[2]
         welcome = opened(answer, SECRET)
         assert welcome is not None and welcome.kind == wire.WELCOME
         label = (b"rths-key" + struct.pack("<Q", i) for i in (0, 1))
         self.key = b"".join(plain_siphash(head + welcome.content[:32], SECRET) for head in label)
         self.sequence = 0
-        assert self.at(0, Packet(wire.ARM, 0).sealed(self.key))[1] == wire.ARMED
+        assert self.at(0, Packet(wire.ARM, 0, bytes(16) + terms).sealed(self.key))[1] == wire.ARMED
 
     def at(self, time_ns: int, packet: bytes = b"") -> tuple[float, int, bytes]:
         """Let it be this time, and a packet come then; return what stands at the output, the state, the answer."""

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
+import hmac
 import secrets
 import socket
 import struct
 import tempfile
 import threading
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +30,11 @@ IDLE, ARMED, RESTING, RESTED = range(4)
 Spoil = Callable[[int, bytes], list[bytes]]
 
 
+def now_period() -> int:
+    """Return the number of the current period, of 10 s, of a target's clock."""
+    return time.monotonic_ns() // 10_000_000_000
+
+
 def faithful(_: int, answer: bytes) -> list[bytes]:
     return [answer]
 
@@ -43,6 +51,8 @@ class PlainTarget:
         self.secret, self.table, self.channels = secret, table, channels
         self.spoil: Spoil = faithful
         self.key: bytes | None = None
+        self.boot, self.armed = secrets.token_bytes(32), 0  # what its nonces are computed from; sessions so far
+        self.hellos = 0
         self.state, self.faults, self.lost, self.last, self.rests = IDLE, 0, 0, -1, 0
         self.latched_v = 0.0
         self.samples: Sequence[float] = [0.0] * channels
@@ -68,22 +78,41 @@ class PlainTarget:
                 return
             if (hello := opened(data, self.secret)) is not None and hello.kind == HELLO:
                 self.door.sendto(self._welcome(hello), address)
-            elif (
-                self.key is not None and (packet := opened(data, self.key)) is not None and packet.sequence > self.last
-            ):
+                continue
+            packet = opened(data, self.key) if self.key is not None else None
+            packet = packet or self._begun(data)
+            if packet is not None and packet.sequence > self.last:
                 for answer in self.spoil(packet.sequence, self._answer(packet)):
                     self.door.sendto(answer, address)
 
+    def _nonce(self, runner_nonce: bytes, period: int) -> bytes:
+        """Return this target's nonce for a runner's; how it is made is the target's own matter."""
+        message = struct.pack("<2Q", self.armed, period) + runner_nonce
+        return hmac.digest(self.boot, message, hashlib.sha256)[:16]
+
     def _welcome(self, hello: Packet) -> bytes:
-        nonces = hello.content[:16] + secrets.token_bytes(16)
-        label = (b"rths-key" + struct.pack("<Q", i) for i in (0, 1))
-        self.key = b"".join(plain_siphash(head + nonces, self.secret) for head in label)
-        self.state, self.lost, self.last = IDLE, 0, -1
-        return Packet(WELCOME, 0, nonces + hello.content[16:40]).sealed(self.secret)
+        self.hellos += 1
+        runner, terms = hello.content[:16], hello.content[16:40]
+        return Packet(WELCOME, 0, runner + self._nonce(runner, now_period()) + terms).sealed(self.secret)
+
+    def _begun(self, data: bytes) -> Packet | None:
+        """Return the first ARM of a new session, which then is this target's."""
+        if self.state in (ARMED, RESTING) or len(data) != 88:
+            return None
+        for period in (now_period(), now_period() - 1):
+            nonces = data[40:56] + self._nonce(data[40:56], period)
+            label = (b"rths-key" + struct.pack("<Q", i) for i in (0, 1))
+            key = b"".join(plain_siphash(head + nonces, self.secret) for head in label)
+            packet = opened(data, key)
+            if packet is not None and packet.kind == ARM:
+                self.key, self.armed = key, self.armed + 1
+                self.state, self.lost, self.last, self.rests = IDLE, 0, -1, 0
+                return packet
+        return None
 
     def _answer(self, packet: Packet) -> bytes:
         self.received.append(packet)
-        self.lost += packet.sequence - self.last - 1 if self.last >= 0 else 0
+        self.lost += packet.sequence - self.last - 1
         self.last = packet.sequence
         if packet.kind == ARM and self.state == IDLE:
             self.state, self.samples, self.latched_v = ARMED, self.table(None), 0.0

@@ -160,7 +160,7 @@ def test_forged_replayed_mutated_and_random_packets_move_nothing(running: Runnin
     link = rig.link
     links.converse_at(link, wire.COMMAND, rig._next_k(), 0.0, 0, 500_000_000)
     genuine = link.outgoing[: wire.LEAST_BYTES + 8].tobytes()
-    secret_command = sealed(wire.COMMAND, struct.pack("<d", 5.0), running.server._secret, 1000)
+    secret_command = sealed(wire.COMMAND, struct.pack("<d", 5.0), running.server._door.greeter.secret, 1000)
     foreign = sealed(wire.COMMAND, struct.pack("<d", 5.0), random.integers(0, 2**63, 2).astype(np.uint64), 1000)
     stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     stranger.connect((running.host, running.port))
@@ -225,19 +225,28 @@ def test_the_way_to_rest_begins_as_the_table_may_move(running: Running, silent: 
     rig.close()
 
 
-def test_a_closed_session_takes_no_more_packets(running: Running) -> None:
+def test_a_closed_session_obeys_no_more_commands_and_answers_until_another_is_armed(running: Running) -> None:
     rig = running.rig()
     rig.open()
     rig.arm()
     rig.exchange(0.0)
-    link, door, key = rig.link, rig._door, running.server._door.key.copy()
+    link = rig.link
     assert links.converse_at(link, wire.CLOSE, rig._next_k(), 0.0, 0, 500_000_000) == links.FAULT  # at rest, not armed
     until(lambda: len(running.server.ended) == 1)
     assert running.server.ended[0].ended_by == "the runner closed it"
-    assert door is not None and not np.array_equal(running.server._door.key, key)
+    for kind in (wire.COMMAND, wire.ARM, wire.REST, wire.CLOSE):
+        answered = int(link.counts[links.ANSWERED])
+        assert links.converse_at(link, kind, rig._next_k(), 1.0, 0, 500_000_000) == links.FAULT
+        assert link.counts[links.ANSWERED] == answered + 1 and link.status[links.STATE] == wire.RESTED
+    assert running.counts[serving.OBEYED] == 1 and running.server._table.latched_v[0] == 0.0
+    other = running.rig()
+    other.open()
+    assert links.converse_at(link, wire.CLOSE, rig._next_k(), 0.0, 0, 500_000_000) == links.FAULT
+    other.arm()
     lost = int(link.counts[links.UNANSWERED])
     links.converse_at(link, wire.COMMAND, rig._next_k(), 0.0, 0, 30_000_000)
     assert link.counts[links.UNANSWERED] == lost + 1 and running.counts[serving.FORGED] == 1
+    other.close()
 
 
 def test_doubled_and_reordered_commands_are_not_obeyed_and_gaps_are_counted(running: Running) -> None:

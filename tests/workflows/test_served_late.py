@@ -19,6 +19,7 @@ from rths_cli.loop import receiving, serving
 from rths_cli.loop.receiving import CONTROL_SIZE, STAMP_KIND, STAMP_NS, STAMP_S
 from rths_cli.lti import Array
 from rths_cli.rigs.udp import wire
+from rths_cli.rigs.udp.handshake import open_greeter
 from rths_cli.rigs.udp.session import sealed
 from rths_cli.rigs.udp.siphash import Words
 from rths_cli.rigs.udp.sockets import bound
@@ -27,7 +28,13 @@ from rths_cli.workflows.serve_table import ServedRig, describe, make_table
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
 INTERVAL_NS = round(1e9 / RATE_HZ)
 SECRET, KEY = np.array([1, 2], np.uint64), np.array([3, 4], np.uint64)
-SINCE_LONG, HOUR_NS = -(10**12), 3_600_000_000_000
+HOUR_NS = 3_600_000_000_000
+
+
+@entry
+def look(d: serving.Door, t: serving.Table) -> int:
+    """Serve one packet, as `serve_packets` does many."""
+    return serving.look(d, t)
 
 
 @pytest.fixture(scope="module")
@@ -53,9 +60,8 @@ class Late:
         return before, time.monotonic_ns()
 
     def serve(self) -> None:
-        """Read what is there up to the next greeting, and take its answer where there is one."""
-        self.door.session[serving.GREETED_AT_NS] = SINCE_LONG
-        assert serving.serve_packets(self.door, self.table) == serving.GREETING
+        """Read the next packet, and take its answer where there is one."""
+        look(self.door, self.table)
         try:
             packet = self.runner.recv(wire.MOST_BYTES)
         except BlockingIOError:
@@ -69,24 +75,23 @@ def late(served: ServedRig) -> Iterator[Late]:
     with bound("127.0.0.1", 0) as link, socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as runner:
         runner.connect(link.getsockname())
         runner.setblocking(False)
-        door = serving.open_door(link, SECRET, KEY, INTERVAL_NS, 300_000_000, np.zeros(1, np.int64))
+        door = serving.open_door(
+            link, open_greeter(SECRET, 3, 1, 10**9), KEY, INTERVAL_NS, 300_000_000, np.zeros(1, np.int64)
+        )
         table = make_table(served, INTERVAL_NS)
-        serving.serve_packets.bind(door, table)  # compiled before the clock runs
+        look.bind(door, table)  # compiled before the clock runs
         yield Late(door, table, runner, [])
 
 
 def commanded(late: Late, command_v: float, sequence: int) -> tuple[int, int]:
-    """Send a command, and a greeting behind which the server stops; return the times before and after the command."""
-    sent = late.send(wire.COMMAND, sequence, struct.pack("<d", command_v))
-    late.send(wire.HELLO, 0, bytes(40), SECRET)
-    return sent
+    """Send a command; return the times before and after it."""
+    return late.send(wire.COMMAND, sequence, struct.pack("<d", command_v))
 
 
 def test_a_server_held_up_gives_the_samples_of_each_command_s_own_instant(late: Late, served: ServedRig) -> None:
     """Commands wait for longer than the watchdog bears; table and answers are as if they had been read at once."""
     commands = wave(80)
-    late.send(wire.ARM, 0)
-    late.send(wire.HELLO, 0, bytes(40), SECRET)
+    late.send(wire.ARM, 0, bytes(40))
     late.serve()
     sent = []
     for k, command in enumerate(commands):
@@ -109,8 +114,9 @@ def test_a_server_held_up_gives_the_samples_of_each_command_s_own_instant(late: 
 
 
 def test_without_any_command_the_watchdog_still_bites(late: Late) -> None:
-    late.send(wire.ARM, 0)
+    late.send(wire.ARM, 0, bytes(40))
     commanded(late, 0.5, 1)
+    late.serve()
     late.serve()
     time.sleep(0.35)
     commanded(late, 0.6, 2)

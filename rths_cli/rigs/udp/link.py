@@ -49,6 +49,7 @@ class Link(NamedTuple):
     key: Words  # (2,) of the session
     outgoing: Bytes  # (MOST_BYTES,)
     incoming: Bytes  # (MOST_BYTES,)
+    arming: Bytes  # (8 * ARM_WORDS,) the words of an ARM: the runner's nonce and the terms of the session
     way: Way  # the next command to leave, and how it goes on where the one after it is late
     samples_v: Array  # (c,) the last ones that came
     status: IntArray
@@ -56,13 +57,21 @@ class Link(NamedTuple):
     scratch: IntArray  # (4,) times, and what is polled
 
 
+def begin_session(link: Link, key: Words, arming: bytes) -> None:
+    """Give a link the key (2,) of a session and the words of its ARM; nothing of an earlier session is left."""
+    link.key[:], link.arming[:] = key, np.frombuffer(arming, np.uint8)
+    link.status[:], link.status[LAST], link.status[SEEN] = 0, -1, -1
+    link.counts[:] = 0
+
+
 def fresh_link(
     door: socket.socket, key: Words, channels: int, spin_ns: int = SPIN_NS, timeout_ns: int = NO_TIMEOUT_NS
 ) -> Link:
     """Return a link over a connected socket, which must stay open as long as the link is used."""
     return Link(
-        door.fileno(), spin_ns, timeout_ns, key,
+        door.fileno(), spin_ns, timeout_ns, key.copy(),
         np.zeros(wire.MOST_BYTES, np.uint8), np.zeros(wire.MOST_BYTES, np.uint8),
+        np.zeros(8 * wire.ARM_WORDS, np.uint8),
         fresh_way(), np.zeros(channels), np.array([0, -1, -1, *[0] * 7]), np.zeros(len(COUNTS), np.int64),
         np.zeros(4, np.int64),
     )  # fmt: skip
@@ -82,11 +91,14 @@ def post(link: Link, kind: int, sequence: int, command_v: float) -> int:
 
     What the network reports of an earlier packet ends the first call without sending; the second one sends.
     """
-    words = words_of(link.way) if kind == wire.COMMAND else 0
+    words = words_of(link.way) if kind == wire.COMMAND else wire.ARM_WORDS if kind == wire.ARM else 0
     wire.begin(link.outgoing, kind, words, sequence)
-    if words > 0:
+    if kind == wire.COMMAND:
         link.way.volts[0] = command_v
         put_way(link.outgoing, link.way)
+    elif kind == wire.ARM:
+        for i in range(link.arming.size):
+            link.outgoing[wire.WORDS + i] = link.arming[i]
     now = monotonic_ns(link.scratch)
     wire.put_int(link.outgoing, wire.SENT_NS, now)
     size = wire.seal(link.outgoing, link.key)
@@ -182,7 +194,9 @@ def converse(link: Link, kind: int, k: int, command_v: float, deadline_ns: int) 
 
 @part
 def exchange(link: Link, command_v: float, k: int, deadline_ns: int) -> int:
-    """Send command k (k rises from 1; `arm` took the samples of step 0), take the samples of step k in V.
+    """Send command k (the instant of the session's clock, counted from `arm`'s, step 0), take its samples in V.
+
+    k rises from 1, by more than one where no command left at an instant: the target then counts it as lost.
 
     Returns OK, LOST when no answer came until the monotonic time `deadline_ns` or for the link's `timeout_ns` (the
     samples are then the last ones that came), FAULT when the target reports a fault or obeys no commands.

@@ -14,7 +14,7 @@ from rths_cli.lti import Array
 from rths_cli.rigs.interface import RigInfo
 from rths_cli.rigs.udp import link as links
 from rths_cli.rigs.udp import wire
-from rths_cli.rigs.udp.link import Link, converse_at, fresh_link
+from rths_cli.rigs.udp.link import Link, begin_session, converse_at, fresh_link
 from rths_cli.rigs.udp.secret import read_secret
 from rths_cli.rigs.udp.sentences import fault_names
 from rths_cli.rigs.udp.session import GREETING_S, Session, Terms, greet
@@ -22,7 +22,8 @@ from rths_cli.rigs.udp.siphash import Words
 from rths_cli.rigs.udp.sockets import connected, on_this_machine
 
 ANSWER_SHARE = 0.7  # of the sample interval, in which an answer must come where the rig file does not say
-ARMING_S = 1.0
+ARMING_TRIES = 50  # to arm a target that does not answer, before a session is begun anew, once
+FRESH_S = 5.0  # a target accepts an ARM at least 10 s after its WELCOME
 RESTING_S = 6.0  # a table is back at zero within 2 s
 SILENT_S = 0.5  # of a peer that is asked to rest, until it is taken for dead
 PAUSE_S = 0.02  # between two questions to a target at leisure
@@ -62,7 +63,9 @@ class UdpRig:
         self.peer = f"{target.host}:{target.port}"
         self._door: socket.socket | None = None
         self._link: Link | None = None
+        self._secret: Words  # what the key file held when the rig was opened
         self._start_ns = 0
+        self._greeted_s = 0.0
         self._dt_ns = round(info.dt_s / IN_S)
         self._timeout_ns = round((target.timeout_s or ANSWER_SHARE * info.dt_s) / IN_S)
 
@@ -83,20 +86,23 @@ class UdpRig:
         if not REAL_TIME:
             raise RigError("a rig over UDP needs Linux; offline runs on a virtual rig work here")
         self.close()
-        secret = read_secret(self.target.key_file)
-        self._door, self.peer, session = self._greet(secret)
+        self._secret = read_secret(self.target.key_file)
+        self._door, self.peer, session = self._greet()
         self.info = replace(self.info, driver_verified="loopback" if on_this_machine(self._door) else "hardware")
-        self._check_terms(session.terms)
         self._link = fresh_link(self._door, session.key, session.terms.channels, timeout_ns=self._timeout_ns)
+        self._begin(session)
+        converse_at.bind(self._link, wire.ARM, 0, 0.0, 0, 0)  # compiled before the target is asked to arm
         self.at_rest, self.overruns = True, 0
 
     def arm(self) -> Array:
         """Enable motion and return the samples of step 0 in V, (n_channels,); step k follows k intervals later."""
-        link, end = self.link, time.monotonic() + ARMING_S
+        link = self.link
+        if time.monotonic() - self._greeted_s > FRESH_S:
+            self._greet_again()
         self.at_rest = False
-        while self._ask(wire.ARM) != links.OK:
-            self._check(f"rig {self.info.name}: the target {self.peer} does not arm")
-            if time.monotonic() > end:
+        if not self._armed():
+            self._greet_again()
+            if not self._armed():
                 raise RigError(f"rig {self.info.name}: the target {self.peer} does not answer when it is to arm")
         link.status[links.BASE] = link.status[links.LAST]
         link.counts[:] = 0
@@ -112,11 +118,12 @@ class UdpRig:
         if not math.isfinite(command_v):
             raise RigError(f"rig {self.info.name}: the command is not a number; it was not sent")
         k = self._next_k()
-        instant_ns = self._start_ns + k * self._dt_ns
-        late_ns = time.monotonic_ns() - instant_ns
-        if late_ns > self._dt_ns:
-            self._start_ns += late_ns
+        late_ns = time.monotonic_ns() - self._instant_ns(k)
+        if late_ns > self._dt_ns:  # sent at once; the instants without a command use up their numbers
+            k += late_ns // self._dt_ns
+            self._start_ns += late_ns % self._dt_ns
             self.overruns += 1
+        instant_ns = self._instant_ns(k)
         converse_at(link, wire.COMMAND, k, float(command_v), instant_ns, self._timeout_ns)
         self._check(f"rig {self.info.name}: the target {self.peer} stopped")
         if link.counts[links.IN_A_ROW] > self.target.lost_samples:
@@ -141,34 +148,57 @@ class UdpRig:
         end = time.monotonic() + RESTING_S
         heard = time.monotonic()
         while not self.at_rest and time.monotonic() < min(end, heard + SILENT_S):
-            before = self._link.counts[links.ANSWERED]
-            self._ask(wire.REST)
-            if self._link.counts[links.ANSWERED] > before:
+            if self._hears(wire.REST):
                 heard = time.monotonic()
-                self.at_rest = bool(self._link.status[links.STATE] in (wire.RESTED, wire.IDLE))
+                self.at_rest = bool(self._link.status[links.STATE] == wire.RESTED)
                 time.sleep(0.0 if self.at_rest else PAUSE_S)
 
     def close(self) -> None:
         """End the session and let go of the socket; safe to call twice. A table that still moves is led to rest."""
-        if self._link is not None:
+        if self._link is not None and self._link.status[links.LAST] >= 0:  # before ARM the target knows of no session
             for _ in range(3):
-                before = self._link.counts[links.ANSWERED]
-                self._ask(wire.CLOSE)
-                if self._link.counts[links.ANSWERED] > before:
+                if self._hears(wire.CLOSE):
                     break
         if self._door is not None:
             self._door.close()
         self._door = self._link = None
 
-    def _greet(self, secret: Words) -> tuple[socket.socket, str, Session]:
+    def _begin(self, session: Session) -> None:
+        """Take a session that the target offers; raise RigError where its terms are others than the rig's."""
+        self._check_terms(session.terms)
+        self._greeted_s = time.monotonic()
+        begin_session(self.link, session.key, session.arming)
+
+    def _greet_again(self) -> None:
+        """Begin a session anew, as another runner's or a target's restart may have made the first one worthless."""
+        assert self._door is not None  # a link is open
+        self._begin(greet(self._door, self.peer, self._secret, self._wanted()))
+
+    def _armed(self) -> bool:
+        """Ask the target to arm until it answers, and tell whether it did; raise RigError where it cannot."""
+        for _ in range(ARMING_TRIES):
+            if self._ask(wire.ARM) == links.OK:
+                return True
+            self._check(f"rig {self.info.name}: the target {self.peer} does not arm")
+        return False
+
+    def _hears(self, kind: int) -> bool:
+        """Send a packet without a command; tell whether an answer came, were it to an earlier one that was late."""
+        seen = int(self.link.status[links.SEEN])
+        self._ask(kind)
+        return bool(self.link.status[links.SEEN] > seen)
+
+    def _wanted(self) -> Terms:
+        """Return the terms that a session is asked for with."""
+        return Terms(len(self.info.channels), self._dt_ns, round(self.target.watchdog_s / IN_S))
+
+    def _greet(self) -> tuple[socket.socket, str, Session]:
         """Return socket, name and session of the first address of the host that answers."""
-        channels, watchdog_ns = len(self.info.channels), round(self.target.watchdog_s / IN_S)
-        wanted = Terms(channels, self._dt_ns, watchdog_ns)
         found = connected(self.target.host, self.target.port)
         fault: RigError | None = None
         for i, (door, peer) in enumerate(found):
             try:
-                session = greet(door, peer, secret, wanted, GREETING_S / len(found))
+                session = greet(door, peer, self._secret, self._wanted(), GREETING_S / len(found))
             except RigError as refused:
                 door.close()
                 fault = fault or refused
@@ -198,6 +228,10 @@ class UdpRig:
                 f"it must wait more than {1e-9 * borne_ns:g} s (lost_samples of the rig file and one more); raise it "
                 "or lower lost_samples"
             )
+
+    def _instant_ns(self, k: int) -> int:
+        """Return when the command of instant k is due, on the monotonic clock."""
+        return self._start_ns + k * self._dt_ns
 
     def _next_k(self) -> int:
         link = self.link

@@ -27,7 +27,7 @@ MAGIC, VERSION, KIND, COUNT, STATE, FAULTS, LOST, SEQUENCE, SENT_NS, INSTANT_NS,
 )
 MAGIC_BYTES = b"RTHS"
 MAGIC_NUMBER = int.from_bytes(MAGIC_BYTES, "little")
-PROTOCOL = 2  # what stands at VERSION
+PROTOCOL = 3  # what stands at VERSION
 MOST_WORDS = 16
 TAG_BYTES = 8
 LEAST_BYTES = WORDS + TAG_BYTES
@@ -37,6 +37,12 @@ MOST_BYTES = (
 
 # kinds: to the target HELLO, ARM, COMMAND, REST, CLOSE; from it WELCOME, REFUSAL, SAMPLES
 HELLO, WELCOME, REFUSAL, ARM, COMMAND, SAMPLES, REST, CLOSE = range(1, 9)
+
+# the words of HELLO, WELCOME, REFUSAL and ARM: a nonce of 16 bytes first. HELLO is as long as WELCOME, its last two
+# words are 0, so that nobody gets more bytes out of a target than he sent
+HELLO_WORDS, WELCOME_WORDS, REFUSAL_WORDS, ARM_WORDS = 7, 7, 4, 5
+NONCE_BYTES = 16
+AFTER_NONCE = WORDS + NONCE_BYTES  # HELLO and ARM: channels, interval, watchdog; WELCOME: the target's nonce
 
 # the words of a COMMAND: alone, or with how many sample intervals lie between the points it goes on to, and these
 COMMAND_V, SPACING, FIRST_POINT = WORDS, WORDS + 8, WORDS + 16
@@ -129,6 +135,15 @@ def verdict(packet: Bytes, size: int, key: Words) -> int:
     if get_word(packet, end) != siphash(packet, end, key):
         return FORGED
     return GENUINE if packet[VERSION] == PROTOCOL else OTHER_VERSION
+
+
+@part
+def is_whole(packet: Bytes) -> bool:
+    """Return whether the kind of a packet of a session, sent by a runner, may have as many words as it says."""
+    kind, count = int(packet[KIND]), int(packet[COUNT])
+    if kind == COMMAND:
+        return count != 0 and count != 2
+    return count == ARM_WORDS if kind == ARM else count == 0 and kind in (REST, CLOSE)
 
 
 @part

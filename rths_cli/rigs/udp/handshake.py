@@ -1,0 +1,154 @@
+"""The target's side of a handshake (docs/udp.md, "Session"), in compiled code: no HELLO changes anything.
+
+The target's nonce is computed, not drawn and kept: it is a hash, under a key that the target draws when it starts, of
+the runner's nonce, the number of sessions armed so far, and the current period of its clock. The first ARM of a session
+carries the runner's nonce, so that the target computes the same session key again, and checks the tag with it. Once an
+ARM is accepted the count rises, and no earlier WELCOME leads to a valid ARM any more; the period ends the others.
+"""
+
+from __future__ import annotations
+
+import secrets
+from typing import NamedTuple
+
+import numpy as np
+
+from rths_cli.clocks import IntArray
+from rths_cli.compiled import entry, part
+from rths_cli.rigs.udp import wire
+from rths_cli.rigs.udp.siphash import Bytes, Words, siphash
+
+PERIOD_NS = 10_000_000_000  # an ARM is accepted in the period of its WELCOME and in the next one
+KEY_LABEL = int.from_bytes(b"rths-key", "little")
+CHANNELS, SHORTEST_NS, LONGEST_WATCHDOG_NS = range(3)  # places in Greeter.offer
+
+
+class Greeter(NamedTuple):
+    """What a target needs to answer HELLO and to recognize the first ARM of a session."""
+
+    secret: Words  # (2,) shared with the runner
+    boot: Words  # (2,) known to this target alone, drawn when it starts
+    armed: IntArray  # (1,) sessions armed since then
+    offer: IntArray  # (3,) channels, shortest sample interval, longest watchdog
+    message: Bytes  # (48,) what is hashed
+    key: Words  # (2,) of the session that `opens_session` was asked for
+
+
+def open_greeter(secret: Words, channels: int, shortest_ns: int, longest_watchdog_ns: int) -> Greeter:
+    """Return the greeter of a target that starts; `secret` is (2,)."""
+    boot = np.frombuffer(secrets.token_bytes(16), "<u8").astype(np.uint64)
+    offer = np.array([channels, shortest_ns, longest_watchdog_ns], np.int64)
+    return Greeter(secret, boot, np.zeros(1, np.int64), offer, np.zeros(48, np.uint8), np.zeros(2, np.uint64))
+
+
+@part
+def put_target_nonce(g: Greeter, runner_nonce: Bytes, period: int, to: Bytes, at: int) -> None:
+    """Write the target's nonce for the runner's nonce in a packet, as of a period of the target's clock."""
+    for i in range(2):
+        wire.put_int(g.message, 0, i)
+        wire.put_int(g.message, 8, g.armed[0])
+        wire.put_int(g.message, 16, period)
+        for j in range(wire.NONCE_BYTES):
+            g.message[24 + j] = runner_nonce[wire.WORDS + j]
+        wire.put_int(to, at + 8 * i, np.int64(siphash(g.message, 40, g.boot)))  # type: ignore[arg-type]
+
+
+@part
+def session_key_into(nonces: Bytes, at: int, secret: Words, message: Bytes, key: Words) -> None:
+    """Write the key (2,) of a session, from both nonces, 32 bytes at a place; `message` (48,) is scratch."""
+    for i in range(2):
+        wire.put_int(message, 0, KEY_LABEL)
+        wire.put_int(message, 8, i)
+        for j in range(2 * wire.NONCE_BYTES):
+            message[16 + j] = nonces[at + j]
+        key[i] = siphash(message, 48, secret)
+
+
+@part
+def watchdog_of(g: Greeter, wanted_ns: int) -> int:
+    """Return the watchdog that a target grants: the shorter of the wanted one and its longest; 0 leaves it to it."""
+    return min(wanted_ns, g.offer[LONGEST_WATCHDOG_NS]) if wanted_ns > 0 else g.offer[LONGEST_WATCHDOG_NS]
+
+
+@part
+def refusal(g: Greeter, packet: Bytes, faults: int, busy: bool) -> tuple[int, int]:
+    """Return why a HELLO is refused, and the detail; reason 0: it is not."""
+    channels, interval = wire.get_int(packet, wire.AFTER_NONCE), wire.get_int(packet, wire.AFTER_NONCE + 8)
+    if packet[wire.VERSION] != wire.PROTOCOL:
+        return wire.NO_VERSION, wire.PROTOCOL
+    if busy:
+        return wire.BUSY, 0
+    if faults != 0:
+        return wire.FAULTY, faults
+    if channels != g.offer[CHANNELS]:
+        return wire.OTHER_CHANNELS, g.offer[CHANNELS]
+    return (0, 0) if interval >= g.offer[SHORTEST_NS] else (wire.TOO_FAST, g.offer[SHORTEST_NS])
+
+
+@part
+def answer_hello(g: Greeter, packet: Bytes, size: int, now: int, faults: int, busy: bool, out: Bytes) -> int:
+    """Write the answer to a HELLO of `size` bytes; return its size, or 0 where it is no genuine HELLO.
+
+    `faults`: those that forbid motion; `busy`: the table is armed or not yet at rest; `now`: the target's clock in ns.
+    """
+    verdict = wire.verdict(packet, size, g.secret)
+    if packet[wire.KIND] != wire.HELLO or (verdict != wire.GENUINE and verdict != wire.OTHER_VERSION):
+        return 0
+    if size < wire.AFTER_NONCE + wire.TAG_BYTES or (verdict == wire.GENUINE and packet[wire.COUNT] != wire.HELLO_WORDS):
+        return 0
+    reason, detail = refusal(g, packet, faults, busy)
+    if reason == 0:
+        wire.begin(out, wire.WELCOME, wire.WELCOME_WORDS, 0)
+    else:
+        wire.begin(out, wire.REFUSAL, wire.REFUSAL_WORDS, 0)
+    for i in range(wire.NONCE_BYTES):
+        out[wire.WORDS + i] = packet[wire.WORDS + i]
+    if reason != 0:
+        wire.put_int(out, wire.AFTER_NONCE, reason)
+        wire.put_int(out, wire.AFTER_NONCE + 8, detail)
+        return wire.seal(out, g.secret)
+    put_target_nonce(g, packet, now // PERIOD_NS, out, wire.AFTER_NONCE)
+    for i in range(2):
+        wire.put_int(out, wire.AFTER_NONCE + 16 + 8 * i, wire.get_int(packet, wire.AFTER_NONCE + 8 * i))
+    wire.put_int(out, wire.AFTER_NONCE + 32, watchdog_of(g, wire.get_int(packet, wire.AFTER_NONCE + 16)))
+    return wire.seal(out, g.secret)
+
+
+@part
+def opens_session(g: Greeter, packet: Bytes, size: int, now: int, out: Bytes) -> bool:
+    """Tell whether a packet is the first ARM of a session that may begin, whose key is then in `g.key`; use it up.
+
+    `out` is scratch. It is asked only while no table is armed or moves.
+    """
+    if packet[wire.KIND] != wire.ARM or packet[wire.COUNT] != wire.ARM_WORDS:
+        return False
+    for i in range(wire.NONCE_BYTES):
+        out[i] = packet[wire.WORDS + i]
+    for ago in range(2):
+        put_target_nonce(g, packet, now // PERIOD_NS - ago, out, wire.NONCE_BYTES)
+        session_key_into(out, 0, g.secret, g.message, g.key)
+        if wire.is_genuine(packet, size, g.key):
+            granted = refusal(g, packet, 0, False)[0] == 0
+            watchdog = wire.get_int(packet, wire.AFTER_NONCE + 16)
+            if granted and watchdog == watchdog_of(g, watchdog):
+                g.armed[0] += 1
+                return True
+    return False
+
+
+@entry
+def answer_hello_at(g: Greeter, packet: Bytes, size: int, now: int, faults: int, busy: bool, out: Bytes) -> int:
+    """Do what `answer_hello` does, called from Python."""
+    return answer_hello(g, packet, size, now, faults, busy, out)
+
+
+@entry
+def opens_session_at(g: Greeter, packet: Bytes, size: int, now: int, out: Bytes) -> bool:
+    """Do what `opens_session` does, called from Python."""
+    return opens_session(g, packet, size, now, out)
+
+
+@entry
+def make_session_key(nonces: Bytes, secret: Words, message: Bytes, key: Words) -> None:
+    """Do what `session_key_into` does, called from Python."""
+    session_key_into(nonces, 0, secret, message, key)

@@ -159,8 +159,8 @@ def test_the_magic_must_be_right_even_with_a_right_tag() -> None:
 
 def test_another_version_is_told_from_a_forged_one() -> None:
     """A later version may count its words otherwise; its tag still closes the packet."""
-    assert judged(Packet(wire.HELLO, 0, bytes(24), version=3).sealed(KEY)) == wire.OTHER_VERSION
-    assert judged(Packet(wire.HELLO, 0, bytes(24), version=3).sealed(bytes(16))) == wire.FORGED
+    assert judged(Packet(wire.HELLO, 0, bytes(24), version=4).sealed(KEY)) == wire.OTHER_VERSION
+    assert judged(Packet(wire.HELLO, 0, bytes(24), version=4).sealed(bytes(16))) == wire.FORGED
 
 
 def test_python_seals_words_it_has_put_in_place() -> None:

@@ -57,7 +57,9 @@ def main(arguments: Sequence[str]) -> int:
     if "--json" in arguments:
         print(json.dumps([asdict(trial) for trial in trials], indent=2))
     else:
-        print(f"{len(trials)} trials, {len(failed)} failed, {sum(trial.code != 0 for trial in trials)} met the full disk")
+        print(
+            f"{len(trials)} trials, {len(failed)} failed, {sum(trial.code != 0 for trial in trials)} met the full disk"
+        )
     return 1 if failed else 0
 
 

@@ -24,10 +24,11 @@ from rths_cli.errors import RthsError
 from rths_cli.rig_info import Channel, Converters, Limits, RigInfo
 from rths_cli.rigs.udp import link as links
 from rths_cli.rigs.udp import wire
+from rths_cli.rigs.udp.handshake import answer_hello_at, open_greeter, opens_session_at
 from rths_cli.rigs.udp.link import OK, converse_at, fresh_link
 from rths_cli.rigs.udp.rig import UdpRig, UdpTarget
 from rths_cli.rigs.udp.secret import as_words, make_secret
-from rths_cli.rigs.udp.session import Offer, answer_hello, sealed
+from rths_cli.rigs.udp.session import sealed
 from rths_cli.rigs.udp.siphash import Words
 from rths_cli.rigs.udp.sockets import bound, connected
 
@@ -103,14 +104,18 @@ def at_runner(count: int) -> str:
 def at_handshake(count: int) -> str:
     """Give them to a target's handshake; return what came of it."""
     secret, kinds = np.array([3, 4], np.uint64), Counter[str]()
-    hello = sealed(wire.HELLO, struct.pack("<16s3q", b"n" * 16, 3, 10**6, 10**8), secret)
+    hello = sealed(wire.HELLO, struct.pack("<16s3q16x", b"n" * 16, 3, 10**6, 10**8), secret)
     used = [sealed(kind, b"", secret) for kind in (*range(wire.WELCOME, wire.CLOSE + 1), 0, 200)]
-    answers = [
-        answer_hello(packet, secret, Offer(3, 1000, 10**8))
-        for burst in bursts(count, 2, Material(hello, used), kinds)
-        for packet in burst
-    ]
-    return f"handshake: {count} given, {sum(answer is not None for answer in answers)} answered, {shown(kinds)}"
+    greeter, out = open_greeter(secret, 3, 1000, 10**8), np.zeros(wire.MOST_BYTES, np.uint8)
+    answered = begun = 0
+    for burst in bursts(count, 2, Material(hello, used), kinds):
+        for data in burst:
+            packet = np.zeros(wire.MOST_BYTES, np.uint8)
+            packet[: len(data)] = np.frombuffer(data[: wire.MOST_BYTES], np.uint8)
+            answered += answer_hello_at(greeter, packet, len(data), 10**9, 0, False, out) > 0
+            packet[wire.KIND] = wire.ARM
+            begun += opens_session_at(greeter, packet, len(data), 10**9, out)
+    return f"handshake: {count} given, {answered} answered, {begun} sessions begun, {shown(kinds)}"
 
 
 def at_target(count: int, name: str, target: UdpTarget) -> str:

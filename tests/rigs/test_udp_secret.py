@@ -39,10 +39,115 @@ def test_the_environment_names_a_key_file_where_the_rig_does_not(
     assert not np.array_equal(read_secret(other), wanted)
 
 
+GOOD = bytes(range(7, 23)).hex()
+
+
+def made(folder: Path, text: str = GOOD, mode: int = 0o600, folder_mode: int = 0o700) -> Path:
+    """Return a key file in a folder of its own."""
+    (folder / "keys").mkdir()
+    path = folder / "keys" / "key"
+    path.write_text(text)
+    path.chmod(mode)
+    path.parent.chmod(folder_mode)
+    return path
+
+
+def refused(path: Path, words: str) -> None:
+    with pytest.raises(InputError, match=words) as raised:
+        read_secret(path)
+    assert "\n" not in str(raised.value)
+
+
+@pytest.mark.parametrize("mode", [0o600, 0o400, 0o700])
+@pytest.mark.parametrize("folder_mode", [0o700, 0o755, 0o775, 0o1700])
+def test_a_key_file_of_the_owner_alone_is_read(tmp_path: Path, mode: int, folder_mode: int) -> None:
+    assert read_secret(made(tmp_path, mode=mode, folder_mode=folder_mode)).tobytes().hex() == GOOD
+
+
+@pytest.mark.parametrize("mode", [0o640, 0o620, 0o610, 0o604, 0o602, 0o644, 0o666, 0o777])
+def test_a_key_file_that_others_may_touch_is_refused(tmp_path: Path, mode: int) -> None:
+    path = made(tmp_path, mode=mode)
+    refused(path, f"key file {path} is open to other users; run: chmod 600 {path}")
+
+
+@pytest.mark.parametrize("mode", [0o777, 0o707, 0o703])
+def test_a_key_file_in_a_folder_that_anybody_writes_is_refused(tmp_path: Path, mode: int) -> None:
+    path = made(tmp_path, folder_mode=mode)
+    refused(
+        path, f"the folder {path.parent} of key file {path} can be written by anybody; run: chmod o-w {path.parent}"
+    )
+
+
+def test_a_key_file_in_a_sticky_folder_like_tmp_is_refused(tmp_path: Path) -> None:
+    refused(made(tmp_path, folder_mode=0o1777), "can be written by anybody; keep the key file in a folder of your own")
+
+
+def test_what_a_link_finally_names_is_looked_at(tmp_path: Path) -> None:
+    """Two links, the second through a linked folder: file and folder are those at the end."""
+    path = made(tmp_path)
+    os.symlink(path.parent, tmp_path / "linked")
+    os.symlink(tmp_path / "linked" / "key", tmp_path / "first")
+    os.symlink(tmp_path / "first", tmp_path / "second")
+    assert read_secret(tmp_path / "second").tobytes().hex() == GOOD
+    path.parent.chmod(0o777)
+    refused(
+        tmp_path / "second", rf"folder {path.parent} of key file {tmp_path}/second \(that is {path}\) can be written"
+    )
+    path.parent.chmod(0o700)
+    path.chmod(0o604)
+    refused(tmp_path / "second", f"is open to other users; run: chmod 600 {path}")
+    os.symlink(tmp_path / "loop", tmp_path / "loop")
+    refused(tmp_path / "loop", "cannot be read: ")
+
+
+@pytest.mark.parametrize("what", ["file", "folder"])
+def test_a_key_file_or_folder_of_another_user_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, what: str
+) -> None:
+    path, nobody = made(tmp_path), 65534
+    theirs = path if what == "file" else path.parent
+    if os.geteuid() == 0:
+        os.chown(theirs, nobody, nobody)
+    else:
+        monkeypatch.setattr(os, "geteuid", lambda: nobody)
+        theirs = path
+    start = f"key file {path}" if theirs == path else f"the folder {path.parent} of key file {path}"
+    refused(path, rf"^{start} belongs to another user \(number \d+\); make a key file of your own")
+
+
+@pytest.mark.parametrize("byte", ["00", "ff", "5A"])
+def test_a_key_that_anybody_guesses_is_refused(tmp_path: Path, byte: str) -> None:
+    refused(made(tmp_path, 16 * byte), f"holds the byte {byte} 16 times, which anybody may guess; make another")
+
+
+def test_a_pipe_a_folder_and_a_device_are_no_key_files(tmp_path: Path) -> None:
+    path = made(tmp_path)
+    path.unlink()
+    os.mkfifo(path, 0o600)
+    refused(path, "is no regular file; name a file that holds 32 hexadecimal digits")
+    refused(path.parent, "cannot be read: Is a directory")
+    refused(Path("/dev/zero"), "is no regular file")
+    huge = tmp_path / "huge"
+    with open(huge, "wb") as file:
+        file.truncate(1 << 40)
+    huge.chmod(0o600)
+    refused(huge, "must hold 32 hexadecimal digits and nothing else, it has")
+
+
+@pytest.mark.skipif(os.name != "posix", reason="modes are those of POSIX")
+def test_folders_made_for_a_key_are_the_owner_s_alone(tmp_path: Path) -> None:
+    old = os.umask(0o002)
+    try:
+        make_secret(tmp_path / "a" / "b" / "key")
+    finally:
+        os.umask(old)
+    assert [(tmp_path / name).stat().st_mode & 0o777 for name in ("a", "a/b", "a/b/key")] == [0o700, 0o700, 0o600]
+
+
 @pytest.mark.parametrize(
     ("text", "mode", "words"),
     [
-        ("00" * 16 + "\n", 0o640, "is open to other users; run: chmod 600"),
+        (GOOD + "\n", 0o640, "is open to other users; run: chmod 600"),
         ("00" * 15, 0o600, "must hold 32 hexadecimal digits and nothing else, it has 30 signs"),
         ("0g" * 16, 0o600, "must hold 32 hexadecimal digits"),
         ("\u00fc" * 32, 0o600, "cannot be read: it is not text"),

@@ -14,12 +14,14 @@ from rths_cli.errors import InputError
 from rths_cli.rigs.udp.siphash import Words
 
 KEY_FILE_VARIABLE = "RTHS_KEY_FILE"
+LONGEST_BYTES = 1024  # of a key file: more is none
+_AT_ONCE = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0)  # no pipe is waited for
 
 
 def read_secret(key_file: Path | None) -> Words:
     """Return the secret, (2,) words, from a key file, or from the one that RTHS_KEY_FILE names.
 
-    Raises InputError where there is none, where others may read it, or where it does not hold 32 digits.
+    Raises InputError where there is none, where others may read, change or replace it, or where it holds no key.
     """
     named = os.environ.get(KEY_FILE_VARIABLE, "")
     path = key_file or (Path(named) if named else None)
@@ -29,26 +31,57 @@ def read_secret(key_file: Path | None) -> Words:
             "`rths serve` makes one and prints its path"
         )
     try:
-        readers = stat.S_IMODE(path.stat().st_mode) & 0o077 if os.name == "posix" else 0
-        text = path.read_text(encoding="ascii").strip()
-    except (OSError, UnicodeDecodeError) as fault:
+        text = _private_text(path)
+    except (OSError, UnicodeDecodeError, ValueError) as fault:
         why = fault.strerror if isinstance(fault, OSError) else "it is not text"
         raise InputError(f"key file {path} cannot be read: {why}; it must hold 32 hexadecimal digits") from None
-    if readers:
-        raise InputError(f"key file {path} is open to other users; run: chmod 600 {path}")
     if re.fullmatch("[0-9a-fA-F]{32}", text) is None:
         raise InputError(f"key file {path} must hold 32 hexadecimal digits and nothing else, it has {len(text)} signs")
-    return as_words(bytes.fromhex(text))
+    secret = bytes.fromhex(text)
+    if len(set(secret)) == 1:
+        raise InputError(
+            f"key file {path} holds the byte {text[:2]} 16 times, which anybody may guess; make another for both "
+            f"sides: openssl rand -hex 16 > {path}"
+        )
+    return as_words(secret)
+
+
+def _private_text(path: Path) -> str:
+    """Return what stands in the file that a path finally names; raises InputError where others may have touched it."""
+    real = Path(os.path.realpath(path, strict=True))
+    shown = f"key file {path}" if real == path.absolute() else f"key file {path} (that is {real})"
+    with open(real, "rb", opener=lambda name, flags: os.open(name, flags | _AT_ONCE)) as file:
+        about = os.fstat(file.fileno())
+        if not stat.S_ISREG(about.st_mode):
+            raise InputError(f"{shown} is no regular file; name a file that holds 32 hexadecimal digits")
+        if os.name == "posix":
+            _require_own(shown, real, about, stat.S_IRWXG | stat.S_IRWXO, "is open to other users", "chmod 600")
+            folder, about = real.parent, real.parent.stat()
+            shown = f"the folder {folder} of {shown}"
+            _require_own(shown, folder, about, stat.S_IWOTH, "can be written by anybody", "chmod o-w")
+        return file.read(LONGEST_BYTES).decode("ascii").strip()
+
+
+def _require_own(shown: str, path: Path, about: os.stat_result, forbidden: int, fault: str, remedy: str) -> None:
+    """Raise InputError where a file or folder belongs to another user, or has permissions that are forbidden."""
+    if about.st_uid not in (os.geteuid(), 0):
+        raise InputError(f"{shown} belongs to another user (number {about.st_uid}); make a key file of your own")
+    if about.st_mode & forbidden and about.st_mode & stat.S_ISVTX:
+        raise InputError(f"{shown} {fault}; keep the key file in a folder of your own")
+    if about.st_mode & forbidden:
+        raise InputError(f"{shown} {fault}; run: {remedy} {path}")
 
 
 def make_secret(path: Path) -> Words:
     """Write a new random secret to a key file that only its owner may read; return it, (2,) words.
 
+    Folders that are missing are made for the owner alone.
     Raises InputError where the file is there already or cannot be written.
     """
     secret = secrets.token_bytes(16)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        for folder in [one for one in reversed(path.parents) if not one.exists()]:
+            folder.mkdir(mode=0o700, exist_ok=True)
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     except OSError as fault:
         raise InputError(f"key file {path} cannot be made: {fault.strerror}; choose another place") from None

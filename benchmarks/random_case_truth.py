@@ -183,6 +183,7 @@ def _unseen(truth: Truth) -> bool:
 
 
 RULES: tuple[tuple[str, str, Callable[[Truth], bool]], ...] = (
+    ("controller", r"no feedback|Riccati", lambda truth: truth.failed or _margin(truth)),
     ("scheme", r"is unstable at dt = ", lambda truth: True),
     ("unstable", r"closed loop is unstable", lambda truth: truth.failed or _margin(truth)),
     ("margin", r"table's response at .* makes the loop", _margin),
@@ -196,7 +197,6 @@ RULES: tuple[tuple[str, str, Callable[[Truth], bool]], ...] = (
     ("fit", r"table model", _model_off),
     ("noise", r"nothing but noise|coherence", lambda truth: truth.bits < POOR_BITS),
     ("channels", r"sign|swapped|reads|chain|dead|clipped|sensitivit|out of step|moves .* mm/V", lambda truth: False),
-    ("controller", r"feedback|Riccati", lambda truth: truth.failed),
 )  # fmt: skip
 
 

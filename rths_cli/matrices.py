@@ -73,7 +73,7 @@ def _halvings(A: Array) -> int:
     left_out = np.linalg.matrix_power(np.abs(A) / norm, 27).sum(axis=0).max() if norm > 0.0 else 0.0
     if left_out == 0.0:
         return 0
-    return max(0, int(np.ceil(np.log2(norm) + np.log2(left_out / (_ERROR_SCALE * 2.0**-53)) / 26.0)))
+    return max(0, int(np.ceil(np.log2(norm) + (np.log2(left_out) - np.log2(_ERROR_SCALE * 2.0**-53)) / 26.0)))
 
 
 def continuous_riccati(A: Array, B: Array, Q: Array, R: Array) -> Array:

@@ -13,6 +13,7 @@ import numpy as np
 
 from rths_cli.analysis.lines import Lines
 from rths_cli.analysis.loop_response import LoopResponse, Motion, hybrid, on_perfect_table
+from rths_cli.analysis.rounding import rounding_power
 from rths_cli.identification.found import Friction
 from rths_cli.lti import Array, Block, ComplexArray, Frf, Model, hold_size
 from rths_cli.metrics import rms
@@ -88,7 +89,7 @@ def predict(known: Known) -> Prediction:
         "coupling": np.zeros_like(nominal.tracking),
         "latency": nominal.tracking,
     } | {name: motion.tracking for name, motion in made.items()}
-    powers = _stochastic(known)
+    powers = _stochastic(known, nominal)
     causes = {name: Errors(_rms(known, series[name]), float(_rms(known, tracking[name]))) for name in series}
     causes |= {name: Errors(np.sqrt(power[:-1]), float(np.sqrt(power[-1]))) for name, power in powers.items()}
     random = np.sum(list(powers.values()), axis=0)
@@ -142,28 +143,47 @@ def at_once(model: Model, frequency_hz: Array) -> ComplexArray:
     return model.response(frequency_hz) * late / hold_size(frequency_hz, model.dt_s)
 
 
-def _stochastic(known: Known) -> dict[str, Array]:
+def _stochastic(known: Known, nominal: Motion) -> dict[str, Array]:
     """Return the power in the test band, storeys then tracking, (n_storeys + 1,), of what is random by cause."""
+    lines, dt = known.lines, known.rig.dt_s
     bit = known.rig.converters.step_v
     sizes = np.array([c.sensitivity_v_per_m_s2 for c in known.rig.channels])
-    corrected = np.einsum("ccm->cm", known.correction.response(known.lines.frequency_hz[1:])) * sizes[:, None]
+    corrected = np.einsum("ccm->cm", known.correction.response(lines.frequency_hz[1:])) * sizes[:, None]
     corrected = np.concatenate([np.zeros((len(sizes), 1)), corrected], axis=1)
-    each = []
+    noise, bits = _apart(known.noise_m_s2, bit / sizes), bit / sizes
+    series = lines.series(nominal.corrected)
+    powers = {cause: np.zeros(len(nominal.storeys) + 1) for cause in ("noise", "quantisation", "rounding")}
     for channel in range(len(sizes)):
         unit = np.zeros_like(known.floors)
         unit[channel] = corrected[channel]
-        each.append(_power(known, hybrid(known.loop, np.zeros_like(known.ground), unit)))
-    gains = np.array(each)
-    shape = 1.0 - 1.0 / known.lines.z if known.shaped else np.ones_like(known.lines.z)
-    rounded = hybrid(known.loop, np.zeros_like(known.ground), np.zeros_like(known.floors), shape)
-    return {
-        "noise": known.noise_m_s2**2 @ gains,
-        "quantisation": (bit / sizes) ** 2 / 12.0 @ gains,
-        "rounding": bit**2 / 12.0 * _power(known, rounded),
-    }
+        density = _density(known, hybrid(known.loop, np.zeros_like(known.ground), unit))
+        rounded = rounding_power(
+            lines.frequency_hz, series[channel], lines.reduced_dt_s, bits[channel], noise[channel], dt
+        )
+        powers["noise"] += noise[channel] ** 2 * density.sum(axis=1)
+        powers["quantisation"] += density @ rounded[1:]
+    shape = 1.0 - 1.0 / lines.z if known.shaped else np.ones_like(lines.z)
+    moved = hybrid(known.loop, np.zeros_like(known.ground), np.zeros_like(known.floors), shape)
+    command = lines.series(nominal.command_v)
+    # shaping adds the errors of before to the command, which makes it fast enough for white noise
+    rounded = (
+        np.full(lines.count, bit**2 / 12.0)
+        if known.shaped
+        else rounding_power(lines.frequency_hz, command, lines.reduced_dt_s, bit, 0.0, dt)
+    )
+    powers["rounding"] += _density(known, moved) @ rounded[1:]
+    return powers
 
 
-def _power(known: Known, unit: Motion) -> Array:
-    """Return the mean square in the test band, storeys then tracking, of white noise of one per sample through this."""
-    density = np.abs(np.vstack([unit.storeys, unit.tracking]) * known.lines.test_band()) ** 2
-    return 2.0 * np.sum(density[:, 1:], axis=1) / known.lines.padded
+def _apart(noise_m_s2: Array, bits_m_s2: Array) -> Array:
+    """Return the noise (c,) of channels at rest without that of rounding, which is counted by itself; noise of less
+    than half a bit hides in one bit or jumps between two, and is taken as it was seen."""
+    rounding = bits_m_s2**2 / 12.0
+    return np.sqrt(np.where(noise_m_s2**2 > 4.0 * rounding, noise_m_s2**2 - rounding, noise_m_s2**2))
+
+
+def _density(known: Known, unit: Motion) -> Array:
+    """Return what each line but the first, (m - 1), of white noise of one per sample through this adds to the mean
+    square in the test band, storeys then tracking."""
+    size = np.abs(np.vstack([unit.storeys, unit.tracking]) * known.lines.test_band()) ** 2
+    return np.asarray(2.0 * size[:, 1:] / known.lines.padded)

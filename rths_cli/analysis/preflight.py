@@ -236,11 +236,12 @@ def reach(known: Known, prediction: Prediction, rig: RigInfo, masses_kg: Array) 
     )
 
 
-def unseen(known: Known, prediction: Prediction) -> tuple[str, ...]:
-    """Return a sentence when more than a reserve's share of the interface's peak acceleration is above the lines."""
+def unseen(known: Known) -> tuple[str, ...]:
+    """Return a sentence when more than a reserve's share of the interface's peak acceleration in SIM is above the
+    lines."""
     if known.peaks_m_s2 is None:
         return ()
-    seen = _peak(known.lines.series(prediction.nominal.desired, FINER))
+    seen = _peak(known.lines.series(known.sim[len(known.sim) - len(known.floors)], FINER))
     missing = 1.0 - seen / float(known.peaks_m_s2[0]) if known.peaks_m_s2[0] > 0.0 else 0.0
     if missing <= RESERVE:
         return ()

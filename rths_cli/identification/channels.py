@@ -69,7 +69,8 @@ def _signal_faults(channel: Channel, accel: Array, info: RigInfo, record: Record
             f"channel {channel.name}: clipped, {largest:.4g} m/s^2 reaches the sensor's range of "
             f"{channel.range_m_s2:.4g}; lower identification.accel_rms_m_s2"
         ]
-    tops = cut_off_peaks(accel, channel, info.dt_s, quiet)
+    bit = info.converters.step_v / channel.sensitivity_v_per_m_s2
+    tops = cut_off_peaks(accel, channel, info.dt_s, quiet, bit)
     if tops:
         return [
             f"channel {channel.name}: clipped, {tops} of its peaks are cut off at {largest:.4g} m/s^2; "

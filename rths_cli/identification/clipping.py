@@ -12,12 +12,13 @@ TOP, FLAT, FLATTEST, CUT_OFF, LEAST_TOP = 0.95, 0.998, 0.993, 0.5, 6
 NOISE_SIGMA = 6.0
 
 
-def cut_off_peaks(accel: Array, channel: Channel, dt_s: float, rest_rms_m_s2: float) -> int:
+def cut_off_peaks(accel: Array, channel: Channel, dt_s: float, rest_rms_m_s2: float, bit_m_s2: float = 0.0) -> int:
     """Return how many peaks of a channel (n,) in m/s^2 are cut off; it may be corrected for the sensor's corners.
 
-    A limit acts before the correction, which tilts a flat top: both are looked at.
+    A limit acts before the correction, which tilts a flat top: both are looked at. `bit_m_s2`: of its converter.
     """
-    return max(flat_tops(values, rest_rms_m_s2) for values in (accel, as_sampled(accel, channel, dt_s)))
+    both = accel, as_sampled(accel, channel, dt_s)
+    return max(flat_tops(values, rest_rms_m_s2, bit_m_s2) for values in both)
 
 
 def as_sampled(accel: Array, channel: Channel, dt_s: float) -> Array:
@@ -33,15 +34,18 @@ def as_sampled(accel: Array, channel: Channel, dt_s: float) -> Array:
     return filtered(np.vstack([coupling, lag]), accel - accel[0])
 
 
-def flat_tops(accel: Array, rest_rms_m_s2: float = 0.0) -> int:
+def flat_tops(accel: Array, rest_rms_m_s2: float = 0.0, bit_m_s2: float = 0.0) -> int:
     """Return how often a signal (n,) in m/s^2 is cut off at its extremes.
 
     Of the time that a peak, a parabola, spends above 95 % of its top it spends sqrt(0.002 / 0.05) = 0.2 above 99.8 %
-    (0.37 above 99.3 %, which noise may ask for); one that is cut off spends most of it there.
+    (0.37 above 99.3 %, which noise may ask for); one that is cut off spends most of it there. Where a bit of the
+    converter is more than 0.7 % of the top every peak is flat, and none is counted.
     """
     count = 0
     for side in (accel, -accel):
         top = float(side.max())
+        if bit_m_s2 > (1.0 - FLATTEST) * top:
+            continue
         flat = np.clip(1.0 - NOISE_SIGMA * rest_rms_m_s2 / top, FLATTEST, FLAT) if top > 0.0 else FLAT
         edges = np.diff((side > TOP * top).astype(np.int8), prepend=0, append=0)
         stretches = zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True)

@@ -20,6 +20,7 @@ from rths_cli.lti import Array, ComplexArray, Frf, Model, hold_size, staircase
 LEAST_ERROR = 1e-3  # no line counts as known better than this
 PULL = 1e-4  # of a parameter's logarithm to its start, against a relative error of the fit
 HOLD = 30.0
+REACH = 1e4  # factor by which a root or the gain may leave its start
 LATENCY_START_HZ, FAR_ZERO_START_HZ = 150.0, 250.0
 LINES_PER_PARAMETER = 2
 MOST_EVALUATIONS = 400  # of the response, in a fit; the paper's takes up to 300
@@ -190,7 +191,8 @@ def solve(
         residual, slopes = problem.evaluated(theta)
         return np.concatenate([residual, strength * (theta - start)]), np.hstack([slopes, pull])
 
-    found = least_squares(pulled, start, evaluations=evaluations)
+    reach = np.where(np.arange(len(start)) < problem.layout.size, np.log(REACH), np.inf)  # the ripple is no logarithm
+    found = least_squares(pulled, start, evaluations=evaluations, reach=reach)
     left = found.residual[: -len(start)]
     variance = float(left @ left) / max(len(left) - len(start), 1)
     known = np.concatenate([np.ones(len(left)), strength == HOLD])  # the weak pull is no knowledge

@@ -150,12 +150,13 @@ def reach_hz(model: Model, frf: Frf, most: FitError) -> float:
 def low_frequency_lag(model: Model) -> float:
     """Return how late the displacement follows a slow command, in s: minus the slope of the phase at zero frequency.
 
+    Roots below the model's band have no part in it: the data say little of their damping, which would count for much.
     NaN with a pole at the origin: then it does not follow.
     """
     if np.any(np.abs(model.poles) <= 1e-9):
         return math.nan
-    finite = model.zeros[np.abs(model.zeros) > 1e-9]
-    return float(np.real(np.sum(1.0 / finite) - np.sum(1.0 / model.poles))) + model.delay_s
+    zeros, poles = (roots[np.abs(roots) > 2.0 * np.pi * model.band_hz[0]] for roots in (model.zeros, model.poles))
+    return float(np.real(np.sum(1.0 / zeros) - np.sum(1.0 / poles))) + model.delay_s
 
 
 def residuals(model: Model, frf: Frf) -> tuple[Band, ...]:

@@ -86,7 +86,7 @@ def judge(setup: Setup, identified: Identification, design: Design, kept: Kept |
     rows = preflight.reach(known, prediction, setup.rig, masses)
     stable = prediction if found.radius < 1.0 else None
     critical = critical_delay(building)
-    further = preflight.unseen(known, prediction)
+    further = preflight.unseen(known)
     verdict = preflight.judge(critical, found, rows, setup.case.scaling, stable, dt, further)
     own = modes(building.M, building.C, building.K)
     looped = modes_in_loop(loop_roots(closed_loop_matrix(rig, design.blocks), dt), *own)

@@ -167,7 +167,7 @@ def test_noise(high_pass_hz: float) -> None:
 
 def test_noise_of_one_channel_counts_by_itself() -> None:
     """In proportion to its size, in power over channels."""
-    start = known(Fault(noise_m_s2=NOISE_M_S2))
+    start = replace(known(Fault(noise_m_s2=NOISE_M_S2)), rig=bench_info(0))
     each = [figures(predict(replace(start, noise_m_s2=row)).causes["noise"]) for row in NOISE_M_S2 * np.eye(3)]
     assert np.sqrt(np.sum(np.square(each), axis=0)) == pytest.approx(figures(predict(start).causes["noise"]))
     assert not np.allclose(each[0], each[1], rtol=0.05)
@@ -180,6 +180,14 @@ def test_rounding_of_samples() -> None:
     fault = Fault(sample_bits=16, noise_m_s2=NOISE_M_S2)
     found = figures(predict(known(fault)).causes["quantisation"])
     assert found == pytest.approx(change(fault, replace(fault, sample_bits=0), motion(), 2, 1000), rel=0.06)
+
+
+def test_rounding_of_samples_to_coarse_bits() -> None:
+    """Without noise errors of rounding follow the motion: as white noise they would be half of what they are."""
+    fault = Fault(sample_bits=12)
+    found = figures(predict(known(fault)).causes["quantisation"])
+    made = change(fault, replace(fault, sample_bits=0), motion(), 1, 1000)
+    assert found == pytest.approx(made, rel=0.25)
 
 
 @pytest.mark.parametrize("shaped", [True, False])

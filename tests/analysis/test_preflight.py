@@ -279,10 +279,11 @@ def test_motion_above_the_lines_is_not_taken_for_none() -> None:
     nominal = SimpleNamespace(command_v=0.0 * accel, corrected=np.array([accel]), desired=accel)
     prediction = SimpleNamespace(nominal=nominal)
     for peak, said in ((4.2, False), (8.0, True)):
-        known = SimpleNamespace(lines=lines, peaks_m_s2=np.array([peak, 1.0]))
+        sim, floors = np.array([accel, accel]), np.ones((2, lines.count))
+        known = SimpleNamespace(lines=lines, peaks_m_s2=np.array([peak, 1.0]), sim=sim, floors=floors)
         rows = {row.name: row for row in reach(known, prediction, rig_info(), np.ones(1))}
         assert rows["acceleration"].peak == peak
-        sentences = unseen(known, prediction)
+        sentences = unseen(known)
         assert bool(sentences) == said
         found = judge(CRITICAL, STABLE, tuple(rows.values()), 0.3, None, DT_S, sentences)
         assert found.verdict == (UNSAFE if said else SAFE)

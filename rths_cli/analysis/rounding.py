@@ -1,0 +1,48 @@
+"""What rounding to a converter's bits adds to a signal, line by line: white noise only where the signal is fast.
+
+The error of rounding s to steps q is the sum over n of q / (pi n) sin(2 pi n s / q), to a sign. Where s crosses many
+steps its n-th part is a wave of frequency n s' / q, so that its power q^2 / (2 pi^2 n^2) is spread over frequency as
+the rate s' is distributed: as a Gauss curve of standard deviation n rms(s') / q (Bennett, Bell System Technical
+Journal 27, 1948, 446). Slow signals keep that power at low frequencies, where a test is judged; white noise of the
+channel spreads the share 1 - exp(-(2 pi n noise / q)^2) of it over all lines.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rths_cli.lti import Array
+
+HARMONICS = 8
+WINDOW_S = 1.0  # over which a signal's size and rate are taken
+WHITE = 3.0  # standard deviations of the Gauss curve in the sample rate, below which it is white
+
+
+def rounding_power(
+    frequency_hz: Array, signal: Array, signal_dt_s: float, step: float, noise: float, dt_s: float
+) -> Array:
+    """Return the variance per sample (m,) of white noise that is worth as much as rounding at each line.
+
+    `signal` (n,), sampled every `signal_dt_s`, is rounded to multiples of `step` every `dt_s`, with white `noise` (rms
+    per sample) in it; all in one unit. A signal smaller than a step loses no more than itself.
+    """
+    if step <= 0.0:
+        return np.zeros(len(frequency_hz))
+    count = max(round(WINDOW_S / signal_dt_s), 2)
+    windows = signal[: max(len(signal) // count, 1) * count].reshape(-1, min(count, len(signal)))
+    rate = np.sqrt(np.mean((np.diff(windows, axis=1) / signal_dt_s) ** 2, axis=1))
+    lost = np.minimum(12.0 * (np.mean(windows**2, axis=1) + noise**2) / step**2, 1.0)
+    found = np.zeros(len(frequency_hz))
+    white = step**2 / 12.0
+    for n in range(1, HARMONICS + 1):
+        power = step**2 / (2.0 * np.pi**2 * n**2) * np.exp(-((2.0 * np.pi * n * noise / step) ** 2))
+        white -= power
+        found += power * (lost @ _spread(frequency_hz, n * rate / step, dt_s)) / len(lost)
+    return found + white * float(lost.mean())
+
+
+def _spread(frequency_hz: Array, deviation_hz: Array, dt_s: float) -> Array:
+    """Return the density (windows, m) of each Gauss curve over that of white noise of the same power."""
+    deviation = np.maximum(deviation_hz, 1.0 / WINDOW_S)[:, None]
+    curve = np.exp(-0.5 * (frequency_hz / deviation) ** 2) / (np.sqrt(2.0 * np.pi) * deviation * dt_s)
+    return np.asarray(np.where(deviation * WHITE > 1.0 / dt_s, 1.0, curve))

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from rths_cli.identification.chain import modal
 from rths_cli.identification.doubts import AGREE_SIGMA
 from rths_cli.identification.evidence import Evidence
 from rths_cli.identification.found import SpecimenFit
@@ -24,6 +25,8 @@ from rths_cli.lti import Array, Frf, Model
 from rths_cli.rig_info import RigInfo
 
 START_HZ = 30.0
+PHASE = 3e-4  # rad between channels below which no skew is told from what corrections of sensors leave
+BELOW_FIRST = 0.5  # of the first natural frequency: there the specimen's lines begin at the latest
 MOST_SKEW, SEEN_SKEW = 0.25, 0.05  # samples between floors and table: refused, said
 ENOUGH = 120_000  # samples for a first look
 
@@ -72,8 +75,15 @@ def fit_motions(data: Evidence, start: Start, seen: Sequence[Motion]) -> tuple[S
     what that leaves of the floors' motion, relative."""
     if len(data.masses_kg) == 0:
         return start, 0.0
-    found = fit_specimen(seen, data.info.dt_s, data.masses_kg, data.settings.band_hz[0], start)
+    found = fit_specimen(seen, data.info.dt_s, data.masses_kg, lowest_hz(data, start), start)
     return Start(found.stiffness_n_per_m, found.damping_ratio), found.residual
+
+
+def lowest_hz(data: Evidence, start: Start) -> float:
+    """Return from where on the specimen's lines are used: the start of the band, or half its first natural frequency
+    where that is less. Table and floors are both measured there, however little the excitation moves them."""
+    first_hz = float(modal(data.masses_kg, start.stiffness_n_per_m)[0][0]) / (2.0 * np.pi)
+    return min(data.settings.band_hz[0], BELOW_FIRST * first_hz)
 
 
 def excited(data: Evidence, model: Model, start: Start) -> SpecimenFit | None:
@@ -81,24 +91,27 @@ def excited(data: Evidence, model: Model, start: Start) -> SpecimenFit | None:
     if len(data.masses_kg) == 0:
         return None
     seen = motions(data, model, free=False)
-    return fit_stretches(seen, data.info.dt_s, data.masses_kg, data.settings.band_hz[0], start, free=False)
+    return fit_stretches(seen, data.info.dt_s, data.masses_kg, lowest_hz(data, start), start, free=False)
 
 
 def freely_vibrating(
     data: Evidence, model: Model, known: SpecimenFit | None
 ) -> tuple[SpecimenFit | None, tuple[str, ...]]:
     """Return the specimen from what the free vibrations show until they have died out in the channels' noise, None
-    without any; and a sentence where they die too soon to tell anything. `known`: the specimen from the excitation."""
+    without any; and a sentence where they last too short to tell anything. `known`: the specimen from the excitation."""
     if known is None:
         return None, ()
     held = [record for record in data.records if record.parts.free_vibration is not None]
-    dt_s, low_hz = data.info.dt_s, data.settings.band_hz[0]
+    dt_s, low_hz = data.info.dt_s, lowest_hz(data, Start(known.stiffness_n_per_m, known.damping_ratio))
     least = least_samples(known.natural_frequency_hz, dt_s, low_hz)
     seen = [_living(record, data, model) for record in held]
     lasting = [motion for motion in seen if len(motion.table) >= least]
     if not lasting:
         longest_s = dt_s * max((len(motion.table) for motion in seen), default=0)
-        said = f"free vibration: died out after {longest_s:.2g} s, too soon to tell frequencies and damping ratios"
+        said = (
+            f"free vibration: not used; {longest_s:.2g} s of it stand out of the channels' noise, frequencies and damping "
+            f"ratios take {least * dt_s:.2g} s"
+        )
         return None, (said,) if held else ()
     first = Start(known.stiffness_n_per_m, known.damping_ratio)
     return fit_stretches(lasting, dt_s, data.masses_kg, low_hz, first, free=True), ()
@@ -126,7 +139,8 @@ def out_of_step(data: Evidence, model: Model, found: SpecimenFit | None) -> tupl
         return (), ()
     dt_s, start = data.info.dt_s, Start(found.stiffness_n_per_m, found.damping_ratio)
     seen = [motion.cut(slice(0, ENOUGH)) for motion in motions(data, model, free=False)]
-    late, error = skew(seen, dt_s, data.masses_kg, data.settings.band_hz[0], start)
+    late, error = skew(seen, dt_s, data.masses_kg, lowest_hz(data, start), start)
+    error = float(np.hypot(error, PHASE / (2.0 * np.pi * found.natural_frequency_hz[-1] * dt_s)))
     sentence = (
         f"channels: the floors are {abs(late):.2f} samples ({1e3 * abs(late) * dt_s:.3g} ms) "
         f"{'late' if late > 0.0 else 'early'} against the table; all must be sampled at one instant, and their sensors "

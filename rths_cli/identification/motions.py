@@ -109,8 +109,8 @@ def freely_vibrating(
     if not lasting:
         longest_s = dt_s * max((len(motion.table) for motion in seen), default=0)
         said = (
-            f"free vibration: not used; {longest_s:.2g} s of it stand out of the channels' noise, frequencies and damping "
-            f"ratios take {least * dt_s:.2g} s"
+            f"free vibration: not used; {longest_s:.2g} s of it stand out of the channels' noise, frequencies and "
+            f"damping ratios take {least * dt_s:.2g} s"
         )
         return None, (said,) if held else ()
     first = Start(known.stiffness_n_per_m, known.damping_ratio)

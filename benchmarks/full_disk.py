@@ -57,9 +57,8 @@ def main(arguments: Sequence[str]) -> int:
     if "--json" in arguments:
         print(json.dumps([asdict(trial) for trial in trials], indent=2))
     else:
-        print(
-            f"{len(trials)} trials, {len(failed)} failed, {sum(trial.code != 0 for trial in trials)} met the full disk"
-        )
+        met = sum(trial.code != 0 for trial in trials)
+        print(f"{len(trials)} trials, {met} met the full disk, {len(failed)} failed")
     return 1 if failed else 0
 
 
@@ -161,7 +160,7 @@ def faults(name: str, code: int, said: str, disk: Path, given_back: bool) -> Ite
 def unreadable(path: Path) -> str:
     """Return why a file of rths cannot be read, "" where it can."""
     readers = {"model.h5": read_model, "sweep.h5": read_sweep}
-    if path.suffix != ".h5" or path.name == "data.h5":
+    if path.suffix != ".h5" or path.name.startswith("data"):
         return ""
     try:
         readers.get(path.name, read_result)(path)

@@ -79,10 +79,10 @@ class RunResult:
 
     def __init__(self, path: Path) -> None:
         from rths_cli.files.result_outline import read_outlines
-        from rths_cli.files.results import read_result
+        from rths_cli.metrics.stored import read_checked
 
         self.path = Path(path).absolute()
-        self.contents: Result = read_result(Path(path))
+        self.contents: Result = read_checked(Path(path))
         self.outlines: dict[str, Outline] = read_outlines(Path(path))
         self._stamp = _stamp(self.path)
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.result_outline import Outline, read_group, read_outlines
-from rths_cli.files.results import Dataset, Result, read_result
+from rths_cli.files.results import Dataset, Result
+from rths_cli.metrics.stored import read_checked
 
 BYTES = 8  # of a number, as it is written
 
@@ -48,7 +49,7 @@ def open_source(path: Path, names: Sequence[str] = ()) -> Source:
 
     Raises InputError unless the file is a whole result file that holds these groups.
     """
-    result, outlines = read_result(path), read_outlines(path)
+    result, outlines = read_checked(path), read_outlines(path)
     wanted = [name.strip("/").replace("-", "_") for name in names]
     missing = [name for name in wanted if name not in outlines]
     if missing:

@@ -14,7 +14,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rths_cli.files.hdf5_layout import walk
+
 if TYPE_CHECKING:
+    import h5py
     from h5py.h5a import AttrID
     from h5py.h5d import DatasetID
     from h5py.h5g import GroupID
@@ -69,15 +72,12 @@ def numbers(node: DatasetID) -> NDArray[np.float64]:
     return held
 
 
-def datasets(group: GroupID, above: str = "") -> Iterator[tuple[str, DatasetID]]:
-    """Yield the datasets below a group, without scales, with their paths."""
-    from h5py import h5d, h5ds, h5o
+def datasets(file: h5py.File, below: str = "") -> Iterator[tuple[str, DatasetID]]:
+    """Yield the datasets below a group, without scales, with their paths; raises LayoutError."""
+    from h5py import h5d, h5ds
 
-    for name in group:
-        node, path = h5o.open(group, name), above + name.decode()
-        if not isinstance(node, h5d.DatasetID):
-            yield from datasets(node, f"{path}/")
-        elif not h5ds.is_scale(node):
+    for path, node in walk(file, below):
+        if isinstance(node, h5d.DatasetID) and not h5ds.is_scale(node):
             yield path, node
 
 

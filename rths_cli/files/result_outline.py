@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rths_cli.files.hdf5_layout import is_dataset, scalar, walk
 from rths_cli.files.results import Dataset, _dataset, _reading
 
 if TYPE_CHECKING:
@@ -44,32 +45,46 @@ def read_group(path: Path, outline: Outline) -> dict[str, Dataset]:
 
 
 def _outlines(file: h5py.File) -> dict[str, Outline]:
+    found: dict[str, _Open] = {}
+    for path, node in walk(file):
+        above, _, name = path.rpartition("/")
+        if not is_dataset(node):
+            found[path] = _Open({}, {}, [], _attributes(node))
+        if above in found:
+            found[above].add(name, node)
+    return {path: Outline(path, one.datasets, one.scales, tuple(one.groups), one.about) for path, one in found.items()}
+
+
+@dataclass
+class _Open:
+    """An outline while its group is walked through."""
+
+    datasets: dict[str, tuple[int, ...]]
+    scales: dict[str, tuple[int, ...]]
+    groups: list[str]
+    about: dict[str, About]
+
+    def add(self, name: str, node: Any) -> None:
+        """Take note of an object in the group."""
+        from h5py import h5ds
+
+        if is_dataset(node):
+            (self.scales if h5ds.is_scale(node) else self.datasets)[name] = tuple(node.shape)
+        else:
+            self.groups.append(name)
+
+
+def _attributes(node: Any) -> dict[str, About]:
+    """Return the attributes of a group: texts, numbers and lists of texts; raises LayoutError."""
     import h5py
 
-    found: dict[str, Outline] = {}
-
-    def collect(name: str, node: Any) -> None:
-        if isinstance(node, h5py.Group):
-            found[name] = _outline(name, node)
-
-    file.visititems(collect)
-    return found
+    group = h5py.Group(node)
+    return {name: _about(name, group.attrs[name]) for name in group.attrs}
 
 
-def _outline(name: str, group: h5py.Group) -> Outline:
-    import h5py
-
-    datasets: dict[str, tuple[int, ...]] = {}
-    scales: dict[str, tuple[int, ...]] = {}
-    for key, node in group.items():
-        if isinstance(node, h5py.Dataset):
-            (scales if node.is_scale else datasets)[key] = tuple(node.shape)
-    inner = tuple(key for key, node in group.items() if isinstance(node, h5py.Group))
-    return Outline(name, datasets, scales, inner, {key: _about(value) for key, value in group.attrs.items()})
-
-
-def _about(value: Any) -> About:
-    """Return an attribute of a group as a text, a number or texts."""
-    if isinstance(value, np.ndarray):
-        return tuple(str(item) for item in value)
-    return value if isinstance(value, str) else float(value)
+def _about(name: str, value: Any) -> About:
+    """Return an attribute of a group as a text, a number or texts; raises LayoutError."""
+    if isinstance(value, np.ndarray) and value.ndim == 1 and value.dtype.kind in "OSU":
+        return tuple(str(scalar(name, item)) for item in value)
+    plain = scalar(name, value)
+    return plain if isinstance(plain, str) else float(plain)

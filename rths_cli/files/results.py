@@ -7,13 +7,15 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.hdf5 import Dataset
+from rths_cli.files.hdf5_layout import LayoutError, attribute, attributes, check_numbers, part, scalar, values_of
 from rths_cli.files.hdf5_nodes import datasets, numbers, text
+from rths_cli.files.result_layout import check_attributes, check_series
 from rths_cli.files.result_writer import (
     FORMAT,
     FORMAT_VERSION,
@@ -24,6 +26,7 @@ from rths_cli.files.result_writer import (
     check_writable,
     refusal,
 )
+from rths_cli.files.whole_file import open_regular
 from rths_cli.lti import Array
 
 if TYPE_CHECKING:
@@ -109,7 +112,7 @@ def read_series(path: Path, name: str) -> Array:
 
 def _result(path: Path, file: h5py.File, whole: bool) -> Result:
     nodes = list(_metrics(file))
-    metrics = {key: _figure(node) for key, node in nodes}
+    metrics = {key: _figure(key, node) for key, node in nodes}
     units: Mapping[str, str]
     definitions: Mapping[str, str]
     if whole:
@@ -117,19 +120,29 @@ def _result(path: Path, file: h5py.File, whole: bool) -> Result:
     else:
         texts = cache(lambda: _reading(path, lambda again: _texts_of(_metrics(again))))
         units, definitions = _Texts(metrics, lambda: texts()[0]), _Texts(metrics, lambda: texts()[1])
-    attributes = {key: _plain(value) for key, value in file.attrs.items()}
-    yaml, resolved = (file[f"case/{k}"].asstr()[()] if f"case/{k}" in file else "" for k in ("yaml", "resolved"))
-    return Result(path, attributes, yaml, resolved, metrics, units, definitions, tuple(file))
+    about = attributes(file)
+    check_attributes(about)
+    yaml, resolved = (_case_text(file, name) for name in ("yaml", "resolved"))
+    return Result(path, about, yaml, resolved, metrics, units, definitions, tuple(file))
+
+
+def _case_text(file: h5py.File, name: str) -> str:
+    """Return a text of the case, "" where it is not stored."""
+    node = part(file, f"case/{name}")
+    return "" if node is None else str(scalar(f"case/{name}", values_of(node, f"case/{name}")))
 
 
 def _metrics(file: h5py.File) -> Iterator[tuple[str, DatasetID]]:
     """Yield the figures of a file by their paths."""
-    for name, node in datasets(file["metrics"].id) if "metrics" in file else ():
+    for name, node in datasets(file, "metrics"):
         yield name.replace("/", "."), node
 
 
-def _figure(node: DatasetID) -> float | Array:
+def _figure(path: str, node: DatasetID) -> float | Array:
+    if len(node.shape) > 1 or node.dtype.kind not in "fiu":
+        raise LayoutError(f"has a figure {path} that is neither a number nor a row of numbers")
     value = numbers(node)
+    check_numbers(path, value)
     return float(value) if value.ndim == 0 else value
 
 
@@ -158,12 +171,15 @@ def _texts_of(nodes: Iterable[tuple[str, DatasetID]]) -> tuple[dict[str, str], d
 def _dataset(path: Path, file: h5py.File, name: str) -> Dataset:
     import h5py
 
-    node = file.get(name)
-    if not isinstance(node, h5py.Dataset):
+    found = part(file, name)
+    if not isinstance(found, h5py.h5d.DatasetID):
         raise InputError(f"{path}: holds no dataset {name}; its groups are {', '.join(file)}.")
-    dims = tuple(axis[0].name.rpartition("/")[2] for axis in node.dims if len(axis))
-    data = node.asstr()[()] if h5py.check_string_dtype(node.dtype) else node[()]
-    return Dataset(data, str(node.attrs["units"]), str(node.attrs["long_name"]), node.attrs["source"], dims)
+    node = h5py.Dataset(found)
+    axes = [(axis[0].name.rpartition("/")[2], axis[0].size) for axis in node.dims if len(axis)]
+    check_series(name, node.shape, axes)
+    units, long_name, source = (text(found, key) for key in ("units", "long_name", "source"))
+    dims = tuple(axis for axis, _ in axes)
+    return Dataset(values_of(found, name), units, long_name, source, dims)  # type: ignore[arg-type]
 
 
 def _reading(path: Path, read: Callable[[h5py.File], T]) -> T:
@@ -171,33 +187,31 @@ def _reading(path: Path, read: Callable[[h5py.File], T]) -> T:
     import h5py
 
     try:
-        with open(path, "rb"):
-            pass
-    except OSError as error:
+        open_regular(path).close()
+    except (OSError, ValueError) as error:
         raise InputError(refusal(path, "cannot read", error, advice=False)) from error
     if not h5py.is_hdf5(path):
         raise InputError(f"{path}: is not an HDF5 file; give a result file written by rths run.")
     try:
         with h5py.File(path, "r") as file:
-            _check_format(path, file.attrs)
+            _check_format(path, file)
             return read(file)
-    except (OSError, RuntimeError, KeyError, ValueError, TypeError) as error:
+    except LayoutError as error:
+        raise InputError(
+            f"{path}: {error}, so it is no result file as rths run writes it; run the case again."
+        ) from error
+    except (OSError, RuntimeError, LookupError, ValueError, TypeError) as error:
         raise InputError(f"{path}: is truncated or damaged and cannot be read; run the case again.") from error
 
 
-def _check_format(path: Path, attributes: Mapping[str, Any]) -> None:
-    if _plain(attributes.get("format", "")) == "rths-sweep":
+def _check_format(path: Path, file: h5py.File) -> None:
+    form = attribute(file, "format")
+    if form == "rths-sweep":
         raise InputError(f"{path}: holds a sweep; rths sweep with the same options and --resume shows it.")
-    if _plain(attributes.get("format", "")) != FORMAT:
+    if form != FORMAT:
         raise InputError(f"{path}: is not a result file of rths (no attribute format = {FORMAT}).")
-    if "status" not in attributes:
+    if attribute(file, "status") is None:
         raise InputError(f"{path}: does not say how its run ended (no attribute status); run the case again.")
-    version = int(attributes["format_version"])
+    version = int(attribute(file, "format_version") or 0)
     if version > FORMAT_VERSION:
         raise InputError(f"{path}: has format version {version}, this rths reads up to {FORMAT_VERSION}; update rths.")
-
-
-def _plain(value: Any) -> Attribute:
-    """Return an HDF5 attribute as a plain Python value."""
-    plain = value.item() if isinstance(value, np.generic) else value
-    return plain.decode() if isinstance(plain, bytes) else plain

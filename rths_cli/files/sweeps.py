@@ -11,24 +11,40 @@ import csv
 import io
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rths_cli.errors import InputError
 from rths_cli.files.hdf5 import Dataset, write_group
+from rths_cli.files.hdf5_layout import LayoutError, attribute, attributes, member, values_of
+from rths_cli.files.hdf5_nodes import datasets, text
 from rths_cli.files.result_writer import Attribute, refusal
 from rths_cli.files.staged_file import new_hdf5
+from rths_cli.files.whole_file import open_regular
 from rths_cli.lti import Array
+
+if TYPE_CHECKING:
+    import h5py
+
+T = TypeVar("T")
 
 FORMAT = "rths-sweep"
 FORMAT_VERSION = 1
 CSV_START = b"variant,"
+CASE = ("case_yaml", "case_resolved")
+STATED: dict[str, type] = {
+    "case_name": str, "rig": str, "rig_kind": str, "seeds": str, "status": str, "plan_sha256": str,
+    "software_sha256": str, "exit_code": int, "seeds_per_point": int, "coordinates": str,
+}  # fmt: skip
+"""Attributes that every sweep has, with their types."""
+NEEDED = {"exp_rths.tracking_rms_m_s2": 1, "exp_rths.rms_error_m_s2": 2}
+"""Figures that every sweep has, with the number of their axes."""
 ENDINGS = (
     ("_n_s_per_m", "N*s/m"), ("_n_per_m", "N/m"), ("_m_per_v", "m/V"), ("_m_s2", "m/s^2"), ("_m_s", "m/s"),
     ("_hz", "Hz"), ("_kg", "kg"), ("_s", "s"), ("_v", "V"), ("_m", "m"), ("_n", "N"), ("_g", "g"),
@@ -73,7 +89,8 @@ def write_sweep(path: Path, sweep: Sweep) -> None:
     try:
         with new_hdf5(part) as file:
             about = {"format": FORMAT, "format_version": FORMAT_VERSION, "seeds_per_point": sweep.seeds_per_point}
-            file.attrs.update({**sweep.attributes, **about, "coordinates": " ".join(["seed", *sweep.varied])})
+            names = {"coordinates": " ".join(["seed", *sweep.varied]), "figures": " ".join(sweep.figures)}
+            file.attrs.update({**sweep.attributes, **about, **names})
             write_group(file, _datasets(sweep), _scales(sweep))
         os.replace(part, path)
     except (OSError, RuntimeError) as error:
@@ -85,45 +102,86 @@ def write_sweep(path: Path, sweep: Sweep) -> None:
 
 def read_attributes(path: Path) -> dict[str, Attribute]:
     """Return the root attributes of a sweep's file; raises InputError when it is none."""
-    import h5py
-
-    try:
-        with h5py.File(path, "r") as file:
-            found = {
-                name: value.item() if isinstance(value, np.generic) else value for name, value in file.attrs.items()
-            }
-    except (OSError, RuntimeError, ValueError):
-        found = {}
-    if found.get("format") != FORMAT:
-        raise InputError(
-            f"{path}: exists and is no result of a sweep, which alone is replaced; choose another --output"
-        )
-    return found
+    return _reading(path, attributes)
 
 
 def read_sweep(path: Path) -> Sweep:
-    """Return a sweep from its file; raises InputError when it is none."""
+    """Return a sweep from its file; raises InputError when it is none, or not as `write_sweep` writes it."""
+    return _reading(path, _sweep)
+
+
+def _reading(path: Path, read: Callable[[h5py.File], T]) -> T:
+    """Apply `read` to the open file of a sweep; every fault of the file is an InputError."""
     import h5py
 
-    attributes = read_attributes(path)
-    with h5py.File(path, "r") as file:
-        names = [name for name in file if not file[name].is_scale]
-        values = {name: file[name][()] for name in names if not h5py.check_string_dtype(file[name].dtype)}
-        texts = {name: file[name].asstr()[()] for name in names if name not in values}
-        units = {name: (str(file[name].attrs["units"]), str(file[name].attrs["long_name"])) for name in names}
-    keys = str(attributes["coordinates"]).split()[1:]
-    columns = texts | values
-    figures = {name: Figure(values[name], *units[name]) for name in values if name not in ("seed", *keys)}
-    return Sweep(
-        attributes,
-        str(texts["case_yaml"]),
-        str(texts["case_resolved"]),
-        int(attributes["seeds_per_point"]),
-        {key: tuple(columns[key].tolist()) for key in keys},
-        values["seed"],
-        {name: tuple(texts[name].tolist()) for name in TEXTS},
-        figures,
-    )
+    form = None
+    try:
+        open_regular(path).close()
+        if h5py.is_hdf5(path):
+            with h5py.File(path, "r") as file:
+                form = attribute(file, "format")
+                if form == FORMAT:
+                    _check_version(path, attribute(file, "format_version"))
+                    return read(file)
+    except LayoutError as error:
+        raise InputError(f"{path}: {error}, so it is no sweep as rths writes it; run the sweep again.") from error
+    except (OSError, RuntimeError, LookupError, ValueError, TypeError) as error:
+        if form == FORMAT:
+            sentence = "is a sweep that is truncated or damaged and cannot be read; run the sweep again."
+            raise InputError(f"{path}: {sentence}") from error
+    raise InputError(f"{path}: exists and is no result of a sweep, which alone is replaced; choose another --output")
+
+
+def _check_version(path: Path, version: Attribute | None) -> None:
+    if not isinstance(version, int):
+        raise LayoutError("does not state its format_version")
+    if version > FORMAT_VERSION:
+        raise InputError(f"{path}: has format version {version}, this rths reads up to {FORMAT_VERSION}; update rths.")
+
+
+def _sweep(file: h5py.File) -> Sweep:
+    """Return what the file of a sweep holds; raises LayoutError unless it is a table of as many rows everywhere."""
+    about = attributes(file)
+    for name in STATED:
+        member(about, name, STATED[name])
+    nodes = dict(datasets(file))
+    if any("/" in name for name in nodes):
+        raise LayoutError("has groups in it")
+    found = {name: values_of(node, name) for name, node in nodes.items()}
+    units = {name: (text(node, "units"), text(node, "long_name")) for name, node in nodes.items()}
+    keys = str(about["coordinates"]).split()[1:]
+    seed = _column(found, "seed", "iu", None)
+    runs, per_point = len(seed), int(about["seeds_per_point"])
+    if not 1 <= per_point <= runs or runs % per_point:
+        raise LayoutError(f"has {runs} runs, {per_point} of each grid point")
+    paths = [name for name in found if name not in (*CASE, *TEXTS, "seed", *keys)]
+    order = str(about.get("figures", "")).split()
+    if any(path not in paths for path in (*NEEDED, *order)):
+        raise LayoutError("has not the figures of a sweep")
+    figures = {path: Figure(_figure(found, path, runs), *units[path]) for path in dict.fromkeys([*order, *paths])}
+    if len({figure.values.shape[1] for figure in figures.values() if figure.values.ndim > 1}) > 1:
+        raise LayoutError("has figures of other numbers of storeys")
+    texts = {name: tuple(map(str, _column(found, name, "OSU", runs).tolist())) for name in TEXTS}
+    varied = {key: tuple(_column(found, key, "OSUf", runs).tolist()) for key in keys}
+    yaml, resolved = (member(found, name, str) for name in CASE)
+    return Sweep(about, yaml, resolved, per_point, varied, seed, texts, figures)
+
+
+def _column(found: Mapping[str, Any], name: str, kinds: str, runs: int | None) -> NDArray[Any]:
+    """Return a value per run; raises LayoutError."""
+    column = np.asarray(found.get(name))
+    if column.ndim != 1 or column.dtype.kind not in kinds or len(column) != (len(column) if runs is None else runs):
+        raise LayoutError(f"has not one {name} per run")
+    return column
+
+
+def _figure(found: Mapping[str, Any], path: str, runs: int) -> Array:
+    """Return the numbers of a figure, per run or per run and storey; raises LayoutError."""
+    numbers = np.asarray(found[path])
+    axes = NEEDED.get(path, numbers.ndim)
+    if numbers.dtype.kind not in "fiu" or numbers.ndim != axes or axes not in (1, 2) or len(numbers) != runs:
+        raise LayoutError(f"has not one {path} per run")
+    return numbers.astype(float, copy=False)
 
 
 def check_csv(path: Path, result: Path) -> None:
@@ -133,7 +191,7 @@ def check_csv(path: Path, result: Path) -> None:
     if path.exists() and not path.is_file():
         raise InputError(f"--csv {path}: is no ordinary file; give the name of a file to write")
     try:
-        with open(path, "rb") as file:
+        with open_regular(path) as file:
             ours = file.read(len(CSV_START)) == CSV_START
     except FileNotFoundError:
         ours = True

@@ -1,20 +1,42 @@
-"""Read a file that a user names, after a look at its size."""
+"""Read a file that a user names, after a look at what it is and at its size; write a new one whole."""
 
 from __future__ import annotations
 
+import errno
+import os
+import stat
 from pathlib import Path
+from typing import BinaryIO
 
 from rths_cli.errors import InputError
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """Open a file for reading; raise OSError for what is none: a folder, a device, a pipe, which would not end.
+
+    A pipe is opened without waiting for somebody at its other end.
+    """
+    handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    try:
+        if stat.S_ISDIR(os.fstat(handle).st_mode):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+        if not stat.S_ISREG(os.fstat(handle).st_mode):
+            raise OSError(errno.EINVAL, "is no regular file", str(path))
+    except OSError:
+        os.close(handle)
+        raise
+    return os.fdopen(handle, "rb")
 
 
 def read_whole(path: Path, most_bytes: int, what: str, advice: str) -> bytes:
     """Return the file's bytes; raise InputError where it cannot be read, or is larger than `what` may be."""
     try:
-        size = path.stat().st_size
-        if size <= most_bytes:
-            return path.read_bytes()
-    except OSError as fault:
-        raise InputError(f"{path}: cannot be read ({fault.strerror}); {advice}") from None
+        with open_regular(path) as file:
+            size = os.fstat(file.fileno()).st_size
+            if size <= most_bytes:
+                return file.read(most_bytes)
+    except (OSError, ValueError) as fault:
+        raise InputError(f"{path}: cannot be read ({getattr(fault, 'strerror', None) or fault}); {advice}") from None
     raise InputError(f"{path}: {size / 1e6:.0f} MB; {what} may have {most_bytes / 1e6:.0f} MB, cut it")
 
 

@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rths_cli.errors import InputError
-from rths_cli.files.results import Result, read_result, result_files
-from rths_cli.files.sweeps import FORMAT_VERSION, Sweep, read_attributes, read_sweep
+from rths_cli.files.results import Result, result_files
+from rths_cli.files.sweeps import Sweep, read_sweep
+from rths_cli.metrics.stored import read_checked
 
 MANY = 64  # files from which several processes read
 AT_ONCE = 4  # processes at most
@@ -67,7 +68,7 @@ def _reading(files: Sequence[Path]) -> Iterator[Result | Sweep | str]:
 
 def _read(file: Path) -> Result | Sweep | str:
     try:
-        return read_result(file, whole=True)
+        return read_checked(file, whole=True)
     except InputError as error:
         return _as_sweep(file) if "holds a sweep" in str(error) else " ".join(error.faults)
 
@@ -75,12 +76,9 @@ def _read(file: Path) -> Result | Sweep | str:
 def _as_sweep(file: Path) -> Sweep | str:
     """Return the sweep in a file, or why there is none."""
     try:
-        version = int(read_attributes(file)["format_version"])
-        if version > FORMAT_VERSION:
-            return f"{file}: has format version {version}, this rths reads up to {FORMAT_VERSION}; update rths."
         return read_sweep(file)
-    except (InputError, OSError, RuntimeError, KeyError, ValueError, TypeError, IndexError):
-        return f"{file}: is a sweep that is truncated or damaged and cannot be read; run the sweep again."
+    except InputError as error:
+        return " ".join(error.faults)
 
 
 def _shared(result: Result) -> Result:

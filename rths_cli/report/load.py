@@ -12,7 +12,8 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.raw_log import SUFFIX, read_header
-from rths_cli.files.results import BEGUN, COMPLETE, Result, read_result, result_files
+from rths_cli.files.results import BEGUN, COMPLETE, Result, result_files
+from rths_cli.metrics.stored import read_checked
 
 Figure = float | Sequence[float | None] | None
 Figures = Mapping[str, Figure]
@@ -60,7 +61,7 @@ def load(paths: Sequence[Path]) -> list[Result]:
     results, faults = [], list(empty.values())
     for file in files:
         try:
-            results.append(read_result(file))
+            results.append(read_checked(file))
         except InputError as error:
             faults += error.faults
     if faults:
@@ -81,7 +82,7 @@ def _waits(log: Path) -> bool:
         result = log.parent / Path(header.result).name
         if not result.exists():
             return True
-        found = read_result(result)
+        found = read_checked(result)
     except InputError:
         return False
     finished = found.attributes["status"] == "complete" or f"recovered_{header.run}" in found.attributes

@@ -85,7 +85,7 @@ def test_datasets_below_a_group_come_with_their_paths_and_without_scales(tmp_pat
         file["b/deep/scale"].make_scale("scale")
         expected: list[str] = []
         file.visititems(lambda path, node: expected.append(path) if isinstance(node, h5py.Dataset) else None)
-        assert [path for path, _ in datasets(file.id)] == [p for p in expected if p != "b/deep/scale"]
-        assert [path for path, _ in datasets(file["b"].id)] == ["a", "deep/x"]
+        assert [path for path, _ in datasets(file)] == [p for p in expected if p != "b/deep/scale"]
+        assert [path for path, _ in datasets(file, "b")] == ["a", "deep/x"]
         with pytest.raises(KeyError):
             text(file["c"].id, "units")

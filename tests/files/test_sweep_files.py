@@ -47,6 +47,12 @@ def test_rows_of_another_process_are_not_overwritten(tmp_path: Path) -> None:
         RowsFile(tmp_path / "x.rows", {}, resume=False).__enter__()
 
 
+ABOUT = {
+    "case_name": "x", "rig": "r", "rig_kind": "virtual", "seeds": "0", "status": "complete", "plan_sha256": "p",
+    "software_sha256": "s", "exit_code": 0,
+}  # fmt: skip
+
+
 def made() -> Sweep:
     figures = {"a.b_m": Figure(np.array(VALUES[:3]), "m", "one number"), "a.s": Figure(np.eye(3), "1", "per storey")}
     texts = dict.fromkeys(("status", "reason", "verdict", "model_sha256"), ("x", "", 'ä, "q"\nnew line'))
@@ -55,7 +61,9 @@ def made() -> Sweep:
         "t.stiffness_n_per_m": (1.0, 2.0, 3.0),
         "controller": ("FF", {"kind": "FF"}, [1]),
     }
-    return Sweep({"plan_sha256": "p"}, "yaml", "resolved", 3, varied, np.array([5, 6, 2**53 - 1]), texts, figures)
+    figures |= {"exp_rths.tracking_rms_m_s2": Figure(np.ones(3), "m/s^2", "tracking")}
+    figures |= {"exp_rths.rms_error_m_s2": Figure(np.eye(3), "m/s^2", "storeys")}
+    return Sweep(dict(ABOUT), "yaml", "resolved", 3, varied, np.array([5, 6, 2**53 - 1]), texts, figures)
 
 
 def test_a_table_reads_back(tmp_path: Path) -> None:
@@ -65,6 +73,7 @@ def test_a_table_reads_back(tmp_path: Path) -> None:
     assert [*map(json.loads, back.varied["controller"][1:])] == [{"kind": "FF"}, [1]]
     assert back.seed.tolist() == [5, 6, 2**53 - 1] and back.texts == made().texts
     assert back.figures["a.s"].values.tobytes() == np.eye(3).tobytes()
+    assert list(back.figures) == list(made().figures)  # --resume --csv orders its columns like the first time
     with h5py.File(tmp_path / "x.h5") as file:
         assert file["t.stiffness_n_per_m"].attrs["units"] == "N/m" and file["scaling"].attrs["units"] == "1"
         assert all(file[name].attrs["long_name"] and file[name].attrs["source"] for name in file)

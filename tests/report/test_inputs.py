@@ -125,6 +125,8 @@ def test_a_sweep_is_shown_by_its_own_text_and_a_damaged_one_told(tmp_path: Path)
         "seeds": "2",
         "status": "complete",
         "plan_sha256": "",
+        "software_sha256": "",
+        "exit_code": 0,
     }
     path = tmp_path / "sweep.h5"
     write_sweep(path, Sweep(about, "a", "b", 2, {}, np.array([0, 1]), texts, figures))

@@ -1,0 +1,135 @@
+"""Result files that somebody made or damaged: one sentence, nothing is followed elsewhere, nothing is waited for."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from rths_cli.errors import InputError
+from rths_cli.files.hdf5_layout import DEEPEST
+from rths_cli.files.result_outline import read_outlines
+from rths_cli.files.results import Dataset, Metric, ResultWriter, read_dataset
+from rths_cli.metrics.stored import read_checked
+
+Edit = Callable[[h5py.File], object]
+
+
+def made(folder: Path) -> Path:
+    """Write a small result."""
+    path = folder / "a.h5"
+    shear = {"base_shear_n": Dataset(np.zeros(50), "N", "shear", "computed")}
+    figures = {
+        "exp_rths.rms_error_m_s2": Metric([0.1, 0.2, np.nan], "m/s^2", "RMS error"),
+        "sim_delay.rms_error_m_s2": Metric([0.1, 0.2, 0.3], "m/s^2", "RMS error"),
+        "check.gain_margin": Metric(np.inf, "1", "gain margin"),
+    }
+    with ResultWriter(path, {"case_name": "a", "rig_kind": "virtual", "scaling": 0.3}) as writer:
+        writer.case("record: a\n", "record: a\n")
+        writer.group("sim", shear, np.arange(50) / 2000)
+        writer.metrics(figures)
+        writer.finish("complete")
+    return path
+
+
+def everything(path: Path) -> None:
+    """Read all that commands read."""
+    read_checked(path, whole=True)
+    for group, outline in read_outlines(path).items():
+        for name in (*outline.scales, *outline.datasets):
+            read_dataset(path, f"{group}/{name}")
+
+
+def replaced(name: str, data: object) -> Edit:
+    def edit(file: h5py.File) -> None:
+        del file[name]
+        node = file.create_dataset(name, data=data)
+        node.attrs.update({"units": "m/s^2", "long_name": "x", "definition": "x", "source": "computed"})
+
+    return edit
+
+
+def linked(link: object) -> Edit:
+    def edit(file: h5py.File) -> None:
+        del file["sim"]
+        file["sim"] = link
+
+    return edit
+
+
+def huge(file: h5py.File) -> None:
+    del file["metrics/exp_rths/rms_error_m_s2"]
+    file.create_dataset("metrics/exp_rths/rms_error_m_s2", (10**12,), dtype="f8", chunks=(1024,))
+
+
+def elsewhere(file: h5py.File) -> None:
+    del file["sim/base_shear_n"]
+    file.create_dataset("sim/base_shear_n", (50,), dtype="f8", external=[("pipe", 0, 400)])
+
+
+def circle(file: h5py.File) -> None:
+    for name in ("b", "c", "d"):
+        file[f"metrics/{name}"] = file["metrics"]
+
+
+def deep(file: h5py.File) -> None:
+    file.create_group("metrics/" + "g/" * (DEEPEST + 1))
+
+
+DAMAGES: dict[str, tuple[Edit, str]] = {
+    "link to a pipe": (linked(h5py.ExternalLink("pipe", "/")), "link to another place or file at sim"),
+    "soft link": (linked(h5py.SoftLink("/metrics")), "link to another place"),
+    "circle of links": (linked(h5py.SoftLink("/sim")), "link to another place"),
+    "values in a pipe": (elsewhere, "keeps the values of sim/base_shear_n in another file"),
+    "terabytes": (huge, "declares 8000000 MB in "),
+    "circle of groups": (circle, "groups in a circle"),
+    "deep groups": (deep, "groups in a circle"),
+    "many figures": (replaced("metrics/exp_rths/rms_error_m_s2", np.ones((3, 3))), "neither a number nor a row"),
+    "other storeys": (replaced("metrics/exp_rths/rms_error_m_s2", np.ones(4)), "4 values of|3 values of"),
+    "one number": (replaced("metrics/exp_rths/rms_error_m_s2", 1.0), "one value per storey"),
+    "too many numbers": (replaced("metrics/check/gain_margin", np.ones(2)), "must have one value"),
+    "a text": (replaced("metrics/check/gain_margin", "x"), "neither a number nor"),
+    "a vast number": (replaced("metrics/check/gain_margin", 1e308), "beyond 1e"),
+    "a record": (replaced("metrics/check/gain_margin", np.zeros(1, [("a", "f8")])), "else than numbers or texts"),
+    "nothing": (replaced("metrics/check/gain_margin", h5py.Empty("f8")), "else than numbers or texts"),
+    "series of two axes": (replaced("sim/base_shear_n", np.ones((2, 50))), "2 axes in sim/base_shear_n"),
+    "scaling": (lambda file: file.attrs.update(scaling="x"), "scaling = 'x'"),
+    "not finite": (lambda file: file.attrs.update(note=np.nan), "'note' that is neither"),
+    "empty version": (lambda file: file.attrs.update(rths_version=np.zeros(0)), "'rths_version' that is neither"),
+    "status": (lambda file: file.attrs.update(status="grand"), "status 'grand'"),
+    "published": (lambda file: file.attrs.update(reference_json='{"a": "x"}'), "no numbers"),
+    "brackets": (lambda file: file.attrs.update(package_versions="[" * 50_000), "no JSON"),
+    "name": (lambda file: file.move("sim", "\x1b[2J"), "object with the name"),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_a_file_that_is_not_what_it_must_be_is_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, damage: str
+) -> None:
+    path, (edit, said) = made(tmp_path), DAMAGES[damage]
+    os.mkfifo(tmp_path / "pipe")
+    everything(path)
+    with h5py.File(path, "r+") as file:
+        edit(file)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=said) as caught:
+        everything(path)
+    assert len(caught.value.faults) == 1 and str(caught.value).startswith(f"{path}: ")
+
+
+@pytest.mark.parametrize("kind", ["pipe", "folder", "device", "circle"])
+def test_what_is_no_file_is_not_waited_for(tmp_path: Path, kind: str) -> None:
+    path = Path("/dev/zero") if kind == "device" else tmp_path / kind
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "folder":
+        path.mkdir()
+    elif kind == "circle":
+        path.symlink_to(path)
+    with pytest.raises(InputError, match="cannot read"):
+        read_checked(path)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from rths_cli.identification import channel_responses, channels, delay, doubts, friction, motions, verdict
 from rths_cli.identification.channels import UnfitRecord
 from rths_cli.identification.evidence import Evidence, IdentificationSettings, evidence
-from rths_cli.identification.fit_table import fit_error
+from rths_cli.identification.fit_table import beyond_scatter, fit_error
 from rths_cli.identification.found import (
     ChannelReport,
     DelayEstimate,
@@ -167,7 +167,7 @@ def _verdict(data: Evidence, table: _Table, specimen: _Specimen, warnings: list[
     """Return whether the model may drive the table."""
     return verdict.judge(
         table.best,
-        fit_error(table.best, table.fit.frf),
+        beyond_scatter(table.best, table.fit.frf),
         table.fit.frf,
         data.settings.most,
         warnings,

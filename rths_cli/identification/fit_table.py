@@ -24,6 +24,7 @@ REACH = 1e4  # factor by which a root or the gain may leave its start
 LATENCY_START_HZ, FAR_ZERO_START_HZ = 150.0, 250.0
 LINES_PER_PARAMETER = 2
 MOST_EVALUATIONS = 400  # of the response, in a fit; the paper's takes up to 300
+SCATTER = 2.0  # standard errors of a line that are not held against a model
 COMPARED_HZ, MID_HZ = (0.7, 11.0), (2.0, 10.0)
 
 
@@ -93,6 +94,26 @@ def fit_error(model: Model, frf: Frf) -> FitError:
     error = np.abs(model.sampled_response(f) / frf.response - 1.0)
     band, mid = within(f, COMPARED_HZ), within(f, MID_HZ)
     return FitError(rms(error[band]), float(error[band].max()), rms(error[mid]))
+
+
+def beyond_scatter(model: Model, frf: Frf) -> FitError:
+    """Return what of a model's error its data can tell: |fit / FRF - 1| beyond two standard errors of each line, and
+    what the scatter of all lines in a band leaves uncertain of the model itself, two standard errors of its mean.
+
+    A model of p parameters has the variance of p of the lines' errors, spread over them: p / sum of 1 / error^2.
+    """
+    f = frf.frequency_hz
+    error = np.abs(model.sampled_response(f) / frf.response - 1.0)
+    excess = np.maximum(error - SCATTER * frf.relative_error, 0.0)
+    parameters = len(model.poles) + len(model.zeros) - 1  # two zeros are given, the gain is not
+    found = []
+    for band in (COMPARED_HZ, MID_HZ):
+        inside = within(f, band)
+        known = float(np.sum(1.0 / frf.relative_error[inside] ** 2))
+        uncertain = SCATTER * np.sqrt(parameters * frf.bandwidth_lines / known)
+        found.append((float(np.hypot(rms(excess[inside]), uncertain)), float(excess[inside].max())))
+    (wide, largest), (mid, _) = found
+    return FitError(wide, largest, mid)
 
 
 def within(frequency_hz: Array, band_hz: tuple[float, float]) -> np.ndarray:

@@ -98,7 +98,7 @@ def freely_vibrating(
     data: Evidence, model: Model, known: SpecimenFit | None
 ) -> tuple[SpecimenFit | None, tuple[str, ...]]:
     """Return the specimen from what the free vibrations show until they have died out in the channels' noise, None
-    without any; and a sentence where they last too short to tell anything. `known`: the specimen from the excitation."""
+    without any; and a sentence where they last too short to tell. `known`: the specimen from the excitation."""
     if known is None:
         return None, ()
     held = [record for record in data.records if record.parts.free_vibration is not None]

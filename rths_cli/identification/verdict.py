@@ -9,13 +9,12 @@ from itertools import pairwise
 
 import numpy as np
 
-from rths_cli.identification.fit_table import COMPARED_HZ, Fit, rms, within
+from rths_cli.identification.fit_table import COMPARED_HZ, SCATTER, Fit, rms, within
 from rths_cli.identification.found import Band, FitError, LevelBand, Root, SpecimenFit, Verdict
 from rths_cli.lti import Array, Frf, Model
 
 LIMITS = FitError(rms=0.01, largest=0.03, rms_mid=0.004)
 BANDS_HZ = (0.7, 2.0, 5.0, 11.0, 20.0, 40.0, 60.0)
-SCATTER = 2.0  # standard errors of a line that are not held against the model
 GROUP = 5  # lines whose errors are averaged above the compared band
 SHORTFALL = 1.25
 NOISY = 0.5  # of the limit: scatter of the data that may be what a fit misses
@@ -26,7 +25,7 @@ def judge(
     model: Model, error: FitError, frf: Frf, most: FitError, warnings: Sequence[str],
     levels: Sequence[LevelBand] = (), level_ratio: float = math.inf, further: Sequence[str] = (), given: bool = False,
 ) -> Verdict:  # fmt: skip
-    """Return the verdict on a model whose fit error against a response is known.
+    """Return the verdict on a model whose fit error against a response, beyond the scatter of the data, is known.
 
     `levels` compare a record at low level with one `level_ratio` times louder, to which the model was fitted.
     `further`: reasons found elsewhere; `given`: the model was made elsewhere.
@@ -73,7 +72,8 @@ def _misses(error: FitError, most: FitError, advice: str) -> tuple[str, ...]:
         ("rms in 2-10 Hz", error.rms_mid, most.rms_mid),
     )
     return tuple(
-        f"table model: error |fit / FRF - 1|, {name}, is {value:.2%}, the limit is {limit:.2%}; {advice}"
+        f"table model: error |fit / FRF - 1|, {name}, is {value:.2%} beyond the data's scatter, the limit is "
+        f"{limit:.2%}; {advice}"
         for name, value, limit in rows
         if not value <= limit
     )

@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from rths_cli.analysis.identified_rig import identified_rig
-from rths_cli.analysis.preflight import Stability, stability
+from rths_cli.analysis.preflight import LEAST_DELAY_S, Stability, stability
 from rths_cli.analysis.sim import Response, simulate
 from rths_cli.control.numerical import all_storeys
 from rths_cli.identification.fit_table import within
@@ -156,8 +156,8 @@ def _margin(truth: Truth) -> bool:
 
 
 def _delay_margin(truth: Truth) -> bool:
-    found, dt = truth.stability, truth.setup.rig.dt_s
-    return found is not None and found.measured.delay_margin_s < NEAR * max(2.0 * dt, 1e-3)
+    found = truth.stability
+    return found is not None and found.measured.delay_margin_s < NEAR * LEAST_DELAY_S
 
 
 def _model_off(truth: Truth) -> bool:

@@ -23,7 +23,9 @@ from rths_cli.rig_info import BRAKE_SHARE, RigInfo
 SAFE, UNSAFE, UNSTABLE = "safe", "unsafe", "unstable"
 TOLERATED = 0.06  # error of the table that a test must stand up to 11 Hz: twice the largest of an accepted model
 COMPARED_HZ = 11.0
-LEAST_DELAY_SAMPLES, LEAST_DELAY_S = 2.0, 1e-3  # further delay to stand: one sample lost and one late, at least 1 ms
+LEAST_DELAY_S = (
+    1e-3  # further delay to stand, for good: a lost sample is bridged and delays nothing for longer than itself
+)
 RESERVE = 0.1  # of every limit
 FINER = 8  # points of a peak's series per point of the reduced one
 GROWN = 1e3  # over the record, from which growth is no doubt
@@ -81,10 +83,10 @@ class Preflight:
 
 def judge(
     critical: CriticalDelay, stability: Stability, reach: tuple[Reach, ...], scaling: float,
-    prediction: Prediction | None, dt_s: float, further: tuple[str, ...] = (),
+    prediction: Prediction | None, further: tuple[str, ...] = (),
 ) -> Preflight:  # fmt: skip
     """Return the verdict: unstable, unsafe (which limit), or safe; `further` reasons make a stable loop unsafe."""
-    reasons = faults_of_loop(stability, dt_s)
+    reasons = faults_of_loop(stability)
     doubt = stability.radius >= 1.0 and stability.growth >= GROWN
     largest = scaling * min((1.0 - RESERVE) / row.share if row.share > 0.0 else math.inf for row in reach)
     if stability.radius < 1.0:
@@ -93,9 +95,9 @@ def judge(
     return Preflight(verdict, tuple(reasons), critical, stability, reach, largest, prediction)
 
 
-def faults_of_loop(found: Stability, dt_s: float) -> list[str]:
+def faults_of_loop(found: Stability) -> list[str]:
     """Return why a loop is not safe whatever is played; nothing for one that is."""
-    return _fragile(found, dt_s) if found.radius < 1.0 else _unstable(found)
+    return _fragile(found) if found.radius < 1.0 else _unstable(found)
 
 
 def rounded_down(value: float, digits: int = 3) -> float:
@@ -112,7 +114,7 @@ def _unstable(found: Stability) -> list[str]:
     ]
 
 
-def _fragile(found: Stability, dt_s: float) -> list[str]:
+def _fragile(found: Stability) -> list[str]:
     """Return a sentence when too small an error of the table, or too little delay, makes the loop unstable."""
     reasons = []
     if found.apart >= 1.0:
@@ -125,12 +127,11 @@ def _fragile(found: Stability, dt_s: float) -> list[str]:
             f"an error of {found.tolerates:.2%} in the table's response at {found.at_hz:.3g} Hz makes the loop "
             f"unstable, it must stand {found.required:.2%}; {_advice(found.at_hz)}"
         )
-    least = max(LEAST_DELAY_SAMPLES * dt_s, LEAST_DELAY_S)
-    if found.measured.delay_margin_s < least:
+    if found.measured.delay_margin_s < LEAST_DELAY_S:
         reasons.append(
             f"{1e3 * found.measured.delay_margin_s:.3g} ms of further delay make the loop unstable, it must stand "
-            f"{1e3 * least:.3g} ms (two samples, or 1 ms where that is more); put less of the interface floor's mass "
-            "on the table, add damping, or raise a sample_rate_hz below 2000"
+            f"{1e3 * LEAST_DELAY_S:.3g} ms; put less of the interface floor's mass on the table, add damping, or raise "
+            "a sample_rate_hz below 2000"
         )
     return reasons
 

@@ -87,10 +87,10 @@ def judge(setup: Setup, identified: Identification, design: Design, kept: Kept |
     stable = prediction if found.radius < 1.0 else None
     critical = critical_delay(building)
     further = preflight.unseen(known)
-    verdict = preflight.judge(critical, found, rows, setup.case.scaling, stable, dt, further)
+    verdict = preflight.judge(critical, found, rows, setup.case.scaling, stable, further)
     own = modes(building.M, building.C, building.K)
     looped = modes_in_loop(loop_roots(closed_loop_matrix(rig, design.blocks), dt), *own)
-    largest = 0.0 if preflight.faults_of_loop(found, dt) else preflight.rounded_down(verdict.largest_scaling)
+    largest = 0.0 if preflight.faults_of_loop(found) else preflight.rounded_down(verdict.largest_scaling)
     friction = identified.friction.command_v if identified.friction else 0.0
     delayed = _sim_delay(setup, building, known, critical)
     return Judged(verdict, own, looped, delayed, friction, largest, known if found.radius < 1.0 else None)

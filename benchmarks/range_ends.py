@@ -3,7 +3,8 @@
 python benchmarks/range_ends.py [COUNT] [--seed SEED] [--json FILE]    one process per case, 500 of seed 1 by default
 
 The ranges are those of docs/reference/case.md and rig.md. Every case is run once to its end, and once more with SIGTERM
-at a random instant of that time, which must be obeyed within a second.
+at a random instant of that time, which must be obeyed within a second. Where other programs keep the processors busy,
+times are allowed to be longer by as much as each has to wait.
 """
 
 from __future__ import annotations
@@ -32,7 +33,8 @@ STARTED_S = 0.02  # from the process's own start to where Python can take signal
 ADDRESS_SPACE = 8 * 2**30  # the process may reserve; what it uses is measured
 NEAR_ZERO = (1e-300, 1e-9, 1e-3)  # ends of a range that excludes zero
 STOREYS = (1, 2, 5, 200)
-PLAIN = 0.5  # share of the keys that keep a usual value
+MOST_PAYLOAD_KG = 1e6  # that a table may carry
+PLAIN = 0.6  # share of the keys that keep a usual value
 RECORD_SAMPLES = (3, 3000, 100_000)
 RIG_KEYS = ("sensors.", "converters.", "limits.", "nominal.", "physics.", "after_identification.")
 Random = np.random.Generator
@@ -93,7 +95,10 @@ def drawn(random: Random, folder: Path) -> dict[str, Any]:
         return [either(key, usual) for _ in range(count)]
 
     p, n = (int(random.choice(STOREYS)) for _ in range(2))
-    experimental: dict[str, Any] = {"masses_kg": listed("structure.experimental.masses_kg", 0.1, n)}
+    masses_kg = listed("structure.experimental.masses_kg", 0.1, n)
+    if sum(masses_kg) > MOST_PAYLOAD_KG and random.random() < 0.9:  # that sentence is heard often enough
+        masses_kg = [min(mass, MOST_PAYLOAD_KG / n) for mass in masses_kg]
+    experimental: dict[str, Any] = {"masses_kg": masses_kg}
     if n <= 5 and random.random() < 0.3:
         ends = sorted({either("structure.experimental.natural_frequencies_hz", 3.0 * (i + 1)) for i in range(n)})
         experimental["natural_frequencies_hz"] = ends if len(ends) == n else [3.0 * (i + 1) for i in range(n)]
@@ -121,7 +126,7 @@ def drawn(random: Random, folder: Path) -> dict[str, Any]:
     else:
         damping = {"dashpots_n_s_per_m": listed("damping.dashpots_n_s_per_m", 22.0, p)}
     rate = float(random.choice([either("sample_rate_hz", 2000.0), 2000.0, 20_000.0]))
-    record = write_record(random, folder, either("record.dt_s", 0.02))
+    record = write_record(random, folder, float(random.choice([0.005, 0.02, 1.0, either("record.dt_s", 0.02)])))
     case: dict[str, Any] = {
         "structure": structure,
         "damping": damping,
@@ -134,10 +139,11 @@ def drawn(random: Random, folder: Path) -> dict[str, Any]:
         "sample_rate_hz": rate,
         "delay_s": either("delay_s", 0.005),
         "record_filter": {
-            "corner_hz": either("record_filter.corner_hz", 0.25),
+            "corner_hz": 0.0 if random.random() < 0.5 else either("record_filter.corner_hz", 0.25),
             "order": either("record_filter.order", 2, whole=True),
         },
         "seed": either("seed", 0, whole=True),
+        "identification": {"high_hz": min(60.0, 0.2 * rate)},
         "table": {"extends": "aps400_virtual", **drawn_rig(random)},
     }
     return case
@@ -159,7 +165,7 @@ def drawn_rig(random: Random) -> dict[str, Any]:
             whole = key in ("converters.bits", "converters.latency_samples", "limits.lost_samples")
             part, name = key.split(".")
             rig.setdefault(part, {})[name] = an_end(limits, random, whole)
-    rig.setdefault("nominal", {})["payload_kg"] = 1e6
+    rig.setdefault("nominal", {})["payload_kg"] = MOST_PAYLOAD_KG
     return rig
 
 
@@ -187,7 +193,7 @@ def run(case: Path, folder: Path, term_after_s: float | None = None) -> tuple[En
             if term_after_s is not None and told is None and elapsed >= max(term_after_s, STARTED_S):
                 process.send_signal(signal.SIGTERM)
                 told = time.monotonic()
-            if elapsed > 3.0 * MOST_S:
+            if elapsed > 3.0 * MOST_S * waiting():
                 process.kill()
             time.sleep(0.002 if told else 0.01)
     process.returncode = os.waitstatus_to_exitcode(status)
@@ -211,6 +217,11 @@ def judge(seed: int) -> Judged:
     )  # fmt: skip
 
 
+def waiting() -> float:
+    """Return how much longer everything takes because other programs run: those ready to run, over the processors."""
+    return max(1.0, 1.5 * os.getloadavg()[0] / (os.cpu_count() or 1))
+
+
 def faults_of(ended: Ended) -> tuple[str, ...]:
     """Return what is wrong with how a case ended by itself."""
     faults = []
@@ -220,7 +231,7 @@ def faults_of(ended: Ended) -> tuple[str, ...]:
         faults.append("no sentence")
     if re.search("Traceback|Warning", ended.said):
         faults.append("a traceback or a library's warning")
-    if ended.seconds > MOST_S:
+    if ended.seconds > MOST_S * waiting():
         faults.append(f"took {ended.seconds:.1f} s")
     if ended.memory_bytes > MOST_BYTES:
         faults.append(f"took {ended.memory_bytes / 1e6:.0f} MB")
@@ -232,7 +243,7 @@ def faults_of_term(ended: Ended, after_s: float, code: int) -> tuple[str, ...]:
     faults = []
     if ended.code not in (143, code):
         faults.append(f"exit code {ended.code} after SIGTERM")
-    if after_s > MOST_TERM_S:
+    if after_s > MOST_TERM_S * waiting():
         faults.append(f"went on for {after_s:.2f} s after SIGTERM")
     return tuple(faults)
 

@@ -12,6 +12,8 @@ from rths_cli.files.accelerograms import Accelerogram
 from rths_cli.filters import butterworth, driven_modes, filtered
 from rths_cli.lti import Array
 
+MOST_SAMPLES = 5_000_000  # of a ground motion, 40 MB in each of some ten arrays: 40 minutes at 2 kHz
+
 
 @dataclass(frozen=True)
 class GroundMotion:
@@ -68,6 +70,12 @@ def _check(accelerogram: Accelerogram, sample_rate_hz: float, corner_hz: float, 
         faults.append(
             f"sample_rate_hz: {sample_rate_hz:g} Hz is below the record's {own_rate_hz:g} Hz, which would alias it; "
             "raise it or resample the record"
+        )
+    if duration_s * sample_rate_hz > MOST_SAMPLES:
+        faults.append(
+            f"sample_rate_hz: {sample_rate_hz:g} Hz makes {duration_s * sample_rate_hz:.3g} samples of the record's "
+            f"{duration_s:g} s, the limit is {MOST_SAMPLES:.3g}; lower it to {MOST_SAMPLES / duration_s:.3g} Hz or "
+            "shorten the record"
         )
     if not 0.0 <= corner_hz < 0.5 * sample_rate_hz:
         faults.append(

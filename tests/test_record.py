@@ -149,3 +149,11 @@ def test_a_record_of_one_filter_period_is_accepted() -> None:
 def test_impossible_oscillators_are_refused(periods: list[float], zeta: float) -> None:
     with pytest.raises(InputError):
         response_spectrum(motion_of(np.ones(10), 0.01), periods, zeta)
+
+
+def test_a_record_that_would_make_too_many_samples_is_refused_before_they_are_made() -> None:
+    long = Accelerogram(1.0, np.zeros(2001), "", "", "m/s^2", "", "")
+    with pytest.raises(
+        InputError, match=r"^sample_rate_hz: 50000 Hz makes 1e\+08 samples of the record's 2000 s, the limit"
+    ):
+        prepare(long, 1.0, 50_000.0, corner_hz=0.0)

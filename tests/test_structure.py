@@ -1,5 +1,6 @@
 """Oracles: the table of the paper's notes, closed forms of chains, Eq. 2.2 to 2.6 written out, a search."""
 
+import re
 from types import SimpleNamespace
 
 import numpy as np
@@ -238,3 +239,35 @@ def test_every_wrong_list_is_named_at_once() -> None:
         "damping.dashpots_n_s_per_m",
         "structure.interface_experimental_mass_kg",
     ]
+
+
+@pytest.mark.parametrize(
+    ("experimental", "damping", "sentence"),
+    [
+        ({"masses_kg": [7.0, 1e-20]}, {}, "structure.experimental: floor 2 of 1e-20 kg moves at"),
+        (
+            {"masses_kg": [7.0, 1e-300]},
+            {},
+            "on its stiffness_n_per_m of 7e+03, the limit is 1e+11 1/s; raise masses_kg",
+        ),
+        (
+            {"dashpots_n_s_per_m": [1.0, 1e13]},
+            {},
+            "structure.experimental: floor 1 of 7 kg moves at 1.4e+12 1/s on its ",
+        ),
+        ({}, {"dashpots_n_s_per_m": [1e13]}, "damping: floor 1 of 7 kg moves at 1.4e+12 1/s on its dashpots_n_s_per_m"),
+    ],
+)
+def test_floors_too_light_for_their_springs_are_named(
+    experimental: dict[str, object], damping: dict[str, object], sentence: str
+) -> None:
+    own = {"masses_kg": [7.0, 7.0], "natural_frequencies_hz": None, "stiffness_n_per_m": [7e3, 7e3],
+           "damping_ratios": None, "dashpots_n_s_per_m": [8.0, 8.0]}  # fmt: skip
+    spec = SimpleNamespace(
+        numerical=SimpleNamespace(masses_kg=[7.0], stiffness_n_per_m=[7e3]),
+        experimental=SimpleNamespace(**(own | experimental)),
+        interface_experimental_mass_kg=0.0,
+    )
+    level = SimpleNamespace(**({"first_mode_ratio": None, "dashpots_n_s_per_m": [20.0]} | damping))
+    with pytest.raises(InputError, match=re.escape(sentence)):
+        build(spec, level)

@@ -106,6 +106,7 @@ def _settle(x: Part) -> None:
 def integrate(
     ground: Array,
     substeps: int,
+    most: int,
     lag: float,
     force_limit: float,
     numerical: Part,
@@ -114,7 +115,7 @@ def integrate(
     history: Array,
     result: Array,
 ) -> int:
-    """Advance both parts from rest; return the number of samples reached within the force limit.
+    """Advance both parts from rest; return the number of samples reached within the force limit and `most` substeps.
 
     `ground` (n,) in m/s^2, `lag` the delay in substeps. `numerical` takes [ground, ground+, f, f', f+,
     f'+], f in N being the delayed force, and gives the table's [a1, a1'] from [ground, f, f']; `specimen`
@@ -132,6 +133,8 @@ def integrate(
         result[0, i] = 0.0
     new, step = 0, 0
     for sample in range(ground.shape[0] - 1):
+        if step + substeps > most:
+            return sample + 1
         rise = (ground[sample + 1] - ground[sample]) / substeps
         for inner in range(substeps):
             step += 1

@@ -16,11 +16,15 @@ from numpy.typing import ArrayLike
 from rths_cli.errors import InputError
 from rths_cli.filters import driven_modes
 from rths_cli.lti import Array, ComplexArray
-from rths_cli.matrices import distinct, exponential
+from rths_cli.matrices import balancing, distinct, exponential
 from rths_cli.structure import Building
 
 _LARGEST_EIGENVECTOR_CONDITION = 1e6  # beyond it the modal sum loses six digits: use the matrix recursion
 _CHECKED_STEPS = 4000
+_ROUNDED = 1e-14  # of the peak of a state: fifty rounding errors
+_LARGEST_ERROR = 1e-2  # relative to the peak, by an estimate that is far above the error beside stiff storeys
+MOST_VALUES = 1.1e7  # storeys times samples, in each of some ten arrays: 100 storeys and 55 s at 2 kHz
+_MOST_RECURSION = 1e10  # samples times numbers of the matrix recursion: 10 s
 
 
 @dataclass(frozen=True)
@@ -44,18 +48,37 @@ def simulate(building: Building, dt_s: float, ground_accel_m_s2: ArrayLike) -> R
 
     Exact but for rounding: `error_estimate` is the largest one-step residual against the matrix
     exponential, accumulated over the memory of the least damped mode. Raises InputError for a step that is
-    not positive or a record that is not finite.
+    not positive, a record that is not finite, more work than is allowed, and a building whose storeys differ so much
+    that double precision cannot solve it.
     """
     record = checked_record(dt_s, ground_accel_m_s2)
+    check_size(len(building.M), len(record), dt_s)
     A, B = state_equation(building.M, building.C, building.K)
-    states = _modal_states(A, B, dt_s, record)
-    if states is None:
-        states = _recursive_states(A, B, dt_s, record)
     n = len(building.M)
-    abs_accel = A[n:] @ states
+    solved = _modal_states(A, B, dt_s, record)
+    if solved is None:
+        states = _recursive_states(A, B, dt_s, record)
+        solved = states, A[n:] @ states
+    states, abs_accel = solved
     peaks = np.repeat([_peak(states[:n]), _peak(states[n:]), _peak(abs_accel)], n)
     error = _accumulated_residual(A, B, dt_s, record, states, peaks)
+    if not error <= _LARGEST_ERROR:
+        raise InputError(
+            f"SIM: this building can only be solved to {error:.1g} of its peak (at most {_LARGEST_ERROR:g}): its "
+            "storeys are too unlike; bring the masses, stiffnesses and dashpots of structure closer together"
+        )
     return Response(states[:n], states[n:], abs_accel, base_shear_n(building, abs_accel), error)
+
+
+def check_size(storeys: int, samples: int, dt_s: float) -> None:
+    """Raise InputError where the series of a response would be too large."""
+    if storeys * samples > MOST_VALUES:
+        rate_hz = MOST_VALUES / (storeys * samples * dt_s)
+        raise InputError(
+            f"sample_rate_hz: {1.0 / dt_s:g} Hz makes {samples} samples of {storeys} storeys, {storeys * samples:.2g} "
+            f"values in each series, the limit is {MOST_VALUES:.2g}; lower it to {rate_hz:.3g} Hz, shorten the record, "
+            "or use fewer storeys"
+        )
 
 
 def base_shear_n(building: Building, abs_accel_m_s2: Array) -> Array:
@@ -103,16 +126,20 @@ def hold_matrices(A: Array, B: Array, h_s: float, degree: int) -> tuple[Array, l
     return moved[:, :n], inputs
 
 
-def _modal_states(A: Array, B: Array, dt_s: float, record: Array) -> Array | None:
-    """Sum the modes to the states (2n, n_samples); None when the eigenvectors are too ill-conditioned."""
-    eigenvalues, vectors = np.linalg.eig(A)
+def _modal_states(A: Array, B: Array, dt_s: float, record: Array) -> tuple[Array, Array] | None:
+    """Sum the modes to states (2n, n_samples) and absolute accelerations (n, n_samples); None when the eigenvectors are
+    too ill-conditioned. In balanced units they are not, only because some storeys are stiff."""
+    scale = balancing(A)
+    eigenvalues, vectors = np.linalg.eig(A * scale / scale[:, None])
     if not np.linalg.cond(vectors) < _LARGEST_EIGENVECTOR_CONDITION:
         return None
-    participation = np.linalg.solve(vectors, B.astype(vectors.dtype))[:, 0]
+    participation = np.linalg.solve(vectors, (B / scale[:, None]).astype(vectors.dtype))[:, 0]
     kept = np.flatnonzero(eigenvalues.imag >= 0)
-    weights = vectors[:, kept] * np.where(eigenvalues[kept].imag > 0, 2.0, 1.0)
-    modal = _modes(eigenvalues[kept], participation[kept].astype(complex), dt_s, record)
-    return np.hstack([weights.real, -weights.imag]) @ modal.reshape(2 * len(kept), -1)
+    weights = scale[:, None] * vectors[:, kept] * np.where(eigenvalues[kept].imag > 0, 2.0, 1.0)
+    modal = _modes(eigenvalues[kept], participation[kept].astype(complex), dt_s, record).reshape(2 * len(kept), -1)
+    rates = (weights * eigenvalues[kept])[len(A) // 2 :]  # slow modes keep their digits beside fast ones
+    states, accel = (np.hstack([rows.real, -rows.imag]) @ modal for rows in (weights, rates))
+    return states, accel
 
 
 def _modes(eigenvalues: ComplexArray, participation: ComplexArray, dt_s: float, record: Array) -> Array:
@@ -125,7 +152,12 @@ def _modes(eigenvalues: ComplexArray, participation: ComplexArray, dt_s: float, 
 
 
 def _recursive_states(A: Array, B: Array, dt_s: float, record: Array) -> Array:
-    """Step the matrix recursion sample by sample: states (2n, n_samples)."""
+    """Step the matrix recursion sample by sample: states (2n, n_samples); raises InputError where that takes long."""
+    if len(record) * (1000.0 + A.size) > _MOST_RECURSION:
+        raise InputError(
+            f"SIM: two modes of this building coincide; {len(record)} samples of {len(A) // 2} storeys take too long "
+            "without modes; change a mass, a stiffness or a dashpot of structure by 1 %, or shorten the record"
+        )
     transition, (start, slope) = hold_matrices(A, B, dt_s, 1)
     drive = record[:-1, None] * start[:, 0] + np.diff(record)[:, None] * slope[:, 0]
     states = np.zeros((len(record), len(A)))
@@ -135,14 +167,19 @@ def _recursive_states(A: Array, B: Array, dt_s: float, record: Array) -> Array:
 
 
 def _accumulated_residual(A: Array, B: Array, dt_s: float, record: Array, states: Array, peaks: Array) -> float:
-    """Return the largest residual of a step over `peaks` (3n,), times the steps the building remembers."""
+    """Return the largest residual of a step over `peaks` (3n,), times the steps the building remembers.
+
+    What rounds the states is no residual of the accelerations, which stiff storeys would make large: those come from
+    the modes.
+    """
     if len(record) < 2:
         return 0.0
     transition, (start, slope) = hold_matrices(A, B, dt_s, 1)
     k = distinct(np.floor(np.linspace(0, len(record) - 2, _CHECKED_STEPS))).astype(int)
     step = transition @ states[:, k] + start * record[k] + slope * (record[k + 1] - record[k])
     residual = states[:, k + 1] - step
-    outputs = np.abs(np.concatenate([residual, A[len(A) // 2 :] @ residual])).max(axis=1)
+    beyond = np.where(np.abs(residual) > _ROUNDED * peaks[: len(A), None], residual, 0.0)
+    outputs = np.abs(np.concatenate([residual, A[len(A) // 2 :] @ beyond])).max(axis=1)
     decay = 1.0 - np.abs(np.linalg.eigvals(transition)).max()
     remembered = min(len(record), 1.0 / decay) if decay > 0 else len(record)
     return float((outputs / peaks).max() * remembered)

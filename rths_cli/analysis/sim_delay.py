@@ -3,13 +3,15 @@
 Numerical part and specimen are advanced with their matrix exponentials. Over a substep the table
 acceleration and the delayed base shear are cubic Hermite polynomials of their values and derivatives, which
 both parts give exactly; the ground acceleration is linear. The substep is halved until the response no
-longer changes. Nothing here is shared with the loop.
+longer changes. Vibrations have to be resolved by the first of them; what a dashpot lets die out within a sample need
+not be, as its exponential is exact for any step. Nothing here is shared with the loop.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields, replace
+from collections.abc import Callable
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,13 +27,18 @@ from rths_cli.analysis.sim import (
 )
 from rths_cli.errors import InputError
 from rths_cli.lti import Array, ComplexArray, Integers
+from rths_cli.matrices import balancing, exponential
 from rths_cli.structure import Building, Numerical, Specimen
 
 DIVERGENCE_FACTOR = 1000.0
-_LARGEST_PHASE_PER_SUBSTEP = 0.5  # rad, of the fastest mode of either part, in the coarsest solution
-_MOST_SUBSTEPS = 2e7  # of the whole record, where refinement ends
+_LARGEST_PHASE_PER_SUBSTEP = 0.5  # rad, of the fastest vibration of either part, in the coarsest solution
+_DIED_OUT = 20.0  # decay exponent within a sample, from which a motion is not resolved: e^-20 is 2e-9
+_MOST_WORK = 4e8  # substeps of the whole record times numbers that each handles: 5 to 10 s
+_OWN_WORK = 30  # of a substep, in the same unit
 _MOST_SUBSTEPS_PER_SAMPLE = 10_000
 _LARGEST_CONDITION = 1e6  # of modal coordinates: beyond it they lose six digits
+_BLOCK = 1 << 14  # samples that are turned into responses at a time
+_MOST_COMPARED = 1e9  # numbers in the comparison of two solutions; of larger ones every second, third, ... sample
 
 
 @dataclass(frozen=True)
@@ -47,10 +54,44 @@ class DelayedResponse(Response):
 
 @dataclass(frozen=True)
 class _Basis:
-    """Coordinates y of a part, states = T y: modal ones, of pairs and single `eigenvalues`, or the states (None)."""
+    """Coordinates y of a part, states = T y: modal ones, of pairs and single `eigenvalues`, or the states (None).
 
+    `A` is that of the states, `rates` its eigenvalues.
+    """
+
+    A: Array
     T: Array
     eigenvalues: ComplexArray | None
+    rates: ComplexArray
+
+    @property
+    def numbers(self) -> int:
+        """Return how many numbers a substep takes of the transition."""
+        return self.T.size if self.eigenvalues is None else 2 * len(self.T)
+
+    def derivative(self, rows: Array) -> Array:
+        """Return what gives the time derivative of `rows` y, (r, n), without inputs.
+
+        The eigenvalues multiply the modes: the product with A would lose the digits of slow modes beside fast ones.
+        """
+        if self.eigenvalues is None:
+            return rows @ self.A
+        result, column = np.empty_like(rows), 0
+        for value in self.eigenvalues:
+            real, imag = rows[:, column], rows[:, column + 1] if value.imag else 0.0
+            result[:, column] = value.real * real - value.imag * imag
+            if value.imag:
+                result[:, column + 1] = value.imag * real + value.real * imag
+            column += 2 if value.imag else 1
+        return result
+
+
+@dataclass(frozen=True)
+class _Solution:
+    """Coordinates of both parts and the delayed force in N, (n, n_states + 1), NaN where it was cut."""
+
+    numbers: Array
+    substep_s: float
 
 
 def simulate_delayed(
@@ -65,7 +106,7 @@ def simulate_delayed(
 
     The substep is halved until no quantity changes by more than `tolerance` of its peak. An absolute acceleration
     beyond 1000 times SIM's peak cuts the response; `sim` is SIM where that is known already. Raises InputError for a
-    negative delay, a bad step, record or tolerance.
+    negative delay, a bad step, record or tolerance, and where that takes more work than is allowed.
     """
     record = checked_record(dt_s, ground_accel_m_s2)
     _check(delay_s, tolerance)
@@ -74,15 +115,18 @@ def simulate_delayed(
         series = {field.name: getattr(sim, field.name) for field in fields(sim)}
         return DelayedResponse(**series, substep_s=dt_s, diverged_at_s=None)
     limit = DIVERGENCE_FACTOR * float(np.abs(sim.abs_accel_m_s2).max())
-    substeps = _first_substeps(building, dt_s, delay_s)
     bases = _basis(building.numerical), _basis(building.specimen)
-    coarse = _solve(building, bases, dt_s, record, delay_s, substeps, limit)
+    substeps, fastest = _first_substeps(building, bases, dt_s, delay_s)
+    most = int(_MOST_WORK / (_OWN_WORK + sum(basis.numbers for basis in bases)))
+    if 2 * fastest.substeps * len(record) > most:
+        raise InputError(fastest.refusal(len(record), most))
+    coarse = _solve(building, bases, dt_s, record, delay_s, substeps, most, limit)
     while True:
         substeps *= 2
-        fine = _solve(building, bases, dt_s, record, delay_s, substeps, limit)
-        change = _relative_change(coarse, fine)
-        if change <= tolerance or 2 * substeps * len(record) > _MOST_SUBSTEPS:
-            return replace(fine, error_estimate=change)
+        fine = _solve(building, bases, dt_s, record, delay_s, substeps, most, limit)
+        change = _relative_change(building, bases, limit, coarse, fine)
+        if change <= tolerance or 2 * substeps * len(record) > most:
+            return _response(building, bases, dt_s, fine, limit, change)
         coarse = fine
 
 
@@ -97,19 +141,46 @@ def _check(delay_s: float, tolerance: float) -> None:
         raise InputError(*faults)
 
 
-def _first_substeps(building: Building, dt_s: float, delay_s: float) -> int:
-    """Return the substeps per sample of the coarsest solution.
+@dataclass(frozen=True)
+class _Fastest:
+    """The fastest vibration that has to be resolved: its rate in rad/s, its part, and the substeps per sample."""
 
-    They resolve the fastest mode of either part. With half the interface floor or more on the table the
+    rate_rad_s: float
+    part: str
+    substeps: int
+
+    def refusal(self, samples: int, most: int) -> str:
+        """Return the sentence that refuses a record of so many samples, `most` substeps being allowed."""
+        return (
+            f"SIM-DELAY: a vibration of {self.rate_rad_s / (2.0 * math.pi):.3g} Hz in the {self.part} part takes "
+            f"{2 * self.substeps * samples:.2g} steps over the record, the limit for this building is {most:.2g}; "
+            f"lower the stiffness or raise the masses of structure.{self.part}, shorten the record, or take sim_delay "
+            "out of runs"
+        )
+
+
+def _first_substeps(
+    building: Building, bases: tuple[_Basis, _Basis], dt_s: float, delay_s: float
+) -> tuple[int, _Fastest]:
+    """Return the substeps per sample of the coarsest solution, and what asks for most of them.
+
+    They resolve the fastest vibration of either part. With half the interface floor or more on the table the
     force grows at every return, at any frequency: only substeps below the delay show that (such a response
     diverges, and ends, early).
     """
-    matrices = (_state_matrices(part)[0] for part in (building.numerical, building.specimen))
-    fastest = max(float(np.abs(np.linalg.eigvals(A)).max()) for A in matrices)
-    needed = max(1, math.ceil(dt_s * fastest / _LARGEST_PHASE_PER_SUBSTEP))
+    parts = zip(("numerical", "experimental"), bases, strict=True)
+    rates = [(max(map(_rate(dt_s), basis.rates), default=0.0), name) for name, basis in parts]
+    rate, name = max(rates)
+    needed = max(1, math.ceil(dt_s * rate / _LARGEST_PHASE_PER_SUBSTEP))
+    fastest = _Fastest(rate, name, needed)
     if building.interface_experimental_mass_kg >= building.numerical.masses_kg[-1]:
         needed = max(needed, math.ceil(min(dt_s / delay_s, _MOST_SUBSTEPS_PER_SAMPLE)))
-    return needed
+    return needed, fastest
+
+
+def _rate(dt_s: float) -> Callable[[complex], float]:
+    """Return the function that tells how fast a motion of an eigenvalue is, zero where it dies out within a sample."""
+    return lambda value: 0.0 if -value.real * dt_s > _DIED_OUT else abs(value)
 
 
 def _state_matrices(part: Numerical | Specimen) -> tuple[Array, Array]:
@@ -120,50 +191,88 @@ def _state_matrices(part: Numerical | Specimen) -> tuple[Array, Array]:
 def _basis(part: Numerical | Specimen) -> _Basis:
     """Return modal coordinates, in which a step costs as much as there are storeys; none where they lose digits."""
     A, _ = _state_matrices(part)
-    eigenvalues, vectors = np.linalg.eig(A)
+    scale = balancing(A)
+    eigenvalues, vectors = np.linalg.eig(A * scale / scale[:, None])
     kept = np.flatnonzero(eigenvalues.imag >= 0.0)
     columns = [
         column for i in kept for column in (vectors[:, i].real, vectors[:, i].imag)[: 2 if eigenvalues[i].imag else 1]
     ]
     T = np.array(columns).T
+    rates = eigenvalues.astype(complex)
     if not np.linalg.cond(T) < _LARGEST_CONDITION:
-        return _Basis(np.eye(len(A)), None)
-    return _Basis(T, eigenvalues[kept].astype(complex))
+        return _Basis(A, np.eye(len(A)), None, rates)
+    return _Basis(A, scale[:, None] * T, rates[kept], rates)
 
 
 def _numerical_part(building: Building, basis: _Basis, h_s: float) -> Part:
     """Prepare Eq. 2.3: inputs ground acceleration (linear) and delayed force (cubic), output a1."""
     A, B = _state_matrices(building.numerical)
-    p = len(A) // 2
-    force_in = np.zeros((2 * p, 1))
+    force_in = np.zeros((len(A), 1))
     force_in[-1] = 1.0 / building.numerical.masses_kg[-1]
-    E, (start, slope) = hold_matrices(A, B, h_s, 1)
-    G = np.hstack([start - slope, slope, *_hermite(hold_matrices(A, force_in, h_s, 3)[1])])
-    a1 = A[-1:]
-    W = np.vstack([a1, h_s * a1 @ A])
+    start, slope, _, _ = _moments(basis, B, h_s)
+    G = np.hstack([start - slope, slope, *_hermite(_moments(basis, force_in, h_s))])
+    a1 = basis.derivative(basis.T)[-1:]
+    W = np.vstack([a1, h_s * basis.derivative(a1)])
     inverse_mass = force_in[-1, 0]
-    V = np.array([[0.0, inverse_mass, 0.0], [*(h_s * a1 @ np.hstack([B, force_in]))[0], inverse_mass]])
-    return _in_basis(basis, h_s, E, G, W, V)
+    V = np.array([[0.0, inverse_mass, 0.0], [*(h_s * A[-1:] @ np.hstack([B, force_in]))[0], inverse_mass]])
+    return _part(basis, h_s, G, W, V)
 
 
 def _specimen_part(building: Building, basis: _Basis, h_s: float) -> Part:
     """Prepare Eq. 2.5: input a1 (cubic); output the base shear of Eq. 2.6."""
     A, B = _state_matrices(building.specimen)
-    E, inputs = hold_matrices(A, B, h_s, 3)
-    shear = -building.specimen.masses_kg[None, :] @ A[len(A) // 2 :]
-    W = np.vstack([shear, h_s * shear @ A])
+    masses = building.specimen.masses_kg[None, :]
+    shear = -masses @ basis.derivative(basis.T)[len(A) // 2 :]
+    W = np.vstack([shear, h_s * basis.derivative(shear)])
     mass = building.interface_experimental_mass_kg
-    V = np.array([[-mass, 0.0], [(h_s * shear @ B).item(), -mass]])
-    return _in_basis(basis, h_s, E, np.hstack(_hermite(inputs)), W, V)
+    V = np.array([[-mass, 0.0], [(-h_s * masses @ A[len(A) // 2 :] @ B).item(), -mass]])
+    return _part(basis, h_s, np.hstack(_hermite(_moments(basis, B, h_s))), W, V)
 
 
-def _in_basis(basis: _Basis, h_s: float, E: Array, G: Array, W: Array, V: Array) -> Part:
+def _part(basis: _Basis, h_s: float, G: Array, W: Array, V: Array) -> Part:
     """Return a part in its coordinates, in the memory order the compiled recursion takes."""
-    n = len(E)
-    band, first = (E, np.zeros(n, dtype=np.int64)) if basis.eigenvalues is None else _bands(basis.eigenvalues, h_s)
-    inputs, outputs = np.asarray(np.linalg.solve(basis.T, G), dtype=float), W @ basis.T
-    band, inputs, outputs, V = (np.ascontiguousarray(m) for m in (band, inputs, outputs, V))
-    return Part(band, first, inputs, outputs, V, np.zeros(n), np.zeros(n))
+    n = len(basis.T)
+    if basis.eigenvalues is None:
+        band, first = exponential(basis.A * h_s), np.zeros(n, dtype=np.int64)
+    else:
+        band, first = _bands(basis.eigenvalues, h_s)
+    band, G, W, V = (np.ascontiguousarray(m, dtype=float) for m in (band, G, W, V))
+    return Part(band, first, G, W, V, np.zeros(n), np.zeros(n))
+
+
+def _moments(basis: _Basis, B: Array, h_s: float) -> list[Array]:
+    """Return G_i (n, m), i = 0 to 3: what inputs (t / h)^i through B (n, m) leave in the coordinates after a step."""
+    if basis.eigenvalues is None:
+        return hold_matrices(basis.A, B, h_s, 3)[1]
+    drive, weights = np.linalg.solve(basis.T, B), h_s * _weights(basis.eigenvalues * h_s)
+    moments, row = np.zeros((4, *drive.shape)), 0
+    for value, weight in zip(basis.eigenvalues, weights.T, strict=True):
+        if value.imag:
+            made = weight[:, None] * (drive[row] - 1j * drive[row + 1])
+            moments[:, row], moments[:, row + 1] = made.real, -made.imag
+        else:
+            moments[:, row] = weight.real[:, None] * drive[row]
+        row += 2 if value.imag else 1
+    return list(moments)
+
+
+def _weights(z: ComplexArray) -> ComplexArray:
+    """Return the integrals of exp(z (1 - s)) s^k over s from 0 to 1, (4, m), k = 0 to 3: by parts, or by their series
+    where z is small."""
+    large = np.abs(z) > 4.0
+    far = np.where(large, z, 1.0)
+    weights = np.empty((4, len(z)), dtype=complex)
+    weights[0] = (np.exp(np.where(large, z, 0.0)) - 1.0) / far
+    for k in range(1, 4):
+        weights[k] = (k * weights[k - 1] - 1.0) / far
+    near = np.where(large, 0.0, z)
+    for k in range(4):
+        term = total = np.full(len(z), 1.0 / (k + 1), dtype=complex)
+        for j in range(40):  # 4^40 over 40! is 1e-24
+            term = term * near / (k + 2 + j)
+            total = total + term
+        weights[k] = np.where(large, weights[k], total)
+    return weights
 
 
 def _bands(eigenvalues: ComplexArray, h_s: float) -> tuple[Array, Integers]:
@@ -188,47 +297,81 @@ def _hermite(inputs: list[Array]) -> list[Array]:
 
 def _solve(
     building: Building, bases: tuple[_Basis, _Basis], dt_s: float, record: Array, delay_s: float, substeps: int,
-    limit_m_s2: float,
-) -> DelayedResponse:  # fmt: skip
-    """Integrate with `substeps` per sample and cut where an absolute acceleration passes the limit."""
+    most: int, limit_m_s2: float,
+) -> _Solution:  # fmt: skip
+    """Integrate with `substeps` per sample, `most` in all, until an absolute acceleration passes the limit.
+
+    Raises InputError where so many substeps do not reach that, nor the end of the record.
+    """
     h_s = dt_s / substeps
     lag = delay_s / h_s
     numerical, specimen = _numerical_part(building, bases[0], h_s), _specimen_part(building, bases[1], h_s)
-    history = np.zeros((math.ceil(min(lag, substeps * len(record))) + 3, 2))
-    split, count = numerical.y.size, numerical.y.size + specimen.y.size
-    result = np.full((len(record), count + 1), np.nan)
+    allowed = min(substeps * len(record), most)
+    history = np.zeros((math.ceil(min(lag, allowed)) + 3, 2))
+    numbers = np.full((len(record), numerical.y.size + specimen.y.size + 1), np.nan)
     moving_mass = building.specimen.masses_kg.sum() + building.interface_experimental_mass_kg
     scratch = Scratch(np.zeros(6), np.zeros(4), np.zeros(3), np.zeros(2))
     limit_n = float(limit_m_s2 * moving_mass)
-    integrate(record, substeps, lag, limit_n, numerical, specimen, scratch, history, result)
-    states = bases[0].T @ result[:, :split].T, bases[1].T @ result[:, split:count].T
-    return _response(building, dt_s, h_s, *states, result[:, count], limit_m_s2)
+    reached = integrate(record, substeps, most, lag, limit_n, numerical, specimen, scratch, history, numbers)
+    if reached < len(record) and substeps * reached > most:
+        raise InputError(
+            f"SIM-DELAY: a delay of {delay_s:g} s takes {substeps} steps a sample, {substeps * len(record):.2g} over "
+            f"the record, the limit for this building is {most:.2g}; raise delay_s, shorten the record, or take "
+            "sim_delay out of runs"
+        )
+    return _Solution(numbers, h_s)
+
+
+def _motions(building: Building, bases: tuple[_Basis, _Basis]) -> Callable[[Array], tuple[Array, Array, Array]]:
+    """Return the function that turns numbers (k, n_states + 1) into relative displacement, relative velocity and
+    absolute acceleration, each (n_storeys, k)."""
+    p, n, split = len(building.numerical.masses_kg), len(building.specimen.masses_kg), len(bases[0].T)
+    own, top = (np.vstack([basis.T, basis.derivative(basis.T)[len(basis.T) // 2 :]]) for basis in bases)
+
+    def motions(numbers: Array) -> tuple[Array, Array, Array]:
+        y, z = own @ numbers[:, :split].T, top @ numbers[:, split:-1].T
+        y[-1] += numbers[:, -1] / building.numerical.masses_kg[-1]
+        z[:n] += y[p - 1]
+        z[n : 2 * n] += y[2 * p - 1]
+        disp, vel, accel = (np.concatenate([y[i * p : (i + 1) * p], z[i * n : (i + 1) * n]]) for i in range(3))
+        return disp, vel, accel
+
+    return motions
 
 
 def _response(
-    building: Building, dt_s: float, h_s: float, y: Array, z: Array, delayed_force: Array, limit_m_s2: float
+    building: Building, bases: tuple[_Basis, _Basis], dt_s: float, solution: _Solution, limit_m_s2: float, change: float
 ) -> DelayedResponse:
-    """Assemble the series from the states of both parts (., n) and the delayed force (n,)."""
-    p, n = len(building.numerical.masses_kg), len(building.specimen.masses_kg)
-    numerical_accel = _state_matrices(building.numerical)[0][p:] @ y
-    numerical_accel[-1] += delayed_force / building.numerical.masses_kg[-1]
-    specimen_accel = _state_matrices(building.specimen)[0][n:] @ z
-    accel = np.concatenate([numerical_accel, specimen_accel])
-    disp, vel = np.concatenate([y[:p], z[:n] + y[p - 1]]), np.concatenate([y[p:], z[n:] + y[-1]])
-    within = np.abs(accel).max(axis=0) <= limit_m_s2
-    end = len(within) if within.all() else int(np.argmin(within))
-    for series in (disp, vel, accel):
-        series[:, end:] = np.nan
+    """Assemble the series of a solution, NaN from where an absolute acceleration passes the limit."""
+    motions, count, samples = _motions(building, bases), len(building.M), len(solution.numbers)
+    series = np.empty((3, count, samples))
+    for first in range(0, samples, _BLOCK):
+        series[:, :, first : first + _BLOCK] = motions(solution.numbers[first : first + _BLOCK])
+    within = np.array([np.abs(accel).max() <= limit_m_s2 for accel in series[2].T])
+    end = samples if within.all() else int(np.argmin(within))
+    series[:, :, end:] = np.nan
     diverged_at_s = None if within.all() else end * dt_s
-    return DelayedResponse(disp, vel, accel, base_shear_n(building, accel), math.nan, h_s, diverged_at_s)
+    disp, vel, accel = series
+    return DelayedResponse(disp, vel, accel, base_shear_n(building, accel), change, solution.substep_s, diverged_at_s)
 
 
-def _relative_change(coarse: DelayedResponse, fine: DelayedResponse) -> float:
+def _relative_change(
+    building: Building, bases: tuple[_Basis, _Basis], limit_m_s2: float, coarse: _Solution, fine: _Solution
+) -> float:
     """Return the largest difference of any quantity over its peak, where neither solution has been cut."""
-    end = int(np.count_nonzero(np.isfinite(coarse.base_shear_n) & np.isfinite(fine.base_shear_n)))
-    names = ("rel_disp_m", "rel_vel_m_s", "abs_accel_m_s2", "base_shear_n")
-    changes = []
-    for name in names:
-        before, after = getattr(coarse, name)[..., :end], getattr(fine, name)[..., :end]
-        changes.append(float(np.abs(after - before).max()) / (float(np.abs(after).max()) or 1.0))
-    return max(changes)
+    motions, samples = _motions(building, bases), len(fine.numbers)
+    stride = math.ceil(2.0 * fine.numbers.size * len(building.M) / _MOST_COMPARED)
+    changes, peaks = np.zeros(4), np.zeros(4)
+    for first in range(0, samples, _BLOCK * stride):
+        some = slice(first, first + _BLOCK * stride, stride)
+        before, after = ([*motions(solution.numbers[some])] for solution in (coarse, fine))
+        for quantities in (before, after):
+            quantities.append(base_shear_n(building, quantities[2])[None])
+        within = np.all([np.abs(one[2]).max(axis=0) <= limit_m_s2 for one in (before, after)], axis=0)
+        end = len(within) if within.all() else int(np.argmin(within))
+        for i in range(4 if end else 0):
+            changes[i] = max(changes[i], np.abs(after[i][:, :end] - before[i][:, :end]).max())
+            peaks[i] = max(peaks[i], np.abs(after[i][:, :end]).max())
+        if end < len(within):
+            break
+    return float((changes / np.where(peaks > 0.0, peaks, 1.0)).max())

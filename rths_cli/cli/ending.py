@@ -14,6 +14,7 @@ import click
 
 from rths_cli.cli.group import SIGNALS, cli
 from rths_cli.errors import InputError, RthsError, crash_note
+from rths_cli.interruptible import any_abandoned
 from rths_cli.printed import OutputError, PrintedStream, shortened
 from rths_cli.process import INTERRUPTED, TERMINATED, Terminated
 
@@ -30,6 +31,10 @@ def main() -> NoReturn:
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # pydantic would look for some in every package
     code = _guarded()
     SIGNALS.ignore()
+    if any_abandoned():  # a computation still uses libraries that a usual end unloads
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
     sys.exit(code)
 
 

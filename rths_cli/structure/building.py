@@ -16,6 +16,8 @@ from rths_cli.structure.inverse import stiffness_from_frequencies
 from rths_cli.structure.parts import Building, Numerical, Specimen, assemble
 from rths_cli.structure.search import crossing, summit
 
+FASTEST_1_S = 1e11  # of a floor on its own springs and dashpots
+
 
 class NumericalSpec(Protocol):
     """The `numerical` part of a structure file: storeys 1..p from the ground, the last is the interface."""
@@ -78,6 +80,7 @@ def build(spec: StructureSpec, damping: DampingSpec) -> Building:
         dashpots = [c] * len(numerical.masses_kg)
     assert dashpots is not None  # _check
     numerical = replace(numerical, C=storey_matrix(dashpots))
+    _check_rates("damping", "dashpots_n_s_per_m", numerical.masses_kg, numerical.C, 1.0)
     return Building(numerical, specimen, interface_mass, *assemble(numerical, specimen, interface_mass), notes)
 
 
@@ -130,10 +133,13 @@ def _build_specimen(spec: ExperimentalSpec) -> tuple[Specimen, tuple[str, ...]]:
         stiffness, notes = solutions[0].tolist(), _notes_on(solutions)
     assert stiffness is not None  # _check
     K = storey_matrix(stiffness)
+    _check_rates("structure.experimental", "stiffness_n_per_m", masses, K, 0.5)
     if spec.damping_ratios is not None:
         return Specimen(masses, K, modal_damping_matrix(masses, K, spec.damping_ratios)), notes
     assert spec.dashpots_n_s_per_m is not None  # _check
-    return Specimen(masses, K, storey_matrix(spec.dashpots_n_s_per_m)), notes
+    C = storey_matrix(spec.dashpots_n_s_per_m)
+    _check_rates("structure.experimental", "dashpots_n_s_per_m", masses, C, 1.0)
+    return Specimen(masses, K, C), notes
 
 
 @lru_cache(maxsize=100)
@@ -161,7 +167,27 @@ def _undamped_numerical(spec: StructureSpec, specimen: Specimen) -> Numerical:
     stiffness = spec.numerical.stiffness_n_per_m
     if isinstance(stiffness, str):
         stiffness = [float(np.mean(storey_values(specimen.K)))] * len(masses)
-    return Numerical(masses, storey_matrix(stiffness), np.zeros((len(masses), len(masses))))
+    K = storey_matrix(stiffness)
+    _check_rates("structure.numerical", "stiffness_n_per_m", masses, K, 0.5)
+    return Numerical(masses, K, np.zeros((len(masses), len(masses))))
+
+
+def _check_rates(where: str, what: str, masses_kg: Array, matrix: Array, power: float) -> None:
+    """Raise InputError with every floor so light beside its springs or dashpots that nothing can be computed with it.
+
+    The rate is sqrt(k / m) or c / m of the floor alone; beyond the limit double precision keeps no six digits of the
+    motions that matter, of some hertz.
+    """
+    faults = []
+    for i, (mass, value) in enumerate(zip(masses_kg.tolist(), np.diag(matrix).tolist(), strict=True)):
+        rate = (value / mass) ** power
+        if not rate <= FASTEST_1_S:
+            faults.append(
+                f"{where}: floor {i + 1} of {mass:.3g} kg moves at {rate:.1e} 1/s on its {what} of {value:.3g}, "
+                f"the limit is {FASTEST_1_S:.0e} 1/s; raise masses_kg or lower {what}"
+            )
+    if faults:
+        raise InputError(*faults[:5])
 
 
 def _equal_dashpot(numerical: Numerical, specimen: Specimen, interface_mass: float, target: float) -> float:

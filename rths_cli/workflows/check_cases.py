@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from rths_cli.analysis.preflight import SAFE, UNSAFE, UNSTABLE
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, LimitError, RigError
+from rths_cli.interruptible import interruptible
 from rths_cli.report.preflight_document import Checked, Tested
 from rths_cli.workflows import contents
 from rths_cli.workflows.check import judge
@@ -54,12 +55,13 @@ def verdict_on(
     `kept`, cases share what they have in common."""
     faults = known.faults(setup.overrides)
     try:
-        design = design or design_blocks(setup, known.found, kept)
+        design = design or interruptible(lambda: design_blocks(setup, known.found, kept))
     except InputError as error:
         return Verdict(UNSAFE, (*faults, *error.faults), None, {})
     if not hybrid:
         return Verdict("", faults, design, {})
-    judged = judge(setup, known.found, design, kept)
+    chosen = design
+    judged = interruptible(lambda: judge(setup, known.found, chosen, kept))
     found = judged.preflight
     verdict = UNSAFE if faults and found.verdict == SAFE else found.verdict
     return Verdict(verdict, (*faults, *found.reasons), design, check_figures(judged), judged.known)

@@ -21,6 +21,7 @@ from rths_cli.identification.excitation import Excitation, ExcitationSettings
 from rths_cli.identification.found import Identification
 from rths_cli.identification.probe import Level
 from rths_cli.identification.record import Record
+from rths_cli.interruptible import interruptible
 from rths_cli.loop.blocks import EXCITATION
 from rths_cli.loop.drive import Outcome, play
 from rths_cli.loop.guard import LOST, OPERATOR, OVERRUN, RIG_FAULT
@@ -94,7 +95,7 @@ def evaluation_settings(options: IdentificationSpec) -> IdentificationSettings:
 def plan(setup: Setup) -> Excitation:
     """Return the excitation of the case's rig; raises InputError when its settings cannot be met."""
     options = setup.case.identification
-    return excitation.plan(setup.rig, excitation_settings(options), options.seed)
+    return interruptible(lambda: excitation.plan(setup.rig, excitation_settings(options), options.seed))
 
 
 def identify(
@@ -110,10 +111,10 @@ def identify(
 def evaluated(setup: Setup, measured: Measured, given: Model | None = None) -> Identification:
     """Evaluate what was measured on the rig; raises UnfitRig when its channels cannot be used."""
     try:
-        found = evaluate(
-            measured.records, setup.rig, setup.floor_masses_kg, evaluation_settings(setup.case.identification),
-            measured.quiet, given,
-        )  # fmt: skip
+        settings = evaluation_settings(setup.case.identification)
+        found = interruptible(
+            lambda: evaluate(measured.records, setup.rig, setup.floor_masses_kg, settings, measured.quiet, given)
+        )
     except UnfitRecord as unfit:
         raise UnfitRig(setup.rig.name, unfit) from unfit
     except InputError as error:
@@ -243,7 +244,8 @@ def _played(setup: Setup, drive: Array, stream: tuple[int, ...]) -> Outcome:
 
         return excited(setup, _listening(setup), drive)
     rig = open_rig(setup, stream, setup.case.identification.seed)
-    return play(rig, setup.rig, _listening(setup), EXCITATION, drive, guard_limits(setup))
+    blocks, limits = _listening(setup), guard_limits(setup)
+    return interruptible(lambda: play(rig, setup.rig, blocks, EXCITATION, drive, limits))
 
 
 def _listening(setup: Setup) -> Blocks:

@@ -15,6 +15,7 @@ from rths_cli.files.measured import Recording, write_recording
 from rths_cli.identification.channels import UnfitRecord
 from rths_cli.identification.evaluate import identify as evaluate
 from rths_cli.identification.found import Identification
+from rths_cli.interruptible import interruptible
 from rths_cli.lti import Model
 from rths_cli.report.identified import About
 from rths_cli.workflows.identify import (
@@ -114,7 +115,9 @@ def _evaluate(setup: Setup, measured: Measured, given: Model | None, from_file: 
     if not from_file:
         return evaluated(setup, measured, given)
     settings = evaluation_settings(setup.case.identification)
-    found = evaluate(measured.records, setup.rig, setup.floor_masses_kg, settings, measured.quiet, given)
+    found = interruptible(
+        lambda: evaluate(measured.records, setup.rig, setup.floor_masses_kg, settings, measured.quiet, given)
+    )
     return noted(found, measured.notes)
 
 

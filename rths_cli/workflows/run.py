@@ -14,6 +14,7 @@ from rths_cli.analysis.sim import simulate
 from rths_cli.analysis.sim_delay import simulate_delayed
 from rths_cli.case.load import resolved_yaml
 from rths_cli.files.results import Metric, ResultWriter
+from rths_cli.interruptible import interruptible
 from rths_cli.metrics import accept
 from rths_cli.report.losses_text import losses_of_runs
 from rths_cli.workflows import contents, figures
@@ -146,14 +147,16 @@ def _simulations(
     case, dt, ground = setup.case, setup.rig.dt_s, setup.motion.accel_m_s2
     asked = (motion_key(case), building_key(case))
     progress("SIM")
-    sim = kept.get("sim", asked, lambda: simulate(setup.building, dt, ground))
+    sim = kept.get("sim", asked, lambda: interruptible(lambda: simulate(setup.building, dt, ground)))
     values: dict[str, Metric] = {}
     if "sim" in case.runs:
         contents.write_response(writer, "sim", setup, sim)
         values |= figures.solution_error("sim", sim.error_estimate)
     if "sim_delay" in case.runs:
         progress(f"SIM-DELAY, {1e3 * case.delay_s:g} ms")
-        delayed, found = kept.get("sim_delay", (*asked, case.delay_s), lambda: _sim_delay(setup, sim))
+        delayed, found = kept.get(
+            "sim_delay", (*asked, case.delay_s), lambda: interruptible(lambda: _sim_delay(setup, sim))
+        )
         contents.write_response(writer, "sim_delay", setup, delayed)
         values |= found
     return sim, values

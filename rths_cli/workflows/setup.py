@@ -13,6 +13,7 @@ import numpy as np
 from rths_cli.control.numerical import check_scheme
 from rths_cli.errors import InputError
 from rths_cli.files.accelerograms import read_accelerogram
+from rths_cli.interruptible import interruptible
 from rths_cli.lti import Array
 from rths_cli.record import GroundMotion, prepare
 from rths_cli.rig_info import RigInfo
@@ -56,8 +57,10 @@ def make_setup(case: Case, overrides: tuple[str, ...] = (), kept: Kept | None = 
     if faults:
         raise InputError(*(f"{shown(case.path)}: {fault}" for fault in faults))
     kept = kept or Kept()
-    motion, record_sha256 = kept.get("motion", motion_key(case), lambda: ground_motion(case))
-    building = kept.get("building", building_key(case), lambda: build(case.structure, case.damping))
+    motion, record_sha256 = kept.get("motion", motion_key(case), lambda: interruptible(lambda: ground_motion(case)))
+    building = kept.get(
+        "building", building_key(case), lambda: interruptible(lambda: build(case.structure, case.damping))
+    )
     check_scheme(building.numerical, 1.0 / case.sample_rate_hz, case.integration)
     masses = np.asarray(case.structure.experimental.masses_kg, dtype=float)
     return Setup(case, motion, record_sha256, building, rig_info(case), masses, overrides)

@@ -8,6 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 from threading import Event
 from typing import TypeVar
 
+from rths_cli.interruptible import ended_by
+
 Job = TypeVar("Job")
 Result = TypeVar("Result")
 Tell = Callable[[str], None]
@@ -30,23 +32,27 @@ def in_order(
     """Yield the results of `work(job, tell)` in the order of the jobs, `at_once` of them worked on at a time.
 
     `tell` is called for the job whose result is waited for, of the others it is not heard. What a job raises is raised
-    here; then, or when the iterator is closed, jobs under way end by Stopped where they tell next, others never start.
+    here; then, or when the iterator is closed, jobs under way end by Stopped where they tell or compute next, others
+    never start.
     """
     if at_once == 1:
         yield from (work(job, tell) for job in jobs)
         return
     stop, awaited = Event(), [0]
 
+    def look() -> None:
+        if stop.is_set():
+            raise Stopped
+
     def begin(number: int, job: Job) -> Result:
         def told(what: str) -> None:
-            if stop.is_set():
-                raise Stopped
+            look()
             if awaited[0] == number:
                 tell(what)
 
-        if stop.is_set():
-            raise Stopped
-        return work(job, told)
+        look()
+        with ended_by(look):
+            return work(job, told)
 
     with ThreadPoolExecutor(at_once) as pool:
         try:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from rths_cli.files.results import BEGUN, COMPLETE
+from rths_cli.interruptible import interruptible
 from rths_cli.loop import guard
 from rths_cli.loop.blocks import NUMERICAL, RECORD
 from rths_cli.loop.drive import Outcome, play
@@ -138,7 +139,8 @@ def refusal_of(setup: Setup, checked: Verdict) -> Stop | None:
 def play_run(setup: Setup, design: Design, source: int, stream: int) -> Outcome:
     """Play the ground motion through the blocks and the rig: directly (RECORD) or through the numerical part."""
     rig = open_rig(setup, (stream,), setup.case.seed)
-    return play(rig, setup.rig, design.blocks, source, drive_of(setup, design), guard_limits(setup))
+    drive, limits = drive_of(setup, design), guard_limits(setup)
+    return interruptible(lambda: play(rig, setup.rig, design.blocks, source, drive, limits))
 
 
 def drive_of(setup: Setup, design: Design) -> Array:

@@ -158,7 +158,9 @@ def test_error_estimate_sees_a_wrong_solution() -> None:
     building, record = paper_building(), noise(10.0, DT_S)
     A, B = sim.state_equation(building.M, building.C, building.K)
     wrong_A, _ = sim.state_equation(building.M, building.C, building.K * (1 + 2e-6))
-    right, wrong = (sim._modal_states(matrix, B, DT_S, record) for matrix in (A, wrong_A))
+    solved = [sim._modal_states(matrix, B, DT_S, record) for matrix in (A, wrong_A)]
+    assert solved[0] is not None and solved[1] is not None
+    right, wrong = solved[0][0], solved[1][0]
     peaks = np.abs(right).max(axis=1)
     actual = (np.abs(wrong - right).max(axis=1) / peaks).max()
     accel_peaks = np.abs(A[3:] @ right).max(axis=1)
@@ -204,3 +206,31 @@ def test_all_faults_come_at_once() -> None:
     with pytest.raises(InputError) as raised:
         simulate(paper_building(), -1.0, [math.inf])
     assert len(raised.value.faults) == 2
+
+
+def test_a_response_that_would_be_too_large_is_refused_with_the_rate_that_is_not() -> None:
+    with pytest.raises(
+        InputError, match=r"^sample_rate_hz: 2000 Hz makes 4000000 samples of 3 storeys, .* to 1.83e\+03 Hz"
+    ):
+        simulate(paper_building(), DT_S, np.zeros(4_000_000))
+
+
+def test_stiff_and_locked_storeys_keep_the_digits_of_the_others() -> None:
+    """A dashpot of 1e9 N s/m on 40 g holds floor 1 to the ground: the others answer as on the ground, by scipy."""
+    building, record = paper_building(), noise(5.0, DT_S) * np.minimum(np.arange(round(5.0 / DT_S)) / 100.0, 1.0)
+    numerical = Numerical(np.array([0.04]), np.array([[7e3]]), np.array([[1e9]]))
+    stiff = Building(numerical, building.specimen, 0.0, *assemble(numerical, building.specimen, 0.0))
+    found = simulate(stiff, DT_S, record)
+    masses = building.specimen.masses_kg
+    C, K = (matrix / masses[:, None] for matrix in (building.specimen.C, building.specimen.K))
+    A = np.block([[np.zeros((2, 2)), np.eye(2)], [-K, -C]])
+    B = np.array([[0.0], [0.0], [-1.0], [-1.0]])
+    _, alone, _ = lsim((A, B, A[2:], np.zeros((2, 1))), record, DT_S * np.arange(len(record)))
+    assert relative_difference(found.abs_accel_m_s2, np.vstack([record, alone.T])) < 3e-6  # 10 N move the floor
+
+
+def test_storeys_too_unlike_for_double_precision_are_refused() -> None:
+    numerical = Numerical(np.array([1e7, 1e-9]), storey_matrix([1e-6, 1e12]), storey_matrix([0.0, 0.0]))
+    specimen = Specimen(np.array([1e-9]), np.array([[1e12]]), np.array([[0.0]]))
+    with pytest.raises(InputError, match=r"^SIM: "):
+        simulate(Building(numerical, specimen, 0.0, *assemble(numerical, specimen, 0.0)), DT_S, noise(2.0, DT_S))

@@ -1,44 +1,61 @@
-"""Are the channels what they say they are, by their responses? Incoherent, swapped, reversed, of wrong sensitivity."""
+"""Are the channels what they say they are, by their responses? Incoherent, swapped, reversed, of wrong sensitivity.
+
+Channels are judged together: by the storeys' equations, of whatever stiffness and damping (storeys.py), and by the
+faults that would explain what these do not (suspects.py). The command tells the directions that floors and table alone
+do not.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import combinations
+from dataclasses import dataclass
 
 import numpy as np
 
-from rths_cli.identification import channels
-from rths_cli.identification.fit_table import COMPARED_HZ
-from rths_cli.lti import Array, ComplexArray, Frf
+from rths_cli.identification import channels, suspects
+from rths_cli.identification.evidence import Evidence
+from rths_cli.identification.fit_table import COMPARED_HZ, within
+from rths_cli.identification.storeys import channel_variance, grouped
+from rths_cli.identification.suspects import GAIN, LATE, MASS, REVERSED, SIGN, SWAP, Diagnosis, Suspect
+from rths_cli.lti import Array, Frf
 from rths_cli.rig_info import RigInfo
 
 LEAST_COHERENCE = 0.9  # median in COMPARED_HZ
-LOW_SHARE = 0.5  # of the specimen's first natural frequency: below it all floors move with the table
+NOISE_MARGIN, SHARED = 3.0, 2.0  # times what a channel's noise takes of its coherence; times what the table loses
 GAIN_SHARE, FAR_GAIN = 0.1, (0.6, 1.7)  # of the data sheet's gain: said beyond the first, refused outside the second
-SLOPE_HZ = 3.0
-FLOOR_GAIN_SHARE = 0.05
-BAD_CHAIN = 0.2  # share of the storeys' inertia left unexplained
-SUSPECT, CURED = 0.12, 0.5  # the share from which exchanges are tried, and the part of it that a true one leaves
-HIGHEST_HZ = 30.0
-LINES_FOR_A_CURVE, CERTAIN = 8, 2.0
+SURE = 3.0  # standard uncertainties
+DIRECTION_HZ, DIRECTION = 3.0, 0.5  # up to where the table follows its command; cosine of a clear direction
+FOLLOWS = 0.5  # power of the frequency, above which a channel may be an acceleration after a displacement's command
+REFUSED_GAIN, REFUSED_MASS = (
+    0.03,
+    0.3,
+)  # errors of a sensitivity or mass that refuse the channels; smaller ones are said
+UNEXPLAINED = 30.0  # standard deviations, beyond which channels that no single fault explains are refused
 
 
-def response_faults(frfs: Sequence[Frf], info: RigInfo, masses_kg: Array) -> list[str]:
-    """Return a sentence for each channel that is incoherent, of wrong sign, or in another's place."""
-    faults = [
-        f"channel {channel.name}: median coherence {channels.coherence(frf):.2f} in {COMPARED_HZ[0]:g}-"
-        f"{COMPARED_HZ[1]:g} Hz is below {LEAST_COHERENCE:g}; excite louder or longer, and check the sensor"
-        for channel, frf in zip(info.channels, frfs, strict=True)
-        if channels.coherence(frf) < LEAST_COHERENCE
-    ]
+@dataclass(frozen=True)
+class Judgement:
+    """Why channels must not be used, a sentence each, and what to know of channels that may."""
+
+    faults: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+
+def judge(data: Evidence, frfs: Sequence[Frf]) -> Judgement:
+    """Return what the channels' responses say of them: coherence, direction, place and sensitivity."""
+    faults = _incoherent(data, frfs)
     if faults:
-        return faults
-    return _reversed_roles(frfs, info) or _signs(frfs, info) or _order(frfs, info, masses_kg)
-
-
-def gain_faults(table: Frf, floors: Sequence[Frf], info: RigInfo) -> list[str]:
-    """Return a sentence for each channel whose sensitivity is wrong; `table` is without the staircase alias."""
-    return _floor_gains((table, *floors), info)
+        return Judgement(tuple(faults))
+    against = _direction(frfs[0])
+    if len(data.masses_kg) == 0:
+        return Judgement(tuple(_does_not_follow(frfs[0], data.info) or _polarity(against)))
+    found = suspects.diagnose(grouped(data.records, data.info, data.masses_kg, data.settings.band_hz), data.info.dt_s)
+    if found.fits or (found.suspects and found.suspects[0].kind == LATE and _all_late(found.suspects)):
+        return Judgement(tuple(_polarity(against)))
+    if found.suspects:
+        return _named(found.suspects, data.info, against)
+    faults = _does_not_follow(frfs[0], data.info)
+    return Judgement(tuple(faults)) if faults else _unexplained(found)
 
 
 def far_gain(low_frequency_gain_m_per_v: float, info: RigInfo) -> tuple[str, ...]:
@@ -52,146 +69,159 @@ def far_gain(low_frequency_gain_m_per_v: float, info: RigInfo) -> tuple[str, ...
     )
 
 
-def _reversed_roles(frfs: Sequence[Frf], info: RigInfo) -> list[str]:
-    """Return a sentence when the table falls with frequency as a command should: it is one, or a displacement."""
-    low = frfs[0].frequency_hz <= SLOPE_HZ
-    slope = np.polyfit(np.log(frfs[0].frequency_hz[low]), np.log(np.abs(frfs[0].response[low])), 1)[0]
-    if slope > 0.0:
-        return []
-    return [
-        f"channels command and {info.channels[0].name}: they look swapped; table over command falls as f^{slope:.1f} "
-        "at low frequency, where an acceleration over a displacement's command rises as f^2"
-    ]
-
-
-def _low_lines(frfs: Sequence[Frf]) -> tuple[np.ndarray, float]:
-    """Tell which lines lie below half the specimen's first natural frequency, and what that is in Hz."""
-    f = frfs[0].frequency_hz
-    first = min((_first_mode_hz(f, frf.response / frfs[0].response) for frf in frfs[1:]), default=HIGHEST_HZ)
-    low = f <= LOW_SHARE * first
-    low[:3] = True
-    low[30:] &= f[30:] <= 2.0
-    return low, first
-
-
-def _first_mode_hz(frequency_hz: Array, over_table: ComplexArray) -> float:
-    """Return where a floor's motion over the table's (m,) first lags an eighth of a turn behind, on two lines on end.
-
-    Lighter damping makes a higher mode the largest; every floor moves with the table until the first mode.
-    """
-    upright = np.sign(np.median(over_table[:3].real)) or 1.0
-    late = np.append(upright * over_table.real < np.abs(over_table.imag), True)
-    return float(frequency_hz[min(np.flatnonzero(late[:-1] & late[1:]), default=len(frequency_hz) - 1)])
-
-
-def _signs(frfs: Sequence[Frf], info: RigInfo) -> list[str]:
-    """Return a sentence for each channel that moves against the command at low frequency."""
-    low, _ = _low_lines(frfs)
-    s2 = -((2.0 * np.pi * frfs[0].frequency_hz[low]) ** 2)
-    against = [bool(np.median((frf.response[low] / s2).real) < 0.0) for frf in frfs]
-    if all(against):
-        return ["command: every channel moves against it; its polarity is reversed (or that of all sensors)"]
-    return [
-        f"channel {channel.name}: wrong sign, at low frequency it moves against the command and the other channels; "
-        "turn the sensor round or reverse the channel's sign"
-        for channel, wrong in zip(info.channels, against, strict=True)
-        if wrong
-    ]
-
-
-def _order(frfs: Sequence[Frf], info: RigInfo, masses_kg: Array) -> list[str]:
-    """Return a sentence when floors do not carry each other's inertia, and which exchange of channels cures it."""
-    if len(frfs) < 2:
-        return []
-    f = frfs[0].frequency_hz
-    inside = (f <= HIGHEST_HZ) & np.all([frf.coherence >= LEAST_COHERENCE for frf in frfs], axis=0)
-    motion = np.array([frf.response[inside] for frf in frfs])
-    here = chain_residual(f[inside], motion, masses_kg)
-    if here < SUSPECT:
-        return []
-    best, pair = here, None
-    for i, j in combinations(range(len(frfs)), 2):
-        order = list(range(len(frfs)))
-        order[i], order[j] = j, i
-        left = chain_residual(f[inside], motion[order], masses_kg)
-        if left < best:
-            best, pair = left, (i, j)
-    if pair is not None and best < CURED * here:
-        one, other = (info.channels[k].name for k in pair)
-        return [
-            f"channels {one} and {other}: they look swapped; exchanged, {best:.1%} of the storeys' inertia is "
-            f"unexplained, as they are {min(here, 9.99):.0%}; check the cables"
-        ]
-    if here < BAD_CHAIN:
-        return []
-    return _floor_gains(frfs, info) or [
-        f"floors: {min(here, 9.99):.0%} of the storeys' inertia does not fit a chain of storeys with the given masses; "
-        "check order, sensitivities and masses of the floors"
-    ]
-
-
-def chain_residual(frequency_hz: Array, motion: ComplexArray, masses_kg: Array) -> float:
-    """Return how much of the storeys' inertia no spring and dashpots explain, relative; rows: table, then floors.
-
-    A storey carries the inertia of the floors above: sum m a = -k drift - sum over all storeys of s c drift, for modal
-    damping couples the storeys. A negative stiffness counts as explaining nothing.
-    """
-    s = 2j * np.pi * frequency_hz
-    drifts = np.diff(motion, axis=0) / s**2
-    left, total = 0.0, 0.0
-    for i in range(len(masses_kg)):
-        inertia = np.asarray(masses_kg)[i:] @ motion[i + 1 :]
-        columns = np.column_stack([drifts[i], *(s * drifts)])
-        stacked = np.vstack([columns.real, columns.imag])
-        wanted = -np.concatenate([inertia.real, inertia.imag])
-        found = np.linalg.lstsq(stacked, wanted, rcond=None)[0]
-        total += float(wanted @ wanted)
-        unexplained = wanted - stacked @ found
-        left += float(unexplained @ unexplained) if found[0] > 0.0 else float(wanted @ wanted)
-    return float(np.sqrt(left / total)) if total > 0.0 else 1.0
-
-
-def _floor_gains(frfs: Sequence[Frf], info: RigInfo) -> list[str]:
-    """Return a sentence for each floor, or the table, whose motions do not go over into each other at low frequency."""
-    gains, errors = floor_gains(frfs)
-    off = np.abs(gains - 1.0) > FLOOR_GAIN_SHARE + CERTAIN * errors
-    if len(gains) > 1 and off.all() and float(np.ptp(gains)) < FLOOR_GAIN_SHARE * float(np.mean(gains)):
-        return [
-            f"channel {info.channels[0].name}: reads {1.0 / float(np.mean(gains)):.3f} times every floor at zero "
-            "frequency, where they move as one; check its sensitivity"
-        ]
-    return [
-        f"channel {channel.name}: reads {gain:.3f} times the table at zero frequency, where floor and table "
-        "move as one; check the sensitivity of both channels"
-        for channel, gain, wrong in zip(info.channels[1:], gains, off, strict=True)
-        if wrong
-    ]
-
-
-def floor_gains(frfs: Sequence[Frf]) -> tuple[Array, Array]:
-    """Return what each floor reads over what the table reads at zero frequency, (n,), and its standard error (n,).
-
-    Below the first mode, floor / table times 1 - (f / first mode)^2 has no pole: it is a + b f^2, nearly.
-    """
-    low, first = _low_lines(frfs)
-    f2 = frfs[0].frequency_hz[low] ** 2
-    powers = np.vander(f2, 3 if low.sum() > LINES_FOR_A_CURVE else 2, increasing=True)
-    table, smooth = frfs[0].response[low], 1.0 - f2 / first**2
-    # what is left of the staircase alias turns table / floor, but hardly changes its real part
-    ratios = np.array([smooth / (table / frf.response[low]).real for frf in frfs[1:]]).reshape(-1, len(f2))
-    inverse = np.linalg.pinv(powers)
-    found = ratios @ inverse.T
-    left = ratios - found @ powers.T
-    spread = np.linalg.norm(left, axis=1) / np.sqrt(max(len(f2) - powers.shape[1], 1))
-    return found[:, 0], spread * float(np.linalg.norm(inverse[0]))
-
-
-def gain_warnings(low_frequency_gain_m_per_v: float, info: RigInfo) -> tuple[str, ...]:
-    """Return a sentence when the table's gain is far from the data sheet's."""
+def gain_warnings(low_frequency_gain_m_per_v: float, relative_error: float, info: RigInfo) -> tuple[str, ...]:
+    """Return a sentence when the model's gain at zero frequency is far from the data sheet's, beyond its standard
+    uncertainty, relative."""
     ratio = abs(low_frequency_gain_m_per_v) / info.gain_m_per_v
-    if abs(ratio - 1.0) <= GAIN_SHARE or not FAR_GAIN[0] <= ratio <= FAR_GAIN[1]:
+    if abs(ratio - 1.0) <= GAIN_SHARE + SURE * ratio * relative_error or not FAR_GAIN[0] <= ratio <= FAR_GAIN[1]:
         return ()
     return (
         f"table: moves {1e3 * abs(low_frequency_gain_m_per_v):.3g} mm/V at low frequency, the data sheet says "
         f"{1e3 * info.gain_m_per_v:.3g}; check sensitivity and unit of table and command, or nominal.gain_m_per_v",
     )
+
+
+def _incoherent(data: Evidence, frfs: Sequence[Frf]) -> list[str]:
+    """Return a sentence for each channel that loses more coherence than its own noise, and the table's, take.
+
+    What disturbs the table (friction, say) moves the floors too.
+    """
+    lost, most = [1.0 - channels.coherence(frf) for frf in frfs], 1.0 - LEAST_COHERENCE
+    if max(lost) <= most:
+        return []
+    noise = [_lost_to_noise(data, index, frfs[0].frequency_hz) for index in range(len(frfs))]
+    told = f"in {COMPARED_HZ[0]:g}-{COMPARED_HZ[1]:g} Hz is below {LEAST_COHERENCE:g}"
+    if lost[0] > most and all(each > most for each in lost[1:]) and len(lost) > 1:
+        return [_disturbed("channels of table and floors", 1.0 - lost[0], 1.0 - noise[0], told)]
+    faults = []
+    for index, channel in enumerate(data.info.channels):
+        allowed = max(most, NOISE_MARGIN * noise[index] + (SHARED * lost[0] if index else 0.0))
+        if lost[index] > allowed:
+            faults.append(
+                f"channel {channel.name}: median coherence {1.0 - lost[index]:.2f} {told}, its noise at rest and its "
+                f"bits would leave {1.0 - noise[index]:.2f}; other channels do not share it: look for a loose sensor, "
+                "cable or contact"
+                if len(lost) > 1
+                else _disturbed(f"channel {channel.name}", 1.0 - lost[index], 1.0 - noise[index], told)
+            )
+    return faults
+
+
+def _disturbed(which: str, coherence: float, by_noise: float, told: str) -> str:
+    """Return the sentence on channels that all lose coherence: noise, or something else that moves the table."""
+    head = f"{which}: median coherence {coherence:.2f} {told}"
+    if 1.0 - coherence <= NOISE_MARGIN * (1.0 - by_noise):
+        return (
+            f"{head}; noise at rest and bits leave no more ({by_noise:.2f}): the motion is too small for these sensors"
+        )
+    return (
+        f"{head}, noise at rest and bits would leave {by_noise:.2f}: more than the recorded command moves the table, or "
+        "less of it; one of friction, lost samples, a clipped command, hum, a loose part"
+    )
+
+
+def _lost_to_noise(data: Evidence, index: int, frequency_hz: Array) -> float:
+    """Return what a channel's noise at rest and its rounding take of the coherence, median in COMPARED_HZ."""
+    from scipy import signal  # takes half a second, and only incoherent channels come here
+
+    inside = frequency_hz[within(frequency_hz, COMPARED_HZ)]
+    shares = []
+    for record in data.records:
+        values = record.accel_m_s2[index, record.parts.noise]
+        length = min(round(data.settings.segment_s / data.info.dt_s), len(values))
+        f, power = signal.welch(values, 1.0 / data.info.dt_s, nperseg=length)
+        noise = 2.0 * data.info.dt_s * channel_variance(record, index, data.info)
+        shares.append(noise / np.interp(inside, f, power))
+    return float(np.clip(np.median(np.mean(shares, axis=0)), 0.0, 1.0))
+
+
+def _direction(table: Frf) -> float:
+    """Return the cosine between the table's motion and its command at low frequency: 1 with it, -1 against it."""
+    low = table.frequency_hz <= DIRECTION_HZ
+    moved = table.response[low] / -((2.0 * np.pi * table.frequency_hz[low]) ** 2)
+    return float(np.sum(moved.real) / np.sum(np.abs(moved)))
+
+
+def _polarity(direction: float) -> list[str]:
+    """Return a sentence when channels that go together move against the command."""
+    if direction > -DIRECTION:
+        return []
+    return ["command: every channel moves against it; its polarity is reversed (or that of all sensors)"]
+
+
+def _does_not_follow(table: Frf, info: RigInfo) -> list[str]:
+    """Return a sentence when the table's response does not rise with frequency, as an acceleration's must."""
+    low = within(table.frequency_hz, COMPARED_HZ)
+    slope = np.polyfit(np.log(table.frequency_hz[low]), np.log(np.abs(table.response[low])), 1)[0]
+    if slope > FOLLOWS:
+        return []
+    looks = "they look swapped" if slope < -FOLLOWS else "one of them is a displacement, or a velocity"
+    return [
+        f"channels command and {info.channels[0].name}: {looks}; table over command goes as f^{slope:.1f} in "
+        f"{COMPARED_HZ[0]:g}-{COMPARED_HZ[1]:g} Hz, where an acceleration over a displacement's command rises as f^2"
+    ]
+
+
+def _all_late(found: Sequence[Suspect]) -> bool:
+    """Tell whether all floors are out of step with the table alike, which is judged once there is a model."""
+    return any(each.channels == (0,) for each in found if each.kind == LATE)
+
+
+def _unexplained(found: Diagnosis) -> Judgement:
+    """Return what to say of channels that neither a chain nor a single fault explains."""
+    said = (
+        f"floors: no chain of storeys with the given masses explains the channels (what is left is {found.misfit:.3g} "
+        "times what noise, bits and 0.3 % of unlinearity may leave), and no single fault of a channel, a mass or the "
+        "floors' order does; more than one of these, a storey that yields, or a structure that is no chain"
+    )
+    return Judgement((said,)) if found.misfit > UNEXPLAINED else Judgement((), (said,))
+
+
+def _named(found: Sequence[Suspect], info: RigInfo, direction: float) -> Judgement:
+    """Return the faults that explain the channels, in one sentence when the channels do not tell which of them it is."""
+    found = _by_command(found, direction)
+    sentences = [_sentence(each, info) for each in found]
+    said = sentences[0]
+    if len(sentences) > 1:
+        said = "one of these, between which the channels do not tell: " + "; or ".join(sentences)
+    return Judgement((said,)) if _refused(found[0]) else Judgement((), (said,))
+
+
+def _by_command(found: Sequence[Suspect], direction: float) -> Sequence[Suspect]:
+    """Return the suspects without the reversed ones that the command clears."""
+    signs = [each for each in found if each.kind == SIGN]
+    if len(signs) < 2 or abs(direction) < DIRECTION:
+        return found
+    table = direction < 0.0
+    return [each for each in found if each.kind != SIGN or (0 in each.channels) == table]
+
+
+def _refused(found: Suspect) -> bool:
+    """Tell whether a fault is too large for the channels to be used."""
+    least = {GAIN: REFUSED_GAIN, MASS: REFUSED_MASS}.get(found.kind)
+    return least is None or abs(found.size - 1.0) > least
+
+
+def _sentence(found: Suspect, info: RigInfo) -> str:
+    """Return what is wrong and what to do."""
+    names = [info.channels[index].name for index in found.channels]
+    which = f"channel {names[0]}"
+    if found.kind == SIGN:
+        return (
+            f"{which}: wrong sign, reversed it moves with the others as a chain of storeys does, as it is it does not; "
+            "turn the sensor round or reverse the channel's sign"
+        )
+    if found.kind == GAIN:
+        other = "every floor says" if found.channels == (0,) and len(info.channels) > 2 else "the other channels say"
+        return f"{which}: reads {found.size:.3f} times what {other}; check the sensitivity"
+    if found.kind == LATE:
+        return (
+            f"{which}: {abs(found.size):.2f} samples {'late' if found.size > 0.0 else 'early'} against the others; all "
+            "must be sampled at one instant, and their sensors have the stated corners"
+        )
+    if found.kind == SWAP:
+        return f"channels {names[0]} and {names[1]}: they look swapped, exchanged they fit a chain; check the cables"
+    if found.kind == REVERSED:
+        return f"channels {', '.join(names)}: they look to be in reverse order, in which they fit a chain"
+    assert found.kind == MASS
+    return f"mass of {names[0]}: {found.size:.3f} times the given one fits a chain, the given one does not; weigh it"

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from rths_cli.identification import channel_responses, channels, delay, doubts, friction, motions, verdict
 from rths_cli.identification.channels import UnfitRecord
@@ -24,7 +26,7 @@ from rths_cli.identification.orders import doubtful
 from rths_cli.identification.record import Record
 from rths_cli.identification.specimen import Start
 from rths_cli.identification.systematic import shifts
-from rths_cli.identification.table import TableFit, coherent_up_to, fit_table, levels, smooth
+from rths_cli.identification.table import TableFit, coherent_up_to, fit_table, levels
 from rths_cli.lti import Array, Frf, Model
 from rths_cli.rig_info import RigInfo
 
@@ -69,29 +71,28 @@ def identify(
     dead, clipped, incoherent, swapped or of wrong sign.
     """
     data = evidence(records, quiet, info, floor_masses_kg, settings or IdentificationSettings())
-    frfs, seen = _responses(data)
+    frfs, seen, said = _responses(data)
     data = data.up_to(coherent_up_to(frfs[0], data.settings.band_hz[1]))
-    start = motions.first_look(data, frfs)
+    start = motions.first_look(data)
     fit = fit_table(data, frfs[0], start)
-    faults = channel_responses.gain_faults(smooth(fit), frfs[1:], info)
-    if faults:
-        raise UnfitRecord(faults, seen)
     specimen = _specimen(data, fit.chosen.model, start)
+    specimen = replace(specimen, said=(*said, *specimen.said))
     return _identification(data, frfs, seen, _table(data, fit, given), specimen)
 
 
-def _responses(data: Evidence) -> tuple[tuple[Frf, ...], tuple[ChannelReport, ...]]:
-    """Return the responses to all channels and what these showed; raises UnfitRecord when they cannot be used."""
+def _responses(data: Evidence) -> tuple[tuple[Frf, ...], tuple[ChannelReport, ...], tuple[str, ...]]:
+    """Return the responses to all channels, what these showed and what to say of them; raises UnfitRecord when they
+    cannot be used."""
     settings, dt_s = data.settings, data.info.dt_s
     frfs = judged = estimate(data.records, dt_s, settings.band_hz, settings.segment_s, settings.estimator)
     if any(record.parts.segment_samples for record in data.records):
         # short segments cut the floors' vibrations off, which is no fault of the channels
         judged = estimate(data.records, dt_s, settings.band_hz, data.longest_s, settings.estimator)
     seen = channels.reports(data.records, judged, data.info)
-    faults = channel_responses.response_faults(judged, data.info, data.masses_kg)
-    if faults:
-        raise UnfitRecord(faults, seen)
-    return frfs, seen
+    found = channel_responses.judge(data, judged)
+    if found.faults:
+        raise UnfitRecord(found.faults, seen)
+    return frfs, seen, found.warnings
 
 
 def _specimen(data: Evidence, model: Model, start: Start) -> _Specimen:
@@ -153,7 +154,7 @@ def _warnings(data: Evidence, seen: tuple[ChannelReport, ...], table: _Table, sp
     """Return what else to know."""
     return [
         *channels.hum_warnings(seen),
-        *channel_responses.gain_warnings(table.best.low_frequency_gain_m_per_v, data.info),
+        *_gain(table, data),
         *specimen.weak,
         *doubts.misfit(specimen.excited, seen),
         *(() if table.comparable or data.quiet is None else (NOT_COMPARABLE,)),
@@ -161,6 +162,12 @@ def _warnings(data: Evidence, seen: tuple[ChannelReport, ...], table: _Table, sp
         *specimen.said,
         *table.warnings,
     ]
+
+
+def _gain(table: _Table, data: Evidence) -> tuple[str, ...]:
+    """Return a sentence when the table's gain is far from the data sheet's; a model that was given has no uncertainty."""
+    error = 0.0 if table.given else float(np.sqrt(table.fit.chosen.covariance[0, 0]))
+    return channel_responses.gain_warnings(table.best.low_frequency_gain_m_per_v, error, data.info)
 
 
 def _verdict(data: Evidence, table: _Table, specimen: _Specimen, warnings: list[str]) -> Verdict:

@@ -12,19 +12,11 @@ from rths_cli.identification.evidence import Evidence
 from rths_cli.identification.found import SpecimenFit
 from rths_cli.identification.record import Record
 from rths_cli.identification.skew import skew
-from rths_cli.identification.specimen import (
-    Motion,
-    Start,
-    alive,
-    fit_specimen,
-    fit_stretches,
-    least_samples,
-    storey_start,
-)
-from rths_cli.lti import Array, Frf, Model
+from rths_cli.identification.specimen import Motion, Start, alive, fit_specimen, fit_stretches, least_samples
+from rths_cli.identification.storeys import first_values, grouped
+from rths_cli.lti import Array, Model
 from rths_cli.rig_info import RigInfo
 
-START_HZ = 30.0
 PHASE = 3e-4  # rad between channels below which no skew is told from what corrections of sensors leave
 BELOW_FIRST = 0.5  # of the first natural frequency: there the specimen's lines begin at the latest
 MOST_SKEW, SEEN_SKEW = 0.25, 0.05  # samples between floors and table: refused, said
@@ -59,14 +51,11 @@ def _motion(record: Record, model: Model | None, free: bool) -> Motion | None:
     return Motion(table, record.accel_m_s2[1:]).cut(part)
 
 
-def first_look(data: Evidence, frfs: Sequence[Frf]) -> Start:
-    """Return first values of the specimen, from the responses up to 30 Hz and a minute of motion."""
-    masses = data.masses_kg
-    if len(masses) == 0:
+def first_look(data: Evidence) -> Start:
+    """Return first values of the specimen, from the storeys' equations and a minute of motion."""
+    if len(data.masses_kg) == 0:
         return Start(np.zeros(0), np.zeros(0))
-    low = frfs[0].frequency_hz <= START_HZ
-    floors = np.array([frf.response[low] for frf in frfs[1:]])
-    start = storey_start(frfs[0].frequency_hz[low], frfs[0].response[low], floors, masses)
+    start = Start(*first_values(grouped(data.records, data.info, data.masses_kg, data.settings.band_hz)))
     return fit_motions(data, start, [motion.cut(slice(0, ENOUGH)) for motion in motions(data, None, free=False)])[0]
 
 

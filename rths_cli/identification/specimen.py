@@ -11,15 +11,13 @@ from functools import cache
 
 import numpy as np
 
-from rths_cli.errors import InputError
 from rths_cli.filters import fast_length
 from rths_cli.identification.chain import Lines, evaluated, frequency_slopes, modal, without_time
 from rths_cli.identification.found import SpecimenFit
-from rths_cli.identification.least_squares import Solution, covariance, least_squares, parts
+from rths_cli.identification.least_squares import Solution, covariance, least_squares
 from rths_cli.lti import Array, ComplexArray
 from rths_cli.structure import Specimen, modal_damping_matrix, storey_matrix
 
-LEAST_RATIO, MOST_RATIO = 1e-3, 0.5
 ABOVE_HIGHEST = 1.6  # the lines used end at this multiple of the highest natural frequency
 MISFIT, USUAL_RATIO = 0.01, 0.02  # share of the floors' motion; damping ratio
 LEAST_LINES = 12  # of a stretch, in the band of the fit
@@ -180,29 +178,6 @@ def _fast_length(most: int) -> int:
     while (longer := fast_length(length + 1)) <= most:
         length = longer
     return length
-
-
-def storey_start(frequency_hz: Array, table: ComplexArray, floors: ComplexArray, masses_kg: Array) -> Start:
-    """Return storey stiffnesses and damping ratios from the responses of table (m,) and floors (n, m) to the command.
-
-    A storey carries the inertia of all floors above it: sum of m Y = -(k + s c) drift, linear in k and c.
-    Raises InputError when a stiffness is not positive: then these are not the floors of a shear building.
-    """
-    masses, s = np.asarray(masses_kg, dtype=float), 2j * np.pi * frequency_hz
-    below = np.vstack([table, floors[:-1]])
-    found = np.zeros((len(masses), 2))
-    for i in range(len(masses)):
-        drift, shear = (floors[i] - below[i]) / s**2, masses[i:] @ floors[i:]
-        found[i] = np.linalg.lstsq(parts(np.array([drift, drift * s])).T, -parts(shear), rcond=None)[0]
-    stiffness, dashpots = found.T
-    if not np.all(stiffness > 0.0):
-        raise InputError(
-            f"specimen: force and drift of storey {int(np.argmin(stiffness)) + 1} give a stiffness of "
-            f"{stiffness.min():.4g} N/m, which must be positive; check order, sign and masses of the floors' channels"
-        )
-    omega, shapes = modal(masses, stiffness)
-    ratios = np.einsum("ir,ij,jr->r", shapes, storey_matrix(dashpots), shapes) / (2.0 * omega)
-    return Start(stiffness, ratios.clip(LEAST_RATIO, MOST_RATIO))
 
 
 def _described(masses: Array, found: Solution, motions: int) -> SpecimenFit:

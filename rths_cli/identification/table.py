@@ -101,12 +101,6 @@ def coherent_up_to(frf: Frf, highest_hz: float) -> float:
     return highest_hz
 
 
-def smooth(found: TableFit) -> Frf:
-    """Return the table's response less the staircase alias."""
-    frf = found.frf
-    return replace(frf, response=frf.response - found.chosen.model.alias(frf.frequency_hz))
-
-
 def levels(data: Evidence, found: TableFit) -> tuple[LevelBand, ...]:
     """Compare the record at low level with the full one, both over the model; () without one."""
     quiet, model, frf = data.quiet, found.chosen.model, found.frf

@@ -7,7 +7,6 @@ import pytest
 from made_records import make_specimen
 from scipy import signal
 
-from rths_cli.errors import InputError
 from rths_cli.identification import specimen as room
 from rths_cli.identification.found import SpecimenFit
 from rths_cli.identification.specimen import (
@@ -17,7 +16,6 @@ from rths_cli.identification.specimen import (
     birge,
     fit_specimen,
     fit_stretches,
-    storey_start,
     stretches_of,
 )
 from rths_cli.structure import Specimen, modes, storey_values
@@ -108,31 +106,6 @@ def test_standard_errors_are_the_scatter_of_repeated_records() -> None:
     for value, error in (("natural_frequency_hz", "frequency_error_hz"), ("damping_ratio", "damping_error")):
         scatter = np.std([getattr(fit, value) for fit in found], axis=0, ddof=1)
         assert np.mean([getattr(fit, error) for fit in found], axis=0) == pytest.approx(scatter, rel=0.45)
-
-
-def response(specimen: Specimen, f: np.ndarray, table: np.ndarray) -> np.ndarray:
-    """Return the floors' response (2, m) where the table has the response (m,), from the dynamic stiffness."""
-    s = (2j * np.pi * f)[:, None, None]
-    dynamic = s**2 * np.diag(specimen.masses_kg) + s * specimen.C + specimen.K
-    relative = np.linalg.solve(dynamic, -np.tile(specimen.masses_kg[:, None], (len(f), 1, 1)))[..., 0]
-    return ((1.0 + s[:, :, 0] ** 2 * relative) * table[:, None]).T
-
-
-@pytest.mark.parametrize("stiffness", [(7331.56, 7376.40), (14710.35, 3676.36)])
-def test_start_from_responses_is_close_for_either_stiffness_solution(stiffness: tuple[float, ...]) -> None:
-    specimen, f = make_specimen(stiffness), np.arange(0.5, 30.0, 0.05)
-    table = 1.0 + 0.01j * f  # whatever the table does
-    start = storey_start(f, table, response(specimen, f, table), specimen.masses_kg)
-    assert start.stiffness_n_per_m == pytest.approx(stiffness, rel=0.03)
-    assert np.all((start.damping_ratio > 0.01) & (start.damping_ratio < 0.15))
-
-
-def test_floors_with_the_wrong_sign_are_refused() -> None:
-    specimen, f = make_specimen(), np.arange(0.5, 30.0, 0.05)
-    table = np.ones(len(f), dtype=complex)
-    moved = response(specimen, f, table)
-    with pytest.raises(InputError, match="must be positive"):
-        storey_start(f, table, moved * [[1.0], [-1.0]], specimen.masses_kg)
 
 
 def test_birge_ratio_is_what_the_scatter_has_too_much() -> None:

@@ -1,20 +1,22 @@
-"""A chain of storeys on a shake table, integrated by its own Runge-Kutta scheme: data for the diagnosis of channels.
+"""A chain of storeys on a shake table, integrated by its own exact solution: data for the diagnosis of channels.
 
-It shares no code with the project's virtual rig: a servo holds the table at the command times a gain (a spring and a
-dashpot to the commanded place, which an amplifier smooths), beside it act viscous damping, dry friction, a suspension with a cubic part and the
-specimen, whose storeys may soften. Commands are held over a sample and act after the latency.
+It shares no code with the project's virtual rig: a servo (a spring and a dashpot) holds the table at the command times
+a gain, which an amplifier smooths; beside it act dry friction, a suspension with a cubic part and the specimen, whose
+storeys may soften. Commands are held over a sample and act after the latency. Without friction and the like the motion
+is the exact one of the linear system, mode by mode; what is not linear is held over steps of half a millisecond.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+from scipy.linalg import expm
+from scipy.signal import lfilter
 
 Array = NDArray[np.float64]
-SUBSTEPS_PER_CYCLE = 25  # of the fastest natural frequency
+LONGEST_STEP_S = 5e-4
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,7 @@ class Plant:
     cubic_n_per_m3: float = 0.0
     coulomb_n: float = 0.0
     coulomb_velocity_m_s: float = 1e-3
-    softening_m: float = field(default=float("inf"))
+    softening_m: float = float("inf")
 
     def matrices(self) -> tuple[Array, Array]:
         """Return stiffness and damping (n, n) of the floors relative to the table."""
@@ -53,87 +55,82 @@ class Plant:
         root = np.sqrt(self.masses_kg)
         return np.sqrt(np.linalg.eigvalsh(self.matrices()[0] / np.outer(root, root))) / (2.0 * np.pi)
 
-    def simulate(self, command_v: Array, dt_s: float, latency_samples: int) -> Array:
-        """Return absolute accelerations (n + 1, samples) in m/s^2 of table and floors at each sample's instant."""
+    @property
+    def linear(self) -> bool:
+        """Tell whether nothing in it depends on the level."""
+        return self.coulomb_n == 0.0 and self.cubic_n_per_m3 == 0.0 and not np.isfinite(self.softening_m)
+
+    def system(self) -> tuple[Array, Array, Array]:
+        """Return x' = A x + b u + N f and the rows of the accelerations, A x + N f: states are places and speeds of
+        table and floors, then the smoothed command; f are forces on the storeys, the table's first."""
+        n, (K, C) = len(self.masses_kg), self.matrices()
         total = self.table_kg + float(self.masses_kg.sum())
         servo = total * (2.0 * np.pi * self.servo_hz) ** 2
         dashpot = 2.0 * self.servo_ratio * np.sqrt(servo * total)
-        fastest = max(self.servo_hz * np.sqrt(total / self.table_kg), self.natural_hz().max(initial=1.0))
-        substeps = max(int(np.ceil(dt_s * fastest * SUBSTEPS_PER_CYCLE)), 1)
+        relative = np.hstack([-np.ones((n, 1)), np.eye(n)])
+        stiffness, damping = relative.T @ K @ relative, relative.T @ C @ relative
+        stiffness[0, 0] += servo + self.suspension_n_per_m
+        damping[0, 0] += dashpot
+        inverse = 1.0 / np.concatenate([[self.table_kg], self.masses_kg])
+        size = n + 1
+        A = np.zeros((2 * size + 1, 2 * size + 1))
+        A[:size, size : 2 * size] = np.eye(size)
+        A[size : 2 * size, :size] = -inverse[:, None] * stiffness
+        A[size : 2 * size, size : 2 * size] = -inverse[:, None] * damping
+        A[size, -1] = servo * inverse[0]
+        A[-1, -1] = -1.0 / self.lag_s
+        b = np.zeros(2 * size + 1)
+        b[-1] = 1.0 / self.lag_s
+        between = np.eye(size) - np.diag(np.ones(n), 1)  # a storey's force pulls its floor back and the one below along
+        N = np.vstack([np.zeros((size, size)), inverse[:, None] * between, np.zeros((1, size))])
+        return A, b, N
+
+    def simulate(self, command_v: Array, dt_s: float, latency_samples: int) -> Array:
+        """Return absolute accelerations (n + 1, samples) in m/s^2 of table and floors at each sample's instant, before
+        that instant's command acts."""
         late = np.concatenate([np.zeros(latency_samples), command_v])[: len(command_v)]
-        return _integrate(
-            self.gain_m_per_v * late, dt_s, substeps, self.lag_s, self.table_kg, servo, dashpot, self.suspension_n_per_m,
-            self.cubic_n_per_m3, self.coulomb_n, self.coulomb_velocity_m_s, self.masses_kg.astype(float),
-            self.stiffness_n_per_m.astype(float), self.matrices()[1], self.softening_m,
-        )  # fmt: skip
+        place = self.gain_m_per_v * late
+        return self._exact(place, dt_s) if self.linear else self._stepped(place, dt_s)
 
+    def _exact(self, place_m: Array, dt_s: float) -> Array:
+        """Return the accelerations of the linear system, mode by mode."""
+        A, b, _ = self.system()
+        values, vectors = np.linalg.eig(A)
+        given = np.linalg.solve(vectors, b.astype(complex))
+        size = len(self.masses_kg) + 1
+        out = np.zeros((size, len(place_m)))
+        rows = A[size : 2 * size] @ vectors
+        for value, part, row in zip(values, given, rows.T, strict=True):
+            step = np.exp(value * dt_s)
+            moved = lfilter([0.0, (step - 1.0) / value * part], [1.0, -step], place_m.astype(complex))
+            out += (row[:, None] * moved).real
+        return out
 
-@njit(cache=False)
-def _integrate(
-    place,
-    dt,
-    substeps,
-    lag,
-    table_kg,
-    servo,
-    dashpot,
-    suspension,
-    cubic,
-    coulomb,
-    slow,
-    masses,
-    stiffness,
-    C,
-    softening,
-):  # type: ignore[no-untyped-def]
-    n = len(masses)
-    x, v = np.zeros(n + 1), np.zeros(n + 1)
-    accel, out = np.zeros(n + 1), np.zeros((n + 1, len(place)))
-    a1, a2, a3, a4 = accel.copy(), accel.copy(), accel.copy(), accel.copy()
-    h = dt / substeps
-    constants = (table_kg, servo, dashpot, suspension, cubic, coulomb, slow, masses, stiffness, C, softening)
-    begin, middle, end = 0.0, 0.0, 0.0
-    half = np.exp(-0.5 * h / lag)
-    for k in range(len(place)):
-        _accelerate(x, v, end, *constants, accel)
-        out[:, k] = accel
-        for _ in range(substeps):
-            begin = end
-            middle = place[k] + (begin - place[k]) * half
-            end = place[k] + (middle - place[k]) * half
-            _accelerate(x, v, begin, *constants, a1)
-            v2 = v + 0.5 * h * a1
-            _accelerate(x + 0.5 * h * v, v2, middle, *constants, a2)
-            v3 = v + 0.5 * h * a2
-            _accelerate(x + 0.5 * h * v2, v3, middle, *constants, a3)
-            v4 = v + h * a3
-            _accelerate(x + h * v3, v4, end, *constants, a4)
-            x = x + h / 6.0 * (v + 2.0 * v2 + 2.0 * v3 + v4)
-            v = v + h / 6.0 * (a1 + 2.0 * a2 + 2.0 * a3 + a4)
-    return out
+    def _stepped(self, place_m: Array, dt_s: float) -> Array:
+        """Return the accelerations with what is not linear held over short steps."""
+        A, b, N = self.system()
+        steps = int(np.ceil(dt_s / LONGEST_STEP_S))
+        size, h = len(self.masses_kg) + 1, dt_s / steps
+        block = np.zeros((len(A) + 1 + size, len(A) + 1 + size))
+        block[: len(A), : len(A)], block[: len(A), len(A)], block[: len(A), len(A) + 1 :] = A, b, N
+        moved = expm(block * h)[: len(A)]
+        rows, forced = A[size : 2 * size], N[size : 2 * size]
+        x, f = np.zeros(len(A)), np.zeros(size)
+        out = np.zeros((size, len(place_m)))
+        for k, place in enumerate(place_m):
+            for step in range(steps):
+                f = self._forces(x)
+                if step == 0:
+                    out[:, k] = rows @ x + forced @ f
+                x = moved @ np.concatenate([x, [place], f])
+        return out
 
-
-@njit(cache=False)
-def _accelerate(
-    x, v, place, table_kg, servo, dashpot, suspension, cubic, coulomb, slow, masses, stiffness, C, softening, accel
-):  # type: ignore[no-untyped-def]
-    """Write the absolute accelerations (n + 1,) of table and floors at places x and speeds v."""
-    n = len(masses)
-    on_table = servo * (place - x[0]) - dashpot * v[0] - suspension * x[0] - cubic * x[0] ** 3
-    on_table -= coulomb * np.tanh(v[0] / slow)
-    below = 0.0
-    for i in range(n):
-        drift = x[i + 1] - x[i]
-        below = stiffness[i] * drift / (1.0 + abs(drift) / softening)
-        damping = 0.0
-        for j in range(n):
-            damping += C[i, j] * (v[j + 1] - v[0])
-        accel[i + 1] = -below - damping
-        on_table += damping
-        if i == 0:
-            on_table += below
-        else:
-            accel[i] += below
-    for i in range(n):
-        accel[i + 1] /= masses[i]
-    accel[0] = on_table / table_kg
+    def _forces(self, x: Array) -> Array:
+        """Return what is not linear: friction and cubic spring on the table, and what the storeys lose in stiffness."""
+        size = len(self.masses_kg) + 1
+        f = np.zeros(size)
+        f[0] = -self.coulomb_n * np.tanh(x[size] / self.coulomb_velocity_m_s) - self.cubic_n_per_m3 * x[0] ** 3
+        if np.isfinite(self.softening_m):
+            drift = x[1:size] - x[: size - 1]
+            f[1:] = self.stiffness_n_per_m * drift * (1.0 - 1.0 / (1.0 + np.abs(drift) / self.softening_m))
+        return f

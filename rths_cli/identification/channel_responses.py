@@ -26,10 +26,7 @@ GAIN_SHARE, FAR_GAIN = 0.1, (0.6, 1.7)  # of the data sheet's gain: said beyond 
 SURE = 3.0  # standard uncertainties
 DIRECTION_HZ, DIRECTION = 3.0, 0.5  # up to where the table follows its command; cosine of a clear direction
 FOLLOWS = 0.5  # power of the frequency, above which a channel may be an acceleration after a displacement's command
-REFUSED_GAIN, REFUSED_MASS = (
-    0.03,
-    0.3,
-)  # errors of a sensitivity or mass that refuse the channels; smaller ones are said
+REFUSED_GAIN, REFUSED_MASS = 0.03, 0.3  # errors of a sensitivity or mass, beyond which channels are refused
 UNEXPLAINED = 30.0  # standard deviations, beyond which channels that no single fault explains are refused
 
 
@@ -111,12 +108,10 @@ def _disturbed(which: str, coherence: float, by_noise: float, told: str) -> str:
     """Return the sentence on channels that all lose coherence: noise, or something else that moves the table."""
     head = f"{which}: median coherence {coherence:.2f} {told}"
     if 1.0 - coherence <= NOISE_MARGIN * (1.0 - by_noise):
-        return (
-            f"{head}; noise at rest and bits leave no more ({by_noise:.2f}): the motion is too small for these sensors"
-        )
+        return f"{head}; noise at rest and bits leave {by_noise:.2f}: the motion is too small for these sensors"
     return (
-        f"{head}, noise at rest and bits would leave {by_noise:.2f}: more than the recorded command moves the table, or "
-        "less of it; one of friction, lost samples, a clipped command, hum, a loose part"
+        f"{head}, noise at rest and bits would leave {by_noise:.2f}: the recorded command is not all that "
+        "moves the table; one of friction, lost samples, a clipped command, hum, a loose part"
     )
 
 
@@ -178,7 +173,7 @@ def _unexplained(found: Diagnosis) -> Judgement:
 
 
 def _named(found: Sequence[Suspect], info: RigInfo, direction: float) -> Judgement:
-    """Return the faults that explain the channels, in one sentence when the channels do not tell which of them it is."""
+    """Return the faults that explain the channels, in one sentence when nothing tells which of them it is."""
     found = _by_command(found, direction)
     sentences = [_sentence(each, info) for each in found]
     said = sentences[0]

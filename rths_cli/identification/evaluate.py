@@ -165,7 +165,7 @@ def _warnings(data: Evidence, seen: tuple[ChannelReport, ...], table: _Table, sp
 
 
 def _gain(table: _Table, data: Evidence) -> tuple[str, ...]:
-    """Return a sentence when the table's gain is far from the data sheet's; a model that was given has no uncertainty."""
+    """Return a sentence when the table's gain is far from the data sheet's; a given model has no uncertainty."""
     error = 0.0 if table.given else float(np.sqrt(table.fit.chosen.covariance[0, 0]))
     return channel_responses.gain_warnings(table.best.low_frequency_gain_m_per_v, error, data.info)
 

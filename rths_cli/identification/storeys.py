@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -88,47 +89,56 @@ class Explained:
 
 def grouped(records: Sequence[Record], info: RigInfo, masses_kg: Array, band_hz: tuple[float, float]) -> Grouped:
     """Return the groups of lines in a band of the excited parts of records; masses (c - 1,) in kg."""
-    parts = [_of_record(record, info, band_hz) for record in records]
-    together = {
-        name: np.concatenate([part[name] for part in parts], axis=-1)
-        for name in ("omega", "accel", "velocity", "displacement", "noise")
-    }
-    apart = [[part["further"] * (row is part) for part in parts] for row in parts]
-    return Grouped(further=np.block(apart), masses_kg=np.asarray(masses_kg, dtype=float), **together)
+    parts = [_of_record(record, info, np.asarray(masses_kg, dtype=float), band_hz) for record in records]
+    apart = [[part.further * float(row is part) for part in parts] for row in parts]
+    return Grouped(
+        np.concatenate([part.omega for part in parts]),
+        np.hstack([part.accel for part in parts]),
+        np.hstack([part.velocity for part in parts]),
+        np.hstack([part.displacement for part in parts]),
+        np.block(apart),
+        np.hstack([part.noise for part in parts]),
+        parts[0].masses_kg,
+    )
 
 
-def _of_record(record: Record, info: RigInfo, band_hz: tuple[float, float]) -> dict[str, Array]:
-    """Return the groups of lines of one record, by name."""
-    noise_part = record.parts.noise
-    n = noise_part.stop - noise_part.start
+def _of_record(record: Record, info: RigInfo, masses_kg: Array, band_hz: tuple[float, float]) -> Grouped:
+    """Return the groups of lines of one record."""
+    noise = record.parts.noise
+    n = noise.stop - noise.start
     frequency = np.arange(n // 2 + 1) / (n * info.dt_s)
     inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
     s = 2j * np.pi * frequency[inside]
-    bent = np.diff(record.command_v, 2, prepend=[record.command_v[0]] * 2)[noise_part]
+    bent = np.diff(record.command_v, 2, prepend=[record.command_v[0]] * 2)[noise]
     given = np.fft.rfft(np.hanning(n) * bent)[inside]
-    accel = record.accel_m_s2[:, noise_part]
+    accel = record.accel_m_s2[:, noise]
     lines = np.fft.rfft(accel - accel.mean(axis=1, keepdims=True))[:, inside]
+    alias = np.fft.rfft(_staircase(record.command_v, info)[noise])[inside]
     starts = _group_starts(frequency[inside])
-    power = np.add.reduceat(np.abs(given) ** 2, starts)
+    power = _summed(np.abs(given) ** 2, starts)
     counts = np.diff(np.append(starts, len(s)))
     excited = power / counts > LEAST_POWER * np.median(power / counts)
-    size = np.sqrt(np.add.reduceat(np.abs(given) ** 2, starts))[excited]
+    size = np.sqrt(power)[excited]
 
     def added(rows: ComplexArray) -> ComplexArray:
-        return np.asarray(np.add.reduceat(np.conj(given) * rows, starts, axis=-1)[..., excited] / size)
+        return np.asarray(_summed(np.conj(given) * rows, starts)[:, excited] / size)
 
-    alias = np.fft.rfft(_staircase(record.command_v, info)[noise_part])[inside]
-    further = [*(s**-power for power in range(ENDS)), alias / s, alias / s**2]
-    rest = np.array([channel_variance(record, index, info) for index in range(len(accel))])
     together = added(lines)
-    return {
-        "omega": np.sqrt(np.add.reduceat(np.abs(s) ** 2, starts)[excited] / counts[excited]),
-        "accel": together,
-        "velocity": added(lines / s),
-        "displacement": added(lines / s**2),
-        "further": added(np.array(further)),
-        "noise": n * rest[:, None] + (UNLINEARITY * np.abs(together)) ** 2,
-    }  # fmt: skip
+    at_rest = np.array([channel_variance(record, index, info) for index in range(len(accel))])
+    return Grouped(
+        np.sqrt(_summed(np.abs(s) ** 2, starts) / counts)[excited],
+        together,
+        added(lines / s),
+        added(lines / s**2),
+        added(np.array([*(s**-power for power in range(ENDS)), alias / s, alias / s**2])),
+        n * at_rest[:, None] + (UNLINEARITY * np.abs(together)) ** 2,
+        masses_kg,
+    )
+
+
+def _summed(values: Any, starts: Sequence[int]) -> Any:
+    """Return sums (..., g) of values (..., m) over groups that begin at so many of them."""
+    return np.add.reduceat(values, starts, axis=-1)
 
 
 def _staircase(command_v: Array, info: RigInfo) -> Array:
@@ -139,14 +149,15 @@ def _staircase(command_v: Array, info: RigInfo) -> Array:
     return np.asarray(now - before + integral_share(info.channels[0].high_pass_hz, info.dt_s) * (now + before))
 
 
-def _group_starts(frequency_hz: Array) -> Array:
+def _group_starts(frequency_hz: Array) -> list[int]:
     """Return where groups of lines begin, each GROUP_SHARE of its frequency wide and of LEAST_LINES at least."""
-    starts, at = [], 0
+    starts: list[int] = []
+    at = 0
     step = frequency_hz[1] - frequency_hz[0]
     while at + LEAST_LINES <= len(frequency_hz):
         starts.append(at)
         at += max(LEAST_LINES, int(GROUP_SHARE * frequency_hz[at] / step))
-    return np.array(starts)
+    return starts
 
 
 def channel_variance(record: Record, index: int, info: RigInfo) -> float:

@@ -1,4 +1,4 @@
-"""Which single fault of a channel, of a mass or of the floors' order explains what the channels show, where none does not.
+"""Which single fault of a channel, a mass or the floors' order explains channels that a chain as declared does not.
 
 Each fault is a change of the data (channels multiplied or exchanged) or of the masses, under which the equations of the
 storeys are tried anew (storeys.py). A fault is named only when the channels as declared cannot be explained, when it
@@ -9,14 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import combinations
 
 import numpy as np
 
 from rths_cli.identification.storeys import Explained, Grouped, explained
-from rths_cli.lti import Array, ComplexArray
+from rths_cli.lti import ComplexArray
 
-FITS = 4.0  # standard deviations: chains as declared, of any stiffness and damping, stay below 3
+FITS = 2.0  # standard deviations of the worst storey that are no evidence against a chain as declared
 CURED = 0.4  # of the misfit that a fault may leave
 ALIKE = 1.3  # times the least misfit of a fault: another one explains the channels as well
 RANGE = (0.3, 3.0)  # of a sensitivity or mass
@@ -86,22 +87,37 @@ def _sized(chain: Grouped, dt_s: float) -> Iterator[Suspect]:
 
     With one floor its mass only scales the stiffness.
     """
-    count, masses = len(chain.accel), chain.masses_kg
-    factors = tuple(np.log(RANGE))
+    count = len(chain.accel)
+    factors = float(np.log(RANGE[0])), float(np.log(RANGE[1]))
     for at in range(count):
-        found = _least(lambda x, at=at: chain.multiplied(_only(count, at, np.exp(-x))), factors)
-        yield Suspect(GAIN, (at,), float(np.exp(found[0])), found[1])
-        shift = 1j * chain.omega * dt_s
-        found = _least(lambda x, at=at, by=shift: chain.multiplied(_only(count, at, np.exp(x * by))), (-LATEST, LATEST))
-        yield Suspect(LATE, (at,), *found)
+        size, left = _least(partial(_reading, chain, at), factors)
+        yield Suspect(GAIN, (at,), float(np.exp(size)), left)
+        yield Suspect(LATE, (at,), *_least(partial(_late, chain, at, dt_s), (-LATEST, LATEST)))
     for at in range(1, count) if count > 2 else ():
-        found = _least(lambda x, at=at: replace(chain, masses_kg=masses * _only(count, at, np.exp(x))[1:, 0]), factors)
-        yield Suspect(MASS, (at,), float(np.exp(found[0])), found[1])
+        size, left = _least(partial(_weighing, chain, at), factors)
+        yield Suspect(MASS, (at,), float(np.exp(size)), left)
 
 
-def _only(count: int, index: int, factor: float | ComplexArray) -> ComplexArray | Array:
+def _reading(chain: Grouped, index: int, size: float) -> Grouped:
+    """Return the data if a channel reads exp(size) times what is true."""
+    return chain.multiplied(_only(len(chain.accel), index, np.exp(-size)))
+
+
+def _late(chain: Grouped, index: int, dt_s: float, samples: float) -> Grouped:
+    """Return the data if a channel is late by so many samples."""
+    return chain.multiplied(_only(len(chain.accel), index, np.exp(1j * chain.omega * dt_s * samples)))
+
+
+def _weighing(chain: Grouped, index: int, size: float) -> Grouped:
+    """Return the data if a floor weighs exp(size) times what is given."""
+    masses = chain.masses_kg.copy()
+    masses[index - 1] *= np.exp(size)
+    return replace(chain, masses_kg=masses)
+
+
+def _only(count: int, index: int, factor: float | ComplexArray) -> ComplexArray:
     """Return factors (count, 1) or (count, g) of channels, 1 for all but one."""
-    factors = np.ones((count, np.size(factor)), dtype=np.asarray(factor).dtype)
+    factors = np.ones((count, np.size(factor)), dtype=complex)
     factors[index] = factor
     return factors
 

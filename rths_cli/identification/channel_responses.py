@@ -15,7 +15,7 @@ import numpy as np
 from rths_cli.identification import channels, suspects
 from rths_cli.identification.evidence import Evidence
 from rths_cli.identification.fit_table import COMPARED_HZ, within
-from rths_cli.identification.storeys import channel_variance, grouped
+from rths_cli.identification.storeys import grouped
 from rths_cli.identification.suspects import GAIN, LATE, MASS, REVERSED, SIGN, SWAP, Diagnosis, Suspect
 from rths_cli.lti import Array, Frf
 from rths_cli.rig_info import RigInfo
@@ -125,7 +125,7 @@ def _lost_to_noise(data: Evidence, index: int, frequency_hz: Array) -> float:
         values = record.accel_m_s2[index, record.parts.noise]
         length = min(round(data.settings.segment_s / data.info.dt_s), len(values))
         f, power = signal.welch(values, 1.0 / data.info.dt_s, nperseg=length)
-        noise = 2.0 * data.info.dt_s * channel_variance(record, index, data.info)
+        noise = 2.0 * data.info.dt_s * channels.channel_noise(record, data.info)[index] ** 2
         shares.append(noise / np.interp(inside, f, power))
     return float(np.clip(np.median(np.mean(shares, axis=0)), 0.0, 1.0))
 

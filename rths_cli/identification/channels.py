@@ -79,6 +79,15 @@ def _signal_faults(channel: Channel, accel: Array, info: RigInfo, record: Record
     return []
 
 
+def channel_noise(record: Record, info: RigInfo) -> Array:
+    """Return the standard deviation (c,) in m/s^2 of the channels' noise: at rest, and of rounding to bits, which a
+    channel at rest within one bit does not show."""
+    rounding = [info.converters.step_v / channel.sensitivity_v_per_m_s2 / np.sqrt(12.0) for channel in info.channels]
+    silence = record.parts.silence
+    at_rest = np.zeros(len(rounding)) if silence is None else record.accel_m_s2[:, silence].std(axis=1)
+    return np.maximum(at_rest, rounding)
+
+
 def reports(records: Sequence[Record], frfs: Sequence[Frf] | None, info: RigInfo) -> tuple[ChannelReport, ...]:
     """Return what each channel showed; without responses the coherence is not known (NaN)."""
     found = []

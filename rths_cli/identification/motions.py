@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rths_cli.identification.chain import modal
+from rths_cli.identification.channels import channel_noise
 from rths_cli.identification.doubts import AGREE_SIGMA
 from rths_cli.identification.evidence import Evidence
 from rths_cli.identification.found import SpecimenFit
@@ -15,7 +16,6 @@ from rths_cli.identification.skew import skew
 from rths_cli.identification.specimen import Motion, Start, alive, fit_specimen, fit_stretches, least_samples
 from rths_cli.identification.storeys import first_values, grouped
 from rths_cli.lti import Array, Model
-from rths_cli.rig_info import RigInfo
 
 PHASE = 3e-4  # rad between channels below which no skew is told from what corrections of sensors leave
 BELOW_FIRST = 0.5  # of the first natural frequency: there the specimen's lines begin at the latest
@@ -111,15 +111,6 @@ def _living(record: Record, data: Evidence, model: Model) -> Motion:
     motion = _motion(record, model, free=True)
     assert motion is not None
     return motion.cut(alive(motion.floors, channel_noise(record, data.info)[1:]))
-
-
-def channel_noise(record: Record, info: RigInfo) -> Array:
-    """Return the standard deviation (c,) in m/s^2 of the channels' noise: at rest, and of rounding to bits, which a
-    channel at rest within one bit does not show."""
-    rounding = [info.converters.step_v / channel.sensitivity_v_per_m_s2 / np.sqrt(12.0) for channel in info.channels]
-    silence = record.parts.silence
-    at_rest = np.zeros(len(rounding)) if silence is None else record.accel_m_s2[:, silence].std(axis=1)
-    return np.maximum(at_rest, rounding)
 
 
 def out_of_step(data: Evidence, model: Model, found: SpecimenFit | None) -> tuple[tuple[str, ...], tuple[str, ...]]:

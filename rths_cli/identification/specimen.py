@@ -11,6 +11,7 @@ from functools import cache
 
 import numpy as np
 
+from rths_cli.errors import InputError
 from rths_cli.filters import fast_length
 from rths_cli.identification.chain import Lines, evaluated, frequency_slopes, modal, without_time
 from rths_cli.identification.found import SpecimenFit

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from rths_cli.identification.chain import modal
+from rths_cli.identification.channels import channel_noise
 from rths_cli.identification.least_squares import linear, parts
 from rths_cli.identification.record import Record
 from rths_cli.lti import Array, ComplexArray, integral_share
@@ -124,14 +125,13 @@ def _of_record(record: Record, info: RigInfo, masses_kg: Array, band_hz: tuple[f
         return np.asarray(_summed(np.conj(given) * rows, starts)[:, excited] / size)
 
     together = added(lines)
-    at_rest = np.array([channel_variance(record, index, info) for index in range(len(accel))])
     return Grouped(
         np.sqrt(_summed(np.abs(s) ** 2, starts) / counts)[excited],
         together,
         added(lines / s),
         added(lines / s**2),
         added(np.array([*(s**-power for power in range(ENDS)), alias / s, alias / s**2])),
-        n * at_rest[:, None] + (UNLINEARITY * np.abs(together)) ** 2,
+        n * channel_noise(record, info)[:, None] ** 2 + (UNLINEARITY * np.abs(together)) ** 2,
         masses_kg,
     )
 
@@ -158,13 +158,6 @@ def _group_starts(frequency_hz: Array) -> list[int]:
         starts.append(at)
         at += max(LEAST_LINES, int(GROUP_SHARE * frequency_hz[at] / step))
     return starts
-
-
-def channel_variance(record: Record, index: int, info: RigInfo) -> float:
-    """Return the variance in (m/s^2)^2 of a channel's samples at rest, and of its rounding to bits."""
-    channel, silence = info.channels[index], record.parts.silence
-    at_rest = float(record.accel_m_s2[index, silence].var()) if silence is not None else 0.0
-    return at_rest + (info.converters.step_v / channel.sensitivity_v_per_m_s2) ** 2 / 12.0
 
 
 def explained(chain: Grouped) -> Explained:

@@ -7,6 +7,7 @@ import pytest
 from made_records import make_specimen
 from scipy import signal
 
+from rths_cli.errors import InputError
 from rths_cli.identification import specimen as room
 from rths_cli.identification.found import SpecimenFit
 from rths_cli.identification.specimen import (

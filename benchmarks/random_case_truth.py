@@ -183,7 +183,7 @@ def _unseen(truth: Truth) -> bool:
 
 
 RULES: tuple[tuple[str, str, Callable[[Truth], bool]], ...] = (
-    ("controller", r"no feedback|Riccati", lambda truth: truth.failed or _margin(truth)),
+    ("controller", r"no feedback|Riccati", lambda truth: truth.identified is not None and not _model_off(truth)),
     ("scheme", r"is unstable at dt = ", lambda truth: True),
     ("unstable", r"closed loop is unstable", lambda truth: truth.failed or _margin(truth)),
     ("margin", r"table's response at .* makes the loop", _margin),

@@ -11,7 +11,8 @@ from scipy.signal import bilinear, lfilter, periodogram
 
 from rths_cli.errors import InputError
 from rths_cli.identification.excitation import Excitation, ExcitationSettings, Kind, plan
-from rths_cli.identification.probe import choose_level, expected, measured_gain, probe_plan
+from rths_cli.identification.probe import choose_level, expected, measured_gain, overdriven, probe_plan
+from rths_cli.identification.record import Record
 from rths_cli.identification.shapes import shaped_noise
 from rths_cli.rig_info import RigInfo
 
@@ -31,13 +32,16 @@ class MadeRig:
     floor_damping: float = 0.04
     loop_hz: float = 14.0
     noise_m_s2: float = 1e-3
+    most_m_s2: float = np.inf  # at which the actuator's force ends
+    friction_m_s2: float = 0.0
 
     def play(self, command_v: np.ndarray) -> np.ndarray:
         """Return the accelerations (2, n) of table and floor in m/s^2."""
         w, z = 2.0 * np.pi * self.loop_hz, 0.6
         late = np.concatenate([np.zeros(4), command_v])[: len(command_v)]
         b, a = bilinear([w * w, 0.0, 0.0], [1.0, 2.0 * z * w, w * w], 1.0 / DT)
-        table = lfilter(b, a, 0.0079 * self.gain_ratio * late)
+        table = lfilter(b, a, 0.0079 * self.gain_ratio * late).clip(-self.most_m_s2, self.most_m_s2)
+        table = table - self.friction_m_s2 * np.tanh(np.cumsum(table) * DT / 1e-3)
         v, y = 2.0 * np.pi * self.floor_hz, self.floor_damping
         b, a = bilinear([2.0 * y * v, v * v], [1.0, 2.0 * y * v, v * v], 1.0 / DT)
         noise = np.random.default_rng(5).standard_normal((2, len(command_v)))
@@ -259,3 +263,30 @@ def test_channels_that_show_nothing_and_lost_samples_are_named() -> None:
         with pytest.raises(InputError, match="the record ends early or a channel was lost"):
             choose_level(INFO, probe, wrong, 2.0, loud)
     choose_level(INFO, probe, accel, 2.0, loud)
+
+
+@pytest.mark.parametrize(
+    ("rig", "seen"),
+    [
+        (MadeRig(), False),
+        (MadeRig(noise_m_s2=0.05), False),
+        (MadeRig(friction_m_s2=0.1), False),
+        (MadeRig(most_m_s2=6.0), True),  # 3 times the rms
+        (MadeRig(most_m_s2=4.0, friction_m_s2=0.02), True),
+    ],
+)
+def test_only_a_nonlinearity_that_grows_with_the_motion_overdrives(rig: MadeRig, seen: bool) -> None:
+    probe, loud = probe_plan(INFO, SETTINGS, 0), plan(INFO, SETTINGS, 0)
+    quiet, full = (Record(each.command_v, rig.play(each.command_v), each.parts) for each in (probe, loud))
+    found = overdriven(quiet, full, DT)
+    assert (found is not None) == seen
+    if found:
+        assert found[1] > found[0] > 0.0
+
+
+def test_half_a_level_takes_half_of_every_limit() -> None:
+    level, _ = chosen(MadeRig())
+    half = level.at(1.0)
+    assert half.accel_rms_m_s2 == 1.0
+    assert half.reach["force"].predicted == pytest.approx(0.5 * level.reach["force"].predicted)
+    assert half.reach["force"].limit == level.reach["force"].limit

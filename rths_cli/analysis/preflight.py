@@ -28,6 +28,7 @@ LEAST_DELAY_S = (
 )
 RESERVE = 0.1  # of every limit
 FINER = 8  # points of a peak's series per point of the reduced one
+MOST_GROWN = 1e99  # stated; result files hold no larger numbers
 GROWN = 1e3  # over the record, from which growth is no doubt
 LOWEST_HZ, POINTS, AROUND, WIDTH = 0.05, 1500, 100, 0.2  # of the grid: in all, about each closed-loop mode, half width
 MODES_HZ = 60.0
@@ -182,8 +183,9 @@ def stability(
 
 
 def growth(radius: float, samples: int) -> float:
-    """Return the factor by which the slowest motion of a loop of this spectral radius changes over a record."""
-    return float(np.exp(min(samples * math.log(radius), 700.0))) if radius > 0.0 else 0.0
+    """Return the factor by which the slowest motion of a loop of this spectral radius changes over a record, at most
+    MOST_GROWN."""
+    return float(np.exp(min(samples * math.log(radius), math.log(MOST_GROWN)))) if radius > 0.0 else 0.0
 
 
 def _tolerated(loop: ComplexArray) -> Array:

@@ -35,6 +35,7 @@ from rths_cli.rig_info import RigInfo
 PROBE_SHARE = 0.2  # of the wanted level, or of what the limits allow of it
 PROBE_BITS, MOST_PROBE_SHARE = 10.0, 0.5  # a coarse converter asks for a louder probe, up to this share
 PROBE_S, REST_S = 20.0, 3.0
+TAIL_S = 1.0  # of the rest, in which a lightly damped motion still shows
 CHANNEL_SHARE = 0.7  # of sensor and converter range that a channel may use
 WORTH_LOWERING = 0.98  # of a level; a smaller step is left to the margin of the shares
 GAIN_BAND_HZ = (0.7, 2.0)
@@ -212,7 +213,22 @@ def expected(info: RigInfo, probe: Excitation, accel: Array, planned: Excitation
     wanted_f = np.fft.rfftfreq(len(planned.command_v), info.dt_s)
     wanted[wanted_f > HIGHEST_HZ] = 0.0
     responses = (np.interp(wanted_f, f[inside], line[inside] / given[inside]) for line in lines)
-    return np.array([np.fft.irfft(response * wanted, len(planned.command_v)) for response in responses])
+    shown = np.array([np.fft.irfft(response * wanted, len(planned.command_v)) for response in responses])
+    return shown * ringing_growth(info, probe, accel, planned)[:, None]
+
+
+def ringing_growth(info: RigInfo, probe: Excitation, accel: Array, planned: Excitation) -> Array:
+    """Return by how much more the channels (c,) may show in a plan because it lasts longer than its probe.
+
+    A motion that is still ringing at the end of the probe's rest has not grown to its end in the probe: its power grows
+    with the duration of the noise, if it has no damping at all. What rings there of the power during the noise is
+    taken to grow so.
+    """
+    excited = accel[:, probe.parts.noise]
+    left = accel[:, -round(TAIL_S / info.dt_s) :]
+    ringing = np.minimum(left.var(axis=1) / excited.var(axis=1), 1.0)
+    longer = max(stretch.samples.stop - stretch.samples.start for stretch in planned.stretches) / excited.shape[1]
+    return np.asarray(np.sqrt(1.0 + ringing * max(longer - 1.0, 0.0)))
 
 
 def channel_bounds(info: RigInfo, shown: Array, planned: Excitation) -> Iterator[Bound]:

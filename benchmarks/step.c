@@ -31,12 +31,10 @@ typedef struct {
 
 typedef struct {
   double stroke_m, velocity_m_s, acceleration_m_s2, force_n, command_v, tracking_error_m_s2, gain_m_per_v, dt_s;
-  Array masses_kg, saturation_v;
-  double stuck_m_s2;
-  Array abort_m_s2;
+  Array masses_kg, saturation_v, stuck_m_s2, abort_m_s2;
   double command_rate_v_s, energy_ratio, energy_floor_j;
 } GuardLimits;
-typedef struct { Integers flags; Array motion, codes, desired_at, moved; Integers same; Array energy, seen; } GuardState;
+typedef struct { Integers flags; Array motion, codes, expected_at, moved; Integers same; Array energy, seen; } GuardState;
 
 typedef struct {
   Array push, filters, nodes, feed, start, accel_rows, accel_friction;
@@ -173,17 +171,17 @@ INLINE void note_sent(const Step *s, double command) {
 static const double brake_share = 0.45, return_rate_rad_s = 7.5, at_rest_m = 1e-6, stuck_s = 0.5;
 static const double forget_hz = 0.5;
 
-INLINE int is_stuck(const GuardLimits *lim, const GuardState *g, int64_t c, double sample, double desired) {
+INLINE int is_stuck(const GuardLimits *lim, const GuardState *g, int64_t c, double sample, double expected) {
   if (sample != g->codes.at[c]) {
     g->codes.at[c] = sample;
-    g->desired_at.at[c] = desired;
+    g->expected_at.at[c] = expected;
     g->moved.at[c] = 0.0;
     g->same.at[c] = 0;
     return 0;
   }
   g->same.at[c]++;
-  g->moved.at[c] = most(g->moved.at[c], fabs(desired - g->desired_at.at[c]));
-  return g->same.at[c] * lim->dt_s >= stuck_s && g->moved.at[c] > lim->stuck_m_s2;
+  g->moved.at[c] = most(g->moved.at[c], fabs(expected - g->expected_at.at[c]));
+  return g->same.at[c] * lim->dt_s >= stuck_s && g->moved.at[c] > lim->stuck_m_s2.at[c];
 }
 
 INLINE int beyond(const GuardState *g, double value, int reason) {
@@ -191,15 +189,19 @@ INLINE int beyond(const GuardState *g, double value, int reason) {
   return reason;
 }
 
-INLINE int check_samples(const GuardLimits *lim, const GuardState *g, const Array *samples, const double *accel, double desired) {
+INLINE int check_samples(const GuardLimits *lim, const GuardState *g, const Step *s) {
+  const double *accel = s->corrected.at, desired = s->interface.at[0];
+  const int64_t channels = s->samples.shape[0], floors = channels - 1;
+  const int knows_floors = s->estimated.shape[0] >= 3 * floors;
   double force = 0.0;
-  for (int64_t c = 0; c < samples->shape[0]; c++) {
-    const double sample = samples->at[c];
+  for (int64_t c = 0; c < channels; c++) {
+    const double sample = s->samples.at[c];
+    const double expected = c > 0 && knows_floors ? s->estimated.at[2 * floors + c - 1] : desired;
     g->flags.at[2] = c;
     if (!isfinite(sample)) return NOT_A_NUMBER;
     if (fabs(sample) >= lim->saturation_v.at[c]) return beyond(g, fabs(sample), SATURATED);
     if (fabs(accel[c]) > lim->abort_m_s2.at[c]) return beyond(g, fabs(accel[c]), ACCELERATION);
-    if (is_stuck(lim, g, c, sample, desired)) return beyond(g, g->moved.at[c], STUCK);
+    if (is_stuck(lim, g, c, sample, expected)) return beyond(g, g->moved.at[c], STUCK);
     force += lim->masses_kg.at[c] * accel[c];
   }
   g->flags.at[2] = -1;
@@ -257,7 +259,7 @@ static __attribute__((noinline)) void ramp_down(const GuardLimits *lim, const Gu
 
 INLINE double guard(const GuardLimits *lim, const GuardState *g, double command, const Step *s) {
   if (g->flags.at[0] == RUNNING) {
-    int reason = check_samples(lim, g, &s->samples, s->corrected.at, s->interface.at[0]);
+    int reason = check_samples(lim, g, s);
     if (reason == NONE) reason = check_command(lim, g, command, s->error.at[0]);
     if (reason == NONE) reason = check_energy(lim, g, s);
     if (reason == NONE) {

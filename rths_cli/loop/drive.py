@@ -100,7 +100,8 @@ def think(
 
     Return the command in V and the first column of the log that is still to be noted.
     """
-    command = guard(limits, g, share * step(s, drive), s.samples, s.corrected, s.interface, s.error[0], s.base_shear[0])
+    asked = share * step(s, drive)
+    command = guard(limits, g, asked, s.samples, s.corrected, s.interface, s.estimated, s.error[0], s.base_shear[0])
     note_sent(s, command)
     return command, note_step(log, s, command, k)
 

@@ -20,20 +20,26 @@ CORNER = 0.125  # of the largest change of a line: how far the curve may go beyo
 @part
 def lay_way(way: Way, f: Foresight, limits: GuardLimits, drift: Array) -> None:
     """Tell how the command goes on that the way begins with: as foreseen, as the rig comes back from where it is off,
-    and so that it can stop at the last point."""
+    and so that it can stop at the last point.
+
+    Whatever was foreseen, the way holds what is allowed: each line between two points, from the command to the first
+    one too, is within LINE of the steepest, and differs from the one before by at most CHANGE of it. The line before
+    the command is the step that led to it, from which the first may differ only by what the guard brakes with: a rig
+    that goes on for an interval because a command is a little late must not be thrown back by that command.
+    """
     way.marks[POINTS], way.marks[SPACING] = f.points, f.spacing
     most = f.spacing * steepest(limits)
     braked = min(hardest(limits) * f.spacing**2, CHANGE * most)
     to_stop = max(braked, abs(drift[STEP_V]) * f.spacing / (f.points - 0.5))
-    edge, line = outermost(limits) - CORNER * CHANGE * most, 0.0
+    edge, change = outermost(limits) - CORNER * CHANGE * most, braked
+    line = within(drift[STEP_V] * f.spacing, LINE * most)
     for i in range(f.points):
         here, before = way.volts[i], line
-        line = f.made[i] + off_after(drift, (i + 1) * f.spacing) - here
-        line = within(line, min(LINE * most, to_stop * (f.points - i - 0.5)))
-        if i > 0:
-            line = before + within(line - before, CHANGE * most)
+        wanted = f.made[i] + off_after(drift, (i + 1) * f.spacing) - here
+        line = within(wanted if math.isfinite(wanted) else 0.0, min(LINE * most, to_stop * (f.points - i - 0.5)))
+        line = before + within(line - before, change)
         line = max(min(line, room_to_brake(edge - here, braked)), -room_to_brake(edge + here, braked))
-        way.volts[i + 1] = here + line
+        way.volts[i + 1], change = here + line, CHANGE * most
 
 
 @part

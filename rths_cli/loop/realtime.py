@@ -32,6 +32,7 @@ from rths_cli.loop.guard import (
 from rths_cli.loop.laying import lay_way
 from rths_cli.loop.log import Log
 from rths_cli.loop.rejoining import STANDS_V, WANTED_V, drift_to, fresh_drift, rejoin
+from rths_cli.loop.returning import Returning, blend, note_lost, returning, share_of_measured
 from rths_cli.lti import Array
 from rths_cli.rigs.interface import RigInfo
 from rths_cli.rigs.udp import link as udp
@@ -60,6 +61,7 @@ class Course(NamedTuple):
     signs: Array  # (c,) of the channels
     zeros_v: Array  # (c,) what each channel shows at rest
     foresight: Foresight  # of the commands to come
+    returning: Returning  # of samples after some were lost
     drift: Array  # (7,) where the rig is, and how that goes back to where it should be
     orders: IntArray  # orders[0]: 0 go on, else stop; written by other threads
     marks: IntArray  # (5,)
@@ -71,7 +73,8 @@ def course(info: RigInfo, ramp_s: float, record: int, zeros_v: Array, orders: In
     return Course(
         round(1e9 * info.dt_s), spin_of(round(1e9 * info.dt_s)), round(ramp_s / info.dt_s), record,
         info.limits.lost_samples, POLICIES[info.overrun], np.array([float(channel.sign) for channel in info.channels]),
-        zeros_v, foresight, fresh_drift(), orders, np.zeros(5, dtype=np.int64), np.zeros(2, dtype=np.int64),
+        zeros_v, foresight, returning(info), fresh_drift(), orders,
+        np.zeros(5, dtype=np.int64), np.zeros(2, dtype=np.int64),
     )  # fmt: skip
 
 
@@ -80,6 +83,19 @@ def take(course: Course, s: Step, samples_v: Array) -> None:
     """Give the step the samples of a rig, less their zeros, by the signs of their channels."""
     for c in range(s.samples.size):
         s.samples[c] = course.signs[c] * (samples_v[c] - course.zeros_v[c])
+
+
+@part
+def take_or_bridge(course: Course, s: Step, limits: GuardLimits, samples_v: Array, lost: int) -> None:
+    """Give the step samples: those of the rig, those that stand in for lost ones, or both after a gap."""
+    if lost != 0:
+        note_lost(course.returning)
+        bridge(s)
+        return
+    take(course, s, samples_v)
+    share = share_of_measured(course.returning)
+    if share < 1.0:
+        blend(course.returning, s, limits, share)
 
 
 @part
@@ -126,10 +142,7 @@ def conduct(
     zero before and after the record; its last row is used for ever.
     """
     begun = monotonic_ns(course.scratch)
-    if lost == 0:
-        take(course, s, samples_v)
-    else:
-        bridge(s)
+    take_or_bridge(course, s, limits, samples_v, lost)
     obey(course, g, k)
     row, carried, share = drive[min(k, drive.shape[0] - 1)], s.shaping[0], share_of(course, k)
     command, place = think(s, limits, g, row, log, k, share)

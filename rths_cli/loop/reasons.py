@@ -75,8 +75,9 @@ def _number(info: RigInfo, limits: GuardLimits, reason: int, channel: int) -> fl
     """Return the limit that a reason is about."""
     if reason in (g.LOST, g.OVERRUN):
         return info.limits.lost_samples
-    if reason in (g.ACCELERATION, g.SATURATED):
-        return float((limits.abort_m_s2 if reason == g.ACCELERATION else limits.saturation_v)[channel])
+    by_channel = {g.ACCELERATION: limits.abort_m_s2, g.SATURATED: limits.saturation_v, g.STUCK: limits.stuck_m_s2}
+    if reason in by_channel:
+        return float(by_channel[reason][channel])
     alone = {
         g.STROKE: min(limits.stroke_m, limits.gain_m_per_v * limits.command_v),
         g.VELOCITY: limits.velocity_m_s,
@@ -85,7 +86,6 @@ def _number(info: RigInfo, limits: GuardLimits, reason: int, channel: int) -> fl
         g.RATE: limits.command_rate_v_s,
         g.TRACKING: limits.tracking_error_m_s2,
         g.ENERGY: limits.energy_ratio,
-        g.STUCK: limits.stuck_m_s2,
     }
     return alone[reason]
 

@@ -91,7 +91,7 @@ def guard_limits(setup: Setup) -> GuardLimits:
     from rths_cli.loop.guard import STUCK_BITS, GuardLimits
 
     rig = setup.rig
-    bit = rig.converters.step_v / min(c.sensitivity_v_per_m_s2 for c in rig.channels)  # the coarsest channel's
+    bits = np.array([rig.converters.step_v / c.sensitivity_v_per_m_s2 for c in rig.channels])
     saturation = [min(c.range_m_s2 * c.sensitivity_v_per_m_s2, rig.converters.range_v) for c in rig.channels]
     return GuardLimits(
         stroke_m=rig.limits.stroke_m,
@@ -104,7 +104,7 @@ def guard_limits(setup: Setup) -> GuardLimits:
         dt_s=rig.dt_s,
         masses_kg=np.concatenate([[rig.moving_mass_kg], setup.floor_masses_kg]),
         saturation_v=0.999 * np.array(saturation),
-        stuck_m_s2=STUCK_BITS * bit if bit > 0.0 else math.inf,
+        stuck_m_s2=np.where(bits > 0.0, STUCK_BITS * bits, math.inf),
         abort_m_s2=np.array([min(c.abort_m_s2, rig.limits.acceleration_m_s2) for c in rig.channels]),
         command_rate_v_s=rig.limits.command_rate_v_s,
         energy_ratio=_energy_ratio(rig),

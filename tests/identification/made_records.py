@@ -93,7 +93,7 @@ def excite(
         info.dt_s,
         masses,
         np.full(channels, 5.0),
-        1.0,
+        np.full(channels, 1.0),
         np.full(channels, 45.0),
     )
     drive = np.column_stack([excitation.command_v, np.zeros((excitation.command_v.size, 2))])

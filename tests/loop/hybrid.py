@@ -96,7 +96,7 @@ def open_limits(info: RigInfo) -> GuardLimits:
         info.dt_s,
         np.ones(channels),
         np.full(channels, wide),
-        wide,
+        np.full(channels, wide),
         np.full(channels, wide),
     )
 

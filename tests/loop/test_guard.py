@@ -45,7 +45,7 @@ def ask(
 ) -> None:
     """Send every asked command (n,) through the guard; note what leaves it and its phase."""
     for k in range(asked.size):
-        sent[k] = guard(limits, state, asked[k], samples[k], accel[k], desired[k], 0.0, 0.0)
+        sent[k] = guard(limits, state, asked[k], samples[k], accel[k], desired[k], accel[k], 0.0, 0.0)
         phase[k] = state.flags[0]
 
 
@@ -63,7 +63,7 @@ def limits(
         DT_S,
         np.full(3, 7.0),
         np.full(3, 4.99),
-        0.03,
+        np.full(3, 0.03),
         np.full(3, acceleration_m_s2),
     )
 

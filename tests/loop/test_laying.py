@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from bench import rig_info
 from hybrid import open_limits
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from smooth_way import smooth_way
 
 from rths_cli.compiled import entry
@@ -70,12 +74,48 @@ def test_no_place_and_no_step_on_the_way_is_beyond_a_limit(other: dict[str, floa
         assert np.abs(went).max() <= STROKE_M * (1.0 + 1e-12)
 
 
+def any_volts() -> st.SearchStrategy[float]:
+    return st.one_of(st.floats(-12.0, 12.0), st.sampled_from([math.nan, math.inf, -math.inf, 1e300, -1e300]))
+
+
+@settings(max_examples=300, deadline=None, derandomize=True)
+@given(
+    wanted=st.lists(any_volts(), min_size=POINTS, max_size=POINTS),
+    start=st.floats(-1.0, 1.0),
+    step=st.floats(-1.0, 1.0),
+    off=st.floats(-2.0, 2.0),
+    velocity=st.floats(0.05, 2.0),
+    acceleration=st.floats(1.0, 400.0),
+    rate_v_s=st.one_of(st.just(math.inf), st.floats(5.0, 500.0)),
+)
+def test_from_every_state_the_way_is_finite_within_all_limits_and_begins_as_the_command_moves(
+    wanted: list[float], start: float, step: float, off: float, velocity: float, acceleration: float, rate_v_s: float
+) -> None:
+    """From every place up to where the curve may still turn (`start`, a share of that), after every step within the
+    limits (`step`)."""
+    limits = limits_of(velocity_m_s=velocity, acceleration_m_s2=acceleration, command_rate_v_s=rate_v_s)
+    fastest = min(velocity, GAIN_M_PER_V * rate_v_s)
+    outermost, steepest = STROKE_M / GAIN_M_PER_V, fastest * DT_S / GAIN_M_PER_V
+    corner = laying.CORNER * laying.CHANGE * SPACING * steepest
+    drift = fresh_drift()
+    drift[OFF_V], drift[RATE] = off, 0.1
+    went = path(np.array(wanted), limits, start * (outermost - corner), step * steepest, drift)
+    assert np.isfinite(went).all()
+    assert np.abs(np.diff(went)).max() <= fastest * DT_S * (1.0 + 1e-9)
+    assert np.abs(went).max() <= STROKE_M * (1.0 + 1e-12)
+    first = (went[SPACING] - went[0]) / (SPACING * DT_S) - np.clip(step, -laying.LINE, laying.LINE) * fastest
+    slows_down = 0.45 * acceleration * SPACING * DT_S
+    room = STROKE_M - abs(went[0]) > fastest**2 / (0.9 * acceleration) + 4.0 * fastest * SPACING * DT_S
+    assert abs(first) <= slows_down * (1.0 + 1e-9) or not room  # at the end of the stroke it must turn faster
+
+
 @pytest.mark.parametrize("towards", [1.0, -1.0])
 @pytest.mark.parametrize("velocity_m_s", [0.05, 0.2, 0.45, 0.6, 0.8])
 def test_it_goes_as_fast_as_wanted_and_comes_to_rest_about_as_hard_as_the_guard_brakes(
     velocity_m_s: float, towards: float
 ) -> None:
-    went = towards * path(towards * straight(velocity_m_s), limits_of(stroke_m=0.079))
+    step = towards * velocity_m_s / GAIN_M_PER_V * DT_S  # it moves like that already
+    went = towards * path(towards * straight(velocity_m_s), limits_of(stroke_m=0.079), 0.0, step)
     assert np.diff(went)[:SPACING] == pytest.approx(velocity_m_s * DT_S, rel=1e-6)  # it does not brake before it must
     assert np.abs(np.diff(went, 2)).max() / DT_S**2 <= 1.5 * HARDEST_M_S2
     assert (went[END:] == went[-1]).all()
@@ -95,7 +135,8 @@ def test_it_slows_down_before_the_end_of_the_stroke(velocity_m_s: float) -> None
     """From where the guard would still let it go on: the way to brake, and 2 mm."""
     limits = limits_of()
     start = STROKE_M - 0.002 - velocity_m_s**2 / (2.0 * HARDEST_M_S2)
-    went = path(start / GAIN_M_PER_V + straight(velocity_m_s), limits, start / GAIN_M_PER_V)
+    step = velocity_m_s / GAIN_M_PER_V * DT_S
+    went = path(start / GAIN_M_PER_V + straight(velocity_m_s), limits, start / GAIN_M_PER_V, step)
     assert STROKE_M - 5e-4 < went.max() <= STROKE_M
     assert np.abs(np.diff(went, 2)).max() / DT_S**2 <= 1.6 * HARDEST_M_S2
 

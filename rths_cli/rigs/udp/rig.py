@@ -250,9 +250,10 @@ class UdpRig:
             raise RigError(f"{text}: it has led its table to rest")
 
     def _lost(self) -> str:
+        """Return why a run ended for lost answers: at the first beyond the limit; more are lost on the way to rest."""
         counts, limit = self.counts, self.target.lost_samples
         return (
-            f"rig {self.info.name}: {counts['lost_in_a_row']} answers of target {self.peer} in a row were lost, "
+            f"rig {self.info.name}: {limit + 1} answers of target {self.peer} in a row were lost, "
             f"limits.lost_samples is {limit} ({counts['lost']} of {counts['sent']} in all, {counts['late']} came late, "
             f"{counts['bad']} were not genuine); check the target, the cable and the sample rate"
         )

@@ -1,0 +1,145 @@
+"""A hybrid test whose target freezes or whose packets are lost, in simulated time: no clock and no network.
+
+The target is written from docs/udp.md and shares nothing with `rths serve` but the physics of the virtual table.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from stalling import logged
+
+from rths_cli.analysis.sim import simulate
+from rths_cli.case.load import load_cases
+from rths_cli.clocks import IntArray
+from rths_cli.compiled import entry, part
+from rths_cli.loop import performance
+from rths_cli.loop.blocks import NUMERICAL, Step
+from rths_cli.loop.drive import Outcome
+from rths_cli.loop.guard import STOPPED, GuardLimits, GuardState
+from rths_cli.loop.log import Log
+from rths_cli.loop.performance import Performance
+from rths_cli.loop.realtime import Course, conduct, judge, leave, look_ahead
+from rths_cli.lti import Array
+from rths_cli.metrics import error_figures
+from rths_cli.rigs.udp.link import LOST, OK
+from rths_cli.rigs.udp.way import POINTS, SPACING, Way, fresh_way
+from rths_cli.rigs.virtual import kernel
+from rths_cli.rigs.virtual.kernel import PlantState, fresh_state
+from rths_cli.rigs.virtual.plant import Plant
+from rths_cli.workflows.controllers import Design, design_blocks
+from rths_cli.workflows.known import Memory
+from rths_cli.workflows.rigs import guard_limits
+from rths_cli.workflows.series import Series, on_record_clock, whole_building
+from rths_cli.workflows.serve_table import ServedRig, describe, make_table
+from rths_cli.workflows.setup import Setup, make_setup
+from rths_cli.workflows.table_runs import drive_of
+
+TICKS = 4  # of the physics in a sample interval
+# what a target does while it gets no command: it holds the last one; goes on to the points it was told; gets the
+# commands, but its answers are lost; stands still with all its physics, as a paused simulation
+HOLDS, GOES_ON, ANSWERS_LOST, PAUSED = range(4)
+MODES = {"holds": HOLDS, "goes on": GOES_ON, "answers lost": ANSWERS_LOST, "paused": PAUSED}
+
+
+@part
+def along(volts: Array, points: int, spacing: int, intervals: int) -> float:
+    """Return where a command has gone on to (docs/udp.md, "A command that is late")."""
+    if points == 0 or intervals >= points * spacing:
+        return volts[points]
+    i, x = intervals // spacing, (intervals % spacing) / spacing
+    p1, p2 = volts[i], volts[i + 1]
+    p3 = volts[i + 2] if i + 2 <= points else p1
+    p0 = volts[i - 1] if i > 0 else 3.0 * (p1 - p2) + p3
+    return p1 + x / 2.0 * (p2 - p0 + x * (2.0 * p0 - 5.0 * p1 + 4.0 * p2 - p3 + x * (3.0 * p1 - 3.0 * p2 + p3 - p0)))
+
+
+@entry
+def frozen(
+    plant: Plant, table: PlantState, noise: Array, way: Way, told: Way, course: Course, s: Step, limits: GuardLimits,
+    g: GuardState, drive: Array, log: Log, freezes: IntArray, mode: int, latched: Array, samples: Array,
+) -> int:  # fmt: skip
+    """Play a run whose target gives no answer for as many intervals as `freezes` (n,) says, from a step on.
+
+    `latched` (n,) is what the table was given in each interval, in V. Return the steps done.
+    """
+    k, command, left, since, held = 0, 0.0, 0, 0, 0.0
+    kernel.read(plant, table, noise[0], samples)
+    while k < log.columns.shape[1] and g.flags[0] != STOPPED:
+        lost = 0
+        if k > 0:
+            command = leave(course, s, limits, log, way, command, k)
+            if freezes[k - 1] > 0:
+                left = freezes[k - 1]
+            lost, since = (1, since + 1) if left > 0 else (0, 0)
+            if left == 0 or mode != PAUSED:
+                kernel.read(plant, table, noise[k % noise.shape[0]], samples)
+            if lost == 0 or mode == ANSWERS_LOST:
+                held = command
+                for i in range(way.volts.size):
+                    told.volts[i] = way.volts[i]
+                told.marks[POINTS], told.marks[SPACING] = way.marks[POINTS], way.marks[SPACING]
+            elif mode == GOES_ON:
+                held = along(told.volts, told.marks[POINTS], told.marks[SPACING], since)
+            latched[k - 1] = held
+            judge(course, g, LOST if lost == 1 else OK)
+            if lost == 0 or mode != PAUSED:
+                for _ in range(TICKS):
+                    kernel.hold(plant, table, held)
+            left -= lost
+        log.done[0] = k
+        command = conduct(course, s, limits, g, drive, log, samples, lost, k)
+        k += 1
+        look_ahead(course, s, limits, g, drive, log, k)
+    log.done[0] = k
+    return k
+
+
+@dataclass(frozen=True)
+class Freezing:
+    """A case, what was identified of its rig, and the same rig to be served."""
+
+    setup: Setup
+    design: Design
+    served: ServedRig
+    record: int  # samples that are played
+
+    def run(self, at: IntArray, length: int, mode: int, lost_samples: int = 60) -> tuple[Performance, Array]:
+        """Play the case with a target that gives no answer for `length` intervals at some steps; return the run and
+        what the table was given in V."""
+        setup = self.setup
+        info = replace(setup.rig, kind="udp", overrun="skip", limits=replace(setup.rig.limits, lost_samples=lost_samples))
+        drive = drive_of(setup, self.design)[: self.record]
+        run = performance.prepare(info, self.design.blocks, NUMERICAL, drive, guard_limits(setup))
+        plant = make_table(self.served, run.course.dt_ns).plant
+        freezes, latched = np.zeros(len(run.drive), np.int64), np.zeros(len(run.drive))
+        freezes[at] = length
+        steps = frozen(
+            plant, fresh_state(plant, 0), self.served.noise, fresh_way(), fresh_way(), run.course, run.step, run.limits,
+            run.guard, run.drive, run.log, freezes, mode, latched, np.zeros(len(info.channels)),
+        )  # fmt: skip
+        return run, latched[:steps]
+
+    def errors(self, run: Performance) -> Array:
+        """Return the RMS errors of a run to SIM, storey by storey, in m/s^2."""
+        setup, ramp, log = self.setup, run.course.ramp, logged(run)
+        dt = setup.rig.dt_s
+        outcome = Outcome(log, int(run.log.done[0]), "", "", 0.0)
+        whole = on_record_clock(outcome, self.design.blocks.lead_samples, dt, ramp + self.record)
+        cut = {name: getattr(whole, name)[..., ramp:] for name in Series.__dataclass_fields__ if name != "live"}
+        found = whole_building(setup.building, Series(**cut), setup.motion.accel_m_s2[: self.record], dt)[2]
+        return error_figures(self.sim[:, : found.shape[1]], found, dt).rms
+
+    @cached_property
+    def sim(self) -> Array:
+        return simulate(self.setup.building, self.setup.rig.dt_s, self.setup.motion.accel_m_s2).abs_accel_m_s2
+
+
+def freezing_of(record: int, rate_hz: int, case: str = "el_centro_low_ff_fb", *settings: str) -> Freezing:
+    """Return a case to be played for so many samples; the rig is identified."""
+    setup = make_setup(load_cases([case], (f"sample_rate_hz={rate_hz}", *settings))[0])
+    design = design_blocks(setup, Memory().identify(setup, lambda _: None))
+    served = describe("aps400_virtual", "three_storey", (f"sample_rate_hz={rate_hz}",), 0)
+    return Freezing(setup, design, served, record)

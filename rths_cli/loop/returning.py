@@ -1,14 +1,14 @@
-"""How measured samples come back after some were lost: gradually, so that no step in them becomes a step in the command.
+"""How measured samples come back after some were lost: gradually, so that a step in them makes none in the command.
 
 While samples are missing, the step goes on as identified (bridging.py). The rig may have done something else: a target
-that froze holds its command and then jumps to the newest. The loop would take the table's own way out of that jump for
-a motion of the building and answer it after it has passed. Therefore the share of the measurement grows from none to
-all over as many samples as were lost, at most 10 ms. The guard never waits: a sample beyond a limit is taken as it is.
+that froze holds its command and then jumps to the newest. What that shakes, table and floors, must not be taken in by
+halves: table samples that begin in the middle of a jump integrate to a velocity that the table never had. Therefore the
+share of the measurement grows from none to all, over SLOWLY times the length of the gap and 100 ms at most: longer than
+most of such a transient, as short as the shortest gaps that are borne. The guard does not wait for it.
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -21,7 +21,8 @@ from rths_cli.loop.guard import GuardLimits
 from rths_cli.lti import Array
 from rths_cli.rig_info import RigInfo
 
-LONGEST_S = 10e-3
+LONGEST_S = 100e-3
+SLOWLY = 8
 MISSED, RETURNED = range(2)  # places in Returning.gap
 
 
@@ -55,7 +56,7 @@ def share_of_measured(r: Returning) -> float:
     if r.gap[MISSED] == 0:
         return 1.0
     r.gap[RETURNED] += 1
-    over = min(r.gap[MISSED], r.longest + 1)
+    over = 1 + min(SLOWLY * (r.gap[MISSED] - 1), r.longest)
     if r.gap[RETURNED] >= over:
         r.gap[MISSED], r.gap[RETURNED] = 0, 0
         return 1.0

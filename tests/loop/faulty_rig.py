@@ -148,6 +148,6 @@ def guard_of(info: RigInfo) -> GuardLimits:
     return GuardLimits(
         limits.stroke_m, limits.velocity_m_s, limits.acceleration_m_s2, limits.force_n, info.converters.range_v,
         limits.tracking_error_m_s2, info.gain_m_per_v, info.dt_s, MASSES_KG, np.full(3, 0.999 * RANGE_V),
-        np.full(3, g.STUCK_BITS * bit), np.full(3, limits.acceleration_m_s2), limits.command_rate_v_s, limits.energy_ratio,
-        0.5 * info.specimen_mass_kg * (0.02 * limits.velocity_m_s) ** 2,
+        np.full(3, g.STUCK_BITS * bit), np.full(3, limits.acceleration_m_s2), limits.command_rate_v_s,
+        limits.energy_ratio, 0.5 * info.specimen_mass_kg * (0.02 * limits.velocity_m_s) ** 2,
     )  # fmt: skip

@@ -110,7 +110,9 @@ class Freezing:
         """Play the case with a target that gives no answer for `length` intervals at some steps; return the run and
         what the table was given in V."""
         setup = self.setup
-        info = replace(setup.rig, kind="udp", overrun="skip", limits=replace(setup.rig.limits, lost_samples=lost_samples))
+        info = replace(
+            setup.rig, kind="udp", overrun="skip", limits=replace(setup.rig.limits, lost_samples=lost_samples)
+        )
         drive = drive_of(setup, self.design)[: self.record]
         run = performance.prepare(info, self.design.blocks, NUMERICAL, drive, guard_limits(setup))
         plant = make_table(self.served, run.course.dt_ns).plant

@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -91,6 +91,7 @@ class Network:
         self.began = threading.Event()
         self.to_target: Mishap = as_it_came
         self.to_runner: Mishap = as_it_came
+        self.came: list[bytes] = []  # all that the runner sent
         self.forth: list[Passed] = []
         self.back: list[Passed] = []
         self.greeted: list[bytes] = []
@@ -101,6 +102,7 @@ class Network:
             self.greeted.append(packet[40:56])
         if packet[5] == COMMAND and len(self.greeted) == SESSIONS:
             self.began.set()
+        self.came.append(packet)
         out = self.to_target(packet)
         self.forth += [(time.monotonic() + delay, one) for delay, one in out]
         return out
@@ -111,7 +113,9 @@ class Network:
         return out
 
     def commands(self, secret: bytes) -> list[Packet]:
-        """Return the genuine commands of the run that the target was given and had to obey."""
+        """Return the genuine commands of the run that the target was given and had to obey, their sequence the place
+        among all commands that the runner sent: it leaves out one where the network lost a command, not where the
+        runner missed an instant."""
         nonces = [one[40:72] for _, one in self.back if one[5] == WELCOME and one[40:56] == self.greeted[-1]]
         if not nonces:
             return []
@@ -123,7 +127,9 @@ class Network:
             newest = obeyed[-1].sequence if obeyed else -1
             if packet is not None and packet.kind == COMMAND and packet.sequence > newest:
                 obeyed.append(packet)
-        return obeyed
+        sent = [packet.sequence for data in self.came if (packet := opened(data, key)) and packet.kind == COMMAND]
+        place = {sequence: i for i, sequence in enumerate(sent)}
+        return [replace(packet, sequence=place[packet.sequence]) for packet in obeyed]
 
 
 def _way(packet: Packet, count: int) -> NDArray[np.float64]:

@@ -143,7 +143,7 @@ def stranger(bench: Bench) -> None:
     secret = bytes.fromhex((bench.folder / "key").read_text().strip())
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as door:
         for i in range(40):
-            hello = Packet(1, 0, os.urandom(16) + struct.pack("<3q", 3, 1_000_000, 100_000_000))
+            hello = Packet(1, 0, os.urandom(16) + struct.pack("<3q16x", 3, 1_000_000, 100_000_000))
             door.sendto(hello.sealed(secret if i % 2 else os.urandom(16)), ("127.0.0.1", bench.served.port))
             time.sleep(0.02)
 

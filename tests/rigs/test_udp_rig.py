@@ -265,3 +265,23 @@ def test_a_host_of_two_addresses_is_tried_at_both(
     rig.open()
     assert rig.peer == f"127.0.0.1:{target.port}"
     rig.close()
+
+
+def test_a_session_that_the_watchdog_ended_before_its_answer_came_is_begun_once_more(
+    start: MakeTarget, key_file: Path
+) -> None:
+    """The first ARM's answer is lost, and the runner was held up before its second one."""
+    target = start()
+    rig = rig_to(target, key_file)
+    rig.open()
+
+    def spoil(sequence: int, sent: bytes) -> list[bytes]:
+        if target.armed > 1:
+            return [sent]
+        target.state, target.faults = udp_peer.RESTED, wire.WATCHDOG
+        return [] if sequence == 0 else [sent]
+
+    target.spoil = spoil
+    rig.arm()
+    assert target.armed == 2 and target.state == udp_peer.ARMED
+    rig.close()

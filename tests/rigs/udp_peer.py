@@ -27,6 +27,7 @@ PATIENT_S = 5.0
 FOLDER = tempfile.TemporaryDirectory()  # for the key file; gone when the process ends
 HELLO, WELCOME, REFUSAL, ARM, COMMAND, SAMPLES, REST, CLOSE = range(1, 9)
 IDLE, ARMED, RESTING, RESTED = range(4)
+BUSY, OF_THE_SESSION = 2, 1 | 8 | 64  # faults that end with it: watchdog, bad command, pace
 Spoil = Callable[[int, bytes], list[bytes]]
 
 
@@ -93,6 +94,8 @@ class PlainTarget:
     def _welcome(self, hello: Packet) -> bytes:
         self.hellos += 1
         runner, terms = hello.content[:16], hello.content[16:40]
+        if self.state in (ARMED, RESTING):
+            return Packet(REFUSAL, 0, runner + struct.pack("<2Q", BUSY, 0)).sealed(self.secret)
         return Packet(WELCOME, 0, runner + self._nonce(runner, now_period()) + terms).sealed(self.secret)
 
     def _begun(self, data: bytes) -> Packet | None:
@@ -107,6 +110,7 @@ class PlainTarget:
             if packet is not None and packet.kind == ARM:
                 self.key, self.armed = key, self.armed + 1
                 self.state, self.lost, self.last, self.rests = IDLE, 0, -1, 0
+                self.faults &= ~OF_THE_SESSION
                 return packet
         return None
 

@@ -103,6 +103,7 @@ class UdpRig:
         if not self._armed():
             self._greet_again()
             if not self._armed():
+                self._check(f"rig {self.info.name}: the target {self.peer} does not arm")
                 raise RigError(f"rig {self.info.name}: the target {self.peer} does not answer when it is to arm")
         link.status[links.BASE] = link.status[links.LAST]
         link.counts[:] = 0
@@ -175,10 +176,15 @@ class UdpRig:
         self._begin(greet(self._door, self.peer, self._secret, self._wanted()))
 
     def _armed(self) -> bool:
-        """Ask the target to arm until it answers, and tell whether it did; raise RigError where it cannot."""
+        """Ask the target to arm until it answers, and tell whether it did; raise RigError where it cannot.
+
+        Where this process was held up for so long that the watchdog ended the session, another one is worth a try.
+        """
         for _ in range(ARMING_TRIES):
             if self._ask(wire.ARM) == links.OK:
                 return True
+            if self.link.status[links.FAULTS] == wire.WATCHDOG:
+                return False
             self._check(f"rig {self.info.name}: the target {self.peer} does not arm")
         return False
 

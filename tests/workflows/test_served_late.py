@@ -7,6 +7,7 @@ import struct
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -122,6 +123,45 @@ def test_without_any_command_the_watchdog_still_bites(late: Late) -> None:
     commanded(late, 0.6, 2)
     late.serve()
     assert late.door.session[serving.FAULTS] == wire.WATCHDOG and late.door.counts[serving.OBEYED] == 1
+
+
+def hello(nonce: int) -> bytes:
+    return struct.pack("<2Q3q16x", nonce, 0, 3, INTERVAL_NS, 0)
+
+
+def answers(late: Late) -> list[int]:
+    """Return the kinds of the answers that came."""
+    kinds = []
+    with suppress(BlockingIOError):
+        while True:
+            kinds.append(late.runner.recv(wire.MOST_BYTES)[wire.KIND])
+    return kinds
+
+
+def test_at_rest_each_hello_is_answered_but_a_flood_waits(late: Late) -> None:
+    """After each batch the server sleeps until the batch's time is over; nothing of any HELLO is kept."""
+    before = [late.door.session[i] for i in (serving.STATE, serving.SEQUENCE)], late.door.key.copy()
+    begun, batches = time.monotonic_ns(), 3
+    for i in range(batches * serving.BATCH):
+        late.send(wire.HELLO, 0, hello(i), SECRET)
+        assert look(late.door, late.table) == 0
+    assert time.monotonic_ns() - begun >= (batches - 1) * serving.BATCH_NS
+    assert answers(late) == [wire.WELCOME] * batches * serving.BATCH
+    assert late.door.counts[serving.GREETED] == batches * serving.BATCH and late.door.greeter.armed[0] == 0
+    assert before[0] == [late.door.session[i] for i in (serving.STATE, serving.SEQUENCE)]
+    assert np.array_equal(before[1], late.door.key)
+
+
+def test_in_motion_a_hello_is_refused_and_more_than_one_in_a_millisecond_are_not_answered(late: Late) -> None:
+    late.send(wire.ARM, 0, bytes(40))
+    late.serve()
+    begun = time.monotonic_ns()
+    for i in range(200):
+        late.send(wire.HELLO, 0, hello(i), SECRET)
+        look(late.door, late.table)
+    kinds, took_ns = answers(late), time.monotonic_ns() - begun
+    assert set(kinds) == {wire.REFUSAL} and len(kinds) <= 1 + took_ns / serving.GREETED_NS
+    assert late.door.counts[serving.GREETED] == 200
 
 
 @entry

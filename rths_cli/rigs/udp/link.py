@@ -212,3 +212,9 @@ def converse_at(link: Link, kind: int, k: int, command_v: float, instant_ns: int
     link.way.marks[POINTS] = 0
     sleep_until(instant_ns, link.spin_ns, link.scratch)
     return converse(link, kind, k, command_v, monotonic_ns(link.scratch) + timeout_ns)
+
+
+def prepare(channels: int) -> None:
+    """Load, or compile, what an exchange needs, so that no target waits for that."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as nowhere:
+        converse_at.bind(fresh_link(nowhere, np.zeros(2, np.uint64), channels), wire.ARM, 0, 0.0, 0, 0)

@@ -14,7 +14,7 @@ from rths_cli.lti import Array
 from rths_cli.rigs.interface import RigInfo
 from rths_cli.rigs.udp import link as links
 from rths_cli.rigs.udp import wire
-from rths_cli.rigs.udp.link import Link, begin_session, converse_at, fresh_link
+from rths_cli.rigs.udp.link import Link, begin_session, converse_at, fresh_link, prepare
 from rths_cli.rigs.udp.secret import read_secret
 from rths_cli.rigs.udp.sentences import fault_names
 from rths_cli.rigs.udp.session import GREETING_S, Session, Terms, greet
@@ -87,11 +87,11 @@ class UdpRig:
             raise RigError("a rig over UDP needs Linux; offline runs on a virtual rig work here")
         self.close()
         self._secret = read_secret(self.target.key_file)
+        prepare(len(self.info.channels))
         self._door, self.peer, session = self._greet()
         self.info = replace(self.info, driver_verified="loopback" if on_this_machine(self._door) else "hardware")
         self._link = fresh_link(self._door, session.key, session.terms.channels, timeout_ns=self._timeout_ns)
         self._begin(session)
-        converse_at.bind(self._link, wire.ARM, 0, 0.0, 0, 0)  # compiled before the target is asked to arm
         self.at_rest, self.overruns = True, 0
 
     def arm(self) -> Array:

@@ -10,7 +10,7 @@ RUN_STAMP := $(VENV)/.rths-run
 DEV_STAMP := $(VENV)/.rths-dev
 CASES := $(foreach r,el_centro hachinohe,$(foreach d,low high,$(foreach c,ff ff_fb,configs/$(r)_$(d)_$(c).yaml)))
 
-.PHONY: help run test check bench clean
+.PHONY: help run test processors check bench clean
 
 help: ## show this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 10
@@ -22,6 +22,9 @@ run: $(RUN_STAMP) ## install, run the paper's eight cases, print its tables besi
 
 test: $(DEV_STAMP) ## install with the test tools and run the tests
 	@$(BIN)/python -m pytest -n auto tests
+
+processors: $(DEV_STAMP) ## run the tests as generic x86-64, Haswell, Skylake with AVX-512 and Zen would
+	@$(BIN)/python benchmarks/processors.py -n auto tests
 
 check: $(DEV_STAMP) ## lint, types, import layers
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/mypy && $(BIN)/lint-imports

@@ -271,3 +271,17 @@ def test_floors_too_light_for_their_springs_are_named(
     level = SimpleNamespace(**({"first_mode_ratio": None, "dashpots_n_s_per_m": [20.0]} | damping))
     with pytest.raises(InputError, match=re.escape(sentence)):
         build(spec, level)
+
+
+@pytest.mark.parametrize(
+    ("masses", "frequencies", "sentence"),
+    [
+        ([7.0, 7.0], [1e-300, 1e3], "frequencies of 1e-300 and 1000 are more than 10000 times apart"),
+        ([1e-9, 7.0], [3.0, 8.0], "masses of 1e-09 and 7 are more than 1e+08 times apart"),
+    ],
+)
+def test_values_too_far_apart_have_no_stiffnesses_that_can_be_found(
+    masses: list[float], frequencies: list[float], sentence: str
+) -> None:
+    with pytest.raises(InputError, match=re.escape(sentence)):
+        stiffness_from_frequencies(masses, frequencies)

@@ -37,7 +37,7 @@ _MOST_WORK = 4e8  # substeps of the whole record times numbers that each handles
 _OWN_WORK = 30  # of a substep, in the same unit
 _MOST_SUBSTEPS_PER_SAMPLE = 10_000
 _LARGEST_CONDITION = 1e6  # of modal coordinates: beyond it they lose six digits
-_BLOCK = 1 << 14  # samples that are turned into responses at a time
+_BLOCK = 1 << 20  # numbers that are turned into responses at a time
 _MOST_COMPARED = 1e9  # numbers in the comparison of two solutions; of larger ones every second, third, ... sample
 
 
@@ -126,6 +126,7 @@ def simulate_delayed(
         fine = _solve(building, bases, dt_s, record, delay_s, substeps, most, limit)
         change = _relative_change(building, bases, limit, coarse, fine)
         if change <= tolerance or 2 * substeps * len(record) > most:
+            del coarse
             return _response(building, bases, dt_s, fine, limit, change)
         coarse = fine
 
@@ -345,14 +346,21 @@ def _response(
     """Assemble the series of a solution, NaN from where an absolute acceleration passes the limit."""
     motions, count, samples = _motions(building, bases), len(building.M), len(solution.numbers)
     series = np.empty((3, count, samples))
-    for first in range(0, samples, _BLOCK):
-        series[:, :, first : first + _BLOCK] = motions(solution.numbers[first : first + _BLOCK])
-    within = np.array([np.abs(accel).max() <= limit_m_s2 for accel in series[2].T])
+    within, block = np.empty(samples, dtype=bool), _samples_at_once(solution)
+    for first in range(0, samples, block):
+        some = slice(first, first + block)
+        series[:, :, some] = motions(solution.numbers[some])
+        within[some] = np.abs(series[2][:, some]).max(axis=0) <= limit_m_s2
     end = samples if within.all() else int(np.argmin(within))
     series[:, :, end:] = np.nan
     diverged_at_s = None if within.all() else end * dt_s
     disp, vel, accel = series
     return DelayedResponse(disp, vel, accel, base_shear_n(building, accel), change, solution.substep_s, diverged_at_s)
+
+
+def _samples_at_once(solution: _Solution) -> int:
+    """Return how many samples are turned into responses at a time."""
+    return max(1, _BLOCK // solution.numbers.shape[1])
 
 
 def _relative_change(
@@ -362,8 +370,9 @@ def _relative_change(
     motions, samples = _motions(building, bases), len(fine.numbers)
     stride = math.ceil(2.0 * fine.numbers.size * len(building.M) / _MOST_COMPARED)
     changes, peaks = np.zeros(4), np.zeros(4)
-    for first in range(0, samples, _BLOCK * stride):
-        some = slice(first, first + _BLOCK * stride, stride)
+    block = stride * _samples_at_once(fine)
+    for first in range(0, samples, block):
+        some = slice(first, first + block, stride)
         before, after = ([*motions(solution.numbers[some])] for solution in (coarse, fine))
         for quantities in (before, after):
             quantities.append(base_shear_n(building, quantities[2])[None])

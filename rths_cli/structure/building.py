@@ -17,6 +17,7 @@ from rths_cli.structure.parts import Building, Numerical, Specimen, assemble
 from rths_cli.structure.search import crossing, summit
 
 FASTEST_1_S = 1e11  # of a floor on its own springs and dashpots
+SLOWEST_1_S = 1e-6  # of the heaviest floor on the softest storey: a period of 70 days
 
 
 class NumericalSpec(Protocol):
@@ -74,6 +75,9 @@ def build(spec: StructureSpec, damping: DampingSpec) -> Building:
     specimen, notes = _build_specimen(spec.experimental)
     interface_mass = float(spec.interface_experimental_mass_kg)
     numerical = _undamped_numerical(spec, specimen)
+    M, C, K = assemble(numerical, specimen, interface_mass)
+    _check_rates("structure, all floors", "stiffness_n_per_m", np.diag(M), K, 0.5)
+    _check_rates("structure, all floors", "dashpots_n_s_per_m", np.diag(M), C, 1.0)
     dashpots = damping.dashpots_n_s_per_m
     if damping.first_mode_ratio is not None:
         c = _equal_dashpot(numerical, specimen, interface_mass, damping.first_mode_ratio)
@@ -133,7 +137,7 @@ def _build_specimen(spec: ExperimentalSpec) -> tuple[Specimen, tuple[str, ...]]:
         stiffness, notes = solutions[0].tolist(), _notes_on(solutions)
     assert stiffness is not None  # _check
     K = storey_matrix(stiffness)
-    _check_rates("structure.experimental", "stiffness_n_per_m", masses, K, 0.5)
+    _check_stiffness("structure.experimental", masses, K)
     if spec.damping_ratios is not None:
         return Specimen(masses, K, modal_damping_matrix(masses, K, spec.damping_ratios)), notes
     assert spec.dashpots_n_s_per_m is not None  # _check
@@ -168,8 +172,21 @@ def _undamped_numerical(spec: StructureSpec, specimen: Specimen) -> Numerical:
     if isinstance(stiffness, str):
         stiffness = [float(np.mean(storey_values(specimen.K)))] * len(masses)
     K = storey_matrix(stiffness)
-    _check_rates("structure.numerical", "stiffness_n_per_m", masses, K, 0.5)
+    _check_stiffness("structure.numerical", masses, K)
     return Numerical(masses, K, np.zeros((len(masses), len(masses))))
+
+
+def _check_stiffness(where: str, masses_kg: Array, K: Array) -> None:
+    """Raise InputError for storeys too stiff or too soft for the masses of their part."""
+    _check_rates(where, "stiffness_n_per_m", masses_kg, K, 0.5)
+    stiffness, heaviest = storey_values(K), float(masses_kg.max())
+    if not np.sqrt(stiffness.min() / heaviest) >= SLOWEST_1_S:
+        softest = int(np.argmin(stiffness))
+        raise InputError(
+            f"{where}: storey {softest + 1} of {stiffness[softest]:.3g} N/m lets a mass of {heaviest:.3g} kg move at "
+            f"{np.sqrt(stiffness[softest] / heaviest):.1e} 1/s, the limit is {SLOWEST_1_S:.0e} 1/s; raise "
+            "stiffness_n_per_m or lower masses_kg"
+        )
 
 
 def _check_rates(where: str, what: str, masses_kg: Array, matrix: Array, power: float) -> None:

@@ -18,6 +18,7 @@ from rths_cli.lti import Array, ComplexArray
 from rths_cli.structure.chain import storey_matrix
 
 MAX_STOREYS = 5
+MOST_APART = {"frequencies": 1e4, "masses": 1e8}  # of a specimen whose stiffnesses can be found
 _FIELD = "structure.experimental.natural_frequencies_hz"
 _START_PHASES_RAD = (1.1, 2.3, 4.0)
 """Phases of the start system; almost every one works, the next is tried when paths meet."""
@@ -47,7 +48,8 @@ def stiffness_from_frequencies(masses_kg: Sequence[float], frequencies_hz: Seque
     """Return every set of positive storey stiffnesses in N/m (n_solutions, n) with these frequencies.
 
     The sets are sorted by their distance from equal stiffnesses; masses (n,) in kg, frequencies (n,) in Hz.
-    Raises InputError when the frequencies do not ascend, for more than five storeys, and for no solution.
+    Raises InputError when the frequencies do not ascend, for more than five storeys, for values too far apart, and for
+    no solution.
     """
     masses, frequencies = np.asarray(masses_kg, dtype=float), np.asarray(frequencies_hz, dtype=float)
     if len(masses) > MAX_STOREYS:
@@ -57,6 +59,12 @@ def stiffness_from_frequencies(masses_kg: Sequence[float], frequencies_hz: Seque
         )
     if len(masses) != len(frequencies) or frequencies[0] <= 0.0 or np.any(np.diff(frequencies) <= 0.0):
         raise InputError(f"{_FIELD}: state {len(masses)} positive frequencies that ascend, not {_listed(frequencies)}")
+    for what, values in (("frequencies", frequencies), ("masses", masses)):
+        if not values.max() <= MOST_APART[what] * values.min():
+            raise InputError(
+                f"{_FIELD}: {what} of {values.min():g} and {values.max():g} are more than {MOST_APART[what]:g} times "
+                "apart, too much to find stiffnesses; state experimental.stiffness_n_per_m instead"
+            )
     solutions = _positive_solutions(masses, (2.0 * np.pi * frequencies) ** 2)
     if len(solutions) == 0:
         raise InputError(

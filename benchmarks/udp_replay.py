@@ -105,7 +105,7 @@ class Relay:
         """Pass packets for ever; attack when told to."""
         doors = [self.front, self.back, self.stranger, self.orders]
         while True:
-            for door in select.select(doors, [], [], 0.0 if self.going or self.held else 0.02)[0]:
+            for door in select.select(doors, [], [], 0.0005 if self.going or self.held else 0.02)[0]:
                 if door is self.orders:
                     self.obey(self.orders.recv())
                 else:

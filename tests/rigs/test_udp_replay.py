@@ -171,6 +171,7 @@ def test_an_arm_does_not_take_a_table_that_another_runner_has(
     """It was welcomed while the table was at rest; its ARM comes while the other one's table is armed."""
     wire_tap, rig = line
     monkeypatch.setattr("rths_cli.rigs.udp.rig.ARMING_TRIES", 3)
+    monkeypatch.setattr("rths_cli.rigs.udp.rig.AT_REST_S", -rig.target.watchdog_s)  # it waits for no watchdog
     late = UdpRig(rig.info, rig.target)
     late.open()
     rig.open()

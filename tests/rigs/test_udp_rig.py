@@ -285,3 +285,27 @@ def test_a_session_that_the_watchdog_ended_before_its_answer_came_is_begun_once_
     rig.arm()
     assert target.armed == 2 and target.state == udp_peer.ARMED
     rig.close()
+
+
+def test_a_session_that_began_although_no_answer_came_is_waited_for(
+    start: MakeTarget, key_file: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All answers to ARM are lost; the target's watchdog bites while the runner greets it again."""
+    monkeypatch.setattr("rths_cli.rigs.udp.rig.ARMING_TRIES", 3)
+    target = start()
+    rig = rig_to(target, key_file)
+    rig.open()
+    refusals: list[bytes] = []
+    target.spoil = lambda _, sent: [sent] if target.armed > 1 else []
+    welcome = target._welcome
+
+    def answer(hello: udp_peer.Packet) -> bytes:
+        target.state = udp_peer.RESTED if len(refusals) == 3 else target.state
+        refusals.append(welcome(hello))
+        return refusals[-1]
+
+    target._welcome = answer  # type: ignore[method-assign]
+    rig.arm()
+    assert [data[wire.KIND] for data in refusals] == [wire.REFUSAL] * 3 + [wire.WELCOME]
+    assert target.armed == 2 and rig.exchange(1.0).size == 3
+    rig.close()

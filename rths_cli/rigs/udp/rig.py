@@ -24,7 +24,8 @@ from rths_cli.rigs.udp.sockets import connected, on_this_machine
 ANSWER_SHARE = 0.7  # of the sample interval, in which an answer must come where the rig file does not say
 ARMING_TRIES = 50  # to arm a target that does not answer, before a session is begun anew, once
 FRESH_S = 5.0  # a target accepts an ARM at least 10 s after its WELCOME
-RESTING_S = 6.0  # a table is back at zero within 2 s
+AT_REST_S = 2.0  # within which a target leads its table to rest
+RESTING_S = 6.0  # so long it is asked whether it did
 SILENT_S = 0.5  # of a peer that is asked to rest, until it is taken for dead
 PAUSE_S = 0.02  # between two questions to a target at leisure
 IN_S = 1e-9
@@ -171,9 +172,13 @@ class UdpRig:
         begin_session(self.link, session.key, session.arming)
 
     def _greet_again(self) -> None:
-        """Begin a session anew, as another runner's or a target's restart may have made the first one worthless."""
+        """Begin a session anew, as another runner's or a target's restart may have made the first one worthless.
+
+        The table may be armed although no answer said so; its watchdog rests it then.
+        """
         assert self._door is not None  # a link is open
-        self._begin(greet(self._door, self.peer, self._secret, self._wanted()))
+        patience_s = self.target.watchdog_s + AT_REST_S
+        self._begin(greet(self._door, self.peer, self._secret, self._wanted(), GREETING_S, patience_s))
 
     def _armed(self) -> bool:
         """Ask the target to arm until it answers, and tell whether it did; raise RigError where it cannot.

@@ -55,20 +55,31 @@ def prepare() -> None:
     session_key(secret, bytes(NONCE_BYTES), bytes(NONCE_BYTES))
 
 
-def greet(link: socket.socket, peer: str, secret: Words, wanted: Terms, timeout_s: float = GREETING_S) -> Session:
+def greet(
+    link: socket.socket,
+    peer: str,
+    secret: Words,
+    wanted: Terms,
+    timeout_s: float = GREETING_S,
+    patience_s: float = 0.0,
+) -> Session:
     """Send HELLO on a connected socket until the target answers; return the session.
 
-    `peer` names the target in messages. Raises RigError when it refuses or stays silent.
+    `peer` names the target in messages. A table that is armed or not yet at rest is waited for as long as `patience_s`.
+    Raises RigError when the target refuses or stays silent.
     """
     prepare()
     nonce = secrets.token_bytes(NONCE_BYTES)
     content = struct.pack(HELLO_WORDS, nonce, wanted.channels, wanted.interval_ns, wanted.watchdog_ns)
     hello = sealed(wire.HELLO, content, secret)
-    end, strangers = time.monotonic() + timeout_s, 0
+    begun = time.monotonic()
+    end, strangers = begun + timeout_s + patience_s, 0
     while (now := time.monotonic()) < end:
         _send(link, hello)
         again = min(now + RESEND_S, end)
         while (data := _receive(link, again - time.monotonic())) is not None:
+            if _is_busy(data, secret, nonce) and time.monotonic() < begun + patience_s:
+                continue
             if (session := _welcomed(data, secret, nonce, peer)) is not None:
                 return session
             strangers += judge(data, secret) == wire.FORGED
@@ -89,6 +100,16 @@ def judge(data: bytes, key: Words) -> int:
     kept = data[: wire.MOST_BYTES]
     packet[: len(kept)] = np.frombuffer(kept, np.uint8)
     return int(wire.judge_packet(packet, len(data), key))
+
+
+def _is_busy(data: bytes, secret: Words, nonce: bytes) -> bool:
+    """Tell whether a packet refuses this nonce because the table is armed or not yet at rest."""
+    words = data[wire.WORDS : wire.AFTER_NONCE + 8]
+    return (
+        judge(data, secret) == wire.GENUINE
+        and data[wire.KIND] == wire.REFUSAL
+        and words == nonce + struct.pack("<Q", wire.BUSY)
+    )
 
 
 def _welcomed(data: bytes, secret: Words, nonce: bytes, peer: str) -> Session | None:

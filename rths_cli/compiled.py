@@ -34,6 +34,7 @@ SOURCES = (
     "filters.py",
     "clocks.py",
     "metrics/error.py",
+    "metrics/slow_motion.py",
     "tiles.py",
     "rigs/udp/handshake.py",
     "rigs/udp/link.py",

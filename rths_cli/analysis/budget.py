@@ -35,6 +35,8 @@ ABOUT = {
     "rounding": "rounding of commands to the converter's bits",
     "rest": "the rest of the table's motion: noise, and whatever no other cause explains",
 }
+DRIFT = "drift"  # a cause only where something was taken out of the sensors' samples
+ABOUT_DRIFT = "offset, drift and jumps of the sensors: what they did to the loop, the samples themselves freed of them"
 LOST = "lost"  # a cause only where steps are without samples
 ABOUT_LOST = "steps without samples: what the loop was given in their place, and commands that did not leave"
 FITTED_HZ = (0.5, 15.0)  # of the disturbance, for friction, gain and delay
@@ -48,7 +50,8 @@ class Signals:
     storeys below the table, on the record's clock, `corrected` (c, n) and `command_v` (n,) as stored, n_p samples after
     they were made.
 
-    `lost` (n,): steps without samples of their own. With it the fits also leave out the record's end, where the series
+    `drift` (c, n): what was taken out of the samples after the run; the loop had `corrected` + `drift`. `lost` (n,):
+    steps without samples of their own. With it the fits also leave out the record's end, where the series
     break off; None: everything is fitted.
     """
 
@@ -58,6 +61,7 @@ class Signals:
     computed: Array
     sim: Array
     lost: NDArray[np.bool_] | None = None
+    drift: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -85,7 +89,8 @@ def split(known: Known, signals: Signals) -> Budget:
     corrected = stored / loop.ahead
     sim, reported = lines.of(signals.sim), np.vstack([lines.of(signals.computed), stored])
     desired = lines.of_motion(*signals.desired)
-    rounded, held = _added(known, signals, command - _wanted(known, desired, corrected[0]))
+    drifted = np.zeros_like(stored) if signals.drift is None else lines.of(signals.drift)
+    rounded, held = _added(known, signals, command - _wanted(known, desired, corrected[0] + drifted[0] / loop.ahead))
     disturbed = came / loop.ahead - loop.rig * command
     instants = None if signals.lost is None else left_out.inside(lines)
     parts, fitted = _disturbances(known, disturbed, command, signals.desired[1], instants)
@@ -103,9 +108,13 @@ def split(known: Known, signals: Signals) -> Budget:
     } | {name: _error(hybrid(loop, still, part)) for name, part in parts.items()}
     if held is not None:
         series[LOST] = _error(hybrid(loop, still, (stored - came) / loop.ahead, held))
+    if signals.drift is not None:
+        moved, shown = hybrid(loop, still, drifted / loop.ahead), np.zeros_like(sim)
+        shown[len(sim) - len(drifted) :] = drifted
+        series[DRIFT] = (shown - moved.storeys, moved.tracking + drifted[0])
     measured = (sim - reported, lines.of(signals.desired[0]) - stored[0])
     left = tuple(whole - sum(pair[i] for pair in series.values()) for i, whole in enumerate(measured))
-    causes = {name: _errors(known, *series[name]) for name in (*CAUSES, LOST) if name in series}
+    causes = {name: _errors(known, *series[name]) for name in (*CAUSES, LOST, DRIFT) if name in series}
     return Budget(causes, _errors(known, *measured), _errors(known, *left), *fitted)
 
 
@@ -143,8 +152,7 @@ def _errors(known: Known, storeys: ComplexArray, tracking: ComplexArray) -> Erro
 
 
 def _rms(known: Known, lines: ComplexArray) -> Array:
-    series = known.lines.series(lines * known.lines.test_band())
-    return rms(series[..., : -int(CUT_S / known.lines.reduced_dt_s)])
+    return rms(known.lines.evaluated(lines, CUT_S))
 
 
 def _wanted(known: Known, desired: ComplexArray, table: ComplexArray) -> ComplexArray:

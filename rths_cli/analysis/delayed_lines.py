@@ -27,4 +27,4 @@ def delayed_rms(
     interface = accels[-1, 0] * ground / (1.0 - accels[-1, 1] * late)
     storeys = accels[:, 0] * ground + accels[:, 1] * late * interface
     whole = np.vstack([storeys, floors[1:] * interface])
-    return rms(lines.series((sim - whole) * lines.test_band()))
+    return rms(lines.evaluated(sim - whole))

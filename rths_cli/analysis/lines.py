@@ -9,7 +9,7 @@ import numpy as np
 
 from rths_cli.filters import butterworth, fast_length, response
 from rths_cli.lti import Array, ComplexArray
-from rths_cli.metrics import BAND_HZ, BAND_ORDER, low_lines
+from rths_cli.metrics import BAND_HZ, BAND_ORDER, SLOW_ORDER, high_passed, low_lines
 
 HIGHEST_HZ = 40.0  # the test band's filter leaves 3e-5 there
 _FALLING = np.array([[1, 1, 1, 1, 1, 1], [0, 1, 2, 3, 4, 5], [0, 0, 2, 6, 12, 20]], dtype=float)  # at 1: value, slope
@@ -23,6 +23,7 @@ class Lines:
     samples: int
     padded: int
     dt_s: float
+    high_pass_hz: float = 0.0  # errors are evaluated above it
 
     @property
     def count(self) -> int:
@@ -74,8 +75,22 @@ class Lines:
         return whole[..., : int(np.ceil(self.samples * self.dt_s / self.reduced_dt_s * finer))]
 
     def test_band(self) -> Array:
-        """Return what the test band's filter, forward and backward, leaves of each line, (m,)."""
+        """Return what the test band's low pass, forward and backward, leaves of each line, (m,)."""
         return _test_band(self)
+
+    def evaluated(self, lines: ComplexArray, cut_s: float = 0.0) -> Array:
+        """Return errors (..., n) as they are evaluated, of lines (..., m): in the test band, over the record less
+        `cut_s` of its end, without what is slower than the lowest reliable frequency; at the reduced rate."""
+        series = self.series(lines * self.test_band())
+        whole = series.shape[-1] - int(cut_s / self.reduced_dt_s)
+        return high_passed(series[..., :whole], self.high_pass_hz, self.reduced_dt_s)
+
+    def above_slow(self) -> Array:
+        """Return what the high pass of errors leaves of each line, (m,)."""
+        if self.high_pass_hz <= 0.0:
+            return np.ones(self.count)
+        sections = butterworth(SLOW_ORDER, self.high_pass_hz, 1.0 / self.dt_s, "high")
+        return np.asarray(np.abs(response(sections, self.frequency_hz, 1.0 / self.dt_s)) ** 2)
 
 
 @lru_cache(maxsize=8)
@@ -95,7 +110,7 @@ def _test_band(lines: Lines) -> Array:
     return band
 
 
-def lines_for(samples: int, dt_s: float, ring_s: float) -> Lines:
+def lines_for(samples: int, dt_s: float, ring_s: float, high_pass_hz: float = 0.0) -> Lines:
     """Return the lines of a record after which motions ring for `ring_s`; at most three times its length is added."""
     rest = min(max(round(ring_s / dt_s), samples), 3 * samples)
-    return Lines(samples, fast_length(samples + rest), dt_s)
+    return Lines(samples, fast_length(samples + rest), dt_s, high_pass_hz)

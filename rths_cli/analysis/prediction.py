@@ -101,7 +101,7 @@ def predict(known: Known) -> Prediction:
 
 
 def _rms(known: Known, lines: ComplexArray) -> Array:
-    return rms(known.lines.series(lines * known.lines.test_band()))
+    return rms(known.lines.evaluated(lines))
 
 
 def _model_error(known: Known, nominal: Motion) -> ComplexArray:
@@ -185,5 +185,6 @@ def _apart(noise_m_s2: Array, bits_m_s2: Array) -> Array:
 def _density(known: Known, unit: Motion) -> Array:
     """Return what each line but the first, (m - 1), of white noise of one per sample through this adds to the mean
     square in the test band, storeys then tracking."""
-    size = np.abs(np.vstack([unit.storeys, unit.tracking]) * known.lines.test_band()) ** 2
+    band = known.lines.test_band() * known.lines.above_slow()
+    size = np.abs(np.vstack([unit.storeys, unit.tracking]) * band) ** 2
     return np.asarray(2.0 * size[:, 1:] / known.lines.padded)

@@ -41,8 +41,8 @@ class RawHeader:
     """What the log of one run says of itself: all that its result file is made of, save the samples.
 
     `names` and `units`: of the w columns; `steps`: how many the run has at most, the first `ramp_steps` of them before
-    the record; `lead_samples`: by how many the hybrid clock runs ahead of the table; `result`: name of the result file,
-    in the folder of the log; `attributes`: those of its root.
+    the record, at rest for the first `still_steps`; `lead_samples`: by how many the hybrid clock runs ahead of the
+    table; `result`: name of the result file, in the folder of the log; `attributes`: those of its root.
     """
 
     names: tuple[str, ...]
@@ -57,6 +57,7 @@ class RawHeader:
     resolved_yaml: str
     attributes: Mapping[str, Attribute]
     ramp_steps: int = 0
+    still_steps: int = 0
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from rths_cli.compiled import entry, part
 from rths_cli.control.blocks import Blocks
 from rths_cli.errors import RigError
 from rths_cli.loop.blocks import Step, assemble
-from rths_cli.loop.guard import NONE, STOPPED, GuardLimits, GuardState, fresh_guard, guard
+from rths_cli.loop.guard import END, NONE, STOPPED, GuardLimits, GuardState, fresh_guard, guard, take_over
 from rths_cli.loop.log import Log, Signals, empty_log, note_step, signals
 from rths_cli.loop.reasons import reason_of
 from rths_cli.loop.step import note_sent, step
@@ -25,10 +26,27 @@ STAMPED = 16  # steps on the counted clock of a virtual rig per look at the time
 
 
 @dataclass(frozen=True)
+class Whole:
+    """A run from its first sample at rest to its last: `corrected` (c, n) accelerations and `command_v` (n,) as the
+    step had them, the record's from `first` on. `before_v`, `after_v` (c, .): samples in V as the rig gave them while
+    the table was told to stand still; `before_s`, `after_s`: when the first of each was taken, on the record's clock.
+    """
+
+    corrected: Array
+    command_v: Array
+    first: int
+    before_v: Array
+    after_v: Array
+    before_s: float
+    after_s: float
+
+
+@dataclass(frozen=True)
 class Outcome:
     """How a run went: log on the loop's own clock, steps done, and why it stopped early (empty when it did not).
 
-    `stopped_at_s`: when the guard took over, on the loop's clock; `reason`: why, one of the guard's reasons.
+    `stopped_at_s`: when the guard took over, on the loop's clock; `reason`: why, one of the guard's reasons; `whole`:
+    the run with the rest before and after it, of one that reached both.
     """
 
     log: Signals
@@ -37,55 +55,118 @@ class Outcome:
     rig_fault: str
     stopped_at_s: float
     reason: int = NONE
+    whole: Whole | None = None
+
+
+@dataclass(frozen=True)
+class Stillness:
+    """How many samples a table is watched at rest before a record, led to rest after it, and watched at rest again."""
+
+    before: int = 0
+    down: int = 0
+    after: int = 0
+
+
+@dataclass(frozen=True)
+class _Course:
+    """A run on the counted clock: its drive with zeros after the record, its record's steps, and what the channels show
+    at rest before it (b, c) and after the record (a, c), in V."""
+
+    drive: Array
+    record: int
+    before_v: Array
+    after_v: Array
 
 
 def play(
-    rig: Rig, info: RigInfo, blocks: Blocks, source: int, drive: Array, limits: GuardLimits, log: Log | None = None
+    rig: Rig,
+    info: RigInfo,
+    blocks: Blocks,
+    source: int,
+    drive: Array,
+    limits: GuardLimits,
+    log: Log | None = None,
+    still: Stillness | None = None,
 ) -> Outcome:
     """Play `drive` (n, 3) through the rig: open, arm, exchange every step, rest, close.
 
-    `log`: that of an earlier run of the same sizes, which is written over; what a stopped run leaves stays.
+    `log`: that of an earlier run of the same sizes, which is written over; what a stopped run leaves stays. `still`:
+    how long the table is watched at rest (None: not at all).
     """
-    drive = np.ascontiguousarray(drive, dtype=float)  # any other layout would be compiled anew
     state, guard_state = assemble(blocks, source), fresh_guard(len(info.channels))
     channels, virtual = len(info.channels), isinstance(rig, VirtualRig)
-    log = log or empty_log(len(drive), channels, state.estimated.size, truths=channels if virtual else 0)
+    still = still or Stillness()
+    end = np.zeros((still.down + still.after, 3))
+    whole = np.ascontiguousarray(np.vstack([drive, end]), dtype=float)  # any other layout would be compiled anew
+    course = _Course(whole, len(drive), np.zeros((still.before, channels)), np.zeros((len(end), channels)))
+    log = log or empty_log(len(whole), channels, state.estimated.size, truths=channels if virtual else 0)
     log.done[0] = 0
     rig.open()
     try:
         if isinstance(rig, VirtualRig):
-            steps, fault = _play_virtual(rig, state, limits, guard_state, drive, log)
+            steps, fault = _play_virtual(rig, state, limits, guard_state, course, log)
         else:
-            steps, fault = _play_exchanging(rig, state, limits, guard_state, drive, log)
+            steps, fault = _play_exchanging(rig, state, limits, guard_state, course, log)
     finally:
         rig.rest()
         rig.close()
     named = signals(log, channels, state.estimated.size)
     reason = int(guard_state.flags[1])
     stopped_at_s = float(guard_state.flags[3] * info.dt_s)
-    return Outcome(named, steps, reason_of(info, limits, guard_state, source), fault, stopped_at_s, reason)
+    told = reason_of(info, limits, guard_state, source)
+    record, record_steps = slice(0, len(drive)), min(steps, len(drive))
+    rested = still.after > 0 and steps == len(whole) and guard_state.flags[0] == STOPPED
+    seen = _whole(named, course, still, info.dt_s) if rested else None
+    return Outcome(part_of(named, record), record_steps, told, fault, stopped_at_s, reason, seen)
+
+
+def part_of(everything: Signals, steps: slice) -> Signals:
+    """Return the signals of some steps."""
+    names = Signals.__dataclass_fields__
+    return replace(everything, **{name: getattr(everything, name)[..., steps] for name in names})
+
+
+def _whole(named: Signals, course: _Course, still: Stillness, dt_s: float) -> Whole:
+    return Whole(
+        named.corrected, named.command_v, 0, course.before_v.T, course.after_v[still.down :].T, -still.before * dt_s,
+        (course.record + still.down) * dt_s,
+    )  # fmt: skip
 
 
 def _play_virtual(
-    rig: VirtualRig, state: Step, limits: GuardLimits, guard_state: GuardState, drive: Array, log: Log
+    rig: VirtualRig, state: Step, limits: GuardLimits, guard_state: GuardState, course: _Course, log: Log
 ) -> tuple[int, str]:
+    """Play in compiled code. The noise at rest before the record is drawn last: that of the record is the same with and
+    without it."""
     rig.restart()
-    noise = rig.noise(len(drive) + 1)
+    steps, before = len(course.drive), len(course.before_v)
+    noise = rig.noise(steps + 1 + before)
+    watch_virtual(rig.plant, rig.state, np.ascontiguousarray(noise[steps + 1 :]), course.before_v)
     scratch = np.zeros(2, dtype=np.int64)
-    steps = run_virtual(rig.plant, rig.state, state, limits, guard_state, drive, noise, log, scratch)
+    steps = run_virtual(
+        rig.plant, rig.state, state, limits, guard_state, course.drive, course.record, noise, log, course.after_v,
+        scratch,
+    )  # fmt: skip
     fault = "the table ran into its end stop" if rig.state.fault[0] == kernel.END_STOP else ""
     return steps, fault
 
 
 def _play_exchanging(
-    rig: Rig, state: Step, limits: GuardLimits, guard_state: GuardState, drive: Array, log: Log
+    rig: Rig, state: Step, limits: GuardLimits, guard_state: GuardState, course: _Course, log: Log
 ) -> tuple[int, str]:
-    """Play through `exchange`, one call per step; nothing true is known."""
-    think = think_once.bind(state, limits, guard_state, drive, log, np.zeros(2, dtype=np.int64))
+    """Play through `exchange`, one call per step; nothing true is known. What the channels show at rest is their
+    zero."""
+    think = think_once.bind(state, limits, guard_state, course.drive, course.record, log, np.zeros(2, dtype=np.int64))
     samples = rig.arm()
     try:
-        while log.done[0] < len(drive) and guard_state.flags[0] != STOPPED:
-            state.samples[:] = samples
+        for shown in course.before_v:
+            shown[:] = samples
+            samples = rig.exchange(0.0)
+        zeros_v = course.before_v.mean(axis=0) if len(course.before_v) else np.zeros(state.samples.size)
+        while log.done[0] < len(course.drive) and (guard_state.flags[0] != STOPPED or guard_state.flags[1] == END):
+            if log.done[0] >= course.record:
+                course.after_v[log.done[0] - course.record] = samples
+            state.samples[:] = samples - zeros_v
             samples = rig.exchange(think())
     except RigError as fault:
         return int(log.done[0]), str(fault)
@@ -106,10 +187,20 @@ def think(
     return command, note_step(log, s, command, k)
 
 
+@part
+def end_record(g: GuardState, k: int, record: int) -> None:
+    """Lead the table to rest after the last step of a record."""
+    if k >= record:
+        take_over(g, END, math.nan)
+
+
 @entry
-def think_once(s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, scratch: IntArray) -> float:
+def think_once(
+    s: Step, limits: GuardLimits, g: GuardState, drive: Array, record: int, log: Log, scratch: IntArray
+) -> float:
     """Run `think` on the next row of the drive (n, 3) and note the time it took; scratch (2,)."""
     k, start = log.done[0], monotonic_ns(scratch)
+    end_record(g, k, record)
     command = think(s, limits, g, drive[k], log, k, 1.0)[0]
     log.columns[log.columns.shape[0] - 1, k] = monotonic_ns(scratch) - start
     log.done[0] = k + 1
@@ -126,6 +217,14 @@ def stamp(log: Log, steps: int, count: int, before: int, now: int) -> int:
 
 
 @entry
+def watch_virtual(plant: Plant, table: kernel.PlantState, noise: Array, shown_v: Array) -> None:
+    """Write the samples (n, c) of a virtual table that is told to stand still."""
+    for k in range(shown_v.shape[0]):
+        kernel.read(plant, table, noise[k], shown_v[k])
+        kernel.hold(plant, table, 0.0)
+
+
+@entry
 def run_virtual(
     plant: Plant,
     table: kernel.PlantState,
@@ -133,14 +232,21 @@ def run_virtual(
     limits: GuardLimits,
     g: GuardState,
     drive: Array,
+    record: int,
     noise: Array,
     log: Log,
+    after_v: Array,
     scratch: IntArray,
 ) -> int:
-    """Play a whole run on the virtual table, counted clock; return the number of steps done."""
+    """Play a whole run on the virtual table, counted clock; return the number of steps done. `after_v` (a, c) takes the
+    samples after the record."""
     steps, before = 0, monotonic_ns(scratch)
-    while steps < drive.shape[0] and table.fault[0] == 0 and g.flags[0] != STOPPED:
+    while steps < drive.shape[0] and table.fault[0] == 0 and (g.flags[0] != STOPPED or g.flags[1] == END):
         kernel.read(plant, table, noise[steps], s.samples)
+        end_record(g, steps, record)
+        if steps >= record:
+            for c in range(s.samples.size):
+                after_v[steps - record, c] = s.samples[c] + 0.0
         displacement = table.state[0]
         command, place = think(s, limits, g, drive[steps], log, steps, 1.0)
         kernel.hold(plant, table, command)

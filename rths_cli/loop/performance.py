@@ -14,6 +14,7 @@ from rths_cli.loop.blocks import Step, assemble
 from rths_cli.loop.foresight import foresight_of, no_foresight
 from rths_cli.loop.guard import (
     BRAKING,
+    END,
     NO_CHANNEL,
     OVERRUN,
     RETURN_RATE,
@@ -25,6 +26,7 @@ from rths_cli.loop.guard import (
 )
 from rths_cli.loop.log import Log, empty_log
 from rths_cli.loop.realtime import (
+    AT_REST_STEPS,
     HOLD,
     OVERRUN_IN_A_ROW,
     OVERRUNS,
@@ -67,19 +69,22 @@ def prepare(
     zeros_v: Array | None = None,
     orders: IntArray | None = None,
     ramp_s: float = RAMP_UP_S,
+    still_s: tuple[float, float] = (0.0, 0.0),
 ) -> Performance:
     """Return a run over `drive` (n, 3) at rest: a ramp-up before it, room for the way back to rest after it.
 
-    `zeros_v` (c,): what the channels show at rest. `orders` (1 or more,): see Course.
+    `zeros_v` (c,): what the channels show at rest. `orders` (1 or more,): see Course. `still_s`: how long the table is
+    watched at rest before the ramp-up and after a whole record.
     """
     state, channels = assemble(blocks, source), len(info.channels)
     orders = np.zeros(1, dtype=np.int64) if orders is None else orders
     zeros_v = np.zeros(channels) if zeros_v is None else zeros_v
     told = info.kind == "udp" and info.overrun == "skip"
     foresight = foresight_of(blocks, source, info.dt_s) if told else no_foresight(channels)
-    planned = course(info, ramp_s, len(drive), zeros_v, orders, foresight)
+    planned = course(info, ramp_s, len(drive), zeros_v, orders, foresight, still_s)
     limits = limits._replace(saturation_v=limits.saturation_v - np.abs(zeros_v))
-    whole = np.vstack([np.zeros((planned.ramp, 3)), drive, np.zeros((round(way_to_rest_s(limits) / info.dt_s), 3))])
+    end = round(way_to_rest_s(limits) / info.dt_s) + planned.rest
+    whole = np.vstack([np.zeros((planned.ramp, 3)), drive, np.zeros((end, 3))])
     log = empty_log(len(whole), channels, state.estimated.size)
     return Performance(info, planned, state, limits, fresh_guard(channels), np.ascontiguousarray(whole), log)
 
@@ -130,13 +135,22 @@ def _perform_exchanging(rig: Rig, run: Performance) -> str:
     samples = rig.arm()
     given, missed = np.array(samples, dtype=float), 0
     once = conduct_once.bind(run.course, run.step, run.limits, run.guard, run.drive, run.log, given)
-    while run.log.done[0] < run.log.columns.shape[1] and run.guard.flags[0] != STOPPED:
+    while run.log.done[0] < run.log.columns.shape[1] and not _is_over(run):
         given[:] = samples
         samples = rig.exchange(once())
         if isinstance(rig, NiRig):
             note_missed(run, rig.missed - missed)
             missed = rig.missed
     return ""
+
+
+def _is_over(run: Performance) -> bool:
+    """Tell whether a run has ended, as `realtime.is_over` does."""
+    marks, flags = run.course.marks, run.guard.flags
+    if flags[0] != STOPPED:
+        return False
+    marks[AT_REST_STEPS] += 1
+    return bool(flags[1] != END or marks[AT_REST_STEPS] > run.course.rest or run.course.orders[0] != 0)
 
 
 def note_missed(run: Performance, edges: int) -> None:

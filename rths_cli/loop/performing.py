@@ -6,17 +6,17 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 from types import FrameType
 
 import numpy as np
 
 from rths_cli.errors import crash_note
-from rths_cli.loop.drive import Outcome
+from rths_cli.loop.drive import Outcome, Whole, part_of
 from rths_cli.loop.guard import INTERRUPT, OPERATOR, TERMINATION, WATCHER_FAILED
 from rths_cli.loop.log import Signals, signals
 from rths_cli.loop.performance import Performance, perform, rehearse
-from rths_cli.loop.realtime import OVERRUNS
+from rths_cli.loop.realtime import AT_REST, OVERRUNS
 from rths_cli.loop.reasons import reason_of
 from rths_cli.loop.scheduling import Granted, real_time
 from rths_cli.lti import Array
@@ -161,9 +161,18 @@ def _outcome(run: Performance, fault: str) -> Outcome:
     reason = int(run.guard.flags[1])
     record = slice(ramp, ramp + run.course.record)
     told = reason_of(run.info, run.limits, run.guard, run.step.source)
-    return Outcome(_part(everything, record), steps, told, fault, stopped_at_s, reason)
+    whole = whole_of(part_of(everything, slice(0, int(run.log.done[0]))), run.course.still, ramp, dt_s)
+    return Outcome(part_of(everything, record), steps, told, fault, stopped_at_s, reason, whole)
 
 
-def _part(everything: Signals, steps: slice) -> Signals:
-    """Return the signals of some steps."""
-    return replace(everything, **{field.name: getattr(everything, field.name)[..., steps] for field in fields(Signals)})
+def whole_of(everything: Signals, still: int, ramp: int, dt_s: float) -> Whole | None:
+    """Return a run with the rest before it and, where it got so far, after it; its signals begin with `still` steps at
+    rest, its record after `ramp` steps. None without such steps."""
+    if not still or not everything.samples_v.size:
+        return None
+    at_rest, shown = np.flatnonzero(everything.state == AT_REST), everything.samples_v
+    end = int(at_rest[0]) if at_rest.size else shown.shape[1]
+    return Whole(
+        everything.corrected, everything.command_v, ramp, shown[:, :still], shown[:, end:], -ramp * dt_s,
+        (end - ramp) * dt_s,
+    )  # fmt: skip

@@ -45,8 +45,8 @@ ANSWER_SHARE = 0.7  # of an interval, how long an answer may take: step and guar
 PUNCTUAL = 0.125  # of an interval, how late a command may leave where steps are caught up; a later one waits for none
 
 # places in Course.marks: start of the clock, intervals overrun, lost in a row, overrun in a row, intervals by which the
-# record waited
-START_NS, OVERRUNS, LOST_IN_A_ROW, OVERRUN_IN_A_ROW, HELD = range(5)
+# record waited, steps at rest at last
+START_NS, OVERRUNS, LOST_IN_A_ROW, OVERRUN_IN_A_ROW, HELD, AT_REST_STEPS = range(6)
 
 
 class Course(NamedTuple):
@@ -54,7 +54,9 @@ class Course(NamedTuple):
 
     dt_ns: int
     spin_ns: int
-    ramp: int  # steps in which the command fades in; the record begins after them
+    ramp: int  # steps before the record: the table is watched at rest, then the command fades in
+    still: int  # steps at rest, the first of these
+    rest: int  # steps in which the table is watched at rest after a whole record
     record: int  # steps of the record
     lost_samples: int  # in a row, that may pass
     policy: int  # HOLD, SKIP or STOP
@@ -64,17 +66,21 @@ class Course(NamedTuple):
     returning: Returning  # of samples after some were lost
     drift: Array  # (7,) where the rig is, and how that goes back to where it should be
     orders: IntArray  # orders[0]: 0 go on, else stop; written by other threads
-    marks: IntArray  # (5,)
+    marks: IntArray  # (6,)
     scratch: IntArray  # (2,)
 
 
-def course(info: RigInfo, ramp_s: float, record: int, zeros_v: Array, orders: IntArray, foresight: Foresight) -> Course:
-    """Return the course of a run over `record` steps."""
+def course(
+    info: RigInfo, ramp_s: float, record: int, zeros_v: Array, orders: IntArray, foresight: Foresight,
+    still_s: tuple[float, float] = (0.0, 0.0),
+) -> Course:  # fmt: skip
+    """Return the course of a run over `record` steps; `still_s`: rest before the ramp, and at the end."""
+    still, rest = (round(each / info.dt_s) for each in still_s)
     return Course(
-        round(1e9 * info.dt_s), spin_of(round(1e9 * info.dt_s)), round(ramp_s / info.dt_s), record,
+        round(1e9 * info.dt_s), spin_of(round(1e9 * info.dt_s)), still + round(ramp_s / info.dt_s), still, rest, record,
         info.limits.lost_samples, POLICIES[info.overrun], np.array([float(channel.sign) for channel in info.channels]),
         zeros_v, foresight, returning(info), fresh_drift(), orders,
-        np.zeros(5, dtype=np.int64), np.zeros(2, dtype=np.int64),
+        np.zeros(6, dtype=np.int64), np.zeros(2, dtype=np.int64),
     )  # fmt: skip
 
 
@@ -121,7 +127,18 @@ def state_of(course: Course, g: GuardState, k: int) -> int:
 @part
 def share_of(course: Course, k: int) -> float:
     """Return the share of the command that is asked for in step k."""
-    return (k + 1) / (course.ramp + 1) if k < course.ramp else 1.0
+    if k < course.still:
+        return 0.0
+    return (k + 1 - course.still) / (course.ramp + 1 - course.still) if k < course.ramp else 1.0
+
+
+@part
+def is_over(course: Course, g: GuardState) -> bool:
+    """Tell whether the run has ended: the table rests and, where the record has ended, was watched long enough."""
+    if g.flags[0] != STOPPED:
+        return False
+    course.marks[AT_REST_STEPS] += 1
+    return g.flags[1] != END or course.marks[AT_REST_STEPS] > course.rest or course.orders[0] != 0
 
 
 @part
@@ -221,7 +238,7 @@ def run_udp(
     marks[START_NS] = monotonic_ns(course.scratch) + course.dt_ns
     command = 0.0
     due, punctual = 0, int(PUNCTUAL * course.dt_ns)
-    while k < log.columns.shape[1] and g.flags[0] != STOPPED:
+    while k < log.columns.shape[1] and not is_over(course, g):
         lost = 0
         if behind > 0:
             lost, waited = 2, waited + 1

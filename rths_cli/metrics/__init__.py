@@ -32,10 +32,12 @@ from rths_cli.metrics.fidelity import (
     tracking_indicator,
 )
 from rths_cli.metrics.low_lines import low_lines
+from rths_cli.metrics.slow_motion import SLOW_ORDER, high_passed
 
 __all__ = [
     "BAND_HZ",
     "BAND_ORDER",
+    "SLOW_ORDER",
     "ErrorFigures",
     "FrequencyEvaluation",
     "ResponseCriteria",
@@ -48,6 +50,7 @@ __all__ = [
     "fitted_delays_s",
     "frequency_evaluation",
     "frequency_evaluations",
+    "high_passed",
     "input_energy_j",
     "low_lines",
     "peak",

@@ -15,7 +15,7 @@ GROUPS = (
 KINDS = {
     "_true_full": "true, in full band",
     "_true": "true: before any sensor, which only a virtual rig knows",
-    "_full": "in full band: nothing is filtered",
+    "_full": "in full band: no low pass",
     "_model": "with the model alone, not the measured response",
 }
 ALL, BANDS, TRUTH, MODEL = ("_true", "_full", "_true_full"), ("_full",), ("_true",), ("_model",)
@@ -29,6 +29,7 @@ CAUSES = {
 PREDICTED = {"noise": "the sensors' noise", "quantisation": "rounding of samples to the converter's bits"}
 MEASURED = {
     "lost": "steps without samples of their own, bridged (real rigs)",
+    "drift": "what offset, drift and jumps of the sensors did to the loop, the samples themselves freed of them",
     "declared": "the declared building, which SIM has, instead of the identified specimen",
     "specimen": "floors moving otherwise than the identified specimen, and their noise",
     "rest": "the rest of the table's motion",
@@ -40,6 +41,14 @@ REACH = {
     "sensor_m_s2": (ACCEL, "acceleration at the accelerometers"),
     "force_n": ("N", "actuator force"),
     "command_v": ("V", "command"),
+}
+SENSORS = {
+    "sensor_offset_v": ("V", "offset of each channel in the middle of the run, beside its zero at rest before it"),
+    "sensor_offset_uncertainty_v": ("V", "standard uncertainty of the offset of each channel"),
+    "sensor_drift_v_per_min": ("V/min", "drift of each channel in the run"),
+    "sensor_drift_uncertainty_v_per_min": ("V/min", "standard uncertainty of the drift of each channel"),
+    "sensor_jumps": ("1", "jumps of each channel in the run"),
+    "sensor_usable_until_s": ("s", "time up to which each channel is usable, the record's end where all of it is"),
 }
 LATENCIES = {
     "converter": "the wait from samples to the hold they command",
@@ -94,6 +103,9 @@ def define(path: str) -> Definition | None:
 def _of_table() -> Iterator[Definition]:
     error = "desired - measured table acceleration"
     for run in TABLE_RUNS:
+        yield _lowest(run)
+        for name, (units, text) in SENSORS.items():
+            yield Definition(f"{run}.{name}", units, "channel", NONE, text)
         yield Definition(f"{run}.tracking_max_m_s2", ACCEL, "", LESS, f"largest |{error}|", ALL)
         yield Definition(f"{run}.tracking_rms_m_s2", ACCEL, "", LESS, f"RMS of {error}", ALL)
         late = "delay of the measured against the desired table acceleration by cross-correlation, positive = late"
@@ -109,6 +121,11 @@ def _of_table() -> Iterator[Definition]:
         yield Definition(f"{run}.j3", "1", "", LESS, largest, BANDS)
 
 
+def _lowest(run: str) -> Definition:
+    text = "lowest reliable frequency: corner of the zero-phase high pass that all errors are evaluated with"
+    return Definition(f"{run}.high_pass_hz", "Hz", "", NONE, text)
+
+
 def _of_losses() -> Iterator[Definition]:
     about = "steps of the record, on a real rig,"
     for run in TABLE_RUNS:
@@ -119,6 +136,7 @@ def _of_losses() -> Iterator[Definition]:
 
 
 def _against_sim() -> Iterator[Definition]:
+    yield _lowest("sim_delay")
     for run, kinds in (("sim_delay", BANDS), ("exp_rths", ALL)):
         for which, words in (("rms", "RMS of {}"), ("max", "largest |{}|")):
             about = words.format("SIM - absolute acceleration of each storey")

@@ -26,6 +26,7 @@ from rths_cli.filters import (
     tukey,
 )
 from rths_cli.lti import Array, ComplexArray
+from rths_cli.metrics.slow_motion import take_off_slow_motion
 
 BAND_HZ = 12.0
 BAND_ORDER = 4
@@ -86,11 +87,11 @@ def peak(series: ArrayLike) -> Array:
     return np.max(np.abs(np.asarray(series, dtype=float)), axis=-1)
 
 
-def error_figures(reference: ArrayLike, value: ArrayLike, dt_s: float) -> ErrorFigures:
+def error_figures(reference: ArrayLike, value: ArrayLike, dt_s: float, high_pass_hz: float = 0.0) -> ErrorFigures:
     """Return the figures of reference - value, both (..., n), in the test band and in full band.
 
-    Nothing is shifted and no mean is removed: delay and offset are errors. Raises InputError when the
-    shapes differ.
+    Nothing is shifted: delay is an error. What is slower than `high_pass_hz` is removed of the difference first
+    (`high_passed`); with 0 nothing is, and an offset is an error. Raises InputError when the shapes differ.
     """
     if np.shape(reference) != np.shape(value) or np.size(value) == 0:
         raise InputError(
@@ -99,13 +100,15 @@ def error_figures(reference: ArrayLike, value: ArrayLike, dt_s: float) -> ErrorF
         )
     shape = np.shape(reference)
     rows = [np.asarray(given, dtype=float).reshape(-1, shape[-1]) for given in (reference, value)]
-    found = figures_of_pairs(list(zip(rows[0], rows[1], strict=True)), dt_s)
+    found = figures_of_pairs(list(zip(rows[0], rows[1], strict=True)), dt_s, high_pass_hz=high_pass_hz)
     figures = (found.rms, found.maximum, found.rms_full, found.maximum_full)
     deviation, largest, deviation_full, largest_full = (figure.reshape(shape[:-1])[()] for figure in figures)
     return ErrorFigures(deviation, largest, deviation_full, largest_full, found.diverged.reshape(shape[:-1])[()])
 
 
-def figures_of_pairs(pairs: Sequence[tuple[Array, Array]], dt_s: float, room: Array | None = None) -> ErrorFigures:
+def figures_of_pairs(
+    pairs: Sequence[tuple[Array, Array]], dt_s: float, room: Array | None = None, high_pass_hz: float = 0.0
+) -> ErrorFigures:
     """Return the figures (m,) of reference - value, both (n,), of m pairs as `error_figures` does.
 
     `room` as `room_for_pairs` gives it is used instead of new memory.
@@ -116,6 +119,8 @@ def figures_of_pairs(pairs: Sequence[tuple[Array, Array]], dt_s: float, room: Ar
     for r, tile in enumerate(tiles):
         four = [pairs[min(LANES * r + j, len(pairs) - 1)] for j in range(LANES)]  # idle places repeat the last pair
         _subtract(tile, padding, *(np.ascontiguousarray(series) for pair in four for series in pair))
+    if high_pass_hz > 0.0:
+        take_off_slow_motion(tiles, padding, high_pass_hz, dt_s)
     squares, peaks, nothing = _sizes(tiles, padding, len(pairs))
     diverged = np.isnan(nothing)
     filter_tiles_both_ways(sections, tiles, padding)

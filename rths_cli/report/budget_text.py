@@ -18,6 +18,7 @@ CAUSES = {
     "specimen": "specimen",
     "rounding": "rounded commands",
     "lost": "lost samples",
+    "drift": "sensor drift",
     "noise": "sensor noise",
     "quantisation": "rounded samples",
     "rest": "rest",

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rths_cli.analysis.budget import ABOUT, ABOUT_LOST, LOST, Budget, Signals, split
+from rths_cli.analysis.budget import ABOUT, ABOUT_DRIFT, ABOUT_LOST, DRIFT, LOST, Budget, Signals, split
 from rths_cli.files.result_writer import Metric
 from rths_cli.loop.realtime import IN_RUN
 from rths_cli.workflows.figures import BAND, scalar
@@ -37,7 +37,9 @@ def of_exp_rths(known: Known | None, series: Series, reported: Array, sim: Respo
         return {}
     computed = reported[: len(reported) - len(series.measured)]
     lost = steps_without_samples(series, known.lines.dt_s)
-    signals = Signals(series.desired, series.measured, series.command_v, computed, sim.abs_accel_m_s2, lost)
+    signals = Signals(
+        series.desired, series.measured, series.command_v, computed, sim.abs_accel_m_s2, lost, series.removed
+    )
     return as_figures(split(known, signals))
 
 
@@ -64,7 +66,7 @@ def as_figures(found: Budget) -> dict[str, Metric]:
     for (path, (units, about)), off in zip(UNCERTAINTIES.items(), offs, strict=True):
         values[path] = scalar(off, units, f"standard uncertainty of the {about}")
     for name, errors in found.causes.items():
-        about = f"by cause, {name}: {(ABOUT | {LOST: ABOUT_LOST})[name]}; {BAND}"
+        about = f"by cause, {name}: {(ABOUT | {LOST: ABOUT_LOST, DRIFT: ABOUT_DRIFT})[name]}; {BAND}"
         values[f"budget.rms_error_{name}_m_s2"] = Metric(errors.storeys, ACCEL, f"RMS error to SIM {about}")
         values[f"budget.tracking_rms_{name}_m_s2"] = scalar(errors.tracking, ACCEL, f"RMS tracking error {about}")
     return values

@@ -24,6 +24,7 @@ from rths_cli.control.feedback import none
 from rths_cli.control.numerical import all_storeys
 from rths_cli.structure import Building, assemble, modes
 from rths_cli.workflows.kept import Kept
+from rths_cli.workflows.lowest_frequency import lowest_reliable_hz
 from rths_cli.workflows.setup import motion_key
 
 if TYPE_CHECKING:
@@ -134,7 +135,7 @@ def known_of(
     dt, motion, specimen = setup.rig.dt_s, setup.motion, _specimen(identified)
     building = as_identified(setup, specimen)
     ring = RINGS * dt / -math.log(radius) if radius < 1.0 else LONGEST_S
-    lines = lines_for(len(motion.time_s), dt, min(ring, LONGEST_S))
+    lines = lines_for(len(motion.time_s), dt, min(ring, LONGEST_S), lowest_reliable_hz(setup))
     asked = (motion_key(setup.case), pickle.dumps(building))
     sim = (kept or Kept()).get("sim as identified", asked, lambda: simulate(building, dt, motion.accel_m_s2))
     ground = lines.of_motion(motion.accel_m_s2, motion.velocity_m_s, motion.displacement_m)

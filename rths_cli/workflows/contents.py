@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from rths_cli.control.latency import LatencyBudget
     from rths_cli.files.results import ResultWriter
     from rths_cli.identification.found import Identification
+    from rths_cli.loop.drive import Whole
     from rths_cli.lti import Array
     from rths_cli.workflows.controllers import Design
     from rths_cli.workflows.series import Series
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
 ACCEL = "m/s^2"
 ON_FLOORS = ("floor", "time_s")
+CHANNEL = "channel: 1 the table, then the experimental floors from the lowest"
 ON_FREQUENCY = ("frequency_hz",)
 LIVE = {
     "late_s": ("s", "how late the exchange began that brought the samples of this step"),
@@ -88,10 +90,15 @@ def write_table_run(
             ON_FLOORS,
         ),
     }
+    if series.removed is not None:
+        about = "offset, drift and jumps taken out of the sensors' samples after the run; the loop had measured + this"
+        datasets["sensor_drift_m_s2"] = Dataset(series.removed, ACCEL, about, "estimated", ("channel", "time_s"))
     if len(series.estimated) > 3 * floors:
         about = "base shear that the identified specimen does not explain, carried to the end of the prediction"
         datasets["base_shear_unexplained_n"] = Dataset(series.estimated[3 * floors], "N", about, "estimated")
     scales = {"floor": floor_scale}
+    if series.removed is not None:
+        scales["channel"] = Dataset(np.arange(1, len(series.removed) + 1), "1", CHANNEL, "computed")
     storey = np.arange(1, storeys + 1)
     writer.group(run, datasets, time_s=time, storey=storey, scales=scales)
     timed = "step and guard" if setup.rig.kind != "virtual" else "step, guard and virtual rig, mean of 16 steps"
@@ -100,6 +107,17 @@ def write_table_run(
     writer.group(f"{run}/timing", {"compute_s": compute, **live}, time_s=time, storey=storey)
     if setup.rig.kind == "virtual":
         _write_truth(writer, run, series, time, storey, scales)
+
+
+def write_rest(writer: ResultWriter, run: str, setup: Setup, whole: Whole) -> None:
+    """Write what the channels showed while the table stood still before and after a run."""
+    spans = ((whole.before_s, whole.before_v), (whole.after_s, whole.after_v))
+    time = np.concatenate([begin + setup.rig.dt_s * np.arange(shown.shape[1]) for begin, shown in spans])
+    about = "samples as the rig gave them, the table told to stand still before and after the run"
+    shown = Dataset(np.hstack([whole.before_v, whole.after_v]), "V", about, "measured", ("channel", "rest_time_s"))
+    channel = Dataset(np.arange(1, len(whole.before_v) + 1), "1", CHANNEL, "computed")
+    clock = Dataset(time, "s", "time since the start of the record, the rest before it and after it", "computed")
+    writer.group(f"{run}/rest", {"samples_v": shown}, scales={"channel": channel, "rest_time_s": clock})
 
 
 def _hybrid_motion(motion: tuple[Array, Array, Array], series: Series) -> dict[str, Dataset]:

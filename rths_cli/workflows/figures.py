@@ -10,21 +10,25 @@ import numpy as np
 from rths_cli.files.result_writer import Metric
 from rths_cli.lti import Array
 from rths_cli.metrics import ErrorFigures, error_figures, fitted_delays_s
+from rths_cli.metrics.catalogue import SENSORS
 
 if TYPE_CHECKING:
     from rths_cli.analysis.critical_delay import CriticalDelay
     from rths_cli.control.margins import Margins
 
-BAND = "in the test band (12 Hz, 4th-order Butterworth forward and backward)"
-FULL = "in full band"
+BAND = "in the test band (12 Hz, 4th-order Butterworth forward and backward), above the lowest reliable frequency"
+FULL = "in full band above the lowest reliable frequency"
 
 
-def tracking(run: str, desired: Array, measured: Array, true: Array | None, dt_s: float) -> dict[str, Metric]:
+def tracking(
+    run: str, desired: Array, measured: Array, true: Array | None, dt_s: float, high_pass_hz: float = 0.0
+) -> dict[str, Metric]:
     """Return tracking figures of the table, desired - measured and, on a virtual rig, desired - true; all (n,)."""
     figures: dict[str, Metric] = {}
     values = {"": measured} if true is None else {"": measured, "_true": true}
     delays = fitted_delays_s(desired, tuple(values.values()), dt_s)
-    errors = error_figures(np.broadcast_to(desired, (len(values), len(desired))), list(values.values()), dt_s)
+    wanted = np.broadcast_to(desired, (len(values), len(desired)))
+    errors = error_figures(wanted, list(values.values()), dt_s, high_pass_hz)
     for row, suffix in enumerate(values):
         what = "true" if suffix else "measured"
         about = f"desired - {what} table acceleration"
@@ -37,13 +41,15 @@ def tracking(run: str, desired: Array, measured: Array, true: Array | None, dt_s
     return figures
 
 
-def against_sim(run: str, sim_accel: Array, accel: Array, true_accel: Array | None, dt_s: float) -> dict[str, Metric]:
+def against_sim(
+    run: str, sim_accel: Array, accel: Array, true_accel: Array | None, dt_s: float, high_pass_hz: float = 0.0
+) -> dict[str, Metric]:
     """Return errors of absolute acceleration against SIM, storey by storey; arrays (n_storeys, n)."""
     figures: dict[str, Metric] = {}
     for value, suffix, what in ((accel, "", ""), (true_accel, "_true", "true ")):
         if value is None:
             continue
-        error = error_figures(sim_accel, value, dt_s)
+        error = error_figures(sim_accel, value, dt_s, high_pass_hz)
         about = f"SIM - {what}absolute acceleration of each storey"
         figures |= _four(f"{run}.{{}}_error_m_s2{suffix}", error, about)
     return figures
@@ -57,6 +63,14 @@ def _four(path: str, error: ErrorFigures, about: str) -> dict[str, Metric]:
         path.format("max") + "_full": Metric(error.maximum_full, "m/s^2", f"largest |{about}| {FULL}"),
         path.format("rms") + "_full": Metric(error.rms_full, "m/s^2", f"RMS of {about} {FULL}"),
     }
+
+
+def lowest_frequency(run: str, high_pass_hz: float) -> dict[str, Metric]:
+    """Return the frequency above which the errors of a run are evaluated."""
+    about = (
+        "lowest reliable frequency: corner of the 2nd-order Butterworth high pass, forward and backward, of all errors"
+    )
+    return {f"{run}.high_pass_hz": scalar(high_pass_hz, "Hz", about)}
 
 
 def solution_error(run: str, relative: float) -> dict[str, Metric]:
@@ -102,11 +116,13 @@ def of_runs() -> dict[str, bool]:
     delays = {f"{run}.tracking_delay_s{kind}": False for run in ("shake_table", "exp_rths") for kind in ("", "_true")}
     errors = {f"exp_rths.{which}_error_m_s2{kind}": True for which in ("max", "rms") for kind in kinds}
     errors |= {f"sim_delay.{which}_error_m_s2{kind}": True for which in ("max", "rms") for kind in ("", "_full")}
-    others = dict.fromkeys(
+    others = dict.fromkeys((f"{run}.high_pass_hz" for run in ("shake_table", "exp_rths", "sim_delay")), False)
+    others |= dict.fromkeys(
         ("sim.solution_error", "sim_delay.solution_error", "sim_delay.diverged_at_s", "sim_delay.critical_delay_s"),
         False,
     )
-    return tracking | delays | errors | others | _of_merit()
+    sensors = {f"{run}.{name}": True for run in ("shake_table", "exp_rths") for name in SENSORS}
+    return tracking | delays | errors | others | sensors | _of_merit()
 
 
 def _of_merit() -> dict[str, bool]:

@@ -15,6 +15,7 @@ from rths_cli.metrics import (
     best_lag_s,
     error_energy_j,
     frequency_evaluations,
+    high_passed,
     input_energy_j,
     response_criteria,
     test_band,
@@ -23,6 +24,7 @@ from rths_cli.metrics import (
     velocity_error_m_s,
 )
 from rths_cli.workflows.figures import BAND, FULL, scalar
+from rths_cli.workflows.lowest_frequency import lowest_reliable_hz
 
 if TYPE_CHECKING:
     from rths_cli.analysis.sim import Response
@@ -41,19 +43,28 @@ def of_table_run(
 ) -> dict[str, Metric]:
     """Return the figures of a whole run on the table; `hybrid` is the building's motion in EXP-RTHS, else None."""
     dt, building, ground = setup.rig.dt_s, setup.building, setup.motion.accel_m_s2
+    lowest_hz = lowest_reliable_hz(setup)
     desired, measured = series.desired[0], series.measured[0]
     true = series.true_accel[0] if setup.rig.kind == "virtual" else None
-    figures = fidelity(run, desired, measured, true, dt)
+    figures = fidelity(run, desired, measured, true, dt, lowest_hz)
     if hybrid is not None:
-        figures |= response(run, sim.abs_accel_m_s2, hybrid[2], len(building.numerical.masses_kg), dt)
+        storeys = high_passed([sim.abs_accel_m_s2, hybrid[2]], lowest_hz, dt)
+        figures |= response(run, storeys[0], storeys[1], len(building.numerical.masses_kg), dt)
         most = float(np.max(input_energy_j(building.M, sim.rel_vel_m_s, ground, dt)))
         figures |= energy(run, desired, measured, true, series.base_shear_n, most, dt)
     return figures
 
 
-def fidelity(run: str, desired: Array, measured: Array, true: Array | None, dt_s: float) -> dict[str, Metric]:
-    """Return FEI, tracking indicator and J1 to J3 of the table; desired, measured, true accelerations (n,) in m/s^2."""
-    banded = test_band([desired, measured], dt_s)
+def fidelity(
+    run: str, desired: Array, measured: Array, true: Array | None, dt_s: float, high_pass_hz: float = 0.0
+) -> dict[str, Metric]:
+    """Return FEI, tracking indicator and J1 to J3 of the table; desired, measured, true accelerations (n,) in m/s^2.
+
+    FEI weighs lines by the desired motion's power, so slow motion has no part in it; the others are evaluated above
+    `high_pass_hz`.
+    """
+    full = high_passed([desired, measured], high_pass_hz, dt_s)
+    banded = test_band(full, dt_s)
     indicator = float(tracking_indicator(banded[0], banded[1])[-1])
     values = {"": measured} if true is None else {"": measured, "_true": true}
     figures: dict[str, Metric] = {}
@@ -61,7 +72,7 @@ def fidelity(run: str, desired: Array, measured: Array, true: Array | None, dt_s
         figures |= _evaluation(run, found, suffix)
     about = f"tracking indicator at the end, {TABLE}, {LATE}, {BAND}"
     figures[f"{run}.tracking_indicator_m2_s4"] = scalar(indicator, "m^2/s^4", about)
-    return figures | _tracking_criteria(run, {"": banded, "_full": np.stack([desired, measured])}, dt_s)
+    return figures | _tracking_criteria(run, {"": banded, "_full": full}, dt_s)
 
 
 def _evaluation(run: str, found: FrequencyEvaluation, suffix: str) -> dict[str, Metric]:

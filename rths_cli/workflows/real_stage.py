@@ -23,7 +23,7 @@ from rths_cli.rigs.udp.rig import UdpRig
 from rths_cli.workflows import real_rig
 from rths_cli.workflows.controllers import design_blocks
 from rths_cli.workflows.rigs import guard_limits, open_rig
-from rths_cli.workflows.table_runs import TableRun, drive_of
+from rths_cli.workflows.table_runs import AFTER_S, BEFORE_S, TableRun, drive_of
 
 if TYPE_CHECKING:
     from rths_cli.files.result_writer import ResultWriter
@@ -75,7 +75,7 @@ class RealStage:
         zeros_v = real_rig.listened(setup, rig).zeros_v
         writer.about({"driver_verified": rig.info.driver_verified})  # known once it was opened
         drive, limits = drive_of(setup, design), guard_limits(setup)
-        ready = prepare(setup.rig, design.blocks, run.source, drive, limits, zeros_v)
+        ready = prepare(setup.rig, design.blocks, run.source, drive, limits, zeros_v, still_s=(BEFORE_S, AFTER_S))
         path = raw_log_path(writer.path, run.name)
         log = RawLogWriter(path, _header(setup, design, run, ready, writer))
         self._logs.append(log)
@@ -135,7 +135,7 @@ def _header(setup: Setup, design: Design, run: TableRun, ready: Performance, wri
     return RawHeader(
         names, column_units(names), setup.rig.dt_s, ready.log.columns.shape[1], design.blocks.lead_samples, run.name,
         writer.path.name, str(setup.case.path), setup.case.yaml_text, resolved_yaml(setup.case), writer.attributes,
-        ready.course.ramp,
+        ready.course.ramp, ready.course.still,
     )  # fmt: skip
 
 

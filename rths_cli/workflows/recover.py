@@ -18,8 +18,9 @@ from rths_cli.case.yaml_nodes import parse
 from rths_cli.errors import InputError
 from rths_cli.files.raw_log import RawHeader, RawLog, read_header, read_raw_log
 from rths_cli.files.results import BEGUN, ResultWriter, Status, read_result, read_series
-from rths_cli.loop.drive import Outcome
+from rths_cli.loop.drive import Outcome, part_of
 from rths_cli.loop.log import DESIRED, Signals
+from rths_cli.loop.performing import whole_of
 from rths_cli.record import GroundMotion, integrate
 from rths_cli.structure import build
 from rths_cli.workflows import contents
@@ -123,13 +124,17 @@ def _write(writer: ResultWriter, job: _Job, log: RawLog) -> None:
     """Write the run as one that reached its end would be, only shorter."""
     header, setup = job.header, _setup(job)
     steps = log.columns.shape[1] - header.ramp_steps
-    outcome = Outcome(_signals(log, setup), steps, "", "", 0.0)
+    everything = _signals(log, setup)
+    outcome = Outcome(part_of(everything, slice(header.ramp_steps, None)), steps, "", "", 0.0)
     ground = setup.motion.accel_m_s2
     series = on_record_clock(outcome, header.lead_samples, header.dt_s, len(ground))
     hybrid = None
     if header.run == "exp_rths":
         hybrid = whole_building(setup.building, series, ground, header.dt_s, setup.case.integration)
     contents.write_table_run(writer, header.run, setup, series, hybrid)
+    whole = whole_of(everything, header.still_steps, header.ramp_steps, header.dt_s)
+    if whole is not None:
+        contents.write_rest(writer, header.run, setup, whole)
 
 
 def _note(path: Path, log: RawLog, samples: int) -> str:
@@ -215,11 +220,10 @@ def _about(job: _Job, motion: GroundMotion) -> Setup:
 
 
 def _signals(log: RawLog, setup: Setup) -> Signals:
-    """Return the columns of a log from the start of the record on, by name; what a rig does not know is NaN."""
-    from_start = log.columns[:, log.header.ramp_steps :]
-    columns = dict(zip(log.header.names, from_start, strict=True))
+    """Return the columns of a log by name; what a rig does not know is NaN."""
+    columns = dict(zip(log.header.names, log.columns, strict=True))
     channels = len(setup.rig.channels)
-    unknown = np.full(from_start.shape[1], np.nan)
+    unknown = np.full(log.columns.shape[1], np.nan)
 
     def rows(names: Sequence[str]) -> Array:
         return np.array([columns.get(name, unknown) for name in names])

@@ -21,6 +21,7 @@ from rths_cli.workflows import contents, figures
 from rths_cli.workflows.check_cases import Verdict, verdict_on
 from rths_cli.workflows.kept import Kept
 from rths_cli.workflows.known import Known, Memory
+from rths_cli.workflows.lowest_frequency import lowest_reliable_hz
 from rths_cli.workflows.outputs import try_folder
 from rths_cli.workflows.provenance import attributes
 from rths_cli.workflows.setup import Progress, Setup, building_key, make_setups, motion_key
@@ -92,10 +93,11 @@ def run_case(
         sim, values = _simulations(setup, writer, kept, progress)
         stop = None
         if known is not None and checked is not None:
-            stop, measured = _on_table(setup, known, checked, sim, writer, progress, stage or VirtualStage())
+            stop, measured, said = _on_table(setup, known, checked, sim, writer, progress, stage or VirtualStage())
             values |= measured
-        if missed := losses_of_runs({path: metric.value for path, metric in values.items()}):
-            cautions = (*cautions, *missed)
+            cautions = (*cautions, *said)
+        cautions = (*cautions, *losses_of_runs({path: metric.value for path, metric in values.items()}))
+        if cautions:
             writer.about({"warnings": "\n".join(cautions)})
         writer.metrics(values)
         if stop is None:
@@ -125,19 +127,20 @@ def _attributes(
 
 def _on_table(
     setup: Setup, known: Known, checked: Verdict, sim: Response, writer: ResultWriter, progress: Progress, stage: Stage
-) -> tuple[Stop | None, dict[str, Metric]]:
-    """Write what is known of rig and blocks, play the table runs; return what stopped one first and the figures."""
+) -> tuple[Stop | None, dict[str, Metric], tuple[str, ...]]:
+    """Write what is known of rig and blocks, play the table runs; return what stopped one first, the figures, and what
+    to say of the sensors."""
     design = checked.design
     if design is None:
-        return refused(writer, setup.case.runs, "; ".join(checked.reasons)), {}
+        return refused(writer, setup.case.runs, "; ".join(checked.reasons)), {}, ()
     contents.write_identification(writer, known.found, design)
     contents.write_controller(writer, design)
     values = contents.design_figures(setup, known.found, design) | checked.figures
     rejected = known.faults(setup.overrides)
     if rejected:
-        return refused(writer, setup.case.runs, rejected[0]), values
-    stop, measured = play_all(setup, checked, design, sim, writer, progress, stage)
-    return stop, values | measured
+        return refused(writer, setup.case.runs, rejected[0]), values, ()
+    stop, measured, said = play_all(setup, known.found, checked, design, sim, writer, progress, stage)
+    return stop, values | measured, said
 
 
 def _simulations(
@@ -155,7 +158,9 @@ def _simulations(
     if "sim_delay" in case.runs:
         progress(f"SIM-DELAY, {1e3 * case.delay_s:g} ms")
         delayed, found = kept.get(
-            "sim_delay", (*asked, case.delay_s), lambda: interruptible(lambda: _sim_delay(setup, sim))
+            "sim_delay",
+            (*asked, case.delay_s, lowest_reliable_hz(setup)),
+            lambda: interruptible(lambda: _sim_delay(setup, sim)),
         )
         contents.write_response(writer, "sim_delay", setup, delayed)
         values |= found
@@ -166,7 +171,9 @@ def _sim_delay(setup: Setup, sim: Response) -> tuple[DelayedResponse, dict[str, 
     """Return SIM-DELAY and its figures."""
     dt, building = setup.rig.dt_s, setup.building
     delayed = simulate_delayed(building, dt, setup.motion.accel_m_s2, setup.case.delay_s, sim=sim)
-    values = figures.against_sim("sim_delay", sim.abs_accel_m_s2, delayed.abs_accel_m_s2, None, dt)
+    lowest_hz = lowest_reliable_hz(setup)
+    values = figures.against_sim("sim_delay", sim.abs_accel_m_s2, delayed.abs_accel_m_s2, None, dt, lowest_hz)
+    values |= figures.lowest_frequency("sim_delay", lowest_hz)
     values |= figures.solution_error("sim_delay", delayed.error_estimate)
     values |= figures.critical(critical_delay(building))
     if delayed.diverged_at_s is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from rths_cli.control.numerical import Scheme, all_storeys
 from rths_cli.loop.drive import Outcome
 from rths_cli.loop.log import Signals
 from rths_cli.loop.replay import run_block
-from rths_cli.lti import Array
+from rths_cli.lti import Array, Block
 from rths_cli.structure import Building
 
 
@@ -22,7 +22,8 @@ class Series:
     `desired` (3, n): acceleration, velocity, displacement; `measured` (1 + n_exp, n) corrected accelerations;
     `estimated` (3 n_exp or more, n): the Kalman filter's displacement and velocity relative to the table, floor
     accelerations; `true_accel` (1 + n_exp, n), `true_disp_m` (n,): NaN unless the rig is virtual.
-    `live`: how late steps were, how long exchanges took, losses and states on a real rig, (n,) each.
+    `live`: how late steps were, how long exchanges took, losses and states on a real rig, (n,) each. `removed`
+    (1 + n_exp, n): offset, drift and jumps of the sensors that were taken out of `measured`; None: nothing was.
     """
 
     desired: Array
@@ -34,6 +35,16 @@ class Series:
     true_disp_m: Array
     compute_s: Array
     live: Mapping[str, Array] = field(default_factory=dict)
+    removed: Array | None = None
+
+
+def without_drift(series: Series, removed: Array, lead_samples: int, estimator: Block) -> Series:
+    """Return signals without `removed` (c, n), which stood in the corrected samples on the loop's clock, and without
+    what the estimator made of it; base shear and desired motion stay as the loop had them."""
+    table = slice(lead_samples, lead_samples + series.measured.shape[1])
+    taken = removed[:, table]
+    estimated = series.estimated - run_block(estimator, removed)[:, table]
+    return replace(series, measured=series.measured - taken, estimated=estimated, removed=taken)
 
 
 def on_record_clock(outcome: Outcome, lead_samples: int, dt_s: float, samples: int) -> Series:

@@ -64,8 +64,8 @@ class Row:
 def columns() -> tuple[Column, ...]:
     """Return the figures that a sweep keeps of each run: errors of EXP-RTHS, then what its check foretold."""
     still, dt_s = np.zeros(64), 1e-3
-    played = figures.tracking(RUN, still, still, still, dt_s)
-    played |= figures.against_sim(RUN, still[None], still[None], still[None], dt_s)
+    played = figures.tracking(RUN, still, still, still, dt_s, 0.0)
+    played |= figures.against_sim(RUN, still[None], still[None], still[None], dt_s, 0.0)
     kept = {path: metric for path, metric in played.items() if "delay" not in path}
     found = [Column(path, one.units, one.definition, np.ndim(one.value) > 0) for path, one in kept.items()]
     foretold = [
@@ -74,13 +74,15 @@ def columns() -> tuple[Column, ...]:
     return (*found, *foretold)
 
 
-def error_values(table: Pairs, storeys: Pairs, true_storeys: Pairs, dt_s: float, room: Array) -> dict[str, Array]:
+def error_values(
+    table: Pairs, storeys: Pairs, true_storeys: Pairs, dt_s: float, room: Array, high_pass_hz: float
+) -> dict[str, Array]:
     """Return tracking errors and errors to SIM by their paths, in one pass over all series.
 
     Pairs of reference and value (n,) in m/s^2: the table's measured and true acceleration against the desired, each
     storey's measured and true absolute acceleration against SIM. `room` as `room_for_pairs` gives it.
     """
-    errors = figures_of_pairs([*table, *storeys, *true_storeys], dt_s, room)
+    errors = figures_of_pairs([*table, *storeys, *true_storeys], dt_s, room, high_pass_hz)
     count = len(storeys)
     values: dict[str, Array] = {}
     for kind, place, rows in (("", 0, slice(2, 2 + count)), ("_true", 1, slice(2 + count, None))):

@@ -14,6 +14,7 @@ from rths_cli.loop.drive import play
 from rths_cli.loop.log import Log, empty_log
 from rths_cli.metrics import room_for_pairs
 from rths_cli.rigs.virtual.rig import VirtualRig
+from rths_cli.workflows.lowest_frequency import lowest_reliable_hz
 from rths_cli.workflows.provenance import model_sha256
 from rths_cli.workflows.rigs import EXP_RTHS
 from rths_cli.workflows.run import acceptance
@@ -86,7 +87,8 @@ def _errors(ready: Ready, series: Series) -> dict[str, Array]:
     table = [(desired, series.measured[0]), (desired, series.true_accel[0])]
     sim = ready.sim_accel
     storeys, true_storeys = list(zip(sim, accel, strict=True)), list(zip(sim, true, strict=True))
-    return error_values(table, storeys, true_storeys, dt, _room(2 + 2 * len(sim), sim.shape[1], dt))
+    room, lowest_hz = _room(2 + 2 * len(sim), sim.shape[1], dt), lowest_reliable_hz(setup)
+    return error_values(table, storeys, true_storeys, dt, room, lowest_hz)
 
 
 def _room(pairs: int, samples: int, dt_s: float) -> Array:

@@ -12,19 +12,24 @@ from rths_cli.files.results import BEGUN, COMPLETE
 from rths_cli.interruptible import interruptible
 from rths_cli.loop import guard
 from rths_cli.loop.blocks import NUMERICAL, RECORD
-from rths_cli.loop.drive import Outcome, play
-from rths_cli.workflows import budget, contents, figures, losses, merit
+from rths_cli.loop.drive import Outcome, Stillness, play
+from rths_cli.loop.performance import way_to_rest_s
+from rths_cli.workflows import budget, contents, figures, losses, merit, sensor_drift
+from rths_cli.workflows.lowest_frequency import lowest_reliable_hz
 from rths_cli.workflows.rigs import EXP_RTHS, SHAKE_TABLE, guard_limits, open_rig
-from rths_cli.workflows.series import Series, on_record_clock, whole_building
+from rths_cli.workflows.sensor_drift import drift_of
+from rths_cli.workflows.series import Series, on_record_clock, whole_building, without_drift
 from rths_cli.workflows.setup import Progress, Setup, shown
 
 if TYPE_CHECKING:
     from rths_cli.analysis.sim import Response
     from rths_cli.files.results import Metric, ResultWriter
+    from rths_cli.identification.found import Identification
     from rths_cli.lti import Array
     from rths_cli.workflows.check_cases import Verdict
     from rths_cli.workflows.controllers import Design
 
+BEFORE_S, AFTER_S = 1.0, 3.0  # in which the table is watched at rest before and after each run
 INTERRUPTIONS = {guard.INTERRUPT: 130, guard.TERMINATION: 143}  # exit codes of orders that came by signals
 
 
@@ -76,16 +81,19 @@ class VirtualStage:
 
 def play_all(
     setup: Setup,
+    identified: Identification,
     checked: Verdict,
     design: Design,
     sim: Response,
     writer: ResultWriter,
     progress: Progress,
     stage: Stage,
-) -> tuple[Stop | None, dict[str, Metric]]:
-    """Play the table runs of the case, write them, and return what stopped one first and the figures."""
+) -> tuple[Stop | None, dict[str, Metric], tuple[str, ...]]:
+    """Play the table runs of the case, write them, and return what stopped one first, the figures, and what to say of
+    the sensors."""
     stop: Stop | None = None
     values: dict[str, Metric] = {}
+    said: list[str] = []
     for run in TABLE_RUNS:
         if run.name not in setup.case.runs or (stop is not None and setup.rig.kind != "virtual"):
             continue
@@ -96,11 +104,20 @@ def play_all(
         progress(f"{run.label}, {setup.case.table.kind} table")
         writer.about({f"{run.name}_status": BEGUN})
         outcome = stage.play(setup, design, run, writer)
-        series = on_record_clock(outcome, design.blocks.lead_samples, setup.rig.dt_s, len(setup.motion.time_s))
+        blocks, lead = design.blocks, design.blocks.lead_samples
+        series = on_record_clock(outcome, lead, setup.rig.dt_s, len(setup.motion.time_s))
+        drift = drift_of(setup, identified, blocks, outcome.whole)
+        if drift is not None:
+            values |= sensor_drift.as_figures(run.name, drift, setup, lead)
+            said += sensor_drift.sentences(run.label, drift, setup, lead)
+            if drift.any:
+                series = without_drift(series, drift.removed, lead, blocks.estimator)
         stopped = why_ended(run.label, outcome, len(setup.motion.time_s) * setup.rig.dt_s)
         stop = stop or stopped
         hybrid = hybrid_of(setup, series) if run.source == NUMERICAL else None
         contents.write_table_run(writer, run.name, setup, series, hybrid)
+        if outcome.whole is not None:
+            contents.write_rest(writer, run.name, setup, outcome.whole)
         _note(writer, run.name, stopped)
         if found := losses.of_live(series.live, setup.rig.dt_s):
             values |= losses.as_figures(run.name, found)
@@ -108,7 +125,7 @@ def play_all(
             values |= _figures(setup, run.name, series, sim, hybrid)
         if stopped is None and hybrid is not None:
             values |= budget.of_exp_rths(checked.loop, series, hybrid[2], sim)
-    return stop, values
+    return stop, values, tuple(said)
 
 
 def refused(writer: ResultWriter, runs: Sequence[str], reason: str) -> Stop:
@@ -138,9 +155,10 @@ def refusal_of(setup: Setup, checked: Verdict) -> Stop | None:
 
 def play_run(setup: Setup, design: Design, source: int, stream: int) -> Outcome:
     """Play the ground motion through the blocks and the rig: directly (RECORD) or through the numerical part."""
-    rig = open_rig(setup, (stream,), setup.case.seed)
-    drive, limits = drive_of(setup, design), guard_limits(setup)
-    return interruptible(lambda: play(rig, setup.rig, design.blocks, source, drive, limits))
+    rig, limits, dt_s = open_rig(setup, (stream,), setup.case.seed), guard_limits(setup), setup.rig.dt_s
+    still = Stillness(*(round(each / dt_s) for each in (BEFORE_S, way_to_rest_s(limits), AFTER_S)))
+    drive = drive_of(setup, design)
+    return interruptible(lambda: play(rig, setup.rig, design.blocks, source, drive, limits, still=still))
 
 
 def drive_of(setup: Setup, design: Design) -> Array:
@@ -161,11 +179,13 @@ def _figures(
 ) -> dict[str, Metric]:
     """Return the figures of a table run that reached the end of the record."""
     dt, virtual = setup.rig.dt_s, setup.rig.kind == "virtual"
-    values = figures.tracking(run, series.desired[0], series.measured[0], series.true_accel[0] if virtual else None, dt)
+    lowest_hz = lowest_reliable_hz(setup)
+    true = series.true_accel[0] if virtual else None
+    values = figures.tracking(run, series.desired[0], series.measured[0], true, dt, lowest_hz)
+    values |= figures.lowest_frequency(run, lowest_hz)
     if hybrid is not None:
-        values |= figures.against_sim(
-            run, sim.abs_accel_m_s2, hybrid[2], true_accel(hybrid[2], series) if virtual else None, dt
-        )
+        storeys = true_accel(hybrid[2], series) if virtual else None
+        values |= figures.against_sim(run, sim.abs_accel_m_s2, hybrid[2], storeys, dt, lowest_hz)
     return values | merit.of_table_run(setup, run, series, sim, hybrid)
 
 

@@ -20,7 +20,7 @@ def test_every_figure_that_a_case_may_limit_is_defined() -> None:
     assert len(paths) > 140
     assert [path for path in paths if define(path) is None] == []
     several = {path for path in paths if paths[path]}
-    assert {path for path in paths if define(path).over in ("storey", "mode")} == several  # type: ignore[union-attr]
+    assert {path for path in paths if define(path).over in ("storey", "mode", "channel")} == several  # type: ignore[union-attr]
 
 
 def test_units_are_those_that_are_written() -> None:
@@ -41,7 +41,10 @@ def test_units_are_those_that_are_written() -> None:
 
 
 def test_causes_are_those_of_the_budgets() -> None:
-    for group, names in (("check", prediction.CAUSES), ("budget", [*causes_of_budget.ABOUT, causes_of_budget.LOST])):
+    for group, names in (
+        ("check", prediction.CAUSES),
+        ("budget", [*causes_of_budget.ABOUT, causes_of_budget.LOST, causes_of_budget.DRIFT]),
+    ):
         expected = {f"{group}.rms_error_{name}_m_s2" for name in names}
         found = {one.path for one in catalogue() if one.path.startswith(f"{group}.rms_error_")}
         assert found - {f"{group}.rms_error_m_s2"} == expected

@@ -99,8 +99,10 @@ def test_energy_is_of_desired_less_measured_over_the_input() -> None:
 def parts() -> Parts:
     """Return a made-up setup (cut at storey 2 of 3), series, SIM and hybrid motion."""
     building = SimpleNamespace(M=np.diag([2.0, 3.0, 5.0]), numerical=SimpleNamespace(masses_kg=np.array([2.0, 3.0])))
-    ground = SimpleNamespace(accel_m_s2=sine(-0.1))
-    setup = SimpleNamespace(rig=SimpleNamespace(dt_s=DT_S, kind="virtual"), building=building, motion=ground)
+    ground = SimpleNamespace(accel_m_s2=sine(-0.1), time_s=TIME_S)
+    case = SimpleNamespace(record_filter=SimpleNamespace(corner_hz=0.25))
+    rig = SimpleNamespace(dt_s=DT_S, kind="virtual", channels=[SimpleNamespace(high_pass_hz=0.024)])
+    setup = SimpleNamespace(rig=rig, building=building, motion=ground, case=case)
     measured = np.stack([sine(1.02, 0.002), sine()])
     series = SimpleNamespace(
         desired=np.stack([sine(), 0 * TIME_S, 0 * TIME_S]),
@@ -116,7 +118,8 @@ def test_a_hybrid_run_has_every_path_known_beforehand(parts: Parts) -> None:
     setup, series, sim, hybrid = parts
     figures = of_table_run(setup, "exp_rths", series, sim, hybrid)
     known = {path for path in of_runs() if path.startswith("exp_rths.")}
-    assert {path for path in known if ".tracking_" not in path and "_error_m_s2" not in path} == {
+    others = (".tracking_", "_error_m_s2", ".sensor_", ".high_pass_hz")
+    assert {path for path in known if not any(part in path for part in others)} == {
         path for path in figures if ".tracking_" not in path
     }
     assert set(figures) <= known and not any(of_runs()[path] for path in figures)

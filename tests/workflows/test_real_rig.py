@@ -31,6 +31,7 @@ from rths_cli.workflows.recover import recover
 from rths_cli.workflows.run import Ended, run_case
 from rths_cli.workflows.serve_table import describe
 from rths_cli.workflows.setup import Setup, make_setup
+from rths_cli.workflows.table_runs import BEFORE_S
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
 CASE = """
@@ -205,5 +206,5 @@ def test_a_crash_of_the_driver_leaves_a_result_and_a_log_that_recover_reads(
         ran(bench, tmp_path / "a.h5")
     assert status(tmp_path / "a.h5") == ("failed", "in a driver")
     (recovered,) = recover(list(tmp_path.glob("*.rthslog")))
-    assert recovered.samples == round(RAMP_UP_S / bench.setup.rig.dt_s) + 100
+    assert recovered.samples == round((BEFORE_S + RAMP_UP_S) / bench.setup.rig.dt_s) + 100
     assert "exp_rths" in read_result(tmp_path / "a.h5").groups

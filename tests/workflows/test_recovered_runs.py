@@ -155,6 +155,9 @@ def test_a_recovered_run_is_the_start_of_the_whole_one(played: Played, tmp_path:
     for run, steps in killed:
         count = steps - played.logs[run][0].lead_samples
         expected, found = series(played.result, run), series(result, run)
+        expected = {
+            name: values for name, values in expected.items() if not name.startswith("rest/")
+        }  # not in this log
         assert set(found) == set(expected) and len(found) > 12
         for name, values in expected.items():
             if name != "timing/compute_s":

@@ -1,0 +1,209 @@
+"""Runs on drifting sensors: are the errors in the file those of the true floors, and are the channels named?
+
+    python benchmarks/drifting_sensors.py [RUNS] [FIRST_SEED]
+
+Each run draws a record, a corner of the AC coupling, a sample rate, a channel, and an offset of 5 mV, a drift of 0.5 to
+5 mV/min or jumps of 5 mV at random instants of that channel, sometimes of another one too; every fourth run is healthy.
+The truth is known from `drifting_rig.py`, which adds them behind the coupling of the virtual rig. The run fails where a
+floor's RMS error differs from the true one by more than 5 % and 0.1 mm/s^2, a drifting channel is not named, a jump is
+dated wrongly by more than 50 ms, a jump or a drift is found that is not there, or its size is wrong by more than 10 %.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from drifting_rig import DriftingRig
+
+from rths_cli.analysis.sim import simulate
+from rths_cli.case.load import load_cases
+from rths_cli.files.result_writer import Metric
+from rths_cli.loop.blocks import NUMERICAL
+from rths_cli.loop.drive import Outcome, Stillness, play
+from rths_cli.loop.performance import way_to_rest_s
+from rths_cli.lti import Array
+from rths_cli.metrics import error_figures
+from rths_cli.rigs.virtual.rig import VirtualRig
+from rths_cli.workflows import budget
+from rths_cli.workflows.check_cases import verdict_on
+from rths_cli.workflows.controllers import Design
+from rths_cli.workflows.known import Memory
+from rths_cli.workflows.lowest_frequency import lowest_reliable_hz
+from rths_cli.workflows.rigs import EXP_RTHS, guard_limits, open_virtual
+from rths_cli.workflows.sensor_drift import SensorDrift, drift_of, sensitivities, sentences, stands_out
+from rths_cli.workflows.series import on_record_clock, whole_building, without_drift
+from rths_cli.workflows.setup import Setup, make_setup
+from rths_cli.workflows.table_runs import AFTER_S, BEFORE_S, drive_of
+
+RECORDS, CORNERS_HZ, RATES_HZ = ("el_centro", "hachinohe"), (0.024, 0.05, 0.1, 0.3), (500, 1000, 2000)
+JUMP_V, OFFSET_V, DRIFTS_V_PER_MIN = 5e-3, 5e-3, (0.5e-3, 5e-3)
+WITHIN, WITHIN_M_S2, WITHIN_S, WITHIN_SIZE = 0.05, 1e-4, 0.05, 0.1
+
+
+@dataclass(frozen=True)
+class Added:
+    """What a run adds to the channels (c,): offset in V, drift in V/s, jumps (channel, s of the record, V)."""
+
+    offset_v: Array
+    drift_v_per_s: Array
+    jumps: tuple[tuple[int, float, float], ...]
+
+
+@dataclass(frozen=True)
+class Played:
+    """RMS errors (n_floors,) in m/s^2 of a run to SIM: in the file, true above the lowest reliable frequency, all of
+    the true one, and as the loop's samples have it; what was found of the sensors, and the error budget."""
+
+    reported: Array
+    true: Array
+    true_all: Array
+    raw: Array
+    found: SensorDrift
+    lead_samples: int
+    fault: str
+    budget: dict[str, Metric]
+
+    def said(self, setup: Setup) -> list[str]:
+        """Return what a user is told of the sensors."""
+        return sentences("EXP-RTHS", self.found, setup, self.lead_samples)
+
+
+def draw(random: np.random.Generator, channels: int, record_s: float) -> Added:
+    """Draw offset, drift and jumps."""
+    offset, drift = np.zeros(channels), np.zeros(channels)
+    jumps: list[tuple[int, float, float]] = []
+    for channel in random.permutation(channels)[: int(random.integers(1, 3))]:
+        offset[channel] = OFFSET_V * random.choice([-1.0, 1.0])
+        if random.random() < 0.6:
+            drift[channel] = random.uniform(*DRIFTS_V_PER_MIN) / 60.0 * random.choice([-1.0, 1.0])
+        if random.random() < 0.6:
+            jumps.append((int(channel), random.uniform(2.0, record_s - 2.0), JUMP_V * random.choice([-1.0, 1.0])))
+    return Added(offset, drift, tuple(jumps))
+
+
+def nothing(channels: int) -> Added:
+    """Return healthy sensors."""
+    return Added(np.zeros(channels), np.zeros(channels), ())
+
+
+def played(setup: Setup, memory: Memory, added: Added, seed: int = 0) -> Played:
+    """Play EXP-RTHS of a case on its virtual rig with drifting sensors."""
+    known = memory.known(setup, lambda _: None)
+    identified, checked = known.found, verdict_on(setup, known)
+    design = checked.design
+    if design is None:
+        raise RuntimeError(f"{setup.case.name}: {'; '.join(checked.reasons)}")
+    outcome, truth = _outcome(setup, design, added, seed)
+    dt, lead, building = setup.rig.dt_s, design.blocks.lead_samples, setup.building
+    samples = len(setup.motion.time_s)
+    if outcome.whole is None:
+        raise RuntimeError(f"{setup.case.name}: {outcome.stopped_by_limit or outcome.rig_fault}")
+    raw = on_record_clock(outcome, lead, dt, samples)
+    found = drift_of(setup, identified, design.blocks, outcome.whole)
+    assert found is not None
+    series = without_drift(raw, found.removed, lead, design.blocks.estimator) if found.any else raw
+    response = simulate(building, dt, setup.motion.accel_m_s2)
+    sim = response.abs_accel_m_s2
+    floors = len(truth) - 1
+    scheme, ground = setup.case.integration, setup.motion.accel_m_s2
+    lowest = lowest_reliable_hz(setup)
+
+    def rms(accel: Array, high_pass_hz: float) -> Array:
+        return error_figures(sim[-floors:], accel[-floors:], dt, high_pass_hz).rms
+
+    reported = whole_building(building, series, ground, dt, scheme)[2]
+    as_loop = whole_building(building, raw, ground, dt, scheme)[2]
+    true = truth[:, lead : lead + samples]
+    return Played(
+        rms(reported, lowest), rms(true, lowest), rms(true, 0.0), rms(as_loop, 0.0), found, lead,
+        outcome.stopped_by_limit or outcome.rig_fault, budget.of_exp_rths(checked.loop, series, reported, response),
+    )  # fmt: skip
+
+
+def _outcome(setup: Setup, design: Design, added: Added, seed: int) -> tuple[Outcome, Array]:
+    """Return how a run went, and the true mean accelerations (c, n) around each of its samples."""
+    dt, limits = setup.rig.dt_s, guard_limits(setup)
+    still = Stillness(*(round(each / dt) for each in (BEFORE_S, way_to_rest_s(limits), AFTER_S)))
+    virtual = open_virtual(setup, (EXP_RTHS,), seed)
+    lead = design.blocks.lead_samples
+    jumps = [(channel, still.before + lead + round(at / dt), size) for channel, at, size in added.jumps]
+    rig = DriftingRig(
+        VirtualRig(setup.rig, virtual.plant, (seed, EXP_RTHS)), added.offset_v, added.drift_v_per_s, jumps
+    )
+    outcome = play(rig, setup.rig, design.blocks, NUMERICAL, drive_of(setup, design), limits, still=still)
+    middle = np.array(rig.true_velocity_m_s)[still.before - 1 :].T
+    return outcome, np.diff(middle, axis=1) / dt
+
+
+def faults(setup: Setup, added: Added, run: Played) -> list[str]:
+    """Return what is wrong with a run, one sentence each."""
+    said = [run.fault] if run.fault else []
+    for name, true in (("true", run.true), ("all of the true", run.true_all)):
+        off = np.abs(run.reported - true)
+        if np.any(off > np.maximum(WITHIN * true, WITHIN_M_S2)):
+            said.append(f"errors {_mm(run.reported)} instead of {_mm(true)} mm/s^2 ({name})")
+    start, dt = run.found.first + run.lead_samples, setup.rig.dt_s
+    for channel, (each, size) in enumerate(zip(run.found.channels, sensitivities(setup.rig), strict=True)):
+        wanted = [(at, by) for place, at, by in added.jumps if place == channel]
+        if each.unusable_from is not None:
+            if not wanted or dt * (each.unusable_from - start) > wanted[0][0]:
+                said.append(f"channel {channel}: not usable from {dt * (each.unusable_from - start):.2f} s")
+            continue
+        found = [(dt * (jump.at - start), size * jump.size) for jump in each.jumps]
+        if len(found) != len(wanted):
+            said.append(f"channel {channel}: jumps {found} instead of {wanted}")
+            continue
+        said += [
+            f"channel {channel}: jump {is_} instead of {be}"
+            for is_, be in zip(found, wanted, strict=True)
+            if abs(is_[0] - be[0]) > WITHIN_S or abs(is_[1] - be[1]) > WITHIN_SIZE * abs(be[1])
+        ]
+        rate = added.drift_v_per_s[channel]
+        off = abs(size * each.rate - rate)
+        if bool(rate) and (not stands_out(each) or off > WITHIN_SIZE * abs(rate) + 3.0 * size * each.rate_uncertainty):
+            said.append(f"channel {channel}: drift {6e4 * size * each.rate:.3g} instead of {6e4 * rate:.3g} mV/min")
+        if not added.offset_v[channel] and stands_out(each):
+            said.append(f"channel {channel}: healthy, but {each}")
+    return said
+
+
+def _mm(values: Array) -> str:
+    return " ".join(f"{1e3 * value:.3f}" for value in values)
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Play the runs and print one line for each, then how many failed."""
+    runs, first = (int(arguments[i]) if len(arguments) > i else (48, 1)[i] for i in range(2))
+    memory, failed = Memory(), 0
+    for seed in range(first, first + runs):
+        random = np.random.default_rng(seed)
+        record, corner, rate = (random.choice(each) for each in (RECORDS, CORNERS_HZ, RATES_HZ))
+        name = f"{record}_{random.choice(['low', 'high'])}_{random.choice(['ff', 'ff_fb'])}"
+        settings = (f"table.sensors.high_pass_hz={corner}", f"sample_rate_hz={rate}")
+        setup = make_setup(load_cases([name], settings)[0])
+        memory.prepare(setup)
+        channels, record_s = len(setup.rig.channels), len(setup.motion.time_s) * setup.rig.dt_s
+        added = nothing(channels) if seed % 4 == 0 else draw(random, channels, record_s)
+        try:
+            run = played(setup, memory, added, seed)
+        except RuntimeError as error:
+            failed += 1
+            print(f"{seed:4} {name:22} {corner:5} Hz {rate:4} Hz FAILED {error}", flush=True)
+            continue
+        wrong = faults(setup, added, run)
+        failed += bool(wrong)
+        words = "; ".join(wrong) or "right"
+        print(
+            f"{seed:4} {name:22} {corner:5} Hz {rate:4} Hz  raw {_mm(run.raw)}  file {_mm(run.reported)}  "
+            f"true {_mm(run.true)}  {words}",
+            flush=True,
+        )
+    print(f"{failed} of {runs} runs failed")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))

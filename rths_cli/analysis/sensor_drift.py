@@ -1,0 +1,215 @@
+"""Offset, drift and jumps of accelerometer channels, found after a run in what the table cannot have done.
+
+A channel behind an AC coupling of corner w shows y = s / (s + w) a + o + r t + jumps: what an amplifier or converter
+adds after the coupling is not coupled itself. The step undoes the coupling, a = (1 + w / s) y, and so makes of an
+offset a line, o (1 + w t), of a drift a parabola, r (t + w t^2 / 2), of a jump a jump and a line. Here the answer of
+the identified rig to the commands that left is taken off first, and the coupling put back: what is left is o + r t +
+jumps, the model's error, noise and rounding. The run begins and ends at rest, so motion adds nothing to a line through
+all of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rths_cli.filters import filtered, section
+from rths_cli.lti import Array
+
+BLOCK_S = 0.01  # over which samples are averaged for all but the date of a jump
+LEVEL_S = 2.5  # on both sides of a jump, in which a level is found
+SURE = 8.0  # a jump is so many standard deviations of the levels' changes,
+BITS = 3.0  # so many bits of the converter
+FIRM = 3.0  # an offset or drift is removed that is so many standard uncertainties
+OTHERS = 0.35  # of a jump, that all other channels show at the same time: then it is motion
+NEAR_S = 0.5  # of the best change of level, in which the edge of a jump is looked for
+EDGE_S, EDGE_SAMPLES = 0.012, 8  # on both sides of an edge
+EDGE_SHARE = 0.5  # of a jump, that its edge must show: else it has no date
+MOST_JUMPS = 6  # of one channel: with more, it is not usable
+UNCERTAIN_S = 2.0  # of what a fit leaves, that counts as one value
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A jump of a channel by `size` m/s^2 at sample `at`."""
+
+    at: int
+    size: float
+
+
+@dataclass(frozen=True)
+class ChannelDrift:
+    """What one channel shows beside motion: offset in m/s^2 at sample `middle`, drift in m/s^2 per s, both with
+    standard uncertainties, and jumps; `unusable_from`: the sample from which on it shows what none of these explains,
+    or None.
+    """
+
+    middle: float
+    offset: float
+    rate: float
+    offset_uncertainty: float
+    rate_uncertainty: float
+    jumps: tuple[Jump, ...] = ()
+    unusable_from: int | None = None
+
+    @property
+    def drifts(self) -> bool:
+        """Tell whether offset or drift are more than their uncertainties."""
+        return abs(self.offset) > FIRM * self.offset_uncertainty or abs(self.rate) > FIRM * self.rate_uncertainty
+
+    def shown(self, samples: int, dt_s: float) -> Array:
+        """Return offset, drift and jumps (n,) in m/s^2 as the channel shows them."""
+        k = np.arange(samples)
+        series = self.offset + self.rate * dt_s * (k - self.middle)
+        for jump in self.jumps:
+            series[jump.at :] += jump.size
+        return np.asarray(series)
+
+
+def coupled_again(corrected: Array, corner_hz: Sequence[float], dt_s: float) -> Array:
+    """Return accelerations (c, n), corrected for AC couplings of these corners, as the couplings had left them."""
+    halves = [np.pi * corner * dt_s for corner in corner_hz]
+    rows = [filtered(section([1.0, -1.0], [1.0 + h, h - 1.0]), row) for h, row in zip(halves, corrected, strict=True)]
+    return np.array(rows)
+
+
+def channel_drifts(left: Array, dt_s: float, bit_m_s2: Sequence[float] | Array) -> tuple[ChannelDrift, ...]:
+    """Return offset, drift and jumps of every channel.
+
+    `left` (c, n) in m/s^2: what the channels show beside the motion that the commands explain, coupled as they are,
+    from rest to rest; `bit_m_s2` (c,): a bit of their converters.
+    """
+    size = max(round(BLOCK_S / dt_s), 1)
+    count = left.shape[1] // size
+    blocks = left[:, : count * size].reshape(len(left), count, size).mean(axis=2)
+    return tuple(
+        _drift(left[i], blocks[i], _jumps(blocks, i, size * dt_s, bit), size, dt_s, bit)
+        for i, bit in enumerate(bit_m_s2)
+    )
+
+
+def _drift(series: Array, blocks: Array, places: list[int], size: int, dt_s: float, bit: float) -> ChannelDrift:
+    """Return the drift of one channel with jumps near the given blocks, dated to the sample."""
+    found = [_edge(series, near * size, dt_s, jump, before) for near, jump, before in _levels(blocks, places, size)]
+    lost = [place * size for place, at in zip(places, found, strict=True) if at is None]
+    dated = sorted(at for at in found if at is not None)
+    if lost or len(places) >= MOST_JUMPS:
+        first = max(min(lost, default=places[0] * size) - round(NEAR_S / dt_s), 0)
+        dated = [at for at in dated if at < first]
+        blocks = blocks[: max(first // size, 2)]
+        return replace(_fitted(blocks, dated, size, dt_s, bit), unusable_from=first)
+    return _fitted(blocks, dated, size, dt_s, bit)
+
+
+def _fitted(blocks: Array, jumps: list[int], size: int, dt_s: float, bit: float) -> ChannelDrift:
+    """Return the least-squares line and jumps at known samples through block means."""
+    middle = 0.5 * (len(blocks) * size - 1)
+    rows = _rows(len(blocks), [(at + 0.5) / size for at in jumps])
+    found = np.linalg.lstsq(rows.T, blocks, rcond=None)[0]
+    wide = max(round(UNCERTAIN_S / (size * dt_s)), 1)
+    means = [part.mean() for part in np.array_split(blocks - found @ rows, max(len(blocks) // wide, 1))]
+    noise = max(float(np.std(means)), bit / np.sqrt(12.0))
+    spread = noise * np.sqrt(np.diag(np.linalg.inv(rows @ rows.T)) * wide)
+    seconds = 0.5 * len(blocks) * size * dt_s  # in which the row of the drift grows by one
+    return ChannelDrift(
+        middle, float(found[0]), float(found[1]) / seconds, float(spread[0]), float(spread[1]) / seconds,
+        tuple(Jump(at, float(by)) for at, by in zip(jumps, found[2:], strict=True)),
+    )  # fmt: skip
+
+
+def _rows(count: int, jumps: Sequence[float]) -> Array:
+    """Return what block means (n,) are fitted with: one, a line from -1 to 1, each jump at a fraction of a block."""
+    k = np.arange(count)
+    steps = [np.clip(k + 1.0 - at, 0.0, 1.0) for at in jumps]
+    return np.array([np.ones(count), (k - 0.5 * (count - 1)) * (2.0 / count), *steps])
+
+
+def _sizes(blocks: Array, places: Sequence[float]) -> Array:
+    """Return the sizes of jumps at blocks of a channel, fitted together with its line."""
+    rows = _rows(blocks.shape[-1], places)
+    return np.asarray(np.linalg.lstsq(rows.T, blocks.T, rcond=None)[0][2:].T, dtype=float)
+
+
+def _jumps(blocks: Array, channel: int, dt_s: float, bit: float) -> list[int]:
+    """Return the blocks in which one of several channels (c, n) jumps alone."""
+    found: list[int] = []
+    refused = np.zeros(blocks.shape[1], dtype=bool)
+    width = round(LEVEL_S / dt_s)
+    while len(found) < MOST_JUMPS:
+        rows = _rows(blocks.shape[1], found)
+        left = blocks - np.linalg.lstsq(rows.T, blocks.T, rcond=None)[0].T @ rows
+        changes = np.array([_changes(series, width) for series in left])
+        change = np.where(refused, 0.0, changes[channel])
+        place = int(np.argmax(np.abs(change)))
+        size = _sizes(blocks[channel], [*found, place])[-1]
+        rows = _rows(blocks.shape[1], [*found, place])
+        calm = _changes(blocks[channel] - _told(blocks[channel], rows), width)
+        usual = 1.4826 * float(np.median(np.abs(calm)))
+        if abs(change[place]) < max(SURE * usual, BITS * bit) or abs(size) < BITS * bit:
+            return found
+        shared = np.delete(changes[:, place], channel) / change[place]
+        if shared.size and shared.min() > OTHERS:
+            refused[max(place - width, 0) : place + width] = True
+            continue
+        found.append(place)
+    return found
+
+
+def _told(series: Array, rows: Array) -> Array:
+    return np.asarray(np.linalg.lstsq(rows.T, series, rcond=None)[0] @ rows)
+
+
+def _changes(series: Array, width: int) -> Array:
+    """Return by how much the level of a series (n,) is another one after each place than before it, in windows that
+    hardly see oscillations; zero within a window of either end."""
+    window = np.hanning(width + 2)[1:-1]
+    window /= window.sum()
+    change = np.zeros(series.size)
+    if series.size <= 2 * width:
+        return change
+    level = np.convolve(series, window, "valid")  # of the `width` values from each place on
+    change[width : series.size - width + 1] = level[width:] - level[: level.size - width]
+    return change
+
+
+def _levels(blocks: Array, places: list[int], size: int) -> list[tuple[int, float, Array]]:
+    """Return of each jump its block, its size, and the coefficients over samples of the line that leads to it."""
+    rows = _rows(len(blocks), places)
+    found = np.linalg.lstsq(rows.T, blocks, rcond=None)[0]
+    steps = dict(zip(places, found[2:], strict=True))
+    slope = found[1] * 2.0 / (len(blocks) * size)
+    begins = found[0] - slope * 0.5 * (len(blocks) * size - 1)
+    earlier = [sum(by for at, by in steps.items() if at < place) for place in places]
+    return [
+        (place, float(steps[place]), np.array([begins + level, slope]))
+        for place, level in zip(places, earlier, strict=True)
+    ]
+
+
+def _edge(series: Array, near: int, dt_s: float, size: float, before: Array) -> int | None:
+    """Return the sample at which a jump of a known size begins, near a sample; None where nothing shows its edge.
+
+    Of all edges that are large enough it is the one before which the series (n,) lies nearest to the line `before` (its
+    value at sample 0 and its slope) and after which it lies nearest to that line and the jump.
+    """
+    half = max(round(EDGE_S / dt_s), EDGE_SAMPLES)
+    start = max(near - round(NEAR_S / dt_s), half)
+    stop = min(near + round(NEAR_S / dt_s), series.size - half)
+    if stop <= start:
+        return None
+    edges = np.convolve(series[start - half : stop + half], _edge_kernel(half)[::-1], "valid")[: stop - start]
+    k = np.arange(start, stop)
+    above = (series[start:stop] - before[0] - before[1] * k) / size - 0.5
+    likely = np.cumsum(above[::-1])[::-1]
+    likely[edges / size < EDGE_SHARE] = -np.inf
+    best = int(np.argmax(likely))
+    return start + best if np.isfinite(likely[best]) else None
+
+
+def _edge_kernel(half: int) -> Array:
+    """Return the weights (2 half,) that give the size of a jump between both halves beside a parabola."""
+    k = (np.arange(2 * half) - half + 0.5) / half
+    rows = np.array([k >= 0.0, np.ones(2 * half), k, k**2])
+    return np.asarray(np.linalg.pinv(rows.T)[0])

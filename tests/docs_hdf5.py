@@ -13,7 +13,7 @@ import h5py
 from docs_running import run_words, shortened
 from docs_words_hdf5 import ATTRIBUTES, BLOCKS, MODEL_ATTRIBUTES, MODEL_GROUPS, REAL_ATTRIBUTES, RUN_ATTRIBUTES, SIZES
 
-from rths_cli.workflows.contents import LIVE
+from rths_cli.workflows.contents import DRIFT_TAKEN_OUT, LIVE
 
 ROOT = Path(__file__).parents[1]
 CASE = "el_centro_low_ff_fb"
@@ -57,7 +57,7 @@ def _result(file: Any) -> Iterator[str]:
     rows = [row for row in _rows(file) if not row[0].startswith(("`/metrics", "`/controller"))]
     for group, members in groupby(rows, key=lambda row: row[0].rpartition("/")[0]):
         yield f"## `{group.strip('`')}`"
-        yield _table(COLUMNS, [*members, *_on_real_rigs(group.strip("`"))])
+        yield _table(COLUMNS, [*members, *_of_other_runs(group.strip("`"))])
     yield from _blocks(file["controller"])
     figures = (
         "One dataset per figure: [metrics.md](../metrics.md) lists them all. `/metrics/exp_rths/rms_error_m_s2` is "
@@ -66,8 +66,11 @@ def _result(file: Any) -> Iterator[str]:
     yield figures + "`exp_rths.rms_error_m_s2`. Beside the attributes above each has its `definition`."
 
 
-def _on_real_rigs(group: str) -> Iterator[tuple[str, ...]]:
-    """Yield the rows of what only a run on a real rig writes."""
+def _of_other_runs(group: str) -> Iterator[tuple[str, ...]]:
+    """Yield the rows of what only a run on a real rig, or on sensors that drift, writes."""
+    if group in ("/exp_rths", "/shake_table"):
+        about = f"{DRIFT_TAKEN_OUT} (only where there was any)"
+        yield f"`{group}/sensor_drift_m_s2`", "(channel, time_s)", "m/s^2", "estimated", about
     if group == "/exp_rths/timing":
         for name, (unit, about) in LIVE.items():
             yield f"`{group}/{name}`", "(time_s)", unit, "measured", f"{about} (real rig only)"

@@ -7,6 +7,8 @@ SIZES = {
     "storey": "storeys of the building, from the ground",
     "floor": "experimental storeys",
     "frequency_hz": "lines of a response",
+    "channel": "channels: the table, then the experimental floors from the lowest",
+    "rest_time_s": "samples at rest, before the record and after it",
     "mode": "modes of the specimen",
     "zero": "zeros",
     "pole": "poles",

@@ -81,10 +81,11 @@ def fresh(given: Inputs) -> State:
 
 def bound(given: Inputs, state: State) -> Callable[[], int]:
     """Return a function that plays the run by our compiled step and returns the number of steps done."""
-    scratch = np.zeros(2, dtype=np.int64)
+    scratch, after_v = np.zeros(2, dtype=np.int64), np.zeros((0, given.noise.shape[1]))
     return run_virtual.bind(
-        given.plant, state.table, state.step, given.limits, state.guard, given.drive, given.noise, state.log, scratch
-    )
+        given.plant, state.table, state.step, given.limits, state.guard, given.drive, len(given.drive), given.noise,
+        state.log, after_v, scratch,
+    )  # fmt: skip
 
 
 def seconds_of(given: Inputs, bind: Bind) -> float:

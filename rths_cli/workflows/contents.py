@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 ACCEL = "m/s^2"
 ON_FLOORS = ("floor", "time_s")
 CHANNEL = "channel: 1 the table, then the experimental floors from the lowest"
+DRIFT_TAKEN_OUT = "offset, drift and jumps taken out of the measured series after the run: the loop had their sum"
 ON_FREQUENCY = ("frequency_hz",)
 LIVE = {
     "late_s": ("s", "how late the exchange began that brought the samples of this step"),
@@ -71,6 +72,7 @@ def write_table_run(
     floors = len(setup.floor_masses_kg)
     floor_scale = Dataset(np.arange(storeys - floors + 1, storeys + 1), "1", "experimental storey", "computed")
     sensed = "corrected for the sensor" if setup.removes_sensors else "as the sensor gives it"
+    sensed += ", without offset, drift and jumps" if series.removed is not None else ""
     staircase = ", less the hold's staircase" if setup.case.method == "best" else ""
     datasets = _hybrid_motion(hybrid, series) if hybrid else {}
     datasets |= {
@@ -91,8 +93,8 @@ def write_table_run(
         ),
     }
     if series.removed is not None:
-        about = "offset, drift and jumps taken out of the sensors' samples after the run; the loop had measured + this"
-        datasets["sensor_drift_m_s2"] = Dataset(series.removed, ACCEL, about, "estimated", ("channel", "time_s"))
+        kept = Dataset(series.removed, ACCEL, DRIFT_TAKEN_OUT, "estimated", ("channel", "time_s"))
+        datasets["sensor_drift_m_s2"] = kept
     if len(series.estimated) > 3 * floors:
         about = "base shear that the identified specimen does not explain, carried to the end of the prediction"
         datasets["base_shear_unexplained_n"] = Dataset(series.estimated[3 * floors], "N", about, "estimated")

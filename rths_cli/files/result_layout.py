@@ -29,7 +29,7 @@ SERIES: dict[str, int] = {
     "time_s": 1, "frequency_hz": 1, "storey": 1, "ground_accel_m_s2": 1, "base_shear_n": 1, "command_v": 1,
     "interface_accel_desired_m_s2": 1, "interface_accel_measured_m_s2": 1, "table_accel_m_s2": 1, "table_disp_m": 1,
     "abs_accel_m_s2": 2, "rel_disp_m": 2, "rel_vel_m_s": 2, "floor_accel_measured_m_s2": 2,
-    "floor_accel_estimated_m_s2": 2, "floor_accel_m_s2": 2,
+    "floor_accel_estimated_m_s2": 2, "floor_accel_m_s2": 2, "sensor_drift_m_s2": 2, "samples_v": 2, "rest_time_s": 1,
 }  # fmt: skip
 """Datasets outside /metrics and /controller by name, with the number of their axes; time or frequency is the last."""
 

@@ -98,14 +98,16 @@ class UdpRig:
     def arm(self) -> Array:
         """Enable motion and return the samples of step 0 in V, (n_channels,); step k follows k intervals later."""
         link = self.link
-        if time.monotonic() - self._greeted_s > FRESH_S:
+        first = bool(link.status[links.LAST] < 0)  # a session that has moved is not begun again
+        if first and time.monotonic() - self._greeted_s > FRESH_S:
             self._greet_again()
         self.at_rest = False
-        if not self._armed():
+        armed = self._armed(first)
+        if not armed and first:
             self._greet_again()
-            if not self._armed():
-                self._check(f"rig {self.info.name}: the target {self.peer} does not arm")
-                raise RigError(f"rig {self.info.name}: the target {self.peer} does not answer when it is to arm")
+            armed = self._armed(False)
+        if not armed:
+            raise RigError(f"rig {self.info.name}: the target {self.peer} does not answer when it is to arm")
         link.status[links.BASE] = link.status[links.LAST]
         link.counts[:] = 0
         self._start_ns = int(link.status[links.RECEIVED_NS])
@@ -180,15 +182,16 @@ class UdpRig:
         patience_s = self.target.watchdog_s + AT_REST_S
         self._begin(greet(self._door, self.peer, self._secret, self._wanted(), GREETING_S, patience_s))
 
-    def _armed(self) -> bool:
+    def _armed(self, first: bool) -> bool:
         """Ask the target to arm until it answers, and tell whether it did; raise RigError where it cannot.
 
-        Where this process was held up for so long that the watchdog ended the session, another one is worth a try.
+        Where this process was held up for so long that the watchdog ended a session of which this is the `first` ARM,
+        another one is worth a try.
         """
         for _ in range(ARMING_TRIES):
             if self._ask(wire.ARM) == links.OK:
                 return True
-            if self.link.status[links.FAULTS] == wire.WATCHDOG:
+            if first and self.link.status[links.FAULTS] == wire.WATCHDOG:
                 return False
             self._check(f"rig {self.info.name}: the target {self.peer} does not arm")
         return False

@@ -56,7 +56,9 @@ def settings(processor: Processor) -> dict[str, str]:
         "NUMBA_CPU_FEATURES": "-avx512f,-avx512vl,-avx512bw,-avx512dq,-avx512cd" if held else "",
         "OPENBLAS_CORETYPE": "Haswell" if held else processor.openblas,
         "NPY_DISABLE_CPU_FEATURES": " ".join(unwanted),
-        "GLIBC_TUNABLES": "glibc.cpu.hwcaps=" + ",".join(f"-{name}" for name in processor.hidden),
+        "GLIBC_TUNABLES": "glibc.cpu.hwcaps=" + ",".join(f"-{name}" for name in processor.hidden)
+        if processor.hidden
+        else "",
     }
 
 

@@ -30,8 +30,8 @@ def interruptible(work: Callable[[], Result]) -> Result:
             failed.append(error)
 
     thread = threading.Thread(target=run, daemon=True)
-    thread.start()
     try:
+        thread.start()
         while thread.is_alive():
             thread.join(LOOKED_S)
             getattr(_THREAD, "look", _nothing)()

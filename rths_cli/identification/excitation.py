@@ -29,6 +29,8 @@ MOVED = ("stroke", "velocity", "command range")  # limits on what a command itse
 LEAST_DURATION_S = 40.0
 LEAST_PERIODS, LEAST_CYCLES = 3, 4.0  # periods in a record; cycles of low_hz in a period
 SWEEP_SEGMENTS = 10  # of a period: so short that a harmonic falls in another one than its fundamental
+MOST_CHANNELS = 41  # table and 40 floors: the evaluation takes minutes, and grows with their cube
+MOST_VALUES = 3e7  # samples times channels of a record, 240 MB: an hour at 2 kHz with three channels
 DRAWS = 50  # of a multisine's phases
 
 
@@ -143,6 +145,18 @@ def check(info: RigInfo, settings: ExcitationSettings) -> None:
     if not LEAST_DURATION_S <= settings.duration_s <= 3600.0:
         faults.append(
             f"identification.duration_s: {settings.duration_s:g} s must be between {LEAST_DURATION_S:g} and 3600 s"
+        )
+    if len(info.channels) > MOST_CHANNELS:
+        faults.append(
+            f"structure.experimental: {len(info.channels) - 1} floors on the table, at most {MOST_CHANNELS - 1} can be "
+            "identified; put fewer storeys on the table"
+        )
+    values = settings.duration_s / info.dt_s * (1 + len(info.channels))
+    if values > MOST_VALUES:
+        faults.append(
+            f"identification.duration_s: {settings.duration_s:g} s at {1.0 / info.dt_s:g} Hz make {values:.2g} values "
+            f"of command and {len(info.channels)} channels, the limit is {MOST_VALUES:.2g}; ask for at most "
+            f"{MOST_VALUES / values * settings.duration_s:.3g} s, or lower sample_rate_hz"
         )
     if not 0.0 < settings.accel_rms_m_s2 < np.inf:
         faults.append(f"identification.accel_rms_m_s2: {settings.accel_rms_m_s2:g} m/s^2 must be positive")

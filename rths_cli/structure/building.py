@@ -17,6 +17,7 @@ from rths_cli.structure.parts import Building, Numerical, Specimen, assemble
 from rths_cli.structure.search import crossing, summit
 
 FASTEST_1_S = 1e11  # of a floor on its own springs and dashpots
+MOST_SOLVED_STOREYS = 200  # in all, of a building whose dashpots are solved for: 100 eigenvalue problems, 10 s
 SLOWEST_1_S = 1e-6  # of the heaviest floor on the softest storey: a period of 70 days
 
 
@@ -211,8 +212,15 @@ def _equal_dashpot(numerical: Numerical, specimen: Specimen, interface_mass: flo
     """Return the dashpot in N s/m, equal in all numerical storeys, that gives the first mode its ratio.
 
     The ratio is that of the complex eigenvalue; it rises with the dashpot up to a greatest value, then falls
-    because the numerical storeys lock. Raises InputError when the target is outside the rising branch.
+    because the numerical storeys lock. Raises InputError when the target is outside the rising branch, and for a
+    building too tall.
     """
+    storeys = len(numerical.masses_kg) + len(specimen.masses_kg)
+    if storeys > MOST_SOLVED_STOREYS:
+        raise InputError(
+            f"damping.first_mode_ratio: dashpots are solved for up to {MOST_SOLVED_STOREYS} storeys in all, this "
+            f"building has {storeys}; state dashpots_n_s_per_m"
+        )
     chain = storey_matrix(np.ones(len(numerical.masses_kg)))
 
     def ratio(dashpot: float) -> float:

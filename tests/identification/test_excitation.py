@@ -258,3 +258,12 @@ def test_all_faults_are_named_at_once() -> None:
 
 def test_period_does_not_matter_to_noise() -> None:
     assert np.array_equal(plan(SMOOTH, replace(SHORT, period_s=0.0), 0).command_v, plan(SMOOTH, SHORT, 0).command_v)
+
+
+def test_a_plan_that_would_be_too_large_is_refused_before_it_is_made() -> None:
+    fast = replace(SMOOTH, dt_s=1.0 / 50_000.0)
+    with pytest.raises(InputError, match=r"identification.duration_s: 3600 s at 50000 Hz make 7.2e\+08 values"):
+        plan(fast, replace(SHORT, duration_s=3600.0), 0)
+    tall = replace(SMOOTH, channels=SMOOTH.channels[:1] * 42)
+    with pytest.raises(InputError, match=r"structure.experimental: 41 floors on the table, at most 40"):
+        plan(tall, SHORT, 0)

@@ -11,7 +11,7 @@ Result = TypeVar("Result")
 
 LOOKED_S = 0.05  # between two looks at whether the waiting thread is to end
 _THREAD = threading.local()
-_ABANDONED: list[threading.Thread] = []
+_ABANDONED: list[threading.Event] = []  # each set when its computation is through
 
 
 def interruptible(work: Callable[[], Result]) -> Result:
@@ -22,21 +22,22 @@ def interruptible(work: Callable[[], Result]) -> Result:
     """
     done: list[Result] = []
     failed: list[BaseException] = []
+    through = threading.Event()
 
     def run() -> None:
         try:
             done.append(work())
         except BaseException as error:
             failed.append(error)
+        finally:
+            through.set()
 
-    thread = threading.Thread(target=run, daemon=True)
     try:
-        thread.start()
-        while thread.is_alive():
-            thread.join(LOOKED_S)
+        threading.Thread(target=run, daemon=True).start()
+        while not through.wait(LOOKED_S):  # an interrupted Thread.join takes a running thread for ended
             getattr(_THREAD, "look", _nothing)()
     except BaseException:
-        _ABANDONED.append(thread)
+        _ABANDONED.append(through)
         raise
     if failed:
         raise failed[0]
@@ -56,7 +57,7 @@ def ended_by(look: Callable[[], None]) -> Iterator[None]:
 
 def any_abandoned() -> bool:
     """Tell whether a computation that nobody waits for any more still runs: libraries must not be unloaded then."""
-    return any(thread.is_alive() for thread in _ABANDONED)
+    return any(not through.is_set() for through in _ABANDONED)
 
 
 def _nothing() -> None:

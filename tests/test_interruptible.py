@@ -10,7 +10,7 @@ import threading
 
 import pytest
 
-from rths_cli.interruptible import any_abandoned, ended_by, interruptible
+from rths_cli.interruptible import _ABANDONED, any_abandoned, ended_by, interruptible
 
 
 def test_what_is_computed_comes_back_and_so_does_what_is_raised() -> None:
@@ -36,9 +36,7 @@ def test_an_interrupt_ends_the_wait_and_leaves_the_computation_alone() -> None:
         interruptible(work)
     assert any_abandoned()
     release.set()
-    for thread in threading.enumerate():
-        if thread.daemon and thread.name.startswith("Thread"):
-            thread.join(10.0)
+    assert all(through.wait(10.0) for through in _ABANDONED)
     assert not any_abandoned()
 
 

@@ -125,8 +125,9 @@ def _brought_to_rest(rig: Rig) -> str:
 
 
 def _perform_udp(rig: UdpRig, run: Performance) -> str:
-    rig.arm()
-    run_udp(rig.link, run.course, run.step, run.limits, run.guard, run.drive, run.log, True)
+    play = run_udp.bind(rig.link, run.course, run.step, run.limits, run.guard, run.drive, run.log, True)
+    rig.arm()  # the target's watchdog runs from here on
+    play()
     return rig.fault()
 
 

@@ -119,7 +119,7 @@ def simulate_delayed(
     substeps, fastest = _first_substeps(building, bases, dt_s, delay_s)
     most = int(_MOST_WORK / (_OWN_WORK + sum(basis.numbers for basis in bases)))
     if 2 * fastest.substeps * len(record) > most:
-        raise InputError(fastest.refusal(len(record), most))
+        raise InputError(fastest.refusal(len(record), most, by_modes=all(b.eigenvalues is not None for b in bases)))
     coarse = _solve(building, bases, dt_s, record, delay_s, substeps, most, limit)
     while True:
         substeps *= 2
@@ -150,8 +150,15 @@ class _Fastest:
     part: str
     substeps: int
 
-    def refusal(self, samples: int, most: int) -> str:
+    def refusal(self, samples: int, most: int, by_modes: bool) -> str:
         """Return the sentence that refuses a record of so many samples, `most` substeps being allowed."""
+        if not by_modes:
+            return (
+                f"SIM-DELAY: {2 * self.substeps * samples:.2g} steps over the record, the limit is {most:.2g} for this "
+                "building, which has no modes that double precision can tell apart: its masses differ too much, or two "
+                "modes coincide; change masses_kg, stiffnesses or dashpots of structure, shorten the record, or take "
+                "sim_delay out of runs"
+            )
         return (
             f"SIM-DELAY: a vibration of {self.rate_rad_s / (2.0 * math.pi):.3g} Hz in the {self.part} part takes "
             f"{2 * self.substeps * samples:.2g} steps over the record, the limit for this building is {most:.2g}; "

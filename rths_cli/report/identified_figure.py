@@ -15,6 +15,7 @@ import numpy as np
 from rths_cli.errors import InputError
 from rths_cli.identification.found import Identification
 from rths_cli.identification.verdict import LIMITS
+from rths_cli.interruptible import interruptible
 from rths_cli.lti import Array, ComplexArray
 from rths_cli.report.identified import About, verdict_sentence
 from rths_cli.report.identified_text import short
@@ -62,7 +63,7 @@ def write_figure(found: Identification, about: About, path: Path) -> None:
     kind = path.suffix.lower().removeprefix(".")
     if kind not in METADATA:
         raise InputError(f"{path}: a figure's file name must end in .png, .svg or .pdf")
-    image = _image(found, about, kind)
+    image = interruptible(lambda: _image(found, about, kind))
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         part.write_bytes(image)

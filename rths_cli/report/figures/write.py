@@ -9,11 +9,13 @@ import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rths_cli.errors import InputError
 from rths_cli.files.results import Result
+from rths_cli.interruptible import interruptible
 from rths_cli.report.figures import frequency, histories, merit
 from rths_cli.report.figures.limits import limits
 from rths_cli.report.figures.panels import heading
@@ -76,7 +78,7 @@ def write_figures(
             source = Source(result)
             for name in FIGURES:
                 try:
-                    image = _image(name, source, form, width)
+                    image = interruptible(partial(_image, name, source, form, width))
                 except NotDrawn as reason:
                     report(f"{result.path}: figure {name} is left out: {reason}")
                     continue

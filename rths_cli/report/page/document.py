@@ -14,6 +14,7 @@ from pathlib import Path
 
 from rths_cli.errors import InputError
 from rths_cli.files.results import Result
+from rths_cli.interruptible import interruptible
 from rths_cli.report.load import Entry, entries
 from rths_cli.report.page import frequency, histories, merit
 from rths_cli.report.page.envelope import Pool
@@ -34,7 +35,7 @@ def write_page(results: Sequence[Result], path: Path, command_line: str, compari
     Raises InputError without results, when a result cannot be read any more, or when the file cannot be written;
     then nothing is left behind.
     """
-    text = page(results, command_line, comparison)
+    text = interruptible(lambda: page(results, command_line, comparison))
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         part.write_text(text, encoding=ENCODING)

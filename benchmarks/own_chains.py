@@ -10,6 +10,7 @@ from own_plant import Array, Plant
 from rths_cli.identification.record import Parts, Record
 from rths_cli.rig_info import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
 
+MOST_RANGE = 0.7  # of a sensor
 SILENCE_S, FADE_S, REST_S = 2.0, 2.0, 8.0
 LOWEST_HZ, HIGHEST_HZ = 0.3, 60.0
 DAMPING = (0.002, 0.2)
@@ -51,6 +52,11 @@ def made_chain(
     )  # fmt: skip
     command, parts = excitation(info, random, level_m_s2, duration_s)
     accel = plant.simulate(command, dt, latency_samples)
+    share = float(np.abs(accel).max()) / info.channels[0].range_m_s2
+    if share > MOST_RANGE:  # quieter, as a probe would have it
+        level_m_s2 *= MOST_RANGE / share
+        command, parts = excitation(info, np.random.default_rng(seed), level_m_s2, duration_s)
+        accel = plant.simulate(command, dt, latency_samples)
     accel += noise_m_s2 * random.standard_normal(accel.shape)
     bit = info.converters.step_v * g
     accel = bit * np.round(accel / bit) if bits else accel

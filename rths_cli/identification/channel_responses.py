@@ -15,7 +15,7 @@ import numpy as np
 from rths_cli.identification import channels, suspects
 from rths_cli.identification.evidence import Evidence
 from rths_cli.identification.fit_table import COMPARED_HZ, within
-from rths_cli.identification.storeys import grouped
+from rths_cli.identification.storeys import explained, grouped
 from rths_cli.identification.suspects import GAIN, LATE, MASS, REVERSED, SIGN, SWAP, Diagnosis, Suspect
 from rths_cli.lti import Array, Frf
 from rths_cli.rig_info import RigInfo
@@ -27,7 +27,8 @@ SURE = 3.0  # standard uncertainties
 DIRECTION_HZ, DIRECTION = 3.0, 0.5  # up to where the table follows its command; cosine of a clear direction
 FOLLOWS = 0.5  # power of the frequency, above which a channel may be an acceleration after a displacement's command
 REFUSED_GAIN, REFUSED_MASS = 0.03, 0.3  # errors of a sensitivity or mass, beyond which channels are refused
-UNEXPLAINED = 30.0  # standard deviations, beyond which channels that no single fault explains are refused
+SAID, UNEXPLAINED = 10.0, 30.0  # standard deviations, beyond which no chain and no single fault is said, and refused
+TRUE_MOTION = 3.0  # standard deviations of single lines, up to which channels show the motion of a chain
 
 
 @dataclass(frozen=True)
@@ -40,18 +41,16 @@ class Judgement:
 
 def judge(data: Evidence, frfs: Sequence[Frf]) -> Judgement:
     """Return what the channels' responses say of them: coherence, direction, place and sensitivity."""
-    faults = _incoherent(data, frfs)
-    if faults:
-        return Judgement(tuple(faults))
     against = _direction(frfs[0])
     if len(data.masses_kg) == 0:
-        return Judgement(tuple(_does_not_follow(frfs[0], data.info) or _polarity(against)))
+        faults = _incoherent(data, frfs) or _does_not_follow(frfs[0], data.info) or _polarity(against)
+        return Judgement(tuple(faults))
     found = suspects.diagnose(grouped(data.records, data.info, data.masses_kg, data.settings.band_hz), data.info.dt_s)
     if found.fits or (found.suspects and found.suspects[0].kind == LATE and _all_late(found.suspects)):
-        return Judgement(tuple(_polarity(against)))
+        return Judgement(tuple(_incoherent(data, frfs) or _polarity(against)))
     if found.suspects:
         return _named(found.suspects, data.info, against)
-    faults = _does_not_follow(frfs[0], data.info)
+    faults = _incoherent(data, frfs) or _does_not_follow(frfs[0], data.info)
     return Judgement(tuple(faults)) if faults else _unexplained(found)
 
 
@@ -81,10 +80,14 @@ def gain_warnings(low_frequency_gain_m_per_v: float, relative_error: float, info
 def _incoherent(data: Evidence, frfs: Sequence[Frf]) -> list[str]:
     """Return a sentence for each channel that loses more coherence than its own noise, and the table's, take.
 
-    What disturbs the table (friction, say) moves the floors too.
+    What disturbs the table (friction, say) moves the floors too. Vibrations longer than a segment cost coherence as
+    well, but obey the storeys' equations line by line, which a loose contact does not.
     """
     lost, most = [1.0 - channels.coherence(frf) for frf in frfs], 1.0 - LEAST_COHERENCE
     if max(lost) <= most:
+        return []
+    lines = (data.records, data.info, data.masses_kg, data.settings.band_hz)
+    if len(lost) > 1 and explained(grouped(*lines, raw=True)).misfit.max() < TRUE_MOTION and lost[0] <= most:
         return []
     noise = [_lost_to_noise(data, index, frfs[0].frequency_hz) for index in range(len(frfs))]
     told = f"in {COMPARED_HZ[0]:g}-{COMPARED_HZ[1]:g} Hz is below {LEAST_COHERENCE:g}"
@@ -169,7 +172,9 @@ def _unexplained(found: Diagnosis) -> Judgement:
         "times what noise, bits and 0.3 % of unlinearity may leave), and no single fault of a channel, a mass or the "
         "floors' order does; more than one of these, a storey that yields, or a structure that is no chain"
     )
-    return Judgement((said,)) if found.misfit > UNEXPLAINED else Judgement((), (said,))
+    if found.misfit > UNEXPLAINED:
+        return Judgement((said,))
+    return Judgement((), (said,) if found.misfit > SAID else ())
 
 
 def _named(found: Sequence[Suspect], info: RigInfo, direction: float) -> Judgement:

@@ -26,7 +26,7 @@ import numpy as np
 
 from rths_cli.identification.chain import modal
 from rths_cli.identification.channels import channel_noise
-from rths_cli.identification.least_squares import linear, parts
+from rths_cli.identification.least_squares import covariance, linear, parts
 from rths_cli.identification.record import Record
 from rths_cli.lti import Array, ComplexArray, integral_share
 from rths_cli.rig_info import RigInfo
@@ -75,11 +75,13 @@ class Grouped:
 class Explained:
     """How well a chain explains the channels: sum of squares over variances `chi_square` of each storey (n,) and how
     many are added there (n,), the storeys' stiffnesses (n,) in N/m, 0 where no positive one helps, infinite where the
-    storey is rigid as far as the data tell, and the dashpots c_ij (n, n) in N s/m."""
+    storey is rigid as far as the data tell, their relative standard errors (n,), and the dashpots c_ij (n, n) in N s/m.
+    """
 
     chi_square: Array
     count: Array
     stiffness_n_per_m: Array
+    relative_error: Array
     dashpots_n_s_per_m: Array
 
     @property
@@ -88,9 +90,14 @@ class Explained:
         return np.sqrt(self.chi_square / self.count)
 
 
-def grouped(records: Sequence[Record], info: RigInfo, masses_kg: Array, band_hz: tuple[float, float]) -> Grouped:
-    """Return the groups of lines in a band of the excited parts of records; masses (c - 1,) in kg."""
-    parts = [_of_record(record, info, np.asarray(masses_kg, dtype=float), band_hz) for record in records]
+def grouped(
+    records: Sequence[Record], info: RigInfo, masses_kg: Array, band_hz: tuple[float, float], raw: bool = False
+) -> Grouped:
+    """Return the groups of lines in a band of the excited parts of records; masses (c - 1,) in kg.
+
+    `raw`: every line by itself and as it is, with all that is in it beside the answer to the command.
+    """
+    parts = [_of_record(record, info, np.asarray(masses_kg, dtype=float), band_hz, raw) for record in records]
     apart = [[part.further * float(row is part) for part in parts] for row in parts]
     return Grouped(
         np.concatenate([part.omega for part in parts]),
@@ -103,7 +110,7 @@ def grouped(records: Sequence[Record], info: RigInfo, masses_kg: Array, band_hz:
     )
 
 
-def _of_record(record: Record, info: RigInfo, masses_kg: Array, band_hz: tuple[float, float]) -> Grouped:
+def _of_record(record: Record, info: RigInfo, masses_kg: Array, band_hz: tuple[float, float], raw: bool) -> Grouped:
     """Return the groups of lines of one record."""
     noise = record.parts.noise
     n = noise.stop - noise.start
@@ -115,13 +122,15 @@ def _of_record(record: Record, info: RigInfo, masses_kg: Array, band_hz: tuple[f
     accel = record.accel_m_s2[:, noise]
     lines = np.fft.rfft(accel - accel.mean(axis=1, keepdims=True))[:, inside]
     alias = np.fft.rfft(_staircase(record.command_v, info)[noise])[inside]
-    starts = _group_starts(frequency[inside])
+    starts = list(range(len(s))) if raw else _group_starts(frequency[inside])
     power = _summed(np.abs(given) ** 2, starts)
     counts = np.diff(np.append(starts, len(s)))
     excited = power / counts > LEAST_POWER * np.median(power / counts)
     size = np.sqrt(power)[excited]
 
     def added(rows: ComplexArray) -> ComplexArray:
+        if raw:
+            return rows[:, excited]
         return np.asarray(_summed(np.conj(given) * rows, starts)[:, excited] / size)
 
     together = added(lines)
@@ -168,6 +177,7 @@ def explained(chain: Grouped) -> Explained:
         np.array([storey.chi_square for storey in found]),
         np.full(len(found), count),
         np.array([storey.stiffness for storey in found]),
+        np.array([storey.relative_error for storey in found]),
         np.array([storey.dashpots for storey in found]).reshape(len(found), len(found)),
     )
 
@@ -189,10 +199,11 @@ def first_values(chain: Grouped) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class _Storey:
-    """Sum of squares over variances, stiffness and dashpots (n,) of one storey's equation."""
+    """Sum of squares over variances, stiffness, its relative standard error and dashpots (n,) of a storey's equation."""
 
     chi_square: float
     stiffness: float
+    relative_error: float
     dashpots: Array
 
 
@@ -205,28 +216,32 @@ def _storey(chain: Grouped, i: int) -> _Storey:
     n, stiffness = len(damping), 0.0
     for _ in range(ROUNDS):
         stiffness = max(_solved(chain, i, inertia, columns, stiffness)[1][0], 0.0)
-    chi, found = _solved(chain, i, inertia, columns, stiffness)
-    best = _Storey(chi, float(found[0]), found[1 : n + 1])
+    chi, found, error = _solved(chain, i, inertia, columns, stiffness)
+    best = _Storey(chi, float(found[0]), error, found[1 : n + 1])
     if found[0] <= 0.0:
-        chi, found = _solved(chain, i, inertia, columns[1:], 0.0)
-        best = _Storey(chi, 0.0, found[:n])
+        chi, found, _ = _solved(chain, i, inertia, columns[1:], 0.0)
+        best = _Storey(chi, 0.0, float("inf"), found[:n])
     rigid = float(chain.masses_kg[i - 1 :].sum()) * (RIGID * float(chain.omega.max())) ** 2
-    chi, found = _solved(chain, i, inertia + rigid * drift, columns[1:], rigid)
-    return _Storey(chi, float("inf"), found[:n]) if chi < best.chi_square else best
+    chi, found, _ = _solved(chain, i, inertia + rigid * drift, columns[1:], rigid)
+    return _Storey(chi, float("inf"), float("inf"), found[:n]) if chi < best.chi_square else best
 
 
 def _solved(
     chain: Grouped, i: int, wanted: ComplexArray, columns: ComplexArray, stiffness: float
-) -> tuple[float, Array]:
-    """Return sum of squares over variances, and the factors of the columns (k, g), for weights of a stiffness."""
+) -> tuple[float, Array, float]:
+    """Return sum of squares over variances, the factors of the columns (k, g) and the relative standard error of the
+    first, for weights of a stiffness."""
     weight = np.sqrt(2.0 / _variance(chain, i, stiffness))
     rows = parts(columns * weight)
     target = parts(-wanted * weight)
     size = np.linalg.norm(rows, axis=1)
     size[size == 0.0] = 1.0
-    found = linear(rows / size[:, None], target)
-    left = target - found @ (rows / size[:, None])
-    return float(left @ left), np.asarray(found / size)
+    rows /= size[:, None]
+    found = linear(rows, target)
+    left = target - found @ rows
+    chi = float(left @ left)
+    spread = float(covariance(rows, max(chi / len(left), 1.0))[0, 0])
+    return chi, np.asarray(found / size), float(np.sqrt(spread) / max(abs(found[0]), 1e-300))
 
 
 def _variance(chain: Grouped, i: int, stiffness: float) -> Array:

@@ -1,0 +1,78 @@
+"""What makes a table or its specimen answer differently at another level: friction, a spring that hardens, a gain.
+
+Each acts like a change of the command that depends on the motion, so that the response at low level over that at full
+level, less 1, has a shape that the table's model G tells, times a real factor of its own sign:
+
+- dry friction, an equivalent dashpot that weakens as the motion grows: -a G exp(s T) / s, a > 0;
+- a suspension that hardens, an equivalent spring that grows with the motion: b G exp(s T) / s^2, b > 0; one that
+  softens, or friction that sticks and gives way like a spring: b < 0;
+- an amplifier or actuator whose gain falls as the level grows: a constant above 0; one with a dead band: below 0,
+
+with the delay T taken out, for the motion acts at once (J. B. Roberts and P. D. Spanos, Random Vibration and Statistical
+Linearization). Storeys that yield show in the storeys' own equations, whatever the table does.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rths_cli.identification.evidence import Evidence
+from rths_cli.identification.fit_table import within
+from rths_cli.identification.storeys import explained, grouped
+from rths_cli.lti import Array, ComplexArray, Frf, Model
+
+FRICTION, HARDENING, SOFTENING, COMPRESSION, DEAD_BAND, DRAG, SPECIMEN = (
+    "friction", "hardening", "softening", "compression", "dead band", "drag", "specimen",
+)  # fmt: skip
+BAND_HZ = (0.7, 40.0)
+CLEAR = 4.0  # standard errors
+SHARE, ALIKE = 0.5, 0.9  # of what differs beyond the scatter, that a cause explains; of what the best one explains
+YIELDS = 0.005  # relative change of a storey's stiffness that counts
+
+
+def of_table(low: Frf, full: Frf, model: Model) -> tuple[str, ...]:
+    """Return the causes that explain how the table's response, over its model's, differs at low level from full level,
+    the likeliest first; () where it does not differ, or none explains it."""
+    inside = within(low.frequency_hz, (BAND_HZ[0], min(BAND_HZ[1], full.frequency_hz[-1])))
+    f = low.frequency_hz[inside]
+    over = np.interp(f, full.frequency_hz, full.response)
+    error = np.hypot(low.relative_error[inside], np.interp(f, full.frequency_hz, full.relative_error))
+    differs = low.response[inside] / over - 1.0
+    power = float(np.sum(np.abs(differs / error) ** 2))
+    beyond = power - 2.0 * len(f)
+    found: dict[str, float] = {}
+    for shape, (positive, negative) in _shapes(model, f):
+        weighted = shape / error
+        size = float(np.linalg.norm(weighted))
+        along = float(np.real(np.vdot(weighted, differs / error))) / size
+        if abs(along) > CLEAR * np.sqrt(low.bandwidth_lines) and along**2 > SHARE * beyond:
+            found[positive if along > 0.0 else negative] = along**2
+    most = max(found.values(), default=0.0)
+    return tuple(sorted((kind for kind in found if found[kind] >= ALIKE * most), key=lambda kind: -found[kind]))
+
+
+def _shapes(model: Model, frequency_hz: Array) -> list[tuple[ComplexArray, tuple[str, str]]]:
+    """Return the shapes by which causes change a response, each with what a positive and a negative factor mean."""
+    s = 2j * np.pi * frequency_hz
+    accel = np.sign(model.low_frequency_gain_m_per_v) * model.response(frequency_hz) * np.exp(s * model.delay_s)
+    return [
+        (-accel / s, (FRICTION, DRAG)),
+        (accel / s**2, (HARDENING, SOFTENING)),
+        (np.ones(len(s), dtype=complex), (COMPRESSION, DEAD_BAND)),
+    ]
+
+
+def of_specimen(data: Evidence) -> tuple[int, ...]:
+    """Return the storeys, from 1, whose stiffness at low level differs clearly from that at full level."""
+    if data.quiet is None or len(data.masses_kg) == 0:
+        return ()
+    low, full = (
+        explained(grouped(records, data.info, data.masses_kg, data.settings.band_hz))
+        for records in ((data.quiet,), data.records)
+    )
+    known = np.isfinite(low.stiffness_n_per_m * full.stiffness_n_per_m) & (low.stiffness_n_per_m > 0.0)
+    known &= full.stiffness_n_per_m > 0.0
+    change = np.zeros(len(known))
+    change[known] = np.log(low.stiffness_n_per_m[known] / full.stiffness_n_per_m[known])
+    error = np.hypot(low.relative_error, full.relative_error)
+    return tuple(int(storey) + 1 for storey in np.flatnonzero(np.abs(change) > np.maximum(CLEAR * error, YIELDS)))

@@ -28,6 +28,7 @@ DIRECTION_HZ, DIRECTION = 3.0, 0.5  # up to where the table follows its command;
 FOLLOWS = 0.5  # power of the frequency, above which a channel may be an acceleration after a displacement's command
 REFUSED_GAIN, REFUSED_MASS = 0.03, 0.3  # errors of a sensitivity or mass, beyond which channels are refused
 SAID, UNEXPLAINED = 10.0, 30.0  # standard deviations, beyond which no chain and no single fault is said, and refused
+CALM = 0.2  # of the misfit at full level, up to which a chain explains the channels at low level
 TRUE_MOTION = 3.0  # standard deviations of single lines, up to which channels show the motion of a chain
 
 
@@ -48,6 +49,9 @@ def judge(data: Evidence, frfs: Sequence[Frf]) -> Judgement:
     found = suspects.diagnose(grouped(data.records, data.info, data.masses_kg, data.settings.band_hz), data.info.dt_s)
     if found.fits or (found.suspects and found.suspects[0].kind == LATE and _all_late(found.suspects)):
         return Judgement(tuple(_incoherent(data, frfs) or _polarity(against)))
+    yielding = _yielding(data, found)
+    if yielding is not None:
+        return yielding
     if found.suspects:
         return _named(found.suspects, data.info, against)
     faults = _incoherent(data, frfs) or _does_not_follow(frfs[0], data.info)
@@ -163,6 +167,22 @@ def _does_not_follow(table: Frf, info: RigInfo) -> list[str]:
 def _all_late(found: Sequence[Suspect]) -> bool:
     """Tell whether all floors are out of step with the table alike, which is judged once there is a model."""
     return any(each.channels == (0,) for each in found if each.kind == LATE)
+
+
+def _yielding(data: Evidence, found: Diagnosis) -> Judgement | None:
+    """Return a warning when the same channels show a chain at low level: they are right, and the specimen yields."""
+    if data.quiet is None or found.misfit <= SAID:
+        return None
+    low = explained(grouped((data.quiet,), data.info, data.masses_kg, data.settings.band_hz))
+    if float(low.misfit.max()) > CALM * found.misfit:
+        return None
+    return Judgement(
+        (),
+        (
+            "specimen: at low level a chain of storeys explains the channels, at full level it does not: its stiffness "
+            "or damping depends on its motion; identify at the level of the test",
+        ),
+    )
 
 
 def _unexplained(found: Diagnosis) -> Judgement:

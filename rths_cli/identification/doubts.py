@@ -25,8 +25,8 @@ def misfit(specimen: SpecimenFit | None, seen: Sequence[ChannelReport]) -> tuple
     if specimen.residual <= max(MISFIT, 3.0 * noise):
         return ()
     return (
-        f"specimen: {specimen.residual:.2%} of the floors' motion is not that of a chain of storeys with the given "
-        "masses and modal damping; check masses, and read stiffness and damping with care",
+        f"specimen: {specimen.residual:.2%} of the floors' motion is not that of a linear chain of storeys with the "
+        "given masses and modal damping; read stiffness and damping with care",
     )
 
 
@@ -37,7 +37,8 @@ def not_held(candidates: Sequence[Candidate]) -> tuple[str, ...]:
         return ()
     return (
         f"table model: its held-out error is {worst:.3g} times the data's own scatter; the table has more to it than "
-        "any structure that was tried (a delay shorter than declared, a part that is loose, lost samples)",
+        "any structure that was tried (one of: more modes, a delay shorter than declared, a loose part, lost samples, "
+        "nonlinearity)",
     )
 
 

@@ -7,21 +7,32 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rths_cli.identification import channel_responses, channels, delay, doubts, friction, motions, verdict
+from rths_cli.identification import (
+    channel_responses,
+    channels,
+    delay,
+    doubts,
+    friction,
+    level_dependence,
+    motions,
+    verdict,
+)
 from rths_cli.identification.channels import UnfitRecord
 from rths_cli.identification.evidence import Evidence, IdentificationSettings, evidence
-from rths_cli.identification.fit_table import beyond_scatter, fit_error
+from rths_cli.identification.fit_table import COMPARED_HZ, beyond_scatter, fit_error, rms, within
 from rths_cli.identification.found import (
     ChannelReport,
     DelayEstimate,
     Identification,
     LevelBand,
+    LevelCauses,
     Root,
     SpecimenFit,
     Verdict,
 )
 from rths_cli.identification.frf import estimate, noise_floor
 from rths_cli.identification.given import with_ripple
+from rths_cli.identification.louder import louder
 from rths_cli.identification.orders import doubtful
 from rths_cli.identification.record import Record
 from rths_cli.identification.specimen import Start
@@ -30,6 +41,7 @@ from rths_cli.identification.table import TableFit, coherent_up_to, fit_table, l
 from rths_cli.lti import Array, Frf, Model
 from rths_cli.rig_info import RigInfo
 
+NOISE_SHARE = 0.5  # of the data's scatter, from which noise at rest explains it
 LEAST_LEVELS = 1.5  # between full and low level, for a judgement of friction
 NOT_COMPARABLE = "friction: not judged; that takes noise or a multisine, and a low-level record at 2/3 of it or less"
 
@@ -55,6 +67,7 @@ class _Table:
     paper: Model
     given: bool
     levels: tuple[LevelBand, ...]
+    causes: LevelCauses
     comparable: bool
     latency: DelayEstimate | None
     warnings: tuple[str, ...]
@@ -109,12 +122,14 @@ def _table(data: Evidence, fit: TableFit, given: Model | None) -> _Table:
     info, model = data.info, fit.chosen.model
     best = with_ripple(given, model) if given else model
     paper = best if given and len(best.zeros) == len(best.poles) else fit.paper
-    compared, ratio = levels(data, fit), data.level_ratio
+    (compared, in_table), ratio = levels(data, fit), data.level_ratio
     comparable = data.settings.like_noise and ratio >= LEAST_LEVELS
     latency = delay.estimate((fit.first, fit.chosen), fit.frf, info, compared, ratio, data.settings.sensors_removed)
     late = delay.doubts(latency) or (() if given else doubts.late(model, info))
     structure = () if given else (*doubtful(fit.chosen), *doubts.not_held(fit.candidates))
-    return _Table(fit, best, paper, given is not None, compared, comparable, latency, (*structure, *late))
+    in_storeys = level_dependence.of_specimen(data.records, data.quiet, info, data.masses_kg, data.settings.band_hz)
+    causes = LevelCauses(in_table, in_storeys)
+    return _Table(fit, best, paper, given is not None, compared, causes, comparable, latency, (*structure, *late))
 
 
 def _identification(
@@ -139,6 +154,7 @@ def _identification(
         verdict=_verdict(data, table, specimen, _warnings(data, seen, table, specimen)),
         friction=friction.estimate(data.records, table.fit.chosen.model, data.info),
         latency=table.latency,
+        causes=table.causes,
     )
 
 
@@ -182,4 +198,16 @@ def _verdict(data: Evidence, table: _Table, specimen: _Specimen, warnings: list[
         data.level_ratio,
         (*specimen.reasons, *channel_responses.far_gain(table.best.low_frequency_gain_m_per_v, data.info)),
         table.given,
+        table.causes,
+        louder(data),
+        _noisy(data, table.fit.frf),
     )
+
+
+def _noisy(data: Evidence, frf: Frf) -> bool:
+    """Tell whether what the channels show at rest explains how the table's response scatters, or is not known."""
+    floor = noise_floor(data.records, frf, 0, data.info.dt_s)
+    inside = within(frf.frequency_hz, COMPARED_HZ)
+    if floor is None:
+        return True
+    return rms(floor[inside] / np.abs(frf.response[inside])) > NOISE_SHARE * rms(frf.relative_error[inside])

@@ -126,6 +126,15 @@ class LevelBand:
 
 
 @dataclass(frozen=True)
+class LevelCauses:
+    """What makes low and full level differ (see level_dependence.py): causes in the table, the likeliest first, and the
+    storeys of the specimen, from 1, whose stiffness depends on the level; () where the data tell none."""
+
+    table: tuple[str, ...] = ()
+    storeys: tuple[int, ...] = ()
+
+
+@dataclass(frozen=True)
 class Root:
     """A pair of roots (or a single real one: ratio NaN) with standard uncertainties, NaN where they are not known."""
 
@@ -188,6 +197,7 @@ class Identification:
     verdict: Verdict
     friction: Friction | None = None
     latency: DelayEstimate | None = None
+    causes: LevelCauses = LevelCauses()
 
     @property
     def accepted(self) -> bool:

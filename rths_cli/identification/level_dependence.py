@@ -8,18 +8,22 @@ level, less 1, has a shape that the table's model G tells, times a real factor o
   softens, or friction that sticks and gives way like a spring: b < 0;
 - an amplifier or actuator whose gain falls as the level grows: a constant above 0; one with a dead band: below 0,
 
-with the delay T taken out, for the motion acts at once (J. B. Roberts and P. D. Spanos, Random Vibration and Statistical
-Linearization). Storeys that yield show in the storeys' own equations, whatever the table does.
+with the delay T taken out, for the motion acts at once (J. B. Roberts and P. D. Spanos, Random Vibration and
+Statistical Linearization). Storeys that yield show in the storeys' own equations, whatever the table does.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
-from rths_cli.identification.evidence import Evidence
 from rths_cli.identification.fit_table import within
+from rths_cli.identification.found import LevelCauses
+from rths_cli.identification.record import Record
 from rths_cli.identification.storeys import explained, grouped
 from rths_cli.lti import Array, ComplexArray, Frf, Model
+from rths_cli.rig_info import RigInfo
 
 FRICTION, HARDENING, SOFTENING, COMPRESSION, DEAD_BAND, DRAG, SPECIMEN = (
     "friction", "hardening", "softening", "compression", "dead band", "drag", "specimen",
@@ -28,6 +32,23 @@ BAND_HZ = (0.7, 40.0)
 CLEAR = 4.0  # standard errors
 SHARE, ALIKE = 0.5, 0.9  # of what differs beyond the scatter, that a cause explains; of what the best one explains
 YIELDS = 0.005  # relative change of a storey's stiffness that counts
+MEANINGS = {
+    FRICTION: "dry friction takes a larger share of small motions",
+    DRAG: "the table's damping grows with its motion",
+    HARDENING: "the table's suspension stiffens as its motion grows",
+    SOFTENING: "the table's suspension softens as its motion grows, or friction holds small motions like a spring",
+    COMPRESSION: "the gain falls as the level grows, as of an amplifier or actuator near a limit",
+    DEAD_BAND: "the gain grows with the level, as with a dead band",
+}
+
+
+def meaning(causes: LevelCauses) -> str:
+    """Return in words what makes low and full level differ, "" where the data tell none."""
+    said = [MEANINGS[cause] for cause in causes.table]
+    if causes.storeys:
+        which = ", ".join(str(storey) for storey in causes.storeys)
+        said.append(f"the specimen's stiffness depends on its motion (storey {which})")
+    return "; or ".join(said)
 
 
 def of_table(low: Frf, full: Frf, model: Model) -> tuple[str, ...]:
@@ -62,14 +83,13 @@ def _shapes(model: Model, frequency_hz: Array) -> list[tuple[ComplexArray, tuple
     ]
 
 
-def of_specimen(data: Evidence) -> tuple[int, ...]:
+def of_specimen(
+    records: Sequence[Record], quiet: Record | None, info: RigInfo, masses_kg: Array, band_hz: tuple[float, float]
+) -> tuple[int, ...]:
     """Return the storeys, from 1, whose stiffness at low level differs clearly from that at full level."""
-    if data.quiet is None or len(data.masses_kg) == 0:
+    if quiet is None or len(masses_kg) == 0:
         return ()
-    low, full = (
-        explained(grouped(records, data.info, data.masses_kg, data.settings.band_hz))
-        for records in ((data.quiet,), data.records)
-    )
+    low, full = (explained(grouped(each, info, masses_kg, band_hz)) for each in ((quiet,), records))
     known = np.isfinite(low.stiffness_n_per_m * full.stiffness_n_per_m) & (low.stiffness_n_per_m > 0.0)
     known &= full.stiffness_n_per_m > 0.0
     change = np.zeros(len(known))

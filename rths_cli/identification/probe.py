@@ -40,7 +40,6 @@ CHANNEL_SHARE = 0.7  # of sensor and converter range that a channel may use
 WORTH_LOWERING = 0.98  # of a level; a smaller step is left to the margin of the shares
 GAIN_BAND_HZ = (0.7, 2.0)
 HIGHEST_HZ, LEAST_POWER = 60.0, 0.01  # of the measured responses; of a line, over the mean
-GAIN_TOLERANCE = 0.1  # of the nominal gain, beyond which a sentence says so
 LEAST_OVER_NOISE = 3.0
 SHORT_SEGMENT_S = 4.0  # so that the probe has nine
 GROWN, LEAST_SCATTER = 1.5, 1.5e-3  # of the unexplained share; standard error of a line of such segments
@@ -140,7 +139,7 @@ def choose_level(
         *force_bounds(info, shown, planned, floor_masses_kg),
     ]
     lowering = [bound for bound in tightest_first(bounds) if bound.allowed_m_s2 < start * WORTH_LOWERING]
-    notes = (*_gain_notes(info, gain), *(_sentence(bound) for bound in lowering))
+    notes = tuple(_sentence(bound) for bound in lowering)
     if not lowering:
         return Level(start, "", notes, _reach(bounds, start))
     name, level = lowering[0].name, lowering[0].allowed_m_s2
@@ -282,17 +281,6 @@ def overdriven(quiet: Record, loud: Record, dt_s: float) -> tuple[float, float] 
 def _derivative_lines(command_v: Array, dt_s: float) -> ComplexArray:
     """Return the Fourier lines (n,) of a command's second derivative in V/s^2."""
     return np.fft.rfft(np.diff(command_v, 2, prepend=0.0, append=0.0) / dt_s**2)
-
-
-def _gain_notes(info: RigInfo, gain_m_per_v: float) -> tuple[str, ...]:
-    """Return a sentence when the measured gain is far from that of the data sheet."""
-    ratio = gain_m_per_v / info.gain_m_per_v
-    if abs(ratio - 1.0) <= GAIN_TOLERANCE:
-        return ()
-    return (
-        f"table gain measured {gain_m_per_v:.3g} m/V, {ratio:.2f} times nominal.gain_m_per_v {info.gain_m_per_v:.3g}: "
-        "check amplifier, sensor and rig file",
-    )
 
 
 def _sentence(bound: Bound) -> str:

@@ -199,7 +199,7 @@ def first_values(chain: Grouped) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class _Storey:
-    """Sum of squares over variances, stiffness, its relative standard error and dashpots (n,) of a storey's equation."""
+    """Sum of squares over variances, stiffness, its relative standard error and dashpots (n,) of one storey."""
 
     chi_square: float
     stiffness: float

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.identification import verdict
+from rths_cli.identification import level_dependence, verdict
 from rths_cli.identification.chain import modal
 from rths_cli.identification.channels import COMPARED_HZ
 from rths_cli.identification.evidence import SEGMENTS, Evidence
@@ -101,15 +101,16 @@ def coherent_up_to(frf: Frf, highest_hz: float) -> float:
     return highest_hz
 
 
-def levels(data: Evidence, found: TableFit) -> tuple[LevelBand, ...]:
-    """Compare the record at low level with the full one, both over the model; () without one."""
+def levels(data: Evidence, found: TableFit) -> tuple[tuple[LevelBand, ...], tuple[str, ...]]:
+    """Compare the record at low level with the full one, both over the model; and the causes in the table that explain
+    how they differ. () without one."""
     quiet, model, frf = data.quiet, found.chosen.model, found.frf
     if quiet is None:
-        return ()
+        return (), ()
     length_s = (quiet.parts.noise.stop - quiet.parts.noise.start) * model.dt_s
     try:
         low = over_model(model, [quiet], data.settings.band_hz, min(data.settings.segment_s, length_s / SEGMENTS))
     except InputError:
-        return ()
+        return (), ()
     over = replace(frf, response=frf.response / model.sampled_response(frf.frequency_hz))
-    return verdict.level_bands(low, over)
+    return verdict.level_bands(low, over), level_dependence.of_table(low, over, model)

@@ -10,7 +10,8 @@ from itertools import pairwise
 import numpy as np
 
 from rths_cli.identification.fit_table import COMPARED_HZ, SCATTER, Fit, rms, within
-from rths_cli.identification.found import Band, FitError, LevelBand, Root, SpecimenFit, Verdict
+from rths_cli.identification.found import Band, FitError, LevelBand, LevelCauses, Root, SpecimenFit, Verdict
+from rths_cli.identification.level_dependence import FRICTION, meaning
 from rths_cli.lti import Array, Frf, Model
 
 LIMITS = FitError(rms=0.01, largest=0.03, rms_mid=0.004)
@@ -19,38 +20,61 @@ GROUP = 5  # lines whose errors are averaged above the compared band
 SHORTFALL = 1.25
 NOISY = 0.5  # of the limit: scatter of the data that may be what a fit misses
 MOST_LAG_S = 0.5
+CERTAIN = 3.0  # standard errors
+ROOM = 1.2  # a smaller factor by which an excitation could be louder is not worth it
+ONE_LEVEL = LevelCauses()
+GIVEN = "it is not a model of this table as it is now: check gain, sign, units and delay"
 
 
 def judge(
     model: Model, error: FitError, frf: Frf, most: FitError, warnings: Sequence[str],
     levels: Sequence[LevelBand] = (), level_ratio: float = math.inf, further: Sequence[str] = (), given: bool = False,
+    causes: LevelCauses = ONE_LEVEL, louder: float = 1.0, noisy: bool = True,
 ) -> Verdict:  # fmt: skip
     """Return the verdict on a model whose fit error against a response, beyond the scatter of the data, is known.
 
-    `levels` compare a record at low level with one `level_ratio` times louder, to which the model was fitted.
-    `further`: reasons found elsewhere; `given`: the model was made elsewhere.
+    `levels` compare a record at low level with one `level_ratio` times louder, to which the model was fitted, `causes`
+    say why they differ. `further`: reasons found elsewhere; `given`: the model was made elsewhere; `louder`: the factor
+    by which the excitation could be louder within the limits; `noisy`: the scatter of the data is the channels' noise.
     """
-    advice = _advice(frf, most, given)
+    scatter = rms(frf.relative_error[within(frf.frequency_hz, COMPARED_HZ)])
+    inside = [band for band in levels if band.high_hz <= COMPARED_HZ[1]]
+    material = bool(inside) and rms_difference(inside) > NOISY * most.rms
+    advice = GIVEN if given else _advice(scatter, most, causes if material else ONE_LEVEL, louder, noisy)
     unsafe = _unsafe_roots(model) or _absurd_lag(model)
-    reasons = (*_misses(error, most, advice), *unsafe, *further, *_friction(levels, level_ratio, most))
+    reasons = (
+        *_misses(error, most, advice),
+        *unsafe,
+        *further,
+        *_at_other_levels(levels, level_ratio, most, causes, louder),
+    )
     reach = reach_hz(model, frf, most)
     usable = (COMPARED_HZ[0], reach) if reach > COMPARED_HZ[0] else (0.0, 0.0)
     if not reasons and reach < COMPARED_HZ[1]:
-        reasons = (f"table model: fit only up to {reach:.3g} Hz, {COMPARED_HZ[1]:g} Hz are needed; excite longer",)
+        reasons = (f"table model: fit only up to {reach:.3g} Hz, {COMPARED_HZ[1]:g} Hz are needed; {advice}",)
     return Verdict(not reasons, usable, model.delay_s, low_frequency_lag(model), reasons, tuple(warnings))
 
 
-def _advice(frf: Frf, most: FitError, given: bool) -> str:
-    """Return what to do about a model that misses its limits: noisy data, or a table that is none such."""
-    if given:
-        return "it is not a model of this table as it is now: check gain, sign, units and delay"
-    scatter = rms(frf.relative_error[within(frf.frequency_hz, COMPARED_HZ)])
-    if scatter > NOISY * most.rms:
-        return "excite longer or louder"
+def _advice(scatter: float, most: FitError, causes: LevelCauses, louder: float, noisy: bool) -> str:
+    """Return what makes a model miss its limits, as far as the data tell, and what to do about it."""
+    cause = meaning(causes)
+    if cause:
+        return f"{cause}; {_remedy(causes, louder)}"
+    if scatter > NOISY * most.rms and noisy:
+        said = f"the channels' noise makes the data scatter by {scatter:.2%}, excite longer (identification.duration_s)"
+        return f"{said} or louder, the limits leave room for a factor of {louder:.2g}" if louder > ROOM else said
     return (
-        "the data are good enough, but no table of this structure answers like that: look for lost samples, a clipped "
-        "or humming command, a wrong latency, a part that is loose"
+        "the data do not tell the cause; one of lost samples, a command that is clipped or not the recorded one, a "
+        "wrong latency, a loose part, more modes than were tried, friction, or another nonlinearity"
     )
+
+
+def _remedy(causes: LevelCauses, louder: float) -> str:
+    """Return what to do about a table or specimen that depends on the level."""
+    if causes.table[:1] != (FRICTION,):
+        return "identify at the level of the test, a lower identification.accel_rms_m_s2 where that is less"
+    said = "reduce the friction"
+    return f"{said}, or excite louder: the limits leave room for a factor of {louder:.2g}" if louder > ROOM else said
 
 
 def _absurd_lag(model: Model) -> tuple[str, ...]:
@@ -79,18 +103,39 @@ def _misses(error: FitError, most: FitError, advice: str) -> tuple[str, ...]:
     )
 
 
-def _friction(levels: Sequence[LevelBand], level_ratio: float, most: FitError) -> tuple[str, ...]:
-    """Return a sentence when friction makes the model err by more than its limits at other levels."""
+def _at_other_levels(
+    levels: Sequence[LevelBand], level_ratio: float, most: FitError, causes: LevelCauses, louder: float
+) -> tuple[str, ...]:
+    """Return a sentence when what depends on the level makes the model err by more than its limits at other levels.
+
+    Friction is judged by what it leaves at full level, against the limit of the rms; what grows with the motion, and
+    what has no known cause, by what it changes at low level, against the limit of the largest error.
+    """
     inside = [band for band in levels if band.high_hz <= COMPARED_HZ[1]]
-    share = without_friction(inside, level_ratio)
-    if not inside or share <= most.rms:
+    clear = any(abs(band.ratio - 1.0) > CERTAIN * band.error for band in inside)
+    if not inside or not clear or not level_ratio > 1.0:
         return ()
-    differs = max(abs(band.ratio - 1.0) for band in inside)
-    return (
-        f"friction: at 1/{level_ratio:.2g} of the level the table answers up to {differs:.1%} differently; without any "
-        f"it would differ by {share:.1%} rms in {COMPARED_HZ[0]:g}-{COMPARED_HZ[1]:g} Hz from the model, the limit is "
-        f"{most.rms:.0%}; excite louder, or reduce friction",
-    )
+    where = f"rms in {COMPARED_HZ[0]:g}-{COMPARED_HZ[1]:g} Hz"
+    if FRICTION in causes.table:
+        share = without_friction(inside, level_ratio)
+        differs = max(abs(band.ratio - 1.0) for band in inside)
+        return () if share <= most.rms else (
+            f"friction: at 1/{level_ratio:.2g} of the level the table answers up to {differs:.1%} differently; without "
+            f"any it would differ by {share:.1%} {where} from the model, the limit is {most.rms:.0%}; "
+            f"{_remedy(causes, louder)}",
+        )  # fmt: skip
+    share = rms_difference(inside)
+    cause = meaning(causes) or "no single cause explains how"
+    return () if share <= most.largest else (
+        f"level: at 1/{level_ratio:.2g} of the level the table answers {share:.1%} {where} differently, the limit is "
+        f"{most.largest:.0%}; {cause}; {_remedy(causes, louder)}",
+    )  # fmt: skip
+
+
+def rms_difference(levels: Sequence[LevelBand]) -> float:
+    """Return the rms, over the bands' widths, of how much low and full level differ."""
+    squares = [(band.high_hz - band.low_hz) * abs(band.ratio - 1.0) ** 2 for band in levels]
+    return math.sqrt(sum(squares) / sum(band.high_hz - band.low_hz for band in levels))
 
 
 def without_friction(levels: Sequence[LevelBand], level_ratio: float) -> float:
@@ -103,9 +148,7 @@ def without_friction(levels: Sequence[LevelBand], level_ratio: float) -> float:
     """
     if not levels or not level_ratio > 1.0:
         return 0.0
-    squares = [(band.high_hz - band.low_hz) * abs(band.ratio - 1.0) ** 2 for band in levels]
-    width = sum(band.high_hz - band.low_hz for band in levels)
-    return SHORTFALL * math.sqrt(sum(squares) / width) / (level_ratio - 1.0)
+    return SHORTFALL * rms_difference(levels) / (level_ratio - 1.0)
 
 
 def _unsafe_roots(model: Model) -> tuple[str, ...]:

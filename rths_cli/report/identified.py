@@ -14,9 +14,11 @@ from rths_cli.identification.found import (
     FitError,
     Identification,
     LevelBand,
+    LevelCauses,
     Root,
     Verdict,
 )
+from rths_cli.identification.level_dependence import meaning
 from rths_cli.identification.verdict import LIMITS
 from rths_cli.lti import Model
 from rths_cli.report.identified_document import About, as_document, centre_rad_s, rejected_document
@@ -46,7 +48,7 @@ def page(found: Identification, about: About) -> str:
         _table(found),
         _roots(found.roots),
         _residuals(found.residuals),
-        [*_levels(found.levels), *_friction(found)],
+        [*_levels(found.levels, found.causes), *_friction(found)],
         specimen_lines(found),
         _verdict(found.verdict),
     ]
@@ -187,7 +189,7 @@ def _residuals(bands: Sequence[Band]) -> list[str]:
     return [labelled("residual, best", "|model / FRF - 1| in %, and the FRF's own standard error"), *aligned(rows)]
 
 
-def _levels(levels: Sequence[LevelBand]) -> list[str]:
+def _levels(levels: Sequence[LevelBand], causes: LevelCauses) -> list[str]:
     """Return how the table's response differs at low level, and what that means."""
     if not levels:
         return []
@@ -204,21 +206,19 @@ def _levels(levels: Sequence[LevelBand]) -> list[str]:
             ]
         )
     heading = labelled("amplitude dependence", "low level over full level, +- 2 standard errors")
-    return [heading, *aligned(rows), labelled("", _meaning(levels))]
+    return [heading, *aligned(rows), labelled("", _meaning(levels, causes))]
 
 
-def _meaning(levels: Sequence[LevelBand]) -> str:
+def _meaning(levels: Sequence[LevelBand], causes: LevelCauses) -> str:
     """Say what a difference between levels means, from the bands up to 11 Hz where there are some."""
     low = [level for level in levels if level.high_hz <= COMPARED_HZ[1]] or levels
     clear = [level for level in low if abs(level.ratio - 1.0) > SIGNIFICANT * level.error]
     if not clear:
         return "no difference beyond the scatter: friction does not show at these levels"
     most = max(clear, key=lambda level: abs(level.ratio - 1.0))
-    change = most.ratio - 1.0
-    size = f"differs by up to {percent(abs(change))} % ({band(most.low_hz, most.high_hz)} Hz)"
-    if change.real > abs(change.imag):
-        return f"{size} and is larger at low level, which friction is not: look for clipping or a limit at full level"
-    return f"{size}: friction takes a larger share of small motions; the model holds best near full level"
+    size = f"differs by up to {percent(abs(most.ratio - 1.0))} % ({band(most.low_hz, most.high_hz)} Hz)"
+    cause = meaning(causes) or "no single cause (friction, suspension, gain, specimen) explains how"
+    return f"{size}: {cause}; the model holds best near full level"
 
 
 def _friction(found: Identification) -> list[str]:

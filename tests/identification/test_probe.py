@@ -139,8 +139,7 @@ def test_weak_table_is_never_driven_louder() -> None:
     level, _ = chosen(MadeRig(gain_ratio=0.5))
     assert level.accel_rms_m_s2 == 2.0
     assert level.limited_by == ""
-    (note,) = level.notes
-    assert note.startswith("table gain measured 0.00396 m/V, 0.50 times nominal.gain_m_per_v 0.0079")
+    assert level.notes == ()  # its gain is judged by the model, not by a response at 0.7-2 Hz
 
 
 def test_plan_that_limits_scaled_down_is_not_raised_again() -> None:
@@ -194,8 +193,7 @@ def test_limits_are_kept_with_the_measured_gain(kind: Kind, name: str, limits: d
     limit = next(iter(limits.values()))
     assert level.limited_by == f"{name} limit"
     assert peaks[names.index(name)] == pytest.approx(0.6 * limit, rel=0.03)
-    assert level.notes[0].startswith("table gain measured 0.0119 m/V, 1.5")
-    assert level.notes[1].startswith(f"{name} limit: ")
+    assert level.notes[0].startswith(f"{name} limit: ")
     assert level.notes[-1].endswith(f"to {level.accel_rms_m_s2:.2f} m/s^2 rms: {name} limit")
 
 

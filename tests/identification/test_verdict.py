@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rths_cli.identification.fit_table import Timing, fit_error, refit
-from rths_cli.identification.found import FitError, LevelBand
+from rths_cli.identification.found import FitError, LevelBand, LevelCauses
 from rths_cli.identification.starts import first_fit
 from rths_cli.identification.verdict import (
     LIMITS,
@@ -183,11 +183,32 @@ def test_friction_that_other_levels_show_rejects() -> None:
     assert without_friction(bands, 4.0) == pytest.approx(share)
     assert without_friction(bands, 1.0) == without_friction([], 4.0) == 0.0
     frf = measured(table(), np.zeros(len(LINES)))
-    found = judge(table(), FINE, frf, LIMITS, (), bands, 4.0)
+    friction = LevelCauses(("friction",))
+    found = judge(table(), FINE, frf, LIMITS, (), bands, 4.0, causes=friction)
     assert share > LIMITS.rms
     assert not found.accepted
     assert "friction: at 1/4 of the level" in found.reasons[0]
-    assert judge(table(), FINE, frf, LIMITS, (), bands, 8.0).accepted
+    assert "louder" not in found.reasons[0]  # the limits leave no room
+    assert judge(table(), FINE, frf, LIMITS, (), bands, 8.0, causes=friction).accepted
+    (louder,) = judge(table(), FINE, frf, LIMITS, (), bands, 4.0, causes=friction, louder=2.0).reasons
+    assert "excite louder: the limits leave room for a factor of 2" in louder
+
+
+@pytest.mark.parametrize(
+    ("causes", "words"),
+    [
+        (LevelCauses(("hardening",)), "the table's suspension stiffens as its motion grows; identify at the level"),
+        (LevelCauses((), (2,)), "the specimen's stiffness depends on its motion (storey 2); identify at the level"),
+        (LevelCauses(), "no single cause explains how; identify at the level"),
+    ],
+)
+def test_what_grows_with_the_motion_is_not_called_friction(causes: LevelCauses, words: str) -> None:
+    bands = [LevelBand(0.7, 11.0, 1.04 + 0j, 0.001)]
+    (reason,) = judge(table(), FINE, measured(table(), np.zeros(len(LINES))), LIMITS, (), bands, 4.0, causes=causes,
+                      louder=3.0).reasons  # fmt: skip
+    assert words in reason
+    assert "friction" not in reason
+    assert "louder" not in reason
 
 
 def test_uncertainties_of_roots_are_the_scatter_of_repeated_fits() -> None:

@@ -1,0 +1,51 @@
+"""What depends on the level is told by its shape: friction, a suspension, a storey; records of a plant of its own."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
+from own_chains import made_chain
+from own_plant import Plant
+
+from rths_cli.identification.evaluate import identify
+from rths_cli.identification.found import Identification
+
+SOFT_SERVO = Plant(
+    np.array([7.0]), np.array([9000.0]), np.array([0.03]), servo_hz=6.0, servo_ratio=0.6, suspension_n_per_m=800.0
+)
+STIFF_SERVO = replace(SOFT_SERVO, servo_hz=20.0)
+CUBIC = 0.2 * 20.0 * (2.0 * np.pi * 6.0) ** 2 / 0.04**2  # +20 % of the whole stiffness at 40 mm
+
+
+def found(plant: Plant) -> Identification:
+    loud = made_chain(plant, 1000.0, 16, 2, seed=5, level_m_s2=1.5)
+    quiet = made_chain(plant, 1000.0, 16, 2, seed=6, level_m_s2=0.3)
+    return identify([loud.record], loud.info, plant.masses_kg, quiet=quiet.record)
+
+
+@pytest.mark.parametrize(
+    ("plant", "table", "storeys"),
+    [
+        (STIFF_SERVO, (), ()),
+        (replace(STIFF_SERVO, coulomb_n=6.0), ("friction",), ()),
+        (replace(SOFT_SERVO, coulomb_n=2.0), ("friction",), ()),
+        (replace(SOFT_SERVO, cubic_n_per_m3=CUBIC), ("hardening",), ()),
+        (replace(SOFT_SERVO, cubic_n_per_m3=-0.5 * CUBIC), ("softening",), ()),
+        (replace(STIFF_SERVO, softening_m=0.1), None, (1,)),
+    ],
+    ids=["linear", "friction 6 N", "friction 2 N", "hardening", "softening", "storey"],
+)
+def test_the_cause_is_told(plant: Plant, table: tuple[str, ...] | None, storeys: tuple[int, ...]) -> None:
+    told = found(plant)
+    assert told.causes.storeys == storeys
+    assert table is None or told.causes.table == table
+    reasons = " ".join(told.reasons)
+    assert ("friction" in reasons) == (plant.coulomb_n == 6.0)
+    assert "lost samples" not in reasons
+    assert "hum" not in reasons

@@ -158,7 +158,7 @@ def test_lower_level_than_the_limits_allow_is_kept() -> None:
     accel = MadeRig(gain_ratio=1.5).play(probe.command_v)
     assert choose_level(info, probe, accel, 2.0, loud).limited_by == "stroke limit"
     level = choose_level(info, probe, accel, 0.5, loud)
-    assert (level.accel_rms_m_s2, level.limited_by, len(level.notes)) == (0.5, "", 1)  # the note is on the gain
+    assert (level.accel_rms_m_s2, level.limited_by, len(level.notes)) == (0.5, "", 0)
 
 
 def test_burst_that_limits_hold_down_lowers_nothing() -> None:

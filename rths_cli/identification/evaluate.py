@@ -87,6 +87,11 @@ def identify(
     frfs, seen, said = _responses(data)
     data = data.up_to(coherent_up_to(frfs[0], data.settings.band_hz[1]))
     start = motions.first_look(data)
+    wider = data.down_to(motions.lowest_hz(data, start))
+    if wider.settings.band_hz != data.settings.band_hz:
+        data = wider
+        settings = data.settings
+        frfs = estimate(data.records, info.dt_s, settings.band_hz, settings.segment_s, settings.estimator)
     fit = fit_table(data, frfs[0], start)
     specimen = _specimen(data, fit.chosen.model, start)
     specimen = replace(specimen, said=(*said, *specimen.said))

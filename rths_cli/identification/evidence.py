@@ -25,7 +25,8 @@ SEGMENTS = 5  # a short record is cut into so many segments that do not overlap
 class IdentificationSettings:
     """Bands in Hz of both models, length of the Hann segments (less in short records), the estimator, whether the
     best model's roots carry the latency or an explicit delay does, whether the sensors' corners are out of the records,
-    whether the excitation acts on friction like noise, and the errors that its fit must keep."""
+    whether the excitation acts on friction like noise, and the errors that its fit must keep. `excited_hz`: from where
+    on the records are excited; the bands begin no lower, and there only for a specimen that is as soft."""
 
     band_hz: tuple[float, float] = (0.5, 60.0)
     paper_band_hz: tuple[float, float] = (0.5, 12.0)
@@ -35,6 +36,7 @@ class IdentificationSettings:
     sensors_removed: bool = True
     like_noise: bool = True
     most: FitError = LIMITS
+    excited_hz: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -54,6 +56,13 @@ class Evidence:
     def up_to(self, high_hz: float) -> Evidence:
         """Return the same with a band that ends there."""
         return replace(self, settings=replace(self.settings, band_hz=(self.settings.band_hz[0], high_hz)))
+
+    def down_to(self, low_hz: float) -> Evidence:
+        """Return the same with bands that begin there, where they began higher and the records are excited there."""
+        low = max(low_hz, self.settings.excited_hz)
+        (best, high), (paper, paper_high) = self.settings.band_hz, self.settings.paper_band_hz
+        bands = (min(low, best), high), (min(low, paper), paper_high)
+        return replace(self, settings=replace(self.settings, band_hz=bands[0], paper_band_hz=bands[1]))
 
     @property
     def level_ratio(self) -> float:

@@ -71,6 +71,8 @@ def fit_motions(data: Evidence, start: Start, seen: Sequence[Motion]) -> tuple[S
 def lowest_hz(data: Evidence, start: Start) -> float:
     """Return from where on the specimen's lines are used: the start of the band, or half its first natural frequency
     where that is less. Table and floors are both measured there, however little the excitation moves them."""
+    if len(data.masses_kg) == 0:
+        return data.settings.band_hz[0]
     first_hz = float(modal(data.masses_kg, start.stiffness_n_per_m)[0][0]) / (2.0 * np.pi)
     return min(data.settings.band_hz[0], BELOW_FIRST * first_hz)
 

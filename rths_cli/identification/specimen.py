@@ -21,6 +21,8 @@ from rths_cli.structure import Specimen, modal_damping_matrix, storey_matrix
 
 ABOVE_HIGHEST = 1.6  # the lines used end at this multiple of the highest natural frequency
 MISFIT, USUAL_RATIO = 0.01, 0.02  # share of the floors' motion; damping ratio
+FIRST_CYCLES, LONGER = 6.0, 3  # of the lowest mode in the shortest stretch; factor from one stretch to the next
+NEAR_RATIOS = 1e-3, 0.5  # damping ratios from which slopes lead on
 LEAST_LINES = 12  # of a stretch, in the band of the fit
 STIFFNESS_REACH, RATIO_REACH = 1e4, 1e3  # factors by which a fit may leave its start
 CLOCK = 20e-6  # what a converter's clock is trusted to
@@ -54,21 +56,51 @@ def fit_specimen(motions: Sequence[Motion], dt_s: float, masses_kg: Array, low_h
     """Fit storey stiffnesses and modal damping ratios to one or several motions, which count alike.
 
     `masses_kg` (c,) are weighed; lines from `low_hz` up are used. A fit that leaves more than MISFIT of the motion
-    unexplained starts once more, with damping ratios of USUAL_RATIO: from far too light a damping no slope leads back.
+    unexplained is approached once more from short stretches, whose wide lines see a frequency from farther away.
     """
     masses = np.asarray(masses_kg, dtype=float)
-    highest = modal(masses, start.stiffness_n_per_m)[0][-1] / (2.0 * np.pi)
-    lines = [transform(motion, dt_s, (low_hz, ABOVE_HIGHEST * highest)) for motion in motions]
+    band = (low_hz, ABOVE_HIGHEST * float(modal(masses, start.stiffness_n_per_m)[0][-1]) / (2.0 * np.pi))
+    found = _fitted([transform(motion, dt_s, band) for motion in motions], masses, start)
+    if found.size > MISFIT * np.sqrt(len(motions)):
+        near = _approached(motions, dt_s, masses, low_hz, start)
+        band = (low_hz, ABOVE_HIGHEST * float(modal(masses, near.stiffness_n_per_m)[0][-1]) / (2.0 * np.pi))
+        again = _fitted([transform(motion, dt_s, band) for motion in motions], masses, near)
+        found = min(found, again, key=lambda each: each.size)
+    return _described(masses, found, len(motions))
+
+
+def _fitted(lines: Sequence[Lines], masses: Array, start: Start) -> Solution:
+    """Return the fit to lines from a start."""
+    theta = np.log(np.concatenate([start.stiffness_n_per_m, start.damping_ratio]))
     reach = np.log(np.repeat([STIFFNESS_REACH, RATIO_REACH], len(masses)))
+    return least_squares(lambda at: without_time(evaluated(lines, masses, at)), theta, TOLERANCE, reach=reach)
 
-    def from_start(ratios: Array) -> Solution:
-        theta = np.log(np.concatenate([start.stiffness_n_per_m, ratios]))
-        return least_squares(lambda at: without_time(evaluated(lines, masses, at)), theta, TOLERANCE, reach=reach)
 
-    found = from_start(start.damping_ratio)
-    if found.size > MISFIT * np.sqrt(len(lines)):
-        found = min(found, from_start(np.full(len(masses), USUAL_RATIO)), key=lambda each: each.size)
-    return _described(masses, found, len(lines))
+def _approached(motions: Sequence[Motion], dt_s: float, masses: Array, low_hz: float, start: Start) -> Start:
+    """Return a start from stretches of growing length, each fitted from what the one before found.
+
+    A line is as wide as its stretch is short: a resonance that a long one misses by many times its own width is near
+    for a short one. The first lasts FIRST_CYCLES of the lowest mode, with damping ratios of USUAL_RATIO.
+    """
+    omega = modal(masses, start.stiffness_n_per_m)[0]
+    length = int(FIRST_CYCLES * 2.0 * np.pi / (omega[0] * dt_s))
+    near = Start(start.stiffness_n_per_m, np.full(len(masses), USUAL_RATIO))
+    whole = min(len(motion.table) for motion in motions)
+    while length < whole:
+        length = max(length, least_samples(omega / (2.0 * np.pi), dt_s, low_hz))
+        band = (low_hz, ABOVE_HIGHEST * float(modal(masses, near.stiffness_n_per_m)[0][-1]) / (2.0 * np.pi))
+        parts = [motion.cut(_middle(len(motion.table), length)) for motion in motions]
+        theta = _fitted([transform(part, dt_s, band) for part in parts], masses, near).parameters
+        stiffness, ratios = np.split(np.exp(theta), 2)
+        near = Start(stiffness, ratios.clip(*NEAR_RATIOS))
+        length *= LONGER
+    return near
+
+
+def _middle(samples: int, length: int) -> slice:
+    """Return so many samples in the middle."""
+    first = max((samples - length) // 2, 0)
+    return slice(first, min(first + length, samples))
 
 
 def fit_stretches(

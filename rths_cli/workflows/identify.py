@@ -89,6 +89,7 @@ def evaluation_settings(options: IdentificationSpec) -> IdentificationSettings:
         latency_in_roots=options.latency == "kept",
         sensors_removed=options.sensor_dynamics == "removed",
         like_noise=options.excitation in ("noise", "multisine"),
+        excited_hz=options.low_hz,
     )
 
 

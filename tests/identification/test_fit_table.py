@@ -9,7 +9,7 @@ import pytest
 
 from rths_cli.errors import InputError
 from rths_cli.identification.factors import Layout, pack, response_and_slopes, roots, zeros_poles_gain
-from rths_cli.identification.fit_table import Timing, fit_error, fit_paper, refit
+from rths_cli.identification.fit_table import Timing, beyond_scatter, fit_error, fit_paper, refit
 from rths_cli.identification.starts import first_fit
 from rths_cli.lti import Frf, Model, staircase
 
@@ -115,6 +115,26 @@ def test_fit_error_is_the_relative_deviation_in_its_bands() -> None:
     assert error.rms == pytest.approx(np.sqrt(share * 0.02**2 + (1 - share) * 0.01**2), rel=1e-6)
     assert error.rms_mid == pytest.approx(0.01, rel=1e-6)
     assert fit_error(truth, frf).largest < 1e-12
+
+
+def test_scatter_of_the_data_is_not_held_against_a_model_but_what_it_hides_is() -> None:
+    """Lines of 2 % scatter (each part): the true model errs by 2.8 % rms of them; what they leave uncertain of its six
+    parameters is 0.02 sqrt(6 / lines), of which two standard errors count. An error of 6 % shows through."""
+    truth = made_table((14.0, 0.6), 100.0)
+    clean = made_frf(truth)
+    f, random = clean.frequency_hz, np.random.default_rng(4)
+    scatter = 0.02 * (random.standard_normal(len(f)) + 1j * random.standard_normal(len(f)))
+    noisy = replace(clean, response=clean.response * (1.0 + scatter), relative_error=np.full(len(f), 0.02))
+    lines = int(np.sum((f > 0.65) & (f < 11.05)))
+    parameters = len(truth.poles) + len(truth.zeros) - 1
+    hidden = 2.0 * 0.02 * np.sqrt(parameters * noisy.bandwidth_lines / lines)
+    fine = beyond_scatter(truth, noisy)
+    assert fit_error(truth, noisy).rms == pytest.approx(0.0283, rel=0.2)
+    assert hidden < fine.rms < hidden + 0.007
+    wrong = beyond_scatter(replace(truth, gain=1.06 * truth.gain), noisy)
+    assert wrong.rms > 0.025
+    exact = beyond_scatter(replace(truth, gain=1.06 * truth.gain), replace(clean, relative_error=np.full(len(f), 1e-6)))
+    assert exact.rms == pytest.approx(0.06, rel=3e-3)  # the alias has its own gain
 
 
 def test_slopes_are_those_of_the_logarithm() -> None:

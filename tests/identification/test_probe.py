@@ -291,9 +291,9 @@ def test_half_a_level_takes_half_of_every_limit() -> None:
 
 
 def test_a_floor_that_rings_on_is_expected_to_ring_more_in_a_longer_excitation() -> None:
-    """0.1 % at 1 Hz: a time constant of 160 s, so that 20 s of noise show less than half of what 60 s make of it."""
-    rig = MadeRig(floor_hz=1.0, floor_damping=0.001)
-    probe, loud = probe_plan(INFO, SETTINGS, 0), plan(INFO, SETTINGS, 0)
+    """0.1 % at 1 Hz: a time constant of 160 s, so that 20 s of noise show less than half of what 300 s make of it."""
+    rig, long = MadeRig(floor_hz=1.0, floor_damping=0.001), replace(SETTINGS, duration_s=300.0)
+    probe, loud = probe_plan(INFO, long, 0), plan(INFO, long, 0)
     made = np.abs(rig.play(loud.command_v)).max(axis=1)
     told = np.abs(expected(INFO, probe, rig.play(probe.command_v), loud)).max(axis=1)
     assert told[1] > 0.9 * made[1]

@@ -84,10 +84,13 @@ class Preflight:
 
 def judge(
     critical: CriticalDelay, stability: Stability, reach: tuple[Reach, ...], scaling: float,
-    prediction: Prediction | None, further: tuple[str, ...] = (),
+    prediction: Prediction | None, further: tuple[str, ...] = (), feedback: bool = False,
 ) -> Preflight:  # fmt: skip
-    """Return the verdict: unstable, unsafe (which limit), or safe; `further` reasons make a stable loop unsafe."""
-    reasons = faults_of_loop(stability)
+    """Return the verdict: unstable, unsafe (which limit), or safe; `further` reasons make a stable loop unsafe.
+
+    `feedback`: the controller has one, so that no advice asks for it.
+    """
+    reasons = faults_of_loop(stability, feedback)
     doubt = stability.radius >= 1.0 and stability.growth >= GROWN
     largest = scaling * min((1.0 - RESERVE) / row.share if row.share > 0.0 else math.inf for row in reach)
     if stability.radius < 1.0:
@@ -96,9 +99,9 @@ def judge(
     return Preflight(verdict, tuple(reasons), critical, stability, reach, largest, prediction)
 
 
-def faults_of_loop(found: Stability) -> list[str]:
+def faults_of_loop(found: Stability, feedback: bool = False) -> list[str]:
     """Return why a loop is not safe whatever is played; nothing for one that is."""
-    return _fragile(found) if found.radius < 1.0 else _unstable(found)
+    return _fragile(found, feedback) if found.radius < 1.0 else _unstable(found)
 
 
 def rounded_down(value: float, digits: int = 3) -> float:
@@ -115,7 +118,7 @@ def _unstable(found: Stability) -> list[str]:
     ]
 
 
-def _fragile(found: Stability) -> list[str]:
+def _fragile(found: Stability, feedback: bool) -> list[str]:
     """Return a sentence when too small an error of the table, or too little delay, makes the loop unstable."""
     reasons = []
     if found.apart >= 1.0:
@@ -126,7 +129,7 @@ def _fragile(found: Stability) -> list[str]:
     if found.tolerates < found.required:
         reasons.append(
             f"an error of {found.tolerates:.2%} in the table's response at {found.at_hz:.3g} Hz makes the loop "
-            f"unstable, it must stand {found.required:.2%}; {_advice(found.at_hz)}"
+            f"unstable, it must stand {found.required:.2%}; {_advice(found.at_hz, feedback)}"
         )
     if found.measured.delay_margin_s < LEAST_DELAY_S:
         reasons.append(
@@ -137,14 +140,13 @@ def _fragile(found: Stability) -> list[str]:
     return reasons
 
 
-def _advice(at_hz: float) -> str:
+def _advice(at_hz: float, feedback: bool) -> str:
     """Return what to do about a loop that stands too small an error at a frequency: among the modes, or above them."""
     if at_hz <= COMPARED_HZ:
-        return "add damping to the structure, cut the building higher up, or use FF+FB where the controller is FF"
-    return (
-        "put less of the interface floor's mass on the table, lower feedback_bandwidth_hz, use controller FF, or "
-        "identify to a higher frequency"
-    )
+        higher = "cut the building higher up"
+        return f"add damping to the structure{f' or {higher}' if feedback else f', {higher}, or use FF+FB'}"
+    less = "lower feedback_bandwidth_hz, use controller FF, " if feedback else ""
+    return f"put less of the interface floor's mass on the table, {less}or identify to a higher frequency"
 
 
 def _beyond(row: Reach, largest: float) -> str:

@@ -88,7 +88,8 @@ def judge(setup: Setup, identified: Identification, design: Design, kept: Kept |
     stable = prediction if found.radius < 1.0 else None
     critical = critical_delay(building)
     further = preflight.unseen(known)
-    verdict = preflight.judge(critical, found, rows, setup.case.scaling, stable, further)
+    feedback = setup.case.controller.kind == "FF+FB"
+    verdict = preflight.judge(critical, found, rows, setup.case.scaling, stable, further, feedback)
     own = modes(building.M, building.C, building.K)
     looped = modes_in_loop(loop_roots(closed_loop_matrix(rig, design.blocks), dt), *own)
     largest = 0.0 if preflight.faults_of_loop(found) else preflight.rounded_down(verdict.largest_scaling)

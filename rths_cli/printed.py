@@ -8,6 +8,7 @@ from typing import Any, TextIO
 
 from rths_cli.errors import InputError
 
+FORMULAS = ("=", "+", "-", "@", "\t", "\r")  # a cell that begins so is computed
 LINE_BREAKS = "\n\t"  # what a text of several lines and columns is laid out with
 CONTROLS = (*range(0x20), *range(0x7F, 0xA0), 0x2028, 0x2029)
 DIRECTIONS = (0x200E, 0x200F, *range(0x202A, 0x202F), *range(0x2066, 0x206A))  # they show signs in another order
@@ -32,6 +33,11 @@ def shortened(text: str, most: int = 200) -> str:
         return text
     kept = most // 2 - 3
     return f"{text[:kept]} ... {text[-kept:]}"
+
+
+def csv_cell(text: str) -> str:
+    """Return a text as a cell of CSV that no spreadsheet takes for a formula: an apostrophe goes before such a one."""
+    return f"'{text}" if text.startswith(FORMULAS) else text
 
 
 class OutputError(InputError):

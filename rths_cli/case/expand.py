@@ -16,6 +16,7 @@ from rths_cli.errors import InputError
 
 VARIED = "_varied"  # ends the name of what extends something and gives itself no name
 DEFAULT_RIG = "aps400_virtual"
+MOST_KEYS = 20  # of a dotted path; no key of a case lies half as deep
 REAL_RUNS = ("sim", "sim_delay", "exp_rths")
 FILES = {"structure": "structures", "table": "rigs", "reference": "references"}
 SHORT_FORMS = {"structure": "extends", "table": "extends", "controller": "kind", "record": "file"}
@@ -44,6 +45,9 @@ def read_settings(
         key, sign, value = text.partition("=")
         source = Source(typed.get(text, f"--set {printable(key.strip())}")[:120], Path.cwd())
         keys = _setting_keys(key.strip())
+        if len(keys) > MOST_KEYS:
+            faults.append(Fault(Mark(source), "", f"names {len(keys)} keys inside each other, at most {MOST_KEYS}"))
+            continue
         if not sign or not all(keys):
             faults.append(Fault(Mark(source), "", "must be key=value, for example --set table.physics.coulomb_n=0.9"))
             continue

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rths_cli.cli.group import cli
-from rths_cli.cli.options import json_option, settings_option, yes_option
+from rths_cli.cli.options import Number, json_option, settings_option, yes_option
 from rths_cli.cli.screens import new_screen
 
 if TYPE_CHECKING:
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 @click.option(
     "--rate",
     "rates_hz",
-    type=click.FloatRange(min=10, max=20_000),
+    type=Number(min=10, max=20_000),
     multiple=True,
     metavar="HZ",
     help="Rate that must be held [default: the case's; without one 500, 1000, 2000 and 4000 are tried]. Repeatable.",
 )
 @click.option(
     "--seconds",
-    type=click.FloatRange(min=0.1, max=3600),
+    type=Number(min=0.1, max=3600),
     default=3.0,
     show_default=True,
     help="Duration of each measurement.",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rths_cli.cli.group import cli
-from rths_cli.cli.options import json_option
+from rths_cli.cli.options import FILE, json_option
 from rths_cli.cli.screens import new_screen
 
 if TYPE_CHECKING:
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
 
 @cli.command()
-@click.argument("results", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="RESULT...")
+@click.argument("results", nargs=-1, required=True, type=FILE, metavar="RESULT...")
 @click.option(
     "--to", "form", required=True, type=click.Choice(["csv", "mat", "netcdf"]), help="Format of the files written."
 )
 @click.option(
     "--output",
-    type=click.Path(path_type=Path),
+    type=FILE,
     default=Path("exported"),
     show_default=True,
     metavar="DIR",

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
+
 import click
 
 from rths_cli import __version__
+from rths_cli.errors import InputError
 from rths_cli.process import Signals
 
 SIGNALS = Signals()
@@ -48,3 +51,7 @@ def cli(debug: bool) -> None:
 
     Example: rths run el_centro_low_ff_fb
     """
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        raise InputError("the current folder was removed; change to one that exists") from None

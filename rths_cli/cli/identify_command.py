@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rths_cli.cli.group import cli
-from rths_cli.cli.options import json_option, settings_option, yes_option
+from rths_cli.cli.options import FILE, Number, json_option, settings_option, yes_option
 from rths_cli.cli.screens import new_screen
 from rths_cli.errors import InputError
 
@@ -30,7 +30,7 @@ SAID_S = 5.0  # between two lines of progress where stderr is no terminal
     "--data",
     multiple=True,
     metavar="FILE",
-    type=click.Path(path_type=Path),
+    type=FILE,
     help="Evaluate measured time histories (CSV, .mat, HDF5, TDMS) instead of exciting the rig. Repeatable: averaged.",
 )
 @click.option(
@@ -43,30 +43,28 @@ SAID_S = 5.0  # between two lines of progress where stderr is no terminal
 @click.option(
     "--rate",
     "rate_hz",
-    type=click.FloatRange(min=0, min_open=True),
+    type=Number(min=0, min_open=True),
     metavar="HZ",
     help="Sample rate, where the file does not state it.",
 )
 @click.option("--corrected", is_flag=True, help="The file's accelerations are free of the sensors' dynamics already.")
 @click.option(
     "--model",
-    type=click.Path(path_type=Path),
+    type=FILE,
     metavar="FILE",
     help="Judge this model (zeros, poles, gain in YAML or .mat; or a model file) instead of fitting one.",
 )
-@click.option(
-    "--output", type=click.Path(path_type=Path), metavar="FILE", help="Model file [default: models/RIG_STRUCTURE.h5]."
-)
+@click.option("--output", type=FILE, metavar="FILE", help="Model file [default: models/RIG_STRUCTURE.h5].")
 @click.option(
     "--figure",
-    type=click.Path(path_type=Path),
+    type=FILE,
     metavar="FILE",
     help="Figure, .png, .svg or .pdf [default: beside the model file, .png].",
 )
 @click.option("--no-figure", is_flag=True, help="Draw no figure.")
 @click.option(
     "--save-data",
-    type=click.Path(path_type=Path),
+    type=FILE,
     metavar="FILE",
     help="Write what was measured, for --data --corrected.",
 )

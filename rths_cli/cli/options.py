@@ -2,12 +2,59 @@
 
 from __future__ import annotations
 
+import math
+import os
+import shlex
+import sys
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any, TypeVar
 
 import click
 
+from rths_cli.printed import shortened, visible
+
 F = TypeVar("F", bound=Callable[..., Any])
+LONGEST_PART, LONGEST_PATH = 255, 4000  # bytes of a file's name, and of a path
+
+
+class Number(click.FloatRange):
+    """A finite number in a range; click takes NaN for one in any."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the number; fails for one that is not finite or out of range."""
+        found = float(super().convert(value, param, ctx))
+        if not math.isfinite(found):
+            self.fail(f"{value} is not a finite number.", param, ctx)
+        return found
+
+
+class FileName(click.Path):
+    """The name of a file or folder that may exist: not empty, not too long, and in no circle of links."""
+
+    def __init__(self) -> None:
+        super().__init__(path_type=Path)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the path; fails for a name that no file can have."""
+        text = os.fspath(value)
+        if not text.strip() or "\0" in text:
+            self.fail("the name is empty; give the name of a file or folder.", param, ctx)
+        if len(os.fsencode(text)) > LONGEST_PATH or max(map(len, os.fsencode(text).split(b"/"))) > LONGEST_PART:
+            self.fail(f"{shortened(text, 80)}: no file can have a name of {len(text)} characters.", param, ctx)
+        try:
+            Path(text).resolve()
+        except (OSError, RuntimeError):
+            self.fail(f"{shortened(text, 80)}: its links go round in a circle.", param, ctx)
+        return Path(text)
+
+
+FILE = FileName()
+
+
+def command_line() -> str:
+    """Return what was typed, as results keep it."""
+    return visible(shlex.join(["rths", *sys.argv[1:]]))
 
 
 def settings_option(command: F) -> F:

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 import click
 
 from rths_cli.cli.group import cli
-from rths_cli.cli.options import json_option
+from rths_cli.cli.options import FILE, json_option
 
 if TYPE_CHECKING:
     from rths_cli.workflows.recover import Recovered
 
 
 @cli.command()
-@click.argument("logs", nargs=-1, required=True, type=click.Path(path_type=Path), metavar="LOG...")
+@click.argument("logs", nargs=-1, required=True, type=FILE, metavar="LOG...")
 @json_option
 def recover(logs: tuple[Path, ...], as_json: bool) -> int:
     """Make the results of runs whose process was killed from the raw logs (NAME.RUN.rthslog) beside them.

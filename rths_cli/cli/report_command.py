@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 import time
 from collections.abc import Callable
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rths_cli.cli.group import SIGNALS, cli
-from rths_cli.cli.options import json_option
+from rths_cli.cli.options import FILE, Number, command_line, json_option
 from rths_cli.errors import InputError
 
 if TYPE_CHECKING:
@@ -23,7 +22,6 @@ if TYPE_CHECKING:
 TABLES = ("text", "markdown", "csv", "json", "latex", "html")
 DRAWN = ("pdf", "svg", "png")
 PLAIN_S = 5.0  # between two lines where output is no terminal
-FILE = click.Path(path_type=Path)
 
 
 @cli.command()
@@ -53,7 +51,7 @@ FILE = click.Path(path_type=Path)
 @click.option(
     "--fail-worse",
     "percent",
-    type=click.FloatRange(min=0),
+    type=Number(min=0),
     metavar="PERCENT",
     help="Exit code 1 when an error is worse than the baseline's by more than this.",
 )
@@ -154,7 +152,7 @@ def _write(asked: Asked, found: Contents, screen: Screen, quiet: bool) -> None:
         from rths_cli.report.page import write_page
 
         assert asked.output is not None  # check_asked
-        write_page(found.inputs.results, asked.output, shlex.join(["rths", *sys.argv[1:]]), comparison_text(found))
+        write_page(found.inputs.results, asked.output, command_line(), comparison_text(found))
     elif asked.output:
         write_text(asked.output, rendered(asked, found))
     else:

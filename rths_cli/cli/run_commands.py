@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import shlex
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -12,7 +10,15 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rths_cli.cli.group import cli
-from rths_cli.cli.options import json_option, methods_option, overrides_option, settings_option, yes_option
+from rths_cli.cli.options import (
+    FILE,
+    command_line,
+    json_option,
+    methods_option,
+    overrides_option,
+    settings_option,
+    yes_option,
+)
 from rths_cli.cli.screens import new_screen
 
 if TYPE_CHECKING:
@@ -21,13 +27,13 @@ if TYPE_CHECKING:
 
 @cli.command()
 @click.argument("cases", nargs=-1, required=True, metavar="CASE...")
-@click.option("--output", default="results", show_default=True, metavar="DIR", help="Folder of the result files.")
+@click.option(
+    "--output", type=FILE, default="results", show_default=True, metavar="DIR", help="Folder of the result files."
+)
 @methods_option("compare (files NAME-paper.h5, NAME-best.h5)")
 @click.option("--no-replace", is_flag=True, help="Refuse, before running, to replace a finished result.")
 @click.option("--quiet", is_flag=True, help="Show no progress, only what went wrong.")
-@click.option(
-    "--junit", type=click.Path(path_type=Path), metavar="FILE", help="Write JUnit XML: one test per accept limit."
-)
+@click.option("--junit", type=FILE, metavar="FILE", help="Write JUnit XML: one test per accept limit.")
 @overrides_option(
     ["check", "model"],
     "run EXP-RTHS although its check says no, or use a model that was rejected. Repeatable, stored in the result.",
@@ -38,7 +44,7 @@ if TYPE_CHECKING:
 @json_option
 def run(
     cases: tuple[str, ...],
-    output: str,
+    output: Path,
     methods: tuple[str, ...],
     no_replace: bool,
     quiet: bool,
@@ -64,9 +70,9 @@ def run(
         paths=cases,
         settings=settings,
         methods=tuple(dict.fromkeys(methods)),
-        output=Path(output),
+        output=output,
         replace=not no_replace,
-        command_line=shlex.join(["rths", *sys.argv[1:]]),
+        command_line=command_line(),
         overrides=tuple(dict.fromkeys(overrides)),
         fresh=fresh,
         yes=yes,

@@ -8,7 +8,7 @@ from pathlib import Path
 import click
 
 from rths_cli.cli.group import cli
-from rths_cli.cli.options import json_option, settings_option
+from rths_cli.cli.options import FILE, Number, json_option, settings_option
 from rths_cli.cli.screens import new_screen
 
 
@@ -21,20 +21,20 @@ from rths_cli.cli.screens import new_screen
 )
 @click.option(
     "--key-file",
-    type=click.Path(path_type=Path),
+    type=FILE,
     metavar="FILE",
     help="Secret shared with the runner, 32 hexadecimal digits [default: one made in your cache].",
 )
 @click.option(
     "--watchdog",
     "watchdog_s",
-    type=click.FloatRange(min=0.001, max=10),
+    type=Number(min=0.001, max=10),
     default=0.15,
     show_default=True,
     metavar="S",
     help="Rest the table after so long without a command.",
 )
-@click.option("--seconds", type=click.FloatRange(min=0, min_open=True), metavar="S", help="End after so long.")
+@click.option("--seconds", type=Number(min=0, min_open=True), metavar="S", help="End after so long.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of the sensors' noise.")
 @settings_option
 @json_option

@@ -8,13 +8,15 @@ from pathlib import Path
 import click
 
 from rths_cli.cli.group import cli
-from rths_cli.cli.options import json_option
+from rths_cli.cli.options import FILE, Number, json_option
 
 
 @cli.command()
 @click.argument("record", required=False)
 @click.option("--unit", help="Unit of the accelerations, where the file does not state it (g, cm/s^2, ...).")
-@click.option("--dt", "dt_s", type=float, help="Sample interval in s, where the file does not state it.")
+@click.option(
+    "--dt", "dt_s", type=Number(min=0, min_open=True), help="Sample interval in s, where the file does not state it."
+)
 @json_option
 def records(record: str | None, unit: str | None, dt_s: float | None, as_json: bool) -> int:
     """List the shipped ground motions, or show one: peaks, duration, response spectrum.
@@ -29,7 +31,7 @@ def records(record: str | None, unit: str | None, dt_s: float | None, as_json: b
 
 
 @cli.command()
-@click.argument("path", type=click.Path(path_type=Path), metavar="FILE")
+@click.argument("path", type=FILE, metavar="FILE")
 @json_option
 def new(path: Path, as_json: bool) -> int:
     """Write a commented case file to start from; an existing file is left alone.

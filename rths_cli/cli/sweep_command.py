@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 import os
-import shlex
-import sys
 from pathlib import Path
 
 import click
 
 from rths_cli.cli.group import cli
-from rths_cli.cli.options import json_option, methods_option, overrides_option, settings_option
+from rths_cli.cli.options import FILE, command_line, json_option, methods_option, overrides_option, settings_option
 from rths_cli.cli.screens import new_screen
 
 
@@ -31,10 +29,8 @@ def threads() -> int:
 )
 @click.option("--seeds", metavar="N|A:B", help="Seeds 0 to N-1, or A to B, of every combination [default: the case's].")
 @click.option("--jobs", type=click.IntRange(min=1, max=1024), help="Runs at a time [default: the number of cores].")
-@click.option(
-    "--output", type=click.Path(path_type=Path), metavar="FILE", help="Result file [default: sweeps/NAME.h5]."
-)
-@click.option("--csv", type=click.Path(path_type=Path), metavar="FILE", help="Write the table as CSV too.")
+@click.option("--output", type=FILE, metavar="FILE", help="Result file [default: sweeps/NAME.h5].")
+@click.option("--csv", type=FILE, metavar="FILE", help="Write the table as CSV too.")
 @methods_option("run both")
 @click.option("--no-replace", is_flag=True, help="Refuse, before running, to replace a finished sweep.")
 @click.option("--resume", is_flag=True, help="Go on with an interrupted sweep.")
@@ -79,7 +75,7 @@ def sweep(
         jobs=jobs or threads(),
         replace=not no_replace,
         resume=resume,
-        command_line=shlex.join(["rths", *sys.argv[1:]]),
+        command_line=command_line(),
         overrides=tuple(dict.fromkeys(overrides)),
     )
     screen = new_screen(quiet)

@@ -12,6 +12,7 @@ from rths_cli.lti import Block, ComplexArray, Model, StateSpace
 INPUTS = ("desired_accel_m_s2", "desired_vel_m_s", "desired_disp_m")
 OUTPUTS = ("feedforward_v",)
 LEAK_HZ = 0.002
+LEAST_LOW_PASS = 0.1  # of a sample: the delay of the low pass that makes an inverse proper
 
 
 def direct(gain_m_per_v: float, dt_s: float) -> Block:
@@ -48,6 +49,13 @@ def lagged_inverse(model: Model, dt_s: float, lead_samples: int) -> Block:
     c2, c1, weights, constant = _split_double_pole(model.poles, poles, gain, 0.0)
     block = discretise(modal(poles, weights, constant), dt_s, "foh", "feedforward", INPUTS[:1], OUTPUTS)
     return _with_motion(block, c1, c2)
+
+
+def lead_samples(model: Model, dt_s: float) -> int:
+    """Return the fewest whole samples that a lagged inverse can lag: the model's delay, and some of a sample more where
+    the inverse is proper only behind a low pass, which takes that time."""
+    needed = model.delay_s + (LEAST_LOW_PASS * dt_s if len(model.poles) > len(model.zeros) else 0.0)
+    return math.ceil(needed / dt_s - 1e-9)
 
 
 def low_pass_poles(delay_s: float, order: int) -> ComplexArray:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rths_cli.errors import InputError
+from rths_cli.printed import shortened
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 FACTORS_M_S2 = {
@@ -19,15 +20,16 @@ FACTORS_M_S2 = {
 }
 """Units of acceleration, each in m/s^2."""
 
-_AT2_NEW = re.compile(r"NPTS\s*=\s*(\d+)\s*,?\s*DT\s*=\s*([\d.eE+-]+)", re.IGNORECASE)
-_AT2_OLD = re.compile(r"^\s*(\d+)\s+([\d.eE+-]+)\s+NPTS\s*,\s*DT", re.IGNORECASE)
-_AT2_UNIT = re.compile(r"UNITS?\s+OF\s+([^\s,]+)", re.IGNORECASE)
+# Each is given a line with single spaces, so that none tries the ways to share a run of them.
+_AT2_NEW = re.compile(r"NPTS ?= ?(\d+) ?,? ?DT ?= ?([\d.eE+-]+)", re.IGNORECASE)
+_AT2_OLD = re.compile(r"^(\d+) ([\d.eE+-]+) NPTS ?, ?DT", re.IGNORECASE)
+_AT2_UNIT = re.compile(r"UNITS? OF ([^ ,]+)", re.IGNORECASE)
 _AT2_LAST_LINE = 10
 _KEY = re.compile(r"#\s*(units?|dt|samples|origin)\s*:\s*(.*)", re.IGNORECASE)
 _ANY_KEY = re.compile(r"#\s*\w+\s*:")
-_BRACKETED = re.compile(r"[(\[]([^)\]]*)[)\]]")
 _SUFFIX = re.compile(r"_((?:m|cm|mm|in)_?s\^?2|gal|g)$", re.IGNORECASE)
 _TIME_SUFFIX = re.compile(r"_(\w?s)$", re.IGNORECASE)
+_MOST_DIGITS = 18
 
 
 @dataclass(frozen=True)
@@ -65,9 +67,9 @@ def _spelling(text: str) -> str:
 
 def at2_header(path: Path, lines: list[str]) -> Header | None:
     """Return the header of a PEER .AT2 file, old or new, or None when no line states NPTS and DT."""
-    for index, line in enumerate(lines[:_AT2_LAST_LINE]):
+    for index, line in enumerate(map(_squeezed, lines[:_AT2_LAST_LINE])):
         match = _AT2_NEW.search(line) or _AT2_OLD.search(line)
-        if match is None or line.lstrip().startswith("#"):
+        if match is None or line.startswith("#"):
             continue
         unit, unit_line = _at2_unit(path, lines[:index])
         return Header(
@@ -79,7 +81,7 @@ def at2_header(path: Path, lines: list[str]) -> Header | None:
             unit_line=unit_line,
             dt_s=_interval(f"{path}:{index + 1}", match[2]),
             dt_line=index + 1,
-            samples=int(match[1]),
+            samples=_count(f"{path}:{index + 1}", match[1]),
             samples_line=index + 1,
         )
     return None
@@ -88,7 +90,7 @@ def at2_header(path: Path, lines: list[str]) -> Header | None:
 def _at2_unit(path: Path, lines: list[str]) -> tuple[str | None, int]:
     """Return the unit and its line from a header like `ACCELERATION TIME SERIES IN UNITS OF G`."""
     for number, line in enumerate(lines, 1):
-        match = _AT2_UNIT.search(line)
+        match = _AT2_UNIT.search(_squeezed(line))
         if match is not None:
             return _known_unit(f"{path}:{number}", match[1]), number
     return None, 0
@@ -128,8 +130,6 @@ def _from_keys(path: Path, stated: dict[str, tuple[str, int]], title: str, first
     unit, unit_line = stated.get("unit", (None, 0))
     dt, dt_line = stated.get("dt", (None, 0))
     samples, samples_line = stated.get("sample", (None, 0))
-    if samples is not None and not samples.isdecimal():
-        raise InputError(f"{path}:{samples_line}: samples: {samples[:40]!r} is not a whole number; correct it")
     return Header(
         "one column",
         first_line,
@@ -139,14 +139,36 @@ def _from_keys(path: Path, stated: dict[str, tuple[str, int]], title: str, first
         unit_line,
         None if dt is None else _interval(f"{path}:{dt_line}", dt),
         dt_line,
-        None if samples is None else int(samples),
+        None if samples is None else _count(f"{path}:{samples_line}", samples),
         samples_line,
     )
 
 
+def _squeezed(line: str) -> str:
+    """Return a line without spaces around it and with single ones in it."""
+    return " ".join(line.split())
+
+
+def _count(where: str, text: str) -> int:
+    """Return a number of samples; raise InputError for any other text."""
+    if not text.isdecimal() or len(text) > _MOST_DIGITS:
+        raise InputError(
+            f"{where}: samples: {shortened(text, 40)!r} is not a whole number of at most {_MOST_DIGITS} digits; "
+            "correct it"
+        )
+    return int(text)
+
+
+def bracketed(text: str) -> str | None:
+    """Return what stands in the first brackets of a text, None where there are none."""
+    start = min((place for place in (text.find("("), text.find("[")) if place >= 0), default=-1)
+    ends = [place for place in (text.find(")", start), text.find("]", start)) if place >= 0]
+    return text[start + 1 : min(ends)] if start >= 0 and ends else None
+
+
 def _interval(where: str, text: str) -> float:
     """Return an interval in s, written with or without its unit."""
-    match = re.fullmatch(r"([\d.eE+-]+)\s*(s|sec|seconds)?", text.strip())
+    match = re.fullmatch(r"([\d.eE+-]+) ?(s|sec|seconds)?", _squeezed(text))
     try:
         return float(match[1] if match else "")
     except ValueError:
@@ -186,14 +208,17 @@ def _unit_of_names(where: str, line: str) -> str | None:
     """Return the unit in names like `time (s), acceleration (g)` or `time_s,accel_m_s2`, None if silent."""
     *time, accel = split_columns(line)
     if re.match(r"vel|disp", accel, re.IGNORECASE):
-        raise InputError(f"{where}: the column {accel!r} is not an acceleration; give the acceleration record")
+        raise InputError(
+            f"{where}: the column {shortened(accel, 80)!r} is not an acceleration; give the acceleration record"
+        )
     if time:
-        match = _BRACKETED.search(time[0]) or _TIME_SUFFIX.search(time[0])
-        if match is not None and match[1].strip().lower() not in ("s", "sec", "seconds"):
-            raise InputError(f"{where}: the column {time[0]!r} is not a time in s; give the time in s")
-    bracket, suffix = _BRACKETED.search(accel), _SUFFIX.search(accel)
+        suffix = _TIME_SUFFIX.search(time[0])
+        unit = bracketed(time[0]) or (suffix[1] if suffix else "s")
+        if unit.strip().lower() not in ("s", "sec", "seconds"):
+            raise InputError(f"{where}: the column {shortened(time[0], 80)!r} is not a time in s; give the time in s")
+    bracket, suffix = bracketed(accel), _SUFFIX.search(accel)
     if bracket is not None:
-        return _known_unit(where, bracket[1])
+        return _known_unit(where, bracket)
     if suffix is None:
         return None
     return _known_unit(where, re.sub(r"(m|cm|mm|in)_?s\^?2", r"\1/s^2", suffix[1].lower()))

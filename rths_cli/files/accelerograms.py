@@ -26,6 +26,7 @@ from rths_cli.lti import Array
 MAX_BYTES = 200_000_000
 MAX_PEAK_M_S2 = 100.0
 MAX_INTERVAL_S = 1.0
+MAX_TIME_S = 1e12  # seconds since 1970 are below
 _EVENNESS = 0.04
 """Time steps may differ by this part of the interval: files print few digits."""
 _AGREEMENT = 1e-4
@@ -65,8 +66,8 @@ def read_accelerogram(path: str | Path, unit: str | None = None, dt_s: float | N
         interval = _even_interval(path, lines, header, values[:, 0])
         header = _with_interval(path, header, interval)
     unit_read, interval = _unit_and_interval(path, header, unit, dt_s)
+    _check_peak(path, lines, header, values[:, -1], unit_read)
     accel = values[:, -1] * FACTORS_M_S2[unit_read]
-    _check_peak(path, lines, header, accel, unit_read)
     digest = hashlib.sha256(data).hexdigest()
     return Accelerogram(interval, accel, header.title or path.stem, header.origin, unit_read, header.layout, digest)
 
@@ -151,6 +152,10 @@ def _line_of(lines: list[str], header: Header, sample: int) -> int:
 
 def _even_interval(path: Path, lines: list[str], header: Header, time_s: Array) -> float:
     """Return the interval of a time column (n,) in s; raise InputError where it falls back or is uneven."""
+    beyond = int(np.argmax(np.abs(time_s)))
+    if abs(time_s[beyond]) > MAX_TIME_S:
+        where = f"{path}:{_line_of(lines, header, beyond)}"
+        raise InputError(f"{where}: the time {time_s[beyond]:g} s is beyond {MAX_TIME_S:g} s; give the time in s")
     steps = np.diff(time_s)
     usual = float(np.median(steps))
     faulty = np.flatnonzero(steps <= 0.0)
@@ -224,10 +229,10 @@ def _interval_faults(path: Path, header: Header, dt_s: float | None) -> list[str
     return []
 
 
-def _check_peak(path: Path, lines: list[str], header: Header, accel_m_s2: Array, unit: str) -> None:
-    """Raise InputError for a peak that no ground reached."""
-    index = int(np.argmax(np.abs(accel_m_s2)))
-    peak = abs(float(accel_m_s2[index]))
+def _check_peak(path: Path, lines: list[str], header: Header, figures: Array, unit: str) -> None:
+    """Raise InputError for a peak among figures (n,) in their unit that no ground reached."""
+    index = int(np.argmax(np.abs(figures)))
+    peak = abs(float(figures[index])) * FACTORS_M_S2[unit]
     if peak > MAX_PEAK_M_S2:
         raise InputError(
             f"{path}:{_line_of(lines, header, index)}: the peak of {peak:.4g} m/s^2 is above the limit of "

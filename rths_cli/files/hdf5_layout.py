@@ -7,6 +7,7 @@ texts, with the bytes it declares in the file itself; an attribute is one text o
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
 DEEPEST = 8  # groups inside each other
 MOST_OBJECTS = 20_000
 LONGEST_NAME = 200
+NAME = re.compile(r"[A-Za-z0-9_][\w.+\-\[\]]*", re.ASCII)
 MOST_AXES = 3
 MOST_BYTES = 1 << 31  # of a dataset
 MOST_TEXTS = 100_000
@@ -94,11 +96,12 @@ def check_storage(node: DatasetID, path: str, size: int) -> None:
         raise LayoutError(f"declares {declared / 1e6:.0f} MB in {path}, and does not hold them")
 
 
-def attributes(node: Any) -> dict[str, str | int | float]:
-    """Return the attributes of a file or group: texts and finite numbers; raises LayoutError for anything else."""
+def attributes(node: Any, any_number: bool = False) -> dict[str, str | int | float]:
+    """Return the attributes of a file or group: texts and finite numbers, or any numbers; raises LayoutError for
+    anything else."""
     if len(node.attrs) > MOST_ATTRIBUTES:
         raise LayoutError(f"has more than {MOST_ATTRIBUTES} attributes")
-    return {name: _attribute(node, name) for name in node.attrs}
+    return {name: _attribute(node, name, any_number) for name in node.attrs}
 
 
 def attribute(node: Any, name: str) -> str | int | float | None:
@@ -106,15 +109,15 @@ def attribute(node: Any, name: str) -> str | int | float | None:
     return _attribute(node, name) if name in node.attrs else None
 
 
-def _attribute(node: Any, name: str) -> str | int | float:
+def _attribute(node: Any, name: str, any_number: bool = False) -> str | int | float:
     stored = node.attrs.get_id(name)
     if stored.shape != () or stored.get_storage_size() > MOST_ATTRIBUTE_BYTES:
         raise LayoutError(f"has an attribute {name[:LONGEST_NAME]!r} that is neither a text nor a finite number")
-    return scalar(name, node.attrs[name])
+    return scalar(name, node.attrs[name], any_number)
 
 
-def values_of(node: GroupID | DatasetID, path: str) -> Any:
-    """Return the text, the texts or the numbers of a dataset; raises LayoutError."""
+def values_of(node: GroupID | DatasetID | None, path: str, any_number: bool = False) -> Any:
+    """Return the text, the texts or the numbers of a dataset (any with `any_number`); raises LayoutError."""
     import h5py
 
     if not isinstance(node, _library().dataset):
@@ -123,15 +126,16 @@ def values_of(node: GroupID | DatasetID, path: str) -> Any:
     if h5py.check_string_dtype(dataset.dtype) is not None:
         return dataset.asstr()[()]
     found = dataset[()]
-    check_numbers(path, found)
+    if not any_number:
+        check_numbers(path, found)
     return found
 
 
-def scalar(name: str, value: Any) -> str | int | float:
-    """Return an attribute as a text or a finite number; raises LayoutError."""
+def scalar(name: str, value: Any, any_number: bool = False) -> str | int | float:
+    """Return an attribute as a text or a finite number, or any number; raises LayoutError."""
     plain = value.item() if isinstance(value, np.generic) else value
     plain = plain.decode() if isinstance(plain, bytes) else plain
-    if isinstance(plain, str) or (isinstance(plain, int | float) and abs(plain) <= LARGEST):
+    if isinstance(plain, str) or (isinstance(plain, int | float) and (any_number or abs(plain) <= LARGEST)):
         return plain
     raise LayoutError(f"has an attribute {name[:LONGEST_NAME]!r} that is neither a text nor a finite number")
 
@@ -154,7 +158,7 @@ def member(values: Mapping[str, Any], name: str, kind: type | tuple[type, ...]) 
 
 def _name(raw: bytes) -> str:
     name = raw.decode(errors="surrogateescape")
-    if len(name) > LONGEST_NAME or not name.isprintable():
+    if len(name) > LONGEST_NAME or not NAME.fullmatch(name):
         raise LayoutError(f"has an object with the name {name[:40]!r}")
     return name
 

@@ -12,7 +12,7 @@ import dataclasses
 import hashlib
 import io
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,14 +21,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rths_cli.errors import InputError
+from rths_cli.files import hdf5_layout as layout
 from rths_cli.files.hdf5 import Dataset, write_group
 from rths_cli.files.hdf5_nodes import numbers
 from rths_cli.files.result_writer import Attribute, refusal
+from rths_cli.files.whole_file import open_regular
 
 if TYPE_CHECKING:
     import h5py
     from h5py.h5d import DatasetID
-    from h5py.h5g import GroupID
 
 FORMAT = "rths-model"
 FORMAT_VERSION = 1
@@ -37,6 +38,7 @@ HEADER = ("format", "format_version", HASH)
 NOT_HASHED = ("created_utc", "path")
 PARTS = ("_real", "_imag")
 BLOCK = 512
+MOST_BYTES = 100_000_000
 LEAD = b"rths-model, SHA-256 of all bytes after the first 512: "
 RESULT = b"rths-result"
 AGAIN = "identify again or take the original file."
@@ -172,9 +174,12 @@ def _unsealed(path: Path) -> bytes:
     import h5py
 
     try:
-        image = path.read_bytes()
-    except OSError as error:
+        with open_regular(path) as file:
+            image = file.read(MOST_BYTES + 1)
+    except (OSError, ValueError) as error:
         raise InputError(refusal(path, "cannot read", error, advice=False)) from error
+    if len(image) > MOST_BYTES:
+        raise InputError(f"{path}: is larger than {MOST_BYTES / 1e6:.0f} MB; {WANTED}")
     if image.startswith(LEAD):
         if image[:BLOCK] != _block(image[BLOCK:]):
             raise InputError(f"{path}: is truncated, damaged or edited; {AGAIN}")
@@ -192,7 +197,7 @@ def _contents(path: Path, image: bytes) -> tuple[dict[str, Attribute], Contents]
 
     try:
         with h5py.File(io.BytesIO(image), "r") as file:
-            attributes = {name: _plain(value) for name, value in file.attrs.items()}
+            attributes = layout.attributes(file, any_number=True)
             if attributes["format"] != FORMAT or int(attributes["format_version"]) > FORMAT_VERSION:
                 stated = f"{attributes['format']} version {attributes['format_version']}"
                 raise InputError(f"{path}: is {stated}, this rths reads {FORMAT} up to {FORMAT_VERSION}; update rths.")
@@ -204,23 +209,11 @@ def _contents(path: Path, image: bytes) -> tuple[dict[str, Attribute], Contents]
 def _read_groups(file: h5py.File) -> Contents:
     """Return the values of every dataset that is content, by group; real and imaginary parts put together."""
     groups: Contents = {}
-    for name, node in _nodes(file.id, ""):
-        if node.dtype.kind not in "iu":
+    for name, node in layout.walk(file):
+        if layout.is_dataset(node) and node.dtype.kind not in "iu":
             group, _, leaf = name.rpartition("/")
             groups.setdefault(group, {})[leaf] = _read(node)
     return {group: _joined(values) for group, values in groups.items()}
-
-
-def _nodes(group: GroupID, above: str) -> Iterator[tuple[str, DatasetID]]:
-    """Yield every dataset below a group with its path."""
-    from h5py import h5d, h5o
-
-    for name in group:
-        node, path = h5o.open(group, name), above + name.decode()
-        if isinstance(node, h5d.DatasetID):
-            yield path, node
-        else:
-            yield from _nodes(node, f"{path}/")
 
 
 def _read(node: DatasetID) -> Any:

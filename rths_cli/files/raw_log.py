@@ -19,6 +19,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.result_writer import Attribute, refusal
+from rths_cli.files.whole_file import open_regular
 from rths_cli.lti import Array
 
 try:
@@ -34,6 +35,9 @@ FRAME_MAGIC = b"RTHF"
 FRAME = struct.Struct("<4sIQ")  # magic, steps in the frame, first step
 CHECK = struct.Struct("<I")
 VALUE = np.dtype("<f8")
+MOST_COLUMNS, MOST_STEPS, LEAST_DT_S = 1000, 10**9, 1e-6
+MOST_LOST = 4  # a run takes at most this many times the bytes of the frames that are there
+SPARE_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
@@ -83,13 +87,13 @@ def still_in(log: Path) -> str:
 def read_header(path: Path) -> RawHeader:
     """Read what a log says of itself; raise InputError when it is no raw log, or a running process writes it."""
     try:
-        with open(path, "rb") as file:
+        with open_regular(path) as file:
             if _is_locked(file.fileno()):
                 raise InputError(f"{path}: is being written by a run under way; wait until that has ended.")
             start = file.read(START.size)
             length = START.unpack(start)[2] if start.startswith(MAGIC) and len(start) == START.size else 0
             return _header(path, start + file.read(length + CHECK.size))[0]
-    except OSError as error:
+    except (OSError, ValueError) as error:
         raise InputError(refusal(path, "cannot read", error, advice=False)) from error
 
 
@@ -97,11 +101,15 @@ def read_raw_log(path: Path) -> RawLog:
     """Read every whole frame of a log, wherever it is cut or damaged; raise InputError as `read_header`."""
     header = read_header(path)
     try:
-        data = path.read_bytes()
-    except OSError as error:
+        with open_regular(path) as file:
+            data = file.read()
+    except (OSError, ValueError) as error:
         raise InputError(refusal(path, "cannot read", error, advice=False)) from error
     frames = list(_frames(data, _header(path, data)[1], len(header.names), header.steps))
-    columns = np.full((len(header.names), max((first + part.shape[1] for first, part in frames), default=0)), np.nan)
+    shape = len(header.names), max((first + part.shape[1] for first, part in frames), default=0)
+    if VALUE.itemsize * shape[0] * shape[1] > len(data) * MOST_LOST + SPARE_BYTES:
+        raise InputError(f"{path}: its frames lie too far apart to be of one run; nothing can be recovered.")
+    columns = np.full(shape, np.nan)
     there = np.zeros(columns.shape[1], dtype=bool)
     for first, part in frames:
         columns[:, first : first + part.shape[1]] = part
@@ -130,12 +138,31 @@ def _header(path: Path, data: bytes) -> tuple[RawHeader, int]:
     if version > VERSION:
         raise InputError(f"{path}: has version {version}, this rths reads up to {VERSION}; update rths.")
     end = START.size + length
-    with suppress(struct.error, ValueError, TypeError, KeyError):
+    with suppress(struct.error, ValueError, TypeError, KeyError, RecursionError):
         if CHECK.unpack_from(data, end)[0] == zlib.crc32(memoryview(data)[:end]):
             told = json.loads(data[START.size : end])
             told |= {key: tuple(told[key]) for key in ("names", "units")}
-            return RawHeader(**told), end + CHECK.size
+            header = RawHeader(**told)
+            _check_header(header)
+            return header, end + CHECK.size
     raise InputError(f"{path}: its header is cut or damaged, so its samples have no names; nothing can be recovered.")
+
+
+def _check_header(header: RawHeader) -> None:
+    """Raise ValueError where a header is not of the types and ranges that `RawLogWriter` writes."""
+    texts = (header.run, header.result, header.case_path, header.case_yaml, header.resolved_yaml)
+    counts = (header.steps, header.lead_samples, header.ramp_steps)
+    named = (*header.names, *header.units)
+    whole = all(isinstance(count, int) and 0 <= count <= MOST_STEPS for count in counts)
+    typed = all(isinstance(text, str) for text in (*texts, *named)) and len(set(header.names)) == len(header.names)
+    about = all(isinstance(value, str | int | float) for value in dict(header.attributes).values())
+    fits = (
+        len(header.units) == len(header.names) <= MOST_COLUMNS
+        and header.lead_samples + header.ramp_steps <= header.steps
+    )
+    in_range = isinstance(header.dt_s, int | float) and LEAST_DT_S <= header.dt_s <= 1.0
+    if not (whole and typed and about and fits and in_range and Path(header.result).suffix == ".h5"):
+        raise ValueError("not what a raw log states")
 
 
 def _frames(data: bytes, at: int, width: int, steps: int) -> Iterator[tuple[int, Array]]:

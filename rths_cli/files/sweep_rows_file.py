@@ -16,6 +16,7 @@ from typing import Any, TextIO
 
 from rths_cli.errors import InputError
 from rths_cli.files.result_writer import refusal
+from rths_cli.files.whole_file import open_regular
 
 FORMAT = "rths-sweep-rows"
 
@@ -28,11 +29,12 @@ def rows_path(result: Path) -> Path:
 def read_rows(path: Path) -> tuple[dict[str, Any], list[list[Any]]]:
     """Return the header and the whole rows of a sweep under way; raise InputError when it is no such file."""
     try:
-        lines = path.read_bytes().split(b"\n")[:-1]  # what follows the last newline was being written
+        with open_regular(path) as file:
+            lines = file.read().split(b"\n")[:-1]  # what follows the last newline was being written
         header, *rows = [json.loads(line) for line in lines]
     except OSError as error:
         raise InputError(refusal(path, "cannot read", error, advice=False)) from error
-    except ValueError:
+    except (ValueError, RecursionError):
         raise InputError(f"{path}: is damaged or holds no rows of a sweep; remove it and run the sweep anew") from None
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise InputError(f"{path}: holds no rows of a sweep; remove it and run the sweep anew")

@@ -28,6 +28,7 @@ from rths_cli.files.result_writer import Attribute, refusal
 from rths_cli.files.staged_file import new_hdf5
 from rths_cli.files.whole_file import open_regular
 from rths_cli.lti import Array
+from rths_cli.printed import csv_cell
 
 if TYPE_CHECKING:
     import h5py
@@ -231,7 +232,7 @@ def _columns(sweep: Sweep) -> Iterator[tuple[str, list[Any]]]:
     yield "variant", list(range(1, len(sweep.seed) + 1))
     yield from ((key, [_cell(value) for value in values]) for key, values in sweep.varied.items())
     yield "seed", sweep.seed.tolist()
-    yield from ((name, list(sweep.texts[name])) for name in TEXTS)
+    yield from ((name, [csv_cell(text) for text in sweep.texts[name]]) for name in TEXTS)
     for path, figure in sweep.figures.items():
         if figure.values.ndim == 1:
             yield path, [_cell(value) for value in figure.values.tolist()]
@@ -244,7 +245,7 @@ def _cell(value: Any) -> str:
     """Return a value as CSV holds it."""
     if isinstance(value, float):
         return "" if value != value else repr(value)
-    return value if isinstance(value, str) else json.dumps(value)
+    return csv_cell(value) if isinstance(value, str) else json.dumps(value)
 
 
 def _scales(sweep: Sweep) -> dict[str, Dataset]:

@@ -9,6 +9,8 @@ from pathlib import Path
 
 from rths_cli.errors import InputError
 from rths_cli.files.result_writer import refusal
+from rths_cli.files.whole_file import open_regular
+from rths_cli.printed import visible
 
 BINARY = (b"\x89HDF\r\n\x1a\n", b"RTHSLOG")
 
@@ -27,17 +29,18 @@ def check_output(option: str, path: Path, inputs: Iterable[Path]) -> None:
 
 def _is_data(path: Path) -> bool:
     try:
-        with open(path, "rb") as file:
+        with open_regular(path) as file:
             return file.read(8).startswith(BINARY)
     except OSError:
         return False
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text under a temporary name and rename it; raises InputError where the disk refuses."""
+    """Write a text, control characters made visible, under a temporary name and rename it; raises InputError where the
+    disk refuses."""
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        part.write_bytes(text.encode("utf-8", "surrogateescape"))
+        part.write_bytes(visible(text).encode())
         os.replace(part, path)
     except OSError as error:
         raise InputError(refusal(path, "cannot write", error, advice=False)) from error

@@ -180,7 +180,8 @@ def _compared(values: Values, about: Tested) -> list[str]:
     storeys = range(1, len(error) + 1)
     rows = [["", *(f"storey {storey}" for storey in storeys)]]
     rows.append([f"{late}, mm/s^2", *(number(1e3 * value) for value in delayed)])
-    rows.append(["predicted over SIM-DELAY", *(number(value) for value in error / delayed)])
+    shares = [number(one / late) if late > 0.0 else DASH for one, late in zip(error, delayed, strict=True)]
+    rows.append(["predicted over SIM-DELAY", *shares])
     return [*lines, *aligned(rows)]
 
 

@@ -42,7 +42,7 @@ def design_blocks(setup: Setup, identified: Identification, kept: Kept | None = 
     best = case.method == "best"
     model = identified.best if best else identified.paper
     driven = case.controller.kind != "none"
-    lead = math.ceil(model.delay_s / dt - 1e-9) if best and driven else 0
+    lead = feedforward.lead_samples(model, dt) if best and driven else 0
     designed = _feedback(setup, identified, model, kept or Kept()) if case.controller.kind == "FF+FB" else None
     shear = _shear(setup, identified, lead)
     blocks = Blocks(

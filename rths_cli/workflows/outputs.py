@@ -10,6 +10,7 @@ from pathlib import Path
 from rths_cli.errors import InputError
 from rths_cli.files.models import FORMAT
 from rths_cli.files.result_writer import check_writable
+from rths_cli.files.whole_file import open_regular
 from rths_cli.report.identified_figure import METADATA
 
 Named = tuple[str, Path]
@@ -80,7 +81,7 @@ def _shared(outputs: tuple[Named, ...], inputs: tuple[Named, ...]) -> list[str]:
 def _replaced(model: Path) -> list[str]:
     """Return a sentence when something else than a model file has the model file's name."""
     try:
-        with open(model, "rb") as file:
+        with open_regular(model) as file:
             start = file.read(len(FORMAT))
     except OSError:
         return []  # there is none, or it cannot be read: writing will tell

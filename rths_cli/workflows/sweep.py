@@ -64,7 +64,7 @@ def run_sweep(request: SweepRequest, watcher: Watcher) -> Swept:
     about = _attributes(points, request.command_line)
     if request.csv is not None:
         check_csv(request.csv, path)
-    begun = begin(path, about, points.grid.variants, request.replace, request.resume)
+    begun = begin(path, about, points.grid.variants, width(columns(), points.storeys), request.replace, request.resume)
     if request.csv is not None:
         check_writable(request.csv.parent)
     played = 0 if begun is None else points.grid.variants - len(begun.rows)

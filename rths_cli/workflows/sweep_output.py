@@ -37,22 +37,24 @@ class Begun:
     resumed: bool
 
 
-def begin(path: Path, attributes: dict[str, Any], runs: int, replace: bool, resume: bool) -> Begun | None:
+def begin(path: Path, attributes: dict[str, Any], runs: int, figures: int, replace: bool, resume: bool) -> Begun | None:
     """Return what is to be played, None when the file is whole and `resume` asks for what is left of it.
+
+    `figures`: how many numbers the row of one run has.
 
     Raises InputError where the file cannot be written or would replace what it must not.
     """
     if path.is_dir():
         raise InputError(f"--output {path}: is a folder; give the name of a file in it")
-    begun = _under_way(path, attributes, resume) if rows_path(path).exists() else None
+    begun = _under_way(path, attributes, runs, figures, resume) if rows_path(path).exists() else None
     if begun is None and path.exists() and _is_whole(path, attributes, replace, resume):
         return None
     check_writable(path.parent, BYTES_PER_RUN * runs)
     return begun or Begun(path, attributes, {}, False)
 
 
-def _under_way(path: Path, attributes: Mapping[str, Any], resume: bool) -> Begun:
-    """Return the sweep whose rows stand beside the file."""
+def _under_way(path: Path, attributes: Mapping[str, Any], runs: int, figures: int, resume: bool) -> Begun:
+    """Return the sweep of so many runs, each of so many figures, whose rows stand beside the file."""
     place = rows_path(path)
     stored, lines = read_rows(place)
     if any(stored.get(name) != attributes[name] for name in IDENTITY):
@@ -62,8 +64,18 @@ def _under_way(path: Path, attributes: Mapping[str, Any], resume: bool) -> Begun
             f"{place}: holds {len(lines)} runs of this sweep, which was interrupted; add --resume to go on, or remove "
             "the file to begin anew"
         )
+    if not all(_is_row(line, runs, figures) for line in lines):
+        raise InputError(f"{place}: holds rows that are not of this sweep; remove it and run the sweep anew")
     rows = [_row(line) for line in lines]
     return Begun(path, {k: v for k, v in stored.items() if k != "format"}, {row.variant: row for row in rows}, True)
+
+
+def _is_row(line: Any, runs: int, figures: int) -> bool:
+    """Tell whether a line is of the types that `as_line` makes, and of this sweep."""
+    if not isinstance(line, list) or [type(item) for item in line] != [int, str, str, int, str, str, list]:
+        return False
+    numbers = len(line[-1]) == figures and all(isinstance(item, int | float) for item in line[-1])
+    return 0 <= line[0] < runs and numbers
 
 
 def _row(line: list[Any]) -> Row:

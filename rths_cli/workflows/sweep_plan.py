@@ -15,8 +15,10 @@ from rths_cli.case.models import SEED_MAX
 from rths_cli.case.nodes import Source, plain, printable
 from rths_cli.case.yaml_nodes import dump, parse
 from rths_cli.errors import InputError
+from rths_cli.printed import shortened
 
 MOST_VARIANTS = 1_000_000
+MOST_DIGITS = 40
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 RANGE = re.compile(rf"({NUMBER}):({NUMBER}):([-+]?\d+)")
 WHOLE = re.compile(r"[-+]?\d+")
@@ -143,6 +145,8 @@ def _key_fault(key: str, has_values: bool) -> str:
 
 def _spaced(span: re.Match[str]) -> tuple[tuple[Any, ...], str]:
     """Return COUNT values from LOW to HIGH, both included, or what is wrong; whole steps between whole ends stay so."""
+    if max(map(len, span.groups())) > MOST_DIGITS:
+        return (), f"LOW, HIGH and COUNT may have {MOST_DIGITS} characters each, got {shortened(span[0], 60)}"
     low, high, count = float(span[1]), float(span[2]), int(span[3])
     if not (math.isfinite(low) and math.isfinite(high)):
         return (), f"LOW and HIGH must be finite numbers, got {span[0]}"

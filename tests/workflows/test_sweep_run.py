@@ -192,9 +192,9 @@ def test_what_is_there_already_is_replaced_only_by_the_same_sweep(
 
 def test_a_finished_sweep_of_another_version_is_played_anew(whole: tuple[SweepRequest, Swept]) -> None:
     path, attributes = whole[1].path, whole[1].sweep.attributes
-    assert begin(path, attributes, 12, replace=True, resume=True) is None
+    assert begin(path, attributes, 12, figures=1, replace=True, resume=True) is None
     newer = attributes | {"software_sha256": "another"}
-    begun = begin(path, newer, 12, replace=True, resume=True)
+    begun = begin(path, newer, 12, figures=1, replace=True, resume=True)
     assert begun is not None and begun.rows == {} and not begun.resumed
 
 

@@ -23,12 +23,13 @@ from rths_cli.errors import InputError
 from rths_cli.files.foreign.formats import KEYS, kind_of, read_mat, read_text
 from rths_cli.files.foreign.reader import Reader
 from rths_cli.files.foreign.roots import count_at_origin, paired, shown
-from rths_cli.files.result_writer import refusal
+from rths_cli.files.whole_file import read_whole
 from rths_cli.lti import Array, ComplexArray
 
 OUTPUTS = {"acceleration_m_s2": 0, "velocity_m_s": 1, "displacement_m": 2}
 """What a model's output may be, and how many zeros at the origin make it an acceleration."""
 ORIGIN_ZEROS = 2  # the table follows displacement
+MAX_BYTES = 100_000_000
 MAX_ROOTS = 40
 MAX_ROOT_RAD_S = 1e7
 MAX_DELAY_S = 1.0
@@ -63,10 +64,8 @@ def is_foreign(path: Path) -> bool:
 def read_foreign(path: Path) -> ForeignModel:
     """Read a table model from YAML, JSON or .mat (v5, v7.3); raise InputError with all of its faults at once."""
     path = Path(path)
-    try:
-        sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise InputError(refusal(path, "cannot read", error, advice=False)) from error
+    data = read_whole(path, MAX_BYTES, "a table model", "give zeros, poles and gain in YAML, JSON or .mat")
+    sha256 = hashlib.sha256(data).hexdigest()
     kind = kind_of(path)
     if kind == "other":
         raise InputError(

@@ -17,6 +17,7 @@ from rths_cli.case.fields import near, shown
 from rths_cli.case.nodes import Fault, Mark, Node, Source, display, plain, printable
 from rths_cli.case.yaml_nodes import parse, read_file
 from rths_cli.files.foreign.matlab import Variable, read_variables
+from rths_cli.files.whole_file import open_regular
 from rths_cli.lti import ComplexArray
 
 KEYS: dict[str, tuple[str, ...]] = {
@@ -62,7 +63,7 @@ class Document:
 def kind_of(path: Path) -> Kind:
     """Tell by its first bytes whether a file is text or of MATLAB; `other` is a file of rths, or none of these."""
     try:
-        with open(path, "rb") as file:
+        with open_regular(path) as file:
             head = file.read(HEAD)
     except OSError:
         return "other"

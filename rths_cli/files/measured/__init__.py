@@ -21,11 +21,13 @@ from rths_cli.files.measured.time import Clock, choose_interval, read_clock
 from rths_cli.files.measured.units import is_time, unit_of
 from rths_cli.files.whole_file import read_whole
 from rths_cli.lti import Array
+from rths_cli.printed import shortened
 
 __all__ = ["Chosen", "Recording", "choose", "mend", "missing", "read_recording", "write_recording"]
 
 MAX_BYTES = 1_000_000_000
 LEAST_SAMPLES = 3
+LONGEST_NAME = 200
 
 
 def read_recording(path: Path, dt_s: float | None = None) -> Recording:
@@ -61,9 +63,14 @@ def read_recording(path: Path, dt_s: float | None = None) -> Recording:
 
 def _time_and_channels(path: Path, contents: Contents) -> tuple[tuple[Column, ...], Column | None, list[str]]:
     """Return the channels, the time column (None if there is none), and sentences on what is wrong with them."""
-    times = [] if contents.exact else [column for column in contents.columns if is_time(column.name)]
+    long = [column for column in contents.columns if len(column.name) > LONGEST_NAME]
+    short = [column for column in contents.columns if len(column.name) <= LONGEST_NAME]
+    times = [] if contents.exact else [column for column in short if is_time(column.name)]
     channels = tuple(c for c in contents.columns if not any(c is time for time in times))
-    faults = []
+    faults = [
+        f"{path}: the channel {shortened(c.name, 60)!r} has a name of {len(c.name)} characters, at most {LONGEST_NAME}"
+        for c in long
+    ]
     if any(not np.array_equal(times[0].values, other.values, equal_nan=True) for other in times[1:]):
         faults.append(f"{path}: has {len(times)} time columns that differ; give one time for all channels")
     if not channels:

@@ -19,6 +19,7 @@ from rths_cli.files.measured.matlab import is_matlab, matlab_variables
 from rths_cli.files.measured.text import text_contents
 from rths_cli.files.measured.trial import survives
 from rths_cli.files.measured.variables import contents_of
+from rths_cli.printed import shortened, visible
 
 READ = "CSV or text, MATLAB .mat, HDF5 or TDMS"
 _HDF5 = b"\x89HDF\r\n\x1a\n"
@@ -131,13 +132,16 @@ def _tdms(path: Path, data: bytes) -> Contents:
 
 @contextmanager
 def _quiet(name: str) -> Iterator[list[str]]:
-    """Collect the warnings that a library logs, so that they become notes."""
-    logger, handler = logging.getLogger(name), logging.handlers.BufferingHandler(1_000_000)
+    """Collect the warnings that a library logs, so that they become notes; each of its modules has a logger."""
+    handler = logging.handlers.BufferingHandler(1_000_000)
+    names = [name, *(other for other in logging.root.manager.loggerDict if other.startswith(f"{name}."))]
+    before = [(logger := logging.getLogger(one), logger.handlers, logger.propagate) for one in names]
     complaints: list[str] = []
-    before, logger.handlers = logger.handlers, [handler]
-    propagate, logger.propagate = logger.propagate, False
+    for logger, _, _ in before:
+        logger.handlers, logger.propagate = [handler], False
     try:
         yield complaints
     finally:
-        complaints += [record.getMessage() for record in handler.buffer]
-        logger.handlers, logger.propagate = before, propagate
+        complaints += [visible(shortened(record.getMessage())) for record in handler.buffer]
+        for logger, handlers, propagate in before:
+            logger.handlers, logger.propagate = handlers, propagate

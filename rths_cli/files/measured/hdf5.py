@@ -13,6 +13,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.hdf5 import Dataset, write_group
+from rths_cli.files.hdf5_layout import LayoutError, check_storage, part, size_of, values_of
 from rths_cli.files.measured.contents import Column, Contents, Recording
 from rths_cli.files.measured.time import stated_interval
 from rths_cli.files.measured.variables import Variable, contents_of
@@ -26,7 +27,6 @@ FORMAT = "rths-recording"
 FORMAT_VERSION = 1
 _UNIT_ATTRIBUTES = ("units", "unit", "Units", "Unit", "UNITS", "unit_string")
 _DEEPEST = 8
-_MAX_BYTES = 2_000_000_000
 
 
 def write_recording(path: Path, recording: Recording) -> None:
@@ -86,8 +86,8 @@ def _own(path: Path, file: h5py.File) -> Contents:
     version = int(file.attrs["format_version"])
     if version > FORMAT_VERSION:
         raise InputError(f"{path}: has format version {version}, this rths reads up to {FORMAT_VERSION}; update rths")
-    samples = np.asarray(file["samples"][()], dtype=np.float64)
-    names, units = (file[key].asstr()[()] for key in ("names", "units"))
+    read = {name: values_of(part(file, name), name, any_number=True) for name in ("samples", "names", "units")}
+    samples, names, units = np.asarray(read["samples"], dtype=np.float64), read["names"], read["units"]
     columns = tuple(Column(str(n), row, str(u)) for n, row, u in zip(names, samples, units, strict=True))
     notes = tuple(str(note) for note in json.loads(_text(file.attrs["notes"])))
     return Contents(columns, (("dt_s", float(file.attrs["dt_s"])),), notes, exact=True)
@@ -112,8 +112,10 @@ def _variable(path: Path, file: h5py.File, node: h5py.Dataset) -> Variable:
     """Return numbers, texts or neither from a dataset, with the unit and rate its attributes state."""
     import h5py
 
-    if node.size is not None and node.size * node.dtype.itemsize > _MAX_BYTES:
-        raise InputError(f"{path}: {node.name} is {node.size * node.dtype.itemsize / 1e9:.1f} GB; cut the recording")
+    try:
+        check_storage(node.id, node.name, size_of(file))
+    except LayoutError as error:
+        raise InputError(f"{path}: {error}; export the recording again") from error
     kind = _text(node.attrs.get("MATLAB_class", ""))
     unit = next((_text(node.attrs[key]) for key in _UNIT_ATTRIBUTES if key in node.attrs), "")
     if node.shape is None or node.attrs.get("MATLAB_empty", 0):

@@ -23,11 +23,10 @@ _HEADER_LINES = 200
 _CHUNK_ROWS = 8192
 _FAULTS = 12
 _COMMENT = ("#", "%")
-_STATEMENT = re.compile(
-    r"[#%\"\s]*([a-z_ ]+?)\"?\s*(?:[(\[]\w*[)\]])?\s*[:=,;\t]\s*"
-    r"\"?([\d.,]+(?:e[+-]?\d+)?)\s*(hz|khz|s|ms)?\b",
-    re.IGNORECASE,
-)
+_LONGEST_LINE = 100_000
+_STATED = re.compile(r"[a-z_ ]*[a-z_] ?\"? ?(?:[(\[]\w*[)\]])? ?", re.IGNORECASE)  # of a line with single spaces
+_VALUE = re.compile(r"\"?([\d.,]+(?:e[+-]?\d+)?) ?(hz|khz|s|ms)?\b", re.IGNORECASE)
+_NO_NAME = '#%" \t\r\f\v'
 _SCALES = {"khz": 1000.0, "ms": 0.001}
 
 
@@ -49,6 +48,9 @@ def text_contents(path: Path, text: str) -> Contents:
     different length, two decimal marks, and cells that are neither numbers nor missing.
     """
     lines = text.splitlines()
+    long = next((k for k, line in enumerate(lines, 1) if len(line) > _LONGEST_LINE), None)
+    if long is not None:
+        raise InputError(f"{path}:{long}: {len(lines[long - 1])} characters in a line, at most {_LONGEST_LINE}; cut it")
     while lines and not lines[-1].strip(" ,;\t"):
         lines.pop()
     layout = _layout(path, lines)
@@ -143,12 +145,19 @@ def _names(
 
 def _statement(number: int, line: str) -> tuple[str, float] | None:
     """Return the sampling interval that a line such as `# dt: 0.0005 s` or `fs,2000` states, None for any other."""
-    match = _STATEMENT.match(line)
-    cell = match[2].replace(",", ".") if match else ""
+    told = line.lstrip(_NO_NAME)
+    mark = re.search(r"[:=,;\t]", told)
+    if mark is None:
+        return None
+    name, value = (" ".join(part.split()) for part in (told[: mark.start()], told[mark.end() :]))
+    value = value[1:].lstrip() if mark[0] == "\t" and value[:1] in (":", "=", ",", ";") else value
+    match = _VALUE.match(value) if _STATED.fullmatch(name) else None
+    cell = match[1].replace(",", ".") if match else ""
     if match is None or not _is_number(cell):
         return None
-    interval = stated_interval(match[1], float(cell) * _SCALES.get((match[3] or "").lower(), 1.0))
-    return None if interval is None else (f"line {number} ({match[1].strip()})", interval)
+    name = re.split(r"[\"(\[]", name, maxsplit=1)[0].strip()
+    interval = stated_interval(name, float(cell) * _SCALES.get((match[2] or "").lower(), 1.0))
+    return None if interval is None else (f"line {number} ({name})", interval)
 
 
 def _one_decimal_mark(path: Path, rows: list[str], kept: Sequence[int], separator: str | None) -> list[str]:

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from rths_cli.files.results import Result
+from rths_cli.printed import csv_cell
 from rths_cli.report.contents import Contents
 from rths_cli.report.groups import software
 
@@ -30,13 +31,15 @@ def tidy(found: Contents) -> str:
     for result in found.inputs.results:
         writer.writerows(_lines(result))
     for one in found.unread:
-        stated = {"file": str(one.path), "status": UNREADABLE, "status_reason": one.sentence}
+        told = {"file": str(one.path), "status": UNREADABLE, "status_reason": one.sentence}
+        stated = {column: csv_cell(text) for column, text in told.items()}
         writer.writerow([stated.get(column, "") for column in COLUMNS])
     return text.getvalue()
 
 
 def _lines(result: Result) -> Iterator[list[str]]:
-    about = [str(result.path), *(_text(result.attributes.get(key)) for key in ABOUT), software(result)]
+    told = (str(result.path), *(result.attributes.get(key) for key in ABOUT), software(result))
+    about = [_text(value) for value in told]
     published = json.loads(str(result.attributes.get("reference_json") or "{}"))
     if not result.metrics:
         yield [*about, "", "", "", "", ""]
@@ -58,4 +61,4 @@ def _number(value: float) -> str:
 
 
 def _text(value: object) -> str:
-    return "" if value is None else str(value)
+    return csv_cell(value) if isinstance(value, str) else "" if value is None else str(value)

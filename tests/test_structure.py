@@ -244,12 +244,17 @@ def test_every_wrong_list_is_named_at_once() -> None:
 @pytest.mark.parametrize(
     ("experimental", "damping", "sentence"),
     [
-        ({"masses_kg": [7.0, 1e-20]}, {}, "structure.experimental: floor 2 of 1e-20 kg moves at"),
         (
-            {"masses_kg": [7.0, 1e-300]},
+            {"masses_kg": [7.0, 1e-20]},
             {},
-            "on its stiffness_n_per_m of 7e+03, the limit is 1e+11 1/s; raise masses_kg",
+            "structure.experimental.masses_kg: 1e-20 kg must be at least 1e-09 kg; raise it",
         ),
+        (
+            {"masses_kg": [7.0, 1e-9], "stiffness_n_per_m": [7e3, 1e14]},
+            {},
+            "structure.experimental: floor 2 of 1e-09 kg",
+        ),
+        ({"stiffness_n_per_m": [7e3, 1e-12]}, {}, "storey 2 of 1e-12 N/m lets a mass of 7 kg move at 3.8e-07 1/s, the"),
         (
             {"dashpots_n_s_per_m": [1.0, 1e13]},
             {},
@@ -276,7 +281,8 @@ def test_floors_too_light_for_their_springs_are_named(
 @pytest.mark.parametrize(
     ("masses", "frequencies", "sentence"),
     [
-        ([7.0, 7.0], [1e-300, 1e3], "frequencies of 1e-300 and 1000 are more than 10000 times apart"),
+        ([7.0, 7.0], [1e-300, 1e3], "1e-300 Hz must be at least 1e-06 Hz"),
+        ([7.0, 7.0], [1e-3, 1e3], "frequencies of 0.001 and 1000 are more than 10000 times apart"),
         ([1e-9, 7.0], [3.0, 8.0], "masses of 1e-09 and 7 are more than 1e+08 times apart"),
     ],
 )

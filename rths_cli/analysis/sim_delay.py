@@ -35,6 +35,7 @@ _LARGEST_PHASE_PER_SUBSTEP = 0.5  # rad, of the fastest vibration of either part
 _DIED_OUT = 20.0  # decay exponent within a sample, from which a motion is not resolved: e^-20 is 2e-9
 _MOST_WORK = 4e8  # substeps of the whole record times numbers that each handles: 5 to 10 s
 _OWN_WORK = 30  # of a substep, in the same unit
+_MOST_STOREYS = 300  # in all: the eigenvalues of its critical delay take 10 s
 _MOST_SUBSTEPS_PER_SAMPLE = 10_000
 _LARGEST_CONDITION = 1e6  # of modal coordinates: beyond it they lose six digits
 _BLOCK = 1 << 20  # numbers that are turned into responses at a time
@@ -110,6 +111,11 @@ def simulate_delayed(
     """
     record = checked_record(dt_s, ground_accel_m_s2)
     _check(delay_s, tolerance)
+    if len(building.M) > _MOST_STOREYS:
+        raise InputError(
+            f"SIM-DELAY: {len(building.M)} storeys, at most {_MOST_STOREYS} in all can be solved with a delay; use "
+            "fewer, or take sim_delay out of runs"
+        )
     sim = sim or simulate(building, dt_s, record)
     if delay_s == 0:
         series = {field.name: getattr(sim, field.name) for field in fields(sim)}

@@ -23,7 +23,8 @@ from rths_cli.files.accelerogram_headers import (
 from rths_cli.files.whole_file import read_whole
 from rths_cli.lti import Array
 
-MAX_BYTES = 200_000_000
+MAX_BYTES = 60_000_000
+MAX_LINES = 5_000_000
 MAX_PEAK_M_S2 = 100.0
 MAX_INTERVAL_S = 1.0
 MAX_TIME_S = 1e12  # seconds since 1970 are below
@@ -59,6 +60,8 @@ def read_accelerogram(path: str | Path, unit: str | None = None, dt_s: float | N
     """
     path = Path(path)
     data = read_whole(path, MAX_BYTES, "an accelerogram", "name an accelerogram file")
+    if (count := max(data.count(b"\n"), data.count(b"\r"))) > MAX_LINES:
+        raise InputError(f"{path}: has {count} lines, the limit is {MAX_LINES}; cut or resample the record")
     lines = _decode(path, data).splitlines()
     header = at2_header(path, lines) or column_header(path, lines)
     values = _read_values(path, lines, header)

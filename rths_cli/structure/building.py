@@ -16,6 +16,7 @@ from rths_cli.structure.inverse import stiffness_from_frequencies
 from rths_cli.structure.parts import Building, Numerical, Specimen, assemble
 from rths_cli.structure.search import crossing, summit
 
+LIGHTEST_KG = 1e-9  # floor: a microgram
 FASTEST_1_S = 1e11  # of a floor on its own springs and dashpots
 MOST_SOLVED_STOREYS = 200  # in all, of a building whose dashpots are solved for: 100 eigenvalue problems, 10 s
 SLOWEST_1_S = 1e-6  # of the heaviest floor on the softest storey: a period of 70 days
@@ -105,6 +106,11 @@ def _check(spec: StructureSpec, damping: DampingSpec) -> None:
         *_length("structure.experimental.dashpots_n_s_per_m", experimental.dashpots_n_s_per_m, n),
         *_length("damping.dashpots_n_s_per_m", damping.dashpots_n_s_per_m, p),
     ]
+    for where, masses in (("numerical", numerical.masses_kg), ("experimental", experimental.masses_kg)):
+        if min(masses) < LIGHTEST_KG:
+            faults.append(
+                f"structure.{where}.masses_kg: {min(masses):g} kg must be at least {LIGHTEST_KG:g} kg; raise it"
+            )
     mass = spec.interface_experimental_mass_kg
     if not 0.0 <= mass < numerical.masses_kg[-1]:
         faults.append(

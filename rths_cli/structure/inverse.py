@@ -18,6 +18,7 @@ from rths_cli.lti import Array, ComplexArray
 from rths_cli.structure.chain import storey_matrix
 
 MAX_STOREYS = 5
+SLOWEST_HZ = 1e-6
 MOST_APART = {"frequencies": 1e4, "masses": 1e8}  # of a specimen whose stiffnesses can be found
 _FIELD = "structure.experimental.natural_frequencies_hz"
 _START_PHASES_RAD = (1.1, 2.3, 4.0)
@@ -59,6 +60,8 @@ def stiffness_from_frequencies(masses_kg: Sequence[float], frequencies_hz: Seque
         )
     if len(masses) != len(frequencies) or frequencies[0] <= 0.0 or np.any(np.diff(frequencies) <= 0.0):
         raise InputError(f"{_FIELD}: state {len(masses)} positive frequencies that ascend, not {_listed(frequencies)}")
+    if not frequencies[0] >= SLOWEST_HZ:
+        raise InputError(f"{_FIELD}: {frequencies[0]:g} Hz must be at least {SLOWEST_HZ:g} Hz; raise it")
     for what, values in (("frequencies", frequencies), ("masses", masses)):
         if not values.max() <= MOST_APART[what] * values.min():
             raise InputError(

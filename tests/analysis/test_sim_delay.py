@@ -320,3 +320,13 @@ def test_a_delay_that_takes_too_many_steps_is_refused_when_they_are_used_up(monk
     building = paper_building(interface_mass_kg=3.465)
     with pytest.raises(InputError, match=r"^SIM-DELAY: a delay of 1e-07 s takes 5000 steps a sample"):
         simulate_delayed(building, DT_S, noise(1.0, DT_S), 1e-7)
+
+
+def test_a_building_too_tall_for_its_critical_delay_is_refused() -> None:
+    count = 301
+    chain = storey_matrix(np.full(count - 1, 7e3))
+    numerical = Numerical(np.full(count - 1, 7.0), chain, 1e-3 * chain)
+    specimen = Specimen(np.array([7.0]), np.array([[7e3]]), np.array([[7.0]]))
+    tall = Building(numerical, specimen, 0.0, *assemble(numerical, specimen, 0.0))
+    with pytest.raises(InputError, match="^SIM-DELAY: 301 storeys, at most 300 in all can be solved with a delay"):
+        simulate_delayed(tall, DT_S, np.zeros(5), 0.005)

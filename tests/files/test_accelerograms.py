@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rths_cli.errors import InputError
+from rths_cli.files import accelerograms
 from rths_cli.files.accelerogram_headers import find_unit
 from rths_cli.files.accelerograms import read_accelerogram
 
@@ -228,7 +229,7 @@ def test_binary_missing_folder_and_huge_files_are_refused(tmp_path: Path) -> Non
     with huge.open("wb") as file:
         file.truncate(1_000_000_000)
     assert the_fault(binary) == ": is a binary file; convert the accelerogram to CSV (time_s,accel_m_s2)"
-    assert the_fault(huge) == ": 1000 MB; an accelerogram may have 200 MB, cut it"
+    assert the_fault(huge) == ": 1000 MB; an accelerogram may have 60 MB, cut it"
     assert "No such file" in the_fault(tmp_path / "absent.csv")
     assert "Is a directory" in the_fault(tmp_path)
 
@@ -267,3 +268,10 @@ def test_any_bytes_give_a_record_or_a_sentence(tmp_path_factory: pytest.TempPath
     else:
         assert np.isfinite(record.accel_m_s2).all()
         assert len(record.accel_m_s2) >= 3
+
+
+def test_a_file_of_too_many_lines_is_refused_before_they_are_split(tmp_path: Path) -> None:
+    path = tmp_path / "long.csv"
+    path.write_bytes(b"1\n" * (accelerograms.MAX_LINES + 1))
+    with pytest.raises(InputError, match="has 5000001 lines, the limit is 5000000; cut or resample the record"):
+        read_accelerogram(path)

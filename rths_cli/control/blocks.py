@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rths_cli.lti import Array, Block
+from rths_cli.structure import Specimen
 
 
 @dataclass(frozen=True)
@@ -16,6 +17,7 @@ class Blocks:
     `n_p` = lead in samples; `shear_*`, `ripple_*` as in loop.blocks.Step; `shaping_step_v` is the size of a
     bit of the command converter when its rounding errors are to be shaped, else 0. The feedback's part of the command
     is kept within +-`feedback_limit_v`, and the sum within +-`command_limit_v` as far as the feedback's part can.
+    `specimen`: the identified one, by which the channels are compared after a stop; None where there is none.
     """
 
     correction: Block
@@ -33,6 +35,7 @@ class Blocks:
     command_limit_v: float = float("inf")
     feedback_limit_v: float = float("inf")
     ripple_sum_m_s2_per_v: float = 0.0
+    specimen: Specimen | None = None
 
     @property
     def lead_samples(self) -> int:

@@ -12,6 +12,7 @@ from rths_cli.compiled import entry, part
 from rths_cli.control.blocks import Blocks
 from rths_cli.errors import RigError
 from rths_cli.loop.blocks import Step, assemble
+from rths_cli.loop.diagnosis import cause_of
 from rths_cli.loop.guard import END, NONE, STOPPED, GuardLimits, GuardState, fresh_guard, guard, take_over
 from rths_cli.loop.log import Log, Signals, empty_log, note_step, signals
 from rths_cli.loop.reasons import reason_of
@@ -113,7 +114,8 @@ def play(
     named = signals(log, channels, state.estimated.size)
     reason = int(guard_state.flags[1])
     stopped_at_s = float(guard_state.flags[3] * info.dt_s)
-    told = reason_of(info, limits, guard_state, source)
+    cause = cause_of(info, blocks, limits, guard_state, named)
+    told = reason_of(info, limits, guard_state, source, cause)
     record, record_steps = slice(0, len(drive)), min(steps, len(drive))
     rested = still.after > 0 and steps == len(whole) and guard_state.flags[0] == STOPPED
     seen = _whole(named, course, still, info.dt_s) if rested else None

@@ -52,6 +52,7 @@ class Performance:
     """All arrays of one run in real time, made before the rig is opened."""
 
     info: RigInfo
+    blocks: Blocks
     course: Course
     step: Step
     limits: GuardLimits
@@ -86,7 +87,7 @@ def prepare(
     end = round(way_to_rest_s(limits) / info.dt_s) + planned.rest
     whole = np.vstack([np.zeros((planned.ramp, 3)), drive, np.zeros((end, 3))])
     log = empty_log(len(whole), channels, state.estimated.size)
-    return Performance(info, planned, state, limits, fresh_guard(channels), np.ascontiguousarray(whole), log)
+    return Performance(info, blocks, planned, state, limits, fresh_guard(channels), np.ascontiguousarray(whole), log)
 
 
 def way_to_rest_s(limits: GuardLimits) -> float:

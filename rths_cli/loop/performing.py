@@ -12,6 +12,7 @@ from types import FrameType
 import numpy as np
 
 from rths_cli.errors import crash_note
+from rths_cli.loop.diagnosis import cause_of
 from rths_cli.loop.drive import Outcome, Whole, part_of
 from rths_cli.loop.guard import INTERRUPT, OPERATOR, TERMINATION, WATCHER_FAILED
 from rths_cli.loop.log import Signals, signals
@@ -160,7 +161,8 @@ def _outcome(run: Performance, fault: str) -> Outcome:
     stopped_at_s = float(max(run.guard.flags[3] - ramp, 0) * dt_s)
     reason = int(run.guard.flags[1])
     record = slice(ramp, ramp + run.course.record)
-    told = reason_of(run.info, run.limits, run.guard, run.step.source)
+    cause = cause_of(run.info, run.blocks, run.limits, run.guard, everything)
+    told = reason_of(run.info, run.limits, run.guard, run.step.source, cause)
     whole = whole_of(part_of(everything, slice(0, int(run.log.done[0]))), run.course.still, ramp, dt_s)
     return Outcome(part_of(everything, record), steps, told, fault, stopped_at_s, reason, whole)
 

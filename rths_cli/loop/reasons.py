@@ -6,6 +6,7 @@ import math
 
 from rths_cli.loop import guard as g
 from rths_cli.loop.blocks import EXCITATION
+from rths_cli.loop.diagnosis import Cause
 from rths_cli.loop.guard import GuardLimits, GuardState
 from rths_cli.rig_info import RigInfo
 
@@ -36,18 +37,21 @@ ADVICE = {
 }
 
 
-def reason_of(info: RigInfo, limits: GuardLimits, state: GuardState, source: int) -> str:
+def reason_of(info: RigInfo, limits: GuardLimits, state: GuardState, source: int, cause: Cause | None = None) -> str:
     """Return the guard's reason in words, empty when it let everything pass to the end of the record.
 
-    `source` is that of the step: what to do about too much motion is said where an excitation is planned.
+    `source` is that of the step: what to do about too much motion is said where an excitation is planned. `cause`: what
+    the signals say of it, named first.
     """
     reason, channel = int(state.flags[1]), int(state.flags[2])
     if reason in (g.NONE, g.END):
         return ""
     named = f"channel {info.channels[channel].name}" if channel != g.NO_CHANNEL else ""
     facts = ", ".join(filter(None, (named, _seen(reason, float(state.seen[0])), _limit(info, limits, reason, channel))))
-    told = "; ".join(filter(None, (facts, _advice(reason, channel, source))))
-    return f"{g.REASONS[reason]} ({told})" if told else g.REASONS[reason]
+    advice = cause.advice if cause else _advice(reason, channel, source)
+    told = "; ".join(filter(None, (facts, advice)))
+    said = f"{g.REASONS[reason]} ({told})" if told else g.REASONS[reason]
+    return f"{cause.what}: {said}" if cause else said
 
 
 def _seen(reason: int, value: float) -> str:

@@ -61,6 +61,7 @@ def design_blocks(setup: Setup, identified: Identification, kept: Kept | None = 
         latency_samples=setup.rig.latency_samples,
         command_limit_v=_command_limit_v(setup.rig),
         feedback_limit_v=case.controller.feedback_limit_v or math.inf,
+        specimen=_specimen(identified),
     )
     return Design(blocks, model, designed, _shear(setup, identified, 0, residual=0.0))
 

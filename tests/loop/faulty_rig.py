@@ -128,7 +128,7 @@ def plant(stiffness: float = 1.0, **physics: float) -> Plant:
 @cache
 def blocks() -> Blocks:
     """Return the blocks of a whole hybrid test, with shaping."""
-    return replace(best_like(bench_info()), shaping_step_v=bench_info().converters.step_v)
+    return replace(best_like(bench_info()), shaping_step_v=bench_info().converters.step_v, specimen=specimen())
 
 
 @cache

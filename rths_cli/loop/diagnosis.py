@@ -1,0 +1,175 @@
+"""What made the guard stop a test, from the signals of the last second: evidence that separates causes, or their group.
+
+The guard sees one limit violated; a sensor with a wrong sign, for instance, first shows as a command that is too fast.
+After the stop there is time to compare. The identified specimen, driven by the table's motion, gives what every floor
+must have shown: once driven by the measured motion of the table, once by the desired one.
+
+| a floor fits | wrong is |
+|---|---|
+| the desired motion, not the measured one | the table's sensor |
+| the measured motion, not the desired one | the table, or all sensors alike (a sign) |
+| neither | the sensor of that floor, or the specimen |
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lsim
+
+from rths_cli.control.blocks import Blocks
+from rths_cli.control.estimator import specimen_state_space
+from rths_cli.loop import guard as g
+from rths_cli.loop.guard import GuardLimits, GuardState
+from rths_cli.loop.log import Signals
+from rths_cli.lti import Array
+from rths_cli.rig_info import RigInfo
+from rths_cli.structure import Specimen
+
+Flags = NDArray[np.bool_]
+
+WINDOW_S, LATEST_S = 1.0, 0.1  # before the stop: what is computed again, and where a difference counts
+RECENT_S = 0.2  # before the stop: samples that were lost there are its cause
+OFF, BETTER = 0.25, 0.4  # a difference beyond OFF of the signal counts; below BETTER of the other it explains
+BITS = 10.0  # of a channel, beside OFF
+KEPT = 3.0 / g.STUCK_BITS  # of what the guard calls stuck: a channel that kept its code through three bits of motion
+OF_COMMAND = (g.STROKE, g.VELOCITY, g.COMMAND, g.RATE)  # known before the table answers
+DIAGNOSED = (*OF_COMMAND, g.ACCELERATION, g.FORCE, g.TRACKING, g.ENERGY, g.STUCK, g.SATURATED)
+
+STALLS = (  # values of the log's `lost`
+    (1.0, "answers of the rig were lost", "the target or the link stalled", "check target and cable"),
+    (2.0, "steps overran their interval", "this computer stalled", "end other programs, or lower sample_rate_hz"),
+)
+
+CHECK_SENSOR = "check its cable, power, sign and sensitivity"
+CHECK_SENSORS = "check their cables, order, power, signs and sensitivities"
+CHECK_TABLE = "check amplifier, command cable and end stops; lower scaling, or identify the rig anew"
+CHECK_EITHER = f"check the sensor; {CHECK_TABLE}"
+
+
+@dataclass(frozen=True)
+class Cause:
+    """What the evidence says, and what to do about it."""
+
+    what: str
+    advice: str
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What the comparison shows: floors (n,) that fit neither motion of the table; whether some fit the desired one
+    alone, or the measured one alone; whether the two differ."""
+
+    alone: Flags
+    as_desired: bool
+    as_measured: bool
+    astray: bool
+
+
+def cause_of(info: RigInfo, blocks: Blocks, limits: GuardLimits, state: GuardState, log: Signals) -> Cause | None:
+    """Return why a test was stopped, None where the guard's own reason is all that is known.
+
+    `log` holds all steps, also those before the record.
+    """
+    reason, last = int(state.flags[1]), int(state.flags[3])
+    if reason not in DIAGNOSED or last >= log.corrected.shape[1]:
+        return None
+    names = [channel.name for channel in info.channels]
+    kept = _kept(limits, state)
+    found = _lost(log.lost[: last + 1], info.dt_s) or _all_kept(kept, state)
+    if found or blocks.specimen is None:
+        return found
+    seen = _compared(info, blocks.specimen, blocks.lead_samples, log, last)
+    return _named(names, seen, kept, reason) if seen else None
+
+
+def _lost(lost: Array, dt_s: float) -> Cause | None:
+    """Return that samples were missing shortly before; one alone shakes nothing."""
+    recent = lost[-max(round(RECENT_S / dt_s), 1) :]
+    for kind, what, stalled, advice in STALLS:
+        if (count := _longest(recent == kind)) > 1:
+            return Cause(f"{count} {what} in a row ({1e3 * count * dt_s:.0f} ms) shortly before: {stalled}", advice)
+    return None
+
+
+def _longest(flags: Flags) -> int:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
+    return int(np.max(edges[1::2] - edges[::2], initial=0))
+
+
+def _kept(limits: GuardLimits, state: GuardState) -> Flags:
+    """Return which channels kept their code to the bit while they had to move, (c,)."""
+    return (state.moved > KEPT * limits.stuck_m_s2) & (state.same > 1)
+
+
+def _all_kept(kept: Flags, state: GuardState) -> Cause | None:
+    """Return that all channels are stuck, where that is so."""
+    if not kept.all():
+        return None
+    samples = int(state.same.min())
+    return Cause(
+        f"all channels kept their values for {samples} samples: the sensors' power, the converter, or the table",
+        "check power and converter, amplifier and command cable",
+    )
+
+
+def _compared(info: RigInfo, specimen: Specimen, lead: int, log: Signals, last: int) -> Seen | None:
+    """Compare all channels with the identified specimen; None where the signals do not permit it."""
+    first = max(last - round(WINDOW_S / info.dt_s), lead)
+    rows, floors = slice(first, last + 1), len(specimen.masses_kg)
+    table, shown = log.corrected[0, rows], log.corrected[1:, rows]
+    desired = log.desired[0, first - lead : last + 1 - lead]
+    start = log.estimated[: 2 * floors, first]
+    if last - first < 2 or not all(np.isfinite(part).all() for part in (table, shown, desired, start)):
+        return None
+    by_measured = _floors(specimen, table, start, info.dt_s)
+    by_desired = _floors(specimen, desired, start, info.dt_s)
+    latest = slice(-max(round(LATEST_S / info.dt_s), 1), None)
+    least = BITS * np.array([info.converters.step_v / channel.sensitivity_v_per_m_s2 for channel in info.channels])
+    off_measured, off_desired = (_peak((shown - other)[:, latest]) for other in (by_measured, by_desired))
+    size = np.maximum(_peak(shown), np.minimum(_peak(by_measured), _peak(by_desired)))
+    off = np.maximum(off_measured, off_desired) > OFF * size + least[1:]
+    as_desired, as_measured = off & (off_desired < BETTER * off_measured), off & (off_measured < BETTER * off_desired)
+    error = _peak((table - desired)[latest])
+    astray = error > OFF * np.maximum(_peak(table), _peak(desired)) + least[0]
+    return Seen(off & ~as_desired & ~as_measured, bool(as_desired.any()), bool(as_measured.any()), bool(astray))
+
+
+def _named(names: list[str], seen: Seen, kept: Flags, reason: int) -> Cause | None:
+    """Return the cause that fits what was seen."""
+    table = names[0]
+    own = [name for name, alone in zip(names[1:], seen.alone, strict=True) if alone]
+    wrong = [table] * seen.as_desired + own
+    still = " (its value does not change)" if len(wrong) == 1 and kept[names.index(wrong[0])] else ""
+    if own and seen.as_measured:
+        return Cause(f"the table, or the sensors of {_list(own)}, or the specimen", f"{CHECK_TABLE}; {CHECK_SENSORS}")
+    if len(wrong) > 1:
+        return Cause(f"{_list(wrong)} do not fit the others: their sensors, or the specimen", CHECK_SENSORS)
+    if own:
+        return Cause(f"{_list(wrong)} does not fit the others: its sensor{still}, or the specimen", CHECK_SENSOR)
+    if wrong and not seen.as_measured:
+        return Cause(f"channel {table} does not show the motion that the floors show: its sensor{still}", CHECK_SENSOR)
+    if seen.as_measured and not wrong:
+        return Cause("the table does not move as desired, or all sensors are wrong alike", CHECK_TABLE)
+    if wrong or (seen.astray and reason not in OF_COMMAND):
+        return Cause(f"the table does not follow, or the sensor of channel {table} is wrong", CHECK_EITHER)
+    return None
+
+
+def _list(names: list[str]) -> str:
+    return f"channel{'s' if len(names) > 1 else ''} {' and '.join(names)}"
+
+
+def _peak(rows: Array) -> Array:
+    return np.abs(rows).max(axis=-1)
+
+
+def _floors(specimen: Specimen, table_m_s2: Array, start: Array, dt_s: float) -> Array:
+    """Return the floors' accelerations (floors, n) under a motion of the table (n,), from a state (2 floors,)."""
+    system = specimen_state_space(specimen)
+    time = dt_s * np.arange(table_m_s2.size)
+    return np.asarray(
+        lsim((system.A, system.B, system.C, system.D), table_m_s2, time, X0=start)[1].T.reshape(-1, time.size)
+    )

@@ -141,12 +141,13 @@ def _named(names: list[str], seen: Seen, kept: Flags, reason: int) -> Cause | No
     """Return the cause that fits what was seen."""
     table = names[0]
     own = [name for name, alone in zip(names[1:], seen.alone, strict=True) if alone]
-    wrong = [table] * seen.as_desired + own
+    every = bool(seen.astray and len(own) > 1 and seen.alone.all())
+    wrong = [table] * (seen.as_desired or every) + own
     still = " (its value does not change)" if len(wrong) == 1 and kept[names.index(wrong[0])] else ""
     if own and seen.as_measured:
         return Cause(f"the table, or the sensors of {_list(own)}, or the specimen", f"{CHECK_TABLE}; {CHECK_SENSORS}")
     if len(wrong) > 1:
-        return Cause(f"{_list(wrong)} do not fit the others: their sensors, or the specimen", CHECK_SENSORS)
+        return Cause(f"{_list(wrong)} do not fit each other: their sensors, or the specimen", CHECK_SENSORS)
     if own:
         return Cause(f"{_list(wrong)} does not fit the others: its sensor{still}, or the specimen", CHECK_SENSOR)
     if wrong and not seen.as_measured:
@@ -159,7 +160,10 @@ def _named(names: list[str], seen: Seen, kept: Flags, reason: int) -> Cause | No
 
 
 def _list(names: list[str]) -> str:
-    return f"channel{'s' if len(names) > 1 else ''} {' and '.join(names)}"
+    """Return names of channels as `channels a, b and c`."""
+    if len(names) == 1:
+        return f"channel {names[0]}"
+    return f"channels {', '.join(names[:-1])} and {names[-1]}"
 
 
 def _peak(rows: Array) -> Array:

@@ -11,7 +11,10 @@ from loop_faults import DRIVES, EVENTS, KINDS, SENSORS, TABLES, WIRES
 from rths_cli.loop import guard as g
 from rths_cli.loop import performance
 from rths_cli.loop.blocks import NUMERICAL
+from rths_cli.loop.diagnosis import cause_of
+from rths_cli.loop.log import signals
 from rths_cli.loop.performance import Performance
+from rths_cli.loop.reasons import reason_of
 from rths_cli.lti import Array
 from rths_cli.rig_info import RigInfo
 
@@ -34,11 +37,12 @@ class Ended:
     place_m: float
     velocity_m_s: float
     taken_over: int  # steps that passed the guard
+    sentence: str  # what is told of the guard's reason, empty where there is none
 
 
-def performed(name: str, seed: int) -> Ended:
-    """Run with one kind of fault at a random instant."""
-    info, random = bench_info(), np.random.default_rng((seed, *name.encode()))
+def performed(name: str, seed: int, info: RigInfo | None = None) -> Ended:
+    """Run with one kind of fault at a random instant, on the usual bench or with other limits."""
+    info, random = info or bench_info(), np.random.default_rng((seed, *name.encode()))
     rig, orders = FaultyRig(info), np.zeros(1, dtype=np.int64)
     ramp = round(RAMP_S / DT_S)
     play = Play(int(random.integers(ramp + 200, ramp + RECORD - 900)), random, rig, orders, shaken().copy())
@@ -51,9 +55,11 @@ def performed(name: str, seed: int) -> Ended:
 def ended(rig: FaultyRig, run: Performance, fault: str, at: int) -> Ended:
     """Return how a run went."""
     flags, state = run.guard.flags, rig.inner.state.state
+    log = signals(run.log, len(run.info.channels), run.step.estimated.size)
+    cause = cause_of(run.info, run.blocks, run.limits, run.guard, log)
     return Ended(
         int(flags[1]), fault, int(flags[0]), at, rig.rested, np.array(rig.commands), float(state[0]), float(state[1]),
-        int(flags[3]),
+        int(flags[3]), reason_of(run.info, run.limits, run.guard, NUMERICAL, cause),
     )  # fmt: skip
 
 

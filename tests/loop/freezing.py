@@ -17,11 +17,13 @@ from rths_cli.clocks import IntArray
 from rths_cli.compiled import entry, part
 from rths_cli.loop import performance
 from rths_cli.loop.blocks import NUMERICAL, Step
+from rths_cli.loop.diagnosis import cause_of
 from rths_cli.loop.drive import Outcome
 from rths_cli.loop.guard import STOPPED, GuardLimits, GuardState
 from rths_cli.loop.log import Log
 from rths_cli.loop.performance import Performance
 from rths_cli.loop.realtime import Course, conduct, judge, leave, look_ahead
+from rths_cli.loop.reasons import reason_of
 from rths_cli.lti import Array
 from rths_cli.metrics import error_figures
 from rths_cli.rigs.udp.link import LOST, OK
@@ -95,6 +97,12 @@ def frozen(
         look_ahead(course, s, limits, g, drive, log, k)
     log.done[0] = k
     return k
+
+
+def told(run: Performance) -> str:
+    """Return what is told of the guard's reason."""
+    cause = cause_of(run.info, run.blocks, run.limits, run.guard, logged(run))
+    return reason_of(run.info, run.limits, run.guard, NUMERICAL, cause)
 
 
 @dataclass(frozen=True)

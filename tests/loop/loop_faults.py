@@ -66,10 +66,10 @@ def held(count: int) -> Sensor:
     return spoil
 
 
-def growing(play: Play, samples: Array, volts_per_step: float) -> Array:
+def growing(play: Play, samples: Array, volts_per_step: float, channel: int = 0) -> Array:
     steps = play.kept.setdefault("steps", np.zeros(1))
     steps += 1
-    samples[0] += volts_per_step * steps[0]
+    samples[channel] += volts_per_step * steps[0]
     return samples
 
 
@@ -94,8 +94,16 @@ SENSORS: dict[str, tuple[Sensor, set[int]]] = {
         every(lambda p, s: s * 0 + 0.6 * np.sin(0.314 * p.rig.k)),
         ODD,
     ),
+    "all signs flipped": (every(lambda p, s: -s), ODD),
+    "floor sensitivity doubled": (one(1, lambda p, v: 2 * v), ODD | {g.END}),
+    "floor offset jumps": (one(1, lambda p, v: v + 1.0), ODD | {g.END}),
+    "floor sensor drifts": (every(lambda p, s: growing(p, s, 2e-3, 1)), ODD | {g.END}),
+    "floor noise of 0.3 V": (one(2, lambda p, v: v + 0.3 * p.random.standard_normal()), ODD | {g.END}),
+    "floors swapped": (every(lambda p, s: s[[0, 2, 1]]), ODD | {g.END}),
+    "loose contact of one floor": (one(1, lambda p, v: v if p.random.random() > 0.1 else 0.0), ODD | {g.END}),
     "loose contact": (every(lambda p, s: s if p.random.random() > 0.1 else 0 * s), ODD),
     "sensitivity doubled": (one(0, lambda p, v: 2 * v), ODD),
+    "sensitivity halved": (one(0, lambda p, v: 0.5 * v), ODD | {g.END}),
     "sensitivity a tenth": (one(0, lambda p, v: 0.1 * v), ODD),
     "offset jumps": (one(0, lambda p, v: v + 1.0), ODD),
     "sensor drifts": (every(lambda p, s: growing(p, s, 2e-3)), ODD),

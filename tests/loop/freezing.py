@@ -9,23 +9,20 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-from stalling import logged
+from stalling import Laboratory, logged
 
-from rths_cli.analysis.sim import simulate
 from rths_cli.case.load import load_cases
 from rths_cli.clocks import IntArray
 from rths_cli.compiled import entry, part
 from rths_cli.loop import performance
 from rths_cli.loop.blocks import NUMERICAL, Step
 from rths_cli.loop.diagnosis import cause_of
-from rths_cli.loop.drive import Outcome
 from rths_cli.loop.guard import STOPPED, GuardLimits, GuardState
 from rths_cli.loop.log import Log
 from rths_cli.loop.performance import Performance
 from rths_cli.loop.realtime import Course, conduct, judge, leave, look_ahead
 from rths_cli.loop.reasons import reason_of
 from rths_cli.lti import Array
-from rths_cli.metrics import error_figures
 from rths_cli.rigs.udp.link import LOST, OK
 from rths_cli.rigs.udp.way import POINTS, SPACING, Way, fresh_way
 from rths_cli.rigs.virtual import kernel
@@ -34,7 +31,6 @@ from rths_cli.rigs.virtual.plant import Plant
 from rths_cli.workflows.controllers import Design, design_blocks
 from rths_cli.workflows.known import Memory
 from rths_cli.workflows.rigs import guard_limits
-from rths_cli.workflows.series import Series, on_record_clock, whole_building
 from rths_cli.workflows.serve_table import ServedRig, describe, make_table
 from rths_cli.workflows.setup import Setup, make_setup
 from rths_cli.workflows.table_runs import drive_of
@@ -132,19 +128,17 @@ class Freezing:
         )  # fmt: skip
         return run, latched[:steps]
 
+    @cached_property
+    def laboratory(self) -> Laboratory:
+        return Laboratory(self.setup, self.design, self.served, self.record)
+
     def errors(self, run: Performance) -> Array:
         """Return the RMS errors of a run to SIM, storey by storey, in m/s^2."""
-        setup, ramp, log = self.setup, run.course.ramp, logged(run)
-        dt = setup.rig.dt_s
-        outcome = Outcome(log, int(run.log.done[0]), "", "", 0.0)
-        whole = on_record_clock(outcome, self.design.blocks.lead_samples, dt, ramp + self.record)
-        cut = {name: getattr(whole, name)[..., ramp:] for name in Series.__dataclass_fields__ if name != "live"}
-        found = whole_building(setup.building, Series(**cut), setup.motion.accel_m_s2[: self.record], dt)[2]
-        return error_figures(self.sim[:, : found.shape[1]], found, dt).rms
+        return self.laboratory.errors(run)
 
-    @cached_property
+    @property
     def sim(self) -> Array:
-        return simulate(self.setup.building, self.setup.rig.dt_s, self.setup.motion.accel_m_s2).abs_accel_m_s2
+        return self.laboratory.sim
 
 
 def freezing_of(record: int, rate_hz: int, case: str = "el_centro_low_ff_fb", *settings: str) -> Freezing:

@@ -328,5 +328,5 @@ def test_a_building_too_tall_for_its_critical_delay_is_refused() -> None:
     numerical = Numerical(np.full(count - 1, 7.0), chain, 1e-3 * chain)
     specimen = Specimen(np.array([7.0]), np.array([[7e3]]), np.array([[7.0]]))
     tall = Building(numerical, specimen, 0.0, *assemble(numerical, specimen, 0.0))
-    with pytest.raises(InputError, match="^SIM-DELAY: 301 storeys, at most 300 in all can be solved with a delay"):
+    with pytest.raises(InputError, match=r"^SIM-DELAY: 301 storeys, at most 300 in all can be solved with a delay"):
         simulate_delayed(tall, DT_S, np.zeros(5), 0.005)

@@ -55,7 +55,8 @@ class Added:
 @dataclass(frozen=True)
 class Played:
     """RMS errors (n_floors,) in m/s^2 of a run to SIM: in the file, true above the lowest reliable frequency, all of
-    the true one, and as the loop's samples have it; what was found of the sensors, and the error budget."""
+    the true one, and as the loop's samples have it (NaN of a run that a limit stopped); what was found of the sensors;
+    why it was stopped, how much of the record was played, and the error budget."""
 
     reported: Array
     true: Array
@@ -63,7 +64,8 @@ class Played:
     raw: Array
     found: SensorDrift
     lead_samples: int
-    fault: str
+    stopped_by: str
+    played_s: float
     budget: dict[str, Metric]
 
     def said(self, setup: Setup) -> list[str]:
@@ -99,11 +101,13 @@ def played(setup: Setup, memory: Memory, added: Added, seed: int = 0) -> Played:
     outcome, truth = _outcome(setup, design, added, seed)
     dt, lead, building = setup.rig.dt_s, design.blocks.lead_samples, setup.building
     samples = len(setup.motion.time_s)
-    if outcome.whole is None:
-        raise RuntimeError(f"{setup.case.name}: {outcome.stopped_by_limit or outcome.rig_fault}")
+    found = drift_of(setup, identified, design.blocks, outcome)
+    if found is None:
+        raise RuntimeError(outcome.rig_fault)
+    if outcome.stopped_by_limit:
+        not_known = np.full(len(truth) - 1, np.nan)
+        return Played(*(not_known,) * 4, found, lead, outcome.stopped_by_limit, dt * outcome.steps, {})
     raw = on_record_clock(outcome, lead, dt, samples)
-    found = drift_of(setup, identified, design.blocks, outcome.whole)
-    assert found is not None
     series = without_drift(raw, found.removed, lead, design.blocks.estimator) if found.any else raw
     response = simulate(building, dt, setup.motion.accel_m_s2)
     sim = response.abs_accel_m_s2
@@ -119,7 +123,7 @@ def played(setup: Setup, memory: Memory, added: Added, seed: int = 0) -> Played:
     true = truth[:, lead : lead + samples]
     return Played(
         rms(reported, lowest), rms(true, lowest), rms(true, 0.0), rms(as_loop, 0.0), found, lead,
-        outcome.stopped_by_limit or outcome.rig_fault, budget.of_exp_rths(checked.loop, series, reported, response),
+        "", dt * samples, budget.of_exp_rths(checked.loop, series, reported, response),
     )  # fmt: skip
 
 
@@ -140,14 +144,14 @@ def _outcome(setup: Setup, design: Design, added: Added, seed: int) -> tuple[Out
 
 def faults(setup: Setup, added: Added, run: Played) -> list[str]:
     """Return what is wrong with a run, one sentence each."""
-    said = [run.fault] if run.fault else []
+    said = []
     for name, true in (("true", run.true), ("all of the true", run.true_all)):
         off = np.abs(run.reported - true)
         if np.any(off > np.maximum(WITHIN * true, WITHIN_M_S2)):
             said.append(f"errors {_mm(run.reported)} instead of {_mm(true)} mm/s^2 ({name})")
     start, dt = run.found.first + run.lead_samples, setup.rig.dt_s
     for channel, (each, size) in enumerate(zip(run.found.channels, sensitivities(setup.rig), strict=True)):
-        wanted = [(at, by) for place, at, by in added.jumps if place == channel]
+        wanted = [(at, by) for place, at, by in added.jumps if place == channel and at < run.played_s]
         if each.unusable_from is not None:
             if not wanted or dt * (each.unusable_from - start) > wanted[0][0]:
                 said.append(f"channel {channel}: not usable from {dt * (each.unusable_from - start):.2f} s")
@@ -165,7 +169,7 @@ def faults(setup: Setup, added: Added, run: Played) -> list[str]:
         off = abs(size * each.rate - rate)
         if bool(rate) and (not stands_out(each) or off > WITHIN_SIZE * abs(rate) + 3.0 * size * each.rate_uncertainty):
             said.append(f"channel {channel}: drift {6e4 * size * each.rate:.3g} instead of {6e4 * rate:.3g} mV/min")
-        if not added.offset_v[channel] and stands_out(each):
+        if not added.offset_v[channel] and each.drifts:
             said.append(f"channel {channel}: healthy, but {each}")
     return said
 
@@ -195,7 +199,7 @@ def main(arguments: Sequence[str]) -> int:
             continue
         wrong = faults(setup, added, run)
         failed += bool(wrong)
-        words = "; ".join(wrong) or "right"
+        words = "; ".join(wrong) or f"right{', stopped: ' * bool(run.stopped_by)}{run.stopped_by}"
         print(
             f"{seed:4} {name:22} {corner:5} Hz {rate:4} Hz  raw {_mm(run.raw)}  file {_mm(run.reported)}  "
             f"true {_mm(run.true)}  {words}",

@@ -47,7 +47,7 @@ class Outcome:
     """How a run went: log on the loop's own clock, steps done, and why it stopped early (empty when it did not).
 
     `stopped_at_s`: when the guard took over, on the loop's clock; `reason`: why, one of the guard's reasons; `whole`:
-    the run with the rest before and after it, of one that reached both.
+    the run with the rest before it and, where it got so far, after it.
     """
 
     log: Signals
@@ -117,8 +117,7 @@ def play(
     cause = cause_of(info, blocks, limits, guard_state, named)
     told = reason_of(info, limits, guard_state, source, cause)
     record, record_steps = slice(0, len(drive)), min(steps, len(drive))
-    rested = still.after > 0 and steps == len(whole) and guard_state.flags[0] == STOPPED
-    seen = _whole(named, course, still, info.dt_s) if rested else None
+    seen = _whole(part_of(named, slice(0, steps)), course, still, info.dt_s) if still.before else None
     return Outcome(part_of(named, record), record_steps, told, fault, stopped_at_s, reason, seen)
 
 
@@ -128,9 +127,10 @@ def part_of(everything: Signals, steps: slice) -> Signals:
     return replace(everything, **{name: getattr(everything, name)[..., steps] for name in names})
 
 
-def _whole(named: Signals, course: _Course, still: Stillness, dt_s: float) -> Whole:
+def _whole(played: Signals, course: _Course, still: Stillness, dt_s: float) -> Whole:
+    after = slice(still.down, max(played.command_v.size - course.record, still.down))
     return Whole(
-        named.corrected, named.command_v, 0, course.before_v.T, course.after_v[still.down :].T, -still.before * dt_s,
+        played.corrected, played.command_v, 0, course.before_v.T, course.after_v[after].T, -still.before * dt_s,
         (course.record + still.down) * dt_s,
     )  # fmt: skip
 

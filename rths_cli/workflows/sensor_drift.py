@@ -10,18 +10,24 @@ import numpy as np
 from rths_cli.analysis.identified_rig import identified_rig
 from rths_cli.analysis.sensor_drift import ChannelDrift, channel_drifts, coupled_again
 from rths_cli.files.result_writer import Metric
+from rths_cli.loop import guard
 from rths_cli.loop.replay import run_block
 from rths_cli.metrics.catalogue import SENSORS
 
 if TYPE_CHECKING:
     from rths_cli.control.blocks import Blocks
     from rths_cli.identification.found import Identification
-    from rths_cli.loop.drive import Whole
+    from rths_cli.loop.drive import Outcome
     from rths_cli.lti import Array
     from rths_cli.rig_info import RigInfo
     from rths_cli.workflows.setup import Setup
 
-LEAST_S = 0.5  # of rest at either end
+SHORTEST_S = 3.0  # of a run that tells drift from motion
+TOLD_BY = (
+    guard.NONE, guard.END, guard.STROKE, guard.VELOCITY, guard.ACCELERATION, guard.FORCE, guard.COMMAND, guard.RATE,
+    guard.TRACKING, guard.ENERGY,
+)  # fmt: skip
+"""Ends of runs of which drift and jumps are told: of others the guard has named sensor, rig or operator already."""
 
 
 @dataclass(frozen=True)
@@ -39,13 +45,15 @@ class SensorDrift:
         return bool(self.removed.any())
 
 
-def drift_of(setup: Setup, identified: Identification, blocks: Blocks, whole: Whole | None) -> SensorDrift | None:
+def drift_of(setup: Setup, identified: Identification, blocks: Blocks, outcome: Outcome) -> SensorDrift | None:
     """Return what the channels of a run show beside the motion that the identified rig makes of its commands.
 
-    None for a run that was not watched at rest before and after its record.
+    None for a run that was not watched at rest before its record, was short, or ended for another reason than motion.
     """
-    dt = setup.rig.dt_s
-    if whole is None or min(whole.before_v.shape[1], whole.after_v.shape[1]) * dt < LEAST_S:
+    dt, whole = setup.rig.dt_s, outcome.whole
+    if whole is None or outcome.reason not in TOLD_BY or outcome.rig_fault:
+        return None
+    if whole.command_v.size * dt < SHORTEST_S or not np.isfinite(whole.corrected).all():
         return None
     removes = setup.removes_sensors
     corners = [channel.high_pass_hz if removes else 0.0 for channel in setup.rig.channels]
@@ -65,7 +73,7 @@ def stands_out(channel: ChannelDrift) -> bool:
 
 
 def sensitivities(rig: RigInfo) -> Array:
-    """Return V per m/s^2 of each channel."""
+    """Return V per m/s^2 of each channel, without its sign."""
     return np.array([channel.sensitivity_v_per_m_s2 for channel in rig.channels])
 
 
@@ -84,7 +92,7 @@ def _answer(setup: Setup, identified: Identification, blocks: Blocks, command_v:
 
 def as_figures(run: str, found: SensorDrift, setup: Setup, lead_samples: int) -> dict[str, Metric]:
     """Return offset, drift and jumps of each channel in the channel's unit."""
-    sizes, dt, end = sensitivities(setup.rig), setup.rig.dt_s, len(setup.motion.time_s)
+    sizes, dt, end = sensitivities(setup.rig) * setup.rig.signs, setup.rig.dt_s, len(setup.motion.time_s)
     start = found.first + lead_samples
 
     def until(each: ChannelDrift) -> float:
@@ -92,9 +100,9 @@ def as_figures(run: str, found: SensorDrift, setup: Setup, lead_samples: int) ->
 
     values = {
         "sensor_offset_v": sizes * [each.offset for each in found.channels],
-        "sensor_offset_uncertainty_v": sizes * [each.offset_uncertainty for each in found.channels],
+        "sensor_offset_uncertainty_v": abs(sizes) * [each.offset_uncertainty for each in found.channels],
         "sensor_drift_v_per_min": 60.0 * sizes * [each.rate for each in found.channels],
-        "sensor_drift_uncertainty_v_per_min": 60.0 * sizes * [each.rate_uncertainty for each in found.channels],
+        "sensor_drift_uncertainty_v_per_min": 60.0 * abs(sizes) * [each.rate_uncertainty for each in found.channels],
         "sensor_jumps": np.array([float(len(each.jumps)) for each in found.channels]),
         "sensor_usable_until_s": np.array([until(each) for each in found.channels]),
     }
@@ -105,9 +113,9 @@ def sentences(label: str, found: SensorDrift, setup: Setup, lead_samples: int) -
     """Return what a user should know of the channels of a run, each with its unit."""
     start, dt, said = found.first + lead_samples, setup.rig.dt_s, []
     for channel, each in zip(setup.rig.channels, found.channels, strict=True):
-        size, who = channel.sensitivity_v_per_m_s2, f"{label}: channel {channel.name}"
+        size, who = channel.sign * channel.sensitivity_v_per_m_s2, f"{label}: channel {channel.name}"
         if each.drifts:
-            off, rate, sure = 1e3 * size * each.offset, 6e4 * size * each.rate, 6e4 * size * each.rate_uncertainty
+            off, rate, sure = 1e3 * size * each.offset, 6e4 * size * each.rate, 6e4 * abs(size) * each.rate_uncertainty
             said.append(
                 f"{who} has an offset of {off:.3g} mV and drifts by {rate:.3g} mV/min (+-{2.0 * sure:.2g}); taken out "
                 "of its samples after the run, the loop had them"

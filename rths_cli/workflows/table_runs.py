@@ -106,12 +106,10 @@ def play_all(
         outcome = stage.play(setup, design, run, writer)
         blocks, lead = design.blocks, design.blocks.lead_samples
         series = on_record_clock(outcome, lead, setup.rig.dt_s, len(setup.motion.time_s))
-        drift = drift_of(setup, identified, blocks, outcome.whole)
-        if drift is not None:
-            values |= sensor_drift.as_figures(run.name, drift, setup, lead)
+        drift = drift_of(setup, identified, blocks, outcome)
+        if drift is not None and drift.any:
             said += sensor_drift.sentences(run.label, drift, setup, lead)
-            if drift.any:
-                series = without_drift(series, drift.removed, lead, blocks.estimator)
+            series = without_drift(series, drift.removed, lead, blocks.estimator)
         stopped = why_ended(run.label, outcome, len(setup.motion.time_s) * setup.rig.dt_s)
         stop = stop or stopped
         hybrid = hybrid_of(setup, series) if run.source == NUMERICAL else None
@@ -121,6 +119,8 @@ def play_all(
         _note(writer, run.name, stopped)
         if found := losses.of_live(series.live, setup.rig.dt_s):
             values |= losses.as_figures(run.name, found)
+        if stopped is None and drift is not None:
+            values |= sensor_drift.as_figures(run.name, drift, setup, lead)
         if stopped is None:
             values |= _figures(setup, run.name, series, sim, hybrid)
         if stopped is None and hybrid is not None:

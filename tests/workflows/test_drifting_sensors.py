@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -10,11 +11,22 @@ import numpy as np
 import pytest
 
 from rths_cli.case.load import load_cases
+from rths_cli.files.results import read_result, read_series
+from rths_cli.loop.performance import RAMP_UP_S
+from rths_cli.metrics import error_figures
+from rths_cli.workflows import real_stage
+from rths_cli.workflows.controllers import design_blocks
 from rths_cli.workflows.known import Memory
 from rths_cli.workflows.lowest_frequency import lowest_reliable_hz
+from rths_cli.workflows.model_store import key
+from rths_cli.workflows.real_stage import RealStage
+from rths_cli.workflows.rigs import EXP_RTHS, open_virtual
+from rths_cli.workflows.run import run_case
 from rths_cli.workflows.setup import Setup, make_setup
+from rths_cli.workflows.table_runs import AFTER_S, BEFORE_S
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
+from drifting_rig import DriftingRig
 from drifting_sensors import Added, Played, faults, nothing, played
 
 COUPLED = "table.sensors.high_pass_hz=0.1"
@@ -81,3 +93,57 @@ def test_the_lowest_frequency_follows_filter_coupling_and_length() -> None:
     assert lowest_reliable_hz(coupled) == pytest.approx(0.2)
     short = replace(setup, motion=replace(setup.motion, time_s=setup.motion.time_s[:4000]))
     assert lowest_reliable_hz(short) == pytest.approx(0.125)
+
+
+def test_the_file_of_a_real_run_has_the_errors_of_the_true_floors_and_names_the_channel(
+    memory: Memory, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Through listening, ramps, raw log and result file, on a rig that is exchanged with from Python."""
+    setup = setup_with("el_centro_low_ff", COUPLED, "runs=[sim,exp_rths]")
+    known, dt = memory.known(setup, lambda _: None), setup.rig.dt_s
+    start = round((BEFORE_S + RAMP_UP_S) / dt) + design_blocks(setup, known.found).blocks.lead_samples
+    jump = (1, start + round(30.0 / dt), -5e-3)
+    rig = DriftingRig(open_virtual(setup, (EXP_RTHS,), 0), [0.0, 5e-3, 5e-3], [0.0, 0.0, 3.0 * MV_PER_MIN], [jump])
+    real = replace(setup, rig=replace(setup.rig, kind="made up"), overrides=("check", "model"))
+    asked = Memory()
+    asked._known[key(real)] = known
+    monkeypatch.setattr(real_stage, "open_rig", lambda *_: rig)
+    stage = RealStage(lambda label, view: False)
+    try:
+        ended = run_case(real, tmp_path / "a.h5", asked, "rths run", lambda _: None, stage=stage)
+    finally:
+        stage.close()
+    assert ended.status == "complete", ended.reason
+    told = " ".join(ended.warnings)
+    assert "channel floor_3 has an offset of" in told, told
+    assert re.search(r"channel floor_2 jumps by -5\.?0?\d? mV at (30.00|29.99)", told), told
+    assert "channel table" not in told and "channel floor_2 has" not in told
+    result = read_result(tmp_path / "a.h5")
+    assert str(result.attributes["warnings"]).count("EXP-RTHS: channel floor_3") == 1
+    samples = len(setup.motion.time_s)
+    accel = np.diff(np.array(rig.true_velocity_m_s).T, axis=1) / dt
+    sim = read_series(tmp_path / "a.h5", "sim/abs_accel_m_s2")
+    true = error_figures(
+        sim[1:], accel[1:, start - 1 : start - 1 + samples], dt, result.metrics["exp_rths.high_pass_hz"]
+    ).rms
+    assert result.metrics["exp_rths.rms_error_m_s2"][1:] == pytest.approx(true, rel=0.05, abs=1e-4)
+    drift = 1e3 * result.metrics["exp_rths.sensor_drift_v_per_min"]
+    assert drift == pytest.approx([0.0, 0.0, 3.0], abs=0.1)
+    taken = read_series(tmp_path / "a.h5", "exp_rths/sensor_drift_m_s2")
+    assert not taken[0].any() and np.abs(taken[2, -1]) > 0.1
+    shown = read_series(tmp_path / "a.h5", "exp_rths/rest/samples_v")
+    clock = read_series(tmp_path / "a.h5", "exp_rths/rest/rest_time_s")
+    before = clock < 0.0
+    assert before.sum() == round(BEFORE_S / dt) and (~before).sum() >= round(AFTER_S / dt)
+    assert clock[~before].min() > samples * dt
+    assert shown[2, before].mean() == pytest.approx(5e-3, abs=3e-4)
+    assert shown[2, ~before].mean() == pytest.approx(5e-3 + 3.0 * MV_PER_MIN * (clock[~before].mean() + 2.0), abs=4e-4)
+
+
+def test_a_run_that_a_jump_drives_to_its_stop_names_the_jump(memory: Memory) -> None:
+    """Feedback follows a table sensor that jumps until the stroke ends: what is said of the sensor is the cause."""
+    setup = setup_with("hachinohe_high_ff_fb", COUPLED)
+    given = added(0, 0.0, 0.0, (9.7, 50e-3))
+    run = played(setup, memory, given)
+    assert run.stopped_by and faults(setup, given, run) == []
+    assert any("channel table jumps by 50" in line and "9.70" in line for line in run.said(setup))

@@ -59,6 +59,10 @@ def played(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Signals, 
     assert faults == [""] and run.guard.flags[1] == guard.END
     log = signals(run.log, 3, run.step.estimated.size)
     assert run.log.done[0] > 1200
+    left = np.flatnonzero(log.lost[1 : run.log.done[0]] != 2)  # steps of which the command left
+    numbers = [one.sequence for one in target.received if one.kind == COMMAND]
+    assert np.array_equal(numbers, numbers[0] + left - left[0])  # a number for each instant, also for those missed
+    assert target.lost >= max(STALLS)
     yield (
         replace(log, lost=log.lost[: run.log.done[0]]),
         [one.content for one in target.received if one.kind == COMMAND],

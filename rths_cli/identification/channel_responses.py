@@ -29,7 +29,7 @@ FOLLOWS = 0.5  # power of the frequency, above which a channel may be an acceler
 REFUSED_GAIN, REFUSED_MASS = 0.03, 0.3  # errors of a sensitivity or mass, beyond which channels are refused
 SAID, UNEXPLAINED = 10.0, 30.0  # standard deviations, beyond which no chain and no single fault is said, and refused
 CALM = 0.2  # of the misfit at full level, up to which a chain explains the channels at low level
-TRUE_MOTION = 3.0  # standard deviations of single lines, up to which channels show the motion of a chain
+TRUE_MOTION = 10.0  # standard deviations of single lines, up to which channels show the motion of a chain
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from rths_cli.identification.record import Record
 from rths_cli.lti import Array, Frf
 from rths_cli.rig_info import Channel, RigInfo
 
-DEAD_BITS, DEAD_OVER_SILENCE = 3.0, 3.0
+DEAD_BITS, DEAD_OVER_SILENCE = 1.0, 3.0
 CLIPPED_SHARE = 0.98
 MAINS_HZ = (50.0, 60.0, 100.0, 120.0, 150.0, 180.0)
 HUM_OVER_FLOOR = 10.0
@@ -53,15 +53,16 @@ def _signal_faults(channel: Channel, accel: Array, info: RigInfo, record: Record
     rms = float(accel[parts.noise].std())
     quiet = float(accel[parts.silence].std()) if parts.silence is not None else 0.0
     least = max(DEAD_BITS * info.converters.step_v / channel.sensitivity_v_per_m_s2, 1e-9)
+    still = "" if channel is info.channels[0] else ", or a storey so soft that this floor hardly moves"
     if rms < least:
         return [
-            f"channel {channel.name}: dead, {rms:.2g} m/s^2 rms under excitation where at least {least:.2g} is "
-            "expected; check sensor, cable and power"
+            f"channel {channel.name}: dead, {rms:.2g} m/s^2 rms under excitation is less than a bit ({least:.2g}); "
+            f"check sensor, cable and power{still}"
         ]
     if rms < DEAD_OVER_SILENCE * quiet:
         return [
             f"channel {channel.name}: nothing but noise, {quiet:.2g} m/s^2 rms at rest and {rms:.2g} under excitation; "
-            "check sensor and cable, or excite louder"
+            f"check sensor and cable{still}, or take a sensor of less noise"
         ]
     largest = float(np.abs(accel).max())
     if largest > CLIPPED_SHARE * channel.range_m_s2:

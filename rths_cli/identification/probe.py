@@ -44,6 +44,7 @@ LEAST_OVER_NOISE = 3.0
 SHORT_SEGMENT_S = 4.0  # so that the probe has nine
 GROWN, LEAST_SCATTER = 1.5, 1.5e-3  # of the unexplained share; standard error of a line of such segments
 FOLLOWED = ("stroke", "velocity")  # limits whose use grows with the table's gain
+SOFT = "; a floor on a storey far softer than the others may hardly move as well"
 
 
 @dataclass(frozen=True)
@@ -182,7 +183,7 @@ def check_probe(info: RigInfo, probe: Excitation, accel: Array) -> None:
             faults.append(
                 f"channel {channel.name}: nothing but noise in the probe, {quiet:.2g} m/s^2 rms at rest and {loud:.2g} "
                 f"under excitation of nominally {probe.accel_rms_m_s2:.2g} (a bit is {bit:.2g}); check sensor, cable "
-                "and power, or use a finer converter"
+                f"and power, or use a finer converter{'' if channel is info.channels[0] else SOFT}"
             )
     if faults:
         raise InputError(*faults)

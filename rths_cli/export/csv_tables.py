@@ -7,6 +7,7 @@ for Tabular Data; what is no series (attributes, figures, blocks, poles, the cas
 
 from __future__ import annotations
 
+import csv
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -22,6 +23,7 @@ from rths_cli.export.source import Source
 from rths_cli.export.target import Target
 from rths_cli.files.results import Dataset
 from rths_cli.lti import Array
+from rths_cli.printed import csv_cell
 
 AXES = ("time_s", "frequency_hz")
 ROWS = 4096  # made into text at a time
@@ -90,8 +92,8 @@ def _columns(name: str, item: Dataset, scales: Sequence[Array]) -> Iterator[Colu
 
 def _write_table(source: Source, table: Table, path: Path) -> None:
     held = list(columns(source, table))
-    with open(path, "w", encoding="ascii", newline="") as file:
-        file.write(",".join(column.name for column in held) + "\n")
+    with open(path, "w", encoding="utf-8", newline="") as file:
+        csv.writer(file, lineterminator="\n").writerow(csv_cell(column.name) for column in held)
         for start in range(0, len(held[0].values), ROWS):
             parts = [_texts(column.values[start : start + ROWS]) for column in held]
             file.writelines(f"{','.join(row)}\n" for row in zip(*parts, strict=True))

@@ -7,7 +7,6 @@ texts, with the bytes it declares in the file itself; an attribute is one text o
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Iterator, Mapping
 from functools import cache
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
 DEEPEST = 8  # groups inside each other
 MOST_OBJECTS = 20_000
 LONGEST_NAME = 200
-NAME = re.compile(r"[A-Za-z0-9_][\w.+\-\[\]]*", re.ASCII)
 MOST_AXES = 3
 MOST_BYTES = 1 << 31  # of a dataset
 MOST_TEXTS = 100_000
@@ -158,7 +156,7 @@ def member(values: Mapping[str, Any], name: str, kind: type | tuple[type, ...]) 
 
 def _name(raw: bytes) -> str:
     name = raw.decode(errors="surrogateescape")
-    if len(name) > LONGEST_NAME or not NAME.fullmatch(name):
+    if len(name) > LONGEST_NAME or not name.isprintable():
         raise LayoutError(f"has an object with the name {name[:40]!r}")
     return name
 

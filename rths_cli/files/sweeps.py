@@ -222,7 +222,7 @@ def _csv(sweep: Sweep) -> str:
     columns = dict(_columns(sweep))
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
+    writer.writerow(map(csv_cell, columns))
     writer.writerows(zip(*columns.values(), strict=True))
     return text.getvalue()
 

@@ -47,7 +47,8 @@ def _lines(result: Result) -> Iterator[list[str]]:
         values = np.asarray(value, dtype=float)
         for number, item in enumerate(values.ravel(), 1):
             place = str(number) if values.ndim else ""
-            yield [*about, path, place, _number(item), result.units[path], _published(published, path, number)]
+            unit = csv_cell(result.units[path])
+            yield [*about, csv_cell(path), place, _number(item), unit, _published(published, path, number)]
 
 
 def _published(figures: Mapping[str, object], path: str, number: int) -> str:

@@ -75,7 +75,7 @@ def outcome(fault: Fault | None, chain: Chain, said: tuple[str, ...]) -> str:
     if not said:
         return MISSED
     if any(expected(fault, chain) in sentence for sentence in said):
-        return GROUPED if any("do not tell" in sentence or " or " in sentence for sentence in said) else NAMED
+        return GROUPED if any("do not tell" in sentence for sentence in said) else NAMED
     return UNEXPLAINED if all(sentence.startswith("floors: no chain") for sentence in said) else WRONG
 
 

@@ -82,7 +82,8 @@ def cause_of(info: RigInfo, blocks: Blocks, limits: GuardLimits, state: GuardSta
     if found or blocks.specimen is None:
         return found
     seen = _compared(info, blocks.specimen, blocks.lead_samples, log, last)
-    return _named(names, seen, kept, reason) if seen else None
+    fits = reason not in OF_COMMAND and int(state.flags[2]) in (g.NO_CHANNEL, 0)
+    return _named(names, seen, kept, fits) if seen else None
 
 
 def _lost(lost: Array, dt_s: float) -> Cause | None:
@@ -137,8 +138,8 @@ def _compared(info: RigInfo, specimen: Specimen, lead: int, log: Signals, last: 
     return Seen(off & ~as_desired & ~as_measured, bool(as_desired.any()), bool(as_measured.any()), bool(astray))
 
 
-def _named(names: list[str], seen: Seen, kept: Flags, reason: int) -> Cause | None:
-    """Return the cause that fits what was seen."""
+def _named(names: list[str], seen: Seen, kept: Flags, of_table: bool) -> Cause | None:
+    """Return the cause that fits what was seen; `of_table`: the limit violated may be about table or table sensor."""
     table = names[0]
     own = [name for name, alone in zip(names[1:], seen.alone, strict=True) if alone]
     every = bool(seen.astray and len(own) > 1 and seen.alone.all())
@@ -154,7 +155,7 @@ def _named(names: list[str], seen: Seen, kept: Flags, reason: int) -> Cause | No
         return Cause(f"channel {table} does not show the motion that the floors show: its sensor{still}", CHECK_SENSOR)
     if seen.as_measured and not wrong:
         return Cause("the table does not move as desired, or all sensors are wrong alike", CHECK_TABLE)
-    if wrong or (seen.astray and reason not in OF_COMMAND):
+    if wrong or (seen.astray and of_table):
         return Cause(f"the table does not follow, or the sensor of channel {table} is wrong", CHECK_EITHER)
     return None
 

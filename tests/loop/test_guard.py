@@ -49,6 +49,17 @@ def ask(
         phase[k] = state.flags[0]
 
 
+@entry
+def estimating(
+    limits: GuardLimits, state: GuardState, asked: Array, samples: Array, accel: Array, desired: Array,
+    estimated: Array, sent: Array, phase: Array,
+) -> None:  # fmt: skip
+    """Do what `ask` does, with an estimator's outputs (n, e)."""
+    for k in range(asked.size):
+        sent[k] = guard(limits, state, asked[k], samples[k], accel[k], desired[k], estimated[k], 0.0, 0.0)
+        phase[k] = state.flags[0]
+
+
 def limits(
     stroke_m: float = 0.079, velocity_m_s: float = 1.0, acceleration_m_s2: float = 45.0, force_n: float = 445.0
 ) -> GuardLimits:
@@ -284,6 +295,20 @@ def test_a_stuck_sensor_is_one_that_misses_ten_bits_for_half_a_second(desired_m_
         assert outcome.stopped_at_s == pytest.approx((100 + 1000) * DT_S)  # 0.5 s after the code came
     else:
         assert outcome.steps == 3000
+
+
+@pytest.mark.parametrize(("floor_m_s2", "stops"), [(0.031, True), (0.029, False)])
+def test_a_floor_that_rests_in_a_quiet_tail_is_not_stuck(floor_m_s2: float, stops: bool) -> None:
+    """Channel 2 keeps its code while the table moves by 1 m/s^2: what counts is the motion estimated of its floor."""
+    count = 1200
+    samples, accel = NOISE[:count].copy(), np.zeros((count, 3))
+    samples[100:, 2], desired = 1e-3, np.zeros((count, 2))
+    desired[100:, 0] = np.sin(0.01 * np.arange(count - 100))
+    estimated = np.zeros((count, 6))
+    estimated[300:, 5] = floor_m_s2
+    state, sent, phase = fresh_guard(3), np.zeros(count), np.zeros(count)
+    estimating(limits(), state, np.zeros(count), samples, accel, desired, estimated, sent, phase)
+    assert (state.flags[1] == g.STUCK) == stops and (not stops or state.flags[2] == 2)
 
 
 def test_a_virtual_run_beyond_the_stroke_is_stopped_before_the_end_stop() -> None:

@@ -27,6 +27,8 @@ from rths_cli.workflows.setup import Setup, make_setup
 CASE = "el_centro_low_ff_fb"
 AFTER = "table.after_identification"
 
+SCATTER = 0.2  # of an RMS error: models equal to 1e-9 round commands differently; 20 seeds of this case range over 18 %
+
 
 def setup_of(model: Path | None, *settings: str, overrides: tuple[str, ...] = ()) -> Setup:
     named = (f"identification.model={model}",) if model else ()
@@ -186,7 +188,7 @@ def test_the_model_brought_along_runs_like_the_one_identified_here(
     assert known.found.best.coupling_hz == best.coupling_hz > 0.0
     ended, result = run(tmp_path / "r.h5", setup, memory)
     assert ended.exit_code == 0, ended.reason
-    assert np.asarray(result.metrics["exp_rths.rms_error_m_s2"]) == pytest.approx(errors, rel=0.1)
+    assert np.asarray(result.metrics["exp_rths.rms_error_m_s2"]) == pytest.approx(errors, rel=SCATTER)
     assert result.attributes["model_source"].endswith(f"{path.name}, judged by a record made now")
 
 

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lsim
 
 from rths_cli.control.blocks import Blocks
 from rths_cli.control.estimator import specimen_state_space
@@ -173,6 +172,8 @@ def _peak(rows: Array) -> Array:
 
 def _floors(specimen: Specimen, table_m_s2: Array, start: Array, dt_s: float) -> Array:
     """Return the floors' accelerations (floors, n) under a motion of the table (n,), from a state (2 floors,)."""
+    from scipy.signal import lsim  # takes half a second; only a run that was stopped is diagnosed
+
     system = specimen_state_space(specimen)
     time = dt_s * np.arange(table_m_s2.size)
     return np.asarray(

@@ -26,8 +26,8 @@ ABOUT = (
     "created_utc", "rths_version", "git_commit",
 )  # fmt: skip
 TEST_BAND = (
-    "Test band: the error through a 4th-order 12 Hz low pass, forward and backward; full: without it. "
-    "Measured: by the accelerometers, corrected for their known dynamics."
+    "Test band: the error above high_pass_hz, through a 4th-order 12 Hz low pass, forward and backward; "
+    "full: without the low pass. Measured: by the accelerometers, corrected for their known dynamics."
 )
 TRUE = "True: table and floors before any sensor, which only a virtual rig knows; full-t: true, in full band."
 HALTED_WORD = SHORT["interrupted"]

@@ -23,7 +23,7 @@ from rths_cli.report.figures.source import (
     interface_storey,
 )
 from rths_cli.report.figures.style import DESIRED as DESIRED_LOOK
-from rths_cli.report.figures.style import ESTIMATED, RUNS, TRUE, Look
+from rths_cli.report.figures.style import ESTIMATED, RUNS, TRUE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -109,7 +109,7 @@ def _tracking_errors(source: Source) -> Iterator[Panel]:
             error = source.read(f"{run}/{DESIRED}") - source.read(f"{run}/{MEASURED}")
             look = RUNS[run]
             note = _rms(source, f"{run}.tracking_rms_m_s2")
-            yield _error_panel(source, f"tracking, {look.label}", look, source.read(f"{run}/time_s"), error, note)
+            yield _error_panel(source, f"tracking, {look.label}", run, source.read(f"{run}/time_s"), error, note)
 
 
 def _storeys_with_errors(source: Source) -> list[int]:
@@ -128,18 +128,17 @@ def _storey_errors(source: Source, storey: int) -> Iterator[Panel]:
             note = "" if figures is None else _told(float(figures[storey - 1]))
             title = f"storey {storey}, SIM − {RUNS[run].label}"
             time = source.read(f"{run}/time_s")
-            yield _error_panel(source, title, RUNS[run], time, exact[: values.size] - values, note)
+            yield _error_panel(source, title, run, time, exact[: values.size] - values, note)
 
 
-def _error_panel(source: Source, title: str, look: Look, time: Array, error: Array, note: str) -> Panel:
-    """Return the panel of an error (n,), filtered to the test band as far as it is known."""
-    from rths_cli.metrics import test_band
+def _error_panel(source: Source, title: str, run: str, time: Array, error: Array, note: str) -> Panel:
+    """Return the panel of an error (n,) of a run, filtered as its RMS is, as far as it is known."""
+    from rths_cli.report.error_series import evaluated_error
 
     n = known_part(error)
-    banded = np.full(error.size, np.nan)
-    if n > 1:
-        banded[:n] = test_band(error[:n], 1.0 / source.rate_hz)
-    return Panel(title, ERROR, (Line(look, time, banded),), note=note)
+    shown = np.full(error.size, np.nan)
+    shown[:n] = evaluated_error(source.result, run, error[:n], 1.0 / source.rate_hz)
+    return Panel(title, ERROR, (Line(RUNS[run], time, shown),), note=note)
 
 
 def _close(source: Source, time: Array, values: Array) -> slice:

@@ -9,7 +9,7 @@ import numpy as np
 
 from rths_cli.files.results import Result, read_series
 from rths_cli.lti import Array
-from rths_cli.metrics import test_band
+from rths_cli.report.error_series import evaluated_error
 from rths_cli.report.page.envelope import Pool, envelope, width_of
 from rths_cli.report.page.facts import RUNS
 
@@ -55,7 +55,7 @@ def tables(result: Result) -> Iterator[View]:
                 read_series(result.path, f"{run}/interface_accel_{name}_m_s2") for name in ("desired", "measured")
             )
             both = (Trace("desired", "desired", desired), Trace("measured", "measured", measured))
-            error = Trace("desired - measured", "error", in_test_band(desired - measured, time))
+            error = Trace("desired - measured", "error", evaluated_error(result, run, desired - measured, _step(time)))
             charts = (
                 Chart("Table acceleration", UNIT, time, both),
                 Chart(f"Tracking error, {IN_BAND}", UNIT, time, (error,)),
@@ -75,25 +75,21 @@ def storeys(result: Result) -> Iterator[View]:
     for place in range(len(accel[runs[0]])):
         of = {run: values[place] for run, values in accel.items()}
         name = f"{place + 1}{' (interface)' if place + 1 == interface else ''}"
-        yield View(name, tuple(_storey_charts(place + 1, of, time)))
+        yield View(name, tuple(_storey_charts(result, place + 1, of, time)))
 
 
-def _storey_charts(storey: int, of: dict[str, Array], time: Array) -> Iterator[Chart]:
+def _storey_charts(result: Result, storey: int, of: dict[str, Array], time: Array) -> Iterator[Chart]:
     traces = tuple(Trace(RUNS[run], run, values) for run, values in of.items())
     yield Chart(f"Absolute acceleration, storey {storey}", UNIT, time, traces)
-    errors = tuple(_error(of["sim"], run, of[run], time) for run in BUILDINGS[1:] if run in of and "sim" in of)
+    errors = tuple(_error(result, run, of, time) for run in BUILDINGS[1:] if run in of and "sim" in of)
     if errors:
         yield Chart(f"Error to SIM, storey {storey}, {IN_BAND}", UNIT, time, errors)
 
 
-def _error(sim: Array, run: str, values: Array, time: Array) -> Trace:
-    both = min(sim.size, values.size)
-    return Trace(f"SIM - {RUNS[run]}", run, in_test_band(sim[:both] - values[:both], time))
-
-
-def in_test_band(error: Array, time: Array) -> Array:
-    """Return an error (n,) in the test band; NaN throughout where it was cut, or has too few samples."""
-    return test_band(error, _step(time)) if error.size > 1 else np.full(error.shape, np.nan)
+def _error(result: Result, run: str, of: dict[str, Array], time: Array) -> Trace:
+    both = min(of["sim"].size, of[run].size)
+    error = of["sim"][:both] - of[run][:both]
+    return Trace(f"SIM - {RUNS[run]}", run, evaluated_error(result, run, error, _step(time)))
 
 
 def document(result: Result, pool: Pool) -> dict[str, object]:

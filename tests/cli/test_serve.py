@@ -93,6 +93,7 @@ def test_a_port_in_use_and_bad_input_are_one_sentence(own_cache: Path, tmp_path:
             (("--key-file", str(tmp_path / "none")), 2, "cannot be read"),
             (("--key-file", str(tmp_path / "open.key")), 2, "chmod 600"),
             (("no_such_rig",), 2, "no_such_rig"),
+            (("--host", 300 * "a"), 2, "give a name or an address of this machine"),
         ]
         for words, code, said in cases:
             done = subprocess.run([*RTHS, *words], capture_output=True, text=True, timeout=60, check=False)

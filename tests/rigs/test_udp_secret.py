@@ -173,6 +173,9 @@ def test_a_port_in_use_a_foreign_address_and_an_unknown_host_are_sentences(monke
         bound("192.0.2.1", 0)
     with pytest.raises(RigError, match=r"host 'two\.\.dots' is not known: it is no host name"):
         connected("two..dots", 1)
+    for host in ("two..dots", 300 * "a"):
+        with pytest.raises(InputError, match=rf"--host: host '{host}' is not known: it is no host name; give a name"):
+            bound(host, 0)
 
     def unknown(*_: object, **__: object) -> None:
         raise socket.gaierror(-2, "Name or service not known")
@@ -180,6 +183,8 @@ def test_a_port_in_use_a_foreign_address_and_an_unknown_host_are_sentences(monke
     monkeypatch.setattr(socket, "getaddrinfo", unknown)
     with pytest.raises(RigError, match=r"host 'shaker' is not known: Name or service not known; check udp\.host"):
         connected("shaker", 1)
+    with pytest.raises(InputError, match=r"--host: host 'shaker' is not known: Name or service not known; give a name"):
+        bound("shaker", 0)
 
 
 def test_ipv4_is_asked_first_where_a_host_has_both(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,7 +5,11 @@ from __future__ import annotations
 import ipaddress
 import socket
 
-from rths_cli.errors import RigError
+from rths_cli.errors import InputError, RigError
+
+
+class _UnknownHost(Exception):
+    """A host has no address: a clause with the reason."""
 
 
 def connected(host: str, port: int) -> list[tuple[socket.socket, str]]:
@@ -15,7 +19,11 @@ def connected(host: str, port: int) -> list[tuple[socket.socket, str]]:
     Raises RigError for a host that is not known or not to be reached.
     """
     found, fault = [], ""
-    for family, _, _, _, address in _addresses(host, port):
+    try:
+        addresses = _addresses(host, port)
+    except _UnknownHost as error:
+        raise RigError(f"{error}; check udp.host in the rig file") from None
+    for family, _, _, _, address in addresses:
         try:
             link = socket.socket(family, socket.SOCK_DGRAM)
         except OSError as error:
@@ -43,9 +51,13 @@ def on_this_machine(link: socket.socket) -> bool:
 def bound(host: str, port: int) -> socket.socket:
     """Return a socket that does not block and receives at an address; port 0 takes a free one.
 
-    Raises RigError where the address is not this machine's or the port is in use.
+    Raises InputError for a host that is not known, RigError where the address is not this machine's or the port is in
+    use.
     """
-    family, _, _, _, address = _addresses(host, port)[0]
+    try:
+        family, _, _, _, address = _addresses(host, port)[0]
+    except _UnknownHost as error:
+        raise InputError(f"--host: {error}; give a name or an address of this machine") from None
     door = socket.socket(family, socket.SOCK_DGRAM)
     try:
         door.bind(address)
@@ -67,5 +79,5 @@ def _addresses(host: str, port: int) -> list[tuple[int, int, int, str, tuple[str
         found = socket.getaddrinfo(host.strip("[]"), port, type=socket.SOCK_DGRAM)
     except (OSError, UnicodeError) as error:
         why = getattr(error, "strerror", None) or "it is no host name"
-        raise RigError(f"host {host!r} is not known: {why}; check udp.host in the rig file") from None
+        raise _UnknownHost(f"host {host!r} is not known: {why}") from None
     return sorted(found, key=lambda one: one[0] != socket.AF_INET)  # type: ignore[arg-type]

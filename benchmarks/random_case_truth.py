@@ -25,6 +25,7 @@ from rths_cli.workflows.setup import Setup
 GOOD = 0.1  # error over SIM's RMS, of the worst storey, below which a test is worth running
 NEAR = 1.25  # a figure that is off by less than this factor counts as right
 BAND_HZ, MOST_RMS = (0.7, 11.0), 0.01  # of a model that may drive a table
+MOST_FRICTION = 0.03  # change of the response by friction of known size
 CHECKED_HZ = 40.0  # where the check stops looking
 EXCITED_HZ = (0.3, 60.0)
 NOMINAL_VELOCITY_M_S = 0.06  # rms of the table under the default excitation, where no level is known
@@ -193,7 +194,7 @@ RULES: tuple[tuple[str, str, Callable[[Truth], bool]], ...] = (
     ("unseen", r"peak acceleration lies above", _unseen),
     ("band", r"(lies|lie|mode).*(below|above|outside)", _outside),
     ("resolution", r"resol|converter", lambda truth: truth.failed or truth.bits < POOR_BITS),
-    ("friction", r"[Ff]riction", lambda truth: truth.friction_share > MOST_RMS / NEAR),
+    ("friction", r"[Ff]riction", lambda truth: truth.friction_share > MOST_FRICTION / NEAR),
     ("fit", r"table model", _model_off),
     ("noise", r"nothing but noise|coherence", lambda truth: truth.bits < POOR_BITS),
     ("channels", r"sign|swapped|reads|chain|dead|clipped|sensitivit|out of step|moves .* mm/V", lambda truth: False),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import errno
 import json
 import os
 import sys
@@ -20,6 +21,7 @@ from rths_cli.process import INTERRUPTED, TERMINATED, Terminated
 
 BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")  # read when numpy is imported
 
+NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
 LONGEST_SENTENCE = 1000  # characters of a fault: what is longer repeats an input
 
 
@@ -95,9 +97,12 @@ def _ended_by_signal() -> int:
 
 
 def _fault_of_ours(error: Exception) -> int:
-    """Report an unforeseen failure."""
+    """Report an unforeseen failure; a full disk is the user's, whichever file a library wrote (a cache, say)."""
     if "--debug" in sys.argv:
         raise error
+    if isinstance(error, OSError) and error.errno in NO_SPACE:
+        where = f"{error.filename}: " if error.filename else ""
+        return _say([f"rths: {where}{error.strerror}; free some space and start again"], 2)
     return _say([f"rths: internal error ({type(error).__name__}); {crash_note()}"], 5)
 
 

@@ -23,6 +23,7 @@ from rths_cli.identification.fit_table import COMPARED_HZ, beyond_scatter, fit_e
 from rths_cli.identification.found import (
     ChannelReport,
     DelayEstimate,
+    Friction,
     Identification,
     LevelBand,
     LevelCauses,
@@ -142,6 +143,7 @@ def _identification(
 ) -> Identification:
     """Return all that was found, judged."""
     clean, best = table.fit.frf, table.best
+    dry = friction.estimate(data.records, table.fit.chosen.model, data.info)
     return Identification(
         frfs=(clean, *frfs[1:]),
         noise_floors=tuple(noise_floor(data.records, frf, c, data.info.dt_s) for c, frf in enumerate(frfs)),
@@ -156,8 +158,8 @@ def _identification(
         roots=_roots(data, table, specimen.excited),
         residuals=verdict.residuals(best, clean),
         levels=table.levels,
-        verdict=_verdict(data, table, specimen, _warnings(data, seen, table, specimen)),
-        friction=friction.estimate(data.records, table.fit.chosen.model, data.info),
+        verdict=_verdict(data, table, specimen, dry, _warnings(data, seen, table, specimen)),
+        friction=dry,
         latency=table.latency,
         causes=table.causes,
     )
@@ -191,7 +193,7 @@ def _gain(table: _Table, data: Evidence) -> tuple[str, ...]:
     return channel_responses.gain_warnings(table.best.low_frequency_gain_m_per_v, error, data.info)
 
 
-def _verdict(data: Evidence, table: _Table, specimen: _Specimen, warnings: list[str]) -> Verdict:
+def _verdict(data: Evidence, table: _Table, specimen: _Specimen, dry: Friction | None, warnings: list[str]) -> Verdict:
     """Return whether the model may drive the table."""
     return verdict.judge(
         table.best,
@@ -206,6 +208,7 @@ def _verdict(data: Evidence, table: _Table, specimen: _Specimen, warnings: list[
         table.causes,
         louder(data),
         _noisy(data, table.fit.frf),
+        dry,
     )
 
 

@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 
 from rths_cli.identification.fit_table import COMPARED_HZ, SCATTER, Fit, rms, within
-from rths_cli.identification.found import Band, FitError, LevelBand, LevelCauses, Root, SpecimenFit, Verdict
+from rths_cli.identification.found import Band, FitError, Friction, LevelBand, LevelCauses, Root, SpecimenFit, Verdict
 from rths_cli.identification.level_dependence import FRICTION, meaning
 from rths_cli.lti import Array, Frf, Model
 
@@ -29,13 +29,14 @@ GIVEN = "it is not a model of this table as it is now: check gain, sign, units a
 def judge(
     model: Model, error: FitError, frf: Frf, most: FitError, warnings: Sequence[str],
     levels: Sequence[LevelBand] = (), level_ratio: float = math.inf, further: Sequence[str] = (), given: bool = False,
-    causes: LevelCauses = ONE_LEVEL, louder: float = 1.0, noisy: bool = True,
+    causes: LevelCauses = ONE_LEVEL, louder: float = 1.0, noisy: bool = True, friction: Friction | None = None,
 ) -> Verdict:  # fmt: skip
     """Return the verdict on a model whose fit error against a response, beyond the scatter of the data, is known.
 
     `levels` compare a record at low level with one `level_ratio` times louder, to which the model was fitted, `causes`
     say why they differ. `further`: reasons found elsewhere; `given`: the model was made elsewhere; `louder`: the factor
-    by which the excitation could be louder within the limits; `noisy`: the scatter of the data is the channels' noise.
+    by which the excitation could be louder within the limits; `noisy`: the scatter of the data is the channels' noise;
+    `friction`: as identified (None: the records do not tell it).
     """
     scatter = rms(frf.relative_error[within(frf.frequency_hz, COMPARED_HZ)])
     inside = [band for band in levels if band.high_hz <= COMPARED_HZ[1]]
@@ -46,7 +47,7 @@ def judge(
         *_misses(error, most, advice),
         *unsafe,
         *further,
-        *_at_other_levels(levels, level_ratio, most, causes, louder),
+        *_at_other_levels(levels, level_ratio, most, causes, louder, friction),
     )
     reach = reach_hz(model, frf, most)
     usable = (COMPARED_HZ[0], reach) if reach > COMPARED_HZ[0] else (0.0, 0.0)
@@ -104,12 +105,15 @@ def _misses(error: FitError, most: FitError, advice: str) -> tuple[str, ...]:
 
 
 def _at_other_levels(
-    levels: Sequence[LevelBand], level_ratio: float, most: FitError, causes: LevelCauses, louder: float
-) -> tuple[str, ...]:
+    levels: Sequence[LevelBand], level_ratio: float, most: FitError, causes: LevelCauses, louder: float,
+    friction: Friction | None,
+) -> tuple[str, ...]:  # fmt: skip
     """Return a sentence when what depends on the level makes the model err by more than its limits at other levels.
 
-    Friction is judged by what it leaves at full level, against the limit of the rms; what grows with the motion, and
-    what has no known cause, by what it changes at low level, against the limit of the largest error.
+    Friction is judged by what it leaves at full level: against the limit of the largest error where its size is
+    identified, because the check then predicts what it does at every level; else against that of the rms, like all
+    that the prediction leaves out. What grows with the motion, and what has no known cause, is judged by what it
+    changes at low level, against the limit of the largest error.
     """
     inside = [band for band in levels if band.high_hz <= COMPARED_HZ[1]]
     clear = any(abs(band.ratio - 1.0) > CERTAIN * band.error for band in inside)
@@ -119,9 +123,10 @@ def _at_other_levels(
     if FRICTION in causes.table:
         share = without_friction(inside, level_ratio)
         differs = max(abs(band.ratio - 1.0) for band in inside)
-        return () if share <= most.rms else (
+        limit = most.largest if _identified(friction) else most.rms
+        return () if share <= limit else (
             f"friction: at 1/{level_ratio:.2g} of the level the table answers up to {differs:.1%} differently; without "
-            f"any it would differ by {share:.1%} {where} from the model, the limit is {most.rms:.0%}; "
+            f"any it would differ by {share:.1%} {where} from the model, the limit is {limit:.0%}; "
             f"{_remedy(causes, louder)}",
         )  # fmt: skip
     share = rms_difference(inside)
@@ -130,6 +135,11 @@ def _at_other_levels(
         f"level: at 1/{level_ratio:.2g} of the level the table answers {share:.1%} {where} differently, the limit is "
         f"{most.largest:.0%}; {cause}; {_remedy(causes, louder)}",
     )  # fmt: skip
+
+
+def _identified(friction: Friction | None) -> bool:
+    """Tell whether the size of friction is known beyond doubt, so that predictions may count it."""
+    return friction is not None and friction.command_v > CERTAIN * friction.error_v
 
 
 def rms_difference(levels: Sequence[LevelBand]) -> float:

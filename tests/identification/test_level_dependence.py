@@ -20,6 +20,7 @@ SOFT_SERVO = Plant(
     np.array([7.0]), np.array([9000.0]), np.array([0.03]), servo_hz=6.0, servo_ratio=0.6, suspension_n_per_m=800.0
 )
 STIFF_SERVO = replace(SOFT_SERVO, servo_hz=20.0)
+TOLERATED = replace(STIFF_SERVO, coulomb_n=6.0)  # leaves 1.8 %, less than the 3 % of friction of known size
 CUBIC = 0.2 * 20.0 * (2.0 * np.pi * 6.0) ** 2 / 0.04**2  # +20 % of the whole stiffness at 40 mm
 
 
@@ -33,7 +34,7 @@ def found(plant: Plant) -> Identification:
     ("plant", "table", "storeys"),
     [
         (STIFF_SERVO, (), ()),
-        (replace(STIFF_SERVO, coulomb_n=6.0), ("friction",), ()),
+        (TOLERATED, ("friction",), ()),
         (replace(SOFT_SERVO, coulomb_n=2.0), ("friction",), ()),
         (replace(SOFT_SERVO, cubic_n_per_m3=CUBIC), ("hardening",), ()),
         (replace(SOFT_SERVO, cubic_n_per_m3=-0.5 * CUBIC), ("softening",), ()),
@@ -46,6 +47,7 @@ def test_the_cause_is_told(plant: Plant, table: tuple[str, ...] | None, storeys:
     assert told.causes.storeys == storeys
     assert table is None or told.causes.table == table
     reasons = " ".join(told.reasons)
-    assert ("friction" in reasons) == (plant.coulomb_n > 0.0)
+    assert ("friction" in reasons) == (plant.coulomb_n > 0.0 and plant is not TOLERATED)
+    assert told.accepted or plant is not TOLERATED
     assert "lost samples" not in reasons
     assert "hum" not in reasons

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rths_cli.identification.fit_table import Timing, fit_error, refit
-from rths_cli.identification.found import FitError, LevelBand, LevelCauses
+from rths_cli.identification.found import FitError, Friction, LevelBand, LevelCauses
 from rths_cli.identification.starts import first_fit
 from rths_cli.identification.verdict import (
     LIMITS,
@@ -192,6 +192,28 @@ def test_friction_that_other_levels_show_rejects() -> None:
     assert judge(table(), FINE, frf, LIMITS, (), bands, 8.0, causes=friction).accepted
     (louder,) = judge(table(), FINE, frf, LIMITS, (), bands, 4.0, causes=friction, louder=2.0).reasons
     assert "excite louder: the limits leave room for a factor of 2" in louder
+
+
+@pytest.mark.parametrize(
+    ("change", "friction", "limit"),
+    [
+        (0.06, Friction(0.02, 0.001, 0.06, 0.9, 0.001), None),  # leaves 2.5 %, of known size
+        (0.08, Friction(0.02, 0.001, 0.06, 0.9, 0.001), "3%"),
+        (0.06, Friction(0.02, 0.01, 0.06, 0.9, 0.001), "1%"),  # nobody knows whether it is zero
+        (0.06, None, "1%"),
+    ],
+)
+def test_friction_of_known_size_may_leave_as_much_as_the_largest_error(
+    change: float, friction: Friction | None, limit: str | None
+) -> None:
+    bands = [LevelBand(0.7, 11.0, 1.0 + change, 0.001)]
+    frf = measured(table(), np.zeros(len(LINES)))
+    causes = LevelCauses(("friction",))
+    found = judge(table(), FINE, frf, LIMITS, (), bands, 4.0, causes=causes, friction=friction)
+    if limit is None:
+        assert found.accepted
+    else:
+        assert f"the limit is {limit}" in found.reasons[0]
 
 
 @pytest.mark.parametrize(

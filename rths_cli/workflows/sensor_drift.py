@@ -17,7 +17,7 @@ from rths_cli.metrics.catalogue import SENSORS
 if TYPE_CHECKING:
     from rths_cli.control.blocks import Blocks
     from rths_cli.identification.found import Identification
-    from rths_cli.loop.drive import Outcome
+    from rths_cli.loop.drive import Outcome, Whole
     from rths_cli.lti import Array
     from rths_cli.rig_info import RigInfo
     from rths_cli.workflows.setup import Setup
@@ -25,9 +25,10 @@ if TYPE_CHECKING:
 SHORTEST_S = 3.0  # of a run that tells drift from motion
 TOLD_BY = (
     guard.NONE, guard.END, guard.STROKE, guard.VELOCITY, guard.ACCELERATION, guard.FORCE, guard.COMMAND, guard.RATE,
-    guard.TRACKING, guard.ENERGY,
+    guard.TRACKING, guard.ENERGY, guard.RIG_FAULT,
 )  # fmt: skip
-"""Ends of runs of which drift and jumps are told: of others the guard has named sensor, rig or operator already."""
+"""Ends of runs of which drift and jumps are told: of others the guard has named sensor, link or operator already."""
+IMPACT_S = 0.1  # before a rig ended a run, in which the table may have met its end stop
 
 
 @dataclass(frozen=True)
@@ -48,23 +49,32 @@ class SensorDrift:
 def drift_of(setup: Setup, identified: Identification, blocks: Blocks, outcome: Outcome) -> SensorDrift | None:
     """Return what the channels of a run show beside the motion that the identified rig makes of its commands.
 
-    None for a run that was not watched at rest before its record, was short, or ended for another reason than motion.
+    Of a run that the rig ended, what came before: a drift may have driven the table to where the rig gave up. None for
+    a run that was not watched at rest before its record, was short, or ended for another reason than motion.
     """
     dt, whole = setup.rig.dt_s, outcome.whole
-    if whole is None or outcome.reason not in TOLD_BY or outcome.rig_fault:
+    if whole is None or outcome.reason not in TOLD_BY:
         return None
-    if whole.command_v.size * dt < SHORTEST_S or not np.isfinite(whole.corrected).all():
+    judged = slice(0, _judged_samples(outcome, whole, dt))
+    command_v, corrected = whole.command_v[judged], whole.corrected[:, judged]
+    if command_v.size * dt < SHORTEST_S or not np.isfinite(corrected).all():
         return None
     removes = setup.removes_sensors
     corners = [channel.high_pass_hz if removes else 0.0 for channel in setup.rig.channels]
-    left = coupled_again(whole.corrected - _answer(setup, identified, blocks, whole.command_v), corners, dt)
+    left = coupled_again(corrected - _answer(setup, identified, blocks, command_v), corners, dt)
     sizes = sensitivities(setup.rig)
     channels = channel_drifts(left, dt, setup.rig.converters.step_v / sizes)
-    shown = np.array(
-        [each.shown(left.shape[1], dt) if stands_out(each) else np.zeros(left.shape[1]) for each in channels]
-    )
+    samples = whole.command_v.size
+    shown = np.array([each.shown(samples, dt) if stands_out(each) else np.zeros(samples) for each in channels])
     removed = run_block(blocks.correction, sizes[:, None] * shown) if shown.any() else np.zeros_like(shown)
     return SensorDrift(channels, removed[:, whole.first :], whole.first)
+
+
+def _judged_samples(outcome: Outcome, whole: Whole, dt_s: float) -> int:
+    """Return how many of a run's first samples tell of its sensors: all, or those well before the rig ended it."""
+    if outcome.reason == guard.RIG_FAULT:
+        return max(whole.first + round((outcome.stopped_at_s - IMPACT_S) / dt_s), 0)
+    return max(whole.command_v.size - (round(IMPACT_S / dt_s) if outcome.rig_fault else 0), 0)
 
 
 def stands_out(channel: ChannelDrift) -> bool:

@@ -107,6 +107,33 @@ def test_an_order_leads_to_rest_and_says_whose_it_was(order: int, reason: int) -
     assert g.OPERATOR + 3 == g.LOG_FAILED
 
 
+WATCHED_S = 0.5
+
+
+def steps_at_rest(rig: Wired, *, order_at: int = 0) -> int:
+    """Return how many steps a rig was watched at rest after its run; `order_at`: exchange that brings an order."""
+    orders, spoil = np.zeros(1, dtype=np.int64), rig.spoil
+
+    def ordered(k: int, samples: Array) -> Array:
+        orders[0] = order_at and int(k >= order_at)
+        return spoil(k, samples)
+
+    rig.spoil = ordered
+    _, run = prepared(rig.info, ground(3000), ramp_s=0.0, orders=orders, still_s=(0.0, WATCHED_S))
+    performance.perform(rig, run)
+    state = signals(run.log, 3, run.step.estimated.size).state[: run.log.done[0]]
+    return int((state == realtime.AT_REST).sum())
+
+
+def test_after_a_whole_record_the_table_is_watched_at_rest() -> None:
+    rig = Wired()
+    watched = round(WATCHED_S / rig.info.dt_s)
+    assert steps_at_rest(rig) == 1 + watched  # the first is the one that comes to rest
+    assert steps_at_rest(Wired(), order_at=rig.k - watched + 50) == 1 + 50  # an order ends the watching
+    broken = Wired(lambda k, samples: samples * (np.nan if k == 1500 else 1.0))
+    assert steps_at_rest(broken) == 1  # after a run that ended early nothing is watched
+
+
 def test_signs_and_zeros_are_those_of_the_channels() -> None:
     info = rig_info()
     upside = replace(info, channels=tuple(replace(channel, sign=-1.0) for channel in info.channels))

@@ -11,10 +11,13 @@ import numpy as np
 import pytest
 
 from rths_cli.case.load import load_cases
+from rths_cli.errors import RigError
 from rths_cli.files.results import read_result, read_series
+from rths_cli.loop import guard
 from rths_cli.loop.performance import RAMP_UP_S
 from rths_cli.metrics import error_figures
 from rths_cli.workflows import real_stage
+from rths_cli.workflows.check_cases import verdict_on
 from rths_cli.workflows.controllers import design_blocks
 from rths_cli.workflows.known import Memory
 from rths_cli.workflows.lowest_frequency import lowest_reliable_hz
@@ -22,10 +25,12 @@ from rths_cli.workflows.model_store import key
 from rths_cli.workflows.real_stage import RealStage
 from rths_cli.workflows.rigs import EXP_RTHS, open_virtual
 from rths_cli.workflows.run import run_case
+from rths_cli.workflows.sensor_drift import drift_of, sentences
 from rths_cli.workflows.setup import Setup, make_setup
 from rths_cli.workflows.table_runs import AFTER_S, BEFORE_S
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
+import drifting_sensors
 from drifting_rig import DriftingRig
 from drifting_sensors import Added, Played, faults, nothing, played
 
@@ -147,3 +152,56 @@ def test_a_run_that_a_jump_drives_to_its_stop_names_the_jump(memory: Memory) -> 
     run = played(setup, memory, given)
     assert run.stopped_by and faults(setup, given, run) == []
     assert any("channel table jumps by 50" in line and "9.70" in line for line in run.said(setup))
+
+
+class EndStop(DriftingRig):
+    """A drifting rig that gives up 20 samples after its table went beyond a place; its table sensor shows the hit."""
+
+    beyond_m = np.inf
+    place_m, hits = 0.0, 0
+
+    def exchange(self, command_v: float) -> np.ndarray:
+        samples = super().exchange(command_v)
+        self.place_m += self.info.dt_s * self.true_velocity_m_s[-1][0]
+        self.hits += int(self.hits > 0 or abs(self.place_m) > self.beyond_m)
+        if self.hits > 20:
+            raise RigError("the table is at its end stop")
+        return samples + self.hits * np.array([0.05, 0.0, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("given", "beyond_m", "told"),
+    [
+        (added(0, 0.0, 0.0, (9.7, 20e-3)), 0.06, r"table jumps by (20|19\.\d|20\.\d) mV at 9\.70"),
+        (
+            added(0, 5e-3, 5.0 * MV_PER_MIN),
+            0.06,
+            r"table has an offset of .* by (5|4\.9\d?|5\.0\d?) mV/min",
+        ),
+        (nothing(3), 0.01, None),
+        (nothing(3), 0.02, None),
+    ],
+    ids=["jump", "drift", "healthy, early", "healthy, late"],
+)
+def test_a_run_that_the_rig_ends_names_its_drifting_sensor_and_no_healthy_one(
+    memory: Memory, monkeypatch: pytest.MonkeyPatch, given: Added, beyond_m: float, told: str | None
+) -> None:
+    setup = setup_with("hachinohe_high_ff_fb", COUPLED)
+    known = memory.known(setup, lambda _: None)
+    design = verdict_on(setup, known).design
+    assert design is not None
+    monkeypatch.setattr(drifting_sensors, "DriftingRig", EndStop)
+    monkeypatch.setattr(EndStop, "beyond_m", beyond_m)
+    outcome, _ = drifting_sensors._outcome(setup, design, given, 1)
+    assert outcome.rig_fault and outcome.whole is not None and outcome.reason == guard.NONE
+    blocks = design.blocks
+    for ended in (outcome, replace(outcome, reason=guard.RIG_FAULT, stopped_at_s=outcome.steps * setup.rig.dt_s)):
+        found = drift_of(setup, known.found, blocks, ended)
+        assert found is not None and found.removed.shape[1] == outcome.whole.command_v.size - outcome.whole.first
+        said = sentences("EXP-RTHS", found, setup, blocks.lead_samples)
+        assert all("channel table" in line for line in said)
+        assert any(re.search(told, line) for line in said) if told else said == [], said
+    for reason in (guard.NOT_A_NUMBER, guard.SATURATED, guard.STUCK, guard.LOST, guard.OVERRUN, guard.OPERATOR):
+        assert drift_of(setup, known.found, blocks, replace(outcome, reason=reason)) is None
+    for reason in (guard.STROKE, guard.VELOCITY, guard.TRACKING, guard.ENERGY, guard.END):
+        assert drift_of(setup, known.found, blocks, replace(outcome, reason=reason)) is not None

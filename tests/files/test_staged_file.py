@@ -1,5 +1,7 @@
 """Files that HDF5 writes through memory: a disk that refuses is an OSError, and the file stays as it was."""
 
+import errno
+import os
 import resource
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -47,6 +49,22 @@ def test_a_full_disk_leaves_the_file_as_the_last_commit_left_it(
             for name, values in zip(committed, SERIES, strict=False):
                 np.testing.assert_array_equal(file[f"{name}/values"][()], values)
     assert len(committed) == groups
+
+
+def test_space_is_taken_before_a_byte_is_changed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, asked = tmp_path / "a", []
+    path.write_bytes(b"before")
+
+    def no_space(file: int, start: int, size: int) -> None:
+        asked.append((start, size))
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "posix_fallocate", no_space, raising=False)
+    with StagedFile(path, keep=True) as staged:
+        staged.write(b"behind" + bytes(94))
+        with pytest.raises(OSError, match="No space left"):
+            staged.commit()
+    assert (path.read_bytes(), asked) == (b"before", [(6, 94)])
 
 
 def test_the_file_is_what_h5py_itself_would_write(tmp_path: Path) -> None:

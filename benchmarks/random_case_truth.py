@@ -194,7 +194,7 @@ RULES: tuple[tuple[str, str, Callable[[Truth], bool]], ...] = (
     ("unseen", r"peak acceleration lies above", _unseen),
     ("band", r"(lies|lie|mode).*(below|above|outside)", _outside),
     ("resolution", r"resol|converter", lambda truth: truth.failed or truth.bits < POOR_BITS),
-    ("friction", r"[Ff]riction", lambda truth: truth.friction_share > MOST_FRICTION / NEAR),
+    ("friction", r"friction:|dry friction|one of friction", lambda truth: truth.friction_share > MOST_FRICTION / NEAR),
     ("fit", r"table model", _model_off),
     ("noise", r"nothing but noise|coherence", lambda truth: truth.bits < POOR_BITS),
     ("channels", r"sign|swapped|reads|chain|dead|clipped|sensitivit|out of step|moves .* mm/V", lambda truth: False),

@@ -58,15 +58,26 @@ def judge(data: Evidence, frfs: Sequence[Frf]) -> Judgement:
     return Judgement(tuple(faults)) if faults else _unexplained(found)
 
 
-def far_gain(low_frequency_gain_m_per_v: float, info: RigInfo) -> tuple[str, ...]:
-    """Return why a model is refused whose gain is nowhere near the data sheet's."""
+def far_gain(low_frequency_gain_m_per_v: float, info: RigInfo, measured: Frf | None = None) -> tuple[str, ...]:
+    """Return why a model is refused whose gain is nowhere near the data sheet's.
+
+    `measured`: the table's response, for a model that does not fit it: below its band such a model tells nothing of the
+    table, so the lines up to DIRECTION_HZ must be far from the data sheet's gain, too.
+    """
     ratio = abs(low_frequency_gain_m_per_v) / info.gain_m_per_v
-    if FAR_GAIN[0] <= ratio <= FAR_GAIN[1]:
+    ratios = [ratio] if measured is None else [ratio, _measured_gain(measured) / info.gain_m_per_v]
+    if any(FAR_GAIN[0] <= each <= FAR_GAIN[1] for each in ratios):
         return ()
     return (
         f"table: moves {1e3 * abs(low_frequency_gain_m_per_v):.3g} mm/V, {ratio:.3g} times nominal.gain_m_per_v; a "
         "unit (g for m/s^2, mV for V), the sample rate, a sensor's corner or the data sheet's gain is wrong",
     )
+
+
+def _measured_gain(table: Frf) -> float:
+    """Return the median of the table's displacement per V over the lines up to DIRECTION_HZ, in m/V."""
+    low = within(table.frequency_hz, (COMPARED_HZ[0], DIRECTION_HZ))
+    return float(np.median(np.abs(table.response[low]) / (2.0 * np.pi * table.frequency_hz[low]) ** 2))
 
 
 def gain_warnings(low_frequency_gain_m_per_v: float, relative_error: float, info: RigInfo) -> tuple[str, ...]:

@@ -41,6 +41,8 @@ def judge(
     scatter = rms(frf.relative_error[within(frf.frequency_hz, COMPARED_HZ)])
     inside = [band for band in levels if band.high_hz <= COMPARED_HZ[1]]
     material = bool(inside) and rms_difference(inside) > NOISY * most.rms
+    if FRICTION in causes.table and error.rms > without_friction(inside, level_ratio):
+        material = False  # the fit misses more than friction leaves at full level
     advice = GIVEN if given else _advice(scatter, most, causes if material else ONE_LEVEL, louder, noisy)
     unsafe = _unsafe_roots(model) or _absurd_lag(model)
     reasons = (

@@ -194,6 +194,16 @@ def test_friction_that_other_levels_show_rejects() -> None:
     assert "excite louder: the limits leave room for a factor of 2" in louder
 
 
+@pytest.mark.parametrize(("missed", "named"), [(0.012, True), (0.05, False)])
+def test_friction_explains_no_misfit_larger_than_what_it_leaves(missed: float, named: bool) -> None:
+    bands = [LevelBand(0.7, 11.0, 1.05 + 0j, 0.001)]  # friction leaves 1.25 * 5 % / 3
+    frf = measured(table(), np.zeros(len(LINES)))
+    error = FitError(missed, 0.02, 0.003)
+    reason = judge(table(), error, frf, LIMITS, (), bands, 4.0, causes=LevelCauses(("friction",))).reasons[0]
+    assert ("dry friction takes a larger share" in reason) == named
+    assert ("the data do not tell the cause" in reason) != named
+
+
 @pytest.mark.parametrize(
     ("change", "friction", "limit"),
     [

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
+from ideal_table import storeys_of
 from stalling import Laboratory, logged
 
 from rths_cli.case.load import load_cases
@@ -23,6 +24,7 @@ from rths_cli.loop.performance import Performance
 from rths_cli.loop.realtime import Course, conduct, judge, leave, look_ahead
 from rths_cli.loop.reasons import reason_of
 from rths_cli.lti import Array
+from rths_cli.metrics import error_figures
 from rths_cli.rigs.udp.link import LOST, OK
 from rths_cli.rigs.udp.way import POINTS, SPACING, Way, fresh_way
 from rths_cli.rigs.virtual import kernel
@@ -145,5 +147,18 @@ def freezing_of(record: int, rate_hz: int, case: str = "el_centro_low_ff_fb", *s
     """Return a case to be played for so many samples; the rig is identified."""
     setup = make_setup(load_cases([case], (f"sample_rate_hz={rate_hz}", *settings))[0])
     design = design_blocks(setup, Memory().identify(setup, lambda _: None))
-    served = describe("aps400_virtual", "three_storey", (f"sample_rate_hz={rate_hz}",), 0)
+    served = describe("aps400_virtual", "three_storey", (f"sample_rate_hz={rate_hz}", *settings), 0)
     return Freezing(setup, design, served, record)
+
+
+def ideal_errors(laboratory: Freezing, at: IntArray, length: int, lag_s: float) -> Array:
+    """Return the RMS errors to SIM of an ideal table that is frozen at some steps, storey by storey, in m/s^2.
+
+    `lag_s`: a table follows its command by so much, and so does the freeze.
+    """
+    dt_s, lead, count = laboratory.setup.rig.dt_s, laboratory.design.blocks.lead_samples, laboratory.record
+    motion, ramp = laboratory.setup.motion, round(1.0 / dt_s)
+    ground = np.array([motion.displacement_m, motion.velocity_m_s])[:, :count]
+    frozen = {int(step) - ramp - lead + round(lag_s / dt_s): float(length) for step in at}
+    found = storeys_of(laboratory.setup.building, ground, dt_s, frozen, 0.9)
+    return error_figures(laboratory.sim[:, :count], found, dt_s).rms

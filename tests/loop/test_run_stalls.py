@@ -18,12 +18,15 @@ from smooth_way import smooth_way
 from test_foresight import wave
 from udp_peer import PlainTarget, virtual_table
 
+from rths_cli.compiled import entry
 from rths_cli.loop import guard, performance
-from rths_cli.loop.blocks import RECORD
-from rths_cli.loop.log import Signals, signals
-from rths_cli.loop.realtime import START_NS
+from rths_cli.loop.blocks import RECORD, Step
+from rths_cli.loop.guard import GuardLimits, GuardState
+from rths_cli.loop.log import Log, Signals, signals
+from rths_cli.loop.realtime import START_NS, Course, conduct, leave, look_ahead, pass_by
 from rths_cli.lti import Array
 from rths_cli.rigs.udp.rig import UdpRig, UdpTarget
+from rths_cli.rigs.udp.way import Way, fresh_way, place_after
 from rths_cli.rigs.udp.wire import COMMAND
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
@@ -93,12 +96,52 @@ def test_in_every_gap_the_commands_noted_are_those_of_the_way_that_was_told(
         assert log.command_v[step : step + gap] == pytest.approx(way(content, gap), abs=1e-12)
 
 
-def test_after_a_gap_the_next_command_is_where_the_way_would_have_led(played: tuple[Signals, list[bytes]]) -> None:
-    """Within 10 mV; in an interval it moves by up to 50."""
-    log, came = played
-    left = np.flatnonzero(log.lost[1:] != 2)
-    for step, following, content in zip(left[:-1], left[1:], came[:-1], strict=True):
-        if following < 1100:
-            led = way(content, following - step + 1)[-1]
-            assert log.command_v[following] == pytest.approx(led, abs=0.01)
-    assert np.abs(np.diff(log.command_v[:1100])).max() > 0.045
+@entry
+def sent(
+    course: Course, s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, told: Way, waited: int,
+    command: float, k: int,
+) -> float:  # fmt: skip
+    """Return what the rig is given for step k - 1: a command that leaves or, after `waited` intervals, none."""
+    if waited == 0:
+        return leave(course, s, limits, log, told, command, k)
+    pass_by(course, s, limits, log, told, waited, k)
+    return place_after(told, waited)
+
+
+@entry
+def computed(
+    course: Course, s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, samples: Array, lost: int,
+    k: int,
+) -> float:  # fmt: skip
+    """Do step k, look ahead after it, and return its command."""
+    log.done[0] = k
+    command = conduct(course, s, limits, g, drive, log, samples, lost, k)
+    look_ahead(course, s, limits, g, drive, log, k + 1)
+    return command
+
+
+@entry
+def led_to(told: Way, intervals: int) -> float:
+    return place_after(told, intervals)
+
+
+def test_after_a_gap_the_next_command_is_where_the_way_would_have_led() -> None:
+    """Within 1 mV; in an interval it moves by up to 50.
+
+    In simulated time: a host that stalls by itself makes gaps longer than the way, at whose last point the rig waits.
+    """
+    info = replace(rig_info(dt_s=DT_S), kind="udp", limits=replace(rig_info().limits, lost_samples=400))
+    blocks = replace(best_like(info), shaping_step_v=info.converters.step_v)
+    run = performance.prepare(info, blocks, RECORD, wave(1200, DT_S, RECORD), open_limits(info), ramp_s=0.1)
+    table, told, waited, off = virtual_table(info, (1, 2)), fresh_way(), 0, []
+    whole = (run.course, run.step, run.limits, run.guard, run.drive, run.log)
+    command = computed(*whole, np.array(table(None)), 0, 0)
+    missed = {250 + 150 * i + j for i, length in enumerate(STALLS) for j in range(length)}
+    for k in range(1, 1100):
+        led, passed = led_to(told, waited + 1), waited
+        waited = waited + 1 if k in missed else 0
+        given = sent(*whole, told, waited, command, k)
+        off += [given - led] if passed > 0 and waited == 0 else []
+        command = computed(*whole, np.array(table(given)), 2 if waited > 0 else 0, k)
+    assert len(off) == len(STALLS) and np.abs(off).max() < 1e-3
+    assert np.abs(np.diff(signals(run.log, 3, run.step.estimated.size).command_v[:1100])).max() > 0.045

@@ -27,7 +27,7 @@ from rths_cli.errors import InputError
 from rths_cli.files.durable import remove_leftovers, sync
 from rths_cli.files.hdf5 import Dataset, scales_of, write_group
 from rths_cli.files.hdf5_nodes import add_text
-from rths_cli.files.staged_file import StagedFile
+from rths_cli.files.staged_file import StagedFile, signals_held
 from rths_cli.lti import Array
 
 FORMAT = "rths-result"
@@ -260,7 +260,8 @@ class ResultWriter:
     def _abandon(self) -> None:
         """Close and remove the temporary file; what hardware produced stays under its temporary name."""
         if self._file is not None:
-            self._file.close()
+            with signals_held(), suppress(OSError, RuntimeError):
+                self._file.close()
         if self._staged is not None:
             with suppress(OSError):  # the fault that ended the writing is told already
                 self._staged.close()
@@ -270,9 +271,10 @@ class ResultWriter:
 
     @contextmanager
     def _reporting(self) -> Iterator[None]:
-        """Turn a fault of disk or HDF5 library into one sentence naming path and cause."""
+        """Turn a fault of disk or HDF5 library into one sentence naming path and cause; no signal comes between."""
         try:
-            yield
+            with signals_held():
+                yield
         except (OSError, RuntimeError) as error:
             self._broken = True
             left = "" if self._expendable else f" What was written is in {self.part}."

@@ -10,6 +10,8 @@ from __future__ import annotations
 import errno
 import io
 import os
+import signal
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -26,10 +28,35 @@ def new_hdf5(path: Path, **options: Any) -> Iterator[h5py.File]:
     """Create an HDF5 file, on the disk when the context is left; raises OSError where the disk refuses."""
     import h5py
 
-    with StagedFile(path) as staged:
+    with signals_held(), StagedFile(path) as staged:
         with h5py.File(staged, "w", **options) as file:
             yield file
         staged.commit()
+
+
+@contextmanager
+def signals_held() -> Iterator[None]:
+    """Hold back SIGINT, SIGTERM and SIGHUP; what came meanwhile is delivered when the context is left.
+
+    HDF5 calls the methods of a `StagedFile`, and Python runs a signal's handler in the first of them: an exception
+    raised there passes through the library, which then breaks the file or the process.
+    """
+    if threading.current_thread() is not threading.main_thread():  # handlers run in the main thread alone
+        yield
+        return
+    came: list[int] = []
+    handlers = {}
+    try:
+        for name in ("SIGINT", "SIGTERM", "SIGHUP"):
+            number = getattr(signal, name, None)
+            if number is not None and signal.getsignal(number) is not None:
+                handlers[number] = signal.signal(number, lambda arrived, _: came.append(arrived))
+        yield
+    finally:
+        for number, handler in handlers.items():
+            signal.signal(number, handler)
+        for number in came[:1]:
+            signal.raise_signal(number)
 
 
 def allocate(file: int, start: int, size: int) -> None:

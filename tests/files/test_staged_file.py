@@ -3,6 +3,7 @@
 import errno
 import os
 import resource
+import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -10,6 +11,8 @@ import h5py
 import numpy as np
 import pytest
 
+from rths_cli.files.hdf5 import Dataset
+from rths_cli.files.result_writer import ResultWriter
 from rths_cli.files.staged_file import StagedFile, new_hdf5
 
 SERIES = np.random.default_rng(15).normal(size=(4, 20_000))
@@ -118,3 +121,54 @@ def test_reading_and_cutting_agree_with_a_plain_file(tmp_path: Path) -> None:
                 assert staged.read(size) == bytes(plain[place : place + size]).ljust(size, b"\0")
         staged.commit()
     assert (tmp_path / "a").read_bytes() == bytes(plain)
+
+
+class Ended(BaseException):
+    """What a signal's handler raises."""
+
+
+@pytest.fixture
+def ended_by_signal() -> Iterator[None]:
+    """Let SIGTERM raise an exception, as the command line does."""
+
+    def end(*_: object) -> None:
+        raise Ended
+
+    before = signal.signal(signal.SIGTERM, end)
+    yield
+    signal.signal(signal.SIGTERM, before)
+
+
+@pytest.mark.parametrize("number", [1, 2, 5, 8, 12])
+def test_a_signal_while_hdf5_writes_ends_the_run_and_leaves_nothing_behind(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ended_by_signal: None, number: int
+) -> None:
+    calls = 0
+    write = StagedFile.write
+
+    def signalled(self: StagedFile, data: bytes) -> int:
+        nonlocal calls
+        calls += 1
+        if calls == number:
+            signal.raise_signal(signal.SIGTERM)
+        return write(self, data)
+
+    monkeypatch.setattr(StagedFile, "write", signalled)
+    path = tmp_path / "a.h5"
+    with pytest.raises(Ended), ResultWriter(path, {"rig_kind": "virtual", "case_name": "a"}) as writer:
+        for name in "abcd":
+            writer.group(name, {"values": Dataset(SERIES[0], "1", "values", "computed")}, time_s=SERIES[1])
+        writer.finish("complete")
+    assert calls >= number
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_signal_is_delivered_once_the_library_has_returned(tmp_path: Path, ended_by_signal: None) -> None:
+    path = tmp_path / "a.h5"
+    with pytest.raises(Ended), new_hdf5(path) as file:
+        signal.raise_signal(signal.SIGTERM)
+        file.create_dataset("values", data=SERIES)
+    with h5py.File(path) as file:
+        np.testing.assert_array_equal(file["values"][()], SERIES)
+    with pytest.raises(Ended):
+        signal.raise_signal(signal.SIGTERM)  # the handler is in place again

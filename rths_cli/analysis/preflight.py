@@ -23,9 +23,7 @@ from rths_cli.rig_info import BRAKE_SHARE, RigInfo
 SAFE, UNSAFE, UNSTABLE = "safe", "unsafe", "unstable"
 TOLERATED = 0.06  # error of the table that a test must stand up to 11 Hz: twice the largest of an accepted model
 COMPARED_HZ = 11.0
-LEAST_DELAY_S = (
-    1e-3  # further delay to stand, for good: a lost sample is bridged and delays nothing for longer than itself
-)
+LEAST_DELAY_S = 1e-3  # further delay that a loop must tolerate where lost samples are bridged
 RESERVE = 0.1  # of every limit
 FINER = 8  # points of a peak's series per point of the reduced one
 MOST_GROWN = 1e99  # stated; result files hold no larger numbers
@@ -85,12 +83,13 @@ class Preflight:
 def judge(
     critical: CriticalDelay, stability: Stability, reach: tuple[Reach, ...], scaling: float,
     prediction: Prediction | None, further: tuple[str, ...] = (), feedback: bool = False,
+    least_delay_s: float = LEAST_DELAY_S,
 ) -> Preflight:  # fmt: skip
     """Return the verdict: unstable, unsafe (which limit), or safe; `further` reasons make a stable loop unsafe.
 
-    `feedback`: the controller has one, so that no advice asks for it.
+    `feedback`: the controller has one, so that no advice asks for it. `least_delay_s`: further delay it must tolerate.
     """
-    reasons = faults_of_loop(stability, feedback)
+    reasons = faults_of_loop(stability, feedback, least_delay_s)
     doubt = stability.radius >= 1.0 and stability.growth >= GROWN
     largest = scaling * min((1.0 - RESERVE) / row.share if row.share > 0.0 else math.inf for row in reach)
     if stability.radius < 1.0:
@@ -99,9 +98,18 @@ def judge(
     return Preflight(verdict, tuple(reasons), critical, stability, reach, largest, prediction)
 
 
-def faults_of_loop(found: Stability, feedback: bool = False) -> list[str]:
+def required_delay_s(dt_s: float, bridged: bool) -> float:
+    """Return the further delay in s that a loop must tolerate.
+
+    `bridged`: the loop goes on by its model where a sample is lost. Elsewhere a lost sample holds the command, and one
+    lost and one late sample must not endanger the loop.
+    """
+    return LEAST_DELAY_S if bridged else max(2.0 * dt_s, LEAST_DELAY_S)
+
+
+def faults_of_loop(found: Stability, feedback: bool = False, least_delay_s: float = LEAST_DELAY_S) -> list[str]:
     """Return why a loop is not safe whatever is played; nothing for one that is."""
-    return _fragile(found, feedback) if found.radius < 1.0 else _unstable(found)
+    return _fragile(found, feedback, least_delay_s) if found.radius < 1.0 else _unstable(found)
 
 
 def rounded_down(value: float, digits: int = 3) -> float:
@@ -118,7 +126,7 @@ def _unstable(found: Stability) -> list[str]:
     ]
 
 
-def _fragile(found: Stability, feedback: bool) -> list[str]:
+def _fragile(found: Stability, feedback: bool, least_delay_s: float) -> list[str]:
     """Return a sentence when too small an error of the table, or too little delay, makes the loop unstable."""
     reasons = []
     if found.apart >= 1.0:
@@ -131,11 +139,10 @@ def _fragile(found: Stability, feedback: bool) -> list[str]:
             f"an error of {found.tolerates:.2%} in the table's response at {found.at_hz:.3g} Hz makes the loop "
             f"unstable, it must stand {found.required:.2%}; {_advice(found.at_hz, feedback)}"
         )
-    if found.measured.delay_margin_s < LEAST_DELAY_S:
+    if found.measured.delay_margin_s < least_delay_s:
         reasons.append(
             f"{1e3 * found.measured.delay_margin_s:.3g} ms of further delay make the loop unstable, it must stand "
-            f"{1e3 * LEAST_DELAY_S:.3g} ms; put less of the interface floor's mass on the table, add damping, or raise "
-            "a sample_rate_hz below 2000"
+            f"{1e3 * least_delay_s:.3g} ms; put less of the interface floor's mass on the table, or add damping"
         )
     return reasons
 

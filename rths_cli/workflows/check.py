@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 RINGS = 7.0  # time constants after which a motion has died out
 LONGEST_S = 300.0
 NOISE_FROM_HZ, NOISE_POINTS = 1.0, 400  # over which noise at rest is taken as white
+BRIDGING = ("virtual", "udp")  # kinds of rigs on which the loop goes on by its model where a sample is lost
 NEAR = 0.97  # of the critical delay, from which SIM-DELAY rings on for too long to be told from its lines
 
 
@@ -89,10 +90,13 @@ def judge(setup: Setup, identified: Identification, design: Design, kept: Kept |
     critical = critical_delay(building)
     further = preflight.unseen(known)
     feedback = setup.case.controller.kind == "FF+FB"
-    verdict = preflight.judge(critical, found, rows, setup.case.scaling, stable, further, feedback)
+    bridged = setup.rig.kind in BRIDGING and design.blocks.lead_samples > 0
+    least_s = preflight.required_delay_s(dt, bridged)
+    verdict = preflight.judge(critical, found, rows, setup.case.scaling, stable, further, feedback, least_s)
     own = modes(building.M, building.C, building.K)
     looped = modes_in_loop(loop_roots(closed_loop_matrix(rig, design.blocks), dt), *own)
-    largest = 0.0 if preflight.faults_of_loop(found) else preflight.rounded_down(verdict.largest_scaling)
+    fragile = preflight.faults_of_loop(found, feedback, least_s)
+    largest = 0.0 if fragile else preflight.rounded_down(verdict.largest_scaling)
     friction = identified.friction.command_v if identified.friction else 0.0
     delayed = _sim_delay(setup, building, known, critical)
     return Judged(verdict, own, looped, delayed, friction, largest, known if found.radius < 1.0 else None)

@@ -25,9 +25,11 @@ from rths_cli.analysis.preflight import (
     Preflight,
     Reach,
     Stability,
+    faults_of_loop,
     judge,
     reach,
     required,
+    required_delay_s,
     stability,
     unseen,
 )
@@ -309,3 +311,13 @@ def test_a_converter_narrower_than_stroke_or_sensor_is_the_limit() -> None:
     assert limits["displacement (with room to brake)"] == pytest.approx(2.0 * 0.0079)
     assert limits["accelerometers' range"] == pytest.approx(2.0 * 9.80665)
     assert limits["command"] == 2.0
+
+
+def test_a_loop_must_tolerate_a_lost_and_a_late_sample_where_none_is_bridged() -> None:
+    assert required_delay_s(2e-3, bridged=True) == 1e-3
+    assert required_delay_s(2e-3, bridged=False) == 4e-3
+    assert required_delay_s(1e-4, bridged=False) == 1e-3
+    late = replace(STABLE, measured=replace(STABLE.measured, delay_margin_s=3e-3))
+    assert faults_of_loop(late, least_delay_s=1e-3) == []
+    (reason,) = faults_of_loop(late, least_delay_s=4e-3)
+    assert reason.startswith("3 ms of further delay make the loop unstable, it must stand 4 ms")

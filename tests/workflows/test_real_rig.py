@@ -8,6 +8,7 @@ import sys
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
@@ -29,7 +30,7 @@ from rths_cli.workflows.model_store import key
 from rths_cli.workflows.real_stage import RealStage
 from rths_cli.workflows.recover import recover
 from rths_cli.workflows.run import Ended, run_case
-from rths_cli.workflows.serve_table import describe
+from rths_cli.workflows.serve_table import NOISE_ROWS, ServedRig, describe
 from rths_cli.workflows.setup import Setup, make_setup
 from rths_cli.workflows.table_runs import BEFORE_S
 
@@ -208,3 +209,44 @@ def test_a_crash_of_the_driver_leaves_a_result_and_a_log_that_recover_reads(
     (recovered,) = recover(list(tmp_path.glob("*.rthslog")))
     assert recovered.samples == round((BEFORE_S + RAMP_UP_S) / bench.setup.rig.dt_s) + 100
     assert "exp_rths" in read_result(tmp_path / "a.h5").groups
+
+
+@dataclass(frozen=True)
+class Drifting(ServedRig):
+    """A served rig one of whose floors has an offset in V and a drift in V per sample; both come with its noise."""
+
+    offset_v: float = 5e-3
+    drift_v: float = 5e-3 / 60.0 / 500.0
+
+    @cached_property
+    def noise(self) -> np.ndarray:
+        rows = np.random.default_rng((self.seed, 1)).standard_normal((NOISE_ROWS, self.channels))
+        volts = self.offset_v + self.drift_v * np.arange(NOISE_ROWS)
+        rms_v = self.table.sensors.noise_rms_m_s2 * self.setup.rig.channels[2].sensitivity_v_per_m_s2
+        rows[:, 2] += volts / rms_v
+        return rows
+
+
+def test_a_drifting_sensor_behind_udp_is_named_and_taken_out(bench: Bench, tmp_path: Path) -> None:
+    """Offset and drift are counted in samples, so that they do not depend on time."""
+    plain = bench.running.server._rig
+    bench.running.server._rig = Drifting(plain.setup, plain.table, plain.seed)
+    try:
+        ended = ran(bench, tmp_path / "a.h5")
+    finally:
+        bench.running.server._rig = plain
+    if any(" lost " in line for line in (*ended.warnings, ended.reason)):
+        pytest.skip("this machine stalled: the table moved otherwise than it was told")
+    assert ended.status == "complete", ended.reason
+    result = read_result(tmp_path / "a.h5")
+    (said,) = [line for line in ended.warnings if "channel " in line]
+    assert said.startswith("EXP-RTHS: channel floor_3 has an offset of") and said in str(result.attributes["warnings"])
+    rate, uncertain = (result.metrics[f"exp_rths.sensor_drift{part}_v_per_min"] for part in ("", "_uncertainty"))
+    assert np.all(np.abs(rate - [0.0, 0.0, 5e-3]) < 3.0 * uncertain), (rate, uncertain)
+    at_rest = read_series(tmp_path / "a.h5", "exp_rths/rest/samples_v")
+    assert at_rest.mean(axis=1) == pytest.approx([0.0, 0.0, 5.4e-3], abs=4e-4)
+    taken = read_series(tmp_path / "a.h5", "exp_rths/sensor_drift_m_s2")
+    time_s, size = read_series(tmp_path / "a.h5", "exp_rths/time_s"), bench.setup.rig.channels[2].sensitivity_v_per_m_s2
+    assert not taken[:2].any()
+    grows = 60.0 * size * np.polyfit(time_s, taken[2], 1)[0]  # by the drift, and by what undoing the coupling adds
+    assert rate[2] < grows < 2.0 * rate[2]

@@ -175,11 +175,20 @@ def _dataset(path: Path, file: h5py.File, name: str) -> Dataset:
     if not isinstance(found, h5py.h5d.DatasetID):
         raise InputError(f"{path}: holds no dataset {name}; its groups are {', '.join(file)}.")
     node = h5py.Dataset(found)
-    axes = [(axis[0].name.rpartition("/")[2], axis[0].size) for axis in node.dims if len(axis)]
+    axes = list(_scales_of(node, name))
     check_series(name, node.shape, axes)
     units, long_name, source = (text(found, key) for key in ("units", "long_name", "source"))
     dims = tuple(axis for axis, _ in axes)
     return Dataset(values_of(found, name), units, long_name, source, dims)  # type: ignore[arg-type]
+
+
+def _scales_of(node: h5py.Dataset, path: str) -> Iterator[tuple[str, int]]:
+    """Yield name and length of the scale of each axis that has one; raises LayoutError for a scale that was removed."""
+    for axis in node.dims:
+        if len(axis):
+            if axis[0].name is None:  # attached, but in no group any more
+                raise LayoutError(f"has lost the scale of {path}")
+            yield axis[0].name.rpartition("/")[2], axis[0].size
 
 
 def _reading(path: Path, read: Callable[[h5py.File], T]) -> T:

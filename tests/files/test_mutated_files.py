@@ -1,0 +1,56 @@
+"""A sample of the damaged files of `benchmarks/mutated_files.py`: each is read, or refused by a sentence."""
+
+from __future__ import annotations
+
+import os
+import random
+import sys
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from test_hdf5_layout import everything, made
+
+from rths_cli.errors import InputError
+from rths_cli.files.accelerograms import read_accelerogram
+from rths_cli.files.measured.trial import survives
+
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
+import mutated_files
+
+
+def short_record(folder: Path) -> Path:
+    """Write a record."""
+    path = folder / "short.csv"
+    path.write_text(mutated_files.SHORT_RECORD)
+    return path
+
+
+KINDS: dict[str, tuple[Callable[[Path], Path], Callable[[Path], object]]] = {
+    "result": (made, everything),
+    "record": (short_record, read_accelerogram),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_damaged_file_is_read_or_refused_by_a_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    make, read = KINDS[kind]
+    monkeypatch.chdir(tmp_path)
+    file = tmp_path / "damaged"
+    target = mutated_files.Target(kind, make(tmp_path), kind == "result", ())
+
+    def read_or_refuse() -> None:
+        try:
+            read(file)
+        except InputError:
+            pass
+        except BaseException:
+            traceback.print_exc()
+            os.abort()
+
+    for number in range(80):
+        damage = mutated_files.damaged(target, file, random.Random(f"15/{number}"))
+        assert survives(read_or_refuse), f"{number}: {damage}"

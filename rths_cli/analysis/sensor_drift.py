@@ -94,7 +94,7 @@ def _drift(series: Array, blocks: Array, places: list[int], size: int, dt_s: flo
     """Return the drift of one channel with jumps near the given blocks, dated to the sample."""
     found = [_edge(series, near * size, dt_s, jump, before) for near, jump, before in _levels(blocks, places, size)]
     lost = [place * size for place, at in zip(places, found, strict=True) if at is None]
-    dated = sorted(at for at in found if at is not None)
+    dated = sorted({at for at in found if at is not None})  # two may be dated to one sample
     if lost or len(places) >= MOST_JUMPS:
         first = max(min(lost, default=places[0] * size) - round(NEAR_S / dt_s), 0)
         dated = [at for at in dated if at < first]

@@ -23,13 +23,13 @@ from rths_cli.rig_info import RigInfo
 
 LONGEST_S = 100e-3
 SLOWLY = 8
-MISSED, RETURNED = range(2)  # places in Returning.gap
+MISSED, RETURNED, NOW = range(3)  # places in Returning.gap
 
 
 class Returning(NamedTuple):
     """What is known of a gap in the samples; c channels."""
 
-    gap: IntArray  # (2,) samples lost in a row, and how many have come since
+    gap: IntArray  # (3,) length of the gap that samples return from, how many have returned, and lost in a row now
     longest: int  # samples over which they come back, at most
     alarm_v: Array  # (c,) a larger sample is never mixed
     came: Array  # (c,) the samples that came, in V
@@ -39,20 +39,32 @@ def returning(info: RigInfo) -> Returning:
     """Return that no samples are missing."""
     aborts = [min(c.abort_m_s2, info.limits.acceleration_m_s2) * c.sensitivity_v_per_m_s2 for c in info.channels]
     return Returning(
-        np.zeros(2, dtype=np.int64), round(LONGEST_S / info.dt_s), np.array(aborts), np.zeros(len(info.channels))
+        np.zeros(3, dtype=np.int64), round(LONGEST_S / info.dt_s), np.array(aborts), np.zeros(len(info.channels))
     )
 
 
 @part
 def note_lost(r: Returning) -> None:
-    """Count a sample that is missing; one that misses while others return begins a gap of its own."""
-    r.gap[MISSED] = r.gap[MISSED] + 1 if r.gap[RETURNED] == 0 else 1
-    r.gap[RETURNED] = 0
+    """Count a sample that is missing."""
+    r.gap[NOW] += 1
+
+
+@part
+def end_gap(r: Returning) -> None:
+    """Take note that samples come again: one that missed while others returned only held up their return."""
+    if r.gap[RETURNED] == 0:
+        r.gap[MISSED] = r.gap[NOW]
+    elif r.gap[NOW] > 1:
+        r.gap[MISSED] = max(r.gap[NOW], r.gap[MISSED] - r.gap[RETURNED] // SLOWLY)
+        r.gap[RETURNED] = 0
+    r.gap[NOW] = 0
 
 
 @part
 def share_of_measured(r: Returning) -> float:
     """Count a sample that came; return its share in what the step is given: all of it where one alone was lost."""
+    if r.gap[NOW] > 0:
+        end_gap(r)
     if r.gap[MISSED] == 0:
         return 1.0
     r.gap[RETURNED] += 1

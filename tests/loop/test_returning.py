@@ -45,7 +45,21 @@ def test_the_longer_the_gap_the_slower_samples_come_back(lost: int, over: int) -
 
 def test_one_lost_in_two_is_not_taken_for_one_long_gap() -> None:
     given = shares_of(*[0, 0, 0, *[1, 0] * 20])
-    assert (given[6::2][1:-1] == 0.0).all() and (given[5::2] == 1.0).all()
+    assert (given[4::2] == 0.0).all()
+    assert (np.diff(given[3::2]) >= 0.0).all() and (given[3::2][16:] == 1.0).all()  # over 17 samples, as without
+
+
+@pytest.mark.parametrize("came_before", [1, 10, 60])
+def test_a_sample_that_is_lost_during_the_return_does_not_end_it_at_once(came_before: int) -> None:
+    given = shares_of(*[0] * 22, *[1] * came_before, 0, *[1] * 120)
+    after = given[23 + came_before :]
+    assert after[0] - given[21 + came_before] < 0.03  # no step in what the loop is given
+    assert (np.diff(after) >= 0.0).all() and after[-1] == 1.0
+
+
+def test_a_second_gap_during_the_return_is_returned_from_anew() -> None:
+    given = shares_of(*[0] * 10, *[1] * 8, *[0] * 3, *[1] * 120)[21:]
+    assert given[0] < 0.01 and (given[72:] == 1.0).all()  # 9 of the 10 are still to be returned from: 65 samples
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 4.999, -4.7])

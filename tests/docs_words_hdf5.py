@@ -98,6 +98,7 @@ MODEL_GROUPS = {
     "frf": "frequency response from command to a channel, its coherence and standard error",
     "friction": "dry friction as the change of the command that it is worth",
     "latency": "delay from command to table: declared, identified, its standard uncertainty",
+    "level_causes": "what makes low and full level differ: causes in the table, storeys of the specimen",
     "levels": "response at low level over that at full level, by band",
     "residuals": "error of the model by band",
     "roots": "poles and zeros as frequency and damping ratio, with standard uncertainties",

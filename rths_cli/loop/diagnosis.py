@@ -119,6 +119,8 @@ def _compared(info: RigInfo, specimen: Specimen, lead: int, log: Signals, last: 
     """Compare all channels with the identified specimen; None where the signals do not permit it."""
     first = max(last - round(WINDOW_S / info.dt_s), lead)
     rows, floors = slice(first, last + 1), len(specimen.masses_kg)
+    if len(log.estimated) < 2 * floors:  # a lean log keeps no estimates
+        return None
     table, shown = log.corrected[0, rows], log.corrected[1:, rows]
     desired = log.desired[0, first - lead : last + 1 - lead]
     start = log.estimated[: 2 * floors, first]

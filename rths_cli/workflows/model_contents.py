@@ -20,6 +20,7 @@ from rths_cli.identification.found import (
     Friction,
     Identification,
     LevelBand,
+    LevelCauses,
     Root,
     SpecimenFit,
     Verdict,
@@ -71,6 +72,8 @@ def to_groups(found: Identification, names: tuple[str, ...]) -> Groups:
         groups["friction"] = _flat(found.friction)
     if found.latency is not None:
         groups["latency"] = _flat(found.latency)
+    if found.causes.table or found.causes.storeys:
+        groups["level_causes"] = _flat(found.causes)
     for table in TABLES:
         rows = getattr(found, table)
         if rows:
@@ -94,6 +97,7 @@ def from_groups(groups: Mapping[str, Values], names: tuple[str, ...]) -> Identif
         verdict=_made(Verdict, groups["verdict"]),
         friction=_made(Friction, groups["friction"]) if "friction" in groups else None,
         latency=_made(DelayEstimate, groups["latency"]) if "latency" in groups else None,
+        causes=_made(LevelCauses, groups.get("level_causes", {})),
         **tables,
     )
 
@@ -163,7 +167,8 @@ def _as_declared(hint: Any, value: Any) -> Any:
             return None
         return _as_declared(get_args(hint)[0], value)
     if get_origin(hint) is tuple:
-        return () if value is None else tuple(np.asarray(value).tolist())
+        entries = () if value is None else tuple(np.asarray(value).tolist())
+        return tuple(int(entry) for entry in entries) if get_args(hint)[0] is int else entries
     if hint in (int, float, complex, bool, str):
         return hint(value)
     return value

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from made_up_identification import ABOUT, MODEL, NAN, PAPER, identification, specimen
 
 from rths_cli.identification.doubts import agree
-from rths_cli.identification.found import Candidate, ChannelReport, LevelBand, Verdict
+from rths_cli.identification.found import Candidate, ChannelReport, LevelBand, LevelCauses, Verdict
 from rths_cli.identification.verdict import roots_given
 from rths_cli.report.identified import About, as_document, page, rejected_document, rejected_page
 from rths_cli.report.identified_text import number, with_uncertainty
@@ -129,18 +129,18 @@ def test_amplitude_dependence():
 
 
 @pytest.mark.parametrize(
-    ("ratio", "sentence"),
+    ("ratio", "causes", "sentence"),
     [
-        (0.97 - 0.02j, "differs by up to 3.61 % (2-5 Hz): friction"),
-        (1.0 - 0.02j, "differs by up to 2.00 % (2-5 Hz): friction"),
-        (1.03 - 0.01j, "differs by up to 3.16 % (2-5 Hz) and is larger at low level, which friction is not"),
-        (1.0005 - 0.0005j, "no difference beyond the scatter"),
+        (0.97 - 0.02j, ("friction",), "differs by up to 3.61 % (2-5 Hz): dry friction takes a larger share of small"),
+        (1.03 - 0.01j, ("hardening",), "differs by up to 3.16 % (2-5 Hz): the table's suspension stiffens as its"),
+        (1.0 - 0.02j, (), "differs by up to 2.00 % (2-5 Hz): no single cause"),
+        (1.0005 - 0.0005j, ("friction",), "no difference beyond the scatter"),
     ],
 )
-def test_what_amplitude_dependence_means(ratio, sentence):
+def test_what_amplitude_dependence_means(ratio, causes, sentence):
     """Bands above 11 Hz do not decide, and a difference within three standard errors is none."""
     levels = (LevelBand(2.0, 5.0, ratio, 0.001), LevelBand(20.0, 40.0, 0.5 + 0.0j, 0.001))
-    text = " ".join(page(identification(levels=levels), ABOUT).split())
+    text = " ".join(page(identification(levels=levels, causes=LevelCauses(causes)), ABOUT).split())
     assert sentence in text
 
 

@@ -83,7 +83,7 @@ class ResultWriter:
 
         if not self._expendable and self.path.exists():
             raise InputError(f"{self.path}: exists and holds a hardware run; choose another name or --output folder.")
-        if self._expendable:
+        if self._expendable and not self._resumed:  # a run on hardware may have left its samples in one
             remove_leftovers(self.path)
         try:
             with self._reporting():

@@ -190,3 +190,15 @@ def test_what_is_not_there_cannot_be_continued(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"a\.h5: cannot write the result file: No such file"):
         ResultWriter(tmp_path / "a.h5", {}, continues=True).__enter__()
     assert os.listdir(tmp_path) == []
+
+
+def test_what_an_earlier_process_left_of_a_hardware_run_survives_a_resumed_one(tmp_path: Path) -> None:
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    left = tmp_path / f".a.h5.{dead.pid}.part"
+    left.write_bytes(b"samples of an earlier run")
+    with ResultWriter(tmp_path / "a.h5", {"rig_kind": "udp", "case_name": "a"}) as writer:
+        writer.park("it moves")
+        writer.resume()
+        writer.finish("complete")
+    assert left.read_bytes() == b"samples of an earlier run"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import socket
 from pathlib import Path
 
@@ -209,3 +210,14 @@ def test_ipv6_is_spoken_where_the_machine_has_it() -> None:
         link.send(b"hello")
         door.settimeout(2.0)
         assert door.recv(10) == b"hello"
+
+
+def test_a_full_disk_leaves_no_empty_key_file(tmp_path: Path) -> None:
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (0, before[1]))  # as a full disk: no byte can be written
+    try:
+        with pytest.raises(InputError, match=r"key file .* cannot be made: File too large"):
+            make_secret(tmp_path / "table.key")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert list(tmp_path.iterdir()) == []

@@ -83,10 +83,14 @@ def make_secret(path: Path) -> Words:
         for folder in [one for one in reversed(path.parents) if not one.exists()]:
             folder.mkdir(mode=0o700, exist_ok=True)
         handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        try:
+            with os.fdopen(handle, "w", encoding="ascii") as file:
+                file.write(secret.hex() + "\n")
+        except OSError:
+            path.unlink()
+            raise
     except OSError as fault:
         raise InputError(f"key file {path} cannot be made: {fault.strerror}; choose another place") from None
-    with os.fdopen(handle, "w", encoding="ascii") as file:
-        file.write(secret.hex() + "\n")
     return as_words(secret)
 
 

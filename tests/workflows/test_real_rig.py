@@ -231,7 +231,7 @@ MOST_MISSED = 5  # intervals without a command or samples of their own, beyond w
 
 
 @pytest.mark.skipif(
-    "RTHS_IDLE" not in os.environ, reason="depends on this machine's pace: set RTHS_IDLE on an idle one"
+    "RTHS_IDLE" not in os.environ, reason="depends on the machine's pace: set RTHS_IDLE where it is idle"
 )
 def test_a_drifting_sensor_behind_udp_is_named_and_taken_out(bench: Bench, tmp_path: Path) -> None:
     """Offset and drift are counted in samples, so that they do not depend on time."""

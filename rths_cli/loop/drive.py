@@ -46,8 +46,10 @@ class Whole:
 class Outcome:
     """How a run went: log on the loop's own clock, steps done, and why it stopped early (empty when it did not).
 
-    `stopped_at_s`: when the guard took over, on the loop's clock; `reason`: why, one of the guard's reasons; `whole`:
-    the run with the rest before it and, where it got so far, after it.
+    `stopped_at_s`: when the guard took over, on the loop's clock, negative before the record; `reason`: why, one of the
+    guard's reasons; `whole`: the run with the rest before it and, where it got so far, after it; `played`: every step
+    of the record passed the guard, so that what ended the run came after it; `ramp_s`: how long the command faded in
+    before the record.
     """
 
     log: Signals
@@ -57,6 +59,8 @@ class Outcome:
     stopped_at_s: float
     reason: int = NONE
     whole: Whole | None = None
+    played: bool = False
+    ramp_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -118,7 +122,8 @@ def play(
     told = reason_of(info, limits, guard_state, source, cause)
     record, record_steps = slice(0, len(drive)), min(steps, len(drive))
     seen = _whole(part_of(named, slice(0, steps)), course, still, info.dt_s) if still.before else None
-    return Outcome(part_of(named, record), record_steps, told, fault, stopped_at_s, reason, seen)
+    played = bool(guard_state.flags[3] >= len(drive))
+    return Outcome(part_of(named, record), record_steps, told, fault, stopped_at_s, reason, seen, played)
 
 
 def part_of(everything: Signals, steps: slice) -> Signals:

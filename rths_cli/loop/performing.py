@@ -14,7 +14,7 @@ import numpy as np
 from rths_cli.errors import crash_note
 from rths_cli.loop.diagnosis import cause_of
 from rths_cli.loop.drive import Outcome, Whole, part_of
-from rths_cli.loop.guard import INTERRUPT, OPERATOR, TERMINATION, WATCHER_FAILED
+from rths_cli.loop.guard import END, INTERRUPT, OPERATOR, REASONS, TERMINATION, WATCHER_FAILED
 from rths_cli.loop.log import Signals, signals
 from rths_cli.loop.performance import Performance, perform, rehearse
 from rths_cli.loop.realtime import AT_REST, OVERRUNS
@@ -154,27 +154,35 @@ def _giver(run: Performance, what: int, before: object) -> Callable[[int, FrameT
 
 
 def _outcome(run: Performance, fault: str) -> Outcome:
-    """Return how the run went, and its signals on the record."""
-    ramp, dt_s = run.course.ramp, run.info.dt_s
+    """Return how the run went, and its signals on the record; an order that came after the record is its reason."""
+    ramp, still, record_steps, dt_s = run.course.ramp, run.course.still, run.course.record, run.info.dt_s
     everything = signals(run.log, len(run.info.channels), run.step.estimated.size)
-    steps = int(np.clip(run.log.done[0] - ramp, 0, run.course.record))
-    stopped_at_s = float(max(run.guard.flags[3] - ramp, 0) * dt_s)
-    reason = int(run.guard.flags[1])
-    record = slice(ramp, ramp + run.course.record)
+    steps = int(np.clip(run.log.done[0] - ramp, 0, record_steps))
+    stopped_at_s = float((run.guard.flags[3] - ramp) * dt_s)
+    reason, order_given = int(run.guard.flags[1]), int(run.course.orders[0])
+    record = slice(ramp, ramp + record_steps)
     cause = cause_of(run.info, run.blocks, run.limits, run.guard, everything)
     told = reason_of(run.info, run.limits, run.guard, run.step.source, cause)
-    whole = whole_of(part_of(everything, slice(0, int(run.log.done[0]))), run.course.still, ramp, dt_s)
-    return Outcome(part_of(everything, record), steps, told, fault, stopped_at_s, reason, whole)
+    if reason == END and order_given:
+        reason = OPERATOR + order_given - 1
+        told = REASONS[reason]
+    whole = whole_of(part_of(everything, slice(0, int(run.log.done[0]))), still, ramp, dt_s)
+    played = bool(run.guard.flags[3] >= ramp + record_steps)
+    signals_of_record, ramp_s = part_of(everything, record), (ramp - still) * dt_s
+    return Outcome(signals_of_record, steps, told, fault, stopped_at_s, reason, whole, played, ramp_s)
 
 
 def whole_of(everything: Signals, still: int, ramp: int, dt_s: float) -> Whole | None:
     """Return a run with the rest before it and, where it got so far, after it; its signals begin with `still` steps at
-    rest, its record after `ramp` steps. None without such steps."""
+    rest, its record after `ramp` steps. None without such steps. Samples at rest are NaN where none came, and end with
+    the last that came."""
     if not still or not everything.samples_v.size:
         return None
-    at_rest, shown = np.flatnonzero(everything.state == AT_REST), everything.samples_v
+    at_rest, came = np.flatnonzero(everything.state == AT_REST), everything.lost == 0.0
+    shown = np.where(came, everything.samples_v, np.nan)
     end = int(at_rest[0]) if at_rest.size else shown.shape[1]
+    last = 1 + int(np.max(np.flatnonzero(came), initial=-1))
     return Whole(
-        everything.corrected, everything.command_v, ramp, shown[:, :still], shown[:, end:], -ramp * dt_s,
+        everything.corrected, everything.command_v, ramp, shown[:, :still], shown[:, end:last], -ramp * dt_s,
         (end - ramp) * dt_s,
     )  # fmt: skip

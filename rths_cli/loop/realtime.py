@@ -45,8 +45,9 @@ ANSWER_SHARE = 0.7  # of an interval, how long an answer may take: step and guar
 PUNCTUAL = 0.125  # of an interval, how late a command may leave where steps are caught up; a later one waits for none
 
 # places in Course.marks: start of the clock, intervals overrun, lost in a row, overrun in a row, intervals by which the
-# record waited, steps at rest at last
-START_NS, OVERRUNS, LOST_IN_A_ROW, OVERRUN_IN_A_ROW, HELD, AT_REST_STEPS = range(6)
+# record waited, steps at rest at last, 1 where the rig obeys no more after the record
+START_NS, OVERRUNS, LOST_IN_A_ROW, OVERRUN_IN_A_ROW, HELD, AT_REST_STEPS, GAVE_UP = range(7)
+MARKS = 7
 
 
 class Course(NamedTuple):
@@ -66,7 +67,7 @@ class Course(NamedTuple):
     returning: Returning  # of samples after some were lost
     drift: Array  # (7,) where the rig is, and how that goes back to where it should be
     orders: IntArray  # orders[0]: 0 go on, else stop; written by other threads
-    marks: IntArray  # (6,)
+    marks: IntArray  # (MARKS,)
     scratch: IntArray  # (2,)
 
 
@@ -80,7 +81,7 @@ def course(
         round(1e9 * info.dt_s), spin_of(round(1e9 * info.dt_s)), still + round(ramp_s / info.dt_s), still, rest, record,
         info.limits.lost_samples, POLICIES[info.overrun], np.array([float(channel.sign) for channel in info.channels]),
         zeros_v, foresight, returning(info), fresh_drift(), orders,
-        np.zeros(6, dtype=np.int64), np.zeros(2, dtype=np.int64),
+        np.zeros(MARKS, dtype=np.int64), np.zeros(2, dtype=np.int64),
     )  # fmt: skip
 
 
@@ -134,7 +135,10 @@ def share_of(course: Course, k: int) -> float:
 
 @part
 def is_over(course: Course, g: GuardState) -> bool:
-    """Tell whether the run has ended: the table rests and, where the record has ended, was watched long enough."""
+    """Tell whether the run has ended: the table rests and, where the record has ended, was watched long enough, or the
+    rig obeys no more."""
+    if course.marks[GAVE_UP] == 1:
+        return True
     if g.flags[0] != STOPPED:
         return False
     course.marks[AT_REST_STEPS] += 1
@@ -187,6 +191,7 @@ def judge(course: Course, g: GuardState, outcome: int) -> None:
     marks = course.marks
     marks[LOST_IN_A_ROW] = marks[LOST_IN_A_ROW] + 1 if outcome == udp.LOST else 0
     if outcome == udp.FAULT:
+        marks[GAVE_UP] = 1 if g.flags[1] == END else 0
         take_over(g, RIG_FAULT, math.nan)
     elif marks[LOST_IN_A_ROW] > course.lost_samples:
         take_over(g, LOST, float(marks[LOST_IN_A_ROW]))

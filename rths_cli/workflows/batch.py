@@ -19,7 +19,7 @@ from rths_cli.workflows.kept import Kept
 from rths_cli.workflows.known import Memory
 from rths_cli.workflows.model_store import Cache
 from rths_cli.workflows.permission import ask_to_move
-from rths_cli.workflows.run import Ended, moves_table, prepare_all, run_case
+from rths_cli.workflows.run import Ended, moves_table, prepare_all, run_case, worst_code
 from rths_cli.workflows.setup import Progress, Setup
 from rths_cli.workflows.side_by_side import AT_ONCE, cores, in_order
 
@@ -29,7 +29,6 @@ if TYPE_CHECKING:
 KEPT, KEPT_BYTES = 8, 1 << 28  # of each kind of what cases share, and of all kinds together
 RESPONSES = 3  # kept of a case: SIM, SIM of the identified building, SIM-DELAY
 Job = tuple[Setup, Path]
-PRECEDENCE = (143, 130, 5, 4, 3, 2, 1)
 
 
 class Watcher(Protocol):
@@ -137,8 +136,7 @@ def _at_once(jobs: Sequence[Job]) -> int:
 
 def exit_code(results: Sequence[Ended]) -> int:
     """Return the code of the worst ending (DESIGN.md section 2)."""
-    codes = {ended.exit_code for ended in results}
-    return next((code for code in PRECEDENCE if code in codes), 0)
+    return worst_code(ended.exit_code for ended in results)
 
 
 def _most_kept(jobs: Sequence[Job]) -> int:

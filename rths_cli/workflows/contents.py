@@ -115,7 +115,7 @@ def write_rest(writer: ResultWriter, run: str, setup: Setup, whole: Whole) -> No
     """Write what the channels showed while the table stood still before and after a run."""
     spans = ((whole.before_s, whole.before_v), (whole.after_s, whole.after_v))
     time = np.concatenate([begin + setup.rig.dt_s * np.arange(shown.shape[1]) for begin, shown in spans])
-    about = "samples as the rig gave them, the table told to stand still before and after the run"
+    about = "samples as the rig gave them, the table told to stand still before and after the run; NaN where none came"
     shown = Dataset(np.hstack([whole.before_v, whole.after_v]), "V", about, "measured", ("channel", "rest_time_s"))
     channel = Dataset(np.arange(1, len(whole.before_v) + 1), "1", CHANNEL, "computed")
     clock = Dataset(time, "s", "time since the start of the record, the rest before it and after it", "computed")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,7 +25,7 @@ from rths_cli.workflows.lowest_frequency import lowest_reliable_hz
 from rths_cli.workflows.outputs import try_folder
 from rths_cli.workflows.provenance import attributes
 from rths_cli.workflows.setup import Progress, Setup, building_key, make_setups, motion_key
-from rths_cli.workflows.table_runs import Stage, Stop, VirtualStage, play_all, refused
+from rths_cli.workflows.table_runs import Played, Stage, Stop, VirtualStage, play_all, refused
 from rths_cli.workflows.warnings import of_case
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from rths_cli.case.models import Case
 
 BYTES_PER_SAMPLE = 600  # of a result file, for the check of free space
+PRECEDENCE = (143, 130, 5, 4, 3, 2, 1)  # of exit codes
 LOG_BYTES_PER_SAMPLE = 400  # of the raw logs of two runs on a real rig
 
 
@@ -91,21 +92,35 @@ def run_case(
         writer.case(case.yaml_text, resolved_yaml(case))
         contents.write_record(writer, setup)
         sim, values = _simulations(setup, writer, kept, progress)
-        stop = None
+        played = Played(None, {})
         if known is not None and checked is not None:
-            stop, measured, said = _on_table(setup, known, checked, sim, writer, progress, stage or VirtualStage())
-            values |= measured
-            cautions = (*cautions, *said)
+            played = _on_table(setup, known, checked, sim, writer, progress, stage or VirtualStage())
+            values |= played.values
+            cautions = (*cautions, *played.said)
         cautions = (*cautions, *losses_of_runs({path: metric.value for path, metric in values.items()}))
-        if cautions:
-            writer.about({"warnings": "\n".join(cautions)})
+        late = (played.late.reason,) if played.late else ()
+        if cautions or late:
+            writer.about({"warnings": "\n".join((*cautions, *late))})
         writer.metrics(values)
-        if stop is None:
-            stop = acceptance(case.accept, values)
+        stop = _also(played.stop or acceptance(case.accept, values), played.late)
         writer.finish(stop.status, stop.reason)  # type: ignore[arg-type]
     if stage is not None:
         stage.written()
     return Ended(case.name, path, stop.status, stop.reason, stop.exit_code, cautions, replaced)
+
+
+def _also(stop: Stop, late: Stop | None) -> Stop:
+    """Return how a case ended, with what ended a run after its record was whole."""
+    if late is None or late.reason in stop.reason:
+        return stop
+    reason = "; ".join(filter(None, (stop.reason, late.reason)))
+    return replace(stop, reason=reason, exit_code=worst_code((stop.exit_code, late.exit_code)))
+
+
+def worst_code(codes: Iterable[int]) -> int:
+    """Return which of several exit codes is told: 0 where all are."""
+    there = set(codes)
+    return next((code for code in PRECEDENCE if code in there), 0)
 
 
 def _cautions(setup: Setup, known: Known | None, checked: Verdict | None) -> tuple[str, ...]:
@@ -127,20 +142,19 @@ def _attributes(
 
 def _on_table(
     setup: Setup, known: Known, checked: Verdict, sim: Response, writer: ResultWriter, progress: Progress, stage: Stage
-) -> tuple[Stop | None, dict[str, Metric], tuple[str, ...]]:
-    """Write what is known of rig and blocks, play the table runs; return what stopped one first, the figures, and what
-    to say of the sensors."""
+) -> Played:
+    """Write what is known of rig and blocks, and play the table runs."""
     design = checked.design
     if design is None:
-        return refused(writer, setup.case.runs, "; ".join(checked.reasons)), {}, ()
+        return Played(refused(writer, setup.case.runs, "; ".join(checked.reasons)), {})
     contents.write_identification(writer, known.found, design)
     contents.write_controller(writer, design)
     values = contents.design_figures(setup, known.found, design) | checked.figures
     rejected = known.faults(setup.overrides)
     if rejected:
-        return refused(writer, setup.case.runs, rejected[0]), values, ()
-    stop, measured, said = play_all(setup, known.found, checked, design, sim, writer, progress, stage)
-    return stop, values | measured, said
+        return Played(refused(writer, setup.case.runs, rejected[0]), values)
+    played = play_all(setup, known.found, checked, design, sim, writer, progress, stage)
+    return replace(played, values=values | played.values)
 
 
 def _simulations(

@@ -53,7 +53,7 @@ def drift_of(setup: Setup, identified: Identification, blocks: Blocks, outcome: 
     a run that was not watched at rest before its record, was short, or ended for another reason than motion.
     """
     dt, whole = setup.rig.dt_s, outcome.whole
-    if whole is None or outcome.reason not in TOLD_BY:
+    if whole is None or not (outcome.played or outcome.reason in TOLD_BY):
         return None
     judged = slice(0, _judged_samples(outcome, whole, dt))
     command_v, corrected = whole.command_v[judged], whole.corrected[:, judged]

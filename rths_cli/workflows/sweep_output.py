@@ -15,7 +15,7 @@ from rths_cli.errors import InputError
 from rths_cli.files.result_writer import check_writable
 from rths_cli.files.sweep_rows_file import read_rows, rows_path
 from rths_cli.files.sweeps import TEXTS, Figure, Sweep, read_attributes
-from rths_cli.workflows.batch import PRECEDENCE
+from rths_cli.workflows.run import worst_code
 from rths_cli.workflows.sweep_rows import Row, columns, table
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ def as_sweep(points: Points, begun: Begun, rows: Sequence[Row]) -> Sweep:
     numbers = table(kept, points.storeys, [row.figures for row in rows])
     values = list(zip(*(grid.values(point) for point in range(grid.points)), strict=True))
     counts = Counter(row.status for row in rows)
-    code = next((code for code in PRECEDENCE if code in {row.exit_code for row in rows}), 0)
+    code = worst_code(row.exit_code for row in rows)
     ends = {"status": "complete", "status_reason": told(counts), "exit_code": code}
     return Sweep(
         begun.attributes | ends,

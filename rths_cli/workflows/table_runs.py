@@ -43,6 +43,17 @@ class Stop:
 
 
 @dataclass(frozen=True)
+class Played:
+    """What came of the table runs of a case: what stopped one first (None: nothing did), their metrics, and sentences
+    for the user; `late`: what ended a run after its record was whole (None: nothing did)."""
+
+    stop: Stop | None
+    values: dict[str, Metric]
+    said: tuple[str, ...] = ()
+    late: Stop | None = None
+
+
+@dataclass(frozen=True)
 class TableRun:
     """One kind of run on the table: its group in the result, source of the desired motion, noise stream, label."""
 
@@ -88,10 +99,10 @@ def play_all(
     writer: ResultWriter,
     progress: Progress,
     stage: Stage,
-) -> tuple[Stop | None, dict[str, Metric], tuple[str, ...]]:
-    """Play the table runs of the case, write them, and return what stopped one first, the figures, and what to say of
-    the sensors."""
+) -> Played:
+    """Play the table runs of the case and write them."""
     stop: Stop | None = None
+    late: Stop | None = None
     values: dict[str, Metric] = {}
     said: list[str] = []
     for run in TABLE_RUNS:
@@ -100,6 +111,10 @@ def play_all(
         if run.source == NUMERICAL and (refusal := refusal_of(setup, checked)):
             _note(writer, run.name, refusal)
             stop = replace(stop, reason=f"{stop.reason}; {refusal.reason}") if stop else refusal
+            continue
+        if late is not None and setup.rig.kind != "virtual":
+            stop = replace(late, reason=f"{run.label} was not begun: {late.reason}")
+            _note(writer, run.name, stop)
             continue
         progress(f"{run.label}, {setup.case.table.kind} table")
         writer.about({f"{run.name}_status": BEGUN})
@@ -112,6 +127,7 @@ def play_all(
             series = without_drift(series, drift.removed, lead, blocks.estimator)
         stopped = why_ended(run.label, outcome, len(setup.motion.time_s) * setup.rig.dt_s)
         stop = stop or stopped
+        late = late or after_the_record(run.label, outcome, setup.rig.dt_s)
         hybrid = hybrid_of(setup, series) if run.source == NUMERICAL else None
         contents.write_table_run(writer, run.name, setup, series, hybrid)
         if outcome.whole is not None:
@@ -125,7 +141,7 @@ def play_all(
             values |= _figures(setup, run.name, series, sim, hybrid)
         if stopped is None and hybrid is not None:
             values |= budget.of_exp_rths(checked.loop, series, hybrid[2], sim)
-    return stop, values, tuple(said)
+    return Played(stop, values, tuple(said), late)
 
 
 def refused(writer: ResultWriter, runs: Sequence[str], reason: str) -> Stop:
@@ -196,19 +212,42 @@ def true_accel(abs_accel: Array, series: Series) -> Array:
 
 
 def why_ended(label: str, outcome: Outcome, record_s: float) -> Stop | None:
-    """Return why a run did not reach its end, None when it did: what came first, then what the rig says."""
+    """Return why a run did not reach the end of its record, None when it did: what came first, then what the rig
+    says."""
     fault, limit = outcome.rig_fault, outcome.stopped_by_limit
-    if not (fault or limit):
+    if outcome.played or not (fault or limit):
         return None
     at = _instant(outcome, record_s)
-    says_more = fault and outcome.reason in (guard.NONE, guard.RIG_FAULT, guard.LOST, guard.END)
+    says_more = fault and outcome.reason in (guard.NONE, guard.RIG_FAULT, guard.LOST)
     said = f"{label} {at}: {fault}" if says_more else f"{label}: {limit} {at}{f'; {fault}' if fault else ''}"
+    if outcome.reason in INTERRUPTIONS and not fault and outcome.stopped_at_s > -outcome.ramp_s:
+        said = f"{said}, the table was led to rest"
+    return _stop(outcome, said)
+
+
+def after_the_record(label: str, outcome: Outcome, dt_s: float) -> Stop | None:
+    """Return what ended a run after its record was played whole, None where nothing did. The run itself is complete:
+    what counts is the exit code, and the reason, which says how much of the rest is missing."""
+    fault, limit = outcome.rig_fault, outcome.stopped_by_limit
+    if not outcome.played or not (fault or limit):
+        return None
+    watched_s = outcome.whole.after_v.shape[1] * dt_s if outcome.whole is not None else 0.0
+    what = "; ".join(filter(None, (limit, fault)))
+    missing = "" if watched_s >= AFTER_S else (
+        f"; the table was watched at rest for {watched_s:.2f} s of {AFTER_S:g} s, offset and drift of the sensors are "
+        "told from what there is"
+    )  # fmt: skip
+    said = f"{label}: the record was played whole; after it: {what}{missing}"
+    return _stop(outcome, said)
+
+
+def _stop(outcome: Outcome, said: str) -> Stop:
+    """Return status and exit code that go with what ended a run."""
     if outcome.reason in INTERRUPTIONS:
-        told = said if fault else f"{said}, the table was led to rest"
-        return Stop("interrupted", told, INTERRUPTIONS[outcome.reason])
+        return Stop("interrupted", said, INTERRUPTIONS[outcome.reason])
     if outcome.reason == guard.WATCHER_FAILED:
         return Stop("failed", said, 5)
-    if fault or outcome.reason in (guard.LOG_FAILED, guard.RIG_FAULT):
+    if outcome.rig_fault or outcome.reason in (guard.LOG_FAILED, guard.RIG_FAULT):
         return Stop("failed", said, 4)
     return Stop("aborted", said, 3)
 
@@ -217,6 +256,8 @@ def _instant(outcome: Outcome, record_s: float) -> str:
     """Return when a run ended early, in the time of its record."""
     if not outcome.log.state.size:  # on the counted clock, without ramps
         return f"at {outcome.stopped_at_s:.3f} s"
+    if outcome.stopped_at_s <= -outcome.ramp_s:
+        return "at rest, before the table moved"
     if outcome.stopped_at_s <= 0.0:
         return "in the ramp-up, before the record began"
-    return "after the record" if outcome.reason == guard.END else f"at {outcome.stopped_at_s:.3f} s of {record_s:.3f} s"
+    return f"at {outcome.stopped_at_s:.3f} s of {record_s:.3f} s"

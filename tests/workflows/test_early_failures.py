@@ -16,7 +16,7 @@ from rths_cli.workflows import batch, real_stage
 from rths_cli.workflows.batch import _run_one
 from rths_cli.workflows.kept import Kept
 from rths_cli.workflows.run import Ended
-from rths_cli.workflows.table_runs import why_ended
+from rths_cli.workflows.table_runs import after_the_record, why_ended
 
 ABOUT = {"case_name": "a", "rig_kind": "udp"}
 
@@ -76,9 +76,10 @@ def test_a_file_of_that_name_from_before_is_not_this_runs(tmp_path: Path, monkey
     assert (tmp_path / "a.h5").read_bytes() == b"another run"
 
 
-def outcome(reason: int, limit: str, at_s: float, state: int = 1) -> Any:
+def outcome(reason: int, limit: str, at_s: float, state: int = 1, **more: Any) -> Any:
+    about = {"rig_fault": "", "played": False, "ramp_s": 1.0, "whole": None} | more
     log = SimpleNamespace(state=np.zeros(state))
-    return SimpleNamespace(rig_fault="", stopped_by_limit=limit, stopped_at_s=at_s, reason=reason, log=log)
+    return SimpleNamespace(stopped_by_limit=limit, stopped_at_s=at_s, reason=reason, log=log, **about)
 
 
 def test_why_and_when_a_run_ended_is_one_sentence() -> None:
@@ -91,5 +92,35 @@ def test_why_and_when_a_run_ended_is_one_sentence() -> None:
     assert told(guard.INTERRUPT, word, 1.5) == f"EXP-RTHS: {word} at 1.500 s of 9.000 s, the table was led to rest"
     early = f"EXP-RTHS: {word} in the ramp-up, before the record began, the table was led to rest"
     assert told(guard.INTERRUPT, word, 0.0) == early
+    assert told(guard.INTERRUPT, word, -1.5) == f"EXP-RTHS: {word} at rest, before the table moved"
     assert told(guard.STROKE, "too far", 0.0, 0) == "EXP-RTHS: too far at 0.000 s"  # on the counted clock
     assert why_ended("EXP-RTHS", outcome(guard.NONE, "", 0.0), 9.0) is None
+
+
+@pytest.mark.parametrize(
+    ("reason", "fault", "code"),
+    [
+        (guard.END, "the target died", 4),
+        (guard.RIG_FAULT, "the target died", 4),  # at the very exchange after the last step of the record
+        (guard.NONE, "the driver fails", 4),
+        (guard.INTERRUPT, "", 130),
+        (guard.TERMINATION, "", 143),
+        (guard.OPERATOR, "", 3),
+        (guard.LOG_FAILED, "", 4),
+        (guard.WATCHER_FAILED, "", 5),
+    ],
+)
+def test_what_ends_a_run_after_its_record_leaves_it_complete_with_its_own_exit_code(
+    reason: int, fault: str, code: int
+) -> None:
+    limit = "" if reason in (guard.END, guard.NONE) else guard.REASONS[reason]
+    ended = outcome(reason, limit, 9.0, rig_fault=fault, played=True, whole=SimpleNamespace(after_v=np.zeros((3, 600))))
+    assert why_ended("EXP-RTHS", ended, 9.0) is None
+    late = after_the_record("EXP-RTHS", ended, 2e-3)
+    assert late is not None and late.exit_code == code
+    assert (fault or limit) in late.reason and "watched at rest for 1.20 s of 3 s" in late.reason
+
+
+def test_a_run_that_ended_by_itself_has_nothing_to_say_of_its_rest() -> None:
+    assert after_the_record("EXP-RTHS", outcome(guard.END, "", 9.0, played=True), 2e-3) is None
+    assert after_the_record("EXP-RTHS", outcome(guard.STROKE, "too far", 4.0), 2e-3) is None

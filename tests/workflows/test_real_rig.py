@@ -32,7 +32,7 @@ from rths_cli.workflows.recover import recover
 from rths_cli.workflows.run import Ended, run_case
 from rths_cli.workflows.serve_table import NOISE_ROWS, ServedRig, describe
 from rths_cli.workflows.setup import Setup, make_setup
-from rths_cli.workflows.table_runs import BEFORE_S
+from rths_cli.workflows.table_runs import AFTER_S, BEFORE_S
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
 CASE = """
@@ -100,10 +100,15 @@ def ran(bench: Bench, path: Path, show: Callable[[str, View], bool] = lambda lab
 
 def once_running(act: Callable[[], object]) -> Callable[[str, View], bool]:
     """Return a live view that does something, once, in the middle of the record."""
+    return once(lambda view: view.time_s > 0.2, act)
+
+
+def once(when: Callable[[View], bool], act: Callable[[], object]) -> Callable[[str, View], bool]:
+    """Return a live view that does something, once."""
     done: list[bool] = []
 
     def show(label: str, view: View) -> bool:
-        if view.time_s > 0.2 and not done:
+        if not done and when(view):
             done.append(True)
             return bool(act())
         return False
@@ -209,6 +214,69 @@ def test_a_crash_of_the_driver_leaves_a_result_and_a_log_that_recover_reads(
     (recovered,) = recover(list(tmp_path.glob("*.rthslog")))
     assert recovered.samples == round((BEFORE_S + RAMP_UP_S) / bench.setup.rig.dt_s) + 100
     assert "exp_rths" in read_result(tmp_path / "a.h5").groups
+
+
+def resting(view: View) -> bool:
+    """Tell whether the record is over and the table at rest."""
+    return view.state == "stopped"
+
+
+@pytest.mark.parametrize("how", ["dies", "faults"])
+def test_a_target_that_ends_in_the_rest_after_the_record_leaves_a_complete_run(
+    bench: Bench, tmp_path: Path, how: str
+) -> None:
+    server = bench.running.server
+
+    def end() -> None:
+        if how == "dies":
+            server._door.key[:] = 0  # it takes nothing for genuine any more; its watchdog rests the table
+        else:
+            server._table.state.state[0] = 0.09
+
+    ended = ran(bench, tmp_path / "a.h5", once(resting, end))
+    assert (ended.status, ended.exit_code) == ("complete", 4)
+    result = read_result(tmp_path / "a.h5")
+    assert "the record was played whole; after it: " in ended.reason and " s of 3 s, " in ended.reason
+    assert ended.reason in str(result.attributes["warnings"]) and status(tmp_path / "a.h5")[0] == "complete"
+    assert {"exp_rths.rms_error_m_s2", "exp_rths.sensor_offset_v"} <= set(result.metrics)
+    shown = read_series(tmp_path / "a.h5", "exp_rths/rest/samples_v")
+    before, rest = round(BEFORE_S / bench.setup.rig.dt_s), round(AFTER_S / bench.setup.rig.dt_s)
+    assert before < shown.shape[1] < before + rest and np.isfinite(shown[:, -1]).all()
+    assert os.listdir(tmp_path) == ["a.h5"]
+
+
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (None, 3)])
+def test_who_stops_the_rest_after_the_record_keeps_a_complete_run(
+    bench: Bench, tmp_path: Path, number: int | None, code: int
+) -> None:
+    """None: the stop key."""
+
+    def stop() -> bool:
+        if number is not None:
+            os.kill(os.getpid(), number)
+        return number is None
+
+    before = signal.signal(number, signal.default_int_handler) if number is not None else None
+    try:
+        ended = ran(bench, tmp_path / "a.h5", once(resting, stop))
+    finally:
+        if number is not None:
+            signal.signal(number, before)
+    assert (ended.status, ended.exit_code) == ("complete", code)
+    assert "the record was played whole; after it: " in ended.reason and " s of 3 s, " in ended.reason
+    assert "exp_rths.rms_error_m_s2" in read_result(tmp_path / "a.h5").metrics
+
+
+def test_a_signal_in_the_rest_before_the_run_says_that_nothing_moved(bench: Bench, tmp_path: Path) -> None:
+    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
+    at_rest = once(lambda view: True, lambda: os.kill(os.getpid(), signal.SIGTERM))
+    try:
+        ended = ran(bench, tmp_path / "a.h5", at_rest)
+    finally:
+        signal.signal(signal.SIGTERM, before)
+    assert (ended.status, ended.exit_code) == ("interrupted", 143)
+    assert ended.reason == "EXP-RTHS: terminated at rest, before the table moved"
+    assert status(tmp_path / "a.h5") == (ended.status, ended.reason) and os.listdir(tmp_path) == ["a.h5"]
 
 
 @dataclass(frozen=True)

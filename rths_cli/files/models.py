@@ -23,6 +23,7 @@ import numpy as np
 from rths_cli.errors import InputError
 from rths_cli.files import hdf5_layout as layout
 from rths_cli.files.hdf5 import Dataset, write_group
+from rths_cli.files.hdf5_heaps import check_image
 from rths_cli.files.hdf5_nodes import numbers
 from rths_cli.files.result_writer import Attribute, refusal
 from rths_cli.files.whole_file import open_regular
@@ -196,6 +197,7 @@ def _contents(path: Path, image: bytes) -> tuple[dict[str, Attribute], Contents]
     import h5py
 
     try:
+        check_image(image)
         with h5py.File(io.BytesIO(image), "r") as file:
             attributes = layout.attributes(file, any_number=True)
             if attributes["format"] != FORMAT or int(attributes["format_version"]) > FORMAT_VERSION:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from rths_cli.files.hdf5_layout import LARGEST, LayoutError
@@ -24,14 +24,34 @@ TEXTS = (
     "shake_table_status", "exp_rths_status", "shake_table_status_reason", "exp_rths_status_reason",
 )  # fmt: skip
 """Attributes of the root that are texts; others may be texts or numbers."""
-STOREYS, FLOORS, TIME = "storey", "experimental_storey", "time_s"
-SERIES: dict[str, int] = {
-    "time_s": 1, "frequency_hz": 1, "storey": 1, "ground_accel_m_s2": 1, "base_shear_n": 1, "command_v": 1,
-    "interface_accel_desired_m_s2": 1, "interface_accel_measured_m_s2": 1, "table_accel_m_s2": 1, "table_disp_m": 1,
-    "abs_accel_m_s2": 2, "rel_disp_m": 2, "rel_vel_m_s": 2, "floor_accel_measured_m_s2": 2,
-    "floor_accel_estimated_m_s2": 2, "floor_accel_m_s2": 2, "sensor_drift_m_s2": 2, "samples_v": 2, "rest_time_s": 1,
+TIME, FREQUENCY, REST, ANY = "time_s", "frequency_hz", "rest_time_s", "*"
+SCALES = (TIME, FREQUENCY, REST, "storey", "floor", "channel")
+SERIES: dict[str, tuple[str, ...]] = {
+    **dict.fromkeys(
+        (
+            "ground_accel_m_s2", "base_shear_n", "base_shear_unexplained_n", "command_v", "table_accel_m_s2",
+            "interface_accel_desired_m_s2", "interface_accel_measured_m_s2", "table_disp_m", "compute_s",
+        ),
+        (TIME,),
+    ),
+    **dict.fromkeys(
+        (
+            "abs_accel_m_s2", "rel_disp_m", "rel_vel_m_s", "floor_accel_measured_m_s2", "floor_accel_estimated_m_s2",
+            "floor_accel_m_s2", "sensor_drift_m_s2",
+        ),
+        (ANY, TIME),
+    ),
+    "samples_v": (ANY, REST),
+    **dict.fromkeys(("frf_real", "frf_imag", "coherence"), (FREQUENCY,)),
+    **dict.fromkeys(("poles_real", "poles_imag"), ("pole",)),
+    **dict.fromkeys(("zeros_real", "zeros_imag"), ("zero",)),
+    **dict.fromkeys(("natural_frequency_hz", "damping_ratio"), ("mode",)),
+    **dict.fromkeys(("gain", "delay_s", "ripple_m_s2_per_v", "coupling_hz", "fit_error_rms", "fit_error_max"), ()),
 }  # fmt: skip
-"""Datasets outside /metrics and /controller by name, with the number of their axes; time or frequency is the last."""
+"""Datasets outside /metrics and /controller by name, with the scale of each of their axes; time or frequency is the
+last. The scale stands in the group of the dataset, so that what has the same scale has as many values."""
+EXACT = ("sim", "sim_delay")
+"""Groups that reach to the end of the record; a run on the table may be shorter."""
 
 
 def check_attributes(found: Mapping[str, str | int | float]) -> None:
@@ -49,19 +69,53 @@ def check_attributes(found: Mapping[str, str | int | float]) -> None:
     _json_mapping("package_versions", str(found.get("package_versions") or "{}"))
 
 
-def check_series(path: str, shape: Sequence[int], axes: Sequence[tuple[str, int]]) -> None:
-    """Raise LayoutError for a dataset with another number of axes than declared, or whose scales do not fit it.
+def check_series(
+    path: str, shape: Sequence[int], scales: Sequence[tuple[str, int]], length_of: Callable[[str], int | None]
+) -> None:
+    """Raise LayoutError for a dataset with other axes than declared, or whose scales do not fit it.
 
-    `axes`: name and length of the scale of each axis that has one.
+    `scales`: path and length of the scale of each axis that has one; `length_of`: length of another dataset by its
+    path, None where there is none.
     """
-    group, _, name = path.rpartition("/")
-    free = group.startswith(("metrics", "controller"))
-    if not free and len(shape) != SERIES.get(name, len(shape)):
-        raise LayoutError(f"has {len(shape)} axes in {path}, which must have {SERIES[name]}")
-    if axes and tuple(length for _, length in axes) != tuple(shape):
+    group = path.rpartition("/")[0]
+    if scales and tuple(length for _, length in scales) != tuple(shape):
         raise LayoutError(f"has scales of other lengths than {path}")
-    if any(axis in (TIME, "frequency_hz") for axis, _ in axes[:-1]):
+    if any(scale.rpartition("/")[2] in (TIME, FREQUENCY, REST) for scale, _ in scales[:-1]):
         raise LayoutError(f"has the time on another axis than the last one of {path}")
+    if not group.startswith(("metrics", "controller")):
+        _check_declared(path, shape, [scale for scale, _ in scales])
+        _check_runs(group.partition("/")[0], path, shape, length_of)
+
+
+def _check_declared(path: str, shape: Sequence[int], scales: Sequence[str]) -> None:
+    """Raise LayoutError for a declared dataset or scale with other axes than its name says."""
+    group, _, name = path.rpartition("/")
+    axes = (ANY,) if name in SCALES else SERIES.get(name)
+    if axes is None:
+        return
+    if len(shape) != len(axes):
+        raise LayoutError(f"has {len(shape)} axes in {path}, which must have {len(axes)}")
+    if name in SCALES:
+        return
+    for i, axis in enumerate(axes):
+        scale = scales[i] if i < len(scales) else ""
+        if scale.strip("/") != f"{group}/{scale.rpartition('/')[2] if axis == ANY else axis}":
+            wanted = "a scale" if axis == ANY else f"the scale {axis}"
+            raise LayoutError(f"has not {wanted} of its own group on axis {i} of {path}")
+
+
+def _check_runs(run: str, path: str, shape: Sequence[int], length_of: Callable[[str], int | None]) -> None:
+    """Raise LayoutError where a run has more samples than the record, or other storeys than SIM."""
+    name = path.rpartition("/")[2]
+    on_time = SERIES.get(name, (name,))[-1:] == (TIME,)
+    of_run, of_record = length_of(f"{run}/{TIME}"), length_of(f"record/{TIME}")
+    if on_time and of_run is not None and shape[-1] != of_run:
+        raise LayoutError(f"has {shape[-1]} samples of {path} and {of_run} of {run}/{TIME}")
+    if on_time and of_record is not None and (shape[-1] > of_record or (run in EXACT and shape[-1] != of_record)):
+        raise LayoutError(f"has {shape[-1]} samples of {path} and {of_record} of record/{TIME}")
+    storeys = length_of("sim/storey")
+    if name == "abs_accel_m_s2" and storeys is not None and shape[0] != storeys:
+        raise LayoutError(f"has {shape[0]} storeys of {path} and {storeys} of SIM")
 
 
 def _check_figures(text: str) -> None:

@@ -13,6 +13,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.hdf5 import Dataset
+from rths_cli.files.hdf5_heaps import check_heaps
 from rths_cli.files.hdf5_layout import LayoutError, attribute, attributes, check_numbers, part, scalar, values_of
 from rths_cli.files.hdf5_nodes import datasets, numbers, text
 from rths_cli.files.result_layout import check_attributes, check_series
@@ -175,20 +176,28 @@ def _dataset(path: Path, file: h5py.File, name: str) -> Dataset:
     if not isinstance(found, h5py.h5d.DatasetID):
         raise InputError(f"{path}: holds no dataset {name}; its groups are {', '.join(file)}.")
     node = h5py.Dataset(found)
-    axes = list(_scales_of(node, name))
-    check_series(name, node.shape, axes)
+    scales = list(_scales_of(node, name))
+    check_series(name, node.shape, scales, lambda other: _length(file, other))
     units, long_name, source = (text(found, key) for key in ("units", "long_name", "source"))
-    dims = tuple(axis for axis, _ in axes)
+    dims = tuple(scale.rpartition("/")[2] for scale, _ in scales)
     return Dataset(values_of(found, name), units, long_name, source, dims)  # type: ignore[arg-type]
 
 
+def _length(file: h5py.File, path: str) -> int | None:
+    """Return the length of a dataset of one axis or more, None where there is none."""
+    import h5py
+
+    node = part(file, path)
+    return int(node.shape[0]) if isinstance(node, h5py.h5d.DatasetID) and node.shape else None
+
+
 def _scales_of(node: h5py.Dataset, path: str) -> Iterator[tuple[str, int]]:
-    """Yield name and length of the scale of each axis that has one; raises LayoutError for a scale that was removed."""
+    """Yield path and length of the scale of each axis that has one; raises LayoutError for a scale that was removed."""
     for axis in node.dims:
         if len(axis):
             if axis[0].name is None:  # attached, but in no group any more
                 raise LayoutError(f"has lost the scale of {path}")
-            yield axis[0].name.rpartition("/")[2], axis[0].size
+            yield axis[0].name, axis[0].size
 
 
 def _reading(path: Path, read: Callable[[h5py.File], T]) -> T:
@@ -202,6 +211,7 @@ def _reading(path: Path, read: Callable[[h5py.File], T]) -> T:
     if not h5py.is_hdf5(path):
         raise InputError(f"{path}: is not an HDF5 file; give a result file written by rths run.")
     try:
+        check_heaps(path)
         with h5py.File(path, "r") as file:
             _check_format(path, file)
             return read(file)

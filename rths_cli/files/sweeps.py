@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from rths_cli.errors import InputError
 from rths_cli.files.hdf5 import Dataset, write_group
+from rths_cli.files.hdf5_heaps import check_heaps
 from rths_cli.files.hdf5_layout import LayoutError, attribute, attributes, member, values_of
 from rths_cli.files.hdf5_nodes import datasets, text
 from rths_cli.files.result_writer import Attribute, refusal
@@ -119,6 +120,7 @@ def _reading(path: Path, read: Callable[[h5py.File], T]) -> T:
     try:
         open_regular(path).close()
         if h5py.is_hdf5(path):
+            check_heaps(path)
             with h5py.File(path, "r") as file:
                 form = attribute(file, "format")
                 if form == FORMAT:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from rths_cli.errors import InputError
+from rths_cli.files.hdf5 import write_group
 from rths_cli.files.hdf5_layout import DEEPEST
 from rths_cli.files.result_outline import read_outlines
 from rths_cli.files.results import Dataset, Metric, ResultWriter, read_dataset
@@ -30,6 +31,7 @@ def made(folder: Path) -> Path:
     }
     with ResultWriter(path, {"case_name": "a", "rig_kind": "virtual", "scaling": 0.3}) as writer:
         writer.case("record: a\n", "record: a\n")
+        writer.group("record", {}, np.arange(50) / 2000)
         writer.group("sim", shear, np.arange(50) / 2000)
         writer.metrics(figures)
         writer.finish("complete")
@@ -80,6 +82,18 @@ def deep(file: h5py.File) -> None:
     file.create_group("metrics/" + "g/" * (DEEPEST + 1))
 
 
+def put(name: str, length: int) -> Edit:
+    """Put a series of another length, with a scale of its own, into a result that is otherwise whole."""
+    group, _, leaf = name.rpartition("/")
+
+    def edit(file: h5py.File) -> None:
+        data = {leaf: Dataset(np.zeros(length), "N", "x", "computed")}
+        write_group(file.create_group("put"), data, {"time_s": Dataset(np.arange(length), "s", "time", "computed")})
+        file.move("put", group)
+
+    return edit
+
+
 DAMAGES: dict[str, tuple[Edit, str]] = {
     "link to a pipe": (linked(h5py.ExternalLink("pipe", "/")), "link to another place or file at sim"),
     "soft link": (linked(h5py.SoftLink("/metrics")), "link to another place"),
@@ -97,6 +111,9 @@ DAMAGES: dict[str, tuple[Edit, str]] = {
     "a record": (replaced("metrics/check/gain_margin", np.zeros(1, [("a", "f8")])), "else than numbers or texts"),
     "nothing": (replaced("metrics/check/gain_margin", h5py.Empty("f8")), "else than numbers or texts"),
     "series of two axes": (replaced("sim/base_shear_n", np.ones((2, 50))), "2 axes in sim/base_shear_n"),
+    "series without a scale": (replaced("sim/base_shear_n", np.ones(40)), "not the scale time_s of its own group"),
+    "truth of other length": (put("sim/truth/table_accel_m_s2", 40), "40 samples of sim/truth/.* and 50 of sim/time_s"),
+    "run beyond the record": (put("exp_rths/command_v", 60), "60 samples of exp_rths/.* and 50 of record/time_s"),
     "scaling": (lambda file: file.attrs.update(scaling="x"), "scaling = 'x'"),
     "not finite": (lambda file: file.attrs.update(note=np.nan), "'note' that is neither"),
     "empty version": (lambda file: file.attrs.update(rths_version=np.zeros(0)), "'rths_version' that is neither"),
@@ -136,4 +153,17 @@ def test_what_is_no_file_is_not_waited_for(tmp_path: Path, kind: str) -> None:
     elif kind == "circle":
         path.symlink_to(path)
     with pytest.raises(InputError, match="cannot read"):
+        read_checked(path)
+
+
+def test_a_collection_of_texts_that_does_not_end_is_refused(tmp_path: Path) -> None:
+    """The library reads zeros where an object should begin for ever."""
+    path = made(tmp_path)
+    image = bytearray(path.read_bytes())
+    first = image.index(b"GCOL") + 16
+    length = int.from_bytes(image[first + 8 : first + 16], "little")
+    after = first + 16 + -(-length // 8) * 8
+    image[after : after + 16] = bytes(16)
+    path.write_bytes(image)
+    with pytest.raises(InputError, match="damaged collection of texts"):
         read_checked(path)

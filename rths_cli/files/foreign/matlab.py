@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rths_cli.files.hdf5_heaps import check_heaps
 from rths_cli.lti import ComplexArray
 
 if TYPE_CHECKING:
@@ -104,6 +105,7 @@ def _of_v73(path: str, wanted: Sequence[str]) -> dict[str, dict[str, Any]]:
     """Return the variables of a MATLAB file of version 7.3, which is HDF5."""
     import h5py
 
+    check_heaps(Path(path))
     variables: dict[str, dict[str, Any]] = {}
     with h5py.File(path, "r") as file:
         for name, node in file.items():

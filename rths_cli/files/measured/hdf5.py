@@ -13,6 +13,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.hdf5 import Dataset, write_group
+from rths_cli.files.hdf5_heaps import check_heaps
 from rths_cli.files.hdf5_layout import LayoutError, check_storage, part, size_of, values_of
 from rths_cli.files.measured.contents import Column, Contents, Recording
 from rths_cli.files.measured.time import stated_interval
@@ -70,6 +71,7 @@ def hdf5_contents(path: Path) -> Contents:
     """Return what an HDF5 file holds; raise InputError for the project's other files and files without series."""
     import h5py
 
+    check_heaps(path)
     with h5py.File(path, "r") as file:
         kind = _text(file.attrs.get("format", ""))
         if kind == FORMAT:

@@ -156,7 +156,7 @@ def test_a_result_that_cannot_be_read_leaves_no_figure_at_all(tmp_path, monkeypa
         del file["exp_rths/command_v"]
         file["exp_rths/command_v"] = command
         file["exp_rths/command_v"].attrs["units"] = "V"
-    with pytest.raises(InputError, match="truncated or damaged"):
+    with pytest.raises(InputError, match="has not the scale time_s"):
         write_figures([read_result(path)], tmp_path / "new" / "out", "svg", "one", lambda _: None)
     assert [entry.name for entry in tmp_path.iterdir()] == ["short.h5"]
 

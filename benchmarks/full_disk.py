@@ -74,7 +74,12 @@ def run_all(count: int, rng: random.Random, home: Path, disk: Path, silent: bool
         trials.append(trial(name, commands[name], disk, rng.uniform(0.0, lasts[name]), rng.random() < 0.5))
         if not silent:
             last = trials[-1]
-            print(f"{name:9} {last.after_s:6.3f} s back {last.given_back:d} code {last.code}: {last.faults or 'good'}")
+            print(
+                f"{name:9} {last.after_s:6.3f} s back {last.given_back:d} code {last.code}: {last.faults or 'good'}",
+                flush=True,
+            )
+            if last.faults:
+                print(f"    {last.said!r}", flush=True)
     return trials
 
 

@@ -26,8 +26,8 @@ import tempfile
 import time
 import zlib
 from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -40,18 +40,21 @@ from nptdms import ChannelObject, TdmsWriter
 import rths_cli
 from rths_cli.cli import main as rths_main
 from rths_cli.export import plan as _export  # noqa: F401 imported before processes are copied, to save their time
-from rths_cli.files.measured import Recording
-from rths_cli.files.measured.hdf5 import write_recording
-from rths_cli.files.models import BLOCK, LEAD
+from rths_cli.files.measured import read_recording, write_recording
+from rths_cli.files.models import BLOCK, LEAD, read_model
 from rths_cli.files.raw_log import CHECK, START, RawHeader
 from rths_cli.files.raw_log_writer import RawLogWriter
 from rths_cli.files.results import read_result
+from rths_cli.files.sweep_rows_file import FORMAT
 from rths_cli.report import asked, figures, page, preflight_page  # noqa: F401
 from rths_cli.workflows import batch, make_model, recover, sweep  # noqa: F401
 
 LIMIT_S = 5.0  # of the processor, which a busy machine does not change
 STOPPED_S = 30.0  # of the processor, by the kernel
-HANGS_S = 90.0  # of the clock
+HANGS_S = 300.0  # of the clock: for a process that waits
+REFUSING = 0.05  # share of files that are given to a command for another kind of file
+ENDS_S = 10.0  # of the clock, after SIGTERM
+TOLD_TO_END = 143
 LIMIT_BYTES = 1 << 30
 CONTROL = re.compile(rb"[\x00-\x08\x0b-\x1f\x7f]|\xc2[\x80-\x9f]")
 SHORT_RECORD = "# units: m/s^2\n# dt: 0.01\n" + "\n".join(f"{np.sin(0.3 * k):.5f}" for k in range(450)) + "\n"
@@ -61,7 +64,8 @@ ROLES = ("command", "table", "floor_2", "floor_3")
 
 @dataclass(frozen=True)
 class Target:
-    """A kind of file: a valid one, how it is damaged, and the commands that read it (FILE stands for it)."""
+    """A kind of file: a valid one, how it is damaged, the commands that read it (FILE stands for it), which take the
+    valid file without a complaint, and those that refuse it because it is no file for them."""
 
     kind: str
     valid: Path
@@ -69,6 +73,7 @@ class Target:
     commands: tuple[tuple[str, ...], ...]
     seal: Callable[[bytes], bytes] | None = None
     beside: tuple[Path, ...] = ()
+    refusing: tuple[tuple[str, ...], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -106,8 +111,9 @@ def run_all(home: Path, valid: Path, seed: int, chosen: Sequence[int], kept: Pat
     """Read damaged files by their numbers, print what went wrong and a summary, and return how many did."""
     rths_cli.check(CASE)  # what every command compiles and imports is there before the copies are made
     targets, codes, bad = make_targets(valid), Counter[tuple[str, int]](), 0
+    usual = {} if len(chosen) == 1 else seconds_of_intact(home / "work", targets)
     for done, number in enumerate(chosen, 1):
-        outcome = one(home / "work", targets, seed, number, kept)
+        outcome = one(home / "work", targets, seed, number, usual, kept)
         codes[outcome.kind, outcome.code] += 1
         if outcome.fault:
             bad += 1
@@ -119,21 +125,26 @@ def run_all(home: Path, valid: Path, seed: int, chosen: Sequence[int], kept: Pat
     return bad
 
 
-def one(work: Path, targets: Sequence[Target], seed: int, number: int, kept: Path | None = None) -> Outcome:
+def one(
+    work: Path,
+    targets: Sequence[Target],
+    seed: int,
+    number: int,
+    usual_s: Mapping[tuple[str, ...], float],
+    kept: Path | None = None,
+) -> Outcome:
     """Damage one file, chosen by seed and number alone, and give it to one command."""
     rng = random.Random(f"{seed}/{number}")
     target = targets[number % len(targets)]
     file = folder_with(work, target)
     damage = damaged(target, file, rng)
-    command = rng.choice(target.commands)
+    command = rng.choice(target.refusing if target.refusing and rng.random() < REFUSING else target.commands)
     told = tuple(part.replace("FILE", file.name) for part in command)
     code, seconds, memory, said = in_a_process(work, told)
-    kept_bytes = file.read_bytes() if file.is_file() else b""
-    usual = seconds_of_intact(work, target, told) if seconds > LIMIT_S else 0.0
-    fault = judged(code, seconds - usual, memory, said)
-    if fault and kept:
+    fault = judged(code, seconds - usual_s.get(told, 0.0), memory, said)
+    if fault and kept and file.is_file():
         kept.mkdir(parents=True, exist_ok=True)
-        (kept / f"{number}-{file.name}").write_bytes(kept_bytes)
+        shutil.copy(file, kept / f"{number}-{file.name}")
     return Outcome(number, target.kind, damage, told, code, seconds, fault, said.decode(errors="replace"))
 
 
@@ -147,10 +158,20 @@ def folder_with(work: Path, target: Target) -> Path:
     return work / target.valid.name
 
 
-def seconds_of_intact(work: Path, target: Target, command: Sequence[str]) -> float:
-    """Return the CPU time that a command takes with the intact file."""
-    shutil.copy(target.valid, folder_with(work, target))
-    return in_a_process(work, command)[1]
+def seconds_of_intact(work: Path, targets: Sequence[Target]) -> dict[tuple[str, ...], float]:
+    """Return the CPU time that each command takes with the intact file; raises SystemExit where it does not end as it
+    must: only a file that is read to its end says what damage does."""
+    found = {}
+    for target in targets:
+        for command in (*target.commands, *target.refusing):
+            file = folder_with(work, target)
+            shutil.copy(target.valid, file)
+            told = tuple(part.replace("FILE", file.name) for part in command)
+            code, found[told], _, said = in_a_process_slow(work, told)
+            if code != (2 if command in target.refusing else 0):
+                line = f"rths {' '.join(told)} of the valid {target.kind} ends with {code}"
+                raise SystemExit(f"mutated_files.py: {line}: {said.decode(errors='replace')}")
+    return found
 
 
 def judged(code: int, seconds: float, memory: int, said: bytes) -> str:
@@ -164,25 +185,28 @@ def judged(code: int, seconds: float, memory: int, said: bytes) -> str:
     return ", ".join(faults)
 
 
-def in_a_process(work: Path, command: Sequence[str]) -> tuple[int, float, int, bytes]:
-    """Run a command in a copy of this process; return code (negative: a signal), CPU time, memory, output."""
+def in_a_process(work: Path, command: Sequence[str], hangs_s: float | None = None) -> tuple[int, float, int, bytes]:
+    """Run a command in a copy of this process, told to end after some time of the clock and then killed; return code
+    (negative: a signal), CPU time, memory, output."""
     output, start = work / ".output", time.monotonic()
     child = os.fork()
     if child == 0:
         _become(work, command, output)
-    status, usage = _waited(child, start + HANGS_S)
+    status, usage = _waited(child, start + (HANGS_S if hangs_s is None else hangs_s))
     code = os.waitstatus_to_exitcode(status)
     said = output.read_bytes() if output.exists() else b""
     return code, usage.ru_utime + usage.ru_stime, 1024 * usage.ru_maxrss, said
 
 
 def _waited(child: int, deadline: float) -> tuple[int, Any]:
-    while time.monotonic() < deadline:
-        done, status, usage = os.wait4(child, os.WNOHANG)
-        if done:
-            return status, usage
-        time.sleep(0.002)
-    os.killpg(child, signal.SIGKILL)
+    """Wait for a process, which is told to end at the deadline, and killed where it does not."""
+    for end, number in ((deadline, signal.SIGTERM), (deadline + ENDS_S, signal.SIGKILL)):
+        while time.monotonic() < end:
+            done, status, usage = os.wait4(child, os.WNOHANG)
+            if done:
+                return status, usage
+            time.sleep(0.002)
+        os.killpg(child, number)
     _, status, usage = os.wait4(child, 0)
     return status, usage
 
@@ -216,74 +240,109 @@ def _become(work: Path, command: Sequence[str], output: Path) -> None:
 # --- valid files ------------------------------------------------------------------------------------------------------
 
 
+AT_500_HZ = ("--set", "sample_rate_hz=500")
+RECORDED = (
+    "identify", CASE, *AT_500_HZ, "--set", "identification.duration_s=60", "--save-data", "own.h5",
+    "--output", "at500.h5", "--no-figure", "--quiet",
+)  # fmt: skip
+"""Makes a recording and the model of it."""
+
+
 def make_targets(folder: Path) -> list[Target]:
     """Make a valid file of every kind."""
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "short.csv").write_text(SHORT_RECORD)
     case = ("--set", "record=short.csv")
+    sweep_line = ("sweep", CASE, "--seeds", "2", "--output", "sweep.h5", "--quiet")
     for line in (
         ("run", CASE, *case, "--output", ".", "--quiet"),
         ("identify", CASE, "--output", "model.h5", "--no-figure", "--quiet"),
-        ("sweep", CASE, *case, "--seeds", "2", "--output", "sweep.h5", "--quiet"),
+        RECORDED,
+        sweep_line,
     ):
         if (folder / (line[line.index("--output") + 1])).is_file():  # from --valid
             continue
         code, _, _, said = in_a_process_slow(folder, line)
         assert code in (0, 1), said.decode()
     result = folder / f"{CASE}.h5"
-    again = ("sweep", CASE, *case, "--seeds", "2", "--output", "sweep.h5", "--quiet", "--resume")
-    made = foreign_files(folder)
     log = make_log(folder, result)
     record = folder / "short.csv"
-    at2 = folder / "old.AT2"
-    body = SHORT_RECORD.splitlines()[2:]
-    at2.write_text("PEER NGA\nTOWN\nACCELERATION IN UNITS OF G\nNPTS= 450, DT= .0100 SEC\n" + "\n".join(body) + "\n")
-    named = folder / "named.csv"
-    rows = "\n".join(f"{0.01 * k:.2f},{np.sin(0.3 * k):.5f}" for k in range(450))
-    named.write_text(f"time (s),acceleration (m/s^2)\n{rows}\n")
-    reads = (
-        ("records", "./FILE"), ("records", "./FILE", "--json"), ("check", CASE, "--set", "record=./FILE", "--quiet"),
-    )  # fmt: skip
-    results = (
+    own, *foreign = foreign_files(folder)
+    models = foreign_models(folder)
+    return [
+        result_target(result),
+        Target("model", folder / "model.h5", True, reads_model(), sealed_model, (), (("report", "FILE"),)),
+        Target("model at 500 Hz", folder / "at500.h5", True, (
+            ("identify", "--model", "FILE", "--data", own.name, "--corrected", *AT_500_HZ, "--output", "new.h5",
+             "--no-figure"),), sealed_model, (own,)),
+        sweep_target(folder / "sweep.h5", sweep_line, record),
+        *record_targets(folder),
+        *(Target(f"recording {path.name}", path, path.name in ("own.h5", "v73.mat"), reads_recording(path.suffix != ".mat"))
+          for path in (own, *foreign)),
+        *(Target(f"foreign {path.name}", path, False, reads_model(), None, (), (("report", "FILE"),))
+          for path in models),
+        Target("raw log", log, False, (("recover", "FILE"), ("recover", "FILE", "--json")),
+               sealed_log, (record,)),
+        Target("raw log beside a result", result, True, (("report", "."), ("recover", log.name)), None, (log, record)),
+        Target("rows", make_rows(folder), False, ((*sweep_line, "--resume"),), None, (record,)),
+    ]  # fmt: skip
+
+
+def result_target(result: Path) -> Target:
+    """Return what reads a result."""
+    commands = (
         *(("report", "FILE", "--format", form) for form in ("text", "markdown", "csv", "json", "latex")),
         ("report", "FILE", "--format", "html", "--output", "page.html"),
         ("report", "FILE", "--group-by", "controller"), ("report", "FILE", "--junit", "tests.xml"),
         ("report", "FILE", "--figures", "figures", "--format", "png"),
         *(("export", "FILE", "--to", form) for form in ("csv", "mat", "netcdf")),
-        ("export", "FILE", "--to", "csv", "--group", "exp_rths"), ("identify", "--data", "FILE", "--no-figure"),
-        ("check", CASE, "--set", "identification.model=FILE"), ("report", "--baseline", "FILE", "FILE"),
+        ("export", "FILE", "--to", "csv", "--group", "exp_rths"), ("report", "--baseline", "FILE", "FILE"),
+    )  # fmt: skip
+    refusing = (
+        ("identify", "--data", "FILE", "--no-figure"), ("check", CASE, "--set", "identification.model=FILE"),
         ("sweep", CASE, "--seeds", "2", "--output", "FILE"),
     )  # fmt: skip
-    models = (
-        ("check", CASE, "--set", "identification.model=FILE", "--quiet"),
-        ("check", CASE, "--set", "identification.model=FILE", "--quiet", "--json", "--override", "model"),
-        ("report", "FILE"), ("identify", "--model", "FILE", "--data", "own.h5", "--output", "new.h5", "--no-figure"),
+    return Target("result", result, True, commands, None, (), refusing)
+
+
+def sweep_target(path: Path, line: tuple[str, ...], record: Path) -> Target:
+    """Return what reads the result of a sweep."""
+    commands = (
+        *(("report", "FILE", "--format", form) for form in ("text", "markdown", "csv", "json", "latex")),
+        (*line, "--resume"), (*line, "--resume", "--csv", "out.csv"),
     )  # fmt: skip
-    sweeps = (
-        ("report", "FILE"), ("report", "FILE", "--format", "json"), ("report", "FILE", "--format", "csv"),
-        ("report", "FILE", "--format", "html", "--output", "page.html"), again, (*again, "--csv", "out.csv"),
-        ("export", "FILE", "--to", "csv"),
+    refusing = (("report", "FILE", "--format", "html", "--output", "page.html"), ("export", "FILE", "--to", "csv"))
+    return Target("sweep", path, True, commands, None, (record,), refusing)
+
+
+def reads_model() -> tuple[tuple[str, ...], ...]:
+    """Return the commands that read a model."""
+    line = ("check", CASE, "--set", "identification.model=FILE", "--quiet")
+    return line, (*line, "--json", "--override", "model")
+
+
+def reads_recording(states_units: bool) -> tuple[tuple[str, ...], ...]:
+    """Return the commands that read a recording; units are told where the file states none."""
+    line = ("identify", "--data", "FILE", "--corrected", *AT_500_HZ, "--no-figure")
+    units = {role: "V" if role == "command" else "m/s^2" for role in ROLES}
+    told = (part for role, unit in units.items() for part in ("--channel", f"{role}={role}:{unit}"))
+    whole = (*line, "--rate", "500", *told)
+    return (line, (*line, "--json"), whole) if states_units else (whole, (*whole, "--json"))
+
+
+def record_targets(folder: Path) -> list[Target]:
+    """Write accelerograms in three formats, and return what reads them."""
+    at2, named = folder / "old.AT2", folder / "named.csv"
+    body = SHORT_RECORD.splitlines()[2:]
+    at2.write_text("PEER NGA\nTOWN\nACCELERATION IN UNITS OF G\nNPTS= 450, DT= .0100 SEC\n" + "\n".join(body) + "\n")
+    rows = "\n".join(f"{0.01 * k:.2f},{np.sin(0.3 * k):.5f}" for k in range(450))
+    named.write_text(f"time (s),acceleration (m/s^2)\n{rows}\n")
+    reads = (
+        ("records", "./FILE"), ("records", "./FILE", "--json"),
+        ("check", CASE, "--set", "record=./FILE", "--set", "scaling=0.01", "--quiet"),
     )  # fmt: skip
-    data = (
-        ("identify", "--data", "FILE", "--no-figure"), ("identify", "--data", "FILE", "--json", "--no-figure"),
-        ("identify", "--data", "FILE", "--rate", "200", "--channel", "table=table:g", "--no-figure"),
-    )  # fmt: skip
-    return [
-        Target("result", result, True, results),
-        Target("model", folder / "model.h5", True, models, sealed_model, (made["own.h5"],)),
-        Target("sweep", folder / "sweep.h5", True, sweeps, None, (record,)),
-        Target("record", record, False, reads),
-        Target("AT2", at2, False, reads),
-        Target("named record", named, False, reads),
-        *(Target(f"recording {path.name}", path, path.name in ("own.h5", "v73.mat"), data)
-          for name, path in made.items() if name != "foreign.yaml" and name != "foreign.mat"),
-        Target("foreign yaml", made["foreign.yaml"], False, models[:2]),
-        Target("foreign mat", made["foreign.mat"], False, models[:2]),
-        Target("raw log", log, False, (("recover", "FILE"), ("recover", "FILE", "--json"), ("report", ".")),
-               sealed_log, (record,)),
-        Target("raw log beside a result", result, True, (("recover", log.name),), None, (log, record)),
-        Target("rows", make_rows(folder), False, (again,), None, (record,)),
-    ]  # fmt: skip
+    kinds = {"record": folder / "short.csv", "AT2": at2, "named record": named}
+    return [Target(kind, path, False, reads) for kind, path in kinds.items()]
 
 
 def in_a_process_slow(folder: Path, line: Sequence[str]) -> tuple[int, float, int, bytes]:
@@ -297,35 +356,40 @@ def in_a_process_slow(folder: Path, line: Sequence[str]) -> tuple[int, float, in
         (folder / ".output").unlink(missing_ok=True)
 
 
-def foreign_files(folder: Path) -> dict[str, Path]:
-    """Write one short recording in every format, and a table model in two."""
-    rng = np.random.default_rng(0)
-    samples = rng.normal(size=(len(ROLES), 400))
-    units = ("V", "m/s^2", "m/s^2", "m/s^2")
-    paths = {name: folder / name for name in ("own.h5", "v73.mat", "v5.mat", "data.csv", "data.tdms")}
-    paths |= {name: folder / name for name in ("foreign.yaml", "foreign.mat")}
-    write_recording(paths["own.h5"], Recording(paths["own.h5"], "", 0.005, ROLES, units, samples))
-    with h5py.File(paths["v73.mat"], "w", userblock_size=512) as file:
-        for role, values in zip(ROLES, samples, strict=True):
+def foreign_files(folder: Path) -> tuple[Path, ...]:
+    """Write the recording own.h5 in every other format; return all, own.h5 first."""
+    own = replace(read_recording(folder / "own.h5"), names=ROLES)
+    write_recording(own.path, own)
+    columns = list(zip(own.names, own.units, own.samples, strict=True))
+    v73, v5, csv, tdms = (folder / name for name in ("v73.mat", "v5.mat", "data.csv", "data.tdms"))
+    with h5py.File(v73, "w", userblock_size=512) as file:
+        for role, _, values in columns:
             file[role] = values[None]
             file[role].attrs["MATLAB_class"] = np.bytes_("double")
-        file["fs"] = np.array([[200.0]])
-    with open(paths["v73.mat"], "r+b") as raw:
+        file["fs"] = np.array([[500.0]])
+    with open(v73, "r+b") as raw:
         raw.write(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM")
-    scipy.io.savemat(paths["v5.mat"], {**dict(zip(ROLES, samples, strict=True)), "fs": 200.0})
-    head = "# dt: 0.005 s\n" + ",".join(f"{role} ({unit})" for role, unit in zip(ROLES, units, strict=True))
-    paths["data.csv"].write_text(head + "\n" + "\n".join(",".join(f"{v:.4f}" for v in row) for row in samples.T) + "\n")
-    with TdmsWriter(paths["data.tdms"]) as writer:
-        told = {"wf_increment": 0.005, "wf_start_offset": 0.0}
+    scipy.io.savemat(v5, {**{role: values for role, _, values in columns}, "fs": 500.0})
+    head = f"# dt: {own.dt_s} s\n" + ",".join(f"{role} ({unit})" for role, unit, _ in columns)
+    csv.write_text(head + "\n" + "\n".join(",".join(f"{v:.7g}" for v in row) for row in own.samples.T) + "\n")
+    with TdmsWriter(tdms) as writer:
+        told = {"wf_increment": own.dt_s}
         writer.write_segment([
-            ChannelObject("g", role, values, {**told, "unit_string": unit})
-            for role, unit, values in zip(ROLES, units, samples, strict=True)
+            ChannelObject("g", role, values, {**told, "unit_string": unit}) for role, unit, values in columns
         ])  # fmt: skip
-    root = {"zeros": [0, 0], "poles": [[-50.0, 70.0], [-50.0, -70.0], -600.0], "gain": 40000.0}
-    paths["foreign.yaml"].write_text(json.dumps(root, indent=1) + "\n")
-    poles = np.array([-50 + 70j, -50 - 70j, -600])
-    scipy.io.savemat(paths["foreign.mat"], {"z": np.zeros(2), "p": poles, "k": 40000.0, "Ts": 0.0})
-    return paths
+    return folder / "own.h5", v73, v5, csv, tdms
+
+
+def foreign_models(folder: Path) -> tuple[Path, ...]:
+    """Write the identified table model as YAML and for MATLAB, as other programs would."""
+    found = read_model(folder / "model.h5").groups["table/best"]
+    roots = {name: np.asarray(found[name]) for name in ("zeros", "poles")}
+    pairs = {name: [[value.real, value.imag] for value in values.tolist()] for name, values in roots.items()}
+    text, mat = folder / "foreign.yaml", folder / "foreign.mat"
+    about = {"gain": float(found["gain"]), "delay_s": float(found["delay_s"])}
+    text.write_text(json.dumps(pairs | about, indent=1) + "\n")
+    scipy.io.savemat(mat, roots | about)
+    return text, mat
 
 
 def make_log(folder: Path, result: Path) -> Path:
@@ -350,13 +414,13 @@ def make_log(folder: Path, result: Path) -> Path:
 def make_rows(folder: Path) -> Path:
     """Write the rows of an interrupted sweep beside no result."""
     path = folder / "sweep.h5.rows"
-    attributes = {"format": "rths-sweep-rows"}
+    attributes: dict[str, Any] = {}
     with h5py.File(folder / "sweep.h5") as file:
         for key, value in file.attrs.items():
             attributes[key] = value.item() if isinstance(value, np.generic) else value
         width = sum(int(np.prod(node.shape[1:])) for node in file.values() if node.dtype.kind == "f")
     row = [0, "complete", "", 0, "safe", "", [0.5] * width]
-    path.write_text("".join(json.dumps(line) + "\n" for line in (attributes, row)))
+    path.write_text("".join(json.dumps(line) + "\n" for line in (attributes | {"format": FORMAT}, row)))
     return path
 
 

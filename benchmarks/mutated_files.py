@@ -277,8 +277,8 @@ def make_targets(folder: Path) -> list[Target]:
              "--no-figure"),), sealed_model, (own,)),
         sweep_target(folder / "sweep.h5", sweep_line, record),
         *record_targets(folder),
-        *(Target(f"recording {path.name}", path, path.name in ("own.h5", "v73.mat"), reads_recording(path.suffix != ".mat"))
-          for path in (own, *foreign)),
+        *(Target(f"recording {path.name}", path, path.name in ("own.h5", "v73.mat"),
+                 reads_recording(path.suffix != ".mat")) for path in (own, *foreign)),
         *(Target(f"foreign {path.name}", path, False, reads_model(), None, (), (("report", "FILE"),))
           for path in models),
         Target("raw log", log, False, (("recover", "FILE"), ("recover", "FILE", "--json")),

@@ -32,6 +32,8 @@ SIZE_MB = 220  # of the file system: what rths run wants to find free for three 
 BACK_S = 0.4  # the space is given back after
 LIMIT_S = 300.0
 GOOD_CODES = (0, 1, 2, 4)
+REFUSED_WHOLE = ("MB needed; free space", "cannot write result files here")
+"""What a batch says that finds the disk full before its first case: it is refused whole, and nothing is begun."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +160,8 @@ def faults(name: str, code: int, said: str, disk: Path, given_back: bool) -> Ite
         elif fault := unreadable(path):
             yield fault
     results = {path.stem for path in left if path.suffix == ".h5"}
-    if name == "run" and code == 2 and given_back and not results:
+    refused = any(sentence in said for sentence in REFUSED_WHOLE)
+    if name == "run" and code == 2 and given_back and not results and not refused:
         yield "no case of the batch ran, although there was space again"
 
 

@@ -1,9 +1,11 @@
 """Whether the reason that a stopped test names first is the true one, a group that contains it, or a false one.
 
-python benchmarks/fault_reasons.py [RUNS] [--seed N] [--kind WORD] [--workers N]
+python benchmarks/fault_reasons.py [RUNS] [--seed N] [--amplitude X] [--kind WORD] [--workers N]
 
 Sensors, amplifier, table and source fail at RUNS random instants each (20 by default) on the virtual table of
 tests/loop/faulty_rig.py, with and without a limit on the tracking error: without one, another limit is reached first.
+`--amplitude` multiplies the motion of the table, 10 mm otherwise; a run that was stopped before its fault is counted as
+too early.
 Then a target freezes or its answers are lost, in simulated time, at instants of a hybrid test (tests/loop/freezing.py).
 Exit code 1 when one reason is false. A fault that stops nothing is counted apart.
 """
@@ -32,17 +34,19 @@ from rths_cli.loop.guard import END, LOST, NONE  # noqa: E402
 
 RECORD, RATE_HZ = 8_000, 1_000
 FREEZES_MS = (22, 34, 50, 100)
-NOT_STOPPED = "not stopped"
+NOT_STOPPED, TOO_EARLY = "not stopped", "too early"
 
 
-def of_fault(name: str, tracked: bool, seed: int) -> tuple[str, str]:
+def of_fault(name: str, tracked: bool, amplitude: float, seed: int) -> tuple[str, str]:
     """Return the verdict on one run with a faulty rig, and the sentence."""
     info = faulty.bench_info()
     if not tracked:
         info = replace(info, limits=replace(info.limits, tracking_error_m_s2=np.inf))
-    ended = faulty.performed(name, seed, info)
+    ended = faulty.performed(name, seed, info, amplitude)
     if ended.reason in (END, NONE):
         return NOT_STOPPED, ""
+    if ended.taken_over < ended.at:
+        return TOO_EARLY, ""
     return verdict(FAILED[name], ended.sentence), ended.sentence
 
 
@@ -61,10 +65,12 @@ def of_freeze(mode: int, length_ms: int, seed: int) -> tuple[str, str]:
     return ("true" if run.guard.flags[1] == LOST else verdict({LINK}, sentence)), sentence
 
 
-def played(runs: int, seed: int, word: str, workers: int) -> Iterator[tuple[str, list[tuple[str, str]]]]:
+def played(
+    runs: int, seed: int, amplitude: float, word: str, workers: int
+) -> Iterator[tuple[str, list[tuple[str, str]]]]:
     """Play every kind; yield its name, and what each run came to."""
     rows = {
-        f"{name}{'' if tracked else ', no tracking limit'}": partial(of_fault, name, tracked)
+        f"{name}{'' if tracked else ', no tracking limit'}": partial(of_fault, name, tracked, amplitude)
         for name in FAILED
         for tracked in (True, False)
     }
@@ -76,25 +82,30 @@ def played(runs: int, seed: int, word: str, workers: int) -> Iterator[tuple[str,
                 yield name, list(pool.map(once, range(seed, seed + runs)))
 
 
+def line(name: str, counts: Counter[str]) -> str:
+    """Return a row of the table."""
+    judged = f"{counts['true']:5} {counts['group']:6} {counts['false']:6}"
+    return f"{name:52} {judged} {counts[NOT_STOPPED]:12} {counts[TOO_EARLY]:10}"
+
+
 def main() -> int:
     """Print a line per kind; return 1 when one reason is false."""
     asked = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     asked.add_argument("runs", nargs="?", type=int, default=20)
     asked.add_argument("--seed", type=int, default=0)
+    asked.add_argument("--amplitude", type=float, default=1.0)
     asked.add_argument("--kind", default="", help="only kinds whose name holds this")
     asked.add_argument("--workers", type=int, default=1)
     words = asked.parse_args()
     total: Counter[str] = Counter()
-    print(f"{'kind':52} {'true':>5} {'group':>6} {'false':>6} {NOT_STOPPED:>12}")
-    for name, found in played(words.runs, words.seed, words.kind, words.workers):
+    print(f"{'kind':52} {'true':>5} {'group':>6} {'false':>6} {NOT_STOPPED:>12} {TOO_EARLY:>10}")
+    for name, found in played(words.runs, words.seed, words.amplitude, words.kind, words.workers):
         counts = Counter(one for one, _ in found)
         total += counts
-        print(
-            f"{name:52} {counts['true']:5} {counts['group']:6} {counts['false']:6} {counts[NOT_STOPPED]:12}", flush=True
-        )
+        print(line(name, counts), flush=True)
         for sentence in sorted({text for one, text in found if one == "false"}):
             print(f"    {sentence}")
-    print(f"{'all':52} {total['true']:5} {total['group']:6} {total['false']:6} {total[NOT_STOPPED]:12}")
+    print(line("all", total))
     return 1 if total["false"] else 0
 
 

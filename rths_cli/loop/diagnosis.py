@@ -33,8 +33,11 @@ WINDOW_S, LATEST_S = 1.0, 0.1  # before the stop: what is computed again, and wh
 RECENT_S = 0.2  # before the stop: samples that were lost there are its cause
 OFF, BETTER = 0.25, 0.4  # a difference beyond OFF of the signal counts; below BETTER of the other it explains
 BITS = 10.0  # of a channel, beside OFF
+FAST = 0.5  # of the velocity limit: a command that moved faster may ask too much of the table
 KEPT = 3.0 / g.STUCK_BITS  # of what the guard calls stuck: a channel that kept its code through three bits of motion
+TOGETHER = 0.9  # of the longest time that a channel kept its code: those that kept it as long stopped with it
 OF_COMMAND = (g.STROKE, g.VELOCITY, g.COMMAND, g.RATE)  # known before the table answers
+OF_TABLE = (g.TRACKING, g.ENERGY)  # known from the table's sensor alone
 DIAGNOSED = (*OF_COMMAND, g.ACCELERATION, g.FORCE, g.TRACKING, g.ENERGY, g.STUCK, g.SATURATED)
 
 STALLS = (  # values of the log's `lost`
@@ -50,10 +53,11 @@ CHECK_EITHER = f"check the sensor; {CHECK_TABLE}"
 
 @dataclass(frozen=True)
 class Cause:
-    """What the evidence says, and what to do about it."""
+    """What the evidence says, and what to do about it; `of_table`: whether it says that the table does not follow."""
 
     what: str
     advice: str
+    of_table: bool = False
 
 
 @dataclass(frozen=True)
@@ -78,11 +82,15 @@ def cause_of(info: RigInfo, blocks: Blocks, limits: GuardLimits, state: GuardSta
     names = [channel.name for channel in info.channels]
     kept = _kept(limits, state)
     found = _lost(log.lost[: last + 1], info.dt_s) or _all_kept(kept, state)
-    if found or blocks.specimen is None:
+    if found:
         return found
-    seen = _compared(info, blocks.specimen, blocks.lead_samples, log, last)
+    seen = blocks.specimen and _compared(info, blocks.specimen, blocks.lead_samples, log, last)
     fits = reason not in OF_COMMAND and int(state.flags[2]) in (g.NO_CHANNEL, 0)
-    return _named(names, seen, kept, fits) if seen else None
+    stuck = int(state.flags[2]) if reason == g.STUCK else g.NO_CHANNEL
+    found = _named(names, seen, kept, stuck, fits) if seen else None
+    if found is None and reason in OF_TABLE:
+        found = _either(names[0])
+    return _or_too_fast(found) if found and found.of_table and _moved_fast(info, log, last) else found
 
 
 def _lost(lost: Array, dt_s: float) -> Cause | None:
@@ -105,10 +113,10 @@ def _kept(limits: GuardLimits, state: GuardState) -> Flags:
 
 
 def _all_kept(kept: Flags, state: GuardState) -> Cause | None:
-    """Return that all channels are stuck, where that is so."""
-    if not kept.all():
-        return None
+    """Return that all channels are stuck, where that is so: one had to move, and all stopped with it."""
     samples = int(state.same.min())
+    if not kept.any() or samples < TOGETHER * int(state.same.max()):
+        return None
     return Cause(
         f"all channels kept their values for {samples} samples: the sensors' power, the converter, or the table",
         "check power and converter, amplifier and command cable",
@@ -139,15 +147,32 @@ def _compared(info: RigInfo, specimen: Specimen, lead: int, log: Signals, last: 
     return Seen(off & ~as_desired & ~as_measured, bool(as_desired.any()), bool(as_measured.any()), bool(astray))
 
 
-def _named(names: list[str], seen: Seen, kept: Flags, of_table: bool) -> Cause | None:
-    """Return the cause that fits what was seen; `of_table`: the limit violated may be about table or table sensor."""
+def _moved_fast(info: RigInfo, log: Signals, last: int) -> bool:
+    """Tell whether the commands that passed shortly before asked for more than FAST of the velocity limit."""
+    passed = log.command_v[max(last - round(LATEST_S / info.dt_s), 0) : last]
+    fastest = np.abs(np.diff(passed)).max(initial=0.0) * info.gain_m_per_v / info.dt_s
+    return bool(fastest > FAST * info.limits.velocity_m_s)
+
+
+def _or_too_fast(cause: Cause) -> Cause:
+    return Cause(f"the motion asked for is too fast for the table, or {cause.what}", cause.advice)
+
+
+def _either(table: str) -> Cause:
+    return Cause(f"the table does not follow, or the sensor of channel {table} is wrong", CHECK_EITHER, of_table=True)
+
+
+def _named(names: list[str], seen: Seen, kept: Flags, stuck: int, of_table: bool) -> Cause | None:
+    """Return the cause that fits what was seen; `stuck`: the channel that the guard found stuck, `of_table`: the limit
+    violated may be about table or table sensor."""
     table = names[0]
-    own = [name for name, alone in zip(names[1:], seen.alone, strict=True) if alone]
+    own = [name for c, name in enumerate(names[1:]) if seen.alone[c] or c + 1 == stuck]
     every = bool(seen.astray and len(own) > 1 and seen.alone.all())
-    wrong = [table] * (seen.as_desired or every) + own
+    wrong = [table] * (seen.as_desired or every or stuck == 0) + own
     still = " (its value does not change)" if len(wrong) == 1 and kept[names.index(wrong[0])] else ""
     if own and seen.as_measured:
-        return Cause(f"the table, or the sensors of {_list(own)}, or the specimen", f"{CHECK_TABLE}; {CHECK_SENSORS}")
+        advice = f"{CHECK_TABLE}; {CHECK_SENSORS}"
+        return Cause(f"the table, or the sensors of {_list(own)}, or the specimen", advice, of_table=True)
     if len(wrong) > 1:
         return Cause(f"{_list(wrong)} do not fit each other: their sensors, or the specimen", CHECK_SENSORS)
     if own:
@@ -155,9 +180,9 @@ def _named(names: list[str], seen: Seen, kept: Flags, of_table: bool) -> Cause |
     if wrong and not seen.as_measured:
         return Cause(f"channel {table} does not show the motion that the floors show: its sensor{still}", CHECK_SENSOR)
     if seen.as_measured and not wrong:
-        return Cause("the table does not move as desired, or all sensors are wrong alike", CHECK_TABLE)
+        return Cause("the table does not move as desired, or all sensors are wrong alike", CHECK_TABLE, of_table=True)
     if wrong or (seen.astray and of_table):
-        return Cause(f"the table does not follow, or the sensor of channel {table} is wrong", CHECK_EITHER)
+        return _either(table)
     return None
 
 

@@ -40,12 +40,13 @@ class Ended:
     sentence: str  # what is told of the guard's reason, empty where there is none
 
 
-def performed(name: str, seed: int, info: RigInfo | None = None) -> Ended:
-    """Run with one kind of fault at a random instant, on the usual bench or with other limits."""
+def performed(name: str, seed: int, info: RigInfo | None = None, amplitude: float = 1.0) -> Ended:
+    """Run with one kind of fault at a random instant, on the usual bench or with other limits or a larger motion."""
     info, random = info or bench_info(), np.random.default_rng((seed, *name.encode()))
     rig, orders = FaultyRig(info), np.zeros(1, dtype=np.int64)
     ramp = round(RAMP_S / DT_S)
-    play = Play(int(random.integers(ramp + 200, ramp + RECORD - 900)), random, rig, orders, shaken().copy())
+    at = int(random.integers(ramp + 200, ramp + RECORD - 900))
+    play = Play(at, random, rig, orders, amplitude * shaken())
     _spoil(name, play)
     run = performance.prepare(info, blocks(), NUMERICAL, play.drive, guard_of(info), None, orders, RAMP_S)
     fault = performance.perform(rig, run)

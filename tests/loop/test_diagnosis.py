@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import faulty
 import numpy as np
 import pytest
 from freezing import HOLDS, freezing_of, told
-from told_causes import FAILED, LINK, TABLE, verdict
+from told_causes import FAILED, LINK, MOTION, TABLE, TABLE_SENSOR, verdict
 
-from rths_cli.loop.guard import ACCELERATION, SATURATED, VELOCITY
+from rths_cli.loop.diagnosis import cause_of
+from rths_cli.loop.guard import ACCELERATION, ENERGY, SATURATED, STUCK, TRACKING, VELOCITY, fresh_guard
+from rths_cli.loop.log import Signals
 
 LOOSE = replace(faulty.bench_info(), limits=replace(faulty.bench_info().limits, tracking_error_m_s2=np.inf))
 
@@ -39,6 +41,34 @@ def test_a_fault_of_this_sample_leaves_table_and_sensor_apart() -> None:
     ended = faulty.performed("offset jumps", 2)
     assert ended.taken_over == ended.at
     assert ended.sentence.startswith("the table does not follow, or the sensor of channel channel_0 is wrong: tracking")
+
+
+def test_an_energy_limit_without_evidence_names_the_group_that_contains_the_sensor() -> None:
+    ended = faulty.performed("sensitivity halved", 107, LOOSE, 2.0)
+    assert ended.reason == ENERGY
+    assert ended.sentence.startswith(
+        "the table does not follow, or the sensor of channel channel_0 is wrong: the table"
+    )
+    assert verdict({TABLE_SENSOR}, ended.sentence) == "group"
+
+
+def test_a_motion_that_is_too_fast_for_the_table_is_named_beside_the_table() -> None:
+    ended = faulty.performed("motion ten times too large", 108, None, 0.3)
+    assert ended.reason == TRACKING
+    assert verdict({MOTION}, ended.sentence) == "group"
+
+
+def test_channels_that_stopped_together_are_named_together_where_only_one_had_to_move() -> None:
+    state = fresh_guard(3)
+    state.flags[1:3], state.same[:], state.moved[..., 0] = (STUCK, 0), (310, 300, 305), 1.0
+    info, steps = faulty.bench_info(), np.zeros((3, 400))
+    none = {part.name: np.zeros(0) for part in fields(Signals)}
+    log = Signals(**{**none, "corrected": steps, "command_v": steps[0], "lost": steps[0]})
+    cause = cause_of(info, faulty.blocks(), faulty.guard_of(info), state, log)
+    assert cause is not None
+    assert cause.what.startswith("all channels kept their values for 300 samples")
+    state.same[1] = 30
+    assert "all channels" not in str(cause_of(info, faulty.blocks(), faulty.guard_of(info), state, log))
 
 
 def test_a_target_that_froze_is_named_before_the_limit_that_its_jump_reaches() -> None:

@@ -64,6 +64,7 @@ def blamed(sentence: str) -> set[str]:
     for words, part in (
         ("the table", TABLE), ("specimen", SPECIMEN), ("answers of the rig", LINK), ("overran", HOST),
         ("estimated from the command", MOTION), ("converter's range", MOTION), ("command changes faster", MOTION),
+        ("motion asked for", MOTION), ("samples were lost", LINK),
     ):  # fmt: skip
         if words in first:
             found.add(part)

@@ -12,6 +12,9 @@
 
 #define PERIOD_NS INT64_C(10000000000) /* an ARM is taken in the period of its WELCOME and in the next one */
 enum { CHANNELS = 3, RANGE_V = 10, FASTEST_V_PER_S = 127, REST_V_PER_S = 6 };
+/* How fast this table closes a distance that a stall left: its acceleration limit over twice the angular frequency of
+ * its loop, 45 m/s^2 / (2 * 2 pi 14 Hz), with 7.9 mm/V. */
+enum { CLOSING_V_PER_S = 32 };
 enum { SHORTEST_NS = 200000, LONGEST_WATCHDOG_NS = 1000000000 };
 enum { HELLO = 1, WELCOME, REFUSAL, ARM, COMMAND, SAMPLES, REST, CLOSE };
 enum { IDLE, ARMED, RESTING, RESTED };
@@ -25,7 +28,8 @@ struct target {
     uint64_t armed; /* sessions since then */
     uint32_t faults, lost;
     int64_t sequence, watchdog_ns, interval_ns, heard_ns, moved_ns;
-    double command_v;
+    double command_v, step_v; /* at the output, and how far it went there */
+    int late; /* the output is not where it should be yet, as a command came late, or we ourselves */
     double way_v[1 + POINTS]; /* the last command, then the points it goes on to while no other comes */
     int points;
     int64_t spacing, intervals; /* sample intervals from one point to the next, and since the last command */
@@ -119,6 +123,11 @@ static size_t seal(uint8_t *packet, int kind, int count, const uint8_t key[16])
 
 /* --- the way on ------------------------------------------------------------------------------------------------ */
 
+static double size_of(double value)
+{
+    return value < 0.0 ? -value : value;
+}
+
 static double within(double value, double limit)
 {
     return value > limit ? limit : value < -limit ? -limit : value;
@@ -154,16 +163,48 @@ static double place(const struct target *t)
     return p[0] + 0.5 * x * (p[1] - before + x * (bend + x * twist));
 }
 
+/* Go where the output should be, which moved there by `moves_v` in the last interval. After a stall, in which it may
+ * have stood still, it must not jump: it closes the distance, and no faster than time really passes. */
+static void follow(struct target *t, double volts, double moves_v, double most_v, int64_t now_ns)
+{
+    double share = (double)(now_ns - t->moved_ns) / (double)t->interval_ns, before = t->command_v;
+    double closing_v = CLOSING_V_PER_S * 1e-9 * (double)t->interval_ns;
+    if (t->late)
+        most_v = (share < 1.0 ? share : 1.0) * within(moves_v + closing_v, FASTEST_V_PER_S * 1e-9 * (double)t->interval_ns);
+    t->command_v = within(before + within(volts - before, most_v), RANGE_V);
+    t->step_v = t->command_v - before;
+    t->moved_ns = now_ns;
+    if (t->command_v != before)
+        write_command(t->command_v, now_ns);
+}
+
 /* Move on at each instant at which the next command was due, within the limits of this rig. */
 static void go_on(struct target *t, int64_t now_ns)
 {
-    double most = FASTEST_V_PER_S * 1e-9 * (double)t->interval_ns, before = t->command_v;
-    while (t->intervals < (now_ns - t->heard_ns) / t->interval_ns) {
-        t->intervals++;
-        t->command_v = within(t->command_v + within(place(t) - t->command_v, most), RANGE_V);
+    int64_t due = (now_ns - t->heard_ns) / t->interval_ns;
+    double before;
+    if (due <= t->intervals)
+        return;
+    t->late = t->late || due > t->intervals + 1;
+    t->intervals = due - 1, before = place(t);
+    t->intervals = due;
+    follow(t, place(t), size_of(place(t) - before), FASTEST_V_PER_S * 1e-9 * (double)t->interval_ns, now_ns);
+}
+
+/* Take a command: at once where it came in time, else by approaching it; an output that went on may go on as fast. */
+static void take_command(struct target *t, double volts, int64_t now_ns)
+{
+    int64_t passed = (now_ns - t->heard_ns) / t->interval_ns;
+    double moves = size_of(volts - t->way_v[0]) / (double)(passed > 1 ? passed : 1);
+    if (passed > 1) {
+        t->late = 1;
+        if (now_ns - t->moved_ns < 2 * t->interval_ns && size_of(t->step_v) > moves)
+            moves = size_of(t->step_v);
     }
-    if (t->command_v != before)
-        write_command(t->command_v, now_ns);
+    follow(t, volts, moves, 2.0 * RANGE_V, now_ns);
+    if (t->command_v == volts && passed < 2 && 2 * (now_ns - t->heard_ns) >= t->interval_ns)
+        t->late = 0; /* not before commands come one by one again: those that waited may come together */
+    t->heard_ns = now_ns;
 }
 
 /* --- session ------------------------------------------------------------------------------------------------- */
@@ -255,15 +296,15 @@ static void obey(struct target *t, int kind, const uint8_t *words, int count, in
 {
     double volts = kind == COMMAND ? get_real(words) : 0.0;
     if (kind == ARM && t->state == IDLE)
-        t->state = ARMED, t->heard_ns = now_ns, t->way_v[0] = t->command_v, t->points = 0, t->intervals = 0;
+        t->state = ARMED, t->heard_ns = t->moved_ns = now_ns, t->way_v[0] = t->command_v, t->points = 0,
+        t->intervals = 0, t->late = 0;
     if ((kind == REST || kind == CLOSE) && t->state == ARMED)
         t->state = RESTING, t->moved_ns = now_ns;
     if (kind != COMMAND || t->state != ARMED)
         return;
     if (volts >= -RANGE_V && volts <= RANGE_V) { /* not a number is neither */
-        t->command_v = volts, t->heard_ns = now_ns;
+        take_command(t, volts, now_ns);
         take_way(t, words, count);
-        write_command(volts, now_ns);
     } else
         t->faults |= BAD_COMMAND, t->state = RESTING, t->moved_ns = now_ns;
 }
@@ -315,7 +356,8 @@ void watch(struct target *t)
         go_on(t, now_ns);
     if (t->state != RESTING)
         return;
-    double step = REST_V_PER_S * 1e-9 * (double)(now_ns - t->moved_ns), u = t->command_v;
+    int64_t passed = now_ns - t->moved_ns < t->interval_ns ? now_ns - t->moved_ns : t->interval_ns; /* or we stalled */
+    double step = REST_V_PER_S * 1e-9 * (double)passed, u = t->command_v;
     t->moved_ns = now_ns;
     t->command_v = u > step ? u - step : u < -step ? u + step : 0.0;
     write_command(t->command_v, now_ns);

@@ -31,6 +31,7 @@ from rths_cli.rigs.virtual import kernel
 from rths_cli.rigs.virtual.plant import Plant
 
 TICKS_PER_INTERVAL = 4
+CLOSING_S = 1.0 / (4.0 * math.pi * 14.0)  # by the acceleration limit: how fast a distance is closed that a stall left
 PHASE_STEPS = 64  # over so many commands the ticks settle around the instants at which commands come
 LOOK_NS = 20_000_000  # the longest wait for a packet: orders are looked at so often
 GREETED_NS = 1_000_000  # between two HELLO that are answered while the table moves; the others go unanswered
@@ -46,10 +47,11 @@ COUNTS = 6
 # places in Door.session; SEQUENCE is the highest seen, STARTED_NS 0 while the clock does not run, TICK the time of the
 # physics, LAST_TICK that of the last command, ARRIVED_NS when it came, LONGEST_TICKS the longest time between two;
 # until REACHED_NS all packets are known, and the physics was advanced to it; at MOVED_TICK the command last changed;
-# ARMING 1: the ARM that began this session stands in `incoming`, not yet obeyed; BATCHED packets since BATCH_BEGAN_NS
+# ARMING 1: the ARM that began this session stands in `incoming`, not yet obeyed; BATCHED packets since BATCH_BEGAN_NS;
+# CATCHES_UP 1: a command was late, and the table does not stand where it should yet
 STATE, FAULTS, SEQUENCE, STARTED_NS, TICK, LAST_TICK, LONGEST_TICKS, ROW, CLOSING, GREETED_AT_NS, ARMING = range(11)
-ARRIVED_NS, REACHED_NS, MOVED_TICK, BATCHED, BATCH_BEGAN_NS = range(11, 16)
-PLACES = 16
+ARRIVED_NS, REACHED_NS, MOVED_TICK, BATCHED, BATCH_BEGAN_NS, CATCHES_UP = range(11, 17)
+PLACES = 17
 
 _sendto = External("sendto", "intp", "intc", "uintp", "uintp", "intc", "uintp", "uintc")
 _AT_ONCE = 0x40  # MSG_DONTWAIT
@@ -83,7 +85,7 @@ class Table(NamedTuple):
     guard: GuardState
     noise: Array
     samples: Array  # (c,) in V
-    latched_v: Array  # (1,) what is held
+    latched_v: Array  # (2,) what is held, and the last command
     way: Way  # the last command, and how it goes on in intervals without one
 
 
@@ -145,12 +147,46 @@ def go_on(d: Door, t: Table) -> None:
     if since == 0 or since % TICKS_PER_INTERVAL != 0:
         return
     gain, interval_s, held = t.limits.gain_m_per_v, TICKS_PER_INTERVAL * t.limits.dt_s, t.latched_v[0]
-    outermost = min(t.limits.command_v, t.limits.stroke_m / gain)
-    step = within(place_after(t.way, since // TICKS_PER_INTERVAL) - held, t.limits.velocity_m_s / gain * interval_s)
+    outermost, passed = min(t.limits.command_v, t.limits.stroke_m / gain), since // TICKS_PER_INTERVAL
+    place = place_after(t.way, passed)
+    step = within(place - held, t.limits.velocity_m_s / gain * interval_s)
+    if d.session[CATCHES_UP] == 1:
+        step = within(step, closing_step(t, place - place_after(t.way, passed - 1), TICKS_PER_INTERVAL))
     t.latched_v[0] = within(held + step, outermost)
     t.guard.motion[0], t.guard.motion[1] = gain * t.latched_v[0], gain * (t.latched_v[0] - held) / interval_s
     if t.latched_v[0] != held:
         d.session[MOVED_TICK] = d.session[TICK]
+
+
+@part
+def closing_step(t: Table, moves_v: float, ticks: int) -> float:
+    """Return how far the table may go in V, towards where it should be, in some ticks since it moved last; where it
+    should be moves by `moves_v` in an interval. A table whose loop has the angular frequency w answers a sudden change
+    of velocity by v with an acceleration of w v at most: half of that is left to the motion it comes back to."""
+    limits, interval_s = t.limits, TICKS_PER_INTERVAL * t.limits.dt_s
+    closing_m_s = min(CLOSING_S * limits.acceleration_m_s2, limits.velocity_m_s)
+    in_volts = interval_s / limits.gain_m_per_v
+    most = min(abs(moves_v) + closing_m_s * in_volts, limits.velocity_m_s * in_volts)
+    return most * min(ticks, TICKS_PER_INTERVAL) / TICKS_PER_INTERVAL
+
+
+@part
+def approached(d: Door, t: Table, command_v: float) -> float:
+    """Return what is latched for a command: itself where it came in time, else what leads to it; a table that went on
+    as it was told may go on with the velocity it has."""
+    s, held = d.session, t.latched_v[0]
+    passed = (s[TICK] - s[LAST_TICK]) // TICKS_PER_INTERVAL
+    moves_v = abs(command_v - t.latched_v[1]) / max(passed, 1)
+    if passed > 1 and d.counts[OBEYED] > 0:
+        s[CATCHES_UP] = 1
+        own_v = abs(t.guard.motion[1]) / t.limits.gain_m_per_v * TICKS_PER_INTERVAL * t.limits.dt_s
+        moves_v = max(moves_v, own_v)
+    if s[CATCHES_UP] == 0:
+        return command_v
+    latched = held + within(command_v - held, closing_step(t, moves_v, s[TICK] - s[MOVED_TICK]))
+    if latched == command_v and TICKS_PER_INTERVAL // 2 <= s[TICK] - s[LAST_TICK] < 2 * TICKS_PER_INTERVAL:
+        s[CATCHES_UP] = 0  # not before commands come one by one again: those that waited may come together
+    return latched
 
 
 @part
@@ -192,7 +228,8 @@ def arm(d: Door, t: Table, now: int) -> None:
         s[STATE] = wire.ARMED
         s[STARTED_NS], s[TICK], s[LAST_TICK], s[MOVED_TICK], s[LONGEST_TICKS] = now, 0, 0, 0, 0
         t.guard.flags[0] = RUNNING
-        t.way.volts[0], t.way.marks[POINTS] = t.latched_v[0], 0
+        t.way.volts[0], t.way.marks[POINTS], t.latched_v[1] = t.latched_v[0], 0, t.latched_v[0]
+        s[CATCHES_UP] = 0
 
 
 @part
@@ -208,10 +245,11 @@ def obey(d: Door, t: Table, now: int) -> None:
         s[STARTED_NS], s[TICK], s[LAST_TICK], s[MOVED_TICK] = now, 0, 0, 0
     else:
         s[STARTED_NS] += (now - s[STARTED_NS] - s[TICK] * d.interval_ns // TICKS_PER_INTERVAL) // PHASE_STEPS
-    place = t.limits.gain_m_per_v * command_v
+    latched_v = approached(d, t, command_v)
+    place = t.limits.gain_m_per_v * latched_v
     velocity = (place - t.guard.motion[0]) / (max(s[TICK] - s[MOVED_TICK], 1) * t.limits.dt_s)
     t.guard.motion[0], t.guard.motion[1] = place, within(velocity, t.limits.velocity_m_s)
-    t.latched_v[0] = command_v
+    t.latched_v[0], t.latched_v[1] = latched_v, command_v
     s[LONGEST_TICKS] = max(s[LONGEST_TICKS], s[TICK] - s[LAST_TICK])
     s[LAST_TICK], s[MOVED_TICK], s[ARRIVED_NS] = s[TICK], s[TICK], now
     d.counts[OBEYED] += 1

@@ -83,7 +83,7 @@ def make_table(rig: ServedRig, interval_ns: int) -> Table:
         fresh_guard(rig.channels),
         rig.noise,
         np.zeros(rig.channels),
-        np.zeros(1),
+        np.zeros(2),
         fresh_way(),
     )
 

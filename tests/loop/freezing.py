@@ -38,10 +38,14 @@ from rths_cli.workflows.setup import Setup, make_setup
 from rths_cli.workflows.table_runs import drive_of
 
 TICKS = 4  # of the physics in a sample interval
-# what a target does while it gets no command: it holds the last one; goes on to the points it was told; gets the
-# commands, but its answers are lost; stands still with all its physics, as a paused simulation
-HOLDS, GOES_ON, ANSWERS_LOST, PAUSED = range(4)
-MODES = {"holds": HOLDS, "goes on": GOES_ON, "answers lost": ANSWERS_LOST, "paused": PAUSED}
+# what a target does while it gets no command: it holds the last one and then jumps to the newest; goes on to the points
+# it was told; gets the commands, but its answers are lost; stands still with all its physics, as a paused simulation;
+# holds the last one and then approaches the commands
+HOLDS, GOES_ON, ANSWERS_LOST, PAUSED, APPROACHES = range(5)
+MODES = {
+    "holds": HOLDS, "goes on": GOES_ON, "answers lost": ANSWERS_LOST, "paused": PAUSED, "approaches": APPROACHES
+}  # fmt: skip
+CLOSING_M_S = 45.0 / (4.0 * np.pi * 14.0)  # acceleration limit over twice the rate of the table's loop
 
 
 @part
@@ -56,6 +60,14 @@ def along(volts: Array, points: int, spacing: int, intervals: int) -> float:
     return p1 + x / 2.0 * (p2 - p0 + x * (2.0 * p0 - 5.0 * p1 + 4.0 * p2 - p3 + x * (3.0 * p1 - 3.0 * p2 + p3 - p0)))
 
 
+@part
+def approached(held: float, command: float, before: float, passed: int, closing: float) -> float:
+    """Return where a target goes that stood at `held` when this command came, so many intervals after the one before
+    (docs/udp.md, "A command that is late"); closing in V per interval."""
+    most = abs(command - before) / passed + closing
+    return held + min(max(command - held, -most), most)
+
+
 @entry
 def frozen(
     plant: Plant, table: PlantState, noise: Array, way: Way, told: Way, course: Course, s: Step, limits: GuardLimits,
@@ -65,7 +77,8 @@ def frozen(
 
     `latched` (n,) is what the table was given in each interval, in V. Return the steps done.
     """
-    k, command, left, since, held = 0, 0.0, 0, 0, 0.0
+    k, command, left, since, held, passed, late = 0, 0.0, 0, 0, 0.0, 1, False
+    closing = CLOSING_M_S / limits.gain_m_per_v * limits.dt_s
     kernel.read(plant, table, noise[0], samples)
     while k < log.columns.shape[1] and g.flags[0] != STOPPED:
         lost = 0
@@ -77,12 +90,16 @@ def frozen(
             if left == 0 or mode != PAUSED:
                 kernel.read(plant, table, noise[k % noise.shape[0]], samples)
             if lost == 0 or mode == ANSWERS_LOST:
-                held = command
+                late = mode == APPROACHES and (late or passed > 1)
+                held = approached(held, command, told.volts[0], passed, closing) if late else command
+                late, passed = late and held != command, 1
                 for i in range(way.volts.size):
                     told.volts[i] = way.volts[i]
                 told.marks[POINTS], told.marks[SPACING] = way.marks[POINTS], way.marks[SPACING]
             elif mode == GOES_ON:
                 held = along(told.volts, told.marks[POINTS], told.marks[SPACING], since)
+            else:
+                passed += 1
             latched[k - 1] = held
             judge(course, g, LOST if lost == 1 else OK)
             if lost == 0 or mode != PAUSED:

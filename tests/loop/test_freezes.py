@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from freezing import ANSWERS_LOST, GOES_ON, HOLDS, Freezing, freezing_of, ideal_errors
+from freezing import ANSWERS_LOST, APPROACHES, GOES_ON, HOLDS, Freezing, freezing_of, ideal_errors
 from ideal_table import storeys_of
 
 from rths_cli.loop.guard import END, LOST
@@ -58,6 +58,16 @@ def test_samples_after_a_jump_of_a_fast_table_are_not_taken_for_motion_of_the_bu
     run, _ = fast.run(FAST_AT, length, HOLDS)
     calm = fast.errors(fast.run(FAST_AT, 0, HOLDS)[0])
     ideal = np.hypot(ideal_errors(fast, FAST_AT, length, LAG_S), calm)
+    assert run.guard.flags[1] == END
+    assert np.linalg.norm(fast.errors(run)) < 1.3 * np.linalg.norm(ideal)
+
+
+@pytest.mark.parametrize("length", [5, 22, 34])
+def test_a_target_that_approaches_late_commands_is_not_stopped_by_its_own_jump(fast: Freezing, length: int) -> None:
+    """22 ms and 34 at 0.14 m/s: the jump of one that holds is beyond the acceleration limit."""
+    run, _ = fast.run(FAST_AT[:1], length, APPROACHES)
+    calm = fast.errors(fast.run(FAST_AT, 0, HOLDS)[0])
+    ideal = np.hypot(ideal_errors(fast, FAST_AT[:1], length, LAG_S), calm)
     assert run.guard.flags[1] == END
     assert np.linalg.norm(fast.errors(run)) < 1.3 * np.linalg.norm(ideal)
 

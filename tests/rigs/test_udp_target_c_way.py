@@ -58,7 +58,7 @@ int main(void)
 
 
 class Clocked:
-    """A target to which time passes when it is told so, armed in a session at 0 ns."""
+    """A target to which time passes when it is told so, armed in a session at 4 ms."""
 
     def __init__(self, program: Path) -> None:
         self.process = subprocess.Popen([program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
@@ -70,7 +70,7 @@ class Clocked:
         label = (b"rths-key" + struct.pack("<Q", i) for i in (0, 1))
         self.key = b"".join(plain_siphash(head + welcome.content[:32], SECRET) for head in label)
         self.sequence = 0
-        assert self.at(0, Packet(wire.ARM, 0, bytes(16) + terms).sealed(self.key))[1] == wire.ARMED
+        assert self.at(4_000_000, Packet(wire.ARM, 0, bytes(16) + terms).sealed(self.key))[1] == wire.ARMED
 
     def at(self, time_ns: int, packet: bytes = b"") -> tuple[float, int, bytes]:
         """Let it be this time, and a packet come then; return what stands at the output, the state, the answer."""
@@ -119,6 +119,38 @@ def test_the_next_command_ends_the_way(target: Clocked) -> None:
     assert target.held(8_000_000, 10) == [0.05] * 10
 
 
+CLOSING_V = 0.032  # in an interval
+
+
+def test_a_late_command_is_approached_whatever_the_target_did_meanwhile(target: Clocked) -> None:
+    """It heard nothing for 20 intervals; then commands come in time again, 2 mV apart."""
+    target.command(5_000_000, struct.pack("<d", 0.1))
+    target.held(5_000_000, 20)
+    places = [target.command(25_000_000 + k * INTERVAL_NS, struct.pack("<d", 1.0 + 2e-3 * k))[0] for k in range(60)]
+    moved = np.diff([0.1, *places])
+    assert moved[0] == pytest.approx(0.8 * (0.9 / 20 + CLOSING_V))  # it looked last 0.8 intervals before
+    assert moved[1:].max() <= 2e-3 + CLOSING_V + 1e-12 and places[-20:] == pytest.approx(1.0 + 2e-3 * np.arange(40, 60))
+
+
+def test_commands_that_waited_for_a_frozen_target_move_it_by_one_step(target: Clocked) -> None:
+    """All it missed is handed to it at once; it stood still meanwhile, although it was told a way."""
+    target.command(5_000_000, struct.pack("<dq14d", 0.1, 8, *np.linspace(0.3, 3.0, 14)))
+    for k in range(1, 31):
+        stands = target.command(35_100_000, struct.pack("<d", 0.1 + 0.02 * k))[0]
+    assert 0.1 < stands <= 0.1 + 0.02 + CLOSING_V + 1e-12
+    after = np.array(target.held(35_000_000, 40))
+    assert np.diff([stands, *after]).max() <= CLOSING_V + 1e-12 and after[-1] == 0.7
+
+
+def test_a_frozen_target_does_not_jump_on_its_way_nor_on_its_way_to_rest(target: Clocked) -> None:
+    target.command(5_000_000, struct.pack("<dq14d", 0.1, 8, *np.linspace(0.3, 3.0, 14)))
+    assert target.at(60_000_000)[0] <= 0.1 + 0.04 + CLOSING_V  # where the way moves by less than 0.04 V an interval
+    target.command(60_500_000, struct.pack("<d", 2.0))
+    stands = target.at(62_500_000)[0]
+    target.at(300_000_000)  # the watchdog has bitten
+    assert target.at(500_000_000)[0] >= stands - 0.1
+
+
 def test_it_goes_no_faster_than_its_limit_and_no_farther_than_its_range(target: Clocked) -> None:
     target.command(5_000_000, struct.pack("<dq3d", 9.7, 1, 11.0, 11.0, 11.0))
     assert target.held(5_000_000, 6) == pytest.approx([9.7, 9.827, 9.954, 10.0, 10.0, 10.0], rel=1e-12)
@@ -132,8 +164,9 @@ def test_a_way_that_is_no_good_makes_it_hold(target: Clocked, spacing: int, last
 
 def test_the_watchdog_bites_on_the_way(target: Clocked) -> None:
     target.command(5_000_000, struct.pack("<dq14d", 0.5, 100, *np.linspace(0.6, 2.0, 14)))
-    assert target.at(204_000_000)[1] == wire.ARMED
-    stood = target.at(204_000_000)[0]
+    target.held(5_000_000, 199)
+    assert target.at(204_500_000)[1] == wire.ARMED
+    stood = target.at(204_500_000)[0]
     assert stood > 0.6
     volts, state, _ = target.at(206_000_000)
     assert state == wire.RESTING and volts <= stood + 0.01

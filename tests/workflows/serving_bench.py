@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from rths_cli.lti import Array
+from rths_cli.rigs.interface import RigInfo
 from rths_cli.rigs.udp.rig import UdpRig, UdpTarget
 from rths_cli.rigs.udp.secret import read_secret
 from rths_cli.rigs.udp.sockets import bound
@@ -67,6 +68,29 @@ def wave(steps: int) -> Array:
     return np.asarray(0.1 + 2.0 * np.sin(2 * np.pi * 2.0 * t) * np.minimum(t / 0.2, 1.0))
 
 
+def held_in_ticks(commands: Array, ticks: Array, info: RigInfo) -> Iterator[list[float]]:
+    """Yield what a target holds in the ticks, quarters of an interval, before each command: after two intervals without
+    one it approaches them (docs/udp.md)."""
+    closing_m_s = info.limits.acceleration_m_s2 / (4.0 * np.pi * 14.0)
+    fastest, closing = (v / info.gain_m_per_v / RATE_HZ for v in (info.limits.velocity_m_s, closing_m_s))
+    held, last, late = 0.0, 0.0, False
+    for k, (command, since) in enumerate(zip(commands, ticks, strict=True)):
+        holds, moved, own = [], 0, 0.0
+        for tick in range(since):
+            if k > 0 and tick > 0 and tick % 4 == 0:
+                most = min(closing, fastest) if late else fastest
+                own = min(max(last - held, -most), most)
+                held, moved = held + own, tick if own else moved
+            holds.append(held)
+        yield holds
+        moves = abs(command - last) / max(since // 4, 1)
+        if k > 0 and since >= 8:
+            late, moves = True, max(moves, abs(own))
+        most = min(moves + closing, fastest) * min(since - moved, 4) / 4
+        held = float(held + min(max(command - held, -most), most) if late else command)
+        late, last = late and not (held == command and 2 <= since < 8), command
+
+
 def offline_in_ticks(served: ServedRig, commands: Array, ticks: Array) -> Array:
     """Return the samples of a table that is advanced tick by tick, from the offline rig's own code."""
     setup = served.setup
@@ -76,10 +100,8 @@ def offline_in_ticks(served: ServedRig, commands: Array, ticks: Array) -> Array:
     noise = open_rig(setup, (EXP_RTHS,), 0).noise(len(commands) + 1)
     scale = setup.case.table.sensors.noise_rms_m_s2 * setup.rig.channels[0].sensitivity_v_per_m_s2
     made, now = [rig.arm() + scale * noise[0]], rig.arm().copy()
-    held = 0.0
-    for k, command in enumerate(commands):
-        for _ in range(ticks[k]):
+    for k, holds in enumerate(held_in_ticks(commands, ticks, info)):
+        for held in holds:
             now = rig.exchange(held).copy()
         made.append(now + scale * noise[k + 1])
-        held = command
     return np.array(made)

@@ -48,6 +48,9 @@ def read_settings(
         if len(keys) > MOST_KEYS:
             faults.append(Fault(Mark(source), "", f"names {len(keys)} keys inside each other, at most {MOST_KEYS}"))
             continue
+        if not key.isprintable():
+            faults.append(Fault(Mark(source), "", "names a key with a character that is no text; type the key again"))
+            continue
         if not sign or not all(keys):
             faults.append(Fault(Mark(source), "", "must be key=value, for example --set table.physics.coulomb_n=0.9"))
             continue

@@ -53,6 +53,14 @@ def test_a_value_that_means_nothing_is_one_short_sentence(
     assert [path.name for path in tmp_path.iterdir()] == ["loop"]
 
 
+@pytest.mark.parametrize("key", ["\udcff", "scaling\x1b[2J", "a.\udcff.b"])
+def test_a_key_that_is_no_text_is_refused_before_it_is_looked_for(key: str) -> None:
+    """A byte that is no UTF-8 reaches Python as a surrogate, for which the schema has no place."""
+    _, faults = read_settings([f"{key}=1"])
+    assert len(faults) == 1 and "character that is no text" in str(faults[0])
+    assert str(faults[0]).isprintable()
+
+
 def test_a_path_of_very_many_keys_is_refused_before_it_is_followed() -> None:
     _, faults = read_settings([f"{'a.' * 1200}b=1"])
     assert len(faults) == 1 and "names 1201 keys inside each other" in str(faults[0])

@@ -20,12 +20,12 @@ from drifting_rig import DriftingRig
 
 from rths_cli.analysis.sim import simulate
 from rths_cli.case.load import load_cases
-from rths_cli.files.result_writer import Metric
 from rths_cli.loop.blocks import NUMERICAL
 from rths_cli.loop.drive import Outcome, Stillness, play
 from rths_cli.loop.performance import way_to_rest_s
 from rths_cli.lti import Array
 from rths_cli.metrics import error_figures
+from rths_cli.quantities import Values
 from rths_cli.rigs.virtual.rig import VirtualRig
 from rths_cli.workflows import budget
 from rths_cli.workflows.check_cases import verdict_on
@@ -66,7 +66,7 @@ class Played:
     lead_samples: int
     stopped_by: str
     played_s: float
-    budget: dict[str, Metric]
+    budget: Values
 
     def said(self, setup: Setup) -> list[str]:
         """Return what a user is told of the sensors."""

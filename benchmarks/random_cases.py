@@ -188,7 +188,7 @@ def _predicted(setup: Setup, checked: Verdict) -> float:
     found = checked.figures.get("check.rms_error_m_s2")
     if found is None:
         return float("nan")
-    return float((np.asarray(found.value) / rms(Truth(setup).sim.abs_accel_m_s2)).max())
+    return float((np.asarray(found) / rms(Truth(setup).sim.abs_accel_m_s2)).max())
 
 
 def about(setup: Setup) -> str:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from rths_cli.api_results import CheckResult, ModelResult, RunResult
 from rths_cli.errors import InputError, LimitError, RigError, RthsError
+from rths_cli.quantities import METRICS
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -92,14 +93,13 @@ def check(
 
     cases = load_all([str(case)], _texts(settings, method), ())
     found = check_cases(cases, tuple(overrides), _telling(progress, lambda: None))[0]
-    figures = found.metrics.items()
     return CheckResult(
         verdict=found.verdict,
         reasons=found.reasons,
         warnings=found.warnings,
-        metrics={path: _figure(metric.value) for path, metric in figures},
-        units={path: metric.units for path, metric in figures},
-        definitions={path: metric.definition for path, metric in figures},
+        metrics={path: _figure(value) for path, value in found.metrics.items()},
+        units={path: METRICS[path].units for path in found.metrics},
+        definitions={path: METRICS[path].definition for path in found.metrics},
     )
 
 

@@ -25,20 +25,8 @@ from rths_cli.lti import Array, ComplexArray
 from rths_cli.metrics import rms
 
 CAUSES = ("declared", "coupling", "latency", "model", "friction", "specimen", "rounding", "rest")
-ABOUT = {
-    "declared": "declared building, which SIM has, instead of the identified specimen",
-    "coupling": "the base shear's filter, its prediction and the integration, on a perfect table",
-    "latency": "what inverse and feedback leave of the table's lag",
-    "model": "gain and delay of the table other than identified",
-    "friction": "dry friction of the table, beyond what the model holds",
-    "specimen": "floors moving otherwise than the identified specimen on the measured table, and their noise",
-    "rounding": "rounding of commands to the converter's bits",
-    "rest": "the rest of the table's motion: noise, and whatever no other cause explains",
-}
 DRIFT = "drift"  # a cause only where something was taken out of the sensors' samples
-ABOUT_DRIFT = "offset, drift and jumps of the sensors: what they did to the loop, the samples themselves freed of them"
 LOST = "lost"  # a cause only where steps are without samples
-ABOUT_LOST = "steps without samples: what the loop was given in their place, and commands that did not leave"
 FITTED_HZ = (0.5, 15.0)  # of the disturbance, for friction, gain and delay
 CUT_S = 0.5  # of the end, where the series break off
 ASSUMED_SCALE = 0.01  # of the rms velocity: v_s of a friction that was not identified

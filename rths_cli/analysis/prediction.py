@@ -20,15 +20,6 @@ from rths_cli.metrics import rms
 from rths_cli.rig_info import RigInfo
 
 CAUSES = ("coupling", "latency", "model", "friction", "rounding", "noise", "quantisation")
-ABOUT = {
-    "coupling": "the base shear's filter, its prediction and the integration, on a perfect table",
-    "latency": "what inverse and feedback leave of the table's lag",
-    "model": "difference between the table's model and its measured response",
-    "friction": "dry friction of the table, beyond what the model holds",
-    "rounding": "rounding of commands to the converter's bits",
-    "noise": "noise of the accelerometers, at rest",
-    "quantisation": "rounding of samples to the converter's bits",
-}
 SMOOTHED_HZ = 0.5  # over which the ratio of measured response to model is averaged
 
 

@@ -21,16 +21,6 @@ from rths_cli.structure import Numerical, Specimen
 
 FREQUENCIES_HZ = np.array([1.0, 3.0, 5.0, 10.0, 20.0, 100.0])
 PREDICTION, INVERSE, CORRECTION, NOTHING = "prediction", "inverse", "sensor correction", "nothing"
-MEANING = {
-    "converter": "the wait from samples to the hold they command",
-    "hold": "the mean age of a held command",
-    "transport": "the link between runner and rig",
-    "inverse": "feedforward and table together, beyond the declared delay where that is explicit",
-    "integration": "the integration of the numerical storeys, from base shear to interface acceleration",
-    "sensor": "the accelerometers' low pass",
-    "coupling": "the accelerometers' AC coupling (a lead: negative)",
-    "kalman": "the base shear's estimate at one instant; left: in the base shear that the step uses",
-}
 GRID_HZ = np.linspace(0.05, 100.0, 2000)
 
 

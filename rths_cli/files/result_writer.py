@@ -15,7 +15,6 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal
@@ -29,6 +28,7 @@ from rths_cli.files.hdf5 import Dataset, scales_of, write_group
 from rths_cli.files.hdf5_nodes import add_text
 from rths_cli.files.staged_file import StagedFile, signals_held
 from rths_cli.lti import Array
+from rths_cli.quantities import Values, metric
 
 FORMAT = "rths-result"
 FORMAT_VERSION = 1
@@ -40,16 +40,6 @@ HEADER: dict[str, str | int] = {
 }
 Status = Literal["complete", "aborted", "interrupted", "failed", "refused"]
 Attribute = str | int | float
-
-
-@dataclass(frozen=True)
-class Metric:
-    """Hold one figure of a run: a number, or one value per storey (n_storeys,), with unit and definition."""
-
-    value: ArrayLike
-    units: str
-    definition: str
-    axis: str = "storey"
 
 
 class ResultWriter:
@@ -155,13 +145,16 @@ class ResultWriter:
         about = {"name": name, "dt_s": dt_s, "inputs": list(inputs), "outputs": list(outputs)}
         self._write(f"controller/{name}", datasets, {}, about)
 
-    def metrics(self, metrics: Mapping[str, Metric]) -> None:
-        """Write figures: the path `exp_rths.rms_error_m_s2` becomes /metrics/exp_rths/rms_error_m_s2."""
+    def metrics(self, values: Values, remarks: Mapping[str, str] | None = None) -> None:
+        """Write metrics: the path `exp_rths.rms_error_m_s2` becomes /metrics/exp_rths/rms_error_m_s2.
+
+        `remarks` add what this run has to say of a metric to its definition. Raises ValueError for a path that is not
+        declared in `rths_cli.quantities`, and for a value with other axes than declared.
+        """
         groups: dict[str, dict[str, Dataset]] = {}
-        for path, metric in metrics.items():
+        for path, value in values.items():
             parent, _, leaf = f"metrics.{path}".replace(".", "/").rpartition("/")
-            dims = (metric.axis,) * np.ndim(metric.value)
-            item = Dataset(metric.value, metric.units, metric.definition, "computed", dims, metric.definition)
+            item = as_dataset(path, value, (remarks or {}).get(path, ""))
             groups.setdefault(parent, {})[leaf] = item
         with self._reporting():
             for parent, items in groups.items():
@@ -333,3 +326,16 @@ def _text_list(value: list[str]) -> Any:
     import h5py
 
     return np.array(value, dtype=h5py.string_dtype())
+
+
+def as_dataset(path: str, value: ArrayLike, remark: str = "") -> Dataset:
+    """Return the value of a metric with what is declared of it; raises ValueError where that does not fit."""
+    declared = metric(path)
+    if declared is None:
+        raise ValueError(f"{path} is declared nowhere; declare it in rths_cli/quantities/metrics.py.")
+    number = np.asarray(value, dtype=float)
+    dims = (declared.over,) if declared.over else ()
+    if number.ndim != len(dims):
+        raise ValueError(f"{path} has {number.ndim} axes, declared are {len(dims)}.")
+    about = f"{declared.definition}; {remark}" if remark else declared.definition
+    return Dataset(number, declared.units, about, "computed", dims, about)

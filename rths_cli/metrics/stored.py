@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from rths_cli.errors import InputError
 from rths_cli.files.results import Result, read_result
-from rths_cli.metrics.catalogue import LATENCIES, define
+from rths_cli.quantities import LATENCIES, metric
 
 SUMS = ("total", "compensated", "left", "predicted", "declared")
 TOGETHER = {
@@ -38,7 +38,7 @@ def figure_fault(figures: Mapping[str, ArrayLike]) -> str:
     """Return what is wrong with the shapes of figures, as a clause about their file; "" where nothing is."""
     sizes: dict[str, tuple[int, str]] = {}
     for path, value in figures.items():
-        found = define(path)
+        found = metric(path)
         if found is None:
             continue
         if np.ndim(value) != (1 if found.over else 0):

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from rths_cli.files.results import Result
-from rths_cli.metrics.catalogue import LESS, define
+from rths_cli.quantities import LESS, metric
 from rths_cli.report.faults import differing
 from rths_cli.report.groups import Place, complete, in_order, over_runs, place_name, value_of
 from rths_cli.report.layout import Block, Cell, Paragraphs, Row, Table, number
@@ -94,7 +94,7 @@ def _case(key: tuple[str, ...], before: Sequence[Result], now: Sequence[Result],
 
 
 def _is_error(place: Place) -> bool:
-    found = define(place[0])
+    found = metric(place[0])
     return found is not None and found.better == LESS
 
 

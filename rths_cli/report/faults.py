@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 import numpy as np
 
 from rths_cli.files.results import Result
-from rths_cli.metrics.catalogue import define
+from rths_cli.quantities import metric
 from rths_cli.report.inputs import Unread
 
 APART = ("name", "seed", "method", "runs", "accept", "notes", "reference")  # keys that make no other case
@@ -24,7 +24,7 @@ def other_units(results: Sequence[Result]) -> list[Unread]:
     for result in results:
         odd = []
         for path, unit in result.units.items():
-            known = define(path)
+            known = metric(path)
             if path not in first and (known is None or known.units == unit):
                 first[path] = unit, result
             expected = known.units if known else first[path][0]

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from rths_cli.files.results import Result
-from rths_cli.metrics.catalogue import define
+from rths_cli.quantities import metric
 from rths_cli.report.cells import mark
 from rths_cli.report.layout import Cell, Row, Table
 from rths_cli.report.load import Entry, state
@@ -42,7 +42,7 @@ def _cells(result: Result) -> Iterator[Cell]:
 
 def _notes() -> Iterator[str]:
     for head, (path, _) in COLUMNS.items():
-        found = define(path)
+        found = metric(path)
         yield f"{head} ({path}): {found.text if found else ''}."
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from rths_cli.files.result_writer import Metric
+from rths_cli.quantities import METRICS, Values
 
 SAFE = "safe"
 
@@ -41,7 +41,7 @@ class Checked:
     verdict: str
     reasons: tuple[str, ...]
     warnings: tuple[str, ...] = ()
-    metrics: Mapping[str, Metric] = field(default_factory=dict)
+    metrics: Values = field(default_factory=dict)
 
     @property
     def exit_code(self) -> int:
@@ -61,9 +61,9 @@ def _case(one: Checked) -> dict[str, Any]:
         "verdict": one.verdict,
         "reasons": list(one.reasons),
         "warnings": list(one.warnings),
-        "metrics": {path: _number(metric.value) for path, metric in one.metrics.items()},
-        "units": {path: metric.units for path, metric in one.metrics.items()},
-        "definitions": {path: metric.definition for path, metric in one.metrics.items()},
+        "metrics": {path: _number(value) for path, value in one.metrics.items()},
+        "units": {path: METRICS[path].units for path in one.metrics},
+        "definitions": {path: METRICS[path].definition for path in one.metrics},
     }
 
 

@@ -46,7 +46,7 @@ def pages(checked: Sequence[Checked]) -> str:
 
 def page(checked: Checked) -> str:
     """Return the page of one case, at most 100 columns wide."""
-    values = {path: np.atleast_1d(np.asarray(m.value, dtype=float)) for path, m in checked.metrics.items()}
+    values = {path: np.atleast_1d(np.asarray(value, dtype=float)) for path, value in checked.metrics.items()}
     sections = [wrapped(_about(checked.about))]
     if "check.spectral_radius" in values:
         sections += [wrapped(_stability(values)), wrapped(_margins(values)), latency_text(values)]
@@ -64,7 +64,7 @@ def _why(one: Checked) -> str:
     if one.reasons:
         return "; ".join(one.reasons)
     largest = one.metrics.get("check.largest_scaling")
-    return f"up to scaling {float(np.asarray(largest.value)):g}" if largest else ""
+    return f"up to scaling {float(np.asarray(largest)):g}" if largest is not None else ""
 
 
 def _about(about: Tested) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, RthsError, crash_note
-from rths_cli.files.results import Metric
+from rths_cli.quantities import Values
 from rths_cli.workflows.check_cases import verdict_on
 from rths_cli.workflows.heap import keep_freed_memory
 from rths_cli.workflows.kept import Kept
@@ -102,7 +102,7 @@ def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
     jobs = plan(request, memory, kept)
     kept.size = _most_kept(jobs)
 
-    def predicted(setup: Setup) -> Mapping[str, Metric]:
+    def predicted(setup: Setup) -> Values:
         from rths_cli.files.foreign import is_foreign
 
         model = setup.case.identification.model

@@ -21,9 +21,10 @@ from rths_cli.workflows.setup import make_setups, shown
 from rths_cli.workflows.warnings import of_case
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from rths_cli.analysis.prediction import Known as LoopKnown
     from rths_cli.case.models import Case
-    from rths_cli.files.result_writer import Metric
     from rths_cli.workflows.controllers import Design
     from rths_cli.workflows.kept import Kept
     from rths_cli.workflows.known import Known
@@ -38,7 +39,7 @@ class Verdict:
     verdict: str
     reasons: tuple[str, ...]
     design: Design | None
-    figures: dict[str, Metric]
+    figures: dict[str, ArrayLike]
     loop: LoopKnown | None = None
 
     @property

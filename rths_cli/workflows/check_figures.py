@@ -1,19 +1,18 @@
-"""The figures of a check by their paths, `check.*`, with units and definitions."""
+"""The metrics of a check by their paths, `check.*`."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rths_cli.analysis.prediction import ABOUT, CAUSES
-from rths_cli.files.result_writer import Metric
-from rths_cli.workflows.figures import BAND, of_margins, scalar
+from rths_cli.workflows.figures import of_margins
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from rths_cli.analysis.prediction import Prediction
     from rths_cli.analysis.preflight import Preflight
     from rths_cli.workflows.check import Judged
 
-ACCEL = "m/s^2"
 REACH = {
     "displacement (with room to brake)": "displacement_m",
     "velocity": "velocity_m_s",
@@ -22,107 +21,67 @@ REACH = {
     "actuator force": "force_n",
     "command": "command_v",
 }
-BROKEN = "of the hybrid loop broken at the command"
 
 
-def check_figures(judged: Judged) -> dict[str, Metric]:
-    """Return the figures of a check; without those of the motion when the loop is unstable and has none."""
+def check_figures(judged: Judged) -> dict[str, ArrayLike]:
+    """Return the metrics of a check; without those of the motion when the loop is unstable and has none."""
     found = judged.preflight
     values = _stability(found) | _modes(judged) | _table_error(found)
-    values |= of_margins("check", found.stability.measured, "", f"{BROKEN}, FRF in its band, model outside")
-    values |= of_margins("check", found.stability.modelled, "_model", f"{BROKEN}, model alone")
-    about = "up to which the check finds the test safe, rounded down (0: at none)"
-    values["check.largest_scaling"] = scalar(judged.largest_scaling, "1", f"scaling of the record {about}")
-    friction = "dry friction of the table as identified, as a change of command (0: none seen)"
-    values["check.friction_v"] = scalar(judged.friction_v, "V", friction)
+    values |= of_margins("check", found.stability.measured, "")
+    values |= of_margins("check", found.stability.modelled, "_model")
+    values["check.largest_scaling"] = judged.largest_scaling
+    values["check.friction_v"] = judged.friction_v
     if judged.sim_delay_rms_m_s2 is not None:
-        late = f"RMS of SIM - SIM-DELAY of the building as identified {BAND}"
-        values["check.sim_delay_rms_error_m_s2"] = Metric(judged.sim_delay_rms_m_s2, ACCEL, late)
+        values["check.sim_delay_rms_error_m_s2"] = judged.sim_delay_rms_m_s2
     if found.prediction is None:
         return values
     return values | _reach(found) | _errors(found.prediction)
 
 
-def _stability(found: Preflight) -> dict[str, Metric]:
+def _stability(found: Preflight) -> dict[str, ArrayLike]:
     critical, loop = found.critical, found.stability
     return {
-        "check.spectral_radius": scalar(loop.radius, "1", "largest |eigenvalue| of the sampled closed loop (1: limit)"),
-        "check.growth": scalar(loop.growth, "1", "factor by which the loop's slowest motion changes over the record"),
-        "check.critical_delay_s": scalar(
-            critical.delay_s, "s", "pure delay of the base shear at which the building as identified, on a perfect "
-            "table, loses stability (0: any delay does)"
-        ),
-        "check.critical_delay_hz": scalar(critical.frequency_hz, "Hz", "where that delay makes it unstable"),
-        "check.gain_at_infinity": scalar(
-            critical.gain_at_infinity, "1", "loop gain at infinite frequency: the interface floor's mass on the table "
-            "over that computed"
-        ),
-    }  # fmt: skip
+        "check.spectral_radius": loop.radius,
+        "check.growth": loop.growth,
+        "check.critical_delay_s": critical.delay_s,
+        "check.critical_delay_hz": critical.frequency_hz,
+        "check.gain_at_infinity": critical.gain_at_infinity,
+    }
 
 
-def _modes(judged: Judged) -> dict[str, Metric]:
+def _modes(judged: Judged) -> dict[str, ArrayLike]:
     """Return the building's modes, by themselves and in the loop."""
     (own_hz, own_ratio), (loop_hz, loop_ratio) = judged.building, judged.in_loop
-    own, loop = "of the undivided building as identified", "of the sampled closed loop, nearest to the building's mode"
     return {
-        "check.building_frequency_hz": Metric(own_hz, "Hz", f"natural frequencies {own}", "mode"),
-        "check.building_damping_ratio": Metric(own_ratio, "1", f"damping ratios {own}", "mode"),
-        "check.loop_frequency_hz": Metric(loop_hz, "Hz", f"frequencies {loop}", "mode"),
-        "check.loop_damping_ratio": Metric(loop_ratio, "1", f"damping ratios {loop}", "mode"),
+        "check.building_frequency_hz": own_hz,
+        "check.building_damping_ratio": own_ratio,
+        "check.loop_frequency_hz": loop_hz,
+        "check.loop_damping_ratio": loop_ratio,
     }
 
 
-def _table_error(found: Preflight) -> dict[str, Metric]:
+def _table_error(found: Preflight) -> dict[str, ArrayLike]:
     loop = found.stability
-    error = "relative error of the table's response"
     return {
-        "check.tolerated_table_error": scalar(loop.tolerates, "1", f"{error} that makes the loop unstable"),
-        "check.required_table_error": scalar(loop.required, "1", f"{error} that the loop must stand there"),
-        "check.table_error_hz": scalar(loop.at_hz, "Hz", "where the two are nearest to each other"),
-        "check.tolerated_table_error_in_band": scalar(
-            loop.in_band, "1", f"smallest {error} up to 11 Hz that makes the loop unstable"
-        ),
-        "check.table_error_in_band_hz": scalar(loop.in_band_hz, "Hz", "where that is"),
+        "check.tolerated_table_error": loop.tolerates,
+        "check.required_table_error": loop.required,
+        "check.table_error_hz": loop.at_hz,
+        "check.tolerated_table_error_in_band": loop.in_band,
+        "check.table_error_in_band_hz": loop.in_band_hz,
     }
 
 
-def _reach(found: Preflight) -> dict[str, Metric]:
+def _reach(found: Preflight) -> dict[str, ArrayLike]:
     """Return predicted peaks and limits."""
-    values = {}
+    values: dict[str, ArrayLike] = {}
     for row in found.reach:
-        leaf = REACH[row.name]
-        values[f"check.peak_{leaf}"] = scalar(row.peak, row.units, f"{row.name}: predicted peak")
-        values[f"check.limit_{leaf}"] = scalar(row.limit, row.units, f"{row.name}: limit")
+        values[f"check.peak_{REACH[row.name]}"] = row.peak
+        values[f"check.limit_{REACH[row.name]}"] = row.limit
     return values
 
 
-def _errors(found: Prediction) -> dict[str, Metric]:
+def _errors(found: Prediction) -> dict[str, ArrayLike]:
     """Return the predicted errors, all causes together and each by itself."""
-    parts = [("", found.total, "all causes together")]
-    parts += [(f"_{cause}", found.causes[cause], f"{cause}: {ABOUT[cause]}") for cause in CAUSES]
-    storeys = {
-        f"check.rms_error{part}_m_s2": Metric(errors.storeys, ACCEL, f"predicted RMS error to SIM {BAND}, {about}")
-        for part, errors, about in parts
-    }
-    return storeys | {
-        f"check.tracking_rms{part}_m_s2": scalar(
-            errors.tracking, ACCEL, f"predicted RMS tracking error {BAND}, {about}"
-        )
-        for part, errors, about in parts
-    }
-
-
-def paths() -> dict[str, bool]:
-    """Return the path of every figure of a check, and whether it has several values (storeys or modes)."""
-    parts = ["", *(f"_{cause}" for cause in CAUSES)]
-    several = [f"rms_error{part}_m_s2" for part in parts] + ["sim_delay_rms_error_m_s2"]
-    several += [f"{of}_{what}" for of in ("building", "loop") for what in ("frequency_hz", "damping_ratio")]
-    single = ["spectral_radius", "growth", "critical_delay_s", "critical_delay_hz", "gain_at_infinity"]
-    single += ["tolerated_table_error", "required_table_error", "table_error_hz", "largest_scaling", "friction_v"]
-    single += ["tolerated_table_error_in_band", "table_error_in_band_hz"]
-    margins = ["gain_margin", "gain_reduction_margin", "phase_margin_deg", "delay_margin_s"]
-    margins += ["sensitivity_peak", "sensitivity_peak_hz"]
-    single += [f"{margin}{kind}" for margin in margins for kind in ("", "_model")]
-    single += [f"{which}_{leaf}" for which in ("peak", "limit") for leaf in REACH.values()]
-    single += [f"tracking_rms{part}_m_s2" for part in parts]
-    return {f"check.{name}": False for name in single} | {f"check.{name}": True for name in several}
+    parts = [("", found.total), *((f"_{cause}", errors) for cause, errors in found.causes.items())]
+    storeys: dict[str, ArrayLike] = {f"check.rms_error{part}_m_s2": errors.storeys for part, errors in parts}
+    return storeys | {f"check.tracking_rms{part}_m_s2": errors.tracking for part, errors in parts}

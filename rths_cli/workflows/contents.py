@@ -8,8 +8,9 @@ import numpy as np
 
 from rths_cli.control import latency
 from rths_cli.control.numerical import amplitude_and_lag
-from rths_cli.files.results import Dataset, Metric
-from rths_cli.workflows.figures import of_margins, scalar
+from rths_cli.files.results import Dataset
+from rths_cli.quantities import metrics_of
+from rths_cli.workflows.figures import of_margins
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -180,43 +181,28 @@ def write_controller(writer: ResultWriter, design: Design) -> None:
         writer.block(block.name, block.A, block.B, block.C, block.D, block.dt_s, block.inputs, block.outputs)
 
 
-def design_figures(setup: Setup, identified: Identification, design: Design) -> dict[str, Metric]:
-    """Return figures of the identified model, the feedback and the loop's latency."""
+def design_figures(setup: Setup, identified: Identification, design: Design) -> dict[str, ArrayLike]:
+    """Return metrics of the identified model, the feedback and the loop's latency."""
     best = setup.case.method == "best"
     error, fit = (identified.best_error if best else identified.paper_error), identified.specimen
     assert fit is not None  # every case has experimental storeys
-    values = {
-        "controller.rounding_step_v": scalar(
-            design.blocks.shaping_step_v, "V", "bit to which commands are rounded, the error carried over (0: not)"
-        ),
-        "identification.fit_error_rms": scalar(error.rms, "1", "RMS of |fit / FRF - 1| over 0.7-11 Hz"),
-        "identification.fit_error_mid": scalar(error.rms_mid, "1", "RMS of |fit / FRF - 1| over 2-10 Hz"),
-        "identification.fit_error_max": scalar(error.largest, "1", "largest |fit / FRF - 1| over 0.7-11 Hz"),
-        "identification.natural_frequency_hz": Metric(
-            fit.natural_frequency_hz, "Hz", "identified natural frequencies of the specimen", "mode"
-        ),
-        "identification.damping_ratio": Metric(
-            fit.damping_ratio, "1", "identified damping ratios of the specimen", "mode"
-        ),
+    values: dict[str, ArrayLike] = {
+        "controller.rounding_step_v": design.blocks.shaping_step_v,
+        "identification.fit_error_rms": error.rms,
+        "identification.fit_error_mid": error.rms_mid,
+        "identification.fit_error_max": error.largest,
+        "identification.natural_frequency_hz": fit.natural_frequency_hz,
+        "identification.damping_ratio": fit.damping_ratio,
     }
     if design.feedback is not None:
-        values |= _feedback_figures(design)
+        values |= of_margins("feedback", design.feedback.measured, "")
+        values |= of_margins("feedback", design.feedback.modelled, "_model")
+        values["feedback.sensitivity_peak_uncertain"] = design.feedback.worst_peak
+        values["feedback.bandwidth_hz"] = design.feedback.bandwidth_hz
     return values | _latency_figures(setup, identified, design)
 
 
-def _feedback_figures(design: Design) -> dict[str, Metric]:
-    """Return the feedback's margins with the measured response, with the model alone, and what its doubts may do."""
-    found = design.feedback
-    assert found is not None
-    values = of_margins("feedback", found.measured, "", "FRF in its band, model outside")
-    values |= of_margins("feedback", found.modelled, "_model", "model alone")
-    worst = "largest |S| when every line of the FRF is off by two standard errors in the worst direction"
-    values["feedback.sensitivity_peak_uncertain"] = scalar(found.worst_peak, "1", worst)
-    values["feedback.bandwidth_hz"] = scalar(found.bandwidth_hz, "Hz", "highest frequency with a loop gain of one")
-    return values
-
-
-def _latency_figures(setup: Setup, identified: Identification, design: Design) -> dict[str, Metric]:
+def _latency_figures(setup: Setup, identified: Identification, design: Design) -> dict[str, ArrayLike]:
     """Return every latency of the loop, what takes it out and what is left, and the delay identified on the rig."""
     assert identified.specimen is not None  # every case has experimental storeys
     rig, blocks, specimen = setup.rig, design.blocks, identified.specimen.specimen
@@ -227,35 +213,30 @@ def _latency_figures(setup: Setup, identified: Identification, design: Design) -
     frequency = latency.FREQUENCIES_HZ
     amplitude, _ = amplitude_and_lag(setup.building.numerical, blocks.numerical, frequency)
     _, noise = latency.shear_response(blocks.estimator, design.shear_now, specimen, frequency)
-    lead, declared = blocks.lead_samples * rig.dt_s, latency.declared_s(rig)
-    values = {
+    values: dict[str, ArrayLike] = {
         **_budget_figures(latency.budget(loop)),
-        "latency.predicted_s": scalar(lead, "s", "lead of the hybrid clock over the table"),
-        "latency.declared_s": scalar(declared, "s", "converter, hold and transport, as the rig declares them"),
-        "latency.integration_amplitude": _at_each(amplitude, "1", "amplitude error of the integration"),
-        "latency.kalman_noise_gain": _at_each(noise, "1", "noise of the estimated over noise of the raw base shear"),
+        "latency.predicted_s": blocks.lead_samples * rig.dt_s,
+        "latency.declared_s": latency.declared_s(rig),
+        "latency.integration_amplitude": amplitude,
+        "latency.kalman_noise_gain": noise,
     }
-    if identified.latency is None:
-        return values
-    about = "delay from command to table as identified beside free roots: converter, hold and transport"
-    return values | {
-        "latency.identified_s": scalar(identified.latency.identified_s, "s", about),
-        "latency.identified_error_s": scalar(identified.latency.error_s, "s", f"standard uncertainty of the {about}"),
-    }
+    if identified.latency is not None:
+        values["latency.identified_s"] = identified.latency.identified_s
+        values["latency.identified_error_s"] = identified.latency.error_s
+    return values
 
 
-def _budget_figures(budget: LatencyBudget) -> dict[str, Metric]:
+def _budget_figures(budget: LatencyBudget) -> dict[str, ArrayLike]:
     """Return the items of a latency budget and their sums, each (n_frequencies,) in s."""
-    values = {"latency.frequency_hz": Metric(budget.frequency_hz, "Hz", "frequencies of the budget", "frequency")}
+    values: dict[str, ArrayLike] = {"latency.frequency_hz": budget.frequency_hz}
     for item in budget.items:
-        about, path = f"lag by {latency.MEANING[item.name]}", f"latency.{item.name}"
-        values[f"{path}_s"] = _at_each(item.delay_s, "s", about)
-        values[f"{path}_left_s"] = _at_each(item.left_s, "s", f"{about}: left by {item.taken_out_by}")
+        values[f"latency.{item.name}_s"] = item.delay_s
+        values[f"latency.{item.name}_left_s"] = item.left_s
     sums = (("total", budget.total_s), ("compensated", budget.compensated_s), ("left", budget.left_s))
-    return values | {f"latency.{name}_s": _at_each(s, "s", f"{name} latency of the loop") for name, s in sums}
+    return values | {f"latency.{name}_s": total for name, total in sums}
 
 
-def _at_each(value: Array, units: str, about: str) -> Metric:
-    """Return a figure of one value per frequency of the budget."""
+def remarks() -> dict[str, str]:
+    """Return what the definitions of the latency's metrics say of this run: the frequencies they are given at."""
     listed = ", ".join(f"{f:g}" for f in latency.FREQUENCIES_HZ)
-    return Metric(value, units, f"{about}, at {listed} Hz", "frequency")
+    return {path: f"at {listed} Hz" for path, one in metrics_of("latency").items() if one.over}

@@ -9,12 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.report.losses_text import loss_sentence
-from rths_cli.workflows.figures import scalar
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from numpy.typing import ArrayLike, NDArray
 
-    from rths_cli.files.results import Metric
     from rths_cli.lti import Array
 
 LOST, CAUGHT_UP = 1, 2  # in timing/lost
@@ -59,11 +57,10 @@ def of_live(live: Mapping[str, Array], dt_s: float) -> Losses | None:
     return losses_of(live["lost"], live["late_s"], dt_s) if live else None
 
 
-def as_figures(run: str, found: Losses) -> dict[str, Metric]:
-    """Return losses as figures of a run."""
-    about = "steps of the record"
+def as_figures(run: str, found: Losses) -> dict[str, ArrayLike]:
+    """Return losses as metrics of a run."""
     return {
-        f"{run}.lost_steps": scalar(found.lost, "1", f"{about} whose samples were lost"),
-        f"{run}.overrun_steps": scalar(found.overrun, "1", f"{about} late by an interval, or caught up"),
-        f"{run}.longest_gap_s": scalar(found.longest_gap_s, "s", "longest time without samples of the right instant"),
+        f"{run}.lost_steps": found.lost,
+        f"{run}.overrun_steps": found.overrun,
+        f"{run}.longest_gap_s": found.longest_gap_s,
     }

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,7 +13,7 @@ from rths_cli.rig_info import RigInfo
 from rths_cli.workflows.setup import Setup
 
 if TYPE_CHECKING:
-    from rths_cli.files.result_writer import Metric
+    from rths_cli.quantities import Values
 
 PEAKS = {
     "displacement_m": (1e3, "mm"), "velocity_m_s": (1.0, "m/s"), "acceleration_m_s2": (1.0, "m/s^2"),
@@ -27,10 +27,10 @@ BEFORE_MOVING = (
 )
 
 
-Predicted = Callable[["Setup"], Mapping[str, "Metric"]]
+Predicted = Callable[["Setup"], "Values"]
 
 
-def _nothing_predicted(setup: Setup) -> Mapping[str, Metric]:
+def _nothing_predicted(setup: Setup) -> Values:
     """Return no figures."""
     return {}
 
@@ -75,10 +75,10 @@ def _motion(setup: Setup) -> str:
     )
 
 
-def _peaks(figures: Mapping[str, Metric]) -> str:
+def _peaks(figures: Values) -> str:
     """Return the peaks that a check predicts of the table, empty without one."""
     known = [(path, figures[f"check.peak_{path}"]) for path in PEAKS if f"check.peak_{path}" in figures]
-    told = ", ".join(f"{float(np.max(peak.value)) * PEAKS[path][0]:.3g} {PEAKS[path][1]}" for path, peak in known)
+    told = ", ".join(f"{float(np.max(peak)) * PEAKS[path][0]:.3g} {PEAKS[path][1]}" for path, peak in known)
     return f"; predicted peaks of the table {told}" if told else ""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,7 +14,7 @@ from rths_cli.analysis.critical_delay import critical_delay
 from rths_cli.analysis.sim import simulate
 from rths_cli.analysis.sim_delay import simulate_delayed
 from rths_cli.case.load import resolved_yaml
-from rths_cli.files.results import Metric, ResultWriter
+from rths_cli.files.results import ResultWriter
 from rths_cli.interruptible import interruptible
 from rths_cli.metrics import accept
 from rths_cli.report.losses_text import losses_of_runs
@@ -29,9 +30,12 @@ from rths_cli.workflows.table_runs import Played, Stage, Stop, VirtualStage, pla
 from rths_cli.workflows.warnings import of_case
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from rths_cli.analysis.sim import Response
     from rths_cli.analysis.sim_delay import DelayedResponse
     from rths_cli.case.models import Case
+    from rths_cli.quantities import Values
 
 BYTES_PER_SAMPLE = 600  # of a result file, for the check of free space
 PRECEDENCE = (143, 130, 5, 4, 3, 2, 1)  # of exit codes
@@ -97,11 +101,11 @@ def run_case(
             played = _on_table(setup, known, checked, sim, writer, progress, stage or VirtualStage())
             values |= played.values
             cautions = (*cautions, *played.said)
-        cautions = (*cautions, *losses_of_runs({path: metric.value for path, metric in values.items()}))
+        cautions = (*cautions, *losses_of_runs(values))
         late = (played.late.reason,) if played.late else ()
         if cautions or late:
             writer.about({"warnings": "\n".join((*cautions, *late))})
-        writer.metrics(values)
+        writer.metrics(values, {**contents.remarks(), **played.remarks})
         stop = _also(played.stop or acceptance(case.accept, values), played.late)
         writer.finish(stop.status, stop.reason)  # type: ignore[arg-type]
     if stage is not None:
@@ -159,16 +163,16 @@ def _on_table(
 
 def _simulations(
     setup: Setup, writer: ResultWriter, kept: Kept, progress: Progress
-) -> tuple[Response, dict[str, Metric]]:
+) -> tuple[Response, dict[str, ArrayLike]]:
     """Write SIM and SIM-DELAY; return SIM, which every error is measured against, and the figures."""
     case, dt, ground = setup.case, setup.rig.dt_s, setup.motion.accel_m_s2
     asked = (motion_key(case), building_key(case))
     progress("SIM")
     sim = kept.get("sim", asked, lambda: interruptible(lambda: simulate(setup.building, dt, ground)))
-    values: dict[str, Metric] = {}
+    values: dict[str, ArrayLike] = {}
     if "sim" in case.runs:
         contents.write_response(writer, "sim", setup, sim)
-        values |= figures.solution_error("sim", sim.error_estimate)
+        values["sim.solution_error"] = sim.error_estimate
     if "sim_delay" in case.runs:
         progress(f"SIM-DELAY, {1e3 * case.delay_s:g} ms")
         delayed, found = kept.get(
@@ -181,21 +185,23 @@ def _simulations(
     return sim, values
 
 
-def _sim_delay(setup: Setup, sim: Response) -> tuple[DelayedResponse, dict[str, Metric]]:
+def _sim_delay(setup: Setup, sim: Response) -> tuple[DelayedResponse, dict[str, ArrayLike]]:
     """Return SIM-DELAY and its figures."""
     dt, building = setup.rig.dt_s, setup.building
     delayed = simulate_delayed(building, dt, setup.motion.accel_m_s2, setup.case.delay_s, sim=sim)
     lowest_hz = lowest_reliable_hz(setup)
     values = figures.against_sim("sim_delay", sim.abs_accel_m_s2, delayed.abs_accel_m_s2, None, dt, lowest_hz)
-    values |= figures.lowest_frequency("sim_delay", lowest_hz)
-    values |= figures.solution_error("sim_delay", delayed.error_estimate)
-    values |= figures.critical(critical_delay(building))
+    values["sim_delay.high_pass_hz"] = lowest_hz
+    values["sim_delay.solution_error"] = delayed.error_estimate
+    critical = critical_delay(building).delay_s
+    if math.isfinite(critical):  # no delay does it where this is infinite
+        values["sim_delay.critical_delay_s"] = critical
     if delayed.diverged_at_s is not None:
-        values["sim_delay.diverged_at_s"] = figures.scalar(delayed.diverged_at_s, "s", "when SIM-DELAY was cut")
+        values["sim_delay.diverged_at_s"] = delayed.diverged_at_s
     return delayed, values
 
 
-def acceptance(limits: Mapping[str, float], values: Mapping[str, Metric]) -> Stop:
+def acceptance(limits: Mapping[str, float], values: Values) -> Stop:
     """Return how a completed case ends: accepted, or refused by one of its own limits on figures."""
     failed = []
     for path, limit in limits.items():
@@ -203,9 +209,9 @@ def acceptance(limits: Mapping[str, float], values: Mapping[str, Metric]) -> Sto
         if found is None:
             failed.append(f"{path} was not computed")
             continue
-        judged = accept.judge(path, limit, found.value)
+        judged = accept.judge(path, limit, found)
         if judged.value is None:
-            count = np.size(found.value)
+            count = np.size(found)
             failed.append(f"{path}: the figure has {count} value{'s' if count > 1 else ''}")
         elif not judged.met:
             failed.append(f"{path} = {judged.value:.4g} is beyond its accept limit {limit:g}")

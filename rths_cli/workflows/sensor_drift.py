@@ -9,12 +9,12 @@ import numpy as np
 
 from rths_cli.analysis.identified_rig import identified_rig
 from rths_cli.analysis.sensor_drift import ChannelDrift, channel_drifts, coupled_again
-from rths_cli.files.result_writer import Metric
 from rths_cli.loop import guard
 from rths_cli.loop.replay import run_block
-from rths_cli.metrics.catalogue import SENSORS
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from rths_cli.control.blocks import Blocks
     from rths_cli.identification.found import Identification
     from rths_cli.loop.drive import Outcome, Whole
@@ -100,7 +100,7 @@ def _answer(setup: Setup, identified: Identification, blocks: Blocks, command_v:
     return answer
 
 
-def as_figures(run: str, found: SensorDrift, setup: Setup, lead_samples: int) -> dict[str, Metric]:
+def as_figures(run: str, found: SensorDrift, setup: Setup, lead_samples: int) -> dict[str, ArrayLike]:
     """Return offset, drift and jumps of each channel in the channel's unit."""
     sizes, dt, end = sensitivities(setup.rig) * setup.rig.signs, setup.rig.dt_s, len(setup.motion.time_s)
     start = found.first + lead_samples
@@ -116,7 +116,7 @@ def as_figures(run: str, found: SensorDrift, setup: Setup, lead_samples: int) ->
         "sensor_jumps": np.array([float(len(each.jumps)) for each in found.channels]),
         "sensor_usable_until_s": np.array([until(each) for each in found.channels]),
     }
-    return {f"{run}.{name}": Metric(value, *SENSORS[name], "channel") for name, value in values.items()}
+    return {f"{run}.{name}": value for name, value in values.items()}
 
 
 def sentences(label: str, found: SensorDrift, setup: Setup, lead_samples: int) -> list[str]:

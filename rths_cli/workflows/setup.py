@@ -15,12 +15,11 @@ from rths_cli.errors import InputError
 from rths_cli.files.accelerograms import read_accelerogram
 from rths_cli.interruptible import interruptible
 from rths_cli.lti import Array
+from rths_cli.quantities import metrics_of
 from rths_cli.record import GroundMotion, prepare
 from rths_cli.rig_info import RigInfo
 from rths_cli.structure import Building, build
-from rths_cli.workflows.check_figures import paths as of_check
 from rths_cli.workflows.describe_rig import rig_info
-from rths_cli.workflows.figures import of_runs
 from rths_cli.workflows.kept import Kept
 
 if TYPE_CHECKING:
@@ -120,7 +119,7 @@ def _payload_faults(case: Case) -> list[str]:
 
 def _accept_faults(case: Case) -> list[str]:
     """Return a sentence for each accepted figure of a run or of its check that does not exist or has no storeys."""
-    known, faults = of_runs() | of_check(), []
+    known, faults = metrics_of(*RUNS, "check"), []
     for path in case.accept:
         name, _, index = path.partition("[")
         if name.split(".")[0] not in (*RUNS, "check"):
@@ -129,7 +128,7 @@ def _accept_faults(case: Case) -> list[str]:
             near = get_close_matches(name, known, 1)
             advice = f"did you mean {near[0]}?" if near else "rths report --json lists the figures"
             faults.append(f"accept: there is no figure {name}; {advice}")
-        elif index and not known[name]:
+        elif index and not known[name].over:
             faults.append(f"accept: {name} is one number, not one per storey; drop [{index}")
     return faults
 

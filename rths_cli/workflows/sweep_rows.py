@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.metrics import figures_of_pairs
-from rths_cli.workflows import figures
+from rths_cli.quantities import METRICS, Quantity
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -20,28 +20,11 @@ if TYPE_CHECKING:
 
 RUN = "exp_rths"
 CHECKED = (
-    ("spectral_radius", "1", "largest |eigenvalue| of the sampled closed loop (1: limit)"),
-    ("sensitivity_peak", "1", "largest |1 / (1 + loop)| of the hybrid loop broken at the command"),
-    ("gain_margin", "1", "smallest factor > 1 on the hybrid loop's gain that makes it unstable"),
-    ("phase_margin_deg", "deg", "smallest change of phase that makes the hybrid loop unstable"),
-    ("delay_margin_s", "s", "smallest further delay that makes the hybrid loop unstable"),
-    ("critical_delay_s", "s", "pure delay of the base shear at which the building loses stability on a perfect table"),
-    ("largest_scaling", "1", "scaling of the record up to which the check finds the test safe"),
-    ("peak_displacement_m", "m", "predicted peak displacement of the table, with room to brake"),
-    ("peak_command_v", "V", "predicted peak command"),
-    ("tracking_rms_m_s2", "m/s^2", "predicted RMS tracking error in the test band"),
-    ("rms_error_m_s2", "m/s^2", "predicted RMS error of each storey to SIM in the test band"),
-)
-
-
-@dataclass(frozen=True)
-class Column:
-    """One figure of a sweep by its path; `per_storey`: it has one value per storey, else it is one number."""
-
-    path: str
-    units: str
-    definition: str
-    per_storey: bool
+    "spectral_radius", "sensitivity_peak", "gain_margin", "phase_margin_deg", "delay_margin_s", "critical_delay_s",
+    "largest_scaling", "peak_displacement_m", "peak_command_v", "tracking_rms_m_s2", "rms_error_m_s2",
+)  # fmt: skip
+Column = Quantity
+"""One metric of a sweep: one number per run, or one per run and storey."""
 
 
 @dataclass(frozen=True)
@@ -62,16 +45,11 @@ class Row:
 
 
 def columns() -> tuple[Column, ...]:
-    """Return the figures that a sweep keeps of each run: errors of EXP-RTHS, then what its check foretold."""
-    still, dt_s = np.zeros(64), 1e-3
-    played = figures.tracking(RUN, still, still, still, dt_s, 0.0)
-    played |= figures.against_sim(RUN, still[None], still[None], still[None], dt_s, 0.0)
-    kept = {path: metric for path, metric in played.items() if "delay" not in path}
-    found = [Column(path, one.units, one.definition, np.ndim(one.value) > 0) for path, one in kept.items()]
-    foretold = [
-        Column(f"check.{name}", units, about, name == "rms_error_m_s2") for name, units, about in CHECKED
-    ]  # fmt: skip
-    return (*found, *foretold)
+    """Return the metrics that a sweep keeps of each run: errors of EXP-RTHS, then what its check foretold."""
+    errors = ("tracking_{}_m_s2", "{}_error_m_s2")
+    kinds = ("", "_full", "_true", "_true_full")
+    played = [f"{RUN}.{of.format(which)}{kind}" for of in errors for kind in kinds for which in ("max", "rms")]
+    return tuple(METRICS[path] for path in (*played, *(f"check.{name}" for name in CHECKED)))
 
 
 def error_values(
@@ -95,7 +73,7 @@ def error_values(
 
 def width(of: Sequence[Column], storeys: int) -> int:
     """Return how many numbers a row has."""
-    return sum(storeys if column.per_storey else 1 for column in of)
+    return sum(storeys if column.over else 1 for column in of)
 
 
 def flat(of: Sequence[Column], storeys: int, values: Mapping[str, ArrayLike]) -> Array:
@@ -106,7 +84,7 @@ def flat(of: Sequence[Column], storeys: int, values: Mapping[str, ArrayLike]) ->
         if column.path in values:
             found = np.atleast_1d(np.asarray(values[column.path], dtype=float))
             row[start : start + found.size] = found
-        start += storeys if column.per_storey else 1
+        start += storeys if column.over else 1
     return row
 
 
@@ -116,8 +94,8 @@ def table(of: Sequence[Column], storeys: int, rows: Sequence[Array]) -> dict[str
     found: dict[str, Array] = {}
     start = 0
     for column in of:
-        size = storeys if column.per_storey else 1
+        size = storeys if column.over else 1
         part = stacked[:, start : start + size]
-        found[column.path] = part if column.per_storey else part[:, 0]
+        found[column.path] = part if column.over else part[:, 0]
         start += size
     return found

@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rths_cli.errors import RthsError, crash_note
-from rths_cli.files.result_writer import Metric
 from rths_cli.loop.blocks import NUMERICAL
 from rths_cli.loop.drive import play
 from rths_cli.loop.log import Log, empty_log
@@ -38,7 +37,7 @@ def play_variant(ready: Ready, variant: int, seed: int, of: Sequence[Column], st
     `storeys`: how many a row has room for. What fails is a row of status failed.
     """
     checked = ready.checked
-    foretold: dict[str, ArrayLike] = {path: figure.value for path, figure in checked.figures.items()}
+    foretold: dict[str, ArrayLike] = dict(checked.figures)
     model = model_sha256(checked.design.model) if checked.design else ""
     row = Row(variant, "refused", ready.refused, 1, checked.verdict, model, flat(of, storeys, foretold))
     if ready.refused:
@@ -113,7 +112,6 @@ def _log(ready: Ready) -> Log:
 
 def _accepted(ready: Ready, of: Sequence[Column], values: Mapping[str, ArrayLike]) -> Stop:
     """Return how a whole run ends, by the accept limits on figures that a sweep computes."""
-    known = {column.path: column.units for column in of}
+    known = {column.path for column in of}
     limits = {path: limit for path, limit in ready.setup.case.accept.items() if path.partition("[")[0] in known}
-    figures = {path: Metric(value, known[path], path) for path, value in values.items() if path in known}
-    return acceptance(limits, figures)
+    return acceptance(limits, {path: value for path, value in values.items() if path in known})

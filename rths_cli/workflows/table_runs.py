@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -22,8 +22,10 @@ from rths_cli.workflows.series import Series, on_record_clock, whole_building, w
 from rths_cli.workflows.setup import Progress, Setup, shown
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from rths_cli.analysis.sim import Response
-    from rths_cli.files.results import Metric, ResultWriter
+    from rths_cli.files.results import ResultWriter
     from rths_cli.identification.found import Identification
     from rths_cli.lti import Array
     from rths_cli.workflows.check_cases import Verdict
@@ -45,12 +47,13 @@ class Stop:
 @dataclass(frozen=True)
 class Played:
     """What came of the table runs of a case: what stopped one first (None: nothing did), their metrics, and sentences
-    for the user; `late`: what ended a run after its record was whole (None: nothing did)."""
+    for the user; `late`: what ended a run after its record was whole (None: nothing did); `remarks` on metrics."""
 
     stop: Stop | None
-    values: dict[str, Metric]
+    values: dict[str, ArrayLike]
     said: tuple[str, ...] = ()
     late: Stop | None = None
+    remarks: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -103,8 +106,9 @@ def play_all(
     """Play the table runs of the case and write them."""
     stop: Stop | None = None
     late: Stop | None = None
-    values: dict[str, Metric] = {}
+    values: dict[str, ArrayLike] = {}
     said: list[str] = []
+    remarks: dict[str, str] = {}
     for run in TABLE_RUNS:
         if run.name not in setup.case.runs or (stop is not None and setup.rig.kind != "virtual"):
             continue
@@ -139,9 +143,10 @@ def play_all(
             values |= sensor_drift.as_figures(run.name, drift, setup, lead)
         if stopped is None:
             values |= _figures(setup, run.name, series, sim, hybrid)
+            remarks |= merit.remarks(setup, run.name, series.desired[0])
         if stopped is None and hybrid is not None:
             values |= budget.of_exp_rths(checked.loop, series, hybrid[2], sim)
-    return Played(stop, values, tuple(said), late)
+    return Played(stop, values, tuple(said), late, remarks)
 
 
 def refused(writer: ResultWriter, runs: Sequence[str], reason: str) -> Stop:
@@ -192,13 +197,13 @@ def hybrid_of(setup: Setup, series: Series) -> tuple[Array, Array, Array]:
 
 def _figures(
     setup: Setup, run: str, series: Series, sim: Response, hybrid: tuple[Array, Array, Array] | None
-) -> dict[str, Metric]:
+) -> dict[str, ArrayLike]:
     """Return the figures of a table run that reached the end of the record."""
     dt, virtual = setup.rig.dt_s, setup.rig.kind == "virtual"
     lowest_hz = lowest_reliable_hz(setup)
     true = series.true_accel[0] if virtual else None
     values = figures.tracking(run, series.desired[0], series.measured[0], true, dt, lowest_hz)
-    values |= figures.lowest_frequency(run, lowest_hz)
+    values[f"{run}.high_pass_hz"] = lowest_hz
     if hybrid is not None:
         storeys = true_accel(hybrid[2], series) if virtual else None
         values |= figures.against_sim(run, sim.abs_accel_m_s2, hybrid[2], storeys, dt, lowest_hz)

@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from rths_cli.identification.found import Identification
-from rths_cli.workflows.check_figures import paths
+from rths_cli.quantities import metrics_of
 from rths_cli.workflows.model_store import save
 from rths_cli.workflows.setup import Setup
 
@@ -42,7 +42,7 @@ def test_safe_and_unsafe_cases_in_one_document(tmp_path: Path, model: tuple[str,
     calm, loud = json.loads(done.stdout)["cases"]
     assert (calm["case"], calm["verdict"], calm["reasons"]) == ("calm", "safe", [])
     assert (loud["case"], loud["verdict"]) == ("loud", "unsafe") and "largest safe scaling" in loud["reasons"][0]
-    assert set(paths()) <= set(calm["metrics"])
+    assert set(metrics_of("check")) <= set(calm["metrics"])
     assert calm["units"]["check.peak_command_v"] == "V" and calm["method"] == "best"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["calm.yaml", "loud.yaml"]  # nothing is written
 

@@ -75,9 +75,9 @@ build(case.structure, case.damping)
 def test_results_are_written_and_reported_with_numpy_and_h5py_alone(tmp_path: Path) -> None:
     code = """
 from pathlib import Path
-from rths_cli.files.results import Metric, ResultWriter
+from rths_cli.files.results import ResultWriter
 with ResultWriter(Path("a.h5"), {"rig_kind": "virtual", "case_name": "a"}) as writer:
-    writer.metrics({"exp_rths.rms_error_m_s2": Metric([0.1, 0.2], "m/s^2", "rms")})
+    writer.metrics({"exp_rths.rms_error_m_s2": [0.1, 0.2]})
     writer.finish("complete")
 """
     modules = imported(code, "report", "a.h5", cwd=tmp_path)

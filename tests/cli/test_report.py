@@ -17,7 +17,7 @@ from click.testing import CliRunner
 
 from rths_cli.cli import cli
 from rths_cli.errors import InputError
-from rths_cli.files.results import Metric, ResultWriter
+from rths_cli.files.results import ResultWriter
 
 ROOT = Path(__file__).parents[2]
 ABOUT = {"case_name": "demo", "method": "best", "rig": "r", "rig_kind": "virtual", "controller": "FF", "scaling": 0.3}
@@ -26,7 +26,7 @@ ABOUT = {"case_name": "demo", "method": "best", "rig": "r", "rig_kind": "virtual
 def write(path: Path, error: float, status: str = "complete", **about: object) -> Path:
     with ResultWriter(path, {**ABOUT, "created_utc": "2026-01-02T03:04:05Z", "seed": 0, **about}) as writer:
         writer.case("", "accept: {exp_rths.tracking_rms_m_s2: 0.01}\n")
-        writer.metrics({"exp_rths.tracking_rms_m_s2": Metric(error, "m/s^2", "about")})
+        writer.metrics({"exp_rths.tracking_rms_m_s2": error})
         writer.finish(status, "too far" if status != "complete" else "")
     return path
 

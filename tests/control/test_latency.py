@@ -12,11 +12,12 @@ from hybrid import best_like, open_limits, paper_like, storeys, true_model
 from rths_cli.control import feedback, feedforward, numerical
 from rths_cli.control.blocks import Blocks
 from rths_cli.control.estimator import measured_shear
-from rths_cli.control.latency import FREQUENCIES_HZ, MEANING, LatencyBudget, Loop, budget, declared_s, sensor_s
+from rths_cli.control.latency import FREQUENCIES_HZ, LatencyBudget, Loop, budget, declared_s, sensor_s
 from rths_cli.control.sensing import correction
 from rths_cli.loop.blocks import RECORD
 from rths_cli.loop.drive import play
 from rths_cli.lti import Array
+from rths_cli.quantities import LATENCIES
 from rths_cli.rig_info import RigInfo
 from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
 
@@ -156,7 +157,7 @@ def test_every_item_counts_once() -> None:
     assert declared_s(info) == pytest.approx(2 * 5e-4 + 2.5e-4 + 1.2e-3)
     blocks = replace(best_like(info), numerical=numerical.interface(storeys(), info.dt_s, "cr"))
     found = budget(loop_of(info, blocks))
-    assert [item.name for item in found.items] == list(MEANING)
+    assert [item.name for item in found.items] == list(LATENCIES)
     assert found.total_s == pytest.approx(sum(item.delay_s for item in found.items))
     assert found.left_s == pytest.approx(sum(item.left_s for item in found.items))
     assert found.compensated_s + found.left_s == pytest.approx(found.total_s)

@@ -7,7 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from rths_cli.files.results import Dataset, Metric, ResultWriter
+from rths_cli.files.results import Dataset, ResultWriter
 
 ATTRIBUTES = {
     "case_name": "demo",
@@ -63,8 +63,8 @@ def fill(writer: ResultWriter, status: str) -> None:
     writer.block("gain_only", *block(0, 2), 0.0005, ["a", "b"], ["c"])
     writer.metrics(
         {
-            "exp_rths.rms_error_m_s2": Metric([0.1, 0.2, np.nan], "m/s^2", "rms of EXP-RTHS - SIM, test band"),
-            "check.phase_margin_deg": Metric(51.5, "deg", "phase margin"),
+            "exp_rths.rms_error_m_s2": [0.1, 0.2, np.nan],
+            "check.phase_margin_deg": 51.5,
         }
     )
     writer.finish(status, "" if status == "complete" else "EXP-RTHS: stroke limit at 0.0125 s")  # type: ignore[arg-type]

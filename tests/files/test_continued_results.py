@@ -14,12 +14,12 @@ import xarray
 
 from rths_cli.errors import InputError
 from rths_cli.files import result_writer
-from rths_cli.files.results import Dataset, Metric, ResultWriter, read_result, read_series
+from rths_cli.files.results import Dataset, ResultWriter, read_result, read_series
 
 N = 3000
 TIME = np.arange(N) / 1000.0
 COMMAND = np.sin(TIME)
-ERRORS = {"exp_rths.rms_error_m_s2": Metric([0.1, 0.2], "m/s^2", "rms error")}
+ERRORS = {"exp_rths.rms_error_m_s2": [0.1, 0.2]}
 
 
 def command() -> dict[str, Dataset]:
@@ -34,7 +34,7 @@ def begin(path: Path) -> Path:
     with ResultWriter(path, ABOUT) as writer:
         writer.case("a: 1\n", "a: 1\nb: 2\n")
         writer.group("record", {}, TIME)
-        writer.metrics({"exp_rths.max_error_m_s2": Metric([0.3, 0.4], "m/s^2", "largest error")})
+        writer.metrics({"exp_rths.max_error_m_s2": [0.3, 0.4]})
         writer.finish("interrupted", "the table moves")
     return path
 

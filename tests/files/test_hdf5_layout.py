@@ -14,7 +14,7 @@ from rths_cli.errors import InputError
 from rths_cli.files.hdf5 import write_group
 from rths_cli.files.hdf5_layout import DEEPEST
 from rths_cli.files.result_outline import read_outlines
-from rths_cli.files.results import Dataset, Metric, ResultWriter, read_dataset
+from rths_cli.files.results import Dataset, ResultWriter, read_dataset
 from rths_cli.metrics.stored import read_checked
 
 Edit = Callable[[h5py.File], object]
@@ -25,9 +25,9 @@ def made(folder: Path) -> Path:
     path = folder / "a.h5"
     shear = {"base_shear_n": Dataset(np.zeros(50), "N", "shear", "computed")}
     figures = {
-        "exp_rths.rms_error_m_s2": Metric([0.1, 0.2, np.nan], "m/s^2", "RMS error"),
-        "sim_delay.rms_error_m_s2": Metric([0.1, 0.2, 0.3], "m/s^2", "RMS error"),
-        "check.gain_margin": Metric(np.inf, "1", "gain margin"),
+        "exp_rths.rms_error_m_s2": [0.1, 0.2, np.nan],
+        "sim_delay.rms_error_m_s2": [0.1, 0.2, 0.3],
+        "check.gain_margin": np.inf,
     }
     with ResultWriter(path, {"case_name": "a", "rig_kind": "virtual", "scaling": 0.3}) as writer:
         writer.case("record: a\n", "record: a\n")

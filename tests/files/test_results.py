@@ -18,7 +18,6 @@ import xarray
 from rths_cli.errors import InputError
 from rths_cli.files.results import (
     Dataset,
-    Metric,
     ResultWriter,
     check_writable,
     read_dataset,
@@ -71,8 +70,8 @@ def fill(writer):
     writer.block("gain", np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.array([[2.0]]), 0.0005, ["a"], ["b"])
     writer.metrics(
         {
-            "exp_rths.rms_error_m_s2": Metric([0.1, 0.2, np.nan], "m/s^2", "rms of EXP-RTHS - SIM, test band"),
-            "shake_table.tracking_rms_m_s2": Metric(0.0012, "m/s^2", "rms of desired - measured"),
+            "exp_rths.rms_error_m_s2": [0.1, 0.2, np.nan],
+            "shake_table.tracking_rms_m_s2": 0.0012,
         }
     )
 

@@ -7,9 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from rths_cli.files.result_writer import Metric
+from rths_cli.quantities import Values, metrics_of
 from rths_cli.report.preflight_document import Checked, Tested
-from rths_cli.workflows.check_figures import paths
 
 ABOUT = Tested(
     case="my_case",
@@ -28,12 +27,12 @@ ABOUT = Tested(
 )
 
 
-def metrics(seed: int = 0) -> dict[str, Metric]:
+def metrics(seed: int = 0) -> Values:
     """Return every figure of a check, each with a number of its own."""
     random = np.random.default_rng(seed)
     return {
-        path: Metric(random.uniform(0.1, 0.9, 3) if several else random.uniform(0.1, 0.9), "1", f"made up {path}")
-        for path, several in paths().items()
+        path: random.uniform(0.1, 0.9, 3) if one.over else random.uniform(0.1, 0.9)
+        for path, one in metrics_of("check").items()
     }
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rths_cli.files.results import Metric, ResultWriter
+from rths_cli.files.results import ResultWriter
 
 ABOUT = {
     "case_name": "demo",
@@ -34,6 +34,6 @@ def write(
     with ResultWriter(path, {**ABOUT, **about}) as writer:
         writer.case("a case\n", f"name: demo\n{resolved}accept: {accept}\nseed: {about.get('seed', 0)}\n")
         chosen = FIGURES if figures is None else figures
-        writer.metrics({name: Metric(value, unit, f"about {name}") for name, (value, unit) in chosen.items()})
+        writer.metrics({name: value for name, (value, unit) in chosen.items()})
         writer.finish(status, reason)
     return path

@@ -4,7 +4,7 @@ import pytest
 from made_up import result
 
 from rths_cli.errors import InputError
-from rths_cli.files.results import Metric, ResultWriter
+from rths_cli.files.results import ResultWriter
 from rths_cli.report.load import entries, load
 from rths_cli.report.tables import tables
 
@@ -13,7 +13,7 @@ ABOUT = {"case_name": "demo", "method": "best", "rig": "r", "rig_kind": "virtual
 
 def write(path, value):
     with ResultWriter(path, {**ABOUT, "damping_name": "low", "controller": "FF", "scaling": 0.3}) as writer:
-        writer.metrics({"exp_rths.rms_error_m_s2": Metric([value, 2 * value], "m/s^2", "RMS error")})
+        writer.metrics({"exp_rths.rms_error_m_s2": [value, 2 * value]})
         writer.finish("complete")
 
 

@@ -10,7 +10,6 @@ import pytest
 from made_up_files import FIGURES, write
 
 from rths_cli.errors import InputError
-from rths_cli.files.result_writer import Metric
 from rths_cli.files.results import Result, read_result
 from rths_cli.report.inputs import Unread
 from rths_cli.report.junit import junit
@@ -62,7 +61,7 @@ def test_one_test_per_limit_with_value_and_limit(tmp_path: Path) -> None:
 @pytest.mark.parametrize("limit", ["0.0299", "0.03", "0.031"])
 @pytest.mark.parametrize("path", ["exp_rths.rms_error_m_s2[3]", "exp_rths.rms_error_m_s2", "exp_rths.fei_delay_s"])
 def test_a_limit_is_judged_as_the_run_judges_it(tmp_path: Path, path: str, limit: str) -> None:
-    values = {name: Metric(value, unit, "") for name, (value, unit) in FIGURES.items()}
+    values = {name: value for name, (value, unit) in FIGURES.items()}
     by_run = acceptance({path: float(limit)}, values)
     (end,) = ends(checked(junit([made(tmp_path / "a.h5", accept=f'{{"{path}": {limit}}}')])))
     assert (end == "failure") == (by_run.exit_code == 1)

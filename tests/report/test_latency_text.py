@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 from made_up_identification import identification
 
-from rths_cli.control.latency import MEANING
 from rths_cli.identification.found import DelayEstimate
+from rths_cli.quantities import LATENCIES
 from rths_cli.report.identified import About, as_document, page
 from rths_cli.report.latency_text import ITEMS, latency_text
 from rths_cli.workflows.model_contents import from_groups, to_groups
@@ -37,7 +37,7 @@ def row(text: str, label: str) -> str:
 
 
 def test_every_item_of_the_budget_has_its_row() -> None:
-    assert list(ITEMS) == list(MEANING)
+    assert list(ITEMS) == list(LATENCIES)
     text = latency_text(metrics())
     assert max(len(line) for line in text.splitlines()) <= 100
     assert row(text, "converter").split() == ["0.100"] * 6 + ["prediction", "0.010", "0.010"]

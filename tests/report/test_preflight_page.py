@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from made_up_check import checked
 
-from rths_cli.files.result_writer import Metric
 from rths_cli.report.preflight_document import Checked, as_document
 from rths_cli.report.preflight_page import MARGINS, REACH, page, pages
 
@@ -23,11 +22,11 @@ def cells(text: str, label: str) -> list[str]:
 
 
 def figure(found: Checked, name: str) -> float:
-    return float(np.atleast_1d(np.asarray(found.metrics[f"check.{name}"].value))[0])
+    return float(np.atleast_1d(np.asarray(found.metrics[f"check.{name}"]))[0])
 
 
 def with_figure(found: Checked, name: str, value: float) -> Checked:
-    return replace(found, metrics={**found.metrics, f"check.{name}": Metric(value, "1", "changed")})
+    return replace(found, metrics={**found.metrics, f"check.{name}": value})
 
 
 def test_it_says_what_is_checked_and_the_verdict_last() -> None:
@@ -76,7 +75,7 @@ def test_modes_of_building_and_loop_stand_side_by_side() -> None:
     text = page(found)
     for mode in range(3):
         wanted = [
-            scale * float(np.asarray(found.metrics[f"check.{of}_{what}"].value)[mode])
+            scale * float(np.asarray(found.metrics[f"check.{of}_{what}"])[mode])
             for of in ("building", "loop")
             for what, scale in (("frequency_hz", 1.0), ("damping_ratio", 100.0))
         ]
@@ -92,9 +91,7 @@ def test_the_critical_delay_is_a_sentence(delay_s: float, words: str) -> None:
 
 def test_the_predicted_error_is_set_against_sim_delay() -> None:
     found = checked()
-    error, late = (
-        np.asarray(found.metrics[f"check.{n}"].value) for n in ("rms_error_m_s2", "sim_delay_rms_error_m_s2")
-    )
+    error, late = (np.asarray(found.metrics[f"check.{n}"]) for n in ("rms_error_m_s2", "sim_delay_rms_error_m_s2"))
     text = page(found)
     assert [float(c) for c in cells(text, "SIM-DELAY, 5 ms, mm/s^2")] == pytest.approx(1e3 * late, rel=6e-3)
     assert [float(c) for c in cells(text, "predicted over SIM-DELAY")] == pytest.approx(error / late, rel=6e-3)
@@ -137,7 +134,7 @@ def test_the_document_is_plain_json_with_units_and_definitions() -> None:
         "my_case", "unsafe", ["why"], ["a warning"],
     )  # fmt: skip
     assert case["metrics"]["check.critical_delay_s"] is None
-    wanted = np.asarray(found.metrics["check.rms_error_m_s2"].value).tolist()
+    wanted = np.asarray(found.metrics["check.rms_error_m_s2"]).tolist()
     assert case["metrics"]["check.rms_error_m_s2"] == wanted
     assert set(case["metrics"]) == set(case["units"]) == set(case["definitions"]) == set(found.metrics)
     assert case["definitions"]["check.growth"] == "made up check.growth"

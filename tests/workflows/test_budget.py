@@ -11,10 +11,10 @@ from rths_cli.analysis.budget import CUT_S, Signals, _fitted, _friction, split
 from rths_cli.analysis.prediction import friction_samples
 from rths_cli.analysis.sim import simulate
 from rths_cli.case.load import load_cases
-from rths_cli.files.result_writer import Metric
 from rths_cli.identification.found import Friction, Identification
 from rths_cli.loop.blocks import NUMERICAL
 from rths_cli.metrics import test_band as band_of
+from rths_cli.quantities import Values, metrics_of
 from rths_cli.structure import Building, Specimen, assemble
 from rths_cli.workflows import budget
 from rths_cli.workflows.check import judge
@@ -35,7 +35,7 @@ def setup_with(*settings: str) -> Setup:
 
 def budget_of(
     setup: Setup, identified: Identification, believed: Identification | None = None
-) -> tuple[dict[str, Metric], np.ndarray]:
+) -> tuple[Values, np.ndarray]:
     """Return the budget of a run whose blocks are designed from `identified`, judged with what is `believed`; and the
     error series (n_storeys, n)."""
     design, dt = design_blocks(setup, identified), setup.rig.dt_s
@@ -47,25 +47,28 @@ def budget_of(
     return found, sim.abs_accel_m_s2 - reported
 
 
-def value(found: dict[str, Metric], path: str) -> float:
-    return float(np.max(np.asarray(found[f"budget.{path}"].value)))
+def value(found: Values, path: str) -> float:
+    return float(np.max(np.asarray(found[f"budget.{path}"])))
 
 
 @pytest.fixture(scope="module")
-def default(memory: Memory) -> tuple[dict[str, Metric], np.ndarray, Identification]:
+def default(memory: Memory) -> tuple[Values, np.ndarray, Identification]:
     setup = setup_with()
     identified = memory.identify(setup, lambda _: None)
     return *budget_of(setup, identified), identified
 
 
-def test_the_parts_add_up_to_the_measured_error(default: tuple[dict[str, Metric], np.ndarray, Identification]) -> None:
+def test_the_parts_add_up_to_the_measured_error(
+    default: tuple[Values, np.ndarray, Identification],
+) -> None:
     found, error, _ = default
     assert value(found, "unexplained_rms_m_s2") < 1e-5 * np.sqrt(np.mean(error**2))
-    powers = [value(found, f"rms_error_{name}_m_s2") for name in budget.ABOUT]
+    powers = [value(found, f"rms_error_{name}_m_s2") for name in budget.CAUSES]
     assert max(powers) > 2e-4
-    assert set(found) == set(budget.paths())
-    for path, per_storey in budget.paths().items():
-        assert (np.ndim(found[path].value) == 1) == per_storey
+    known = metrics_of("budget")
+    assert set(found) == {path for path in known if not path.endswith(("_lost_m_s2", "_drift_m_s2"))}
+    for path, found_value in found.items():
+        assert np.ndim(found_value) == (known[path].over == "storey")
 
 
 def test_tracking_is_the_measured_one_and_its_parts_add_up(memory: Memory) -> None:
@@ -100,7 +103,7 @@ def test_tracking_is_the_measured_one_and_its_parts_add_up(memory: Memory) -> No
 
 
 def test_friction_is_the_identified_one_and_three_times_that_when_it_is_tripled(
-    default: tuple[dict[str, Metric], np.ndarray, Identification],
+    default: tuple[Values, np.ndarray, Identification],
 ) -> None:
     found, _, identified = default
     assert identified.friction is not None
@@ -116,7 +119,7 @@ def test_friction_is_the_identified_one_and_three_times_that_when_it_is_tripled(
 
 
 def test_friction_that_was_not_identified_is_found_in_the_run(
-    default: tuple[dict[str, Metric], np.ndarray, Identification],
+    default: tuple[Values, np.ndarray, Identification],
 ) -> None:
     _, _, identified = default
     assert identified.friction is not None
@@ -125,7 +128,7 @@ def test_friction_that_was_not_identified_is_found_in_the_run(
 
 
 def test_a_softer_specimen_is_the_specimens_error(
-    default: tuple[dict[str, Metric], np.ndarray, Identification],
+    default: tuple[Values, np.ndarray, Identification],
 ) -> None:
     _, _, identified = default
     found, error = budget_of(setup_with(CHANGED + "specimen_stiffness_factor=0.85"), identified)
@@ -137,7 +140,7 @@ def test_a_softer_specimen_is_the_specimens_error(
 
 @pytest.mark.parametrize(("gain", "late_s"), [(1.01, 0.0), (1.0, 5e-5), (0.98, -1e-4)])
 def test_a_wrong_gain_and_delay_of_the_model_are_named(
-    default: tuple[dict[str, Metric], np.ndarray, Identification], gain: float, late_s: float
+    default: tuple[Values, np.ndarray, Identification], gain: float, late_s: float
 ) -> None:
     """The table is what it was; the model that judges it has another gain, or another delay."""
     found, _, identified = default
@@ -161,7 +164,7 @@ def test_another_specimen_than_declared_is_the_declared_ones_error(memory: Memor
     buildings = (setup.building, with_specimen(setup.building, stiffer.specimen))
     sims = [simulate(b, setup.rig.dt_s, setup.motion.accel_m_s2).abs_accel_m_s2 for b in buildings]
     wanted = float(np.sqrt(np.mean((sims[0] - sims[1])[-1] ** 2)))
-    assert np.asarray(found["budget.rms_error_declared_m_s2"].value)[-1] == pytest.approx(wanted, rel=0.03)
+    assert np.asarray(found["budget.rms_error_declared_m_s2"])[-1] == pytest.approx(wanted, rel=0.03)
 
 
 def with_specimen(building: Building, specimen: Specimen) -> Building:

@@ -10,9 +10,9 @@ import pytest
 from rths_cli.analysis.prediction import Known
 from rths_cli.analysis.sim import Response, simulate
 from rths_cli.case.load import load_cases
-from rths_cli.files.result_writer import Metric
 from rths_cli.loop.blocks import NUMERICAL
 from rths_cli.loop.realtime import IN_RAMP_DOWN, IN_RUN
+from rths_cli.quantities import Values
 from rths_cli.report.budget_text import budget_text
 from rths_cli.workflows import budget
 from rths_cli.workflows.check import judge
@@ -40,7 +40,7 @@ class Ran:
     series: Series
     sim: Response
 
-    def figures(self, lost: np.ndarray, measured: np.ndarray | None = None, **live: np.ndarray) -> dict[str, Metric]:
+    def figures(self, lost: np.ndarray, measured: np.ndarray | None = None, **live: np.ndarray) -> Values:
         """Return the budget of the run as one in real time: lost as in its file, `measured` in place of its samples."""
         kept, n = self.series, lost.size
         told = {"late_s": np.zeros(n), "exchange_s": np.zeros(n), "state": np.full(n, float(IN_RUN)), "lost": lost}
@@ -94,11 +94,11 @@ def bridged(ran: Ran, lost: np.ndarray) -> np.ndarray:
     return measured
 
 
-def value(figures: dict[str, Metric], name: str) -> float:
-    return float(np.max(np.asarray(figures[f"budget.{name}"].value)))
+def value(figures: Values, name: str) -> float:
+    return float(np.max(np.asarray(figures[f"budget.{name}"])))
 
 
-def assert_alike(clean: dict[str, Metric], lossy: dict[str, Metric]) -> None:
+def assert_alike(clean: Values, lossy: Values) -> None:
     """The figures agree within three of their standard uncertainties, and those are no excuse."""
     for name, off in FIGURES.items():
         sure = np.hypot(value(clean, off), value(lossy, off))
@@ -150,6 +150,6 @@ def test_a_record_of_which_little_is_left_names_no_figure_that_it_does_not_know(
     lost = np.ones(n)
     lost[::50] = 0.0
     found = short.figures(lost, bridged(short, lost))
-    text = budget_text({path: metric.value for path, metric in found.items()})
+    text = budget_text(dict(found))
     assert "not told from none" in text and "not enough of the record is left" in " ".join(text.split())
     assert f"{1e6 * value(found, 'table_delay_error_s'):+.1f}" not in text

@@ -14,9 +14,10 @@ from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, RigError
 from rths_cli.files.results import Result, read_result
 from rths_cli.identification.found import Identification
+from rths_cli.quantities import METRICS, metrics_of
 from rths_cli.report.preflight_document import Checked
 from rths_cli.workflows import check_cases, identify, rigs
-from rths_cli.workflows.check_figures import REACH, paths
+from rths_cli.workflows.check_figures import REACH
 from rths_cli.workflows.known import Known, Memory
 from rths_cli.workflows.model_store import save
 from rths_cli.workflows.run import Ended, run_case
@@ -38,7 +39,7 @@ def checked(memory: Memory, *settings: str, case: str = CASE) -> Checked:
 
 
 def value(found: Checked, path: str) -> np.ndarray:
-    return np.asarray(found.metrics[f"check.{path}"].value, dtype=float)
+    return np.asarray(found.metrics[f"check.{path}"], dtype=float)
 
 
 def run(path: Path, setup: Setup, memory: Memory) -> tuple[Ended, Result]:
@@ -71,9 +72,9 @@ def test_a_named_model_is_read_and_nothing_is_played(file: Path) -> None:
     found = checked(Memory(), f"identification.model={file}")
     assert (found.verdict, found.reasons, found.exit_code) == ("safe", (), 0)
     assert "table.h5, identified 20" in found.about.model and "verifies it by a short record" in found.about.model
-    assert set(paths()) == {path for path in found.metrics if path.startswith("check.")}
-    assert all((np.ndim(found.metrics[path].value) > 0) == several for path, several in paths().items())
-    assert all(metric.units and metric.definition for metric in found.metrics.values())
+    computed = {path: value for path, value in found.metrics.items() if path.startswith("check.")}
+    assert set(computed) == set(metrics_of("check"))
+    assert all(np.ndim(value) == (METRICS[path].over != "") for path, value in computed.items())
 
 
 @pytest.mark.usefixtures("no_rig")

@@ -84,7 +84,7 @@ def budget_of(run: Played) -> dict[str, np.ndarray]:
     prefix = "budget.rms_error_"
     causes = {path.removeprefix(prefix).removesuffix("_m_s2"): m for path, m in run.budget.items() if prefix in path}
     causes["unexplained"] = run.budget["budget.unexplained_rms_m_s2"]
-    return {name: np.asarray(metric.value) for name, metric in causes.items()}
+    return {name: np.asarray(value) for name, value in causes.items()}
 
 
 def test_the_lowest_frequency_follows_filter_coupling_and_length() -> None:

@@ -21,7 +21,7 @@ def test_lost_and_overrun_steps_are_counted_apart_and_the_longest_gap_holds_both
     late[40] = 7e-3  # where the record waits nothing is caught up
     found = losses_of(lost, late, DT_S)
     assert (found.overrun, found.longest_gap_s) == (4, pytest.approx(7e-3))
-    assert as_figures("exp_rths", found)["exp_rths.overrun_steps"].value == 4
+    assert as_figures("exp_rths", found)["exp_rths.overrun_steps"] == 4
 
 
 def test_nothing_lost_and_no_log_of_it() -> None:

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from rths_cli.errors import InputError
-from rths_cli.files.result_writer import Metric
 from rths_cli.rig_info import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
 from rths_cli.workflows import permission
 from rths_cli.workflows.permission import ask_to_move
@@ -67,7 +66,7 @@ def test_a_person_sees_rig_limits_and_checklist_and_may_refuse() -> None:
 @pytest.mark.usefixtures("terminal")
 def test_a_person_sees_the_peaks_that_a_check_predicts() -> None:
     peaks = {"displacement_m": 0.0123, "velocity_m_s": 0.25, "acceleration_m_s2": np.array([4.5, 6.5]), "force_n": 81.2}
-    figures = {f"check.peak_{path}": Metric(value, "", "") for path, value in peaks.items()}
+    figures = {f"check.peak_{path}": value for path, value in peaks.items()}
     person = Person(True)
     ask_to_move(setups(), False, person, lambda setup: figures)
     assert "; predicted peaks of the table 12.3 mm, 0.25 m/s, 6.5 m/s^2, 81.2 N\n" in person.shown

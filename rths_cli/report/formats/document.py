@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict
 from typing import Any
 
-from rths_cli.metrics.catalogue import define
+from rths_cli.quantities import metric
 from rths_cli.report.accepted import judge
 from rths_cli.report.baseline import got_worse
 from rths_cli.report.contents import Baseline, Contents
@@ -27,7 +27,7 @@ def document(found: Contents) -> dict[str, Any]:
     for one, result in zip(listed, results, strict=True):
         one["accept"] = [asdict(limit) | {"value": _number(limit.value)} for limit in judge(result)]
     paths = sorted({path for result in results for path in result.metrics})
-    defined = {path: definition for path in paths if (definition := define(path))}
+    defined = {path: definition for path in paths if (definition := metric(path))}
     return {
         "format": FORMAT,
         "format_version": FORMAT_VERSION,

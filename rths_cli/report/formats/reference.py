@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import groupby
 
-from rths_cli.metrics.catalogue import KINDS, Definition, catalogue
+from rths_cli.quantities import KINDS, Quantity, declared
 from rths_cli.report.formats.markdown import escaped
 
 HEAD = """# Every figure and its definition
 
-Made from `rths_cli/metrics/catalogue.py`; `docs/figures.md` explains the figures of merit and their sources. A figure
+Made from `rths_cli/quantities/metrics.py`; `docs/figures.md` explains the figures of merit and their sources. A figure
 stands in the result file under `/metrics/` with `/` for `.`, in `rths report --format json`, in CSV, and in a case's
 `accept` under the path given here; one of several storeys as `exp_rths.rms_error_m_s2[3]`, counted from 1.
 *Better* says which way an error or index improves; only figures that are better when
@@ -25,13 +25,13 @@ def reference_page() -> str:
     """Return the page as Markdown: a table per group of figures."""
     kinds = "; ".join(f"`{suffix}` {words}" for suffix, words in KINDS.items())
     parts = [HEAD.format(kinds=kinds)]
-    for group, members in groupby(catalogue(), key=lambda one: one.path.partition(".")[0]):
+    for group, members in groupby(declared(), key=lambda one: one.group):
         lines = [f"| {' | '.join(COLUMNS)} |", "|" + "---|" * len(COLUMNS), *_rows(members)]
         parts.append(f"## {group}\n\n" + "\n".join(lines) + "\n")
     return "\n".join(parts)
 
 
-def _rows(members: Iterator[Definition]) -> Iterator[str]:
+def _rows(members: Iterator[Quantity]) -> Iterator[str]:
     for one in members:
         kinds = ", ".join(f"`{kind}`" for kind in one.kinds) or "-"
         cells = (f"`{one.path}`", kinds, one.units, one.over or "-", one.better, escaped(one.text))

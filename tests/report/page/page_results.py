@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
-from rths_cli.files.results import Dataset, Metric, Result, ResultWriter, read_result
+from rths_cli.files.results import Dataset, Result, ResultWriter, read_result
+from rths_cli.quantities import Values
 
 RATE_HZ = 1000.0
 ABOUT: dict[str, str | int | float] = {
@@ -59,7 +59,7 @@ def write(
     status: str = "complete",
     reason: str = "",
     cut: int | None = None,
-    metrics: Mapping[str, Metric] | None = None,
+    metrics: Values | None = None,
     **attributes: str | int | float,
 ) -> Result:
     """Write a result and read it back: EXP-RTHS of `stopped` samples, SIM-DELAY not a number from sample `cut` on."""

@@ -18,7 +18,7 @@ import pytest
 from scipy.signal import butter, freqs_zpk, sosfiltfilt
 
 from rths_cli.errors import InputError
-from rths_cli.files.results import Metric, Result
+from rths_cli.files.results import Result, read_result
 from rths_cli.report.page import page, write_page
 from rths_cli.report.page.document import SCRIPTS, STYLES, asset
 
@@ -32,8 +32,8 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Result:
     """Return a complete result with figures."""
     path = tmp_path_factory.mktemp("page") / "made_up.h5"
     metrics = {
-        "exp_rths.rms_error_m_s2": Metric(np.array([0.01, 0.02, 0.03]), "m/s^2", "RMS error by storey", "storey"),
-        "exp_rths.tracking_max_m_s2": Metric(0.5, "m/s^2", "largest tracking error"),
+        "exp_rths.rms_error_m_s2": np.array([0.01, 0.02, 0.03]),
+        "exp_rths.tracking_max_m_s2": 0.5,
     }
     limits = 'accept: {"exp_rths.rms_error_m_s2[3]": 0.025, exp_rths.rms_error_m_s2: 0.03, exp_rths.j2: 1.0}\n'
     notes = "notes: by hand\n"
@@ -167,11 +167,14 @@ def test_hostile_names_stay_words(tmp_path: Path) -> None:
     names = dict.fromkeys(
         ("case_name", "rig", "method", "controller", "status_reason", "warnings", "command_line", "git_commit"), HOSTILE
     )
-    bad = Metric(1.0, HOSTILE, HOSTILE)
     case = f"notes: '{HOSTILE.replace(chr(39), chr(39) * 2)}'\n"
     result = page_results.write(
-        tmp_path / "x.h5", samples=100, resolved=case, status="aborted", reason=HOSTILE, metrics={"a.<b>": bad}, **names
+        tmp_path / "x.h5", samples=100, resolved=case, status="aborted", reason=HOSTILE, **names
     )
+    with h5py.File(result.path, "r+") as file:  # as another program might write it
+        node = file.create_dataset("metrics/a/<b>", data=1.0)
+        node.attrs.update({"units": HOSTILE, "definition": HOSTILE, "long_name": HOSTILE, "source": "computed"})
+    result = read_result(result.path)
     text = page([result], HOSTILE)
     found = page_reader.read(text)
     assert len(found.all("script")) == 1 + len(SCRIPTS) and not found.all("img")
@@ -275,8 +278,8 @@ def test_error_by_cause_is_shown_in_millimetres(tmp_path: Path) -> None:
     parts = {"check": ("coupling", 0.001), "budget": ("coupling", 0.002)}
     metrics = {}
     for kind, (cause, value) in parts.items():
-        metrics[f"{kind}.rms_error_{cause}_m_s2"] = Metric(np.array([value, 2 * value]), "m/s^2", "by cause", "storey")
-        metrics[f"{kind}.tracking_rms_{cause}_m_s2"] = Metric(3 * value, "m/s^2", "by cause")
+        metrics[f"{kind}.rms_error_{cause}_m_s2"] = np.array([value, 2 * value])
+        metrics[f"{kind}.tracking_rms_{cause}_m_s2"] = 3 * value
     result = page_results.write(tmp_path / "x.h5", metrics=metrics, samples=100)
     words = " ".join(page_reader.read(page([result], "")).words().split())
     assert "tracking storey 1 storey 2 pred. meas. pred. meas. pred. meas." in words
@@ -295,7 +298,7 @@ def test_nothing_is_left_where_the_page_cannot_be_written(whole: Result, tmp_pat
 
 
 def test_a_figure_that_is_not_finite_is_a_dash(tmp_path: Path) -> None:
-    metrics = {"exp_rths.rms_error_m_s2": Metric(np.array([math.nan, 0.25]), "m/s^2", "made up", "storey")}
+    metrics = {"exp_rths.rms_error_m_s2": np.array([math.nan, 0.25])}
     result = page_results.write(tmp_path / "x.h5", metrics=metrics, samples=100)
     assert "-  0.25" in page_reader.read(page([result], "")).words()
 
@@ -316,8 +319,8 @@ def test_nothing_is_imported_before_a_page_is_asked_for() -> None:
 def test_claims_are_counted_where_they_can_be_judged(tmp_path: Path) -> None:
     def made(name: str, status: str, error: float) -> Result:
         metrics = {
-            "sim_delay.rms_error_m_s2": Metric(np.array([0.1, 0.2]), "m/s^2", "made up", "storey"),
-            "exp_rths.rms_error_m_s2": Metric(np.array([error, 0.01]), "m/s^2", "made up", "storey"),
+            "sim_delay.rms_error_m_s2": np.array([0.1, 0.2]),
+            "exp_rths.rms_error_m_s2": np.array([error, 0.01]),
         }
         return page_results.write(
             tmp_path / f"{name}.h5", case_name=name, status=status, metrics=metrics, samples=50, record_name=name

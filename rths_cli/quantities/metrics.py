@@ -1,0 +1,278 @@
+"""The numbers of a run, of its check and of its design: each declared once, with its unit and meaning.
+
+To add one, declare it here and have the function that computes it return its value under this path.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from rths_cli.quantities.declaration import ACCEL, BAND, FULL, LESS, NONE, ONE, ZERO, Quantity
+
+FEI = "Guo, Chen, Xu, Sanchez, Smart Mater. Struct. 23 (2014) 045042"
+INDICATOR = "Mercan, Ricles, Earthq. Eng. Struct. Dyn. 36 (2007) 1523"
+BENCHMARK = "Silva, Gomez, Maghareh, Dyke, Spencer, Mech. Syst. Signal Process. 135 (2020) 106381"
+ENERGY = "Mosqueda, Stojadinovic, Mahin, J. Struct. Eng. 133 (2007) 1100"
+TABLE_RUNS = ("shake_table", "exp_rths")
+GROUPS = (
+    "shake_table", "exp_rths", "sim", "sim_delay", "budget", "check", "feedback", "controller", "latency",
+    "identification",
+)  # fmt: skip
+KINDS = {
+    "_true_full": "true, in full band",
+    "_true": "true: before any sensor, which only a virtual rig knows",
+    "_full": "in full band: no low pass",
+    "_model": "with the model alone, not the measured response",
+}
+ALL, BANDS, TRUTH, MODEL = ("_true", "_full", "_true_full"), ("_full",), ("_true",), ("_model",)
+CAUSES = {
+    "coupling": "the base shear's filter, its prediction and the integration, on a perfect table",
+    "latency": "what inverse and feedback leave of the table's lag",
+    "model": "gain and delay of the table other than identified",
+    "friction": "dry friction of the table, beyond what the model holds",
+    "rounding": "rounding of commands to the converter's bits",
+}
+PREDICTED = {
+    "model": "difference between the table's model and its measured response",
+    "noise": "noise of the accelerometers, at rest",
+    "quantisation": "rounding of samples to the converter's bits",
+}
+MEASURED = {
+    "lost": "steps without samples (real rigs): what the loop got in their place, and commands that did not leave",
+    "drift": "what offset, drift and jumps of the sensors did to the loop, the samples themselves freed of them",
+    "declared": "the declared building, which SIM has, instead of the identified specimen",
+    "specimen": "floors moving otherwise than the identified specimen on the measured table, and their noise",
+    "rest": "the rest of the table's motion: noise, and whatever no other cause explains",
+}
+REACH = {
+    "displacement_m": ("m", "table displacement, with room to brake"),
+    "velocity_m_s": ("m/s", "table velocity"),
+    "acceleration_m_s2": (ACCEL, "table acceleration"),
+    "sensor_m_s2": (ACCEL, "acceleration at the accelerometers"),
+    "force_n": ("N", "actuator force"),
+    "command_v": ("V", "command"),
+}
+SENSORS = {
+    "sensor_offset_v": ("V", "offset of each channel in the middle of the run, beside its zero at rest before it"),
+    "sensor_offset_uncertainty_v": ("V", "standard uncertainty of the offset of each channel"),
+    "sensor_drift_v_per_min": ("V/min", "drift of each channel in the run"),
+    "sensor_drift_uncertainty_v_per_min": ("V/min", "standard uncertainty of the drift of each channel"),
+    "sensor_jumps": ("1", "jumps of each channel in the run"),
+    "sensor_usable_until_s": ("s", "time up to which each channel is usable, the record's end where all of it is"),
+}
+LATENCIES = {
+    "converter": "the wait from samples to the hold they command",
+    "hold": "the mean age of a held command",
+    "transport": "the link between runner and rig",
+    "inverse": "feedforward and table together, beyond the declared delay where that is explicit",
+    "integration": "the integration of the numerical storeys, from base shear to interface acceleration",
+    "sensor": "the accelerometers' low pass",
+    "coupling": "the accelerometers' AC coupling (a lead: negative)",
+    "kalman": "the base shear's estimate at one instant; left: in the base shear that the step uses",
+}
+
+
+def declared() -> Iterator[Quantity]:
+    """Yield every metric in the order of the groups of a result, each with the suffixes it also has."""
+    found = (
+        *_of_table(),
+        *_of_losses(),
+        *_against_sim(),
+        *_of_check(),
+        *_of_budget(),
+        *_of_loop(),
+        *_of_identification(),
+    )
+    yield from sorted(found, key=lambda one: GROUPS.index(one.group))
+
+
+def variants(base: Quantity) -> Iterator[Quantity]:
+    """Yield a quantity and what it also stands as: true, in full band, with the model alone."""
+    yield base
+    for suffix in base.kinds:
+        band = FULL if base.band and suffix.endswith("_full") else base.band
+        yield replace(base, path=base.path + suffix, text=f"{base.text}; {KINDS[suffix]}", band=band, kinds=())
+
+
+def metric(path: str) -> Quantity | None:
+    """Return what the metric of a path is (`exp_rths.rms_error_m_s2_true`), None where none is declared."""
+    return METRICS.get(path)
+
+
+def kinds_of(path: str) -> tuple[str, ...]:
+    """Return the paths under which a metric stands: the one given and those with its suffixes; none for one unknown."""
+    base = METRICS.get(path)
+    return () if base is None else tuple(one.path for one in variants(base))
+
+
+def metrics_of(*groups: str) -> dict[str, Quantity]:
+    """Return every metric of some groups (`check`) by its path."""
+    return {path: one for path, one in METRICS.items() if one.group in groups}
+
+
+def _of_table() -> Iterator[Quantity]:
+    error = "desired - measured table acceleration"
+    for run in TABLE_RUNS:
+        yield _lowest(run)
+        for name, (units, text) in SENSORS.items():
+            yield Quantity(f"{run}.{name}", units, "channel", NONE, text)
+        yield Quantity(f"{run}.tracking_max_m_s2", ACCEL, "", LESS, f"largest |{error}|", ALL, BAND)
+        yield Quantity(f"{run}.tracking_rms_m_s2", ACCEL, "", LESS, f"RMS of {error}", ALL, BAND)
+        late = "delay of the measured against the desired table acceleration by cross-correlation, positive = late"
+        yield Quantity(f"{run}.tracking_delay_s", "s", "", ZERO, late, TRUTH)
+        index = "of the frequency evaluation index (FEI), measured over desired table acceleration"
+        yield Quantity(f"{run}.fei_amplitude", "1", "", ONE, f"amplitude {index}, 1 = exact", TRUTH, reference=FEI)
+        yield Quantity(f"{run}.fei_delay_s", "s", "", ZERO, f"delay {index}, positive = late", TRUTH, reference=FEI)
+        area = "tracking indicator at the end of the record, positive = late"
+        yield Quantity(f"{run}.tracking_indicator_m2_s4", "m^2/s^4", "", ZERO, area, (), BAND, INDICATOR)
+        lag = "J1: lag of best correlation in whole samples, positive = late"
+        yield Quantity(f"{run}.j1_s", "s", "", ZERO, lag, (), BAND, BENCHMARK)
+        deviation, largest = f"J2: standard deviation of {error} over desired", f"J3: peak of {error} over desired"
+        yield Quantity(f"{run}.j2", "1", "", LESS, deviation, BANDS, BAND, BENCHMARK)
+        yield Quantity(f"{run}.j3", "1", "", LESS, largest, BANDS, BAND, BENCHMARK)
+
+
+def _lowest(run: str) -> Quantity:
+    text = "lowest reliable frequency: corner of the zero-phase high pass that all errors are evaluated with"
+    return Quantity(f"{run}.high_pass_hz", "Hz", "", NONE, text)
+
+
+def _of_losses() -> Iterator[Quantity]:
+    about = "steps of the record, on a real rig,"
+    for run in TABLE_RUNS:
+        yield Quantity(f"{run}.lost_steps", "1", "", NONE, f"{about} whose samples were lost")
+        yield Quantity(f"{run}.overrun_steps", "1", "", NONE, f"{about} late by an interval, or caught up")
+        gap = "longest time without samples of the right instant, on a real rig"
+        yield Quantity(f"{run}.longest_gap_s", "s", "", NONE, gap)
+
+
+def _against_sim() -> Iterator[Quantity]:
+    yield _lowest("sim_delay")
+    for run, kinds in (("sim_delay", BANDS), ("exp_rths", ALL)):
+        for which, words in (("rms", "RMS of {}"), ("max", "largest |{}|")):
+            about = words.format("SIM - absolute acceleration of each storey")
+            better = LESS if run == "exp_rths" else NONE
+            yield Quantity(f"{run}.{which}_error_m_s2", ACCEL, "storey", better, about, kinds, BAND)
+    floors = {4: "the interface storey", 6: "the lowest other storey", 7: "the second lowest other storey"}
+    for number, storey in floors.items():
+        deviation = f"J{number}: standard deviation of SIM - EXP-RTHS over SIM, absolute acceleration of {storey}"
+        peak = 5 if number == 4 else number + 2
+        yield Quantity(f"exp_rths.j{number}", "1", "", LESS, deviation, BANDS, BAND, BENCHMARK)
+        largest = f"J{peak}: peak of SIM - EXP-RTHS over SIM, absolute acceleration of {storey}"
+        yield Quantity(f"exp_rths.j{peak}", "1", "", LESS, largest, BANDS, BAND, BENCHMARK)
+    energy = "energy that the tracking error feeds into the structure, int f (v_desired - v_measured) dt"
+    yield Quantity("exp_rths.energy_error_j", "J", "", ZERO, energy, TRUTH, reference=ENERGY)
+    ratio = f"{energy}, over SIM's largest input energy"
+    yield Quantity("exp_rths.energy_error_ratio", "1", "", ZERO, ratio, TRUTH, reference=ENERGY)
+    for run in ("sim", "sim_delay"):
+        own = "own estimate of the solution's error over its peak"
+        yield Quantity(f"{run}.solution_error", "1", "", NONE, own)
+    critical = "pure delay of the base shear at which the hybrid test loses stability (0: any delay does)"
+    yield Quantity("sim_delay.critical_delay_s", "s", "", NONE, critical)
+    yield Quantity("sim_delay.diverged_at_s", "s", "", NONE, "when SIM-DELAY was cut, if it was")
+
+
+def _of_check() -> Iterator[Quantity]:
+    for path, units, text in (
+        ("spectral_radius", "1", "largest |eigenvalue| of the sampled closed loop (1: limit)"),
+        ("growth", "1", "factor by which the loop's slowest motion changes over the record"),
+        ("critical_delay_s", "s", "delay at which the building as identified, on a perfect table, loses stability"),
+        ("critical_delay_hz", "Hz", "where that delay makes it unstable"),
+        ("gain_at_infinity", "1", "loop gain at infinite frequency: interface mass on the table over that computed"),
+        ("tolerated_table_error", "1", "relative error of the table's response that makes the loop unstable"),
+        ("required_table_error", "1", "relative error of the table's response that the loop must stand there"),
+        ("table_error_hz", "Hz", "where the two are nearest to each other"),
+        ("tolerated_table_error_in_band", "1", "smallest relative error up to 11 Hz that makes the loop unstable"),
+        ("table_error_in_band_hz", "Hz", "where that is"),
+        ("largest_scaling", "1", "scaling of the record up to which the test is safe, rounded down (0: at none)"),
+        ("friction_v", "V", "dry friction of the table as identified, as a change of command (0: none seen)"),
+    ):
+        yield Quantity(f"check.{path}", units, "", NONE, text)
+    for what, units, name in (("frequency_hz", "Hz", "frequencies"), ("damping_ratio", "1", "damping ratios")):
+        yield Quantity(f"check.building_{what}", units, "mode", NONE, f"{name} of the undivided building")
+        yield Quantity(f"check.loop_{what}", units, "mode", NONE, f"{name} of the sampled closed loop")
+    yield from _margins("check", "of the hybrid loop broken at the command")
+    for leaf, (units, name) in REACH.items():
+        yield Quantity(f"check.peak_{leaf}", units, "", NONE, f"{name}: predicted peak")
+        yield Quantity(f"check.limit_{leaf}", units, "", NONE, f"{name}: limit")
+    late = "RMS of SIM - SIM-DELAY of the building as identified"
+    yield Quantity("check.sim_delay_rms_error_m_s2", ACCEL, "storey", NONE, late, (), BAND)
+    yield from _by_cause("check", "predicted", {"": "all causes together", **CAUSES, **PREDICTED})
+
+
+def _by_cause(group: str, words: str, causes: dict[str, str]) -> Iterator[Quantity]:
+    for cause, about in causes.items():
+        part = f"_{cause}" if cause else ""
+        storeys, tracking = f"{words} RMS error to SIM, {about}", f"{words} RMS tracking error, {about}"
+        yield Quantity(f"{group}.rms_error{part}_m_s2", ACCEL, "storey", NONE, storeys, (), BAND)
+        yield Quantity(f"{group}.tracking_rms{part}_m_s2", ACCEL, "", NONE, tracking, (), BAND)
+
+
+def _of_budget() -> Iterator[Quantity]:
+    yield from _by_cause("budget", "measured", {**CAUSES, **MEASURED})
+    rest = "RMS error to SIM that the parts do not add up to"
+    yield Quantity("budget.unexplained_rms_m_s2", ACCEL, "storey", NONE, rest, (), BAND)
+    yield Quantity("budget.table_gain_error", "1", "", NONE, "gain of the table in the run over identified, less 1")
+    late = "delay of the table in the run less identified"
+    yield Quantity("budget.table_delay_error_s", "s", "", NONE, late)
+    friction = "friction of the table in the run, as a change of command"
+    yield Quantity("budget.friction_v", "V", "", NONE, friction)
+    unsure = "standard uncertainty of the"
+    gain = f"{unsure} gain of the table in the run over identified, less 1"
+    yield Quantity("budget.table_gain_error_uncertainty", "1", "", NONE, gain)
+    yield Quantity("budget.table_delay_error_uncertainty_s", "s", "", NONE, f"{unsure} {late}")
+    yield Quantity("budget.friction_uncertainty_v", "V", "", NONE, f"{unsure} {friction}")
+
+
+def _margins(group: str, where: str) -> Iterator[Quantity]:
+    for name, units, text in (
+        ("sensitivity_peak", "1", "largest |S| = |1 / (1 + loop)|"),
+        ("sensitivity_peak_hz", "Hz", "where |S| is largest"),
+        ("gain_margin", "1", "smallest factor > 1 on the loop gain that makes it unstable"),
+        ("gain_reduction_margin", "1", "the same, dividing the loop gain"),
+        ("phase_margin_deg", "deg", "smallest change of phase that makes the loop unstable"),
+        ("delay_margin_s", "s", "smallest further delay that makes the loop unstable"),
+    ):
+        yield Quantity(f"{group}.{name}", units, "", NONE, f"{text}, {where}", MODEL)
+
+
+def _of_loop() -> Iterator[Quantity]:
+    yield from _margins("feedback", "of the feedback on the table")
+    worst = "largest |S| when every line of the FRF is off by two standard errors in the worst direction"
+    yield Quantity("feedback.sensitivity_peak_uncertain", "1", "", NONE, worst)
+    yield Quantity("feedback.bandwidth_hz", "Hz", "", NONE, "highest frequency with a loop gain of one")
+    step = "bit to which commands are rounded, the error carried over (0: not)"
+    yield Quantity("controller.rounding_step_v", "V", "", NONE, step)
+    yield Quantity("latency.frequency_hz", "Hz", "frequency", NONE, "frequencies of the latency budget")
+    for name, about in LATENCIES.items():
+        yield Quantity(f"latency.{name}_s", "s", "frequency", NONE, f"lag by {about}")
+        yield Quantity(f"latency.{name}_left_s", "s", "frequency", NONE, f"what is left of the lag by {about}")
+    for name in ("total", "compensated", "left"):
+        yield Quantity(f"latency.{name}_s", "s", "frequency", NONE, f"{name} latency of the loop")
+    yield Quantity("latency.predicted_s", "s", "", NONE, "lead of the hybrid clock over the table")
+    yield Quantity("latency.declared_s", "s", "", NONE, "converter, hold and transport, as the rig declares them")
+    seen = "delay from command to table as identified: converter, hold and transport"
+    yield Quantity("latency.identified_s", "s", "", NONE, seen)
+    yield Quantity("latency.identified_error_s", "s", "", NONE, f"standard uncertainty of the {seen}")
+    integration = "amplitude error of the integration"
+    yield Quantity("latency.integration_amplitude", "1", "frequency", NONE, integration)
+    noise = "noise of the estimated over noise of the raw base shear"
+    yield Quantity("latency.kalman_noise_gain", "1", "frequency", NONE, noise)
+
+
+def _of_identification() -> Iterator[Quantity]:
+    for name, text in (
+        ("rms", "RMS of |fit / FRF - 1| over 0.7-11 Hz"),
+        ("mid", "RMS of |fit / FRF - 1| over 2-10 Hz"),
+        ("max", "largest |fit / FRF - 1| over 0.7-11 Hz"),
+    ):
+        yield Quantity(f"identification.fit_error_{name}", "1", "", NONE, text)
+    frequency = "identified natural frequencies of the specimen"
+    yield Quantity("identification.natural_frequency_hz", "Hz", "mode", NONE, frequency)
+    ratio = "identified damping ratios of the specimen"
+    yield Quantity("identification.damping_ratio", "1", "mode", NONE, ratio)
+
+
+METRICS: dict[str, Quantity] = {one.path: one for base in declared() for one in variants(base)}
+"""Every metric by its path."""

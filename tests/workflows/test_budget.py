@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rths_cli.analysis.budget import CUT_S, Signals, _fitted, _friction, split
+from rths_cli.analysis.budget import CAUSES, CUT_S, Signals, _fitted, _friction, split
 from rths_cli.analysis.prediction import friction_samples
 from rths_cli.analysis.sim import simulate
 from rths_cli.case.load import load_cases
@@ -63,7 +63,7 @@ def test_the_parts_add_up_to_the_measured_error(
 ) -> None:
     found, error, _ = default
     assert value(found, "unexplained_rms_m_s2") < 1e-5 * np.sqrt(np.mean(error**2))
-    powers = [value(found, f"rms_error_{name}_m_s2") for name in budget.CAUSES]
+    powers = [value(found, f"rms_error_{name}_m_s2") for name in CAUSES]
     assert max(powers) > 2e-4
     known = metrics_of("budget")
     assert set(found) == {path for path in known if not path.endswith(("_lost_m_s2", "_drift_m_s2"))}

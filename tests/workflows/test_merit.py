@@ -123,7 +123,7 @@ def test_a_hybrid_run_has_every_path_known_beforehand(parts: Parts) -> None:
     assert {path for path in known if not any(part in path for part in others)} == {
         path for path in figures if ".tracking_" not in path
     }
-    assert set(figures) <= known and not any(METRICS[path].over for path in figures)
+    assert set(figures) <= set(known) and not any(METRICS[path].over for path in figures)
     found = values(figures)
     assert (found["exp_rths.j4"], found["exp_rths.j6"], found["exp_rths.j7"]) == pytest.approx(
         (0.06, 0.05, 0.07), rel=5e-3

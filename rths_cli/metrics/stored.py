@@ -1,4 +1,4 @@
-"""A result as it was read, once its figures have the shapes that the catalogue declares: what reports are made of."""
+"""A result as it was read, once its figures have the shapes that are declared: what reports are made of."""
 
 from __future__ import annotations
 

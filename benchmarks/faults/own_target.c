@@ -5,7 +5,7 @@
  * Written from docs/udp.md; it shares no code with rths, examples/ or tests/. Time is counted, not measured: the table
  * moves on by one sample interval from one sequence number to the next, so that what it does hangs on the commands
  * alone and not on the load of this computer. Only watchdog, late answers and freezes use the clock.
- * Called with a rate in Hz alone (own_target - RATE) it moves in no time: commands in V are read, samples written.
+ * With `-` and a rate in Hz instead of the key file no time passes: it writes samples and reads commands, line by line.
  *
  * WHAT fails in the interval AT after ARM, for LAST intervals (0: for ever), with a VALUE; CHANNELS is a bit mask. See
  * `enum fault` and its words in main().
@@ -434,40 +434,51 @@ static void freeze_or_restart(int *done)
     }
 }
 
-/* Read commands in V and write what the channels show at the beginning of each interval; a command acts one later. */
+/* Write what the channels show, read a command in V, move on; a command acts one interval after the samples it answers.
+ */
 static int simulate(double rate_hz)
 {
     double command, before = 0.0, volts[CHANNELS];
-    for (long k = 0; scanf("%lf", &command) == 1; k++) {
+    interval_ns = (int64_t)(1e9 / rate_hz);
+    for (long k = 0;; k++) {
         sample(k, volts);
-        printf("%.9g,%.9g,%.9g,%.9g\n", command, volts[0], volts[1], volts[2]);
-        move_for(1.0 / rate_hz, before);
+        printf("%.9g,%.9g,%.9g\n", volts[0], volts[1], volts[2]);
+        fflush(stdout);
+        if (scanf("%lf", &command) != 1)
+            return 0;
+        move_for(1.0 / rate_hz, through_cable(k, before));
+        rig.intervals++;
         before = floor(command * 3276.8 + 0.5) / 3276.8;
     }
-    return 0;
+}
+
+/* Take the words of a fault; return whether there is such a one. */
+static int take_fault(int count, char **words)
+{
+    for (int i = 0; count > 4 && i < (int)(sizeof WORDS / sizeof *WORDS); i++)
+        if (!strcmp(words[0], WORDS[i])) {
+            fault.what = (enum fault)i, fault.value = atof(words[1]), fault.channels = atoi(words[2]);
+            fault.last = atol(words[3]), fault.at = atol(words[4]);
+            return 1;
+        }
+    return count == 0;
 }
 
 int main(int count, char **words)
 {
     struct sockaddr_in own = {.sin_family = AF_INET};
     socklen_t length = sizeof own;
-    FILE *file = count > 1 ? fopen(words[1], "r") : NULL, *dice = fopen("/dev/urandom", "rb");
-    int done = 0;
-    if (count == 3)
+    int counted = count > 2 && !strcmp(words[1], "-"), first = counted ? 3 : 2, done = 0;
+    if (count < 2 || !take_fault(count - first, words + first))
+        return fprintf(stderr, "own_target KEYFILE | - RATE [WHAT VALUE CHANNELS LAST AT]\n"), 2;
+    if (counted)
         return simulate(atof(words[2]));
+    FILE *file = fopen(words[1], "r"), *dice = fopen("/dev/urandom", "rb");
     for (int i = 0; i < 16; i++)
         if (!file || fscanf(file, "%2hhx", &secret[i]) != 1)
-            return fprintf(stderr, "own_target KEYFILE [WHAT VALUE CHANNELS LAST AT]\n"), 2;
+            return fprintf(stderr, "own_target: the key file must hold 32 hexadecimal digits\n"), 2;
     if (!dice || fread(own_nonce, 1, 16, dice) != 16)
         return 2;
-    if (count > 6) {
-        for (int i = 0; i < (int)(sizeof WORDS / sizeof *WORDS); i++)
-            if (!strcmp(words[2], WORDS[i])) fault.what = (enum fault)i, done = 1;
-        if (!done)
-            return fprintf(stderr, "own_target: no fault %s\n", words[2]), 2;
-        fault.value = atof(words[3]), fault.channels = atoi(words[4]), fault.last = atol(words[5]), fault.at = atol(words[6]);
-        done = 0;
-    }
     door = socket(AF_INET, SOCK_DGRAM, 0);
     own.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
     if (bind(door, (struct sockaddr *)&own, sizeof own) || getsockname(door, (struct sockaddr *)&own, &length))

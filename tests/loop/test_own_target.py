@@ -1,0 +1,42 @@
+"""Faults in a target with a table and a specimen of its own, in counted time (benchmarks/udp_fault_reasons.py)."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks" / "faults"))
+
+from own_laboratory import KINDS, Laboratory, instant
+
+from rths_cli.loop.guard import END
+
+pytestmark = pytest.mark.skipif(shutil.which("cc") is None, reason="there is no C compiler here")
+
+
+@pytest.fixture(scope="module")
+def laboratory(tmp_path_factory: pytest.TempPathFactory) -> Laboratory:
+    """Return the laboratory, identified from its own records."""
+    return Laboratory(tmp_path_factory.mktemp("own"))
+
+
+def test_nothing_stops_a_healthy_run(laboratory: Laboratory) -> None:
+    reason, told, _ = laboratory.counted(KINDS["nothing"], 0, True)
+    assert (reason, told) == (END, "")
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        ("all sensors dead", "all channels kept their values for"),
+        ("first floor reversed", "channel floor_2 does not fit the others: its sensor, or the specimen"),
+        ("one sample not a number", "a sample or the command is not a number (channel floor_3"),
+        ("table stops", "the table does not follow, or the sensor of channel table is wrong"),
+    ],
+)
+def test_the_part_that_fails_is_among_those_named_first(laboratory: Laboratory, kind: str, said: str) -> None:
+    _, told, _ = laboratory.counted(KINDS[kind], instant(kind, 0), True)
+    assert told.startswith(said), told

@@ -33,7 +33,7 @@ from rths_cli.workflows.controllers import Design
 from rths_cli.workflows.known import Memory
 from rths_cli.workflows.lowest_frequency import lowest_reliable_hz
 from rths_cli.workflows.rigs import EXP_RTHS, guard_limits, open_virtual
-from rths_cli.workflows.sensor_drift import SensorDrift, drift_of, sensitivities, sentences, stands_out
+from rths_cli.workflows.sensor_drift import SensorDrift, drift_of, expected_of, sensitivities, sentences, stands_out
 from rths_cli.workflows.series import on_record_clock, whole_building, without_drift
 from rths_cli.workflows.setup import Setup, make_setup
 from rths_cli.workflows.table_runs import AFTER_S, BEFORE_S, drive_of
@@ -101,7 +101,7 @@ def played(setup: Setup, memory: Memory, added: Added, seed: int = 0) -> Played:
     outcome, truth = _outcome(setup, design, added, seed)
     dt, lead, building = setup.rig.dt_s, design.blocks.lead_samples, setup.building
     samples = len(setup.motion.time_s)
-    found = drift_of(setup, identified, design.blocks, outcome)
+    found = drift_of(setup, expected_of(setup, identified, design.blocks), outcome)
     if found is None:
         raise RuntimeError(outcome.rig_fault)
     if outcome.stopped_by_limit:

@@ -27,7 +27,7 @@ OTHERS = 0.35  # of a jump, that all other channels show at the same time: then 
 NEAR_S = 0.5  # of the best change of level, in which the edge of a jump is looked for
 EDGE_S, EDGE_SAMPLES = 0.012, 8  # on both sides of an edge
 EDGE_SHARE = 0.5  # of a jump, that its edge must show: else it has no date
-MOST_JUMPS = 6  # of one channel: with more, it is not usable
+MOST_JUMPS = 6  # of one channel: with so many, it is not usable from the first on
 UNCERTAIN_S = 2.0  # of what a fit leaves, that counts as one value
 
 
@@ -96,7 +96,7 @@ def _drift(series: Array, blocks: Array, places: list[int], size: int, dt_s: flo
     lost = [place * size for place, at in zip(places, found, strict=True) if at is None]
     dated = sorted({at for at in found if at is not None})  # two may be dated to one sample
     if lost or len(places) >= MOST_JUMPS:
-        first = max(min(lost, default=places[0] * size) - round(NEAR_S / dt_s), 0)
+        first = max(min(lost, default=min(places) * size) - round(NEAR_S / dt_s), 0)
         dated = [at for at in dated if at < first]
         blocks = blocks[: max(first // size, 2)]
         return replace(_fitted(blocks, dated, size, dt_s, bit), unusable_from=first)
@@ -147,7 +147,7 @@ def _jumps(blocks: Array, channel: int, dt_s: float, bit: float) -> list[int]:
         rows = _rows(blocks.shape[1], [*found, place])
         calm = _changes(blocks[channel] - _told(blocks[channel], rows), width)
         usual = 1.4826 * _middle(np.abs(calm))
-        if abs(change[place]) < max(SURE * usual, BITS * bit) or abs(size) < BITS * bit:
+        if abs(change[place]) <= max(SURE * usual, BITS * bit) or abs(size) < BITS * bit:
             return found
         shared = np.delete(changes[:, place], channel) / change[place]
         if shared.size and shared.min() > OTHERS:

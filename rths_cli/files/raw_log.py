@@ -14,6 +14,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -46,7 +47,8 @@ class RawHeader:
 
     `names` and `units`: of the w columns; `steps`: how many the run has at most, the first `ramp_steps` of them before
     the record, at rest for the first `still_steps`; `lead_samples`: by how many the hybrid clock runs ahead of the
-    table; `result`: name of the result file, in the folder of the log; `attributes`: those of its root.
+    table; `result`: name of the result file, in the folder of the log; `attributes`: those of its root; `expected`:
+    what the samples are compared with to find drift, as `workflows.sensor_drift` writes it (None: an earlier version).
     """
 
     names: tuple[str, ...]
@@ -62,6 +64,7 @@ class RawHeader:
     attributes: Mapping[str, Attribute]
     ramp_steps: int = 0
     still_steps: int = 0
+    expected: Mapping[str, Any] | None = None
 
 
 @dataclass(frozen=True)
@@ -160,6 +163,8 @@ def _check_header(header: RawHeader) -> None:
         len(header.units) == len(header.names) <= MOST_COLUMNS
         and header.lead_samples + header.ramp_steps <= header.steps
     )
+    whole = whole and isinstance(header.still_steps, int) and 0 <= header.still_steps <= header.ramp_steps
+    typed = typed and isinstance(header.expected, dict | None)
     in_range = isinstance(header.dt_s, int | float) and LEAST_DT_S <= header.dt_s <= 1.0
     if not (whole and typed and about and fits and in_range and Path(header.result).suffix == ".h5"):
         raise ValueError("not what a raw log states")

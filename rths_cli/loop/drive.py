@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rths_cli.clocks import IntArray, monotonic_ns
 from rths_cli.compiled import entry, part
@@ -23,6 +24,7 @@ from rths_cli.rigs.virtual import kernel
 from rths_cli.rigs.virtual.plant import Plant
 from rths_cli.rigs.virtual.rig import VirtualRig
 
+Flags = NDArray[np.bool_]
 STAMPED = 16  # steps on the counted clock of a virtual rig per look at the time: looking costs a quarter of a step
 
 
@@ -31,6 +33,7 @@ class Whole:
     """A run from its first sample at rest to its last: `corrected` (c, n) accelerations and `command_v` (n,) as the
     step had them, the record's from `first` on. `before_v`, `after_v` (c, .): samples in V as the rig gave them while
     the table was told to stand still; `before_s`, `after_s`: when the first of each was taken, on the record's clock.
+    `missing` (n,): steps whose samples the rig did not give (None: it gave all).
     """
 
     corrected: Array
@@ -40,6 +43,7 @@ class Whole:
     after_v: Array
     before_s: float
     after_s: float
+    missing: Flags | None = None
 
 
 @dataclass(frozen=True)

@@ -178,11 +178,12 @@ def whole_of(everything: Signals, still: int, ramp: int, dt_s: float) -> Whole |
     the last that came."""
     if not still or not everything.samples_v.size:
         return None
-    at_rest, came = np.flatnonzero(everything.state == AT_REST), everything.lost == 0.0
+    at_rest = np.flatnonzero(everything.state == AT_REST)
+    came = everything.lost == 0.0 if everything.lost.size else np.ones(everything.command_v.size, dtype=bool)
     shown = np.where(came, everything.samples_v, np.nan)
     end = int(at_rest[0]) if at_rest.size else shown.shape[1]
     last = 1 + int(np.max(np.flatnonzero(came), initial=-1))
     return Whole(
         everything.corrected, everything.command_v, ramp, shown[:, :still], shown[:, end:last], -ramp * dt_s,
-        (end - ramp) * dt_s,
+        (end - ramp) * dt_s, ~came,
     )  # fmt: skip

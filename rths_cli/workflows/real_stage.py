@@ -23,6 +23,7 @@ from rths_cli.rigs.udp.rig import UdpRig
 from rths_cli.workflows import real_rig
 from rths_cli.workflows.controllers import design_blocks
 from rths_cli.workflows.rigs import guard_limits, open_rig
+from rths_cli.workflows.sensor_drift import as_stored
 from rths_cli.workflows.table_runs import AFTER_S, BEFORE_S, TableRun, drive_of
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from rths_cli.rigs.interface import Rig
     from rths_cli.workflows.controllers import Design
     from rths_cli.workflows.known import Memory
+    from rths_cli.workflows.sensor_drift import Expected
     from rths_cli.workflows.setup import Progress, Setup
 
 LINK_COUNTS = {
@@ -69,7 +71,7 @@ class RealStage:
         self._show = show
         self._logs: list[RawLogWriter] = []
 
-    def play(self, setup: Setup, design: Design, run: TableRun, writer: ResultWriter) -> Outcome:
+    def play(self, setup: Setup, design: Design, expected: Expected, run: TableRun, writer: ResultWriter) -> Outcome:
         """Play one run, its result file closed as interrupted meanwhile; the channels' zeros are taken anew."""
         rig = open_rig(setup, (), 0)
         zeros_v = real_rig.listened(setup, rig).zeros_v
@@ -77,7 +79,7 @@ class RealStage:
         drive, limits = drive_of(setup, design), guard_limits(setup)
         ready = prepare(setup.rig, design.blocks, run.source, drive, limits, zeros_v, still_s=(BEFORE_S, AFTER_S))
         path = raw_log_path(writer.path, run.name)
-        log = RawLogWriter(path, _header(setup, design, run, ready, writer))
+        log = RawLogWriter(path, _header(setup, design, expected, run, ready, writer))
         self._logs.append(log)
         writer.park(f"{run.label}: {still_in(path)}")
         watching = Watching(ready)
@@ -129,13 +131,15 @@ def _with_fault(performed: Performed, stream: LogStream) -> Outcome:
     return outcome
 
 
-def _header(setup: Setup, design: Design, run: TableRun, ready: Performance, writer: ResultWriter) -> RawHeader:
+def _header(
+    setup: Setup, design: Design, expected: Expected, run: TableRun, ready: Performance, writer: ResultWriter
+) -> RawHeader:
     """Return what the raw log of a run says of itself."""
     names = column_names(len(setup.rig.channels), ready.step.estimated.size)
     return RawHeader(
         names, column_units(names), setup.rig.dt_s, ready.log.columns.shape[1], design.blocks.lead_samples, run.name,
         writer.path.name, str(setup.case.path), setup.case.yaml_text, resolved_yaml(setup.case), writer.attributes,
-        ready.course.ramp, ready.course.still,
+        ready.course.ramp, ready.course.still, as_stored(expected),
     )  # fmt: skip
 
 

@@ -21,10 +21,12 @@ from rths_cli.files.results import BEGUN, ResultWriter, Status, read_result, rea
 from rths_cli.loop.drive import Outcome, part_of
 from rths_cli.loop.log import DESIRED, Signals
 from rths_cli.loop.performing import whole_of
+from rths_cli.loop.realtime import AT_REST
 from rths_cli.record import GroundMotion, integrate
 from rths_cli.structure import build
 from rths_cli.workflows import contents
-from rths_cli.workflows.series import on_record_clock, whole_building
+from rths_cli.workflows.sensor_drift import Expected, as_read, drift_of, sentences
+from rths_cli.workflows.series import Series, on_record_clock, whole_building, without_drift
 from rths_cli.workflows.setup import Setup, ground_motion, rig_info
 
 if TYPE_CHECKING:
@@ -54,12 +56,13 @@ class Recovered:
 
 @dataclass(frozen=True)
 class _Job:
-    """A log that can be recovered, with its case and the result that it belongs to."""
+    """A log that can be recovered, its case, the result that it belongs to, and what its samples are compared with."""
 
     path: Path
     header: RawHeader
     case: Case
     result: Path
+    expected: Expected | None
 
 
 def recover(paths: Sequence[Path]) -> list[Recovered]:
@@ -97,7 +100,15 @@ def _job(path: Path) -> _Job:
     missing = [name for name in (*needed, *_numbered("estimated", 3 * floors)) if name not in header.names]
     if missing:
         raise InputError(f"{path}: has no column {missing[0]}, without which its case has no result.")
-    return _Job(path, header, case, result)
+    return _Job(path, header, case, result, _expected(path, header, 1 + floors))
+
+
+def _expected(path: Path, header: RawHeader, channels: int) -> Expected | None:
+    """Return what the samples of a log are compared with, None of a log of an earlier version; raises InputError."""
+    try:
+        return as_read(header.expected, channels) if header.expected is not None else None
+    except ValueError as error:
+        raise InputError(f"{path}: what its header expects of the rig is damaged ({error}); remove the log.") from error
 
 
 def _recover(job: _Job) -> Recovered:
@@ -125,29 +136,52 @@ def _write(writer: ResultWriter, job: _Job, log: RawLog) -> None:
     header, setup = job.header, _setup(job)
     steps = log.columns.shape[1] - header.ramp_steps
     everything = _signals(log, setup)
-    outcome = Outcome(part_of(everything, slice(header.ramp_steps, None)), steps, "", "", 0.0)
+    whole = whole_of(everything, header.still_steps, header.ramp_steps, header.dt_s)
+    outcome = Outcome(part_of(everything, slice(header.ramp_steps, None)), steps, "", "", 0.0, whole=whole)
     ground = setup.motion.accel_m_s2
     series = on_record_clock(outcome, header.lead_samples, header.dt_s, len(ground))
+    series, said = _without_drift(job, setup, outcome, series)
+    if said:
+        earlier = str(writer.attributes.get("warnings", ""))
+        writer.about({"warnings": "\n".join(filter(None, (earlier, *said)))})
     hybrid = None
     if header.run == "exp_rths":
         hybrid = whole_building(setup.building, series, ground, header.dt_s, setup.case.integration)
     contents.write_table_run(writer, header.run, setup, series, hybrid)
-    whole = whole_of(everything, header.still_steps, header.ramp_steps, header.dt_s)
     if whole is not None:
         contents.write_rest(writer, header.run, setup, whole)
+
+
+def _without_drift(job: _Job, setup: Setup, outcome: Outcome, series: Series) -> tuple[Series, list[str]]:
+    """Return the series without what the channels show beside motion, and what to say of it, as of a finished run; as
+    they are where the log does not tell what was expected."""
+    header, expected = job.header, job.expected
+    drift = drift_of(setup, expected, outcome) if expected is not None else None
+    if expected is None or drift is None or not drift.any:
+        return series, []
+    said = sentences(LABELS.get(header.run, header.run), drift, setup, header.lead_samples)
+    return without_drift(series, drift.removed, header.lead_samples, expected.estimator), said
 
 
 def _note(path: Path, log: RawLog, samples: int) -> str:
     """Return what there was of a run over a record of so many samples, the ramps apart."""
     header, steps = log.header, log.columns.shape[1]
-    ramp, record = min(steps, header.ramp_steps), min(samples + header.lead_samples, header.steps - header.ramp_steps)
+    rest, record = min(steps, header.still_steps), min(samples + header.lead_samples, header.steps - header.ramp_steps)
     played = min(max(steps - header.ramp_steps, 0), record)
-    after = steps - ramp - played
+    ramp, after = min(steps, header.ramp_steps) - rest, max(steps - header.ramp_steps - played, 0)
+    rested = _rested(log)
     gaps = f", {steps - log.samples} of them are missing" if log.samples < steps else ""
     label, time_s, most_s = LABELS.get(header.run, header.run), played * header.dt_s, record * header.dt_s
     there = f"{played} of {record} steps of the record ({time_s:.3f} s of {most_s:.3f} s)"
-    beside = [f"{count} of the {name}" for count, name in ((ramp, "ramp-up"), (after, "ramp-down")) if count]
+    counts = ((rest, "rest before it"), (ramp, "ramp-up"), (after - rested, "ramp-down"), (rested, "rest after it"))
+    beside = [f"{count} of the {name}" for count, name in counts if count]
     return f"{label}: {', '.join([there, *beside])} are recovered from {path.name}{gaps}"
+
+
+def _rested(log: RawLog) -> int:
+    """Return how many steps the table was at rest for at last."""
+    names = log.header.names
+    return int(np.sum(log.columns[names.index("state")] == AT_REST)) if "state" in names else 0
 
 
 def _reason(attributes: Mapping[str, Attribute], note: str) -> str:

@@ -17,7 +17,7 @@ from rths_cli.loop.performance import way_to_rest_s
 from rths_cli.workflows import budget, contents, figures, losses, merit, sensor_drift
 from rths_cli.workflows.lowest_frequency import lowest_reliable_hz
 from rths_cli.workflows.rigs import EXP_RTHS, SHAKE_TABLE, guard_limits, open_rig
-from rths_cli.workflows.sensor_drift import drift_of
+from rths_cli.workflows.sensor_drift import Expected, drift_of, expected_of
 from rths_cli.workflows.series import Series, on_record_clock, whole_building, without_drift
 from rths_cli.workflows.setup import Progress, Setup, shown
 
@@ -75,8 +75,8 @@ TABLE_RUNS = (
 class Stage(Protocol):
     """Where the runs of a case are played."""
 
-    def play(self, setup: Setup, design: Design, run: TableRun, writer: ResultWriter) -> Outcome:
-        """Play one run; the result file may be closed meanwhile."""
+    def play(self, setup: Setup, design: Design, expected: Expected, run: TableRun, writer: ResultWriter) -> Outcome:
+        """Play one run, whose channels are compared with what is expected; the result file may be closed meanwhile."""
 
     def written(self) -> None:
         """Take note that the result file holds everything that was played."""
@@ -85,7 +85,7 @@ class Stage(Protocol):
 class VirtualStage:
     """Plays on virtual rigs, in no time."""
 
-    def play(self, setup: Setup, design: Design, run: TableRun, writer: ResultWriter) -> Outcome:
+    def play(self, setup: Setup, design: Design, expected: Expected, run: TableRun, writer: ResultWriter) -> Outcome:
         """Play one run."""
         return play_run(setup, design, run.source, run.stream)
 
@@ -122,10 +122,11 @@ def play_all(
             continue
         progress(f"{run.label}, {setup.case.table.kind} table")
         writer.about({f"{run.name}_status": BEGUN})
-        outcome = stage.play(setup, design, run, writer)
         blocks, lead = design.blocks, design.blocks.lead_samples
+        expected = expected_of(setup, identified, blocks)
+        outcome = stage.play(setup, design, expected, run, writer)
         series = on_record_clock(outcome, lead, setup.rig.dt_s, len(setup.motion.time_s))
-        drift = drift_of(setup, identified, blocks, outcome)
+        drift = drift_of(setup, expected, outcome)
         if drift is not None and drift.any:
             said += sensor_drift.sentences(run.label, drift, setup, lead)
             series = without_drift(series, drift.removed, lead, blocks.estimator)

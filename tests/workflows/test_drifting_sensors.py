@@ -25,7 +25,7 @@ from rths_cli.workflows.model_store import key
 from rths_cli.workflows.real_stage import RealStage
 from rths_cli.workflows.rigs import EXP_RTHS, open_virtual
 from rths_cli.workflows.run import run_case
-from rths_cli.workflows.sensor_drift import drift_of, sentences
+from rths_cli.workflows.sensor_drift import drift_of, expected_of, sentences
 from rths_cli.workflows.setup import Setup, make_setup
 from rths_cli.workflows.table_runs import AFTER_S, BEFORE_S
 
@@ -196,12 +196,12 @@ def test_a_run_that_the_rig_ends_names_its_drifting_sensor_and_no_healthy_one(
     assert outcome.rig_fault and outcome.whole is not None and outcome.reason == guard.NONE
     blocks = design.blocks
     for ended in (outcome, replace(outcome, reason=guard.RIG_FAULT, stopped_at_s=outcome.steps * setup.rig.dt_s)):
-        found = drift_of(setup, known.found, blocks, ended)
+        found = drift_of(setup, expected_of(setup, known.found, blocks), ended)
         assert found is not None and found.removed.shape[1] == outcome.whole.command_v.size - outcome.whole.first
         said = sentences("EXP-RTHS", found, setup, blocks.lead_samples)
         assert all("channel table" in line for line in said)
         assert any(re.search(told, line) for line in said) if told else said == [], said
     for reason in (guard.NOT_A_NUMBER, guard.SATURATED, guard.STUCK, guard.LOST, guard.OVERRUN, guard.OPERATOR):
-        assert drift_of(setup, known.found, blocks, replace(outcome, reason=reason)) is None
+        assert drift_of(setup, expected_of(setup, known.found, blocks), replace(outcome, reason=reason)) is None
     for reason in (guard.STROKE, guard.VELOCITY, guard.TRACKING, guard.ENERGY, guard.END):
-        assert drift_of(setup, known.found, blocks, replace(outcome, reason=reason)) is not None
+        assert drift_of(setup, expected_of(setup, known.found, blocks), replace(outcome, reason=reason)) is not None

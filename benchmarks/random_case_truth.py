@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from rths_cli.analysis.identified_rig import identified_rig
-from rths_cli.analysis.preflight import LEAST_DELAY_S, Stability, stability
+from rths_cli.analysis.preflight import Stability, stability
 from rths_cli.analysis.sim import Response, simulate
 from rths_cli.control.numerical import all_storeys
 from rths_cli.identification.fit_table import within
@@ -19,12 +19,15 @@ from rths_cli.lti import Array, ComplexArray, Frf, Model
 from rths_cli.metrics import rms
 from rths_cli.rigs.virtual.plant import accelerations, continuous
 from rths_cli.structure import modes
+from rths_cli.workflows.check import required_delay_s
+from rths_cli.workflows.check_cases import Verdict
 from rths_cli.workflows.controllers import Design
 from rths_cli.workflows.setup import Setup
 
 GOOD = 0.1  # error over SIM's RMS, of the worst storey, below which a test is worth running
 NEAR = 1.25  # a figure that is off by less than this factor counts as right
 BAND_HZ, MOST_RMS = (0.7, 11.0), 0.01  # of a model that may drive a table
+MID_HZ, MOST_RMS_MID = (2.0, 10.0), 0.004
 MOST_FRICTION = 0.03  # change of the response by friction of known size
 CHECKED_HZ = 40.0  # where the check stops looking
 EXCITED_HZ = (0.3, 60.0)
@@ -121,10 +124,10 @@ class Truth:
         ratio = self.linear(self.velocity_m_s) / self.linear(self.velocity_m_s, frictionless=True)
         return float(np.sqrt(np.mean(np.abs(ratio[inside] - 1.0) ** 2)))
 
-    def model_error(self) -> float:
-        """Return the identified model's error against the true response, friction linearised, rms over BAND_HZ."""
+    def model_error(self, band_hz: tuple[float, float] = BAND_HZ) -> float:
+        """Return the identified model's error against the true response, friction linearised, rms over a band."""
         assert self.identified is not None
-        inside = within(LINES_HZ, BAND_HZ)
+        inside = within(LINES_HZ, band_hz)
         ratio = self._model.response(LINES_HZ) / self.linear(self.velocity_m_s)
         return float(np.sqrt(np.mean(np.abs(ratio[inside] - 1.0) ** 2)))
 
@@ -143,7 +146,8 @@ class Truth:
         storeys = all_storeys(setup.building.numerical, setup.rig.dt_s, setup.case.integration)
         ones = np.ones(len(LINES_HZ))
         true = Frf(LINES_HZ, self.linear(self.velocity_m_s) + self._model.alias(LINES_HZ), ones, 1e-6 * ones, 100)
-        return stability(rig, design.blocks, storeys, identified.best, true, len(setup.motion.time_s))
+        samples = len(setup.motion.time_s)
+        return stability(rig, design.blocks, storeys, identified.best, true, samples, identified.levels)
 
     @property
     def failed(self) -> bool:
@@ -157,12 +161,17 @@ def _margin(truth: Truth) -> bool:
 
 
 def _delay_margin(truth: Truth) -> bool:
-    found = truth.stability
-    return found is not None and found.measured.delay_margin_s < NEAR * LEAST_DELAY_S
+    found, identified, design = truth.stability, truth.identified, truth.design
+    if found is None or identified is None or design is None:
+        return False
+    return found.measured.delay_margin_s < NEAR * required_delay_s(truth.setup, identified, design)
 
 
 def _model_off(truth: Truth) -> bool:
-    return truth.failed or (truth.identified is not None and truth.model_error() > MOST_RMS / NEAR)
+    limits = ((BAND_HZ, MOST_RMS), (MID_HZ, MOST_RMS_MID))
+    return truth.failed or (
+        truth.identified is not None and any(truth.model_error(band) > most / NEAR for band, most in limits)
+    )
 
 
 def _outside(truth: Truth) -> bool:
@@ -207,3 +216,35 @@ def judge(sentence: str, truth: Truth) -> tuple[str, bool]:
         if re.search(pattern, sentence):
             return kind, bool(holds(truth))
     return "unknown", False
+
+
+def loop_figures(truth: Truth, found: Identification, checked: Verdict) -> dict[str, float]:
+    """Return the margins of the designed loop as checked and as they truly are, and how well the model is known where
+    the loop is the most sensitive; nothing without a design."""
+    if checked.design is None or truth.stability is None:
+        return {}
+    figures = {name: float(np.asarray(checked.figures[f"check.{name}"])) for name in (
+        "spectral_radius", "tolerated_table_error", "required_table_error", "table_error_hz", "delay_margin_s",
+        "tolerated_table_error_in_band", "table_error_in_band_hz")}  # fmt: skip
+    true, frf, model = truth.stability, found.frfs[0], found.best
+    at = figures["table_error_hz"]
+    lines = within(frf.frequency_hz, (at - 0.25, at + 0.25))
+    level = [abs(band.ratio - 1.0) for band in found.levels if band.low_hz <= at <= band.high_hz]
+    response = model.response(LINES_HZ) / truth.linear(truth.velocity_m_s) - 1.0
+    return figures | {
+        "true_radius": true.radius,
+        "true_tolerates": true.tolerates,
+        "true_required": true.required,
+        "true_hz": true.at_hz,
+        "true_delay_margin_s": true.measured.delay_margin_s,
+        "true_model_error": float(np.interp(at, LINES_HZ, np.abs(response))),
+        "line_error": float(np.mean(frf.relative_error[lines])) if lines.any() else float("nan"),
+        "lines": float(lines.sum()),
+        "fit_error": found.best_error.rms,
+        "fit_largest": found.best_error.largest,
+        "delay_error_s": found.latency.error_s if found.latency else float("nan"),
+        "delay_off_s": found.latency.identified_s - found.latency.declared_s if found.latency else float("nan"),
+        "level": max(level, default=float("nan")),
+        "band_hz": model.band_hz[1],
+        "accepted": float(found.accepted),
+    }

@@ -18,13 +18,13 @@ import warnings
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 from random_case_draw import draw, make_records
-from random_case_truth import GOOD, Played, Truth, judge
+from random_case_truth import GOOD, Played, Truth, judge, loop_figures
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, LimitError, RigError, RthsError
@@ -60,6 +60,7 @@ class Row:
     stopped: str = ""
     crash: str = ""
     seconds: float = 0.0
+    loop: dict[str, float] = field(default_factory=dict)
 
     @property
     def honest(self) -> bool:
@@ -130,7 +131,8 @@ def _taken_through(seed: int, setup: Setup, folder: Path) -> Row:
     checked = verdict_on(setup, known)
     ended, played = _run(setup, memory, folder)
     predicted = _predicted(setup, checked)
-    row = Row(seed, RAN, about(setup), verdict=checked.verdict, predicted=predicted)
+    loop = loop_figures(Truth(setup, known.found, checked.design), known.found, checked)
+    row = Row(seed, RAN, about(setup), verdict=checked.verdict, predicted=predicted, loop=loop)
     if ended.status == "complete":
         return replace(row, error=played.error, measured=played.measured)
     if ended.status == "refused":

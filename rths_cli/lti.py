@@ -109,9 +109,16 @@ class Model:
 
     @property
     def low_frequency_gain_m_per_v(self) -> float:
-        """Return the displacement per V of command far below every pole, the limit of G(s) / s^2."""
+        """Return the displacement per V of a slow command: the limit of G(s) / s^2 far below the roots in the band.
+
+        Roots below the band count as they do at its lower end: of what they do further down the data say nothing.
+        """
+        low = 2.0 * np.pi * self.band_hz[0]
         finite = self.zeros[np.abs(self.zeros) > 1e-9]
-        return float(np.real(self.gain * np.prod(-finite) / np.prod(-self.poles)))
+        above = [roots[np.abs(roots) > low] for roots in (finite, self.poles)]
+        below = [np.abs(1j * low - roots[np.abs(roots) <= low]) for roots in (finite, self.poles)]
+        size = np.prod(below[0]) / np.prod(below[1])
+        return float(np.real(self.gain * size * np.prod(-above[0]) / np.prod(-above[1])))
 
     def sampled_response(self, frequency_hz: Array) -> ComplexArray:
         """Return the response of the table's samples, staircase alias included, (n_frequencies,), in m/s^2/V."""

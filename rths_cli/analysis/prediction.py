@@ -107,13 +107,33 @@ def data_ratio(model: Model, measured: Frf, frequency_hz: Array) -> ComplexArray
     of the data, (m,)."""
     f = measured.frequency_hz
     ratio = (measured.response - model.alias(f)) / model.response(f)
-    inside = (f >= model.band_hz[0]) & (f <= model.band_hz[1])
+    inside = _in_band(model, f)
     f, ratio = f[inside], ratio[inside]
-    width = 2 * round(0.5 * SMOOTHED_HZ / (f[1] - f[0])) + 1  # odd: about each line alike
-    weight = np.convolve(np.ones(len(f)), np.ones(width), "same")
-    ratio = np.convolve(ratio, np.ones(width), "same") / weight
-    found = np.interp(frequency_hz, f, ratio.real) + 1j * np.interp(frequency_hz, f, ratio.imag)
+    kernel = _kernel(f)
+    mean = np.convolve(ratio, kernel, "same") / np.convolve(np.ones(len(f)), kernel, "same")
+    found = np.interp(frequency_hz, f, mean.real) + 1j * np.interp(frequency_hz, f, mean.imag)
     return np.where((frequency_hz >= f[0]) & (frequency_hz <= f[-1]), found, 1.0)
+
+
+def ratio_error(model: Model, measured: Frf, frequency_hz: Array) -> Array:
+    """Return the standard uncertainty of `data_ratio`, (m,), from the scatter of the lines that it averages; zero
+    outside the band of the data."""
+    inside = _in_band(model, measured.frequency_hz)
+    f, variance = measured.frequency_hz[inside], measured.relative_error[inside] ** 2
+    kernel = _kernel(f)
+    lines = np.convolve(np.ones(len(f)), kernel, "same")
+    independent = np.maximum(lines / measured.bandwidth_lines, 1.0)
+    error = np.sqrt(np.convolve(variance, kernel, "same") / lines / independent)
+    return np.interp(frequency_hz, f, error, left=0.0, right=0.0)
+
+
+def _in_band(model: Model, frequency_hz: Array) -> np.ndarray:
+    return (frequency_hz >= model.band_hz[0]) & (frequency_hz <= model.band_hz[1])
+
+
+def _kernel(frequency_hz: Array) -> Array:
+    """Return the ones that sum up lines over SMOOTHED_HZ: an odd number, about each line alike."""
+    return np.ones(2 * round(0.5 * SMOOTHED_HZ / (frequency_hz[1] - frequency_hz[0])) + 1)
 
 
 def friction_samples(known: Known) -> ComplexArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import ROUND_DOWN, Context
 
@@ -13,32 +14,38 @@ from rths_cli.analysis.critical_delay import CriticalDelay
 from rths_cli.analysis.identified_rig import IdentifiedRig
 from rths_cli.analysis.lines import HIGHEST_HZ
 from rths_cli.analysis.loop_response import loop_response
-from rths_cli.analysis.prediction import Known, Prediction, data_ratio
+from rths_cli.analysis.prediction import Known, Prediction, data_ratio, ratio_error
 from rths_cli.control.blocks import Blocks
 from rths_cli.control.margins import Margins, margins
+from rths_cli.identification.found import LevelBand
 from rths_cli.lti import Array, Block, ComplexArray, Frf, Model
 from rths_cli.matrices import distinct
 from rths_cli.rig_info import BRAKE_SHARE, RigInfo
 
 SAFE, UNSAFE, UNSTABLE = "safe", "unsafe", "unstable"
-TOLERATED = 0.06  # error of the table that a test must stand up to 11 Hz: twice the largest of an accepted model
 COMPARED_HZ = 11.0
-LEAST_DELAY_S = 1e-3  # further delay that a loop must tolerate where lost samples are bridged
+GAIN_CHANGE = 0.1  # of the table's gain, from identification to the end of a test
+UNSEEN_CHANGE, UNCOMPARED_CHANGE = 0.01, 0.06  # of its response: what a verification lets pass; without a low level
+SIGMA = 3.0  # standard uncertainties of the measured response
+LEAST_DELAY_S = 1e-3  # further delay that a loop must tolerate where less is not known to be enough
 RESERVE = 0.1  # of every limit
 FINER = 8  # points of a peak's series per point of the reduced one
 MOST_GROWN = 1e99  # stated; result files hold no larger numbers
 GROWN = 1e3  # over the record, from which growth is no doubt
 LOWEST_HZ, POINTS, AROUND, WIDTH = 0.05, 1500, 100, 0.2  # of the grid: in all, about each closed-loop mode, half width
 MODES_HZ = 60.0
+LEAST_LOOP = 1e-12  # a smaller loop gain is none
 
 
 @dataclass(frozen=True)
 class Stability:
     """`radius` of the closed-loop matrix, `growth` over the record (1 and less: none); margins of the loop broken at
     the command, on the measured response and on the model; `tolerates` and `required`: error of the table's response
-    that makes the loop unstable, and that it must stand, where the two are nearest, `at_hz`; `in_band`: the smallest
-    that makes it unstable up to 11 Hz, `in_band_hz` where; `apart`: largest |(1 + L) / (1 + L_model) - 1| of the loop
-    on the measured response: below one both go round -1 alike (Rouche), and the model's radius speaks for both."""
+    (of the measured one beyond its scatter, and of the model) that makes the loop unstable with the gain of GAIN_CHANGE
+    that is the worst (`gain`, a factor), and that it must stand, where the two are nearest, `at_hz`; `in_band`: the
+    smallest that makes it unstable up to 11 Hz, `in_band_hz` where; `apart`: largest |(1 + L) / (1 + L_model) - 1| of
+    the loop on the measured response, beyond its scatter: below one both go round -1 alike (Rouche), and the model's
+    radius speaks for both."""
 
     radius: float
     growth: float
@@ -50,6 +57,7 @@ class Stability:
     in_band: float = math.inf
     in_band_hz: float = math.nan
     apart: float = 0.0
+    gain: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -98,13 +106,18 @@ def judge(
     return Preflight(verdict, tuple(reasons), critical, stability, reach, largest, prediction)
 
 
-def required_delay_s(dt_s: float, bridged: bool) -> float:
+def required_delay_s(dt_s: float, bridged: bool, error_s: float | None = None, compared: bool = True) -> float:
     """Return the further delay in s that a loop must tolerate.
 
-    `bridged`: the loop goes on by its model where a sample is lost. Elsewhere a lost sample holds the command, and one
-    lost and one late sample must not endanger the loop.
+    It is SIGMA times the standard uncertainty `error_s` of the identified delay (None: not known) and what a
+    verification lets pass at COMPARED_HZ; `compared`: it has a record at low level to compare with. It is LEAST_DELAY_S
+    at most: a delay is less certain only where the model's roots can stand for it, and then the lag of both together
+    is measured. `bridged`: the loop goes on by its model where a sample is lost. Elsewhere a lost sample holds the
+    command, and one lost and one late sample must not endanger the loop.
     """
-    return LEAST_DELAY_S if bridged else max(2.0 * dt_s, LEAST_DELAY_S)
+    unseen = (UNSEEN_CHANGE if compared else UNCOMPARED_CHANGE) / (2.0 * math.pi * COMPARED_HZ)
+    least = LEAST_DELAY_S if error_s is None else min(unseen + SIGMA * error_s, LEAST_DELAY_S)
+    return least if bridged else max(2.0 * dt_s, least)
 
 
 def faults_of_loop(found: Stability, feedback: bool = False, least_delay_s: float = LEAST_DELAY_S) -> list[str]:
@@ -136,8 +149,9 @@ def _fragile(found: Stability, feedback: bool, least_delay_s: float) -> list[str
         )
     if found.tolerates < found.required:
         reasons.append(
-            f"an error of {found.tolerates:.2%} in the table's response at {found.at_hz:.3g} Hz makes the loop "
-            f"unstable, it must stand {found.required:.2%}; {_advice(found.at_hz, feedback)}"
+            f"{_with_gain(found.gain)}an error of {found.tolerates:.2%} in the table's response at "
+            f"{found.at_hz:.3g} Hz makes the loop unstable, it must stand {found.required:.2%}; "
+            f"{_advice(found.at_hz, feedback)}"
         )
     if found.measured.delay_margin_s < least_delay_s:
         reasons.append(
@@ -145,6 +159,11 @@ def _fragile(found: Stability, feedback: bool, least_delay_s: float) -> list[str
             f"{1e3 * least_delay_s:.3g} ms; put less of the interface floor's mass on the table, or add damping"
         )
     return reasons
+
+
+def _with_gain(gain: float) -> str:
+    """Return which change of the table's gain comes first, nothing for none."""
+    return "" if round(gain, 3) == 1.0 else f"with {gain:.3g} times the table's gain "
 
 
 def _advice(at_hz: float, feedback: bool) -> str:
@@ -164,19 +183,27 @@ def _beyond(row: Reach, largest: float) -> str:
 
 
 def stability(
-    rig: IdentifiedRig, blocks: Blocks, storeys: Block, model: Model, measured: Frf, samples: int
-) -> Stability:
-    """Return the stability of the sampled loop of identified rig and blocks for a record of so many samples."""
+    rig: IdentifiedRig, blocks: Blocks, storeys: Block, model: Model, measured: Frf, samples: int,
+    levels: Sequence[LevelBand] = (),
+) -> Stability:  # fmt: skip
+    """Return the stability of the sampled loop of identified rig and blocks for a record of so many samples.
+
+    `levels`: the table's response at low level over that at full level, () where there is no record at low level.
+    """
     matrix = closed_loop_matrix(rig, blocks)
     values = np.linalg.eigvals(matrix).astype(complex)
     radius = float(np.abs(values).max())
     frequency = _grid(values, rig.plant.dt_s)
     loop = loop_response(rig, blocks, storeys, np.exp(2j * np.pi * frequency * rig.plant.dt_s))
-    on_data = loop.with_rig(data_ratio(model, measured, frequency))
-    tolerated = np.minimum(_tolerated(on_data), _tolerated(loop.loop))
-    wanted = required(frequency, model.band_hz[1])
+    ratio, scatter = data_ratio(model, measured, frequency), ratio_error(model, measured, frequency)
+    on_data, seen = loop.with_rig(ratio), loop.with_rig(_beyond_scatter(ratio, scatter))
+    gains = np.stack([_worst_gain(each, frequency, model.band_hz[1]) for each in (seen, loop.loop)])
+    errors = np.stack([_tolerated(each, gain) for each, gain in zip((seen, loop.loop), gains, strict=True)])
+    tolerated, gain = errors.min(axis=0), np.where(errors[0] <= errors[1], *gains)
+    wanted = required(frequency, model.band_hz[1], scatter, levels)
     nearest = int(np.argmin(tolerated / wanted))
     weakest = int(np.argmin(np.where(frequency <= COMPARED_HZ, tolerated, math.inf)))
+    apart = np.abs((1.0 + seen) / (1.0 + loop.loop) - 1.0)
     return Stability(
         radius,
         growth(radius, samples),
@@ -187,7 +214,8 @@ def stability(
         float(frequency[nearest]),
         float(tolerated[weakest]),
         float(frequency[weakest]),
-        float(np.abs((1.0 + on_data) / (1.0 + loop.loop) - 1.0).max()),
+        float(apart.max()),
+        float(gain[nearest]),
     )
 
 
@@ -197,19 +225,48 @@ def growth(radius: float, samples: int) -> float:
     return float(np.exp(min(samples * math.log(radius), math.log(MOST_GROWN)))) if radius > 0.0 else 0.0
 
 
-def _tolerated(loop: ComplexArray) -> Array:
-    """Return the smallest relative error of the table (n,) that puts the loop gain on -1."""
-    return np.abs(1.0 + loop) / np.maximum(np.abs(loop), 1e-12)
+def _worst_gain(loop: ComplexArray, frequency_hz: Array, identified_hz: float) -> Array:
+    """Return the factor (n,) on the table's gain, up to GAIN_CHANGE off, that puts the loop gain nearest to -1.
+
+    It is one beyond the identified band, where a table is doubted altogether. The relative error that is left is
+    |1 + 1 / (g L)|, a parabola of 1 / g.
+    """
+    over = 1.0 / np.where(np.abs(loop) > LEAST_LOOP, loop, LEAST_LOOP)
+    share = np.clip(-over.real / np.abs(over) ** 2, 1.0 / (1.0 + GAIN_CHANGE), 1.0 / (1.0 - GAIN_CHANGE))
+    return np.where(frequency_hz <= identified_hz, 1.0 / share, 1.0)
 
 
-def required(frequency_hz: Array, identified_hz: float) -> Array:
-    """Return the error of the table's response that a loop must stand, (n,): TOLERATED up to 11 Hz, in proportion to
-    the frequency up to the end of the identified band, and all of it (1) from twice that on."""
-    top = max(identified_hz, COMPARED_HZ)
-    inside = TOLERATED * np.maximum(frequency_hz / COMPARED_HZ, 1.0)
-    share = np.clip(np.log2(np.maximum(frequency_hz, 1e-9) / top), 0.0, 1.0)
-    at_top = TOLERATED * top / COMPARED_HZ
-    return np.where(frequency_hz <= top, inside, at_top ** (1.0 - share))
+def _tolerated(loop: ComplexArray, gain: Array) -> Array:
+    """Return the smallest relative error of a table of so many times the gain (n,) that puts the loop gain on -1."""
+    return np.abs(1.0 + gain * loop) / np.maximum(np.abs(gain * loop), LEAST_LOOP)
+
+
+def required(frequency_hz: Array, identified_hz: float, scatter: Array, levels: Sequence[LevelBand]) -> Array:
+    """Return the error of the table's response that a loop must stand beside a change of its gain, (n,).
+
+    It is what identification and verification leave open: a change that is let pass, SIGMA times the uncertainty of
+    the measured response (n,), what level and friction change, and modes beyond the identified band. One at twice its
+    end adds (f / f_0)^2 to the table below it; from there on nothing is known of the table, and all of it is doubted.
+    """
+    unseen = UNSEEN_CHANGE if levels else UNCOMPARED_CHANGE
+    beyond = (frequency_hz / (2.0 * max(identified_hz, COMPARED_HZ))) ** 2
+    return np.minimum(unseen + SIGMA * scatter + _by_level(frequency_hz, levels) + beyond, 1.0)
+
+
+def _by_level(frequency_hz: Array, levels: Sequence[LevelBand]) -> Array:
+    """Return the change of the table's response from full to low level beyond its scatter, (n,), interpolated between
+    the bands' centres: a test moves the table by anything between."""
+    if not levels:
+        return np.zeros(len(frequency_hz))
+    centres = np.log([math.sqrt(band.low_hz * band.high_hz) for band in levels])
+    changes = [max(abs(band.ratio - 1.0) - SIGMA * band.error, 0.0) for band in levels]
+    return np.interp(np.log(frequency_hz), centres, changes)
+
+
+def _beyond_scatter(ratio: ComplexArray, scatter: Array) -> ComplexArray:
+    """Return a ratio of measured response to model, (n,), less what SIGMA standard uncertainties explain of it."""
+    off = np.abs(ratio - 1.0)
+    return 1.0 + (ratio - 1.0) * np.maximum(1.0 - SIGMA * scatter / np.maximum(off, LEAST_LOOP), 0.0)
 
 
 def _grid(values: ComplexArray, dt_s: float) -> Array:

@@ -34,10 +34,14 @@ class Lines:
 
 
 def modal(masses_kg: Array, stiffness_n_per_m: Array) -> tuple[Array, Array]:
-    """Return natural frequencies in rad/s, ascending, (n,) and mass-normalised mode shapes (n, n)."""
+    """Return natural frequencies in rad/s, ascending, (n,) and mass-normalised mode shapes (n, n).
+
+    An eigenvalue is known to rounding of the largest one; one that is lost in it is taken as that large.
+    """
     root = np.sqrt(masses_kg)
     eigenvalues, shapes = np.linalg.eigh(storey_matrix(stiffness_n_per_m) / np.outer(root, root))
-    return np.sqrt(eigenvalues), shapes / root[:, None]
+    known = np.maximum(eigenvalues, np.finfo(float).eps * eigenvalues[-1])
+    return np.sqrt(known), shapes / root[:, None]
 
 
 def frequency_slopes(omega: Array, shapes: Array, stiffness_n_per_m: Array) -> Array:

@@ -58,14 +58,14 @@ def judge(data: Evidence, frfs: Sequence[Frf]) -> Judgement:
     return Judgement(tuple(faults)) if faults else _unexplained(found)
 
 
-def far_gain(low_frequency_gain_m_per_v: float, info: RigInfo, measured: Frf | None = None) -> tuple[str, ...]:
+def far_gain(low_frequency_gain_m_per_v: float, info: RigInfo, measured: Frf) -> tuple[str, ...]:
     """Return why a model is refused whose gain is nowhere near the data sheet's.
 
-    `measured`: the table's response, for a model that does not fit it: below its band such a model tells nothing of the
-    table, so the lines up to DIRECTION_HZ must be far from the data sheet's gain, too.
+    A model tells little of the table below its band, where its gain is read off: the lines of the `measured` response
+    up to DIRECTION_HZ must be far from the data sheet's gain, too.
     """
     ratio = abs(low_frequency_gain_m_per_v) / info.gain_m_per_v
-    ratios = [ratio] if measured is None else [ratio, _measured_gain(measured) / info.gain_m_per_v]
+    ratios = (ratio, _measured_gain(measured) / info.gain_m_per_v)
     if any(FAR_GAIN[0] <= each <= FAR_GAIN[1] for each in ratios):
         return ()
     return (

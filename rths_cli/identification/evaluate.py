@@ -196,7 +196,6 @@ def _gain(table: _Table, data: Evidence) -> tuple[str, ...]:
 def _verdict(data: Evidence, table: _Table, specimen: _Specimen, dry: Friction | None, warnings: list[str]) -> Verdict:
     """Return whether the model may drive the table."""
     error, most = beyond_scatter(table.best, table.fit.frf), data.settings.most
-    measured = table.fit.frf if error.rms > most.rms else None
     return verdict.judge(
         table.best,
         error,
@@ -207,7 +206,7 @@ def _verdict(data: Evidence, table: _Table, specimen: _Specimen, dry: Friction |
         data.level_ratio,
         (
             *specimen.reasons,
-            *channel_responses.far_gain(table.best.low_frequency_gain_m_per_v, data.info, measured),
+            *channel_responses.far_gain(table.best.low_frequency_gain_m_per_v, data.info, table.fit.frf),
         ),
         table.given,
         table.causes,

@@ -59,11 +59,11 @@ def fit_specimen(motions: Sequence[Motion], dt_s: float, masses_kg: Array, low_h
     unexplained is approached once more from short stretches, whose wide lines see a frequency from farther away.
     """
     masses = np.asarray(masses_kg, dtype=float)
-    band = (low_hz, ABOVE_HIGHEST * float(modal(masses, start.stiffness_n_per_m)[0][-1]) / (2.0 * np.pi))
+    band = _band(low_hz, masses, start)
     found = _fitted([transform(motion, dt_s, band) for motion in motions], masses, start)
     if found.size > MISFIT * np.sqrt(len(motions)):
         near = _approached(motions, dt_s, masses, low_hz, start)
-        band = (low_hz, ABOVE_HIGHEST * float(modal(masses, near.stiffness_n_per_m)[0][-1]) / (2.0 * np.pi))
+        band = _band(low_hz, masses, start, near)
         again = _fitted([transform(motion, dt_s, band) for motion in motions], masses, near)
         found = min(found, again, key=lambda each: each.size)
     return _described(masses, found, len(motions))
@@ -72,8 +72,21 @@ def fit_specimen(motions: Sequence[Motion], dt_s: float, masses_kg: Array, low_h
 def _fitted(lines: Sequence[Lines], masses: Array, start: Start) -> Solution:
     """Return the fit to lines from a start."""
     theta = np.log(np.concatenate([start.stiffness_n_per_m, start.damping_ratio]))
-    reach = np.log(np.repeat([STIFFNESS_REACH, RATIO_REACH], len(masses)))
-    return least_squares(lambda at: without_time(evaluated(lines, masses, at)), theta, TOLERANCE, reach=reach)
+    return least_squares(
+        lambda at: without_time(evaluated(lines, masses, at)), theta, TOLERANCE, reach=reach_of(len(masses))
+    )
+
+
+def reach_of(floors: int) -> Array:
+    """Return how far the logarithms of stiffnesses and damping ratios, (2 n,), may move from their start in a fit."""
+    return np.log(np.repeat([STIFFNESS_REACH, RATIO_REACH], floors))
+
+
+def _band(low_hz: float, masses: Array, *starts: Start) -> tuple[float, float]:
+    """Return the band in Hz of the lines of a fit from a start; it ends above the highest mode of each that is given,
+    so that a stretch that led astray does not take the lines away."""
+    highest = max(float(modal(masses, start.stiffness_n_per_m)[0][-1]) for start in starts)
+    return low_hz, ABOVE_HIGHEST * highest / (2.0 * np.pi)
 
 
 def _approached(motions: Sequence[Motion], dt_s: float, masses: Array, low_hz: float, start: Start) -> Start:
@@ -88,7 +101,7 @@ def _approached(motions: Sequence[Motion], dt_s: float, masses: Array, low_hz: f
     whole = min(len(motion.table) for motion in motions)
     while length < whole:
         length = max(length, least_samples(omega / (2.0 * np.pi), dt_s, low_hz))
-        band = (low_hz, ABOVE_HIGHEST * float(modal(masses, near.stiffness_n_per_m)[0][-1]) / (2.0 * np.pi))
+        band = _band(low_hz, masses, start, near)
         parts = [motion.cut(_middle(len(motion.table), length)) for motion in motions]
         theta = _fitted([transform(part, dt_s, band) for part in parts], masses, near).parameters
         stiffness, ratios = np.split(np.exp(theta), 2)

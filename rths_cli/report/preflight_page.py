@@ -135,7 +135,8 @@ def _margins(values: Values) -> list[str]:
         *alone,
         labelled(
             "  error of the table",
-            f"stands {stands:.3g} %, must stand {must:.3g} % at {where} Hz, where the two are nearest",
+            f"stands {stands:.3g} %, must stand {must:.3g} % at {where} Hz, where the two are nearest, with a "
+            "gain up to 10 % off",
         ),
         labelled("    up to 11 Hz", f"stands {100.0 * least:.3g} % or more, the least at {short(there)} Hz"),
     ]

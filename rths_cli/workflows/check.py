@@ -79,7 +79,7 @@ def judge(setup: Setup, identified: Identification, design: Design, kept: Kept |
     rig = identified_rig(identified.best, specimen, setup.rig, setup.removes_sensors)
     storeys = all_storeys(building.numerical, dt, setup.case.integration)
     samples = len(setup.motion.time_s)
-    asked = pickle.dumps((rig, design.blocks, storeys, identified.best, identified.frfs[0]))
+    asked = pickle.dumps((rig, design.blocks, storeys, identified.best, identified.frfs[0], identified.levels))
     found = kept.get("stability", asked, lambda: _stability(rig, design.blocks, storeys, identified, samples))
     found = replace(found, growth=preflight.growth(found.radius, samples))
     known = known_of(setup, identified, design, rig, storeys, found.radius, kept)
@@ -90,8 +90,7 @@ def judge(setup: Setup, identified: Identification, design: Design, kept: Kept |
     critical = critical_delay(building)
     further = preflight.unseen(known)
     feedback = setup.case.controller.kind == "FF+FB"
-    bridged = setup.rig.kind in BRIDGING and design.blocks.lead_samples > 0
-    least_s = preflight.required_delay_s(dt, bridged)
+    least_s = required_delay_s(setup, identified, design)
     verdict = preflight.judge(critical, found, rows, setup.case.scaling, stable, further, feedback, least_s)
     own = modes(building.M, building.C, building.K)
     looped = modes_in_loop(loop_roots(closed_loop_matrix(rig, design.blocks), dt), *own)
@@ -102,17 +101,24 @@ def judge(setup: Setup, identified: Identification, design: Design, kept: Kept |
     return Judged(verdict, own, looped, delayed, friction, largest, known if found.radius < 1.0 else None)
 
 
+def required_delay_s(setup: Setup, identified: Identification, design: Design) -> float:
+    """Return the further delay in s that a case's loop must tolerate."""
+    bridged = setup.rig.kind in BRIDGING and design.blocks.lead_samples > 0
+    error_s = identified.latency.error_s if identified.latency else None
+    return preflight.required_delay_s(setup.rig.dt_s, bridged, error_s, bool(identified.levels))
+
+
 def _stability(
     rig: IdentifiedRig, blocks: Blocks, storeys: Block, identified: Identification, samples: int
 ) -> preflight.Stability:
     """Return the stability of the loop, of that without feedback where it is worse: at its limit a feedback is none."""
-    table = identified.best, identified.frfs[0]
-    found = preflight.stability(rig, blocks, storeys, *table, samples)
+    best, measured, levels = identified.best, identified.frfs[0], identified.levels
+    found = preflight.stability(rig, blocks, storeys, best, measured, samples, levels)
     if not math.isfinite(blocks.feedback_limit_v):
         return found
     alone = replace(blocks, feedback=none(rig.plant.dt_s))
-    without = preflight.stability(rig, alone, storeys, *table, samples)
-    return max(found, without, key=lambda each: (each.radius >= 1.0, each.required / each.tolerates))
+    without = preflight.stability(rig, alone, storeys, best, measured, samples, levels)
+    return min(found, without, key=lambda each: (each.radius < 1.0, each.tolerates / each.required))
 
 
 def _sim_delay(setup: Setup, building: Building, known: Known, critical: CriticalDelay) -> Array | None:

@@ -53,12 +53,13 @@ def verdict_on(
 ) -> Verdict:
     """Return the verdict on a case's hybrid test from what is known of its rig and specimen; "" when `hybrid` says that
     there is none, unless no blocks can be designed. `design`: the blocks, where another record had them designed; with
-    `kept`, cases share what they have in common."""
+    `kept`, cases share what they have in common. That no controller can be designed for a rejected model follows from
+    why it was rejected, and is not said beside it."""
     faults = known.faults(setup.overrides)
     try:
         design = design or interruptible(lambda: design_blocks(setup, known.found, kept))
     except InputError as error:
-        return Verdict(UNSAFE, (*faults, *error.faults), None, {})
+        return Verdict(UNSAFE, faults or error.faults, None, {})
     if not hybrid:
         return Verdict("", faults, design, {})
     chosen = design

@@ -101,6 +101,15 @@ def test_low_frequency_lag_is_the_slope_of_the_phase(delay_s: float, corner_hz: 
     assert judge(model, FINE, measured(model, np.zeros(len(LINES))), LIMITS, ()).lag_s == low_frequency_lag(model)
 
 
+@pytest.mark.parametrize("ratio", [0.01, 3.0])
+def test_roots_below_the_band_have_no_part_in_the_low_frequency_gain(ratio: float) -> None:
+    """A pair of poles at 0.02 Hz and of zeros at 0.05 Hz, below a band from 0.5 Hz, changes nothing there."""
+    model = table(7.5e-4, 80.0)
+    low, high = (2.0 * np.pi * np.array([f * np.exp(1j * 2.0), f * np.exp(-1j * 2.0)]) for f in (0.02, 0.05))
+    extended = replace(model, poles=np.append(model.poles, low), zeros=np.append(model.zeros, ratio * high))
+    assert extended.low_frequency_gain_m_per_v == pytest.approx(model.low_frequency_gain_m_per_v, rel=0.12 * ratio)
+
+
 @pytest.mark.parametrize(
     ("error", "named"),
     [

@@ -27,6 +27,8 @@ typedef struct {
   Array recent, samples, corrected, estimated, base_shear, interface, error, shortfall, shaping;
   double command_limit_v, feedback_limit_v, ripple_m_s2_per_v, ripple_sum_m_s2_per_v;
   Array sent;
+  Linear by_desired, by_measured;
+  Array expected;
 } Step;
 
 typedef struct {
@@ -147,6 +149,22 @@ INLINE double feed_back(const Step *s, double forward) {
   return applied;
 }
 
+INLINE void expect(const Step *s) {
+  const Linear *one = &s->by_desired, *two = &s->by_measured;
+  const int64_t channels = s->samples.shape[0], known = one->made.shape[0] > 0;
+  const double desired = s->interface.at[0];
+  double *at = s->expected.at;
+  one->given.at[one->states] = s->recent.at[0];
+  two->given.at[two->states] = s->corrected.at[0];
+  apply(one);
+  apply(two);
+  at[0] = at[channels] = desired;
+  for (int64_t c = 1; c < channels; c++) {
+    at[c] = known ? one->made.at[one->states + c - 1] : desired;
+    at[channels + c] = known ? two->made.at[two->states + c - 1] : desired;
+  }
+}
+
 INLINE double step(const Step *s, const double *drive) {
   sense(s);
   if (s->source == EXCITATION) return drive[0];
@@ -155,6 +173,7 @@ INLINE double step(const Step *s, const double *drive) {
   else for (int i = 0; i < 3; i++) s->interface.at[i] = drive[i];
   s->recent.at[lead] = s->interface.at[0];
   s->error.at[0] = s->recent.at[0] - s->corrected.at[0];
+  expect(s);
   apply(&s->feedforward);
   const double forward = s->feedforward.made.at[s->feedforward.states];
   for (int64_t i = 0; i < lead; i++) s->recent.at[i] = s->recent.at[i + 1];
@@ -171,17 +190,22 @@ INLINE void note_sent(const Step *s, double command) {
 static const double brake_share = 0.45, return_rate_rad_s = 7.5, at_rest_m = 1e-6, stuck_s = 0.5;
 static const double forget_hz = 0.5;
 
-INLINE int is_stuck(const GuardLimits *lim, const GuardState *g, int64_t c, double sample, double expected) {
-  if (sample != g->codes.at[c]) {
-    g->codes.at[c] = sample;
-    g->expected_at.at[c] = expected;
-    g->moved.at[c] = 0.0;
-    g->same.at[c] = 0;
-    return 0;
+INLINE double must_have_moved(const GuardState *g, int64_t c) {
+  return least(g->moved.at[c], g->moved.at[g->same.shape[0] + c]);
+}
+
+INLINE int is_stuck(const GuardLimits *lim, const GuardState *g, int64_t c, double sample, const double *expected) {
+  const int64_t channels = g->same.shape[0];
+  const int changed = sample != g->codes.at[c];
+  g->codes.at[c] = sample;
+  g->same.at[c] = changed ? 0 : g->same.at[c] + 1;
+  for (int64_t i = c; i < 2 * channels; i += channels) {
+    if (changed) {
+      g->expected_at.at[i] = expected[i];
+      g->moved.at[i] = 0.0;
+    } else g->moved.at[i] = most(g->moved.at[i], fabs(expected[i] - g->expected_at.at[i]));
   }
-  g->same.at[c]++;
-  g->moved.at[c] = most(g->moved.at[c], fabs(expected - g->expected_at.at[c]));
-  return g->same.at[c] * lim->dt_s >= stuck_s && g->moved.at[c] > lim->stuck_m_s2.at[c];
+  return g->same.at[c] * lim->dt_s >= stuck_s && must_have_moved(g, c) > lim->stuck_m_s2.at[c];
 }
 
 INLINE int beyond(const GuardState *g, double value, int reason) {
@@ -190,18 +214,16 @@ INLINE int beyond(const GuardState *g, double value, int reason) {
 }
 
 INLINE int check_samples(const GuardLimits *lim, const GuardState *g, const Step *s) {
-  const double *accel = s->corrected.at, desired = s->interface.at[0];
-  const int64_t channels = s->samples.shape[0], floors = channels - 1;
-  const int knows_floors = s->estimated.shape[0] >= 3 * floors;
+  const double *accel = s->corrected.at;
+  const int64_t channels = s->samples.shape[0];
   double force = 0.0;
   for (int64_t c = 0; c < channels; c++) {
     const double sample = s->samples.at[c];
-    const double expected = c > 0 && knows_floors ? s->estimated.at[2 * floors + c - 1] : desired;
     g->flags.at[2] = c;
     if (!isfinite(sample)) return NOT_A_NUMBER;
     if (fabs(sample) >= lim->saturation_v.at[c]) return beyond(g, fabs(sample), SATURATED);
     if (fabs(accel[c]) > lim->abort_m_s2.at[c]) return beyond(g, fabs(accel[c]), ACCELERATION);
-    if (is_stuck(lim, g, c, sample, expected)) return beyond(g, g->moved.at[c], STUCK);
+    if (is_stuck(lim, g, c, sample, s->expected.at)) return beyond(g, must_have_moved(g, c), STUCK);
     force += lim->masses_kg.at[c] * accel[c];
   }
   g->flags.at[2] = -1;

@@ -62,6 +62,7 @@ REAL_ATTRIBUTES = {
 BLOCKS = {
     "sensor_correction": "samples (V) to accelerations, known corners of the sensors taken out",
     "kalman": "accelerations to the specimen's state and floor accelerations",
+    "specimen_open_loop": "table acceleration to floor accelerations that the guard expects; no measured floor enters",
     "base_shear": "estimates and accelerations to the base shear at the instant at which the command acts",
     "numerical": "ground acceleration and base shear to the interface's motion",
     "feedforward": "desired motion to command",

@@ -18,6 +18,8 @@ class Blocks:
     bit of the command converter when its rounding errors are to be shaped, else 0. The feedback's part of the command
     is kept within +-`feedback_limit_v`, and the sum within +-`command_limit_v` as far as the feedback's part can.
     `specimen`: the identified one, by which the channels are compared after a stop; None where there is none.
+    `open_loop`: the same from the table's acceleration to the floors' accelerations, by which the guard knows what a
+    floor must show; no block of the control, None where no specimen is known.
     """
 
     correction: Block
@@ -36,6 +38,7 @@ class Blocks:
     feedback_limit_v: float = float("inf")
     ripple_sum_m_s2_per_v: float = 0.0
     specimen: Specimen | None = None
+    open_loop: Block | None = None
 
     @property
     def lead_samples(self) -> int:
@@ -43,7 +46,7 @@ class Blocks:
         return len(self.shear_recent)
 
     def named(self) -> tuple[Block, ...]:
-        """Return the discrete blocks in the order in which the step runs them."""
+        """Return the discrete blocks that make the command, in the order in which the step runs them."""
         return (self.correction, self.estimator, self.numerical, self.feedforward, self.feedback)
 
     def base_shear(self) -> Block:

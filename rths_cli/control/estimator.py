@@ -65,6 +65,17 @@ def kalman_block(specimen: Specimen, q: float, r: float, dt_s: float, knows_tabl
     return discretise(full, dt_s, "foh", "kalman", inputs, tuple(states))
 
 
+def open_loop(specimen: Specimen, dt_s: float) -> Block:
+    """Return the specimen alone, Eq. 2.5: table acceleration to the floors' absolute accelerations (n,).
+
+    No measurement of a floor enters, so what it gives does not follow a sensor that is wrong. Discretised for an input
+    that is a straight line between samples.
+    """
+    floors = tuple(f"floor_accel_{i + 1}_m_s2" for i in range(len(specimen.masses_kg)))
+    system = specimen_state_space(specimen)
+    return discretise(system, dt_s, "foh", "specimen_open_loop", ("table_accel_m_s2",), floors)
+
+
 def measured_shear(specimen: Specimen, interface_mass_kg: float) -> Shear:
     """Return Eq. 2.6 from the estimated floor accelerations at the same instant, without prediction."""
     n = len(specimen.masses_kg)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rths_cli.control.blocks import Blocks
+from rths_cli.control.realise import static
 from rths_cli.loop.modal import Modal, modal
 from rths_cli.lti import Array, Block
 from rths_cli.tiles import tiled
@@ -62,6 +63,9 @@ class Step(NamedTuple):
     ripple_m_s2_per_v: float  # what the hold's staircase adds to a table sample per V of command change,
     ripple_sum_m_s2_per_v: float  # and its integral, where an AC coupling is corrected, per V of their sum
     sent: Array  # (max(latency, 1) + 1,) commands that left, the latest first
+    by_desired: Linear  # desired table acceleration -> what the floors must show (c - 1,); no outputs: not known,
+    by_measured: Linear  # and the same from the measured table acceleration
+    expected: Array  # (2, c) accelerations that the channels must show, by the desired and by the measured motion
 
 
 def linear(block: Block, more_c: Array | None = None, more_d: Array | None = None) -> Linear:
@@ -98,6 +102,7 @@ def channelwise(block: Block) -> Channels:
 def assemble(blocks: Blocks, source: int) -> Step:
     """Return a step at rest for one run of the given source."""
     feedforward, feedback = linear(blocks.feedforward), linear(blocks.feedback)
+    specimen = blocks.open_loop or static(np.zeros((0, 1)), blocks.correction.dt_s, "specimen_open_loop", (), ())
     known, size = blocks.shear_estimate[None, :], blocks.shaping_step_v
     design, channels = blocks.estimator, blocks.correction.C.shape[0]
     estimator = linear(design, known @ design.C, known @ design.D + blocks.shear_measured[None, :])
@@ -124,4 +129,7 @@ def assemble(blocks: Blocks, source: int) -> Step:
         ripple_m_s2_per_v=float(blocks.ripple_m_s2_per_v),
         ripple_sum_m_s2_per_v=float(blocks.ripple_sum_m_s2_per_v),
         sent=np.zeros(max(blocks.latency_samples, 1) + 1),
+        by_desired=linear(specimen),
+        by_measured=linear(specimen),
+        expected=np.zeros((2, channels)),
     )

@@ -4,9 +4,16 @@ from __future__ import annotations
 
 from rths_cli.compiled import part
 from rths_cli.loop.blocks import EXCITATION, Step
+from rths_cli.loop.step import staircase_of
 from rths_cli.tiles import product
 
 ROUNDS = 12  # to the fixed point of `bridge`: each leaves an eighth at 1 kHz, a quarter at 500 Hz
+
+
+@part
+def bridges(s: Step) -> bool:
+    """Tell whether a step knows what its channels would show; an excitation and a step without lead do not."""
+    return s.source != EXCITATION and s.recent.size > 1 and s.estimated.size >= 3 * (s.samples.size - 1)
 
 
 @part
@@ -18,7 +25,7 @@ def bridge(s: Step) -> None:
     An excitation, and a step without lead, keep the last samples.
     """
     floors, block = s.samples.size - 1, s.estimator
-    if s.source == EXCITATION or s.recent.size == 1 or s.estimated.size < 3 * floors:
+    if not bridges(s):
         return
     s.corrected[0] = s.recent[0]
     for _ in range(ROUNDS):
@@ -31,8 +38,7 @@ def bridge(s: Step) -> None:
 @part
 def show(s: Step) -> None:
     """Give the step the samples of which `sense` makes what stands in `corrected`."""
-    now, before = s.sent[s.sent.size - 2], s.sent[s.sent.size - 1]
-    s.corrected[0] += s.ripple_m_s2_per_v * (now - before) + s.ripple_sum_m_s2_per_v * (now + before)
+    s.corrected[0] += staircase_of(s)
     for c in range(s.samples.size):
         matrix, given, wanted = s.correction.matrix[c], s.correction.given[c], s.corrected[c]
         for j in range(3):

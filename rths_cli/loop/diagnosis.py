@@ -22,7 +22,7 @@ from rths_cli.control.blocks import Blocks
 from rths_cli.control.estimator import specimen_state_space
 from rths_cli.loop import guard as g
 from rths_cli.loop.guard import GuardLimits, GuardState
-from rths_cli.loop.log import Signals
+from rths_cli.loop.log import CAUGHT_UP, MIXED, NO_ANSWER, Signals
 from rths_cli.lti import Array
 from rths_cli.rig_info import RigInfo
 from rths_cli.structure import Specimen
@@ -41,8 +41,8 @@ OF_TABLE = (g.TRACKING, g.ENERGY)  # known from the table's sensor alone
 DIAGNOSED = (*OF_COMMAND, g.ACCELERATION, g.FORCE, g.TRACKING, g.ENERGY, g.STUCK, g.SATURATED)
 
 STALLS = (  # values of the log's `lost`
-    (1.0, "answers of the rig were lost", "the target or the link stalled", "check target and cable"),
-    (2.0, "steps overran their interval", "this computer stalled", "end other programs, or lower sample_rate_hz"),
+    (NO_ANSWER, "answers of the rig were lost", "the target or the link stalled", "check target and cable"),
+    (CAUGHT_UP, "steps overran their interval", "this computer stalled", "end other programs, or lower sample_rate_hz"),
 )
 
 CHECK_SENSOR = "check its cable, power, sign and sensitivity"
@@ -81,9 +81,18 @@ def cause_of(info: RigInfo, blocks: Blocks, limits: GuardLimits, state: GuardSta
         return None
     names = [channel.name for channel in info.channels]
     kept = _kept(limits, state)
-    found = _lost(log.lost[: last + 1], info.dt_s) or _all_kept(kept, state)
-    if found:
+    found = _all_kept(kept, state) or _of_signals(info, blocks, state, log, kept)
+    stall = None if reason == g.STUCK else _lost(log.lost[: last + 1], info.dt_s)  # none keeps one code for so long
+    if stall is None:
         return found
+    # a table that holds for the stall and then catches up differs from the desired motion as a fault does: the group
+    found = found or _of_mixed(names, state, log)
+    return Cause(f"{stall.what}, or {found.what}", f"{stall.advice}; {found.advice}") if found else stall
+
+
+def _of_signals(info: RigInfo, blocks: Blocks, state: GuardState, log: Signals, kept: Flags) -> Cause | None:
+    """Return what the comparison of all channels with the identified specimen shows."""
+    reason, last, names = int(state.flags[1]), int(state.flags[3]), [channel.name for channel in info.channels]
     seen = blocks.specimen and _compared(info, blocks.specimen, blocks.lead_samples, log, last)
     fits = reason not in OF_COMMAND and int(state.flags[2]) in (g.NO_CHANNEL, 0)
     stuck = int(state.flags[2]) if reason == g.STUCK else g.NO_CHANNEL
@@ -91,6 +100,15 @@ def cause_of(info: RigInfo, blocks: Blocks, limits: GuardLimits, state: GuardSta
     if found is None and reason in OF_TABLE:
         found = _either(names[0])
     return _or_too_fast(found) if found and found.of_table and _moved_fast(info, log, last) else found
+
+
+def _of_mixed(names: list[str], state: GuardState, log: Signals) -> Cause | None:
+    """Return the channel that was stopped for while samples came back: the log holds too little of what it showed to
+    tell whether its sensor is wrong. None where the reason is about no channel, or samples had come back."""
+    channel = int(state.flags[2])
+    if channel == g.NO_CHANNEL or log.lost[int(state.flags[3])] != MIXED:
+        return None
+    return Cause(f"the sensor of channel {names[channel]} is wrong", CHECK_SENSOR)
 
 
 def _lost(lost: Array, dt_s: float) -> Cause | None:
@@ -109,7 +127,7 @@ def _longest(flags: Flags) -> int:
 
 def _kept(limits: GuardLimits, state: GuardState) -> Flags:
     """Return which channels kept their code to the bit while they had to move, (c,)."""
-    return (state.moved > KEPT * limits.stuck_m_s2) & (state.same > 1)
+    return (state.moved.min(axis=0) > KEPT * limits.stuck_m_s2) & (state.same > 1)
 
 
 def _all_kept(kept: Flags, state: GuardState) -> Cause | None:
@@ -178,7 +196,8 @@ def _named(names: list[str], seen: Seen, kept: Flags, stuck: int, of_table: bool
     if own:
         return Cause(f"{_list(wrong)} does not fit the others: its sensor{still}, or the specimen", CHECK_SENSOR)
     if wrong and not seen.as_measured:
-        return Cause(f"channel {table} does not show the motion that the floors show: its sensor{still}", CHECK_SENSOR)
+        what = f"channel {table} does not show the motion that the floors show: its sensor{still}"
+        return Cause(what, CHECK_SENSOR)
     if seen.as_measured and not wrong:
         return Cause("the table does not move as desired, or all sensors are wrong alike", CHECK_TABLE, of_table=True)
     if wrong or (seen.astray and of_table):

@@ -14,7 +14,17 @@ from rths_cli.control.blocks import Blocks
 from rths_cli.errors import RigError
 from rths_cli.loop.blocks import Step, assemble
 from rths_cli.loop.diagnosis import cause_of
-from rths_cli.loop.guard import END, NONE, STOPPED, GuardLimits, GuardState, fresh_guard, guard, take_over
+from rths_cli.loop.guard import (
+    END,
+    NONE,
+    STOPPED,
+    GuardLimits,
+    GuardState,
+    fresh_guard,
+    guard,
+    take_over,
+    without_zeros,
+)
 from rths_cli.loop.log import Log, Signals, empty_log, note_step, signals
 from rths_cli.loop.reasons import reason_of
 from rths_cli.loop.step import note_sent, step
@@ -115,7 +125,7 @@ def play(
         if isinstance(rig, VirtualRig):
             steps, fault = _play_virtual(rig, state, limits, guard_state, course, log)
         else:
-            steps, fault = _play_exchanging(rig, state, limits, guard_state, course, log)
+            steps, fault, limits = _play_exchanging(rig, state, limits, guard_state, course, log)
     finally:
         rig.rest()
         rig.close()
@@ -164,36 +174,41 @@ def _play_virtual(
 
 def _play_exchanging(
     rig: Rig, state: Step, limits: GuardLimits, guard_state: GuardState, course: _Course, log: Log
-) -> tuple[int, str]:
+) -> tuple[int, str, GuardLimits]:
     """Play through `exchange`, one call per step; nothing true is known. What the channels show at rest is their
-    zero."""
-    think = think_once.bind(state, limits, guard_state, course.drive, course.record, log, np.zeros(2, dtype=np.int64))
+    zero; the limits are returned as they are without it."""
     samples = rig.arm()
     try:
         for shown in course.before_v:
             shown[:] = samples
             samples = rig.exchange(0.0)
         zeros_v = course.before_v.mean(axis=0) if len(course.before_v) else np.zeros(state.samples.size)
+        limits, scratch = without_zeros(limits, zeros_v), np.zeros(2, dtype=np.int64)
+        think = think_once.bind(state, limits, guard_state, course.drive, course.record, log, scratch)
         while log.done[0] < len(course.drive) and (guard_state.flags[0] != STOPPED or guard_state.flags[1] == END):
             if log.done[0] >= course.record:
                 course.after_v[log.done[0] - course.record] = samples
             state.samples[:] = samples - zeros_v
             samples = rig.exchange(think())
     except RigError as fault:
-        return int(log.done[0]), str(fault)
-    return int(log.done[0]), ""
+        return int(log.done[0]), str(fault), limits
+    return int(log.done[0]), "", limits
 
 
 @part
 def think(
-    s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, k: int, share: float
-) -> tuple[float, int]:
-    """Run step and guard on the samples in `s.samples` and note them as step k; `share` of the command is asked for.
+    s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, k: int, share: float, came: bool,
+    samples: Array, accel: Array,
+) -> tuple[float, int]:  # fmt: skip
+    """Run the step on the samples in `s.samples` and the guard on what the channels gave, and note it as step k.
 
-    Return the command in V and the first column of the log that is still to be noted.
+    `share` of the command is asked for. `came`: whether the channels gave anything, (c,) in V and corrected in m/s^2;
+    these are the step's own arrays unless the step is given something else. Return the command in V and the first
+    column of the log that is still to be noted.
     """
     asked = share * step(s, drive)
-    command = guard(limits, g, asked, s.samples, s.corrected, s.interface, s.estimated, s.error[0], s.base_shear[0])
+    error = s.error[0] + (s.corrected[0] - accel[0])
+    command = guard(limits, g, asked, came, samples, accel, s.expected, error, s.interface[1], s.base_shear[0])
     note_sent(s, command)
     return command, note_step(log, s, command, k)
 
@@ -212,7 +227,7 @@ def think_once(
     """Run `think` on the next row of the drive (n, 3) and note the time it took; scratch (2,)."""
     k, start = log.done[0], monotonic_ns(scratch)
     end_record(g, k, record)
-    command = think(s, limits, g, drive[k], log, k, 1.0)[0]
+    command = think(s, limits, g, drive[k], log, k, 1.0, True, s.samples, s.corrected)[0]
     log.columns[log.columns.shape[0] - 1, k] = monotonic_ns(scratch) - start
     log.done[0] = k + 1
     return command
@@ -259,7 +274,7 @@ def run_virtual(
             for c in range(s.samples.size):
                 after_v[steps - record, c] = s.samples[c] + 0.0
         displacement = table.state[0]
-        command, place = think(s, limits, g, drive[steps], log, steps, 1.0)
+        command, place = think(s, limits, g, drive[steps], log, steps, 1.0, True, s.samples, s.corrected)
         kernel.hold(plant, table, command)
         for c in range(log.truths):
             log.columns[c, steps] = table.middle_velocity[c]

@@ -72,14 +72,20 @@ class GuardLimits(NamedTuple):
     energy_floor_j: float = 0.0  # added to the energy exchanged: noise at rest exchanges next to none
 
 
+def without_zeros(limits: GuardLimits, zeros_v: Array) -> GuardLimits:
+    """Return limits of samples from which the zeros (c,) in V are taken off: a sensor is clipped before they are, so
+    what is left of a clipped sample may be smaller than its range by as much."""
+    return limits._replace(saturation_v=limits.saturation_v - np.abs(zeros_v))
+
+
 class GuardState(NamedTuple):
     """What the guard remembers between steps."""
 
     flags: Array  # int (4,): phase, reason, channel the reason is about (or NO_CHANNEL), steps before it
     motion: Array  # (2,) commanded displacement in m and velocity in m/s
     codes: Array  # (c,) last sample in V of each channel
-    expected_at: Array  # (c,) acceleration expected of it when that sample last changed
-    moved: Array  # (c,) largest change of what was expected since then
+    expected_at: Array  # (2, c) accelerations expected of it when that sample last changed, as in Step.expected
+    moved: Array  # (2, c) largest change of what was expected since then
     same: Array  # int (c,) how many samples it has not changed
     energy: Array  # (3,) error of the table's velocity in m/s, energy added by it and energy exchanged in J
     seen: Array  # (1,) what was beyond its limit, in the limit's unit; not a number where nothing was measured
@@ -88,8 +94,8 @@ class GuardState(NamedTuple):
 def fresh_guard(channels: int) -> GuardState:
     """Return a guard that has seen nothing yet."""
     return GuardState(
-        np.zeros(4, dtype=np.int64), np.zeros(2), np.full(channels, np.nan), np.zeros(channels),
-        np.zeros(channels), np.zeros(channels, dtype=np.int64), np.zeros(3), np.full(1, np.nan),
+        np.zeros(4, dtype=np.int64), np.zeros(2), np.full(channels, np.nan), np.zeros((2, channels)),
+        np.zeros((2, channels)), np.zeros(channels, dtype=np.int64), np.zeros(3), np.full(1, np.nan),
     )  # fmt: skip
 
 
@@ -101,16 +107,9 @@ def beyond(g: GuardState, value: float, reason: int) -> int:
 
 
 @part
-def check_samples(
-    lim: GuardLimits, g: GuardState, samples: Array, accel: Array, desired: float, estimated: Array
-) -> int:
-    """Return the reason to stop that the samples give, or NONE; the channel is noted.
-
-    What a channel must show is the desired acceleration on the table and the estimated one on a floor: in the quiet end
-    of a record a floor may truly rest while the table still moves.
-    """
-    force, floors = 0.0, samples.size - 1
-    knows_floors = estimated.size >= 3 * floors
+def check_samples(lim: GuardLimits, g: GuardState, samples: Array, accel: Array, expected: Array) -> int:
+    """Return the reason to stop that the samples give, or NONE; the channel is noted."""
+    force = 0.0
     for c in range(samples.size):
         g.flags[2] = c
         if not math.isfinite(samples[c]):
@@ -119,23 +118,34 @@ def check_samples(
             return beyond(g, abs(samples[c]), SATURATED)
         if abs(accel[c]) > lim.abort_m_s2[c]:
             return beyond(g, abs(accel[c]), ACCELERATION)
-        expected = estimated[2 * floors + c - 1] if c > 0 and knows_floors else desired
         if is_stuck(lim, g, c, samples[c], expected):
-            return beyond(g, g.moved[c], STUCK)
+            return beyond(g, must_have_moved(g, c), STUCK)
         force += lim.masses_kg[c] * accel[c]
     g.flags[2] = NO_CHANNEL
     return beyond(g, abs(force), FORCE) if abs(force) > lim.force_n else NONE
 
 
 @part
-def is_stuck(lim: GuardLimits, g: GuardState, c: int, sample: float, expected: float) -> bool:
-    """Tell whether a channel kept its code for 0.5 s while what it must show moved by over 10 of its bits."""
-    if sample != g.codes[c]:
-        g.codes[c], g.expected_at[c], g.moved[c], g.same[c] = sample, expected, 0.0, 0
-        return False
-    g.same[c] += 1
-    g.moved[c] = max(g.moved[c], abs(expected - g.expected_at[c]))
-    return g.same[c] * lim.dt_s >= STUCK_S and g.moved[c] > lim.stuck_m_s2[c]
+def is_stuck(lim: GuardLimits, g: GuardState, c: int, sample: float, expected: Array) -> bool:
+    """Tell whether a channel kept its code for 0.5 s while what it must show moved by over 10 of its bits.
+
+    `expected` (2, c) by the desired and by the measured motion of the table: both must have moved. In the quiet end of
+    a record friction may hold a table that is told to move, and a sensor of the table may drift while all rests.
+    """
+    changed = sample != g.codes[c]
+    g.codes[c], g.same[c] = sample, 0 if changed else g.same[c] + 1
+    for i in range(2):
+        if changed:
+            g.expected_at[i, c], g.moved[i, c] = expected[i, c], 0.0
+        else:
+            g.moved[i, c] = max(g.moved[i, c], abs(expected[i, c] - g.expected_at[i, c]))
+    return g.same[c] * lim.dt_s >= STUCK_S and must_have_moved(g, c) > lim.stuck_m_s2[c]
+
+
+@part
+def must_have_moved(g: GuardState, c: int) -> float:
+    """Return by how much a channel must have moved in m/s^2 since its code last changed."""
+    return min(g.moved[0, c], g.moved[1, c])
 
 
 @part
@@ -225,24 +235,26 @@ def guard(
     lim: GuardLimits,
     g: GuardState,
     command: float,
+    came: bool,
     samples: Array,
     accel: Array,
-    desired: Array,
-    estimated: Array,
+    expected: Array,
     error: float,
+    velocity: float,
     shear: float,
 ) -> float:
     """Return the command in V that may leave.
 
-    Samples in V and accelerations in m/s^2, both (c,); desired acceleration and velocity of the interface (>= 2,);
-    estimator outputs (e,), the floors' accelerations from 2 (c - 1) on; tracking error in m/s^2; base shear in N.
+    Samples in V and accelerations in m/s^2, both (c,), as the channels gave them: where none `came` in this step, they
+    are not judged. Accelerations expected of the channels (2, c), as in Step; tracking error in m/s^2; desired velocity
+    of the interface in m/s; base shear in N.
     """
     if g.flags[0] == RUNNING:
-        reason = check_samples(lim, g, samples, accel, desired[0], estimated)
+        reason = check_samples(lim, g, samples, accel, expected) if came else NONE
         if reason == NONE:
             reason = check_command(lim, g, command, error)
         if reason == NONE:
-            reason = check_energy(lim, g, error, desired[1], shear)
+            reason = check_energy(lim, g, error, velocity, shear)
         if reason == NONE:
             place = lim.gain_m_per_v * command
             g.motion[1] = (place - g.motion[0]) / lim.dt_s

@@ -6,12 +6,16 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rths_cli.clocks import IntArray
 from rths_cli.compiled import part
 from rths_cli.loop.blocks import Step
 from rths_cli.lti import Array
 
+# values of `lost`: no samples came in time; the step was caught up without any; they came, but the step was given a mix
+# of them and of what was expected
+NO_ANSWER, CAUGHT_UP, MIXED = 1, 2, 3
 SEVERAL = ("true_velocity_m_s", "corrected", "desired", "estimated", "samples_v")  # signals of more than one row
 DESIRED = ("desired_accel_m_s2", "desired_velocity_m_s", "desired_displacement_m")
 UNITS = {
@@ -57,7 +61,7 @@ class Signals:
     samples_v: Array  # (c, n) as the rig gave them (real time)
     late_ns: Array  # (n,) how late the exchange began that brought the samples of step k (real time)
     exchange_ns: Array  # (n,) how long it took (real time)
-    lost: Array  # (n,) 1 where no samples came in time, 2 where the step was caught up (real time)
+    lost: Array  # (n,) 0, or NO_ANSWER, CAUGHT_UP or MIXED (real time)
     state: Array  # (n,) RAMP_UP, RUNNING, RAMP_DOWN, STOPPED (real time)
 
 
@@ -101,6 +105,11 @@ def signals(log: Log, channels: int, estimates: int) -> Signals:
         named[name] = log.columns[first : first + count]
         first += count
     return Signals(**{name: rows if name in SEVERAL else rows.reshape(-1) for name, rows in named.items()})
+
+
+def without_samples(lost: Array) -> NDArray[np.bool_]:
+    """Return which steps (n,) have no samples of their instant, from the log's `lost`."""
+    return np.asarray((lost == NO_ANSWER) | (lost == CAUGHT_UP))
 
 
 @part

@@ -13,7 +13,7 @@ import numpy as np
 
 from rths_cli.clocks import IntArray, monotonic_ns, sleep_until, spin_of
 from rths_cli.compiled import entry, part
-from rths_cli.loop.blocks import Step
+from rths_cli.loop.blocks import Channels, Step
 from rths_cli.loop.bridging import bridge
 from rths_cli.loop.drive import think
 from rths_cli.loop.foresight import Foresight, foresee, foresee_rest
@@ -30,9 +30,9 @@ from rths_cli.loop.guard import (
     take_over,
 )
 from rths_cli.loop.laying import lay_way
-from rths_cli.loop.log import Log
+from rths_cli.loop.log import CAUGHT_UP, MIXED, NO_ANSWER, Log
 from rths_cli.loop.rejoining import STANDS_V, WANTED_V, drift_to, fresh_drift, rejoin
-from rths_cli.loop.returning import Returning, blend, note_lost, returning, share_of_measured
+from rths_cli.loop.returning import Returning, give_back, note_lost, returning
 from rths_cli.lti import Array
 from rths_cli.rigs.interface import RigInfo
 from rths_cli.rigs.udp import link as udp
@@ -72,15 +72,16 @@ class Course(NamedTuple):
 
 
 def course(
-    info: RigInfo, ramp_s: float, record: int, zeros_v: Array, orders: IntArray, foresight: Foresight,
-    still_s: tuple[float, float] = (0.0, 0.0),
+    info: RigInfo, correction: Channels, ramp_s: float, record: int, zeros_v: Array, orders: IntArray,
+    foresight: Foresight, still_s: tuple[float, float] = (0.0, 0.0),
 ) -> Course:  # fmt: skip
-    """Return the course of a run over `record` steps; `still_s`: rest before the ramp, and at the end."""
+    """Return the course of a run over `record` steps; `correction`: that of its step; `still_s`: rest before the ramp,
+    and at the end."""
     still, rest = (round(each / info.dt_s) for each in still_s)
     return Course(
         round(1e9 * info.dt_s), spin_of(round(1e9 * info.dt_s)), still + round(ramp_s / info.dt_s), still, rest, record,
         info.limits.lost_samples, POLICIES[info.overrun], np.array([float(channel.sign) for channel in info.channels]),
-        zeros_v, foresight, returning(info), fresh_drift(), orders,
+        zeros_v, foresight, returning(info, correction), fresh_drift(), orders,
         np.zeros(MARKS, dtype=np.int64), np.zeros(2, dtype=np.int64),
     )  # fmt: skip
 
@@ -93,16 +94,15 @@ def take(course: Course, s: Step, samples_v: Array) -> None:
 
 
 @part
-def take_or_bridge(course: Course, s: Step, limits: GuardLimits, samples_v: Array, lost: int) -> None:
-    """Give the step samples: those of the rig, those that stand in for lost ones, or both after a gap."""
+def take_or_bridge(course: Course, s: Step, samples_v: Array, lost: int) -> int:
+    """Give the step samples: those of the rig, those that stand in for lost ones, or a mix after a gap. Return `lost`,
+    or MIXED."""
     if lost != 0:
         note_lost(course.returning)
         bridge(s)
-        return
+        return lost
     take(course, s, samples_v)
-    share = share_of_measured(course.returning)
-    if share < 1.0:
-        blend(course.returning, s, limits, share)
+    return MIXED if give_back(course.returning, s) else 0
 
 
 @part
@@ -159,14 +159,16 @@ def conduct(
 ) -> float:
     """Do step k on samples of a rig in V, (c,), and note it; return the command in V.
 
-    `lost` as in the log, whose `done` is left to the caller: others read what stands before it. The drive (n, 3) is
-    zero before and after the record; its last row is used for ever.
+    `lost`: 0, NO_ANSWER or CAUGHT_UP. The log's `done` is left to the caller: others read what stands before it. The
+    drive (n, 3) is zero before and after the record; its last row is used for ever.
     """
     begun = monotonic_ns(course.scratch)
-    take_or_bridge(course, s, limits, samples_v, lost)
+    lost = take_or_bridge(course, s, samples_v, lost)
+    came, mixed, heard = lost == 0 or lost == MIXED, lost == MIXED, course.returning
     obey(course, g, k)
     row, carried, share = drive[min(k, drive.shape[0] - 1)], s.shaping[0], share_of(course, k)
-    command, place = think(s, limits, g, row, log, k, share)
+    samples, accel = (heard.came, heard.accel) if mixed else (s.samples, s.corrected)
+    command, place = think(s, limits, g, row, log, k, share, came, samples, accel)
     course.drift[WANTED_V] = command + share * (s.shaping[0] - carried) if g.flags[0] == RUNNING else command
     for c in range(samples_v.size):
         log.columns[place + c, k] = samples_v[c]
@@ -246,7 +248,7 @@ def run_udp(
     while k < log.columns.shape[1] and not is_over(course, g):
         lost = 0
         if behind > 0:
-            lost, waited = 2, waited + 1
+            lost, waited = CAUGHT_UP, waited + 1
             pass_by(course, s, limits, log, link.way, waited, k)
         elif k > 0:
             due = k - 1
@@ -264,7 +266,7 @@ def run_udp(
         log.done[0] = k  # what left for the steps before is known from here on
         command = conduct(course, s, limits, g, drive, log, link.samples_v, lost, k)
         k += 1
-        if lost != 2:
+        if lost != CAUGHT_UP:
             missed = too_late_for(course, due + 1, punctual if course.policy == SKIP else 0)
             behind = overrun(course, g, missed) if k > 1 else 0
         else:
@@ -306,7 +308,7 @@ def look_ahead(course: Course, s: Step, limits: GuardLimits, g: GuardState, driv
 
 @part
 def swap(link: udp.Link, course: Course, g: GuardState, log: Log, now: int, late: int, command: float, k: int) -> int:
-    """Send a command now, take the samples of this instant for step k; return 1 where none came in time.
+    """Send a command now, take the samples of this instant for step k; return NO_ANSWER where none came, else 0.
 
     Its number counts the instants of the run, also those at which nothing left because they were caught up or waited.
     """
@@ -314,7 +316,7 @@ def swap(link: udp.Link, course: Course, g: GuardState, log: Log, now: int, late
     outcome = udp.exchange(link, command, number, now + int(ANSWER_SHARE * course.dt_ns))
     note_exchange(log, k, late, monotonic_ns(course.scratch) - now)
     judge(course, g, outcome)
-    return 1 if outcome == udp.LOST else 0
+    return NO_ANSWER if outcome == udp.LOST else 0
 
 
 @part

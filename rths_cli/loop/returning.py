@@ -4,7 +4,8 @@ While samples are missing, the step goes on as identified (bridging.py). The rig
 that froze holds its command and then jumps to the newest. What that shakes, table and floors, must not be taken in by
 halves: table samples that begin in the middle of a jump integrate to a velocity that the table never had. Therefore the
 share of the measurement grows from none to all, over SLOWLY times the length of the gap and 100 ms at most: longer than
-most of such a transient, as short as the shortest gaps that are borne. The guard does not wait for it.
+most of such a transient, as short as the shortest gaps that are borne. The guard does not wait for it: it judges what
+the channels gave. The log keeps what the step was given, with a mark, and the samples in V as they came.
 """
 
 from __future__ import annotations
@@ -15,14 +16,15 @@ import numpy as np
 
 from rths_cli.clocks import IntArray
 from rths_cli.compiled import part
-from rths_cli.loop.blocks import Step
-from rths_cli.loop.bridging import bridge
-from rths_cli.loop.guard import GuardLimits
+from rths_cli.loop.blocks import Channels, Step
+from rths_cli.loop.bridging import bridge, bridges
+from rths_cli.loop.step import correct, staircase_of
 from rths_cli.lti import Array
 from rths_cli.rig_info import RigInfo
 
 LONGEST_S = 100e-3
 SLOWLY = 8
+REMEMBERED = 2  # samples before its own that a correction of a sensor's low pass needs (control.sensing)
 MISSED, RETURNED, NOW = range(3)  # places in Returning.gap
 
 
@@ -31,16 +33,18 @@ class Returning(NamedTuple):
 
     gap: IntArray  # (3,) length of the gap that samples return from, how many have returned, and lost in a row now
     longest: int  # samples over which they come back, at most
-    alarm_v: Array  # (c,) a larger sample is never mixed
-    came: Array  # (c,) the samples that came, in V
+    came: Array  # (c,) the samples that came, in V,
+    accel: Array  # (c,) and corrected in m/s^2,
+    correction: Channels  # by a correction of their own: that of the step remembers what the step was given
 
 
-def returning(info: RigInfo) -> Returning:
-    """Return that no samples are missing."""
-    aborts = [min(c.abort_m_s2, info.limits.acceleration_m_s2) * c.sensitivity_v_per_m_s2 for c in info.channels]
+def returning(info: RigInfo, correction: Channels) -> Returning:
+    """Return that no samples are missing; `correction` is that of the step."""
+    channels = len(info.channels)
     return Returning(
-        np.zeros(3, dtype=np.int64), round(LONGEST_S / info.dt_s), np.array(aborts), np.zeros(len(info.channels))
-    )
+        np.zeros(3, dtype=np.int64), round(LONGEST_S / info.dt_s), np.zeros(channels), np.zeros(channels),
+        Channels(correction.matrix, np.zeros_like(correction.given)),
+    )  # fmt: skip
 
 
 @part
@@ -77,15 +81,38 @@ def share_of_measured(r: Returning) -> float:
 
 
 @part
-def blend(r: Returning, s: Step, limits: GuardLimits, share: float) -> None:
-    """Mix the samples in `s.samples` with what the channels would show if all had gone on as identified.
+def give_back(r: Returning, s: Step) -> bool:
+    """Give the step, in `s.samples`, what it is to have of the samples that came; return whether that is a mix."""
+    after_gap = r.gap[NOW] > 0
+    share = share_of_measured(r)
+    if share == 1.0 or not bridges(s):
+        return False
+    hear(r, s, after_gap)
+    blend(r, s, share)
+    return True
 
-    A sample that is no number, saturated or beyond its alarm is left as it is: the guard must see it.
+
+@part
+def hear(r: Returning, s: Step, after_gap: bool) -> None:
+    """Keep the samples in `s.samples` as they came, and correct them.
+
+    The first ones after a gap are taken for those before them, too: a jump within the gap is none of its last interval.
     """
     for c in range(s.samples.size):
         r.came[c] = s.samples[c]
+    if after_gap:
+        for c in range(s.samples.size):
+            for j in range(4):
+                r.correction.given[c, j] = s.correction.given[c, j]
+        for _ in range(REMEMBERED):
+            correct(r.correction, r.came, r.accel)
+    correct(r.correction, r.came, r.accel)
+    r.accel[0] -= staircase_of(s)
+
+
+@part
+def blend(r: Returning, s: Step, share: float) -> None:
+    """Mix the samples that came with what the channels would show if all had gone on as identified."""
     bridge(s)
     for c in range(s.samples.size):
-        came = abs(r.came[c])
-        mixes = came <= r.alarm_v[c] and came < limits.saturation_v[c]  # false where it is not a number
-        s.samples[c] = s.samples[c] + share * (r.came[c] - s.samples[c]) if mixes else r.came[c]
+        s.samples[c] += share * (r.came[c] - s.samples[c])

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from rths_cli.compiled import part
-from rths_cli.loop.blocks import EXCITATION, NUMERICAL, Linear, Step
+from rths_cli.loop.blocks import EXCITATION, NUMERICAL, Channels, Linear, Step
 from rths_cli.loop.modal import advance_modal, read_modal
 from rths_cli.lti import Array
 from rths_cli.tiles import copied, product, shifted
@@ -24,11 +24,11 @@ def apply(block: Linear) -> None:
 
 
 @part
-def correct(s: Step) -> None:
-    """Correct the samples of every channel for its sensor."""
-    matrix, given = s.correction.matrix, s.correction.given
-    for c in range(s.samples.size):
-        given[c, 3] = s.samples[c]
+def correct(channels: Channels, samples: Array, accel: Array) -> None:
+    """Correct the samples (c,) in V of every channel for its sensor; write accelerations (c,) in m/s^2."""
+    matrix, given = channels.matrix, channels.given
+    for c in range(samples.size):
+        given[c, 3] = samples[c]
         last, before, total, corrected = 0.0, 0.0, 0.0, 0.0
         for j in range(4):
             value = given[c, j]
@@ -37,16 +37,37 @@ def correct(s: Step) -> None:
             total += matrix[c, j, 2] * value
             corrected += matrix[c, j, 3] * value
         given[c, 0], given[c, 1], given[c, 2] = last, before, total
-        s.corrected[c] = corrected
+        accel[c] = corrected
+
+
+@part
+def staircase_of(s: Step) -> float:
+    """Return what the hold's staircase adds to the table sample of this instant in m/s^2."""
+    now, before = s.sent[s.sent.size - 2], s.sent[s.sent.size - 1]
+    return s.ripple_m_s2_per_v * (now - before) + s.ripple_sum_m_s2_per_v * (now + before)
 
 
 @part
 def sense(s: Step) -> None:
     """Correct the samples for sensors and staircase and estimate the specimen's motion."""
-    correct(s)
-    now, before = s.sent[s.sent.size - 2], s.sent[s.sent.size - 1]
-    s.corrected[0] -= s.ripple_m_s2_per_v * (now - before) + s.ripple_sum_m_s2_per_v * (now + before)
+    correct(s.correction, s.samples, s.corrected)
+    s.corrected[0] -= staircase_of(s)
     apply(s.estimator)
+
+
+@part
+def expect(s: Step) -> None:
+    """Write what every channel must show: the table the desired acceleration, a floor what the identified specimen
+    alone makes of the table's motion. The estimator would not do: it follows the very channel that is judged."""
+    s.by_desired.given[s.by_desired.states] = s.recent[0]
+    s.by_measured.given[s.by_measured.states] = s.corrected[0]
+    apply(s.by_desired)
+    apply(s.by_measured)
+    s.expected[0, 0], s.expected[1, 0] = s.interface[0], s.interface[0]
+    known = s.by_desired.made.size > 0
+    for c in range(1, s.expected.shape[1]):
+        s.expected[0, c] = s.by_desired.made[s.by_desired.states + c - 1] if known else s.interface[0]
+        s.expected[1, c] = s.by_measured.made[s.by_measured.states + c - 1] if known else s.interface[0]
 
 
 @part
@@ -131,6 +152,7 @@ def step(s: Step, drive: Array) -> float:
             s.interface[i] = drive[i]
     s.recent[lead] = s.interface[0]
     s.error[0] = s.recent[0] - s.corrected[0]
+    expect(s)
     apply(s.feedforward)
     forward = s.feedforward.made[s.feedforward.states]
     shifted(s.recent)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rths_cli.loop.log import signals
+from rths_cli.loop.log import signals, without_samples
 from rths_cli.loop.performance import Performance
 from rths_cli.loop.realtime import AT_REST, IN_RAMP_DOWN, IN_RAMP_UP, IN_RUN, OVERRUNS
 from rths_cli.lti import Array
@@ -82,7 +82,7 @@ class Watching:
         self._most("force", run.limits.masses_kg @ accel)
         self._most("late", held.late_ns[new])
         self._most("compute", held.compute_ns[new])
-        self._lost += int(np.count_nonzero(held.lost[new]))
+        self._lost += int(np.count_nonzero(without_samples(held.lost[new])))
         self._take_errors(new)
 
     def _take_errors(self, new: slice) -> None:

@@ -143,6 +143,8 @@ def _of_losses() -> Iterator[Quantity]:
     for run in TABLE_RUNS:
         yield Quantity(f"{run}.lost_steps", "1", "", NONE, f"{about} whose samples were lost")
         yield Quantity(f"{run}.overrun_steps", "1", "", NONE, f"{about} late by an interval, or caught up")
+        mixed = f"{about} after a gap, given a mix of samples and expectation that stands in the measured series"
+        yield Quantity(f"{run}.mixed_steps", "1", "", NONE, mixed)
         gap = "longest time without samples of the right instant, on a real rig"
         yield Quantity(f"{run}.longest_gap_s", "s", "", NONE, gap)
 

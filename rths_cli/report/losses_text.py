@@ -14,18 +14,20 @@ def losses_of_runs(metrics: Mapping[str, ArrayLike]) -> list[str]:
     """Return a sentence for each table run of a result that had steps without samples."""
     lines = []
     for run, label in RUNS.items():
-        names = ("lost_steps", "overrun_steps", "longest_gap_s")
-        lost, overrun, gap_s = (float(np.asarray(metrics.get(f"{run}.{name}", 0.0))) for name in names)
+        names = ("lost_steps", "overrun_steps", "mixed_steps", "longest_gap_s")
+        lost, overrun, mixed, gap_s = (float(np.asarray(metrics.get(f"{run}.{name}", 0.0))) for name in names)
         if lost or overrun:
-            lines.append(loss_sentence(label, int(lost), int(overrun), gap_s))
+            lines.append(loss_sentence(label, int(lost), int(overrun), int(mixed), gap_s))
     return lines
 
 
-def loss_sentence(what: str, lost: int, overrun: int, longest_gap_s: float) -> str:
-    """Return how many steps had no samples of their own, and the longest time without."""
+def loss_sentence(what: str, lost: int, overrun: int, mixed: int, longest_gap_s: float) -> str:
+    """Return how many steps had no samples of their own, the longest time without, and how many after that hold samples
+    mixed with what was expected."""
+    after = f", in {_steps(mixed)} after that in part" if mixed else ""
     return (
         f"{what}: {_steps(lost)} lost samples, {_steps(overrun)} overrun, longest gap {1e3 * longest_gap_s:.3g} ms; "
-        "what was measured there is bridged"
+        f"what was measured there is bridged{after}"
     )
 
 

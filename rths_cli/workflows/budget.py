@@ -36,8 +36,9 @@ def of_exp_rths(known: Known | None, series: Series, reported: Array, sim: Respo
 
 
 def steps_without_samples(series: Series, dt_s: float) -> NDArray[np.bool_] | None:
-    """Return which steps (n,) of a run in real time have no samples of their instant, or are none of the record: lost,
-    caught up, late by half an interval, in a ramp; None for a run on the counted clock."""
+    """Return which steps (n,) of a run in real time were not given the samples of their instant, or are none of the
+    record: lost, caught up, a mix after a gap, late by half an interval, in a ramp; None for a run on the counted
+    clock."""
     if not series.live:
         return None
     late, lost, state = (series.live[name] for name in ("late_s", "lost", "state"))

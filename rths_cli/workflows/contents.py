@@ -35,7 +35,8 @@ LIVE = {
     "exchange_s": ("s", "how long that exchange took, from command to samples"),
     "lost": (
         "1",
-        "0 samples came, 1 none came in time, 2 the step was caught up without them",
+        "0 samples came, 1 none came in time, 2 the step was caught up without them, 3 after a gap: the loop was"
+        " given, and the measured series hold, a mix of the samples that came and of what was expected",
     ),
     "state": ("1", "2 ramp-up, 3 running, 4 ramp-down, 5 stopped"),
 }
@@ -177,7 +178,9 @@ def write_identification(writer: ResultWriter, identified: Identification, desig
 
 def write_controller(writer: ResultWriter, design: Design) -> None:
     """Write every discrete block of the step."""
-    for block in (*design.blocks.named(), design.blocks.base_shear(), design.blocks.staircase()):
+    blocks = design.blocks
+    known = (blocks.open_loop,) if blocks.open_loop else ()
+    for block in (*blocks.named(), blocks.base_shear(), blocks.staircase(), *known):
         writer.block(block.name, block.A, block.B, block.C, block.D, block.dt_s, block.inputs, block.outputs)
 
 

@@ -62,6 +62,7 @@ def design_blocks(setup: Setup, identified: Identification, kept: Kept | None = 
         command_limit_v=_command_limit_v(setup.rig),
         feedback_limit_v=case.controller.feedback_limit_v or math.inf,
         specimen=_specimen(identified),
+        open_loop=estimator.open_loop(_specimen(identified), dt),
     )
     return Design(blocks, model, designed, _shear(setup, identified, 0, residual=0.0))
 

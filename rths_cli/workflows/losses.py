@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rths_cli.loop.log import CAUGHT_UP, MIXED, NO_ANSWER, without_samples
 from rths_cli.report.losses_text import loss_sentence
 
 if TYPE_CHECKING:
@@ -15,17 +16,17 @@ if TYPE_CHECKING:
 
     from rths_cli.lti import Array
 
-LOST, CAUGHT_UP = 1, 2  # in timing/lost
-
 
 @dataclass(frozen=True)
 class Losses:
     """Steps of a record: all, those whose samples were lost, those that came late by an interval or were caught up
-    without samples, and the longest time without samples of the right instant in s."""
+    without samples, those after a gap that were given a mix of samples and expectation, and the longest time without
+    samples of the right instant in s."""
 
     steps: int
     lost: int
     overrun: int
+    mixed: int
     longest_gap_s: float
 
     @property
@@ -35,15 +36,15 @@ class Losses:
 
     def sentence(self, what: str) -> str:
         """Return this in words."""
-        return loss_sentence(what, self.lost, self.overrun, self.longest_gap_s)
+        return loss_sentence(what, self.lost, self.overrun, self.mixed, self.longest_gap_s)
 
 
 def losses_of(lost: Array, late_s: Array, dt_s: float) -> Losses:
     """Return the losses in timing/lost (n,) and timing/late_s (n,); of no step where a rig has no such log."""
     overrun = (lost == CAUGHT_UP) | (late_s >= dt_s)
-    gap_s = longest_run(lost > 0) * dt_s
+    gap_s = longest_run(without_samples(lost)) * dt_s
     gap_s = max(gap_s, float(np.max(late_s[overrun], initial=0.0, where=np.isfinite(late_s[overrun]))))
-    return Losses(lost.size, int(np.sum(lost == LOST)), int(np.sum(overrun)), gap_s)
+    return Losses(lost.size, int(np.sum(lost == NO_ANSWER)), int(np.sum(overrun)), int(np.sum(lost == MIXED)), gap_s)
 
 
 def longest_run(flags: NDArray[np.bool_]) -> int:
@@ -62,5 +63,6 @@ def as_figures(run: str, found: Losses) -> dict[str, ArrayLike]:
     return {
         f"{run}.lost_steps": found.lost,
         f"{run}.overrun_steps": found.overrun,
+        f"{run}.mixed_steps": found.mixed,
         f"{run}.longest_gap_s": found.longest_gap_s,
     }

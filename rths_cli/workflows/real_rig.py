@@ -16,6 +16,7 @@ from rths_cli.files.rig_lock import locked_rig
 from rths_cli.identification.gaps import filled
 from rths_cli.loop.blocks import EXCITATION
 from rths_cli.loop.guard import INTERRUPT, TERMINATION
+from rths_cli.loop.log import NO_ANSWER, without_samples
 from rths_cli.loop.performance import Performance, prepare
 from rths_cli.loop.performing import perform_watched, rehearse_watched
 from rths_cli.loop.replay import run_block
@@ -81,9 +82,9 @@ def mended(log: Signals, course: Course, correction: Block) -> Signals:
 
     Raises RigError where too many were lost.
     """
-    no_answer, dt_s = log.lost == 1.0, 1e-9 * course.dt_ns
+    no_answer, dt_s = log.lost == NO_ANSWER, 1e-9 * course.dt_ns
     late_there = no_answer & np.roll(no_answer, 1)  # a target that stalls moves the table other than it was told
-    missing = (log.lost > 0.0) | followed(late_there, round(SETTLED_S / dt_s))
+    missing = without_samples(log.lost) | followed(late_there, round(SETTLED_S / dt_s))
     if not missing.any():
         return log
     shown = course.signs[:, None] * (log.samples_v - course.zeros_v[:, None])

@@ -21,7 +21,7 @@ from rths_cli.control.blocks import Blocks
 from rths_cli.control.realise import static
 from rths_cli.loop import guard as g
 from rths_cli.loop.blocks import EXCITATION, RECORD
-from rths_cli.loop.drive import Outcome, play
+from rths_cli.loop.drive import Outcome, Stillness, play
 from rths_cli.loop.guard import AT_REST_M, FORGET_HZ, STOPPED, GuardLimits, GuardState, check_energy, fresh_guard, guard
 from rths_cli.loop.reasons import reason_of
 from rths_cli.lti import Array
@@ -39,25 +39,21 @@ def ask(
     asked: Array,
     samples: Array,
     accel: Array,
-    desired: Array,
+    expected: Array,
     sent: Array,
     phase: Array,
 ) -> None:
     """Send every asked command (n,) through the guard; note what leaves it and its phase."""
     for k in range(asked.size):
-        sent[k] = guard(limits, state, asked[k], samples[k], accel[k], desired[k], accel[k], 0.0, 0.0)
+        sent[k] = guard(limits, state, asked[k], True, samples[k], accel[k], expected, 0.0, 0.0, 0.0)
         phase[k] = state.flags[0]
 
 
 @entry
-def estimating(
-    limits: GuardLimits, state: GuardState, asked: Array, samples: Array, accel: Array, desired: Array,
-    estimated: Array, sent: Array, phase: Array,
-) -> None:  # fmt: skip
-    """Do what `ask` does, with an estimator's outputs (n, e)."""
-    for k in range(asked.size):
-        sent[k] = guard(limits, state, asked[k], samples[k], accel[k], desired[k], estimated[k], 0.0, 0.0)
-        phase[k] = state.flags[0]
+def listening(limits: GuardLimits, state: GuardState, came: Array, samples: Array, expected: Array) -> None:
+    """Give the guard samples (n, c) in V, of which not all came (n,), and what they must show (n, 2, c)."""
+    for k in range(came.size):
+        guard(limits, state, 0.0, came[k] > 0.0, samples[k], samples[k], expected[k], 0.0, 0.0, 0.0)
 
 
 def limits(
@@ -86,7 +82,7 @@ def answer(lim: GuardLimits, asked: Array, samples: Array | None = None) -> tupl
     if samples is not None:
         noise[: len(samples)] = samples
     sent, phase = np.zeros(asked.size), np.zeros(asked.size)
-    ask(lim, fresh_guard(3), asked, noise, noise * 9.80665, np.zeros((asked.size, 2)), sent, phase)
+    ask(lim, fresh_guard(3), asked, noise, noise * 9.80665, np.zeros((2, 3)), sent, phase)
     return sent, phase
 
 
@@ -297,18 +293,53 @@ def test_a_stuck_sensor_is_one_that_misses_ten_bits_for_half_a_second(desired_m_
         assert outcome.steps == 3000
 
 
-@pytest.mark.parametrize(("floor_m_s2", "stops"), [(0.031, True), (0.029, False)])
-def test_a_floor_that_rests_in_a_quiet_tail_is_not_stuck(floor_m_s2: float, stops: bool) -> None:
-    """Channel 2 keeps its code while the table moves by 1 m/s^2: what counts is the motion estimated of its floor."""
-    count = 1200
-    samples, accel = NOISE[:count].copy(), np.zeros((count, 3))
-    samples[100:, 2], desired = 1e-3, np.zeros((count, 2))
-    desired[100:, 0] = np.sin(0.01 * np.arange(count - 100))
-    estimated = np.zeros((count, 6))
-    estimated[300:, 5] = floor_m_s2
-    state, sent, phase = fresh_guard(3), np.zeros(count), np.zeros(count)
-    estimating(limits(), state, np.zeros(count), samples, accel, desired, estimated, sent, phase)
-    assert (state.flags[1] == g.STUCK) == stops and (not stops or state.flags[2] == 2)
+def stuck_after(by_desired: float, by_measured: float, lost_every: int = 0) -> int:
+    """Return how many steps after channel 2 kept its code the guard calls it stuck, -1 where it does not.
+
+    By the desired motion of the table and by the measured one the floor must move by so much, 0.1 s after that.
+    """
+    count = 1500
+    samples, expected, came = NOISE[:count].copy(), np.zeros((count, 2, 3)), np.ones(count)
+    samples[100:, 2] = 1e-3
+    expected[300:, 0, 2], expected[300:, 1, 2] = by_desired, by_measured
+    if lost_every:
+        came[::lost_every], samples[::lost_every, 2] = 0.0, 0.5
+    state = fresh_guard(3)
+    listening(limits(), state, came, samples, expected)
+    if state.flags[1] == g.NONE:
+        return -1
+    assert state.flags[1] == g.STUCK and state.flags[2] == 2
+    return int(state.flags[3]) - 100
+
+
+@pytest.mark.parametrize(
+    ("by_desired", "by_measured", "stops"),
+    [(0.031, 0.031, True), (0.029, 0.031, False), (0.031, 0.029, False), (-0.031, 0.031, True)],
+)
+def test_a_floor_is_stuck_if_it_must_move_by_the_desired_and_by_the_measured_motion(
+    by_desired: float, by_measured: float, stops: bool
+) -> None:
+    assert stuck_after(by_desired, by_measured) == (1000 if stops else -1)
+
+
+def test_samples_that_never_came_are_not_judged_and_do_not_hide_a_stuck_sensor() -> None:
+    """Every tenth sample is lost; what stands in its place changes, is beyond no limit, and belongs to no sensor."""
+    assert stuck_after(0.031, 0.031, lost_every=10) == pytest.approx(1000 * 10 / 9, abs=2)
+
+
+@pytest.mark.parametrize("clipped_v", [4.995, -4.995])
+def test_a_clipped_sensor_whose_zero_was_taken_off_is_saturated(clipped_v: float) -> None:
+    """Channel 1 shows 0.4 V at rest; at step 700 of the record it shows the end of its range."""
+    info = rig_info(high_pass_hz=0.0, low_pass_hz=0.0)
+    samples = np.zeros((3000, 3))
+    samples[:, 1] = 0.4
+    samples[1700, 1] = clipped_v
+    outcome = play(
+        Scripted(info, samples), info, excitation_blocks(info), EXCITATION, np.zeros((1900, 3)),
+        limits(acceleration_m_s2=1e3), still=Stillness(before=1000),
+    )  # fmt: skip
+    assert outcome.stopped_by_limit.startswith("a sensor is saturated (channel channel_1")
+    assert outcome.stopped_at_s == pytest.approx(700 * DT_S)
 
 
 def test_a_virtual_run_beyond_the_stroke_is_stopped_before_the_end_stop() -> None:

@@ -56,8 +56,10 @@ def test_the_reason_comes_first_and_once():
 def test_steps_without_samples_are_counted_where_there_were_any():
     one = result(figures((0.01,) * 4, LOW, LOW), rig_kind="udp")
     one.metrics.update({"exp_rths.lost_steps": 12.0, "exp_rths.overrun_steps": 1.0, "exp_rths.longest_gap_s": 0.005})
+    one.metrics["exp_rths.mixed_steps"], one.units["exp_rths.mixed_steps"] = 9.0, "1"
     for name, unit in (("lost_steps", "1"), ("overrun_steps", "1"), ("longest_gap_s", "s")):
         one.units[f"exp_rths.{name}"] = unit
     text = " ".join(tables([one]).split())
     assert "EXP-RTHS: 12 steps lost samples, 1 step overrun, longest gap 5 ms" in text
+    assert "is bridged, in 9 steps after that in part" in text
     assert "Steps without samples" not in tables([result(figures((0.01,) * 4, LOW, LOW))])

@@ -18,6 +18,10 @@ def test_lost_and_overrun_steps_are_counted_apart_and_the_longest_gap_holds_both
     found = losses_of(lost, late, DT_S)
     assert (found.lost, found.overrun, found.any) == (2, 3, True)
     assert found.longest_gap_s == pytest.approx(4 * DT_S)
+    lost[24:33] = 3.0  # samples that came, in a mix: nothing is lost, and the gap is over
+    found = losses_of(lost, late, DT_S)
+    assert (found.lost, found.overrun, found.mixed) == (2, 3, 9)
+    assert found.longest_gap_s == pytest.approx(4 * DT_S)
     late[40] = 7e-3  # where the record waits nothing is caught up
     found = losses_of(lost, late, DT_S)
     assert (found.overrun, found.longest_gap_s) == (4, pytest.approx(7e-3))

@@ -27,7 +27,7 @@ typedef struct {
   Array recent, samples, corrected, estimated, base_shear, interface, error, shortfall, shaping;
   double command_limit_v, feedback_limit_v, ripple_m_s2_per_v, ripple_sum_m_s2_per_v;
   Array sent;
-  Linear by_desired, by_measured;
+  Linear open_loop; /* given and made twice, row by row */
   Array expected;
 } Step;
 
@@ -150,18 +150,16 @@ INLINE double feed_back(const Step *s, double forward) {
 }
 
 INLINE void expect(const Step *s) {
-  const Linear *one = &s->by_desired, *two = &s->by_measured;
-  const int64_t channels = s->samples.shape[0], known = one->made.shape[0] > 0;
+  const Linear *b = &s->open_loop;
+  const int64_t channels = s->samples.shape[0], wide = b->given.shape[1], known = b->made.shape[1] > 0;
   const double desired = s->interface.at[0];
-  double *at = s->expected.at;
-  one->given.at[one->states] = s->recent.at[0];
-  two->given.at[two->states] = s->corrected.at[0];
-  apply(one);
-  apply(two);
-  at[0] = at[channels] = desired;
-  for (int64_t c = 1; c < channels; c++) {
-    at[c] = known ? one->made.at[one->states + c - 1] : desired;
-    at[channels + c] = known ? two->made.at[two->states + c - 1] : desired;
+  for (int i = 0; i < 2; i++) {
+    double *given = b->given.at + i * wide, *made = b->made.at + i * b->made.shape[1], *at = s->expected.at + i * channels;
+    given[b->states] = i ? s->corrected.at[0] : s->recent.at[0];
+    product(b->matrix.at, b->matrix.shape[0], b->matrix.shape[1], wide, given, made);
+    for (int64_t j = 0; j < b->states; j++) given[j] = made[j];
+    at[0] = desired;
+    for (int64_t c = 1; c < channels; c++) at[c] = known ? made[b->states + c - 1] : desired;
   }
 }
 

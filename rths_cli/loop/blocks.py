@@ -24,6 +24,15 @@ class Linear(NamedTuple):
     states: int
 
 
+class OpenLoop(NamedTuple):
+    """One block of one input, n states and p outputs, twice: under two inputs. Without outputs, nothing is known."""
+
+    matrix: Array  # (tiles, n + 1, 4), tiles.tiled
+    given: Array  # (2, n + 1) state, then input
+    made: Array  # (2, 4 tiles) next state, then outputs, then zeros
+    states: int
+
+
 class Channels(NamedTuple):
     """Small blocks of one input and one output each, up to three states, one per channel: made = matrix @ given."""
 
@@ -63,8 +72,7 @@ class Step(NamedTuple):
     ripple_m_s2_per_v: float  # what the hold's staircase adds to a table sample per V of command change,
     ripple_sum_m_s2_per_v: float  # and its integral, where an AC coupling is corrected, per V of their sum
     sent: Array  # (max(latency, 1) + 1,) commands that left, the latest first
-    by_desired: Linear  # desired table acceleration -> what the floors must show (c - 1,); no outputs: not known,
-    by_measured: Linear  # and the same from the measured table acceleration
+    open_loop: OpenLoop  # table acceleration, as desired and as measured -> what the floors must show
     expected: Array  # (2, c) accelerations that the channels must show, by the desired and by the measured motion
 
 
@@ -76,6 +84,12 @@ def linear(block: Block, more_c: Array | None = None, more_d: Array | None = Non
         rows.append(np.hstack([more_c, more_d]))
     matrix = tiled(np.vstack(rows))
     return Linear(matrix, np.zeros(n + m), np.zeros(4 * len(matrix)), n)
+
+
+def twice(block: Block | None) -> OpenLoop:
+    """Return a discrete block of one input, at rest under each of two."""
+    made = linear(block or static(np.zeros((0, 1)), 1.0, "unknown", (), ()))
+    return OpenLoop(made.matrix, np.zeros((2, made.given.size)), np.zeros((2, made.made.size)), made.states)
 
 
 def channelwise(block: Block) -> Channels:
@@ -102,7 +116,6 @@ def channelwise(block: Block) -> Channels:
 def assemble(blocks: Blocks, source: int) -> Step:
     """Return a step at rest for one run of the given source."""
     feedforward, feedback = linear(blocks.feedforward), linear(blocks.feedback)
-    specimen = blocks.open_loop or static(np.zeros((0, 1)), blocks.correction.dt_s, "specimen_open_loop", (), ())
     known, size = blocks.shear_estimate[None, :], blocks.shaping_step_v
     design, channels = blocks.estimator, blocks.correction.C.shape[0]
     estimator = linear(design, known @ design.C, known @ design.D + blocks.shear_measured[None, :])
@@ -129,7 +142,6 @@ def assemble(blocks: Blocks, source: int) -> Step:
         ripple_m_s2_per_v=float(blocks.ripple_m_s2_per_v),
         ripple_sum_m_s2_per_v=float(blocks.ripple_sum_m_s2_per_v),
         sent=np.zeros(max(blocks.latency_samples, 1) + 1),
-        by_desired=linear(specimen),
-        by_measured=linear(specimen),
+        open_loop=twice(blocks.open_loop),
         expected=np.zeros((2, channels)),
     )

@@ -83,7 +83,7 @@ def prepare(
     zeros_v = np.zeros(channels) if zeros_v is None else zeros_v
     told = info.kind == "udp" and info.overrun == "skip"
     foresight = foresight_of(blocks, source, info.dt_s) if told else no_foresight(channels)
-    planned = course(info, state.correction, ramp_s, len(drive), zeros_v, orders, foresight, still_s)
+    planned = course(info, ramp_s, len(drive), zeros_v, orders, foresight, still_s)
     limits = without_zeros(limits, zeros_v)
     end = round(way_to_rest_s(limits) / info.dt_s) + planned.rest
     whole = np.vstack([np.zeros((planned.ramp, 3)), drive, np.zeros((end, 3))])

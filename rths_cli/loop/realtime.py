@@ -13,7 +13,7 @@ import numpy as np
 
 from rths_cli.clocks import IntArray, monotonic_ns, sleep_until, spin_of
 from rths_cli.compiled import entry, part
-from rths_cli.loop.blocks import Channels, Step
+from rths_cli.loop.blocks import Step
 from rths_cli.loop.bridging import bridge
 from rths_cli.loop.drive import think
 from rths_cli.loop.foresight import Foresight, foresee, foresee_rest
@@ -72,16 +72,15 @@ class Course(NamedTuple):
 
 
 def course(
-    info: RigInfo, correction: Channels, ramp_s: float, record: int, zeros_v: Array, orders: IntArray,
-    foresight: Foresight, still_s: tuple[float, float] = (0.0, 0.0),
+    info: RigInfo, ramp_s: float, record: int, zeros_v: Array, orders: IntArray, foresight: Foresight,
+    still_s: tuple[float, float] = (0.0, 0.0),
 ) -> Course:  # fmt: skip
-    """Return the course of a run over `record` steps; `correction`: that of its step; `still_s`: rest before the ramp,
-    and at the end."""
+    """Return the course of a run over `record` steps; `still_s`: rest before the ramp, and at the end."""
     still, rest = (round(each / info.dt_s) for each in still_s)
     return Course(
         round(1e9 * info.dt_s), spin_of(round(1e9 * info.dt_s)), still + round(ramp_s / info.dt_s), still, rest, record,
         info.limits.lost_samples, POLICIES[info.overrun], np.array([float(channel.sign) for channel in info.channels]),
-        zeros_v, foresight, returning(info, correction), fresh_drift(), orders,
+        zeros_v, foresight, returning(info), fresh_drift(), orders,
         np.zeros(MARKS, dtype=np.int64), np.zeros(2, dtype=np.int64),
     )  # fmt: skip
 

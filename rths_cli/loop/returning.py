@@ -35,15 +35,15 @@ class Returning(NamedTuple):
     longest: int  # samples over which they come back, at most
     came: Array  # (c,) the samples that came, in V,
     accel: Array  # (c,) and corrected in m/s^2,
-    correction: Channels  # by a correction of their own: that of the step remembers what the step was given
+    memory: Array  # (c, 4) by a correction with a memory of its own: that of the step holds what the step was given
 
 
-def returning(info: RigInfo, correction: Channels) -> Returning:
-    """Return that no samples are missing; `correction` is that of the step."""
+def returning(info: RigInfo) -> Returning:
+    """Return that no samples are missing."""
     channels = len(info.channels)
     return Returning(
         np.zeros(3, dtype=np.int64), round(LONGEST_S / info.dt_s), np.zeros(channels), np.zeros(channels),
-        Channels(correction.matrix, np.zeros_like(correction.given)),
+        np.zeros((channels, 4)),
     )  # fmt: skip
 
 
@@ -98,15 +98,16 @@ def hear(r: Returning, s: Step, after_gap: bool) -> None:
 
     The first ones after a gap are taken for those before them, too: a jump within the gap is none of its last interval.
     """
+    correction = Channels(s.correction.matrix, r.memory)
     for c in range(s.samples.size):
         r.came[c] = s.samples[c]
     if after_gap:
         for c in range(s.samples.size):
             for j in range(4):
-                r.correction.given[c, j] = s.correction.given[c, j]
+                r.memory[c, j] = s.correction.given[c, j]
         for _ in range(REMEMBERED):
-            correct(r.correction, r.came, r.accel)
-    correct(r.correction, r.came, r.accel)
+            correct(correction, r.came, r.accel)
+    correct(correction, r.came, r.accel)
     r.accel[0] -= staircase_of(s)
 
 

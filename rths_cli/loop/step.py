@@ -59,15 +59,14 @@ def sense(s: Step) -> None:
 def expect(s: Step) -> None:
     """Write what every channel must show: the table the desired acceleration, a floor what the identified specimen
     alone makes of the table's motion. The estimator would not do: it follows the very channel that is judged."""
-    s.by_desired.given[s.by_desired.states] = s.recent[0]
-    s.by_measured.given[s.by_measured.states] = s.corrected[0]
-    apply(s.by_desired)
-    apply(s.by_measured)
-    s.expected[0, 0], s.expected[1, 0] = s.interface[0], s.interface[0]
-    known = s.by_desired.made.size > 0
-    for c in range(1, s.expected.shape[1]):
-        s.expected[0, c] = s.by_desired.made[s.by_desired.states + c - 1] if known else s.interface[0]
-        s.expected[1, c] = s.by_measured.made[s.by_measured.states + c - 1] if known else s.interface[0]
+    block, known = s.open_loop, s.open_loop.made.size > 0
+    block.given[0, block.states], block.given[1, block.states] = s.recent[0], s.corrected[0]
+    for i in range(2):
+        product(block.matrix, block.given.shape[1], block.given[i], block.made[i])
+        copied(block.states, block.made[i], block.given[i])
+        s.expected[i, 0] = s.interface[0]
+        for c in range(1, s.expected.shape[1]):
+            s.expected[i, c] = block.made[i, block.states + c - 1] if known else s.interface[0]
 
 
 @part

@@ -43,8 +43,7 @@ def returned(r: Returning, s: Step, samples: Array, given: Array, heard: Array) 
 
 def shares_of(*came: int) -> Array:
     given = np.zeros(len(came))
-    info = rig_info(dt_s=1e-3)
-    shares(returning.returning(info, assemble(best_like(info), NUMERICAL).correction), np.array(came), given)
+    shares(returning.returning(rig_info(dt_s=1e-3)), np.array(came), given)
     return given
 
 
@@ -80,7 +79,7 @@ def test_the_step_is_given_a_mix_and_what_came_is_corrected_as_it_came() -> None
     info = rig_info(dt_s=1e-3)
     blocks = best_like(info)
     step = assemble(blocks, NUMERICAL)
-    r = returning.returning(info, step.correction)
+    r = returning.returning(info)
     came = 0.5 + np.random.default_rng(4).normal(0.0, 0.1, (12, 3))
     given, heard = np.zeros_like(came), np.zeros_like(came)
     returned(r, step, came, given, heard)

@@ -274,7 +274,8 @@ def test_the_tracking_error_has_its_limit() -> None:
     drive[700:, 0] = 0.9
     rig = Scripted(info, quiet(3000))
     outcome = play(rig, info, excitation_blocks(info), RECORD, drive, limits()._replace(tracking_error_m_s2=0.8))
-    assert outcome.stopped_by_limit.startswith("tracking error")
+    assert outcome.reason == g.TRACKING
+    assert ": tracking error beyond its limit (" in outcome.stopped_by_limit
     assert outcome.stopped_at_s == pytest.approx(700 * DT_S)
 
 

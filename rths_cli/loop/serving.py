@@ -6,8 +6,11 @@ that runs a little faster, does not decide between three ticks and five. Whateve
 as on a real table. What counts is when a packet arrived, by the kernel's stamp, not when this process came to it: one
 that is held up samples and latches for each instant afterwards, and only its answers are late.
 
-A session is replaced by the first authentic ARM of another one alone, while the table is at rest. Whatever else a
-stranger sends costs one or two hashes, and at most one answer no longer than what he sent.
+A session is replaced by the first authentic ARM of another one alone, while the table is at rest. What else a
+stranger sends costs a bounded number of hashes (SipHash of one packet or less), and at most one answer no longer than
+what he sent: none for what is no packet, 1 for a packet of a session, 2 for a forged HELLO, 5 for a captured one (its
+tag under two keys, our nonce of two words, the tag of the answer), 3 while the table moves, and at rest 11 for an ARM
+(its tag under the session's key, then for two periods our nonce, the key of two words, and its tag).
 """
 
 from __future__ import annotations

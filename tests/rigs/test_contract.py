@@ -177,6 +177,11 @@ def test_rest_and_close_are_safe_at_any_time(kind: Kind) -> None:
     rig.close()
     rig.rest()
     rig.close()
+    rig.open()
+    again = np.array(rig.arm())
+    rig.rest()
+    rig.close()
+    assert again.shape == (len(rig.info.channels),) and np.isfinite(again).all()  # it can be used as before
 
 
 def test_a_rig_says_what_is_behind_its_driver(kind: Kind) -> None:

@@ -27,12 +27,14 @@ WATCHDOG_S = 0.3  # a busy machine stops a test for a tenth of a second now and 
 class Running:
     """A server in a thread of this process, and what a runner needs to reach it."""
 
-    def __init__(self, served: ServedRig, key_file: Path, host: str = "127.0.0.1") -> None:
+    def __init__(
+        self, served: ServedRig, key_file: Path, host: str = "127.0.0.1", watchdog_s: float = WATCHDOG_S
+    ) -> None:
         self.served, self.key_file = served, key_file
         self.said: list[str] = []
         self.link = bound(host, 0)
         self.host, self.port = self.link.getsockname()[:2]
-        self.server = Server(self.link, read_secret(key_file), served, round(1e9 * WATCHDOG_S), self.said.append)
+        self.server = Server(self.link, read_secret(key_file), served, round(1e9 * watchdog_s), self.said.append)
         self.server.start()
         self.thread = threading.Thread(target=self.server.run_for, args=(None,))
         self.thread.start()

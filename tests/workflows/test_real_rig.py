@@ -48,6 +48,7 @@ runs: [sim, exp_rths]
 identification: {duration_s: 60}
 """
 RECORD_S = 1.5
+PATIENCE_S = 2.0  # for which a busy machine may stop both sides
 ROOT = Path(__file__).parents[2]
 
 
@@ -70,10 +71,12 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     make_secret(folder / "key")
     virtual = make_setup(load_cases([str(folder / "a.yaml")])[0])
     found = identify(virtual, lambda _: None)
-    running = Running(describe("aps400_virtual", "three_storey", ("sample_rate_hz=500",), 0), folder / "key")
+    served = describe("aps400_virtual", "three_storey", ("sample_rate_hz=500",), 0)
+    running = Running(served, folder / "key", watchdog_s=PATIENCE_S)
     udp = f"{{port: {running.port}, key_file: {folder / 'key'}}}"
-    rig = folder / "udp_loopback.yaml"
-    rig.write_text(f"extends: udp_loopback\nlimits: {{lost_samples: 45}}\nudp: {udp}\n")
+    rig = folder / f"udp_{os.getpid()}.yaml"  # a rig is locked by its name, and each process has its own
+    limits = f"limits: {{lost_samples: {round(450 * PATIENCE_S)}}}\nwatchdog_s: {PATIENCE_S}"
+    rig.write_text(f"extends: udp_loopback\n{limits}\nudp: {udp}\n")
     try:
         setup = make_setup(load_cases([str(folder / "a.yaml")], (f"table={rig}",))[0], ("check", "model"))
         memory = Memory()

@@ -65,7 +65,8 @@ def greet(
 ) -> Session:
     """Send HELLO on a connected socket until the target answers; return the session.
 
-    `peer` names the target in messages. A table that is armed or not yet at rest is waited for as long as `patience_s`.
+    `peer` names the target in messages. A table that is armed or not yet at rest is waited for as long as `patience_s`;
+    a target that says nothing, for `timeout_s`.
     Raises RigError when the target refuses or stays silent.
     """
     prepare()
@@ -73,17 +74,18 @@ def greet(
     content = struct.pack(HELLO_WORDS, nonce, wanted.channels, wanted.interval_ns, wanted.watchdog_ns)
     hello = sealed(wire.HELLO, content, secret)
     begun = time.monotonic()
-    end, strangers = begun + timeout_s + patience_s, 0
+    end, strangers = begun + timeout_s, 0
     while (now := time.monotonic()) < end:
         _send(link, hello)
         again = min(now + RESEND_S, end)
         while (data := _receive(link, again - time.monotonic())) is not None:
             if _is_busy(data, secret, nonce) and time.monotonic() < begun + patience_s:
+                end = max(end, begun + patience_s + timeout_s)
                 continue
             if (session := _welcomed(data, secret, nonce, peer)) is not None:
                 return session
             strangers += judge(data, secret) == wire.FORGED
-    raise RigError(silence(peer, timeout_s, strangers))
+    raise RigError(silence(peer, end - begun, strangers))
 
 
 def sealed(kind: int, content: bytes, key: Words, sequence: int = 0) -> bytes:

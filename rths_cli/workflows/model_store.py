@@ -37,22 +37,22 @@ HARDWARE_ONLY: dict[str, Any] = {  # of a rig file: no part of what the rig is
 
 @dataclass(frozen=True)
 class Stored:
-    """A model file: the identification in it, what it says of itself, and the hash of its content."""
+    """A model file: the identification in it, when it was made, what the file says of itself, its content's hash."""
 
     path: Path
     found: Identification
+    made: datetime
     about: Mapping[str, str | int | float]
     sha256: str
 
     @property
     def age(self) -> str:
         """Return when it was identified and how long ago that is."""
-        made = datetime.strptime(str(self.about["created_utc"]), TIME).replace(tzinfo=UTC)
-        minutes = (datetime.now(UTC) - made).total_seconds() / 60.0
+        minutes = (datetime.now(UTC) - self.made).total_seconds() / 60.0
         for size, unit in ((60 * 24, "days"), (60, "hours"), (1, "minutes")):
             if minutes >= 2 * size or size == 1:
                 count = round(max(minutes, 0.0) / size)
-                return f"{made:%Y-%m-%d %H:%M} UTC, {count} {unit if count != 1 else unit[:-1]} ago"
+                return f"{self.made:%Y-%m-%d %H:%M} UTC, {count} {unit if count != 1 else unit[:-1]} ago"
         raise AssertionError
 
 
@@ -71,7 +71,8 @@ def load(path: Path, setup: Setup) -> Stored:
         raise InputError(*(f"{shown(path)}: {fault}" for fault in faults))
     try:
         found = from_groups(file.groups, channel_names(setup))
-        return Stored(path, found, file.attributes, file.sha256)
+        made = datetime.strptime(str(file.attributes["created_utc"]), TIME).replace(tzinfo=UTC)
+        return Stored(path, found, made, file.attributes, file.sha256)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{shown(path)}: lacks a part of its model ({error}); identify again") from error
 

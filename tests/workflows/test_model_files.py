@@ -21,6 +21,7 @@ import pytest
 from rths_cli.case import plugin_kinds
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
+from rths_cli.files.models import read_model
 from rths_cli.identification.found import Identification
 from rths_cli.workflows import identify, model_store
 from rths_cli.workflows.known import Known, Memory
@@ -191,6 +192,17 @@ def test_a_whole_file_that_lacks_a_part_is_refused(
             load(tmp_path / "l.h5", default_setup)
 
 
+@pytest.mark.parametrize("made", ["x", "", 7])
+def test_a_file_that_does_not_say_when_it_was_made_is_refused(
+    file: Path, default_setup: Setup, monkeypatch: pytest.MonkeyPatch, made: str | int
+) -> None:
+    stored = read_model(file)
+    changed = replace(stored, attributes=stored.attributes | {"created_utc": made})
+    monkeypatch.setattr(model_store, "read_model", lambda _: changed)
+    with pytest.raises(InputError, match="does not match format"):
+        load(file, default_setup)
+
+
 @pytest.mark.parametrize(
     ("made", "text"),
     [
@@ -205,7 +217,7 @@ def test_a_whole_file_that_lacks_a_part_is_refused(
 def test_the_age_is_said_in_a_unit_that_suits_it(
     file: Path, default_setup: Setup, monkeypatch: pytest.MonkeyPatch, made: str, text: str
 ) -> None:
-    stored = replace(load(file, default_setup), about={"created_utc": made})
+    stored = replace(load(file, default_setup), made=datetime.fromisoformat(made))
 
     class Clock(datetime):
         @classmethod

@@ -61,6 +61,7 @@ def best_like(
         ripple,
         info.latency_samples,
         ripple_sum_m_s2_per_v=1e-3 * ripple,
+        open_loop=estimator.open_loop(specimen(), info.dt_s),
     )
 
 

@@ -63,6 +63,8 @@ def memory(state: play.State) -> tuple[Array, ...]:
     return (
         state.guard.energy,
         state.guard.seen,
+        state.guard.moved,
+        s.expected,
         state.table.state,
         s.numerical.state,
         s.estimator.given,

@@ -1,4 +1,4 @@
-"""What every channel must show, by which the guard knows a sensor that is stuck: the specimen alone, no measured floor."""
+"""What every channel must show, by which the guard knows a stuck sensor: the specimen alone, no measured floor."""
 
 from __future__ import annotations
 

@@ -5,12 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from bench import rig_info
-from hybrid import best_like
+from hybrid import best_like, open_limits
 
 from rths_cli.clocks import IntArray
 from rths_cli.compiled import entry
 from rths_cli.loop import returning
 from rths_cli.loop.blocks import NUMERICAL, Step, assemble
+from rths_cli.loop.guard import ACCELERATION, GuardLimits, GuardState
+from rths_cli.loop.log import MIXED, NO_ANSWER, Log, signals
+from rths_cli.loop.performance import prepare
+from rths_cli.loop.realtime import Course, conduct
 from rths_cli.loop.replay import run_block
 from rths_cli.loop.returning import Returning
 from rths_cli.loop.step import sense
@@ -87,3 +91,29 @@ def test_the_step_is_given_a_mix_and_what_came_is_corrected_as_it_came() -> None
     assert (np.abs(given[-1]) > 0.6 * np.abs(came[-1])).all()
     oracle = run_block(blocks.correction, np.vstack([came[:1], came[:1], came]).T)[:, 2:].T
     np.testing.assert_allclose(heard, oracle, rtol=1e-9)
+
+
+@entry
+def conducted(
+    course: Course, s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, samples: Array, lost: IntArray
+) -> None:
+    """Do the steps of a run on samples (n, c) in V, some of them lost (n,)."""
+    for k in range(lost.size):
+        conduct(course, s, limits, g, drive, log, samples[k], lost[k], k)
+        log.done[0] = k + 1
+
+
+def test_a_sample_beyond_its_limit_stops_the_test_however_small_its_share_is() -> None:
+    """Two samples after a gap of five, channel 1 shows 46 m/s^2; the step is given a hundredth of it."""
+    info = rig_info(dt_s=1e-3)
+    samples, lost = np.zeros((40, 3)), np.zeros(40, dtype=np.int64)
+    lost[20:25], samples[26, 1] = NO_ANSWER, 46.0 * info.channels[1].sensitivity_v_per_m_s2
+    limits = open_limits(info)._replace(abort_m_s2=np.full(3, 45.0), acceleration_m_s2=45.0, stroke_m=0.1)
+    limits = limits._replace(velocity_m_s=1.0, command_v=10.0)
+    run = prepare(info, best_like(info), NUMERICAL, np.zeros((100, 3)), limits)
+    conducted(run.course, run.step, run.limits, run.guard, run.drive, run.log, samples, lost)
+    named = signals(run.log, 3, run.step.estimated.size)
+    assert tuple(run.guard.flags[1:]) == (ACCELERATION, 1, 26)
+    np.testing.assert_array_equal(named.lost[18:40], [0.0] * 2 + [NO_ANSWER] * 5 + [MIXED] * 15)
+    assert abs(named.corrected[1, 26]) < 1.0
+    assert named.samples_v[1, 26] == samples[26, 1]

@@ -91,9 +91,9 @@ def as_read(stored: Mapping[str, Any], channels: int) -> Expected:
     try:
         blocks = {name: _block(name, stored[name]) for name in BLOCKS}
         numbers = {name: float(stored[name]) for name in NUMBERS}
-    except (KeyError, TypeError) as error:
-        raise ValueError(f"no such {error}") from error
-    late = int(numbers["late"])
+        late = int(numbers["late"])
+    except (KeyError, TypeError, OverflowError) as error:
+        raise ValueError(f"{type(error).__name__}: {error}") from error
     fits = blocks["plant"].D.shape[1] == 1 and len(blocks["plant"].D) == blocks["rig_correction"].D.shape[1]
     fits &= len(blocks["rig_correction"].D) == channels and blocks["correction"].D.shape == (channels, channels)
     fits &= blocks["estimator"].D.shape[1] == channels and 1 <= late <= MOST_LATE

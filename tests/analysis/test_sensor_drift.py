@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rths_cli.analysis.sensor_drift import channel_drifts, coupled_again
+from rths_cli.analysis.sensor_drift import MOST_JUMPS, channel_drifts, coupled_again
 from rths_cli.control.sensing import correction
 from rths_cli.loop.replay import run_block
 from rths_cli.rig_info import Channel
@@ -104,3 +104,18 @@ def test_the_coupling_put_back_undoes_the_steps_correction() -> None:
 def test_a_run_too_short_for_levels_still_has_its_line() -> None:
     series = left_over(24)[:, :3000] + 0.05
     assert all(channel.drifts and channel.jumps == () for channel in found(series))
+
+
+def test_channels_that_show_nothing_at_all_on_a_converter_without_bits_have_nothing() -> None:
+    with np.errstate(all="raise"):
+        for channel in channel_drifts(np.zeros((3, SAMPLES)), DT_S, [0.0] * 3):
+            assert not channel.drifts and channel.jumps == () and channel.unusable_from is None
+
+
+def test_a_channel_that_jumps_too_often_is_not_usable_from_the_first_jump_on_not_from_the_largest() -> None:
+    series = left_over(5)
+    places = np.linspace(0.1, 0.9, MOST_JUMPS) * SAMPLES
+    for number, at in enumerate(places.astype(int)):
+        series[1, at:] += JUMP * (-1) ** number * (1.0 + 0.5 * number)
+    one = found(series)[1]
+    assert one.unusable_from is not None and one.unusable_from <= places[0]

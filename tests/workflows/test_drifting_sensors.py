@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import sys
 from dataclasses import replace
@@ -15,6 +16,7 @@ from rths_cli.errors import RigError
 from rths_cli.files.results import read_result, read_series
 from rths_cli.loop import guard
 from rths_cli.loop.performance import RAMP_UP_S
+from rths_cli.loop.replay import run_block
 from rths_cli.metrics import error_figures
 from rths_cli.workflows import real_stage
 from rths_cli.workflows.check_cases import verdict_on
@@ -25,7 +27,7 @@ from rths_cli.workflows.model_store import key
 from rths_cli.workflows.real_stage import RealStage
 from rths_cli.workflows.rigs import EXP_RTHS, open_virtual
 from rths_cli.workflows.run import run_case
-from rths_cli.workflows.sensor_drift import drift_of, expected_of, sentences
+from rths_cli.workflows.sensor_drift import as_read, as_stored, drift_of, expected_of, sensitivities, sentences
 from rths_cli.workflows.setup import Setup, make_setup
 from rths_cli.workflows.table_runs import AFTER_S, BEFORE_S
 
@@ -205,3 +207,55 @@ def test_a_run_that_the_rig_ends_names_its_drifting_sensor_and_no_healthy_one(
         assert drift_of(setup, expected_of(setup, known.found, blocks), replace(outcome, reason=reason)) is None
     for reason in (guard.STROKE, guard.VELOCITY, guard.TRACKING, guard.ENERGY, guard.END):
         assert drift_of(setup, expected_of(setup, known.found, blocks), replace(outcome, reason=reason)) is not None
+
+
+def test_what_stood_in_for_lost_samples_accuses_no_healthy_sensor(
+    memory: Memory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """0.3 s of one channel that show another motion, as while a target stalls: told as a drift or jump, unless they are
+    known to be missing. The run ends with 2 s that are missing too, as of a target that died at rest."""
+    setup = setup_with("hachinohe_high_ff_fb", COUPLED)
+    known = memory.known(setup, lambda _: None)
+    design = verdict_on(setup, known).design
+    assert design is not None
+    outcome, _ = drifting_sensors._outcome(setup, design, nothing(3), 1)
+    assert outcome.whole is not None
+    dt, whole = setup.rig.dt_s, outcome.whole
+    missing, shown = np.zeros(whole.command_v.size, dtype=bool), np.zeros_like(whole.corrected)
+    missing[whole.first + round(20.0 / dt) :][: round(0.3 / dt)] = True
+    missing[-round(2.0 / dt) :] = True
+    shown[1, missing] = 2.0
+    expected = expected_of(setup, known.found, design.blocks)
+    corrected = whole.corrected + run_block(expected.correction, sensitivities(setup.rig)[:, None] * shown)
+    for noted, healthy in ((missing, True), (None, False)):
+        found = drift_of(setup, expected, replace(outcome, whole=replace(whole, corrected=corrected, missing=noted)))
+        assert found is not None
+        said = sentences("EXP-RTHS", found, setup, design.blocks.lead_samples)
+        assert (said == []) == healthy, said
+
+
+@pytest.mark.parametrize(
+    ("name", "part", "value"),
+    [
+        ("plant", None, 3), ("plant", "A", [[1.0, 2.0]]), ("plant", "B", [[float("nan")]]),
+        ("correction", "D", [[1.0]]), ("estimator", "C", "x"), ("late", None, 0), ("late", None, 1e400), ("change", None, None), ("total", None, "x"),
+        ("late", None, 10**400),
+    ],
+)  # fmt: skip
+def test_what_a_log_expects_of_the_rig_is_read_as_it_was_written_and_refused_where_it_does_not_fit(
+    memory: Memory, name: str, part: str | None, value: object
+) -> None:
+    setup = setup_with("hachinohe_high_ff_fb", COUPLED)
+    known = memory.known(setup, lambda _: None)
+    design = verdict_on(setup, known).design
+    assert design is not None
+    expected, command_v = expected_of(setup, known.found, design.blocks), np.sin(np.arange(200.0))
+    stored = json.loads(json.dumps(as_stored(expected)))
+    again = as_read(stored, len(setup.rig.channels))
+    assert (again.answer(command_v) == expected.answer(command_v)).all()
+    if part is None:
+        stored[name] = value
+    else:
+        stored[name][part] = value
+    with pytest.raises(ValueError):
+        as_read(stored, len(setup.rig.channels))

@@ -238,7 +238,8 @@ def test_what_stood_in_for_lost_samples_accuses_no_healthy_sensor(
     ("name", "part", "value"),
     [
         ("plant", None, 3), ("plant", "A", [[1.0, 2.0]]), ("plant", "B", [[float("nan")]]),
-        ("correction", "D", [[1.0]]), ("estimator", "C", "x"), ("late", None, 0), ("late", None, 1e400), ("change", None, None), ("total", None, "x"),
+        ("correction", "D", [[1.0]]), ("estimator", "C", "x"), ("late", None, 0), ("late", None, 1e400),
+        ("change", None, None), ("total", None, "x"),
         ("late", None, 10**400),
     ],
 )  # fmt: skip

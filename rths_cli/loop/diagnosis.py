@@ -30,6 +30,7 @@ from rths_cli.structure import Specimen
 Flags = NDArray[np.bool_]
 
 WINDOW_S, LATEST_S = 1.0, 0.1  # before the stop: what is computed again, and where a difference counts
+NOW_S, MORE = 5e-3, 2.0  # table and desired motion part where they differ MORE than in the window before
 RECENT_S = 0.2  # before the stop: samples that were lost there are its cause
 OFF, BETTER = 0.25, 0.4  # a difference beyond OFF of the signal counts; below BETTER of the other it explains
 BITS = 10.0  # of a channel, beside OFF
@@ -63,12 +64,13 @@ class Cause:
 @dataclass(frozen=True)
 class Seen:
     """What the comparison shows: floors (n,) that fit neither motion of the table; whether some fit the desired one
-    alone, or the measured one alone; whether the two differ."""
+    alone, or the measured one alone; whether the two differ, and whether they began to in the last instants."""
 
     alone: Flags
     as_desired: bool
     as_measured: bool
     astray: bool
+    parted: bool
 
 
 def cause_of(info: RigInfo, blocks: Blocks, limits: GuardLimits, state: GuardState, log: Signals) -> Cause | None:
@@ -93,12 +95,10 @@ def cause_of(info: RigInfo, blocks: Blocks, limits: GuardLimits, state: GuardSta
 def _of_signals(info: RigInfo, blocks: Blocks, state: GuardState, log: Signals, kept: Flags) -> Cause | None:
     """Return what the comparison of all channels with the identified specimen shows."""
     reason, last, names = int(state.flags[1]), int(state.flags[3]), [channel.name for channel in info.channels]
-    seen = blocks.specimen and _compared(info, blocks.specimen, blocks.lead_samples, log, last)
+    seen = _compared(info, blocks.specimen, blocks.lead_samples, log, last) if blocks.specimen else None
     fits = reason not in OF_COMMAND and int(state.flags[2]) in (g.NO_CHANNEL, 0)
     stuck = int(state.flags[2]) if reason == g.STUCK else g.NO_CHANNEL
-    found = _named(names, seen, kept, stuck, fits) if seen else None
-    if found is None and reason in OF_TABLE:
-        found = _either(names[0])
+    found = (_named(names, seen, kept, stuck, fits) if seen else None) or _group(names[0], seen, reason)
     return _or_too_fast(found) if found and found.of_table and _moved_fast(info, log, last) else found
 
 
@@ -160,9 +160,11 @@ def _compared(info: RigInfo, specimen: Specimen, lead: int, log: Signals, last: 
     size = np.maximum(_peak(shown), np.minimum(_peak(by_measured), _peak(by_desired)))
     off = np.maximum(off_measured, off_desired) > OFF * size + least[1:]
     as_desired, as_measured = off & (off_desired < BETTER * off_measured), off & (off_measured < BETTER * off_desired)
-    error = _peak((table - desired)[latest])
-    astray = error > OFF * np.maximum(_peak(table), _peak(desired)) + least[0]
-    return Seen(off & ~as_desired & ~as_measured, bool(as_desired.any()), bool(as_measured.any()), bool(astray))
+    error, now = np.abs(table - desired), max(round(NOW_S / info.dt_s), 1)
+    astray = error[latest].max() > OFF * np.maximum(_peak(table), _peak(desired)) + least[0]
+    parted = error[-now:].max() > MORE * error[:-now].max(initial=0.0) + least[0]
+    alone = off & ~as_desired & ~as_measured
+    return Seen(alone, bool(as_desired.any()), bool(as_measured.any()), bool(astray), bool(parted))
 
 
 def _moved_fast(info: RigInfo, log: Signals, last: int) -> bool:
@@ -185,7 +187,7 @@ def _named(names: list[str], seen: Seen, kept: Flags, stuck: int, of_table: bool
     violated may be about table or table sensor."""
     table = names[0]
     own = [name for c, name in enumerate(names[1:]) if seen.alone[c] or c + 1 == stuck]
-    every = bool(seen.astray and len(own) > 1 and seen.alone.all())
+    every = bool(seen.astray and own and (of_table or (len(own) > 1 and seen.alone.all())))
     wrong = [table] * (seen.as_desired or every or stuck == 0) + own
     still = " (its value does not change)" if len(wrong) == 1 and kept[names.index(wrong[0])] else ""
     if own and seen.as_measured:
@@ -203,6 +205,14 @@ def _named(names: list[str], seen: Seen, kept: Flags, stuck: int, of_table: bool
     if wrong or (seen.astray and of_table):
         return _either(table)
     return None
+
+
+def _group(table: str, seen: Seen | None, reason: int) -> Cause | None:
+    """Return the parts that may have failed where no channel stands out; a command beyond its limits may answer to a
+    table that has just left its way."""
+    if reason in OF_TABLE:
+        return _either(table)
+    return _or_too_fast(_either(table)) if reason in OF_COMMAND and seen and seen.parted else None
 
 
 def _list(names: list[str]) -> str:

@@ -187,8 +187,8 @@ def _named(names: list[str], seen: Seen, kept: Flags, stuck: int, of_table: bool
     violated may be about table or table sensor."""
     table = names[0]
     own = [name for c, name in enumerate(names[1:]) if seen.alone[c] or c + 1 == stuck]
-    every = bool(seen.astray and own and (of_table or (len(own) > 1 and seen.alone.all())))
-    wrong = [table] * (seen.as_desired or every or stuck == 0) + own
+    beside = bool(seen.astray and own and (of_table or (len(own) > 1 and seen.alone.all())))
+    wrong = [table] * (seen.as_desired or beside or stuck == 0) + own
     still = " (its value does not change)" if len(wrong) == 1 and kept[names.index(wrong[0])] else ""
     if own and seen.as_measured:
         advice = f"{CHECK_TABLE}; {CHECK_SENSORS}"

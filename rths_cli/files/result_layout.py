@@ -6,6 +6,8 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
 from rths_cli.files.hdf5_layout import LARGEST, LayoutError
 
 STATUSES = ("complete", "aborted", "interrupted", "failed", "refused")
@@ -50,6 +52,7 @@ SERIES: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 """Datasets outside /metrics and /controller by name, with the scale of each of their axes; time or frequency is the
 last. The scale stands in the group of the dataset, so that what has the same scale has as many values."""
+MATRICES = ("A", "B", "C", "D")
 EXACT = ("sim", "sim_delay")
 """Groups that reach to the end of the record; a run on the table may be shorter."""
 
@@ -70,11 +73,14 @@ def check_attributes(found: Mapping[str, str | int | float]) -> None:
 
 
 def check_series(
-    path: str, shape: Sequence[int], scales: Sequence[tuple[str, int]], length_of: Callable[[str], int | None]
+    path: str,
+    shape: Sequence[int],
+    scales: Sequence[tuple[str, int]],
+    shape_of: Callable[[str], tuple[int, ...] | None],
 ) -> None:
     """Raise LayoutError for a dataset with other axes than declared, or whose scales do not fit it.
 
-    `scales`: path and length of the scale of each axis that has one; `length_of`: length of another dataset by its
+    `scales`: path and length of the scale of each axis that has one; `shape_of`: shape of another dataset by its
     path, None where there is none.
     """
     group = path.rpartition("/")[0]
@@ -82,9 +88,42 @@ def check_series(
         raise LayoutError(f"has scales of other lengths than {path}")
     if any(scale.rpartition("/")[2] in (TIME, FREQUENCY, REST) for scale, _ in scales[:-1]):
         raise LayoutError(f"has the time on another axis than the last one of {path}")
-    if not group.startswith(("metrics", "controller")):
+    if group.startswith("controller"):
+        _check_block(group, path, shape_of)
+    elif not group.startswith("metrics"):
         _check_declared(path, shape, [scale for scale, _ in scales])
-        _check_runs(group.partition("/")[0], path, shape, length_of)
+        _check_runs(group.partition("/")[0], path, shape, shape_of)
+
+
+def check_values(path: str, values: Any) -> None:
+    """Raise LayoutError for values that a declared dataset, a scale or a matrix of a block cannot have."""
+    group, _, name = path.rpartition("/")
+    matrix, axes = group.startswith("controller") and name in MATRICES, SERIES.get(name)
+    declared = not group.startswith(("metrics", "controller")) and (axes is not None or name in SCALES)
+    if not matrix and not declared:
+        return
+    found = np.asarray(values)
+    if found.dtype.kind not in "iuf":
+        raise LayoutError(f"holds no numbers in {path}")
+    sampled = axes is not None and axes[-1:] in ((TIME,), (REST,))
+    if not sampled and not np.all(np.isfinite(found)):
+        raise LayoutError(f"holds a number that is not finite in {path}")
+    if declared and name in (TIME, FREQUENCY, REST) and np.any(np.diff(found) <= 0.0):
+        raise LayoutError(f"holds values that do not rise in {path}")
+    if declared and name == FREQUENCY and np.any(found <= 0.0):
+        raise LayoutError(f"holds a frequency that is not positive in {path}")
+
+
+def _check_block(group: str, path: str, shape_of: Callable[[str], tuple[int, ...] | None]) -> None:
+    """Raise LayoutError where the matrices of a block do not fit each other: A (n, n), B (n, m), C (p, n), D (p, m)."""
+    if path.rpartition("/")[2] not in MATRICES:
+        return
+    shapes = [shape_of(f"{group}/{name}") for name in MATRICES]
+    if any(shape is None or len(shape) != 2 for shape in shapes):
+        raise LayoutError(f"has not the four matrices of a block in {group}")
+    a, b, c, d = shapes
+    if not (a and b and c and d) or (*a, b[0], c[1], *d) != (a[0],) * 4 + (c[0], b[1]):
+        raise LayoutError(f"has matrices in {group} that do not fit each other")
 
 
 def _check_declared(path: str, shape: Sequence[int], scales: Sequence[str]) -> None:
@@ -104,9 +143,13 @@ def _check_declared(path: str, shape: Sequence[int], scales: Sequence[str]) -> N
             raise LayoutError(f"has not {wanted} of its own group on axis {i} of {path}")
 
 
-def _check_runs(run: str, path: str, shape: Sequence[int], length_of: Callable[[str], int | None]) -> None:
+def _check_runs(run: str, path: str, shape: Sequence[int], shape_of: Callable[[str], tuple[int, ...] | None]) -> None:
     """Raise LayoutError where a run has more samples than the record, or other storeys than SIM."""
     name = path.rpartition("/")[2]
+
+    def length_of(other: str) -> int | None:
+        return (shape_of(other) or (None,))[0]
+
     on_time = SERIES.get(name, (name,))[-1:] == (TIME,)
     of_run, of_record = length_of(f"{run}/{TIME}"), length_of(f"record/{TIME}")
     if on_time and of_run is not None and shape[-1] != of_run:

@@ -16,7 +16,7 @@ from rths_cli.files.hdf5 import Dataset
 from rths_cli.files.hdf5_heaps import check_heaps
 from rths_cli.files.hdf5_layout import LayoutError, attribute, attributes, check_numbers, part, scalar, values_of
 from rths_cli.files.hdf5_nodes import datasets, numbers, text
-from rths_cli.files.result_layout import check_attributes, check_series
+from rths_cli.files.result_layout import check_attributes, check_series, check_values
 from rths_cli.files.result_writer import (
     FORMAT,
     FORMAT_VERSION,
@@ -175,18 +175,20 @@ def _dataset(path: Path, file: h5py.File, name: str) -> Dataset:
         raise InputError(f"{path}: holds no dataset {name}; its groups are {', '.join(file)}.")
     node = h5py.Dataset(found)
     scales = list(_scales_of(node, name))
-    check_series(name, node.shape, scales, lambda other: _length(file, other))
+    check_series(name, node.shape, scales, lambda other: _shape(file, other))
     units, long_name, source = (text(found, key) for key in ("units", "long_name", "source"))
     dims = tuple(scale.rpartition("/")[2] for scale, _ in scales)
-    return Dataset(values_of(found, name), units, long_name, source, dims)  # type: ignore[arg-type]
+    values = values_of(found, name)
+    check_values(name, values)
+    return Dataset(values, units, long_name, source, dims)  # type: ignore[arg-type]
 
 
-def _length(file: h5py.File, path: str) -> int | None:
-    """Return the length of a dataset of one axis or more, None where there is none."""
+def _shape(file: h5py.File, path: str) -> tuple[int, ...] | None:
+    """Return the shape of a dataset, None where there is none."""
     import h5py
 
     node = part(file, path)
-    return int(node.shape[0]) if isinstance(node, h5py.h5d.DatasetID) and node.shape else None
+    return tuple(node.shape) if isinstance(node, h5py.h5d.DatasetID) else None
 
 
 def _scales_of(node: h5py.Dataset, path: str) -> Iterator[tuple[str, int]]:

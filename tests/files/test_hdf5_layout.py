@@ -33,6 +33,10 @@ def made(folder: Path) -> Path:
         writer.case("record: a\n", "record: a\n")
         writer.group("record", {}, np.arange(50) / 2000)
         writer.group("sim", shear, np.arange(50) / 2000)
+        roots = {"poles": Dataset(np.array([-1 + 2j, -1 - 2j]), "rad/s", "poles", "estimated", ("pole",))}
+        lines = {"frequency_hz": Dataset(np.arange(1.0, 9.0), "Hz", "frequency", "computed")}
+        writer.group("identification", roots, scales=lines)
+        writer.block("lag", np.eye(2), np.ones((2, 1)), np.ones((1, 2)), np.zeros((1, 1)), 0.0005, ["a"], ["b"])
         writer.metrics(figures)
         writer.finish("complete")
     return path
@@ -94,6 +98,13 @@ def put(name: str, length: int) -> Edit:
     return edit
 
 
+def filled(name: str, value: float) -> Edit:
+    def edit(file: h5py.File) -> None:
+        file[name][...] = value
+
+    return edit
+
+
 DAMAGES: dict[str, tuple[Edit, str]] = {
     "link to a pipe": (linked(h5py.ExternalLink("pipe", "/")), "link to another place or file at sim"),
     "soft link": (linked(h5py.SoftLink("/metrics")), "link to another place"),
@@ -114,6 +125,12 @@ DAMAGES: dict[str, tuple[Edit, str]] = {
     "series without a scale": (replaced("sim/base_shear_n", np.ones(40)), "not the scale time_s of its own group"),
     "truth of other length": (put("sim/truth/table_accel_m_s2", 40), "40 samples of sim/truth/.* and 50 of sim/time_s"),
     "run beyond the record": (put("exp_rths/command_v", 60), "60 samples of exp_rths/.* and 50 of record/time_s"),
+    "matrix of other size": (replaced("controller/lag/B", np.ones((5, 1))), "controller/lag that do not fit"),
+    "matrix of one axis": (replaced("controller/lag/D", np.ones(3)), "not the four matrices"),
+    "matrix of texts": (replaced("controller/lag/D", [["x"]]), "no numbers in controller/lag/D"),
+    "time that stands": (filled("record/time_s", 0.0), "do not rise in record/time_s"),
+    "frequency": (filled("identification/frequency_hz", -1.0), "do not rise in"),
+    "root": (filled("identification/poles_real", np.inf), "not finite in identification/poles_real"),
     "scaling": (lambda file: file.attrs.update(scaling="x"), "scaling = 'x'"),
     "not finite": (lambda file: file.attrs.update(note=np.nan), "'note' that is neither"),
     "empty version": (lambda file: file.attrs.update(rths_version=np.zeros(0)), "'rths_version' that is neither"),

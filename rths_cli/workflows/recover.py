@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import ValidationError
 
+from rths_cli.analysis.sim import simulate
 from rths_cli.case.find import find
 from rths_cli.case.models import Case
 from rths_cli.case.nodes import Source, plain
@@ -24,10 +25,11 @@ from rths_cli.loop.performing import whole_of
 from rths_cli.loop.realtime import AT_REST
 from rths_cli.record import GroundMotion, integrate
 from rths_cli.structure import build
-from rths_cli.workflows import contents
-from rths_cli.workflows.sensor_drift import Expected, as_read, drift_of, sentences
-from rths_cli.workflows.series import Series, on_record_clock, whole_building, without_drift
+from rths_cli.workflows import contents, merit
+from rths_cli.workflows.sensor_drift import Expected, as_figures, as_read, drift_of, sentences
+from rths_cli.workflows.series import on_record_clock, whole_building, without_drift
 from rths_cli.workflows.setup import Setup, ground_motion, rig_info
+from rths_cli.workflows.table_runs import figures_of_run
 
 if TYPE_CHECKING:
     from rths_cli.files.result_writer import Attribute
@@ -126,13 +128,13 @@ def _recover(job: _Job) -> Recovered:
             if half:
                 writer.drop(header.run)
             if log.columns.shape[1] > header.ramp_steps + header.lead_samples:
-                _write(writer, job, log)
+                _write(writer, job, log, str(found.attributes.get("warnings", "")))
             writer.finish(status, _reason(found.attributes | {key: note}, note))
     return Recovered(job.path, result, status, header.run, log.samples, header.steps, header.dt_s, note, known)
 
 
-def _write(writer: ResultWriter, job: _Job, log: RawLog) -> None:
-    """Write the run as one that reached its end would be, only shorter."""
+def _write(writer: ResultWriter, job: _Job, log: RawLog, warnings: str) -> None:
+    """Write the run as one that reached its end would be, only shorter; `warnings` of the result stay."""
     header, setup = job.header, _setup(job)
     steps = log.columns.shape[1] - header.ramp_steps
     everything = _signals(log, setup)
@@ -140,27 +142,22 @@ def _write(writer: ResultWriter, job: _Job, log: RawLog) -> None:
     outcome = Outcome(part_of(everything, slice(header.ramp_steps, None)), steps, "", "", 0.0, whole=whole)
     ground = setup.motion.accel_m_s2
     series = on_record_clock(outcome, header.lead_samples, header.dt_s, len(ground))
-    series, said = _without_drift(job, setup, outcome, series)
-    if said:
-        earlier = str(writer.attributes.get("warnings", ""))
-        writer.about({"warnings": "\n".join(filter(None, (earlier, *said)))})
+    drift = drift_of(setup, job.expected, outcome) if job.expected is not None else None
+    if drift is not None and drift.any and job.expected is not None:
+        said = sentences(LABELS.get(header.run, header.run), drift, setup, header.lead_samples)
+        writer.about({"warnings": "\n".join(filter(None, (warnings, *said)))})
+        series = without_drift(series, drift.removed, header.lead_samples, job.expected.estimator)
     hybrid = None
     if header.run == "exp_rths":
         hybrid = whole_building(setup.building, series, ground, header.dt_s, setup.case.integration)
     contents.write_table_run(writer, header.run, setup, series, hybrid)
     if whole is not None:
         contents.write_rest(writer, header.run, setup, whole)
-
-
-def _without_drift(job: _Job, setup: Setup, outcome: Outcome, series: Series) -> tuple[Series, list[str]]:
-    """Return the series without what the channels show beside motion, and what to say of it, as of a finished run; as
-    they are where the log does not tell what was expected."""
-    header, expected = job.header, job.expected
-    drift = drift_of(setup, expected, outcome) if expected is not None else None
-    if expected is None or drift is None or not drift.any:
-        return series, []
-    said = sentences(LABELS.get(header.run, header.run), drift, setup, header.lead_samples)
-    return without_drift(series, drift.removed, header.lead_samples, expected.estimator), said
+    if series.command_v.size == len(ground) and np.isfinite(series.measured).all():
+        sim = simulate(setup.building, header.dt_s, ground)
+        values = figures_of_run(setup, header.run, series, sim, hybrid)
+        values |= as_figures(header.run, drift, setup, header.lead_samples) if drift is not None else {}
+        writer.metrics(values, merit.remarks(setup, header.run, series.desired[0]))
 
 
 def _note(path: Path, log: RawLog, samples: int) -> str:

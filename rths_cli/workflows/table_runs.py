@@ -143,7 +143,7 @@ def play_all(
         if stopped is None and drift is not None:
             values |= sensor_drift.as_figures(run.name, drift, setup, lead)
         if stopped is None:
-            values |= _figures(setup, run.name, series, sim, hybrid)
+            values |= figures_of_run(setup, run.name, series, sim, hybrid)
             remarks |= merit.remarks(setup, run.name, series.desired[0])
         if stopped is None and hybrid is not None:
             values |= budget.of_exp_rths(checked.loop, series, hybrid[2], sim)
@@ -196,7 +196,7 @@ def hybrid_of(setup: Setup, series: Series) -> tuple[Array, Array, Array]:
     return whole_building(setup.building, series, setup.motion.accel_m_s2, dt, scheme)
 
 
-def _figures(
+def figures_of_run(
     setup: Setup, run: str, series: Series, sim: Response, hybrid: tuple[Array, Array, Array] | None
 ) -> dict[str, ArrayLike]:
     """Return the figures of a table run that reached the end of the record."""

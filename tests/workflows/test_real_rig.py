@@ -131,7 +131,7 @@ def test_a_signal_ends_as_interrupted_with_the_samples_and_the_table_at_rest(ben
         ended = ran(bench, tmp_path / "a.h5", once_running(lambda: os.kill(os.getpid(), signal.SIGTERM)))
     finally:
         signal.signal(signal.SIGTERM, before)
-    assert (ended.status, ended.exit_code) == ("interrupted", 143)
+    assert (ended.status, ended.exit_code) == ("interrupted", 143), ended.reason
     assert status(tmp_path / "a.h5") == (ended.status, ended.reason)
     assert ended.reason.startswith("EXP-RTHS: terminated at ") and ended.reason.endswith("the table was led to rest")
     command = read_series(tmp_path / "a.h5", "exp_rths/command_v")
@@ -336,6 +336,10 @@ def test_a_drifting_sensor_is_named_and_taken_out_of_a_finished_run_and_of_its_r
     assert "500 of the rest before it" in recovered.note and "of the rest after it" in recovered.note
     again = read_result(tmp_path / "a.h5")
     assert said in str(again.attributes["warnings"]).splitlines()
+    assert set(again.attributes["warnings"].splitlines()) == set(result.attributes["warnings"].splitlines())
+    assert {"exp_rths.rms_error_m_s2", "exp_rths.sensor_drift_v_per_min"} <= set(again.metrics)
+    for name, value in again.metrics.items():
+        assert value == pytest.approx(result.metrics[name], rel=1e-9, abs=1e-12), name
     assert read_series(tmp_path / "a.h5", "exp_rths/sensor_drift_m_s2") == pytest.approx(taken, rel=1e-9, abs=1e-12)
     for name in ("abs_accel_m_s2", "rel_disp_m"):
         first, second = (read_series(tmp_path / file, f"exp_rths/{name}") for file in ("finished.h5", "a.h5"))

@@ -43,7 +43,7 @@ from told_causes import ALL, LINK, MOTION, TABLE, verdict  # noqa: E402
 
 from rths_cli.loop.guard import END, NONE  # noqa: E402
 
-PATIENCE_S, TRIES = 240.0, 3
+PATIENCE_S, TRIES, NO_END = 240.0, 3, -1
 WITHIN_S = 0.01  # of the fault: a stop before it has another cause
 STALLED_S = 0.3  # before the end of the series: samples lost there may be the cause
 STOPPED_AT = r" at (-?[0-9.]+) s of "
@@ -107,6 +107,8 @@ def once(laboratory: Laboratory, kind: Kind, at: int, tracked: bool) -> tuple[in
         runner = start_runner(laboratory.folder, output, laboratory.rig, port, None, {})
         try:
             said = runner.communicate(timeout=PATIENCE_S)[1]
+        except subprocess.TimeoutExpired:
+            return NO_END, f"it did not end within {PATIENCE_S:g} s", np.zeros(0)
         finally:
             runner.kill()
             target.kill()

@@ -21,6 +21,7 @@ from rths_cli.identification.least_squares import parts
 from rths_cli.lti import Array, ComplexArray
 from rths_cli.structure import storey_matrix
 
+ROUNDING = float(np.finfo(float).eps)
 LOST = 1e-12  # of the largest singular value of the linear terms' normal equations
 
 
@@ -40,7 +41,7 @@ def modal(masses_kg: Array, stiffness_n_per_m: Array) -> tuple[Array, Array]:
     """
     root = np.sqrt(masses_kg)
     eigenvalues, shapes = np.linalg.eigh(storey_matrix(stiffness_n_per_m) / np.outer(root, root))
-    known = np.maximum(eigenvalues, np.finfo(float).eps * eigenvalues[-1])
+    known = np.maximum(eigenvalues, ROUNDING * eigenvalues[-1])
     return np.sqrt(known), shapes / root[:, None]
 
 
@@ -114,7 +115,8 @@ def _weights(masses_kg: Array, stiffness: Array, ratios: Array, omega: Array, sh
     log zeta_r: one mode's damping. By the table's delay: -s times what it carries.
     """
     n, coupled = len(omega), _stiffness_slopes(shapes, stiffness)
-    apart = np.subtract.outer(-(omega**2), -(omega**2)) + np.diag(np.full(n, np.inf))  # w_r^2 - w_q^2, q first
+    apart = np.subtract.outer(-(omega**2), -(omega**2))  # w_r^2 - w_q^2, q first
+    apart = np.copysign(np.maximum(np.abs(apart), ROUNDING * omega[-1] ** 2), apart) + np.diag(np.full(n, np.inf))
     turned = np.einsum("iq,qrj->jir", shapes, coupled / apart[:, :, None])
     faster = (coupled.diagonal() / (2.0 * omega)).reshape(n, 1, n)  # d w_r / d log k_j, (j, 1, r)
     weights = np.zeros((2 * n + 1, n, 5, n))

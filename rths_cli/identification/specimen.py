@@ -93,7 +93,8 @@ def _approached(motions: Sequence[Motion], dt_s: float, masses: Array, low_hz: f
     """Return a start from stretches of growing length, each fitted from what the one before found.
 
     A line is as wide as its stretch is short: a resonance that a long one misses by many times its own width is near
-    for a short one. The first lasts FIRST_CYCLES of the lowest mode, with damping ratios of USUAL_RATIO.
+    for a short one. The first lasts FIRST_CYCLES of the lowest mode, with damping ratios of USUAL_RATIO. A stretch in
+    which the floors rest, as far as their channels tell, leads nowhere and is left out.
     """
     omega = modal(masses, start.stiffness_n_per_m)[0]
     length = int(FIRST_CYCLES * 2.0 * np.pi / (omega[0] * dt_s))
@@ -103,10 +104,13 @@ def _approached(motions: Sequence[Motion], dt_s: float, masses: Array, low_hz: f
         length = max(length, least_samples(omega / (2.0 * np.pi), dt_s, low_hz))
         band = _band(low_hz, masses, start, near)
         parts = [motion.cut(_middle(len(motion.table), length)) for motion in motions]
+        length *= LONGER
+        if not all(np.ptp(part.floors) > 0.0 for part in parts):
+            continue
         theta = _fitted([transform(part, dt_s, band) for part in parts], masses, near).parameters
         stiffness, ratios = np.split(np.exp(theta), 2)
-        near = Start(stiffness, ratios.clip(*NEAR_RATIOS))
-        length *= LONGER
+        first = start.stiffness_n_per_m
+        near = Start(stiffness.clip(first / STIFFNESS_REACH, first * STIFFNESS_REACH), ratios.clip(*NEAR_RATIOS))
     return near
 
 

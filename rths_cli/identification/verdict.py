@@ -45,11 +45,14 @@ def judge(
         material = False  # the fit misses more than friction leaves at full level
     advice = GIVEN if given else _advice(scatter, most, causes if material else ONE_LEVEL, louder, noisy)
     unsafe = _unsafe_roots(model) or _absurd_lag(model)
+    missed = _misses(error, most, advice)
+    # the levels are compared over the model: of one that fits neither they tell only what has a shape of its own
+    compared = levels if not missed or meaning(causes) else ()
     reasons = (
-        *_misses(error, most, advice),
+        *missed,
         *unsafe,
         *further,
-        *_at_other_levels(levels, level_ratio, most, causes, louder, friction),
+        *_at_other_levels(compared, level_ratio, most, causes, louder, friction),
     )
     reach = reach_hz(model, frf, most)
     usable = (COMPARED_HZ[0], reach) if reach > COMPARED_HZ[0] else (0.0, 0.0)

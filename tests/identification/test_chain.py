@@ -63,3 +63,12 @@ def test_frequency_slopes_are_those_of_the_frequencies() -> None:
     for storey, step in enumerate(1e-6 * np.eye(3)):
         ahead, behind = (modal(masses, stiffness * np.exp(sign * step))[0] for sign in (1.0, -1.0))
         assert slopes[:, storey] == pytest.approx((ahead - behind) / 2e-6, rel=1e-7)
+
+
+def test_frequencies_that_arithmetic_cannot_tell_are_numbers() -> None:
+    """Storeys 10^24 times softer than others: eigenvalues are lost in rounding, some come out negative, and equal."""
+    masses, stiffness = np.full(5, 5.0), np.array([1e-14, 1e10, 1e-14, 1e10, 1e-14])
+    omega, _ = modal(masses, stiffness)
+    assert (omega > 0.0).all() and (np.diff(omega) >= 0.0).all()
+    lines, theta = noisy_lines(masses, 3), np.log(np.concatenate([stiffness, np.full(5, 0.05)]))
+    assert all(np.isfinite(each).all() for each in evaluated([lines], masses, theta))

@@ -148,6 +148,15 @@ def test_a_motion_that_shows_nothing_is_a_sentence() -> None:
         fitted(specimen, table_motion()[:10000], np.zeros((2, 10000)))
 
 
+def test_a_fit_finds_its_way_over_a_stretch_in_which_the_floors_rest() -> None:
+    """What no chain explains is approached from the middle, and there the floors show nothing for 20 s."""
+    specimen, table = make_specimen(), table_motion()
+    moved = floors(specimen, table) * np.array([[1.0], [-1.0]])
+    moved[:, 20000:40000] = 0.0
+    found = fitted(specimen, table, moved)
+    assert found.residual > 0.01 and np.isfinite(found.natural_frequency_hz).all()
+
+
 def test_a_short_motion_has_no_scatter_but_an_error() -> None:
     specimen, table = make_specimen(), table_motion()[:1100]
     moved = floors(specimen, table) + 0.01 * np.random.default_rng(3).standard_normal((2, 1100))

@@ -252,6 +252,15 @@ def test_what_grows_with_the_motion_is_not_called_friction(causes: LevelCauses, 
     assert "louder" not in reason
 
 
+def test_a_model_that_does_not_fit_tells_nothing_of_levels_without_a_cause() -> None:
+    bands = [LevelBand(0.7, 11.0, 1.4 + 0j, 0.001)]
+    bad = FitError(0.7, 1.6, 0.7)
+    frf = measured(table(), np.zeros(len(LINES)))
+    assert not [r for r in judge(table(), bad, frf, LIMITS, (), bands, 4.0).reasons if r.startswith("level")]
+    known = judge(table(), bad, frf, LIMITS, (), bands, 4.0, causes=LevelCauses(("hardening",))).reasons
+    assert [reason for reason in known if reason.startswith("level")]
+
+
 def test_uncertainties_of_roots_are_the_scatter_of_repeated_fits() -> None:
     truth, noise = table(), 0.01
     clean = measured(truth, np.zeros(len(LINES)), scatter=noise)

@@ -9,6 +9,7 @@ from rths_cli.control.blocks import Blocks
 from rths_cli.lti import Array, Block, ComplexArray
 
 FORGOTTEN = 0.1  # size of an eigenvalue that dies out within a few samples: no motion of table or building
+SLOW_HZ, LEFT = 0.3, 1e-4
 
 
 class _Rows:
@@ -95,6 +96,14 @@ def loop_roots(matrix: Array, dt_s: float) -> ComplexArray:
     z = np.linalg.eigvals(matrix).astype(complex)
     roots = np.log(z[(np.abs(z) > FORGOTTEN) & (z.imag > 0.0)]) / dt_s
     return roots[np.argsort(-roots.real)]
+
+
+def slow_roots(matrix: Array, dt_s: float, time_s: float) -> ComplexArray:
+    """Return the closed loop's roots log(z) / dt_s in rad/s, (n,), real ones and of each pair the one above the real
+    axis, of motions below SLOW_HZ of which a share of LEFT is left after a time."""
+    z = np.linalg.eigvals(matrix).astype(complex)
+    roots = np.log(z[(np.abs(z) > FORGOTTEN) & (z.imag >= 0.0)]) / dt_s
+    return roots[(np.abs(roots) < 2.0 * np.pi * SLOW_HZ) & (roots.real * time_s > np.log(LEFT))]
 
 
 def modes_in_loop(roots: ComplexArray, frequency_hz: Array, damping_ratio: Array) -> tuple[Array, Array]:

@@ -7,7 +7,7 @@ noise and rounding by their power; all in the test band.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -45,7 +45,8 @@ class Known:
     """What a prediction starts from: `floors` (c, m) accelerations of table (one) and floors per table acceleration,
     `sim` (n_storeys, m) and `ground` (3, m) on lines, `velocity_m_s` (n,) of the interface, noise of each channel at
     rest (c,) in m/s^2; `excess` as in IdentifiedRig; `peaks_m_s2` (c,) of SIM's interface and floors, all frequencies
-    (None: not known)."""
+    (None: not known); `slow_roots` (k,) in rad/s of those motions of the loop that outlast the lines' room after the
+    record."""
 
     loop: LoopResponse
     lines: Lines
@@ -62,6 +63,7 @@ class Known:
     shaped: bool
     excess: float = 0.0
     peaks_m_s2: Array | None = None
+    slow_roots: ComplexArray = field(default_factory=lambda: np.zeros(0, dtype=complex))
 
 
 def predict(known: Known) -> Prediction:

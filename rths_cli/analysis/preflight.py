@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from decimal import ROUND_DOWN, Context
 
 import numpy as np
@@ -29,6 +29,7 @@ UNSEEN_CHANGE, UNCOMPARED_CHANGE = 0.01, 0.06  # of its response: what a verific
 SIGMA = 3.0  # standard uncertainties of the measured response
 LEAST_DELAY_S = 1e-3  # further delay that a loop must tolerate where less is not known to be enough
 RESERVE = 0.1  # of every limit
+ROOM_PARTS = 4  # the room after the record whose last part shows what is left of slow motions
 FINER = 8  # points of a peak's series per point of the reduced one
 MOST_GROWN = 1e99  # stated; result files hold no larger numbers
 GROWN = 1e3  # over the record, from which growth is no doubt
@@ -286,7 +287,7 @@ def reach(known: Known, prediction: Prediction, rig: RigInfo, masses_kg: Array) 
     """
     lines, motion = known.lines, prediction.nominal
     s = 2j * np.pi * lines.frequency_hz
-    command, rate = lines.series(motion.command_v, FINER), lines.series(s * motion.command_v, FINER)
+    command, rate = (_from_rest(known, values) for values in (motion.command_v, s * motion.command_v))
     accel = lines.series(motion.corrected, FINER)
     loudest = _peak(accel) if known.peaks_m_s2 is None else max(_peak(accel), float(known.peaks_m_s2.max()))
     place, speed = rig.gain_m_per_v * command, rig.gain_m_per_v * rate
@@ -303,6 +304,29 @@ def reach(known: Known, prediction: Prediction, rig: RigInfo, masses_kg: Array) 
         Reach("actuator force", _peak(force), rig.limits.force_n, "N"),
         Reach("command", _peak(command), rig.converters.range_v, "V"),
     )
+
+
+def _from_rest(known: Known, values: ComplexArray) -> Array:
+    """Return the series (n,) of lines (m,) of a test that starts at rest.
+
+    Lines are those of a record that is repeated, so that a motion slower than the room after it is still there at the
+    next start. What the loop's slow roots make of the end of that room is taken off, as it goes on from there.
+    """
+    lines, roots = known.lines, known.slow_roots
+    series = lines.series(values, FINER)
+    if not len(roots):
+        return series
+    whole = replace(lines, samples=lines.padded).series(values)
+    tail = whole[-max(int(len(whole) * (1.0 - lines.samples / lines.padded)) // ROOM_PARTS, 2) :]
+    dt_s = lines.reduced_dt_s
+    factors = np.asarray(np.linalg.lstsq(_ringing(roots, dt_s, -len(tail), 0), tail, rcond=None)[0], dtype=float)
+    return np.asarray(series - _ringing(roots, dt_s / FINER, 0, len(series)) @ factors)
+
+
+def _ringing(roots: ComplexArray, dt_s: float, first: int, end: int) -> Array:
+    """Return the free motions (n, 2 k) of roots (k,) in rad/s, cosine and sine of each, from sample first to end."""
+    motion = np.exp(np.outer(dt_s * np.arange(first, end), roots))
+    return np.hstack([motion.real, motion.imag])
 
 
 def unseen(known: Known) -> tuple[str, ...]:

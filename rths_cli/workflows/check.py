@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.analysis import preflight
-from rths_cli.analysis.closed_loop import closed_loop_matrix, loop_roots, modes_in_loop
+from rths_cli.analysis.closed_loop import closed_loop_matrix, loop_roots, modes_in_loop, slow_roots
 from rths_cli.analysis.critical_delay import critical_delay
 from rths_cli.analysis.delayed_lines import delayed_rms
 from rths_cli.analysis.identified_rig import identified_rig
@@ -82,7 +82,9 @@ def judge(setup: Setup, identified: Identification, design: Design, kept: Kept |
     asked = pickle.dumps((rig, design.blocks, storeys, identified.best, identified.frfs[0], identified.levels))
     found = kept.get("stability", asked, lambda: _stability(rig, design.blocks, storeys, identified, samples))
     found = replace(found, growth=preflight.growth(found.radius, samples))
+    matrix = closed_loop_matrix(rig, design.blocks)
     known = known_of(setup, identified, design, rig, storeys, found.radius, kept)
+    known = replace(known, slow_roots=slow_roots(matrix, dt, known.lines.padded * dt))
     prediction = predict(known)
     masses = np.concatenate([[setup.rig.moving_mass_kg], setup.floor_masses_kg])
     rows = preflight.reach(known, prediction, setup.rig, masses)
@@ -93,7 +95,7 @@ def judge(setup: Setup, identified: Identification, design: Design, kept: Kept |
     least_s = required_delay_s(setup, identified, design)
     verdict = preflight.judge(critical, found, rows, setup.case.scaling, stable, further, feedback, least_s)
     own = modes(building.M, building.C, building.K)
-    looped = modes_in_loop(loop_roots(closed_loop_matrix(rig, design.blocks), dt), *own)
+    looped = modes_in_loop(loop_roots(matrix, dt), *own)
     fragile = preflight.faults_of_loop(found, feedback, least_s)
     largest = 0.0 if fragile else preflight.rounded_down(verdict.largest_scaling)
     friction = identified.friction.command_v if identified.friction else 0.0

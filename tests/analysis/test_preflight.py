@@ -12,8 +12,9 @@ import pytest
 from bench import DT_S, ideal_info, rig_info
 from hybrid import best_like, paper_like, storeys
 from open_loop import points, rig_as_identified
+from scipy.linalg import block_diag
 
-from rths_cli.analysis.closed_loop import closed_loop_matrix, spectral_radius
+from rths_cli.analysis.closed_loop import closed_loop_matrix, slow_roots, spectral_radius
 from rths_cli.analysis.critical_delay import CriticalDelay
 from rths_cli.analysis.identified_rig import IdentifiedRig
 from rths_cli.analysis.lines import Lines
@@ -266,7 +267,7 @@ def test_what_a_sinusoid_asks_of_the_table() -> None:
     corrected = np.array([sinusoid(a, line, lines) for a in accel])
     nominal = SimpleNamespace(command_v=sinusoid(command, line, lines), corrected=corrected)
     masses = np.array([7.0, 6.91, 6.95])
-    known = SimpleNamespace(lines=lines, peaks_m_s2=None)
+    known = SimpleNamespace(lines=lines, peaks_m_s2=None, slow_roots=np.zeros(0))
     rows = {r.name: r for r in reach(known, SimpleNamespace(nominal=nominal), info, masses)}
     place, speed = 0.0079 * command, 0.0079 * command * w
     # x + v |v| / (2 b) is largest at a phase found by looking at all
@@ -294,7 +295,7 @@ def test_a_peak_between_the_points_of_the_reduced_series_is_seen(phase: float) -
     lines = Lines(8000, 8000, DT_S)
     accel = np.exp(1j * phase) * sinusoid(4.0, lines.count - 2, lines)
     nominal = SimpleNamespace(command_v=0.0 * accel, corrected=np.array([accel]))
-    known = SimpleNamespace(lines=lines, peaks_m_s2=None)
+    known = SimpleNamespace(lines=lines, peaks_m_s2=None, slow_roots=np.zeros(0))
     rows = {row.name: row for row in reach(known, SimpleNamespace(nominal=nominal), rig_info(), np.ones(1))}
     assert rows["acceleration"].peak == pytest.approx(4.0, rel=0.025)
 
@@ -307,7 +308,7 @@ def test_motion_above_the_lines_is_not_taken_for_none() -> None:
     prediction = SimpleNamespace(nominal=nominal)
     for peak, said in ((4.2, False), (8.0, True)):
         sim, floors = np.array([accel, accel]), np.ones((2, lines.count))
-        known = SimpleNamespace(lines=lines, peaks_m_s2=np.array([peak, 1.0]), sim=sim, floors=floors)
+        known = SimpleNamespace(lines=lines, peaks_m_s2=np.array([peak, 1.0]), sim=sim, floors=floors, slow_roots=())
         rows = {row.name: row for row in reach(known, prediction, rig_info(), np.ones(1))}
         assert rows["acceleration"].peak == peak
         sentences = unseen(known)
@@ -327,7 +328,7 @@ def test_a_converter_narrower_than_stroke_or_sensor_is_the_limit() -> None:
     lines = Lines(2000, 2000, DT_S)
     info = replace(rig_info(range_v=2.0), limits=replace(rig_info().limits, stroke_m=0.079))
     nothing = SimpleNamespace(command_v=np.zeros(lines.count) + 0j, corrected=np.zeros((3, lines.count)) + 0j)
-    known = SimpleNamespace(lines=lines, peaks_m_s2=None)
+    known = SimpleNamespace(lines=lines, peaks_m_s2=None, slow_roots=np.zeros(0))
     rows = reach(known, SimpleNamespace(nominal=nothing), info, np.ones(3))
     limits = {row.name: row.limit for row in rows}
     assert limits["displacement (with room to brake)"] == pytest.approx(2.0 * 0.0079)
@@ -347,3 +348,30 @@ def test_a_loop_must_tolerate_a_lost_and_a_late_sample_where_none_is_bridged() -
     assert faults_of_loop(late, least_delay_s=1e-3) == []
     (reason,) = faults_of_loop(late, least_delay_s=4e-3)
     assert reason.startswith("3 ms of further delay make the loop unstable, it must stand 4 ms")
+
+
+def test_a_test_starts_at_rest_whatever_a_leak_keeps_of_the_record_before() -> None:
+    """A leak of 140 s in a loop whose lines have room for 15 s after a record of 5 s, against its solution in time."""
+    lines, root = Lines(10000, 40000, DT_S), -1.0 / 140.0
+    time_s = np.arange(lines.padded) * DT_S
+    pushed = np.where(time_s < 4.0, np.sin(2.0 * np.pi * time_s) + 0.5 - 0.5 * np.cos(0.5 * np.pi * time_s), 0.0)
+    values = lines.of(pushed) / (2j * np.pi * lines.frequency_hz - root)
+    exact = np.exp(root * time_s) * np.cumsum(np.exp(-root * time_s) * pushed) * DT_S
+    motion = SimpleNamespace(command_v=values, corrected=np.zeros((3, lines.count)) + 0j)
+
+    def peak(roots: list[complex]) -> float:
+        known = SimpleNamespace(lines=lines, peaks_m_s2=None, slow_roots=np.array(roots, dtype=complex))
+        rows = reach(known, SimpleNamespace(nominal=motion), rig_info(), np.ones(3))
+        return {row.name: row.peak for row in rows}["command"]
+
+    assert peak([root + 0j]) == pytest.approx(np.abs(exact[: lines.samples]).max(), rel=5e-3)
+    assert peak([]) > 5.0 * np.abs(exact).max()
+
+
+def test_slow_roots_are_those_that_are_left_after_a_time() -> None:
+    """A leak of 140 s and a motion of 0.016 Hz and 50 s, but not one of 2 s, nor one of 1.9 Hz."""
+    roots = np.array([-1.0 / 140.0, -0.5 + 0.3j, -0.01 + 12.0j, -0.02 + 0.1j])
+    z = np.exp(roots * DT_S)
+    blocks = [np.array([[each.real, -each.imag], [each.imag, each.real]]) for each in z]
+    found = slow_roots(block_diag(blocks[0][:1, :1], *blocks[1:]), DT_S, 80.0)
+    assert np.sort_complex(found) == pytest.approx(roots[[3, 0]], abs=1e-9)

@@ -288,7 +288,7 @@ def reach(known: Known, prediction: Prediction, rig: RigInfo, masses_kg: Array) 
     lines, motion = known.lines, prediction.nominal
     s = 2j * np.pi * lines.frequency_hz
     command, rate = (_from_rest(known, values) for values in (motion.command_v, s * motion.command_v))
-    accel = lines.series(motion.corrected, FINER)
+    accel = np.array([_from_rest(known, values) for values in motion.corrected])
     loudest = _peak(accel) if known.peaks_m_s2 is None else max(_peak(accel), float(known.peaks_m_s2.max()))
     place, speed = rig.gain_m_per_v * command, rig.gain_m_per_v * rate
     braked = place + 0.5 * speed * np.abs(speed) / (BRAKE_SHARE * rig.limits.acceleration_m_s2)

@@ -357,12 +357,13 @@ def test_a_test_starts_at_rest_whatever_a_leak_keeps_of_the_record_before() -> N
     pushed = np.where(time_s < 4.0, np.sin(2.0 * np.pi * time_s) + 0.5 - 0.5 * np.cos(0.5 * np.pi * time_s), 0.0)
     values = lines.of(pushed) / (2j * np.pi * lines.frequency_hz - root)
     exact = np.exp(root * time_s) * np.cumsum(np.exp(-root * time_s) * pushed) * DT_S
-    motion = SimpleNamespace(command_v=values, corrected=np.zeros((3, lines.count)) + 0j)
+    motion = SimpleNamespace(command_v=values, corrected=np.stack([values]))
 
     def peak(roots: list[complex]) -> float:
         known = SimpleNamespace(lines=lines, peaks_m_s2=None, slow_roots=np.array(roots, dtype=complex))
-        rows = reach(known, SimpleNamespace(nominal=motion), rig_info(), np.ones(3))
-        return {row.name: row.peak for row in rows}["command"]
+        rows = {row.name: row.peak for row in reach(known, SimpleNamespace(nominal=motion), rig_info(), np.ones(1))}
+        assert rows["acceleration"] == pytest.approx(rows["command"])
+        return rows["command"]
 
     assert peak([root + 0j]) == pytest.approx(np.abs(exact[: lines.samples]).max(), rel=5e-3)
     assert peak([]) > 5.0 * np.abs(exact).max()

@@ -46,7 +46,7 @@ STATED: dict[str, type] = {
 }  # fmt: skip
 """Attributes that every sweep has, with their types."""
 NEEDED = {"exp_rths.tracking_rms_m_s2": 1, "exp_rths.rms_error_m_s2": 2}
-"""Figures that every sweep has, with the number of their axes."""
+"""Figures that every sweep has, with the number of their axes; NaN where a run has none, never infinite."""
 ENDINGS = (
     ("_n_s_per_m", "N*s/m"), ("_n_per_m", "N/m"), ("_m_per_v", "m/V"), ("_m_s2", "m/s^2"), ("_m_s", "m/s"),
     ("_hz", "Hz"), ("_kg", "kg"), ("_s", "s"), ("_v", "V"), ("_m", "m"), ("_n", "N"), ("_g", "g"),
@@ -184,6 +184,8 @@ def _figure(found: Mapping[str, Any], path: str, runs: int) -> Array:
     axes = NEEDED.get(path, numbers.ndim)
     if numbers.dtype.kind not in "fiu" or numbers.ndim != axes or axes not in (1, 2) or len(numbers) != runs:
         raise LayoutError(f"has not one {path} per run")
+    if path in NEEDED and np.any(np.isinf(numbers)):
+        raise LayoutError(f"holds an infinite number in {path}")
     return numbers.astype(float, copy=False)
 
 

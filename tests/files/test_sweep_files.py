@@ -81,6 +81,19 @@ def test_a_table_reads_back(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["x.h5"]
 
 
+def test_an_infinite_error_is_refused_and_a_missing_one_is_not(tmp_path: Path) -> None:
+    path = tmp_path / "x.h5"
+    for value in (np.nan, np.inf):
+        write_sweep(path, made())
+        with h5py.File(path, "r+") as file:
+            file["exp_rths.tracking_rms_m_s2"][1] = value
+        if np.isnan(value):
+            assert np.isnan(read_sweep(path).figures["exp_rths.tracking_rms_m_s2"].values[1])
+        else:
+            with pytest.raises(InputError, match=r"infinite number in exp_rths\.tracking_rms_m_s2"):
+                read_sweep(path)
+
+
 def test_a_table_as_csv_keeps_text_and_numbers(tmp_path: Path) -> None:
     import csv
 

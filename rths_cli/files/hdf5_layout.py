@@ -123,10 +123,16 @@ def values_of(node: GroupID | DatasetID | None, path: str, any_number: bool = Fa
     dataset = h5py.Dataset(node)
     if h5py.check_string_dtype(dataset.dtype) is not None:
         return dataset.asstr()[()]
-    found = dataset[()]
-    if not any_number:
-        check_numbers(path, found)
+    if any_number:
+        return dataset[()]
+    found = quiet(dataset[()])
+    check_numbers(path, found)
     return found
+
+
+def quiet(values: Any) -> Any:
+    """Return numbers with every NaN a quiet one: damaged bytes make signalling ones, of which arithmetic complains."""
+    return np.where(np.isnan(values), np.nan, values)[()] if values.dtype.kind == "f" else values
 
 
 def scalar(name: str, value: Any, any_number: bool = False) -> str | int | float:

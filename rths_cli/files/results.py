@@ -14,7 +14,7 @@ import numpy as np
 from rths_cli.errors import InputError
 from rths_cli.files.hdf5 import Dataset
 from rths_cli.files.hdf5_heaps import check_heaps
-from rths_cli.files.hdf5_layout import LayoutError, attribute, attributes, check_numbers, part, scalar, values_of
+from rths_cli.files.hdf5_layout import LayoutError, attribute, attributes, check_numbers, part, quiet, scalar, values_of
 from rths_cli.files.hdf5_nodes import datasets, numbers, text
 from rths_cli.files.result_layout import check_attributes, check_series, check_values
 from rths_cli.files.result_writer import (
@@ -140,7 +140,7 @@ def _metrics(file: h5py.File) -> Iterator[tuple[str, DatasetID]]:
 def _figure(path: str, node: DatasetID) -> float | Array:
     if len(node.shape) > 1 or node.dtype.kind not in "fiu":
         raise LayoutError(f"has a figure {path} that is neither a number nor a row of numbers")
-    value = numbers(node)
+    value = quiet(numbers(node))
     check_numbers(path, value)
     return float(value) if value.ndim == 0 else value
 

@@ -184,3 +184,13 @@ def test_a_collection_of_texts_that_does_not_end_is_refused(tmp_path: Path) -> N
     path.write_bytes(image)
     with pytest.raises(InputError, match="damaged collection of texts"):
         read_checked(path)
+
+
+def test_every_nan_that_is_read_is_quiet(tmp_path: Path) -> None:
+    """Damaged bytes make signalling ones: the first arithmetic with one prints a warning of numpy."""
+    path = made(tmp_path)
+    signalling = np.array([0x7FF0000000000001], np.uint64)
+    with h5py.File(path, "r+") as file:
+        file["sim/base_shear_n"][3:4] = signalling.view(float)
+    bits = np.asarray(read_dataset(path, "sim/base_shear_n").data).view(np.uint64)
+    assert bits[3] == np.array(np.nan).view(np.uint64)

@@ -27,16 +27,15 @@ __all__ = ["Chosen", "Recording", "choose", "mend", "missing", "read_recording",
 
 MAX_BYTES = 1_000_000_000
 LEAST_SAMPLES = 3
-LARGEST = 1e30  # of a sample, in whatever unit: its eighth power is a number, too
 LONGEST_NAME = 200
 
 
 def read_recording(path: Path, dt_s: float | None = None) -> Recording:
     """Read the channels of a file with their units and their interval; `dt_s` in s where the file does not state it.
 
-    Gaps of whole samples in a time column become NaN, as do samples that are infinite or beyond 1e30. Raises
-    InputError, with the line of a text, for a file that is none of the formats, is damaged, holds channels of unequal
-    length, an uneven time, no interval, or one that contradicts `dt_s` by more than 1e-6.
+    Gaps of whole samples in a time column become NaN, as do infinite samples. Raises InputError, with the line of a
+    text, for a file that is none of the formats, is damaged, holds channels of unequal length, an uneven time, no
+    interval, or one that contradicts `dt_s` by more than 1e-6.
     """
     path = Path(path)
     data = read_whole(path, MAX_BYTES, "a recording", f"give measured time histories: {READ}")
@@ -100,8 +99,8 @@ def _spread(samples: Array, clock: Clock | None) -> Array:
 
 
 def _without_infinite(columns: tuple[Column, ...], samples: Array) -> tuple[Array, list[str]]:
-    """Return the samples with NaN for infinite and vast ones, and a sentence for every channel that has any."""
-    infinite = np.abs(samples) > LARGEST
+    """Return the samples with NaN for infinite ones, and a sentence for every channel that has any."""
+    infinite = np.isinf(samples)
     counts = infinite.sum(axis=1)
     notes = [
         f"{column.name}: {count} samples are infinite (overload) and taken as missing"

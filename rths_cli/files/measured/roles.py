@@ -12,6 +12,8 @@ from rths_cli.files.measured.contents import Recording, listed
 from rths_cli.files.measured.units import FACTORS, canonical_unit, role_of, split_name
 from rths_cli.lti import Array
 
+LARGEST = 1e30  # of a sample, in whatever unit: its eighth power is a number, too
+
 
 @dataclass(frozen=True)
 class Chosen:
@@ -51,7 +53,7 @@ def choose(recording: Recording, roles: Sequence[str], choices: Mapping[str, tup
     if faults:
         raise InputError(*faults)
     command = next(role for role in roles if role == "command")
-    series = {role: recording.samples[k] * FACTORS[unit][0] for role, (k, unit) in found.items()}
+    series = {role: _usable(recording.samples[k]) * FACTORS[unit][0] for role, (k, unit) in found.items()}
     others = [role for role in roles if role != command]
     return Chosen(
         command_v=series[command],
@@ -61,6 +63,11 @@ def choose(recording: Recording, roles: Sequence[str], choices: Mapping[str, tup
         command_name=recording.names[found[command][0]],
         notes=tuple(f"{role}: channel {recording.names[k]!r}, read in {unit}" for role, (k, unit) in found.items()),
     )
+
+
+def _usable(samples: Array) -> Array:
+    """Return the samples (n,) of a channel with NaN, which is missing, for numbers that no channel shows."""
+    return np.where(np.abs(samples) <= LARGEST, samples, np.nan)
 
 
 def _channel(recording: Recording, role: str, name: str, unit: str) -> tuple[int, str]:

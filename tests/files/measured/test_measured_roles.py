@@ -222,3 +222,13 @@ def test_all_faults_come_at_once_and_list_a_dozen_names() -> None:
     found = faults(made)
     assert [fault.partition(":")[0] for fault in found] == list(ROLES)
     assert "channel 11 and 3 more; give --channel command=NAME" in found[0]
+
+
+def test_what_no_channel_shows_is_missing(recwarn: pytest.WarningsRecorder) -> None:
+    """Damaged bytes make vast numbers and signalling NaN: arithmetic with either prints a warning of numpy."""
+    samples = SAMPLES.copy()
+    samples[1, 2], samples[1, 3] = 1e308, np.array([0x7FF0000000000001], np.uint64).view(float)[0]
+    chosen = choose(Recording(Path("made.csv"), "", 0.001, NAMES, UNITS, samples), ROLES, {"floor_3": ("spare", "g")})
+    assert np.isfinite(chosen.command_v).all()
+    assert np.isnan(chosen.accel[0]).tolist() == [False, False, True, True]
+    assert not recwarn.list

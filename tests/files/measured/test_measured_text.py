@@ -102,7 +102,7 @@ def test_blank_rows_at_the_end_are_no_samples(tmp_path: Path, end: str) -> None:
 
 
 def test_infinite_samples_are_named_and_missing(tmp_path: Path) -> None:
-    recording = read_recording(write(tmp_path, "a_v\n1\ninf\n-1e308\n2\n"), dt_s=0.001)
+    recording = read_recording(write(tmp_path, "a_v\n1\ninf\n-inf\n2\n"), dt_s=0.001)
     np.testing.assert_array_equal(recording.samples, [[1, np.nan, np.nan, 2]])
     assert recording.notes == ("a_v: 2 samples are infinite (overload) and taken as missing",)
 

@@ -129,7 +129,7 @@ def _run(result: Path, setup: Setup, done: NDArray[np.int64]) -> None:
     )  # fmt: skip
     columns = np.full((len(NAMES), STEPS), np.nan)
     with RawLogWriter(raw_log_path(result, "exp_rths"), header) as log:
-        with ResultWriter(result, attributes) as writer:
+        with ResultWriter(result, attributes, lasting=True) as writer:
             writer.case(case.yaml_text, resolved_yaml(case))
             contents.write_record(writer, setup)
             writer.park(still_in(log.path))

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from rths_cli.api_results import CheckResult, ModelResult, RunResult
 from rths_cli.errors import InputError, LimitError, RigError, RthsError
 from rths_cli.quantities import METRICS
+from rths_cli.rig_info import capabilities_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -188,9 +189,9 @@ def _check_rig(case: str, settings: tuple[str, ...], temporary: bool) -> None:
     from rths_cli.case.load import load_cases
 
     table = load_cases([case], settings)[0].table
-    if table.kind != "virtual" and temporary:
+    if capabilities_of(table.kind).moves_hardware and temporary:
         raise InputError(f"output: rig {table.name} is real and its result must last; give a folder")
-    if table.kind != "virtual" and threading.current_thread() is not threading.main_thread():
+    if capabilities_of(table.kind).moves_hardware and threading.current_thread() is not threading.main_thread():
         raise InputError(f"rig {table.name} is real: call this in the main thread, where Ctrl-C and SIGTERM arrive")
 
 

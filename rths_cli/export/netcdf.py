@@ -18,6 +18,7 @@ from rths_cli.export.target import Target
 from rths_cli.files.netcdf import NetcdfGroup, write_netcdf
 from rths_cli.files.result_outline import Outline
 from rths_cli.files.results import Dataset
+from rths_cli.rig_info import adjective
 
 CONVENTIONS = "CF-1.11"
 OTHERWISE = {"deg": "degree"}
@@ -44,7 +45,7 @@ def _write(source: Source, path: Path) -> None:
 def _attributes(source: Source) -> dict[str, Any]:
     """Return what CF asks of a file, and what the result says about itself."""
     about = source.result.attributes
-    virtual = "virtual " if about.get("rig_kind") == "virtual" else ""
+    virtual = adjective(str(about.get("rig_kind", "")))
     case, method, rig = (about.get(key, "") for key in ("case_name", "method", "rig"))
     return {
         "Conventions": CONVENTIONS,

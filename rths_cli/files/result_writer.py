@@ -45,20 +45,21 @@ Attribute = str | int | float
 class ResultWriter:
     """Write one result file; use as a context manager and call `finish` before leaving it.
 
-    When the body raises, a virtual run's file is removed unless `finish` gave a status other than complete;
-    a hardware run's file is always kept. With `continues`, groups are added to the finished file of that name, which
-    is replaced by the whole at the end and stays as it was when the body raises. Every fault of the disk is an
-    InputError naming path and cause.
+    When the body raises, the file is removed unless `finish` gave a status other than complete; a `lasting` one, whose
+    samples cannot be measured again, is always kept and never replaced. With `continues`, groups are added to the
+    finished file of that name, which is replaced by the whole at the end and stays as it was when the body raises.
+    Every fault of the disk is an InputError naming path and cause.
     """
 
-    def __init__(self, path: Path, attributes: Mapping[str, Attribute], continues: bool = False) -> None:
+    def __init__(
+        self, path: Path, attributes: Mapping[str, Attribute], continues: bool = False, lasting: bool = False
+    ) -> None:
         self.path = Path(path)
         self.part = self.path.with_name(f".{self.path.name}.{os.getpid()}.part")
         self._attributes = dict(attributes)
         self._continues = continues
-        virtual = self._attributes.get("rig_kind", "virtual") == "virtual"
-        self._expendable = virtual or continues  # the part, when its writing fails
-        self._lasting = continues or not virtual
+        self._expendable = continues or not lasting  # the part, when its writing fails
+        self._lasting = continues or lasting
         self._status: str | None = None
         self._broken = False
         self._parked = False

@@ -81,7 +81,7 @@ def prepare(
     state, channels = assemble(blocks, source), len(info.channels)
     orders = np.zeros(1, dtype=np.int64) if orders is None else orders
     zeros_v = np.zeros(channels) if zeros_v is None else zeros_v
-    told = info.kind == "udp" and info.overrun == "skip"
+    told = info.can.takes_trajectories and info.overrun == "skip"
     foresight = foresight_of(blocks, source, info.dt_s) if told else no_foresight(channels)
     planned = course(info, ramp_s, len(drive), zeros_v, orders, foresight, still_s)
     limits = without_zeros(limits, zeros_v)

@@ -10,6 +10,7 @@ from rths_cli.quantities import LESS, metric
 from rths_cli.report.faults import differing
 from rths_cli.report.groups import Place, complete, in_order, over_runs, place_name, value_of
 from rths_cli.report.layout import Block, Cell, Paragraphs, Row, Table, number
+from rths_cli.rig_info import adjective
 
 KEYS = ("case", "method", "rig", "rig_kind")
 WORSE, BETTER, SAME, SEEN = "worse", "better", "same", "not judged"
@@ -73,7 +74,7 @@ def _by_case(results: Sequence[Result]) -> dict[tuple[str, ...], list[Result]]:
 
 def _case(key: tuple[str, ...], before: Sequence[Result], now: Sequence[Result], percent: float) -> CaseChanges:
     case, method, rig, kind = key
-    name = f"{case} ({method}), {'virtual ' if kind == 'virtual' else ''}rig {rig}"
+    name = f"{case} ({method}), {adjective(kind)}rig {rig}"
     if not now:
         return CaseChanges(name, "in the baseline, but missing now", (), True)
     if not before:

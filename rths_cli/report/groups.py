@@ -12,6 +12,7 @@ from rths_cli.errors import InputError
 from rths_cli.files.results import Result
 from rths_cli.report.layout import Cell, Row, Table, number
 from rths_cli.report.statistics import Statistics, statistics
+from rths_cli.rig_info import adjective
 
 NAMES = {
     "case": "case_name",
@@ -108,7 +109,7 @@ def _where(common: dict[str, str]) -> str:
         if key == "record":
             told.append(percent + value)
         elif key == "rig":
-            told.append(f"{'virtual ' if kind == 'virtual' else ''}rig {value}")
+            told.append(f"{adjective(kind)}rig {value}")
         else:
             told.append(f"{key} {value}")
     return ", ".join(told)

@@ -14,6 +14,7 @@ from rths_cli.errors import InputError
 from rths_cli.files.raw_log import SUFFIX, read_header
 from rths_cli.files.results import BEGUN, COMPLETE, Result, result_files
 from rths_cli.metrics.stored import read_checked
+from rths_cli.rig_info import capabilities_of
 
 Figure = float | Sequence[float | None] | None
 Figures = Mapping[str, Figure]
@@ -241,7 +242,7 @@ def _entry(variant: str, members: Sequence[Result], references: Mapping[str, Fig
     titles = [str(r.attributes["reference_title"]) for r in members if r.attributes.get("reference_title")]
     return Entry(
         rig=rig,
-        virtual=kind == "virtual",
+        virtual=not capabilities_of(str(kind)).moves_hardware,
         record=record,
         damping=damping,
         damping_ratio=ratios[0] if ratios else None,

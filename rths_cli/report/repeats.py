@@ -13,6 +13,7 @@ from rths_cli.files.results import Result
 from rths_cli.report.groups import PLACE, Place, group_name, in_order, over_runs, place_name, value_of
 from rths_cli.report.layout import Cell, Row, Table, number
 from rths_cli.report.statistics import Statistics
+from rths_cli.rig_info import adjective, capabilities_of
 
 HEADS = ("n", "mean", "std", "min", "max", "95% from", "95% to")
 COLUMN = 9
@@ -46,7 +47,7 @@ def repeats(results: Sequence[Result], keys: Sequence[str] = ()) -> list[Repeats
 def _repeats(members: Sequence[Result]) -> Repeats:
     once = _once(members)
     a = members[0].attributes
-    virtual = "virtual " if a.get("rig_kind") == "virtual" else ""
+    virtual = adjective(str(a.get("rig_kind", "")))
     where = f"method {a.get('method', '-')}, {virtual}rig {a.get('rig', '-')}"
     ends = Counter(str(result.attributes.get("status", "complete")) for result in members)
     seeds = tuple(dict.fromkeys(value_of(result, "seed") for result in members))
@@ -61,7 +62,8 @@ def _once(members: Sequence[Result]) -> list[Result]:
     found: list[Result] = []
     for result in members:
         alike = [other for other in found if other.attributes.get("seed") == result.attributes.get("seed")]
-        if result.attributes.get("rig_kind") != "virtual" or not any(_equal(result, other) for other in alike):
+        can = capabilities_of(str(result.attributes.get("rig_kind", "")))
+        if not can.counts_steps or not any(_equal(result, other) for other in alike):
             found.append(result)
     return found
 

@@ -92,7 +92,7 @@ def plan(request: Request, memory: Memory, kept: Kept) -> list[Job]:
 
 def _when(setup: Setup) -> str:
     """Return what the name of a result says of its time: a real rig's is never replaced."""
-    return "" if setup.rig.kind == "virtual" else datetime.now(UTC).strftime("-%Y%m%dT%H%M%SZ")
+    return datetime.now(UTC).strftime("-%Y%m%dT%H%M%SZ") if setup.rig.can.moves_hardware else ""
 
 
 def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
@@ -123,14 +123,14 @@ def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
             ended, seconds = next(endings)
             results.append(ended)
             watcher.ended(ended, seconds)
-            if setup.rig.kind != "virtual" and ended.exit_code > 1:
+            if setup.rig.can.moves_hardware and ended.exit_code > 1:
                 break  # a person looks at the table before it moves again
     return results
 
 
 def _at_once(jobs: Sequence[Job]) -> int:
     """Return how many cases are worked on at a time: a real rig or a very long record is alone."""
-    real = any(setup.rig.kind != "virtual" for setup, _ in jobs)
+    real = any(setup.rig.can.moves_hardware for setup, _ in jobs)
     return 1 if real else min(AT_ONCE, len(jobs), cores(), _most_kept(jobs))
 
 
@@ -150,7 +150,7 @@ def _run_one(
 ) -> Ended:
     taken = path.exists()
     try:
-        if setup.rig.kind == "virtual":
+        if setup.rig.can.counts_steps:
             return run_case(setup, path, memory, command_line, tell, kept)
         return _run_real(setup, path, memory, kept, command_line, tell, watcher)
     except RthsError as error:
@@ -177,7 +177,7 @@ def _failed(setup: Setup, path: Path, taken: bool, reason: str, code: int) -> En
 
     A file of a real rig that was begun stays, and then the code is not that of input by which nothing was written.
     """
-    begun = setup.rig.kind != "virtual" and not taken and bool(path.exists() or [*path.parent.glob(f".{path.name}.*")])
+    begun = setup.rig.can.moves_hardware and not taken and bool(path.exists() or [*path.parent.glob(f".{path.name}.*")])
     return Ended(
         setup.case.name, path if begun and path.exists() else None, "failed", reason, 4 if begun and code == 2 else code
     )

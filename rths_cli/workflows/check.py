@@ -41,7 +41,6 @@ if TYPE_CHECKING:
 RINGS = 7.0  # time constants after which a motion has died out
 LONGEST_S = 300.0
 NOISE_FROM_HZ, NOISE_POINTS = 1.0, 400  # over which noise at rest is taken as white
-BRIDGING = ("virtual", "udp")  # kinds of rigs on which the loop goes on by its model where a sample is lost
 NEAR = 0.97  # of the critical delay, from which SIM-DELAY rings on for too long to be told from its lines
 
 
@@ -105,7 +104,7 @@ def judge(setup: Setup, identified: Identification, design: Design, kept: Kept |
 
 def required_delay_s(setup: Setup, identified: Identification, design: Design) -> float:
     """Return the further delay in s that a case's loop must tolerate."""
-    bridged = setup.rig.kind in BRIDGING and design.blocks.lead_samples > 0
+    bridged = setup.rig.can.bridges_lost_samples and design.blocks.lead_samples > 0
     error_s = identified.latency.error_s if identified.latency else None
     return preflight.required_delay_s(setup.rig.dt_s, bridged, error_s, bool(identified.levels))
 

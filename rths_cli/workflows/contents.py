@@ -105,11 +105,11 @@ def write_table_run(
         scales["channel"] = Dataset(np.arange(1, len(series.removed) + 1), "1", CHANNEL, "computed")
     storey = np.arange(1, storeys + 1)
     writer.group(run, datasets, time_s=time, storey=storey, scales=scales)
-    timed = "step and guard" if setup.rig.kind != "virtual" else "step, guard and virtual rig, mean of 16 steps"
+    timed = "step and guard" if not setup.rig.can.counts_steps else "step, guard and virtual rig, mean of 16 steps"
     compute = Dataset(series.compute_s, "s", f"time taken by {timed}", "measured")
     live = {name: Dataset(values, *LIVE[name], "measured") for name, values in series.live.items()}
     writer.group(f"{run}/timing", {"compute_s": compute, **live}, time_s=time, storey=storey)
-    if setup.rig.kind == "virtual":
+    if setup.rig.can.records_truth:
         _write_truth(writer, run, series, time, storey, scales)
 
 

@@ -101,7 +101,7 @@ def examine(
 def wake_share(info: RigInfo) -> float:
     """Return within which share of an interval a step must wake up: where the loop's own clock paces a rig and missed
     steps are caught up, a command that is later never leaves."""
-    return PUNCTUAL if info.kind == "udp" and info.overrun == "skip" else P99_SHARE
+    return PUNCTUAL if info.can.takes_trajectories and info.overrun == "skip" else P99_SHARE
 
 
 def _measured(

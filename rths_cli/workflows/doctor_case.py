@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rths_cli.errors import InputError
+from rths_cli.rig_info import capabilities_of
 from rths_cli.workflows.doctor import RATES_HZ, Examined, Progress, examine, wake_share
 
 DEFAULT_CASE = "el_centro_low_ff_fb"  # lends its structure where only a rig was named
@@ -47,7 +48,7 @@ def examine_request(
     if request.case and not wanted:
         wanted = (case.sample_rate_hz,)
     others = () if wanted else RATES_HZ
-    if case.table.kind == "virtual":
+    if capabilities_of(case.table.kind).counts_steps:
         if request.rig:
             raise InputError(
                 f"--rig {request.rig}: a virtual rig has no clock of its own to hold; start it with "

@@ -240,7 +240,7 @@ def excite(setup: Setup, command_v: Array, stream: tuple[int, ...] | None = None
 
 def _played(setup: Setup, drive: Array, stream: tuple[int, ...]) -> Outcome:
     """Play an excitation (n, 3) on the rig, a real one in real time."""
-    if setup.rig.kind != "virtual":
+    if not setup.rig.can.counts_steps:
         from rths_cli.workflows.real_rig import excited
 
         return excited(setup, _listening(setup), drive)

@@ -57,7 +57,7 @@ class Memory:
         Raises InputError when the file is no model of this rig and specimen, or the excitation cannot be met.
         """
         path = setup.case.identification.model
-        if setup.rig.kind != "virtual":
+        if setup.rig.can.moves_hardware:
             _check_real(setup, path)
         if path is not None or not self._kept(setup):
             self.plan(setup)
@@ -68,7 +68,7 @@ class Memory:
 
     def _kept(self, setup: Setup) -> bool:
         """Tell whether the cache has the setup's model, so that its excitation could be planned once."""
-        return self._cache is not None and setup.rig.kind == "virtual" and self._cache.has(setup)
+        return self._cache is not None and not setup.rig.can.moves_hardware and self._cache.has(setup)
 
     def plan(self, setup: Setup) -> Excitation:
         """Return the excitation of the setup's rig; raises InputError when its settings cannot be met."""
@@ -121,14 +121,14 @@ class Memory:
 
     def _now(self, setup: Setup, progress: Progress) -> Known:
         """Return the model from the cache, or excite the rig for one."""
-        stored = self._cache.find(setup) if self._cache and setup.rig.kind == "virtual" else None
+        stored = self._cache.find(setup) if self._cache and not setup.rig.can.moves_hardware else None
         if stored is not None:
             return Known(stored.found, f"cache, identified {stored.age}")
         from rths_cli.workflows.identify import evaluated, measure
 
         measured = measure(setup, progress, self.plan(setup))
         found = evaluated(setup, measured)
-        if self._cache and setup.rig.kind == "virtual":
+        if self._cache and not setup.rig.can.moves_hardware:
             self._cache.keep(setup, found, measured.sha256)
         return Known(found, NOW)
 

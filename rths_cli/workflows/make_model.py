@@ -95,7 +95,9 @@ def make_model(asked: Asked, progress: Progress, permit: Callable[[Setup], None]
         none = (("model file", "none is written: no model can be made from these channels"),)
         return Made(replace(about, lines=(*about.lines, *none)), None, None, why, code)
     replaced = outputs.model.exists()
-    sha256 = save(outputs.model, setup, found, measured.source, measured.sha256, replace=setup.rig.kind == "virtual")
+    sha256 = save(
+        outputs.model, setup, found, measured.source, measured.sha256, replace=not setup.rig.can.moves_hardware
+    )
     judged = (("judged model", shown(asked_model)),) if (asked_model := setup.case.identification.model) else ()
     drawn = (("figure", shown(outputs.figure)),) if outputs.figure else ()
     lines = (
@@ -134,7 +136,7 @@ def _given(setup: Setup) -> tuple[Model | None, tuple[str, ...]]:
 
 def _outputs(asked: Asked, setup: Setup) -> Outputs:
     """Return where everything goes; the model file of a real rig carries the time, so that none is ever replaced."""
-    stamp = "" if setup.rig.kind == "virtual" else datetime.now(UTC).strftime("_%Y%m%dT%H%M%SZ")
+    stamp = datetime.now(UTC).strftime("_%Y%m%dT%H%M%SZ") if setup.rig.can.moves_hardware else ""
     model = asked.output or Path("models") / f"{setup.rig.name}_{setup.case.structure.name}{stamp}.h5"
     figure = (asked.figure or model.with_suffix(".png")) if asked.draw else None
     return Outputs(model, figure, asked.save_data)

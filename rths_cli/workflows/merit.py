@@ -41,7 +41,7 @@ def of_table_run(
     dt, building, ground = setup.rig.dt_s, setup.building, setup.motion.accel_m_s2
     lowest_hz = lowest_reliable_hz(setup)
     desired, measured = series.desired[0], series.measured[0]
-    true = series.true_accel[0] if setup.rig.kind == "virtual" else None
+    true = series.true_accel[0] if setup.rig.can.records_truth else None
     figures = fidelity(run, desired, measured, true, dt, lowest_hz)
     if hybrid is not None:
         storeys = high_passed([sim.abs_accel_m_s2, hybrid[2]], lowest_hz, dt)

@@ -20,6 +20,7 @@ from rths_cli.errors import InputError
 from rths_cli.files.models import read_model, write_model
 from rths_cli.files.user_cache import user_cache
 from rths_cli.identification.found import Identification
+from rths_cli.rig_info import capabilities_of
 from rths_cli.workflows.model_contents import from_groups, to_groups
 from rths_cli.workflows.provenance import git_commit, package_version
 from rths_cli.workflows.setup import Setup, shown
@@ -108,7 +109,7 @@ def identity(setup: Setup) -> dict[str, str | int | float]:
 def _specimen_hash(setup: Setup) -> str:
     """Return the hash of what makes the specimen: weighed masses, on a virtual rig stiffness and damping too."""
     structure = setup.case.structure
-    declared = structure.experimental.model_dump_json() if setup.rig.kind == "virtual" else ""
+    declared = structure.experimental.model_dump_json() if setup.rig.can.carries_declared_specimen else ""
     masses = [*setup.floor_masses_kg.tolist(), structure.interface_experimental_mass_kg]
     return _hash(json.dumps(masses) + declared)
 
@@ -120,7 +121,7 @@ def _hash(text: str) -> str:
 def differences(stated: Mapping[str, str | int | float], wanted: Mapping[str, str | int | float]) -> list[str]:
     """Return a sentence for each difference between a model file and a case that forbids its use."""
     faults = []
-    if wanted["rig_kind"] != "virtual" and _rig(stated) != _rig(wanted):
+    if capabilities_of(str(wanted["rig_kind"])).moves_hardware and _rig(stated) != _rig(wanted):
         name, kind = _rig(stated)
         return [
             f"identified on rig {name} of kind {kind}, the case's rig is {wanted['rig']} of kind {wanted['rig_kind']}; "

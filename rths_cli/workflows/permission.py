@@ -47,7 +47,7 @@ def ask_to_move(
 
     `yes` answers for rigs whose own file says `unattended: true`, and for no other.
     """
-    real = [setup for setup in setups if setup.rig.kind != "virtual"]
+    real = [setup for setup in setups if setup.rig.can.moves_hardware]
     if not real:
         return
     attended = [setup.rig.name for setup in real if not setup.rig.unattended]

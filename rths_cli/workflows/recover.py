@@ -197,7 +197,7 @@ def _begin(job: _Job) -> None:
     if sha256 != header.attributes.get("record_sha256", sha256):
         name = job.result.name
         raise InputError(f"{case.record.path}: is not the file any more that {name} was made with; restore it.")
-    with ResultWriter(job.result, header.attributes) as writer:
+    with ResultWriter(job.result, header.attributes, lasting=True) as writer:
         writer.case(header.case_yaml, header.resolved_yaml)
         contents.write_record(writer, _about(job, motion))
         writer.finish("interrupted", f"made anew from the raw log of {header.run}")

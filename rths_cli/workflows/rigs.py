@@ -7,17 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rths_cli.case.models_rig import DEFAULT_ENERGY_RATIO, VirtualRigSpec
-from rths_cli.case.models_rig_real import NiRigSpec, PluginRigSpec, UdpRigSpec
-from rths_cli.errors import RigError
-from rths_cli.rigs.virtual.opening import virtual_rig
+from rths_cli.case.models_rig import DEFAULT_ENERGY_RATIO
+from rths_cli.rigs.from_case import driver, virtual_driver
 
 if TYPE_CHECKING:
     from rths_cli.loop.guard import GuardLimits
     from rths_cli.rig_info import RigInfo
     from rths_cli.rigs.interface import Rig
-    from rths_cli.rigs.ni.rig import NiRig
-    from rths_cli.rigs.udp.rig import UdpRig
     from rths_cli.rigs.virtual.rig import VirtualRig
     from rths_cli.workflows.setup import Setup
 
@@ -33,57 +29,12 @@ def open_rig(setup: Setup, stream: tuple[int, ...], seed: int) -> Rig:
     On a virtual rig `stream` and `seed` name the noise of one run, before or after the change that the rig file states
     under `after_identification`. Raises InputError or RigError when a plug-in cannot make its rig.
     """
-    table = setup.case.table
-    if isinstance(table, VirtualRigSpec):
-        return open_virtual(setup, stream, seed)
-    if isinstance(table, UdpRigSpec):
-        return _udp(setup, table)
-    if isinstance(table, NiRigSpec):
-        return _ni(setup, table)
-    if isinstance(table, PluginRigSpec):
-        from rths_cli.rigs.plugins import open_plugin
-
-        return open_plugin(setup.rig, table.options)
-    raise RigError(f"rig {setup.rig.name}: there is no driver for rigs of kind {setup.rig.kind}")
+    return driver(setup.case, setup.rig, setup.building, (seed, *stream), stream[0] not in BEFORE)
 
 
 def open_virtual(setup: Setup, stream: tuple[int, ...], seed: int) -> VirtualRig:
     """Return the case's virtual rig with the noise stream of one run."""
-    table, building = setup.case.table, setup.building
-    assert isinstance(table, VirtualRigSpec)
-    return virtual_rig(
-        table,
-        setup.rig,
-        building.specimen,
-        building.interface_experimental_mass_kg,
-        seed=(seed, *stream),
-        after_identification=stream[0] not in BEFORE,
-    )
-
-
-def _udp(setup: Setup, table: UdpRigSpec) -> UdpRig:
-    """Return the rig behind UDP that a rig file describes."""
-    from rths_cli.rigs.udp.rig import UdpRig, UdpTarget
-
-    there, rig = table.udp, setup.rig
-    target = UdpTarget(
-        there.host, there.port, there.key_file, there.timeout_s, table.watchdog_s, rig.limits.lost_samples
-    )  # fmt: skip
-    return UdpRig(rig, target)
-
-
-def _ni(setup: Setup, table: NiRigSpec) -> NiRig:
-    """Return the rig on an NI card that a rig file describes."""
-    from rths_cli.rigs.ni.daqmx import Wiring
-    from rths_cli.rigs.ni.rig import NiRig
-
-    card, rig = table.ni, setup.rig
-    terminals = tuple(channel.terminal for channel in rig.channels)
-    wiring = Wiring(
-        card.device, card.command_channel, terminals, card.enable_line or "", card.wiring,
-        rig.converters.range_v, 1.0 / rig.dt_s, card.timeout_s,
-    )  # fmt: skip
-    return NiRig(rig, wiring)
+    return virtual_driver(setup.case, setup.rig, setup.building, (seed, *stream), stream[0] not in BEFORE)
 
 
 def guard_limits(setup: Setup) -> GuardLimits:
@@ -114,6 +65,6 @@ def guard_limits(setup: Setup) -> GuardLimits:
 
 def _energy_ratio(rig: RigInfo) -> float:
     """Return how much energy the table's errors may add, of that exchanged; off on a virtual rig that states none."""
-    if math.isfinite(rig.limits.energy_ratio) or rig.kind == "virtual":
+    if math.isfinite(rig.limits.energy_ratio) or not rig.can.moves_hardware:
         return rig.limits.energy_ratio
     return DEFAULT_ENERGY_RATIO

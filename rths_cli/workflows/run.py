@@ -66,7 +66,7 @@ def prepare_all(
 
 def _bytes(setup: Setup) -> int:
     """Return how much room the files of a case may take."""
-    logged = LOG_BYTES_PER_SAMPLE if setup.rig.kind != "virtual" else 0
+    logged = LOG_BYTES_PER_SAMPLE if setup.rig.can.moves_hardware else 0
     return (BYTES_PER_SAMPLE + logged) * len(setup.motion.time_s)
 
 
@@ -92,7 +92,8 @@ def run_case(
     known = memory.known(setup, progress) if moves_table(case) else None
     checked = verdict_on(setup, known, "exp_rths" in case.runs, kept=kept) if known else None
     cautions, replaced = _cautions(setup, known, checked), path.exists()
-    with ResultWriter(path, _attributes(setup, checked, known, command_line, cautions)) as writer:
+    about = _attributes(setup, checked, known, command_line, cautions)
+    with ResultWriter(path, about, lasting=setup.rig.can.moves_hardware) as writer:
         writer.case(case.yaml_text, resolved_yaml(case))
         contents.write_record(writer, setup)
         sim, values = _simulations(setup, writer, kept, progress)

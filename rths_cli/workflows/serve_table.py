@@ -13,6 +13,8 @@ from rths_cli.errors import InputError
 from rths_cli.loop.guard import fresh_guard
 from rths_cli.loop.serving import TICKS_PER_INTERVAL, Table
 from rths_cli.lti import Array
+from rths_cli.rig_info import capabilities_of
+from rths_cli.rigs.from_case import simulated
 from rths_cli.rigs.udp.way import fresh_way
 from rths_cli.rigs.virtual.kernel import fresh_state
 from rths_cli.rigs.virtual.opening import virtual_rig
@@ -59,17 +61,16 @@ class ServedRig:
 def describe(rig: str, structure: str, settings: tuple[str, ...], seed: int) -> ServedRig:
     """Return a rig file's virtual table with a structure's specimen; raises InputError."""
     from rths_cli.case.load import load_cases
-    from rths_cli.case.models_rig import VirtualRigSpec
 
     named = (f"table={json.dumps(rig)}", f"structure={json.dumps(structure)}", "damping={first_mode_ratio: 0.03}")
     typed = dict(zip(named, (f"rths serve {rig}", f"--structure {structure}", ""), strict=True))
     case = load_cases([CASE], (*named, *settings), typed)[0]
-    if not isinstance(case.table, VirtualRigSpec):
+    if capabilities_of(case.table.kind).moves_hardware:
         raise InputError(f"{rig}: its kind is {case.table.kind}; only a virtual rig can be served")
     undamped = case.damping.model_copy(
         update={"first_mode_ratio": None, "dashpots_n_s_per_m": (0.0,) * len(case.structure.numerical.masses_kg)}
     )  # the computed storeys are not served
-    return ServedRig(make_setup(case.model_copy(update={"damping": undamped})), case.table, seed)
+    return ServedRig(make_setup(case.model_copy(update={"damping": undamped})), simulated(case), seed)
 
 
 def make_table(rig: ServedRig, interval_ns: int) -> Table:

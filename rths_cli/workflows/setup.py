@@ -18,8 +18,8 @@ from rths_cli.lti import Array
 from rths_cli.quantities import metrics_of
 from rths_cli.record import GroundMotion, prepare
 from rths_cli.rig_info import RigInfo
+from rths_cli.rigs.from_case import rig_info
 from rths_cli.structure import Building, build
-from rths_cli.workflows.describe_rig import rig_info
 from rths_cli.workflows.kept import Kept
 
 if TYPE_CHECKING:

@@ -73,7 +73,7 @@ class Shared:
     def setup(self, case: Case) -> Setup:
         """Return the case's setup, its model file read and its excitation planned; raises InputError."""
         setup = make_setup(case, self._overrides, self._kept)
-        if setup.rig.kind != "virtual":
+        if not setup.rig.can.counts_steps:
             raise InputError(
                 f"table: rig {setup.rig.name} is of kind {setup.rig.kind}, and a sweep moves no real table; "
                 "name a virtual rig"

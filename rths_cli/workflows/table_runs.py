@@ -110,13 +110,13 @@ def play_all(
     said: list[str] = []
     remarks: dict[str, str] = {}
     for run in TABLE_RUNS:
-        if run.name not in setup.case.runs or (stop is not None and setup.rig.kind != "virtual"):
+        if run.name not in setup.case.runs or (stop is not None and setup.rig.can.moves_hardware):
             continue
         if run.source == NUMERICAL and (refusal := refusal_of(setup, checked)):
             _note(writer, run.name, refusal)
             stop = replace(stop, reason=f"{stop.reason}; {refusal.reason}") if stop else refusal
             continue
-        if late is not None and setup.rig.kind != "virtual":
+        if late is not None and setup.rig.can.moves_hardware:
             stop = replace(late, reason=f"{run.label} was not begun: {late.reason}")
             _note(writer, run.name, stop)
             continue
@@ -200,7 +200,7 @@ def figures_of_run(
     setup: Setup, run: str, series: Series, sim: Response, hybrid: tuple[Array, Array, Array] | None
 ) -> dict[str, ArrayLike]:
     """Return the figures of a table run that reached the end of the record."""
-    dt, virtual = setup.rig.dt_s, setup.rig.kind == "virtual"
+    dt, virtual = setup.rig.dt_s, setup.rig.can.records_truth
     lowest_hz = lowest_reliable_hz(setup)
     true = series.true_accel[0] if virtual else None
     values = figures.tracking(run, series.desired[0], series.measured[0], true, dt, lowest_hz)

@@ -6,7 +6,7 @@ import pytest
 import yaml
 
 from rths_cli.case.load import load_cases, resolved_yaml
-from rths_cli.workflows.describe_rig import rig_info
+from rths_cli.rigs.from_case import rig_info
 
 CHANNEL = {"sensitivity_mv_per_g": 1000, "range_g": 5, "high_pass_hz": 0.024, "low_pass_hz": 1549}
 LIMITS = {"stroke_m": 0.075, "velocity_m_s": 0.9, "acceleration_m_s2": 40, "force_n": 400, "tracking_error_m_s2": 3}

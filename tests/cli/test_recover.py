@@ -82,7 +82,7 @@ def test_logs_become_results_and_json_is_one_document(tmp_path: Path, monkeypatc
 
 def test_what_cannot_be_recovered_is_one_sentence_each_and_writes_nothing(tmp_path: Path) -> None:
     killed(tmp_path, "one")
-    with ResultWriter(tmp_path / "one.h5", {"rig_kind": "udp"}) as writer:
+    with ResultWriter(tmp_path / "one.h5", {"rig_kind": "udp"}, lasting=True) as writer:
         writer.finish("complete")
     (tmp_path / "b.rthslog").write_text("other")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}

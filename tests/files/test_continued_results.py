@@ -31,7 +31,7 @@ ABOUT = {"case_name": "demo", "rig_kind": "udp", "seed": 3}
 
 def begin(path: Path) -> Path:
     """Write what is known before the table moves."""
-    with ResultWriter(path, ABOUT) as writer:
+    with ResultWriter(path, ABOUT, lasting=True) as writer:
         writer.case("a: 1\n", "a: 1\nb: 2\n")
         writer.group("record", {}, TIME)
         writer.metrics({"exp_rths.max_error_m_s2": [0.3, 0.4]})
@@ -127,7 +127,7 @@ with ResultWriter(Path(sys.argv[1]), {}, continues=True) as writer:
 
 def test_a_parked_file_can_be_read_until_it_is_resumed_and_afterwards(tmp_path: Path) -> None:
     path = tmp_path / "a.h5"
-    with ResultWriter(path, ABOUT) as writer:
+    with ResultWriter(path, ABOUT, lasting=True) as writer:
         writer.group("record", {}, TIME)
         for run in ("shake_table", "exp_rths"):
             writer.park(f"{run} was under way")
@@ -157,14 +157,14 @@ def test_a_parked_file_can_be_read_until_it_is_resumed_and_afterwards(tmp_path: 
 def test_a_fault_while_a_file_is_parked_or_after_that_is_told_and_what_it_holds_stays(
     tmp_path: Path, error: BaseException, status: str, reason: str
 ) -> None:
-    with pytest.raises(type(error)), ResultWriter(tmp_path / "a.h5", ABOUT) as writer:
+    with pytest.raises(type(error)), ResultWriter(tmp_path / "a.h5", ABOUT, lasting=True) as writer:
         writer.group("record", {}, TIME)
         writer.park("it moves")
         raise error
     found = read_result(tmp_path / "a.h5")
     assert found.attributes["status"] == status and found.groups == ("record",)
     assert found.attributes["status_reason"] == reason
-    with pytest.raises(type(error)), ResultWriter(tmp_path / "b.h5", ABOUT) as writer:
+    with pytest.raises(type(error)), ResultWriter(tmp_path / "b.h5", ABOUT, lasting=True) as writer:
         writer.park("it moves")
         writer.resume()
         writer.group("exp_rths", command(), TIME)
@@ -197,7 +197,7 @@ def test_what_an_earlier_process_left_of_a_hardware_run_survives_a_resumed_one(t
     dead.wait()
     left = tmp_path / f".a.h5.{dead.pid}.part"
     left.write_bytes(b"samples of an earlier run")
-    with ResultWriter(tmp_path / "a.h5", {"rig_kind": "udp", "case_name": "a"}) as writer:
+    with ResultWriter(tmp_path / "a.h5", {"rig_kind": "udp", "case_name": "a"}, lasting=True) as writer:
         writer.park("it moves")
         writer.resume()
         writer.finish("complete")

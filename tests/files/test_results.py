@@ -222,8 +222,8 @@ def test_a_dataset_or_axis_that_does_not_say_what_it_is_is_refused(tmp_path):
     assert os.listdir(tmp_path) == []
 
 
-def end(path, status, error, attributes=ATTRIBUTES):
-    with ResultWriter(path, attributes) as writer:
+def end(path, status, error, lasting=False):
+    with ResultWriter(path, ATTRIBUTES, lasting=lasting) as writer:
         writer.group("sim", {"abs_accel_m_s2": accel(ACCEL)}, TIME, STOREYS)
         if status:
             writer.finish(status, "the reason")
@@ -256,13 +256,12 @@ def test_a_virtual_result_stays_when_its_successor_fails_and_is_replaced_when_it
 
 
 def test_a_hardware_run_is_always_kept_and_never_replaced(tmp_path):
-    attributes = {**ATTRIBUTES, "rig_kind": "udp"}
     with pytest.raises(KeyError):
-        end(tmp_path / "a.h5", None, KeyError("lost the link"), attributes)
+        end(tmp_path / "a.h5", None, KeyError("lost the link"), lasting=True)
     result = read_result(tmp_path / "a.h5")
     assert result.attributes["status"] == "failed" and "lost the link" in result.attributes["status_reason"]
     with pytest.raises(InputError, match="holds a hardware run"):
-        end(tmp_path / "a.h5", "complete", None, attributes)
+        end(tmp_path / "a.h5", "complete", None, lasting=True)
 
 
 def test_forgetting_to_finish_is_a_bug(tmp_path):
@@ -297,12 +296,12 @@ with ResultWriter(path, attributes) as writer:
     assert read_series(left, "sim/a_m_s2").shape == (1000,)
 
 
-def fill_the_disk(path, limit, rig_kind="virtual"):
+def fill_the_disk(path, limit, lasting=False):
     code = f"""
 signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
 try:
-    with ResultWriter(path, attributes | {{"rig_kind": "{rig_kind}"}}) as writer:
+    with ResultWriter(path, attributes, lasting={lasting}) as writer:
         for run in ("sim", "sim_delay", "exp_rths", "shake_table"):
             writer.group(run, series(108_000), np.arange(108_000) / 2000)
             writer.finish("aborted")
@@ -337,7 +336,7 @@ def test_a_file_that_missed_a_write_is_not_published_although_it_was_finished(tm
 
 
 def test_a_full_disk_does_not_lose_what_hardware_produced(tmp_path):
-    said = fill_the_disk(tmp_path / "a.h5", 3_000_000, "udp")
+    said = fill_the_disk(tmp_path / "a.h5", 3_000_000, lasting=True)
     (left,) = tmp_path.iterdir()
     assert str(left) in said and left.name.endswith(".part")
     assert read_series(left, "sim/a_m_s2").shape == (108_000,)

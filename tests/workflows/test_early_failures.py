@@ -37,7 +37,7 @@ def second_run_fails(error: Exception) -> Any:
     """Return what writes the first run of a case, and fails before the second one moves."""
 
     def act(path: Path) -> Ended:
-        with ResultWriter(path, ABOUT) as writer:
+        with ResultWriter(path, ABOUT, lasting=True) as writer:
             writer.group("record", {}, np.arange(3.0))
             writer.park("shake-table test: under way")
             writer.resume()

@@ -9,6 +9,7 @@ import numpy as np
 from rths_cli.errors import InputError
 from rths_cli.files.results import Result, read_series
 from rths_cli.lti import Array
+from rths_cli.rig_info import capabilities_of
 
 TABLE_RUNS = ("shake_table", "exp_rths")
 COMPUTED_RUNS = ("sim", "sim_delay")
@@ -50,7 +51,7 @@ class Source:
     @property
     def virtual(self) -> bool:
         """Tell whether the table was a virtual one."""
-        return self.result.attributes.get("rig_kind") == "virtual"
+        return not capabilities_of(str(self.result.attributes.get("rig_kind", ""))).moves_hardware
 
     @property
     def rate_hz(self) -> float:

@@ -12,6 +12,7 @@ import numpy as np
 from rths_cli.case.nodes import Source, plain
 from rths_cli.case.yaml_nodes import parse
 from rths_cli.files.results import Result
+from rths_cli.rig_info import capabilities_of
 
 MET, NOT_MET, NOT_JUDGED = "met", "not met", "not judged"
 RUNS = {"sim": "SIM", "sim_delay": "SIM-DELAY", "shake_table": "shake table test", "exp_rths": "EXP-RTHS"}
@@ -51,7 +52,7 @@ def facts(result: Result) -> Facts:
 
 def is_virtual(result: Result) -> bool:
     """Tell whether a result is of a virtual rig."""
-    return result.attributes.get("rig_kind") == "virtual"
+    return not capabilities_of(str(result.attributes.get("rig_kind", ""))).moves_hardware
 
 
 def status(result: Result) -> str:

@@ -1,18 +1,25 @@
-"""What a laboratory knows of the rig of a case before it has measured anything."""
+"""From a case to its rig: what a laboratory knows of it before it has measured anything, and its driver."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from rths_cli.case.models_rig import DEFAULT_LOST_SAMPLES, SensorsSpec, VirtualRigSpec
-from rths_cli.case.models_rig_real import ChannelSpec, PluginRigSpec, RealRigSpec, UdpRigSpec
+from rths_cli.case.models_rig_real import ChannelSpec, NiRigSpec, PluginRigSpec, RealRigSpec, UdpRigSpec
+from rths_cli.errors import InputError, RigError
 from rths_cli.rig_info import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
 
 if TYPE_CHECKING:
     from rths_cli.case.models import Case
     from rths_cli.case.models_rig import LimitsSpec
     from rths_cli.case.models_rig_real import RealSensorsSpec
+    from rths_cli.rigs.interface import Rig
+    from rths_cli.rigs.ni.rig import NiRig
+    from rths_cli.rigs.udp.rig import UdpRig
+    from rths_cli.rigs.virtual.rig import VirtualRig
+    from rths_cli.structure import Building
 
 
 def rig_info(case: Case) -> RigInfo:
@@ -104,3 +111,63 @@ def _driver_verified(real: RealRigSpec | None) -> str:
     if not isinstance(real, UdpRigSpec):
         return ""
     return "loopback" if real.udp.is_loopback else "hardware"
+
+
+def driver(case: Case, info: RigInfo, building: Building, seed: Sequence[int], changed: bool) -> Rig:
+    """Return the case's rig, made but not opened: nothing is connected, nothing moves.
+
+    Where noise is drawn, `seed` names the run's, and `changed` tells whether the rig is what its file says it becomes
+    after the identification. Raises InputError or RigError when a plug-in cannot make its rig.
+    """
+    table = case.table
+    if isinstance(table, VirtualRigSpec):
+        return virtual_driver(case, info, building, seed, changed)
+    if isinstance(table, UdpRigSpec):
+        return _udp(info, table)
+    if isinstance(table, NiRigSpec):
+        return _ni(info, table)
+    if isinstance(table, PluginRigSpec):
+        from rths_cli.rigs.plugins import open_plugin
+
+        return open_plugin(info, table.options)
+    raise RigError(f"rig {info.name}: there is no driver for rigs of kind {info.kind}")
+
+
+def virtual_driver(case: Case, info: RigInfo, building: Building, seed: Sequence[int], changed: bool) -> VirtualRig:
+    """Return the virtual rig of a case; raises InputError where its rig is another."""
+    from rths_cli.rigs.virtual.opening import virtual_rig
+
+    mass = building.interface_experimental_mass_kg
+    return virtual_rig(simulated(case), info, building.specimen, mass, seed=tuple(seed), after_identification=changed)
+
+
+def simulated(case: Case) -> VirtualRigSpec:
+    """Return the rig of a case that is simulated; raises InputError for one that is not."""
+    if not isinstance(case.table, VirtualRigSpec):
+        raise InputError(f"{case.table.name}: its kind is {case.table.kind}; only a virtual rig can be simulated")
+    return case.table
+
+
+def _udp(rig: RigInfo, table: UdpRigSpec) -> UdpRig:
+    """Return the rig behind UDP that a rig file describes."""
+    from rths_cli.rigs.udp.rig import UdpRig, UdpTarget
+
+    there = table.udp
+    target = UdpTarget(
+        there.host, there.port, there.key_file, there.timeout_s, table.watchdog_s, rig.limits.lost_samples
+    )  # fmt: skip
+    return UdpRig(rig, target)
+
+
+def _ni(rig: RigInfo, table: NiRigSpec) -> NiRig:
+    """Return the rig on an NI card that a rig file describes."""
+    from rths_cli.rigs.ni.daqmx import Wiring
+    from rths_cli.rigs.ni.rig import NiRig
+
+    card = table.ni
+    terminals = tuple(channel.terminal for channel in rig.channels)
+    wiring = Wiring(
+        card.device, card.command_channel, terminals, card.enable_line or "", card.wiring,
+        rig.converters.range_v, 1.0 / rig.dt_s, card.timeout_s,
+    )  # fmt: skip
+    return NiRig(rig, wiring)

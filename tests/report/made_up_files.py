@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import h5py
+
 from rths_cli.files.results import ResultWriter
+from rths_cli.quantities import METRICS
 
 ABOUT = {
     "case_name": "demo",
@@ -36,4 +39,9 @@ def write(
         chosen = FIGURES if figures is None else figures
         writer.metrics({name: value for name, (value, unit) in chosen.items()})
         writer.finish(status, reason)
+    other = {name: unit for name, (_, unit) in chosen.items() if unit != METRICS[name].units}
+    if other:  # units that no version of ours writes
+        with h5py.File(path, "r+") as file:
+            for name, unit in other.items():
+                file[f"metrics/{name.replace('.', '/')}"].attrs["units"] = unit
     return path

@@ -108,7 +108,7 @@ def test_many_files_are_read_by_several_processes_in_order(tmp_path: Path) -> No
     assert [one.path.stem for one in found.unread] == ["040"]
     one, last = found.results[0], found.results[-1]
     assert dict(last.units) == {name: unit for name, (_, unit) in FIGURES.items()}
-    assert last.definitions["exp_rths.fei_delay_s"] == "about exp_rths.fei_delay_s"
+    assert last.definitions["exp_rths.fei_delay_s"].startswith("delay of the frequency evaluation index")
     assert np.array_equal(one.metrics["exp_rths.rms_error_m_s2"], [0.01, 0.02, 0.03])
 
 

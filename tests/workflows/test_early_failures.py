@@ -12,6 +12,7 @@ import pytest
 from rths_cli.errors import InputError, RigError
 from rths_cli.files.results import Dataset, ResultWriter, read_result
 from rths_cli.loop import guard
+from rths_cli.rig_info import capabilities_of
 from rths_cli.workflows import batch, real_stage
 from rths_cli.workflows.batch import _run_one
 from rths_cli.workflows.kept import Kept
@@ -23,7 +24,7 @@ ABOUT = {"case_name": "a", "rig_kind": "udp"}
 
 def setup(kind: str = "udp") -> Any:
     case = SimpleNamespace(name="a", runs=("shake_table", "exp_rths"))
-    return SimpleNamespace(case=case, rig=SimpleNamespace(kind=kind))
+    return SimpleNamespace(case=case, rig=SimpleNamespace(kind=kind, can=capabilities_of(kind)))
 
 
 def ran(path: Path, monkeypatch: pytest.MonkeyPatch, act: Any, ask: Any = lambda *_: None) -> Ended:

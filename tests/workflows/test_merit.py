@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from rths_cli.quantities import METRICS, Values, metrics_of
+from rths_cli.rig_info import capabilities_of
 from rths_cli.workflows.figures import tracking
 from rths_cli.workflows.merit import criteria_of_storeys, energy, fidelity, of_table_run, response
 from rths_cli.workflows.run import acceptance
@@ -102,7 +103,7 @@ def parts() -> Parts:
     building = SimpleNamespace(M=np.diag([2.0, 3.0, 5.0]), numerical=SimpleNamespace(masses_kg=np.array([2.0, 3.0])))
     ground = SimpleNamespace(accel_m_s2=sine(-0.1), time_s=TIME_S)
     case = SimpleNamespace(record_filter=SimpleNamespace(corner_hz=0.25))
-    rig = SimpleNamespace(dt_s=DT_S, kind="virtual", channels=[SimpleNamespace(high_pass_hz=0.024)])
+    rig = SimpleNamespace(dt_s=DT_S, can=capabilities_of("virtual"), channels=[SimpleNamespace(high_pass_hz=0.024)])
     setup = SimpleNamespace(rig=rig, building=building, motion=ground, case=case)
     measured = np.stack([sine(1.02, 0.002), sine()])
     series = SimpleNamespace(
@@ -141,7 +142,7 @@ def test_other_runs_and_other_rigs_have_fewer(parts: Parts) -> None:
     table = of_table_run(setup, "shake_table", series, sim, None)
     assert set(table) <= set(METRICS) and {path.partition(".")[0] for path in table} == {"shake_table"}
     assert not any(".j4" in path or "energy" in path for path in table)
-    setup.rig.kind = "udp"
+    setup.rig.can = capabilities_of("udp")
     assert not any(path.endswith("_true") for path in of_table_run(setup, "exp_rths", series, sim, hybrid))
 
 

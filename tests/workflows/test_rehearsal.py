@@ -10,6 +10,7 @@ import pytest
 
 from rths_cli.errors import InputError
 from rths_cli.loop.blocks import NUMERICAL
+from rths_cli.rig_info import capabilities_of
 from rths_cli.workflows import real_rig
 
 DT_S, STEPS = 1e-3, 2000
@@ -24,7 +25,7 @@ def rehearsed(
     monkeypatch.setattr(real_rig, "prepare", lambda *given: None)
     monkeypatch.setattr(real_rig, "guard_limits", lambda setup: None)
     monkeypatch.setattr(real_rig, "rehearse_watched", lambda run, seconds: (late_s, np.full(STEPS, took_s)))
-    setup: Any = SimpleNamespace(rig=SimpleNamespace(dt_s=DT_S, kind=kind, overrun=overrun))
+    setup: Any = SimpleNamespace(rig=SimpleNamespace(dt_s=DT_S, kind=kind, can=capabilities_of(kind), overrun=overrun))
     blocks: Any = None
     real_rig.rehearsed(setup, blocks, NUMERICAL)
 

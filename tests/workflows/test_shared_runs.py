@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from rths_cli.case.load import load_cases
+from rths_cli.rig_info import capabilities_of
 from rths_cli.workflows import batch, check, controllers, run
 from rths_cli.workflows.kept import Kept
 from rths_cli.workflows.known import Memory
@@ -85,7 +86,13 @@ def test_what_two_cases_have_in_common_is_made_once(
 def jobs(samples: int, *kinds: str) -> list[tuple[Any, Path]]:
     """Return jobs of records of so many samples on rigs of these kinds."""
     motion, case = SimpleNamespace(time_s=np.empty(samples)), SimpleNamespace(n_storeys=3)
-    return [(SimpleNamespace(motion=motion, case=case, rig=SimpleNamespace(kind=kind)), Path("a.h5")) for kind in kinds]
+    return [
+        (
+            SimpleNamespace(motion=motion, case=case, rig=SimpleNamespace(kind=kind, can=capabilities_of(kind))),
+            Path("a.h5"),
+        )
+        for kind in kinds
+    ]
 
 
 def test_as_much_is_kept_as_fits() -> None:

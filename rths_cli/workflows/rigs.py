@@ -29,12 +29,17 @@ def open_rig(setup: Setup, stream: tuple[int, ...], seed: int) -> Rig:
     On a virtual rig `stream` and `seed` name the noise of one run, before or after the change that the rig file states
     under `after_identification`. Raises InputError or RigError when a plug-in cannot make its rig.
     """
-    return driver(setup.case, setup.rig, setup.building, (seed, *stream), stream[0] not in BEFORE)
+    return driver(setup.case, setup.rig, setup.building, (seed, *stream), _changed(stream))
 
 
 def open_virtual(setup: Setup, stream: tuple[int, ...], seed: int) -> VirtualRig:
     """Return the case's virtual rig with the noise stream of one run."""
-    return virtual_driver(setup.case, setup.rig, setup.building, (seed, *stream), stream[0] not in BEFORE)
+    return virtual_driver(setup.case, setup.rig, setup.building, (seed, *stream), _changed(stream))
+
+
+def _changed(stream: tuple[int, ...]) -> bool:
+    """Tell whether a run comes after the change that a rig file states under `after_identification`."""
+    return bool(stream) and stream[0] not in BEFORE
 
 
 def guard_limits(setup: Setup) -> GuardLimits:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from made_up_check import checked
 
+from rths_cli.quantities import METRICS
 from rths_cli.report.preflight_document import Checked, as_document
 from rths_cli.report.preflight_page import MARGINS, REACH, page, pages
 
@@ -137,7 +138,7 @@ def test_the_document_is_plain_json_with_units_and_definitions() -> None:
     wanted = np.asarray(found.metrics["check.rms_error_m_s2"]).tolist()
     assert case["metrics"]["check.rms_error_m_s2"] == wanted
     assert set(case["metrics"]) == set(case["units"]) == set(case["definitions"]) == set(found.metrics)
-    assert case["definitions"]["check.growth"] == "made up check.growth"
+    assert case["definitions"]["check.growth"] == METRICS["check.growth"].definition
 
 
 def test_only_safe_ends_well() -> None:

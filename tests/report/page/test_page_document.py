@@ -138,7 +138,7 @@ def test_the_words_say_what_the_file_says(whole: Result, text: str) -> None:
     assert "python 3.11.7, numpy 2.0.0" in words
     assert COMMAND in words and "Notes of the case: by hand" in words
     assert "scaling: 0.3\n" in words and whole.resolved_yaml in words
-    assert "RMS error by storey" in words and "0.01  0.02  0.03" in words
+    assert "RMS of SIM - absolute acceleration of each storey" in words and "0.01  0.02  0.03" in words
 
 
 def test_limits_are_judged_as_the_run_judges_them(text: str) -> None:

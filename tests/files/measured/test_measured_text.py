@@ -166,7 +166,7 @@ def test_absent_files_and_folders_are_refused(tmp_path: Path) -> None:
     assert "Is a directory" in the_fault(tmp_path)
 
 
-numbers = st.just(math.nan) | st.floats(-1e29, 1e29)  # vaster ones are taken as missing
+numbers = st.just(float("nan")) | st.floats(-1e29, 1e29)  # vaster ones are taken as missing
 
 
 @settings(derandomize=True, max_examples=60, deadline=None)

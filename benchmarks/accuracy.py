@@ -14,19 +14,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rths_cli.analysis.metrics import error_figures
 from rths_cli.analysis.sim import simulate
 from rths_cli.analysis.sim_delay import simulate_delayed
 from rths_cli.case.load import load_cases
-from rths_cli.loop.blocks import NUMERICAL, RECORD
-from rths_cli.lti import Array, StateSpace
-from rths_cli.metrics import error_figures
+from rths_cli.experiment.design import design_blocks
+from rths_cli.experiment.model_registry import Memory
+from rths_cli.experiment.rig_access import EXP_RTHS, SHAKE_TABLE
+from rths_cli.experiment.run_series import on_record_clock, whole_building
+from rths_cli.experiment.setup import Setup, make_setup
+from rths_cli.experiment.table_runs import play_run
+from rths_cli.loop.step_arrays import NUMERICAL, RECORD
+from rths_cli.numerics.lti import Array, StateSpace
 from rths_cli.structure import Building
-from rths_cli.workflows.controllers import design_blocks
-from rths_cli.workflows.known import Memory
-from rths_cli.workflows.rigs import EXP_RTHS, SHAKE_TABLE
-from rths_cli.workflows.series import on_record_clock, whole_building
-from rths_cli.workflows.setup import Setup, make_setup
-from rths_cli.workflows.table_runs import play_run
 
 PROCESSES = 2
 MEMORY = Memory()  # of each process: cases on the same rig and specimen share an identification

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rths_cli.lti import Array
+from rths_cli.numerics.lti import Array
 from rths_cli.rigs.interface import RigInfo
-from rths_cli.rigs.virtual.rig import VirtualRig
+from rths_cli.rigs.virtual.virtual_rig import VirtualRig
 
 
 class DriftingRig:

@@ -18,25 +18,32 @@ from dataclasses import dataclass
 import numpy as np
 from drifting_rig import DriftingRig
 
+from rths_cli.analysis.metrics import error_figures
 from rths_cli.analysis.sim import simulate
 from rths_cli.case.load import load_cases
-from rths_cli.loop.blocks import NUMERICAL
-from rths_cli.loop.drive import Outcome, Stillness, play
-from rths_cli.loop.performance import way_to_rest_s
-from rths_cli.lti import Array
-from rths_cli.metrics import error_figures
+from rths_cli.experiment import budget_metrics as budget
+from rths_cli.experiment.check_cases import verdict_on
+from rths_cli.experiment.design import Design
+from rths_cli.experiment.lowest_frequency import lowest_reliable_hz
+from rths_cli.experiment.model_registry import Memory
+from rths_cli.experiment.rig_access import EXP_RTHS, guard_limits, open_virtual
+from rths_cli.experiment.run_series import on_record_clock, whole_building, without_drift
+from rths_cli.experiment.sensor_drift_report import (
+    SensorDrift,
+    drift_of,
+    expected_of,
+    sensitivities,
+    sentences,
+    stands_out,
+)
+from rths_cli.experiment.setup import Setup, make_setup
+from rths_cli.experiment.table_runs import AFTER_S, BEFORE_S, drive_of
+from rths_cli.loop.counted_clock import Outcome, Stillness, play
+from rths_cli.loop.realtime_run import way_to_rest_s
+from rths_cli.loop.step_arrays import NUMERICAL
+from rths_cli.numerics.lti import Array
 from rths_cli.quantities import Values
-from rths_cli.rigs.virtual.rig import VirtualRig
-from rths_cli.workflows import budget
-from rths_cli.workflows.check_cases import verdict_on
-from rths_cli.workflows.controllers import Design
-from rths_cli.workflows.known import Memory
-from rths_cli.workflows.lowest_frequency import lowest_reliable_hz
-from rths_cli.workflows.rigs import EXP_RTHS, guard_limits, open_virtual
-from rths_cli.workflows.sensor_drift import SensorDrift, drift_of, expected_of, sensitivities, sentences, stands_out
-from rths_cli.workflows.series import on_record_clock, whole_building, without_drift
-from rths_cli.workflows.setup import Setup, make_setup
-from rths_cli.workflows.table_runs import AFTER_S, BEFORE_S, drive_of
+from rths_cli.rigs.virtual.virtual_rig import VirtualRig
 
 RECORDS, CORNERS_HZ, RATES_HZ = ("el_centro", "hachinohe"), (0.024, 0.05, 0.1, 0.3), (500, 1000, 2000)
 JUMP_V, OFFSET_V, DRIFTS_V_PER_MIN = 5e-3, 5e-3, (0.5e-3, 5e-3)

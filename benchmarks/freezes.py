@@ -25,7 +25,7 @@ sys.path[:0] = [str(TREE), str(TREE / "tests" / "loop"), str(TREE / "tests" / "r
 from freezing import APPROACHES, GOES_ON, HOLDS, Freezing, freezing_of, ideal_errors, told  # noqa: E402
 
 from rths_cli.loop.guard import END  # noqa: E402
-from rths_cli.lti import Array  # noqa: E402
+from rths_cli.numerics.lti import Array  # noqa: E402
 
 RECORD_S, RAMP_S, FIRST_S, LAST_S = 8.0, 1.0, 1.5, 6.0
 # the time by which the table follows its command: 2 z / w of its loop and the time constant of its force; its settings

@@ -23,9 +23,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from rths_cli.errors import InputError
-from rths_cli.files.models import read_model
-from rths_cli.files.results import read_result
-from rths_cli.files.sweeps import read_sweep
+from rths_cli.files.model_file import read_model
+from rths_cli.files.result_reader import read_result
+from rths_cli.files.sweep_file import read_sweep
 
 CASES = ("el_centro_low_ff_fb", "el_centro_high_ff", "hachinohe_low_ff")
 SIZE_MB = 220  # of the file system: what rths run wants to find free for three cases, and little more

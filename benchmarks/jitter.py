@@ -14,8 +14,7 @@ import subprocess
 import numpy as np
 from numpy.typing import NDArray
 
-from rths_cli.loop.periodic import wake_up_delays
-from rths_cli.loop.scheduling import PRIORITY, real_time
+from rths_cli.loop.scheduling import PRIORITY, real_time, wake_up_delays
 
 Delays = NDArray[np.float64]  # (n,) in us
 QUANTILES = (50.0, 99.0, 99.9, 100.0)

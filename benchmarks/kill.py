@@ -23,13 +23,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rths_cli.case.load import load_cases, resolved_yaml
-from rths_cli.files.raw_log import SUFFIX, RawHeader, raw_log_path, still_in
-from rths_cli.files.raw_log_writer import RawLogWriter
-from rths_cli.files.results import Dataset, ResultWriter, read_result, read_series
-from rths_cli.loop.stream import LogStream
-from rths_cli.workflows import contents
-from rths_cli.workflows.recover import recover
-from rths_cli.workflows.setup import Setup, make_setup
+from rths_cli.experiment import result_contents
+from rths_cli.experiment.recovery import recover
+from rths_cli.experiment.setup import Setup, make_setup
+from rths_cli.files.raw_log import SUFFIX, RawHeader, RawLogWriter, raw_log_path, still_in
+from rths_cli.files.result_reader import Dataset, ResultWriter, read_result, read_series
+from rths_cli.loop.raw_log_stream import LogStream
 
 CASE = "el_centro_low_ff_fb"
 DESIRED = ("desired_accel_m_s2", "desired_velocity_m_s", "desired_displacement_m")
@@ -131,7 +130,7 @@ def _run(result: Path, setup: Setup, done: NDArray[np.int64]) -> None:
     with RawLogWriter(raw_log_path(result, "exp_rths"), header) as log:
         with ResultWriter(result, attributes, lasting=True) as writer:
             writer.case(case.yaml_text, resolved_yaml(case))
-            contents.write_record(writer, setup)
+            result_contents.write_record(writer, setup)
             writer.park(still_in(log.path))
             with LogStream(log, columns, done, np.zeros(1, dtype=np.int64)):
                 _loop(columns, done)

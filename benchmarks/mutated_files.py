@@ -39,15 +39,14 @@ from nptdms import ChannelObject, TdmsWriter
 
 import rths_cli
 from rths_cli.cli import main as rths_main
-from rths_cli.export import plan as _export  # noqa: F401 imported before processes are copied, to save their time
-from rths_cli.files.measured import read_recording, write_recording
-from rths_cli.files.models import BLOCK, LEAD, read_model
-from rths_cli.files.raw_log import CHECK, START, RawHeader
-from rths_cli.files.raw_log_writer import RawLogWriter
-from rths_cli.files.results import read_result
-from rths_cli.files.sweep_rows_file import FORMAT
-from rths_cli.report import asked, figures, page, preflight_page  # noqa: F401
-from rths_cli.workflows import batch, make_model, recover, sweep  # noqa: F401
+from rths_cli.files.measured_data import read_recording, write_recording
+from rths_cli.files.model_file import BLOCK, LEAD, read_model
+from rths_cli.files.raw_log import CHECK, START, RawHeader, RawLogWriter
+from rths_cli.files.result_reader import read_result
+from rths_cli.files.sweep_file import ROWS_FORMAT
+from rths_cli.report import check_page, figures, page, request  # noqa: F401
+from rths_cli.report.export import exporting as _export  # noqa: F401 imported before processes are copied, to save their time
+from rths_cli.studies import sweep  # noqa: F401
 
 LIMIT_S = 5.0  # of the processor, which a busy machine does not change
 STOPPED_S = 30.0  # of the processor, by the kernel
@@ -420,7 +419,7 @@ def make_rows(folder: Path) -> Path:
             attributes[key] = value.item() if isinstance(value, np.generic) else value
         width = sum(int(np.prod(node.shape[1:])) for node in file.values() if node.dtype.kind == "f")
     row = [0, "complete", "", 0, "safe", "", [0.5] * width]
-    path.write_text("".join(json.dumps(line) + "\n" for line in (attributes | {"format": FORMAT}, row)))
+    path.write_text("".join(json.dumps(line) + "\n" for line in (attributes | {"format": ROWS_FORMAT}, row)))
     return path
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # the sources this file belongs to
 
-from rths_cli.report.load import load
+from rths_cli.report.case_results import load
 from rths_cli.report.page import write_page
 
 WIDTHS = (1280, 390)

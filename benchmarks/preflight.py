@@ -15,7 +15,7 @@ from concurrent.futures import ProcessPoolExecutor
 import numpy as np
 from random_tests import Row, judged
 
-from rths_cli.lti import Array
+from rths_cli.numerics.lti import Array
 
 FIRST_SEED, COUNT, PROCESSES = 3000, 200, 2
 FACTOR = 1.5

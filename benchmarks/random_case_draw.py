@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rths_cli.lti import Array
+from rths_cli.numerics.lti import Array
 from rths_cli.structure import storey_matrix
 
 RECORDS = ("el_centro", "hachinohe", "near_fault", "long_duration", "broadband")

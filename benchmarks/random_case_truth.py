@@ -10,19 +10,19 @@ from functools import cached_property
 import numpy as np
 
 from rths_cli.analysis.identified_rig import identified_rig
-from rths_cli.analysis.preflight import Stability, stability
+from rths_cli.analysis.metrics import rms
 from rths_cli.analysis.sim import Response, simulate
-from rths_cli.control.numerical import all_storeys
-from rths_cli.identification.fit_table import within
-from rths_cli.identification.found import Identification
-from rths_cli.lti import Array, ComplexArray, Frf, Model
-from rths_cli.metrics import rms
+from rths_cli.analysis.stability_check import Stability, stability
+from rths_cli.control.numerical_substructure import all_storeys
+from rths_cli.experiment.check import required_delay_s
+from rths_cli.experiment.check_cases import Verdict
+from rths_cli.experiment.design import Design
+from rths_cli.experiment.setup import Setup
+from rths_cli.identification.results import Identification
+from rths_cli.identification.table_fit import within
+from rths_cli.numerics.lti import Array, ComplexArray, Frf, Model
 from rths_cli.rigs.virtual.plant import accelerations, continuous
 from rths_cli.structure import modes
-from rths_cli.workflows.check import required_delay_s
-from rths_cli.workflows.check_cases import Verdict
-from rths_cli.workflows.controllers import Design
-from rths_cli.workflows.setup import Setup
 
 GOOD = 0.1  # error over SIM's RMS, of the worst storey, below which a test is worth running
 NEAR = 1.25  # a figure that is off by less than this factor counts as right

@@ -26,16 +26,16 @@ import numpy as np
 from random_case_draw import draw, make_records
 from random_case_truth import GOOD, Played, Truth, judge, loop_figures
 
+from rths_cli.analysis.metrics import rms
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, LimitError, RigError, RthsError
-from rths_cli.files.results import read_result
-from rths_cli.metrics import rms
+from rths_cli.experiment.check_cases import Verdict, verdict_on
+from rths_cli.experiment.identify import UnfitRig
+from rths_cli.experiment.model_registry import Known, Memory
+from rths_cli.experiment.run import Ended, run_case
+from rths_cli.experiment.setup import Setup, make_setup
+from rths_cli.files.result_reader import read_result
 from rths_cli.rigs.virtual.plant import continuous
-from rths_cli.workflows.check_cases import Verdict, verdict_on
-from rths_cli.workflows.identify import UnfitRig
-from rths_cli.workflows.known import Known, Memory
-from rths_cli.workflows.run import Ended, run_case
-from rths_cli.workflows.setup import Setup, make_setup
 
 RAN, REFUSED, STOPPED, CRASHED, WARNED = "ran", "refused", "stopped", "crashed", "warned"
 OVERRIDES = ("check", "model")

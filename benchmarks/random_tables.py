@@ -18,16 +18,16 @@ import numpy as np
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import RthsError
-from rths_cli.identification.fit_table import rms, within
-from rths_cli.identification.found import FitError, Identification
-from rths_cli.identification.frf import estimate, over_model
-from rths_cli.identification.record import Record
+from rths_cli.experiment.identify import evaluated, measure
+from rths_cli.experiment.setup import Setup, make_setup
+from rths_cli.identification.frequency_response import estimate, over_model
+from rths_cli.identification.recorded_data import Record
+from rths_cli.identification.results import FitError, Identification
+from rths_cli.identification.table_fit import rms, within
 from rths_cli.identification.verdict import LIMITS
-from rths_cli.lti import Array, ComplexArray, Frf, Model
+from rths_cli.numerics.lti import Array, ComplexArray, Frf, Model
 from rths_cli.rigs.virtual.plant import accelerations, continuous
 from rths_cli.structure import storey_matrix
-from rths_cli.workflows.identify import evaluated, measure
-from rths_cli.workflows.setup import Setup, make_setup
 
 RIGS, FIRST_SEED, OTHER_SEED, OTHER_DURATION_S = 30, 1000, 77, 300
 BAND_HZ, MID_HZ = (0.7, 11.0), (2.0, 10.0)

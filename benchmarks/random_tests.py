@@ -10,21 +10,21 @@ from pathlib import Path
 import numpy as np
 import random_tables
 
+from rths_cli.analysis.metrics import error_figures, rms
 from rths_cli.analysis.sim import simulate
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, RthsError
-from rths_cli.loop.blocks import NUMERICAL
-from rths_cli.loop.drive import Outcome
-from rths_cli.lti import Array
-from rths_cli.metrics import error_figures, rms
-from rths_cli.workflows.check import preflight_of
-from rths_cli.workflows.controllers import Design, design_blocks
-from rths_cli.workflows.known import Memory
-from rths_cli.workflows.model_store import Cache
-from rths_cli.workflows.rigs import EXP_RTHS
-from rths_cli.workflows.series import on_record_clock, whole_building
-from rths_cli.workflows.setup import Setup, make_setup
-from rths_cli.workflows.table_runs import play_run
+from rths_cli.experiment.check import preflight_of
+from rths_cli.experiment.design import Design, design_blocks
+from rths_cli.experiment.model_registry import Memory
+from rths_cli.experiment.model_store import Cache
+from rths_cli.experiment.rig_access import EXP_RTHS
+from rths_cli.experiment.run_series import on_record_clock, whole_building
+from rths_cli.experiment.setup import Setup, make_setup
+from rths_cli.experiment.table_runs import play_run
+from rths_cli.loop.counted_clock import Outcome
+from rths_cli.loop.step_arrays import NUMERICAL
+from rths_cli.numerics.lti import Array
 
 SHARES = 0.1, 1.1  # of the scaling at which the building's motion fills the table's stroke or reaches its speed
 DAMPING_RATIOS = (0.003, 0.08)

@@ -19,7 +19,7 @@ sys.path[:0] = [str(TREE), str(TREE / "tests" / "loop")]
 
 from stalling import Laboratory, laboratory_of  # noqa: E402
 
-from rths_cli.lti import Array  # noqa: E402
+from rths_cli.numerics.lti import Array  # noqa: E402
 
 RECORD, RAMP = 53_741, 1_000
 LENGTHS_MS = (1, 3, 7, 15, 30, 50, 80, 100)

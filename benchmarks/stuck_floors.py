@@ -21,16 +21,16 @@ from random_cases import about, legitimate
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import RthsError
-from rths_cli.loop.blocks import NUMERICAL
-from rths_cli.loop.drive import Outcome, play
+from rths_cli.experiment.design import Design, design_blocks
+from rths_cli.experiment.model_registry import Memory
+from rths_cli.experiment.rig_access import EXP_RTHS, guard_limits, open_rig
+from rths_cli.experiment.setup import Setup, make_setup
+from rths_cli.experiment.table_runs import drive_of
+from rths_cli.loop.counted_clock import Outcome, play
 from rths_cli.loop.guard import NONE, STUCK, STUCK_BITS, STUCK_S
-from rths_cli.lti import Array
+from rths_cli.loop.step_arrays import NUMERICAL
+from rths_cli.numerics.lti import Array
 from rths_cli.rigs.interface import Rig
-from rths_cli.workflows.controllers import Design, design_blocks
-from rths_cli.workflows.known import Memory
-from rths_cli.workflows.rigs import EXP_RTHS, guard_limits, open_rig
-from rths_cli.workflows.setup import Setup, make_setup
-from rths_cli.workflows.table_runs import drive_of
 
 
 class Sticking:

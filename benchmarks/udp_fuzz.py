@@ -21,16 +21,16 @@ from pathlib import Path
 import numpy as np
 
 from rths_cli.errors import RthsError
-from rths_cli.rig_info import Channel, Converters, Limits, RigInfo
+from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo
 from rths_cli.rigs.udp import link as links
-from rths_cli.rigs.udp import wire
+from rths_cli.rigs.udp import packets
 from rths_cli.rigs.udp.handshake import answer_hello_at, open_greeter, opens_session_at
+from rths_cli.rigs.udp.key_file import as_words, make_secret
 from rths_cli.rigs.udp.link import OK, converse_at, fresh_link
-from rths_cli.rigs.udp.rig import UdpRig, UdpTarget
-from rths_cli.rigs.udp.secret import as_words, make_secret
 from rths_cli.rigs.udp.session import sealed
 from rths_cli.rigs.udp.siphash import Words
 from rths_cli.rigs.udp.sockets import bound, connected
+from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget
 
 BURST = 40  # hostile packets between two genuine ones
 MOVED_V = 0.05  # a table at rest shows less; a forged command of 5 V gives more
@@ -87,15 +87,15 @@ def at_runner(count: int) -> str:
     door = bound("127.0.0.1", 0)
     runner, _ = connected("127.0.0.1", door.getsockname()[1])[0]
     link = fresh_link(runner, key, 3)
-    answers = [sealed(wire.SAMPLES, struct.pack("<3d", 9.0, 9.0, 9.0), key, k) for k in range(10)]
+    answers = [sealed(packets.SAMPLES, struct.pack("<3d", 9.0, 9.0, 9.0), key, k) for k in range(10)]
     door.sendto(answers[8], runner.getsockname())
-    converse_at(link, wire.COMMAND, 8, 0.0, 0, 10**9)
+    converse_at(link, packets.COMMAND, 8, 0.0, 0, 10**9)
     link.samples_v[:] = 0.0
     for burst in bursts(count, 1, Material(answers[9], answers[:9]), kinds):
         for packet in burst:
             door.sendto(packet, runner.getsockname())
-        converse_at(link, wire.COMMAND, 9, 0.0, 0, 2_000_000)
-    converse_at(link, wire.COMMAND, 9, 0.0, 0, 100_000_000)
+        converse_at(link, packets.COMMAND, 9, 0.0, 0, 2_000_000)
+    converse_at(link, packets.COMMAND, 9, 0.0, 0, 100_000_000)
     refused = int(link.counts[links.BAD] + link.counts[links.DOUBLED])
     taken = int(link.counts[links.ANSWERED]) - 1 + int(link.samples_v.any()) + int(link.counts[links.STRAY])
     return f"runner: {count} sent, {refused} refused, {taken} taken, {shown(kinds)}"
@@ -104,16 +104,16 @@ def at_runner(count: int) -> str:
 def at_handshake(count: int) -> str:
     """Give them to a target's handshake; return what came of it."""
     secret, kinds = np.array([3, 4], np.uint64), Counter[str]()
-    hello = sealed(wire.HELLO, struct.pack("<16s3q16x", b"n" * 16, 3, 10**6, 10**8), secret)
-    used = [sealed(kind, b"", secret) for kind in (*range(wire.WELCOME, wire.CLOSE + 1), 0, 200)]
-    greeter, out = open_greeter(secret, 3, 1000, 10**8), np.zeros(wire.MOST_BYTES, np.uint8)
+    hello = sealed(packets.HELLO, struct.pack("<16s3q16x", b"n" * 16, 3, 10**6, 10**8), secret)
+    used = [sealed(kind, b"", secret) for kind in (*range(packets.WELCOME, packets.CLOSE + 1), 0, 200)]
+    greeter, out = open_greeter(secret, 3, 1000, 10**8), np.zeros(packets.MOST_BYTES, np.uint8)
     answered = begun = 0
     for burst in bursts(count, 2, Material(hello, used), kinds):
         for data in burst:
-            packet = np.zeros(wire.MOST_BYTES, np.uint8)
-            packet[: len(data)] = np.frombuffer(data[: wire.MOST_BYTES], np.uint8)
+            packet = np.zeros(packets.MOST_BYTES, np.uint8)
+            packet[: len(data)] = np.frombuffer(data[: packets.MOST_BYTES], np.uint8)
             answered += answer_hello_at(greeter, packet, len(data), 10**9, 0, False, out) > 0
-            packet[wire.KIND] = wire.ARM
+            packet[packets.KIND] = packets.ARM
             begun += opens_session_at(greeter, packet, len(data), 10**9, out)
     return f"handshake: {count} given, {answered} answered, {begun} sessions begun, {shown(kinds)}"
 
@@ -147,14 +147,15 @@ def commands(key: Words, base: int) -> Material:
     """Return a command of 5 V far ahead to be spoilt, and such of sequence numbers that are used up already."""
     volts = struct.pack("<d", 5.0)
     return Material(
-        sealed(wire.COMMAND, volts, key, base + 10**6), [sealed(wire.COMMAND, volts, key, n) for n in range(base + 1)]
+        sealed(packets.COMMAND, volts, key, base + 10**6),
+        [sealed(packets.COMMAND, volts, key, n) for n in range(base + 1)],
     )
 
 
 def step(rig: UdpRig) -> float:
     """Send the command 0 V and return the largest sample; a target that stopped ends the program."""
     k = int(rig.link.status[links.LAST] - rig.link.status[links.BASE]) + 1
-    if converse_at(rig.link, wire.COMMAND, k, 0.0, 0, 50_000_000) not in (OK, links.LOST):
+    if converse_at(rig.link, packets.COMMAND, k, 0.0, 0, 50_000_000) not in (OK, links.LOST):
         sys.exit(f"the target stopped: state {rig.link.status[links.STATE]}, faults {rig.link.status[links.FAULTS]:#x}")
     return float(np.abs(rig.link.samples_v).max())
 

@@ -41,16 +41,22 @@ sys.path.insert(0, str(TREE / "tests" / "rigs"))
 from udp_peer import PlainTarget  # noqa: E402
 
 from rths_cli.errors import RigError  # noqa: E402
-from rths_cli.rig_info import Channel, Converters, Limits, RigInfo  # noqa: E402
-from rths_cli.rigs.udp import wire  # noqa: E402
-from rths_cli.rigs.udp.rig import UdpRig, UdpTarget  # noqa: E402
-from rths_cli.rigs.udp.secret import make_secret  # noqa: E402
+from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo  # noqa: E402
+from rths_cli.rigs.udp import packets  # noqa: E402
+from rths_cli.rigs.udp.key_file import make_secret  # noqa: E402
+from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget  # noqa: E402
 
-KINDS = {"HELLO": wire.HELLO, "WELCOME": wire.WELCOME, "ARM": wire.ARM, "REST": wire.REST, "CLOSE": wire.CLOSE}
-FROM_TARGET = (wire.WELCOME, wire.REFUSAL, wire.SAMPLES)
+KINDS = {
+    "HELLO": packets.HELLO,
+    "WELCOME": packets.WELCOME,
+    "ARM": packets.ARM,
+    "REST": packets.REST,
+    "CLOSE": packets.CLOSE,
+}
+FROM_TARGET = (packets.WELCOME, packets.REFUSAL, packets.SAMPLES)
 MOMENTS = ("start", "motion", "end")
 DT_S, EARLIER, MOVED_V, MOST_CPU = 5e-3, 5, 0.05, 0.20
-SENT_AGAIN = np.array([*KINDS.values(), *KINDS.values(), wire.COMMAND, wire.SAMPLES])
+SENT_AGAIN = np.array([*KINDS.values(), *KINDS.values(), packets.COMMAND, packets.SAMPLES])
 MOST_KEPT, LATE_S = 2000, 0.015
 Address = tuple[str, int]
 WATCHDOG_S = 5.0  # a machine that others use stops a runner for a second now and then
@@ -133,16 +139,16 @@ class Relay:
             return
         if door is self.stranger:
             return  # an answer to what was sent again
-        keep = self.captured[packet[wire.KIND]]
+        keep = self.captured[packet[packets.KIND]]
         keep.append(packet)
         if len(keep) > MOST_KEPT:
             del keep[int(self.random.integers(MOST_KEPT // 2))]
         if door is self.front:
             self.runner = sender
-        if packet[wire.KIND] == wire.HELLO:
-            self.nonces.add(packet[wire.WORDS : wire.AFTER_NONCE])
+        if packet[packets.KIND] == packets.HELLO:
+            self.nonces.add(packet[packets.WORDS : packets.AFTER_NONCE])
         other = self.back if door is self.front else self.front
-        if self.going and packet[wire.KIND] not in (wire.COMMAND, wire.SAMPLES):
+        if self.going and packet[packets.KIND] not in (packets.COMMAND, packets.SAMPLES):
             for late_s in (0.0, LATE_S)[int(self.random.integers(2)) :]:
                 due = time.monotonic() + late_s * self.random.random()
                 heapq.heappush(self.held, (due, self.turn, other, packet))

@@ -6,15 +6,16 @@ imported before one of them is used.
 
 from __future__ import annotations
 
+from rths_cli.version import __version__
+
 TYPE_CHECKING = False  # typing takes longer to import than all else that is done before signals are taken
 if TYPE_CHECKING:
     from typing import Any
 
     from rths_cli.api import check, identify, load, plot, run
-    from rths_cli.api_results import CheckResult, Group, ModelResult, RunResult
+    from rths_cli.api.results import CheckResult, Group, ModelResult, RunResult
     from rths_cli.errors import InputError, LimitError, RigError, RthsError
 
-__version__ = "0.1.0"
 
 __all__ = [
     "CheckResult",
@@ -43,7 +44,7 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from importlib import import_module  # by name, so that no layer below counts as importing those above
 
-    module = "api" if name in _FUNCTIONS else "errors" if name in _ERRORS else "api_results"
+    module = "api" if name in _FUNCTIONS else "errors" if name in _ERRORS else "api.results"
     return getattr(import_module(f"{__name__}.{module}"), name)
 
 

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from rths_cli.cli.ending import BLAS_THREADS
+from rths_cli.cli.entry_point import BLAS_THREADS
 
 if TYPE_CHECKING:
-    from rths_cli.identification.found import Identification
-    from rths_cli.workflows.known import Memory
-    from rths_cli.workflows.setup import Setup
+    from rths_cli.experiment.model_registry import Memory
+    from rths_cli.experiment.setup import Setup
+    from rths_cli.identification.results import Identification
 
 DEFAULT = "el_centro_low_ff_fb"
 os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))  # as the command does, before numpy is imported
@@ -21,7 +21,7 @@ os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))  # as the command does, befo
 @pytest.fixture(scope="session")
 def memory() -> Memory:
     """Return the identifications already made by this test process."""
-    from rths_cli.workflows.known import Memory
+    from rths_cli.experiment.model_registry import Memory
 
     return Memory()
 
@@ -30,7 +30,7 @@ def memory() -> Memory:
 def default_setup() -> Setup:
     """Return the default case's setup."""
     from rths_cli.case.load import load_cases
-    from rths_cli.workflows.setup import make_setup
+    from rths_cli.experiment.setup import make_setup
 
     return make_setup(load_cases([DEFAULT])[0])
 

@@ -13,7 +13,7 @@ import h5py
 from docs_running import run_words, shortened
 from docs_words_hdf5 import ATTRIBUTES, BLOCKS, MODEL_ATTRIBUTES, MODEL_GROUPS, REAL_ATTRIBUTES, RUN_ATTRIBUTES, SIZES
 
-from rths_cli.workflows.contents import DRIFT_TAKEN_OUT, LIVE
+from rths_cli.experiment.result_contents import DRIFT_TAKEN_OUT, LIVE
 
 ROOT = Path(__file__).parents[1]
 CASE = "el_centro_low_ff_fb"

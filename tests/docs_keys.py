@@ -9,11 +9,10 @@ from docs_words import WORDS
 from pydantic import BaseModel, TypeAdapter
 from pydantic_core import PydanticUndefined
 
-from rths_cli.case.models import CaseKeys
-from rths_cli.case.models_reference import ReferenceSpec
-from rths_cli.case.models_rig import VirtualRigSpec
-from rths_cli.case.models_rig_real import NiRigSpec, PluginRigSpec, UdpRigSpec
-from rths_cli.case.models_structure import StructureSpec
+from rths_cli.case.case_schema import CaseKeys
+from rths_cli.case.reference_schema import ReferenceSpec
+from rths_cli.case.rig_schema import NiRigSpec, PluginRigSpec, UdpRigSpec, VirtualRigSpec
+from rths_cli.case.structure_schema import StructureSpec
 
 Schema = Mapping[str, Any]
 COLUMNS = ("key", "type", "unit", "default", "limits", "meaning")

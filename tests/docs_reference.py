@@ -9,7 +9,9 @@ from pathlib import Path
 from docs_commands import commands_page
 from docs_hdf5 import hdf5_page
 from docs_keys import case_page, rig_page
+from docs_modules import with_map
 
+README = Path(__file__).parents[1] / "README.md"
 FOLDER = Path(__file__).parents[1] / "docs" / "reference"
 PAGES: dict[str, Callable[[], str]] = {
     "commands.md": commands_page,
@@ -27,4 +29,5 @@ def write_pages(folder: Path) -> None:
 
 if __name__ == "__main__":
     write_pages(FOLDER)
+    README.write_text(with_map(README.read_text(encoding="utf-8")), encoding="utf-8")
     sys.exit(0)

@@ -13,7 +13,7 @@ from typing import Any
 from click.testing import CliRunner, Result
 
 from rths_cli.cli import cli
-from rths_cli.cli.ending import BLAS_THREADS
+from rths_cli.cli.entry_point import BLAS_THREADS
 from rths_cli.errors import RthsError
 
 NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")

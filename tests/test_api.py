@@ -264,7 +264,7 @@ def test_a_real_rig_needs_a_folder_and_the_main_thread(tmp_path: Path) -> None:
 
 
 def test_a_real_rig_moves_by_no_script_that_was_not_permitted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from rths_cli.workflows import permission
+    from rths_cli.experiment import permission
 
     sentence = r"yes=True moves rigs whose file says `unattended: true`, rths run asks for others"
     monkeypatch.setattr(permission.sys, "stdin", type("Terminal", (), {"isatty": staticmethod(lambda: True)}))
@@ -286,7 +286,7 @@ def test_a_real_rig_moves_by_no_script_that_was_not_permitted(monkeypatch: pytes
 
 @pytest.mark.parametrize("swallowed", [False, True])
 def test_sigterm_ends_a_run_and_handlers_are_as_before(swallowed: bool) -> None:
-    from rths_cli.process import Terminated
+    from rths_cli.interrupts import Terminated
 
     before = [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)], sys.unraisablehook
 

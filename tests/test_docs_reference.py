@@ -12,16 +12,16 @@ from typing import Any, get_args
 import click
 import h5py
 import pytest
-from docs_reference import FOLDER, PAGES
+from docs_modules import with_map
+from docs_reference import FOLDER, PAGES, README
 from docs_running import run_words, shortened
 from docs_words import WORDS
 from pydantic import BaseModel
 
-from rths_cli.case.models import CaseKeys
-from rths_cli.case.models_rig_kinds import KINDS
-from rths_cli.case.models_rig_real import PluginRigSpec
+from rths_cli.case.case_schema import CaseKeys
+from rths_cli.case.rig_schema import KINDS, PluginRigSpec
 from rths_cli.cli import cli
-from rths_cli.workflows import real_stage
+from rths_cli.experiment import real_run
 
 ROOT = Path(__file__).parents[1]
 CASE = "el_centro_low_ff_fb"
@@ -47,6 +47,11 @@ def first_cells(text: str) -> list[str]:
 def test_the_page_is_the_generated_one(name: str) -> None:
     same = (FOLDER / name).read_text(encoding="utf-8") == PAGES[name]()
     assert same, f"docs/reference/{name} is stale; write it anew: python tests/docs_reference.py"
+
+
+def test_the_map_in_the_readme_is_the_generated_one() -> None:
+    text = README.read_text(encoding="utf-8")
+    assert text == with_map(text), "the README's map of modules is stale; write it anew: python tests/docs_reference.py"
 
 
 def test_every_command_and_option_is_told_with_its_help() -> None:
@@ -164,7 +169,7 @@ def test_every_attribute_and_block_is_told(files: dict[str, Any]) -> None:
     told = {head: first_cells(text) for head, text in sections(FOLDER / "hdf5.md").items()}
     listed = set(told["Attributes of a result"])
     seen = {re.sub("^(shake_table|exp_rths)_", "RUN_", name) for name in files["best"].attrs}
-    written = set(re.findall(r'^\s+"(\w+)": ', inspect.getsource(real_stage._told), re.MULTILINE))  # needs real time
+    written = set(re.findall(r'^\s+"(\w+)": ', inspect.getsource(real_run._told), re.MULTILINE))  # needs real time
     assert len(written) > 5
     assert listed == seen | {f"RUN_{name}" for name in written} | {"RUN_status_reason"}
     assert set(told["`/controller/BLOCK`"]) >= set(files["best"]["controller"])

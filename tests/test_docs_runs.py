@@ -28,7 +28,7 @@ OTHERS_LEFT_OUT = {
     "real_runs.md": ("rths", NEEDS_A_RIG),
     "realtime.md": ("rths", NEEDS_A_RIG),
     "rigs.md": ("rths", NEEDS_A_RIG),
-    "recovery.md": ("rths recover", "needs the log of a killed process; tests/workflows/test_kill.py makes one"),
+    "recovery.md": ("rths recover", "needs the log of a killed process; tests/experiment/test_kill.py makes one"),
     "identification.md": (
         "--data",
         "needs a measured file; tests/files/measured and tests/cli/test_identify.py make some",

@@ -10,7 +10,7 @@ import threading
 
 import pytest
 
-from rths_cli.interruptible import _ABANDONED, any_abandoned, ended_by, interruptible
+from rths_cli.interrupts import _ABANDONED, any_abandoned, ended_by, interruptible
 
 
 def test_what_is_computed_comes_back_and_so_does_what_is_raised() -> None:
@@ -61,8 +61,8 @@ def test_a_process_leaves_with_its_code_while_a_computation_goes_on() -> None:
     code = (
         "import os, signal, sys, threading\n"
         "import numpy as np\n"
-        "from rths_cli.cli import ending\n"
-        "from rths_cli.interruptible import interruptible\n"
+        "from rths_cli.cli import entry_point\n"
+        "from rths_cli.interrupts import interruptible\n"
         "def command(**_):\n"
         "    started = threading.Event()\n"
         "    def work():\n"
@@ -70,8 +70,8 @@ def test_a_process_leaves_with_its_code_while_a_computation_goes_on() -> None:
         "        np.linalg.eig(np.random.default_rng(0).normal(size=(6000, 6000)))\n"
         "    threading.Thread(target=lambda: (started.wait(), os.kill(os.getpid(), signal.SIGTERM))).start()\n"
         "    interruptible(work)\n"
-        "ending.cli.main = command\n"
-        "ending.main()\n"
+        "entry_point.cli.main = command\n"
+        "entry_point.main()\n"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stderr) == (143, "rths: terminated\n")

@@ -26,10 +26,10 @@ from smooth_way import smooth_way  # noqa: E402
 from udp_relay import Mishap, Relay, as_it_came  # noqa: E402
 
 from rths_cli.case.load import load_cases  # noqa: E402
-from rths_cli.rigs.udp.secret import make_secret  # noqa: E402
-from rths_cli.workflows.known import Memory  # noqa: E402
-from rths_cli.workflows.model_store import Cache, save  # noqa: E402
-from rths_cli.workflows.setup import make_setup  # noqa: E402
+from rths_cli.experiment.model_registry import Memory  # noqa: E402
+from rths_cli.experiment.model_store import Cache, save  # noqa: E402
+from rths_cli.experiment.setup import make_setup  # noqa: E402
+from rths_cli.rigs.udp.key_file import make_secret  # noqa: E402
 
 RATE_HZ, RECORD_S = 500, 4.5
 HELLO, WELCOME, ARM, COMMAND = 1, 2, 4, 5

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import os
 
-from rths_cli.workflows import real_rig, verify
+from rths_cli.experiment import model_verification, real_rig
 
-verify.verify = lambda setup, known, progress: ((), "not verified: faults are injected")
+model_verification.verify = lambda setup, known, progress: ((), "not verified: faults are injected")
 real_rig.LISTENING_S = 0.3
 if "RTHS_FAULTS_REHEARSAL_S" in os.environ:
     real_rig.REHEARSAL_S = float(os.environ["RTHS_FAULTS_REHEARSAL_S"])

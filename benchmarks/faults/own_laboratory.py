@@ -21,18 +21,18 @@ sys.path[:0] = [str(HERE.parents[1] / "tests" / folder) for folder in ("loop", "
 from told_causes import ALL, FIRST, LINK, SPECIMEN, TABLE, TABLE_SENSOR, TOP  # noqa: E402
 
 from rths_cli.case.load import load_cases  # noqa: E402
-from rths_cli.loop import performance  # noqa: E402
-from rths_cli.loop.blocks import NUMERICAL  # noqa: E402
+from rths_cli.experiment.design import design_blocks  # noqa: E402
+from rths_cli.experiment.model_registry import Memory  # noqa: E402
+from rths_cli.experiment.rig_access import guard_limits  # noqa: E402
+from rths_cli.experiment.setup import make_setup  # noqa: E402
+from rths_cli.experiment.table_runs import drive_of  # noqa: E402
+from rths_cli.loop import realtime_run  # noqa: E402
 from rths_cli.loop.diagnosis import cause_of  # noqa: E402
-from rths_cli.loop.log import signals  # noqa: E402
-from rths_cli.loop.reasons import reason_of  # noqa: E402
-from rths_cli.rig_info import RigInfo  # noqa: E402
-from rths_cli.rigs.udp.secret import make_secret  # noqa: E402
-from rths_cli.workflows.controllers import design_blocks  # noqa: E402
-from rths_cli.workflows.known import Memory  # noqa: E402
-from rths_cli.workflows.rigs import guard_limits  # noqa: E402
-from rths_cli.workflows.setup import make_setup  # noqa: E402
-from rths_cli.workflows.table_runs import drive_of  # noqa: E402
+from rths_cli.loop.run_log import signals  # noqa: E402
+from rths_cli.loop.step_arrays import NUMERICAL  # noqa: E402
+from rths_cli.loop.stop_reasons import reason_of  # noqa: E402
+from rths_cli.rigs.description import RigInfo  # noqa: E402
+from rths_cli.rigs.udp.key_file import make_secret  # noqa: E402
 
 Array = NDArray[np.float64]
 STOP_BUTTON = "emergency stop"
@@ -211,10 +211,10 @@ class Laboratory:
         setup = make_setup(load_cases([str(self.folder / "a.yaml")], (*settings, *more))[0])
         design = design_blocks(setup, Memory().at_rest(setup, lambda _: None).found)
         drive = drive_of(setup, design)
-        run = performance.prepare(setup.rig, design.blocks, NUMERICAL, drive, guard_limits(setup), still_s=(1.0, 0.0))
+        run = realtime_run.prepare(setup.rig, design.blocks, NUMERICAL, drive, guard_limits(setup), still_s=(1.0, 0.0))
         words = [str(self.target), "-", str(RATE_HZ), *self.words(kind, at)]
         with CountedRig(setup.rig, words) as rig:
-            performance.perform(rig, run)
+            realtime_run.perform(rig, run)
         reason = int(run.guard.flags[1])
         log = signals(run.log, len(setup.rig.channels), run.step.estimated.size)
         cause = cause_of(run.info, run.blocks, run.limits, run.guard, log)

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from rths_cli.control.numerical import interface
+from rths_cli.control.numerical_substructure import interface
+from rths_cli.experiment.model_registry import Memory
+from rths_cli.experiment.model_store import Cache
+from rths_cli.experiment.setup import Setup
 from rths_cli.structure import Numerical
-from rths_cli.workflows.known import Memory
-from rths_cli.workflows.model_store import Cache
-from rths_cli.workflows.setup import Setup
 from speed import play
 from speed.commands import EIGHT
 from speed.process import median_s

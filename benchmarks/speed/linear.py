@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from rths_cli.control.blocks import Blocks
-from rths_cli.lti import Array, Block
+from rths_cli.experiment.setup import Setup
+from rths_cli.numerics.lti import Array, Block
 from rths_cli.rigs.virtual.plant import accelerations, continuous, with_sensors
-from rths_cli.workflows.setup import Setup
 
 GROUND = ("ground_accel", "ground_velocity", "ground_displacement")
 

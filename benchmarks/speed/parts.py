@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 
-from rths_cli.workflows.known import Memory
-from rths_cli.workflows.model_store import Cache
-from rths_cli.workflows.setup import Setup
+from rths_cli.experiment.model_registry import Memory
+from rths_cli.experiment.model_store import Cache
+from rths_cli.experiment.setup import Setup
 from speed import play
 from speed.commands import command_rows
 from speed.growth import growth_rows

@@ -9,17 +9,17 @@ import numpy as np
 
 from rths_cli.case.load import load_cases
 from rths_cli.control.blocks import Blocks
-from rths_cli.loop.blocks import NUMERICAL, Step, assemble
-from rths_cli.loop.drive import run_virtual
+from rths_cli.experiment.design import design_blocks
+from rths_cli.experiment.model_registry import Memory
+from rths_cli.experiment.rig_access import EXP_RTHS, guard_limits, open_rig
+from rths_cli.experiment.setup import Setup, make_setup
+from rths_cli.loop.counted_clock import run_virtual
 from rths_cli.loop.guard import GuardLimits, GuardState, fresh_guard
-from rths_cli.loop.log import Log, Signals, empty_log, signals, widths
-from rths_cli.lti import Array
-from rths_cli.rigs.virtual.kernel import PlantState, fresh_state
+from rths_cli.loop.run_log import Log, Signals, empty_log, signals, widths
+from rths_cli.loop.step_arrays import NUMERICAL, Step, assemble
+from rths_cli.numerics.lti import Array
 from rths_cli.rigs.virtual.plant import Plant
-from rths_cli.workflows.controllers import design_blocks
-from rths_cli.workflows.known import Memory
-from rths_cli.workflows.rigs import EXP_RTHS, guard_limits, open_rig
-from rths_cli.workflows.setup import Setup, make_setup
+from rths_cli.rigs.virtual.plant_kernel import PlantState, fresh_state
 from speed.rows import seconds
 
 CASE = "el_centro_low_ff_fb"

@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from rths_cli.compiled import entry
 from rths_cli.control.blocks import Blocks
-from rths_cli.loop.blocks import NUMERICAL, Linear, Step, assemble, linear
+from rths_cli.experiment.setup import Setup
 from rths_cli.loop.step import apply, note_sent, step
-from rths_cli.lti import Array
-from rths_cli.workflows.setup import Setup
+from rths_cli.loop.step_arrays import NUMERICAL, Linear, Step, assemble, linear
+from rths_cli.numerics.compiled import entry
+from rths_cli.numerics.lti import Array
 from speed import play
 from speed.linear import GROUND, Part, Stepping, assembled, following_samples, network
 from speed.rows import RATIO, Row, difference, lowest_s

@@ -12,9 +12,9 @@ from types import ModuleType
 import numpy as np
 
 from rths_cli.analysis.sim import simulate, state_equation
-from rths_cli.lti import Array
+from rths_cli.experiment.setup import Setup
+from rths_cli.numerics.lti import Array
 from rths_cli.structure import Building
-from rths_cli.workflows.setup import Setup
 from speed.rows import RATIO, Row, difference, lowest_s
 
 BUNDLED = ("libquadmath.so.0", "libgfortran.so.4", "libgomp.so.1", "libblas.so.3", "liblapack.so.3")

@@ -6,7 +6,7 @@ import numpy as np
 
 from rths_cli.analysis.identified_rig import IdentifiedRig
 from rths_cli.control.blocks import Blocks
-from rths_cli.lti import Array, Block, ComplexArray
+from rths_cli.numerics.lti import Array, Block, ComplexArray
 
 FORGOTTEN = 0.1  # size of an eigenvalue that dies out within a few samples: no motion of table or building
 SLOW_HZ, LEFT = 0.3, 1e-4

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rths_cli.lti import Array, StateSpace
+from rths_cli.numerics.lti import Array, StateSpace
 from rths_cli.structure import Building
 
 ON_AXIS = 1e-6  # real part over size, of an eigenvalue that is taken as imaginary

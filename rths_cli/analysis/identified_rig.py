@@ -13,12 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rths_cli.control.blocks import Blocks
-from rths_cli.control.estimator import specimen_state_space
-from rths_cli.control.realise import discretise, from_roots
-from rths_cli.control.sensing import correction
-from rths_cli.lti import Array, Block, Model, StateSpace, staircase
-from rths_cli.matrices import exponential
-from rths_cli.rig_info import RigInfo
+from rths_cli.control.kalman_filter import specimen_state_space
+from rths_cli.control.sensor_correction import correction
+from rths_cli.control.state_space import discretise, from_roots
+from rths_cli.numerics.lti import Array, Block, Model, StateSpace, staircase
+from rths_cli.numerics.matrix_equations import exponential
+from rths_cli.rigs.description import RigInfo
 from rths_cli.structure import Specimen
 
 RIPPLE_HZ = np.array([2.0, 5.0, 10.0])  # where the hold's own alias in the sampled model is read off

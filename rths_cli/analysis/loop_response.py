@@ -16,7 +16,7 @@ import numpy as np
 
 from rths_cli.analysis.identified_rig import IdentifiedRig
 from rths_cli.control.blocks import Blocks
-from rths_cli.lti import Array, Block, ComplexArray
+from rths_cli.numerics.lti import Array, Block, ComplexArray
 
 
 @dataclass(frozen=True)

@@ -11,13 +11,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from rths_cli.analysis.lines import Lines
+from rths_cli.analysis.fourier_lines import Lines
 from rths_cli.analysis.loop_response import LoopResponse, Motion, hybrid, on_perfect_table
+from rths_cli.analysis.metrics import rms
 from rths_cli.analysis.rounding import rounding_power
-from rths_cli.identification.found import Friction
-from rths_cli.lti import Array, Block, ComplexArray, Frf, Model, hold_size
-from rths_cli.metrics import rms
-from rths_cli.rig_info import RigInfo
+from rths_cli.identification.results import Friction
+from rths_cli.numerics.lti import Array, Block, ComplexArray, Frf, Model, hold_size
+from rths_cli.rigs.description import RigInfo
 
 CAUSES = ("coupling", "latency", "model", "friction", "rounding", "noise", "quantisation")
 SMOOTHED_HZ = 0.5  # over which the ratio of measured response to model is averaged

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rths_cli.lti import Array
+from rths_cli.numerics.lti import Array
 
 HARMONICS = 8
 WINDOW_S = 1.0  # over which a signal's size and rate are taken

@@ -15,8 +15,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rths_cli.filters import filtered, section
-from rths_cli.lti import Array
+from rths_cli.numerics.filters import filtered, section
+from rths_cli.numerics.lti import Array
 
 BLOCK_S = 0.01  # over which samples are averaged for all but the date of a jump
 LEVEL_S = 2.5  # on both sides of a jump, in which a level is found

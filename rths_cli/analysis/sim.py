@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rths_cli.errors import InputError
-from rths_cli.filters import driven_modes
-from rths_cli.lti import Array, ComplexArray
-from rths_cli.matrices import balancing, distinct, exponential
+from rths_cli.numerics.filters import driven_modes
+from rths_cli.numerics.lti import Array, ComplexArray
+from rths_cli.numerics.matrix_equations import balancing, distinct, exponential
 from rths_cli.structure import Building
 
 _LARGEST_EIGENVECTOR_CONDITION = 1e6  # beyond it the modal sum loses six digits: use the matrix recursion

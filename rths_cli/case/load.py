@@ -9,12 +9,12 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from rths_cli.case.expand import NOTHING_TYPED, SHORT_FORMS, Setting, apply_settings, expand_case, read_settings
-from rths_cli.case.find import find, is_bare, shipped
-from rths_cli.case.models import Case, CaseKeys
-from rths_cli.case.nodes import Fault, Mark, Node, Source, display, join, plain
-from rths_cli.case.schema import schema
-from rths_cli.case.yaml_nodes import dump, read_file
+from rths_cli.case.case_schema import Case, CaseKeys
+from rths_cli.case.json_schema import schema
+from rths_cli.case.lookup import find, is_bare, shipped
+from rths_cli.case.resolve import NOTHING_TYPED, SHORT_FORMS, Setting, apply_settings, expand_case, read_settings
+from rths_cli.case.yaml_reader import dump, read_file
+from rths_cli.case.yaml_tree import Fault, Mark, Node, Source, display, join, plain
 from rths_cli.errors import InputError
 
 __all__ = ["load_cases", "resolved_yaml", "schema"]

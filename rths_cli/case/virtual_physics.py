@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from rths_cli.case.fields import Range, Strict
+from rths_cli.case.field_types import Range, Strict
 
 
 class VirtualPhysics(Strict):

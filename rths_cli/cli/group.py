@@ -6,9 +6,9 @@ import os
 
 import click
 
-from rths_cli import __version__
 from rths_cli.errors import InputError
-from rths_cli.process import Signals
+from rths_cli.interrupts import Signals
+from rths_cli.version import __version__
 
 SIGNALS = Signals()
 PARTS = {

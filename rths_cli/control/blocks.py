@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rths_cli.lti import Array, Block
+from rths_cli.numerics.lti import Array, Block
 from rths_cli.structure import Specimen
 
 

@@ -14,11 +14,10 @@ from rths_cli.control.margins import (
     sensitivity_peak,
     worst_sensitivity_peak,
 )
-from rths_cli.control.realise import discretise, from_roots, static
-from rths_cli.control.riccati import riccati_gain
+from rths_cli.control.state_space import discretise, from_roots, static
 from rths_cli.errors import InputError
-from rths_cli.lti import Array, Block, ComplexArray, Frf, Model, StateSpace
-from rths_cli.matrices import distinct
+from rths_cli.numerics.lti import Array, Block, ComplexArray, Frf, Model, StateSpace
+from rths_cli.numerics.matrix_equations import distinct, riccati_gain
 
 INPUTS = ("tracking_error_m_s2", "feedback_shortfall_v")
 OUTPUTS = ("feedback_v",)

@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 
-from rths_cli.control.realise import discretise, modal, residues, static
-from rths_cli.lti import Block, ComplexArray, Model, StateSpace
+from rths_cli.control.state_space import discretise, modal, residues, static
+from rths_cli.numerics.lti import Block, ComplexArray, Model, StateSpace
 
 INPUTS = ("desired_accel_m_s2", "desired_vel_m_s", "desired_disp_m")
 OUTPUTS = ("feedforward_v",)

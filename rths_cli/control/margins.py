@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rths_cli.control.monotone import Curve, monotone_curve
-from rths_cli.lti import Array, ComplexArray, Integers
+from rths_cli.numerics.interpolation import Curve, monotone_curve
+from rths_cli.numerics.lti import Array, ComplexArray, Integers
 
 FINER = 8  # points between two of the response at which the sensitivity is looked at
 HALVINGS = 30

@@ -1,1 +1,1 @@
-"""Files this project reads and writes: results (HDF5) and accelerograms."""
+"""Files that are read and written: results, models, sweeps, raw logs, accelerograms, measured data."""

@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rths_cli.files.hdf5 import Dataset, Written, write_group
-from rths_cli.files.hdf5_nodes import add_text
+from rths_cli.files.hdf5 import Dataset, Written, add_text, write_group
 from rths_cli.files.staged_file import new_hdf5
 
 

@@ -1,4 +1,4 @@
-"""Raw logs: what a running loop noted, in one file whose samples can be read wherever it is cut.
+"""Raw logs: what a running loop noted, written frame by frame, read wherever it is cut.
 
 A raw log begins with magic, version and length of a JSON header, the header, and a CRC-32 of all that. Frames follow:
 magic, number of steps, first step, the values of those steps column by column (float64), and a CRC-32 of all that.
@@ -8,9 +8,11 @@ All numbers are little-endian. Space for the whole run is taken at the start, so
 from __future__ import annotations
 
 import json
+import os
 import struct
+import time
 import zlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -19,9 +21,10 @@ from typing import Any
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.files.result_writer import Attribute, refusal
-from rths_cli.files.whole_file import open_regular
-from rths_cli.lti import Array
+from rths_cli.files.durable_files import open_regular, sync
+from rths_cli.files.result_writer import Attribute, check_writable, refusal
+from rths_cli.files.staged_file import allocate
+from rths_cli.numerics.lti import Array
 
 try:
     import fcntl
@@ -204,3 +207,121 @@ def _is_locked(file: int) -> bool:
     except OSError:  # a file system without locks
         return False
     return False
+
+
+SYNC_S = 0.25
+FRAMES_PER_S = 20
+RESERVED_BYTES = 1 << 16
+
+
+class RawLogWriter:
+    """Append frames to a new raw log; use as a context manager until the result holds the samples, too: as long as it
+    is open, nobody recovers it. One without frames is removed when it is closed.
+
+    Raises InputError, before anything moves, where the file exists or the disk does not hold the whole run.
+    `append` and `sync` raise OSError.
+    """
+
+    def __init__(self, path: Path, header: RawHeader, clock: Callable[[], float] = time.monotonic) -> None:
+        self.path, self.header = Path(path), header
+        self._clock = clock
+        self._frames = 0
+        self._unsynced, self._synced_s = False, clock()
+        start = packed_header(header)
+        self._end = len(start)
+        self._file = _begun(self.path, start, len(start) + _frames_bytes(header))
+
+    def __enter__(self) -> RawLogWriter:
+        """Return the open log."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the log."""
+        self.close()
+
+    def append(self, first: int, columns: Array) -> None:
+        """Write columns (w, m) of the steps `first` to `first + m - 1`; after an OSError the next call writes to the
+        same place."""
+        frame = packed_frame(first, columns)
+        _write(self._file, frame, self._end)
+        self._end += len(frame)
+        self._frames += 1
+        self._unsynced = True
+
+    def sync(self, at_once: bool = False) -> None:
+        """Have what was appended on the disk itself, unless that was asked less than 0.25 s ago."""
+        now = self._clock()
+        if self._unsynced and (at_once or now - self._synced_s >= SYNC_S):
+            getattr(os, "fdatasync", os.fsync)(self._file)
+            self._unsynced, self._synced_s = False, now
+
+    def close(self) -> None:
+        """Give back the space that was not used; safe to call twice."""
+        if self._file < 0:
+            return
+        with suppress(OSError):
+            os.ftruncate(self._file, self._end)
+            os.fsync(self._file)
+        with suppress(OSError):
+            os.close(self._file)
+        self._file = -1
+        if not self._frames:
+            self.remove()
+
+    def leave(self) -> None:
+        """Touch the file no more: a call to a dead disk may still hold it."""
+        self._file = -1
+
+    def remove(self) -> None:
+        """Remove the file: its samples stand in the result."""
+        with suppress(OSError):
+            self.path.unlink()
+
+
+def _frames_bytes(header: RawHeader) -> int:
+    """Return how many bytes the frames of a whole run take, at 20 or fewer a second."""
+    frames = int(FRAMES_PER_S * header.steps * header.dt_s)
+    return VALUE.itemsize * len(header.names) * header.steps + frames * (FRAME.size + CHECK.size) + RESERVED_BYTES
+
+
+def _begun(path: Path, start: bytes, size: int) -> int:
+    """Return the descriptor of a new, locked file that begins with `start` and has space for `size` bytes; raise
+    InputError where there is none."""
+    if path.exists():
+        advice = "rths recover makes a result of it; then remove it, or choose another --output folder."
+        raise InputError(f"{path}: exists and may hold the samples of an interrupted run; {advice}")
+    check_writable(path.parent, size)
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        file = os.open(part, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
+    except OSError as error:
+        raise InputError(refusal(path, "cannot write the raw log", error)) from error
+    try:
+        _lock(file)
+        _write(file, start, 0)
+        os.fsync(file)
+        os.rename(part, path)  # whoever sees the log sees its header
+        allocate(file, 0, size)
+        sync(path.parent)
+    except BaseException as error:  # a signal too must leave no empty log
+        os.close(file)
+        for left in (part, path):
+            left.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            raise InputError(refusal(path, f"cannot take {size / 1e6:.1f} MB for the raw log", error)) from error
+        raise
+    return file
+
+
+def _lock(file: int) -> None:
+    if fcntl is not None:
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def _write(file: int, data: bytes, place: int) -> None:
+    """Write all of `data` at a place of the file; raises OSError."""
+    rest = memoryview(data)
+    while rest:
+        written = os.pwrite(file, rest, place)
+        rest, place = rest[written:], place + written

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rths_cli.files.hdf5_layout import is_dataset, scalar, walk
-from rths_cli.files.results import Dataset, _dataset, _reading
+from rths_cli.files.result_reader import Dataset, _dataset, _reading
 
 if TYPE_CHECKING:
     import h5py

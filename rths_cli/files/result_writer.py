@@ -23,11 +23,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rths_cli.errors import InputError
-from rths_cli.files.durable import remove_leftovers, sync
-from rths_cli.files.hdf5 import Dataset, scales_of, write_group
-from rths_cli.files.hdf5_nodes import add_text
+from rths_cli.files.durable_files import remove_leftovers, sync
+from rths_cli.files.hdf5 import Dataset, add_text, scales_of, write_group
 from rths_cli.files.staged_file import StagedFile, signals_held
-from rths_cli.lti import Array
+from rths_cli.numerics.lti import Array
 from rths_cli.quantities import Values, metric
 
 FORMAT = "rths-result"

@@ -7,9 +7,9 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-from rths_cli.case.expand import VARIED
+from rths_cli.case.resolve import VARIED
 from rths_cli.errors import RigError
-from rths_cli.files.user_cache import user_cache
+from rths_cli.user_cache import user_cache
 
 try:
     import fcntl

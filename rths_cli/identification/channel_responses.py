@@ -12,13 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rths_cli.identification import channels, suspects
-from rths_cli.identification.evidence import Evidence
-from rths_cli.identification.fit_table import COMPARED_HZ, within
-from rths_cli.identification.storeys import explained, grouped
-from rths_cli.identification.suspects import GAIN, LATE, MASS, REVERSED, SIGN, SWAP, Diagnosis, Suspect
-from rths_cli.lti import Array, Frf
-from rths_cli.rig_info import RigInfo
+from rths_cli.identification import channel_hypotheses, channel_signals
+from rths_cli.identification.channel_hypotheses import GAIN, LATE, MASS, REVERSED, SIGN, SWAP, Diagnosis, Suspect
+from rths_cli.identification.measured_inputs import Evidence
+from rths_cli.identification.storey_equations import explained, grouped
+from rths_cli.identification.table_fit import COMPARED_HZ, within
+from rths_cli.numerics.lti import Array, Frf
+from rths_cli.rigs.description import RigInfo
 
 LEAST_COHERENCE = 0.9  # median in COMPARED_HZ
 NOISE_MARGIN, SHARED = 3.0, 2.0  # times what a channel's noise takes of its coherence; times what the table loses
@@ -46,7 +46,9 @@ def judge(data: Evidence, frfs: Sequence[Frf]) -> Judgement:
     if len(data.masses_kg) == 0:
         faults = _incoherent(data, frfs) or _does_not_follow(frfs[0], data.info) or _polarity(against)
         return Judgement(tuple(faults))
-    found = suspects.diagnose(grouped(data.records, data.info, data.masses_kg, data.settings.band_hz), data.info.dt_s)
+    found = channel_hypotheses.diagnose(
+        grouped(data.records, data.info, data.masses_kg, data.settings.band_hz), data.info.dt_s
+    )
     if found.fits or (found.suspects and found.suspects[0].kind == LATE and _all_late(found.suspects)):
         return Judgement(tuple(_incoherent(data, frfs) or _polarity(against)))
     yielding = _yielding(data, found)
@@ -98,7 +100,7 @@ def _incoherent(data: Evidence, frfs: Sequence[Frf]) -> list[str]:
     What disturbs the table (friction, say) moves the floors too. Vibrations longer than a segment cost coherence as
     well, but obey the storeys' equations line by line, which a loose contact does not.
     """
-    lost, most = [1.0 - channels.coherence(frf) for frf in frfs], 1.0 - LEAST_COHERENCE
+    lost, most = [1.0 - channel_signals.coherence(frf) for frf in frfs], 1.0 - LEAST_COHERENCE
     if max(lost) <= most:
         return []
     lines = (data.records, data.info, data.masses_kg, data.settings.band_hz)
@@ -143,7 +145,7 @@ def _lost_to_noise(data: Evidence, index: int, frequency_hz: Array) -> float:
         values = record.accel_m_s2[index, record.parts.noise]
         length = min(round(data.settings.segment_s / data.info.dt_s), len(values))
         f, power = signal.welch(values, 1.0 / data.info.dt_s, nperseg=length)
-        noise = 2.0 * data.info.dt_s * channels.channel_noise(record, data.info)[index] ** 2
+        noise = 2.0 * data.info.dt_s * channel_signals.channel_noise(record, data.info)[index] ** 2
         shares.append(noise / np.interp(inside, f, power))
     return float(np.clip(np.median(np.mean(shares, axis=0)), 0.0, 1.0))
 

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.identification.fit_table import Fit, Timing, fit, problem_of, timing_of
-from rths_cli.identification.found import DelayEstimate, LevelBand
-from rths_cli.identification.systematic import shifts
-from rths_cli.lti import Array, ComplexArray, Frf
-from rths_cli.rig_info import RigInfo
+from rths_cli.identification.results import DelayEstimate, LevelBand
+from rths_cli.identification.root_uncertainty import shifts
+from rths_cli.identification.table_fit import Fit, Timing, fit, problem_of, timing_of
+from rths_cli.numerics.lti import Array, ComplexArray, Frf
+from rths_cli.rigs.description import RigInfo
 
 REACH_S = 0.01  # by so much the delay may be shorter than the model's
 ROUNDS = 2  # the second knows which command's staircase a sample carries

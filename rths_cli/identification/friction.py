@@ -14,11 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rths_cli.identification.fit_table import Timing, within
-from rths_cli.identification.found import Friction
-from rths_cli.identification.record import Record, padded
-from rths_cli.lti import Array, ComplexArray, Model
-from rths_cli.rig_info import RigInfo
+from rths_cli.identification.recorded_data import Record, padded
+from rths_cli.identification.results import Friction
+from rths_cli.identification.table_fit import Timing, within
+from rths_cli.numerics.lti import Array, ComplexArray, Model
+from rths_cli.rigs.description import RigInfo
 
 LOW_HZ, BAND_SHARE = 0.7, 2.0 / 3.0  # band of the fit: from, and to this share of the model's
 CORNER_HZ = 0.4  # below it the model's velocity, above it the integral of the measured acceleration

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rths_cli.lti import Array, ComplexArray
+from rths_cli.numerics.lti import Array, ComplexArray
 
 Function = Callable[[Array], tuple[Array, Array]]
 """Parameters (n,) -> residual (m,) and its slopes (n, m), a row per parameter."""

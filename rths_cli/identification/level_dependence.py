@@ -18,12 +18,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rths_cli.identification.fit_table import within
-from rths_cli.identification.found import LevelCauses
-from rths_cli.identification.record import Record
-from rths_cli.identification.storeys import explained, grouped
-from rths_cli.lti import Array, ComplexArray, Frf, Model
-from rths_cli.rig_info import RigInfo
+from rths_cli.identification.recorded_data import Record
+from rths_cli.identification.results import LevelCauses
+from rths_cli.identification.storey_equations import explained, grouped
+from rths_cli.identification.table_fit import within
+from rths_cli.numerics.lti import Array, ComplexArray, Frf, Model
+from rths_cli.rigs.description import RigInfo
 
 FRICTION, HARDENING, SOFTENING, COMPRESSION, DEAD_BAND, DRAG, SPECIMEN = (
     "friction", "hardening", "softening", "compression", "dead band", "drag", "specimen",

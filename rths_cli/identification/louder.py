@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from rths_cli.identification.evidence import Evidence
 from rths_cli.identification.excitation import SHARE
+from rths_cli.identification.measured_inputs import Evidence
 from rths_cli.identification.probe import CHANNEL_SHARE
-from rths_cli.lti import Array
+from rths_cli.numerics.lti import Array
 
 
 def louder(data: Evidence) -> float:

@@ -20,17 +20,18 @@ from rths_cli.identification.excitation import (
     Stretch,
     accel_rms,
     check,
+    faded,
     reach,
     reachable_level,
     rounded,
+    shaped_noise,
     still,
 )
-from rths_cli.identification.fit_table import COMPARED_HZ
-from rths_cli.identification.frf import estimate
-from rths_cli.identification.record import Parts, Record
-from rths_cli.identification.shapes import faded, shaped_noise
-from rths_cli.lti import Array, ComplexArray
-from rths_cli.rig_info import RigInfo
+from rths_cli.identification.frequency_response import estimate
+from rths_cli.identification.recorded_data import Parts, Record
+from rths_cli.identification.table_fit import COMPARED_HZ
+from rths_cli.numerics.lti import Array, ComplexArray
+from rths_cli.rigs.description import RigInfo
 
 PROBE_SHARE = 0.2  # of the wanted level, or of what the limits allow of it
 PROBE_BITS, MOST_PROBE_SHARE = 10.0, 0.5  # a coarse converter asks for a louder probe, up to this share

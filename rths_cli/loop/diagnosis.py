@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rths_cli.control.blocks import Blocks
-from rths_cli.control.estimator import specimen_state_space
+from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.loop import guard as g
 from rths_cli.loop.guard import GuardLimits, GuardState
-from rths_cli.loop.log import CAUGHT_UP, MIXED, NO_ANSWER, Signals
-from rths_cli.lti import Array
-from rths_cli.rig_info import RigInfo
+from rths_cli.loop.run_log import CAUGHT_UP, MIXED, NO_ANSWER, Signals
+from rths_cli.numerics.lti import Array
+from rths_cli.rigs.description import RigInfo
 from rths_cli.structure import Specimen
 
 Flags = NDArray[np.bool_]

@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rths_cli.compiled import part
-from rths_cli.lti import Array
-from rths_cli.rig_info import BRAKE_SHARE
+from rths_cli.numerics.compiled import part
+from rths_cli.numerics.lti import Array
+from rths_cli.rigs.description import BRAKE_SHARE
 
 RUNNING, BRAKING, RETURNING, STOPPED = 0, 1, 2, 3
 NONE, STROKE, VELOCITY, ACCELERATION, FORCE, COMMAND, TRACKING, NOT_A_NUMBER, SATURATED, STUCK = range(10)

@@ -1,4 +1,4 @@
-"""What a thread asks of the system so that it wakes up in time, and how to permit what was refused."""
+"""How a thread wakes up in time: what it asks of the system, and how late this machine is."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-from rths_cli.clocks import require_real_time
+import numpy as np
+
+from rths_cli.numerics.clock import IntArray, monotonic_ns, require_real_time, sleep_until, spin_of
+from rths_cli.numerics.compiled import entry
 
 PRIORITY = 80  # above the system's threaded interrupts (50), below its own watchdogs (99)
 CPU_LATENCY = Path("/dev/cpu_dma_latency")
@@ -180,3 +183,29 @@ def _tried(action: Callable[[], object], what: str, remedy: str, refused: list[s
         refused.append(f"{what} ({error.strerror}): {remedy}")
         return False
     return True
+
+
+CHUNK_S = 0.25  # between two looks at signals
+
+
+@entry
+def wait_periodically(interval_ns: int, spin_ns: int, late_ns: IntArray, scratch: IntArray) -> None:
+    """Wait for late_ns.size deadlines, one every interval, note how late each wait ended in ns, (n,).
+
+    Deadlines that have passed while it waited for another are left out. `scratch` is (2,) int64.
+    """
+    deadline = monotonic_ns(scratch) + interval_ns
+    for k in range(late_ns.size):
+        late_ns[k] = sleep_until(deadline, spin_ns, scratch)
+        deadline += interval_ns * (1 + late_ns[k] // interval_ns)
+
+
+def wake_up_delays(rate_hz: float, seconds: float, spins: bool = True) -> IntArray:
+    """Return the delay in ns of every wake-up at a rate, (n,); `spins`: as a run does before each deadline."""
+    interval_ns = round(1e9 / rate_hz)
+    spin_ns = spin_of(interval_ns) if spins else 0
+    steps, chunk = max(round(seconds * rate_hz), 1), max(round(CHUNK_S * rate_hz), 1)
+    late_ns, scratch = np.zeros(steps, dtype=np.int64), np.zeros(2, dtype=np.int64)
+    for first in range(0, steps, chunk):
+        wait_periodically(interval_ns, spin_ns, late_ns[first : first + chunk], scratch)
+    return late_ns

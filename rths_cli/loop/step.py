@@ -9,11 +9,11 @@ import math
 
 import numpy as np
 
-from rths_cli.compiled import part
-from rths_cli.loop.blocks import EXCITATION, NUMERICAL, Channels, Linear, Step
-from rths_cli.loop.modal import advance_modal, read_modal
-from rths_cli.lti import Array
-from rths_cli.tiles import copied, product, shifted
+from rths_cli.loop.modal_substructure import advance_modal, read_modal
+from rths_cli.loop.step_arrays import EXCITATION, NUMERICAL, Channels, Linear, Step
+from rths_cli.numerics.compiled import part
+from rths_cli.numerics.lti import Array
+from rths_cli.numerics.tiled_products import copied, product, shifted
 
 
 @part

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from rths_cli.files.results import Result
+from rths_cli.files.result_reader import Result
 from rths_cli.quantities import LESS, metric
-from rths_cli.report.faults import differing
-from rths_cli.report.groups import Place, complete, in_order, over_runs, place_name, value_of
-from rths_cli.report.layout import Block, Cell, Paragraphs, Row, Table, number
-from rths_cli.rig_info import adjective
+from rths_cli.report.consistency import differing
+from rths_cli.report.group_comparison import Place, complete, in_order, over_runs, place_name, value_of
+from rths_cli.report.text_layout import Block, Cell, Paragraphs, Row, Table, number
+from rths_cli.rigs.description import adjective
 
 KEYS = ("case", "method", "rig", "rig_kind")
 WORSE, BETTER, SAME, SEEN = "worse", "better", "same", "not judged"

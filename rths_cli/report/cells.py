@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rths_cli.files.results import COMPLETE, Result
-from rths_cli.report.layout import Cell, number
-from rths_cli.report.load import DIVERGED, Entry, look_up, published, run_state, state
-from rths_cli.report.losses_text import losses_of_runs
+from rths_cli.files.result_reader import COMPLETE, Result
+from rths_cli.report.case_results import DIVERGED, Entry, look_up, published, run_state, state
+from rths_cli.report.dropout_sentence import losses_of_runs
+from rths_cli.report.text_layout import Cell, number
 
 TRACKING = ("tracking_max_m_s2", "tracking_rms_m_s2")
 TESTS = {"shake_table": "shake table test", "exp_rths": "RTHS"}

@@ -1,4 +1,4 @@
-"""The paper's claims, judged on published figures and on our own: held, not held, or cannot be judged."""
+"""The paper's claims, judged on published figures and on our own, and their table."""
 
 from __future__ import annotations
 
@@ -6,10 +6,20 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import groupby, pairwise
 
-from rths_cli.files.results import COMPLETE
+from rths_cli.files.result_reader import COMPLETE
+from rths_cli.report.case_results import (
+    METHODS,
+    PUBLISHED,
+    Entry,
+    damping_key,
+    methods,
+    published,
+    run_state,
+    state,
+    storeys,
+)
 from rths_cli.report.cells import EXP_ERROR, SIM_DELAY_ERROR, of, sim_delay_result
-from rths_cli.report.layout import number, wrapped
-from rths_cli.report.load import METHODS, PUBLISHED, Entry, damping_key, methods, published, run_state, state, storeys
+from rths_cli.report.text_layout import Cell, Row, Table, number, wrapped
 
 HELD, NOT_HELD, UNJUDGED = "held", "not held", "cannot be judged"
 
@@ -211,3 +221,25 @@ CLAIMS = (
     Claim("EXP-RTHS is better with more damping (RMS error)", _better_with_damping),
     Claim("FF+FB's maximum tracking error in RTHS is above FF's", _feedback_peaks_higher),
 )
+
+
+HEADS = (Cell("source"), Cell("measured"), Cell("true"), Cell("figures compared"))
+
+
+def claims_tables(cases: Sequence[Entry]) -> Iterator[Table]:
+    """Yield a table per claim that can be made of these cases: where, verdicts, and the figures compared."""
+    for place, claim in enumerate(CLAIMS, 1):
+        rows = tuple(_rows(claim, cases))
+        if rows:
+            title = f"Claim {place} of the paper: {claim.text} (m/s^2, test band); {cases[0].table_name}"
+            yield Table(title, "where", (4,), 16, (HEADS,), rows)
+
+
+def _rows(claim: Claim, cases: Sequence[Entry]) -> Iterator[Row]:
+    virtual = cases[0].virtual
+    measured = judge(claim, cases, "")
+    true = judge(claim, cases, "_true") if virtual else measured
+    for seen, real in zip(measured, true, strict=True):
+        verdict = real.verdict if virtual and seen.source != "published" else "-"
+        texts = (seen.source, seen.verdict, verdict, seen.because)
+        yield Row(seen.where, tuple(Cell(text) for text in texts))

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from rths_cli.files.results import Result
-from rths_cli.lti import Array
-from rths_cli.metrics import high_passed, test_band
+from rths_cli.analysis.metrics import high_passed, test_band
+from rths_cli.files.result_reader import Result
+from rths_cli.numerics.lti import Array
 
 
 def evaluated_error(result: Result, run: str, error: Array, dt_s: float) -> Array:

@@ -9,11 +9,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rths_cli.files.results import Result
-from rths_cli.report.groups import PLACE, Place, group_name, in_order, over_runs, place_name, value_of
-from rths_cli.report.layout import Cell, Row, Table, number
-from rths_cli.report.statistics import Statistics
-from rths_cli.rig_info import adjective, capabilities_of
+from rths_cli.files.result_reader import Result
+from rths_cli.report.group_comparison import (
+    PLACE,
+    Place,
+    Statistics,
+    group_name,
+    in_order,
+    over_runs,
+    place_name,
+    value_of,
+)
+from rths_cli.report.text_layout import Cell, Row, Table, number
+from rths_cli.rigs.description import adjective, capabilities_of
 
 HEADS = ("n", "mean", "std", "min", "max", "95% from", "95% to")
 COLUMN = 9

@@ -9,17 +9,15 @@ from itertools import groupby
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.files.results import Result
+from rths_cli.files.result_reader import Result
+from rths_cli.report.case_results import SHORT, Entry, Figures, entries, sources, state
 from rths_cli.report.cells import losses, remarks
-from rths_cli.report.claims import claims_text
-from rths_cli.report.claims_table import claims_tables
-from rths_cli.report.layout import Block, Fixed, Paragraphs, plain_text
-from rths_cli.report.load import SHORT, Entry, Figures, entries, sources, state
-from rths_cli.report.merit_table import every_figure, merit_table
-from rths_cli.report.other_figures import other_figures
-from rths_cli.report.response import response_tables
-from rths_cli.report.single import paths, single_table
-from rths_cli.report.tracking import tracking_tables
+from rths_cli.report.claims import claims_tables, claims_text
+from rths_cli.report.fidelity_table import every_figure, merit_table
+from rths_cli.report.other_metrics import other_figures
+from rths_cli.report.paper_tables import response_tables, tracking_tables
+from rths_cli.report.single_case_table import paths, single_table
+from rths_cli.report.text_layout import Block, Fixed, Paragraphs, plain_text
 
 ABOUT = (
     "case_name", "method", "rig", "rig_kind", "record_name", "scaling", "damping_name", "controller", "seed",

@@ -6,19 +6,26 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from rths_cli.case.models_rig import DEFAULT_LOST_SAMPLES, SensorsSpec, VirtualRigSpec
-from rths_cli.case.models_rig_real import ChannelSpec, NiRigSpec, PluginRigSpec, RealRigSpec, UdpRigSpec
+from rths_cli.case.rig_schema import (
+    DEFAULT_LOST_SAMPLES,
+    ChannelSpec,
+    NiRigSpec,
+    PluginRigSpec,
+    RealRigSpec,
+    SensorsSpec,
+    UdpRigSpec,
+    VirtualRigSpec,
+)
 from rths_cli.errors import InputError, RigError
-from rths_cli.rig_info import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
+from rths_cli.rigs.description import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
 
 if TYPE_CHECKING:
-    from rths_cli.case.models import Case
-    from rths_cli.case.models_rig import LimitsSpec
-    from rths_cli.case.models_rig_real import RealSensorsSpec
+    from rths_cli.case.case_schema import Case
+    from rths_cli.case.rig_schema import LimitsSpec, RealSensorsSpec
     from rths_cli.rigs.interface import Rig
-    from rths_cli.rigs.ni.rig import NiRig
-    from rths_cli.rigs.udp.rig import UdpRig
-    from rths_cli.rigs.virtual.rig import VirtualRig
+    from rths_cli.rigs.ni.ni_rig import NiRig
+    from rths_cli.rigs.udp.udp_rig import UdpRig
+    from rths_cli.rigs.virtual.virtual_rig import VirtualRig
     from rths_cli.structure import Building
 
 
@@ -135,7 +142,7 @@ def driver(case: Case, info: RigInfo, building: Building, seed: Sequence[int], c
 
 def virtual_driver(case: Case, info: RigInfo, building: Building, seed: Sequence[int], changed: bool) -> VirtualRig:
     """Return the virtual rig of a case; raises InputError where its rig is another."""
-    from rths_cli.rigs.virtual.opening import virtual_rig
+    from rths_cli.rigs.virtual.virtual_rig import virtual_rig
 
     mass = building.interface_experimental_mass_kg
     return virtual_rig(simulated(case), info, building.specimen, mass, seed=tuple(seed), after_identification=changed)
@@ -150,7 +157,7 @@ def simulated(case: Case) -> VirtualRigSpec:
 
 def _udp(rig: RigInfo, table: UdpRigSpec) -> UdpRig:
     """Return the rig behind UDP that a rig file describes."""
-    from rths_cli.rigs.udp.rig import UdpRig, UdpTarget
+    from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget
 
     there = table.udp
     target = UdpTarget(
@@ -162,7 +169,7 @@ def _udp(rig: RigInfo, table: UdpRigSpec) -> UdpRig:
 def _ni(rig: RigInfo, table: NiRigSpec) -> NiRig:
     """Return the rig on an NI card that a rig file describes."""
     from rths_cli.rigs.ni.daqmx import Wiring
-    from rths_cli.rigs.ni.rig import NiRig
+    from rths_cli.rigs.ni.ni_rig import NiRig
 
     card = table.ni
     terminals = tuple(channel.terminal for channel in rig.channels)

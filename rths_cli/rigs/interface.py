@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from rths_cli.lti import Array
-from rths_cli.rig_info import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
+from rths_cli.numerics.lti import Array
+from rths_cli.rigs.description import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
 
 __all__ = ["STANDARD_GRAVITY_M_S2", "Channel", "Converters", "Limits", "Rig", "RigInfo"]
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from rths_cli.case.plugin_kinds import GROUP, plugin_kinds
 from rths_cli.errors import InputError, RigError, RthsError
-from rths_cli.lti import Array
+from rths_cli.numerics.lti import Array
 from rths_cli.rigs.interface import Rig, RigInfo
 
 METHODS = ("open", "arm", "exchange", "rest", "close")

@@ -5,9 +5,9 @@ experimental floors by displacements relative to the table (the interface floor)
 """
 
 from rths_cli.structure.building import DampingSpec, ExperimentalSpec, NumericalSpec, StructureSpec, build
-from rths_cli.structure.chain import modal_damping_matrix, modes, storey_matrix, storey_values
-from rths_cli.structure.inverse import stiffness_from_frequencies
-from rths_cli.structure.parts import Building, Numerical, Specimen, assemble
+from rths_cli.structure.shear_chain import modal_damping_matrix, modes, storey_matrix, storey_values
+from rths_cli.structure.stiffness_from_frequencies import stiffness_from_frequencies
+from rths_cli.structure.substructures import Building, Numerical, Specimen, assemble
 
 __all__ = [
     "Building",

@@ -10,11 +10,11 @@ from typing import Protocol
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.lti import Array
-from rths_cli.structure.chain import first_mode_ratio, modal_damping_matrix, storey_matrix, storey_values
-from rths_cli.structure.inverse import stiffness_from_frequencies
-from rths_cli.structure.parts import Building, Numerical, Specimen, assemble
-from rths_cli.structure.search import crossing, summit
+from rths_cli.numerics.lti import Array
+from rths_cli.numerics.root_finding import crossing, summit
+from rths_cli.structure.shear_chain import first_mode_ratio, modal_damping_matrix, storey_matrix, storey_values
+from rths_cli.structure.stiffness_from_frequencies import stiffness_from_frequencies
+from rths_cli.structure.substructures import Building, Numerical, Specimen, assemble
 
 LIGHTEST_KG = 1e-9  # floor: a microgram
 FASTEST_1_S = 1e11  # of a floor on its own springs and dashpots

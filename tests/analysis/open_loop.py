@@ -13,9 +13,9 @@ from hybrid import storeys, true_model
 
 from rths_cli.analysis.identified_rig import IdentifiedRig, identified_rig
 from rths_cli.control.blocks import Blocks
-from rths_cli.control.numerical import all_storeys
-from rths_cli.lti import Array, Block, ComplexArray, Model
-from rths_cli.rig_info import RigInfo
+from rths_cli.control.numerical_substructure import all_storeys
+from rths_cli.numerics.lti import Array, Block, ComplexArray, Model
+from rths_cli.rigs.description import RigInfo
 
 
 def points(frequency_hz: Array, dt_s: float) -> ComplexArray:

@@ -14,11 +14,11 @@ from open_loop import open_loop, points, rig_as_identified
 from rths_cli.analysis.closed_loop import closed_loop_matrix, modes_in_loop, spectral_radius
 from rths_cli.analysis.identified_rig import identified_rig
 from rths_cli.control.blocks import Blocks
-from rths_cli.loop.blocks import NUMERICAL
-from rths_cli.loop.drive import play
-from rths_cli.lti import Array, ComplexArray
-from rths_cli.rig_info import RigInfo
-from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
+from rths_cli.loop.counted_clock import play
+from rths_cli.loop.step_arrays import NUMERICAL
+from rths_cli.numerics.lti import Array, ComplexArray
+from rths_cli.rigs.description import RigInfo
+from rths_cli.rigs.virtual.virtual_rig import VirtualRig, build_plant
 
 Maker = Callable[[RigInfo, float], Blocks]
 AROUND = 1.1 * points(np.linspace(7.0, 900.0, 25), DT_S)  # a polynomial is known by its values

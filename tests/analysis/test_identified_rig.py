@@ -11,7 +11,7 @@ from hybrid import true_model
 from open_loop import floors_per_table, points, rig_as_identified, true_rig
 
 from rths_cli.analysis.identified_rig import identified_rig
-from rths_cli.lti import Array, Block, Model
+from rths_cli.numerics.lti import Array, Block, Model
 
 RNG = np.random.default_rng(5)
 BAND = np.linspace(0.5, 60.0, 40)

@@ -13,10 +13,10 @@ from open_loop import OpenLoop, floors_per_table, open_loop, points, rig_as_iden
 
 from rths_cli.analysis.closed_loop import closed_loop_matrix
 from rths_cli.analysis.loop_response import LoopResponse, Motion, hybrid, loop_response, on_perfect_table
-from rths_cli.control import estimator, numerical
+from rths_cli.control import kalman_filter, numerical_substructure
 from rths_cli.control.blocks import Blocks
-from rths_cli.lti import ComplexArray
-from rths_cli.rig_info import RigInfo
+from rths_cli.numerics.lti import ComplexArray
+from rths_cli.rigs.description import RigInfo
 from rths_cli.structure import Numerical, assemble
 
 F = np.array([0.3, 1.1, 2.3, 3.2, 4.7, 6.5, 8.4, 9.3, 14.0, 27.0, 60.0, 300.0, 900.0])
@@ -35,7 +35,7 @@ def made(
     info = ideal_info(latency_samples=latency)
     blocks, count = make(info, mass), 3 if make is several else 1
     rig = replace(rig_as_identified(info, mass)[0], ripple_m_s2_per_v=0.0)
-    every = numerical.all_storeys(storeys(count, mass_kg=6.93 - mass), DT_S)
+    every = numerical_substructure.all_storeys(storeys(count, mass_kg=6.93 - mass), DT_S)
     loop = loop_response(rig, blocks, every, z)
     return loop, open_loop(true_rig(info, mass), blocks, count, mass_kg=6.93 - mass), blocks
 
@@ -122,7 +122,7 @@ def test_a_net_ripple_of_the_rig_acts_like_less_of_its_correction() -> None:
     info, blocks = ideal_info(), best_like(ideal_info(), ripple=-1.35)
     rig = replace(rig_as_identified(info)[0], ripple_m_s2_per_v=0.4, ripple_sum_m_s2_per_v=0.002)
     assert blocks.ripple_sum_m_s2_per_v == pytest.approx(-0.00135)
-    every = numerical.all_storeys(storeys(), DT_S)
+    every = numerical_substructure.all_storeys(storeys(), DT_S)
     cut = open_loop(true_rig(info), replace(blocks, ripple_m_s2_per_v=-1.75, ripple_sum_m_s2_per_v=-0.00335))
     same(loop_response(rig, blocks, every, Z).loop, -cut.response(Z)[0, 0])
 
@@ -132,7 +132,7 @@ def test_turns_about_minus_one_count_unstable_roots(latency: int, unstable: int 
     """Nyquist: all blocks are stable by themselves, so 1 + L turns clockwise once per root outside the circle."""
     blocks = replace(paper_like(ideal_info()), latency_samples=latency)
     rig = replace(rig_as_identified(ideal_info(latency_samples=latency))[0], ripple_m_s2_per_v=0.0)
-    every = numerical.all_storeys(storeys(), DT_S)
+    every = numerical_substructure.all_storeys(storeys(), DT_S)
     roots = np.linalg.eigvals(closed_loop_matrix(rig, blocks))
     modes = np.abs(np.angle(roots[np.abs(roots) > 0.9])) / (2.0 * np.pi * DT_S)
     near = np.outer(modes, 1.0 + 0.2 * np.linspace(-1.0, 1.0, 41) ** 3).ravel()
@@ -164,11 +164,11 @@ def test_on_a_perfect_table_the_building_is_whole_when_the_step_shrinks(
     floors = floors_per_table(F[:10])
     for dt_s in (1e-3, 5e-4, 2.5e-4):
         info = ideal_info(dt_s=dt_s)
-        shear = estimator.predicted_shear(specimen(), mass, 2, dt_s)
+        shear = kalman_filter.predicted_shear(specimen(), mass, 2, dt_s)
         blocks = replace(
             best_like(ideal_info(), mass, numerical_storeys=count),
-            estimator=estimator.kalman_block(specimen(), 1e3, 1.0, dt_s, knows_table=True),
-            numerical=numerical.interface(below, dt_s),
+            estimator=kalman_filter.kalman_block(specimen(), 1e3, 1.0, dt_s, knows_table=True),
+            numerical=numerical_substructure.interface(below, dt_s),
             shear_estimate=shear.estimate,
             shear_recent=shear.recent,
             shear_measured=shear.measured,
@@ -176,7 +176,7 @@ def test_on_a_perfect_table_the_building_is_whole_when_the_step_shrinks(
         )
         rig, _ = rig_as_identified(info, mass)
         z = points(F[:10], dt_s)
-        loop = loop_response(rig, blocks, numerical.all_storeys(below, dt_s), z)
+        loop = loop_response(rig, blocks, numerical_substructure.all_storeys(below, dt_s), z)
         motion = on_perfect_table(loop, floors, np.ones((3, 10), dtype=complex))
         exact = whole_building(below, mass)
         assert motion.storeys.shape == exact.shape

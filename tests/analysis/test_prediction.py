@@ -12,21 +12,21 @@ from hybrid import best_like, open_limits, paper_like, storeys, true_model
 from open_loop import floors_per_table, rig_as_identified
 from scipy.signal.windows import tukey
 
-from rths_cli.analysis.lines import Lines, lines_for
+from rths_cli.analysis.fourier_lines import Lines, lines_for
 from rths_cli.analysis.loop_response import loop_response
+from rths_cli.analysis.metrics import rms
+from rths_cli.analysis.metrics import test_band as band_of
 from rths_cli.analysis.prediction import CAUSES, Errors, Known, at_once, data_ratio, predict
 from rths_cli.analysis.sim import simulate
 from rths_cli.case.virtual_physics import VirtualPhysics
 from rths_cli.control.blocks import Blocks
-from rths_cli.control.numerical import all_storeys, interface
-from rths_cli.identification.found import Friction
-from rths_cli.loop.blocks import NUMERICAL
-from rths_cli.loop.drive import play
-from rths_cli.lti import Array, ComplexArray, Frf, Model
-from rths_cli.metrics import rms
-from rths_cli.metrics import test_band as band_of
-from rths_cli.rig_info import Converters, RigInfo
-from rths_cli.rigs.virtual.rig import VirtualRig, build_plant, inverse
+from rths_cli.control.numerical_substructure import all_storeys, interface
+from rths_cli.identification.results import Friction
+from rths_cli.loop.counted_clock import play
+from rths_cli.loop.step_arrays import NUMERICAL
+from rths_cli.numerics.lti import Array, ComplexArray, Frf, Model
+from rths_cli.rigs.description import Converters, RigInfo
+from rths_cli.rigs.virtual.virtual_rig import VirtualRig, build_plant, inverse
 from rths_cli.structure import Building, assemble
 
 SAMPLES = 40000

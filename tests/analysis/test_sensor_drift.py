@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from rths_cli.analysis.sensor_drift import MOST_JUMPS, channel_drifts, coupled_again
-from rths_cli.control.sensing import correction
-from rths_cli.loop.replay import run_block
-from rths_cli.rig_info import Channel
+from rths_cli.control.sensor_correction import correction
+from rths_cli.loop.block_replay import run_block
+from rths_cli.rigs.description import Channel
 
 DT_S, SAMPLES, BIT = 1e-3, 58_000, 3e-3
 JUMP = 0.049  # 5 mV at 1000 mV/g

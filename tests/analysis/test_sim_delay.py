@@ -15,8 +15,8 @@ from rths_cli.analysis import sim_delay
 from rths_cli.analysis.sim import Response, simulate
 from rths_cli.analysis.sim_delay import DelayedResponse, simulate_delayed
 from rths_cli.errors import InputError
+from rths_cli.experiment.ground_motion import prepare
 from rths_cli.files.accelerograms import read_accelerogram
-from rths_cli.record import prepare
 from rths_cli.structure import Building, Numerical, Specimen, assemble, build, storey_matrix
 
 DT_S = 1 / 2000

@@ -11,9 +11,9 @@ import pytest
 import yaml
 
 from rths_cli.case import plugin_kinds
-from rths_cli.case.find import shipped
 from rths_cli.case.load import load_cases, resolved_yaml
-from rths_cli.case.models_rig_real import (
+from rths_cli.case.lookup import shipped
+from rths_cli.case.rig_schema import (
     ChannelSpec,
     NiRigSpec,
     PluginRigSpec,
@@ -329,8 +329,8 @@ def test_a_watchdog_outlasts_what_the_runner_bears(write, faults_of, rig, change
 
 
 def test_the_loop_waits_for_an_answer_as_long_as_a_rig_file_may_ask_at_most() -> None:
-    from rths_cli.case.models import ANSWER_SHARE
-    from rths_cli.loop import realtime
-    from rths_cli.rigs.udp import rig as udp_rig
+    from rths_cli.case.case_schema import ANSWER_SHARE
+    from rths_cli.loop import realtime_loop
+    from rths_cli.rigs.udp import udp_rig
 
-    assert ANSWER_SHARE == realtime.ANSWER_SHARE == udp_rig.ANSWER_SHARE
+    assert ANSWER_SHARE == realtime_loop.ANSWER_SHARE == udp_rig.ANSWER_SHARE

@@ -8,12 +8,12 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from rths_cli.case.find import shipped
+from rths_cli.case.json_schema import MODELS, schema
 from rths_cli.case.load import load_cases, resolved_yaml
-from rths_cli.case.models_rig import VirtualRigSpec
-from rths_cli.case.nodes import plain
-from rths_cli.case.schema import MODELS, schema
-from rths_cli.case.yaml_nodes import read_file
+from rths_cli.case.lookup import shipped
+from rths_cli.case.rig_schema import VirtualRigSpec
+from rths_cli.case.yaml_reader import read_file
+from rths_cli.case.yaml_tree import plain
 
 CONFIGS = shipped("cases")
 FOLDERS = {"case": "cases", "structure": "structures", "rig": "rigs", "reference": "references"}
@@ -120,7 +120,9 @@ def test_the_records_named_are_shipped(tmp_path: Path, monkeypatch: pytest.Monke
 @pytest.mark.parametrize("kind", MODELS)
 def test_the_shipped_schema_is_the_generated_one(kind: str) -> None:
     written = json.loads((CONFIGS / f"{kind}.schema.json").read_text(encoding="utf-8"))
-    assert written == json.loads(json.dumps(schema(kind))), "call rths_cli.case.schema.write_schemas(Path('configs'))"
+    assert written == json.loads(json.dumps(schema(kind))), (
+        "call rths_cli.case.json_schema.write_schemas(Path('configs'))"
+    )
     jsonschema.Draft202012Validator.check_schema(written)
 
 

@@ -6,8 +6,8 @@ import re
 
 import pytest
 
+from rths_cli.case.case_schema import CaseKeys
 from rths_cli.case.load import load_cases
-from rths_cli.case.models import CaseKeys
 from rths_cli.case.template import case_template
 
 OPTIONAL = [line for line in case_template().splitlines() if re.match(r"# [a-z_]+: ", line)]

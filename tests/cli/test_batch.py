@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from rths_cli.files.results import read_result
+from rths_cli.files.result_reader import read_result
 
 FAST = ("--set", "runs=[sim, sim_delay]")
 CASE = "structure: three_storey\ndamping: low\nrecord: el_centro\nscaling: {scaling}\ncontroller: FF\nruns: {runs}\n"

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from rths_cli.identification.found import Identification
+from rths_cli.experiment.model_store import save
+from rths_cli.experiment.setup import Setup
+from rths_cli.identification.results import Identification
 from rths_cli.quantities import metrics_of
-from rths_cli.workflows.model_store import save
-from rths_cli.workflows.setup import Setup
 
 CASE = "el_centro_low_ff_fb"
 

@@ -14,17 +14,17 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from rths_cli.cli import cli, ending
-from rths_cli.cli.identify_command import said_again
-from rths_cli.files.measured import read_recording
-from rths_cli.files.models import read_model
-from rths_cli.identification.channels import UnfitRecord
-from rths_cli.identification.found import Identification
-from rths_cli.identification.record import Parts, Record
-from rths_cli.screen import Screen
-from rths_cli.workflows import identify as workflow
-from rths_cli.workflows import make_model
-from rths_cli.workflows.identify import Measured, UnfitRig
+from rths_cli.cli import cli, entry_point
+from rths_cli.cli.identify import said_again
+from rths_cli.cli.terminal import Screen
+from rths_cli.experiment import identify as workflow
+from rths_cli.experiment import identify_command
+from rths_cli.experiment.identify import Measured, UnfitRig
+from rths_cli.files.measured_data import read_recording
+from rths_cli.files.model_file import read_model
+from rths_cli.identification.channel_signals import UnfitRecord
+from rths_cli.identification.recorded_data import Parts, Record
+from rths_cli.identification.results import Identification
 
 SHORT = ("--set", "identification.duration_s=40")
 
@@ -45,7 +45,7 @@ def rths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
 
     def call(*words: str) -> Shown:
         monkeypatch.setattr("sys.argv", ["rths", *words])
-        code = ending._guarded()
+        code = entry_point._guarded()
         return Shown(code, *capsys.readouterr())
 
     return call
@@ -62,8 +62,8 @@ def measured(monkeypatch: pytest.MonkeyPatch, default_identification: Identifica
         progress("probe")
         return Measured((Record(samples[0], samples[1:], Parts(slice(0, 100))),), None, "made up", (("level", "2"),))
 
-    monkeypatch.setattr(make_model, "measure", measure)
-    monkeypatch.setattr(make_model, "evaluated", lambda *_: default_identification)
+    monkeypatch.setattr(identify_command, "measure", measure)
+    monkeypatch.setattr(identify_command, "evaluated", lambda *_: default_identification)
     return done
 
 
@@ -124,7 +124,7 @@ def test_a_model_is_judged_instead_of_fitted(
     rths: Rths, measured: list[str], monkeypatch: pytest.MonkeyPatch, default_identification: Identification
 ) -> None:
     given: list[object] = []
-    monkeypatch.setattr(make_model, "evaluated", lambda *w: given.append(w[2]) or default_identification)
+    monkeypatch.setattr(identify_command, "evaluated", lambda *w: given.append(w[2]) or default_identification)
     assert rths("identify", "--no-figure", "--output", "m.h5").code == 0
     Path("given.yaml").write_text(
         "zeros: [0, 0]\npoles: [[-60, 60], [-60, -60], -600]\ngain: 5\ndelay_s: 0.001\nnotes: from the maker\n"
@@ -154,7 +154,7 @@ def test_a_rejected_model_is_written_and_says_so(
 ) -> None:
     verdict = replace(default_identification.verdict, accepted=False, reasons=("too much friction",))
     rejected = replace(default_identification, verdict=verdict)
-    monkeypatch.setattr(make_model, "evaluated", lambda *_: rejected)
+    monkeypatch.setattr(identify_command, "evaluated", lambda *_: rejected)
     shown = rths("identify", "--no-figure", "--output", "m.h5")
     assert shown.code == 1
     assert "verdict                 rejected: too much friction" in shown.out
@@ -169,7 +169,7 @@ def test_a_rig_with_a_dead_channel_gives_a_page_but_no_model(
     def unfit(*_: object) -> None:
         raise UnfitRig("aps400_virtual", UnfitRecord(["channel floor_2: dead"]))
 
-    monkeypatch.setattr(make_model, "evaluated", unfit)
+    monkeypatch.setattr(identify_command, "evaluated", unfit)
     shown = rths("identify", "--output", "m.h5", "--save-data", "d.h5")
     assert shown.code == 4 and "rejected: channel floor_2: dead" in shown.out
     assert tree() == ["d.h5"]  # asked for, and wanted most now
@@ -240,7 +240,7 @@ def test_only_model_files_are_replaced_and_damaged_ones_too(rths: Rths, measured
         assert read_model(Path("m.h5")).groups
 
 
-@pytest.mark.parametrize("where", ["rths_cli.workflows.make_model.measure", "os.fsync", "os.replace"])
+@pytest.mark.parametrize("where", ["rths_cli.experiment.identify_command.measure", "os.fsync", "os.replace"])
 @pytest.mark.parametrize("number", [KeyboardInterrupt, OSError])
 def test_what_is_interrupted_leaves_nothing_behind(
     rths: Rths, measured: list[str], monkeypatch: pytest.MonkeyPatch, where: str, number: type[BaseException]
@@ -287,7 +287,7 @@ def test_the_status_line_is_cleared_without_a_line_of_its_own() -> None:
 def test_a_kept_model_spares_the_excitation_and_fresh_asks_for_it(
     rths: Rths, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    from rths_cli.compiled import cache_folder
+    from rths_cli.numerics.compiled import cache_folder
 
     cache_folder()  # compiled code stays where it is; models go to an empty folder
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))

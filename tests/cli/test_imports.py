@@ -48,8 +48,8 @@ def test_a_record_is_filtered_and_judged_without_scipy() -> None:
     code = """
 import numpy as np
 from rths_cli.files.accelerograms import Accelerogram
-from rths_cli.metrics import error_figures, fitted_delay_s, tracking_criteria
-from rths_cli.record import prepare, response_spectrum
+from rths_cli.analysis.metrics import error_figures, fitted_delay_s, tracking_criteria
+from rths_cli.experiment.ground_motion import prepare, response_spectrum
 made = Accelerogram(0.01, np.sin(np.arange(600.0)), "made", "made", "m/s^2", "one column", "")
 motion = prepare(made, 1.0, 200.0)
 response_spectrum(motion, [1.0])
@@ -69,13 +69,13 @@ case = load_cases(["el_centro_low_ff_fb"])[0]
 build(case.structure, case.damping)
 """
     modules = imported(code)
-    assert "rths_cli.structure.search" in modules and not heavy(modules, ("scipy", "numba", "matplotlib"))
+    assert "rths_cli.numerics.root_finding" in modules and not heavy(modules, ("scipy", "numba", "matplotlib"))
 
 
 def test_results_are_written_and_reported_with_numpy_and_h5py_alone(tmp_path: Path) -> None:
     code = """
 from pathlib import Path
-from rths_cli.files.results import ResultWriter
+from rths_cli.files.result_reader import ResultWriter
 with ResultWriter(Path("a.h5"), {"rig_kind": "virtual", "case_name": "a"}) as writer:
     writer.metrics({"exp_rths.rms_error_m_s2": [0.1, 0.2]})
     writer.finish("complete")
@@ -117,5 +117,5 @@ def warm(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_second_run_imports_nothing_that_it_does_not_use(words: tuple[str, ...], warm: Path) -> None:
     modules = imported("", *words, cwd=warm)
     unused = ("scipy", "numba", "matplotlib", "rich", "control", "pandas", "numpy.ma", "asyncio", "unittest")
-    unused += ("rths_cli.identification.evaluate", "rths_cli.files.foreign", "rths_cli.workflows.identify")
-    assert "rths_cli.workflows.known" in modules and not heavy(modules, unused)
+    unused += ("rths_cli.identification.evaluation", "rths_cli.files.imported_models", "rths_cli.experiment.identify")
+    assert "rths_cli.experiment.model_registry" in modules and not heavy(modules, unused)

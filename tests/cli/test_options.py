@@ -11,15 +11,14 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from rths_cli.case.expand import read_settings
+from rths_cli.case.resolve import read_settings
 from rths_cli.cli import cli
 from rths_cli.errors import InputError
-from rths_cli.files.accelerogram_headers import at2_header, bracketed
-from rths_cli.files.accelerograms import read_accelerogram
-from rths_cli.files.measured import read_recording
-from rths_cli.files.measured.text import _statement
+from rths_cli.files.accelerograms import at2_header, bracketed, read_accelerogram
+from rths_cli.files.measured_data import read_recording
+from rths_cli.files.measured_data.text_tables import _statement
 from rths_cli.printed import csv_cell
-from rths_cli.workflows.sweep_plan import read_grid
+from rths_cli.studies.sweep_grid import read_grid
 
 LONG = "a" * 300
 DIGITS = "9" * 5000

@@ -14,9 +14,8 @@ from click.testing import CliRunner
 
 from rths_cli.case.load import load_cases, resolved_yaml
 from rths_cli.cli import cli
-from rths_cli.files.raw_log import RawHeader, raw_log_path
-from rths_cli.files.raw_log_writer import RawLogWriter
-from rths_cli.files.results import ResultWriter, Status
+from rths_cli.files.raw_log import RawHeader, RawLogWriter, raw_log_path
+from rths_cli.files.result_reader import ResultWriter, Status
 
 NAMES = ("command_v", "desired_accel_m_s2", "desired_velocity_m_s", "desired_displacement_m", "base_shear_n")
 NAMES += (*(f"corrected_{i}" for i in range(3)), *(f"estimated_{i}" for i in range(6)))

@@ -17,7 +17,7 @@ from click.testing import CliRunner
 
 from rths_cli.cli import cli
 from rths_cli.errors import InputError
-from rths_cli.files.results import ResultWriter
+from rths_cli.files.result_reader import ResultWriter
 
 ROOT = Path(__file__).parents[2]
 ABOUT = {"case_name": "demo", "method": "best", "rig": "r", "rig_kind": "virtual", "controller": "FF", "scaling": 0.3}

@@ -16,8 +16,8 @@ from pathlib import Path
 
 import pytest
 
-from rths_cli.rigs.udp.rig import UdpRig, UdpTarget
-from rths_cli.workflows.serve_table import describe
+from rths_cli.experiment.serve import describe
+from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
 RTHS = [sys.executable, "-m", "rths_cli", "serve", "--port", "0"]
@@ -42,7 +42,7 @@ def started(*words: str) -> Iterator[tuple[subprocess.Popen[str], str, int, Path
 @pytest.fixture
 def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Give the processes a cache of their own that holds the compiled code of this one."""
-    from rths_cli.compiled import cache_folder
+    from rths_cli.numerics.compiled import cache_folder
 
     compiled = Path(cache_folder())
     (tmp_path / "rths").mkdir()

@@ -6,8 +6,8 @@ import sys
 
 import pytest
 
-from rths_cli.process import Signals, Terminated
-from rths_cli.screen import Screen
+from rths_cli.cli.terminal import Screen
+from rths_cli.interrupts import Signals, Terminated
 
 
 @pytest.mark.parametrize(("number", "kind"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, Terminated)])
@@ -36,7 +36,7 @@ def test_a_swallowed_signal_shows_no_traceback_but_other_faults_do() -> None:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_once_ignored_a_signal_changes_no_exit_code(number: int) -> None:
     code = (
-        "import os, sys; from rths_cli.process import Signals\n"
+        "import os, sys; from rths_cli.interrupts import Signals\n"
         "signals = Signals(); signals.install(); signals.ignore()\n"
         f"os.kill(os.getpid(), {int(number)})\n"
         "sys.exit(3 if signals.code == 0 else 9)"

@@ -23,9 +23,9 @@ from rths_cli.control.feedback import (
     sensitivity,
     unlimited,
 )
-from rths_cli.control.riccati import riccati_gain
 from rths_cli.errors import InputError
-from rths_cli.lti import Array, Block, Frf, Model, StateSpace
+from rths_cli.numerics.lti import Array, Block, Frf, Model, StateSpace
+from rths_cli.numerics.matrix_equations import riccati_gain
 
 MODEL = true_model(1.5 * DT_S)
 GRID = grid_hz(MODEL, DT_S)

@@ -12,7 +12,7 @@ from scipy.signal import bessel, freqs
 
 from rths_cli.control import feedforward
 from rths_cli.control.feedforward import direct, lagged_inverse, leaky_inverse, low_pass_poles
-from rths_cli.lti import Block, Model
+from rths_cli.numerics.lti import Block, Model
 
 BAND_HZ = np.linspace(0.3, 12.0, 200)
 

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import brentq
 
 from rths_cli.control.margins import Margins, margins, worst_sensitivity_peak
-from rths_cli.lti import Array, ComplexArray
+from rths_cli.numerics.lti import Array, ComplexArray
 
 F = np.geomspace(1e-3, 1e3, 600)
 S = 2j * np.pi * F

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 
 from rths_cli.errors import InputError
 from rths_cli.files import accelerograms
-from rths_cli.files.accelerogram_headers import find_unit
-from rths_cli.files.accelerograms import read_accelerogram
+from rths_cli.files.accelerograms import find_unit, read_accelerogram
 
 RECORDS = Path(__file__).parents[2] / "records"
 OLD_AT2 = """PACIFIC ENGINEERING AND ANALYSIS STRONG-MOTION DATA

@@ -14,7 +14,7 @@ import xarray
 
 from rths_cli.errors import InputError
 from rths_cli.files import result_writer
-from rths_cli.files.results import Dataset, ResultWriter, read_result, read_series
+from rths_cli.files.result_reader import Dataset, ResultWriter, read_result, read_series
 
 N = 3000
 TIME = np.arange(N) / 1000.0
@@ -111,7 +111,7 @@ def test_a_continuation_that_is_killed_leaves_the_file_as_it_was_and_the_next_on
     code = """
 import os, signal, sys, numpy as np
 from pathlib import Path
-from rths_cli.files.results import ResultWriter
+from rths_cli.files.result_reader import ResultWriter
 with ResultWriter(Path(sys.argv[1]), {}, continues=True) as writer:
     writer.group("exp_rths", {}, np.arange(5.0))
     os.kill(os.getpid(), signal.SIGKILL)

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from rths_cli.errors import InputError
+from rths_cli.files.checked_results import read_checked
 from rths_cli.files.hdf5 import write_group
 from rths_cli.files.hdf5_layout import DEEPEST
 from rths_cli.files.result_outline import read_outlines
-from rths_cli.files.results import Dataset, ResultWriter, read_dataset
-from rths_cli.metrics.stored import read_checked
+from rths_cli.files.result_reader import Dataset, ResultWriter, read_dataset
 
 Edit = Callable[[h5py.File], object]
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from rths_cli.files.hdf5 import Dataset, write_group
-from rths_cli.files.hdf5_nodes import add_dataset, add_text, compresses_well, datasets, numbers, text
+from rths_cli.files.hdf5 import Dataset, add_dataset, add_text, compresses_well, datasets, numbers, text, write_group
 
 VALUES = {
     "number": np.array(2.5),

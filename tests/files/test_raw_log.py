@@ -16,9 +16,16 @@ import numpy as np
 import pytest
 
 from rths_cli.errors import InputError
-from rths_cli.files import raw_log_writer
-from rths_cli.files.raw_log import RawHeader, packed_frame, packed_header, raw_log_path, read_header, read_raw_log
-from rths_cli.files.raw_log_writer import RawLogWriter
+from rths_cli.files import raw_log
+from rths_cli.files.raw_log import (
+    RawHeader,
+    RawLogWriter,
+    packed_frame,
+    packed_header,
+    raw_log_path,
+    read_header,
+    read_raw_log,
+)
 
 HEADER = RawHeader(
     names=("command_v", "base_shear_n", "compute_ns"),
@@ -156,7 +163,7 @@ def test_whoever_sees_a_log_sees_its_header(tmp_path: Path, monkeypatch: pytest.
         seen.append((part.read_bytes(), os.listdir(tmp_path)))
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(raw_log_writer.os, "rename", interrupted)
+    monkeypatch.setattr(raw_log.os, "rename", interrupted)
     with pytest.raises(KeyboardInterrupt):
         RawLogWriter(path, HEADER)
     ((written, names),) = seen
@@ -168,7 +175,7 @@ def test_the_disk_is_asked_to_keep_frames_at_most_every_quarter_of_a_second(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     now, synced = [10.0], []
-    monkeypatch.setattr(raw_log_writer.os, "fdatasync", lambda file: synced.append(now[0]))
+    monkeypatch.setattr(raw_log.os, "fdatasync", lambda file: synced.append(now[0]))
     log = RawLogWriter(tmp_path / "a.rthslog", HEADER, lambda: now[0])
     log.sync(at_once=True)
     assert synced == []  # nothing to keep
@@ -201,7 +208,7 @@ def test_after_a_failed_write_the_next_takes_its_place(tmp_path: Path, monkeypat
     path = tmp_path / "a.rthslog"
     with RawLogWriter(path, HEADER) as log:
         log.append(0, COLUMNS[:, :4])
-        monkeypatch.setattr(raw_log_writer.os, "pwrite", half)
+        monkeypatch.setattr(raw_log.os, "pwrite", half)
         with pytest.raises(OSError, match="full"):
             log.append(4, COLUMNS[:, 4:9])
         assert read(tmp_path / "b.rthslog", path.read_bytes())[1] == 4

@@ -16,14 +16,7 @@ import pytest
 import xarray
 
 from rths_cli.errors import InputError
-from rths_cli.files.results import (
-    Dataset,
-    ResultWriter,
-    check_writable,
-    read_dataset,
-    read_result,
-    read_series,
-)
+from rths_cli.files.result_reader import Dataset, ResultWriter, check_writable, read_dataset, read_result, read_series
 
 ATTRIBUTES = {
     "case_name": "demo",
@@ -275,7 +268,7 @@ def child(code, *arguments):
 import os, resource, signal, sys, numpy as np
 from pathlib import Path
 from rths_cli.errors import InputError
-from rths_cli.files.results import Dataset, ResultWriter
+from rths_cli.files.result_reader import Dataset, ResultWriter
 path, attributes = Path(sys.argv[1]), {"case_name": "demo", "rig_kind": "virtual"}
 series = lambda n: {"a_m_s2": Dataset(np.random.default_rng(0).normal(size=n), "m/s^2", "a", "computed")}
 """

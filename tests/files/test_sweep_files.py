@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from rths_cli.errors import InputError
-from rths_cli.files.sweep_rows_file import RowsFile, read_rows, rows_path
-from rths_cli.files.sweeps import Figure, Sweep, read_sweep, write_csv, write_sweep
+from rths_cli.files.sweep_file import Figure, RowsFile, Sweep, read_rows, read_sweep, rows_path, write_csv, write_sweep
 
 VALUES = [0.1, 1 / 3, 5e-324, -1.7976931348623157e308, float("inf"), float("nan"), -0.0]
 

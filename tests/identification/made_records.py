@@ -7,18 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from rths_cli.case.virtual_physics import VirtualPhysics
-from rths_cli.control import sensing
+from rths_cli.control import sensor_correction
 from rths_cli.control.blocks import Blocks
-from rths_cli.control.realise import static
+from rths_cli.control.state_space import static
 from rths_cli.identification.excitation import Excitation, ExcitationSettings, plan
-from rths_cli.identification.record import Record
-from rths_cli.loop.blocks import EXCITATION
-from rths_cli.loop.drive import play
+from rths_cli.identification.recorded_data import Record
+from rths_cli.loop.counted_clock import play
 from rths_cli.loop.guard import GuardLimits
-from rths_cli.lti import Array, Block, ComplexArray
-from rths_cli.rig_info import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
+from rths_cli.loop.step_arrays import EXCITATION
+from rths_cli.numerics.lti import Array, Block, ComplexArray
+from rths_cli.rigs.description import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
 from rths_cli.rigs.virtual.plant import accelerations, continuous
-from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
+from rths_cli.rigs.virtual.virtual_rig import VirtualRig, build_plant
 from rths_cli.structure import Specimen, modal_damping_matrix, storey_matrix
 
 PHYSICS = VirtualPhysics()
@@ -71,7 +71,7 @@ def excite(
     excitation = plan(info, ExcitationSettings(duration_s=duration_s), seed)
     channels = len(info.channels)
     blocks = Blocks(
-        correction=sensing.correction(info.channels, info.dt_s),
+        correction=sensor_correction.correction(info.channels, info.dt_s),
         estimator=_silent(1, channels),
         numerical=_silent(3, 2),
         feedforward=_silent(1, 3),

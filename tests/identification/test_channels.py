@@ -12,15 +12,15 @@ from made_linear import DT, Linear, linear
 from made_records import make_specimen
 from scipy import signal
 
-from rths_cli.control import sensing
-from rths_cli.identification import channel_responses, channels
-from rths_cli.identification.clipping import as_sampled, cut_off_peaks, flat_tops
-from rths_cli.identification.evaluate import identify
-from rths_cli.identification.evidence import IdentificationSettings, evidence
+from rths_cli.control import sensor_correction
+from rths_cli.identification import channel_responses, channel_signals
+from rths_cli.identification.channel_signals import as_sampled, cut_off_peaks, flat_tops
+from rths_cli.identification.evaluation import identify
 from rths_cli.identification.excitation import Kind
-from rths_cli.identification.frf import estimate
-from rths_cli.identification.record import Parts, Record
-from rths_cli.lti import Frf
+from rths_cli.identification.frequency_response import estimate
+from rths_cli.identification.measured_inputs import IdentificationSettings, evidence
+from rths_cli.identification.recorded_data import Parts, Record
+from rths_cli.numerics.lti import Frf
 
 KINDS: tuple[Kind, ...] = ("noise", "multisine", "sweep", "step")
 STIFFNESS = (7000.0, 7600.0, 7200.0)
@@ -38,7 +38,7 @@ def with_accel(record: Record, accel: np.ndarray) -> Record:
 
 def faults(made: Linear, accel: np.ndarray | None = None) -> list[str]:
     record = made.record if accel is None else with_accel(made.record, accel)
-    return channels.signal_faults(record, made.info) or list(judged(made, record).faults)
+    return channel_signals.signal_faults(record, made.info) or list(judged(made, record).faults)
 
 
 def judged(made: Linear, record: Record) -> channel_responses.Judgement:
@@ -59,7 +59,7 @@ def names(made: Linear) -> list[str]:
 def test_clean_records_have_no_fault(floors: int, ratio: float, kind: Kind) -> None:
     made = clean(floors, ratio, kind)
     assert faults(made) == []
-    assert channels.hum_warnings(channels.reports([made.record], None, made.info)) == ()
+    assert channel_signals.hum_warnings(channel_signals.reports([made.record], None, made.info)) == ()
 
 
 @pytest.mark.parametrize(
@@ -142,7 +142,7 @@ def test_lost_samples_are_counted_and_placed() -> None:
     assert "number 1234;" in fault
     command = made.record.command_v.copy()
     command[7] = np.inf
-    (fault,) = channels.signal_faults(replace(made.record, command_v=command), made.info)
+    (fault,) = channel_signals.signal_faults(replace(made.record, command_v=command), made.info)
     assert "channel command: 1 of" in fault
 
 
@@ -170,7 +170,9 @@ def test_incoherent_channel_is_named_with_its_coherence(coherence: float) -> Non
         found = faults(made, accel)
         assert len(found) == 1
         assert f"channel {name}: median coherence" in found[0]
-        seen = channels.reports([with_accel(made.record, accel)], responses(with_accel(made.record, accel)), made.info)
+        seen = channel_signals.reports(
+            [with_accel(made.record, accel)], responses(with_accel(made.record, accel)), made.info
+        )
         assert seen[index].coherence == pytest.approx(coherence, abs=0.12)
 
 
@@ -195,7 +197,7 @@ def test_clipping_is_seen_through_the_correction_of_the_sensor(share: float, kin
     made = clean(2, kind=kind)
     sensor = made.info.channels[1]
     coupling = signal.butter(1, sensor.high_pass_hz, "high", fs=1.0 / DT)
-    block = sensing.correction((sensor,), DT)
+    block = sensor_correction.correction((sensor,), DT)
     inverse = signal.ss2tf(block.A, block.B, block.C, block.D)
     for accel in made.record.accel_m_s2:
         sensed = signal.lfilter(*coupling, accel)
@@ -207,7 +209,7 @@ def test_clipping_is_seen_through_the_correction_of_the_sensor(share: float, kin
 
 def test_corners_put_back_are_the_inverse_of_their_correction() -> None:
     sensor = clean(2).info.channels[0]
-    block = sensing.correction((sensor,), DT)
+    block = sensor_correction.correction((sensor,), DT)
     raw = np.random.default_rng(3).standard_normal(4000)
     raw[0] = 0.0
     corrected = signal.dlsim((block.A, block.B, block.C, block.D, DT), raw)[1][:, 0]
@@ -238,10 +240,10 @@ def test_hum_is_found_in_silence_with_its_amplitude(kind: Kind, hz: float) -> No
     for index, size in ((0, 0.02), (1, 0.05), (2, 0.3)):
         accel = made.record.accel_m_s2.copy()
         accel[index] += size * np.sin(2.0 * np.pi * hz * time + 0.4)
-        seen = channels.reports([with_accel(made.record, accel)], None, made.info)
+        seen = channel_signals.reports([with_accel(made.record, accel)], None, made.info)
         assert [c.hum_hz for c in seen] == [hz if c is seen[index] else 0.0 for c in seen]
         assert seen[index].hum_m_s2 == pytest.approx(size, rel=0.2)
-        (warning,) = channels.hum_warnings(seen)
+        (warning,) = channel_signals.hum_warnings(seen)
         assert f"channel {names(made)[index]}: {hz:g} Hz hum" in warning
 
 
@@ -250,10 +252,10 @@ def test_hum_without_silence(kind: Kind) -> None:
     """The excitation ends at 60 Hz: one side of that line is loud, which is no hum."""
     made = clean(2, kind=kind)
     bare = replace(made.record, parts=replace(made.record.parts, silence=None))
-    assert channels.hum_warnings(channels.reports([bare], None, made.info)) == ()
+    assert channel_signals.hum_warnings(channel_signals.reports([bare], None, made.info)) == ()
     time = np.arange(bare.accel_m_s2.shape[1]) * DT
     accel = bare.accel_m_s2 + np.array([[0.0], [0.1], [0.0]]) * np.sin(2.0 * np.pi * 50.0 * time)
-    seen = channels.reports([with_accel(bare, accel)], None, made.info)
+    seen = channel_signals.reports([with_accel(bare, accel)], None, made.info)
     assert [c.hum_hz for c in seen] == [0.0, 50.0, 0.0]
     assert seen[1].hum_m_s2 == pytest.approx(0.1, rel=0.2)
 
@@ -261,7 +263,7 @@ def test_hum_without_silence(kind: Kind) -> None:
 def test_lines_of_a_multisine_at_the_mains_frequency_are_no_hum() -> None:
     made = clean(2, kind="multisine")
     bare = replace(made.record, parts=replace(made.record.parts, silence=None))
-    assert channels.hum_warnings(channels.reports([bare], None, made.info)) == ()
+    assert channel_signals.hum_warnings(channel_signals.reports([bare], None, made.info)) == ()
 
 
 def test_report_states_levels() -> None:
@@ -270,7 +272,7 @@ def test_report_states_levels() -> None:
     accel = np.vstack([0.01 * random.standard_normal(n), 0.02 * random.standard_normal(n)])
     accel[:, 10000:] += np.array([[2.0], [3.0]]) * np.sin(2.0 * np.pi * 3.0 * np.arange(30000) * DT)
     record = Record(np.zeros(n), accel, Parts(slice(10000, n), slice(0, 10000)))
-    seen = channels.reports([record], None, clean(1).info)
+    seen = channel_signals.reports([record], None, clean(1).info)
     assert [c.rms_m_s2 for c in seen] == pytest.approx([2.0 / np.sqrt(2.0), 3.0 / np.sqrt(2.0)], rel=1e-3)
     assert [c.largest_m_s2 for c in seen] == pytest.approx([2.0, 3.0], rel=0.05)
     assert [c.rest_rms_m_s2 for c in seen] == pytest.approx([0.01, 0.02], rel=0.05)

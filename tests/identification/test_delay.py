@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 from made_records import excite, make_info, make_specimen
 
-from rths_cli.control import sensing
+from rths_cli.control import sensor_correction
 from rths_cli.identification.delay import channel_response, doubts, estimate
-from rths_cli.identification.evaluate import identify
-from rths_cli.identification.factors import Layout, pack, response_and_slopes
-from rths_cli.identification.fit_table import Fit, Timing, fit
-from rths_cli.identification.found import DelayEstimate, Identification
-from rths_cli.lti import Frf, Model, staircase
-from rths_cli.rig_info import RigInfo
+from rths_cli.identification.evaluation import identify
+from rths_cli.identification.results import DelayEstimate, Identification
+from rths_cli.identification.table_fit import Fit, Layout, Timing, fit, pack, response_and_slopes
+from rths_cli.numerics.lti import Frf, Model, staircase
+from rths_cli.rigs.description import RigInfo
 
 FREQUENCY_HZ = np.arange(0.5, 60.0, 0.2)
 LAYOUT = Layout(2, 1, 1, 7.5e-4)
@@ -130,7 +129,9 @@ def test_what_the_channel_adds_is_the_correction_times_the_sensor(dt_s: float) -
     channel, s = info.channels[0], 2j * np.pi * FREQUENCY_HZ
     high, low = 2.0 * np.pi * channel.high_pass_hz, 2.0 * np.pi * channel.low_pass_hz
     sensor = s / (s + high) / (1.0 + s / low)
-    corrected = sensing.correction(info.channels, dt_s).response(FREQUENCY_HZ)[0, 0] * channel.sensitivity_v_per_m_s2
+    corrected = (
+        sensor_correction.correction(info.channels, dt_s).response(FREQUENCY_HZ)[0, 0] * channel.sensitivity_v_per_m_s2
+    )
     assert channel_response(info, FREQUENCY_HZ, True) == pytest.approx(sensor * corrected, rel=1e-5)
     assert channel_response(info, FREQUENCY_HZ, False) == pytest.approx(sensor, rel=1e-9)
 

@@ -11,8 +11,7 @@ from made_records import make_info, make_specimen
 from scipy.signal import periodogram, welch
 
 from rths_cli.errors import InputError
-from rths_cli.identification.excitation import Excitation, ExcitationSettings, Kind, make_signal, plan
-from rths_cli.identification.shapes import multisine
+from rths_cli.identification.excitation import Excitation, ExcitationSettings, Kind, make_signal, multisine, plan
 
 SPECIMEN = make_specimen()
 SMOOTH = make_info(SPECIMEN, bits=0)

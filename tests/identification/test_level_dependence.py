@@ -13,8 +13,8 @@ sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 from own_chains import made_chain
 from own_plant import Plant
 
-from rths_cli.identification.evaluate import identify
-from rths_cli.identification.found import Identification
+from rths_cli.identification.evaluation import identify
+from rths_cli.identification.results import Identification
 
 SOFT_SERVO = Plant(
     np.array([7.0]), np.array([9000.0]), np.array([0.03]), servo_hz=6.0, servo_ratio=0.6, suspension_n_per_m=800.0

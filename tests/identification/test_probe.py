@@ -10,11 +10,10 @@ from made_records import make_info, make_specimen
 from scipy.signal import bilinear, lfilter, periodogram
 
 from rths_cli.errors import InputError
-from rths_cli.identification.excitation import Excitation, ExcitationSettings, Kind, plan
+from rths_cli.identification.excitation import Excitation, ExcitationSettings, Kind, plan, shaped_noise
 from rths_cli.identification.probe import choose_level, expected, measured_gain, overdriven, probe_plan
-from rths_cli.identification.record import Record
-from rths_cli.identification.shapes import shaped_noise
-from rths_cli.rig_info import RigInfo
+from rths_cli.identification.recorded_data import Record
+from rths_cli.rigs.description import RigInfo
 
 INFO = make_info(make_specimen(stiffness=(7331.56,), ratios=(0.04,)))  # a table and one floor
 MASS_KG = 7.0 + 6.91

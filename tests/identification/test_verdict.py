@@ -8,9 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rths_cli.identification.fit_table import Timing, fit_error, refit
-from rths_cli.identification.found import FitError, Friction, LevelBand, LevelCauses
-from rths_cli.identification.starts import first_fit
+from rths_cli.identification.results import FitError, Friction, LevelBand, LevelCauses
+from rths_cli.identification.table_fit import Timing, first_fit, fit_error, refit
 from rths_cli.identification.verdict import (
     LIMITS,
     judge,
@@ -22,7 +21,7 @@ from rths_cli.identification.verdict import (
     roots_of,
     without_friction,
 )
-from rths_cli.lti import Array, Frf, Model
+from rths_cli.numerics.lti import Array, Frf, Model
 
 DT, BAND_HZ = 5e-4, (0.5, 60.0)
 LINES = np.arange(0.5, 60.05, 0.1)

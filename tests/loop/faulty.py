@@ -9,14 +9,14 @@ from faulty_rig import DT_S, RAMP_S, RECORD, FaultyRig, Play, bench_info, blocks
 from loop_faults import DRIVES, EVENTS, KINDS, SENSORS, TABLES, WIRES
 
 from rths_cli.loop import guard as g
-from rths_cli.loop import performance
-from rths_cli.loop.blocks import NUMERICAL
+from rths_cli.loop import realtime_run
 from rths_cli.loop.diagnosis import cause_of
-from rths_cli.loop.log import signals
-from rths_cli.loop.performance import Performance
-from rths_cli.loop.reasons import reason_of
-from rths_cli.lti import Array
-from rths_cli.rig_info import RigInfo
+from rths_cli.loop.realtime_run import Performance
+from rths_cli.loop.run_log import signals
+from rths_cli.loop.step_arrays import NUMERICAL
+from rths_cli.loop.stop_reasons import reason_of
+from rths_cli.numerics.lti import Array
+from rths_cli.rigs.description import RigInfo
 
 __all__ = ["KINDS", "FaultyRig", "bench_info", "blocks", "guard_of", "shaken"]
 
@@ -48,8 +48,8 @@ def performed(name: str, seed: int, info: RigInfo | None = None, amplitude: floa
     at = int(random.integers(ramp + 200, ramp + RECORD - 900))
     play = Play(at, random, rig, orders, amplitude * shaken())
     _spoil(name, play)
-    run = performance.prepare(info, blocks(), NUMERICAL, play.drive, guard_of(info), None, orders, RAMP_S)
-    fault = performance.perform(rig, run)
+    run = realtime_run.prepare(info, blocks(), NUMERICAL, play.drive, guard_of(info), None, orders, RAMP_S)
+    fault = realtime_run.perform(rig, run)
     return ended(rig, run, fault, play.at)
 
 

@@ -16,11 +16,11 @@ from rths_cli.control.blocks import Blocks
 from rths_cli.errors import RigError
 from rths_cli.loop import guard as g
 from rths_cli.loop.guard import GuardLimits
-from rths_cli.lti import Array
-from rths_cli.rig_info import Limits, RigInfo
-from rths_cli.rigs.virtual import kernel
+from rths_cli.numerics.lti import Array
+from rths_cli.rigs.description import Limits, RigInfo
+from rths_cli.rigs.virtual import plant_kernel
 from rths_cli.rigs.virtual.plant import Plant
-from rths_cli.rigs.virtual.rig import build_plant
+from rths_cli.rigs.virtual.virtual_rig import build_plant
 from rths_cli.structure import Specimen
 
 DT_S, RAMP_S, RECORD = 1e-3, 0.1, 1600
@@ -50,15 +50,15 @@ class Table:
     """The virtual table with its compiled calls, which may become another one while it moves."""
 
     def __init__(self, plant: Plant) -> None:
-        self.state = kernel.fresh_state(plant, 1)
+        self.state = plant_kernel.fresh_state(plant, 1)
         self.samples, self._noise, self._command = np.zeros(3), np.zeros(3), np.zeros(1)
         self._random = np.random.default_rng(3)
         self.wear(plant)
 
     def wear(self, plant: Plant) -> None:
         """Go on as another table."""
-        self._hold = kernel.hold_interval.bind(plant, self.state, self._command)
-        self._read = kernel.read_samples.bind(plant, self.state, self._noise, self.samples)
+        self._hold = plant_kernel.hold_interval.bind(plant, self.state, self._command)
+        self._read = plant_kernel.read_samples.bind(plant, self.state, self._noise, self.samples)
 
     def read(self) -> Array:
         self._noise[:] = self._random.standard_normal(3)
@@ -68,7 +68,7 @@ class Table:
     def exchange(self, command_v: float) -> Array:
         self._command[0] = command_v
         self._hold()
-        if self.state.fault[0] == kernel.END_STOP:
+        if self.state.fault[0] == plant_kernel.END_STOP:
             raise RigError("rig bench: the table ran into its end stop")
         return self.read()
 

@@ -12,30 +12,30 @@ import numpy as np
 from ideal_table import storeys_of
 from stalling import Laboratory, logged
 
+from rths_cli.analysis.metrics import error_figures
 from rths_cli.case.load import load_cases
-from rths_cli.clocks import IntArray
-from rths_cli.compiled import entry, part
-from rths_cli.loop import performance
-from rths_cli.loop.blocks import NUMERICAL, Step
+from rths_cli.experiment.design import Design, design_blocks
+from rths_cli.experiment.model_registry import Memory
+from rths_cli.experiment.rig_access import guard_limits
+from rths_cli.experiment.serve import ServedRig, describe, make_table
+from rths_cli.experiment.setup import Setup, make_setup
+from rths_cli.experiment.table_runs import drive_of
+from rths_cli.loop import realtime_run
 from rths_cli.loop.diagnosis import cause_of
 from rths_cli.loop.guard import STOPPED, GuardLimits, GuardState
-from rths_cli.loop.log import Log
-from rths_cli.loop.performance import Performance
-from rths_cli.loop.realtime import Course, conduct, judge, leave, look_ahead
-from rths_cli.loop.reasons import reason_of
-from rths_cli.lti import Array
-from rths_cli.metrics import error_figures
+from rths_cli.loop.realtime_loop import Course, conduct, judge, leave, look_ahead
+from rths_cli.loop.realtime_run import Performance
+from rths_cli.loop.run_log import Log
+from rths_cli.loop.step_arrays import NUMERICAL, Step
+from rths_cli.loop.stop_reasons import reason_of
+from rths_cli.numerics.clock import IntArray
+from rths_cli.numerics.compiled import entry, part
+from rths_cli.numerics.lti import Array
+from rths_cli.rigs.udp.command_trajectory import POINTS, SPACING, Way, fresh_way
 from rths_cli.rigs.udp.link import LOST, OK
-from rths_cli.rigs.udp.way import POINTS, SPACING, Way, fresh_way
-from rths_cli.rigs.virtual import kernel
-from rths_cli.rigs.virtual.kernel import PlantState, fresh_state
+from rths_cli.rigs.virtual import plant_kernel
 from rths_cli.rigs.virtual.plant import Plant
-from rths_cli.workflows.controllers import Design, design_blocks
-from rths_cli.workflows.known import Memory
-from rths_cli.workflows.rigs import guard_limits
-from rths_cli.workflows.serve_table import ServedRig, describe, make_table
-from rths_cli.workflows.setup import Setup, make_setup
-from rths_cli.workflows.table_runs import drive_of
+from rths_cli.rigs.virtual.plant_kernel import PlantState, fresh_state
 
 TICKS = 4  # of the physics in a sample interval
 # what a target does while it gets no command: it holds the last one and then jumps to the newest; goes on to the points
@@ -79,7 +79,7 @@ def frozen(
     """
     k, command, left, since, held, passed, late = 0, 0.0, 0, 0, 0.0, 1, False
     closing = CLOSING_M_S / limits.gain_m_per_v * limits.dt_s
-    kernel.read(plant, table, noise[0], samples)
+    plant_kernel.read(plant, table, noise[0], samples)
     while k < log.columns.shape[1] and g.flags[0] != STOPPED:
         lost = 0
         if k > 0:
@@ -88,7 +88,7 @@ def frozen(
                 left = freezes[k - 1]
             lost, since = (1, since + 1) if left > 0 else (0, 0)
             if left == 0 or mode != PAUSED:
-                kernel.read(plant, table, noise[k % noise.shape[0]], samples)
+                plant_kernel.read(plant, table, noise[k % noise.shape[0]], samples)
             if lost == 0 or mode == ANSWERS_LOST:
                 late = mode == APPROACHES and (late or passed > 1)
                 held = approached(held, command, told.volts[0], passed, closing) if late else command
@@ -104,7 +104,7 @@ def frozen(
             judge(course, g, LOST if lost == 1 else OK)
             if lost == 0 or mode != PAUSED:
                 for _ in range(TICKS):
-                    kernel.hold(plant, table, held)
+                    plant_kernel.hold(plant, table, held)
             left -= lost
         log.done[0] = k
         command = conduct(course, s, limits, g, drive, log, samples, lost, k)
@@ -137,7 +137,7 @@ class Freezing:
             setup.rig, kind="udp", overrun="skip", limits=replace(setup.rig.limits, lost_samples=lost_samples)
         )
         drive = drive_of(setup, self.design)[: self.record]
-        run = performance.prepare(info, self.design.blocks, NUMERICAL, drive, guard_limits(setup))
+        run = realtime_run.prepare(info, self.design.blocks, NUMERICAL, drive, guard_limits(setup))
         plant = make_table(self.served, run.course.dt_ns).plant
         freezes, latched = np.zeros(len(run.drive), np.int64), np.zeros(len(run.drive))
         freezes[at] = length

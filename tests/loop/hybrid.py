@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from bench import DT_S, LINEAR, held, linear_table, specimen
 
-from rths_cli.control import estimator, feedback, feedforward, numerical, sensing
+from rths_cli.control import feedback, feedforward, kalman_filter, numerical_substructure, sensor_correction
 from rths_cli.control.blocks import Blocks
 from rths_cli.loop.guard import GuardLimits
-from rths_cli.lti import Array, Block, Model
-from rths_cli.rig_info import RigInfo
+from rths_cli.numerics.lti import Array, Block, Model
+from rths_cli.rigs.description import RigInfo
 from rths_cli.structure import Numerical
 
 
@@ -46,11 +46,11 @@ def best_like(
     model = true_model((info.latency_samples + 0.5) * info.dt_s, interface_mass_kg)
     if info.latency_samples == 2:
         lead = 3
-    shear = estimator.predicted_shear(specimen(), interface_mass_kg, lead, info.dt_s)
+    shear = kalman_filter.predicted_shear(specimen(), interface_mass_kg, lead, info.dt_s)
     return Blocks(
-        sensing.correction(info.channels, info.dt_s),
-        estimator.kalman_block(specimen(), 1e3, 1.0, info.dt_s, knows_table=True),
-        numerical.interface(storeys(numerical_storeys, mass_kg=6.93 - interface_mass_kg), info.dt_s),
+        sensor_correction.correction(info.channels, info.dt_s),
+        kalman_filter.kalman_block(specimen(), 1e3, 1.0, info.dt_s, knows_table=True),
+        numerical_substructure.interface(storeys(numerical_storeys, mass_kg=6.93 - interface_mass_kg), info.dt_s),
         feedforward.lagged_inverse(model, info.dt_s, lead),
         feedback.lqg(model, 1.0, info.dt_s),
         shear.estimate,
@@ -61,18 +61,18 @@ def best_like(
         ripple,
         info.latency_samples,
         ripple_sum_m_s2_per_v=1e-3 * ripple,
-        open_loop=estimator.open_loop(specimen(), info.dt_s),
+        open_loop=kalman_filter.open_loop(specimen(), info.dt_s),
     )
 
 
 def paper_like(info: RigInfo, interface_mass_kg: float = 0.0, dashpot_n_s_per_m: float = 22.163) -> Blocks:
     """Return the printed method: leaky inverse, Kalman filter on the floors alone, base shear as measured."""
     model = true_model((info.latency_samples + 0.5) * info.dt_s, interface_mass_kg)
-    shear = estimator.measured_shear(specimen(), interface_mass_kg)
+    shear = kalman_filter.measured_shear(specimen(), interface_mass_kg)
     return Blocks(
-        sensing.correction(info.channels, info.dt_s),
-        estimator.kalman_block(specimen(), 1e3, 1.0, info.dt_s, knows_table=False),
-        numerical.interface(storeys(1, dashpot_n_s_per_m, 6.93 - interface_mass_kg), info.dt_s),
+        sensor_correction.correction(info.channels, info.dt_s),
+        kalman_filter.kalman_block(specimen(), 1e3, 1.0, info.dt_s, knows_table=False),
+        numerical_substructure.interface(storeys(1, dashpot_n_s_per_m, 6.93 - interface_mass_kg), info.dt_s),
         feedforward.leaky_inverse(model, info.dt_s, 0.05),
         feedback.none(info.dt_s),
         shear.estimate,

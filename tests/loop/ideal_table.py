@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.linalg import expm
 
-from rths_cli.lti import Array
+from rths_cli.numerics.lti import Array
 from rths_cli.structure import Building
 
 FINE = 4  # steps of the solution in a sample interval

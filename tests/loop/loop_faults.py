@@ -9,7 +9,7 @@ from faulty_rig import DT_S, RANGE_V, Play, Sensor, Wire
 
 from rths_cli.errors import RigError
 from rths_cli.loop import guard as g
-from rths_cli.lti import Array
+from rths_cli.numerics.lti import Array
 
 BEYOND = {g.STROKE, g.VELOCITY, g.ACCELERATION, g.FORCE, g.COMMAND, g.RATE}
 ODD = {g.ENERGY, g.TRACKING, g.SATURATED, g.STUCK} | BEYOND - {g.COMMAND}  # how a wrong motion may show first

@@ -11,36 +11,36 @@ from functools import cached_property
 
 import numpy as np
 
+from rths_cli.analysis.metrics import error_figures
 from rths_cli.analysis.sim import simulate
 from rths_cli.case.load import load_cases
-from rths_cli.clocks import IntArray
-from rths_cli.compiled import entry
-from rths_cli.loop import performance, serving
-from rths_cli.loop.blocks import NUMERICAL, Step
-from rths_cli.loop.drive import Outcome
-from rths_cli.loop.foresight import no_foresight
+from rths_cli.experiment.design import Design, design_blocks
+from rths_cli.experiment.model_registry import Memory
+from rths_cli.experiment.rig_access import guard_limits
+from rths_cli.experiment.run_series import Series, on_record_clock, whole_building
+from rths_cli.experiment.serve import ServedRig, describe, make_table
+from rths_cli.experiment.setup import Setup, make_setup
+from rths_cli.experiment.table_runs import drive_of
+from rths_cli.loop import realtime_run, udp_target
+from rths_cli.loop.command_preview import no_foresight
+from rths_cli.loop.counted_clock import Outcome
 from rths_cli.loop.guard import STOPPED, GuardLimits, GuardState
-from rths_cli.loop.log import Log, Signals, signals
-from rths_cli.loop.performance import Performance
-from rths_cli.loop.realtime import STANDS_V, Course, conduct, leave, look_ahead, pass_by
-from rths_cli.lti import Array
-from rths_cli.metrics import error_figures
+from rths_cli.loop.realtime_loop import STANDS_V, Course, conduct, leave, look_ahead, pass_by
+from rths_cli.loop.realtime_run import Performance
+from rths_cli.loop.run_log import Log, Signals, signals
+from rths_cli.loop.step_arrays import NUMERICAL, Step
+from rths_cli.numerics.clock import IntArray
+from rths_cli.numerics.compiled import entry
+from rths_cli.numerics.lti import Array
+from rths_cli.rigs.udp.command_trajectory import Way, fresh_way
 from rths_cli.rigs.udp.handshake import open_greeter
-from rths_cli.rigs.udp.way import Way, fresh_way
-from rths_cli.workflows.controllers import Design, design_blocks
-from rths_cli.workflows.known import Memory
-from rths_cli.workflows.rigs import guard_limits
-from rths_cli.workflows.series import Series, on_record_clock, whole_building
-from rths_cli.workflows.serve_table import ServedRig, describe, make_table
-from rths_cli.workflows.setup import Setup, make_setup
-from rths_cli.workflows.table_runs import drive_of
 
 INTERVAL_NS = 1_000_000
 
 
 @entry
 def stalled(
-    d: serving.Door, t: serving.Table, way: Way, course: Course, s: Step, limits: GuardLimits, g: GuardState,
+    d: udp_target.Door, t: udp_target.Table, way: Way, course: Course, s: Step, limits: GuardLimits, g: GuardState,
     drive: Array, log: Log, stalls: IntArray, apart: Array,
 ) -> int:  # fmt: skip
     """Do what `run_udp` does, the clock set on by as many intervals as `stalls` (n,) says where an exchange is due.
@@ -48,8 +48,8 @@ def stalled(
     Return the steps done; `apart` (1,) is how far the table was at most from where the runner took it to stand.
     """
     behind, waited, k, command = 0, 0, 0, 0.0
-    serving.arm(d, t, 0)
-    serving.sample(t, d.session)
+    udp_target.arm(d, t, 0)
+    udp_target.sample(t, d.session)
     while k < log.columns.shape[1] and g.flags[0] != STOPPED:
         lost = 0
         if behind > 0:
@@ -60,15 +60,15 @@ def stalled(
                 behind, stalls[k - 1] = stalls[k - 1], 0
                 continue
             now = (k - 1) * course.dt_ns
-            serving.advance(d, t, now)
+            udp_target.advance(d, t, now)
             apart[0] = max(apart[0], abs(t.latched_v[0] - course.drift[STANDS_V]))
             waited, command = 0, leave(course, s, limits, log, way, command, k)
             for i in range(way.volts.size):
                 t.way.volts[i] = way.volts[i]
             for i in range(way.marks.size):
                 t.way.marks[i] = way.marks[i]
-            serving.sample(t, d.session)
-            serving.obey(d, t, now)
+            udp_target.sample(t, d.session)
+            udp_target.obey(d, t, now)
         log.done[0] = k
         command = conduct(course, s, limits, g, drive, log, t.samples, lost, k)
         k += 1
@@ -94,13 +94,13 @@ class Laboratory:
         setup, blocks = self.setup, self.design.blocks
         drive = drive_of(setup, self.design)[: self.record]
         info = replace(setup.rig, kind="udp", overrun="skip", limits=replace(setup.rig.limits, lost_samples=200))
-        run = performance.prepare(info, blocks, NUMERICAL, drive, guard_limits(setup))
+        run = realtime_run.prepare(info, blocks, NUMERICAL, drive, guard_limits(setup))
         course = run.course if told else run.course._replace(foresight=no_foresight(3))
         table, stalls, apart = make_table(self.served, INTERVAL_NS), np.zeros(len(run.drive), np.int64), np.zeros(1)
         stalls[at] = length
         nobody = np.zeros(2, np.uint64)
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as link:
-            door = serving.open_door(
+            door = udp_target.open_door(
                 link, open_greeter(nobody, 3, 1, 10**9), nobody, INTERVAL_NS, 500_000_000, np.zeros(1, np.int64)
             )
             told_to = (run.step, run.limits, run.guard, run.drive, run.log, stalls, apart)

@@ -13,9 +13,9 @@ from bench import LINEAR, rig_info, specimen
 from hybrid import best_like, ground, open_limits, paper_like
 
 from rths_cli.case.virtual_physics import VirtualPhysics
-from rths_cli.lti import Array
-from rths_cli.rig_info import RigInfo
-from rths_cli.rigs.virtual.rig import build_plant
+from rths_cli.numerics.lti import Array
+from rths_cli.rigs.description import RigInfo
+from rths_cli.rigs.virtual.virtual_rig import build_plant
 
 sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
 from speed import in_c, play

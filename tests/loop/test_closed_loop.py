@@ -12,21 +12,21 @@ from numba import njit
 from numba.core.errors import NumbaError
 from scipy.linalg import expm
 
-from rths_cli import clocks
 from rths_cli.case.virtual_physics import VirtualPhysics
-from rths_cli.compiled import Part, entry
-from rths_cli.control import estimator, feedback, numerical
+from rths_cli.control import feedback, kalman_filter, numerical_substructure
 from rths_cli.control.blocks import Blocks
-from rths_cli.control.realise import static
-from rths_cli.loop import drive as loop_drive
+from rths_cli.control.state_space import static
+from rths_cli.loop import counted_clock as loop_drive
 from rths_cli.loop import guard as loop_guard
 from rths_cli.loop import step as blocks_step
-from rths_cli.loop.blocks import NUMERICAL, RECORD
-from rths_cli.loop.drive import Outcome, play
-from rths_cli.lti import Array
-from rths_cli.rig_info import RigInfo
-from rths_cli.rigs.virtual import kernel
-from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
+from rths_cli.loop.counted_clock import Outcome, play
+from rths_cli.loop.step_arrays import NUMERICAL, RECORD
+from rths_cli.numerics import clock
+from rths_cli.numerics.compiled import Part, entry
+from rths_cli.numerics.lti import Array
+from rths_cli.rigs.description import RigInfo
+from rths_cli.rigs.virtual import plant_kernel
+from rths_cli.rigs.virtual.virtual_rig import VirtualRig, build_plant
 
 
 def linear_run(info: RigInfo, blocks: Blocks, drive: Array, interface_mass_kg: float = 0.0) -> Outcome:
@@ -140,12 +140,12 @@ class IdealTable:
 def hybrid_on_ideal_table(dt_s: float, ground_accel: Array) -> Array:
     """Return the interface acceleration of a staggered test: base shear of the floors' last samples."""
     info = replace(ideal_info(latency_samples=0, dt_s=dt_s), dt_s=dt_s)
-    shear = estimator.measured_shear(specimen(), 0.0)
+    shear = kalman_filter.measured_shear(specimen(), 0.0)
     pick = np.vstack([np.zeros((4, 3)), [[0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]])
     blocks = Blocks(
         static(np.eye(3), dt_s, "sensor_correction", (), ()),
         static(pick, dt_s, "kalman", (), ()),
-        numerical.interface(storeys(), dt_s),
+        numerical_substructure.interface(storeys(), dt_s),
         static(np.array([[1.0, 0.0, 0.0]]), dt_s, "feedforward", (), ()),
         feedback.none(dt_s),
         shear.estimate,
@@ -196,12 +196,12 @@ def test_the_staggered_loop_converges_to_the_undivided_building_with_first_order
 def test_every_size_of_structure_runs_the_same_compiled_code(floors: int, numerical_storeys: int) -> None:
     stiffness = (7331.56, 7376.40, 7000.0)[:floors]
     info, parts = rig_info(floors=floors), specimen(stiffness)
-    shear = estimator.predicted_shear(parts, 0.0, 2, DT_S)
+    shear = kalman_filter.predicted_shear(parts, 0.0, 2, DT_S)
     gain = np.array([[0.0, 0.0, 1.0 / info.gain_m_per_v]])
     blocks = replace(
         best_like(rig_info(), numerical_storeys=numerical_storeys),
         correction=static(np.eye(1 + floors) * 9.80665, DT_S, "sensor_correction", (), ()),
-        estimator=estimator.kalman_block(parts, 1e3, 1.0, DT_S, knows_table=True),
+        estimator=kalman_filter.kalman_block(parts, 1e3, 1.0, DT_S, knows_table=True),
         feedforward=static(gain, DT_S, "feedforward", (), ()),
         shear_estimate=shear.estimate,
         shear_recent=shear.recent,
@@ -227,7 +227,7 @@ def test_nothing_in_a_run_can_allocate() -> None:
         entry(greedy)(3)
     parts = [
         value
-        for module in (blocks_step, loop_guard, loop_drive, clocks, kernel)
+        for module in (blocks_step, loop_guard, loop_drive, clock, plant_kernel)
         for value in vars(module).values()
         if isinstance(value, Part)
     ]

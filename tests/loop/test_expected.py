@@ -9,11 +9,11 @@ from bench import rig_info, specimen
 from hybrid import best_like, ground
 from scipy.signal import lsim
 
-from rths_cli.compiled import entry
-from rths_cli.control.estimator import specimen_state_space
-from rths_cli.loop.blocks import RECORD, Step, assemble
+from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.loop.step import step
-from rths_cli.lti import Array
+from rths_cli.loop.step_arrays import RECORD, Step, assemble
+from rths_cli.numerics.compiled import entry
+from rths_cli.numerics.lti import Array
 
 STEPS = 3000
 

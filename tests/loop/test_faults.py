@@ -14,8 +14,8 @@ from faulty import KINDS, Ended, FaultyRig, bench_info, performed
 
 from rths_cli.errors import RigError
 from rths_cli.loop import guard as g
-from rths_cli.loop import performance
-from rths_cli.loop.blocks import NUMERICAL
+from rths_cli.loop import realtime_run
+from rths_cli.loop.step_arrays import NUMERICAL
 
 
 @pytest.fixture(scope="module")
@@ -65,11 +65,11 @@ def test_what_the_driver_says_comes_after_the_first_reason(seen: dict[str, Ended
     assert (ended.reason, ended.fault) == (g.OPERATOR, "rig bench: the amplifier tripped")
 
 
-def quiet_run() -> tuple[FaultyRig, performance.Performance]:
+def quiet_run() -> tuple[FaultyRig, realtime_run.Performance]:
     info = bench_info()
     orders = np.zeros(1, dtype=np.int64)
     drive = faulty.shaken()[:300].copy()
-    return FaultyRig(info), performance.prepare(
+    return FaultyRig(info), realtime_run.prepare(
         info, faulty.blocks(), NUMERICAL, drive, faulty.guard_of(info), None, orders, 0.05
     )
 
@@ -81,7 +81,7 @@ def test_a_rig_that_refuses_to_rest_is_told_and_the_run_is_kept() -> None:
         raise RigError("rig bench: the brake does not close")
 
     rig.resting = refuse
-    assert performance.perform(rig, run) == "rig bench: the brake does not close"
+    assert realtime_run.perform(rig, run) == "rig bench: the brake does not close"
     assert run.log.done[0] > 350
     assert run.guard.flags[1] == g.END
 
@@ -95,7 +95,7 @@ def test_a_fault_that_is_no_rig_error_rests_the_table_before_it_is_raised() -> N
 
     rig.event = crash
     with pytest.raises(ZeroDivisionError):
-        performance.perform(rig, run)
+        realtime_run.perform(rig, run)
     assert rig.rested == 1
 
 
@@ -109,6 +109,6 @@ def test_an_order_after_the_end_changes_nothing() -> None:
             run.course.orders[0] = 2
 
     rig.event = late
-    assert performance.perform(rig, run) == ""
+    assert realtime_run.perform(rig, run) == ""
     assert run.guard.flags[1] == g.END
     assert rig.commands[-1] == 0.0

@@ -16,10 +16,9 @@ import pytest
 from faulty import FaultyRig, bench_info
 
 from rths_cli.loop import guard as g
-from rths_cli.loop import performance
-from rths_cli.loop.blocks import NUMERICAL
-from rths_cli.loop.performance import Performance
-from rths_cli.loop.performing import Performed, perform_watched, rehearse_watched
+from rths_cli.loop import realtime_run as performance
+from rths_cli.loop.realtime_run import Performance, Performed, perform_watched, rehearse_watched
+from rths_cli.loop.step_arrays import NUMERICAL
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
 

@@ -7,8 +7,8 @@ import pytest
 from freezing import ANSWERS_LOST, APPROACHES, GOES_ON, HOLDS, Freezing, freezing_of, ideal_errors
 from ideal_table import storeys_of
 
+from rths_cli.analysis.metrics import error_figures
 from rths_cli.loop.guard import END, LOST
-from rths_cli.metrics import error_figures
 
 RATE_HZ, RECORD = 500, 3_600
 FROZEN_AT = RATE_HZ + np.array([1_290, 2_050])  # after the ramp; the table moves at 0.12 and 0.1 m/s

@@ -15,18 +15,18 @@ from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 from rths_cli.case.virtual_physics import VirtualPhysics
-from rths_cli.compiled import entry
-from rths_cli.control import feedback, sensing
+from rths_cli.control import feedback, sensor_correction
 from rths_cli.control.blocks import Blocks
-from rths_cli.control.realise import static
+from rths_cli.control.state_space import static
 from rths_cli.loop import guard as g
-from rths_cli.loop.blocks import EXCITATION, RECORD
-from rths_cli.loop.drive import Outcome, Stillness, play
+from rths_cli.loop.counted_clock import Outcome, Stillness, play
 from rths_cli.loop.guard import AT_REST_M, FORGET_HZ, STOPPED, GuardLimits, GuardState, check_energy, fresh_guard, guard
-from rths_cli.loop.reasons import reason_of
-from rths_cli.lti import Array
-from rths_cli.rig_info import RigInfo
-from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
+from rths_cli.loop.step_arrays import EXCITATION, RECORD
+from rths_cli.loop.stop_reasons import reason_of
+from rths_cli.numerics.compiled import entry
+from rths_cli.numerics.lti import Array
+from rths_cli.rigs.description import RigInfo
+from rths_cli.rigs.virtual.virtual_rig import VirtualRig, build_plant
 
 DT_S = 5e-4
 NOISE = np.random.default_rng(0).standard_normal((30000, 3)) * 1e-3
@@ -179,7 +179,13 @@ def excitation_blocks(info: RigInfo) -> Blocks:
     c, dt = len(info.channels), info.dt_s
     nothing = [static(np.zeros(s), dt, "none", (), ()) for s in ((1, c), (3, 2), (1, 3))]
     return Blocks(
-        sensing.correction(info.channels, dt), *nothing, feedback.none(dt), np.zeros(1), np.zeros(0), np.zeros(c), 0.0
+        sensor_correction.correction(info.channels, dt),
+        *nothing,
+        feedback.none(dt),
+        np.zeros(1),
+        np.zeros(0),
+        np.zeros(c),
+        0.0,
     )
 
 

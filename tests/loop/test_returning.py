@@ -7,38 +7,38 @@ import pytest
 from bench import rig_info
 from hybrid import best_like, open_limits
 
-from rths_cli.clocks import IntArray
-from rths_cli.compiled import entry
-from rths_cli.loop import returning
-from rths_cli.loop.blocks import NUMERICAL, Step, assemble
+from rths_cli.loop import bumpless_transfer
+from rths_cli.loop.block_replay import run_block
+from rths_cli.loop.bumpless_transfer import Returning
 from rths_cli.loop.guard import ACCELERATION, GuardLimits, GuardState
-from rths_cli.loop.log import MIXED, NO_ANSWER, Log, signals
-from rths_cli.loop.performance import prepare
-from rths_cli.loop.realtime import Course, conduct
-from rths_cli.loop.replay import run_block
-from rths_cli.loop.returning import Returning
+from rths_cli.loop.realtime_loop import Course, conduct
+from rths_cli.loop.realtime_run import prepare
+from rths_cli.loop.run_log import MIXED, NO_ANSWER, Log, signals
 from rths_cli.loop.step import sense
-from rths_cli.lti import Array
+from rths_cli.loop.step_arrays import NUMERICAL, Step, assemble
+from rths_cli.numerics.clock import IntArray
+from rths_cli.numerics.compiled import entry
+from rths_cli.numerics.lti import Array
 
 
 @entry
 def shares(r: Returning, came: IntArray, given: Array) -> None:
     for k in range(came.size):
         if came[k] == 0:
-            returning.note_lost(r)
+            bumpless_transfer.note_lost(r)
         else:
-            given[k] = returning.share_of_measured(r)
+            given[k] = bumpless_transfer.share_of_measured(r)
 
 
 @entry
 def returned(r: Returning, s: Step, samples: Array, given: Array, heard: Array) -> None:
     """Lose three samples, then take samples (n, c) in V; note what the step is given and what was heard, (n, c)."""
     for _ in range(3):
-        returning.note_lost(r)
+        bumpless_transfer.note_lost(r)
     for k in range(len(samples)):
         for c in range(s.samples.size):
             s.samples[c] = samples[k, c]
-        mixed = returning.give_back(r, s)
+        mixed = bumpless_transfer.give_back(r, s)
         sense(s)
         for c in range(s.samples.size):
             given[k, c] = s.samples[c]
@@ -47,7 +47,7 @@ def returned(r: Returning, s: Step, samples: Array, given: Array, heard: Array) 
 
 def shares_of(*came: int) -> Array:
     given = np.zeros(len(came))
-    shares(returning.returning(rig_info(dt_s=1e-3)), np.array(came), given)
+    shares(bumpless_transfer.returning(rig_info(dt_s=1e-3)), np.array(came), given)
     return given
 
 
@@ -83,7 +83,7 @@ def test_the_step_is_given_a_mix_and_what_came_is_corrected_as_it_came() -> None
     info = rig_info(dt_s=1e-3)
     blocks = best_like(info)
     step = assemble(blocks, NUMERICAL)
-    r = returning.returning(info)
+    r = bumpless_transfer.returning(info)
     came = 0.5 + np.random.default_rng(4).normal(0.0, 0.1, (12, 3))
     given, heard = np.zeros_like(came), np.zeros_like(came)
     returned(r, step, came, given, heard)

@@ -15,19 +15,19 @@ import pytest
 from bench import rig_info
 from hybrid import best_like, open_limits
 from smooth_way import smooth_way
-from test_foresight import wave
+from test_command_preview import wave
 from udp_peer import PlainTarget, virtual_table
 
-from rths_cli.compiled import entry
-from rths_cli.loop import guard, performance
-from rths_cli.loop.blocks import RECORD, Step
+from rths_cli.loop import guard, realtime_run
 from rths_cli.loop.guard import GuardLimits, GuardState
-from rths_cli.loop.log import Log, Signals, signals
-from rths_cli.loop.realtime import START_NS, Course, conduct, leave, look_ahead, pass_by
-from rths_cli.lti import Array
-from rths_cli.rigs.udp.rig import UdpRig, UdpTarget
-from rths_cli.rigs.udp.way import Way, fresh_way, place_after
-from rths_cli.rigs.udp.wire import COMMAND
+from rths_cli.loop.realtime_loop import START_NS, Course, conduct, leave, look_ahead, pass_by
+from rths_cli.loop.run_log import Log, Signals, signals
+from rths_cli.loop.step_arrays import RECORD, Step
+from rths_cli.numerics.compiled import entry
+from rths_cli.numerics.lti import Array
+from rths_cli.rigs.udp.command_trajectory import Way, fresh_way, place_after
+from rths_cli.rigs.udp.packets import COMMAND
+from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
 DT_S, SECRET, STALLS = 2e-3, bytes(range(16)), (1, 7, 20, 40, 1)
@@ -46,12 +46,13 @@ def played(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Signals, 
     rig = UdpRig(info, UdpTarget("127.0.0.1", target.port, key_file, watchdog_s=1.0, lost_samples=400))
     blocks = replace(best_like(info), shaping_step_v=info.converters.step_v)
     spent, run = (
-        performance.prepare(info, blocks, RECORD, wave(1200, DT_S, RECORD), open_limits(info), ramp_s=0.1) for _ in "12"
+        realtime_run.prepare(info, blocks, RECORD, wave(1200, DT_S, RECORD), open_limits(info), ramp_s=0.1)
+        for _ in "12"
     )
-    performance.rehearse(spent, 0.02)
+    realtime_run.rehearse(spent, 0.02)
     rig.open()
     faults: list[str] = []
-    loop = threading.Thread(target=lambda: faults.append(performance.perform(rig, run)))
+    loop = threading.Thread(target=lambda: faults.append(realtime_run.perform(rig, run)))
     loop.start()
     for intervals in STALLS:
         time.sleep(0.3)
@@ -132,7 +133,7 @@ def test_after_a_gap_the_next_command_is_where_the_way_would_have_led() -> None:
     """
     info = replace(rig_info(dt_s=DT_S), kind="udp", limits=replace(rig_info().limits, lost_samples=400))
     blocks = replace(best_like(info), shaping_step_v=info.converters.step_v)
-    run = performance.prepare(info, blocks, RECORD, wave(1200, DT_S, RECORD), open_limits(info), ramp_s=0.1)
+    run = realtime_run.prepare(info, blocks, RECORD, wave(1200, DT_S, RECORD), open_limits(info), ramp_s=0.1)
     table, told, waited, off = virtual_table(info, (1, 2)), fresh_way(), 0, []
     whole = (run.course, run.step, run.limits, run.guard, run.drive, run.log)
     command = computed(*whole, np.array(table(None)), 0, 0)

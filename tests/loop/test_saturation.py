@@ -13,13 +13,13 @@ from rths_cli.case.virtual_physics import VirtualPhysics
 from rths_cli.control import feedback
 from rths_cli.control.blocks import Blocks
 from rths_cli.control.feedback import DEFAULT
-from rths_cli.control.realise import static
-from rths_cli.control.riccati import riccati_gain
-from rths_cli.loop.blocks import NUMERICAL, RECORD, assemble
-from rths_cli.loop.drive import Outcome, play
-from rths_cli.lti import Array, Block
-from rths_cli.rig_info import RigInfo
-from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
+from rths_cli.control.state_space import static
+from rths_cli.loop.counted_clock import Outcome, play
+from rths_cli.loop.step_arrays import NUMERICAL, RECORD, assemble
+from rths_cli.numerics.lti import Array, Block
+from rths_cli.numerics.matrix_equations import riccati_gain
+from rths_cli.rigs.description import RigInfo
+from rths_cli.rigs.virtual.virtual_rig import VirtualRig, build_plant
 
 NOISE, LIMIT_V = 1.0, 0.4
 STEPS, ENDS = 3000, 1000

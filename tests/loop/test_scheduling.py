@@ -131,9 +131,9 @@ def test_one_processor_is_left_to_the_system(monkeypatch: pytest.MonkeyPatch) ->
 
 
 def test_other_systems_are_told_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    from rths_cli import clocks
+    from rths_cli.numerics import clock
 
-    monkeypatch.setattr(clocks, "REAL_TIME", False)
+    monkeypatch.setattr(clock, "REAL_TIME", False)
     with pytest.raises(InputError, match="real time needs Linux"), real_time():
         pass
 

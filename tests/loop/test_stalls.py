@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from stalling import Laboratory, laboratory_of, logged
 
+from rths_cli.loop.bumpless_transfer import OFF_V
 from rths_cli.loop.guard import END
-from rths_cli.loop.performance import Performance
-from rths_cli.loop.rejoining import OFF_V
+from rths_cli.loop.realtime_run import Performance
 
 RECORD = 20_000  # samples: 20 s of El Centro, its strong part
 STALLED_AT = 1000 + np.array([2_113, 4_871, 7_490, 11_006])  # after the ramp

@@ -43,7 +43,7 @@ def test_the_wheel_finds_its_shipped_files_by_name(built: Path, tmp_path: Path) 
     # the dependencies are this environment's; the package is the unpacked wheel's, far from the source tree
     code = (
         "import json, rths_cli; from rths_cli.case.load import load_cases;"
-        "from rths_cli.workflows.setup import make_setup;"
+        "from rths_cli.experiment.setup import make_setup;"
         "s = make_setup(load_cases(['hachinohe_high_ff_fb'])[0]);"
         "print(json.dumps([rths_cli.__file__, str(s.case.record.path), s.case.reference.name]))"
     )

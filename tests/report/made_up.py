@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from rths_cli.files.results import Result
+from rths_cli.files.result_reader import Result
 
 SUFFIXES = ("", "_true", "_full", "_true_full")
 PUBLISHED = {

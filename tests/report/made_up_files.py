@@ -6,7 +6,7 @@ from pathlib import Path
 
 import h5py
 
-from rths_cli.files.results import ResultWriter
+from rths_cli.files.result_reader import ResultWriter
 from rths_cli.quantities import METRICS
 
 ABOUT = {

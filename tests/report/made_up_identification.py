@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from rths_cli.identification.found import (
+from rths_cli.identification.results import (
     Band,
     Candidate,
     ChannelReport,
@@ -13,8 +13,8 @@ from rths_cli.identification.found import (
     SpecimenFit,
     Verdict,
 )
-from rths_cli.lti import Frf, Model
-from rths_cli.report.identified import About
+from rths_cli.numerics.lti import Frf, Model
+from rths_cli.report.identification_page import About
 from rths_cli.structure import Specimen, storey_matrix
 
 NAN = float("nan")

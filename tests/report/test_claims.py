@@ -4,8 +4,8 @@ import math
 
 from made_up import HIGH, LOW, figures, paper_cases, result
 
+from rths_cli.report.case_results import entries
 from rths_cli.report.claims import CLAIMS, HELD, NOT_HELD, UNJUDGED, claims_text, judge
-from rths_cli.report.load import entries
 
 TRACKS, DELAY, DAMPING, PEAK = CLAIMS
 

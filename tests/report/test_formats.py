@@ -15,15 +15,14 @@ import pytest
 from made_up import paper_cases, result
 from made_up_files import write
 
-from rths_cli.report.contents import Contents, contents
-from rths_cli.report.formats.columns import filled, width
-from rths_cli.report.formats.document import document
+from rths_cli.report.formats.csv_table import filled, tidy, width
+from rths_cli.report.formats.json_document import document
 from rths_cli.report.formats.latex import latex, number
 from rths_cli.report.formats.markdown import escaped, markdown
-from rths_cli.report.formats.tidy import tidy
-from rths_cli.report.inputs import Inputs, Unread, read_inputs
-from rths_cli.report.layout import Fixed, Paragraphs, Table
+from rths_cli.report.input_files import Inputs, Unread, read_inputs
+from rths_cli.report.sections import Contents, contents
 from rths_cli.report.tables import blocks
+from rths_cli.report.text_layout import Fixed, Paragraphs, Table
 
 SCHEMA = Path(__file__).parents[2] / "configs" / "report.schema.json"
 NASTY = r"a|b_c$d%e&f#g{h}i\j~k^l<script>m*n`o"

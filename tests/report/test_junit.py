@@ -10,10 +10,10 @@ import pytest
 from made_up_files import FIGURES, write
 
 from rths_cli.errors import InputError
-from rths_cli.files.results import Result, read_result
-from rths_cli.report.inputs import Unread
-from rths_cli.report.junit import junit
-from rths_cli.workflows.run import acceptance
+from rths_cli.experiment.run import acceptance
+from rths_cli.files.result_reader import Result, read_result
+from rths_cli.report.formats.junit import junit
+from rths_cli.report.input_files import Unread
 
 SUITE = {"name", "package", "id", "hostname", "timestamp", "tests", "failures", "errors", "time"}
 LIMITS = '{"exp_rths.rms_error_m_s2[3]": 0.06, "exp_rths.rms_error_m_s2": 0.025, "exp_rths.fei_delay_s": 0.0002}'

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.stats
 
-from rths_cli.report.statistics import statistics, student
+from rths_cli.report.group_comparison import statistics, student
 
 
 @pytest.mark.parametrize("freedom", [1, 2, 3, 4, 7, 10, 31, 100, 999])

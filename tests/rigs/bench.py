@@ -9,11 +9,11 @@ import numpy as np
 from scipy.linalg import eigh, expm
 
 from rths_cli.case.virtual_physics import VirtualPhysics
-from rths_cli.lti import Array
-from rths_cli.rig_info import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
-from rths_cli.rigs.virtual import kernel
+from rths_cli.numerics.lti import Array
+from rths_cli.rigs.description import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
+from rths_cli.rigs.virtual import plant_kernel
 from rths_cli.rigs.virtual.plant import Plant
-from rths_cli.rigs.virtual.rig import build_plant
+from rths_cli.rigs.virtual.virtual_rig import build_plant
 from rths_cli.structure import Specimen
 
 DT_S = 5e-4
@@ -117,12 +117,12 @@ def held(a: Array, b: Array, time_s: float) -> tuple[Array, Array]:
 
 def run_plant(plant: Plant, info: RigInfo, command_v: Array) -> tuple[Array, Array, Array]:
     """Return samples in V (c, n), states (n_states, n) and the velocities in the middle of each interval (c, n)."""
-    state, count = kernel.fresh_state(plant, info.latency_samples), len(command_v)
+    state, count = plant_kernel.fresh_state(plant, info.latency_samples), len(command_v)
     samples = np.zeros((len(info.channels), count))
     states, middle, quiet = np.zeros((plant.mechanical, count)), np.zeros_like(samples), np.zeros(len(info.channels))
     one, command = np.zeros(len(info.channels)), np.zeros(1)
-    read = kernel.read_samples.bind(plant, state, quiet, one)
-    hold = kernel.hold_interval.bind(plant, state, command)
+    read = plant_kernel.read_samples.bind(plant, state, quiet, one)
+    hold = plant_kernel.hold_interval.bind(plant, state, command)
     for k in range(count):
         read()
         samples[:, k], states[:, k] = one, state.state[: plant.mechanical]

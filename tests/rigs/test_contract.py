@@ -14,11 +14,11 @@ from udp_peer import PlainTarget
 
 from rths_cli.case.virtual_physics import VirtualPhysics
 from rths_cli.errors import RigError
-from rths_cli.lti import Array
+from rths_cli.numerics.lti import Array
 from rths_cli.rigs.interface import Rig, RigInfo
 from rths_cli.rigs.plugins import open_plugin
-from rths_cli.rigs.udp.rig import UdpRig, UdpTarget
-from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
+from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget
+from rths_cli.rigs.virtual.virtual_rig import VirtualRig, build_plant
 
 Maker = Callable[..., Rig]
 
@@ -59,7 +59,7 @@ def ni_kind(monkeypatch: pytest.MonkeyPatch) -> Kind:
     from fake_daqmx import FakeCard, install
 
     from rths_cli.rigs.ni.daqmx import Wiring
-    from rths_cli.rigs.ni.rig import NiRig
+    from rths_cli.rigs.ni.ni_rig import NiRig
 
     def make(latency_samples: int = 1, seed: tuple[int, ...] = (0, 1)) -> Rig:
         table = virtual(seed=seed)

@@ -17,15 +17,15 @@ from hybrid import best_like, open_limits
 from rths_cli.case.virtual_physics import VirtualPhysics
 from rths_cli.errors import RigError
 from rths_cli.loop import guard as g
-from rths_cli.loop.blocks import RECORD
-from rths_cli.loop.log import signals
-from rths_cli.loop.performance import Performance, perform, prepare
-from rths_cli.loop.realtime import OVERRUNS
-from rths_cli.loop.reasons import reason_of
-from rths_cli.rig_info import Limits, RigInfo
+from rths_cli.loop.realtime_loop import OVERRUNS
+from rths_cli.loop.realtime_run import Performance, perform, prepare
+from rths_cli.loop.run_log import signals
+from rths_cli.loop.step_arrays import RECORD
+from rths_cli.loop.stop_reasons import reason_of
+from rths_cli.rigs.description import Limits, RigInfo
 from rths_cli.rigs.ni.daqmx import Wiring
-from rths_cli.rigs.ni.rig import NiRig, way_to_rest
-from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
+from rths_cli.rigs.ni.ni_rig import NiRig, way_to_rest
+from rths_cli.rigs.virtual.virtual_rig import VirtualRig, build_plant
 
 pytest.importorskip("nidaqmx", reason="pip install 'rths-cli[ni]' to test the NI rig")
 from fake_daqmx import CONTINUOUS, SINGLE_POINT, FakeCard, install
@@ -303,7 +303,7 @@ def test_without_the_package_a_sentence_names_the_command_that_installs_it(monke
 
 
 def test_the_package_is_imported_only_when_a_card_is_opened() -> None:
-    code = "import sys, rths_cli.rigs.ni.rig, rths_cli.workflows.rigs; print('nidaqmx' in sys.modules)"
+    code = "import sys, rths_cli.rigs.ni.ni_rig, rths_cli.experiment.rig_access; print('nidaqmx' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "False"
 

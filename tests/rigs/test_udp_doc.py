@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 from packets import HEAD, Packet
 
-from rths_cli.compiled import entry
-from rths_cli.rigs.udp import session, wire
-from rths_cli.rigs.udp.secret import as_words
+from rths_cli.numerics.compiled import entry
+from rths_cli.rigs.udp import packets as wire
+from rths_cli.rigs.udp import session
+from rths_cli.rigs.udp.key_file import as_words
 from rths_cli.rigs.udp.siphash import Bytes, Words
 
 ROOT = Path(__file__).parents[2]

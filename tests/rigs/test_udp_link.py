@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 from packets import Packet, opened
 
-from rths_cli.compiled import entry
+from rths_cli.numerics.compiled import entry
 from rths_cli.rigs.udp import link as links
-from rths_cli.rigs.udp import wire
+from rths_cli.rigs.udp import packets as wire
 from rths_cli.rigs.udp.link import FAULT, LOST, OK, Link, converse_at, fresh_link
 from rths_cli.rigs.udp.sockets import bound, connected
 

@@ -19,7 +19,7 @@ from udp_relay import Mishap, Relay
 
 from rths_cli.errors import RigError
 from rths_cli.rigs.udp import link as links
-from rths_cli.rigs.udp.rig import UdpRig, UdpTarget
+from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget
 
 STEPS = 250
 

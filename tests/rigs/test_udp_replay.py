@@ -19,13 +19,12 @@ from udp_peer import SECRET, PlainTarget
 from udp_relay import Relay
 
 from rths_cli.errors import RigError
+from rths_cli.experiment.serve import Server, describe
 from rths_cli.rigs.udp import link as links
-from rths_cli.rigs.udp import wire
-from rths_cli.rigs.udp.rig import UdpRig, UdpTarget
-from rths_cli.rigs.udp.secret import read_secret
+from rths_cli.rigs.udp import packets
+from rths_cli.rigs.udp.key_file import read_secret
 from rths_cli.rigs.udp.sockets import bound
-from rths_cli.workflows.serve import Server
-from rths_cli.workflows.serve_table import describe
+from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 COMPILER = shutil.which("cc") or shutil.which("gcc")
@@ -132,18 +131,22 @@ def test_replays_at_the_start_in_motion_and_at_the_end_change_nothing(line: tupl
         for _ in range(10):
             wire_tap.replay(rig)
             shown.append(float(np.abs(rig.exchange(0.0)).max()))
-        assert max(shown) <= max(1.001 * shown[0], 0.01) and rig.link.status[links.STATE] == wire.ARMED
+        assert max(shown) <= max(1.001 * shown[0], 0.01) and rig.link.status[links.STATE] == packets.ARMED
         assert rig.counts["lost"] == 0
         wire_tap.replay(rig)
         rig.rest()
         assert rig.at_rest
         wire_tap.replay(rig)
-        assert links.converse_at(rig.link, wire.REST, rig._next_k(), 0.0, 0, 2_000_000_000) == links.FAULT
-        assert rig.link.status[links.STATE] == wire.RESTED and rig.link.status[links.FAULTS] == 0
+        assert links.converse_at(rig.link, packets.REST, rig._next_k(), 0.0, 0, 2_000_000_000) == links.FAULT
+        assert rig.link.status[links.STATE] == packets.RESTED and rig.link.status[links.FAULTS] == 0
         wire_tap.replay(rig)
         rig.close()
         wire_tap.replay()
-    nonces = {packet[wire.WORDS : wire.AFTER_NONCE] for packet in wire_tap.forth if packet[wire.KIND] == wire.HELLO}
+    nonces = {
+        packet[packets.WORDS : packets.AFTER_NONCE]
+        for packet in wire_tap.forth
+        if packet[packets.KIND] == packets.HELLO
+    }
     assert len(nonces) == 8  # no session was begun twice
 
 
@@ -152,7 +155,7 @@ def test_a_runner_whose_welcome_is_worthless_begins_once_more(
 ) -> None:
     """Another one armed, and rested, between its WELCOME and its ARM."""
     _, rig = line
-    monkeypatch.setattr("rths_cli.rigs.udp.rig.ARMING_TRIES", 3)
+    monkeypatch.setattr("rths_cli.rigs.udp.udp_rig.ARMING_TRIES", 3)
     rig.open()
     other = UdpRig(rig.info, rig.target)
     other.open()
@@ -170,8 +173,8 @@ def test_an_arm_does_not_take_a_table_that_another_runner_has(
 ) -> None:
     """It was welcomed while the table was at rest; its ARM comes while the other one's table is armed."""
     wire_tap, rig = line
-    monkeypatch.setattr("rths_cli.rigs.udp.rig.ARMING_TRIES", 3)
-    monkeypatch.setattr("rths_cli.rigs.udp.rig.AT_REST_S", -rig.target.watchdog_s)  # it waits for no watchdog
+    monkeypatch.setattr("rths_cli.rigs.udp.udp_rig.ARMING_TRIES", 3)
+    monkeypatch.setattr("rths_cli.rigs.udp.udp_rig.AT_REST_S", -rig.target.watchdog_s)  # it waits for no watchdog
     late = UdpRig(rig.info, rig.target)
     late.open()
     rig.open()
@@ -179,10 +182,10 @@ def test_an_arm_does_not_take_a_table_that_another_runner_has(
     rig.exchange(0.0)
     with pytest.raises(RigError, match="another session has its table"):
         late.arm()
-    arms = [packet for packet in wire_tap.forth if packet[wire.KIND] == wire.ARM]
-    assert len({packet[wire.WORDS : wire.AFTER_NONCE] for packet in arms}) == 2
+    arms = [packet for packet in wire_tap.forth if packet[packets.KIND] == packets.ARM]
+    assert len({packet[packets.WORDS : packets.AFTER_NONCE] for packet in arms}) == 2
     rig.exchange(0.0)
-    assert rig.link.status[links.STATE] == wire.ARMED
+    assert rig.link.status[links.STATE] == packets.ARMED
     rig.rest()
     assert rig.at_rest
     assert late._door is not None

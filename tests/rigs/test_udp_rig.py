@@ -14,12 +14,12 @@ from udp_peer import PATIENT_S, SECRET, PlainTarget, virtual_table
 
 from rths_cli.case.virtual_physics import VirtualPhysics
 from rths_cli.errors import InputError, RigError
-from rths_cli.lti import Array
+from rths_cli.numerics.lti import Array
 from rths_cli.rigs.interface import RigInfo
 from rths_cli.rigs.udp import link as links
-from rths_cli.rigs.udp import wire
-from rths_cli.rigs.udp.rig import UdpRig, UdpTarget
-from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
+from rths_cli.rigs.udp import packets
+from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget
+from rths_cli.rigs.virtual.virtual_rig import VirtualRig, build_plant
 
 MakeTarget = Callable[..., PlainTarget]
 
@@ -76,13 +76,13 @@ def test_a_session_obeys_every_command_in_order_one_interval_each(start: MakeTar
     assert target.lost == sequences[-1] - 4  # the instants at which this machine came too late to send
     assert samples.tolist() == [echo(None), echo(None), echo(1.0), echo(-2.0), echo(3.5)]  # latency of one sample
     assert target.rests == 4  # three times REST, until the table rested, then CLOSE
-    assert [packet.kind for packet in target.received[-4:]] == [wire.REST] * 3 + [wire.CLOSE]
+    assert [packet.kind for packet in target.received[-4:]] == [packets.REST] * 3 + [packets.CLOSE]
 
 
 def test_commands_leave_at_their_instants_and_never_before(start: MakeTarget, key_file: Path) -> None:
     target, info = start(), rig_info(dt_s=2e-3)
     play(rig_to(target, key_file, info), np.zeros(40))
-    sent = np.array([packet.sent_ns for packet in target.received if packet.kind == wire.COMMAND])
+    sent = np.array([packet.sent_ns for packet in target.received if packet.kind == packets.COMMAND])
     assert np.all(sent[1:] > sent[:-1])
     assert sent[-1] - sent[0] > 39 * 1.9e6
 
@@ -139,7 +139,7 @@ def test_a_target_that_says_why_it_stopped_is_quoted(start: MakeTarget, key_file
     rig.open()
     rig.arm()
     rig.exchange(1.0)
-    target.faults = wire.END_STOP | wire.ACTUATOR
+    target.faults = packets.END_STOP | packets.ACTUATOR
     with pytest.raises(RigError, match="stopped: the table is at its end stop, the actuator or its amplifier failed"):
         rig.exchange(1.0)
     target.faults, target.state = 0, udp_peer.RESTING
@@ -152,7 +152,7 @@ def test_a_target_that_cannot_be_armed_says_so(start: MakeTarget, key_file: Path
     target = start()
     rig = rig_to(target, key_file)
     rig.open()
-    target.faults = wire.EMERGENCY_STOP
+    target.faults = packets.EMERGENCY_STOP
     with pytest.raises(RigError, match="does not arm: the emergency stop is pressed"):
         rig.arm()
     rig.close()
@@ -260,7 +260,7 @@ def test_a_host_of_two_addresses_is_tried_at_both(
     target = start()
     found = [(socket.AF_INET, socket.SOCK_DGRAM, 17, "", (host, target.port)) for host in ("127.0.0.9", "127.0.0.1")]
     monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: found)
-    monkeypatch.setattr("rths_cli.rigs.udp.rig.GREETING_S", 1.0)
+    monkeypatch.setattr("rths_cli.rigs.udp.udp_rig.GREETING_S", 1.0)
     rig = UdpRig(rig_info(), UdpTarget("shaker", target.port, key_file))
     rig.open()
     assert rig.peer == f"127.0.0.1:{target.port}"
@@ -278,7 +278,7 @@ def test_a_session_that_the_watchdog_ended_before_its_answer_came_is_begun_once_
     def spoil(sequence: int, sent: bytes) -> list[bytes]:
         if target.armed > 1:
             return [sent]
-        target.state, target.faults = udp_peer.RESTED, wire.WATCHDOG
+        target.state, target.faults = udp_peer.RESTED, packets.WATCHDOG
         return [] if sequence == 0 else [sent]
 
     target.spoil = spoil
@@ -291,7 +291,7 @@ def test_a_session_that_began_although_no_answer_came_is_waited_for(
     start: MakeTarget, key_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """All answers to ARM are lost; the target's watchdog bites while the runner greets it again."""
-    monkeypatch.setattr("rths_cli.rigs.udp.rig.ARMING_TRIES", 3)
+    monkeypatch.setattr("rths_cli.rigs.udp.udp_rig.ARMING_TRIES", 3)
     target = start()
     rig = rig_to(target, key_file)
     rig.open()
@@ -306,6 +306,6 @@ def test_a_session_that_began_although_no_answer_came_is_waited_for(
 
     target._welcome = answer  # type: ignore[method-assign]
     rig.arm()
-    assert [data[wire.KIND] for data in refusals] == [wire.REFUSAL] * 3 + [wire.WELCOME]
+    assert [data[packets.KIND] for data in refusals] == [packets.REFUSAL] * 3 + [packets.WELCOME]
     assert target.armed == 2 and rig.exchange(1.0).size == 3
     rig.close()

@@ -12,7 +12,7 @@ import pytest
 from packets import Packet, opened, plain_siphash
 
 from rths_cli.errors import RigError
-from rths_cli.rigs.udp import wire
+from rths_cli.rigs.udp import packets
 from rths_cli.rigs.udp.handshake import PERIOD_NS, Greeter, answer_hello_at, open_greeter, opens_session_at
 from rths_cli.rigs.udp.session import Session, Terms, greet, judge, sealed, session_key
 from rths_cli.rigs.udp.sockets import bound, connected
@@ -34,7 +34,7 @@ class Target:
 
     def answer(self, data: bytes, now: int = NOW) -> bytes | None:
         """Return the answer to a packet, None for none."""
-        packet, out = buffer(data), np.zeros(wire.MOST_BYTES, np.uint8)
+        packet, out = buffer(data), np.zeros(packets.MOST_BYTES, np.uint8)
         before = self.greeter.armed[0], self.greeter.offer.copy(), self.greeter.boot.copy()
         size = answer_hello_at(self.greeter, packet, len(data), now, self.faults, self.busy, out)
         assert before[0] == self.greeter.armed[0]  # no HELLO changes anything
@@ -43,7 +43,7 @@ class Target:
 
     def begins(self, data: bytes, now: int = NOW) -> bool:
         """Tell whether a packet begins a session."""
-        scratch = np.zeros(wire.MOST_BYTES, np.uint8)
+        scratch = np.zeros(packets.MOST_BYTES, np.uint8)
         return bool(opens_session_at(self.greeter, buffer(data), len(data), now, scratch))
 
     def key(self) -> bytes:
@@ -52,15 +52,15 @@ class Target:
 
 
 def buffer(data: bytes) -> np.ndarray:
-    packet = np.zeros(wire.MOST_BYTES, np.uint8)
-    packet[: len(data)] = np.frombuffer(data[: wire.MOST_BYTES], np.uint8)
+    packet = np.zeros(packets.MOST_BYTES, np.uint8)
+    packet[: len(data)] = np.frombuffer(data[: packets.MOST_BYTES], np.uint8)
     return packet
 
 
 def key_of(welcome: bytes) -> bytes:
     """Return the session key that a WELCOME gives, by the page's words."""
     said = opened(welcome, SECRET)
-    assert said is not None and said.kind == wire.WELCOME
+    assert said is not None and said.kind == packets.WELCOME
     label = (b"rths-key" + struct.pack("<Q", i) for i in (0, 1))
     return b"".join(plain_siphash(head + said.content[:32], SECRET) for head in label)
 
@@ -69,7 +69,7 @@ def arm_of(welcome: bytes, sequence: int = 0, terms: bytes | None = None) -> byt
     """Return the ARM of a runner that was welcomed."""
     said = opened(welcome, SECRET)
     assert said is not None
-    return Packet(wire.ARM, sequence, said.content[:16] + (terms or said.content[32:])).sealed(key_of(welcome))
+    return Packet(packets.ARM, sequence, said.content[:16] + (terms or said.content[32:])).sealed(key_of(welcome))
 
 
 @pytest.fixture
@@ -108,14 +108,14 @@ def meet() -> Iterator[Callable[[Reply], tuple[socket.socket, str]]]:
         door.close()
 
 
-def hello(nonce: bytes = b"n" * 16, terms: Terms = WANTED, version: int = 3, kind: int = wire.HELLO) -> bytes:
+def hello(nonce: bytes = b"n" * 16, terms: Terms = WANTED, version: int = 3, kind: int = packets.HELLO) -> bytes:
     content = nonce + struct.pack("<3q", terms.channels, terms.interval_ns, terms.watchdog_ns) + bytes(16)
     return Packet(kind, 0, content, version=version).sealed(SECRET)
 
 
 def welcomed(target: Target, nonce: bytes = b"n" * 16, now: int = NOW) -> bytes:
     answer = target.answer(hello(nonce), now)
-    assert answer is not None and answer[wire.KIND] == wire.WELCOME
+    assert answer is not None and answer[packets.KIND] == packets.WELCOME
     return answer
 
 
@@ -125,7 +125,7 @@ def test_both_sides_get_the_same_key_and_the_shorter_watchdog(
     target = Target()
     session = greet(*meet(lambda data: [target.answer(data) or b""]), WORDS, WANTED)
     assert session.terms == Terms(3, 1_000_000, 50_000_000)
-    arm = sealed(wire.ARM, session.arming, session.key)
+    arm = sealed(packets.ARM, session.arming, session.key)
     assert target.begins(arm)
     assert target.key() == session.key.astype("<u8").tobytes()
 
@@ -147,7 +147,7 @@ def test_a_lost_welcome_is_sent_again_and_is_the_same(meet: Callable[[Reply], tu
 
     session = greet(*meet(reply), WORDS, WANTED)
     assert len(answers) == 3 and len(set(answers)) == 1
-    assert target.begins(sealed(wire.ARM, session.arming, session.key))
+    assert target.begins(sealed(packets.ARM, session.arming, session.key))
 
 
 def test_two_sessions_never_share_a_key() -> None:
@@ -200,12 +200,12 @@ def test_nothing_but_an_arm_begins_a_session() -> None:
     arm, key = arm_of(welcome), key_of(welcome)
     content = arm[40:80]
     bad = [
-        *(Packet(kind, 0, content).sealed(key) for kind in range(256) if kind != wire.ARM),
-        *(Packet(wire.ARM, 0, content[: 8 * n]).sealed(key) for n in range(5)),
-        Packet(wire.ARM, 0, content + bytes(8)).sealed(key),
-        Packet(wire.ARM, 0, content, version=2).sealed(key),
-        Packet(wire.ARM, 0, content).sealed(SECRET),
-        Packet(wire.ARM, 0, bytes(16) + content[16:]).sealed(key),
+        *(Packet(kind, 0, content).sealed(key) for kind in range(256) if kind != packets.ARM),
+        *(Packet(packets.ARM, 0, content[: 8 * n]).sealed(key) for n in range(5)),
+        Packet(packets.ARM, 0, content + bytes(8)).sealed(key),
+        Packet(packets.ARM, 0, content, version=2).sealed(key),
+        Packet(packets.ARM, 0, content).sealed(SECRET),
+        Packet(packets.ARM, 0, bytes(16) + content[16:]).sealed(key),
         arm[:-1],
         arm + b"\0",
         *(arm[:at] + bytes([arm[at] ^ 1]) + arm[at + 1 :] for at in range(len(arm))),
@@ -219,8 +219,8 @@ def test_nothing_but_an_arm_begins_a_session() -> None:
     [
         (Target(busy=True), "another session has its table"),
         (Target(channels=2), "it has 2 channels; name as many in the rig file"),
-        (Target(faults=wire.EMERGENCY_STOP | wire.SENSOR), "emergency stop is pressed, a sensor failed; put"),
-        (Target(faults=wire.TARGET_FAULT << 3), "its own fault code 0x80000"),
+        (Target(faults=packets.EMERGENCY_STOP | packets.SENSOR), "emergency stop is pressed, a sensor failed; put"),
+        (Target(faults=packets.TARGET_FAULT << 3), "its own fault code 0x80000"),
     ],
 )
 def test_a_refusal_says_why(meet: Callable[[Reply], tuple[socket.socket, str]], target: Target, words: str) -> None:
@@ -237,24 +237,24 @@ def test_too_short_an_interval_is_refused(meet: Callable[[Reply], tuple[socket.s
 
 def version_2(nonce: bytes = b"n" * 16) -> bytes:
     """Return the HELLO of a runner of version 2."""
-    return Packet(wire.HELLO, 0, nonce + struct.pack("<3q", 3, 10**6, 10**8), version=2).sealed(SECRET)
+    return Packet(packets.HELLO, 0, nonce + struct.pack("<3q", 3, 10**6, 10**8), version=2).sealed(SECRET)
 
 
 def test_a_runner_of_version_2_is_answered_by_a_refusal_that_it_understands() -> None:
     """It asks for its nonce and a genuine tag, and names the version in the head of what it gets."""
     answer = Target().answer(version_2())
-    assert answer is not None and answer[wire.VERSION] == 3 and len(answer) == 80 <= len(version_2())
+    assert answer is not None and answer[packets.VERSION] == 3 and len(answer) == 80 <= len(version_2())
     told = opened(answer, SECRET)
-    assert told is not None and told.kind == wire.REFUSAL
-    assert told.content == b"n" * 16 + struct.pack("<2q", wire.NO_VERSION, 3)
+    assert told is not None and told.kind == packets.REFUSAL
+    assert told.content == b"n" * 16 + struct.pack("<2q", packets.NO_VERSION, 3)
 
 
 def test_a_target_of_version_2_is_refused_in_one_sentence(meet: Callable[[Reply], tuple[socket.socket, str]]) -> None:
     """Version 2 answered a HELLO of another version by its own REFUSAL (its examples/udp_target.c)."""
 
     def reply(data: bytes) -> list[bytes]:
-        words = data[40:56] + struct.pack("<2Q", wire.NO_VERSION, 2)
-        return [Packet(wire.REFUSAL, 0, words, version=2).sealed(SECRET)]
+        words = data[40:56] + struct.pack("<2Q", packets.NO_VERSION, 2)
+        return [Packet(packets.REFUSAL, 0, words, version=2).sealed(SECRET)]
 
     link, peer = meet(reply)
     with pytest.raises(RigError, match="speaks version 2 of the protocol, this rths version 3; bring both") as raised:
@@ -272,11 +272,11 @@ def test_replayed_and_forged_welcomes_are_passed_over(meet: Callable[[Reply], tu
         return [old, real[:-1] + bytes([real[-1] ^ 1]), data, b"", bytes(2000), real]
 
     session = greet(*meet(reply), WORDS, WANTED)
-    assert isinstance(session, Session) and target.begins(sealed(wire.ARM, session.arming, session.key))
+    assert isinstance(session, Session) and target.begins(sealed(packets.ARM, session.arming, session.key))
 
 
 def test_answers_under_another_key_are_named(meet: Callable[[Reply], tuple[socket.socket, str]]) -> None:
-    link, peer = meet(lambda data: [Packet(wire.WELCOME, 0, data[40:56] + bytes(40)).sealed(bytes(16))])
+    link, peer = meet(lambda data: [Packet(packets.WELCOME, 0, data[40:56] + bytes(40)).sealed(bytes(16))])
     with pytest.raises(RigError, match=r"sent \d+ answers made with another key; give both sides the same key file"):
         greet(link, peer, WORDS, WANTED, timeout_s=0.15)
 
@@ -308,10 +308,10 @@ def test_a_target_answers_nothing_but_genuine_hellos_and_nothing_longer() -> Non
         good[:-1],
         good + b"\0",
         good[:60] + b"\xff" + good[61:],
-        Packet(wire.HELLO, 0, bytes(56)).sealed(bytes(16)),
-        *(Packet(wire.HELLO, 0, bytes(8 * n)).sealed(SECRET) for n in range(17) if n != 7),
-        *(Packet(wire.HELLO, 0, bytes(8 * n), version=2).sealed(SECRET) for n in range(2)),
-        *(hello(kind=kind) for kind in range(256) if kind != wire.HELLO),
+        Packet(packets.HELLO, 0, bytes(56)).sealed(bytes(16)),
+        *(Packet(packets.HELLO, 0, bytes(8 * n)).sealed(SECRET) for n in range(17) if n != 7),
+        *(Packet(packets.HELLO, 0, bytes(8 * n), version=2).sealed(SECRET) for n in range(2)),
+        *(hello(kind=kind) for kind in range(256) if kind != packets.HELLO),
     ]
     assert [data for data in bad if target.answer(data) is not None] == []
     for asked in (good, hello(version=9), hello(terms=Terms(9, 0, 0))):
@@ -322,15 +322,15 @@ def test_a_target_answers_nothing_but_genuine_hellos_and_nothing_longer() -> Non
 def test_terms_out_of_sense_are_refused_or_set_right() -> None:
     for interval in (0, -1, 249_999):
         answer = Target().answer(hello(terms=Terms(3, interval, 0)))
-        assert answer is not None and answer[wire.KIND] == wire.REFUSAL
+        assert answer is not None and answer[packets.KIND] == packets.REFUSAL
     for watchdog in (0, -5, 10**18, 50_000_001):
         answer = Target().answer(hello(terms=Terms(3, 250_000, watchdog)))
         assert answer is not None and struct.unpack("<3q", answer[72:96]) == (3, 250_000, 50_000_000)
 
 
 def test_packets_made_in_python_are_judged_in_python() -> None:
-    data = sealed(wire.CLOSE, b"", WORDS, 5)
-    assert data == Packet(wire.CLOSE, 5).sealed(SECRET)
-    assert judge(data, WORDS) == wire.GENUINE
-    assert judge(data, WORDS + np.uint64(1)) == wire.FORGED
-    assert judge(data * 40, WORDS) == wire.MALFORMED
+    data = sealed(packets.CLOSE, b"", WORDS, 5)
+    assert data == Packet(packets.CLOSE, 5).sealed(SECRET)
+    assert judge(data, WORDS) == packets.GENUINE
+    assert judge(data, WORDS + np.uint64(1)) == packets.FORGED
+    assert judge(data * 40, WORDS) == packets.MALFORMED

@@ -13,7 +13,7 @@ import pytest
 from packets import Packet, opened, plain_siphash
 from smooth_way import smooth_way
 
-from rths_cli.rigs.udp import wire
+from rths_cli.rigs.udp import packets
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 COMPILER = shutil.which("cc") or shutil.which("gcc")
@@ -63,14 +63,14 @@ class Clocked:
     def __init__(self, program: Path) -> None:
         self.process = subprocess.Popen([program], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         terms = struct.pack("<3q", 3, INTERVAL_NS, 200_000_000)
-        hello = Packet(wire.HELLO, 0, bytes(16) + terms + bytes(16))
+        hello = Packet(packets.HELLO, 0, bytes(16) + terms + bytes(16))
         answer = self.at(0, hello.sealed(SECRET))[2]
         welcome = opened(answer, SECRET)
-        assert welcome is not None and welcome.kind == wire.WELCOME
+        assert welcome is not None and welcome.kind == packets.WELCOME
         label = (b"rths-key" + struct.pack("<Q", i) for i in (0, 1))
         self.key = b"".join(plain_siphash(head + welcome.content[:32], SECRET) for head in label)
         self.sequence = 0
-        assert self.at(4_000_000, Packet(wire.ARM, 0, bytes(16) + terms).sealed(self.key))[1] == wire.ARMED
+        assert self.at(4_000_000, Packet(packets.ARM, 0, bytes(16) + terms).sealed(self.key))[1] == packets.ARMED
 
     def at(self, time_ns: int, packet: bytes = b"") -> tuple[float, int, bytes]:
         """Let it be this time, and a packet come then; return what stands at the output, the state, the answer."""
@@ -82,7 +82,7 @@ class Clocked:
 
     def command(self, time_ns: int, content: bytes) -> tuple[float, int, bytes]:
         self.sequence += 1
-        return self.at(time_ns, Packet(wire.COMMAND, self.sequence, content).sealed(self.key))
+        return self.at(time_ns, Packet(packets.COMMAND, self.sequence, content).sealed(self.key))
 
     def held(self, time_ns: int, intervals: int) -> list[float]:
         """Return what stands at the output 0.2 ms after the beginning of each of the intervals that follow."""
@@ -165,9 +165,9 @@ def test_a_way_that_is_no_good_makes_it_hold(target: Clocked, spacing: int, last
 def test_the_watchdog_bites_on_the_way(target: Clocked) -> None:
     target.command(5_000_000, struct.pack("<dq14d", 0.5, 100, *np.linspace(0.6, 2.0, 14)))
     target.held(5_000_000, 199)
-    assert target.at(204_500_000)[1] == wire.ARMED
+    assert target.at(204_500_000)[1] == packets.ARMED
     stood = target.at(204_500_000)[0]
     assert stood > 0.6
     volts, state, _ = target.at(206_000_000)
-    assert state == wire.RESTING and volts <= stood + 0.01
+    assert state == packets.RESTING and volts <= stood + 0.01
     assert target.at(207_000_000)[0] < volts

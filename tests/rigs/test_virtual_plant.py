@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 from scipy.signal import lsim
 
 from rths_cli.case.virtual_physics import AfterIdentification, VirtualPhysics
-from rths_cli.lti import Array
-from rths_cli.rigs.virtual.rig import build_plant, changed
+from rths_cli.numerics.lti import Array
+from rths_cli.rigs.virtual.virtual_rig import build_plant, changed
 
 G = 9.80665
 SHIPPED = VirtualPhysics()
@@ -170,7 +170,7 @@ def test_sensors_answer_as_their_two_corners_say(high_pass_hz: float, low_pass_h
 
 
 def test_noise_has_its_size_and_no_memory() -> None:
-    from rths_cli.rigs.virtual.rig import VirtualRig
+    from rths_cli.rigs.virtual.virtual_rig import VirtualRig
 
     info = ideal_info()
     rig = VirtualRig(info, build_plant(info, SHIPPED, specimen(), 3e-4), (5,))

@@ -19,8 +19,8 @@ from packets import Packet, opened, plain_siphash
 
 from rths_cli.case.virtual_physics import VirtualPhysics
 from rths_cli.rigs.interface import RigInfo
-from rths_cli.rigs.udp.rig import UdpRig, UdpTarget
-from rths_cli.rigs.virtual.rig import VirtualRig, build_plant
+from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget
+from rths_cli.rigs.virtual.virtual_rig import VirtualRig, build_plant
 
 SECRET = bytes(range(200, 216))
 PATIENT_S = 5.0

@@ -3,7 +3,7 @@
 docs/figures_gallery.md says what each one shows.
 """
 
-from rths_cli.report.figures.source import NotDrawn
+from rths_cli.report.figures.figure_data import NotDrawn
 from rths_cli.report.figures.write import draw, figure_names, write_figures
 
 __all__ = ["NotDrawn", "draw", "figure_names", "write_figures"]

@@ -8,19 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rths_cli.lti import Array, Block, ComplexArray, Model
+from rths_cli.numerics.lti import Array, Block, ComplexArray, Model
+from rths_cli.report.figures.figure_data import DESIRED, MEASURED, TABLE_RUNS, NotDrawn, Source
 from rths_cli.report.figures.panels import legend_below, lettered, new_figure
-from rths_cli.report.figures.source import DESIRED, MEASURED, TABLE_RUNS, NotDrawn, Source
-from rths_cli.report.figures.style import (
-    BLACK,
-    GREY,
-    MEASURED_FRF,
-    MODEL,
-    RUNS,
-    TRUE,
-    VERMILLION,
-    Look,
-)
+from rths_cli.report.figures.style import BLACK, GREY, MEASURED_FRF, MODEL, RUNS, TRUE, VERMILLION, Look
 from rths_cli.report.figures.style import DESIRED as DESIRED_LOOK
 
 if TYPE_CHECKING:
@@ -208,7 +199,7 @@ def _segment(source: Source, samples: int) -> int:
 
 
 def _test_band(ax: Axes) -> None:
-    from rths_cli.metrics import BAND_HZ as TEST_BAND_HZ
+    from rths_cli.analysis.metrics import BAND_HZ as TEST_BAND_HZ
 
     ax.axvline(TEST_BAND_HZ, color=GREY, ls=(0, (4.0, 2.0)), lw=0.7)
 

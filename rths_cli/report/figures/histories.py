@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rths_cli.lti import Array
-from rths_cli.report.figures.panels import ACCELERATION, BAND, Line, Panel, draw_rows, largest
-from rths_cli.report.figures.series import busiest, known_part, quietest, window_at
-from rths_cli.report.figures.source import (
+from rths_cli.numerics.lti import Array
+from rths_cli.report.figures.figure_data import (
     ACCEL,
     COMPUTED_RUNS,
     DESIRED,
@@ -19,9 +17,14 @@ from rths_cli.report.figures.source import (
     TABLE_RUNS,
     NotDrawn,
     Source,
+    busiest,
     chosen_storeys,
     interface_storey,
+    known_part,
+    quietest,
+    window_at,
 )
+from rths_cli.report.figures.panels import ACCELERATION, BAND, Line, Panel, draw_rows, largest
 from rths_cli.report.figures.style import DESIRED as DESIRED_LOOK
 from rths_cli.report.figures.style import ESTIMATED, RUNS, TRUE
 

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.lti import Array
+from rths_cli.numerics.lti import Array
+from rths_cli.report.figures.figure_data import TABLE_RUNS, Source, points_of_lines, thinned
 from rths_cli.report.figures.panels import SECONDS, legend_below, lettered, new_figure
-from rths_cli.report.figures.series import points_of_lines, thinned
-from rths_cli.report.figures.source import TABLE_RUNS, Source
 from rths_cli.report.figures.style import BLUE, GREEN, ORANGE, RUNS, VERMILLION, Look
 
 if TYPE_CHECKING:

@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rths_cli.errors import InputError
-from rths_cli.files.results import Result
-from rths_cli.interruptible import interruptible
-from rths_cli.report.figures import frequency, histories, merit
-from rths_cli.report.figures.limits import limits
+from rths_cli.files.result_reader import Result
+from rths_cli.interrupts import interruptible
+from rths_cli.report.figures import error_figures, frequency, histories
+from rths_cli.report.figures.bars import limits
+from rths_cli.report.figures.figure_data import NotDrawn, Source
 from rths_cli.report.figures.panels import heading
-from rths_cli.report.figures.source import NotDrawn, Source
 from rths_cli.report.figures.style import DPI, FORMS, METADATA, WIDTHS_MM, in_house_style
 from rths_cli.report.figures.timing import timing
 
@@ -34,10 +34,10 @@ FIGURES: dict[str, Callable[[Source, str], Figure]] = {
     "kalman": histories.kalman,
     "responses": histories.responses,
     "errors": histories.errors,
-    "storeys": merit.storeys,
+    "storeys": error_figures.storeys,
     "spectra": frequency.spectra,
     "delay_and_gain": frequency.delay_and_gain,
-    "error_budget": merit.error_budget,
+    "error_budget": error_figures.error_budget,
     "limits": limits,
     "timing": timing,
 }

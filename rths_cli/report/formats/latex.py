@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 
-from rths_cli.report.formats.columns import shown, width
-from rths_cli.report.layout import Block, Cell, Paragraphs, Row, Table
+from rths_cli.report.formats.csv_table import shown, width
+from rths_cli.report.text_layout import Block, Cell, Paragraphs, Row, Table
 
 HEAD = r"""% Tables of hybrid simulations. The preamble needs: \usepackage{booktabs,longtable,array}
 """

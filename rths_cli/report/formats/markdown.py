@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator
 
-from rths_cli.report.formats.columns import filled, names, width
-from rths_cli.report.layout import Block, Paragraphs, Row, Table
+from rths_cli.report.formats.csv_table import filled, names, width
+from rths_cli.report.text_layout import Block, Paragraphs, Row, Table
 
 SPECIAL = re.compile(r"([\\`*_\[\]<>|#~$])")
 

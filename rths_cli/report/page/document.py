@@ -13,16 +13,23 @@ from itertools import groupby
 from pathlib import Path
 
 from rths_cli.errors import InputError
-from rths_cli.files.results import Result
-from rths_cli.interruptible import interruptible
-from rths_cli.report.load import Entry, entries
-from rths_cli.report.page import frequency, histories, merit
-from rths_cli.report.page.envelope import Pool
-from rths_cli.report.page.facts import is_virtual, name_of, status
+from rths_cli.files.result_reader import Result
+from rths_cli.interrupts import interruptible
+from rths_cli.report.case_results import Entry, entries
+from rths_cli.report.page import case_details, frequency, histories
+from rths_cli.report.page.decimated_series import Pool
 from rths_cli.report.page.html import Html, classed, data_script, details, element, join
 from rths_cli.report.page.paper_tables import claims, error_tables
-from rths_cli.report.page.provenance import case_files, commands, provenance
-from rths_cli.report.page.verdicts import summary, verdicts
+from rths_cli.report.page.summary import (
+    case_files,
+    commands,
+    is_virtual,
+    name_of,
+    provenance,
+    status,
+    summary,
+    verdicts,
+)
 
 STYLES = ("uPlot.min.css", "page.css")
 SCRIPTS = ("uPlot.iife.min.js", "page.js")
@@ -137,16 +144,16 @@ def _case(entry: Entry, unfolded: bool) -> Html:
     names = dict.fromkeys(str(result.attributes.get("case_name") or "-") for result in entry.results.values())
     what = f"{', '.join(names)}: {entry.excitation}, damping {entry.damping}, {entry.controller}; {entry.table_name}"
     parts = [part for result in entry.results.values() for part in _result(result)]
-    figures = details("Every figure with its definition", merit.every_figure(entry))
+    figures = details("Every figure with its definition", case_details.every_figure(entry))
     return details(what, *parts, figures, unfolded=unfolded)
 
 
 def _result(result: Result) -> Iterator[Html]:
     yield element("h3", name_of(result))
-    yield merit.by_cause(result)
-    yield merit.timing(result)
+    yield case_details.by_cause(result)
+    yield case_details.timing(result)
     yield frequency.identification(result)
-    latency = merit.latency(result)
+    latency = case_details.latency(result)
     yield details("Latency of the loop", latency) if latency else Html("")
     yield case_files(result)
 

@@ -6,12 +6,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rths_cli.files.results import Result, read_series
-from rths_cli.lti import Array, ComplexArray, Model
-from rths_cli.report.identified_text import number, percent, short
-from rths_cli.report.page.envelope import pack_floats
-from rths_cli.report.page.facts import facts
+from rths_cli.files.result_reader import Result, read_series
+from rths_cli.numerics.lti import Array, ComplexArray, Model
+from rths_cli.report.identification_page import number, percent, short
+from rths_cli.report.page.decimated_series import pack_floats
 from rths_cli.report.page.html import Html, element, join, table
+from rths_cli.report.page.summary import facts
 
 GROUP = "identification"
 

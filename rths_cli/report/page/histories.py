@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rths_cli.files.results import Result, read_series
-from rths_cli.lti import Array
+from rths_cli.files.result_reader import Result, read_series
+from rths_cli.numerics.lti import Array
 from rths_cli.report.error_series import evaluated_error
-from rths_cli.report.page.envelope import Pool, envelope, width_of
-from rths_cli.report.page.facts import RUNS
+from rths_cli.report.page.decimated_series import Pool, envelope, width_of
+from rths_cli.report.page.summary import RUNS
 
 BUILDINGS = ("sim", "sim_delay", "exp_rths")
 TABLES = ("exp_rths", "shake_table")

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from rths_cli.errors import RigError
-from rths_cli.lti import Array
+from rths_cli.numerics.lti import Array
 
 MISSED = frozenset((209802, -209802, -209803, -201027))  # one clock missed, or three and more
 RATE_ERROR = 2e-5  # of the sample rate that a card may divide from its time base: 1.2 ms in a minute

@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rths_cli.clocks import IntArray
-from rths_cli.compiled import entry, part
-from rths_cli.rigs.udp import wire
+from rths_cli.numerics.clock import IntArray
+from rths_cli.numerics.compiled import entry, part
+from rths_cli.rigs.udp import packets
 from rths_cli.rigs.udp.siphash import Bytes, Words, siphash
 
 PERIOD_NS = 10_000_000_000  # an ARM is accepted in the period of its WELCOME and in the next one
@@ -45,21 +45,21 @@ def open_greeter(secret: Words, channels: int, shortest_ns: int, longest_watchdo
 def put_target_nonce(g: Greeter, runner_nonce: Bytes, period: int, to: Bytes, at: int) -> None:
     """Write the target's nonce for the runner's nonce in a packet, as of a period of the target's clock."""
     for i in range(2):
-        wire.put_int(g.message, 0, i)
-        wire.put_int(g.message, 8, g.armed[0])
-        wire.put_int(g.message, 16, period)
-        for j in range(wire.NONCE_BYTES):
-            g.message[24 + j] = runner_nonce[wire.WORDS + j]
-        wire.put_int(to, at + 8 * i, np.int64(siphash(g.message, 40, g.boot)))  # type: ignore[arg-type]
+        packets.put_int(g.message, 0, i)
+        packets.put_int(g.message, 8, g.armed[0])
+        packets.put_int(g.message, 16, period)
+        for j in range(packets.NONCE_BYTES):
+            g.message[24 + j] = runner_nonce[packets.WORDS + j]
+        packets.put_int(to, at + 8 * i, np.int64(siphash(g.message, 40, g.boot)))  # type: ignore[arg-type]
 
 
 @part
 def session_key_into(nonces: Bytes, at: int, secret: Words, message: Bytes, key: Words) -> None:
     """Write the key (2,) of a session, from both nonces, 32 bytes at a place; `message` (48,) is scratch."""
     for i in range(2):
-        wire.put_int(message, 0, KEY_LABEL)
-        wire.put_int(message, 8, i)
-        for j in range(2 * wire.NONCE_BYTES):
+        packets.put_int(message, 0, KEY_LABEL)
+        packets.put_int(message, 8, i)
+        for j in range(2 * packets.NONCE_BYTES):
             message[16 + j] = nonces[at + j]
         key[i] = siphash(message, 48, secret)
 
@@ -73,16 +73,16 @@ def watchdog_of(g: Greeter, wanted_ns: int) -> int:
 @part
 def refusal(g: Greeter, packet: Bytes, faults: int, busy: bool) -> tuple[int, int]:
     """Return why a HELLO is refused, and the detail; reason 0: it is not."""
-    channels, interval = wire.get_int(packet, wire.AFTER_NONCE), wire.get_int(packet, wire.AFTER_NONCE + 8)
-    if packet[wire.VERSION] != wire.PROTOCOL:
-        return wire.NO_VERSION, wire.PROTOCOL
+    channels, interval = packets.get_int(packet, packets.AFTER_NONCE), packets.get_int(packet, packets.AFTER_NONCE + 8)
+    if packet[packets.VERSION] != packets.PROTOCOL:
+        return packets.NO_VERSION, packets.PROTOCOL
     if busy:
-        return wire.BUSY, 0
+        return packets.BUSY, 0
     if faults != 0:
-        return wire.FAULTY, faults
+        return packets.FAULTY, faults
     if channels != g.offer[CHANNELS]:
-        return wire.OTHER_CHANNELS, g.offer[CHANNELS]
-    return (0, 0) if interval >= g.offer[SHORTEST_NS] else (wire.TOO_FAST, g.offer[SHORTEST_NS])
+        return packets.OTHER_CHANNELS, g.offer[CHANNELS]
+    return (0, 0) if interval >= g.offer[SHORTEST_NS] else (packets.TOO_FAST, g.offer[SHORTEST_NS])
 
 
 @part
@@ -91,27 +91,29 @@ def answer_hello(g: Greeter, packet: Bytes, size: int, now: int, faults: int, bu
 
     `faults`: those that forbid motion; `busy`: the table is armed or not yet at rest; `now`: the target's clock in ns.
     """
-    verdict = wire.verdict(packet, size, g.secret)
-    if packet[wire.KIND] != wire.HELLO or (verdict != wire.GENUINE and verdict != wire.OTHER_VERSION):
+    verdict = packets.verdict(packet, size, g.secret)
+    if packet[packets.KIND] != packets.HELLO or (verdict != packets.GENUINE and verdict != packets.OTHER_VERSION):
         return 0
-    if size < wire.AFTER_NONCE + wire.TAG_BYTES or (verdict == wire.GENUINE and packet[wire.COUNT] != wire.HELLO_WORDS):
+    if size < packets.AFTER_NONCE + packets.TAG_BYTES or (
+        verdict == packets.GENUINE and packet[packets.COUNT] != packets.HELLO_WORDS
+    ):
         return 0
     reason, detail = refusal(g, packet, faults, busy)
     if reason == 0:
-        wire.begin(out, wire.WELCOME, wire.WELCOME_WORDS, 0)
+        packets.begin(out, packets.WELCOME, packets.WELCOME_WORDS, 0)
     else:
-        wire.begin(out, wire.REFUSAL, wire.REFUSAL_WORDS, 0)
-    for i in range(wire.NONCE_BYTES):
-        out[wire.WORDS + i] = packet[wire.WORDS + i]
+        packets.begin(out, packets.REFUSAL, packets.REFUSAL_WORDS, 0)
+    for i in range(packets.NONCE_BYTES):
+        out[packets.WORDS + i] = packet[packets.WORDS + i]
     if reason != 0:
-        wire.put_int(out, wire.AFTER_NONCE, reason)
-        wire.put_int(out, wire.AFTER_NONCE + 8, detail)
-        return wire.seal(out, g.secret)
-    put_target_nonce(g, packet, now // PERIOD_NS, out, wire.AFTER_NONCE)
+        packets.put_int(out, packets.AFTER_NONCE, reason)
+        packets.put_int(out, packets.AFTER_NONCE + 8, detail)
+        return packets.seal(out, g.secret)
+    put_target_nonce(g, packet, now // PERIOD_NS, out, packets.AFTER_NONCE)
     for i in range(2):
-        wire.put_int(out, wire.AFTER_NONCE + 16 + 8 * i, wire.get_int(packet, wire.AFTER_NONCE + 8 * i))
-    wire.put_int(out, wire.AFTER_NONCE + 32, watchdog_of(g, wire.get_int(packet, wire.AFTER_NONCE + 16)))
-    return wire.seal(out, g.secret)
+        packets.put_int(out, packets.AFTER_NONCE + 16 + 8 * i, packets.get_int(packet, packets.AFTER_NONCE + 8 * i))
+    packets.put_int(out, packets.AFTER_NONCE + 32, watchdog_of(g, packets.get_int(packet, packets.AFTER_NONCE + 16)))
+    return packets.seal(out, g.secret)
 
 
 @part
@@ -120,16 +122,16 @@ def opens_session(g: Greeter, packet: Bytes, size: int, now: int, out: Bytes) ->
 
     `out` is scratch. It is asked only while no table is armed or moves.
     """
-    if packet[wire.KIND] != wire.ARM or packet[wire.COUNT] != wire.ARM_WORDS:
+    if packet[packets.KIND] != packets.ARM or packet[packets.COUNT] != packets.ARM_WORDS:
         return False
-    for i in range(wire.NONCE_BYTES):
-        out[i] = packet[wire.WORDS + i]
+    for i in range(packets.NONCE_BYTES):
+        out[i] = packet[packets.WORDS + i]
     for ago in range(2):
-        put_target_nonce(g, packet, now // PERIOD_NS - ago, out, wire.NONCE_BYTES)
+        put_target_nonce(g, packet, now // PERIOD_NS - ago, out, packets.NONCE_BYTES)
         session_key_into(out, 0, g.secret, g.message, g.key)
-        if wire.is_genuine(packet, size, g.key):
+        if packets.is_genuine(packet, size, g.key):
             granted = refusal(g, packet, 0, False)[0] == 0
-            watchdog = wire.get_int(packet, wire.AFTER_NONCE + 16)
+            watchdog = packets.get_int(packet, packets.AFTER_NONCE + 16)
             if granted and watchdog == watchdog_of(g, watchdog):
                 g.armed[0] += 1
                 return True

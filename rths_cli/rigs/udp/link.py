@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rths_cli.clocks import IntArray, monotonic_ns, sleep_until
-from rths_cli.compiled import External, entry, part
-from rths_cli.lti import Array
-from rths_cli.rigs.udp import wire
+from rths_cli.numerics.clock import IntArray, monotonic_ns, sleep_until
+from rths_cli.numerics.compiled import External, entry, part
+from rths_cli.numerics.lti import Array
+from rths_cli.rigs.udp import packets
+from rths_cli.rigs.udp.command_trajectory import POINTS, Way, fresh_way, put_way, words_of
 from rths_cli.rigs.udp.siphash import Bytes, Words
-from rths_cli.rigs.udp.way import POINTS, Way, fresh_way, put_way, words_of
 
 OK, LOST, FAULT = range(3)  # what `exchange` returns
 NO_TIMEOUT_NS = 1 << 62
@@ -70,8 +70,8 @@ def fresh_link(
     """Return a link over a connected socket, which must stay open as long as the link is used."""
     return Link(
         door.fileno(), spin_ns, timeout_ns, key.copy(),
-        np.zeros(wire.MOST_BYTES, np.uint8), np.zeros(wire.MOST_BYTES, np.uint8),
-        np.zeros(8 * wire.ARM_WORDS, np.uint8),
+        np.zeros(packets.MOST_BYTES, np.uint8), np.zeros(packets.MOST_BYTES, np.uint8),
+        np.zeros(8 * packets.ARM_WORDS, np.uint8),
         fresh_way(), np.zeros(channels), np.array([0, -1, -1, *[0] * 7]), np.zeros(len(COUNTS), np.int64),
         np.zeros(4, np.int64),
     )  # fmt: skip
@@ -91,17 +91,17 @@ def post(link: Link, kind: int, sequence: int, command_v: float) -> int:
 
     What the network reports of an earlier packet ends the first call without sending; the second one sends.
     """
-    words = words_of(link.way) if kind == wire.COMMAND else wire.ARM_WORDS if kind == wire.ARM else 0
-    wire.begin(link.outgoing, kind, words, sequence)
-    if kind == wire.COMMAND:
+    words = words_of(link.way) if kind == packets.COMMAND else packets.ARM_WORDS if kind == packets.ARM else 0
+    packets.begin(link.outgoing, kind, words, sequence)
+    if kind == packets.COMMAND:
         link.way.volts[0] = command_v
         put_way(link.outgoing, link.way)
-    elif kind == wire.ARM:
+    elif kind == packets.ARM:
         for i in range(link.arming.size):
-            link.outgoing[wire.WORDS + i] = link.arming[i]
+            link.outgoing[packets.WORDS + i] = link.arming[i]
     now = monotonic_ns(link.scratch)
-    wire.put_int(link.outgoing, wire.SENT_NS, now)
-    size = wire.seal(link.outgoing, link.key)
+    packets.put_int(link.outgoing, packets.SENT_NS, now)
+    size = packets.seal(link.outgoing, link.key)
     link.status[SENT_NS], link.status[LAST] = now, sequence
     link.counts[SENT] += 1
     for _ in range(2):
@@ -138,11 +138,11 @@ def is_answer(link: Link, size: int, sequence: int, now: int) -> bool:
     The state of the target is taken from any answer newer than those before, samples from the one asked for alone.
     """
     packet, counts = link.incoming, link.counts
-    if not wire.is_genuine(packet, size, link.key):
+    if not packets.is_genuine(packet, size, link.key):
         counts[BAD] += 1
         return False
-    answered = wire.get_int(packet, wire.SEQUENCE)
-    strange = packet[wire.KIND] != wire.SAMPLES or packet[wire.COUNT] != link.samples_v.size
+    answered = packets.get_int(packet, packets.SEQUENCE)
+    strange = packet[packets.KIND] != packets.SAMPLES or packet[packets.COUNT] != link.samples_v.size
     if strange or answered < 0 or answered > sequence:
         counts[STRAY] += 1
         return False
@@ -155,7 +155,7 @@ def is_answer(link: Link, size: int, sequence: int, now: int) -> bool:
         counts[LATE] += 1
         return False
     for c in range(link.samples_v.size):
-        link.samples_v[c] = wire.get_real(packet, wire.WORDS + 8 * c)
+        link.samples_v[c] = packets.get_real(packet, packets.WORDS + 8 * c)
     return True
 
 
@@ -163,12 +163,12 @@ def is_answer(link: Link, size: int, sequence: int, now: int) -> bool:
 def take_status(link: Link, now: int) -> None:
     """Note what an answer says beside its samples."""
     packet, status = link.incoming, link.status
-    status[STATE] = packet[wire.STATE]
-    status[FAULTS] = wire.get_small(packet, wire.FAULTS)
-    status[TARGET_LOST] = wire.get_small(packet, wire.LOST)
+    status[STATE] = packet[packets.STATE]
+    status[FAULTS] = packets.get_small(packet, packets.FAULTS)
+    status[TARGET_LOST] = packets.get_small(packet, packets.LOST)
     status[RECEIVED_NS] = now
-    status[SAMPLED_NS] = wire.get_int(packet, wire.INSTANT_NS)
-    status[ANSWERED_NS] = wire.get_int(packet, wire.SENT_NS)
+    status[SAMPLED_NS] = packets.get_int(packet, packets.INSTANT_NS)
+    status[ANSWERED_NS] = packets.get_int(packet, packets.SENT_NS)
 
 
 @part
@@ -189,7 +189,7 @@ def converse(link: Link, kind: int, k: int, command_v: float, deadline_ns: int) 
             wait(link, deadline_ns - now)
     link.counts[ANSWERED if outcome == OK else UNANSWERED] += 1
     link.counts[IN_A_ROW] = 0 if outcome == OK else link.counts[IN_A_ROW] + 1
-    return FAULT if link.status[FAULTS] != 0 or link.status[STATE] != wire.ARMED else outcome
+    return FAULT if link.status[FAULTS] != 0 or link.status[STATE] != packets.ARMED else outcome
 
 
 @part
@@ -202,7 +202,7 @@ def exchange(link: Link, command_v: float, k: int, deadline_ns: int) -> int:
     samples are then the last ones that came), FAULT when the target reports a fault or obeys no commands.
     """
     patient_ns = monotonic_ns(link.scratch) + link.timeout_ns
-    return converse(link, wire.COMMAND, k, command_v, min(deadline_ns, patient_ns))
+    return converse(link, packets.COMMAND, k, command_v, min(deadline_ns, patient_ns))
 
 
 @entry
@@ -217,4 +217,4 @@ def converse_at(link: Link, kind: int, k: int, command_v: float, instant_ns: int
 def prepare(channels: int) -> None:
     """Load, or compile, what an exchange needs, so that no target waits for that."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as nowhere:
-        converse_at.bind(fresh_link(nowhere, np.zeros(2, np.uint64), channels), wire.ARM, 0, 0.0, 0, 0)
+        converse_at.bind(fresh_link(nowhere, np.zeros(2, np.uint64), channels), packets.ARM, 0, 0.0, 0, 0)

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from rths_cli.errors import RigError
-from rths_cli.rigs.udp import wire
+from rths_cli.rigs.udp import packets
 from rths_cli.rigs.udp.handshake import make_session_key
-from rths_cli.rigs.udp.sentences import refused, silence
+from rths_cli.rigs.udp.messages import refused, silence
+from rths_cli.rigs.udp.packets import NONCE_BYTES
 from rths_cli.rigs.udp.siphash import Words
-from rths_cli.rigs.udp.wire import NONCE_BYTES
 
 GREETING_S = 5.0
 RESEND_S = 0.1
@@ -51,7 +51,7 @@ def session_key(secret: Words, runner_nonce: bytes, target_nonce: bytes) -> Word
 def prepare() -> None:
     """Load, or compile, what a handshake needs, so that no peer waits for that."""
     secret = np.zeros(2, np.uint64)
-    judge(sealed(wire.HELLO, b"", secret), secret)
+    judge(sealed(packets.HELLO, b"", secret), secret)
     session_key(secret, bytes(NONCE_BYTES), bytes(NONCE_BYTES))
 
 
@@ -72,7 +72,7 @@ def greet(
     prepare()
     nonce = secrets.token_bytes(NONCE_BYTES)
     content = struct.pack(HELLO_WORDS, nonce, wanted.channels, wanted.interval_ns, wanted.watchdog_ns)
-    hello = sealed(wire.HELLO, content, secret)
+    hello = sealed(packets.HELLO, content, secret)
     begun = time.monotonic()
     end, strangers = begun + timeout_s, 0
     while (now := time.monotonic()) < end:
@@ -84,48 +84,51 @@ def greet(
                 continue
             if (session := _welcomed(data, secret, nonce, peer)) is not None:
                 return session
-            strangers += judge(data, secret) == wire.FORGED
+            strangers += judge(data, secret) == packets.FORGED
     raise RigError(silence(peer, end - begun, strangers))
 
 
 def sealed(kind: int, content: bytes, key: Words, sequence: int = 0) -> bytes:
     """Return a packet without times, made in Python; `content` holds its words, the key is (2,)."""
-    packet = np.zeros(wire.MOST_BYTES, np.uint8)
-    packet[wire.WORDS : wire.WORDS + len(content)] = np.frombuffer(content, np.uint8)
-    size = wire.seal_packet(packet, kind, len(content) // 8, sequence, key)
+    packet = np.zeros(packets.MOST_BYTES, np.uint8)
+    packet[packets.WORDS : packets.WORDS + len(content)] = np.frombuffer(content, np.uint8)
+    size = packets.seal_packet(packet, kind, len(content) // 8, sequence, key)
     return packet[:size].tobytes()
 
 
 def judge(data: bytes, key: Words) -> int:
     """Return what wire.verdict says of received bytes under a key (2,)."""
-    packet = np.zeros(wire.MOST_BYTES, np.uint8)
-    kept = data[: wire.MOST_BYTES]
+    packet = np.zeros(packets.MOST_BYTES, np.uint8)
+    kept = data[: packets.MOST_BYTES]
     packet[: len(kept)] = np.frombuffer(kept, np.uint8)
-    return int(wire.judge_packet(packet, len(data), key))
+    return int(packets.judge_packet(packet, len(data), key))
 
 
 def _is_busy(data: bytes, secret: Words, nonce: bytes) -> bool:
     """Tell whether a packet refuses this nonce because the table is armed or not yet at rest."""
-    words = data[wire.WORDS : wire.AFTER_NONCE + 8]
+    words = data[packets.WORDS : packets.AFTER_NONCE + 8]
     return (
-        judge(data, secret) == wire.GENUINE
-        and data[wire.KIND] == wire.REFUSAL
-        and words == nonce + struct.pack("<Q", wire.BUSY)
+        judge(data, secret) == packets.GENUINE
+        and data[packets.KIND] == packets.REFUSAL
+        and words == nonce + struct.pack("<Q", packets.BUSY)
     )
 
 
 def _welcomed(data: bytes, secret: Words, nonce: bytes, peer: str) -> Session | None:
     """Return the session of a WELCOME to this nonce, None for any other packet; a refusal raises RigError."""
     judged = judge(data, secret)
-    if judged not in (wire.GENUINE, wire.OTHER_VERSION) or data[wire.WORDS : wire.WORDS + NONCE_BYTES] != nonce:
+    if (
+        judged not in (packets.GENUINE, packets.OTHER_VERSION)
+        or data[packets.WORDS : packets.WORDS + NONCE_BYTES] != nonce
+    ):
         return None
-    if judged == wire.OTHER_VERSION:
-        raise RigError(refused(peer, wire.NO_VERSION, data[wire.VERSION]))
-    if (data[wire.KIND], 8 * data[wire.COUNT]) == (wire.REFUSAL, struct.calcsize(REFUSAL_WORDS)):
-        raise RigError(refused(peer, *struct.unpack_from(REFUSAL_WORDS, data, wire.WORDS)[1:]))
-    if (data[wire.KIND], 8 * data[wire.COUNT]) != (wire.WELCOME, struct.calcsize(WELCOME_WORDS)):
+    if judged == packets.OTHER_VERSION:
+        raise RigError(refused(peer, packets.NO_VERSION, data[packets.VERSION]))
+    if (data[packets.KIND], 8 * data[packets.COUNT]) == (packets.REFUSAL, struct.calcsize(REFUSAL_WORDS)):
+        raise RigError(refused(peer, *struct.unpack_from(REFUSAL_WORDS, data, packets.WORDS)[1:]))
+    if (data[packets.KIND], 8 * data[packets.COUNT]) != (packets.WELCOME, struct.calcsize(WELCOME_WORDS)):
         return None
-    _, target_nonce, *terms = struct.unpack_from(WELCOME_WORDS, data, wire.WORDS)
+    _, target_nonce, *terms = struct.unpack_from(WELCOME_WORDS, data, packets.WORDS)
     key = session_key(secret, nonce, target_nonce)
     return Session(key, Terms(*terms), struct.pack(ARM_WORDS, nonce, *terms))
 
@@ -145,7 +148,7 @@ def _receive(link: socket.socket, timeout_s: float) -> bytes | None:
         if not select.select([link], [], [], left)[0]:
             return None
         try:
-            return link.recv(wire.MOST_BYTES + 1)
+            return link.recv(packets.MOST_BYTES + 1)
         except OSError:  # the peer's port was closed when an earlier packet came
             time.sleep(min(0.001, left))
     return None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rths_cli.compiled import entry, part
+from rths_cli.numerics.compiled import entry, part
 
 Bytes = NDArray[np.uint8]
 Words = NDArray[np.uint64]

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from made_up_results import write_result
 
-from rths_cli.files.results import read_result
+from rths_cli.files.result_reader import read_result
 
 
 @pytest.fixture(scope="session")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rths_cli.files.results import Dataset, ResultWriter
+from rths_cli.files.result_reader import Dataset, ResultWriter
 
 RATE = 200.0
 CAUSES = ("declared", "coupling", "latency", "model", "friction", "specimen", "rounding", "rest")

@@ -14,14 +14,14 @@ import pytest
 from made_up_results import write_result
 
 from rths_cli.errors import InputError
-from rths_cli.files.results import read_result
+from rths_cli.files.result_reader import read_result
 from rths_cli.report.figures import NotDrawn, draw, figure_names, write, write_figures
 
 HERE = Path(__file__).parent
 AGAIN = """
 import sys
 from pathlib import Path
-from rths_cli.files.results import read_result
+from rths_cli.files.result_reader import read_result
 from rths_cli.report.figures import write_figures
 short, folder = map(Path, sys.argv[1:])
 for form in ("svg", "pdf", "png"):

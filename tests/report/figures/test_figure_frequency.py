@@ -6,7 +6,7 @@ import pytest
 from made_up_results import POLES, RATE, ZEROS, exact_response, write_result
 from scipy.signal import csd, welch
 
-from rths_cli.files.results import read_result
+from rths_cli.files.result_reader import read_result
 from rths_cli.report.figures import draw
 
 BLACK, BLUE, VERMILLION, GREEN, SKY, PURPLE = "#000000", "#0072B2", "#D55E00", "#009E73", "#56B4E9", "#CC79A7"

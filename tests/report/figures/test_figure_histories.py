@@ -5,7 +5,7 @@ import pytest
 from made_up_results import RATE, write_result
 from scipy.signal import butter, sosfiltfilt
 
-from rths_cli.files.results import read_result
+from rths_cli.files.result_reader import read_result
 from rths_cli.report.figures import draw
 
 BLACK, BLUE, VERMILLION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"

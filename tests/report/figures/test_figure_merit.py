@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from made_up_results import CAUSES, PREDICTED, RATE, write_result
 
-from rths_cli.files.results import read_result
-from rths_cli.report.budget_text import CAUSES as WORDS
+from rths_cli.files.result_reader import read_result
+from rths_cli.report.error_budget_table import CAUSES as WORDS
 from rths_cli.report.figures import NotDrawn, draw
 from rths_cli.report.figures.timing import exceedance
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rths_cli.report.figures.series import busiest, known_part, points_of_lines, quietest, thinned, window_at
+from rths_cli.report.figures.figure_data import busiest, known_part, points_of_lines, quietest, thinned, window_at
 
 
 @settings(max_examples=60, deadline=None)

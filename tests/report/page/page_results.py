@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rths_cli.files.results import Dataset, Result, ResultWriter, read_result
+from rths_cli.files.result_reader import Dataset, Result, ResultWriter, read_result
 from rths_cli.quantities import Values
 
 RATE_HZ = 1000.0

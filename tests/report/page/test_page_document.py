@@ -18,7 +18,7 @@ import pytest
 from scipy.signal import butter, freqs_zpk, sosfiltfilt
 
 from rths_cli.errors import InputError
-from rths_cli.files.results import Result, read_result
+from rths_cli.files.result_reader import Result, read_result
 from rths_cli.report.page import page, write_page
 from rths_cli.report.page.document import SCRIPTS, STYLES, asset
 

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from rths_cli.report.page.envelope import Pool, envelope, kept, pack, pack_floats, thinned, width_of
+from rths_cli.report.page.decimated_series import Pool, envelope, kept, pack, pack_floats, thinned, width_of
 
 VALUES = st.floats(-1e3, 1e3, allow_nan=False) | st.just(float("nan"))
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from rths_cli.errors import InputError, RigError
-from rths_cli.lti import Array
+from rths_cli.numerics.lti import Array
 from rths_cli.rigs.interface import Rig, RigInfo
 
 

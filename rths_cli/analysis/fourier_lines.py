@@ -1,0 +1,116 @@
+"""Records as Fourier lines, low ones only: a linear loop is solved line by line, fast and without a step."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from rths_cli.analysis.metrics import BAND_HZ, BAND_ORDER, SLOW_ORDER, high_passed, low_lines
+from rths_cli.numerics.filters import butterworth, fast_length, response
+from rths_cli.numerics.lti import Array, ComplexArray
+
+HIGHEST_HZ = 40.0  # the test band's filter leaves 3e-5 there
+_FALLING = np.array([[1, 1, 1, 1, 1, 1], [0, 1, 2, 3, 4, 5], [0, 0, 2, 6, 12, 20]], dtype=float)  # at 1: value, slope
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Fourier lines from zero frequency to HIGHEST_HZ of series of `samples` samples, padded to `padded` so that what
+    rings has died out."""
+
+    samples: int
+    padded: int
+    dt_s: float
+    high_pass_hz: float = 0.0  # errors are evaluated above it
+
+    @property
+    def count(self) -> int:
+        """Return the number of lines, zero frequency included."""
+        return min(int(HIGHEST_HZ * self.padded * self.dt_s), self.padded // 2 - 1) + 1
+
+    @property
+    def frequency_hz(self) -> Array:
+        """Return the lines' frequencies (m,) in Hz, the first one zero."""
+        return np.arange(self.count) / (self.padded * self.dt_s)
+
+    @property
+    def z(self) -> ComplexArray:
+        """Return exp(j w dt), (m,)."""
+        return np.exp(2j * np.pi * self.frequency_hz * self.dt_s)
+
+    @property
+    def reduced(self) -> int:
+        """Return the number of samples of a padded series at the reduced rate."""
+        return 2 * self.count
+
+    @property
+    def reduced_dt_s(self) -> float:
+        """Return the sample interval at the reduced rate in s."""
+        return self.padded * self.dt_s / self.reduced
+
+    def of(self, series: Array) -> ComplexArray:
+        """Return the lines (..., m) of series (..., n); what does not end at zero is led there after the end."""
+        return low_lines(series, self.count, self.padded) + series[..., -1:] * _fade(self)
+
+    def of_motion(self, accel: Array, velocity: Array, displacement: Array) -> ComplexArray:
+        """Return the lines (3, m) of a motion, each (n,): after the end it comes to rest at zero by a quintic of the
+        displacement, so that its derivatives stay its derivatives."""
+        rest = self.padded - self.samples
+        lasts = 0.5 * rest * self.dt_s
+        share = np.minimum(np.arange(1, rest // 2 + 1) * self.dt_s / lasts, 1.0)
+        ends = np.array([displacement[-1], velocity[-1] * lasts, 0.5 * accel[-1] * lasts**2])
+        back = np.linalg.solve(_FALLING[:, 3:], -_FALLING[:, :3] @ ends)
+        path = np.polynomial.Polynomial(np.concatenate([ends, back]))
+        after = [path.deriv(2)(share) / lasts**2, path.deriv(1)(share) / lasts, path(share)]
+        whole = [np.concatenate(pair) for pair in zip((accel, velocity, displacement), after, strict=True)]
+        return low_lines(np.array(whole), self.count, self.padded)
+
+    def series(self, lines: ComplexArray, finer: int = 1) -> Array:
+        """Return the series (..., n) of lines (..., m) over the record, at `finer` times the reduced rate."""
+        both = np.concatenate([lines, np.zeros((*lines.shape[:-1], 1))], axis=-1)
+        count = finer * self.reduced
+        whole = np.fft.irfft(both, count) * (count / self.padded)
+        return whole[..., : int(np.ceil(self.samples * self.dt_s / self.reduced_dt_s * finer))]
+
+    def test_band(self) -> Array:
+        """Return what the test band's low pass, forward and backward, leaves of each line, (m,)."""
+        return _test_band(self)
+
+    def evaluated(self, lines: ComplexArray, cut_s: float = 0.0) -> Array:
+        """Return errors (..., n) as they are evaluated, of lines (..., m): in the test band, over the record less
+        `cut_s` of its end, without what is slower than the lowest reliable frequency; at the reduced rate."""
+        series = self.series(lines * self.test_band())
+        whole = series.shape[-1] - int(cut_s / self.reduced_dt_s)
+        return high_passed(series[..., :whole], self.high_pass_hz, self.reduced_dt_s)
+
+    def above_slow(self) -> Array:
+        """Return what the high pass of errors leaves of each line, (m,)."""
+        if self.high_pass_hz <= 0.0:
+            return np.ones(self.count)
+        sections = butterworth(SLOW_ORDER, self.high_pass_hz, 1.0 / self.dt_s, "high")
+        return np.asarray(np.abs(response(sections, self.frequency_hz, 1.0 / self.dt_s)) ** 2)
+
+
+@lru_cache(maxsize=8)
+def _fade(lines: Lines) -> ComplexArray:
+    """Return the lines (m,) of half a cosine from one to zero, over half of the room after the end of the series."""
+    rest = lines.padded - lines.samples
+    fade = 0.5 + 0.5 * np.cos(np.pi * np.arange(1, rest // 2 + 1) / (0.5 * rest))
+    late = lines.z ** -float(lines.samples)
+    return np.asarray(low_lines(fade, lines.count, lines.padded) * late)
+
+
+@lru_cache(maxsize=8)
+def _test_band(lines: Lines) -> Array:
+    sections = butterworth(BAND_ORDER, BAND_HZ, 1.0 / lines.dt_s)
+    band = np.asarray(np.abs(response(sections, lines.frequency_hz, 1.0 / lines.dt_s)) ** 2)
+    band.flags.writeable = False
+    return band
+
+
+def lines_for(samples: int, dt_s: float, ring_s: float, high_pass_hz: float = 0.0) -> Lines:
+    """Return the lines of a record after which motions ring for `ring_s`; at most three times its length is added."""
+    rest = min(max(round(ring_s / dt_s), samples), 3 * samples)
+    return Lines(samples, fast_length(samples + rest), dt_s, high_pass_hz)

@@ -1,0 +1,73 @@
+"""How well the table follows: frequency evaluation index and tracking indicator, both with a sign."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rths_cli.analysis.metrics.errors import BAND_HZ, check_pair
+from rths_cli.analysis.metrics.low_fourier_lines import low_lines
+from rths_cli.numerics.lti import Array, ComplexArray
+
+
+@dataclass(frozen=True)
+class FrequencyEvaluation:
+    """Frequency evaluation index: amplitude ratio (1: exact), delay in s (positive: late) at a frequency in Hz.
+
+    The phase is known up to whole turns, so the delay lies within half a period of that frequency.
+    """
+
+    amplitude: float
+    delay_s: float
+    frequency_hz: float
+
+
+def frequency_evaluation(
+    desired: ArrayLike, measured: ArrayLike, dt_s: float, high_hz: float = BAND_HZ
+) -> FrequencyEvaluation:
+    """Return the frequency evaluation index of `measured` (n,) against `desired` (n,), of one unit.
+
+    FEI = sum (Y / X) |X|^2 / sum |X|^2 over the lines of the discrete Fourier transforms X of desired and Y of
+    measured with 0 < f <= `high_hz`; amplitude |FEI|, frequency sum f |X|^2 / sum |X|^2, delay
+    -arg(FEI) / (2 pi frequency). All NaN when `desired` has no power there or a series is not finite. Raises
+    InputError when the lengths differ. Source: Guo, Chen, Xu, Sanchez, Smart Mater. Struct. 23 (2014) 045042,
+    with the power l = 2.
+    """
+    return frequency_evaluations(desired, (measured,), dt_s, high_hz)[0]
+
+
+def frequency_evaluations(
+    desired: ArrayLike, measured: Sequence[ArrayLike], dt_s: float, high_hz: float = BAND_HZ
+) -> list[FrequencyEvaluation]:
+    """Return `frequency_evaluation` of several series (n,) against one, which is transformed once."""
+    pairs = [check_pair(desired, each) for each in measured]
+    n = len(pairs[0][0])
+    frequency = np.arange(n // 2 + 1) / (n * dt_s)
+    frequency = frequency[(frequency > 0) & (frequency <= high_hz)]
+    X, *others = low_lines(np.stack([pairs[0][0], *(y for _, y in pairs)]), len(frequency) + 1, n)[:, 1:]
+    return [_evaluation(X, Y, frequency) for Y in others]
+
+
+def _evaluation(X: ComplexArray, Y: ComplexArray, frequency_hz: Array) -> FrequencyEvaluation:
+    """Return the index of lines Y (m,) against X (m,)."""
+    power = np.abs(X) ** 2
+    total = power.sum()
+    if not (total > 0 and np.isfinite(Y).all()):
+        return FrequencyEvaluation(np.nan, np.nan, np.nan)
+    index = np.sum(np.conj(X) * Y) / total
+    equivalent = float(np.sum(frequency_hz * power) / total)
+    return FrequencyEvaluation(float(np.abs(index)), float(-np.angle(index)) / (2 * np.pi * equivalent), equivalent)
+
+
+def tracking_indicator(desired: ArrayLike, measured: ArrayLike) -> Array:
+    """Return the tracking indicator (n,) of `measured` (n,) against `desired` (n,), in their unit squared.
+
+    TI = (A - TA) / 2 with the areas A = int x dy and TA = int y dx of the plot of measured y over desired x, by
+    the trapezoidal rule. Its rate is positive while the table is late and negative while it is early. Raises
+    InputError when the lengths differ. Source: Mercan and Ricles, Earthquake Eng. Struct. Dyn. 36 (2007).
+    """
+    x, y = check_pair(desired, measured)
+    return 0.5 * np.concatenate([[0.0], np.cumsum(x[:-1] * y[1:] - x[1:] * y[:-1])])

@@ -1,0 +1,303 @@
+"""The Python interface: what the commands do, for scripts. Import it as `import rths_cli`."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+import tempfile
+import threading
+import weakref
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from rths_cli.api.results import CheckResult, ModelResult, RunResult
+from rths_cli.errors import InputError, LimitError, RigError, RthsError
+from rths_cli.quantities import METRICS
+from rths_cli.rigs.description import capabilities_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from rths_cli.experiment.run import Ended
+    from rths_cli.experiment.setup import Setup
+    from rths_cli.loop.live_view import View
+
+Settings = Mapping[str, object]
+Progress = Callable[[str], object]
+Method = Literal["paper", "best"]
+BY_CODE = {3: LimitError, 4: RigError}
+
+
+def load(path: str | Path) -> RunResult:
+    """Return the result of a run; its arrays are read when they are asked for.
+
+    Raises InputError unless the file is a whole result file.
+    """
+    return RunResult(Path(path))
+
+
+def run(
+    case: str | Path,
+    *,
+    method: Method | None = None,
+    settings: Settings | None = None,
+    output: str | Path | None = None,
+    overrides: Sequence[str] = (),
+    fresh: bool = False,
+    yes: bool = False,
+    progress: Progress | None = None,
+) -> RunResult:
+    """Run a case as `rths run` does and return its result, also one that was refused or stopped: see its `status`.
+
+    `case` is a case file or the name of a shipped one; `method` None: the case's own; `settings` as `--set`, for
+    instance {"scaling": 0.2, "table.physics.coulomb_n": 0}. `output` is the folder of the result file, where a virtual
+    result of that name is replaced; None: a temporary one that lives as long as the result. `yes` moves a real rig
+    whose file says `unattended: true`; nothing else moves a real rig.
+
+    Raises InputError when the case cannot be run, RigError, LimitError or RthsError when there is no result.
+    """
+    given = _texts(settings, method)
+    _check_rig(str(case), given, output is None)
+    folder = Path(tempfile.mkdtemp(prefix="rths-")) if output is None else Path(output)
+    try:
+        with _signals() as poll:
+            tell = _telling(progress, poll)
+            ended = _run(str(case), given, folder, tuple(overrides), fresh, yes, tell)
+        if ended.path is None:
+            raise BY_CODE.get(ended.exit_code, RthsError)(ended.reason)
+        result = RunResult(ended.path)
+    except BaseException:
+        if output is None:
+            shutil.rmtree(folder, ignore_errors=True)
+        raise
+    if output is None:
+        weakref.finalize(result, shutil.rmtree, folder, ignore_errors=True)
+    return result
+
+
+def check(
+    case: str | Path,
+    *,
+    method: Method | None = None,
+    settings: Settings | None = None,
+    overrides: Sequence[str] = (),
+    progress: Progress | None = None,
+) -> CheckResult:
+    """Judge a case as `rths check` does: whether EXP-RTHS is safe, and the figures predicted; nothing moves.
+
+    Raises InputError when the case cannot be read.
+    """
+    from rths_cli.experiment.check_cases import check_cases, load_all
+
+    cases = load_all([str(case)], _texts(settings, method), ())
+    found = check_cases(cases, tuple(overrides), _telling(progress, lambda: None))[0]
+    return CheckResult(
+        verdict=found.verdict,
+        reasons=found.reasons,
+        warnings=found.warnings,
+        metrics={path: _figure(value) for path, value in found.metrics.items()},
+        units={path: METRICS[path].units for path in found.metrics},
+        definitions={path: METRICS[path].definition for path in found.metrics},
+    )
+
+
+def identify(
+    case: str | Path,
+    output: str | Path,
+    *,
+    settings: Settings | None = None,
+    yes: bool = False,
+    progress: Progress | None = None,
+) -> ModelResult:
+    """Identify the rig and specimen of a case as `rths identify` does and write the model file `output`.
+
+    A real rig is moved only with `yes`, and only when its file says `unattended: true`. Raises InputError when the case
+    or the output cannot be used, LimitError or RigError when the excitation was stopped or gave no usable channels.
+    """
+    from rths_cli.experiment.identify_command import Asked, make_model
+    from rths_cli.experiment.permission import ask_to_move
+
+    def permit(setup: Setup) -> None:
+        ask_to_move([setup], yes, _refuse)
+
+    given = ("identification.model=null", *_texts(settings, None))
+    _check_rig(str(case), given, False)
+    with _signals() as poll:
+        made = make_model(Asked(str(case), given, output=Path(output), draw=False), _telling(progress, poll), permit)
+    found = made.found
+    if found is None:
+        raise RigError("; ".join(made.unfit.faults) if made.unfit else "no model can be made from these channels")
+    model, specimen = found.best, found.specimen
+    return ModelResult(
+        path=Path(output).absolute(),
+        accepted=found.accepted,
+        reasons=found.reasons,
+        warnings=found.warnings,
+        zeros=model.zeros,
+        poles=model.poles,
+        gain=model.gain,
+        delay_s=model.delay_s,
+        natural_frequency_hz=specimen.natural_frequency_hz if specimen else None,
+        damping_ratio=specimen.damping_ratio if specimen else None,
+    )
+
+
+def plot(result: RunResult | str | Path, name: str, width: Literal["one", "two"] = "two") -> Figure:
+    """Draw a figure of a result or its file, say "tracking", for one column of a page (84 mm) or two (174 mm).
+
+    `plot(result, "tracking").savefig("tracking.pdf")` writes it. Raises InputError for a name that is none of the
+    figures, and when the result does not hold what the figure shows.
+    """
+    from rths_cli.report.figures import draw
+
+    opened = result if isinstance(result, RunResult) else load(result)
+    opened.check_unchanged()
+    return draw(name, opened.contents, width)
+
+
+def _run(
+    case: str,
+    settings: tuple[str, ...],
+    folder: Path,
+    overrides: tuple[str, ...],
+    fresh: bool,
+    yes: bool,
+    tell: Callable[[str], None],
+) -> Ended:
+    """Run one case by the workflow of `rths run`."""
+    from rths_cli.experiment.batch import Request, run_batch
+
+    request = Request(
+        paths=(case,),
+        settings=settings,
+        methods=(),
+        output=folder,
+        replace=True,
+        command_line=" ".join(["rths_cli.run", case, *settings]),
+        overrides=overrides,
+        fresh=fresh,
+        yes=yes,
+    )
+    return run_batch(request, _Script(tell))[0]
+
+
+def _check_rig(case: str, settings: tuple[str, ...], temporary: bool) -> None:
+    """Raise InputError where a real rig would run into a temporary folder, or in a thread that no signal reaches."""
+    from rths_cli.case.load import load_cases
+
+    table = load_cases([case], settings)[0].table
+    if capabilities_of(table.kind).moves_hardware and temporary:
+        raise InputError(f"output: rig {table.name} is real and its result must last; give a folder")
+    if capabilities_of(table.kind).moves_hardware and threading.current_thread() is not threading.main_thread():
+        raise InputError(f"rig {table.name} is real: call this in the main thread, where Ctrl-C and SIGTERM arrive")
+
+
+class _Script:
+    """Takes the place of the screen where a script runs a case: nobody is asked, nobody presses a key."""
+
+    def __init__(self, tell: Callable[[str], None]) -> None:
+        self.doing = tell
+
+    def started(self, number: int, count: int, name: str) -> None:
+        """Take no note."""
+
+    def ended(self, ended: Ended, seconds: float) -> None:
+        """Take no note: the result says it."""
+
+    def message(self, text: str) -> None:
+        """Pass a sentence on."""
+        self.doing(text)
+
+    def moving(self, label: str, view: View) -> bool:
+        """Let the run go on."""
+        return False
+
+    def confirm(self, lines: Sequence[str]) -> bool:
+        """Refuse."""
+        return _refuse(lines)
+
+
+def _refuse(lines: Sequence[str]) -> bool:
+    """Say that no real rig moves because a script says so."""
+    what = "nobody confirms here; yes=True moves rigs whose file says `unattended: true`, rths run asks for others"
+    raise InputError(f"{lines[0]} {what}")
+
+
+def _telling(progress: Progress | None, poll: Callable[[], None]) -> Callable[[str], None]:
+    """Return what passes sentences on to the script, and raises a signal that a library swallowed on its way."""
+    told = progress or (lambda _: None)
+    if progress is not None:
+        from rths_cli.numerics.compiled import announce
+
+        announce(progress)
+
+    def tell(text: str) -> None:
+        poll()
+        if text:
+            told(text)
+
+    return tell
+
+
+def _texts(settings: Settings | None, method: Method | None) -> tuple[str, ...]:
+    """Return settings as KEY=VALUE, the value in JSON, which YAML reads; raises InputError for what has no form."""
+    given: dict[str, object] = dict(settings or {})
+    if method is not None:
+        given["method"] = method
+    return tuple(f"{key}={_value(key, value)}" for key, value in given.items())
+
+
+def _value(key: str, value: object) -> str:
+    try:
+        return json.dumps(value, default=_plain, allow_nan=False, ensure_ascii=False)
+    except TypeError as error:
+        raise InputError(f"settings: {key} must be a number, text, list or mapping, got {error}") from None
+    except ValueError:
+        raise InputError(f"settings: {key} must be finite, got {value!r}") from None
+
+
+def _plain(item: Any) -> Any:
+    """Return an array or number of numpy, or a path, in Python's own types; raise TypeError naming any other type."""
+    if isinstance(item, Path):
+        return str(item)
+    if hasattr(item, "tolist"):
+        return item.tolist()
+    raise TypeError(type(item).__name__)
+
+
+def _figure(value: Any) -> Any:
+    """Return a figure as a number or an array (n_storeys,)."""
+    import numpy as np
+
+    numbers = np.asarray(value, dtype=float)
+    return numbers if numbers.ndim else float(numbers)
+
+
+@contextmanager
+def _signals() -> Iterator[Callable[[], None]]:
+    """Turn SIGTERM and SIGHUP into exceptions meanwhile, so that a table that moves is led to rest as by Ctrl-C.
+
+    What it gives raises one that arrived and was swallowed; in another thread than the main one no signal is taken.
+    """
+    import signal
+
+    from rths_cli.interrupts import Signals
+
+    if threading.current_thread() is not threading.main_thread():
+        yield lambda: None
+        return
+    names = [name for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    before = {name: signal.getsignal(getattr(signal, name)) for name in names}
+    hook = sys.unraisablehook
+    signals = Signals()
+    signals.install()
+    try:
+        yield signals.poll
+        signals.poll()
+    finally:
+        sys.unraisablehook = hook
+        for name, handler in before.items():
+            signal.signal(getattr(signal, name), handler or signal.SIG_DFL)

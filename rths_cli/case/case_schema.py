@@ -1,0 +1,301 @@
+"""The case: everything a run needs to know, read once, checked completely, never changed."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, field_validator
+
+from rths_cli.case.field_types import Problem, Range, Strict, count, entry, listed, number, refusal, same_length
+from rths_cli.case.reference_schema import ReferenceSpec
+from rths_cli.case.rig_schema import DEFAULT_LOST_SAMPLES, AnyRig, LimitOverrides, LimitsSpec, UdpRigSpec
+from rths_cli.case.structure_schema import DampingSpec, StructureSpec
+from rths_cli.case.tightened_limits import REAL_DEFAULTS, STRICTER
+
+Run = Literal["sim", "sim_delay", "shake_table", "exp_rths"]
+RUNS: tuple[Run, ...] = ("sim", "sim_delay", "shake_table", "exp_rths")
+ACCEPT_PATH = r"^([a-z][a-z0-9_]*)(?:\.[a-z][a-z0-9_]*)+(?:\[([1-9][0-9]{0,3})\])?$"
+SEED_MAX = 2**53 - 1
+ANSWER_SHARE = 0.7  # of a sample interval, how long an answer may take
+
+
+def check_file_name(name: str) -> str:
+    """Return a name that is usable as a file's name on any system; raise the sentence when it is not."""
+    if not re.fullmatch(r"(?![.\s])[^/\\\x00-\x1f\x7f:*?\"<>|]+(?<![.\s])", name) or len(name.encode()) > 150:
+        raise refusal(
+            f"must be usable as a file name, got {name[:40]!r}; "
+            "use letters, digits, _ and -, at most 150 bytes, no / and no dot or space at its ends"
+        )
+    return name
+
+
+def _underscored(name: object) -> object:
+    return name.replace("-", "_") if isinstance(name, str) else name
+
+
+FileName = Annotated[str, AfterValidator(check_file_name)]
+Seed = Annotated[int, Range(ge=0, le=SEED_MAX)]
+RunName = Annotated[
+    Run,
+    BeforeValidator(_underscored),
+    WithJsonSchema({"enum": [*RUNS, "sim-delay", "shake-table", "exp-rths"]}),
+]
+
+
+class RecordSpec(Strict):
+    """Hold a ground motion's file; unit and interval only where the file itself does not state them."""
+
+    wanted: ClassVar[str] = "a name or a mapping"
+
+    file: Path = Field(description="a name looked up in records/, or a path")
+    unit: str | None = Field(default=None, min_length=1, max_length=20)
+    dt_s: Annotated[float, Range(gt=0, le=10)] | None = None
+
+    @property
+    def name(self) -> str:
+        """Return the record's name: its file's, without the suffix."""
+        return self.file.stem
+
+    @property
+    def path(self) -> Path:
+        """Return the record's file."""
+        return self.file
+
+
+class ControllerSpec(Strict):
+    """Hold the table's controller: feedforward, with feedback, or the table as delivered."""
+
+    wanted: ClassVar[str] = "a name or a mapping"
+
+    kind: Literal["FF", "FF+FB", "none"]
+    feedback_bandwidth_hz: Annotated[float, Range(gt=0, le=1000)] | None = Field(
+        default=None, description="default, and most: two thirds of the identified band"
+    )
+    max_sensitivity: Annotated[float, Range(gt=1, le=10)] = 1.5
+    disturbance_hz: tuple[Annotated[float, Range(ge=0.05, le=500)], ...] = Field(
+        default=(1.0, 12.0),
+        description="band of the error that the feedback removes",
+        json_schema_extra={"minItems": 2, "maxItems": 2},
+    )
+    command_weight: Annotated[float, Range(ge=1e-3, le=10)] = Field(
+        default=0.01, description="cost of a command, over what it moves at the disturbance's upper corner"
+    )
+    feedback_limit_v: Annotated[float, Range(gt=0, le=1000)] | None = Field(
+        default=None, description="largest share of the feedback in the command; default: what the range leaves"
+    )
+
+    @classmethod
+    def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
+        band = listed(data, "disturbance_hz")
+        if band is not None and len(band) != 2:
+            yield ("disturbance_hz",), f"must be the two ends of a band in Hz, such as [1, 12], got {len(band)} entries"
+        elif band and all(isinstance(f, int | float) for f in band) and band[1] < 2 * band[0]:
+            ends = f"{band[0]:g} to {band[1]:g} Hz"
+            yield ("disturbance_hz",), f"must be a band of an octave or more, its lower end first, got {ends}"
+
+
+class IdentificationSpec(Strict):
+    """Hold the model file to use, or how to excite the rig for one."""
+
+    model: Path | None = Field(default=None, description="a model file; without one a virtual rig is identified first")
+    seed: Seed = 0
+    duration_s: Annotated[float, Range(ge=40, le=7200)] = 120.0
+    accel_rms_m_s2: Annotated[float, Range(gt=0, le=100)] = 2.0
+    low_hz: Annotated[float, Range(ge=0.01, le=1000)] = 0.3
+    high_hz: Annotated[float, Range(gt=0, le=1000)] = 60.0
+    excitation: Literal["noise", "multisine", "sweep", "step"] = "noise"
+    period_s: Annotated[float, Range(gt=0, le=1000)] | None = Field(
+        default=None, description="default: 20 for a multisine, 40 for a sweep"
+    )
+    records: Annotated[int, Range(ge=1, le=20)] = Field(default=1, description="how many are measured and averaged")
+    estimator: Literal["h1", "h2", "hv"] = "h1"
+    sensor_dynamics: Literal["removed", "kept"] = Field(
+        default="removed", description="kept: the model describes the channels as they are, and the step leaves them so"
+    )
+    latency: Literal["removed", "kept"] = Field(
+        default="removed", description="removed: an explicit, declared delay; kept: the model's roots carry it"
+    )
+
+    @classmethod
+    def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
+        low = data.get("low_hz", cls.model_fields["low_hz"].default)
+        high = data.get("high_hz", cls.model_fields["high_hz"].default)
+        if isinstance(low, int | float) and isinstance(high, int | float) and high <= low:
+            yield (
+                ("high_hz" if "high_hz" in data else "low_hz",),
+                f"low_hz = {low:g} must be < high_hz = {high:g}",
+            )
+
+
+class RecordFilterSpec(Strict):
+    """Hold the causal Butterworth high pass of the record; corner 0 switches it off."""
+
+    corner_hz: Annotated[float, Range(ge=0, le=100)] = 0.25
+    order: Annotated[int, Range(ge=1, le=8)] = 2
+
+
+class KalmanSpec(Strict):
+    """Hold the intensities of process noise (base acceleration) and measurement noise of the floor filter, and up to
+    which frequency method best takes what the filter leaves unexplained from the measured base shear."""
+
+    q: Annotated[float, Range(gt=0, le=1e12)] = 1e3
+    r: Annotated[float, Range(gt=0, le=1e12)] = 1.0
+    residual_hz: Annotated[float, Range(gt=0, le=1000)] = 40.0
+
+
+class CaseKeys(Strict):
+    """Hold the keys of a case file; names are replaced by what they name before this is checked."""
+
+    name: FileName = Field(description="default: the file's name")
+    structure: StructureSpec
+    damping: DampingSpec
+    record: RecordSpec
+    scaling: Annotated[float, Range(gt=0, le=100)] = Field(description="factor on the record")
+    controller: ControllerSpec
+    table: AnyRig
+    method: Literal["best", "paper"] = "best"
+    integration: Literal["exact", "cr", "newmark"] = Field(
+        default="exact", description="of the numerical storeys: first-order hold, Chen-Ricles, or explicit Newmark"
+    )
+    runs: tuple[RunName, ...] = Field(
+        default=RUNS, min_length=1, description="default: all; on a rig that is not virtual all but shake_table"
+    )
+    sample_rate_hz: Annotated[float, Range(ge=100, le=50_000)] = 2000.0
+    delay_s: Annotated[float, Range(ge=0, le=0.1)] = Field(default=0.005, description="the delay of SIM-DELAY")
+    record_filter: RecordFilterSpec = RecordFilterSpec()
+    identification: IdentificationSpec = IdentificationSpec()
+    kalman: KalmanSpec = KalmanSpec()
+    limits: LimitOverrides = Field(default=LimitOverrides(), description="limits stricter than the rig's")
+    accept: dict[str, Annotated[float, Range(ge=0, le=1e9)]] = Field(
+        default={},
+        description="limits on reported figures, by path: exp_rths.rms_error_m_s2[3]",
+        json_schema_extra={"propertyNames": {"pattern": ACCEPT_PATH}},
+    )
+    seed: Seed = 0
+    notes: str = ""
+    reference: ReferenceSpec | None = None
+
+    @field_validator("runs")
+    @classmethod
+    def _in_order(cls, runs: tuple[str, ...]) -> tuple[str, ...]:
+        if len(set(runs)) < len(runs):
+            raise refusal("names a run twice; keep one of each")
+        return tuple(run for run in RUNS if run in runs)
+
+    @classmethod
+    def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
+        damping, levels = data.get("damping"), entry(data, "structure", "damping_levels")
+        is_level = isinstance(levels, Mapping) and entry(damping, "name") in list(levels)
+        if isinstance(damping, Mapping) and not is_level:
+            storeys = count(data, "structure", "numerical", "masses_kg")
+            for loc, message in same_length(damping, "dashpots_n_s_per_m", storeys, "numerical storey"):
+                yield ("damping", *loc), message
+        yield from _limit_problems(data)
+        yield from _rig_problems(data)
+        yield from _nyquist_problems(data)
+        yield from _accept_problems(data)
+
+
+class Case(CaseKeys):
+    """Hold a checked case, defaults filled in; `limits` are already merged into `table.limits`.
+
+    `rig_file`: the file that states the kind of rig, None where the case itself or --set does.
+    """
+
+    path: Path
+    yaml_text: str
+    rig_file: Path | None = Field(default=None, exclude=True)
+
+    @property
+    def n_storeys(self) -> int:
+        """Return the number of storeys of the total structure."""
+        return len(self.structure.numerical.masses_kg) + len(self.structure.experimental.masses_kg)
+
+    def published(self) -> dict[str, float | tuple[float, ...]]:
+        """Return the reference's figures for this case by metric path, empty when there are none."""
+        if self.reference is None:
+            return {}
+        return self.reference.figures_for(self.record.name, self.damping.name, self.controller.kind, self.scaling)
+
+
+def _limit_problems(data: Mapping[str, Any]) -> Iterator[Problem]:
+    """Yield a fault for each limit that is looser than the rig's."""
+    unstated = {key: field.default for key, field in LimitsSpec.model_fields.items()}
+    unstated |= {"lost_samples": DEFAULT_LOST_SAMPLES}
+    unstated |= REAL_DEFAULTS if entry(data, "table", "kind") not in (None, "virtual") else {}
+    for key, default in unstated.items():
+        own, rig = number(data, "limits", key), number(data, "table", "limits", key)
+        limit = default if rig is None else rig
+        if own is not None and limit is not None and own > limit:
+            yield ("limits", key), f"must be <= the rig's {limit:g}, got {own:g}; {STRICTER}"
+
+
+def _rig_problems(data: Mapping[str, Any]) -> Iterator[Problem]:
+    """Yield faults of a real rig with this structure and sample rate: channels, answers that are late or lost."""
+    floors, channels = count(data, "structure", "experimental", "masses_kg"), count(data, "table", "channels")
+    if floors is not None and channels is not None and channels != 1 + floors:
+        wanted = f"the table's and one per experimental storey, {1 + floors} in all"
+        yield ("table", "channels"), f"must be {wanted}, got {channels}; list the channels of this structure"
+    rate, timeout_s = number(data, "sample_rate_hz"), number(data, "table", "udp", "timeout_s")
+    interval_s = 1.0 / (rate or CaseKeys.model_fields["sample_rate_hz"].default)
+    if timeout_s is not None and timeout_s > ANSWER_SHARE * interval_s:
+        longest = f"{ANSWER_SHARE * interval_s:g}, {ANSWER_SHARE:g} of the sample interval"
+        yield ("table", "udp", "timeout_s"), f"must be <= {longest}, got {timeout_s:g}; the step needs the rest"
+    yield from _watchdog_problems(data, interval_s)
+
+
+def _watchdog_problems(data: Mapping[str, Any], interval_s: float) -> Iterator[Problem]:
+    """Yield a fault where a rig would rest its table over a loss that the runner bears."""
+    kind = entry(data, "table", "kind")
+    if kind in (None, "virtual", "ni"):  # of these none has a watchdog
+        return
+    stated = number(data, "limits", "lost_samples") or number(data, "table", "limits", "lost_samples")
+    lost = round(stated or DEFAULT_LOST_SAMPLES)
+    watchdog_s = number(data, "table", "watchdog_s") or UdpRigSpec.model_fields["watchdog_s"].default
+    if 0.0 < watchdog_s <= (lost + 1) * interval_s:
+        told = f"what the {lost} samples last that may be lost in a row (limits.lost_samples), and one more"
+        advice = "the rig would rest its table first; lower lost_samples, or raise watchdog_s in the rig's file"
+        yield ("table", "watchdog_s"), f"must be > {(lost + 1) * interval_s:g}, {told}, got {watchdog_s:g}; {advice}"
+
+
+def _nyquist_problems(data: Mapping[str, Any]) -> Iterator[Problem]:
+    """Yield a fault for each stated frequency that the sample rate cannot carry."""
+    rate = number(data, "sample_rate_hz") or CaseKeys.model_fields["sample_rate_hz"].default
+    places = (
+        ("record_filter", "corner_hz"),
+        ("identification", "high_hz"),
+        ("controller", "feedback_bandwidth_hz"),
+        ("kalman", "residual_hz"),
+    )
+    for loc in places:
+        value = number(data, *loc)
+        if value is not None and value >= rate / 2:
+            yield loc, f"must be < {rate / 2:g}, half the sample rate, got {value:g}"
+    band = listed(data, "controller", "disturbance_hz") or ()
+    highest = max((f for f in band if isinstance(f, int | float)), default=0.0)
+    if highest >= rate / 2:
+        yield ("controller", "disturbance_hz"), f"must be < {rate / 2:g}, half the sample rate, got {highest:g}"
+    default = IdentificationSpec.model_fields["high_hz"].default
+    if number(data, "identification", "high_hz") is None and rate / 2 <= default:
+        yield ("sample_rate_hz",), f"must be > {2 * default:g}, twice identification.high_hz, got {rate:g}"
+
+
+def _accept_problems(data: Mapping[str, Any]) -> Iterator[Problem]:
+    """Yield a fault for each accepted figure that cannot be reported."""
+    paths, runs = data.get("accept"), data.get("runs")
+    numerical = count(data, "structure", "numerical", "masses_kg")
+    experimental = count(data, "structure", "experimental", "masses_kg")
+    storeys = None if numerical is None or experimental is None else numerical + experimental
+    for path in paths if isinstance(paths, Mapping) else ():
+        match = re.match(ACCEPT_PATH, path)
+        if match is None:
+            yield ("accept", path), "must be a figure's path such as exp_rths.rms_error_m_s2[3]"
+            continue
+        group, storey = match[1], match[2]
+        if group in RUNS and storey is not None and storeys is not None and int(storey) > storeys:
+            yield ("accept", path), f"storey must be <= {storeys}, the structure's storeys, got {storey}"
+        if isinstance(runs, tuple) and group in RUNS and group not in [_underscored(run) for run in runs]:
+            yield ("accept", path), f"needs the run {group}; add it to runs"

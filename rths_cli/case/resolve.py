@@ -1,0 +1,278 @@
+"""From what a case file says to what it means: settings applied, names looked up, `extends` merged."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from rths_cli.case.field_types import near
+from rths_cli.case.lookup import find
+from rths_cli.case.tightened_limits import is_real, made_real, over_real_rig, set_inside
+from rths_cli.case.yaml_reader import parse, read_file
+from rths_cli.case.yaml_tree import Fault, Mark, Node, Source, plain, printable
+from rths_cli.errors import InputError
+
+VARIED = "_varied"  # ends the name of what extends something and gives itself no name
+DEFAULT_RIG = "aps400_virtual"
+MOST_KEYS = 20  # of a dotted path; no key of a case lies half as deep
+REAL_RUNS = ("sim", "sim_delay", "exp_rths")
+FILES = {"structure": "structures", "table": "rigs", "reference": "references"}
+SHORT_FORMS = {"structure": "extends", "table": "extends", "controller": "kind", "record": "file"}
+RIVALS = {
+    "natural_frequencies_hz": ("stiffness_n_per_m",),
+    "stiffness_n_per_m": ("natural_frequencies_hz",),
+    "damping_ratios": ("dashpots_n_s_per_m",),
+    "first_mode_ratio": ("dashpots_n_s_per_m",),
+    "dashpots_n_s_per_m": ("damping_ratios", "first_mode_ratio"),
+}
+
+Setting = tuple[tuple[str, ...], Node]
+NOTHING_TYPED: Mapping[str, str] = {}
+
+
+def read_settings(
+    settings: Sequence[str], typed: Mapping[str, str] = NOTHING_TYPED
+) -> tuple[list[Setting], list[Fault]]:
+    """Return keys and value of each `key.sub=value`, and the faults of those that are none.
+
+    `typed`: the option by which the user gave a setting that is no --set.
+    """
+    found: list[Setting] = []
+    faults: list[Fault] = []
+    for text in settings:
+        key, sign, value = text.partition("=")
+        source = Source(typed.get(text, f"--set {printable(key.strip())}")[:120], Path.cwd())
+        keys = _setting_keys(key.strip())
+        if len(keys) > MOST_KEYS:
+            faults.append(Fault(Mark(source), "", f"names {len(keys)} keys inside each other, at most {MOST_KEYS}"))
+            continue
+        if not key.isprintable():
+            faults.append(Fault(Mark(source), "", "names a key with a character that is no text; type the key again"))
+            continue
+        if not sign or not all(keys):
+            faults.append(Fault(Mark(source), "", "must be key=value, for example --set table.physics.coulomb_n=0.9"))
+            continue
+        node, more = parse(value, source)
+        faults += [replace(fault, mark=Mark(source)) for fault in more]
+        if node is not None and not more:
+            found.append((keys, unplaced(node, Mark(source))))
+    return found, faults
+
+
+def apply_settings(tree: Node, settings: Iterable[Setting]) -> Node:
+    """Return the case's document with settings put in; setting below a name varies what is named."""
+    for keys, value in settings:
+        tree = _put(tree, keys, value)
+    return tree
+
+
+def expand_case(tree: Node, stem: str) -> tuple[Node, list[Fault], set[str]]:
+    """Return the document with every name replaced by what it names, the faults, and the keys that are lost.
+
+    `stem` is the case's name when the file gives none.
+    """
+    faults: list[Fault] = []
+    children = {"name": Node(stem, tree.mark), "table": Node(DEFAULT_RIG, tree.mark)} | tree.children
+    lost: set[str] = set()
+    for key, kind in FILES.items():
+        if key in children:
+            node = _expand(children[key], kind, key, faults, ())
+            lost |= {key} if node is None else set()
+            children[key] = node or children[key]
+    for key in ("record", "controller"):
+        if key in children:
+            children[key] = _long_form(children[key], SHORT_FORMS[key])
+    _expand_damping(children, faults, lost)
+    _expand_real_rig(children, faults)
+    _expand_file(children, ("record", "file"), "records", faults)
+    _expand_file(children, ("identification", "model"), None, faults)
+    return replace(tree, value=children), faults, lost
+
+
+def merge(base: Node, over: Node) -> Node:
+    """Return `base` with what `over` states in its place, key by key; a key drops its rivals in `base`."""
+    if not (isinstance(base.value, dict) and isinstance(over.value, dict)):
+        return over
+    merged = dict(base.value)
+    for key, child in over.value.items():
+        for rival in RIVALS.get(key, ()):
+            if rival not in over.value:
+                merged.pop(rival, None)
+        merged[key] = merge(merged[key], child) if key in merged else child
+    return replace(over, value=merged)
+
+
+def unplaced(node: Node, mark: Mark) -> Node:
+    """Return a node all of whose places are one mark."""
+    value = node.value
+    if isinstance(value, dict):
+        value = {key: unplaced(child, mark) for key, child in value.items()}
+    elif isinstance(value, tuple):
+        value = tuple(unplaced(child, mark) for child in value)
+    return Node(value, mark, mark)
+
+
+def _setting_keys(key: str) -> tuple[str, ...]:
+    """Return the keys of a dotted path; behind `accept.` stands one key, itself dotted."""
+    head, _, rest = key.partition(".")
+    return (head, rest) if head == "accept" and rest else tuple(key.split("."))
+
+
+def _put(tree: Node, keys: tuple[str, ...], value: Node, short_form: str | None = None) -> Node:
+    """Return a document with a value at dotted keys; a scalar on the way becomes the mapping it abbreviates."""
+    if not keys:
+        return value
+    children = dict(_long_form(tree, short_form).children if short_form else tree.children)
+    below = children.get(keys[0])
+    at_top = tree.key_mark is None
+    short = SHORT_FORMS.get(keys[0]) if at_top else None
+    if at_top and below is None and keys[0] == "table":
+        below = Node(DEFAULT_RIG, value.mark)
+    empty = Node({}, value.mark, value.mark)
+    children[keys[0]] = replace(_put(below or empty, keys[1:], value, short), key_mark=value.mark)
+    return replace(tree, value=children)
+
+
+def _long_form(node: Node, key: str) -> Node:
+    """Return a scalar as the mapping it abbreviates."""
+    if isinstance(node.value, dict | tuple) or node.value is None:
+        return node
+    return replace(node, value={key: Node(node.value, node.mark, node.key_mark)})
+
+
+def _expand(node: Node, kind: str, key: str, faults: list[Fault], trail: tuple[Path, ...]) -> Node | None:
+    """Return a mapping complete with what it is named after or extends; None when that cannot be read."""
+    if isinstance(node.value, str):
+        return _from_file(node, kind, key, faults, trail)
+    own = dict(node.children)
+    base_name = own.pop("extends", None) if kind != "references" else None
+    if base_name is None:
+        faults += set_inside(node, key) if kind == "rigs" and not trail and is_real(node) else []
+        return node if "name" in own or not own else replace(node, value={"name": _text("inline", node), **own})
+    base = _from_file(base_name, kind, f"{key.removesuffix('.extends')}.extends", faults, trail)
+    if base is None:
+        return None
+    if kind == "rigs" and not trail and is_real(base):  # it stays that rig, by name too
+        own, loosened = over_real_rig(base, own, key)
+        faults += loosened
+    else:
+        faults += made_real(own, key) if kind == "rigs" and not trail else []
+        own.setdefault("name", _text(f"{plain(base).get('name')}{VARIED}", node))
+    return merge(base, replace(node, value=own))
+
+
+def _from_file(node: Node, kind: str, key: str, faults: list[Fault], trail: tuple[Path, ...]) -> Node | None:
+    """Return the mapping in the file that a node names, marks of faults kept; None when there is none."""
+    if not isinstance(node.value, str):
+        faults.append(Fault(node.mark, key, "must be a name or a path"))
+        return None
+    source = node.mark.source
+    try:
+        path = find(node.value, kind, source.folder, source.path).resolve()
+    except InputError as error:
+        faults.append(Fault(node.mark, key, str(error)))
+        return None
+    if path in trail:
+        names = " -> ".join(step.stem for step in (*trail, path))
+        faults.append(Fault(node.mark, key, f"goes round in a circle: {names}; remove one extends"))
+        return None
+    _, tree, found = read_file(path)
+    faults += found
+    if tree is None:
+        return None
+    if not isinstance(tree.value, dict):
+        faults.append(Fault(tree.mark, "", f"must hold a mapping of the keys of a {kind.removesuffix('s')}"))
+        return None
+    named = {"name": _text(path.stem, tree), **tree.value}
+    return _expand(replace(tree, value=named, key_mark=node.key_mark), kind, key, faults, (*trail, path))
+
+
+def _text(value: str, beside: Node) -> Node:
+    return Node(value, beside.mark, beside.key_mark)
+
+
+def _expand_damping(children: dict[str, Node], faults: list[Fault], lost: set[str]) -> None:
+    """Replace the name of a damping level by the level of the structure."""
+    node, structure = children.get("damping"), children.get("structure")
+    if node is None or not isinstance(node.value, str):
+        return
+    levels = structure.children.get("damping_levels") if structure and "structure" not in lost else None
+    if structure is None or "structure" in lost or (levels and not isinstance(levels.value, dict)):
+        lost.add("damping")
+        return
+    named = levels.children if levels else {}
+    if node.value not in named:
+        ends = near(node.value, named)
+        faults.append(Fault(node.mark, "damping", f"the structure has no damping level {node.value[:40]!r}{ends}"))
+        lost.add("damping")
+        return
+    level = named[node.value]
+    if isinstance(level.value, dict):
+        children["damping"] = replace(level, value={**level.value, "name": _text(node.value, node)})
+    else:
+        lost.add("damping")
+
+
+def _expand_file(children: dict[str, Node], keys: tuple[str, str], kind: str | None, faults: list[Fault]) -> None:
+    """Replace the file that stands at two keys by its absolute path."""
+    parent = children.get(keys[0])
+    node = parent.children.get(keys[1]) if parent else None
+    if parent is None or node is None or not isinstance(node.value, str):
+        return
+    source = node.mark.source
+    try:
+        path = find(node.value, kind, source.folder, source.path) if kind else _plain_file(node.value, source.folder)
+    except InputError as error:
+        faults.append(Fault(node.mark, keys[0] if node.mark == parent.mark else ".".join(keys), str(error)))
+        path = source.folder / "missing"
+    children[keys[0]] = replace(
+        parent, value={**parent.children, keys[1]: replace(node, value=Path(os.path.abspath(path)))}
+    )
+
+
+def _expand_real_rig(children: dict[str, Node], faults: list[Fault]) -> None:
+    """Fill in what a rig that is not virtual changes in a case: its runs, its model file; make its files' paths whole.
+
+    A file of such a rig need not be there before it is used: only the model file is looked for, where a case needs it.
+    """
+    table = children["table"]
+    kind = table.children.get("kind")
+    if kind is None or kind.value == "virtual":
+        return
+    runs = tuple(Node(run, table.mark) for run in REAL_RUNS)
+    children.setdefault("runs", Node(runs, table.mark, table.key_mark))
+    parts = {key: _whole_path(part) for key, part in table.children.items() if key == "model"}
+    udp = table.children.get("udp")
+    if udp is not None and "key_file" in udp.children:
+        parts["udp"] = replace(udp, value={**udp.children, "key_file": _whole_path(udp.children["key_file"])})
+    children["table"] = replace(table, value={**table.children, **parts})
+    if "model" in parts and isinstance(parts["model"].value, Path):
+        _use_model(children, parts["model"], faults)
+
+
+def _use_model(children: dict[str, Node], model: Node, faults: list[Fault]) -> None:
+    """Give a case that says nothing of a model the one of its rig."""
+    options = children.get("identification", Node({}, model.mark, model.key_mark))
+    if not isinstance(options.value, dict) or "model" in options.value:
+        return
+    if not os.path.isfile(str(model.value)):
+        advice = "identify the rig (rths identify) and name its model file here, or under identification.model"
+        faults.append(Fault(model.mark, "table.model", f"no such file: {printable(str(model.value))[:300]}; {advice}"))
+    children["identification"] = replace(options, value={**options.value, "model": model})
+
+
+def _whole_path(node: Node) -> Node:
+    """Return the node of a file's name with its absolute path; anything else as it is."""
+    if not isinstance(node.value, str) or not node.value.strip() or "\0" in node.value:
+        return node  # the model refuses what names no file
+    return replace(node, value=Path(os.path.abspath(node.mark.source.folder / os.path.expanduser(node.value))))
+
+
+def _plain_file(name: str, folder: Path) -> Path:
+    """Return an existing file given by its path relative to `folder`."""
+    path = folder / os.path.expanduser(name)
+    if not os.path.isfile(path):
+        raise InputError(f"no such file: {printable(str(path))[:300]}; check the path")
+    return path

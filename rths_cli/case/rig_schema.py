@@ -1,0 +1,387 @@
+"""Rig files, virtual and real: every key with its unit, range and meaning."""
+
+from __future__ import annotations
+
+import ipaddress
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+from pydantic import (
+    AfterValidator,
+    Field,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    field_validator,
+)
+from pydantic_core import InitErrorDetails
+
+from rths_cli.case.field_types import Problem, Range, Strict, entry, exactly_one, listed, near, number, refusal, shown
+from rths_cli.case.plugin_kinds import GROUP, plugin_kinds
+from rths_cli.case.virtual_physics import AfterIdentification, VirtualPhysics
+
+Stroke = Annotated[float, Range(gt=0, le=10)]
+Velocity = Annotated[float, Range(gt=0, le=100)]
+Acceleration = Annotated[float, Range(gt=0, le=1000)]
+Force = Annotated[float, Range(gt=0, le=1e8)]
+CommandRate = Annotated[float, Range(gt=0, le=1e7)]
+EnergyRatio = Annotated[float, Range(gt=0, le=100)]
+LostSamples = Annotated[int, Range(ge=1, le=1000)]
+DEFAULT_LOST_SAMPLES = 5
+DEFAULT_ENERGY_RATIO = 0.1  # of real rigs: accurate tests stay below 0.005, unstable ones pass it early
+Corner = Annotated[float, Range(ge=0, le=1e6)]
+
+
+def corner_problems(data: Mapping[str, Any]) -> Iterator[Problem]:
+    """Yield a fault when a sensor's low pass lies below its high pass."""
+    low, high = number(data, "high_pass_hz"), number(data, "low_pass_hz")
+    if low and high and high <= low:
+        yield ("low_pass_hz",), f"must be > high_pass_hz = {low:g} or 0 (off), got {high:g}"
+
+
+class SensorKeys(Strict):
+    """Hold what is stated of accelerometers, of whatever rig."""
+
+    @classmethod
+    def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
+        yield from corner_problems(data)
+
+
+class SensorsSpec(SensorKeys):
+    """Hold the accelerometers of a virtual table and its floors; 0 switches a corner or the noise off."""
+
+    sensitivity_mv_per_g: Annotated[float, Range(gt=0, le=1e6)] = 1000.0
+    range_g: Annotated[float, Range(gt=0, le=1e4)] = 5.0
+    high_pass_hz: Annotated[float, Range(ge=0, le=100)] = 0.024
+    low_pass_hz: Corner = 1549.0
+    noise_rms_m_s2: Annotated[float, Range(ge=0, le=100)] = 3e-4
+
+
+class ConvertersSpec(Strict):
+    """Hold the converters of command and sensors; `bits: 0` is an ideal converter."""
+
+    bits: Annotated[int, Range(ge=2, le=32, or_zero=True)] = 16
+    range_v: Annotated[float, Range(gt=0, le=1000)] = 10.0
+    latency_samples: Annotated[int, Range(ge=0, le=100)] = 1
+
+
+class LimitsSpec(Strict):
+    """Hold the limits the guard keeps: displacement from the centre, velocity, acceleration, force, and what further
+    ones are stated."""
+
+    stroke_m: Stroke = 0.079
+    velocity_m_s: Velocity = 1.0
+    acceleration_m_s2: Acceleration = 45.0
+    force_n: Force = 445.0
+    command_rate_v_s: CommandRate | None = Field(default=None, description="change of the command in V/s")
+    tracking_error_m_s2: Acceleration | None = Field(
+        default=None, description="desired less measured acceleration of the table"
+    )
+    lost_samples: LostSamples | None = Field(
+        default=None, description=f"how many answers of the rig in a row may be lost; default: {DEFAULT_LOST_SAMPLES}"
+    )
+    energy_ratio: EnergyRatio | None = Field(
+        default=None, description="energy that errors of the table may add, of that exchanged with the specimen"
+    )
+
+    def tightened(self, overrides: LimitOverrides) -> Self:
+        """Return these limits with the given ones in their place; that they are stricter, the case checks."""
+        return self.model_copy(update=overrides.model_dump(exclude_none=True))
+
+
+class LimitOverrides(Strict):
+    """Hold the limits a case sets below its rig's; None leaves the rig's."""
+
+    stroke_m: Stroke | None = None
+    velocity_m_s: Velocity | None = None
+    acceleration_m_s2: Acceleration | None = None
+    force_n: Force | None = None
+    command_rate_v_s: CommandRate | None = None
+    tracking_error_m_s2: Acceleration | None = None
+    lost_samples: LostSamples | None = None
+    energy_ratio: EnergyRatio | None = None
+
+
+class NominalSpec(Strict):
+    """Hold the data-sheet values of a table."""
+
+    gain_m_per_v: Annotated[float, Range(gt=0, le=10)] = 0.0079
+    moving_mass_kg: Annotated[float, Range(gt=0, le=1e5)] = 7.0
+    payload_kg: Annotated[float, Range(gt=0, le=1e6)] = 23.0
+
+
+class RigSpec(Strict):
+    """Hold what the file of every shake table states; each kind of rig adds its own keys."""
+
+    wanted: ClassVar[str] = "a name or a mapping"
+
+    name: str = Field(default="inline", description="label in tables; default: the file's name")
+    kind: str
+    sensors: SensorKeys | None = None
+    converters: ConvertersSpec = ConvertersSpec()
+    limits: LimitsSpec = LimitsSpec()
+    nominal: NominalSpec = NominalSpec()
+
+
+class VirtualRigSpec(RigSpec):
+    """Hold one virtual shake table; defaults are the APS 400 of the paper."""
+
+    elsewhere: ClassVar[Mapping[str, str]] = dict.fromkeys(
+        ("channels", "unattended", "watchdog_s", "overrun", "model", "udp", "ni", "options"),
+        "belongs to a real rig; remove it, or state the rig's kind",
+    )
+
+    kind: Literal["virtual"]
+    sensors: SensorsSpec = SensorsSpec()
+    physics: VirtualPhysics = VirtualPhysics()
+    after_identification: AfterIdentification = AfterIdentification()
+
+
+GRAVITY_M_S2 = 9.80665
+ONLY_VIRTUAL = "belongs to a virtual rig; remove it"
+Sign = Annotated[int, AfterValidator(lambda value: _sign(value))]
+
+
+def _sign(value: int) -> int:
+    if value not in (1, -1):
+        raise refusal(f"must be 1 or -1 (mounted against the positive direction), got {value}")
+    return value
+
+
+class RealSensorsSpec(SensorKeys):
+    """Hold the accelerometers of a real rig where all are alike; a corner of 0 says that there is none."""
+
+    elsewhere: ClassVar[Mapping[str, str]] = {"noise_rms_m_s2": ONLY_VIRTUAL}
+
+    sensitivity_mv_per_g: Annotated[float, Range(gt=0, le=1e6)] | None = None
+    sensitivity_v_per_m_s2: Annotated[float, Range(gt=0, le=1e3)] | None = Field(
+        default=None, description="instead of sensitivity_mv_per_g"
+    )
+    range_g: Annotated[float, Range(gt=0, le=1e4)] = Field(description="+-, beyond which the sensor clips")
+    high_pass_hz: Annotated[float, Range(ge=0, le=100)] = Field(description="first-order corner of AC coupling; 0: DC")
+    low_pass_hz: Corner = Field(description="first-order corner; 0: none")
+    sign: Sign = Field(
+        default=1,
+        description="-1: mounted against the positive direction",
+        json_schema_extra={"enum": [1, -1]},
+    )
+    warning_m_s2: Acceleration | None = Field(default=None, description="level that is shown as a warning")
+    abort_m_s2: Acceleration | None = Field(default=None, description="level at which the guard stops")
+
+    @property
+    def volts_per_m_s2(self) -> float:
+        """Return the sensitivity in V per m/s^2, from whichever key it is stated in."""
+        if self.sensitivity_v_per_m_s2 is not None:
+            return self.sensitivity_v_per_m_s2
+        return float(self.sensitivity_mv_per_g or 0.0) / 1000.0 / GRAVITY_M_S2
+
+    @classmethod
+    def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
+        yield from corner_problems(data)
+        yield from exactly_one(data, "sensitivity_mv_per_g", "sensitivity_v_per_m_s2")
+        warning, abort, span = number(data, "warning_m_s2"), number(data, "abort_m_s2"), number(data, "range_g")
+        if warning is not None and abort is not None and warning >= abort:
+            yield ("warning_m_s2",), f"must be < abort_m_s2 = {abort:g}, got {warning:g}"
+        if abort is not None and span is not None and abort > span * GRAVITY_M_S2:
+            limit = f"{span * GRAVITY_M_S2:.4g}, the sensor's range"
+            yield ("abort_m_s2",), f"must be <= {limit}, got {abort:g}; the sensor would not show it"
+
+
+class ChannelSpec(RealSensorsSpec):
+    """Hold one channel of a real rig: its sensor, and where it is connected."""
+
+    name: str = Field(default="", max_length=60, description="label in messages, such as the sensor's serial number")
+    terminal: str | None = Field(
+        default=None, min_length=1, max_length=40, description="input of an NI card, such as ai0"
+    )
+
+
+class RealConvertersSpec(ConvertersSpec):
+    """Hold the converters of a real rig."""
+
+    bits: Annotated[int, Range(ge=2, le=32, or_zero=True)]
+    range_v: Annotated[float, Range(gt=0, le=1000)]
+    latency_samples: Annotated[int, Range(ge=1, le=100)] = 1
+
+
+class RealLimitsSpec(LimitsSpec):
+    """Hold the limits of a real rig: the four that every table has must be stated."""
+
+    stroke_m: Stroke
+    velocity_m_s: Velocity
+    acceleration_m_s2: Acceleration
+    force_n: Force
+
+
+class RealNominalSpec(NominalSpec):
+    """Hold the data-sheet values of a real table."""
+
+    gain_m_per_v: Annotated[float, Range(gt=0, le=10)]
+    moving_mass_kg: Annotated[float, Range(gt=0, le=1e5)]
+    payload_kg: Annotated[float, Range(gt=0, le=1e6)]
+
+
+Watchdog = Annotated[
+    float,
+    Range(ge=0.001, le=10),
+    Field(description="without a command for so long, the rig leads its table to rest by itself"),
+]
+
+
+class RealRigSpec(RigSpec):
+    """Hold what the file of every rig but a virtual one states."""
+
+    elsewhere: ClassVar[Mapping[str, str]] = {
+        "physics": ONLY_VIRTUAL,
+        "after_identification": ONLY_VIRTUAL,
+        "udp": "belongs to kind: udp",
+        "ni": "belongs to kind: ni",
+        "options": "belongs to the kind of a plug-in",
+    }
+
+    sensors: RealSensorsSpec | None = Field(default=None, description="all channels, where they are alike")
+    channels: tuple[ChannelSpec, ...] | None = Field(
+        default=None, min_length=2, max_length=16, description="the table's channel first, then the floors' upwards"
+    )
+    converters: RealConvertersSpec
+    limits: RealLimitsSpec
+    nominal: RealNominalSpec
+    unattended: bool = Field(default=False, description="true: --yes may move this rig with nobody asked")
+    overrun: Literal["hold", "skip", "stop"] = Field(
+        default="skip", description="a missed deadline: the record waits, its steps are caught up, or the run ends"
+    )
+    model: Path | None = Field(default=None, description="the model file of cases that name none")
+
+    @classmethod
+    def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
+        yield from exactly_one(data, "channels", "sensors")
+
+
+class UdpSpec(Strict):
+    """Hold where a target listens, and the secret shared with it."""
+
+    host: str = Field(min_length=1, max_length=253, description="name or address")
+    port: Annotated[int, Range(ge=1, le=65535)]
+    key_file: Path | None = Field(
+        default=None, description="the shared secret; default: the file that RTHS_KEY_FILE names"
+    )
+    timeout_s: Annotated[float, Range(ge=1e-5, le=0.1)] | None = Field(
+        default=None, description="how long an answer may take; default, and most: 0.7 of the sample interval"
+    )
+
+    @field_validator("host")
+    @classmethod
+    def _a_host(cls, host: str) -> str:
+        if not (_is_address(host) or re.fullmatch(r"(?!-)[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*\.?", host)):
+            raise refusal(f"must be a host's name or address, without port, got {host[:40]!r}")
+        return host
+
+    @property
+    def is_loopback(self) -> bool:
+        """Tell whether the target runs on this machine."""
+        return self.host == "localhost" or (_is_address(self.host) and ipaddress.ip_address(self.host).is_loopback)
+
+
+def _is_address(host: str) -> bool:
+    try:
+        ipaddress.ip_address(host)
+    except ValueError:
+        return False
+    return True
+
+
+class UdpRigSpec(RealRigSpec):
+    """Hold a rig whose target exchanges UDP packets with the runner."""
+
+    elsewhere: ClassVar[Mapping[str, str]] = {k: v for k, v in RealRigSpec.elsewhere.items() if k != "udp"}
+
+    kind: Literal["udp"]
+    udp: UdpSpec
+    watchdog_s: Watchdog = 0.1
+
+
+class NiSpec(Strict):
+    """Hold the terminals of an NI card with hardware-timed single point."""
+
+    device: Annotated[str, Field(min_length=1, max_length=60, description="its name in NI MAX, such as Dev1")]
+    command_channel: str = Field(default="ao0", min_length=1, max_length=40, description="output of the command")
+    enable_line: str | None = Field(
+        default=None, min_length=1, max_length=60, description="digital line that is high while motion is enabled"
+    )
+    wiring: Literal["default", "rse", "nrse", "differential", "pseudodifferential"] = "default"
+    timeout_s: Annotated[float, Range(ge=0.01, le=60)] = Field(
+        default=1.0, description="how long the sample clock may fail to come"
+    )
+
+
+class NiRigSpec(RealRigSpec):
+    """Hold a rig on an NI card in this machine."""
+
+    elsewhere: ClassVar[Mapping[str, str]] = {
+        **{k: v for k, v in RealRigSpec.elsewhere.items() if k != "ni"},
+        "watchdog_s": "an NI card has no watchdog, it holds its last voltage; remove this and wire an independent one",
+    }
+
+    kind: Literal["ni"]
+    ni: NiSpec
+
+    @classmethod
+    def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
+        if "sensors" in data:
+            yield ("sensors",), "an NI card needs the terminal of each channel; list them under channels"
+        else:
+            yield from super().problems(data)
+        terminals: list[object] = []
+        for i, channel in enumerate(listed(data, "channels") or ()):
+            terminal = entry(channel, "terminal")
+            if terminal is None and isinstance(channel, Mapping):
+                yield ("channels", i), "needs the input it is connected to; add terminal, such as terminal: ai0"
+            elif terminal in terminals:
+                first = terminals.index(terminal) + 1
+                yield ("channels", i, "terminal"), f"is that of channels[{first}] already; give each its own"
+            terminals.append(terminal)
+
+
+class PluginRigSpec(RealRigSpec):
+    """Hold a rig that another package brings; its own keys stand under `options` and are checked there."""
+
+    elsewhere: ClassVar[Mapping[str, str]] = {k: v for k, v in RealRigSpec.elsewhere.items() if k != "options"}
+
+    options: Mapping[str, Any] = Field(default_factory=dict, description="what the plug-in itself reads")
+    watchdog_s: Watchdog = 0.1
+
+
+KINDS: dict[str, type[RigSpec]] = {"virtual": VirtualRigSpec, "udp": UdpRigSpec, "ni": NiRigSpec}
+
+
+def read_rig(data: Any, handler: ValidatorFunctionWrapHandler) -> RigSpec:
+    """Return the rig of checked or unchecked data; raises the faults of its kind's model alone."""
+    if isinstance(data, RigSpec):
+        return data
+    kind = data.get("kind", "virtual") if isinstance(data, Mapping) else "virtual"
+    fault = kind_fault(kind)
+    if fault:
+        detail = InitErrorDetails(type=refusal(fault), loc=("kind",), input=kind)
+        raise ValidationError.from_exception_data(RigSpec.__name__, [detail])
+    return KINDS.get(kind, PluginRigSpec).model_validate(data)
+
+
+def kind_fault(kind: object) -> str:
+    """Return why no rig is of this kind, empty when one is; further keys need no fault each then."""
+    if not isinstance(kind, str):
+        return f"must be text, got {shown(kind)}"
+    found = {} if kind in KINDS else plugin_kinds()
+    if kind not in (*KINDS, *found):
+        return (
+            f"no kind of rig is called {kind[:40]!r}{near(kind, {*KINDS, *found})}; "
+            f"a further kind comes with a package that has an entry point of that name in the group {GROUP}"
+        )
+    points = found.get(kind, ())
+    if len(points) > 1:
+        return f"{kind!r} is brought by several packages ({', '.join(p.value for p in points)}); remove all but one"
+    return ""
+
+
+AnyRig = Annotated[VirtualRigSpec | UdpRigSpec | NiRigSpec | PluginRigSpec, WrapValidator(read_rig)]

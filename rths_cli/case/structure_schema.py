@@ -1,0 +1,131 @@
+"""Structure files: a shear building of any number of storeys, cut at one of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from itertools import pairwise
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import ConfigDict, Discriminator, Field, Tag, field_validator
+
+from rths_cli.case.field_types import Problem, Range, Strict, count, entry, exactly_one, listed, number, same_length
+
+MAX_STOREYS = 200
+
+Mass = Annotated[float, Range(gt=0, le=1e7)]
+Stiffness = Annotated[float, Range(gt=0, le=1e12)]
+Frequency = Annotated[float, Range(gt=0, le=1000)]
+Dashpot = Annotated[float, Range(ge=0, le=1e9)]
+Ratio = Annotated[float, Range(ge=0, lt=1)]
+Storeys = Field(min_length=1, max_length=MAX_STOREYS)
+MaybeStoreys = Field(default=None, min_length=1, max_length=MAX_STOREYS)
+
+
+def _one_of(*pairs: tuple[str, str]) -> dict[str, Any]:
+    """Return the JSON Schema clause that says exactly one key of each pair is given."""
+    return {"allOf": [{"oneOf": [{"required": [key]} for key in pair]} for pair in pairs]}
+
+
+def _word_or_list(value: object) -> str:
+    return "word" if isinstance(value, str) else "list"
+
+
+NumericalStiffness = Annotated[
+    Annotated[Literal["mean_of_experimental"], Tag("word")] | Annotated[tuple[Stiffness, ...], Storeys, Tag("list")],
+    Discriminator(_word_or_list),
+]
+
+
+class DampingSpec(Strict):
+    """Hold the numerical storeys' damping: the total structure's first modal ratio, or dashpots (p,)."""
+
+    wanted: ClassVar[str] = "a name or a mapping"
+
+    model_config = ConfigDict(json_schema_extra=_one_of(("first_mode_ratio", "dashpots_n_s_per_m")))
+
+    name: str = Field(default="inline", description="label in tables; a level of a structure is named by its key")
+    first_mode_ratio: Annotated[float, Range(gt=0, lt=1)] | None = None
+    dashpots_n_s_per_m: tuple[Dashpot, ...] | None = MaybeStoreys
+
+    @classmethod
+    def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
+        yield from exactly_one(data, "first_mode_ratio", "dashpots_n_s_per_m")
+
+
+class NumericalSpec(Strict):
+    """Hold the computed storeys 1..p from the ground; the highest is the interface.
+
+    `masses_kg` (p,), the interface floor's whole mass included; `stiffness_n_per_m` (p,), or the mean of the
+    experimental storeys' stiffnesses.
+    """
+
+    masses_kg: tuple[Mass, ...] = Storeys
+    stiffness_n_per_m: NumericalStiffness
+
+    @classmethod
+    def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
+        yield from same_length(data, "stiffness_n_per_m", count(data, "masses_kg"), "storey")
+
+
+class ExperimentalSpec(Strict):
+    """Hold the storeys on the table: values (n,) of storeys from the table upwards, or of modes."""
+
+    model_config = ConfigDict(
+        json_schema_extra=_one_of(
+            ("natural_frequencies_hz", "stiffness_n_per_m"), ("damping_ratios", "dashpots_n_s_per_m")
+        )
+    )
+
+    masses_kg: tuple[Mass, ...] = Storeys
+    natural_frequencies_hz: tuple[Frequency, ...] | None = MaybeStoreys
+    stiffness_n_per_m: tuple[Stiffness, ...] | None = MaybeStoreys
+    damping_ratios: tuple[Ratio, ...] | None = MaybeStoreys
+    dashpots_n_s_per_m: tuple[Dashpot, ...] | None = MaybeStoreys
+
+    @classmethod
+    def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
+        yield from exactly_one(data, "natural_frequencies_hz", "stiffness_n_per_m")
+        yield from exactly_one(data, "damping_ratios", "dashpots_n_s_per_m")
+        for key in ("natural_frequencies_hz", "stiffness_n_per_m", "damping_ratios", "dashpots_n_s_per_m"):
+            yield from same_length(data, key, count(data, "masses_kg"), "storey")
+        values = [f for f in listed(data, "natural_frequencies_hz") or () if isinstance(f, int | float)]
+        if any(high <= low for low, high in pairwise(values)):
+            yield ("natural_frequencies_hz",), "must increase from mode to mode; sort them, mode 1 first"
+
+
+class StructureSpec(Strict):
+    """Hold a shear building: numerical storeys from the ground, experimental storeys above, on the table."""
+
+    wanted: ClassVar[str] = "a name or a mapping"
+
+    name: str = Field(default="inline", description="label in tables; default: the file's name")
+    numerical: NumericalSpec
+    experimental: ExperimentalSpec
+    interface_experimental_mass_kg: Annotated[float, Range(ge=0, le=1e7)] = Field(
+        default=0.0, description="part of the interface floor's mass that stands on the table"
+    )
+    damping_levels: dict[str, DampingSpec] = Field(default={}, description="what `damping:` in a case may name")
+
+    @field_validator("damping_levels")
+    @classmethod
+    def _name_levels(cls, levels: dict[str, DampingSpec]) -> dict[str, DampingSpec]:
+        return {key: level.model_copy(update={"name": key}) for key, level in levels.items()}
+
+    @classmethod
+    def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
+        masses = listed(data, "numerical", "masses_kg") or ()
+        on_table = number(data, "interface_experimental_mass_kg")
+        highest = masses[-1] if masses and isinstance(masses[-1], int | float) else None
+        if on_table is not None and highest is not None and on_table >= highest:
+            limit = f"must be < the interface floor's mass {highest:g} kg, got {on_table:g}"
+            yield ("interface_experimental_mass_kg",), limit
+        levels = data.get("damping_levels")
+        for key, level in levels.items() if isinstance(levels, Mapping) else ():
+            if key in ("", "inline"):
+                yield ("damping_levels", key), "is not usable as a level's name; rename it"
+            name = entry(level, "name")
+            if name not in (None, key, "inline"):
+                yield ("damping_levels", key, "name"), f"a level is named by its key {key!r}; remove name"
+            if isinstance(level, Mapping):
+                for loc, message in same_length(level, "dashpots_n_s_per_m", len(masses) or None, "numerical storey"):
+                    yield ("damping_levels", key, *loc), message

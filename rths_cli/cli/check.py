@@ -1,0 +1,64 @@
+"""`rths check`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import click
+
+from rths_cli.cli.group import cli
+from rths_cli.cli.options import json_option, methods_option, overrides_option, settings_option
+from rths_cli.cli.terminal import new_screen
+
+
+@cli.command()
+@click.argument("cases", nargs=-1, required=True, metavar="CASE...")
+@methods_option("compare")
+@overrides_option(["model"], "judge with a model that its identification rejected.")
+@click.option("--resolved", is_flag=True, help="Print the cases with all defaults as YAML, and do nothing else.")
+@click.option("--quiet", is_flag=True, help="Show no progress.")
+@settings_option
+@json_option
+def check(
+    cases: tuple[str, ...],
+    methods: tuple[str, ...],
+    overrides: tuple[str, ...],
+    resolved: bool,
+    quiet: bool,
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> int:
+    """Say whether EXP-RTHS of a case is safe, unsafe or unstable, and how wrong it will be, before anything moves.
+
+    Exit code 0: all are safe; 1: one is not.
+
+    Example: rths check el_centro_low_ff_fb
+    """
+    from rths_cli.experiment.check_cases import check_cases, load_all
+
+    loaded = load_all(cases, settings, tuple(dict.fromkeys(methods)))
+    if resolved:
+        _show_resolved(loaded, as_json)
+        return 0
+    from rths_cli.report.check_json import as_document
+    from rths_cli.report.check_page import pages
+
+    screen = new_screen(quiet)
+    checked = check_cases(loaded, tuple(dict.fromkeys(overrides)), screen.doing)
+    screen.clear()
+    click.echo(json.dumps(as_document(checked), indent=2) if as_json else pages(checked), nl=as_json)
+    return max(one.exit_code for one in checked)
+
+
+def _show_resolved(cases: Sequence[Any], as_json: bool) -> None:
+    """Print cases with everything filled in: YAML documents, or these as texts in one JSON document."""
+    from rths_cli.case.load import resolved_yaml
+
+    texts = [resolved_yaml(case) for case in cases]
+    if as_json:
+        named = [{"case": case.name, "resolved": text} for case, text in zip(cases, texts, strict=True)]
+        click.echo(json.dumps({"cases": named}, indent=2))
+    else:
+        click.echo("---\n".join(texts), nl=False)

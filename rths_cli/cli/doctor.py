@@ -1,0 +1,72 @@
+"""`rths doctor`."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import click
+
+from rths_cli.cli.group import cli
+from rths_cli.cli.options import Number, json_option, settings_option, yes_option
+from rths_cli.cli.terminal import new_screen
+
+if TYPE_CHECKING:
+    from rths_cli.experiment.setup import Setup
+
+
+@cli.command()
+@click.argument("case", required=False)
+@click.option(
+    "--rig", metavar="FILE", help="Measure the exchange with this rig too: its table is armed, and held at zero."
+)
+@click.option(
+    "--rate",
+    "rates_hz",
+    type=Number(min=10, max=20_000),
+    multiple=True,
+    metavar="HZ",
+    help="Rate that must be held [default: the case's; without one 500, 1000, 2000 and 4000 are tried]. Repeatable.",
+)
+@click.option(
+    "--seconds",
+    type=Number(min=0.1, max=3600),
+    default=3.0,
+    show_default=True,
+    help="Duration of each measurement.",
+)
+@click.option("--quiet", is_flag=True, help="Show no progress.")
+@yes_option
+@settings_option
+@json_option
+def doctor(
+    case: str | None,
+    rig: str | None,
+    rates_hz: tuple[float, ...],
+    seconds: float,
+    quiet: bool,
+    yes: bool,
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> int:
+    """Measure which sample rates this machine holds in real time, and say what would make it more punctual.
+
+    Exit code 1: the rate of the case, or one given by --rate, is not held. The figures are kept for rths run.
+
+    Example: rths doctor --seconds 1
+    """
+    from rths_cli.experiment.doctor_request import DoctorRequest, examine_request
+    from rths_cli.report.doctor_page import document, page
+
+    screen = new_screen(quiet)
+    request = DoctorRequest(case, rig, rates_hz, seconds, settings)
+
+    def permit(setup: Setup) -> None:
+        from rths_cli.experiment.permission import ask_to_move
+
+        ask_to_move([setup], yes, screen.confirm)
+
+    found = examine_request(request, screen.doing, permit)
+    screen.clear()
+    click.echo(json.dumps(document(found), indent=2) if as_json else page(found), nl=as_json)
+    return found.exit_code

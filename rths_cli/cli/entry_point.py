@@ -1,0 +1,126 @@
+"""Run the command line, and turn every way of ending into sentences and an exit code."""
+
+from __future__ import annotations
+
+import codecs
+import errno
+import json
+import os
+import sys
+from collections.abc import Sequence
+from io import TextIOWrapper
+from typing import NoReturn
+
+import click
+
+from rths_cli.cli.group import SIGNALS, cli
+from rths_cli.errors import InputError, RthsError, crash_note
+from rths_cli.interrupts import INTERRUPTED, TERMINATED, Terminated, any_abandoned
+from rths_cli.printed import OutputError, PrintedStream, shortened
+
+BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")  # read when numpy is imported
+
+NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
+LONGEST_SENTENCE = 1000  # characters of a fault: what is longer repeats an input
+
+
+def main() -> NoReturn:
+    """Run the command line and leave with the exit code of DESIGN.md section 2."""
+    _open_streams()
+    SIGNALS.install()
+    _one_blas_thread()
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # pydantic would look for some in every package
+    code = _guarded()
+    SIGNALS.ignore()
+    if any_abandoned():  # a computation still uses libraries that a usual end unloads
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+    sys.exit(code)
+
+
+def _open_streams() -> None:
+    """Make what is printed visible, and give output a place to go where the caller closed it.
+
+    A closed stdout takes tables without a word, but no document that --json asks for.
+    """
+    if sys.stdout is None:
+        sys.stdout = open(os.open(os.devnull, os.O_RDONLY if _wants_json() else os.O_WRONLY), "w")  # noqa: SIM115
+    if sys.stderr is None:
+        sys.stderr = open(os.devnull, "w")  # noqa: SIM115
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if isinstance(stream, TextIOWrapper):
+            ascii_only = codecs.lookup(stream.encoding).name == "ascii"
+            stream.reconfigure(encoding="utf-8" if ascii_only else None, errors="backslashreplace")
+        setattr(sys, name, PrintedStream(stream, name, needed=name == "stdout"))
+
+
+def _wants_json() -> bool:
+    return "--json" in sys.argv
+
+
+def _one_blas_thread() -> None:
+    """Let linear algebra run in one thread, unless the user set their number.
+
+    For matrices of some tens of rows the threads wait for each other longer than they work (a run took three times as
+    long on two busy cores), and the last bits of a sum would depend on the number of cores.
+    """
+    for name in BLAS_THREADS:
+        os.environ.setdefault(name, "1")
+
+
+def _guarded() -> int:
+    """Run the command; turn every way of failing into sentences and a code."""
+    try:
+        code = int(cli.main(standalone_mode=False) or 0)
+        sys.stdout.flush()
+        return SIGNALS.code or code  # one that came when everything was done ends the caller's loop all the same
+    except click.ClickException as error:
+        return _say([error.format_message()], 2)
+    except (click.Abort, KeyboardInterrupt, Terminated):
+        return _ended_by_signal()
+    except OutputError as error:
+        return _without_stdout(error, SIGNALS.code)
+    except InputError as error:
+        return _say(error.faults, error.exit_code)
+    except RthsError as error:
+        return _say([str(error)], error.exit_code)
+    except Exception as error:
+        return _ended_by_signal() if SIGNALS.code else _fault_of_ours(error)
+
+
+def _ended_by_signal() -> int:
+    code = SIGNALS.code or INTERRUPTED
+    return _say(["rths: interrupted" if code == INTERRUPTED else "rths: terminated"], code)
+
+
+def _fault_of_ours(error: Exception) -> int:
+    """Report an unforeseen failure; a full disk is the user's, whichever file a library wrote (a cache, say)."""
+    if "--debug" in sys.argv:
+        raise error
+    if isinstance(error, OSError) and error.errno in NO_SPACE:
+        where = f"{error.filename}: " if error.filename else ""
+        return _say([f"rths: {where}{error.strerror}; free some space and start again"], 2)
+    return _say([f"rths: internal error ({type(error).__name__}); {crash_note()}"], 5)
+
+
+def _say(sentences: Sequence[str], code: int) -> int:
+    """Show sentences on stderr and, where JSON was asked for, as the document on stdout; return the code."""
+    told = [shortened(sentence, LONGEST_SENTENCE) for sentence in sentences]
+    click.echo("\n".join(told), err=True)
+    if _wants_json() and code not in (INTERRUPTED, TERMINATED):
+        try:
+            click.echo(json.dumps({"exit_code": code, "faults": told}, indent=2))
+        except OutputError as fault:
+            return _without_stdout(fault, code)
+    return code
+
+
+def _without_stdout(fault: OutputError, code: int) -> int:
+    """Say that stdout takes nothing more, and return the code; a reader of tables who left has seen enough."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python flushes it once more on its way out
+    if fault.reader_gone and not _wants_json():
+        return code
+    click.echo(str(fault), err=True)
+    return code or fault.exit_code

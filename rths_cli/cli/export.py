@@ -1,0 +1,80 @@
+"""`rths export`."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from rths_cli.cli.group import cli
+from rths_cli.cli.options import FILE, json_option
+from rths_cli.cli.terminal import new_screen
+
+if TYPE_CHECKING:
+    from rths_cli.report.export.exporting import Exported
+
+
+@cli.command()
+@click.argument("results", nargs=-1, required=True, type=FILE, metavar="RESULT...")
+@click.option(
+    "--to", "form", required=True, type=click.Choice(["csv", "mat", "netcdf"]), help="Format of the files written."
+)
+@click.option(
+    "--output",
+    type=FILE,
+    default=Path("exported"),
+    show_default=True,
+    metavar="DIR",
+    help="Folder of the files written.",
+)
+@click.option(
+    "--group",
+    "groups",
+    multiple=True,
+    metavar="NAME",
+    help="Export this group of the result only, for instance exp_rths. Repeatable.",
+)
+@click.option("--replace", is_flag=True, help="Replace files of the same name.")
+@click.option("--quiet", is_flag=True, help="Show no progress.")
+@json_option
+def export(
+    results: tuple[Path, ...],
+    form: str,
+    output: Path,
+    groups: tuple[str, ...],
+    replace: bool,
+    quiet: bool,
+    as_json: bool,
+) -> int:
+    """Write result files (or folders of them) for other programs: CSV tables, MATLAB .mat, netCDF.
+
+    Runs that ended early are exported as far as they went; what is written says how they ended.
+
+    Example: rths export results/el_centro_low_ff_fb.h5 --to mat
+    """
+    from rths_cli.report.export.exporting import ExportRequest
+    from rths_cli.report.export.exporting import export as export_results
+
+    screen = new_screen(quiet)
+    request = ExportRequest(results, form, output, tuple(dict.fromkeys(groups)), replace)
+    done = export_results(request, screen.doing)
+    screen.clear()
+    if as_json:
+        click.echo(json.dumps({"exported": [_document(one) for one in done], "exit_code": 0}, indent=2))
+        return 0
+    for one in done:
+        click.echo("\n".join(str(path) for path in one.files))
+        if one.status != "complete":
+            click.echo(f"{one.result}: {one.status}, exported as far as it goes: {one.reason}", err=True)
+    return 0
+
+
+def _document(one: Exported) -> dict[str, object]:
+    return {
+        "result": str(one.result),
+        "status": one.status,
+        "status_reason": one.reason,
+        "files": [str(path) for path in one.files],
+    }

@@ -1,0 +1,162 @@
+"""`rths identify`."""
+
+from __future__ import annotations
+
+import json
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rths_cli.cli.group import cli
+from rths_cli.cli.options import FILE, Number, json_option, settings_option, yes_option
+from rths_cli.cli.terminal import new_screen
+from rths_cli.errors import InputError
+
+if TYPE_CHECKING:
+    from rths_cli.cli.terminal import Screen
+
+SAID_S = 5.0  # between two lines of progress where stderr is no terminal
+
+
+@cli.command()
+@click.argument("case", default="el_centro_low_ff_fb")
+@click.option(
+    "--data",
+    multiple=True,
+    metavar="FILE",
+    type=FILE,
+    help="Evaluate measured time histories (CSV, .mat, HDF5, TDMS) instead of exciting the rig. Repeatable: averaged.",
+)
+@click.option(
+    "--channel",
+    "channels",
+    multiple=True,
+    metavar="ROLE=NAME[:UNIT]",
+    help="Which channel of the file is what: command, table, floor_2, ...; for instance --channel table=ai0:g.",
+)
+@click.option(
+    "--rate",
+    "rate_hz",
+    type=Number(min=0, min_open=True),
+    metavar="HZ",
+    help="Sample rate, where the file does not state it.",
+)
+@click.option("--corrected", is_flag=True, help="The file's accelerations are free of the sensors' dynamics already.")
+@click.option(
+    "--model",
+    type=FILE,
+    metavar="FILE",
+    help="Judge this model (zeros, poles, gain in YAML or .mat; or a model file) instead of fitting one.",
+)
+@click.option("--output", type=FILE, metavar="FILE", help="Model file [default: models/RIG_STRUCTURE.h5].")
+@click.option(
+    "--figure",
+    type=FILE,
+    metavar="FILE",
+    help="Figure, .png, .svg or .pdf [default: beside the model file, .png].",
+)
+@click.option("--no-figure", is_flag=True, help="Draw no figure.")
+@click.option(
+    "--save-data",
+    type=FILE,
+    metavar="FILE",
+    help="Write what was measured, for --data --corrected.",
+)
+@click.option("--quiet", is_flag=True, help="Show no progress.")
+@yes_option
+@settings_option
+@json_option
+def identify(
+    case: str,
+    data: tuple[Path, ...],
+    channels: tuple[str, ...],
+    rate_hz: float | None,
+    corrected: bool,
+    model: Path | None,
+    output: Path | None,
+    figure: Path | None,
+    no_figure: bool,
+    save_data: Path | None,
+    quiet: bool,
+    yes: bool,
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> int:
+    """Identify the table and specimen of a case, write a model file, say what it is fit for.
+
+    The rig is excited, first at a low level; or measured records are read (--data). Without CASE: the default rig and
+    structure.
+
+    Example: rths identify el_centro_low_ff_fb --set identification.seed=1
+    """
+    from rths_cli.experiment.identify_command import Asked, make_model
+    from rths_cli.experiment.identify_from_files import DataRequest, read_roles
+    from rths_cli.experiment.permission import ask_to_move
+
+    if not data and (channels or rate_hz is not None or corrected):
+        raise InputError("--channel, --rate and --corrected belong to --data FILE; add it, or leave them out")
+    request = DataRequest(data, read_roles(channels), rate_hz, corrected) if data else None
+    judged = (
+        json.dumps(str(model.absolute()), ensure_ascii=False) if model else "null"
+    )  # what a case names is what is made here
+    settings = (f"identification.model={judged}", *settings)
+    asked = Asked(case, settings, request, output, save_data, figure, not no_figure)
+    screen = new_screen(quiet)
+    with said_again(screen, quiet or sys.stderr.isatty()) as doing:
+        made = make_model(asked, doing, lambda setup: ask_to_move([setup], yes, screen.confirm))
+    screen.clear()
+    _show_identified(made, as_json)
+    return made.exit_code
+
+
+@contextmanager
+def said_again(screen: Screen, silent: bool, every_s: float = SAID_S) -> Iterator[Callable[[str], None]]:
+    """Yield what tells a screen of progress; where that is no terminal, say every 5 s what is still being done."""
+    now, ended, since = [""], threading.Event(), time.monotonic()
+
+    def say() -> None:
+        while not ended.wait(every_s):
+            if now[0]:
+                click.echo(f"{now[0]} ... {time.monotonic() - since:.0f} s", err=True)
+
+    def doing(what: str) -> None:
+        now[0] = what
+        screen.doing(what)
+
+    if not silent:
+        threading.Thread(target=say, name="rths-progress", daemon=True).start()
+    try:
+        yield doing
+    finally:
+        ended.set()
+
+
+def _show_identified(made: Any, as_json: bool) -> None:
+    """Print the page (or the document) of an identification and draw its figure."""
+    from rths_cli.report.identification_json import as_document, rejected_document
+    from rths_cli.report.identification_page import page, rejected_page
+
+    if made.found is None:
+        faults, seen = made.unfit.faults, made.unfit.channels
+        text = rejected_page(seen, faults, made.about)
+        document = rejected_document(seen, faults, made.about)
+    else:
+        text, document = page(made.found, made.about), as_document(made.found, made.about)
+        if made.figure:
+            from rths_cli.report.identification_figure import write_figure
+
+            write_figure(made.found, made.about, made.figure)
+    click.echo(json.dumps(document, indent=2) if as_json else text, nl=as_json)
+    if made.model is not None and not as_json:
+        click.echo(f"\nto use it in a case:\nidentification: {{model: {_quoted(made.model)}}}")
+
+
+def _quoted(path: Path) -> str:
+    """Return a path as a case names it."""
+    return json.dumps(str(path.absolute()), ensure_ascii=False)

@@ -1,0 +1,175 @@
+"""`rths report`."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from rths_cli.cli.group import SIGNALS, cli
+from rths_cli.cli.options import FILE, Number, command_line, json_option
+from rths_cli.errors import InputError
+
+if TYPE_CHECKING:
+    from rths_cli.cli.terminal import Screen
+    from rths_cli.report.request import Asked
+    from rths_cli.report.sections import Contents
+
+TABLES = ("text", "markdown", "csv", "json", "latex", "html")
+DRAWN = ("pdf", "svg", "png")
+PLAIN_S = 5.0  # between two lines where output is no terminal
+
+
+@cli.command()
+@click.argument("results", nargs=-1, type=FILE, metavar="[RESULT...]")
+@click.option(
+    "--format",
+    "formats",
+    multiple=True,
+    type=click.Choice([*TABLES, *DRAWN]),
+    help="Of the tables (text, markdown, csv, json, latex, html) or of the figures (pdf, svg, png); give it twice for "
+    "both [default: text, pdf].",
+)
+@click.option("--output", type=FILE, metavar="FILE", help="Write the tables to a file instead of stdout.")
+@click.option("--figures", type=FILE, metavar="DIR", help="Draw the figures of every result into a folder.")
+@click.option(
+    "--width", type=click.Choice(["one", "two"]), default="one", show_default=True, help="Columns a figure is wide."
+)
+@click.option(
+    "--group-by",
+    "keys",
+    multiple=True,
+    metavar="KEY",
+    help="Compare groups of results: controller, method, rig, software, folder, record, damping, scaling, seed, case, "
+    "or any attribute. Repeatable.",
+)
+@click.option("--baseline", type=FILE, metavar="PATH", help="Compare with the results in a file or folder.")
+@click.option(
+    "--fail-worse",
+    "percent",
+    type=Number(min=0),
+    metavar="PERCENT",
+    help="Exit code 1 when an error is worse than the baseline's by more than this.",
+)
+@click.option("--keep-going", is_flag=True, help="Report the good files although others cannot be read.")
+@click.option("--junit", type=FILE, metavar="FILE", help="Write JUnit XML: one test per accept limit.")
+@click.option("--quiet", is_flag=True, help="Show no progress.")
+@json_option
+def report(
+    results: tuple[Path, ...],
+    formats: tuple[str, ...],
+    output: Path | None,
+    figures: Path | None,
+    width: str,
+    keys: tuple[str, ...],
+    baseline: Path | None,
+    percent: float | None,
+    keep_going: bool,
+    junit: Path | None,
+    quiet: bool,
+    as_json: bool,
+) -> int:
+    """Print the tables of result files or folders of them (default: results/), draw figures, write a page.
+
+    Exit code 1: an error is worse than --fail-worse allows, or --keep-going left something out.
+
+    Example: rths report results --format markdown --output report.md
+    """
+    from rths_cli.report.request import Asked
+
+    if not results and not Path("results").is_dir():
+        raise InputError("there are no results here yet: rths run CASE makes results/, or name result files.")
+    table, drawn = _formats(formats, as_json)
+    asked = Asked(
+        paths=results or (Path("results"),),
+        table=table,
+        output=output,
+        figures=figures,
+        drawn=drawn,
+        width=width,
+        keys=tuple(dict.fromkeys(keys)),
+        baseline=baseline,
+        percent=percent,
+        keep_going=keep_going,
+        junit=junit,
+    )
+    return _report(asked, quiet)
+
+
+def _formats(formats: tuple[str, ...], as_json: bool) -> tuple[str, str]:
+    """Return the format of the tables, "" for the default, and of the figures."""
+    tables = dict.fromkeys([*(name for name in formats if name in TABLES), *(("json",) if as_json else ())])
+    drawn = dict.fromkeys(name for name in formats if name in DRAWN)
+    for kinds, what in ((tables, "the tables"), (drawn, "the figures")):
+        if len(kinds) > 1:
+            raise InputError(f"--format: {' and '.join(kinds)} are two formats of {what}; give one.")
+    return next(iter(tables), ""), next(iter(drawn), "")
+
+
+def _report(asked: Asked, quiet: bool) -> int:
+    from rths_cli.cli.terminal import Screen
+    from rths_cli.report.case_results import unrecovered
+    from rths_cli.report.request import check_asked, read_asked
+
+    check_asked(asked)
+    screen = Screen(quiet, poll=SIGNALS.poll)
+    for sentence in unrecovered(asked.paths):
+        click.echo(sentence, err=True)
+    found = read_asked(asked, _teller(screen, quiet))
+    screen.clear()
+    for sentence in found.faults:
+        click.echo(sentence, err=True)
+    _write(asked, found, screen, quiet)
+    from rths_cli.report.baseline import got_worse
+
+    worse = found.baseline is not None and asked.percent is not None and got_worse(found.baseline.changes)
+    return 1 if worse or found.faults else 0
+
+
+def _write(asked: Asked, found: Contents, screen: Screen, quiet: bool) -> None:
+    """Write the figures first, because they alone read time histories; then the tests, and the tables or the page."""
+    from rths_cli.report.request import rendered, write_text
+
+    if asked.figures:
+        from rths_cli.report.figures import write_figures
+
+        form, say = asked.drawn or "pdf", _nothing if quiet else screen.message
+        written = write_figures(found.inputs.results, asked.figures, form, asked.width, say)
+        say(f"{len(written)} figures in {asked.figures}")
+    if asked.junit:
+        from rths_cli.report.formats.junit import junit
+
+        changes = found.baseline.changes if found.baseline and asked.percent is not None else ()
+
+        write_text(asked.junit, junit(found.inputs.results, found.unread, (), changes))
+    if asked.table == "html":
+        from rths_cli.report.page import write_page
+        from rths_cli.report.sections import comparison_text
+
+        assert asked.output is not None  # check_asked
+        write_page(found.inputs.results, asked.output, command_line(), comparison_text(found))
+    elif asked.output:
+        write_text(asked.output, rendered(asked, found))
+    else:
+        click.echo(rendered(asked, found), nl=False)
+
+
+def _nothing(text: str) -> None:
+    """Say nothing."""
+
+
+def _teller(screen: Screen, quiet: bool) -> Callable[[str], None]:
+    """Return what shows progress: a status line on a terminal, a line every 5 s elsewhere."""
+    shown = [time.monotonic()]
+
+    def tell(text: str) -> None:
+        screen.doing(text)
+        if not quiet and not sys.stderr.isatty() and time.monotonic() - shown[0] >= PLAIN_S:
+            screen.message(text)
+            shown[0] = time.monotonic()
+
+    return tell

@@ -1,0 +1,107 @@
+"""`rths run`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from rths_cli.cli.group import cli
+from rths_cli.cli.options import (
+    FILE,
+    command_line,
+    json_option,
+    methods_option,
+    overrides_option,
+    settings_option,
+    yes_option,
+)
+from rths_cli.cli.terminal import new_screen
+
+if TYPE_CHECKING:
+    from rths_cli.experiment.run import Ended
+
+
+@cli.command()
+@click.argument("cases", nargs=-1, required=True, metavar="CASE...")
+@click.option(
+    "--output", type=FILE, default="results", show_default=True, metavar="DIR", help="Folder of the result files."
+)
+@methods_option("compare (files NAME-paper.h5, NAME-best.h5)")
+@click.option("--no-replace", is_flag=True, help="Refuse, before running, to replace a finished result.")
+@click.option("--quiet", is_flag=True, help="Show no progress, only what went wrong.")
+@click.option("--junit", type=FILE, metavar="FILE", help="Write JUnit XML: one test per accept limit.")
+@overrides_option(
+    ["check", "model"],
+    "run EXP-RTHS although its check says no, or use a model that was rejected. Repeatable, stored in the result.",
+)
+@yes_option
+@click.option("--fresh", is_flag=True, help="Identify anew; use no model of a virtual rig kept from earlier runs.")
+@settings_option
+@json_option
+def run(
+    cases: tuple[str, ...],
+    output: Path,
+    methods: tuple[str, ...],
+    no_replace: bool,
+    quiet: bool,
+    junit: Path | None,
+    overrides: tuple[str, ...],
+    yes: bool,
+    fresh: bool,
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> int:
+    """Run cases and print their tables; one result file per case.
+
+    Example: rths run el_centro_low_ff_fb --set scaling=0.2
+    """
+    from rths_cli.experiment.batch import Request, exit_code, run_batch
+
+    if junit:
+        from rths_cli.report.request import check_output
+
+        check_output("--junit", junit, ())
+    screen = new_screen(quiet)
+    request = Request(
+        paths=cases,
+        settings=settings,
+        methods=tuple(dict.fromkeys(methods)),
+        output=output,
+        replace=not no_replace,
+        command_line=command_line(),
+        overrides=tuple(dict.fromkeys(overrides)),
+        fresh=fresh,
+        yes=yes,
+    )
+    ended = run_batch(request, screen)
+    _show_results(ended, as_json, junit)
+    return exit_code(ended)
+
+
+def _show_results(ended: Sequence[Ended], as_json: bool, junit: Path | None) -> None:
+    """Read the result files back, write their tests and print their tables."""
+    from rths_cli.report.case_results import load
+
+    paths = [one.path for one in ended if one.path]
+    results = load(paths) if paths or as_json else []
+    if junit:
+        from rths_cli.report.formats.junit import junit as as_junit
+        from rths_cli.report.request import write_text
+
+        write_text(junit, as_junit(results, failed=[(one.name, one.reason) for one in ended if one.path is None]))
+    if paths or as_json:
+        _print_tables(results, as_json, [one.__dict__ for one in ended])
+
+
+def _print_tables(results: Any, as_json: bool, endings: list[dict[str, Any]]) -> None:
+    from rths_cli.report.tables import tables, to_json
+
+    if as_json:
+        document = to_json(results) | {"cases": endings}
+        click.echo(json.dumps(document, indent=2, default=str))
+    else:
+        click.echo(tables(results), nl=False)

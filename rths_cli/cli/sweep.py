@@ -1,0 +1,90 @@
+"""`rths sweep`."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import click
+
+from rths_cli.cli.group import cli
+from rths_cli.cli.options import FILE, command_line, json_option, methods_option, overrides_option, settings_option
+from rths_cli.cli.terminal import new_screen
+
+
+def threads() -> int:
+    """Return the number of cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+@cli.command()
+@click.argument("case", metavar="CASE")
+@click.option(
+    "--vary",
+    multiple=True,
+    metavar="KEY=VALUES",
+    help="A key of the case and its values, V1,V2,... or LOW:HIGH:COUNT (both ends included). Repeatable: all "
+    "combinations are run.",
+)
+@click.option("--seeds", metavar="N|A:B", help="Seeds 0 to N-1, or A to B, of every combination [default: the case's].")
+@click.option("--jobs", type=click.IntRange(min=1, max=1024), help="Runs at a time [default: the number of cores].")
+@click.option("--output", type=FILE, metavar="FILE", help="Result file [default: sweeps/NAME.h5].")
+@click.option("--csv", type=FILE, metavar="FILE", help="Write the table as CSV too.")
+@methods_option("run both")
+@click.option("--no-replace", is_flag=True, help="Refuse, before running, to replace a finished sweep.")
+@click.option("--resume", is_flag=True, help="Go on with an interrupted sweep.")
+@overrides_option(
+    ["check", "model"],
+    "run what the check refuses, or use a model that was rejected. Repeatable, stored in the result.",
+)
+@click.option("--quiet", is_flag=True, help="Show no progress, only what went wrong.")
+@settings_option
+@json_option
+def sweep(
+    case: str,
+    vary: tuple[str, ...],
+    seeds: str | None,
+    jobs: int | None,
+    output: Path | None,
+    csv: Path | None,
+    methods: tuple[str, ...],
+    no_replace: bool,
+    resume: bool,
+    overrides: tuple[str, ...],
+    quiet: bool,
+    settings: tuple[str, ...],
+    as_json: bool,
+) -> int:
+    """Run EXP-RTHS of one case over varied keys and seeds on the virtual rig, and write one table of figures.
+
+    Exit code 0: all ran and were accepted; 1: some were refused or not accepted; 3: some were stopped by a limit.
+
+    Example: rths sweep el_centro_low_ff_fb --seeds 20 --vary scaling=0.2,0.3
+    """
+    from rths_cli.studies.grid_points import Asked
+    from rths_cli.studies.sweep import SweepRequest, run_sweep
+
+    chosen = tuple(dict.fromkeys(methods))
+    varied = (f"method={','.join(chosen)}",) if len(chosen) > 1 else ()
+    one = (f"method={chosen[0]}",) if len(chosen) == 1 else ()
+    request = SweepRequest(
+        asked=Asked(case, (*settings, *one), (*varied, *vary), seeds),
+        output=output,
+        csv=csv,
+        jobs=jobs or threads(),
+        replace=not no_replace,
+        resume=resume,
+        command_line=command_line(),
+        overrides=tuple(dict.fromkeys(overrides)),
+    )
+    screen = new_screen(quiet)
+    swept = run_sweep(request, screen)
+    screen.clear()
+    from rths_cli.report.sweep_page import document, page
+
+    if as_json:
+        click.echo(json.dumps(document(swept.sweep, swept.path) | {"exit_code": swept.exit_code}, indent=2))
+    else:
+        click.echo(page(swept.sweep, swept.path), nl=False)
+    return swept.exit_code

@@ -1,0 +1,193 @@
+"""What a terminal shows while work goes on: a status line, plain lines elsewhere, all on stderr."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, TextIO
+
+import click
+
+from rths_cli.cli.group import SIGNALS
+from rths_cli.printed import visible
+
+if TYPE_CHECKING:
+    from rich.live import Live
+
+    from rths_cli.experiment.run import Ended
+    from rths_cli.loop.live_view import View
+
+PLAIN_S = 5.0  # between two lines where output is no terminal
+
+
+def _nothing() -> None:
+    """Do nothing."""
+
+
+def _is_in_background(terminal: int) -> bool:
+    """Tell whether another job has the terminal: to change it would stop this process, and the loop with it."""
+    try:
+        return os.tcgetpgrp(terminal) != os.getpgrp()
+    except OSError:  # a terminal that does not control this process
+        return False
+
+
+class Keys:
+    """The operator's keyboard, read key by key while a table moves, where there is one."""
+
+    def __init__(self) -> None:
+        self._before: Any = None
+
+    def stop_pressed(self) -> bool:
+        """Tell whether s, space or escape was pressed."""
+        if not self._taken():
+            return False
+        import select
+
+        pressed = b""
+        while select.select([sys.stdin], [], [], 0.0)[0] and (key := os.read(sys.stdin.fileno(), 32)):
+            pressed += key
+        return any(key in b"sS \x1b" for key in pressed)
+
+    def _taken(self) -> bool:
+        """Take the keyboard, unless it is taken; tell whether there is one."""
+        if self._before is None:
+            if os.name != "posix" or sys.stdin is None or not sys.stdin.isatty():
+                return False
+            if _is_in_background(sys.stdin.fileno()):
+                return False
+            import termios
+            import tty
+
+            self._before = termios.tcgetattr(sys.stdin)
+            tty.setcbreak(sys.stdin)
+        return True
+
+    def release(self) -> None:
+        """Give the keyboard back as it was."""
+        if self._before is not None:
+            import termios
+
+            termios.tcsetattr(sys.stdin, termios.TCSADRAIN, self._before)
+            self._before = None
+
+
+class Screen:
+    """Show the progress of a batch; `quiet` shows only what went wrong.
+
+    `poll` is called at every sign of progress: it may raise to end the batch.
+    """
+
+    def __init__(self, quiet: bool = False, stream: TextIO | None = None, poll: Callable[[], None] = _nothing) -> None:
+        self._poll = poll
+        self._stream = stream or sys.stderr
+        self._terminal = getattr(self._stream, "unfiltered", self._stream)  # takes control sequences
+        self._quiet = quiet
+        self._live = not quiet and self._stream.isatty()
+        self._label = ""
+        self._said: set[str] = set()
+        self._drawn: Live | None = None
+        self._shown_s = 0.0
+        self._keys = Keys()
+
+    def started(self, number: int, count: int, name: str) -> None:
+        """Show that a case starts."""
+        self._poll()
+        self._label = f"[{number:>{len(str(count))}}/{count}] {name}"
+        self._status("")
+
+    def doing(self, what: str) -> None:
+        """Show what is being done."""
+        self._poll()
+        self._status(what)
+
+    def ended(self, ended: Ended, seconds: float) -> None:
+        """Show how a case ended."""
+        self._clear()
+        good = ended.exit_code == 0
+        where = f"{ended.path}{' (replaced)' if ended.replaced else ''}" if ended.path else "no result"
+        line = f"{self._label}: {ended.status}, {where}, {seconds:.1f} s"
+        if not good:
+            line = f"{self._label}: {ended.status}{f', {where}' if ended.path else ''}: {ended.reason}"
+        if not (good and self._quiet):
+            print(line, file=self._stream, flush=True)
+        for warning in ended.warnings:
+            if warning not in self._said and not self._quiet:
+                print(f"  note: {warning}", file=self._stream, flush=True)
+            self._said.add(warning)
+
+    def moving(self, label: str, view: View) -> bool:
+        """Show how a run stands on a real rig: a few lines on a terminal, a line every 5 s elsewhere.
+
+        Return whether the operator pressed the stop key.
+        """
+        from rths_cli.report.live_lines import live_lines, one_line
+
+        if self._live:
+            self._panel(live_lines(label, view))
+        elif not self._quiet and time.monotonic() - self._shown_s >= PLAIN_S:
+            print(f"{self._label}: {one_line(label, view)}", file=self._stream, flush=True)
+            self._shown_s = time.monotonic()
+        return self._keys.stop_pressed()
+
+    def _panel(self, lines: list[str]) -> None:
+        """Draw lines in the place of those drawn before."""
+        from rich.console import Console
+        from rich.live import Live
+        from rich.text import Text
+
+        if self._drawn is None:
+            self._clear()
+            self._drawn = Live(console=Console(file=self._terminal), transient=True, auto_refresh=False)
+            self._drawn.start()
+        self._drawn.update(Text(visible("\n".join(lines))), refresh=True)
+
+    def confirm(self, lines: Sequence[str]) -> bool:
+        """Show a checklist and ask whether a real table may move."""
+        self._clear()
+        print("\n".join([lines[0], *(f"  {line}" for line in lines[1:])]), file=self._stream, flush=True)
+        print("Type yes to move the table: ", end="", file=self._stream, flush=True)
+        return sys.stdin.readline().strip().lower() == "yes"
+
+    def message(self, text: str) -> None:
+        """Show a line, for instance a warning."""
+        self._clear()
+        print(text, file=self._stream, flush=True)
+
+    def clear(self) -> None:
+        """Take the status line away; what has been said stays."""
+        self._clear()
+        if self._live:
+            self._stream.flush()
+
+    def _status(self, what: str) -> None:
+        if self._live:
+            self._clear()
+            text = f"{self._label}  {what}" if self._label else what
+            self._stream.write(text[:100])
+            self._stream.flush()
+
+    def _clear(self) -> None:
+        if self._drawn is not None:
+            self._drawn.stop()
+            self._drawn = None
+        self._keys.release()
+        if self._live:
+            self._terminal.write("\r\x1b[K")
+
+
+def new_screen(quiet: bool) -> Screen:
+    """Return the screen of a command that may move a table."""
+    from rths_cli.numerics.compiled import announce
+
+    screen = Screen(quiet, poll=SIGNALS.poll)
+
+    def say(text: str) -> None:
+        screen.clear()
+        click.echo(text, err=True)
+
+    if not quiet:
+        announce(say)
+    return screen

@@ -1,0 +1,147 @@
+"""Kalman filter on the specimen, and the base shear it gives at the instant at which the command acts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rths_cli.control.state_space import discretise
+from rths_cli.numerics.lti import Array, Block, StateSpace
+from rths_cli.numerics.matrix_equations import continuous_riccati, exponential
+from rths_cli.structure import Specimen
+
+DAMPING = 0.7
+RESIDUAL = ("base_shear_unexplained_n",)
+
+
+@dataclass(frozen=True)
+class Shear:
+    """Weights of the base shear at k + n_p (see loop.blocks.Step): estimator, recent desired, samples, desired."""
+
+    estimate: Array
+    recent: Array
+    measured: Array
+    desired: float
+
+
+def specimen_state_space(specimen: Specimen) -> StateSpace:
+    """Return Eq. 2.5: table acceleration to the floors' absolute accelerations (n, .), state = disp, then vel."""
+    n = len(specimen.masses_kg)
+    inverse = 1.0 / specimen.masses_kg[:, None]
+    lower = np.hstack([-inverse * specimen.K, -inverse * specimen.C])
+    a = np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), lower])
+    b = np.concatenate([np.zeros(n), -np.ones(n)])[:, None]
+    return StateSpace(a, b, lower, np.zeros((n, 1)))
+
+
+def kalman_gain(system: StateSpace, q: float, r: float) -> Array:
+    """Return the steady-state gain (2 n, n) of the continuous filter: process noise of intensity q enters like the
+    table's acceleration, measurement noise of intensity r on each output (paper, section 5.2)."""
+    outputs = system.C.shape[0]
+    covariance = continuous_riccati(system.A.T, system.C.T, q * system.B @ system.B.T, r * np.eye(outputs))
+    return covariance @ system.C.T / r
+
+
+def kalman_block(specimen: Specimen, q: float, r: float, dt_s: float, knows_table: bool) -> Block:
+    """Return the filter from corrected accelerations (table, floors) to the specimen's state and floor accelerations.
+
+    Discretised for inputs that are straight lines between samples, so that it adds no half step. With
+    `knows_table` the measured table acceleration is a known input; without it, as printed in the paper, the floors
+    alone drive the filter.
+    """
+    system = specimen_state_space(specimen)
+    n = len(specimen.masses_kg)
+    gain = kalman_gain(system, q, r)
+    table = system.B if knows_table else np.zeros_like(system.B)
+    full = StateSpace(
+        system.A - gain @ system.C,
+        np.hstack([table, gain]),
+        np.vstack([np.eye(2 * n), system.C]),
+        np.zeros((3 * n, 1 + n)),
+    )
+    inputs = ("table_accel_m_s2", *(f"floor_accel_{i + 1}_m_s2" for i in range(n)))
+    states = [f"{q}_{i + 1}" for q in ("rel_disp_m", "rel_vel_m_s", "floor_accel_m_s2") for i in range(n)]
+    return discretise(full, dt_s, "foh", "kalman", inputs, tuple(states))
+
+
+def open_loop(specimen: Specimen, dt_s: float) -> Block:
+    """Return the specimen alone, Eq. 2.5: table acceleration to the floors' absolute accelerations (n,).
+
+    No measurement of a floor enters, so what it gives does not follow a sensor that is wrong. Discretised for an input
+    that is a straight line between samples.
+    """
+    floors = tuple(f"floor_accel_{i + 1}_m_s2" for i in range(len(specimen.masses_kg)))
+    system = specimen_state_space(specimen)
+    return discretise(system, dt_s, "foh", "specimen_open_loop", ("table_accel_m_s2",), floors)
+
+
+def measured_shear(specimen: Specimen, interface_mass_kg: float) -> Shear:
+    """Return Eq. 2.6 from the estimated floor accelerations at the same instant, without prediction."""
+    n = len(specimen.masses_kg)
+    estimate = np.concatenate([np.zeros(2 * n), -specimen.masses_kg])
+    measured = np.concatenate([[-interface_mass_kg], np.zeros(n)])
+    return Shear(estimate, np.zeros(0), measured, 0.0)
+
+
+def predicted_shear(specimen: Specimen, interface_mass_kg: float, lead_samples: int, dt_s: float) -> Shear:
+    """Return the base shear n_p >= 1 samples ahead: the estimated state is carried on by the identified specimen under
+    the desired accelerations already issued, straight lines between samples (NOTES.md 8).
+
+    The interface mass feels the desired acceleration plus the tracking error measured now.
+    """
+    n = len(specimen.masses_kg)
+    a, start, end = _foh(specimen_state_space(specimen), dt_s)
+    shear = np.concatenate([specimen.K.sum(axis=0), specimen.C.sum(axis=0)])
+    weights = np.zeros(lead_samples + 1)
+    row = shear
+    for j in range(lead_samples, 0, -1):
+        weights[j] += row @ end
+        weights[j - 1] += row @ start
+        row = row @ a
+    weights[-1] -= interface_mass_kg
+    weights[0] += interface_mass_kg
+    measured = np.concatenate([[-interface_mass_kg], np.zeros(n)])
+    return Shear(np.concatenate([row, np.zeros(n)]), weights[:-1], measured, float(weights[-1]))
+
+
+def with_residual(kalman: Block, specimen: Specimen, corner_hz: float, lead_s: float) -> Block:
+    """Return the filter with one more output: the base shear in N that the identified specimen does not explain.
+
+    That is r = -sum m (measured - estimated floor acceleration), carried `lead_s` ahead by
+    H(s) = (1 + (2 zeta / w + lead) s) / (1 + 2 zeta s / w + s^2 / w^2), w = 2 pi corner_hz, zeta = 0.7: H equals
+    exp(s lead) but for terms of s^2. A specimen that is not quite the identified one (damage, payload) then errs
+    in the base shear by (f / corner)^2 of the difference, not by the difference.
+    """
+    n, w = len(specimen.masses_kg), 2.0 * np.pi * corner_hz
+    rates = np.array([[0.0, 1.0], [-(w**2), -2.0 * DAMPING * w]])
+    lead = StateSpace(rates, np.array([[0.0], [w**2]]), np.array([[1.0, 2.0 * DAMPING / w + lead_s]]), np.zeros((1, 1)))
+    h = discretise(lead, kalman.dt_s, "foh", "residual", ("residual_n",), RESIDUAL)
+    floors = slice(2 * n, 3 * n)
+    from_state, direct = specimen.masses_kg @ kalman.C[floors], specimen.masses_kg @ kalman.D[floors]
+    direct[1:] -= specimen.masses_kg
+    return Block(
+        kalman.name,
+        np.block([[kalman.A, np.zeros((len(kalman.A), 2))], [np.outer(h.B, from_state), h.A]]),
+        np.vstack([kalman.B, np.outer(h.B, direct)]),
+        np.block([[kalman.C, np.zeros((len(kalman.C), 2))], [np.outer(h.D, from_state), h.C]]),
+        np.vstack([kalman.D, np.outer(h.D, direct)]),
+        kalman.dt_s,
+        kalman.inputs,
+        (*kalman.outputs, *RESIDUAL),
+    )
+
+
+def plus_residual(shear: Shear, weight: float = 1.0) -> Shear:
+    """Return a base shear for a filter `with_residual`, whose last output counts with this weight."""
+    return replace(shear, estimate=np.append(shear.estimate, weight))
+
+
+def _foh(system: StateSpace, dt_s: float) -> tuple[Array, Array, Array]:
+    """Return A_d, B_start, B_end of x[k+1] = A_d x[k] + B_start u[k] + B_end u[k+1], input a straight line."""
+    n = system.A.shape[0]
+    chain = np.zeros((n + 2, n + 2))
+    chain[:n, :n], chain[:n, n], chain[n, n + 1] = system.A, system.B[:, 0], 1.0
+    moved = exponential(chain * dt_s)
+    end = moved[:n, n + 1] / dt_s
+    return moved[:n, :n], moved[:n, n] - end, end

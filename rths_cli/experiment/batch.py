@@ -1,0 +1,240 @@
+"""Run several cases, by one or more methods: all checked before the first starts, each in its own file."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from threading import Event
+from typing import TYPE_CHECKING, Protocol, TypeVar
+
+from rths_cli.case.load import load_cases
+from rths_cli.errors import InputError, RthsError, crash_note
+from rths_cli.experiment.check_cases import verdict_on
+from rths_cli.experiment.memory_reuse import keep_freed_memory
+from rths_cli.experiment.model_registry import Memory
+from rths_cli.experiment.model_store import Cache
+from rths_cli.experiment.permission import ask_to_move
+from rths_cli.experiment.run import Ended, moves_table, prepare_all, run_case, worst_code
+from rths_cli.experiment.setup import Progress, Setup
+from rths_cli.experiment.shared_designs import Kept
+from rths_cli.interrupts import ended_by
+from rths_cli.quantities import Values
+
+if TYPE_CHECKING:
+    from rths_cli.loop.live_view import View
+
+KEPT, KEPT_BYTES = 8, 1 << 28  # of each kind of what cases share, and of all kinds together
+RESPONSES = 3  # kept of a case: SIM, SIM of the identified building, SIM-DELAY
+Job = tuple[Setup, Path]
+
+
+class Watcher(Protocol):
+    """Who is told how a batch goes on."""
+
+    def started(self, number: int, count: int, name: str) -> None:
+        """Take note that a case starts."""
+
+    def doing(self, what: str) -> None:
+        """Take note of what is being done."""
+
+    def ended(self, ended: Ended, seconds: float) -> None:
+        """Take note of how a case ended."""
+
+    def message(self, text: str) -> None:
+        """Take note of a sentence for the user."""
+
+    def moving(self, label: str, view: View) -> bool:
+        """Take note of how a run stands on a real rig; return whether an operator wants it to stop."""
+
+    def confirm(self, lines: Sequence[str]) -> bool:
+        """Show a checklist and ask whether a real table may move."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What `rths run` was asked: case files, settings KEY=VALUE, methods (none: each case's own), where to.
+
+    `fresh` ignores models that earlier runs identified. `yes` moves a real table without asking.
+    """
+
+    paths: tuple[str, ...]
+    settings: tuple[str, ...]
+    methods: tuple[str, ...]
+    output: Path
+    replace: bool
+    command_line: str
+    overrides: tuple[str, ...] = ()
+    fresh: bool = False
+    yes: bool = False
+
+
+def plan(request: Request, memory: Memory, kept: Kept) -> list[Job]:
+    """Load and check every case and name its result file; raises InputError with all faults, writes nothing."""
+    jobs: list[Job] = []
+    for method in request.methods or ("",):
+        chosen = (f"method={method}",) if method else ()
+        cases = load_cases(request.paths, (*request.settings, *chosen))
+        suffix = f"-{method}" if len(request.methods) > 1 else ""
+        setups = prepare_all(cases, request.output, request.overrides, kept)
+        jobs += [(setup, request.output / f"{setup.case.name}{suffix}{_when(setup)}.h5") for setup in setups]
+    for setup, _ in jobs:
+        if moves_table(setup.case):
+            memory.prepare(setup)
+    present = [str(path) for _, path in jobs if path.exists()]
+    if present and not request.replace:
+        advice = "exists; remove it, choose another --output, or drop --no-replace"
+        raise InputError(*(f"{path}: {advice}" for path in present))
+    return jobs
+
+
+def _when(setup: Setup) -> str:
+    """Return what the name of a result says of its time: a real rig's is never replaced."""
+    return datetime.now(UTC).strftime("-%Y%m%dT%H%M%SZ") if setup.rig.can.moves_hardware else ""
+
+
+def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
+    """Run every case of a request, on virtual rigs two at a time; one that fails is named and the others go on."""
+    keep_freed_memory()
+    memory, kept = Memory(Cache(request.fresh)), Kept()
+    jobs = plan(request, memory, kept)
+    kept.size = _most_kept(jobs)
+
+    def predicted(setup: Setup) -> Values:
+        from rths_cli.files.imported_models import is_foreign
+
+        model = setup.case.identification.model
+        if "exp_rths" not in setup.case.runs or model is None or is_foreign(model):
+            return {}
+        return verdict_on(setup, memory.at_rest(setup, watcher.doing), kept=kept).figures
+
+    ask_to_move([setup for setup, _ in jobs], request.yes, watcher.confirm, predicted)
+
+    def work(job: Job, tell: Progress) -> tuple[Ended, float]:
+        start = time.monotonic()
+        return _run_one(*job, memory, kept, request.command_line, tell, watcher), time.monotonic() - start
+
+    results: list[Ended] = []
+    with closing(in_order(work, jobs, watcher.doing, _at_once(jobs))) as endings:
+        for number, (setup, path) in enumerate(jobs, 1):
+            watcher.started(number, len(jobs), path.stem)
+            ended, seconds = next(endings)
+            results.append(ended)
+            watcher.ended(ended, seconds)
+            if setup.rig.can.moves_hardware and ended.exit_code > 1:
+                break  # a person looks at the table before it moves again
+    return results
+
+
+def _at_once(jobs: Sequence[Job]) -> int:
+    """Return how many cases are worked on at a time: a real rig or a very long record is alone."""
+    real = any(setup.rig.can.moves_hardware for setup, _ in jobs)
+    return 1 if real else min(AT_ONCE, len(jobs), cores(), _most_kept(jobs))
+
+
+def exit_code(results: Sequence[Ended]) -> int:
+    """Return the code of the worst ending (DESIGN.md section 2)."""
+    return worst_code(ended.exit_code for ended in results)
+
+
+def _most_kept(jobs: Sequence[Job]) -> int:
+    """Return how many records and responses are kept: as often as those of the longest case fit, once at least."""
+    series = max(len(setup.motion.time_s) * (4 + RESPONSES * (3 * setup.case.n_storeys + 1)) for setup, _ in jobs)
+    return max(1, min(KEPT, KEPT_BYTES // (8 * series)))
+
+
+def _run_one(
+    setup: Setup, path: Path, memory: Memory, kept: Kept, command_line: str, tell: Progress, watcher: Watcher
+) -> Ended:
+    taken = path.exists()
+    try:
+        if setup.rig.can.counts_steps:
+            return run_case(setup, path, memory, command_line, tell, kept)
+        return _run_real(setup, path, memory, kept, command_line, tell, watcher)
+    except RthsError as error:
+        return _failed(setup, path, taken, str(error), error.exit_code)
+    except Exception as error:
+        tell("")  # a signal that came while code was compiled ends the batch here
+        return _failed(setup, path, taken, f"internal error ({type(error).__name__}), {crash_note()}", 5)
+
+
+def _run_real(
+    setup: Setup, path: Path, memory: Memory, kept: Kept, command_line: str, tell: Progress, watcher: Watcher
+) -> Ended:
+    """Run a case on a real rig: what may refuse it is asked before the table moves and before its file begins."""
+    from rths_cli.experiment.real_run import RealStage, ask_the_rig
+
+    if moves_table(setup.case):
+        ask_the_rig(setup, memory, tell)
+    with closing(RealStage(watcher.moving)) as stage:
+        return run_case(setup, path, memory, command_line, tell, kept, stage)
+
+
+def _failed(setup: Setup, path: Path, taken: bool, reason: str, code: int) -> Ended:
+    """Return the ending of a case that raised; `taken`: its file's name was another's before.
+
+    A file of a real rig that was begun stays, and then the code is not that of input by which nothing was written.
+    """
+    begun = setup.rig.can.moves_hardware and not taken and bool(path.exists() or [*path.parent.glob(f".{path.name}.*")])
+    return Ended(
+        setup.case.name, path if begun and path.exists() else None, "failed", reason, 4 if begun and code == 2 else code
+    )
+
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+Tell = Callable[[str], None]
+
+AT_ONCE = 2  # more would only wait for each other: much of a run is Python's own
+
+
+class Stopped(BaseException):
+    """The batch ends: nobody waits for this job any more."""
+
+
+def cores() -> int:
+    """Return the number of cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def in_order(
+    work: Callable[[Item, Tell], Result], jobs: Sequence[Item], tell: Tell, at_once: int
+) -> Generator[Result, None, None]:
+    """Yield the results of `work(job, tell)` in the order of the jobs, `at_once` of them worked on at a time.
+
+    `tell` is called for the job whose result is waited for, of the others it is not heard. What a job raises is raised
+    here; then, or when the iterator is closed, jobs under way end by Stopped where they tell or compute next, others
+    never start.
+    """
+    if at_once == 1:
+        yield from (work(job, tell) for job in jobs)
+        return
+    stop, awaited = Event(), [0]
+
+    def look() -> None:
+        if stop.is_set():
+            raise Stopped
+
+    def begin(number: int, job: Item) -> Result:
+        def told(what: str) -> None:
+            look()
+            if awaited[0] == number:
+                tell(what)
+
+        look()
+        with ended_by(look):
+            return work(job, told)
+
+    with ThreadPoolExecutor(at_once) as pool:
+        try:
+            futures = [pool.submit(begin, number, job) for number, job in enumerate(jobs)]
+            for awaited[0], future in enumerate(futures):
+                yield future.result()
+        finally:
+            stop.set()
+            pool.shutdown(cancel_futures=True)

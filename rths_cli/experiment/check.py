@@ -1,0 +1,181 @@
+"""Pre-flight: judge a case from what was identified, without moving anything."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rths_cli.analysis import stability_check as preflight
+from rths_cli.analysis.closed_loop import closed_loop_matrix, loop_roots, modes_in_loop, slow_roots
+from rths_cli.analysis.critical_delay import critical_delay
+from rths_cli.analysis.fourier_lines import lines_for
+from rths_cli.analysis.identified_rig import identified_rig
+from rths_cli.analysis.loop_response import loop_response
+from rths_cli.analysis.prediction import Known, predict
+from rths_cli.analysis.reference_lines import delayed_rms, sim_lines
+from rths_cli.analysis.sim import simulate
+from rths_cli.control.feedback import none
+from rths_cli.control.kalman_filter import specimen_state_space
+from rths_cli.control.numerical_substructure import all_storeys
+from rths_cli.experiment.lowest_frequency import lowest_reliable_hz
+from rths_cli.experiment.setup import motion_key
+from rths_cli.experiment.shared_designs import Kept
+from rths_cli.structure import Building, assemble, modes
+
+if TYPE_CHECKING:
+    from rths_cli.analysis.critical_delay import CriticalDelay
+    from rths_cli.analysis.identified_rig import IdentifiedRig
+    from rths_cli.control.blocks import Blocks
+    from rths_cli.experiment.design import Design
+    from rths_cli.experiment.setup import Setup
+    from rths_cli.identification.results import Identification
+    from rths_cli.numerics.lti import Array, Block
+    from rths_cli.rigs.description import RigInfo
+    from rths_cli.structure import Specimen
+
+RINGS = 7.0  # time constants after which a motion has died out
+LONGEST_S = 300.0
+NOISE_FROM_HZ, NOISE_POINTS = 1.0, 400  # over which noise at rest is taken as white
+NEAR = 0.97  # of the critical delay, from which SIM-DELAY rings on for too long to be told from its lines
+
+
+@dataclass(frozen=True)
+class Judged:
+    """A case's verdict, the modes of the building as identified and what they are in the loop (frequencies in Hz and
+    damping ratios (n,) each), and SIM-DELAY's RMS errors (n_storeys,) in m/s^2, None where it would diverge.
+
+    `friction_v`: of the table as a change of command, as counted with; `largest_scaling`: up to which the test is
+    safe; 0 where no scaling makes it so. `known`: what the prediction started from, None for an unstable loop.
+    """
+
+    preflight: preflight.Preflight
+    building: tuple[Array, Array]
+    in_loop: tuple[Array, Array]
+    sim_delay_rms_m_s2: Array | None
+    friction_v: float
+    largest_scaling: float
+    known: Known | None
+
+
+def preflight_of(setup: Setup, identified: Identification, design: Design) -> preflight.Preflight:
+    """Return the verdict on a case's hybrid test, from the rig as identified and the blocks as designed."""
+    return judge(setup, identified, design).preflight
+
+
+def judge(setup: Setup, identified: Identification, design: Design, kept: Kept | None = None) -> Judged:
+    """Return all that is known of a case's hybrid test, from the rig as identified and the blocks as designed.
+
+    With `kept`, cases of the same record and building share its SIM, those of the same blocks what the loop tolerates.
+    """
+    kept = kept or Kept()
+    specimen, dt = _specimen(identified), setup.rig.dt_s
+    building = as_identified(setup, specimen)
+    rig = identified_rig(identified.best, specimen, setup.rig, setup.removes_sensors)
+    storeys = all_storeys(building.numerical, dt, setup.case.integration)
+    samples = len(setup.motion.time_s)
+    asked = pickle.dumps((rig, design.blocks, storeys, identified.best, identified.frfs[0], identified.levels))
+    found = kept.get("stability", asked, lambda: _stability(rig, design.blocks, storeys, identified, samples))
+    found = replace(found, growth=preflight.growth(found.radius, samples))
+    matrix = closed_loop_matrix(rig, design.blocks)
+    known = known_of(setup, identified, design, rig, storeys, found.radius, kept)
+    known = replace(known, slow_roots=slow_roots(matrix, dt, known.lines.padded * dt))
+    prediction = predict(known)
+    masses = np.concatenate([[setup.rig.moving_mass_kg], setup.floor_masses_kg])
+    rows = preflight.reach(known, prediction, setup.rig, masses)
+    stable = prediction if found.radius < 1.0 else None
+    critical = critical_delay(building)
+    further = preflight.unseen(known)
+    feedback = setup.case.controller.kind == "FF+FB"
+    least_s = required_delay_s(setup, identified, design)
+    verdict = preflight.judge(critical, found, rows, setup.case.scaling, stable, further, feedback, least_s)
+    own = modes(building.M, building.C, building.K)
+    looped = modes_in_loop(loop_roots(matrix, dt), *own)
+    fragile = preflight.faults_of_loop(found, feedback, least_s)
+    largest = 0.0 if fragile else preflight.rounded_down(verdict.largest_scaling)
+    friction = identified.friction.command_v if identified.friction else 0.0
+    delayed = _sim_delay(setup, building, known, critical)
+    return Judged(verdict, own, looped, delayed, friction, largest, known if found.radius < 1.0 else None)
+
+
+def required_delay_s(setup: Setup, identified: Identification, design: Design) -> float:
+    """Return the further delay in s that a case's loop must tolerate."""
+    bridged = setup.rig.can.bridges_lost_samples and design.blocks.lead_samples > 0
+    error_s = identified.latency.error_s if identified.latency else None
+    return preflight.required_delay_s(setup.rig.dt_s, bridged, error_s, bool(identified.levels))
+
+
+def _stability(
+    rig: IdentifiedRig, blocks: Blocks, storeys: Block, identified: Identification, samples: int
+) -> preflight.Stability:
+    """Return the stability of the loop, of that without feedback where it is worse: at its limit a feedback is none."""
+    best, measured, levels = identified.best, identified.frfs[0], identified.levels
+    found = preflight.stability(rig, blocks, storeys, best, measured, samples, levels)
+    if not math.isfinite(blocks.feedback_limit_v):
+        return found
+    alone = replace(blocks, feedback=none(rig.plant.dt_s))
+    without = preflight.stability(rig, alone, storeys, best, measured, samples, levels)
+    return min(found, without, key=lambda each: (each.radius < 1.0, each.tolerates / each.required))
+
+
+def _sim_delay(setup: Setup, building: Building, known: Known, critical: CriticalDelay) -> Array | None:
+    if setup.case.delay_s >= NEAR * critical.delay_s:
+        return None
+    return delayed_rms(known.lines, building, known.floors, known.ground[0], known.sim, setup.case.delay_s)
+
+
+def _specimen(identified: Identification) -> Specimen:
+    assert identified.specimen is not None  # every case has experimental storeys
+    return identified.specimen.specimen
+
+
+def as_identified(setup: Setup, specimen: Specimen) -> Building:
+    """Return the building of the numerical part and the specimen as identified."""
+    numerical, mass = setup.building.numerical, setup.building.interface_experimental_mass_kg
+    return Building(numerical, specimen, mass, *assemble(numerical, specimen, mass), ())
+
+
+def known_of(
+    setup: Setup, identified: Identification, design: Design, rig: IdentifiedRig, storeys: Block, radius: float,
+    kept: Kept | None = None,
+) -> Known:  # fmt: skip
+    """Return what the prediction of errors starts from."""
+    dt, motion, specimen = setup.rig.dt_s, setup.motion, _specimen(identified)
+    building = as_identified(setup, specimen)
+    ring = RINGS * dt / -math.log(radius) if radius < 1.0 else LONGEST_S
+    lines = lines_for(len(motion.time_s), dt, min(ring, LONGEST_S), lowest_reliable_hz(setup))
+    asked = (motion_key(setup.case), pickle.dumps(building))
+    sim = (kept or Kept()).get("sim as identified", asked, lambda: simulate(building, dt, motion.accel_m_s2))
+    ground = lines.of_motion(motion.accel_m_s2, motion.velocity_m_s, motion.displacement_m)
+    floors = specimen_state_space(specimen).response(lines.frequency_hz)[:, 0]
+    interface = len(building.numerical.masses_kg) - 1
+    return Known(
+        loop=loop_response(rig, design.blocks, storeys, lines.z),
+        lines=lines,
+        model=identified.best,
+        measured=identified.frfs[0],
+        friction=identified.friction,
+        floors=np.vstack([np.ones((1, lines.count)), floors]),
+        ground=ground,
+        sim=sim_lines(building, lines, ground[0]),
+        velocity_m_s=sim.rel_vel_m_s[interface] + motion.velocity_m_s,
+        noise_m_s2=_before_correction(identified, design.blocks.correction, setup.rig),
+        rig=setup.rig,
+        correction=design.blocks.correction,
+        shaped=design.blocks.shaping_step_v > 0.0,
+        excess=rig.excess,
+        peaks_m_s2=np.abs(sim.abs_accel_m_s2[interface:]).max(axis=1),
+    )
+
+
+def _before_correction(identified: Identification, correction: Block, rig: RigInfo) -> Array:
+    """Return the noise (c,) in m/s^2 that the channels have at rest before the sensors' corners are taken out of it,
+    which makes white noise louder."""
+    frequency = np.linspace(NOISE_FROM_HZ, 0.5 / rig.dt_s, NOISE_POINTS)
+    sizes = np.array([channel.sensitivity_v_per_m_s2 for channel in rig.channels])
+    louder = np.abs(np.einsum("ccf->cf", correction.response(frequency)) * sizes[:, None])
+    at_rest = np.array([channel.rest_rms_m_s2 or 0.0 for channel in identified.channels])
+    return at_rest / np.sqrt(np.mean(louder**2, axis=1))

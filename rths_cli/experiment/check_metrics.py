@@ -1,0 +1,87 @@
+"""The metrics of a check by their paths, `check.*`."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rths_cli.experiment.run_metrics import of_margins
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from rths_cli.analysis.prediction import Prediction
+    from rths_cli.analysis.stability_check import Preflight
+    from rths_cli.experiment.check import Judged
+
+REACH = {
+    "displacement (with room to brake)": "displacement_m",
+    "velocity": "velocity_m_s",
+    "acceleration": "acceleration_m_s2",
+    "accelerometers' range": "sensor_m_s2",
+    "actuator force": "force_n",
+    "command": "command_v",
+}
+
+
+def check_figures(judged: Judged) -> dict[str, ArrayLike]:
+    """Return the metrics of a check; without those of the motion when the loop is unstable and has none."""
+    found = judged.preflight
+    values = _stability(found) | _modes(judged) | _table_error(found)
+    values |= of_margins("check", found.stability.measured, "")
+    values |= of_margins("check", found.stability.modelled, "_model")
+    values["check.largest_scaling"] = judged.largest_scaling
+    values["check.friction_v"] = judged.friction_v
+    if judged.sim_delay_rms_m_s2 is not None:
+        values["check.sim_delay_rms_error_m_s2"] = judged.sim_delay_rms_m_s2
+    if found.prediction is None:
+        return values
+    return values | _reach(found) | _errors(found.prediction)
+
+
+def _stability(found: Preflight) -> dict[str, ArrayLike]:
+    critical, loop = found.critical, found.stability
+    return {
+        "check.spectral_radius": loop.radius,
+        "check.growth": loop.growth,
+        "check.critical_delay_s": critical.delay_s,
+        "check.critical_delay_hz": critical.frequency_hz,
+        "check.gain_at_infinity": critical.gain_at_infinity,
+    }
+
+
+def _modes(judged: Judged) -> dict[str, ArrayLike]:
+    """Return the building's modes, by themselves and in the loop."""
+    (own_hz, own_ratio), (loop_hz, loop_ratio) = judged.building, judged.in_loop
+    return {
+        "check.building_frequency_hz": own_hz,
+        "check.building_damping_ratio": own_ratio,
+        "check.loop_frequency_hz": loop_hz,
+        "check.loop_damping_ratio": loop_ratio,
+    }
+
+
+def _table_error(found: Preflight) -> dict[str, ArrayLike]:
+    loop = found.stability
+    return {
+        "check.tolerated_table_error": loop.tolerates,
+        "check.required_table_error": loop.required,
+        "check.table_error_hz": loop.at_hz,
+        "check.tolerated_table_error_in_band": loop.in_band,
+        "check.table_error_in_band_hz": loop.in_band_hz,
+    }
+
+
+def _reach(found: Preflight) -> dict[str, ArrayLike]:
+    """Return predicted peaks and limits."""
+    values: dict[str, ArrayLike] = {}
+    for row in found.reach:
+        values[f"check.peak_{REACH[row.name]}"] = row.peak
+        values[f"check.limit_{REACH[row.name]}"] = row.limit
+    return values
+
+
+def _errors(found: Prediction) -> dict[str, ArrayLike]:
+    """Return the predicted errors, all causes together and each by itself."""
+    parts = [("", found.total), *((f"_{cause}", errors) for cause, errors in found.causes.items())]
+    storeys: dict[str, ArrayLike] = {f"check.rms_error{part}_m_s2": errors.storeys for part, errors in parts}
+    return storeys | {f"check.tracking_rms{part}_m_s2": errors.tracking for part, errors in parts}

@@ -1,0 +1,64 @@
+"""What `rths doctor` was asked for: the rate of a case, and the rig to measure."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from rths_cli.errors import InputError
+from rths_cli.experiment.doctor import RATES_HZ, Examined, Progress, examine, wake_share
+from rths_cli.rigs.description import capabilities_of
+
+DEFAULT_CASE = "el_centro_low_ff_fb"  # lends its structure where only a rig was named
+
+if TYPE_CHECKING:
+    from rths_cli.experiment.setup import Setup
+
+
+@dataclass(frozen=True)
+class DoctorRequest:
+    """Hold what the user asked `rths doctor` for."""
+
+    case: str | None
+    rig: str | None
+    rates_hz: tuple[float, ...]
+    seconds: float
+    settings: tuple[str, ...]
+
+
+def examine_request(
+    request: DoctorRequest, say: Progress, permit: Callable[[Setup], None] = lambda _: None
+) -> Examined:
+    """Measure the machine, and the rig where one was named; raises InputError, RigError.
+
+    `permit` is called before a rig is armed; it may refuse by an InputError.
+    """
+    wanted = request.rates_hz
+    if request.case is None and request.rig is None:
+        if request.settings:
+            raise InputError("--set changes a case: name one, or leave it out")
+        return examine(() if wanted else RATES_HZ, wanted, request.seconds, say)
+    from rths_cli.case.load import load_cases
+
+    table = (f"table={json.dumps(request.rig)}",) if request.rig else ()
+    typed = dict.fromkeys(table, f"--rig {request.rig}")
+    case = load_cases([request.case or DEFAULT_CASE], (*table, *request.settings), typed)[0]
+    if request.case and not wanted:
+        wanted = (case.sample_rate_hz,)
+    others = () if wanted else RATES_HZ
+    if capabilities_of(case.table.kind).counts_steps:
+        if request.rig:
+            raise InputError(
+                f"--rig {request.rig}: a virtual rig has no clock of its own to hold; start it with "
+                f"'rths serve {request.rig}' and name a rig of kind udp"
+            )
+        return examine(others, wanted, request.seconds, say)
+    from rths_cli.experiment.doctor_of_rig import exchange_delays
+    from rths_cli.experiment.setup import make_setup
+
+    setup = make_setup(case)
+    permit(setup)
+    delays, share = exchange_delays(case), wake_share(setup.rig)
+    return examine(others, wanted, request.seconds, say, case.table.name, delays, share)

@@ -1,0 +1,68 @@
+"""Steps of a run in real time that had no samples of their own: how many, why, and the longest time without any."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rths_cli.loop.run_log import CAUGHT_UP, MIXED, NO_ANSWER, without_samples
+from rths_cli.report.dropout_sentence import loss_sentence
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from rths_cli.numerics.lti import Array
+
+
+@dataclass(frozen=True)
+class Losses:
+    """Steps of a record: all, those whose samples were lost, those that came late by an interval or were caught up
+    without samples, those after a gap that were given a mix of samples and expectation, and the longest time without
+    samples of the right instant in s."""
+
+    steps: int
+    lost: int
+    overrun: int
+    mixed: int
+    longest_gap_s: float
+
+    @property
+    def any(self) -> bool:
+        """Tell whether samples missed at all."""
+        return self.lost + self.overrun > 0
+
+    def sentence(self, what: str) -> str:
+        """Return this in words."""
+        return loss_sentence(what, self.lost, self.overrun, self.mixed, self.longest_gap_s)
+
+
+def losses_of(lost: Array, late_s: Array, dt_s: float) -> Losses:
+    """Return the losses in timing/lost (n,) and timing/late_s (n,); of no step where a rig has no such log."""
+    overrun = (lost == CAUGHT_UP) | (late_s >= dt_s)
+    gap_s = longest_run(without_samples(lost)) * dt_s
+    gap_s = max(gap_s, float(np.max(late_s[overrun], initial=0.0, where=np.isfinite(late_s[overrun]))))
+    return Losses(lost.size, int(np.sum(lost == NO_ANSWER)), int(np.sum(overrun)), int(np.sum(lost == MIXED)), gap_s)
+
+
+def longest_run(flags: NDArray[np.bool_]) -> int:
+    """Return the length of the longest run of true values (n,)."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(flags, dtype=int), [0]])))
+    return int(np.max(edges[1::2] - edges[::2], initial=0))
+
+
+def of_live(live: Mapping[str, Array], dt_s: float) -> Losses | None:
+    """Return the losses of a run on a real rig, None of one on the counted clock."""
+    return losses_of(live["lost"], live["late_s"], dt_s) if live else None
+
+
+def as_figures(run: str, found: Losses) -> dict[str, ArrayLike]:
+    """Return losses as metrics of a run."""
+    return {
+        f"{run}.lost_steps": found.lost,
+        f"{run}.overrun_steps": found.overrun,
+        f"{run}.mixed_steps": found.mixed,
+        f"{run}.longest_gap_s": found.longest_gap_s,
+    }

@@ -1,0 +1,267 @@
+"""Excite the rig of a case, low first, and identify table and specimen from its channels."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rths_cli.control import feedback, feedforward, numerical_substructure, sensor_correction
+from rths_cli.control.blocks import Blocks
+from rths_cli.control.state_space import static
+from rths_cli.errors import InputError, LimitError, RigError
+from rths_cli.experiment.dropout_counts import losses_of
+from rths_cli.experiment.rig_access import IDENTIFICATION, PROBE, VERIFICATION, guard_limits, open_rig
+from rths_cli.experiment.setup import Progress, Setup
+from rths_cli.identification import excitation, probe
+from rths_cli.identification.channel_signals import UnfitRecord
+from rths_cli.identification.evaluation import IdentificationSettings
+from rths_cli.identification.evaluation import identify as evaluate
+from rths_cli.identification.excitation import Excitation, ExcitationSettings
+from rths_cli.identification.probe import Level
+from rths_cli.identification.recorded_data import Record
+from rths_cli.identification.results import Identification
+from rths_cli.interrupts import interruptible
+from rths_cli.loop.counted_clock import Outcome, play
+from rths_cli.loop.guard import LOST, OPERATOR, OVERRUN, RIG_FAULT
+from rths_cli.loop.step_arrays import EXCITATION
+from rths_cli.numerics.lti import Array, Model
+
+if TYPE_CHECKING:
+    from rths_cli.case.case_schema import IdentificationSpec
+
+MOST_ATTEMPTS = 3  # at an excitation that overdrives the table, each at half the level of the one before
+SEED_STEP = 7919  # between the excitations of several records
+PERIOD_S = {"multisine": 20.0, "sweep": 40.0}
+RECORDS = {IDENTIFICATION: "full level", PROBE: "probe", VERIFICATION: "verification"}
+ADVICE = "lower identification.accel_rms_m_s2"
+NOT_BY_MOTION = (LOST, OVERRUN, RIG_FAULT, OPERATOR)  # a quieter excitation would not help
+
+
+class UnfitRig(RigError):
+    """The channels of a rig from which no model may be made; `unfit` says what they showed."""
+
+    def __init__(self, rig: str, unfit: UnfitRecord) -> None:
+        super().__init__(f"identification of rig {rig}: {'; '.join(unfit.faults)}")
+        self.unfit = unfit
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What was measured for an identification: records at full level, one at low level (None: there is none).
+
+    `source` says where it comes from, `lines` are further (label, text) pairs for the page; `notes` are sentences.
+    """
+
+    records: tuple[Record, ...]
+    quiet: Record | None
+    source: str
+    lines: tuple[tuple[str, str], ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def sha256(self) -> str:
+        """Return the hash of all commands and accelerations."""
+        digest = hashlib.sha256()
+        for record in (*self.records, *((self.quiet,) if self.quiet else ())):
+            digest.update(record.command_v.tobytes() + np.ascontiguousarray(record.accel_m_s2).tobytes())
+        return digest.hexdigest()
+
+
+def excitation_settings(options: IdentificationSpec) -> ExcitationSettings:
+    """Return what a case asks of the excitation."""
+    o, period_s = options, options.period_s or PERIOD_S.get(options.excitation, 20.0)
+    return ExcitationSettings(o.duration_s, o.accel_rms_m_s2, o.low_hz, o.high_hz, o.excitation, period_s)
+
+
+def evaluation_settings(options: IdentificationSpec) -> IdentificationSettings:
+    """Return what a case asks of the evaluation."""
+    default = IdentificationSettings()
+    low = max(default.band_hz[0], options.low_hz)
+    return replace(
+        default,
+        band_hz=(low, min(default.band_hz[1], options.high_hz)),
+        paper_band_hz=(low, default.paper_band_hz[1]),
+        estimator=options.estimator,
+        latency_in_roots=options.latency == "kept",
+        sensors_removed=options.sensor_dynamics == "removed",
+        like_noise=options.excitation in ("noise", "multisine"),
+        excited_hz=options.low_hz,
+    )
+
+
+def plan(setup: Setup) -> Excitation:
+    """Return the excitation of the case's rig; raises InputError when its settings cannot be met."""
+    options = setup.case.identification
+    return interruptible(lambda: excitation.plan(setup.rig, excitation_settings(options), options.seed))
+
+
+def identify(
+    setup: Setup, progress: Progress, planned: Excitation | None = None, given: Model | None = None
+) -> Identification:
+    """Excite the rig, probe first, and evaluate its channels; `given` is judged in place of a model fitted here.
+
+    Raises LimitError or RigError when the excitation was stopped, UnfitRig when the channels cannot be used.
+    """
+    return evaluated(setup, measure(setup, progress, planned), given)
+
+
+def evaluated(setup: Setup, measured: Measured, given: Model | None = None) -> Identification:
+    """Evaluate what was measured on the rig; raises UnfitRig when its channels cannot be used."""
+    try:
+        settings = evaluation_settings(setup.case.identification)
+        found = interruptible(
+            lambda: evaluate(measured.records, setup.rig, setup.floor_masses_kg, settings, measured.quiet, given)
+        )
+    except UnfitRecord as unfit:
+        raise UnfitRig(setup.rig.name, unfit) from unfit
+    except InputError as error:
+        raise RigError(f"identification of rig {setup.rig.name}: {'; '.join(error.faults)}") from error
+    return noted(found, measured.notes)
+
+
+def noted(found: Identification, notes: Sequence[str]) -> Identification:
+    """Return an identification with further warnings."""
+    return replace(found, verdict=replace(found.verdict, warnings=(*notes, *found.verdict.warnings)))
+
+
+def measure(setup: Setup, progress: Progress, planned: Excitation | None = None) -> Measured:
+    """Play probe and excitation on the rig and return the records.
+
+    Raises LimitError or RigError when one of them was stopped, RigError when the probe shows a channel that is dead.
+    """
+    planned = planned or plan(setup)
+    low, quiet = probed(setup, progress)
+    records, notes = [], []
+    for number in range(setup.case.identification.records):
+        record, loud, level, said = _excited(setup, low, quiet, planned, number, progress)
+        notes += [note for note in said if note not in notes]
+        records.append(record)
+    kind = setup.case.table.kind
+    source = f"excited on the {kind} table for this model"
+    return Measured(tuple(records), quiet, source, _lines(setup, loud, level), tuple(notes))
+
+
+def _excited(
+    setup: Setup, low: Excitation, quiet: Record, planned: Excitation, number: int, progress: Progress
+) -> tuple[Record, Excitation, Level, list[str]]:
+    """Play one excitation at the level that the probe allows, and again at half of it where that overdrives the table;
+    return its record, plan and level, and what to say of it."""
+    options, settings = setup.case.identification, excitation_settings(setup.case.identification)
+    seed = options.seed + SEED_STEP * number
+    loud = excitation.plan(setup.rig, settings, seed) if number else planned
+    level = _allowed(setup, low, quiet, loud)
+    notes, which = [*loud.notes, *level.notes], f" {number + 1} of {options.records}" if options.records > 1 else ""
+    for attempt in range(1, MOST_ATTEMPTS + 1):
+        if level.accel_rms_m_s2 != loud.accel_rms_m_s2:
+            loud = excitation.plan(setup.rig, settings, seed, level.accel_rms_m_s2)
+        progress(
+            f"identification{which}, {loud.command_v.size * setup.rig.dt_s:.0f} s on the {setup.case.table.kind} table"
+        )
+        command, corrected, lost = excite(setup, loud.command_v, stream=(IDENTIFICATION, number) if number else None)
+        record = Record(command, corrected, loud.parts)
+        notes += [lost] if lost else []
+        grown = probe.overdriven(quiet, record, setup.rig.dt_s) if options.excitation == "noise" else None
+        if grown is None or attempt == MOST_ATTEMPTS:
+            break
+        notes.append(
+            f"at {level.accel_rms_m_s2:.2g} m/s^2 rms the table no longer follows its command in proportion "
+            f"({grown[1]:.2%} of its power is not explained, {grown[0]:.2%} in the probe): an actuator at a limit, "
+            "perhaps; measured again at half the level"
+        )
+        level = level.at(0.5 * level.accel_rms_m_s2)
+    return record, loud, level, notes
+
+
+def _allowed(setup: Setup, low: Excitation, quiet: Record, loud: Excitation) -> Level:
+    """Return the level that the probe allows for a planned excitation."""
+    wanted = setup.case.identification.accel_rms_m_s2
+    try:
+        return probe.choose_level(setup.rig, low, quiet.accel_m_s2, wanted, loud, setup.floor_masses_kg)
+    except InputError as error:
+        raise RigError(f"identification of rig {setup.rig.name}: {'; '.join(error.faults)}") from error
+
+
+def probed(setup: Setup, progress: Progress, stream: int = PROBE) -> tuple[Excitation, Record]:
+    """Play the low-level record and return its plan and what was measured."""
+    options = setup.case.identification
+    low = probe.probe_plan(setup.rig, excitation_settings(options), options.seed)
+    seconds = low.command_v.size * setup.rig.dt_s
+    progress(f"probe of {seconds:.0f} s at {low.accel_rms_m_s2:.2g} m/s^2 rms")
+    command, corrected, _ = excite(setup, low.command_v, stream=(stream,))
+    return low, Record(command, corrected, low.parts)
+
+
+def _lines(setup: Setup, played: Excitation, level: Level) -> tuple[tuple[str, str], ...]:
+    """Return what the page says about the excitation."""
+    options = setup.case.identification
+    count = f"{options.records} records of " if options.records > 1 else ""
+    signal = (
+        f"{options.excitation}, {count}{options.duration_s:g} s, {options.low_hz:g}-{options.high_hz:g} Hz, "
+        f"{played.accel_rms_m_s2:.3g} m/s^2 rms below 12 Hz, seed {options.seed}"
+    )
+    reach = ", ".join(f"{name} {entry.share:.0%}" for name, entry in level.reach.items())
+    return (("excitation", signal), ("predicted reach", f"{reach} of the limits"), *processing(options))
+
+
+def processing(options: IdentificationSpec) -> tuple[tuple[str, str], ...]:
+    """Return what the page says about the evaluation."""
+    sensors = {"removed": "removed", "kept": "kept, the model describes the channels as they are"}
+    latency = {"removed": "removed, an explicit declared delay", "kept": "kept, carried by the roots"}
+    return (
+        ("estimator", options.estimator.capitalize()),
+        ("sensor dynamics", sensors[options.sensor_dynamics]),
+        ("latency", latency[options.latency]),
+    )
+
+
+def excite(setup: Setup, command_v: Array, stream: tuple[int, ...] | None = None) -> tuple[Array, Array, str]:
+    """Play a command (n,) through guard and rig; return it as it left, the corrected channels (c, n), and what to say
+    of samples that were lost and put back.
+
+    `stream` names the rig's noise. Raises LimitError when a limit stopped the excitation, RigError when the rig did.
+    """
+    drive = np.column_stack([command_v, np.zeros((command_v.size, 2))])
+    outcome = _played(setup, drive, stream or (IDENTIFICATION,))
+    where = f"identification of rig {setup.rig.name}, {RECORDS.get((stream or (IDENTIFICATION,))[0], 'record')}"
+    advice = "" if outcome.reason in NOT_BY_MOTION else f"; {ADVICE}"
+    if outcome.rig_fault:
+        raise RigError(f"{where}: {outcome.rig_fault}{advice}")
+    if outcome.stopped_by_limit:
+        raise LimitError(f"{where}: {outcome.stopped_by_limit}{advice}")
+    log = outcome.log
+    lost = losses_of(log.lost, 1e-9 * log.late_ns, setup.rig.dt_s)
+    said = lost.sentence(f"{RECORDS.get((stream or (IDENTIFICATION,))[0], 'record')}") if lost.any else ""
+    return log.command_v, log.corrected, said
+
+
+def _played(setup: Setup, drive: Array, stream: tuple[int, ...]) -> Outcome:
+    """Play an excitation (n, 3) on the rig, a real one in real time."""
+    if not setup.rig.can.counts_steps:
+        from rths_cli.experiment.real_rig import excited
+
+        return excited(setup, _listening(setup), drive)
+    rig = open_rig(setup, stream, setup.case.identification.seed)
+    blocks, limits = _listening(setup), guard_limits(setup)
+    return interruptible(lambda: play(rig, setup.rig, blocks, EXCITATION, drive, limits))
+
+
+def _listening(setup: Setup) -> Blocks:
+    """Return blocks that only correct the sensors; an excitation uses no others."""
+    dt, channels = setup.rig.dt_s, len(setup.rig.channels)
+    silent = static(np.zeros((1, channels)), dt, "kalman", (), ())
+    return Blocks(
+        correction=sensor_correction.correction(setup.rig.channels, dt, setup.removes_sensors),
+        estimator=silent,
+        numerical=numerical_substructure.interface(setup.building.numerical, dt),
+        feedforward=feedforward.direct(setup.rig.gain_m_per_v, dt),
+        feedback=feedback.none(dt),
+        shear_estimate=np.zeros(1),
+        shear_recent=np.zeros(0),
+        shear_measured=np.zeros(channels),
+        shear_desired=0.0,
+        latency_samples=setup.rig.latency_samples,
+    )

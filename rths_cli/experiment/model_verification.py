@@ -1,0 +1,94 @@
+"""Is a stored model still that of the rig? A 20 s record at low level, before the model drives anything."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rths_cli.experiment.identify import probed
+from rths_cli.experiment.rig_access import VERIFICATION
+from rths_cli.experiment.setup import Progress, Setup
+from rths_cli.identification import channel_signals, verdict
+from rths_cli.identification.frequency_response import over_model
+from rths_cli.identification.recorded_data import Record
+from rths_cli.identification.results import Identification, LevelBand, SpecimenFit
+from rths_cli.identification.specimen_fit import Motion, Start, fit_stretches
+from rths_cli.identification.specimen_motions import without_staircase
+
+SEGMENTS = 5
+HIGHEST_HZ = 40.0
+SIGMA = 3.0
+SHARE, SHARE_UNSEEN, SHARE_ABOVE = 0.01, 0.06, 0.10  # change let pass: below 11 Hz; without a low level then; above
+# Change let pass of a mode: (df / f) / ratio and (d ratio) / ratio, which err alike at the table's zero there.
+FREQUENCY_SHARE, DAMPING_SHARE = 0.05, 0.05
+
+
+def verify(setup: Setup, known: Identification, progress: Progress) -> tuple[tuple[str, ...], str]:
+    """Play the low-level record and compare; return why the model must not be used, and a sentence on what was seen.
+
+    Friction makes a low level differ from a full one: where the model's own identification had such a record too, the
+    two are compared with each other.
+    """
+    _, record = probed(setup, progress, VERIFICATION)
+    faults = channel_signals.signal_faults(record, setup.rig)
+    if faults:
+        return tuple(faults), "verification: channels unusable"
+    changes = changed_bands(known, record)
+    reasons = [_band_sentence(band, change) for band, change, allowed in changes if not change <= allowed]
+    reasons += specimen_changes(setup, known, record)
+    worst = max((change for band, change, _ in changes if band.high_hz <= channel_signals.COMPARED_HZ[1]), default=0.0)
+    return tuple(reasons), f"verified by a low-level record: table within {worst:.1%} of the model up to 11 Hz"
+
+
+def changed_bands(known: Identification, record: Record) -> list[tuple[LevelBand, float, float]]:
+    """Return per band the new record over the model (and over the stored record at low level), the change, and what
+    is let pass."""
+    length_s = (record.parts.noise.stop - record.parts.noise.start) * known.best.dt_s
+    now = over_model(known.best, [record], known.best.band_hz, length_s / SEGMENTS)
+    then = {band.low_hz: band for band in known.levels}
+    found = []
+    for band in verdict.level_bands(now, None):
+        if band.high_hz > HIGHEST_HZ:
+            continue
+        before = then.get(band.low_hz)
+        ratio = band.ratio / (before.ratio if before else 1.0)
+        error = float(np.hypot(band.error, before.error if before else 0.0))
+        share = SHARE if before else SHARE_UNSEEN
+        share = share if band.high_hz <= channel_signals.COMPARED_HZ[1] else SHARE_ABOVE
+        found.append((band, abs(ratio - 1.0), share + SIGMA * error))
+    return found
+
+
+def _band_sentence(band: LevelBand, change: float) -> str:
+    return (
+        f"the table answers {change:.1%} differently from the model in {band.low_hz:g}-{band.high_hz:g} Hz; it or its "
+        "specimen has changed, identify again"
+    )
+
+
+def specimen_changes(setup: Setup, known: Identification, record: Record) -> list[str]:
+    """Return a sentence for each mode of the specimen that is not what it was."""
+    if known.specimen is None:
+        return []
+    now = seen_specimen(setup, known, record)
+    before = known.specimen
+    found = []
+    for mode in range(len(before.natural_frequency_hz)):
+        hz, was = now.natural_frequency_hz[mode], before.natural_frequency_hz[mode]
+        ratio, ratio_was = now.damping_ratio[mode], before.damping_ratio[mode]
+        off = abs(hz - was) > FREQUENCY_SHARE * ratio_was * was + SIGMA * now.frequency_error_hz[mode]
+        damped = abs(ratio - ratio_was) > DAMPING_SHARE * ratio_was + SIGMA * now.damping_error[mode]
+        if off or damped:
+            found.append(
+                f"specimen mode {mode + 1} is at {hz:.3f} Hz with {ratio:.2%}, the model was made with {was:.3f} Hz "
+                f"and {ratio_was:.2%}; it has changed, identify again"
+            )
+    return found
+
+
+def seen_specimen(setup: Setup, known: Identification, record: Record) -> SpecimenFit:
+    """Return the specimen that a record shows, starting from the known one."""
+    assert known.specimen is not None
+    table = without_staircase(record.accel_m_s2[0], record.command_v, known.best)
+    motion = Motion(table, record.accel_m_s2[1:]).cut(record.parts.noise)
+    first = Start(known.specimen.stiffness_n_per_m, known.specimen.damping_ratio)
+    return fit_stretches([motion], setup.rig.dt_s, setup.floor_masses_kg, known.best.band_hz[0], first, free=False)

@@ -1,0 +1,92 @@
+"""A real table moves only when somebody said that it may."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rths_cli.errors import InputError
+from rths_cli.experiment.setup import Setup
+from rths_cli.rigs.description import RigInfo
+
+if TYPE_CHECKING:
+    from rths_cli.quantities import Values
+
+PEAKS = {
+    "displacement_m": (1e3, "mm"), "velocity_m_s": (1.0, "m/s"), "acceleration_m_s2": (1.0, "m/s^2"),
+    "force_n": (1.0, "N"),
+}  # fmt: skip
+BEFORE_MOVING = (
+    "The emergency stop works without this computer, and somebody stands beside it.",
+    "Nobody is within reach of table and specimen; the specimen is bolted down and its guards are in place.",
+    "The table stands at mid-stroke and its own controller is switched on.",
+    "Every sensor is connected, in the order of the rig file.",
+)
+
+
+Predicted = Callable[["Setup"], "Values"]
+
+
+def _nothing_predicted(setup: Setup) -> Values:
+    """Return no figures."""
+    return {}
+
+
+def ask_to_move(
+    setups: Sequence[Setup],
+    yes: bool,
+    confirm: Callable[[Sequence[str]], bool],
+    predicted: Predicted = _nothing_predicted,
+) -> None:
+    """Have a person confirm that the real rigs of these cases may move; raises InputError when they may not.
+
+    `predicted` returns the figures of a case's check, `check.*`, where one was made: the question then names the peaks.
+
+    `yes` answers for rigs whose own file says `unattended: true`, and for no other.
+    """
+    real = [setup for setup in setups if setup.rig.can.moves_hardware]
+    if not real:
+        return
+    attended = [setup.rig.name for setup in real if not setup.rig.unattended]
+    if yes:
+        if attended:
+            raise InputError(
+                f"--yes: rig {attended[0]} does not say `unattended: true` in a file of its own; "
+                "a person has to confirm here"
+            )
+        return
+    if sys.stdin is None or not sys.stdin.isatty():
+        raise InputError("nobody can be asked here; --yes moves rigs whose file says `unattended: true`")
+    motions = [f"{setup.case.name}: {_motion(setup)}{_peaks(predicted(setup))}" for setup in real]
+    rigs = dict.fromkeys(_about(setup.rig) for setup in real)
+    if not confirm(["This moves a table:", *motions, *rigs, *BEFORE_MOVING]):
+        raise InputError("not confirmed; nothing was moved")
+
+
+def _motion(setup: Setup) -> str:
+    """Return what is played, and for how long."""
+    time_s, accel = setup.motion.time_s, setup.motion.accel_m_s2
+    return (
+        f"record {setup.case.record.name} times {setup.case.scaling:g}, {time_s[-1]:.0f} s, "
+        f"ground {np.abs(accel).max():.3g} m/s^2"
+    )
+
+
+def _peaks(figures: Values) -> str:
+    """Return the peaks that a check predicts of the table, empty without one."""
+    known = [(path, figures[f"check.peak_{path}"]) for path in PEAKS if f"check.peak_{path}" in figures]
+    told = ", ".join(f"{float(np.max(peak)) * PEAKS[path][0]:.3g} {PEAKS[path][1]}" for path, peak in known)
+    return f"; predicted peaks of the table {told}" if told else ""
+
+
+def _about(rig: RigInfo) -> str:
+    """Return what a rig may do, in one line."""
+    limits = rig.limits
+    return (
+        f"rig {rig.name} ({', '.join(filter(None, (rig.kind, rig.driver_verified)))}) at {1.0 / rig.dt_s:g} Hz, within "
+        f"{1e3 * limits.stroke_m:g} mm, {limits.velocity_m_s:g} m/s, {limits.acceleration_m_s2:g} m/s^2, "
+        f"{limits.force_n:g} N"
+    )

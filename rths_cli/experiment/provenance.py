@@ -1,0 +1,99 @@
+"""Where a result comes from: the root attributes of its file."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+import subprocess
+from datetime import UTC, datetime
+from functools import cache
+from importlib.metadata import PackageNotFoundError, distribution
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rths_cli.version import __version__
+
+if TYPE_CHECKING:
+    from rths_cli.experiment.design import Design
+    from rths_cli.experiment.setup import Setup
+    from rths_cli.numerics.lti import Model
+
+PACKAGES = ("numpy", "scipy", "numba", "h5py", "pydantic")
+
+
+def attributes(setup: Setup, design: Design | None, command_line: str) -> dict[str, str | int | float]:
+    """Return the root attributes of a result file except format, status and reason."""
+    case = setup.case
+    published = case.published()
+    return {
+        "case_name": case.name,
+        "created_utc": datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%SZ"),
+        "rths_version": __version__,
+        "seed": case.seed,
+        "sample_rate_hz": case.sample_rate_hz,
+        "method": case.method,
+        "rig": case.table.name,
+        "rig_kind": case.table.kind,
+        "driver_verified": "",  # nothing is verified before a rig was opened; the stage that plays on it says so
+        "overrides": " ".join(setup.overrides),
+        "command_line": command_line,
+        "platform": _platform(),
+        "package_versions": _versions(),
+        "git_commit": git_commit(),
+        "record_sha256": setup.record_sha256,
+        "model_sha256": model_sha256(design.model) if design else "",
+        "record_name": case.record.name,
+        "damping_name": case.damping.name,
+        "controller": case.controller.kind,
+        "scaling": case.scaling,
+        "reference_title": case.reference.title if case.reference else "",
+        "reference_json": json.dumps(published) if published else "",
+    }
+
+
+def model_sha256(model: Model) -> str:
+    """Return the hash of a table model's numbers."""
+    digest = hashlib.sha256()
+    for part in (model.zeros, model.poles):
+        digest.update(part.tobytes())
+    digest.update(repr((model.gain, model.delay_s, model.ripple_m_s2_per_v, model.coupling_hz)).encode())
+    return digest.hexdigest()
+
+
+@cache
+def _platform() -> str:
+    return platform.platform()
+
+
+@cache
+def _versions() -> str:
+    """Return Python's version and those of the packages as JSON."""
+    return json.dumps({"python": platform.python_version(), **{name: package_version(name) for name in PACKAGES}})
+
+
+def package_version(name: str) -> str:
+    """Return the version of an installed package, "unknown" where it does not say.
+
+    Its line is looked for: to take the whole text apart, as importlib does, costs ten times as much.
+    """
+    try:
+        told = distribution(name).read_text("METADATA") or ""
+    except PackageNotFoundError:
+        return "unknown"
+    return next((line[9:].strip() for line in told.splitlines() if line.startswith("Version: ")), "unknown")
+
+
+@cache
+def git_commit() -> str:
+    """Return the commit of the source tree rths runs from, empty when it runs from an installed package."""
+    root = Path(__file__).resolve().parents[2]
+    if not (root / ".git").exists():
+        return ""
+    try:
+        done = subprocess.run(
+            ["git", "-C", str(root), "rev-parse", "HEAD"], capture_output=True, text=True, timeout=5, check=False
+        )
+    except (OSError, subprocess.TimeoutExpired):
+        return ""
+    return done.stdout.strip()

@@ -1,0 +1,75 @@
+"""Open the rig a setup names, and the limits its guard holds."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rths_cli.case.rig_schema import DEFAULT_ENERGY_RATIO
+from rths_cli.rigs.from_case import driver, virtual_driver
+
+if TYPE_CHECKING:
+    from rths_cli.experiment.setup import Setup
+    from rths_cli.loop.guard import GuardLimits
+    from rths_cli.rigs.description import RigInfo
+    from rths_cli.rigs.interface import Rig
+    from rths_cli.rigs.virtual.virtual_rig import VirtualRig
+
+# noise streams: dropping one run changes no other
+IDENTIFICATION, SHAKE_TABLE, EXP_RTHS, PROBE, VERIFICATION = 1, 2, 3, 4, 5
+BEFORE = (IDENTIFICATION, PROBE)
+AT_REST_SHARE = 0.02  # of the velocity limit: noise moves a specimen at rest by less
+
+
+def open_rig(setup: Setup, stream: tuple[int, ...], seed: int) -> Rig:
+    """Return the case's rig, made but not opened: nothing is connected, nothing moves.
+
+    On a virtual rig `stream` and `seed` name the noise of one run, before or after the change that the rig file states
+    under `after_identification`. Raises InputError or RigError when a plug-in cannot make its rig.
+    """
+    return driver(setup.case, setup.rig, setup.building, (seed, *stream), _changed(stream))
+
+
+def open_virtual(setup: Setup, stream: tuple[int, ...], seed: int) -> VirtualRig:
+    """Return the case's virtual rig with the noise stream of one run."""
+    return virtual_driver(setup.case, setup.rig, setup.building, (seed, *stream), _changed(stream))
+
+
+def _changed(stream: tuple[int, ...]) -> bool:
+    """Tell whether a run comes after the change that a rig file states under `after_identification`."""
+    return bool(stream) and stream[0] not in BEFORE
+
+
+def guard_limits(setup: Setup) -> GuardLimits:
+    """Return the guard's constants for the case's rig."""
+    from rths_cli.loop.guard import STUCK_BITS, GuardLimits
+
+    rig = setup.rig
+    bits = np.array([rig.converters.step_v / c.sensitivity_v_per_m_s2 for c in rig.channels])
+    saturation = [min(c.range_m_s2 * c.sensitivity_v_per_m_s2, rig.converters.range_v) for c in rig.channels]
+    return GuardLimits(
+        stroke_m=rig.limits.stroke_m,
+        velocity_m_s=rig.limits.velocity_m_s,
+        acceleration_m_s2=rig.limits.acceleration_m_s2,
+        force_n=rig.limits.force_n,
+        command_v=rig.converters.range_v,
+        tracking_error_m_s2=rig.limits.tracking_error_m_s2,
+        gain_m_per_v=rig.gain_m_per_v,
+        dt_s=rig.dt_s,
+        masses_kg=np.concatenate([[rig.moving_mass_kg], setup.floor_masses_kg]),
+        saturation_v=0.999 * np.array(saturation),
+        stuck_m_s2=np.where(bits > 0.0, STUCK_BITS * bits, math.inf),
+        abort_m_s2=np.array([min(c.abort_m_s2, rig.limits.acceleration_m_s2) for c in rig.channels]),
+        command_rate_v_s=rig.limits.command_rate_v_s,
+        energy_ratio=_energy_ratio(rig),
+        energy_floor_j=0.5 * rig.specimen_mass_kg * (AT_REST_SHARE * rig.limits.velocity_m_s) ** 2,
+    )
+
+
+def _energy_ratio(rig: RigInfo) -> float:
+    """Return how much energy the table's errors may add, of that exchanged; off on a virtual rig that states none."""
+    if math.isfinite(rig.limits.energy_ratio) or not rig.can.moves_hardware:
+        return rig.limits.energy_ratio
+    return DEFAULT_ENERGY_RATIO

@@ -1,0 +1,219 @@
+"""Run cases: identify, design, SIM, SIM-DELAY, shake-table test, EXP-RTHS, and write one result file each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rths_cli.analysis.critical_delay import critical_delay
+from rths_cli.analysis.metrics import accept_limits
+from rths_cli.analysis.sim import simulate
+from rths_cli.analysis.sim_delay import simulate_delayed
+from rths_cli.case.load import resolved_yaml
+from rths_cli.experiment import result_contents, run_metrics
+from rths_cli.experiment.check_cases import Verdict, verdict_on
+from rths_cli.experiment.lowest_frequency import lowest_reliable_hz
+from rths_cli.experiment.model_registry import Known, Memory
+from rths_cli.experiment.output_files import try_folder
+from rths_cli.experiment.provenance import attributes
+from rths_cli.experiment.setup import Progress, Setup, building_key, make_setups, motion_key
+from rths_cli.experiment.shared_designs import Kept
+from rths_cli.experiment.table_runs import Played, Stage, Stop, VirtualStage, play_all, refused
+from rths_cli.experiment.warnings import of_case
+from rths_cli.files.result_reader import ResultWriter
+from rths_cli.interrupts import interruptible
+from rths_cli.report.dropout_sentence import losses_of_runs
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from rths_cli.analysis.sim import Response
+    from rths_cli.analysis.sim_delay import DelayedResponse
+    from rths_cli.case.case_schema import Case
+    from rths_cli.quantities import Values
+
+BYTES_PER_SAMPLE = 600  # of a result file, for the check of free space
+PRECEDENCE = (143, 130, 5, 4, 3, 2, 1)  # of exit codes
+LOG_BYTES_PER_SAMPLE = 400  # of the raw logs of two runs on a real rig
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How one case ended: its file (None when nothing was written), status, reason and exit code."""
+
+    name: str
+    path: Path | None
+    status: str
+    reason: str
+    exit_code: int
+    warnings: tuple[str, ...] = ()
+    replaced: bool = False
+
+
+def prepare_all(
+    cases: Sequence[Case], output: Path, overrides: tuple[str, ...] = (), kept: Kept | None = None
+) -> list[Setup]:
+    """Read and check everything of every case before the first one starts; raises InputError with all faults."""
+    setups = make_setups(cases, overrides, kept)
+    try_folder(output, sum(_bytes(setup) for setup in setups))
+    return setups
+
+
+def _bytes(setup: Setup) -> int:
+    """Return how much room the files of a case may take."""
+    logged = LOG_BYTES_PER_SAMPLE if setup.rig.can.moves_hardware else 0
+    return (BYTES_PER_SAMPLE + logged) * len(setup.motion.time_s)
+
+
+def moves_table(case: Case) -> bool:
+    """Tell whether a case has a run on the table."""
+    return bool({"shake_table", "exp_rths"} & set(case.runs))
+
+
+def run_case(
+    setup: Setup,
+    path: Path,
+    memory: Memory,
+    command_line: str,
+    progress: Progress,
+    kept: Kept | None = None,
+    stage: Stage | None = None,
+) -> Ended:
+    """Run one case and write its result file; raises InputError when it cannot be run or written.
+
+    With `kept`, cases share what they have in common. `stage` plays the runs, on a virtual rig when there is none.
+    """
+    case, kept = setup.case, kept or Kept()
+    known = memory.known(setup, progress) if moves_table(case) else None
+    checked = verdict_on(setup, known, "exp_rths" in case.runs, kept=kept) if known else None
+    cautions, replaced = _cautions(setup, known, checked), path.exists()
+    about = _attributes(setup, checked, known, command_line, cautions)
+    with ResultWriter(path, about, lasting=setup.rig.can.moves_hardware) as writer:
+        writer.case(case.yaml_text, resolved_yaml(case))
+        result_contents.write_record(writer, setup)
+        sim, values = _simulations(setup, writer, kept, progress)
+        played = Played(None, {})
+        if known is not None and checked is not None:
+            played = _on_table(setup, known, checked, sim, writer, progress, stage or VirtualStage())
+            values |= played.values
+            cautions = (*cautions, *played.said)
+        cautions = (*cautions, *losses_of_runs(values))
+        late = (played.late.reason,) if played.late else ()
+        if cautions or late:
+            writer.about({"warnings": "\n".join((*cautions, *late))})
+        writer.metrics(values, {**result_contents.remarks(), **played.remarks})
+        stop = _also(played.stop or acceptance(case.accept, values), played.late)
+        writer.finish(stop.status, stop.reason)  # type: ignore[arg-type]
+    if stage is not None:
+        stage.written()
+    return Ended(case.name, path, stop.status, stop.reason, stop.exit_code, cautions, replaced)
+
+
+def _also(stop: Stop, late: Stop | None) -> Stop:
+    """Return how a case ended, with what ended a run after its record was whole."""
+    if late is None or late.reason in stop.reason:
+        return stop
+    reason = "; ".join(filter(None, (stop.reason, late.reason)))
+    return replace(stop, reason=reason, exit_code=worst_code((stop.exit_code, late.exit_code)))
+
+
+def worst_code(codes: Iterable[int]) -> int:
+    """Return which of several exit codes is told: 0 where all are."""
+    there = set(codes)
+    return next((code for code in PRECEDENCE if code in there), 0)
+
+
+def _cautions(setup: Setup, known: Known | None, checked: Verdict | None) -> tuple[str, ...]:
+    """Return what a user should read before trusting the result."""
+    said = of_case(setup, known.found if known else None, checked.design if checked else None)
+    if checked is None or not checked.refused or "check" not in setup.overrides:
+        return said
+    return (*said, f"the check of EXP-RTHS is overridden, it says {checked.verdict}: {'; '.join(checked.reasons)}")
+
+
+def _attributes(
+    setup: Setup, checked: Verdict | None, known: Known | None, command_line: str, cautions: Sequence[str]
+) -> dict[str, str | int | float]:
+    """Return the root attributes of the result file."""
+    model = {"model_source": known.source if known else "", "warnings": "\n".join(cautions)}
+    verdict = {"check_verdict": checked.verdict if checked else ""}
+    return attributes(setup, checked.design if checked else None, command_line) | model | verdict
+
+
+def _on_table(
+    setup: Setup, known: Known, checked: Verdict, sim: Response, writer: ResultWriter, progress: Progress, stage: Stage
+) -> Played:
+    """Write what is known of rig and blocks, and play the table runs."""
+    design = checked.design
+    if design is None:
+        return Played(refused(writer, setup.case.runs, "; ".join(checked.reasons)), {})
+    result_contents.write_identification(writer, known.found, design)
+    result_contents.write_controller(writer, design)
+    values = result_contents.design_figures(setup, known.found, design) | checked.figures
+    rejected = known.faults(setup.overrides)
+    if rejected:
+        return Played(refused(writer, setup.case.runs, rejected[0]), values)
+    played = play_all(setup, known.found, checked, design, sim, writer, progress, stage)
+    return replace(played, values=values | played.values)
+
+
+def _simulations(
+    setup: Setup, writer: ResultWriter, kept: Kept, progress: Progress
+) -> tuple[Response, dict[str, ArrayLike]]:
+    """Write SIM and SIM-DELAY; return SIM, which every error is measured against, and the figures."""
+    case, dt, ground = setup.case, setup.rig.dt_s, setup.motion.accel_m_s2
+    asked = (motion_key(case), building_key(case))
+    progress("SIM")
+    sim = kept.get("sim", asked, lambda: interruptible(lambda: simulate(setup.building, dt, ground)))
+    values: dict[str, ArrayLike] = {}
+    if "sim" in case.runs:
+        result_contents.write_response(writer, "sim", setup, sim)
+        values["sim.solution_error"] = sim.error_estimate
+    if "sim_delay" in case.runs:
+        progress(f"SIM-DELAY, {1e3 * case.delay_s:g} ms")
+        delayed, found = kept.get(
+            "sim_delay",
+            (*asked, case.delay_s, lowest_reliable_hz(setup)),
+            lambda: interruptible(lambda: _sim_delay(setup, sim)),
+        )
+        result_contents.write_response(writer, "sim_delay", setup, delayed)
+        values |= found
+    return sim, values
+
+
+def _sim_delay(setup: Setup, sim: Response) -> tuple[DelayedResponse, dict[str, ArrayLike]]:
+    """Return SIM-DELAY and its figures."""
+    dt, building = setup.rig.dt_s, setup.building
+    delayed = simulate_delayed(building, dt, setup.motion.accel_m_s2, setup.case.delay_s, sim=sim)
+    lowest_hz = lowest_reliable_hz(setup)
+    values = run_metrics.against_sim("sim_delay", sim.abs_accel_m_s2, delayed.abs_accel_m_s2, None, dt, lowest_hz)
+    values["sim_delay.high_pass_hz"] = lowest_hz
+    values["sim_delay.solution_error"] = delayed.error_estimate
+    critical = critical_delay(building).delay_s
+    if math.isfinite(critical):  # no delay does it where this is infinite
+        values["sim_delay.critical_delay_s"] = critical
+    if delayed.diverged_at_s is not None:
+        values["sim_delay.diverged_at_s"] = delayed.diverged_at_s
+    return delayed, values
+
+
+def acceptance(limits: Mapping[str, float], values: Values) -> Stop:
+    """Return how a completed case ends: accepted, or refused by one of its own limits on figures."""
+    failed = []
+    for path, limit in limits.items():
+        found = values.get(accept_limits.figure(path))
+        if found is None:
+            failed.append(f"{path} was not computed")
+            continue
+        judged = accept_limits.judge(path, limit, found)
+        if judged.value is None:
+            count = np.size(found)
+            failed.append(f"{path}: the figure has {count} value{'s' if count > 1 else ''}")
+        elif not judged.met:
+            failed.append(f"{path} = {judged.value:.4g} is beyond its accept limit {limit:g}")
+    return Stop("complete", "; ".join(failed), 1 if failed else 0)

@@ -1,0 +1,228 @@
+"""Offset, drift and jumps of the channels in a run, told and taken out of its samples once the table is at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rths_cli.analysis.identified_rig import identified_rig
+from rths_cli.analysis.sensor_drift import ChannelDrift, channel_drifts, coupled_again
+from rths_cli.loop import guard
+from rths_cli.loop.block_replay import run_block
+from rths_cli.numerics.lti import Block
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from rths_cli.control.blocks import Blocks
+    from rths_cli.experiment.setup import Setup
+    from rths_cli.identification.results import Identification
+    from rths_cli.loop.counted_clock import Outcome, Whole
+    from rths_cli.numerics.lti import Array
+    from rths_cli.rigs.description import RigInfo
+
+SHORTEST_S = 3.0  # of a run that tells drift from motion
+TOLD_BY = (
+    guard.NONE, guard.END, guard.STROKE, guard.VELOCITY, guard.ACCELERATION, guard.FORCE, guard.COMMAND, guard.RATE,
+    guard.TRACKING, guard.ENERGY, guard.RIG_FAULT,
+)  # fmt: skip
+"""Ends of runs of which drift and jumps are told: of others the guard has named sensor, link or operator already."""
+UNSETTLED_S = 0.3  # after samples were missing: the table may have moved otherwise, and samples are taken in gradually
+LEAST_SHARE = 0.5  # of a run, of which there must be samples
+BLOCKS, NUMBERS = ("plant", "rig_correction", "correction", "estimator"), ("change", "total", "late")  # of Expected
+MOST_LATE = 1000  # intervals
+IMPACT_S = 0.1  # before a rig ended a run, in which the table may have met its end stop
+
+
+@dataclass(frozen=True)
+class SensorDrift:
+    """What the channels of a run show beside motion, and `removed` (c, n) m/s^2, on the log's clock from the record's
+    first step on: what of that stood in the step's corrected samples. `first`: the sample of the record's start."""
+
+    channels: tuple[ChannelDrift, ...]
+    removed: Array
+    first: int
+
+    @property
+    def any(self) -> bool:
+        """Tell whether anything was taken out."""
+        return bool(self.removed.any())
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What the channels of a run are compared with: the blocks that make of commands in V what the identified rig shows
+    (`plant`), of that the accelerations that stand in the step's corrected samples (`rig_correction`), and the step's
+    own correction and estimator; `change`, `total`: m/s^2 per V of difference and of sum of the last two commands,
+    `late` intervals ago."""
+
+    plant: Block
+    rig_correction: Block
+    correction: Block
+    estimator: Block
+    change: float
+    total: float
+    late: int
+
+    def answer(self, command_v: Array) -> Array:
+        """Return what the identified rig answers to commands (n,), as corrected samples (c, n)."""
+        answer = run_block(self.rig_correction, run_block(self.plant, command_v[None]))
+        earlier = np.concatenate([np.zeros(self.late + 1), command_v])
+        now, before = earlier[1 : command_v.size + 1], earlier[: command_v.size]
+        answer[0] += self.change * (now - before) + self.total * (now + before)
+        return answer
+
+
+def as_stored(expected: Expected) -> dict[str, Any]:
+    """Return what `as_read` makes the same of, for JSON."""
+    numbers = {name: getattr(expected, name) for name in NUMBERS}
+    blocks = {name: getattr(expected, name) for name in BLOCKS}
+    return numbers | {
+        name: {part: getattr(block, part).tolist() for part in "ABCD"} | {"dt_s": block.dt_s}
+        for name, block in blocks.items()
+    }
+
+
+def as_read(stored: Mapping[str, Any], channels: int) -> Expected:
+    """Return what was stored; raise ValueError where it does not fit a rig of so many channels."""
+    try:
+        blocks = {name: _block(name, stored[name]) for name in BLOCKS}
+        numbers = {name: float(stored[name]) for name in NUMBERS}
+        late = int(numbers["late"])
+    except (KeyError, TypeError, OverflowError) as error:
+        raise ValueError(f"{type(error).__name__}: {error}") from error
+    fits = blocks["plant"].D.shape[1] == 1 and len(blocks["plant"].D) == blocks["rig_correction"].D.shape[1]
+    fits &= len(blocks["rig_correction"].D) == channels and blocks["correction"].D.shape == (channels, channels)
+    fits &= blocks["estimator"].D.shape[1] == channels and 1 <= late <= MOST_LATE
+    if not fits or not np.isfinite([numbers["change"], numbers["total"]]).all():
+        raise ValueError("blocks that do not fit the rig")
+    return Expected(**blocks, change=numbers["change"], total=numbers["total"], late=late)
+
+
+def _block(name: str, stored: Mapping[str, Any]) -> Block:
+    """Return a stored block; raise ValueError where its matrices do not fit each other."""
+    a, b, c, d = (np.array(stored[part], dtype=float) for part in "ABCD")
+    states, outputs, inputs = len(a), d.shape[0], d.shape[-1]
+    if d.ndim != 2 or not all(np.isfinite(part).all() for part in (a, b, c, d)):
+        raise ValueError(f"{name} is no block")
+    shapes = ((states, states), (states, inputs), (outputs, states))
+    a, b, c = (part.reshape(shape) for part, shape in zip((a, b, c), shapes, strict=True))
+    return Block(name, a, b, c, d, float(stored["dt_s"]))
+
+
+def expected_of(setup: Setup, identified: Identification, blocks: Blocks) -> Expected:
+    """Return what the channels of a run of these blocks are compared with."""
+    assert identified.specimen is not None  # every case has experimental storeys
+    rig = identified_rig(identified.best, identified.specimen.specimen, setup.rig, setup.removes_sensors)
+    late = max(rig.latency_samples, 1)
+    return Expected(rig.plant, rig.correction, blocks.correction, blocks.estimator, *rig.alias_left(blocks), late)
+
+
+def drift_of(setup: Setup, expected: Expected, outcome: Outcome) -> SensorDrift | None:
+    """Return what the channels of a run show beside the motion that the identified rig makes of its commands.
+
+    What they showed while samples were missing, and shortly after, tells nothing and is drawn straight.
+    Of a run that the rig ended, what came before: a drift may have driven the table to where the rig gave up. None for
+    a run that was not watched at rest before its record, was short, or ended for another reason than motion.
+    """
+    dt, whole = setup.rig.dt_s, outcome.whole
+    if whole is None or not (outcome.played or outcome.reason in TOLD_BY):
+        return None
+    missing = _untold(whole, dt)
+    judged = slice(0, min(_judged_samples(outcome, whole, dt), _last_told(missing)))
+    command_v, corrected = whole.command_v[judged], whole.corrected[:, judged]
+    told = ~missing[judged]
+    if command_v.size * dt < SHORTEST_S or told.mean() < LEAST_SHARE or not np.isfinite(corrected).all():
+        return None
+    removes = setup.removes_sensors
+    corners = [channel.high_pass_hz if removes else 0.0 for channel in setup.rig.channels]
+    left = _bridged(coupled_again(corrected - expected.answer(command_v), corners, dt), told)
+    sizes = sensitivities(setup.rig)
+    channels = channel_drifts(left, dt, setup.rig.converters.step_v / sizes)
+    samples = whole.command_v.size
+    shown = np.array([each.shown(samples, dt) if stands_out(each) else np.zeros(samples) for each in channels])
+    removed = run_block(expected.correction, sizes[:, None] * shown) if shown.any() else np.zeros_like(shown)
+    return SensorDrift(channels, removed[:, whole.first :], whole.first)
+
+
+def _judged_samples(outcome: Outcome, whole: Whole, dt_s: float) -> int:
+    """Return how many of a run's first samples tell of its sensors: all, or those well before the rig ended it."""
+    if outcome.reason == guard.RIG_FAULT:
+        return max(whole.first + round((outcome.stopped_at_s - IMPACT_S) / dt_s), 0)
+    return max(whole.command_v.size - (round(IMPACT_S / dt_s) if outcome.rig_fault else 0), 0)
+
+
+def _untold(whole: Whole, dt_s: float) -> NDArray[np.bool_]:
+    """Return the steps (n,) whose samples were missing, or came so shortly after that they tell nothing."""
+    if whole.missing is None:
+        return np.zeros(whole.command_v.size, dtype=bool)
+    return np.asarray(np.convolve(whole.missing, np.ones(1 + round(UNSETTLED_S / dt_s)))[: whole.missing.size] > 0.5)
+
+
+def _last_told(missing: NDArray[np.bool_]) -> int:
+    """Return how many of the first steps end with one that tells something."""
+    return 1 + int(np.max(np.flatnonzero(~missing), initial=-1))
+
+
+def _bridged(series: Array, told: NDArray[np.bool_]) -> Array:
+    """Return series (c, n) with straight lines where they tell nothing."""
+    if told.all():
+        return series
+    k, there = np.arange(told.size), np.flatnonzero(told)
+    return np.array([np.interp(k, there, row[there]) for row in series])
+
+
+def stands_out(channel: ChannelDrift) -> bool:
+    """Tell whether a channel has an offset, a drift or jumps that are more than their uncertainties."""
+    return channel.drifts or bool(channel.jumps) or channel.unusable_from is not None
+
+
+def sensitivities(rig: RigInfo) -> Array:
+    """Return V per m/s^2 of each channel, without its sign."""
+    return np.array([channel.sensitivity_v_per_m_s2 for channel in rig.channels])
+
+
+def as_figures(run: str, found: SensorDrift, setup: Setup, lead_samples: int) -> dict[str, ArrayLike]:
+    """Return offset, drift and jumps of each channel in the channel's unit."""
+    sizes, dt, end = sensitivities(setup.rig) * setup.rig.signs, setup.rig.dt_s, len(setup.motion.time_s)
+    start = found.first + lead_samples
+
+    def until(each: ChannelDrift) -> float:
+        return dt * (end if each.unusable_from is None else max(min(each.unusable_from - start, end), 0))
+
+    values = {
+        "sensor_offset_v": sizes * [each.offset for each in found.channels],
+        "sensor_offset_uncertainty_v": abs(sizes) * [each.offset_uncertainty for each in found.channels],
+        "sensor_drift_v_per_min": 60.0 * sizes * [each.rate for each in found.channels],
+        "sensor_drift_uncertainty_v_per_min": 60.0 * abs(sizes) * [each.rate_uncertainty for each in found.channels],
+        "sensor_jumps": np.array([float(len(each.jumps)) for each in found.channels]),
+        "sensor_usable_until_s": np.array([until(each) for each in found.channels]),
+    }
+    return {f"{run}.{name}": value for name, value in values.items()}
+
+
+def sentences(label: str, found: SensorDrift, setup: Setup, lead_samples: int) -> list[str]:
+    """Return what a user should know of the channels of a run, each with its unit."""
+    start, dt, said = found.first + lead_samples, setup.rig.dt_s, []
+    for channel, each in zip(setup.rig.channels, found.channels, strict=True):
+        size, who = channel.sign * channel.sensitivity_v_per_m_s2, f"{label}: channel {channel.name}"
+        if each.drifts:
+            off, rate, sure = 1e3 * size * each.offset, 6e4 * size * each.rate, 6e4 * abs(size) * each.rate_uncertainty
+            said.append(
+                f"{who} has an offset of {off:.3g} mV and drifts by {rate:.3g} mV/min (+-{2.0 * sure:.2g}); taken out "
+                "of its samples after the run, the loop had them"
+            )
+        said += [
+            f"{who} jumps by {1e3 * size * jump.size:.3g} mV at {dt * (jump.at - start):.3f} s; taken out of its "
+            "samples after the run, the loop had it; check cable and connector"
+            for jump in each.jumps
+        ]
+        if each.unusable_from is not None:
+            said.append(
+                f"{who} is not usable from {dt * (each.unusable_from - start):.2f} s on: it shows what neither motion "
+                "nor drift explains; check cable, connector and mounting"
+            )
+    return said

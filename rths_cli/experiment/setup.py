@@ -1,0 +1,141 @@
+"""From a case to all that is known before the table moves: ground motion, building, rig."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rths_cli.control.numerical_substructure import check_scheme
+from rths_cli.errors import InputError
+from rths_cli.experiment.ground_motion import GroundMotion, prepare
+from rths_cli.experiment.shared_designs import Kept
+from rths_cli.files.accelerograms import read_accelerogram
+from rths_cli.interrupts import interruptible
+from rths_cli.numerics.lti import Array
+from rths_cli.quantities import metrics_of
+from rths_cli.rigs.description import RigInfo
+from rths_cli.rigs.from_case import rig_info
+from rths_cli.structure import Building, build
+
+if TYPE_CHECKING:
+    from rths_cli.case.case_schema import Case
+
+RUNS = ("sim", "sim_delay", "shake_table", "exp_rths")
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Setup:
+    """What a case means in arrays; `floor_masses_kg` (n_exp,) are weighed; `overrides` as given by --override."""
+
+    case: Case
+    motion: GroundMotion
+    record_sha256: str
+    building: Building
+    rig: RigInfo
+    floor_masses_kg: Array
+    overrides: tuple[str, ...] = ()
+
+    @property
+    def removes_sensors(self) -> bool:
+        """Tell whether the step takes the sensors' known dynamics out of the channels."""
+        return self.case.identification.sensor_dynamics == "removed"
+
+
+def make_setup(case: Case, overrides: tuple[str, ...] = (), kept: Kept | None = None) -> Setup:
+    """Read the record, build the building and the rig's description; raises InputError.
+
+    With `kept`, cases of the same record or building share it.
+    """
+    faults = [*_payload_faults(case), *_accept_faults(case)]
+    if faults:
+        raise InputError(*(f"{shown(case.path)}: {fault}" for fault in faults))
+    kept = kept or Kept()
+    motion, record_sha256 = kept.get("motion", motion_key(case), lambda: interruptible(lambda: ground_motion(case)))
+    building = kept.get(
+        "building", building_key(case), lambda: interruptible(lambda: build(case.structure, case.damping))
+    )
+    check_scheme(building.numerical, 1.0 / case.sample_rate_hz, case.integration)
+    masses = np.asarray(case.structure.experimental.masses_kg, dtype=float)
+    return Setup(case, motion, record_sha256, building, rig_info(case), masses, overrides)
+
+
+def ground_motion(case: Case) -> tuple[GroundMotion, str]:
+    """Return the scaled, filtered record of a case and the hash of its file; raises InputError."""
+    accelerogram = read_accelerogram(case.record.path, case.record.unit, case.record.dt_s)
+    motion = prepare(
+        accelerogram,
+        case.scaling,
+        case.sample_rate_hz,
+        corner_hz=case.record_filter.corner_hz,
+        order=case.record_filter.order,
+    )
+    return motion, accelerogram.sha256
+
+
+def motion_key(case: Case) -> tuple[object, ...]:
+    """Return what the ground motion of a case depends on."""
+    sampling = (case.scaling, case.sample_rate_hz)
+    return (case.record.model_dump_json(), case.record_filter.model_dump_json(), *sampling)
+
+
+def building_key(case: Case) -> tuple[str, str]:
+    """Return what the building of a case depends on."""
+    return case.structure.model_dump_json(), case.damping.model_dump_json()
+
+
+def make_setups(cases: Sequence[Case], overrides: tuple[str, ...] = (), kept: Kept | None = None) -> list[Setup]:
+    """Read and check everything of every case before the first one starts; raises InputError with all faults.
+
+    Cases of the same record or building share it; with `kept`, with those of other calls too.
+    """
+    kept = kept or Kept()
+    setups, faults = [], []
+    for case in cases:
+        try:
+            setups.append(make_setup(case, overrides, kept))
+        except InputError as error:
+            faults += [f"{case.path}: {fault}" if str(case.path) not in fault else fault for fault in error.faults]
+    if faults:
+        raise InputError(*faults)
+    return setups
+
+
+def _payload_faults(case: Case) -> list[str]:
+    """Return a sentence when the specimen is heavier than the data sheet of the table permits."""
+    weight = sum(case.structure.experimental.masses_kg) + case.structure.interface_experimental_mass_kg
+    if weight <= case.table.nominal.payload_kg:
+        return []
+    return [
+        f"structure: the specimen weighs {weight:g} kg, rig {case.table.name} carries at most "
+        f"{case.table.nominal.payload_kg:g} kg (nominal.payload_kg); put fewer storeys on the table"
+    ]
+
+
+def _accept_faults(case: Case) -> list[str]:
+    """Return a sentence for each accepted figure of a run or of its check that does not exist or has no storeys."""
+    known, faults = metrics_of(*RUNS, "check"), []
+    for path in case.accept:
+        name, _, index = path.partition("[")
+        if name.split(".")[0] not in (*RUNS, "check"):
+            continue
+        if name not in known:
+            near = get_close_matches(name, known, 1)
+            advice = f"did you mean {near[0]}?" if near else "rths report --json lists the figures"
+            faults.append(f"accept: there is no figure {name}; {advice}")
+        elif index and not known[name].over:
+            faults.append(f"accept: {name} is one number, not one per storey; drop [{index}")
+    return faults
+
+
+def shown(path: Path) -> str:
+    """Return a path as a user would type it here."""
+    try:
+        return str(path.resolve().relative_to(Path.cwd()))
+    except ValueError:
+        return str(path)

@@ -1,0 +1,69 @@
+"""Sentences a user should read before trusting a result."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rths_cli.structure import modes
+
+if TYPE_CHECKING:
+    from rths_cli.experiment.design import Design
+    from rths_cli.experiment.setup import Setup
+    from rths_cli.identification.results import Identification
+
+FREQUENCY_SHARE, DAMPING_SHARE = 0.02, 0.20
+NEGLIGIBLE = 1e-4  # of a damping ratio or of a Hz
+BANDWIDTH_SHARE = 0.9
+
+
+def of_case(setup: Setup, identified: Identification | None, design: Design | None) -> tuple[str, ...]:
+    """Return what building, identification and controller want said: other solutions, doubts, differences."""
+    found = [*setup.building.notes, *_coupled_sensors(setup)]
+    if identified is not None:
+        found += [*identified.warnings, *identified.reasons, *differences(setup, identified)]
+    if design is not None:
+        found += slower_feedback(setup, design)
+    return tuple(found)
+
+
+def _coupled_sensors(setup: Setup) -> list[str]:
+    """Return a sentence when the step leaves the accelerometers' AC coupling in the samples."""
+    corner = max(channel.high_pass_hz for channel in setup.rig.channels)
+    if setup.removes_sensors or corner == 0.0:
+        return []
+    return [
+        f"identification.sensor_dynamics: kept leaves the accelerometers' AC coupling ({corner:g} Hz) in the base "
+        "shear, which costs a fifth of SIM-DELAY's error on the default rig; the check does not count it; use removed"
+    ]
+
+
+def slower_feedback(setup: Setup, design: Design) -> list[str]:
+    """Return a sentence when the feedback is slower than the case asks for."""
+    wanted = setup.case.controller.feedback_bandwidth_hz
+    if wanted is None or design.feedback is None or design.feedback.bandwidth_hz >= BANDWIDTH_SHARE * wanted:
+        return []
+    return [
+        f"controller.feedback_bandwidth_hz: {wanted:g} Hz asked, {design.feedback.bandwidth_hz:.3g} Hz designed: the "
+        "most that the identified band and max_sensitivity permit"
+    ]
+
+
+def differences(setup: Setup, identified: Identification) -> list[str]:
+    """Return a sentence per mode of the specimen whose identified value is far from the declared one."""
+    if identified.specimen is None:
+        return []
+    declared = setup.building.specimen
+    frequency, damping = modes(np.diag(declared.masses_kg), declared.C, declared.K)
+    pairs = (
+        ("natural frequency", frequency, identified.specimen.natural_frequency_hz, " Hz", FREQUENCY_SHARE),
+        ("damping ratio", damping, identified.specimen.damping_ratio, "", DAMPING_SHARE),
+    )
+    return [
+        f"specimen, mode {mode + 1}: identified {name} {found[mode]:.4g}{unit} differs from the declared "
+        f"{abs(stated[mode]):.4g}{unit} by more than {share:.0%}; SIM uses the declared one"
+        for name, stated, found, unit, share in pairs
+        for mode in range(len(stated))
+        if abs(found[mode] - stated[mode]) > share * abs(stated[mode]) + NEGLIGIBLE
+    ]

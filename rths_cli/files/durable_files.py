@@ -1,0 +1,93 @@
+"""Files that last: read after a look at what they are, written whole or not at all, leftovers cleared away."""
+
+from __future__ import annotations
+
+import errno
+import glob
+import os
+import stat
+from contextlib import suppress
+from pathlib import Path
+from typing import BinaryIO
+
+from rths_cli.errors import InputError
+
+
+def sync(path: Path) -> None:
+    """Have a file, or the names in a folder, on the disk itself; raises OSError."""
+    if path.is_dir() and os.name != "posix":
+        return
+    file = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(file)
+    finally:
+        os.close(file)
+
+
+def remove_leftovers(path: Path) -> None:
+    """Remove what killed processes left of this file (`.NAME.PID.part`): parts whose process is gone."""
+    for part in path.parent.glob(f".{glob.escape(path.name)}.*.part"):
+        number = part.name.split(".")[-2]
+        if number.isdigit() and not _is_alive(int(number)):
+            with suppress(OSError):
+                part.unlink()
+
+
+def _is_alive(process: int) -> bool:
+    """Tell whether a process of this number runs; in doubt it does."""
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:
+        return True
+    return True
+
+
+def open_regular(path: Path) -> BinaryIO:
+    """Open a file for reading; raise OSError for what is none: a folder, a device, a pipe, which would not end.
+
+    A pipe is opened without waiting for somebody at its other end.
+    """
+    handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+    try:
+        if stat.S_ISDIR(os.fstat(handle).st_mode):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+        if not stat.S_ISREG(os.fstat(handle).st_mode):
+            raise OSError(errno.EINVAL, "is no regular file", str(path))
+    except OSError:
+        os.close(handle)
+        raise
+    return os.fdopen(handle, "rb")
+
+
+def read_whole(path: Path, most_bytes: int, what: str, advice: str) -> bytes:
+    """Return the file's bytes; raise InputError where it cannot be read, or is larger than `what` may be."""
+    try:
+        with open_regular(path) as file:
+            size = os.fstat(file.fileno()).st_size
+            if size <= most_bytes:
+                return file.read(most_bytes)
+    except (OSError, ValueError) as fault:
+        raise InputError(f"{path}: cannot be read ({getattr(fault, 'strerror', None) or fault}); {advice}") from None
+    raise InputError(f"{path}: {size / 1e6:.0f} MB; {what} may have {most_bytes / 1e6:.0f} MB, cut it")
+
+
+def write_new(path: Path, text: str) -> None:
+    """Write a text to a file that does not exist yet; raise InputError where there is one, or the disk refuses.
+
+    Nothing is left behind where the text cannot be written whole.
+    """
+    try:
+        with open(path, "x", encoding="utf-8") as file:
+            try:
+                file.write(text)
+                file.flush()
+            except BaseException:  # a signal too must leave no half file
+                path.unlink()
+                raise
+    except FileExistsError:
+        raise InputError(f"{path}: exists; choose another name") from None
+    except (OSError, ValueError) as fault:
+        reason = getattr(fault, "strerror", None) or str(fault)
+        raise InputError(f"{path}: cannot be written: {reason}") from None

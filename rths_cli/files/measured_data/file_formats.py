@@ -1,0 +1,147 @@
+"""Which format a file of measured time histories has, told by its content, and what it holds."""
+
+from __future__ import annotations
+
+import io
+import logging
+import logging.handlers
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from rths_cli.errors import InputError
+from rths_cli.files.measured_data.hdf5_files import hdf5_contents
+from rths_cli.files.measured_data.matlab_files import is_matlab, matlab_variables
+from rths_cli.files.measured_data.named_variables import contents_of
+from rths_cli.files.measured_data.recording import Column, Contents, listed
+from rths_cli.files.measured_data.text_tables import text_contents
+from rths_cli.files.measured_data.trial_process import survives
+from rths_cli.printed import shortened, visible
+
+READ = "CSV or text, MATLAB .mat, HDF5 or TDMS"
+_HDF5 = b"\x89HDF\r\n\x1a\n"
+_OTHERS = {
+    b"TDSh": "is the index of a TDMS file; give the .tdms file beside it",
+    b"\xd0\xcf\x11\xe0": "is an old Excel workbook (or another Office file); save the sheet as CSV",
+    b"\x1f\x8b": "is a gzip archive; unpack it",
+    b"7z\xbc\xaf\x27\x1c": "is a 7z archive; unpack it",
+    b"\x93NUMPY": "is a NumPy array, which names no channels; save CSV or HDF5",
+    b"%PDF": "is a PDF document; export the figures as CSV",
+    b"MDF  ": "is an ASAM MDF file; export it as .mat or CSV",
+    b"# Created by Octave": "is an Octave text file; save it with: save -v7 FILE.mat",
+}
+
+
+def read_contents(path: Path, data: bytes) -> Contents:
+    """Return what a file with these bytes holds; raise InputError, which says what it is, where it cannot be read."""
+    if not data:
+        raise InputError(f"{path}: is empty; give measured time histories: {READ}")
+    for magic, what in _OTHERS.items():
+        if data.startswith(magic):
+            raise InputError(f"{path}: {what}")
+    if data.startswith(b"PK\x03\x04"):
+        raise InputError(f"{path}: {_zip_kind(data)}")
+    if any(data.startswith(_HDF5, offset) for offset in (0, 512, 1024, 2048, 4096)):
+        return _guarded(path, "HDF5", data)
+    if data.startswith(b"TDSm"):
+        return _guarded(path, "TDMS", data)
+    if is_matlab(data):
+        return _guarded(path, "MATLAB", data)
+    return text_contents(path, _decode(path, data))
+
+
+def _zip_kind(data: bytes) -> str:
+    """Return what a zip archive is and what to do."""
+    if b"xl/" in data:
+        return "is an Excel workbook; save the sheet as CSV"
+    if b".npy" in data:
+        return "is a NumPy archive (npz); save CSV or HDF5"
+    return "is a zip archive; unpack it and give the file inside"
+
+
+def _decode(path: Path, data: bytes) -> str:
+    """Return a text; raise InputError for bytes that are none."""
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")):
+        return data.decode("utf-16", errors="replace")
+    if data.translate(None, bytes(range(32, 256)) + b"\t\n\r\f"):
+        raise InputError(f"{path}: is a binary file of unknown kind; give {READ}")
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
+
+
+def _guarded(path: Path, kind: str, data: bytes) -> Contents:
+    """Read a binary format; whatever its library raises on a damaged file becomes one InputError."""
+    reader = {"HDF5": _hdf5, "TDMS": _tdms, "MATLAB": _matlab}[kind]
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return reader(path, data)
+    except InputError:
+        raise
+    except Exception as error:  # foreign bytes: these libraries raise anything from OSError to IndexError
+        raise InputError(
+            f"{path}: is a damaged or truncated {kind} file and cannot be read; export it again"
+        ) from error
+
+
+def _hdf5(path: Path, _: bytes) -> Contents:
+    """Return the contents of an HDF5 file."""
+    if not survives(lambda: hdf5_contents(path)):
+        raise ValueError("the HDF5 library crashes on this file, or does not come to an end")
+    return hdf5_contents(path)
+
+
+def _matlab(path: Path, data: bytes) -> Contents:
+    """Return the contents of a MATLAB file up to version 7."""
+    return contents_of(path, matlab_variables(data))
+
+
+def _tdms(path: Path, data: bytes) -> Contents:
+    """Return the contents of a TDMS file."""
+    try:
+        from nptdms import TdmsFile
+    except ImportError:
+        raise InputError(
+            f'{path}: is a TDMS file, for which a reader is missing; install it: pip install "rths-cli[tdms]"'
+        ) from None
+    with _quiet("nptdms") as complaints:
+        file = TdmsFile.read(io.BytesIO(data))
+    channels = [channel for group in file.groups() for channel in group.channels()]
+    names = [channel.name for channel in channels]
+    columns, intervals, ignored = [], [], []
+    for channel in channels:
+        name = channel.name if names.count(channel.name) == 1 else f"{channel.group_name}/{channel.name}"
+        values = np.asarray(channel[:])
+        if values.dtype.kind not in "iuf" or values.size == 0:
+            ignored.append(name)
+            continue
+        columns.append(Column(name, values.astype(np.float64), str(channel.properties.get("unit_string", ""))))
+        if "wf_increment" in channel.properties:
+            intervals.append((f"wf_increment of {name}", float(channel.properties["wf_increment"])))
+    if not columns:
+        raise InputError(f"{path}: holds no channel of numbers; give a TDMS file with measured channels")
+    notes = [f"not used, because they are no series: {listed(ignored)}"] if ignored else []
+    notes += [f"the TDMS file is damaged ({complaint}); what could be read is used" for complaint in complaints[:1]]
+    return Contents(tuple(columns), tuple(intervals), tuple(notes))
+
+
+@contextmanager
+def _quiet(name: str) -> Iterator[list[str]]:
+    """Collect the warnings that a library logs, so that they become notes; each of its modules has a logger."""
+    handler = logging.handlers.BufferingHandler(1_000_000)
+    names = [name, *(other for other in logging.root.manager.loggerDict if other.startswith(f"{name}."))]
+    before = [(logger := logging.getLogger(one), logger.handlers, logger.propagate) for one in names]
+    complaints: list[str] = []
+    for logger, _, _ in before:
+        logger.handlers, logger.propagate = [handler], False
+    try:
+        yield complaints
+    finally:
+        complaints += [visible(shortened(record.getMessage())) for record in handler.buffer]
+        for logger, handlers, propagate in before:
+            logger.handlers, logger.propagate = handlers, propagate

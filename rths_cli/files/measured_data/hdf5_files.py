@@ -1,0 +1,163 @@
+"""Measured time histories in HDF5: the project's own form, MATLAB v7.3 files, and any file of series."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rths_cli.errors import InputError
+from rths_cli.files.hdf5 import Dataset, write_group
+from rths_cli.files.hdf5_heaps import check_heaps
+from rths_cli.files.hdf5_layout import LayoutError, check_storage, part, size_of, values_of
+from rths_cli.files.measured_data.named_variables import Variable, contents_of
+from rths_cli.files.measured_data.recording import Column, Contents, Recording
+from rths_cli.files.measured_data.sample_interval import stated_interval
+from rths_cli.files.result_writer import refusal
+from rths_cli.files.staged_file import new_hdf5
+
+if TYPE_CHECKING:
+    import h5py
+
+FORMAT = "rths-recording"
+FORMAT_VERSION = 1
+_UNIT_ATTRIBUTES = ("units", "unit", "Units", "Unit", "UNITS", "unit_string")
+_DEEPEST = 8
+
+
+def write_recording(path: Path, recording: Recording) -> None:
+    """Write a recording to HDF5 so that `read_recording` returns names, units, interval, samples, notes bit for bit.
+
+    The file appears under its name only when it is whole. Raises InputError where the disk refuses.
+    """
+    path = Path(path)
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with new_hdf5(part) as file:
+            _fill(file, recording)
+        os.replace(part, path)
+    except (OSError, RuntimeError) as error:
+        sentence = refusal(path, "cannot write the recording", error, advice=False)
+        raise InputError(f"{sentence.rstrip('.')}; free space or choose another name") from error
+    finally:
+        with suppress(OSError):
+            part.unlink()
+
+
+def _fill(file: h5py.File, recording: Recording) -> None:
+    """Write attributes, samples (c, n) with their scales, names and units."""
+    count, length = recording.samples.shape
+    file.attrs.update({"format": FORMAT, "format_version": FORMAT_VERSION, "dt_s": recording.dt_s})
+    file.attrs["notes"] = json.dumps(recording.notes)
+    scales = {
+        "time_s": Dataset(np.arange(length) * recording.dt_s, "s", "time since the first sample", "computed"),
+        "channel": Dataset(np.arange(1, count + 1), "1", "channel, counted from 1", "computed"),
+    }
+    datasets = {
+        "samples": Dataset(recording.samples, "as in units", "measured samples", "measured", ("channel", "time_s")),
+        "names": Dataset(np.array(recording.names, object).astype(str), "1", "channel names", "measured", ("channel",)),
+        "units": Dataset(np.array(recording.units, object).astype(str), "1", "channel units", "measured", ("channel",)),
+    }
+    write_group(file, datasets, scales)
+
+
+def hdf5_contents(path: Path) -> Contents:
+    """Return what an HDF5 file holds; raise InputError for the project's other files and files without series."""
+    import h5py
+
+    check_heaps(path)
+    with h5py.File(path, "r") as file:
+        kind = _text(file.attrs.get("format", ""))
+        if kind == FORMAT:
+            return _own(path, file)
+        if kind.startswith("rths-"):
+            raise InputError(f"{path}: is a file of rths ({kind}), not a recording; give measured time histories")
+        variables = dict(_variables(path, file, file))
+        root = {f"attributes/{key}": Variable(np.asarray(value)) for key, value in _rates(file).items()}
+        return contents_of(path, variables | root)
+
+
+def _own(path: Path, file: h5py.File) -> Contents:
+    """Return the contents of the project's own form."""
+    version = int(file.attrs["format_version"])
+    if version > FORMAT_VERSION:
+        raise InputError(f"{path}: has format version {version}, this rths reads up to {FORMAT_VERSION}; update rths")
+    read = {name: values_of(part(file, name), name, any_number=True) for name in ("samples", "names", "units")}
+    samples, names, units = np.asarray(read["samples"], dtype=np.float64), read["names"], read["units"]
+    columns = tuple(Column(str(n), row, str(u)) for n, row, u in zip(names, samples, units, strict=True))
+    notes = tuple(str(note) for note in json.loads(_text(file.attrs["notes"])))
+    return Contents(columns, (("dt_s", float(file.attrs["dt_s"])),), notes, exact=True)
+
+
+def _variables(path: Path, file: h5py.File, group: h5py.Group, prefix: str = "") -> Iterator[tuple[str, Variable]]:
+    """Yield every dataset below a group by its path, without MATLAB's hidden ones."""
+    import h5py
+
+    for name in group:
+        node = group.get(name)
+        if name.startswith("#") or not isinstance(group.get(name, getlink=True), h5py.HardLink):
+            continue
+        if isinstance(node, h5py.Group):
+            if prefix.count("/") < _DEEPEST:
+                yield from _variables(path, file, node, f"{prefix}{name}/")
+        elif isinstance(node, h5py.Dataset):
+            yield f"{prefix}{name}", _variable(path, file, node)
+
+
+def _variable(path: Path, file: h5py.File, node: h5py.Dataset) -> Variable:
+    """Return numbers, texts or neither from a dataset, with the unit and rate its attributes state."""
+    import h5py
+
+    try:
+        check_storage(node.id, node.name, size_of(file))
+    except LayoutError as error:
+        raise InputError(f"{path}: {error}; export the recording again") from error
+    kind = _text(node.attrs.get("MATLAB_class", ""))
+    unit = next((_text(node.attrs[key]) for key in _UNIT_ATTRIBUTES if key in node.attrs), "")
+    if node.shape is None or node.attrs.get("MATLAB_empty", 0):
+        return Variable(None)
+    if kind == "cell" or h5py.check_ref_dtype(node.dtype) is h5py.Reference:
+        return Variable(_cell_texts(file, node))
+    if kind == "char":
+        return Variable(_char_texts(node))
+    if h5py.check_string_dtype(node.dtype) is not None:
+        return Variable([str(text) for text in np.atleast_1d(node.asstr()[()]).reshape(-1)])
+    numeric = node.dtype.kind in "iuf" and kind != "logical"
+    return Variable(np.asarray(node[()]) if numeric else None, unit, _rates(node))
+
+
+def _cell_texts(file: h5py.File, node: h5py.Dataset) -> list[str] | None:
+    """Return the texts that a MATLAB cell array of texts refers to, None for any other cell array."""
+    texts = []
+    for reference in np.asarray(node[()]).reshape(-1):
+        target = file[reference]
+        if _text(target.attrs.get("MATLAB_class", "")) != "char":
+            return None
+        texts.append("".join(_char_texts(target)))
+    return texts
+
+
+def _char_texts(node: h5py.Dataset) -> list[str]:
+    """Return the rows of a MATLAB char array, which is stored as character codes, transposed."""
+    if node.attrs.get("MATLAB_empty", 0):
+        return [""]
+    codes = np.atleast_2d(np.asarray(node[()])).T
+    return ["".join(chr(int(code)) for code in row) for row in codes]
+
+
+def _rates(node: h5py.HLObject) -> dict[str, float]:
+    """Return the attributes that state a rate or an interval."""
+    numbers = {k: np.asarray(v).reshape(-1) for k, v in node.attrs.items() if stated_interval(k, 1.0) is not None}
+    return {key: float(v[0]) for key, v in numbers.items() if v.size == 1 and v.dtype.kind in "iuf"}
+
+
+def _text(value: Any) -> str:
+    """Return an HDF5 attribute as text."""
+    plain = value.reshape(-1)[0] if isinstance(value, np.ndarray) and value.size else value
+    return plain.decode(errors="replace") if isinstance(plain, bytes) else str(plain)

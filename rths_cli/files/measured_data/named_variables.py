@@ -1,0 +1,111 @@
+"""What the named variables of a MATLAB or HDF5 file mean: channels, a matrix with names, the time, the rate."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rths_cli.errors import InputError
+from rths_cli.files.measured_data.recording import Column, Contents, listed
+from rths_cli.files.measured_data.sample_interval import stated_interval
+from rths_cli.numerics.lti import Array
+
+_NAMES = {"names", "name", "channels", "channelnames", "labels", "columns"}
+_UNITS = {"units", "unit", "channelunits"}
+_SHORT = 0.01
+"""A series shorter than this part of the longest is no channel (coefficients, settings)."""
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One variable: numbers, a list of texts, or anything else (None); `unit` and `interval_s` as stated beside it."""
+
+    value: NDArray[Any] | list[str] | None
+    unit: str = ""
+    attributes: Mapping[str, float] = field(default_factory=dict)
+
+
+def contents_of(path: Path, variables: Mapping[str, Variable]) -> Contents:
+    """Return the columns and sampling intervals among variables, whose names may be paths (`recording/table`).
+
+    Raises InputError where a matrix and its names do not fit, or nothing is a series.
+    """
+    short = _short_names(variables)
+    texts = {short[key]: v.value for key, v in variables.items() if isinstance(v.value, list)}
+    ignored = [short[key] for key, v in variables.items() if v.value is None]
+    columns: list[Column] = []
+    intervals: list[tuple[str, float]] = []
+    for key, variable in variables.items():
+        if not isinstance(variable.value, np.ndarray):
+            continue
+        name, array = short[key], np.squeeze(variable.value)
+        intervals += _intervals(name, variable)
+        if array.ndim == 1 and array.size > 1:
+            columns.append(Column(name, _floats(array), variable.unit))
+        elif array.ndim == 2 and array.size:
+            columns += _matrix(path, name, array, texts)
+        elif array.size != 1 or stated_interval(_leaf(name), 1.0) is None:
+            ignored.append(name)
+    return _without_short(path, columns, intervals, ignored)
+
+
+def _without_short(
+    path: Path, columns: list[Column], intervals: list[tuple[str, float]], ignored: list[str]
+) -> Contents:
+    """Return the contents without series that are too short to be channels; all ignored ones are named in a note."""
+    if not columns:
+        raise InputError(f"{path}: holds no series of numbers; save each channel as a vector, or a matrix and `names`")
+    longest = max(len(column.values) for column in columns)
+    short = [column.name for column in columns if len(column.values) < _SHORT * longest]
+    kept = tuple(column for column in columns if column.name not in short)
+    notes = (f"not used, because they are no series: {listed(ignored + short)}",) if ignored + short else ()
+    return Contents(kept, tuple(intervals), notes)
+
+
+def _intervals(name: str, variable: Variable) -> list[tuple[str, float]]:
+    """Return the sampling intervals in s that a scalar variable or attributes state."""
+    array = np.asarray(variable.value)
+    stated = {name: float(array.reshape(-1)[0])} if array.size == 1 else {}
+    stated |= {f"{name}/{key}": value for key, value in variable.attributes.items()}
+    found = [(where, stated_interval(_leaf(where), value)) for where, value in stated.items()]
+    return [(where, value) for where, value in found if value is not None]
+
+
+def _matrix(path: Path, name: str, array: NDArray[Any], texts: Mapping[str, list[str]]) -> list[Column]:
+    """Return the columns of a matrix, samples along its longer axis unless the names say otherwise."""
+    names = next((text for key, text in texts.items() if _leaf(key).lower().replace("_", "") in _NAMES), None)
+    units = next((text for key, text in texts.items() if _leaf(key).lower().replace("_", "") in _UNITS), None)
+    count = min(array.shape)
+    if names is not None and len(names) in array.shape:
+        count = len(names)
+    rows = array if array.shape[0] == count else array.T
+    for what, given in (("names", names), ("units", units)):
+        if given is not None and len(given) != count:
+            raise InputError(
+                f"{path}: {name} has {count} channels, {what} has {len(given)} texts; give one per channel"
+            )
+    names = names if names is not None else [f"{name}(:,{k})" for k in range(1, count + 1)]
+    units = units if units is not None else [""] * count
+    return [Column(n.strip(), _floats(row), u.strip()) for n, row, u in zip(names, rows, units, strict=True)]
+
+
+def _floats(array: NDArray[Any]) -> Array:
+    """Return numbers as float64."""
+    return np.asarray(array, dtype=np.float64)
+
+
+def _leaf(name: str) -> str:
+    """Return the last part of a name such as `recording/table`."""
+    return name.rpartition("/")[2]
+
+
+def _short_names(variables: Mapping[str, Variable]) -> dict[str, str]:
+    """Return each variable's last name where it is the only one of that name, else its whole path."""
+    count = Counter(_leaf(key) for key in variables)
+    return {key: _leaf(key) if count[_leaf(key)] == 1 else key for key in variables}

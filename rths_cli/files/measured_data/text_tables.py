@@ -1,0 +1,240 @@
+"""Measured time histories in text: one row per sample, columns separated by comma, semicolon, tab or spaces."""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import repeat
+from pathlib import Path
+
+import numpy as np
+
+from rths_cli.errors import InputError
+from rths_cli.files.measured_data.recording import Column, Contents
+from rths_cli.files.measured_data.sample_interval import stated_interval
+from rths_cli.files.measured_data.units import is_unit
+from rths_cli.numerics.lti import Array
+
+MISSING = frozenset({"", "nan", "-", "--", "---", "na", "n/a", "#n/a", "null", "none"})
+"""Cells, in lower case, that stand for a missing sample."""
+_HEADER_LINES = 200
+_CHUNK_ROWS = 8192
+_FAULTS = 12
+_COMMENT = ("#", "%")
+_LONGEST_LINE = 100_000
+_STATED = re.compile(r"[a-z_ ]*[a-z_] ?\"? ?(?:[(\[]\w*[)\]])? ?", re.IGNORECASE)  # of a line with single spaces
+_VALUE = re.compile(r"\"?([\d.,]+(?:e[+-]?\d+)?) ?(hz|khz|s|ms)?\b", re.IGNORECASE)
+_NO_NAME = '#%" \t\r\f\v'
+_SCALES = {"khz": 1000.0, "ms": 0.001}
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How the rows of a text are written: separator (None: spaces), first row's index, and the header's statements."""
+
+    separator: str | None
+    first: int
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    intervals_s: tuple[tuple[str, float], ...]
+
+
+def text_contents(path: Path, text: str) -> Contents:
+    """Return the columns of a text.
+
+    Raises InputError, with the line, for a text without rows of numbers, a header that does not fit them, rows of
+    different length, two decimal marks, and cells that are neither numbers nor missing.
+    """
+    lines = text.splitlines()
+    long = next((k for k, line in enumerate(lines, 1) if len(line) > _LONGEST_LINE), None)
+    if long is not None:
+        raise InputError(f"{path}:{long}: {len(lines[long - 1])} characters in a line, at most {_LONGEST_LINE}; cut it")
+    while lines and not lines[-1].strip(" ,;\t"):
+        lines.pop()
+    layout = _layout(path, lines)
+    kept = [k for k in range(layout.first, len(lines)) if lines[k] and lines[k][0] not in _COMMENT]
+    rows = _one_decimal_mark(path, [lines[k] for k in kept], kept, layout.separator)
+    _check_lengths(path, rows, kept, layout)
+    values = _numbers(path, rows, kept, layout)
+    columns = [Column(*stated) for stated in zip(layout.names, values.T, layout.units, strict=True)]
+    columns = [c for c in columns if c.name or not np.isnan(c.values).all()]
+    named = [c if c.name else Column(f"column {k}", c.values, c.unit) for k, c in enumerate(columns, 1)]
+    return Contents(tuple(named), layout.intervals_s, line_of=lambda row: kept[row] + 1)
+
+
+def _layout(path: Path, lines: list[str]) -> Layout:
+    """Find the first row of numbers and read what stands above it."""
+    index = next((k for k, line in enumerate(lines[:_HEADER_LINES]) if _is_row(line)), None)
+    if index is None:
+        raise InputError(
+            f"{path}: no row of numbers in the first {_HEADER_LINES} lines; give names in the first line, then one row "
+            "of numbers per sample, time in s"
+        )
+    separator = _separator(lines[index])
+    count = len(_cells(lines[index], separator))
+    above = [(number, line) for number, line in enumerate(lines[:index], 1) if line.strip()]
+    intervals = [stated for number, line in above if (stated := _statement(number, line))]
+    above = [(number, line) for number, line in above if not _statement(number, line)]
+    _check_above(path, above, separator, count)
+    names, units = _names(path, above, separator, count)
+    return Layout(separator, index, names, units, tuple(intervals))
+
+
+def _is_row(line: str) -> bool:
+    """Say whether every cell of a line is a number or missing, and one at least is a number."""
+    return not line.lstrip().startswith(_COMMENT) and _all_numbers(_cells(line, _separator(line)))
+
+
+def _separator(line: str) -> str | None:
+    """Return what separates the cells of a row."""
+    return next((mark for mark in (";", "\t", ",") if mark in line), None)
+
+
+def _cells(line: str, separator: str | None) -> list[str]:
+    """Return the cells of a line, quotes and spaces around them removed; a bracket belongs to the word before it."""
+    if separator is None:
+        return [cell.strip("\"'") for cell in re.split(r"\s+(?![(\[])", line.strip())]
+    return [cell.strip().strip("\"'").strip() for cell in next(csv.reader([line], delimiter=separator))]
+
+
+def _all_numbers(cells: list[str]) -> bool:
+    """Say whether every cell is a number or missing, and one at least is a number."""
+    numbers = [cell for cell in cells if cell.lower() not in MISSING]
+    return bool(numbers) and all(_is_number(cell) for cell in numbers)
+
+
+def _is_number(cell: str) -> bool:
+    """Say whether a cell is a number, with a decimal point or comma."""
+    try:
+        _number(cell.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def _check_above(path: Path, above: list[tuple[int, str]], separator: str | None, count: int) -> None:
+    """Raise InputError where the line above the first row looks like a row with a faulty cell."""
+    if not above or above[-1][1].lstrip().startswith(_COMMENT):
+        return
+    number, line = above[-1]
+    cells = _cells(line, separator)
+    bad = [cell for cell in cells if cell.lower() not in MISSING and not _is_number(cell)]
+    if len(cells) == count and any(_is_number(cell) and cell.lower() not in MISSING for cell in cells):
+        raise InputError(f"{path}:{number}: {bad[0][:40]!r} is not a number; correct the cell or leave it empty")
+
+
+def _names(
+    path: Path, above: list[tuple[int, str]], separator: str | None, count: int
+) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return names and units of the columns from the lines above the first row, blank where there are none."""
+    split = [(number, line, _cells(line.lstrip("#% "), separator)) for number, line in above]
+    fitting = [cells for _, _, cells in split if len(cells) == count and not _all_numbers(cells)]
+    plain = [(number, cells) for number, line, cells in split if not line.lstrip().startswith(_COMMENT)]
+    if plain and len(plain[-1][1]) not in (1, count):
+        number, cells = plain[-1]
+        raise InputError(f"{path}:{number}: {len(cells)} names above rows of {count} cells; name every column once")
+    blank = ("",) * count
+    if not fitting:
+        return blank, blank
+    if len(fitting) > 1 and 2 * sum(is_unit(cell) for cell in fitting[-1]) >= count:
+        return tuple(fitting[-2]), tuple(cell.strip(" -[]()") for cell in fitting[-1])
+    return tuple(fitting[-1]), blank
+
+
+def _statement(number: int, line: str) -> tuple[str, float] | None:
+    """Return the sampling interval that a line such as `# dt: 0.0005 s` or `fs,2000` states, None for any other."""
+    told = line.lstrip(_NO_NAME)
+    mark = re.search(r"[:=,;\t]", told)
+    if mark is None:
+        return None
+    name, value = (" ".join(part.split()) for part in (told[: mark.start()], told[mark.end() :]))
+    value = value[1:].lstrip() if mark[0] == "\t" and value[:1] in (":", "=", ",", ";") else value
+    match = _VALUE.match(value) if _STATED.fullmatch(name) else None
+    cell = match[1].replace(",", ".") if match else ""
+    if match is None or not _is_number(cell):
+        return None
+    name = re.split(r"[\"(\[]", name, maxsplit=1)[0].strip()
+    interval = stated_interval(name, float(cell) * _SCALES.get((match[2] or "").lower(), 1.0))
+    return None if interval is None else (f"line {number} ({name})", interval)
+
+
+def _one_decimal_mark(path: Path, rows: list[str], kept: Sequence[int], separator: str | None) -> list[str]:
+    """Return the rows with decimal points; raise InputError where points and commas are mixed."""
+    if separator not in (";", "\t"):
+        return rows
+    comma = next((k for k, row in enumerate(rows) if "," in row), None)
+    if comma is None:
+        return rows
+    point = next((k for k, row in enumerate(rows) if "." in row), None)
+    if point is not None:
+        raise InputError(
+            f"{path}:{kept[max(comma, point)] + 1}: decimal points and commas are mixed (the other stands in line "
+            f"{kept[min(comma, point)] + 1}); write one of them throughout"
+        )
+    return [row.replace(",", ".") for row in rows]
+
+
+def _check_lengths(path: Path, rows: list[str], kept: Sequence[int], layout: Layout) -> None:
+    """Raise InputError with the first row whose number of cells differs from the header's."""
+    count, mark = len(layout.names), layout.separator
+    cells = [len(row.split()) for row in rows] if mark is None else [n + 1 for n in map(str.count, rows, repeat(mark))]
+    if set(cells) == {count}:
+        return
+    faulty = [k for k, number in enumerate(cells) if number != count]
+    raise InputError(
+        f"{path}:{kept[faulty[0]] + 1}: {cells[faulty[0]]} cells in this row ({len(faulty)} such rows), {count} in the "
+        "first; give every row the same, empty cells for missing samples"
+    )
+
+
+def _numbers(path: Path, rows: list[str], kept: Sequence[int], layout: Layout) -> Array:
+    """Return the figures, (n, c), NaN where missing; raise InputError with the first faulty cell of each column."""
+    values = np.empty((len(rows), len(layout.names)))
+    faults: dict[int, str] = {}
+    for start in range(0, len(rows), _CHUNK_ROWS):
+        part = slice(start, start + _CHUNK_ROWS)
+        try:
+            values[part] = _quick(rows[part], layout)
+        except ValueError:  # cells that only `_number` understands, or nobody
+            values[part] = [
+                _row(f"{path}:{k + 1}", row, layout, faults) for k, row in zip(kept[part], rows[part], strict=True)
+            ]
+    if faults:
+        raise InputError(*list(faults.values())[:_FAULTS])
+    return values
+
+
+def _quick(rows: list[str], layout: Layout) -> Array:
+    """Return the figures of rows, NaN for empty cells; raise ValueError for any other cell that is no number."""
+    mark = layout.separator
+    if mark is None or not any(mark + mark in row or row[-1] == mark or row[0] == mark for row in rows):
+        return np.loadtxt(rows, delimiter=mark, comments=None, ndmin=2)
+    joined = mark.join(rows)
+    if "_" in joined:
+        raise ValueError(joined)
+    return np.reshape([float(cell) if cell else np.nan for cell in joined.split(mark)], (len(rows), -1))
+
+
+def _row(where: str, row: str, layout: Layout, faults: dict[int, str]) -> list[float]:
+    """Return the figures of a row, NaN where missing; add a sentence to `faults` for the first bad cell of a column."""
+    cells = row.split(layout.separator)
+    values = [float("nan")] * len(cells)
+    for k, cell in enumerate(cells):
+        try:
+            values[k] = _number(cell)
+        except ValueError:
+            name, bad = layout.names[k] or f"column {k + 1}", cell.strip()[:40]
+            faults.setdefault(k, f"{where}: {name}: {bad!r} is not a number; correct the cell or leave it empty")
+    return values
+
+
+def _number(cell: str) -> float:
+    """Return the number a cell holds, NaN for a missing one; raise ValueError for anything else."""
+    word = cell.strip().strip("\"'").strip()
+    if word.lower() in MISSING:
+        return float("nan")
+    if "_" in word:
+        raise ValueError(word)
+    return float(word)

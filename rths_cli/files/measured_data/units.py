@@ -1,0 +1,89 @@
+"""Units and names of measured channels: `table (g)`, `table [m/s^2]`, `table_accel_m_s2`, `command_v`."""
+
+from __future__ import annotations
+
+import re
+
+from rths_cli.files.accelerograms import FACTORS_M_S2, STANDARD_GRAVITY_M_S2, find_unit
+
+FACTORS: dict[str, tuple[float, str]] = {
+    "V": (1.0, "V"),
+    "mV": (0.001, "V"),
+    "mg": (0.001 * STANDARD_GRAVITY_M_S2, "m/s^2"),
+    **{unit: (factor, "m/s^2") for unit, factor in FACTORS_M_S2.items()},
+}
+"""Units of a channel: the factor to V or m/s^2, and which of the two."""
+
+_TIME_UNITS = {"s": 1.0, "sec": 1.0, "second": 1.0, "seconds": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6}
+_VOLT = {"v": "V", "volt": "V", "volts": "V", "mv": "mV", "millivolt": "mV", "millivolts": "mV"}
+_AMBIGUOUS = {"MV", "Mv", "MG", "Mg", "mG"}  # megavolt, megagram, milligauss
+_PER_S2 = re.compile(r"(m|cm|mm|in)[_ ·*.]?s(?:\^|\*\*)?(?:-?2|²|⁻²)", re.IGNORECASE)
+_BRACKETS = re.compile(r"\s*[(\[]([^()\[\]]*)[)\]]\s*$")
+_SUFFIX = re.compile(r"[_\s]+((?:m|cm|mm|in)[_/]?s\^?2|m?v|m?g|gal)$", re.IGNORECASE)
+_TIME_SUFFIX = re.compile(r"[_\s]+(s|sec|ms|us)$", re.IGNORECASE)
+_TIME_NAMES = {"time", "t", "timestamp", "elapsedtime", "relativetime", "xvalue"}
+_FILLERS = {"accel", "acceleration", "accelerometer", "acc", "abs", "absolute", "measured", "signal"}
+_ALIASES = {"cmd": "command", "drive": "command", "u": "command", "base": "table", "shaketable": "table"}
+
+
+def canonical_unit(text: str) -> str:
+    """Return the one spelling of a unit (a key of FACTORS), "" where it is unknown or its case leaves a doubt."""
+    word = text.strip().removeprefix("[").removeprefix("(").removesuffix("]").removesuffix(")").strip()
+    if word in _AMBIGUOUS:
+        return ""
+    if word == "mg":
+        return word
+    match = _PER_S2.fullmatch(word)
+    return _VOLT.get(word.lower()) or find_unit(f"{match[1]}/s2" if match else word) or ""
+
+
+def split_name(name: str) -> tuple[str, str]:
+    """Return a channel's name without its unit, and the unit's text: in brackets, after `_`, or "" if there is none."""
+    match = _BRACKETS.search(name) or _SUFFIX.search(name)
+    return (name[: match.start()], match[1].strip()) if match and match.start() else (name, "")
+
+
+def unit_of(name: str, stated: str) -> tuple[str, str]:
+    """Return the canonical unit of a channel ("" if unknown), and a sentence where the file leaves a doubt.
+
+    `stated` is what the file says of the unit beside the name.
+    """
+    in_name = split_name(name)[1]
+    units = [canonical_unit(text) for text in (stated, in_name) if text]
+    unknown = [text for text in (stated, in_name) if text and not canonical_unit(text)]
+    if len(set(units)) == 2 and "" not in units:
+        return "", f"channel {name!r}: its name says {in_name}, its unit is stated as {stated}; neither is taken"
+    if stated and unknown:
+        return "", f"channel {name!r}: the unit {unknown[0]!r} is not known"
+    return (units[0] if units else ""), ""
+
+
+def time_factor(name: str, stated: str) -> float | None:
+    """Return what a time column's figures are in s (1 where no unit is stated), None for an unknown unit."""
+    match = _BRACKETS.search(name) or _TIME_SUFFIX.search(name)
+    text = stated or (match[1] if match else "") or "s"
+    return _TIME_UNITS.get(text.strip(" []()").partition(" ")[0].lower())
+
+
+def is_time(name: str) -> bool:
+    """Say whether a column's name is that of the time."""
+    return "".join(_words(_TIME_SUFFIX.sub("", _BRACKETS.sub("", name)))) in _TIME_NAMES
+
+
+def is_unit(text: str) -> bool:
+    """Say whether a cell is a unit, of a channel or of the time, or is left blank."""
+    word = text.strip(" -[]()\"'")
+    return not word or bool(canonical_unit(word)) or word.lower() in _TIME_UNITS
+
+
+def role_of(name: str) -> str:
+    """Return the role a channel's name speaks of (`Floor 2 accel (g)`: floor_2), else its plain form."""
+    words = [word for word in _words(split_name(name)[0]) if word not in _FILLERS]
+    plain = "".join(words)
+    floor = re.fullmatch(r"(?:floor|storey|story)0*(\d+)", plain)
+    return f"floor_{floor[1]}" if floor else _ALIASES.get(plain, plain)
+
+
+def _words(name: str) -> list[str]:
+    """Return the words and numbers of a name in lower case; `tableAccel` has two."""
+    return re.findall(r"[^\W\d_]+|\d+", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", name).lower())

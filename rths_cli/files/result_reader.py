@@ -1,0 +1,235 @@
+"""Read the result file of one case (HDF5, format version 1), whole or one series at a time."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+import numpy as np
+
+from rths_cli.errors import InputError
+from rths_cli.files.durable_files import open_regular
+from rths_cli.files.hdf5 import Dataset, datasets, numbers, text
+from rths_cli.files.hdf5_heaps import check_heaps
+from rths_cli.files.hdf5_layout import LayoutError, attribute, attributes, check_numbers, part, quiet, scalar, values_of
+from rths_cli.files.result_layout import check_attributes, check_series, check_values
+from rths_cli.files.result_writer import (
+    FORMAT,
+    FORMAT_VERSION,
+    Attribute,
+    ResultWriter,
+    Status,
+    check_writable,
+    refusal,
+)
+from rths_cli.numerics.lti import Array
+
+if TYPE_CHECKING:
+    import h5py
+    from h5py.h5d import DatasetID
+
+__all__ = [
+    "BEGUN",
+    "COMPLETE",
+    "Dataset",
+    "Result",
+    "ResultWriter",
+    "Status",
+    "check_writable",
+    "read_dataset",
+    "read_result",
+    "read_series",
+]
+
+T = TypeVar("T")
+UNITS_BY_NAME = {"_m_s2": "m/s^2", "_vel_m_s": "m/s", "_disp_m": "m", "base_shear_n": "N", "command_v": "V"}
+BEGUN, COMPLETE = "begun", "complete"  # of one run on the table, in the attribute RUN_status of the root
+
+
+@dataclass(frozen=True)
+class Result:
+    """Hold what a result file says about its case; series are read one by one with `read_series`.
+
+    `metrics`, `units` and `definitions` share their keys, the paths of the figures (as in
+    `exp_rths.rms_error_m_s2`); a metric is a number or an array (n_storeys,). `groups` are those of the root.
+    Units and definitions are read when they are first asked for: tables of many cases need none.
+    """
+
+    path: Path
+    attributes: dict[str, Attribute]
+    case_yaml: str
+    resolved_yaml: str
+    metrics: dict[str, float | Array]
+    units: Mapping[str, str]
+    definitions: Mapping[str, str]
+    groups: tuple[str, ...]
+
+
+def result_files(paths: Sequence[Path]) -> tuple[list[Path], dict[Path, str]]:
+    """Return every result file that files and folders name, once, in their order; and a sentence for each folder that
+    holds none."""
+    files: dict[str, Path] = {}
+    empty: dict[Path, str] = {}
+    for path in paths:
+        found = sorted(path.glob("*.h5")) if path.is_dir() else [path]
+        for file in found:
+            files.setdefault(os.path.realpath(file), file)
+        if not found:
+            empty[path] = f"{path}: holds no result file (*.h5); run a case or name another folder."
+    return list(files.values()), empty
+
+
+def read_result(path: Path, whole: bool = False) -> Result:
+    """Read attributes, case and metrics, `whole` their units and definitions too, which costs half as much as to read
+    them later; raise InputError unless the file is a whole result file."""
+    return _reading(Path(path), lambda file: _result(Path(path), file, whole))
+
+
+def read_dataset(path: Path, name: str) -> Dataset:
+    """Read one dataset with unit, meaning, source and axes; raise InputError where there is none."""
+    return _reading(Path(path), lambda file: _dataset(Path(path), file, name))
+
+
+def read_series(path: Path, name: str) -> Array:
+    """Read the values of one dataset (`exp_rths/abs_accel_m_s2`: (n_storeys, n)) as an array.
+
+    Raises InputError where it states another unit than its name.
+    """
+    found = read_dataset(path, name)
+    expected = next((unit for end, unit in UNITS_BY_NAME.items() if name.endswith(end)), found.units)
+    if found.units != expected:
+        raise InputError(
+            f"{path}: {name} is in {found.units}, expected is {expected}; convert it, or run the case again."
+        )
+    return np.asarray(found.data)
+
+
+def _result(path: Path, file: h5py.File, whole: bool) -> Result:
+    nodes = list(_metrics(file))
+    metrics = {key: _figure(key, node) for key, node in nodes}
+    units: Mapping[str, str]
+    definitions: Mapping[str, str]
+    if whole:
+        units, definitions = _texts_of(nodes)
+    else:
+        texts = cache(lambda: _reading(path, lambda again: _texts_of(_metrics(again))))
+        units, definitions = _Texts(metrics, lambda: texts()[0]), _Texts(metrics, lambda: texts()[1])
+    about = attributes(file)
+    check_attributes(about)
+    yaml, resolved = (_case_text(file, name) for name in ("yaml", "resolved"))
+    return Result(path, about, yaml, resolved, metrics, units, definitions, tuple(file))
+
+
+def _case_text(file: h5py.File, name: str) -> str:
+    """Return a text of the case, "" where it is not stored."""
+    node = part(file, f"case/{name}")
+    return "" if node is None else str(scalar(f"case/{name}", values_of(node, f"case/{name}")))
+
+
+def _metrics(file: h5py.File) -> Iterator[tuple[str, DatasetID]]:
+    """Yield the figures of a file by their paths."""
+    for name, node in datasets(file, "metrics"):
+        yield name.replace("/", "."), node
+
+
+def _figure(path: str, node: DatasetID) -> float | Array:
+    if len(node.shape) > 1 or node.dtype.kind not in "fiu":
+        raise LayoutError(f"has a figure {path} that is neither a number nor a row of numbers")
+    value = quiet(numbers(node))
+    check_numbers(path, value)
+    return float(value) if value.ndim == 0 else value
+
+
+class _Texts(Mapping[str, str]):
+    """Texts of the figures of a file, read when the first is asked for; raises InputError where the file is gone."""
+
+    def __init__(self, figures: Collection[str], read: Callable[[], Mapping[str, str]]) -> None:
+        self._figures, self._read = figures, read
+
+    def __getitem__(self, figure: str) -> str:
+        return self._read()[figure]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._figures)
+
+    def __len__(self) -> int:
+        return len(self._figures)
+
+
+def _texts_of(nodes: Iterable[tuple[str, DatasetID]]) -> tuple[dict[str, str], dict[str, str]]:
+    """Return units and definitions of figures."""
+    found = [(key, text(node, "units"), text(node, "definition")) for key, node in nodes]
+    return {key: unit for key, unit, _ in found}, {key: about for key, _, about in found}
+
+
+def _dataset(path: Path, file: h5py.File, name: str) -> Dataset:
+    import h5py
+
+    found = part(file, name)
+    if not isinstance(found, h5py.h5d.DatasetID):
+        raise InputError(f"{path}: holds no dataset {name}; its groups are {', '.join(file)}.")
+    node = h5py.Dataset(found)
+    scales = list(_scales_of(node, name))
+    check_series(name, node.shape, scales, lambda other: _shape(file, other))
+    units, long_name, source = (text(found, key) for key in ("units", "long_name", "source"))
+    dims = tuple(scale.rpartition("/")[2] for scale, _ in scales)
+    values = values_of(found, name)
+    check_values(name, values)
+    return Dataset(values, units, long_name, source, dims)  # type: ignore[arg-type]
+
+
+def _shape(file: h5py.File, path: str) -> tuple[int, ...] | None:
+    """Return the shape of a dataset, None where there is none."""
+    import h5py
+
+    node = part(file, path)
+    return tuple(node.shape) if isinstance(node, h5py.h5d.DatasetID) else None
+
+
+def _scales_of(node: h5py.Dataset, path: str) -> Iterator[tuple[str, int]]:
+    """Yield path and length of the scale of each axis that has one; raises LayoutError for a scale that was removed."""
+    for axis in node.dims:
+        if len(axis):
+            if axis[0].name is None:  # attached, but in no group any more
+                raise LayoutError(f"has lost the scale of {path}")
+            yield axis[0].name, axis[0].size
+
+
+def _reading(path: Path, read: Callable[[h5py.File], T]) -> T:
+    """Apply `read` to an open, checked result file; every fault of the file is an InputError."""
+    import h5py
+
+    try:
+        open_regular(path).close()
+    except (OSError, ValueError) as error:
+        raise InputError(refusal(path, "cannot read", error, advice=False)) from error
+    if not h5py.is_hdf5(path):
+        raise InputError(f"{path}: is not an HDF5 file; give a result file written by rths run.")
+    try:
+        check_heaps(path)
+        with h5py.File(path, "r") as file:
+            _check_format(path, file)
+            return read(file)
+    except LayoutError as error:
+        raise InputError(
+            f"{path}: {error}, so it is no result file as rths run writes it; run the case again."
+        ) from error
+    except (OSError, RuntimeError, LookupError, ValueError, TypeError) as error:
+        raise InputError(f"{path}: is truncated or damaged and cannot be read; run the case again.") from error
+
+
+def _check_format(path: Path, file: h5py.File) -> None:
+    form = attribute(file, "format")
+    if form == "rths-sweep":
+        raise InputError(f"{path}: holds a sweep; rths sweep with the same options and --resume shows it.")
+    if form != FORMAT:
+        raise InputError(f"{path}: is not a result file of rths (no attribute format = {FORMAT}).")
+    if attribute(file, "status") is None:
+        raise InputError(f"{path}: does not say how its run ended (no attribute status); run the case again.")
+    version = int(attribute(file, "format_version") or 0)
+    if version > FORMAT_VERSION:
+        raise InputError(f"{path}: has format version {version}, this rths reads up to {FORMAT_VERSION}; update rths.")

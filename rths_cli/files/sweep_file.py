@@ -1,0 +1,371 @@
+"""The result file of a sweep, and the text file of the rows of one under way.
+
+Axes `variant` (runs counted from 1, the seed varying fastest) and `storey`; every varied key of the case, by its
+dotted name, and `seed` are coordinates along `variant`; every figure is a dataset named by its path. It opens in
+`xarray.open_dataset`. Written under a temporary name and renamed: a file with the final name is whole.
+
+The first line says which sweep it is. A killed process may leave half a line at the end, which is dropped; what was
+written before it is whole, and the numbers in it read back to the last bit.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any, TextIO, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rths_cli.errors import InputError
+from rths_cli.files.durable_files import open_regular
+from rths_cli.files.hdf5 import Dataset, datasets, text, write_group
+from rths_cli.files.hdf5_heaps import check_heaps
+from rths_cli.files.hdf5_layout import LayoutError, attribute, attributes, member, values_of
+from rths_cli.files.result_writer import Attribute, refusal
+from rths_cli.files.staged_file import new_hdf5
+from rths_cli.numerics.lti import Array
+from rths_cli.printed import csv_cell
+
+if TYPE_CHECKING:
+    import h5py
+
+T = TypeVar("T")
+
+FORMAT = "rths-sweep"
+FORMAT_VERSION = 1
+CSV_START = b"variant,"
+CASE = ("case_yaml", "case_resolved")
+STATED: dict[str, type] = {
+    "case_name": str, "rig": str, "rig_kind": str, "seeds": str, "status": str, "plan_sha256": str,
+    "software_sha256": str, "exit_code": int, "seeds_per_point": int, "coordinates": str,
+}  # fmt: skip
+"""Attributes that every sweep has, with their types."""
+NEEDED = {"exp_rths.tracking_rms_m_s2": 1, "exp_rths.rms_error_m_s2": 2}
+"""Figures that every sweep has, with the number of their axes; NaN where a run has none, never infinite."""
+ENDINGS = (
+    ("_n_s_per_m", "N*s/m"), ("_n_per_m", "N/m"), ("_m_per_v", "m/V"), ("_m_s2", "m/s^2"), ("_m_s", "m/s"),
+    ("_hz", "Hz"), ("_kg", "kg"), ("_s", "s"), ("_v", "V"), ("_m", "m"), ("_n", "N"), ("_g", "g"),
+)  # fmt: skip
+TEXTS = {
+    "status": "how the run ended: complete, aborted, failed or refused",
+    "reason": "why it ended so",
+    "verdict": "what the check says of the hybrid test: safe, unsafe or unstable",
+    "model_sha256": "hash of the table model that drove the run",
+}
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure over all runs: `values` (n_variants,) or (n_variants, n_storeys), NaN where a run has none."""
+
+    values: Array
+    units: str
+    definition: str
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A sweep as its file holds it: n runs, the `seeds_per_point` of one grid point next to each other.
+
+    `varied`: the values (n,) of each varied key; `seed` (n,); `texts`: status, reason, verdict, model_sha256 (n,).
+    """
+
+    attributes: dict[str, Attribute]
+    case_yaml: str
+    resolved_yaml: str
+    seeds_per_point: int
+    varied: dict[str, tuple[Any, ...]]
+    seed: NDArray[np.int64]
+    texts: dict[str, tuple[str, ...]]
+    figures: dict[str, Figure]
+
+
+def write_sweep(path: Path, sweep: Sweep) -> None:
+    """Write the file of a sweep; raises InputError when the disk refuses."""
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with new_hdf5(part) as file:
+            about = {"format": FORMAT, "format_version": FORMAT_VERSION, "seeds_per_point": sweep.seeds_per_point}
+            names = {"coordinates": " ".join(["seed", *sweep.varied]), "figures": " ".join(sweep.figures)}
+            file.attrs.update({**sweep.attributes, **about, **names})
+            write_group(file, _datasets(sweep), _scales(sweep))
+        os.replace(part, path)
+    except (OSError, RuntimeError) as error:
+        raise InputError(refusal(path, "cannot write the result file", error)) from error
+    finally:
+        with suppress(OSError):
+            part.unlink()
+
+
+def read_attributes(path: Path) -> dict[str, Attribute]:
+    """Return the root attributes of a sweep's file; raises InputError when it is none."""
+    return _reading(path, attributes)
+
+
+def read_sweep(path: Path) -> Sweep:
+    """Return a sweep from its file; raises InputError when it is none, or not as `write_sweep` writes it."""
+    return _reading(path, _sweep)
+
+
+def _reading(path: Path, read: Callable[[h5py.File], T]) -> T:
+    """Apply `read` to the open file of a sweep; every fault of the file is an InputError."""
+    import h5py
+
+    form = None
+    try:
+        open_regular(path).close()
+        if h5py.is_hdf5(path):
+            check_heaps(path)
+            with h5py.File(path, "r") as file:
+                form = attribute(file, "format")
+                if form == FORMAT:
+                    _check_version(path, attribute(file, "format_version"))
+                    return read(file)
+    except LayoutError as error:
+        raise InputError(f"{path}: {error}, so it is no sweep as rths writes it; run the sweep again.") from error
+    except (OSError, RuntimeError, LookupError, ValueError, TypeError) as error:
+        if form == FORMAT:
+            sentence = "is a sweep that is truncated or damaged and cannot be read; run the sweep again."
+            raise InputError(f"{path}: {sentence}") from error
+    raise InputError(f"{path}: exists and is no result of a sweep, which alone is replaced; choose another --output")
+
+
+def _check_version(path: Path, version: Attribute | None) -> None:
+    if not isinstance(version, int):
+        raise LayoutError("does not state its format_version")
+    if version > FORMAT_VERSION:
+        raise InputError(f"{path}: has format version {version}, this rths reads up to {FORMAT_VERSION}; update rths.")
+
+
+def _sweep(file: h5py.File) -> Sweep:
+    """Return what the file of a sweep holds; raises LayoutError unless it is a table of as many rows everywhere."""
+    about = attributes(file)
+    for name in STATED:
+        member(about, name, STATED[name])
+    nodes = dict(datasets(file))
+    if any("/" in name for name in nodes):
+        raise LayoutError("has groups in it")
+    found = {name: values_of(node, name) for name, node in nodes.items()}
+    units = {name: (text(node, "units"), text(node, "long_name")) for name, node in nodes.items()}
+    keys = str(about["coordinates"]).split()[1:]
+    seed = _column(found, "seed", "iu", None)
+    runs, per_point = len(seed), int(about["seeds_per_point"])
+    if not 1 <= per_point <= runs or runs % per_point:
+        raise LayoutError(f"has {runs} runs, {per_point} of each grid point")
+    paths = [name for name in found if name not in (*CASE, *TEXTS, "seed", *keys)]
+    order = str(about.get("figures", "")).split()
+    if any(path not in paths for path in (*NEEDED, *order)):
+        raise LayoutError("has not the figures of a sweep")
+    figures = {path: Figure(_figure(found, path, runs), *units[path]) for path in dict.fromkeys([*order, *paths])}
+    if len({figure.values.shape[1] for figure in figures.values() if figure.values.ndim > 1}) > 1:
+        raise LayoutError("has figures of other numbers of storeys")
+    texts = {name: tuple(map(str, _column(found, name, "OSU", runs).tolist())) for name in TEXTS}
+    varied = {key: tuple(_column(found, key, "OSUf", runs).tolist()) for key in keys}
+    yaml, resolved = (member(found, name, str) for name in CASE)
+    return Sweep(about, yaml, resolved, per_point, varied, seed, texts, figures)
+
+
+def _column(found: Mapping[str, Any], name: str, kinds: str, runs: int | None) -> NDArray[Any]:
+    """Return a value per run; raises LayoutError."""
+    column = np.asarray(found.get(name))
+    if column.ndim != 1 or column.dtype.kind not in kinds or len(column) != (len(column) if runs is None else runs):
+        raise LayoutError(f"has not one {name} per run")
+    return column
+
+
+def _figure(found: Mapping[str, Any], path: str, runs: int) -> Array:
+    """Return the numbers of a figure, per run or per run and storey; raises LayoutError."""
+    numbers = np.asarray(found[path])
+    axes = NEEDED.get(path, numbers.ndim)
+    if numbers.dtype.kind not in "fiu" or numbers.ndim != axes or axes not in (1, 2) or len(numbers) != runs:
+        raise LayoutError(f"has not one {path} per run")
+    if path in NEEDED and np.any(np.isinf(numbers)):
+        raise LayoutError(f"holds an infinite number in {path}")
+    return numbers.astype(float, copy=False)
+
+
+def check_csv(path: Path, result: Path) -> None:
+    """Raise InputError where the table as CSV would replace what it must not: anything but such a table."""
+    if path.resolve() == result.resolve():
+        raise InputError(f"--csv {path}: is the result file itself; give it a name of its own")
+    if path.exists() and not path.is_file():
+        raise InputError(f"--csv {path}: is no ordinary file; give the name of a file to write")
+    try:
+        with open_regular(path) as file:
+            ours = file.read(len(CSV_START)) == CSV_START
+    except FileNotFoundError:
+        ours = True
+    except OSError as error:
+        raise InputError(refusal(path, "cannot read", error, advice=False)) from error
+    if not ours:
+        raise InputError(
+            f"--csv {path}: exists and is no table of a sweep, which alone is replaced; choose another name"
+        )
+
+
+def write_csv(path: Path, sweep: Sweep) -> None:
+    """Write the table of a sweep as CSV, one line per run, one column per figure and storey; raises InputError."""
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        part.write_text(_csv(sweep), encoding="utf-8")
+        os.replace(part, path)
+    except OSError as error:
+        raise InputError(refusal(path, "cannot write the table", error)) from error
+    finally:
+        with suppress(OSError):
+            part.unlink()
+
+
+def _csv(sweep: Sweep) -> str:
+    """Return the table as text; numbers read back to the last bit, a figure that is not there is empty."""
+    columns = dict(_columns(sweep))
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(map(csv_cell, columns))
+    writer.writerows(zip(*columns.values(), strict=True))
+    return text.getvalue()
+
+
+def _columns(sweep: Sweep) -> Iterator[tuple[str, list[Any]]]:
+    """Yield name and values (n,) of each column: coordinates, texts, figures with their storey in brackets."""
+    yield "variant", list(range(1, len(sweep.seed) + 1))
+    yield from ((key, [_cell(value) for value in values]) for key, values in sweep.varied.items())
+    yield "seed", sweep.seed.tolist()
+    yield from ((name, [csv_cell(text) for text in sweep.texts[name]]) for name in TEXTS)
+    for path, figure in sweep.figures.items():
+        if figure.values.ndim == 1:
+            yield path, [_cell(value) for value in figure.values.tolist()]
+            continue
+        for storey, values in enumerate(figure.values.T.tolist(), 1):
+            yield f"{path}[{storey}]", [_cell(value) for value in values]
+
+
+def _cell(value: Any) -> str:
+    """Return a value as CSV holds it."""
+    if isinstance(value, float):
+        return "" if value != value else repr(value)
+    return csv_cell(value) if isinstance(value, str) else json.dumps(value)
+
+
+def _scales(sweep: Sweep) -> dict[str, Dataset]:
+    count = len(sweep.seed)
+    storeys = max((figure.values.shape[1] for figure in sweep.figures.values() if figure.values.ndim > 1), default=1)
+    return {
+        "variant": Dataset(np.arange(1, count + 1), "1", "run of the sweep, counted from 1", "computed"),
+        "storey": Dataset(np.arange(1, storeys + 1), "1", "storey, counted from 1 at the ground", "computed"),
+    }
+
+
+def _datasets(sweep: Sweep) -> dict[str, Dataset]:
+    """Return everything along the runs, and the case the sweep starts from."""
+    runs = ("variant",)
+    found = {
+        key: Dataset(_stored(key, v), _units(key), f"varied key {key}", "computed", runs)
+        for key, v in sweep.varied.items()
+    }
+    found["seed"] = Dataset(sweep.seed, "1", "seed of the run's noise", "computed", runs)
+    found |= {name: Dataset(_text(sweep.texts[name]), "1", about, "computed", runs) for name, about in TEXTS.items()}
+    for path, figure in sweep.figures.items():
+        dims = ("variant", "storey")[: figure.values.ndim]
+        found[path] = Dataset(figure.values, figure.units, figure.definition, "computed", dims)
+    found["case_yaml"] = Dataset(sweep.case_yaml, "1", "case file as written", "computed")
+    found["case_resolved"] = Dataset(
+        sweep.resolved_yaml, "1", "the case without what is varied, all defaults", "computed"
+    )
+    return found
+
+
+def _stored(key: str, values: tuple[Any, ...]) -> NDArray[Any]:
+    """Return the values (n,) of a varied key: numbers where all are, else text."""
+    if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
+        return np.array(values, dtype=float)
+    return _text(tuple(value if isinstance(value, str) else json.dumps(value) for value in values))
+
+
+def _text(values: tuple[str, ...]) -> NDArray[Any]:
+    return np.array(values, dtype=np.str_)
+
+
+def _units(key: str) -> str:
+    """Return the unit that the name of a key ends with, 1 where it has none."""
+    return next((unit for ending, unit in ENDINGS if key.endswith(ending)), "1")
+
+
+ROWS_FORMAT = "rths-sweep-rows"
+
+
+def rows_path(result: Path) -> Path:
+    """Return where the rows of a sweep stand until its result file is written."""
+    return result.with_name(f"{result.name}.rows")
+
+
+def read_rows(path: Path) -> tuple[dict[str, Any], list[list[Any]]]:
+    """Return the header and the whole rows of a sweep under way; raise InputError when it is no such file."""
+    try:
+        with open_regular(path) as file:
+            lines = file.read().split(b"\n")[:-1]  # what follows the last newline was being written
+        header, *rows = [json.loads(line) for line in lines]
+    except OSError as error:
+        raise InputError(refusal(path, "cannot read", error, advice=False)) from error
+    except (ValueError, RecursionError):
+        raise InputError(f"{path}: is damaged or holds no rows of a sweep; remove it and run the sweep anew") from None
+    if not isinstance(header, dict) or header.get("format") != ROWS_FORMAT:
+        raise InputError(f"{path}: holds no rows of a sweep; remove it and run the sweep anew")
+    return header, rows
+
+
+class RowsFile:
+    """Append rows to the file of a sweep under way; use as a context manager. Raises InputError where the disk
+    refuses."""
+
+    def __init__(self, path: Path, header: Mapping[str, Any], resume: bool) -> None:
+        self._path = path
+        self._header = {"format": ROWS_FORMAT, **header}
+        self._resume = resume
+        self._file: TextIO | None = None
+
+    def __enter__(self) -> RowsFile:
+        """Open the file: a new one with its header, or after the last whole row of one that exists."""
+        try:
+            if self._resume:
+                whole = self._path.read_bytes().rpartition(b"\n")
+                os.truncate(self._path, len(whole[0]) + len(whole[1]))
+            self._file = open(self._path, "a" if self._resume else "x", encoding="utf-8")
+            if not self._resume:
+                self._write(self._header)
+        except OSError as error:
+            raise InputError(refusal(self._path, "cannot write the rows of the sweep", error)) from error
+        return self
+
+    def append(self, row: Sequence[Any]) -> None:
+        """Write one row; whatever happens to the process afterwards, it is kept."""
+        try:
+            self._write(row)
+        except OSError as error:
+            raise InputError(refusal(self._path, "cannot write the rows of the sweep", error)) from error
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Close the file; it stays until `remove`."""
+        if self._file is not None:
+            with suppress(OSError):
+                self._file.close()
+
+    def remove(self) -> None:
+        """Remove the file: its rows stand in the result."""
+        with suppress(OSError):
+            self._path.unlink()
+
+    def _write(self, content: Any) -> None:
+        assert self._file is not None
+        self._file.write(json.dumps(content) + "\n")
+        self._file.flush()

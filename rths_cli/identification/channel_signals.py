@@ -1,0 +1,193 @@
+"""Are the channels what they say they are, by their signals alone? Lost, dead, clipped, humming."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rths_cli.errors import InputError
+from rths_cli.identification.recorded_data import Record
+from rths_cli.identification.results import ChannelReport
+from rths_cli.identification.table_fit import COMPARED_HZ, within
+from rths_cli.numerics.filters import filtered, section
+from rths_cli.numerics.lti import Array, Frf
+from rths_cli.rigs.description import Channel, RigInfo
+
+TOP, FLAT, FLATTEST, CUT_OFF, LEAST_TOP = 0.95, 0.998, 0.993, 0.5, 6
+NOISE_SIGMA = 6.0
+
+
+def cut_off_peaks(accel: Array, channel: Channel, dt_s: float, rest_rms_m_s2: float, bit_m_s2: float = 0.0) -> int:
+    """Return how many peaks of a channel (n,) in m/s^2 are cut off; it may be corrected for the sensor's corners.
+
+    A limit acts before the correction, which tilts a flat top: both are looked at. `bit_m_s2`: of its converter.
+    """
+    both = accel, as_sampled(accel, channel, dt_s)
+    return max(flat_tops(values, rest_rms_m_s2, bit_m_s2) for values in both)
+
+
+def as_sampled(accel: Array, channel: Channel, dt_s: float) -> Array:
+    """Return a corrected channel (n,) in m/s^2 with its sensor's corners put back, as the converter saw it.
+
+    It undoes 1 + w_h / s (trapezoidal rule) and the lead 1 + T / dt (3/2 - 2/z + 1/2 z^-2), T = 1 / w_l,
+    from rest.
+    """
+    half = np.pi * channel.high_pass_hz * dt_s
+    lead = 1.0 / (2.0 * np.pi * channel.low_pass_hz * dt_s) if channel.low_pass_hz > 0.0 else 0.0
+    coupling = section([1.0, -1.0], [1.0 + half, half - 1.0])
+    lag = section([1.0], [1.0 + 1.5 * lead, -2.0 * lead, 0.5 * lead])
+    return filtered(np.vstack([coupling, lag]), accel - accel[0])
+
+
+def flat_tops(accel: Array, rest_rms_m_s2: float = 0.0, bit_m_s2: float = 0.0) -> int:
+    """Return how often a signal (n,) in m/s^2 is cut off at its extremes.
+
+    Of the time that a peak, a parabola, spends above 95 % of its top it spends sqrt(0.002 / 0.05) = 0.2 above 99.8 %
+    (0.37 above 99.3 %, which noise may ask for); one that is cut off spends most of it there. Where a bit of the
+    converter is more than 0.7 % of the top every peak is flat, and none is counted.
+    """
+    count = 0
+    for side in (accel, -accel):
+        top = float(side.max())
+        if bit_m_s2 > (1.0 - FLATTEST) * top:
+            continue
+        flat = np.clip(1.0 - NOISE_SIGMA * rest_rms_m_s2 / top, FLATTEST, FLAT) if top > 0.0 else FLAT
+        edges = np.diff((side > TOP * top).astype(np.int8), prepend=0, append=0)
+        stretches = zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True)
+        shares = [int(np.sum(side[a:b] > flat * top)) / (b - a) for a, b in stretches if b - a >= LEAST_TOP]
+        count += sum(int(share > CUT_OFF) for share in shares)
+    return count
+
+
+DEAD_BITS, DEAD_OVER_SILENCE = 1.0, 3.0
+CLIPPED_SHARE = 0.98
+MAINS_HZ = (50.0, 60.0, 100.0, 120.0, 150.0, 180.0)
+HUM_OVER_FLOOR = 10.0
+HUM_WORTH_SAYING = 2e-3  # of the excited rms
+
+
+class UnfitRecord(InputError):
+    """A record from which no model may be made; `channels` says what was seen."""
+
+    def __init__(self, faults: Sequence[str], channels: tuple[ChannelReport, ...] = ()) -> None:
+        super().__init__(*faults)
+        self.channels = channels
+
+
+def signal_faults(record: Record, info: RigInfo) -> list[str]:
+    """Return a sentence for each channel of a record that is incomplete, dead, drowned or clipped."""
+    faults = _lost("command", record.command_v)
+    for channel, accel in zip(info.channels, record.accel_m_s2, strict=True):
+        faults += _lost(channel.name, accel) or _signal_faults(channel, accel, info, record)
+    return faults
+
+
+def _lost(name: str, values: Array) -> list[str]:
+    """Return a sentence when samples are missing."""
+    missing = np.flatnonzero(~np.isfinite(values))
+    if not missing.size:
+        return []
+    return [
+        f"channel {name}: {missing.size} of {values.size} samples ({missing.size / values.size:.2%}) are missing, the "
+        f"first is number {missing[0]}; a response needs them all, measure again or cut the record"
+    ]
+
+
+def _signal_faults(channel: Channel, accel: Array, info: RigInfo, record: Record) -> list[str]:
+    parts = record.parts
+    rms = float(accel[parts.noise].std())
+    quiet = float(accel[parts.silence].std()) if parts.silence is not None else 0.0
+    least = max(DEAD_BITS * info.converters.step_v / channel.sensitivity_v_per_m_s2, 1e-9)
+    still = "" if channel is info.channels[0] else ", or a storey so soft that this floor hardly moves"
+    if rms < least:
+        return [
+            f"channel {channel.name}: dead, {rms:.2g} m/s^2 rms under excitation is less than a bit ({least:.2g}); "
+            f"check sensor, cable and power{still}"
+        ]
+    if rms < DEAD_OVER_SILENCE * quiet:
+        return [
+            f"channel {channel.name}: nothing but noise, {quiet:.2g} m/s^2 rms at rest and {rms:.2g} under excitation; "
+            f"check sensor and cable{still}, or take a sensor of less noise"
+        ]
+    largest = float(np.abs(accel).max())
+    if largest > CLIPPED_SHARE * channel.range_m_s2:
+        return [
+            f"channel {channel.name}: clipped, {largest:.4g} m/s^2 reaches the sensor's range of "
+            f"{channel.range_m_s2:.4g}; lower identification.accel_rms_m_s2"
+        ]
+    bit = info.converters.step_v / channel.sensitivity_v_per_m_s2
+    tops = cut_off_peaks(accel, channel, info.dt_s, quiet, bit)
+    if tops:
+        return [
+            f"channel {channel.name}: clipped, {tops} of its peaks are cut off at {largest:.4g} m/s^2; "
+            "check the range of amplifier and converter, or lower identification.accel_rms_m_s2"
+        ]
+    return []
+
+
+def channel_noise(record: Record, info: RigInfo) -> Array:
+    """Return the standard deviation (c,) in m/s^2 of the channels' noise: at rest, and of rounding to bits, which a
+    channel at rest within one bit does not show."""
+    rounding = [info.converters.step_v / channel.sensitivity_v_per_m_s2 / np.sqrt(12.0) for channel in info.channels]
+    silence = record.parts.silence
+    at_rest = np.zeros(len(rounding)) if silence is None else record.accel_m_s2[:, silence].std(axis=1)
+    return np.maximum(at_rest, rounding)
+
+
+def reports(records: Sequence[Record], frfs: Sequence[Frf] | None, info: RigInfo) -> tuple[ChannelReport, ...]:
+    """Return what each channel showed; without responses the coherence is not known (NaN)."""
+    found = []
+    for index, channel in enumerate(info.channels):
+        loud = np.concatenate([r.accel_m_s2[index, r.parts.noise] for r in records])
+        quiet = [r.accel_m_s2[index, r.parts.silence].std() for r in records if r.parts.silence is not None]
+        frequency, amplitude = _hum(records, index, info.dt_s, float(np.nanstd(loud)))
+        found.append(
+            ChannelReport(
+                channel.name,
+                float(np.nanstd(loud)),
+                float(np.nanmax(np.abs(loud), initial=0.0)),
+                float(np.mean(quiet)) if quiet else None,
+                coherence(frfs[index]) if frfs else float("nan"),
+                amplitude,
+                frequency,
+            )
+        )
+    return tuple(found)
+
+
+def coherence(frf: Frf) -> float:
+    """Return the median coherence in 0.7-11 Hz."""
+    return float(np.median(frf.coherence[within(frf.frequency_hz, COMPARED_HZ)]))
+
+
+def _hum(records: Sequence[Record], index: int, dt_s: float, loud: float) -> tuple[float, float]:
+    """Return frequency and amplitude of the strongest mains line at rest, or else in excitation without lines."""
+    best = (0.0, 0.0)
+    for record in records:
+        part = record.parts.silence or (None if record.parts.period_samples else record.parts.noise)
+        values = record.accel_m_s2[index, part] if part is not None else np.zeros(0)
+        if values.size * dt_s < 1.0 or not np.isfinite(values).all():
+            continue
+        window = np.hanning(values.size)
+        size = 2.0 * np.abs(np.fft.rfft(window * (values - values.mean()))) / window.sum()
+        frequency = np.arange(size.size) / (values.size * dt_s)
+        for mains in MAINS_HZ:
+            at = (np.abs(frequency - mains) <= max(0.2, 1.0 / (values.size * dt_s))) & (frequency < 0.45 / dt_s)
+            sides = [size[(way * (frequency - mains) > 2.5) & (way * (frequency - mains) < 6.0)] for way in (-1.0, 1.0)]
+            if at.any() and sides[1].size:
+                floor = max(float(np.median(side)) for side in sides)  # an excitation may end at the mains frequency
+                amplitude = float(size[at].max())
+                if amplitude > max(HUM_OVER_FLOOR * floor, HUM_WORTH_SAYING * loud, best[1]):
+                    best = (mains, amplitude)
+    return best
+
+
+def hum_warnings(channels: Sequence[ChannelReport]) -> tuple[str, ...]:
+    """Return a sentence for each channel that hums."""
+    return tuple(
+        f"channel {c.name}: {c.hum_hz:g} Hz hum of {c.hum_m_s2:.2g} m/s^2 amplitude ({c.hum_m_s2 / c.rms_m_s2:.1%} of "
+        "the excited rms); lines at the mains frequency carry little weight, check shielding and ground loops"
+        for c in channels
+        if c.hum_hz > 0.0
+    )

@@ -1,0 +1,226 @@
+"""How many roots the table needs: candidates judged by halves of the data that they were not fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from rths_cli.errors import InputError
+from rths_cli.identification.frequency_response import Estimator, without_leakage
+from rths_cli.identification.recorded_data import Record
+from rths_cli.identification.results import Candidate
+from rths_cli.identification.table_fit import (
+    LEAST_ERROR,
+    Fit,
+    Layout,
+    best_of,
+    fit,
+    problem_of,
+    rational_latency,
+    thinned,
+    timing_of,
+    within,
+)
+from rths_cli.numerics.lti import Array, Frf
+
+WORTH = 0.9  # a larger candidate must lower the held-out error to this share of the smaller one's
+HALF_SEGMENTS, LONGEST_SEGMENT_S = 5, 20.0
+EXTRA_LAG_HZ, EXTRA_DELAY_S, EXTRA_MODES_HZ, EXTRA_RATIO = 300.0, 3e-4, (15.0, 25.0, 35.0, 50.0), 0.05
+SPLIT = 1.02
+UNDETERMINED = 0.4  # standard uncertainty of a frequency's logarithm
+CERTAIN, NEAR = 3.0, 0.1  # standard errors between a pole and a zero that do not cancel; as logarithm of frequencies
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A structure and where its fits start: parameters of the layout, then the ripple."""
+
+    name: str
+    layout: Layout
+    start: Array
+    held_zeros: int
+
+
+def choose(
+    base: Fit, frf: Frf, records: Sequence[Record], estimator: Estimator, latency_in_roots: bool
+) -> tuple[Fit, tuple[Candidate, ...]]:
+    """Return the fit of the structure that the data ask for, and all that were tried, the smallest first.
+
+    A larger structure is tried while the held-out error of the one taken leaves room for it, and taken only where it
+    lowers that error to 0.9 of the smaller one's, with roots that the data determine. Records too short to be halved
+    keep the first structure.
+    """
+    halves = _halves(base, records, estimator)
+    if latency_in_roots or not halves:
+        trial = _with_latency(base) if latency_in_roots else _as_it_is(base)
+        score = _held_out(trial, base, halves) if halves else float("nan")
+        return _fitted(trial, base, frf), (_described(trial, score, chosen=True),)
+    tried = [(trial, _held_out(trial, base, halves)) for trial in (_without_lag(base), _as_it_is(base))]
+    taken = 1 if tried[1][1] < WORTH * tried[0][1] else 0
+    found = _fitted(tried[taken][0], base, frf)
+    for trial in _larger(base, frf):
+        if tried[taken][1] <= 1.0 / WORTH:
+            break
+        tried.append((trial, _held_out(trial, base, halves)))
+        better = _fitted(trial, base, frf) if tried[-1][1] < WORTH * tried[taken][1] else None
+        if better is not None and not doubtful(better):
+            taken, found = len(tried) - 1, better
+    return found, tuple(_described(trial, score, i == taken) for i, (trial, score) in enumerate(tried))
+
+
+def _described(trial: Trial, score: float, chosen: bool) -> Candidate:
+    layout = trial.layout
+    return Candidate(trial.name, 2 * layout.pole_pairs + layout.single_poles, 2 * layout.zero_pairs, score, chosen)
+
+
+def _as_it_is(base: Fit) -> Trial:
+    """Return the first fit's own structure."""
+    return Trial("one lag", base.layout, base.parameters, base.held_zeros)
+
+
+def _without_lag(base: Fit) -> Trial:
+    """Return the structure without the actuator's lag."""
+    start = np.delete(base.parameters, 1 + 2 * base.layout.pole_pairs)
+    return Trial("no lag", replace(base.layout, single_poles=0), start, base.held_zeros)
+
+
+def _larger(base: Fit, frf: Frf) -> Iterator[Trial]:
+    """Yield structures with more than the first fit's: free zeros, another lag, a longer delay, a mode of the frame."""
+    layout, theta, held = base.layout, base.parameters, base.held_zeros
+    if held:
+        yield Trial("one lag, zeros free", layout, theta, 0)
+    single = 1 + 2 * layout.pole_pairs
+    wide = np.insert(theta, single, np.log(2.0 * np.pi * EXTRA_LAG_HZ))
+    yield Trial("two lags", replace(layout, single_poles=2), wide, held)
+    late = np.insert(theta, layout.size, np.log(EXTRA_DELAY_S))
+    yield Trial("one lag, delay fitted", replace(layout, fits_delay=True), late, held)
+    more = replace(layout, pole_pairs=layout.pole_pairs + 1, zero_pairs=layout.zero_pairs + 1)
+    few = thinned(problem_of(frf, more, timing_of(base.model), base.model.band_hz, ripple=True))
+    starts = [_with_mode(base, hz, split) for hz in EXTRA_MODES_HZ for split in (SPLIT, 1.0 / SPLIT)]
+    yield Trial("one lag, one more mode", more, best_of(few, starts, more.zeros(held)), held)
+
+
+def _with_latency(base: Fit) -> Trial:
+    """Return the structure whose roots carry the latency."""
+    layout, start = rational_latency(base)
+    return Trial("latency in the roots", layout, np.append(start, base.parameters[-1]), 0)
+
+
+def _with_mode(base: Fit, frequency_hz: float, split: float) -> Array:
+    """Return the first fit's parameters with a pole pair and a zero pair beside it."""
+    pole = np.log([2.0 * np.pi * frequency_hz, EXTRA_RATIO])
+    zero = np.log([2.0 * np.pi * frequency_hz * split, EXTRA_RATIO])
+    theta = np.insert(base.parameters, 1 + 2 * base.layout.pole_pairs, pole)
+    return np.insert(theta, base.layout.size + 2, zero)
+
+
+def _fitted(trial: Trial, base: Fit, frf: Frf) -> Fit:
+    """Return the fit of a structure to a response."""
+    band = base.model.band_hz
+    return fit(frf, trial.layout, trial.start, timing_of(base.model), band, ripple=True, held_zeros=trial.held_zeros)
+
+
+def _halves(base: Fit, records: Sequence[Record], estimator: Estimator) -> tuple[Frf, ...]:
+    """Return the table's response from two halves of the data, () where these are too short.
+
+    Noise: the first and the second half of every record. Whole periods, in which friction acts alike: every other line.
+    """
+    period_s = records[0].parts.period_samples * base.model.dt_s
+    if period_s:
+        whole = without_leakage(_blank(base, period_s), base.model, records, period_s, estimator)
+        return _every_other(whole, 0), _every_other(whole, 1)
+    try:
+        return tuple(_half(base, records, estimator, which) for which in (_first, _second))
+    except InputError:
+        return ()
+
+
+def _half(base: Fit, records: Sequence[Record], estimator: Estimator, which: Callable[[Record], Record]) -> Frf:
+    parts = [which(record) for record in records]
+    dt = base.model.dt_s
+    shortest = min(part.parts.noise.stop - part.parts.noise.start for part in parts)
+    suited = [part.parts.segment_samples * dt for part in parts if part.parts.segment_samples]
+    segment_s = min(shortest * dt / HALF_SEGMENTS, LONGEST_SEGMENT_S, *suited)
+    return without_leakage(_blank(base, segment_s), base.model, parts, segment_s, estimator)
+
+
+def _blank(base: Fit, segment_s: float) -> Frf:
+    """Return a response that states no more than the lines of a segment length in the model's band."""
+    length, dt = round(segment_s / base.model.dt_s), base.model.dt_s
+    lines = np.arange(length // 2 + 1) / (length * dt)
+    lines = lines[within(lines, base.model.band_hz)]
+    return Frf(lines, np.ones(len(lines), dtype=complex), np.ones(len(lines)), np.ones(len(lines)), 0)
+
+
+def _every_other(frf: Frf, first: int) -> Frf:
+    """Return every second line of a response."""
+    some = slice(first, None, 2)
+    return Frf(frf.frequency_hz[some], frf.response[some], frf.coherence[some], frf.relative_error[some], frf.averages)
+
+
+def _first(record: Record) -> Record:
+    noise = record.parts.noise
+    return record.excited_in(slice(noise.start, (noise.start + noise.stop) // 2))
+
+
+def _second(record: Record) -> Record:
+    noise = record.parts.noise
+    return record.excited_in(slice((noise.start + noise.stop) // 2, noise.stop))
+
+
+def _held_out(trial: Trial, base: Fit, halves: tuple[Frf, ...]) -> float:
+    """Return the rms error over both halves, each fitted to the other one."""
+    squares = [_score(_fitted(trial, base, fitted), judged) for fitted, judged in (halves, halves[::-1])]
+    return float(np.sqrt(np.mean(squares)))
+
+
+def _score(found: Fit, frf: Frf) -> float:
+    """Return the mean square of |model / FRF - 1| over the FRF's standard error (of real or imaginary part)."""
+    inside = within(frf.frequency_hz, found.model.band_hz)
+    f = frf.frequency_hz[inside]
+    error = np.abs(found.model.sampled_response(f) / frf.response[inside] - 1.0)
+    scatter = np.hypot(frf.relative_error[inside], LEAST_ERROR)
+    return float(np.mean(error**2 / (2.0 * scatter**2)))
+
+
+def doubtful(found: Fit) -> tuple[str, ...]:
+    """Return a sentence for each pair of roots that the data do not determine, or do not tell from another one."""
+    return (*_undetermined(found), *_cancelling(found))
+
+
+def _undetermined(found: Fit) -> tuple[str, ...]:
+    """Return a sentence for each pair whose frequency has a standard uncertainty of half an octave or so."""
+    error = np.sqrt(np.diag(found.covariance))
+    poles, single, zeros = found.layout.pairs(found.parameters)
+    first_zero = 1 + 2 * found.layout.pole_pairs + len(single)
+    named = [("pole", 1 + 2 * i, pair[0]) for i, pair in enumerate(poles)]
+    named += [("zero", first_zero + 2 * i, pair[0]) for i, pair in enumerate(zeros)]
+    return tuple(
+        f"{kind} pair at {omega / (2.0 * np.pi):.3g} Hz: not determined by the data"
+        for kind, column, omega in named
+        if error[column] > UNDETERMINED
+    )
+
+
+def _cancelling(found: Fit) -> tuple[str, ...]:
+    """Return a sentence for each pole pair that no data tell from a zero pair."""
+    poles, _, zeros = found.layout.pairs(found.parameters)
+    first_zero = 1 + 2 * found.layout.pole_pairs + found.layout.single_poles
+    sentences = []
+    for i, pole in enumerate(poles):
+        for j, zero in enumerate(zeros):
+            p, z = slice(1 + 2 * i, 3 + 2 * i), slice(first_zero + 2 * j, first_zero + 2 * j + 2)
+            apart = np.log(pole / zero)
+            if abs(apart[0]) > NEAR:
+                continue
+            spread = _block(found.covariance, p, p) + _block(found.covariance, z, z)
+            spread = spread - _block(found.covariance, p, z) - _block(found.covariance, z, p)
+            if float(apart @ np.linalg.pinv(spread) @ apart) < CERTAIN**2:
+                sentences.append(f"poles and zeros at {pole[0] / (2.0 * np.pi):.3g} Hz cancel within their uncertainty")
+    return tuple(sentences)
+
+
+def _block(matrix: Array, rows: slice, columns: slice) -> Array:
+    return matrix[rows, columns]

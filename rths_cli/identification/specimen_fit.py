@@ -1,0 +1,373 @@
+"""Fit a chain of storeys to the accelerations of table and floors, with weighed floor masses.
+
+The discrete Fourier transform of a stretch of record obeys, for the motion of every floor,
+Y(s) = H(s) A(s) + sum over modes of phi (alpha + beta s) / (s^2 + 2 zeta w s + w^2): H is the transmissibility, A the
+table's acceleration, and alpha, beta stand for the state at the stretch's start less that at its end. With these free
+there is no leakage however light the damping, and one equation serves noise and free vibration: the coupled motion of
+table and specimen is input and output at once.
+
+What enters linearly (alpha, beta, a slow drift) is projected out: variable projection, with the slopes of
+L. Kaufman, BIT 15 (1975) 49.
+
+Output error in the frequency domain (see chain.py), over whole records and over stretches of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+
+import numpy as np
+
+from rths_cli.errors import InputError
+from rths_cli.identification.least_squares import Solution, covariance, least_squares, parts
+from rths_cli.identification.results import SpecimenFit
+from rths_cli.numerics.filters import fast_length
+from rths_cli.numerics.lti import Array, ComplexArray
+from rths_cli.structure import Specimen, modal_damping_matrix, storey_matrix
+
+ROUNDING = float(np.finfo(float).eps)
+LOST = 1e-12  # of the largest singular value of the linear terms' normal equations
+
+
+@dataclass(frozen=True)
+class Lines:
+    """Fourier lines s (m,) in rad/s of the accelerations of table (m,) and floors (n, m)."""
+
+    s: ComplexArray
+    table: ComplexArray
+    floors: ComplexArray
+
+
+def modal(masses_kg: Array, stiffness_n_per_m: Array) -> tuple[Array, Array]:
+    """Return natural frequencies in rad/s, ascending, (n,) and mass-normalised mode shapes (n, n).
+
+    An eigenvalue is known to rounding of the largest one; one that is lost in it is taken as that large.
+    """
+    root = np.sqrt(masses_kg)
+    eigenvalues, shapes = np.linalg.eigh(storey_matrix(stiffness_n_per_m) / np.outer(root, root))
+    known = np.maximum(eigenvalues, ROUNDING * eigenvalues[-1])
+    return np.sqrt(known), shapes / root[:, None]
+
+
+def frequency_slopes(omega: Array, shapes: Array, stiffness_n_per_m: Array) -> Array:
+    """Return d w_r / d log k_j in rad/s, (n modes, n storeys)."""
+    return _stiffness_slopes(shapes, stiffness_n_per_m).diagonal().T / (2.0 * omega[:, None])
+
+
+def _stiffness_slopes(shapes: Array, stiffness_n_per_m: Array) -> Array:
+    """Return phi_q^T (d K / d log k_j) phi_r, (n modes q, n modes r, n storeys j)."""
+    drift = np.diff(shapes, axis=0, prepend=0.0)
+    return np.einsum("jq,jr,j->qrj", drift, drift, stiffness_n_per_m)
+
+
+def evaluated(lines: Sequence[Lines], masses_kg: Array, theta: Array) -> tuple[Array, Array]:
+    """Return what transmissibility and linear terms leave of the floors' lines, and its slopes (2 n + 1, ...).
+
+    `theta`: logarithms of the storeys' stiffnesses and of the modal damping ratios (2 n,). The last slope is that by
+    a time in s by which the table's signal is delayed.
+    """
+    each = [_evaluated(part, masses_kg, theta) for part in lines]
+    return np.concatenate([residual for residual, _ in each]), np.hstack([slopes for _, slopes in each])
+
+
+def without_time(both: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return residual and slopes without the slope by the table's delay."""
+    return both[0], both[1][:-1]
+
+
+def _evaluated(lines: Lines, masses_kg: Array, theta: Array) -> tuple[Array, Array]:
+    """Return the residual (2 n m,) of one set of lines and its slopes (2 n + 1, 2 n m)."""
+    stiffness, ratios = np.split(np.exp(theta), 2)
+    omega, shapes = modal(masses_kg, stiffness)
+    s, table, participation = lines.s, lines.table, (masses_kg @ shapes)[:, None]
+    given = (2.0 * ratios * omega)[:, None] * s + (omega**2)[:, None]
+    under = 1.0 / (s**2 + given)
+    carried = given * under * table
+    state = np.stack([(omega**2)[:, None] * under, omega[:, None] * s * under])
+    left = lines.floors - shapes @ (participation * carried)
+    columns, size = _linear_terms(state, shapes, omega[0] / s)
+    residual, found = _without(parts(left).reshape(1, -1), columns)
+    free = (found[0, : 2 * len(omega)] / size).reshape(2, len(omega), 1)
+    moved = participation * carried + np.sum(free * state, axis=0)
+    pulled = (participation * table - moved) * under
+    basis = parts(np.concatenate([moved, carried, pulled, s * pulled, s * carried]))
+    slopes = -(_weights(masses_kg, stiffness, ratios, omega, shapes) @ basis).reshape(len(theta) + 1, -1)
+    return residual[0], _without(slopes, columns)[0]
+
+
+def _linear_terms(state: ComplexArray, shapes: Array, drift: ComplexArray) -> tuple[Array, Array]:
+    """Return the rows (3 n, 2 n m), of length 1, of initial and final state, and of a slow drift of each floor's
+    channel; and how long the first 2 n were."""
+    n = len(shapes)
+    of_modes = shapes.T[None, :, :, None] * parts(state)[:, :, None, :]
+    of_floors = np.eye(n)[:, :, None] * parts(drift)
+    rows = np.concatenate([of_modes.reshape(2 * n, -1), of_floors.reshape(n, -1)])
+    size = np.sqrt(np.sum(rows**2, axis=1))
+    return np.asarray(rows / size[:, None]), np.asarray(size[: 2 * n])
+
+
+def _without(values: Array, rows: Array) -> tuple[Array, Array]:
+    """Return values (k, m) less their projection on rows (p, m) of length 1, and that projection's parts (k, p)."""
+    found = np.linalg.lstsq(rows @ rows.T, rows @ values.T, rcond=LOST)[0].T.astype(float)
+    return values - found @ rows, found
+
+
+def _weights(masses_kg: Array, stiffness: Array, ratios: Array, omega: Array, shapes: Array) -> Array:
+    """Return how the model's slopes (2 n + 1 parameters, n floors) are made of the 5 n rows of their basis.
+
+    By log k_j: shapes and frequencies change, d phi_r = sum over q of phi_q phi_q^T K_j phi_r / (w_r^2 - w_q^2). By
+    log zeta_r: one mode's damping. By the table's delay: -s times what it carries.
+    """
+    n, coupled = len(omega), _stiffness_slopes(shapes, stiffness)
+    apart = np.subtract.outer(-(omega**2), -(omega**2))  # w_r^2 - w_q^2, q first
+    apart = np.copysign(np.maximum(np.abs(apart), ROUNDING * omega[-1] ** 2), apart) + np.diag(np.full(n, np.inf))
+    turned = np.einsum("iq,qrj->jir", shapes, coupled / apart[:, :, None])
+    faster = (coupled.diagonal() / (2.0 * omega)).reshape(n, 1, n)  # d w_r / d log k_j, (j, 1, r)
+    weights = np.zeros((2 * n + 1, n, 5, n))
+    weights[:n, :, 0] = turned
+    weights[:n, :, 1] = shapes * np.einsum("i,jir->jr", masses_kg, turned)[:, None]
+    weights[:n, :, 2] = shapes * (2.0 * omega) * faster
+    weights[:n, :, 3] = shapes * (2.0 * ratios) * faster
+    weights[n : 2 * n, :, 3] = np.eye(n)[:, None] * (shapes * 2.0 * ratios * omega)
+    weights[-1, :, 4] = -shapes * (masses_kg @ shapes)
+    return weights.reshape(2 * n + 1, n, 5 * n)
+
+
+ABOVE_HIGHEST = 1.6  # the lines used end at this multiple of the highest natural frequency
+MISFIT, USUAL_RATIO = 0.01, 0.02  # share of the floors' motion; damping ratio
+FIRST_CYCLES, LONGER = 6.0, 3  # of the lowest mode in the shortest stretch; factor from one stretch to the next
+NEAR_RATIOS = 1e-3, 0.5  # damping ratios from which slopes lead on
+LEAST_LINES = 12  # of a stretch, in the band of the fit
+STIFFNESS_REACH, RATIO_REACH = 1e4, 1e3  # factors by which a fit may leave its start
+CLOCK = 20e-6  # what a converter's clock is trusted to
+SKEW = 0.01  # of a sample: what the channels' common instant is trusted to
+NOISE_STRETCHES, FREE_SHARE = 5, 0.8
+TOLERANCE = 1e-9  # of the fit
+ALIVE_SIGMA, REST_SHARE = 5.0, 8  # standard deviations of the noise; the last part of a hold, whose median is the rest
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Accelerations in m/s^2 of table (n,), without the staircase alias, and floors (c, n) over a stretch."""
+
+    table: Array
+    floors: Array
+
+    def cut(self, part: slice) -> Motion:
+        """Return a part of the stretch."""
+        return Motion(self.table[part], self.floors[:, part])
+
+
+@dataclass(frozen=True)
+class Start:
+    """First values of storey stiffnesses in N/m and modal damping ratios, each (n,)."""
+
+    stiffness_n_per_m: Array
+    damping_ratio: Array
+
+
+def fit_specimen(motions: Sequence[Motion], dt_s: float, masses_kg: Array, low_hz: float, start: Start) -> SpecimenFit:
+    """Fit storey stiffnesses and modal damping ratios to one or several motions, which count alike.
+
+    `masses_kg` (c,) are weighed; lines from `low_hz` up are used. A fit that leaves more than MISFIT of the motion
+    unexplained is approached once more from short stretches, whose wide lines see a frequency from farther away.
+    """
+    masses = np.asarray(masses_kg, dtype=float)
+    band = _band(low_hz, masses, start)
+    found = _fitted([transform(motion, dt_s, band) for motion in motions], masses, start)
+    if found.size > MISFIT * np.sqrt(len(motions)):
+        near = _approached(motions, dt_s, masses, low_hz, start)
+        band = _band(low_hz, masses, start, near)
+        again = _fitted([transform(motion, dt_s, band) for motion in motions], masses, near)
+        found = min(found, again, key=lambda each: each.size)
+    return _described(masses, found, len(motions))
+
+
+def _fitted(lines: Sequence[Lines], masses: Array, start: Start) -> Solution:
+    """Return the fit to lines from a start."""
+    theta = np.log(np.concatenate([start.stiffness_n_per_m, start.damping_ratio]))
+    return least_squares(
+        lambda at: without_time(evaluated(lines, masses, at)), theta, TOLERANCE, reach=reach_of(len(masses))
+    )
+
+
+def reach_of(floors: int) -> Array:
+    """Return how far the logarithms of stiffnesses and damping ratios, (2 n,), may move from their start in a fit."""
+    return np.log(np.repeat([STIFFNESS_REACH, RATIO_REACH], floors))
+
+
+def _band(low_hz: float, masses: Array, *starts: Start) -> tuple[float, float]:
+    """Return the band in Hz of the lines of a fit from a start; it ends above the highest mode of each that is given,
+    so that a stretch that led astray does not take the lines away."""
+    highest = max(float(modal(masses, start.stiffness_n_per_m)[0][-1]) for start in starts)
+    return low_hz, ABOVE_HIGHEST * highest / (2.0 * np.pi)
+
+
+def _approached(motions: Sequence[Motion], dt_s: float, masses: Array, low_hz: float, start: Start) -> Start:
+    """Return a start from stretches of growing length, each fitted from what the one before found.
+
+    A line is as wide as its stretch is short: a resonance that a long one misses by many times its own width is near
+    for a short one. The first lasts FIRST_CYCLES of the lowest mode, with damping ratios of USUAL_RATIO. A stretch in
+    which the floors rest, as far as their channels tell, leads nowhere and is left out.
+    """
+    omega = modal(masses, start.stiffness_n_per_m)[0]
+    length = int(FIRST_CYCLES * 2.0 * np.pi / (omega[0] * dt_s))
+    near = Start(start.stiffness_n_per_m, np.full(len(masses), USUAL_RATIO))
+    whole = min(len(motion.table) for motion in motions)
+    while length < whole:
+        length = max(length, least_samples(omega / (2.0 * np.pi), dt_s, low_hz))
+        band = _band(low_hz, masses, start, near)
+        parts = [motion.cut(_middle(len(motion.table), length)) for motion in motions]
+        length *= LONGER
+        if not all(np.ptp(part.floors) > 0.0 for part in parts):
+            continue
+        theta = _fitted([transform(part, dt_s, band) for part in parts], masses, near).parameters
+        stiffness, ratios = np.split(np.exp(theta), 2)
+        first = start.stiffness_n_per_m
+        near = Start(stiffness.clip(first / STIFFNESS_REACH, first * STIFFNESS_REACH), ratios.clip(*NEAR_RATIOS))
+    return near
+
+
+def _middle(samples: int, length: int) -> slice:
+    """Return so many samples in the middle."""
+    first = max((samples - length) // 2, 0)
+    return slice(first, min(first + length, samples))
+
+
+def fit_stretches(
+    motions: Sequence[Motion], dt_s: float, masses_kg: Array, low_hz: float, start: Start, free: bool
+) -> SpecimenFit:
+    """Fit whole motions, and state uncertainties that hold for its stretches too.
+
+    The random error is that of the fit, widened by the Birge ratio where the stretches scatter more than their own
+    errors say (friction, amplitude). To it is added what no record shows: the converter's clock (20 ppm of a frequency)
+    and the channels' skew (1 % of a sample, which is w dt / 200 of a damping ratio). Motions too short to be divided
+    have no scatter (NaN), and their errors are not widened.
+    """
+    whole = fit_specimen(motions, dt_s, masses_kg, low_hz, start)
+    first = Start(whole.stiffness_n_per_m, whole.damping_ratio)
+    least = least_samples(whole.natural_frequency_hz, dt_s, low_hz)
+    pieces = [motion.cut(part) for motion in motions for part in stretches_of(motion.floors, free, least)]
+    if len(pieces) < 2:
+        return _trusted(whole, np.ones(len(whole.damping_ratio)), np.ones(len(whole.damping_ratio)), dt_s)
+    fits = [fit_specimen([piece], dt_s, masses_kg, low_hz, first) for piece in pieces]
+    hz, ratio = (np.array([getattr(f, name) for f in fits]) for name in ("natural_frequency_hz", "damping_ratio"))
+    widened = birge(hz, np.array([found.frequency_error_hz for found in fits]))
+    damping_widened = birge(ratio, np.array([found.damping_error for found in fits]))
+    return replace(
+        _trusted(whole, widened, damping_widened, dt_s),
+        frequency_scatter_hz=hz.std(axis=0, ddof=1),
+        damping_scatter=ratio.std(axis=0, ddof=1),
+    )
+
+
+def _trusted(whole: SpecimenFit, widened: Array, damping_widened: Array, dt_s: float) -> SpecimenFit:
+    """Return a fit with its random errors widened (n,) each, and with what no record shows: clock and skew."""
+    skew = np.pi * whole.natural_frequency_hz * SKEW * dt_s
+    return replace(
+        whole,
+        frequency_error_hz=np.hypot(whole.frequency_error_hz * widened, CLOCK * whole.natural_frequency_hz),
+        damping_error=np.hypot(whole.damping_error * damping_widened, skew),
+        stiffness_error_n_per_m=np.hypot(
+            whole.stiffness_error_n_per_m * widened.max(), 2.0 * CLOCK * whole.stiffness_n_per_m
+        ),
+    )
+
+
+def birge(values: Array, errors: Array) -> Array:
+    """Return by how much estimates (k, n) scatter more than their errors say, at least 1 (n,).
+
+    Source: R.T. Birge, Phys. Rev. 40, 207 (1932).
+    """
+    weight = 1.0 / errors**2
+    mean = np.sum(weight * values, axis=0) / np.sum(weight, axis=0)
+    return np.sqrt(np.maximum(np.sum(weight * (values - mean) ** 2, axis=0) / (len(values) - 1), 1.0))
+
+
+def least_samples(frequency_hz: Array, dt_s: float, low_hz: float) -> int:
+    """Return how many samples a stretch must have for LEAST_LINES Fourier lines between `low_hz` and the end of the
+    band, for modes (n,) in Hz."""
+    width = max(ABOVE_HIGHEST * float(frequency_hz[-1]) - low_hz, low_hz)
+    return int(np.ceil(LEAST_LINES / (width * dt_s))) + 1
+
+
+def stretches_of(floor_accel: Array, free: bool, least: int = 2) -> tuple[slice, ...]:
+    """Return stretches of an excited record (c, n), five of one length, or of a free vibration: two, the first with
+    0.8 of the energy; none where one would be shorter than the least number of samples."""
+    n = floor_accel.shape[1]
+    if not free:
+        length = n // NOISE_STRETCHES
+        return tuple(slice(i * length, (i + 1) * length) for i in range(NOISE_STRETCHES)) if length >= least else ()
+    if n < 2 * least:
+        return ()
+    energy = np.cumsum(np.sum((floor_accel - floor_accel[:, -1:]) ** 2, axis=0))
+    middle = int(np.searchsorted(energy, FREE_SHARE * energy[-1]))
+    middle = min(max(middle, least), n - least)
+    return slice(0, middle), slice(middle, n)
+
+
+def alive(floor_accel: Array, noise_m_s2: Array) -> slice:
+    """Return the stretch of a free vibration (c, n) that ends with its last sample above the channels' noise (c,)."""
+    rest = np.median(floor_accel[:, -max(floor_accel.shape[1] // REST_SHARE, 1) :], axis=1)
+    over = np.abs(floor_accel - rest[:, None]) > ALIVE_SIGMA * noise_m_s2[:, None]
+    return slice(0, int(np.max(np.flatnonzero(over.any(axis=0)), initial=-1)) + 1)
+
+
+def transform(motion: Motion, dt_s: float, band_hz: tuple[float, float]) -> Lines:
+    """Return the Fourier lines of a stretch within a band, scaled so that the floors' sum of squares is 1.
+
+    Its first sample becomes the mean of both ends, so that the sum over samples is the trapezoidal rule.
+    """
+    count = _fast_length(len(motion.table) - 1)
+    signals = np.vstack([motion.table, motion.floors])[:, : count + 1]
+    signals = np.hstack([0.5 * (signals[:, :1] + signals[:, -1:]), signals[:, 1:-1]])
+    frequency = np.arange(count // 2 + 1) / (count * dt_s)
+    inside = (frequency >= band_hz[0]) & (frequency <= band_hz[1])
+    spectra: ComplexArray = np.fft.rfft(signals)[:, inside]
+    size = float(np.linalg.norm(spectra[1:]))
+    if not size > 0.0:
+        raise InputError(
+            f"specimen: the floors do not move in {band_hz[0]:.3g}-{band_hz[1]:.3g} Hz for {count * dt_s:.3g} s of the "
+            "record; excite louder, and look at the floors' channels"
+        )
+    spectra /= size
+    s = (2j * np.pi * frequency[inside]).astype(complex)
+    return Lines(s, spectra[0], spectra[1:])
+
+
+@cache
+def _fast_length(most: int) -> int:
+    """Return the largest length up to the given one that a Fourier transform takes in small factors."""
+    length = fast_length(most // 2)
+    while (longer := fast_length(length + 1)) <= most:
+        length = longer
+    return length
+
+
+def _described(masses: Array, found: Solution, motions: int) -> SpecimenFit:
+    """Return the fit with its standard errors, carried from the logarithms to frequencies and ratios."""
+    stiffness, ratios = np.split(np.exp(found.parameters), 2)
+    omega, shapes = modal(masses, stiffness)
+    n, residual = len(masses), found.residual
+    variance = float(residual @ residual) / max(len(residual) - (2 + 3 * motions) * n, 1)
+    spread = covariance(found.slopes, variance)
+    drift = np.diff(shapes, axis=0, prepend=np.zeros((1, n)))
+    slope = frequency_slopes(omega, shapes, stiffness)
+    K = storey_matrix(stiffness)
+    unknown = np.full(n, np.nan)
+    return SpecimenFit(
+        specimen=Specimen(masses, K, modal_damping_matrix(masses, K, ratios)),
+        stiffness_n_per_m=stiffness,
+        dashpots_n_s_per_m=np.asarray(np.linalg.lstsq(drift.T**2, 2.0 * ratios * omega, rcond=None)[0], dtype=float),
+        natural_frequency_hz=omega / (2.0 * np.pi),
+        damping_ratio=ratios,
+        mode_shapes=shapes / shapes[np.argmax(np.abs(shapes), axis=0), np.arange(n)],
+        stiffness_error_n_per_m=stiffness * np.sqrt(np.diag(spread)[:n]),
+        frequency_error_hz=np.sqrt(np.diag(slope @ spread[:n, :n] @ slope.T)) / (2.0 * np.pi),
+        damping_error=ratios * np.sqrt(np.diag(spread)[n:]),
+        frequency_scatter_hz=unknown,
+        damping_scatter=unknown,
+        residual=float(np.linalg.norm(residual) / np.sqrt(motions)),
+    )

@@ -1,0 +1,369 @@
+"""A run in real time from Python: prepared, rehearsed without a rig, or played on an open one."""
+
+from __future__ import annotations
+
+import signal
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from types import FrameType
+
+import numpy as np
+
+from rths_cli.control.blocks import Blocks
+from rths_cli.errors import RigError, crash_note
+from rths_cli.loop.command_preview import foresight_of, no_foresight
+from rths_cli.loop.counted_clock import Outcome, Whole, part_of
+from rths_cli.loop.diagnosis import cause_of
+from rths_cli.loop.guard import (
+    BRAKING,
+    END,
+    INTERRUPT,
+    NO_CHANNEL,
+    OPERATOR,
+    OVERRUN,
+    REASONS,
+    RETURN_RATE,
+    RUNNING,
+    STOPPED,
+    TERMINATION,
+    WATCHER_FAILED,
+    GuardLimits,
+    GuardState,
+    fresh_guard,
+    without_zeros,
+)
+from rths_cli.loop.realtime_loop import (
+    AT_REST,
+    AT_REST_STEPS,
+    HOLD,
+    OVERRUN_IN_A_ROW,
+    OVERRUNS,
+    STOP,
+    Course,
+    conduct_once,
+    course,
+    run_udp,
+)
+from rths_cli.loop.run_log import Log, Signals, empty_log, signals
+from rths_cli.loop.scheduling import Granted, real_time
+from rths_cli.loop.step_arrays import Step, assemble
+from rths_cli.loop.stop_reasons import reason_of
+from rths_cli.numerics.clock import IntArray
+from rths_cli.numerics.lti import Array
+from rths_cli.rigs.description import BRAKE_SHARE
+from rths_cli.rigs.interface import Rig, RigInfo
+from rths_cli.rigs.ni.ni_rig import NiRig
+from rths_cli.rigs.udp import link as udp
+from rths_cli.rigs.udp.udp_rig import UdpRig
+
+RAMP_UP_S = 1.0
+RETURN_DECAYS = 16.0  # of the return to zero, until a micrometre is left
+
+
+@dataclass(frozen=True)
+class Performance:
+    """All arrays of one run in real time, made before the rig is opened."""
+
+    info: RigInfo
+    blocks: Blocks
+    course: Course
+    step: Step
+    limits: GuardLimits
+    guard: GuardState
+    drive: Array
+    log: Log
+
+
+def prepare(
+    info: RigInfo,
+    blocks: Blocks,
+    source: int,
+    drive: Array,
+    limits: GuardLimits,
+    zeros_v: Array | None = None,
+    orders: IntArray | None = None,
+    ramp_s: float = RAMP_UP_S,
+    still_s: tuple[float, float] = (0.0, 0.0),
+) -> Performance:
+    """Return a run over `drive` (n, 3) at rest: a ramp-up before it, room for the way back to rest after it.
+
+    `zeros_v` (c,): what the channels show at rest. `orders` (1 or more,): see Course. `still_s`: how long the table is
+    watched at rest before the ramp-up and after a whole record.
+    """
+    state, channels = assemble(blocks, source), len(info.channels)
+    orders = np.zeros(1, dtype=np.int64) if orders is None else orders
+    zeros_v = np.zeros(channels) if zeros_v is None else zeros_v
+    told = info.can.takes_trajectories and info.overrun == "skip"
+    foresight = foresight_of(blocks, source, info.dt_s) if told else no_foresight(channels)
+    planned = course(info, ramp_s, len(drive), zeros_v, orders, foresight, still_s)
+    limits = without_zeros(limits, zeros_v)
+    end = round(way_to_rest_s(limits) / info.dt_s) + planned.rest
+    whole = np.vstack([np.zeros((planned.ramp, 3)), drive, np.zeros((end, 3))])
+    log = empty_log(len(whole), channels, state.estimated.size)
+    return Performance(info, blocks, planned, state, limits, fresh_guard(channels), np.ascontiguousarray(whole), log)
+
+
+def way_to_rest_s(limits: GuardLimits) -> float:
+    """Return how long the guard may take to rest a table from the worst state in s."""
+    stroke = min(limits.stroke_m, limits.gain_m_per_v * limits.command_v)
+    fastest = min(limits.velocity_m_s, limits.gain_m_per_v * limits.command_rate_v_s)
+    braking = BRAKE_SHARE * limits.acceleration_m_s2
+    rate = min(RETURN_RATE, np.e * fastest / stroke, np.sqrt(braking / stroke))
+    return float(fastest / braking + RETURN_DECAYS / rate)
+
+
+def perform(rig: Rig, run: Performance) -> str:
+    """Play a prepared run on an open rig, bring the table to rest; return the rig's faults, empty without one.
+
+    To be called in the thread that has the real-time class. How the test ended stands in the guard's flags.
+    """
+    fault, unrest = "", ""
+    try:
+        fault = _perform_udp(rig, run) if isinstance(rig, UdpRig) else _perform_exchanging(rig, run)
+    except RigError as error:
+        fault = str(error)
+    finally:
+        unrest = _brought_to_rest(rig)
+    return "; ".join(filter(None, (fault, unrest)))
+
+
+def _brought_to_rest(rig: Rig) -> str:
+    """Bring the table to rest; return why that is in doubt, empty when it is not."""
+    try:
+        rig.rest()
+    except RigError as error:
+        return str(error)
+    if isinstance(rig, UdpRig) and not rig.at_rest:
+        return f"the target {rig.peer} did not confirm that its table is at rest; look at it before you go near"
+    return ""
+
+
+def _perform_udp(rig: UdpRig, run: Performance) -> str:
+    play = run_udp.bind(rig.link, run.course, run.step, run.limits, run.guard, run.drive, run.log, True)
+    rig.arm()  # the target's watchdog runs from here on
+    play()
+    return rig.fault()
+
+
+def _perform_exchanging(rig: Rig, run: Performance) -> str:
+    """Play through `exchange`, one call per step: the rig's own clock sets the pace."""
+    samples = rig.arm()
+    given, missed = np.array(samples, dtype=float), 0
+    once = conduct_once.bind(run.course, run.step, run.limits, run.guard, run.drive, run.log, given)
+    while run.log.done[0] < run.log.columns.shape[1] and not _is_over(run):
+        given[:] = samples
+        samples = rig.exchange(once())
+        if isinstance(rig, NiRig):
+            note_missed(run, rig.missed - missed)
+            missed = rig.missed
+    return ""
+
+
+def _is_over(run: Performance) -> bool:
+    """Tell whether a run has ended, as `realtime.is_over` does."""
+    marks, flags = run.course.marks, run.guard.flags
+    if flags[0] != STOPPED:
+        return False
+    marks[AT_REST_STEPS] += 1
+    return bool(flags[1] != END or marks[AT_REST_STEPS] > run.course.rest or run.course.orders[0] != 0)
+
+
+def note_missed(run: Performance, edges: int) -> None:
+    """Note how many edges of a rig's own clock passed before the exchange that just ended, as overrun intervals.
+
+    The record waits for them, whatever the policy: the card has held its command. The test stops at the first where
+    that is the policy, and where more than `lost_samples` have passed in a row.
+    """
+    marks, k = run.course.marks, int(run.log.done[0])
+    marks[OVERRUNS] += edges
+    marks[OVERRUN_IN_A_ROW] = marks[OVERRUN_IN_A_ROW] + edges if edges else 0
+    if k < run.log.columns.shape[1]:
+        run.log.columns[-5, k] = edges * run.course.dt_ns
+    too_many = marks[OVERRUN_IN_A_ROW] > run.course.lost_samples
+    if edges and (run.course.policy == STOP or too_many) and run.guard.flags[0] == RUNNING:
+        run.guard.flags[:3] = BRAKING, OVERRUN, NO_CHANNEL
+        run.guard.seen[0] = marks[OVERRUN_IN_A_ROW]
+
+
+def rehearse(run: Performance, seconds: float) -> tuple[Array, Array]:
+    """Do steps of a prepared run at its rate, on samples that are zero; nothing leaves.
+
+    Return how late every step began and how long it took, both (n,) in s. The run is spent: prepare another one.
+    """
+    steps = min(round(seconds / run.info.dt_s), run.log.columns.shape[1])
+    log = run.log._replace(columns=np.ascontiguousarray(run.log.columns[:, :steps]))
+    course = run.course._replace(policy=HOLD, lost_samples=steps)  # what is late is judged afterwards
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as door:
+        link = udp.fresh_link(door, np.zeros(2, dtype=np.uint64), len(run.info.channels))
+        run_udp(link, course, run.step, run.limits, run.guard, run.drive, log, False)
+    done = slice(1, int(log.done[0]))
+    return log.columns[-5, done] * 1e-9, log.columns[-1, done] * 1e-9
+
+
+GLANCE_S = 0.05  # between two looks of those who watch
+STOP_KEY, CTRL_C, SIGTERM, NO_WATCH = (
+    reason - OPERATOR + 1 for reason in (OPERATOR, INTERRUPT, TERMINATION, WATCHER_FAILED)
+)  # orders[0]
+ORDERS = {"SIGINT": CTRL_C, "SIGTERM": SIGTERM, "SIGHUP": SIGTERM, "SIGTSTP": STOP_KEY}  # Ctrl-Z would freeze the loop
+Watch = Callable[[Performance], None]
+
+
+@dataclass(frozen=True)
+class Performed:
+    """How a run in real time went, what the system granted its loop, and how many intervals it overran.
+
+    `watch_fault`: what ended those who watched, empty where nothing did.
+    """
+
+    outcome: Outcome
+    granted: Granted
+    overruns: int
+    watch_fault: str = ""
+
+
+class _Loop(threading.Thread):
+    """The thread of the loop; `work` is called in it with what the system granted.
+
+    Who waits for it waits for `ended`: an exception that interrupts Thread.join makes Python take a thread that runs
+    for ended.
+    """
+
+    def __init__(self, work: Callable[[], object]) -> None:
+        super().__init__(name="rths-loop")
+        self._work = work
+        self.result: object = None
+        self.granted: Granted | None = None
+        self.error: BaseException | None = None
+        self.ended = threading.Event()
+
+    def run(self) -> None:
+        try:
+            with real_time() as self.granted:
+                self.result = self._work()
+        except BaseException as error:
+            self.error = error
+        finally:
+            self.ended.set()
+
+
+def perform_watched(rig: Rig, run: Performance, watch: Watch) -> Performed:
+    """Play a prepared run on an open rig; `watch` looks at it every 50 ms.
+
+    Ctrl-C, SIGTERM, SIGHUP and a failing watcher lead the table to rest, however often they come; the outcome's reason
+    tells of them.
+    """
+    loop = _Loop(lambda: perform(rig, run))
+    watch_fault = _watched(loop, run, watch)
+    if loop.error:
+        raise loop.error
+    assert loop.granted is not None
+    return Performed(_outcome(run, str(loop.result)), loop.granted, int(run.course.marks[OVERRUNS]), watch_fault)
+
+
+def rehearse_watched(run: Performance, seconds: float) -> tuple[Array, Array]:
+    """Do what `performance.rehearse` does, in a thread of real-time class; it ends with whatever interrupts this."""
+    loop = _Loop(lambda: rehearse(run, seconds))
+    try:
+        loop.start()
+        loop.ended.wait()
+    except BaseException:
+        order(run, SIGTERM)  # or the process would wait for it
+        raise
+    if loop.error:
+        raise loop.error
+    return loop.result  # type: ignore[return-value]
+
+
+def order(run: Performance, what: int) -> None:
+    """Have the loop lead its table to rest; the first order stays."""
+    if run.course.orders[0] == 0:
+        run.course.orders[0] = what
+
+
+def _watched(loop: _Loop, run: Performance, watch: Watch) -> str:
+    """Run the loop to its end whatever arrives meanwhile; return what ended the watching."""
+    fault = ""
+    with _signals_as_orders(run):
+        loop.start()
+        while not loop.ended.wait(GLANCE_S):
+            try:
+                if not fault:
+                    watch(run)
+            except KeyboardInterrupt:  # a signal of before that was swallowed on its way
+                order(run, CTRL_C)
+            except Exception as error:
+                fault = f"{type(error).__name__}, {crash_note()}"
+                order(run, NO_WATCH)
+            except BaseException:  # SIGTERM, as the command line raises it
+                order(run, SIGTERM)
+    return fault
+
+
+@contextmanager
+def _signals_as_orders(run: Performance) -> Iterator[None]:
+    """Let signals order the loop to stop and raise nothing here; whoever took them before is told, too.
+
+    Python gives signals to its main thread alone: in any other there is nothing to do.
+    """
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        for name, what in ORDERS.items():
+            number = getattr(signal, name, None)  # Windows has no SIGHUP
+            if number is not None and signal.getsignal(number) not in (None, signal.SIG_IGN):  # nohup stays in force
+                before[number] = signal.signal(number, _giver(run, what, signal.getsignal(number)))
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _giver(run: Performance, what: int, before: object) -> Callable[[int, FrameType | None], None]:
+    """Return a signal handler that gives an order and tells the one before."""
+
+    def take(number: int, frame: FrameType | None) -> None:
+        order(run, what)
+        if callable(before):
+            with suppress(BaseException):
+                before(number, frame)
+
+    return take
+
+
+def _outcome(run: Performance, fault: str) -> Outcome:
+    """Return how the run went, and its signals on the record; an order that came after the record is its reason."""
+    ramp, still, record_steps, dt_s = run.course.ramp, run.course.still, run.course.record, run.info.dt_s
+    everything = signals(run.log, len(run.info.channels), run.step.estimated.size)
+    steps = int(np.clip(run.log.done[0] - ramp, 0, record_steps))
+    stopped_at_s = float((run.guard.flags[3] - ramp) * dt_s)
+    reason, order_given = int(run.guard.flags[1]), int(run.course.orders[0])
+    record = slice(ramp, ramp + record_steps)
+    cause = cause_of(run.info, run.blocks, run.limits, run.guard, everything)
+    told = reason_of(run.info, run.limits, run.guard, run.step.source, cause)
+    if reason == END and order_given:
+        reason = OPERATOR + order_given - 1
+        told = REASONS[reason]
+    whole = whole_of(part_of(everything, slice(0, int(run.log.done[0]))), still, ramp, dt_s)
+    played = bool(run.guard.flags[3] >= ramp + record_steps)
+    signals_of_record, ramp_s = part_of(everything, record), (ramp - still) * dt_s
+    return Outcome(signals_of_record, steps, told, fault, stopped_at_s, reason, whole, played, ramp_s)
+
+
+def whole_of(everything: Signals, still: int, ramp: int, dt_s: float) -> Whole | None:
+    """Return a run with the rest before it and, where it got so far, after it; its signals begin with `still` steps at
+    rest, its record after `ramp` steps. None without such steps. Samples at rest are NaN where none came, and end with
+    the last that came."""
+    if not still or not everything.samples_v.size:
+        return None
+    at_rest = np.flatnonzero(everything.state == AT_REST)
+    came = everything.lost == 0.0 if everything.lost.size else np.ones(everything.command_v.size, dtype=bool)
+    shown = np.where(came, everything.samples_v, np.nan)
+    end = int(at_rest[0]) if at_rest.size else shown.shape[1]
+    last = 1 + int(np.max(np.flatnonzero(came), initial=-1))
+    return Whole(
+        everything.corrected, everything.command_v, ramp, shown[:, :still], shown[:, end:last], -ramp * dt_s,
+        (end - ramp) * dt_s, ~came,
+    )  # fmt: skip

@@ -1,0 +1,132 @@
+"""The log of a run: every signal of every step, written by compiled code, read as named series."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rths_cli.loop.step_arrays import Step
+from rths_cli.numerics.clock import IntArray
+from rths_cli.numerics.compiled import part
+from rths_cli.numerics.lti import Array
+
+# values of `lost`: no samples came in time; the step was caught up without any; they came, but the step was given a mix
+# of them and of what was expected
+NO_ANSWER, CAUGHT_UP, MIXED = 1, 2, 3
+SEVERAL = ("true_velocity_m_s", "corrected", "desired", "estimated", "samples_v")  # signals of more than one row
+DESIRED = ("desired_accel_m_s2", "desired_velocity_m_s", "desired_displacement_m")
+UNITS = {
+    "corrected": "m/s^2",
+    "desired_accel_m_s2": "m/s^2",
+    "desired_velocity_m_s": "m/s",
+    "desired_displacement_m": "m",
+    "command_v": "V",
+    "base_shear_n": "N",
+    "estimated": "m, m/s, m/s^2 or N",
+    "samples_v": "V",
+    "late_ns": "ns",
+    "exchange_ns": "ns",
+    "compute_ns": "ns",
+}
+
+
+class Log(NamedTuple):
+    """Every signal of n steps in w columns, in the order of `widths`; NaN after the last step.
+
+    `truths`: channels whose true motion is known (of a virtual rig), or 0. A lean log keeps true velocities and
+    accelerations alone.
+    """
+
+    columns: Array  # (w, n) signal after signal
+    done: IntArray  # (1,) steps that stand there
+    truths: int
+    lean: bool
+
+
+@dataclass(frozen=True)
+class Signals:
+    """What a log holds, by name: views of its columns, c channels, e estimator outputs; of no row where not kept."""
+
+    true_velocity_m_s: Array  # (c, n) in the middle between t_k and t_k+1 (virtual rigs)
+    corrected: Array  # (c, n) corrected accelerations at k
+    desired: Array  # (3, n) acceleration, velocity, displacement at k + n_p; (1, n) of a lean log
+    command_v: Array  # (n,) as it left the guard
+    base_shear_n: Array  # (n,) at k + n_p
+    estimated: Array  # (e, n) estimator outputs at k
+    true_displacement_m: Array  # (n,) of the table at t_k (virtual rigs)
+    compute_ns: Array  # (n,) duration of step and guard; on a virtual rig, of the rig as well, mean of 16 steps
+    samples_v: Array  # (c, n) as the rig gave them (real time)
+    late_ns: Array  # (n,) how late the exchange began that brought the samples of step k (real time)
+    exchange_ns: Array  # (n,) how long it took (real time)
+    lost: Array  # (n,) 0, or NO_ANSWER, CAUGHT_UP or MIXED (real time)
+    state: Array  # (n,) RAMP_UP, RUNNING, RAMP_DOWN, STOPPED (real time)
+
+
+def widths(channels: int, estimates: int, truths: int, lean: bool) -> dict[str, int]:
+    """Return how many columns each signal has, in their order."""
+    if lean:
+        return {"true_velocity_m_s": truths, "corrected": channels, "desired": 1}
+    if truths:
+        own = {"true_displacement_m": 1, "compute_ns": 1}
+    else:
+        own = {"samples_v": channels, "late_ns": 1, "exchange_ns": 1, "lost": 1, "state": 1, "compute_ns": 1}
+    common = {"true_velocity_m_s": truths, "corrected": channels, "desired": 3, "command_v": 1, "base_shear_n": 1}
+    return {**common, "estimated": estimates, **own}
+
+
+def column_names(channels: int, estimates: int, truths: int = 0) -> tuple[str, ...]:
+    """Return a name for each column of a log that is not lean."""
+    names = []
+    for name, count in widths(channels, estimates, truths, False).items():
+        names += [f"{name}_{i}" for i in range(count)] if name in SEVERAL else [name] * count
+    place = names.index("desired_0")
+    return (*names[:place], *DESIRED, *names[place + 3 :])
+
+
+def column_units(names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the unit of each column named by `column_names`."""
+    return tuple(UNITS.get(name, UNITS.get(name.rstrip("0123456789").rstrip("_"), "1")) for name in names)
+
+
+def empty_log(steps: int, channels: int, estimates: int, lean: bool = False, truths: int = 0) -> Log:
+    """Return a log full of NaN; `lean` and `truths` as in Log."""
+    count = sum(widths(channels, estimates, truths, lean).values())
+    return Log(np.full((count, steps), np.nan), np.zeros(1, dtype=np.int64), truths, lean)
+
+
+def signals(log: Log, channels: int, estimates: int) -> Signals:
+    """Return the columns of a log by name: c channels, e estimator outputs."""
+    named = dict.fromkeys(Signals.__dataclass_fields__, log.columns[:0])
+    first = 0
+    for name, count in widths(channels, estimates, log.truths, log.lean).items():
+        named[name] = log.columns[first : first + count]
+        first += count
+    return Signals(**{name: rows if name in SEVERAL else rows.reshape(-1) for name, rows in named.items()})
+
+
+def without_samples(lost: Array) -> NDArray[np.bool_]:
+    """Return which steps (n,) have no samples of their instant, from the log's `lost`."""
+    return np.asarray((lost == NO_ANSWER) | (lost == CAUGHT_UP))
+
+
+@part
+def note_step(log: Log, s: Step, command: float, k: int) -> int:
+    """Note what step k knows; return the first column after it."""
+    to, at = log.columns, log.truths
+    for i in range(s.corrected.size):
+        to[at + i, k] = s.corrected[i]
+    at += s.corrected.size
+    to[at, k] = s.interface[0]
+    if log.lean:
+        return at + 1
+    to[at + 1, k] = s.interface[1]
+    to[at + 2, k] = s.interface[2]
+    to[at + 3, k] = command
+    to[at + 4, k] = s.base_shear[0]
+    at += 5
+    for i in range(s.estimated.size):
+        to[at + i, k] = s.estimated[i]
+    return at + s.estimated.size

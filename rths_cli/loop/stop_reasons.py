@@ -1,0 +1,103 @@
+"""Why the guard stopped a test, in words: what was seen, the limit, the key that states it, and what to do."""
+
+from __future__ import annotations
+
+import math
+
+from rths_cli.loop import guard as g
+from rths_cli.loop.diagnosis import Cause
+from rths_cli.loop.guard import GuardLimits, GuardState
+from rths_cli.loop.step_arrays import EXCITATION
+from rths_cli.rigs.description import RigInfo
+
+KEYS = {
+    g.STROKE: ("limits.stroke_m", "m"),
+    g.VELOCITY: ("limits.velocity_m_s", "m/s"),
+    g.ACCELERATION: ("limits.acceleration_m_s2", "m/s^2"),
+    g.FORCE: ("limits.force_n", "N"),
+    g.COMMAND: ("converters.range_v", "V"),
+    g.RATE: ("limits.command_rate_v_s", "V/s"),
+    g.TRACKING: ("limits.tracking_error_m_s2", "m/s^2"),
+    g.ENERGY: ("limits.energy_ratio", ""),
+    g.SATURATED: ("its range", "V"),
+    g.STUCK: ("the motion it must show", "m/s^2"),
+    g.LOST: ("limits.lost_samples", ""),
+    g.OVERRUN: ("limits.lost_samples", ""),
+}
+BY_MOTION = (g.STROKE, g.VELOCITY, g.ACCELERATION, g.FORCE, g.COMMAND, g.RATE)
+SENSOR = "check its cable and power"
+TABLE = "identify the rig anew; rths check tells which error of the table the test bears"
+ADVICE = {
+    g.TRACKING: TABLE,
+    g.ENERGY: TABLE,
+    g.SATURATED: "check its cable, its range_g and the level of the test",
+    g.STUCK: SENSOR,
+    g.LOST: "check target and cable, or lower sample_rate_hz",
+    g.OVERRUN: "lower sample_rate_hz (rths doctor recommends one), or end other programs",
+}
+
+
+def reason_of(info: RigInfo, limits: GuardLimits, state: GuardState, source: int, cause: Cause | None = None) -> str:
+    """Return the guard's reason in words, empty when it let everything pass to the end of the record.
+
+    `source` is that of the step: what to do about too much motion is said where an excitation is planned. `cause`: what
+    the signals say of it, named first.
+    """
+    reason, channel = int(state.flags[1]), int(state.flags[2])
+    if reason in (g.NONE, g.END):
+        return ""
+    named = f"channel {info.channels[channel].name}" if channel != g.NO_CHANNEL else ""
+    facts = ", ".join(filter(None, (named, _seen(reason, float(state.seen[0])), _limit(info, limits, reason, channel))))
+    advice = cause.advice if cause else _advice(reason, channel, source)
+    told = "; ".join(filter(None, (facts, advice)))
+    said = f"{g.REASONS[reason]} ({told})" if told else g.REASONS[reason]
+    return f"{cause.what}: {said}" if cause else said
+
+
+def _seen(reason: int, value: float) -> str:
+    """Return what was beyond the limit, empty where that was not measured."""
+    if reason not in KEYS or math.isnan(value):
+        return ""
+    return f"{value:.4g} {KEYS[reason][1]}".strip()
+
+
+def _limit(info: RigInfo, limits: GuardLimits, reason: int, channel: int) -> str:
+    """Return the limit by its key, empty where there is none."""
+    if reason not in KEYS:
+        return ""
+    if reason == g.OVERRUN and info.overrun == "stop":
+        return "overrun is stop"
+    key, limit = KEYS[reason][0], _number(info, limits, reason, channel)
+    if reason == g.STROKE and limit < limits.stroke_m:
+        key = "converters.range_v by nominal.gain_m_per_v"
+    if reason == g.ACCELERATION and limit < limits.acceleration_m_s2:
+        key = "its abort_m_s2"
+    return f"{key} is {limit:.4g}"
+
+
+def _number(info: RigInfo, limits: GuardLimits, reason: int, channel: int) -> float:
+    """Return the limit that a reason is about."""
+    if reason in (g.LOST, g.OVERRUN):
+        return info.limits.lost_samples
+    by_channel = {g.ACCELERATION: limits.abort_m_s2, g.SATURATED: limits.saturation_v, g.STUCK: limits.stuck_m_s2}
+    if reason in by_channel:
+        return float(by_channel[reason][channel])
+    alone = {
+        g.STROKE: min(limits.stroke_m, limits.gain_m_per_v * limits.command_v),
+        g.VELOCITY: limits.velocity_m_s,
+        g.FORCE: limits.force_n,
+        g.COMMAND: limits.command_v,
+        g.RATE: limits.command_rate_v_s,
+        g.TRACKING: limits.tracking_error_m_s2,
+        g.ENERGY: limits.energy_ratio,
+    }
+    return alone[reason]
+
+
+def _advice(reason: int, channel: int, source: int) -> str:
+    """Return what to do, empty where the rig, a person or the planner of an excitation says it."""
+    if reason in BY_MOTION:
+        return "" if source == EXCITATION else "lower scaling"
+    if reason == g.NOT_A_NUMBER:
+        return "rths check tells whether the loop is stable" if channel == g.NO_CHANNEL else SENSOR
+    return ADVICE.get(reason, "")

@@ -1,0 +1,480 @@
+"""The virtual table as a target on UDP: receive, verify, advance the physics, answer.
+
+A process that was held up finds several packets in its socket. What each of them asked for belongs to the instant at
+which it came, not to that at which the process was let on.
+
+The physics goes in ticks of a quarter of the runner's sample interval, counted on this process's monotonic clock from
+the first command on; their phase follows that of the commands slowly, so that a first one that came late, or a clock
+that runs a little faster, does not decide between three ticks and five. Whatever else arrives late, or never, is felt
+as on a real table. What counts is when a packet arrived, by the kernel's stamp, not when this process came to it: one
+that is held up samples and latches for each instant afterwards, and only its answers are late.
+
+A session is replaced by the first authentic ARM of another one alone, while the table is at rest. What else a
+stranger sends costs a bounded number of hashes (SipHash of one packet or less), and at most one answer no longer than
+what he sent: none for what is no packet, 1 for a packet of a session, 2 for a forged HELLO, 5 for a captured one (its
+tag under two keys, our nonce of two words, the tag of the answer), 3 while the table moves, and at rest 11 for an ARM
+(its tag under the session's key, then for two periods our nonce, the key of two words, and its tag).
+"""
+
+from __future__ import annotations
+
+import math
+import socket
+from typing import NamedTuple
+
+import numpy as np
+
+from rths_cli.loop.guard import BRAKING, RUNNING, STOPPED, GuardLimits, GuardState, ramp_down
+from rths_cli.numerics.clock import SPIN_NS, IntArray, monotonic_ns, sleep_until
+from rths_cli.numerics.compiled import External, entry, part
+from rths_cli.numerics.lti import Array
+from rths_cli.rigs.udp import packets
+from rths_cli.rigs.udp.command_trajectory import POINTS, Way, place_after, take_way
+from rths_cli.rigs.udp.handshake import Greeter, answer_hello, opens_session
+from rths_cli.rigs.udp.siphash import Bytes, Words
+from rths_cli.rigs.virtual import plant_kernel
+from rths_cli.rigs.virtual.plant import Plant
+
+BROKEN_NS = 1_000_000  # wait after a failing socket
+
+_recvmsg = External("recvmsg", "intp", "intc", "uintp", "intc")
+_ppoll = External("ppoll", "intc", "uintp", "uintp", "uintp", "uintp")
+_clock_gettime = External("clock_gettime", "intc", "intc", "uintp")
+_DONT_WAIT, _WHOLE_SIZE, _READABLE, _WALL_CLOCK = 0x40, 0x20, 1, 0  # MSG_DONTWAIT, MSG_TRUNC, POLLIN, CLOCK_REALTIME
+_STAMPS = 35  # SO_TIMESTAMPNS, and SCM_TIMESTAMPNS
+_IS_STAMP = socket.SOL_SOCKET | _STAMPS << 32  # level and type of a control message
+
+# words of a message: struct msghdr, of which the kernel writes the sizes of address and control and the flags; struct
+# iovec; control: struct cmsghdr (its size, level and type), struct timespec, and room for what nobody asked for
+ADDRESS, ADDRESS_SIZE, PARTS, PART_COUNT, CONTROL, CONTROL_SIZE, FLAGS, PART, PART_SIZE = range(9)
+STAMP_SIZE, STAMP_KIND, STAMP_S, STAMP_NS = range(9, 13)
+WORDS = 17
+
+
+def open_message(link: socket.socket, incoming: Bytes, address: Bytes) -> IntArray:
+    """Ask for stamps, and return a message (WORDS,) that receives into two arrays, which must live as long as it."""
+    link.setsockopt(socket.SOL_SOCKET, _STAMPS, 1)
+    message = np.zeros(WORDS, np.int64)
+    place = message.ctypes.data
+    message[ADDRESS], message[PARTS], message[PART_COUNT] = address.ctypes.data, place + 8 * PART, 1
+    message[PART], message[PART_SIZE], message[CONTROL] = incoming.ctypes.data, incoming.size, place + 8 * STAMP_SIZE
+    return message
+
+
+@part
+def receive(fd: int, message: IntArray, address: Bytes) -> int:
+    """Return the size of the next packet that is there, -1 for none; more than fits is told and cut off."""
+    message[ADDRESS_SIZE], message[CONTROL_SIZE], message[FLAGS] = address.size, 8 * (WORDS - STAMP_SIZE), 0
+    return _recvmsg(fd, message.ctypes.data, _DONT_WAIT | _WHOLE_SIZE)  # type: ignore[operator, no-any-return]
+
+
+@part
+def wall_clock_ns(scratch: IntArray) -> int:
+    """Return the time of day in ns, the clock of the stamps; `scratch` (2,) receives seconds and nanoseconds."""
+    _clock_gettime(_WALL_CLOCK, scratch.ctypes.data)  # type: ignore[operator]
+    return scratch[0] * 1_000_000_000 + scratch[1]
+
+
+@part
+def arrival(message: IntArray, now: int, wall: int, earliest: int) -> int:
+    """Return when the received packet came, on the clock of `now`, at which the wall clock shows `wall`.
+
+    That is `now` where no stamp came; a step of the wall clock makes it no earlier than `earliest` and no later than
+    `now`.
+    """
+    if message[CONTROL_SIZE] < 32 or message[STAMP_KIND] != _IS_STAMP:
+        return now
+    ago = wall - (message[STAMP_S] * 1_000_000_000 + message[STAMP_NS])
+    return min(max(now - ago, earliest), now)
+
+
+@part
+def wait(fd: int, time_ns: int, scratch: IntArray) -> None:
+    """Sleep until a packet comes, at most for a time in ns; rest a little where the socket fails. `scratch` (3,)."""
+    scratch[0], scratch[1] = time_ns // 1_000_000_000, time_ns % 1_000_000_000
+    scratch[2] = fd | _READABLE << 32
+    times, polled = scratch.ctypes.data, scratch.ctypes.data + 16
+    _ppoll(polled, 1, times, 0)  # type: ignore[operator]
+    seen = scratch[2] >> 48
+    if seen != 0 and seen != _READABLE:
+        sleep_until(monotonic_ns(scratch) + BROKEN_NS, 0, scratch)
+
+
+TICKS_PER_INTERVAL = 4
+CLOSING_S = 1.0 / (4.0 * math.pi * 14.0)  # by the acceleration limit: how fast a distance is closed that a stall left
+PHASE_STEPS = 64  # over so many commands the ticks settle around the instants at which commands come
+LOOK_NS = 20_000_000  # the longest wait for a packet: orders are looked at so often
+GREETED_NS = 1_000_000  # between two HELLO that are answered while the table moves; the others go unanswered
+BATCH, BATCH_NS = 64, 5_000_000  # while the table is at rest, so many packets are served in so much time at most
+
+BEGUN, ENDED, ORDERED = 1, 2, 3  # what `serve_packets` returns for
+
+# places in Door.counts; packets that are no packets or of another version, made with another key, doubled or reordered;
+# commands obeyed, sequence numbers of the session that never came, genuine HELLO
+MALFORMED, FORGED, REPLAYED, OBEYED, LOST, GREETED = range(6)
+COUNTS = 6
+
+# places in Door.session; SEQUENCE is the highest seen, STARTED_NS 0 while the clock does not run, TICK the time of the
+# physics, LAST_TICK that of the last command, ARRIVED_NS when it came, LONGEST_TICKS the longest time between two;
+# until REACHED_NS all packets are known, and the physics was advanced to it; at MOVED_TICK the command last changed;
+# ARMING 1: the ARM that began this session stands in `incoming`, not yet obeyed; BATCHED packets since BATCH_BEGAN_NS;
+# CATCHES_UP 1: a command was late, and the table does not stand where it should yet
+STATE, FAULTS, SEQUENCE, STARTED_NS, TICK, LAST_TICK, LONGEST_TICKS, ROW, CLOSING, GREETED_AT_NS, ARMING = range(11)
+ARRIVED_NS, REACHED_NS, MOVED_TICK, BATCHED, BATCH_BEGAN_NS, CATCHES_UP = range(11, 17)
+PLACES = 17
+
+_sendto = External("sendto", "intp", "intc", "uintp", "uintp", "intc", "uintp", "uintc")
+_AT_ONCE = 0x40  # MSG_DONTWAIT
+ADDRESS_BYTES = 28  # of the longest socket address
+
+
+class Door(NamedTuple):
+    """The socket, and what is known of who is at it."""
+
+    fd: int
+    interval_ns: int
+    watchdog_ticks: int
+    greeter: Greeter  # answers HELLO, and knows the ARM that follows
+    key: Words  # (2,) of the session, or a random one without
+    incoming: Bytes  # (MOST_BYTES,)
+    outgoing: Bytes  # (MOST_BYTES,)
+    address: Bytes  # (ADDRESS_BYTES,) where the last packet came from
+    message: IntArray  # (receiving.WORDS,) what receives into these two
+    counts: IntArray  # (COUNTS,)
+    session: IntArray  # (PLACES,)
+    orders: IntArray  # (1,) not 0: rest the table and return
+    scratch: IntArray  # (3,) times, and what is polled
+
+
+class Table(NamedTuple):
+    """The physics of one session: a plant of one tick, what it leads to rest with, noise rows (rows, c)."""
+
+    plant: Plant
+    state: plant_kernel.PlantState
+    limits: GuardLimits
+    guard: GuardState
+    noise: Array
+    samples: Array  # (c,) in V
+    latched_v: Array  # (2,) what is held, and the last command
+    way: Way  # the last command, and how it goes on in intervals without one
+
+
+def open_door(
+    link: socket.socket,
+    greeter: Greeter,
+    key: Words,
+    interval_ns: int,
+    watchdog_ns: int,
+    orders: IntArray,
+) -> Door:
+    """Return a door over a bound socket that does not block, and must stay open as long as the door is used."""
+    incoming, address = np.zeros(packets.MOST_BYTES, np.uint8), np.zeros(ADDRESS_BYTES, np.uint8)
+    return Door(
+        link.fileno(), interval_ns, _watchdog_ticks(watchdog_ns, interval_ns), greeter, key,
+        incoming, np.zeros(packets.MOST_BYTES, np.uint8), address, open_message(link, incoming, address),
+        np.zeros(COUNTS, np.int64), _no_packets(), orders, np.zeros(3, np.int64),
+    )  # fmt: skip
+
+
+def begin_session(door: Door, interval_ns: int, watchdog_ns: int) -> Door:
+    """Return the door of the session that the ARM in `incoming` opened; it obeys that ARM first."""
+    session = _no_packets()
+    session[ARMING] = 1
+    return door._replace(
+        interval_ns=interval_ns,
+        watchdog_ticks=_watchdog_ticks(watchdog_ns, interval_ns),
+        key=door.greeter.key.copy(),
+        counts=np.zeros(COUNTS, np.int64),
+        session=session,
+    )
+
+
+def _watchdog_ticks(watchdog_ns: int, interval_ns: int) -> int:
+    return math.ceil(TICKS_PER_INTERVAL * watchdog_ns / interval_ns)
+
+
+def _no_packets() -> IntArray:
+    session = np.zeros(PLACES, np.int64)
+    session[SEQUENCE] = -1
+    return session
+
+
+@part
+def lead_to_rest(d: Door, t: Table, fault: int) -> None:
+    """Take the table over from the runner, unless it is done already."""
+    d.session[FAULTS] |= fault
+    if d.session[STATE] == packets.ARMED:
+        d.session[STATE] = packets.RESTING
+        t.guard.flags[0] = BRAKING
+    elif d.session[STATE] == packets.IDLE:
+        d.session[STATE] = packets.RESTED
+
+
+@part
+def go_on(d: Door, t: Table) -> None:
+    """Move the last command on at the instants at which the next ones were due, within own limits."""
+    since = d.session[TICK] - d.session[LAST_TICK]
+    if since == 0 or since % TICKS_PER_INTERVAL != 0:
+        return
+    gain, interval_s, held = t.limits.gain_m_per_v, TICKS_PER_INTERVAL * t.limits.dt_s, t.latched_v[0]
+    outermost, passed = min(t.limits.command_v, t.limits.stroke_m / gain), since // TICKS_PER_INTERVAL
+    place = place_after(t.way, passed)
+    step = within(place - held, t.limits.velocity_m_s / gain * interval_s)
+    if d.session[CATCHES_UP] == 1:
+        step = within(step, closing_step(t, place - place_after(t.way, passed - 1), TICKS_PER_INTERVAL))
+    t.latched_v[0] = within(held + step, outermost)
+    t.guard.motion[0], t.guard.motion[1] = gain * t.latched_v[0], gain * (t.latched_v[0] - held) / interval_s
+    if t.latched_v[0] != held:
+        d.session[MOVED_TICK] = d.session[TICK]
+
+
+@part
+def closing_step(t: Table, moves_v: float, ticks: int) -> float:
+    """Return how far the table may go in V, towards where it should be, in some ticks since it moved last; where it
+    should be moves by `moves_v` in an interval. A table whose loop has the angular frequency w answers a sudden change
+    of velocity by v with an acceleration of w v at most: half of that is left to the motion it comes back to."""
+    limits, interval_s = t.limits, TICKS_PER_INTERVAL * t.limits.dt_s
+    closing_m_s = min(CLOSING_S * limits.acceleration_m_s2, limits.velocity_m_s)
+    in_volts = interval_s / limits.gain_m_per_v
+    most = min(abs(moves_v) + closing_m_s * in_volts, limits.velocity_m_s * in_volts)
+    return most * min(ticks, TICKS_PER_INTERVAL) / TICKS_PER_INTERVAL
+
+
+@part
+def approached(d: Door, t: Table, command_v: float) -> float:
+    """Return what is latched for a command: itself where it came in time, else what leads to it; a table that went on
+    as it was told may go on with the velocity it has."""
+    s, held = d.session, t.latched_v[0]
+    passed = (s[TICK] - s[LAST_TICK]) // TICKS_PER_INTERVAL
+    moves_v = abs(command_v - t.latched_v[1]) / max(passed, 1)
+    if passed > 1 and d.counts[OBEYED] > 0:
+        s[CATCHES_UP] = 1
+        own_v = abs(t.guard.motion[1]) / t.limits.gain_m_per_v * TICKS_PER_INTERVAL * t.limits.dt_s
+        moves_v = max(moves_v, own_v)
+    if s[CATCHES_UP] == 0:
+        return command_v
+    latched = held + within(command_v - held, closing_step(t, moves_v, s[TICK] - s[MOVED_TICK]))
+    if latched == command_v and TICKS_PER_INTERVAL // 2 <= s[TICK] - s[LAST_TICK] < 2 * TICKS_PER_INTERVAL:
+        s[CATCHES_UP] = 0  # not before commands come one by one again: those that waited may come together
+    return latched
+
+
+@part
+def tick(d: Door, t: Table) -> None:
+    """Advance the physics by one tick; in it the watchdog may bite, and the way to rest goes on."""
+    s = d.session
+    if s[STATE] == packets.ARMED and s[TICK] - s[LAST_TICK] >= d.watchdog_ticks:
+        lead_to_rest(d, t, packets.WATCHDOG)
+    if s[STATE] == packets.ARMED:
+        go_on(d, t)
+    if s[STATE] == packets.RESTING:
+        ramp_down(t.limits, t.guard)
+        t.latched_v[0] = t.guard.motion[0] / t.limits.gain_m_per_v
+        if t.guard.flags[0] == STOPPED:
+            s[STATE] = packets.RESTED
+    plant_kernel.hold(t.plant, t.state, t.latched_v[0])
+    s[TICK] += 1
+    if t.state.fault[0] != 0:
+        lead_to_rest(d, t, packets.END_STOP)
+
+
+@part
+def advance(d: Door, t: Table, now: int) -> None:
+    """Advance the physics to the tick nearest to a time in ns; a table at rest after its session stays as it is."""
+    s = d.session
+    s[REACHED_NS] = now
+    due = (2 * TICKS_PER_INTERVAL * (now - s[STARTED_NS]) + d.interval_ns) // (2 * d.interval_ns)
+    while s[TICK] < due and (s[STATE] == packets.ARMED or s[STATE] == packets.RESTING):
+        tick(d, t)
+
+
+@part
+def arm(d: Door, t: Table, now: int) -> None:
+    """Enable motion at the start of a session; later ARMs change nothing, but the last one has the noise of step 0."""
+    s = d.session
+    if d.counts[OBEYED] == 0:
+        s[ROW] = 0
+    if s[STATE] == packets.IDLE:
+        s[STATE] = packets.ARMED
+        s[STARTED_NS], s[TICK], s[LAST_TICK], s[MOVED_TICK], s[LONGEST_TICKS] = now, 0, 0, 0, 0
+        t.guard.flags[0] = RUNNING
+        t.way.volts[0], t.way.marks[POINTS], t.latched_v[1] = t.latched_v[0], 0, t.latched_v[0]
+        s[CATCHES_UP] = 0
+
+
+@part
+def obey(d: Door, t: Table, now: int) -> None:
+    """Latch the command that begins the way, or lead the table to rest where it is no number or out of range."""
+    s, command_v = d.session, t.way.volts[0]
+    if s[STATE] != packets.ARMED:
+        return
+    if not (math.isfinite(command_v) and abs(command_v) <= t.limits.command_v):
+        lead_to_rest(d, t, packets.BAD_COMMAND)
+        return
+    if d.counts[OBEYED] == 0:  # the clock starts anew: steps count from here, not from ARM
+        s[STARTED_NS], s[TICK], s[LAST_TICK], s[MOVED_TICK] = now, 0, 0, 0
+    else:
+        s[STARTED_NS] += (now - s[STARTED_NS] - s[TICK] * d.interval_ns // TICKS_PER_INTERVAL) // PHASE_STEPS
+    latched_v = approached(d, t, command_v)
+    place = t.limits.gain_m_per_v * latched_v
+    velocity = (place - t.guard.motion[0]) / (max(s[TICK] - s[MOVED_TICK], 1) * t.limits.dt_s)
+    t.guard.motion[0], t.guard.motion[1] = place, within(velocity, t.limits.velocity_m_s)
+    t.latched_v[0], t.latched_v[1] = latched_v, command_v
+    s[LONGEST_TICKS] = max(s[LONGEST_TICKS], s[TICK] - s[LAST_TICK])
+    s[LAST_TICK], s[MOVED_TICK], s[ARRIVED_NS] = s[TICK], s[TICK], now
+    d.counts[OBEYED] += 1
+
+
+@part
+def within(value: float, limit: float) -> float:
+    """Return a value, or the limit of its sign where it is beyond that."""
+    return min(max(value, -limit), limit)
+
+
+@part
+def post(d: Door, size: int) -> None:
+    """Send what stands in `outgoing` to where the last packet came from."""
+    address_size = d.message[ADDRESS_SIZE]
+    _sendto(d.fd, d.outgoing.ctypes.data, size, _AT_ONCE, d.address.ctypes.data, address_size)  # type: ignore[operator]
+
+
+@part
+def answer(d: Door, t: Table, now: int) -> None:
+    """Send the samples that were taken, with the state they were taken in."""
+    s, packet = d.session, d.outgoing
+    packets.begin(packet, packets.SAMPLES, t.samples.size, s[SEQUENCE])
+    packet[packets.STATE] = s[STATE]
+    packets.put_bytes(packet, packets.FAULTS, s[FAULTS], 4)
+    packets.put_bytes(packet, packets.LOST, min(d.counts[LOST], 0xFFFFFFFF), 4)
+    packets.put_int(packet, packets.INSTANT_NS, now)
+    for c in range(t.samples.size):
+        packets.put_real(packet, packets.WORDS + 8 * c, t.samples[c])
+    packets.put_int(packet, packets.SENT_NS, monotonic_ns(d.scratch))
+    post(d, packets.seal(packet, d.key))
+
+
+@part
+def sample(t: Table, s: IntArray) -> None:
+    """Read the sensors with the next row of noise."""
+    plant_kernel.read(t.plant, t.state, t.noise[s[ROW]], t.samples)
+    s[ROW] = (s[ROW] + 1) % t.noise.shape[0]
+
+
+@part
+def take(d: Door, t: Table, now: int) -> None:
+    """Do what a genuine packet of the session asks for and answer it; one that came before is not answered."""
+    s, packet = d.session, d.incoming
+    sequence, kind = packets.get_int(packet, packets.SEQUENCE), int(packet[packets.KIND])
+    if not packets.is_whole(packet):
+        d.counts[MALFORMED] += 1
+        return
+    if sequence <= s[SEQUENCE]:
+        d.counts[REPLAYED] += 1
+        return
+    d.counts[LOST] += sequence - s[SEQUENCE] - 1
+    s[SEQUENCE] = sequence
+    if kind == packets.ARM:
+        arm(d, t, now)
+    elif kind == packets.REST or kind == packets.CLOSE:
+        lead_to_rest(d, t, 0)
+        s[CLOSING] |= 1 if kind == packets.CLOSE else 0
+    sample(t, s)
+    if kind == packets.COMMAND:
+        take_way(packet, t.way)
+        obey(d, t, now)
+    answer(d, t, now)
+
+
+@part
+def moves(d: Door) -> bool:
+    """Tell whether the table is armed, or not yet led to rest."""
+    return d.session[STATE] == packets.ARMED or d.session[STATE] == packets.RESTING
+
+
+@part
+def greet(d: Door, size: int, now: int) -> None:
+    """Answer a genuine HELLO, and remember nothing of it; while the table moves, one in a while and by a refusal."""
+    busy = moves(d)
+    answer_size = answer_hello(d.greeter, d.incoming, size, monotonic_ns(d.scratch), 0, busy, d.outgoing)
+    d.counts[GREETED if answer_size > 0 else FORGED] += 1
+    if answer_size > 0 and not (busy and now - d.session[GREETED_AT_NS] < GREETED_NS):
+        d.session[GREETED_AT_NS] = now
+        post(d, answer_size)
+
+
+@part
+def attend(d: Door, t: Table, size: int, now: int) -> int:
+    """Do what a received packet asks for; return BEGUN where it begins a session, else 0."""
+    verdict = packets.verdict(d.incoming, size, d.key)
+    if verdict == packets.GENUINE:
+        take(d, t, now)
+    elif verdict == packets.MALFORMED:
+        d.counts[MALFORMED] += 1
+    elif d.incoming[packets.KIND] == packets.HELLO:
+        greet(d, size, now)
+    elif not moves(d) and opens_session(d.greeter, d.incoming, size, monotonic_ns(d.scratch), d.outgoing):
+        return BEGUN
+    else:
+        d.counts[FORGED if verdict == packets.FORGED else MALFORMED] += 1
+    return 0
+
+
+@part
+def breathe(d: Door) -> None:
+    """Wait where more packets than a batch were served in its time: at rest, no flood takes more of the processor."""
+    s, now = d.session, monotonic_ns(d.scratch)
+    if now - s[BATCH_BEGAN_NS] > BATCH_NS:
+        s[BATCH_BEGAN_NS], s[BATCHED] = now, 0
+    s[BATCHED] += 1
+    if s[BATCHED] >= BATCH:
+        sleep_until(s[BATCH_BEGAN_NS] + BATCH_NS, 0, d.scratch)
+
+
+@part
+def pause(d: Door, now: int) -> int:
+    """Return how long to sleep for a packet in ns: not at all where the next command is about to come."""
+    if d.session[STATE] != packets.ARMED:
+        return LOOK_NS
+    spin_ns = min(SPIN_NS, d.interval_ns // 4)
+    ahead_ns = d.session[ARRIVED_NS] + d.interval_ns - now
+    return min(max(ahead_ns - spin_ns, 0), LOOK_NS) if ahead_ns > -spin_ns else LOOK_NS
+
+
+@part
+def look(d: Door, t: Table) -> int:
+    """Serve the packet that is there, or wait for one; return what `serve_packets` does, or 0 to go on."""
+    s = d.session
+    before, now = s[STATE], monotonic_ns(d.scratch)  # read first: where nothing is there, nothing came until now
+    size = receive(d.fd, d.message, d.address)
+    if size >= 0:
+        now = monotonic_ns(d.scratch)
+        now = arrival(d.message, now, wall_clock_ns(d.scratch), s[REACHED_NS])
+    advance(d, t, now)  # here alone: the plant is a large piece of code
+    if size >= 0 and attend(d, t, size, now) == BEGUN:
+        return BEGUN
+    if d.orders[0] != 0:
+        lead_to_rest(d, t, 0)
+        if s[STATE] == packets.RESTED:
+            return ORDERED
+    if s[STATE] == packets.RESTED and (before != packets.RESTED or s[CLOSING] == 1):
+        s[CLOSING] *= 2  # told once
+        return ENDED
+    sleep_ns = pause(d, now) if size < 0 else 0
+    if sleep_ns > 0:
+        wait(d.fd, sleep_ns, d.scratch)
+    elif not moves(d):
+        breathe(d)
+    return 0
+
+
+@entry
+def serve_packets(d: Door, t: Table) -> int:
+    """Serve a session until Python is needed: BEGUN (the ARM in `incoming` opens another session; the greeter has its
+    key), ENDED (the table has come to rest, or the session was closed), ORDERED (by `orders`, the table at rest)."""
+    s, event = d.session, 0
+    if s[ARMING] == 1:  # after the time that the session took to be made
+        s[ARMING], s[REACHED_NS] = 0, monotonic_ns(d.scratch)
+        take(d, t, s[REACHED_NS])
+    while event == 0:
+        event = look(d, t)
+    return event

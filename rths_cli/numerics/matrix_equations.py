@@ -1,0 +1,148 @@
+"""Matrix functions over numpy alone: the exponential, the discrete algebraic Riccati equation.
+
+scipy.linalg has both; its import takes longer than all matrices of a run.
+"""
+
+from __future__ import annotations
+
+from contextlib import suppress
+
+import numpy as np
+
+from rths_cli.errors import InputError
+from rths_cli.numerics.lti import Array
+
+_PADE = (
+    64764752532480000.0, 32382376266240000.0, 7771770303897600.0, 1187353796428800.0, 129060195264000.0,
+    10559470521600.0, 670442572800.0, 33522128640.0, 1323241920.0, 40840800.0, 960960.0, 16380.0, 182.0, 1.0,
+)  # fmt: skip
+_ERROR_SCALE = 113250775606021113483283660800000000.0
+_MOST_DOUBLINGS, _CONVERGED = 60, 1e-14
+_BALANCING_ROUNDS = 20  # each closes half of what rows and columns differ by, in powers of two
+
+
+def exponential(A: Array) -> Array:
+    """Return exp(A), (n, n), real or complex: diagonal Pade approximant of degree 13, scaling and squaring.
+
+    A is balanced first: states in unlike units (metres beside newtons) would otherwise lose the digits of small
+    entries when the approximant's equations are solved. Source: Al-Mohy and Higham, SIAM J. Matrix Anal. Appl. 31
+    (2009) 970.
+    """
+    scale = balancing(A)
+    return _exponential(A * scale / scale[:, None]) * scale[:, None] / scale
+
+
+def balancing(A: Array) -> Array:
+    """Return the powers of two d (n,) that give rows and columns of D^-1 A D like sums of sizes, D = diag(d).
+
+    All units change at once, by the fourth root of what the sums differ by: the whole root would swing to and fro.
+    Source: Osborne, J. ACM 7 (1960) 338.
+    """
+    apart = np.abs(A)
+    np.fill_diagonal(apart, 0.0)
+    exponent = np.zeros(len(A))
+    for _ in range(_BALANCING_ROUNDS):
+        sizes = apart * np.exp2(exponent - exponent[:, None])
+        rows, columns = sizes.sum(axis=1), sizes.sum(axis=0)
+        coupled = (rows > 0.0) & (columns > 0.0)
+        exponent[coupled] += 0.25 * np.log2(rows[coupled] / columns[coupled])
+    return np.asarray(np.exp2(np.round(exponent)))
+
+
+def _exponential(A: Array) -> Array:
+    """Return exp(A) of a balanced A."""
+    halvings = _halvings(A)
+    A1, eye, b = A / 2.0**halvings, np.eye(len(A)), _PADE
+    A2 = A1 @ A1
+    A4 = A2 @ A2
+    A6 = A4 @ A2
+    odd = A6 @ (b[13] * A6 + b[11] * A4 + b[9] * A2) + b[7] * A6 + b[5] * A4 + b[3] * A2 + b[1] * eye
+    even = A6 @ (b[12] * A6 + b[10] * A4 + b[8] * A2) + b[6] * A6 + b[4] * A4 + b[2] * A2 + b[0] * eye
+    odd = A1 @ odd
+    result = np.linalg.solve(even - odd, even + odd)
+    for _ in range(halvings):
+        result = result @ result
+    return np.asarray(result)
+
+
+def _halvings(A: Array) -> int:
+    """Return how often A is halved: until the first term that the approximant leaves out is a rounding error.
+
+    A power of A tells, not its norm alone, which says too much where blocks are of unlike size.
+    """
+    norm = float(np.abs(A).sum(axis=0).max(initial=0.0))
+    left_out = np.linalg.matrix_power(np.abs(A) / norm, 27).sum(axis=0).max() if norm > 0.0 else 0.0
+    if left_out == 0.0:
+        return 0
+    return max(0, int(np.ceil(np.log2(norm) + (np.log2(left_out) - np.log2(_ERROR_SCALE * 2.0**-53)) / 26.0)))
+
+
+def continuous_riccati(A: Array, B: Array, Q: Array, R: Array) -> Array:
+    """Return the stabilising X (n, n) of A' X + X A - X B R^-1 B' X + Q = 0.
+
+    A Cayley transform makes it discrete, which doubling solves. Raises ValueError where there is no such X. Source:
+    Chu, Fan and Lin, Linear Algebra Appl. 396 (2005) 55.
+    """
+    eye, G = np.eye(len(A)), B @ np.linalg.solve(R, B.T)
+    shift = float(np.abs(np.linalg.eigvals(np.block([[A, -G], [-Q, -A.T]]))).max())
+    shifted = A - shift * eye
+    cost = None
+    with suppress(np.linalg.LinAlgError):
+        through = np.linalg.solve(shifted.T, Q)
+        across = 2.0 * shift * np.linalg.inv(shifted + G @ through)
+        cost = doubled(eye + across, across @ np.linalg.solve(shifted, G).T, through @ across)
+    if cost is None:
+        raise ValueError("the Riccati equation has no stabilising solution")
+    return cost
+
+
+def distinct(values: Array) -> Array:
+    """Return the different values of an array in rising order, (n,): numpy.unique, whose import of masked arrays takes
+    longer than the values of a run."""
+    ordered = np.sort(values, axis=None)
+    return ordered[np.diff(ordered, prepend=-np.inf) > 0.0]
+
+
+def doubled(step: Array, reach: Array, cost: Array) -> Array | None:
+    """Return X (n, n) of X = cost + step' X (1 + reach X)^-1 step, from zero by doubling; None if it does not settle.
+
+    Each round looks twice as many steps ahead. Source: Chu, Fan, Lin and Wang, Int. J. Control 77 (2004) 767.
+    """
+    n = len(step)
+    cost = 0.5 * (cost + cost.T)
+    for _ in range(_MOST_DOUBLINGS):
+        both = np.linalg.solve(np.eye(n) + reach @ cost, np.hstack([step, reach]))
+        with np.errstate(over="ignore", invalid="ignore"):  # without a solution it overflows, which is looked for
+            more = step.T @ cost @ both[:, :n]
+            reach = reach + step @ both[:, n:] @ step.T
+            step, cost = step @ both[:, :n], cost + 0.5 * (more + more.T)
+        if not np.isfinite(cost).all():
+            return None
+        if np.abs(more).max() <= _CONVERGED * np.abs(cost).max():
+            return cost
+    return None
+
+
+def riccati_gain(a: Array, b: Array, q: Array, r: Array, s: Array) -> Array:
+    """Return the gain (m, n) of the discrete linear-quadratic regulator with cross weight s (n, m).
+
+    Raises InputError when the equation has no stabilising solution.
+    """
+    cost = riccati_cost(a, b, q, r, s)
+    return np.asarray(np.linalg.solve(r + b.T @ cost @ b, b.T @ cost @ a + s.T), dtype=float)
+
+
+def riccati_cost(a: Array, b: Array, q: Array, r: Array, s: Array) -> Array:
+    """Return X (n, n) of X = A' X A - (A' X B + S) (R + B' X B)^-1 (B' X A + S') + Q by doubling.
+
+    Modes that last ten thousand samples take some fifteen rounds; a method that orders eigenvalues of the extended
+    pencil loses its digits there, or finds no solution. Raises InputError as `riccati_gain` does.
+    """
+    inverse = np.linalg.inv(r)
+    cost = doubled(a - b @ inverse @ s.T, b @ inverse @ b.T, q - s @ inverse @ s.T)
+    if cost is None:
+        raise InputError(
+            "controller: the feedback's Riccati equation cannot be solved with this command_weight and disturbance_hz; "
+            "use a larger command_weight or the default band, 1 to 12 Hz"
+        )
+    return cost

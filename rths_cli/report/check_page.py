@@ -1,0 +1,201 @@
+"""What a check found, as a page for the terminal: the test, its stability, latency, reach, expected error, verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from rths_cli.numerics.lti import Array
+from rths_cli.report.check_json import Checked, Tested
+from rths_cli.report.error_budget_table import budget_text
+from rths_cli.report.identification_page import DASH, aligned, labelled, number, short, wrapped
+from rths_cli.report.latency_table import latency_text
+
+MARGINS = (
+    ("gain up, factor", "gain_margin", 1.0),
+    ("gain down, factor", "gain_reduction_margin", 1.0),
+    ("phase, degrees", "phase_margin_deg", 1.0),
+    ("delay, ms", "delay_margin_s", 1e3),
+    ("peak of |S|, whole loop", "sensitivity_peak", 1.0),
+    ("  at, Hz", "sensitivity_peak_hz", 1.0),
+)
+REACH = (
+    ("displacement, mm", "displacement_m", 1e3),
+    ("velocity, m/s", "velocity_m_s", 1.0),
+    ("acceleration, m/s^2", "acceleration_m_s2", 1.0),
+    ("sensor range, m/s^2", "sensor_m_s2", 1.0),
+    ("actuator force, N", "force_n", 1.0),
+    ("command, V", "command_v", 1.0),
+)
+LEAST_GROWTH = 1e-9
+MOST_MODES = 10  # on the page
+Values = Mapping[str, Array]
+
+
+def pages(checked: Sequence[Checked]) -> str:
+    """Return a page per case and, of several cases, a line per case after them."""
+    text = "\n\n".join(page(one) for one in checked)
+    if len(checked) < 2:
+        return text + "\n"
+    rows = [[_name(one.about), one.verdict, _why(one)] for one in checked]
+    widths = [max(len(row[column]) for row in rows) for column in (0, 1)]
+    lines = [f"{name:<{widths[0]}}  {verdict:<{widths[1]}}  {why}".rstrip() for name, verdict, why in rows]
+    return text + "\n\n" + wrapped(lines) + "\n"
+
+
+def page(checked: Checked) -> str:
+    """Return the page of one case, at most 100 columns wide."""
+    values = {path: np.atleast_1d(np.asarray(value, dtype=float)) for path, value in checked.metrics.items()}
+    sections = [wrapped(_about(checked.about))]
+    if "check.spectral_radius" in values:
+        sections += [wrapped(_stability(values)), wrapped(_margins(values)), latency_text(values)]
+        sections += [wrapped(_reach(values)), budget_text(values), wrapped(_compared(values, checked.about))]
+    sections.append(wrapped(_verdict(checked)))
+    return "\n\n".join(section for section in sections if section)
+
+
+def _name(about: Tested) -> str:
+    return f"{about.case} ({about.method})"
+
+
+def _why(one: Checked) -> str:
+    """Return the one line of a case: its reasons, or how large its record may be."""
+    if one.reasons:
+        return "; ".join(one.reasons)
+    largest = one.metrics.get("check.largest_scaling")
+    return f"up to scaling {float(np.asarray(largest)):g}" if largest is not None else ""
+
+
+def _about(about: Tested) -> list[str]:
+    kind = "" if not about.rig_kind else f"{about.rig_kind} "
+    overrides = [labelled("overridden", ", ".join(about.overrides))] if about.overrides else []
+    return [
+        f"Check of {about.case} on the {kind}table {about.rig}, before anything moves",
+        labelled("building", f"{about.structure}, damping {about.damping}"),
+        labelled("record", f"{about.record} x {about.scaling:g}, {about.sample_rate_hz:g} Hz"),
+        labelled("controller", f"{about.controller}, method {about.method}"),
+        labelled("model", about.model),
+        *overrides,
+    ]
+
+
+def _stability(values: Values) -> list[str]:
+    """Return the lines on the closed loop's eigenvalues and on the loop without the table."""
+    growth = _one(values, "growth")
+    over = "die out" if growth < LEAST_GROWTH else f"change by a factor {short(growth)}"
+    rows = [["mode", "building (Hz)", "damping (%)", "in the loop (Hz)", "damping (%)"]]
+    columns = [
+        values[f"check.{of}_{what}"] for of in ("building", "loop") for what in ("frequency_hz", "damping_ratio")
+    ]
+    modes = list(enumerate(zip(*columns, strict=True), 1))
+    for mode, (own_hz, own, loop_hz, loop) in modes[:MOST_MODES]:
+        rows.append([str(mode), f"{own_hz:.4f}", f"{100 * own:.3f}", f"{loop_hz:.4f}", f"{100 * loop:.3f}"])
+    more = [f"  {len(modes) - MOST_MODES} more modes in --json"] if len(modes) > MOST_MODES else []
+    return [
+        labelled("stability", "of the sampled closed loop: every block of the step on the identified rig"),
+        labelled("  spectral radius", f"{_one(values, 'spectral_radius'):.6f}; motions {over} over the record"),
+        *aligned(rows),
+        *more,
+        labelled("  critical delay", _critical(values)),
+        labelled(
+            "  gain at infinity",
+            f"{_one(values, 'gain_at_infinity'):.3f}, the floor's mass on the table over that computed; from 1 on any "
+            "delay is too much",
+        ),
+    ]
+
+
+def _critical(values: Values) -> str:
+    delay, hz = _one(values, "critical_delay_s"), _one(values, "critical_delay_hz")
+    if not np.isfinite(delay):
+        return "none, on a perfect table no pure delay makes this building unstable"
+    if delay == 0.0:
+        return (
+            "0 ms: on a perfect table of unlimited bandwidth any pure delay makes this building unstable; the verdict "
+            "rests on the table as identified"
+        )
+    return f"{short(1e3 * delay)} ms of pure delay on a perfect table, lost at {short(hz)} Hz"
+
+
+def _margins(values: Values) -> list[str]:
+    """Return margins with measured response and model, and the error of the table that the loop stands."""
+    if _one(values, "spectral_radius") >= 1.0:
+        return [labelled("margins", "none: the loop is unstable")]
+    rows = [["", "measured", "model"]]
+    for label, leaf, scale in MARGINS:
+        rows.append([label, *(_plain(scale * _one(values, f"{leaf}{kind}")) for kind in ("", "_model"))])
+    stands, must = (100.0 * _one(values, f"{name}_table_error") for name in ("tolerated", "required"))
+    where = short(_one(values, "table_error_hz"))
+    least, there = (_one(values, name) for name in ("tolerated_table_error_in_band", "table_error_in_band_hz"))
+    alone = [labelled("  feedback alone", _feedback(values))] if "feedback.sensitivity_peak" in values else []
+    return [
+        labelled("margins", "of the loop broken at the command; with the measured response, and with the model alone"),
+        *aligned(rows),
+        *alone,
+        labelled(
+            "  error of the table",
+            f"stands {stands:.3g} %, must stand {must:.3g} % at {where} Hz, where the two are nearest, with a "
+            "gain up to 10 % off",
+        ),
+        labelled("    up to 11 Hz", f"stands {100.0 * least:.3g} % or more, the least at {short(there)} Hz"),
+    ]
+
+
+def _feedback(values: Values) -> str:
+    peak, hz, wide = (
+        float(values[f"feedback.{name}"][0]) for name in ("sensitivity_peak", "sensitivity_peak_hz", "bandwidth_hz")
+    )
+    return f"peak of |S| {number(peak)} at {short(hz)} Hz, bandwidth {short(wide)} Hz, with the measured response"
+
+
+def _reach(values: Values) -> list[str]:
+    """Return predicted peaks beside limits, and the largest scaling."""
+    if "check.peak_command_v" not in values:
+        return [labelled("reach", "not predicted: the loop is unstable")]
+    rows = [["", "peak", "limit", "share (%)"]]
+    for label, leaf, scale in REACH:
+        peak, limit = _one(values, f"peak_{leaf}"), _one(values, f"limit_{leaf}")
+        rows.append([label, number(scale * peak), number(scale * limit), f"{100 * peak / limit:.1f}"])
+    largest = _one(values, "largest_scaling")
+    scaling = f"{largest:g}" if largest > 0.0 else "none, the loop itself is not safe"
+    return [
+        labelled(
+            "reach", "predicted peaks; a tenth of every limit is kept in reserve; displacement with room to brake"
+        ),
+        *aligned(rows),
+        labelled("  largest safe scaling", scaling),
+    ]
+
+
+def _compared(values: Values, about: Tested) -> list[str]:
+    """Return the lines that set the predicted error beside SIM-DELAY's, and tell the friction it counts with."""
+    if "check.rms_error_m_s2" not in values:
+        return [labelled("error", "not predicted: the loop is unstable")]
+    friction = _one(values, "friction_v")
+    lines = [labelled("friction", f"counted with: like {1e3 * friction:.3g} mV of command, as identified")]
+    late = f"SIM-DELAY, {1e3 * about.delay_s:g} ms"
+    if "check.sim_delay_rms_error_m_s2" not in values:
+        return [*lines, labelled(late, "not told: near its critical delay, or beyond it")]
+    delayed, error = values["check.sim_delay_rms_error_m_s2"], values["check.rms_error_m_s2"]
+    storeys = range(1, len(error) + 1)
+    rows = [["", *(f"storey {storey}" for storey in storeys)]]
+    rows.append([f"{late}, mm/s^2", *(number(1e3 * value) for value in delayed)])
+    shares = [number(one / late) if late > 0.0 else DASH for one, late in zip(error, delayed, strict=True)]
+    rows.append(["predicted over SIM-DELAY", *shares])
+    return [*lines, *aligned(rows)]
+
+
+def _verdict(checked: Checked) -> list[str]:
+    """Return warnings, then the verdict and its reasons."""
+    notes = [labelled("note", warning) for warning in checked.warnings]
+    first = checked.verdict if not checked.reasons else f"{checked.verdict}: {checked.reasons[0]}"
+    return [*notes, labelled("verdict", first), *(labelled("", reason) for reason in checked.reasons[1:])]
+
+
+def _one(values: Values, name: str) -> float:
+    return float(values[f"check.{name}"][0])
+
+
+def _plain(value: float) -> str:
+    return number(value) if np.isfinite(value) else DASH

@@ -1,0 +1,118 @@
+"""What `rths doctor` found, as text and as a document."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from rths_cli.report.identification_page import aligned, labelled, wrapped
+
+if TYPE_CHECKING:
+    from rths_cli.experiment.doctor import Examined, Machine
+    from rths_cli.files.measured_rates import RateMeasured
+    from rths_cli.loop.scheduling import Granted
+
+HEADINGS = ("rate, Hz", "p50", "p99", "p99.9", "max", "late", "missed", "held")
+
+
+def page(found: Examined) -> str:
+    """Return the page of an examination."""
+    sections = [wrapped([*_machine(found.machine, found.granted), _granted(found.granted)])]
+    sections.append("\n".join([f"Wake-up delay in us, {_duration(found.rates)}", *table(found.rates)]))
+    if found.rig:
+        title = f"Until samples of {found.rig.rig} are there, in us after the deadline, {_duration(found.rig.rates)}"
+        sections.append("\n".join([title, *table(found.rig.rates)]))
+    sections.append(wrapped(_verdict(found)))
+    if found.advice:
+        sections.append(
+            wrapped([labelled("to do better", found.advice[0]), *(labelled("", a) for a in found.advice[1:])])
+        )
+    return "\n\n".join(sections) + "\n"
+
+
+def document(found: Examined) -> dict[str, Any]:
+    """Return an examination as JSON can hold it."""
+    rig = found.rig
+    return {
+        "machine": asdict(found.machine),
+        "granted": asdict(found.granted),
+        "rates": [_entry(rate) for rate in found.rates],
+        "rig": {"name": rig.rig, "rates": [_entry(rate) for rate in rig.rates]} if rig else None,
+        "rule": found.rule,
+        "wanted_hz": list(found.wanted_hz),
+        "not_held_hz": list(found.not_held_hz),
+        "recommended_hz": found.recommended_hz,
+        "advice": list(found.advice),
+        "exit_code": found.exit_code,
+    }
+
+
+def table(rates: Sequence[RateMeasured]) -> list[str]:
+    """Return a line per rate below a line of headings."""
+    rows = []
+    for r in rates:
+        delays = (f"{us:.1f}" for us in (r.p50_us, r.p99_us, r.p99_9_us, r.max_us))
+        rows.append((f"{r.rate_hz:g}", *delays, str(r.late), str(r.missed), "yes" if r.held else "no"))
+    return aligned([HEADINGS, *rows])
+
+
+def _entry(rate: RateMeasured) -> dict[str, Any]:
+    return {**asdict(rate), "held": rate.held}
+
+
+def _duration(rates: Sequence[RateMeasured]) -> str:
+    return f"{rates[0].steps / rates[0].rate_hz:g} s each"
+
+
+def _machine(machine: Machine, granted: Granted) -> list[str]:
+    kind = ", virtual machine" if machine.virtual else ""
+    isolated = ", ".join(map(str, machine.isolated_cpus)) or "none"
+    return [
+        labelled("kernel", f"{machine.kernel}, {machine.preemption}{kind}"),
+        labelled("processors", f"{machine.cpus}, isolated: {isolated}; governor: {machine.governor or 'none visible'}"),
+        labelled("clock", machine.clock_source or "not stated"),
+        labelled(
+            "limits",
+            f"rtprio {_rtprio(machine, granted)}, memlock {_limit(machine.memlock_limit_bytes, ' bytes')}, "
+            f"SCHED_FIFO threads {_throttle(machine)}",
+        ),
+    ]
+
+
+def _rtprio(machine: Machine, granted: Granted) -> str:
+    """Return the limit of priorities, which does not bind a privileged user."""
+    limit = _limit(machine.rtprio_limit, "")
+    return f"{limit} (does not bind this user)" if 0 <= machine.rtprio_limit < granted.fifo_priority else limit
+
+
+def _limit(value: int, unit: str) -> str:
+    return "unlimited" if value < 0 else f"{value}{unit}"
+
+
+def _throttle(machine: Machine) -> str:
+    if machine.rt_runtime_us < 0:
+        return "are never throttled"
+    return f"are stopped after {machine.rt_runtime_us} us of every {machine.rt_period_us} us"
+
+
+def _granted(granted: Granted) -> str:
+    given = [
+        f"SCHED_FIFO {granted.fifo_priority}" if granted.fifo_priority else "",
+        f"processor {granted.cpu}" if granted.cpu >= 0 else "",
+        "memory locked" if granted.memory_locked else "",
+        "processors kept awake" if granted.cpu_latency_held else "",
+    ]
+    return labelled("granted", ", ".join(filter(None, given)) or "nothing")
+
+
+def _verdict(found: Examined) -> list[str]:
+    best = found.recommended_hz
+    lines = [
+        labelled("rule", found.rule),
+        labelled("recommended", f"at most {best:g} Hz" if best else "none: no rate was held"),
+    ]
+    if found.wanted_hz:
+        bad = ", ".join(f"{hz:g} Hz" for hz in found.not_held_hz)
+        lines.append(labelled("wanted", f"not held: {bad}" if bad else "held"))
+    return lines

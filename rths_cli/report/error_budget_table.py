@@ -1,0 +1,103 @@
+"""The error of a hybrid test by cause as a table: predicted before the run, and split up after it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from rths_cli.report.text_layout import WIDTH, wrapped
+
+CAUSES = {
+    "declared": "declared building",
+    "coupling": "coupling",
+    "latency": "latency left",
+    "model": "table model",
+    "friction": "friction",
+    "specimen": "specimen",
+    "rounding": "rounded commands",
+    "lost": "lost samples",
+    "drift": "sensor drift",
+    "noise": "sensor noise",
+    "quantisation": "rounded samples",
+    "rest": "rest",
+}
+WORDS = {"check": "pred.", "budget": "meas."}
+LABEL, COLUMN = 18, 10
+Metrics = Mapping[str, ArrayLike]
+
+
+def budget_text(metrics: Metrics) -> str:
+    """Return RMS errors by cause from figures by path: `check.*` predicted, `budget.*` and `exp_rths.*` measured; ""
+    where there are neither. Storeys that do not fit beside each other are left out, the highest last."""
+    predicted, measured = _has(metrics, "check"), _has(metrics, "budget")
+    if not (predicted or measured):
+        return ""
+    kinds = [kind for kind, there in (("check", predicted), ("budget", measured)) if there]
+    columns = _columns(metrics, kinds)
+    heads = [f"storey {column}" if column else "tracking" for column in columns]
+    heads = [
+        head if len(head) < COLUMN * len(kinds) else f"st. {column}"
+        for head, column in zip(heads, columns, strict=True)
+    ]
+    top = "".join(f"{head:>{COLUMN * len(kinds)}}" for head in heads)
+    words = "".join(f"{WORDS[kind]:>{COLUMN}}" for kind in kinds) * len(columns)
+    rule = "-" * (LABEL + len(top))
+    lines = ["Error by cause (RMS, mm/s^2, test band)", rule, f"{'':<{LABEL}}{top}", f"{'':<{LABEL}}{words}", rule]
+    for cause, label in CAUSES.items():
+        cells = [_cell(metrics, kind, cause, column) for column in columns for kind in kinds]
+        if any(cell.strip() != "-" for cell in cells):
+            lines.append(f"{label:<{LABEL}}{''.join(cells)}")
+    whole = [_cell(metrics, kind, "", column) for column in columns for kind in kinds]
+    lines += [rule, f"{'together':<{LABEL}}{''.join(whole)}", rule]
+    return "\n".join([*lines, *([wrapped([_fitted(metrics)])] if measured else [])])
+
+
+def _has(metrics: Metrics, kind: str) -> bool:
+    return f"{kind}.rms_error_coupling_m_s2" in metrics
+
+
+def _columns(metrics: Metrics, kinds: list[str]) -> list[int]:
+    """Return 0 for tracking, then the numbers of the storeys that fit, the lowest and the highest ones."""
+    storeys = np.atleast_1d(metrics[f"{kinds[0]}.rms_error_coupling_m_s2"]).size
+    fit = (WIDTH - LABEL) // (COLUMN * len(kinds)) - 1
+    shown = list(range(1, storeys + 1))
+    return [0, *(shown if storeys <= fit else [*shown[: fit - 1], storeys])]
+
+
+def _cell(metrics: Metrics, kind: str, cause: str, column: int) -> str:
+    """Return a figure in mm/s^2; without a cause the whole error, which is measured by the run itself."""
+    source = "exp_rths" if kind == "budget" and not cause else kind
+    part = f"_{cause}" if cause else ""
+    path = f"{source}.rms_error{part}_m_s2" if column else f"{source}.tracking_rms{part}_m_s2"
+    if path not in metrics:
+        return f"{'-':>{COLUMN}}"
+    value = 1e3 * float(np.atleast_1d(np.asarray(metrics[path], dtype=float))[max(column - 1, 0)])
+    return f"{value:>{COLUMN}.3f}" if abs(value) < 1e4 else f"{value:>{COLUMN}.2e}"
+
+
+def _fitted(metrics: Metrics) -> str:
+    """Return what the run says of the table; a figure that its uncertainty exceeds is not named."""
+    gain = _figure(metrics, "table_gain_error", "table_gain_error_uncertainty", 100.0, "%")
+    late = _figure(metrics, "table_delay_error_s", "table_delay_error_uncertainty_s", 1e6, "microseconds", 1)
+    friction = _figure(metrics, "friction_v", "friction_uncertainty_v", 1e3, "mV of command", sign="")
+    told = f"The table in the run against the identified one: gain {gain}, delay {late}, friction like {friction}."
+    if "not told" not in told:
+        return told
+    left = "budget.rms_error_lost_m_s2" in metrics
+    why = "not enough of the record is left" if left else "the record does not say more"
+    return f"{told} Not told: the uncertainty (two standard ones) is larger than the figure; {why}."
+
+
+def _figure(
+    metrics: Metrics, name: str, uncertainty: str, scale: float, unit: str, digits: int = 3, sign: str = "+"
+) -> str:
+    """Return a figure with two standard uncertainties, or how large it is at most."""
+    value = scale * float(np.asarray(metrics[f"budget.{name}"]))
+    if f"budget.{uncertainty}" not in metrics:  # a result of an earlier version
+        return f"{value:{sign}.{digits}f} {unit}"
+    off = 2.0 * scale * float(np.asarray(metrics[f"budget.{uncertainty}"]))
+    if not off <= abs(value):
+        return f"not told from none (within {off:.2g} {unit})"
+    return f"{value:{sign}.{digits}f} +- {off:.2g} {unit}"

@@ -1,0 +1,97 @@
+"""What `rths export` does: everything is read and checked first, then each result is written whole or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from rths_cli.errors import InputError
+from rths_cli.files.result_reader import result_files
+from rths_cli.files.result_writer import check_writable
+from rths_cli.report.export.csv_files import csv_targets
+from rths_cli.report.export.matlab_file import mat_targets
+from rths_cli.report.export.netcdf_file import netcdf_targets
+from rths_cli.report.export.source_and_target import Source, Target, open_source, write_all
+
+FORMATS: Mapping[str, Callable[[Source, Path], list[Target]]] = {
+    "csv": csv_targets,
+    "mat": mat_targets,
+    "netcdf": netcdf_targets,
+}
+TEXT_FACTOR = 2.5  # bytes of a number in CSV over those of the number, at most
+
+
+@dataclass(frozen=True)
+class ExportRequest:
+    """What is exported: result files or folders of them, to which format (csv, mat, netcdf), where to.
+
+    `groups` chooses groups with all that is in them (none: every one); `replace` allows to replace what is there.
+    """
+
+    paths: tuple[Path, ...]
+    form: str
+    folder: Path
+    groups: tuple[str, ...] = ()
+    replace: bool = False
+
+
+@dataclass(frozen=True)
+class Exported:
+    """A result that was exported: its file, how its run ended and why, the files written."""
+
+    result: Path
+    status: str
+    reason: str
+    files: tuple[Path, ...]
+
+
+def export(request: ExportRequest, progress: Callable[[str], None] = lambda _: None) -> list[Exported]:
+    """Write every result of a request; raises InputError with all faults before the first is written."""
+    planned = plan(request)
+    needed = sum(source.total_bytes for source, _ in planned)
+    check_writable(request.folder, int(needed * (TEXT_FACTOR if request.form == "csv" else 1.0)))
+    done = []
+    for source, targets in planned:
+        progress(f"{source.result.path} to {request.form}")
+        write_all(targets)
+        about = source.result.attributes
+        files = tuple(target.path for target in targets)
+        done.append(Exported(source.result.path, str(about["status"]), str(about.get("status_reason", "")), files))
+    return done
+
+
+def plan(request: ExportRequest) -> list[tuple[Source, list[Target]]]:
+    """Read every result and name its files; raises InputError with all faults, writes nothing."""
+    found, empty = result_files(request.paths)
+    faults = list(empty.values())
+    planned: list[tuple[Source, list[Target]]] = []
+    for path in found:
+        try:
+            source = open_source(path, request.groups)
+            planned.append((source, FORMATS[request.form](source, request.folder)))
+        except InputError as error:
+            faults += error.faults
+    faults += _shared(planned) or ([] if request.replace else _present(planned))
+    if faults:
+        raise InputError(*faults)
+    return planned
+
+
+def _shared(planned: Sequence[tuple[Source, list[Target]]]) -> list[str]:
+    """Return a sentence for each file that two results would become."""
+    first: dict[Path, Path] = {}
+    faults = []
+    for source, targets in planned:
+        for target in targets:
+            other = first.setdefault(target.path, source.result.path)
+            if other != source.result.path:
+                advice = "export them to different folders"
+                faults.append(f"{source.result.path}: would become {target.path}, as {other} does; {advice}")
+    return faults
+
+
+def _present(planned: Sequence[tuple[Source, list[Target]]]) -> list[str]:
+    """Return a sentence for each file that exists."""
+    files = [target.path for _, targets in planned for target in targets]
+    return [f"{path}: exists; add --replace, or choose another --output" for path in files if path.exists()]

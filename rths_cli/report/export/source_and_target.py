@@ -1,0 +1,130 @@
+"""What is exported of a result, and the files it goes to, written whole or not at all."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rths_cli.errors import InputError
+from rths_cli.files.checked_results import read_checked
+from rths_cli.files.durable_files import remove_leftovers
+from rths_cli.files.result_outline import Outline, read_group, read_outlines
+from rths_cli.files.result_reader import Dataset, Result
+from rths_cli.files.result_writer import refusal
+
+BYTES = 8  # of a number, as it is written
+
+
+@dataclass(frozen=True)
+class Source:
+    """A result and its chosen groups by path, a group before those in it."""
+
+    result: Result
+    groups: Mapping[str, Outline]
+
+    @property
+    def stem(self) -> str:
+        """Return the name of the result's file without its suffix."""
+        return self.result.path.stem
+
+    def read(self, group: str) -> dict[str, Dataset]:
+        """Read the scales and datasets of a group by name; raises InputError."""
+        return read_group(self.result.path, self.groups[group])
+
+    def size_bytes(self, group: str) -> int:
+        """Return how many bytes the numbers of a group take, without the groups in it."""
+        outline = self.groups[group]
+        shapes = [*outline.datasets.values(), *outline.scales.values()]
+        return BYTES * sum(int(np.prod(shape)) for shape in shapes)
+
+    @property
+    def total_bytes(self) -> int:
+        """Return how many bytes the numbers of all chosen groups take."""
+        return sum(self.size_bytes(group) for group in self.groups)
+
+
+def open_source(path: Path, names: Sequence[str] = ()) -> Source:
+    """Read what a result is about; `names` chooses groups with all that is in them (none: every group).
+
+    Raises InputError unless the file is a whole result file that holds these groups.
+    """
+    result, outlines = read_checked(path), read_outlines(path)
+    wanted = [name.strip("/").replace("-", "_") for name in names]
+    missing = [name for name in wanted if name not in outlines]
+    if missing:
+        status = result.attributes["status"]
+        known = ", ".join(result.groups) or "none"
+        raise InputError(
+            *(f"{path}: holds no group {name} (status {status}); its groups are {known}" for name in missing)
+        )
+    return Source(result, {key: outline for key, outline in outlines.items() if _chosen(key, wanted)})
+
+
+def _chosen(group: str, wanted: Sequence[str]) -> bool:
+    return not wanted or any(group == name or group.startswith(f"{name}/") for name in wanted)
+
+
+SERIES = ("time_s", "frequency_hz")
+
+
+def notes(source: Source) -> dict[str, Any]:
+    """Return the attributes of a result and, by group, each dataset that is no series; what is not finite is null."""
+    about = {key: _plain(value) for key, value in source.result.attributes.items()}
+    held = {path: _group(source, outline) for path, outline in source.groups.items()}
+    return {"attributes": about, "groups": {path: group for path, group in held.items() if group}}
+
+
+def _group(source: Source, outline: Outline) -> dict[str, Any]:
+    found: dict[str, Any] = {key: _plain(value) for key, value in outline.attributes.items()}
+    for name, item in source.read(outline.path).items():
+        if name in outline.datasets and item.dims[-1:] not in [(axis,) for axis in SERIES]:
+            told = {"units": item.units, "long_name": item.long_name, "source": item.source}
+            found[name] = {"value": _plain(np.asarray(item.data).tolist()), **told, "dims": list(item.dims)}
+    return found
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+@dataclass(frozen=True)
+class Target:
+    """A file, and what writes all of it at a path it is given."""
+
+    path: Path
+    write: Callable[[Path], None]
+
+
+def write_all(targets: Sequence[Target]) -> None:
+    """Write files under temporary names (`.NAME.PID.part`) and rename them when all are there.
+
+    Raises InputError naming path and cause where the disk refuses; then, and after a signal, no file is left behind.
+    """
+    parts = [target.path.with_name(f".{target.path.name}.{os.getpid()}.part") for target in targets]
+    try:
+        for target, part in zip(targets, parts, strict=True):
+            remove_leftovers(target.path)
+            with_reason(target, part)
+        for target, part in zip(targets, parts, strict=True):
+            os.replace(part, target.path)
+    finally:
+        for part in parts:
+            with suppress(OSError):
+                part.unlink()
+
+
+def with_reason(target: Target, part: Path) -> None:
+    """Write one file; raise InputError naming path and cause where the disk refuses."""
+    try:
+        target.write(part)
+    except (OSError, RuntimeError) as error:
+        raise InputError(refusal(target.path, "cannot write", error)) from error

@@ -1,0 +1,155 @@
+"""What a figure is drawn from: a result's series, each read once and thinned so that every peak stays."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from rths_cli.errors import InputError
+from rths_cli.files.result_reader import Result, read_series
+from rths_cli.numerics.lti import Array, Integers
+from rths_cli.rigs.description import capabilities_of
+
+TABLE_RUNS = ("shake_table", "exp_rths")
+COMPUTED_RUNS = ("sim", "sim_delay")
+ACCEL = "abs_accel_m_s2"
+DESIRED = "interface_accel_desired_m_s2"
+MEASURED = "interface_accel_measured_m_s2"
+MOST_STOREYS = 4
+
+
+class NotDrawn(InputError):
+    """A figure that a result holds no data for, with the reason."""
+
+
+@dataclass(frozen=True)
+class Source:
+    """A result whose series are read when first asked for and then kept."""
+
+    result: Result
+    _kept: dict[str, Array] = field(default_factory=dict)
+
+    def read(self, name: str) -> Array:
+        """Return the values of a dataset (`exp_rths/command_v`); raise InputError where there is none."""
+        if name not in self._kept:
+            self._kept[name] = read_series(self.result.path, name)
+        return self._kept[name]
+
+    def runs(self, names: tuple[str, ...]) -> list[str]:
+        """Return those of the runs that the file holds samples of; raise NotDrawn when it holds none."""
+        found = [run for run in names if run in self.result.groups and self.read(f"{run}/time_s").size > 1]
+        if not found:
+            raise NotDrawn(f"no {' and no '.join(names)} in the result")
+        return found
+
+    def metric(self, path: str) -> Array | None:
+        """Return a figure as an array (n,), None where the result has none."""
+        value = self.result.metrics.get(path)
+        return None if value is None else np.atleast_1d(np.asarray(value, dtype=float))
+
+    @property
+    def virtual(self) -> bool:
+        """Tell whether the table was a virtual one."""
+        return not capabilities_of(str(self.result.attributes.get("rig_kind", ""))).moves_hardware
+
+    @property
+    def rate_hz(self) -> float:
+        """Return the sample rate in Hz."""
+        return float(self.result.attributes["sample_rate_hz"])
+
+    @property
+    def complete(self) -> bool:
+        """Tell whether all runs reached the end of the record."""
+        return self.result.attributes.get("status") == "complete"
+
+
+def interface_storey(source: Source) -> int:
+    """Return the storey (from 1) that the table moves, 0 where no run on a table tells."""
+    for run in TABLE_RUNS:
+        if run in source.result.groups:
+            return int(source.read(f"{run}/floor")[0]) - 1
+    return 0
+
+
+def chosen_storeys(storeys: int, interface: int) -> list[int]:
+    """Return the storeys (from 1) that figures show: all up to four, else first, interface, the middle above, top.
+
+    `interface`: the highest storey of the numerical part, 0 where it is not known.
+    """
+    if storeys <= MOST_STOREYS:
+        return list(range(1, storeys + 1))
+    cut = interface or storeys // 2
+    middle = (cut + storeys) // 2 if storeys - cut > 2 else cut // 2
+    return sorted({1, cut, max(middle, 1), storeys})
+
+
+POINTS_PER_FIGURE = 7500  # of all lines together: what keeps a vector file below 300 KB
+POINTS_PER_LINE = (40, 2000)
+CLOSE_LOOK_S = 3.0
+
+
+def points_of_lines(weights: Sequence[float]) -> list[int]:
+    """Return how many points each line of a figure may have, in proportion to its weight."""
+    least, most = POINTS_PER_LINE
+    return [int(np.clip(POINTS_PER_FIGURE * weight / sum(weights), least, most)) for weight in weights]
+
+
+def thinned(time_s: Array, values: Array, points: int) -> tuple[Array, Array]:
+    """Return at most `points` samples of a series (n,): smallest and largest of equal stretches, in their order.
+
+    Each keeps its own instant, so peaks stay what and where they were. Stretches share their end samples: where a
+    series goes one way one sample of each is enough, and there may be twice as many. A stretch without any number is
+    a NaN, which breaks the line. A series that is short enough comes back as it is.
+    """
+    if values.size <= points:
+        return time_s, values
+    for stretches in (points - 1, 3 * points // 4, points // 2):
+        kept = _extremes(values, stretches)
+        if kept.size <= points:
+            break
+    return time_s[kept], values[kept]
+
+
+def _extremes(values: Array, stretches: int) -> Integers:
+    """Return the places of the smallest and largest value of at most so many stretches, in their order, each once."""
+    last = values.size - 1
+    length = -(-last // stretches)
+    places = np.minimum(np.arange(0, last, length)[:, None] + np.arange(length + 1), last)
+    inside = values[places]
+    known = np.isfinite(inside)
+    rows = np.arange(len(places))
+    lowest = places[rows, np.where(known, inside, np.inf).argmin(axis=1)]
+    highest = places[rows, np.where(known, inside, -np.inf).argmax(axis=1)]
+    return np.unique(np.concatenate([lowest, highest]))
+
+
+def known_part(values: Array) -> int:
+    """Return how many samples of a series (n,) stand before the first that is no number."""
+    unknown = np.flatnonzero(~np.isfinite(values))
+    return int(unknown[0]) if unknown.size else values.size
+
+
+def window_at(time_s: Array, instant_s: float, length_s: float = CLOSE_LOOK_S) -> slice:
+    """Return the samples of a stretch of `length_s` around an instant, moved where the record ends before."""
+    first = min(max(instant_s - 0.5 * length_s, float(time_s[0])), max(float(time_s[-1]) - length_s, float(time_s[0])))
+    start = int(np.searchsorted(time_s, first - 1e-9))
+    return slice(start, int(np.searchsorted(time_s, first + length_s + 1e-9)))
+
+
+def busiest(time_s: Array, values: Array, length_s: float = CLOSE_LOOK_S) -> slice:
+    """Return the stretch around the largest absolute value of a series (n,)."""
+    return window_at(time_s, float(time_s[int(np.nanargmax(np.abs(values)))]), length_s)
+
+
+def quietest(time_s: Array, values: Array, length_s: float) -> slice:
+    """Return the stretch after the largest absolute value in which a series (n,) has the least power."""
+    peak = int(np.nanargmax(np.abs(values)))
+    count = round(length_s * (len(time_s) - 1) / float(time_s[-1] - time_s[0]))
+    count = min(max(count, 1), values.size - 1)
+    power = np.concatenate([[0.0], np.cumsum(np.nan_to_num(values) ** 2)])
+    start = min(peak, max(values.size - count - 1, 0))
+    moving = power[start + count :] - power[start : power.size - count]
+    first = start + int(moving.argmin())
+    return slice(first, min(first + count + 1, values.size))

@@ -1,0 +1,95 @@
+"""A report as CSV, tidy: one figure of one run a line, with all that tells the run apart."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from rths_cli.files.result_reader import Result
+from rths_cli.printed import csv_cell
+from rths_cli.report.group_comparison import software
+from rths_cli.report.sections import Contents
+from rths_cli.report.text_layout import Cell, Row, Table
+
+
+def width(table: Table) -> int:
+    """Return the number of columns beside the labels."""
+    return sum(table.groups)
+
+
+def shown(cell: Cell) -> str:
+    """Return what a cell holds, with its mark."""
+    return (cell.text + cell.mark).strip()
+
+
+def spread(cells: Sequence[Cell]) -> list[str]:
+    """Return one text per column: a cell that spans several stands in each."""
+    return [shown(cell) for cell in cells for _ in range(cell.span)]
+
+
+def names(table: Table) -> list[str]:
+    """Return a name per column, from the top header down; repeated parts stand once."""
+    levels = [spread(cells) for cells in table.headers]
+    parts = zip(*levels, strict=True)
+    return [" ".join(dict.fromkeys(part for part in column if part)) for column in parts]
+
+
+def filled(row: Row, columns: int) -> list[str]:
+    """Return the texts of a row, as many as there are columns."""
+    texts = spread(row.cells)
+    return texts + [""] * (columns - len(texts))
+
+
+ABOUT = (
+    "case_name", "method", "rig", "rig_kind", "record_name", "scaling", "damping_name", "controller", "seed",
+    "created_utc", "status", "status_reason",
+)  # fmt: skip
+COLUMNS = ("file", *ABOUT, "software", "figure", "number", "value", "unit", "published")
+UNREADABLE = "unreadable"
+
+
+def tidy(found: Contents) -> str:
+    """Return the figures as CSV (RFC 4180, but for line ends of one newline); `number` counts storeys, modes or
+    frequencies from 1 and is empty for one value. A run without figures, or a file that cannot be read, has a line."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(COLUMNS)
+    for result in found.inputs.results:
+        writer.writerows(_lines(result))
+    for one in found.unread:
+        told = {"file": str(one.path), "status": UNREADABLE, "status_reason": one.sentence}
+        stated = {column: csv_cell(text) for column, text in told.items()}
+        writer.writerow([stated.get(column, "") for column in COLUMNS])
+    return text.getvalue()
+
+
+def _lines(result: Result) -> Iterator[list[str]]:
+    told = (str(result.path), *(result.attributes.get(key) for key in ABOUT), software(result))
+    about = [_text(value) for value in told]
+    published = json.loads(str(result.attributes.get("reference_json") or "{}"))
+    if not result.metrics:
+        yield [*about, "", "", "", "", ""]
+    for path, value in sorted(result.metrics.items()):
+        values = np.asarray(value, dtype=float)
+        for number, item in enumerate(values.ravel(), 1):
+            place = str(number) if values.ndim else ""
+            unit = csv_cell(result.units[path])
+            yield [*about, csv_cell(path), place, _number(item), unit, _published(published, path, number)]
+
+
+def _published(figures: Mapping[str, object], path: str, number: int) -> str:
+    values = np.atleast_1d(np.asarray(figures.get(path, []), dtype=float))
+    return _number(values[number - 1]) if number <= values.size else ""
+
+
+def _number(value: float) -> str:
+    """Return a number that reads back to the last bit; empty for one that is not finite."""
+    return repr(float(value)) if np.isfinite(value) else ""
+
+
+def _text(value: object) -> str:
+    return csv_cell(value) if isinstance(value, str) else "" if value is None else str(value)

@@ -1,0 +1,103 @@
+"""A report as one JSON document, by the schema that is published with it (configs/report.schema.json)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict
+from typing import Any
+
+from rths_cli.quantities import metric
+from rths_cli.report.baseline import got_worse
+from rths_cli.report.group_comparison import Compared, Place, Statistics, over_runs, place_name
+from rths_cli.report.judged_limits import judge
+from rths_cli.report.repeats import Repeats
+from rths_cli.report.sections import Baseline, Contents
+from rths_cli.report.sweep_page import document as sweep_document
+from rths_cli.report.tables import to_json
+
+FORMAT, FORMAT_VERSION = "rths-report", 1
+
+
+def document(found: Contents) -> dict[str, Any]:
+    """Return a report for JSON: every result with every figure, accept limits, comparisons, and what was not read."""
+    results = found.inputs.results
+    listed = to_json(results)["results"]
+    assert isinstance(listed, list)
+    for one, result in zip(listed, results, strict=True):
+        one["accept"] = [asdict(limit) | {"value": _number(limit.value)} for limit in judge(result)]
+    paths = sorted({path for result in results for path in result.metrics})
+    defined = {path: definition for path in paths if (definition := metric(path))}
+    return {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "results": listed,
+        "figures": {
+            path: {"unit": d.units, "over": d.over, "better": d.better, "definition": d.text}
+            for path, d in defined.items()
+        },
+        "group_by": list(found.keys),
+        "groups": [_compared(one) for one in found.groups],
+        "repeats": [_repeats(one) for one in found.repeats],
+        "baseline": _baseline(found.baseline),
+        "sweeps": [sweep_document(sweep, path) for path, sweep in found.inputs.sweeps],
+        "unread": [{"file": str(one.path), "reason": one.sentence} for one in found.unread],
+        "clashes": [{"file": str(one.path), "reason": one.sentence} for one in found.clashes],
+    }
+
+
+def _compared(one: Compared) -> dict[str, Any]:
+    groups = [
+        {"group": name, "files": [str(r.path) for r in members], "figures": _figures(over_runs(members))}
+        for name, members in one.groups.items()
+    ]
+    return {"common": one.common, "groups": groups}
+
+
+def _figures(found: dict[Place, Statistics]) -> dict[str, Any]:
+    return {place_name(place): _statistics(item) for place, item in found.items()}
+
+
+def _statistics(found: Statistics) -> dict[str, Any]:
+    return {
+        "n": found.n,
+        "mean": _number(found.mean),
+        "std": _number(found.std),
+        "min": _number(found.minimum),
+        "max": _number(found.maximum),
+        "mean_95_low": _number(found.low),
+        "mean_95_high": _number(found.high),
+    }
+
+
+def _repeats(one: Repeats) -> dict[str, Any]:
+    about = {"case": one.case, "where": one.where, "runs": one.runs, "ends": one.ends, "same_seed": one.same_seed}
+    return {**about, "seeds": list(one.seeds), "figures": _figures(one.figures)}
+
+
+def _baseline(found: Baseline | None) -> dict[str, Any] | None:
+    if found is None:
+        return None
+    cases = [
+        {
+            "case": one.case,
+            "state": one.state,
+            "changes": [
+                {
+                    "figure": place_name(change.place),
+                    "before": change.before,
+                    "now": change.now,
+                    "difference": change.difference,
+                    "ratio": None if change.ratio is None else _number(change.ratio),
+                    "verdict": change.verdict,
+                }
+                for change in one.changes
+            ],
+        }
+        for one in found.changes
+    ]
+    about = {"source": found.source, "tolerance_percent": found.percent, "worse": got_worse(found.changes)}
+    return {**about, "cases": cases}
+
+
+def _number(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None

@@ -1,0 +1,142 @@
+"""A batch as JUnit XML, which continuous integration shows: one test suite per run, one test per accept limit."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from xml.sax.saxutils import escape, quoteattr
+
+from rths_cli.analysis.metrics.accept_limits import Judged
+from rths_cli.files.result_reader import Result
+from rths_cli.report.baseline import WORSE, CaseChanges, told
+from rths_cli.report.input_files import Unread
+from rths_cli.report.judged_limits import judge
+
+HEAD = '<?xml version="1.0" encoding="UTF-8"?>\n'
+NOT_IN_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+INSTANT = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d")
+NEVER = "1970-01-01T00:00:00"
+PROPERTIES = ("method", "rig", "rig_kind", "seed", "rths_version", "git_commit", "status", "status_reason")
+
+
+@dataclass(frozen=True)
+class Test:
+    """Hold one test: its name, and what went wrong, of `kind` "failure" (a limit not met) or "error" (no figure)."""
+
+    name: str
+    kind: str = ""
+    message: str = ""
+
+
+@dataclass(frozen=True)
+class Suite:
+    """Hold the tests of one run, when it was made (UTC), and what is known of it."""
+
+    name: str
+    timestamp: str
+    properties: tuple[tuple[str, str], ...]
+    tests: tuple[Test, ...]
+
+
+def junit(
+    results: Sequence[Result],
+    unread: Sequence[Unread] = (),
+    failed: Sequence[tuple[str, str]] = (),
+    changes: Sequence[CaseChanges] = (),
+) -> str:
+    """Return JUnit XML of results, of files that cannot be read, of runs without a file (name and reason), and of
+    `changes` against a baseline where these are judged.
+
+    Raises InputError when limits stored in a result cannot be read.
+    """
+    suites = [_suite(result) for result in results]
+    suites += [_broken(one.path.stem, one.sentence) for one in unread]
+    suites += [_broken(name, reason) for name, reason in failed]
+    suites += [Suite(f"baseline.{one.case}", NEVER, (), (_compared(one),)) for one in changes]
+    lines = ["<testsuites>"]
+    for number, suite in enumerate(suites):
+        lines += _lines(suite, number)
+    return HEAD + "\n".join([*lines, "</testsuites>"]) + "\n"
+
+
+def _suite(result: Result) -> Suite:
+    a = result.attributes
+    known = [(key, str(a[key])) for key in PROPERTIES if a.get(key) not in (None, "")]
+    stamp = str(a.get("created_utc", "")).removesuffix("Z")
+    stamp = stamp if INSTANT.fullmatch(stamp) else NEVER
+    return Suite(_name(result), stamp, (("file", str(result.path)), *known), tuple(_tests(result)))
+
+
+def _name(result: Result) -> str:
+    a = result.attributes
+    return f"{a.get('case_name') or result.path.stem}.{a.get('method') or '-'}"
+
+
+def _tests(result: Result) -> Iterator[Test]:
+    """Yield a test per limit, all in error where the run did not end as planned; one for the run without limits."""
+    status = str(result.attributes.get("status", "complete"))
+    reason = str(result.attributes.get("status_reason") or "no reason stored")
+    whole, limits = status == "complete", judge(result)
+    if not limits:
+        yield Test("run is complete") if whole else Test("run is complete", "error", f"{status}: {reason}")
+    for one in limits:
+        yield _test(one) if whole else Test(_limit(one), "error", f"{status}: {reason}")
+
+
+def _test(one: Judged) -> Test:
+    if one.met:
+        return Test(_limit(one))
+    if one.value is None:
+        return Test(_limit(one), "failure", f"{one.path} was not computed, its accept limit is {one.limit:g}")
+    return Test(_limit(one), "failure", f"{one.path} = {one.value:.6g} is beyond its accept limit {one.limit:g}")
+
+
+def _compared(one: CaseChanges) -> Test:
+    """Return the test that a case is no worse than in the baseline."""
+    worse = [told(change) for change in one.changes if change.verdict == WORSE]
+    reasons = [*([one.state] if one.failed else []), *worse]
+    return Test("no worse than the baseline", "failure" if reasons else "", "; ".join(reasons))
+
+
+def _limit(one: Judged) -> str:
+    return f"|{one.path}| <= {one.limit:g}"
+
+
+def _broken(name: str, sentence: str) -> Suite:
+    return Suite(name, NEVER, (), (Test("result can be read", "error", sentence),))
+
+
+def _counts(tests: Sequence[Test]) -> str:
+    failures = sum(test.kind == "failure" for test in tests)
+    errors = sum(test.kind == "error" for test in tests)
+    return f'tests="{len(tests)}" failures="{failures}" errors="{errors}" time="0"'
+
+
+def _lines(suite: Suite, number: int) -> Iterator[str]:
+    head = f'name={_quoted(suite.name)} package="rths" id="{number}" hostname="localhost"'
+    yield f"  <testsuite {head} timestamp={_quoted(suite.timestamp)} {_counts(suite.tests)}>"
+    yield "    <properties>"
+    yield from (f"      <property name={_quoted(k)} value={_quoted(v)}/>" for k, v in suite.properties)
+    yield "    </properties>"
+    for test in suite.tests:
+        about = f'name={_quoted(test.name)} classname={_quoted(f"rths.{suite.name}")} time="0"'
+        if not test.kind:
+            yield f"    <testcase {about}/>"
+            continue
+        yield f"    <testcase {about}>"
+        text = escape(_clean(test.message))
+        yield f'      <{test.kind} message={_quoted(test.message)} type="{test.kind}">{text}</{test.kind}>'
+        yield "    </testcase>"
+    yield "    <system-out></system-out>"
+    yield "    <system-err></system-err>"
+    yield "  </testsuite>"
+
+
+def _quoted(text: str) -> str:
+    return quoteattr(_clean(text), {"\n": "&#10;", "\t": "&#9;", "\r": "&#13;"})
+
+
+def _clean(text: str) -> str:
+    """Return text without the signs that XML cannot hold."""
+    return NOT_IN_XML.sub("?", text)

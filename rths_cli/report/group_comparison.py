@@ -1,0 +1,258 @@
+"""Mean and spread over runs of one case, and comparison between groups of runs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from rths_cli.errors import InputError
+from rths_cli.files.result_reader import Result
+from rths_cli.report.text_layout import Cell, Row, Table, number
+from rths_cli.rigs.description import adjective
+
+COVERED = 0.95
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """Hold number of runs, mean, standard deviation (of one run, n - 1), smallest, largest, and the 95 % interval of
+    the mean; deviation and interval are NaN for one run."""
+
+    n: int
+    mean: float
+    std: float
+    minimum: float
+    maximum: float
+    low: float
+    high: float
+
+
+def statistics(values: Sequence[float]) -> Statistics:
+    """Return the statistics of values, one at least; the interval is Student's: mean +- t std / sqrt(n)."""
+    n = len(values)
+    mean = math.fsum(values) / n
+    if n == 1:
+        return Statistics(1, mean, math.nan, values[0], values[0], math.nan, math.nan)
+    std = math.sqrt(math.fsum((value - mean) ** 2 for value in values) / (n - 1))
+    half = student(n - 1) * std / math.sqrt(n)
+    return Statistics(n, mean, std, min(values), max(values), mean - half, mean + half)
+
+
+@lru_cache(maxsize=256)
+def student(freedom: int) -> float:
+    """Return t within which Student's distribution of `freedom` degrees holds 95 %, found by bisection to rounding."""
+    low, high = 0.0, 16.0
+    while (middle := 0.5 * (low + high)) not in (low, high):
+        low, high = (middle, high) if _within(middle, freedom) < COVERED else (low, middle)
+    return middle
+
+
+def _within(t: float, freedom: int) -> float:
+    """Return the probability of |T| < t. Source: Abramowitz and Stegun, 26.7.3 and 26.7.4."""
+    angle = math.atan(t / math.sqrt(freedom))
+    square, odd = math.cos(angle) ** 2, freedom % 2
+    term = math.cos(angle) if odd else 1.0
+    total = 0.0
+    for k in range(freedom // 2):
+        total += term
+        term *= square * ((2 * k + 2) / (2 * k + 3) if odd else (2 * k + 1) / (2 * k + 2))
+    return 2.0 / math.pi * (angle + math.sin(angle) * total) if odd else math.sin(angle) * total
+
+
+NAMES = {
+    "case": "case_name",
+    "controller": "controller",
+    "damping": "damping_name",
+    "method": "method",
+    "record": "record_name",
+    "rig": "rig",
+    "rig_kind": "rig_kind",
+    "scaling": "scaling",
+    "seed": "seed",
+}
+MADE: dict[str, Callable[[Result], str]] = {
+    "folder": lambda result: str(result.path.parent),
+    "software": lambda result: software(result),
+}
+NAMING = {"case_name", "controller", "damping_name", "record_name", "rig", "scaling"}  # another one, another case name
+PLACE = ("rig", "rig_kind", "record", "scaling", "damping", "controller", "method", "software")
+SHOWN = (
+    "shake_table.tracking_max_m_s2",
+    "shake_table.tracking_rms_m_s2",
+    "exp_rths.tracking_max_m_s2",
+    "exp_rths.tracking_rms_m_s2",
+    "sim_delay.rms_error_m_s2",
+    "exp_rths.rms_error_m_s2",
+)
+OTHERS = 2  # groups beside the first that fit into one table of text
+COLUMN = 12
+Place = tuple[str, int | None]
+
+
+@dataclass(frozen=True)
+class Compared:
+    """Hold the results of one place by group: `where` tells what is the same, `common` by key."""
+
+    where: str
+    common: dict[str, str]
+    groups: dict[str, tuple[Result, ...]]
+
+
+def software(result: Result) -> str:
+    """Return the version of rths that made a result, with the commit where it is known."""
+    commit = str(result.attributes.get("git_commit") or "")[:7]
+    return f"{result.attributes.get('rths_version') or '-'}{f' {commit}' if commit else ''}"
+
+
+def value_of(result: Result, key: str) -> str:
+    """Return what a result states for a key of `--group-by`, "-" where it states nothing."""
+    if key in MADE:
+        return MADE[key](result)
+    value = result.attributes.get(NAMES.get(key, key), "")
+    return f"{value:g}" if isinstance(value, float) else str(value) or "-"
+
+
+def check_keys(keys: Sequence[str], results: Sequence[Result]) -> None:
+    """Raise InputError with a sentence for each key that no result states."""
+    stated = {name for result in results for name in result.attributes} | NAMES.keys() | MADE.keys()
+    unknown = [key for key in keys if key not in stated]
+    if unknown:
+        known = ", ".join(sorted((*NAMES, *MADE)))
+        advice = f"use one of {known}, or an attribute of the result files"
+        raise InputError(*(f"--group-by {key}: no result states it; {advice}." for key in unknown))
+
+
+def group_name(result: Result, keys: Sequence[str]) -> str:
+    """Return the group of a result: what it states for each key."""
+    return ", ".join(value_of(result, key) for key in keys)
+
+
+def compare(results: Sequence[Result], keys: Sequence[str]) -> list[Compared]:
+    """Return the results by what they have in common, each by group; a place with one group is there too."""
+    stated = {NAMES.get(key, key) for key in keys}
+    rest = [key for key in PLACE if NAMES.get(key, key) not in stated]
+    rest += [] if stated & NAMING else ["case"]
+    names = dict.fromkeys(group_name(result, keys) for result in results)
+    places: dict[tuple[str, ...], list[Result]] = {}
+    for result in results:
+        places.setdefault(tuple(value_of(result, key) for key in rest), []).append(result)
+    found = []
+    for place, members in places.items():
+        common = dict(zip(rest, place, strict=True))
+        groups = {name: tuple(r for r in members if group_name(r, keys) == name) for name in names}
+        found.append(Compared(_where(common), common, groups))
+    return found
+
+
+def _where(common: dict[str, str]) -> str:
+    """Return in words what results have in common."""
+    parts = dict(common)
+    scaling, kind = parts.pop("scaling", ""), parts.pop("rig_kind", "")
+    percent = f"{100 * float(scaling):g}% " if scaling.replace(".", "", 1).isdigit() else ""
+    told = []
+    for key, value in parts.items():
+        if key == "record":
+            told.append(percent + value)
+        elif key == "rig":
+            told.append(f"{adjective(kind)}rig {value}")
+        else:
+            told.append(f"{key} {value}")
+    return ", ".join(told)
+
+
+def flat(result: Result) -> dict[Place, float]:
+    """Return every finite figure by path and, where it has several values, number from 1."""
+    found: dict[Place, float] = {}
+    for path, value in result.metrics.items():
+        values = np.asarray(value, dtype=float)
+        if values.ndim == 0:
+            found[path, None] = float(values)
+        else:
+            found |= {(path, number): float(item) for number, item in enumerate(values.ravel(), 1)}
+    return {place: item for place, item in found.items() if math.isfinite(item)}
+
+
+def place_name(place: Place) -> str:
+    """Return a figure as `accept` names it."""
+    return place[0] if place[1] is None else f"{place[0]}[{place[1]}]"
+
+
+def in_order(found: Iterable[Place]) -> list[Place]:
+    """Return the figures that tables show, in the order of the paper's tables."""
+    return sorted((place for place in found if place[0] in SHOWN), key=lambda p: (SHOWN.index(p[0]), p[1] or 0))
+
+
+def complete(results: Sequence[Result]) -> list[Result]:
+    """Return the results whose runs ended as planned."""
+    return [result for result in results if result.attributes.get("status", "complete") == "complete"]
+
+
+def over_runs(results: Sequence[Result]) -> dict[Place, Statistics]:
+    """Return the statistics of each figure over the results that are complete."""
+    values: dict[Place, list[float]] = {}
+    for result in complete(results):
+        for place, value in flat(result).items():
+            values.setdefault(place, []).append(value)
+    return {place: statistics(items) for place, items in values.items()}
+
+
+def group_tables(found: Sequence[Compared], keys: Sequence[str]) -> Iterator[Table]:
+    """Yield the comparison as tables: mean of each group, and the others over the first; as wide as fits."""
+    names = list(found[0].groups)
+    for start in range(1, max(len(names), 2), OTHERS):
+        chosen = [names[0], *names[start : start + OTHERS]]
+        letters = {
+            name: chr(ord("A") + names.index(name)) if len(names) <= 26 else str(1 + names.index(name))
+            for name in chosen
+        }
+        heads = [name if len(name) < COLUMN else letters[name] for name in chosen]
+        ratios = [f"{head} / {heads[0]}" if len(head) + len(heads[0]) < COLUMN - 3 else "ratio" for head in heads[1:]]
+        told = [f"{letters[name]}: {name}." for name in chosen if len(name) >= COLUMN]
+        notes = (
+            *told,
+            "Mean over the complete runs of a group, ratio of means; * not all runs of the group are complete.",
+        )
+        cells = tuple(map(Cell, (*heads, *ratios)))
+        rows = tuple(row for place in found for row in _rows(place, chosen))
+        title = f"Comparison by {', '.join(keys)} (m/s^2, test band, measured)"
+        yield Table(title, "figure", (len(heads), *([len(ratios)] if ratios else [])), COLUMN, (cells,), rows, notes)
+
+
+def _rows(place: Compared, names: Sequence[str]) -> Iterator[Row]:
+    runs = [place.groups[name] for name in names]
+    means = [over_runs(members) for members in runs]
+    counts = ", ".join(str(len(members)) for members in runs)
+    yield Row(f"{place.where} (runs: {counts}{_mixed(runs)})")
+    wanted = in_order({item for found in means for item in found})
+    if not wanted:
+        yield Row("no figure", (*(_cell(members, None) for members in runs), *[Cell("-")] * (len(runs) - 1)))
+    for item in wanted:
+        cells = [_cell(members, found.get(item)) for members, found in zip(runs, means, strict=True)]
+        first = means[0].get(item)
+        ratios = [Cell(_ratio(found.get(item), first)) for found in means[1:]]
+        yield Row(place_name(item), (*cells, *ratios))
+
+
+def _mixed(runs: Sequence[Sequence[Result]]) -> str:
+    """Return a warning where a group holds several cases, whose mean may say nothing."""
+    named = [sorted({value_of(result, "case") for result in members}) for members in runs]
+    several = [f"{', '.join(names[:3])}{', ...' if len(names) > 3 else ''}" for names in named if len(names) > 1]
+    return f"; several cases in one group: {'; '.join(several)}" if several else ""
+
+
+def _cell(members: Sequence[Result], found: Statistics | None) -> Cell:
+    ended = [str(result.attributes.get("status", "complete")) for result in members]
+    other = [status for status in ended if status != "complete"]
+    if found is None:
+        return Cell(other[0] if other else "-")
+    return Cell(number(found.mean), mark="*" if other else " ")
+
+
+def _ratio(above: Statistics | None, below: Statistics | None) -> str:
+    if above is None or below is None or below.mean == 0:
+        return "-"
+    return number(above.mean / below.mean)

@@ -1,0 +1,398 @@
+"""What an identification found, as a page for the terminal."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Sequence
+
+import numpy as np
+
+from rths_cli.identification.level_dependence import meaning
+from rths_cli.identification.results import (
+    Band,
+    ChannelReport,
+    DelayEstimate,
+    FitError,
+    Identification,
+    LevelBand,
+    LevelCauses,
+    Root,
+    SpecimenFit,
+    Verdict,
+)
+from rths_cli.identification.table_fit import COMPARED_HZ, MID_HZ
+from rths_cli.identification.verdict import LIMITS
+from rths_cli.numerics.lti import Model
+from rths_cli.report.identification_json import About, agreements, as_document, centre_rad_s, rejected_document
+from rths_cli.report.text_layout import WIDTH
+
+LABEL = 24
+DASH = "-"
+MOST_DECIMALS = 6
+LARGEST_WRITTEN_OUT = 1e9
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Return a number of so many significant digits, a dash where it is not known."""
+    if not math.isfinite(value):
+        return DASH
+    if value != 0.0 and not 10.0**-MOST_DECIMALS <= abs(value) < LARGEST_WRITTEN_OUT:
+        return f"{value:.{digits - 1}e}"
+    exponent = math.floor(math.log10(float(f"{abs(value):.{digits - 1}e}"))) if value else 0
+    return f"{value:.{max(digits - 1 - exponent, 0)}f}"
+
+
+def short(value: float) -> str:
+    """Return a number of at most three significant digits, a dash where it is not known."""
+    return f"{value:.3g}" if math.isfinite(value) else DASH
+
+
+def with_uncertainty(value: float, standard: float, scale: float = 1.0) -> str:
+    """Return value +- two standard uncertainties: two digits of the uncertainty, the value rounded to match.
+
+    Both are multiplied by `scale`; what is not known is a dash.
+    """
+    value, spread = scale * value, 2.0 * abs(scale * standard)
+    if not math.isfinite(value):
+        return DASH
+    if not math.isfinite(spread):
+        return f"{number(value, 5)} +- {DASH}"
+    if abs(value) >= LARGEST_WRITTEN_OUT or spread >= LARGEST_WRITTEN_OUT:
+        return f"{value:.4e} +- {spread:.1e}"
+    least = 10.0**-MOST_DECIMALS
+    if spread < least:
+        return f"{value:.{MOST_DECIMALS}f} +- <{least:.{MOST_DECIMALS}f}"
+    decimals = min(1 - math.floor(math.log10(float(f"{spread:.1e}"))), MOST_DECIMALS)
+    shown = max(decimals, 0)
+    return f"{round(value, decimals):.{shown}f} +- {round(spread, decimals):.{shown}f}"
+
+
+def percent(share: float) -> str:
+    """Return a share in percent, a dash where it is not known."""
+    return number(100.0 * share)
+
+
+def band(low_hz: float, high_hz: float) -> str:
+    """Return a band of frequencies without its unit."""
+    return f"{short(low_hz)}-{short(high_hz)}"
+
+
+def labelled(label: str, text: str) -> str:
+    """Return a label, and a text beside it."""
+    return f"{label:<{LABEL - 1}} {text}".rstrip()
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Return rows of cells as lines: the first column to the left, the others to the right, under each other."""
+    widths = [max(len(cell) for cell in column) for column in zip(*rows, strict=True)]
+    widths[0] = max(widths[0], LABEL - 4)
+    return [
+        ("  " + row[0].ljust(widths[0]) + "".join("  " + c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True)))
+        .rstrip()
+        for row in rows
+    ]  # fmt: skip
+
+
+def wrapped(lines: Sequence[str]) -> str:
+    """Return lines no wider than the page; what does not fit goes on below the text, not below the label."""
+    indent = " " * LABEL
+    return "\n".join(textwrap.fill(line, WIDTH, subsequent_indent=indent, break_on_hyphens=False) for line in lines)
+
+
+UNKNOWN = (DASH, DASH)
+
+
+def specimen_lines(found: Identification) -> list[str]:
+    """Return modes, storeys and mode shapes, as excitation and free vibration show them."""
+    known = found.specimen or found.free_vibration
+    if known is None:
+        return [labelled("specimen", "none: there is no floor channel, or no stretch of motion to use")]
+    floors = [channel.name for channel in found.channels[1:]]
+    about = "+- 2 standard uncertainties; scatter: standard deviation over stretches of the record"
+    storeys = (
+        "k, c: stiffness and equivalent dashpot of the storey below a floor; the dashpots together give the same "
+        "damping ratios, a single one may be negative"
+    )
+    return [
+        labelled("specimen", about),
+        *aligned(_rows(found, known, floors)),
+        labelled("", storeys),
+        "",
+        labelled("mode shapes", "largest floor 1" + _difference(found.specimen, found.free_vibration)),
+        *_shapes(known, floors),
+    ]
+
+
+def _rows(found: Identification, known: SpecimenFit, floors: Sequence[str]) -> list[list[str]]:
+    """Return a row per quantity: value and scatter of both fits, and whether they agree in a mode."""
+    labels = _labels(len(known.damping_ratio), floors)
+    noise, free = (_column(fit) if fit else [UNKNOWN] * len(labels) for fit in (found.specimen, found.free_vibration))
+    verdicts = [text for same in _agree(found, len(known.damping_ratio)) for text in (same, "")]
+    verdicts += [""] * (len(labels) - len(verdicts))
+    rows = zip(labels, noise, free, verdicts, strict=True)
+    heads = ["", "excitation", "scatter", "free vibration", "scatter", "agree"]
+    return [heads, *([label, *one, *other, verdict] for label, one, other, verdict in rows)]
+
+
+def _agree(found: Identification, modes: int) -> list[str]:
+    """Return for each mode yes or no, a dash where only one of the fits exists."""
+    agree = agreements(found)
+    return [DASH] * modes if agree is None else ["yes" if same else "no" for same in agree]
+
+
+def _labels(modes: int, floors: Sequence[str]) -> list[str]:
+    """Return the names of the rows, in the order of `_column`."""
+    names = [text for mode in range(modes) for text in (f"mode {mode + 1} (Hz)", "  damping ratio (%)")]
+    names += [f"k {floor} (N/m)" for floor in floors]
+    names += [f"c {floor} (N s/m)" for floor in floors]
+    return [*names, "unexplained motion (%)"]
+
+
+def _column(fit: SpecimenFit) -> list[tuple[str, str]]:
+    """Return value and scatter of every quantity, in the order of `_labels`."""
+    cells = []
+    for mode in range(len(fit.damping_ratio)):
+        frequency = with_uncertainty(fit.natural_frequency_hz[mode], fit.frequency_error_hz[mode])
+        damping = with_uncertainty(fit.damping_ratio[mode], fit.damping_error[mode], 100.0)
+        cells.append((frequency, number(fit.frequency_scatter_hz[mode], 2)))
+        cells.append((damping, number(100.0 * fit.damping_scatter[mode], 2)))
+    for stiffness, error in zip(fit.stiffness_n_per_m, fit.stiffness_error_n_per_m, strict=True):
+        cells.append((with_uncertainty(stiffness, error), ""))
+    cells += [(number(dashpot, 4), "") for dashpot in fit.dashpots_n_s_per_m]
+    return [*cells, (percent(fit.residual), "")]
+
+
+def _difference(noise: SpecimenFit | None, free: SpecimenFit | None) -> str:
+    """Say by how much the shapes of the free vibration differ."""
+    if noise is None or free is None:
+        return ""
+    largest = float(np.max(np.abs(noise.mode_shapes - free.mode_shapes)))
+    return f"; excitation, from which free vibration differs by {number(largest, 2)} at most"
+
+
+def _shapes(fit: SpecimenFit, floors: Sequence[str]) -> list[str]:
+    """Return a row per floor and a column per mode, as many modes as stand side by side."""
+    label = max(len(floor) for floor in floors)
+    count = max((WIDTH - max(label, 20) - 2) // 9, 1)
+    lines = []
+    for first in range(0, len(fit.damping_ratio), count):
+        modes = range(first, min(first + count, len(fit.damping_ratio)))
+        rows = [["", *(f"mode {mode + 1}" for mode in modes)]]
+        rows += [[floor, *(f"{fit.mode_shapes[i, mode]:.4f}" for mode in modes)] for i, floor in enumerate(floors)]
+        lines += aligned(rows)
+    return lines
+
+
+__all__ = ["About", "as_document", "page", "rejected_document", "rejected_page", "title", "verdict_sentence"]
+
+SIGNIFICANT = 3.0  # standard errors
+
+
+def page(found: Identification, about: About) -> str:
+    """Return the page: data, channels, table's model, residual, amplitude dependence, specimen, verdict."""
+    sections = [
+        _data(about),
+        _channels(found.channels),
+        _table(found),
+        _roots(found.roots),
+        _residuals(found.residuals),
+        [*_levels(found.levels, found.causes), *_friction(found)],
+        specimen_lines(found),
+        _verdict(found.verdict),
+    ]
+    return _set(sections)
+
+
+def rejected_page(channels: Sequence[ChannelReport], faults: Sequence[str], about: About) -> str:
+    """Return the page of data from which no model could be made: channels, and a line for each reason."""
+    return _set([_data(about), _channels(channels), _rejected(faults)])
+
+
+def title(about: About) -> str:
+    """Return the first line of the page: which table, and that only its channels were used."""
+    if not about.rig_kind:
+        return f"Identification of the table {about.rig}, from measured files"
+    return f"Identification of the {about.rig_kind} table {about.rig}, from its channels only"
+
+
+def verdict_sentence(verdict: Verdict) -> str:
+    """Return what an accepted model may be used for, or "rejected" and the reasons."""
+    if not verdict.accepted:
+        return "rejected: " + "; ".join(verdict.reasons)
+    low, high = verdict.feedforward_hz
+    return (
+        f"accepted: fit for feedforward from {short(low)} to {short(high)} Hz, transport delay "
+        f"{short(1e3 * verdict.delay_s)} ms, lag {short(1e3 * verdict.lag_s)} ms at low frequency"
+    )
+
+
+def _set(sections: Sequence[Sequence[str]]) -> str:
+    """Return sections with a blank line between, none of their lines longer than the page is wide."""
+    return "\n\n".join(wrapped(section) for section in sections if section) + "\n"
+
+
+def _data(about: About) -> list[str]:
+    return [title(about), labelled("data", about.source), *(labelled(label, text) for label, text in about.lines)]
+
+
+def _channels(channels: Sequence[ChannelReport]) -> list[str]:
+    """Return a line per channel."""
+    if not channels:
+        return []
+    about = f"m/s^2: rms and largest excited, rms at rest; coherence: median in {band(*COMPARED_HZ)} Hz"
+    rows = [["channel", "rms", "largest", "at rest", "coherence", "hum"]]
+    rows += [
+        [c.name, number(c.rms_m_s2), number(c.largest_m_s2), _rest(c.rest_rms_m_s2), _coherence(c.coherence), _hum(c)]
+        for c in channels
+    ]
+    return [labelled("channels", about), *aligned(rows)]
+
+
+def _rest(rms_m_s2: float | None) -> str:
+    """Return the rms at rest; a channel that showed one code throughout is below a bit."""
+    if rms_m_s2 is None:
+        return DASH
+    return "below a bit" if rms_m_s2 == 0.0 else number(rms_m_s2)
+
+
+def _hum(channel: ChannelReport) -> str:
+    return f"{number(channel.hum_m_s2)} at {channel.hum_hz:g} Hz" if channel.hum_hz > 0.0 else "none"
+
+
+def _coherence(value: float) -> str:
+    return f"{value:.5f}" if np.isfinite(value) else DASH
+
+
+def _table(found: Identification) -> list[str]:
+    """Return structure, delay, gain and fit errors of the table's models."""
+    low, high = found.verdict.feedforward_hz
+    reach = f"{short(low)} to {short(high)} Hz" if high > low else "nowhere"
+    delay, lag = short(1e3 * found.verdict.delay_s), short(1e3 * found.verdict.lag_s)
+    gain = number(1e3 * found.best.low_frequency_gain_m_per_v, 4)
+    return [
+        labelled("table model", "command to acceleration, two zeros at the origin given"),
+        *_structure(found),
+        labelled("  transport delay", f"{delay} ms"),
+        *_identified_delay(found.latency),
+        labelled("  lag, low frequency", f"{lag} ms (command to displacement, delay included)"),
+        labelled("  gain, low frequency", f"{gain} mm/V"),
+        labelled(
+            "  keeps its limits",
+            f"{reach} ({LIMITS.rms:.0%} rms, {LIMITS.largest:.0%} largest, above 11 Hz beyond the data's scatter)",
+        ),
+        "",
+        labelled("fit error", f"|model / FRF - 1| in %, rms and largest in {band(*COMPARED_HZ)} Hz"),
+        *aligned(
+            [
+                ["model", "poles", "zeros", "fitted (Hz)", "rms", "largest", f"rms {band(*MID_HZ)} Hz"],
+                _fit("best", found.best, found.best_error),
+                _fit("paper", found.paper, found.paper_error),
+            ]
+        ),
+    ]
+
+
+def _identified_delay(latency: DelayEstimate | None) -> list[str]:
+    """Return the line on the delay that the data show beside free roots."""
+    if latency is None:
+        return []
+    seen = with_uncertainty(latency.identified_s, latency.error_s, 1e3)
+    declared = short(1e3 * latency.declared_s)
+    return [labelled("  delay as identified", f"{seen} ms, {declared} ms declared (latency, hold, transport)")]
+
+
+def _structure(found: Identification) -> list[str]:
+    """Return the structures that were tried and their held-out errors."""
+    if not found.candidates:
+        return [labelled("  structure", "as given; no others were tried")]
+    rows = [["structure", "poles", "zeros", "held-out error", ""]]
+    rows += [
+        [c.name, str(c.poles), str(c.zeros), number(c.held_out), "chosen" if c.chosen else ""] for c in found.candidates
+    ]
+    meaning = "zeros off the origin; held-out error over the data's own scatter: 1 is all that the data can tell"
+    return [*aligned(rows), labelled("", meaning)]
+
+
+def _fit(name: str, model: Model, error: FitError) -> list[str]:
+    size = [str(len(model.poles)), str(len(model.zeros)), band(*model.band_hz)]
+    return [name, *size, percent(error.rms), percent(error.largest), percent(error.rms_mid)]
+
+
+def _roots(roots: Sequence[Root]) -> list[str]:
+    """Return a line for each root or pair of roots of the best model."""
+    rows = [["", "frequency (Hz)", "damping ratio (%)"]]
+    for root in roots:
+        frequency = with_uncertainty(root.frequency_hz, root.frequency_error_hz)
+        damping = with_uncertainty(root.damping_ratio, root.damping_error, 100.0)
+        rows.append([root.kind, frequency, damping if np.isfinite(root.damping_ratio) else "real"])
+    return [labelled("roots, best", "zeros off the origin; +- 2 standard uncertainties"), *aligned(rows)]
+
+
+def _residuals(bands: Sequence[Band]) -> list[str]:
+    rows = [["band (Hz)", "rms", "largest", "data's scatter", "coherence"]]
+    rows += [
+        [band(b.low_hz, b.high_hz), percent(b.rms), percent(b.largest), percent(b.scatter), _coherence(b.coherence)]
+        for b in bands
+    ]
+    return [labelled("residual, best", "|model / FRF - 1| in %, and the FRF's own standard error"), *aligned(rows)]
+
+
+def _levels(levels: Sequence[LevelBand], causes: LevelCauses) -> list[str]:
+    """Return how the table's response differs at low level, and what that means."""
+    if not levels:
+        return []
+    rows = [["band (Hz)", "magnitude (%)", "phase (deg)", "later by (ms)"]]
+    for level in levels:
+        spread = level.error / abs(level.ratio)
+        phase = float(np.angle(level.ratio))
+        rows.append(
+            [
+                band(level.low_hz, level.high_hz),
+                with_uncertainty(abs(level.ratio) - 1.0, level.error, 100.0),
+                with_uncertainty(phase, spread, 180.0 / np.pi),
+                with_uncertainty(-phase, spread, 1e3 / centre_rad_s(level)),
+            ]
+        )
+    heading = labelled("amplitude dependence", "low level over full level, +- 2 standard errors")
+    return [heading, *aligned(rows), labelled("", _meaning(levels, causes))]
+
+
+def _meaning(levels: Sequence[LevelBand], causes: LevelCauses) -> str:
+    """Say what a difference between levels means, from the bands up to 11 Hz where there are some."""
+    low = [level for level in levels if level.high_hz <= COMPARED_HZ[1]] or levels
+    clear = [level for level in low if abs(level.ratio - 1.0) > SIGNIFICANT * level.error]
+    if not clear:
+        return "no difference beyond the scatter: friction does not show at these levels"
+    most = max(clear, key=lambda level: abs(level.ratio - 1.0))
+    size = f"differs by up to {percent(abs(most.ratio - 1.0))} % ({band(most.low_hz, most.high_hz)} Hz)"
+    cause = meaning(causes) or "no single cause (friction, suspension, gain, specimen) explains how"
+    return f"{size}: {cause}; the model holds best near full level"
+
+
+def _friction(found: Identification) -> list[str]:
+    """Return the line on friction: as a command, and as the displacement that is worth; newtons are not known."""
+    friction = found.friction
+    if friction is None:
+        return []
+    size = with_uncertainty(friction.command_v, friction.error_v, 1e3)
+    moved = short(1e6 * abs(friction.command_v * found.best.low_frequency_gain_m_per_v))
+    if friction.command_v < SIGNIFICANT * friction.error_v:
+        return [labelled("friction", f"none beyond the scatter: {size} mV of command against the velocity")]
+    text = (
+        f"like {size} mV of command ({moved} um of the table) against the velocity, {percent(friction.explained)} % of "
+        "the power that the model leaves of the record"
+    )
+    return [labelled("friction", text)]
+
+
+def _verdict(verdict: Verdict) -> list[str]:
+    """Return the warnings, then the verdict."""
+    warnings = [labelled("warning", warning) for warning in verdict.warnings]
+    if not verdict.accepted:
+        return warnings + _rejected(verdict.reasons)
+    return [*warnings, labelled("verdict", verdict_sentence(verdict))]
+
+
+def _rejected(reasons: Sequence[str]) -> list[str]:
+    return [labelled("" if i else "verdict", f"rejected: {reason}") for i, reason in enumerate(reasons)]

@@ -1,0 +1,34 @@
+"""The accept limits of a stored result, judged one by one."""
+
+from __future__ import annotations
+
+import re
+
+from rths_cli.analysis.metrics import accept_limits
+from rths_cli.case.yaml_reader import parse
+from rths_cli.case.yaml_tree import Source
+from rths_cli.errors import InputError
+from rths_cli.files.result_reader import Result
+
+ACCEPT = re.compile(r"^accept:.*\n(?:[ -].*\n)*", re.MULTILINE)
+
+
+def limits_of(result: Result) -> dict[str, float]:
+    """Return the accept limits that a result's case states, by the figure's path; raises InputError when the case
+    stored cannot be read."""
+    block = ACCEPT.search(result.resolved_yaml)
+    if block is None:
+        return {}
+    node, faults = parse(block[0], Source(str(result.path), result.path.parent))
+    limits = node.value["accept"].value if node is not None and isinstance(node.value, dict) else None
+    if faults or not isinstance(limits, dict):
+        raise InputError(f"{result.path}: the accept limits stored in it cannot be read; run the case again.")
+    return {path: float(str(limit.value)) for path, limit in limits.items()}
+
+
+def judge(result: Result) -> list[accept_limits.Judged]:
+    """Return each accept limit of a result with its figure."""
+    return [
+        accept_limits.judge(path, limit, result.metrics.get(accept_limits.figure(path), []))
+        for path, limit in limits_of(result).items()
+    ]

@@ -1,0 +1,113 @@
+"""What one case has beside the error tables: error by cause, latency, timing of its steps, every figure of merit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from rths_cli.files.result_reader import Result, read_series
+from rths_cli.numerics.lti import Array
+from rths_cli.report.case_results import Entry
+from rths_cli.report.error_budget_table import CAUSES
+from rths_cli.report.latency_table import latency_text
+from rths_cli.report.page.html import Html, element, framed, table
+from rths_cli.report.page.paper_tables import as_html
+from rths_cli.report.page.summary import is_virtual
+from rths_cli.report.text_layout import Cell, Row, Table
+
+KINDS = {"check": "pred.", "budget": "meas."}
+TIMES = {
+    "late_s": "start of the exchange, late by",
+    "exchange_s": "exchange with the rig",
+    "compute_s": "step and guard",
+}
+SHARES = {"median": 50.0, "99 %": 99.0, "99.9 %": 99.9, "largest": 100.0}
+TABLES = {"exp_rths": "EXP-RTHS", "shake_table": "shake table test"}
+
+
+def every_figure(entry: Entry) -> Html:
+    """Return every figure of a case: path, unit, value by method, definition; those of one storey side by side."""
+    methods = entry.results
+    paths = sorted({path for result in methods.values() for path in result.metrics})
+    return table([["figure", "unit", *methods, "definition"]], (_figure(path, methods) for path in paths))
+
+
+def by_cause(result: Result) -> Html:
+    """Return the error of EXP-RTHS by cause in mm/s², predicted and measured; "" where neither is known."""
+    kinds = [kind for kind in KINDS if f"{kind}.rms_error_coupling_m_s2" in result.metrics]
+    if not kinds:
+        return Html("")
+    storeys = np.atleast_1d(result.metrics[f"{kinds[0]}.rms_error_coupling_m_s2"]).size
+    columns = ["tracking", *(f"storey {storey}" for storey in range(1, storeys + 1))]
+    heads = (
+        tuple(Cell(column, len(kinds)) for column in columns),
+        tuple(Cell(KINDS[kind]) for kind in kinds) * len(columns),
+    )
+    rows = [
+        Row(label, tuple(Cell(text) for text in _causes(result, kinds, cause, storeys)))
+        for cause, label in {**CAUSES, "": "together"}.items()
+    ]
+    shown = tuple(row for row in rows if any(cell.text != "-" for cell in row.cells))
+    virtual = "; virtual" if is_virtual(result) else ""
+    title = f"Error by cause (RMS, mm/s^2, test band{virtual})"
+    return as_html(Table(title, "", (len(kinds),) * len(columns), 10, heads, shown))
+
+
+def latency(result: Result) -> Html:
+    """Return the latency budget as the terminal shows it; "" where none is known."""
+    text = latency_text(result.metrics)
+    return framed(element("pre", text)) if text else Html("")
+
+
+def timing(result: Result) -> Html:
+    """Return how long steps of a run on a real rig took, in microseconds; "" for a virtual one, which has no clock."""
+    if is_virtual(result):
+        return Html("")
+    rows = [row for run in TABLES if run in result.groups for row in _timing(result, run)]
+    if not rows:
+        return Html("")
+    overruns = result.attributes.get("overruns")
+    rows += [["intervals overrun", "", "", "", str(overruns)]] if overruns is not None else []
+    return table([["loop timing (µs)", *SHARES]], rows, "figures")
+
+
+def _timing(result: Result, run: str) -> Iterator[list[str]]:
+    for name, label in TIMES.items():
+        values = _noted(result, f"{run}/timing/{name}")
+        if values is not None and np.any(np.isfinite(values)):
+            shares = np.nanpercentile(values, list(SHARES.values()))
+            yield [f"{TABLES[run]}: {label}", *(f"{1e6 * share:.1f}" for share in shares)]
+    lost = _noted(result, f"{run}/timing/lost")
+    if lost is not None:
+        yield [f"{TABLES[run]}: steps without samples, of {lost.size}", "", "", "", str(int(np.count_nonzero(lost)))]
+
+
+def _noted(result: Result, name: str) -> Array | None:
+    """Return what a loop noted of its time, None where it noted none (a recovered run, an old file)."""
+    from rths_cli.errors import InputError
+
+    try:
+        return np.asarray(read_series(result.path, name), dtype=float)
+    except InputError:
+        return None
+
+
+def _figure(path: str, methods: Mapping[str, Result]) -> list[str]:
+    having = next(result for result in methods.values() if path in result.metrics)
+    values = (_listed(result, path) for result in methods.values())
+    return [path, having.units.get(path, ""), *values, having.definitions.get(path, "")]
+
+
+def _listed(result: Result, path: str) -> str:
+    values = np.atleast_1d(np.asarray(result.metrics.get(path, np.nan), dtype=float))
+    return "  ".join(f"{value:.4g}" if np.isfinite(value) else "-" for value in values)
+
+
+def _causes(result: Result, kinds: list[str], cause: str, storeys: int) -> Iterator[str]:
+    for column in range(storeys + 1):
+        for kind in kinds:
+            figure = "rms_error" if column else "tracking_rms"
+            source = "exp_rths" if kind == "budget" and not cause else kind
+            values = result.metrics.get(f"{source}.{figure}{'_' if cause else ''}{cause}_m_s2")
+            yield "-" if values is None else f"{1e3 * float(np.atleast_1d(values)[max(column - 1, 0)]):.3f}"

@@ -1,0 +1,95 @@
+"""One case by itself: all its figures of the paper's tables in one."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from rths_cli.files.result_reader import Result
+from rths_cli.report.case_results import Entry, published, state, storeys
+from rths_cli.report.cells import EXP_ERROR, TESTS, mark, published_cells, ratio, words
+from rths_cli.report.text_layout import Cell, Row, Table
+
+KINDS = {"meas.": "", "true": "_true", "full": "_full", "full-t": "_true_full"}
+TRACKING = {"max": "tracking_max_m_s2", "RMS": "tracking_rms_m_s2"}
+ERRORS = {"RMS": "rms_error_m_s2", "max": "max_error_m_s2"}
+RUNS = {"SIM-DELAY": "sim_delay", "EXP-RTHS": "exp_rths"}
+
+
+def single_table(entry: Entry) -> Table:
+    """Return every figure of the paper's two tables for one case: published, where any is, then per method and kind."""
+    kinds, known = _kinds(entry), 1 if entry.published else 0
+    heads = (
+        (*[Cell("")] * known, *(Cell(method, len(kinds)) for method in entry.results)),
+        (*[Cell("publ.")] * known, *[Cell(kind) for kind in kinds] * len(entry.results)),
+    )
+    what = f"{entry.excitation}, damping {entry.damping}, controller {entry.controller}"
+    return Table(
+        f"{what}: errors (m/s^2, test band unless full); {entry.table_name}",
+        "",
+        (*(1,) * known, *(len(kinds),) * len(entry.results)),
+        9 if len(entry.results) < 2 else 8,
+        heads,
+        (*_tracking(entry), *_errors(entry), *_ratios(entry)),
+    )
+
+
+def paths() -> Iterator[str]:
+    """Yield the path of every figure that the table of a single case shows."""
+    for suffix in KINDS.values():
+        yield from (f"{run}.{figure}{suffix}" for run in TESTS for figure in TRACKING.values())
+        yield from (f"{run}.{figure}{suffix}" for run in RUNS.values() for figure in ERRORS.values())
+
+
+def _kinds(entry: Entry) -> dict[str, str]:
+    return {kind: suffix for kind, suffix in KINDS.items() if entry.virtual or "true" not in suffix}
+
+
+def _tracking(entry: Entry) -> Iterator[Row]:
+    yield Row("Tracking error of the table: desired - measured acceleration")
+    for run, name in TESTS.items():
+        for figure, leaf in TRACKING.items():
+            yield Row(f"{name}, {figure}", _cells(entry, f"{run}.{leaf}", None))
+
+
+def _errors(entry: Entry) -> Iterator[Row]:
+    for figure, leaf in ERRORS.items():
+        if not any(f"{run}.{leaf}" in r.metrics for run in RUNS.values() for r in entry.results.values()):
+            continue
+        yield Row(f"{figure} error of the absolute acceleration against SIM")
+        for name, run in RUNS.items():
+            for storey in range(storeys([entry])):
+                yield Row(f"{name}, storey {storey + 1}", _cells(entry, f"{run}.{leaf}", storey))
+
+
+def _ratios(entry: Entry) -> Iterator[Row]:
+    """Yield EXP-RTHS over SIM-DELAY, both in the same band; SIM-DELAY has no sensor, so one figure per band."""
+    leaf = ERRORS["RMS"]
+    yield Row("EXP-RTHS / SIM-DELAY (ratio of RMS errors, -)")
+    for storey in range(storeys([entry])):
+        theirs = [published(entry, f"{run}.{leaf}", storey) for run in ("exp_rths", "sim_delay")]
+        cells = words([ratio(*theirs)]) if entry.published else ()
+        for result in entry.results.values():
+            cells += words(
+                [_ratio(result, suffix, storey) for suffix in _kinds(entry).values()], mark(result, EXP_ERROR)
+            )
+        yield Row(f"storey {storey + 1}", cells)
+
+
+def _ratio(result: Result, suffix: str, storey: int) -> float | str:
+    leaf = ERRORS["RMS"]
+    above = state(result, f"exp_rths.{leaf}{suffix}", storey)
+    below = state(result, f"sim_delay.{leaf}{suffix.replace('_true', '')}", storey)
+    return ratio(above, below)
+
+
+def _cells(entry: Entry, path: str, storey: int | None) -> tuple[Cell, ...]:
+    cells = published_cells(entry, [path], storey) if entry.published else ()
+    for result in entry.results.values():
+        states: Sequence[float | str] = [_state(result, path, s, storey) for s in _kinds(entry).values()]
+        cells += words(states, mark(result, path))
+    return cells
+
+
+def _state(result: Result, path: str, suffix: str, storey: int | None) -> float | str:
+    """Return a figure or why there is none; nothing is truer than what is computed."""
+    return "-" if path.startswith("sim_delay.") and "_true" in suffix else state(result, path + suffix, storey)

@@ -1,0 +1,177 @@
+"""What a sweep shows: per grid point the errors over its seeds, best and worst run, and what was not run and why."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rths_cli.files.sweep_file import Sweep
+from rths_cli.numerics.lti import Array
+from rths_cli.report.text_layout import WIDTH, Cell, Row, Table, number, render, wrapped
+
+TRACKING = "exp_rths.tracking_rms_m_s2"
+STOREYS = "exp_rths.rms_error_m_s2"
+STATISTICS = {"median": 50.0, "95 %": 95.0, "largest": 100.0}
+POINTS_SHOWN = 40
+REASONS_SHOWN = 5
+COLUMN = 9
+MM_PER_M = 1e3
+MOST_STOREYS = (WIDTH - 40) // COLUMN
+
+
+@dataclass(frozen=True)
+class Point:
+    """One grid point: its varied values as text, its runs by status, and errors (n_runs, 1 + n_storeys) of those that
+    reached the end: tracking, then each storey."""
+
+    label: str
+    varied: dict[str, Any]
+    statuses: dict[str, int]
+    errors: Array
+
+
+def points_of(sweep: Sweep) -> Iterator[Point]:
+    """Yield the grid points of a sweep."""
+    size = sweep.seeds_per_point
+    table = np.column_stack([sweep.figures[TRACKING].values, sweep.figures[STOREYS].values])
+    for start in range(0, len(sweep.seed), size):
+        runs = slice(start, start + size)
+        varied = {key: values[start] for key, values in sweep.varied.items()}
+        whole = np.array([status == "complete" for status in sweep.texts["status"][runs]])
+        yield Point(label(varied), varied, dict(Counter(sweep.texts["status"][runs])), table[runs][whole])
+
+
+def label(varied: dict[str, Any]) -> str:
+    """Return varied values as a reader would name them, each key by as much of its end as tells it from others."""
+    told = [f"{_short(key, list(varied))}={as_text(value)}" for key, value in varied.items()]
+    return ", ".join(told) or "the case as it is"
+
+
+def _short(key: str, keys: Sequence[str]) -> str:
+    """Return the shortest end of a dotted key that no other key has, nor the seed of a run."""
+    parts = key.split(".")
+    ends = (".".join(parts[start:]) for start in range(len(parts) - 1, 0, -1))
+    others = [".seed", *(f".{other}" for other in keys if other != key)]
+    return next((end for end in ends if not any(other.endswith(f".{end}") for other in others)), key)
+
+
+def as_text(value: Any) -> str:
+    """Return a varied value in few characters."""
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return value if isinstance(value, str) else json.dumps(value).replace('"', "")
+
+
+def statistics(errors: Array) -> dict[str, Array]:
+    """Return median, 95 % quantile and largest of errors (n_runs, m), each (m,); nothing where there is no run."""
+    if len(errors) == 0:
+        return {}
+    return {name: np.percentile(errors, share, axis=0) for name, share in STATISTICS.items()}
+
+
+def page(sweep: Sweep, path: Path) -> str:
+    """Return the summary of a sweep as text."""
+    parts = [render(_table(sweep)), *_more_points(sweep), *_extremes(sweep), *_not_run(sweep), *_explained(sweep, path)]
+    return wrapped([line for part in parts for line in part.split("\n")], 2) + "\n"
+
+
+def document(sweep: Sweep, path: Path) -> dict[str, Any]:
+    """Return the summary of a sweep for JSON: every grid point with its runs and the statistics of its errors."""
+    points = []
+    for point in points_of(sweep):
+        found = {
+            name: {TRACKING: _plain(row[0]), STOREYS: [_plain(value) for value in row[1:]]}
+            for name, row in statistics(point.errors).items()
+        }
+        points.append({"varied": point.varied, "runs": point.statuses, "errors": found})
+    about = {
+        name: sweep.attributes[name] for name in ("case_name", "rig", "rig_kind", "seeds", "status", "plan_sha256")
+    }
+    return {"sweep": str(path), **about, "runs": len(sweep.seed), "points": points}
+
+
+def _plain(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
+
+def _runs(count: int) -> str:
+    return f"{count} run" if count == 1 else f"{count} runs"
+
+
+def _table(sweep: Sweep) -> Table:
+    storeys = sweep.figures[STOREYS].values.shape[1]
+    shown = min(storeys, MOST_STOREYS)
+    heads = (Cell("tracking"), *(Cell(f"storey {1 + k}") for k in range(shown)))
+    rows = [row for _, point in zip(range(POINTS_SHOWN), points_of(sweep), strict=False) for row in _rows(point, shown)]
+    title = (
+        f"{sweep.attributes['case_name']}: RMS errors (mm/s^2, test band, measured) of {_runs(len(sweep.seed))} of "
+        f"EXP-RTHS; virtual shake table {sweep.attributes['rig']}"
+    )
+    corner = "grid point" if sweep.seeds_per_point == 1 else "over the seeds"
+    return Table(title, corner, (1, shown), COLUMN, (heads,), tuple(rows))
+
+
+def _rows(point: Point, storeys: int) -> Iterator[Row]:
+    """Yield the lines of a grid point: one where there is one run, else a heading and one per statistic."""
+    runs = sum(point.statuses.values())
+    ends = ", ".join(f"{count} {status}" for status, count in sorted(point.statuses.items()))
+    found = statistics(MM_PER_M * point.errors[:, : 1 + storeys])
+    if runs == 1:
+        yield Row(point.label, _cells(found["largest"]) if found else (Cell(ends[2:], 1 + storeys),))
+        return
+    yield Row(f"{point.label}: {ends}")
+    for name, row in found.items():
+        yield Row(name, _cells(row))
+
+
+def _cells(errors: Array) -> tuple[Cell, ...]:
+    return tuple(Cell(number(value) if np.isfinite(value) else "-") for value in errors)
+
+
+def _more_points(sweep: Sweep) -> list[str]:
+    """Return a line where there are more grid points or storeys than shown."""
+    points = len(sweep.seed) // sweep.seeds_per_point
+    storeys = sweep.figures[STOREYS].values.shape[1]
+    lines = [f"{points - POINTS_SHOWN} more grid points stand in the file."] if points > POINTS_SHOWN else []
+    return lines + (["More storeys stand in the file."] if storeys > MOST_STOREYS else [])
+
+
+def _extremes(sweep: Sweep) -> list[str]:
+    """Return the runs with the smallest and the largest error, by the storey where it is largest."""
+    errors = sweep.figures[STOREYS].values
+    played = np.flatnonzero(np.isfinite(errors).any(axis=1))
+    if played.size < 2:
+        return []
+    worst = np.nanmax(errors[played], axis=1)
+    lines = [""]
+    for name, place in (("smallest", int(np.argmin(worst))), ("largest", int(np.argmax(worst)))):
+        run = int(played[place])
+        varied = {key: values[run] for key, values in sweep.varied.items()}
+        where = f"{label(varied)}, seed {sweep.seed[run]}" if varied else f"seed {sweep.seed[run]}"
+        storey = 1 + int(np.nanargmax(errors[run]))
+        lines.append(
+            f"{name} error: {number(MM_PER_M * worst[place])} mm/s^2 (storey {storey}) at {where}, run {run + 1}"
+        )
+    return lines
+
+
+def _not_run(sweep: Sweep) -> list[str]:
+    """Return how many runs ended how where not all are complete and accepted, each with the commonest reasons."""
+    ends = Counter(zip(sweep.texts["status"], sweep.texts["reason"], strict=True))
+    told = [(status, reason, count) for (status, reason), count in ends.most_common() if reason]
+    lines = [f"{count} {status}: {reason}" for status, reason, count in told[:REASONS_SHOWN]]
+    more = sum(count for _, _, count in told[REASONS_SHOWN:])
+    lines += [f"{more} more with other reasons, which stand in the file"] if more else []
+    return ["", *lines] if lines else []
+
+
+def _explained(sweep: Sweep, path: Path) -> list[str]:
+    counts = Counter(sweep.texts["status"])
+    ends = ", ".join(f"{count} {status}" for status, count in sorted(counts.items()))
+    return ["", f"{ends}; every run with its figures: {path}"]

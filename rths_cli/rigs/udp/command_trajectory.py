@@ -1,0 +1,82 @@
+"""How a command goes on while the next one is late (docs/udp.md): smoothly from point to point, then it is held.
+
+Runner and target both move by `place_after`, so that after a stall the runner knows where the table stands. Between
+points it is the cubic whose slope at each is the mean of both sides (E. Catmull and R. Rom 1974): at most twice as
+steep as the steepest straight line between two points that follow each other.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from rths_cli.numerics.clock import IntArray
+from rths_cli.numerics.compiled import part
+from rths_cli.numerics.lti import Array
+from rths_cli.rigs.udp import packets
+from rths_cli.rigs.udp.siphash import Bytes
+
+POINTS, SPACING = range(2)  # places in Way.marks
+FARTHEST_V = 1e6  # no point lies farther, so that no place between two overflows
+
+
+class Way(NamedTuple):
+    """A command and the points it goes on to."""
+
+    volts: Array  # (MOST_POINTS + 1,) the command, then what it is after one, two, ... times the spacing, in V
+    marks: IntArray  # (2,) how many points there are (0: the command is held), sample intervals from one to the next
+
+
+def fresh_way() -> Way:
+    """Return a way that holds 0 V."""
+    return Way(np.zeros(packets.MOST_POINTS + 1), np.array([0, 1]))
+
+
+@part
+def place_after(way: Way, intervals: int) -> float:
+    """Return where a command has gone on to so many sample intervals after it, in V.
+
+    It begins with the curvature of the first three points, and comes to rest at the last one.
+    """
+    points, spacing = way.marks[POINTS], way.marks[SPACING]
+    behind = intervals // spacing
+    if behind >= points:
+        return way.volts[points]
+    here, there = way.volts[behind], way.volts[behind + 1]
+    after = way.volts[behind + 2] if behind + 2 <= points else here
+    before = way.volts[behind - 1] if behind > 0 else 3.0 * (here - there) + after
+    t = (intervals - behind * spacing) / spacing
+    bend, twist = 2.0 * before - 5.0 * here + 4.0 * there - after, after - before + 3.0 * (here - there)
+    return here + 0.5 * t * (there - before + t * (bend + t * twist))
+
+
+@part
+def put_way(packet: Bytes, way: Way) -> None:
+    """Write the words of a command behind the head: the command alone, or with spacing and points."""
+    packets.put_real(packet, packets.COMMAND_V, way.volts[0])
+    if way.marks[POINTS] > 0:
+        packets.put_int(packet, packets.SPACING, way.marks[SPACING])
+        for i in range(way.marks[POINTS]):
+            packets.put_real(packet, packets.FIRST_POINT + 8 * i, way.volts[1 + i])
+
+
+@part
+def words_of(way: Way) -> int:
+    """Return how many words `put_way` writes."""
+    return way.marks[POINTS] + 2 if way.marks[POINTS] > 0 else 1
+
+
+@part
+def take_way(packet: Bytes, way: Way) -> None:
+    """Read what `put_way` wrote; where the spacing or a point is no good number, the command is held."""
+    points, spacing = max(int(packet[packets.COUNT]) - 2, 0), 1
+    way.volts[0] = packets.get_real(packet, packets.COMMAND_V)
+    if points > 0:
+        spacing = packets.get_int(packet, packets.SPACING)
+    for i in range(points):
+        way.volts[1 + i] = packets.get_real(packet, packets.FIRST_POINT + 8 * i)
+        if not abs(way.volts[1 + i]) <= FARTHEST_V:
+            spacing = 0
+    good = 1 <= spacing <= packets.LONGEST_SPACING
+    way.marks[POINTS], way.marks[SPACING] = points if good else 0, spacing if good else 1

@@ -1,0 +1,182 @@
+"""The virtual rig: kernel, sensors' noise and converters behind the interface of a real rig."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rths_cli.errors import RigError
+from rths_cli.numerics.lti import Array
+from rths_cli.numerics.tiled_products import padded, tiled
+from rths_cli.rigs.interface import RigInfo
+from rths_cli.rigs.virtual import plant_kernel
+from rths_cli.rigs.virtual.plant import Parts, Plant, accelerations, continuous, levels, velocities, with_sensors
+from rths_cli.structure import Specimen
+
+if TYPE_CHECKING:
+    from rths_cli.case.rig_schema import VirtualRigSpec
+    from rths_cli.case.virtual_physics import AfterIdentification, VirtualPhysics
+    from rths_cli.rigs.interface import RigInfo
+    from rths_cli.structure import Specimen
+
+LEVELS = 10  # inner steps from dt to dt / 512
+NOISE_ROWS = 4096
+INTERPOLATED_M_S2 = 5e-7  # what interpolated friction may err by, as an acceleration of the table
+
+
+def changed(
+    physics: VirtualPhysics, specimen: Specimen, change: AfterIdentification
+) -> tuple[VirtualPhysics, Specimen]:
+    """Return table and specimen with what wear, damage or payload change after identification."""
+    worn = physics.model_copy(update={"coulomb_n": physics.coulomb_n * change.coulomb_factor})
+    masses, stiffness = specimen.masses_kg * change.payload_factor, specimen.K * change.specimen_stiffness_factor
+    return worn, Specimen(masses, stiffness, specimen.C)
+
+
+def build_plant(
+    info: RigInfo,
+    physics: VirtualPhysics,
+    specimen: Specimen,
+    noise_rms_m_s2: float,
+    refine: int = 0,
+    interface_mass_kg: float = 0.0,
+) -> Plant:
+    """Return the kernel's constant arrays; `refine` halves every inner step so often (to check the integration).
+
+    The part of the interface floor's mass that stands on the table adds to the table's moving mass.
+    """
+    sensor, converters = info.channels[0], info.converters
+    a, b_u, b_n, rows, row_command = continuous(physics, specimen, interface_mass_kg)
+    accel_rows, accel_friction = accelerations(a, b_n, len(specimen.masses_kg))
+    full, full_u, full_n = with_sensors(
+        a, b_u, b_n, accel_rows, accel_friction, sensor.low_pass_hz, sensor.high_pass_hz
+    )
+    velocity_rows = velocities(len(full), len(specimen.masses_kg))
+    scale = np.array([1.0 / physics.coulomb_velocity_m_s, 1.0])
+    parts = Parts(full, np.column_stack([full_n, full_u]), a.shape[0], rows, row_command, velocity_rows, scale)
+    steps = levels(parts, info.dt_s, LEVELS + refine)
+    swing = rows[1, 0] * np.eye(a.shape[0])[1] + rows[1, 1] * accel_rows[0]
+    surge = a[1, 2] * (rows[1] - np.eye(a.shape[0])[2]) * info.dt_s / physics.actuator_time_constant_s
+    surge_hold = a[1, 2] * row_command[1] * info.dt_s / physics.actuator_time_constant_s
+    rates = 1.0 / physics.actuator_time_constant_s + abs(b_n[1, 0]) / physics.coulomb_velocity_m_s
+    start = np.column_stack([np.vstack([accel_rows[0], rows[1], swing, surge]), [0.0, row_command[1], 0.0, surge_hold]])
+    return Plant(
+        push=np.array([one.push for one in steps]),
+        filters=np.array([one.filters for one in steps]),
+        nodes=np.array([one.nodes for one in steps]),
+        feed=np.array([one.feed for one in steps]),
+        start=np.concatenate([tiled(start), steps[0].nodes]),
+        accel_rows=np.ascontiguousarray(accel_rows),
+        accel_friction=accel_friction,
+        steps_cubed=0.008 * physics.coulomb_n * a[1, 2] / INTERPOLATED_M_S2,
+        bend=(info.dt_s * rates) ** 2,
+        reference_per_velocity=float(rows[1, 1]),
+        mechanical=a.shape[0],
+        forces=padded(a.shape[0] + 1),
+        has_low_pass=sensor.low_pass_hz > 0.0,
+        dt_s=info.dt_s,
+        per_friction_velocity=1.0 / physics.coulomb_velocity_m_s,
+        force_limit_n=physics.force_limit_n,
+        stroke_m=info.limits.stroke_m,
+        command_range_v=converters.range_v,
+        command_step_v=converters.step_v,
+        command_steps_per_v=inverse(converters.step_v),
+        sensor_range_m_s2=sensor.range_m_s2,
+        sensor_v_per_m_s2=sensor.sensitivity_v_per_m_s2,
+        sensor_range_v=converters.range_v,
+        sensor_step_v=converters.step_v,
+        sensor_steps_per_v=inverse(converters.step_v),
+        noise_rms_m_s2=noise_rms_m_s2,
+        refine=refine,
+    )
+
+
+def inverse(step: float) -> float:
+    """Return 1 / step, 0 for none."""
+    return 1.0 / step if step > 0.0 else 0.0
+
+
+class VirtualRig:
+    """A simulated table and specimen with a counted clock: `exchange` returns at once, one interval later.
+
+    The noise of each run comes from its own stream: `seed` is any sequence of integers that names the run.
+    """
+
+    def __init__(self, info: RigInfo, plant: Plant, seed: tuple[int, ...]) -> None:
+        self.info = info
+        self.plant = plant
+        self._seed = seed
+        self.restart()
+
+    def restart(self) -> None:
+        """Put the table at rest and start the noise anew."""
+        self._random = np.random.default_rng(self._seed)
+        self._rows = np.empty((0, len(self.info.channels)))
+        self._row = 0
+        self.rest()
+
+    def noise(self, rows: int) -> Array:
+        """Return the next rows of standard normal noise, (rows, n_channels)."""
+        return self._random.standard_normal((rows, len(self.info.channels)))
+
+    def open(self) -> None:
+        """Take hold of the rig (nothing to do)."""
+
+    def arm(self) -> Array:
+        """Put the table at rest, return its first samples in V, (n_channels,)."""
+        self.restart()
+        return self._read()
+
+    def exchange(self, command_v: float) -> Array:
+        """Hold the command that is due for one interval and return the next samples in V, (n_channels,)."""
+        self._command[0] = command_v
+        self._calls()[0]()
+        if self.state.fault[0] == plant_kernel.END_STOP:
+            raise RigError(f"rig {self.info.name}: the table ran into its end stop ({self.plant.stroke_m} m)")
+        return self._read()
+
+    def rest(self) -> None:
+        """Bring the table to rest at zero (a virtual table may simply be put there)."""
+        self.state = plant_kernel.fresh_state(self.plant, self.info.latency_samples)
+        self._command, self._noise = np.zeros(1), np.zeros(len(self.info.channels))
+        self._samples = np.zeros(len(self.info.channels))
+        self._bound: tuple[Callable[[], object], Callable[[], object]] | None = None
+
+    def close(self) -> None:
+        """Let go of the rig (nothing to do)."""
+
+    def _read(self) -> Array:
+        if self._row == len(self._rows):
+            self._rows, self._row = self.noise(NOISE_ROWS), 0
+        self._noise[:] = self._rows[self._row]
+        self._row += 1
+        self._calls()[1]()
+        return self._samples
+
+    def _calls(self) -> tuple[Callable[[], object], Callable[[], object]]:
+        """Return what holds and what reads, bound when first needed: a run in compiled code needs neither."""
+        if self._bound is None:
+            hold = plant_kernel.hold_interval.bind(self.plant, self.state, self._command)
+            self._bound = hold, plant_kernel.read_samples.bind(self.plant, self.state, self._noise, self._samples)
+        return self._bound
+
+
+def virtual_rig(
+    spec: VirtualRigSpec,
+    info: RigInfo,
+    specimen: Specimen,
+    interface_mass_kg: float,
+    seed: tuple[int, ...],
+    after_identification: bool,
+) -> VirtualRig:
+    """Return the rig of a rig file with this specimen on it; `seed` names the noise of the run.
+
+    `after_identification` applies the changes of table and specimen that the rig file states under that key.
+    """
+    physics, noise = spec.physics, spec.sensors.noise_rms_m_s2
+    if after_identification:
+        physics, specimen = changed(physics, specimen, spec.after_identification)
+    plant = build_plant(info, physics, specimen, noise, interface_mass_kg=interface_mass_kg)
+    return VirtualRig(info, plant, seed)

@@ -1,0 +1,66 @@
+"""Matrices and modes of shear buildings, which are chains of storeys."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rths_cli.numerics.lti import Array, ComplexArray
+
+
+def storey_matrix(storey_values: Sequence[float] | Array) -> Array:
+    """Return the matrix (n, n) of storey stiffnesses in N/m or dashpots in N s/m (n,), as in Eq. 2.1."""
+    values = np.asarray(storey_values, dtype=float)
+    above = np.append(values[1:], 0.0)
+    return np.diag(values + above) - np.diag(values[1:], 1) - np.diag(values[1:], -1)
+
+
+def storey_values(matrix: Array) -> Array:
+    """Return the storey values (n,) of a chain matrix (n, n): the inverse of `storey_matrix`."""
+    return np.append(matrix.sum(axis=1)[:1], -np.diag(matrix, -1))
+
+
+def modal_damping_matrix(masses_kg: Array, K: Array, ratios: Sequence[float] | Array) -> Array:
+    """Return C = M Phi diag(2 zeta w) Phi^T M in N s/m, (n, n), with mass-normalised mode shapes Phi.
+
+    `masses_kg` (n,), `K` (n, n) in N/m, `ratios` (n,) in the order of ascending frequency.
+    """
+    root = np.sqrt(masses_kg)
+    eigenvalues, shapes = np.linalg.eigh(K / np.outer(root, root))
+    return np.outer(root, root) * ((shapes * (2.0 * np.asarray(ratios) * np.sqrt(eigenvalues))) @ shapes.T)
+
+
+def modes(M: Array, C: Array, K: Array) -> tuple[Array, Array]:
+    """Return natural frequencies |s| / 2 pi in Hz, ascending, and damping ratios -Re s / |s|, each (n,).
+
+    The s are the complex eigenvalues of M d2x + C dx + K x = 0; M, C, K (n, n) in kg, N s/m, N/m. The two
+    real eigenvalues of an overdamped mode count as one mode, with a ratio of one or more.
+    """
+    s = _eigenvalues(M, C, K)
+    oscillating = s[s.imag > 0.0]
+    real = np.sort(s[s.imag == 0.0].real)
+    fast, slow = real[: len(real) // 2], real[::-1][: len(real) // 2]
+    size = np.concatenate([np.abs(oscillating), np.sqrt(np.abs(fast * slow))])
+    decay = np.concatenate([-oscillating.real, -0.5 * (fast + slow)])
+    order = np.argsort(size)
+    return size[order] / (2.0 * np.pi), decay[order] / size[order]
+
+
+def first_mode_ratio(M: Array, C: Array, K: Array) -> float:
+    """Return the damping ratio of the oscillating mode of lowest frequency, 1 if none oscillates."""
+    s = _eigenvalues(M, C, K)
+    oscillating = s[s.imag > 0.0]
+    if len(oscillating) == 0:
+        return 1.0
+    first = oscillating[np.argmin(np.abs(oscillating))]
+    return float(-first.real / np.abs(first))
+
+
+def _eigenvalues(M: Array, C: Array, K: Array) -> ComplexArray:
+    """Return the 2 n complex eigenvalues in rad/s; time is scaled so that both blocks are of one size."""
+    stiffness, damping = np.linalg.solve(M, K), np.linalg.solve(M, C)
+    scale = np.sqrt(np.linalg.norm(stiffness, 2))
+    identity = scale * np.eye(len(M))
+    A = np.block([[np.zeros_like(identity), identity], [-stiffness / scale, -damping]])
+    return np.linalg.eigvals(A).astype(complex)

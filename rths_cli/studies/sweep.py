@@ -1,0 +1,148 @@
+"""Run every variant of one case as EXP-RTHS on the virtual rig, keep the figures, and write one table."""
+
+from __future__ import annotations
+
+import time
+from collections import deque
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rths_cli.experiment.memory_reuse import keep_freed_memory
+from rths_cli.experiment.model_store import software
+from rths_cli.experiment.provenance import attributes
+from rths_cli.files.result_writer import check_writable
+from rths_cli.files.sweep_file import RowsFile, Sweep, check_csv, read_sweep, rows_path, write_csv, write_sweep
+from rths_cli.studies.grid_points import Asked, Points, check_points, point_case
+from rths_cli.studies.sweep_grid import seeds_text
+from rths_cli.studies.sweep_output import Begun, as_line, as_sweep, begin
+from rths_cli.studies.sweep_runs import Shared, failed, play_variant
+from rths_cli.studies.sweep_table import Row, columns, width
+
+if TYPE_CHECKING:
+    from rths_cli.experiment.batch import Watcher
+
+AHEAD = 4  # runs handed out per thread: enough to work on while the next grid point is made ready
+
+
+@dataclass(frozen=True)
+class SweepRequest:
+    """What `rths sweep` was asked; `output` None: sweeps/NAME.h5; `jobs`: threads that play runs."""
+
+    asked: Asked
+    output: Path | None
+    csv: Path | None
+    jobs: int
+    replace: bool
+    resume: bool
+    command_line: str
+    overrides: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Swept:
+    """A finished sweep, its file, how many of its runs were played now, and its exit code."""
+
+    sweep: Sweep
+    path: Path
+    played: int
+    exit_code: int
+
+
+def run_sweep(request: SweepRequest, watcher: Watcher) -> Swept:
+    """Play what is not played yet and write the table; raises InputError with all faults before the first run."""
+    keep_freed_memory()
+    shared = Shared(request.overrides, watcher.doing)
+    points = check_points(request.asked, shared, watcher.doing)
+    path = request.output or Path("sweeps") / f"{points.base.case.name}.h5"
+    about = _attributes(points, request.command_line)
+    if request.csv is not None:
+        check_csv(request.csv, path)
+    begun = begin(path, about, points.grid.variants, width(columns(), points.storeys), request.replace, request.resume)
+    if request.csv is not None:
+        check_writable(request.csv.parent)
+    played = 0 if begun is None else points.grid.variants - len(begun.rows)
+    if begun is not None:
+        _tell(points, begun, watcher)
+    sweep = read_sweep(path) if begun is None else _play(points, shared, begun, request, watcher)
+    if request.csv is not None:
+        write_csv(request.csv, sweep)
+    return Swept(sweep, path, played, int(sweep.attributes["exit_code"]))
+
+
+def _attributes(points: Points, command_line: str) -> dict[str, str | int | float]:
+    """Return the root attributes of the file: where the sweep comes from, and what tells it from another one."""
+    about = attributes(points.base, None, command_line)
+    identity = {"plan_sha256": points.sha256, "software_sha256": software()}
+    return about | identity | {"seeds": seeds_text(points.grid.seeds), "grid_points": points.grid.points}
+
+
+def _play(points: Points, shared: Shared, begun: Begun, request: SweepRequest, watcher: Watcher) -> Sweep:
+    """Play the runs that are left, keep each row at once, and write the table when all are there."""
+    rows, count = dict(begun.rows), points.grid.variants
+    start, before = time.monotonic(), len(rows)
+    with RowsFile(rows_path(begun.path), begun.attributes, begun.resumed) as file:
+        try:
+            for row in _rows(points, shared, request, frozenset(rows)):
+                file.append(as_line(row))
+                rows[row.variant] = row
+                watcher.doing(_progress(len(rows), count, (time.monotonic() - start) / (len(rows) - before)))
+        except BaseException:
+            watcher.message(f"{len(rows)} of {count} runs are kept; the same command with --resume goes on")
+            raise
+        sweep = as_sweep(points, begun, [rows[variant] for variant in range(count)])
+        write_sweep(begun.path, sweep)
+        file.remove()
+    return sweep
+
+
+def _tell(points: Points, begun: Begun, watcher: Watcher) -> None:
+    """Say what a user should know before the first run."""
+    known = {column.path for column in columns()}
+    left = [path for path in points.base.case.accept if path.partition("[")[0] not in known]
+    if left:
+        watcher.message(f"note: a sweep does not compute {', '.join(left)}: the accept limits on that are not judged")
+    if begun.resumed:
+        watcher.message(f"{len(begun.rows)} of {points.grid.variants} runs were played before")
+
+
+def _progress(done: int, count: int, each_s: float) -> str:
+    return f"{done} of {count} runs, about {each_s * (count - done):.0f} s left"
+
+
+def _rows(points: Points, shared: Shared, request: SweepRequest, done: frozenset[int]) -> Iterator[Row]:
+    """Yield the rows that are left, in the order they are made, whatever the number of threads."""
+    waiting: deque[Future[Row]] = deque()
+    with ThreadPoolExecutor(request.jobs) as pool:
+        try:
+            for future in _handed_out(points, shared, request, done, pool):
+                waiting.append(future)
+                if len(waiting) > AHEAD * request.jobs:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _handed_out(
+    points: Points, shared: Shared, request: SweepRequest, done: frozenset[int], pool: ThreadPoolExecutor
+) -> Iterator[Future[Row]]:
+    """Make each grid point ready and hand its runs out; a point that cannot be made ready has rows that say so."""
+    kept, seeds = columns(), points.grid.seeds
+    for point in points.order:
+        left = [k for k in range(len(seeds)) if point * len(seeds) + k not in done]
+        if not left:
+            continue
+        try:
+            ready = shared.ready(point_case(request.asked, points.grid, point))
+        except Exception as error:
+            blank = failed(Row(0, "", "", 0, "", "", np.full(width(kept, points.storeys), np.nan)), error)
+            yield from (pool.submit(replace, blank, variant=point * len(seeds) + k) for k in left)
+            continue
+        for k in left:
+            yield pool.submit(play_variant, ready, point * len(seeds) + k, seeds[k], kept, points.storeys)

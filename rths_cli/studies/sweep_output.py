@@ -1,0 +1,130 @@
+"""Where a sweep's table goes, what of it is there already, and the table made of all rows."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import astuple, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rths_cli.case.load import resolved_yaml
+from rths_cli.errors import InputError
+from rths_cli.experiment.run import worst_code
+from rths_cli.files.result_writer import check_writable
+from rths_cli.files.sweep_file import TEXTS, Figure, Sweep, read_attributes, read_rows, rows_path
+from rths_cli.studies.sweep_table import Row, columns, table
+
+if TYPE_CHECKING:
+    from rths_cli.studies.grid_points import Points
+
+IDENTITY = ("plan_sha256", "software_sha256")
+OTHER = "another sweep (case, grid, options or version of rths differ)"
+ELSEWHERE = "choose another --output, or remove the file"
+BYTES_PER_RUN = 3000  # of rows and result file, for the check of free space
+
+
+@dataclass(frozen=True)
+class Begun:
+    """A sweep about to be played: the root attributes of its file, and the rows that an earlier start has played."""
+
+    path: Path
+    attributes: dict[str, Any]
+    rows: dict[int, Row]
+    resumed: bool
+
+
+def begin(path: Path, attributes: dict[str, Any], runs: int, figures: int, replace: bool, resume: bool) -> Begun | None:
+    """Return what is to be played, None when the file is whole and `resume` asks for what is left of it.
+
+    `figures`: how many numbers the row of one run has.
+
+    Raises InputError where the file cannot be written or would replace what it must not.
+    """
+    if path.is_dir():
+        raise InputError(f"--output {path}: is a folder; give the name of a file in it")
+    begun = _under_way(path, attributes, runs, figures, resume) if rows_path(path).exists() else None
+    if begun is None and path.exists() and _is_whole(path, attributes, replace, resume):
+        return None
+    check_writable(path.parent, BYTES_PER_RUN * runs)
+    return begun or Begun(path, attributes, {}, False)
+
+
+def _under_way(path: Path, attributes: Mapping[str, Any], runs: int, figures: int, resume: bool) -> Begun:
+    """Return the sweep of so many runs, each of so many figures, whose rows stand beside the file."""
+    place = rows_path(path)
+    stored, lines = read_rows(place)
+    if any(stored.get(name) != attributes[name] for name in IDENTITY):
+        raise InputError(f"{place}: holds {len(lines)} runs of {OTHER}; {ELSEWHERE}")
+    if not resume:
+        raise InputError(
+            f"{place}: holds {len(lines)} runs of this sweep, which was interrupted; add --resume to go on, or remove "
+            "the file to begin anew"
+        )
+    if not all(_is_row(line, runs, figures) for line in lines):
+        raise InputError(f"{place}: holds rows that are not of this sweep; remove it and run the sweep anew")
+    rows = [_row(line) for line in lines]
+    return Begun(path, {k: v for k, v in stored.items() if k != "format"}, {row.variant: row for row in rows}, True)
+
+
+def _is_row(line: Any, runs: int, figures: int) -> bool:
+    """Tell whether a line is of the types that `as_line` makes, and of this sweep."""
+    if not isinstance(line, list) or [type(item) for item in line] != [int, str, str, int, str, str, list]:
+        return False
+    numbers = len(line[-1]) == figures and all(isinstance(item, int | float) for item in line[-1])
+    return 0 <= line[0] < runs and numbers
+
+
+def _row(line: list[Any]) -> Row:
+    """Return a row from what `as_line` made of it."""
+    variant, status, reason, exit_code, verdict, model, figures = line
+    return Row(variant, status, reason, exit_code, verdict, model, np.array(figures, dtype=float))
+
+
+def _is_whole(path: Path, attributes: Mapping[str, Any], replace: bool, resume: bool) -> bool:
+    """Tell whether a finished file answers what is asked; raise InputError unless that or it may be replaced."""
+    stored = read_attributes(path)
+    if stored.get("plan_sha256") != attributes["plan_sha256"]:
+        raise InputError(f"{path}: holds {OTHER}; {ELSEWHERE}")
+    if resume and stored.get("software_sha256") == attributes["software_sha256"]:
+        return True
+    if not replace:
+        raise InputError(f"{path}: exists; remove it, choose another --output, or drop --no-replace")
+    return False
+
+
+def as_line(row: Row) -> list[Any]:
+    """Return a row as the file of a sweep under way holds it."""
+    *start, figures = astuple(row)
+    return [*start, figures.tolist()]
+
+
+def as_sweep(points: Points, begun: Begun, rows: Sequence[Row]) -> Sweep:
+    """Return the table of all rows, in the order of the grid."""
+    grid, per_point, kept = points.grid, len(points.grid.seeds), columns()
+    numbers = table(kept, points.storeys, [row.figures for row in rows])
+    values = list(zip(*(grid.values(point) for point in range(grid.points)), strict=True))
+    counts = Counter(row.status for row in rows)
+    code = worst_code(row.exit_code for row in rows)
+    ends = {"status": "complete", "status_reason": told(counts), "exit_code": code}
+    return Sweep(
+        begun.attributes | ends,
+        points.base.case.yaml_text,
+        resolved_yaml(points.base.case),
+        per_point,
+        {axis.key: _repeated(found, per_point) for axis, found in zip(grid.axes, values, strict=True)},
+        np.tile(np.array(grid.seeds, dtype=np.int64), grid.points),
+        {name: tuple(getattr(row, name) for row in rows) for name in TEXTS},
+        {column.path: Figure(numbers[column.path], column.units, column.definition) for column in kept},
+    )
+
+
+def told(counts: Mapping[str, int]) -> str:
+    """Return how many runs ended how."""
+    return ", ".join(f"{counts[status]} {status}" for status in sorted(counts))
+
+
+def _repeated(values: Sequence[Any], times: int) -> tuple[Any, ...]:
+    return tuple(value for value in values for _ in range(times))

@@ -1,1 +1,0 @@
-"""The only rooms that see a Case: they turn it into a Setup, run it, and write what happened."""

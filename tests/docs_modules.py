@@ -1,0 +1,58 @@
+"""The README's map of the package, down to the file: made from the modules' own first sentences."""
+
+from __future__ import annotations
+
+import ast
+import re
+import textwrap
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+PACKAGE = ROOT / "rths_cli"
+BEGIN, END = "<!-- modules: made by python tests/docs_reference.py -->\n", "<!-- end of modules -->\n"
+ORDER = (
+    "cli", "api", "studies", "experiment", "report", "loop", "analysis", "identification", "control", "rigs",
+    "structure", "files", "case", "numerics", "quantities",
+)  # fmt: skip
+WIDTH = 118
+
+
+def module_map() -> str:
+    """Return the packages from the highest layer to the lowest, each with its files and what they hold."""
+    parts = ["```", *_folder(PACKAGE, ""), "```"]
+    for name in ORDER:
+        parts += ["", f"**rths_cli/{name}/** {_first_sentence(PACKAGE / name / '__init__.py')}", "", "```"]
+        parts += [*_tree(PACKAGE / name, ""), "```"]
+    return "\n".join(parts) + "\n"
+
+
+def with_map(readme: str) -> str:
+    """Return a README with its map made anew between the two marks."""
+    before, _, rest = readme.partition(BEGIN)
+    _, _, after = rest.partition(END)
+    return f"{before}{BEGIN}\n{module_map()}\n{END}{after}"
+
+
+def _tree(folder: Path, indent: str) -> list[str]:
+    lines = _folder(folder, indent)
+    for child in sorted(path for path in folder.iterdir() if (path / "__init__.py").exists()):
+        about = _first_sentence(child / "__init__.py")
+        lines += _entry(f"{indent}{child.name}/", about)
+        lines += _tree(child, indent + "  ")
+    return lines
+
+
+def _folder(folder: Path, indent: str) -> list[str]:
+    files = sorted(path for path in folder.glob("*.py") if not path.name.startswith("__"))
+    return [line for path in files for line in _entry(f"{indent}{path.name}", _first_sentence(path))]
+
+
+def _entry(name: str, about: str) -> list[str]:
+    head = f"{name:<28} "
+    return textwrap.wrap(about, WIDTH, initial_indent=head, subsequent_indent=" " * 30) or [head.rstrip()]
+
+
+def _first_sentence(path: Path) -> str:
+    doc = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
+    first = " ".join(doc.split("\n\n")[0].split())
+    return re.split(r"(?<=\w)\. |\.$", first)[0]

@@ -1,0 +1,71 @@
+"""Buildings, rates and converters of every kind through identify, check and run: what ended in an internal error once,
+and a small sample of the benchmark of random cases."""
+
+from __future__ import annotations
+
+import json
+import sys
+import warnings
+from pathlib import Path
+
+import pytest
+
+from rths_cli.case.load import load_cases
+from rths_cli.experiment.model_registry import Memory
+from rths_cli.experiment.run import Ended, run_case
+from rths_cli.experiment.setup import make_setup
+
+sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
+
+from random_case_draw import make_records
+from random_cases import RAN, REFUSED, judged
+
+ONE_STOREY = {
+    "numerical": {"masses_kg": [7.0], "stiffness_n_per_m": [8000.0]},
+    "experimental": {"masses_kg": [7.0], "stiffness_n_per_m": [110539.57], "damping_ratios": [0.03]},
+}
+COARSE = {
+    "numerical": {"masses_kg": [14.8, 9.9], "stiffness_n_per_m": [12e4, 9e4]},
+    "experimental": {
+        "masses_kg": [8.71, 3.99],
+        "stiffness_n_per_m": [35505.0, 55589.0],
+        "damping_ratios": [0.058, 0.023],
+    },
+}
+SATURATING = {
+    "extends": "aps400_virtual",
+    "converters": {"bits": 12, "latency_samples": 3},
+    "physics": {"force_limit_n": 174.0, "loop_specimen_mass_kg": 22.9, "moving_mass_kg": 8.94},
+}
+
+
+def run(folder: Path, **keys: object) -> Ended:
+    """Run EXP-RTHS of a case whose libraries may not warn."""
+    path = folder / "case.yaml"
+    path.write_text(json.dumps({"record": "el_centro", "scaling": 0.2, "runs": ["exp_rths"], **keys}))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        return run_case(make_setup(load_cases([path])[0]), folder / "case.h5", Memory(), "test", lambda _: None)
+
+
+@pytest.mark.parametrize("rate_hz", [500.0, 2000.0])
+def test_a_stiff_storey_whose_free_vibration_dies_at_once(rate_hz: float, tmp_path: Path) -> None:
+    """20 Hz at 3 %: the second part of its free vibration is within one bit of the converter."""
+    ended = run(
+        tmp_path, structure=ONE_STOREY, damping={"first_mode_ratio": 0.06}, controller="FF", sample_rate_hz=rate_hz
+    )
+    assert (ended.status, ended.exit_code) == ("complete", 0), ended.reason
+
+
+def test_coarse_converters_on_a_table_whose_force_ends_before_its_data_sheet_says(tmp_path: Path) -> None:
+    ended = run(tmp_path, structure=COARSE, damping={"first_mode_ratio": 0.03}, controller="FF+FB", table=SATURATING)
+    assert (ended.status, ended.exit_code) == ("complete", 0), ended.reason
+    assert any("measured again at half the level" in warning for warning in ended.warnings)
+
+
+@pytest.mark.parametrize("seed", [18])
+def test_random_cases_end_with_a_result_or_a_true_reason(seed: int, tmp_path: Path) -> None:
+    make_records(tmp_path)
+    row = judged(seed, tmp_path)
+    assert row.outcome in (RAN, REFUSED), row.crash
+    assert row.honest, row.reasons

@@ -1,0 +1,118 @@
+"""The pre-flight check on whole cases: what it starts from, and its verdicts on shipped ones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rths_cli.analysis.identified_rig import identified_rig
+from rths_cli.analysis.prediction import Known
+from rths_cli.analysis.sim import simulate
+from rths_cli.analysis.stability_check import SAFE, UNSAFE, UNSTABLE
+from rths_cli.case.load import load_cases
+from rths_cli.control.numerical_substructure import all_storeys
+from rths_cli.experiment.check import as_identified, known_of, preflight_of
+from rths_cli.experiment.design import design_blocks
+from rths_cli.experiment.model_registry import Memory
+from rths_cli.experiment.setup import Setup, make_setup
+from rths_cli.identification.results import Identification
+
+
+def setup_of(case: str, *settings: str) -> Setup:
+    return make_setup(load_cases([case], settings)[0])
+
+
+@pytest.mark.parametrize("controller", ["FF", "FF+FB"])
+def test_the_papers_building_is_safe(controller: str, default_identification: Identification) -> None:
+    setup = setup_of("el_centro_low_ff_fb", f"controller={controller}")
+    found = preflight_of(setup, default_identification, design_blocks(setup, default_identification))
+    assert (found.verdict, found.reasons) == (SAFE, ())
+    assert 1e3 * found.critical.delay_s == pytest.approx(7.94, abs=0.02)  # NOTES.md 3
+    assert found.stability.radius < 1.0
+    assert found.prediction is not None
+    assert found.prediction.total.storeys.shape == (3,)
+    assert (found.prediction.total.storeys < 0.005).all()
+    assert found.largest_scaling > 0.3
+
+
+def test_twice_the_largest_scaling_is_unsafe_and_says_which_limit(default_identification: Identification) -> None:
+    safe = setup_of("el_centro_low_ff_fb")
+    largest = preflight_of(safe, default_identification, design_blocks(safe, default_identification)).largest_scaling
+    for factor, verdict in ((0.99, SAFE), (1.01, UNSAFE)):
+        setup = setup_of("el_centro_low_ff_fb", f"scaling={factor * largest}")
+        found = preflight_of(setup, default_identification, design_blocks(setup, default_identification))
+        assert found.verdict == verdict
+        assert found.largest_scaling == pytest.approx(largest, rel=1e-3)
+        assert all("the limit is" in reason for reason in found.reasons)
+
+
+def test_the_bare_building_is_refused(memory: Memory) -> None:
+    setup = setup_of("el_centro_bare_ff_fb")
+    identified = memory.identify(setup, lambda _: None)
+    found = preflight_of(setup, identified, design_blocks(setup, identified))
+    assert found.verdict != SAFE
+    assert found.reasons
+    assert 1e3 * found.critical.delay_s == pytest.approx(1.2, abs=0.1)
+
+
+def test_a_loop_that_diverges_is_unstable_and_has_no_prediction(default_identification: Identification) -> None:
+    """The blocks designed for one sample of latency on a rig as identified with 24 more."""
+    setup = setup_of("el_centro_low_ff_fb", "controller=FF")
+    late = replace(
+        default_identification,
+        best=replace(default_identification.best, delay_s=default_identification.best.delay_s + 24 * setup.rig.dt_s),
+    )
+    found = preflight_of(setup, late, design_blocks(setup, default_identification))
+    assert found.verdict == UNSTABLE
+    assert found.prediction is None
+    assert "spectral radius" in found.reasons[0]
+
+
+def of_the_default(setup: Setup, identified: Identification) -> Known:
+    specimen = identified.specimen.specimen
+    rig = identified_rig(identified.best, specimen, setup.rig, setup.removes_sensors)
+    storeys = all_storeys(setup.building.numerical, setup.rig.dt_s)
+    return known_of(setup, identified, design_blocks(setup, identified), rig, storeys, 0.9998)
+
+
+def test_a_prediction_starts_from_sim_of_the_building_as_identified(
+    default_setup: Setup, default_identification: Identification
+) -> None:
+    known = of_the_default(default_setup, default_identification)
+    building = as_identified(default_setup, default_identification.specimen.specimen)
+    assert building.specimen is default_identification.specimen.specimen
+    assert building.numerical is default_setup.building.numerical
+    sim = simulate(building, default_setup.rig.dt_s, default_setup.motion.accel_m_s2)
+    found, lines = known.lines.series(known.sim), known.lines
+    at = np.arange(found.shape[1]) * lines.reduced_dt_s
+    exact = np.array([np.interp(at, default_setup.motion.time_s, row) for row in sim.abs_accel_m_s2])
+    assert np.abs(found - exact).max() < 0.02 * np.abs(exact).max()
+    moved = sim.rel_vel_m_s[0] + default_setup.motion.velocity_m_s
+    assert known.velocity_m_s == pytest.approx(moved)
+
+
+def test_a_prediction_knows_nothing_of_the_declared_specimen(
+    default_setup: Setup, default_identification: Identification
+) -> None:
+    """Other stiffness and damping declared for the experimental storeys: not a byte changes."""
+    declared = default_setup.building.specimen
+    other = replace(default_setup.building, specimen=replace(declared, K=2.0 * declared.K, C=3.0 * declared.C))
+    found = [
+        of_the_default(replace(default_setup, building=building), default_identification)
+        for building in (default_setup.building, other)
+    ]
+    assert found[0].sim.tobytes() == found[1].sim.tobytes()
+    assert found[0].floors.tobytes() == found[1].floors.tobytes()
+    assert found[0].loop.loop.tobytes() == found[1].loop.loop.tobytes()
+
+
+def test_the_prediction_is_near_what_a_run_measures(
+    default_setup: Setup, default_identification: Identification
+) -> None:
+    found = preflight_of(
+        default_setup, default_identification, design_blocks(default_setup, default_identification)
+    ).prediction
+    assert found.total.storeys == pytest.approx([0.0006, 0.0008, 0.0010], rel=0.5)  # the README's table
+    assert found.total.tracking == pytest.approx(0.0003, rel=0.5)

@@ -1,0 +1,82 @@
+"""When the samples of a rig are there: over UDP against a real server, and on a rig with a clock of its own."""
+
+from __future__ import annotations
+
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from serving_bench import Running
+
+from rths_cli.errors import RigError
+from rths_cli.experiment import doctor_of_rig
+from rths_cli.experiment.doctor_of_rig import exchange_delays, paced_delays
+from rths_cli.experiment.serve import describe
+from rths_cli.loop import udp_target
+from rths_cli.rigs.udp import packets
+from rths_cli.rigs.udp.key_file import make_secret
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")
+MS = 1_000_000
+
+
+class Paced:
+    """A rig whose exchanges return at even instants, those of `late` later by so many ns."""
+
+    def __init__(self, dt_s: float, late_ns: dict[int, int]) -> None:
+        self.info = replace(describe("aps400_virtual", "three_storey", (), 0).setup.rig, dt_s=dt_s)
+        self.late_ns, self.k, self.start = late_ns, 0, time.monotonic_ns()
+
+    def exchange(self, command_v: float) -> None:
+        assert command_v == 0.0
+        self.k += 1
+        due = self.start + round(self.k * self.info.dt_s * 1e9) + self.late_ns.get(self.k, 0)
+        time.sleep(max(due - time.monotonic_ns(), 0) / 1e9)
+
+
+def test_a_late_exchange_of_a_rig_with_its_own_clock_shows() -> None:
+    rig = Paced(0.002, {21: 9 * MS})
+    late = paced_delays(rig, 40)  # type: ignore[arg-type]
+    assert late.shape == (40,) and late.min() == 0
+    assert late[20] >= 9 * MS - late[:20].max() and late[20] > 5 * MS
+
+
+def test_the_exchange_over_udp_is_measured_and_the_table_stays_at_rest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    make_secret(tmp_path / "key")
+    served = describe("aps400_virtual", "three_storey", ("sample_rate_hz=200",), 0)
+    running = Running(served, tmp_path / "key")
+    monkeypatch.setattr(doctor_of_rig, "open_rig", lambda *_: running.rig())
+    try:
+        late = exchange_delays(served.setup.case)(200.0, 0.2)
+        assert late.shape == (40,) and (late > 0).all()
+        assert running.server.ended[0].commands + running.server.ended[0].lost == 40
+        assert running.session[udp_target.STATE] == packets.RESTED
+        assert not running.server._table.state.state[: running.server._table.plant.mechanical].any()
+    finally:
+        running.end()
+
+
+def test_a_target_that_stops_ends_the_measurement(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    make_secret(tmp_path / "key")
+    served = describe("aps400_virtual", "three_storey", ("sample_rate_hz=200",), 0)
+    running = Running(served, tmp_path / "key")
+    rig = running.rig()
+    monkeypatch.setattr(doctor_of_rig, "open_rig", lambda *_: rig)
+    armed = rig.arm
+
+    def arm_and_fail() -> np.ndarray:
+        samples = armed()
+        running.session[udp_target.FAULTS] = packets.ACTUATOR
+        return samples
+
+    monkeypatch.setattr(rig, "arm", arm_and_fail)
+    try:
+        with pytest.raises(RigError, match="actuator"):
+            exchange_delays(served.setup.case)(200.0, 0.2)
+    finally:
+        running.end()

@@ -1,0 +1,325 @@
+"""What an interrupted run left becomes a result: the same samples as the run that was not interrupted, only fewer."""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+from rths_cli.case.load import load_cases, resolved_yaml
+from rths_cli.errors import InputError
+from rths_cli.experiment.check_cases import verdict_on
+from rths_cli.experiment.model_registry import Memory
+from rths_cli.experiment.recovery import recover
+from rths_cli.experiment.rig_access import EXP_RTHS, SHAKE_TABLE
+from rths_cli.experiment.run import run_case
+from rths_cli.experiment.setup import make_setup
+from rths_cli.experiment.table_runs import play_run
+from rths_cli.files.raw_log import RawHeader, RawLogWriter, raw_log_path
+from rths_cli.files.result_reader import ResultWriter, read_result
+from rths_cli.loop.run_log import Signals
+from rths_cli.loop.step_arrays import NUMERICAL, RECORD
+
+CASE = "structure: three_storey\ndamping: low\nrecord: ./short.csv\nscaling: 0.3\ncontroller: FF+FB\n"
+IDENTIFIED = "\nidentification:\n  model: /gone/model.h5\n"
+TRUTH = ("true_velocity_m_s_0", "true_velocity_m_s_1", "true_velocity_m_s_2", "true_displacement_m")
+
+
+@dataclass(frozen=True)
+class Played:
+    """A case that ran to its end: its result, and header and columns of the raw log of each run on the table."""
+
+    folder: Path
+    result: Path
+    logs: dict[str, tuple[RawHeader, np.ndarray]]
+
+
+def named(log: Signals) -> dict[str, np.ndarray]:
+    """Return the signals of a log by the names of the columns of a raw log."""
+    desired = ("desired_accel_m_s2", "desired_velocity_m_s", "desired_displacement_m")
+    return {
+        "command_v": log.command_v,
+        **dict(zip(desired, log.desired, strict=True)),
+        **{f"corrected_{i}": row for i, row in enumerate(log.corrected)},
+        **{f"estimated_{i}": row for i, row in enumerate(log.estimated)},
+        "base_shear_n": log.base_shear_n,
+        "compute_ns": log.compute_ns,
+        "sample_v_0": log.command_v,
+        **{f"true_velocity_m_s_{i}": row for i, row in enumerate(log.true_velocity_m_s)},
+        "true_displacement_m": log.true_displacement_m,
+    }
+
+
+@pytest.fixture(scope="module")
+def played(tmp_path_factory: pytest.TempPathFactory, memory: Memory) -> Played:
+    folder = tmp_path_factory.mktemp("played")
+    time_s = np.arange(0.0, 4.5, 0.01)
+    accel = 1.5 * np.sin(4 * np.pi * time_s) * np.sin(np.pi * time_s / 4.5) ** 2
+    (folder / "short.csv").write_text("# dt: 0.01 s\n# units: m/s^2\n" + "\n".join(f"{a:.6f}" for a in accel))
+    (folder / "a.yaml").write_text(CASE)
+    setup = make_setup(load_cases([folder / "a.yaml"], ["runs=[shake_table, exp_rths]"])[0], ("check",))
+    known = memory.known(setup, lambda _: None)
+    checked = verdict_on(setup, known)
+    assert checked.design is not None
+    result = folder / "a.h5"
+    assert run_case(setup, result, memory, "rths run a.yaml", lambda _: None).exit_code == 0
+    told = ("format", "format_version", "status", "status_reason")
+    attributes = {key: value for key, value in read_result(result).attributes.items() if key not in told}
+    logs = {}
+    for run, source, stream in (("shake_table", RECORD, SHAKE_TABLE), ("exp_rths", NUMERICAL, EXP_RTHS)):
+        outcome = play_run(setup, checked.design, source, stream)
+        columns = named(outcome.log)
+        header = RawHeader(
+            tuple(columns),
+            ("1",) * len(columns),
+            setup.rig.dt_s,
+            outcome.steps,
+            checked.design.blocks.lead_samples,
+            run,
+            "a.h5",
+            str(setup.case.path),
+            setup.case.yaml_text,
+            resolved_yaml(setup.case),
+            attributes,
+        )
+        logs[run] = (header, np.array(list(columns.values())))
+    return Played(folder, result, logs)
+
+
+def begun(played: Played, path: Path) -> Path:
+    """Write what stands in a result while the table moves: all but the runs and their figures."""
+    shutil.copy(played.result, path)
+    with h5py.File(path, "a") as file:
+        for name in ("shake_table", "exp_rths", "metrics"):
+            del file[name]
+        file.attrs.update({"status": "interrupted", "status_reason": "the table moves"})
+    return path
+
+
+def left(played: Played, folder: Path, run: str, steps: int, header: RawHeader | None = None) -> Path:
+    """Write the raw log of a run that was killed after some steps."""
+    told, columns = played.logs[run]
+    told = header or told
+    path = raw_log_path(folder / told.result, run)
+    with RawLogWriter(path, told) as log:
+        for first in range(0, steps, 100):
+            log.append(first, columns[:, first : min(first + 100, steps)])
+    return path
+
+
+def series(path: Path, run: str) -> dict[str, np.ndarray]:
+    found: dict[str, np.ndarray] = {}
+    with h5py.File(path) as file:
+        file[run].visititems(
+            lambda name, node: found.update({name: node[()]}) if isinstance(node, h5py.Dataset) else None
+        )
+    return found
+
+
+def _elsewhere(resolved: str, folder: str, gone: str) -> str:
+    """Return a resolved case that names a model, and another folder."""
+    return resolved.replace("\nidentification:\n", IDENTIFIED).replace(folder, gone)
+
+
+@pytest.mark.parametrize("present", [True, False], ids=["result begun", "no result"])
+def test_a_recovered_run_is_the_start_of_the_whole_one(played: Played, tmp_path: Path, present: bool) -> None:
+    result = tmp_path / "a.h5"
+    if present:
+        begun(played, result)
+    gone = "/gone" if present else str(played.folder)  # the result has the record
+    given = {
+        run: replace(header, resolved_yaml=_elsewhere(header.resolved_yaml, str(played.folder), gone))
+        for run, (header, _) in played.logs.items()
+    }
+    killed = (("shake_table", 3001), ("exp_rths", 5000))
+    logs = [left(played, tmp_path, run, steps, given[run]) for run, steps in killed]
+    two, one = (recover([log])[0] for log in reversed(logs))
+    assert (one.samples, two.samples, two.steps) == (3001, 5000, played.logs["exp_rths"][0].steps)
+    whole, part = read_result(played.result), read_result(result)
+    note = (
+        f"EXP-RTHS: 5000 of {two.steps} steps of the record (2.500 s of 4.492 s) are recovered from a.exp_rths.rthslog"
+    )
+    assert two.note == note and one.note.startswith("shake-table test: 3001 of")
+    assert part.attributes["status"] == one.status == "interrupted" and part.metrics == {}
+    reason = f"the process ended before the run did; {one.note}; {two.note}"
+    assert part.attributes["status_reason"] == reason and part.attributes["recovered_exp_rths"] == note
+    same = set(whole.attributes) - {"status", "status_reason"}
+    assert {key: part.attributes[key] for key in same} == {key: whole.attributes[key] for key in same}
+    texts = (whole.case_yaml, whole.resolved_yaml if present else given["exp_rths"].resolved_yaml)
+    assert (part.case_yaml, part.resolved_yaml) == texts
+    for run, steps in killed:
+        count = steps - played.logs[run][0].lead_samples
+        expected, found = series(played.result, run), series(result, run)
+        expected = {
+            name: values for name, values in expected.items() if not name.startswith("rest/")
+        }  # not in this log
+        assert set(found) == set(expected) and len(found) > 12
+        for name, values in expected.items():
+            if name != "timing/compute_s":
+                along = name.rpartition("/")[2] not in ("storey", "floor")
+                np.testing.assert_array_equal(found[name], values[..., :count] if along else values, name)
+    assert ("identification" in part.groups) == present and "record" in part.groups
+
+
+def test_a_second_time_nothing_is_done(played: Played, tmp_path: Path) -> None:
+    result = begun(played, tmp_path / "a.h5")
+    log = left(played, tmp_path, "exp_rths", 1000)
+    (first,) = recover([log])
+    before = result.read_bytes()
+    (second,) = recover([log])
+    assert not first.known and second == replace(first, known=True)
+    assert result.read_bytes() == before and log.exists()
+
+
+def test_a_failed_result_gets_the_run_that_it_has_not_and_says_both(played: Played, tmp_path: Path) -> None:
+    result = begun(played, tmp_path / "a.h5")
+    with h5py.File(result, "a") as file:
+        file.attrs.update({"status": "failed", "status_reason": "the link was lost"})
+        file["exp_rths/command_v"] = [0.0]
+    logs = [left(played, tmp_path, "exp_rths", 1000), left(played, tmp_path, "shake_table", 500)]
+    here, added = recover(logs)
+    assert (here.known, added.known, added.status) == (True, False, "failed")
+    found = read_result(result)
+    assert found.attributes["status"] == "failed" and "shake_table" in found.groups
+    assert found.attributes["status_reason"] == f"the link was lost; {added.note}"
+
+
+def test_the_ramp_before_the_record_is_left_out(played: Played, tmp_path: Path) -> None:
+    header, columns = played.logs["exp_rths"]
+    ramped = replace(header, steps=header.steps + 300, ramp_steps=300)
+    path, result, whole = (
+        raw_log_path(tmp_path / "a.h5", "exp_rths"),
+        tmp_path / "a.h5",
+        series(played.result, "exp_rths"),
+    )
+    for steps in (300, 1300):
+        begun(played, result)
+        with RawLogWriter(path, ramped) as log:
+            log.append(0, np.full((len(columns), 300), 7.0))
+            if steps > 300:
+                log.append(300, columns[:, :steps])
+        recover([path])
+        path.unlink()
+        assert ("exp_rths" in read_result(result).groups) == (steps > 300)  # no step of the record before
+    found = series(result, "exp_rths")["rel_disp_m"]
+    np.testing.assert_array_equal(found, whole["rel_disp_m"][:, : 1300 - header.lead_samples])
+
+
+def test_what_the_loop_noted_of_its_time_comes_back(played: Played, tmp_path: Path) -> None:
+    header, columns = played.logs["exp_rths"]
+    names = ("late_ns", "exchange_ns", "lost", "state")
+    timed = replace(header, names=(*header.names, *names), units=(*header.units, "ns", "ns", "1", "1"))
+    noted = 1000.0 * np.arange(4.0)[:, None] + np.arange(800.0)
+    path = raw_log_path(begun(played, tmp_path / "a.h5"), "exp_rths")
+    with RawLogWriter(path, timed) as log:
+        log.append(0, np.vstack([columns[:, :800], noted]))
+    recover([path])
+    found, lead = series(tmp_path / "a.h5", "exp_rths"), header.lead_samples
+    for name, values in zip(("late_s", "exchange_s", "lost", "state"), noted, strict=True):
+        np.testing.assert_allclose(found[f"timing/{name}"], values[lead:] * (1e-9 if name.endswith("_s") else 1.0))
+
+
+def test_what_no_rig_knows_is_nan_and_what_is_missing_in_between_is_told(played: Played, tmp_path: Path) -> None:
+    header, columns = played.logs["exp_rths"]
+    kept = [i for i, name in enumerate(header.names) if name not in TRUTH]
+    lean = replace(header, names=tuple(header.names[i] for i in kept), units=("1",) * len(kept))
+    begun(played, tmp_path / "a.h5")
+    path = raw_log_path(tmp_path / "a.h5", "exp_rths")
+    with RawLogWriter(path, lean) as log:
+        log.append(0, columns[kept, :400])
+        log.append(500, columns[kept, 500:1000])
+    (one,) = recover([path])
+    assert one.samples == 900 and "1000 of" in one.note and "100 of them are missing" in one.note
+    whole, found = series(played.result, "exp_rths"), series(tmp_path / "a.h5", "exp_rths")
+    lead, name = header.lead_samples, "interface_accel_measured_m_s2"
+    assert np.isnan(found["truth/table_accel_m_s2"]).all() and np.isnan(found[name][400 - lead : 500 - lead]).all()
+    np.testing.assert_array_equal(found[name][: 400 - lead], whole[name][: 400 - lead])
+    np.testing.assert_array_equal(found[name][500 - lead :], whole[name][500 - lead : 1000 - lead])
+    disp = found["rel_disp_m"][0]  # computed from the base shear: known up to the gap
+    np.testing.assert_array_equal(disp[:400], whole["rel_disp_m"][0, :400])
+    assert np.isnan(disp[402:]).all()
+
+
+def test_a_log_that_ends_before_the_record_begins_makes_a_result_without_the_run(
+    played: Played, tmp_path: Path
+) -> None:
+    log = left(played, tmp_path, "exp_rths", 1000)
+    data = log.read_bytes()
+    log.write_bytes(data[: data.index(b"RTHF") + 50])
+    (one,) = recover([log])
+    assert one.samples == 0 and " 0 of" in one.note
+    result = read_result(tmp_path / "a.h5")
+    assert result.groups == ("case", "record") and result.attributes["status"] == "interrupted"
+    assert recover([log])[0].known
+    lead = played.logs["exp_rths"][0].lead_samples
+    for steps in (lead, lead + 1):
+        (tmp_path / "a.h5").unlink()
+        log.unlink()
+        recover([left(played, tmp_path, "exp_rths", steps)])
+        assert ("exp_rths" in read_result(tmp_path / "a.h5").groups) == (steps > lead)
+
+
+def refused(paths: list[Path]) -> tuple[str, ...]:
+    with pytest.raises(InputError) as caught:
+        recover(paths)
+    return caught.value.faults
+
+
+def test_a_finished_result_is_left_alone_and_all_faults_come_at_once(played: Played, tmp_path: Path) -> None:
+    shutil.copy(played.result, tmp_path / "a.h5")
+    before = (tmp_path / "a.h5").read_bytes()
+    log = left(played, tmp_path, "exp_rths", 1000)
+    (tmp_path / "b.rthslog").write_text("no log")
+    other = left(played, tmp_path, "exp_rths", 10, replace(played.logs["exp_rths"][0], result="../b.h5"))
+    faults = refused([log, tmp_path / "b.rthslog", other])
+    assert len(faults) == 2
+    assert "a.exp_rths.rthslog: is not needed any more" in faults[0] and "a.h5 is complete" in faults[0]
+    assert "b.rthslog: is no raw log" in faults[1]
+    assert (tmp_path / "a.h5").read_bytes() == before and not (tmp_path / "b.h5").exists()
+    (one,) = recover([other])
+    assert one.result == other.parent / "b.h5"  # wherever the header points, the result stands beside the log
+
+
+def test_columns_case_and_record_must_fit(played: Played, tmp_path: Path) -> None:
+    header, columns = played.logs["exp_rths"]
+    result = begun(played, tmp_path / "a.h5")
+    before = result.read_bytes()
+    path = raw_log_path(result, "exp_rths")
+    names = tuple("other" if name == "corrected_2" else name for name in header.names)
+    resolved = header.resolved_yaml
+    for changed, told in (
+        (replace(header, names=names), "has no column corrected_2"),
+        (replace(header, resolved_yaml=resolved.replace("integration: exact", "integration: magic")), "integration"),
+        (replace(header, resolved_yaml="a: [1"), "its case"),
+        (replace(header, resolved_yaml="a: 1"), "its case has no record"),
+    ):
+        with RawLogWriter(path, changed) as log:
+            log.append(0, columns[:, :50])
+        (fault,) = refused([path])
+        assert str(path) in fault and told in fault
+        path.unlink()
+    assert result.read_bytes() == before
+    result.unlink()
+    shutil.copy(played.folder / "short.csv", tmp_path / "short.csv")
+    moved = replace(header, resolved_yaml=resolved.replace(str(played.folder), str(tmp_path)))
+    left(played, tmp_path, "exp_rths", 50, moved)
+    (tmp_path / "short.csv").write_text("# dt: 0.01 s\n# units: m/s^2\n" + "0.1\n0.2\n0.1\n" * 200)
+    assert "short.csv: is not the file any more that a.h5 was made with" in refused([path])[0]
+    (tmp_path / "short.csv").unlink()
+    assert "short.csv" in refused([path])[0] and not result.exists()
+
+
+def test_a_run_under_way_is_not_recovered(played: Played, tmp_path: Path) -> None:
+    header, columns = played.logs["exp_rths"]
+    begun(played, tmp_path / "a.h5")
+    with RawLogWriter(raw_log_path(tmp_path / "a.h5", "exp_rths"), header) as log:
+        log.append(0, columns[:, :50])
+        assert "is being written by a run under way" in refused([log.path])[0]
+        with ResultWriter(tmp_path / "a.h5", {}, continues=True) as writer:
+            writer.finish("complete")
+        log.remove()
+    assert not log.path.exists()

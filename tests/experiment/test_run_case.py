@@ -1,0 +1,224 @@
+"""One case from file to result file: contents, determinism, stops, limits of acceptance."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import h5py
+import numpy as np
+import pytest
+
+from rths_cli.case.load import load_cases
+from rths_cli.errors import InputError
+from rths_cli.experiment.model_registry import Known, Memory
+from rths_cli.experiment.run import Ended, run_case
+from rths_cli.experiment.setup import make_setup
+from rths_cli.experiment.warnings import differences
+from rths_cli.files.result_reader import read_result
+from rths_cli.quantities import metrics_of
+
+CASE = "el_centro_low_ff_fb"
+
+
+def run(path: Path, memory: Memory, *settings: str, case: str = CASE, overrides: tuple[str, ...] = ()) -> Ended:
+    return run_case(make_setup(load_cases([case], settings)[0], overrides), path, memory, "test", lambda _: None)
+
+
+def datasets(path: Path) -> dict[str, bytes]:
+    found: dict[str, bytes] = {}
+
+    def collect(name: str, node: h5py.Group | h5py.Dataset) -> None:
+        if isinstance(node, h5py.Dataset) and "timing" not in name and not name.startswith("case"):
+            found[name] = np.asarray(node[()]).tobytes()
+
+    with h5py.File(path) as file:
+        file.visititems(collect)
+    return found
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory, memory: Memory) -> Path:
+    path = tmp_path_factory.mktemp("whole") / "whole.h5"
+    assert run(path, memory).exit_code == 0
+    return path
+
+
+def test_the_file_keeps_the_contract(whole: Path) -> None:
+    with h5py.File(whole) as file:
+        assert file.attrs["format"] == "rths-result" and file.attrs["status"] == "complete"
+        assert file.attrs["rig_kind"] == "virtual" and len(file.attrs["model_sha256"]) == 64
+        n = file["record/time_s"].size
+        for name, shape in {
+            "sim/abs_accel_m_s2": (3, n),
+            "sim_delay/base_shear_n": (n,),
+            "exp_rths/rel_disp_m": (3, n),
+            "exp_rths/interface_accel_desired_m_s2": (n,),
+            "exp_rths/floor_accel_measured_m_s2": (2, n),
+            "exp_rths/floor_accel_estimated_m_s2": (2, n),
+            "exp_rths/truth/table_disp_m": (n,),
+            "exp_rths/truth/floor_accel_m_s2": (2, n),
+            "exp_rths/timing/compute_s": (n,),
+            "shake_table/command_v": (n,),
+        }.items():
+            assert file[name].shape == shape, name
+            assert file[name].attrs["units"] and file[name].attrs["long_name"] and file[name].attrs["source"]
+        assert {"kalman", "feedforward", "feedback", "numerical", "sensor_correction"} <= set(file["controller"])
+        assert file["identification/poles_real"].shape == (7,)
+    assert whole.stat().st_size <= 50e6
+
+
+def test_every_group_opens_in_xarray(whole: Path) -> None:
+    import xarray as xr
+
+    tree = xr.open_datatree(whole, engine="h5netcdf")
+    assert tree["exp_rths"]["abs_accel_m_s2"].dims == ("storey", "time_s")
+    assert tree["exp_rths"]["floor_accel_measured_m_s2"].dims == ("floor", "time_s")
+    assert list(tree["exp_rths"]["floor"].values) == [2, 3]
+
+
+def test_the_same_seed_gives_the_same_bytes_and_dropping_a_run_changes_no_other(
+    whole: Path, tmp_path: Path, memory: Memory
+) -> None:
+    run(tmp_path / "again.h5", memory, "runs=[exp-rths]", "name=again")
+    first, again = datasets(whole), datasets(tmp_path / "again.h5")
+    shared = {name for name in again if name in first}
+    assert len([name for name in shared if name.startswith("exp_rths/")]) > 10
+    assert [name for name in sorted(shared) if first[name] != again[name]] == []
+    run(tmp_path / "other.h5", memory, "runs=[exp-rths]", "name=other", "seed=1")
+    other = datasets(tmp_path / "other.h5")
+    assert other["exp_rths/command_v"] != again["exp_rths/command_v"]
+
+
+def test_a_limit_stops_the_run_and_the_file_says_so(tmp_path: Path, memory: Memory) -> None:
+    ended = run(tmp_path / "s.h5", memory, "scaling=3", "runs=[sim, shake_table, exp_rths]", overrides=("check",))
+    assert (ended.exit_code, ended.status) == (3, "aborted")
+    assert "stroke" in ended.reason and "shake-table test" in ended.reason
+    result = read_result(tmp_path / "s.h5")
+    assert result.attributes["status"] == "aborted"
+    assert not any(path.startswith("exp_rths.") for path in result.metrics)
+    with h5py.File(tmp_path / "s.h5") as file:
+        short = file["exp_rths/command_v"][()]
+        assert 0 < short.size < file["record/time_s"].size
+        assert np.abs(short * 0.0079).max() <= 0.079
+        assert short[-1] == pytest.approx(0.0, abs=1e-3)  # back at rest
+
+
+def test_the_table_as_delivered_is_stopped_by_a_limit_because_the_loop_is_unstable(
+    tmp_path: Path, memory: Memory
+) -> None:
+    ended = run(tmp_path / "n.h5", memory, "controller=none", "runs=[exp_rths]", overrides=("check",))
+    assert (ended.exit_code, ended.status) == (3, "aborted")
+
+
+def test_accept_limits_judge_the_figures_by_their_path(tmp_path: Path, memory: Memory) -> None:
+    fine = run(tmp_path / "a.h5", memory, "runs=[sim_delay]", "accept={'sim_delay.rms_error_m_s2[3]': 0.2}")
+    assert (fine.exit_code, fine.reason) == (0, "")
+    short = run(tmp_path / "b.h5", memory, "runs=[sim_delay]", "accept={'sim_delay.rms_error_m_s2[3]': 0.1}")
+    assert short.exit_code == 1 and "sim_delay.rms_error_m_s2[3]" in short.reason
+    assert read_result(tmp_path / "b.h5").attributes["status"] == "complete"
+
+
+def test_interface_mass_on_the_table_is_carried_through(tmp_path: Path, memory: Memory) -> None:
+    ended = run(tmp_path / "m.h5", memory, "structure.interface_experimental_mass_kg=1.7", "runs=[sim_delay, exp_rths]")
+    assert ended.exit_code == 0, ended.reason
+    metrics = read_result(tmp_path / "m.h5").metrics
+    ratio = np.asarray(metrics["exp_rths.rms_error_m_s2"]) / np.asarray(metrics["sim_delay.rms_error_m_s2"])
+    assert np.all(ratio < 0.02), ratio
+
+
+def test_a_specimen_that_differs_from_the_declared_one_is_named(tmp_path: Path, memory: Memory) -> None:
+    assert not any("differs" in warning for warning in run(tmp_path / "w.h5", memory, "runs=[exp_rths]").warnings)
+    setup = make_setup(load_cases([CASE])[0])
+    identified = memory.identify(setup, lambda _: None)
+    other = make_setup(load_cases([CASE], ("structure.experimental.natural_frequencies_hz=[3.3, 8.4]",))[0])
+    sentences = differences(other, identified)
+    assert len(sentences) == 1 and "mode 1" in sentences[0] and "3.3" in sentences[0]
+
+
+def test_a_rejected_model_moves_no_table_unless_overridden(tmp_path: Path, memory: Memory) -> None:
+    setup = make_setup(load_cases([CASE], ("runs=[sim, exp_rths]",))[0])
+    found = memory.identify(setup, lambda _: None)
+    rejected = replace(found, verdict=replace(found.verdict, accepted=False, reasons=("made up",)))
+    known = SimpleNamespace(known=lambda *_: Known(rejected, "made up"))
+    ended = run_case(setup, tmp_path / "r.h5", known, "test", lambda _: None)  # type: ignore[arg-type]
+    assert (ended.exit_code, ended.status) == (1, "refused") and "made up" in ended.reason
+    with h5py.File(tmp_path / "r.h5") as file:
+        assert "exp_rths" not in file and "sim" in file
+    insisted = replace(setup, overrides=("model",))
+    ended = run_case(insisted, tmp_path / "o.h5", known, "test", lambda _: None)  # type: ignore[arg-type]
+    assert ended.exit_code == 0
+    assert read_result(tmp_path / "o.h5").attributes["overrides"] == "model"
+
+
+def test_a_specimen_too_heavy_for_the_table_is_refused() -> None:
+    case = load_cases([CASE], ("table.nominal.payload_kg=13",))[0]
+    with pytest.raises(InputError, match=r"13\.86 kg.*at most 13 kg"):
+        make_setup(case)
+
+
+def test_the_figures_known_beforehand_are_those_a_run_has(whole: Path) -> None:
+    runs = ("sim", "sim_delay", "shake_table", "exp_rths", "check")
+    metrics = {path: np.ndim(value) > 0 for path, value in read_result(whole).metrics.items()}
+    written = {path: per_storey for path, per_storey in metrics.items() if path.split(".")[0] in runs}
+    known = metrics_of(*runs)
+    real_rigs = ("_steps", ".longest_gap_s")
+    computed = {path for path in known if not path.endswith(real_rigs)}
+    assert set(written) <= computed and {p for p in computed - set(written) if "_lost_" not in p} == {
+        "sim_delay.diverged_at_s"
+    }
+    assert all((known[path].over != "") == several for path, several in written.items())
+
+
+@pytest.mark.parametrize(
+    ("path", "word"),
+    [("exp_rths.tracking_rms_m_s2[2]", "one number"), ("exp_rths.rms_eror_m_s2", "did you mean")],
+)
+def test_an_accepted_figure_that_cannot_be_is_refused_before_the_run(path: str, word: str) -> None:
+    with pytest.raises(InputError, match=word):
+        make_setup(load_cases([CASE], (f"accept={{'{path}': 1}}",))[0])
+
+
+def test_a_storey_that_a_figure_does_not_have_fails_the_limit_not_the_run(tmp_path: Path, memory: Memory) -> None:
+    ended = run(tmp_path / "x.h5", memory, "runs=[exp_rths]", "accept={'identification.damping_ratio[3]': 1}")
+    assert ended.exit_code == 1 and "2 values" in ended.reason
+    assert read_result(tmp_path / "x.h5").attributes["status"] == "complete"
+
+
+def test_the_stored_blocks_reproduce_the_base_shear(whole: Path) -> None:
+    with h5py.File(whole) as file:
+        block = file["controller/base_shear"]
+        gain, names = block["D"][()][0], list(block.attrs["inputs"])
+        run_group = file["exp_rths"]
+        desired, measured = run_group["interface_accel_desired_m_s2"][()], run_group["abs_accel_m_s2"][()]
+        shear, estimated = run_group["base_shear_n"][()], run_group["floor_accel_estimated_m_s2"][()]
+        rel = [run_group["rel_disp_m"][1:] - run_group["rel_disp_m"][0], run_group["rel_vel_m_s"][1:]]
+        rel[1] = rel[1] - run_group["rel_vel_m_s"][0]
+        unexplained = run_group["base_shear_unexplained_n"][()]
+    assert len(gain) == len(names) == 7 + 2 + 3 + 1
+    # at step k the estimates are those of clock k - 2, the desired those of clocks k - 2, k - 1 and k
+    inputs = np.vstack([rel[0][:, :-2], rel[1][:, :-2], estimated[:, :-2], unexplained[:-2]])
+    inputs = np.vstack([inputs, desired[:-2], desired[1:-1]])
+    inputs = np.vstack([inputs, measured[:, :-2], desired[2:]])
+    assert gain @ inputs == pytest.approx(shear[2:], abs=1e-9 * np.abs(shear).max())
+
+
+def test_a_feedback_slower_than_asked_is_named(tmp_path: Path, memory: Memory) -> None:
+    ended = run(tmp_path / "f.h5", memory, "runs=[exp_rths]", "controller={kind: FF+FB, feedback_bandwidth_hz: 900}")
+    assert any("900 Hz asked" in warning for warning in ended.warnings)
+
+
+def test_estimated_floors_are_near_the_measured_ones(whole: Path) -> None:
+    with h5py.File(whole) as file:
+        for run_name in ("shake_table", "exp_rths"):
+            measured = file[f"{run_name}/floor_accel_measured_m_s2"][()]
+            estimated = file[f"{run_name}/floor_accel_estimated_m_s2"][()]
+            assert np.std(estimated - measured, axis=1) == pytest.approx([0.0, 0.0], abs=0.02 * measured.std())
+
+
+def test_what_changes_after_identification_changes_the_shake_table_test_too(tmp_path: Path, memory: Memory) -> None:
+    run(tmp_path / "0.h5", memory, "runs=[shake_table]")
+    run(tmp_path / "1.h5", memory, "runs=[shake_table]", "table.after_identification.coulomb_factor=3")
+    before, after = (read_result(tmp_path / f"{k}.h5").metrics["shake_table.tracking_rms_m_s2"] for k in (0, 1))
+    assert after > 1.5 * before

@@ -1,0 +1,112 @@
+"""What cases of a batch share changes no byte of their results, and is made once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import h5py
+import numpy as np
+import pytest
+
+from rths_cli.case.load import load_cases
+from rths_cli.experiment import batch, check, design, run
+from rths_cli.experiment.model_registry import Memory
+from rths_cli.experiment.setup import make_setups
+from rths_cli.experiment.shared_designs import Kept
+from rths_cli.rigs.description import capabilities_of
+
+CASE = "el_centro_low_ff_fb"
+
+
+def play(path: Path, settings: tuple[str, ...], memory: Memory, kept: Kept | None) -> dict[str, bytes]:
+    """Return every dataset of a run but the case's text and the time it took."""
+    setup = make_setups(load_cases([CASE], settings), kept=kept)[0]
+    assert run.run_case(setup, path, memory, "test", lambda _: None, kept).exit_code == 0
+    found: dict[str, bytes] = {}
+
+    def collect(name: str, node: h5py.Group | h5py.Dataset) -> None:
+        if isinstance(node, h5py.Dataset) and "timing" not in name and not name.startswith("case"):
+            found[name] = np.asarray(node[()]).tobytes()
+
+    with h5py.File(path) as file:
+        file.visititems(collect)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("of", "varied"),
+    [
+        (
+            "sim,sim_delay",
+            (
+                "scaling=0.2",
+                "damping=high",
+                "record=hachinohe",
+                "record_filter.corner_hz=0.5",
+                "sample_rate_hz=1000",
+                "delay_s=0.004",
+                "structure.interface_experimental_mass_kg=0.5",
+            ),
+        ),
+        ("exp_rths", ("controller.command_weight=0.1", "damping=high", "record=hachinohe")),
+    ],
+)
+def test_a_case_has_the_same_bytes_beside_those_that_differ_in_one_key(
+    of: str, varied: tuple[str, ...], tmp_path: Path, memory: Memory
+) -> None:
+    kept, asked, path = Kept(), (f"runs=[{of}]",), tmp_path / "a.h5"
+    first = play(path, asked, memory, kept)
+    for one in varied:
+        beside = play(path, (*asked, one), memory, kept)
+        assert beside == play(path, (*asked, one), memory, None), one
+        assert beside != first, one
+    assert first == play(path, asked, memory, kept)
+
+
+def test_what_two_cases_have_in_common_is_made_once(
+    tmp_path: Path, memory: Memory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[str] = []
+
+    def count(module: object, name: str) -> None:
+        function = getattr(module, name)
+        monkeypatch.setattr(module, name, lambda *a, **k: (made.append(name), function(*a, **k))[1])
+
+    for module, name in ((run, "simulate"), (run, "simulate_delayed"), (check, "simulate"), (check, "_stability")):
+        count(module, name)
+    count(design.feedback, "design")
+    kept = Kept()
+    for number, seed in enumerate(("seed=0", "seed=1")):
+        play(tmp_path / f"{number}.h5", ("runs=[sim,sim_delay,exp_rths]", seed), memory, kept)
+    assert sorted(made) == ["_stability", "design", "simulate", "simulate", "simulate_delayed"]
+
+
+def jobs(samples: int, *kinds: str) -> list[tuple[Any, Path]]:
+    """Return jobs of records of so many samples on rigs of these kinds."""
+    motion, case = SimpleNamespace(time_s=np.empty(samples)), SimpleNamespace(n_storeys=3)
+    return [
+        (
+            SimpleNamespace(motion=motion, case=case, rig=SimpleNamespace(kind=kind, can=capabilities_of(kind))),
+            Path("a.h5"),
+        )
+        for kind in kinds
+    ]
+
+
+def test_as_much_is_kept_as_fits() -> None:
+    per_sample = 8 * (4 + 3 * 10)
+    assert batch._most_kept(jobs(1000, "virtual")) == batch.KEPT
+    assert batch._most_kept(jobs(batch.KEPT_BYTES // (3 * per_sample), "virtual")) == 3
+    assert batch._most_kept(jobs(batch.KEPT_BYTES, "virtual")) == 1
+
+
+def test_two_cases_are_worked_on_unless_one_is_real_or_very_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(batch, "cores", lambda: 4)
+    assert batch._at_once(jobs(1000, "virtual", "virtual", "virtual")) == 2
+    assert batch._at_once(jobs(1000, "virtual")) == 1
+    assert batch._at_once(jobs(1000, "virtual", "udp")) == 1
+    assert batch._at_once(jobs(batch.KEPT_BYTES, "virtual", "virtual")) == 1
+    monkeypatch.setattr(batch, "cores", lambda: 1)
+    assert batch._at_once(jobs(1000, "virtual", "virtual")) == 1

@@ -1,0 +1,117 @@
+"""Oracle: scipy.signal and scipy.fft, which the commands do not import; closed forms of the Butterworth gain."""
+
+import numpy as np
+import pytest
+from scipy import fft, signal
+
+from rths_cli.numerics import filters
+
+RATE_HZ = 2000.0
+SERIES = np.random.default_rng(5).normal(size=(7, 3000))
+
+
+@pytest.mark.parametrize("kind", ["low", "high"])
+@pytest.mark.parametrize("order", range(1, 9))
+def test_sections_have_scipys_response(order: int, kind: str) -> None:
+    for corner_hz in (1.0, 12.0, 300.0, 900.0):
+        sections = filters.butterworth(order, corner_hz, RATE_HZ, kind)
+        frequency_hz = np.linspace(0.5 * corner_hz, min(2.0 * corner_hz, 999.9), 200)
+        other = signal.butter(order, corner_hz, kind, fs=RATE_HZ, output="sos")
+        _, expected = signal.sosfreqz(other, frequency_hz, fs=RATE_HZ)
+        rounding = 1e-12 * max(1.0, 60.0 / corner_hz) ** 2  # what a change of the last bit of a section does
+        assert filters.response(sections, frequency_hz, RATE_HZ) == pytest.approx(expected, rel=0, abs=rounding)
+        if order % 2 == 0:  # scipy pairs the zeros of odd orders otherwise
+            assert sections == pytest.approx(other, rel=1e-15, abs=0)
+
+
+@pytest.mark.parametrize(("kind", "sign"), [("low", 2), ("high", -2)])
+def test_gain_at_a_low_corner_is_the_closed_form(kind: str, sign: int) -> None:
+    frequency_hz = np.array([0.1, 0.25, 1.0])
+    gain = np.abs(filters.response(filters.butterworth(3, 0.25, RATE_HZ, kind), frequency_hz, RATE_HZ))
+    assert gain == pytest.approx((1.0 + (frequency_hz / 0.25) ** (3 * sign)) ** -0.5, rel=1e-5)
+
+
+@pytest.mark.parametrize(("order", "corner_hz"), [(0, 12.0), (2, 0.0), (2, 1000.0), (2, float("nan"))])
+def test_impossible_filters_are_refused(order: int, corner_hz: float) -> None:
+    with pytest.raises(ValueError, match=f"order {order} and corner"):
+        filters.butterworth(order, corner_hz, RATE_HZ)
+
+
+@pytest.mark.parametrize("rows", [1, 2, 4, 5, 7])
+@pytest.mark.parametrize("order", [1, 2, 5, 8])
+def test_any_number_of_series_is_filtered_as_scipy_does(order: int, rows: int) -> None:
+    sections = filters.butterworth(order, 60.0, RATE_HZ)
+    series = SERIES[:rows]
+    once, both = signal.sosfilt(sections, series), signal.sosfiltfilt(sections, series, padlen=15)
+    assert filters.filtered(sections, series) == pytest.approx(once, rel=0, abs=1e-12)
+    assert filters.filtered_both_ways(sections, series, 15) == pytest.approx(both, rel=0, abs=1e-12)
+
+
+def test_high_pass_and_other_corners_both_ways() -> None:
+    for corner_hz in (0.25, 12.0, 300.0):
+        sections = filters.butterworth(3, corner_hz, RATE_HZ, "high")
+        expected = signal.sosfiltfilt(sections, SERIES, padlen=9)
+        assert filters.filtered_both_ways(sections, SERIES, 9) == pytest.approx(expected, rel=0, abs=1e-12)
+
+
+@pytest.mark.parametrize("samples", [1, 2, 3, 15, 16, 17])
+def test_short_series_and_every_padding(samples: int) -> None:
+    sections = filters.butterworth(4, 12.0, RATE_HZ)
+    series = SERIES[:3, :samples]
+    for padding in range(samples):
+        expected = signal.sosfiltfilt(sections, series, padlen=padding)
+        rounding = 1e-12 * max(1.0, np.abs(expected).max())
+        assert filters.filtered_both_ways(sections, series, padding) == pytest.approx(expected, rel=0, abs=rounding)
+    assert filters.filtered(sections, series) == pytest.approx(signal.sosfilt(sections, series), rel=0, abs=1e-12)
+    for padding in (-1, samples):
+        with pytest.raises(ValueError, match=f"padding {padding}"):
+            filters.filtered_both_ways(sections, series, padding)
+
+
+def test_shape_is_kept_and_the_series_is_left_alone() -> None:
+    sections = filters.butterworth(4, 12.0, RATE_HZ)
+    series = SERIES[:6].reshape(2, 3, -1)
+    before = series.copy()
+    both = filters.filtered_both_ways(sections, series, 15)
+    assert both.shape == series.shape == filters.filtered(sections, series).shape
+    strided = filters.filtered_both_ways(sections, np.repeat(series, 2, axis=-1)[:, :, ::2], 15)
+    assert np.array_equal(strided, both)
+    assert both[1, 2] == pytest.approx(filters.filtered_both_ways(sections, series[1, 2], 15), rel=0, abs=0)
+    assert np.array_equal(series, before)
+
+
+def test_a_nan_makes_its_whole_series_nan_and_no_other() -> None:
+    series = SERIES[:5].copy()
+    series[1, 1500:] = series[4, 7] = np.nan
+    both = filters.filtered_both_ways(filters.butterworth(4, 12.0, RATE_HZ), series, 15)
+    assert np.isnan(both[[1, 4]]).all() and np.isfinite(both[[0, 2, 3]]).all()
+    once = filters.filtered(filters.butterworth(4, 12.0, RATE_HZ), series)
+    assert np.isnan(once[1, 1500:]).all() and np.isfinite(once[1, :1500]).all()
+
+
+@pytest.mark.parametrize("numbers", [([0.5], [2.0, -1.2]), ([1.0, -1.0], [1.1, -0.9]), ([1.0], [3.5, -4.0, 1.0])])
+def test_a_section_is_any_recursion_of_two_samples(numbers: tuple[list[float], list[float]]) -> None:
+    found = filters.filtered(filters.section(*numbers), SERIES[0])
+    assert found == pytest.approx(signal.lfilter(*numbers, SERIES[0]), rel=1e-12, abs=1e-12)
+
+
+def test_modes_follow_their_recursion_from_rest() -> None:
+    poles = np.exp(np.array([-0.01 + 0.3j, -1e-4 - 0.02j, -0.5, 2.0j, -0.003 + 1.0j]))
+    now, before = np.array([1.0, 2.0j, 0.3, -1.0, 0.0]), np.array([0.5j, 0.0, 1.0 - 1.0j, 0.2, 3.0])
+    modes = filters.driven_modes(poles, now, before, SERIES[0])
+    assert modes.shape == (2, 5, 3000)
+    for r in range(5):
+        expected, _ = signal.lfilter([now[r], before[r]], [1.0, -poles[r]], SERIES[0], zi=[-now[r] * SERIES[0, 0]])
+        assert modes[0, r] + 1j * modes[1, r] == pytest.approx(expected, rel=0, abs=1e-11 * np.abs(expected).max())
+    assert filters.driven_modes(poles[0], now[0], before[0], SERIES[0])[:, 0] == pytest.approx(modes[:, 0])
+
+
+def test_lengths_are_scipys() -> None:
+    lengths = [*range(1, 4000), 107_483, 214_966, 429_933, 2**20 + 1]
+    assert [filters.fast_length(n) for n in lengths] == [fft.next_fast_len(n, real=True) for n in lengths]
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 10, 11, 1000])
+def test_taper_is_scipys(n: int) -> None:
+    for share in (0.0, 0.1, 0.5, 1.0):
+        assert filters.tukey(n, share) == pytest.approx(signal.windows.tukey(n, share), rel=0, abs=1e-15)

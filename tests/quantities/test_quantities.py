@@ -1,0 +1,55 @@
+"""One table defines every figure: whatever a run can write stands in it, with the unit it is written in."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from rths_cli.analysis import error_budget as causes_of_budget
+from rths_cli.analysis import prediction
+from rths_cli.files.result_reader import ResultWriter
+from rths_cli.quantities import KINDS, declared, kinds_of, metric
+from rths_cli.report.formats.metrics_reference import reference_page
+
+PAGE = Path(__file__).parents[2] / "docs" / "metrics.md"
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"exp_rths.rms_eror_m_s2": [0.1]}, "exp_rths.rms_eror_m_s2 is declared nowhere"),
+        ({"exp_rths.j1_s_true": 0.1}, "exp_rths.j1_s_true is declared nowhere"),
+        ({"exp_rths.rms_error_m_s2": 0.1}, "has 0 axes, declared are 1"),
+        ({"exp_rths.j2": [0.1, 0.2]}, "has 1 axes, declared are 0"),
+    ],
+)
+def test_a_value_that_is_not_declared_is_not_written(tmp_path: Path, values: dict[str, float], words: str) -> None:
+    with pytest.raises(ValueError, match=words), ResultWriter(tmp_path / "a.h5", {"rig_kind": "virtual"}) as writer:
+        writer.metrics(values)
+    assert not list(tmp_path.iterdir())
+
+
+def test_causes_are_those_of_the_budgets() -> None:
+    for group, names in (
+        ("check", prediction.CAUSES),
+        ("budget", [*causes_of_budget.CAUSES, causes_of_budget.LOST, causes_of_budget.DRIFT]),
+    ):
+        expected = {f"{group}.rms_error_{name}_m_s2" for name in names}
+        found = {one.path for one in declared() if one.path.startswith(f"{group}.rms_error_")}
+        assert found - {f"{group}.rms_error_m_s2"} == expected
+
+
+def test_a_path_is_defined_once_and_a_kind_only_where_it_exists() -> None:
+    paths = [one.path for one in declared()]
+    assert len(paths) == len(set(paths))
+    assert metric("exp_rths.j1_s_true") is None and metric("nothing.at_all") is None
+    found = metric("exp_rths.rms_error_m_s2_true_full")
+    assert kinds_of("exp_rths.rms_error_m_s2")[-1] == found.path and len(kinds_of("exp_rths.j1_s")) == 1
+    assert found is not None and found.text.endswith(KINDS["_true_full"]) and found.units == "m/s^2"
+
+
+def test_the_reference_page_is_the_generated_one() -> None:
+    assert PAGE.read_text(encoding="utf-8") == reference_page(), (
+        "write rths_cli.report.formats.metrics_reference.reference_page()"
+    )

@@ -1,0 +1,96 @@
+"""A small result file with every kind of content: what is exported of it is compared with h5py's view of it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import h5py
+import numpy as np
+
+from rths_cli.files.result_reader import Dataset, ResultWriter
+
+ATTRIBUTES = {
+    "case_name": "demo",
+    "created_utc": "2026-11-21T12:00:00Z",
+    "command_line": "rths run demo",
+    "rths_version": "0.1.0",
+    "method": "best",
+    "rig": "aps400_virtual",
+    "rig_kind": "virtual",
+    "seed": 3,
+    "sample_rate_hz": 2000.0,
+    "overrides": "",
+}
+YAML = "record: el_centro  # Prüfstand, 5 µm\nscaling: 0.3\n"
+N, STOPPED = 40, 25
+TIME = np.arange(N) / 2000.0
+NOISE = np.random.default_rng(1).standard_normal((3, N)) * 1e-3
+
+
+def series(data: object, units: str = "m/s^2", source: str = "computed") -> Dataset:
+    return Dataset(data, units, "made up", source)  # type: ignore[arg-type]
+
+
+def fill(writer: ResultWriter, status: str) -> None:
+    n = N if status == "complete" else STOPPED
+    writer.case(YAML, "scaling: 0.3\n")
+    writer.group("record", {"ground_accel_m_s2": series(NOISE[0])}, TIME)
+    writer.group("sim", {"base_shear_n": series(NOISE[1], "N")}, TIME)
+    diverged = np.where(TIME > 0.01, np.nan, NOISE)
+    writer.group(
+        "sim_delay", {"abs_accel_m_s2": series(diverged), "base_shear_n": series(NOISE[1], "N")}, TIME, [1, 2, 3]
+    )
+    measured = {
+        "abs_accel_m_s2": series(NOISE[:, :n], source="measured"),
+        "command_v": series(NOISE[2, :n], "V"),
+        "floor_accel_measured_m_s2": series(NOISE[1:, :n], source="measured"),
+    }
+    floors = {"floor": Dataset([2, 3], "1", "floor", "computed")}
+    writer.group("exp_rths", measured, TIME[:n], [1, 2, 3], floors)
+    writer.group("exp_rths/truth", {"table_disp_m": series(NOISE[0, :n], "m", "true")}, TIME[:n])
+    late = Dataset((NOISE[0, :n] > 0).astype(int), "1", "late steps", "measured")
+    writer.group("exp_rths/timing", {"compute_s": series(NOISE[0, :n], "s"), "late": late}, TIME[:n])
+    writer.group(
+        "identification",
+        {
+            "frf": Dataset(np.exp(1j * NOISE[0]), "m/s^2/V", "table response", "estimated"),
+            "poles": Dataset(np.array([-1 + 2j, -1 - 2j]), "rad/s", "poles", "estimated", ("pole",)),
+            "gain": Dataset(2.5, "as zeros and poles", "gain", "estimated"),
+        },
+        scales={"frequency_hz": Dataset(np.linspace(0.5, 50, N), "Hz", "frequency", "computed")},
+    )
+    writer.block("feedforward", *block(2, 3), 0.0005, ["accel_m_s2", "vel_m_s", "disp_m"], ["feedforward_v"])
+    writer.block("gain_only", *block(0, 2), 0.0005, ["a", "b"], ["c"])
+    writer.metrics(
+        {
+            "exp_rths.rms_error_m_s2": [0.1, 0.2, np.nan],
+            "check.phase_margin_deg": 51.5,
+        }
+    )
+    writer.finish(status, "" if status == "complete" else "EXP-RTHS: stroke limit at 0.0125 s")  # type: ignore[arg-type]
+
+
+def block(states: int, inputs: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return A, B, C, D of a block with one output."""
+    numbers = np.random.default_rng(states).standard_normal
+    return numbers((states, states)), numbers((states, inputs)), numbers((1, states)), numbers((1, inputs))
+
+
+def make(path: Path, status: str = "complete") -> Path:
+    """Write a result file; one that is not complete has a shorter EXP-RTHS."""
+    with ResultWriter(path, ATTRIBUTES) as writer:
+        fill(writer, status)
+    return path
+
+
+def contents(path: Path) -> dict[str, np.ndarray]:
+    """Return every dataset and scale of an HDF5 file as h5py reads it, by path."""
+    found: dict[str, np.ndarray] = {}
+
+    def collect(name: str, node: object) -> None:
+        if isinstance(node, h5py.Dataset):
+            found[name] = node[()]
+
+    with h5py.File(path) as file:
+        file.visititems(collect)
+    return found

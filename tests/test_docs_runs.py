@@ -23,7 +23,7 @@ PAGES = [
     *sorted((DOCS / "background").glob("*.md")),
 ]
 LEFT_OUT = {"hardware.md": ["needs a second terminal with rths serve, and real time"]}
-NEEDS_A_RIG = "moves a rig behind UDP, or measures the machine, in real time; tests/rigs and tests/workflows do"
+NEEDS_A_RIG = "moves a rig behind UDP, or measures the machine, in real time; tests/rigs and tests/experiment do"
 OTHERS_LEFT_OUT = {
     "real_runs.md": ("rths", NEEDS_A_RIG),
     "realtime.md": ("rths", NEEDS_A_RIG),

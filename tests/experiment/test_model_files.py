@@ -358,7 +358,7 @@ def test_other_software_misses_the_cache(
 def test_the_software_is_known_by_its_sources_and_what_it_computes_with(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    source = tmp_path / "package" / "workflows" / "model_store.py"
+    source = tmp_path / "package" / "experiment" / "model_store.py"
     source.parent.mkdir(parents=True)
     source.write_text("a = 1\n")
     monkeypatch.setattr(model_store, "__file__", str(source))

@@ -51,7 +51,7 @@ class RawHeader:
     `names` and `units`: of the w columns; `steps`: how many the run has at most, the first `ramp_steps` of them before
     the record, at rest for the first `still_steps`; `lead_samples`: by how many the hybrid clock runs ahead of the
     table; `result`: name of the result file, in the folder of the log; `attributes`: those of its root; `expected`:
-    what the samples are compared with to find drift, as `experiment.sensor_drift_report` writes it (None: an earlier version).
+    what the samples are compared with to find drift, as sensor_drift_report writes it (None: an earlier version).
     """
 
     names: tuple[str, ...]

@@ -7,7 +7,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
@@ -290,7 +290,8 @@ class Replayed:
     """The served table without a network and without a clock, one of its floors drifting: each run is the same."""
 
     def __init__(self, rig: VirtualRig, offset_v: float, drift_v: float) -> None:
-        self.info, self._rig, self._offset_v, self._drift_v, self._count = rig.info, rig, offset_v, drift_v, 0
+        self._rig, self._offset_v, self._drift_v, self._count = rig, offset_v, drift_v, 0
+        self.info = replace(rig.info, name=f"replayed_{os.getpid()}")  # locked by its name: each process has its own
         self._noise = np.random.default_rng(1)
 
     def open(self) -> None:

@@ -143,18 +143,18 @@ def _unstable(found: Stability) -> list[str]:
 def _fragile(found: Stability, feedback: bool, least_delay_s: float) -> list[str]:
     """Return a sentence when too small an error of the table, or too little delay, makes the loop unstable."""
     reasons = []
-    if found.apart >= 1.0:
+    if not found.apart < 1.0:  # so that what is no number is no margin
         reasons.append(
             "the table's measured response differs so much from its model that the model's stability says nothing of "
             "the table's; identify again"
         )
-    if found.tolerates < found.required:
+    if not found.tolerates >= found.required:
         reasons.append(
             f"{_with_gain(found.gain)}an error of {found.tolerates:.2%} in the table's response at "
             f"{found.at_hz:.3g} Hz makes the loop unstable, it must stand {found.required:.2%}; "
             f"{_advice(found.at_hz, feedback)}"
         )
-    if found.measured.delay_margin_s < least_delay_s:
+    if not found.measured.delay_margin_s >= least_delay_s:
         reasons.append(
             f"{1e3 * found.measured.delay_margin_s:.3g} ms of further delay make the loop unstable, it must stand "
             f"{1e3 * least_delay_s:.3g} ms; put less of the interface floor's mass on the table, or add damping"
@@ -198,10 +198,10 @@ def stability(
     loop = loop_response(rig, blocks, storeys, np.exp(2j * np.pi * frequency * rig.plant.dt_s))
     ratio, scatter = data_ratio(model, measured, frequency), ratio_error(model, measured, frequency)
     on_data, seen = loop.with_rig(ratio), loop.with_rig(_beyond_scatter(ratio, scatter))
-    gains = np.stack([_worst_gain(each, frequency, model.band_hz[1]) for each in (seen, loop.loop)])
+    gains = np.stack([_worst_gain(each, frequency, max(model.band_hz[1], COMPARED_HZ)) for each in (seen, loop.loop)])
     errors = np.stack([_tolerated(each, gain) for each, gain in zip((seen, loop.loop), gains, strict=True)])
     tolerated, gain = errors.min(axis=0), np.where(errors[0] <= errors[1], *gains)
-    wanted = required(frequency, model.band_hz[1], scatter, levels)
+    wanted = required(frequency, model.band_hz, scatter, levels)
     nearest = int(np.argmin(tolerated / wanted))
     weakest = int(np.argmin(np.where(frequency <= COMPARED_HZ, tolerated, math.inf)))
     apart = np.abs((1.0 + seen) / (1.0 + loop.loop) - 1.0)
@@ -242,25 +242,34 @@ def _tolerated(loop: ComplexArray, gain: Array) -> Array:
     return np.abs(1.0 + gain * loop) / np.maximum(np.abs(gain * loop), LEAST_LOOP)
 
 
-def required(frequency_hz: Array, identified_hz: float, scatter: Array, levels: Sequence[LevelBand]) -> Array:
+def required(frequency_hz: Array, band_hz: tuple[float, float], scatter: Array, levels: Sequence[LevelBand]) -> Array:
     """Return the error of the table's response that a loop must stand beside a change of its gain, (n,).
 
     It is what identification and verification leave open: a change that is let pass, SIGMA times the uncertainty of
-    the measured response (n,), what level and friction change, and modes beyond the identified band. One at twice its
-    end adds (f / f_0)^2 to the table below it; from there on nothing is known of the table, and all of it is doubted.
+    the measured response (n,), what level and friction change, and modes beyond the identified band `band_hz`. One at
+    twice its end adds (f / f_0)^2 to the table below it; from there on nothing is known of the table, and all of it is
+    doubted. Below the band, and above COMPARED_HZ, where a verification is coarse, it is that of a table without a
+    record at low level.
     """
-    unseen = UNSEEN_CHANGE if levels else UNCOMPARED_CHANGE
-    beyond = (frequency_hz / (2.0 * max(identified_hz, COMPARED_HZ))) ** 2
+    compared = (frequency_hz >= band_hz[0]) & (frequency_hz <= COMPARED_HZ) & bool(levels)
+    unseen = np.where(compared, UNSEEN_CHANGE, UNCOMPARED_CHANGE)
+    beyond = (frequency_hz / (2.0 * max(band_hz[1], COMPARED_HZ))) ** 2
     return np.minimum(unseen + SIGMA * scatter + _by_level(frequency_hz, levels) + beyond, 1.0)
 
 
 def _by_level(frequency_hz: Array, levels: Sequence[LevelBand]) -> Array:
-    """Return the change of the table's response from full to low level beyond its scatter, (n,), interpolated between
-    the bands' centres: a test moves the table by anything between."""
+    """Return the change of the table's response from full to low level, (n,), interpolated between the bands' centres:
+    a test moves the table by anything between.
+
+    What the scatter of the comparison may hide counts too, up to what a table without a comparison is doubted by.
+    """
     if not levels:
         return np.zeros(len(frequency_hz))
     centres = np.log([math.sqrt(band.low_hz * band.high_hz) for band in levels])
-    changes = [max(abs(band.ratio - 1.0) - SIGMA * band.error, 0.0) for band in levels]
+    hidden = UNCOMPARED_CHANGE - UNSEEN_CHANGE
+    changes = [
+        max(abs(band.ratio - 1.0) - SIGMA * band.error, 0.0) + min(SIGMA * band.error, hidden) for band in levels
+    ]
     return np.interp(np.log(frequency_hz), centres, changes)
 
 

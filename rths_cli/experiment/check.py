@@ -111,14 +111,17 @@ def required_delay_s(setup: Setup, identified: Identification, design: Design) -
 def _stability(
     rig: IdentifiedRig, blocks: Blocks, storeys: Block, identified: Identification, samples: int
 ) -> preflight.Stability:
-    """Return the stability of the loop, of that without feedback where it is worse: at its limit a feedback is none."""
+    """Return the stability of the loop; where a feedback has a limit the worse of the loops with and without it:
+    at its limit it is none."""
     best, measured, levels = identified.best, identified.frfs[0], identified.levels
     found = preflight.stability(rig, blocks, storeys, best, measured, samples, levels)
     if not math.isfinite(blocks.feedback_limit_v):
         return found
     alone = replace(blocks, feedback=none(rig.plant.dt_s))
     without = preflight.stability(rig, alone, storeys, best, measured, samples, levels)
-    return min(found, without, key=lambda each: (each.radius < 1.0, each.tolerates / each.required))
+    worse = min(found, without, key=lambda each: (each.radius < 1.0, each.tolerates / each.required))
+    late = min(found.measured, without.measured, key=lambda each: each.delay_margin_s)
+    return replace(worse, apart=max(found.apart, without.apart), measured=late)
 
 
 def _sim_delay(setup: Setup, building: Building, known: Known, critical: CriticalDelay) -> Array | None:

@@ -155,7 +155,7 @@ def _identification(
         candidates=() if table.given else table.fit.candidates,
         roots=_roots(data, table, specimen.excited),
         residuals=verdict.residuals(best, clean),
-        levels=table.levels,
+        levels=table.levels if table.comparable else (),
         verdict=_verdict(data, table, specimen, dry, _warnings(data, seen, table, specimen)),
         friction=dry,
         latency=table.latency,

@@ -255,7 +255,7 @@ def level_bands(quiet: Frf, loud: Frf | None) -> tuple[LevelBand, ...]:
     for low, high in pairwise(BANDS_HZ):
         one, one_error = _mean(quiet, (low, high))
         other, other_error = (1.0 + 0j, 0.0) if loud is None else _mean(loud, (low, high))
-        if np.isfinite(one_error + other_error):
+        if np.isfinite(one_error + other_error) and np.isfinite(one / other):
             found.append(LevelBand(low, high, one / other, float(np.hypot(one_error, other_error))))
     return tuple(found)
 

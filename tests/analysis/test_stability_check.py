@@ -133,19 +133,37 @@ def test_several_reasons_are_all_given() -> None:
 def test_the_required_tolerance_is_what_identification_and_verification_leave_open() -> None:
     f = np.array([0.1, 11.0, 30.0, 60.0, 120.0, 500.0])
     exact = np.zeros(len(f))
-    calm = (LevelBand(0.7, 2.0, 1.0 + 0j, 1e-3),)
+    calm, band = (LevelBand(0.7, 2.0, 1.0 + 0j, 0.0),), (0.7, 60.0)
     beyond = np.minimum((f / 120.0) ** 2, 1.0)
-    assert required(f, 60.0, exact, calm) == pytest.approx(np.minimum(0.01 + beyond, 1.0))
-    assert required(f, 60.0, exact, ()) == pytest.approx(np.minimum(0.06 + beyond, 1.0))  # nothing verified it finely
-    assert required(f, 60.0, exact + 0.02, calm) == pytest.approx(np.minimum(0.07 + beyond, 1.0))
-    assert required(f, 5.0, exact, calm)[1] == pytest.approx(0.26)  # never below the band compared
+    unseen = np.array([0.06, 0.01, 0.06, 0.06, 0.06, 0.06])  # compared finely from the band's start to 11 Hz
+    assert required(f, band, exact, calm) == pytest.approx(np.minimum(unseen + beyond, 1.0))
+    assert required(f, band, exact, ()) == pytest.approx(np.minimum(0.06 + beyond, 1.0))
+    assert required(f, band, exact + 0.02, calm) == pytest.approx(np.minimum(unseen + 0.06 + beyond, 1.0))
+    assert required(f, (0.7, 5.0), exact, calm)[1] == pytest.approx(0.26)  # never below the band compared
+
+
+def test_a_poor_record_at_low_level_is_no_better_than_none() -> None:
+    """The noisier it is the more is left open, up to what is asked without it."""
+    f, found = np.array([3.0]), []
+    for error in (0.0, 0.005, 0.01, 0.1):
+        levels = (LevelBand(0.7, 11.0, 1.12 + 0j, error),)
+        found.append(required(f, (0.7, 1e9), np.zeros(1), levels)[0])
+    assert found == pytest.approx([0.13, 0.13, 0.13, 0.06])
+    bare = required(f, (0.7, 1e9), np.zeros(1), (LevelBand(0.7, 11.0, 1.0 + 0j, 0.01),))
+    assert bare == pytest.approx(0.04) and required(f, (0.7, 1e9), np.zeros(1), ()) == pytest.approx(0.06)
+
+
+def test_what_is_no_number_is_no_margin() -> None:
+    for broken in ({"apart": math.nan}, {"tolerates": math.nan}, {"required": math.nan}):
+        assert verdict(replace(STABLE, **broken)).verdict == UNSAFE, broken
+    assert verdict(replace(STABLE, measured=replace(MARGINS, delay_margin_s=math.nan))).verdict == UNSAFE
 
 
 def test_what_friction_changes_is_left_open() -> None:
-    """Between the centres of two bands, 1.18 and 3.16 Hz, less three standard errors; the same beyond them."""
+    """Between the centres of two bands, 1.18 and 3.16 Hz; the same beyond them."""
     f = np.sqrt([0.01, 1.4, np.sqrt(14.0), 10.0, 100.0])
-    changes = required(f, 1e9, np.zeros(len(f)), LEVELS) - 0.01
-    assert changes == pytest.approx([0.017, 0.017, 0.012, 0.007, 0.007], abs=1e-6)
+    changes = required(f, (0.01, 1e9), np.zeros(len(f)), LEVELS) - 0.01
+    assert changes == pytest.approx([0.02, 0.02, 0.015, 0.01, 0.01], abs=1e-6)
 
 
 def the_rig(latency: int = 1) -> IdentifiedRig:
@@ -221,7 +239,7 @@ def test_the_grid_finds_the_peak_that_a_fine_one_finds(make: Callable[[RigInfo],
     gains = np.where(f <= 60.0, np.linspace(0.9, 1.1, 201)[:, None], 1.0)
     scatter = np.where(f < 60.0, 1e-3 / math.sqrt(5.0), 0.0)  # the mean of 5 lines of one part in a thousand
     errors = np.abs(1.0 + gains * loop) / np.abs(gains * loop)
-    tolerated = errors.min(axis=0) / required(f, 60.0, scatter, LEVELS)
+    tolerated = errors.min(axis=0) / required(f, rig_as_identified(ideal_info())[1].band_hz, scatter, LEVELS)
     assert found.tolerates / found.required == pytest.approx(tolerated.min(), rel=1e-2)
     assert found.at_hz == pytest.approx(f[tolerated.argmin()], rel=1e-2)
 

@@ -25,7 +25,7 @@ LONGEST_SENTENCE = 1000  # characters of a fault: what is longer repeats an inpu
 
 
 def main() -> NoReturn:
-    """Run the command line and leave with the exit code of DESIGN.md section 2."""
+    """Run the command line and leave with its exit code (docs/decisions/commands.md)."""
     _open_streams()
     SIGNALS.install()
     _one_blas_thread()

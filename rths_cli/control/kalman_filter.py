@@ -86,7 +86,7 @@ def measured_shear(specimen: Specimen, interface_mass_kg: float) -> Shear:
 
 def predicted_shear(specimen: Specimen, interface_mass_kg: float, lead_samples: int, dt_s: float) -> Shear:
     """Return the base shear n_p >= 1 samples ahead: the estimated state is carried on by the identified specimen under
-    the desired accelerations already issued, straight lines between samples (NOTES.md 8).
+    the desired accelerations already issued, straight lines between samples.
 
     The interface mass feels the desired acceleration plus the tracking error measured now.
     """

@@ -74,7 +74,7 @@ class Loop:
 
 
 def budget(loop: Loop, frequency_hz: Array = FREQUENCIES_HZ) -> LatencyBudget:
-    """Return every latency of a loop at `frequency_hz` (n,), computed from rig and settings (DESIGN.md section 5)."""
+    """Return every latency of a loop at `frequency_hz` (n,), computed from rig and settings."""
     items = (*_command_side(loop, frequency_hz), _integration(loop, frequency_hz), *_sensors(loop, frequency_hz),
              _kalman(loop, frequency_hz))  # fmt: skip
     return LatencyBudget(frequency_hz, items)

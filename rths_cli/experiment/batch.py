@@ -138,7 +138,7 @@ def _at_once(jobs: Sequence[Job]) -> int:
 
 
 def exit_code(results: Sequence[Ended]) -> int:
-    """Return the code of the worst ending (DESIGN.md section 2)."""
+    """Return the code of the worst ending (docs/decisions/commands.md)."""
     return worst_code(ended.exit_code for ended in results)
 
 

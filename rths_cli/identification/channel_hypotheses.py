@@ -1,8 +1,8 @@
 """Which single fault of a channel, a mass or the floors' order explains channels that a chain as declared does not.
 
 Each fault is a change of the data (channels multiplied or exchanged) or of the masses, under which the equations of the
-storeys are tried anew (storeys.py). A fault is named only when the channels as declared cannot be explained, when it
-explains them, and when it is large enough to be one; faults that explain them alike are named together.
+storeys are tried anew (storey_equations.py). A fault is named only when the channels as declared cannot be explained,
+when it explains them, and when it is large enough to be one; faults that explain them alike are named together.
 """
 
 from __future__ import annotations

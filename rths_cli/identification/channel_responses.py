@@ -1,8 +1,8 @@
 """Are the channels what they say they are, by their responses? Incoherent, swapped, reversed, of wrong sensitivity.
 
-Channels are judged together: by the storeys' equations, of whatever stiffness and damping (storeys.py), and by the
-faults that would explain what these do not (suspects.py). The command tells the directions that floors and table alone
-do not.
+Channels are judged together: by the storeys' equations, of whatever stiffness and damping (storey_equations.py), and
+by the faults that would explain what these do not (channel_hypotheses.py). The command tells the directions that floors
+and table alone do not.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ table and specimen is input and output at once.
 What enters linearly (alpha, beta, a slow drift) is projected out: variable projection, with the slopes of
 L. Kaufman, BIT 15 (1975) 49.
 
-Output error in the frequency domain (see chain.py), over whole records and over stretches of them.
+Output error in the frequency domain over whole records and over stretches of them.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """After a gap: how samples come back, and how the rig comes back to the computed command, without a step.
 
-While samples are missing, the step goes on as identified (bridging.py). The rig may have done something else: a target
+While samples are missing, the step goes on as identified (dropouts.py). The rig may have done something else: a target
 that froze holds its command and then jumps to the newest. What that shakes, table and floors, must not be taken in by
 halves: table samples that begin in the middle of a jump integrate to a velocity that the table never had. Therefore the
 share of the measurement grows from none to all, over SLOWLY times the length of the gap and 100 ms at most: longer than
@@ -29,7 +29,7 @@ from rths_cli.rigs.description import RigInfo
 
 LONGEST_S = 100e-3
 SLOWLY = 8
-REMEMBERED = 2  # samples before its own that a correction of a sensor's low pass needs (control.sensing)
+REMEMBERED = 2  # samples before its own that a correction of a sensor's low pass needs (control.sensor_correction)
 MISSED, RETURNED, NOW = range(3)  # places in Returning.gap
 
 

@@ -1,7 +1,7 @@
 """The commands that follow if no samples come: foreseen in every step, laid within all limits.
 
 A processor or a link that stalls for some milliseconds must not shake the building. The step is linear but for its
-limits and its rounding, so the commands that it computes on bridged samples (bridging.py) are a matrix times its state
+limits and its rounding, so the commands that it computes on bridged samples (dropouts.py) are a matrix times its state
 and the drive to come. The matrix is found before the run, by letting a step go on by itself from each unit state.
 Of the drive one row is read per point, and the rows between are taken to lie on the same curve as the way of the rig.
 """
@@ -32,7 +32,7 @@ DRIVEN = 3  # values in a row of the drive
 class Foresight(NamedTuple):
     """The matrix, and where what it is multiplied with is gathered; of no points where nothing is told."""
 
-    matrix: Array  # (tiles, n, 4), tiles.tiled: state and drive to come -> points
+    matrix: Array  # (tiles, n, 4), tiled_products.tiled: state and drive to come -> points
     given: Array  # (n,) the state, then rows of the drive: that of the last step and those of the points
     made: Array  # (points padded to 4,) in V
     points: int

@@ -23,7 +23,7 @@ class Modal(NamedTuple):
 
     turn: Array  # (4, m) of each pair: first from first, first from second, second from first, second from second
     drive: Array  # (4, m) first from input 0, first from input 1, second from input 0, second from input 1
-    outputs: Array  # (1, 2 m, 4), tiles.tiled
+    outputs: Array  # (1, 2 m, 4), tiled_products.tiled
     direct: Array  # (p, 2)
     state: Array  # (2 m,) all firsts, then all seconds
     made: Array  # (4,) outputs without the direct part of the inputs

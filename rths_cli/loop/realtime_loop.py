@@ -46,7 +46,7 @@ from rths_cli.rigs.interface import RigInfo
 from rths_cli.rigs.udp import link as udp
 from rths_cli.rigs.udp.command_trajectory import Way, place_after
 
-IN_RAMP_UP, IN_RUN, IN_RAMP_DOWN, AT_REST = 2, 3, 4, 5  # states of DESIGN.md section 6; 0 idle, 1 armed
+IN_RAMP_UP, IN_RUN, IN_RAMP_DOWN, AT_REST = 2, 3, 4, 5  # states of docs/decisions/safety.md; 0 idle, 1 armed
 HOLD, SKIP, STOP = range(3)  # what an overrun does: the record waits, steps are caught up, the test stops
 POLICIES = {"hold": HOLD, "skip": SKIP, "stop": STOP}
 ANSWER_SHARE = 0.7  # of an interval, how long an answer may take: step and guard need the rest

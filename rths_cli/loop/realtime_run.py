@@ -163,7 +163,7 @@ def _perform_exchanging(rig: Rig, run: Performance) -> str:
 
 
 def _is_over(run: Performance) -> bool:
-    """Tell whether a run has ended, as `realtime.is_over` does."""
+    """Tell whether a run has ended, as `realtime_loop.is_over` does."""
     marks, flags = run.course.marks, run.guard.flags
     if flags[0] != STOPPED:
         return False

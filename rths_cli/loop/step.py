@@ -1,4 +1,4 @@
-"""The one RTHS step, compiled: from the samples of t_k to a command (DESIGN.md section 5).
+"""The one RTHS step, compiled: from the samples of t_k to a command.
 
 The same function runs for every source, rig and clock. Nothing in it allocates, blocks or logs.
 """

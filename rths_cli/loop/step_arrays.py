@@ -18,7 +18,7 @@ EXCITATION, RECORD, NUMERICAL = 0, 1, 2
 class Linear(NamedTuple):
     """A discrete block as one product, n states, m inputs, p outputs: made = matrix @ given."""
 
-    matrix: Array  # (tiles, n + m, 4), tiles.tiled
+    matrix: Array  # (tiles, n + m, 4), tiled_products.tiled
     given: Array  # (n + m,) state, then inputs
     made: Array  # (4 tiles,) next state, then outputs, then zeros
     states: int
@@ -27,7 +27,7 @@ class Linear(NamedTuple):
 class OpenLoop(NamedTuple):
     """One block of one input, n states and p outputs, twice: under two inputs. Without outputs, nothing is known."""
 
-    matrix: Array  # (tiles, n + 1, 4), tiles.tiled
+    matrix: Array  # (tiles, n + 1, 4), tiled_products.tiled
     given: Array  # (2, n + 1) state, then input
     made: Array  # (2, 4 tiles) next state, then outputs, then zeros
     states: int

@@ -139,7 +139,7 @@ class Door(NamedTuple):
     incoming: Bytes  # (MOST_BYTES,)
     outgoing: Bytes  # (MOST_BYTES,)
     address: Bytes  # (ADDRESS_BYTES,) where the last packet came from
-    message: IntArray  # (receiving.WORDS,) what receives into these two
+    message: IntArray  # (WORDS,) what receives into these two
     counts: IntArray  # (COUNTS,)
     session: IntArray  # (PLACES,)
     orders: IntArray  # (1,) not 0: rest the table and return

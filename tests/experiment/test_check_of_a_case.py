@@ -29,7 +29,7 @@ def test_the_papers_building_is_safe(controller: str, default_identification: Id
     setup = setup_of("el_centro_low_ff_fb", f"controller={controller}")
     found = preflight_of(setup, default_identification, design_blocks(setup, default_identification))
     assert (found.verdict, found.reasons) == (SAFE, ())
-    assert 1e3 * found.critical.delay_s == pytest.approx(7.94, abs=0.02)  # NOTES.md 3
+    assert 1e3 * found.critical.delay_s == pytest.approx(7.94, abs=0.02)
     assert found.stability.radius < 1.0
     assert found.prediction is not None
     assert found.prediction.total.storeys.shape == (3,)

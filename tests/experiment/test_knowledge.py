@@ -1,4 +1,4 @@
-"""Who may know what (DESIGN.md section 4): models and controllers come from channels and declared values alone.
+"""Who may know what (docs/decisions/knowledge.md): models and controllers come from channels and declared values alone.
 
 The numerical part is the case's own definition: where it is stated by the experimental one (`mean_of_experimental`,
 `first_mode_ratio`), the declared values define it. Here it is stated in numbers, so that nothing else may differ.

@@ -14,7 +14,7 @@ from rths_cli.numerics.compiled import entry
 from rths_cli.numerics.lti import Array
 
 GAIN_M_PER_V, DT_S, BIT_V = 0.0079, 1e-3, 20.0 / 2**16
-HARDEST_M_S2 = 0.45 * 45.0  # the guard's braking, DESIGN.md section 6
+HARDEST_M_S2 = 0.45 * 45.0  # the guard's braking
 
 
 def limits_of(**other: float) -> GuardLimits:

@@ -111,7 +111,7 @@ def _expected(path: Path, header: RawHeader, channels: int) -> Expected | None:
         return as_read(header.expected, channels) if header.expected is not None else None
     except ValueError as error:
         raise InputError(
-            f"{path}: what its header expects of the rig cannot be read ({error}); keep the log and recover it with the "
+            f"{path}: what its header expects of the rig cannot be read ({error}); keep the log, recover it with the "
             "version of rths that wrote it."
         ) from error
 

@@ -1,11 +1,12 @@
 """After a gap: how samples come back, and how the rig comes back to the computed command, without a step.
 
 While samples are missing, the step goes on as identified (dropouts.py). The rig may have done something else: a target
-that froze holds its command and then jumps to the newest. What that shakes, table and floors, must not be taken in by
-halves: table samples that begin in the middle of a jump integrate to a velocity that the table never had. Therefore the
-share of the measurement grows from none to all, over SLOWLY times the length of the gap and 100 ms at most: longer than
-most of such a transient, as short as the shortest gaps that are borne. The guard does not wait for it: it judges what
-the channels gave. The log keeps what the step was given, with a mark, and the samples in V as they came.
+that froze holds its command and then closes the distance to the newest. What that shakes, table and floors, must not be
+taken in by halves: table samples that begin in the middle of such a motion integrate to a velocity that the table never
+had. Therefore the share of the measurement grows from none to all, over SLOWLY times the length of the gap and 100 ms
+at most: longer than most of such a transient, as short as the shortest gaps that are borne. The guard does not wait for
+it: it judges what the channels gave. The log keeps what the step was given, with a mark, and the samples in V as they
+came.
 
 The distance goes to zero as a critically damped motion, its acceleration below the guard's for braking. Within the
 time that a command tells how it goes on there is next to no distance; a longer stall leaves some millimetres.

@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[1]
 PACKAGE = ROOT / "rths_cli"
 BEGIN, END = "<!-- modules: made by python tests/docs_reference.py -->\n", "<!-- end of modules -->\n"
 ORDER = (
-    "cli", "api", "studies", "experiment", "report", "loop", "analysis", "identification", "control", "rigs",
+    "cli", "api", "report", "studies", "experiment", "loop", "analysis", "identification", "control", "rigs",
     "structure", "files", "case", "numerics", "quantities",
 )  # fmt: skip
 WIDTH = 118

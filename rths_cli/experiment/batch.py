@@ -22,8 +22,8 @@ from rths_cli.experiment.model_store import Cache
 from rths_cli.experiment.permission import ask_to_move
 from rths_cli.experiment.run import Ended, moves_table, prepare_all, run_case, worst_code
 from rths_cli.experiment.setup import Progress, Setup
-from rths_cli.experiment.shared_designs import Kept
 from rths_cli.interrupts import ended_by
+from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.quantities import Values
 
 if TYPE_CHECKING:
@@ -74,14 +74,14 @@ class Request:
     yes: bool = False
 
 
-def plan(request: Request, memory: Memory, kept: Kept) -> list[Job]:
+def plan(request: Request, memory: Memory, shared: SharedValues) -> list[Job]:
     """Load and check every case and name its result file; raises InputError with all faults, writes nothing."""
     jobs: list[Job] = []
     for method in request.methods or ("",):
         chosen = (f"method={method}",) if method else ()
         cases = load_cases(request.paths, (*request.settings, *chosen))
         suffix = f"-{method}" if len(request.methods) > 1 else ""
-        setups = prepare_all(cases, request.output, request.overrides, kept)
+        setups = prepare_all(cases, request.output, request.overrides, shared)
         jobs += [(setup, request.output / f"{setup.case.name}{suffix}{_when(setup)}.h5") for setup in setups]
     for setup, _ in jobs:
         if moves_table(setup.case):
@@ -101,9 +101,9 @@ def _when(setup: Setup) -> str:
 def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
     """Run every case of a request, on virtual rigs two at a time; one that fails is named and the others go on."""
     keep_freed_memory()
-    memory, kept = Memory(Cache(request.fresh)), Kept()
-    jobs = plan(request, memory, kept)
-    kept.size = _most_kept(jobs)
+    memory, shared = Memory(Cache(request.fresh)), SharedValues()
+    jobs = plan(request, memory, shared)
+    shared.size = _most_kept(jobs)
 
     def predicted(setup: Setup) -> Values:
         from rths_cli.files.imported_models import is_foreign
@@ -111,13 +111,13 @@ def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
         model = setup.case.identification.model
         if "exp_rths" not in setup.case.runs or model is None or is_foreign(model):
             return {}
-        return verdict_on(setup, memory.at_rest(setup, watcher.doing), kept=kept).figures
+        return verdict_on(setup, memory.at_rest(setup, watcher.doing), shared=shared).figures
 
     ask_to_move([setup for setup, _ in jobs], request.yes, watcher.confirm, predicted)
 
     def work(job: Job, tell: Progress) -> tuple[Ended, float]:
         start = time.monotonic()
-        return _run_one(*job, memory, kept, request.command_line, tell, watcher), time.monotonic() - start
+        return _run_one(*job, memory, shared, request.command_line, tell, watcher), time.monotonic() - start
 
     results: list[Ended] = []
     with closing(in_order(work, jobs, watcher.doing, _at_once(jobs))) as endings:
@@ -149,13 +149,13 @@ def _most_kept(jobs: Sequence[Job]) -> int:
 
 
 def _run_one(
-    setup: Setup, path: Path, memory: Memory, kept: Kept, command_line: str, tell: Progress, watcher: Watcher
+    setup: Setup, path: Path, memory: Memory, shared: SharedValues, command_line: str, tell: Progress, watcher: Watcher
 ) -> Ended:
     taken = path.exists()
     try:
         if setup.rig.can.counts_steps:
-            return run_case(setup, path, memory, command_line, tell, kept)
-        return _run_real(setup, path, memory, kept, command_line, tell, watcher)
+            return run_case(setup, path, memory, command_line, tell, shared)
+        return _run_real(setup, path, memory, shared, command_line, tell, watcher)
     except RthsError as error:
         return _failed(setup, path, taken, str(error), error.exit_code)
     except Exception as error:
@@ -164,7 +164,7 @@ def _run_one(
 
 
 def _run_real(
-    setup: Setup, path: Path, memory: Memory, kept: Kept, command_line: str, tell: Progress, watcher: Watcher
+    setup: Setup, path: Path, memory: Memory, shared: SharedValues, command_line: str, tell: Progress, watcher: Watcher
 ) -> Ended:
     """Run a case on a real rig: what may refuse it is asked before the table moves and before its file begins."""
     from rths_cli.experiment.real_run import RealStage, ask_the_rig
@@ -172,7 +172,7 @@ def _run_real(
     if moves_table(setup.case):
         ask_the_rig(setup, memory, tell)
     with closing(RealStage(watcher.moving)) as stage:
-        return run_case(setup, path, memory, command_line, tell, kept, stage)
+        return run_case(setup, path, memory, command_line, tell, shared, stage)
 
 
 def _failed(setup: Setup, path: Path, taken: bool, reason: str, code: int) -> Ended:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import pickle
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -23,7 +22,8 @@ from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.control.numerical_substructure import all_storeys
 from rths_cli.experiment.lowest_frequency import lowest_reliable_hz
 from rths_cli.experiment.setup import motion_key
-from rths_cli.experiment.shared_designs import Kept
+from rths_cli.numerics.content_key import content_key
+from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.structure import Building, assemble, modes
 
 if TYPE_CHECKING:
@@ -66,22 +66,23 @@ def preflight_of(setup: Setup, identified: Identification, design: Design) -> pr
     return judge(setup, identified, design).preflight
 
 
-def judge(setup: Setup, identified: Identification, design: Design, kept: Kept | None = None) -> Judged:
+def judge(setup: Setup, identified: Identification, design: Design, shared: SharedValues | None = None) -> Judged:
     """Return all that is known of a case's hybrid test, from the rig as identified and the blocks as designed.
 
-    With `kept`, cases of the same record and building share its SIM, those of the same blocks what the loop tolerates.
+    With `shared`, cases of the same record and building share its SIM, those of the same blocks what the loop
+    tolerates.
     """
-    kept = kept or Kept()
+    shared = shared or SharedValues()
     specimen, dt = _specimen(identified), setup.rig.dt_s
     building = as_identified(setup, specimen)
     rig = identified_rig(identified.best, specimen, setup.rig, setup.removes_sensors)
     storeys = all_storeys(building.numerical, dt, setup.case.integration)
     samples = len(setup.motion.time_s)
-    asked = pickle.dumps((rig, design.blocks, storeys, identified.best, identified.frfs[0], identified.levels))
-    found = kept.get("stability", asked, lambda: _stability(rig, design.blocks, storeys, identified, samples))
+    asked = content_key(rig, design.blocks, storeys, identified.best, identified.frfs[0], identified.levels)
+    found = shared.get("stability", asked, lambda: _stability(rig, design.blocks, storeys, identified, samples))
     found = replace(found, growth=preflight.growth(found.radius, samples))
     matrix = closed_loop_matrix(rig, design.blocks)
-    known = known_of(setup, identified, design, rig, storeys, found.radius, kept)
+    known = known_of(setup, identified, design, rig, storeys, found.radius, shared)
     known = replace(known, slow_roots=slow_roots(matrix, dt, known.lines.padded * dt))
     prediction = predict(known)
     masses = np.concatenate([[setup.rig.moving_mass_kg], setup.floor_masses_kg])
@@ -143,15 +144,15 @@ def as_identified(setup: Setup, specimen: Specimen) -> Building:
 
 def known_of(
     setup: Setup, identified: Identification, design: Design, rig: IdentifiedRig, storeys: Block, radius: float,
-    kept: Kept | None = None,
+    shared: SharedValues | None = None,
 ) -> Known:  # fmt: skip
     """Return what the prediction of errors starts from."""
     dt, motion, specimen = setup.rig.dt_s, setup.motion, _specimen(identified)
     building = as_identified(setup, specimen)
     ring = RINGS * dt / -math.log(radius) if radius < 1.0 else LONGEST_S
     lines = lines_for(len(motion.time_s), dt, min(ring, LONGEST_S), lowest_reliable_hz(setup))
-    asked = (motion_key(setup.case), pickle.dumps(building))
-    sim = (kept or Kept()).get("sim as identified", asked, lambda: simulate(building, dt, motion.accel_m_s2))
+    asked = (motion_key(setup.case), content_key(building))
+    sim = (shared or SharedValues()).get("sim as identified", asked, lambda: simulate(building, dt, motion.accel_m_s2))
     ground = lines.of_motion(motion.accel_m_s2, motion.velocity_m_s, motion.displacement_m)
     floors = specimen_state_space(specimen).response(lines.frequency_hz)[:, 0]
     interface = len(building.numerical.masses_kg) - 1

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from rths_cli.analysis.stability_check import SAFE, UNSAFE, UNSTABLE
@@ -18,7 +18,6 @@ from rths_cli.experiment.model_store import Cache
 from rths_cli.experiment.setup import make_setups, shown
 from rths_cli.experiment.warnings import of_case
 from rths_cli.interrupts import interruptible
-from rths_cli.report.check_json import Checked, Tested
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -28,7 +27,8 @@ if TYPE_CHECKING:
     from rths_cli.experiment.design import Design
     from rths_cli.experiment.model_registry import Known
     from rths_cli.experiment.setup import Progress, Setup
-    from rths_cli.experiment.shared_designs import Kept
+    from rths_cli.numerics.shared_values import SharedValues
+    from rths_cli.quantities import Values
 
 
 @dataclass(frozen=True)
@@ -48,22 +48,58 @@ class Verdict:
         return self.verdict in (UNSAFE, UNSTABLE)
 
 
+@dataclass(frozen=True)
+class Tested:
+    """What a check is about: the case as a reader knows it, the model used and where it comes from."""
+
+    case: str
+    file: str
+    structure: str
+    damping: str
+    record: str
+    scaling: float
+    controller: str
+    method: str
+    rig: str
+    rig_kind: str
+    sample_rate_hz: float
+    delay_s: float
+    model: str
+    overrides: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Checked:
+    """The verdict on a case, why it is not safe, what a reader should know beside, and the figures by path."""
+
+    about: Tested
+    verdict: str
+    reasons: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
+    metrics: Values = field(default_factory=dict)
+
+    @property
+    def exit_code(self) -> int:
+        """Return 0 for a safe case, else 1."""
+        return 0 if self.verdict == SAFE else 1
+
+
 def verdict_on(
-    setup: Setup, known: Known, hybrid: bool = True, design: Design | None = None, kept: Kept | None = None
+    setup: Setup, known: Known, hybrid: bool = True, design: Design | None = None, shared: SharedValues | None = None
 ) -> Verdict:
     """Return the verdict on a case's hybrid test from what is known of its rig and specimen; "" when `hybrid` says that
     there is none, unless no blocks can be designed. `design`: the blocks, where another record had them designed; with
-    `kept`, cases share what they have in common. That no controller can be designed for a rejected model follows from
+    `shared`, cases share what they have in common. That no controller can be designed for a rejected model follows from
     why it was rejected, and is not said beside it."""
     faults = known.faults(setup.overrides)
     try:
-        design = design or interruptible(lambda: design_blocks(setup, known.found, kept))
+        design = design or interruptible(lambda: design_blocks(setup, known.found, shared))
     except InputError as error:
         return Verdict(UNSAFE, faults or error.faults, None, {})
     if not hybrid:
         return Verdict("", faults, design, {})
     chosen = design
-    judged = interruptible(lambda: judge(setup, known.found, chosen, kept))
+    judged = interruptible(lambda: judge(setup, known.found, chosen, shared))
     found = judged.preflight
     verdict = UNSAFE if faults and found.verdict == SAFE else found.verdict
     return Verdict(verdict, (*faults, *found.reasons), design, check_figures(judged), judged.known)

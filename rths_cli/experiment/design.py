@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-import pickle
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rths_cli.control import feedback, feedforward, kalman_filter, numerical_substructure, sensor_correction
 from rths_cli.control.blocks import Blocks
-from rths_cli.experiment.shared_designs import Kept
+from rths_cli.numerics.content_key import content_key
+from rths_cli.numerics.shared_values import SharedValues
 
 if TYPE_CHECKING:
     from rths_cli.control.kalman_filter import Shear
@@ -33,17 +33,18 @@ class Design:
     shear_now: Shear
 
 
-def design_blocks(setup: Setup, identified: Identification, kept: Kept | None = None) -> Design:
+def design_blocks(setup: Setup, identified: Identification, shared: SharedValues | None = None) -> Design:
     """Return the blocks for the case's method and controller; raises InputError when no controller exists.
 
-    With `kept`, cases of one model, method and controller share the feedback, whatever their building.
+    With `shared`, cases of one model, method and controller share the feedback, whatever their building.
     """
     case, dt = setup.case, setup.rig.dt_s
     best = case.method == "best"
     model = identified.best if best else identified.paper
     driven = case.controller.kind != "none"
     lead = feedforward.lead_samples(model, dt) if best and driven else 0
-    designed = _feedback(setup, identified, model, kept or Kept()) if case.controller.kind == "FF+FB" else None
+    closed = case.controller.kind == "FF+FB"
+    designed = _feedback(setup, identified, model, shared or SharedValues()) if closed else None
     shear = _shear(setup, identified, lead)
     blocks = Blocks(
         correction=sensor_correction.correction(setup.rig.channels, dt, setup.removes_sensors),
@@ -79,13 +80,13 @@ def _feedforward(model: Model, dt_s: float, lead: int, best: bool, driven: bool)
     return feedforward.lagged_inverse(model, dt_s, lead) if best else feedforward.leaky_inverse(model, dt_s)
 
 
-def _feedback(setup: Setup, identified: Identification, model: Model, kept: Kept) -> feedback.Feedback:
+def _feedback(setup: Setup, identified: Identification, model: Model, shared: SharedValues) -> feedback.Feedback:
     controller = setup.case.controller
     low, high = controller.disturbance_hz
     weights = feedback.Weights((low, high), controller.command_weight)
     limits = (controller.feedback_bandwidth_hz, controller.max_sensitivity)
     asked = (model, identified.frfs[0], setup.rig.dt_s, *limits, weights)
-    return kept.get("feedback", pickle.dumps(asked), lambda: feedback.design(*asked))
+    return shared.get("feedback", content_key(*asked), lambda: feedback.design(*asked))
 
 
 def _command_limit_v(rig: RigInfo) -> float:

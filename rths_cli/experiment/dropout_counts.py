@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rths_cli.experiment.dropout_sentence import loss_sentence
 from rths_cli.loop.run_log import CAUGHT_UP, MIXED, NO_ANSWER, without_samples
-from rths_cli.report.dropout_sentence import loss_sentence
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

@@ -24,7 +24,6 @@ from rths_cli.identification.evaluation import identify as evaluate
 from rths_cli.identification.results import Identification
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.lti import Model
-from rths_cli.report.identification_page import About
 
 
 @dataclass(frozen=True)
@@ -42,6 +41,19 @@ class Asked:
     save_data: Path | None = None
     figure: Path | None = None
     draw: bool = True
+
+
+@dataclass(frozen=True)
+class About:
+    """Where an identification comes from: name and kind of the rig, a sentence on the data, and further lines.
+
+    `lines`: pairs (label, text) such as excitation, level, reach, estimator, latency, data hash, model file, age.
+    """
+
+    rig: str
+    rig_kind: str
+    source: str
+    lines: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True)

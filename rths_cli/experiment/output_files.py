@@ -11,8 +11,8 @@ from rths_cli.errors import InputError
 from rths_cli.files.durable_files import open_regular
 from rths_cli.files.model_file import FORMAT
 from rths_cli.files.result_writer import check_writable
-from rths_cli.report.identification_figure import METADATA
 
+FIGURE_FORMATS = ("png", "svg", "pdf")
 Named = tuple[str, Path]
 
 
@@ -63,7 +63,7 @@ def _name_faults(option: str, path: Path) -> list[str]:
     """Return a sentence when a path is a folder, or a figure's has another suffix."""
     if path.is_dir():
         return [f"{option} {path}: is a folder; give the name of a file in it"]
-    if option == "--figure" and path.suffix.lower().removeprefix(".") not in METADATA:
+    if option == "--figure" and path.suffix.lower().removeprefix(".") not in FIGURE_FORMATS:
         return [f"--figure {path}: must end in .png, .svg or .pdf"]
     return []
 

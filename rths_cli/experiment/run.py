@@ -17,17 +17,17 @@ from rths_cli.analysis.sim_delay import simulate_delayed
 from rths_cli.case.load import resolved_yaml
 from rths_cli.experiment import result_contents, run_metrics
 from rths_cli.experiment.check_cases import Verdict, verdict_on
+from rths_cli.experiment.dropout_sentence import losses_of_runs
 from rths_cli.experiment.lowest_frequency import lowest_reliable_hz
 from rths_cli.experiment.model_registry import Known, Memory
 from rths_cli.experiment.output_files import try_folder
 from rths_cli.experiment.provenance import attributes
 from rths_cli.experiment.setup import Progress, Setup, building_key, make_setups, motion_key
-from rths_cli.experiment.shared_designs import Kept
 from rths_cli.experiment.table_runs import Played, Stage, Stop, VirtualStage, play_all, refused
 from rths_cli.experiment.warnings import of_case
 from rths_cli.files.result_reader import ResultWriter
 from rths_cli.interrupts import interruptible
-from rths_cli.report.dropout_sentence import losses_of_runs
+from rths_cli.numerics.shared_values import SharedValues
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -56,10 +56,10 @@ class Ended:
 
 
 def prepare_all(
-    cases: Sequence[Case], output: Path, overrides: tuple[str, ...] = (), kept: Kept | None = None
+    cases: Sequence[Case], output: Path, overrides: tuple[str, ...] = (), shared: SharedValues | None = None
 ) -> list[Setup]:
     """Read and check everything of every case before the first one starts; raises InputError with all faults."""
-    setups = make_setups(cases, overrides, kept)
+    setups = make_setups(cases, overrides, shared)
     try_folder(output, sum(_bytes(setup) for setup in setups))
     return setups
 
@@ -81,22 +81,22 @@ def run_case(
     memory: Memory,
     command_line: str,
     progress: Progress,
-    kept: Kept | None = None,
+    shared: SharedValues | None = None,
     stage: Stage | None = None,
 ) -> Ended:
     """Run one case and write its result file; raises InputError when it cannot be run or written.
 
-    With `kept`, cases share what they have in common. `stage` plays the runs, on a virtual rig when there is none.
+    With `shared`, cases share what they have in common. `stage` plays the runs, on a virtual rig when there is none.
     """
-    case, kept = setup.case, kept or Kept()
+    case, shared = setup.case, shared or SharedValues()
     known = memory.known(setup, progress) if moves_table(case) else None
-    checked = verdict_on(setup, known, "exp_rths" in case.runs, kept=kept) if known else None
+    checked = verdict_on(setup, known, "exp_rths" in case.runs, shared=shared) if known else None
     cautions, replaced = _cautions(setup, known, checked), path.exists()
     about = _attributes(setup, checked, known, command_line, cautions)
     with ResultWriter(path, about, lasting=setup.rig.can.moves_hardware) as writer:
         writer.case(case.yaml_text, resolved_yaml(case))
         result_contents.write_record(writer, setup)
-        sim, values = _simulations(setup, writer, kept, progress)
+        sim, values = _simulations(setup, writer, shared, progress)
         played = Played(None, {})
         if known is not None and checked is not None:
             played = _on_table(setup, known, checked, sim, writer, progress, stage or VirtualStage())
@@ -163,20 +163,20 @@ def _on_table(
 
 
 def _simulations(
-    setup: Setup, writer: ResultWriter, kept: Kept, progress: Progress
+    setup: Setup, writer: ResultWriter, shared: SharedValues, progress: Progress
 ) -> tuple[Response, dict[str, ArrayLike]]:
     """Write SIM and SIM-DELAY; return SIM, which every error is measured against, and the figures."""
     case, dt, ground = setup.case, setup.rig.dt_s, setup.motion.accel_m_s2
     asked = (motion_key(case), building_key(case))
     progress("SIM")
-    sim = kept.get("sim", asked, lambda: interruptible(lambda: simulate(setup.building, dt, ground)))
+    sim = shared.get("sim", asked, lambda: interruptible(lambda: simulate(setup.building, dt, ground)))
     values: dict[str, ArrayLike] = {}
     if "sim" in case.runs:
         result_contents.write_response(writer, "sim", setup, sim)
         values["sim.solution_error"] = sim.error_estimate
     if "sim_delay" in case.runs:
         progress(f"SIM-DELAY, {1e3 * case.delay_s:g} ms")
-        delayed, found = kept.get(
+        delayed, found = shared.get(
             "sim_delay",
             (*asked, case.delay_s, lowest_reliable_hz(setup)),
             lambda: interruptible(lambda: _sim_delay(setup, sim)),

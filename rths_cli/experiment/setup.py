@@ -13,10 +13,10 @@ import numpy as np
 from rths_cli.control.numerical_substructure import check_scheme
 from rths_cli.errors import InputError
 from rths_cli.experiment.ground_motion import GroundMotion, prepare
-from rths_cli.experiment.shared_designs import Kept
 from rths_cli.files.accelerograms import read_accelerogram
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.lti import Array
+from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.quantities import metrics_of
 from rths_cli.rigs.description import RigInfo
 from rths_cli.rigs.from_case import rig_info
@@ -47,17 +47,17 @@ class Setup:
         return self.case.identification.sensor_dynamics == "removed"
 
 
-def make_setup(case: Case, overrides: tuple[str, ...] = (), kept: Kept | None = None) -> Setup:
+def make_setup(case: Case, overrides: tuple[str, ...] = (), shared: SharedValues | None = None) -> Setup:
     """Read the record, build the building and the rig's description; raises InputError.
 
-    With `kept`, cases of the same record or building share it.
+    With `shared`, cases of the same record or building share it.
     """
     faults = [*_payload_faults(case), *_accept_faults(case)]
     if faults:
         raise InputError(*(f"{shown(case.path)}: {fault}" for fault in faults))
-    kept = kept or Kept()
-    motion, record_sha256 = kept.get("motion", motion_key(case), lambda: interruptible(lambda: ground_motion(case)))
-    building = kept.get(
+    shared = shared or SharedValues()
+    motion, record_sha256 = shared.get("motion", motion_key(case), lambda: interruptible(lambda: ground_motion(case)))
+    building = shared.get(
         "building", building_key(case), lambda: interruptible(lambda: build(case.structure, case.damping))
     )
     check_scheme(building.numerical, 1.0 / case.sample_rate_hz, case.integration)
@@ -89,16 +89,18 @@ def building_key(case: Case) -> tuple[str, str]:
     return case.structure.model_dump_json(), case.damping.model_dump_json()
 
 
-def make_setups(cases: Sequence[Case], overrides: tuple[str, ...] = (), kept: Kept | None = None) -> list[Setup]:
+def make_setups(
+    cases: Sequence[Case], overrides: tuple[str, ...] = (), shared: SharedValues | None = None
+) -> list[Setup]:
     """Read and check everything of every case before the first one starts; raises InputError with all faults.
 
-    Cases of the same record or building share it; with `kept`, with those of other calls too.
+    Cases of the same record or building share it; with `shared`, with those of other calls too.
     """
-    kept = kept or Kept()
+    shared = shared or SharedValues()
     setups, faults = [], []
     for case in cases:
         try:
-            setups.append(make_setup(case, overrides, kept))
+            setups.append(make_setup(case, overrides, shared))
         except InputError as error:
             faults += [f"{case.path}: {fault}" if str(case.path) not in fault else fault for fault in error.faults]
     if faults:

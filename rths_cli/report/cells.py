@@ -6,9 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from rths_cli.experiment.dropout_sentence import losses_of_runs
 from rths_cli.files.result_reader import COMPLETE, Result
 from rths_cli.report.case_results import DIVERGED, Entry, look_up, published, run_state, state
-from rths_cli.report.dropout_sentence import losses_of_runs
 from rths_cli.report.text_layout import Cell, number
 
 TRACKING = ("tracking_max_m_s2", "tracking_rms_m_s2")

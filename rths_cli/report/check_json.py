@@ -3,50 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rths_cli.quantities import METRICS, Values
+from rths_cli.quantities import METRICS
 
-SAFE = "safe"
-
-
-@dataclass(frozen=True)
-class Tested:
-    """What a check is about: the case as a reader knows it, the model used and where it comes from."""
-
-    case: str
-    file: str
-    structure: str
-    damping: str
-    record: str
-    scaling: float
-    controller: str
-    method: str
-    rig: str
-    rig_kind: str
-    sample_rate_hz: float
-    delay_s: float
-    model: str
-    overrides: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Checked:
-    """The verdict on a case, why it is not safe, what a reader should know beside, and the figures by path."""
-
-    about: Tested
-    verdict: str
-    reasons: tuple[str, ...]
-    warnings: tuple[str, ...] = ()
-    metrics: Values = field(default_factory=dict)
-
-    @property
-    def exit_code(self) -> int:
-        """Return 0 for a safe case, else 1."""
-        return 0 if self.verdict == SAFE else 1
+if TYPE_CHECKING:
+    from rths_cli.experiment.check_cases import Checked
 
 
 def as_document(checked: Sequence[Checked]) -> dict[str, Any]:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rths_cli.numerics.lti import Array
-from rths_cli.report.check_json import Checked, Tested
 from rths_cli.report.error_budget_table import budget_text
 from rths_cli.report.identification_page import DASH, aligned, labelled, number, short, wrapped
 from rths_cli.report.latency_table import latency_text
+
+if TYPE_CHECKING:
+    from rths_cli.experiment.check_cases import Checked, Tested
 
 MARGINS = (
     ("gain up, factor", "gain_margin", 1.0),

@@ -17,12 +17,14 @@ from rths_cli.identification.results import Identification
 from rths_cli.identification.verdict import LIMITS
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.lti import Array, ComplexArray
-from rths_cli.report.identification_page import About, short, verdict_sentence
+from rths_cli.report.identification_page import short, verdict_sentence
 from rths_cli.structure import Specimen
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from rths_cli.experiment.identify_command import About
 
 # Okabe and Ito's colours, which colour-blind readers tell apart; lightness and dashes tell them apart in grey
 SKY, BLUE, VERMILLION, GREY, LIGHT = "#56B4E9", "#0072B2", "#D55E00", "#999999", "#F0F0F0"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,18 +13,8 @@ from rths_cli.identification.results import ChannelReport, FitError, Identificat
 from rths_cli.identification.verdict import agree
 from rths_cli.numerics.lti import Array, ComplexArray, Model
 
-
-@dataclass(frozen=True)
-class About:
-    """Where an identification comes from: name and kind of the rig, a sentence on the data, and further lines.
-
-    `lines`: pairs (label, text) such as excitation, level, reach, estimator, latency, data hash, model file, age.
-    """
-
-    rig: str
-    rig_kind: str
-    source: str
-    lines: tuple[tuple[str, str], ...] = ()
+if TYPE_CHECKING:
+    from rths_cli.experiment.identify_command import About
 
 
 def as_document(found: Identification, about: About) -> dict[str, Any]:

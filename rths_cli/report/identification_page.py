@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,8 +25,11 @@ from rths_cli.identification.results import (
 from rths_cli.identification.table_fit import COMPARED_HZ, MID_HZ
 from rths_cli.identification.verdict import LIMITS
 from rths_cli.numerics.lti import Model
-from rths_cli.report.identification_json import About, agreements, as_document, centre_rad_s, rejected_document
+from rths_cli.report.identification_json import agreements, as_document, centre_rad_s, rejected_document
 from rths_cli.report.text_layout import WIDTH
+
+if TYPE_CHECKING:
+    from rths_cli.experiment.identify_command import About
 
 LABEL = 24
 DASH = "-"
@@ -184,7 +188,7 @@ def _shapes(fit: SpecimenFit, floors: Sequence[str]) -> list[str]:
     return lines
 
 
-__all__ = ["About", "as_document", "page", "rejected_document", "rejected_page", "title", "verdict_sentence"]
+__all__ = ["as_document", "page", "rejected_document", "rejected_page", "title", "verdict_sentence"]
 
 SIGNIFICANT = 3.0  # standard errors
 

@@ -23,11 +23,11 @@ from rths_cli.experiment.rig_access import EXP_RTHS, guard_limits, open_virtual
 from rths_cli.experiment.run import acceptance
 from rths_cli.experiment.run_series import on_record_clock, whole_building
 from rths_cli.experiment.setup import building_key, make_setup, motion_key
-from rths_cli.experiment.shared_designs import Kept
 from rths_cli.experiment.table_runs import Stop, drive_of, true_accel, why_ended
 from rths_cli.loop.counted_clock import play
 from rths_cli.loop.run_log import Log, empty_log
 from rths_cli.loop.step_arrays import NUMERICAL
+from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.rigs.virtual.virtual_rig import VirtualRig
 from rths_cli.studies.sweep_table import Column, Row, error_values, flat
 
@@ -83,7 +83,7 @@ class Shared:
     def __init__(self, overrides: tuple[str, ...], progress: Progress) -> None:
         self._overrides = overrides
         self._progress = progress
-        self._kept = Kept()
+        self._kept = SharedValues()
 
     def setup(self, case: Case) -> Setup:
         """Return the case's setup, its model file read and its excitation planned; raises InputError."""
@@ -132,7 +132,7 @@ class Shared:
             design: Design | None = kept.get("design", keys.design, lambda: design_blocks(setup, known.found, kept))
         except InputError:
             design = None  # the verdict says why
-        return verdict_on(setup, known, design=design, kept=kept)
+        return verdict_on(setup, known, design=design, shared=kept)
 
 
 def _digest(content: bytes) -> str:

@@ -13,6 +13,7 @@ import pytest
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, RigError
 from rths_cli.experiment import check_cases, identify, rig_access
+from rths_cli.experiment.check_cases import Checked
 from rths_cli.experiment.check_metrics import REACH
 from rths_cli.experiment.model_registry import Known, Memory
 from rths_cli.experiment.model_store import save
@@ -21,7 +22,6 @@ from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.result_reader import Result, read_result
 from rths_cli.identification.results import Identification
 from rths_cli.quantities import METRICS, metrics_of
-from rths_cli.report.check_json import Checked
 
 CASE, BARE = "el_centro_low_ff_fb", "el_centro_bare_ff_fb"
 

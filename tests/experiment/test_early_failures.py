@@ -13,10 +13,10 @@ from rths_cli.errors import InputError, RigError
 from rths_cli.experiment import batch, real_run
 from rths_cli.experiment.batch import _run_one
 from rths_cli.experiment.run import Ended
-from rths_cli.experiment.shared_designs import Kept
 from rths_cli.experiment.table_runs import after_the_record, why_ended
 from rths_cli.files.result_reader import Dataset, ResultWriter, read_result
 from rths_cli.loop import guard
+from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.rigs.description import capabilities_of
 
 ABOUT = {"case_name": "a", "rig_kind": "udp"}
@@ -31,7 +31,7 @@ def ran(path: Path, monkeypatch: pytest.MonkeyPatch, act: Any, ask: Any = lambda
     monkeypatch.setattr(real_run, "ask_the_rig", ask)
     monkeypatch.setattr(batch, "run_case", lambda setup, path, *_: act(path))
     watcher: Any = SimpleNamespace(moving=None)
-    return _run_one(setup(), path, SimpleNamespace(), Kept(), "", lambda _: None, watcher)  # type: ignore[arg-type]
+    return _run_one(setup(), path, SimpleNamespace(), SharedValues(), "", lambda _: None, watcher)  # type: ignore[arg-type]
 
 
 def second_run_fails(error: Exception) -> Any:

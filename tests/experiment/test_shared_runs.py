@@ -14,16 +14,16 @@ from rths_cli.case.load import load_cases
 from rths_cli.experiment import batch, check, design, run
 from rths_cli.experiment.model_registry import Memory
 from rths_cli.experiment.setup import make_setups
-from rths_cli.experiment.shared_designs import Kept
+from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.rigs.description import capabilities_of
 
 CASE = "el_centro_low_ff_fb"
 
 
-def play(path: Path, settings: tuple[str, ...], memory: Memory, kept: Kept | None) -> dict[str, bytes]:
+def play(path: Path, settings: tuple[str, ...], memory: Memory, shared: SharedValues | None) -> dict[str, bytes]:
     """Return every dataset of a run but the case's text and the time it took."""
-    setup = make_setups(load_cases([CASE], settings), kept=kept)[0]
-    assert run.run_case(setup, path, memory, "test", lambda _: None, kept).exit_code == 0
+    setup = make_setups(load_cases([CASE], settings), shared=shared)[0]
+    assert run.run_case(setup, path, memory, "test", lambda _: None, shared).exit_code == 0
     found: dict[str, bytes] = {}
 
     def collect(name: str, node: h5py.Group | h5py.Dataset) -> None:
@@ -56,13 +56,13 @@ def play(path: Path, settings: tuple[str, ...], memory: Memory, kept: Kept | Non
 def test_a_case_has_the_same_bytes_beside_those_that_differ_in_one_key(
     of: str, varied: tuple[str, ...], tmp_path: Path, memory: Memory
 ) -> None:
-    kept, asked, path = Kept(), (f"runs=[{of}]",), tmp_path / "a.h5"
-    first = play(path, asked, memory, kept)
+    shared, asked, path = SharedValues(), (f"runs=[{of}]",), tmp_path / "a.h5"
+    first = play(path, asked, memory, shared)
     for one in varied:
-        beside = play(path, (*asked, one), memory, kept)
+        beside = play(path, (*asked, one), memory, shared)
         assert beside == play(path, (*asked, one), memory, None), one
         assert beside != first, one
-    assert first == play(path, asked, memory, kept)
+    assert first == play(path, asked, memory, shared)
 
 
 def test_what_two_cases_have_in_common_is_made_once(
@@ -77,9 +77,9 @@ def test_what_two_cases_have_in_common_is_made_once(
     for module, name in ((run, "simulate"), (run, "simulate_delayed"), (check, "simulate"), (check, "_stability")):
         count(module, name)
     count(design.feedback, "design")
-    kept = Kept()
+    shared = SharedValues()
     for number, seed in enumerate(("seed=0", "seed=1")):
-        play(tmp_path / f"{number}.h5", ("runs=[sim,sim_delay,exp_rths]", seed), memory, kept)
+        play(tmp_path / f"{number}.h5", ("runs=[sim,sim_delay,exp_rths]", seed), memory, shared)
     assert sorted(made) == ["_stability", "design", "simulate", "simulate", "simulate_delayed"]
 
 

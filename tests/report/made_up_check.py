@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from rths_cli.experiment.check_cases import Checked, Tested
 from rths_cli.quantities import Values, metrics_of
-from rths_cli.report.check_json import Checked, Tested
 
 ABOUT = Tested(
     case="my_case",

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from rths_cli.experiment.identify_command import About
 from rths_cli.identification.results import (
     Band,
     Candidate,
@@ -14,7 +15,6 @@ from rths_cli.identification.results import (
     Verdict,
 )
 from rths_cli.numerics.lti import Frf, Model
-from rths_cli.report.identification_page import About
 from rths_cli.structure import Specimen, storey_matrix
 
 NAN = float("nan")

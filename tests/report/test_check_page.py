@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from made_up_check import checked
 
+from rths_cli.experiment.check_cases import Checked
 from rths_cli.quantities import METRICS
-from rths_cli.report.check_json import Checked, as_document
+from rths_cli.report.check_json import as_document
 from rths_cli.report.check_page import MARGINS, REACH, page, pages
 
 MOTION = ("check.peak", "check.limit", "check.rms_error", "check.tracking")

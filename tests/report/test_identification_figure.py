@@ -11,8 +11,9 @@ import pytest
 from made_up_identification import ABOUT, MODEL, identification, specimen
 
 from rths_cli.errors import InputError
+from rths_cli.experiment.output_files import FIGURE_FORMATS
 from rths_cli.numerics.lti import StateSpace, staircase
-from rths_cli.report.identification_figure import figure, transmissibility, write_figure
+from rths_cli.report.identification_figure import METADATA, figure, transmissibility, write_figure
 
 
 @pytest.fixture(scope="module")
@@ -177,6 +178,10 @@ def test_a_full_disk_leaves_the_figure_that_was_there(found, tmp_path, monkeypat
     with pytest.raises(InputError, match=r"x\.svg: cannot write the figure: No space left on device; choose another"):
         write_figure(found, ABOUT, path)
     assert path.read_text() == "before" and list(tmp_path.iterdir()) == [path]
+
+
+def test_the_formats_that_are_asked_for_are_those_that_can_be_written():
+    assert tuple(METADATA) == FIGURE_FORMATS
 
 
 def test_the_page_needs_no_matplotlib_and_the_figure_no_pyplot():

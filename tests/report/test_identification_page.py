@@ -12,10 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from made_up_identification import ABOUT, MODEL, NAN, PAPER, identification, specimen
 
+from rths_cli.experiment.identify_command import About
 from rths_cli.identification.results import Candidate, ChannelReport, LevelBand, LevelCauses, Verdict
 from rths_cli.identification.verdict import agree, roots_given
 from rths_cli.report.identification_page import (
-    About,
     as_document,
     number,
     page,

@@ -8,14 +8,14 @@ at the step's start, middle and end satisfy the equations (collocation, fourth o
 
 from __future__ import annotations
 
-import pickle
-from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from rths_cli.numerics.content_key import content_key
 from rths_cli.numerics.lti import Array
 from rths_cli.numerics.matrix_equations import exponential
+from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.numerics.tiled_products import ROWS, padded, squares, tiled
 from rths_cli.structure import Specimen
 
@@ -49,13 +49,15 @@ def levels(parts: Parts, interval_s: float, count: int) -> tuple[Level, ...]:
 
     They are kept: the runs of a case, and its variants by seed or gain, are on the same table.
     """
-    return _levels(pickle.dumps(parts), interval_s, count)
+    key = content_key(parts, interval_s, count)
+    return _SHARED.get("levels", key, lambda: _levels(parts, interval_s, count))
 
 
-@lru_cache(maxsize=64)
-def _levels(pickled: bytes, interval_s: float, count: int) -> tuple[Level, ...]:
+_SHARED = SharedValues(size=64)
+
+
+def _levels(parts: Parts, interval_s: float, count: int) -> tuple[Level, ...]:
     """Make the levels; the end of one level's step is the middle of that before, and one exponential serves both."""
-    parts: Parts = pickle.loads(pickled)
     times = [interval_s / 2**k for k in range(count + 1)]
     moved = [_moved(parts, time_s) for time_s in times]
     return tuple(_level(parts, times[k], moved[k + 1], moved[k]) for k in range(count))

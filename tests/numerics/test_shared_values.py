@@ -8,14 +8,14 @@ from time import sleep
 
 import pytest
 
-from rths_cli.experiment.shared_designs import Kept
+from rths_cli.numerics.shared_values import SharedValues
 
 
 def test_a_value_is_made_once_and_the_one_not_used_longest_is_made_anew() -> None:
-    kept, made = Kept(size=2), []
+    shared, made = SharedValues(size=2), []
 
     def get(key: str, kind: str = "a") -> str:
-        return kept.get(kind, key, lambda: made.append(key) or key.upper())  # type: ignore[func-returns-value]
+        return shared.get(kind, key, lambda: made.append(key) or key.upper())  # type: ignore[func-returns-value]
 
     assert [get(key) for key in ("x", "y", "x", "z", "x")] == ["X", "Y", "X", "Z", "X"]
     assert made == ["x", "y", "z"]
@@ -26,14 +26,14 @@ def test_a_value_is_made_once_and_the_one_not_used_longest_is_made_anew() -> Non
 
 
 def test_what_fails_is_tried_again() -> None:
-    kept = Kept()
+    shared = SharedValues()
     with pytest.raises(ZeroDivisionError):
-        kept.get("a", 1, lambda: 1 / 0)
-    assert kept.get("a", 1, lambda: 2.0) == 2.0
+        shared.get("a", 1, lambda: 1 / 0)
+    assert shared.get("a", 1, lambda: 2.0) == 2.0
 
 
 def test_threads_that_ask_for_the_same_wait_for_the_first() -> None:
-    kept, made, begun = Kept(), [], Event()
+    shared, made, begun = SharedValues(), [], Event()
 
     def make() -> int:
         made.append(1)
@@ -42,7 +42,7 @@ def test_threads_that_ask_for_the_same_wait_for_the_first() -> None:
         return len(made)
 
     with ThreadPoolExecutor(4) as pool:
-        first = pool.submit(kept.get, "a", "x", make)
+        first = pool.submit(shared.get, "a", "x", make)
         assert begun.wait(10)
-        others = [pool.submit(kept.get, "a", "x", make) for _ in range(3)]
+        others = [pool.submit(shared.get, "a", "x", make) for _ in range(3)]
         assert [each.result() for each in (first, *others)] == [1, 1, 1, 1]

@@ -18,7 +18,7 @@ class _Value:
         self.made: tuple[Any, ...] = ()
 
 
-class Kept:
+class SharedValues:
     """The last values made of each kind, at most `size` of a kind. Threads that ask for the same wait for the first."""
 
     def __init__(self, size: int = 8) -> None:

@@ -27,7 +27,7 @@ from rths_cli.experiment import result_contents
 from rths_cli.experiment.recovery import recover
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.raw_log import SUFFIX, RawHeader, RawLogWriter, raw_log_path, still_in
-from rths_cli.files.result_reader import Dataset, ResultWriter, read_result, read_series
+from rths_cli.files.result_reader import ResultWriter, read_result, read_series
 from rths_cli.loop.raw_log_stream import LogStream
 
 CASE = "el_centro_low_ff_fb"
@@ -135,8 +135,7 @@ def _run(result: Path, setup: Setup, done: NDArray[np.int64]) -> None:
             with LogStream(log, columns, done, np.zeros(1, dtype=np.int64)):
                 _loop(columns, done)
             writer.resume()
-            command = Dataset(_made_up(STEPS)[0, LEAD:], "V", "command that left the guard", "computed")
-            writer.group("exp_rths", {"command_v": command}, DT_S * np.arange(STEPS - LEAD))
+            writer.group("exp_rths", {"command_v": _made_up(STEPS)[0, LEAD:]}, DT_S * np.arange(STEPS - LEAD))
             writer.finish("complete")
         log.remove()
 

@@ -1,74 +1,7 @@
-"""What attributes, blocks and axes of result and model files mean."""
+"""What attributes and groups of model files mean."""
 
 from __future__ import annotations
 
-SIZES = {
-    "time_s": "samples of the run (n)",
-    "storey": "storeys of the building, from the ground",
-    "floor": "experimental storeys",
-    "frequency_hz": "lines of a response",
-    "channel": "channels: the table, then the experimental floors from the lowest",
-    "rest_time_s": "samples at rest, before the record and after it",
-    "mode": "modes of the specimen",
-    "zero": "zeros",
-    "pole": "poles",
-    "row": "rows of a table",
-}
-ATTRIBUTES = {
-    "format": "`rths-result`",
-    "format_version": "1; files of a later version are refused",
-    "status": "how the run ended: complete, aborted, interrupted, failed, refused",
-    "status_reason": "why it did not end as planned, a sentence; empty where it did",
-    "case_name": "name of the case",
-    "created_utc": "when the file was begun",
-    "rths_version": "version of rths",
-    "git_commit": "commit of rths, empty where it is installed as a package",
-    "package_versions": "versions of Python and of the packages that compute, as JSON",
-    "platform": "system and processor",
-    "command_line": "the command that was given",
-    "seed": "seed of the runs",
-    "sample_rate_hz": "sample rate in Hz",
-    "method": "best or paper",
-    "controller": "FF, FF+FB or none",
-    "scaling": "factor on the record",
-    "damping_name": "damping level, inline where the case gives a mapping",
-    "record_name": "name of the record's file",
-    "record_sha256": "SHA-256 of the record's file",
-    "rig": "name of the rig",
-    "rig_kind": "virtual, udp, ni, or the kind of a package",
-    "driver_verified": "what was behind a real rig's driver: hardware, loopback or fake; empty for a virtual rig",
-    "model_source": "where the model of the table comes from, and its age",
-    "model_sha256": "SHA-256 of the table model's numbers",
-    "check_verdict": "of the check before the run: safe, unsafe or unstable",
-    "overrides": "what was overridden: check, model",
-    "warnings": "what a user should read before trusting the result, one a line",
-    "reference_title": "title of the published figures",
-    "reference_json": "the published figures of this case by path, as JSON",
-}
-RUN_ATTRIBUTES = {
-    "status": "how this run ended; begun: its process was killed before it did",
-    "status_reason": "why it did not end as planned; not there where it did",
-}
-REAL_ATTRIBUTES = {
-    "zeros_v": "mean of each channel at rest in V, taken off every sample",
-    "overruns": "intervals that were missed",
-    "fifo_priority": "real-time priority that the system granted, 0: none",
-    "cpu": "processor that the loop was bound to",
-    "memory_locked": "1: memory was locked",
-    "not_granted": "what the system refused, one a line",
-    "log_fault": "why the raw log could not be written; empty: it was",
-    "log_behind_s": "how far the raw log was behind the loop at worst, in s",
-}
-BLOCKS = {
-    "sensor_correction": "samples (V) to accelerations, known corners of the sensors taken out",
-    "kalman": "accelerations to the specimen's state and floor accelerations",
-    "specimen_open_loop": "table acceleration to floor accelerations that the guard expects; no measured floor enters",
-    "base_shear": "estimates and accelerations to the base shear at the instant at which the command acts",
-    "numerical": "ground acceleration and base shear to the interface's motion",
-    "feedforward": "desired motion to command",
-    "feedback": "tracking error to command",
-    "staircase": "commands to the share of the hold's staircase in a table sample",
-}
 MODEL_ATTRIBUTES = {
     "format": "`rths-model`",
     "format_version": "1; files of a later version are refused",

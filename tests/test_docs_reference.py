@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import re
 from collections.abc import Iterator
 from contextlib import chdir
@@ -12,6 +11,7 @@ from typing import Any, get_args
 import click
 import h5py
 import pytest
+from declared_contents import declaration_faults
 from docs_modules import with_map
 from docs_reference import FOLDER, PAGES, README
 from docs_running import run_words, shortened
@@ -21,7 +21,9 @@ from pydantic import BaseModel
 from rths_cli.case.case_schema import CaseKeys
 from rths_cli.case.rig_schema import KINDS, PluginRigSpec
 from rths_cli.cli import cli
-from rths_cli.experiment import real_run
+from rths_cli.quantities import ATTRIBUTES, AXES, BLOCKS
+from rths_cli.quantities.attributes import OF_BLOCK, OF_FILE, OF_RUN
+from rths_cli.quantities.datasets import BEST, STORED, declared_datasets
 
 ROOT = Path(__file__).parents[1]
 CASE = "el_centro_low_ff_fb"
@@ -147,35 +149,39 @@ def datasets(file: Any) -> dict[str, Any]:
     return found
 
 
-def test_every_dataset_of_a_result_is_told_with_its_unit(files: dict[str, Any]) -> None:
-    told = {cells[0].strip("`"): cells for cells in rows((FOLDER / "hdf5.md").read_text(encoding="utf-8"))}
+def test_every_dataset_and_attribute_of_a_result_is_what_is_declared(files: dict[str, Any]) -> None:
     for method in ("best", "paper"):
-        for path, node in datasets(files[method]).items():
-            shown = re.sub("^/controller/[^/]+", "/controller/BLOCK", path)
-            if not path.startswith("/metrics"):
-                assert told[shown][2] == node.attrs["units"], path
-                sizes = told[shown][1].strip("()").split(", ") if node.ndim else []
-                assert len(sizes) == node.ndim, path
-    known = {path for path in told if path.startswith("/") and len(told[path]) == 5} - {"/exp_rths/timing/compute_s"}
-    real = {path for path in known if told[path][4].endswith("(real rig only)")}
-    assert {path.rpartition("/")[2] for path in real} == {"late_s", "exchange_s", "lost", "state"}
-    seen = {re.sub("^/controller/[^/]+", "/controller/BLOCK", path) for path in datasets(files["best"])}
-    drifting = {path for path in known if told[path][4].endswith("(only where there was any)")}
-    assert {path.rpartition("/")[2] for path in drifting} == {"sensor_drift_m_s2"}
-    assert known - real - drifting <= seen
+        assert declaration_faults(Path(files[method].filename)) == []
+    held = {path.strip("/") for path in datasets(files["best"])}
+    virtual = {path for path, one in STORED.items() if one.present in ("", BEST)}
+    assert virtual - held == set()
+    assert [path for path in datasets(files["paper"]) if path.endswith("base_shear_unexplained_n")] == []
+    absent = {one.name for one in ATTRIBUTES.values() if not one.present} - set(files["best"].attrs)
+    assert absent == {"shake_table_status_reason", "exp_rths_status_reason"}
 
 
-def test_every_attribute_and_block_is_told(files: dict[str, Any]) -> None:
-    told = {head: first_cells(text) for head, text in sections(FOLDER / "hdf5.md").items()}
-    listed = set(told["Attributes of a result"])
-    seen = {re.sub("^(shake_table|exp_rths)_", "RUN_", name) for name in files["best"].attrs}
-    written = set(re.findall(r'^\s+"(\w+)": ', inspect.getsource(real_run._told), re.MULTILINE))  # needs real time
-    assert len(written) > 5
-    assert listed == seen | {f"RUN_{name}" for name in written} | {"RUN_status_reason"}
-    assert set(told["`/controller/BLOCK`"]) >= set(files["best"]["controller"])
-    assert set(told["Model files"]) >= set(files["model"].attrs)
-    groups = {path.rpartition("/")[0]: set() for path in datasets(files["model"])}
-    assert set(told["Model files"]) >= set(groups)
+def test_every_declared_dataset_attribute_block_and_axis_is_told_once() -> None:
+    told = {head: rows(text) for head, text in sections(FOLDER / "hdf5.md").items()}
+    shown = {cells[0].strip("`/"): cells for head, found in told.items() for cells in found if head.startswith("`/")}
+    declared = {path: one for one in declared_datasets() for path in one.stored_paths}
+    assert set(shown) - set(BLOCKS) - {one.name for one in OF_BLOCK} == set(declared)
+    for path, one in declared.items():
+        assert shown[path][1:4] == [f"({', '.join(one.axes)})" if one.axes else "one value", one.units, one.source]
+        assert shown[path][4].startswith(one.text) and one.present in shown[path][4], path
+        assert all(remark in shown[path][4] for remark in one.remarks)
+    attributes = {cells[0].strip("`"): cells[1] for cells in told["Attributes of a result"]}
+    assert attributes.keys() == {one.name for one in (*OF_FILE, *OF_RUN)}
+    assert all(attributes[one.name].startswith(one.text) for one in (*OF_FILE, *OF_RUN))
+    page = (FOLDER / "hdf5.md").read_text(encoding="utf-8")
+    for name, axis in AXES.items():
+        assert f"| `{name}` | {axis.units} | {axis.text} |" in page
+    assert {cells[0].strip("`") for cells in told["`/controller/BLOCK`"]} >= set(BLOCKS)
+
+
+def test_every_attribute_and_group_of_a_model_is_told(files: dict[str, Any]) -> None:
+    told = set(first_cells(sections(FOLDER / "hdf5.md")["Model files"]))
+    assert told >= set(files["model"].attrs)
+    assert told >= {path.rpartition("/")[0] for path in datasets(files["model"])}
 
 
 def test_every_figure_of_a_result_is_told_with_its_unit(files: dict[str, Any]) -> None:

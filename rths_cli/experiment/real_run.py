@@ -6,15 +6,12 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from rths_cli.case.load import resolved_yaml
 from rths_cli.experiment import real_rig
 from rths_cli.experiment.design import design_blocks
 from rths_cli.experiment.rig_access import guard_limits, open_rig
 from rths_cli.experiment.sensor_drift_report import as_stored
 from rths_cli.experiment.table_runs import AFTER_S, BEFORE_S, TableRun, drive_of
-from rths_cli.files.hdf5 import Dataset
 from rths_cli.files.raw_log import RawHeader, RawLogWriter, raw_log_path, still_in
 from rths_cli.loop.guard import LOG_FAILED, WATCHER_FAILED
 from rths_cli.loop.live_view import View, Watching
@@ -22,6 +19,7 @@ from rths_cli.loop.raw_log_stream import LogStream
 from rths_cli.loop.realtime_run import STOP_KEY, Performance, Performed, order, perform_watched, prepare
 from rths_cli.loop.run_log import column_names, column_units
 from rths_cli.loop.step_arrays import NUMERICAL
+from rths_cli.quantities.datasets import LINK_COUNTS
 from rths_cli.rigs.udp.udp_rig import UdpRig
 
 if TYPE_CHECKING:
@@ -32,18 +30,6 @@ if TYPE_CHECKING:
     from rths_cli.files.result_writer import ResultWriter
     from rths_cli.loop.counted_clock import Outcome
     from rths_cli.rigs.interface import Rig
-
-LINK_COUNTS = {
-    "sent": "packets sent to the target",
-    "answered": "answers taken",
-    "lost": "commands that no answer came to in time",
-    "late": "answers that came after their time",
-    "doubled": "answers that came twice, or after a newer one",
-    "bad": "packets that were not genuine",
-    "stray": "genuine packets that were never asked for",
-    "unsent": "packets that could not be sent",
-    "unreachable": "times the network called the target unreachable",
-}
 
 
 def ask_the_rig(setup: Setup, memory: Memory, progress: Progress) -> None:
@@ -107,16 +93,13 @@ class RealStage:
             log.close()
 
 
-def link_counts(rig: Rig) -> dict[str, Dataset]:
-    """Return what an open link counted in this session, from arming to rest; nothing of a rig without a link."""
+def link_counts(rig: Rig) -> dict[str, float]:
+    """Return what an open link counted in this session, from arming to rest, by the names of its datasets; nothing of
+    a rig without a link."""
     if not isinstance(rig, UdpRig):
         return {}
     counts = rig.counts
-    about = "in the session, from arming to rest"
-    return {
-        f"link_{name}": Dataset(np.float64(counts[name]), "1", f"{meaning}, {about}", "measured")
-        for name, meaning in LINK_COUNTS.items()
-    }
+    return {f"link_{name}": float(counts[name]) for name in LINK_COUNTS}
 
 
 def _with_fault(performed: Performed, stream: LogStream) -> Outcome:

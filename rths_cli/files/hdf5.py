@@ -13,12 +13,13 @@ import zlib
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rths_cli.files.hdf5_layout import walk
+from rths_cli.quantities import AXES, Source
 
 if TYPE_CHECKING:
     import h5py
@@ -164,8 +165,7 @@ def compresses_well(data: NDArray[Any]) -> bool:
     return len(zlib.compress(shuffled, 1)) < WORTH_COMPRESSING * len(shuffled)
 
 
-Source = Literal["computed", "measured", "estimated", "true"]
-SOURCES = ("computed", "measured", "estimated", "true")
+SOURCES = get_args(Source)
 Written = MutableMapping[str, NDArray[Any]]
 
 
@@ -247,7 +247,8 @@ class _Axes:
         from h5py import h5d, h5ds
 
         if f"{self.path}/{name}" not in self._written:
-            self.add(name, Dataset(np.arange(1, length + 1), "1", f"{name}, counted from 1", "computed"))
+            about = AXES[name].text if name in AXES and AXES[name].counted else f"{name}, counted from 1"
+            self.add(name, Dataset(np.arange(1, length + 1), "1", about, "computed"))
         if self._written[f"{self.path}/{name}"].shape != (length,):
             raise ValueError(f"{path}: axis {axis} has {length} values, scale {name} does not.")
         if name not in self._open:

@@ -9,67 +9,34 @@ from typing import Any
 import numpy as np
 
 from rths_cli.files.hdf5_layout import LARGEST, LayoutError
+from rths_cli.quantities import ATTRIBUTES, AXES, AttributeDeclaration, stored_dataset
+from rths_cli.quantities.axes import RISING, SAMPLED
+from rths_cli.quantities.datasets import SOLUTIONS
 
-STATUSES = ("complete", "aborted", "interrupted", "failed", "refused")
-NUMBERS: dict[str, tuple[float, float]] = {
-    "format_version": (1, 1e6),
-    "seed": (0, 2.0**64),
-    "sample_rate_hz": (1.0, 1e6),
-    "scaling": (-1e9, 1e9),
-    "damping_first_mode_ratio": (-10.0, 1e3),
-}
-"""Attributes of the root that are numbers, with the range of each."""
-TEXTS = (
-    "format", "status", "status_reason", "case_name", "created_utc", "rths_version", "method", "rig", "rig_kind",
-    "driver_verified", "overrides", "command_line", "platform", "package_versions", "git_commit", "record_sha256",
-    "model_sha256", "record_name", "damping_name", "controller", "reference_title", "reference_json", "warnings",
-    "shake_table_status", "exp_rths_status", "shake_table_status_reason", "exp_rths_status_reason",
-)  # fmt: skip
-"""Attributes of the root that are texts; others may be texts or numbers."""
-TIME, FREQUENCY, REST, ANY = "time_s", "frequency_hz", "rest_time_s", "*"
-SCALES = (TIME, FREQUENCY, REST, "storey", "floor", "channel")
-SERIES: dict[str, tuple[str, ...]] = {
-    **dict.fromkeys(
-        (
-            "ground_accel_m_s2", "base_shear_n", "base_shear_unexplained_n", "command_v", "table_accel_m_s2",
-            "interface_accel_desired_m_s2", "interface_accel_measured_m_s2", "table_disp_m", "compute_s",
-        ),
-        (TIME,),
-    ),
-    **dict.fromkeys(
-        (
-            "abs_accel_m_s2", "rel_disp_m", "rel_vel_m_s", "floor_accel_measured_m_s2", "floor_accel_estimated_m_s2",
-            "floor_accel_m_s2", "sensor_drift_m_s2",
-        ),
-        (ANY, TIME),
-    ),
-    "samples_v": (ANY, REST),
-    **dict.fromkeys(("frf_real", "frf_imag", "coherence"), (FREQUENCY,)),
-    **dict.fromkeys(("poles_real", "poles_imag"), ("pole",)),
-    **dict.fromkeys(("zeros_real", "zeros_imag"), ("zero",)),
-    **dict.fromkeys(("natural_frequency_hz", "damping_ratio"), ("mode",)),
-    **dict.fromkeys(("gain", "delay_s", "ripple_m_s2_per_v", "coupling_hz", "fit_error_rms", "fit_error_max"), ()),
-}  # fmt: skip
-"""Datasets outside /metrics and /controller by name, with the scale of each of their axes; time or frequency is the
-last. The scale stands in the group of the dataset, so that what has the same scale has as many values."""
 MATRICES = ("A", "B", "C", "D")
-EXACT = ("sim", "sim_delay")
-"""Groups that reach to the end of the record; a run on the table may be shorter."""
 
 
 def check_attributes(found: Mapping[str, str | int | float]) -> None:
     """Raise LayoutError for an attribute of the root of another type or beyond its range."""
-    for name, (low, high) in NUMBERS.items():
-        value = found.get(name, low)
-        if isinstance(value, str) or not low <= value <= high:
-            raise LayoutError(f"has the attribute {name} = {str(value)[:40]!r}, which must be {low:g} to {high:g}")
-    for name in TEXTS:
-        if not isinstance(found.get(name, ""), str):
-            raise LayoutError(f"has the attribute {name} = {found[name]}, which must be a text")
-    if found.get("status", "complete") not in STATUSES:
-        raise LayoutError(f"has the status {str(found['status'])[:40]!r}, which is none of {', '.join(STATUSES)}")
+    for name, value in found.items():
+        if (declared := ATTRIBUTES.get(name)) is not None:
+            _check_attribute(declared, value)
     _check_figures(str(found.get("reference_json") or "{}"))
     _json_mapping("package_versions", str(found.get("package_versions") or "{}"))
+
+
+def _check_attribute(declared: AttributeDeclaration, value: str | int | float) -> None:
+    """Raise LayoutError for an attribute of another kind than declared, or beyond its limits."""
+    name, limits = declared.name, declared.limits
+    if declared.kind == "text":
+        if not isinstance(value, str):
+            raise LayoutError(f"has the attribute {name} = {value}, which must be a text")
+        if limits and value not in limits:
+            raise LayoutError(f"has the {name} {value[:40]!r}, which is none of {', '.join(map(str, limits))}")
+        return
+    low, high = limits or (-LARGEST, LARGEST)
+    if isinstance(value, str) or not low <= value <= high:  # type: ignore[operator]
+        raise LayoutError(f"has the attribute {name} = {str(value)[:40]!r}, which must be {low:g} to {high:g}")
 
 
 def check_series(
@@ -86,32 +53,39 @@ def check_series(
     group = path.rpartition("/")[0]
     if scales and tuple(length for _, length in scales) != tuple(shape):
         raise LayoutError(f"has scales of other lengths than {path}")
-    if any(scale.rpartition("/")[2] in (TIME, FREQUENCY, REST) for scale, _ in scales[:-1]):
+    if any(scale.rpartition("/")[2] in RISING for scale, _ in scales[:-1]):
         raise LayoutError(f"has the time on another axis than the last one of {path}")
     if group.startswith("controller"):
         _check_block(group, path, shape_of)
     elif not group.startswith("metrics"):
-        _check_declared(path, shape, [scale for scale, _ in scales])
-        _check_runs(group.partition("/")[0], path, shape, shape_of)
+        axes = [scale for scale, _ in scales]
+        _check_declared(path, shape, axes)
+        _check_runs(path, shape, axes, shape_of)
 
 
 def check_values(path: str, values: Any) -> None:
     """Raise LayoutError for values that a declared dataset, a scale or a matrix of a block cannot have."""
     group, _, name = path.rpartition("/")
-    matrix, axes = group.startswith("controller") and name in MATRICES, SERIES.get(name)
-    declared = not group.startswith(("metrics", "controller")) and (axes is not None or name in SCALES)
-    if not matrix and not declared:
+    matrix, declared = group.startswith("controller") and name in MATRICES, stored_dataset(path)
+    scale = _is_scale(path)
+    if not matrix and not scale and (declared is None or declared.kind == "text"):
         return
     found = np.asarray(values)
     if found.dtype.kind not in "iuf":
         raise LayoutError(f"holds no numbers in {path}")
-    sampled = axes is not None and axes[-1:] in ((TIME,), (REST,))
+    sampled = declared is not None and declared.axes[-1:] in [(axis,) for axis in SAMPLED]
     if not sampled and not np.all(np.isfinite(found)):
         raise LayoutError(f"holds a number that is not finite in {path}")
-    if declared and name in (TIME, FREQUENCY, REST) and np.any(np.diff(found) <= 0.0):
+    if scale and name in RISING and np.any(np.diff(found) <= 0.0):
         raise LayoutError(f"holds values that do not rise in {path}")
-    if declared and name == FREQUENCY and np.any(found <= 0.0):
+    if scale and name == "frequency_hz" and np.any(found <= 0.0):
         raise LayoutError(f"holds a frequency that is not positive in {path}")
+
+
+def _is_scale(path: str) -> bool:
+    """Return whether a path is the scale of an axis, outside /metrics and /controller."""
+    group, _, name = path.rpartition("/")
+    return name in AXES and stored_dataset(path) is None and not group.startswith(("metrics", "controller"))
 
 
 def _check_block(group: str, path: str, shape_of: Callable[[str], tuple[int, ...] | None]) -> None:
@@ -127,37 +101,37 @@ def _check_block(group: str, path: str, shape_of: Callable[[str], tuple[int, ...
 
 
 def _check_declared(path: str, shape: Sequence[int], scales: Sequence[str]) -> None:
-    """Raise LayoutError for a declared dataset or scale with other axes than its name says."""
-    group, _, name = path.rpartition("/")
-    axes = (ANY,) if name in SCALES else SERIES.get(name)
-    if axes is None:
+    """Raise LayoutError for a dataset or scale with other axes than declared."""
+    group, declared = path.rpartition("/")[0], stored_dataset(path)
+    if declared is None:
+        if _is_scale(path) and len(shape) != 1:
+            raise LayoutError(f"has {len(shape)} axes in {path}, which must have 1")
         return
-    if len(shape) != len(axes):
-        raise LayoutError(f"has {len(shape)} axes in {path}, which must have {len(axes)}")
-    if name in SCALES:
-        return
-    for i, axis in enumerate(axes):
-        scale = scales[i] if i < len(scales) else ""
-        if scale.strip("/") != f"{group}/{scale.rpartition('/')[2] if axis == ANY else axis}":
-            wanted = "a scale" if axis == ANY else f"the scale {axis}"
-            raise LayoutError(f"has not {wanted} of its own group on axis {i} of {path}")
+    if len(shape) != len(declared.axes):
+        raise LayoutError(f"has {len(shape)} axes in {path}, which must have {len(declared.axes)}")
+    for i, axis in enumerate(declared.axes):
+        if i >= len(scales) or scales[i].strip("/") != f"{group}/{axis}":
+            raise LayoutError(f"has not the scale {axis} of its own group on axis {i} of {path}")
 
 
-def _check_runs(run: str, path: str, shape: Sequence[int], shape_of: Callable[[str], tuple[int, ...] | None]) -> None:
+def _check_runs(
+    path: str, shape: Sequence[int], scales: Sequence[str], shape_of: Callable[[str], tuple[int, ...] | None]
+) -> None:
     """Raise LayoutError where a run has more samples than the record, or other storeys than SIM."""
-    name = path.rpartition("/")[2]
+    run, name, declared = path.partition("/")[0], path.rpartition("/")[2], stored_dataset(path)
 
     def length_of(other: str) -> int | None:
         return (shape_of(other) or (None,))[0]
 
-    on_time = SERIES.get(name, (name,))[-1:] == (TIME,)
-    of_run, of_record = length_of(f"{run}/{TIME}"), length_of(f"record/{TIME}")
+    last = declared.axes[-1:] if declared else tuple(scale.rpartition("/")[2] for scale in scales[-1:])
+    on_time = last == ("time_s",) or name == "time_s"
+    of_run, of_record = length_of(f"{run}/time_s"), length_of("record/time_s")
     if on_time and of_run is not None and shape[-1] != of_run:
-        raise LayoutError(f"has {shape[-1]} samples of {path} and {of_run} of {run}/{TIME}")
-    if on_time and of_record is not None and (shape[-1] > of_record or (run in EXACT and shape[-1] != of_record)):
-        raise LayoutError(f"has {shape[-1]} samples of {path} and {of_record} of record/{TIME}")
+        raise LayoutError(f"has {shape[-1]} samples of {path} and {of_run} of {run}/time_s")
+    if on_time and of_record is not None and (shape[-1] > of_record or (run in SOLUTIONS and shape[-1] != of_record)):
+        raise LayoutError(f"has {shape[-1]} samples of {path} and {of_record} of record/time_s")
     storeys = length_of("sim/storey")
-    if name == "abs_accel_m_s2" and storeys is not None and shape[0] != storeys:
+    if declared is not None and declared.axes[:1] == ("storey",) and storeys is not None and shape[0] != storeys:
         raise LayoutError(f"has {shape[0]} storeys of {path} and {storeys} of SIM")
 
 

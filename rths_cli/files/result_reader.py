@@ -27,6 +27,7 @@ from rths_cli.files.result_writer import (
     refusal,
 )
 from rths_cli.numerics.lti import Array
+from rths_cli.quantities import stored_dataset
 
 if TYPE_CHECKING:
     import h5py
@@ -46,7 +47,6 @@ __all__ = [
 ]
 
 T = TypeVar("T")
-UNITS_BY_NAME = {"_m_s2": "m/s^2", "_vel_m_s": "m/s", "_disp_m": "m", "base_shear_n": "N", "command_v": "V"}
 BEGUN, COMPLETE = "begun", "complete"  # of one run on the table, in the attribute RUN_status of the root
 
 
@@ -97,13 +97,13 @@ def read_dataset(path: Path, name: str) -> Dataset:
 def read_series(path: Path, name: str) -> Array:
     """Read the values of one dataset (`exp_rths/abs_accel_m_s2`: (n_storeys, n)) as an array.
 
-    Raises InputError where it states another unit than its name.
+    Raises InputError where it states another unit than its declaration.
     """
     found = read_dataset(path, name)
-    expected = next((unit for end, unit in UNITS_BY_NAME.items() if name.endswith(end)), found.units)
-    if found.units != expected:
+    declared = stored_dataset(name)
+    if declared is not None and found.units != declared.units:
         raise InputError(
-            f"{path}: {name} is in {found.units}, expected is {expected}; convert it, or run the case again."
+            f"{path}: {name} is in {found.units}, expected is {declared.units}; convert it, or run the case again."
         )
     return np.asarray(found.data)
 

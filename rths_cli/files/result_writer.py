@@ -27,7 +27,7 @@ from rths_cli.files.durable_files import remove_leftovers, sync
 from rths_cli.files.hdf5 import Dataset, add_text, scales_of, write_group
 from rths_cli.files.staged_file import StagedFile, signals_held
 from rths_cli.numerics.lti import Array
-from rths_cli.quantities import Values, metric
+from rths_cli.quantities import AXES, Values, attribute, dataset, metric
 
 FORMAT = "rths-result"
 FORMAT_VERSION = 1
@@ -44,6 +44,7 @@ Attribute = str | int | float
 class ResultWriter:
     """Write one result file; use as a context manager and call `finish` before leaving it.
 
+    Attributes and values are those that `rths_cli.quantities` declares: another name or path is a ValueError.
     When the body raises, the file is removed unless `finish` gave a status other than complete; a `lasting` one, whose
     samples cannot be measured again, is always kept and never replaced. With `continues`, groups are added to the
     finished file of that name, which is replaced by the whole at the end and stays as it was when the body raises.
@@ -53,6 +54,7 @@ class ResultWriter:
     def __init__(
         self, path: Path, attributes: Mapping[str, Attribute], continues: bool = False, lasting: bool = False
     ) -> None:
+        _check_attributes(attributes)
         self.path = Path(path)
         self.part = self.path.with_name(f".{self.path.name}.{os.getpid()}.part")
         self._attributes = dict(attributes)
@@ -96,30 +98,28 @@ class ResultWriter:
     def group(
         self,
         name: str,
-        datasets: Mapping[str, Dataset],
+        values: Values,
         time_s: ArrayLike | None = None,
         storey: ArrayLike | None = None,
-        scales: Mapping[str, Dataset] | None = None,
+        scales: Values | None = None,
+        remarks: Mapping[str, tuple[str, ...]] | None = None,
     ) -> None:
-        """Write a group with its scales: `time_s` (n,), `storey` (n_storeys,) and any other (`frequency_hz`).
+        """Write values of a group by the names of its datasets, with its scales: `time_s` (n,), `storey` (n_storeys,)
+        and any other (`frequency_hz`); one that counts from 1 need not be given.
 
-        Raises InputError when the disk refuses, ValueError when an axis fits no scale.
+        `remarks` add to the meaning of a dataset what is declared that a file may say. Raises InputError when the disk
+        refuses, ValueError for a path or scale that is not declared in `rths_cli.quantities` and for a value that is
+        not what is declared.
         """
-        axes: dict[str, Dataset] = {}
-        if time_s is not None:
-            axes["time_s"] = Dataset(time_s, "s", "time since the start of the record", "computed")
-        if storey is not None:
-            axes["storey"] = Dataset(storey, "1", "storey, counted from 1 at the ground", "computed")
-        self._write(name, datasets, {**axes, **(scales or {})}, {})
+        given = {"time_s": time_s, "storey": storey}
+        axes = {key: value for key, value in given.items() if value is not None} | dict(scales or {})
+        about = remarks or {}
+        datasets = {key: self._dataset(f"{name}/{key}", item, axes, about.get(key, ())) for key, item in values.items()}
+        self._write(name, datasets, {key: _scale(key, item) for key, item in axes.items()}, {})
 
     def case(self, yaml: str, resolved: str) -> None:
         """Write the case file as it was given and with everything filled in."""
-        texts = {
-            "yaml": (yaml, "case file as written"),
-            "resolved": (resolved, "case file with all defaults"),
-        }
-        datasets = {name: Dataset(text, "1", meaning, "computed") for name, (text, meaning) in texts.items()}
-        self._write("case", datasets, {}, {})
+        self.group("case", {"yaml": yaml, "resolved": resolved})
 
     def block(
         self,
@@ -133,15 +133,8 @@ class ResultWriter:
         outputs: Sequence[str],
     ) -> None:
         """Write a block x[k+1] = A x + B u, y = C x + D u of step `dt_s` under /controller/NAME."""
-        axes = {
-            "A": ("next_state", "state"),
-            "B": ("next_state", "input"),
-            "C": ("output", "state"),
-            "D": ("output", "input"),
-        }
         matrices = dict(zip("ABCD", (A, B, C, D), strict=True))
-        units = "as inputs and outputs"
-        datasets = {k: Dataset(m, units, f"{k} of {name}", "computed", axes[k]) for k, m in matrices.items()}
+        datasets = {k: self._dataset(f"controller/{name}/{k}", matrix, {}, ()) for k, matrix in matrices.items()}
         about = {"name": name, "dt_s": dt_s, "inputs": list(inputs), "outputs": list(outputs)}
         self._write(f"controller/{name}", datasets, {}, about)
 
@@ -167,7 +160,8 @@ class ResultWriter:
         return dict(self._attributes)
 
     def about(self, attributes: Mapping[str, Attribute]) -> None:
-        """Add attributes to the root, in place of those given before."""
+        """Add attributes to the root, in place of those given before; raises ValueError for one not declared."""
+        _check_attributes(attributes)
         self._attributes.update(attributes)
         with self._reporting():
             self._file.attrs.update(dict(attributes))
@@ -214,6 +208,17 @@ class ResultWriter:
                 raise RuntimeError(f"{self.path}: finish() was not called.")
             return
         self._publish()
+
+    def _dataset(self, path: str, value: ArrayLike, axes: Values, remarks: tuple[str, ...]) -> Dataset:
+        """Return the value of a path with what is declared of it; raises ValueError where that does not fit."""
+        declared = dataset(path)
+        if declared is None:
+            raise ValueError(f"{path} is declared nowhere; declare it in rths_cli/quantities/datasets.py.")
+        known = {dim for dim in declared.axes if dim in axes or f"/{declared.group}/{dim}" in self._scales}
+        if missing := [dim for dim in declared.axes if dim not in known and not AXES[dim].counted]:
+            raise ValueError(f"{path} needs the scale {missing[0]}.")
+        data, about = declared.checked(value), declared.meaning(remarks)
+        return Dataset(data, declared.units, about, declared.source, declared.axes)
 
     def _write(
         self,
@@ -326,6 +331,23 @@ def _text_list(value: list[str]) -> Any:
     import h5py
 
     return np.array(value, dtype=h5py.string_dtype())
+
+
+def _scale(name: str, values: ArrayLike) -> Dataset:
+    """Return the values of a scale with what is declared of it; raises ValueError where no axis has that name."""
+    if name not in AXES:
+        raise ValueError(f"the axis {name} is declared nowhere; declare it in rths_cli/quantities/axes.py.")
+    return Dataset(values, AXES[name].units, AXES[name].text, "computed")
+
+
+def _check_attributes(given: Mapping[str, Attribute]) -> None:
+    """Raise ValueError for an attribute of the root that is not declared, or of another kind."""
+    for name, value in given.items():
+        declared = attribute(name)
+        if declared is None:
+            raise ValueError(f"attribute {name} is declared nowhere; declare it in rths_cli/quantities/attributes.py.")
+        if isinstance(value, str) != (declared.kind == "text"):
+            raise ValueError(f"attribute {name} is {value!r}, declared is a {declared.kind}.")
 
 
 def as_dataset(path: str, value: ArrayLike, remark: str = "") -> Dataset:

@@ -1,14 +1,36 @@
-"""What every published number is: path, unit, axes, meaning, origin and which way is better, declared once.
+"""What every published number, dataset and attribute is, declared once: path, unit, axes, meaning, origin.
 
-`metrics` declares the numbers of a run and of its check (`exp_rths.rms_error_m_s2`). Writers take plain values by path
-and refuse a path that is not declared; files, sweeps, `accept`, reports, reference pages and JSON read this.
+`metrics` declares the numbers of a run and of its check (`exp_rths.rms_error_m_s2`), `datasets` what else a result file
+holds, `axes` and `attributes` their scales and its attributes. Writers take plain values by path and refuse a path that
+is not declared; the reader's checks, sweeps, `accept`, reports, reference pages and JSON read this.
 """
 
-from rths_cli.quantities.declaration import ACCEL, LESS, MORE, NONE, ONE, ZERO, Quantity, Values
+from rths_cli.quantities.attributes import ATTRIBUTES, STATUSES, attribute
+from rths_cli.quantities.axes import AXES
+from rths_cli.quantities.datasets import BLOCKS, DATASETS, dataset, stored_dataset
+from rths_cli.quantities.declaration import (
+    ACCEL,
+    LESS,
+    MORE,
+    NONE,
+    ONE,
+    TABLE_RUNS,
+    ZERO,
+    AttributeDeclaration,
+    Axis,
+    DatasetDeclaration,
+    Quantity,
+    Source,
+    Values,
+)
 from rths_cli.quantities.metrics import KINDS, LATENCIES, METRICS, declared, kinds_of, metric, metrics_of, variants
 
 __all__ = [
     "ACCEL",
+    "ATTRIBUTES",
+    "AXES",
+    "BLOCKS",
+    "DATASETS",
     "KINDS",
     "LATENCIES",
     "LESS",
@@ -16,12 +38,21 @@ __all__ = [
     "MORE",
     "NONE",
     "ONE",
+    "STATUSES",
+    "TABLE_RUNS",
     "ZERO",
+    "AttributeDeclaration",
+    "Axis",
+    "DatasetDeclaration",
     "Quantity",
+    "Source",
     "Values",
+    "attribute",
+    "dataset",
     "declared",
     "kinds_of",
     "metric",
     "metrics_of",
+    "stored_dataset",
     "variants",
 ]

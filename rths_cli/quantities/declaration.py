@@ -1,10 +1,12 @@
-"""The declaration of one quantity, and the words that several declarations share."""
+"""The declaration of one metric, dataset, axis or attribute, and the words that several declarations share."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Literal
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 ACCEL = "m/s^2"
@@ -42,3 +44,90 @@ class Quantity:
     def definition(self) -> str:
         """Return the meaning with the band it is evaluated in."""
         return f"{self.text}, {self.band}" if self.band else self.text
+
+
+TABLE_RUNS = ("shake_table", "exp_rths")
+"""The runs on the table, by the names of their groups."""
+Source = Literal["computed", "measured", "estimated", "true"]
+"""Where values come from; `true` is what only a virtual rig knows."""
+Kind = Literal["real", "complex", "text"]
+KIND_OF_DTYPE = {**dict.fromkeys("biuf", "real"), "c": "complex", **dict.fromkeys("OSU", "text")}
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Hold what the scale of an axis is: its name in every group, unit and meaning.
+
+    `counted`: the scale counts from 1, so that a writer makes it where it was given none.
+    """
+
+    name: str
+    units: str
+    text: str
+    counted: bool = False
+
+
+@dataclass(frozen=True)
+class DatasetDeclaration:
+    """Hold what a dataset of a file is.
+
+    `path`: group and name with slashes, in capitals what stands for several names (`RUN`); `axes`: the names of its
+    scales, time or frequency last; `text`: its meaning; `kind`: a complex dataset is stored as NAME_real and
+    NAME_imag; `present`: when it is in its group, "" for always; `remarks`: what a file may add to the meaning.
+    """
+
+    path: str
+    units: str
+    axes: tuple[str, ...]
+    source: Source
+    text: str
+    kind: Kind = "real"
+    present: str = ""
+    remarks: tuple[str, ...] = ()
+
+    @property
+    def group(self) -> str:
+        """Return the path of the group that holds it."""
+        return self.path.rpartition("/")[0]
+
+    @property
+    def name(self) -> str:
+        """Return the last part of the path."""
+        return self.path.rpartition("/")[2]
+
+    @property
+    def stored_paths(self) -> tuple[str, ...]:
+        """Return the paths under which it stands in a file: two of a complex one."""
+        return tuple(f"{self.path}{part}" for part in ("_real", "_imag")) if self.kind == "complex" else (self.path,)
+
+    def meaning(self, remarks: tuple[str, ...] = ()) -> str:
+        """Return the meaning with what one file adds to it; raises ValueError for a remark that is not declared."""
+        if unknown := [remark for remark in remarks if remark not in self.remarks]:
+            raise ValueError(f"{self.path} is not declared with the remark {unknown[0]!r}.")
+        return ", ".join((self.text, *remarks))
+
+    def checked(self, value: ArrayLike) -> np.ndarray:
+        """Return a value as an array of the declared kind; raises ValueError for another kind or number of axes."""
+        array = np.asarray(value)
+        kind = KIND_OF_DTYPE.get(array.dtype.kind)
+        if self.kind == "complex" and kind == "real":
+            array, kind = array.astype(complex), "complex"
+        if kind != self.kind or array.ndim != len(self.axes):
+            held, declared = f"{kind} with {array.ndim} axes", f"{self.kind} with {len(self.axes)}"
+            raise ValueError(f"{self.path} is {held}, declared is {declared}.")
+        return array
+
+
+@dataclass(frozen=True)
+class AttributeDeclaration:
+    """Hold what an attribute of a file or group is.
+
+    `kind`: of its value; `limits`: smallest and largest number, or the texts that it may be, () for any;
+    `present`: when it is there, "" for always.
+    """
+
+    name: str
+    kind: Literal["number", "text", "texts"]
+    text: str
+    limits: tuple[float, float] | tuple[str, ...] = ()
+    present: str = ""

@@ -8,13 +8,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from rths_cli.quantities.declaration import ACCEL, BAND, FULL, LESS, NONE, ONE, ZERO, Quantity
+from rths_cli.quantities.declaration import ACCEL, BAND, FULL, LESS, NONE, ONE, TABLE_RUNS, ZERO, Quantity
 
 FEI = "Guo, Chen, Xu, Sanchez, Smart Mater. Struct. 23 (2014) 045042"
 INDICATOR = "Mercan, Ricles, Earthq. Eng. Struct. Dyn. 36 (2007) 1523"
 BENCHMARK = "Silva, Gomez, Maghareh, Dyke, Spencer, Mech. Syst. Signal Process. 135 (2020) 106381"
 ENERGY = "Mosqueda, Stojadinovic, Mahin, J. Struct. Eng. 133 (2007) 1100"
-TABLE_RUNS = ("shake_table", "exp_rths")
 GROUPS = (
     "shake_table", "exp_rths", "sim", "sim_delay", "budget", "check", "feedback", "controller", "latency",
     "identification",

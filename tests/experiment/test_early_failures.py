@@ -14,7 +14,7 @@ from rths_cli.experiment import batch, real_run
 from rths_cli.experiment.batch import _run_one
 from rths_cli.experiment.run import Ended
 from rths_cli.experiment.table_runs import after_the_record, why_ended
-from rths_cli.files.result_reader import Dataset, ResultWriter, read_result
+from rths_cli.files.result_reader import ResultWriter, read_result
 from rths_cli.loop import guard
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.rigs.description import capabilities_of
@@ -42,7 +42,7 @@ def second_run_fails(error: Exception) -> Any:
             writer.group("record", {}, np.arange(3.0))
             writer.park("shake-table test: under way")
             writer.resume()
-            writer.group("shake_table", {"command_v": Dataset(np.zeros(3), "V", "command", "computed")}, np.arange(3.0))
+            writer.group("shake_table", {"command_v": np.zeros(3)}, np.arange(3.0))
             raise error
 
     return act

@@ -11,8 +11,10 @@ from dataclasses import dataclass, replace
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
+import h5py
 import numpy as np
 import pytest
+from declared_contents import declaration_faults
 from serving_bench import Running
 
 from rths_cli.case import plugin_kinds
@@ -32,6 +34,8 @@ from rths_cli.files.raw_log import RawLogWriter
 from rths_cli.files.result_reader import read_result, read_series
 from rths_cli.loop.live_view import View
 from rths_cli.loop.realtime_run import RAMP_UP_S
+from rths_cli.quantities import ATTRIBUTES, DATASETS
+from rths_cli.quantities.attributes import LINKED, REAL
 from rths_cli.rigs.udp.key_file import make_secret
 from rths_cli.rigs.virtual.virtual_rig import VirtualRig
 
@@ -247,6 +251,14 @@ def test_a_target_that_ends_in_the_rest_after_the_record_leaves_a_complete_run(
     before, rest = round(BEFORE_S / bench.setup.rig.dt_s), round(AFTER_S / bench.setup.rig.dt_s)
     assert before < shown.shape[1] < before + rest and np.isfinite(shown[:, -1]).all()
     assert os.listdir(tmp_path) == ["a.h5"]
+    assert declaration_faults(tmp_path / "a.h5") == []
+    with h5py.File(tmp_path / "a.h5") as file:
+        real = {path for path, one in DATASETS.items() if one.present in (REAL, LINKED) and path.startswith("exp_rths")}
+        assert len(real) > 10 and all(path in file for path in real) and "exp_rths/truth" not in file
+        told = {
+            name for name, one in ATTRIBUTES.items() if one.present in (REAL, LINKED) and name.startswith("exp_rths")
+        }
+        assert len(told) > 5 and told <= set(file.attrs)
 
 
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143), (None, 3)])
@@ -332,6 +344,7 @@ def test_a_drifting_sensor_is_named_and_taken_out_of_a_finished_run_and_of_its_r
     rate, uncertain = (result.metrics[f"exp_rths.sensor_drift{part}_v_per_min"] for part in ("", "_uncertainty"))
     assert abs(rate[2] - 5e-3) < 3.0 * uncertain[2]
     taken = read_series(tmp_path / "a.h5", "exp_rths/sensor_drift_m_s2")
+    assert declaration_faults(tmp_path / "a.h5") == []
     (tmp_path / "a.h5").rename(tmp_path / "finished.h5")
     (recovered,) = recover([tmp_path / "a.exp_rths.rthslog"])
     assert "500 of the rest before it" in recovered.note and "of the rest after it" in recovered.note

@@ -9,6 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from declared_contents import declaration_faults
 
 from rths_cli.case.load import load_cases, resolved_yaml
 from rths_cli.errors import InputError
@@ -147,6 +148,7 @@ def test_a_recovered_run_is_the_start_of_the_whole_one(played: Played, tmp_path:
     assert part.attributes["status"] == one.status == "interrupted" and part.metrics == {}
     reason = f"the process ended before the run did; {one.note}; {two.note}"
     assert part.attributes["status_reason"] == reason and part.attributes["recovered_exp_rths"] == note
+    assert [line for line in declaration_faults(result) if "is missing" not in line] == []  # no identification was made
     same = set(whole.attributes) - {"status", "status_reason"}
     assert {key: part.attributes[key] for key in same} == {key: whole.attributes[key] for key in same}
     texts = (whole.case_yaml, whole.resolved_yaml if present else given["exp_rths"].resolved_yaml)

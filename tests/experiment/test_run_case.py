@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
+from declared_contents import declaration_faults
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
@@ -43,6 +44,10 @@ def whole(tmp_path_factory: pytest.TempPathFactory, memory: Memory) -> Path:
     path = tmp_path_factory.mktemp("whole") / "whole.h5"
     assert run(path, memory).exit_code == 0
     return path
+
+
+def test_the_file_holds_what_is_declared_and_nothing_else(whole: Path) -> None:
+    assert declaration_faults(whole) == []
 
 
 def test_the_file_keeps_the_contract(whole: Path) -> None:

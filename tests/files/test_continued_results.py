@@ -14,7 +14,7 @@ import xarray
 
 from rths_cli.errors import InputError
 from rths_cli.files import result_writer
-from rths_cli.files.result_reader import Dataset, ResultWriter, read_result, read_series
+from rths_cli.files.result_reader import ResultWriter, read_result, read_series
 
 N = 3000
 TIME = np.arange(N) / 1000.0
@@ -22,8 +22,8 @@ COMMAND = np.sin(TIME)
 ERRORS = {"exp_rths.rms_error_m_s2": [0.1, 0.2]}
 
 
-def command() -> dict[str, Dataset]:
-    return {"command_v": Dataset(COMMAND, "V", "command that left the guard", "computed")}
+def command() -> dict[str, np.ndarray]:
+    return {"command_v": COMMAND}
 
 
 ABOUT = {"case_name": "demo", "rig_kind": "udp", "seed": 3}

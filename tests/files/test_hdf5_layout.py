@@ -12,10 +12,10 @@ import pytest
 
 from rths_cli.errors import InputError
 from rths_cli.files.checked_results import read_checked
-from rths_cli.files.hdf5 import write_group
+from rths_cli.files.hdf5 import Dataset, write_group
 from rths_cli.files.hdf5_layout import DEEPEST
 from rths_cli.files.result_outline import read_outlines
-from rths_cli.files.result_reader import Dataset, ResultWriter, read_dataset
+from rths_cli.files.result_reader import ResultWriter, read_dataset
 
 Edit = Callable[[h5py.File], object]
 
@@ -23,7 +23,7 @@ Edit = Callable[[h5py.File], object]
 def made(folder: Path) -> Path:
     """Write a small result."""
     path = folder / "a.h5"
-    shear = {"base_shear_n": Dataset(np.zeros(50), "N", "shear", "computed")}
+    shear = {"base_shear_n": np.zeros(50)}
     figures = {
         "exp_rths.rms_error_m_s2": [0.1, 0.2, np.nan],
         "sim_delay.rms_error_m_s2": [0.1, 0.2, 0.3],
@@ -33,10 +33,10 @@ def made(folder: Path) -> Path:
         writer.case("record: a\n", "record: a\n")
         writer.group("record", {}, np.arange(50) / 2000)
         writer.group("sim", shear, np.arange(50) / 2000)
-        roots = {"poles": Dataset(np.array([-1 + 2j, -1 - 2j]), "rad/s", "poles", "estimated", ("pole",))}
-        lines = {"frequency_hz": Dataset(np.arange(1.0, 9.0), "Hz", "frequency", "computed")}
+        roots = {"poles": np.array([-1 + 2j, -1 - 2j])}
+        lines = {"frequency_hz": np.arange(1.0, 9.0)}
         writer.group("identification", roots, scales=lines)
-        writer.block("lag", np.eye(2), np.ones((2, 1)), np.ones((1, 2)), np.zeros((1, 1)), 0.0005, ["a"], ["b"])
+        writer.block("feedback", np.eye(2), np.ones((2, 1)), np.ones((1, 2)), np.zeros((1, 1)), 0.0005, ["a"], ["b"])
         writer.metrics(figures)
         writer.finish("complete")
     return path
@@ -125,9 +125,9 @@ DAMAGES: dict[str, tuple[Edit, str]] = {
     "series without a scale": (replaced("sim/base_shear_n", np.ones(40)), "not the scale time_s of its own group"),
     "truth of other length": (put("sim/truth/table_accel_m_s2", 40), "40 samples of sim/truth/.* and 50 of sim/time_s"),
     "run beyond the record": (put("exp_rths/command_v", 60), "60 samples of exp_rths/.* and 50 of record/time_s"),
-    "matrix of other size": (replaced("controller/lag/B", np.ones((5, 1))), "controller/lag that do not fit"),
-    "matrix of one axis": (replaced("controller/lag/D", np.ones(3)), "not the four matrices"),
-    "matrix of texts": (replaced("controller/lag/D", [["x"]]), "no numbers in controller/lag/D"),
+    "matrix of other size": (replaced("controller/feedback/B", np.ones((5, 1))), "controller/feedback that do not fit"),
+    "matrix of one axis": (replaced("controller/feedback/D", np.ones(3)), "not the four matrices"),
+    "matrix of texts": (replaced("controller/feedback/D", [["x"]]), "no numbers in controller/feedback/D"),
     "time that stands": (filled("record/time_s", 0.0), "do not rise in record/time_s"),
     "frequency": (filled("identification/frequency_hz", -1.0), "do not rise in"),
     "root": (filled("identification/poles_real", np.inf), "not finite in identification/poles_real"),

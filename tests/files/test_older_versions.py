@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from declared_contents import declaration_faults
 
 from rths_cli.case.load import load_cases
 from rths_cli.experiment.model_store import load
@@ -39,6 +40,10 @@ def test_a_result_says_what_it_said(unpacked: Path) -> None:
     assert found.metrics["exp_rths.j2"] == 0.0015097375094266876
     assert found.units["exp_rths.rms_error_m_s2"] == "m/s^2"
     assert read_series(unpacked / "result.h5", "exp_rths/abs_accel_m_s2").shape == (3, 2241)
+
+
+def test_what_a_result_held_is_declared_with_the_same_unit_origin_and_axes(unpacked: Path) -> None:
+    assert declaration_faults(unpacked / "result.h5", texts=False) == []
 
 
 def test_a_sweep_says_what_it_said(unpacked: Path) -> None:

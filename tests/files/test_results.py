@@ -16,7 +16,9 @@ import pytest
 import xarray
 
 from rths_cli.errors import InputError
-from rths_cli.files.result_reader import Dataset, ResultWriter, check_writable, read_dataset, read_result, read_series
+from rths_cli.files.result_reader import ResultWriter, check_writable, read_dataset, read_result, read_series
+from rths_cli.quantities import DATASETS
+from rths_cli.quantities.datasets import BEST
 
 ATTRIBUTES = {
     "case_name": "demo",
@@ -31,36 +33,29 @@ ACCEL = np.sin(np.arange(3)[:, None] + 20.0 * TIME)
 STOREYS = [1, 2, 3]
 
 
-def accel(data, **extra):
-    return Dataset(data, "m/s^2", "absolute acceleration of the floors", "computed", **extra)
-
-
 def fill(writer):
     writer.case("record: el_centro # µ\n", "scaling: 0.3\n")
-    shear = Dataset(ACCEL[0], "N", "force on the interface", "computed")
-    writer.group("sim", {"abs_accel_m_s2": accel(ACCEL), "base_shear_n": shear}, time_s=TIME, storey=STOREYS)
+    writer.group("sim", {"abs_accel_m_s2": ACCEL, "base_shear_n": ACCEL[0]}, time_s=TIME, storey=STOREYS)
     writer.group(
         "exp_rths",
-        {"abs_accel_m_s2": accel(ACCEL[:, :200]), "floor_accel_measured_m_s2": accel(ACCEL[1:, :200])},
+        {"abs_accel_m_s2": ACCEL[:, :200], "floor_accel_measured_m_s2": ACCEL[1:, :200]},
         TIME[:200],
         STOREYS,
-        {"experimental_storey": Dataset([2, 3], "1", "storey on the table", "computed")},
+        {"floor": [2, 3]},
     )
-    writer.group("exp_rths/truth", {"table_accel_m_s2": Dataset(ACCEL[0, :200], "m/s^2", "table", "true")}, TIME[:200])
-    frequency = {"frequency_hz": Dataset(np.linspace(0.5, 50, 40), "Hz", "frequency", "computed")}
+    writer.group("exp_rths/truth", {"table_accel_m_s2": ACCEL[0, :200]}, TIME[:200])
+    frequency = {"frequency_hz": np.linspace(0.5, 50, 40)}
     frf = np.exp(1j * np.linspace(0, 6, 40))
     writer.group(
         "identification",
-        {
-            "frf": Dataset(frf, "m/s^2/V", "table response", "estimated"),
-            "poles": Dataset(np.array([-1 + 2j, -1 - 2j, -5]), "rad/s", "poles", "estimated", ("pole",)),
-            "gain": Dataset(2.5, "m/s^2/V", "gain", "estimated"),
-        },
+        {"frf": frf, "poles": np.array([-1 + 2j, -1 - 2j, -5]), "gain": 2.5},
         scales=frequency,
     )
     eye = np.eye(2)
     writer.block("feedforward", eye * 0.9, eye[:, :1], eye[:1], np.array([[0.5]]), 0.0005, ["a_m_s2"], ["u_v"])
-    writer.block("gain", np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.array([[2.0]]), 0.0005, ["a"], ["b"])
+    writer.block(
+        "base_shear", np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.array([[2.0]]), 0.0005, ["a"], ["b"]
+    )
     writer.metrics(
         {
             "exp_rths.rms_error_m_s2": [0.1, 0.2, np.nan],
@@ -94,7 +89,12 @@ def test_what_is_written_is_read_back(written):
     assert result.definitions["shake_table.tracking_rms_m_s2"].startswith(declared)
     np.testing.assert_array_equal(read_series(written, "exp_rths/abs_accel_m_s2"), ACCEL[:, :200])
     truth = read_dataset(written, "exp_rths/truth/table_accel_m_s2")
-    assert (truth.units, truth.long_name, truth.source, truth.dims) == ("m/s^2", "table", "true", ("time_s",))
+    assert (truth.units, truth.long_name, truth.source, truth.dims) == (
+        "m/s^2",
+        DATASETS["exp_rths/truth/table_accel_m_s2"].text,
+        "true",
+        ("time_s",),
+    )
 
 
 def test_units_and_definitions_are_read_when_they_are_asked_for(tmp_path):
@@ -135,7 +135,7 @@ def test_xarray_opens_every_group_with_named_axes(written):
             assert not [dim for dim in group.sizes if "phony" in str(dim)], name
     with xarray.open_dataset(written, group="exp_rths", engine="h5netcdf", decode_timedelta=False) as group:
         assert group.abs_accel_m_s2.dims == ("storey", "time_s")
-        assert group.floor_accel_measured_m_s2.dims == ("experimental_storey", "time_s")
+        assert group.floor_accel_measured_m_s2.dims == ("floor", "time_s")
         third = group.abs_accel_m_s2.sel(storey=3)
         np.testing.assert_array_equal(third.values, ACCEL[2, :200])
         np.testing.assert_array_equal(third.time_s.values, TIME[:200])
@@ -153,7 +153,7 @@ def test_xarray_opens_the_file_as_a_tree(written):
 
 def test_time_is_the_last_axis_even_of_a_square_array_and_a_lone_scale_is_a_coordinate(tmp_path):
     with ResultWriter(tmp_path / "a.h5", ATTRIBUTES) as writer:
-        writer.group("sim", {"abs_accel_m_s2": accel(np.eye(3))}, TIME[:3], STOREYS)
+        writer.group("sim", {"abs_accel_m_s2": np.eye(3)}, TIME[:3], STOREYS)
         writer.group("record", {}, TIME[:3])
         writer.finish("complete")
     assert read_dataset(tmp_path / "a.h5", "sim/abs_accel_m_s2").dims == ("storey", "time_s")
@@ -171,15 +171,13 @@ def test_a_default_case_is_below_50_mb(tmp_path):
     t = np.arange(n) / 2000.0
     noise = np.random.default_rng(0).normal(size=(3, n))  # the worst case: nothing to compress
     codes = np.round(noise[0] * 30) * 3e-3
-    series = {"sim": 10, "sim_delay": 10, "exp_rths": 16, "exp_rths/truth": 4, "exp_rths/timing": 3}
-    series |= {"shake_table": 6, "shake_table/truth": 4, "record": 1}
+    axes = {("time_s",): 0, ("storey", "time_s"): slice(3), ("floor", "time_s"): slice(1, 3)}
+    held = [one for one in DATASETS.values() if one.axes in axes and one.present in ("", BEST)]
     with ResultWriter(tmp_path / "big.h5", ATTRIBUTES) as writer:
-        for name, count in series.items():
-            datasets = {f"series_{k}": accel(noise[k % 3]) for k in range(count)}
-            command = (
-                {"command_v": Dataset(codes, "V", "command", "computed")} if name in ("exp_rths", "shake_table") else {}
-            )
-            writer.group(name, datasets | command, t, STOREYS)
+        for group in dict.fromkeys(one.group for one in held):
+            values = {one.name: noise[axes[one.axes]] for one in held if one.group == group}
+            command = {"command_v": codes} if "command_v" in values else {}
+            writer.group(group, values | command, t, STOREYS, {"floor": [2, 3]})
         writer.finish("complete")
     size = (tmp_path / "big.h5").stat().st_size
     assert 45e6 < size < 50e6, size
@@ -188,21 +186,26 @@ def test_a_default_case_is_below_50_mb(tmp_path):
 
 def test_a_dataset_or_axis_that_does_not_say_what_it_is_is_refused(tmp_path):
     path = tmp_path / "x.h5"
-    with (
-        pytest.raises(ValueError, match="axis 0 of length 2"),
-        ResultWriter(path, ATTRIBUTES) as writer,
+    for values, words in (
+        ({"a_m_s2": ACCEL}, "sim/a_m_s2 is declared nowhere"),
+        ({"abs_accel_m_s2": ACCEL[:2]}, r"abs_accel_m_s2: axis 0 has 2 values, scale storey does not"),
+        ({"abs_accel_m_s2": ACCEL[0]}, "sim/abs_accel_m_s2 is real with 1 axes, declared is real with 2"),
+        ({"abs_accel_m_s2": 1j * ACCEL}, "is complex with 2 axes, declared is real with 2"),
     ):
-        writer.group("sim", {"a": accel(ACCEL[:2])}, TIME, STOREYS)
-    with (
-        pytest.raises(ValueError, match=r"a: axis 0 has 2 values, scale storey does not"),
-        ResultWriter(path, ATTRIBUTES) as writer,
+        with pytest.raises(ValueError, match=words), ResultWriter(path, ATTRIBUTES) as writer:
+            writer.group("sim", values, TIME, STOREYS)
+    for words, given in (
+        ("sim/base_shear_n needs the scale time_s", {}),
+        ("the axis floors is declared nowhere", {"scales": {"time_s": TIME, "floors": [2, 3]}}),
+        ("with the remark 'filtered'", {"time_s": TIME, "remarks": {"base_shear_n": ("filtered",)}}),
     ):
-        writer.group("sim", {"a": accel(ACCEL[:2], dims=("storey", "time_s"))}, TIME, STOREYS)
-    with (
-        pytest.raises(ValueError, match="needs units"),
-        ResultWriter(path, ATTRIBUTES) as writer,
-    ):
-        writer.group("sim", {"a": Dataset(1.0, "", "x", "computed")})
+        with pytest.raises(ValueError, match=words), ResultWriter(path, ATTRIBUTES) as writer:
+            writer.group("sim", {"base_shear_n": ACCEL[0]}, **given)
+    for about, words in (({"sped": 3}, "attribute sped is declared nowhere"), ({"seed": "3"}, "declared is a number")):
+        with pytest.raises(ValueError, match=words):
+            ResultWriter(path, about)
+        with pytest.raises(ValueError, match=words), ResultWriter(path, ATTRIBUTES) as writer:
+            writer.about(about)
     with (
         pytest.raises(ValueError, match="other values"),
         ResultWriter(path, ATTRIBUTES) as writer,
@@ -217,7 +220,7 @@ def test_a_dataset_or_axis_that_does_not_say_what_it_is_is_refused(tmp_path):
 
 def end(path, status, error, lasting=False):
     with ResultWriter(path, ATTRIBUTES, lasting=lasting) as writer:
-        writer.group("sim", {"abs_accel_m_s2": accel(ACCEL)}, TIME, STOREYS)
+        writer.group("sim", {"abs_accel_m_s2": ACCEL}, TIME, STOREYS)
         if status:
             writer.finish(status, "the reason")
         if error:
@@ -268,9 +271,9 @@ def child(code, *arguments):
 import os, resource, signal, sys, numpy as np
 from pathlib import Path
 from rths_cli.errors import InputError
-from rths_cli.files.result_reader import Dataset, ResultWriter
+from rths_cli.files.result_reader import ResultWriter
 path, attributes = Path(sys.argv[1]), {"case_name": "demo", "rig_kind": "virtual"}
-series = lambda n: {"a_m_s2": Dataset(np.random.default_rng(0).normal(size=n), "m/s^2", "a", "computed")}
+series = lambda n, name="base_shear_n": {name: np.random.default_rng(0).normal(size=n)}
 """
     return subprocess.run([sys.executable, "-c", prelude + code, *map(str, arguments)], capture_output=True, text=True)
 
@@ -286,7 +289,7 @@ with ResultWriter(path, attributes) as writer:
     assert left.name.startswith(".a.h5.") and left.name.endswith(".part")
     result = read_result(left)
     assert result.attributes["status"] == "interrupted" and "process ended" in result.attributes["status_reason"]
-    assert read_series(left, "sim/a_m_s2").shape == (1000,)
+    assert read_series(left, "sim/base_shear_n").shape == (1000,)
 
 
 def fill_the_disk(path, limit, lasting=False):
@@ -296,7 +299,8 @@ resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit}))
 try:
     with ResultWriter(path, attributes, lasting={lasting}) as writer:
         for run in ("sim", "sim_delay", "exp_rths", "shake_table"):
-            writer.group(run, series(108_000), np.arange(108_000) / 2000)
+            name = "command_v" if run == "shake_table" else "base_shear_n"
+            writer.group(run, series(108_000, name), np.arange(108_000) / 2000)
             writer.finish("aborted")
 except InputError as error:
     print(error, end="")
@@ -332,7 +336,7 @@ def test_a_full_disk_does_not_lose_what_hardware_produced(tmp_path):
     said = fill_the_disk(tmp_path / "a.h5", 3_000_000, lasting=True)
     (left,) = tmp_path.iterdir()
     assert str(left) in said and left.name.endswith(".part")
-    assert read_series(left, "sim/a_m_s2").shape == (108_000,)
+    assert read_series(left, "sim/base_shear_n").shape == (108_000,)
 
 
 def test_a_series_in_another_unit_than_its_name_says_is_refused(written, tmp_path):

@@ -11,7 +11,6 @@ import h5py
 import numpy as np
 import pytest
 
-from rths_cli.files.hdf5 import Dataset
 from rths_cli.files.result_writer import ResultWriter
 from rths_cli.files.staged_file import StagedFile, new_hdf5
 
@@ -156,8 +155,9 @@ def test_a_signal_while_hdf5_writes_ends_the_run_and_leaves_nothing_behind(
     monkeypatch.setattr(StagedFile, "write", signalled)
     path = tmp_path / "a.h5"
     with pytest.raises(Ended), ResultWriter(path, {"rig_kind": "virtual", "case_name": "a"}) as writer:
-        for name in "abcd":
-            writer.group(name, {"values": Dataset(SERIES[0], "1", "values", "computed")}, time_s=SERIES[1])
+        for name in ("sim", "sim_delay", "shake_table", "exp_rths"):
+            values = {"base_shear_n" if name.startswith("sim") else "command_v": SERIES[0]}
+            writer.group(name, values, time_s=SERIES[1])
         writer.finish("complete")
     assert calls >= number
     assert list(tmp_path.iterdir()) == []

@@ -7,7 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from rths_cli.files.result_reader import Dataset, ResultWriter
+from rths_cli.files.result_reader import ResultWriter
 
 ATTRIBUTES = {
     "case_name": "demo",
@@ -27,40 +27,34 @@ TIME = np.arange(N) / 2000.0
 NOISE = np.random.default_rng(1).standard_normal((3, N)) * 1e-3
 
 
-def series(data: object, units: str = "m/s^2", source: str = "computed") -> Dataset:
-    return Dataset(data, units, "made up", source)  # type: ignore[arg-type]
-
-
 def fill(writer: ResultWriter, status: str) -> None:
     n = N if status == "complete" else STOPPED
     writer.case(YAML, "scaling: 0.3\n")
-    writer.group("record", {"ground_accel_m_s2": series(NOISE[0])}, TIME)
-    writer.group("sim", {"base_shear_n": series(NOISE[1], "N")}, TIME)
+    writer.group("record", {"ground_accel_m_s2": NOISE[0]}, TIME)
+    writer.group("sim", {"base_shear_n": NOISE[1]}, TIME)
     diverged = np.where(TIME > 0.01, np.nan, NOISE)
-    writer.group(
-        "sim_delay", {"abs_accel_m_s2": series(diverged), "base_shear_n": series(NOISE[1], "N")}, TIME, [1, 2, 3]
-    )
+    writer.group("sim_delay", {"abs_accel_m_s2": diverged, "base_shear_n": NOISE[1]}, TIME, [1, 2, 3])
     measured = {
-        "abs_accel_m_s2": series(NOISE[:, :n], source="measured"),
-        "command_v": series(NOISE[2, :n], "V"),
-        "floor_accel_measured_m_s2": series(NOISE[1:, :n], source="measured"),
+        "abs_accel_m_s2": NOISE[:, :n],
+        "command_v": NOISE[2, :n],
+        "floor_accel_measured_m_s2": NOISE[1:, :n],
     }
-    floors = {"floor": Dataset([2, 3], "1", "floor", "computed")}
+    floors = {"floor": [2, 3]}
     writer.group("exp_rths", measured, TIME[:n], [1, 2, 3], floors)
-    writer.group("exp_rths/truth", {"table_disp_m": series(NOISE[0, :n], "m", "true")}, TIME[:n])
-    late = Dataset((NOISE[0, :n] > 0).astype(int), "1", "late steps", "measured")
-    writer.group("exp_rths/timing", {"compute_s": series(NOISE[0, :n], "s"), "late": late}, TIME[:n])
+    writer.group("exp_rths/truth", {"table_disp_m": NOISE[0, :n]}, TIME[:n])
+    lost = (NOISE[0, :n] > 0).astype(int)
+    writer.group("exp_rths/timing", {"compute_s": NOISE[0, :n], "lost": lost}, TIME[:n])
     writer.group(
         "identification",
         {
-            "frf": Dataset(np.exp(1j * NOISE[0]), "m/s^2/V", "table response", "estimated"),
-            "poles": Dataset(np.array([-1 + 2j, -1 - 2j]), "rad/s", "poles", "estimated", ("pole",)),
-            "gain": Dataset(2.5, "as zeros and poles", "gain", "estimated"),
+            "frf": np.exp(1j * NOISE[0]),
+            "poles": np.array([-1 + 2j, -1 - 2j]),
+            "gain": 2.5,
         },
-        scales={"frequency_hz": Dataset(np.linspace(0.5, 50, N), "Hz", "frequency", "computed")},
+        scales={"frequency_hz": np.linspace(0.5, 50, N)},
     )
     writer.block("feedforward", *block(2, 3), 0.0005, ["accel_m_s2", "vel_m_s", "disp_m"], ["feedforward_v"])
-    writer.block("gain_only", *block(0, 2), 0.0005, ["a", "b"], ["c"])
+    writer.block("base_shear", *block(0, 2), 0.0005, ["a", "b"], ["c"])
     writer.metrics(
         {
             "exp_rths.rms_error_m_s2": [0.1, 0.2, np.nan],

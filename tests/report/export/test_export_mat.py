@@ -13,7 +13,7 @@ from made_result import STOPPED, YAML, contents, make
 from scipy.io import loadmat
 
 from rths_cli.errors import InputError
-from rths_cli.files.result_reader import Dataset, ResultWriter
+from rths_cli.files.result_reader import ResultWriter
 from rths_cli.report.export import matlab_file
 from rths_cli.report.export.exporting import ExportRequest, export
 
@@ -71,7 +71,7 @@ def test_blocks_are_what_ss_takes(mat: dict[str, Any]) -> None:
     assert (block.A.shape, block.B.shape, block.C.shape, block.D.shape) == ((2, 2), (2, 3), (1, 2), (1, 3))
     assert block.Ts[0, 0] == 0.0005
     assert [str(cell[0]) for cell in block.inputs[:, 0]] == ["accel_m_s2", "vel_m_s", "disp_m"]
-    static = field(mat, "controller/gain_only")[0, 0]
+    static = field(mat, "controller/base_shear")[0, 0]
     assert (static.A.shape, static.B.shape, static.C.shape) == ((0, 0), (0, 2), (1, 0))
 
 
@@ -99,12 +99,13 @@ def test_names_are_matlabs(name: str, legal: str) -> None:
 
 
 def test_long_names_of_figures_keep_63_characters(tmp_path: Path) -> None:
-    name = "a_name_of_a_dataset_that_is_longer_than_31_characters"
+    name = "sensor_drift_uncertainty_v_per_min"
+    assert len(name) > 31
     with ResultWriter(tmp_path / "long.h5", {"rig_kind": "virtual"}) as writer:
-        writer.group("sim", {name: Dataset([1.5, 2.5], "m", "made up", "computed")}, [0.0, 1.0])
+        writer.metrics({f"exp_rths.{name}": [1.5, 2.5]})
         writer.finish("complete")
     export(ExportRequest((tmp_path / "long.h5",), "mat", tmp_path))
-    assert field(loadmat(tmp_path / "long.mat", struct_as_record=False), f"sim/{name}")[1, 0] == 2.5
+    assert field(loadmat(tmp_path / "long.mat", struct_as_record=False), f"metrics/exp_rths/{name}")[1, 0] == 2.5
 
 
 def test_the_header_has_no_time_of_writing(result: Path) -> None:
@@ -143,7 +144,7 @@ b = r.controller.feedforward;
 x = b.A * [1; 2] + b.B * [1; 0; 0]; y = b.C * x + b.D * [0; 1; 0];
 printf('%.17g\\n', y, b.Ts);
 printf('%s\\n', b.inputs{{2}}, r.attributes.status, r.exp_rths.units.command_v);
-printf('%d ', size(r.controller.gain_only.B)); printf('\\n%s', r.case_.yaml);
+printf('%d ', size(r.controller.base_shear.B)); printf('\\n%s', r.case_.yaml);
 """
     )
     done = subprocess.run([str(OCTAVE), "--norc", "--quiet", str(script)], capture_output=True, timeout=60, check=False)

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rths_cli.files.result_reader import Dataset, ResultWriter
+from rths_cli.files.result_reader import ResultWriter
 
 RATE = 200.0
 CAUSES = ("declared", "coupling", "latency", "model", "friction", "specimen", "rounding", "rest")
@@ -20,10 +20,6 @@ PEAKS = {
 ZEROS = np.array([0.0, 0.0, -0.8 + 20.0j, -0.8 - 20.0j])
 POLES = np.array([-30.0 + 80.0j, -30.0 - 80.0j, -1.0 + 19.0j, -1.0 - 19.0j, -600.0])
 GAIN, DELAY_S, RIPPLE = 4.0e4, 0.0075, -0.9
-
-
-def accel(data, about="acceleration", source="measured", dims=()):
-    return Dataset(data, "m/s^2", about, source, dims)
 
 
 def motion(n, seed):
@@ -61,11 +57,11 @@ def write_result(
     time = np.arange(n) / RATE
     with ResultWriter(Path(path), about) as writer:
         writer.case("record: made up\n", "scaling: 1.0\n")
-        writer.group("record", {"ground_accel_m_s2": accel(motion(n, 3))}, time_s=time)
+        writer.group("record", {"ground_accel_m_s2": motion(n, 3)}, time_s=time)
         for run in runs:
             if run in ("sim", "sim_delay"):
                 values = building(storeys, n, 1) + (0.05 * building(storeys, n, 4) if run == "sim_delay" else 0.0)
-                writer.group(run, {"abs_accel_m_s2": accel(values)}, time_s=time, storey=np.arange(1, storeys + 1))
+                writer.group(run, {"abs_accel_m_s2": values}, time_s=time, storey=np.arange(1, storeys + 1))
             else:
                 write_table_run(writer, run, storeys, floors, stop if stop and run == "exp_rths" else n, kind, live)
         if {"shake_table", "exp_rths"} & set(runs):
@@ -78,32 +74,31 @@ def write_result(
 def write_table_run(writer, run, storeys, floors, n, kind, live):
     seed = 10 if run == "exp_rths" else 20
     time, storey = np.arange(n) / RATE, np.arange(1, storeys + 1)
-    floor = {"floor": Dataset(np.arange(storeys - floors + 1, storeys + 1), "1", "experimental storey", "computed")}
-    on_floors = ("floor", "time_s")
+    floor = {"floor": np.arange(storeys - floors + 1, storeys + 1)}
     desired = motion(n, seed)
     seen = 2.0 * building(floors, n, seed + 1)
     late = np.concatenate([np.zeros(1), desired[:-1]])
     datasets = {
-        "interface_accel_desired_m_s2": accel(desired),
-        "interface_accel_measured_m_s2": accel(1.01 * late + noise(n, seed)),
-        "command_v": Dataset(3.0 * desired, "V", "command", "computed"),
-        "floor_accel_measured_m_s2": accel(seen + noise((floors, n), seed + 2), dims=on_floors),
-        "floor_accel_estimated_m_s2": accel(seen, "filtered", "estimated", on_floors),
+        "interface_accel_desired_m_s2": desired,
+        "interface_accel_measured_m_s2": 1.01 * late + noise(n, seed),
+        "command_v": 3.0 * desired,
+        "floor_accel_measured_m_s2": seen + noise((floors, n), seed + 2),
+        "floor_accel_estimated_m_s2": seen,
     }
     if run == "exp_rths":
-        datasets["abs_accel_m_s2"] = accel(building(storeys, n, 1) + 0.01 * building(storeys, n, 7))
+        datasets["abs_accel_m_s2"] = building(storeys, n, 1) + 0.01 * building(storeys, n, 7)
     writer.group(run, datasets, time_s=time, storey=storey, scales=floor)
-    timing = {"compute_s": Dataset(1e-6 * np.exp(noise(n, seed, 1.0)), "s", "time of a step", "measured")}
+    timing = {"compute_s": 1e-6 * np.exp(noise(n, seed, 1.0))}
     if live:
-        timing["late_s"] = Dataset(2e-5 * np.exp(noise(n, seed + 3, 1.0)), "s", "late", "measured")
-        timing["exchange_s"] = Dataset(9e-5 * np.exp(noise(n, seed + 4, 1.0)), "s", "exchange", "measured")
-        timing["lost"] = Dataset((np.arange(n) % 500 == 499).astype(float), "1", "lost", "measured")
+        timing["late_s"] = 2e-5 * np.exp(noise(n, seed + 3, 1.0))
+        timing["exchange_s"] = 9e-5 * np.exp(noise(n, seed + 4, 1.0))
+        timing["lost"] = (np.arange(n) % 500 == 499).astype(float)
     writer.group(f"{run}/timing", timing, time_s=time, storey=storey)
     if kind == "virtual":
         truth = {
-            "table_accel_m_s2": accel(1.01 * late, source="true"),
-            "table_disp_m": Dataset(0.02 * desired, "m", "displacement", "true"),
-            "floor_accel_m_s2": accel(seen, source="true", dims=on_floors),
+            "table_accel_m_s2": 1.01 * late,
+            "table_disp_m": 0.02 * desired,
+            "floor_accel_m_s2": seen,
         }
         writer.group(f"{run}/truth", truth, time_s=time, storey=storey, scales=floor)
 
@@ -111,20 +106,20 @@ def write_table_run(writer, run, storeys, floors, n, kind, live):
 def write_identification(writer):
     """Write a response that is not quite the model's, and the block of the hold's staircase."""
     f = np.arange(0.5, 40.0, 0.1)
-    frequency = {"frequency_hz": Dataset(f, "Hz", "frequency", "computed")}
-    on = ("frequency_hz",)
     frf = exact_response(f) * (1.0 + 0.02 * np.exp(2j * f))
-    one = {"gain": GAIN, "delay_s": DELAY_S, "ripple_m_s2_per_v": RIPPLE, "coupling_hz": 0.0}
-    datasets = {name: Dataset(value, "1", name, "estimated") for name, value in one.items()}
-    datasets |= {
-        "frf": Dataset(frf, "m/s^2/V", "H1", "measured", on),
-        "coherence": Dataset(1.0 - 0.1 * np.cos(f) ** 2, "1", "coherence", "measured", on),
-        "zeros": Dataset(ZEROS, "rad/s", "zeros", "estimated", ("zero",)),
-        "poles": Dataset(POLES, "rad/s", "poles", "estimated", ("pole",)),
-        "natural_frequency_hz": Dataset([3.2, 8.4], "Hz", "specimen", "estimated", ("mode",)),
-        "damping_ratio": Dataset([0.04, 0.04], "1", "specimen", "estimated", ("mode",)),
+    datasets = {
+        "gain": GAIN,
+        "delay_s": DELAY_S,
+        "ripple_m_s2_per_v": RIPPLE,
+        "coupling_hz": 0.0,
+        "frf": frf,
+        "coherence": 1.0 - 0.1 * np.cos(f) ** 2,
+        "zeros": ZEROS,
+        "poles": POLES,
+        "natural_frequency_hz": [3.2, 8.4],
+        "damping_ratio": [0.04, 0.04],
     }
-    writer.group("identification", datasets, scales=frequency)
+    writer.group("identification", datasets, scales={"frequency_hz": f})
     A, B = np.array([[0.0, 0.0], [1.0, 0.0]]), np.array([[1.0], [0.0]])
     writer.block(
         "staircase", A, B, RIPPLE * np.array([[1.0, -1.0]]), np.zeros((1, 1)), 1.0 / RATE, ["command_v"], ["a"]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rths_cli.files.result_reader import Dataset, Result, ResultWriter, read_result
+from rths_cli.files.result_reader import Result, ResultWriter, read_result
 from rths_cli.quantities import Values
 
 RATE_HZ = 1000.0
@@ -70,7 +70,7 @@ def write(
                 accel = motion(seed, samples, storeys)
                 if cut is not None and run == "sim_delay":
                     accel[:, cut:] = np.nan
-                writer.group(run, {"abs_accel_m_s2": _accel(accel)}, _time(samples), np.arange(1, storeys + 1))
+                writer.group(run, {"abs_accel_m_s2": accel}, _time(samples), np.arange(1, storeys + 1))
         for run in ("shake_table", "exp_rths"):
             if run in runs:
                 _write_table_run(writer, run, storeys, samples if stopped is None else stopped)
@@ -84,15 +84,15 @@ def write(
 def _write_table_run(writer: ResultWriter, run: str, storeys: int, samples: int) -> None:
     desired, measured = motion(5, samples, 1)[0], motion(6, samples, 1)[0]
     sets = {
-        "interface_accel_desired_m_s2": _accel(desired),
-        "interface_accel_measured_m_s2": _accel(measured),
+        "interface_accel_desired_m_s2": desired,
+        "interface_accel_measured_m_s2": measured,
     }
     if run == "exp_rths":
-        sets["abs_accel_m_s2"] = _accel(motion(2, samples, storeys))
-    floors = Dataset(np.arange(storeys - 1, storeys + 1), "1", "experimental storey", "computed")
+        sets["abs_accel_m_s2"] = motion(2, samples, storeys)
+    floors = np.arange(storeys - 1, storeys + 1)
     writer.group(run, sets, _time(samples), np.arange(1, storeys + 1), {"floor": floors})
-    timing = {name: Dataset(np.arange(samples) * 1e-8, "s", "made up", "measured") for name in ("compute_s", "late_s")}
-    timing["lost"] = Dataset((np.arange(samples) % 10_000 == 1).astype(float), "1", "made up", "measured")
+    timing = {name: np.arange(samples) * 1e-8 for name in ("compute_s", "late_s")}
+    timing["lost"] = (np.arange(samples) % 10_000 == 1).astype(float)
     writer.group(f"{run}/timing", timing, _time(samples), np.arange(1, storeys + 1))
 
 
@@ -100,30 +100,20 @@ def _write_identification(writer: ResultWriter) -> None:
     frequency = np.linspace(0.5, 60.0, 200)
     response = 3.0 * np.exp(1j * frequency / 20.0)
     sets = {
-        "frf": Dataset(response, "m/s^2/V", "H1", "measured", ("frequency_hz",)),
-        "coherence": Dataset(np.linspace(1.0, 0.9, 200), "1", "coherence", "measured", ("frequency_hz",)),
-        "zeros": Dataset(ZEROS, "rad/s", "zeros", "estimated", ("zero",)),
-        "poles": Dataset(POLES, "rad/s", "poles", "estimated", ("pole",)),
-        **{
-            name: Dataset(value, "1", "made up", "estimated")
-            for name, value in {
-                "gain": 1e3,
-                "delay_s": 0.001,
-                "ripple_m_s2_per_v": 0.4,
-                "coupling_hz": 0.1,
-                "fit_error_rms": 0.001,
-                "fit_error_max": 0.002,
-            }.items()
-        },
-        "natural_frequency_hz": Dataset(np.array([3.2, 8.4]), "Hz", "specimen", "estimated", ("mode",)),
-        "damping_ratio": Dataset(np.array([0.04, 0.03]), "1", "specimen", "estimated", ("mode",)),
+        "frf": response,
+        "coherence": np.linspace(1.0, 0.9, 200),
+        "zeros": ZEROS,
+        "poles": POLES,
+        "gain": 1e3,
+        "delay_s": 0.001,
+        "ripple_m_s2_per_v": 0.4,
+        "coupling_hz": 0.1,
+        "fit_error_rms": 0.001,
+        "fit_error_max": 0.002,
+        "natural_frequency_hz": np.array([3.2, 8.4]),
+        "damping_ratio": np.array([0.04, 0.03]),
     }
-    scale = Dataset(frequency, "Hz", "frequency", "computed")
-    writer.group("identification", sets, scales={"frequency_hz": scale})
-
-
-def _accel(values: np.ndarray) -> Dataset:
-    return Dataset(values, "m/s^2", "made up", "computed")
+    writer.group("identification", sets, scales={"frequency_hz": frequency})
 
 
 def _time(samples: int) -> np.ndarray:

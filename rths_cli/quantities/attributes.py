@@ -1,0 +1,102 @@
+"""The attributes of a result file, of its blocks and of its runs: each declared once, with its kind and meaning.
+
+In a name `RUN` stands for a run on the table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import product
+
+from rths_cli.quantities.declaration import TABLE_RUNS, AttributeDeclaration
+
+STATUSES = ("complete", "aborted", "interrupted", "failed", "refused")
+"""How a run can have ended."""
+REAL = "real rig only"
+LINKED = "UDP rig only"
+RECOVERED = "recovered run only"
+UNWRITTEN = "no longer written"
+
+OF_FILE = (
+    AttributeDeclaration("format", "text", "`rths-result`"),
+    AttributeDeclaration("format_version", "number", "1; files of a later version are refused", (1, 1e6)),
+    AttributeDeclaration("status", "text", f"how the run ended: {', '.join(STATUSES)}", STATUSES),
+    AttributeDeclaration("status_reason", "text", "why it did not end as planned, a sentence; empty where it did"),
+    AttributeDeclaration("case_name", "text", "name of the case"),
+    AttributeDeclaration("created_utc", "text", "when the file was begun"),
+    AttributeDeclaration("rths_version", "text", "version of rths"),
+    AttributeDeclaration("git_commit", "text", "commit of rths, empty where it is installed as a package"),
+    AttributeDeclaration("package_versions", "text", "versions of Python and of the packages that compute, as JSON"),
+    AttributeDeclaration("platform", "text", "system and processor"),
+    AttributeDeclaration("command_line", "text", "the command that was given"),
+    AttributeDeclaration("seed", "number", "seed of the runs", (0, 2.0**64)),
+    AttributeDeclaration("sample_rate_hz", "number", "sample rate in Hz", (1.0, 1e6)),
+    AttributeDeclaration("method", "text", "best or paper"),
+    AttributeDeclaration("controller", "text", "FF, FF+FB or none"),
+    AttributeDeclaration("scaling", "number", "factor on the record", (-1e9, 1e9)),
+    AttributeDeclaration("damping_name", "text", "damping level, inline where the case gives a mapping"),
+    AttributeDeclaration(
+        "damping_first_mode_ratio", "number", "damping ratio of mode 1", (-10.0, 1e3), present=UNWRITTEN
+    ),
+    AttributeDeclaration("record_name", "text", "name of the record's file"),
+    AttributeDeclaration("record_sha256", "text", "SHA-256 of the record's file"),
+    AttributeDeclaration("rig", "text", "name of the rig"),
+    AttributeDeclaration("rig_kind", "text", "virtual, udp, ni, or the kind of a package"),
+    AttributeDeclaration(
+        "driver_verified",
+        "text",
+        "what was behind a real rig's driver: hardware, loopback or fake; empty for a virtual rig",
+    ),
+    AttributeDeclaration("model_source", "text", "where the model of the table comes from, and its age"),
+    AttributeDeclaration("model_sha256", "text", "SHA-256 of the table model's numbers"),
+    AttributeDeclaration("check_verdict", "text", "of the check before the run: safe, unsafe or unstable"),
+    AttributeDeclaration("overrides", "text", "what was overridden: check, model"),
+    AttributeDeclaration("warnings", "text", "what a user should read before trusting the result, one a line"),
+    AttributeDeclaration("reference_title", "text", "title of the published figures"),
+    AttributeDeclaration("reference_json", "text", "the published figures of this case by path, as JSON"),
+)
+"""Of the root, in the order in which they tell a run."""
+OF_RUN = (
+    AttributeDeclaration("RUN_status", "text", "how this run ended; begun: its process was killed before it did"),
+    AttributeDeclaration("RUN_status_reason", "text", "why it did not end as planned; not there where it did"),
+    AttributeDeclaration(
+        "RUN_zeros_v", "text", "mean of each channel at rest in V, taken off every sample", present=REAL
+    ),
+    AttributeDeclaration("RUN_overruns", "number", "intervals that were missed", present=REAL),
+    AttributeDeclaration(
+        "RUN_fifo_priority", "number", "real-time priority that the system granted, 0: none", present=REAL
+    ),
+    AttributeDeclaration("RUN_cpu", "number", "processor that the loop was bound to", present=REAL),
+    AttributeDeclaration("RUN_memory_locked", "number", "1: memory was locked", present=REAL),
+    AttributeDeclaration("RUN_not_granted", "text", "what the system refused, one a line", present=REAL),
+    AttributeDeclaration("RUN_log_fault", "text", "why the raw log could not be written; empty: it was", present=REAL),
+    AttributeDeclaration(
+        "RUN_log_behind_s", "number", "how far the raw log was behind the loop at worst, in s", present=REAL
+    ),
+    AttributeDeclaration("RUN_link_peer", "text", "address of the target", present=LINKED),
+    AttributeDeclaration("recovered_RUN", "text", "how much of this run its raw log held", present=RECOVERED),
+)
+"""Of the root, for each run on the table."""
+OF_BLOCK = (
+    AttributeDeclaration("name", "text", "name of the block"),
+    AttributeDeclaration("dt_s", "number", "its step in s"),
+    AttributeDeclaration("inputs", "texts", "names of its inputs, with units"),
+    AttributeDeclaration("outputs", "texts", "names of its outputs, with units"),
+)
+"""Of each group of a block."""
+
+
+def attribute(name: str) -> AttributeDeclaration | None:
+    """Return what an attribute of the root is (`exp_rths_overruns`), None where none is declared."""
+    return ATTRIBUTES.get(name)
+
+
+def _of_runs() -> Iterator[AttributeDeclaration]:
+    """Yield the attributes of each run under their own names."""
+    for run, one in product(TABLE_RUNS, OF_RUN):
+        yield replace(one, name=one.name.replace("RUN", run))
+
+
+ATTRIBUTES: dict[str, AttributeDeclaration] = {one.name: one for one in (*OF_FILE, *_of_runs())}
+"""Every attribute of the root by its name."""

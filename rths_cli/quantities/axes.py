@@ -1,0 +1,30 @@
+"""The axes of datasets and metrics: the scale of each by its name, which means the same in every group."""
+
+from __future__ import annotations
+
+from rths_cli.quantities.declaration import Axis
+
+AXES: dict[str, Axis] = {
+    axis.name: axis
+    for axis in (
+        Axis("time_s", "s", "time since the start of the record"),
+        Axis("rest_time_s", "s", "time since the start of the record, the rest before it and after it"),
+        Axis("frequency_hz", "Hz", "frequency"),
+        Axis("storey", "1", "storey, counted from 1 at the ground", counted=True),
+        Axis("floor", "1", "experimental storey"),
+        Axis("channel", "1", "channel: 1 the table, then the experimental floors from the lowest", counted=True),
+        Axis("mode", "1", "mode, counted from 1", counted=True),
+        Axis("frequency", "1", "frequency of the latency budget, counted from 1", counted=True),
+        Axis("zero", "1", "zero, counted from 1", counted=True),
+        Axis("pole", "1", "pole, counted from 1", counted=True),
+        Axis("state", "1", "state of a block, counted from 1", counted=True),
+        Axis("next_state", "1", "state of a block a step later, counted from 1", counted=True),
+        Axis("input", "1", "input of a block, counted from 1", counted=True),
+        Axis("output", "1", "output of a block, counted from 1", counted=True),
+    )
+}
+"""Every axis by its name. Scales are computed, none is measured."""
+RISING = ("time_s", "rest_time_s", "frequency_hz")
+"""Axes along which values rise."""
+SAMPLED = ("time_s", "rest_time_s")
+"""Axes of samples: a run that was stopped holds fewer, and a sample that is not known is NaN."""

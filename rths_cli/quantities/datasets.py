@@ -1,0 +1,215 @@
+"""The datasets of a result file outside /metrics: each declared once, with its unit, axes, origin and meaning.
+
+To add one, declare it here and have `experiment.result_contents` write its values under this path. In a path `RUN`
+stands for a run on the table, `SOLUTION` for a computed one, `BLOCK` for a block of the step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import product
+
+from rths_cli.quantities.declaration import ACCEL, TABLE_RUNS, DatasetDeclaration, Source
+
+SOLUTIONS = ("sim", "sim_delay")
+"""Computed responses, which reach to the end of the record; a run on the table may be shorter."""
+BLOCKS = {
+    "sensor_correction": "samples (V) to accelerations, known corners of the sensors taken out",
+    "kalman": "accelerations to the specimen's state and floor accelerations",
+    "specimen_open_loop": "table acceleration to floor accelerations that the guard expects; no measured floor enters",
+    "base_shear": "estimates and accelerations to the base shear at the instant at which the command acts",
+    "numerical": "ground acceleration and base shear to the interface's motion",
+    "feedforward": "desired motion to command",
+    "feedback": "tracking error to command",
+    "staircase": "commands to the share of the hold's staircase in a table sample",
+}
+"""The discrete blocks of the step by their names, and what each does."""
+PLACEHOLDERS = {"RUN": TABLE_RUNS, "SOLUTION": SOLUTIONS, "BLOCK": tuple(BLOCKS)}
+
+GROUPS = {
+    "case": "The case file, as text.",
+    "record": "The ground motion that the runs have in common.",
+    "SOLUTION": "A computed response of the whole building: `sim` without, `sim_delay` with the delay of the case.",
+    "exp_rths": "The hybrid building in EXP-RTHS, beside what every run on the table holds.",
+    "RUN": "A run on the table: `shake_table` or `exp_rths`.",
+    "RUN/rest": "The channels while the table stood still before and after the run.",
+    "RUN/timing": "How long steps took and, on a real rig, what became of each exchange.",
+    "RUN/truth": "What only a virtual rig knows.",
+    "identification": "What was identified of table and specimen, and the table model that the controllers use.",
+    "controller/BLOCK": "A discrete block of the step, x[k+1] = A x + B u, y = C x + D u.",
+}
+"""The groups outside /metrics and what they hold."""
+
+CORRECTED, AS_SENSED = "corrected for the sensor", "as the sensor gives it"
+DRIFT_REMOVED = "without offset, drift and jumps"
+HOLD_REMOVED = "less the hold's staircase"
+WITH_RIG = "with the virtual rig, mean of 16 steps"
+SENSED = (CORRECTED, AS_SENSED, DRIFT_REMOVED)
+
+REAL, DRIFTED, BEST, LINKED = "real rig only", "only where there was any", "method best only", "UDP rig only"
+LINK_COUNTS = {
+    "sent": "packets sent to the target",
+    "answered": "answers taken",
+    "lost": "commands that no answer came to in time",
+    "late": "answers that came after their time",
+    "doubled": "answers that came twice, or after a newer one",
+    "bad": "packets that were not genuine",
+    "stray": "genuine packets that were never asked for",
+    "unsent": "packets that could not be sent",
+    "unreachable": "times the network called the target unreachable",
+}
+"""What a link counts, by the name of the count."""
+
+TIME, ON_STOREYS, ON_FLOORS, ON_CHANNELS = (
+    ("time_s",), ("storey", "time_s"), ("floor", "time_s"), ("channel", "time_s"),
+)  # fmt: skip
+SHEAR = "force f of the specimen on the interface floor, Eq. 2.6"
+
+
+def declared_datasets() -> Iterator[DatasetDeclaration]:
+    """Yield every dataset of a result outside /metrics in the order of its groups."""
+    yield DatasetDeclaration("case/yaml", "1", (), "computed", "case file as written", "text")
+    yield DatasetDeclaration("case/resolved", "1", (), "computed", "case file with all defaults", "text")
+    ground = "ground acceleration, scaled and filtered"
+    yield DatasetDeclaration("record/ground_accel_m_s2", ACCEL, TIME, "computed", ground)
+    yield from _of_solution()
+    yield from _of_hybrid_building()
+    yield from _of_table_run()
+    yield from _of_timing()
+    yield from _of_truth()
+    yield from _of_identification()
+    yield from _of_block()
+
+
+def dataset(path: str) -> DatasetDeclaration | None:
+    """Return what the dataset of a path is (`exp_rths/command_v`), None where none is declared."""
+    return DATASETS.get(path)
+
+
+def stored_dataset(path: str) -> DatasetDeclaration | None:
+    """Return what stands in a file under a path: `identification/frf_imag` is a part of `identification/frf`."""
+    return STORED.get(path)
+
+
+def _of_solution() -> Iterator[DatasetDeclaration]:
+    for name, units, text in (
+        ("rel_disp_m", "m", "displacement relative to the ground"),
+        ("rel_vel_m_s", "m/s", "velocity relative to the ground"),
+        ("abs_accel_m_s2", ACCEL, "absolute acceleration"),
+    ):
+        yield DatasetDeclaration(f"SOLUTION/{name}", units, ON_STOREYS, "computed", text)
+    yield DatasetDeclaration("SOLUTION/base_shear_n", "N", TIME, "computed", SHEAR)
+
+
+def _of_hybrid_building() -> Iterator[DatasetDeclaration]:
+    motion: tuple[tuple[str, str, Source, str], ...] = (
+        (
+            "rel_disp_m", "m", "estimated",
+            "displacement relative to the ground: experimental floors estimated by the Kalman filter",
+        ),
+        (
+            "rel_vel_m_s", "m/s", "estimated",
+            "velocity relative to the ground: experimental floors estimated by the Kalman filter",
+        ),
+        (
+            "abs_accel_m_s2", ACCEL, "measured",
+            "absolute acceleration: numerical storeys computed, interface and experimental floors measured",
+        ),
+    )  # fmt: skip
+    for name, units, source, text in motion:
+        yield DatasetDeclaration(f"exp_rths/{name}", units, ON_STOREYS, source, text)
+    felt = f"{SHEAR}, as the numerical part felt it"
+    yield DatasetDeclaration("exp_rths/base_shear_n", "N", TIME, "estimated", felt)
+
+
+def _of_table_run() -> Iterator[DatasetDeclaration]:
+    desired, measured = "RUN/interface_accel_desired_m_s2", "RUN/interface_accel_measured_m_s2"
+    yield DatasetDeclaration(desired, ACCEL, TIME, "computed", "desired table acceleration")
+    yield DatasetDeclaration(
+        measured, ACCEL, TIME, "measured", "table acceleration", remarks=(*SENSED, HOLD_REMOVED)
+    )  # fmt: skip
+    yield DatasetDeclaration("RUN/command_v", "V", TIME, "computed", "command that left the guard")
+    floors = "RUN/floor_accel_measured_m_s2"
+    yield DatasetDeclaration(floors, ACCEL, ON_FLOORS, "measured", "floor acceleration", remarks=SENSED)
+    filtered = "floor acceleration of the Kalman filter"
+    yield DatasetDeclaration("RUN/floor_accel_estimated_m_s2", ACCEL, ON_FLOORS, "estimated", filtered)
+    rest = "base shear that the identified specimen does not explain, carried to the end of the prediction"
+    yield DatasetDeclaration("RUN/base_shear_unexplained_n", "N", TIME, "estimated", rest, present=BEST)
+    drift = "offset, drift and jumps taken out of the measured series after the run: the loop had their sum"
+    yield DatasetDeclaration("RUN/sensor_drift_m_s2", ACCEL, ON_CHANNELS, "estimated", drift, present=DRIFTED)
+    still = "samples as the rig gave them, the table told to stand still before and after the run; NaN where none came"
+    yield DatasetDeclaration("RUN/rest/samples_v", "V", ("channel", "rest_time_s"), "measured", still)
+
+
+def _of_timing() -> Iterator[DatasetDeclaration]:
+    taken = "time taken by one step, guard included"
+    yield DatasetDeclaration("RUN/timing/compute_s", "s", TIME, "measured", taken, remarks=(WITH_RIG,))
+    for name, units, text in (
+        ("late_s", "s", "how late the exchange began that brought the samples of this step"),
+        ("exchange_s", "s", "how long that exchange took, from command to samples"),
+        (
+            "lost", "1", "0 samples came, 1 none came in time, 2 the step was caught up without them, 3 after a gap: "
+            "the loop was given, and the measured series hold, a mix of the samples that came and of what was expected",
+        ),
+        ("state", "1", "2 ramp-up, 3 running, 4 ramp-down, 5 stopped"),
+    ):  # fmt: skip
+        yield DatasetDeclaration(f"RUN/timing/{name}", units, TIME, "measured", text, present=REAL)
+    for name, text in LINK_COUNTS.items():
+        counted = f"{text}, in the session, from arming to rest"
+        yield DatasetDeclaration(f"RUN/timing/link_{name}", "1", (), "measured", counted, present=LINKED)
+
+
+def _of_truth() -> Iterator[DatasetDeclaration]:
+    mean = "absolute, before any sensor, mean over the step around the sample (virtual rig only)"
+    yield DatasetDeclaration("RUN/truth/table_accel_m_s2", ACCEL, TIME, "true", f"table acceleration, {mean}")
+    yield DatasetDeclaration("RUN/truth/table_disp_m", "m", TIME, "true", "table displacement (virtual rig only)")
+    yield DatasetDeclaration("RUN/truth/floor_accel_m_s2", ACCEL, ON_FLOORS, "true", f"floor acceleration, {mean}")
+
+
+def _of_identification() -> Iterator[DatasetDeclaration]:
+    lines = ("frequency_hz",)
+    response = "H1, command to table acceleration"
+    yield DatasetDeclaration("identification/frf", "m/s^2/V", lines, "measured", response, "complex")
+    yield DatasetDeclaration("identification/coherence", "1", lines, "measured", "coherence of command and table")
+    for name, axis in (("zeros", "zero"), ("poles", "pole")):
+        about = f"{name} of the table model"
+        yield DatasetDeclaration(f"identification/{name}", "rad/s", (axis,), "estimated", about, "complex")
+    numbers: tuple[tuple[str, str, Source, str], ...] = (
+        ("gain", "as zeros and poles", "estimated", "gain of the table model"),
+        ("delay_s", "s", "estimated", "explicit delay of the table model"),
+        ("ripple_m_s2_per_v", "m/s^2/V", "estimated", "share of a command change in a table sample (hold)"),
+        ("coupling_hz", "Hz", "computed", "corner of the AC coupling that table samples are corrected for"),
+        ("fit_error_rms", "1", "estimated", "RMS of |fit / FRF - 1| over 0.7-11 Hz"),
+        ("fit_error_max", "1", "estimated", "largest |fit / FRF - 1| over 0.7-11 Hz"),
+    )
+    for name, units, source, text in numbers:
+        yield DatasetDeclaration(f"identification/{name}", units, (), source, text)
+    for name, units, text in (
+        ("natural_frequency_hz", "Hz", "natural frequencies of the specimen, fixed base"),
+        ("damping_ratio", "1", "damping ratios of the specimen, fixed base"),
+    ):
+        yield DatasetDeclaration(f"identification/{name}", units, ("mode",), "estimated", text)
+
+
+def _of_block() -> Iterator[DatasetDeclaration]:
+    for name, axes in (
+        ("A", ("next_state", "state")),
+        ("B", ("next_state", "input")),
+        ("C", ("output", "state")),
+        ("D", ("output", "input")),
+    ):
+        text, units = f"{name} of the block", "as inputs and outputs"
+        yield DatasetDeclaration(f"controller/BLOCK/{name}", units, axes, "computed", text)
+
+
+def _expanded(one: DatasetDeclaration) -> Iterator[DatasetDeclaration]:
+    """Yield a declaration under each path that it stands for."""
+    parts = [PLACEHOLDERS.get(part, (part,)) for part in one.path.split("/")]
+    yield from (replace(one, path="/".join(names)) for names in product(*parts))
+
+
+DATASETS: dict[str, DatasetDeclaration] = {one.path: one for each in declared_datasets() for one in _expanded(each)}
+"""Every dataset by its path."""
+STORED: dict[str, DatasetDeclaration] = {path: one for one in DATASETS.values() for path in one.stored_paths}
+"""Every dataset by the paths it stands under in a file."""

@@ -29,6 +29,7 @@ from rths_cli.loop.counted_clock import Outcome, part_of
 from rths_cli.loop.realtime_loop import AT_REST
 from rths_cli.loop.realtime_run import whole_of
 from rths_cli.loop.run_log import DESIRED, Signals
+from rths_cli.quantities import attribute_fault
 from rths_cli.structure import build
 
 if TYPE_CHECKING:
@@ -200,6 +201,8 @@ def _begin(job: _Job) -> None:
     if sha256 != header.attributes.get("record_sha256", sha256):
         name = job.result.name
         raise InputError(f"{case.record.path}: is not the file any more that {name} was made with; restore it.")
+    if fault := attribute_fault(header.attributes):
+        raise InputError(f"{job.path}: {fault}; recover it with the version of rths that wrote it.")
     with ResultWriter(job.result, header.attributes, lasting=True) as writer:
         writer.case(header.case_yaml, header.resolved_yaml)
         result_contents.write_record(writer, _about(job, motion))

@@ -27,7 +27,7 @@ from rths_cli.files.durable_files import remove_leftovers, sync
 from rths_cli.files.hdf5 import Dataset, add_text, scales_of, write_group
 from rths_cli.files.staged_file import StagedFile, signals_held
 from rths_cli.numerics.lti import Array
-from rths_cli.quantities import AXES, Values, attribute, dataset, metric
+from rths_cli.quantities import AXES, Values, attribute_fault, dataset, metric
 
 FORMAT = "rths-result"
 FORMAT_VERSION = 1
@@ -342,12 +342,8 @@ def _scale(name: str, values: ArrayLike) -> Dataset:
 
 def _check_attributes(given: Mapping[str, Attribute]) -> None:
     """Raise ValueError for an attribute of the root that is not declared, or of another kind."""
-    for name, value in given.items():
-        declared = attribute(name)
-        if declared is None:
-            raise ValueError(f"attribute {name} is declared nowhere; declare it in rths_cli/quantities/attributes.py.")
-        if isinstance(value, str) != (declared.kind == "text"):
-            raise ValueError(f"attribute {name} is {value!r}, declared is a {declared.kind}.")
+    if fault := attribute_fault(given):
+        raise ValueError(f"{fault}; declare it in rths_cli/quantities/attributes.py.")
 
 
 def as_dataset(path: str, value: ArrayLike, remark: str = "") -> Dataset:

@@ -5,7 +5,7 @@ holds, `axes` and `attributes` their scales and its attributes. Writers take pla
 is not declared; the reader's checks, sweeps, `accept`, reports, reference pages and JSON read this.
 """
 
-from rths_cli.quantities.attributes import ATTRIBUTES, STATUSES, attribute
+from rths_cli.quantities.attributes import ATTRIBUTES, STATUSES, attribute_fault
 from rths_cli.quantities.axes import AXES
 from rths_cli.quantities.datasets import BLOCKS, DATASETS, dataset, stored_dataset
 from rths_cli.quantities.declaration import (
@@ -47,7 +47,7 @@ __all__ = [
     "Quantity",
     "Source",
     "Values",
-    "attribute",
+    "attribute_fault",
     "dataset",
     "declared",
     "kinds_of",

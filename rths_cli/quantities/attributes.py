@@ -5,7 +5,7 @@ In a name `RUN` stands for a run on the table.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import product
 
@@ -87,9 +87,15 @@ OF_BLOCK = (
 """Of each group of a block."""
 
 
-def attribute(name: str) -> AttributeDeclaration | None:
-    """Return what an attribute of the root is (`exp_rths_overruns`), None where none is declared."""
-    return ATTRIBUTES.get(name)
+def attribute_fault(given: Mapping[str, str | int | float]) -> str:
+    """Return what is wrong with the first attribute of the root that is not as declared, "" where all are."""
+    for name, value in given.items():
+        declared = ATTRIBUTES.get(name)
+        if declared is None:
+            return f"attribute {name} is declared nowhere"
+        if isinstance(value, str) != (declared.kind == "text"):
+            return f"attribute {name} is {value!r}, declared is a {declared.kind}"
+    return ""
 
 
 def _of_runs() -> Iterator[AttributeDeclaration]:

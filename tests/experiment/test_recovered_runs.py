@@ -308,6 +308,15 @@ def test_columns_case_and_record_must_fit(played: Played, tmp_path: Path) -> Non
     result.unlink()
     shutil.copy(played.folder / "short.csv", tmp_path / "short.csv")
     moved = replace(header, resolved_yaml=resolved.replace(str(played.folder), str(tmp_path)))
+    for about, told in (
+        ({"spin": "up"}, "attribute spin is declared nowhere"),
+        ({"seed": "x"}, "declared is a number"),
+    ):
+        left(played, tmp_path, "exp_rths", 50, replace(moved, attributes={**header.attributes, **about})).rename(path)
+        (fault,) = refused([path])
+        assert str(path) in fault and told in fault and "the version of rths that wrote it" in fault
+        assert not result.exists()
+        path.unlink()
     left(played, tmp_path, "exp_rths", 50, moved)
     (tmp_path / "short.csv").write_text("# dt: 0.01 s\n# units: m/s^2\n" + "0.1\n0.2\n0.1\n" * 200)
     assert "short.csv: is not the file any more that a.h5 was made with" in refused([path])[0]

@@ -67,8 +67,6 @@ def timing(result: Result) -> Html:
     rows = [row for run in TABLES if run in result.groups for row in _timing(result, run)]
     if not rows:
         return Html("")
-    overruns = result.attributes.get("overruns")
-    rows += [["intervals overrun", "", "", "", str(overruns)]] if overruns is not None else []
     return table([["loop timing (µs)", *SHARES]], rows, "figures")
 
 
@@ -78,6 +76,9 @@ def _timing(result: Result, run: str) -> Iterator[list[str]]:
         if values is not None and np.any(np.isfinite(values)):
             shares = np.nanpercentile(values, list(SHARES.values()))
             yield [f"{TABLES[run]}: {label}", *(f"{1e6 * share:.1f}" for share in shares)]
+    overruns = result.attributes.get(f"{run}_overruns")
+    if overruns is not None:
+        yield [f"{TABLES[run]}: intervals overrun", "", "", "", str(overruns)]
     lost = _noted(result, f"{run}/timing/lost")
     if lost is not None:
         yield [f"{TABLES[run]}: steps without samples, of {lost.size}", "", "", "", str(int(np.count_nonzero(lost)))]

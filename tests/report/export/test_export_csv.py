@@ -91,8 +91,8 @@ def test_the_file_beside_holds_all_that_is_no_series(result: Path, exported: Pat
     assert groups["case"]["yaml"]["value"] == YAML
     assert groups["metrics/exp_rths"]["rms_error_m_s2"]["value"] == [0.1, 0.2, None]
     assert groups["identification"]["poles_imag"] == {
-        "value": [2.0, -2.0], "units": "rad/s", "long_name": "poles, imaginary part", "source": "estimated",
-        "dims": ["pole"],
+        "value": [2.0, -2.0], "units": "rad/s", "long_name": "poles of the table model, imaginary part",
+        "source": "estimated", "dims": ["pole"],
     }  # fmt: skip
     block = groups["controller/feedforward"]
     assert (block["dt_s"], block["inputs"]) == (0.0005, ["accel_m_s2", "vel_m_s", "disp_m"])

@@ -244,14 +244,14 @@ def test_thirty_storeys_can_be_chosen_and_fit(tmp_path: Path) -> None:
 
 def test_a_real_rig_shows_its_timing_and_is_not_called_virtual(tmp_path: Path) -> None:
     result = page_results.write(
-        tmp_path / "x.h5", rig="aps400", rig_kind="udp", driver_verified="hardware", overruns=3, samples=20_001
+        tmp_path / "x.h5", rig="aps400", rig_kind="udp", driver_verified="hardware", exp_rths_overruns=3, samples=20_001
     )
     text = page([result], COMMAND)
     found = page_reader.read(text)
     words = " ".join(found.words().split())
     assert "virtual" not in words.replace(page_results.ABOUT["command_line"], "")  # type: ignore[arg-type]
     assert "EXP-RTHS: step and guard 100.0 198.0 199.8 200.0" in words  # of 0 to 200 us, evenly
-    assert "EXP-RTHS: steps without samples, of 20001 2" in words and "intervals overrun 3" in words
+    assert "EXP-RTHS: steps without samples, of 20001 2" in words and "EXP-RTHS: intervals overrun 3" in words
 
 
 def test_timing_of_a_virtual_table_is_not_shown(text: str) -> None:

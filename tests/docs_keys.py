@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
-from docs_words import WORDS
 from pydantic import BaseModel, TypeAdapter
 from pydantic_core import PydanticUndefined
 
@@ -90,7 +89,7 @@ def _model_rows(
         required = key in schema.get("required", ()) and path not in ("name", "table")
         default = "**required**" if required else _default(field)
         kind, limits = _type(field, definitions)
-        yield f"`{path}`", kind, _unit(key), default, limits, _meaning(path, field)
+        yield f"`{path}`", kind, _unit(key), default, limits, _meaning(field)
         if path not in skip:
             yield from _below(field, definitions, path)
 
@@ -166,7 +165,6 @@ def _unit(key: str) -> str:
     return next((unit for end, unit in UNITS if key.endswith(end)), "-")
 
 
-def _meaning(path: str, field: Schema) -> str:
-    """Return what a key means: what its model says, else the words of docs_words."""
-    text = field.get("description") or WORDS.get(path, "")
-    return str(text).replace("|", "\\|").replace("\n", " ")
+def _meaning(field: Schema) -> str:
+    """Return what a key means, as its model says."""
+    return str(field.get("description", "")).replace("|", "\\|").replace("\n", " ")

@@ -51,8 +51,16 @@ class RecordSpec(Strict):
     wanted: ClassVar[str] = "a name or a mapping"
 
     file: Path = Field(description="a name looked up in records/, or a path")
-    unit: str | None = Field(default=None, min_length=1, max_length=20)
-    dt_s: Annotated[float, Range(gt=0, le=10)] | None = None
+    unit: str | None = Field(
+        default=None,
+        min_length=1,
+        max_length=20,
+        description="unit of the accelerations, where the file does not state it: m/s^2, cm/s^2, gal, g, mm/s^2, "
+        "in/s^2",
+    )
+    dt_s: Annotated[float, Range(gt=0, le=10)] | None = Field(
+        default=None, description="interval of the samples, where the file does not state it"
+    )
 
     @property
     def name(self) -> str:
@@ -70,11 +78,15 @@ class ControllerSpec(Strict):
 
     wanted: ClassVar[str] = "a name or a mapping"
 
-    kind: Literal["FF", "FF+FB", "none"]
+    kind: Literal["FF", "FF+FB", "none"] = Field(
+        description="feedforward, feedforward and feedback, or the table as delivered"
+    )
     feedback_bandwidth_hz: Annotated[float, Range(gt=0, le=1000)] | None = Field(
         default=None, description="default, and most: two thirds of the identified band"
     )
-    max_sensitivity: Annotated[float, Range(gt=1, le=10)] = 1.5
+    max_sensitivity: Annotated[float, Range(gt=1, le=10)] = Field(
+        default=1.5, description="limit on the peak of |1 / (1 + loop)| of the feedback"
+    )
     disturbance_hz: tuple[Annotated[float, Range(ge=0.05, le=500)], ...] = Field(
         default=(1.0, 12.0),
         description="band of the error that the feedback removes",
@@ -101,17 +113,24 @@ class IdentificationSpec(Strict):
     """Hold the model file to use, or how to excite the rig for one."""
 
     model: Path | None = Field(default=None, description="a model file; without one a virtual rig is identified first")
-    seed: Seed = 0
-    duration_s: Annotated[float, Range(ge=40, le=7200)] = 120.0
-    accel_rms_m_s2: Annotated[float, Range(gt=0, le=100)] = 2.0
-    low_hz: Annotated[float, Range(ge=0.01, le=1000)] = 0.3
-    high_hz: Annotated[float, Range(gt=0, le=1000)] = 60.0
-    excitation: Literal["noise", "multisine", "sweep", "step"] = "noise"
+    seed: Seed = Field(default=0, description="seed of the excitation and of the noise in its records")
+    duration_s: Annotated[float, Range(ge=40, le=7200)] = Field(default=120.0, description="length of one excitation")
+    accel_rms_m_s2: Annotated[float, Range(gt=0, le=100)] = Field(
+        default=2.0, description="RMS acceleration of the table that is aimed at; lowered near a limit"
+    )
+    low_hz: Annotated[float, Range(ge=0.01, le=1000)] = Field(default=0.3, description="lower end of the excited band")
+    high_hz: Annotated[float, Range(gt=0, le=1000)] = Field(default=60.0, description="upper end of the excited band")
+    excitation: Literal["noise", "multisine", "sweep", "step"] = Field(
+        default="noise", description="kind of the excitation"
+    )
     period_s: Annotated[float, Range(gt=0, le=1000)] | None = Field(
         default=None, description="default: 20 for a multisine, 40 for a sweep"
     )
     records: Annotated[int, Range(ge=1, le=20)] = Field(default=1, description="how many are measured and averaged")
-    estimator: Literal["h1", "h2", "hv"] = "h1"
+    estimator: Literal["h1", "h2", "hv"] = Field(
+        default="h1",
+        description="estimator of the frequency response: noise in the samples (h1), the command (h2) or both (hv)",
+    )
     sensor_dynamics: Literal["removed", "kept"] = Field(
         default="removed", description="kept: the model describes the channels as they are, and the step leaves them so"
     )
@@ -133,50 +152,69 @@ class IdentificationSpec(Strict):
 class RecordFilterSpec(Strict):
     """Hold the causal Butterworth high pass of the record; corner 0 switches it off."""
 
-    corner_hz: Annotated[float, Range(ge=0, le=100)] = 0.25
-    order: Annotated[int, Range(ge=1, le=8)] = 2
+    corner_hz: Annotated[float, Range(ge=0, le=100)] = Field(default=0.25, description="corner; 0: no filter")
+    order: Annotated[int, Range(ge=1, le=8)] = Field(default=2, description="number of poles")
 
 
 class KalmanSpec(Strict):
     """Hold the intensities of process noise (base acceleration) and measurement noise of the floor filter, and up to
     which frequency method best takes what the filter leaves unexplained from the measured base shear."""
 
-    q: Annotated[float, Range(gt=0, le=1e12)] = 1e3
-    r: Annotated[float, Range(gt=0, le=1e12)] = 1.0
-    residual_hz: Annotated[float, Range(gt=0, le=1000)] = 40.0
+    q: Annotated[float, Range(gt=0, le=1e12)] = Field(
+        default=1e3, description="intensity of process noise, which enters like the table's acceleration"
+    )
+    r: Annotated[float, Range(gt=0, le=1e12)] = Field(
+        default=1.0, description="intensity of measurement noise on each floor; only q / r matters"
+    )
+    residual_hz: Annotated[float, Range(gt=0, le=1000)] = Field(
+        default=40.0,
+        description="corner up to which method best takes what the filter leaves unexplained from the measured base "
+        "shear",
+    )
 
 
 class CaseKeys(Strict):
     """Hold the keys of a case file; names are replaced by what they name before this is checked."""
 
     name: FileName = Field(description="default: the file's name")
-    structure: StructureSpec
-    damping: DampingSpec
-    record: RecordSpec
+    structure: StructureSpec = Field(description="the building: masses, stiffness, damping, and where it is cut")
+    damping: DampingSpec = Field(
+        description="damping of the numerical storeys: a level that the structure defines, or as below"
+    )
+    record: RecordSpec = Field(description="the ground motion")
     scaling: Annotated[float, Range(gt=0, le=100)] = Field(description="factor on the record")
-    controller: ControllerSpec
-    table: AnyRig
-    method: Literal["best", "paper"] = "best"
+    controller: ControllerSpec = Field(description="controller of the table")
+    table: AnyRig = Field(description="the rig; default: aps400_virtual")
+    method: Literal["best", "paper"] = Field(
+        default="best", description="the control: best is ours, paper that of the paper as printed"
+    )
     integration: Literal["exact", "cr", "newmark"] = Field(
-        default="exact", description="of the numerical storeys: first-order hold, Chen-Ricles, or explicit Newmark"
+        default="exact",
+        description="integration of the numerical storeys: first-order hold, Chen-Ricles, or explicit Newmark",
     )
     runs: tuple[RunName, ...] = Field(
         default=RUNS, min_length=1, description="default: all; on a rig that is not virtual all but shake_table"
     )
-    sample_rate_hz: Annotated[float, Range(ge=100, le=50_000)] = 2000.0
+    sample_rate_hz: Annotated[float, Range(ge=100, le=50_000)] = Field(
+        default=2000.0, description="sample rate of the step, and of every series in the result"
+    )
     delay_s: Annotated[float, Range(ge=0, le=0.1)] = Field(default=0.005, description="the delay of SIM-DELAY")
-    record_filter: RecordFilterSpec = RecordFilterSpec()
-    identification: IdentificationSpec = IdentificationSpec()
-    kalman: KalmanSpec = KalmanSpec()
+    record_filter: RecordFilterSpec = Field(
+        default=RecordFilterSpec(), description="Butterworth high pass of the scaled record, causal"
+    )
+    identification: IdentificationSpec = Field(
+        default=IdentificationSpec(), description="the model file to use, or how to excite the rig for one"
+    )
+    kalman: KalmanSpec = Field(default=KalmanSpec(), description="the filter that estimates the floors")
     limits: LimitOverrides = Field(default=LimitOverrides(), description="limits stricter than the rig's")
     accept: dict[str, Annotated[float, Range(ge=0, le=1e9)]] = Field(
         default={},
         description="limits on reported figures, by path: exp_rths.rms_error_m_s2[3]",
         json_schema_extra={"propertyNames": {"pattern": ACCEPT_PATH}},
     )
-    seed: Seed = 0
-    notes: str = ""
-    reference: ReferenceSpec | None = None
+    seed: Seed = Field(default=0, description="seed of the noise in the runs")
+    notes: str = Field(default="", description="any text; it goes into the result")
+    reference: ReferenceSpec | None = Field(default=None, description="published figures to print beside ours")
 
     @field_validator("runs")
     @classmethod

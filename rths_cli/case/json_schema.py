@@ -44,12 +44,17 @@ def write_schemas(folder: Path) -> None:
 def _allow_names(case: dict[str, Any], definitions: dict[str, Any]) -> None:
     """Let names stand for mappings in the schema of a case, and drop what the loader fills in from `required`."""
     properties = case["properties"]
-    properties["structure"] = {"anyOf": [NAME, _with_extends(definitions["StructureSpec"], definitions)]}
-    properties["table"] = {"anyOf": [NAME, _any_rig(definitions)]}
-    for key in ("damping", "record", "reference"):
-        properties[key] = {"anyOf": [NAME, *properties[key].get("anyOf", [properties[key]])]}
     kinds = definitions["ControllerSpec"]["properties"]["kind"]
-    properties["controller"] = {"anyOf": [kinds, properties["controller"]]}
+    readings: dict[str, list[Any]] = {
+        "structure": [NAME, _with_extends(definitions["StructureSpec"], definitions)],
+        "table": [NAME, _any_rig(definitions)],
+        "controller": [kinds, properties["controller"]],
+    }
+    for key in ("damping", "record", "reference"):
+        readings[key] = [NAME, *properties[key].get("anyOf", [properties[key]])]
+    for key, either in readings.items():
+        told = properties[key].pop("description")
+        properties[key] = {"anyOf": either, "description": told}
     case["required"] = [key for key in case["required"] if key not in ("name", "table")]
 
 
@@ -97,6 +102,7 @@ def _relaxed(part: Any, definitions: dict[str, Any]) -> Any:
     if not isinstance(part, dict):
         return part
     if "$ref" in part:
-        return _relaxed(definitions[part["$ref"].rpartition("/")[2]], definitions)
+        whole = _relaxed(definitions[part["$ref"].rpartition("/")[2]], definitions)
+        return whole | ({"description": part["description"]} if "description" in part else {})
     dropped = ("required", "allOf") if "properties" in part else ()
     return {key: _relaxed(value, definitions) for key, value in part.items() if key not in dropped}

@@ -22,10 +22,14 @@ Figure = Annotated[
 class ReferenceEntry(Strict):
     """Hold the figures published for one record, damping and controller; an absent key stands for any."""
 
-    record: str | None = None
-    damping: str | None = None
-    controller: Literal["FF", "FF+FB", "none"] | None = None
-    scaling: Annotated[float, Range(gt=0, le=100)] | None = None
+    record: str | None = Field(default=None, description="record they belong to; without it any")
+    damping: str | None = Field(default=None, description="damping level they belong to; without it any")
+    controller: Literal["FF", "FF+FB", "none"] | None = Field(
+        default=None, description="controller they belong to; without it any"
+    )
+    scaling: Annotated[float, Range(gt=0, le=100)] | None = Field(
+        default=None, description="scaling they belong to; without it any"
+    )
     figures: dict[str, Figure] = Field(
         description="by metric path, one number or one per storey",
         json_schema_extra={"propertyNames": {"pattern": METRIC_PATH}},
@@ -44,10 +48,12 @@ class ReferenceSpec(Strict):
 
     wanted: ClassVar[str] = "a name or a mapping"
 
-    name: str = "inline"
-    title: str
-    source: str
-    entries: tuple[ReferenceEntry, ...] = Field(min_length=1)
+    name: str = Field(default="inline", description="default: the file's name")
+    title: str = Field(description="stands under the tables")
+    source: str = Field(description="where the figures are published")
+    entries: tuple[ReferenceEntry, ...] = Field(
+        min_length=1, description="the figures, by what they were published for"
+    )
 
     def figures_for(
         self, record: str, damping: str, controller: str, scaling: float | None = None

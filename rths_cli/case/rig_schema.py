@@ -33,6 +33,33 @@ DEFAULT_LOST_SAMPLES = 5
 DEFAULT_ENERGY_RATIO = 0.1  # of real rigs: accurate tests stay below 0.005, unstable ones pass it early
 Corner = Annotated[float, Range(ge=0, le=1e6)]
 
+SENSITIVITY = "sensitivity of every channel"
+CLIPS = "+-, beyond which the sensor clips"
+HIGH_PASS = "first-order corner of AC coupling; 0: none"
+LOW_PASS = "first-order corner; 0: none"
+BITS = "resolution; 0: ideal"
+RANGE = "+-, of command and samples"
+LATENCY = "intervals from samples to the command computed from them"
+GAIN = "displacement per command at low frequency"
+MOVING_MASS = "armature and table, without specimen"
+PAYLOAD = "heaviest specimen"
+KIND = "what the rig is; decides which keys there are"
+SENSORS = "accelerometers on table and floors"
+CONVERTERS = "converters of command and samples"
+LIMITS = "what the guard keeps"
+NOMINAL = "values of the data sheet"
+STROKE = "displacement from the centre, +-, with room to brake"
+VELOCITY = "velocity of the table, +-"
+ACCELERATION = "acceleration of every channel, +-"
+FORCE = "force of the actuator, +-, estimated from accelerations and masses"
+COMMAND_RATE = "change of the command per second"
+TRACKING_ERROR = "desired less measured acceleration of the table, +-"
+LOST_SAMPLES = f"how many answers of the rig in a row may be lost; default: {DEFAULT_LOST_SAMPLES}"
+ENERGY_RATIO = (
+    "energy that errors of the table may add, of that exchanged with the specimen; "
+    f"default of a real rig: {DEFAULT_ENERGY_RATIO}"
+)
+
 
 def corner_problems(data: Mapping[str, Any]) -> Iterator[Problem]:
     """Yield a fault when a sensor's low pass lies below its high pass."""
@@ -52,39 +79,35 @@ class SensorKeys(Strict):
 class SensorsSpec(SensorKeys):
     """Hold the accelerometers of a virtual table and its floors; 0 switches a corner or the noise off."""
 
-    sensitivity_mv_per_g: Annotated[float, Range(gt=0, le=1e6)] = 1000.0
-    range_g: Annotated[float, Range(gt=0, le=1e4)] = 5.0
-    high_pass_hz: Annotated[float, Range(ge=0, le=100)] = 0.024
-    low_pass_hz: Corner = 1549.0
-    noise_rms_m_s2: Annotated[float, Range(ge=0, le=100)] = 3e-4
+    sensitivity_mv_per_g: Annotated[float, Range(gt=0, le=1e6)] = Field(default=1000.0, description=SENSITIVITY)
+    range_g: Annotated[float, Range(gt=0, le=1e4)] = Field(default=5.0, description=CLIPS)
+    high_pass_hz: Annotated[float, Range(ge=0, le=100)] = Field(default=0.024, description=HIGH_PASS)
+    low_pass_hz: Corner = Field(default=1549.0, description=LOW_PASS)
+    noise_rms_m_s2: Annotated[float, Range(ge=0, le=100)] = Field(
+        default=3e-4, description="white noise per sample; 0: none"
+    )
 
 
 class ConvertersSpec(Strict):
     """Hold the converters of command and sensors; `bits: 0` is an ideal converter."""
 
-    bits: Annotated[int, Range(ge=2, le=32, or_zero=True)] = 16
-    range_v: Annotated[float, Range(gt=0, le=1000)] = 10.0
-    latency_samples: Annotated[int, Range(ge=0, le=100)] = 1
+    bits: Annotated[int, Range(ge=2, le=32, or_zero=True)] = Field(default=16, description=BITS)
+    range_v: Annotated[float, Range(gt=0, le=1000)] = Field(default=10.0, description=RANGE)
+    latency_samples: Annotated[int, Range(ge=0, le=100)] = Field(default=1, description=LATENCY)
 
 
 class LimitsSpec(Strict):
     """Hold the limits the guard keeps: displacement from the centre, velocity, acceleration, force, and what further
     ones are stated."""
 
-    stroke_m: Stroke = 0.079
-    velocity_m_s: Velocity = 1.0
-    acceleration_m_s2: Acceleration = 45.0
-    force_n: Force = 445.0
-    command_rate_v_s: CommandRate | None = Field(default=None, description="change of the command in V/s")
-    tracking_error_m_s2: Acceleration | None = Field(
-        default=None, description="desired less measured acceleration of the table"
-    )
-    lost_samples: LostSamples | None = Field(
-        default=None, description=f"how many answers of the rig in a row may be lost; default: {DEFAULT_LOST_SAMPLES}"
-    )
-    energy_ratio: EnergyRatio | None = Field(
-        default=None, description="energy that errors of the table may add, of that exchanged with the specimen"
-    )
+    stroke_m: Stroke = Field(default=0.079, description=STROKE)
+    velocity_m_s: Velocity = Field(default=1.0, description=VELOCITY)
+    acceleration_m_s2: Acceleration = Field(default=45.0, description=ACCELERATION)
+    force_n: Force = Field(default=445.0, description=FORCE)
+    command_rate_v_s: CommandRate | None = Field(default=None, description=COMMAND_RATE)
+    tracking_error_m_s2: Acceleration | None = Field(default=None, description=TRACKING_ERROR)
+    lost_samples: LostSamples | None = Field(default=None, description=LOST_SAMPLES)
+    energy_ratio: EnergyRatio | None = Field(default=None, description=ENERGY_RATIO)
 
     def tightened(self, overrides: LimitOverrides) -> Self:
         """Return these limits with the given ones in their place; that they are stricter, the case checks."""
@@ -94,22 +117,22 @@ class LimitsSpec(Strict):
 class LimitOverrides(Strict):
     """Hold the limits a case sets below its rig's; None leaves the rig's."""
 
-    stroke_m: Stroke | None = None
-    velocity_m_s: Velocity | None = None
-    acceleration_m_s2: Acceleration | None = None
-    force_n: Force | None = None
-    command_rate_v_s: CommandRate | None = None
-    tracking_error_m_s2: Acceleration | None = None
-    lost_samples: LostSamples | None = None
-    energy_ratio: EnergyRatio | None = None
+    stroke_m: Stroke | None = Field(default=None, description=STROKE)
+    velocity_m_s: Velocity | None = Field(default=None, description=VELOCITY)
+    acceleration_m_s2: Acceleration | None = Field(default=None, description=ACCELERATION)
+    force_n: Force | None = Field(default=None, description=FORCE)
+    command_rate_v_s: CommandRate | None = Field(default=None, description=COMMAND_RATE)
+    tracking_error_m_s2: Acceleration | None = Field(default=None, description=TRACKING_ERROR)
+    lost_samples: LostSamples | None = Field(default=None, description=LOST_SAMPLES)
+    energy_ratio: EnergyRatio | None = Field(default=None, description=ENERGY_RATIO)
 
 
 class NominalSpec(Strict):
     """Hold the data-sheet values of a table."""
 
-    gain_m_per_v: Annotated[float, Range(gt=0, le=10)] = 0.0079
-    moving_mass_kg: Annotated[float, Range(gt=0, le=1e5)] = 7.0
-    payload_kg: Annotated[float, Range(gt=0, le=1e6)] = 23.0
+    gain_m_per_v: Annotated[float, Range(gt=0, le=10)] = Field(default=0.0079, description=GAIN)
+    moving_mass_kg: Annotated[float, Range(gt=0, le=1e5)] = Field(default=7.0, description=MOVING_MASS)
+    payload_kg: Annotated[float, Range(gt=0, le=1e6)] = Field(default=23.0, description=PAYLOAD)
 
 
 class RigSpec(Strict):
@@ -118,11 +141,11 @@ class RigSpec(Strict):
     wanted: ClassVar[str] = "a name or a mapping"
 
     name: str = Field(default="inline", description="label in tables; default: the file's name")
-    kind: str
-    sensors: SensorKeys | None = None
-    converters: ConvertersSpec = ConvertersSpec()
-    limits: LimitsSpec = LimitsSpec()
-    nominal: NominalSpec = NominalSpec()
+    kind: str = Field(description=KIND)
+    sensors: SensorKeys | None = Field(default=None, description=SENSORS)
+    converters: ConvertersSpec = Field(default=ConvertersSpec(), description=CONVERTERS)
+    limits: LimitsSpec = Field(default=LimitsSpec(), description=LIMITS)
+    nominal: NominalSpec = Field(default=NominalSpec(), description=NOMINAL)
 
 
 class VirtualRigSpec(RigSpec):
@@ -133,10 +156,12 @@ class VirtualRigSpec(RigSpec):
         "belongs to a real rig; remove it, or state the rig's kind",
     )
 
-    kind: Literal["virtual"]
-    sensors: SensorsSpec = SensorsSpec()
-    physics: VirtualPhysics = VirtualPhysics()
-    after_identification: AfterIdentification = AfterIdentification()
+    kind: Literal["virtual"] = Field(description=KIND)
+    sensors: SensorsSpec = Field(default=SensorsSpec(), description=SENSORS)
+    physics: VirtualPhysics = Field(default=VirtualPhysics(), description="what only the virtual table itself knows")
+    after_identification: AfterIdentification = Field(
+        default=AfterIdentification(), description="what changes on the rig after it was identified; 1 changes nothing"
+    )
 
 
 GRAVITY_M_S2 = 9.80665
@@ -155,13 +180,13 @@ class RealSensorsSpec(SensorKeys):
 
     elsewhere: ClassVar[Mapping[str, str]] = {"noise_rms_m_s2": ONLY_VIRTUAL}
 
-    sensitivity_mv_per_g: Annotated[float, Range(gt=0, le=1e6)] | None = None
+    sensitivity_mv_per_g: Annotated[float, Range(gt=0, le=1e6)] | None = Field(default=None, description=SENSITIVITY)
     sensitivity_v_per_m_s2: Annotated[float, Range(gt=0, le=1e3)] | None = Field(
         default=None, description="instead of sensitivity_mv_per_g"
     )
-    range_g: Annotated[float, Range(gt=0, le=1e4)] = Field(description="+-, beyond which the sensor clips")
-    high_pass_hz: Annotated[float, Range(ge=0, le=100)] = Field(description="first-order corner of AC coupling; 0: DC")
-    low_pass_hz: Corner = Field(description="first-order corner; 0: none")
+    range_g: Annotated[float, Range(gt=0, le=1e4)] = Field(description=CLIPS)
+    high_pass_hz: Annotated[float, Range(ge=0, le=100)] = Field(description=HIGH_PASS)
+    low_pass_hz: Corner = Field(description=LOW_PASS)
     sign: Sign = Field(
         default=1,
         description="-1: mounted against the positive direction",
@@ -192,6 +217,9 @@ class RealSensorsSpec(SensorKeys):
 class ChannelSpec(RealSensorsSpec):
     """Hold one channel of a real rig: its sensor, and where it is connected."""
 
+    sensitivity_mv_per_g: Annotated[float, Range(gt=0, le=1e6)] | None = Field(
+        default=None, description="sensitivity of this channel, from its calibration"
+    )
     name: str = Field(default="", max_length=60, description="label in messages, such as the sensor's serial number")
     terminal: str | None = Field(
         default=None, min_length=1, max_length=40, description="input of an NI card, such as ai0"
@@ -201,26 +229,26 @@ class ChannelSpec(RealSensorsSpec):
 class RealConvertersSpec(ConvertersSpec):
     """Hold the converters of a real rig."""
 
-    bits: Annotated[int, Range(ge=2, le=32, or_zero=True)]
-    range_v: Annotated[float, Range(gt=0, le=1000)]
-    latency_samples: Annotated[int, Range(ge=1, le=100)] = 1
+    bits: Annotated[int, Range(ge=2, le=32, or_zero=True)] = Field(description=BITS)
+    range_v: Annotated[float, Range(gt=0, le=1000)] = Field(description=RANGE)
+    latency_samples: Annotated[int, Range(ge=1, le=100)] = Field(default=1, description=LATENCY)
 
 
 class RealLimitsSpec(LimitsSpec):
     """Hold the limits of a real rig: the four that every table has must be stated."""
 
-    stroke_m: Stroke
-    velocity_m_s: Velocity
-    acceleration_m_s2: Acceleration
-    force_n: Force
+    stroke_m: Stroke = Field(description=STROKE)
+    velocity_m_s: Velocity = Field(description=VELOCITY)
+    acceleration_m_s2: Acceleration = Field(description=ACCELERATION)
+    force_n: Force = Field(description=FORCE)
 
 
 class RealNominalSpec(NominalSpec):
     """Hold the data-sheet values of a real table."""
 
-    gain_m_per_v: Annotated[float, Range(gt=0, le=10)]
-    moving_mass_kg: Annotated[float, Range(gt=0, le=1e5)]
-    payload_kg: Annotated[float, Range(gt=0, le=1e6)]
+    gain_m_per_v: Annotated[float, Range(gt=0, le=10)] = Field(description=GAIN)
+    moving_mass_kg: Annotated[float, Range(gt=0, le=1e5)] = Field(description=MOVING_MASS)
+    payload_kg: Annotated[float, Range(gt=0, le=1e6)] = Field(description=PAYLOAD)
 
 
 Watchdog = Annotated[
@@ -245,9 +273,9 @@ class RealRigSpec(RigSpec):
     channels: tuple[ChannelSpec, ...] | None = Field(
         default=None, min_length=2, max_length=16, description="the table's channel first, then the floors' upwards"
     )
-    converters: RealConvertersSpec
-    limits: RealLimitsSpec
-    nominal: RealNominalSpec
+    converters: RealConvertersSpec = Field(description=CONVERTERS)
+    limits: RealLimitsSpec = Field(description=LIMITS)
+    nominal: RealNominalSpec = Field(description=NOMINAL)
     unattended: bool = Field(default=False, description="true: --yes may move this rig with nobody asked")
     overrun: Literal["hold", "skip", "stop"] = Field(
         default="skip", description="a missed deadline: the record waits, its steps are caught up, or the run ends"
@@ -263,7 +291,7 @@ class UdpSpec(Strict):
     """Hold where a target listens, and the secret shared with it."""
 
     host: str = Field(min_length=1, max_length=253, description="name or address")
-    port: Annotated[int, Range(ge=1, le=65535)]
+    port: Annotated[int, Range(ge=1, le=65535)] = Field(description="port of the target")
     key_file: Path | None = Field(
         default=None, description="the shared secret; default: the file that RTHS_KEY_FILE names"
     )
@@ -297,8 +325,8 @@ class UdpRigSpec(RealRigSpec):
 
     elsewhere: ClassVar[Mapping[str, str]] = {k: v for k, v in RealRigSpec.elsewhere.items() if k != "udp"}
 
-    kind: Literal["udp"]
-    udp: UdpSpec
+    kind: Literal["udp"] = Field(description=KIND)
+    udp: UdpSpec = Field(description="where the target listens")
     watchdog_s: Watchdog = 0.1
 
 
@@ -310,7 +338,9 @@ class NiSpec(Strict):
     enable_line: str | None = Field(
         default=None, min_length=1, max_length=60, description="digital line that is high while motion is enabled"
     )
-    wiring: Literal["default", "rse", "nrse", "differential", "pseudodifferential"] = "default"
+    wiring: Literal["default", "rse", "nrse", "differential", "pseudodifferential"] = Field(
+        default="default", description="how the inputs are connected"
+    )
     timeout_s: Annotated[float, Range(ge=0.01, le=60)] = Field(
         default=1.0, description="how long the sample clock may fail to come"
     )
@@ -324,8 +354,8 @@ class NiRigSpec(RealRigSpec):
         "watchdog_s": "an NI card has no watchdog, it holds its last voltage; remove this and wire an independent one",
     }
 
-    kind: Literal["ni"]
-    ni: NiSpec
+    kind: Literal["ni"] = Field(description=KIND)
+    ni: NiSpec = Field(description="terminals of the card")
 
     @classmethod
     def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:

@@ -18,7 +18,16 @@ Frequency = Annotated[float, Range(gt=0, le=1000)]
 Dashpot = Annotated[float, Range(ge=0, le=1e9)]
 Ratio = Annotated[float, Range(ge=0, lt=1)]
 Storeys = Field(min_length=1, max_length=MAX_STOREYS)
-MaybeStoreys = Field(default=None, min_length=1, max_length=MAX_STOREYS)
+
+
+def _per_storey(description: str) -> Any:
+    """Return the field of a list with an entry per storey, or per mode."""
+    return Field(min_length=1, max_length=MAX_STOREYS, description=description)
+
+
+def _maybe_per_storey(description: str) -> Any:
+    """Return the field of such a list that need not be given."""
+    return Field(default=None, min_length=1, max_length=MAX_STOREYS, description=description)
 
 
 def _one_of(*pairs: tuple[str, str]) -> dict[str, Any]:
@@ -44,8 +53,12 @@ class DampingSpec(Strict):
     model_config = ConfigDict(json_schema_extra=_one_of(("first_mode_ratio", "dashpots_n_s_per_m")))
 
     name: str = Field(default="inline", description="label in tables; a level of a structure is named by its key")
-    first_mode_ratio: Annotated[float, Range(gt=0, lt=1)] | None = None
-    dashpots_n_s_per_m: tuple[Dashpot, ...] | None = MaybeStoreys
+    first_mode_ratio: Annotated[float, Range(gt=0, lt=1)] | None = Field(
+        default=None, description="damping ratio of mode 1 of the whole building; equal dashpots are solved for"
+    )
+    dashpots_n_s_per_m: tuple[Dashpot, ...] | None = _maybe_per_storey(
+        "instead of first_mode_ratio: one per numerical storey, from the ground"
+    )
 
     @classmethod
     def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
@@ -59,8 +72,10 @@ class NumericalSpec(Strict):
     experimental storeys' stiffnesses.
     """
 
-    masses_kg: tuple[Mass, ...] = Storeys
-    stiffness_n_per_m: NumericalStiffness
+    masses_kg: tuple[Mass, ...] = _per_storey("floor masses from the ground, the interface floor's whole mass included")
+    stiffness_n_per_m: NumericalStiffness = Field(
+        description="storey stiffnesses from the ground, or the mean of the experimental ones"
+    )
 
     @classmethod
     def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
@@ -76,11 +91,17 @@ class ExperimentalSpec(Strict):
         )
     )
 
-    masses_kg: tuple[Mass, ...] = Storeys
-    natural_frequencies_hz: tuple[Frequency, ...] | None = MaybeStoreys
-    stiffness_n_per_m: tuple[Stiffness, ...] | None = MaybeStoreys
-    damping_ratios: tuple[Ratio, ...] | None = MaybeStoreys
-    dashpots_n_s_per_m: tuple[Dashpot, ...] | None = MaybeStoreys
+    masses_kg: tuple[Mass, ...] = _per_storey("floor masses from the table upwards")
+    natural_frequencies_hz: tuple[Frequency, ...] | None = _maybe_per_storey(
+        "on a fixed base, mode 1 first (at most 5 storeys)"
+    )
+    stiffness_n_per_m: tuple[Stiffness, ...] | None = _maybe_per_storey(
+        "instead of the frequencies: storey stiffnesses from the table upwards"
+    )
+    damping_ratios: tuple[Ratio, ...] | None = _maybe_per_storey("modal, on a fixed base, mode 1 first")
+    dashpots_n_s_per_m: tuple[Dashpot, ...] | None = _maybe_per_storey(
+        "instead of the ratios: storey dashpots from the table upwards"
+    )
 
     @classmethod
     def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
@@ -99,8 +120,10 @@ class StructureSpec(Strict):
     wanted: ClassVar[str] = "a name or a mapping"
 
     name: str = Field(default="inline", description="label in tables; default: the file's name")
-    numerical: NumericalSpec
-    experimental: ExperimentalSpec
+    numerical: NumericalSpec = Field(
+        description="the computed storeys 1 to p, from the ground; the highest is the interface"
+    )
+    experimental: ExperimentalSpec = Field(description="the storeys on the table")
     interface_experimental_mass_kg: Annotated[float, Range(ge=0, le=1e7)] = Field(
         default=0.0, description="part of the interface floor's mass that stands on the table"
     )

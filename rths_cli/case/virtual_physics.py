@@ -4,27 +4,41 @@ from __future__ import annotations
 
 from typing import Annotated
 
+from pydantic import Field
+
 from rths_cli.case.field_types import Range, Strict
 
 
 class VirtualPhysics(Strict):
     """Hold a virtual table's physics, m_t a = F - c_t v - F_c tanh(v/v_s) + f; defaults: APS 400."""
 
-    moving_mass_kg: Annotated[float, Range(gt=0, le=1e5)] = 7.0
-    viscous_n_s_per_m: Annotated[float, Range(ge=0, le=1e7)] = 8.0
-    coulomb_n: Annotated[float, Range(ge=0, le=1e7)] = 0.3
-    coulomb_velocity_m_s: Annotated[float, Range(gt=0, le=1)] = 0.001
-    loop_frequency_hz: Annotated[float, Range(gt=0, le=1000)] = 14.0
-    loop_damping_ratio: Annotated[float, Range(gt=0, le=10)] = 0.6
-    actuator_time_constant_s: Annotated[float, Range(ge=1e-5, le=1)] = 0.0015
-    gain_m_per_v: Annotated[float, Range(gt=0, le=10)] = 0.0079
-    loop_specimen_mass_kg: Annotated[float, Range(ge=0, le=1e6)] = 13.86
-    force_limit_n: Annotated[float, Range(gt=0, le=1e8)] = 445.0
+    moving_mass_kg: Annotated[float, Range(gt=0, le=1e5)] = Field(default=7.0, description="m_t, armature and table")
+    viscous_n_s_per_m: Annotated[float, Range(ge=0, le=1e7)] = Field(default=8.0, description="c_t, viscous friction")
+    coulomb_n: Annotated[float, Range(ge=0, le=1e7)] = Field(default=0.3, description="F_c, dry friction; 0: none")
+    coulomb_velocity_m_s: Annotated[float, Range(gt=0, le=1)] = Field(
+        default=0.001, description="v_s, velocity over which it changes its sign"
+    )
+    loop_frequency_hz: Annotated[float, Range(gt=0, le=1000)] = Field(
+        default=14.0, description="w_c / 2 pi, of the displacement loop around the coil"
+    )
+    loop_damping_ratio: Annotated[float, Range(gt=0, le=10)] = Field(default=0.6, description="z_c of that loop")
+    actuator_time_constant_s: Annotated[float, Range(ge=1e-5, le=1)] = Field(
+        default=0.0015, description="tau, from wanted to actual force"
+    )
+    gain_m_per_v: Annotated[float, Range(gt=0, le=10)] = Field(
+        default=0.0079, description="g, displacement per command"
+    )
+    loop_specimen_mass_kg: Annotated[float, Range(ge=0, le=1e6)] = Field(
+        default=13.86, description="m_s, specimen mass that the loop was tuned for"
+    )
+    force_limit_n: Annotated[float, Range(gt=0, le=1e8)] = Field(default=445.0, description="largest force, +-")
 
 
 class AfterIdentification(Strict):
     """Hold what changes in table and specimen after identification (damage, wear); 1 changes nothing."""
 
-    specimen_stiffness_factor: Annotated[float, Range(gt=0, le=10)] = 1.0
-    coulomb_factor: Annotated[float, Range(ge=0, le=100)] = 1.0
-    payload_factor: Annotated[float, Range(gt=0, le=10)] = 1.0
+    specimen_stiffness_factor: Annotated[float, Range(gt=0, le=10)] = Field(
+        default=1.0, description="on the specimen's stiffness (damage)"
+    )
+    coulomb_factor: Annotated[float, Range(ge=0, le=100)] = Field(default=1.0, description="on dry friction (wear)")
+    payload_factor: Annotated[float, Range(gt=0, le=10)] = Field(default=1.0, description="on the specimen's masses")

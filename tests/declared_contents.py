@@ -1,4 +1,4 @@
-"""What a result file holds against what is declared of it: every difference as a sentence."""
+"""What a result, model or sweep file holds against what is declared of it: every difference as a sentence."""
 
 from __future__ import annotations
 
@@ -8,8 +8,11 @@ from typing import Any
 
 import h5py
 
-from rths_cli.quantities import ATTRIBUTES, AXES, BLOCKS, DATASETS, metric, stored_dataset
+from rths_cli.quantities import ATTRIBUTES, AXES, BLOCKS, DATASETS, DatasetDeclaration, metric, stored_dataset
 from rths_cli.quantities.attributes import OF_BLOCK
+from rths_cli.quantities.model_datasets import MODEL_ATTRIBUTES, model_dataset
+from rths_cli.quantities.sweep_datasets import OF_SWEEP, SWEEP_ATTRIBUTES, SWEEP_DATASETS
+from rths_cli.quantities.units import unit_of_name
 
 
 def declaration_faults(path: Path, texts: bool = True) -> list[str]:
@@ -32,9 +35,7 @@ def _attributes(file: Any) -> Iterator[str]:
 
 
 def _datasets(file: Any, texts: bool) -> Iterator[str]:
-    found: list[Any] = []
-    file.visititems(lambda _, node: found.append(node) if isinstance(node, h5py.Dataset) else None)
-    for node in found:
+    for node in _nodes(file):
         path = node.name.strip("/")
         held = tuple(str(node.attrs[key]) for key in ("units", "source", "long_name"))
         wanted = _declared(path, node)
@@ -68,3 +69,57 @@ def _missing(file: Any) -> Iterator[str]:
         about = file[f"controller/{name}"].attrs
         if name not in BLOCKS or set(about) != {one.name for one in OF_BLOCK}:
             yield f"controller/{name} is no declared block with {sorted(about)}"
+
+
+def model_faults(path: Path) -> list[str]:
+    """Return what a model file holds and is declared otherwise or nowhere."""
+    with h5py.File(path) as file:
+        faults = [f"attribute {name}" for name in file.attrs if name not in MODEL_ATTRIBUTES]
+        faults += [f"attribute {name} is missing" for name in MODEL_ATTRIBUTES if name not in file.attrs]
+        for node in _nodes(file):
+            group, _, name = node.name.strip("/").rpartition("/")
+            if node.is_scale and name in AXES:
+                continue
+            plain = name.removesuffix("_real").removesuffix("_imag")
+            declared = model_dataset(group, name) or model_dataset(group, plain)
+            faults += _unlike(node, declared)
+        return faults
+
+
+def sweep_faults(path: Path, varied: tuple[str, ...]) -> list[str]:
+    """Return what a sweep's file holds and is declared otherwise or nowhere, and what is declared and not there."""
+    with h5py.File(path) as file:
+        faults = [f"attribute {name}" for name in file.attrs if name not in SWEEP_ATTRIBUTES]
+        faults += [f"attribute {one.name} is missing" for one in OF_SWEEP if one.name not in file.attrs]
+        faults += [f"{name} is missing" for name in SWEEP_DATASETS if name not in file]
+        for node in _nodes(file):
+            name = node.name.strip("/")
+            if node.is_scale:
+                wanted: tuple[str, str] | None = (AXES[name].units, AXES[name].text) if name in AXES else None
+            elif (found := metric(name)) is not None:
+                wanted = found.units, found.definition
+            elif name in varied:
+                wanted = unit_of_name(name), f"varied key {name}"
+            else:
+                faults += _unlike(node, SWEEP_DATASETS.get(name))
+                continue
+            held = str(node.attrs["units"]), str(node.attrs["long_name"])
+            faults += [] if held == wanted else [f"{name} states {held}, declared is {wanted}"]
+        return faults
+
+
+def _nodes(file: Any) -> list[Any]:
+    found: list[Any] = []
+    file.visititems(lambda _, node: found.append(node) if isinstance(node, h5py.Dataset) else None)
+    return found
+
+
+def _unlike(node: Any, declared: DatasetDeclaration | None) -> list[str]:
+    """Return how a dataset differs from its declaration."""
+    if declared is None:
+        return [f"{node.name} is declared nowhere"]
+    axes = tuple(axis[0].name.rpartition("/")[2] for axis in node.dims if len(axis))
+    held = (*(str(node.attrs[key]) for key in ("units", "source")), axes)
+    same = held == (declared.units, declared.source, declared.axes)
+    same = same and str(node.attrs["long_name"]).startswith(declared.text)
+    return [] if same else [f"{node.name} states {held}, declared is {declared}"]

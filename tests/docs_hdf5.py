@@ -1,24 +1,20 @@
-"""The reference page of result and model files: of results from their declarations, of models from a file."""
+"""The reference page of result, model and sweep files, from the declarations of what they hold."""
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterable, Iterator
-from contextlib import chdir
 from itertools import groupby
 from typing import Any
-
-import h5py
-from docs_running import run_words
-from docs_words_hdf5 import MODEL_ATTRIBUTES, MODEL_GROUPS
 
 from rths_cli.quantities import AXES, BLOCKS, AttributeDeclaration, DatasetDeclaration
 from rths_cli.quantities.attributes import OF_BLOCK, OF_FILE, OF_RUN
 from rths_cli.quantities.datasets import GROUPS, declared_datasets
+from rths_cli.quantities.model_datasets import GROUPS as MODEL_GROUPS
+from rths_cli.quantities.model_datasets import MODEL_ATTRIBUTES, declared_model_datasets
+from rths_cli.quantities.sweep_datasets import OF_SWEEP, SWEEP_DATASETS
 
-CASE = "el_centro_low_ff_fb"
 COLUMNS = ("dataset", "shape", "unit", "source", "holds")
-HEAD = """# Result and model files (HDF5)
+HEAD = """# Result, model and sweep files (HDF5)
 
 Made from their declarations in `rths_cli/quantities` by `python tests/docs_reference.py`; a test compares. Format
 version 1.
@@ -33,11 +29,8 @@ In a path, `RUN` is `shake_table` or `exp_rths`, `SOLUTION` is `sim` or `sim_del
 
 
 def hdf5_page() -> str:
-    """Return the page as Markdown: attributes, a table per group of a result, then a model file."""
-    with tempfile.TemporaryDirectory() as folder, chdir(folder):
-        run_words(["identify", CASE, "--output", "model.h5", "--no-figure"])
-        with h5py.File("model.h5") as model:
-            return "\n\n".join([*_result(), *_model(model)]) + "\n"
+    """Return the page as Markdown: attributes and a table per group of a result, of a model, of a sweep."""
+    return "\n\n".join([*_result(), *_model(), *_sweep()]) + "\n"
 
 
 def _result() -> Iterator[str]:
@@ -86,26 +79,26 @@ def _blocks() -> Iterator[str]:
     yield _table(("block", "does"), [(f"`{name}`", escaped(about)) for name, about in BLOCKS.items()])
 
 
-def _model(file: Any) -> Iterator[str]:
+def _model() -> Iterator[str]:
     yield "## Model files"
-    yield "What `rths identify` writes; what was not found is left out."
-    yield _table(("attribute", "holds"), [(f"`{name}`", MODEL_ATTRIBUTES[name]) for name in sorted(file.attrs)])
-    groups = groupby(_rows(file), key=lambda row: row[0].strip("`").rpartition("/")[0])
-    rows = [(f"`{group}`", MODEL_GROUPS[group.split("/")[1]], _named(members)) for group, members in groups]
-    yield _table(("group", "holds", "datasets (unit)"), rows)
+    yield "What `rths identify` writes; what was not found is left out. True and false are 1 and 0."
+    yield _attributes(MODEL_ATTRIBUTES.values())
+    yield "`METHOD` is best or paper, `RECORD` excitation or free_vibration, `CHANNEL` the name of a channel."
+    for group, members in groupby(declared_model_datasets(), key=lambda one: one.group):
+        yield f"### `/{group}` of a model"
+        yield escaped(MODEL_GROUPS[group])
+        yield _table(COLUMNS, [_row(path, one) for one in members for path in one.stored_paths])
 
 
-def _named(rows: Iterable[tuple[str, str]]) -> str:
-    """Return the datasets of a group with their units."""
-    return ", ".join(f"`{row[0].strip('`').rpartition('/')[2]}` ({row[1]})" for row in rows)
-
-
-def _rows(group: Any) -> Iterator[tuple[str, str]]:
-    """Yield path and unit of each dataset of a file, group by group, in alphabetical order."""
-    found: list[Any] = []
-    group.visititems(lambda _, node: found.append(node) if isinstance(node, h5py.Dataset) else None)
-    for node in sorted(found, key=lambda one: one.name.rpartition("/")[::2]):
-        yield f"`{node.name}`", str(node.attrs["units"])
+def _sweep() -> Iterator[str]:
+    yield "## Sweep files"
+    yield (
+        "What `rths sweep` writes, without groups: a row per run. Beside what is below it holds each varied key under "
+        "its dotted name, and each metric of the runs under its path, (variant) or (variant, storey)."
+    )
+    yield _table(COLUMNS, [_row(path, one) for path, one in SWEEP_DATASETS.items()])
+    yield "Its attributes, beside those of a result:"
+    yield _attributes(OF_SWEEP)
 
 
 def escaped(text: str) -> str:

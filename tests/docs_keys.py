@@ -12,14 +12,10 @@ from rths_cli.case.case_schema import CaseKeys
 from rths_cli.case.reference_schema import ReferenceSpec
 from rths_cli.case.rig_schema import NiRigSpec, PluginRigSpec, UdpRigSpec, VirtualRigSpec
 from rths_cli.case.structure_schema import StructureSpec
+from rths_cli.quantities.units import unit_of_name
 
 Schema = Mapping[str, Any]
 COLUMNS = ("key", "type", "unit", "default", "limits", "meaning")
-UNITS = (
-    ("_mv_per_g", "mV/g"), ("_v_per_m_s2", "V/(m/s^2)"), ("_n_s_per_m", "N*s/m"), ("_n_per_m", "N/m"),
-    ("_m_per_v", "m/V"), ("_v_s", "V/s"), ("_m_s2", "m/s^2"), ("_m_s", "m/s"), ("_hz", "Hz"), ("_kg", "kg"),
-    ("_m", "m"), ("_n", "N"), ("_v", "V"), ("_s", "s"), ("_g", "g"),
-)  # fmt: skip
 WORD_OF_TYPE = {
     "number": "number", "integer": "whole number", "string": "text", "boolean": "true or false", "object": "mapping",
 }  # fmt: skip
@@ -89,7 +85,7 @@ def _model_rows(
         required = key in schema.get("required", ()) and path not in ("name", "table")
         default = "**required**" if required else _default(field)
         kind, limits = _type(field, definitions)
-        yield f"`{path}`", kind, _unit(key), default, limits, _meaning(field)
+        yield f"`{path}`", kind, unit_of_name(key, "-"), default, limits, _meaning(field)
         if path not in skip:
             yield from _below(field, definitions, path)
 
@@ -159,10 +155,6 @@ def _default(field: Schema) -> str:
     if isinstance(value, bool):
         return f"`{str(value).lower()}`"
     return f"`{value:g}`" if isinstance(value, float) else f"`{value}`".replace("'", "")
-
-
-def _unit(key: str) -> str:
-    return next((unit for end, unit in UNITS if key.endswith(end)), "-")
 
 
 def _meaning(field: Schema) -> str:

@@ -11,7 +11,7 @@ from typing import Any, get_args
 import click
 import h5py
 import pytest
-from declared_contents import declaration_faults
+from declared_contents import declaration_faults, model_faults
 from docs_modules import with_map
 from docs_reference import FOLDER, PAGES, README
 from docs_running import run_words, shortened
@@ -23,6 +23,8 @@ from rths_cli.cli import cli
 from rths_cli.quantities import ATTRIBUTES, AXES, BLOCKS
 from rths_cli.quantities.attributes import OF_BLOCK, OF_FILE, OF_RUN
 from rths_cli.quantities.datasets import BEST, STORED, declared_datasets
+from rths_cli.quantities.model_datasets import MODEL_ATTRIBUTES, declared_model_datasets, model_dataset
+from rths_cli.quantities.sweep_datasets import SWEEP_ATTRIBUTES, SWEEP_DATASETS
 
 ROOT = Path(__file__).parents[1]
 CASE = "el_centro_low_ff_fb"
@@ -171,10 +173,19 @@ def test_every_declared_dataset_attribute_block_and_axis_is_told_once() -> None:
     assert {cells[0].strip("`") for cells in told["`/controller/BLOCK`"]} >= set(BLOCKS)
 
 
-def test_every_attribute_and_group_of_a_model_is_told(files: dict[str, Any]) -> None:
-    told = set(first_cells(sections(FOLDER / "hdf5.md")["Model files"]))
-    assert told >= set(files["model"].attrs)
-    assert told >= {path.rpartition("/")[0] for path in datasets(files["model"])}
+def test_a_model_holds_what_is_declared_and_the_page_tells_all_of_it(files: dict[str, Any]) -> None:
+    assert model_faults(Path(files["model"].filename)) == []
+    groups = {path.strip("/").rpartition("/")[0] for path in datasets(files["model"])}
+    held = {model_dataset(group, name) for group in groups for name in files["model"][group]}
+    held |= {model_dataset(group, name.removesuffix("_real")) for group in groups for name in files["model"][group]}
+    left_out = {one.path for one in declared_model_datasets()} - {one.path for one in held if one}
+    assert left_out <= {"verdict/reasons", "verdict/warnings", "level_causes/table", "level_causes/storeys"}
+    told = {cells[0].strip("`/"): cells for cells in rows((FOLDER / "hdf5.md").read_text(encoding="utf-8"))}
+    for one in (*declared_model_datasets(), *SWEEP_DATASETS.values()):
+        for path in one.stored_paths:
+            if one.name not in SWEEP_ATTRIBUTES:  # of the same name: seed, status, model_sha256
+                assert told[path][2:4] == [one.units, one.source] and told[path][4].startswith(one.text)
+    assert set(told) >= {*MODEL_ATTRIBUTES, *SWEEP_ATTRIBUTES}
 
 
 def test_every_figure_of_a_result_is_told_with_its_unit(files: dict[str, Any]) -> None:

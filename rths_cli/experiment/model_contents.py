@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import types
 from collections.abc import Mapping
-from dataclasses import MISSING, fields, replace
+from dataclasses import MISSING, fields
 from functools import cache
 from typing import Any, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from rths_cli.files.hdf5 import Dataset
+from rths_cli.files.hdf5 import Dataset, as_declared
 from rths_cli.identification.results import (
     Band,
     Candidate,
@@ -26,23 +26,14 @@ from rths_cli.identification.results import (
     Verdict,
 )
 from rths_cli.numerics.lti import Frf, Model
+from rths_cli.quantities import AXES
+from rths_cli.quantities.model_datasets import model_dataset
 from rths_cli.structure import Specimen
 
 T = TypeVar("T")
 Values = Mapping[str, Any]
 Groups = dict[str, dict[str, Dataset]]
 
-UNITS = (
-    ("_n_s_per_m", "N*s/m"), ("_n_per_m", "N/m"), ("_m_s2_per_v", "m/s^2/V"), ("_m_s2", "m/s^2"), ("_hz", "Hz"),
-    ("_kg", "kg"), ("_m_s", "m/s"), ("_s", "s"), ("_v", "V"),
-)  # fmt: skip
-UNIT_OF = {
-    "response": "m/s^2/V", "noise_floor": "m/s^2/V", "zeros": "rad/s", "poles": "rad/s", "gain": "as zeros and poles",
-    "K": "N/m", "C": "N*s/m",
-}  # fmt: skip
-AXES = {"zeros": ("zero",), "poles": ("pole",), "mode_shapes": ("floor", "mode"), "K": ("floor", "of_floor"),
-        "C": ("floor", "of_floor"), "masses_kg": ("floor",), "stiffness_n_per_m": ("floor",),
-        "stiffness_error_n_per_m": ("floor",), "dashpots_n_s_per_m": ("floor",)}  # fmt: skip
 TABLES: dict[str, type] = {
     "channels": ChannelReport,
     "candidates": Candidate,
@@ -54,31 +45,32 @@ TABLES: dict[str, type] = {
 
 def to_groups(found: Identification, names: tuple[str, ...]) -> Groups:
     """Return the groups of an identification; `names` are those of its channels, the table's first."""
-    groups = {
-        "table/best": _flat(found.best),
-        "table/paper": _flat(found.paper),
-        "fit_error/best": _flat(found.best_error),
-        "fit_error/paper": _flat(found.paper_error),
-        "verdict": _flat(found.verdict),
+    groups: dict[str, Values] = {
+        "table/best": _fields(found.best),
+        "table/paper": _fields(found.paper),
+        "fit_error/best": _fields(found.best_error),
+        "fit_error/paper": _fields(found.paper_error),
+        "verdict": _fields(found.verdict),
     }
     for name, frf, floor in zip(names, found.frfs, found.noise_floors, strict=True):
-        groups[f"frf/{name}"] = _flat(frf, "frequency_hz")
+        groups[f"frf/{name}"] = _fields(frf) | {"frequency_hz": frf.frequency_hz}
         if floor is not None:
-            groups[f"frf/{name}"]["noise_floor"] = _dataset("noise_floor", floor, "frequency_hz")
+            groups[f"frf/{name}"] = {**groups[f"frf/{name}"], "noise_floor": floor}
     for where, fit in (("excitation", found.specimen), ("free_vibration", found.free_vibration)):
         if fit is not None:
-            groups[f"specimen/{where}"] = {**_flat(fit, "mode"), **_flat(fit.specimen)}
+            groups[f"specimen/{where}"] = {**_fields(fit), **_fields(fit.specimen)}
     if found.friction is not None:
-        groups["friction"] = _flat(found.friction)
+        groups["friction"] = _fields(found.friction)
     if found.latency is not None:
-        groups["latency"] = _flat(found.latency)
+        groups["latency"] = _fields(found.latency)
     if found.causes.table or found.causes.storeys:
-        groups["level_causes"] = _flat(found.causes)
+        groups["level_causes"] = _fields(found.causes)
     for table in TABLES:
-        rows = getattr(found, table)
-        if rows:
+        if rows := getattr(found, table):
             groups[table] = _columns(rows)
-    return groups
+    return {
+        group: {key: _dataset(group, key, value) for key, value in values.items()} for group, values in groups.items()
+    }
 
 
 def from_groups(groups: Mapping[str, Values], names: tuple[str, ...]) -> Identification:
@@ -108,32 +100,29 @@ def _specimen(values: Values | None) -> SpecimenFit | None:
     return _made(SpecimenFit, {**values, "specimen": _made(Specimen, values)})
 
 
-def _flat(item: Any, axis: str = "") -> dict[str, Any]:
+def _fields(item: Any) -> dict[str, Any]:
     """Return the fields of a dataclass that a dataset can hold; None is left out."""
     values = {field.name: getattr(item, field.name) for field in fields(item)}
     left_out = (type(None), Specimen)
-    kept = {k: v for k, v in values.items() if not (isinstance(v, left_out) or (isinstance(v, tuple) and not v))}
-    return {k: _dataset(k, v, axis) for k, v in kept.items()}
+    return {k: v for k, v in values.items() if not (isinstance(v, left_out) or (isinstance(v, tuple) and not v))}
 
 
-def _dataset(name: str, value: Any, axis: str = "") -> Dataset:
-    """Return a value with its unit, meaning and axes."""
+def _dataset(group: str, name: str, value: Any) -> Dataset:
+    """Return a value with what is declared of it; raises ValueError where nothing is, or another kind."""
     data = np.asarray(list(value) if isinstance(value, tuple) else value)
     data = data.astype(float) if data.dtype.kind in "biu" else data
-    unit = UNIT_OF.get(name) or next((unit for end, unit in UNITS if name.endswith(end)), "1")
-    dims = AXES.get(name) or ((axis or f"{name}_entry",) if data.ndim == 1 else ())
-    return Dataset(data, unit, name.replace("_", " "), "estimated", dims)
+    declared = model_dataset(group, name)
+    if declared is None and name in AXES:
+        return Dataset(data, AXES[name].units, AXES[name].text, "estimated", (name,))
+    if declared is None:
+        raise ValueError(f"{group}/{name} is declared nowhere; declare it in rths_cli/quantities/model_datasets.py.")
+    return as_declared(declared, data)
 
 
-def _columns(rows: tuple[Any, ...]) -> dict[str, Dataset]:
+def _columns(rows: tuple[Any, ...]) -> dict[str, Any]:
     """Return a table of dataclasses as one array (n_rows,) per field; an unknown number is NaN."""
-    columns = {}
-    for field in fields(rows[0]):
-        entries = [getattr(row, field.name) for row in rows]
-        known = [np.nan if entry is None else entry for entry in entries]
-        name = f"{field.name}_count" if field.type == "int" else field.name
-        columns[field.name] = replace(_dataset(name, tuple(known), "row"), dims=("row",))
-    return columns
+    entries = {field.name: [getattr(row, field.name) for row in rows] for field in fields(rows[0])}
+    return {name: tuple(np.nan if entry is None else entry for entry in column) for name, column in entries.items()}
 
 
 def _rows(kind: type[T], columns: Values) -> tuple[T, ...]:

@@ -21,6 +21,8 @@ from rths_cli.experiment.provenance import git_commit, package_version
 from rths_cli.experiment.setup import Setup, shown
 from rths_cli.files.model_file import read_model, write_model
 from rths_cli.identification.results import Identification
+from rths_cli.quantities import attribute_fault
+from rths_cli.quantities.model_datasets import MODEL_ATTRIBUTES
 from rths_cli.rigs.description import capabilities_of
 from rths_cli.user_cache import user_cache
 from rths_cli.version import __version__
@@ -59,9 +61,11 @@ class Stored:
 
 def save(path: Path, setup: Setup, found: Identification, source: str, data_sha256: str, replace: bool = True) -> str:
     """Write a model file and return the hash of its content; raises InputError when the disk refuses."""
-    about = {**identity(setup), "data_source": source, "data_sha256": data_sha256}
-    groups = to_groups(found, channel_names(setup))
-    return write_model(path, {**about, "created_utc": datetime.now(UTC).strftime(TIME)}, groups, replace)
+    made = datetime.now(UTC).strftime(TIME)
+    about = {**identity(setup), "data_source": source, "data_sha256": data_sha256, "created_utc": made}
+    if fault := attribute_fault(about, MODEL_ATTRIBUTES):
+        raise ValueError(f"{fault}; declare it in rths_cli/quantities/model_datasets.py.")
+    return write_model(path, about, to_groups(found, channel_names(setup)), replace)
 
 
 def load(path: Path, setup: Setup) -> Stored:

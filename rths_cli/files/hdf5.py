@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rths_cli.files.hdf5_layout import walk
-from rths_cli.quantities import AXES, Source
+from rths_cli.quantities import AXES, DatasetDeclaration, Source
 
 if TYPE_CHECKING:
     import h5py
@@ -184,6 +184,12 @@ class Dataset:
     source: Source
     dims: tuple[str, ...] = ()
     definition: str = ""
+
+
+def as_declared(declared: DatasetDeclaration, value: ArrayLike, remarks: tuple[str, ...] = ()) -> Dataset:
+    """Return a value with what is declared of it; raises ValueError where it is of another kind or has other axes."""
+    data, about = declared.checked(value), declared.meaning(remarks)
+    return Dataset(data, declared.units, about, declared.source, declared.axes)
 
 
 def write_group(

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import remove_leftovers, sync
-from rths_cli.files.hdf5 import Dataset, add_text, scales_of, write_group
+from rths_cli.files.hdf5 import Dataset, add_text, as_declared, scales_of, write_group
 from rths_cli.files.staged_file import StagedFile, signals_held
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities import AXES, Values, attribute_fault, dataset, metric
@@ -217,8 +217,7 @@ class ResultWriter:
         known = {dim for dim in declared.axes if dim in axes or f"/{declared.group}/{dim}" in self._scales}
         if missing := [dim for dim in declared.axes if dim not in known and not AXES[dim].counted]:
             raise ValueError(f"{path} needs the scale {missing[0]}.")
-        data, about = declared.checked(value), declared.meaning(remarks)
-        return Dataset(data, declared.units, about, declared.source, declared.axes)
+        return as_declared(declared, value, remarks)
 
     def _write(
         self,

@@ -22,17 +22,20 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, TextIO, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import open_regular
-from rths_cli.files.hdf5 import Dataset, datasets, text, write_group
+from rths_cli.files.hdf5 import Dataset, as_declared, datasets, text, write_group
 from rths_cli.files.hdf5_heaps import check_heaps
 from rths_cli.files.hdf5_layout import LayoutError, attribute, attributes, member, values_of
 from rths_cli.files.result_writer import Attribute, refusal
 from rths_cli.files.staged_file import new_hdf5
 from rths_cli.numerics.lti import Array
 from rths_cli.printed import csv_cell
+from rths_cli.quantities import AXES
+from rths_cli.quantities.sweep_datasets import RUNS, SWEEP_DATASETS, TEXTS
+from rths_cli.quantities.units import unit_of_name
 
 if TYPE_CHECKING:
     import h5py
@@ -50,16 +53,6 @@ STATED: dict[str, type] = {
 """Attributes that every sweep has, with their types."""
 NEEDED = {"exp_rths.tracking_rms_m_s2": 1, "exp_rths.rms_error_m_s2": 2}
 """Figures that every sweep has, with the number of their axes; NaN where a run has none, never infinite."""
-ENDINGS = (
-    ("_n_s_per_m", "N*s/m"), ("_n_per_m", "N/m"), ("_m_per_v", "m/V"), ("_m_s2", "m/s^2"), ("_m_s", "m/s"),
-    ("_hz", "Hz"), ("_kg", "kg"), ("_s", "s"), ("_v", "V"), ("_m", "m"), ("_n", "N"), ("_g", "g"),
-)  # fmt: skip
-TEXTS = {
-    "status": "how the run ended: complete, aborted, failed or refused",
-    "reason": "why it ended so",
-    "verdict": "what the check says of the hybrid test: safe, unsafe or unstable",
-    "model_sha256": "hash of the table model that drove the run",
-}
 
 
 @dataclass(frozen=True)
@@ -259,27 +252,23 @@ def _scales(sweep: Sweep) -> dict[str, Dataset]:
     count = len(sweep.seed)
     storeys = max((figure.values.shape[1] for figure in sweep.figures.values() if figure.values.ndim > 1), default=1)
     return {
-        "variant": Dataset(np.arange(1, count + 1), "1", "run of the sweep, counted from 1", "computed"),
-        "storey": Dataset(np.arange(1, storeys + 1), "1", "storey, counted from 1 at the ground", "computed"),
+        name: Dataset(np.arange(1, length + 1), AXES[name].units, AXES[name].text, "computed")
+        for name, length in (("variant", count), ("storey", storeys))
     }
 
 
 def _datasets(sweep: Sweep) -> dict[str, Dataset]:
     """Return everything along the runs, and the case the sweep starts from."""
-    runs = ("variant",)
     found = {
-        key: Dataset(_stored(key, v), _units(key), f"varied key {key}", "computed", runs)
+        key: Dataset(_stored(key, v), unit_of_name(key), f"varied key {key}", "computed", RUNS)
         for key, v in sweep.varied.items()
     }
-    found["seed"] = Dataset(sweep.seed, "1", "seed of the run's noise", "computed", runs)
-    found |= {name: Dataset(_text(sweep.texts[name]), "1", about, "computed", runs) for name, about in TEXTS.items()}
+    stated: dict[str, ArrayLike] = {name: _text(sweep.texts[name]) for name in TEXTS}
+    stated |= {"seed": sweep.seed, "case_yaml": sweep.case_yaml, "case_resolved": sweep.resolved_yaml}
+    found |= {name: as_declared(one, stated[name]) for name, one in SWEEP_DATASETS.items()}
     for path, figure in sweep.figures.items():
         dims = ("variant", "storey")[: figure.values.ndim]
         found[path] = Dataset(figure.values, figure.units, figure.definition, "computed", dims)
-    found["case_yaml"] = Dataset(sweep.case_yaml, "1", "case file as written", "computed")
-    found["case_resolved"] = Dataset(
-        sweep.resolved_yaml, "1", "the case without what is varied, all defaults", "computed"
-    )
     return found
 
 
@@ -292,11 +281,6 @@ def _stored(key: str, values: tuple[Any, ...]) -> NDArray[Any]:
 
 def _text(values: tuple[str, ...]) -> NDArray[Any]:
     return np.array(values, dtype=np.str_)
-
-
-def _units(key: str) -> str:
-    """Return the unit that the name of a key ends with, 1 where it has none."""
-    return next((unit for ending, unit in ENDINGS if key.endswith(ending)), "1")
 
 
 ROWS_FORMAT = "rths-sweep-rows"

@@ -87,14 +87,16 @@ OF_BLOCK = (
 """Of each group of a block."""
 
 
-def attribute_fault(given: Mapping[str, str | int | float]) -> str:
-    """Return what is wrong with the first attribute of the root that is not as declared, "" where all are."""
+def attribute_fault(
+    given: Mapping[str, str | int | float], declared: Mapping[str, AttributeDeclaration] | None = None
+) -> str:
+    """Return what is wrong with the first attribute that is not as `declared` (those of a result), "" where all are."""
     for name, value in given.items():
-        declared = ATTRIBUTES.get(name)
-        if declared is None:
+        one = (declared or ATTRIBUTES).get(name)
+        if one is None:
             return f"attribute {name} is declared nowhere"
-        if isinstance(value, str) != (declared.kind == "text"):
-            return f"attribute {name} is {value!r}, declared is a {declared.kind}"
+        if isinstance(value, str) != (one.kind == "text"):
+            return f"attribute {name} is {value!r}, declared is a {one.kind}"
     return ""
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from declared_contents import sweep_faults
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
@@ -239,6 +240,10 @@ def test_accept_limits_judge_each_run(folder: Path, tmp_path: Path) -> None:
     assert done.sweep.texts["reason"][0].startswith("exp_rths.rms_error_m_s2[3] = ")
     assert "sim_delay" not in done.sweep.texts["reason"][0]
     assert any("sim_delay.rms_error_m_s2[3]" in text for text in watcher.messages)
+
+
+def test_the_file_holds_what_is_declared_and_nothing_else(whole: tuple[SweepRequest, Swept]) -> None:
+    assert sweep_faults(whole[1].path, tuple(whole[1].sweep.varied)) == []
 
 
 def test_the_file_opens_in_xarray_and_reads_back(whole: tuple[SweepRequest, Swept]) -> None:

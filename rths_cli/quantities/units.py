@@ -1,4 +1,4 @@
-"""The unit that a name ends with: `stroke_m`, `sensitivity_mv_per_g`."""
+"""Units as names end with them (`stroke_m`, `sensitivity_mv_per_g`) and as they are set in a figure."""
 
 from __future__ import annotations
 
@@ -12,3 +12,8 @@ ENDINGS = (
 def unit_of_name(name: str, without: str = "1") -> str:
     """Return the unit that a name ends with, `without` where it has none."""
     return next((unit for ending, unit in ENDINGS if name.endswith(ending)), without)
+
+
+def typeset(units: str) -> str:
+    """Return units with raised exponents: m/s²."""
+    return units.replace("^2", "²").replace("^4", "⁴")

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rths_cli.quantities import METRICS
+from rths_cli.quantities.units import typeset
 from rths_cli.report.figures.figure_data import MEASURED, NotDrawn, Source
 from rths_cli.report.figures.panels import Mark, dot_rows, dots_legend, lettered, new_figure
 from rths_cli.report.figures.style import BLACK, ORANGE, RUNS, VERMILLION
@@ -21,12 +23,12 @@ REACHED = {
     "shake_table": Mark("shake table test, reached", RUNS["shake_table"].color, "^", 4.0, filled=False),
 }
 LIMITS = {
-    "command_v": ("command", "V"),
-    "displacement_m": ("displacement", "m"),
-    "velocity_m_s": ("velocity", "m/s"),
-    "acceleration_m_s2": ("acceleration", "m/s²"),
-    "sensor_m_s2": ("sensors", "m/s²"),
-    "force_n": ("force", "N"),
+    "command_v": "command",
+    "displacement_m": "displacement",
+    "velocity_m_s": "velocity",
+    "acceleration_m_s2": "acceleration",
+    "sensor_m_s2": "sensors",
+    "force_n": "force",
 }
 MARGINS = {
     "gain_margin": ("gain margin", "factor (1)", 1.0),
@@ -70,7 +72,8 @@ def _peaks(ax: Axes, source: Source, names: Sequence[str], between: str) -> list
     peaks = [(PREDICTED, {name: _figure(source, f"check.peak_{name}") for name in names})]
     peaks += [(REACHED[run], reached_peaks(source, run)) for run in REACHED if run in source.result.groups]
     shares = [np.array([100.0 * found.get(name, np.nan) / bounds[name] for name in names]) for _, found in peaks]
-    labels = [f"{LIMITS[name][0]}{between}({bounds[name]:.4g} {LIMITS[name][1]})" for name in names]
+    units = {name: typeset(METRICS[f"check.limit_{name}"].units) for name in names}
+    labels = [f"{LIMITS[name]}{between}({bounds[name]:.4g} {units[name]})" for name in names]
     dot_rows(ax, labels, [(mark, share) for (mark, _), share in zip(peaks, shares, strict=True)])
     ax.axvline(100.0, color=VERMILLION, lw=1.0, ls=(0, (4.0, 2.0)))
     ax.set_xlim(0.0, max(110.0, 1.05 * float(np.nanmax(np.concatenate(shares)))))

@@ -10,7 +10,17 @@ import numpy as np
 from rths_cli.numerics.lti import Array
 from rths_cli.report.error_budget_table import CAUSES
 from rths_cli.report.figures.figure_data import ACCEL, NotDrawn, Source, chosen_storeys, interface_storey
-from rths_cli.report.figures.panels import BAND, Mark, dot_rows, dots_legend, legend_below, lettered, new_figure
+from rths_cli.report.figures.panels import (
+    ACCELERATION,
+    ACCELERATION_UNITS,
+    BAND,
+    Mark,
+    dot_rows,
+    dots_legend,
+    legend_below,
+    lettered,
+    new_figure,
+)
 from rths_cli.report.figures.style import BLUE, GREY, ORANGE, RUNS, Look
 
 if TYPE_CHECKING:
@@ -79,8 +89,8 @@ def storeys(source: Source, width: str) -> Figure:
     for ax, title in zip((peaks, errors), lettered(("peaks", "errors, test band")), strict=True):
         _storey_axis(ax, count, interface_storey(source))
         ax.set_title(title)
-    peaks.set(xlabel="acceleration (m/s²)", ylabel="storey")
-    errors.set(xlabel="RMS error (m/s²)")
+    peaks.set(xlabel=ACCELERATION, ylabel="storey")
+    errors.set(xlabel=f"RMS error ({ACCELERATION_UNITS})")
     _wide_axis(peaks)
     _wide_axis(errors)
     legend_below(figure, [*(RUNS[run] for run in runs), *([INTERFACE] if interface_storey(source) else [])])

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rths_cli.numerics.lti import Array, Block, ComplexArray, Model
+from rths_cli.quantities import DATASETS
+from rths_cli.quantities.units import typeset
 from rths_cli.report.figures.figure_data import DESIRED, MEASURED, TABLE_RUNS, NotDrawn, Source
-from rths_cli.report.figures.panels import legend_below, lettered, new_figure
+from rths_cli.report.figures.panels import ACCELERATION_UNITS, legend_below, lettered, new_figure
 from rths_cli.report.figures.style import BLACK, GREY, MEASURED_FRF, MODEL, RUNS, TRUE, VERMILLION, Look
 from rths_cli.report.figures.style import DESIRED as DESIRED_LOOK
 
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FREQUENCY = "frequency (Hz)"
+FRF_UNITS = typeset(DATASETS["identification/frf"].units)
 SPECTRAL_S = 8.0  # length of a segment of Welch's method: lines every 0.125 Hz
 BAND_HZ = (0.1, 100.0)
 ROOTS = ("zeros", "poles")
@@ -46,7 +49,7 @@ def table_response(source: Source, width: str) -> Figure:
     for ax, (seen, model) in zip(axes[:2], (sizes, _phases(measured, fitted)), strict=True):
         ax.plot(f, seen, **MEASURED_FRF.line())
         ax.plot(f, model, **MODEL.line())
-    axes[0].set(yscale="log", ylabel="acceleration / command\n(m/s²/V)")
+    axes[0].set(yscale="log", ylabel=f"acceleration / command\n({FRF_UNITS})")
     axes[1].set(ylabel="phase (deg)")
     axes[1].yaxis.set_major_locator(_quarter_turns())
     axes[2].plot(f, source.read("identification/coherence"), **replace(MEASURED_FRF, width=1.0).line())
@@ -103,7 +106,7 @@ def spectra(source: Source, width: str) -> Figure:
     for ax, run, title in zip(axes, runs, lettered(RUNS[run].label for run in runs), strict=True):
         looks += _spectra_of(ax, source, run)
         ax.set_title(title)
-        ax.set_ylabel("power spectral density ((m/s²)²/Hz)")
+        ax.set_ylabel(f"power spectral density (({ACCELERATION_UNITS})²/Hz)")
         _test_band(ax)
     _frequency_axis(axes, BAND_HZ[0], min(BAND_HZ[1], 0.5 * source.rate_hz), every=True)
     legend_below(figure, [*looks, Look("edge of the test band", GREY, (0, (4.0, 2.0)), 0.7)])

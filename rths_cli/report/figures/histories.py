@@ -24,7 +24,7 @@ from rths_cli.report.figures.figure_data import (
     quietest,
     window_at,
 )
-from rths_cli.report.figures.panels import ACCELERATION, BAND, Line, Panel, draw_rows, largest
+from rths_cli.report.figures.panels import ACCELERATION, ACCELERATION_UNITS, BAND, Line, Panel, draw_rows, largest
 from rths_cli.report.figures.style import DESIRED as DESIRED_LOOK
 from rths_cli.report.figures.style import ESTIMATED, RUNS, TRUE
 
@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
 CLOSE = "close look"
 NEAR_S = 1.0  # how close the Kalman filter is looked at
-ERROR = "error (m/s²)"
-DIFFERENCE = "difference (m/s²)"
+ERROR = f"error ({ACCELERATION_UNITS})"
+DIFFERENCE = f"difference ({ACCELERATION_UNITS})"
 
 
 def tracking(source: Source, width: str) -> Figure:
@@ -167,4 +167,4 @@ def _rms(source: Source, path: str) -> str:
 
 
 def _told(value: float) -> str:
-    return f"RMS error {value:.2g} m/s²" if np.isfinite(value) else ""
+    return f"RMS error {value:.2g} {ACCELERATION_UNITS}" if np.isfinite(value) else ""

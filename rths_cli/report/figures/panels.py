@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.numerics.lti import Array
+from rths_cli.quantities import DATASETS
+from rths_cli.quantities.units import typeset
 from rths_cli.report.figures.figure_data import Source, points_of_lines, thinned
 from rths_cli.report.figures.style import MM_PER_INCH, VERMILLION, WIDTHS_MM, Look, plain
 
@@ -64,7 +66,8 @@ HIGH_MM = {"one": 29.0, "two": 36.0}
 GREY_TEXT = "#444444"
 BAND = "errors in the test band, below 12 Hz"
 SECONDS = "time (s)"
-ACCELERATION = "acceleration (m/s²)"
+ACCELERATION_UNITS = typeset(DATASETS["exp_rths/abs_accel_m_s2"].units)
+ACCELERATION = f"acceleration ({ACCELERATION_UNITS})"
 
 
 @dataclass(frozen=True)

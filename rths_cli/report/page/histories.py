@@ -9,13 +9,15 @@ import numpy as np
 
 from rths_cli.files.result_reader import Result, read_series
 from rths_cli.numerics.lti import Array
+from rths_cli.quantities import DATASETS
+from rths_cli.quantities.units import typeset
 from rths_cli.report.error_series import evaluated_error
 from rths_cli.report.page.decimated_series import Pool, envelope, width_of
 from rths_cli.report.page.summary import RUNS
 
 BUILDINGS = ("sim", "sim_delay", "exp_rths")
 TABLES = ("exp_rths", "shake_table")
-UNIT = "m/s²"
+UNIT = typeset(DATASETS["exp_rths/abs_accel_m_s2"].units)
 IN_BAND = "12 Hz test band"
 
 

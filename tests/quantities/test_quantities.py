@@ -10,6 +10,7 @@ from rths_cli.analysis import error_budget as causes_of_budget
 from rths_cli.analysis import prediction
 from rths_cli.files.result_reader import ResultWriter
 from rths_cli.quantities import KINDS, declared, kinds_of, metric
+from rths_cli.quantities.units import unit_of_name
 from rths_cli.report.formats.metrics_reference import reference_page
 
 PAGE = Path(__file__).parents[2] / "docs" / "metrics.md"
@@ -53,3 +54,11 @@ def test_the_reference_page_is_the_generated_one() -> None:
     assert PAGE.read_text(encoding="utf-8") == reference_page(), (
         "write rths_cli.report.formats.metrics_reference.reference_page()"
     )
+
+
+@pytest.mark.parametrize(
+    ("name", "units"),
+    [("command_rate_v_s", "V/s"), ("sensitivity_mv_per_g", "mV/g"), ("stiffness_n_per_m", "N/m"), ("scaling", "1")],
+)
+def test_the_unit_of_a_name_is_its_longest_ending(name: str, units: str) -> None:
+    assert unit_of_name(name) == units

@@ -20,11 +20,9 @@ from rths_cli.analysis.sim_delay import simulate_delayed
 from rths_cli.case.load import load_cases
 from rths_cli.experiment.design import design_blocks
 from rths_cli.experiment.model_registry import Memory
-from rths_cli.experiment.rig_access import EXP_RTHS, SHAKE_TABLE
 from rths_cli.experiment.run_series import on_record_clock, whole_building
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.experiment.table_runs import play_run
-from rths_cli.loop.step_arrays import NUMERICAL, RECORD
+from rths_cli.experiment.table_run import TABLE_RUNS, plan_run, play_run
 from rths_cli.numerics.lti import Array, StateSpace
 from rths_cli.structure import Building
 
@@ -94,8 +92,8 @@ def result(setup: Setup, change: Change) -> Result:
     dt, ground, building = setup.rig.dt_s, setup.motion.accel_m_s2, setup.building
     design = design_blocks(setup, MEMORY.identify(setup, lambda _: None))
     tracked, stopped = [], ""
-    for source, stream in ((RECORD, SHAKE_TABLE), (NUMERICAL, EXP_RTHS)):
-        outcome = play_run(setup, design, source, stream)
+    for kind in TABLE_RUNS:
+        outcome = play_run(plan_run(setup, design, kind), setup.case.seed)
         stopped = stopped or outcome.stopped_by_limit or outcome.rig_fault
         series = on_record_clock(outcome, design.blocks.lead_samples, dt, len(ground))
         figures = error_figures(series.desired[0], series.measured[0], dt)

@@ -37,7 +37,7 @@ from rths_cli.experiment.sensor_drift_report import (
     stands_out,
 )
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.experiment.table_runs import AFTER_S, BEFORE_S, drive_of
+from rths_cli.experiment.table_run import AFTER_S, BEFORE_S, drive_of
 from rths_cli.loop.counted_clock import Outcome, Stillness, play
 from rths_cli.loop.realtime_run import way_to_rest_s
 from rths_cli.loop.step_arrays import NUMERICAL

@@ -18,12 +18,10 @@ from rths_cli.experiment.check import preflight_of
 from rths_cli.experiment.design import Design, design_blocks
 from rths_cli.experiment.model_registry import Memory
 from rths_cli.experiment.model_store import Cache
-from rths_cli.experiment.rig_access import EXP_RTHS
 from rths_cli.experiment.run_series import on_record_clock, whole_building
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.experiment.table_runs import play_run
+from rths_cli.experiment.table_run import HYBRID_TEST, plan_run, play_run
 from rths_cli.loop.counted_clock import Outcome
-from rths_cli.loop.step_arrays import NUMERICAL
 from rths_cli.numerics.lti import Array
 
 SHARES = 0.1, 1.1  # of the scaling at which the building's motion fills the table's stroke or reaches its speed
@@ -198,7 +196,7 @@ def played(setup: Setup, design: Design) -> tuple[Array, Array, str]:
     """Play EXP-RTHS; return RMS errors (n_storeys + 1,) as a run reports them, SIM's RMS (n_storeys,) in the test
     band, both in m/s^2, and why it was stopped."""
     dt, ground = setup.rig.dt_s, setup.motion.accel_m_s2
-    outcome = play_run(setup, design, NUMERICAL, EXP_RTHS)
+    outcome = play_run(plan_run(setup, design, HYBRID_TEST), setup.case.seed)
     series = on_record_clock(outcome, design.blocks.lead_samples, dt, len(ground))
     sim = simulate(setup.building, dt, ground).abs_accel_m_s2
     stopped = outcome.stopped_by_limit or outcome.rig_fault

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 from rths_cli.case.load import resolved_yaml
 from rths_cli.experiment import real_rig
 from rths_cli.experiment.design import design_blocks
-from rths_cli.experiment.rig_access import guard_limits, open_rig
+from rths_cli.experiment.rig_access import open_rig
 from rths_cli.experiment.sensor_drift_report import as_stored
-from rths_cli.experiment.table_runs import AFTER_S, BEFORE_S, TableRun, drive_of
+from rths_cli.experiment.table_run import AFTER_S, BEFORE_S, RunPlan
 from rths_cli.files.raw_log import RawHeader, RawLogWriter, raw_log_path, still_in
 from rths_cli.loop.guard import LOG_FAILED, WATCHER_FAILED
 from rths_cli.loop.live_view import View, Watching
@@ -23,9 +23,7 @@ from rths_cli.quantities.datasets import LINK_COUNTS
 from rths_cli.rigs.udp.udp_rig import UdpRig
 
 if TYPE_CHECKING:
-    from rths_cli.experiment.design import Design
     from rths_cli.experiment.model_registry import Memory
-    from rths_cli.experiment.sensor_drift_report import Expected
     from rths_cli.experiment.setup import Progress, Setup
     from rths_cli.files.result_writer import ResultWriter
     from rths_cli.loop.counted_clock import Outcome
@@ -55,21 +53,22 @@ class RealStage:
         self._show = show
         self._logs: list[RawLogWriter] = []
 
-    def play(self, setup: Setup, design: Design, expected: Expected, run: TableRun, writer: ResultWriter) -> Outcome:
+    def play(self, plan: RunPlan, writer: ResultWriter) -> Outcome:
         """Play one run, its result file closed as interrupted meanwhile; the channels' zeros are taken anew."""
+        setup, kind = plan.setup, plan.kind
         rig = open_rig(setup, (), 0)
         zeros_v = real_rig.listened(setup, rig).zeros_v
         writer.about({"driver_verified": rig.info.driver_verified})  # known once it was opened
-        drive, limits = drive_of(setup, design), guard_limits(setup)
-        ready = prepare(setup.rig, design.blocks, run.source, drive, limits, zeros_v, still_s=(BEFORE_S, AFTER_S))
-        path = raw_log_path(writer.path, run.name)
-        log = RawLogWriter(path, _header(setup, design, expected, run, ready, writer))
+        blocks, still_s = plan.design.blocks, (BEFORE_S, AFTER_S)
+        ready = prepare(setup.rig, blocks, kind.source, plan.drive, plan.limits, zeros_v, still_s=still_s)
+        path = raw_log_path(writer.path, kind.name)
+        log = RawLogWriter(path, _header(plan, ready, writer))
         self._logs.append(log)
-        writer.park(f"{run.label}: {still_in(path)}")
+        writer.park(f"{kind.label}: {still_in(path)}")
         watching = Watching(ready)
 
         def watch(performance: Performance) -> None:
-            if self._show(run.label, watching.look()):
+            if self._show(kind.label, watching.look()):
                 order(performance, STOP_KEY)
 
         with LogStream(log, ready.log.columns, ready.log.done, ready.course.orders) as stream, real_rig.opened(rig):
@@ -77,9 +76,9 @@ class RealStage:
             counts = link_counts(rig)
         writer.resume()
         told = _told(performed, ready, stream) | ({"link_peer": rig.peer} if isinstance(rig, UdpRig) else {})
-        writer.about({f"{run.name}_{key}": value for key, value in told.items()})
+        writer.about({f"{kind.name}_{key}": value for key, value in told.items()})
         if counts:
-            writer.group(f"{run.name}/timing", counts)
+            writer.group(f"{kind.name}/timing", counts)
         return _with_fault(performed, stream)
 
     def written(self) -> None:
@@ -112,15 +111,14 @@ def _with_fault(performed: Performed, stream: LogStream) -> Outcome:
     return outcome
 
 
-def _header(
-    setup: Setup, design: Design, expected: Expected, run: TableRun, ready: Performance, writer: ResultWriter
-) -> RawHeader:
+def _header(plan: RunPlan, ready: Performance, writer: ResultWriter) -> RawHeader:
     """Return what the raw log of a run says of itself."""
+    setup, expected = plan.setup, as_stored(plan.expected) if plan.expected else None
     names = column_names(len(setup.rig.channels), ready.step.estimated.size)
     return RawHeader(
-        names, column_units(names), setup.rig.dt_s, ready.log.columns.shape[1], design.blocks.lead_samples, run.name,
-        writer.path.name, str(setup.case.path), setup.case.yaml_text, resolved_yaml(setup.case), writer.attributes,
-        ready.course.ramp, ready.course.still, as_stored(expected),
+        names, column_units(names), setup.rig.dt_s, ready.log.columns.shape[1], plan.design.blocks.lead_samples,
+        plan.kind.name, writer.path.name, str(setup.case.path), setup.case.yaml_text, resolved_yaml(setup.case),
+        writer.attributes, ready.course.ramp, ready.course.still, expected,
     )  # fmt: skip
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count, takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,10 +19,10 @@ from rths_cli.case.yaml_tree import Source, plain
 from rths_cli.errors import InputError
 from rths_cli.experiment import result_contents, run_metrics
 from rths_cli.experiment.ground_motion import GroundMotion, integrate
-from rths_cli.experiment.run_series import on_record_clock, whole_building, without_drift
-from rths_cli.experiment.sensor_drift_report import Expected, as_figures, as_read, drift_of, sentences
+from rths_cli.experiment.sensor_drift_report import Expected, as_read
 from rths_cli.experiment.setup import Setup, ground_motion, rig_info
-from rths_cli.experiment.table_runs import figures_of_run
+from rths_cli.experiment.table_run import SHAKE_TABLE_TEST, TABLE_RUNS, RunKind, metrics_of_record, run_of
+from rths_cli.experiment.table_runs import write_run
 from rths_cli.files.raw_log import RawHeader, RawLog, read_header, read_raw_log
 from rths_cli.files.result_reader import BEGUN, ResultWriter, Status, read_result, read_series
 from rths_cli.loop.counted_clock import Outcome, part_of
@@ -36,9 +36,9 @@ if TYPE_CHECKING:
     from rths_cli.files.result_writer import Attribute
     from rths_cli.numerics.lti import Array
 
-LABELS = {"shake_table": "shake-table test", "exp_rths": "EXP-RTHS"}
+KINDS = {kind.name: kind for kind in TABLE_RUNS}
 TIMED = ("late_ns", "exchange_ns", "lost", "state")  # not in every log
-NOTED = tuple(f"recovered_{run}" for run in LABELS)
+NOTED = tuple(f"recovered_{run}" for run in KINDS)
 
 
 @dataclass(frozen=True)
@@ -144,24 +144,19 @@ def _write(writer: ResultWriter, job: _Job, log: RawLog, warnings: str) -> None:
     everything = _signals(log, setup)
     whole = whole_of(everything, header.still_steps, header.ramp_steps, header.dt_s)
     outcome = Outcome(part_of(everything, slice(header.ramp_steps, None)), steps, "", "", 0.0, whole=whole)
-    ground = setup.motion.accel_m_s2
-    series = on_record_clock(outcome, header.lead_samples, header.dt_s, len(ground))
-    drift = drift_of(setup, job.expected, outcome) if job.expected is not None else None
-    if drift is not None and drift.any and job.expected is not None:
-        said = sentences(LABELS.get(header.run, header.run), drift, setup, header.lead_samples)
-        writer.about({"warnings": "\n".join(filter(None, (warnings, *said)))})
-        series = without_drift(series, drift.removed, header.lead_samples, job.expected.estimator)
-    hybrid = None
-    if header.run == "exp_rths":
-        hybrid = whole_building(setup.building, series, ground, header.dt_s, setup.case.integration)
-    result_contents.write_table_run(writer, header.run, setup, series, hybrid)
-    if whole is not None:
-        result_contents.write_rest(writer, header.run, setup, whole)
-    if series.command_v.size == len(ground) and np.isfinite(series.measured).all():
-        sim = simulate(setup.building, header.dt_s, ground)
-        values = figures_of_run(setup, header.run, series, sim, hybrid)
-        values |= as_figures(header.run, drift, setup, header.lead_samples) if drift is not None else {}
-        writer.metrics(values, run_metrics.remarks(setup, header.run, series.desired[0]))
+    run = run_of(outcome, setup, _kind(header), header.lead_samples, job.expected)
+    if run.warnings:
+        writer.about({"warnings": "\n".join(filter(None, (warnings, *run.warnings)))})
+    write_run(writer, setup, run)
+    if run.series.command_v.size == len(setup.motion.time_s) and np.isfinite(run.series.measured).all():
+        sim = simulate(setup.building, header.dt_s, setup.motion.accel_m_s2)
+        remarks = run_metrics.remarks(setup, header.run, run.series.desired[0])
+        writer.metrics(metrics_of_record(run, setup, sim), remarks)
+
+
+def _kind(header: RawHeader) -> RunKind:
+    """Return the kind of run that a log is of; one that this version does not know is no hybrid test."""
+    return KINDS.get(header.run) or replace(SHAKE_TABLE_TEST, name=header.run, label=header.run)
 
 
 def _note(path: Path, log: RawLog, samples: int) -> str:
@@ -172,7 +167,7 @@ def _note(path: Path, log: RawLog, samples: int) -> str:
     ramp, after = min(steps, header.ramp_steps) - rest, max(steps - header.ramp_steps - played, 0)
     rested = _rested(log)
     gaps = f", {steps - log.samples} of them are missing" if log.samples < steps else ""
-    label, time_s, most_s = LABELS.get(header.run, header.run), played * header.dt_s, record * header.dt_s
+    label, time_s, most_s = _kind(header).label, played * header.dt_s, record * header.dt_s
     there = f"{played} of {record} steps of the record ({time_s:.3f} s of {most_s:.3f} s)"
     counts = ((rest, "rest before it"), (ramp, "ramp-up"), (after - rested, "ramp-down"), (rested, "rest after it"))
     beside = [f"{count} of the {name}" for count, name in counts if count]

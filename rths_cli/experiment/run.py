@@ -23,7 +23,8 @@ from rths_cli.experiment.model_registry import Known, Memory
 from rths_cli.experiment.output_files import try_folder
 from rths_cli.experiment.provenance import attributes
 from rths_cli.experiment.setup import Progress, Setup, building_key, make_setups, motion_key
-from rths_cli.experiment.table_runs import Played, Stage, Stop, VirtualStage, play_all, refused
+from rths_cli.experiment.table_run import Stop
+from rths_cli.experiment.table_runs import Played, Stage, VirtualStage, play_all, refused, why_none
 from rths_cli.experiment.warnings import of_case
 from rths_cli.files.result_reader import ResultWriter
 from rths_cli.interrupts import interruptible
@@ -150,26 +151,25 @@ def _on_table(
 ) -> Played:
     """Write what is known of rig and blocks, and play the table runs."""
     design = checked.design
+    why = why_none(setup, known, checked)
     if design is None:
-        return Played(refused(writer, setup.case.runs, "; ".join(checked.reasons)), {})
+        return Played(refused(writer, setup.case.runs, why), {})
     result_contents.write_identification(writer, known.found, design)
     result_contents.write_controller(writer, design)
     values = result_contents.design_figures(setup, known.found, design) | checked.figures
-    rejected = known.faults(setup.overrides)
-    if rejected:
-        return Played(refused(writer, setup.case.runs, rejected[0]), values)
-    played = play_all(setup, known.found, checked, design, sim, writer, progress, stage)
-    return replace(played, values=values | played.values)
+    if why:
+        return Played(refused(writer, setup.case.runs, why), values)
+    played = play_all(setup, known, checked, design, sim, writer, progress, stage)
+    return replace(played, values={**values, **played.values})
 
 
 def _simulations(
     setup: Setup, writer: ResultWriter, shared: SharedValues, progress: Progress
 ) -> tuple[Response, dict[str, ArrayLike]]:
     """Write SIM and SIM-DELAY; return SIM, which every error is measured against, and the figures."""
-    case, dt, ground = setup.case, setup.rig.dt_s, setup.motion.accel_m_s2
-    asked = (motion_key(case), building_key(case))
+    case, asked = setup.case, _of_sim(setup)
     progress("SIM")
-    sim = shared.get("sim", asked, lambda: interruptible(lambda: simulate(setup.building, dt, ground)))
+    sim = interruptible(lambda: sim_of(setup, shared))
     values: dict[str, ArrayLike] = {}
     if "sim" in case.runs:
         result_contents.write_response(writer, "sim", setup, sim)
@@ -186,12 +186,24 @@ def _simulations(
     return sim, values
 
 
+def sim_of(setup: Setup, shared: SharedValues) -> Response:
+    """Return SIM, which every error is measured against; cases of the same record and building share it."""
+    dt, ground = setup.rig.dt_s, setup.motion.accel_m_s2
+    return shared.get("sim", _of_sim(setup), lambda: simulate(setup.building, dt, ground))
+
+
+def _of_sim(setup: Setup) -> tuple[object, ...]:
+    """Return what SIM depends on."""
+    return motion_key(setup.case), building_key(setup.case)
+
+
 def _sim_delay(setup: Setup, sim: Response) -> tuple[DelayedResponse, dict[str, ArrayLike]]:
     """Return SIM-DELAY and its figures."""
     dt, building = setup.rig.dt_s, setup.building
     delayed = simulate_delayed(building, dt, setup.motion.accel_m_s2, setup.case.delay_s, sim=sim)
     lowest_hz = lowest_reliable_hz(setup)
-    values = run_metrics.against_sim("sim_delay", sim.abs_accel_m_s2, delayed.abs_accel_m_s2, None, dt, lowest_hz)
+    storeys = (sim.abs_accel_m_s2, delayed.abs_accel_m_s2, None)
+    values = dict(run_metrics.errors("sim_delay", None, storeys, dt, lowest_hz))
     values["sim_delay.high_pass_hz"] = lowest_hz
     values["sim_delay.solution_error"] = delayed.error_estimate
     critical = critical_delay(building).delay_s

@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.analysis.metrics import (
-    ErrorFigures,
     best_lag_s,
     error_energy_j,
-    error_figures,
+    figures_of_pairs,
     fitted_delays_s,
     frequency_evaluations,
     high_passed,
@@ -36,41 +35,42 @@ if TYPE_CHECKING:
     from rths_cli.experiment.run_series import Series
     from rths_cli.experiment.setup import Setup
     from rths_cli.numerics.lti import Array
+    from rths_cli.quantities import Values
 
 
-def tracking(
-    run: str, desired: Array, measured: Array, true: Array | None, dt_s: float, high_pass_hz: float = 0.0
-) -> dict[str, ArrayLike]:
-    """Return tracking figures of the table, desired - measured and, on a virtual rig, desired - true; all (n,)."""
-    found: dict[str, ArrayLike] = {}
-    values = {"": measured} if true is None else {"": measured, "_true": true}
-    delays = fitted_delays_s(desired, tuple(values.values()), dt_s)
-    wanted = np.broadcast_to(desired, (len(values), len(desired)))
-    errors = error_figures(wanted, list(values.values()), dt_s, high_pass_hz)
-    for row, suffix in enumerate(values):
-        found |= _four(f"{run}.tracking_{{}}_m_s2{suffix}", errors.of(row))
-        found[f"{run}.tracking_delay_s{suffix}"] = delays[row]
-    return found
+Compared = tuple["Array", "Array", "Array | None"]
+"""A reference, what was measured of it and, on a virtual rig, what is true: accelerations in m/s^2."""
 
 
-def against_sim(
-    run: str, sim_accel: Array, accel: Array, true_accel: Array | None, dt_s: float, high_pass_hz: float = 0.0
-) -> dict[str, ArrayLike]:
-    """Return errors of absolute acceleration against SIM, storey by storey; arrays (n_storeys, n)."""
-    found: dict[str, ArrayLike] = {}
-    for value, suffix in ((accel, ""), (true_accel, "_true")):
-        if value is not None:
-            found |= _four(f"{run}.{{}}_error_m_s2{suffix}", error_figures(sim_accel, value, dt_s, high_pass_hz))
-    return found
+def errors(
+    run: str,
+    table: Compared | None,
+    storeys: Compared | None,
+    dt_s: float,
+    high_pass_hz: float = 0.0,
+    room: Array | None = None,
+) -> Values:
+    """Return tracking errors of the table, of series (n,), and errors against SIM storey by storey, of (n_storeys, n).
 
-
-def _four(path: str, error: ErrorFigures) -> dict[str, ArrayLike]:
-    """Return maximum and RMS in the test band and in full band under a path with a hole for max or rms."""
+    All are computed in one pass; `room` as `room_for_pairs` gives it for their number.
+    """
+    pairs: list[tuple[Array, Array]] = []
+    places: dict[str, int | slice] = {}
+    for path, compared in ((f"{run}.tracking_{{}}_m_s2", table), (f"{run}.{{}}_error_m_s2", storeys)):
+        reference, *values = compared or (None,)
+        for suffix, value in zip(("", "_true"), values, strict=False):
+            if value is None or reference is None:
+                continue
+            single, first = value.ndim == 1, len(pairs)
+            pairs += [(reference, value)] if single else list(zip(reference, value, strict=True))
+            places[path + suffix] = first if single else slice(first, len(pairs))
+    found = figures_of_pairs(pairs, dt_s, room, high_pass_hz)
+    kinds = {"max": found.maximum, "rms": found.rms}, {"max": found.maximum_full, "rms": found.rms_full}
     return {
-        path.format("max"): error.maximum,
-        path.format("rms"): error.rms,
-        path.format("max") + "_full": error.maximum_full,
-        path.format("rms") + "_full": error.rms_full,
+        path.format(which) + band: figures[place]
+        for path, place in places.items()
+        for band, both in zip(("", "_full"), kinds, strict=True)
+        for which, figures in both.items()
     }
 
 
@@ -95,13 +95,20 @@ def of_table_run(
     lowest_hz = lowest_reliable_hz(setup)
     desired, measured = series.desired[0], series.measured[0]
     true = series.true_accel[0] if setup.rig.can.records_truth else None
-    figures = fidelity(run, desired, measured, true, dt, lowest_hz)
+    figures = delays(run, desired, measured, true, dt) | fidelity(run, desired, measured, true, dt, lowest_hz)
     if hybrid is not None:
         storeys = high_passed([sim.abs_accel_m_s2, hybrid[2]], lowest_hz, dt)
         figures |= response(run, storeys[0], storeys[1], len(building.numerical.masses_kg), dt)
         most = float(np.max(input_energy_j(building.M, sim.rel_vel_m_s, ground, dt)))
         figures |= energy(run, desired, measured, true, series.base_shear_n, most, dt)
     return figures
+
+
+def delays(run: str, desired: Array, measured: Array, true: Array | None, dt_s: float) -> dict[str, ArrayLike]:
+    """Return the delay fitted to the table's motion, measured and, on a virtual rig, true; accelerations (n,)."""
+    values = {"": measured} if true is None else {"": measured, "_true": true}
+    found = fitted_delays_s(desired, tuple(values.values()), dt_s)
+    return {f"{run}.tracking_delay_s{suffix}": delay for suffix, delay in zip(values, found, strict=True)}
 
 
 def fidelity(

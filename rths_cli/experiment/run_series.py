@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,6 +37,19 @@ class Series:
     compute_s: Array
     live: Mapping[str, Array] = field(default_factory=dict)
     removed: Array | None = None
+
+    def with_true(self, abs_accel: Array) -> Array:
+        """Return storeys' accelerations (n_storeys, n), true ones of table and specimen in place of the measured."""
+        computed = abs_accel[: len(abs_accel) - len(self.true_accel)]
+        return np.vstack([computed, self.true_accel]) if len(computed) else self.true_accel
+
+
+class BuildingMotion(NamedTuple):
+    """Motion of the whole building, (n_storeys, n) each: relative to the ground, and absolute accelerations."""
+
+    rel_disp_m: Array
+    rel_vel_m_s: Array
+    abs_accel_m_s2: Array
 
 
 def without_drift(series: Series, removed: Array, lead_samples: int, estimator: Block) -> Series:
@@ -88,8 +102,8 @@ def _mean_accelerations(velocity_m_s: Array, at: slice, dt_s: float) -> Array:
 
 def whole_building(
     building: Building, series: Series, ground_accel: Array, dt_s: float, scheme: Scheme = "exact"
-) -> tuple[Array, Array, Array]:
-    """Return rel_disp, rel_vel, abs_accel (n_storeys, n) of the hybrid building, relative to the ground.
+) -> BuildingMotion:
+    """Return the motion of the hybrid building.
 
     Numerical storeys as the step computed them (`scheme`: its integration), interface and experimental floors as
     measured; the displacements and velocities of the experimental floors are the Kalman filter's.
@@ -101,4 +115,4 @@ def whole_building(
     disp, vel, accel = (computed[i * numerical : (i + 1) * numerical] for i in range(3))
     rel_disp = np.vstack([disp, disp[-1] + series.estimated[:floors]])
     rel_vel = np.vstack([vel, vel[-1] + series.estimated[floors : 2 * floors]])
-    return rel_disp, rel_vel, np.vstack([accel[:-1], series.measured])
+    return BuildingMotion(rel_disp, rel_vel, np.vstack([accel[:-1], series.measured]))

@@ -89,8 +89,8 @@ def _base(asked: Asked, shared: Shared, first: Setup) -> Setup:
 
 
 def _order(keys: Sequence[Keys]) -> tuple[int, ...]:
-    """Return the points so that those which share a model, then a design, then a check, then a plant are neighbours."""
-    stages = [(key.model, key.design, key.check, key.plant) for key in keys]
+    """Return the points so that those which share a model, then a design, then a check are neighbours."""
+    stages = [(key.model, key.design, key.check) for key in keys]
     ranks: list[dict[str, int]] = [{} for _ in stages[0]]
     ranked = [tuple(rank.setdefault(key, len(rank)) for rank, key in zip(ranks, one, strict=True)) for one in stages]
     return tuple(sorted(range(len(stages)), key=lambda point: ranked[point]))

@@ -1,47 +1,37 @@
-"""The runs of a sweep: what they share is made once, each is played with its seed and its series dropped."""
+"""The runs of a sweep: what they share is made once, each is played with its seed and only its errors are kept."""
 
 from __future__ import annotations
 
 import hashlib
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from rths_cli.analysis.metrics import room_for_pairs
-from rths_cli.analysis.sim import simulate
 from rths_cli.errors import InputError, RthsError, crash_note
 from rths_cli.experiment.check_cases import Verdict, verdict_on
 from rths_cli.experiment.design import design_blocks
-from rths_cli.experiment.lowest_frequency import lowest_reliable_hz
 from rths_cli.experiment.model_registry import Memory
 from rths_cli.experiment.model_store import Cache, key
 from rths_cli.experiment.provenance import model_sha256
-from rths_cli.experiment.rig_access import EXP_RTHS, guard_limits, open_virtual
-from rths_cli.experiment.run import acceptance
-from rths_cli.experiment.run_series import on_record_clock, whole_building
+from rths_cli.experiment.run import acceptance, sim_of
 from rths_cli.experiment.setup import building_key, make_setup, motion_key
-from rths_cli.experiment.table_runs import Stop, drive_of, true_accel, why_ended
-from rths_cli.loop.counted_clock import play
+from rths_cli.experiment.table_run import HYBRID_TEST, errors_of, plan_run, play_run, run_of
+from rths_cli.experiment.table_runs import why_none, why_unsafe
 from rths_cli.loop.run_log import Log, empty_log
-from rths_cli.loop.step_arrays import NUMERICAL
 from rths_cli.numerics.shared_values import SharedValues
-from rths_cli.rigs.virtual.virtual_rig import VirtualRig
-from rths_cli.studies.sweep_table import Column, Row, error_values, flat
+from rths_cli.studies.sweep_table import Column, Row, flat
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
+    from rths_cli.analysis.sim import Response
     from rths_cli.case.case_schema import Case
     from rths_cli.experiment.design import Design
     from rths_cli.experiment.model_registry import Known
-    from rths_cli.experiment.run_series import Series
     from rths_cli.experiment.setup import Progress, Setup
-    from rths_cli.loop.guard import GuardLimits
+    from rths_cli.experiment.table_run import RunPlan, Stop
     from rths_cli.numerics.lti import Array
-    from rths_cli.rigs.virtual.plant import Plant
+    from rths_cli.quantities import Values
 
 NO_PART = {"path", "yaml_text", "name", "notes", "seed", "runs", "accept", "reference"}  # of what a run computes
 MOTION = {"record", "scaling", "record_filter", "delay_s"}  # what no block depends on
@@ -58,23 +48,18 @@ class Keys:
     model: str
     design: str
     check: str
-    plant: str
 
 
 @dataclass(frozen=True)
 class Ready:
-    """A grid point ready to be played with any seed.
-
-    `refused` says why it is not played (empty: it is); `sim_accel` (n_storeys, n) in m/s^2, `drive` (n + lead, 3).
-    """
+    """A grid point ready to be played with any seed: its run of EXP-RTHS and the SIM that its errors are measured
+    against, None where `refused` says why it is not played."""
 
     setup: Setup
     checked: Verdict
     refused: str
-    sim_accel: Array
-    drive: Array | None
-    plant: Plant | None
-    limits: GuardLimits | None
+    plan: RunPlan | None = None
+    sim: Response | None = None
 
 
 class Shared:
@@ -83,11 +68,11 @@ class Shared:
     def __init__(self, overrides: tuple[str, ...], progress: Progress) -> None:
         self._overrides = overrides
         self._progress = progress
-        self._kept = SharedValues()
+        self._values = SharedValues()
 
     def setup(self, case: Case) -> Setup:
         """Return the case's setup, its model file read and its excitation planned; raises InputError."""
-        setup = make_setup(case, self._overrides, self._kept)
+        setup = make_setup(case, self._overrides, self._values)
         if not setup.rig.can.counts_steps:
             raise InputError(
                 f"table: rig {setup.rig.name} is of kind {setup.rig.kind}, and a sweep moves no real table; "
@@ -105,34 +90,31 @@ class Shared:
         plant = repr((case.table.model_dump_json(), building_key(case), case.sample_rate_hz))
         named = case.identification.model
         content = part + motion + plant + (_digest(named.read_bytes()) if named else "")
-        stages = (content, model, model + part, model + part + motion, plant)
+        stages = (content, model, model + part, model + part + motion)
         return Keys(*(_digest(text.encode()) for text in stages))
 
     def ready(self, case: Case) -> Ready:
         """Return a grid point ready to be played; raises RthsError when its rig cannot be identified."""
-        setup = self.setup(case)
+        setup, values = self.setup(case), self._values
         keys = self.keys(setup)
-        known = self._kept.get("known", keys.model, lambda: self._memory(setup).known(setup, self._progress))
-        checked = self._kept.get("check", (keys.check, self._overrides), lambda: self._verdict(setup, known, keys))
-        refused = _refused(setup, known, checked)
+        known = values.get("known", keys.model, lambda: self._memory(setup).known(setup, self._progress))
+        checked = values.get("check", (keys.check, self._overrides), lambda: self._verdict(setup, known, keys))
+        refused = why_none(setup, known, checked) or why_unsafe(setup, checked)
         if refused or checked.design is None:
-            return Ready(setup, checked, refused, np.zeros((0, 0)), None, None, None)
-        motion = (motion_key(case), building_key(case))
-        sim_accel = self._kept.get("sim", motion, lambda: _sim_accel(setup))
-        plant = self._kept.get("plant", keys.plant, lambda: open_virtual(setup, (EXP_RTHS,), 0).plant)
-        return Ready(setup, checked, "", sim_accel, drive_of(setup, checked.design), plant, guard_limits(setup))
+            return Ready(setup, checked, refused)
+        return Ready(setup, checked, "", plan_run(setup, checked.design, HYBRID_TEST), sim_of(setup, values))
 
     def _memory(self, setup: Setup) -> Memory:
-        return self._kept.get("memory", _model_key(setup), lambda: Memory(Cache()))
+        return self._values.get("memory", _model_key(setup), lambda: Memory(Cache()))
 
     def _verdict(self, setup: Setup, known: Known, keys: Keys) -> Verdict:
         self._progress("check")
-        kept = self._kept
+        values = self._values
         try:
-            design: Design | None = kept.get("design", keys.design, lambda: design_blocks(setup, known.found, kept))
+            design: Design | None = values.get("design", keys.design, lambda: design_blocks(setup, known.found, values))
         except InputError:
             design = None  # the verdict says why
-        return verdict_on(setup, known, design=design, shared=kept)
+        return verdict_on(setup, known, design=design, shared=values)
 
 
 def _digest(content: bytes) -> str:
@@ -144,22 +126,6 @@ def _model_key(setup: Setup) -> str:
     return key(setup) + (setup.case.table.model_dump_json() if setup.case.identification.model else "")
 
 
-def _refused(setup: Setup, known: Known, checked: Verdict) -> str:
-    """Return why a grid point is not played, as `rths run` would refuse it; empty when it is played."""
-    if checked.design is None:
-        return "; ".join(checked.reasons)
-    rejected = known.faults(setup.overrides)
-    if rejected:
-        return rejected[0]
-    if checked.refused and "check" not in setup.overrides:
-        return f"{checked.verdict}: {'; '.join(checked.reasons)}"
-    return ""
-
-
-def _sim_accel(setup: Setup) -> Array:
-    return simulate(setup.building, setup.rig.dt_s, setup.motion.accel_m_s2).abs_accel_m_s2
-
-
 _THREAD = threading.local()
 
 
@@ -169,16 +135,17 @@ def play_variant(ready: Ready, variant: int, seed: int, of: Sequence[Column], st
     `storeys`: how many a row has room for. What fails is a row of status failed.
     """
     checked = ready.checked
-    foretold: dict[str, ArrayLike] = dict(checked.figures)
     model = model_sha256(checked.design.model) if checked.design else ""
-    row = Row(variant, "refused", ready.refused, 1, checked.verdict, model, flat(of, storeys, foretold))
-    if ready.refused:
+    row = Row(variant, "refused", ready.refused, 1, checked.verdict, model, flat(of, storeys, checked.figures))
+    if ready.plan is None or ready.sim is None:
         return row
     try:
-        stop, errors = _played(ready, seed, of, foretold)
+        stop, errors = _played(ready.plan, ready.sim, seed)
     except Exception as error:
         return failed(row, error)
-    figures = flat(of, storeys, foretold | errors)
+    values = {**checked.figures, **errors}
+    stop = stop or _accepted(ready, of, values)
+    figures = flat(of, storeys, values)
     return replace(row, status=stop.status, reason=stop.reason, exit_code=stop.exit_code, figures=figures)
 
 
@@ -190,36 +157,15 @@ def failed(row: Row, error: Exception) -> Row:
     return replace(row, status="failed", reason=reason, exit_code=5)
 
 
-def _played(
-    ready: Ready, seed: int, of: Sequence[Column], foretold: Mapping[str, ArrayLike]
-) -> tuple[Stop, dict[str, Array]]:
-    """Return how a run ended and, where it reached the end of the record, its errors by path."""
-    setup, design = ready.setup, ready.checked.design
-    assert design is not None and ready.drive is not None  # what is not refused is ready
-    assert ready.plant is not None and ready.limits is not None
-    rig = VirtualRig(setup.rig, ready.plant, (seed, EXP_RTHS))
-    outcome = play(rig, setup.rig, design.blocks, NUMERICAL, ready.drive, ready.limits, _log(ready))
-    stop = why_ended("EXP-RTHS", outcome, setup.rig.dt_s)
-    if stop is not None:
-        return stop, {}
-    series = on_record_clock(outcome, design.blocks.lead_samples, setup.rig.dt_s, len(setup.motion.time_s))
-    errors = _errors(ready, series)
-    return _accepted(ready, of, {**foretold, **errors}), errors
-
-
-def _errors(ready: Ready, series: Series) -> dict[str, Array]:
-    """Return the errors of a run that reached the end of the record."""
-    setup = ready.setup
-    accel, dt = series.measured, setup.rig.dt_s
-    if len(setup.building.numerical.masses_kg) > 1:  # else every storey is measured
-        scheme = setup.case.integration
-        accel = whole_building(setup.building, series, setup.motion.accel_m_s2, dt, scheme)[2]
-    desired, true = series.desired[0], true_accel(accel, series)
-    table = [(desired, series.measured[0]), (desired, series.true_accel[0])]
-    sim = ready.sim_accel
-    storeys, true_storeys = list(zip(sim, accel, strict=True)), list(zip(sim, true, strict=True))
-    room, lowest_hz = _room(2 + 2 * len(sim), sim.shape[1], dt), lowest_reliable_hz(setup)
-    return error_values(table, storeys, true_storeys, dt, room, lowest_hz)
+def _played(plan: RunPlan, sim: Response, seed: int) -> tuple[Stop | None, Values]:
+    """Return why a run ended early and no errors, or None and its errors by path."""
+    setup, design = plan.setup, plan.design
+    outcome = play_run(plan, seed, _log(plan))
+    run = run_of(outcome, setup, plan.kind, design.blocks.lead_samples, plan.expected, only_accelerations=True)
+    if run.stopped is not None:
+        return run.stopped, {}
+    room = _room(2 + 2 * len(sim.abs_accel_m_s2), sim.abs_accel_m_s2.shape[1], setup.rig.dt_s)
+    return None, errors_of(run, setup, sim, room)
 
 
 def _room(pairs: int, samples: int, dt_s: float) -> Array:
@@ -231,18 +177,18 @@ def _room(pairs: int, samples: int, dt_s: float) -> Array:
     return room
 
 
-def _log(ready: Ready) -> Log:
+def _log(plan: RunPlan) -> Log:
     """Return this thread's log, lean where every storey is measured: the next run of the same size uses it again."""
-    assert ready.drive is not None and ready.checked.design is not None
-    channels, estimates = len(ready.setup.rig.channels), len(ready.checked.design.blocks.estimator.C)
-    asked = (len(ready.drive), channels, estimates, len(ready.setup.building.numerical.masses_kg) == 1, channels)
+    channels, estimates = len(plan.setup.rig.channels), len(plan.design.blocks.estimator.C)
+    lean = len(plan.setup.building.numerical.masses_kg) == 1
+    asked = (len(plan.drive), channels, estimates, lean, channels)
     if getattr(_THREAD, "logged", None) != asked:
         _THREAD.logged, _THREAD.log = asked, empty_log(*asked)
     log: Log = _THREAD.log
     return log
 
 
-def _accepted(ready: Ready, of: Sequence[Column], values: Mapping[str, ArrayLike]) -> Stop:
+def _accepted(ready: Ready, of: Sequence[Column], values: Values) -> Stop:
     """Return how a whole run ends, by the accept limits on figures that a sweep computes."""
     known = {column.path for column in of}
     limits = {path: limit for path, limit in ready.setup.case.accept.items() if path.partition("[")[0] in known}

@@ -8,15 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rths_cli.analysis.metrics import figures_of_pairs
 from rths_cli.quantities import METRICS, Quantity
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from rths_cli.numerics.lti import Array
-
-    Pairs = Sequence[tuple[Array, Array]]
 
 RUN = "exp_rths"
 CHECKED = (
@@ -50,25 +47,6 @@ def columns() -> tuple[Column, ...]:
     kinds = ("", "_full", "_true", "_true_full")
     played = [f"{RUN}.{of.format(which)}{kind}" for of in errors for kind in kinds for which in ("max", "rms")]
     return tuple(METRICS[path] for path in (*played, *(f"check.{name}" for name in CHECKED)))
-
-
-def error_values(
-    table: Pairs, storeys: Pairs, true_storeys: Pairs, dt_s: float, room: Array, high_pass_hz: float
-) -> dict[str, Array]:
-    """Return tracking errors and errors to SIM by their paths, in one pass over all series.
-
-    Pairs of reference and value (n,) in m/s^2: the table's measured and true acceleration against the desired, each
-    storey's measured and true absolute acceleration against SIM. `room` as `room_for_pairs` gives it.
-    """
-    errors = figures_of_pairs([*table, *storeys, *true_storeys], dt_s, room, high_pass_hz)
-    count = len(storeys)
-    values: dict[str, Array] = {}
-    for kind, place, rows in (("", 0, slice(2, 2 + count)), ("_true", 1, slice(2 + count, None))):
-        for band, maximum, rms in (("", errors.maximum, errors.rms), ("_full", errors.maximum_full, errors.rms_full)):
-            for which, found in (("max", maximum), ("rms", rms)):
-                values[f"{RUN}.tracking_{which}_m_s2{kind}{band}"] = found[place]
-                values[f"{RUN}.{which}_error_m_s2{kind}{band}"] = found[rows]
-    return values
 
 
 def width(of: Sequence[Column], storeys: int) -> int:

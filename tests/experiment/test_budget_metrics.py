@@ -16,12 +16,10 @@ from rths_cli.experiment import budget_metrics
 from rths_cli.experiment.check import judge
 from rths_cli.experiment.design import design_blocks
 from rths_cli.experiment.model_registry import Memory
-from rths_cli.experiment.rig_access import EXP_RTHS
 from rths_cli.experiment.run_series import on_record_clock, whole_building
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.experiment.table_runs import play_run
+from rths_cli.experiment.table_run import HYBRID_TEST, plan_run, play_run
 from rths_cli.identification.results import Friction, Identification
-from rths_cli.loop.step_arrays import NUMERICAL
 from rths_cli.quantities import Values, metrics_of
 from rths_cli.structure import Building, Specimen, assemble
 
@@ -39,7 +37,7 @@ def budget_of(
     """Return the budget of a run whose blocks are designed from `identified`, judged with what is `believed`; and the
     error series (n_storeys, n)."""
     design, dt = design_blocks(setup, identified), setup.rig.dt_s
-    outcome = play_run(setup, design, NUMERICAL, EXP_RTHS)
+    outcome = play_run(plan_run(setup, design, HYBRID_TEST), setup.case.seed)
     series = on_record_clock(outcome, design.blocks.lead_samples, dt, len(setup.motion.time_s))
     reported = whole_building(setup.building, series, setup.motion.accel_m_s2, dt, setup.case.integration)[2]
     sim = simulate(setup.building, dt, setup.motion.accel_m_s2)
@@ -76,7 +74,7 @@ def test_tracking_is_the_measured_one_and_its_parts_add_up(memory: Memory) -> No
     setup = setup_with()
     identified = memory.identify(setup, lambda _: None)
     design, dt = design_blocks(setup, identified), setup.rig.dt_s
-    outcome = play_run(setup, design, NUMERICAL, EXP_RTHS)
+    outcome = play_run(plan_run(setup, design, HYBRID_TEST), setup.case.seed)
     series = on_record_clock(outcome, design.blocks.lead_samples, dt, len(setup.motion.time_s))
     sim, known = simulate(setup.building, dt, setup.motion.accel_m_s2), judge(setup, identified, design).known
     assert known is not None and known.friction is not None

@@ -14,12 +14,10 @@ from rths_cli.experiment import budget_metrics
 from rths_cli.experiment.check import judge
 from rths_cli.experiment.design import design_blocks
 from rths_cli.experiment.model_registry import Memory
-from rths_cli.experiment.rig_access import EXP_RTHS
 from rths_cli.experiment.run_series import Series, on_record_clock, whole_building
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.experiment.table_runs import play_run
+from rths_cli.experiment.table_run import HYBRID_TEST, plan_run, play_run
 from rths_cli.loop.realtime_loop import IN_RAMP_DOWN, IN_RUN
-from rths_cli.loop.step_arrays import NUMERICAL
 from rths_cli.quantities import Values
 from rths_cli.report.error_budget_table import budget_text
 
@@ -56,7 +54,7 @@ def played(memory: Memory, case: str, *settings: str) -> Ran:
     setup = make_setup(load_cases([case], settings)[0], ("check",))
     found = memory.identify(setup, lambda _: None)
     design, dt = design_blocks(setup, found), setup.rig.dt_s
-    outcome = play_run(setup, design, NUMERICAL, EXP_RTHS)
+    outcome = play_run(plan_run(setup, design, HYBRID_TEST), setup.case.seed)
     series = on_record_clock(outcome, design.blocks.lead_samples, dt, len(setup.motion.time_s))
     known = judge(setup, found, design).known
     assert known is not None

@@ -25,7 +25,7 @@ from rths_cli.experiment.rig_access import EXP_RTHS, open_virtual
 from rths_cli.experiment.run import run_case
 from rths_cli.experiment.sensor_drift_report import as_read, as_stored, drift_of, expected_of, sensitivities, sentences
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.experiment.table_runs import AFTER_S, BEFORE_S
+from rths_cli.experiment.table_run import AFTER_S, BEFORE_S
 from rths_cli.files.result_reader import read_result, read_series
 from rths_cli.loop import guard
 from rths_cli.loop.block_replay import run_block

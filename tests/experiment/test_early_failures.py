@@ -13,7 +13,7 @@ from rths_cli.errors import InputError, RigError
 from rths_cli.experiment import batch, real_run
 from rths_cli.experiment.batch import _run_one
 from rths_cli.experiment.run import Ended
-from rths_cli.experiment.table_runs import after_the_record, why_ended
+from rths_cli.experiment.table_run import after_the_record, why_ended
 from rths_cli.files.result_reader import ResultWriter, read_result
 from rths_cli.loop import guard
 from rths_cli.numerics.shared_values import SharedValues

@@ -10,7 +10,15 @@ import numpy as np
 import pytest
 
 from rths_cli.experiment.run import acceptance
-from rths_cli.experiment.run_metrics import criteria_of_storeys, energy, fidelity, of_table_run, response, tracking
+from rths_cli.experiment.run_metrics import (
+    criteria_of_storeys,
+    delays,
+    energy,
+    errors,
+    fidelity,
+    of_table_run,
+    response,
+)
 from rths_cli.experiment.setup import RUNS
 from rths_cli.quantities import METRICS, Values, metrics_of
 from rths_cli.rigs.description import capabilities_of
@@ -49,14 +57,19 @@ def test_each_path_of_the_table_holds_its_series() -> None:
 def test_tracking_of_measured_and_true_are_told_apart() -> None:
     """Measured 2 ms late and true 1 ms early, each with an amplitude of its own; without a true one, no such path."""
     measured, true = sine(1.1, 0.002), sine(0.7, -0.001)
-    found = values(tracking("shake_table", sine(), measured, true, DT_S))
+
+    def tracking(true: np.ndarray | None) -> dict[str, float]:
+        told = errors("shake_table", (sine(), measured, true), None, DT_S)
+        return values({**told, **delays("shake_table", sine(), measured, true, DT_S)})
+
+    found = tracking(true)
     for value, suffix, delay_s in ((measured, "", 0.002), (true, "_true", -0.001)):
         assert found[f"shake_table.tracking_delay_s{suffix}"] == pytest.approx(delay_s, rel=1e-2)
         error = sine() - value
         assert found[f"shake_table.tracking_rms_m_s2{suffix}_full"] == pytest.approx(np.sqrt(np.mean(error**2)))
         assert found[f"shake_table.tracking_max_m_s2{suffix}_full"] == pytest.approx(np.abs(error).max())
         assert found[f"shake_table.tracking_rms_m_s2{suffix}"] == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-2)
-    alone = values(tracking("shake_table", sine(), measured, None, DT_S))
+    alone = tracking(None)
     assert alone == {path: value for path, value in found.items() if "_true" not in path}
 
 

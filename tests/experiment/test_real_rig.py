@@ -29,7 +29,7 @@ from rths_cli.experiment.rig_access import EXP_RTHS, open_rig
 from rths_cli.experiment.run import Ended, run_case
 from rths_cli.experiment.serve import describe
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.experiment.table_runs import AFTER_S, BEFORE_S
+from rths_cli.experiment.table_run import AFTER_S, BEFORE_S
 from rths_cli.files.raw_log import RawLogWriter
 from rths_cli.files.result_reader import read_result, read_series
 from rths_cli.loop.live_view import View

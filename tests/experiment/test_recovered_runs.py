@@ -16,14 +16,12 @@ from rths_cli.errors import InputError
 from rths_cli.experiment.check_cases import verdict_on
 from rths_cli.experiment.model_registry import Memory
 from rths_cli.experiment.recovery import recover
-from rths_cli.experiment.rig_access import EXP_RTHS, SHAKE_TABLE
 from rths_cli.experiment.run import run_case
 from rths_cli.experiment.setup import make_setup
-from rths_cli.experiment.table_runs import play_run
+from rths_cli.experiment.table_run import TABLE_RUNS, plan_run, play_run
 from rths_cli.files.raw_log import RawHeader, RawLogWriter, raw_log_path
 from rths_cli.files.result_reader import ResultWriter, read_result
 from rths_cli.loop.run_log import Signals
-from rths_cli.loop.step_arrays import NUMERICAL, RECORD
 
 CASE = "structure: three_storey\ndamping: low\nrecord: ./short.csv\nscaling: 0.3\ncontroller: FF+FB\n"
 IDENTIFIED = "\nidentification:\n  model: /gone/model.h5\n"
@@ -71,8 +69,8 @@ def played(tmp_path_factory: pytest.TempPathFactory, memory: Memory) -> Played:
     told = ("format", "format_version", "status", "status_reason")
     attributes = {key: value for key, value in read_result(result).attributes.items() if key not in told}
     logs = {}
-    for run, source, stream in (("shake_table", RECORD, SHAKE_TABLE), ("exp_rths", NUMERICAL, EXP_RTHS)):
-        outcome = play_run(setup, checked.design, source, stream)
+    for kind in TABLE_RUNS:
+        outcome = play_run(plan_run(setup, checked.design, kind), setup.case.seed)
         columns = named(outcome.log)
         header = RawHeader(
             tuple(columns),
@@ -80,14 +78,14 @@ def played(tmp_path_factory: pytest.TempPathFactory, memory: Memory) -> Played:
             setup.rig.dt_s,
             outcome.steps,
             checked.design.blocks.lead_samples,
-            run,
+            kind.name,
             "a.h5",
             str(setup.case.path),
             setup.case.yaml_text,
             resolved_yaml(setup.case),
             attributes,
         )
-        logs[run] = (header, np.array(list(columns.values())))
+        logs[kind.name] = (header, np.array(list(columns.values())))
     return Played(folder, result, logs)
 
 

@@ -19,7 +19,7 @@ from rths_cli.experiment.model_registry import Memory
 from rths_cli.experiment.rig_access import guard_limits
 from rths_cli.experiment.serve import ServedRig, describe, make_table
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.experiment.table_runs import drive_of
+from rths_cli.experiment.table_run import drive_of
 from rths_cli.loop import realtime_run
 from rths_cli.loop.diagnosis import cause_of
 from rths_cli.loop.guard import STOPPED, GuardLimits, GuardState

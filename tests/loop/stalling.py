@@ -20,7 +20,7 @@ from rths_cli.experiment.rig_access import guard_limits
 from rths_cli.experiment.run_series import Series, on_record_clock, whole_building
 from rths_cli.experiment.serve import ServedRig, describe, make_table
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.experiment.table_runs import drive_of
+from rths_cli.experiment.table_run import drive_of
 from rths_cli.loop import realtime_run, udp_target
 from rths_cli.loop.command_preview import no_foresight
 from rths_cli.loop.counted_clock import Outcome

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 from dataclasses import replace
 from pathlib import Path
+from types import ModuleType
 
 import h5py
 import numpy as np
@@ -13,6 +14,7 @@ from declared_contents import sweep_faults
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
+from rths_cli.experiment import run
 from rths_cli.experiment.model_registry import Memory
 from rths_cli.experiment.run import run_case
 from rths_cli.experiment.setup import make_setup
@@ -201,19 +203,20 @@ def test_a_finished_sweep_of_another_version_is_played_anew(whole: tuple[SweepRe
 def test_what_runs_share_is_made_once(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     calls: dict[str, int] = {}
 
-    def counted(name: str) -> None:
-        original = getattr(sweep_runs, name)
+    def counted(module: ModuleType, name: str) -> None:
+        original = getattr(module, name)
 
         def count(*args: object, **named: object) -> object:
             calls[name] = calls.get(name, 0) + 1
             return original(*args, **named)
 
-        monkeypatch.setattr(sweep_runs, name, count)
+        monkeypatch.setattr(module, name, count)
 
-    for name in ("design_blocks", "verdict_on", "simulate", "open_virtual"):
-        counted(name)
+    for module, name in ((sweep_runs, "design_blocks"), (sweep_runs, "verdict_on"), (run, "simulate")):
+        counted(module, name)
+    counted(sweep_runs, "plan_run")
     swept(asked(folder, f"{WORN}=1,2", "scaling=0.2,0.3", seeds="2"), tmp_path / "s.h5")
-    assert calls == {"design_blocks": 1, "verdict_on": 2, "simulate": 2, "open_virtual": 2}
+    assert calls == {"design_blocks": 1, "verdict_on": 2, "simulate": 2, "plan_run": 4}
 
 
 def test_points_that_share_most_are_made_one_after_the_other(folder: Path) -> None:

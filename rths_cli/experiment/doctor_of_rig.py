@@ -11,10 +11,10 @@ from rths_cli.errors import RigError
 from rths_cli.experiment.rig_access import EXP_RTHS, open_rig
 from rths_cli.experiment.setup import make_setup
 from rths_cli.files.rig_lock import locked_rig
+from rths_cli.rigs.interface import LinkedRig, linked
 from rths_cli.rigs.udp import link as links
 from rths_cli.rigs.udp.messages import fault_names
 from rths_cli.rigs.udp.packets import COMMAND
-from rths_cli.rigs.udp.udp_rig import UdpRig
 
 if TYPE_CHECKING:
     from rths_cli.case.case_schema import Case
@@ -37,7 +37,8 @@ def exchange_delays(case: Case) -> ExchangeDelays:
             rig.open()
             try:
                 rig.arm()
-                return udp_delays(rig, steps) if isinstance(rig, UdpRig) else paced_delays(rig, steps)
+                there = linked(rig)
+                return udp_delays(there, steps) if there is not None else paced_delays(rig, steps)
             finally:
                 rig.rest()
                 rig.close()
@@ -45,7 +46,7 @@ def exchange_delays(case: Case) -> ExchangeDelays:
     return measure
 
 
-def udp_delays(rig: UdpRig, steps: int) -> IntArray:
+def udp_delays(rig: LinkedRig, steps: int) -> IntArray:
     """Return when the answer of each step came, in ns after its deadline; a lost one counts as an interval."""
     link, interval_ns = rig.link, round(1e9 * rig.info.dt_s)
     number = int(link.status[links.LAST] - link.status[links.BASE]) + 1

@@ -21,7 +21,7 @@ from rths_cli.loop.guard import INTERRUPT, TERMINATION
 from rths_cli.loop.realtime_run import Performance, perform_watched, prepare, rehearse_watched
 from rths_cli.loop.run_log import NO_ANSWER, without_samples
 from rths_cli.loop.step_arrays import EXCITATION
-from rths_cli.rigs.udp.udp_rig import UdpRig
+from rths_cli.rigs.interface import linked
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -57,7 +57,7 @@ def ready_on_rig(setup: Setup, blocks: Blocks, source: int, drive: Array) -> tup
     """
     rehearsed(setup, blocks, source)
     rig = open_rig(setup, (), 0)
-    if not isinstance(rig, UdpRig):
+    if linked(rig) is None:
         check_measured(setup.rig)
     zeros = listened(setup, rig).zeros_v
     return rig, prepare(setup.rig, blocks, source, drive, guard_limits(setup), zeros)

@@ -20,7 +20,7 @@ from rths_cli.loop.realtime_run import STOP_KEY, Performance, Performed, order, 
 from rths_cli.loop.run_log import column_names, column_units
 from rths_cli.loop.step_arrays import NUMERICAL
 from rths_cli.quantities.datasets import LINK_COUNTS
-from rths_cli.rigs.udp.udp_rig import UdpRig
+from rths_cli.rigs.interface import linked
 
 if TYPE_CHECKING:
     from rths_cli.experiment.model_registry import Memory
@@ -40,7 +40,7 @@ def ask_the_rig(setup: Setup, memory: Memory, progress: Progress) -> None:
     progress("rehearsal of the rate, no rig")
     real_rig.rehearsed(setup, design.blocks, NUMERICAL)
     rig = open_rig(setup, (), 0)
-    if not isinstance(rig, UdpRig):
+    if linked(rig) is None:
         real_rig.check_measured(setup.rig)
     progress("listening to the channels at rest")
     real_rig.listened(setup, rig)
@@ -75,7 +75,8 @@ class RealStage:
             performed = perform_watched(rig, ready, watch)
             counts = link_counts(rig)
         writer.resume()
-        told = _told(performed, ready, stream) | ({"link_peer": rig.peer} if isinstance(rig, UdpRig) else {})
+        there = linked(rig)
+        told = _told(performed, ready, stream) | ({"link_peer": there.peer} if there is not None else {})
         writer.about({f"{kind.name}_{key}": value for key, value in told.items()})
         if counts:
             writer.group(f"{kind.name}/timing", counts)
@@ -95,9 +96,10 @@ class RealStage:
 def link_counts(rig: Rig) -> dict[str, float]:
     """Return what an open link counted in this session, from arming to rest, by the names of its datasets; nothing of
     a rig without a link."""
-    if not isinstance(rig, UdpRig):
+    there = linked(rig)
+    if there is None:
         return {}
-    counts = rig.counts
+    counts = there.counts
     return {f"link_{name}": float(counts[name]) for name in LINK_COUNTS}
 
 

@@ -29,10 +29,9 @@ from rths_cli.loop.stop_reasons import reason_of
 from rths_cli.numerics.clock import IntArray, monotonic_ns
 from rths_cli.numerics.compiled import entry, part
 from rths_cli.numerics.lti import Array
-from rths_cli.rigs.interface import Rig, RigInfo
+from rths_cli.rigs.interface import Rig, RigInfo, SimulatedRig, simulated
 from rths_cli.rigs.virtual import plant_kernel
 from rths_cli.rigs.virtual.plant import Plant
-from rths_cli.rigs.virtual.virtual_rig import VirtualRig
 
 Flags = NDArray[np.bool_]
 STAMPED = 16  # steps on the counted clock of a virtual rig per look at the time: looking costs a quarter of a step
@@ -113,17 +112,17 @@ def play(
     how long the table is watched at rest (None: not at all).
     """
     state, guard_state = assemble(blocks, source), fresh_guard(len(info.channels))
-    channels, virtual = len(info.channels), isinstance(rig, VirtualRig)
+    channels, compiled = len(info.channels), simulated(rig)
     still = still or Stillness()
     end = np.zeros((still.down + still.after, 3))
     whole = np.ascontiguousarray(np.vstack([drive, end]), dtype=float)  # any other layout would be compiled anew
     course = _Course(whole, len(drive), np.zeros((still.before, channels)), np.zeros((len(end), channels)))
-    log = log or empty_log(len(whole), channels, state.estimated.size, truths=channels if virtual else 0)
+    log = log or empty_log(len(whole), channels, state.estimated.size, truths=channels if compiled else 0)
     log.done[0] = 0
     rig.open()
     try:
-        if isinstance(rig, VirtualRig):
-            steps, fault = _play_virtual(rig, state, limits, guard_state, course, log)
+        if compiled is not None:
+            steps, fault = _play_simulated(compiled, state, limits, guard_state, course, log)
         else:
             steps, fault, limits = _play_exchanging(rig, state, limits, guard_state, course, log)
     finally:
@@ -154,8 +153,8 @@ def _whole(played: Signals, course: _Course, still: Stillness, dt_s: float) -> W
     )  # fmt: skip
 
 
-def _play_virtual(
-    rig: VirtualRig, state: Step, limits: GuardLimits, guard_state: GuardState, course: _Course, log: Log
+def _play_simulated(
+    rig: SimulatedRig, state: Step, limits: GuardLimits, guard_state: GuardState, course: _Course, log: Log
 ) -> tuple[int, str]:
     """Play in compiled code. The noise at rest before the record is drawn last: that of the record is the same with and
     without it."""

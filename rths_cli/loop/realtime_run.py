@@ -54,10 +54,8 @@ from rths_cli.loop.stop_reasons import reason_of
 from rths_cli.numerics.clock import IntArray
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import BRAKE_SHARE
-from rths_cli.rigs.interface import Rig, RigInfo
-from rths_cli.rigs.ni.ni_rig import NiRig
+from rths_cli.rigs.interface import LinkedRig, Rig, RigInfo, linked, missed_intervals
 from rths_cli.rigs.udp import link as udp
-from rths_cli.rigs.udp.udp_rig import UdpRig
 
 RAMP_UP_S = 1.0
 RETURN_DECAYS = 16.0  # of the return to zero, until a micrometre is left
@@ -122,7 +120,8 @@ def perform(rig: Rig, run: Performance) -> str:
     """
     fault, unrest = "", ""
     try:
-        fault = _perform_udp(rig, run) if isinstance(rig, UdpRig) else _perform_exchanging(rig, run)
+        there = linked(rig)
+        fault = _perform_linked(there, run) if there is not None else _perform_exchanging(rig, run)
     except RigError as error:
         fault = str(error)
     finally:
@@ -136,12 +135,13 @@ def _brought_to_rest(rig: Rig) -> str:
         rig.rest()
     except RigError as error:
         return str(error)
-    if isinstance(rig, UdpRig) and not rig.at_rest:
-        return f"the target {rig.peer} did not confirm that its table is at rest; look at it before you go near"
+    there = linked(rig)
+    if there is not None and not there.at_rest:
+        return f"the target {there.peer} did not confirm that its table is at rest; look at it before you go near"
     return ""
 
 
-def _perform_udp(rig: UdpRig, run: Performance) -> str:
+def _perform_linked(rig: LinkedRig, run: Performance) -> str:
     play = run_udp.bind(rig.link, run.course, run.step, run.limits, run.guard, run.drive, run.log, True)
     rig.arm()  # the target's watchdog runs from here on
     play()
@@ -156,9 +156,10 @@ def _perform_exchanging(rig: Rig, run: Performance) -> str:
     while run.log.done[0] < run.log.columns.shape[1] and not _is_over(run):
         given[:] = samples
         samples = rig.exchange(once())
-        if isinstance(rig, NiRig):
-            note_missed(run, rig.missed - missed)
-            missed = rig.missed
+        passed = missed_intervals(rig)
+        if passed is not None:
+            note_missed(run, passed - missed)
+            missed = passed
     return ""
 
 

@@ -1,13 +1,30 @@
-"""What every rig does, real or virtual: open, arm, exchange, rest, close."""
+"""What every rig does, real or virtual: open, arm, exchange, rest, close; and what some offer to compiled loops."""
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol, cast
 
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
 
-__all__ = ["STANDARD_GRAVITY_M_S2", "Channel", "Converters", "Limits", "Rig", "RigInfo"]
+if TYPE_CHECKING:
+    from rths_cli.rigs.udp.link import Link
+    from rths_cli.rigs.virtual.plant import Plant
+    from rths_cli.rigs.virtual.plant_kernel import PlantState
+
+__all__ = [
+    "STANDARD_GRAVITY_M_S2",
+    "Channel",
+    "Converters",
+    "Limits",
+    "LinkedRig",
+    "Rig",
+    "RigInfo",
+    "SimulatedRig",
+    "linked",
+    "missed_intervals",
+    "simulated",
+]
 
 
 class Rig(Protocol):
@@ -33,3 +50,53 @@ class Rig(Protocol):
 
     def close(self) -> None:
         """Let go of the rig; safe to call twice."""
+
+
+class SimulatedRig(Rig, Protocol):
+    """A rig whose equations of motion compiled code can advance: a whole run needs no `exchange`."""
+
+    plant: Plant
+    state: PlantState
+
+    def restart(self) -> None:
+        """Put the table at rest and start the noise anew."""
+
+    def noise(self, rows: int) -> Array:
+        """Return the next rows of standard normal noise, (rows, n_channels)."""
+
+
+class LinkedRig(Rig, Protocol):
+    """A rig behind a link that compiled code can use itself, at the instants of this machine's clock.
+
+    `peer` names the other end; `at_rest` tells after `rest` whether that confirmed it.
+    """
+
+    peer: str
+    at_rest: bool
+
+    @property
+    def link(self) -> Link:
+        """Return the open link; raises RigError when there is none."""
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Return how many packets were sent, answered, lost, ... in this session."""
+
+    def fault(self) -> str:
+        """Return what is wrong with target or link, empty when nothing is."""
+
+
+def simulated(rig: Rig) -> SimulatedRig | None:
+    """Return a rig that compiled code can advance, None for one that must be exchanged with."""
+    return cast("SimulatedRig", rig) if hasattr(type(rig), "restart") and hasattr(type(rig), "noise") else None
+
+
+def linked(rig: Rig) -> LinkedRig | None:
+    """Return a rig whose link compiled code can use, None for one that is exchanged with from Python."""
+    return cast("LinkedRig", rig) if hasattr(type(rig), "link") else None
+
+
+def missed_intervals(rig: Rig) -> int | None:
+    """Return how many edges of a rig's own sample clock passed unseen since it was armed; None where it counts none."""
+    missed = getattr(rig, "missed", None)
+    return missed if isinstance(missed, int) else None

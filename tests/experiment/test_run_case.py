@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from declared_contents import declaration_faults
 
+from rths_cli.analysis.metrics import error_figures
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
 from rths_cli.experiment.model_registry import Known, Memory
@@ -72,6 +73,27 @@ def test_the_file_keeps_the_contract(whole: Path) -> None:
         assert {"kalman", "feedforward", "feedback", "numerical", "sensor_correction"} <= set(file["controller"])
         assert file["identification/poles_real"].shape == (7,)
     assert whole.stat().st_size <= 50e6
+
+
+def test_each_error_is_that_of_the_series_in_the_file(whole: Path) -> None:
+    metrics, pairs = read_result(whole).metrics, {}
+    with h5py.File(whole) as file:
+        for name in ("shake_table", "exp_rths"):
+            desired, measured = (file[f"{name}/interface_accel_{which}_m_s2"][()] for which in ("desired", "measured"))
+            pairs[f"{name}.tracking_{{}}_m_s2"] = desired, measured
+            pairs[f"{name}.tracking_{{}}_m_s2_true"] = desired, file[f"{name}/truth/table_accel_m_s2"][()]
+        sim, truth = file["sim/abs_accel_m_s2"][()], file["exp_rths/truth"]
+        pairs["exp_rths.{}_error_m_s2"] = sim, file["exp_rths/abs_accel_m_s2"][()]
+        pairs["exp_rths.{}_error_m_s2_true"] = sim, np.vstack([truth["table_accel_m_s2"], truth["floor_accel_m_s2"]])
+    for path, (reference, value) in pairs.items():
+        found = error_figures(reference, value, 1 / 2000, float(metrics["exp_rths.high_pass_hz"]))
+        for which, band, expected in (
+            ("max", "", found.maximum),
+            ("rms", "", found.rms),
+            ("max", "_full", found.maximum_full),
+            ("rms", "_full", found.rms_full),
+        ):
+            assert metrics[path.format(which) + band] == pytest.approx(expected, rel=1e-12), path
 
 
 def test_every_group_opens_in_xarray(whole: Path) -> None:

@@ -61,6 +61,7 @@ def test_what_differs_anywhere_has_another_key() -> None:
     for one, other in combinations(variants, 2):
         assert content_key(one) != content_key(other)
     assert content_key("ab", "c") != content_key("a", "bc")
+    assert content_key("a", "b") not in (content_key("astrb"), content_key("astr 1:b"))
     assert content_key(0.0) != content_key(-0.0)
     assert content_key(1) != content_key(1.0) != content_key("1")
 

@@ -13,9 +13,13 @@ if TYPE_CHECKING:
     from rths_cli.rigs.virtual.plant_kernel import PlantState
 
 __all__ = [
+    "COMPILED_LINK",
+    "COMPILED_PLANT",
+    "MISSED_EDGES",
     "STANDARD_GRAVITY_M_S2",
     "Channel",
     "Converters",
+    "CountingRig",
     "Limits",
     "LinkedRig",
     "Rig",
@@ -25,6 +29,10 @@ __all__ = [
     "missed_intervals",
     "simulated",
 ]
+
+
+COMPILED_PLANT, COMPILED_LINK, MISSED_EDGES = "compiled plant", "compiled link", "missed edges"
+"""What a driver's class may say in `offers` that its rigs have beside `exchange`; a class without it offers nothing."""
 
 
 class Rig(Protocol):
@@ -86,17 +94,26 @@ class LinkedRig(Rig, Protocol):
         """Return what is wrong with target or link, empty when nothing is."""
 
 
+class CountingRig(Rig, Protocol):
+    """A rig on a sample clock of its own that counts the edges which passed unseen since it was armed."""
+
+    missed: int
+
+
 def simulated(rig: Rig) -> SimulatedRig | None:
     """Return a rig that compiled code can advance, None for one that must be exchanged with."""
-    return cast("SimulatedRig", rig) if hasattr(type(rig), "restart") and hasattr(type(rig), "noise") else None
+    return cast("SimulatedRig", rig) if _offers(rig, COMPILED_PLANT) else None
 
 
 def linked(rig: Rig) -> LinkedRig | None:
     """Return a rig whose link compiled code can use, None for one that is exchanged with from Python."""
-    return cast("LinkedRig", rig) if hasattr(type(rig), "link") else None
+    return cast("LinkedRig", rig) if _offers(rig, COMPILED_LINK) else None
 
 
 def missed_intervals(rig: Rig) -> int | None:
     """Return how many edges of a rig's own sample clock passed unseen since it was armed; None where it counts none."""
-    missed = getattr(rig, "missed", None)
-    return missed if isinstance(missed, int) else None
+    return cast("CountingRig", rig).missed if _offers(rig, MISSED_EDGES) else None
+
+
+def _offers(rig: Rig, what: str) -> bool:
+    return what in getattr(type(rig), "offers", ())

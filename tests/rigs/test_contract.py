@@ -15,7 +15,17 @@ from udp_peer import PlainTarget
 from rths_cli.case.virtual_physics import VirtualPhysics
 from rths_cli.errors import RigError
 from rths_cli.numerics.lti import Array
-from rths_cli.rigs.interface import Rig, RigInfo
+from rths_cli.rigs.interface import (
+    COMPILED_LINK,
+    COMPILED_PLANT,
+    MISSED_EDGES,
+    Rig,
+    RigInfo,
+    linked,
+    missed_intervals,
+    simulated,
+)
+from rths_cli.rigs.ni.ni_rig import NiRig
 from rths_cli.rigs.plugins import open_plugin
 from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget
 from rths_cli.rigs.virtual.virtual_rig import VirtualRig, build_plant
@@ -59,7 +69,6 @@ def ni_kind(monkeypatch: pytest.MonkeyPatch) -> Kind:
     from fake_daqmx import FakeCard, install
 
     from rths_cli.rigs.ni.daqmx import Wiring
-    from rths_cli.rigs.ni.ni_rig import NiRig
 
     def make(latency_samples: int = 1, seed: tuple[int, ...] = (0, 1)) -> Rig:
         table = virtual(seed=seed)
@@ -199,3 +208,17 @@ def test_a_rig_at_its_end_stop_says_so_in_one_sentence() -> None:
         for _ in range(2000):
             rig.exchange(2.0)
     assert abs(rig.state.state[0]) == pytest.approx(0.01, abs=1e-3)
+
+
+def test_a_driver_offers_compiled_loops_only_what_its_class_says() -> None:
+    """A plug-in's own attributes of these names mean something else."""
+
+    class Own(VirtualRig):
+        offers = ()  # type: ignore[assignment]
+        link, missed = "left", 3
+
+    info = rig_info()
+    own = Own(info, build_plant(info, VirtualPhysics(), specimen(), 0.0), (1,))
+    assert (simulated(own), linked(own), missed_intervals(own)) == (None, None, None)
+    assert simulated(VirtualRig(own.info, own.plant, (1,))) is not None
+    assert (VirtualRig.offers, UdpRig.offers, NiRig.offers) == ((COMPILED_PLANT,), (COMPILED_LINK,), (MISSED_EDGES,))

@@ -11,6 +11,7 @@ import numpy as np
 from rths_cli.errors import RigError
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import BRAKE_SHARE, RigInfo
+from rths_cli.rigs.interface import MISSED_EDGES
 from rths_cli.rigs.ni.daqmx import Card, Wiring
 
 GENTLY_S = 0.2  # the shortest way to rest
@@ -23,6 +24,8 @@ class NiRig:
     at whose end an edge of the clock had passed already; what that leads to is the loop's to decide. The card has no
     watchdog, it holds its last voltage.
     """
+
+    offers = (MISSED_EDGES,)
 
     def __init__(self, info: RigInfo, wiring: Wiring) -> None:
         self.info = info

@@ -11,7 +11,7 @@ from pathlib import Path
 from rths_cli.errors import RigError
 from rths_cli.numerics.clock import REAL_TIME
 from rths_cli.numerics.lti import Array
-from rths_cli.rigs.interface import RigInfo
+from rths_cli.rigs.interface import COMPILED_LINK, RigInfo
 from rths_cli.rigs.udp import link as links
 from rths_cli.rigs.udp import packets
 from rths_cli.rigs.udp.key_file import read_secret
@@ -53,6 +53,8 @@ class UdpRig:
     `link` serves compiled loops as well, which then count k on from the last step. `at_rest` tells after `rest`
     whether the target confirmed it; `overruns` counts the exchanges asked for more than an interval late.
     """
+
+    offers = (COMPILED_LINK,)
 
     def __init__(self, info: RigInfo, target: UdpTarget) -> None:
         if info.latency_samples < 1:

@@ -10,7 +10,7 @@ import numpy as np
 from rths_cli.errors import RigError
 from rths_cli.numerics.lti import Array
 from rths_cli.numerics.tiled_products import padded, tiled
-from rths_cli.rigs.interface import RigInfo
+from rths_cli.rigs.interface import COMPILED_PLANT, RigInfo
 from rths_cli.rigs.virtual import plant_kernel
 from rths_cli.rigs.virtual.plant import Parts, Plant, accelerations, continuous, levels, velocities, with_sensors
 from rths_cli.structure import Specimen
@@ -103,6 +103,8 @@ class VirtualRig:
 
     The noise of each run comes from its own stream: `seed` is any sequence of integers that names the run.
     """
+
+    offers = (COMPILED_PLANT,)
 
     def __init__(self, info: RigInfo, plant: Plant, seed: tuple[int, ...]) -> None:
         self.info = info

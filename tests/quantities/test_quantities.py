@@ -9,7 +9,10 @@ import pytest
 from rths_cli.analysis import error_budget as causes_of_budget
 from rths_cli.analysis import prediction
 from rths_cli.files.result_reader import ResultWriter
-from rths_cli.quantities import KINDS, declared, kinds_of, metric
+from rths_cli.quantities import AXES, KINDS, METRICS, datasets, declared, kinds_of, metric, model_datasets
+from rths_cli.quantities.datasets import declared_datasets
+from rths_cli.quantities.model_datasets import declared_model_datasets
+from rths_cli.quantities.sweep_datasets import SWEEP_DATASETS
 from rths_cli.quantities.units import unit_of_name
 from rths_cli.report.formats.metrics_reference import reference_page
 
@@ -62,3 +65,17 @@ def test_the_reference_page_is_the_generated_one() -> None:
 )
 def test_the_unit_of_a_name_is_its_longest_ending(name: str, units: str) -> None:
     assert unit_of_name(name) == units
+
+
+def test_every_dataset_is_declared_once_in_a_declared_group_on_declared_axes() -> None:
+    for items, groups in (
+        (declared_datasets(), datasets.GROUPS),
+        (declared_model_datasets(), model_datasets.GROUPS),
+    ):
+        found = list(items)
+        assert len({one.path for one in found}) == len(found)
+        assert {one.group for one in found} == set(groups)
+        assert {axis for one in found for axis in one.axes} <= set(AXES)
+        assert all(one.units and one.text for one in found)
+    assert {one.over for one in METRICS.values()} - {""} <= set(AXES)
+    assert {axis for one in SWEEP_DATASETS.values() for axis in one.axes} <= set(AXES)

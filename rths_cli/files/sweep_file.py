@@ -34,7 +34,7 @@ from rths_cli.files.staged_file import new_hdf5
 from rths_cli.numerics.lti import Array
 from rths_cli.printed import csv_cell
 from rths_cli.quantities import AXES
-from rths_cli.quantities.sweep_datasets import RUNS, SWEEP_DATASETS, TEXTS
+from rths_cli.quantities.sweep_datasets import RUNS, SWEEP_ATTRIBUTES, SWEEP_DATASETS, TEXTS
 from rths_cli.quantities.units import unit_of_name
 
 if TYPE_CHECKING:
@@ -46,11 +46,11 @@ FORMAT = "rths-sweep"
 FORMAT_VERSION = 1
 CSV_START = b"variant,"
 CASE = ("case_yaml", "case_resolved")
-STATED: dict[str, type] = {
-    "case_name": str, "rig": str, "rig_kind": str, "seeds": str, "status": str, "plan_sha256": str,
-    "software_sha256": str, "exit_code": int, "seeds_per_point": int, "coordinates": str,
-}  # fmt: skip
-"""Attributes that every sweep has, with their types."""
+STATED = (
+    "case_name", "rig", "rig_kind", "seeds", "status", "plan_sha256", "software_sha256", "exit_code", "seeds_per_point",
+    "coordinates",
+)  # fmt: skip
+"""Attributes that every sweep has."""
 NEEDED = {"exp_rths.tracking_rms_m_s2": 1, "exp_rths.rms_error_m_s2": 2}
 """Figures that every sweep has, with the number of their axes; NaN where a run has none, never infinite."""
 
@@ -142,7 +142,7 @@ def _sweep(file: h5py.File) -> Sweep:
     """Return what the file of a sweep holds; raises LayoutError unless it is a table of as many rows everywhere."""
     about = attributes(file)
     for name in STATED:
-        member(about, name, STATED[name])
+        member(about, name, str if SWEEP_ATTRIBUTES[name].kind == "text" else int)
     nodes = dict(datasets(file))
     if any("/" in name for name in nodes):
         raise LayoutError("has groups in it")

@@ -1,0 +1,47 @@
+"""What the package reads or writes by a literal path or attribute is declared: a misspelt one would never be found."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import rths_cli
+from rths_cli.quantities import ATTRIBUTES, AXES, METRICS, stored_dataset
+from rths_cli.quantities.attributes import OF_BLOCK
+from rths_cli.quantities.metrics import GROUPS
+from rths_cli.quantities.model_datasets import MODEL_ATTRIBUTES
+from rths_cli.quantities.sweep_datasets import SWEEP_ATTRIBUTES
+
+PACKAGE = Path(rths_cli.__file__).parent
+METRIC = re.compile(rf"(?:{'|'.join(GROUPS)})\.[a-z_0-9]+")
+DATASET = re.compile(r"(?:record|sim|sim_delay|shake_table|exp_rths|identification|case)(?:/[a-z_0-9]+)+")
+ATTRIBUTE = re.compile(r'\.attributes(?:\.get\(|\[)"(\w+)"')
+
+
+def texts() -> Iterator[str]:
+    """Yield every text in the package's code."""
+    for path in PACKAGE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                yield node.value
+
+
+def test_every_path_of_a_metric_is_declared_or_begins_one_that_is() -> None:
+    named = {text for text in texts() if METRIC.fullmatch(text)}
+    assert len(named) > 50
+    assert [text for text in named if not any(path.startswith(text) for path in METRICS)] == []
+
+
+def test_every_path_of_a_dataset_is_declared() -> None:
+    named = {text for text in texts() if DATASET.fullmatch(text)}
+    known = {text for text in named if stored_dataset(text) or text.rpartition("/")[2] in AXES}
+    complex_parts = {text for text in named if stored_dataset(f"{text}_real")}
+    assert len(named) > 10 and named - known - complex_parts == set()
+
+
+def test_every_attribute_that_is_read_is_declared() -> None:
+    named = {name for path in PACKAGE.rglob("*.py") for name in ATTRIBUTE.findall(path.read_text(encoding="utf-8"))}
+    declared = {*ATTRIBUTES, *SWEEP_ATTRIBUTES, *MODEL_ATTRIBUTES, *(one.name for one in OF_BLOCK)}
+    assert len(named) > 15 and named - declared == set()

@@ -2,8 +2,8 @@
 
     python benchmarks/udp_fault_reasons.py [RUNS] [--first N] [--kind WORD] [--workers N] [--counted]
 
-`benchmarks/faults/own_target.c`, compiled here, is a target written from docs/udp.md with a table and a specimen of its
-own; `rths identify --data` identifies it from its own records, then `rths run` plays a short record on it at 500 Hz.
+`benchmarks/faults/own_target.c`, compiled here, is a target written from docs/reference/udp.md with its own table and
+specimen; `rths identify --data` identifies it from its own records, then `rths run` plays a short record on it, 500 Hz.
 Of each kind RUNS runs (20 by default) are played, from number `--first` on, the fault at a random instant at which the
 table moves, every other run without a limit on the tracking error. What is named first in the file's reason is the part
 that failed (true), a group that contains it, or another part (false). A run that was stopped before its fault, or whose

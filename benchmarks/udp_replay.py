@@ -8,7 +8,7 @@ the three moments. Packets of a runner go to the target, those of a target to bo
 out twice, up to 15 ms late, and so in another order. In the earlier sessions the runner
 commands 1 V, in the ones under attack 0 V, so that a command obeyed by mistake shows in the samples.
 Exit code 1 where a start was denied, a command obeyed, a table not confirmed at rest, or, of `rths serve`, a moment
-took more than 20 % of a processor. `plain` is the target in Python that was written from docs/udp.md
+took more than 20 % of a processor. `plain` is the target in Python that was written from docs/reference/udp.md
 (tests/rigs/udp_peer.py), in the runner's process.
 """
 
@@ -339,7 +339,7 @@ def example(folder: Path) -> Iterator[Target]:
 
 @contextmanager
 def plain(folder: Path) -> Iterator[Target]:
-    """Start the target in plain Python, written from docs/udp.md."""
+    """Start the target in plain Python, written from docs/reference/udp.md."""
     key_file, held = folder / "key", [0.0]
     make_secret(key_file)
 

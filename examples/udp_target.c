@@ -1,4 +1,4 @@
-/* A target for rths over UDP (docs/udp.md): C99, no memory allocation, no operating system.
+/* A target for rths over UDP (docs/reference/udp.md): C99, no memory allocation, no operating system.
  *
  * Give the four hooks below, set `secret` of a target that is zero otherwise, call handle() with each packet received
  * and send back what it returns, and call watch() some times in every sample interval: it moves a late command on.

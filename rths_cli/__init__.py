@@ -1,7 +1,7 @@
 """Substructure real-time hybrid simulation (RTHS) with a uni-axial shake table.
 
-`run`, `load`, `check`, `identify` and `plot` are what a script needs; docs/python.md shows each. Nothing heavy is
-imported before one of them is used.
+`run`, `load`, `check`, `identify` and `plot` are what a script needs; docs/reference/python.md shows each. Nothing
+heavy is imported before one of them is used.
 """
 
 from __future__ import annotations

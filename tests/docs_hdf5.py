@@ -22,7 +22,7 @@ version 1.
 Every dataset has the attributes `units`, `long_name` (below: holds) and `source` (computed, measured, estimated,
 true). Time or frequency is the last axis. Every group holds its own scales, so that a run that was stopped is shorter
 than the record. Complex values are two datasets, `_real` and `_imag`. Runs that a case does not name are not there.
-[export.md](../export.md) shows how to read the files from Python and MATLAB.
+[Read a result](../howto/reading_results.md) shows how to read the files from Python and MATLAB.
 
 In a path, `RUN` is `shake_table` or `exp_rths`, `SOLUTION` is `sim` or `sim_delay`. Shapes are given by the scales:
 """
@@ -50,7 +50,7 @@ def _result() -> Iterator[str]:
         yield _table(COLUMNS, [_row(path, one) for one in declared[group] for path in one.stored_paths])
     yield "## `/metrics`"
     yield (
-        "One dataset per metric: [metrics.md](../metrics.md) lists them all. `/metrics/exp_rths/rms_error_m_s2` is "
+        "One dataset per metric: [metrics](metrics.md) lists them all. `/metrics/exp_rths/rms_error_m_s2` is "
         "`exp_rths.rms_error_m_s2`. Beside the attributes above each has its `definition`."
     )
 

@@ -1,4 +1,4 @@
-"""`import rths_cli`: it gives what the file holds; every snippet of docs/python.md and docs/export.md is run."""
+"""`import rths_cli`: it gives what the file holds; every snippet of its page and of the page on export is run."""
 
 from __future__ import annotations
 
@@ -77,10 +77,10 @@ def test_the_import_is_lazy_and_every_public_name_is_there() -> None:
 def test_every_snippet_of_the_python_page_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     names: dict[str, Any] = {}
-    for code in snippets("python.md", "python"):
+    for code in snippets("reference/python.md", "python"):
         if "rths_cli.plot" in code and not HAS_FIGURES:
             continue
-        exec(compile(code, "docs/python.md", "exec"), names)
+        exec(compile(code, "docs/reference/python.md", "exec"), names)
     assert len(names["faults"]) == 2 and names["model"].accepted and (tmp_path / "models" / "mine.h5").exists()
     assert names["verdict"].safe and names["verdict"].units["check.critical_delay_s"] == "s"
     assert names["errors"][0.002] < names["errors"][0.005]
@@ -91,8 +91,8 @@ def test_every_snippet_of_the_export_page_runs(place: Path, result: rths_cli.Run
     for form in ("csv", "mat", "netcdf"):
         result.export("exported", to=form, replace=True)
     names: dict[str, Any] = {}
-    for code in snippets("export.md", "python"):
-        exec(compile(code, "docs/export.md", "exec"), names)
+    for code in snippets("howto/reading_results.md", "python") + snippets("howto/export.md", "python"):
+        exec(compile(code, "docs/howto/export.md", "exec"), names)
     accel = result.exp_rths.abs_accel_m_s2
     assert names["copied"].command_v.values.max() == result.exp_rths.command_v.max()
     assert np.array_equal(names["storey_3"], accel[2]) and np.array_equal(names["top"].values, accel[2])
@@ -104,7 +104,7 @@ def test_every_snippet_of_the_export_page_runs(place: Path, result: rths_cli.Run
 @pytest.mark.skipif(OCTAVE is None, reason="needs Octave")
 def test_every_matlab_snippet_runs_in_octave(place: Path, result: rths_cli.RunResult) -> None:
     result.export("exported", to="mat", replace=True)
-    (place / "page.m").write_text("\n".join(snippets("export.md", "matlab")))
+    (place / "page.m").write_text("\n".join(snippets("howto/export.md", "matlab")))
     done = subprocess.run(
         [str(OCTAVE), "--norc", "--quiet", "page.m"], capture_output=True, text=True, timeout=60, check=False
     )

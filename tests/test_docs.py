@@ -13,7 +13,9 @@ from rths_cli.cli import cli
 from rths_cli.files.imported_models import read_foreign
 
 ROOT = Path(__file__).parents[1]
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
+DOCS = ROOT / "docs"
+PAGES = [ROOT / "README.md", *sorted(page for page in DOCS.rglob("*.md") if not page.is_symlink())]
+MOVED = {name: f"reference/{name}" for name in ("metrics.md", "rigs.md", "udp.md")}  # linked to from outside
 
 
 def blocks(page: Path, kind: str = "") -> list[str]:
@@ -31,7 +33,7 @@ def commands(page: Path) -> list[list[str]]:
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_commands_and_options_exist(page: Path) -> None:
     found = commands(page)
-    assert found or page.name != "identification.md"
+    assert found or page.name != "identify.md"
     for _, name, *words in found:
         command = cli.commands[name]
         known = {option for parameter in command.params for option in parameter.opts}
@@ -50,7 +52,7 @@ def test_every_link_leads_somewhere(page: Path) -> None:
 
 
 def test_every_page_is_reached_from_the_index() -> None:
-    index = ROOT / "docs" / "index.md"
+    index = DOCS / "index.md"
     assert index in links(ROOT / "README.md")
     reached, waiting = {index}, [index]
     while waiting:
@@ -60,6 +62,26 @@ def test_every_page_is_reached_from_the_index() -> None:
     assert set(PAGES) <= reached
 
 
+def test_pages_that_moved_are_reached_by_their_old_path() -> None:
+    links_of = {page.name: page.readlink().as_posix() for page in DOCS.rglob("*") if page.is_symlink()}
+    assert links_of == MOVED
+    assert all((DOCS / old).resolve() == DOCS / new for old, new in MOVED.items())
+
+
+def test_every_page_stands_in_a_section() -> None:
+    sections = {"tutorial", "howto", "reference", "background", "decisions"}
+    assert {page.name for page in DOCS.iterdir() if page.is_dir()} == sections
+    flat = {page.name for page in DOCS.glob("*.md") if not page.is_symlink()}
+    assert flat <= {"index.md", "changelog.md", "contributing.md", "security.md"}
+
+
+def test_every_page_begins_with_what_it_is_for() -> None:
+    """A heading, then a sentence: no page begins with a table, a list or another heading."""
+    for page in PAGES:
+        head, empty, first = page.read_text(encoding="utf-8").splitlines()[:3]
+        assert head.startswith("# ") and empty == "" and first[0] not in "#|-<!", page
+
+
 def test_every_module_that_is_named_exists() -> None:
     named = {(page, path) for page in PAGES for path in re.findall(r"`(rths_cli/[\w/.]+)`", page.read_text("utf-8"))}
     assert len(named) > 10
@@ -67,13 +89,13 @@ def test_every_module_that_is_named_exists() -> None:
 
 
 def test_every_option_of_identify_is_told_in_its_page() -> None:
-    text = (ROOT / "docs" / "identification.md").read_text()
+    text = (DOCS / "howto" / "identify.md").read_text()
     options = [p for p in cli.commands["identify"].params if isinstance(p, click.Option)]
     assert [p.opts[0] for p in options if p.opts[0] not in text] == []
 
 
 def test_the_model_shown_is_read(tmp_path: Path) -> None:
-    shown = [block for block in blocks(ROOT / "docs" / "identification.md", "yaml") if "zeros:" in block]
+    shown = [block for block in blocks(DOCS / "howto" / "identify.md", "yaml") if "zeros:" in block]
     assert len(shown) == 1
     path = tmp_path / "model.yaml"
     path.write_text(shown[0])

@@ -189,7 +189,7 @@ def test_a_model_holds_what_is_declared_and_the_page_tells_all_of_it(files: dict
 
 
 def test_every_figure_of_a_result_is_told_with_its_unit(files: dict[str, Any]) -> None:
-    told = {cells[0].strip("`"): cells for cells in rows((ROOT / "docs" / "metrics.md").read_text(encoding="utf-8"))}
+    told = {cells[0].strip("`"): cells for cells in rows((FOLDER / "metrics.md").read_text(encoding="utf-8"))}
     shown = {path + kind: cells for path, cells in told.items() for kind in ["", *re.findall(r"`(_\w+)`", cells[1])]}
     for method in ("best", "paper"):
         figures = {path: node for path, node in datasets(files[method]).items() if path.startswith("/metrics/")}

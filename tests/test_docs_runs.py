@@ -9,7 +9,7 @@ from pathlib import Path
 
 import matplotlib
 import pytest
-from docs_running import blocks_of, run_page, run_words, shortened, write_file
+from docs_running import blocks_of, run_page, run_words, shortened
 from test_docs import commands
 
 from rths_cli.report.figures import write
@@ -17,26 +17,40 @@ from rths_cli.report.figures import write
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
 CASE = "el_centro_low_ff_fb"
-PAGES = [
-    DOCS / "tutorial.md",
-    *sorted((DOCS / "howto").glob("*.md")),
-    *sorted((DOCS / "background").glob("*.md")),
-]
-LEFT_OUT = {"hardware.md": ["needs a second terminal with rths serve, and real time"]}
+LEFT_OUT = {
+    "tutorial/first_run.md": ["a line for the shell's own start file"],
+    "howto/reading_results.md": ["needs MATLAB"],
+}
 NEEDS_A_RIG = "moves a rig behind UDP, or measures the machine, in real time; tests/rigs and tests/experiment do"
 OTHERS_LEFT_OUT = {
-    "real_runs.md": ("rths", NEEDS_A_RIG),
-    "realtime.md": ("rths", NEEDS_A_RIG),
-    "rigs.md": ("rths", NEEDS_A_RIG),
-    "recovery.md": ("rths recover", "needs the log of a killed process; tests/experiment/test_kill.py makes one"),
-    "identification.md": (
+    "howto/realtime.md": ("rths", NEEDS_A_RIG),
+    "howto/rehearse.md": ("rths", NEEDS_A_RIG),
+    "howto/recovery.md": ("rths recover", "needs the log of a killed process; tests/experiment/test_kill.py makes one"),
+    "howto/identify.md": (
         "--data",
         "needs a measured file; tests/files/measured and tests/cli/test_identify.py make some",
     ),
-    "udp.md": ("cc", "is compiled and run by tests/rigs/test_udp_target_c.py"),
+    "reference/udp.md": ("cc", "is compiled and run by tests/rigs/test_udp_target_c.py"),
 }
-RUN_ELSEWHERE = ("python.md", "export.md")  # tests/test_api.py
-WITH_SNIPPETS = ("figures_gallery.md", "report_page.md", "sweep.md")
+RUN_ELSEWHERE = ("reference/python.md", "howto/export.md")  # tests/test_api.py
+BY_THE_HELP = ("reference/commands.md",)  # its examples are those of the help: test_every_example_of_the_help_runs
+WITH_SNIPPETS = ("reference/figures.md", "reference/report_page.md", "howto/sweep.md")
+
+
+def at(page: Path) -> str:
+    """Return the place of a page below docs/."""
+    return page.relative_to(DOCS).as_posix()
+
+
+ALL = [page for page in sorted(DOCS.rglob("*.md")) if not page.is_symlink()]
+STORIES = [  # every block has its language: the page is run from its beginning to its end, as it is written
+    page
+    for page in ALL
+    if (blocks := list(blocks_of(page.read_text(encoding="utf-8"))))
+    and all(block.kind in ("sh", "yaml", "python", "text") or block.not_run for block in blocks)
+    and at(page) not in (*WITH_SNIPPETS, *RUN_ELSEWHERE, *BY_THE_HELP)
+]
+LISTS = [page for page in ALL if page not in STORIES and at(page) not in (*RUN_ELSEWHERE, *BY_THE_HELP)]
 EXAMPLES_LEFT_OUT = {
     "doctor": "measures the machine in real time",
     "serve": "runs until it is stopped",
@@ -51,11 +65,18 @@ def drawing(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(write, "FIGURES", {name: write.FIGURES[name] for name in ("tracking", "errors")})
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_the_pages_that_are_run_as_written_are_these() -> None:
+    """A block that lost its language would take its page out of them."""
+    howto = {f"howto/{name}.md" for name in ("ci", "hardware", "read_the_pages", "reading_results")}
+    own = {f"howto/own_{name}.md" for name in ("controller", "record", "table")}
+    background = {f"background/{name}.md" for name in ("control", "substructures")}
+    assert {at(page) for page in STORIES} == {"tutorial/first_run.md"} | howto | own | background
+
+
+@pytest.mark.parametrize("page", STORIES, ids=at)
 def test_the_page_works_as_it_is_written(page: Path, tmp_path: Path) -> None:
     with chdir(tmp_path):
-        assert run_page(page) == LEFT_OUT.get(page.name, [])
-    assert all(block.kind in ("sh", "yaml", "python", "text") for block in blocks_of(page.read_text(encoding="utf-8")))
+        assert run_page(page) == LEFT_OUT.get(at(page), [])
 
 
 def test_the_readme_works_as_it_is_written(tmp_path: Path) -> None:
@@ -113,19 +134,18 @@ def left_out(page: str, words: list[str]) -> bool:
     return page in OTHERS_LEFT_OUT and OTHERS_LEFT_OUT[page][0] in " ".join(words)
 
 
-@pytest.mark.parametrize("page", sorted(DOCS.glob("*.md")), ids=lambda page: page.name)
+def run_here(page: Path) -> list[list[str]]:
+    """Return the commands of a page that are run one by one."""
+    return [words for words in commands(page) if not left_out(at(page), words)]
+
+
+@pytest.mark.parametrize("page", [page for page in LISTS if run_here(page)], ids=at)
 def test_the_commands_of_other_pages_run(page: Path, place: Path) -> None:
-    if page in PAGES or page.name in RUN_ELSEWHERE:
-        return
     with chdir(place):
-        for block in blocks_of(page.read_text(encoding="utf-8")):
-            if block.kind == "yaml" and block.text.startswith("# cases/"):
-                write_file(block.text, page.name)
-        for words in commands(page):
-            if not left_out(page.name, words):
-                shutil.rmtree("sweeps", ignore_errors=True)  # a file there holds one sweep
-                code, printed = run_words(quick(words[1:]))
-                assert code == 0 or (code == 1 and "refused" in printed and words[1] == "sweep"), (words, printed)
+        for words in run_here(page):
+            shutil.rmtree("sweeps", ignore_errors=True)  # a file there holds one sweep
+            code, printed = run_words(quick(words[1:]))
+            assert code == 0 or (code == 1 and "refused" in printed and words[1] == "sweep"), (words, printed)
 
 
 @pytest.mark.parametrize("name", WITH_SNIPPETS)

@@ -133,7 +133,7 @@ class Network:
 
 
 def _way(packet: Packet, count: int) -> NDArray[np.float64]:
-    """Return where a command is in each of `count` intervals from its own on, going on as it tells (docs/udp.md), V."""
+    """Return where a command is in each of `count` intervals by its preview (docs/reference/udp.md), in V."""
     words = len(packet.content) // 8
     if words < 3:
         return np.full(count, struct.unpack("<d", packet.content[:8])[0])

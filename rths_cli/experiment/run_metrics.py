@@ -1,6 +1,6 @@
-"""The metrics of runs by their paths: errors, tracking, FEI, J1 to J9, energy error; docs/figures.md defines each.
+"""The metrics of runs by their paths: errors, tracking, FEI, J1 to J9, energy error.
 
-Accelerations, because every rig measures them; docs/figures.md defines each.
+Accelerations, because every rig measures them; docs/background/metrics.md defines each.
 """
 
 from __future__ import annotations

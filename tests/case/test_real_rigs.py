@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
@@ -17,9 +16,6 @@ from rths_cli.case.rig_schema import (
     ChannelSpec,
     NiRigSpec,
     PluginRigSpec,
-    RealConvertersSpec,
-    RealLimitsSpec,
-    RealNominalSpec,
     UdpRigSpec,
     UdpSpec,
 )
@@ -291,13 +287,6 @@ def test_a_resolved_case_on_a_shipped_rig_loads_to_the_same_case(lab: Path, writ
     (again,) = load_cases([again_path])
     hidden = {"path", "yaml_text"}
     assert again.model_dump(exclude=hidden) == case.model_dump(exclude=hidden)
-
-
-def test_the_page_on_rigs_names_every_key() -> None:
-    text = (Path(__file__).parents[2] / "docs" / "rigs.md").read_text(encoding="utf-8")
-    models = (PluginRigSpec, ChannelSpec, RealLimitsSpec, RealNominalSpec, RealConvertersSpec, UdpSpec)
-    keys = {key for model in models for key in model.model_fields} - {"name", "terminal"}
-    assert [key for key in sorted(keys) if not re.search(rf"`[^`]*\b{key}\b", text)] == []
 
 
 def test_the_commented_example_names_every_key(lab: Path) -> None:

@@ -139,7 +139,7 @@ def test_tests_of_a_report(folder: Path) -> None:
 
 @pytest.fixture(scope="module")
 def laboratory(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a project as docs/ci.md has it: a short case with a limit it does not meet, and a baseline."""
+    """Return a project as docs/howto/ci.md has it: a short case with a limit it does not meet, and a baseline."""
     folder = tmp_path_factory.mktemp("laboratory")
     (folder / "cases").mkdir()
     (folder / "quake.csv").write_text(

@@ -71,7 +71,7 @@ def wave(steps: int) -> Array:
 
 def held_in_ticks(commands: Array, ticks: Array, info: RigInfo) -> Iterator[list[float]]:
     """Yield what a target holds in the ticks, quarters of an interval, before each command: after two intervals without
-    one it approaches them (docs/udp.md)."""
+    one it approaches them (docs/reference/udp.md)."""
     closing_m_s = info.limits.acceleration_m_s2 / (4.0 * np.pi * 14.0)
     fastest, closing = (v / info.gain_m_per_v / RATE_HZ for v in (info.limits.velocity_m_s, closing_m_s))
     held, last, late = 0.0, 0.0, False

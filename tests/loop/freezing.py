@@ -1,6 +1,7 @@
 """A hybrid test whose target freezes or whose packets are lost, in simulated time: no clock and no network.
 
-The target is written from docs/udp.md and shares nothing with `rths serve` but the physics of the virtual table.
+The target is written from docs/reference/udp.md and shares nothing with `rths serve` but the physics of the virtual
+table.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ CLOSING_M_S = 45.0 / (4.0 * np.pi * 14.0)  # acceleration limit over twice the r
 
 @part
 def along(volts: Array, points: int, spacing: int, intervals: int) -> float:
-    """Return where a command has gone on to (docs/udp.md, "A command that is late")."""
+    """Return where a command has gone on to (docs/reference/udp.md, "A command that is late")."""
     if points == 0 or intervals >= points * spacing:
         return volts[points]
     i, x = intervals // spacing, (intervals % spacing) / spacing
@@ -63,7 +64,7 @@ def along(volts: Array, points: int, spacing: int, intervals: int) -> float:
 @part
 def approached(held: float, command: float, before: float, passed: int, closing: float) -> float:
     """Return where a target goes that stood at `held` when this command came, so many intervals after the one before
-    (docs/udp.md, "A command that is late"); closing in V per interval."""
+    (docs/reference/udp.md, "A command that is late"); closing in V per interval."""
     most = abs(command - before) / passed + closing
     return held + min(max(command - held, -most), most)
 

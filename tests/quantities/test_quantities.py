@@ -16,7 +16,7 @@ from rths_cli.quantities.sweep_datasets import SWEEP_DATASETS
 from rths_cli.quantities.units import unit_of_name
 from rths_cli.report.formats.metrics_reference import reference_page
 
-PAGE = Path(__file__).parents[2] / "docs" / "metrics.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "metrics.md"
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Packets and their hash written down again, in plain Python from the paper and docs/udp.md, for tests."""
+"""Packets and their hash written down again, in plain Python from the paper and docs/reference/udp.md, for tests."""
 
 from __future__ import annotations
 

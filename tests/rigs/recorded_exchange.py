@@ -44,7 +44,7 @@ LATE, DOUBLED, FORGED = {60, 200}, {70, 201}, {75, 202}  # that come with the ne
 
 
 def session_key() -> bytes:
-    """Return the key of the session, 16 bytes (docs/udp.md)."""
+    """Return the key of the session, 16 bytes (docs/reference/udp.md)."""
     heads = (b"rths-key" + struct.pack("<Q", i) for i in (0, 1))
     return b"".join(plain_siphash(head + RUNNER_NONCE + TARGET_NONCE, SECRET) for head in heads)
 
@@ -109,7 +109,7 @@ class Network:
 
 
 class Table:
-    """A target: it answers as docs/udp.md says, some answers are spoilt on their way."""
+    """A target: it answers as docs/reference/udp.md says, some answers are spoilt on their way."""
 
     def __init__(self, table: Callable[[float | None], list[float]]) -> None:
         self.answers: list[list[bytes]] = []

@@ -1,4 +1,4 @@
-"""The way of a late command by docs/udp.md, drawn by scipy: cubics from slopes at the points."""
+"""The way of a late command by docs/reference/udp.md, drawn by scipy: cubics from slopes at the points."""
 
 from __future__ import annotations
 

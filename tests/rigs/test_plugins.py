@@ -74,8 +74,9 @@ def test_the_example_follows_its_command_with_its_lag(monkeypatch: pytest.Monkey
     assert rig.info.driver_verified == "fake"
 
 
-def test_the_page_on_rigs_shows_the_example_s_entry_point() -> None:
-    shown = re.findall(r"^```toml\n(.*?)^```", (ROOT / "docs" / "rigs.md").read_text(), re.DOTALL | re.MULTILINE)
+def test_the_page_on_rig_packages_shows_the_example_s_entry_point() -> None:
+    page = (ROOT / "docs" / "howto" / "rig_package.md").read_text()
+    shown = re.findall(r"^```toml\n(.*?)^```", page, re.DOTALL | re.MULTILINE)
     assert [block in (EXAMPLE / "pyproject.toml").read_text() for block in shown] == [True]
 
 

@@ -1,4 +1,4 @@
-"""docs/udp.md against the code: the worked example byte by byte, and every number in its tables."""
+"""docs/reference/udp.md against the code: the worked example byte by byte, and every number in its tables."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from rths_cli.rigs.udp.key_file import as_words
 from rths_cli.rigs.udp.siphash import Bytes, Words
 
 ROOT = Path(__file__).parents[2]
-PAGE = (ROOT / "docs" / "udp.md").read_text()
+PAGE = (ROOT / "docs" / "reference" / "udp.md").read_text()
 SECRET, RUNNER, TARGET = bytes(range(16)), bytes(range(16, 32)), bytes(range(32, 48))
 TERMS = struct.pack("<3q", 3, 1_000_000, 100_000_000)
 

@@ -1,4 +1,4 @@
-"""A target in plain Python, written from docs/udp.md alone, whose answers a test may spoil."""
+"""A target in plain Python, written from docs/reference/udp.md alone, whose answers a test may spoil."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Figures of merit of a run: errors, tracking fidelity, the 2020 benchmark's criteria, energy.
 
-Time is the last axis of every array. docs/figures.md has formula, source and sign of each.
+Time is the last axis of every array. docs/background/metrics.md has formula, source and sign of each.
 """
 
 from rths_cli.analysis.metrics.benchmark2020 import (

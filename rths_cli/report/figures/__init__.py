@@ -1,6 +1,6 @@
 """Publication figures of results: the paper's figures and further ones, for any structure, rig and number of storeys.
 
-docs/figures_gallery.md says what each one shows.
+docs/reference/figures.md says what each one shows.
 """
 
 from rths_cli.report.figures.figure_data import NotDrawn

@@ -1,4 +1,4 @@
-"""The reference page of all figures (docs/metrics.md), made from their one table of definitions."""
+"""The reference page of all figures (docs/reference/metrics.md), made from their one table of definitions."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from rths_cli.report.formats.markdown import escaped
 
 HEAD = """# Every figure and its definition
 
-Made from `rths_cli/quantities/metrics.py`; `docs/figures.md` explains the figures of merit and their sources. A figure
-stands in the result file under `/metrics/` with `/` for `.`, in `rths report --format json`, in CSV, and in a case's
-`accept` under the path given here; one of several storeys as `exp_rths.rms_error_m_s2[3]`, counted from 1.
+Made from `rths_cli/quantities/metrics.py`; [how a test is judged](../background/metrics.md) has formulas and sources.
+A figure stands in the result file under `/metrics/` with `/` for `.`, in `rths report --format json`, in CSV, and in a
+case's `accept` under the path given here; one of several storeys as `exp_rths.rms_error_m_s2[3]`, counted from 1.
 *Better* says which way an error or index improves; only figures that are better when
 smaller are judged against a baseline.
 

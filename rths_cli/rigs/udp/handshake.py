@@ -1,4 +1,4 @@
-"""The target's side of a handshake (docs/udp.md, "Session"), in compiled code: no HELLO changes anything.
+"""The target's side of a handshake (docs/reference/udp.md, "Session"), in compiled code: no HELLO changes anything.
 
 The target's nonce is computed, not drawn and kept: it is a hash, under a key that the target draws when it starts, of
 the runner's nonce, the number of sessions armed so far, and the current period of its clock. The first ARM of a session

@@ -1,4 +1,4 @@
-"""The compiled link to a target: send a command, take its answer and no other, until a deadline (docs/udp.md).
+"""The compiled link to a target: send a command, take its answer only, until a deadline (docs/reference/udp.md).
 
 Everything is preallocated; the socket is connected, does not block, and belongs to one thread. Linux only.
 """

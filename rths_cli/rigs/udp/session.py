@@ -1,4 +1,4 @@
-"""How a runner begins a session: HELLO, then WELCOME or REFUSAL, and the key that both sides share (docs/udp.md)."""
+"""How a runner begins a session: HELLO, WELCOME or REFUSAL, and the shared session key (docs/reference/udp.md)."""
 
 from __future__ import annotations
 

@@ -77,7 +77,7 @@ def test_only_the_embedded_scripts_may_run(text: str) -> None:
 
 def test_the_library_is_the_one_that_its_note_names() -> None:
     assert asset("uPlot.iife.min.js").startswith("/*! https://github.com/leeoniya/uPlot (v1.6.32) */")
-    assert "1.6.32" in (ROOT / "docs" / "report_page.md").read_text()
+    assert "1.6.32" in (ROOT / "docs" / "reference" / "report_page.md").read_text()
     assert "Copyright (c) 2022 Leon Sorokin" in asset("uPlot.LICENSE")
 
 

@@ -21,7 +21,7 @@ run: $(RUN_STAMP) ## install, run the paper's eight cases, print its tables besi
 	@echo "To call rths yourself: source $(BIN)/activate, then for example: rths run configs/el_centro_low_ff_fb.yaml"
 
 test: $(DEV_STAMP) ## install with the test tools and run the tests
-	@$(BIN)/python -m pytest -n auto tests
+	@$(BIN)/python -m pytest -n auto --dist worksteal tests
 
 processors: $(DEV_STAMP) ## run the tests as generic x86-64, Haswell, Skylake with AVX-512 and Zen would
 	@$(BIN)/python benchmarks/processors.py -n auto tests

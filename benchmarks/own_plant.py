@@ -9,6 +9,7 @@ is the exact one of the linear system, mode by mode; what is not linear is held 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isfinite, tanh
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,22 +116,27 @@ class Plant:
         block[: len(A), : len(A)], block[: len(A), len(A)], block[: len(A), len(A) + 1 :] = A, b, N
         moved = expm(block * h)[: len(A)]
         rows, forced = A[size : 2 * size], N[size : 2 * size]
-        x, f = np.zeros(len(A)), np.zeros(size)
+        count, given = len(A), np.zeros(len(A) + 1 + size)  # state, place and forces, one behind the other
+        x, f = given[:count], given[count + 1 :]
+        seen = np.hstack([rows, np.zeros((size, 1)), forced])
         out = np.zeros((size, len(place_m)))
-        for k, place in enumerate(place_m):
+        for k, place in enumerate(place_m.tolist()):
+            given[count] = place
             for step in range(steps):
-                f = self._forces(x)
+                f[:] = self._forces(x.tolist())
                 if step == 0:
-                    out[:, k] = rows @ x + forced @ f
-                x = moved @ np.concatenate([x, [place], f])
+                    out[:, k] = seen @ given
+                x[:] = moved @ given
         return out
 
-    def _forces(self, x: Array) -> Array:
+    def _forces(self, x: list[float]) -> list[float]:
         """Return what is not linear: friction and cubic spring on the table, and what the storeys lose in stiffness."""
         size = len(self.masses_kg) + 1
-        f = np.zeros(size)
-        f[0] = -self.coulomb_n * np.tanh(x[size] / self.coulomb_velocity_m_s) - self.cubic_n_per_m3 * x[0] ** 3
-        if np.isfinite(self.softening_m):
-            drift = x[1:size] - x[: size - 1]
-            f[1:] = self.stiffness_n_per_m * drift * (1.0 - 1.0 / (1.0 + np.abs(drift) / self.softening_m))
+        f = [0.0] * size
+        f[0] = -self.coulomb_n * tanh(x[size] / self.coulomb_velocity_m_s) - self.cubic_n_per_m3 * x[0] ** 3
+        if isfinite(self.softening_m):
+            for storey in range(1, size):
+                drift = x[storey] - x[storey - 1]
+                lost = 1.0 - 1.0 / (1.0 + abs(drift) / self.softening_m)
+                f[storey] = float(self.stiffness_n_per_m[storey - 1]) * drift * lost
         return f

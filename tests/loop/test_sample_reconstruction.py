@@ -18,7 +18,7 @@ from rths_cli.loop.run_log import Signals, signals
 from rths_cli.loop.step_arrays import EXCITATION
 from rths_cli.numerics.lti import Array
 
-DT_S, STEPS = 1e-3, 12_000
+DT_S, STEPS = 1e-3, 6_000
 ZEROS_V = np.array([0.04, -0.02, 0.03])
 
 

@@ -62,6 +62,13 @@ print(len(said), "numba" in sys.modules, value.tobytes().hex())
 """
 
 
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
+    """Return a cache that a process has filled, and what that process printed."""
+    cache = tmp_path_factory.mktemp("compiled")
+    return cache, hello(cache)
+
+
 def hello(cache: Path, **settings: str) -> list[str]:
     done = subprocess.run(
         [sys.executable, "-c", "import sys\n" + HELLO],
@@ -74,8 +81,9 @@ def hello(cache: Path, **settings: str) -> list[str]:
     return done.stdout.split()
 
 
-def test_code_is_compiled_once_and_announced_then_loaded_without_numba(tmp_path: Path) -> None:
-    first, second = hello(tmp_path), hello(tmp_path)
+def test_code_is_compiled_once_and_announced_then_loaded_without_numba(made: tuple[Path, list[str]]) -> None:
+    cache, first = made
+    second = hello(cache)
     assert first[:2] == ["1", "True"] and second[:2] == ["0", "False"]
     assert first[2] == second[2]
 
@@ -89,11 +97,12 @@ def test_code_for_another_processor_is_kept_beside_it(tmp_path: Path) -> None:
     assert len(kept) == len(set(kept.values())) == 2 * len({name.split("-")[0] for name in kept})
 
 
-def test_damaged_machine_code_is_compiled_again(tmp_path: Path) -> None:
-    wanted = hello(tmp_path)
-    for path in tmp_path.rglob("*.native"):
+def test_damaged_machine_code_is_compiled_again(made: tuple[Path, list[str]], tmp_path: Path) -> None:
+    cache, wanted = made
+    damaged = Path(shutil.copytree(cache, tmp_path / "damaged"))
+    for path in damaged.rglob("*.native"):
         path.write_bytes(path.read_bytes()[:-100])
-    assert hello(tmp_path)[2] == wanted[2]
+    assert hello(damaged) == wanted
 
 
 @pytest.mark.parametrize("value", [np.float32(1.5), np.int32(2), None, "1.5", [1.0]])
@@ -111,9 +120,9 @@ def test_kinds_tell_read_only_arrays_and_only_contiguous_ones_are_taken() -> Non
             _flatten(array, [])
 
 
-def test_a_cache_that_cannot_be_made_is_no_fault(tmp_path: Path) -> None:
+def test_a_cache_that_cannot_be_made_is_no_fault(made: tuple[Path, list[str]], tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    assert hello(tmp_path / "file")[2] == hello(tmp_path)[2]
+    assert hello(tmp_path / "file") == made[1]
 
 
 @entry

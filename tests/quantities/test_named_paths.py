@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import rths_cli
@@ -20,12 +20,12 @@ DATASET = re.compile(r"(?:record|sim|sim_delay|shake_table|exp_rths|identificati
 ATTRIBUTE = re.compile(r'\.attributes(?:\.get\(|\[)"(\w+)"')
 
 
-def texts() -> Iterator[str]:
-    """Yield every text in the package's code."""
-    for path in PACKAGE.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.Constant) and isinstance(node.value, str):
-                yield node.value
+@cache
+def texts() -> frozenset[str]:
+    """Return every text in the package's code."""
+    trees = (ast.parse(path.read_text(encoding="utf-8")) for path in PACKAGE.rglob("*.py"))
+    nodes = (node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.Constant))
+    return frozenset(node.value for node in nodes if isinstance(node.value, str))
 
 
 def test_every_path_of_a_metric_is_declared_or_begins_one_that_is() -> None:

@@ -11,6 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, fie
 
 from rths_cli.case.field_types import Problem, Range, Strict, count, entry, listed, number, refusal, same_length
 from rths_cli.case.reference_schema import ReferenceSpec
+from rths_cli.case.rig_capabilities import DEFAULT_KIND, Capabilities, capabilities_of
 from rths_cli.case.rig_schema import DEFAULT_LOST_SAMPLES, AnyRig, LimitOverrides, LimitsSpec, UdpRigSpec
 from rths_cli.case.structure_schema import DampingSpec, StructureSpec
 from rths_cli.case.tightened_limits import REAL_DEFAULTS, STRICTER
@@ -259,11 +260,17 @@ class Case(CaseKeys):
         return self.reference.figures_for(self.record.name, self.damping.name, self.controller.kind, self.scaling)
 
 
+def _capabilities(data: Mapping[str, Any]) -> Capabilities:
+    """Return what the rig of a case can do."""
+    kind = entry(data, "table", "kind")
+    return capabilities_of(DEFAULT_KIND if kind is None else kind)
+
+
 def _limit_problems(data: Mapping[str, Any]) -> Iterator[Problem]:
     """Yield a fault for each limit that is looser than the rig's."""
     unstated = {key: field.default for key, field in LimitsSpec.model_fields.items()}
     unstated |= {"lost_samples": DEFAULT_LOST_SAMPLES}
-    unstated |= REAL_DEFAULTS if entry(data, "table", "kind") not in (None, "virtual") else {}
+    unstated |= REAL_DEFAULTS if _capabilities(data).moves_hardware else {}
     for key, default in unstated.items():
         own, rig = number(data, "limits", key), number(data, "table", "limits", key)
         limit = default if rig is None else rig
@@ -287,8 +294,7 @@ def _rig_problems(data: Mapping[str, Any]) -> Iterator[Problem]:
 
 def _watchdog_problems(data: Mapping[str, Any], interval_s: float) -> Iterator[Problem]:
     """Yield a fault where a rig would rest its table over a loss that the runner bears."""
-    kind = entry(data, "table", "kind")
-    if kind in (None, "virtual", "ni"):  # of these none has a watchdog
+    if not _capabilities(data).has_watchdog:
         return
     stated = number(data, "limits", "lost_samples") or number(data, "table", "limits", "lost_samples")
     lost = round(stated or DEFAULT_LOST_SAMPLES)

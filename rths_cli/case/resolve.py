@@ -238,8 +238,7 @@ def _expand_real_rig(children: dict[str, Node], faults: list[Fault]) -> None:
     A file of such a rig need not be there before it is used: only the model file is looked for, where a case needs it.
     """
     table = children["table"]
-    kind = table.children.get("kind")
-    if kind is None or kind.value == "virtual":
+    if not is_real(table):
         return
     runs = tuple(Node(run, table.mark) for run in REAL_RUNS)
     children.setdefault("runs", Node(runs, table.mark, table.key_mark))

@@ -20,6 +20,7 @@ from pydantic_core import InitErrorDetails
 
 from rths_cli.case.field_types import Problem, Range, Strict, entry, exactly_one, listed, near, number, refusal, shown
 from rths_cli.case.plugin_kinds import GROUP, plugin_kinds
+from rths_cli.case.rig_capabilities import DEFAULT_KIND
 from rths_cli.case.virtual_physics import AfterIdentification, VirtualPhysics
 
 Stroke = Annotated[float, Range(gt=0, le=10)]
@@ -390,7 +391,7 @@ def read_rig(data: Any, handler: ValidatorFunctionWrapHandler) -> RigSpec:
     """Return the rig of checked or unchecked data; raises the faults of its kind's model alone."""
     if isinstance(data, RigSpec):
         return data
-    kind = data.get("kind", "virtual") if isinstance(data, Mapping) else "virtual"
+    kind = data.get("kind", DEFAULT_KIND) if isinstance(data, Mapping) else DEFAULT_KIND
     fault = kind_fault(kind)
     if fault:
         detail = InitErrorDetails(type=refusal(fault), loc=("kind",), input=kind)

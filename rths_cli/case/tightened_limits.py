@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from rths_cli.case.field_types import shown
+from rths_cli.case.rig_capabilities import capabilities_of
 from rths_cli.case.rig_schema import DEFAULT_ENERGY_RATIO, DEFAULT_LOST_SAMPLES, NiRigSpec, PluginRigSpec, UdpRigSpec
 from rths_cli.case.yaml_tree import Fault, Node, join, plain
 
@@ -14,9 +15,9 @@ STRICTER = "a case may only be stricter"
 
 
 def is_real(rig: Node) -> bool:
-    """Tell whether a rig's mapping is that of another kind than `virtual`."""
+    """Tell whether a rig's mapping is that of a table that moves; one that states no kind is simulated."""
     kind = rig.children.get("kind")
-    return kind is not None and kind.value != "virtual"
+    return kind is not None and capabilities_of(kind.value).moves_hardware
 
 
 def over_real_rig(base: Node, own: dict[str, Node], key: str) -> tuple[dict[str, Node], list[Fault]]:
@@ -37,7 +38,7 @@ def over_real_rig(base: Node, own: dict[str, Node], key: str) -> tuple[dict[str,
 def made_real(own: dict[str, Node], key: str) -> list[Fault]:
     """Return a fault where a case makes a real rig of a file that is none: no limit of that file would hold."""
     kind = own.get("kind")
-    if kind is None or kind.value == "virtual":
+    if kind is None or not capabilities_of(kind.value).moves_hardware:
         return []
     said = f"only the rig's own file may make it a real one, got {shown(plain(kind))}; state it there"
     return [Fault(kind.place, join(key, "kind"), said)]

@@ -5,39 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from rths_cli.case.rig_capabilities import Capabilities, capabilities_of
+
 STANDARD_GRAVITY_M_S2 = 9.80665
 BRAKE_SHARE = 0.45  # of the acceleration limit, with which the guard brakes
-
-
-@dataclass(frozen=True)
-class Capabilities:
-    """What a rig does: the rest of the program asks for this, never for the rig's kind.
-
-    `moves_hardware`: a table moves; a person says that it may, and what it measured cannot be measured again.
-    `counts_steps`: time is counted in steps and not kept by a clock: the same seed is the same run, and runs go on
-    beside each other. `records_truth`: true motions stand beside the measured ones. `carries_declared_specimen`: the
-    specimen on the table is the one the case declares. `bridges_lost_samples`: the loop goes on by its model where a
-    sample is lost. `takes_trajectories`: a command comes with those that follow, for the case that they do not arrive.
-    """
-
-    moves_hardware: bool = True
-    counts_steps: bool = False
-    records_truth: bool = False
-    carries_declared_specimen: bool = False
-    bridges_lost_samples: bool = False
-    takes_trajectories: bool = False
-
-
-CAPABILITIES = {
-    "virtual": Capabilities(False, True, True, True, True, False),
-    "udp": Capabilities(bridges_lost_samples=True, takes_trajectories=True),
-}
-"""Capabilities by the kind that a rig file or a result states; every other kind has those of a plain driver."""
-
-
-def capabilities_of(kind: str) -> Capabilities:
-    """Return what rigs of a kind can do."""
-    return CAPABILITIES.get(kind, Capabilities())
 
 
 def adjective(kind: str) -> str:

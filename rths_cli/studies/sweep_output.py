@@ -63,10 +63,16 @@ def _under_way(path: Path, attributes: Mapping[str, Any], runs: int, figures: in
             f"{place}: holds {len(lines)} runs of this sweep, which was interrupted; add --resume to go on, or remove "
             "the file to begin anew"
         )
-    if not all(_is_row(line, runs, figures) for line in lines):
+    begun = {name: value for name, value in stored.items() if name != "format"}
+    if _types(begun) != _types(attributes) or not all(_is_row(line, runs, figures) for line in lines):
         raise InputError(f"{place}: holds rows that are not of this sweep; remove it and run the sweep anew")
     rows = [_row(line) for line in lines]
-    return Begun(path, {k: v for k, v in stored.items() if k != "format"}, {row.variant: row for row in rows}, True)
+    return Begun(path, begun, {row.variant: row for row in rows}, True)
+
+
+def _types(attributes: Mapping[str, Any]) -> dict[str, type]:
+    """Return which attributes there are, and of what type each is."""
+    return {name: type(value) for name, value in attributes.items()}
 
 
 def _is_row(line: Any, runs: int, figures: int) -> bool:

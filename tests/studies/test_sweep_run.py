@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import json
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -162,6 +163,15 @@ def test_an_interrupted_sweep_goes_on_where_it_was_and_gives_the_same(
         run_sweep(request, Watcher())
     with pytest.raises(InputError, match="holds 2 runs of another sweep"):
         run_sweep(replace(request, asked=replace(request.asked, seeds="4"), resume=True), Watcher())
+    whole = rows_path(path).read_bytes()
+    head, _, rest = whole.partition(b"\n")
+    header = json.loads(head)
+    without_name = {key: value for key, value in header.items() if key != "case_name"}
+    for damaged in (without_name, header | {"case_name": 1}, header | {"nobody's": ""}):
+        rows_path(path).write_bytes(json.dumps(damaged).encode() + b"\n" + rest)
+        with pytest.raises(InputError, match="rows that are not of this sweep"):
+            run_sweep(replace(request, resume=True), Watcher())
+    rows_path(path).write_bytes(whole)
     played: list[int] = []
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,8 +40,25 @@ def read_outlines(path: Path) -> dict[str, Outline]:
 
 def read_group(path: Path, outline: Outline) -> dict[str, Dataset]:
     """Read the scales and datasets of a group by name; raises InputError."""
-    names = (*outline.scales, *outline.datasets)
-    return _reading(path, lambda file: {name: _dataset(path, file, f"{outline.path}/{name}") for name in names})
+    if not outline.scales and not outline.datasets:
+        return {}
+    return read_groups(path, [outline])[outline.path]
+
+
+def read_groups(
+    path: Path, outlines: Iterable[Outline], wanted: Callable[[Dataset], bool] = lambda _: True
+) -> dict[str, dict[str, Dataset]]:
+    """Read the scales and datasets of groups by path and name, those that are wanted; raises InputError."""
+    return _reading(path, lambda file: {one.path: dict(_datasets(path, file, one, wanted)) for one in outlines})
+
+
+def _datasets(
+    path: Path, file: h5py.File, outline: Outline, wanted: Callable[[Dataset], bool]
+) -> Iterator[tuple[str, Dataset]]:
+    for name in (*outline.scales, *outline.datasets):
+        found = _dataset(path, file, f"{outline.path}/{name}")
+        if wanted(found):
+            yield name, found
 
 
 def _outlines(file: h5py.File) -> dict[str, Outline]:

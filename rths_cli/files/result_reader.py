@@ -194,9 +194,23 @@ def _scales_of(node: h5py.Dataset, path: str) -> Iterator[tuple[str, int]]:
     """Yield path and length of the scale of each axis that has one; raises LayoutError for a scale that was removed."""
     for axis in node.dims:
         if len(axis):
-            if axis[0].name is None:  # attached, but in no group any more
+            name = _beside(axis[0], node) or axis[0].name
+            if name is None:  # attached, but in no group any more
                 raise LayoutError(f"has lost the scale of {path}")
-            yield axis[0].name, axis[0].size
+            yield name, axis[0].size
+
+
+def _beside(scale: h5py.Dataset, node: h5py.Dataset) -> str | None:
+    """Return the path of a scale in the group of its dataset, as rths writes it, None where it is not there.
+
+    HDF5 names an object that was reached by a reference only after a search of the whole file.
+    """
+    from h5py import h5ds, h5o
+
+    group, label = node.parent, h5ds.get_scale_name(scale.id) or b""
+    if not label or label not in group.id or h5o.get_info(group.id, label).addr != h5o.get_info(scale.id).addr:
+        return None
+    return f"{group.name.rstrip('/')}/{label.decode()}"
 
 
 def _reading(path: Path, read: Callable[[h5py.File], T]) -> T:

@@ -15,7 +15,7 @@ import numpy as np
 from rths_cli.errors import InputError
 from rths_cli.files.checked_results import read_checked
 from rths_cli.files.durable_files import remove_leftovers
-from rths_cli.files.result_outline import Outline, read_group, read_outlines
+from rths_cli.files.result_outline import Outline, read_group, read_groups, read_outlines
 from rths_cli.files.result_reader import Dataset, Result
 from rths_cli.files.result_writer import refusal
 
@@ -71,20 +71,21 @@ def _chosen(group: str, wanted: Sequence[str]) -> bool:
     return not wanted or any(group == name or group.startswith(f"{name}/") for name in wanted)
 
 
-SERIES = ("time_s", "frequency_hz")
+_AXES_OF_SERIES = (("time_s",), ("frequency_hz",))
 
 
 def notes(source: Source) -> dict[str, Any]:
     """Return the attributes of a result and, by group, each dataset that is no series; what is not finite is null."""
     about = {key: _plain(value) for key, value in source.result.attributes.items()}
-    held = {path: _group(source, outline) for path, outline in source.groups.items()}
+    read = read_groups(source.result.path, source.groups.values(), lambda item: item.dims[-1:] not in _AXES_OF_SERIES)
+    held = {path: _group(outline, read[path]) for path, outline in source.groups.items()}
     return {"attributes": about, "groups": {path: group for path, group in held.items() if group}}
 
 
-def _group(source: Source, outline: Outline) -> dict[str, Any]:
+def _group(outline: Outline, held: Mapping[str, Dataset]) -> dict[str, Any]:
     found: dict[str, Any] = {key: _plain(value) for key, value in outline.attributes.items()}
-    for name, item in source.read(outline.path).items():
-        if name in outline.datasets and item.dims[-1:] not in [(axis,) for axis in SERIES]:
+    for name, item in held.items():
+        if name in outline.datasets:
             told = {"units": item.units, "long_name": item.long_name, "source": item.source}
             found[name] = {"value": _plain(np.asarray(item.data).tolist()), **told, "dims": list(item.dims)}
     return found

@@ -117,6 +117,31 @@ def test_the_same_result_gives_the_same_bytes(result: Path, tmp_path: Path) -> N
     assert written[0] == written[1] and len(written[0]) == 8
 
 
+@pytest.mark.parametrize("form", ["csv", "mat", "netcdf"])
+def test_a_file_of_many_groups_is_opened_no_more_often(
+    result: Path, tmp_path: Path, form: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    opened: list[object] = []
+    open_file = h5py.File.__init__
+
+    def counting(self: h5py.File, name: object, *further: object, **named: object) -> None:
+        opened.append(name)
+        open_file(self, name, *further, **named)
+
+    monkeypatch.setattr(h5py.File, "__init__", counting)
+    counts = []
+    for number in range(2):
+        opened.clear()
+        export(ExportRequest((result,), form, tmp_path / f"{number}"))
+        counts.append(opened.count(result))
+        if number:
+            break
+        with h5py.File(result, "a") as file:
+            for group in range(300):
+                file.create_group(f"many/g{group}")
+    assert 0 < counts[1] <= counts[0] + 1
+
+
 def rths(*words: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
     return subprocess.run(

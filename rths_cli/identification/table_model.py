@@ -56,7 +56,8 @@ def _first(data: Evidence, frf: Frf, start: Start) -> tuple[Fit, Frf]:
     found = first_fit(frf, (omega / (2.0 * np.pi), start.damping_ratio), timing, data.settings.band_hz)
     exact, unexplained = fit_motions(data, start, motions(data, found.model, free=False))
     held = found.held_zeros if unexplained < NO_CHAIN else 0
-    return _refined(data, frf, replace(found, parameters=_with_zeros(found, exact, masses), held_zeros=held))
+    parameters = _with_damping(found, _with_zeros(found, exact, masses), frf)
+    return _refined(data, frf, replace(found, parameters=parameters, held_zeros=held))
 
 
 def _refined(data: Evidence, frf: Frf, found: Fit) -> tuple[Fit, Frf]:
@@ -82,6 +83,24 @@ def _with_zeros(found: Fit, specimen: Start, masses: Array) -> Array:
         omega = modal(masses, specimen.stiffness_n_per_m)[0]
         parameters[found.layout.zeros(len(masses))] = np.log(np.column_stack([omega, specimen.damping_ratio])).ravel()
     return parameters
+
+
+def _with_damping(found: Fit, parameters: Array, frf: Frf) -> Array:
+    """Return parameters in which no pole starts with a damping that leakage made up.
+
+    A resonance narrower than the spacing of the lines leaks into all lines about it, and the raw response gives it any
+    damping, often none. An undamped pole rings through the whole record, and no round of `_refined` finds back. Such a
+    pole starts as damped as the zero beside it, the same floors on a table that stands still.
+    """
+    spacing_hz, first_zero = frf.frequency_hz[1] - frf.frequency_hz[0], found.layout.zeros(0).start
+    poles, zeros = (parameters[start : start + 2 * count].reshape(-1, 2) for start, count in (
+        (1, found.layout.pole_pairs), (first_zero, found.layout.zero_pairs)))  # fmt: skip
+    started = parameters.copy()
+    for i, (log_omega, log_ratio) in enumerate(poles):
+        width_hz = np.exp(log_omega + log_ratio) / np.pi
+        if width_hz < spacing_hz and len(zeros):
+            started[2 + 2 * i] = zeros[np.abs(zeros[:, 0] - log_omega).argmin(), 1]
+    return started
 
 
 def _inside(band_hz: tuple[float, float], outer_hz: tuple[float, float]) -> tuple[float, float]:

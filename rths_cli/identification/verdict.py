@@ -196,8 +196,8 @@ def _unsafe_roots(model: Model) -> tuple[str, ...]:
 def reach_hz(model: Model, frf: Frf, most: FitError) -> float:
     """Return the frequency up to which the model keeps its limits, counted from 0.7 Hz.
 
-    Above 11 Hz errors are averaged over five lines, and two standard errors of the response are not held against the
-    model; the rms counts from 0.7 Hz.
+    Two standard errors of the response are not held against the model; above 11 Hz errors are averaged over five lines;
+    the rms counts from 0.7 Hz.
     """
     f = frf.frequency_hz
     error = model.sampled_response(f) / frf.response - 1.0
@@ -205,7 +205,7 @@ def reach_hz(model: Model, frf: Frf, most: FitError) -> float:
     above = f > COMPARED_HZ[1]
     kernel = np.ones(GROUP) / GROUP
     error[above] = np.convolve(error, kernel, mode="same")[above]
-    scatter = np.where(above, scatter / np.sqrt(GROUP), 0.0)
+    scatter[above] /= np.sqrt(GROUP)
     excess = np.maximum(np.abs(error) - scatter, 0.0)[f >= COMPARED_HZ[0] - 1e-9]
     lines = f[f >= COMPARED_HZ[0] - 1e-9]
     mean = np.sqrt(np.cumsum(excess**2) / np.arange(1, len(excess) + 1))

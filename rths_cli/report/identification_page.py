@@ -283,7 +283,7 @@ def _table(found: Identification) -> list[str]:
         labelled("  gain, low frequency", f"{gain} mm/V"),
         labelled(
             "  keeps its limits",
-            f"{reach} ({LIMITS.rms:.0%} rms, {LIMITS.largest:.0%} largest, above 11 Hz beyond the data's scatter)",
+            f"{reach} ({LIMITS.rms:.0%} rms, {LIMITS.largest:.0%} largest, beyond the data's scatter)",
         ),
         "",
         labelled("fit error", f"|model / FRF - 1| in %, rms and largest in {band(*COMPARED_HZ)} Hz"),

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from made_linear import linear
-from made_records import Excited, excite, make_info, make_specimen, true_response
+from made_records import PHYSICS, Excited, excite, make_info, make_specimen, true_response
 
 from rths_cli.errors import InputError
 from rths_cli.identification.channel_signals import UnfitRecord
@@ -19,6 +19,7 @@ from rths_cli.identification.results import FitError, Identification
 from rths_cli.identification.specimen_motions import without_staircase
 from rths_cli.identification.table_fit import fit_error
 from rths_cli.numerics.lti import Frf
+from rths_cli.rigs.virtual.plant import continuous
 
 
 def identified(record: Excited, settings: IdentificationSettings | None = None) -> Identification:
@@ -114,6 +115,29 @@ def test_a_table_without_friction_is_found_to_half_a_thousandth_at_1_khz() -> No
     assert found.best.coupling_hz == 0.024
     kept = identified(record, IdentificationSettings(sensors_removed=False))
     assert kept.best.coupling_hz == 0.0
+
+
+@pytest.mark.parametrize(
+    "stiffness, ratios, seed",
+    [
+        ((900.0, 600.0, 500.0), (0.0023, 0.0024, 0.0048), 0),  # the raw response shows the first pole without damping
+        ((900.0, 600.0, 500.0), (0.0023, 0.0024, 0.0048), 2),  # one line lies beyond 3 %, but not beyond its scatter
+        ((1500.0, 900.0), (0.0023, 0.003), 1),
+    ],
+)
+def test_resonances_narrower_than_the_lines_are_identified(
+    stiffness: tuple[float, ...], ratios: tuple[float, ...], seed: int
+) -> None:
+    """Modes of 0.7-1.3 Hz ring for minutes in 20 s segments; the oracle is the plant's own equations of motion."""
+    specimen = make_specimen(stiffness, ratios)
+    found = identified(excite(specimen, seed, 120.0, make_info(specimen, dt_s=2e-3, latency_samples=7)))
+    assert found.accepted, found.reasons
+    pairs = [
+        roots[roots.imag > 0.0] for roots in (np.linalg.eigvals(continuous(PHYSICS, specimen)[0]), found.best.poles)
+    ]
+    true, model = (roots[np.argsort(np.abs(roots))][: len(ratios)] for roots in pairs)
+    assert np.abs(model) == pytest.approx(np.abs(true), rel=1e-3)
+    assert -model.real / np.abs(model) == pytest.approx(-true.real / np.abs(true), rel=0.03)
 
 
 def test_record_without_silence_and_hold(first: Excited) -> None:

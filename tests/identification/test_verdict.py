@@ -69,6 +69,12 @@ def test_scatter_above_eleven_hertz_does_not_end_the_reach(seed: int) -> None:
     assert sure < 60.0
 
 
+def test_scatter_of_a_line_below_eleven_hertz_does_not_end_the_reach() -> None:
+    error = np.where(np.abs(LINES - 3.1) < 0.05, 0.04, 0.0)
+    assert reach_hz(table(), measured(table(), error, scatter=0.02), LIMITS) == 60.0
+    assert reach_hz(table(), measured(table(), error, scatter=0.004), LIMITS) == pytest.approx(3.0)
+
+
 def test_slow_growth_of_the_error_ends_the_reach_by_its_rms() -> None:
     error = np.where(LINES > 11.0, 0.02, 0.0)
     low = int(np.sum((LINES > 0.65) & (LINES < 11.05)))

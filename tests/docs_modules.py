@@ -19,10 +19,11 @@ WIDTH = 118
 
 def module_map() -> str:
     """Return the packages from the highest layer to the lowest, each with its files and what they hold."""
-    parts = ["```", *_folder(PACKAGE, ""), "```"]
+    parts: list[str] = []
     for name in ORDER:
-        parts += ["", f"**rths_cli/{name}/** {_first_sentence(PACKAGE / name / '__init__.py')}", "", "```"]
-        parts += [*_tree(PACKAGE / name, ""), "```"]
+        parts += [f"**rths_cli/{name}/** {_first_sentence(PACKAGE / name / '__init__.py')}", "", "```"]
+        parts += [*_tree(PACKAGE / name, ""), "```", ""]
+    parts += ["**rths_cli/** itself holds what every layer may use", "", "```", *_folder(PACKAGE, ""), "```"]
     return "\n".join(parts) + "\n"
 
 
@@ -55,4 +56,4 @@ def _entry(name: str, about: str) -> list[str]:
 def _first_sentence(path: Path) -> str:
     doc = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8"))) or ""
     first = " ".join(doc.split("\n\n")[0].split())
-    return re.split(r"(?<=\w)\. |\.$", first)[0]
+    return re.split(r"(?<=\w)\. (?=[A-Z])|\.$", first)[0]

@@ -104,14 +104,18 @@ def distinct(values: Array) -> Array:
 
 
 def doubled(step: Array, reach: Array, cost: Array) -> Array | None:
-    """Return X (n, n) of X = cost + step' X (1 + reach X)^-1 step, from zero by doubling; None if it does not settle.
+    """Return X (n, n) of X = cost + step' X (1 + reach X)^-1 step, from zero by doubling; None if it does not settle, or
+    where 1 + reach X is singular, which a positive cost never makes it.
 
     Each round looks twice as many steps ahead. Source: Chu, Fan, Lin and Wang, Int. J. Control 77 (2004) 767.
     """
     n = len(step)
     cost = 0.5 * (cost + cost.T)
     for _ in range(_MOST_DOUBLINGS):
-        both = np.linalg.solve(np.eye(n) + reach @ cost, np.hstack([step, reach]))
+        try:
+            both = np.linalg.solve(np.eye(n) + reach @ cost, np.hstack([step, reach]))
+        except np.linalg.LinAlgError:
+            return None
         with np.errstate(over="ignore", invalid="ignore"):  # without a solution it overflows, which is looked for
             more = step.T @ cost @ both[:, :n]
             reach = reach + step @ both[:, n:] @ step.T

@@ -111,3 +111,4 @@ def test_doubling_solves_the_discrete_equation() -> None:
     assert found is not None
     assert found == pytest.approx(solve_discrete_are(A, B, np.eye(3), [[2.0]]), rel=1e-9)
     assert doubled(np.array([[1.5]]), np.array([[0.0]]), np.array([[1.0]])) is None
+    assert doubled(np.array([[0.5]]), np.array([[1.0]]), np.array([[-1.0]])) is None  # 1 + reach cost is singular

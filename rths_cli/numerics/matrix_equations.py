@@ -104,8 +104,8 @@ def distinct(values: Array) -> Array:
 
 
 def doubled(step: Array, reach: Array, cost: Array) -> Array | None:
-    """Return X (n, n) of X = cost + step' X (1 + reach X)^-1 step, from zero by doubling; None if it does not settle, or
-    where 1 + reach X is singular, which a positive cost never makes it.
+    """Return X (n, n) of X = cost + step' X (1 + reach X)^-1 step, from zero by doubling; None if it does not settle,
+    or where 1 + reach X is singular, which a positive cost never makes it.
 
     Each round looks twice as many steps ahead. Source: Chu, Fan, Lin and Wang, Int. J. Control 77 (2004) 767.
     """

@@ -39,6 +39,10 @@ def _underscored(name: object) -> object:
 
 FileName = Annotated[str, AfterValidator(check_file_name)]
 Seed = Annotated[int, Range(ge=0, le=SEED_MAX)]
+Band = Annotated[
+    tuple[Annotated[float, Range(ge=0.05, le=500)], ...],
+    Field(json_schema_extra={"minItems": 2, "maxItems": 2}),
+]
 RunName = Annotated[
     Run,
     BeforeValidator(_underscored),
@@ -88,13 +92,14 @@ class ControllerSpec(Strict):
     max_sensitivity: Annotated[float, Range(gt=1, le=10)] = Field(
         default=1.5, description="limit on the peak of |1 / (1 + loop)| of the feedback"
     )
-    disturbance_hz: tuple[Annotated[float, Range(ge=0.05, le=500)], ...] = Field(
-        default=(1.0, 12.0),
-        description="band of the error that the feedback removes",
-        json_schema_extra={"minItems": 2, "maxItems": 2},
+    disturbance_hz: Band | None = Field(
+        default=None,
+        description="band of the error that the feedback removes; default: [1, 12], lower where the loop needs it",
     )
-    command_weight: Annotated[float, Range(ge=1e-3, le=10)] = Field(
-        default=0.01, description="cost of a command, over what it moves at the disturbance's upper corner"
+    command_weight: Annotated[float, Range(ge=1e-3, le=10)] | None = Field(
+        default=None,
+        description="cost of a command, over what it moves at the disturbance's upper corner; default: 0.01, less where"
+        " the loop needs it",
     )
     feedback_limit_v: Annotated[float, Range(gt=0, le=1000)] | None = Field(
         default=None, description="largest share of the feedback in the command; default: what the range leaves"

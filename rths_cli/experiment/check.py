@@ -12,14 +12,12 @@ from rths_cli.analysis import stability_check as preflight
 from rths_cli.analysis.closed_loop import closed_loop_matrix, loop_roots, modes_in_loop, slow_roots
 from rths_cli.analysis.critical_delay import critical_delay
 from rths_cli.analysis.fourier_lines import lines_for
-from rths_cli.analysis.identified_rig import identified_rig
 from rths_cli.analysis.loop_response import loop_response
 from rths_cli.analysis.prediction import Known, predict
 from rths_cli.analysis.reference_lines import delayed_rms, sim_lines
 from rths_cli.analysis.sim import simulate
-from rths_cli.control.feedback import none
 from rths_cli.control.kalman_filter import specimen_state_space
-from rths_cli.control.numerical_substructure import all_storeys
+from rths_cli.experiment.loop_stability import loop_parts, loop_stability, required_delay_s
 from rths_cli.experiment.lowest_frequency import lowest_reliable_hz
 from rths_cli.experiment.setup import motion_key
 from rths_cli.numerics.content_key import content_key
@@ -29,7 +27,6 @@ from rths_cli.structure import Building, assemble, modes
 if TYPE_CHECKING:
     from rths_cli.analysis.critical_delay import CriticalDelay
     from rths_cli.analysis.identified_rig import IdentifiedRig
-    from rths_cli.control.blocks import Blocks
     from rths_cli.experiment.design import Design
     from rths_cli.experiment.setup import Setup
     from rths_cli.identification.results import Identification
@@ -73,14 +70,10 @@ def judge(setup: Setup, identified: Identification, design: Design, shared: Shar
     tolerates.
     """
     shared = shared or SharedValues()
-    specimen, dt = _specimen(identified), setup.rig.dt_s
-    building = as_identified(setup, specimen)
-    rig = identified_rig(identified.best, specimen, setup.rig, setup.removes_sensors)
-    storeys = all_storeys(building.numerical, dt, setup.case.integration)
-    samples = len(setup.motion.time_s)
-    asked = content_key(rig, design.blocks, storeys, identified.best, identified.frfs[0], identified.levels)
-    found = shared.get("stability", asked, lambda: _stability(rig, design.blocks, storeys, identified, samples))
-    found = replace(found, growth=preflight.growth(found.radius, samples))
+    dt = setup.rig.dt_s
+    building = as_identified(setup, _specimen(identified))
+    rig, storeys = loop_parts(setup, identified)
+    found = loop_stability(setup, identified, design.blocks, shared)
     matrix = closed_loop_matrix(rig, design.blocks)
     known = known_of(setup, identified, design, rig, storeys, found.radius, shared)
     known = replace(known, slow_roots=slow_roots(matrix, dt, known.lines.padded * dt))
@@ -91,7 +84,7 @@ def judge(setup: Setup, identified: Identification, design: Design, shared: Shar
     critical = critical_delay(building)
     further = preflight.unseen(known)
     feedback = setup.case.controller.kind == "FF+FB"
-    least_s = required_delay_s(setup, identified, design)
+    least_s = required_delay_s(setup, identified, design.blocks)
     verdict = preflight.judge(critical, found, rows, setup.case.scaling, stable, further, feedback, least_s)
     own = modes(building.M, building.C, building.K)
     looped = modes_in_loop(loop_roots(matrix, dt), *own)
@@ -100,29 +93,6 @@ def judge(setup: Setup, identified: Identification, design: Design, shared: Shar
     friction = identified.friction.command_v if identified.friction else 0.0
     delayed = _sim_delay(setup, building, known, critical)
     return Judged(verdict, own, looped, delayed, friction, largest, known if found.radius < 1.0 else None)
-
-
-def required_delay_s(setup: Setup, identified: Identification, design: Design) -> float:
-    """Return the further delay in s that a case's loop must tolerate."""
-    bridged = setup.rig.can.bridges_lost_samples and design.blocks.lead_samples > 0
-    error_s = identified.latency.error_s if identified.latency else None
-    return preflight.required_delay_s(setup.rig.dt_s, bridged, error_s, bool(identified.levels))
-
-
-def _stability(
-    rig: IdentifiedRig, blocks: Blocks, storeys: Block, identified: Identification, samples: int
-) -> preflight.Stability:
-    """Return the stability of the loop; where a feedback has a limit the worse of the loops with and without it:
-    at its limit it is none."""
-    best, measured, levels = identified.best, identified.frfs[0], identified.levels
-    found = preflight.stability(rig, blocks, storeys, best, measured, samples, levels)
-    if not math.isfinite(blocks.feedback_limit_v):
-        return found
-    alone = replace(blocks, feedback=none(rig.plant.dt_s))
-    without = preflight.stability(rig, alone, storeys, best, measured, samples, levels)
-    worse = min(found, without, key=lambda each: (each.radius < 1.0, each.tolerates / each.required))
-    late = min(found.measured, without.measured, key=lambda each: each.delay_margin_s)
-    return replace(worse, apart=max(found.apart, without.apart), measured=late)
 
 
 def _sim_delay(setup: Setup, building: Building, known: Known, critical: CriticalDelay) -> Array | None:

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from rths_cli.control import feedback, feedforward, kalman_filter, numerical_substructure, sensor_correction
 from rths_cli.control.blocks import Blocks
-from rths_cli.numerics.content_key import content_key
+from rths_cli.experiment.feedback_choice import choose_feedback
+from rths_cli.experiment.loop_stability import loop_faults
 from rths_cli.numerics.shared_values import SharedValues
 
 if TYPE_CHECKING:
     from rths_cli.control.kalman_filter import Shear
+    from rths_cli.experiment.feedback_choice import Chosen
     from rths_cli.experiment.setup import Setup
     from rths_cli.identification.results import Identification
     from rths_cli.numerics.lti import Block, Model
@@ -24,34 +26,34 @@ if TYPE_CHECKING:
 class Design:
     """The blocks of a run, the table model behind them, and the feedback's figures (None without feedback).
 
-    `shear_now`: weights of the base shear at the instant of the samples, without prediction.
+    `shear_now`: weights of the base shear at the instant of the samples, without prediction. `chosen`: the feedback's
+    weights where the usual ones would not do (None: they do, or the case states its own).
     """
 
     blocks: Blocks
     model: Model
     feedback: feedback.Feedback | None
     shear_now: Shear
+    chosen: Chosen | None = None
 
 
 def design_blocks(setup: Setup, identified: Identification, shared: SharedValues | None = None) -> Design:
     """Return the blocks for the case's method and controller; raises InputError when no controller exists.
 
-    With `shared`, cases of one model, method and controller share the feedback, whatever their building.
+    With `shared`, cases of one model and the same weights share the feedback, whatever their building.
     """
-    case, dt = setup.case, setup.rig.dt_s
+    case, dt, shared = setup.case, setup.rig.dt_s, shared or SharedValues()
     best = case.method == "best"
     model = identified.best if best else identified.paper
     driven = case.controller.kind != "none"
     lead = feedforward.lead_samples(model, dt) if best and driven else 0
-    closed = case.controller.kind == "FF+FB"
-    designed = _feedback(setup, identified, model, shared or SharedValues()) if closed else None
     shear = _shear(setup, identified, lead)
     blocks = Blocks(
         correction=sensor_correction.correction(setup.rig.channels, dt, setup.removes_sensors),
         estimator=_estimator(setup, _specimen(identified), lead),
         numerical=numerical_substructure.interface(setup.building.numerical, dt, case.integration),
         feedforward=_feedforward(model, dt, lead, best, driven),
-        feedback=designed.block if designed else feedback.none(dt),
+        feedback=feedback.none(dt),
         shear_estimate=shear.estimate,
         shear_recent=shear.recent,
         shear_measured=shear.measured,
@@ -65,7 +67,15 @@ def design_blocks(setup: Setup, identified: Identification, shared: SharedValues
         specimen=_specimen(identified),
         open_loop=kalman_filter.open_loop(_specimen(identified), dt),
     )
-    return Design(blocks, model, designed, _shear(setup, identified, 0, residual=0.0))
+    shear_now = _shear(setup, identified, 0, residual=0.0)
+    if case.controller.kind != "FF+FB":
+        return Design(blocks, model, None, shear_now)
+
+    def faults(with_it: feedback.Feedback) -> list[str]:
+        return loop_faults(setup, identified, replace(blocks, feedback=with_it.block), shared)
+
+    designed, chosen = choose_feedback(setup, identified, model, faults, shared)
+    return Design(replace(blocks, feedback=designed.block), model, designed, shear_now, chosen)
 
 
 def _specimen(identified: Identification) -> Specimen:
@@ -78,15 +88,6 @@ def _feedforward(model: Model, dt_s: float, lead: int, best: bool, driven: bool)
     if not driven:
         return feedforward.direct(model.low_frequency_gain_m_per_v, dt_s)
     return feedforward.lagged_inverse(model, dt_s, lead) if best else feedforward.leaky_inverse(model, dt_s)
-
-
-def _feedback(setup: Setup, identified: Identification, model: Model, shared: SharedValues) -> feedback.Feedback:
-    controller = setup.case.controller
-    low, high = controller.disturbance_hz
-    weights = feedback.Weights((low, high), controller.command_weight)
-    limits = (controller.feedback_bandwidth_hz, controller.max_sensitivity)
-    asked = (model, identified.frfs[0], setup.rig.dt_s, *limits, weights)
-    return shared.get("feedback", content_key(*asked), lambda: feedback.design(*asked))
 
 
 def _command_limit_v(rig: RigInfo) -> float:

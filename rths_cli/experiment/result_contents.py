@@ -141,6 +141,12 @@ def design_figures(setup: Setup, identified: Identification, design: Design) -> 
         values |= of_margins("feedback", design.feedback.modelled, "_model")
         values["feedback.sensitivity_peak_uncertain"] = design.feedback.worst_peak
         values["feedback.bandwidth_hz"] = design.feedback.bandwidth_hz
+    if design.chosen is not None:
+        low, high = design.chosen.weights.disturbance_hz
+        values["feedback.chosen_disturbance_low_hz"] = low
+        values["feedback.chosen_disturbance_high_hz"] = high
+        values["feedback.chosen_command_weight"] = design.chosen.weights.command_weight
+        values["feedback.chosen_max_sensitivity"] = design.chosen.max_sensitivity
     return values | _latency_figures(setup, identified, design)
 
 

@@ -24,7 +24,7 @@ def of_case(setup: Setup, identified: Identification | None, design: Design | No
     if identified is not None:
         found += [*identified.warnings, *identified.reasons, *differences(setup, identified)]
     if design is not None:
-        found += slower_feedback(setup, design)
+        found += [*slower_feedback(setup, design), *chosen_feedback(design)]
     return tuple(found)
 
 
@@ -47,6 +47,19 @@ def slower_feedback(setup: Setup, design: Design) -> list[str]:
     return [
         f"controller.feedback_bandwidth_hz: {wanted:g} Hz asked, {design.feedback.bandwidth_hz:.3g} Hz designed: the "
         "most that the identified band and max_sensitivity permit"
+    ]
+
+
+def chosen_feedback(design: Design) -> list[str]:
+    """Return a sentence when the design chose other weights of the feedback than the usual ones."""
+    if design.chosen is None:
+        return []
+    weights = design.chosen.weights
+    low, high = weights.disturbance_hz
+    return [
+        "controller: the usual feedback would leave the loop without the margins that the check asks for; chosen "
+        f"instead: disturbance_hz: [{low:g}, {high:g}], command_weight: {weights.command_weight:g}, max_sensitivity: "
+        f"{design.chosen.max_sensitivity:g}; state disturbance_hz or command_weight to choose yourself"
     ]
 
 

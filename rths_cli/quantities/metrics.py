@@ -247,6 +247,11 @@ def _of_loop() -> Iterator[Quantity]:
     worst = "largest |S| when every line of the FRF is off by two standard errors in the worst direction"
     yield Quantity("feedback.sensitivity_peak_uncertain", "1", "", NONE, worst)
     yield Quantity("feedback.bandwidth_hz", "Hz", "", NONE, "highest frequency with a loop gain of one")
+    instead = "chosen where the loop lacks its margins with the usual feedback"
+    yield Quantity("feedback.chosen_disturbance_low_hz", "Hz", "", NONE, f"lower end of disturbance_hz, {instead}")
+    yield Quantity("feedback.chosen_disturbance_high_hz", "Hz", "", NONE, f"upper end of disturbance_hz, {instead}")
+    yield Quantity("feedback.chosen_command_weight", "1", "", NONE, f"command_weight, {instead}")
+    yield Quantity("feedback.chosen_max_sensitivity", "1", "", NONE, f"max_sensitivity, {instead}")
     step = "bit to which commands are rounded, the error carried over (0: not)"
     yield Quantity("controller.rounding_step_v", "V", "", NONE, step)
     yield Quantity("latency.frequency_hz", "Hz", "frequency", NONE, "frequencies of the latency budget")

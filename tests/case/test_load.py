@@ -250,10 +250,10 @@ def test_the_feedback_removes_nothing_beyond_half_the_sample_rate(faults_of) -> 
     assert list(found) == ["--set controller.disturbance_hz: must be < 200, half the sample rate, got 200"]
 
 
-def test_the_feedback_weights_have_defaults(write) -> None:
+def test_the_feedback_weights_are_left_open_unless_stated(write) -> None:
     (case,) = load_cases([write()])
     controller = case.controller
-    assert (controller.disturbance_hz, controller.command_weight) == ((1.0, 12.0), 0.01)
+    assert (controller.disturbance_hz, controller.command_weight) == (None, None)
     assert controller.feedback_limit_v is None
     (case,) = load_cases([write()], ["controller.disturbance_hz=[0.5, 1]", "controller.feedback_limit_v=2"])
     assert (case.controller.disturbance_hz, case.controller.feedback_limit_v) == ((0.5, 1.0), 2.0)

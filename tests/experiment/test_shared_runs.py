@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from rths_cli.case.load import load_cases
-from rths_cli.experiment import batch, check, design, run
+from rths_cli.experiment import batch, check, feedback_choice, loop_stability, run
 from rths_cli.experiment.model_registry import Memory
 from rths_cli.experiment.setup import make_setups
 from rths_cli.numerics.shared_values import SharedValues
@@ -74,9 +74,14 @@ def test_what_two_cases_have_in_common_is_made_once(
         function = getattr(module, name)
         monkeypatch.setattr(module, name, lambda *a, **k: (made.append(name), function(*a, **k))[1])
 
-    for module, name in ((run, "simulate"), (run, "simulate_delayed"), (check, "simulate"), (check, "_stability")):
+    for module, name in (
+        (run, "simulate"),
+        (run, "simulate_delayed"),
+        (check, "simulate"),
+        (loop_stability, "_stability"),
+    ):
         count(module, name)
-    count(design.feedback, "design")
+    count(feedback_choice.feedback, "design")
     shared = SharedValues()
     for number, seed in enumerate(("seed=0", "seed=1")):
         play(tmp_path / f"{number}.h5", ("runs=[sim,sim_delay,exp_rths]", seed), memory, shared)

@@ -1,0 +1,74 @@
+"""How stable the loop of a case is with given blocks, on the rig as identified, and what it must tolerate."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from rths_cli.analysis import stability_check as preflight
+from rths_cli.analysis.identified_rig import identified_rig
+from rths_cli.control.feedback import none
+from rths_cli.control.numerical_substructure import all_storeys
+from rths_cli.numerics.content_key import content_key
+from rths_cli.numerics.content_key import content_key
+from rths_cli.numerics.shared_values import SharedValues
+
+if TYPE_CHECKING:
+    from rths_cli.analysis.identified_rig import IdentifiedRig
+    from rths_cli.control.blocks import Blocks
+    from rths_cli.experiment.setup import Setup
+    from rths_cli.identification.results import Identification
+    from rths_cli.numerics.lti import Block
+
+
+def loop_parts(setup: Setup, identified: Identification) -> tuple[IdentifiedRig, Block]:
+    """Return what a case's loop holds beside its blocks: the rig as identified, and all numerical storeys."""
+    assert identified.specimen is not None  # every case has experimental storeys
+    rig = identified_rig(identified.best, identified.specimen.specimen, setup.rig, setup.removes_sensors)
+    return rig, all_storeys(setup.building.numerical, setup.rig.dt_s, setup.case.integration)
+
+
+def loop_stability(
+    setup: Setup, identified: Identification, blocks: Blocks, shared: SharedValues | None = None
+) -> preflight.Stability:
+    """Return the stability of a case's loop with these blocks; with `shared`, equal loops are looked at once."""
+    rig, storeys = loop_parts(setup, identified)
+    samples = len(setup.motion.time_s)
+    asked = content_key(rig, blocks, storeys, identified.best, identified.frfs[0], identified.levels)
+    found = (shared or SharedValues()).get(
+        "stability", asked, lambda: _stability(rig, blocks, storeys, identified, samples)
+    )
+    return replace(found, growth=preflight.growth(found.radius, samples))
+
+
+def loop_faults(
+    setup: Setup, identified: Identification, blocks: Blocks, shared: SharedValues | None = None
+) -> list[str]:
+    """Return why a case's loop is not safe with these blocks, whatever is played; nothing for one that is."""
+    found = loop_stability(setup, identified, blocks, shared)
+    feedback = setup.case.controller.kind == "FF+FB"
+    return preflight.faults_of_loop(found, feedback, required_delay_s(setup, identified, blocks))
+
+
+def required_delay_s(setup: Setup, identified: Identification, blocks: Blocks) -> float:
+    """Return the further delay in s that a case's loop must tolerate."""
+    bridged = setup.rig.can.bridges_lost_samples and blocks.lead_samples > 0
+    error_s = identified.latency.error_s if identified.latency else None
+    return preflight.required_delay_s(setup.rig.dt_s, bridged, error_s, bool(identified.levels))
+
+
+def _stability(
+    rig: IdentifiedRig, blocks: Blocks, storeys: Block, identified: Identification, samples: int
+) -> preflight.Stability:
+    """Return the stability of the loop; where a feedback has a limit the worse of the loops with and without it:
+    at its limit it is none."""
+    best, measured, levels = identified.best, identified.frfs[0], identified.levels
+    found = preflight.stability(rig, blocks, storeys, best, measured, samples, levels)
+    if not math.isfinite(blocks.feedback_limit_v):
+        return found
+    alone = replace(blocks, feedback=none(rig.plant.dt_s))
+    without = preflight.stability(rig, alone, storeys, best, measured, samples, levels)
+    worse = min(found, without, key=lambda each: (each.radius < 1.0, each.tolerates / each.required))
+    late = min(found.measured, without.measured, key=lambda each: each.delay_margin_s)
+    return replace(worse, apart=max(found.apart, without.apart), measured=late)

@@ -108,13 +108,13 @@ def test_the_printed_method_keeps_its_weights(bare: Identification) -> None:
 class Tries:
     """Stands for the design: a feedback amplifies 0.4 at worst, or what its limit allows, and some are of no use."""
 
-    def __init__(self, *useless: Weights) -> None:
+    def __init__(self, useless: Weights | None = None, below: float = np.inf) -> None:
         self.asked: list[tuple[Weights, float]] = []
-        self.useless = useless
+        self.useless, self.below = useless, below
 
     def make(self, weights: Weights, limit: float) -> SimpleNamespace:
         self.asked.append((weights, limit))
-        if weights in self.useless:
+        if weights == self.useless and limit < self.below:
             raise InputError("of no use")
         peak = min(limit, 1.4)
         return SimpleNamespace(sensitivity_peak=peak, modelled=SimpleNamespace(sensitivity_peak=peak), of=weights)
@@ -136,10 +136,11 @@ def test_the_first_safe_one_is_taken() -> None:
     assert found[1] == Chosen(FIRMER[1], 1.2) == Chosen(*tries.asked[-1])
 
 
-def test_a_feedback_of_no_use_is_not_made_gentler() -> None:
-    tries = Tries(FIRMER[1])
+@pytest.mark.parametrize(("below", "limits"), [(np.inf, [1.5]), (1.3, [1.5, 1.2])])
+def test_a_feedback_of_no_use_is_not_made_gentler(below: float, limits: list[float]) -> None:
+    tries = Tries(FIRMER[1], below)
     assert feedback_choice._first_safe(tries.make, lambda _: ["no"], 1.5) is None
-    assert [limit for weights, limit in tries.asked if weights == FIRMER[1]] == [1.5]
+    assert [limit for weights, limit in tries.asked if weights == FIRMER[1]] == limits
 
 
 def test_where_no_choice_is_safe_the_usual_feedback_and_its_refusal_stay(

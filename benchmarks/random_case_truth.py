@@ -132,6 +132,16 @@ class Truth:
         ratio = self._model.response(LINES_HZ) / self.linear(self.velocity_m_s)
         return float(np.sqrt(np.mean(np.abs(ratio[inside] - 1.0) ** 2)))
 
+    @cached_property
+    def paper_error(self) -> float:
+        """Return the error of method `paper`'s own model against the true response, friction linearised, rms over
+        BAND_HZ; 0 where nothing was identified."""
+        inside = within(LINES_HZ, BAND_HZ)
+        if self.identified is None:
+            return 0.0
+        ratio = self.identified.paper.response(LINES_HZ) / self.linear(self.velocity_m_s)
+        return float(np.sqrt(np.mean(np.abs(ratio[inside] - 1.0) ** 2)))
+
     @property
     def _model(self) -> Model:
         assert self.identified is not None
@@ -197,6 +207,7 @@ def _unseen(truth: Truth) -> bool:
 
 
 RULES: tuple[tuple[str, str, Callable[[Truth], bool]], ...] = (
+    ("paper's model", r"method paper: its model", lambda truth: truth.paper_error > MOST_RMS / NEAR),
     ("controller", r"no feedback|Riccati", lambda truth: truth.identified is not None and not _model_off(truth)),
     ("scheme", r"is unstable at dt = ", lambda truth: True),
     ("unstable", r"closed loop is unstable", lambda truth: truth.failed or _margin(truth)),

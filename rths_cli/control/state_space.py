@@ -10,6 +10,7 @@ from rths_cli.numerics.lti import Array, Block, ComplexArray, StateSpace
 from rths_cli.numerics.matrix_equations import exponential
 
 Hold = Literal["foh", "zoh", "bilinear"]
+NEARLY_EQUAL = 1e-3  # of two poles' size: nearer ones have residues of a thousand times the response, and more
 
 
 def residues(zeros: ComplexArray, poles: ComplexArray, gain: float) -> ComplexArray:
@@ -55,9 +56,70 @@ def modal(poles: ComplexArray, weights: ComplexArray, direct: float) -> StateSpa
 
 
 def from_roots(zeros: ComplexArray, poles: ComplexArray, gain: float) -> StateSpace:
-    """Return the real modal form of gain prod(s - z) / prod(s - p) with distinct poles, proper."""
+    """Return gain prod(s - z) / prod(s - p), proper: in modal form, or as a chain where two poles nearly coincide.
+
+    Partial fractions of nearly equal poles are huge and cancel; a chain of sections has no such numbers.
+    """
+    if _nearly_equal(poles):
+        return in_series(zeros, poles, gain)
     direct = gain if len(zeros) == len(poles) else 0.0
     return modal(poles, residues(zeros, poles, gain), direct)
+
+
+def _nearly_equal(roots: ComplexArray) -> bool:
+    """Tell whether two of the roots are nearer to each other than NEARLY_EQUAL of their size."""
+    apart = np.abs(roots[:, None] - roots)[np.triu_indices(len(roots), 1)]
+    size = np.maximum(np.abs(roots)[:, None], np.abs(roots))[np.triu_indices(len(roots), 1)]
+    return bool(np.any(apart < NEARLY_EQUAL * size))
+
+
+def in_series(zeros: ComplexArray, poles: ComplexArray, gain: float) -> StateSpace:
+    """Return gain prod(s - z) / prod(s - p), proper, as a chain of sections of at most two poles, slow ones first.
+
+    Each section has the slowest of the zeros that are left, and a gain of one at its own frequency. Poles may be equal.
+    """
+    chain = StateSpace(np.zeros((0, 0)), np.zeros((0, 1)), np.zeros((1, 0)), np.ones((1, 1)))
+    sections, left = _in_pairs(poles), _in_pairs(zeros)
+    for section in sections:
+        last_alone = len(left) > 0 and len(left[-1]) == 1 and len(section) == 1
+        fits = len(left) > 0 and len(left[0]) <= len(section) and (len(left[0]) == 2 or len(poles) % 2 == 0)
+        given = left.pop() if last_alone else left.pop(0) if fits else np.zeros(0, dtype=complex)
+        following, factor = _section(given, section)
+        chain, gain = _behind(chain, following), gain * factor
+    return StateSpace(chain.A, chain.B, gain * chain.C, gain * chain.D)
+
+
+def _in_pairs(roots: ComplexArray) -> list[ComplexArray]:
+    """Return roots, slow ones first, as conjugate pairs, real ones two by two; a real one alone comes last."""
+    upper, real = roots[roots.imag > 0.0], roots[roots.imag == 0.0]
+    real = real[np.argsort(np.abs(real), kind="stable")]
+    pairs = [np.array([p, p.conj()]) for p in upper] + [real[i : i + 2] for i in range(0, len(real), 2)]
+    return sorted(pairs, key=lambda pair: (len(pair) == 1, float(np.abs(pair).max())))
+
+
+def _section(zeros: ComplexArray, poles: ComplexArray) -> tuple[StateSpace, float]:
+    """Return prod(s - z) / prod(s - p) divided by a factor, and the factor: its size at the frequency of the poles.
+
+    Time is counted in their periods within, so that all numbers are near one.
+    """
+    size = float(np.abs(poles).max())
+    below, above = (np.atleast_1d(np.poly(roots / size)).real for roots in (poles, zeros))
+    n = len(poles)
+    above = np.concatenate([np.zeros(n + 1 - len(above)), above])
+    factor = float(abs(np.polyval(above, 1j) / np.polyval(below, 1j))) or 1.0
+    above = above / factor
+    a, b = np.eye(n, k=1), np.zeros((n, 1))
+    a[-1], b[-1, 0] = -below[:0:-1], 1.0
+    c = (above[1:] - above[0] * below[1:])[::-1]
+    return StateSpace(size * a, size * b, c[None, :], np.array([[above[0]]])), factor * size ** (len(zeros) - n)
+
+
+def _behind(first: StateSpace, second: StateSpace) -> StateSpace:
+    """Return two systems of one input and output, the second driven by the first."""
+    n, m = len(first.A), len(second.A)
+    a = np.block([[first.A, np.zeros((n, m))], [second.B @ first.C, second.A]])
+    b = np.vstack([first.B, second.B @ first.D])
+    return StateSpace(a, b, np.hstack([second.D @ first.C, second.C]), second.D @ first.D)
 
 
 def discretise(

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from rths_cli.control import feedback
 from rths_cli.control.feedback import DEFAULT, Feedback, Weights
 from rths_cli.errors import InputError
+from rths_cli.identification.verdict import LIMITS
 from rths_cli.numerics.content_key import content_key
 
 if TYPE_CHECKING:
@@ -56,7 +57,10 @@ def choose_feedback(
         return shared.get("feedback", content_key(*asked), lambda: feedback.design(*asked))
 
     if not _leaves_choice(setup):
-        return make(_stated_weights(setup), stated.max_sensitivity), None
+        try:
+            return make(_stated_weights(setup), stated.max_sensitivity), None
+        except InputError as error:
+            raise InputError(*_of_printed_model(setup, identified, error)) from None
     try:
         usual = make(DEFAULT, stated.max_sensitivity)
     except InputError:
@@ -73,6 +77,17 @@ def _leaves_choice(setup: Setup) -> bool:
     stated = setup.case.controller
     fixed = (stated.disturbance_hz, stated.command_weight, stated.feedback_bandwidth_hz)
     return setup.case.method == "best" and fixed == (None, None, None)
+
+
+def _of_printed_model(setup: Setup, identified: Identification, error: InputError) -> tuple[str, ...]:
+    """Return why there is no feedback: with a wrong model of the printed method that says nothing of the table."""
+    missed = identified.paper_error.rms
+    if setup.case.method != "paper" or missed <= LIMITS.rms:
+        return error.faults
+    return (
+        f"method paper: its model of the table, fitted up to 12 Hz, misses the measured response by {missed:.2g} (RMS, "
+        f"0.7-11 Hz; at most {LIMITS.rms:g}), and no feedback can be designed from it; use method best",
+    )
 
 
 def _stated_weights(setup: Setup) -> Weights:

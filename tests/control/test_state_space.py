@@ -33,6 +33,35 @@ def test_modal_form_has_the_response_of_its_roots(zeros: np.ndarray) -> None:
     assert np.isrealobj(system.A)
 
 
+NEARLY = np.array([-2000.0, -2000.1, -2000.3], dtype=complex)
+EQUAL = np.array([-500.0, -500.0, -500.0], dtype=complex)
+
+
+@pytest.mark.parametrize("zeros", [ZEROS, ZEROS[:2], np.append(ZEROS, -30.0), np.append(ZEROS, [-1e7, -2e7])])
+@pytest.mark.parametrize("more", [NEARLY, NEARLY[:2], EQUAL, EQUAL[:2], np.append(NEARLY, EQUAL)])
+def test_poles_may_nearly_coincide(zeros: np.ndarray, more: np.ndarray) -> None:
+    poles = np.append(POLES, more)
+    system = from_roots(zeros, poles, 7.5)
+    found = system.response(FREQUENCY_HZ)[0, 0]
+    _, wanted = freqs_zpk(zeros, poles, 7.5, worN=2.0 * np.pi * FREQUENCY_HZ)
+    assert np.abs(found / wanted - 1.0).max() < 1e-7  # at 0.05 Hz s^2 is what is left of numbers near one
+    assert np.isrealobj(system.A) and len(system.A) == len(poles)
+    largest = max(np.abs(system.B).max(), np.abs(system.C).max() / np.abs(wanted).max())
+    assert largest < 1e4  # no numbers that cancel
+
+
+@pytest.mark.parametrize("more", [NEARLY, EQUAL])
+def test_held_samples_of_nearly_equal_poles_are_exact(more: np.ndarray) -> None:
+    """A zero-order hold at dc and at a steady sine: the sampled response sums the aliases of the continuous one."""
+    poles, dt_s, f = np.append(POLES, more), 0.002, np.array([0.5, 3.0, 11.0, 40.0])
+    found = discretise(from_roots(ZEROS, poles, 7.5), dt_s, "zoh", "b", ("u",), ("y",)).response(f)[0, 0]
+    at = f[:, None] + np.arange(-2000, 2001) / dt_s
+    _, beyond = freqs_zpk(ZEROS, poles, 7.5, worN=2.0 * np.pi * at.ravel())
+    hold = np.exp(-1j * np.pi * at * dt_s) * np.sinc(at * dt_s)
+    wanted = (beyond.reshape(at.shape) * hold).sum(axis=1)
+    assert np.abs(found / wanted - 1.0).max() < 1e-6
+
+
 def test_modal_form_sums_its_fractions() -> None:
     poles = np.array([-5.0, -1.0 + 4.0j, -1.0 - 4.0j])
     weights = np.array([2.0, 0.5 - 3.0j, 0.5 + 3.0j])

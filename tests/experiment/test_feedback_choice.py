@@ -153,3 +153,18 @@ def test_where_no_choice_is_safe_the_usual_feedback_and_its_refusal_stay(
     stated = design_blocks(bare_setup("{kind: FF+FB, command_weight: 0.01}"), bare)
     assert found.chosen is None
     assert pickle.dumps(found.blocks) == pickle.dumps(stated.blocks)
+
+
+@pytest.mark.parametrize(("missed", "told"), [(0.24, "misses the measured response by 0.24"), (0.005, "peak of 1.001")])
+def test_the_printed_method_names_its_own_model_where_that_is_wrong(
+    default_setup: Setup, default_identification: Identification, missed: float, told: str
+) -> None:
+    setup = make_setup(
+        load_cases(
+            [str(default_setup.case.path)], ["method=paper", "controller={kind: FF+FB, max_sensitivity: 1.001}"]
+        )[0]
+    )
+    error = replace(default_identification.paper_error, rms=missed)
+    with pytest.raises(InputError) as caught:
+        design_blocks(setup, replace(default_identification, paper_error=error))
+    assert len(caught.value.faults) == 1 and told in caught.value.faults[0]

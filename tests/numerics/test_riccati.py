@@ -9,7 +9,7 @@ from scipy.linalg import solve_discrete_are
 from rths_cli.control import feedback
 from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Array, Model
-from rths_cli.numerics.matrix_equations import riccati_cost, riccati_gain
+from rths_cli.numerics.matrix_equations import doubled, riccati_cost, riccati_gain
 
 
 def problem(seed: int, slowest: float) -> tuple[Array, Array, Array, Array, Array]:
@@ -40,6 +40,14 @@ def test_the_gain_makes_the_plant_decay() -> None:
 
 def test_what_cannot_be_stabilised_is_said() -> None:
     a, b, q, r, s = np.diag([1.2, 0.5]), np.array([[0.0], [1.0]]), np.eye(2), np.eye(1), np.zeros((2, 1))
+    with pytest.raises(InputError, match="cannot be solved"):
+        riccati_gain(a, b, q, r, s)
+
+
+def test_a_singular_step_is_no_solution_and_no_crash() -> None:
+    """1 + reach X is zero at once: this happens with models whose roots lie far outside the band."""
+    assert doubled(np.eye(1), -np.eye(1), np.eye(1)) is None
+    a, b, q, r, s = np.eye(1), np.eye(1), np.eye(1), -np.eye(1), np.zeros((1, 1))
     with pytest.raises(InputError, match="cannot be solved"):
         riccati_gain(a, b, q, r, s)
 

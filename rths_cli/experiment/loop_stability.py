@@ -11,7 +11,6 @@ from rths_cli.analysis.identified_rig import identified_rig
 from rths_cli.control.feedback import none
 from rths_cli.control.numerical_substructure import all_storeys
 from rths_cli.numerics.content_key import content_key
-from rths_cli.numerics.content_key import content_key
 from rths_cli.numerics.shared_values import SharedValues
 
 if TYPE_CHECKING:

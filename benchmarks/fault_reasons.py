@@ -3,10 +3,10 @@
 python benchmarks/fault_reasons.py [RUNS] [--seed N] [--amplitude X] [--kind WORD] [--workers N]
 
 Sensors, amplifier, table and source fail at RUNS random instants each (20 by default) on the virtual table of
-tests/loop/faulty_rig.py, with and without a limit on the tracking error: without one, another limit is reached first.
+tests/helpers/faulty_rig.py, with and without a limit on the tracking error: without one, another limit comes first.
 `--amplitude` multiplies the motion of the table, 10 mm otherwise; a run that was stopped before its fault is counted as
 too early.
-Then a target freezes or its answers are lost, in simulated time, at instants of a hybrid test (tests/loop/freezing.py).
+Then a target freezes or its answers are lost, in simulated time, in a hybrid test (tests/helpers/freezing.py).
 Exit code 1 when one reason is false. A fault that stops nothing is counted apart.
 """
 
@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 
 TREE = Path(__file__).parents[1]
-sys.path[:0] = [str(TREE), str(TREE / "tests" / "loop"), str(TREE / "tests" / "rigs")]
+sys.path[:0] = [str(TREE), str(TREE / "tests" / "helpers")]
 
 import faulty  # noqa: E402
 from freezing import HOLDS, PAUSED, Freezing, freezing_of, told  # noqa: E402

@@ -28,7 +28,7 @@ from queue import SimpleQueue
 import numpy as np
 
 HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE / "faults"), str(HERE.parent / "tests" / "loop"), str(HERE.parent / "tests" / "rigs")]
+sys.path[:0] = [str(HERE / "faults"), str(HERE.parent / "tests" / "helpers")]
 
 REST_S, OUR_BUG = 2.0, 5
 TOLD_S = 0.25  # from the table at rest until its server's line is read here

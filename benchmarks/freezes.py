@@ -6,7 +6,7 @@ python benchmarks/freezes.py [--instants 20] [--seed 0] [--rates 500 1000] [--ms
 El Centro, FF+FB, one freeze in each run, at random instants of its strong part. A target holds its command while it
 is frozen and then jumps to the newest or approaches it (docs/reference/udp.md), or it follows the preview. The ideal
 table is where the numerical substructure wants it, holds for the freeze, and catches up at 0.9 of the velocity limit
-(tests/loop/ideal_table.py). The ratio is the RMS error to SIM of a run over that of the ideal table, both over all
+(tests/helpers/ideal_table.py). The ratio is the RMS error to SIM of a run over that of the ideal table, both over all
 storeys; the error of the calm run, which is not of the freeze, is added to the ideal one as a root of squares.
 """
 
@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 TREE = Path(__file__).parents[1]
-sys.path[:0] = [str(TREE), str(TREE / "tests" / "loop"), str(TREE / "tests" / "rigs")]
+sys.path[:0] = [str(TREE), str(TREE / "tests" / "helpers")]
 
 from freezing import APPROACHES, GOES_ON, HOLDS, Freezing, freezing_of, ideal_errors, told  # noqa: E402
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 TREE = Path(__file__).parents[1]
-sys.path[:0] = [str(TREE), str(TREE / "tests" / "loop")]
+sys.path[:0] = [str(TREE), str(TREE / "tests" / "helpers")]
 
 from stalling import Laboratory, laboratory_of  # noqa: E402
 

@@ -34,7 +34,7 @@ from queue import SimpleQueue
 import numpy as np
 
 HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE / "faults"), str(HERE.parent / "tests" / "loop"), str(HERE.parent / "tests" / "rigs")]
+sys.path[:0] = [str(HERE / "faults"), str(HERE.parent / "tests" / "helpers")]
 
 import h5py  # noqa: E402
 from fault_bench import start_runner  # noqa: E402

@@ -9,7 +9,7 @@ out twice, up to 15 ms late, and so in another order. In the earlier sessions th
 commands 1 V, in the ones under attack 0 V, so that a command obeyed by mistake shows in the samples.
 Exit code 1 where a start was denied, a command obeyed, a table not confirmed at rest, or, of `rths serve`, a moment
 took more than 20 % of a processor. `plain` is the target in Python that was written from docs/reference/udp.md
-(tests/rigs/udp_peer.py), in the runner's process.
+(tests/helpers/udp_peer.py), in the runner's process.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from pathlib import Path
 import numpy as np
 
 TREE = Path(__file__).parents[1]
-sys.path.insert(0, str(TREE / "tests" / "rigs"))
+sys.path.insert(0, str(TREE / "tests" / "helpers"))
 
 from udp_peer import PlainTarget  # noqa: E402
 

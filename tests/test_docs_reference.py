@@ -49,12 +49,14 @@ def first_cells(text: str) -> list[str]:
 @pytest.mark.parametrize("name", PAGES)
 def test_the_page_is_the_generated_one(name: str) -> None:
     same = (FOLDER / name).read_text(encoding="utf-8") == PAGES[name]()
-    assert same, f"docs/reference/{name} is stale; write it anew: python tests/docs_reference.py"
+    assert same, f"docs/reference/{name} is stale; write it anew: python tests/helpers/docs_reference.py"
 
 
 def test_the_map_in_the_readme_is_the_generated_one() -> None:
     text = README.read_text(encoding="utf-8")
-    assert text == with_map(text), "the README's map of modules is stale; write it anew: python tests/docs_reference.py"
+    assert text == with_map(text), (
+        "the map in the README is stale; write it anew: python tests/helpers/docs_reference.py"
+    )
 
 
 def test_every_command_and_option_is_told_with_its_help() -> None:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 HERE = Path(__file__).parent
 TREE = HERE.parents[1]
-sys.path.insert(0, str(TREE / "tests" / "rigs"))
+sys.path.insert(0, str(TREE / "tests" / "helpers"))
 
 from packets import Packet, opened, plain_siphash  # noqa: E402
 from smooth_way import smooth_way  # noqa: E402

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE.parents[1] / "tests" / folder) for folder in ("loop", "rigs")]
+sys.path.insert(0, str(HERE.parents[1] / "tests" / "helpers"))
 
 from told_causes import ALL, FIRST, LINK, SPECIMEN, TABLE, TABLE_SENSOR, TOP  # noqa: E402
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -34,9 +35,19 @@ def test_one_case_that_is_stopped_by_a_limit_is_named_and_the_others_run(tmp_pat
     assert "aborted" in done.stdout
 
 
-def test_json_is_one_document_and_progress_goes_elsewhere(tmp_path: Path) -> None:
-    done = rths("run", "el_centro_low_ff", *FAST, "--json", cwd=tmp_path)
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, subprocess.CompletedProcess[str]]:
+    """Return a folder in which a case ran, and how that process ended."""
+    folder = tmp_path_factory.mktemp("ran")
+    done = rths("run", "el_centro_low_ff", *FAST, "--json", cwd=folder)
     assert done.returncode == 0
+    return folder, done
+
+
+def test_json_is_one_document_and_progress_goes_elsewhere(
+    ran: tuple[Path, subprocess.CompletedProcess[str]],
+) -> None:
+    _, done = ran
     document = json.loads(done.stdout)
     assert document["cases"][0]["status"] == "complete"
     figures = document["results"][0]["metrics"]
@@ -44,8 +55,10 @@ def test_json_is_one_document_and_progress_goes_elsewhere(tmp_path: Path) -> Non
     assert "complete" in done.stderr
 
 
-def test_a_finished_result_is_replaced_unless_told_not_to(tmp_path: Path) -> None:
-    assert rths("run", "el_centro_low_ff", *FAST, cwd=tmp_path).returncode == 0
+def test_a_finished_result_is_replaced_unless_told_not_to(
+    ran: tuple[Path, subprocess.CompletedProcess[str]], tmp_path: Path
+) -> None:
+    shutil.copytree(ran[0], tmp_path, dirs_exist_ok=True)
     before = (tmp_path / "results/el_centro_low_ff.h5").stat().st_mtime_ns
     refused = rths("run", "el_centro_low_ff", *FAST, "--no-replace", cwd=tmp_path)
     assert refused.returncode == 2 and "el_centro_low_ff.h5" in refused.stderr

@@ -21,7 +21,7 @@ print(found.specimen is not None, found.friction is not None, found.latency is n
 
 
 def test_an_identification_imports_no_scipy() -> None:
-    paths = os.pathsep.join([str(HERE), str(HERE.parents[1])])
+    paths = os.pathsep.join([str(HERE.parent / "helpers"), str(HERE.parents[1])])
     done = subprocess.run(
         [sys.executable, "-c", SCRIPT], env={**os.environ, "PYTHONPATH": paths}, capture_output=True, text=True,
         check=True,

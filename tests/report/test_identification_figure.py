@@ -4,6 +4,7 @@ import errno
 import subprocess
 import sys
 from dataclasses import replace
+from pathlib import Path
 
 import matplotlib
 import numpy as np
@@ -196,6 +197,6 @@ from rths_cli.report.identification_figure import figure
 figure(identification(), ABOUT)
 assert "matplotlib.figure" in sys.modules and "matplotlib.pyplot" not in sys.modules
 """
-    here = __file__.rpartition("/")[0]
-    done = subprocess.run([sys.executable, "-c", code, here], capture_output=True, text=True)
+    helpers = str(Path(__file__).parents[1] / "helpers")
+    done = subprocess.run([sys.executable, "-c", code, helpers], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

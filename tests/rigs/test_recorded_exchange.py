@@ -29,7 +29,7 @@ def recorded() -> dict[str, list[str]]:
 
 @pytest.fixture(scope="module")
 def replayed() -> list[str]:
-    program = [sys.executable, str(HERE / "recorded_exchange.py"), "replay", str(RECORDING)]
+    program = [sys.executable, str(HERE.parent / "helpers" / "recorded_exchange.py"), "replay", str(RECORDING)]
     ended = subprocess.run(program, capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stderr
     sent: list[str] = json.loads(ended.stdout)["sent"]

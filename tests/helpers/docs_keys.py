@@ -62,7 +62,7 @@ def rig_page() -> str:
 
 def _page(name: str, tables: list[tuple[str, Iterable[tuple[str, ...]]]]) -> str:
     title, about = FILES[name]
-    made = "Made from the models that check these files by `python tests/docs_reference.py`; a test compares."
+    made = "Made from the models that check these files by `python tests/helpers/docs_reference.py`; a test compares."
     unit = "`-` in *default*: nothing, or what the meaning says; **required**: must be stated."
     parts = [f"# {title}", made, about, unit]
     for heading, rows in tables:

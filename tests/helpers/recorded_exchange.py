@@ -28,9 +28,6 @@ import llvmlite.binding as llvm
 import numpy as np
 from packets import Packet, plain_siphash
 
-ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(ROOT / "loop"), str(ROOT / "rigs")]
-
 DT_NS, RECORD_STEPS = 2_000_000, 240
 SECRET, RUNNER_NONCE, TARGET_NONCE = bytes(range(16)), bytes(range(50, 66)), bytes(range(80, 96))
 HELLO, WELCOME, _, ARM, COMMAND, SAMPLES, REST, CLOSE = range(1, 9)

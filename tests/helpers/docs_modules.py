@@ -7,9 +7,9 @@ import re
 import textwrap
 from pathlib import Path
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PACKAGE = ROOT / "rths_cli"
-BEGIN, END = "<!-- modules: made by python tests/docs_reference.py -->\n", "<!-- end of modules -->\n"
+BEGIN, END = "<!-- modules: made by python tests/helpers/docs_reference.py -->\n", "<!-- end of modules -->\n"
 ORDER = (
     "cli", "api", "report", "studies", "experiment", "loop", "analysis", "identification", "control", "rigs",
     "structure", "files", "case", "numerics", "quantities",

@@ -36,6 +36,7 @@ from rths_cli.rigs.udp.command_trajectory import Way, fresh_way
 from rths_cli.rigs.udp.handshake import open_greeter
 
 INTERVAL_NS = 1_000_000
+MEMORY = Memory()  # the rig of each rate is identified once for all laboratories
 
 
 @entry
@@ -126,7 +127,7 @@ class Laboratory:
 def laboratory_of(record: int) -> Laboratory:
     """Return the laboratory of the example case with a record of so many ms; the rig is identified."""
     setup = make_setup(load_cases(["el_centro_low_ff_fb"], ("sample_rate_hz=1000",))[0])
-    design = design_blocks(setup, Memory().identify(setup, lambda _: None))
+    design = design_blocks(setup, MEMORY.identify(setup, lambda _: None))
     served = describe("aps400_virtual", "three_storey", ("sample_rate_hz=1000",), 0)
     return Laboratory(setup, design, served, record)
 

@@ -16,8 +16,8 @@ from rths_cli.quantities.sweep_datasets import OF_SWEEP, SWEEP_DATASETS
 COLUMNS = ("dataset", "shape", "unit", "source", "holds")
 HEAD = """# Result, model and sweep files (HDF5)
 
-Made from their declarations in `rths_cli/quantities` by `python tests/docs_reference.py`; a test compares. Format
-version 1.
+Made from their declarations in `rths_cli/quantities` by `python tests/helpers/docs_reference.py`; a test compares.
+Format version 1.
 
 Every dataset has the attributes `units`, `long_name` (below: holds) and `source` (computed, measured, estimated,
 true). Time or frequency is the last axis. Every group holds its own scales, so that a run that was stopped is shorter

@@ -1,4 +1,4 @@
-"""Write docs/reference/, made from the code: `python tests/docs_reference.py`."""
+"""Write docs/reference/, made from the code: `python tests/helpers/docs_reference.py`."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from docs_hdf5 import hdf5_page
 from docs_keys import case_page, rig_page
 from docs_modules import with_map
 
-README = Path(__file__).parents[1] / "README.md"
-FOLDER = Path(__file__).parents[1] / "docs" / "reference"
+README = Path(__file__).parents[2] / "README.md"
+FOLDER = Path(__file__).parents[2] / "docs" / "reference"
 PAGES: dict[str, Callable[[], str]] = {
     "commands.md": commands_page,
     "case.md": case_page,

@@ -1,6 +1,0 @@
-"""Make the rigs' test bench importable here."""
-
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "rigs"))

@@ -1,6 +1,0 @@
-"""Make the loop's test bench importable here."""
-
-import sys
-from pathlib import Path
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "loop"))

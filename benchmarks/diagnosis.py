@@ -22,7 +22,7 @@ from own_chains import Chain, Fault, drawn_fault, drawn_plant, injected, made_ch
 from rths_cli.identification import channel_responses
 from rths_cli.identification.channel_signals import UnfitRecord
 from rths_cli.identification.frequency_response import estimate
-from rths_cli.identification.measured_inputs import IdentificationSettings, evidence
+from rths_cli.identification.inputs import IdentificationSettings, evidence
 
 RATES_HZ, BITS = (500.0, 1000.0, 2000.0), (12, 14, 16, 18)
 NOISE_M_S2 = (1e-4, 2e-3)

@@ -21,13 +21,14 @@ from drifting_rig import DriftingRig
 from rths_cli.analysis.metrics import error_figures
 from rths_cli.analysis.sim import simulate
 from rths_cli.case.load import load_cases
-from rths_cli.experiment import budget_metrics as budget
-from rths_cli.experiment.check_cases import verdict_on
+from rths_cli.experiment import error_budget_metrics as budget
+from rths_cli.experiment.check_command import verdict_on
 from rths_cli.experiment.design import Design
-from rths_cli.experiment.lowest_frequency import lowest_reliable_hz
-from rths_cli.experiment.model_registry import Memory
+from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
+from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.rig_access import EXP_RTHS, guard_limits, open_virtual
-from rths_cli.experiment.run_series import on_record_clock, whole_building, without_drift
+from rths_cli.experiment.run_signals import on_record_clock, whole_building, without_drift
+from rths_cli.experiment.run_stages import AFTER_S, BEFORE_S, drive_of
 from rths_cli.experiment.sensor_drift_report import (
     SensorDrift,
     drift_of,
@@ -37,9 +38,8 @@ from rths_cli.experiment.sensor_drift_report import (
     stands_out,
 )
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.experiment.table_run import AFTER_S, BEFORE_S, drive_of
-from rths_cli.loop.counted_clock import Outcome, Stillness, play
 from rths_cli.loop.realtime_run import way_to_rest_s
+from rths_cli.loop.simulated_time_run import Outcome, Stillness, play
 from rths_cli.loop.step_arrays import NUMERICAL
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities import Values

@@ -29,7 +29,7 @@ import click
 import mutated_files
 
 import rths_cli
-from rths_cli.cli.group import cli
+from rths_cli.cli.command_group import cli
 
 CASE = mutated_files.CASE
 ROOT = Path(__file__).parents[1]

@@ -44,8 +44,8 @@ from rths_cli.files.model_file import BLOCK, LEAD, read_model
 from rths_cli.files.raw_log import CHECK, START, RawHeader, RawLogWriter
 from rths_cli.files.result_reader import read_result
 from rths_cli.files.sweep_file import ROWS_FORMAT
-from rths_cli.report import check_page, figures, page, request  # noqa: F401
-from rths_cli.report.export import exporting as _export  # noqa: F401 imported before processes are copied, to save their time
+from rths_cli.report import check_page, figures, page, report_options  # noqa: F401
+from rths_cli.report.export import export_command as _export  # noqa: F401 imported before processes are copied, to save their time
 from rths_cli.studies import sweep  # noqa: F401
 
 LIMIT_S = 5.0  # of the processor, which a busy machine does not change

@@ -15,8 +15,8 @@ from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # the sources this file belongs to
 
-from rths_cli.report.case_results import load
 from rths_cli.report.page import write_page
+from rths_cli.report.results_by_case import load
 
 WIDTHS = (1280, 390)
 OPENED = 5

@@ -9,12 +9,12 @@ from functools import cached_property
 
 import numpy as np
 
-from rths_cli.analysis.identified_rig import identified_rig
+from rths_cli.analysis.identified_rig_block import identified_rig
 from rths_cli.analysis.metrics import rms
 from rths_cli.analysis.sim import Response, simulate
 from rths_cli.analysis.stability_check import Stability, stability
 from rths_cli.control.numerical_substructure import all_storeys
-from rths_cli.experiment.check_cases import Verdict
+from rths_cli.experiment.check_command import Verdict
 from rths_cli.experiment.design import Design
 from rths_cli.experiment.loop_stability import required_delay_s
 from rths_cli.experiment.setup import Setup

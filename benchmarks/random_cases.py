@@ -29,9 +29,9 @@ from random_case_truth import GOOD, Played, Truth, judge, loop_figures
 from rths_cli.analysis.metrics import rms
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, LimitError, RigError, RthsError
-from rths_cli.experiment.check_cases import Verdict, verdict_on
+from rths_cli.experiment.check_command import Verdict, verdict_on
 from rths_cli.experiment.identify import UnfitRig
-from rths_cli.experiment.model_registry import Known, Memory
+from rths_cli.experiment.model_choice import Known, Memory
 from rths_cli.experiment.run import Ended, run_case
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.result_reader import read_result

@@ -21,7 +21,7 @@ from rths_cli.errors import RthsError
 from rths_cli.experiment.identify import evaluated, measure
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.identification.frequency_response import estimate, over_model
-from rths_cli.identification.recorded_data import Record
+from rths_cli.identification.records import Record
 from rths_cli.identification.results import FitError, Identification
 from rths_cli.identification.table_fit import rms, within
 from rths_cli.identification.verdict import LIMITS

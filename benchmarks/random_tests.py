@@ -16,12 +16,12 @@ from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, RthsError
 from rths_cli.experiment.check import preflight_of
 from rths_cli.experiment.design import Design, design_blocks
-from rths_cli.experiment.model_registry import Memory
-from rths_cli.experiment.model_store import Cache
-from rths_cli.experiment.run_series import on_record_clock, whole_building
+from rths_cli.experiment.model_choice import Memory
+from rths_cli.experiment.model_files import Cache
+from rths_cli.experiment.run_signals import on_record_clock, whole_building
+from rths_cli.experiment.run_stages import HYBRID_TEST, plan_run, play_run
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.experiment.table_run import HYBRID_TEST, plan_run, play_run
-from rths_cli.loop.counted_clock import Outcome
+from rths_cli.loop.simulated_time_run import Outcome
 from rths_cli.numerics.lti import Array
 
 SHARES = 0.1, 1.1  # of the scaling at which the building's motion fills the table's stroke or reaches its speed

@@ -11,7 +11,7 @@ import pytest
 from rths_cli.cli.entry_point import BLAS_THREADS
 
 if TYPE_CHECKING:
-    from rths_cli.experiment.model_registry import Memory
+    from rths_cli.experiment.model_choice import Memory
     from rths_cli.experiment.setup import Setup
     from rths_cli.identification.results import Identification
 
@@ -24,7 +24,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell starts what 
 @pytest.fixture(scope="session")
 def memory() -> Memory:
     """Return the identifications already made by this test process."""
-    from rths_cli.experiment.model_registry import Memory
+    from rths_cli.experiment.model_choice import Memory
 
     return Memory()
 

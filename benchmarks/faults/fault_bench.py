@@ -26,8 +26,8 @@ from smooth_way import smooth_way  # noqa: E402
 from udp_relay import Mishap, Relay, as_it_came  # noqa: E402
 
 from rths_cli.case.load import load_cases  # noqa: E402
-from rths_cli.experiment.model_registry import Memory  # noqa: E402
-from rths_cli.experiment.model_store import Cache, save  # noqa: E402
+from rths_cli.experiment.model_choice import Memory  # noqa: E402
+from rths_cli.experiment.model_files import Cache, save  # noqa: E402
 from rths_cli.experiment.setup import make_setup  # noqa: E402
 from rths_cli.rigs.udp.key_file import make_secret  # noqa: E402
 

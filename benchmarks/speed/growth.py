@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from rths_cli.control.numerical_substructure import interface
-from rths_cli.experiment.model_registry import Memory
-from rths_cli.experiment.model_store import Cache
+from rths_cli.experiment.model_choice import Memory
+from rths_cli.experiment.model_files import Cache
 from rths_cli.experiment.setup import Setup
 from rths_cli.structure import Numerical
 from speed import play

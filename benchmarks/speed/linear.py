@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rths_cli.control.blocks import Blocks
+from rths_cli.control.designed_blocks import Blocks
 from rths_cli.experiment.setup import Setup
 from rths_cli.numerics.lti import Array, Block
 from rths_cli.rigs.virtual.plant import accelerations, continuous, with_sensors

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 
-from rths_cli.experiment.model_registry import Memory
-from rths_cli.experiment.model_store import Cache
+from rths_cli.experiment.model_choice import Memory
+from rths_cli.experiment.model_files import Cache
 from rths_cli.experiment.setup import Setup
 from speed import play
 from speed.commands import command_rows

@@ -8,14 +8,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from rths_cli.case.load import load_cases
-from rths_cli.control.blocks import Blocks
+from rths_cli.control.designed_blocks import Blocks
 from rths_cli.experiment.design import design_blocks
-from rths_cli.experiment.model_registry import Memory
+from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.rig_access import EXP_RTHS, guard_limits, open_rig
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.loop.counted_clock import run_virtual
 from rths_cli.loop.guard import GuardLimits, GuardState, fresh_guard
 from rths_cli.loop.run_log import Log, Signals, empty_log, signals, widths
+from rths_cli.loop.simulated_time_run import run_virtual
 from rths_cli.loop.step_arrays import NUMERICAL, Step, assemble
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.virtual.plant import Plant

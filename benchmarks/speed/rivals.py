@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from rths_cli.control.blocks import Blocks
+from rths_cli.control.designed_blocks import Blocks
 from rths_cli.experiment.setup import Setup
 from rths_cli.loop.step import apply, note_sent, step
 from rths_cli.loop.step_arrays import NUMERICAL, Linear, Step, assemble, linear

@@ -17,10 +17,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rths_cli.analysis.closed_loop_response import Motion, hybrid, on_perfect_table
 from rths_cli.analysis.fourier_lines import Lines
-from rths_cli.analysis.loop_response import Motion, hybrid, on_perfect_table
 from rths_cli.analysis.metrics import rms
-from rths_cli.analysis.prediction import Errors, Known, samples_of_push
+from rths_cli.analysis.predicted_error import Errors, Known, samples_of_push
 from rths_cli.identification.results import Friction
 from rths_cli.numerics.lti import Array, ComplexArray
 

@@ -9,13 +9,13 @@ from decimal import ROUND_DOWN, Context
 
 import numpy as np
 
-from rths_cli.analysis.closed_loop import closed_loop_matrix
+from rths_cli.analysis.closed_loop_matrix import closed_loop_matrix
+from rths_cli.analysis.closed_loop_response import loop_response
 from rths_cli.analysis.critical_delay import CriticalDelay
 from rths_cli.analysis.fourier_lines import HIGHEST_HZ
-from rths_cli.analysis.identified_rig import IdentifiedRig
-from rths_cli.analysis.loop_response import loop_response
-from rths_cli.analysis.prediction import Known, Prediction, data_ratio, ratio_error
-from rths_cli.control.blocks import Blocks
+from rths_cli.analysis.identified_rig_block import IdentifiedRig
+from rths_cli.analysis.predicted_error import Known, Prediction, data_ratio, ratio_error
+from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.margins import Margins, margins
 from rths_cli.identification.results import LevelBand
 from rths_cli.numerics.lti import Array, Block, ComplexArray, Frf, Model

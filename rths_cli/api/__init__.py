@@ -90,7 +90,7 @@ def check(
 
     Raises InputError when the case cannot be read.
     """
-    from rths_cli.experiment.check_cases import check_cases, load_all
+    from rths_cli.experiment.check_command import check_cases, load_all
 
     cases = load_all([str(case)], _texts(settings, method), ())
     found = check_cases(cases, tuple(overrides), _telling(progress, lambda: None))[0]
@@ -118,7 +118,7 @@ def identify(
     or the output cannot be used, LimitError or RigError when the excitation was stopped or gave no usable channels.
     """
     from rths_cli.experiment.identify_command import Asked, make_model
-    from rths_cli.experiment.permission import ask_to_move
+    from rths_cli.experiment.operator_consent import ask_to_move
 
     def permit(setup: Setup) -> None:
         ask_to_move([setup], yes, _refuse)

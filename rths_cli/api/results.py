@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from rths_cli.errors import InputError
 
 if TYPE_CHECKING:
-    from rths_cli.files.result_outline import Outline
+    from rths_cli.files.result_listing import Outline
     from rths_cli.files.result_reader import Dataset, Result
     from rths_cli.files.result_writer import Attribute
     from rths_cli.numerics.lti import Array, ComplexArray
@@ -78,8 +78,8 @@ class RunResult:
     """
 
     def __init__(self, path: Path) -> None:
-        from rths_cli.files.checked_results import read_checked
-        from rths_cli.files.result_outline import read_outlines
+        from rths_cli.files.result_listing import read_outlines
+        from rths_cli.files.validated_results import read_checked
 
         self.path = Path(path).absolute()
         self.contents: Result = read_checked(Path(path))
@@ -133,7 +133,7 @@ class RunResult:
 
     def export(self, folder: str | Path, to: str = "mat", replace: bool = False) -> list[Path]:
         """Write the result as `csv`, `mat` or `netcdf` and return the files; raises InputError."""
-        from rths_cli.report.export.exporting import FORMATS, ExportRequest, export
+        from rths_cli.report.export.export_command import FORMATS, ExportRequest, export
 
         if to not in FORMATS:
             raise InputError(f"to: {to!r} is no format; give one of {', '.join(FORMATS)}")

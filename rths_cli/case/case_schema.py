@@ -10,11 +10,11 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, WithJsonSchema, field_validator
 
 from rths_cli.case.field_types import Problem, Range, Strict, count, entry, listed, number, refusal, same_length
+from rths_cli.case.real_rig_overrides import REAL_DEFAULTS, STRICTER
 from rths_cli.case.reference_schema import ReferenceSpec
 from rths_cli.case.rig_capabilities import DEFAULT_KIND, Capabilities, capabilities_of
 from rths_cli.case.rig_schema import DEFAULT_LOST_SAMPLES, AnyRig, LimitOverrides, LimitsSpec, UdpRigSpec
 from rths_cli.case.structure_schema import DampingSpec, StructureSpec
-from rths_cli.case.tightened_limits import REAL_DEFAULTS, STRICTER
 
 Run = Literal["sim", "sim_delay", "shake_table", "exp_rths"]
 RUNS: tuple[Run, ...] = ("sim", "sim_delay", "shake_table", "exp_rths")

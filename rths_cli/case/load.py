@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from rths_cli.case.case_schema import Case, CaseKeys
 from rths_cli.case.json_schema import schema
-from rths_cli.case.lookup import find, is_bare, shipped
+from rths_cli.case.named_files import find, is_bare, shipped
 from rths_cli.case.resolve import NOTHING_TYPED, SHORT_FORMS, Setting, apply_settings, expand_case, read_settings
 from rths_cli.case.yaml_reader import dump, read_file
 from rths_cli.case.yaml_tree import Fault, Mark, Node, Source, display, join, plain

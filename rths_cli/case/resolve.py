@@ -8,8 +8,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from rths_cli.case.field_types import near
-from rths_cli.case.lookup import find
-from rths_cli.case.tightened_limits import is_real, made_real, over_real_rig, set_inside
+from rths_cli.case.named_files import find
+from rths_cli.case.real_rig_overrides import is_real, made_real, over_real_rig, set_inside
 from rths_cli.case.yaml_reader import parse, read_file
 from rths_cli.case.yaml_tree import Fault, Mark, Node, Source, plain, printable
 from rths_cli.errors import InputError

@@ -19,9 +19,9 @@ from pydantic import (
 from pydantic_core import InitErrorDetails
 
 from rths_cli.case.field_types import Problem, Range, Strict, entry, exactly_one, listed, near, number, refusal, shown
-from rths_cli.case.plugin_kinds import GROUP, plugin_kinds
+from rths_cli.case.plugin_rig_names import GROUP, plugin_kinds
 from rths_cli.case.rig_capabilities import DEFAULT_KIND
-from rths_cli.case.virtual_physics import AfterIdentification, VirtualPhysics
+from rths_cli.case.virtual_physics_schema import AfterIdentification, VirtualPhysics
 
 Stroke = Annotated[float, Range(gt=0, le=10)]
 Velocity = Annotated[float, Range(gt=0, le=100)]

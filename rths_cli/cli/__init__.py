@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from rths_cli.cli import check, doctor, export, identify, recover, report, run, serve, start, sweep
+from rths_cli.cli import check, doctor, export, identify, new, records, recover, report, run, schema, serve, sweep
+from rths_cli.cli.command_group import SIGNALS, cli
 from rths_cli.cli.completion import complete_cases
 from rths_cli.cli.entry_point import main
-from rths_cli.cli.group import SIGNALS, cli
 
 __all__ = [
     "SIGNALS",
@@ -15,11 +15,13 @@ __all__ = [
     "export",
     "identify",
     "main",
+    "new",
+    "records",
     "recover",
     "report",
     "run",
+    "schema",
     "serve",
-    "start",
     "sweep",
 ]
 

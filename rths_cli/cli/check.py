@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from rths_cli.cli.group import cli
+from rths_cli.cli.command_group import cli
 from rths_cli.cli.options import json_option, methods_option, overrides_option, settings_option
 from rths_cli.cli.terminal import new_screen
 
@@ -36,7 +36,7 @@ def check(
 
     Example: rths check el_centro_low_ff_fb
     """
-    from rths_cli.experiment.check_cases import check_cases, load_all
+    from rths_cli.experiment.check_command import check_cases, load_all
 
     loaded = load_all(cases, settings, tuple(dict.fromkeys(methods)))
     if resolved:

@@ -18,7 +18,7 @@ class CaseName(click.ParamType):
 
     def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         """Return the names that start so, or have the shell complete files when there are none."""
-        from rths_cli.case.lookup import known
+        from rths_cli.case.named_files import known
 
         names = [name for name in known("cases", Path.cwd()) if name.startswith(incomplete)]
         return [CompletionItem(name) for name in names] or [CompletionItem(incomplete, type="file")]

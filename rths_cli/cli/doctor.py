@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rths_cli.cli.group import cli
+from rths_cli.cli.command_group import cli
 from rths_cli.cli.options import Number, json_option, settings_option, yes_option
 from rths_cli.cli.terminal import new_screen
 
@@ -62,7 +62,7 @@ def doctor(
     request = DoctorRequest(case, rig, rates_hz, seconds, settings)
 
     def permit(setup: Setup) -> None:
-        from rths_cli.experiment.permission import ask_to_move
+        from rths_cli.experiment.operator_consent import ask_to_move
 
         ask_to_move([setup], yes, screen.confirm)
 

@@ -13,10 +13,10 @@ from typing import NoReturn
 
 import click
 
-from rths_cli.cli.group import SIGNALS, cli
+from rths_cli.cli.command_group import SIGNALS, cli
 from rths_cli.errors import InputError, RthsError, crash_note
 from rths_cli.interrupts import INTERRUPTED, TERMINATED, Terminated, any_abandoned
-from rths_cli.printed import OutputError, PrintedStream, shortened
+from rths_cli.safe_text import OutputError, PrintedStream, shortened
 
 BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")  # read when numpy is imported
 

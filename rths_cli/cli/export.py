@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rths_cli.cli.group import cli
+from rths_cli.cli.command_group import cli
 from rths_cli.cli.options import FILE, json_option
 from rths_cli.cli.terminal import new_screen
 
 if TYPE_CHECKING:
-    from rths_cli.report.export.exporting import Exported
+    from rths_cli.report.export.export_command import Exported
 
 
 @cli.command()
@@ -54,8 +54,8 @@ def export(
 
     Example: rths export results/el_centro_low_ff_fb.h5 --to mat
     """
-    from rths_cli.report.export.exporting import ExportRequest
-    from rths_cli.report.export.exporting import export as export_results
+    from rths_cli.report.export.export_command import ExportRequest
+    from rths_cli.report.export.export_command import export as export_results
 
     screen = new_screen(quiet)
     request = ExportRequest(results, form, output, tuple(dict.fromkeys(groups)), replace)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rths_cli.cli.group import cli
+from rths_cli.cli.command_group import cli
 from rths_cli.cli.options import FILE, Number, json_option, settings_option, yes_option
 from rths_cli.cli.terminal import new_screen
 from rths_cli.errors import InputError
@@ -97,7 +97,7 @@ def identify(
     """
     from rths_cli.experiment.identify_command import Asked, make_model
     from rths_cli.experiment.identify_from_files import DataRequest, read_roles
-    from rths_cli.experiment.permission import ask_to_move
+    from rths_cli.experiment.operator_consent import ask_to_move
 
     if not data and (channels or rate_hz is not None or corrected):
         raise InputError("--channel, --rate and --corrected belong to --data FILE; add it, or leave them out")

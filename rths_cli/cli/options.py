@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 
 import click
 
-from rths_cli.printed import shortened, visible
+from rths_cli.safe_text import shortened, visible
 
 F = TypeVar("F", bound=Callable[..., Any])
 LONGEST_PART, LONGEST_PATH = 255, 4000  # bytes of a file's name, and of a path

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rths_cli.cli.group import cli
+from rths_cli.cli.command_group import cli
 from rths_cli.cli.options import FILE, json_option
 
 if TYPE_CHECKING:

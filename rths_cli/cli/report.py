@@ -10,14 +10,14 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rths_cli.cli.group import SIGNALS, cli
+from rths_cli.cli.command_group import SIGNALS, cli
 from rths_cli.cli.options import FILE, Number, command_line, json_option
 from rths_cli.errors import InputError
 
 if TYPE_CHECKING:
     from rths_cli.cli.terminal import Screen
-    from rths_cli.report.request import Asked
-    from rths_cli.report.sections import Contents
+    from rths_cli.report.report_contents import Contents
+    from rths_cli.report.report_options import Asked
 
 TABLES = ("text", "markdown", "csv", "json", "latex", "html")
 DRAWN = ("pdf", "svg", "png")
@@ -79,7 +79,7 @@ def report(
 
     Example: rths report results --format markdown --output report.md
     """
-    from rths_cli.report.request import Asked
+    from rths_cli.report.report_options import Asked
 
     if not results and not Path("results").is_dir():
         raise InputError("there are no results here yet: rths run CASE makes results/, or name result files.")
@@ -112,8 +112,8 @@ def _formats(formats: tuple[str, ...], as_json: bool) -> tuple[str, str]:
 
 def _report(asked: Asked, quiet: bool) -> int:
     from rths_cli.cli.terminal import Screen
-    from rths_cli.report.case_results import unrecovered
-    from rths_cli.report.request import check_asked, read_asked
+    from rths_cli.report.report_options import check_asked, read_asked
+    from rths_cli.report.results_by_case import unrecovered
 
     check_asked(asked)
     screen = Screen(quiet, poll=SIGNALS.poll)
@@ -124,7 +124,7 @@ def _report(asked: Asked, quiet: bool) -> int:
     for sentence in found.faults:
         click.echo(sentence, err=True)
     _write(asked, found, screen, quiet)
-    from rths_cli.report.baseline import got_worse
+    from rths_cli.report.baseline_comparison import got_worse
 
     worse = found.baseline is not None and asked.percent is not None and got_worse(found.baseline.changes)
     return 1 if worse or found.faults else 0
@@ -132,7 +132,7 @@ def _report(asked: Asked, quiet: bool) -> int:
 
 def _write(asked: Asked, found: Contents, screen: Screen, quiet: bool) -> None:
     """Write the figures first, because they alone read time histories; then the tests, and the tables or the page."""
-    from rths_cli.report.request import rendered, write_text
+    from rths_cli.report.report_options import rendered, write_text
 
     if asked.figures:
         from rths_cli.report.figures import write_figures
@@ -148,7 +148,7 @@ def _write(asked: Asked, found: Contents, screen: Screen, quiet: bool) -> None:
         write_text(asked.junit, junit(found.inputs.results, found.unread, (), changes))
     if asked.table == "html":
         from rths_cli.report.page import write_page
-        from rths_cli.report.sections import comparison_text
+        from rths_cli.report.report_contents import comparison_text
 
         assert asked.output is not None  # check_asked
         write_page(found.inputs.results, asked.output, command_line(), comparison_text(found))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from rths_cli.cli.group import cli
+from rths_cli.cli.command_group import cli
 from rths_cli.cli.options import (
     FILE,
     command_line,
@@ -62,7 +62,7 @@ def run(
     from rths_cli.experiment.batch import Request, exit_code, run_batch
 
     if junit:
-        from rths_cli.report.request import check_output
+        from rths_cli.report.report_options import check_output
 
         check_output("--junit", junit, ())
     screen = new_screen(quiet)
@@ -84,13 +84,13 @@ def run(
 
 def _show_results(ended: Sequence[Ended], as_json: bool, junit: Path | None) -> None:
     """Read the result files back, write their tests and print their tables."""
-    from rths_cli.report.case_results import load
+    from rths_cli.report.results_by_case import load
 
     paths = [one.path for one in ended if one.path]
     results = load(paths) if paths or as_json else []
     if junit:
         from rths_cli.report.formats.junit import junit as as_junit
-        from rths_cli.report.request import write_text
+        from rths_cli.report.report_options import write_text
 
         write_text(junit, as_junit(results, failed=[(one.name, one.reason) for one in ended if one.path is None]))
     if paths or as_json:

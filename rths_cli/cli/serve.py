@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from rths_cli.cli.group import cli
+from rths_cli.cli.command_group import cli
 from rths_cli.cli.options import FILE, Number, json_option, settings_option
 from rths_cli.cli.terminal import new_screen
 
@@ -58,7 +58,7 @@ def serve(
     """
     from dataclasses import asdict
 
-    from rths_cli.experiment.serve import ServeRequest, serve
+    from rths_cli.experiment.serve_command import ServeRequest, serve
 
     screen = new_screen(False)
     request = ServeRequest(rig, structure, host, port, key_file, watchdog_s, seconds, seed, settings)

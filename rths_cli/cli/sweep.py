@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from rths_cli.cli.group import cli
+from rths_cli.cli.command_group import cli
 from rths_cli.cli.options import FILE, command_line, json_option, methods_option, overrides_option, settings_option
 from rths_cli.cli.terminal import new_screen
 

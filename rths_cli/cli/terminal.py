@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, TextIO
 
 import click
 
-from rths_cli.cli.group import SIGNALS
-from rths_cli.printed import visible
+from rths_cli.cli.command_group import SIGNALS
+from rths_cli.safe_text import visible
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -123,7 +123,7 @@ class Screen:
 
         Return whether the operator pressed the stop key.
         """
-        from rths_cli.report.live_lines import live_lines, one_line
+        from rths_cli.report.run_status_lines import live_lines, one_line
 
         if self._live:
             self._panel(live_lines(label, view))

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rths_cli.control.blocks import Blocks
+from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.kalman_filter import Shear, specimen_state_space
 from rths_cli.control.numerical_substructure import amplitude_and_lag
 from rths_cli.control.sensor_correction import correction

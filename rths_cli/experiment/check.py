@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.analysis import stability_check as preflight
-from rths_cli.analysis.closed_loop import closed_loop_matrix, loop_roots, modes_in_loop, slow_roots
+from rths_cli.analysis.closed_loop_matrix import closed_loop_matrix, loop_roots, modes_in_loop, slow_roots
+from rths_cli.analysis.closed_loop_response import loop_response
 from rths_cli.analysis.critical_delay import critical_delay
 from rths_cli.analysis.fourier_lines import lines_for
-from rths_cli.analysis.loop_response import loop_response
-from rths_cli.analysis.prediction import Known, predict
-from rths_cli.analysis.reference_lines import delayed_rms, sim_lines
+from rths_cli.analysis.predicted_error import Known, predict
 from rths_cli.analysis.sim import simulate
+from rths_cli.analysis.sim_fourier_lines import delayed_rms, sim_lines
 from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.experiment.loop_stability import loop_parts, loop_stability, required_delay_s
-from rths_cli.experiment.lowest_frequency import lowest_reliable_hz
+from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
 from rths_cli.experiment.setup import motion_key
 from rths_cli.numerics.content_key import content_key
 from rths_cli.numerics.shared_values import SharedValues
@@ -26,7 +26,7 @@ from rths_cli.structure import Building, assemble, modes
 
 if TYPE_CHECKING:
     from rths_cli.analysis.critical_delay import CriticalDelay
-    from rths_cli.analysis.identified_rig import IdentifiedRig
+    from rths_cli.analysis.identified_rig_block import IdentifiedRig
     from rths_cli.experiment.design import Design
     from rths_cli.experiment.setup import Setup
     from rths_cli.identification.results import Identification

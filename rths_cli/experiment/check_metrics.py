@@ -9,7 +9,7 @@ from rths_cli.experiment.run_metrics import of_margins
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-    from rths_cli.analysis.prediction import Prediction
+    from rths_cli.analysis.predicted_error import Prediction
     from rths_cli.analysis.stability_check import Preflight
     from rths_cli.experiment.check import Judged
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rths_cli.errors import InputError
-from rths_cli.experiment.doctor import RATES_HZ, Examined, Progress, examine, wake_share
+from rths_cli.experiment.doctor_command import RATES_HZ, Examined, Progress, examine, wake_share
 from rths_cli.rigs.description import capabilities_of
 
 DEFAULT_CASE = "el_centro_low_ff_fb"  # lends its structure where only a rig was named
@@ -55,7 +55,7 @@ def examine_request(
                 f"'rths serve {request.rig}' and name a rig of kind udp"
             )
         return examine(others, wanted, request.seconds, say)
-    from rths_cli.experiment.doctor_of_rig import exchange_delays
+    from rths_cli.experiment.doctor_rig_test import exchange_delays
     from rths_cli.experiment.setup import make_setup
 
     setup = make_setup(case)

@@ -10,23 +10,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.control import feedback, feedforward, numerical_substructure, sensor_correction
-from rths_cli.control.blocks import Blocks
+from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.state_space import static
 from rths_cli.errors import InputError, LimitError, RigError
-from rths_cli.experiment.dropout_counts import losses_of
+from rths_cli.experiment.lost_sample_counts import losses_of
 from rths_cli.experiment.rig_access import IDENTIFICATION, PROBE, VERIFICATION, guard_limits, open_rig
 from rths_cli.experiment.setup import Progress, Setup
-from rths_cli.identification import excitation, probe
+from rths_cli.identification import excitation, low_level_probe
 from rths_cli.identification.channel_signals import UnfitRecord
-from rths_cli.identification.evaluation import IdentificationSettings
-from rths_cli.identification.evaluation import identify as evaluate
 from rths_cli.identification.excitation import Excitation, ExcitationSettings
-from rths_cli.identification.probe import Level
-from rths_cli.identification.recorded_data import Record
+from rths_cli.identification.identify import IdentificationSettings
+from rths_cli.identification.identify import identify as evaluate
+from rths_cli.identification.low_level_probe import Level
+from rths_cli.identification.records import Record
 from rths_cli.identification.results import Identification
 from rths_cli.interrupts import interruptible
-from rths_cli.loop.counted_clock import Outcome, play
 from rths_cli.loop.guard import LOST, OPERATOR, OVERRUN, RIG_FAULT
+from rths_cli.loop.simulated_time_run import Outcome, play
 from rths_cli.loop.step_arrays import EXCITATION
 from rths_cli.numerics.lti import Array, Model
 
@@ -164,7 +164,7 @@ def _excited(
         command, corrected, lost = excite(setup, loud.command_v, stream=(IDENTIFICATION, number) if number else None)
         record = Record(command, corrected, loud.parts)
         notes += [lost] if lost else []
-        grown = probe.overdriven(quiet, record, setup.rig.dt_s) if options.excitation == "noise" else None
+        grown = low_level_probe.overdriven(quiet, record, setup.rig.dt_s) if options.excitation == "noise" else None
         if grown is None or attempt == MOST_ATTEMPTS:
             break
         notes.append(
@@ -180,7 +180,7 @@ def _allowed(setup: Setup, low: Excitation, quiet: Record, loud: Excitation) -> 
     """Return the level that the probe allows for a planned excitation."""
     wanted = setup.case.identification.accel_rms_m_s2
     try:
-        return probe.choose_level(setup.rig, low, quiet.accel_m_s2, wanted, loud, setup.floor_masses_kg)
+        return low_level_probe.choose_level(setup.rig, low, quiet.accel_m_s2, wanted, loud, setup.floor_masses_kg)
     except InputError as error:
         raise RigError(f"identification of rig {setup.rig.name}: {'; '.join(error.faults)}") from error
 
@@ -188,7 +188,7 @@ def _allowed(setup: Setup, low: Excitation, quiet: Record, loud: Excitation) -> 
 def probed(setup: Setup, progress: Progress, stream: int = PROBE) -> tuple[Excitation, Record]:
     """Play the low-level record and return its plan and what was measured."""
     options = setup.case.identification
-    low = probe.probe_plan(setup.rig, excitation_settings(options), options.seed)
+    low = low_level_probe.probe_plan(setup.rig, excitation_settings(options), options.seed)
     seconds = low.command_v.size * setup.rig.dt_s
     progress(f"probe of {seconds:.0f} s at {low.accel_rms_m_s2:.2g} m/s^2 rms")
     command, corrected, _ = excite(setup, low.command_v, stream=(stream,))
@@ -241,7 +241,7 @@ def excite(setup: Setup, command_v: Array, stream: tuple[int, ...] | None = None
 def _played(setup: Setup, drive: Array, stream: tuple[int, ...]) -> Outcome:
     """Play an excitation (n, 3) on the rig, a real one in real time."""
     if not setup.rig.can.counts_steps:
-        from rths_cli.experiment.real_rig import excited
+        from rths_cli.experiment.real_rig_play import excited
 
         return excited(setup, _listening(setup), drive)
     rig = open_rig(setup, stream, setup.case.identification.seed)

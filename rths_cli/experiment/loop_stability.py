@@ -7,15 +7,15 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rths_cli.analysis import stability_check as preflight
-from rths_cli.analysis.identified_rig import identified_rig
+from rths_cli.analysis.identified_rig_block import identified_rig
 from rths_cli.control.feedback import none
 from rths_cli.control.numerical_substructure import all_storeys
 from rths_cli.numerics.content_key import content_key
 from rths_cli.numerics.shared_values import SharedValues
 
 if TYPE_CHECKING:
-    from rths_cli.analysis.identified_rig import IdentifiedRig
-    from rths_cli.control.blocks import Blocks
+    from rths_cli.analysis.identified_rig_block import IdentifiedRig
+    from rths_cli.control.designed_blocks import Blocks
     from rths_cli.experiment.setup import Setup
     from rths_cli.identification.results import Identification
     from rths_cli.numerics.lti import Block

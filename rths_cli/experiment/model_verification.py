@@ -9,10 +9,10 @@ from rths_cli.experiment.rig_access import VERIFICATION
 from rths_cli.experiment.setup import Progress, Setup
 from rths_cli.identification import channel_signals, verdict
 from rths_cli.identification.frequency_response import over_model
-from rths_cli.identification.recorded_data import Record
+from rths_cli.identification.identify_specimen import without_staircase
+from rths_cli.identification.records import Record
 from rths_cli.identification.results import Identification, LevelBand, SpecimenFit
 from rths_cli.identification.specimen_fit import Motion, Start, fit_stretches
-from rths_cli.identification.specimen_motions import without_staircase
 
 SEGMENTS = 5
 HIGHEST_HZ = 40.0

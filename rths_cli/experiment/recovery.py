@@ -13,22 +13,22 @@ from pydantic import ValidationError
 
 from rths_cli.analysis.sim import simulate
 from rths_cli.case.case_schema import Case
-from rths_cli.case.lookup import find
+from rths_cli.case.named_files import find
 from rths_cli.case.yaml_reader import parse
 from rths_cli.case.yaml_tree import Source, plain
 from rths_cli.errors import InputError
 from rths_cli.experiment import result_contents, run_metrics
 from rths_cli.experiment.ground_motion import GroundMotion, integrate
+from rths_cli.experiment.run_stages import SHAKE_TABLE_TEST, TABLE_RUNS, RunKind, metrics_of_record, run_of
+from rths_cli.experiment.runs_of_case import write_run
 from rths_cli.experiment.sensor_drift_report import Expected, as_read
 from rths_cli.experiment.setup import Setup, ground_motion, rig_info
-from rths_cli.experiment.table_run import SHAKE_TABLE_TEST, TABLE_RUNS, RunKind, metrics_of_record, run_of
-from rths_cli.experiment.table_runs import write_run
 from rths_cli.files.raw_log import RawHeader, RawLog, read_header, read_raw_log
 from rths_cli.files.result_reader import BEGUN, ResultWriter, Status, read_result, read_series
-from rths_cli.loop.counted_clock import Outcome, part_of
 from rths_cli.loop.realtime_loop import AT_REST
 from rths_cli.loop.realtime_run import whole_of
 from rths_cli.loop.run_log import DESIRED, Signals
+from rths_cli.loop.simulated_time_run import Outcome, part_of
 from rths_cli.quantities import attribute_fault
 from rths_cli.structure import build
 

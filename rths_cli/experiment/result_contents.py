@@ -18,11 +18,11 @@ if TYPE_CHECKING:
     from rths_cli.analysis.sim import Response
     from rths_cli.control.latency_budget import LatencyBudget
     from rths_cli.experiment.design import Design
-    from rths_cli.experiment.run_series import Series
+    from rths_cli.experiment.run_signals import Series
     from rths_cli.experiment.setup import Setup
     from rths_cli.files.result_reader import ResultWriter
     from rths_cli.identification.results import Identification
-    from rths_cli.loop.counted_clock import Whole
+    from rths_cli.loop.simulated_time_run import Whole
     from rths_cli.numerics.lti import Array
 
 

@@ -24,7 +24,7 @@ from rths_cli.analysis.metrics import (
     tracking_ratios,
     velocity_error_m_s,
 )
-from rths_cli.experiment.lowest_frequency import lowest_reliable_hz
+from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
 from rths_cli.quantities import kinds_of
 
 if TYPE_CHECKING:
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from rths_cli.analysis.sim import Response
     from rths_cli.control.margins import Margins
-    from rths_cli.experiment.run_series import Series
+    from rths_cli.experiment.run_signals import Series
     from rths_cli.experiment.setup import Setup
     from rths_cli.numerics.lti import Array
     from rths_cli.quantities import Values

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rths_cli.analysis.identified_rig import identified_rig
+from rths_cli.analysis.identified_rig_block import identified_rig
 from rths_cli.analysis.sensor_drift import ChannelDrift, channel_drifts, coupled_again
 from rths_cli.loop import guard
 from rths_cli.loop.block_replay import run_block
@@ -17,10 +17,10 @@ from rths_cli.numerics.lti import Block
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
-    from rths_cli.control.blocks import Blocks
+    from rths_cli.control.designed_blocks import Blocks
     from rths_cli.experiment.setup import Setup
     from rths_cli.identification.results import Identification
-    from rths_cli.loop.counted_clock import Outcome, Whole
+    from rths_cli.loop.simulated_time_run import Outcome, Whole
     from rths_cli.numerics.lti import Array
     from rths_cli.rigs.description import RigInfo
 

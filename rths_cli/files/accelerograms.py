@@ -15,7 +15,7 @@ import numpy as np
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import read_whole
 from rths_cli.numerics.lti import Array
-from rths_cli.printed import shortened
+from rths_cli.safe_text import shortened
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 FACTORS_M_S2 = {

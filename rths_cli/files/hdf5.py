@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rths_cli.files.hdf5_layout import walk
+from rths_cli.files.hdf5_safety import walk
 from rths_cli.quantities import AXES, DatasetDeclaration, Source
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ import struct
 from functools import lru_cache
 from pathlib import Path
 
-from rths_cli.files.hdf5_layout import LayoutError
+from rths_cli.files.hdf5_safety import LayoutError
 
 _SIGNATURE_BYTES = 8
 _START = re.compile(rb"GCOL\x01\0{3}")

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.files import hdf5_layout as layout
+from rths_cli.files import hdf5_safety as layout
 from rths_cli.files.durable_files import open_regular
 from rths_cli.files.hdf5 import Dataset, numbers, write_group
 from rths_cli.files.hdf5_heaps import check_image

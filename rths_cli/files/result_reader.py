@@ -15,8 +15,8 @@ from rths_cli.errors import InputError
 from rths_cli.files.durable_files import open_regular
 from rths_cli.files.hdf5 import Dataset, datasets, numbers, text
 from rths_cli.files.hdf5_heaps import check_heaps
-from rths_cli.files.hdf5_layout import LayoutError, attribute, attributes, check_numbers, part, quiet, scalar, values_of
-from rths_cli.files.result_layout import check_attributes, check_series, check_values
+from rths_cli.files.hdf5_safety import LayoutError, attribute, attributes, check_numbers, part, quiet, scalar, values_of
+from rths_cli.files.result_schema import check_attributes, check_series, check_values
 from rths_cli.files.result_writer import (
     FORMAT,
     FORMAT_VERSION,

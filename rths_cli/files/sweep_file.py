@@ -28,14 +28,14 @@ from rths_cli.errors import InputError
 from rths_cli.files.durable_files import open_regular
 from rths_cli.files.hdf5 import Dataset, as_declared, datasets, text, write_group
 from rths_cli.files.hdf5_heaps import check_heaps
-from rths_cli.files.hdf5_layout import LayoutError, attribute, attributes, member, values_of
+from rths_cli.files.hdf5_safety import LayoutError, attribute, attributes, member, values_of
 from rths_cli.files.result_writer import Attribute, refusal
 from rths_cli.files.staged_file import new_hdf5
 from rths_cli.numerics.lti import Array
-from rths_cli.printed import csv_cell
 from rths_cli.quantities import AXES
 from rths_cli.quantities.sweep_datasets import RUNS, SWEEP_ATTRIBUTES, SWEEP_DATASETS, TEXTS
 from rths_cli.quantities.units import unit_of_name
+from rths_cli.safe_text import csv_cell
 
 if TYPE_CHECKING:
     import h5py

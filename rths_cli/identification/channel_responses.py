@@ -1,8 +1,8 @@
 """Are the channels what they say they are, by their responses? Incoherent, swapped, reversed, of wrong sensitivity.
 
-Channels are judged together: by the storeys' equations, of whatever stiffness and damping (storey_equations.py), and
-by the faults that would explain what these do not (channel_hypotheses.py). The command tells the directions that floors
-and table alone do not.
+Channels are judged together: by the storeys' equations, of whatever stiffness and damping (chain_residual.py), and by
+the faults that would explain what these do not (channel_fault_hypotheses.py). The command tells the directions that
+floors and table alone do not.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rths_cli.identification import channel_hypotheses, channel_signals
-from rths_cli.identification.channel_hypotheses import GAIN, LATE, MASS, REVERSED, SIGN, SWAP, Diagnosis, Suspect
-from rths_cli.identification.measured_inputs import Evidence
-from rths_cli.identification.storey_equations import explained, grouped
+from rths_cli.identification import channel_fault_hypotheses, channel_signals
+from rths_cli.identification.chain_residual import explained, grouped
+from rths_cli.identification.channel_fault_hypotheses import GAIN, LATE, MASS, REVERSED, SIGN, SWAP, Diagnosis, Suspect
+from rths_cli.identification.inputs import Evidence
 from rths_cli.identification.table_fit import COMPARED_HZ, within
 from rths_cli.numerics.lti import Array, Frf
 from rths_cli.rigs.description import RigInfo
@@ -46,7 +46,7 @@ def judge(data: Evidence, frfs: Sequence[Frf]) -> Judgement:
     if len(data.masses_kg) == 0:
         faults = _incoherent(data, frfs) or _does_not_follow(frfs[0], data.info) or _polarity(against)
         return Judgement(tuple(faults))
-    found = channel_hypotheses.diagnose(
+    found = channel_fault_hypotheses.diagnose(
         grouped(data.records, data.info, data.masses_kg, data.settings.band_hz), data.info.dt_s
     )
     if found.fits or (found.suspects and found.suspects[0].kind == LATE and _all_late(found.suspects)):

@@ -18,9 +18,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rths_cli.identification.recorded_data import Record
+from rths_cli.identification.chain_residual import explained, grouped
+from rths_cli.identification.records import Record
 from rths_cli.identification.results import LevelCauses
-from rths_cli.identification.storey_equations import explained, grouped
 from rths_cli.identification.table_fit import within
 from rths_cli.numerics.lti import Array, ComplexArray, Frf, Model
 from rths_cli.rigs.description import RigInfo

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rths_cli.control.blocks import Blocks
+from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.loop import guard as g
 from rths_cli.loop.guard import GuardLimits, GuardState

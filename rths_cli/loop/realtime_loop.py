@@ -22,9 +22,8 @@ from rths_cli.loop.bumpless_transfer import (
     rejoin,
     returning,
 )
-from rths_cli.loop.command_preview import Foresight, foresee, foresee_rest, lay_way
-from rths_cli.loop.counted_clock import think
 from rths_cli.loop.dropouts import bridge
+from rths_cli.loop.fallback_commands import Foresight, foresee, foresee_rest, lay_way
 from rths_cli.loop.guard import (
     END,
     LOST,
@@ -38,13 +37,14 @@ from rths_cli.loop.guard import (
     take_over,
 )
 from rths_cli.loop.run_log import CAUGHT_UP, MIXED, NO_ANSWER, Log
+from rths_cli.loop.simulated_time_run import think
 from rths_cli.loop.step_arrays import Step
 from rths_cli.numerics.clock import IntArray, monotonic_ns, sleep_until, spin_of
 from rths_cli.numerics.compiled import entry, part
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.interface import RigInfo
 from rths_cli.rigs.udp import link as udp
-from rths_cli.rigs.udp.command_trajectory import Way, place_after
+from rths_cli.rigs.udp.late_command_trajectory import Way, place_after
 
 IN_RAMP_UP, IN_RUN, IN_RAMP_DOWN, AT_REST = 2, 3, 4, 5  # states of docs/decisions/safety.md; 0 idle, 1 armed
 HOLD, SKIP, STOP = range(3)  # what an overrun does: the record waits, steps are caught up, the test stops

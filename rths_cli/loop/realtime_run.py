@@ -12,11 +12,10 @@ from types import FrameType
 
 import numpy as np
 
-from rths_cli.control.blocks import Blocks
+from rths_cli.control.designed_blocks import Blocks
 from rths_cli.errors import RigError, crash_note
-from rths_cli.loop.command_preview import foresight_of, no_foresight
-from rths_cli.loop.counted_clock import Outcome, Whole, part_of
 from rths_cli.loop.diagnosis import cause_of
+from rths_cli.loop.fallback_commands import foresight_of, no_foresight
 from rths_cli.loop.guard import (
     BRAKING,
     END,
@@ -49,6 +48,7 @@ from rths_cli.loop.realtime_loop import (
 )
 from rths_cli.loop.run_log import Log, Signals, empty_log, signals
 from rths_cli.loop.scheduling import Granted, real_time
+from rths_cli.loop.simulated_time_run import Outcome, Whole, part_of
 from rths_cli.loop.step_arrays import Step, assemble
 from rths_cli.loop.stop_reasons import reason_of
 from rths_cli.numerics.clock import IntArray

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rths_cli.control.blocks import Blocks
+from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.state_space import static
 from rths_cli.loop.modal_substructure import Modal, modal
 from rths_cli.numerics.lti import Array, Block

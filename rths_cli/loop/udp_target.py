@@ -29,8 +29,8 @@ from rths_cli.numerics.clock import SPIN_NS, IntArray, monotonic_ns, sleep_until
 from rths_cli.numerics.compiled import External, entry, part
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.udp import packets
-from rths_cli.rigs.udp.command_trajectory import POINTS, Way, place_after, take_way
 from rths_cli.rigs.udp.handshake import Greeter, answer_hello, opens_session
+from rths_cli.rigs.udp.late_command_trajectory import POINTS, Way, place_after, take_way
 from rths_cli.rigs.udp.siphash import Bytes, Words
 from rths_cli.rigs.virtual import plant_kernel
 from rths_cli.rigs.virtual.plant import Plant

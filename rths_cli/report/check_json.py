@@ -10,7 +10,7 @@ import numpy as np
 from rths_cli.quantities import METRICS
 
 if TYPE_CHECKING:
-    from rths_cli.experiment.check_cases import Checked
+    from rths_cli.experiment.check_command import Checked
 
 
 def as_document(checked: Sequence[Checked]) -> dict[str, Any]:

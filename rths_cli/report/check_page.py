@@ -13,7 +13,7 @@ from rths_cli.report.identification_page import DASH, aligned, labelled, number,
 from rths_cli.report.latency_table import latency_text
 
 if TYPE_CHECKING:
-    from rths_cli.experiment.check_cases import Checked, Tested
+    from rths_cli.experiment.check_command import Checked, Tested
 
 MARGINS = (
     ("gain up, factor", "gain_margin", 1.0),

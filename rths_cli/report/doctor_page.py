@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 from rths_cli.report.identification_page import aligned, labelled, wrapped
 
 if TYPE_CHECKING:
-    from rths_cli.experiment.doctor import Examined, Machine
-    from rths_cli.files.measured_rates import RateMeasured
+    from rths_cli.experiment.doctor_command import Examined, Machine
+    from rths_cli.files.machine_rates import RateMeasured
     from rths_cli.loop.scheduling import Granted
 
 HEADINGS = ("rate, Hz", "p50", "p99", "p99.9", "max", "late", "missed", "held")

@@ -8,8 +8,8 @@ import numpy as np
 
 from rths_cli.files.result_reader import Result
 from rths_cli.quantities import metric
-from rths_cli.report.case_results import Entry, state
-from rths_cli.report.cells import mark
+from rths_cli.report.results_by_case import Entry, state
+from rths_cli.report.table_cells import mark
 from rths_cli.report.text_layout import Cell, Row, Table
 
 COLUMNS = {  # head: figure, factor to the unit of the head

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import groupby
 
-from rths_cli.report.case_results import Entry, controllers, damping_key, methods, published, state, storeys
-from rths_cli.report.cells import (
+from rths_cli.report.results_by_case import Entry, controllers, damping_key, methods, published, state, storeys
+from rths_cli.report.table_cells import (
     EXP_ERROR,
     SIM_DELAY_ERROR,
     TESTS,

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from rths_cli.files.result_reader import Result
-from rths_cli.report.case_results import Entry, published, state, storeys
-from rths_cli.report.cells import EXP_ERROR, TESTS, mark, published_cells, ratio, words
+from rths_cli.report.results_by_case import Entry, published, state, storeys
+from rths_cli.report.table_cells import EXP_ERROR, TESTS, mark, published_cells, ratio, words
 from rths_cli.report.text_layout import Cell, Row, Table
 
 KINDS = {"meas.": "", "true": "_true", "full": "_full", "full-t": "_true_full"}

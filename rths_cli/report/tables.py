@@ -10,13 +10,13 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.result_reader import Result
-from rths_cli.report.case_results import SHORT, Entry, Figures, entries, sources, state
-from rths_cli.report.cells import losses, remarks
-from rths_cli.report.claims import claims_tables, claims_text
+from rths_cli.report.case_metric_tables import other_figures
 from rths_cli.report.fidelity_table import every_figure, merit_table
-from rths_cli.report.other_metrics import other_figures
+from rths_cli.report.paper_claims import claims_tables, claims_text
 from rths_cli.report.paper_tables import response_tables, tracking_tables
+from rths_cli.report.results_by_case import SHORT, Entry, Figures, entries, sources, state
 from rths_cli.report.single_case_table import paths, single_table
+from rths_cli.report.table_cells import losses, remarks
 from rths_cli.report.text_layout import Block, Fixed, Paragraphs, plain_text
 
 ABOUT = (

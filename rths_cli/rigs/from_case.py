@@ -134,7 +134,7 @@ def driver(case: Case, info: RigInfo, building: Building, seed: Sequence[int], c
     if isinstance(table, NiRigSpec):
         return _ni(info, table)
     if isinstance(table, PluginRigSpec):
-        from rths_cli.rigs.plugins import open_plugin
+        from rths_cli.rigs.plugin_rigs import open_plugin
 
         return open_plugin(info, table.options)
     raise RigError(f"rig {info.name}: there is no driver for rigs of kind {info.kind}")

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rths_cli.experiment.memory_reuse import keep_freed_memory
-from rths_cli.experiment.model_store import software
+from rths_cli.experiment.allocator_settings import keep_freed_memory
+from rths_cli.experiment.model_files import software
 from rths_cli.experiment.provenance import attributes
 from rths_cli.files.result_writer import check_writable
 from rths_cli.files.sweep_file import RowsFile, Sweep, check_csv, read_sweep, rows_path, write_csv, write_sweep

@@ -15,7 +15,7 @@ from rths_cli.case.case_schema import SEED_MAX
 from rths_cli.case.yaml_reader import dump, parse
 from rths_cli.case.yaml_tree import Source, plain, printable
 from rths_cli.errors import InputError
-from rths_cli.printed import shortened
+from rths_cli.safe_text import shortened
 
 MOST_VARIANTS = 1_000_000
 MOST_DIGITS = 40

@@ -14,11 +14,11 @@ from hybrid import best_like, paper_like, storeys
 from open_loop import points, rig_as_identified
 from scipy.linalg import block_diag
 
-from rths_cli.analysis.closed_loop import closed_loop_matrix, slow_roots, spectral_radius
+from rths_cli.analysis.closed_loop_matrix import closed_loop_matrix, slow_roots, spectral_radius
+from rths_cli.analysis.closed_loop_response import loop_response
 from rths_cli.analysis.critical_delay import CriticalDelay
 from rths_cli.analysis.fourier_lines import Lines
-from rths_cli.analysis.identified_rig import IdentifiedRig
-from rths_cli.analysis.loop_response import loop_response
+from rths_cli.analysis.identified_rig_block import IdentifiedRig
 from rths_cli.analysis.stability_check import (
     SAFE,
     UNSAFE,
@@ -34,7 +34,7 @@ from rths_cli.analysis.stability_check import (
     stability,
     unseen,
 )
-from rths_cli.control.blocks import Blocks
+from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.margins import Margins
 from rths_cli.control.numerical_substructure import all_storeys
 from rths_cli.identification.results import LevelBand

@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 import yaml
 
-from rths_cli.case import plugin_kinds
+from rths_cli.case import plugin_rig_names
 from rths_cli.case.load import load_cases, resolved_yaml
-from rths_cli.case.lookup import shipped
+from rths_cli.case.named_files import shipped
 from rths_cli.case.rig_schema import (
     ChannelSpec,
     NiRigSpec,
@@ -53,8 +53,8 @@ def plugged(monkeypatch: pytest.MonkeyPatch):
     """Install entry points of the group by name and value."""
 
     def plug(*pairs: tuple[str, str]) -> None:
-        points = [EntryPoint(name, value, plugin_kinds.GROUP) for name, value in pairs]
-        monkeypatch.setattr(plugin_kinds, "entry_points", lambda group: points if group == "rths.rigs" else [])
+        points = [EntryPoint(name, value, plugin_rig_names.GROUP) for name, value in pairs]
+        monkeypatch.setattr(plugin_rig_names, "entry_points", lambda group: points if group == "rths.rigs" else [])
 
     return plug
 

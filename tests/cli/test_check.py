@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from rths_cli.experiment.model_store import save
+from rths_cli.experiment.model_files import save
 from rths_cli.experiment.setup import Setup
 from rths_cli.identification.results import Identification
 from rths_cli.quantities import metrics_of

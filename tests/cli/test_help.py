@@ -15,7 +15,7 @@ from click.shell_completion import BashComplete
 
 from rths_cli import __version__
 from rths_cli.cli import cli
-from rths_cli.cli.group import PARTS
+from rths_cli.cli.command_group import PARTS
 
 ROOT = Path(__file__).parents[2]
 CASE_COMMANDS = ("run", "check", "identify", "doctor", "sweep")

@@ -23,7 +23,7 @@ from rths_cli.experiment.identify import Measured, UnfitRig
 from rths_cli.files.measured_data import read_recording
 from rths_cli.files.model_file import read_model
 from rths_cli.identification.channel_signals import UnfitRecord
-from rths_cli.identification.recorded_data import Parts, Record
+from rths_cli.identification.records import Parts, Record
 from rths_cli.identification.results import Identification
 
 SHORT = ("--set", "identification.duration_s=40")

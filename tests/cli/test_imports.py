@@ -126,5 +126,5 @@ def warm(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_second_run_imports_nothing_that_it_does_not_use(words: tuple[str, ...], warm: Path) -> None:
     modules = imported("", *words, cwd=warm)
     unused = ("scipy", "numba", "matplotlib", "rich", "control", "pandas", "numpy.ma", "asyncio", "unittest")
-    unused += ("rths_cli.identification.evaluation", "rths_cli.files.imported_models", "rths_cli.experiment.identify")
-    assert "rths_cli.experiment.model_registry" in modules and not heavy(modules, unused)
+    unused += ("rths_cli.identification.identify", "rths_cli.files.imported_models", "rths_cli.experiment.identify")
+    assert "rths_cli.experiment.model_choice" in modules and not heavy(modules, unused)

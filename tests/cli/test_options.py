@@ -17,7 +17,7 @@ from rths_cli.errors import InputError
 from rths_cli.files.accelerograms import at2_header, bracketed, read_accelerogram
 from rths_cli.files.measured_data import read_recording
 from rths_cli.files.measured_data.text_tables import _statement
-from rths_cli.printed import csv_cell
+from rths_cli.safe_text import csv_cell
 from rths_cli.studies.sweep_grid import read_grid
 
 LONG = "a" * 300

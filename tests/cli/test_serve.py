@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from rths_cli.experiment.serve import describe
+from rths_cli.experiment.serve_command import describe
 from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="real time is Linux only")

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from rths_cli.printed import OutputError, PrintedStream, shortened, visible
+from rths_cli.safe_text import OutputError, PrintedStream, shortened, visible
 
 RTHS = (sys.executable, "-m", "rths_cli")
 

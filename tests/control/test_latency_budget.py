@@ -10,11 +10,11 @@ from bench import LINEAR, ideal_info, rig_info, specimen
 from hybrid import best_like, open_limits, paper_like, storeys, true_model
 
 from rths_cli.control import feedback, feedforward, numerical_substructure
-from rths_cli.control.blocks import Blocks
+from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.kalman_filter import measured_shear
 from rths_cli.control.latency_budget import FREQUENCIES_HZ, LatencyBudget, Loop, budget, declared_s, sensor_s
 from rths_cli.control.sensor_correction import correction
-from rths_cli.loop.counted_clock import play
+from rths_cli.loop.simulated_time_run import play
 from rths_cli.loop.step_arrays import RECORD
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities import LATENCIES

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from rths_cli.case.load import load_cases
-from rths_cli.experiment.model_registry import Memory
+from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.run import Ended, run_case
 from rths_cli.experiment.setup import make_setup
 

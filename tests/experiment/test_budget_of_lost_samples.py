@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from rths_cli.analysis.prediction import Known
+from rths_cli.analysis.predicted_error import Known
 from rths_cli.analysis.sim import Response, simulate
 from rths_cli.case.load import load_cases
-from rths_cli.experiment import budget_metrics
+from rths_cli.experiment import error_budget_metrics
 from rths_cli.experiment.check import judge
 from rths_cli.experiment.design import design_blocks
-from rths_cli.experiment.model_registry import Memory
-from rths_cli.experiment.run_series import Series, on_record_clock, whole_building
+from rths_cli.experiment.model_choice import Memory
+from rths_cli.experiment.run_signals import Series, on_record_clock, whole_building
+from rths_cli.experiment.run_stages import HYBRID_TEST, plan_run, play_run
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.experiment.table_run import HYBRID_TEST, plan_run, play_run
 from rths_cli.loop.realtime_loop import IN_RAMP_DOWN, IN_RUN
 from rths_cli.quantities import Values
 from rths_cli.report.error_budget_table import budget_text
@@ -43,7 +43,7 @@ class Ran:
         kept, n = self.series, lost.size
         told = {"late_s": np.zeros(n), "exchange_s": np.zeros(n), "state": np.full(n, float(IN_RUN)), "lost": lost}
         series = replace(kept, measured=kept.measured if measured is None else measured, live=told | live)
-        return budget_metrics.of_exp_rths(self.known, series, self.reported(series), self.sim)
+        return error_budget_metrics.of_exp_rths(self.known, series, self.reported(series), self.sim)
 
     def reported(self, series: Series) -> np.ndarray:
         case, motion = self.setup.case, self.setup.motion

@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rths_cli.analysis.identified_rig import identified_rig
-from rths_cli.analysis.prediction import Known
+from rths_cli.analysis.identified_rig_block import identified_rig
+from rths_cli.analysis.predicted_error import Known
 from rths_cli.analysis.sim import simulate
 from rths_cli.analysis.stability_check import SAFE, UNSAFE, UNSTABLE
 from rths_cli.case.load import load_cases
 from rths_cli.control.numerical_substructure import all_storeys
 from rths_cli.experiment.check import as_identified, known_of, preflight_of
 from rths_cli.experiment.design import design_blocks
-from rths_cli.experiment.model_registry import Memory
+from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.identification.results import Identification
 

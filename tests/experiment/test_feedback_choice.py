@@ -9,8 +9,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rths_cli.analysis.closed_loop import closed_loop_matrix
-from rths_cli.analysis.identified_rig import identified_rig
+from rths_cli.analysis.closed_loop_matrix import closed_loop_matrix
+from rths_cli.analysis.identified_rig_block import identified_rig
 from rths_cli.case.load import load_cases
 from rths_cli.control import feedback
 from rths_cli.control.feedback import DEFAULT, Weights
@@ -19,7 +19,7 @@ from rths_cli.experiment import feedback_choice
 from rths_cli.experiment.design import Design, design_blocks
 from rths_cli.experiment.feedback_choice import FIRMER, Chosen
 from rths_cli.experiment.loop_stability import loop_faults
-from rths_cli.experiment.model_registry import Memory
+from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.result_contents import design_figures
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.experiment.warnings import of_case

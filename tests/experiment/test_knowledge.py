@@ -19,8 +19,8 @@ from rths_cli.experiment.identify import excite
 from rths_cli.experiment.rig_access import guard_limits
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.identification import excitation
-from rths_cli.identification.evaluation import identify as evaluate
-from rths_cli.identification.recorded_data import Parts, Record
+from rths_cli.identification.identify import identify as evaluate
+from rths_cli.identification.records import Parts, Record
 
 ROOT = Path(rths_cli.__file__).parent
 HIDDEN = {"physics", "after_identification"}

@@ -18,13 +18,13 @@ import h5py
 import numpy as np
 import pytest
 
-from rths_cli.case import plugin_kinds
+from rths_cli.case import plugin_rig_names
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
-from rths_cli.experiment import identify, model_store
-from rths_cli.experiment.model_contents import from_groups, to_groups
-from rths_cli.experiment.model_registry import Known, Memory
-from rths_cli.experiment.model_store import KEPT, Cache, key, load, save
+from rths_cli.experiment import identify, model_files
+from rths_cli.experiment.model_choice import Known, Memory
+from rths_cli.experiment.model_datasets import from_groups, to_groups
+from rths_cli.experiment.model_files import KEPT, Cache, key, load, save
 from rths_cli.experiment.run import run_case
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.model_file import read_model
@@ -183,10 +183,10 @@ def test_damaged_and_other_files_are_refused(file: Path, default_setup: Setup, t
 def test_a_whole_file_that_lacks_a_part_is_refused(
     tmp_path: Path, default_setup: Setup, default_identification: Identification, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    groups = model_store.to_groups(default_identification, model_store.channel_names(default_setup))
+    groups = model_files.to_groups(default_identification, model_files.channel_names(default_setup))
     for lacking in ("table/best", "verdict", "frf/floor_3", "fit_error/paper"):
         fewer = {name: group for name, group in groups.items() if name != lacking}
-        monkeypatch.setattr(model_store, "to_groups", lambda *_, fewer=fewer: fewer)
+        monkeypatch.setattr(model_files, "to_groups", lambda *_, fewer=fewer: fewer)
         save(tmp_path / "l.h5", default_setup, default_identification, "", "")
         with pytest.raises(InputError, match="lacks a part"):
             load(tmp_path / "l.h5", default_setup)
@@ -198,7 +198,7 @@ def test_a_file_that_does_not_say_when_it_was_made_is_refused(
 ) -> None:
     stored = read_model(file)
     changed = replace(stored, attributes=stored.attributes | {"created_utc": made})
-    monkeypatch.setattr(model_store, "read_model", lambda _: changed)
+    monkeypatch.setattr(model_files, "read_model", lambda _: changed)
     with pytest.raises(InputError, match="does not match format"):
         load(file, default_setup)
 
@@ -224,7 +224,7 @@ def test_the_age_is_said_in_a_unit_that_suits_it(
         def now(cls, tz: Any = None) -> Clock:
             return cls(2030, 1, 2, 3, 4, 5, tzinfo=tz)
 
-    monkeypatch.setattr(model_store, "datetime", Clock)
+    monkeypatch.setattr(model_files, "datetime", Clock)
     assert stored.age == text
 
 
@@ -351,23 +351,23 @@ def test_other_software_misses_the_cache(
     cache_folder: Path, default_setup: Setup, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert Cache(folder=cache_folder).find(default_setup) is not None
-    monkeypatch.setattr(model_store, "software", lambda: "another version")
+    monkeypatch.setattr(model_files, "software", lambda: "another version")
     assert Cache(folder=cache_folder).find(default_setup) is None
 
 
 def test_the_software_is_known_by_its_sources_and_what_it_computes_with(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    source = tmp_path / "package" / "experiment" / "model_store.py"
+    source = tmp_path / "package" / "experiment" / "model_files.py"
     source.parent.mkdir(parents=True)
     source.write_text("a = 1\n")
-    monkeypatch.setattr(model_store, "__file__", str(source))
-    before = model_store.software.__wrapped__()
+    monkeypatch.setattr(model_files, "__file__", str(source))
+    before = model_files.software.__wrapped__()
     (tmp_path / "package" / "deep.py").write_text("b = 1\n")
-    after = model_store.software.__wrapped__()
+    after = model_files.software.__wrapped__()
     assert after != before
-    monkeypatch.setattr(model_store, "package_version", lambda name: f"{name} 99")
-    assert model_store.software.__wrapped__() != after
+    monkeypatch.setattr(model_files, "package_version", lambda name: f"{name} 99")
+    assert model_files.software.__wrapped__() != after
 
 
 def of_another_rig(path: Path, found: Identification) -> None:
@@ -458,8 +458,8 @@ def test_changed_options_of_a_plug_in_make_another_rig(
     default_identification: Identification, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nested ones too: only the plug-in knows which of them act on the table."""
-    points = [EntryPoint("slow_table", "rths_slow_table:make", plugin_kinds.GROUP)]
-    monkeypatch.setattr(plugin_kinds, "entry_points", lambda group: points)
+    points = [EntryPoint("slow_table", "rths_slow_table:make", plugin_rig_names.GROUP)]
+    monkeypatch.setattr(plugin_rig_names, "entry_points", lambda group: points)
     shipped = (Path(__file__).parents[2] / "configs" / "rigs" / "plugin_example.yaml").read_text()
 
     def with_options(options: str) -> Setup:

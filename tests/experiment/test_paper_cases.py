@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rths_cli.case.load import load_cases
-from rths_cli.experiment.model_registry import Memory
+from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.run import run_case
 from rths_cli.experiment.setup import make_setup
 from rths_cli.files.result_reader import read_result

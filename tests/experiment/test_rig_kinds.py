@@ -11,8 +11,8 @@ import yaml
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, RigError
-from rths_cli.experiment.model_registry import Memory
-from rths_cli.experiment.model_store import differences, identity
+from rths_cli.experiment.model_choice import Memory
+from rths_cli.experiment.model_files import differences, identity
 from rths_cli.experiment.rig_access import EXP_RTHS, open_rig
 from rths_cli.experiment.setup import Setup, make_setup
 

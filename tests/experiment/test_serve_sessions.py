@@ -16,7 +16,7 @@ from serving_bench import RATE_HZ, WATCHDOG_S, Running, offline_in_ticks, until,
 
 from rths_cli.errors import InputError, RigError
 from rths_cli.experiment.rig_access import EXP_RTHS, open_rig
-from rths_cli.experiment.serve import ServedRig, describe, socket_address
+from rths_cli.experiment.serve_command import ServedRig, describe, socket_address
 from rths_cli.loop import udp_target
 from rths_cli.loop.guard import RETURNING
 from rths_cli.numerics.lti import Array

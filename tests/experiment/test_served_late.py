@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from serving_bench import RATE_HZ, offline_in_ticks, wave
 
-from rths_cli.experiment.serve import ServedRig, describe, make_table
+from rths_cli.experiment.serve_command import ServedRig, describe, make_table
 from rths_cli.loop import udp_target
 from rths_cli.loop.udp_target import CONTROL_SIZE, STAMP_KIND, STAMP_NS, STAMP_S
 from rths_cli.numerics.clock import IntArray

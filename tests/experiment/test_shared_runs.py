@@ -12,7 +12,7 @@ import pytest
 
 from rths_cli.case.load import load_cases
 from rths_cli.experiment import batch, check, feedback_choice, loop_stability, run
-from rths_cli.experiment.model_registry import Memory
+from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.setup import make_setups
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.rigs.description import capabilities_of

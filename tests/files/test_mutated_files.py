@@ -14,7 +14,7 @@ from test_hdf5_layout import everything, made
 
 from rths_cli.errors import InputError
 from rths_cli.files.accelerograms import read_accelerogram
-from rths_cli.files.measured_data.trial_process import survives
+from rths_cli.files.measured_data.sandboxed_reading import survives
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 import mutated_files

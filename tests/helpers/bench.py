@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from scipy.linalg import eigh, expm
 
-from rths_cli.case.virtual_physics import VirtualPhysics
+from rths_cli.case.virtual_physics_schema import VirtualPhysics
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
 from rths_cli.rigs.virtual import plant_kernel

@@ -11,8 +11,8 @@ from bench import rig_info, specimen
 from hybrid import best_like
 from scipy.signal import butter, sosfilt
 
-from rths_cli.case.virtual_physics import VirtualPhysics
-from rths_cli.control.blocks import Blocks
+from rths_cli.case.virtual_physics_schema import VirtualPhysics
+from rths_cli.control.designed_blocks import Blocks
 from rths_cli.errors import RigError
 from rths_cli.loop import guard as g
 from rths_cli.loop.guard import GuardLimits

@@ -17,9 +17,9 @@ from rths_cli.analysis.metrics import error_figures
 from rths_cli.case.load import load_cases
 from rths_cli.experiment.design import Design, design_blocks
 from rths_cli.experiment.rig_access import guard_limits
-from rths_cli.experiment.serve import ServedRig, describe, make_table
+from rths_cli.experiment.run_stages import drive_of
+from rths_cli.experiment.serve_command import ServedRig, describe, make_table
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.experiment.table_run import drive_of
 from rths_cli.loop import realtime_run
 from rths_cli.loop.diagnosis import cause_of
 from rths_cli.loop.guard import STOPPED, GuardLimits, GuardState
@@ -31,7 +31,7 @@ from rths_cli.loop.stop_reasons import reason_of
 from rths_cli.numerics.clock import IntArray
 from rths_cli.numerics.compiled import entry, part
 from rths_cli.numerics.lti import Array
-from rths_cli.rigs.udp.command_trajectory import POINTS, SPACING, Way, fresh_way
+from rths_cli.rigs.udp.late_command_trajectory import POINTS, SPACING, Way, fresh_way
 from rths_cli.rigs.udp.link import LOST, OK
 from rths_cli.rigs.virtual import plant_kernel
 from rths_cli.rigs.virtual.plant import Plant

@@ -8,7 +8,7 @@ import numpy as np
 from bench import DT_S, LINEAR, held, linear_table, specimen
 
 from rths_cli.control import feedback, feedforward, kalman_filter, numerical_substructure, sensor_correction
-from rths_cli.control.blocks import Blocks
+from rths_cli.control.designed_blocks import Blocks
 from rths_cli.loop.guard import GuardLimits
 from rths_cli.numerics.lti import Array, Block, Model
 from rths_cli.rigs.description import RigInfo

@@ -6,14 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rths_cli.case.virtual_physics import VirtualPhysics
+from rths_cli.case.virtual_physics_schema import VirtualPhysics
 from rths_cli.control import sensor_correction
-from rths_cli.control.blocks import Blocks
+from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.state_space import static
 from rths_cli.identification.excitation import Excitation, ExcitationSettings, plan
-from rths_cli.identification.recorded_data import Record
-from rths_cli.loop.counted_clock import play
+from rths_cli.identification.records import Record
 from rths_cli.loop.guard import GuardLimits
+from rths_cli.loop.simulated_time_run import play
 from rths_cli.loop.step_arrays import EXCITATION
 from rths_cli.numerics.lti import Array, Block, ComplexArray
 from rths_cli.rigs.description import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo

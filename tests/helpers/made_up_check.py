@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rths_cli.experiment.check_cases import Checked, Tested
+from rths_cli.experiment.check_command import Checked, Tested
 from rths_cli.quantities import Values, metrics_of
 
 ABOUT = Tested(

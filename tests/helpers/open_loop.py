@@ -11,8 +11,8 @@ import numpy as np
 from bench import LINEAR, held, linear_table, specimen
 from hybrid import storeys, true_model
 
-from rths_cli.analysis.identified_rig import IdentifiedRig, identified_rig
-from rths_cli.control.blocks import Blocks
+from rths_cli.analysis.identified_rig_block import IdentifiedRig, identified_rig
+from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.numerical_substructure import all_storeys
 from rths_cli.numerics.lti import Array, Block, ComplexArray, Model
 from rths_cli.rigs.description import RigInfo

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from rths_cli.experiment.rig_access import EXP_RTHS, open_rig
-from rths_cli.experiment.serve import ServedRig, Server
+from rths_cli.experiment.serve_command import ServedRig, Server
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.interface import RigInfo
 from rths_cli.rigs.udp.key_file import read_secret

@@ -15,25 +15,25 @@ from rths_cli.analysis.metrics import error_figures
 from rths_cli.analysis.sim import simulate
 from rths_cli.case.load import load_cases
 from rths_cli.experiment.design import Design, design_blocks
-from rths_cli.experiment.model_registry import Memory
+from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.rig_access import guard_limits
-from rths_cli.experiment.run_series import Series, on_record_clock, whole_building
-from rths_cli.experiment.serve import ServedRig, describe, make_table
+from rths_cli.experiment.run_signals import Series, on_record_clock, whole_building
+from rths_cli.experiment.run_stages import drive_of
+from rths_cli.experiment.serve_command import ServedRig, describe, make_table
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.experiment.table_run import drive_of
 from rths_cli.loop import realtime_run, udp_target
-from rths_cli.loop.command_preview import no_foresight
-from rths_cli.loop.counted_clock import Outcome
+from rths_cli.loop.fallback_commands import no_foresight
 from rths_cli.loop.guard import STOPPED, GuardLimits, GuardState
 from rths_cli.loop.realtime_loop import STANDS_V, Course, conduct, leave, look_ahead, pass_by
 from rths_cli.loop.realtime_run import Performance
 from rths_cli.loop.run_log import Log, Signals, signals
+from rths_cli.loop.simulated_time_run import Outcome
 from rths_cli.loop.step_arrays import NUMERICAL, Step
 from rths_cli.numerics.clock import IntArray
 from rths_cli.numerics.compiled import entry
 from rths_cli.numerics.lti import Array
-from rths_cli.rigs.udp.command_trajectory import Way, fresh_way
 from rths_cli.rigs.udp.handshake import open_greeter
+from rths_cli.rigs.udp.late_command_trajectory import Way, fresh_way
 
 INTERVAL_NS = 1_000_000
 MEMORY = Memory()  # the rig of each rate is identified once for all laboratories

@@ -17,7 +17,7 @@ from pathlib import Path
 from bench import rig_info, specimen
 from packets import Packet, opened, plain_siphash
 
-from rths_cli.case.virtual_physics import VirtualPhysics
+from rths_cli.case.virtual_physics_schema import VirtualPhysics
 from rths_cli.rigs.interface import RigInfo
 from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget
 from rths_cli.rigs.virtual.virtual_rig import VirtualRig, build_plant

@@ -7,8 +7,8 @@ import pytest
 from made_records import make_specimen
 from test_specimen_fit import DT, floors, table_motion
 
+from rths_cli.identification.identify_specimen import skew
 from rths_cli.identification.specimen_fit import Motion, Start
-from rths_cli.identification.specimen_motions import skew
 from rths_cli.structure import storey_values
 
 

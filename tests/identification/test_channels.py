@@ -15,11 +15,11 @@ from scipy import signal
 from rths_cli.control import sensor_correction
 from rths_cli.identification import channel_responses, channel_signals
 from rths_cli.identification.channel_signals import as_sampled, cut_off_peaks, flat_tops
-from rths_cli.identification.evaluation import identify
 from rths_cli.identification.excitation import Kind
 from rths_cli.identification.frequency_response import estimate
-from rths_cli.identification.measured_inputs import IdentificationSettings, evidence
-from rths_cli.identification.recorded_data import Parts, Record
+from rths_cli.identification.identify import identify
+from rths_cli.identification.inputs import IdentificationSettings, evidence
+from rths_cli.identification.records import Parts, Record
 from rths_cli.numerics.lti import Frf
 
 KINDS: tuple[Kind, ...] = ("noise", "multisine", "sweep", "step")

@@ -10,7 +10,7 @@ from made_records import excite, make_info, make_specimen
 
 from rths_cli.control import sensor_correction
 from rths_cli.identification.delay import channel_response, doubts, estimate
-from rths_cli.identification.evaluation import identify
+from rths_cli.identification.identify import identify
 from rths_cli.identification.results import DelayEstimate, Identification
 from rths_cli.identification.table_fit import Fit, Layout, Timing, fit, pack, response_and_slopes
 from rths_cli.numerics.lti import Frf, Model, staircase

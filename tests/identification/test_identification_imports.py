@@ -12,7 +12,7 @@ SCRIPT = """
 import sys
 from made_linear import linear
 from made_records import make_specimen
-from rths_cli.identification.evaluation import identify
+from rths_cli.identification.identify import identify
 made = linear(make_specimen())
 found = identify([made.record], made.info, made.specimen.masses_kg, quiet=made.record)
 heavy = sorted(name for name in sys.modules if name.split(".")[0] in ("scipy", "matplotlib", "control"))

@@ -10,8 +10,8 @@ import pytest
 from made_linear import linear
 from made_records import make_specimen
 
-from rths_cli.identification.evaluation import identify
-from rths_cli.identification.table_model import with_ripple
+from rths_cli.identification.identify import identify
+from rths_cli.identification.identify_table import with_ripple
 from rths_cli.numerics.lti import Model
 
 

@@ -13,7 +13,7 @@ sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 from own_chains import made_chain
 from own_plant import Plant
 
-from rths_cli.identification.evaluation import identify
+from rths_cli.identification.identify import identify
 from rths_cli.identification.results import Identification
 
 SOFT_SERVO = Plant(

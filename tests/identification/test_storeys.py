@@ -18,9 +18,9 @@ from own_chains import Chain, Fault, injected, made_chain
 from own_plant import Plant
 
 from rths_cli.identification import channel_responses
+from rths_cli.identification.chain_residual import explained, first_values, grouped
 from rths_cli.identification.frequency_response import estimate
-from rths_cli.identification.measured_inputs import IdentificationSettings, evidence
-from rths_cli.identification.storey_equations import explained, first_values, grouped
+from rths_cli.identification.inputs import IdentificationSettings, evidence
 
 SOFT_TOP = Plant(
     np.array([6.27, 2.11, 5.92, 3.90]), np.array([8487.7, 8917.6, 7574.9, 47.2]),

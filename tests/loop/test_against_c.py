@@ -12,7 +12,7 @@ import pytest
 from bench import LINEAR, rig_info, specimen
 from hybrid import best_like, ground, open_limits, paper_like
 
-from rths_cli.case.virtual_physics import VirtualPhysics
+from rths_cli.case.virtual_physics_schema import VirtualPhysics
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import RigInfo
 from rths_cli.rigs.virtual.virtual_rig import build_plant

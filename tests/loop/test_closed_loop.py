@@ -12,14 +12,14 @@ from numba import njit
 from numba.core.errors import NumbaError
 from scipy.linalg import expm
 
-from rths_cli.case.virtual_physics import VirtualPhysics
+from rths_cli.case.virtual_physics_schema import VirtualPhysics
 from rths_cli.control import feedback, kalman_filter, numerical_substructure
-from rths_cli.control.blocks import Blocks
+from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.state_space import static
-from rths_cli.loop import counted_clock as loop_drive
 from rths_cli.loop import guard as loop_guard
+from rths_cli.loop import simulated_time_run as loop_drive
 from rths_cli.loop import step as blocks_step
-from rths_cli.loop.counted_clock import Outcome, play
+from rths_cli.loop.simulated_time_run import Outcome, play
 from rths_cli.loop.step_arrays import NUMERICAL, RECORD
 from rths_cli.numerics import clock
 from rths_cli.numerics.compiled import Part, entry

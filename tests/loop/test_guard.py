@@ -14,13 +14,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import brentq
 
-from rths_cli.case.virtual_physics import VirtualPhysics
+from rths_cli.case.virtual_physics_schema import VirtualPhysics
 from rths_cli.control import feedback, sensor_correction
-from rths_cli.control.blocks import Blocks
+from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.state_space import static
 from rths_cli.loop import guard as g
-from rths_cli.loop.counted_clock import Outcome, Stillness, play
 from rths_cli.loop.guard import AT_REST_M, FORGET_HZ, STOPPED, GuardLimits, GuardState, check_energy, fresh_guard, guard
+from rths_cli.loop.simulated_time_run import Outcome, Stillness, play
 from rths_cli.loop.step_arrays import EXCITATION, RECORD
 from rths_cli.loop.stop_reasons import reason_of
 from rths_cli.numerics.compiled import entry

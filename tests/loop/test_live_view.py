@@ -13,7 +13,7 @@ from rths_cli.loop import realtime_loop, realtime_run
 from rths_cli.loop.live_view import Watching
 from rths_cli.loop.run_log import signals
 from rths_cli.loop.step_arrays import NUMERICAL
-from rths_cli.report.live_lines import live_lines, one_line
+from rths_cli.report.run_status_lines import live_lines, one_line
 
 
 def made() -> realtime_run.Performance:

@@ -12,13 +12,13 @@ from bench import DT_S, rig_info, specimen
 from hybrid import best_like, ground, open_limits
 from scipy.linalg import expm
 
-from rths_cli.case.virtual_physics import VirtualPhysics
+from rths_cli.case.virtual_physics_schema import VirtualPhysics
 from rths_cli.loop import guard as g
 from rths_cli.loop import realtime_loop, realtime_run
-from rths_cli.loop.counted_clock import play
 from rths_cli.loop.guard import GuardLimits
 from rths_cli.loop.realtime_loop import overrun, run_udp, too_late_for
 from rths_cli.loop.run_log import Log, Signals, signals
+from rths_cli.loop.simulated_time_run import play
 from rths_cli.loop.step_arrays import NUMERICAL, Step
 from rths_cli.numerics.compiled import entry
 from rths_cli.numerics.lti import Array

@@ -25,7 +25,7 @@ from rths_cli.loop.run_log import Log, Signals, signals
 from rths_cli.loop.step_arrays import RECORD, Step
 from rths_cli.numerics.compiled import entry
 from rths_cli.numerics.lti import Array
-from rths_cli.rigs.udp.command_trajectory import Way, fresh_way, place_after
+from rths_cli.rigs.udp.late_command_trajectory import Way, fresh_way, place_after
 from rths_cli.rigs.udp.packets import COMMAND
 from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget
 

@@ -10,9 +10,9 @@ from bench import rig_info
 from hybrid import best_like, open_limits
 from test_realtime_loop import Wired, conducted
 
-from rths_cli.control.blocks import Blocks
+from rths_cli.control.designed_blocks import Blocks
 from rths_cli.errors import RigError
-from rths_cli.experiment.real_rig import mended
+from rths_cli.experiment.real_rig_play import mended
 from rths_cli.loop import realtime_run
 from rths_cli.loop.run_log import Signals, signals
 from rths_cli.loop.step_arrays import EXCITATION

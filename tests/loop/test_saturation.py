@@ -9,12 +9,12 @@ import pytest
 from bench import DT_S, LINEAR, held, ideal_info, linear_table, rig_info, specimen
 from hybrid import best_like, ground, open_limits, paper_like, true_model
 
-from rths_cli.case.virtual_physics import VirtualPhysics
+from rths_cli.case.virtual_physics_schema import VirtualPhysics
 from rths_cli.control import feedback
-from rths_cli.control.blocks import Blocks
+from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.feedback import DEFAULT
 from rths_cli.control.state_space import static
-from rths_cli.loop.counted_clock import Outcome, play
+from rths_cli.loop.simulated_time_run import Outcome, play
 from rths_cli.loop.step_arrays import NUMERICAL, RECORD, assemble
 from rths_cli.numerics.lti import Array, Block
 from rths_cli.numerics.matrix_equations import riccati_gain

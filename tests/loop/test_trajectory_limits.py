@@ -12,13 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from smooth_way import smooth_way
 
-from rths_cli.loop import command_preview
+from rths_cli.loop import fallback_commands
 from rths_cli.loop.bumpless_transfer import OFF_V, RATE, STEP_V, fresh_drift
-from rths_cli.loop.command_preview import Foresight, no_foresight
+from rths_cli.loop.fallback_commands import Foresight, no_foresight
 from rths_cli.loop.guard import GuardLimits
 from rths_cli.numerics.compiled import entry
 from rths_cli.numerics.lti import Array
-from rths_cli.rigs.udp.command_trajectory import Way, fresh_way
+from rths_cli.rigs.udp.late_command_trajectory import Way, fresh_way
 
 GAIN_M_PER_V, DT_S, HARDEST_M_S2, SPACING, POINTS = 0.0079, 1e-3, 0.45 * 45.0, 8, 14
 STROKE_M, END = 0.03, SPACING * POINTS
@@ -26,7 +26,7 @@ STROKE_M, END = 0.03, SPACING * POINTS
 
 @entry
 def laid(way: Way, f: Foresight, limits: GuardLimits, drift: Array) -> None:
-    command_preview.lay_way(way, f, limits, drift)
+    fallback_commands.lay_way(way, f, limits, drift)
 
 
 def limits_of(**other: float) -> GuardLimits:
@@ -96,7 +96,7 @@ def test_from_every_state_the_way_is_finite_within_all_limits_and_begins_as_the_
     limits = limits_of(velocity_m_s=velocity, acceleration_m_s2=acceleration, command_rate_v_s=rate_v_s)
     fastest = min(velocity, GAIN_M_PER_V * rate_v_s)
     outermost, steepest = STROKE_M / GAIN_M_PER_V, fastest * DT_S / GAIN_M_PER_V
-    corner = command_preview.CORNER * command_preview.CHANGE * SPACING * steepest
+    corner = fallback_commands.CORNER * fallback_commands.CHANGE * SPACING * steepest
     drift = fresh_drift()
     drift[OFF_V], drift[RATE] = off, 0.1
     went = path(np.array(wanted), limits, start * (outermost - corner), step * steepest, drift)
@@ -104,7 +104,7 @@ def test_from_every_state_the_way_is_finite_within_all_limits_and_begins_as_the_
     assert np.abs(np.diff(went)).max() <= fastest * DT_S * (1.0 + 1e-9)
     assert np.abs(went).max() <= STROKE_M * (1.0 + 1e-12)
     first = (went[SPACING] - went[0]) / (SPACING * DT_S) - np.clip(
-        step, -command_preview.LINE, command_preview.LINE
+        step, -fallback_commands.LINE, fallback_commands.LINE
     ) * fastest
     slows_down = 0.45 * acceleration * SPACING * DT_S
     room = STROKE_M - abs(went[0]) > fastest**2 / (0.9 * acceleration) + 4.0 * fastest * SPACING * DT_S

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from rths_cli.analysis import error_budget as causes_of_budget
-from rths_cli.analysis import prediction
+from rths_cli.analysis import predicted_error
 from rths_cli.files.result_reader import ResultWriter
 from rths_cli.quantities import AXES, KINDS, METRICS, datasets, declared, kinds_of, metric, model_datasets
 from rths_cli.quantities.datasets import declared_datasets
@@ -36,7 +36,7 @@ def test_a_value_that_is_not_declared_is_not_written(tmp_path: Path, values: dic
 
 def test_causes_are_those_of_the_budgets() -> None:
     for group, names in (
-        ("check", prediction.CAUSES),
+        ("check", predicted_error.CAUSES),
         ("budget", [*causes_of_budget.CAUSES, causes_of_budget.LOST, causes_of_budget.DRIFT]),
     ):
         expected = {f"{group}.rms_error_{name}_m_s2" for name in names}

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from made_up_check import checked
 
-from rths_cli.experiment.check_cases import Checked
+from rths_cli.experiment.check_command import Checked
 from rths_cli.quantities import METRICS
 from rths_cli.report.check_json import as_document
 from rths_cli.report.check_page import MARGINS, REACH, page, pages

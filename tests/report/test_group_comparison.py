@@ -9,7 +9,7 @@ import pytest
 from made_up import result
 
 from rths_cli.errors import InputError
-from rths_cli.report.baseline import BETTER, SAME, SEEN, WORSE, against, baseline_blocks, got_worse
+from rths_cli.report.baseline_comparison import BETTER, SAME, SEEN, WORSE, against, baseline_blocks, got_worse
 from rths_cli.report.group_comparison import check_keys, compare, group_tables, over_runs
 from rths_cli.report.repeats import repeats, repeats_tables
 from rths_cli.report.text_layout import plain_text, render

@@ -12,7 +12,7 @@ import pytest
 from made_up_identification import ABOUT, MODEL, identification, specimen
 
 from rths_cli.errors import InputError
-from rths_cli.experiment.output_files import FIGURE_FORMATS
+from rths_cli.experiment.identify_output import FIGURE_FORMATS
 from rths_cli.numerics.lti import StateSpace, staircase
 from rths_cli.report.identification_figure import METADATA, figure, transmissibility, write_figure
 

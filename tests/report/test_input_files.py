@@ -12,7 +12,7 @@ from made_up_files import FIGURES, write
 from rths_cli.errors import InputError
 from rths_cli.files.sweep_file import TEXTS, Figure, Sweep, write_sweep
 from rths_cli.report.input_files import read_inputs
-from rths_cli.report.sections import all_blocks, contents
+from rths_cli.report.report_contents import all_blocks, contents
 from rths_cli.report.text_layout import plain_text
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from made_up_identification import identification
 
 from rths_cli.experiment.identify_command import About
-from rths_cli.experiment.model_contents import from_groups, to_groups
+from rths_cli.experiment.model_datasets import from_groups, to_groups
 from rths_cli.identification.results import DelayEstimate
 from rths_cli.quantities import LATENCIES
 from rths_cli.report.identification_page import as_document, page

@@ -12,7 +12,7 @@ from bench import rig_info, specimen
 from slow_table import slow_table
 from udp_peer import PlainTarget
 
-from rths_cli.case.virtual_physics import VirtualPhysics
+from rths_cli.case.virtual_physics_schema import VirtualPhysics
 from rths_cli.errors import RigError
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.interface import (
@@ -26,7 +26,7 @@ from rths_cli.rigs.interface import (
     simulated,
 )
 from rths_cli.rigs.ni.ni_rig import NiRig
-from rths_cli.rigs.plugins import open_plugin
+from rths_cli.rigs.plugin_rigs import open_plugin
 from rths_cli.rigs.udp.udp_rig import UdpRig, UdpTarget
 from rths_cli.rigs.virtual.virtual_rig import VirtualRig, build_plant
 

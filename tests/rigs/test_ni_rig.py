@@ -14,7 +14,7 @@ import pytest
 from bench import rig_info, specimen
 from hybrid import best_like, open_limits
 
-from rths_cli.case.virtual_physics import VirtualPhysics
+from rths_cli.case.virtual_physics_schema import VirtualPhysics
 from rths_cli.errors import RigError
 from rths_cli.loop import guard as g
 from rths_cli.loop.realtime_loop import OVERRUNS

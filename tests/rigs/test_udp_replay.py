@@ -19,7 +19,7 @@ from udp_peer import SECRET, PlainTarget
 from udp_relay import Relay
 
 from rths_cli.errors import RigError
-from rths_cli.experiment.serve import Server, describe
+from rths_cli.experiment.serve_command import Server, describe
 from rths_cli.rigs.udp import link as links
 from rths_cli.rigs.udp import packets
 from rths_cli.rigs.udp.key_file import read_secret

@@ -12,7 +12,7 @@ import udp_peer
 from bench import rig_info, specimen
 from udp_peer import PATIENT_S, SECRET, PlainTarget, virtual_table
 
-from rths_cli.case.virtual_physics import VirtualPhysics
+from rths_cli.case.virtual_physics_schema import VirtualPhysics
 from rths_cli.errors import InputError, RigError
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.interface import RigInfo

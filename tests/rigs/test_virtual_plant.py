@@ -10,7 +10,7 @@ from bench import DT_S, LINEAR, equations, held, ideal_info, linear_table, play_
 from scipy.integrate import solve_ivp
 from scipy.signal import lsim
 
-from rths_cli.case.virtual_physics import AfterIdentification, VirtualPhysics
+from rths_cli.case.virtual_physics_schema import AfterIdentification, VirtualPhysics
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.virtual.virtual_rig import build_plant, changed
 

@@ -16,7 +16,7 @@ from declared_contents import sweep_faults
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
 from rths_cli.experiment import run
-from rths_cli.experiment.model_registry import Memory
+from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.run import run_case
 from rths_cli.experiment.setup import make_setup
 from rths_cli.files.result_reader import read_result

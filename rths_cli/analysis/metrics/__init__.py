@@ -12,7 +12,14 @@ from rths_cli.analysis.metrics.benchmark2020 import (
     tracking_ratios,
 )
 from rths_cli.analysis.metrics.energy import error_energy_j, input_energy_j, velocity_error_m_s
-from rths_cli.analysis.metrics.errors import (
+from rths_cli.analysis.metrics.fidelity import (
+    FrequencyEvaluation,
+    frequency_evaluation,
+    frequency_evaluations,
+    tracking_indicator,
+)
+from rths_cli.analysis.metrics.lowest_fourier_lines import low_lines
+from rths_cli.analysis.metrics.response_errors import (
     BAND_HZ,
     BAND_ORDER,
     ErrorFigures,
@@ -25,14 +32,7 @@ from rths_cli.analysis.metrics.errors import (
     room_for_pairs,
     test_band,
 )
-from rths_cli.analysis.metrics.fidelity import (
-    FrequencyEvaluation,
-    frequency_evaluation,
-    frequency_evaluations,
-    tracking_indicator,
-)
-from rths_cli.analysis.metrics.low_fourier_lines import low_lines
-from rths_cli.analysis.metrics.slow_motion import SLOW_ORDER, high_passed
+from rths_cli.analysis.metrics.zero_phase_high_pass import SLOW_ORDER, high_passed
 
 __all__ = [
     "BAND_HZ",

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rths_cli.analysis.metrics.errors import check_pair, peak
+from rths_cli.analysis.metrics.response_errors import check_pair, peak
 from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Array
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rths_cli.analysis.metrics.errors import check_pair
+from rths_cli.analysis.metrics.response_errors import check_pair
 from rths_cli.numerics.filters import butterworth, filtered_both_ways
 from rths_cli.numerics.lti import Array
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rths_cli.analysis.metrics.errors import BAND_HZ, check_pair
-from rths_cli.analysis.metrics.low_fourier_lines import low_lines
+from rths_cli.analysis.metrics.lowest_fourier_lines import low_lines
+from rths_cli.analysis.metrics.response_errors import BAND_HZ, check_pair
 from rths_cli.numerics.lti import Array, ComplexArray
 
 

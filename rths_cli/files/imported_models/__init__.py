@@ -21,9 +21,9 @@ import numpy as np
 from rths_cli.case.yaml_tree import display
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import read_whole
+from rths_cli.files.imported_models.checked_values import Reader
 from rths_cli.files.imported_models.file_formats import KEYS, kind_of, read_mat, read_text
-from rths_cli.files.imported_models.roots import count_at_origin, paired, shown
-from rths_cli.files.imported_models.value_reader import Reader
+from rths_cli.files.imported_models.poles_and_zeros import count_at_origin, paired, shown
 from rths_cli.numerics.lti import Array, ComplexArray
 
 OUTPUTS = {"acceleration_m_s2": 0, "velocity_m_s": 1, "displacement_m": 2}

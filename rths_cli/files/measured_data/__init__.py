@@ -21,7 +21,7 @@ from rths_cli.files.measured_data.recording import Column, Contents, Recording
 from rths_cli.files.measured_data.sample_interval import Clock, choose_interval, read_clock
 from rths_cli.files.measured_data.units import is_time, unit_of
 from rths_cli.numerics.lti import Array
-from rths_cli.printed import shortened
+from rths_cli.safe_text import shortened
 
 __all__ = ["Chosen", "Recording", "choose", "mend", "missing", "read_recording", "write_recording"]
 

@@ -17,9 +17,9 @@ from rths_cli.files.measured_data.hdf5_files import hdf5_contents
 from rths_cli.files.measured_data.matlab_files import is_matlab, matlab_variables
 from rths_cli.files.measured_data.named_variables import contents_of
 from rths_cli.files.measured_data.recording import Column, Contents, listed
+from rths_cli.files.measured_data.sandboxed_reading import survives
 from rths_cli.files.measured_data.text_tables import text_contents
-from rths_cli.files.measured_data.trial_process import survives
-from rths_cli.printed import shortened, visible
+from rths_cli.safe_text import shortened, visible
 
 READ = "CSV or text, MATLAB .mat, HDF5 or TDMS"
 _HDF5 = b"\x89HDF\r\n\x1a\n"

@@ -14,7 +14,7 @@ import numpy as np
 from rths_cli.errors import InputError
 from rths_cli.files.hdf5 import Dataset, write_group
 from rths_cli.files.hdf5_heaps import check_heaps
-from rths_cli.files.hdf5_layout import LayoutError, check_storage, part, size_of, values_of
+from rths_cli.files.hdf5_safety import LayoutError, check_storage, part, size_of, values_of
 from rths_cli.files.measured_data.named_variables import Variable, contents_of
 from rths_cli.files.measured_data.recording import Column, Contents, Recording
 from rths_cli.files.measured_data.sample_interval import stated_interval

@@ -20,8 +20,8 @@ import numpy as np
 
 from rths_cli.files.result_reader import Dataset
 from rths_cli.numerics.lti import Array
-from rths_cli.printed import csv_cell
 from rths_cli.report.export.source_and_target import Source, Target, notes
+from rths_cli.safe_text import csv_cell
 
 AXES = ("time_s", "frequency_hz")
 ROWS = 4096  # made into text at a time

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.files.result_outline import About, Outline
+from rths_cli.files.result_listing import About, Outline
 from rths_cli.files.result_reader import Dataset
 from rths_cli.report.export.source_and_target import Source, Target
 from rths_cli.version import __version__

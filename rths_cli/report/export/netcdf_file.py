@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from rths_cli.files.netcdf import NetcdfGroup, write_netcdf
-from rths_cli.files.result_outline import Outline
+from rths_cli.files.result_listing import Outline
 from rths_cli.files.result_reader import Dataset
 from rths_cli.report.export.source_and_target import Source, Target
 from rths_cli.rigs.description import adjective

@@ -17,8 +17,8 @@ from rths_cli.errors import InputError
 from rths_cli.files.result_reader import Result
 from rths_cli.interrupts import interruptible
 from rths_cli.report.figures import error_figures, frequency, histories
-from rths_cli.report.figures.bars import limits
 from rths_cli.report.figures.figure_data import NotDrawn, Source
+from rths_cli.report.figures.limit_bars import limits
 from rths_cli.report.figures.panels import heading
 from rths_cli.report.figures.style import DPI, FORMS, METADATA, WIDTHS_MM, in_house_style
 from rths_cli.report.figures.timing import timing

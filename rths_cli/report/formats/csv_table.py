@@ -10,10 +10,10 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from rths_cli.files.result_reader import Result
-from rths_cli.printed import csv_cell
 from rths_cli.report.group_comparison import software
-from rths_cli.report.sections import Contents
+from rths_cli.report.report_contents import Contents
 from rths_cli.report.text_layout import Cell, Row, Table
+from rths_cli.safe_text import csv_cell
 
 
 def width(table: Table) -> int:

@@ -7,11 +7,11 @@ from dataclasses import asdict
 from typing import Any
 
 from rths_cli.quantities import metric
-from rths_cli.report.baseline import got_worse
+from rths_cli.report.baseline_comparison import got_worse
 from rths_cli.report.group_comparison import Compared, Place, Statistics, over_runs, place_name
 from rths_cli.report.judged_limits import judge
 from rths_cli.report.repeats import Repeats
-from rths_cli.report.sections import Baseline, Contents
+from rths_cli.report.report_contents import Baseline, Contents
 from rths_cli.report.sweep_page import document as sweep_document
 from rths_cli.report.tables import to_json
 

@@ -9,7 +9,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 from rths_cli.analysis.metrics.accept_limits import Judged
 from rths_cli.files.result_reader import Result
-from rths_cli.report.baseline import WORSE, CaseChanges, told
+from rths_cli.report.baseline_comparison import WORSE, CaseChanges, told
 from rths_cli.report.input_files import Unread
 from rths_cli.report.judged_limits import judge
 

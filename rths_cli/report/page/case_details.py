@@ -8,12 +8,12 @@ import numpy as np
 
 from rths_cli.files.result_reader import Result, read_series
 from rths_cli.numerics.lti import Array
-from rths_cli.report.case_results import Entry
 from rths_cli.report.error_budget_table import CAUSES
 from rths_cli.report.latency_table import latency_text
 from rths_cli.report.page.html import Html, element, framed, table
 from rths_cli.report.page.paper_tables import as_html
 from rths_cli.report.page.summary import is_virtual
+from rths_cli.report.results_by_case import Entry
 from rths_cli.report.text_layout import Cell, Row, Table
 
 KINDS = {"check": "pred.", "budget": "meas."}

@@ -15,7 +15,6 @@ from pathlib import Path
 from rths_cli.errors import InputError
 from rths_cli.files.result_reader import Result
 from rths_cli.interrupts import interruptible
-from rths_cli.report.case_results import Entry, entries
 from rths_cli.report.page import case_details, frequency, histories
 from rths_cli.report.page.decimated_series import Pool
 from rths_cli.report.page.html import Html, classed, data_script, details, element, join
@@ -30,6 +29,7 @@ from rths_cli.report.page.summary import (
     summary,
     verdicts,
 )
+from rths_cli.report.results_by_case import Entry, entries
 
 STYLES = ("uPlot.min.css", "page.css")
 SCRIPTS = ("uPlot.iife.min.js", "page.js")

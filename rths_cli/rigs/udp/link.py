@@ -14,7 +14,7 @@ from rths_cli.numerics.clock import IntArray, monotonic_ns, sleep_until
 from rths_cli.numerics.compiled import External, entry, part
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.udp import packets
-from rths_cli.rigs.udp.command_trajectory import POINTS, Way, fresh_way, put_way, words_of
+from rths_cli.rigs.udp.late_command_trajectory import POINTS, Way, fresh_way, put_way, words_of
 from rths_cli.rigs.udp.siphash import Bytes, Words
 
 OK, LOST, FAULT = range(3)  # what `exchange` returns

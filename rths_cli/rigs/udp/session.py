@@ -13,8 +13,8 @@ import numpy as np
 
 from rths_cli.errors import RigError
 from rths_cli.rigs.udp import packets
+from rths_cli.rigs.udp.fault_sentences import refused, silence
 from rths_cli.rigs.udp.handshake import make_session_key
-from rths_cli.rigs.udp.messages import refused, silence
 from rths_cli.rigs.udp.packets import NONCE_BYTES
 from rths_cli.rigs.udp.siphash import Words
 

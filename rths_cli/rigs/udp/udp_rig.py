@@ -14,9 +14,9 @@ from rths_cli.numerics.lti import Array
 from rths_cli.rigs.interface import COMPILED_LINK, RigInfo
 from rths_cli.rigs.udp import link as links
 from rths_cli.rigs.udp import packets
+from rths_cli.rigs.udp.fault_sentences import fault_names
 from rths_cli.rigs.udp.key_file import read_secret
 from rths_cli.rigs.udp.link import Link, begin_session, converse_at, fresh_link, prepare
-from rths_cli.rigs.udp.messages import fault_names
 from rths_cli.rigs.udp.session import GREETING_S, Session, Terms, greet
 from rths_cli.rigs.udp.siphash import Words
 from rths_cli.rigs.udp.sockets import connected, on_this_machine

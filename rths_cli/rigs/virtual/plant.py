@@ -20,7 +20,7 @@ from rths_cli.numerics.tiled_products import ROWS, padded, squares, tiled
 from rths_cli.structure import Specimen
 
 if TYPE_CHECKING:
-    from rths_cli.case.virtual_physics import VirtualPhysics
+    from rths_cli.case.virtual_physics_schema import VirtualPhysics
 
 
 class Parts(NamedTuple):

@@ -17,7 +17,7 @@ from rths_cli.structure import Specimen
 
 if TYPE_CHECKING:
     from rths_cli.case.rig_schema import VirtualRigSpec
-    from rths_cli.case.virtual_physics import AfterIdentification, VirtualPhysics
+    from rths_cli.case.virtual_physics_schema import AfterIdentification, VirtualPhysics
     from rths_cli.rigs.interface import RigInfo
     from rths_cli.structure import Specimen
 

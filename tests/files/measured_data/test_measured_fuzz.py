@@ -21,7 +21,7 @@ from rths_cli.files.measured_data import (
     mend,
     missing,
     read_recording,
-    trial_process,
+    sandboxed_reading,
     write_recording,
 )
 
@@ -90,7 +90,7 @@ def test_a_file_on_which_the_library_hangs_or_crashes_is_called_damaged(
     path, parent = tmp_path / "any.h5", os.getpid()
     read_here: list[Path] = []
     path.write_bytes(make(tmp_path, "h5"))
-    monkeypatch.setattr(trial_process, "TIME_LIMIT_S", 0.2)
+    monkeypatch.setattr(sandboxed_reading, "TIME_LIMIT_S", 0.2)
     for disaster in (lambda: time.sleep(60), os.abort):
 
         def read(given: Path, happen: Callable[[], None] = disaster) -> None:

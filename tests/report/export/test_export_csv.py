@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from made_result import STOPPED, YAML, N, contents, make
 
-from rths_cli.report.export.exporting import ExportRequest, export
+from rths_cli.report.export.export_command import ExportRequest, export
 
 ENDS = {"abs_accel_m_s2": ("storey", (1, 2, 3)), "floor_accel_measured_m_s2": ("floor", (2, 3))}
 

@@ -15,7 +15,7 @@ from made_result import make
 
 from rths_cli.errors import InputError
 from rths_cli.report.export import csv_files
-from rths_cli.report.export.exporting import FORMATS, ExportRequest, export
+from rths_cli.report.export.export_command import FORMATS, ExportRequest, export
 
 ROOT = Path(__file__).parents[3]
 

@@ -15,7 +15,7 @@ from scipy.io import loadmat
 from rths_cli.errors import InputError
 from rths_cli.files.result_reader import ResultWriter
 from rths_cli.report.export import matlab_file
-from rths_cli.report.export.exporting import ExportRequest, export
+from rths_cli.report.export.export_command import ExportRequest, export
 
 OCTAVE = shutil.which("octave-cli") or shutil.which("octave")
 

@@ -10,7 +10,7 @@ import pytest
 import xarray
 from made_result import STOPPED, N, contents, make
 
-from rths_cli.report.export.exporting import ExportRequest, export
+from rths_cli.report.export.export_command import ExportRequest, export
 from rths_cli.report.export.netcdf_file import udunits
 
 

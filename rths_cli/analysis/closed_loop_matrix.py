@@ -1,0 +1,120 @@
+"""The sampled closed loop of a hybrid test as one matrix: x[k+1] = M x[k], all blocks of the step and the rig in x."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rths_cli.analysis.identified_rig_block import IdentifiedRig
+from rths_cli.control.designed_blocks import Blocks
+from rths_cli.numerics.lti import Array, Block, ComplexArray
+
+FORGOTTEN = 0.1  # size of an eigenvalue that dies out within a few samples: no motion of table or building
+SLOW_HZ, LEFT = 0.3, 1e-4
+
+
+class _Rows:
+    """Signals of the loop as rows over (state, command): each part of the state has its place."""
+
+    def __init__(self, sizes: dict[str, int]) -> None:
+        ends = np.cumsum(list(sizes.values()))
+        self.width = int(ends[-1]) + 1
+        self.places = {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+
+    def of(self, name: str) -> Array:
+        """Return the rows of a part of the state."""
+        return np.eye(self.width)[self.places[name]]
+
+    def output(self, name: str, block: Block, inputs: Array) -> Array:
+        """Return a block's outputs for inputs given as rows; inputs beyond those given are zero."""
+        count = len(inputs)
+        return block.C @ self.of(name) + block.D[:, :count] @ inputs
+
+    def following(self, name: str, block: Block, inputs: Array) -> Array:
+        """Return a block's next state."""
+        return block.A @ self.of(name) + block.B[:, : len(inputs)] @ inputs
+
+
+def closed_loop_matrix(rig: IdentifiedRig, blocks: Blocks) -> Array:
+    """Return M (n, n) of a hybrid test without ground motion: the blocks on the identified rig, guard and rounding
+    passing everything.
+
+    Samples correct, estimate, give the base shear n_p samples ahead, the numerical part, feedforward and feedback make
+    the command of the same instant; a direct path from command to samples is solved for.
+    """
+    lead, sent = blocks.lead_samples, max(rig.latency_samples, 1) + 1
+    parts = {"rig": rig.plant, "correction": rig.correction} | {
+        name: getattr(blocks, name) for name in ("estimator", "numerical", "feedforward", "feedback")
+    }
+    sizes = {"recent": lead, "sent": sent} | {name: len(block.A) for name, block in parts.items()}
+    rows = _Rows(sizes)
+    command = np.eye(rows.width)[-1:]
+    samples = rows.output("rig", rig.plant, command)
+    corrected = rows.output("correction", rig.correction, samples)
+    (change, total), (now, before) = rig.alias_left(blocks), rows.of("sent")[-2:]
+    corrected[0] += change * (now - before) + total * (now + before)
+    estimated = rows.output("estimator", blocks.estimator, corrected)
+    shear_desired = _coupled(rows, blocks, corrected, estimated)
+    into = np.vstack([np.zeros(rows.width), shear_desired[0]])
+    interface = rows.output("numerical", blocks.numerical, into)
+    recent = np.vstack([rows.of("recent"), interface[0]])
+    error = (recent[0] - corrected[0])[None]
+    wanted = rows.output("feedforward", blocks.feedforward, interface) + rows.output("feedback", blocks.feedback, error)
+    following = {
+        "recent": recent[1:],
+        "sent": np.vstack([command, rows.of("sent")[:-1]]),
+        "rig": rows.following("rig", rig.plant, command),
+        "correction": rows.following("correction", rig.correction, samples),
+        "estimator": rows.following("estimator", blocks.estimator, corrected),
+        "numerical": rows.following("numerical", blocks.numerical, into),
+        "feedforward": rows.following("feedforward", blocks.feedforward, interface),
+        "feedback": rows.following("feedback", blocks.feedback, error),
+    }
+    whole = np.vstack([following[name] for name in sizes])
+    given = wanted[0, :-1] / (1.0 - wanted[0, -1])
+    return whole[:, :-1] + np.outer(whole[:, -1], given)
+
+
+def _coupled(rows: _Rows, blocks: Blocks, corrected: Array, estimated: Array) -> Array:
+    """Return base shear and desired acceleration at k + n_p, (2, .): each depends on the other at the same instant."""
+    known = blocks.shear_estimate @ estimated + blocks.shear_measured @ corrected
+    if blocks.lead_samples:
+        known = known + blocks.shear_recent @ rows.of("recent")
+    free = blocks.numerical.C[0] @ rows.of("numerical")
+    direct = blocks.numerical.D[0, 1]
+    desired = (free + direct * known) / (1.0 - direct * blocks.shear_desired)
+    return np.vstack([known + blocks.shear_desired * desired, desired])
+
+
+def spectral_radius(matrix: Array) -> float:
+    """Return the largest absolute eigenvalue: below one, every motion dies out."""
+    return float(np.abs(np.linalg.eigvals(matrix)).max())
+
+
+def loop_roots(matrix: Array, dt_s: float) -> ComplexArray:
+    """Return the closed loop's oscillating motions as roots log(z) / dt_s in rad/s, (n,), of each pair the one above
+    the real axis, the slowest to die out first."""
+    z = np.linalg.eigvals(matrix).astype(complex)
+    roots = np.log(z[(np.abs(z) > FORGOTTEN) & (z.imag > 0.0)]) / dt_s
+    return roots[np.argsort(-roots.real)]
+
+
+def slow_roots(matrix: Array, dt_s: float, time_s: float) -> ComplexArray:
+    """Return the closed loop's roots log(z) / dt_s in rad/s, (n,), real ones and of each pair the one above the real
+    axis, of motions below SLOW_HZ of which a share of LEFT is left after a time."""
+    z = np.linalg.eigvals(matrix).astype(complex)
+    roots = np.log(z[(np.abs(z) > FORGOTTEN) & (z.imag >= 0.0)]) / dt_s
+    return roots[(np.abs(roots) < 2.0 * np.pi * SLOW_HZ) & (roots.real * time_s > np.log(LEFT))]
+
+
+def modes_in_loop(roots: ComplexArray, frequency_hz: Array, damping_ratio: Array) -> tuple[Array, Array]:
+    """Return frequencies in Hz and damping ratios (m,) of the loop's roots nearest to those of given modes (m,).
+
+    Each root stands for one mode; NaN for a mode that does not oscillate, whose root has no frequency.
+    """
+    size = 2.0 * np.pi * frequency_hz
+    wanted = size * (-damping_ratio + 1j * np.sqrt(np.maximum(1.0 - damping_ratio**2, 0.0)))
+    nearest, free = np.full(len(wanted), np.nan, dtype=complex), np.asarray(roots)
+    for mode in np.flatnonzero(damping_ratio < 1.0):
+        taken = np.abs(free - wanted[mode]).argmin()
+        nearest[mode], free = free[taken], np.delete(free, taken)
+    return np.abs(nearest) / (2.0 * np.pi), -nearest.real / np.abs(nearest)

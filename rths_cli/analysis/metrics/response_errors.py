@@ -1,0 +1,262 @@
+"""Errors of a run: test band, RMS, peak and fitted delay. Time is the last axis of every array.
+
+A series that was cut (NaN from some sample on) has no figures: all of that storey's are NaN, and
+`diverged` says so.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rths_cli.analysis.metrics.zero_phase_high_pass import take_off_slow_motion
+from rths_cli.errors import InputError
+from rths_cli.numerics.compiled import entry, part
+from rths_cli.numerics.filters import (
+    LANES,
+    butterworth,
+    empty_tiles,
+    fast_length,
+    filter_tiles_both_ways,
+    filtered_both_ways,
+    tukey,
+)
+from rths_cli.numerics.lti import Array, ComplexArray
+
+BAND_HZ = 12.0
+BAND_ORDER = 4
+_TAPERED = 0.1  # share of the record under the taper of the delay fit, half of it at each end
+_MOST_NEWTON_STEPS = 20
+SUMMED_AT_ONCE = 256
+
+
+@dataclass(frozen=True)
+class ErrorFigures:
+    """Errors of a value against its reference, each figure of shape (...), in the unit of the series.
+
+    `rms`, `maximum` in the test band; `rms_full`, `maximum_full` in full band; `diverged` where a series is
+    not finite.
+    """
+
+    rms: Array
+    maximum: Array
+    rms_full: Array
+    maximum_full: Array
+    diverged: NDArray[np.bool_]
+
+    def of(self, row: int) -> ErrorFigures:
+        """Return the figures of one of several series."""
+        return ErrorFigures(*(getattr(self, field.name)[row] for field in fields(self)))
+
+
+def test_band(series: ArrayLike, dt_s: float) -> Array:
+    """Filter `series` (..., n) with a 4th-order 12 Hz Butterworth low pass, forward and backward.
+
+    The ends are extended by odd reflection over 15 samples (the default of scipy's sosfiltfilt, so that
+    anyone can repeat a figure in one line), or over n - 1 if the record is shorter. A NaN anywhere makes
+    its whole series NaN. Raises InputError when half the sample rate is not above 12 Hz.
+    """
+    values = np.asarray(series, dtype=float)
+    sections, padding = _band(dt_s, values.shape[-1])
+    return filtered_both_ways(sections, values, padding)
+
+
+def _band(dt_s: float, samples: int) -> tuple[Array, int]:
+    """Return the sections of the test band and over how many samples the ends are extended."""
+    if not 0 < dt_s < 0.5 / BAND_HZ:
+        raise InputError(
+            f"dt_s is {dt_s:g} s, but the {BAND_HZ:g} Hz test band needs one above 0"
+            f" and below {0.5 / BAND_HZ:.4f} s: sample faster"
+        )
+    sections = butterworth(BAND_ORDER, BAND_HZ, 1.0 / dt_s)
+    return sections, min(3 * (2 * len(sections) + 1), samples - 1)
+
+
+def rms(series: ArrayLike) -> Array:
+    """Return sqrt(mean(e^2)) of `series` (..., n) over every sample, shape (...), unit of the series."""
+    return np.sqrt(np.mean(np.square(np.asarray(series, dtype=float)), axis=-1))
+
+
+def peak(series: ArrayLike) -> Array:
+    """Return the largest absolute value of `series` (..., n), shape (...), in the unit of the series."""
+    return np.max(np.abs(np.asarray(series, dtype=float)), axis=-1)
+
+
+def error_figures(reference: ArrayLike, value: ArrayLike, dt_s: float, high_pass_hz: float = 0.0) -> ErrorFigures:
+    """Return the figures of reference - value, both (..., n), in the test band and in full band.
+
+    Nothing is shifted: delay is an error. What is slower than `high_pass_hz` is removed of the difference first
+    (`high_passed`); with 0 nothing is, and an offset is an error. Raises InputError when the shapes differ.
+    """
+    if np.shape(reference) != np.shape(value) or np.size(value) == 0:
+        raise InputError(
+            f"value has shape {np.shape(value)}, but the reference has {np.shape(reference)}:"
+            " compare series of the same storeys and samples"
+        )
+    shape = np.shape(reference)
+    rows = [np.asarray(given, dtype=float).reshape(-1, shape[-1]) for given in (reference, value)]
+    found = figures_of_pairs(list(zip(rows[0], rows[1], strict=True)), dt_s, high_pass_hz=high_pass_hz)
+    figures = (found.rms, found.maximum, found.rms_full, found.maximum_full)
+    deviation, largest, deviation_full, largest_full = (figure.reshape(shape[:-1])[()] for figure in figures)
+    return ErrorFigures(deviation, largest, deviation_full, largest_full, found.diverged.reshape(shape[:-1])[()])
+
+
+def figures_of_pairs(
+    pairs: Sequence[tuple[Array, Array]], dt_s: float, room: Array | None = None, high_pass_hz: float = 0.0
+) -> ErrorFigures:
+    """Return the figures (m,) of reference - value, both (n,), of m pairs as `error_figures` does.
+
+    `room` as `room_for_pairs` gives it is used instead of new memory.
+    """
+    samples = len(pairs[0][0])
+    sections, padding = _band(dt_s, samples)
+    tiles = room_for_pairs(len(pairs), samples, dt_s) if room is None else room
+    for r, tile in enumerate(tiles):
+        four = [pairs[min(LANES * r + j, len(pairs) - 1)] for j in range(LANES)]  # idle places repeat the last pair
+        _subtract(tile, padding, *(np.ascontiguousarray(series) for pair in four for series in pair))
+    if high_pass_hz > 0.0:
+        take_off_slow_motion(tiles, padding, high_pass_hz, dt_s)
+    squares, peaks, nothing = _sizes(tiles, padding, len(pairs))
+    diverged = np.isnan(nothing)
+    filter_tiles_both_ways(sections, tiles, padding)
+    banded_squares, banded_peaks, _ = _sizes(tiles, padding, len(pairs))
+    sizes = (np.sqrt(banded_squares / samples), banded_peaks, np.sqrt(squares / samples), peaks)
+    in_band, largest_in_band, full, largest = (np.where(diverged, np.nan, size) for size in sizes)
+    return ErrorFigures(in_band, largest_in_band, full, largest, diverged)
+
+
+def room_for_pairs(pairs: int, samples: int, dt_s: float) -> Array:
+    """Return memory for `figures_of_pairs` of so many pairs and samples."""
+    return empty_tiles(pairs, samples, _band(dt_s, samples)[1])
+
+
+def _sizes(tiles: Array, padding: int, series: int) -> tuple[Array, Array, Array]:
+    """Return sum of squares and largest absolute value (m,) of the series in tiles, and NaN where one is not finite."""
+    found = np.zeros((len(tiles), 3, LANES))
+    _measure(tiles, padding, found)
+    squares, peaks, nothing = found.transpose(1, 0, 2).reshape(3, -1)[:, :series]
+    return squares, peaks, nothing
+
+
+@entry
+def _subtract(
+    tile: Array, padding: int, a: Array, b: Array, c: Array, d: Array, e: Array, f: Array, g: Array, h: Array
+) -> None:
+    """Write a - b, c - d, e - f, g - h, each (n,), beside each other into `tile` (n + 2 padding, 4)."""
+    for k in range(a.size):
+        tile[padding + k, 0] = a[k] - b[k]
+        tile[padding + k, 1] = c[k] - d[k]
+        tile[padding + k, 2] = e[k] - f[k]
+        tile[padding + k, 3] = g[k] - h[k]
+
+
+@part
+def _grown(value: float, squares: float, peak: float, nothing: float) -> tuple[float, float, float]:
+    return squares + value * value, max(peak, abs(value)), nothing + 0.0 * value
+
+
+@part
+def _measure_block(tile: Array, start: int, stop: int, found: Array) -> None:
+    """Add the samples from `start` to `stop` of a tile (n, 4) to its sizes, `found` (3, 4); four in one instruction."""
+    q0, q1, q2, q3 = 0.0, 0.0, 0.0, 0.0
+    p0, p1, p2, p3 = found[1, 0], found[1, 1], found[1, 2], found[1, 3]
+    z0, z1, z2, z3 = 0.0, 0.0, 0.0, 0.0
+    for k in range(start, stop):
+        q0, p0, z0 = _grown(tile[k, 0], q0, p0, z0)
+        q1, p1, z1 = _grown(tile[k, 1], q1, p1, z1)
+        q2, p2, z2 = _grown(tile[k, 2], q2, p2, z2)
+        q3, p3, z3 = _grown(tile[k, 3], q3, p3, z3)
+    found[0, 0], found[0, 1], found[0, 2], found[0, 3] = (
+        found[0, 0] + q0, found[0, 1] + q1, found[0, 2] + q2, found[0, 3] + q3,
+    )  # fmt: skip
+    found[1, 0], found[1, 1], found[1, 2], found[1, 3] = p0, p1, p2, p3
+    found[2, 0], found[2, 1], found[2, 2], found[2, 3] = (
+        found[2, 0] + z0, found[2, 1] + z1, found[2, 2] + z2, found[2, 3] + z3,
+    )  # fmt: skip
+
+
+@entry
+def _measure(tiles: Array, padding: int, found: Array) -> None:
+    """Write sums of squares, peaks and sums of 0 x into `found` (n_tiles, 3, 4); blocks keep the sums exact."""
+    end = tiles.shape[1] - padding
+    for r in range(tiles.shape[0]):
+        for start in range(padding, end, SUMMED_AT_ONCE):
+            _measure_block(tiles[r], start, min(start + SUMMED_AT_ONCE, end), found[r])
+
+
+def check_pair(
+    reference: ArrayLike, value: ArrayLike, names: tuple[str, str] = ("desired", "measured")
+) -> tuple[Array, Array]:
+    """Return both series as floats (n,); raise InputError, with their names, unless they are of equal length."""
+    x, y = np.asarray(reference, dtype=float), np.asarray(value, dtype=float)
+    if x.ndim != 1 or x.shape != y.shape:
+        raise InputError(
+            f"{names[1]} has shape {y.shape}, but {names[0]} has {x.shape}: compare two series of equal length"
+        )
+    return x, y
+
+
+def fitted_delay_s(desired: ArrayLike, measured: ArrayLike, dt_s: float) -> float:
+    """Return the delay in s of `measured` (n,) against `desired` (n,): positive is late, negative early.
+
+    The maximum of the cross-correlation, refined below a sample by Newton steps on the cross-spectrum, that
+    is the phase slope weighted by power. Means are removed and the ends tapered. For reporting only: no
+    series is ever shifted by it. NaN when a series is constant or not finite. Raises InputError when the
+    lengths differ.
+    """
+    return fitted_delays_s(desired, (measured,), dt_s)[0]
+
+
+def fitted_delays_s(desired: ArrayLike, measured: Sequence[ArrayLike], dt_s: float) -> list[float]:
+    """Return `fitted_delay_s` of several series (n,) against one, which is transformed once."""
+    pairs = [check_pair(desired, each) for each in measured]
+    x = pairs[0][0]
+    if not _moves(x):
+        return [float("nan")] * len(pairs)
+    taper, padded = _taper(len(x)), fast_length(2 * len(x))
+    lines_x = np.fft.rfft((x - x.mean()) * taper, padded).conj()
+    delays = []
+    for _, y in pairs:
+        cross = lines_x * np.fft.rfft((y - y.mean()) * taper, padded) if _moves(y) else None
+        delays.append(float("nan") if cross is None else _lag(cross, padded) * dt_s)
+    return delays
+
+
+@lru_cache(maxsize=2)
+def _taper(n: int) -> Array:
+    return tukey(n, _TAPERED)
+
+
+def _moves(series: Array) -> bool:
+    return bool(np.isfinite(series).all() and np.ptp(series) > 0)
+
+
+def _lag(cross: ComplexArray, padded: int) -> float:
+    """Return the lag in samples at which the correlation with a cross-spectrum (m,) is largest."""
+    lag = int(np.argmax(np.fft.irfft(cross, padded)))
+    return _refined_lag(cross, 2 * np.pi / padded, float(lag if lag <= padded / 2 else lag - padded))
+
+
+def _refined_lag(cross: ComplexArray, angle_rad: float, lag: float) -> float:
+    """Return the lag in samples, within one of `lag`, that maximises Re sum_k cross_k exp(j k angle lag).
+
+    With k = wide i + l the phase is a product, so no line needs its own exponential.
+    """
+    wide = math.isqrt(len(cross)) + 1
+    angle = angle_rad * np.arange(wide * wide)
+    lines = np.zeros((2, wide, wide), dtype=complex)
+    lines.reshape(2, -1)[:, : len(cross)] = angle[: len(cross)] * cross
+    lines[1] *= angle.reshape(wide, wide)
+    refined = lag
+    for _ in range(_MOST_NEWTON_STEPS):
+        slope, bend = lines @ np.exp(1j * angle[:wide] * refined) @ np.exp(1j * angle[::wide] * refined)
+        step = -float(slope.imag) / float(bend.real)
+        refined = float(np.clip(refined + step, lag - 1, lag + 1))
+        if abs(step) < 1e-9:
+            break
+    return refined

@@ -1,0 +1,29 @@
+"""`rths records`."""
+
+from __future__ import annotations
+
+import json
+
+import click
+
+from rths_cli.cli.command_group import cli
+from rths_cli.cli.options import Number, json_option
+
+
+@cli.command()
+@click.argument("record", required=False)
+@click.option("--unit", help="Unit of the accelerations, where the file does not state it (g, cm/s^2, ...).")
+@click.option(
+    "--dt", "dt_s", type=Number(min=0, min_open=True), help="Sample interval in s, where the file does not state it."
+)
+@json_option
+def records(record: str | None, unit: str | None, dt_s: float | None, as_json: bool) -> int:
+    """List the shipped ground motions, or show one: peaks, duration, response spectrum.
+
+    Example: rths records el_centro
+    """
+    from rths_cli.experiment.ground_motion_list import listing, show
+
+    document, text = show(record, unit, dt_s) if record else listing()
+    click.echo(json.dumps(document, indent=2) if as_json else text, nl=as_json)
+    return 0

@@ -1,0 +1,73 @@
+"""`rths doctor` with a rig: its exchange measured at rest, the command held at zero."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rths_cli.errors import RigError
+from rths_cli.experiment.rig_access import EXP_RTHS, open_rig
+from rths_cli.experiment.setup import make_setup
+from rths_cli.files.rig_lock import locked_rig
+from rths_cli.rigs.interface import LinkedRig, linked
+from rths_cli.rigs.udp import link as links
+from rths_cli.rigs.udp.fault_sentences import fault_names
+from rths_cli.rigs.udp.packets import COMMAND
+
+if TYPE_CHECKING:
+    from rths_cli.case.case_schema import Case
+    from rths_cli.experiment.doctor_command import ExchangeDelays
+    from rths_cli.numerics.clock import IntArray
+    from rths_cli.rigs.interface import Rig
+
+
+def exchange_delays(case: Case) -> ExchangeDelays:
+    """Return what measures, for a rate in Hz and a duration in s, when the samples of each step were there.
+
+    The result is in ns after the step's deadline, (n,); a rig that is paced by a clock of its own counts from its
+    earliest step. Raises InputError, RigError.
+    """
+
+    def measure(rate_hz: float, seconds: float) -> IntArray:
+        rig = open_rig(make_setup(case.model_copy(update={"sample_rate_hz": rate_hz})), (EXP_RTHS,), 0)
+        steps = max(round(seconds * rate_hz), 1)
+        with locked_rig(rig.info.name):
+            rig.open()
+            try:
+                rig.arm()
+                there = linked(rig)
+                return udp_delays(there, steps) if there is not None else paced_delays(rig, steps)
+            finally:
+                rig.rest()
+                rig.close()
+
+    return measure
+
+
+def udp_delays(rig: LinkedRig, steps: int) -> IntArray:
+    """Return when the answer of each step came, in ns after its deadline; a lost one counts as an interval."""
+    link, interval_ns = rig.link, round(1e9 * rig.info.dt_s)
+    number = int(link.status[links.LAST] - link.status[links.BASE]) + 1
+    late_ns = np.zeros(steps, dtype=np.int64)
+    deadline = time.monotonic_ns() + interval_ns
+    for k in range(steps):
+        outcome = links.converse_at(link, COMMAND, number, 0.0, deadline, interval_ns)
+        if outcome == links.FAULT:
+            why = fault_names(int(link.status[links.FAULTS])) or "it obeys no commands"
+            raise RigError(f"rig {rig.info.name}: the target {rig.peer} stopped: {why}")
+        late_ns[k] = link.status[links.RECEIVED_NS] - deadline if outcome == links.OK else interval_ns
+        passed = 1 + int(late_ns[k]) // interval_ns
+        number, deadline = number + passed, deadline + interval_ns * passed
+    return late_ns
+
+
+def paced_delays(rig: Rig, steps: int) -> IntArray:
+    """Return how much later than in the earliest step each exchange returned, in ns, against an even pace."""
+    returned = np.zeros(steps, dtype=np.int64)
+    for k in range(steps):
+        rig.exchange(0.0)
+        returned[k] = time.monotonic_ns()
+    late = returned - np.round(np.arange(steps) * (1e9 * rig.info.dt_s)).astype(np.int64)
+    return np.asarray(late - late.min())

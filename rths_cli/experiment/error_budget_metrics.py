@@ -1,0 +1,62 @@
+"""The error budget of a finished EXP-RTHS as figures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rths_cli.analysis.error_budget import Budget, Signals, split
+from rths_cli.loop.realtime_loop import IN_RUN
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    from rths_cli.analysis.predicted_error import Known
+    from rths_cli.analysis.sim import Response
+    from rths_cli.experiment.run_signals import Series
+    from rths_cli.numerics.lti import Array
+
+LATE_SHARE = 0.5  # of a sample interval: samples that come later belong to no instant
+
+
+def of_exp_rths(known: Known | None, series: Series, reported: Array, sim: Response) -> dict[str, ArrayLike]:
+    """Return the measured errors by cause; nothing for a loop that is unstable (None) or figures that are not finite.
+
+    `reported` (n_storeys, n) absolute accelerations of a run that reached the record's end; from the table up measured.
+    """
+    if known is None or not np.isfinite(reported).all():
+        return {}
+    computed = reported[: len(reported) - len(series.measured)]
+    lost = steps_without_samples(series, known.lines.dt_s)
+    signals = Signals(
+        series.desired, series.measured, series.command_v, computed, sim.abs_accel_m_s2, lost, series.removed
+    )
+    return as_figures(split(known, signals))
+
+
+def steps_without_samples(series: Series, dt_s: float) -> NDArray[np.bool_] | None:
+    """Return which steps (n,) of a run in real time were not given the samples of their instant, or are none of the
+    record: lost, caught up, a mix after a gap, late by half an interval, in a ramp; None for a run on the counted
+    clock."""
+    if not series.live:
+        return None
+    late, lost, state = (series.live[name] for name in ("late_s", "lost", "state"))
+    return np.asarray((late > LATE_SHARE * dt_s) | (lost > 0) | (state != IN_RUN))
+
+
+def as_figures(found: Budget) -> dict[str, ArrayLike]:
+    """Return a budget as metrics `budget.*`."""
+    values: dict[str, ArrayLike] = {
+        "budget.table_gain_error": found.gain_error,
+        "budget.table_delay_error_s": found.delay_error_s,
+        "budget.friction_v": found.friction_v,
+        "budget.unexplained_rms_m_s2": found.unexplained.storeys,
+        "budget.table_gain_error_uncertainty": found.gain_uncertainty,
+        "budget.table_delay_error_uncertainty_s": found.delay_uncertainty_s,
+        "budget.friction_uncertainty_v": found.friction_uncertainty_v,
+    }
+    for name, errors in found.causes.items():
+        values[f"budget.rms_error_{name}_m_s2"] = errors.storeys
+        values[f"budget.tracking_rms_{name}_m_s2"] = errors.tracking
+    return values

@@ -1,0 +1,61 @@
+"""List the shipped ground motions, and show one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rths_cli.case.named_files import find, is_bare, shipped, suffixes
+from rths_cli.experiment.ground_motion import peaks, prepare, response_spectrum
+from rths_cli.files.accelerograms import Accelerogram, read_accelerogram
+
+PERIODS_S = (0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0)
+SPECTRUM_DAMPING = 0.05
+
+
+def listing() -> tuple[dict[str, Any], str]:
+    """Return every shipped record as a document and as text."""
+    kinds = suffixes("records")
+    paths = sorted(p for p in shipped("records").iterdir() if p.suffix.lower() in kinds)
+    rows = [_facts(path.stem, read_accelerogram(path)) for path in paths]
+    lines = [f"{'record':<14}{'samples':>8}{'dt s':>8}{'length s':>10}{'peak m/s^2':>12}  title"]
+    lines += [
+        f"{r['name']:<14}{r['samples']:>8}{r['dt_s']:>8g}{r['duration_s']:>10.2f}{r['peak_m_s2']:>12.4f}  {r['title']}"
+        for r in rows
+    ]
+    return {"records": rows}, "\n".join(lines) + "\n"
+
+
+def show(name: str, unit: str | None, dt_s: float | None) -> tuple[dict[str, Any], str]:
+    """Return one record's facts, peaks and 5 % response spectrum (unscaled, unfiltered) as document and text."""
+    path = find(name, "records", Path.cwd()) if is_bare(name) else Path(name)
+    accelerogram = read_accelerogram(path, unit, dt_s)
+    motion = prepare(accelerogram, 1.0, 1.0 / accelerogram.dt_s, corner_hz=0.0)
+    largest, spectrum = peaks(motion), response_spectrum(motion, PERIODS_S, SPECTRUM_DAMPING)
+    facts = _facts(path.stem, accelerogram)
+    facts |= {"peak_velocity_m_s": largest.velocity_m_s, "origin": accelerogram.origin, "sha256": accelerogram.sha256}
+    facts |= {"periods_s": list(PERIODS_S), "pseudo_accel_m_s2": [float(v) for v in spectrum]}
+    lines = [
+        f"{facts['name']}: {facts['title']}",
+        f"  origin       {accelerogram.origin or 'not stated'}",
+        f"  samples      {facts['samples']} every {facts['dt_s']:g} s, {facts['duration_s']:.2f} s",
+        f"  peak         {facts['peak_m_s2']:.4f} m/s^2, {largest.velocity_m_s:.4f} m/s",
+        "  response spectrum, 5 % damping (pseudo-acceleration)",
+        "    period s   " + "".join(f"{p:>8g}" for p in PERIODS_S),
+        "    m/s^2      " + "".join(f"{v:>8.3f}" for v in spectrum),
+    ]
+    return facts, "\n".join(lines) + "\n"
+
+
+def _facts(name: str, record: Accelerogram) -> dict[str, Any]:
+    samples = len(record.accel_m_s2)
+    return {
+        "name": name,
+        "title": record.title,
+        "samples": samples,
+        "dt_s": record.dt_s,
+        "duration_s": (samples - 1) * record.dt_s,
+        "peak_m_s2": float(np.abs(record.accel_m_s2).max()),
+    }

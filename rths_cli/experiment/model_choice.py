@@ -1,0 +1,172 @@
+"""The model a run drives with: from a named file, from the cache of virtual rigs, or identified now; never hidden."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+from threading import RLock
+from typing import TYPE_CHECKING
+
+from rths_cli.errors import InputError
+from rths_cli.experiment.model_files import Cache, Stored, key, load
+from rths_cli.experiment.setup import Progress, Setup, shown
+from rths_cli.identification.results import Identification
+from rths_cli.numerics.lti import Model
+
+if TYPE_CHECKING:
+    from rths_cli.files.imported_models import ForeignModel
+    from rths_cli.identification.excitation import Excitation
+
+NOW, AT_REST = "identified in this run", "identified now, which on a virtual rig is a computation"
+
+
+@dataclass(frozen=True)
+class Known:
+    """An identification and how it came; `reasons` say why a model that was accepted once must not be used now."""
+
+    found: Identification
+    source: str
+    reasons: tuple[str, ...] = ()
+
+    def faults(self, overrides: tuple[str, ...]) -> tuple[str, ...]:
+        """Return why the model may not drive a table, then or now; nothing when that is overridden."""
+        reasons = (*(() if self.found.accepted else self.found.reasons), *self.reasons)
+        if not reasons or "model" in overrides:
+            return ()
+        advice = "improve the identification, or add --override model"
+        return (f"identified model rejected: {'; '.join(reasons)}; {advice}",)
+
+
+class Memory:
+    """Identifications of this process: cases on the same rig and specimen share one.
+
+    With a `cache`, models of virtual rigs outlive the process. Threads identify one after another.
+    """
+
+    def __init__(self, cache: Cache | None = None) -> None:
+        self._cache = cache
+        self._plans: dict[str, Excitation] = {}
+        self._files: dict[str, Stored | ForeignModel] = {}
+        self._known: dict[str, Known] = {}
+        self._lock = RLock()
+
+    def prepare(self, setup: Setup) -> None:
+        """Read the model file that a case names, and plan the excitation of its rig.
+
+        Raises InputError when the file is no model of this rig and specimen, or the excitation cannot be met.
+        """
+        path = setup.case.identification.model
+        if setup.rig.can.moves_hardware:
+            _check_real(setup, path)
+        if path is not None or not self._kept(setup):
+            self.plan(setup)
+        if path is not None and key(setup) not in self._files:
+            from rths_cli.files.imported_models import is_foreign, read_foreign
+
+            self._files[key(setup)] = read_foreign(path) if is_foreign(path) else load(path, setup)
+
+    def _kept(self, setup: Setup) -> bool:
+        """Tell whether the cache has the setup's model, so that its excitation could be planned once."""
+        return self._cache is not None and not setup.rig.can.moves_hardware and self._cache.has(setup)
+
+    def plan(self, setup: Setup) -> Excitation:
+        """Return the excitation of the setup's rig; raises InputError when its settings cannot be met."""
+        if key(setup) not in self._plans:
+            from rths_cli.experiment.identify import plan
+
+            self._plans[key(setup)] = plan(setup)
+        return self._plans[key(setup)]
+
+    def identify(self, setup: Setup, progress: Progress) -> Identification:
+        """Return the identification of the setup's rig and specimen."""
+        return self.known(setup, progress).found
+
+    def known(self, setup: Setup, progress: Progress) -> Known:
+        """Return what is known of the setup's rig and specimen, from where, and whether it still holds."""
+        name = key(setup)
+        with self._lock:
+            if name not in self._known:
+                self.prepare(setup)
+                file = self._files.get(name)
+                self._known[name] = self._from_file(setup, file, progress) if file else self._now(setup, progress)
+            return self._known[name]
+
+    def at_rest(self, setup: Setup, progress: Progress) -> Known:
+        """Return what is known without moving a real table: a named model of ours as it is, verified by no record.
+
+        What a virtual rig is still to be asked is computed. Raises InputError as `prepare` does.
+        """
+        self.prepare(setup)
+        file = self._files.get(key(setup))
+        if isinstance(file, Stored):
+            return Known(file.found, f"{_named(file)}; a run verifies it by a short record first")
+        known = self.known(setup, progress)
+        return replace(known, source=AT_REST) if known.source == NOW else known
+
+    def _from_file(self, setup: Setup, file: Stored | ForeignModel, progress: Progress) -> Known:
+        """Return a named model: one of ours verified by a short record, one from elsewhere judged by a full one."""
+        from rths_cli.experiment.identify import evaluated, measure, noted
+        from rths_cli.experiment.model_verification import verify
+
+        if not isinstance(file, Stored):
+            measured = measure(setup, progress, self.plan(setup))
+            found = evaluated(setup, measured, as_model(file, setup))
+            where = f"zeros, poles and gain of {shown(file.path)}, judged by a record made now"
+            return Known(noted(found, notes_on(file)), where)
+        changes, sentence = verify(setup, file.found, progress)
+        where = _named(file)
+        reasons = (f"{where}: {'; '.join(changes)}",) if changes else ()
+        return Known(noted(file.found, reasons or (f"{where}; {sentence}",)), where, reasons)
+
+    def _now(self, setup: Setup, progress: Progress) -> Known:
+        """Return the model from the cache, or excite the rig for one."""
+        stored = self._cache.find(setup) if self._cache and not setup.rig.can.moves_hardware else None
+        if stored is not None:
+            return Known(stored.found, f"cache, identified {stored.age}")
+        from rths_cli.experiment.identify import evaluated, measure
+
+        measured = measure(setup, progress, self.plan(setup))
+        found = evaluated(setup, measured)
+        if self._cache and not setup.rig.can.moves_hardware:
+            self._cache.keep(setup, found, measured.sha256)
+        return Known(found, NOW)
+
+
+def _named(file: Stored) -> str:
+    return f"model {shown(file.path)}, identified {file.age}"
+
+
+def _check_real(setup: Setup, path: Path | None) -> None:
+    """Raise InputError unless a case on a real rig names a model file made by rths: a run never excites such a rig."""
+    from rths_cli.files.imported_models import is_foreign
+
+    advice = f"rths identify {shown(setup.case.path)}"
+    if path is None:
+        raise InputError(
+            "identification.model: is missing; a run does not excite a real rig, "
+            f"run {advice} first, with the same --set"
+        )
+    if is_foreign(path):
+        raise InputError(f"identification.model: {shown(path)} has not been judged; run {advice} --model {shown(path)}")
+
+
+def as_model(given: ForeignModel, setup: Setup) -> Model:
+    """Return a model from elsewhere as one of this rig; a ripple that is not stated is NaN, to be found."""
+    ripple = math.nan if given.ripple_m_s2_per_v is None else given.ripple_m_s2_per_v
+    band = given.band_hz or (setup.case.identification.low_hz, setup.case.identification.high_hz)
+    sampling = (setup.rig.latency_samples, setup.rig.dt_s)
+    coupling_hz = setup.rig.channels[0].high_pass_hz if setup.removes_sensors else 0.0
+    return Model(given.zeros, given.poles, given.gain, given.delay_s, band, ripple, *sampling, coupling_hz)
+
+
+def notes_on(given: ForeignModel) -> tuple[str, ...]:
+    """Return what a user should know of a model from elsewhere, also that method paper cannot use one not square."""
+    zeros, poles = len(given.zeros), len(given.poles)
+    if zeros == poles:
+        return given.notes
+    return (
+        *given.notes,
+        f"{shown(given.path)}: {zeros} zeros and {poles} poles; the inverse of method paper needs as many zeros as "
+        "poles, so that method uses a model fitted to the record that judged this one",
+    )

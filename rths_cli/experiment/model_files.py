@@ -1,0 +1,223 @@
+"""Model files: written, found again, refused for another rig or specimen, and kept in the user's cache."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import platform
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from rths_cli.case.resolve import VARIED
+from rths_cli.errors import InputError
+from rths_cli.experiment.model_datasets import from_groups, to_groups
+from rths_cli.experiment.provenance import git_commit, package_version
+from rths_cli.experiment.setup import Setup, shown
+from rths_cli.files.model_file import read_model, write_model
+from rths_cli.identification.results import Identification
+from rths_cli.quantities import attribute_fault
+from rths_cli.quantities.model_datasets import MODEL_ATTRIBUTES
+from rths_cli.rigs.description import capabilities_of
+from rths_cli.user_cache import user_cache
+from rths_cli.version import __version__
+
+KEPT = 200  # models in the cache, the oldest go first
+TIME = "%Y-%m-%dT%H:%M:%SZ"
+LEVELS = dict.fromkeys(("name", "warning_m_s2", "abort_m_s2"), True)
+HARDWARE_ONLY: dict[str, Any] = {  # of a rig file: no part of what the rig is
+    **dict.fromkeys(("limits", "name", "after_identification"), True),
+    **dict.fromkeys(("udp", "unattended", "watchdog_s", "overrun", "model"), True),
+    "sensors": LEVELS,
+    "channels": {"__all__": LEVELS},
+}
+
+
+@dataclass(frozen=True)
+class Stored:
+    """A model file: the identification in it, when it was made, what the file says of itself, its content's hash."""
+
+    path: Path
+    found: Identification
+    made: datetime
+    about: Mapping[str, str | int | float]
+    sha256: str
+
+    @property
+    def age(self) -> str:
+        """Return when it was identified and how long ago that is."""
+        minutes = (datetime.now(UTC) - self.made).total_seconds() / 60.0
+        for size, unit in ((60 * 24, "days"), (60, "hours"), (1, "minutes")):
+            if minutes >= 2 * size or size == 1:
+                count = round(max(minutes, 0.0) / size)
+                return f"{self.made:%Y-%m-%d %H:%M} UTC, {count} {unit if count != 1 else unit[:-1]} ago"
+        raise AssertionError
+
+
+def save(path: Path, setup: Setup, found: Identification, source: str, data_sha256: str, replace: bool = True) -> str:
+    """Write a model file and return the hash of its content; raises InputError when the disk refuses."""
+    made = datetime.now(UTC).strftime(TIME)
+    about = {**identity(setup), "data_source": source, "data_sha256": data_sha256, "created_utc": made}
+    if fault := attribute_fault(about, MODEL_ATTRIBUTES):
+        raise ValueError(f"{fault}; declare it in rths_cli/quantities/model_datasets.py.")
+    return write_model(path, about, to_groups(found, channel_names(setup)), replace)
+
+
+def load(path: Path, setup: Setup) -> Stored:
+    """Read a model file for a case's rig and specimen; raises InputError when it is damaged or of another one."""
+    file = read_model(path)
+    faults = differences(file.attributes, identity(setup))
+    if faults:
+        raise InputError(*(f"{shown(path)}: {fault}" for fault in faults))
+    try:
+        found = from_groups(file.groups, channel_names(setup))
+        made = datetime.strptime(str(file.attributes["created_utc"]), TIME).replace(tzinfo=UTC)
+        return Stored(path, found, made, file.attributes, file.sha256)
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{shown(path)}: lacks a part of its model ({error}); identify again") from error
+
+
+def channel_names(setup: Setup) -> tuple[str, ...]:
+    """Return the names of the rig's channels, the table's first."""
+    return tuple(channel.name for channel in setup.rig.channels)
+
+
+def identity(setup: Setup) -> dict[str, str | int | float]:
+    """Return what a model file says of rig, specimen, settings and software."""
+    case = setup.case
+    options = case.identification
+    return {
+        "rig": case.table.name,
+        "rig_kind": case.table.kind,
+        "rig_sha256": _hash(case.table.model_dump_json(exclude=HARDWARE_ONLY)),
+        "structure": case.structure.name,
+        "specimen_sha256": _specimen_hash(setup),
+        "floor_masses_kg": " ".join(f"{mass:g}" for mass in setup.floor_masses_kg),
+        "interface_experimental_mass_kg": case.structure.interface_experimental_mass_kg,
+        "sample_rate_hz": case.sample_rate_hz,
+        "latency_samples": setup.rig.latency_samples,
+        "sensor_dynamics": options.sensor_dynamics,
+        "latency": options.latency,
+        "seed": options.seed,
+        "settings": options.model_dump_json(exclude={"model"}),
+        "rths_version": __version__,
+        "git_commit": git_commit(),
+    }
+
+
+def _specimen_hash(setup: Setup) -> str:
+    """Return the hash of what makes the specimen: weighed masses, on a virtual rig stiffness and damping too."""
+    structure = setup.case.structure
+    declared = structure.experimental.model_dump_json() if setup.rig.can.carries_declared_specimen else ""
+    masses = [*setup.floor_masses_kg.tolist(), structure.interface_experimental_mass_kg]
+    return _hash(json.dumps(masses) + declared)
+
+
+def _hash(text: str) -> str:
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def differences(stated: Mapping[str, str | int | float], wanted: Mapping[str, str | int | float]) -> list[str]:
+    """Return a sentence for each difference between a model file and a case that forbids its use."""
+    faults = []
+    if capabilities_of(str(wanted["rig_kind"])).moves_hardware and _rig(stated) != _rig(wanted):
+        name, kind = _rig(stated)
+        return [
+            f"identified on rig {name} of kind {kind}, the case's rig is {wanted['rig']} of kind {wanted['rig_kind']}; "
+            "a real rig needs a model that was identified on it"
+        ]
+    if stated.get("rig_sha256") != wanted["rig_sha256"]:
+        faults.append(
+            f"identified on rig {stated.get('rig', 'unknown')}, the case's rig {wanted['rig']} is another one (or its "
+            "file has changed); identify the rig of the case"
+        )
+    if stated.get("specimen_sha256") != wanted["specimen_sha256"]:
+        faults.append(
+            f"identified with the specimen of {stated.get('structure', 'unknown')} (floors "
+            f"{stated.get('floor_masses_kg', '?')} kg), the case's is that of {wanted['structure']} "
+            f"({wanted['floor_masses_kg']} kg) and differs; identify with the specimen of the case"
+        )
+    for key, text in (
+        ("sample_rate_hz", "sampled at {} Hz, the case runs at {} Hz"),
+        ("latency_samples", "identified with a latency of {} samples, the case's rig has {}"),
+        ("sensor_dynamics", "identified with sensor dynamics {}, the case says {}"),
+    ):
+        if stated.get(key) != wanted[key]:
+            faults.append(f"{text.format(stated.get(key, '?'), wanted[key])}; identify again, or change the case")
+    return faults
+
+
+def _rig(about: Mapping[str, str | int | float]) -> tuple[str, str]:
+    """Return name and kind of a rig; a variation of it, as by --set table.unattended=true, is the same table."""
+    return str(about.get("rig", "unknown")).removesuffix(VARIED), str(about.get("rig_kind", "unknown"))
+
+
+class Cache:
+    """Models of virtual rigs in the user's cache; `fresh` ignores what is there. What fails is done without."""
+
+    def __init__(self, fresh: bool = False, folder: Path | None = None) -> None:
+        self._fresh = fresh
+        self._folder = folder or user_cache() / "models"
+
+    def has(self, setup: Setup) -> bool:
+        """Tell whether there is a model of the same rig, specimen, settings, seed and software."""
+        return not self._fresh and self._path(setup).exists()
+
+    def find(self, setup: Setup) -> Stored | None:
+        """Return the model of the same rig, specimen, settings, seed and software, None when there is none."""
+        if not self.has(setup):
+            return None
+        path = self._path(setup)
+        try:
+            found = load(path, setup)
+        except InputError:
+            return None
+        with suppress(OSError):
+            os.utime(path)
+        return found
+
+    def keep(self, setup: Setup, found: Identification, data_sha256: str) -> None:
+        """Keep a model for the next run."""
+        with suppress(InputError):
+            save(self._path(setup), setup, found, "excited on the virtual table", data_sha256)
+            self._prune()
+
+    def _path(self, setup: Setup) -> Path:
+        return self._folder / f"{key(setup)[:32]}.h5"
+
+    def _prune(self) -> None:
+        with suppress(OSError):
+            aged = sorted(self._folder.glob("*.h5"), key=lambda path: path.stat().st_mtime, reverse=True)
+            for path in aged[KEPT:]:
+                path.unlink(missing_ok=True)
+
+
+def key(setup: Setup) -> str:
+    """Return a hash of all that an identification on a virtual rig depends on."""
+    case = setup.case
+    parts = (
+        case.table.model_dump_json(exclude={"after_identification", "name"}),
+        case.structure.experimental.model_dump_json(),
+        case.structure.interface_experimental_mass_kg,
+        case.identification.model_dump_json(),
+        case.sample_rate_hz,
+        software(),
+    )
+    return _hash(repr(parts))
+
+
+@cache
+def software() -> str:
+    """Return a hash of this version's sources and of what they compute with."""
+    package = Path(__file__).resolve().parents[1]
+    digest = hashlib.sha256(f"{__version__} {platform.python_version()} {platform.machine()}".encode())
+    for name in ("numpy", "scipy", "numba"):
+        digest.update(package_version(name).encode())
+    for path in sorted(package.rglob("*.py")):
+        digest.update(path.read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,142 @@
+"""The runs of one case on its real rig: refused before anything is written, logged while the table moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from rths_cli.case.load import resolved_yaml
+from rths_cli.experiment import real_rig_play
+from rths_cli.experiment.design import design_blocks
+from rths_cli.experiment.rig_access import open_rig
+from rths_cli.experiment.run_stages import AFTER_S, BEFORE_S, RunPlan
+from rths_cli.experiment.sensor_drift_report import as_stored
+from rths_cli.files.raw_log import RawHeader, RawLogWriter, raw_log_path, still_in
+from rths_cli.loop.guard import LOG_FAILED, WATCHER_FAILED
+from rths_cli.loop.live_view import View, Watching
+from rths_cli.loop.raw_log_stream import LogStream
+from rths_cli.loop.realtime_run import STOP_KEY, Performance, Performed, order, perform_watched, prepare
+from rths_cli.loop.run_log import column_names, column_units
+from rths_cli.loop.step_arrays import NUMERICAL
+from rths_cli.quantities.datasets import LINK_COUNTS
+from rths_cli.rigs.interface import linked
+
+if TYPE_CHECKING:
+    from rths_cli.experiment.model_choice import Memory
+    from rths_cli.experiment.setup import Progress, Setup
+    from rths_cli.files.result_writer import ResultWriter
+    from rths_cli.loop.simulated_time_run import Outcome
+    from rths_cli.rigs.interface import Rig
+
+
+def ask_the_rig(setup: Setup, memory: Memory, progress: Progress) -> None:
+    """Rehearse the case's rate and listen to its channels, the table at rest: before it moves, and before any file.
+
+    Raises InputError where the machine does not hold the rate or a channel is not at rest, RigError where the rig
+    cannot be had.
+    """
+    design = design_blocks(setup, memory.at_rest(setup, progress).found)
+    progress("rehearsal of the rate, no rig")
+    real_rig_play.rehearsed(setup, design.blocks, NUMERICAL)
+    rig = open_rig(setup, (), 0)
+    if linked(rig) is None:
+        real_rig_play.check_measured(setup.rig)
+    progress("listening to the channels at rest")
+    real_rig_play.listened(setup, rig)
+
+
+class RealStage:
+    """Plays the runs of one case on its real rig: their samples stand in raw logs until the result holds them."""
+
+    def __init__(self, show: Callable[[str, View], bool]) -> None:
+        self._show = show
+        self._logs: list[RawLogWriter] = []
+
+    def play(self, plan: RunPlan, writer: ResultWriter) -> Outcome:
+        """Play one run, its result file closed as interrupted meanwhile; the channels' zeros are taken anew."""
+        setup, kind = plan.setup, plan.kind
+        rig = open_rig(setup, (), 0)
+        zeros_v = real_rig_play.listened(setup, rig).zeros_v
+        writer.about({"driver_verified": rig.info.driver_verified})  # known once it was opened
+        blocks, still_s = plan.design.blocks, (BEFORE_S, AFTER_S)
+        ready = prepare(setup.rig, blocks, kind.source, plan.drive, plan.limits, zeros_v, still_s=still_s)
+        path = raw_log_path(writer.path, kind.name)
+        log = RawLogWriter(path, _header(plan, ready, writer))
+        self._logs.append(log)
+        writer.park(f"{kind.label}: {still_in(path)}")
+        watching = Watching(ready)
+
+        def watch(performance: Performance) -> None:
+            if self._show(kind.label, watching.look()):
+                order(performance, STOP_KEY)
+
+        with (
+            LogStream(log, ready.log.columns, ready.log.done, ready.course.orders) as stream,
+            real_rig_play.opened(rig),
+        ):
+            performed = perform_watched(rig, ready, watch)
+            counts = link_counts(rig)
+        writer.resume()
+        there = linked(rig)
+        told = _told(performed, ready, stream) | ({"link_peer": there.peer} if there is not None else {})
+        writer.about({f"{kind.name}_{key}": value for key, value in told.items()})
+        if counts:
+            writer.group(f"{kind.name}/timing", counts)
+        return _with_fault(performed, stream)
+
+    def written(self) -> None:
+        """Remove the raw logs: the result file holds everything."""
+        for log in self._logs:
+            log.remove()
+
+    def close(self) -> None:
+        """Let go of the raw logs; those whose samples stand nowhere else stay."""
+        for log in self._logs:
+            log.close()
+
+
+def link_counts(rig: Rig) -> dict[str, float]:
+    """Return what an open link counted in this session, from arming to rest, by the names of its datasets; nothing of
+    a rig without a link."""
+    there = linked(rig)
+    if there is None:
+        return {}
+    counts = there.counts
+    return {f"link_{name}": float(counts[name]) for name in LINK_COUNTS}
+
+
+def _with_fault(performed: Performed, stream: LogStream) -> Outcome:
+    """Return how a run went, with what those beside the loop say of their faults."""
+    outcome = performed.outcome
+    if outcome.reason == WATCHER_FAILED:
+        return replace(outcome, stopped_by_limit=f"{outcome.stopped_by_limit} ({performed.watch_fault})")
+    if outcome.reason == LOG_FAILED:
+        return replace(outcome, stopped_by_limit=stream.fault or outcome.stopped_by_limit)
+    return outcome
+
+
+def _header(plan: RunPlan, ready: Performance, writer: ResultWriter) -> RawHeader:
+    """Return what the raw log of a run says of itself."""
+    setup, expected = plan.setup, as_stored(plan.expected) if plan.expected else None
+    names = column_names(len(setup.rig.channels), ready.step.estimated.size)
+    return RawHeader(
+        names, column_units(names), setup.rig.dt_s, ready.log.columns.shape[1], plan.design.blocks.lead_samples,
+        plan.kind.name, writer.path.name, str(setup.case.path), setup.case.yaml_text, resolved_yaml(setup.case),
+        writer.attributes, ready.course.ramp, ready.course.still, expected,
+    )  # fmt: skip
+
+
+def _told(performed: Performed, ready: Performance, stream: LogStream) -> dict[str, str | int | float]:
+    """Return what a result says of the loop that made it."""
+    granted = performed.granted
+    return {
+        "zeros_v": " ".join(f"{zero:.6g}" for zero in ready.course.zeros_v),
+        "overruns": performed.overruns,
+        "fifo_priority": granted.fifo_priority,
+        "cpu": granted.cpu,
+        "memory_locked": int(granted.memory_locked),
+        "not_granted": "\n".join(granted.refused),
+        "log_fault": stream.fault,
+        "log_behind_s": stream.worst_lag_s,
+    }

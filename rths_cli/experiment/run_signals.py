@@ -1,0 +1,118 @@
+"""A run's log, moved from the loop's clock to the record's, as named series."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from rths_cli.control.numerical_substructure import Scheme, all_storeys
+from rths_cli.loop.block_replay import run_block
+from rths_cli.loop.run_log import Signals
+from rths_cli.loop.simulated_time_run import Outcome
+from rths_cli.numerics.lti import Array, Block
+from rths_cli.structure import Building
+
+
+@dataclass(frozen=True)
+class Series:
+    """Table signals on the record's clock, n samples: what belongs to one instant has one index.
+
+    `desired` (3, n): acceleration, velocity, displacement; `measured` (1 + n_exp, n) corrected accelerations;
+    `estimated` (3 n_exp or more, n): the Kalman filter's displacement and velocity relative to the table, floor
+    accelerations; `true_accel` (1 + n_exp, n), `true_disp_m` (n,): NaN unless the rig is virtual.
+    `live`: how late steps were, how long exchanges took, losses and states on a real rig, (n,) each. `removed`
+    (1 + n_exp, n): offset, drift and jumps of the sensors that were taken out of `measured`; None: nothing was.
+    """
+
+    desired: Array
+    measured: Array
+    estimated: Array
+    base_shear_n: Array
+    command_v: Array
+    true_accel: Array
+    true_disp_m: Array
+    compute_s: Array
+    live: Mapping[str, Array] = field(default_factory=dict)
+    removed: Array | None = None
+
+    def with_true(self, abs_accel: Array) -> Array:
+        """Return storeys' accelerations (n_storeys, n), true ones of table and specimen in place of the measured."""
+        computed = abs_accel[: len(abs_accel) - len(self.true_accel)]
+        return np.vstack([computed, self.true_accel]) if len(computed) else self.true_accel
+
+
+class BuildingMotion(NamedTuple):
+    """Motion of the whole building, (n_storeys, n) each: relative to the ground, and absolute accelerations."""
+
+    rel_disp_m: Array
+    rel_vel_m_s: Array
+    abs_accel_m_s2: Array
+
+
+def without_drift(series: Series, removed: Array, lead_samples: int, estimator: Block) -> Series:
+    """Return signals without `removed` (c, n), which stood in the corrected samples on the loop's clock, and without
+    what the estimator made of it; base shear and desired motion stay as the loop had them."""
+    table = slice(lead_samples, lead_samples + series.measured.shape[1])
+    taken = removed[:, table]
+    estimated = series.estimated - run_block(estimator, removed)[:, table]
+    return replace(series, measured=series.measured - taken, estimated=estimated, removed=taken)
+
+
+def on_record_clock(outcome: Outcome, lead_samples: int, dt_s: float, samples: int) -> Series:
+    """Return at most `samples` samples: the hybrid clock is `lead_samples` ahead of the table, so what was desired at
+    step k is met by what is measured at step k + lead."""
+    log = outcome.log
+    count = min(samples, max(outcome.steps - lead_samples, 0))
+    table = slice(lead_samples, lead_samples + count)
+    return Series(
+        desired=log.desired[:, :count],
+        measured=log.corrected[:, table],
+        estimated=log.estimated[:, table],
+        base_shear_n=log.base_shear_n[:count],
+        command_v=log.command_v[table],
+        true_accel=_mean_accelerations(log.true_velocity_m_s, table, dt_s),
+        true_disp_m=log.true_displacement_m[table],
+        compute_s=log.compute_ns[table] * 1e-9,
+        live=_live(log, table),
+    )
+
+
+def _live(log: Signals, table: slice) -> dict[str, Array]:
+    """Return what the loop noted of its time on a real rig, by the name of its dataset; nothing of a virtual one."""
+    if not log.state.size:
+        return {}
+    named = {"late_s": 1e-9 * log.late_ns, "exchange_s": 1e-9 * log.exchange_ns, "lost": log.lost, "state": log.state}
+    return {name: values[table] for name, values in named.items()}
+
+
+def _mean_accelerations(velocity_m_s: Array, at: slice, dt_s: float) -> Array:
+    """Return the mean accelerations (c, .) over the steps around samples `at`, from velocities (c, n) between samples,
+    the first half a step after the start from rest."""
+    accel = np.empty((len(velocity_m_s), at.stop - at.start))
+    first = min(max(at.start, 1), at.stop)
+    accel[:, : first - at.start] = velocity_m_s[:, at.start : first]
+    before, after = velocity_m_s[:, first - 1 : at.stop - 1], velocity_m_s[:, first : at.stop]
+    np.subtract(after, before, accel[:, first - at.start :])
+    accel /= dt_s
+    return accel
+
+
+def whole_building(
+    building: Building, series: Series, ground_accel: Array, dt_s: float, scheme: Scheme = "exact"
+) -> BuildingMotion:
+    """Return the motion of the hybrid building.
+
+    Numerical storeys as the step computed them (`scheme`: its integration), interface and experimental floors as
+    measured; the displacements and velocities of the experimental floors are the Kalman filter's.
+    """
+    numerical = len(building.numerical.masses_kg)
+    floors = len(building.specimen.masses_kg)
+    inputs = np.vstack([ground_accel[: series.base_shear_n.size], series.base_shear_n])
+    computed = run_block(all_storeys(building.numerical, dt_s, scheme), inputs)
+    disp, vel, accel = (computed[i * numerical : (i + 1) * numerical] for i in range(3))
+    rel_disp = np.vstack([disp, disp[-1] + series.estimated[:floors]])
+    rel_vel = np.vstack([vel, vel[-1] + series.estimated[floors : 2 * floors]])
+    return BuildingMotion(rel_disp, rel_vel, np.vstack([accel[:-1], series.measured]))

@@ -1,0 +1,250 @@
+"""One run on the table: what is played, how it ended, and what came of it as series and metrics."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rths_cli.experiment import error_budget_metrics, lost_sample_counts, run_metrics, sensor_drift_report
+from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
+from rths_cli.experiment.rig_access import EXP_RTHS, SHAKE_TABLE, guard_limits, open_rig
+from rths_cli.experiment.run_signals import BuildingMotion, Series, on_record_clock, whole_building, without_drift
+from rths_cli.experiment.sensor_drift_report import Expected, SensorDrift, drift_of, expected_of
+from rths_cli.loop import guard
+from rths_cli.loop.realtime_run import way_to_rest_s
+from rths_cli.loop.simulated_time_run import Outcome, Stillness, Whole, play
+from rths_cli.loop.step_arrays import NUMERICAL, RECORD
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from rths_cli.analysis.predicted_error import Known as LoopKnown
+    from rths_cli.analysis.sim import Response
+    from rths_cli.experiment.design import Design
+    from rths_cli.experiment.setup import Setup
+    from rths_cli.identification.results import Identification
+    from rths_cli.loop.guard import GuardLimits
+    from rths_cli.loop.run_log import Log
+    from rths_cli.numerics.lti import Array
+    from rths_cli.quantities import Values
+
+BEFORE_S, AFTER_S = 1.0, 3.0  # in which the table is watched at rest before and after each run
+INTERRUPTIONS = {guard.INTERRUPT: 130, guard.TERMINATION: 143}  # exit codes of orders that came by signals
+
+
+@dataclass(frozen=True)
+class Stop:
+    """Why a run ended early: the status of its file and the exit code that goes with it."""
+
+    status: str
+    reason: str
+    exit_code: int
+
+
+@dataclass(frozen=True)
+class RunKind:
+    """One kind of run on the table: its group in the result, source of the desired motion, noise stream, label."""
+
+    name: str
+    source: int
+    stream: int
+    label: str
+
+
+SHAKE_TABLE_TEST = RunKind("shake_table", RECORD, SHAKE_TABLE, "shake-table test")
+HYBRID_TEST = RunKind("exp_rths", NUMERICAL, EXP_RTHS, "EXP-RTHS")
+TABLE_RUNS = (SHAKE_TABLE_TEST, HYBRID_TEST)
+
+
+@dataclass(frozen=True)
+class RunPlan:
+    """A run before it is played: its blocks, what drives it, and the limits of its guard.
+
+    `drive` (n + lead, 3): the ground's acceleration, velocity and displacement in SI units. `expected`: what the
+    channels are compared with, which takes that they are watched at rest before and after the run; None: neither.
+    """
+
+    setup: Setup
+    design: Design
+    kind: RunKind
+    drive: Array
+    limits: GuardLimits
+    expected: Expected | None
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run on the table, on the record's clock: what metrics, result files and rows of sweeps are made from.
+
+    `building`: motion of the whole building in EXP-RTHS, None in a shake-table test and where only accelerations are
+    wanted and all of them are measured. `rest`: the channels at rest before and after the run, None where they were
+    not watched; `drift`: what they show beside motion, taken out of `series`. `stopped`: why the run ended before its
+    record did, `late`: what ended it after that; None: nothing. `metrics` and `remarks` on them are empty until
+    `evaluated` has computed them.
+    """
+
+    kind: RunKind
+    lead_samples: int
+    series: Series
+    building: BuildingMotion | None
+    rest: Whole | None = None
+    drift: SensorDrift | None = None
+    stopped: Stop | None = None
+    late: Stop | None = None
+    warnings: tuple[str, ...] = ()
+    metrics: Values = field(default_factory=dict)
+    remarks: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def abs_accel_m_s2(self) -> Array | None:
+        """Return the storeys' absolute accelerations (n_storeys, n) in EXP-RTHS, None in a shake-table test."""
+        if self.kind.source != NUMERICAL:
+            return None
+        return self.series.measured if self.building is None else self.building.abs_accel_m_s2
+
+
+def plan_run(setup: Setup, design: Design, kind: RunKind, identified: Identification | None = None) -> RunPlan:
+    """Return a run of a design; with `identified`, its channels are compared with what the identified rig shows."""
+    expected = expected_of(setup, identified, design.blocks) if identified is not None else None
+    return RunPlan(setup, design, kind, drive_of(setup, design), guard_limits(setup), expected)
+
+
+def drive_of(setup: Setup, design: Design) -> Array:
+    """Return the ground's acceleration, velocity and displacement (n + lead, 3); its clock ends before the table's."""
+    motion, lead = setup.motion, design.blocks.lead_samples
+    drive = np.column_stack([motion.accel_m_s2, motion.velocity_m_s, motion.displacement_m])
+    return np.vstack([drive, np.repeat(drive[-1:], lead, axis=0)])
+
+
+def play_run(plan: RunPlan, seed: int, log: Log | None = None) -> Outcome:
+    """Play a run on the counted clock, the ground motion directly (RECORD) or through the numerical part.
+
+    `log`: that of an earlier run of the same sizes, which is written over.
+    """
+    setup, limits, dt_s = plan.setup, plan.limits, plan.setup.rig.dt_s
+    rig = open_rig(setup, (plan.kind.stream,), seed)
+    still = None
+    if plan.expected is not None:
+        still = Stillness(*(round(each / dt_s) for each in (BEFORE_S, way_to_rest_s(limits), AFTER_S)))
+    return play(rig, setup.rig, plan.design.blocks, plan.kind.source, plan.drive, limits, log, still)
+
+
+def run_of(
+    outcome: Outcome,
+    setup: Setup,
+    kind: RunKind,
+    lead_samples: int,
+    expected: Expected | None,
+    only_accelerations: bool = False,
+) -> Run:
+    """Return what was played as a run on the record's clock, without drift of the sensors and without metrics.
+
+    With `only_accelerations`, displacements and velocities of the building are not computed where its accelerations
+    need none of them.
+    """
+    dt_s, samples = setup.rig.dt_s, len(setup.motion.time_s)
+    series = on_record_clock(outcome, lead_samples, dt_s, samples)
+    drift = drift_of(setup, expected, outcome) if expected is not None else None
+    warnings: tuple[str, ...] = ()
+    if drift is not None and drift.any and expected is not None:
+        warnings = tuple(sensor_drift_report.sentences(kind.label, drift, setup, lead_samples))
+        series = without_drift(series, drift.removed, lead_samples, expected.estimator)
+    every_storey_is_measured = len(setup.building.numerical.masses_kg) == 1
+    building = None
+    if kind.source == NUMERICAL and not (only_accelerations and every_storey_is_measured):
+        building = whole_building(setup.building, series, setup.motion.accel_m_s2, dt_s, setup.case.integration)
+    return Run(
+        kind, lead_samples, series, building, outcome.whole, drift,
+        why_ended(kind.label, outcome, samples * dt_s), after_the_record(kind.label, outcome, dt_s), warnings,
+    )  # fmt: skip
+
+
+def evaluated(run: Run, setup: Setup, sim: Response, loop: LoopKnown | None) -> Run:
+    """Return a run with its metrics; of one that ended early, only how many samples it lost.
+
+    `loop`: what an error budget starts from (None: there is none).
+    """
+    values: dict[str, ArrayLike] = {}
+    if found := lost_sample_counts.of_live(run.series.live, setup.rig.dt_s):
+        values |= lost_sample_counts.as_figures(run.kind.name, found)
+    if run.stopped is not None:
+        return replace(run, metrics=values)
+    values |= metrics_of_record(run, setup, sim)
+    if run.abs_accel_m_s2 is not None:
+        values |= error_budget_metrics.of_exp_rths(loop, run.series, run.abs_accel_m_s2, sim)
+    return replace(run, metrics=values, remarks=run_metrics.remarks(setup, run.kind.name, run.series.desired[0]))
+
+
+def metrics_of_record(run: Run, setup: Setup, sim: Response) -> Values:
+    """Return the metrics of a run that reached the end of its record, whatever came of it in real time."""
+    values: dict[str, ArrayLike] = {}
+    if run.drift is not None:
+        values |= sensor_drift_report.as_figures(run.kind.name, run.drift, setup, run.lead_samples)
+    values |= errors_of(run, setup, sim)
+    return values | run_metrics.of_table_run(setup, run.kind.name, run.series, sim, run.building)
+
+
+def errors_of(run: Run, setup: Setup, sim: Response, room: Array | None = None) -> Values:
+    """Return a run's tracking errors and, of EXP-RTHS, its errors to SIM; `room` as `room_for_pairs` gives it."""
+    lowest_hz, truth, accel = lowest_reliable_hz(setup), setup.rig.can.records_truth, run.abs_accel_m_s2
+    series, storeys = run.series, None
+    table = (series.desired[0], series.measured[0], series.true_accel[0] if truth else None)
+    if accel is not None:
+        storeys = (sim.abs_accel_m_s2, accel, series.with_true(accel) if truth else None)
+    values = run_metrics.errors(run.kind.name, table, storeys, setup.rig.dt_s, lowest_hz, room)
+    return {**values, f"{run.kind.name}.high_pass_hz": lowest_hz}
+
+
+def why_ended(label: str, outcome: Outcome, record_s: float) -> Stop | None:
+    """Return why a run did not reach the end of its record, None when it did: what came first, then what the rig
+    says."""
+    fault, limit = outcome.rig_fault, outcome.stopped_by_limit
+    if outcome.played or not (fault or limit):
+        return None
+    at = _instant(outcome, record_s)
+    says_more = fault and outcome.reason in (guard.NONE, guard.RIG_FAULT, guard.LOST)
+    said = f"{label} {at}: {fault}" if says_more else f"{label}: {limit} {at}{f'; {fault}' if fault else ''}"
+    if outcome.reason in INTERRUPTIONS and not fault and outcome.stopped_at_s > -outcome.ramp_s:
+        said = f"{said}, the table was led to rest"
+    return _stop(outcome, said)
+
+
+def after_the_record(label: str, outcome: Outcome, dt_s: float) -> Stop | None:
+    """Return what ended a run after its record was played whole, None where nothing did. The run itself is complete:
+    what counts is the exit code, and the reason, which says how much of the rest is missing."""
+    fault, limit = outcome.rig_fault, outcome.stopped_by_limit
+    if not outcome.played or not (fault or limit):
+        return None
+    watched_s = outcome.whole.after_v.shape[1] * dt_s if outcome.whole is not None else 0.0
+    what = "; ".join(filter(None, (limit, fault)))
+    missing = "" if watched_s >= AFTER_S else (
+        f"; the table was watched at rest for {watched_s:.2f} s of {AFTER_S:g} s, offset and drift of the sensors are "
+        "told from what there is"
+    )  # fmt: skip
+    said = f"{label}: the record was played whole; after it: {what}{missing}"
+    return _stop(outcome, said)
+
+
+def _stop(outcome: Outcome, said: str) -> Stop:
+    """Return status and exit code that go with what ended a run."""
+    if outcome.reason in INTERRUPTIONS:
+        return Stop("interrupted", said, INTERRUPTIONS[outcome.reason])
+    if outcome.reason == guard.WATCHER_FAILED:
+        return Stop("failed", said, 5)
+    if outcome.rig_fault or outcome.reason in (guard.LOG_FAILED, guard.RIG_FAULT):
+        return Stop("failed", said, 4)
+    return Stop("aborted", said, 3)
+
+
+def _instant(outcome: Outcome, record_s: float) -> str:
+    """Return when a run ended early, in the time of its record."""
+    if not outcome.log.state.size:  # on the counted clock, without ramps
+        return f"at {outcome.stopped_at_s:.3f} s"
+    if outcome.stopped_at_s <= -outcome.ramp_s:
+        return "at rest, before the table moved"
+    if outcome.stopped_at_s <= 0.0:
+        return "in the ramp-up, before the record began"
+    return f"at {outcome.stopped_at_s:.3f} s of {record_s:.3f} s"

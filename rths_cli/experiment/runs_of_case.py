@@ -1,0 +1,160 @@
+"""The runs of a case on its table: which are played, where, and which are refused."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Protocol
+
+from rths_cli.experiment import result_contents
+from rths_cli.experiment.run_stages import (
+    HYBRID_TEST,
+    TABLE_RUNS,
+    Run,
+    RunPlan,
+    Stop,
+    evaluated,
+    plan_run,
+    play_run,
+    run_of,
+)
+from rths_cli.experiment.setup import Progress, Setup, shown
+from rths_cli.files.result_reader import BEGUN, COMPLETE
+from rths_cli.interrupts import interruptible
+
+if TYPE_CHECKING:
+    from rths_cli.analysis.sim import Response
+    from rths_cli.experiment.check_command import Verdict
+    from rths_cli.experiment.design import Design
+    from rths_cli.experiment.model_choice import Known
+    from rths_cli.files.result_reader import ResultWriter
+    from rths_cli.loop.simulated_time_run import Outcome
+    from rths_cli.quantities import Values
+
+
+@dataclass(frozen=True)
+class Played:
+    """What came of the table runs of a case: what stopped one first (None: nothing did), their metrics, and sentences
+    for the user; `late`: what ended a run after its record was whole (None: nothing did); `remarks` on metrics."""
+
+    stop: Stop | None
+    values: Values
+    said: tuple[str, ...] = ()
+    late: Stop | None = None
+    remarks: Mapping[str, str] = field(default_factory=dict)
+
+
+class Stage(Protocol):
+    """Where the runs of a case are played."""
+
+    def play(self, plan: RunPlan, writer: ResultWriter) -> Outcome:
+        """Play one run; the result file may be closed meanwhile."""
+
+    def written(self) -> None:
+        """Take note that the result file holds everything that was played."""
+
+
+class VirtualStage:
+    """Plays on virtual rigs, in no time."""
+
+    def play(self, plan: RunPlan, writer: ResultWriter) -> Outcome:
+        """Play one run."""
+        return interruptible(lambda: play_run(plan, plan.setup.case.seed))
+
+    def written(self) -> None:
+        """Do nothing: nothing was kept elsewhere."""
+
+
+def play_all(
+    setup: Setup,
+    known: Known,
+    checked: Verdict,
+    design: Design,
+    sim: Response,
+    writer: ResultWriter,
+    progress: Progress,
+    stage: Stage,
+) -> Played:
+    """Play the table runs of the case and write them."""
+    all_of_them = Played(None, {})
+    for kind in TABLE_RUNS:
+        stop, late = all_of_them.stop, all_of_them.late
+        if kind.name not in setup.case.runs or (stop is not None and setup.rig.can.moves_hardware):
+            continue
+        if kind is HYBRID_TEST and (refusal := refusal_of(setup, checked)):
+            _note(writer, kind.name, refusal)
+            stop = replace(stop, reason=f"{stop.reason}; {refusal.reason}") if stop else refusal
+            all_of_them = replace(all_of_them, stop=stop)
+            continue
+        if late is not None and setup.rig.can.moves_hardware:
+            stop = replace(late, reason=f"{kind.label} was not begun: {late.reason}")
+            _note(writer, kind.name, stop)
+            all_of_them = replace(all_of_them, stop=stop)
+            continue
+        progress(f"{kind.label}, {setup.case.table.kind} table")
+        writer.about({f"{kind.name}_status": BEGUN})
+        plan = plan_run(setup, design, kind, known.found)
+        outcome = stage.play(plan, writer)
+        run = run_of(outcome, setup, kind, design.blocks.lead_samples, plan.expected)
+        write_run(writer, setup, run)
+        _note(writer, kind.name, run.stopped)
+        all_of_them = _with(all_of_them, evaluated(run, setup, sim, checked.loop))
+    return all_of_them
+
+
+def _with(before: Played, run: Run) -> Played:
+    """Return what came of the runs so far and of one more."""
+    return Played(
+        before.stop or run.stopped,
+        {**before.values, **run.metrics},
+        (*before.said, *run.warnings),
+        before.late or run.late,
+        {**before.remarks, **run.remarks},
+    )
+
+
+def write_run(writer: ResultWriter, setup: Setup, run: Run) -> None:
+    """Write the series of a run."""
+    result_contents.write_table_run(writer, run.kind.name, setup, run.series, run.building)
+    if run.rest is not None:
+        result_contents.write_rest(writer, run.kind.name, setup, run.rest)
+
+
+def refused(writer: ResultWriter, runs: Sequence[str], reason: str) -> Stop:
+    """Return that no table run of a case is played, and why; its file says so of each."""
+    stop = Stop("refused", reason, 1)
+    for kind in TABLE_RUNS:
+        if kind.name in runs:
+            _note(writer, kind.name, stop)
+    return stop
+
+
+def _note(writer: ResultWriter, run: str, stopped: Stop | None) -> None:
+    """Write how one run ended: its file tells how the first that ended early did."""
+    told = {f"{run}_status": stopped.status, f"{run}_status_reason": stopped.reason} if stopped else {}
+    writer.about(told or {f"{run}_status": COMPLETE})
+
+
+def why_none(setup: Setup, known: Known, checked: Verdict) -> str:
+    """Return why no run on the table is played, empty where they may be."""
+    if checked.design is None:
+        return "; ".join(checked.reasons)
+    return "; ".join(known.faults(setup.overrides)[:1])
+
+
+def why_unsafe(setup: Setup, checked: Verdict) -> str:
+    """Return why EXP-RTHS is not played, empty when it is safe or when that is overridden."""
+    if not checked.refused or "check" in setup.overrides:
+        return ""
+    return f"{checked.verdict}: {'; '.join(checked.reasons)}"
+
+
+def refusal_of(setup: Setup, checked: Verdict) -> Stop | None:
+    """Return why EXP-RTHS is not run, None when it is safe or when that is overridden."""
+    why = why_unsafe(setup, checked)
+    if not why:
+        return None
+    advice = (
+        f"rths check {shown(setup.case.path)} with the same options tells more, --override check runs it all the same"
+    )
+    return Stop("refused", f"EXP-RTHS refused, {why}; {advice}", 1)

@@ -1,0 +1,35 @@
+"""By how much an excitation could be louder: advice must not ask for what the limits forbid."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rths_cli.identification.excitation import SHARE
+from rths_cli.identification.inputs import Evidence
+from rths_cli.identification.low_level_probe import CHANNEL_SHARE
+from rths_cli.numerics.lti import Array
+
+
+def louder(data: Evidence) -> float:
+    """Return the factor by which the loudest record could be louder until a limit or a sensor's range is used to the
+    share that an excitation may take."""
+    info, limits = data.info, data.info.limits
+    command = max((record.command_v - record.command_v[0] for record in data.records), key=_peak)
+    place = info.gain_m_per_v * command
+    accel = np.hstack([record.accel_m_s2 for record in data.records])
+    force = np.concatenate([[info.moving_mass_kg], data.masses_kg]) @ accel
+    room = [
+        SHARE * limits.stroke_m / _peak(place),
+        SHARE * info.converters.range_v / _peak(command),
+        SHARE * limits.velocity_m_s / _peak(np.diff(place) / info.dt_s),
+        SHARE * limits.acceleration_m_s2 / _peak(accel),
+        SHARE * limits.force_n / _peak(force),
+    ]
+    for channel, samples in zip(info.channels, accel, strict=True):
+        largest = min(channel.range_m_s2, info.converters.range_v / channel.sensitivity_v_per_m_s2)
+        room.append(CHANNEL_SHARE * largest / _peak(samples))
+    return min(room)
+
+
+def _peak(values: Array) -> float:
+    return float(np.abs(values).max())

@@ -1,0 +1,175 @@
+"""The specimen from an identification's records: their motions, its fits to them, and whether channels are in step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from rths_cli.identification.chain_residual import first_values, grouped
+from rths_cli.identification.channel_signals import channel_noise
+from rths_cli.identification.inputs import Evidence
+from rths_cli.identification.least_squares import covariance, least_squares
+from rths_cli.identification.records import Record
+from rths_cli.identification.results import SpecimenFit
+from rths_cli.identification.specimen_fit import (
+    ABOVE_HIGHEST,
+    Motion,
+    Start,
+    alive,
+    evaluated,
+    fit_specimen,
+    fit_stretches,
+    least_samples,
+    modal,
+    reach_of,
+    transform,
+)
+from rths_cli.identification.verdict import AGREE_SIGMA
+from rths_cli.numerics.lti import Array, Model
+
+PHASE = 3e-4  # rad between channels below which no skew is told from what corrections of sensors leave
+BELOW_FIRST = 0.5  # of the first natural frequency: there the specimen's lines begin at the latest
+MOST_SKEW, SEEN_SKEW = 0.25, 0.05  # samples between floors and table: refused, said
+ENOUGH = 120_000  # samples for a first look
+
+
+def without_staircase(table_accel: Array, command_v: Array, model: Model) -> Array:
+    """Return the table's samples (n,) in m/s^2 less the alias of the command's staircase, (n,) in V.
+
+    Before the record the command is taken as held.
+    """
+    late, count = max(model.latency_samples, 1), len(command_v)
+    moved = np.concatenate([np.zeros(late + 1), command_v - command_v[0]])
+    now, before = moved[1 : count + 1], moved[:count]
+    return table_accel - model.ripple_m_s2_per_v * (now - before) - model.ripple_sum_m_s2_per_v * (now + before)
+
+
+def motions(data: Evidence, model: Model | None, free: bool) -> list[Motion]:
+    """Return table and floors during each record's excitation, or its free vibration, where it has one."""
+    found = [_motion(record, model, free) for record in data.records]
+    return [motion for motion in found if motion is not None]
+
+
+def _motion(record: Record, model: Model | None, free: bool) -> Motion | None:
+    """Return table and floors of one record, less the staircase alias a model knows."""
+    part = record.parts.free_vibration if free else record.parts.noise
+    if part is None:
+        return None
+    table = record.accel_m_s2[0]
+    if model is not None:
+        table = without_staircase(table, record.command_v, model)
+    return Motion(table, record.accel_m_s2[1:]).cut(part)
+
+
+def first_look(data: Evidence) -> Start:
+    """Return first values of the specimen, from the storeys' equations and a minute of motion."""
+    if len(data.masses_kg) == 0:
+        return Start(np.zeros(0), np.zeros(0))
+    start = Start(*first_values(grouped(data.records, data.info, data.masses_kg, data.settings.band_hz)))
+    return fit_motions(data, start, [motion.cut(slice(0, ENOUGH)) for motion in motions(data, None, free=False)])[0]
+
+
+def fit_motions(data: Evidence, start: Start, seen: Sequence[Motion]) -> tuple[Start, float]:
+    """Return the specimen fitted to the motions themselves, where no leakage does harm however light the damping, and
+    what that leaves of the floors' motion, relative."""
+    if len(data.masses_kg) == 0:
+        return start, 0.0
+    found = fit_specimen(seen, data.info.dt_s, data.masses_kg, lowest_hz(data, start), start)
+    return Start(found.stiffness_n_per_m, found.damping_ratio), found.residual
+
+
+def lowest_hz(data: Evidence, start: Start) -> float:
+    """Return from where on the specimen's lines are used: the start of the band, or half its first natural frequency
+    where that is less. Table and floors are both measured there, however little the excitation moves them."""
+    if len(data.masses_kg) == 0:
+        return data.settings.band_hz[0]
+    first_hz = float(modal(data.masses_kg, start.stiffness_n_per_m)[0][0]) / (2.0 * np.pi)
+    return min(data.settings.band_hz[0], BELOW_FIRST * first_hz)
+
+
+def excited(data: Evidence, model: Model, start: Start) -> SpecimenFit | None:
+    """Return the specimen from the excitation, None without floors."""
+    if len(data.masses_kg) == 0:
+        return None
+    seen = motions(data, model, free=False)
+    return fit_stretches(seen, data.info.dt_s, data.masses_kg, lowest_hz(data, start), start, free=False)
+
+
+def freely_vibrating(
+    data: Evidence, model: Model, known: SpecimenFit | None
+) -> tuple[SpecimenFit | None, tuple[str, ...]]:
+    """Return the specimen from what the free vibrations show until they have died out in the channels' noise, None
+    without any; and a sentence where they last too short to tell. `known`: the specimen from the excitation."""
+    if known is None:
+        return None, ()
+    held = [record for record in data.records if record.parts.free_vibration is not None]
+    dt_s, low_hz = data.info.dt_s, lowest_hz(data, Start(known.stiffness_n_per_m, known.damping_ratio))
+    least = least_samples(known.natural_frequency_hz, dt_s, low_hz)
+    seen = [_living(record, data, model) for record in held]
+    lasting = [motion for motion in seen if len(motion.table) >= least]
+    if not lasting:
+        longest_s = dt_s * max((len(motion.table) for motion in seen), default=0)
+        said = (
+            f"free vibration: not used; {longest_s:.2g} s of it stand out of the channels' noise, frequencies and "
+            f"damping ratios take {least * dt_s:.2g} s"
+        )
+        return None, (said,) if held else ()
+    first = Start(known.stiffness_n_per_m, known.damping_ratio)
+    return fit_stretches(lasting, dt_s, data.masses_kg, low_hz, first, free=True), ()
+
+
+def _living(record: Record, data: Evidence, model: Model) -> Motion:
+    """Return table and floors in a record's free vibration until the floors' noise hides it."""
+    motion = _motion(record, model, free=True)
+    assert motion is not None
+    return motion.cut(alive(motion.floors, channel_noise(record, data.info)[1:]))
+
+
+def out_of_step(data: Evidence, model: Model, found: SpecimenFit | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return reasons and warnings when the floors are out of step with the table."""
+    if found is None:
+        return (), ()
+    dt_s, start = data.info.dt_s, Start(found.stiffness_n_per_m, found.damping_ratio)
+    seen = [motion.cut(slice(0, ENOUGH)) for motion in motions(data, model, free=False)]
+    late, error = skew(seen, dt_s, data.masses_kg, lowest_hz(data, start), start)
+    error = float(np.hypot(error, PHASE / (2.0 * np.pi * found.natural_frequency_hz[-1] * dt_s)))
+    sentence = (
+        f"channels: the floors are {abs(late):.2f} samples ({1e3 * abs(late) * dt_s:.3g} ms) "
+        f"{'late' if late > 0.0 else 'early'} against the table; all must be sampled at one instant, and their sensors "
+        "have the stated corners"
+    )
+    if abs(late) > MOST_SKEW + AGREE_SIGMA * error:
+        return (sentence,), ()
+    return (), ((sentence,) if abs(late) > SEEN_SKEW + AGREE_SIGMA * error else ())
+
+
+EXPLAINS = 0.5
+MOST_LEFT = 0.1  # of the floors' motion
+LONGEST = 1000.0  # samples
+
+
+def skew(motions: Sequence[Motion], dt_s: float, masses_kg: Array, low_hz: float, start: Start) -> tuple[float, float]:
+    """Return by how many samples the floors come late against the table, and the standard error of that.
+
+    It is zero where a delay leaves half of what the specimen does not explain, or a tenth of the floors' motion: then
+    that has another cause.
+    """
+    masses = np.asarray(masses_kg, dtype=float)
+    highest = modal(masses, start.stiffness_n_per_m)[0][-1] / (2.0 * np.pi)
+    lines = [transform(motion, dt_s, (low_hz, ABOVE_HIGHEST * highest)) for motion in motions]
+
+    def left(theta: Array) -> tuple[Array, Array]:
+        late = [replace(part, table=part.table * np.exp(-part.s * dt_s * theta[-1])) for part in lines]
+        residual, slopes = evaluated(late, masses, theta[:-1])
+        slopes[-1] *= dt_s
+        return residual, slopes
+
+    first = np.append(np.log(np.concatenate([start.stiffness_n_per_m, start.damping_ratio])), 0.0)
+    found = least_squares(left, first, reach=np.append(reach_of(len(masses)), LONGEST))
+    unexplained = float(np.linalg.norm(left(first)[0]))
+    if found.size > min(EXPLAINS * unexplained, MOST_LEFT * np.sqrt(len(motions))):
+        return 0.0, 0.0
+    variance = found.size**2 / max(len(found.residual) - len(first), 1)
+    return float(found.parameters[-1]), float(np.sqrt(covariance(found.slopes, variance)[-1, -1]))

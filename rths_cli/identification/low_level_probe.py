@@ -1,0 +1,293 @@
+"""A low-level record played first, and the level of the loud one chosen from what it measured."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from rths_cli.errors import InputError
+from rths_cli.identification.excitation import (
+    FADE_S,
+    SHARE,
+    SILENCE_S,
+    Excitation,
+    ExcitationSettings,
+    Reach,
+    Signal,
+    Stretch,
+    accel_rms,
+    check,
+    faded,
+    reach,
+    reachable_level,
+    rounded,
+    shaped_noise,
+    still,
+)
+from rths_cli.identification.frequency_response import estimate
+from rths_cli.identification.records import Parts, Record
+from rths_cli.identification.table_fit import COMPARED_HZ
+from rths_cli.numerics.lti import Array, ComplexArray
+from rths_cli.rigs.description import RigInfo
+
+PROBE_SHARE = 0.2  # of the wanted level, or of what the limits allow of it
+PROBE_BITS, MOST_PROBE_SHARE = 10.0, 0.5  # a coarse converter asks for a louder probe, up to this share
+PROBE_S, REST_S = 20.0, 3.0
+TAIL_S = 1.0  # of the rest, in which a lightly damped motion still shows
+CHANNEL_SHARE = 0.7  # of sensor and converter range that a channel may use
+WORTH_LOWERING = 0.98  # of a level; a smaller step is left to the margin of the shares
+GAIN_BAND_HZ = (0.7, 2.0)
+HIGHEST_HZ, LEAST_POWER = 60.0, 0.01  # of the measured responses; of a line, over the mean
+LEAST_OVER_NOISE = 3.0
+SHORT_SEGMENT_S = 4.0  # so that the probe has nine
+GROWN, LEAST_SCATTER = 1.5, 1.5e-3  # of the unexplained share; standard error of a line of such segments
+FOLLOWED = ("stroke", "velocity")  # limits whose use grows with the table's gain
+SOFT = "; a floor on a storey far softer than the others may hardly move as well"
+
+
+@dataclass(frozen=True)
+class Level:
+    """The level in m/s^2 rms that a probe allows.
+
+    `limited_by` names what lowered it ("": nothing did), `notes` are sentences for the user, `reach` the peaks that are
+    expected at that level beside their limits.
+    """
+
+    accel_rms_m_s2: float
+    limited_by: str
+    notes: tuple[str, ...] = ()
+    reach: Mapping[str, Reach] = field(default_factory=dict)
+
+    def at(self, accel_rms_m_s2: float) -> Level:
+        """Return another level of the same excitation."""
+        factor = accel_rms_m_s2 / self.accel_rms_m_s2
+        peaks = {name: peak._replace(predicted=factor * peak.predicted) for name, peak in self.reach.items()}
+        return replace(self, accel_rms_m_s2=accel_rms_m_s2, reach=peaks)
+
+
+class Bound(NamedTuple):
+    """A peak expected at a level in m/s^2 rms beside the share of a limit that it must keep."""
+
+    name: str
+    level_m_s2: float
+    expected: float
+    limit: float
+    share: float
+    unit: str
+
+    @property
+    def allowed_m_s2(self) -> float:
+        """Return the level in m/s^2 rms that keeps the share."""
+        return self.level_m_s2 * self.share * self.limit / self.expected
+
+
+def probe_plan(info: RigInfo, settings: ExcitationSettings, seed: int) -> Excitation:
+    """Plan silence, 20 s of shaped noise and a rest at a fifth of the level wanted, or of that which limits allow.
+
+    Here the nominal acceleration counts for all limits, because nothing is known yet of how the table answers. Where a
+    fifth would be less than 10 bits of the accelerometers it is up to half, and a note says so. The noise has a random
+    stream of its own: no other excitation changes with it. Raises InputError when the settings cannot be met.
+    """
+    check(info, settings)
+    dt, random = info.dt_s, np.random.default_rng((seed, 1))
+    noise = faded(shaped_noise(PROBE_S, dt, settings.low_hz, settings.high_hz, random), FADE_S, dt)
+    signal = Signal(noise, slice(0, len(noise)))
+    highest, _ = reachable_level(info, signal, settings.accel_rms_m_s2)
+    bit = max(info.converters.step_v / channel.sensitivity_v_per_m_s2 for channel in info.channels)
+    level = max(PROBE_SHARE * highest, min(MOST_PROBE_SHARE * highest, PROBE_BITS * bit))
+    noise = noise * level / accel_rms(noise, info)
+    pieces = (still(SILENCE_S, dt), noise, still(REST_S, dt))
+    start = len(pieces[0])
+    played = slice(start, start + len(noise))
+    notes = () if level == PROBE_SHARE * highest else (_raised(level, settings),)
+    command = rounded(np.concatenate(pieces), info.converters.step_v)
+    stretches = (Stretch(played, level, reach(info, noise)),)
+    return Excitation(command, dt, Parts(played, slice(0, start)), level, notes, stretches)
+
+
+def _raised(level_m_s2: float, settings: ExcitationSettings) -> str:
+    """Return the sentence on a probe that is louder than its share."""
+    return (
+        f"probe played at {level_m_s2:.2g} m/s^2 rms, more than {PROBE_SHARE:.0%} of the {settings.accel_rms_m_s2:g} "
+        "wanted or of what the limits allow: the converters are coarse"
+    )
+
+
+def choose_level(
+    info: RigInfo, probe: Excitation, accel: Array, wanted: float, planned: Excitation,
+    floor_masses_kg: Array | None = None,
+) -> Level:  # fmt: skip
+    """Choose the level of a planned excitation from the corrected accelerations (c, n) in m/s^2 of its probe.
+
+    What each channel will show is the plan's command through the response that the probe measured: on the default rig
+    within 5 % for all kinds, within 25 % for a specimen of 0.5 % damping, whose vibration outlasts the probe.
+    Every channel keeps 70 % of the range of its sensor and converter and 60 % of the limit of acceleration; the force
+    that table and floors need together, of masses `floor_masses_kg` (c - 1,) (None: the specimen's, on the table),
+    keeps 60 % of its limit, and so do stroke and velocity, predicted with the measured gain. The level is never above
+    `wanted` in m/s^2 rms, nor above that of the plan. Raises InputError for a record that does not fit the probe, and
+    channels that show nothing but noise.
+    """
+    check_probe(info, probe, accel)
+    start = min(wanted, planned.accel_rms_m_s2)
+    gain = measured_gain(info, probe, accel[0])
+    shown = expected(info, probe, accel, planned)
+    bounds = [
+        *channel_bounds(info, shown, planned),
+        *limit_bounds(planned, gain / info.gain_m_per_v),
+        *acceleration_bounds(info, shown, planned),
+        *force_bounds(info, shown, planned, floor_masses_kg),
+    ]
+    lowering = [bound for bound in tightest_first(bounds) if bound.allowed_m_s2 < start * WORTH_LOWERING]
+    notes = tuple(_sentence(bound) for bound in lowering)
+    if not lowering:
+        return Level(start, "", notes, _reach(bounds, start))
+    name, level = lowering[0].name, lowering[0].allowed_m_s2
+    lowered = f"excitation lowered from {start:g} to {level:.2f} m/s^2 rms: {name}"
+    return Level(level, name, (*notes, lowered), _reach(bounds, level))
+
+
+def _reach(bounds: Iterable[Bound], level_m_s2: float) -> dict[str, Reach]:
+    """Return the largest expected peak of each name at a level, beside its limit; channels' ranges as one."""
+    found: dict[str, Reach] = {}
+    for bound in bounds:
+        name = "sensor range" if bound.name.startswith("range of") else bound.name.removesuffix(" limit")
+        peak = Reach(bound.expected * min(level_m_s2 / bound.level_m_s2, 1.0), bound.limit, bound.unit)
+        found[name] = max(peak, found.get(name, peak), key=lambda each: each.share)
+    return found
+
+
+def tightest_first(bounds: Iterable[Bound]) -> list[Bound]:
+    """Return the tightest bound of each name among those a plan does not keep, the tightest of all first."""
+    found: dict[str, Bound] = {}
+    for bound in sorted(bounds, key=lambda bound: bound.allowed_m_s2):
+        if bound.allowed_m_s2 < bound.level_m_s2 * (1.0 - 1e-9):
+            found.setdefault(bound.name, bound)
+    return list(found.values())
+
+
+def check_probe(info: RigInfo, probe: Excitation, accel: Array) -> None:
+    """Raise InputError when a probe's record (c, n) does not fit its plan or a channel shows nothing but noise, its own
+    or that of rounding to bits."""
+    if accel.shape != (len(info.channels), len(probe.command_v)) or not np.isfinite(accel).all():
+        raise InputError(
+            f"probe: {accel.shape} samples must be finite and fit {len(info.channels)} channels and "
+            f"{len(probe.command_v)} commands; the record ends early or a channel was lost"
+        )
+    faults = []
+    for channel, samples in zip(info.channels, accel, strict=True):
+        loud, quiet = float(samples[probe.parts.noise].std()), float(samples[probe.parts.silence].std())
+        bit = info.converters.step_v / channel.sensitivity_v_per_m_s2
+        if not loud > LEAST_OVER_NOISE * max(quiet, bit / np.sqrt(12.0)):
+            faults.append(
+                f"channel {channel.name}: nothing but noise in the probe, {quiet:.2g} m/s^2 rms at rest and {loud:.2g} "
+                f"under excitation of nominally {probe.accel_rms_m_s2:.2g} (a bit is {bit:.2g}); check sensor, cable "
+                f"and power, or use a finer converter{'' if channel is info.channels[0] else SOFT}"
+            )
+    if faults:
+        raise InputError(*faults)
+
+
+def measured_gain(info: RigInfo, probe: Excitation, table_accel: Array) -> float:
+    """Return the table's displacement gain in m/V from its acceleration (n,) in m/s^2: |H1| over 0.7-2 Hz.
+
+    The input is the command's second derivative; the record begins and ends at rest, so that no window is needed.
+    """
+    given, found = _derivative_lines(probe.command_v, info.dt_s), np.fft.rfft(table_accel)
+    f = np.fft.rfftfreq(len(table_accel), info.dt_s)
+    inside = (f >= GAIN_BAND_HZ[0]) & (f <= GAIN_BAND_HZ[1])
+    return float(np.abs(np.vdot(given[inside], found[inside])) / np.sum(np.abs(given[inside]) ** 2))
+
+
+def expected(info: RigInfo, probe: Excitation, accel: Array, planned: Excitation) -> Array:
+    """Return what the channels (c, n) in m/s^2 will show up to 60 Hz while a plan is played.
+
+    The probe's record begins and ends at rest, so that its Fourier lines divided by those of the command's second
+    derivative are the response at those lines; lines with less than 1 % of the mean power are passed over.
+    """
+    given, lines = _derivative_lines(probe.command_v, info.dt_s), np.fft.rfft(accel, axis=-1)
+    f, power = np.fft.rfftfreq(len(probe.command_v), info.dt_s), np.abs(given) ** 2
+    inside = (f <= HIGHEST_HZ) & (power > LEAST_POWER * power[f <= HIGHEST_HZ].mean())
+    wanted = _derivative_lines(planned.command_v, info.dt_s)
+    wanted_f = np.fft.rfftfreq(len(planned.command_v), info.dt_s)
+    wanted[wanted_f > HIGHEST_HZ] = 0.0
+    responses = (np.interp(wanted_f, f[inside], line[inside] / given[inside]) for line in lines)
+    shown = np.array([np.fft.irfft(response * wanted, len(planned.command_v)) for response in responses])
+    return shown * ringing_growth(info, probe, accel, planned)[:, None]
+
+
+def ringing_growth(info: RigInfo, probe: Excitation, accel: Array, planned: Excitation) -> Array:
+    """Return by how much more the channels (c,) may show in a plan because it lasts longer than its probe.
+
+    A motion that is still ringing at the end of the probe's rest has not grown to its end in the probe: its power grows
+    with the duration of the noise, if it has no damping at all. What rings there of the power during the noise is
+    taken to grow so.
+    """
+    excited = accel[:, probe.parts.noise]
+    left = accel[:, -round(TAIL_S / info.dt_s) :]
+    ringing = np.minimum(left.var(axis=1) / excited.var(axis=1), 1.0)
+    longer = max(stretch.samples.stop - stretch.samples.start for stretch in planned.stretches) / excited.shape[1]
+    return np.asarray(np.sqrt(1.0 + ringing * max(longer - 1.0, 0.0)))
+
+
+def channel_bounds(info: RigInfo, shown: Array, planned: Excitation) -> Iterator[Bound]:
+    """Yield the peak that each channel will show in each stretch of a plan, beside the range it must keep."""
+    for channel, samples in zip(info.channels, np.abs(shown), strict=True):
+        limit = min(channel.range_m_s2, info.converters.range_v / channel.sensitivity_v_per_m_s2)
+        for loud in planned.stretches:
+            peak = float(samples[loud.samples].max())
+            yield Bound(f"range of channel {channel.name}", loud.level_m_s2, peak, limit, CHANNEL_SHARE, "m/s^2")
+
+
+def acceleration_bounds(info: RigInfo, shown: Array, planned: Excitation) -> Iterator[Bound]:
+    """Yield the largest peak of table and floors in each stretch of a plan beside the limit of acceleration."""
+    for loud in planned.stretches:
+        peak = float(np.abs(shown[:, loud.samples]).max())
+        yield Bound("acceleration limit", loud.level_m_s2, peak, info.limits.acceleration_m_s2, SHARE, "m/s^2")
+
+
+def force_bounds(info: RigInfo, shown: Array, planned: Excitation, floor_masses_kg: Array | None) -> Iterator[Bound]:
+    """Yield the peak of the force that moves table and floors in each stretch of a plan, as the guard reckons it."""
+    if floor_masses_kg is None:
+        force = np.abs((info.moving_mass_kg + info.specimen_mass_kg) * shown[0])
+    else:
+        force = np.abs(np.concatenate([[info.moving_mass_kg], floor_masses_kg]) @ shown)
+    for loud in planned.stretches:
+        peak = float(force[loud.samples].max())
+        yield Bound("force limit", loud.level_m_s2, peak, info.limits.force_n, SHARE, "N")
+
+
+def limit_bounds(planned: Excitation, gain_ratio: float) -> Iterator[Bound]:
+    """Yield what each stretch of a plan takes of the limits on motion when the gain is that ratio of the nominal."""
+    for loud in planned.stretches:
+        for name in FOLLOWED:
+            predicted, limit, unit = loud.reach[name]
+            yield Bound(f"{name} limit", loud.level_m_s2, predicted * gain_ratio, limit, SHARE, unit)
+
+
+def overdriven(quiet: Record, loud: Record, dt_s: float) -> tuple[float, float] | None:
+    """Return what share of the table's motion (power, at low and at full level) its command does not explain, where
+    that grows with the level enough to spoil a model; None where it does not.
+
+    Noise, rounding and friction take a smaller share of larger motions, leakage the same one of both: only an actuator
+    at a limit, or another nonlinearity that grows with the motion, takes more. Both records must be noise.
+    """
+    low, full = (estimate([record], dt_s, COMPARED_HZ, SHORT_SEGMENT_S)[0] for record in (quiet, loud))
+    before, after = (float(np.median(1.0 / frf.coherence - 1.0)) for frf in (low, full))
+    scatter = float(np.median(full.relative_error))
+    return (before, after) if after > GROWN * before and scatter > LEAST_SCATTER else None
+
+
+def _derivative_lines(command_v: Array, dt_s: float) -> ComplexArray:
+    """Return the Fourier lines (n,) of a command's second derivative in V/s^2."""
+    return np.fft.rfft(np.diff(command_v, 2, prepend=0.0, append=0.0) / dt_s**2)
+
+
+def _sentence(bound: Bound) -> str:
+    """Return the sentence on what lowers a level."""
+    return (
+        f"{bound.name}: {bound.expected:.3g} {bound.unit} expected at {bound.level_m_s2:.2f} m/s^2 rms, more than "
+        f"{bound.share:.0%} of {bound.limit:.3g} {bound.unit}: at most {bound.allowed_m_s2:.2f} m/s^2 rms"
+    )

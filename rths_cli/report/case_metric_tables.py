@@ -1,0 +1,94 @@
+"""What one case has beside the figures of the paper's tables: error by cause, latency, and every other figure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+import numpy as np
+
+from rths_cli.files.result_reader import Result
+from rths_cli.report.error_budget_table import budget_text
+from rths_cli.report.latency_table import latency_text
+from rths_cli.report.results_by_case import Entry
+from rths_cli.report.text_layout import wrapped
+
+KINDS = {"_true_full": "full-t", "_true": "true", "_full": "full", "_model": "model"}
+TITLE = "Other figures of this case (definitions: rths report --json, or the result file)"
+
+
+def other_figures(entry: Entry, shown: Iterable[str]) -> str:
+    """Return error by cause and latency by method, then a line for every further figure of the case but those `shown`:
+    path, unit, values by method, with its other kinds beside it; seconds in ms."""
+    told, blocks = set(shown), []
+    for method, result in entry.results.items():
+        parts = _blocks(result, told)
+        blocks += [f"Method {method}", *parts] if parts and len(entry.results) > 1 else parts
+    paths = sorted({path for result in entry.results.values() for path in result.metrics} - told)
+    return "\n\n".join([*blocks, *([_list(entry, paths)] if paths else [])])
+
+
+def _blocks(result: Result, told: set[str]) -> list[str]:
+    """Return the blocks of one result; the paths that they show join `told`."""
+    causes, latency = budget_text(result.metrics), latency_text(result.metrics)
+    storeys = max((np.size(v) for path, v in result.metrics.items() if ".rms_error_coupling" in path), default=1)
+    whole = bool(causes) and all(f"storey {storey}" in causes for storey in range(1, storeys + 1))
+    for path in result.metrics:
+        by_cause = path.startswith(("check.rms_error", "check.tracking_rms")) or (
+            path.startswith("budget.") and not path.startswith("budget.unexplained")
+        )
+        if whole and by_cause:
+            told.add(path)
+        if latency and path.startswith("latency.") and path.endswith(("_s", "_hz")):
+            told.add(path)
+    return [text for text in (causes, latency) if text]
+
+
+def _list(entry: Entry, paths: list[str]) -> str:
+    results = entry.results
+    groups = _groups(paths)
+    wide = max(len(path) for path in groups)
+    lines = []
+    for path, kinds in groups.items():
+        unit = next(result.units[path] for result in results.values() if path in result.units)
+        values = {method: _values(result, kinds, unit) for method, result in results.items()}
+        same = len(set(values.values())) == 1
+        text = next(iter(values.values())) if same else " | ".join(f"{m}: {v}" for m, v in values.items())
+        lines.append(wrapped([f"  {path:<{wide}}  {'ms' if unit == 's' else unit:<8}{text}"], indent=wide + 12))
+    return "\n".join([TITLE, *lines])
+
+
+def _groups(paths: list[str]) -> dict[str, dict[str, str]]:
+    """Return by the first path of a figure its paths by kind, "" first: true, in full band, of the model, limit."""
+    groups: dict[str, dict[str, str]] = {}
+    for path in paths:
+        base, kind = _kind(path, paths)
+        groups.setdefault(base, {})[kind] = path
+    return {base: dict(sorted(kinds.items())) for base, kinds in groups.items()}
+
+
+def _kind(path: str, paths: list[str]) -> tuple[str, str]:
+    """Return the figure that a path is another kind of, and the word for the kind; itself and "" when it is none."""
+    if path.startswith("check.limit_") and path.replace("limit_", "peak_") in paths:
+        return path.replace("limit_", "peak_"), "limit"
+    for suffix, word in KINDS.items():
+        if path.endswith(suffix) and path.removesuffix(suffix) in paths:
+            return path.removesuffix(suffix), word
+    return path, ""
+
+
+def _values(result: Result, kinds: Mapping[str, str], unit: str) -> str:
+    return ", ".join(f"{word} {_listed(result, path, unit)}".strip() for word, path in kinds.items())
+
+
+def _listed(result: Result, path: str, unit: str) -> str:
+    if path not in result.metrics:
+        return "-"
+    values = np.atleast_1d(result.metrics[path])
+    return " ".join(f"{round(1e3 * value, 3) + 0.0:.3f}" if unit == "s" else _plain(value) for value in values)
+
+
+def _plain(value: float) -> str:
+    if not np.isfinite(value):
+        return "-"
+    near_one = 0.0 < abs(value - 1.0) < 1e-3  # a radius of 0.99996 is not 1
+    return f"{float(value):.{7 if near_one else 4}g}"

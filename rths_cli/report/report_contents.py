@@ -1,0 +1,109 @@
+"""All that one report holds, and its blocks in the order in which every format shows them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from rths_cli.errors import InputError
+from rths_cli.files.result_reader import Result
+from rths_cli.report.baseline_comparison import CaseChanges, against, baseline_blocks
+from rths_cli.report.group_comparison import Compared, check_keys, compare, group_name, group_tables
+from rths_cli.report.input_files import Inputs, Unread
+from rths_cli.report.repeats import Repeats, repeats, repeats_tables
+from rths_cli.report.report_conflicts import doubled, other_units
+from rths_cli.report.sweep_page import page
+from rths_cli.report.tables import blocks
+from rths_cli.report.text_layout import Block, Fixed, Paragraphs, plain_text
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """Hold what the results are compared with: its name, the tolerance in percent, and what changed."""
+
+    source: str
+    percent: float
+    changes: tuple[CaseChanges, ...]
+
+
+@dataclass(frozen=True)
+class Contents:
+    """Hold results and sweeps, comparisons made of them, and what is wrong: files that are in no table (`unread`), and
+    results that stand in them though their names clash (`clashes`)."""
+
+    inputs: Inputs
+    unread: tuple[Unread, ...]
+    clashes: tuple[Unread, ...]
+    keys: tuple[str, ...]
+    groups: tuple[Compared, ...]
+    repeats: tuple[Repeats, ...]
+    baseline: Baseline | None
+
+    @property
+    def faults(self) -> tuple[str, ...]:
+        """Return a sentence for each thing that is wrong."""
+        return tuple(one.sentence for one in (*self.unread, *self.clashes))
+
+
+def contents(
+    inputs: Inputs, keys: Sequence[str], baseline: tuple[str, Inputs, float] | None, keep_going: bool
+) -> Contents:
+    """Return the contents of a report; `baseline` is its name, what was read from it, and the tolerance in percent.
+
+    Raises InputError with all that is wrong, unless `keep_going` and there is something to show.
+    """
+    odd = other_units(inputs.results)
+    left = {one.path for one in odd}
+    results = tuple(result for result in inputs.results if result.path not in left)
+    clashes = doubled(results, lambda result: (group_name(result, keys),))
+    if baseline:  # numbers in other units say nothing of better or worse
+        source, read, percent = baseline
+        other = other_units(read.results)
+        kept = tuple(result for result in read.results if result.path not in {one.path for one in other})
+        baseline = source, Inputs(kept, read.sweeps, (*read.unread, *other)), percent
+    unread = (*inputs.unread, *odd)
+    faults = [one.sentence for one in (*unread, *clashes)]
+    compared = _compared(baseline, results)
+    faults += [one.sentence for one in (baseline[1].unread if baseline else ())]
+    if faults and not (keep_going and (results or inputs.sweeps)):
+        raise InputError(*dict.fromkeys(faults))
+    if not results and not inputs.sweeps:
+        raise InputError("There are no results to report; give result files or run a case first.")
+    check_keys(keys, results)
+    groups = tuple(compare(results, keys)) if keys and results else ()
+    used = Inputs(results, inputs.sweeps, inputs.unread)
+    told = (*unread, *(baseline[1].unread if baseline else ()))
+    return Contents(used, told, tuple(clashes), tuple(keys), groups, tuple(repeats(results, keys)), compared)
+
+
+def _compared(baseline: tuple[str, Inputs, float] | None, results: Sequence[Result]) -> Baseline | None:
+    if baseline is None:
+        return None
+    source, read, percent = baseline
+    if not read.results and not read.unread:
+        raise InputError(f"--baseline {source}: holds no result; name a result file or a folder of them.")
+    return Baseline(source, percent, tuple(against(results, read.results, percent)))
+
+
+def comparison_text(found: Contents) -> str:
+    """Return groups, repeats, baseline and what is in no table as text, "" where there is none of them."""
+    return plain_text(list(_more(found)))
+
+
+def all_blocks(found: Contents, laid_out: bool) -> list[Block]:
+    """Return the blocks of a report; `laid_out` is for a terminal."""
+    shown: list[Block] = blocks(found.inputs.results, laid_out=laid_out) if found.inputs.results else []
+    return [*shown, *_more(found)]
+
+
+def _more(found: Contents) -> Iterator[Block]:
+    if found.groups:
+        yield from group_tables(found.groups, found.keys)
+    yield from repeats_tables(found.repeats)
+    if found.baseline:
+        yield from baseline_blocks(found.baseline.changes, found.baseline.source, found.baseline.percent)
+    yield from (Fixed(page(sweep, path).rstrip("\n")) for path, sweep in found.inputs.sweeps)
+    if found.unread:
+        yield Paragraphs(("Not in the tables", *(f"  {one.sentence}" for one in found.unread)), 4)
+    if found.clashes:
+        yield Paragraphs(("Clashing results", *(f"  {one.sentence}" for one in found.clashes)), 4)

@@ -1,0 +1,131 @@
+"""What a report was asked for, checked before anything is read, and where it is written."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from rths_cli.errors import InputError
+from rths_cli.files.durable_files import open_regular
+from rths_cli.files.result_writer import check_writable, refusal
+from rths_cli.report.baseline_comparison import DEFAULT_PERCENT
+from rths_cli.report.input_files import read_inputs
+from rths_cli.report.report_contents import Contents, all_blocks, contents
+from rths_cli.safe_text import visible
+
+Tell = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Hold the wishes of a report: `table` and `drawn` are formats ("": the default), `keys` those of the groups,
+    `percent` how much worse than the baseline an error may be (None: it fails nothing)."""
+
+    paths: tuple[Path, ...]
+    table: str
+    output: Path | None
+    figures: Path | None
+    drawn: str
+    width: str
+    keys: tuple[str, ...]
+    baseline: Path | None
+    percent: float | None
+    keep_going: bool
+    junit: Path | None
+
+
+def check_asked(asked: Asked) -> None:
+    """Raise InputError where wishes do not fit together, or a file cannot be written where it is wanted."""
+    faults = []
+    if asked.drawn and not asked.figures:
+        faults.append(f"--format {asked.drawn} is a format of figures; add --figures DIR.")
+    if asked.percent is not None and not asked.baseline:
+        faults.append("--fail-worse compares with a baseline; add --baseline FILE_OR_DIR.")
+    if asked.table == "html" and not asked.output:
+        faults.append("--format html is one file; add --output FILE, for instance --output report.html.")
+    if asked.output and asked.junit and asked.output.resolve() == asked.junit.resolve():
+        faults.append(f"--output and --junit are both {asked.output}; give two names.")
+    if asked.figures and asked.figures.exists() and not asked.figures.is_dir():
+        faults.append(f"--figures {asked.figures}: is a file; name a folder.")
+    if faults:
+        raise InputError(*faults)
+    read = [*asked.paths, *((asked.baseline,) if asked.baseline else ())]
+    for option, path in (("--output", asked.output), ("--junit", asked.junit)):
+        if path:
+            check_output(option, path, read)
+            check_writable(path.parent)
+
+
+def read_asked(asked: Asked, tell: Tell) -> Contents:
+    """Read and compare what a report is made of; raises InputError with all that is wrong, unless it keeps going and
+    something is left to show."""
+    inputs = read_inputs(asked.paths, tell)
+    before = None
+    if asked.baseline:
+        percent = DEFAULT_PERCENT if asked.percent is None else asked.percent
+        before = str(asked.baseline), read_inputs((asked.baseline,), tell), percent
+    return contents(inputs, asked.keys, before, asked.keep_going)
+
+
+def rendered(asked: Asked, found: Contents) -> str:
+    """Return the tables of a report in the format asked for; raises InputError where a stored text is no JSON."""
+    if asked.table == "json":
+        from rths_cli.report.formats.json_document import document
+
+        return json.dumps(document(found), indent=2, allow_nan=False) + "\n"
+    if asked.table == "csv":
+        from rths_cli.report.formats.csv_table import tidy
+
+        return tidy(found)
+    if asked.table == "markdown":
+        from rths_cli.report.formats.markdown import markdown
+
+        return markdown(all_blocks(found, laid_out=False))
+    if asked.table == "latex":
+        from rths_cli.report.formats.latex import latex
+
+        return latex(all_blocks(found, laid_out=False))
+    from rths_cli.report.text_layout import plain_text
+
+    return plain_text(all_blocks(found, laid_out=True))
+
+
+BINARY = (b"\x89HDF\r\n\x1a\n", b"RTHSLOG")
+
+
+def check_output(option: str, path: Path, inputs: Iterable[Path]) -> None:
+    """Raise InputError where a report must not go: a folder, a file that is read, measured data."""
+    if path.is_dir():
+        raise InputError(f"{option} {path}: is a folder; give the name of a file in it.")
+    if not path.absolute().parent.is_dir():
+        raise InputError(f"{option} {path}: there is no folder {path.parent}; make it first.")
+    if path.resolve() in {one.resolve() for one in inputs}:
+        raise InputError(f"{option} {path}: is read for this report; choose another name.")
+    if path.suffix in (".h5", ".rthslog", ".yaml", ".yml") or _is_data(path):
+        raise InputError(f"{option} {path}: has the name or the content of a result or case; choose another name.")
+
+
+def _is_data(path: Path) -> bool:
+    try:
+        with open_regular(path) as file:
+            return file.read(8).startswith(BINARY)
+    except OSError:
+        return False
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a text, control characters made visible, under a temporary name and rename it; raises InputError where the
+    disk refuses."""
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        part.write_bytes(visible(text).encode())
+        os.replace(part, path)
+    except OSError as error:
+        raise InputError(refusal(path, "cannot write", error, advice=False)) from error
+    finally:
+        with suppress(OSError):
+            part.unlink()

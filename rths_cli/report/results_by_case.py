@@ -1,0 +1,271 @@
+"""From result files to cases: the results of one case by method, beside the figures published for it."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rths_cli.errors import InputError
+from rths_cli.files.raw_log import SUFFIX, read_header
+from rths_cli.files.result_reader import BEGUN, COMPLETE, Result, result_files
+from rths_cli.files.validated_results import read_checked
+from rths_cli.rigs.description import capabilities_of
+
+Figure = float | Sequence[float | None] | None
+Figures = Mapping[str, Figure]
+METHODS = ("paper", "best")
+PUBLISHED = "published"
+DAMPINGS = ("low", "high")
+CONTROLLERS = ("FF", "FF+FB", "none")
+DIVERGED = "diverged"
+TABLE_RUNS = ("shake_table", "exp_rths")
+SHORT = {"interrupted": "halted"}  # in a narrow column
+
+
+@dataclass(frozen=True)
+class Entry:
+    """Hold one case: where it belongs in the tables, its results by method, its published figures.
+
+    `variant` tells apart cases with the same record, scaling, damping and controller; empty when there is one.
+    """
+
+    rig: str
+    virtual: bool
+    record: str
+    damping: str
+    damping_ratio: float | None
+    controller: str
+    variant: str
+    results: Mapping[str, Result]
+    published: Figures
+    reference_title: str
+
+    @property
+    def table_name(self) -> str:
+        """Return the rig as every title names it."""
+        return f"{'virtual ' if self.virtual else ''}shake table {self.rig}"
+
+    @property
+    def excitation(self) -> str:
+        """Return record and variant."""
+        return f"{self.record}, {self.variant}" if self.variant else self.record
+
+
+def load(paths: Sequence[Path]) -> list[Result]:
+    """Read result files and folders of them; raise InputError with one sentence per file that cannot be read."""
+    files, empty = result_files(paths)
+    results, faults = [], list(empty.values())
+    for file in files:
+        try:
+            results.append(read_checked(file))
+        except InputError as error:
+            faults += error.faults
+    if faults:
+        raise InputError(*faults)
+    return results
+
+
+def unrecovered(paths: Sequence[Path]) -> list[str]:
+    """Return a sentence for each raw log in a folder whose samples are in no result."""
+    logs = [log for path in paths if path.is_dir() for log in sorted(path.glob(f"*{SUFFIX}")) if _waits(log)]
+    return [f"{log}: the run that it logged is in no result; rths recover {log} puts it there." for log in logs]
+
+
+def _waits(log: Path) -> bool:
+    """Tell whether a log that no running process writes belongs to a result without its run."""
+    try:
+        header = read_header(log)
+        result = log.parent / Path(header.result).name
+        if not result.exists():
+            return True
+        found = read_checked(result)
+    except InputError:
+        return False
+    finished = found.attributes["status"] == "complete" or f"recovered_{header.run}" in found.attributes
+    return not finished and header.run not in found.groups
+
+
+def entries(results: Sequence[Result], references: Mapping[str, Figures]) -> list[Entry]:
+    """Group results into cases in the order of the paper's tables; none is dropped, doubles become variants.
+
+    `references` gives published figures by case name and goes before those in the results.
+    """
+    places: dict[tuple[str, ...], list[Result]] = {}
+    for result in results:
+        places.setdefault(_place(result), []).append(result)
+    found = [
+        _entry(variant, members, references) for same in places.values() for variant, members in _variants(same).items()
+    ]
+    rigs, records = _order([e.table_name for e in found]), _order([e.record for e in found])
+
+    def place(entry: Entry) -> tuple[object, ...]:
+        where = (rigs[entry.table_name], records[entry.record], entry.variant)
+        return (*where, damping_key(entry), _rank(CONTROLLERS, entry.controller))
+
+    return sorted(found, key=place)
+
+
+def damping_key(entry: Entry) -> tuple[bool, float, str]:
+    """Return what sorts entries by damping, unknown ones last."""
+    rank = damping_rank(entry)
+    return (math.isnan(rank), 0.0 if math.isnan(rank) else rank, entry.damping)
+
+
+def damping_rank(entry: Entry) -> float:
+    """Return a number that grows with damping: the first mode's ratio, else low before high; nan when unknown."""
+    if entry.damping_ratio is not None:
+        return entry.damping_ratio
+    return float(DAMPINGS.index(entry.damping)) if entry.damping in DAMPINGS else math.nan
+
+
+def look_up(figures: Mapping[str, object], path: str, index: int | None) -> float | None:
+    """Return the figure of a storey (`index` from 0) or the single one; None when it is not there."""
+    value = figures.get(path)
+    if value is None:
+        return None
+    values = np.atleast_1d(np.asarray(value, dtype=float))
+    position = index or 0
+    return float(values[position]) if position < values.size else None
+
+
+def state(result: Result | None, path: str, index: int | None = None) -> float | str:
+    """Return a figure as a number, or why there is none: "-", "diverged", or how its run ended."""
+    if result is None:
+        return "-"
+    value = look_up(result.metrics, path, index)
+    if value is not None and math.isfinite(value):
+        return value
+    if value is not None:
+        return DIVERGED
+    end = run_state(result, path)
+    return SHORT.get(end, end) if end != COMPLETE else "-"
+
+
+def run_state(result: Result, path: str) -> str:
+    """Return how the run ended that a figure belongs to: what is computed, or was not run, is complete.
+
+    A result of an earlier version tells how the first run ended that did not reach its end, not which one that was.
+    """
+    status, run = str(result.attributes.get("status", COMPLETE)), path.partition(".")[0]
+    if status == COMPLETE or run not in TABLE_RUNS:
+        return COMPLETE
+    told = {name: result.attributes[f"{name}_status"] for name in TABLE_RUNS if f"{name}_status" in result.attributes}
+    end = str(told.get(run, COMPLETE if told else status))
+    return status if end == BEGUN else end
+
+
+def published(entry: Entry, path: str, index: int | None = None) -> float | str:
+    """Return a published figure, or "-"."""
+    value = look_up(entry.published, path, index)
+    return "-" if value is None or not math.isfinite(value) else value
+
+
+def sources(cases: Sequence[Entry]) -> list[str]:
+    """Return a sentence that says where published figures are from, where there are any."""
+    titles = dict.fromkeys(entry.reference_title for entry in cases if entry.published and entry.reference_title)
+    return [f"Published (publ.): {'; '.join(titles)}."] if titles else []
+
+
+def controllers(cases: Sequence[Entry]) -> list[str]:
+    """Return the controllers that occur, FF and FF+FB first."""
+    return sorted({entry.controller for entry in cases}, key=lambda name: _rank(CONTROLLERS, name))
+
+
+def methods(cases: Sequence[Entry]) -> tuple[str, ...]:
+    """Return paper, best and whatever other method occurs."""
+    others = {method for entry in cases for method in entry.results} - set(METHODS)
+    return (*METHODS, *sorted(others))
+
+
+def storeys(cases: Sequence[Entry]) -> int:
+    """Return the largest number of storeys among results and published figures."""
+    sizes = [1]
+    for entry in cases:
+        for figures in (entry.published, *(result.metrics for result in entry.results.values())):
+            sizes += [_size(value) for path, value in figures.items() if ".rms_error_m_s2" in path]
+    return max(sizes)
+
+
+def _size(value: object) -> int:
+    return int(np.size(np.asarray(value))) if value is not None else 0
+
+
+def _place(result: Result) -> tuple[str, ...]:
+    """Return what the rows and columns of the tables distinguish: rig, excitation, damping, controller."""
+    a = result.attributes
+    scaling = a.get("scaling", "")
+    percent = f"{float(scaling) * 100:g}% " if scaling != "" else ""
+    names = (str(a.get(key) or "-") for key in ("rig", "rig_kind", "damping_name", "controller"))
+    return (percent + str(a.get("record_name") or "-"), *names)
+
+
+def _variants(same: Sequence[Result]) -> dict[str, list[Result]]:
+    """Return results of one place by variant, each with at most one result of a method."""
+    if not _doubled(same):
+        return {"": list(same)}
+    named: dict[str, list[Result]] = {}
+    for result in same:
+        name = str(result.attributes.get("case_name") or "-")
+        count = 1
+        while _doubled([*named.get(_numbered(name, count), []), result]):
+            count += 1
+        named.setdefault(_numbered(name, count), []).append(result)
+    return named
+
+
+def _numbered(name: str, count: int) -> str:
+    return f"case {name}" if count == 1 else f"case {name} ({count})"
+
+
+def _doubled(results: Sequence[Result]) -> bool:
+    found = [_method(result) for result in results]
+    return len(found) != len(set(found))
+
+
+def _method(result: Result) -> str:
+    return str(result.attributes.get("method") or "-")
+
+
+def _entry(variant: str, members: Sequence[Result], references: Mapping[str, Figures]) -> Entry:
+    record, rig, kind, damping, controller = _place(members[0])
+    figures: dict[str, Figure] = {}
+    for result in members:
+        figures |= _stored_figures(result)
+    for result in members:
+        figures |= references.get(str(result.attributes.get("case_name")), {})
+    ratios = [a for r in members if isinstance(a := r.attributes.get("damping_first_mode_ratio"), float)]
+    titles = [str(r.attributes["reference_title"]) for r in members if r.attributes.get("reference_title")]
+    return Entry(
+        rig=rig,
+        virtual=not capabilities_of(str(kind)).moves_hardware,
+        record=record,
+        damping=damping,
+        damping_ratio=ratios[0] if ratios else None,
+        controller=controller,
+        variant=variant,
+        results={_method(result): result for result in members},
+        published=figures,
+        reference_title=titles[0] if titles else "",
+    )
+
+
+def _stored_figures(result: Result) -> dict[str, Figure]:
+    """Return the published figures stored with a result; raise InputError when they are not JSON."""
+    text = str(result.attributes.get("reference_json") or "{}")
+    try:
+        return dict(json.loads(text))
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{result.path}: reference_json is not a JSON mapping; run the case again.") from error
+
+
+def _order(names: Sequence[str]) -> dict[str, int]:
+    return {name: position for position, name in enumerate(dict.fromkeys(names))}
+
+
+def _rank(known: Sequence[str], name: str) -> tuple[int, str]:
+    return (known.index(name), "") if name in known else (len(known), name)

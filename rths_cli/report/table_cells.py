@@ -1,0 +1,108 @@
+"""Figures as cells: a number, a marked number of an unfinished run, or the word that says why there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from rths_cli.experiment.dropout_sentence import losses_of_runs
+from rths_cli.files.result_reader import COMPLETE, Result
+from rths_cli.report.results_by_case import DIVERGED, Entry, look_up, published, run_state, state
+from rths_cli.report.text_layout import Cell, number
+
+TRACKING = ("tracking_max_m_s2", "tracking_rms_m_s2")
+TESTS = {"shake_table": "shake table test", "exp_rths": "RTHS"}
+SIM_DELAY_ERROR = "sim_delay.rms_error_m_s2"
+EXP_ERROR = "exp_rths.rms_error_m_s2"
+UNFINISHED = "*"
+
+
+def words(states: Sequence[float | str], mark: str = " ") -> tuple[Cell, ...]:
+    """Return one cell per state; one word for all of them spans their columns."""
+    first = states[0]
+    if len(states) > 1 and isinstance(first, str) and all(item == first for item in states):
+        return (Cell(first, len(states)),)
+    return tuple(Cell(s) if isinstance(s, str) else Cell(number(s), mark=mark) for s in states)
+
+
+def our_cells(result: Result | None, paths: Sequence[str], index: int | None = None) -> tuple[Cell, ...]:
+    """Return the cells of one result's figures."""
+    return words([state(result, path, index) for path in paths], mark(result, paths[0]))
+
+
+def published_cells(entry: Entry | None, paths: Sequence[str], index: int | None = None) -> tuple[Cell, ...]:
+    """Return the cells of published figures."""
+    return words([published(entry, path, index) if entry else "-" for path in paths])
+
+
+def mark(result: Result | None, path: str) -> str:
+    """Return the mark of a figure whose run did not end as planned; of a refused one others did."""
+    return UNFINISHED if result and run_state(result, path) not in (COMPLETE, "refused") else " "
+
+
+def of(entry: Entry | None, method: str) -> Result | None:
+    """Return the result of a method, None when it was not run."""
+    return entry.results.get(method) if entry else None
+
+
+def sim_delay_result(entry: Entry | None) -> Result | None:
+    """Return the result whose SIM-DELAY is shown: it is the same for every method, so any that has it."""
+    found = list(entry.results.values()) if entry else []
+    having = [r for r in reversed(found) if look_up(r.metrics, SIM_DELAY_ERROR, 0) is not None]
+    return next(iter(having or found), None)
+
+
+def ratio(above: float | str, below: float | str) -> float | str:
+    """Return EXP-RTHS over SIM-DELAY, or the word that stands for the figure that is not there."""
+    if isinstance(above, str) or isinstance(below, str):
+        return above if isinstance(above, str) else str(below)
+    return above / below if below > 0 else "-"
+
+
+def remarks(cases: Sequence[Entry]) -> list[str]:
+    """Return one line per run that did not end as planned, diverged, or has another SIM-DELAY than shown."""
+    lines: list[str] = []
+    for entry in cases:
+        for method, result in entry.results.items():
+            name = f"{result.attributes.get('case_name') or '-'} ({method})"
+            status = str(result.attributes.get("status", COMPLETE))
+            reason = str(result.attributes.get("status_reason") or "no reason stored")
+            told = reason if status in reason else f"{status}: {reason}"
+            lines += [f"{name}: {told}"] if status != COMPLETE else []
+            lines += [f"{name}: {text}" for text in _divergences(result)]
+        lines += _other_sim_delay(entry)
+    return lines
+
+
+def losses(cases: Sequence[Entry]) -> list[str]:
+    """Return one line per run in real time that had steps without samples of their own."""
+    return [
+        f"{result.attributes.get('case_name') or '-'} ({method}): {text}"
+        for entry in cases
+        for method, result in entry.results.items()
+        for text in losses_of_runs(result.metrics)
+    ]
+
+
+def _divergences(result: Result) -> list[str]:
+    runs = {path.partition(".")[0]: path for path in result.metrics if path.endswith(".diverged_at_s")}
+    times = {run: look_up(result.metrics, path, 0) for run, path in runs.items()}
+    return [f"{run} {DIVERGED} at {time:.2f} s" for run, time in times.items() if time is not None and time == time]
+
+
+def _other_sim_delay(entry: Entry) -> list[str]:
+    """Return a line per method whose SIM-DELAY is not the one in the tables (another delay, another version)."""
+    shown = sim_delay_result(entry)
+    lines: list[str] = []
+    for method, result in entry.results.items():
+        size = len(_values(result))
+        pairs = [(state(result, SIM_DELAY_ERROR, i), state(shown, SIM_DELAY_ERROR, i)) for i in range(size)]
+        if any(mine != theirs for mine, theirs in pairs):
+            texts = ", ".join(number(mine) if isinstance(mine, float) else mine for mine, _ in pairs)
+            lines.append(f"{entry.excitation}, {entry.damping}, {entry.controller} ({method}): SIM-DELAY is {texts}")
+    return lines
+
+
+def _values(result: Result) -> list[float]:
+    return list(np.atleast_1d(result.metrics.get(SIM_DELAY_ERROR, [])))

@@ -1,0 +1,129 @@
+"""Rigs that other packages bring: found by entry point, made by their factory, held to the interface.
+
+An entry point of the group `rths.rigs` names a factory `make(info: RigInfo, options: Mapping[str, object]) -> Rig`;
+the entry point's own name is the `kind` of the rig file, `options` is what stands under that key there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from importlib.metadata import EntryPoint
+from typing import Any
+
+import numpy as np
+
+from rths_cli.case.plugin_rig_names import GROUP, plugin_kinds
+from rths_cli.errors import InputError, RigError, RthsError
+from rths_cli.numerics.lti import Array
+from rths_cli.rigs.interface import Rig, RigInfo
+
+METHODS = ("open", "arm", "exchange", "rest", "close")
+DRIVERS = ("hardware", "loopback", "fake")  # what may be behind a driver
+
+
+def open_plugin(info: RigInfo, options: Mapping[str, object]) -> PluginRig:
+    """Return the rig that the plug-in of this kind makes, held to the interface.
+
+    Raises InputError when there is no such plug-in, when it cannot be imported or refuses its options; RigError when
+    its factory fails or makes something that is no rig.
+    """
+    point = _entry_point(info.kind)
+    who = f"rig {info.name}: plug-in {info.kind} ({point.value})"
+    try:
+        factory = point.load()
+    except Exception as error:
+        raise InputError(f"{who} cannot be loaded: {_told(error)}; repair or reinstall its package") from error
+    if not callable(factory):
+        raise InputError(f"{who} names no function that makes a rig; its package needs one in the group {GROUP}")
+    try:
+        rig = factory(info, dict(options))
+    except InputError as error:
+        raise InputError(*(f"{who}: {fault}" for fault in error.faults)) from error
+    except RthsError:
+        raise
+    except Exception as error:
+        raise RigError(f"{who} could not make its rig: {_told(error)}") from error
+    return PluginRig(_checked(rig, info, who), info.kind, who)
+
+
+class PluginRig:
+    """The rig of a plug-in: whatever goes wrong in it comes out as one sentence, and samples have their shape."""
+
+    def __init__(self, rig: Rig, kind: str, who: str) -> None:
+        self.info = rig.info
+        self._rig = rig
+        self._kind = kind
+        self._who = who
+        self._samples = np.zeros(len(rig.info.channels))
+
+    def open(self) -> None:
+        """Take hold of the rig, which may learn by that what is behind its driver; raises RigError."""
+        self._call("open", self._rig.open)
+        own = _checked(self._rig, self.info, self._who).info
+        self.info = replace(own, driver_verified=own.driver_verified or "hardware")
+
+    def arm(self) -> Array:
+        """Enable motion and return the first samples in V, (n_channels,); raises RigError."""
+        return self._kept("arm", self._call("arm", self._rig.arm))
+
+    def exchange(self, command_v: float) -> Array:
+        """Send one command, return the samples of the next instant in V, (n_channels,); raises RigError."""
+        return self._kept("exchange", self._call("exchange", self._rig.exchange, command_v))
+
+    def rest(self) -> None:
+        """Bring the table to rest and disable motion; raises RigError."""
+        self._call("rest", self._rig.rest)
+
+    def close(self) -> None:
+        """Let go of the rig; raises RigError."""
+        self._call("close", self._rig.close)
+
+    def _call(self, what: str, method: Callable[..., Any], *values: float) -> Any:
+        try:
+            return method(*values)
+        except RthsError:
+            raise
+        except Exception as error:
+            raise self._fault(what, f"failed: {_told(error)}") from error
+
+    def _kept(self, what: str, samples: Any) -> Array:
+        try:
+            given = np.asarray(samples, dtype=float)
+        except (TypeError, ValueError):
+            given = np.empty(0)
+        if given.shape != self._samples.shape:
+            wanted = f"{self._samples.size} samples in V, one per channel"
+            raise self._fault(what, f"must return {wanted}, got {type(samples).__name__} of shape {given.shape}")
+        self._samples[:] = given
+        return self._samples
+
+    def _fault(self, what: str, fault: str) -> RigError:
+        return RigError(f"rig {self.info.name}: {what} of plug-in {self._kind} {fault}")
+
+
+def _entry_point(kind: str) -> EntryPoint:
+    found = plugin_kinds().get(kind, ())
+    if len(found) != 1:
+        raise InputError(f"kind: {len(found)} installed packages bring rigs of kind {kind!r}, it must be one")
+    return found[0]
+
+
+def _checked(rig: Any, info: RigInfo, who: str) -> Rig:
+    """Return a plug-in's rig; raises RigError when it lacks a method, or describes itself otherwise than its file."""
+    lacking = [name for name in METHODS if not callable(getattr(rig, name, None))]
+    if lacking:
+        raise RigError(f"{who} made a {type(rig).__name__} without {', '.join(lacking)}; that is no rig")
+    own = getattr(rig, "info", None)
+    if not isinstance(own, RigInfo) or replace(own, driver_verified=info.driver_verified) != info:
+        raise RigError(f"{who} must keep the info it was given; only driver_verified is its own to state")
+    if own.driver_verified not in ("", *DRIVERS):
+        raise RigError(f"{who} states driver_verified {str(own.driver_verified)[:40]!r}; known: {', '.join(DRIVERS)}")
+    made: Rig = rig
+    return made
+
+
+def _told(error: Exception) -> str:
+    """Return an exception as part of a sentence, on one line."""
+    text = " ".join(str(error).split())
+    return f"{type(error).__name__}: {text}"[:300] if text else type(error).__name__

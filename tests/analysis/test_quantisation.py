@@ -1,0 +1,47 @@
+"""Rounding of made-up signals, done sample by sample, against what it is said to add at low frequencies."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rths_cli.analysis.quantisation import rounding_power
+
+DT_S, SAMPLES = 1e-3, 200_000
+
+
+def narrow_band(rms: float, seed: int = 0) -> np.ndarray:
+    """Return Gaussian noise (n,) between 2 and 3 Hz."""
+    lines = np.fft.rfft(np.random.default_rng(seed).standard_normal(SAMPLES))
+    f = np.fft.rfftfreq(SAMPLES, DT_S)
+    signal = np.fft.irfft(np.where((f >= 2.0) & (f <= 3.0), lines, 0.0), SAMPLES)
+    return rms * signal / signal.std()
+
+
+def below(values: np.ndarray, high_hz: float) -> float:
+    """Return the variance that a series (n,) has below a frequency."""
+    power = 2.0 * np.abs(np.fft.rfft(values - values.mean()) / len(values)) ** 2
+    return float(power[np.fft.rfftfreq(len(values), DT_S) <= high_hz].sum())
+
+
+@pytest.mark.parametrize("rms", [1.5, 3.0, 10.0, 100.0])
+@pytest.mark.parametrize("noise", [0.0, 0.2, 1.0])
+def test_variance_at_low_frequencies(rms: float, noise: float) -> None:
+    """In steps: a motion of 3 rms crosses 50 a second, and 12 Hz of noise take a tenth of its power, not a fortieth."""
+    signal = narrow_band(rms)
+    noisy = signal + noise * np.random.default_rng(1).standard_normal(SAMPLES)
+    made = below(np.round(noisy) - noisy, 12.0)
+    f = np.arange(0.0, 12.0, 0.05)
+    found = rounding_power(f, signal, DT_S, 1.0, noise, DT_S).mean() * 12.0 / 500.0
+    assert found == pytest.approx(made, rel=0.25)
+
+
+def test_a_motion_smaller_than_a_step_is_lost_and_no_more() -> None:
+    signal = narrow_band(0.05)
+    f = np.arange(0.0, 40.0, 0.05)
+    found = rounding_power(f, signal, DT_S, 1.0, 0.0, DT_S).mean() * 40.0 / 500.0
+    assert found == pytest.approx(0.05**2, rel=0.4)
+
+
+def test_no_converter_no_rounding() -> None:
+    assert np.all(rounding_power(np.arange(5.0), narrow_band(1.0), DT_S, 0.0, 0.0, DT_S) == 0.0)

@@ -1,4 +1,4 @@
-/* One EXP-RTHS on the virtual table in C: what rths_cli/loop/counted_clock.py run_virtual does, block by block, on its arrays.
+/* One EXP-RTHS on the virtual table in C: what rths_cli/loop/simulated_time_run.py run_virtual does, block by block, on its arrays.
 
    The structures mirror the NamedTuples of Python field by field (speed/in_c.py hands them over). Sizes are known at run
    time only, as there. */

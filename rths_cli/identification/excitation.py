@@ -5,7 +5,7 @@ the acceleration even over the band without taking the stroke at its low end.
 
 Planned with data-sheet values only, which tell displacement and velocity of the table. Its acceleration, and with it
 what sensors show and the actuator's force, depend on how the table answers: the nominal acceleration, gain times the
-command's second derivative, only names levels, and holds the probe down (see probe.py).
+command's second derivative, only names levels, and holds the probe down (see low_level_probe.py).
 """
 
 from __future__ import annotations

@@ -29,16 +29,16 @@ from rths_cli.user_cache import user_cache
 
 F = TypeVar("F", bound=Callable[..., object])
 SOURCES = (
-    "analysis/metrics/errors.py",
-    "analysis/metrics/slow_motion.py",
+    "analysis/metrics/response_errors.py",
+    "analysis/metrics/zero_phase_high_pass.py",
     "analysis/sim_delay.py",
     "numerics/clock.py",
     "numerics/compiled.py",
     "numerics/filters.py",
     "numerics/tiled_products.py",
     "rigs/description.py",
-    "rigs/udp/command_trajectory.py",
     "rigs/udp/handshake.py",
+    "rigs/udp/late_command_trajectory.py",
     "rigs/udp/link.py",
     "rigs/udp/packets.py",
     "rigs/udp/siphash.py",

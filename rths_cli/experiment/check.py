@@ -17,6 +17,7 @@ from rths_cli.analysis.predicted_error import Known, predict
 from rths_cli.analysis.sim import simulate
 from rths_cli.analysis.sim_fourier_lines import delayed_rms, sim_lines
 from rths_cli.control.kalman_filter import specimen_state_space
+from rths_cli.errors import InputError
 from rths_cli.experiment.loop_stability import loop_parts, loop_stability, required_delay_s
 from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
 from rths_cli.experiment.setup import motion_key
@@ -116,13 +117,18 @@ def known_of(
     setup: Setup, identified: Identification, design: Design, rig: IdentifiedRig, storeys: Block, radius: float,
     shared: SharedValues | None = None,
 ) -> Known:  # fmt: skip
-    """Return what the prediction of errors starts from."""
+    """Return what the prediction of errors starts from; raises InputError where the identified building has no SIM."""
     dt, motion, specimen = setup.rig.dt_s, setup.motion, _specimen(identified)
     building = as_identified(setup, specimen)
     ring = RINGS * dt / -math.log(radius) if radius < 1.0 else LONGEST_S
     lines = lines_for(len(motion.time_s), dt, min(ring, LONGEST_S), lowest_reliable_hz(setup))
     asked = (motion_key(setup.case), content_key(building))
-    sim = (shared or SharedValues()).get("sim as identified", asked, lambda: simulate(building, dt, motion.accel_m_s2))
+    try:
+        sim = (shared or SharedValues()).get(
+            "sim as identified", asked, lambda: simulate(building, dt, motion.accel_m_s2)
+        )
+    except InputError as error:
+        raise InputError(*(f"the building as identified: {fault}" for fault in error.faults)) from error
     ground = lines.of_motion(motion.accel_m_s2, motion.velocity_m_s, motion.displacement_m)
     floors = specimen_state_space(specimen).response(lines.frequency_hz)[:, 0]
     interface = len(building.numerical.masses_kg) - 1

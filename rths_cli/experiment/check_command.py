@@ -89,8 +89,8 @@ def verdict_on(
 ) -> Verdict:
     """Return the verdict on a case's hybrid test from what is known of its rig and specimen; "" when `hybrid` says that
     there is none, unless no blocks can be designed. `design`: the blocks, where another record had them designed; with
-    `shared`, cases share what they have in common. That no controller can be designed for a rejected model follows from
-    why it was rejected, and is not said beside it."""
+    `shared`, cases share what they have in common. That no controller can be designed for a rejected model, or its
+    building not be solved, follows from why it was rejected, and is not said beside it."""
     faults = known.faults(setup.overrides)
     try:
         design = design or interruptible(lambda: design_blocks(setup, known.found, shared))
@@ -99,7 +99,10 @@ def verdict_on(
     if not hybrid:
         return Verdict("", faults, design, {})
     chosen = design
-    judged = interruptible(lambda: judge(setup, known.found, chosen, shared))
+    try:
+        judged = interruptible(lambda: judge(setup, known.found, chosen, shared))
+    except InputError as error:
+        return Verdict(UNSAFE, faults or error.faults, design, {})
     found = judged.preflight
     verdict = UNSAFE if faults and found.verdict == SAFE else found.verdict
     return Verdict(verdict, (*faults, *found.reasons), design, check_figures(judged), judged.known)

@@ -25,7 +25,7 @@ from rths_cli.identification.least_squares import Solution, covariance, least_sq
 from rths_cli.identification.results import SpecimenFit
 from rths_cli.numerics.filters import fast_length
 from rths_cli.numerics.lti import Array, ComplexArray
-from rths_cli.structure import Specimen, modal_damping_matrix, storey_matrix
+from rths_cli.structure import Specimen, above_rounding, modal_damping_matrix, storey_matrix
 
 ROUNDING = float(np.finfo(float).eps)
 LOST = 1e-12  # of the largest singular value of the linear terms' normal equations
@@ -41,14 +41,10 @@ class Lines:
 
 
 def modal(masses_kg: Array, stiffness_n_per_m: Array) -> tuple[Array, Array]:
-    """Return natural frequencies in rad/s, ascending, (n,) and mass-normalised mode shapes (n, n).
-
-    An eigenvalue is known to rounding of the largest one; one that is lost in it is taken as that large.
-    """
+    """Return natural frequencies in rad/s, ascending, (n,) and mass-normalised mode shapes (n, n)."""
     root = np.sqrt(masses_kg)
     eigenvalues, shapes = np.linalg.eigh(storey_matrix(stiffness_n_per_m) / np.outer(root, root))
-    known = np.maximum(eigenvalues, ROUNDING * eigenvalues[-1])
-    return np.sqrt(known), shapes / root[:, None]
+    return np.sqrt(above_rounding(eigenvalues)), shapes / root[:, None]
 
 
 def frequency_slopes(omega: Array, shapes: Array, stiffness_n_per_m: Array) -> Array:

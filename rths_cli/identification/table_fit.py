@@ -56,7 +56,7 @@ class Layout:
 
     def pairs(self, parameters: Array) -> tuple[Array, Array, Array]:
         """Return pole pairs (m, 2), corners of the single poles (k,) and zero pairs (n, 2), no logarithms."""
-        values = np.exp(parameters)
+        values = np.exp(parameters[: self._roots])  # what may follow, a ripple, is no logarithm
         end = 1 + 2 * self.pole_pairs
         poles, single, zeros = np.split(values[1 : self._roots], [end - 1, end - 1 + self.single_poles])
         return poles.reshape(-1, 2), single, zeros.reshape(-1, 2)

@@ -5,7 +5,7 @@ experimental floors by displacements relative to the table (the interface floor)
 """
 
 from rths_cli.structure.building import DampingSpec, ExperimentalSpec, NumericalSpec, StructureSpec, build
-from rths_cli.structure.shear_chain import modal_damping_matrix, modes, storey_matrix, storey_values
+from rths_cli.structure.shear_chain import above_rounding, modal_damping_matrix, modes, storey_matrix, storey_values
 from rths_cli.structure.stiffness_from_frequencies import stiffness_from_frequencies
 from rths_cli.structure.substructures import Building, Numerical, Specimen, assemble
 
@@ -17,6 +17,7 @@ __all__ = [
     "NumericalSpec",
     "Specimen",
     "StructureSpec",
+    "above_rounding",
     "assemble",
     "build",
     "modal_damping_matrix",

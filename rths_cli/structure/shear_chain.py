@@ -21,6 +21,18 @@ def storey_values(matrix: Array) -> Array:
     return np.append(matrix.sum(axis=1)[:1], -np.diag(matrix, -1))
 
 
+ROUNDING = float(np.finfo(float).eps)
+
+
+def above_rounding(eigenvalues: Array) -> Array:
+    """Return the squared natural frequencies (n,), ascending, of a chain whose eigenvalues were computed as these.
+
+    An eigenvalue is known to rounding of the largest one; one that is lost in it, and may even be negative, is taken as
+    that large.
+    """
+    return np.maximum(eigenvalues, ROUNDING * eigenvalues[-1])
+
+
 def modal_damping_matrix(masses_kg: Array, K: Array, ratios: Sequence[float] | Array) -> Array:
     """Return C = M Phi diag(2 zeta w) Phi^T M in N s/m, (n, n), with mass-normalised mode shapes Phi.
 
@@ -28,7 +40,8 @@ def modal_damping_matrix(masses_kg: Array, K: Array, ratios: Sequence[float] | A
     """
     root = np.sqrt(masses_kg)
     eigenvalues, shapes = np.linalg.eigh(K / np.outer(root, root))
-    return np.outer(root, root) * ((shapes * (2.0 * np.asarray(ratios) * np.sqrt(eigenvalues))) @ shapes.T)
+    omega = np.sqrt(above_rounding(eigenvalues))
+    return np.outer(root, root) * ((shapes * (2.0 * np.asarray(ratios) * omega)) @ shapes.T)
 
 
 def modes(M: Array, C: Array, K: Array) -> tuple[Array, Array]:

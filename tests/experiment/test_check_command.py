@@ -12,7 +12,7 @@ import pytest
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, RigError
-from rths_cli.experiment import check_command, identify, rig_access
+from rths_cli.experiment import check, check_command, identify, rig_access
 from rths_cli.experiment.check_command import Checked
 from rths_cli.experiment.check_metrics import REACH
 from rths_cli.experiment.model_choice import Known, Memory
@@ -245,3 +245,17 @@ def test_the_largest_safe_scaling_is_safe_and_a_third_more_is_stopped(
 def test_an_accepted_figure_of_the_check_that_cannot_be_is_refused(path: str, word: str) -> None:
     with pytest.raises(InputError, match=word):
         setup_of(f"accept={{'{path}': 1}}")
+
+
+def test_a_building_as_identified_without_a_sim_is_unsafe_and_no_fault_of_the_case(
+    default_setup: Setup, default_identification: Identification, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a fit leaves it that went astray; the case's own building was solved before."""
+
+    def unsolved(*_: object) -> None:
+        raise InputError("SIM: its storeys are too unlike")
+
+    monkeypatch.setattr(check, "simulate", unsolved)
+    verdict = check_command.verdict_on(default_setup, Known(default_identification, "made up"))
+    assert (verdict.verdict, verdict.figures) == ("unsafe", {})
+    assert verdict.reasons == ("the building as identified: SIM: its storeys are too unlike",)

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from test_hdf5_layout import everything, made
+from test_hdf5_safety import everything, made
 
 from rths_cli.errors import InputError
 from rths_cli.files.accelerograms import read_accelerogram

@@ -180,3 +180,10 @@ def test_too_few_lines_are_refused() -> None:
     few = Frf(frf.frequency_hz[:20], frf.response[:20], frf.coherence[:20], frf.relative_error[:20], 20)
     with pytest.raises(InputError, match="20 lines"):
         first_fit(few, MODES, TIMING, (0.5, 60.0))
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_ripple_is_no_logarithm_however_large() -> None:
+    layout = Layout(1, 0, 1, 0.0)
+    theta = np.append(pack(1.0, np.array([[10.0, 0.1]]), np.zeros(0), np.array([[20.0, 0.1]])), 1e4)
+    assert all(np.array_equal(*pair) for pair in zip(layout.pairs(theta), layout.pairs(theta[:-1]), strict=True))

@@ -15,7 +15,7 @@ import pytest
 from bench import rig_info
 from hybrid import best_like, open_limits
 from smooth_way import smooth_way
-from test_command_preview import wave
+from test_fallback_commands import wave
 from udp_peer import PlainTarget, virtual_table
 
 from rths_cli.loop import guard, realtime_run

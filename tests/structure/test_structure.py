@@ -291,3 +291,11 @@ def test_values_too_far_apart_have_no_stiffnesses_that_can_be_found(
 ) -> None:
     with pytest.raises(InputError, match=re.escape(sentence)):
         stiffness_from_frequencies(masses, frequencies)
+
+
+def test_modes_lost_in_the_rounding_of_the_largest_one_leave_finite_damping() -> None:
+    """A fit that went astray may give such a chain; the eigenvalues of its soft storeys are rounding, of any sign."""
+    stiffness = [30.0, 1.8e3, 390.0, 2.1e3, 2.1e3, 230.0, 6.7e20]
+    masses = np.linspace(1.2, 2.9, 7)
+    chains = [storey_matrix(np.roll(stiffness, k)) for k in range(7)]
+    assert all(np.isfinite(modal_damping_matrix(masses, K, [0.02] * 7)).all() for K in chains)

@@ -58,6 +58,8 @@ LIMIT_BYTES = 1 << 30
 CONTROL = re.compile(rb"[\x00-\x08\x0b-\x1f\x7f]|\xc2[\x80-\x9f]")
 SHORT_RECORD = "# units: m/s^2\n# dt: 0.01\n" + "\n".join(f"{np.sin(0.3 * k):.5f}" for k in range(450)) + "\n"
 CASE = "el_centro_low_ff_fb"
+AT_THE_END = ("status", "status_reason", "exit_code", "seeds_per_point", "coordinates", "figures", "format_version")
+"""Attributes that a sweep's file has and its rows have not yet."""
 ROLES = ("command", "table", "floor_2", "floor_3")
 
 
@@ -416,7 +418,8 @@ def make_rows(folder: Path) -> Path:
     attributes: dict[str, Any] = {}
     with h5py.File(folder / "sweep.h5") as file:
         for key, value in file.attrs.items():
-            attributes[key] = value.item() if isinstance(value, np.generic) else value
+            if key not in AT_THE_END:
+                attributes[key] = value.item() if isinstance(value, np.generic) else value
         width = sum(int(np.prod(node.shape[1:])) for node in file.values() if node.dtype.kind == "f")
     row = [0, "complete", "", 0, "safe", "", [0.5] * width]
     path.write_text("".join(json.dumps(line) + "\n" for line in (attributes | {"format": ROWS_FORMAT}, row)))

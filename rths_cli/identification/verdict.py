@@ -196,17 +196,16 @@ def _unsafe_roots(model: Model) -> tuple[str, ...]:
 def reach_hz(model: Model, frf: Frf, most: FitError) -> float:
     """Return the frequency up to which the model keeps its limits, counted from 0.7 Hz.
 
-    Two standard errors of the response are not held against the model; above 11 Hz errors are averaged over five lines;
-    the rms counts from 0.7 Hz.
+    Two standard errors of the response are not held against the model: of the mean of five lines, in which an error
+    that neighbours share does not hide, and up to 11 Hz of each line too. The rms counts from 0.7 Hz.
     """
     f = frf.frequency_hz
     error = model.sampled_response(f) / frf.response - 1.0
-    scatter = SCATTER * frf.relative_error
-    above = f > COMPARED_HZ[1]
     kernel = np.ones(GROUP) / GROUP
-    error[above] = np.convolve(error, kernel, mode="same")[above]
-    scatter[above] /= np.sqrt(GROUP)
-    excess = np.maximum(np.abs(error) - scatter, 0.0)[f >= COMPARED_HZ[0] - 1e-9]
+    together, single = np.convolve(error, kernel, mode="same"), np.where(f > COMPARED_HZ[1], 0.0, np.abs(error))
+    scatter = np.sqrt(np.convolve(frf.relative_error**2, kernel, mode="same") / GROUP)
+    beyond = np.maximum(np.abs(together) - SCATTER * scatter, single - SCATTER * frf.relative_error)
+    excess = np.maximum(beyond, 0.0)[f >= COMPARED_HZ[0] - 1e-9]
     lines = f[f >= COMPARED_HZ[0] - 1e-9]
     mean = np.sqrt(np.cumsum(excess**2) / np.arange(1, len(excess) + 1))
     # a single first line is no rms: the lines up to 2 Hz count together

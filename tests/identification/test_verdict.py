@@ -75,6 +75,13 @@ def test_scatter_of_a_line_below_eleven_hertz_does_not_end_the_reach() -> None:
     assert reach_hz(table(), measured(table(), error, scatter=0.004), LIMITS) == pytest.approx(3.0)
 
 
+def test_an_error_that_neighbouring_lines_share_does_not_hide_in_their_scatter() -> None:
+    inside = (LINES > 4.0) & (LINES < 6.0)
+    frf = measured(table(), np.where(inside, 0.08, 0.0))
+    noisy = replace(frf, relative_error=np.where(inside, 0.05, 2e-4))
+    assert reach_hz(table(), noisy, LIMITS) == pytest.approx(4.1, abs=0.3)
+
+
 def test_slow_growth_of_the_error_ends_the_reach_by_its_rms() -> None:
     error = np.where(LINES > 11.0, 0.02, 0.0)
     low = int(np.sum((LINES > 0.65) & (LINES < 11.05)))

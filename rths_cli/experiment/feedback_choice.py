@@ -10,7 +10,7 @@ tried, the nearest to the usual feedback first.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from rths_cli.control import feedback
@@ -35,10 +35,12 @@ DIGITS = 4  # of a chosen limit on max |S|, so that a case can state it
 
 @dataclass(frozen=True)
 class Chosen:
-    """The weights and the limit on max |S| that were chosen instead of the usual ones."""
+    """The weights and the limit on max |S| that were chosen instead of the usual ones; `usual_of_use`: with those there
+    was a feedback, but a loop without the check's margins."""
 
     weights: Weights
     max_sensitivity: float
+    usual_of_use: bool = True
 
 
 def choose_feedback(
@@ -47,8 +49,8 @@ def choose_feedback(
     """Return the case's feedback, and what was chosen instead of the usual weights (None: nothing was).
 
     `faults` says why the loop is not safe with a feedback. A case that states weights or bandwidth gets them, and
-    method `paper` the usual ones. Where no choice is safe the usual feedback stays. Raises InputError when there is
-    none of use.
+    method `paper` and a case that runs no hybrid test, which has no loop, the usual ones. Where no
+    choice is safe the usual feedback stays. Raises InputError when there is none of use.
     """
     stated = setup.case.controller
 
@@ -67,7 +69,7 @@ def choose_feedback(
         other = _first_safe(make, faults, stated.max_sensitivity)
         if other is None:
             raise
-        return other
+        return other[0], replace(other[1], usual_of_use=False)
     if not faults(usual):
         return usual, None
     return _first_safe(make, faults, stated.max_sensitivity) or (usual, None)
@@ -76,7 +78,7 @@ def choose_feedback(
 def _leaves_choice(setup: Setup) -> bool:
     stated = setup.case.controller
     fixed = (stated.disturbance_hz, stated.command_weight, stated.feedback_bandwidth_hz)
-    return setup.case.method == "best" and fixed == (None, None, None)
+    return setup.case.method == "best" and "exp_rths" in setup.case.runs and fixed == (None, None, None)
 
 
 def _of_printed_model(setup: Setup, identified: Identification, error: InputError) -> tuple[str, ...]:

@@ -97,13 +97,13 @@ class RealStage:
 
 
 def link_counts(rig: Rig) -> dict[str, float]:
-    """Return what an open link counted in this session, from arming to rest, by the names of its datasets; nothing of
-    a rig without a link."""
+    """Return what an open link counted in this session, from arming to rest, by the names of its datasets; what a
+    driver does not count, and a rig without a link, has none."""
     there = linked(rig)
     if there is None:
         return {}
     counts = there.counts
-    return {f"link_{name}": float(counts[name]) for name in LINK_COUNTS}
+    return {f"link_{name}": float(counts[name]) for name in LINK_COUNTS if name in counts}
 
 
 def _with_fault(performed: Performed, stream: LogStream) -> Outcome:

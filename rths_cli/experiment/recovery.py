@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import count, takewhile
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,7 +19,7 @@ from rths_cli.case.yaml_tree import Source, plain
 from rths_cli.errors import InputError
 from rths_cli.experiment import result_contents, run_metrics
 from rths_cli.experiment.ground_motion import GroundMotion, integrate
-from rths_cli.experiment.run_stages import SHAKE_TABLE_TEST, TABLE_RUNS, RunKind, metrics_of_record, run_of
+from rths_cli.experiment.run_stages import TABLE_RUNS, RunKind, metrics_of_record, run_of
 from rths_cli.experiment.runs_of_case import write_run
 from rths_cli.experiment.sensor_drift_report import Expected, as_read
 from rths_cli.experiment.setup import Setup, ground_motion, rig_info
@@ -94,6 +94,11 @@ def result_of(path: Path, header: RawHeader) -> Path:
 def _job(path: Path) -> _Job:
     """Return a log whose result is missing or not complete, with its case; raises InputError."""
     header = read_header(path)
+    if header.run not in KINDS:
+        raise InputError(
+            f"{path}: holds a run named {header.run!r}, this rths knows {' and '.join(KINDS)}; keep the log, recover "
+            "it with the version of rths that wrote it."
+        )
     result = result_of(path, header)
     if result.exists() and read_result(result).attributes["status"] == "complete":
         raise InputError(f"{path}: is not needed any more: {result} is complete and is left alone; remove the log.")
@@ -155,8 +160,8 @@ def _write(writer: ResultWriter, job: _Job, log: RawLog, warnings: str) -> None:
 
 
 def _kind(header: RawHeader) -> RunKind:
-    """Return the kind of run that a log is of; one that this version does not know is no hybrid test."""
-    return KINDS.get(header.run) or replace(SHAKE_TABLE_TEST, name=header.run, label=header.run)
+    """Return the kind of run that a log is of."""
+    return KINDS[header.run]
 
 
 def _note(path: Path, log: RawLog, samples: int) -> str:

@@ -56,10 +56,11 @@ def chosen_feedback(design: Design) -> list[str]:
         return []
     weights = design.chosen.weights
     low, high = weights.disturbance_hz
+    fault = "would leave the loop without the margins that the check asks for"
     return [
-        "controller: the usual feedback would leave the loop without the margins that the check asks for; chosen "
-        f"instead: disturbance_hz: [{low:g}, {high:g}], command_weight: {weights.command_weight:g}, max_sensitivity: "
-        f"{design.chosen.max_sensitivity:g}; state disturbance_hz or command_weight to choose yourself"
+        f"controller: the usual feedback {fault if design.chosen.usual_of_use else 'is of no use on this table'}; "
+        f"chosen instead: disturbance_hz: [{low:g}, {high:g}], command_weight: {weights.command_weight:g}, "
+        f"max_sensitivity: {design.chosen.max_sensitivity:g}; state disturbance_hz or command_weight to choose yourself"
     ]
 
 

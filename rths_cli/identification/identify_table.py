@@ -20,6 +20,11 @@ from rths_cli.identification.table_fit import Fit, Timing, first_fit, fit_error,
 from rths_cli.numerics.lti import Array, Frf, Model
 
 NO_CHAIN = 0.005  # share of the floors' motion left by the specimen's fit, from which its modes are not the zeros
+MOST_TURNS = 4  # of model and specimen
+SAME_MODE, SAME_DAMPING = (
+    0.5,
+    0.5,
+)  # frequencies agree within this part of half a resonance's width, ratios within e^0.5
 MOST_ROUNDS, CONVERGED = 8, 5e-4  # of taking out leakage; change of the model in 0.7-11 Hz that ends them
 COHERENT, OCTAVE_SHARE = 0.5, 2.0 ** (1.0 / 6.0)
 
@@ -48,16 +53,35 @@ def fit_table(data: Evidence, frf: Frf, start: Start) -> TableFit:
 
 
 def _first(data: Evidence, frf: Frf, start: Start) -> tuple[Fit, Frf]:
-    """Return the first fit, and the response it was made to."""
+    """Return the first fit, and the response it was made to.
+
+    The alias of the hold's staircase in the table's samples hides what drives the floors, and only a model of the table
+    tells it. A first look at the specimen, which had none, may be far off; then model and specimen improve in turns.
+    """
     masses, info = data.masses_kg, data.info
-    omega = modal(masses, start.stiffness_n_per_m)[0] if len(masses) else np.zeros(0)
     coupling_hz = info.channels[0].high_pass_hz if data.settings.sensors_removed else 0.0
     timing = Timing(info.latency_samples, info.dt_s, info.transport_s, coupling_hz)
-    found = first_fit(frf, (omega / (2.0 * np.pi), start.damping_ratio), timing, data.settings.band_hz)
-    exact, unexplained = fit_motions(data, start, motions(data, found.model, free=False))
+    for _ in range(MOST_TURNS):
+        omega = modal(masses, start.stiffness_n_per_m)[0] if len(masses) else np.zeros(0)
+        found = first_fit(frf, (omega / (2.0 * np.pi), start.damping_ratio), timing, data.settings.band_hz)
+        exact, unexplained = fit_motions(data, start, motions(data, found.model, free=False))
+        if _agree(start, exact, masses):
+            break
+        start = exact
     held = found.held_zeros if unexplained < NO_CHAIN else 0
     parameters = _with_damping(found, _with_zeros(found, exact, masses), frf)
     return _refined(data, frf, replace(found, parameters=parameters, held_zeros=held))
+
+
+def _agree(one: Start, other: Start, masses: Array) -> bool:
+    """Tell whether two specimens have the same modes but for a part of a resonance's width, so that a model of the
+    table fitted with one suits the other."""
+    if not len(masses):
+        return True
+    slower, faster = (modal(masses, each.stiffness_n_per_m)[0] for each in (one, other))
+    damped = np.abs(np.log(one.damping_ratio / other.damping_ratio))
+    apart = np.abs(np.log(slower / faster)) / np.minimum(one.damping_ratio, other.damping_ratio)
+    return bool((apart < SAME_MODE).all() and (damped < SAME_DAMPING).all())
 
 
 def _refined(data: Evidence, frf: Frf, found: Fit) -> tuple[Fit, Frf]:

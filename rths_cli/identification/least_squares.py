@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rths_cli.numerics.lti import Array, ComplexArray
+from rths_cli.numerics.matrix_equations import symmetric_eigenvectors
 
 Function = Callable[[Array], tuple[Array, Array]]
 """Parameters (n,) -> residual (m,) and its slopes (n, m), a row per parameter."""
@@ -135,7 +136,7 @@ def _linear(slopes: Array, residual: Array, scale: Array) -> _Linear:
     normal = slopes @ slopes.T
     scale = np.maximum(scale, np.sqrt(np.diag(normal)))
     scale = np.where(scale > 0.0, scale, 1.0)
-    values, vectors = np.linalg.eigh(normal / np.outer(scale, scale))
+    values, vectors = symmetric_eigenvectors(normal / np.outer(scale, scale))
     return _Linear(values, vectors, vectors.T @ (slopes @ residual / scale), scale)
 
 
@@ -172,6 +173,6 @@ def covariance(slopes: Array, variance: float) -> Array:
     """
     scale = np.linalg.norm(slopes, axis=1)
     scale = np.where(scale > 0.0, scale, 1.0)
-    values, vectors = np.linalg.eigh((slopes @ slopes.T) / np.outer(scale, scale))
+    values, vectors = symmetric_eigenvectors((slopes @ slopes.T) / np.outer(scale, scale))
     half = vectors / np.sqrt(np.maximum(values, LOST * values[-1])) / scale[:, None]
     return variance * (half @ half.T)

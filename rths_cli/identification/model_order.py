@@ -30,6 +30,7 @@ HALF_SEGMENTS, LONGEST_SEGMENT_S = 5, 20.0
 EXTRA_LAG_HZ, EXTRA_DELAY_S, EXTRA_MODES_HZ, EXTRA_RATIO = 300.0, 3e-4, (15.0, 25.0, 35.0, 50.0), 0.05
 SPLIT = 1.02
 UNDETERMINED = 0.4  # standard uncertainty of a frequency's logarithm
+BEYOND, RESONANT = 2.0, 0.25  # times the end of the band; damping ratio below which a pair doubles what it passes
 CERTAIN, NEAR = 3.0, 0.1  # standard errors between a pole and a zero that do not cancel; as logarithm of frequencies
 
 
@@ -186,8 +187,28 @@ def _score(found: Fit, frf: Frf) -> float:
 
 
 def doubtful(found: Fit) -> tuple[str, ...]:
-    """Return a sentence for each pair of roots that the data do not determine, or do not tell from another one."""
-    return (*_undetermined(found), *_cancelling(found))
+    """Return a sentence for each pair of roots that the data do not determine, do not tell from another one, or that
+    resonates where nothing was measured."""
+    return (*_undetermined(found), *_cancelling(found), *_beyond_band(found))
+
+
+def _resonates(pairs: Array, found: Fit) -> np.ndarray:
+    """Tell which pairs (n, 2) are weakly damped and beyond BEYOND times the end of the band, (n,)."""
+    return (pairs[:, 0] > 2.0 * np.pi * BEYOND * found.model.band_hz[1]) & (pairs[:, 1] < RESONANT)
+
+
+def _beyond_band(found: Fit) -> tuple[str, ...]:
+    """Return a sentence for each pair that resonates where nothing was measured.
+
+    In the band it bends the response by less than the check allows for unknown modes, and other roots bend it alike.
+    """
+    poles, _, zeros = found.layout.pairs(found.parameters)
+    return tuple(
+        f"{kind} pair at {omega / (2.0 * np.pi):.3g} Hz: it resonates far above {found.model.band_hz[1]:.3g} Hz, "
+        "where nothing was measured"
+        for kind, pairs in (("pole", poles), ("zero", zeros))
+        for omega in pairs[_resonates(pairs, found), 0]
+    )
 
 
 def _undetermined(found: Fit) -> tuple[str, ...]:

@@ -1,4 +1,4 @@
-"""Matrix functions over numpy alone: the exponential, the discrete algebraic Riccati equation.
+"""Matrix functions over numpy alone: exponential, eigenvectors, the discrete algebraic Riccati equation.
 
 scipy.linalg has both; its import takes longer than all matrices of a run.
 """
@@ -94,6 +94,20 @@ def continuous_riccati(A: Array, B: Array, Q: Array, R: Array) -> Array:
     if cost is None:
         raise ValueError("the Riccati equation has no stabilising solution")
     return cost
+
+
+def symmetric_eigenvectors(A: Array) -> tuple[Array, Array]:
+    """Return the eigenvalues (n,), rising, and the eigenvectors in columns (n, n) of a symmetric A.
+
+    LAPACK's divide and conquer behind numpy gives up on a few well-formed matrices; the QR method, slower, does not.
+    """
+    try:
+        values, vectors = np.linalg.eigh(A)
+    except np.linalg.LinAlgError:
+        from scipy.linalg import eigh  # once in thousands of fits: its import costs more than a fit
+
+        values, vectors = eigh(A, driver="ev")
+    return np.asarray(values), np.asarray(vectors)
 
 
 def distinct(values: Array) -> Array:

@@ -21,7 +21,7 @@ class _Value:
 class SharedValues:
     """The last values made of each kind, at most `size` of a kind. Threads that ask for the same wait for the first."""
 
-    def __init__(self, size: int = 8) -> None:
+    def __init__(self, size: int = 20) -> None:  # the choice of a feedback asks for 17 designs in turn
         self.size = size
         self._kinds: dict[str, OrderedDict[Hashable, _Value]] = {}
         self._lock = Lock()

@@ -8,7 +8,9 @@ import sys
 import warnings
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy.linalg import eigh
 
 from rths_cli.case.load import load_cases
 from rths_cli.experiment.model_choice import Memory
@@ -31,6 +33,18 @@ COARSE = {
         "stiffness_n_per_m": [35505.0, 55589.0],
         "damping_ratios": [0.058, 0.023],
     },
+}
+SEVEN_FLOORS = {
+    "numerical": {
+        "masses_kg": [2.915, 4.828, 5.783, 5.712, 2.732],
+        "stiffness_n_per_m": [27671.0, 36086.0, 25125.0, 40673.0, 56214.0],
+    },
+    "experimental": {
+        "masses_kg": [2.211, 2.293, 1.620, 1.975, 2.910, 1.179, 1.353],
+        "stiffness_n_per_m": [2181.4, 2585.1, 3538.9, 5171.2, 3074.7, 5204.2, 6749.2],
+        "damping_ratios": [0.0298, 0.0456, 0.056, 0.0277, 0.0393, 0.0477, 0.0371],
+    },
+    "interface_experimental_mass_kg": 0.619,
 }
 SATURATING = {
     "extends": "aps400_virtual",
@@ -61,6 +75,20 @@ def test_coarse_converters_on_a_table_whose_force_ends_before_its_data_sheet_say
     ended = run(tmp_path, structure=COARSE, damping={"first_mode_ratio": 0.03}, controller="FF+FB", table=SATURATING)
     assert (ended.status, ended.exit_code) == ("complete", 0), ended.reason
     assert any("measured again at half the level" in warning for warning in ended.warnings)
+
+
+def test_floors_whose_first_look_goes_astray_are_found(tmp_path: Path) -> None:
+    """Without a model of the table the alias of its staircase hides the highest of seven modes, here at 640 Hz."""
+    path = tmp_path / "case.yaml"
+    table = {"extends": "aps400_virtual", "converters": {"bits": 18, "latency_samples": 3}}
+    case = {"structure": SEVEN_FLOORS, "damping": {"first_mode_ratio": 0.03}, "table": table, "sample_rate_hz": 640.0}
+    path.write_text(json.dumps({"record": "el_centro", "scaling": 0.2, "controller": "FF", **case}))
+    setup = make_setup(load_cases([path])[0])
+    found = Memory().identify(setup, lambda _: None)
+    K, masses = setup.building.specimen.K, setup.building.specimen.masses_kg
+    truth = np.sqrt(eigh(K, np.diag(masses), eigvals_only=True)) / (2.0 * np.pi)
+    assert found.verdict.accepted, found.verdict.reasons
+    assert found.specimen.natural_frequency_hz == pytest.approx(truth, rel=1e-3)
 
 
 @pytest.mark.parametrize("seed", [18])

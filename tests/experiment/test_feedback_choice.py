@@ -79,6 +79,31 @@ def test_what_was_chosen_is_told_and_stored_and_may_be_stated(bare: Identificati
     assert pickle.dumps(design_blocks(stated, bare).blocks) == pickle.dumps(found.blocks)
 
 
+def test_a_case_without_a_hybrid_test_gets_the_usual_feedback(bare: Identification) -> None:
+    """There is no loop whose margins a choice could keep."""
+    setup = make_setup(load_cases(["el_centro_bare_ff_fb"], ["controller=FF+FB", "runs=[shake_table]"])[0])
+    asked = (bare.best, bare.frfs[0], setup.rig.dt_s, None, 1.5, DEFAULT)
+    found = design_blocks(setup, bare)
+    assert found.chosen is None
+    assert pickle.dumps(found.blocks.feedback) == pickle.dumps(feedback.design(*asked).block)
+
+
+def test_a_usual_feedback_that_is_of_no_use_is_told_so(bare: Identification, monkeypatch: pytest.MonkeyPatch) -> None:
+    design = feedback.design
+
+    def without_usual(model: object, frf: object, dt_s: float, hz: object, peak: float, weights: Weights) -> object:
+        if weights == DEFAULT:
+            raise InputError("controller: no feedback is of use on this table")
+        return design(model, frf, dt_s, hz, peak, weights)
+
+    monkeypatch.setattr(feedback_choice.feedback, "design", without_usual)
+    setup = bare_setup()
+    found = design_blocks(setup, bare)
+    assert found.chosen == Chosen(Weights((1.0, 12.0), 1e-3), 1.5, usual_of_use=False)
+    (told,) = [one for one in of_case(setup, bare, found) if "chosen" in one]
+    assert "the usual feedback is of no use on this table; chosen instead: disturbance_hz: [1, 12]" in told
+
+
 @pytest.mark.parametrize(
     ("stated", "weights"),
     [

@@ -293,6 +293,7 @@ def test_columns_case_and_record_must_fit(played: Played, tmp_path: Path) -> Non
     resolved = header.resolved_yaml
     for changed, told in (
         (replace(header, names=names), "has no column corrected_2"),
+        (replace(header, run="pull_test"), "holds a run named 'pull_test', this rths knows"),
         (replace(header, resolved_yaml=resolved.replace("integration: exact", "integration: magic")), "integration"),
         (replace(header, resolved_yaml="a: [1"), "its case"),
         (replace(header, resolved_yaml="a: 1"), "its case has no record"),

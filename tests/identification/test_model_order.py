@@ -15,7 +15,7 @@ from rths_cli.identification.frequency_response import estimate, simulate, witho
 from rths_cli.identification.model_order import choose, doubtful
 from rths_cli.identification.records import Parts, Record
 from rths_cli.identification.results import Candidate
-from rths_cli.identification.table_fit import Fit, Timing, first_fit, refit
+from rths_cli.identification.table_fit import Fit, Layout, Timing, first_fit, pack, refit
 from rths_cli.numerics.lti import Array, Frf, Model
 
 MODES = ((3.2, 0.043), (8.4, 0.039))
@@ -89,6 +89,27 @@ def test_known_structure_is_chosen_and_its_roots_come_back(
     assert found.model.delay_s == pytest.approx(truth.delay_s, abs=5e-5)
     f = np.linspace(1.0, 40.0, 100)
     assert np.abs(found.model.response(f) / truth.response(f) - 1.0).max() < 0.005
+
+
+@pytest.mark.parametrize(
+    ("pole", "zero", "told"),
+    [
+        (
+            (167.0, 0.09),
+            (900.0, 0.93),
+            ["pole pair at 167 Hz: it resonates far above 60 Hz, where nothing was measured"],
+        ),
+        ((167.0, 0.9), (130.0, 0.1), ["zero pair at 130 Hz: it resonates far above 60 Hz, where nothing was measured"]),
+        ((110.0, 0.09), (900.0, 0.93), []),
+    ],
+)
+def test_a_pair_that_resonates_far_above_the_band_is_doubted(
+    pole: tuple[float, float], zero: tuple[float, float], told: list[str]
+) -> None:
+    layout = Layout(1, 0, 1, 0.0)
+    parameters = pack(1.0, np.array([pole]) * [2 * np.pi, 1.0], np.zeros(0), np.array([zero]) * [2 * np.pi, 1.0])
+    model = Model(np.zeros(0), np.zeros(0), 1.0, 0.0, BAND_HZ, 0.0, 1, DT)
+    assert list(doubtful(Fit(model, layout, parameters, 1e-6 * np.eye(5)))) == told
 
 
 def test_score_of_the_right_structure_is_about_one_where_noise_rules() -> None:

@@ -7,7 +7,13 @@ import pytest
 from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 
 from rths_cli.numerics.lti import Array
-from rths_cli.numerics.matrix_equations import balancing, continuous_riccati, doubled, exponential
+from rths_cli.numerics.matrix_equations import (
+    balancing,
+    continuous_riccati,
+    doubled,
+    exponential,
+    symmetric_eigenvectors,
+)
 
 
 @pytest.mark.parametrize(("n", "size"), [(1, 1e-3), (2, 40.0), (3, 1.0), (8, 0.01), (20, 0.3), (40, 1.0), (120, 0.2)])
@@ -67,6 +73,21 @@ def test_balancing_evens_rows_and_columns_and_is_exact() -> None:
     assert np.all(np.abs(np.log2(balanced.sum(axis=0) / balanced.sum(axis=1))) < 3.0)
     assert np.array_equal(np.log2(scale), np.round(np.log2(scale)))
     assert np.array_equal(balancing(np.diag([1e200, 3.0, 0.0])), np.ones(3))
+
+
+def test_eigenvectors_come_from_another_method_where_the_first_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    """LAPACK's divide and conquer, which numpy uses, does not converge on a few well-formed matrices."""
+    A = np.cov(np.random.default_rng(4).normal(size=(6, 40)))
+    usual = symmetric_eigenvectors(A)
+
+    def gives_up(_: Array) -> None:
+        raise np.linalg.LinAlgError("Eigenvalues did not converge")
+
+    monkeypatch.setattr(np.linalg, "eigh", gives_up)
+    values, vectors = symmetric_eigenvectors(A)
+    assert values == pytest.approx(usual[0], rel=1e-12)
+    assert vectors @ np.diag(values) @ vectors.T == pytest.approx(A, abs=1e-14)
+    assert vectors.T @ vectors == pytest.approx(np.eye(6), abs=1e-14)
 
 
 def specimen(n: int, damping: float) -> tuple[Array, Array]:

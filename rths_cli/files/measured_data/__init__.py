@@ -19,7 +19,7 @@ from rths_cli.files.measured_data.hdf5_files import write_recording
 from rths_cli.files.measured_data.missing_samples import mend, missing
 from rths_cli.files.measured_data.recording import Column, Contents, Recording
 from rths_cli.files.measured_data.sample_interval import Clock, choose_interval, read_clock
-from rths_cli.files.measured_data.units import is_time, unit_of
+from rths_cli.files.measured_data.units import FACTORS, is_time, unit_of
 from rths_cli.numerics.lti import Array
 from rths_cli.safe_text import shortened
 
@@ -110,9 +110,14 @@ def _without_infinite(columns: tuple[Column, ...], samples: Array) -> tuple[Arra
     return (np.where(infinite, np.nan, samples) if notes else samples), notes
 
 
+def _exact_unit(column: Column) -> tuple[str, str]:
+    """Return a channel's unit as the project's own form states it; "" and a sentence for one that no channel has."""
+    if column.unit in ("", *FACTORS):
+        return column.unit, ""
+    return "", f"channel {column.name!r}: the unit {column.unit!r} is not known"
+
+
 def _units(columns: tuple[Column, ...], exact: bool) -> tuple[tuple[str, ...], list[str]]:
     """Return the canonical unit of every channel, "" where it is not known, and sentences on doubts."""
-    if exact:
-        return tuple(column.unit for column in columns), []
-    pairs = [unit_of(column.name, column.unit) for column in columns]
+    pairs = [_exact_unit(column) if exact else unit_of(column.name, column.unit) for column in columns]
     return tuple(unit for unit, _ in pairs), [doubt for _, doubt in pairs if doubt]

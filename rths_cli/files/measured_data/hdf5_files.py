@@ -18,7 +18,6 @@ from rths_cli.files.hdf5_safety import LayoutError, check_storage, part, size_of
 from rths_cli.files.measured_data.named_variables import Variable, contents_of
 from rths_cli.files.measured_data.recording import Column, Contents, Recording
 from rths_cli.files.measured_data.sample_interval import stated_interval
-from rths_cli.files.measured_data.units import FACTORS
 from rths_cli.files.result_writer import refusal
 from rths_cli.files.staged_file import new_hdf5
 
@@ -92,12 +91,6 @@ def _own(path: Path, file: h5py.File) -> Contents:
     read = {name: values_of(part(file, name), name, any_number=True) for name in ("samples", "names", "units")}
     samples, names, units = np.asarray(read["samples"], dtype=np.float64), read["names"], read["units"]
     columns = tuple(Column(str(n), row, str(u)) for n, row, u in zip(names, samples, units, strict=True))
-    unknown = [column for column in columns if column.unit and column.unit not in FACTORS]
-    if unknown:
-        raise InputError(
-            f"{path}: channel {unknown[0].name!r} has the unit {unknown[0].unit!r}, which is not one of "
-            f"{', '.join(FACTORS)}; the file is damaged"
-        )
     notes = tuple(str(note) for note in json.loads(_text(file.attrs["notes"])))
     return Contents(columns, (("dt_s", float(file.attrs["dt_s"])),), notes, exact=True)
 

@@ -273,12 +273,14 @@ def test_own_form_of_a_later_version_is_refused(tmp_path: Path) -> None:
     assert "has format version 2, this rths reads up to 1; update rths" in the_fault(path)
 
 
-def test_own_form_with_a_unit_that_rths_never_writes_is_refused(tmp_path: Path) -> None:
+def test_own_form_with_a_unit_that_no_channel_has_is_read_without_it(tmp_path: Path) -> None:
     path = tmp_path / "own.h5"
     write_recording(path, Recording(path, "", 0.0005, NAMES, ("V", "g", "m/s^2"), SAMPLES))
     with h5py.File(path, "r+") as file:
         file["units"][1] = "furlong"
-    assert "has the unit 'furlong', which is not one of V, mV, mg" in the_fault(path)
+    back = read_recording(path)
+    assert back.units == ("V", "", "m/s^2")
+    assert back.notes == (f"channel {NAMES[1]!r}: the unit 'furlong' is not known",)
 
 
 def test_own_form_opens_in_xarray(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from rths_cli.identification.records import Record
 from rths_cli.identification.results import SpecimenFit
 from rths_cli.identification.specimen_fit import (
     ABOVE_HIGHEST,
+    MISFIT,
     Motion,
     Start,
     alive,
@@ -64,11 +65,17 @@ def _motion(record: Record, model: Model | None, free: bool) -> Motion | None:
 
 
 def first_look(data: Evidence) -> Start:
-    """Return first values of the specimen, from the storeys' equations and a minute of motion."""
+    """Return first values of the specimen, from the storeys' equations, and from a minute of motion where that fits.
+
+    It need not: the table's samples carry the alias of the hold's staircase, which only a model of the table tells, and
+    a fit that takes it for motion leaves good first values for bad ones.
+    """
     if len(data.masses_kg) == 0:
         return Start(np.zeros(0), np.zeros(0))
     start = Start(*first_values(grouped(data.records, data.info, data.masses_kg, data.settings.band_hz)))
-    return fit_motions(data, start, [motion.cut(slice(0, ENOUGH)) for motion in motions(data, None, free=False)])[0]
+    minute = [motion.cut(slice(0, ENOUGH)) for motion in motions(data, None, free=False)]
+    fitted, left = fit_motions(data, start, minute)
+    return fitted if left <= MISFIT else start
 
 
 def fit_motions(data: Evidence, start: Start, seen: Sequence[Motion]) -> tuple[Start, float]:

@@ -14,9 +14,12 @@ from rths_cli.identification.channel_signals import UnfitRecord
 from rths_cli.identification.excitation import Kind
 from rths_cli.identification.frequency_response import estimate
 from rths_cli.identification.identify import IdentificationSettings, identify
-from rths_cli.identification.identify_specimen import without_staircase
+from rths_cli.identification.identify_specimen import first_look, without_staircase
+from rths_cli.identification.identify_table import fit_table
+from rths_cli.identification.inputs import evidence
 from rths_cli.identification.records import Parts, Record
 from rths_cli.identification.results import FitError, Identification
+from rths_cli.identification.specimen_fit import Start
 from rths_cli.identification.table_fit import fit_error
 from rths_cli.numerics.lti import Frf
 from rths_cli.rigs.virtual.plant import continuous
@@ -33,6 +36,18 @@ def spoilt(record: Excited, accel: np.ndarray) -> Record:
 @pytest.fixture(scope="module")
 def first() -> Excited:
     return excite(make_specimen(), 1)
+
+
+@pytest.mark.parametrize(("stiffer", "more_damped"), [(1.3, 30.0), (0.7, 5.0), (1.0, 0.1)])
+def test_a_first_look_that_went_astray_is_corrected(first: Excited, stiffer: float, more_damped: float) -> None:
+    """Model and specimen improve in turns: what the table's zeros are held at does not depend on where it began."""
+    data = evidence([first.record], None, first.info, first.specimen.masses_kg, IdentificationSettings())
+    frf = estimate([first.record], first.info.dt_s, data.settings.band_hz, data.settings.segment_s)[0]
+    start = first_look(data)
+    astray = Start(start.stiffness_n_per_m * stiffer, start.damping_ratio * [1.0, more_damped])
+    expected, found = (fit_table(data, frf, each).chosen.model for each in (start, astray))
+    f = np.linspace(0.7, 40.0, 200)
+    assert np.abs(found.response(f) / expected.response(f) - 1.0).max() < 1e-4
 
 
 @pytest.fixture(scope="module")

@@ -12,6 +12,7 @@ from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rths_cli.structure import first_mode_ratio
 from rths_cli.version import __version__
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ PACKAGES = ("numpy", "scipy", "numba", "h5py", "pydantic")
 
 def attributes(setup: Setup, design: Design | None, command_line: str) -> dict[str, str | int | float]:
     """Return the root attributes of a result file except format, status and reason."""
-    case = setup.case
+    case, building = setup.case, setup.building
     published = case.published()
     return {
         "case_name": case.name,
@@ -45,6 +46,7 @@ def attributes(setup: Setup, design: Design | None, command_line: str) -> dict[s
         "model_sha256": model_sha256(design.model) if design else "",
         "record_name": case.record.name,
         "damping_name": case.damping.name,
+        "damping_first_mode_ratio": first_mode_ratio(building.M, building.C, building.K),
         "controller": case.controller.kind,
         "scaling": case.scaling,
         "reference_title": case.reference.title if case.reference else "",

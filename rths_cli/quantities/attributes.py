@@ -16,7 +16,7 @@ STATUSES = ("complete", "aborted", "interrupted", "failed", "refused")
 REAL = "real rig only"
 LINKED = "UDP rig only"
 RECOVERED = "recovered run only"
-UNWRITTEN = "no longer written"
+SINCE_0_2 = "since version 0.2.0"
 
 OF_FILE = (
     AttributeDeclaration("format", "text", "`rths-result`"),
@@ -37,7 +37,11 @@ OF_FILE = (
     AttributeDeclaration("scaling", "number", "factor on the record", (-1e9, 1e9)),
     AttributeDeclaration("damping_name", "text", "damping level, inline where the case gives a mapping"),
     AttributeDeclaration(
-        "damping_first_mode_ratio", "number", "damping ratio of mode 1", (-10.0, 1e3), present=UNWRITTEN
+        "damping_first_mode_ratio",
+        "number",
+        "damping ratio of the whole building's first mode",
+        (-10.0, 1e3),
+        present=SINCE_0_2,
     ),
     AttributeDeclaration("record_name", "text", "name of the record's file"),
     AttributeDeclaration("record_sha256", "text", "SHA-256 of the record's file"),

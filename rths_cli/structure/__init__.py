@@ -5,7 +5,14 @@ experimental floors by displacements relative to the table (the interface floor)
 """
 
 from rths_cli.structure.building import DampingSpec, ExperimentalSpec, NumericalSpec, StructureSpec, build
-from rths_cli.structure.shear_chain import above_rounding, modal_damping_matrix, modes, storey_matrix, storey_values
+from rths_cli.structure.shear_chain import (
+    above_rounding,
+    first_mode_ratio,
+    modal_damping_matrix,
+    modes,
+    storey_matrix,
+    storey_values,
+)
 from rths_cli.structure.stiffness_from_frequencies import stiffness_from_frequencies
 from rths_cli.structure.substructures import Building, Numerical, Specimen, assemble
 
@@ -20,6 +27,7 @@ __all__ = [
     "above_rounding",
     "assemble",
     "build",
+    "first_mode_ratio",
     "modal_damping_matrix",
     "modes",
     "stiffness_from_frequencies",

@@ -16,6 +16,7 @@ from rths_cli.case.load import load_cases
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.run import Ended, run_case
 from rths_cli.experiment.setup import make_setup
+from rths_cli.files.result_reader import read_result
 
 sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
 
@@ -69,6 +70,8 @@ def test_a_stiff_storey_whose_free_vibration_dies_at_once(rate_hz: float, tmp_pa
         tmp_path, structure=ONE_STOREY, damping={"first_mode_ratio": 0.06}, controller="FF", sample_rate_hz=rate_hz
     )
     assert (ended.status, ended.exit_code) == ("complete", 0), ended.reason
+    stored = read_result(tmp_path / "case.h5").attributes
+    assert stored["damping_first_mode_ratio"] == pytest.approx(0.06, rel=1e-9)
 
 
 def test_coarse_converters_on_a_table_whose_force_ends_before_its_data_sheet_says(tmp_path: Path) -> None:

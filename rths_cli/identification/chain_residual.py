@@ -215,22 +215,36 @@ def _storey(chain: Grouped, i: int) -> _Storey:
     columns = np.array([drift, *damping, *chain.further])
     n, stiffness = len(damping), 0.0
     for _ in range(ROUNDS):
-        stiffness = max(_solved(chain, i, inertia, columns, stiffness)[1][0], 0.0)
-    chi, found, error = _solved(chain, i, inertia, columns, stiffness)
-    best = _Storey(chi, float(found[0]), error, found[1 : n + 1])
-    if found[0] <= 0.0:
-        chi, found, _ = _solved(chain, i, inertia, columns[1:], 0.0)
-        best = _Storey(chi, 0.0, float("inf"), found[:n])
+        stiffness = max(_solved(chain, i, inertia, columns, stiffness).factors[0], 0.0)
+    found = _solved(chain, i, inertia, columns, stiffness)
+    best = _Storey(found.chi_square, float(found.factors[0]), found.first_error(), found.factors[1 : n + 1])
+    if found.factors[0] <= 0.0:
+        found = _solved(chain, i, inertia, columns[1:], 0.0)
+        best = _Storey(found.chi_square, 0.0, float("inf"), found.factors[:n])
     rigid = float(chain.masses_kg[i - 1 :].sum()) * (RIGID * float(chain.omega.max())) ** 2
-    chi, found, _ = _solved(chain, i, inertia + rigid * drift, columns[1:], rigid)
-    return _Storey(chi, float("inf"), float("inf"), found[:n]) if chi < best.chi_square else best
+    found = _solved(chain, i, inertia + rigid * drift, columns[1:], rigid)
+    stiff = _Storey(found.chi_square, float("inf"), float("inf"), found.factors[:n])
+    return stiff if stiff.chi_square < best.chi_square else best
 
 
-def _solved(
-    chain: Grouped, i: int, wanted: ComplexArray, columns: ComplexArray, stiffness: float
-) -> tuple[float, Array, float]:
-    """Return sum of squares over variances, the factors of the columns (k, g) and the relative standard error of the
-    first, for weights of a stiffness."""
+@dataclass(frozen=True)
+class _Solved:
+    """Sum of squares over variances and the factors (k,) of a storey's columns; the weighted columns (k, 2 g), each of
+    length 1, and the factors (k,) of those."""
+
+    chi_square: float
+    factors: Array
+    rows: Array
+    of_rows: Array
+
+    def first_error(self) -> float:
+        """Return the relative standard error of the first factor."""
+        spread = float(covariance(self.rows, max(self.chi_square / self.rows.shape[1], 1.0))[0, 0])
+        return float(np.sqrt(spread) / max(abs(self.of_rows[0]), 1e-300))
+
+
+def _solved(chain: Grouped, i: int, wanted: ComplexArray, columns: ComplexArray, stiffness: float) -> _Solved:
+    """Return the factors of columns (k, g) that add up to what is wanted (g,), for weights of a stiffness."""
     weight = np.sqrt(2.0 / _variance(chain, i, stiffness))
     rows = parts(columns * weight)
     target = parts(-wanted * weight)
@@ -239,9 +253,7 @@ def _solved(
     rows /= size[:, None]
     found = linear(rows, target)
     left = target - found @ rows
-    chi = float(left @ left)
-    spread = float(covariance(rows, max(chi / len(left), 1.0))[0, 0])
-    return chi, np.asarray(found / size), float(np.sqrt(spread) / max(abs(found[0]), 1e-300))
+    return _Solved(float(left @ left), np.asarray(found / size), rows, found)
 
 
 def _variance(chain: Grouped, i: int, stiffness: float) -> Array:

@@ -44,7 +44,10 @@ def test_a_rig_that_is_told_nothing_holds_and_that_shakes_the_building(
 def test_in_a_stall_longer_than_what_was_told_the_rig_stops_and_comes_back_within_the_limits(
     laboratory: Laboratory, calm: Performance
 ) -> None:
-    """It slows down as hard as the guard brakes, and half as hard again between points; bits alone make 10 m/s^2."""
+    """It slows down as hard as the guard brakes, and half as hard again between points.
+
+    Without a stall the command never bends that hard, its rounding and the sensors' noise in the feedback included.
+    """
     run, apart = laboratory.run(STALLED_AT, 150)
     limits, here = run.limits, slice(0, run.course.ramp + RECORD)
     metres = limits.gain_m_per_v * np.array([logged(one).command_v[here] for one in (run, calm)])
@@ -55,4 +58,4 @@ def test_in_a_stall_longer_than_what_was_told_the_rig_stops_and_comes_back_withi
     assert np.abs(np.diff(metres)).max() / limits.dt_s < limits.velocity_m_s
     assert apart == 0.0 and run.guard.flags[1] == END
     assert np.sort(np.abs(metres[0] - metres[1])[STALLED_AT + 149])[1] > 1e-4  # there was a way to come back
-    assert run.course.drift[OFF_V] == 0.0 and jolts[1].max() < 10.0
+    assert run.course.drift[OFF_V] == 0.0 and jolts[1].max() < 0.45 * limits.acceleration_m_s2

@@ -31,32 +31,30 @@ from rths_cli.identification.specimen_fit import modal
 from rths_cli.numerics.lti import Array, ComplexArray, integral_share
 from rths_cli.rigs.description import RigInfo
 
-GROUP_SHARE, LEAST_LINES = 0.01, 6  # width of a group over its frequency; lines in it
-LEAST_POWER = 1e-4  # of the median power of the command's second derivative, below which a group is not excited
-UNLINEARITY = 0.003  # of a channel's motion: what is not held against a chain
-ENDS = 4  # powers of 1 / s that the ends of a stretch add
-ROUNDS = 5  # of weighting by the stiffness found last
-BELOW, BEYOND = 0.1, 3.0  # times the band's ends: own frequencies of storeys too soft and too stiff to be seen
-RATIOS = (1e-3, 0.5)  # damping ratios that a finer fit may start from
-RIGID = 30.0  # a storey whose own frequency is so many times the highest line is rigid
+GROUP_SHARE, LEAST_LINES = 0.01, 6  # width of a group over its frequency; least number of lines in it
+LEAST_POWER = 1e-4  # a group with less of the command's median power (second derivative) is not excited
+UNLINEARITY = 0.003  # tolerated nonlinearity, as a fraction of a channel's motion
+ENDS = 4  # number of powers of 1 / s that represent the ends of a stretch
+ROUNDS = 5  # iterations of the weights, each with the stiffness found before
+BELOW, BEYOND = 0.1, 3.0  # assumed frequency of a storey too soft or too stiff to be seen, over the band's ends
+RATIOS = (1e-3, 0.5)  # smallest and largest damping ratio from which a finer fit may start
+RIGID = 30.0  # frequency of a rigid storey over the highest line
 
 
 @dataclass(frozen=True)
 class Grouped:
-    """Groups of lines (g,) of records: accelerations, velocities and displacements (c, g) of table and floors, and the
-    variance of the channels' noise (c, g). `further` (p, g): what the ends of the records add, and velocity and
-    displacement of the staircase's alias in the table's acceleration. `masses_kg` (c - 1,)."""
+    """Fourier lines of records in g groups, for the c channels of table and floors."""
 
-    omega: Array
-    accel: ComplexArray
-    velocity: ComplexArray
-    displacement: ComplexArray
-    further: ComplexArray
-    noise: Array
-    masses_kg: Array
+    omega: Array  # (g,) rad/s
+    accel: ComplexArray  # (c, g)
+    velocity: ComplexArray  # (c, g)
+    displacement: ComplexArray  # (c, g)
+    further: ComplexArray  # (p, g) terms of the records' ends, and of the staircase's alias in the table's acceleration
+    noise: Array  # (c, g) variance of the channels' noise
+    masses_kg: Array  # (c - 1,) floors
 
     def permuted(self, order: Sequence[int]) -> Grouped:
-        """Return the same with channels in another order."""
+        """Return the same groups with the channels in another order."""
         at = list(order)
         return replace(
             self, accel=self.accel[at], velocity=self.velocity[at], displacement=self.displacement[at],
@@ -64,7 +62,7 @@ class Grouped:
         )  # fmt: skip
 
     def multiplied(self, factors: Array | ComplexArray) -> Grouped:
-        """Return the same with channels multiplied by factors (c, 1) or (c, g)."""
+        """Return the same groups with the channels multiplied by factors (c, 1) or (c, g)."""
         return replace(
             self, accel=factors * self.accel, velocity=factors * self.velocity,
             displacement=factors * self.displacement, noise=np.abs(factors) ** 2 * self.noise,
@@ -73,29 +71,26 @@ class Grouped:
 
 @dataclass(frozen=True)
 class Explained:
-    """How well a chain explains the channels: sum of squares over variances `chi_square` of each storey (n,) and how
-    many are added there (n,), the storeys' stiffnesses (n,) in N/m, 0 where no positive one helps, infinite where the
-    storey is rigid as far as the data tell, their relative standard errors (n,), and the dashpots c_ij (n, n) in N s/m.
-    """
+    """How well a chain of n storeys explains the channels."""
 
-    chi_square: Array
-    count: Array
-    stiffness_n_per_m: Array
-    relative_error: Array
-    dashpots_n_s_per_m: Array
+    chi_square: Array  # (n,) sum of squared residuals over their variances, per storey
+    count: Array  # (n,) number of terms in that sum
+    stiffness_n_per_m: Array  # (n,) 0 if no positive stiffness helps, infinite if the data show a rigid storey
+    relative_error: Array  # (n,) relative standard error of the stiffnesses
+    dashpots_n_s_per_m: Array  # (n, n) c_ij
 
     @property
     def misfit(self) -> Array:
-        """Return the rms of the equations over their standard deviation, (n,): 1 when noise is all that is left."""
+        """Return the rms of the residuals over their standard deviation, (n,): 1 if they are noise alone."""
         return np.sqrt(self.chi_square / self.count)
 
 
 def grouped(
     records: Sequence[Record], info: RigInfo, masses_kg: Array, band_hz: tuple[float, float], raw: bool = False
 ) -> Grouped:
-    """Return the groups of lines in a band of the excited parts of records; masses (c - 1,) in kg.
+    """Return the grouped lines of the excited parts of records in a band; masses (c - 1,) in kg.
 
-    `raw`: every line by itself and as it is, with all that is in it beside the answer to the command.
+    `raw`: each line forms its own group and is not correlated with the command, so that noise is not averaged out.
     """
     parts = [_of_record(record, info, np.asarray(masses_kg, dtype=float), band_hz, raw) for record in records]
     apart = [[part.further * float(row is part) for part in parts] for row in parts]
@@ -146,12 +141,12 @@ def _of_record(record: Record, info: RigInfo, masses_kg: Array, band_hz: tuple[f
 
 
 def _summed(values: Any, starts: Sequence[int]) -> Any:
-    """Return sums (..., g) of values (..., m) over groups that begin at so many of them."""
+    """Return sums (..., g) of values (..., m) over groups that begin at the given indices (g,)."""
     return np.add.reduceat(values, starts, axis=-1)
 
 
 def _staircase(command_v: Array, info: RigInfo) -> Array:
-    """Return the last change of the held command at each sample (n,), with what undoing an AC coupling adds to it."""
+    """Return the last change of the held command at each sample (n,), with the part that the AC correction adds."""
     late = max(info.latency_samples, 1)
     moved = np.concatenate([np.zeros(late + 1), command_v - command_v[0]])
     now, before = moved[1 : len(command_v) + 1], moved[: len(command_v)]
@@ -159,7 +154,7 @@ def _staircase(command_v: Array, info: RigInfo) -> Array:
 
 
 def _group_starts(frequency_hz: Array) -> list[int]:
-    """Return where groups of lines begin, each GROUP_SHARE of its frequency wide and of LEAST_LINES at least."""
+    """Return the first line of each group; a group is GROUP_SHARE of its frequency wide and has LEAST_LINES or more."""
     starts: list[int] = []
     at = 0
     step = frequency_hz[1] - frequency_hz[0]
@@ -183,9 +178,10 @@ def explained(chain: Grouped) -> Explained:
 
 
 def first_values(chain: Grouped) -> tuple[Array, Array]:
-    """Return stiffnesses in N/m and modal damping ratios (n,) of a chain that explains grouped lines, for a finer fit.
+    """Return stiffnesses in N/m and modal damping ratios, each (n,), as start values of a finer fit.
 
-    A storey whose stiffness the data do not tell gets one far outside the band, on the side where it must be.
+    A storey whose stiffness the data do not determine gets a frequency far outside the band: below it if the storey is
+    soft, above it if the storey is stiff.
     """
     found, masses = explained(chain), chain.masses_kg
     above = np.cumsum(masses[::-1])[::-1]
@@ -208,7 +204,7 @@ class _Storey:
 
 
 def _storey(chain: Grouped, i: int) -> _Storey:
-    """Return what explains storey i, from 1, best: a stiffness, none, or rigidity."""
+    """Return the best fit of storey i (from 1): with a finite stiffness, without stiffness, or rigid."""
     inertia = chain.masses_kg[i - 1 :] @ chain.accel[i:]
     drift = chain.displacement[i] - chain.displacement[i - 1]
     damping = np.diff(chain.velocity, axis=0)
@@ -229,13 +225,12 @@ def _storey(chain: Grouped, i: int) -> _Storey:
 
 @dataclass(frozen=True)
 class _Solved:
-    """Sum of squares over variances and the factors (k,) of a storey's columns; the weighted columns (k, 2 g), each of
-    length 1, and the factors (k,) of those."""
+    """Least-squares solution of a storey's equation."""
 
-    chi_square: float
-    factors: Array
-    rows: Array
-    of_rows: Array
+    chi_square: float  # sum of squared residuals over their variances
+    factors: Array  # (k,) of the columns
+    rows: Array  # (k, 2 g) weighted columns, each scaled to length 1
+    of_rows: Array  # (k,) factors of the scaled columns
 
     def first_error(self) -> float:
         """Return the relative standard error of the first factor."""
@@ -244,7 +239,10 @@ class _Solved:
 
 
 def _solved(chain: Grouped, i: int, wanted: ComplexArray, columns: ComplexArray, stiffness: float) -> _Solved:
-    """Return the factors of columns (k, g) that add up to what is wanted (g,), for weights of a stiffness."""
+    """Solve the equation of storey i by least squares: columns (k, g) and `wanted` (g,) add up to zero.
+
+    The weights are those for a given stiffness.
+    """
     weight = np.sqrt(2.0 / _variance(chain, i, stiffness))
     rows = parts(columns * weight)
     target = parts(-wanted * weight)
@@ -257,7 +255,7 @@ def _solved(chain: Grouped, i: int, wanted: ComplexArray, columns: ComplexArray,
 
 
 def _variance(chain: Grouped, i: int, stiffness: float) -> Array:
-    """Return the variance (g,) of a storey's equation: every channel's, by its factor in it squared."""
+    """Return the variance (g,) of a storey's equation: the channels' variances times their squared factors in it."""
     per_accel = stiffness / chain.omega**2
     own = (chain.masses_kg[i - 1] - per_accel) ** 2 * chain.noise[i] + per_accel**2 * chain.noise[i - 1]
     return np.asarray(own + chain.masses_kg[i:] ** 2 @ chain.noise[i + 1 :])

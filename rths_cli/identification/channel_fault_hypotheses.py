@@ -1,8 +1,8 @@
 """Which single fault of a channel, a mass or the floors' order explains channels that a chain as declared does not.
 
-Each fault is a change of the data (channels multiplied or exchanged) or of the masses, under which the equations of the
-storeys are tried anew (chain_residual.py). A fault is named only when the channels as declared cannot be explained,
-when it explains them, and when it is large enough to be one; faults that explain them alike are named together.
+Each fault is a change of the data (channels multiplied or exchanged) or of the masses. The storeys' equations are
+solved again with that change (chain_residual.py). A fault is reported only if the declared channels cannot be explained, the
+fault explains them, and it is large enough. Faults that explain the channels equally well are reported together.
 """
 
 from __future__ import annotations
@@ -17,41 +17,36 @@ import numpy as np
 from rths_cli.identification.chain_residual import Explained, Grouped, explained
 from rths_cli.numerics.lti import ComplexArray
 
-FITS = 2.0  # standard deviations of the worst storey that are no evidence against a chain as declared
-CURED = 0.4  # of the misfit that a fault may leave
-ALIKE = 1.3  # times the least misfit of a fault: another one explains the channels as well
-RANGE = (0.3, 3.0)  # of a sensitivity or mass
-LEAST_REVERSED = 4  # channels: up to three floors are reversed by exchanging two
-LATEST = 3.0  # samples between one channel and the others
+FITS = 2.0  # largest misfit of a storey, in standard deviations, at which the declared chain is accepted
+CURED = 0.4  # a fault explains the channels if it leaves at most this fraction of the misfit
+ALIKE = 1.3  # faults with up to this multiple of the least misfit explain the channels equally well
+RANGE = (0.3, 3.0)  # tried factors of a sensitivity or mass
+LEAST_REVERSED = 4  # channels; with up to three floors, exchanging two floors already reverses their order
+LATEST = 3.0  # tried delays of one channel against the others, in samples, either way
 SIGN, GAIN, SWAP, REVERSED, MASS, LATE = "sign", "gain", "swap", "reversed", "mass", "late"
 
 
 @dataclass(frozen=True)
 class Suspect:
-    """A fault of channels (by index, the table's is 0) or of floors' masses (by index of the floor's channel).
-
-    `size`: what a channel reads over what is true, the true mass over the given one, or by how many samples a channel
-    is late. `misfit`: rms of the storeys' equations over their standard deviation that it leaves.
-    """
+    """A possible fault of channels or of floor masses."""
 
     kind: str
-    channels: tuple[int, ...]
-    size: float
-    misfit: float
+    channels: tuple[int, ...]  # indices of the channels concerned, 0 for the table; of a mass, the floor's channel
+    size: float  # reading over true value, true over given mass, or delay of a channel in samples
+    misfit: float  # rms of the storeys' residuals over their standard deviation if this fault is assumed
 
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """`misfit` of the channels as declared, `fits` when nothing is wrong; the faults that explain them alike, the best
-    first, () where there is none or no single one does."""
+    """Whether the declared channels fit a chain, and the single faults that would explain them if they do not."""
 
-    misfit: float
-    fits: bool
-    suspects: tuple[Suspect, ...]
+    misfit: float  # of the channels as declared
+    fits: bool  # whether the declared channels fit
+    suspects: tuple[Suspect, ...]  # faults that explain the channels equally well, the best first; () if none does
 
 
 def diagnose(chain: Grouped, dt_s: float) -> Diagnosis:
-    """Return which single faults explain grouped lines that a chain with the given masses does not."""
+    """Return the single faults that explain grouped lines, if a chain with the given masses does not explain them."""
     declared = explained(chain)
     misfit = _misfit(declared)
     if float(declared.misfit.max(initial=0.0)) < FITS:
@@ -64,12 +59,12 @@ def diagnose(chain: Grouped, dt_s: float) -> Diagnosis:
 
 
 def _misfit(found: Explained) -> float:
-    """Return the rms over all storeys of the equations over their standard deviation."""
+    """Return the rms, over all storeys, of the residuals over their standard deviation."""
     return float(np.sqrt(found.chi_square.sum() / found.count.sum()))
 
 
 def _whole(chain: Grouped) -> Iterator[Suspect]:
-    """Yield the faults that are there or not, each with the misfit that it leaves: signs and places of channels."""
+    """Yield the faults without a size, each with its misfit: reversed signs, exchanged channels, reversed order."""
     count = len(chain.accel)
     for index in range(count):
         yield Suspect(SIGN, (index,), -1.0, _misfit(explained(chain.multiplied(_only(count, index, -1.0)))))
@@ -83,9 +78,9 @@ def _whole(chain: Grouped) -> Iterator[Suspect]:
 
 
 def _sized(chain: Grouped, dt_s: float) -> Iterator[Suspect]:
-    """Yield the faults that have a size, each with the one that leaves the least misfit: sensitivities, masses, times.
+    """Yield the faults with a size (sensitivity, delay, mass), each with the size that leaves the least misfit.
 
-    With one floor its mass only scales the stiffness.
+    Masses are tried for two floors or more: with one floor its mass only scales the stiffness.
     """
     count = len(chain.accel)
     factors = float(np.log(RANGE[0])), float(np.log(RANGE[1]))
@@ -99,24 +94,24 @@ def _sized(chain: Grouped, dt_s: float) -> Iterator[Suspect]:
 
 
 def _reading(chain: Grouped, index: int, size: float) -> Grouped:
-    """Return the data if a channel reads exp(size) times what is true."""
+    """Return the data corrected under the assumption that a channel reads exp(size) times the true value."""
     return chain.multiplied(_only(len(chain.accel), index, np.exp(-size)))
 
 
 def _late(chain: Grouped, index: int, dt_s: float, samples: float) -> Grouped:
-    """Return the data if a channel is late by so many samples."""
+    """Return the data corrected under the assumption that a channel is `samples` samples late."""
     return chain.multiplied(_only(len(chain.accel), index, np.exp(1j * chain.omega * dt_s * samples)))
 
 
 def _weighing(chain: Grouped, index: int, size: float) -> Grouped:
-    """Return the data if a floor weighs exp(size) times what is given."""
+    """Return the data with the mass of a floor changed to exp(size) times the given one."""
     masses = chain.masses_kg.copy()
     masses[index - 1] *= np.exp(size)
     return replace(chain, masses_kg=masses)
 
 
 def _only(count: int, index: int, factor: float | ComplexArray) -> ComplexArray:
-    """Return factors (count, 1) or (count, g) of channels, 1 for all but one."""
+    """Return factors (count, 1) or (count, g) of the channels: `factor` for one channel, 1 for the others."""
     factors = np.ones((count, np.size(factor)), dtype=complex)
     factors[index] = factor
     return factors

@@ -1,8 +1,8 @@
 """Are the channels what they say they are, by their responses? Incoherent, swapped, reversed, of wrong sensitivity.
 
-Channels are judged together: by the storeys' equations, of whatever stiffness and damping (chain_residual.py), and by
-the faults that would explain what these do not (channel_fault_hypotheses.py). The command tells the directions that
-floors and table alone do not.
+Channels are judged together: by the storeys' equations with free stiffness and damping (chain_residual.py), and by the
+single faults that would explain a misfit (channel_fault_hypotheses.py). The command shows a reversal of all channels,
+which floors and table alone cannot show.
 """
 
 from __future__ import annotations
@@ -21,27 +21,27 @@ from rths_cli.numerics.lti import Array, Frf
 from rths_cli.rigs.description import RigInfo
 
 LEAST_COHERENCE = 0.9  # median in COMPARED_HZ
-NOISE_MARGIN, SHARED = 3.0, 2.0  # times what a channel's noise takes of its coherence; times what the table loses
-GAIN_SHARE, FAR_GAIN = 0.1, (0.6, 1.7)  # of the data sheet's gain: said beyond the first, refused outside the second
+NOISE_MARGIN, SHARED = 3.0, 2.0  # allowed loss of coherence: multiples of the loss to noise, and of the table's loss
+GAIN_SHARE, FAR_GAIN = 0.1, (0.6, 1.7)  # deviation from the data sheet's gain for a warning; range that is not refused
 SURE = 3.0  # standard uncertainties
-DIRECTION_HZ, DIRECTION = 3.0, 0.5  # up to where the table follows its command; cosine of a clear direction
-FOLLOWS = 0.5  # power of the frequency, above which a channel may be an acceleration after a displacement's command
-REFUSED_GAIN, REFUSED_MASS = 0.03, 0.3  # errors of a sensitivity or mass, beyond which channels are refused
-SAID, UNEXPLAINED = 10.0, 30.0  # standard deviations, beyond which no chain and no single fault is said, and refused
-CALM = 0.2  # of the misfit at full level, up to which a chain explains the channels at low level
-TRUE_MOTION = 10.0  # standard deviations of single lines, up to which channels show the motion of a chain
+DIRECTION_HZ, DIRECTION = 3.0, 0.5  # highest frequency at which the table follows its command; cosine of a clear sign
+FOLLOWS = 0.5  # least slope (power of frequency) of an acceleration in response to a displacement command
+REFUSED_GAIN, REFUSED_MASS = 0.03, 0.3  # errors of a sensitivity or mass beyond which channels are refused
+SAID, UNEXPLAINED = 10.0, 30.0  # unexplained misfit, in standard deviations, for a warning and for a refusal
+CALM = 0.2  # a chain explains the low level if it leaves at most this fraction of the misfit at full level
+TRUE_MOTION = 10.0  # largest misfit of single lines, in standard deviations, at which channels show a chain's motion
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """Why channels must not be used, a sentence each, and what to know of channels that may."""
+    """Faults, one sentence each, for which the channels must not be used, and warnings on usable channels."""
 
     faults: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 
 
 def judge(data: Evidence, frfs: Sequence[Frf]) -> Judgement:
-    """Return what the channels' responses say of them: coherence, direction, place and sensitivity."""
+    """Judge the channels by their responses: coherence, sign, order and sensitivity."""
     against = _direction(frfs[0])
     if len(data.masses_kg) == 0:
         faults = _incoherent(data, frfs) or _does_not_follow(frfs[0], data.info) or _polarity(against)
@@ -61,10 +61,10 @@ def judge(data: Evidence, frfs: Sequence[Frf]) -> Judgement:
 
 
 def far_gain(low_frequency_gain_m_per_v: float, info: RigInfo, measured: Frf) -> tuple[str, ...]:
-    """Return why a model is refused whose gain is nowhere near the data sheet's.
+    """Return the reason to reject a model whose gain is far from the data sheet's.
 
-    A model tells little of the table below its band, where its gain is read off: the lines of the `measured` response
-    up to DIRECTION_HZ must be far from the data sheet's gain, too.
+    The low-frequency gain of a model is an extrapolation below its band. Therefore the model is rejected only if the
+    lines of the `measured` response up to DIRECTION_HZ are far from the data sheet's gain, too.
     """
     ratio = abs(low_frequency_gain_m_per_v) / info.gain_m_per_v
     ratios = (ratio, _measured_gain(measured) / info.gain_m_per_v)
@@ -83,8 +83,10 @@ def _measured_gain(table: Frf) -> float:
 
 
 def gain_warnings(low_frequency_gain_m_per_v: float, relative_error: float, info: RigInfo) -> tuple[str, ...]:
-    """Return a sentence when the model's gain at zero frequency is far from the data sheet's, beyond its standard
-    uncertainty, relative."""
+    """Return a warning if the model's low-frequency gain differs from the data sheet's beyond its uncertainty.
+
+    `relative_error` is the relative standard uncertainty of the gain.
+    """
     ratio = abs(low_frequency_gain_m_per_v) / info.gain_m_per_v
     if abs(ratio - 1.0) <= GAIN_SHARE + SURE * ratio * relative_error or not FAR_GAIN[0] <= ratio <= FAR_GAIN[1]:
         return ()
@@ -95,10 +97,10 @@ def gain_warnings(low_frequency_gain_m_per_v: float, relative_error: float, info
 
 
 def _incoherent(data: Evidence, frfs: Sequence[Frf]) -> list[str]:
-    """Return a sentence for each channel that loses more coherence than its own noise, and the table's, take.
+    """Return a sentence for each channel that loses more coherence than its own noise and the table explain.
 
-    What disturbs the table (friction, say) moves the floors too. Vibrations longer than a segment cost coherence as
-    well, but obey the storeys' equations line by line, which a loose contact does not.
+    A disturbance of the table (friction, for instance) also moves the floors. Vibrations longer than a segment reduce
+    the coherence, too, but they satisfy the storeys' equations line by line; a loose contact does not.
     """
     lost, most = [1.0 - channel_signals.coherence(frf) for frf in frfs], 1.0 - LEAST_COHERENCE
     if max(lost) <= most:
@@ -125,7 +127,7 @@ def _incoherent(data: Evidence, frfs: Sequence[Frf]) -> list[str]:
 
 
 def _disturbed(which: str, coherence: float, by_noise: float, told: str) -> str:
-    """Return the sentence on channels that all lose coherence: noise, or something else that moves the table."""
+    """Return the sentence for channels that all lose coherence: their noise, or another disturbance of the table."""
     head = f"{which}: median coherence {coherence:.2f} {told}"
     if 1.0 - coherence <= NOISE_MARGIN * (1.0 - by_noise):
         return f"{head}; noise at rest and bits leave {by_noise:.2f}: the motion is too small for these sensors"
@@ -136,7 +138,7 @@ def _disturbed(which: str, coherence: float, by_noise: float, told: str) -> str:
 
 
 def _lost_to_noise(data: Evidence, index: int, frequency_hz: Array) -> float:
-    """Return what a channel's noise at rest and its rounding take of the coherence, median in COMPARED_HZ."""
+    """Return the loss of coherence due to a channel's noise at rest and quantisation, median in COMPARED_HZ."""
     from scipy import signal  # takes half a second, and only incoherent channels come here
 
     inside = frequency_hz[within(frequency_hz, COMPARED_HZ)]
@@ -151,21 +153,21 @@ def _lost_to_noise(data: Evidence, index: int, frequency_hz: Array) -> float:
 
 
 def _direction(table: Frf) -> float:
-    """Return the cosine between the table's motion and its command at low frequency: 1 with it, -1 against it."""
+    """Return the cosine of the phase between table and command at low frequency: 1 in phase, -1 reversed."""
     low = table.frequency_hz <= DIRECTION_HZ
     moved = table.response[low] / -((2.0 * np.pi * table.frequency_hz[low]) ** 2)
     return float(np.sum(moved.real) / np.sum(np.abs(moved)))
 
 
 def _polarity(direction: float) -> list[str]:
-    """Return a sentence when channels that go together move against the command."""
+    """Return a sentence if channels that agree with each other all move against the command."""
     if direction > -DIRECTION:
         return []
     return ["command: every channel moves against it; its polarity is reversed (or that of all sensors)"]
 
 
 def _does_not_follow(table: Frf, info: RigInfo) -> list[str]:
-    """Return a sentence when the table's response does not rise with frequency, as an acceleration's must."""
+    """Return a sentence if the table's response does not rise with frequency, as that of an acceleration must."""
     low = within(table.frequency_hz, COMPARED_HZ)
     slope = np.polyfit(np.log(table.frequency_hz[low]), np.log(np.abs(table.response[low])), 1)[0]
     if slope > FOLLOWS:
@@ -178,12 +180,12 @@ def _does_not_follow(table: Frf, info: RigInfo) -> list[str]:
 
 
 def _all_late(found: Sequence[Suspect]) -> bool:
-    """Tell whether all floors are out of step with the table alike, which is judged once there is a model."""
+    """Return whether the table is out of step with all floors; that is judged later, with a model."""
     return any(each.channels == (0,) for each in found if each.kind == LATE)
 
 
 def _yielding(data: Evidence, found: Diagnosis) -> Judgement | None:
-    """Return a warning when the same channels show a chain at low level: they are right, and the specimen yields."""
+    """Return a warning if the channels fit a chain at low level: then they are right and the specimen is nonlinear."""
     if data.quiet is None or found.misfit <= SAID:
         return None
     low = explained(grouped((data.quiet,), data.info, data.masses_kg, data.settings.band_hz))
@@ -199,7 +201,7 @@ def _yielding(data: Evidence, found: Diagnosis) -> Judgement | None:
 
 
 def _unexplained(found: Diagnosis) -> Judgement:
-    """Return what to say of channels that neither a chain nor a single fault explains."""
+    """Return the judgement on channels that neither a chain nor a single fault explains."""
     said = (
         f"floors: no chain of storeys with the given masses explains the channels (what is left is {found.misfit:.3g} "
         "times what noise, bits and 0.3 % of unlinearity may leave), and no single fault of a channel, a mass or the "
@@ -211,7 +213,7 @@ def _unexplained(found: Diagnosis) -> Judgement:
 
 
 def _named(found: Sequence[Suspect], info: RigInfo, direction: float) -> Judgement:
-    """Return the faults that explain the channels, in one sentence when nothing tells which of them it is."""
+    """Return the judgement that names the faults; several that cannot be distinguished share one sentence."""
     found = _by_command(found, direction)
     sentences = [_sentence(each, info) for each in found]
     said = sentences[0]
@@ -221,7 +223,7 @@ def _named(found: Sequence[Suspect], info: RigInfo, direction: float) -> Judgeme
 
 
 def _by_command(found: Sequence[Suspect], direction: float) -> Sequence[Suspect]:
-    """Return the suspects without the reversed ones that the command clears."""
+    """Return the suspects without those reversed signs that contradict the direction of the command."""
     signs = [each for each in found if each.kind == SIGN]
     if len(signs) < 2 or abs(direction) < DIRECTION:
         return found
@@ -236,7 +238,7 @@ def _refused(found: Suspect) -> bool:
 
 
 def _sentence(found: Suspect, info: RigInfo) -> str:
-    """Return what is wrong and what to do."""
+    """Return the sentence on a fault: what is wrong, and what to do."""
     names = [info.channels[index].name for index in found.channels]
     which = f"channel {names[0]}"
     if found.kind == SIGN:

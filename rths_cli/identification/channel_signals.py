@@ -19,19 +19,19 @@ NOISE_SIGMA = 6.0
 
 
 def cut_off_peaks(accel: Array, channel: Channel, dt_s: float, rest_rms_m_s2: float, bit_m_s2: float = 0.0) -> int:
-    """Return how many peaks of a channel (n,) in m/s^2 are cut off; it may be corrected for the sensor's corners.
+    """Return the number of clipped peaks of a channel (n,) in m/s^2, which may be corrected for the sensor's corners.
 
-    A limit acts before the correction, which tilts a flat top: both are looked at. `bit_m_s2`: of its converter.
+    Clipping happens before the correction, which tilts a flat top. Therefore the corrected and the original signal are
+    both examined. `bit_m_s2`: one bit of the converter.
     """
     both = accel, as_sampled(accel, channel, dt_s)
     return max(flat_tops(values, rest_rms_m_s2, bit_m_s2) for values in both)
 
 
 def as_sampled(accel: Array, channel: Channel, dt_s: float) -> Array:
-    """Return a corrected channel (n,) in m/s^2 with its sensor's corners put back, as the converter saw it.
+    """Return a channel (n,) in m/s^2 without the sensor correction, as the converter sampled it.
 
-    It undoes 1 + w_h / s (trapezoidal rule) and the lead 1 + T / dt (3/2 - 2/z + 1/2 z^-2), T = 1 / w_l,
-    from rest.
+    It inverts 1 + w_h / s (trapezoidal rule) and the lead 1 + T / dt (3/2 - 2/z + 1/2 z^-2), T = 1 / w_l, from rest.
     """
     half = np.pi * channel.high_pass_hz * dt_s
     lead = 1.0 / (2.0 * np.pi * channel.low_pass_hz * dt_s) if channel.low_pass_hz > 0.0 else 0.0
@@ -41,11 +41,11 @@ def as_sampled(accel: Array, channel: Channel, dt_s: float) -> Array:
 
 
 def flat_tops(accel: Array, rest_rms_m_s2: float = 0.0, bit_m_s2: float = 0.0) -> int:
-    """Return how often a signal (n,) in m/s^2 is cut off at its extremes.
+    """Return the number of clipped peaks of a signal (n,) in m/s^2.
 
-    Of the time that a peak, a parabola, spends above 95 % of its top it spends sqrt(0.002 / 0.05) = 0.2 above 99.8 %
-    (0.37 above 99.3 %, which noise may ask for); one that is cut off spends most of it there. Where a bit of the
-    converter is more than 0.7 % of the top every peak is flat, and none is counted.
+    A normal peak is a parabola: of the time above 95 % of its top it spends sqrt(0.002 / 0.05) = 0.2 above 99.8 % (0.37
+    above 99.3 %, the threshold for noisy signals). A clipped peak spends most of that time there. If one bit of the
+    converter is more than 0.7 % of the top, every peak looks flat and none is counted.
     """
     count = 0
     for side in (accel, -accel):
@@ -68,7 +68,7 @@ HUM_WORTH_SAYING = 2e-3  # of the excited rms
 
 
 class UnfitRecord(InputError):
-    """A record from which no model may be made; `channels` says what was seen."""
+    """A record that must not be used for a model; `channels` holds the reports on its channels."""
 
     def __init__(self, faults: Sequence[str], channels: tuple[ChannelReport, ...] = ()) -> None:
         super().__init__(*faults)
@@ -76,7 +76,7 @@ class UnfitRecord(InputError):
 
 
 def signal_faults(record: Record, info: RigInfo) -> list[str]:
-    """Return a sentence for each channel of a record that is incomplete, dead, drowned or clipped."""
+    """Return a sentence for each channel that has missing samples, is dead, is drowned in noise, or is clipped."""
     faults = _lost("command", record.command_v)
     for channel, accel in zip(info.channels, record.accel_m_s2, strict=True):
         faults += _lost(channel.name, accel) or _signal_faults(channel, accel, info, record)
@@ -127,8 +127,10 @@ def _signal_faults(channel: Channel, accel: Array, info: RigInfo, record: Record
 
 
 def channel_noise(record: Record, info: RigInfo) -> Array:
-    """Return the standard deviation (c,) in m/s^2 of the channels' noise: at rest, and of rounding to bits, which a
-    channel at rest within one bit does not show."""
+    """Return the standard deviation (c,) in m/s^2 of the channels' noise.
+
+    It is the noise at rest, but at least the quantisation noise: a channel that rests within one bit shows no noise.
+    """
     rounding = [info.converters.step_v / channel.sensitivity_v_per_m_s2 / np.sqrt(12.0) for channel in info.channels]
     silence = record.parts.silence
     at_rest = np.zeros(len(rounding)) if silence is None else record.accel_m_s2[:, silence].std(axis=1)
@@ -136,7 +138,7 @@ def channel_noise(record: Record, info: RigInfo) -> Array:
 
 
 def reports(records: Sequence[Record], frfs: Sequence[Frf] | None, info: RigInfo) -> tuple[ChannelReport, ...]:
-    """Return what each channel showed; without responses the coherence is not known (NaN)."""
+    """Return a report on each channel; without responses its coherence is not known (NaN)."""
     found = []
     for index, channel in enumerate(info.channels):
         loud = np.concatenate([r.accel_m_s2[index, r.parts.noise] for r in records])
@@ -162,7 +164,10 @@ def coherence(frf: Frf) -> float:
 
 
 def _hum(records: Sequence[Record], index: int, dt_s: float, loud: float) -> tuple[float, float]:
-    """Return frequency and amplitude of the strongest mains line at rest, or else in excitation without lines."""
+    """Return frequency in Hz and amplitude of the strongest mains hum, (0, 0) if there is none.
+
+    It is taken from the silence of a record, or from its excitation if that is not periodic.
+    """
     best = (0.0, 0.0)
     for record in records:
         part = record.parts.silence or (None if record.parts.period_samples else record.parts.noise)
@@ -184,7 +189,7 @@ def _hum(records: Sequence[Record], index: int, dt_s: float, loud: float) -> tup
 
 
 def hum_warnings(channels: Sequence[ChannelReport]) -> tuple[str, ...]:
-    """Return a sentence for each channel that hums."""
+    """Return a sentence for each channel with mains hum."""
     return tuple(
         f"channel {c.name}: {c.hum_hz:g} Hz hum of {c.hum_m_s2:.2g} m/s^2 amplitude ({c.hum_m_s2 / c.rms_m_s2:.1%} of "
         "the excited rms); lines at the mains frequency carry little weight, check shielding and ground loops"

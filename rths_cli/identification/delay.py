@@ -13,21 +13,21 @@ from rths_cli.identification.table_fit import Fit, Timing, fit, problem_of, timi
 from rths_cli.numerics.lti import Array, ComplexArray, Frf
 from rths_cli.rigs.description import RigInfo
 
-REACH_S = 0.01  # by so much the delay may be shorter than the model's
-ROUNDS = 2  # the second knows which command's staircase a sample carries
-WORTH = 0.9  # a larger structure must leave this share of the smaller one's misfit
-SIGMA, SEEN_S = 3.0, 1e-4  # standard uncertainties and time between declared and identified delay, to be said
+REACH_S = 0.01  # the free delay may be shorter than the model's by this time
+ROUNDS = 2  # fits: the second one uses the latency of the first for the staircase's alias
+WORTH = 0.9  # a larger structure must reduce the misfit to this fraction
+SIGMA, SEEN_S = 3.0, 1e-4  # reported difference of declared and identified delay: standard uncertainties, and s
 
 
 def estimate(
     fits: tuple[Fit, ...], table: Frf, info: RigInfo, levels: tuple[LevelBand, ...] = (), level_ratio: float = np.inf,
     sensors_removed: bool = True,
 ) -> DelayEstimate | None:  # fmt: skip
-    """Estimate the delay beside the roots of a fit to the table's response; None where the data cannot tell.
+    """Estimate the delay together with a fit's roots from the table's response; None if the data do not determine it.
 
-    `fits`: structures with an explicit delay, the smallest first; a larger one counts only where it leaves less. The
-    standard uncertainty is that of the Gauss-Newton curvature with all roots free, times the misfit, and what friction
-    and a hundredth of a sample in the channels' timing may add.
+    `fits`: structures with an explicit delay, the smallest first; a larger one is used only if its misfit is clearly
+    smaller. The standard uncertainty has three parts: the Gauss-Newton covariance with all roots free, the possible
+    effect of friction, and 1 % of a sample of error in the channels' timing.
     """
     channel = channel_response(info, table.frequency_hz, sensors_removed)
     bare = replace(table, response=table.response / channel)
@@ -48,10 +48,11 @@ def declared(info: RigInfo) -> float:
 
 
 def channel_response(info: RigInfo, frequency_hz: Array, sensors_removed: bool) -> ComplexArray:
-    """Return what the table channel's sensor and its correction add to the response, (n,).
+    """Return the frequency response (n,) of the table channel's sensor together with its correction.
 
-    Of the low pass the correction (the samples' difference of second order) leaves a little, which would count as lag:
-    at 60 Hz and 1549 Hz 1 us at 2 kHz and 5 us at 1 kHz. What the hold takes off the size is in the model.
+    The correction (a second-order backward difference) does not cancel the sensor's low pass exactly. The remainder
+    would count as lag: for a corner of 1549 Hz, at 60 Hz, 1 us at 2 kHz and 5 us at 1 kHz sample rate. The gain of the
+    hold is part of the model and not included here.
     """
     channel, s = info.channels[0], 2j * np.pi * frequency_hz
     value = np.ones_like(s)
@@ -63,7 +64,7 @@ def channel_response(info: RigInfo, frequency_hz: Array, sensors_removed: bool) 
 
 
 def _free(known: Fit, table: Frf) -> Fit:
-    """Return the fit of the same structure with a free delay, up to REACH_S shorter than the model's."""
+    """Return the fit of the same structure with a free delay, which may be up to REACH_S shorter than the model's."""
     layout = replace(known.layout, delay_s=known.model.delay_s - REACH_S, fits_delay=True)
     roots, ripple = known.parameters[: layout.size - 1], known.parameters[known.layout.size :]
     found = replace(known, layout=layout, parameters=np.concatenate([roots, [np.log(REACH_S)], ripple]))
@@ -75,13 +76,13 @@ def _free(known: Fit, table: Frf) -> Fit:
 
 
 def _distinct(fits: tuple[Fit, ...]) -> list[Fit]:
-    """Return fits of different structures, without those whose roots carry the delay."""
+    """Return one fit per structure, without the structures whose roots represent the delay."""
     kinds = {(each.layout, each.held_zeros): each for each in fits if each.layout.delay_s > 0.0}
     return list(kinds.values())
 
 
 def _smallest(fits: list[Fit], table: Frf) -> Fit:
-    """Return the first fit that no later one beats clearly."""
+    """Return the smallest structure whose misfit no larger one reduces to the fraction WORTH."""
     best = fits[0]
     for other in fits[1:]:
         if _misfit(other, table) < WORTH * _misfit(best, table):
@@ -97,7 +98,7 @@ def _misfit(found: Fit, table: Frf) -> float:
 
 
 def doubts(found: DelayEstimate | None) -> tuple[str, ...]:
-    """Return a sentence when identified and declared delay differ clearly."""
+    """Return a sentence if identified and declared delay differ by more than SIGMA uncertainties and SEEN_S."""
     if found is None:
         return ()
     late_s = found.identified_s - found.declared_s

@@ -1,7 +1,7 @@
 """Samples that a link lost, put back by what the rest of the record says of its channel.
 
-Each channel is predicted from its own past and from the command (an ARX model, least squares over all rows that miss
-nothing); lost samples are those that make the prediction errors around them smallest, in the sense of least squares
+Each channel is predicted from its own past and from the command, by an ARX model fitted by least squares to all rows
+without a missing sample. The reconstructed samples are those that minimise the squared prediction errors around them
 (Janssen, Veldhuis and Vries, IEEE Trans. ASSP 34(2), 1986, with the command as input).
 """
 
@@ -18,16 +18,16 @@ from rths_cli.numerics.lti import Array
 
 Mask = NDArray[np.bool_]
 Places = NDArray[np.int_]
-PAST_S = 0.04  # of channel and command that a prediction looks at
-LEAST_PAST = 8
-ROWS_EACH = 4  # at least so many complete rows for each coefficient
-MOST_MISSING = 0.05  # of a record's samples
+PAST_S = 0.04  # past of channel and command that a prediction uses
+LEAST_PAST = 8  # samples
+ROWS_EACH = 4  # least number of complete rows per coefficient
+MOST_MISSING = 0.05  # largest fraction of a record's samples
 
 
 def filled(command_v: Array, channels: Array, missing: Mask, dt_s: float) -> Array:
-    """Return channels (c, n) with the samples where `missing`, (n,) bool, is set put back; the command is whole.
+    """Return the channels (c, n) with their samples reconstructed where `missing` (n,) is set.
 
-    Raises InputError where so much is missing that the rest does not say what it was.
+    `command_v` (n,) is complete; the channels may be in any unit. Raises InputError if too many samples are missing.
     """
     if not missing.any():
         return channels
@@ -43,18 +43,18 @@ def filled(command_v: Array, channels: Array, missing: Mask, dt_s: float) -> Arr
 
 
 def _touched(missing: Mask, past: int) -> Mask:
-    """Return which rows of a prediction, those of samples past, past + 1, ..., look at a missing sample."""
+    """Return which rows of the prediction, for samples past, past + 1, ..., use a missing sample."""
     return np.asarray(sliding_window_view(missing, past + 1).any(axis=1))
 
 
 def _filled(command_v: Array, accel: Array, missing: Mask, whole: Mask, past: int) -> Array:
-    """Return one channel (n,) with its missing samples put back."""
+    """Return one channel (n,) with its missing samples reconstructed."""
     own, inputs = sliding_window_view(accel, past + 1), sliding_window_view(command_v, past + 1)
     seen = np.column_stack([own[whole, :-1], inputs[whole]])
     factors = _least_squares(seen, own[whole, -1])
     errors_of, forced = np.append(-factors[:past], 1.0), inputs @ factors[past:]
     found = accel.copy()
-    head = np.flatnonzero(missing[:past])  # of which nothing before tells: a straight line to what came first
+    head = np.flatnonzero(missing[:past])  # has no past to predict from: interpolated linearly
     came = np.flatnonzero(~missing[: 4 * past])
     found[head] = np.interp(head, came, accel[came])
     for places in clusters(np.flatnonzero(missing[past:]) + past, past):
@@ -63,12 +63,12 @@ def _filled(command_v: Array, accel: Array, missing: Mask, whole: Mask, past: in
 
 
 def clusters(places: Places, past: int) -> Iterator[Places]:
-    """Yield places (m,) of missing samples in groups no prediction (of `past` samples) looks at two of."""
+    """Yield the indices (m,) of missing samples in groups; no prediction, of `past` samples, uses two groups."""
     yield from np.split(places, np.flatnonzero(np.diff(places) > past) + 1)
 
 
 def _least_squares(seen: Array, wanted: Array) -> Array:
-    """Return the factors of columns of like size; by normal equations, with what rounding leaves of them damped."""
+    """Return the coefficients by normal equations with scaled columns, slightly damped against rounding errors."""
     scale = np.sqrt((seen**2).mean(axis=0)) + np.finfo(float).tiny
     scaled = seen / scale
     square = scaled.T @ scaled
@@ -77,7 +77,7 @@ def _least_squares(seen: Array, wanted: Array) -> Array:
 
 
 def _put_back(accel: Array, places: Places, errors_of: Array, forced: Array, past: int) -> Array:
-    """Return the samples at `places` (m,) that make the prediction errors which depend on them smallest."""
+    """Return the samples at the indices `places` (m,) that minimise all prediction errors that depend on them."""
     rows = np.arange(places[0], min(places[-1] + past + 1, accel.size))
     lag = rows[:, None] - places[None, :]
     depends = np.where((lag >= 0) & (lag <= past), errors_of[past - np.clip(lag, 0, past)], 0.0)

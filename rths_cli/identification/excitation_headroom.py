@@ -11,8 +11,10 @@ from rths_cli.numerics.lti import Array
 
 
 def louder(data: Evidence) -> float:
-    """Return the factor by which the loudest record could be louder until a limit or a sensor's range is used to the
-    share that an excitation may take."""
+    """Return the factor by which the loudest record could be louder before it reaches the first permitted bound.
+
+    The bounds are the fractions of limits and sensor ranges that an excitation may use (SHARE, CHANNEL_SHARE).
+    """
     info, limits = data.info, data.info.limits
     command = max((record.command_v - record.command_v[0] for record in data.records), key=_peak)
     place = info.gain_m_per_v * command

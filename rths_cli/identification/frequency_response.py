@@ -28,13 +28,12 @@ SMOOTHED = 15
 
 @dataclass(frozen=True)
 class _Lines:
-    """Fourier lines (segments, m) at `frequency_hz` (m,), how many of the segments are independent, and the window's
-    noise bandwidth in lines."""
+    """Fourier lines of the segments of a signal."""
 
-    frequency_hz: Array
-    values: ComplexArray
-    averages: float
-    bandwidth: float
+    frequency_hz: Array  # (m,)
+    values: ComplexArray  # (segments, m)
+    averages: float  # number of independent segments
+    bandwidth: float  # noise bandwidth of the window, in lines
 
 
 def estimate(
@@ -42,9 +41,9 @@ def estimate(
 ) -> tuple[Frf, ...]:
     """Estimate the response from the command in V to each channel in m/s^2 at the lines within a band.
 
-    The second difference of the command stands for the command, which makes response and spectrum flat at low
-    frequencies, where leakage would show; it is put back exactly. All records count alike, sample by sample.
-    Raises InputError when a record is too short.
+    The response is computed to the second difference of the command, and then converted exactly to the response to the
+    command. The second difference makes response and spectrum flat at low frequencies, where leakage would otherwise be
+    visible. Each sample of each record has the same weight. Raises InputError if a record is too short.
     """
     given = [np.diff(record.command_v, 2, prepend=[0.0, 0.0]) for record in records]
     channels = range(len(records[0].accel_m_s2))
@@ -77,7 +76,7 @@ def check_lengths(records: Sequence[Record], dt_s: float, segment_s: float) -> N
 
 
 def _cut(record: Record, dt_s: float, segment_s: float) -> tuple[int, int, str]:
-    """Return the length of the pieces in samples, how many there must be, and what they are called."""
+    """Return the length of segments or periods in samples, their least number, and their name."""
     if record.parts.period_samples:
         return record.parts.period_samples, LEAST_PERIODS, "periods"
     return round(segment_s / dt_s), LEAST_SEGMENTS, "segments"
@@ -138,12 +137,12 @@ def _quotient(over: Array | ComplexArray, under: Array, otherwise: float = 0.0) 
 def without_leakage(
     frf: Frf, model: Model, records: Sequence[Record], segment_s: float, estimator: Estimator = "h1"
 ) -> Frf:
-    """Return the table's FRF with the leakage taken out that a model's own response has too.
+    """Return the table's FRF without leakage, with the help of a model.
 
-    Segments average a response over neighbouring lines and cut vibrations off at their ends: 1-2 % in the valleys of
-    a specimen of 4 % damping, a quarter for 0.5 %. The response from what the model answers to the same command to
-    what was measured is near 1 and free of that; times the model it is the table's, wrong only by leakage times the
-    model's own error.
+    Segments average a response over neighbouring lines and truncate vibrations at their ends. The error is 1-2 % in the
+    valleys of a specimen of 4 % damping, and a quarter for 0.5 %. The response from the model's simulated output to the
+    measured output is near 1 and has hardly any leakage. Multiplied by the model's exact response it is the table's.
+    The remaining error is leakage times the model's own error.
     """
     f = frf.frequency_hz
     over = over_model(model, records, (float(f[0]), float(f[-1])), segment_s, estimator)
@@ -155,7 +154,7 @@ def over_model(
 ) -> Frf:
     """Return the table's response over the model's: 1 where the model is right.
 
-    Errors of an excitation in whole periods include what its lines scatter.
+    For an excitation in whole periods the standard errors include the scatter from line to line.
     """
     lines = [r.command_lines(padded(len(r.command_v), model.dt_s), model.dt_s) for r in records]
     simulated = [_answered(model, each, 1.2 * band_hz[1]) for each in lines]
@@ -167,11 +166,11 @@ def over_model(
 
 
 def line_scatter(over: ComplexArray) -> Array:
-    """Return the standard error (m,) of lines of a response over its model, from how neighbours differ.
+    """Return the standard error (m,) of the lines of a response over its model, from the scatter of neighbouring lines.
 
-    What friction adds to an excitation that repeats is the same in every period, so that coherence does not show it;
-    it differs from line to line, which no smooth response does. The second difference of three lines has 6 times the
-    variance of one; it is averaged over SMOOTHED lines.
+    With a periodic excitation the effect of friction is the same in every period, so that coherence does not show it.
+    It varies from line to line, unlike any smooth response. The second difference of three lines has 6 times the
+    variance of one line; it is averaged over SMOOTHED lines.
     """
     second = np.abs(np.diff(over, 2)) ** 2 / 12.0
     padded = np.pad(second, (SMOOTHED // 2 + 1, SMOOTHED // 2 + 1), mode="reflect")
@@ -179,15 +178,17 @@ def line_scatter(over: ComplexArray) -> Array:
 
 
 def simulate(model: Model, command_v: Array, high_hz: float) -> Array:
-    """Return the table's samples (n,) in m/s^2 that a model gives from rest, for a command (n,) without content
-    above `high_hz`."""
+    """Return the table's samples (n,) in m/s^2 that a model predicts from rest.
+
+    The command (n,) in V must have no content above `high_hz`.
+    """
     count = padded(len(command_v), model.dt_s)
     command = PaddedLines(np.fft.rfft(command_v, count), count, model.dt_s)
     return _answered(model, command, high_hz)[: len(command_v)]
 
 
 def _answered(model: Model, command: PaddedLines, high_hz: float) -> Array:
-    """Return the table's samples in m/s^2 that a model gives to a command, the rest at its end included."""
+    """Return the table's samples in m/s^2 that a model predicts for a command, including the rest at its end."""
     duration_s = command.count * command.dt_s
     frequency = np.arange(min(int(high_hz * duration_s) + 1, len(command.values))) / duration_s
     answer = np.zeros_like(command.values)
@@ -196,9 +197,9 @@ def _answered(model: Model, command: PaddedLines, high_hz: float) -> Array:
 
 
 def noise_floor(records: Sequence[Record], frf: Frf, channel: int, dt_s: float) -> Array | None:
-    """Return the |response| (m,) that a channel's noise at rest alone would show, None without a silent part.
+    """Return the |response| (m,) that a channel's noise at rest alone would cause, None without a silent part.
 
-    The spectrum of the silence (one-second Hann segments) over that of the excitation, per unit of averaging.
+    It is the root of the silence's power (one-second Hann segments) over that of the excitation and over the averages.
     """
     quiet = [r.accel_m_s2[channel, r.parts.silence] for r in records if r.parts.silence is not None]
     length = round(1.0 / dt_s)

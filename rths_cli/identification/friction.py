@@ -1,10 +1,10 @@
 """Friction of the table, from what its model leaves of a record: equivalent to a change of the command.
 
-A dry friction F_c sign(v) pushes on the table inside the loop that the command drives, so it acts like a command
--kappa sign(v), kappa in V, that is early by the delay and the actuator's lag; near standstill sign(v) is tanh(v / v_s).
-The identified model holds the part of it that is linear in the velocity (statistical linearisation: c v with
-c = sqrt(2 / pi) / sigma_v, Roberts and Spanos, Random Vibration and Statistical Linearization, section 5.3); what is
-left of the record is -G kappa (sign(v) - c v).
+Dry friction F_c sign(v) acts on the table inside the loop that the command drives. It is equivalent to a command
+-kappa sign(v), with kappa in V, that is early by the delay and by the actuator's lag. Near standstill sign(v) is
+tanh(v / v_s). The identified model already contains the part of friction that is linear in the velocity (statistical
+linearisation: c v with c = sqrt(2 / pi) / sigma_v, Roberts and Spanos, Random Vibration and Statistical Linearization,
+section 5.3). The residual of the model is therefore -G kappa (sign(v) - c v).
 """
 
 from __future__ import annotations
@@ -20,41 +20,37 @@ from rths_cli.identification.table_fit import Timing, within
 from rths_cli.numerics.lti import Array, ComplexArray, Model
 from rths_cli.rigs.description import RigInfo
 
-LOW_HZ, BAND_SHARE = 0.7, 2.0 / 3.0  # band of the fit: from, and to this share of the model's
-CORNER_HZ = 0.4  # below it the model's velocity, above it the integral of the measured acceleration
-SIGN_RATE_HZ = 1000.0  # at which sign(v) is made: it has lines far above the band
-SCALES = (0.004, 0.008, 0.016, 0.032, 0.064)  # v_s over the rms velocity, of which the best is taken
-STRETCH_S = 2.5  # what is linear in the velocity is fitted anew in each stretch
-SLOW = 0.5  # of the rms velocity: slower stretches do not tell sign(v) from v
-LEAST_STRETCHES, GROUPS = 8, 12  # of stretches; of lines, whose scatter shows what every stretch repeats
-PASSES, SMOOTHED = 2, 5  # of weighting by the residual's spectrum, averaged over so many lines
-LEAST_POWER = 1e-30  # of a line of that spectrum
-SHAPE = 0.005  # of kappa: what sign(v) and the model's share of it may differ from what is assumed here
-LINEAR = 4  # the first of the rows that are linear in the velocity
+LOW_HZ, BAND_SHARE = 0.7, 2.0 / 3.0  # band of the fit: its start, and its end over the end of the model's band
+CORNER_HZ = 0.4  # velocity: from the model below this frequency, from the integrated acceleration above it
+SIGN_RATE_HZ = 1000.0  # sample rate at which sign(v) is computed, because it has lines far above the band
+SCALES = (0.004, 0.008, 0.016, 0.032, 0.064)  # tried v_s over the rms velocity; the best one is taken
+STRETCH_S = 2.5  # length of a stretch; terms linear in the velocity are fitted separately in each one
+SLOW = 0.5  # stretches below this fraction of the rms velocity are left out: they do not separate sign(v) from v
+LEAST_STRETCHES, GROUPS = 8, 12  # least number of stretches; groups of lines for the scatter over frequency
+PASSES, SMOOTHED = 2, 5  # iterations of the weights by the residual's spectrum; lines over which it is averaged
+LEAST_POWER = 1e-30  # least power of a line of that spectrum
+SHAPE = 0.005  # relative uncertainty of kappa due to the assumed shape of sign(v)
+LINEAR = 4  # index of the first row that is linear in the velocity
 
 
 @dataclass(frozen=True)
 class _Spectra:
-    """Fourier lines (m,) of a record: what the model leaves, velocity, and the response to friction of kappa = 1 V.
+    """Fourier lines of one record, with the velocity of the table."""
 
-    `velocity_m_s`: the velocity in time, finely sampled; `duration_s`: of the record with its padding; `part_s`: from
-    when to when it is excited.
-    """
-
-    s: ComplexArray
-    residual: ComplexArray
-    velocity: ComplexArray
-    through: ComplexArray
-    velocity_m_s: Array
-    duration_s: float
-    part_s: tuple[float, float]
+    s: ComplexArray  # (m,) rad/s
+    residual: ComplexArray  # (m,) measured acceleration minus the model's
+    velocity: ComplexArray  # (m,)
+    through: ComplexArray  # (m,) the model's response to a command, without its delay
+    velocity_m_s: Array  # time series, finely sampled
+    duration_s: float  # of the record with its padding
+    part_s: tuple[float, float]  # start and end of the excitation
 
 
 def estimate(records: Sequence[Record], model: Model, info: RigInfo) -> Friction | None:
-    """Estimate friction from records and the model fitted to them; None where they are too short or hardly move.
+    """Estimate friction from records and the model fitted to them; None if they are too short or hardly move.
 
-    Least squares over stretches of the records, weighted by the residual's spectrum; the uncertainty is from the
-    scatter between stretches.
+    The method is least squares over stretches of the records, weighted by the residual's spectrum. The uncertainty
+    follows from the scatter between stretches.
     """
     longest = max(len(record.command_v) for record in records)
     count = padded(longest, info.dt_s)
@@ -74,7 +70,7 @@ def estimate(records: Sequence[Record], model: Model, info: RigInfo) -> Friction
 
 
 def _spectra(record: Record, model: Model, info: RigInfo, count: int) -> _Spectra:
-    """Return the lines of a record of so many samples, padding included, up to the end of the model's band."""
+    """Return the lines of a record, padded to `count` samples, up to the end of the model's band."""
     duration_s = count * info.dt_s
     f = np.arange(int(model.band_hz[1] * duration_s) + 1) / duration_s
     s = (2j * np.pi * f).astype(complex)
@@ -99,7 +95,10 @@ def _spectra(record: Record, model: Model, info: RigInfo, count: int) -> _Spectr
 
 
 def _velocity(frequency_hz: Array, table: ComplexArray, answer: ComplexArray) -> ComplexArray:
-    """Return the velocity's lines: integral of the measured acceleration, and of the model's where that would drift."""
+    """Return the velocity's lines: the integrated measured acceleration, replaced by the model's at low frequency.
+
+    The integral of the measured acceleration would drift there.
+    """
     f = frequency_hz[1:]
     low = 1.0 / (1.0 + (f / CORNER_HZ) ** 4)
     accel = low * answer[1:] + (1.0 - low) * table[1:]
@@ -107,7 +106,7 @@ def _velocity(frequency_hz: Array, table: ComplexArray, answer: ComplexArray) ->
 
 
 def _stretch_lines(spectra: Sequence[_Spectra], rows: Sequence[ComplexArray], high_hz: float) -> ComplexArray:
-    """Return the lines (stretches, rows, m) of each record's rows, from the lowest to the highest of the fit."""
+    """Return the Fourier lines (stretches, rows, m) of all records' stretches in the band of the fit."""
     cut = np.concatenate([_cut(some, each) for some, each in zip(rows, spectra, strict=True)])
     n = cut.shape[-1]
     inside = within(np.arange(n // 2 + 1) / STRETCH_S, (LOW_HZ, high_hz))
@@ -115,12 +114,12 @@ def _stretch_lines(spectra: Sequence[_Spectra], rows: Sequence[ComplexArray], hi
 
 
 def _fixed_rows(x: _Spectra) -> ComplexArray:
-    """Return the lines (3, m) that no v_s changes: residual, and two linear in v."""
+    """Return the lines (3, m) that do not depend on v_s: the residual, and two terms linear in the velocity."""
     return np.array([x.residual, -x.through * x.velocity, -x.through * x.s * x.velocity])
 
 
 def _acting_rows(x: _Spectra, scale_m_s: float) -> ComplexArray:
-    """Return the lines (3, m) of friction of kappa = 1 V, its rate, and its change with v_s."""
+    """Return the lines (3, m) of the response to friction of kappa = 1 V, its time derivative, and its slope by v_s."""
     ratio = x.velocity_m_s / scale_m_s
     sign = np.tanh(ratio)
     friction, change = (np.fft.rfft(y)[: len(x.s)] / len(y) for y in (sign, ratio * (1.0 - sign**2)))
@@ -128,7 +127,7 @@ def _acting_rows(x: _Spectra, scale_m_s: float) -> ComplexArray:
 
 
 def _cut(lines: ComplexArray, x: _Spectra) -> Array:
-    """Return the series of lines (rows, m) during the excitation, cut into stretches (k, rows, n)."""
+    """Return the time series of lines (rows, m) during the excitation, cut into stretches (k, rows, n)."""
     length = 2 * (lines.shape[-1] - 1)
     series = np.fft.irfft(lines, length) * length
     rate_hz = length / x.duration_s
@@ -138,7 +137,7 @@ def _cut(lines: ComplexArray, x: _Spectra) -> Array:
 
 
 def _fitted(lines: ComplexArray, rms_m_s: float, scale_m_s: float) -> Friction:
-    """Return friction from the lines (stretches, 6, m) of the rows, weighted by the spectrum of what is left."""
+    """Return friction from the lines (stretches, 6, m) of the rows, weighted by the spectrum of the residual."""
     weight = np.ones(lines.shape[-1])
     for _ in range(PASSES):
         kappa, error, before, left = _solve(lines * weight)
@@ -151,9 +150,9 @@ def _fitted(lines: ComplexArray, rms_m_s: float, scale_m_s: float) -> Friction:
 def _solve(lines: ComplexArray) -> tuple[float, float, Array, Array]:
     """Return kappa in V, its standard uncertainty, and the power of each line (m,) without and with friction.
 
-    In each stretch the parts linear in the velocity are taken out of all others; kappa, the actuator's lag and v_s hold
-    for all stretches. The uncertainty is from the scatter between stretches or between groups of lines, the larger,
-    whatever the residual's correlation within one (Liang and Zeger, Biometrika 73, 1986).
+    In each stretch the terms linear in the velocity are projected out of the other rows. kappa, the actuator's lag and
+    v_s are common to all stretches. The uncertainty follows from the scatter between stretches or between groups of
+    lines, whichever is larger. The residual may be correlated within one (Liang and Zeger, Biometrika 73, 1986).
     """
     both = np.concatenate([lines.real, lines.imag], axis=-1)
     basis = np.linalg.qr(both[:, LINEAR:].swapaxes(1, 2))[0]
@@ -176,6 +175,6 @@ def _variance(inverse: Array, scores: Array) -> float:
 
 
 def _power(both: Array) -> Array:
-    """Return the mean power over stretches of lines whose real and imaginary parts stand one behind the other."""
+    """Return the mean power of each line over stretches (k, 2 m), real parts first, then imaginary parts."""
     real, imaginary = np.split(np.mean(both**2, axis=0), 2)
     return real + imaginary

@@ -40,34 +40,33 @@ from rths_cli.identification.table_fit import COMPARED_HZ, beyond_scatter, fit_e
 from rths_cli.numerics.lti import Array, Frf, Model
 from rths_cli.rigs.description import RigInfo
 
-NOISE_SHARE = 0.5  # of the data's scatter, from which noise at rest explains it
-LEAST_LEVELS = 1.5  # between full and low level, for a judgement of friction
+NOISE_SHARE = 0.5  # noise at rest explains the scatter of the data if it is at least this fraction of it
+LEAST_LEVELS = 1.5  # smallest ratio of full to low level at which friction is judged
 NOT_COMPARABLE = "friction: not judged; that takes noise or a multisine, and a low-level record at 2/3 of it or less"
 
 
 @dataclass(frozen=True)
 class _Specimen:
-    """The specimen from excitation and free vibration, reasons to refuse the channels, and what to know: the free
-    vibration is weak, the channels are a little out of step."""
+    """The identified specimen, with the sentences for the verdict."""
 
-    excited: SpecimenFit | None
-    free: SpecimenFit | None
-    reasons: tuple[str, ...]
-    weak: tuple[str, ...]
-    said: tuple[str, ...]
+    excited: SpecimenFit | None  # from the excitation; None without floors
+    free: SpecimenFit | None  # from the free vibration; None if it cannot be used
+    reasons: tuple[str, ...]  # why the channels are rejected
+    free_vibration_warnings: tuple[str, ...]  # warnings on a free vibration that is too short or too weak
+    channel_warnings: tuple[str, ...]  # for instance that they are slightly out of step
 
 
 @dataclass(frozen=True)
 class _Table:
-    """The table: fits, the model to be judged and that of the paper, levels compared, delay, and warnings."""
+    """The identified or supplied model of the table, with the results that its verdict needs."""
 
     fit: TableFit
-    best: Model
-    paper: Model
-    given: bool
-    levels: tuple[LevelBand, ...]
-    causes: LevelCauses
-    comparable: bool
+    best: Model  # the model to be judged
+    paper: Model  # the paper's model
+    given: bool  # whether `best` was supplied and not fitted here
+    levels: tuple[LevelBand, ...]  # response at low level over that at full level
+    causes: LevelCauses  # why the two levels differ
+    comparable: bool  # whether the levels are far enough apart to judge friction
     latency: DelayEstimate | None
     warnings: tuple[str, ...]
 
@@ -78,12 +77,12 @@ def identify(
 ) -> Identification:  # fmt: skip
     """Identify table and specimen from records whose commands and channels fit the rig.
 
-    `floor_masses_kg` (c - 1,) are weighed; `quiet` is a record at low level, `given` a model of the table to judge in
-    place of one fitted here. Raises InputError for records that do not fit together, UnfitRecord when channels are
-    dead, clipped, incoherent, swapped or of wrong sign.
+    `floor_masses_kg` (c - 1,) are the weighed masses, `quiet` is a record at low level. If a model `given` is supplied,
+    that model is judged instead of one fitted here. Raises InputError if the records do not fit together, UnfitRecord
+    if channels are dead, clipped, incoherent, swapped or have the wrong sign.
     """
     data = evidence(records, quiet, info, floor_masses_kg, settings or IdentificationSettings())
-    frfs, seen, said = _responses(data)
+    frfs, reports, warnings = _responses(data)
     data = data.up_to(coherent_up_to(frfs[0], data.settings.band_hz[1]))
     start = identify_specimen.first_look(data)
     wider = data.down_to(identify_specimen.lowest_hz(data, start))
@@ -93,36 +92,38 @@ def identify(
         frfs = estimate(data.records, info.dt_s, settings.band_hz, settings.segment_s, settings.estimator)
     fit = fit_table(data, frfs[0], start)
     specimen = _specimen(data, fit.chosen.model, start)
-    specimen = replace(specimen, said=(*said, *specimen.said))
-    return _identification(data, frfs, seen, _table(data, fit, given), specimen)
+    specimen = replace(specimen, channel_warnings=(*warnings, *specimen.channel_warnings))
+    return _identification(data, frfs, reports, _table(data, fit, given), specimen)
 
 
 def _responses(data: Evidence) -> tuple[tuple[Frf, ...], tuple[ChannelReport, ...], tuple[str, ...]]:
-    """Return the responses to all channels, what these showed and what to say of them; raises UnfitRecord when they
-    cannot be used."""
+    """Return the responses from the command to all channels, a report on each channel, and warnings.
+
+    Raises UnfitRecord if the channels cannot be used.
+    """
     settings, dt_s = data.settings, data.info.dt_s
     frfs = judged = estimate(data.records, dt_s, settings.band_hz, settings.segment_s, settings.estimator)
     if any(record.parts.segment_samples for record in data.records):
-        # short segments cut the floors' vibrations off, which is no fault of the channels
+        # short segments truncate the floors' vibrations, which lowers the coherence but is no fault of the channels
         judged = estimate(data.records, dt_s, settings.band_hz, data.longest_s, settings.estimator)
-    seen = channel_signals.reports(data.records, judged, data.info)
-    found = channel_responses.judge(data, judged)
-    if found.faults:
-        raise UnfitRecord(found.faults, seen)
-    return frfs, seen, found.warnings
+    reports = channel_signals.reports(data.records, judged, data.info)
+    judgement = channel_responses.judge(data, judged)
+    if judgement.faults:
+        raise UnfitRecord(judgement.faults, reports)
+    return frfs, reports, judgement.warnings
 
 
 def _specimen(data: Evidence, model: Model, start: Start) -> _Specimen:
-    """Return what excitation and free vibration tell of the specimen."""
+    """Return the specimen identified from excitation and free vibration."""
     excited = identify_specimen.excited(data, model, start)
-    free, died = identify_specimen.freely_vibrating(data, model, excited)
-    free, weak = verdict.usable(free)
-    reasons, said = identify_specimen.out_of_step(data, model, excited)
-    return _Specimen(excited, free, reasons, (*died, *weak), said)
+    free, too_short = identify_specimen.freely_vibrating(data, model, excited)
+    free, too_weak = verdict.usable(free)
+    reasons, warnings = identify_specimen.out_of_step(data, model, excited)
+    return _Specimen(excited, free, reasons, (*too_short, *too_weak), warnings)
 
 
 def _table(data: Evidence, fit: TableFit, given: Model | None) -> _Table:
-    """Return what is known of the table."""
+    """Return the table's models, the comparison of the levels, the delay and the warnings."""
     info, model = data.info, fit.chosen.model
     best = with_ripple(given, model) if given else model
     paper = best if given and len(best.zeros) == len(best.poles) else fit.paper
@@ -137,9 +138,9 @@ def _table(data: Evidence, fit: TableFit, given: Model | None) -> _Table:
 
 
 def _identification(
-    data: Evidence, frfs: tuple[Frf, ...], seen: tuple[ChannelReport, ...], table: _Table, specimen: _Specimen
+    data: Evidence, frfs: tuple[Frf, ...], reports: tuple[ChannelReport, ...], table: _Table, specimen: _Specimen
 ) -> Identification:
-    """Return all that was found, judged."""
+    """Return the complete result of the identification, with its verdict."""
     clean, best = table.fit.frf, table.best
     dry = friction.estimate(data.records, table.fit.chosen.model, data.info)
     return Identification(
@@ -151,12 +152,12 @@ def _identification(
         paper_error=fit_error(table.paper, clean),
         specimen=specimen.excited,
         free_vibration=specimen.free,
-        channels=seen,
+        channels=reports,
         candidates=() if table.given else table.fit.candidates,
         roots=_roots(data, table, specimen.excited),
         residuals=verdict.residuals(best, clean),
         levels=table.levels if table.comparable else (),
-        verdict=_verdict(data, table, specimen, dry, _warnings(data, seen, table, specimen)),
+        verdict=_verdict(data, table, specimen, dry, _warnings(data, reports, table, specimen)),
         friction=dry,
         latency=table.latency,
         causes=table.causes,
@@ -164,29 +165,29 @@ def _identification(
 
 
 def _roots(data: Evidence, table: _Table, specimen: SpecimenFit | None) -> tuple[Root, ...]:
-    """Return the model's roots, with uncertainties where it was fitted here."""
+    """Return the model's roots; a model that was fitted here has uncertainties, a supplied one has none."""
     if table.given:
         return verdict.roots_given(table.best)
     chosen = table.fit.chosen
     return verdict.roots_of(chosen, specimen, shifts(chosen, table.fit.frf, table.levels, data.level_ratio))
 
 
-def _warnings(data: Evidence, seen: tuple[ChannelReport, ...], table: _Table, specimen: _Specimen) -> list[str]:
-    """Return what else to know."""
+def _warnings(data: Evidence, reports: tuple[ChannelReport, ...], table: _Table, specimen: _Specimen) -> list[str]:
+    """Return the warnings of the verdict, one sentence each."""
     return [
-        *channel_signals.hum_warnings(seen),
+        *channel_signals.hum_warnings(reports),
         *_gain(table, data),
-        *specimen.weak,
-        *verdict.misfit(specimen.excited, seen),
+        *specimen.free_vibration_warnings,
+        *verdict.misfit(specimen.excited, reports),
         *(() if table.comparable or data.quiet is None else (NOT_COMPARABLE,)),
         *verdict.differences(specimen.excited, specimen.free),
-        *specimen.said,
+        *specimen.channel_warnings,
         *table.warnings,
     ]
 
 
 def _gain(table: _Table, data: Evidence) -> tuple[str, ...]:
-    """Return a sentence when the table's gain is far from the data sheet's; a given model has no uncertainty."""
+    """Return a sentence if the table's gain is far from the data sheet's; a supplied model has no uncertainty."""
     error = 0.0 if table.given else float(np.sqrt(table.fit.chosen.covariance[0, 0]))
     return channel_responses.gain_warnings(table.best.low_frequency_gain_m_per_v, error, data.info)
 
@@ -215,7 +216,7 @@ def _verdict(data: Evidence, table: _Table, specimen: _Specimen, dry: Friction |
 
 
 def _noisy(data: Evidence, frf: Frf) -> bool:
-    """Tell whether what the channels show at rest explains how the table's response scatters, or is not known."""
+    """Return whether noise at rest explains the scatter of the table's response; True if that noise is not known."""
     floor = noise_floor(data.records, frf, 0, data.info.dt_s)
     inside = within(frf.frequency_hz, COMPARED_HZ)
     if floor is None:

@@ -17,48 +17,42 @@ from rths_cli.identification.verdict import LIMITS
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import RigInfo
 
-SHORTEST_S = 4.0  # segment of a sweep, or its lines are too few for a model
-SEGMENTS = 5  # a short record is cut into so many segments that do not overlap
+SHORTEST_S = 4.0  # shortest segment of a sweep; a shorter one has too few lines for a model
+SEGMENTS = 5  # a short record is cut into this many segments without overlap
 
 
 @dataclass(frozen=True)
 class IdentificationSettings:
-    """Bands in Hz of both models, length of the Hann segments (less in short records), the estimator, whether the
-    best model's roots carry the latency or an explicit delay does, whether the sensors' corners are out of the records,
-    whether the excitation acts on friction like noise, and the errors that its fit must keep. `excited_hz`: from where
-    on the records are excited; the bands begin no lower, and there only for a specimen that is as soft."""
+    """How records are evaluated."""
 
-    band_hz: tuple[float, float] = (0.5, 60.0)
-    paper_band_hz: tuple[float, float] = (0.5, 12.0)
-    segment_s: float = 20.0
+    band_hz: tuple[float, float] = (0.5, 60.0)  # of the fit of the best model
+    paper_band_hz: tuple[float, float] = (0.5, 12.0)  # of the fit of the paper's model
+    segment_s: float = 20.0  # length of the Hann segments; shorter in short records
     estimator: Estimator = "h1"
-    latency_in_roots: bool = False
-    sensors_removed: bool = True
-    like_noise: bool = True
-    most: FitError = LIMITS
-    excited_hz: float = 0.5
+    latency_in_roots: bool = False  # whether roots represent the latency instead of an explicit delay
+    sensors_removed: bool = True  # whether the records are corrected for the sensors' corners
+    like_noise: bool = True  # whether the excitation acts on friction like noise, so that friction can be judged
+    most: FitError = LIMITS  # largest errors of an accepted fit
+    excited_hz: float = 0.5  # lowest excited frequency; only for a soft specimen the bands are lowered, down to here
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """Records at full level, one at low level (None: there is none) and the rig; its floors weigh `masses_kg` (c - 1,).
+    """The records of an identification, with the rig, the floor masses and the settings that belong to them."""
 
-    `settings` say how they are evaluated; `longest_s` is the longest segment that they allow.
-    """
-
-    records: tuple[Record, ...]
-    quiet: Record | None
+    records: tuple[Record, ...]  # at full level
+    quiet: Record | None  # at low level
     info: RigInfo
-    masses_kg: Array
+    masses_kg: Array  # (c - 1,) weighed masses of the floors
     settings: IdentificationSettings
-    longest_s: float
+    longest_s: float  # longest segment that the records allow
 
     def up_to(self, high_hz: float) -> Evidence:
-        """Return the same with a band that ends there."""
+        """Return the same evidence with the band ending at `high_hz`."""
         return replace(self, settings=replace(self.settings, band_hz=(self.settings.band_hz[0], high_hz)))
 
     def down_to(self, low_hz: float) -> Evidence:
-        """Return the same with bands that begin there, where they began higher and the records are excited there."""
+        """Return the same evidence with both bands lowered to begin at `low_hz`, as far as the records are excited."""
         low = max(low_hz, self.settings.excited_hz)
         (best, high), (paper, paper_high) = self.settings.band_hz, self.settings.paper_band_hz
         bands = (min(low, best), high), (min(low, paper), paper_high)
@@ -66,7 +60,7 @@ class Evidence:
 
     @property
     def level_ratio(self) -> float:
-        """Return how much louder the records are than the quiet one, by the table's rms."""
+        """Return the table's rms at full level over that at low level; infinite without a record at low level."""
         if self.quiet is None:
             return float("inf")
         loud = float(np.mean([record.accel_m_s2[0, record.parts.noise].std() for record in self.records]))
@@ -77,7 +71,7 @@ def evidence(
     records: Sequence[Record], quiet: Record | None, info: RigInfo, floor_masses_kg: Array,
     settings: IdentificationSettings,
 ) -> Evidence:  # fmt: skip
-    """Return records and settings with a segment length that suits them.
+    """Return records and settings together, with the segment length adapted to the records.
 
     Raises InputError where records do not fit the rig, UnfitRecord where channels cannot be used.
     """

@@ -33,63 +33,59 @@ from rths_cli.identification.table_fit import COMPARED_HZ
 from rths_cli.numerics.lti import Array, ComplexArray
 from rths_cli.rigs.description import RigInfo
 
-PROBE_SHARE = 0.2  # of the wanted level, or of what the limits allow of it
-PROBE_BITS, MOST_PROBE_SHARE = 10.0, 0.5  # a coarse converter asks for a louder probe, up to this share
+PROBE_SHARE = 0.2  # level of the probe over the requested level, or over the level that the limits allow
+PROBE_BITS, MOST_PROBE_SHARE = 10.0, 0.5  # a probe below 10 bits of an accelerometer is raised, up to this share
 PROBE_S, REST_S = 20.0, 3.0
-TAIL_S = 1.0  # of the rest, in which a lightly damped motion still shows
-CHANNEL_SHARE = 0.7  # of sensor and converter range that a channel may use
-WORTH_LOWERING = 0.98  # of a level; a smaller step is left to the margin of the shares
+TAIL_S = 1.0  # end of the rest; a lightly damped motion is still visible there
+CHANNEL_SHARE = 0.7  # fraction of sensor and converter range that a channel may use
+WORTH_LOWERING = 0.98  # a level is lowered only by more than 2 %; the margins of the limits cover less
 GAIN_BAND_HZ = (0.7, 2.0)
-HIGHEST_HZ, LEAST_POWER = 60.0, 0.01  # of the measured responses; of a line, over the mean
+HIGHEST_HZ, LEAST_POWER = 60.0, 0.01  # end of the measured responses; least power of a line over the mean power
 LEAST_OVER_NOISE = 3.0
-SHORT_SEGMENT_S = 4.0  # so that the probe has nine
-GROWN, LEAST_SCATTER = 1.5, 1.5e-3  # of the unexplained share; standard error of a line of such segments
-FOLLOWED = ("stroke", "velocity")  # limits whose use grows with the table's gain
+SHORT_SEGMENT_S = 4.0  # segments in which two levels are compared: the probe has nine
+GROWN, LEAST_SCATTER = 1.5, 1.5e-3  # overdriven: growth of the unexplained share, standard error of a line
+FOLLOWED = ("stroke", "velocity")  # limits whose use is proportional to the table's gain
 SOFT = "; a floor on a storey far softer than the others may hardly move as well"
 
 
 @dataclass(frozen=True)
 class Level:
-    """The level in m/s^2 rms that a probe allows.
-
-    `limited_by` names what lowered it ("": nothing did), `notes` are sentences for the user, `reach` the peaks that are
-    expected at that level beside their limits.
-    """
+    """The level of the excitation that a probe permits."""
 
     accel_rms_m_s2: float
-    limited_by: str
-    notes: tuple[str, ...] = ()
-    reach: Mapping[str, Reach] = field(default_factory=dict)
+    limited_by: str  # name of the limit that lowered the level, "" if none did
+    notes: tuple[str, ...] = ()  # sentences for the user
+    reach: Mapping[str, Reach] = field(default_factory=dict)  # expected peaks at this level, with their limits
 
     def at(self, accel_rms_m_s2: float) -> Level:
-        """Return another level of the same excitation."""
+        """Return the same excitation at another level, with its expected peaks scaled."""
         factor = accel_rms_m_s2 / self.accel_rms_m_s2
         peaks = {name: peak._replace(predicted=factor * peak.predicted) for name, peak in self.reach.items()}
         return replace(self, accel_rms_m_s2=accel_rms_m_s2, reach=peaks)
 
 
 class Bound(NamedTuple):
-    """A peak expected at a level in m/s^2 rms beside the share of a limit that it must keep."""
+    """A peak that is expected at a level, and the fraction of its limit that it may use."""
 
     name: str
     level_m_s2: float
-    expected: float
-    limit: float
+    expected: float  # in `unit`
+    limit: float  # in `unit`
     share: float
     unit: str
 
     @property
     def allowed_m_s2(self) -> float:
-        """Return the level in m/s^2 rms that keeps the share."""
+        """Return the level in m/s^2 rms at which the peak uses exactly its fraction of the limit."""
         return self.level_m_s2 * self.share * self.limit / self.expected
 
 
 def probe_plan(info: RigInfo, settings: ExcitationSettings, seed: int) -> Excitation:
-    """Plan silence, 20 s of shaped noise and a rest at a fifth of the level wanted, or of that which limits allow.
+    """Plan the probe: silence, 20 s of shaped noise at a fifth of the requested or permitted level, and a rest.
 
-    Here the nominal acceleration counts for all limits, because nothing is known yet of how the table answers. Where a
-    fifth would be less than 10 bits of the accelerometers it is up to half, and a note says so. The noise has a random
-    stream of its own: no other excitation changes with it. Raises InputError when the settings cannot be met.
+    All limits are judged by the nominal acceleration, because the table's response is not known yet. If a fifth of the
+    level is less than 10 bits of the accelerometers, the probe is up to half of it, and a note says so. The noise has
+    its own random stream, so that it changes no other excitation. Raises InputError if the settings cannot be met.
     """
     check(info, settings)
     dt, random = info.dt_s, np.random.default_rng((seed, 1))
@@ -109,7 +105,7 @@ def probe_plan(info: RigInfo, settings: ExcitationSettings, seed: int) -> Excita
 
 
 def _raised(level_m_s2: float, settings: ExcitationSettings) -> str:
-    """Return the sentence on a probe that is louder than its share."""
+    """Return the note that the probe is louder than a fifth of the level."""
     return (
         f"probe played at {level_m_s2:.2g} m/s^2 rms, more than {PROBE_SHARE:.0%} of the {settings.accel_rms_m_s2:g} "
         "wanted or of what the limits allow: the converters are coarse"
@@ -122,13 +118,16 @@ def choose_level(
 ) -> Level:  # fmt: skip
     """Choose the level of a planned excitation from the corrected accelerations (c, n) in m/s^2 of its probe.
 
-    What each channel will show is the plan's command through the response that the probe measured: on the default rig
-    within 5 % for all kinds, within 25 % for a specimen of 0.5 % damping, whose vibration outlasts the probe.
-    Every channel keeps 70 % of the range of its sensor and converter and 60 % of the limit of acceleration; the force
-    that table and floors need together, of masses `floor_masses_kg` (c - 1,) (None: the specimen's, on the table),
-    keeps 60 % of its limit, and so do stroke and velocity, predicted with the measured gain. The level is never above
-    `wanted` in m/s^2 rms, nor above that of the plan. Raises InputError for a record that does not fit the probe, and
-    channels that show nothing but noise.
+    The peaks of each channel are predicted by applying the response measured in the probe to the planned command. On
+    the default rig they are right within 5 % for all kinds of excitation, and within 25 % for a specimen of 0.5 %
+    damping, whose vibration outlasts the probe.
+
+    Every channel stays below 70 % of the range of its sensor and converter and below 60 % of the acceleration limit.
+    Stroke and velocity, predicted with the measured gain, and the force that moves table and floors stay below 60 % of
+    their limits. `floor_masses_kg` (c - 1,) are the masses for that force; None: the specimen's whole mass moves with
+    the table. The level is never above `wanted` in m/s^2 rms or above that of the plan.
+
+    Raises InputError if the record does not fit the probe, or if a channel shows nothing but noise.
     """
     check_probe(info, probe, accel)
     start = min(wanted, planned.accel_rms_m_s2)
@@ -150,7 +149,7 @@ def choose_level(
 
 
 def _reach(bounds: Iterable[Bound], level_m_s2: float) -> dict[str, Reach]:
-    """Return the largest expected peak of each name at a level, beside its limit; channels' ranges as one."""
+    """Return the largest expected peak for each limit at a level; the ranges of all channels count as one limit."""
     found: dict[str, Reach] = {}
     for bound in bounds:
         name = "sensor range" if bound.name.startswith("range of") else bound.name.removesuffix(" limit")
@@ -160,7 +159,7 @@ def _reach(bounds: Iterable[Bound], level_m_s2: float) -> dict[str, Reach]:
 
 
 def tightest_first(bounds: Iterable[Bound]) -> list[Bound]:
-    """Return the tightest bound of each name among those a plan does not keep, the tightest of all first."""
+    """Return, for each limit that a plan violates, its tightest bound; the tightest of all first."""
     found: dict[str, Bound] = {}
     for bound in sorted(bounds, key=lambda bound: bound.allowed_m_s2):
         if bound.allowed_m_s2 < bound.level_m_s2 * (1.0 - 1e-9):
@@ -169,8 +168,10 @@ def tightest_first(bounds: Iterable[Bound]) -> list[Bound]:
 
 
 def check_probe(info: RigInfo, probe: Excitation, accel: Array) -> None:
-    """Raise InputError when a probe's record (c, n) does not fit its plan or a channel shows nothing but noise, its own
-    or that of rounding to bits."""
+    """Raise InputError if a probe's record (c, n) does not fit its plan, or if a channel shows only noise.
+
+    Noise is the channel's noise at rest or that of its quantisation, whichever is larger.
+    """
     if accel.shape != (len(info.channels), len(probe.command_v)) or not np.isfinite(accel).all():
         raise InputError(
             f"probe: {accel.shape} samples must be finite and fit {len(info.channels)} channels and "
@@ -202,10 +203,10 @@ def measured_gain(info: RigInfo, probe: Excitation, table_accel: Array) -> float
 
 
 def expected(info: RigInfo, probe: Excitation, accel: Array, planned: Excitation) -> Array:
-    """Return what the channels (c, n) in m/s^2 will show up to 60 Hz while a plan is played.
+    """Return the predicted accelerations (c, n) in m/s^2 of the channels, up to 60 Hz, while a plan is played.
 
-    The probe's record begins and ends at rest, so that its Fourier lines divided by those of the command's second
-    derivative are the response at those lines; lines with less than 1 % of the mean power are passed over.
+    The probe's record begins and ends at rest. Its Fourier lines divided by those of the command's second derivative
+    are therefore the frequency response; lines with less than 1 % of the mean power are ignored.
     """
     given, lines = _derivative_lines(probe.command_v, info.dt_s), np.fft.rfft(accel, axis=-1)
     f, power = np.fft.rfftfreq(len(probe.command_v), info.dt_s), np.abs(given) ** 2
@@ -219,11 +220,11 @@ def expected(info: RigInfo, probe: Excitation, accel: Array, planned: Excitation
 
 
 def ringing_growth(info: RigInfo, probe: Excitation, accel: Array, planned: Excitation) -> Array:
-    """Return by how much more the channels (c,) may show in a plan because it lasts longer than its probe.
+    """Return the factors (c,) by which the channels' motion may grow because a plan lasts longer than its probe.
 
-    A motion that is still ringing at the end of the probe's rest has not grown to its end in the probe: its power grows
-    with the duration of the noise, if it has no damping at all. What rings there of the power during the noise is
-    taken to grow so.
+    A motion that still rings at the end of the probe's rest had not reached its steady state in the probe. Without any
+    damping its power grows in proportion to the duration of the noise. The fraction of the power that still rings at
+    the end of the rest is assumed to grow in this way.
     """
     excited = accel[:, probe.parts.noise]
     left = accel[:, -round(TAIL_S / info.dt_s) :]
@@ -233,7 +234,7 @@ def ringing_growth(info: RigInfo, probe: Excitation, accel: Array, planned: Exci
 
 
 def channel_bounds(info: RigInfo, shown: Array, planned: Excitation) -> Iterator[Bound]:
-    """Yield the peak that each channel will show in each stretch of a plan, beside the range it must keep."""
+    """Yield the predicted peak of each channel in each stretch of a plan, with the channel's range."""
     for channel, samples in zip(info.channels, np.abs(shown), strict=True):
         limit = min(channel.range_m_s2, info.converters.range_v / channel.sensitivity_v_per_m_s2)
         for loud in planned.stretches:
@@ -242,14 +243,14 @@ def channel_bounds(info: RigInfo, shown: Array, planned: Excitation) -> Iterator
 
 
 def acceleration_bounds(info: RigInfo, shown: Array, planned: Excitation) -> Iterator[Bound]:
-    """Yield the largest peak of table and floors in each stretch of a plan beside the limit of acceleration."""
+    """Yield the largest predicted peak of table and floors in each stretch of a plan, with the acceleration limit."""
     for loud in planned.stretches:
         peak = float(np.abs(shown[:, loud.samples]).max())
         yield Bound("acceleration limit", loud.level_m_s2, peak, info.limits.acceleration_m_s2, SHARE, "m/s^2")
 
 
 def force_bounds(info: RigInfo, shown: Array, planned: Excitation, floor_masses_kg: Array | None) -> Iterator[Bound]:
-    """Yield the peak of the force that moves table and floors in each stretch of a plan, as the guard reckons it."""
+    """Yield the peak force that moves table and floors in each stretch of a plan, computed as the guard does."""
     if floor_masses_kg is None:
         force = np.abs((info.moving_mass_kg + info.specimen_mass_kg) * shown[0])
     else:
@@ -260,7 +261,10 @@ def force_bounds(info: RigInfo, shown: Array, planned: Excitation, floor_masses_
 
 
 def limit_bounds(planned: Excitation, gain_ratio: float) -> Iterator[Bound]:
-    """Yield what each stretch of a plan takes of the limits on motion when the gain is that ratio of the nominal."""
+    """Yield the peak displacement and velocity in each stretch of a plan, with their limits.
+
+    `gain_ratio` is the measured gain of the table over the nominal one.
+    """
     for loud in planned.stretches:
         for name in FOLLOWED:
             predicted, limit, unit = loud.reach[name]
@@ -268,11 +272,11 @@ def limit_bounds(planned: Excitation, gain_ratio: float) -> Iterator[Bound]:
 
 
 def overdriven(quiet: Record, loud: Record, dt_s: float) -> tuple[float, float] | None:
-    """Return what share of the table's motion (power, at low and at full level) its command does not explain, where
-    that grows with the level enough to spoil a model; None where it does not.
+    """Return the fractions of the table's power that the command does not explain, at low and at full level.
 
-    Noise, rounding and friction take a smaller share of larger motions, leakage the same one of both: only an actuator
-    at a limit, or another nonlinearity that grows with the motion, takes more. Both records must be noise.
+    None is returned unless the fraction at full level is larger by enough to spoil a model. The fraction due to noise,
+    rounding and friction decreases with the level, and that due to leakage is constant. Only an actuator at a limit, or
+    another nonlinearity that grows with the motion, makes it increase. Both records must be noise.
     """
     low, full = (estimate([record], dt_s, COMPARED_HZ, SHORT_SEGMENT_S)[0] for record in (quiet, loud))
     before, after = (float(np.median(1.0 / frf.coherence - 1.0)) for frf in (low, full))
@@ -286,7 +290,7 @@ def _derivative_lines(command_v: Array, dt_s: float) -> ComplexArray:
 
 
 def _sentence(bound: Bound) -> str:
-    """Return the sentence on what lowers a level."""
+    """Return the sentence on a bound that lowers the level."""
     return (
         f"{bound.name}: {bound.expected:.3g} {bound.unit} expected at {bound.level_m_s2:.2f} m/s^2 rms, more than "
         f"{bound.share:.0%} of {bound.limit:.3g} {bound.unit}: at most {bound.allowed_m_s2:.2f} m/s^2 rms"

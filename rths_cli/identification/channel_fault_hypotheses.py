@@ -1,8 +1,9 @@
 """Which single fault of a channel, a mass or the floors' order explains channels that a chain as declared does not.
 
 Each fault is a change of the data (channels multiplied or exchanged) or of the masses. The storeys' equations are
-solved again with that change (chain_residual.py). A fault is reported only if the declared channels cannot be explained, the
-fault explains them, and it is large enough. Faults that explain the channels equally well are reported together.
+solved again with that change (chain_residual.py). A fault is reported only if the declared channels cannot be
+explained, the fault explains them, and it is large enough. Faults that explain the channels equally well are reported
+together.
 """
 
 from __future__ import annotations

@@ -1,11 +1,11 @@
 """Excitation of a rig: its signals, and the plan of a loud record and a free vibration.
 
-They share one amplitude over frequency: flat to 0.7 Hz, falling as f^-1.5 to 12 Hz and as f^-3.5 above, which keeps
-the acceleration even over the band without taking the stroke at its low end.
+All signals have the same amplitude over frequency: flat to 0.7 Hz, falling as f^-1.5 to 12 Hz and as f^-3.5 above. This
+keeps the acceleration nearly constant over the band without using up the stroke at its low end.
 
-Planned with data-sheet values only, which tell displacement and velocity of the table. Its acceleration, and with it
-what sensors show and the actuator's force, depend on how the table answers: the nominal acceleration, gain times the
-command's second derivative, only names levels, and holds the probe down (see low_level_probe.py).
+A plan uses data-sheet values only. They give displacement and velocity of the table. Its acceleration, the sensors'
+signals and the actuator's force depend on the table's response, which is not known yet. The nominal acceleration, gain
+times the command's second derivative, therefore only defines levels and limits the probe (see low_level_probe.py).
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import RigInfo
 
 FLAT_HZ, CORNER_HZ = 0.7, 12.0  # the amplitude is flat below the first, falls as f^-1.5, above the second as f^-3.5
-LEAST_HOLD_S, MOST_HOLD_S = 1.0, 4.0
-ROUNDING = 40
-LEAST_LEVEL = 0.5  # of a held level, of at most 1
+LEAST_HOLD_S, MOST_HOLD_S = 1.0, 4.0  # duration of a held level
+ROUNDING = 40  # a sweep's kinks are rounded over this fraction of a period
+LEAST_LEVEL = 0.5  # smallest held level; the largest is 1
 
 
 def amplitude(frequency_hz: Array) -> Array:
@@ -110,7 +110,7 @@ def faded(signal: Array, fade_s: float, dt_s: float) -> Array:
 
 
 def repeated(period: Array, periods: int, fade_s: float, dt_s: float) -> Array:
-    """Return a period (n,) as one that fades in, so many steady ones, and the beginning of one that fades out."""
+    """Return a signal that repeats a period (n,): one that fades in, `periods` steady ones, and a short fade-out."""
     return faded(np.concatenate([np.tile(period, periods + 1), period[: round(fade_s / dt_s)]]), fade_s, dt_s)
 
 
@@ -130,22 +130,22 @@ def _frequencies(samples: int, dt_s: float) -> Array:
 
 Kind = Literal["noise", "multisine", "sweep", "step"]
 PERIODIC = ("multisine", "sweep")
-SHARE = 0.6  # of each limit that a plan may use
-AMPLIFICATION = 2.0  # floors over table: margin of floor sensors
+SHARE = 0.6  # fraction of each limit that a plan may use
+AMPLIFICATION = 2.0  # assumed acceleration of the floors over that of the table
 SILENCE_S, FADE_S, PAUSE_S, BURST_S, BURST_FADE_S, HOLD_S = 2.0, 2.0, 0.5, 4.0, 0.3, 16.0
 BURST_BAND_HZ = (1.0, 15.0)
-MOVED = ("stroke", "velocity", "command range")  # limits on what a command itself says
+MOVED = ("stroke", "velocity", "command range")  # limits that the command alone determines
 LEAST_DURATION_S = 40.0
 LEAST_PERIODS, LEAST_CYCLES = 3, 4.0  # periods in a record; cycles of low_hz in a period
-SWEEP_SEGMENTS = 10  # of a period: so short that a harmonic falls in another one than its fundamental
+SWEEP_SEGMENTS = 10  # segments per period: so short that a harmonic and its fundamental fall in different ones
 MOST_CHANNELS = 41  # table and 40 floors: the evaluation takes minutes, and grows with their cube
 MOST_VALUES = 3e7  # samples times channels of a record, 240 MB: an hour at 2 kHz with three channels
-DRAWS = 50  # of a multisine's phases
+DRAWS = 50  # random draws of a multisine's phases
 
 
 @dataclass(frozen=True)
 class ExcitationSettings:
-    """What may be asked of an excitation: duration of the signal, its nominal acceleration, band and kind.
+    """The requested excitation: duration of the signal, nominal acceleration, band and kind.
 
     Multisine and sweep repeat every `period_s`; their duration is rounded down to whole periods.
     """
@@ -159,7 +159,7 @@ class ExcitationSettings:
 
 
 class Reach(NamedTuple):
-    """A predicted peak beside its limit, both in `unit`."""
+    """A predicted peak and its limit, both in `unit`."""
 
     predicted: float
     limit: float
@@ -167,18 +167,17 @@ class Reach(NamedTuple):
 
     @property
     def share(self) -> float:
-        """Return the part of the limit that is used."""
+        """Return the fraction of the limit that is used."""
         return self.predicted / self.limit
 
 
 @dataclass(frozen=True)
 class Stretch:
-    """A moving stretch of a plan: from which sample to which, its level in m/s^2 rms, what it nominally takes of the
-    limits."""
+    """A stretch of a plan in which the table moves."""
 
     samples: slice
-    level_m_s2: float
-    reach: dict[str, Reach]
+    level_m_s2: float  # rms
+    reach: dict[str, Reach]  # nominal peaks with their limits, by the name of the limit
 
 
 @dataclass(frozen=True)
@@ -198,26 +197,26 @@ class Excitation:
 
     @property
     def reach(self) -> dict[str, Reach]:
-        """Return the largest nominal peak of the whole plan beside each limit."""
+        """Return, for each limit, the largest nominal peak of the whole plan."""
         names = self.stretches[0].reach if self.stretches else ()
         return {name: max(stretch.reach[name] for stretch in self.stretches) for name in names}
 
 
 class Signal(NamedTuple):
-    """A command (n,) in V of no particular level; `steady` names its samples to be evaluated."""
+    """A command before it is scaled to its level."""
 
-    command_v: Array
-    steady: slice
-    period_samples: int = 0
-    segment_samples: int = 0
+    command_v: Array  # (n,)
+    steady: slice  # samples that are evaluated
+    period_samples: int = 0  # 0: not periodic
+    segment_samples: int = 0  # length of the Hann segments that suit it; 0: any
 
 
 def plan(info: RigInfo, settings: ExcitationSettings, seed: int, level: float | None = None) -> Excitation:
     """Plan silence, the signal, a burst and a hold for a rig, rounded to the bits of its command converter.
 
-    A `level` in m/s^2 rms, as a probe allows it, replaces that of the settings. The signal is scaled down, and a note
-    says so, when stroke, velocity or command would take more than 60 % of their limits.
-    Raises InputError when the settings cannot be met.
+    A `level` in m/s^2 rms, as permitted by a probe, replaces that of the settings. If stroke, velocity or command would
+    exceed 60 % of their limits, the signal is scaled down and a note says so. Raises InputError if the settings cannot
+    be met.
     """
     settings = settings if level is None else replace(settings, accel_rms_m_s2=level)
     check(info, settings)
@@ -241,7 +240,7 @@ def plan(info: RigInfo, settings: ExcitationSettings, seed: int, level: float | 
 
 
 def check(info: RigInfo, settings: ExcitationSettings) -> None:
-    """Raise one InputError with every setting that is out of range."""
+    """Raise one InputError that names every setting out of range."""
     faults = []
     nyquist = 0.5 / info.dt_s
     if not 0.05 <= settings.low_hz <= 1.0:
@@ -310,7 +309,7 @@ def whole_periods(settings: ExcitationSettings) -> tuple[str, ...]:
 
 
 def make_signal(info: RigInfo, settings: ExcitationSettings, random: np.random.Generator) -> Signal:
-    """Return the signal of the kind asked for: faded ends, and for periodic kinds one period to settle in front."""
+    """Return the signal of the requested kind with faded ends; periodic kinds begin with one period to settle."""
     dt, low, high = info.dt_s, settings.low_hz, settings.high_hz
     if settings.kind == "multisine":
         return _periodic(best_multisine(info, settings, random), settings, dt)
@@ -325,16 +324,16 @@ def make_signal(info: RigInfo, settings: ExcitationSettings, random: np.random.G
 
 
 def _periodic(period: Array, settings: ExcitationSettings, dt_s: float) -> Signal:
-    """Return the signal that repeats a period (n,) for the duration; a period before it lets transients die."""
+    """Return the signal that repeats a period (n,) for the duration, after one period in which transients decay."""
     n, count = len(period), periods(settings)
     return Signal(repeated(period, count, FADE_S, dt_s), slice(n, n * (count + 1)), n)
 
 
 def best_multisine(info: RigInfo, settings: ExcitationSettings, random: np.random.Generator) -> Array:
-    """Return the one of 50 draws of a multisine's phases (n,) that takes least of the limit it meets first.
+    """Return one period (n,) of a multisine: of 50 draws of its phases, the one that permits the highest level.
 
-    The level this reaches is 16 % (force first) to 22 % (stroke or velocity first) above that of a single draw, in the
-    mean of six seeds on the default rig; 10 draws gain 12-15 %, 200 draws 19-25 %.
+    On the default rig, in the mean of six seeds, this level is 16 % (force is the first limit) to 22 % (stroke or
+    velocity) above that of a single draw; 10 draws gain 12-15 %, 200 draws 19-25 %.
     """
     dt = info.dt_s
     draws = (multisine(settings.period_s, dt, settings.low_hz, settings.high_hz, random) for _ in range(DRAWS))
@@ -365,7 +364,7 @@ def accel_rms(command_v: Array, info: RigInfo, part: slice = slice(None)) -> flo
 
 
 def reach(info: RigInfo, command_v: Array) -> dict[str, Reach]:
-    """Return the nominal peaks of a command (n,) in V, before rounding, beside the limits they must keep."""
+    """Return the nominal peaks of a command (n,) in V, before rounding, with their limits."""
     place = float(np.abs(command_v).max())
     accel = float(np.abs(nominal_accel(command_v, info)).max())
     velocity = info.gain_m_per_v * float(np.abs(np.diff(command_v)).max()) / info.dt_s
@@ -383,8 +382,10 @@ def reach(info: RigInfo, command_v: Array) -> dict[str, Reach]:
 
 
 def largest_scale(info: RigInfo, command_v: Array, limits: Sequence[str] = ()) -> tuple[float, str]:
-    """Return the factor that brings a command to 60 % of the first limit it meets, of those named (none: of all), and
-    that limit's name."""
+    """Return the factor that brings a command (n,) in V to 60 % of the tightest limit, and that limit's name.
+
+    Only the named `limits` count; without names, all of them.
+    """
     nominal = reach(info, command_v)
     room = {name: nominal[name].limit / nominal[name].predicted for name in limits or nominal}
     first = min(room, key=lambda name: room[name])
@@ -394,8 +395,10 @@ def largest_scale(info: RigInfo, command_v: Array, limits: Sequence[str] = ()) -
 def reachable_level(
     info: RigInfo, signal: Signal, wanted_m_s2: float, limits: Sequence[str] = ()
 ) -> tuple[float, tuple[str, ...]]:
-    """Return the level in m/s^2 rms that limits allow, those named or all, up to the wanted one, and a note when it is
-    less."""
+    """Return the level in m/s^2 rms that the named limits (without names: all) permit, and a note if it is reduced.
+
+    The level is at most `wanted_m_s2`.
+    """
     scale, limit = largest_scale(info, signal.command_v, limits)
     allowed = scale * accel_rms(signal.command_v, info, signal.steady)
     if wanted_m_s2 <= allowed:
@@ -405,5 +408,5 @@ def reachable_level(
 
 
 def rounded(command_v: Array, step_v: float) -> Array:
-    """Return the command (n,) in V rounded to the converter's bits, so that the one played is the one known."""
+    """Return the command (n,) in V rounded to the converter's bits, so that the known command is the one played."""
     return np.round(command_v / step_v) * step_v if step_v > 0.0 else command_v

@@ -30,16 +30,16 @@ from rths_cli.identification.specimen_fit import (
 from rths_cli.identification.verdict import AGREE_SIGMA
 from rths_cli.numerics.lti import Array, Model
 
-PHASE = 3e-4  # rad between channels below which no skew is told from what corrections of sensors leave
-BELOW_FIRST = 0.5  # of the first natural frequency: there the specimen's lines begin at the latest
-MOST_SKEW, SEEN_SKEW = 0.25, 0.05  # samples between floors and table: refused, said
-ENOUGH = 120_000  # samples for a first look
+PHASE = 3e-4  # rad; smaller phase errors between channels may be residuals of the sensor correction
+BELOW_FIRST = 0.5  # the specimen's lines begin at this fraction of the first natural frequency or lower
+MOST_SKEW, SEEN_SKEW = 0.25, 0.05  # skew between floors and table in samples: rejected, reported
+ENOUGH = 120_000  # samples of a first look
 
 
 def without_staircase(table_accel: Array, command_v: Array, model: Model) -> Array:
-    """Return the table's samples (n,) in m/s^2 less the alias of the command's staircase, (n,) in V.
+    """Return the table's samples (n,) in m/s^2 minus the alias of the held command (n,) in V.
 
-    Before the record the command is taken as held.
+    The command is assumed constant before the record.
     """
     late, count = max(model.latency_samples, 1), len(command_v)
     moved = np.concatenate([np.zeros(late + 1), command_v - command_v[0]])
@@ -48,13 +48,13 @@ def without_staircase(table_accel: Array, command_v: Array, model: Model) -> Arr
 
 
 def motions(data: Evidence, model: Model | None, free: bool) -> list[Motion]:
-    """Return table and floors during each record's excitation, or its free vibration, where it has one."""
+    """Return table and floors during each record's excitation or, with `free`, during its free vibration if any."""
     found = [_motion(record, model, free) for record in data.records]
     return [motion for motion in found if motion is not None]
 
 
 def _motion(record: Record, model: Model | None, free: bool) -> Motion | None:
-    """Return table and floors of one record, less the staircase alias a model knows."""
+    """Return table and floors of one record, minus the staircase's alias if a model is given."""
     part = record.parts.free_vibration if free else record.parts.noise
     if part is None:
         return None
@@ -65,10 +65,10 @@ def _motion(record: Record, model: Model | None, free: bool) -> Motion | None:
 
 
 def first_look(data: Evidence) -> Start:
-    """Return first values of the specimen, from the storeys' equations, and from a minute of motion where that fits.
+    """Return start values of the specimen: from the storeys' equations, improved by a fit to a minute of motion.
 
-    It need not: the table's samples carry the alias of the hold's staircase, which only a model of the table tells, and
-    a fit that takes it for motion leaves good first values for bad ones.
+    The result of that fit is used only if it explains the motion. The table's samples contain the alias of the hold's
+    staircase, which only a model of the table can remove, and a fit that takes it for motion makes the values worse.
     """
     if len(data.masses_kg) == 0:
         return Start(np.zeros(0), np.zeros(0))
@@ -79,8 +79,10 @@ def first_look(data: Evidence) -> Start:
 
 
 def fit_motions(data: Evidence, start: Start, seen: Sequence[Motion]) -> tuple[Start, float]:
-    """Return the specimen fitted to the motions themselves, where no leakage does harm however light the damping, and
-    what that leaves of the floors' motion, relative."""
+    """Fit the specimen to whole motions, which have no leakage however light the damping.
+
+    Returns the stiffnesses and damping ratios, and the relative residual of the floors' motion.
+    """
     if len(data.masses_kg) == 0:
         return start, 0.0
     found = fit_specimen(seen, data.info.dt_s, data.masses_kg, lowest_hz(data, start), start)
@@ -88,8 +90,11 @@ def fit_motions(data: Evidence, start: Start, seen: Sequence[Motion]) -> tuple[S
 
 
 def lowest_hz(data: Evidence, start: Start) -> float:
-    """Return from where on the specimen's lines are used: the start of the band, or half its first natural frequency
-    where that is less. Table and floors are both measured there, however little the excitation moves them."""
+    """Return the lowest frequency in Hz of the specimen's lines.
+
+    It is the start of the band, or half the first natural frequency if that is lower. The specimen may be fitted below
+    the excited band, because table and floors are both measured, however small their motion.
+    """
     if len(data.masses_kg) == 0:
         return data.settings.band_hz[0]
     first_hz = float(modal(data.masses_kg, start.stiffness_n_per_m)[0][0]) / (2.0 * np.pi)
@@ -107,8 +112,11 @@ def excited(data: Evidence, model: Model, start: Start) -> SpecimenFit | None:
 def freely_vibrating(
     data: Evidence, model: Model, known: SpecimenFit | None
 ) -> tuple[SpecimenFit | None, tuple[str, ...]]:
-    """Return the specimen from what the free vibrations show until they have died out in the channels' noise, None
-    without any; and a sentence where they last too short to tell. `known`: the specimen from the excitation."""
+    """Return the specimen identified from the free vibrations, as far as they exceed the channels' noise.
+
+    `known` is the specimen from the excitation. Returns None without a usable free vibration; the second value is a
+    sentence if all of them are too short.
+    """
     if known is None:
         return None, ()
     held = [record for record in data.records if record.parts.free_vibration is not None]
@@ -128,14 +136,14 @@ def freely_vibrating(
 
 
 def _living(record: Record, data: Evidence, model: Model) -> Motion:
-    """Return table and floors in a record's free vibration until the floors' noise hides it."""
+    """Return table and floors in a record's free vibration, up to the instant at which noise hides it."""
     motion = _motion(record, model, free=True)
     assert motion is not None
     return motion.cut(alive(motion.floors, channel_noise(record, data.info)[1:]))
 
 
 def out_of_step(data: Evidence, model: Model, found: SpecimenFit | None) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return reasons and warnings when the floors are out of step with the table."""
+    """Return reasons to reject the channels, and warnings, if the floors are out of step with the table."""
     if found is None:
         return (), ()
     dt_s, start = data.info.dt_s, Start(found.stiffness_n_per_m, found.damping_ratio)
@@ -152,16 +160,16 @@ def out_of_step(data: Evidence, model: Model, found: SpecimenFit | None) -> tupl
     return (), ((sentence,) if abs(late) > SEEN_SKEW + AGREE_SIGMA * error else ())
 
 
-EXPLAINS = 0.5
-MOST_LEFT = 0.1  # of the floors' motion
-LONGEST = 1000.0  # samples
+EXPLAINS = 0.5  # a skew is accepted as the cause if it reduces the unexplained motion to this fraction
+MOST_LEFT = 0.1  # largest residual, as a fraction of the floors' motion
+LONGEST = 1000.0  # largest skew of the fit, in samples
 
 
 def skew(motions: Sequence[Motion], dt_s: float, masses_kg: Array, low_hz: float, start: Start) -> tuple[float, float]:
-    """Return by how many samples the floors come late against the table, and the standard error of that.
+    """Return by how many samples the floors are late against the table, and the standard error of this skew.
 
-    It is zero where a delay leaves half of what the specimen does not explain, or a tenth of the floors' motion: then
-    that has another cause.
+    Both are zero if a skew does not halve the motion that the specimen leaves unexplained, or leaves more than a tenth
+    of the floors' motion: then the residual has another cause.
     """
     masses = np.asarray(masses_kg, dtype=float)
     highest = modal(masses, start.stiffness_n_per_m)[0][-1] / (2.0 * np.pi)

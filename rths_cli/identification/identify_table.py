@@ -19,30 +19,29 @@ from rths_cli.identification.specimen_fit import Start, modal
 from rths_cli.identification.table_fit import Fit, Timing, first_fit, fit_error, fit_paper, refit, within
 from rths_cli.numerics.lti import Array, Frf, Model
 
-NO_CHAIN = 0.005  # share of the floors' motion left by the specimen's fit, from which its modes are not the zeros
-MOST_TURNS = 4  # of model and specimen
+NO_CHAIN = 0.005  # residual of the specimen's fit, as a fraction of the floors' motion, above which zeros are free
+MOST_TURNS = 4  # alternations between fitting the model and the specimen
 SAME_MODE, SAME_DAMPING = (
     0.5,
     0.5,
 )  # frequencies agree within this part of half a resonance's width, ratios within e^0.5
-MOST_ROUNDS, CONVERGED = 8, 5e-4  # of taking out leakage; change of the model in 0.7-11 Hz that ends them
-COHERENT, OCTAVE_SHARE = 0.5, 2.0 ** (1.0 / 6.0)
+MOST_ROUNDS, CONVERGED = 8, 5e-4  # rounds of leakage removal; change of the model in 0.7-11 Hz that ends them
+COHERENT, OCTAVE_SHARE = 0.5, 2.0 ** (1.0 / 6.0)  # least median coherence of a band; width of a band
 
 
 @dataclass(frozen=True)
 class TableFit:
-    """Fits of the table: the first structure, the chosen one, all that were tried, the paper's model, and the response
-    without leakage that they were made to."""
+    """The fits of the table."""
 
-    first: Fit
-    chosen: Fit
-    candidates: tuple[Candidate, ...]
-    paper: Model
-    frf: Frf
+    first: Fit  # of the first structure
+    chosen: Fit  # of the structure that was chosen
+    candidates: tuple[Candidate, ...]  # all structures that were tried
+    paper: Model  # the paper's model
+    frf: Frf  # the response without leakage, to which they were fitted
 
 
 def fit_table(data: Evidence, frf: Frf, start: Start) -> TableFit:
-    """Fit the table's models to its response; `start`: the specimen on it."""
+    """Fit the table's models to its response; `start` is a first estimate of the specimen on the table."""
     first, clean = _first(data, frf, start)
     settings = data.settings
     chosen, candidates = choose(first, clean, data.records, settings.estimator, settings.latency_in_roots)
@@ -53,10 +52,11 @@ def fit_table(data: Evidence, frf: Frf, start: Start) -> TableFit:
 
 
 def _first(data: Evidence, frf: Frf, start: Start) -> tuple[Fit, Frf]:
-    """Return the first fit, and the response it was made to.
+    """Return the first fit, and the response to which it was made.
 
-    The alias of the hold's staircase in the table's samples hides what drives the floors, and only a model of the table
-    tells it. A first look at the specimen, which had none, may be far off; then model and specimen improve in turns.
+    The table's samples contain the alias of the hold's staircase, which does not drive the floors, and only a model of
+    the table can remove it. The first estimate of the specimen, made without a model, may therefore be wrong. If so,
+    model and specimen are improved alternately.
     """
     masses, info = data.masses_kg, data.info
     coupling_hz = info.channels[0].high_pass_hz if data.settings.sensors_removed else 0.0
@@ -74,8 +74,10 @@ def _first(data: Evidence, frf: Frf, start: Start) -> tuple[Fit, Frf]:
 
 
 def _agree(one: Start, other: Start, masses: Array) -> bool:
-    """Tell whether two specimens have the same modes but for a part of a resonance's width, so that a model of the
-    table fitted with one suits the other."""
+    """Return whether the modes of two specimens agree within a fraction of a resonance's width.
+
+    A table model that was fitted with one of them is then valid for the other.
+    """
     if not len(masses):
         return True
     slower, faster = (modal(masses, each.stiffness_n_per_m)[0] for each in (one, other))
@@ -87,8 +89,8 @@ def _agree(one: Start, other: Start, masses: Array) -> bool:
 def _refined(data: Evidence, frf: Frf, found: Fit) -> tuple[Fit, Frf]:
     """Return the fit of the same structure to the response without leakage, and that response.
 
-    Each round takes out the leakage the last model shows (an excitation in whole periods has none, but its lines
-    get their errors from the model).
+    Each round removes the leakage that the last model predicts. (An excitation in whole periods has no leakage, but the
+    standard errors of its lines follow from the model.)
     """
     clean = frf
     for _ in range(MOST_ROUNDS):
@@ -110,11 +112,12 @@ def _with_zeros(found: Fit, specimen: Start, masses: Array) -> Array:
 
 
 def _with_damping(found: Fit, parameters: Array, frf: Frf) -> Array:
-    """Return parameters in which no pole starts with a damping that leakage made up.
+    """Return parameters in which no pole starts with a damping that is an artefact of leakage.
 
-    A resonance narrower than the spacing of the lines leaks into all lines about it, and the raw response gives it any
-    damping, often none. An undamped pole rings through the whole record, and no round of `_refined` finds back. Such a
-    pole starts as damped as the zero beside it, the same floors on a table that stands still.
+    A resonance narrower than the spacing of the lines leaks into the lines around it. The raw response then gives an
+    arbitrary damping, often none. An undamped pole rings through the whole record, and the rounds of `_refined` cannot
+    recover from it. Such a pole starts with the damping of the nearest zero, which is the same mode of the floors on a
+    table at rest.
     """
     spacing_hz, first_zero = frf.frequency_hz[1] - frf.frequency_hz[0], found.layout.zeros(0).start
     poles, zeros = (parameters[start : start + 2 * count].reshape(-1, 2) for start, count in (
@@ -132,7 +135,7 @@ def _inside(band_hz: tuple[float, float], outer_hz: tuple[float, float]) -> tupl
 
 
 def coherent_up_to(frf: Frf, highest_hz: float) -> float:
-    """Return the frequency below which every sixth of an octave above 11 Hz has a median coherence of 0.5 or more."""
+    """Return the frequency up to which each sixth of an octave above 11 Hz has a median coherence of 0.5 or more."""
     low = COMPARED_HZ[1]
     while low < highest_hz:
         high = min(low * OCTAVE_SHARE, highest_hz)
@@ -144,8 +147,11 @@ def coherent_up_to(frf: Frf, highest_hz: float) -> float:
 
 
 def levels(data: Evidence, found: TableFit) -> tuple[tuple[LevelBand, ...], tuple[str, ...]]:
-    """Compare the record at low level with the full one, both over the model; and the causes in the table that explain
-    how they differ. () without one."""
+    """Compare the table's response at low level with that at full level, both divided by the model's.
+
+    Returns the comparison by band, and the causes in the table that explain the difference; both () without a record at
+    low level, or if that is too short.
+    """
     quiet, model, frf = data.quiet, found.chosen.model, found.frf
     if quiet is None:
         return (), ()
@@ -159,8 +165,10 @@ def levels(data: Evidence, found: TableFit) -> tuple[tuple[LevelBand, ...], tupl
 
 
 def with_ripple(model: Model, fitted: Model) -> Model:
-    """Return the model for the band of one fitted here, with that one's share of the hold's staircase where none (NaN)
-    is stated: it belongs to the sampling, not to the table."""
+    """Return a supplied model with the band of a fitted one, and with its staircase alias if none (NaN) is stated.
+
+    The alias depends on the sampling and not on the table.
+    """
     stated = not math.isnan(model.ripple_m_s2_per_v)
     ripple = model.ripple_m_s2_per_v if stated else fitted.ripple_m_s2_per_v
     return replace(model, band_hz=fitted.band_hz, ripple_m_s2_per_v=ripple)

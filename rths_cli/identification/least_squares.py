@@ -18,11 +18,11 @@ from rths_cli.numerics.matrix_equations import symmetric_eigenvectors
 Function = Callable[[Array], tuple[Array, Array]]
 """Parameters (n,) -> residual (m,) and its slopes (n, m), a row per parameter."""
 
-FIRST_RADIUS = 100.0  # times the scaled length of the start
-SAME_LENGTH, MOST_DAMPINGS = 0.1, 10  # a step may miss the radius by this share; tries to hit it
-LEAST_GAIN = 1e-4  # of the foreseen gain: a step with less is not taken
-POOR, GOOD = 0.25, 0.75  # share of the foreseen gain below which the region shrinks, above which it grows
-LOST = 1e-14  # of the largest eigenvalue: no arithmetic tells a smaller one from zero
+FIRST_RADIUS = 100.0  # first trust radius over the scaled length of the start
+SAME_LENGTH, MOST_DAMPINGS = 0.1, 10  # relative tolerance of a step's length to the radius; iterations to reach it
+LEAST_GAIN = 1e-4  # a step that achieves less than this fraction of the predicted reduction is rejected
+POOR, GOOD = 0.25, 0.75  # achieved over predicted reduction below which the region shrinks, above which it grows
+LOST = 1e-14  # smaller eigenvalues, relative to the largest one, cannot be distinguished from zero
 
 
 def parts(values: ComplexArray) -> Array:
@@ -46,15 +46,15 @@ class Solution:
 
 @dataclass(frozen=True)
 class _Linear:
-    """Scaled normal equations at a point: eigenvalues (n,), eigenvectors (n, n), the gradient along them, the scale."""
+    """Scaled normal equations at a point, in their eigenvectors."""
 
-    values: Array
-    vectors: Array
-    gradient: Array
-    scale: Array
+    values: Array  # (n,) eigenvalues
+    vectors: Array  # (n, n) eigenvectors, a column each
+    gradient: Array  # (n,) along the eigenvectors
+    scale: Array  # (n,) of the parameters
 
     def along(self, damping: float) -> Array:
-        """Return the scaled step (n,) along the eigenvectors; what the data do not tell is left alone."""
+        """Return the scaled step (n,) along the eigenvectors, zero in directions that the data do not determine."""
         known = self.values > LOST * self.values[-1]
         return np.where(known, -self.gradient, 0.0) / np.where(known, self.values + damping, 1.0)
 
@@ -63,14 +63,17 @@ class _Linear:
         return self.vectors @ self.along(damping) / self.scale
 
     def promised(self, damping: float, size: float) -> tuple[float, float, float]:
-        """Return by what share the sum of squares, of a residual of that norm, falls if the slopes tell all; half of
-        how steeply it falls at the start; and the length of the scaled step."""
+        """Return the predictions of the linear model for a step.
+
+        These are the relative reduction of the sum of squares for a residual of norm `size`, minus half the slope of
+        the relative sum of squares along the step, and the length of the scaled step.
+        """
         along = self.along(damping)
         linear, damped = float(along**2 @ self.values) / size**2, damping * float(along @ along) / size**2
         return linear + 2.0 * damped, linear + damped, float(np.linalg.norm(along))
 
     def damping(self, radius: float, before: float) -> float:
-        """Return the damping with which a step is as long as the radius; none where an undamped one is shorter."""
+        """Return the damping for which the step is as long as the radius, 0 if the undamped step is shorter."""
         if float(np.linalg.norm(self.along(0.0))) <= (1.0 + SAME_LENGTH) * radius:
             return 0.0
         most = float(np.linalg.norm(self.gradient)) / radius
@@ -90,11 +93,13 @@ def least_squares(
 ) -> Solution:
     """Minimise the sum of squares of a function's residual from a start (n,).
 
-    No parameter moves farther from its start than `reach` (a number, or one for each): there the function is still
-    finite, and a parameter that the data do not determine ends there instead of running away. It ends when a step
-    changes the sum of squares, or the scaled parameters, by less than `tolerance`, relative, when the residual is
-    orthogonal to the slopes to that, or after so many evaluations. A step to where the residual is not finite is not
-    taken. Raises ValueError when it is not finite at the start.
+    No parameter moves farther from its start than `reach` (a number, or one for each parameter). The function must be
+    finite there. A parameter that the data do not determine ends at this bound instead of diverging.
+
+    The iteration ends if a step changes the sum of squares or the scaled parameters by less than `tolerance`
+    (relative), if the residual is orthogonal to the slopes within `tolerance`, or after `evaluations` evaluations. A
+    step to a point with a residual that is not finite is rejected. Raises ValueError if the residual is not finite at
+    the start.
     """
     start = np.asarray(start, dtype=float)
     low, high = start - reach, start + reach
@@ -125,7 +130,7 @@ def least_squares(
 
 
 def _inside(here: Solution, low: Array, high: Array) -> Array:
-    """Return the slopes (n, m) without those of parameters that stand at a bound and are pushed against it."""
+    """Return the slopes (n, m), set to zero for parameters at a bound whose descent direction leads beyond it."""
     uphill = here.slopes @ here.residual
     held = ((here.parameters <= low) & (uphill > 0.0)) | ((here.parameters >= high) & (uphill < 0.0))
     return np.where(held[:, None], 0.0, here.slopes)
@@ -141,14 +146,17 @@ def _linear(slopes: Array, residual: Array, scale: Array) -> _Linear:
 
 
 def _gain(before: float, after: float) -> float:
-    """Return by what share the sum of squares fell; -1 where it rose much, or is not a number."""
+    """Return the relative reduction of the sum of squares; -1 if it increased much or is not a number."""
     return 1.0 - (after / before) ** 2 if 0.1 * after < before else -1.0
 
 
 def _adapted(
     radius: float, damping: float, length: float, ratio: float, gain: float, slope: float
 ) -> tuple[float, float]:
-    """Return radius and damping for the next step; `slope` is how steeply the sum of squares falls at its start."""
+    """Return radius and damping for the next step.
+
+    `ratio` is the achieved over the predicted reduction, `gain` the achieved one, `slope` the predicted initial slope.
+    """
     if ratio <= POOR:
         share = 0.5 if gain >= 0.0 else max(0.5 * slope / (slope - 0.5 * gain), 0.1) if gain > -1.0 else 0.1
         return share * min(radius, 10.0 * length), damping / share
@@ -158,18 +166,18 @@ def _adapted(
 
 
 def linear(slopes: Array, wanted: Array) -> Array:
-    """Return the parameters (n,) whose slopes (n, m) add up to what is wanted (m,), in least squares.
+    """Return the factors (n,) with which the rows of `slopes` (n, m) approximate `wanted` (m,) in least squares.
 
-    A direction that the slopes do not determine is left at zero.
+    In a direction that the slopes do not determine the result is zero.
     """
     normal = _linear(slopes, -wanted, np.zeros(len(slopes)))
     return normal.step(0.0)
 
 
 def covariance(slopes: Array, variance: float) -> Array:
-    """Return the covariance (n, n) of parameters whose residuals (m,) have that variance each; `slopes` are (n, m).
+    """Return the covariance (n, n) of parameters if each residual has the given variance; `slopes` is (n, m).
 
-    In directions that no data determine it comes out huge.
+    It is very large in directions that the data do not determine.
     """
     scale = np.linalg.norm(slopes, axis=1)
     scale = np.where(scale > 0.0, scale, 1.0)

@@ -1,15 +1,16 @@
 """What makes a table or its specimen answer differently at another level: friction, a spring that hardens, a gain.
 
-Each acts like a change of the command that depends on the motion, so that the response at low level over that at full
-level, less 1, has a shape that the table's model G tells, times a real factor of its own sign:
+Each cause acts like a change of the command that depends on the motion. The response at low level over that at full
+level, minus 1, therefore has a shape over frequency that follows from the table's model G, times a real factor:
 
-- dry friction, an equivalent dashpot that weakens as the motion grows: -a G exp(s T) / s, a > 0;
-- a suspension that hardens, an equivalent spring that grows with the motion: b G exp(s T) / s^2, b > 0; one that
-  softens, or friction that sticks and gives way like a spring: b < 0;
-- an amplifier or actuator whose gain falls as the level grows: a constant above 0; one with a dead band: below 0,
+- dry friction is an equivalent dashpot that weakens as the motion grows: -a G exp(s T) / s, a > 0;
+- a hardening suspension is an equivalent spring that stiffens as the motion grows: b G exp(s T) / s^2, b > 0; for a
+  softening one, or for friction that sticks and yields like a spring, b < 0;
+- an amplifier or actuator whose gain falls as the level grows gives a positive constant, one with a dead band a
+  negative constant.
 
-with the delay T taken out, for the motion acts at once (J. B. Roberts and P. D. Spanos, Random Vibration and
-Statistical Linearization). Storeys that yield show in the storeys' own equations, whatever the table does.
+The model's delay T is removed, because the motion acts without delay (J. B. Roberts and P. D. Spanos, Random Vibration
+and Statistical Linearization). Yielding storeys show in the storeys' own equations, whatever the table does.
 """
 
 from __future__ import annotations
@@ -29,9 +30,9 @@ FRICTION, HARDENING, SOFTENING, COMPRESSION, DEAD_BAND, DRAG, SPECIMEN = (
     "friction", "hardening", "softening", "compression", "dead band", "drag", "specimen",
 )  # fmt: skip
 BAND_HZ = (0.7, 40.0)
-CLEAR = 4.0  # standard errors
-SHARE, ALIKE = 0.5, 0.9  # of what differs beyond the scatter, that a cause explains; of what the best one explains
-YIELDS = 0.005  # relative change of a storey's stiffness that counts
+CLEAR = 4.0  # least significance of a cause, in standard errors
+SHARE, ALIKE = 0.5, 0.9  # least explained fraction of the difference beyond scatter; fraction of the best cause's
+YIELDS = 0.005  # least relative change of a storey's stiffness
 MEANINGS = {
     FRICTION: "dry friction takes a larger share of small motions",
     DRAG: "the table's damping grows with its motion",
@@ -43,7 +44,7 @@ MEANINGS = {
 
 
 def meaning(causes: LevelCauses) -> str:
-    """Return in words what makes low and full level differ, "" where the data tell none."""
+    """Return the causes in words, "" if the data show none."""
     said = [MEANINGS[cause] for cause in causes.table]
     if causes.storeys:
         which = ", ".join(str(storey) for storey in causes.storeys)
@@ -52,8 +53,10 @@ def meaning(causes: LevelCauses) -> str:
 
 
 def of_table(low: Frf, full: Frf, model: Model) -> tuple[str, ...]:
-    """Return the causes that explain how the table's response, over its model's, differs at low level from full level,
-    the likeliest first; () where it does not differ, or none explains it."""
+    """Return the causes that explain how the table's response differs between low and full level, the likeliest first.
+
+    Both responses are divided by the model's. () is returned if they do not differ, or if no cause explains it.
+    """
     inside = within(low.frequency_hz, (BAND_HZ[0], min(BAND_HZ[1], full.frequency_hz[-1])))
     f = low.frequency_hz[inside]
     over = np.interp(f, full.frequency_hz, full.response)
@@ -73,7 +76,7 @@ def of_table(low: Frf, full: Frf, model: Model) -> tuple[str, ...]:
 
 
 def _shapes(model: Model, frequency_hz: Array) -> list[tuple[ComplexArray, tuple[str, str]]]:
-    """Return the shapes by which causes change a response, each with what a positive and a negative factor mean."""
+    """Return the shapes (m,) over frequency, each with the cause for a positive and for a negative factor."""
     s = 2j * np.pi * frequency_hz
     accel = np.sign(model.low_frequency_gain_m_per_v) * model.response(frequency_hz) * np.exp(s * model.delay_s)
     return [
@@ -86,7 +89,7 @@ def _shapes(model: Model, frequency_hz: Array) -> list[tuple[ComplexArray, tuple
 def of_specimen(
     records: Sequence[Record], quiet: Record | None, info: RigInfo, masses_kg: Array, band_hz: tuple[float, float]
 ) -> tuple[int, ...]:
-    """Return the storeys, from 1, whose stiffness at low level differs clearly from that at full level."""
+    """Return the storeys (from 1) whose stiffness at low level differs significantly from that at full level."""
     if quiet is None or len(masses_kg) == 0:
         return ()
     low, full = (explained(grouped(each, info, masses_kg, band_hz)) for each in ((quiet,), records))

@@ -25,33 +25,33 @@ from rths_cli.identification.table_fit import (
 )
 from rths_cli.numerics.lti import Array, Frf
 
-WORTH = 0.9  # a larger candidate must lower the held-out error to this share of the smaller one's
+WORTH = 0.9  # a larger candidate must lower the held-out error to this fraction of the smaller one's
 HALF_SEGMENTS, LONGEST_SEGMENT_S = 5, 20.0
 EXTRA_LAG_HZ, EXTRA_DELAY_S, EXTRA_MODES_HZ, EXTRA_RATIO = 300.0, 3e-4, (15.0, 25.0, 35.0, 50.0), 0.05
-SPLIT = 1.02
-UNDETERMINED = 0.4  # standard uncertainty of a frequency's logarithm
-BEYOND, RESONANT = 2.0, 0.25  # times the end of the band; damping ratio below which a pair doubles what it passes
-CERTAIN, NEAR = 3.0, 0.1  # standard errors between a pole and a zero that do not cancel; as logarithm of frequencies
+SPLIT = 1.02  # frequency of the zero over that of the pole in an additional mode, or the inverse
+UNDETERMINED = 0.4  # standard uncertainty of a frequency's logarithm from which a pair is undetermined
+BEYOND, RESONANT = 2.0, 0.25  # a pair resonates outside the data: frequency over the band's end, largest damping ratio
+CERTAIN, NEAR = 3.0, 0.1  # pole and zero that do not cancel: standard errors apart, logarithm of the frequency ratio
 
 
 @dataclass(frozen=True)
 class Trial:
-    """A structure and where its fits start: parameters of the layout, then the ripple."""
+    """A structure of the model, with the start of its fits."""
 
     name: str
     layout: Layout
-    start: Array
-    held_zeros: int
+    start: Array  # parameters of the layout, then the ripple
+    held_zeros: int  # number of zero pairs that stay at the specimen's modes
 
 
 def choose(
     base: Fit, frf: Frf, records: Sequence[Record], estimator: Estimator, latency_in_roots: bool
 ) -> tuple[Fit, tuple[Candidate, ...]]:
-    """Return the fit of the structure that the data ask for, and all that were tried, the smallest first.
+    """Choose the structure of the table model by cross-validation.
 
-    A larger structure is tried while the held-out error of the one taken leaves room for it, and taken only where it
-    lowers that error to 0.9 of the smaller one's, with roots that the data determine. Records too short to be halved
-    keep the first structure.
+    Larger structures are tried as long as the held-out error of the chosen one is above the scatter of the data. One
+    is taken only if it lowers that error to 0.9 of its value and if the data determine all its roots. Records too short
+    to be halved keep the first structure. Returns the chosen fit, and all candidates, the smallest first.
     """
     halves = _halves(base, records, estimator)
     if latency_in_roots or not halves:
@@ -88,7 +88,7 @@ def _without_lag(base: Fit) -> Trial:
 
 
 def _larger(base: Fit, frf: Frf) -> Iterator[Trial]:
-    """Yield structures with more than the first fit's: free zeros, another lag, a longer delay, a mode of the frame."""
+    """Yield larger structures than the first fit's: free zeros, a second lag, a longer delay, a mode of the frame."""
     layout, theta, held = base.layout, base.parameters, base.held_zeros
     if held:
         yield Trial("one lag, zeros free", layout, theta, 0)
@@ -104,13 +104,13 @@ def _larger(base: Fit, frf: Frf) -> Iterator[Trial]:
 
 
 def _with_latency(base: Fit) -> Trial:
-    """Return the structure whose roots carry the latency."""
+    """Return the structure whose roots represent the latency."""
     layout, start = rational_latency(base)
     return Trial("latency in the roots", layout, np.append(start, base.parameters[-1]), 0)
 
 
 def _with_mode(base: Fit, frequency_hz: float, split: float) -> Array:
-    """Return the first fit's parameters with a pole pair and a zero pair beside it."""
+    """Return the first fit's parameters with an additional pole pair and zero pair near a frequency."""
     pole = np.log([2.0 * np.pi * frequency_hz, EXTRA_RATIO])
     zero = np.log([2.0 * np.pi * frequency_hz * split, EXTRA_RATIO])
     theta = np.insert(base.parameters, 1 + 2 * base.layout.pole_pairs, pole)
@@ -124,9 +124,10 @@ def _fitted(trial: Trial, base: Fit, frf: Frf) -> Fit:
 
 
 def _halves(base: Fit, records: Sequence[Record], estimator: Estimator) -> tuple[Frf, ...]:
-    """Return the table's response from two halves of the data, () where these are too short.
+    """Return the table's response from two halves of the data, () if they are too short.
 
-    Noise: the first and the second half of every record. Whole periods, in which friction acts alike: every other line.
+    The halves of noise are the first and the second half of every record. A periodic excitation repeats the effect of
+    friction in every period; its halves are the even and the odd lines.
     """
     period_s = records[0].parts.period_samples * base.model.dt_s
     if period_s:
@@ -148,7 +149,7 @@ def _half(base: Fit, records: Sequence[Record], estimator: Estimator, which: Cal
 
 
 def _blank(base: Fit, segment_s: float) -> Frf:
-    """Return a response that states no more than the lines of a segment length in the model's band."""
+    """Return a response of ones that only defines the lines of a segment length in the model's band."""
     length, dt = round(segment_s / base.model.dt_s), base.model.dt_s
     lines = np.arange(length // 2 + 1) / (length * dt)
     lines = lines[within(lines, base.model.band_hz)]
@@ -172,7 +173,7 @@ def _second(record: Record) -> Record:
 
 
 def _held_out(trial: Trial, base: Fit, halves: tuple[Frf, ...]) -> float:
-    """Return the rms error over both halves, each fitted to the other one."""
+    """Return the held-out error: the rms over both halves, each predicted by the fit to the other half."""
     squares = [_score(_fitted(trial, base, fitted), judged) for fitted, judged in (halves, halves[::-1])]
     return float(np.sqrt(np.mean(squares)))
 
@@ -187,20 +188,24 @@ def _score(found: Fit, frf: Frf) -> float:
 
 
 def doubtful(found: Fit) -> tuple[str, ...]:
-    """Return a sentence for each pair of roots that the data do not determine, do not tell from another one, or that
-    resonates where nothing was measured."""
+    """Return a sentence for each pair of roots that is not supported by the data.
+
+    Such a pair is undetermined, cancels with another one within their uncertainty, or resonates outside the measured
+    band.
+    """
     return (*_undetermined(found), *_cancelling(found), *_beyond_band(found))
 
 
 def _resonates(pairs: Array, found: Fit) -> np.ndarray:
-    """Tell which pairs (n, 2) are weakly damped and beyond BEYOND times the end of the band, (n,)."""
+    """Return which pairs (n, 2) are weakly damped and above BEYOND times the end of the band, (n,)."""
     return (pairs[:, 0] > 2.0 * np.pi * BEYOND * found.model.band_hz[1]) & (pairs[:, 1] < RESONANT)
 
 
 def _beyond_band(found: Fit) -> tuple[str, ...]:
-    """Return a sentence for each pair that resonates where nothing was measured.
+    """Return a sentence for each pair that resonates far above the measured band.
 
-    In the band it bends the response by less than the check allows for unknown modes, and other roots bend it alike.
+    Within the band such a pair changes the response by less than the check allows for unknown modes, and other roots
+    could change it in the same way.
     """
     poles, _, zeros = found.layout.pairs(found.parameters)
     return tuple(
@@ -226,7 +231,7 @@ def _undetermined(found: Fit) -> tuple[str, ...]:
 
 
 def _cancelling(found: Fit) -> tuple[str, ...]:
-    """Return a sentence for each pole pair that no data tell from a zero pair."""
+    """Return a sentence for each pole pair that cancels with a zero pair within their uncertainty."""
     poles, _, zeros = found.layout.pairs(found.parameters)
     first_zero = 1 + 2 * found.layout.pole_pairs + found.layout.single_poles
     sentences = []

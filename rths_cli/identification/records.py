@@ -11,28 +11,23 @@ from rths_cli.errors import InputError
 from rths_cli.numerics.filters import fast_length
 from rths_cli.numerics.lti import Array, ComplexArray
 
-TAIL_S = 30.0  # rest appended to a command, in which a table's response dies out
+TAIL_S = 30.0  # rest appended to a command, in which the table's response decays
 
 
 @dataclass(frozen=True)
 class Parts:
-    """Which samples of a record are excitation, silence and free vibration (command held); None: the record has none.
+    """The parts of a record, as slices of its samples; None: the record has no such part."""
 
-    `noise` names the excitation whatever its kind. `period_samples`: the excitation repeats after so many samples
-    (0: it does not, or not so that whole periods should be evaluated). `segment_samples`: length of the Hann segments
-    that suit it (0: any).
-    """
-
-    noise: slice
+    noise: slice  # the excitation, of whatever kind
     silence: slice | None = None
-    free_vibration: slice | None = None
-    period_samples: int = 0
-    segment_samples: int = 0
+    free_vibration: slice | None = None  # with the command held
+    period_samples: int = 0  # period of an excitation that is evaluated in whole periods; 0: it is not
+    segment_samples: int = 0  # length of the Hann segments that suit the excitation; 0: any
 
 
 @dataclass(frozen=True)
 class PaddedLines:
-    """Fourier lines (count // 2 + 1,) of a signal with rest at its end, of `count` samples in all."""
+    """Fourier lines (count // 2 + 1,) of a signal padded with rest to `count` samples."""
 
     values: ComplexArray
     count: int
@@ -40,13 +35,13 @@ class PaddedLines:
 
 
 def padded(samples: int, dt_s: float) -> int:
-    """Return how many samples a signal has with rest at its end, a length that transforms fast."""
+    """Return the number of samples of a signal padded with rest, chosen for a fast Fourier transform."""
     return fast_length(samples + round(TAIL_S / dt_s))
 
 
 @dataclass(frozen=True)
 class Record:
-    """Command (n,) in V as it left, accelerations (c, n) in m/s^2 of table and floors, and the parts of the record."""
+    """Command (n,) in V as sent, accelerations (c, n) in m/s^2 of table and floors, and the parts of the record."""
 
     command_v: Array
     accel_m_s2: Array
@@ -54,34 +49,34 @@ class Record:
     _lines: dict[int, ComplexArray] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     def command_lines(self, count: int, dt_s: float) -> PaddedLines:
-        """Return the Fourier lines of the command with rest up to so many samples; they are computed once."""
+        """Return the Fourier lines of the command padded to `count` samples; they are computed once."""
         if count not in self._lines:
             self._lines[count] = np.fft.rfft(self.command_v, count)
         return PaddedLines(self._lines[count], count, dt_s)
 
     def excited_in(self, noise: slice) -> Record:
-        """Return the same record with another part of it as its excitation; what is computed stays known."""
+        """Return the same record with another part as its excitation; Fourier lines already computed are shared."""
         other = replace(self, parts=replace(self.parts, noise=noise))
         other._lines.update(self._lines)
         return other
 
 
 BLOCK_S = 0.1
-STILL = 1e-3  # of the command's standard deviation: a block that moves less is at rest
-LEAST_REST_S = 0.4  # a shorter one is part of the excitation
+STILL = 1e-3  # a block whose range is below this fraction of the command's standard deviation is at rest
+LEAST_REST_S = 0.4  # a shorter rest is part of the excitation
 LEAST_SILENCE_S, LEAST_FREE_S, LEAST_EXCITED_S = 1.0, 5.0, 10.0
 SHORTEST_PERIOD_S = 2.0
-AROUND = 16  # samples
-SWEEP_SEGMENTS, SWEEPING = 10, 1.0  # pieces of a period; scatter of the logarithm of their mean frequencies
-SAME = 1e-3  # of the command's standard deviation, between one period and the next
+AROUND = 16  # samples around the estimated period that are searched
+SWEEP_SEGMENTS, SWEEPING = 10, 1.0  # pieces of a period; scatter of their mean frequencies' logarithm in a sweep
+SAME = 1e-3  # largest difference of two periods over the command's standard deviation
 
 
 def find_parts(command_v: Array, dt_s: float, name: str = "record") -> Parts:
-    """Return which samples of a command (n,) in V are what.
+    """Find the parts of a record from its command (n,) in V.
 
-    Excitation: the longest moving stretch, cut to whole periods where it repeats; silence: rest of a second or more
-    before any motion; free vibration: the longest rest of five seconds or more after motion.
-    Raises InputError when nothing moves for ten seconds.
+    The excitation is the longest moving stretch, cut to whole periods if it repeats. The silence is a rest of a second
+    or more before any motion. The free vibration is the longest rest of five seconds or more after motion.
+    Raises InputError if no motion lasts ten seconds.
     """
     moves = _moving(command_v, dt_s)
     stretches = _stretches(moves)
@@ -116,7 +111,7 @@ def _length(part: slice) -> int:
 
 
 def _moving(command_v: Array, dt_s: float) -> np.ndarray:
-    """Tell for each sample whether its block of 0.1 s moves, short rests filled in."""
+    """Return for each sample whether its block of 0.1 s moves; short rests within a motion count as moving."""
     block = max(round(BLOCK_S / dt_s), 2)
     count = -(-len(command_v) // block)
     padded = np.concatenate([command_v, np.full(count * block - len(command_v), command_v[-1])]).reshape(count, block)
@@ -154,18 +149,19 @@ def find_period(command_v: Array, dt_s: float) -> int:
 
 
 def _apart(signal: Array, lag: int, stride: int) -> float:
-    """Return how much a signal (n,) differs from itself a lag later, the median over every so many samples.
+    """Return the median difference between a signal (n,) and itself one lag later, over every `stride`-th sample.
 
-    The median, because faded ends and a burst do not repeat.
+    It is the median because faded ends and a burst do not repeat.
     """
     return float(np.median(np.abs(signal[lag::stride] - signal[: len(signal) - lag : stride])))
 
 
 def sweeps(period: Array) -> bool:
-    """Tell whether a period (n,) of a command goes through its frequencies one after the other.
+    """Return whether a period (n,) of a command is a sweep.
 
-    Then its tenths have mean frequencies that differ much: their logarithms scatter by 1.5 and more, those of noise by
-    less than 0.5. Of a derivative they would be those of the converter's bits.
+    In a sweep the tenths of a period have very different mean frequencies: the standard deviation of their logarithms
+    is 1.5 and more, for noise it is less than 0.5. The command itself is used, because its derivative would show the
+    converter's bits.
     """
     means = []
     for piece in np.array_split(period - period.mean(), SWEEP_SEGMENTS):
@@ -175,9 +171,9 @@ def sweeps(period: Array) -> bool:
 
 
 def _steady(command_v: Array, part: slice, period: int) -> slice:
-    """Return the whole periods at the end of a stretch in which the command repeats, its fade-out cut off.
+    """Return the last whole periods of a stretch in which the command repeats, without its fade-out.
 
-    At least half a period before them is left to the transient.
+    At least half a period before them is left out, for the transient to decay.
     """
     signal = command_v[part]
     apart = np.abs(signal[period:] - signal[:-period]) < 10.0 * SAME * float(signal.std())

@@ -12,51 +12,46 @@ from rths_cli.structure import Specimen
 
 @dataclass(frozen=True)
 class ChannelReport:
-    """What a channel showed under excitation: rms and largest in m/s^2, rms at rest (None: no silence), median
-    coherence in 0.7-11 Hz, amplitude of mains hum in m/s^2 at its frequency in Hz (0: none)."""
+    """Signal quality of a channel during the excitation."""
 
     name: str
     rms_m_s2: float
     largest_m_s2: float
-    rest_rms_m_s2: float | None
-    coherence: float
-    hum_m_s2: float = 0.0
-    hum_hz: float = 0.0
+    rest_rms_m_s2: float | None  # rms at rest; None without a silence
+    coherence: float  # median in 0.7-11 Hz
+    hum_m_s2: float = 0.0  # amplitude of the mains hum
+    hum_hz: float = 0.0  # its frequency; 0: no hum
 
 
 @dataclass(frozen=True)
 class FitError:
-    """Relative error |fit / FRF - 1| of a model: rms and largest in 0.7-11 Hz, rms in 2-10 Hz."""
+    """Relative error |fit / FRF - 1| of a model."""
 
-    rms: float
-    largest: float
-    rms_mid: float
+    rms: float  # in 0.7-11 Hz
+    largest: float  # in 0.7-11 Hz
+    rms_mid: float  # in 2-10 Hz
 
 
 @dataclass(frozen=True)
 class Friction:
-    """Dry friction as a change of the command: size and its standard uncertainty in V.
+    """Dry friction as an equivalent change of the command, -kappa sign(v)."""
 
-    `velocity_rms_m_s`: of the table in the record; `explained`: share of the power of what the model leaves of the
-    record, beside parts linear in the velocity; `scale_m_s`: v_s, below which sign(v) is smooth, to a factor of two.
-    """
-
-    command_v: float
-    error_v: float
-    velocity_rms_m_s: float
-    explained: float
-    scale_m_s: float
+    command_v: float  # kappa
+    error_v: float  # its standard uncertainty
+    velocity_rms_m_s: float  # of the table in the record
+    explained: float  # fraction of the residual's power that friction explains, apart from terms linear in the velocity
+    scale_m_s: float  # v_s, below which sign(v) is smooth; known to a factor of two
 
     @property
     def linear_s_per_m(self) -> float:
-        """Return c: the model identified from this record already holds kappa c v."""
+        """Return c in s/m; the model identified from this record already contains the linear part kappa c v."""
         return float(np.sqrt(2.0 / np.pi)) / self.velocity_rms_m_s
 
     def disturbance_v(self, velocity_m_s: Array) -> Array:
-        """Return the command (n,) in V that friction adds to a table moving at a velocity (n,) in m/s.
+        """Return the command (n,) in V that is equivalent to friction, for a table velocity (n,) in m/s.
 
-        -kappa (sign(v) - c v): without the part kappa c v that the linear model holds since its identification.
-        Friction acts at once, a command late by the delay: for a prediction instant by instant it is that much earlier.
+        It is -kappa (sign(v) - c v): the linear part is already in the identified model. Friction acts without delay, a
+        command acts after the model's delay. In a prediction over time this command must be advanced by that delay.
         """
         sign = np.tanh(velocity_m_s / self.scale_m_s)
         return -self.command_v * (sign - self.linear_s_per_m * velocity_m_s)
@@ -64,15 +59,13 @@ class Friction:
 
 @dataclass(frozen=True)
 class Candidate:
-    """A structure that was tried: its name, number of poles and finite zeros, and held-out error.
-
-    `held_out`: rms of (model / FRF - 1) over the FRF's own standard error, fitted to one half of the data and taken
-    on the other; 1 is all that the data can tell.
-    """
+    """A structure of the table model that was tried."""
 
     name: str
     poles: int
-    zeros: int
+    zeros: int  # finite ones
+    # rms of (model / FRF - 1) over the FRF's standard error, fitted to one half of the data and evaluated on the other;
+    # 1 equals the scatter of the data, no structure can do better
     held_out: float
     chosen: bool = False
 
@@ -81,43 +74,38 @@ class Candidate:
 class SpecimenFit:
     """Identified specimen of n floors relative to the table: a chain of storeys with modal damping.
 
-    `stiffness_n_per_m`, `dashpots_n_s_per_m` (those of the storeys that give the same modal ratios),
-    `natural_frequency_hz`, `damping_ratio` (n,) with their standard uncertainties `..._error`, and `mode_shapes`
-    (n, n), a mode per column with its largest floor 1. `residual`: rms of what the fit does not explain over rms of the
-    floors' accelerations. `frequency_scatter_hz`, `damping_scatter` (n,): standard deviation over stretches of the
-    record (NaN before it was split).
+    Fields that end in `_error...` are standard uncertainties.
     """
 
     specimen: Specimen
-    stiffness_n_per_m: Array
-    dashpots_n_s_per_m: Array
-    natural_frequency_hz: Array
-    damping_ratio: Array
-    mode_shapes: Array
-    stiffness_error_n_per_m: Array
-    frequency_error_hz: Array
-    damping_error: Array
-    frequency_scatter_hz: Array
-    damping_scatter: Array
-    residual: float
+    stiffness_n_per_m: Array  # (n,) of the storeys
+    dashpots_n_s_per_m: Array  # (n,) of the storeys; together they give the same modal damping ratios
+    natural_frequency_hz: Array  # (n,) on a fixed base
+    damping_ratio: Array  # (n,) modal
+    mode_shapes: Array  # (n, n) a mode per column, the largest floor of each is 1
+    stiffness_error_n_per_m: Array  # (n,)
+    frequency_error_hz: Array  # (n,)
+    damping_error: Array  # (n,)
+    frequency_scatter_hz: Array  # (n,) standard deviation over stretches of the record; NaN if it was not divided
+    damping_scatter: Array  # (n,) the same of the damping ratios
+    residual: float  # rms of the unexplained motion over the rms of the floors' accelerations
 
 
 @dataclass(frozen=True)
 class Band:
-    """Residual |model / FRF - 1| between two frequencies, rms and largest, the FRF's own standard error (rms) and
-    the median coherence there."""
+    """Residual |model / FRF - 1| of a model in a band."""
 
     low_hz: float
     high_hz: float
     rms: float
     largest: float
-    scatter: float
-    coherence: float
+    scatter: float  # rms of the FRF's own standard error
+    coherence: float  # median
 
 
 @dataclass(frozen=True)
 class LevelBand:
-    """Table's response at low level over that at full level, mean in a band, and its standard error."""
+    """The table's response at low level over that at full level: mean in a band, with its standard error."""
 
     low_hz: float
     high_hz: float
@@ -127,16 +115,15 @@ class LevelBand:
 
 @dataclass(frozen=True)
 class LevelCauses:
-    """What makes low and full level differ (see level_dependence.py): causes in the table, the likeliest first, and the
-    storeys of the specimen, from 1, whose stiffness depends on the level; () where the data tell none."""
+    """Causes of a difference between low and full level (see level_dependence.py); () if the data show none."""
 
-    table: tuple[str, ...] = ()
-    storeys: tuple[int, ...] = ()
+    table: tuple[str, ...] = ()  # causes in the table, the likeliest first
+    storeys: tuple[int, ...] = ()  # storeys of the specimen, from 1, whose stiffness depends on the level
 
 
 @dataclass(frozen=True)
 class Root:
-    """A pair of roots (or a single real one: ratio NaN) with standard uncertainties, NaN where they are not known."""
+    """A pair of roots (or a single real one: damping ratio NaN) with standard uncertainties (NaN: not known)."""
 
     kind: str
     frequency_hz: float
@@ -147,69 +134,58 @@ class Root:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether a model may drive a table: fit for feedforward between two frequencies in Hz, (0, 0) if nowhere.
-
-    `delay_s`: transport delay in the model; `lag_s`: phase lag of command to displacement at low frequency, as a time,
-    delay included. `reasons` say why not; `warnings` what else to know.
-    """
+    """Whether a model may drive a table."""
 
     accepted: bool
-    feedforward_hz: tuple[float, float]
-    delay_s: float
-    lag_s: float
-    reasons: tuple[str, ...]
+    feedforward_hz: tuple[float, float]  # band in which the model may be used; (0, 0): nowhere
+    delay_s: float  # transport delay in the model
+    lag_s: float  # phase lag from command to displacement at low frequency, as a time, delay included
+    reasons: tuple[str, ...]  # why the model is rejected
     warnings: tuple[str, ...]
 
 
 @dataclass(frozen=True)
 class DelayEstimate:
-    """Delay from command to table in s, as identified, with its standard uncertainty, and as the rig declares it
-    (latency, half a sample of hold, transport)."""
+    """Delay from command to table, identified and declared."""
 
     identified_s: float
-    error_s: float
-    declared_s: float
+    error_s: float  # standard uncertainty of the identified delay
+    declared_s: float  # by the rig: latency, half a sample of hold, transport
 
 
 @dataclass(frozen=True)
 class Identification:
-    """All that records tell. `frfs`: responses from command to table (without leakage) and to each floor;
-    `noise_floors`: what noise at rest alone would show in them (None: not known).
+    """The complete result of an identification."""
 
-    `specimen` is from the excitation, `free_vibration` the same from the stretch of held command (None: there is
-    none). `levels`: low against full level. `roots` are those of `best`, with uncertainties. `friction` is the table's
-    (None: the records do not tell), `latency` the transport delay as the data see it.
-    """
-
-    frfs: tuple[Frf, ...]
-    noise_floors: tuple[Array | None, ...]
+    frfs: tuple[Frf, ...]  # responses from the command to the table (without leakage) and to each floor
+    noise_floors: tuple[Array | None, ...]  # |response| that noise at rest alone would cause in them; None: not known
     best: Model
     paper: Model
     best_error: FitError
     paper_error: FitError
-    specimen: SpecimenFit | None
-    free_vibration: SpecimenFit | None
+    specimen: SpecimenFit | None  # from the excitation; None without floors
+    free_vibration: SpecimenFit | None  # the specimen from the free vibration; None if that cannot be used
     channels: tuple[ChannelReport, ...]
     candidates: tuple[Candidate, ...]
-    roots: tuple[Root, ...]
-    residuals: tuple[Band, ...]
-    levels: tuple[LevelBand, ...]
+    roots: tuple[Root, ...]  # of `best`
+    residuals: tuple[Band, ...]  # of `best`, by band
+    levels: tuple[LevelBand, ...]  # low against full level; () if they are not comparable
     verdict: Verdict
-    friction: Friction | None = None
+    friction: Friction | None = None  # of the table; None if the records do not determine it
     latency: DelayEstimate | None = None
-    causes: LevelCauses = LevelCauses()
+    causes: LevelCauses = LevelCauses()  # of a difference between the levels
 
     @property
     def accepted(self) -> bool:
-        """Tell whether the model may drive the table."""
+        """Return whether the model may drive the table."""
         return self.verdict.accepted
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Return why it may not."""
+        """Return why the model is rejected, one sentence each."""
         return self.verdict.reasons
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Return what else to know."""
+        """Return the warnings, one sentence each."""
         return self.verdict.warnings

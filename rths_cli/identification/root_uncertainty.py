@@ -15,10 +15,10 @@ from rths_cli.numerics.lti import Array, ComplexArray, Frf
 
 
 def shifts(found: Fit, frf: Frf, levels: Sequence[LevelBand], level_ratio: float) -> Array:
-    """Return by how much each parameter of a fit may be off beside its random error, (n_parameters,).
+    """Return the systematic uncertainty (n_parameters,) of the parameters of a fit, beside their random error.
 
-    First-order propagation of two distortions of the response: 1 % of a sample in the declared delay, and what
-    friction still adds at full level (of the difference d between levels of ratio r, d / (r - 1)).
+    Two distortions of the response are propagated to first order: an error of 1 % of a sample in the declared delay,
+    and the effect of friction at full level, d / (r - 1) for a difference d between levels of ratio r.
     """
     model = found.model
     problem = problem_of(frf, found.layout, timing_of(model), model.band_hz, ripple=True)
@@ -34,7 +34,7 @@ def shifts(found: Fit, frf: Frf, levels: Sequence[LevelBand], level_ratio: float
 
 
 def _friction(frequency_hz: Array, levels: Sequence[LevelBand], level_ratio: float) -> ComplexArray:
-    """Return what friction adds to the response at full level, interpolated between the bands' centres."""
+    """Return the relative effect of friction on the response at full level, interpolated between the bands' centres."""
     if not levels or not level_ratio > 1.0:
         return np.zeros(len(frequency_hz), dtype=complex)
     centres = np.sqrt([band.low_hz * band.high_hz for band in levels])

@@ -1,13 +1,12 @@
 """Fit a chain of storeys to the accelerations of table and floors, with weighed floor masses.
 
-The discrete Fourier transform of a stretch of record obeys, for the motion of every floor,
-Y(s) = H(s) A(s) + sum over modes of phi (alpha + beta s) / (s^2 + 2 zeta w s + w^2): H is the transmissibility, A the
-table's acceleration, and alpha, beta stand for the state at the stretch's start less that at its end. With these free
-there is no leakage however light the damping, and one equation serves noise and free vibration: the coupled motion of
-table and specimen is input and output at once.
+The discrete Fourier transform of a stretch of record obeys, for the motion of every floor, Y(s) = H(s) A(s) + sum over
+modes of phi (alpha + beta s) / (s^2 + 2 zeta w s + w^2). H is the transmissibility and A the table's acceleration.
+alpha and beta represent the state at the stretch's start minus that at its end. If they are free parameters, there is
+no leakage however light the damping, and the same equation holds for noise and free vibration.
 
-What enters linearly (alpha, beta, a slow drift) is projected out: variable projection, with the slopes of
-L. Kaufman, BIT 15 (1975) 49.
+The linear parameters (alpha, beta, a slow drift) are eliminated by variable projection, with the slopes of L. Kaufman,
+BIT 15 (1975) 49.
 
 Output error in the frequency domain over whole records and over stretches of them.
 """
@@ -28,7 +27,7 @@ from rths_cli.numerics.lti import Array, ComplexArray
 from rths_cli.structure import Specimen, above_rounding, modal_damping_matrix, storey_matrix
 
 ROUNDING = float(np.finfo(float).eps)
-LOST = 1e-12  # of the largest singular value of the linear terms' normal equations
+LOST = 1e-12  # smaller singular values of the linear terms' normal equations, relative to the largest, count as zero
 
 
 @dataclass(frozen=True)
@@ -59,10 +58,10 @@ def _stiffness_slopes(shapes: Array, stiffness_n_per_m: Array) -> Array:
 
 
 def evaluated(lines: Sequence[Lines], masses_kg: Array, theta: Array) -> tuple[Array, Array]:
-    """Return what transmissibility and linear terms leave of the floors' lines, and its slopes (2 n + 1, ...).
+    """Return the residual of the floors' lines and its slopes (2 n + 1, ...).
 
-    `theta`: logarithms of the storeys' stiffnesses and of the modal damping ratios (2 n,). The last slope is that by
-    a time in s by which the table's signal is delayed.
+    `theta` (2 n,): logarithms of the storeys' stiffnesses and of the modal damping ratios. The residual is the floors'
+    lines minus transmissibility and linear terms. The last slope is that by a delay of the table's signal in s.
     """
     each = [_evaluated(part, masses_kg, theta) for part in lines]
     return np.concatenate([residual for residual, _ in each]), np.hstack([slopes for _, slopes in each])
@@ -94,8 +93,11 @@ def _evaluated(lines: Lines, masses_kg: Array, theta: Array) -> tuple[Array, Arr
 
 
 def _linear_terms(state: ComplexArray, shapes: Array, drift: ComplexArray) -> tuple[Array, Array]:
-    """Return the rows (3 n, 2 n m), of length 1, of initial and final state, and of a slow drift of each floor's
-    channel; and how long the first 2 n were."""
+    """Return the rows (3 n, 2 n m) of the linear terms, scaled to length 1, and the original lengths of the first 2 n.
+
+    The first 2 n rows belong to the states at both ends of the stretch, the others to a slow drift of each floor's
+    channel.
+    """
     n = len(shapes)
     of_modes = shapes.T[None, :, :, None] * parts(state)[:, :, None, :]
     of_floors = np.eye(n)[:, :, None] * parts(drift)
@@ -105,16 +107,17 @@ def _linear_terms(state: ComplexArray, shapes: Array, drift: ComplexArray) -> tu
 
 
 def _without(values: Array, rows: Array) -> tuple[Array, Array]:
-    """Return values (k, m) less their projection on rows (p, m) of length 1, and that projection's parts (k, p)."""
+    """Return values (k, m) minus their projection on rows (p, m) of length 1, and the projection's factors (k, p)."""
     found = np.linalg.lstsq(rows @ rows.T, rows @ values.T, rcond=LOST)[0].T.astype(float)
     return values - found @ rows, found
 
 
 def _weights(masses_kg: Array, stiffness: Array, ratios: Array, omega: Array, shapes: Array) -> Array:
-    """Return how the model's slopes (2 n + 1 parameters, n floors) are made of the 5 n rows of their basis.
+    """Return the coefficients of the model's slopes (2 n + 1 parameters, n floors) in a basis of 5 n rows.
 
-    By log k_j: shapes and frequencies change, d phi_r = sum over q of phi_q phi_q^T K_j phi_r / (w_r^2 - w_q^2). By
-    log zeta_r: one mode's damping. By the table's delay: -s times what it carries.
+    A change of log k_j changes shapes and frequencies, d phi_r = sum over q of phi_q phi_q^T K_j phi_r / (w_r^2 -
+    w_q^2). A change of log zeta_r changes the damping of one mode. The slope by the table's delay is -s times the
+    response.
     """
     n, coupled = len(omega), _stiffness_slopes(shapes, stiffness)
     apart = np.subtract.outer(-(omega**2), -(omega**2))  # w_r^2 - w_q^2, q first
@@ -132,16 +135,16 @@ def _weights(masses_kg: Array, stiffness: Array, ratios: Array, omega: Array, sh
 
 
 ABOVE_HIGHEST = 1.6  # the lines used end at this multiple of the highest natural frequency
-MISFIT, USUAL_RATIO = 0.01, 0.02  # share of the floors' motion; damping ratio
-FIRST_CYCLES, LONGER = 6.0, 3  # of the lowest mode in the shortest stretch; factor from one stretch to the next
-NEAR_RATIOS = 1e-3, 0.5  # damping ratios from which slopes lead on
-LEAST_LINES = 12  # of a stretch, in the band of the fit
-STIFFNESS_REACH, RATIO_REACH = 1e4, 1e3  # factors by which a fit may leave its start
-CLOCK = 20e-6  # what a converter's clock is trusted to
-SKEW = 0.01  # of a sample: what the channels' common instant is trusted to
-NOISE_STRETCHES, FREE_SHARE = 5, 0.8
+MISFIT, USUAL_RATIO = 0.01, 0.02  # residual over the floors' motion from which a fit is repeated; its damping ratio
+FIRST_CYCLES, LONGER = 6.0, 3  # cycles of the lowest mode in the shortest stretch; factor from one stretch to the next
+NEAR_RATIOS = 1e-3, 0.5  # damping ratios outside which the slopes do not lead to the solution
+LEAST_LINES = 12  # lines of a stretch in the band of the fit
+STIFFNESS_REACH, RATIO_REACH = 1e4, 1e3  # factors by which stiffness and damping ratio may differ from their start
+CLOCK = 20e-6  # relative uncertainty of a converter's clock
+SKEW = 0.01  # uncertainty of the channels' common sampling instant, in samples
+NOISE_STRETCHES, FREE_SHARE = 5, 0.8  # stretches of an excitation; energy in the first stretch of a free vibration
 TOLERANCE = 1e-9  # of the fit
-ALIVE_SIGMA, REST_SHARE = 5.0, 8  # standard deviations of the noise; the last part of a hold, whose median is the rest
+ALIVE_SIGMA, REST_SHARE = 5.0, 8  # vibration over noise up to which it is used; the last 1/8 of a hold is its rest
 
 
 @dataclass(frozen=True)
@@ -165,10 +168,11 @@ class Start:
 
 
 def fit_specimen(motions: Sequence[Motion], dt_s: float, masses_kg: Array, low_hz: float, start: Start) -> SpecimenFit:
-    """Fit storey stiffnesses and modal damping ratios to one or several motions, which count alike.
+    """Fit storey stiffnesses and modal damping ratios to one or several motions of equal weight.
 
-    `masses_kg` (c,) are weighed; lines from `low_hz` up are used. A fit that leaves more than MISFIT of the motion
-    unexplained is approached once more from short stretches, whose wide lines see a frequency from farther away.
+    `masses_kg` (c,) are the weighed masses; lines from `low_hz` up are used. If more than MISFIT of the motion stays
+    unexplained, the fit is repeated from a start found with short stretches. Their lines are wide, so that the fit
+    converges from a more distant frequency.
     """
     masses = np.asarray(masses_kg, dtype=float)
     band = _band(low_hz, masses, start)
@@ -190,23 +194,25 @@ def _fitted(lines: Sequence[Lines], masses: Array, start: Start) -> Solution:
 
 
 def reach_of(floors: int) -> Array:
-    """Return how far the logarithms of stiffnesses and damping ratios, (2 n,), may move from their start in a fit."""
+    """Return the largest change (2 n,) of the logarithms of stiffnesses and damping ratios in a fit."""
     return np.log(np.repeat([STIFFNESS_REACH, RATIO_REACH], floors))
 
 
 def _band(low_hz: float, masses: Array, *starts: Start) -> tuple[float, float]:
-    """Return the band in Hz of the lines of a fit from a start; it ends above the highest mode of each that is given,
-    so that a stretch that led astray does not take the lines away."""
+    """Return the band in Hz of the lines of a fit; it ends above the highest mode of all given starts.
+
+    Several starts are given so that a poor fit to one stretch does not remove lines that the next one needs.
+    """
     highest = max(float(modal(masses, start.stiffness_n_per_m)[0][-1]) for start in starts)
     return low_hz, ABOVE_HIGHEST * highest / (2.0 * np.pi)
 
 
 def _approached(motions: Sequence[Motion], dt_s: float, masses: Array, low_hz: float, start: Start) -> Start:
-    """Return a start from stretches of growing length, each fitted from what the one before found.
+    """Return a start from stretches of increasing length, each fitted from the result of the one before.
 
-    A line is as wide as its stretch is short: a resonance that a long one misses by many times its own width is near
-    for a short one. The first lasts FIRST_CYCLES of the lowest mode, with damping ratios of USUAL_RATIO. A stretch in
-    which the floors rest, as far as their channels tell, leads nowhere and is left out.
+    The width of a line is the inverse of its stretch's length. A start that is many resonance widths off for a long
+    stretch is therefore close for a short one. The first stretch lasts FIRST_CYCLES of the lowest mode and starts with
+    damping ratios of USUAL_RATIO. A stretch in which the floors' channels are constant is skipped.
     """
     omega = modal(masses, start.stiffness_n_per_m)[0]
     length = int(FIRST_CYCLES * 2.0 * np.pi / (omega[0] * dt_s))
@@ -227,7 +233,7 @@ def _approached(motions: Sequence[Motion], dt_s: float, masses: Array, low_hz: f
 
 
 def _middle(samples: int, length: int) -> slice:
-    """Return so many samples in the middle."""
+    """Return the slice of `length` samples in the middle of a stretch."""
     first = max((samples - length) // 2, 0)
     return slice(first, min(first + length, samples))
 
@@ -235,12 +241,12 @@ def _middle(samples: int, length: int) -> slice:
 def fit_stretches(
     motions: Sequence[Motion], dt_s: float, masses_kg: Array, low_hz: float, start: Start, free: bool
 ) -> SpecimenFit:
-    """Fit whole motions, and state uncertainties that hold for its stretches too.
+    """Fit whole motions, with uncertainties that are consistent with the scatter of their stretches.
 
-    The random error is that of the fit, widened by the Birge ratio where the stretches scatter more than their own
-    errors say (friction, amplitude). To it is added what no record shows: the converter's clock (20 ppm of a frequency)
-    and the channels' skew (1 % of a sample, which is w dt / 200 of a damping ratio). Motions too short to be divided
-    have no scatter (NaN), and their errors are not widened.
+    The random error is that of the fit, widened by the Birge ratio if the stretches scatter more than their own errors
+    predict (friction, amplitude). Systematic errors that no record shows are added: the converter's clock (20 ppm of a
+    frequency) and the channels' skew (1 % of a sample, which is w dt / 200 of a damping ratio). Motions too short to be
+    divided have no scatter (NaN), and their errors are not widened.
     """
     whole = fit_specimen(motions, dt_s, masses_kg, low_hz, start)
     first = Start(whole.stiffness_n_per_m, whole.damping_ratio)
@@ -260,7 +266,7 @@ def fit_stretches(
 
 
 def _trusted(whole: SpecimenFit, widened: Array, damping_widened: Array, dt_s: float) -> SpecimenFit:
-    """Return a fit with its random errors widened (n,) each, and with what no record shows: clock and skew."""
+    """Return a fit with its random errors multiplied by factors (n,), and the errors of clock and skew added."""
     skew = np.pi * whole.natural_frequency_hz * SKEW * dt_s
     return replace(
         whole,
@@ -273,7 +279,7 @@ def _trusted(whole: SpecimenFit, widened: Array, damping_widened: Array, dt_s: f
 
 
 def birge(values: Array, errors: Array) -> Array:
-    """Return by how much estimates (k, n) scatter more than their errors say, at least 1 (n,).
+    """Return the Birge ratio (n,): scatter of estimates (k, n) over the scatter that their errors predict, at least 1.
 
     Source: R.T. Birge, Phys. Rev. 40, 207 (1932).
     """
@@ -283,15 +289,20 @@ def birge(values: Array, errors: Array) -> Array:
 
 
 def least_samples(frequency_hz: Array, dt_s: float, low_hz: float) -> int:
-    """Return how many samples a stretch must have for LEAST_LINES Fourier lines between `low_hz` and the end of the
-    band, for modes (n,) in Hz."""
+    """Return the least length of a stretch in samples: it must have LEAST_LINES lines from `low_hz` to the band's end.
+
+    The end of the band follows from the natural frequencies (n,) in Hz.
+    """
     width = max(ABOVE_HIGHEST * float(frequency_hz[-1]) - low_hz, low_hz)
     return int(np.ceil(LEAST_LINES / (width * dt_s))) + 1
 
 
 def stretches_of(floor_accel: Array, free: bool, least: int = 2) -> tuple[slice, ...]:
-    """Return stretches of an excited record (c, n), five of one length, or of a free vibration: two, the first with
-    0.8 of the energy; none where one would be shorter than the least number of samples."""
+    """Return the stretches into which a record (c, n) of the floors is divided.
+
+    An excitation has five stretches of equal length. A free vibration has two, the first with 0.8 of the energy. The
+    result is () if a stretch would be shorter than `least` samples.
+    """
     n = floor_accel.shape[1]
     if not free:
         length = n // NOISE_STRETCHES
@@ -305,7 +316,7 @@ def stretches_of(floor_accel: Array, free: bool, least: int = 2) -> tuple[slice,
 
 
 def alive(floor_accel: Array, noise_m_s2: Array) -> slice:
-    """Return the stretch of a free vibration (c, n) that ends with its last sample above the channels' noise (c,)."""
+    """Return the part of a free vibration (c, n) up to its last sample above the channels' noise (c,)."""
     rest = np.median(floor_accel[:, -max(floor_accel.shape[1] // REST_SHARE, 1) :], axis=1)
     over = np.abs(floor_accel - rest[:, None]) > ALIVE_SIGMA * noise_m_s2[:, None]
     return slice(0, int(np.max(np.flatnonzero(over.any(axis=0)), initial=-1)) + 1)
@@ -314,7 +325,7 @@ def alive(floor_accel: Array, noise_m_s2: Array) -> slice:
 def transform(motion: Motion, dt_s: float, band_hz: tuple[float, float]) -> Lines:
     """Return the Fourier lines of a stretch within a band, scaled so that the floors' sum of squares is 1.
 
-    Its first sample becomes the mean of both ends, so that the sum over samples is the trapezoidal rule.
+    The first sample is replaced by the mean of both ends, so that the sum over samples is the trapezoidal rule.
     """
     count = _fast_length(len(motion.table) - 1)
     signals = np.vstack([motion.table, motion.floors])[:, : count + 1]
@@ -335,7 +346,7 @@ def transform(motion: Motion, dt_s: float, band_hz: tuple[float, float]) -> Line
 
 @cache
 def _fast_length(most: int) -> int:
-    """Return the largest length up to the given one that a Fourier transform takes in small factors."""
+    """Return the largest length up to `most` that has only small prime factors, for a fast Fourier transform."""
     length = fast_length(most // 2)
     while (longer := fast_length(length + 1)) <= most:
         length = longer
@@ -343,7 +354,7 @@ def _fast_length(most: int) -> int:
 
 
 def _described(masses: Array, found: Solution, motions: int) -> SpecimenFit:
-    """Return the fit with its standard errors, carried from the logarithms to frequencies and ratios."""
+    """Return the fit with its standard errors, converted from the logarithms to frequencies and damping ratios."""
     stiffness, ratios = np.split(np.exp(found.parameters), 2)
     omega, shapes = modal(masses, stiffness)
     n, residual = len(masses), found.residual

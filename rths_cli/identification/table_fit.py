@@ -1,11 +1,11 @@
 """Fit the table's model to its response: starts, factors that stay stable, least squares.
 
-G(s) = gain s^2 prod(1 + 2 zeta s / w + s^2 / w^2) / prod(...) exp(-s T): each pair of roots is a frequency and a
-damping ratio (above 1: two real roots), each single pole a corner. The parameters are their logarithms.
+G(s) = gain s^2 prod(1 + 2 zeta s / w + s^2 / w^2) / prod(...) exp(-s T). Each pair of roots has a frequency and a
+damping ratio (above 1: two real roots), each single pole has a corner frequency. The parameters are their logarithms.
 
-The table follows displacement, so that the double zero at the origin is given, not fitted. A sample of the table
-also carries an alias of the hold's staircase (`ripple`), of first order in s: it is fitted jointly, because no pole
-or zero can stand for it.
+The table follows displacement, so that the double zero at the origin is given and not fitted. The table's samples also
+contain an alias of the hold's staircase (`ripple`), of first order in s. It is fitted together with the roots, because
+no pole or zero can represent it.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from rths_cli.numerics.lti import Array, ComplexArray, Frf, Model, hold_size, st
 
 @dataclass(frozen=True)
 class Layout:
-    """How many pairs of poles, single poles and pairs of finite zeros; `delay_s` is the declared T.
+    """Structure of a table model: number of pole pairs, single poles and pairs of finite zeros; `delay_s` is T.
 
-    Parameters: log |gain|, then (log w, log zeta) of each pole pair, log corner of each single pole,
-    (log w, log zeta) of each zero pair, and log of a delay beyond T where one is fitted; w and corners in rad/s.
+    The parameters are log |gain|, then (log w, log zeta) of each pole pair, log corner of each single pole, (log w, log
+    zeta) of each zero pair, and with `fits_delay` the log of a delay beyond T; w and corners in rad/s.
     """
 
     pole_pairs: int
@@ -46,7 +46,7 @@ class Layout:
         return 1 + 2 * (self.pole_pairs + self.zero_pairs) + self.single_poles
 
     def zeros(self, pairs: int) -> slice:
-        """Return which parameters are those of the first so many zero pairs."""
+        """Return the slice of the parameters that belong to the first `pairs` zero pairs."""
         first = self._roots - 2 * self.zero_pairs
         return slice(first, first + 2 * pairs)
 
@@ -55,8 +55,8 @@ class Layout:
         return self.delay_s + (float(np.exp(parameters[self._roots])) if self.fits_delay else 0.0)
 
     def pairs(self, parameters: Array) -> tuple[Array, Array, Array]:
-        """Return pole pairs (m, 2), corners of the single poles (k,) and zero pairs (n, 2), no logarithms."""
-        values = np.exp(parameters[: self._roots])  # what may follow, a ripple, is no logarithm
+        """Return pole pairs (m, 2), corners of the single poles (k,) and zero pairs (n, 2), not as logarithms."""
+        values = np.exp(parameters[: self._roots])  # a ripple may follow, which is not a logarithm
         end = 1 + 2 * self.pole_pairs
         poles, single, zeros = np.split(values[1 : self._roots], [end - 1, end - 1 + self.single_poles])
         return poles.reshape(-1, 2), single, zeros.reshape(-1, 2)
@@ -86,8 +86,10 @@ def response_and_slopes(layout: Layout, parameters: Array, s: ComplexArray) -> t
 
 
 def _pairs(pairs: Array, s: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-    """Return 1 + 2 zeta s / w + s^2 / w^2 of pairs (n, 2), (n, m), and minus its logarithm's slopes by log w and
-    log zeta, (2 n, m)."""
+    """Return the factors 1 + 2 zeta s / w + s^2 / w^2 (n, m) of pairs (n, 2), and their slopes.
+
+    The slopes (2 n, m) are those of minus the factor's logarithm, by log w and log zeta of each pair.
+    """
     omega, zeta = pairs[:, :1], pairs[:, 1:]
     over = s / omega
     damping, inertia = 2.0 * zeta * over, over * over
@@ -119,11 +121,10 @@ STARTS_KEPT = 4
 
 
 def first_fit(frf: Frf, modes: tuple[Array, Array], timing: Timing, band_hz: tuple[float, float]) -> Fit:
-    """Fit 2 n + 3 poles, the declared delay and the ripple, from the best of many starts, with 2 n finite zeros held.
+    """Fit 2 n + 3 poles and the ripple, with the declared delay, 2 n fixed finite zeros and the best of many starts.
 
     `modes`: natural frequencies in Hz and damping ratios (n,) of the specimen on a fixed base. The table cannot move at
-    them whatever drives it: they are its zeros.
-    Raises InputError when the band holds too few lines.
+    these frequencies, whatever drives it; they are its zeros. Raises InputError if the band has too few lines.
     """
     floors = len(modes[0])
     layout = Layout(floors + 1, 1, floors, timing.delay_s)
@@ -132,7 +133,7 @@ def first_fit(frf: Frf, modes: tuple[Array, Array], timing: Timing, band_hz: tup
 
 
 def best_start(problem: Problem, modes: tuple[Array, Array]) -> Array:
-    """Return the best of several structured starts (loop frequency and damping), each improved on few lines."""
+    """Return the best of several starts (loop frequency, damping, stiffness), each improved with few lines."""
     few = thinned(problem)
     low = slice(0, 10)
     gain = float(np.median(np.abs(few.measured[low] / few.s[low] ** 2)))
@@ -145,14 +146,14 @@ def best_start(problem: Problem, modes: tuple[Array, Array]) -> Array:
 
 
 def best_of(few: Problem, starts: list[Array], held: slice | None = None) -> Array:
-    """Return the start of least error after a few steps from each of the four that begin best."""
+    """Return the start with the least error, after a few steps from each of the four best ones."""
     starts = sorted(starts, key=lambda theta: float(np.sum(few.evaluated(theta)[0] ** 2)))
     improved = [solve(few, theta, 30, held)[0] for theta in starts[:STARTS_KEPT]]
     return min(improved, key=lambda theta: float(np.sum(few.evaluated(theta)[0] ** 2)))
 
 
 def thinned(problem: Problem) -> Problem:
-    """Return about 200 of the lines, evenly spaced in log frequency, for the search of a start."""
+    """Return the problem with about 200 of its lines, evenly spaced in log frequency, for the search of a start."""
     wanted = np.geomspace(abs(problem.s[0]), abs(problem.s[-1]), START_LINES)
     lines = np.unique(np.searchsorted(np.abs(problem.s), wanted).clip(max=len(problem.s) - 1))
     alias = None if problem.alias is None else problem.alias[lines]
@@ -169,7 +170,7 @@ def thinned(problem: Problem) -> Problem:
 def _loop_roots(frequency_hz: float, ratio: float, stiffening: float) -> tuple[tuple[float, float], Array]:
     """Return pair (w, zeta) and corner (1,) in rad/s of a displacement loop closed around a lagging actuator.
 
-    LAG_S s^3 + s^2 + r (2 zeta w s + w^2) = 0; r is above 1 when the loop was set for more mass than moves.
+    LAG_S s^3 + s^2 + r (2 zeta w s + w^2) = 0; r is above 1 if the loop was tuned for more mass than the moving one.
     """
     omega = 2.0 * np.pi * frequency_hz
     found: ComplexArray = np.roots([LAG_S, 1.0, stiffening * 2.0 * ratio * omega, stiffening * omega**2]).astype(
@@ -181,26 +182,25 @@ def _loop_roots(frequency_hz: float, ratio: float, stiffening: float) -> tuple[t
     return (size, float(-np.real(two[0] + two[1]) / (2.0 * size))), np.abs(found[:1])
 
 
-LEAST_ERROR = 1e-3  # no line counts as known better than this
-PULL = 1e-4  # of a parameter's logarithm to its start, against a relative error of the fit
-HOLD = 30.0
-REACH = 1e4  # factor by which a root or the gain may leave its start
+LEAST_ERROR = 1e-3  # smallest relative error assumed for a line
+PULL = 1e-4  # weight of a parameter's change (logarithm) from its start, against a relative error of the fit
+HOLD = 30.0  # the same weight for a parameter that is fixed
+REACH = 1e4  # largest factor between a root or the gain and its start
 LATENCY_START_HZ, FAR_ZERO_START_HZ = 150.0, 250.0
 LINES_PER_PARAMETER = 2
-MOST_EVALUATIONS = 400  # of the response, in a fit; the paper's takes up to 300
-SCATTER = 2.0  # standard errors of a line that are not held against a model
+MOST_EVALUATIONS = 400  # evaluations of the response in a fit; the fit of the paper's model takes up to 300
+SCATTER = 2.0  # standard errors of a line that are subtracted from a model's error
 COMPARED_HZ, MID_HZ = (0.7, 11.0), (2.0, 10.0)
 
 
 @dataclass(frozen=True)
 class Timing:
-    """When commands act: the loop's declared latency in samples of `dt_s`, and what a link adds; and the corner of the
-    AC coupling that the table's samples are corrected for (0: none)."""
+    """Timing of the commands, and the AC coupling that was corrected in the table's samples."""
 
-    latency_samples: int
+    latency_samples: int  # declared latency of the loop
     dt_s: float
-    transport_s: float = 0.0
-    coupling_hz: float = 0.0
+    transport_s: float = 0.0  # further delay of a link
+    coupling_hz: float = 0.0  # corner of the corrected AC coupling; 0: none
 
     @property
     def delay_s(self) -> float:
@@ -209,38 +209,38 @@ class Timing:
 
 
 def timing_of(model: Model) -> Timing:
-    """Return the timing that a model was fitted with, without what its link adds."""
+    """Return the timing with which a model was fitted, without the delay of its link."""
     return Timing(model.latency_samples, model.dt_s, coupling_hz=model.coupling_hz)
 
 
 @dataclass(frozen=True)
 class Fit:
-    """A model and what a further fit starts from: layout, parameters (with the ripple last, where it is fitted), their
-    covariance, from the weighted residual and the lines' bandwidth, and how many zero pairs are held, where the
-    specimen's modes are."""
+    """A fitted model, with the values from which a further fit starts."""
 
     model: Model
     layout: Layout
-    parameters: Array
-    covariance: Array
-    held_zeros: int = 0
+    parameters: Array  # (n,) of the layout, with the ripple last if it is fitted
+    covariance: Array  # (n, n) of the parameters, from the weighted residual and the lines' bandwidth
+    held_zeros: int = 0  # number of zero pairs that are fixed at the specimen's modes
 
 
 @dataclass(frozen=True)
 class Problem:
-    """Data of one fit: lines s (m,), FRF, weights, alias (None: not fitted), size of the hold, sign of the gain."""
+    """Data of one fit, on m lines."""
 
     layout: Layout
-    s: ComplexArray
-    measured: ComplexArray
-    weight: Array
-    alias: ComplexArray | None
-    hold: Array
-    sign: float
+    s: ComplexArray  # (m,) rad/s
+    measured: ComplexArray  # (m,) FRF
+    weight: Array  # (m,)
+    alias: ComplexArray | None  # (m,) of the staircase for a ripple of 1; None: no ripple is fitted
+    hold: Array  # (m,) gain of the hold
+    sign: float  # of the table's gain
 
     def evaluated(self, theta: Array) -> tuple[Array, Array]:
-        """Return weighted fit / FRF - 1, real and imaginary part of a line side by side, (2 m,), and its slopes
-        (n_parameters, 2 m)."""
+        """Return the residual (2 m,), weighted fit / FRF - 1, and its slopes (n_parameters, 2 m).
+
+        Real and imaginary part of a line are neighbours.
+        """
         value, slopes = response_and_slopes(self.layout, theta, self.s)
         over = self.weight / self.measured
         value *= self.sign * self.hold * over
@@ -261,15 +261,16 @@ def fit_error(model: Model, frf: Frf) -> FitError:
 
 
 def beyond_scatter(model: Model, frf: Frf) -> FitError:
-    """Return what of a model's error its data can tell: |fit / FRF - 1| beyond two standard errors of each line, and
-    what the scatter of all lines in a band leaves uncertain of the model itself, two standard errors of its mean.
+    """Return a model's error |fit / FRF - 1| beyond the scatter of its data, with the uncertainty of the model added.
 
-    A model of p parameters has the variance of p of the lines' errors, spread over them: p / sum of 1 / error^2.
+    Two standard errors are subtracted from the error of each line. To the rms in a band, two standard errors of the
+    model itself are added in quadrature. The variance of a model with p parameters, averaged over the band, is
+    p / sum of 1 / error^2 over the lines.
     """
     f = frf.frequency_hz
     error = np.abs(model.sampled_response(f) / frf.response - 1.0)
     excess = np.maximum(error - SCATTER * frf.relative_error, 0.0)
-    parameters = len(model.poles) + len(model.zeros) - 1  # two zeros are given, the gain is not
+    parameters = len(model.poles) + len(model.zeros) - 1  # roots and gain, without the two zeros at the origin
     found = []
     for band in (COMPARED_HZ, MID_HZ):
         inside = within(f, band)
@@ -281,7 +282,7 @@ def beyond_scatter(model: Model, frf: Frf) -> FitError:
 
 
 def within(frequency_hz: Array, band_hz: tuple[float, float]) -> np.ndarray:
-    """Tell which frequencies (m,) lie in a band, (m,)."""
+    """Return which of the frequencies (m,) are in a band, (m,) bool."""
     return (frequency_hz >= band_hz[0] - 1e-9) & (frequency_hz <= band_hz[1] + 1e-9)
 
 
@@ -296,8 +297,8 @@ def fit(
 ) -> Fit:  # fmt: skip
     """Fit a layout's roots, and the ripple, to a response in a band.
 
-    `start`: parameters of the layout, with the ripple last where it is fitted; the first `held_zeros` pairs of
-    zeros stay where they start. Raises InputError when the band holds too few lines.
+    `start`: parameters of the layout, with the ripple last if it is fitted; the first `held_zeros` zero pairs stay at
+    their start. Raises InputError if the band has too few lines.
     """
     problem = problem_of(frf, layout, timing, band_hz, ripple)
     theta, spread = solve(problem, start, held=layout.zeros(held_zeros))
@@ -310,7 +311,7 @@ def fit(
 
 
 def refit(frf: Frf, before: Fit) -> Fit:
-    """Fit the same layout to another response of the same table, starting from what was found."""
+    """Fit the same layout to another response of the same table, starting from an earlier fit."""
     ripple, model = len(before.parameters) > before.layout.size, before.model
     return fit(frf, before.layout, before.parameters, timing_of(model), model.band_hz, ripple, before.held_zeros)
 
@@ -318,7 +319,7 @@ def refit(frf: Frf, before: Fit) -> Fit:
 def fit_paper(frf: Frf, best: Fit, band_hz: tuple[float, float]) -> Fit:
     """Fit the paper's model: 2 n + 4 poles and as many zeros for n modes, two at the origin, no delay and no ripple.
 
-    The extra pole and the extra zeros stand for the latency, and make the inverse proper. It starts from the best
+    The extra pole and the extra zeros represent the latency and make the inverse proper. The fit starts from the best
     model of 2 n + 3 poles.
     """
     layout, start = rational_latency(best)
@@ -326,7 +327,7 @@ def fit_paper(frf: Frf, best: Fit, band_hz: tuple[float, float]) -> Fit:
 
 
 def rational_latency(best: Fit) -> tuple[Layout, Array]:
-    """Return layout and start of a model whose roots carry the delay: a pair of far poles, a farther pair of zeros."""
+    """Return layout and start of a model whose roots represent the delay by far poles and still farther zeros."""
     pairs, corner, zeros = best.layout.pairs(best.parameters)
     far, far_zero = 2.0 * np.pi * LATENCY_START_HZ, [2.0 * np.pi * FAR_ZERO_START_HZ, 0.7]
     lag = float(np.sum(1.0 / corner)) + best.model.delay_s + 2.0 * far_zero[1] / far_zero[0]
@@ -336,7 +337,10 @@ def rational_latency(best: Fit) -> tuple[Layout, Array]:
 
 
 def problem_of(frf: Frf, layout: Layout, timing: Timing, band_hz: tuple[float, float], ripple: bool) -> Problem:
-    """Return the lines of a band, weighted by one over their relative error."""
+    """Return the lines of a band, weighted by one over their relative error.
+
+    Raises InputError if they are too few.
+    """
     inside = within(frf.frequency_hz, band_hz)
     if inside.sum() < LINES_PER_PARAMETER * layout.size:
         raise InputError(
@@ -354,7 +358,7 @@ def problem_of(frf: Frf, layout: Layout, timing: Timing, band_hz: tuple[float, f
 
 
 def _sign(s: ComplexArray, measured: ComplexArray) -> float:
-    """Return the sign of the displacement at the lowest lines."""
+    """Return the sign of the displacement's response at the lowest lines."""
     low = slice(0, max(5, len(s) // 100))
     return float(np.sign(np.median((measured[low] / s[low] ** 2).real))) or 1.0
 
@@ -362,10 +366,10 @@ def _sign(s: ComplexArray, measured: ComplexArray) -> float:
 def solve(
     problem: Problem, start: Array, evaluations: int = MOST_EVALUATIONS, held: slice | None = None
 ) -> tuple[Array, Array]:
-    """Return parameters of least weighted squares, reached by Levenberg-Marquardt, and their covariance.
+    """Return the parameters with the least weighted squares, by Levenberg-Marquardt, and their covariance.
 
-    A weak pull to the start (PULL) keeps parameters that the band does not determine from running away; those that are
-    `held` hardly leave it.
+    A weak regularisation towards the start (PULL) keeps parameters bounded that the band does not determine. A strong
+    one (HOLD) fixes the parameters in the slice `held`.
     """
     strength = np.full(len(start), PULL)
     if held is not None:
@@ -380,5 +384,5 @@ def solve(
     found = least_squares(pulled, start, evaluations=evaluations, reach=reach)
     left = found.residual[: -len(start)]
     variance = float(left @ left) / max(len(left) - len(start), 1)
-    known = np.concatenate([np.ones(len(left)), strength == HOLD])  # the weak pull is no knowledge
+    known = np.concatenate([np.ones(len(left)), strength == HOLD])  # the weak regularisation is no information
     return found.parameters, covariance(found.slopes * known, variance)

@@ -29,11 +29,11 @@ from rths_cli.rigs.description import RigInfo
 LIMITS = FitError(rms=0.01, largest=0.03, rms_mid=0.004)
 BANDS_HZ = (0.7, 2.0, 5.0, 11.0, 20.0, 40.0, 60.0)
 GROUP = 5  # lines whose errors are averaged above the compared band
-SHORTFALL = 1.25
-NOISY = 0.5  # of the limit: scatter of the data that may be what a fit misses
+SHORTFALL = 1.25  # factor on the linearised law of friction, see without_friction
+NOISY = 0.5  # scatter of the data over the limit of the fit, above which noise may be the cause of a misfit
 MOST_LAG_S = 0.5
 CERTAIN = 3.0  # standard errors
-ROOM = 1.2  # a smaller factor by which an excitation could be louder is not worth it
+ROOM = 1.2  # least factor by which an excitation could be louder, for the advice to do so
 ONE_LEVEL = LevelCauses()
 GIVEN = "it is not a model of this table as it is now: check gain, sign, units and delay"
 
@@ -43,22 +43,24 @@ def judge(
     levels: Sequence[LevelBand] = (), level_ratio: float = math.inf, further: Sequence[str] = (), given: bool = False,
     causes: LevelCauses = ONE_LEVEL, louder: float = 1.0, noisy: bool = True, friction: Friction | None = None,
 ) -> Verdict:  # fmt: skip
-    """Return the verdict on a model whose fit error against a response, beyond the scatter of the data, is known.
+    """Return the verdict on a model with a given fit error, that is the error beyond the scatter of the data.
 
-    `levels` compare a record at low level with one `level_ratio` times louder, to which the model was fitted, `causes`
-    say why they differ. `further`: reasons found elsewhere; `given`: the model was made elsewhere; `louder`: the factor
-    by which the excitation could be louder within the limits; `noisy`: the scatter of the data is the channels' noise;
-    `friction`: as identified (None: the records do not tell it).
+    `most`: limits of that error; `frf`: the response to which the model is compared.
+    `levels`: response at low level over that at full level, to which the model was fitted and which is `level_ratio`
+    times louder; `causes`: why the levels differ.
+    `further`: additional reasons to reject the model; `given`: the model was supplied and not fitted here.
+    `louder`: factor by which the excitation could be louder within the limits; `noisy`: whether the channels' noise
+    explains the scatter of the data; `friction`: as identified (None: not determined).
     """
     scatter = rms(frf.relative_error[within(frf.frequency_hz, COMPARED_HZ)])
     inside = [band for band in levels if band.high_hz <= COMPARED_HZ[1]]
     material = bool(inside) and rms_difference(inside) > NOISY * most.rms
     if FRICTION in causes.table and error.rms > without_friction(inside, level_ratio):
-        material = False  # the fit misses more than friction leaves at full level
+        material = False  # the fit error is larger than the effect of friction at full level
     advice = GIVEN if given else _advice(scatter, most, causes if material else ONE_LEVEL, louder, noisy)
     unsafe = _unsafe_roots(model) or _absurd_lag(model)
     missed = _misses(error, most, advice)
-    # the levels are compared over the model: of one that fits neither they tell only what has a shape of its own
+    # both levels are divided by the model: with a poor model their comparison is valid only if a cause's shape is found
     compared = levels if not missed or meaning(causes) else ()
     reasons = (
         *missed,
@@ -74,7 +76,7 @@ def judge(
 
 
 def _advice(scatter: float, most: FitError, causes: LevelCauses, louder: float, noisy: bool) -> str:
-    """Return what makes a model miss its limits, as far as the data tell, and what to do about it."""
+    """Return the cause of a fit error beyond its limits, as far as the data show it, and the remedy."""
     cause = meaning(causes)
     if cause:
         return f"{cause}; {_remedy(causes, louder)}"
@@ -88,7 +90,7 @@ def _advice(scatter: float, most: FitError, causes: LevelCauses, louder: float, 
 
 
 def _remedy(causes: LevelCauses, louder: float) -> str:
-    """Return what to do about a table or specimen that depends on the level."""
+    """Return the remedy for a table or specimen that depends on the level."""
     if causes.table[:1] != (FRICTION,):
         return "identify at the level of the test, a lower identification.accel_rms_m_s2 where that is less"
     said = "reduce the friction"
@@ -96,7 +98,7 @@ def _remedy(causes: LevelCauses, louder: float) -> str:
 
 
 def _absurd_lag(model: Model) -> tuple[str, ...]:
-    """Return a sentence when the table would answer before its command, or half a second late."""
+    """Return a sentence if the table would respond before its command, or more than half a second late."""
     lag = low_frequency_lag(model)
     if 0.0 <= lag <= MOST_LAG_S:
         return ()
@@ -107,7 +109,7 @@ def _absurd_lag(model: Model) -> tuple[str, ...]:
 
 
 def _misses(error: FitError, most: FitError, advice: str) -> tuple[str, ...]:
-    """Return a sentence for each limit that the fit misses."""
+    """Return a sentence for each limit that the fit error exceeds."""
     rows = (
         ("rms in 0.7-11 Hz", error.rms, most.rms),
         ("largest in 0.7-11 Hz", error.largest, most.largest),
@@ -125,12 +127,12 @@ def _at_other_levels(
     levels: Sequence[LevelBand], level_ratio: float, most: FitError, causes: LevelCauses, louder: float,
     friction: Friction | None,
 ) -> tuple[str, ...]:  # fmt: skip
-    """Return a sentence when what depends on the level makes the model err by more than its limits at other levels.
+    """Return a sentence if the level dependence makes the model's error exceed its limits at other levels.
 
-    Friction is judged by what it leaves at full level: against the limit of the largest error where its size is
-    identified, because the check then predicts what it does at every level; else against that of the rms, like all
-    that the prediction leaves out. What grows with the motion, and what has no known cause, is judged by what it
-    changes at low level, against the limit of the largest error.
+    Friction is judged by its remaining effect at full level. If its size is identified, the limit is that of the
+    largest error, because the check then predicts its effect at every level. Otherwise it is the limit of the rms
+    error, as for all errors that the prediction does not include. Other causes, and unknown ones, are judged by the
+    change at low level against the limit of the largest error.
     """
     inside = [band for band in levels if band.high_hz <= COMPARED_HZ[1]]
     clear = any(abs(band.ratio - 1.0) > CERTAIN * band.error for band in inside)
@@ -155,23 +157,23 @@ def _at_other_levels(
 
 
 def _identified(friction: Friction | None) -> bool:
-    """Tell whether the size of friction is known beyond doubt, so that predictions may count it."""
+    """Return whether the size of friction is significant, so that predictions may include it."""
     return friction is not None and friction.command_v > CERTAIN * friction.error_v
 
 
 def rms_difference(levels: Sequence[LevelBand]) -> float:
-    """Return the rms, over the bands' widths, of how much low and full level differ."""
+    """Return the rms difference between low and full level, weighted by the bands' widths."""
     squares = [(band.high_hz - band.low_hz) * abs(band.ratio - 1.0) ** 2 for band in levels]
     return math.sqrt(sum(squares) / sum(band.high_hz - band.low_hz for band in levels))
 
 
 def without_friction(levels: Sequence[LevelBand], level_ratio: float) -> float:
-    """Return by how much (rms over the bands) a table without friction would differ from a model made at full level.
+    """Return the rms difference, over the bands, between a table without friction and a model made at full level.
 
     Coulomb friction acts like a dashpot that weakens as one over the velocity (statistical linearisation, Roberts and
-    Spanos, Random Vibration and Statistical Linearization): of the difference d between two levels of ratio r,
-    d / (r - 1) is left at the louder one. A quarter is added, because on virtual tables with noise and 0.3-3 N the law
-    falls short by a tenth to a fifth. A sine or steps follow another law: this holds for noise and multisine.
+    Spanos, Random Vibration and Statistical Linearization). If two levels of ratio r differ by d, the difference to a
+    table without friction at the louder level is d / (r - 1). A quarter is added, because on virtual tables with noise
+    and 0.3-3 N this law is a tenth to a fifth too small. It holds for noise and multisine, not for a sine or steps.
     """
     if not levels or not level_ratio > 1.0:
         return 0.0
@@ -179,7 +181,7 @@ def without_friction(levels: Sequence[LevelBand], level_ratio: float) -> float:
 
 
 def _unsafe_roots(model: Model) -> tuple[str, ...]:
-    """Return a sentence for each kind of root that must not drive a table."""
+    """Return a sentence for each kind of root with which a model must not drive a table."""
     found = []
     if np.any(model.poles.real >= 0.0):
         found.append("table model: poles on or right of the imaginary axis, a table that stands is stable")
@@ -194,10 +196,11 @@ def _unsafe_roots(model: Model) -> tuple[str, ...]:
 
 
 def reach_hz(model: Model, frf: Frf, most: FitError) -> float:
-    """Return the frequency up to which the model keeps its limits, counted from 0.7 Hz.
+    """Return the frequency up to which the model keeps its limits, from 0.7 Hz on.
 
-    Two standard errors of the response are not held against the model: of the mean of five lines, in which an error
-    that neighbours share does not hide, and up to 11 Hz of each line too. The rms counts from 0.7 Hz.
+    Two standard errors of the response are subtracted from the error. The error is averaged over five lines, because a
+    mean shows an error common to neighbouring lines that the scatter of single lines would hide. Up to 11 Hz each line
+    is judged as well. The rms is taken from 0.7 Hz up to each frequency.
     """
     f = frf.frequency_hz
     error = model.sampled_response(f) / frf.response - 1.0
@@ -208,7 +211,7 @@ def reach_hz(model: Model, frf: Frf, most: FitError) -> float:
     excess = np.maximum(beyond, 0.0)[f >= COMPARED_HZ[0] - 1e-9]
     lines = f[f >= COMPARED_HZ[0] - 1e-9]
     mean = np.sqrt(np.cumsum(excess**2) / np.arange(1, len(excess) + 1))
-    # a single first line is no rms: the lines up to 2 Hz count together
+    # the rms of the first few lines is not meaningful: up to 2 Hz the rms of all lines up to 2 Hz is used
     mean[lines < BANDS_HZ[1]] = mean[np.searchsorted(lines, BANDS_HZ[1]) - 1]
     bad = np.flatnonzero((excess > most.largest) | (mean > most.rms))
     if not bad.size:
@@ -217,10 +220,10 @@ def reach_hz(model: Model, frf: Frf, most: FitError) -> float:
 
 
 def low_frequency_lag(model: Model) -> float:
-    """Return how late the displacement follows a slow command, in s: minus the slope of the phase at zero frequency.
+    """Return the lag in s of the displacement behind a slow command: minus the slope of the phase at zero frequency.
 
-    Roots below the model's band have no part in it: the data say little of their damping, which would count for much.
-    NaN with a pole at the origin: then it does not follow.
+    Roots below the model's band are left out: the data hardly determine their damping, which would dominate the result.
+    NaN is returned for a pole at the origin, because the table then does not follow the command.
     """
     if np.any(np.abs(model.poles) <= 1e-9):
         return math.nan
@@ -229,7 +232,7 @@ def low_frequency_lag(model: Model) -> float:
 
 
 def residuals(model: Model, frf: Frf) -> tuple[Band, ...]:
-    """Return the residual by band, as far as the response reaches."""
+    """Return the model's residual in each band, up to the end of the response."""
     f = frf.frequency_hz
     error = np.abs(model.sampled_response(f) / frf.response - 1.0)
     edges = [edge for edge in BANDS_HZ if edge < f[-1]] + [float(f[-1])]
@@ -246,9 +249,9 @@ def residuals(model: Model, frf: Frf) -> tuple[Band, ...]:
 
 
 def level_bands(quiet: Frf, loud: Frf | None) -> tuple[LevelBand, ...]:
-    """Compare two responses over the same model, at low and at full level (None: the model itself), by band.
+    """Compare the responses at low and at full level, both divided by the same model, in each band.
 
-    Friction makes them differ.
+    `loud` None: the low level is compared with the model itself.
     """
     found = []
     for low, high in pairwise(BANDS_HZ):
@@ -270,10 +273,10 @@ def _mean(frf: Frf, band_hz: tuple[float, float]) -> tuple[complex, float]:
 
 
 def roots_of(found: Fit, specimen: SpecimenFit | None, shifts: Array | None = None) -> tuple[Root, ...]:
-    """Return poles and finite zeros of a fit with standard uncertainties: random ones from its covariance, and the
-    `shifts` (n_parameters,) that no scatter shows.
+    """Return poles and finite zeros of a fit with their standard uncertainties.
 
-    Zeros held at the specimen's modes have the specimen's.
+    The random part follows from the fit's covariance; `shifts` (n_parameters,) is the systematic part. Zeros that are
+    fixed at the specimen's modes have the specimen's uncertainties.
     """
     poles, single, zeros = found.layout.pairs(found.parameters)
     error = np.sqrt(np.diag(found.covariance))
@@ -298,7 +301,7 @@ def roots_of(found: Fit, specimen: SpecimenFit | None, shifts: Array | None = No
 
 
 def roots_given(model: Model) -> tuple[Root, ...]:
-    """Return poles and finite zeros of a model that came without uncertainties."""
+    """Return poles and finite zeros of a supplied model, which has no uncertainties (NaN)."""
     nan = float("nan")
     rows = []
     for kind, roots in (("pole", model.poles), ("zero", model.zeros[np.abs(model.zeros) > 1e-9])):
@@ -309,14 +312,14 @@ def roots_given(model: Model) -> tuple[Root, ...]:
     return tuple(rows)
 
 
-AGREE_SIGMA, AGREE_HZ, AGREE_DAMPING = 3.0, 0.003, 0.05  # noise and free vibration: standard errors or shares
-MORE_THAN_HELD = 2.0
-MISFIT = 0.003  # share of the floors' motion; clean fits leave 0.0002
-USABLE = 0.2  # relative uncertainty, unexplained share, of a free vibration
+AGREE_SIGMA, AGREE_HZ, AGREE_DAMPING = 3.0, 0.003, 0.05  # agreement: standard errors, or relative differences
+MORE_THAN_HELD = 2.0  # held-out error of the chosen structure from which a warning is given
+MISFIT = 0.003  # unexplained fraction of the floors' motion for a warning; good fits leave 0.0002
+USABLE = 0.2  # largest relative uncertainty, and unexplained fraction, of a usable free vibration
 
 
 def misfit(specimen: SpecimenFit | None, seen: Sequence[ChannelReport]) -> tuple[str, ...]:
-    """Return a sentence when the specimen is not quite a chain with the given masses and modal damping."""
+    """Return a sentence if the specimen deviates from a linear chain with the given masses and modal damping."""
     if specimen is None:
         return ()
     noise = max((c.rest_rms_m_s2 or 0.0) / c.rms_m_s2 for c in seen)
@@ -329,7 +332,7 @@ def misfit(specimen: SpecimenFit | None, seen: Sequence[ChannelReport]) -> tuple
 
 
 def not_held(candidates: Sequence[Candidate]) -> tuple[str, ...]:
-    """Return a sentence when the data show more than the chosen structure holds."""
+    """Return a sentence if the data show more dynamics than the chosen structure contains."""
     worst = max((tried.held_out for tried in candidates if tried.chosen), default=0.0)
     if not worst > MORE_THAN_HELD:
         return ()
@@ -341,7 +344,7 @@ def not_held(candidates: Sequence[Candidate]) -> tuple[str, ...]:
 
 
 def late(model: Model, info: RigInfo) -> tuple[str, ...]:
-    """Return a sentence when the data asked for more delay than the rig declares."""
+    """Return a sentence if the fitted delay is longer than the rig declares."""
     declared = Timing(info.latency_samples, info.dt_s, info.transport_s).delay_s
     if model.delay_s <= declared * (1.0 + 1e-9):
         return ()
@@ -352,7 +355,7 @@ def late(model: Model, info: RigInfo) -> tuple[str, ...]:
 
 
 def usable(free: SpecimenFit | None) -> tuple[SpecimenFit | None, tuple[str, ...]]:
-    """Return a free vibration that can be used, or None and a sentence that it is too weak."""
+    """Return the fit to the free vibration if it is usable, else None and a sentence that it is too weak."""
     if free is None:
         return None, ()
     known = np.concatenate(
@@ -365,7 +368,7 @@ def usable(free: SpecimenFit | None) -> tuple[SpecimenFit | None, tuple[str, ...
 
 
 def differences(noise: SpecimenFit | None, free: SpecimenFit | None) -> tuple[str, ...]:
-    """Return a sentence for each mode that noise and free vibration see differently."""
+    """Return a sentence for each mode in which excitation and free vibration disagree."""
     if noise is None or free is None:
         return ()
     return tuple(
@@ -378,8 +381,10 @@ def differences(noise: SpecimenFit | None, free: SpecimenFit | None) -> tuple[st
 
 
 def agree(one: SpecimenFit, other: SpecimenFit, mode: int) -> bool:
-    """Tell whether two fits agree in a mode: within three standard uncertainties, or 0.3 % of the frequency and 5 %
-    of the damping ratio."""
+    """Return whether two fits agree in a mode.
+
+    They agree within three standard uncertainties, or within 0.3 % of the frequency and 5 % of the damping ratio.
+    """
     hz = abs(one.natural_frequency_hz[mode] - other.natural_frequency_hz[mode])
     ratio = abs(one.damping_ratio[mode] - other.damping_ratio[mode])
     hz_spread = float(np.hypot(one.frequency_error_hz[mode], other.frequency_error_hz[mode]))

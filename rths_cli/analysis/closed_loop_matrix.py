@@ -8,12 +8,12 @@ from rths_cli.analysis.identified_rig_block import IdentifiedRig
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.numerics.lti import Array, Block, ComplexArray
 
-FORGOTTEN = 0.1  # size of an eigenvalue that dies out within a few samples: no motion of table or building
-SLOW_HZ, LEFT = 0.3, 1e-4
+FORGOTTEN = 0.1  # a smaller eigenvalue decays within a few samples: it is no motion of table or building
+SLOW_HZ, LEFT = 0.3, 1e-4  # highest frequency of a slow motion; fraction of it that must be left to count
 
 
 class _Rows:
-    """Signals of the loop as rows over (state, command): each part of the state has its place."""
+    """Signals of the loop as rows (signals, n + 1) that multiply (state, command); a block has a slice of the state."""
 
     def __init__(self, sizes: dict[str, int]) -> None:
         ends = np.cumsum(list(sizes.values()))
@@ -21,25 +21,25 @@ class _Rows:
         self.places = {name: slice(end - size, end) for (name, size), end in zip(sizes.items(), ends, strict=True)}
 
     def of(self, name: str) -> Array:
-        """Return the rows of a part of the state."""
+        """Return the rows that select the state of a block."""
         return np.eye(self.width)[self.places[name]]
 
     def output(self, name: str, block: Block, inputs: Array) -> Array:
-        """Return a block's outputs for inputs given as rows; inputs beyond those given are zero."""
+        """Return the rows of a block's outputs for the rows of its first inputs; further inputs are zero."""
         count = len(inputs)
         return block.C @ self.of(name) + block.D[:, :count] @ inputs
 
     def following(self, name: str, block: Block, inputs: Array) -> Array:
-        """Return a block's next state."""
+        """Return the rows of a block's next state for the rows of its first inputs; further inputs are zero."""
         return block.A @ self.of(name) + block.B[:, : len(inputs)] @ inputs
 
 
 def closed_loop_matrix(rig: IdentifiedRig, blocks: Blocks) -> Array:
-    """Return M (n, n) of a hybrid test without ground motion: the blocks on the identified rig, guard and rounding
-    passing everything.
+    """Return the matrix M (n, n) of a hybrid test without ground motion, guard and rounding.
 
-    Samples correct, estimate, give the base shear n_p samples ahead, the numerical part, feedforward and feedback make
-    the command of the same instant; a direct path from command to samples is solved for.
+    The order is that of the step. The samples are corrected and give the estimate and the base shear n_p samples ahead.
+    The numerical substructure, feedforward and feedback give the command of the same instant. If the rig has a direct
+    path from command to samples, the resulting algebraic loop is solved.
     """
     lead, sent = blocks.lead_samples, max(rig.latency_samples, 1) + 1
     parts = {"rig": rig.plant, "correction": rig.correction} | {
@@ -75,7 +75,7 @@ def closed_loop_matrix(rig: IdentifiedRig, blocks: Blocks) -> Array:
 
 
 def _coupled(rows: _Rows, blocks: Blocks, corrected: Array, estimated: Array) -> Array:
-    """Return base shear and desired acceleration at k + n_p, (2, .): each depends on the other at the same instant."""
+    """Return the rows (2, n + 1) of base shear and desired acceleration at k + n_p, which depend on each other."""
     known = blocks.shear_estimate @ estimated + blocks.shear_measured @ corrected
     if blocks.lead_samples:
         known = known + blocks.shear_recent @ rows.of("recent")
@@ -86,21 +86,26 @@ def _coupled(rows: _Rows, blocks: Blocks, corrected: Array, estimated: Array) ->
 
 
 def spectral_radius(matrix: Array) -> float:
-    """Return the largest absolute eigenvalue: below one, every motion dies out."""
+    """Return the largest absolute eigenvalue of a matrix (n, n); below one, every motion decays."""
     return float(np.abs(np.linalg.eigvals(matrix)).max())
 
 
 def loop_roots(matrix: Array, dt_s: float) -> ComplexArray:
-    """Return the closed loop's oscillating motions as roots log(z) / dt_s in rad/s, (n,), of each pair the one above
-    the real axis, the slowest to die out first."""
+    """Return the closed loop's oscillating modes as roots log(z) / dt_s in rad/s, (n,), the slowest to decay first.
+
+    Of each conjugate pair the root above the real axis is returned.
+    """
     z = np.linalg.eigvals(matrix).astype(complex)
     roots = np.log(z[(np.abs(z) > FORGOTTEN) & (z.imag > 0.0)]) / dt_s
     return roots[np.argsort(-roots.real)]
 
 
 def slow_roots(matrix: Array, dt_s: float, time_s: float) -> ComplexArray:
-    """Return the closed loop's roots log(z) / dt_s in rad/s, (n,), real ones and of each pair the one above the real
-    axis, of motions below SLOW_HZ of which a share of LEFT is left after a time."""
+    """Return the closed loop's slow roots log(z) / dt_s in rad/s, (n,).
+
+    They are below SLOW_HZ, and more than the fraction LEFT of their motion is left after `time_s`. Real roots are
+    included, and of each conjugate pair the root above the real axis.
+    """
     z = np.linalg.eigvals(matrix).astype(complex)
     roots = np.log(z[(np.abs(z) > FORGOTTEN) & (z.imag >= 0.0)]) / dt_s
     return roots[(np.abs(roots) < 2.0 * np.pi * SLOW_HZ) & (roots.real * time_s > np.log(LEFT))]
@@ -109,7 +114,7 @@ def slow_roots(matrix: Array, dt_s: float, time_s: float) -> ComplexArray:
 def modes_in_loop(roots: ComplexArray, frequency_hz: Array, damping_ratio: Array) -> tuple[Array, Array]:
     """Return frequencies in Hz and damping ratios (m,) of the loop's roots nearest to those of given modes (m,).
 
-    Each root stands for one mode; NaN for a mode that does not oscillate, whose root has no frequency.
+    Each root is assigned to one mode only. An overdamped mode gets NaN, because it has no frequency.
     """
     size = 2.0 * np.pi * frequency_hz
     wanted = size * (-damping_ratio + 1j * np.sqrt(np.maximum(1.0 - damping_ratio**2, 0.0)))

@@ -1,11 +1,12 @@
 """The hybrid test as a linear loop in the frequency domain: what ground motion and every disturbance make of it.
 
-On each line the loop is two equations for base shear f and command u (signals at k + n_p for the numerical part, at k
-for the table; z^-n_p leads from one clock to the other):
+On each line the loop is two equations for base shear f and command u. Signals of the numerical substructure are taken
+at k + n_p and signals of the table at k; z^-n_p converts from the first clock to the second:
 
     f = S_c c + S_d d,  d = N_g g + N_f f,  u = F_a d + F_v v + F_x x + B (z^-n_p d - c_0),  c = P u + e,
 
-c the corrected samples, e what disturbs them, d, v, x the desired motion of the interface, g the ground.
+with the corrected samples c and their disturbances e, desired acceleration, velocity and displacement d, v, x of the
+interface, and ground acceleration g.
 """
 
 from __future__ import annotations
@@ -21,23 +22,20 @@ from rths_cli.numerics.lti import Array, Block, ComplexArray
 
 @dataclass(frozen=True)
 class LoopResponse:
-    """Responses on m lines: `rig` (c, m) command to corrected samples, `from_samples` (c, m) and `from_desired` (m,) to
-    the base shear, `numerical` (3, 2, m) ground acceleration and base shear to the interface's motion, `storeys`
-    (p, 2, m) the same to all numerical storeys' accelerations, `feedforward` (3, m), `feedback` (m,), `ahead` (m,) is
-    z^n_p."""
+    """Frequency responses of the parts of the loop, on m lines."""
 
-    rig: ComplexArray
-    from_samples: ComplexArray
-    from_desired: ComplexArray
-    numerical: ComplexArray
-    storeys: ComplexArray
-    feedforward: ComplexArray
-    feedback: ComplexArray
-    ahead: ComplexArray
+    rig: ComplexArray  # (c, m) command to corrected samples
+    from_samples: ComplexArray  # (c, m) corrected samples to base shear
+    from_desired: ComplexArray  # (m,) desired acceleration to base shear
+    numerical: ComplexArray  # (3, 2, m) ground acceleration and base shear to the interface's motion
+    storeys: ComplexArray  # (p, 2, m) ground acceleration and base shear to all numerical storeys' accelerations
+    feedforward: ComplexArray  # (3, m) desired motion to command
+    feedback: ComplexArray  # (m,) tracking error to command
+    ahead: ComplexArray  # (m,) z^n_p
 
     @property
     def loop(self) -> ComplexArray:
-        """Return the loop gain (m,) broken at the command, negative feedback: gain and delay of the table act on it."""
+        """Return the gain (m,) of the loop broken at the command, for negative feedback."""
         return self._loop(self.rig)
 
     def with_rig(self, factor: ComplexArray) -> ComplexArray:
@@ -56,18 +54,17 @@ class LoopResponse:
 
 @dataclass(frozen=True)
 class Motion:
-    """Signals on m lines: `desired` (m,) interface acceleration and `shear_n` on the record's clock, `corrected`
-    (c, m) samples and `command_v` (m,) on the table's, `storeys` (p + c - 1, m) absolute accelerations as reported."""
+    """Signals of a hybrid test on m lines."""
 
-    desired: ComplexArray
-    shear_n: ComplexArray
-    command_v: ComplexArray
-    corrected: ComplexArray
-    storeys: ComplexArray
+    desired: ComplexArray  # (m,) acceleration of the interface, on the record's clock
+    shear_n: ComplexArray  # (m,) base shear, on the record's clock
+    command_v: ComplexArray  # (m,) on the table's clock
+    corrected: ComplexArray  # (c, m) samples, on the table's clock
+    storeys: ComplexArray  # (p + c - 1, m) absolute accelerations as a result reports them
 
     @property
     def tracking(self) -> ComplexArray:
-        """Return desired - measured table acceleration (m,), of the same instant."""
+        """Return desired minus measured table acceleration (m,) of the same instant."""
         return self.desired - self.storeys[len(self.storeys) - len(self.corrected)]
 
 
@@ -93,7 +90,10 @@ def loop_response(rig: IdentifiedRig, blocks: Blocks, storeys: Block, z: Complex
 
 
 def _numerical(interface: Block, storeys: Block, frequency_hz: Array) -> tuple[ComplexArray, ComplexArray]:
-    """Return the responses of the interface's motion and of all storeys' accelerations: one block, read out twice."""
+    """Return the responses of the interface's motion and of all storeys' accelerations.
+
+    If both blocks have the same dynamics, they are evaluated together.
+    """
     accels = slice(2 * len(storeys.C) // 3, None)
     rows = replace(storeys, C=storeys.C[accels], D=storeys.D[accels])
     if not (np.array_equal(interface.A, storeys.A) and np.array_equal(interface.B, storeys.B)):
@@ -110,8 +110,11 @@ def _at(block: Block, frequency_hz: Array) -> ComplexArray:
 def hybrid(
     loop: LoopResponse, ground: ComplexArray, samples: ComplexArray, rounding: ComplexArray | None = None
 ) -> Motion:
-    """Return the hybrid test's motion for ground acceleration, velocity and displacement (3, m), disturbances of the
-    corrected samples (c, m), and what is added to the command before it leaves (m,)."""
+    """Return the motion of the hybrid test.
+
+    `ground` (3, m): acceleration, velocity and displacement of the ground. `samples` (c, m): disturbances that are
+    added to the corrected samples. `rounding` (m,): a disturbance that is added to the command.
+    """
     added = np.zeros(loop.feedback.shape, dtype=complex) if rounding is None else rounding
     disturbed = samples + loop.rig * added
     free = loop.numerical[:, 0] * ground[0]
@@ -130,8 +133,11 @@ def hybrid(
 
 
 def on_perfect_table(loop: LoopResponse, floors: ComplexArray, ground: ComplexArray) -> Motion:
-    """Return the hybrid test's motion on a table that does at once what is desired: `floors` (c, m) are the
-    accelerations of table (one) and floors per table acceleration. What is left is the coupling's own error."""
+    """Return the motion of the hybrid test on a table that follows the desired motion exactly and without delay.
+
+    `floors` (c, m): accelerations of table (one) and floors per table acceleration. The remaining error is that of the
+    coupling: filter, prediction and integration.
+    """
     through = np.sum(loop.from_samples * floors, axis=0) / loop.ahead + loop.from_desired
     free = loop.numerical[0, 0] * ground[0]
     desired = free / (1.0 - loop.numerical[0, 1] * through)

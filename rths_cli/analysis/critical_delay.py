@@ -1,8 +1,8 @@
 """How late the base shear may come before a hybrid test of a building becomes unstable: its critical pure delay.
 
-Cut at the interface floor and freed of the ground, the loop goes from the floor's absolute acceleration a through the
-specimen to the base shear f(t - delay), and through the numerical part back to a: 1 = L(s) exp(-s delay). Where
-|L(j w)| = 1 a delay of (arg L mod 2 pi) / w puts a pole on the imaginary axis; the smallest one is critical.
+Without ground motion, the loop goes from the interface floor's absolute acceleration a through the specimen to the base
+shear f(t - delay), and through the numerical substructure back to a: 1 = L(s) exp(-s delay). At a frequency with
+|L(j w)| = 1 a delay of (arg L mod 2 pi) / w puts a pole on the imaginary axis; the smallest such delay is critical.
 """
 
 from __future__ import annotations
@@ -15,17 +15,16 @@ import numpy as np
 from rths_cli.numerics.lti import Array, StateSpace
 from rths_cli.structure import Building
 
-ON_AXIS = 1e-6  # real part over size, of an eigenvalue that is taken as imaginary
+ON_AXIS = 1e-6  # largest real part over size of an eigenvalue that counts as imaginary
 
 
 @dataclass(frozen=True)
 class CriticalDelay:
-    """`delay_s` (infinite: any delay is stable; 0: none is), the frequency at which stability is lost, and the
-    loop's gain at infinite frequency, the share of the interface floor's mass on the table over that computed."""
+    """The critical delay of a building."""
 
-    delay_s: float
-    frequency_hz: float
-    gain_at_infinity: float
+    delay_s: float  # infinite: every delay is stable; 0: none is
+    frequency_hz: float  # at which stability is lost
+    gain_at_infinity: float  # of the loop: the interface floor's mass on the table over its computed mass
 
 
 def critical_delay(building: Building) -> CriticalDelay:
@@ -44,7 +43,7 @@ def critical_delay(building: Building) -> CriticalDelay:
 
 
 def open_loop(building: Building) -> StateSpace:
-    """Return the loop from the interface floor's acceleration by way of the base shear back to it, without delay.
+    """Return the loop from the interface floor's acceleration through the base shear back to it, without delay.
 
     Specimen: f = 1^T (C v + K x) - m_I a for displacements x relative to the table (Eq. 2.5, 2.6); numerical part:
     a = (f e_p - C v - K x)_p / m_p for displacements relative to the ground (Eq. 2.3).

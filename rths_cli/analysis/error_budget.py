@@ -1,11 +1,11 @@
 """The error of a hybrid test that was run, split by cause from its signals.
 
-The loop is linear: what was measured is what the identified rig makes of ground motion, of what disturbed the samples
-(measured less what the identified rig answers to the commands that left) and of what was added to the command. The
-disturbance is split once more: dry friction and an error of the table's gain and delay are fitted to it, what the
-floors do otherwise than the identified specimen on the measured table is the specimen's. The parts add up instant by
-instant; what is left over is stated. Where samples did not come, what the loop was given in their place less what they
-would have been is a part of its own, and nothing is fitted to them.
+The loop is linear. Its measured motion is the sum of the responses to the ground motion, to a disturbance of the
+samples (measured samples minus the identified rig's response to the commands that were sent), and to a disturbance of
+the command. The disturbance of the samples is divided further: dry friction and an error of the table's gain and delay
+are fitted to it; the difference between the floors and the identified specimen on the measured table is the specimen's
+part. The parts are time series that add up to the error; the remainder is stated. If samples were lost, the substituted
+samples minus the missing ones, as reconstructed, are a separate part, and nothing is fitted to these samples.
 """
 
 from __future__ import annotations
@@ -26,16 +26,18 @@ from rths_cli.numerics.lti import Array, ComplexArray
 
 Booleans = NDArray[np.bool_]
 
-BLOCKS = 10  # of a record, left out one at a time
-MARGIN_S = 0.05  # before the end, where a series of low lines knows of the end already
-FADE_S = 0.5  # before that margin, in which the record fades out of a fit
-NEAR_S = 0.05  # on both sides of a gap, in which commands may not be what the blocks make
-JOINED_S = 0.02  # of samples on both sides of a gap, to whose mean it is joined
+BLOCKS = 10  # parts of a record that are omitted one at a time to find uncertainties
+MARGIN_S = 0.05  # end of the record at which a series of low lines is affected by the break-off
+FADE_S = 0.5  # time before that margin in which the weight of the record falls to zero
+NEAR_S = 0.05  # time on both sides of a gap in which commands may differ from those of the blocks
+JOINED_S = 0.02  # time on both sides of a gap over which samples are averaged to join it
 
 
 def mended(samples: Array, predicted: Array, lost: Booleans, width: int = 1) -> Array:
-    """Return samples (c, n) that follow a prediction (c, n) where they were `lost` (n,), shifted so that they join the
-    mean of the nearest ones on both sides, up to `width` of them; what is not lost stays."""
+    """Return samples (c, n) in which those that were `lost` (n,) follow a prediction (c, n).
+
+    The prediction is shifted so that it joins the mean of up to `width` of the nearest samples on both sides.
+    """
     came = np.flatnonzero(~lost)
     if not came.size:
         return predicted.copy()
@@ -52,14 +54,17 @@ def at_full_rate(lines: Lines, rows: ComplexArray) -> Array:
 
 
 def inside(lines: Lines) -> Array:
-    """Return one inside the record and a slope to zero before its end, at the reduced rate."""
+    """Return weights (n,) at the reduced rate: one, with a linear slope to zero before the record's end."""
     time_s = np.arange(lines.series(np.zeros(lines.count, dtype=complex)).size) * lines.reduced_dt_s
     return np.clip((lines.samples * lines.dt_s - MARGIN_S - time_s) / FADE_S, 0.0, 1.0)
 
 
 def bursts(lines: Lines, row: ComplexArray, lost: Booleans) -> ComplexArray:
-    """Return the lines (m,) of what a series given by lines does within NEAR_S of `lost` steps (n,), beyond a straight
-    line from one end of such a stretch to the other."""
+    """Return the lines (m,) of the part of a series that occurs within NEAR_S of `lost` steps (n,).
+
+    `row` (m,) are the lines of the series. The part is its difference to a straight line between the ends of each such
+    stretch.
+    """
     series = lines.series(row)[None]
     at_s = np.arange(series.shape[1]) * lines.reduced_dt_s
     gaps_s = np.flatnonzero(lost) * lines.dt_s
@@ -72,15 +77,16 @@ def bursts(lines: Lines, row: ComplexArray, lost: Booleans) -> ComplexArray:
 
 
 def weighted_in_time(lines: Lines, rows: ComplexArray, weight: Array) -> ComplexArray:
-    """Return the lines (..., m) of series given by lines, after a weight of every instant (at the reduced rate)."""
+    """Return the lines (..., m) of series, given by their lines, after weighting each instant at the reduced rate."""
     return _lines(lines, lines.series(rows) * weight)
 
 
 def scatter(lines: Lines, rows: ComplexArray, wanted: ComplexArray) -> Array:
-    """Return the standard uncertainties (k,) of the real factors of rows (k, m) that make most of lines (m,).
+    """Return the standard uncertainties (k,) of the real factors of rows (k, m) that best approximate lines (m,).
 
-    The factors are found again and again without one of BLOCKS parts of the record, so that whatever is left over may
-    depend on time and on frequency. Source: Efron and Tibshirani, An Introduction to the Bootstrap (1993), Eq. 11.5.
+    The method is the jackknife: the factors are fitted with each of BLOCKS parts of the record left out in turn, so
+    that the residual may depend on time and frequency. Source: Efron and Tibshirani, An Introduction to the Bootstrap
+    (1993), Eq. 11.5.
     """
     series = lines.series(np.vstack([rows, wanted[None]]))
     size = np.linalg.norm(series[:-1], axis=1)
@@ -99,45 +105,41 @@ def _lines(lines: Lines, series: Array) -> ComplexArray:
 
 
 CAUSES = ("declared", "coupling", "latency", "model", "friction", "specimen", "rounding", "rest")
-DRIFT = "drift"  # a cause only where something was taken out of the sensors' samples
-LOST = "lost"  # a cause only where steps are without samples
-FITTED_HZ = (0.5, 15.0)  # of the disturbance, for friction, gain and delay
-CUT_S = 0.5  # of the end, where the series break off
-ASSUMED_SCALE = 0.01  # of the rms velocity: v_s of a friction that was not identified
+DRIFT = "drift"  # a cause only if drift or jumps were removed from the sensors' samples
+LOST = "lost"  # a cause only if steps are without samples
+FITTED_HZ = (0.5, 15.0)  # band in which friction, gain and delay are fitted to the disturbance
+CUT_S = 0.5  # end of the record that is excluded, because the series break off there
+ASSUMED_SCALE = 0.01  # v_s over the rms velocity if friction was not identified
 
 
 @dataclass(frozen=True)
 class Signals:
-    """What a run measured, n samples: `desired` (3, n), `sim` (n_storeys, n) and `computed` (n_storeys - c, n), the
-    storeys below the table, on the record's clock, `corrected` (c, n) and `command_v` (n,) as stored, n_p samples after
-    they were made.
+    """Signals of a run, n samples each; `desired`, `computed` and `sim` are on the record's clock."""
 
-    `drift` (c, n): what was taken out of the samples after the run; the loop had `corrected` + `drift`. `lost` (n,):
-    steps without samples of their own. With it the fits also leave out the record's end, where the series
-    break off; None: everything is fitted.
-    """
-
-    desired: Array
-    corrected: Array
-    command_v: Array
-    computed: Array
-    sim: Array
+    desired: Array  # (3, n) acceleration, velocity and displacement of the interface
+    corrected: Array  # (c, n) corrected samples as stored, n_p samples after they were taken
+    command_v: Array  # (n,) as stored, n_p samples after it was computed
+    computed: Array  # (n_storeys - c, n) accelerations of the storeys below the table
+    sim: Array  # (n_storeys, n) accelerations of SIM
+    # (n,) steps without samples of their own; with it the record's end is also excluded from the fits, because the
+    # series break off there. None: everything is fitted.
     lost: NDArray[np.bool_] | None = None
-    drift: Array | None = None
+    drift: Array | None = None  # (c, n) removed from the samples after the run; the loop used `corrected` + `drift`
 
 
 @dataclass(frozen=True)
 class Budget:
-    """RMS errors in the test band by cause, all together as measured, and what the parts leave over; and what was
-    fitted, with standard uncertainties: `gain_error` and `delay_error_s` of the table (positive: more, late),
-    `friction_v` as a command."""
+    """Measured RMS errors in the test band by cause, and the fitted errors of the table.
+
+    Uncertainties are standard uncertainties.
+    """
 
     causes: Mapping[str, Errors]
-    measured: Errors
-    unexplained: Errors
-    gain_error: float
-    delay_error_s: float
-    friction_v: float
+    measured: Errors  # the whole error
+    unexplained: Errors  # the whole error minus the sum of all causes
+    gain_error: float  # relative; positive: the table moves more than identified
+    delay_error_s: float  # positive: the table is later than identified
+    friction_v: float  # as a command
     gain_uncertainty: float
     delay_uncertainty_s: float
     friction_uncertainty_v: float
@@ -181,8 +183,10 @@ def split(known: Known, signals: Signals) -> Budget:
 
 
 def _samples(known: Known, signals: Signals) -> Array:
-    """Return the corrected samples (c, n), those that did not come replaced by what the identified rig answers to the
-    commands, shifted to what came before and after."""
+    """Return the corrected samples (c, n), with lost ones replaced by the identified rig's response to the commands.
+
+    The response is shifted to join the samples before and after the gap.
+    """
     if signals.lost is None or not signals.lost.any():
         return signals.corrected
     answer = at_full_rate(known.lines, known.loop.rig * known.lines.of(signals.command_v))
@@ -191,14 +195,14 @@ def _samples(known: Known, signals: Signals) -> Array:
 
 
 def _less_sure(fitted: tuple[float, ...], bridged: tuple[float, ...]) -> tuple[float, ...]:
-    """Return fitted figures, their uncertainties grown by how far they depend on what stands for lost samples."""
+    """Return fitted values and uncertainties, the latter increased by the effect of substituted samples on the fit."""
     half = len(fitted) // 2
     moved = [a - b for a, b in zip(fitted[:half], bridged[:half], strict=True)]
     return (*fitted[:half], *(math.hypot(off, by) for off, by in zip(fitted[half:], moved, strict=True)))
 
 
 def _added(known: Known, signals: Signals, added: ComplexArray) -> tuple[ComplexArray, ComplexArray | None]:
-    """Return what rounding added to the command (m,), and what near steps without samples did (None: all came)."""
+    """Return the disturbance of the command (m,) by rounding, and its part near lost samples (None: none were lost)."""
     if signals.lost is None or not signals.lost.any():
         return added, None
     held = bursts(known.lines, added, signals.lost)
@@ -218,7 +222,7 @@ def _rms(known: Known, lines: ComplexArray) -> Array:
 
 
 def _wanted(known: Known, desired: ComplexArray, table: ComplexArray) -> ComplexArray:
-    """Return the command that feedforward and feedback made of desired motion (3, m) and corrected table (m,)."""
+    """Return the command (m,) that feedforward and feedback compute from desired motion (3, m) and table (m,)."""
     error = desired[0] / known.loop.ahead - table
     return np.sum(known.loop.feedforward * desired, axis=0) + known.loop.feedback * error
 
@@ -226,8 +230,10 @@ def _wanted(known: Known, desired: ComplexArray, table: ComplexArray) -> Complex
 def _disturbances(
     known: Known, disturbed: ComplexArray, command: ComplexArray, velocity_m_s: Array, instants: Array | None
 ) -> tuple[dict[str, ComplexArray], tuple[float, ...]]:
-    """Return the disturbance of the samples (c, m) by cause; gain error, delay error and friction that were fitted, and
-    their standard uncertainties."""
+    """Return the disturbance of the samples (c, m) by cause, and the fitted values.
+
+    These are gain error, delay error and friction, then their standard uncertainties.
+    """
     s = 2j * np.pi * known.lines.frequency_hz
     friction, more, friction_off = _friction(known, disturbed, command, velocity_m_s, instants)
     answer = known.loop.rig * command
@@ -248,10 +254,10 @@ def _friction(
     velocity_m_s: Array,
     instants: Array | None = None,
 ) -> tuple[ComplexArray, float, float]:
-    """Return what friction adds to the samples (c, m), by how many V it is more than identified, and how surely.
+    """Return the disturbance of the samples (c, m) by friction, the excess over its identified size, its uncertainty.
 
-    Its size is told by sign(v) - c v, which neither gain nor delay can look like; what is more than identified acts
-    with all of sign(v), because no model holds its linear part.
+    The size is fitted with the shape sign(v) - c v, which a gain or delay error cannot have. The excess and its
+    standard uncertainty are in V. It acts with the whole of sign(v), because no model contains its linear part.
     """
     speed = float(rms(velocity_m_s)) or 1.0
     scale = known.friction.scale_m_s if known.friction else ASSUMED_SCALE * speed
@@ -269,7 +275,7 @@ def _friction(
 
 
 def _felt(known: Known) -> Array:
-    """Return how much a disturbance of the table's motion moves the storeys, (m,): a mode feels it most."""
+    """Return the weight (m,) of a disturbance of the table: its effect on the storeys, largest at their modes."""
     moved = hybrid(known.loop, np.zeros_like(known.ground), known.floors)
     return np.sqrt(np.sum(np.abs(moved.storeys) ** 2, axis=0)) * known.lines.test_band()
 
@@ -277,8 +283,10 @@ def _felt(known: Known) -> Array:
 def _told(
     known: Known, disturbed: ComplexArray, rows: tuple[ComplexArray, ...], weight: Array, instants: Array | None
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return the factors of rows as `_fitted` and their standard uncertainties, of the record's instants alone that
-    have a weight (at the reduced rate; None: of all)."""
+    """Return the factors of rows as `_fitted` does, and their standard uncertainties.
+
+    `instants` weights the samples of the record at the reduced rate; None: all count alike.
+    """
     both = np.vstack([*rows, disturbed[None]])
     if instants is not None:
         both = weighted_in_time(known.lines, both, instants)
@@ -293,7 +301,7 @@ def _inside(known: Known) -> NDArray[np.bool_]:
 
 
 def _fitted(known: Known, disturbed: ComplexArray, rows: tuple[ComplexArray, ...], weight: Array) -> tuple[float, ...]:
-    """Return the real factors of rows (m,) that explain most of a disturbance (m,) between FITTED_HZ, weighted."""
+    """Return the real factors of rows (m,) that best approximate a disturbance (m,) in FITTED_HZ, with weights (m,)."""
     inside = _inside(known)
     scaled = [(weight * row)[inside] for row in (*rows, disturbed)]
     *parts, wanted = (np.concatenate([row.real, row.imag]) for row in scaled)

@@ -17,13 +17,12 @@ _FALLING = np.array([[1, 1, 1, 1, 1, 1], [0, 1, 2, 3, 4, 5], [0, 0, 2, 6, 12, 20
 
 @dataclass(frozen=True)
 class Lines:
-    """Fourier lines from zero frequency to HIGHEST_HZ of series of `samples` samples, padded to `padded` so that what
-    rings has died out."""
+    """Fourier lines from zero frequency to HIGHEST_HZ of time series."""
 
-    samples: int
-    padded: int
+    samples: int  # of the record
+    padded: int  # samples with the padding in which vibrations decay
     dt_s: float
-    high_pass_hz: float = 0.0  # errors are evaluated above it
+    high_pass_hz: float = 0.0  # errors are evaluated above this frequency
 
     @property
     def count(self) -> int:
@@ -51,12 +50,15 @@ class Lines:
         return self.padded * self.dt_s / self.reduced
 
     def of(self, series: Array) -> ComplexArray:
-        """Return the lines (..., m) of series (..., n); what does not end at zero is led there after the end."""
+        """Return the lines (..., m) of series (..., n); one that does not end at zero is faded out after its end."""
         return low_lines(series, self.count, self.padded) + series[..., -1:] * _fade(self)
 
     def of_motion(self, accel: Array, velocity: Array, displacement: Array) -> ComplexArray:
-        """Return the lines (3, m) of a motion, each (n,): after the end it comes to rest at zero by a quintic of the
-        displacement, so that its derivatives stay its derivatives."""
+        """Return the lines (3, m) of a motion with acceleration, velocity and displacement (n,).
+
+        After its end the motion comes to rest at zero. The displacement follows a quintic there, so that velocity and
+        acceleration stay its derivatives.
+        """
         rest = self.padded - self.samples
         lasts = 0.5 * rest * self.dt_s
         share = np.minimum(np.arange(1, rest // 2 + 1) * self.dt_s / lasts, 1.0)
@@ -75,18 +77,20 @@ class Lines:
         return whole[..., : int(np.ceil(self.samples * self.dt_s / self.reduced_dt_s * finer))]
 
     def test_band(self) -> Array:
-        """Return what the test band's low pass, forward and backward, leaves of each line, (m,)."""
+        """Return the gain (m,) of the test band's low pass, applied forward and backward, on each line."""
         return _test_band(self)
 
     def evaluated(self, lines: ComplexArray, cut_s: float = 0.0) -> Array:
-        """Return errors (..., n) as they are evaluated, of lines (..., m): in the test band, over the record less
-        `cut_s` of its end, without what is slower than the lowest reliable frequency; at the reduced rate."""
+        """Return errors (..., n) in the form in which they are evaluated, from lines (..., m), at the reduced rate.
+
+        They are in the test band and above the lowest reliable frequency, over the record without the last `cut_s`.
+        """
         series = self.series(lines * self.test_band())
         whole = series.shape[-1] - int(cut_s / self.reduced_dt_s)
         return high_passed(series[..., :whole], self.high_pass_hz, self.reduced_dt_s)
 
     def above_slow(self) -> Array:
-        """Return what the high pass of errors leaves of each line, (m,)."""
+        """Return the gain (m,) of the errors' high pass on each line."""
         if self.high_pass_hz <= 0.0:
             return np.ones(self.count)
         sections = butterworth(SLOW_ORDER, self.high_pass_hz, 1.0 / self.dt_s, "high")
@@ -95,7 +99,7 @@ class Lines:
 
 @lru_cache(maxsize=8)
 def _fade(lines: Lines) -> ComplexArray:
-    """Return the lines (m,) of half a cosine from one to zero, over half of the room after the end of the series."""
+    """Return the lines (m,) of half a cosine from one to zero, over half of the padding."""
     rest = lines.padded - lines.samples
     fade = 0.5 + 0.5 * np.cos(np.pi * np.arange(1, rest // 2 + 1) / (0.5 * rest))
     late = lines.z ** -float(lines.samples)
@@ -111,6 +115,6 @@ def _test_band(lines: Lines) -> Array:
 
 
 def lines_for(samples: int, dt_s: float, ring_s: float, high_pass_hz: float = 0.0) -> Lines:
-    """Return the lines of a record after which motions ring for `ring_s`; at most three times its length is added."""
+    """Return the lines for a record with padding of `ring_s`, at least one and at most three times its length."""
     rest = min(max(round(ring_s / dt_s), samples), 3 * samples)
     return Lines(samples, fast_length(samples + rest), dt_s, high_pass_hz)

@@ -1,8 +1,8 @@
 """The identified rig as one sampled block: command to the corrected samples of table and floors.
 
-The identified table moves the identified specimen; between samples everything is exact for a held command. The
-sensors' AC coupling is left out together with its correction, which cancels it but for the hold's alias: that passes
-the coupling, and its integral is what `ripple_sum_m_s2_per_v` stands for.
+The identified table moves the identified specimen; the discretisation is exact for a held command. The sensors' AC
+coupling and its correction cancel and are left out. They do not cancel for the hold's alias, which passes the coupling
+and is integrated by the correction: this integral is `ripple_sum_m_s2_per_v`.
 """
 
 from __future__ import annotations
@@ -21,37 +21,35 @@ from rths_cli.numerics.matrix_equations import exponential
 from rths_cli.rigs.description import RigInfo
 from rths_cli.structure import Specimen
 
-RIPPLE_HZ = np.array([2.0, 5.0, 10.0])  # where the hold's own alias in the sampled model is read off
+RIPPLE_HZ = np.array([2.0, 5.0, 10.0])  # frequencies at which the hold's alias in the sampled model is determined
 
 
 @dataclass(frozen=True)
 class IdentifiedRig:
-    """`plant`: command (V) to raw samples (c,) in V; `correction` as the step has it, less what undoes AC coupling.
+    """The identified rig, with the alias that the held command leaves in the table's samples."""
 
-    `ripple_m_s2_per_v`: what a corrected table sample carries of a command change beyond what `plant` has;
-    `ripple_sum_m_s2_per_v`: the whole alias's integral, from correcting the AC coupling; `plant` has none of it.
-    `excess`: share of a table sample that is alias like an acceleration. An identification cannot tell it from the
-    table's gain: table and floors move by that much less than the model says.
-    """
-
-    plant: Block
-    correction: Block
-    ripple_m_s2_per_v: float
+    plant: Block  # command in V to raw samples (c,) in V
+    correction: Block  # the step's sensor correction, without the correction of the AC coupling
+    ripple_m_s2_per_v: float  # alias in a corrected table sample per command change, beyond that of `plant`
     latency_samples: int
-    ripple_sum_m_s2_per_v: float = 0.0
+    ripple_sum_m_s2_per_v: float = 0.0  # integral of the whole alias by the AC correction; `plant` has none of it
+    # Fraction of a table sample that is alias with the shape of an acceleration. An identification cannot distinguish
+    # it from the table's gain, so that table and floors move by this fraction less than the model predicts.
     excess: float = 0.0
 
     def alias_left(self, blocks: Blocks) -> tuple[float, float]:
-        """Return what the step of these blocks leaves of the alias beside what `plant` has, m/s^2 per V of difference
-        and of sum of the last two commands that act."""
+        """Return the alias that the step with these blocks does not remove, beyond that of `plant`.
+
+        The two numbers are in m/s^2 per V, for the difference and for the sum of the last two commands that act.
+        """
         change = self.ripple_m_s2_per_v - blocks.ripple_m_s2_per_v
         return change, self.ripple_sum_m_s2_per_v - blocks.ripple_sum_m_s2_per_v
 
 
 def identified_rig(model: Model, specimen: Specimen, info: RigInfo, removes_sensors: bool) -> IdentifiedRig:
-    """Return the rig that a table model, a specimen and the declared sensors make.
+    """Return the rig composed of a table model, a specimen and the declared sensors.
 
-    `removes_sensors`: the step takes the sensors' dynamics out of the samples, and the model knows nothing of them.
+    `removes_sensors`: the step corrects the samples for the sensors' dynamics, and the model does not contain them.
     """
     corners = [c.low_pass_hz if removes_sensors else 0.0 for c in info.channels]
     scale = np.array([c.sensitivity_v_per_m_s2 for c in info.channels])
@@ -70,7 +68,7 @@ def _table(model: Model) -> StateSpace:
 
 
 def _with_specimen(table: StateSpace, specimen: Specimen) -> StateSpace:
-    """Return command to the absolute accelerations of table and floors, (1 + n,)."""
+    """Return the system from command to the absolute accelerations (1 + n,) of table and floors."""
     parts = specimen_state_space(specimen)
     n, m = len(table.A), len(parts.A)
     a = np.block([[table.A, np.zeros((n, m))], [parts.B @ table.C, parts.A]])
@@ -93,10 +91,10 @@ def _with_sensors(chain: StateSpace, low_pass_hz: list[float]) -> StateSpace:
 
 
 def _held(chain: StateSpace, model: Model, dt_s: float) -> Block:
-    """Return the chain behind a hold and the rest of the model's delay, half a sample of which is the hold's own.
+    """Return the chain, sampled, behind a hold and the model's delay less the half sample of the hold itself.
 
-    With a delay of L + part samples the command of k - L - 1 acts for the first `part` of the interval k, that of
-    k - L for the rest. States: the chain's, then the last L + 1 commands, the latest first.
+    With a remaining delay of L + part samples the command of step k - L - 1 acts during the fraction `part` of interval
+    k, and that of step k - L during the rest. The states are the chain's, then the last L + 1 commands, latest first.
     """
     late = max(model.delay_s / dt_s - 0.5, 0.0)
     whole = math.floor(late + 1e-9)
@@ -126,12 +124,12 @@ def _hold(chain: StateSpace, time_s: float) -> tuple[Array, Array]:
 
 
 def _smooth(chain: StateSpace, dt_s: float) -> Block:
-    """Return the chain for a model whose roots carry hold and latency: no hold of its own."""
+    """Return the chain, sampled, for a model whose roots represent hold and latency, so that no hold is added."""
     return discretise(chain, dt_s, "foh", "rig", ("command_v",), ())
 
 
 def _correction(info: RigInfo, removes_sensors: bool) -> Block:
-    """Return the step's sensor correction without the integrators that undo the AC coupling."""
+    """Return the step's sensor correction without the integrators that correct the AC coupling."""
     channels = tuple(replace(channel, high_pass_hz=0.0) for channel in info.channels)
     block = correction(channels, info.dt_s, removes_sensors)
     kept = np.flatnonzero(np.arange(len(block.A)) % 3 < 2)
@@ -139,8 +137,11 @@ def _correction(info: RigInfo, removes_sensors: bool) -> Block:
 
 
 def _own_alias(plant: Block, fixed: Block, model: Model) -> tuple[float, float]:
-    """Return what the sampled model's own hold adds to a corrected table sample: per V of command change (first order
-    in the frequency), and as a share of the response (second order, like an acceleration)."""
+    """Return the alias that the sampled model's own hold adds to a corrected table sample.
+
+    The first number is in m/s^2 per V of command change (first order in frequency), the second is a fraction of the
+    response (second order, like an acceleration).
+    """
     response = model.response(RIPPLE_HZ)
     added = fixed.response(RIPPLE_HZ)[0, 0] * plant.response(RIPPLE_HZ)[0, 0] / response - 1.0
     alias = staircase(RIPPLE_HZ, model.latency_samples, model.dt_s) / response

@@ -1,7 +1,7 @@
 """The error a hybrid test will have, by cause, from what was identified: before anything moves.
 
-Reference is SIM of the numerical part with the identified specimen. Causes that are series add up instant by instant,
-noise and rounding by their power; all in the test band.
+The reference is SIM of the numerical substructure with the identified specimen. Deterministic causes are added as
+series, noise and rounding by their power; all are evaluated in the test band.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from rths_cli.numerics.lti import Array, Block, ComplexArray, Frf, Model, hold_s
 from rths_cli.rigs.description import RigInfo
 
 CAUSES = ("coupling", "latency", "model", "friction", "rounding", "noise", "quantisation")
-SMOOTHED_HZ = 0.5  # over which the ratio of measured response to model is averaged
+SMOOTHED_HZ = 0.5  # width over which the ratio of measured response to model is averaged
 
 
 @dataclass(frozen=True)
 class Errors:
-    """RMS errors in m/s^2, test band: `storeys` (n_storeys,) against SIM, `tracking` of the table."""
+    """RMS errors in m/s^2 in the test band: of the storeys (n_storeys,) against SIM, and the table's tracking error."""
 
     storeys: Array
     tracking: float
@@ -33,7 +33,7 @@ class Errors:
 
 @dataclass(frozen=True)
 class Prediction:
-    """Errors by cause, all of them together, and the undisturbed motion on lines."""
+    """Predicted errors by cause and in total, and the undisturbed motion on lines."""
 
     causes: Mapping[str, Errors]
     total: Errors
@@ -42,27 +42,24 @@ class Prediction:
 
 @dataclass(frozen=True)
 class Known:
-    """What a prediction starts from: `floors` (c, m) accelerations of table (one) and floors per table acceleration,
-    `sim` (n_storeys, m) and `ground` (3, m) on lines, `velocity_m_s` (n,) of the interface, noise of each channel at
-    rest (c,) in m/s^2; `excess` as in IdentifiedRig; `peaks_m_s2` (c,) of SIM's interface and floors, all frequencies
-    (None: not known); `slow_roots` (k,) in rad/s of those motions of the loop that outlast the lines' room after the
-    record."""
+    """The inputs of a prediction; all of them are identified or declared."""
 
     loop: LoopResponse
     lines: Lines
-    model: Model
-    measured: Frf
+    model: Model  # of the table
+    measured: Frf  # response of the table
     friction: Friction | None
-    floors: ComplexArray
-    ground: ComplexArray
-    sim: ComplexArray
-    velocity_m_s: Array
-    noise_m_s2: Array
+    floors: ComplexArray  # (c, m) accelerations of table (one) and floors per table acceleration
+    ground: ComplexArray  # (3, m) acceleration, velocity and displacement
+    sim: ComplexArray  # (n_storeys, m) accelerations of SIM with the identified specimen
+    velocity_m_s: Array  # (n,) of the interface
+    noise_m_s2: Array  # (c,) rms of the channels' noise at rest
     rig: RigInfo
-    correction: Block
-    shaped: bool
-    excess: float = 0.0
-    peaks_m_s2: Array | None = None
+    correction: Block  # the sensor correction of the step
+    shaped: bool  # whether commands are rounded with noise shaping
+    excess: float = 0.0  # as in IdentifiedRig
+    peaks_m_s2: Array | None = None  # (c,) peaks of SIM's interface and floors at all frequencies; None: not known
+    # (k,) rad/s: roots of motions of the loop that do not decay within the padding after the record
     slow_roots: ComplexArray = field(default_factory=lambda: np.zeros(0, dtype=complex))
 
 
@@ -98,15 +95,19 @@ def _rms(known: Known, lines: ComplexArray) -> Array:
 
 
 def _model_error(known: Known, nominal: Motion) -> ComplexArray:
-    """Return what the samples (c, m) would have more if the table answered as measured, less what of that is alias
-    (`excess`), not as modelled."""
+    """Return the change of the samples (c, m) if the table responds as measured instead of as modelled.
+
+    The part of the difference that is alias (`excess`) is removed.
+    """
     ratio = data_ratio(known.model, known.measured, known.lines.frequency_hz) / (1.0 + known.excess)
     return known.loop.rig * (ratio - 1.0) * nominal.command_v
 
 
 def data_ratio(model: Model, measured: Frf, frequency_hz: Array) -> ComplexArray:
-    """Return measured response over model, less the staircase alias, averaged over SMOOTHED_HZ; one outside the band
-    of the data, (m,)."""
+    """Return the measured response, minus the staircase's alias, over the model (m,), averaged over SMOOTHED_HZ.
+
+    It is one outside the band of the data.
+    """
     f = measured.frequency_hz
     ratio = (measured.response - model.alias(f)) / model.response(f)
     inside = _in_band(model, f)
@@ -118,8 +119,10 @@ def data_ratio(model: Model, measured: Frf, frequency_hz: Array) -> ComplexArray
 
 
 def ratio_error(model: Model, measured: Frf, frequency_hz: Array) -> Array:
-    """Return the standard uncertainty of `data_ratio`, (m,), from the scatter of the lines that it averages; zero
-    outside the band of the data."""
+    """Return the standard uncertainty (m,) of `data_ratio` from the scatter of the averaged lines.
+
+    It is zero outside the band of the data.
+    """
     inside = _in_band(model, measured.frequency_hz)
     f, variance = measured.frequency_hz[inside], measured.relative_error[inside] ** 2
     kernel = _kernel(f)
@@ -134,19 +137,19 @@ def _in_band(model: Model, frequency_hz: Array) -> np.ndarray:
 
 
 def _kernel(frequency_hz: Array) -> Array:
-    """Return the ones that sum up lines over SMOOTHED_HZ: an odd number, about each line alike."""
+    """Return the kernel of ones that sums lines over SMOOTHED_HZ; it has odd length, so that it is centred."""
     return np.ones(2 * round(0.5 * SMOOTHED_HZ / (frequency_hz[1] - frequency_hz[0])) + 1)
 
 
 def friction_samples(known: Known) -> ComplexArray:
-    """Return what dry friction adds to the corrected samples (c, m): it acts at once, without the command's delay."""
+    """Return the disturbance of the corrected samples (c, m) by dry friction, which acts without a command's delay."""
     if known.friction is None:
         return np.zeros_like(known.floors)
     return samples_of_push(known) * known.lines.of(known.friction.disturbance_v(known.velocity_m_s))
 
 
 def samples_of_push(known: Known) -> ComplexArray:
-    """Return the corrected samples (c, m) per V of a command that acts at once."""
+    """Return the response (c, m) of the corrected samples to a command that acts without delay, per V."""
     return known.floors * at_once(known.model, known.lines.frequency_hz) / known.loop.ahead
 
 
@@ -157,7 +160,7 @@ def at_once(model: Model, frequency_hz: Array) -> ComplexArray:
 
 
 def _stochastic(known: Known, nominal: Motion) -> dict[str, Array]:
-    """Return the power in the test band, storeys then tracking, (n_storeys + 1,), of what is random by cause."""
+    """Return the power (n_storeys + 1,) in the test band of each random cause, for the storeys, then for tracking."""
     lines, dt = known.lines, known.rig.dt_s
     bit = known.rig.converters.step_v
     sizes = np.array([c.sensitivity_v_per_m_s2 for c in known.rig.channels])
@@ -178,7 +181,7 @@ def _stochastic(known: Known, nominal: Motion) -> dict[str, Array]:
     shape = 1.0 - 1.0 / lines.z if known.shaped else np.ones_like(lines.z)
     moved = hybrid(known.loop, np.zeros_like(known.ground), np.zeros_like(known.floors), shape)
     command = lines.series(nominal.command_v)
-    # shaping adds the errors of before to the command, which makes it fast enough for white noise
+    # noise shaping adds earlier rounding errors to the command, which then varies fast enough for white noise
     rounded = (
         np.full(lines.count, bit**2 / 12.0)
         if known.shaped
@@ -189,15 +192,19 @@ def _stochastic(known: Known, nominal: Motion) -> dict[str, Array]:
 
 
 def _apart(noise_m_s2: Array, bits_m_s2: Array) -> Array:
-    """Return the noise (c,) of channels at rest without that of rounding, which is counted by itself; noise of less
-    than half a bit hides in one bit or jumps between two, and is taken as it was seen."""
+    """Return the noise (c,) of channels at rest without the quantisation noise, which is a separate cause.
+
+    Noise below about half a bit stays within one bit or jumps between two; it is not reduced.
+    """
     rounding = bits_m_s2**2 / 12.0
     return np.sqrt(np.where(noise_m_s2**2 > 4.0 * rounding, noise_m_s2**2 - rounding, noise_m_s2**2))
 
 
 def _density(known: Known, unit: Motion) -> Array:
-    """Return what each line but the first, (m - 1), of white noise of one per sample through this adds to the mean
-    square in the test band, storeys then tracking."""
+    """Return the contribution (n_storeys + 1, m - 1) of each line but the first to the mean square in the test band.
+
+    `unit` is the response to white noise of variance one per sample. The rows are the storeys, then tracking.
+    """
     band = known.lines.test_band() * known.lines.above_slow()
     size = np.abs(np.vstack([unit.storeys, unit.tracking]) * band) ** 2
     return np.asarray(2.0 * size[:, 1:] / known.lines.padded)

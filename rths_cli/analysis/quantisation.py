@@ -1,10 +1,10 @@
 """What rounding to a converter's bits adds to a signal, line by line: white noise only where the signal is fast.
 
-The error of rounding s to steps q is the sum over n of q / (pi n) sin(2 pi n s / q), to a sign. Where s crosses many
-steps its n-th part is a wave of frequency n s' / q, so that its power q^2 / (2 pi^2 n^2) is spread over frequency as
-the rate s' is distributed: as a Gauss curve of standard deviation n rms(s') / q (Bennett, Bell System Technical
-Journal 27, 1948, 446). Slow signals keep that power at low frequencies, where a test is judged; white noise of the
-channel spreads the share 1 - exp(-(2 pi n noise / q)^2) of it over all lines.
+The error of rounding s to steps q is, up to its sign, the sum over n of q / (pi n) sin(2 pi n s / q). If s crosses many
+steps, the n-th term is a wave of frequency n s' / q. Its power q^2 / (2 pi^2 n^2) is distributed over frequency like
+the rate s', as a Gauss curve of standard deviation n rms(s') / q (Bennett, Bell System Technical Journal 27, 1948,
+446). With slow signals this power stays at low frequencies, in the test band. White noise of the channel spreads the
+fraction 1 - exp(-(2 pi n noise / q)^2) of it over all lines.
 """
 
 from __future__ import annotations
@@ -13,18 +13,18 @@ import numpy as np
 
 from rths_cli.numerics.lti import Array
 
-HARMONICS = 8
-WINDOW_S = 1.0  # over which a signal's size and rate are taken
-WHITE = 3.0  # standard deviations of the Gauss curve in the sample rate, below which it is white
+HARMONICS = 8  # terms of the sum
+WINDOW_S = 1.0  # length of the windows in which a signal's size and rate are determined
+WHITE = 3.0  # a Gauss curve counts as white if the sample rate is less than this many standard deviations
 
 
 def rounding_power(
     frequency_hz: Array, signal: Array, signal_dt_s: float, step: float, noise: float, dt_s: float
 ) -> Array:
-    """Return the variance per sample (m,) of white noise that is worth as much as rounding at each line.
+    """Return, for each line (m,), the variance per sample of white noise with the same power there as the rounding.
 
-    `signal` (n,), sampled every `signal_dt_s`, is rounded to multiples of `step` every `dt_s`, with white `noise` (rms
-    per sample) in it; all in one unit. A signal smaller than a step loses no more than itself.
+    `signal` (n,), sampled every `signal_dt_s`, contains white `noise` (rms per sample) and is rounded to multiples of
+    `step` every `dt_s`; all in the same unit. The rounding error is at most the signal itself.
     """
     if step <= 0.0:
         return np.zeros(len(frequency_hz))
@@ -42,7 +42,7 @@ def rounding_power(
 
 
 def _spread(frequency_hz: Array, deviation_hz: Array, dt_s: float) -> Array:
-    """Return the density (windows, m) of each Gauss curve over that of white noise of the same power."""
+    """Return the density (windows, m) of each Gauss curve over the density of white noise with the same power."""
     deviation = np.maximum(deviation_hz, 1.0 / WINDOW_S)[:, None]
     curve = np.exp(-0.5 * (frequency_hz / deviation) ** 2) / (np.sqrt(2.0 * np.pi) * deviation * dt_s)
     return np.asarray(np.where(deviation * WHITE > 1.0 / dt_s, 1.0, curve))

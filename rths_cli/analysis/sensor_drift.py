@@ -1,11 +1,11 @@
 """Offset, drift and jumps of accelerometer channels, found after a run in what the table cannot have done.
 
-A channel behind an AC coupling of corner w shows y = s / (s + w) a + o + r t + jumps: what an amplifier or converter
-adds after the coupling is not coupled itself. The step undoes the coupling, a = (1 + w / s) y, and so makes of an
-offset a line, o (1 + w t), of a drift a parabola, r (t + w t^2 / 2), of a jump a jump and a line. Here the answer of
-the identified rig to the commands that left is taken off first, and the coupling put back: what is left is o + r t +
-jumps, the model's error, noise and rounding. The run begins and ends at rest, so motion adds nothing to a line through
-all of it.
+A channel behind an AC coupling of corner w shows y = s / (s + w) a + o + r t + jumps, because offset, drift and jumps
+of amplifier and converter are added after the coupling. The step corrects the coupling, a = (1 + w / s) y. This turns
+an offset into a line, o (1 + w t), a drift into a parabola, r (t + w t^2 / 2), and a jump into a jump and a line. Here
+the response of the identified rig to the commands that were sent is subtracted first, and the coupling is applied
+again. The remainder is o + r t + jumps, the model's error, noise and rounding. The run begins and ends at rest, so that
+motion adds nothing to a straight line through all of it.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ import numpy as np
 from rths_cli.numerics.filters import filtered, section
 from rths_cli.numerics.lti import Array
 
-BLOCK_S = 0.01  # over which samples are averaged for all but the date of a jump
-LEVEL_S = 2.5  # on both sides of a jump, in which a level is found
-SURE = 8.0  # a jump is so many standard deviations of the levels' changes,
-BITS = 3.0  # so many bits of the converter
-FIRM = 3.0  # an offset or drift is removed that is so many standard uncertainties
-OTHERS = 0.35  # of a jump, that all other channels show at the same time: then it is motion
-NEAR_S = 0.5  # of the best change of level, in which the edge of a jump is looked for
-EDGE_S, EDGE_SAMPLES = 0.012, 8  # on both sides of an edge
-EDGE_SHARE = 0.5  # of a jump, that its edge must show: else it has no date
-MOST_JUMPS = 6  # of one channel: with so many, it is not usable from the first on
-UNCERTAIN_S = 2.0  # of what a fit leaves, that counts as one value
+BLOCK_S = 0.01  # length of the block means that are used for everything except the date of a jump
+LEVEL_S = 2.5  # length of the windows before and after a jump in which the levels are determined
+SURE = 8.0  # least size of a jump, in standard deviations of the levels' changes
+BITS = 3.0  # least size of a jump, in bits of the converter
+FIRM = 3.0  # an offset or drift above this many standard uncertainties is removed
+OTHERS = 0.35  # if all other channels show at least this fraction of a jump at the same time, it is motion
+NEAR_S = 0.5  # time around the largest change of level in which the edge of a jump is searched
+EDGE_S, EDGE_SAMPLES = 0.012, 8  # time, and least number of samples, on each side of an edge
+EDGE_SHARE = 0.5  # least fraction of a jump that its edge must show; otherwise the jump has no date
+MOST_JUMPS = 6  # a channel with this many jumps is not usable from the first one on
+UNCERTAIN_S = 2.0  # length of the means of the residual that count as independent
 
 
 @dataclass(frozen=True)
@@ -41,26 +41,23 @@ class Jump:
 
 @dataclass(frozen=True)
 class ChannelDrift:
-    """What one channel shows beside motion: offset in m/s^2 at sample `middle`, drift in m/s^2 per s, both with
-    standard uncertainties, and jumps; `unusable_from`: the sample from which on it shows what none of these explains,
-    or None.
-    """
+    """Offset, drift and jumps of one channel; uncertainties are standard uncertainties."""
 
-    middle: float
-    offset: float
-    rate: float
-    offset_uncertainty: float
-    rate_uncertainty: float
+    middle: float  # sample at which the offset is stated
+    offset: float  # m/s^2
+    rate: float  # drift in m/s^2 per s
+    offset_uncertainty: float  # m/s^2
+    rate_uncertainty: float  # m/s^2 per s
     jumps: tuple[Jump, ...] = ()
-    unusable_from: int | None = None
+    unusable_from: int | None = None  # sample from which on none of these explains the channel
 
     @property
     def drifts(self) -> bool:
-        """Tell whether offset or drift are more than their uncertainties."""
+        """Return whether offset or drift exceeds FIRM times its uncertainty."""
         return abs(self.offset) > FIRM * self.offset_uncertainty or abs(self.rate) > FIRM * self.rate_uncertainty
 
     def shown(self, samples: int, dt_s: float) -> Array:
-        """Return offset, drift and jumps (n,) in m/s^2 as the channel shows them."""
+        """Return the sum of offset, drift and jumps (n,) in m/s^2, as behind the AC coupling."""
         k = np.arange(samples)
         series = self.offset + self.rate * dt_s * (k - self.middle)
         for jump in self.jumps:
@@ -69,7 +66,7 @@ class ChannelDrift:
 
 
 def coupled_again(corrected: Array, corner_hz: Sequence[float], dt_s: float) -> Array:
-    """Return accelerations (c, n), corrected for AC couplings of these corners, as the couplings had left them."""
+    """Return corrected accelerations (c, n) with the AC couplings of these corners (0: none) applied again."""
     halves = [np.pi * corner * dt_s for corner in corner_hz]
     rows = [filtered(section([1.0, -1.0], [1.0 + h, h - 1.0]), row) for h, row in zip(halves, corrected, strict=True)]
     return np.array(rows)
@@ -78,8 +75,8 @@ def coupled_again(corrected: Array, corner_hz: Sequence[float], dt_s: float) -> 
 def channel_drifts(left: Array, dt_s: float, bit_m_s2: Sequence[float] | Array) -> tuple[ChannelDrift, ...]:
     """Return offset, drift and jumps of every channel.
 
-    `left` (c, n) in m/s^2: what the channels show beside the motion that the commands explain, coupled as they are,
-    from rest to rest; `bit_m_s2` (c,): a bit of their converters.
+    `left` (c, n) in m/s^2: the channels, with their AC coupling, minus the predicted motion, from rest to rest.
+    `bit_m_s2` (c,): one bit of their converters.
     """
     size = max(round(BLOCK_S / dt_s), 1)
     count = left.shape[1] // size
@@ -91,7 +88,7 @@ def channel_drifts(left: Array, dt_s: float, bit_m_s2: Sequence[float] | Array) 
 
 
 def _drift(series: Array, blocks: Array, places: list[int], size: int, dt_s: float, bit: float) -> ChannelDrift:
-    """Return the drift of one channel with jumps near the given blocks, dated to the sample."""
+    """Return the drift of one channel; its jumps near the blocks `places` are dated to the sample."""
     found = [_edge(series, near * size, dt_s, jump, before) for near, jump, before in _levels(blocks, places, size)]
     lost = [place * size for place, at in zip(places, found, strict=True) if at is None]
     dated = sorted({at for at in found if at is not None})  # two may be dated to one sample
@@ -112,7 +109,7 @@ def _fitted(blocks: Array, jumps: list[int], size: int, dt_s: float, bit: float)
     means = [part.mean() for part in np.array_split(blocks - found @ rows, max(len(blocks) // wide, 1))]
     noise = max(float(np.std(means)), bit / np.sqrt(12.0))
     spread = noise * np.sqrt(np.diag(np.linalg.inv(rows @ rows.T)) * wide)
-    seconds = 0.5 * len(blocks) * size * dt_s  # in which the row of the drift grows by one
+    seconds = 0.5 * len(blocks) * size * dt_s  # time in which the row of the drift grows by one
     return ChannelDrift(
         middle, float(found[0]), float(found[1]) / seconds, float(spread[0]), float(spread[1]) / seconds,
         tuple(Jump(at, float(by)) for at, by in zip(jumps, found[2:], strict=True)),
@@ -120,7 +117,7 @@ def _fitted(blocks: Array, jumps: list[int], size: int, dt_s: float, bit: float)
 
 
 def _rows(count: int, jumps: Sequence[float]) -> Array:
-    """Return what block means (n,) are fitted with: one, a line from -1 to 1, each jump at a fraction of a block."""
+    """Return the rows (k, count) fitted to block means: a constant, a line from -1 to 1, and a step for each jump."""
     k = np.arange(count)
     steps = [np.clip(k + 1.0 - at, 0.0, 1.0) for at in jumps]
     return np.array([np.ones(count), (k - 0.5 * (count - 1)) * (2.0 / count), *steps])
@@ -133,7 +130,7 @@ def _sizes(blocks: Array, places: Sequence[float]) -> Array:
 
 
 def _jumps(blocks: Array, channel: int, dt_s: float, bit: float) -> list[int]:
-    """Return the blocks in which one of several channels (c, n) jumps alone."""
+    """Return the blocks in which one of several channels (c, n) jumps while the others do not."""
     found: list[int] = []
     refused = np.zeros(blocks.shape[1], dtype=bool)
     width = round(LEVEL_S / dt_s)
@@ -162,13 +159,15 @@ def _told(series: Array, rows: Array) -> Array:
 
 
 def _middle(values: Array) -> float:
-    """Return the middle one of values (n,) by size; numpy's own median imports numpy.ma."""
+    """Return the median of values (n,); numpy's own median would import numpy.ma."""
     return float(np.partition(values, len(values) // 2)[len(values) // 2])
 
 
 def _changes(series: Array, width: int) -> Array:
-    """Return by how much the level of a series (n,) is another one after each place than before it, in windows that
-    hardly see oscillations; zero within a window of either end."""
+    """Return the change of level (n,) of a series (n,) at each place: the mean after it minus the mean before it.
+
+    The means have Hann windows, which suppress oscillations. The change is zero within a window of either end.
+    """
     window = np.hanning(width + 2)[1:-1]
     window /= window.sum()
     change = np.zeros(series.size)
@@ -180,7 +179,7 @@ def _changes(series: Array, width: int) -> Array:
 
 
 def _levels(blocks: Array, places: list[int], size: int) -> list[tuple[int, float, Array]]:
-    """Return of each jump its block, its size, and the coefficients over samples of the line that leads to it."""
+    """Return for each jump its block, its size, and the line before it (value at sample 0, slope per sample)."""
     rows = _rows(len(blocks), places)
     found = np.linalg.lstsq(rows.T, blocks, rcond=None)[0]
     steps = dict(zip(places, found[2:], strict=True))
@@ -194,10 +193,10 @@ def _levels(blocks: Array, places: list[int], size: int) -> list[tuple[int, floa
 
 
 def _edge(series: Array, near: int, dt_s: float, size: float, before: Array) -> int | None:
-    """Return the sample at which a jump of a known size begins, near a sample; None where nothing shows its edge.
+    """Return the sample at which a jump of known size begins, near the sample `near`; None without a visible edge.
 
-    Of all edges that are large enough it is the one before which the series (n,) lies nearest to the line `before` (its
-    value at sample 0 and its slope) and after which it lies nearest to that line and the jump.
+    Among all edges that are large enough, it is the one that best divides the series (n,) into the line `before` (value
+    at sample 0 and slope) and the same line plus the jump.
     """
     half = max(round(EDGE_S / dt_s), EDGE_SAMPLES)
     start = max(near - round(NEAR_S / dt_s), half)
@@ -214,7 +213,7 @@ def _edge(series: Array, near: int, dt_s: float, size: float, before: Array) -> 
 
 
 def _edge_kernel(half: int) -> Array:
-    """Return the weights (2 half,) that give the size of a jump between both halves beside a parabola."""
+    """Return the weights (2 half,) that estimate a jump between both halves of a window, in addition to a parabola."""
     k = (np.arange(2 * half) - half + 0.5) / half
     rows = np.array([k >= 0.0, np.ones(2 * half), k, k**2])
     return np.asarray(np.linalg.pinv(rows.T)[0])

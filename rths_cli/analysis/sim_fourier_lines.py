@@ -14,11 +14,11 @@ from rths_cli.structure import Building
 
 
 def sim_lines(building: Building, lines: Lines, ground: ComplexArray) -> ComplexArray:
-    """Return the absolute accelerations (n_storeys, m) in m/s^2 for lines of the ground acceleration (m,), which is a
-    straight line between samples (Eq. 2.1).
+    """Return the absolute accelerations (n_storeys, m) in m/s^2 for lines (m,) of the ground acceleration (Eq. 2.1).
 
-    The building rings on after the record, as the hybrid test's lines do: a series that breaks off there would put the
-    difference through the test band's filter, back into the record's last tenth of a second.
+    The ground acceleration is linear between samples. The building continues to vibrate after the record, like the
+    lines of the hybrid test. If only one of the two broke off there, the test band's filter would spread their
+    difference into the record's last tenth of a second.
     """
     n = len(building.M)
     a, b = state_equation(building.M, building.C, building.K)

@@ -24,46 +24,46 @@ from rths_cli.rigs.description import BRAKE_SHARE, RigInfo
 
 SAFE, UNSAFE, UNSTABLE = "safe", "unsafe", "unstable"
 COMPARED_HZ = 11.0
-GAIN_CHANGE = 0.1  # of the table's gain, from identification to the end of a test
-UNSEEN_CHANGE, UNCOMPARED_CHANGE = 0.01, 0.06  # of its response: what a verification lets pass; without a low level
+GAIN_CHANGE = 0.1  # assumed change of the table's gain between identification and the end of a test
+UNSEEN_CHANGE, UNCOMPARED_CHANGE = 0.01, 0.06  # change of its response that a verification accepts; without low level
 SIGMA = 3.0  # standard uncertainties of the measured response
-LEAST_DELAY_S = 1e-3  # further delay that a loop must tolerate where less is not known to be enough
-RESERVE = 0.1  # of every limit
-ROOM_PARTS = 4  # the room after the record whose last part shows what is left of slow motions
-FINER = 8  # points of a peak's series per point of the reduced one
-MOST_GROWN = 1e99  # stated; result files hold no larger numbers
-GROWN = 1e3  # over the record, from which growth is no doubt
-LOWEST_HZ, POINTS, AROUND, WIDTH = 0.05, 1500, 100, 0.2  # of the grid: in all, about each closed-loop mode, half width
-MODES_HZ = 60.0
-LEAST_LOOP = 1e-12  # a smaller loop gain is none
+LEAST_DELAY_S = 1e-3  # further delay that a loop must tolerate if a smaller one is not justified
+RESERVE = 0.1  # fraction of every limit that is kept in reserve
+ROOM_PARTS = 4  # slow motions are fitted to the last one of this many parts of the padding after the record
+FINER = 8  # points of a peak's series per point at the reduced rate
+MOST_GROWN = 1e99  # largest stated growth; result files hold no larger numbers
+GROWN = 1e3  # growth over the record from which a loop is called unstable
+LOWEST_HZ, POINTS, AROUND, WIDTH = 0.05, 1500, 100, 0.2  # grid: start, points, points and half width per loop mode
+MODES_HZ = 60.0  # highest loop mode around which the grid is refined
+LEAST_LOOP = 1e-12  # a smaller loop gain counts as zero
 
 
 @dataclass(frozen=True)
 class Stability:
-    """`radius` of the closed-loop matrix, `growth` over the record (1 and less: none); margins of the loop broken at
-    the command, on the measured response and on the model; `tolerates` and `required`: error of the table's response
-    (of the measured one beyond its scatter, and of the model) that makes the loop unstable with the gain of GAIN_CHANGE
-    that is the worst (`gain`, a factor), and that it must stand, where the two are nearest, `at_hz`; `in_band`: the
-    smallest that makes it unstable up to 11 Hz, `in_band_hz` where; `apart`: largest |(1 + L) / (1 + L_model) - 1| of
-    the loop on the measured response, beyond its scatter: below one both go round -1 alike (Rouche), and the model's
-    radius speaks for both."""
+    """Stability of the sampled loop and its margins, with the loop broken at the command.
 
-    radius: float
-    growth: float
-    measured: Margins
-    modelled: Margins
-    tolerates: float
-    required: float
-    at_hz: float
-    in_band: float = math.inf
-    in_band_hz: float = math.nan
+    The tolerated error is the relative error of the table's response that makes the loop unstable, together with the
+    worst gain within GAIN_CHANGE. It is the smaller one for the measured response beyond its scatter and for the model.
+    """
+
+    radius: float  # spectral radius of the closed-loop matrix
+    growth: float  # factor by which motions change over the record; at most 1 if the loop is stable
+    measured: Margins  # with the measured response of the table
+    modelled: Margins  # with the table's model
+    tolerates: float  # tolerated error at `at_hz`
+    required: float  # required error at `at_hz`
+    at_hz: float  # frequency at which tolerated and required error are nearest
+    in_band: float = math.inf  # smallest tolerated error up to 11 Hz
+    in_band_hz: float = math.nan  # its frequency
+    # Largest |(1 + L) / (1 + L_model) - 1|, with L the loop on the measured response beyond its scatter. Below one,
+    # both loops encircle -1 equally often (Rouche), and the spectral radius of the model is valid for both.
     apart: float = 0.0
-    gain: float = 1.0
+    gain: float = 1.0  # the worst gain at `at_hz`, a factor
 
 
 @dataclass(frozen=True)
 class Reach:
-    """The predicted peak of a quantity beside its limit, both in `units`."""
+    """The predicted peak of a quantity and its limit, both in `units`."""
 
     name: str
     peak: float
@@ -72,20 +72,20 @@ class Reach:
 
     @property
     def share(self) -> float:
-        """Return the peak as a share of the limit."""
+        """Return the peak as a fraction of the limit."""
         return self.peak / self.limit
 
 
 @dataclass(frozen=True)
 class Preflight:
-    """What is known of a hybrid test before it moves anything; `reasons` say why it is not safe."""
+    """The result of the check of a hybrid test."""
 
-    verdict: str
-    reasons: tuple[str, ...]
+    verdict: str  # SAFE, UNSAFE or UNSTABLE
+    reasons: tuple[str, ...]  # why it is not safe, one sentence each
     critical: CriticalDelay
     stability: Stability
-    reach: tuple[Reach, ...]
-    largest_scaling: float
+    reach: tuple[Reach, ...]  # predicted peaks with their limits
+    largest_scaling: float  # largest safe scaling of the record
     prediction: Prediction | None
 
 
@@ -94,9 +94,10 @@ def judge(
     prediction: Prediction | None, further: tuple[str, ...] = (), feedback: bool = False,
     least_delay_s: float = LEAST_DELAY_S,
 ) -> Preflight:  # fmt: skip
-    """Return the verdict: unstable, unsafe (which limit), or safe; `further` reasons make a stable loop unsafe.
+    """Return the result of the check: unstable, unsafe with its reasons, or safe.
 
-    `feedback`: the controller has one, so that no advice asks for it. `least_delay_s`: further delay it must tolerate.
+    `further`: additional reasons that make a stable loop unsafe. `feedback`: whether the controller has a feedback; if
+    so, no advice recommends one. `least_delay_s`: further delay in s that the loop must tolerate.
     """
     reasons = faults_of_loop(stability, feedback, least_delay_s)
     doubt = stability.radius >= 1.0 and stability.growth >= GROWN
@@ -110,11 +111,11 @@ def judge(
 def required_delay_s(dt_s: float, bridged: bool, error_s: float | None = None, compared: bool = True) -> float:
     """Return the further delay in s that a loop must tolerate.
 
-    It is SIGMA times the standard uncertainty `error_s` of the identified delay (None: not known) and what a
-    verification lets pass at COMPARED_HZ; `compared`: it has a record at low level to compare with. It is LEAST_DELAY_S
-    at most: a delay is less certain only where the model's roots can stand for it, and then the lag of both together
-    is measured. `bridged`: the loop goes on by its model where a sample is lost. Elsewhere a lost sample holds the
-    command, and one lost and one late sample must not endanger the loop.
+    It is SIGMA times the standard uncertainty `error_s` of the identified delay (None: not known) plus the delay that a
+    verification accepts at COMPARED_HZ, at most LEAST_DELAY_S. (The delay is less certain only if the model's roots can
+    represent a part of it, and then the lag of both together is measured.) `compared`: the verification has a record at
+    low level for comparison. `bridged`: the loop substitutes a lost sample by its model. Otherwise a lost sample holds
+    the command, and one lost and one late sample must not endanger the loop.
     """
     unseen = (UNSEEN_CHANGE if compared else UNCOMPARED_CHANGE) / (2.0 * math.pi * COMPARED_HZ)
     least = LEAST_DELAY_S if error_s is None else min(unseen + SIGMA * error_s, LEAST_DELAY_S)
@@ -122,12 +123,12 @@ def required_delay_s(dt_s: float, bridged: bool, error_s: float | None = None, c
 
 
 def faults_of_loop(found: Stability, feedback: bool = False, least_delay_s: float = LEAST_DELAY_S) -> list[str]:
-    """Return why a loop is not safe whatever is played; nothing for one that is."""
+    """Return the reasons why a loop is not safe with any record; an empty list if it is safe."""
     return _fragile(found, feedback, least_delay_s) if found.radius < 1.0 else _unstable(found)
 
 
 def rounded_down(value: float, digits: int = 3) -> float:
-    """Return a positive number of at most so many significant digits that is not above the given one."""
+    """Return a positive number rounded down to at most `digits` significant digits."""
     return float(Context(prec=digits, rounding=ROUND_DOWN).create_decimal(repr(float(value))))
 
 
@@ -141,9 +142,9 @@ def _unstable(found: Stability) -> list[str]:
 
 
 def _fragile(found: Stability, feedback: bool, least_delay_s: float) -> list[str]:
-    """Return a sentence when too small an error of the table, or too little delay, makes the loop unstable."""
+    """Return a sentence for each margin (table error, delay) that is smaller than required."""
     reasons = []
-    if not found.apart < 1.0:  # so that what is no number is no margin
+    if not found.apart < 1.0:  # written so that NaN counts as no margin
         reasons.append(
             "the table's measured response differs so much from its model that the model's stability says nothing of "
             "the table's; identify again"
@@ -163,12 +164,12 @@ def _fragile(found: Stability, feedback: bool, least_delay_s: float) -> list[str
 
 
 def _with_gain(gain: float) -> str:
-    """Return which change of the table's gain comes first, nothing for none."""
+    """Return the words on the worst gain of the table, "" if that is the identified gain."""
     return "" if round(gain, 3) == 1.0 else f"with {gain:.3g} times the table's gain "
 
 
 def _advice(at_hz: float, feedback: bool) -> str:
-    """Return what to do about a loop that stands too small an error at a frequency: among the modes, or above them."""
+    """Return the advice for a loop that tolerates too small an error, among the building's modes or above them."""
     if at_hz <= COMPARED_HZ:
         higher = "cut the building higher up"
         return f"add damping to the structure{f' or {higher}' if feedback else f', {higher}, or use FF+FB'}"
@@ -187,9 +188,9 @@ def stability(
     rig: IdentifiedRig, blocks: Blocks, storeys: Block, model: Model, measured: Frf, samples: int,
     levels: Sequence[LevelBand] = (),
 ) -> Stability:  # fmt: skip
-    """Return the stability of the sampled loop of identified rig and blocks for a record of so many samples.
+    """Return the stability of the sampled loop of identified rig and blocks, for a record of `samples` samples.
 
-    `levels`: the table's response at low level over that at full level, () where there is no record at low level.
+    `levels`: the table's response at low level over that at full level, () without a record at low level.
     """
     matrix = closed_loop_matrix(rig, blocks)
     values = np.linalg.eigvals(matrix).astype(complex)
@@ -221,16 +222,15 @@ def stability(
 
 
 def growth(radius: float, samples: int) -> float:
-    """Return the factor by which the slowest motion of a loop of this spectral radius changes over a record, at most
-    MOST_GROWN."""
+    """Return the factor by which the slowest motion changes over a record, at most MOST_GROWN."""
     return float(np.exp(min(samples * math.log(radius), math.log(MOST_GROWN)))) if radius > 0.0 else 0.0
 
 
 def _worst_gain(loop: ComplexArray, frequency_hz: Array, identified_hz: float) -> Array:
-    """Return the factor (n,) on the table's gain, up to GAIN_CHANGE off, that puts the loop gain nearest to -1.
+    """Return the factor (n,) on the table's gain, within GAIN_CHANGE, that brings the loop gain nearest to -1.
 
-    It is one beyond the identified band, where a table is doubted altogether. The relative error that is left is
-    |1 + 1 / (g L)|, a parabola of 1 / g.
+    It is one beyond the identified band, where the required error covers any change. The remaining relative error
+    |1 + 1 / (g L)| is, squared, a parabola in 1 / g.
     """
     over = 1.0 / np.where(np.abs(loop) > LEAST_LOOP, loop, LEAST_LOOP)
     share = np.clip(-over.real / np.abs(over) ** 2, 1.0 / (1.0 + GAIN_CHANGE), 1.0 / (1.0 - GAIN_CHANGE))
@@ -238,18 +238,18 @@ def _worst_gain(loop: ComplexArray, frequency_hz: Array, identified_hz: float) -
 
 
 def _tolerated(loop: ComplexArray, gain: Array) -> Array:
-    """Return the smallest relative error of a table of so many times the gain (n,) that puts the loop gain on -1."""
+    """Return the smallest relative error (n,) of the table that brings the loop, with the given gain, to -1."""
     return np.abs(1.0 + gain * loop) / np.maximum(np.abs(gain * loop), LEAST_LOOP)
 
 
 def required(frequency_hz: Array, band_hz: tuple[float, float], scatter: Array, levels: Sequence[LevelBand]) -> Array:
-    """Return the error of the table's response that a loop must stand beside a change of its gain, (n,).
+    """Return the error (n,) of the table's response that a loop must tolerate in addition to a change of its gain.
 
-    It is what identification and verification leave open: a change that is let pass, SIGMA times the uncertainty of
-    the measured response (n,), what level and friction change, and modes beyond the identified band `band_hz`. One at
-    twice its end adds (f / f_0)^2 to the table below it; from there on nothing is known of the table, and all of it is
-    doubted. Below the band, and above COMPARED_HZ, where a verification is coarse, it is that of a table without a
-    record at low level.
+    It is the error that identification and verification cannot exclude, at most 1. Its terms are the change that a
+    verification accepts, SIGMA times the uncertainty `scatter` (n,) of the measured response, the change with the level
+    and with friction, and unknown modes beyond the identified band `band_hz`. A mode at twice the end of the band adds
+    (f / f_0)^2 below it. Below the band, and above COMPARED_HZ, the verification is coarse, and its term is that of a
+    table without a record at low level.
     """
     compared = (frequency_hz >= band_hz[0]) & (frequency_hz <= COMPARED_HZ) & bool(levels)
     unseen = np.where(compared, UNSEEN_CHANGE, UNCOMPARED_CHANGE)
@@ -258,10 +258,10 @@ def required(frequency_hz: Array, band_hz: tuple[float, float], scatter: Array, 
 
 
 def _by_level(frequency_hz: Array, levels: Sequence[LevelBand]) -> Array:
-    """Return the change of the table's response from full to low level, (n,), interpolated between the bands' centres:
-    a test moves the table by anything between.
+    """Return the change (n,) of the table's response from full to low level, interpolated between the bands' centres.
 
-    What the scatter of the comparison may hide counts too, up to what a table without a comparison is doubted by.
+    A test may move the table at any level between the two. The change that the scatter of the comparison may hide is
+    added, up to the term that applies without a comparison.
     """
     if not levels:
         return np.zeros(len(frequency_hz))
@@ -274,13 +274,16 @@ def _by_level(frequency_hz: Array, levels: Sequence[LevelBand]) -> Array:
 
 
 def _beyond_scatter(ratio: ComplexArray, scatter: Array) -> ComplexArray:
-    """Return a ratio of measured response to model, (n,), less what SIGMA standard uncertainties explain of it."""
+    """Return the ratio (n,) of measured response to model, moved towards one by SIGMA standard uncertainties."""
     off = np.abs(ratio - 1.0)
     return 1.0 + (ratio - 1.0) * np.maximum(1.0 - SIGMA * scatter / np.maximum(off, LEAST_LOOP), 0.0)
 
 
 def _grid(values: ComplexArray, dt_s: float) -> Array:
-    """Return frequencies in Hz on which a loop of these eigenvalues (n,) is looked at, dense about its modes."""
+    """Return the frequencies (n,) in Hz at which the loop is evaluated, with a dense grid around its modes.
+
+    `values` (n,) are the eigenvalues of the closed-loop matrix.
+    """
     values = values[np.abs(values) > 0.1]
     modes = np.abs(np.log(values)) / (2.0 * np.pi * dt_s)
     modes = distinct(np.round(modes[(modes > LOWEST_HZ) & (modes < MODES_HZ)], 6))
@@ -289,10 +292,10 @@ def _grid(values: ComplexArray, dt_s: float) -> Array:
 
 
 def reach(known: Known, prediction: Prediction, rig: RigInfo, masses_kg: Array) -> tuple[Reach, ...]:
-    """Return what the undisturbed test asks of table and sensors, beside the limits that the guard holds.
+    """Return the peaks of the undisturbed test, with the limits that the guard enforces.
 
-    `masses_kg` (c,): moving mass and floors. Displacement and velocity are the command's through the nominal gain, as
-    the guard sees them, the displacement with the room to brake.
+    `masses_kg` (c,): moving mass and floors. As in the guard, displacement and velocity are the command times the
+    nominal gain, and the displacement includes the room to brake.
     """
     lines, motion = known.lines, prediction.nominal
     s = 2j * np.pi * lines.frequency_hz
@@ -318,8 +321,9 @@ def reach(known: Known, prediction: Prediction, rig: RigInfo, masses_kg: Array) 
 def _from_rest(known: Known, values: ComplexArray) -> Array:
     """Return the series (n,) of lines (m,) of a test that starts at rest.
 
-    Lines are those of a record that is repeated, so that a motion slower than the room after it is still there at the
-    next start. What the loop's slow roots make of the end of that room is taken off, as it goes on from there.
+    Lines describe a record that is repeated. A motion that is slower than the padding after the record is therefore
+    still present at the next start. It is fitted to the end of the padding with the loop's slow roots, extrapolated,
+    and subtracted.
     """
     lines, roots = known.lines, known.slow_roots
     series = lines.series(values, FINER)
@@ -333,14 +337,13 @@ def _from_rest(known: Known, values: ComplexArray) -> Array:
 
 
 def _ringing(roots: ComplexArray, dt_s: float, first: int, end: int) -> Array:
-    """Return the free motions (n, 2 k) of roots (k,) in rad/s, cosine and sine of each, from sample first to end."""
+    """Return the free motions (n, 2 k) of roots (k,) in rad/s, cosine and sine of each, for samples first to end."""
     motion = np.exp(np.outer(dt_s * np.arange(first, end), roots))
     return np.hstack([motion.real, motion.imag])
 
 
 def unseen(known: Known) -> tuple[str, ...]:
-    """Return a sentence when more than a reserve's share of the interface's peak acceleration in SIM is above the
-    lines."""
+    """Return a sentence if more than RESERVE of the interface's peak acceleration in SIM is above the highest line."""
     if known.peaks_m_s2 is None:
         return ()
     seen = _peak(known.lines.series(known.sim[len(known.sim) - len(known.floors)], FINER))

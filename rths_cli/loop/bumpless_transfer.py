@@ -1,15 +1,15 @@
 """After a gap: how samples come back, and how the rig comes back to the computed command, without a step.
 
-While samples are missing, the step goes on as identified (dropouts.py). The rig may have done something else: a target
-that froze holds its command and then closes the distance to the newest. What that shakes, table and floors, must not be
-taken in by halves: table samples that begin in the middle of such a motion integrate to a velocity that the table never
-had. Therefore the share of the measurement grows from none to all, over SLOWLY times the length of the gap and 100 ms
-at most: longer than most of such a transient, as short as the shortest gaps that are borne. The guard does not wait for
-it: it judges what the channels gave. The log keeps what the step was given, with a mark, and the samples in V as they
-came.
+**Samples.** While samples are missing, the step uses substituted samples of the identified rig (dropouts.py). The rig
+may have moved differently: a target that froze holds its command and then closes the distance to the newest one. The
+step must not see only the second half of such a motion, because the table's samples would integrate to a velocity that
+the table never had. Therefore the weight of the measured samples grows from zero to one over SLOWLY times the length of
+the gap, at most 100 ms. This is longer than most of the transient. The guard does not wait: it always judges the
+measured samples. The log holds the samples that the step used, with a mark, and the samples in V as they came.
 
-The distance goes to zero as a critically damped motion, its acceleration below the guard's for braking. Within the
-time that a command tells how it goes on there is next to no distance; a longer stall leaves some millimetres.
+**Command.** The distance between the rig and the computed command decays as a critically damped motion with an
+acceleration below the guard's braking acceleration. As long as the command preview lasts, there is hardly any distance;
+a longer stall leaves some millimetres.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ from rths_cli.numerics.compiled import part
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import RigInfo
 
-LONGEST_S = 100e-3
-SLOWLY = 8
-REMEMBERED = 2  # samples before its own that a correction of a sensor's low pass needs (control.sensor_correction)
+LONGEST_S = 100e-3  # longest time over which samples return
+SLOWLY = 8  # time over which samples return, over the length of the gap
+REMEMBERED = 2  # earlier samples that the correction of a sensor's low pass needs (control.sensor_correction)
 MISSED, RETURNED, NOW = range(3)  # places in Returning.gap
 
 
 class Returning(NamedTuple):
-    """What is known of a gap in the samples; c channels."""
+    """State of the return of samples after a gap; c channels."""
 
-    gap: IntArray  # (3,) length of the gap that samples return from, how many have returned, and lost in a row now
-    longest: int  # samples over which they come back, at most
-    came: Array  # (c,) the samples that came, in V,
-    accel: Array  # (c,) and corrected in m/s^2,
-    memory: Array  # (c, 4) by a correction with a memory of its own: that of the step holds what the step was given
+    gap: IntArray  # (3,) length of the last gap, samples that have come since, consecutive lost samples now
+    longest: int  # largest number of samples over which they return
+    came: Array  # (c,) measured samples in V
+    accel: Array  # (c,) the same, corrected, in m/s^2
+    memory: Array  # (c, 4) state of that correction; the step's own correction runs on the samples that the step uses
 
 
 def returning(info: RigInfo) -> Returning:
-    """Return that no samples are missing."""
+    """Return the state without any gap."""
     channels = len(info.channels)
     return Returning(
         np.zeros(3, dtype=np.int64), round(LONGEST_S / info.dt_s), np.zeros(channels), np.zeros(channels),
@@ -61,7 +61,10 @@ def note_lost(r: Returning) -> None:
 
 @part
 def end_gap(r: Returning) -> None:
-    """Take note that samples come again: one that missed while others returned only held up their return."""
+    """Note that samples come again after a gap.
+
+    A single sample lost during the return only interrupts it; a longer gap starts a new return.
+    """
     if r.gap[RETURNED] == 0:
         r.gap[MISSED] = r.gap[NOW]
     elif r.gap[NOW] > 1:
@@ -72,7 +75,7 @@ def end_gap(r: Returning) -> None:
 
 @part
 def share_of_measured(r: Returning) -> float:
-    """Count a sample that came; return its share in what the step is given: all of it where one alone was lost."""
+    """Count a sample that came and return its weight, 0 to 1; after a single lost sample the weight is 1 at once."""
     if r.gap[NOW] > 0:
         end_gap(r)
     if r.gap[MISSED] == 0:
@@ -88,7 +91,7 @@ def share_of_measured(r: Returning) -> float:
 
 @part
 def give_back(r: Returning, s: Step) -> bool:
-    """Give the step, in `s.samples`, what it is to have of the samples that came; return whether that is a mix."""
+    """Replace the samples in `s.samples` by the weighted ones that the step uses; return whether they are a mix."""
     after_gap = r.gap[NOW] > 0
     share = share_of_measured(r)
     if share == 1.0 or not bridges(s):
@@ -100,9 +103,10 @@ def give_back(r: Returning, s: Step) -> bool:
 
 @part
 def hear(r: Returning, s: Step, after_gap: bool) -> None:
-    """Keep the samples in `s.samples` as they came, and correct them.
+    """Store the measured samples of `s.samples`, and their corrected accelerations.
 
-    The first ones after a gap are taken for those before them, too: a jump within the gap is none of its last interval.
+    After a gap, the correction is started as if the earlier samples had equalled the first ones that came. A change
+    during the gap must not count as a jump within its last interval.
     """
     correction = Channels(s.correction.matrix, r.memory)
     for c in range(s.samples.size):
@@ -119,49 +123,50 @@ def hear(r: Returning, s: Step, after_gap: bool) -> None:
 
 @part
 def blend(r: Returning, s: Step, share: float) -> None:
-    """Mix the samples that came with what the channels would show if all had gone on as identified."""
+    """Write the weighted sum of measured and substituted samples to `s.samples`; `share` is the measured weight."""
     bridge(s)
     for c in range(s.samples.size):
         s.samples[c] += share * (r.came[c] - s.samples[c])
 
 
 STANDS_V, STEP_V, WANTED_V, STOOD_OFF_V, OFF_V, GROWS_V, RATE = range(7)  # places in a drift
-FASTEST_RATE = 250.0  # rad/s
+FASTEST_RATE = 250.0  # rad/s; largest rate of the return
 
 
 def fresh_drift() -> Array:
-    """Return a drift (7,) of a rig at 0 V.
+    """Return the state (7,) of the command's return for a rig at 0 V.
 
-    All in V: where it stands, its last step, the last computed command before it was rounded, how far from that it
-    stood, how far it is still to come back, by how much that grows in an interval; and the rate of its return in rad
-    per interval.
+    In this order, in V except the last: position of the rig, its last step, last computed command before rounding,
+    distance of the rig to that command, remaining distance, change of the remaining distance per interval, and the rate
+    of the return in rad per interval.
     """
     return np.zeros(7)
 
 
 @part
 def hardest(limits: GuardLimits) -> float:
-    """Return the acceleration the guard brakes with, in V per interval squared."""
+    """Return the guard's braking acceleration in V per interval squared."""
     return BRAKE_SHARE * limits.acceleration_m_s2 * limits.dt_s**2 / limits.gain_m_per_v
 
 
 @part
 def steepest(limits: GuardLimits) -> float:
-    """Return how far velocity and rate limits let a command go in an interval, in V."""
+    """Return the largest change of a command per interval that velocity and rate limits permit, in V."""
     return limits.dt_s * min(limits.velocity_m_s / limits.gain_m_per_v, limits.command_rate_v_s)
 
 
 @part
 def outermost(limits: GuardLimits) -> float:
-    """Return the largest command that range and stroke both allow, in V."""
+    """Return the largest command that range and stroke permit, in V."""
     return farthest(limits) / limits.gain_m_per_v
 
 
 @part
 def drift_to(drift: Array, limits: GuardLimits, place: float) -> None:
-    """Note where the rig has gone, in V and no farther than it may, in an interval in which no command left.
+    """Note the position of the rig in V, within its limits, after an interval in which no command was sent.
 
-    The rate r is one whose return, from a distance x that grows by v, is no harder than 2 r v + r^2 x.
+    The rate r of the return is chosen so that its acceleration, at most 2 r v + r^2 x for a distance x that grows by v,
+    stays below the braking acceleration.
     """
     stands = min(max(place, -outermost(limits)), outermost(limits))
     off = stands - drift[WANTED_V]
@@ -174,7 +179,7 @@ def drift_to(drift: Array, limits: GuardLimits, place: float) -> None:
 
 @part
 def off_after(drift: Array, intervals: float) -> float:
-    """Return how far the rig is off so many intervals from now on, in V."""
+    """Return the remaining distance of the rig to the computed command after some intervals, in V."""
     if drift[OFF_V] == 0.0 and drift[GROWS_V] == 0.0:
         return 0.0
     rate = drift[RATE]
@@ -183,7 +188,7 @@ def off_after(drift: Array, intervals: float) -> float:
 
 @part
 def come_back(drift: Array, limits: GuardLimits) -> None:
-    """Let an interval pass; less than a micrometre is nothing."""
+    """Advance the return by one interval; it ends below a micrometre."""
     rate = drift[RATE]
     slope = drift[GROWS_V] + rate * drift[OFF_V]
     decay = math.exp(-rate)
@@ -195,7 +200,10 @@ def come_back(drift: Array, limits: GuardLimits) -> None:
 
 @part
 def rejoin(drift: Array, limits: GuardLimits, bit_v: float, command: float) -> float:
-    """Return what leaves for a computed command: as far off as the rig still is, in whole bits, within all limits."""
+    """Return the command to send for a computed one, in V: with the remaining distance added, within all limits.
+
+    The distance is rounded to whole bits, so that the sum stays on the converter's grid.
+    """
     if drift[OFF_V] != 0.0 or drift[GROWS_V] != 0.0:
         come_back(drift, limits)
     off = drift[OFF_V] if bit_v == 0.0 else math.floor(drift[OFF_V] / bit_v + 0.5) * bit_v

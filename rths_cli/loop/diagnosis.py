@@ -1,10 +1,10 @@
 """What made the guard stop a test, from the signals of the last second: evidence that separates causes, or their group.
 
-The guard sees one limit violated; a sensor with a wrong sign, for instance, first shows as a command that is too fast.
-After the stop there is time to compare. The identified specimen, driven by the table's motion, gives what every floor
-must have shown: once driven by the measured motion of the table, once by the desired one.
+The guard detects the first violated limit, which is a symptom: a sensor with a wrong sign, for instance, first shows as
+a command that is too fast. After the stop there is time for a comparison. The identified specimen predicts the motion
+of every floor, once from the measured motion of the table and once from the desired one.
 
-| a floor fits | wrong is |
+| a floor fits | fault in |
 |---|---|
 | the desired motion, not the measured one | the table's sensor |
 | the measured motion, not the desired one | the table, or all sensors alike (a sign) |
@@ -29,16 +29,16 @@ from rths_cli.structure import Specimen
 
 Flags = NDArray[np.bool_]
 
-WINDOW_S, LATEST_S = 1.0, 0.1  # before the stop: what is computed again, and where a difference counts
-NOW_S, MORE = 5e-3, 2.0  # table and desired motion part where they differ MORE than in the window before
-RECENT_S = 0.2  # before the stop: samples that were lost there are its cause
-OFF, BETTER = 0.25, 0.4  # a difference beyond OFF of the signal counts; below BETTER of the other it explains
-BITS = 10.0  # of a channel, beside OFF
-FAST = 0.5  # of the velocity limit: a command that moved faster may ask too much of the table
-KEPT = 3.0 / g.STUCK_BITS  # of what the guard calls stuck: a channel that kept its code through three bits of motion
-TOGETHER = 0.9  # of the longest time that a channel kept its code: those that kept it as long stopped with it
-OF_COMMAND = (g.STROKE, g.VELOCITY, g.COMMAND, g.RATE)  # known before the table answers
-OF_TABLE = (g.TRACKING, g.ENERGY)  # known from the table's sensor alone
+WINDOW_S, LATEST_S = 1.0, 0.1  # time before the stop that is simulated; its end, in which differences count
+NOW_S, MORE = 5e-3, 2.0  # last instants; table and desired motion diverge if they differ more by this factor
+RECENT_S = 0.2  # samples lost within this time before the stop are a cause
+OFF, BETTER = 0.25, 0.4  # significant difference over the signal; over the other difference, to explain a floor
+BITS = 10.0  # a significant difference also exceeds this many bits of the channel
+FAST = 0.5  # a command faster than this fraction of the velocity limit may be too fast for the table
+KEPT = 3.0 / g.STUCK_BITS  # fraction of the guard's threshold (10 bits): the channel missed three bits of motion
+TOGETHER = 0.9  # channels that kept their code for this fraction of the longest such time stopped together
+OF_COMMAND = (g.STROKE, g.VELOCITY, g.COMMAND, g.RATE)  # reasons that depend on the command alone
+OF_TABLE = (g.TRACKING, g.ENERGY)  # reasons that depend on the table's sensor alone
 DIAGNOSED = (*OF_COMMAND, g.ACCELERATION, g.FORCE, g.TRACKING, g.ENERGY, g.STUCK, g.SATURATED)
 
 STALLS = (  # values of the log's `lost`
@@ -54,27 +54,26 @@ CHECK_EITHER = f"check the sensor; {CHECK_TABLE}"
 
 @dataclass(frozen=True)
 class Cause:
-    """What the evidence says, and what to do about it; `of_table`: whether it says that the table does not follow."""
+    """A cause in words, and the remedy."""
 
     what: str
     advice: str
-    of_table: bool = False
+    of_table: bool = False  # whether the cause is that the table does not follow
 
 
 @dataclass(frozen=True)
 class Seen:
-    """What the comparison shows: floors (n,) that fit neither motion of the table; whether some fit the desired one
-    alone, or the measured one alone; whether the two differ, and whether they began to in the last instants."""
+    """Result of the comparison of all channels with the identified specimen."""
 
-    alone: Flags
-    as_desired: bool
-    as_measured: bool
-    astray: bool
-    parted: bool
+    alone: Flags  # (n,) floors that fit neither the desired nor the measured motion of the table
+    as_desired: bool  # whether a floor fits the desired motion only
+    as_measured: bool  # whether a floor fits the measured motion only
+    astray: bool  # whether desired and measured motion of the table differ
+    parted: bool  # whether they began to differ in the last instants
 
 
 def cause_of(info: RigInfo, blocks: Blocks, limits: GuardLimits, state: GuardState, log: Signals) -> Cause | None:
-    """Return why a test was stopped, None where the guard's own reason is all that is known.
+    """Return the cause of a stop, None if nothing is known beyond the guard's own reason.
 
     `log` holds all steps, also those before the record.
     """
@@ -84,16 +83,16 @@ def cause_of(info: RigInfo, blocks: Blocks, limits: GuardLimits, state: GuardSta
     names = [channel.name for channel in info.channels]
     kept = _kept(limits, state)
     found = _all_kept(kept, state) or _of_signals(info, blocks, state, log, kept)
-    stall = None if reason == g.STUCK else _lost(log.lost[: last + 1], info.dt_s)  # none keeps one code for so long
+    stall = None if reason == g.STUCK else _lost(log.lost[: last + 1], info.dt_s)  # no stall lasts as long as STUCK_S
     if stall is None:
         return found
-    # a table that holds for the stall and then catches up differs from the desired motion as a fault does: the group
+    # a table that holds during a stall and then catches up looks like a faulty one: both causes are named
     found = found or _of_mixed(names, state, log)
     return Cause(f"{stall.what}, or {found.what}", f"{stall.advice}; {found.advice}") if found else stall
 
 
 def _of_signals(info: RigInfo, blocks: Blocks, state: GuardState, log: Signals, kept: Flags) -> Cause | None:
-    """Return what the comparison of all channels with the identified specimen shows."""
+    """Return the cause that follows from comparing all channels with the identified specimen."""
     reason, last, names = int(state.flags[1]), int(state.flags[3]), [channel.name for channel in info.channels]
     seen = _compared(info, blocks.specimen, blocks.lead_samples, log, last) if blocks.specimen else None
     fits = reason not in OF_COMMAND and int(state.flags[2]) in (g.NO_CHANNEL, 0)
@@ -103,8 +102,11 @@ def _of_signals(info: RigInfo, blocks: Blocks, state: GuardState, log: Signals, 
 
 
 def _of_mixed(names: list[str], state: GuardState, log: Signals) -> Cause | None:
-    """Return the channel that was stopped for while samples came back: the log holds too little of what it showed to
-    tell whether its sensor is wrong. None where the reason is about no channel, or samples had come back."""
+    """Return the channel that caused a stop during the return of samples after a gap, as a possible cause.
+
+    The log then holds too few measured samples to judge its sensor. None if the reason concerns no channel, or if the
+    samples had returned.
+    """
     channel = int(state.flags[2])
     if channel == g.NO_CHANNEL or log.lost[int(state.flags[3])] != MIXED:
         return None
@@ -112,7 +114,7 @@ def _of_mixed(names: list[str], state: GuardState, log: Signals) -> Cause | None
 
 
 def _lost(lost: Array, dt_s: float) -> Cause | None:
-    """Return that samples were missing shortly before; one alone shakes nothing."""
+    """Return the stall, if two or more consecutive samples were missing shortly before the stop; else None."""
     recent = lost[-max(round(RECENT_S / dt_s), 1) :]
     for kind, what, stalled, advice in STALLS:
         if (count := _longest(recent == kind)) > 1:
@@ -126,12 +128,12 @@ def _longest(flags: Flags) -> int:
 
 
 def _kept(limits: GuardLimits, state: GuardState) -> Flags:
-    """Return which channels kept their code to the bit while they had to move, (c,)."""
+    """Return which channels (c,) kept exactly their code while they should have moved."""
     return (state.moved.min(axis=0) > KEPT * limits.stuck_m_s2) & (state.same > 1)
 
 
 def _all_kept(kept: Flags, state: GuardState) -> Cause | None:
-    """Return that all channels are stuck, where that is so: one had to move, and all stopped with it."""
+    """Return the cause that all channels are stuck: one should have moved, and all stopped at the same time."""
     samples = int(state.same.min())
     if not kept.any() or samples < TOGETHER * int(state.same.max()):
         return None
@@ -142,7 +144,7 @@ def _all_kept(kept: Flags, state: GuardState) -> Cause | None:
 
 
 def _compared(info: RigInfo, specimen: Specimen, lead: int, log: Signals, last: int) -> Seen | None:
-    """Compare all channels with the identified specimen; None where the signals do not permit it."""
+    """Compare all channels with the identified specimen; None if the signals do not permit it."""
     first = max(last - round(WINDOW_S / info.dt_s), lead)
     rows, floors = slice(first, last + 1), len(specimen.masses_kg)
     if len(log.estimated) < 2 * floors:  # a lean log keeps no estimates
@@ -168,7 +170,7 @@ def _compared(info: RigInfo, specimen: Specimen, lead: int, log: Signals, last: 
 
 
 def _moved_fast(info: RigInfo, log: Signals, last: int) -> bool:
-    """Tell whether the commands that passed shortly before asked for more than FAST of the velocity limit."""
+    """Return whether the commands sent shortly before exceeded FAST of the velocity limit."""
     passed = log.command_v[max(last - round(LATEST_S / info.dt_s), 0) : last]
     fastest = np.abs(np.diff(passed)).max(initial=0.0) * info.gain_m_per_v / info.dt_s
     return bool(fastest > FAST * info.limits.velocity_m_s)
@@ -183,8 +185,11 @@ def _either(table: str) -> Cause:
 
 
 def _named(names: list[str], seen: Seen, kept: Flags, stuck: int, of_table: bool) -> Cause | None:
-    """Return the cause that fits what was seen; `stuck`: the channel that the guard found stuck, `of_table`: the limit
-    violated may be about table or table sensor."""
+    """Return the cause that fits the comparison, None if no channel stands out.
+
+    `kept` (c,): channels that kept their code; `stuck`: channel that the guard found stuck; `of_table`: whether the
+    violated limit may concern the table or its sensor.
+    """
     table = names[0]
     own = [name for c, name in enumerate(names[1:]) if seen.alone[c] or c + 1 == stuck]
     beside = bool(seen.astray and own and (of_table or (len(own) > 1 and seen.alone.all())))
@@ -208,8 +213,10 @@ def _named(names: list[str], seen: Seen, kept: Flags, stuck: int, of_table: bool
 
 
 def _group(table: str, seen: Seen | None, reason: int) -> Cause | None:
-    """Return the parts that may have failed where no channel stands out; a command beyond its limits may answer to a
-    table that has just left its way."""
+    """Return the group of parts that may have failed if no channel stands out, None if there is no such group.
+
+    A command beyond its limits may be the response to a table that has just left its desired motion.
+    """
     if reason in OF_TABLE:
         return _either(table)
     return _or_too_fast(_either(table)) if reason in OF_COMMAND and seen and seen.parted else None

@@ -1,9 +1,10 @@
 """The commands that follow if no samples come: foreseen in every step, laid within all limits.
 
-A processor or a link that stalls for some milliseconds must not shake the building. The step is linear but for its
-limits and its rounding, so the commands that it computes on bridged samples (dropouts.py) are a matrix times its state
-and the drive to come. The matrix is found before the run, by letting a step go on by itself from each unit state.
-Of the drive one row is read per point, and the rows between are taken to lie on the same curve as the way of the rig.
+A processor or a link that stalls for some milliseconds must not shake the building. The step is linear except for its
+limits and its rounding. The commands that it would compute on substituted samples (dropouts.py) are therefore a matrix
+times its state and the coming drive. The matrix is computed before the run, by simulating the step from each unit
+state. One row of the drive is read per point of the preview; the rows between them are assumed to lie on the same
+interpolating curve as the rig's trajectory.
 """
 
 from __future__ import annotations
@@ -25,28 +26,28 @@ from rths_cli.numerics.tiled_products import padded, product, tiled
 from rths_cli.rigs.udp.late_command_trajectory import POINTS, SPACING, Way, fresh_way, place_after
 from rths_cli.rigs.udp.packets import MOST_POINTS
 
-SPACING_S = 8e-3  # between two points, about: 112 ms are foreseen
+SPACING_S = 8e-3  # approximate time between two points: the preview lasts 112 ms
 DRIVEN = 3  # values in a row of the drive
 
 
 class Foresight(NamedTuple):
-    """The matrix, and where what it is multiplied with is gathered; of no points where nothing is told."""
+    """The prediction of the coming commands; without points there is no preview."""
 
-    matrix: Array  # (tiles, n, 4), tiled_products.tiled: state and drive to come -> points
+    matrix: Array  # (tiles, n, 4), tiled_products.tiled: state and coming drive -> predicted commands
     given: Array  # (n,) the state, then rows of the drive: that of the last step and those of the points
-    made: Array  # (points padded to 4,) in V
+    made: Array  # (points padded to 4,) predicted commands in V
     points: int
     spacing: int  # sample intervals from one point to the next
-    rest: GuardState  # led to rest ahead of the guard
+    rest: GuardState  # copy of the guard's state, in which its way to rest is predicted
 
 
 def no_foresight(channels: int) -> Foresight:
-    """Return the foresight of a rig that is not told how commands go on."""
+    """Return the prediction without points, for a rig that receives no preview."""
     return Foresight(np.zeros((0, 0, 4)), np.zeros(0), np.zeros(0), 0, 1, fresh_guard(channels))
 
 
 def foresight_of(blocks: Blocks, source: int, dt_s: float) -> Foresight:
-    """Return the foresight of a run of a source."""
+    """Return the prediction for a run; `source` is that of the step."""
     spacing = max(round(SPACING_S / dt_s), 1)
     ahead = MOST_POINTS * spacing  # steps
     own = [_goes_on(blocks, source, ahead, place) for place in range(_size(assemble(blocks, source)))]
@@ -60,7 +61,10 @@ def foresight_of(blocks: Blocks, source: int, dt_s: float) -> Foresight:
 
 
 def _between_points(spacing: int) -> Array:
-    """Return what each point has of the rows to come, (points + 1, rows): the first point is the row before them."""
+    """Return the weights (points + 1, rows) of the points in each of the coming rows of the drive.
+
+    The first point is the row before them.
+    """
     shares = np.zeros((MOST_POINTS + 1, MOST_POINTS * spacing))
     for point, row in enumerate(shares):
         way = fresh_way()
@@ -70,8 +74,10 @@ def _between_points(spacing: int) -> Array:
 
 
 def _goes_on(blocks: Blocks, source: int, steps: int, place: int) -> Array:
-    """Return the commands (steps,) of a step without limits and rounding that nobody gives samples, from a unit at a
-    place of its state, or from rest under a unit of the drive at first (-1, -2, -3: its columns)."""
+    """Return the commands (steps,) in V of a step without limits, rounding and samples, for one unit input.
+
+    The input is a unit in the state at index `place`, or, for -1, -2, -3, a unit in a column of the drive's first row.
+    """
     s = assemble(blocks, source)
     s = s._replace(shaping=np.zeros(3), command_limit_v=np.inf, feedback_limit_v=np.inf)
     drive, commands = np.zeros((steps, DRIVEN)), np.zeros(steps)
@@ -88,14 +94,14 @@ def _size(s: Step) -> int:
 
 
 def _parts(s: Step) -> tuple[Array, ...]:
-    """Return what a step keeps from one sample to the next, but for the states of its correction."""
+    """Return the arrays that make up a step's state, without the states of its sensor correction."""
     return (
         s.estimator.given, s.numerical.state, s.feedforward.given, s.feedback.given, s.recent, s.samples, s.sent
     )  # fmt: skip
 
 
 def scattered(s: Step, state: Array) -> None:
-    """Put a state (n,) into a step, in the order of `gathered`."""
+    """Write a state (n,) into a step, in the order of `gathered`."""
     s.correction.given[:, :3] = state[: 3 * s.samples.size].reshape(-1, 3)
     at = 3 * s.samples.size
     for values in _parts(s):
@@ -122,7 +128,7 @@ def gathered(s: Step, state: Array) -> int:
 
 @part
 def put(values: Array, state: Array, at: int) -> int:
-    """Copy values to a place; return the place after them."""
+    """Copy values to `state` from the index `at` on; return the index after them."""
     for i in range(values.size):
         state[at + i] = values[i] + 0.0  # as `tiles.copied`
     return at + values.size
@@ -130,7 +136,7 @@ def put(values: Array, state: Array, at: int) -> int:
 
 @entry
 def go_on_alone(s: Step, drive: Array, commands: Array) -> None:
-    """Let a step go on without samples over a drive (n, 3); write its commands (n,) in V."""
+    """Simulate a step on substituted samples over a drive (n, 3); write its commands (n,) in V."""
     for k in range(drive.shape[0]):
         bridge(s)
         commands[k] = step(s, drive[k])
@@ -139,15 +145,17 @@ def go_on_alone(s: Step, drive: Array, commands: Array) -> None:
 
 @entry
 def go_the_way(way: Way, places: Array) -> None:
-    """Write where a command has gone on to after one, two, ... intervals, (n,)."""
+    """Write the positions (n,) in V along a preview after one, two, ... intervals."""
     for i in range(places.size):
         places[i] = place_after(way, i + 1)
 
 
 @part
 def foresee(f: Foresight, s: Step, drive: Array, k: int, last: int, share: float) -> None:
-    """Foresee the commands after that of step k - 1, whose state the step is in: the drive (n, 3) goes on with row k,
-    and stays as it is from row `last` on. Of them a share is asked for."""
+    """Predict the commands that follow that of step k - 1, whose state the step holds.
+
+    The drive (n, 3) continues with row k and is constant from row `last` on. The commands are multiplied by `share`.
+    """
     at = gathered(s, f.given)
     final = min(last, drive.shape[0] - 1)
     for i in range(f.points + 1):
@@ -162,7 +170,7 @@ def foresee(f: Foresight, s: Step, drive: Array, k: int, last: int, share: float
 
 @part
 def foresee_rest(f: Foresight, limits: GuardLimits, g: GuardState) -> None:
-    """Foresee the commands of the guard on its way to rest."""
+    """Predict the commands of the guard on its way to rest."""
     f.rest.flags[0], f.rest.motion[0], f.rest.motion[1] = g.flags[0], g.motion[0], g.motion[1]
     for i in range(f.points):
         for _ in range(f.spacing):
@@ -170,21 +178,22 @@ def foresee_rest(f: Foresight, limits: GuardLimits, g: GuardState) -> None:
         f.made[i] = f.rest.motion[0] / limits.gain_m_per_v
 
 
-# The line between two points is at most LINE of the steepest allowed and differs from the one before by at most CHANGE
-# of it: the curve is then nowhere steeper than allowed, at its beginning LINE + CHANGE / 2, later LINE + CHANGE / 4.
+# Step between two points of the preview: at most LINE of the largest permitted one, and different from the step before
+# by at most CHANGE of it. The slope of the curve is then at most LINE + CHANGE / 2 of the permitted one at its
+# beginning, and LINE + CHANGE / 4 later.
 LINE, CHANGE = 0.8, 0.4
-CORNER = 0.125  # of the largest change of a line: how far the curve may go beyond a point where it turns
+CORNER = 0.125  # overshoot of the curve beyond a point at which it turns, over the largest change of a step
 
 
 @part
 def lay_way(way: Way, f: Foresight, limits: GuardLimits, drift: Array) -> None:
-    """Tell how the command goes on that the way begins with: as foreseen, as the rig comes back from where it is off,
-    and so that it can stop at the last point.
+    """Write the preview that follows the command in `way.volts[0]`.
 
-    Whatever was foreseen, the way holds what is allowed: each line between two points, from the command to the first
-    one too, is within LINE of the steepest, and differs from the one before by at most CHANGE of it. The line before
-    the command is the step that led to it, from which the first may differ only by what the guard brakes with: a rig
-    that goes on for an interval because a command is a little late must not be thrown back by that command.
+    It is the prediction plus the decaying distance of the rig, limited so that the rig can stop at the last point. Each
+    step between two points is within LINE of the largest permitted one, and differs from the step before by at most
+    CHANGE of it. The first step may differ from the step that led to the command only by the guard's braking
+    acceleration: if a command is slightly late and the rig follows the preview for one interval, that command must not
+    throw it back.
     """
     way.marks[POINTS], way.marks[SPACING] = f.points, f.spacing
     most = f.spacing * steepest(limits)
@@ -203,12 +212,14 @@ def lay_way(way: Way, f: Foresight, limits: GuardLimits, drift: Array) -> None:
 
 @part
 def room_to_brake(room: float, braked: float) -> float:
-    """Return how long a line may be at most where so much room is left, and each line may be shorter than the one
-    before by `braked`, the last one by half of that."""
+    """Return the longest step between two points that still permits braking within the remaining `room`.
+
+    Each step may be shorter than the one before by `braked`, the last one by half of that.
+    """
     return max(math.sqrt(2.0 * braked * max(room, 0.0)) - 0.5 * braked, 0.0)
 
 
 @part
 def within(value: float, most: float) -> float:
-    """Return a value, or the limit of its sign where it is beyond that."""
+    """Return a value limited to +-`most`."""
     return min(max(value, -most), most)

@@ -230,10 +230,8 @@ def _wanted(known: Known, desired: ComplexArray, table: ComplexArray) -> Complex
 def _disturbances(
     known: Known, disturbed: ComplexArray, command: ComplexArray, velocity_m_s: Array, instants: Array | None
 ) -> tuple[dict[str, ComplexArray], tuple[float, ...]]:
-    """Return the disturbance of the samples (c, m) by cause, and the fitted values.
-
-    These are gain error, delay error and friction, then their standard uncertainties.
-    """
+    """Return the disturbance of the samples (c, m) by cause; gain error, delay error and friction that were fitted, and
+    their standard uncertainties."""
     s = 2j * np.pi * known.lines.frequency_hz
     friction, more, friction_off = _friction(known, disturbed, command, velocity_m_s, instants)
     answer = known.loop.rig * command
@@ -283,10 +281,8 @@ def _felt(known: Known) -> Array:
 def _told(
     known: Known, disturbed: ComplexArray, rows: tuple[ComplexArray, ...], weight: Array, instants: Array | None
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return the factors of rows as `_fitted` does, and their standard uncertainties.
-
-    `instants` weights the samples of the record at the reduced rate; None: all count alike.
-    """
+    """Return the factors of rows as `_fitted` and their standard uncertainties, of the record's instants alone that
+    have a weight (at the reduced rate; None: of all)."""
     both = np.vstack([*rows, disturbed[None]])
     if instants is not None:
         both = weighted_in_time(known.lines, both, instants)
@@ -301,7 +297,7 @@ def _inside(known: Known) -> NDArray[np.bool_]:
 
 
 def _fitted(known: Known, disturbed: ComplexArray, rows: tuple[ComplexArray, ...], weight: Array) -> tuple[float, ...]:
-    """Return the real factors of rows (m,) that best approximate a disturbance (m,) in FITTED_HZ, with weights (m,)."""
+    """Return the real factors of rows (m,) that explain most of a disturbance (m,) between FITTED_HZ, weighted."""
     inside = _inside(known)
     scaled = [(weight * row)[inside] for row in (*rows, disturbed)]
     *parts, wanted = (np.concatenate([row.real, row.imag]) for row in scaled)

@@ -173,7 +173,7 @@ def _second(record: Record) -> Record:
 
 
 def _held_out(trial: Trial, base: Fit, halves: tuple[Frf, ...]) -> float:
-    """Return the held-out error: the rms over both halves, each predicted by the fit to the other half."""
+    """Return the rms error over both halves, each fitted to the other one."""
     squares = [_score(_fitted(trial, base, fitted), judged) for fitted, judged in (halves, halves[::-1])]
     return float(np.sqrt(np.mean(squares)))
 

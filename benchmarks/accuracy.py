@@ -20,8 +20,8 @@ from rths_cli.analysis.sim_delay import simulate_delayed
 from rths_cli.case.load import load_cases
 from rths_cli.experiment.design import design_blocks
 from rths_cli.experiment.model_choice import Memory
+from rths_cli.experiment.one_table_run import TABLE_RUNS, plan_run, play_run
 from rths_cli.experiment.run_signals import on_record_clock, whole_building
-from rths_cli.experiment.run_stages import TABLE_RUNS, plan_run, play_run
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.numerics.lti import Array, StateSpace
 from rths_cli.structure import Building

@@ -26,9 +26,9 @@ from rths_cli.experiment.check_command import verdict_on
 from rths_cli.experiment.design import Design
 from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
 from rths_cli.experiment.model_choice import Memory
+from rths_cli.experiment.one_table_run import AFTER_S, BEFORE_S, drive_of
 from rths_cli.experiment.rig_access import EXP_RTHS, guard_limits, open_virtual
 from rths_cli.experiment.run_signals import on_record_clock, whole_building, without_drift
-from rths_cli.experiment.run_stages import AFTER_S, BEFORE_S, drive_of
 from rths_cli.experiment.sensor_drift_report import (
     SensorDrift,
     drift_of,

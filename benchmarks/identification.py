@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from rths_cli.case.load import load_cases
-from rths_cli.experiment.identify import excite, identify, plan
+from rths_cli.experiment.identify_on_rig import excite, identify, plan
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.identification.frequency_response import estimate
-from rths_cli.identification.records import Record
+from rths_cli.identification.record_parts import Record
 from rths_cli.identification.table_fit import fit_error
 
 SEEDS, OTHER_SEED, OTHER_DURATION_S, SEGMENTS_S = (0, 1, 2), 77, 300, (20.0, 40.0)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from own_plant import Array, Plant
 
-from rths_cli.identification.records import Parts, Record
+from rths_cli.identification.record_parts import Parts, Record
 from rths_cli.rigs.description import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
 
 MOST_RANGE = 0.7  # of a sensor

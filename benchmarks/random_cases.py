@@ -30,9 +30,9 @@ from rths_cli.analysis.metrics import rms
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, LimitError, RigError, RthsError
 from rths_cli.experiment.check_command import Verdict, verdict_on
-from rths_cli.experiment.identify import UnfitRig
+from rths_cli.experiment.identify_on_rig import UnfitRig
 from rths_cli.experiment.model_choice import Known, Memory
-from rths_cli.experiment.run import Ended, run_case
+from rths_cli.experiment.run_case import Ended, run_case
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.result_reader import read_result
 from rths_cli.rigs.virtual.plant import continuous

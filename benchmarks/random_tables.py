@@ -18,10 +18,10 @@ import numpy as np
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import RthsError
-from rths_cli.experiment.identify import evaluated, measure
+from rths_cli.experiment.identify_on_rig import evaluated, measure
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.identification.frequency_response import estimate, over_model
-from rths_cli.identification.records import Record
+from rths_cli.identification.record_parts import Record
 from rths_cli.identification.results import FitError, Identification
 from rths_cli.identification.table_fit import rms, within
 from rths_cli.identification.verdict import LIMITS

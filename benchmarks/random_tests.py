@@ -18,8 +18,8 @@ from rths_cli.experiment.check import preflight_of
 from rths_cli.experiment.design import Design, design_blocks
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
+from rths_cli.experiment.one_table_run import HYBRID_TEST, plan_run, play_run
 from rths_cli.experiment.run_signals import on_record_clock, whole_building
-from rths_cli.experiment.run_stages import HYBRID_TEST, plan_run, play_run
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.loop.simulated_time_run import Outcome
 from rths_cli.numerics.lti import Array

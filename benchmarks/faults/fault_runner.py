@@ -7,14 +7,14 @@ from __future__ import annotations
 
 import os
 
-from rths_cli.experiment import model_verification, real_rig_play
+from rths_cli.experiment import model_verification, real_rig_readiness
 
 model_verification.verify = lambda setup, known, progress: ((), "not verified: faults are injected")
-real_rig_play.LISTENING_S = 0.3
+real_rig_readiness.LISTENING_S = 0.3
 if "RTHS_FAULTS_REHEARSAL_S" in os.environ:
-    real_rig_play.REHEARSAL_S = float(os.environ["RTHS_FAULTS_REHEARSAL_S"])
+    real_rig_readiness.REHEARSAL_S = float(os.environ["RTHS_FAULTS_REHEARSAL_S"])
 else:
-    real_rig_play.rehearsed = lambda setup, blocks, source: None
+    real_rig_readiness.rehearsed = lambda setup, blocks, source: None
 
 if __name__ == "__main__":
     from rths_cli.cli import main

@@ -23,8 +23,8 @@ from told_causes import ALL, FIRST, LINK, SPECIMEN, TABLE, TABLE_SENSOR, TOP  # 
 from rths_cli.case.load import load_cases  # noqa: E402
 from rths_cli.experiment.design import design_blocks  # noqa: E402
 from rths_cli.experiment.model_choice import Memory  # noqa: E402
+from rths_cli.experiment.one_table_run import drive_of  # noqa: E402
 from rths_cli.experiment.rig_access import guard_limits  # noqa: E402
-from rths_cli.experiment.run_stages import drive_of  # noqa: E402
 from rths_cli.experiment.setup import make_setup  # noqa: E402
 from rths_cli.loop import realtime_run  # noqa: E402
 from rths_cli.loop.diagnosis import cause_of  # noqa: E402

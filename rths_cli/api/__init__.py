@@ -21,7 +21,7 @@ from rths_cli.rigs.description import capabilities_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from rths_cli.experiment.run import Ended
+    from rths_cli.experiment.run_case import Ended
     from rths_cli.experiment.setup import Setup
     from rths_cli.loop.live_view import View
 
@@ -168,7 +168,7 @@ def _run(
     tell: Callable[[str], None],
 ) -> Ended:
     """Run one case by the workflow of `rths run`."""
-    from rths_cli.experiment.batch import Request, run_batch
+    from rths_cli.experiment.run_command import Request, run_batch
 
     request = Request(
         paths=(case,),

@@ -79,7 +79,7 @@ class RunResult:
 
     def __init__(self, path: Path) -> None:
         from rths_cli.files.result_listing import read_outlines
-        from rths_cli.files.validated_results import read_checked
+        from rths_cli.files.result_reader import read_checked
 
         self.path = Path(path).absolute()
         self.contents: Result = read_checked(Path(path))

@@ -22,7 +22,7 @@ from rths_cli.cli.options import (
 from rths_cli.cli.terminal import new_screen
 
 if TYPE_CHECKING:
-    from rths_cli.experiment.run import Ended
+    from rths_cli.experiment.run_case import Ended
 
 
 @cli.command()
@@ -59,7 +59,7 @@ def run(
 
     Example: rths run el_centro_low_ff_fb --set scaling=0.2
     """
-    from rths_cli.experiment.batch import Request, exit_code, run_batch
+    from rths_cli.experiment.run_command import Request, exit_code, run_batch
 
     if junit:
         from rths_cli.report.report_options import check_output
@@ -98,7 +98,7 @@ def _show_results(ended: Sequence[Ended], as_json: bool, junit: Path | None) -> 
 
 
 def _print_tables(results: Any, as_json: bool, endings: list[dict[str, Any]]) -> None:
-    from rths_cli.report.tables import tables, to_json
+    from rths_cli.report.result_tables import tables, to_json
 
     if as_json:
         document = to_json(results) | {"cases": endings}

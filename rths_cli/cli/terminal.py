@@ -16,7 +16,7 @@ from rths_cli.safe_text import visible
 if TYPE_CHECKING:
     from rich.live import Live
 
-    from rths_cli.experiment.run import Ended
+    from rths_cli.experiment.run_case import Ended
     from rths_cli.loop.live_view import View
 
 PLAIN_S = 5.0  # between two lines where output is no terminal

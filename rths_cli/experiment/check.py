@@ -18,7 +18,7 @@ from rths_cli.analysis.sim import simulate
 from rths_cli.analysis.sim_fourier_lines import delayed_rms, sim_lines
 from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.errors import InputError
-from rths_cli.experiment.loop_stability import loop_parts, loop_stability, required_delay_s
+from rths_cli.experiment.loop_stability_of_case import loop_parts, loop_stability, required_delay_s
 from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
 from rths_cli.experiment.setup import motion_key
 from rths_cli.numerics.content_key import content_key

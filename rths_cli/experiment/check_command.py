@@ -10,13 +10,13 @@ from rths_cli.analysis.stability_check import SAFE, UNSAFE, UNSTABLE
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, LimitError, RigError
 from rths_cli.experiment import result_contents
+from rths_cli.experiment.case_warnings import of_case
 from rths_cli.experiment.check import judge
 from rths_cli.experiment.check_metrics import check_figures
 from rths_cli.experiment.design import design_blocks
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
 from rths_cli.experiment.setup import make_setups, shown
-from rths_cli.experiment.warnings import of_case
 from rths_cli.interrupts import interruptible
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from rths_cli.control import feedback, feedforward, kalman_filter, numerical_substructure, sensor_correction
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.experiment.feedback_choice import choose_feedback
-from rths_cli.experiment.loop_stability import loop_faults
+from rths_cli.experiment.loop_stability_of_case import loop_faults
 from rths_cli.numerics.shared_values import SharedValues
 
 if TYPE_CHECKING:

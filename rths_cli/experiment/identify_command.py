@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from rths_cli.case.load import load_cases
-from rths_cli.experiment.identify import Measured, UnfitRig, evaluated, evaluation_settings, measure, noted, plan
+from rths_cli.experiment.case_warnings import differences
 from rths_cli.experiment.identify_from_files import CORRECTED, DataRequest, read_measured
+from rths_cli.experiment.identify_on_rig import Measured, UnfitRig, evaluated, evaluation_settings, measure, noted, plan
 from rths_cli.experiment.identify_output import Outputs, check_outputs, make_folders
 from rths_cli.experiment.model_choice import as_model, notes_on
 from rths_cli.experiment.model_files import channel_names, load, save
 from rths_cli.experiment.setup import Progress, Setup, make_setup, shown
-from rths_cli.experiment.warnings import differences
 from rths_cli.files.imported_models import is_foreign, read_foreign
 from rths_cli.files.measured_data import Recording, write_recording
 from rths_cli.identification.channel_signals import UnfitRecord

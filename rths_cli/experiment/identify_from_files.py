@@ -10,11 +10,11 @@ import numpy as np
 
 from rths_cli.control import sensor_correction
 from rths_cli.errors import InputError
-from rths_cli.experiment.identify import Measured, processing
+from rths_cli.experiment.identify_on_rig import Measured, processing
 from rths_cli.experiment.setup import Setup, shown
 from rths_cli.files.measured_data import Chosen, Recording, choose, mend, missing, read_recording
 from rths_cli.identification.channel_signals import UnfitRecord
-from rths_cli.identification.records import Record, find_parts
+from rths_cli.identification.record_parts import Record, find_parts
 from rths_cli.loop.block_replay import run_block
 from rths_cli.numerics.lti import Array
 

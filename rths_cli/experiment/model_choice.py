@@ -73,7 +73,7 @@ class Memory:
     def plan(self, setup: Setup) -> Excitation:
         """Return the excitation of the setup's rig; raises InputError when its settings cannot be met."""
         if key(setup) not in self._plans:
-            from rths_cli.experiment.identify import plan
+            from rths_cli.experiment.identify_on_rig import plan
 
             self._plans[key(setup)] = plan(setup)
         return self._plans[key(setup)]
@@ -106,7 +106,7 @@ class Memory:
 
     def _from_file(self, setup: Setup, file: Stored | ForeignModel, progress: Progress) -> Known:
         """Return a named model: one of ours verified by a short record, one from elsewhere judged by a full one."""
-        from rths_cli.experiment.identify import evaluated, measure, noted
+        from rths_cli.experiment.identify_on_rig import evaluated, measure, noted
         from rths_cli.experiment.model_verification import verify
 
         if not isinstance(file, Stored):
@@ -124,7 +124,7 @@ class Memory:
         stored = self._cache.find(setup) if self._cache and not setup.rig.can.moves_hardware else None
         if stored is not None:
             return Known(stored.found, f"cache, identified {stored.age}")
-        from rths_cli.experiment.identify import evaluated, measure
+        from rths_cli.experiment.identify_on_rig import evaluated, measure
 
         measured = measure(setup, progress, self.plan(setup))
         found = evaluated(setup, measured)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from rths_cli.experiment.identify import probed
+from rths_cli.experiment.identify_on_rig import probed
 from rths_cli.experiment.rig_access import VERIFICATION
 from rths_cli.experiment.setup import Progress, Setup
 from rths_cli.identification import channel_signals, verdict
 from rths_cli.identification.frequency_response import over_model
 from rths_cli.identification.identify_specimen import without_staircase
-from rths_cli.identification.records import Record
+from rths_cli.identification.record_parts import Record
 from rths_cli.identification.results import Identification, LevelBand, SpecimenFit
 from rths_cli.identification.specimen_fit import Motion, Start, fit_stretches
 

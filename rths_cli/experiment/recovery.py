@@ -19,10 +19,10 @@ from rths_cli.case.yaml_tree import Source, plain
 from rths_cli.errors import InputError
 from rths_cli.experiment import result_contents, run_metrics
 from rths_cli.experiment.ground_motion import GroundMotion, integrate
-from rths_cli.experiment.run_stages import TABLE_RUNS, RunKind, metrics_of_record, run_of
-from rths_cli.experiment.runs_of_case import write_run
+from rths_cli.experiment.one_table_run import TABLE_RUNS, RunKind, metrics_of_record, run_of
 from rths_cli.experiment.sensor_drift_report import Expected, as_read
 from rths_cli.experiment.setup import Setup, ground_motion, rig_info
+from rths_cli.experiment.table_runs_of_case import write_run
 from rths_cli.files.raw_log import RawHeader, RawLog, read_header, read_raw_log
 from rths_cli.files.result_reader import BEGUN, ResultWriter, Status, read_result, read_series
 from rths_cli.loop.realtime_loop import AT_REST

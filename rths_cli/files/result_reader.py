@@ -16,7 +16,7 @@ from rths_cli.files.durable_files import open_regular
 from rths_cli.files.hdf5 import Dataset, datasets, numbers, text
 from rths_cli.files.hdf5_heaps import check_heaps
 from rths_cli.files.hdf5_safety import LayoutError, attribute, attributes, check_numbers, part, quiet, scalar, values_of
-from rths_cli.files.result_schema import check_attributes, check_series, check_values
+from rths_cli.files.result_schema import check_attributes, check_series, check_values, figure_fault
 from rths_cli.files.result_writer import (
     FORMAT,
     FORMAT_VERSION,
@@ -41,6 +41,7 @@ __all__ = [
     "ResultWriter",
     "Status",
     "check_writable",
+    "read_checked",
     "read_dataset",
     "read_result",
     "read_series",
@@ -87,6 +88,15 @@ def read_result(path: Path, whole: bool = False) -> Result:
     """Read attributes, case and metrics, `whole` their units and definitions too, which costs half as much as to read
     them later; raise InputError unless the file is a whole result file."""
     return _reading(Path(path), lambda file: _result(Path(path), file, whole))
+
+
+def read_checked(path: Path, whole: bool = False) -> Result:
+    """Read a result file as `read_result` does; raises InputError for figures of other shapes than declared, too."""
+    found = read_result(path, whole)
+    fault = figure_fault(found.metrics)
+    if fault:
+        raise InputError(f"{path}: {fault}, so it is no result file as rths run writes it; run the case again.")
+    return found
 
 
 def read_dataset(path: Path, name: str) -> Dataset:

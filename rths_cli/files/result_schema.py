@@ -7,13 +7,25 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from rths_cli.files.hdf5_safety import LARGEST, LayoutError
-from rths_cli.quantities import ATTRIBUTES, AXES, AttributeDeclaration, stored_dataset
+from rths_cli.quantities import ATTRIBUTES, AXES, LATENCIES, AttributeDeclaration, metric, stored_dataset
 from rths_cli.quantities.axes import RISING, SAMPLED
 from rths_cli.quantities.datasets import SOLUTIONS
 
 MATRICES = ("A", "B", "C", "D")
+SUMS = ("total", "compensated", "left", "predicted", "declared")
+TOGETHER = {
+    "latency.total_s": (
+        "latency.frequency_hz",
+        *(f"latency.{name}_s" for name in (*LATENCIES, *SUMS)),
+        *(f"latency.{name}_left_s" for name in LATENCIES),
+    ),
+    "latency.identified_s": ("latency.identified_error_s",),
+    "budget.rms_error_coupling_m_s2": ("budget.table_gain_error", "budget.table_delay_error_s", "budget.friction_v"),
+}
+"""Figures without which the one that names them says nothing."""
 
 
 def check_attributes(found: Mapping[str, str | int | float]) -> None:
@@ -80,6 +92,24 @@ def check_values(path: str, values: Any) -> None:
         raise LayoutError(f"holds values that do not rise in {path}")
     if scale and name == "frequency_hz" and np.any(found <= 0.0):
         raise LayoutError(f"holds a frequency that is not positive in {path}")
+
+
+def figure_fault(figures: Mapping[str, ArrayLike]) -> str:
+    """Return what is wrong with the shapes of figures, as a clause about their file; "" where nothing is."""
+    sizes: dict[str, tuple[int, str]] = {}
+    for path, value in figures.items():
+        found = metric(path)
+        if found is None:
+            continue
+        if np.ndim(value) != (1 if found.over else 0):
+            wanted = f"one value per {found.over}" if found.over else "one value"
+            return f"has a figure {path} of {np.size(value)} values, which must have {wanted}"
+        axis = found.over if found.over in ("", "storey") else f"{path.partition('.')[0]}.{found.over}"
+        size, first = sizes.setdefault(axis, (np.size(value), path))
+        if axis and size != np.size(value):
+            return f"has {np.size(value)} values of {path} and {size} of {first}"
+    missing = [name for path, names in TOGETHER.items() if path in figures for name in names if name not in figures]
+    return f"has no figure {missing[0]}" if missing else ""
 
 
 def _is_scale(path: str) -> bool:

@@ -26,7 +26,7 @@ import numpy as np
 
 from rths_cli.identification.channel_signals import channel_noise
 from rths_cli.identification.least_squares import covariance, linear, parts
-from rths_cli.identification.records import Record
+from rths_cli.identification.record_parts import Record
 from rths_cli.identification.specimen_fit import modal
 from rths_cli.numerics.lti import Array, ComplexArray, integral_share
 from rths_cli.rigs.description import RigInfo

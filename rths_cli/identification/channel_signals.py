@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.identification.records import Record
+from rths_cli.identification.record_parts import Record
 from rths_cli.identification.results import ChannelReport
 from rths_cli.identification.table_fit import COMPARED_HZ, within
 from rths_cli.numerics.filters import filtered, section

@@ -17,7 +17,7 @@ from typing import Literal, NamedTuple, get_args
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.identification.records import Parts
+from rths_cli.identification.record_parts import Parts
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import RigInfo
 

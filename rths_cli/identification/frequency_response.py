@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.identification.records import PaddedLines, Record, padded
+from rths_cli.identification.record_parts import PaddedLines, Record, padded
 from rths_cli.numerics.lti import Array, ComplexArray, Frf, Model
 
 Estimator = Literal["h1", "h2", "hv"]

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rths_cli.identification.records import Record, padded
+from rths_cli.identification.record_parts import Record, padded
 from rths_cli.identification.results import Friction
 from rths_cli.identification.table_fit import Timing, within
 from rths_cli.numerics.lti import Array, ComplexArray, Model

@@ -22,7 +22,7 @@ from rths_cli.identification.frequency_response import estimate, noise_floor
 from rths_cli.identification.identify_table import TableFit, coherent_up_to, fit_table, levels, with_ripple
 from rths_cli.identification.inputs import Evidence, IdentificationSettings, evidence
 from rths_cli.identification.model_order import doubtful
-from rths_cli.identification.records import Record
+from rths_cli.identification.record_parts import Record
 from rths_cli.identification.results import (
     ChannelReport,
     DelayEstimate,

@@ -11,7 +11,7 @@ from rths_cli.identification.chain_residual import first_values, grouped
 from rths_cli.identification.channel_signals import channel_noise
 from rths_cli.identification.inputs import Evidence
 from rths_cli.identification.least_squares import covariance, least_squares
-from rths_cli.identification.records import Record
+from rths_cli.identification.record_parts import Record
 from rths_cli.identification.results import SpecimenFit
 from rths_cli.identification.specimen_fit import (
     ABOVE_HIGHEST,

@@ -11,7 +11,7 @@ from rths_cli.errors import InputError
 from rths_cli.identification import channel_signals
 from rths_cli.identification.channel_signals import UnfitRecord
 from rths_cli.identification.frequency_response import Estimator
-from rths_cli.identification.records import Record
+from rths_cli.identification.record_parts import Record
 from rths_cli.identification.results import FitError
 from rths_cli.identification.verdict import LIMITS
 from rths_cli.numerics.lti import Array

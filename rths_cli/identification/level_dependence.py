@@ -20,7 +20,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from rths_cli.identification.chain_residual import explained, grouped
-from rths_cli.identification.records import Record
+from rths_cli.identification.record_parts import Record
 from rths_cli.identification.results import LevelCauses
 from rths_cli.identification.table_fit import within
 from rths_cli.numerics.lti import Array, ComplexArray, Frf, Model

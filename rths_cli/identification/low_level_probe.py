@@ -28,7 +28,7 @@ from rths_cli.identification.excitation import (
     still,
 )
 from rths_cli.identification.frequency_response import estimate
-from rths_cli.identification.records import Parts, Record
+from rths_cli.identification.record_parts import Parts, Record
 from rths_cli.identification.table_fit import COMPARED_HZ
 from rths_cli.numerics.lti import Array, ComplexArray
 from rths_cli.rigs.description import RigInfo

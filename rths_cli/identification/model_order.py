@@ -9,7 +9,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.identification.frequency_response import Estimator, without_leakage
-from rths_cli.identification.records import Record
+from rths_cli.identification.record_parts import Record
 from rths_cli.identification.results import Candidate
 from rths_cli.identification.table_fit import (
     LEAST_ERROR,

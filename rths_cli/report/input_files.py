@@ -10,9 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rths_cli.errors import InputError
-from rths_cli.files.result_reader import Result, result_files
+from rths_cli.files.result_reader import Result, read_checked, result_files
 from rths_cli.files.sweep_file import Sweep, read_sweep
-from rths_cli.files.validated_results import read_checked
 
 MANY = 64  # files from which several processes read
 AT_ONCE = 4  # processes at most

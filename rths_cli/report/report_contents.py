@@ -10,10 +10,10 @@ from rths_cli.files.result_reader import Result
 from rths_cli.report.baseline_comparison import CaseChanges, against, baseline_blocks
 from rths_cli.report.group_comparison import Compared, check_keys, compare, group_name, group_tables
 from rths_cli.report.input_files import Inputs, Unread
-from rths_cli.report.repeats import Repeats, repeats, repeats_tables
+from rths_cli.report.repeat_statistics import Repeats, repeats, repeats_tables
 from rths_cli.report.report_conflicts import doubled, other_units
+from rths_cli.report.result_tables import blocks
 from rths_cli.report.sweep_page import page
-from rths_cli.report.tables import blocks
 from rths_cli.report.text_layout import Block, Fixed, Paragraphs, plain_text
 
 

@@ -12,8 +12,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.raw_log import SUFFIX, read_header
-from rths_cli.files.result_reader import BEGUN, COMPLETE, Result, result_files
-from rths_cli.files.validated_results import read_checked
+from rths_cli.files.result_reader import BEGUN, COMPLETE, Result, read_checked, result_files
 from rths_cli.rigs.description import capabilities_of
 
 Figure = float | Sequence[float | None] | None

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from rths_cli.experiment.dropout_sentence import losses_of_runs
+from rths_cli.experiment.lost_sample_sentence import losses_of_runs
 from rths_cli.files.result_reader import COMPLETE, Result
 from rths_cli.report.results_by_case import DIVERGED, Entry, look_up, published, run_state, state
 from rths_cli.report.text_layout import Cell, number

@@ -24,7 +24,7 @@ from rths_cli.studies.sweep_runs import Shared, failed, play_variant
 from rths_cli.studies.sweep_table import Row, columns, width
 
 if TYPE_CHECKING:
-    from rths_cli.experiment.batch import Watcher
+    from rths_cli.experiment.run_command import Watcher
 
 AHEAD = 4  # runs handed out per thread: enough to work on while the next grid point is made ready
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from rths_cli.case.load import resolved_yaml
 from rths_cli.errors import InputError
-from rths_cli.experiment.run import worst_code
+from rths_cli.experiment.run_case import worst_code
 from rths_cli.files.result_writer import check_writable
 from rths_cli.files.sweep_file import TEXTS, Figure, Sweep, read_attributes, read_rows, rows_path
 from rths_cli.studies.sweep_table import Row, columns, table

@@ -14,11 +14,11 @@ from rths_cli.experiment.check_command import Verdict, verdict_on
 from rths_cli.experiment.design import design_blocks
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache, key
+from rths_cli.experiment.one_table_run import HYBRID_TEST, errors_of, plan_run, play_run, run_of
 from rths_cli.experiment.provenance import model_sha256
-from rths_cli.experiment.run import acceptance, sim_of
-from rths_cli.experiment.run_stages import HYBRID_TEST, errors_of, plan_run, play_run, run_of
-from rths_cli.experiment.runs_of_case import why_none, why_unsafe
+from rths_cli.experiment.run_case import acceptance, sim_of
 from rths_cli.experiment.setup import building_key, make_setup, motion_key
+from rths_cli.experiment.table_runs_of_case import why_none, why_unsafe
 from rths_cli.loop.run_log import Log, empty_log
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.studies.sweep_table import Column, Row, flat
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from rths_cli.case.case_schema import Case
     from rths_cli.experiment.design import Design
     from rths_cli.experiment.model_choice import Known
-    from rths_cli.experiment.run_stages import RunPlan, Stop
+    from rths_cli.experiment.one_table_run import RunPlan, Stop
     from rths_cli.experiment.setup import Progress, Setup
     from rths_cli.numerics.lti import Array
     from rths_cli.quantities import Values

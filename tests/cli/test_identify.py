@@ -17,13 +17,13 @@ import pytest
 from rths_cli.cli import cli, entry_point
 from rths_cli.cli.identify import said_again
 from rths_cli.cli.terminal import Screen
-from rths_cli.experiment import identify as workflow
 from rths_cli.experiment import identify_command
-from rths_cli.experiment.identify import Measured, UnfitRig
+from rths_cli.experiment import identify_on_rig as workflow
+from rths_cli.experiment.identify_on_rig import Measured, UnfitRig
 from rths_cli.files.measured_data import read_recording
 from rths_cli.files.model_file import read_model
 from rths_cli.identification.channel_signals import UnfitRecord
-from rths_cli.identification.records import Parts, Record
+from rths_cli.identification.record_parts import Parts, Record
 from rths_cli.identification.results import Identification
 
 SHORT = ("--set", "identification.duration_s=40")

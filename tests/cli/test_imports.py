@@ -90,7 +90,7 @@ with ResultWriter(Path("a.h5"), {"rig_kind": "virtual", "case_name": "a"}) as wr
     writer.finish("complete")
 """
     modules = imported(code, "report", "a.h5", cwd=tmp_path)
-    assert {"h5py", "rths_cli.report.tables"} <= modules and not heavy(modules, NUMERICAL)
+    assert {"h5py", "rths_cli.report.result_tables"} <= modules and not heavy(modules, NUMERICAL)
 
 
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="threads are counted where Linux lists them")
@@ -126,5 +126,9 @@ def warm(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_second_run_imports_nothing_that_it_does_not_use(words: tuple[str, ...], warm: Path) -> None:
     modules = imported("", *words, cwd=warm)
     unused = ("scipy", "numba", "matplotlib", "rich", "control", "pandas", "numpy.ma", "asyncio", "unittest")
-    unused += ("rths_cli.identification.identify", "rths_cli.files.imported_models", "rths_cli.experiment.identify")
+    unused += (
+        "rths_cli.identification.identify",
+        "rths_cli.files.imported_models",
+        "rths_cli.experiment.identify_on_rig",
+    )
     assert "rths_cli.experiment.model_choice" in modules and not heavy(modules, unused)

@@ -13,7 +13,7 @@ import pytest
 
 from rths_cli.cli import terminal as screens
 from rths_cli.cli.terminal import Keys, Screen
-from rths_cli.experiment.run import Ended
+from rths_cli.experiment.run_case import Ended
 from rths_cli.loop.live_view import View
 
 GOOD = Ended("a", Path("results/a.h5"), "complete", "", 0, ("mind the gap",))

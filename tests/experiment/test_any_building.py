@@ -14,7 +14,7 @@ from scipy.linalg import eigh
 
 from rths_cli.case.load import load_cases
 from rths_cli.experiment.model_choice import Memory
-from rths_cli.experiment.run import Ended, run_case
+from rths_cli.experiment.run_case import Ended, run_case
 from rths_cli.experiment.setup import make_setup
 from rths_cli.files.result_reader import read_result
 

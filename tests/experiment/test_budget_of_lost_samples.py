@@ -14,8 +14,8 @@ from rths_cli.experiment import error_budget_metrics
 from rths_cli.experiment.check import judge
 from rths_cli.experiment.design import design_blocks
 from rths_cli.experiment.model_choice import Memory
+from rths_cli.experiment.one_table_run import HYBRID_TEST, plan_run, play_run
 from rths_cli.experiment.run_signals import Series, on_record_clock, whole_building
-from rths_cli.experiment.run_stages import HYBRID_TEST, plan_run, play_run
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.loop.realtime_loop import IN_RAMP_DOWN, IN_RUN
 from rths_cli.quantities import Values

@@ -10,9 +10,9 @@ import h5py
 import numpy as np
 import pytest
 
-from rths_cli.experiment import batch
-from rths_cli.experiment.batch import Stopped, Tell, in_order
-from rths_cli.experiment.run import Ended
+from rths_cli.experiment import run_command
+from rths_cli.experiment.run_case import Ended
+from rths_cli.experiment.run_command import Stopped, Tell, in_order
 
 WAIT_S = 20.0
 
@@ -134,10 +134,10 @@ def test_cases_side_by_side_have_the_bytes_and_lines_of_one_after_another(
     cases = ("el_centro_low_ff", "hachinohe_low_ff", "el_centro_high_ff", "el_centro_low_ff_fb")
     lines = []
     for count in (1, 2):
-        monkeypatch.setattr(batch, "_at_once", lambda jobs, count=count: count)
+        monkeypatch.setattr(run_command, "_at_once", lambda jobs, count=count: count)
         watcher = Watcher()
-        request = batch.Request(cases, ("runs=[sim, sim_delay]",), (), tmp_path / str(count), True, "test")
-        assert batch.exit_code(batch.run_batch(request, watcher)) == 0
+        request = run_command.Request(cases, ("runs=[sim, sim_delay]",), (), tmp_path / str(count), True, "test")
+        assert run_command.exit_code(run_command.run_batch(request, watcher)) == 0
         lines.append(watcher.lines)
     assert lines[0] == lines[1] and lines[0][:2] == ["1/4 el_centro_low_ff", "el_centro_low_ff complete"]
     assert contents(tmp_path / "1") == contents(tmp_path / "2") != {}

@@ -12,12 +12,12 @@ import pytest
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, RigError
-from rths_cli.experiment import check, check_command, identify, rig_access
+from rths_cli.experiment import check, check_command, identify_on_rig, rig_access
 from rths_cli.experiment.check_command import Checked
 from rths_cli.experiment.check_metrics import REACH
 from rths_cli.experiment.model_choice import Known, Memory
 from rths_cli.experiment.model_files import save
-from rths_cli.experiment.run import Ended, run_case
+from rths_cli.experiment.run_case import Ended, run_case
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.result_reader import Result, read_result
 from rths_cli.identification.results import Identification
@@ -63,7 +63,7 @@ def no_rig(monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise AssertionError("a rig was opened")
 
-    for module in (identify, rig_access):
+    for module in (identify_on_rig, rig_access):
         monkeypatch.setattr(module, "open_rig", refuse)
 
 

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from rths_cli.errors import InputError, RigError
-from rths_cli.experiment import batch, real_rig_runs
-from rths_cli.experiment.batch import _run_one
-from rths_cli.experiment.run import Ended
-from rths_cli.experiment.run_stages import after_the_record, why_ended
+from rths_cli.experiment import run_command, table_runs_on_real_rig
+from rths_cli.experiment.one_table_run import after_the_record, why_ended
+from rths_cli.experiment.run_case import Ended
+from rths_cli.experiment.run_command import _run_one
 from rths_cli.files.result_reader import ResultWriter, read_result
 from rths_cli.loop import guard
 from rths_cli.numerics.shared_values import SharedValues
@@ -28,8 +28,8 @@ def setup(kind: str = "udp") -> Any:
 
 
 def ran(path: Path, monkeypatch: pytest.MonkeyPatch, act: Any, ask: Any = lambda *_: None) -> Ended:
-    monkeypatch.setattr(real_rig_runs, "ask_the_rig", ask)
-    monkeypatch.setattr(batch, "run_case", lambda setup, path, *_: act(path))
+    monkeypatch.setattr(table_runs_on_real_rig, "ask_the_rig", ask)
+    monkeypatch.setattr(run_command, "run_case", lambda setup, path, *_: act(path))
     watcher: Any = SimpleNamespace(moving=None)
     return _run_one(setup(), path, SimpleNamespace(), SharedValues(), "", lambda _: None, watcher)  # type: ignore[arg-type]
 

@@ -16,13 +16,13 @@ from rths_cli.control import feedback
 from rths_cli.control.feedback import DEFAULT, Weights
 from rths_cli.errors import InputError
 from rths_cli.experiment import feedback_choice
+from rths_cli.experiment.case_warnings import of_case
 from rths_cli.experiment.design import Design, design_blocks
 from rths_cli.experiment.feedback_choice import FIRMER, Chosen
-from rths_cli.experiment.loop_stability import loop_faults
+from rths_cli.experiment.loop_stability_of_case import loop_faults
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.result_contents import design_figures
 from rths_cli.experiment.setup import Setup, make_setup
-from rths_cli.experiment.warnings import of_case
 from rths_cli.identification.results import Identification
 
 

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rths_cli.experiment.run import acceptance
+from rths_cli.experiment.run_case import acceptance
 from rths_cli.experiment.run_metrics import (
     criteria_of_storeys,
     delays,

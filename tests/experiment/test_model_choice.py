@@ -15,10 +15,10 @@ import yaml
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
-from rths_cli.experiment import identify
+from rths_cli.experiment import identify_on_rig
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import save
-from rths_cli.experiment.run import Ended, run_case
+from rths_cli.experiment.run_case import Ended, run_case
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.result_reader import Result, read_result
 from rths_cli.identification.results import Identification
@@ -67,13 +67,13 @@ def test_an_unchanged_rig_passes_and_file_and_age_are_written_down(
     tmp_path: Path, file: Path, errors: np.ndarray, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     played: list[int] = []
-    excite = identify.excite
+    excite = identify_on_rig.excite
 
     def counted(setup: Setup, command_v: np.ndarray, stream: tuple[int, ...] | None = None) -> object:
         played.append(len(command_v))
         return excite(setup, command_v, stream)
 
-    monkeypatch.setattr(identify, "excite", counted)
+    monkeypatch.setattr(identify_on_rig, "excite", counted)
     monkeypatch.chdir(file.parent)
     ended, result = run(tmp_path / "r.h5", setup_of(file))
     assert (ended.exit_code, ended.status) == (0, "complete")
@@ -134,7 +134,7 @@ def test_a_named_file_of_another_rig_is_refused_before_anything_moves(
     def never(*_: object) -> None:
         raise AssertionError("the rig moved")
 
-    monkeypatch.setattr(identify, "excite", never)
+    monkeypatch.setattr(identify_on_rig, "excite", never)
     with pytest.raises(InputError) as refused:
         Memory().prepare(setup_of(file, "table.physics.coulomb_n=1", "sample_rate_hz=1000"))
     assert len(refused.value.faults) == 2 and refused.value.exit_code == 2

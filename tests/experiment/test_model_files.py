@@ -21,11 +21,11 @@ import pytest
 from rths_cli.case import plugin_rig_names
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
-from rths_cli.experiment import identify, model_files
+from rths_cli.experiment import identify_on_rig, model_files
 from rths_cli.experiment.model_choice import Known, Memory
 from rths_cli.experiment.model_datasets import from_groups, to_groups
 from rths_cli.experiment.model_files import KEPT, Cache, key, load, save
-from rths_cli.experiment.run import run_case
+from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.model_file import read_model
 from rths_cli.identification.results import Identification
@@ -254,12 +254,12 @@ def excited(monkeypatch: pytest.MonkeyPatch, default_identification: Identificat
     """Return the list of what would have been excited; nothing is."""
     done: list[str] = []
 
-    def measure(setup: Setup, *_: object) -> identify.Measured:
+    def measure(setup: Setup, *_: object) -> identify_on_rig.Measured:
         done.append(setup.case.name)
-        return identify.Measured((), None, "", ())
+        return identify_on_rig.Measured((), None, "", ())
 
-    monkeypatch.setattr("rths_cli.experiment.identify.measure", measure)
-    monkeypatch.setattr("rths_cli.experiment.identify.evaluated", lambda *_: default_identification)
+    monkeypatch.setattr("rths_cli.experiment.identify_on_rig.measure", measure)
+    monkeypatch.setattr("rths_cli.experiment.identify_on_rig.evaluated", lambda *_: default_identification)
     return done
 
 
@@ -280,13 +280,13 @@ def test_a_run_with_a_kept_model_excites_nothing_and_equals_a_fresh_one(
 ) -> None:
     setup = setup_of("runs=[exp_rths]")
     played: list[tuple[int, ...]] = []
-    excite = identify.excite
+    excite = identify_on_rig.excite
 
     def counted(*given: Any, **named: Any) -> Any:
         played.append(named.get("stream") or (1,))
         return excite(*given, **named)
 
-    monkeypatch.setattr(identify, "excite", counted)
+    monkeypatch.setattr(identify_on_rig, "excite", counted)
 
     def run(name: str, fresh: bool) -> Path:
         path = tmp_path / name / "result.h5"

@@ -12,7 +12,7 @@ import pytest
 from rths_cli.errors import InputError
 from rths_cli.experiment import operator_consent
 from rths_cli.experiment.operator_consent import ask_to_move
-from rths_cli.experiment.real_rig_play import AtRest, channel_faults
+from rths_cli.experiment.real_rig_readiness import AtRest, channel_faults
 from rths_cli.rigs.description import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from rths_cli.case.load import load_cases
 from rths_cli.experiment.model_choice import Memory
-from rths_cli.experiment.run import run_case
+from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.setup import make_setup
 from rths_cli.files.result_reader import read_result
 

@@ -15,9 +15,9 @@ from rths_cli.case.load import load_cases, resolved_yaml
 from rths_cli.errors import InputError
 from rths_cli.experiment.check_command import verdict_on
 from rths_cli.experiment.model_choice import Memory
+from rths_cli.experiment.one_table_run import TABLE_RUNS, plan_run, play_run
 from rths_cli.experiment.recovery import recover
-from rths_cli.experiment.run import run_case
-from rths_cli.experiment.run_stages import TABLE_RUNS, plan_run, play_run
+from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.setup import make_setup
 from rths_cli.files.raw_log import RawHeader, RawLogWriter, raw_log_path
 from rths_cli.files.result_reader import ResultWriter, read_result

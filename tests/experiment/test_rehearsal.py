@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from rths_cli.errors import InputError
-from rths_cli.experiment import real_rig_play
+from rths_cli.experiment import real_rig_readiness
 from rths_cli.loop.step_arrays import NUMERICAL
 from rths_cli.rigs.description import capabilities_of
 
@@ -22,12 +22,12 @@ def rehearsed(
     """Judge a rehearsal in which so many steps began so late, in s, all others in time."""
     late_s = np.concatenate([np.full(count, value) for value, count in late.items()])
     late_s = np.concatenate([late_s, np.zeros(STEPS - late_s.size)])
-    monkeypatch.setattr(real_rig_play, "prepare", lambda *given: None)
-    monkeypatch.setattr(real_rig_play, "guard_limits", lambda setup: None)
-    monkeypatch.setattr(real_rig_play, "rehearse_watched", lambda run, seconds: (late_s, np.full(STEPS, took_s)))
+    monkeypatch.setattr(real_rig_readiness, "prepare", lambda *given: None)
+    monkeypatch.setattr(real_rig_readiness, "guard_limits", lambda setup: None)
+    monkeypatch.setattr(real_rig_readiness, "rehearse_watched", lambda run, seconds: (late_s, np.full(STEPS, took_s)))
     setup: Any = SimpleNamespace(rig=SimpleNamespace(dt_s=DT_S, kind=kind, can=capabilities_of(kind), overrun=overrun))
     blocks: Any = None
-    real_rig_play.rehearsed(setup, blocks, NUMERICAL)
+    real_rig_readiness.rehearsed(setup, blocks, NUMERICAL)
 
 
 def test_a_rate_is_held_at_the_edges_of_the_rule(monkeypatch: pytest.MonkeyPatch) -> None:

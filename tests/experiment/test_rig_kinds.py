@@ -95,7 +95,7 @@ def test_a_card_that_is_not_there_is_a_rig_fault_when_it_is_opened_not_before() 
 @pytest.mark.parametrize("table", ["udp_loopback", "udp_example", "ni_example"])
 def test_a_run_on_a_real_rig_asks_for_a_model_and_excites_nothing(table: str, monkeypatch: pytest.MonkeyPatch) -> None:
     setup = setup_of(f"table={table}")
-    for module in ("rths_cli.experiment.identify", "rths_cli.experiment.rig_access"):
+    for module in ("rths_cli.experiment.identify_on_rig", "rths_cli.experiment.rig_access"):
         monkeypatch.setattr(f"{module}.open_rig", lambda *_: pytest.fail("the rig was made"))
     with pytest.raises(InputError, match=r"^identification\.model: is missing; a run does not excite a real rig"):
         Memory().known(setup, lambda text: None)

@@ -14,10 +14,10 @@ from declared_contents import declaration_faults
 from rths_cli.analysis.metrics import error_figures
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
+from rths_cli.experiment.case_warnings import differences
 from rths_cli.experiment.model_choice import Known, Memory
-from rths_cli.experiment.run import Ended, run_case
+from rths_cli.experiment.run_case import Ended, run_case
 from rths_cli.experiment.setup import make_setup
-from rths_cli.experiment.warnings import differences
 from rths_cli.files.result_reader import read_result
 from rths_cli.quantities import metrics_of
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from rths_cli.case.load import load_cases
-from rths_cli.experiment import batch, check, feedback_choice, loop_stability, run
+from rths_cli.experiment import check, feedback_choice, loop_stability_of_case, run_case, run_command
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.setup import make_setups
 from rths_cli.numerics.shared_values import SharedValues
@@ -23,7 +23,7 @@ CASE = "el_centro_low_ff_fb"
 def play(path: Path, settings: tuple[str, ...], memory: Memory, shared: SharedValues | None) -> dict[str, bytes]:
     """Return every dataset of a run but the case's text and the time it took."""
     setup = make_setups(load_cases([CASE], settings), shared=shared)[0]
-    assert run.run_case(setup, path, memory, "test", lambda _: None, shared).exit_code == 0
+    assert run_case.run_case(setup, path, memory, "test", lambda _: None, shared).exit_code == 0
     found: dict[str, bytes] = {}
 
     def collect(name: str, node: h5py.Group | h5py.Dataset) -> None:
@@ -75,10 +75,10 @@ def test_what_two_cases_have_in_common_is_made_once(
         monkeypatch.setattr(module, name, lambda *a, **k: (made.append(name), function(*a, **k))[1])
 
     for module, name in (
-        (run, "simulate"),
-        (run, "simulate_delayed"),
+        (run_case, "simulate"),
+        (run_case, "simulate_delayed"),
         (check, "simulate"),
-        (loop_stability, "_stability"),
+        (loop_stability_of_case, "_stability"),
     ):
         count(module, name)
     count(feedback_choice.feedback, "design")
@@ -102,16 +102,16 @@ def jobs(samples: int, *kinds: str) -> list[tuple[Any, Path]]:
 
 def test_as_much_is_kept_as_fits() -> None:
     per_sample = 8 * (4 + 3 * 10)
-    assert batch._most_kept(jobs(1000, "virtual")) == batch.KEPT
-    assert batch._most_kept(jobs(batch.KEPT_BYTES // (3 * per_sample), "virtual")) == 3
-    assert batch._most_kept(jobs(batch.KEPT_BYTES, "virtual")) == 1
+    assert run_command._most_kept(jobs(1000, "virtual")) == run_command.KEPT
+    assert run_command._most_kept(jobs(run_command.KEPT_BYTES // (3 * per_sample), "virtual")) == 3
+    assert run_command._most_kept(jobs(run_command.KEPT_BYTES, "virtual")) == 1
 
 
 def test_two_cases_are_worked_on_unless_one_is_real_or_very_long(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(batch, "cores", lambda: 4)
-    assert batch._at_once(jobs(1000, "virtual", "virtual", "virtual")) == 2
-    assert batch._at_once(jobs(1000, "virtual")) == 1
-    assert batch._at_once(jobs(1000, "virtual", "udp")) == 1
-    assert batch._at_once(jobs(batch.KEPT_BYTES, "virtual", "virtual")) == 1
-    monkeypatch.setattr(batch, "cores", lambda: 1)
-    assert batch._at_once(jobs(1000, "virtual", "virtual")) == 1
+    monkeypatch.setattr(run_command, "cores", lambda: 4)
+    assert run_command._at_once(jobs(1000, "virtual", "virtual", "virtual")) == 2
+    assert run_command._at_once(jobs(1000, "virtual")) == 1
+    assert run_command._at_once(jobs(1000, "virtual", "udp")) == 1
+    assert run_command._at_once(jobs(run_command.KEPT_BYTES, "virtual", "virtual")) == 1
+    monkeypatch.setattr(run_command, "cores", lambda: 1)
+    assert run_command._at_once(jobs(1000, "virtual", "virtual")) == 1

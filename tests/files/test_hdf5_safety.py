@@ -14,8 +14,7 @@ from rths_cli.errors import InputError
 from rths_cli.files.hdf5 import Dataset, write_group
 from rths_cli.files.hdf5_safety import DEEPEST
 from rths_cli.files.result_listing import read_outlines
-from rths_cli.files.result_reader import ResultWriter, read_dataset
-from rths_cli.files.validated_results import read_checked
+from rths_cli.files.result_reader import ResultWriter, read_checked, read_dataset
 
 Edit = Callable[[h5py.File], object]
 

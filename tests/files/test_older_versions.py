@@ -13,9 +13,8 @@ from declared_contents import declaration_faults
 from rths_cli.case.load import load_cases
 from rths_cli.experiment.model_files import load
 from rths_cli.experiment.setup import make_setup
-from rths_cli.files.result_reader import read_series
+from rths_cli.files.result_reader import read_checked, read_series
 from rths_cli.files.sweep_file import read_sweep
-from rths_cli.files.validated_results import read_checked
 
 KEPT = Path(__file__).parent / "written_at_2e74433"
 

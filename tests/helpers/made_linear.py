@@ -8,7 +8,7 @@ import numpy as np
 from made_records import make_info, true_response
 
 from rths_cli.identification.excitation import ExcitationSettings, Kind, plan
-from rths_cli.identification.records import Record
+from rths_cli.identification.record_parts import Record
 from rths_cli.numerics.lti import Array, ComplexArray
 from rths_cli.rigs.description import RigInfo
 from rths_cli.structure import Specimen

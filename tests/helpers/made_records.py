@@ -11,7 +11,7 @@ from rths_cli.control import sensor_correction
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.state_space import static
 from rths_cli.identification.excitation import Excitation, ExcitationSettings, plan
-from rths_cli.identification.records import Record
+from rths_cli.identification.record_parts import Record
 from rths_cli.loop.guard import GuardLimits
 from rths_cli.loop.simulated_time_run import play
 from rths_cli.loop.step_arrays import EXCITATION

@@ -19,7 +19,7 @@ from rths_cli.identification.excitation import Kind
 from rths_cli.identification.frequency_response import estimate
 from rths_cli.identification.identify import identify
 from rths_cli.identification.inputs import IdentificationSettings, evidence
-from rths_cli.identification.records import Parts, Record
+from rths_cli.identification.record_parts import Parts, Record
 from rths_cli.numerics.lti import Frf
 
 KINDS: tuple[Kind, ...] = ("noise", "multisine", "sweep", "step")

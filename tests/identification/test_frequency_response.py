@@ -16,7 +16,7 @@ from rths_cli.identification.frequency_response import (
     simulate,
     without_leakage,
 )
-from rths_cli.identification.records import Parts, Record
+from rths_cli.identification.record_parts import Parts, Record
 from rths_cli.numerics.lti import Frf, Model
 
 DT = 5e-4

@@ -12,13 +12,13 @@ from made_linear import DT
 from made_records import make_info, make_specimen
 
 from rths_cli.case.load import load_cases
-from rths_cli.experiment.identify import evaluated, measure
 from rths_cli.experiment.identify_command import About
+from rths_cli.experiment.identify_on_rig import evaluated, measure
 from rths_cli.experiment.model_datasets import from_groups, to_groups
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.identification.frequency_response import simulate
 from rths_cli.identification.friction import estimate
-from rths_cli.identification.records import Parts, Record
+from rths_cli.identification.record_parts import Parts, Record
 from rths_cli.identification.results import Friction, Identification
 from rths_cli.numerics.lti import Model
 from rths_cli.report.identification_page import as_document, page

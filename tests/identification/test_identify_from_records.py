@@ -17,7 +17,7 @@ from rths_cli.identification.identify import IdentificationSettings, identify
 from rths_cli.identification.identify_specimen import first_look, without_staircase
 from rths_cli.identification.identify_table import fit_table
 from rths_cli.identification.inputs import evidence
-from rths_cli.identification.records import Parts, Record
+from rths_cli.identification.record_parts import Parts, Record
 from rths_cli.identification.results import FitError, Identification
 from rths_cli.identification.specimen_fit import Start
 from rths_cli.identification.table_fit import fit_error

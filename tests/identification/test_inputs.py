@@ -9,7 +9,7 @@ import pytest
 from made_records import make_info, make_specimen
 
 from rths_cli.identification.inputs import Evidence, IdentificationSettings, evidence
-from rths_cli.identification.records import Parts, Record, padded
+from rths_cli.identification.record_parts import Parts, Record, padded
 
 DT = 5e-4
 SPECIMEN = make_specimen()

@@ -12,7 +12,7 @@ from scipy.signal import bilinear, lfilter, periodogram
 from rths_cli.errors import InputError
 from rths_cli.identification.excitation import Excitation, ExcitationSettings, Kind, plan, shaped_noise
 from rths_cli.identification.low_level_probe import choose_level, expected, measured_gain, overdriven, probe_plan
-from rths_cli.identification.records import Record
+from rths_cli.identification.record_parts import Record
 from rths_cli.rigs.description import RigInfo
 
 INFO = make_info(make_specimen(stiffness=(7331.56,), ratios=(0.04,)))  # a table and one floor

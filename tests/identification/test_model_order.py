@@ -13,7 +13,7 @@ from rths_cli.identification import model_order
 from rths_cli.identification.excitation import ExcitationSettings, Kind, plan
 from rths_cli.identification.frequency_response import estimate, simulate, without_leakage
 from rths_cli.identification.model_order import choose, doubtful
-from rths_cli.identification.records import Parts, Record
+from rths_cli.identification.record_parts import Parts, Record
 from rths_cli.identification.results import Candidate
 from rths_cli.identification.table_fit import Fit, Layout, Timing, first_fit, pack, refit
 from rths_cli.numerics.lti import Array, Frf, Model

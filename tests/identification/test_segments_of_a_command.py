@@ -17,7 +17,7 @@ from rths_cli.identification.excitation import (
     shaped_noise,
     sweep,
 )
-from rths_cli.identification.records import find_parts, find_period, sweeps
+from rths_cli.identification.record_parts import find_parts, find_period, sweeps
 
 CLOSE = round(0.2 / DT)
 BIT_V = 20.0 / 65536

@@ -6,8 +6,8 @@ import numpy as np
 from made_up import result
 
 from rths_cli.report.case_metric_tables import other_figures
+from rths_cli.report.result_tables import tables
 from rths_cli.report.results_by_case import entries
-from rths_cli.report.tables import tables
 
 
 def listed(text: str) -> dict[str, str]:

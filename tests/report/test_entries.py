@@ -5,8 +5,8 @@ from made_up import result
 
 from rths_cli.errors import InputError
 from rths_cli.files.result_reader import ResultWriter
+from rths_cli.report.result_tables import tables
 from rths_cli.report.results_by_case import entries, load
-from rths_cli.report.tables import tables
 
 ABOUT = {"case_name": "demo", "method": "best", "rig": "r", "rig_kind": "virtual", "record_name": "el_centro"}
 

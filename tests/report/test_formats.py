@@ -21,7 +21,7 @@ from rths_cli.report.formats.latex import latex, number
 from rths_cli.report.formats.markdown import escaped, markdown
 from rths_cli.report.input_files import Inputs, Unread, read_inputs
 from rths_cli.report.report_contents import Contents, contents
-from rths_cli.report.tables import blocks
+from rths_cli.report.result_tables import blocks
 from rths_cli.report.text_layout import Fixed, Paragraphs, Table
 
 SCHEMA = Path(__file__).parents[2] / "configs" / "report.schema.json"

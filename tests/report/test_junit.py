@@ -10,7 +10,7 @@ import pytest
 from made_up_files import FIGURES, write
 
 from rths_cli.errors import InputError
-from rths_cli.experiment.run import acceptance
+from rths_cli.experiment.run_case import acceptance
 from rths_cli.files.result_reader import Result, read_result
 from rths_cli.report.formats.junit import junit
 from rths_cli.report.input_files import Unread

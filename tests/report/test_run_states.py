@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from made_up import LOW, figures, result
 
+from rths_cli.report.result_tables import tables
 from rths_cli.report.results_by_case import run_state, state
-from rths_cli.report.tables import tables
 
 TRACKING = {run: f"{run}.tracking_rms_m_s2" for run in ("shake_table", "exp_rths")}
 

@@ -15,9 +15,8 @@ from declared_contents import sweep_faults
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
-from rths_cli.experiment import run
+from rths_cli.experiment import run_case
 from rths_cli.experiment.model_choice import Memory
-from rths_cli.experiment.run import run_case
 from rths_cli.experiment.setup import make_setup
 from rths_cli.files.result_reader import read_result
 from rths_cli.files.sweep_file import read_sweep, rows_path
@@ -105,7 +104,7 @@ def test_a_row_is_what_a_run_alone_gives(
     whole: tuple[SweepRequest, Swept], folder: Path, tmp_path: Path, memory: Memory, variant: int, settings: tuple[str]
 ) -> None:
     case = load_cases([folder / "a.yaml"], (*settings, "runs=[exp_rths]"))[0]
-    assert run_case(make_setup(case), tmp_path / "a.h5", memory, "test", lambda _: None).exit_code == 0
+    assert run_case.run_case(make_setup(case), tmp_path / "a.h5", memory, "test", lambda _: None).exit_code == 0
     alone = read_result(tmp_path / "a.h5")
     sweep = whole[1].sweep
     assert sweep.texts["model_sha256"][variant] == alone.attributes["model_sha256"]
@@ -122,7 +121,7 @@ def test_a_row_of_a_building_with_computed_storeys_below_is_too(folder: Path, tm
     request = asked(folder, seeds="1", settings=settings)
     sweep = swept(request, tmp_path / "s.h5", overrides=("check",)).sweep
     case = load_cases([folder / "a.yaml"], (*settings, "runs=[exp_rths]"))[0]
-    run_case(make_setup(case, ("check",)), tmp_path / "a.h5", memory, "test", lambda _: None)
+    run_case.run_case(make_setup(case, ("check",)), tmp_path / "a.h5", memory, "test", lambda _: None)
     alone = read_result(tmp_path / "a.h5").metrics
     for which in ("rms_error_m_s2", "max_error_m_s2_true", "rms_error_m_s2_full"):
         found = sweep.figures[f"exp_rths.{which}"].values[0]
@@ -222,7 +221,7 @@ def test_what_runs_share_is_made_once(folder: Path, tmp_path: Path, monkeypatch:
 
         monkeypatch.setattr(module, name, count)
 
-    for module, name in ((sweep_runs, "design_blocks"), (sweep_runs, "verdict_on"), (run, "simulate")):
+    for module, name in ((sweep_runs, "design_blocks"), (sweep_runs, "verdict_on"), (run_case, "simulate")):
         counted(module, name)
     counted(sweep_runs, "plan_run")
     swept(asked(folder, f"{WORN}=1,2", "scaling=0.2,0.3", seeds="2"), tmp_path / "s.h5")

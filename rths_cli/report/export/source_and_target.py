@@ -15,9 +15,8 @@ import numpy as np
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import remove_leftovers
 from rths_cli.files.result_listing import Outline, read_group, read_groups, read_outlines
-from rths_cli.files.result_reader import Dataset, Result
+from rths_cli.files.result_reader import Dataset, Result, read_checked
 from rths_cli.files.result_writer import refusal
-from rths_cli.files.validated_results import read_checked
 
 BYTES = 8  # of a number, as it is written
 

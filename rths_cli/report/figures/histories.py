@@ -136,7 +136,7 @@ def _storey_errors(source: Source, storey: int) -> Iterator[Panel]:
 
 def _error_panel(source: Source, title: str, run: str, time: Array, error: Array, note: str) -> Panel:
     """Return the panel of an error (n,) of a run, filtered as its RMS is, as far as it is known."""
-    from rths_cli.report.error_series import evaluated_error
+    from rths_cli.report.filtered_errors import evaluated_error
 
     n = known_part(error)
     shown = np.full(error.size, np.nan)

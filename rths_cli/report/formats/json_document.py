@@ -10,10 +10,10 @@ from rths_cli.quantities import metric
 from rths_cli.report.baseline_comparison import got_worse
 from rths_cli.report.group_comparison import Compared, Place, Statistics, over_runs, place_name
 from rths_cli.report.judged_limits import judge
-from rths_cli.report.repeats import Repeats
+from rths_cli.report.repeat_statistics import Repeats
 from rths_cli.report.report_contents import Baseline, Contents
+from rths_cli.report.result_tables import to_json
 from rths_cli.report.sweep_page import document as sweep_document
-from rths_cli.report.tables import to_json
 
 FORMAT, FORMAT_VERSION = "rths-report", 1
 

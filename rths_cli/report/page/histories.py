@@ -11,7 +11,7 @@ from rths_cli.files.result_reader import Result, read_series
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities import DATASETS
 from rths_cli.quantities.units import typeset
-from rths_cli.report.error_series import evaluated_error
+from rths_cli.report.filtered_errors import evaluated_error
 from rths_cli.report.page.decimated_series import Pool, envelope, width_of
 from rths_cli.report.page.summary import RUNS
 

@@ -8,10 +8,10 @@ from rths_cli.report.page.html import Html, classed, details, element, framed, j
 from rths_cli.report.page.summary import BAD, GOOD, OPEN, pill
 from rths_cli.report.paper_claims import CLAIMS, HELD, NOT_HELD, UNJUDGED, Claim, Verdict, judge
 from rths_cli.report.paper_tables import response_tables, tracking_tables
+from rths_cli.report.result_tables import TEST_BAND, TRUE, WORDS
 from rths_cli.report.results_by_case import Entry, sources
 from rths_cli.report.single_case_table import single_table
 from rths_cli.report.table_cells import remarks
-from rths_cli.report.tables import TEST_BAND, TRUE, WORDS
 from rths_cli.report.text_layout import Cell, Row, Table
 
 JUDGED = {HELD: GOOD, NOT_HELD: BAD}

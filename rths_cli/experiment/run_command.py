@@ -20,7 +20,7 @@ from rths_cli.experiment.check_command import verdict_on
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
 from rths_cli.experiment.operator_consent import ask_to_move
-from rths_cli.experiment.run import Ended, moves_table, prepare_all, run_case, worst_code
+from rths_cli.experiment.run_case import Ended, moves_table, prepare_all, run_case, worst_code
 from rths_cli.experiment.setup import Progress, Setup
 from rths_cli.interrupts import ended_by
 from rths_cli.numerics.shared_values import SharedValues
@@ -167,7 +167,7 @@ def _run_real(
     setup: Setup, path: Path, memory: Memory, shared: SharedValues, command_line: str, tell: Progress, watcher: Watcher
 ) -> Ended:
     """Run a case on a real rig: what may refuse it is asked before the table moves and before its file begins."""
-    from rths_cli.experiment.real_rig_runs import RealStage, ask_the_rig
+    from rths_cli.experiment.table_runs_on_real_rig import RealStage, ask_the_rig
 
     if moves_table(setup.case):
         ask_the_rig(setup, memory, tell)

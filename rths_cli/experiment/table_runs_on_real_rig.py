@@ -7,10 +7,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rths_cli.case.load import resolved_yaml
-from rths_cli.experiment import real_rig_play
+from rths_cli.experiment import real_rig_readiness
 from rths_cli.experiment.design import design_blocks
+from rths_cli.experiment.one_table_run import AFTER_S, BEFORE_S, RunPlan
 from rths_cli.experiment.rig_access import open_rig
-from rths_cli.experiment.run_stages import AFTER_S, BEFORE_S, RunPlan
 from rths_cli.experiment.sensor_drift_report import as_stored
 from rths_cli.files.raw_log import RawHeader, RawLogWriter, raw_log_path, still_in
 from rths_cli.loop.guard import LOG_FAILED, WATCHER_FAILED
@@ -38,12 +38,12 @@ def ask_the_rig(setup: Setup, memory: Memory, progress: Progress) -> None:
     """
     design = design_blocks(setup, memory.at_rest(setup, progress).found)
     progress("rehearsal of the rate, no rig")
-    real_rig_play.rehearsed(setup, design.blocks, NUMERICAL)
+    real_rig_readiness.rehearsed(setup, design.blocks, NUMERICAL)
     rig = open_rig(setup, (), 0)
     if linked(rig) is None:
-        real_rig_play.check_measured(setup.rig)
+        real_rig_readiness.check_measured(setup.rig)
     progress("listening to the channels at rest")
-    real_rig_play.listened(setup, rig)
+    real_rig_readiness.listened(setup, rig)
 
 
 class RealStage:
@@ -57,7 +57,7 @@ class RealStage:
         """Play one run, its result file closed as interrupted meanwhile; the channels' zeros are taken anew."""
         setup, kind = plan.setup, plan.kind
         rig = open_rig(setup, (), 0)
-        zeros_v = real_rig_play.listened(setup, rig).zeros_v
+        zeros_v = real_rig_readiness.listened(setup, rig).zeros_v
         writer.about({"driver_verified": rig.info.driver_verified})  # known once it was opened
         blocks, still_s = plan.design.blocks, (BEFORE_S, AFTER_S)
         ready = prepare(setup.rig, blocks, kind.source, plan.drive, plan.limits, zeros_v, still_s=still_s)
@@ -73,7 +73,7 @@ class RealStage:
 
         with (
             LogStream(log, ready.log.columns, ready.log.done, ready.course.orders) as stream,
-            real_rig_play.opened(rig),
+            real_rig_readiness.opened(rig),
         ):
             performed = perform_watched(rig, ready, watch)
             counts = link_counts(rig)

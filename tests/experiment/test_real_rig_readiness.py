@@ -19,17 +19,17 @@ from serving_bench import Running
 
 from rths_cli.case import plugin_rig_names
 from rths_cli.case.load import load_cases
-from rths_cli.experiment import real_rig_play
-from rths_cli.experiment.identify import identify
+from rths_cli.experiment import real_rig_readiness
+from rths_cli.experiment.identify_on_rig import identify
 from rths_cli.experiment.model_choice import Known, Memory
 from rths_cli.experiment.model_files import key
-from rths_cli.experiment.real_rig_runs import RealStage
+from rths_cli.experiment.one_table_run import AFTER_S, BEFORE_S
 from rths_cli.experiment.recovery import recover
 from rths_cli.experiment.rig_access import EXP_RTHS, open_rig
-from rths_cli.experiment.run import Ended, run_case
-from rths_cli.experiment.run_stages import AFTER_S, BEFORE_S
+from rths_cli.experiment.run_case import Ended, run_case
 from rths_cli.experiment.serve_command import describe
 from rths_cli.experiment.setup import Setup, make_setup
+from rths_cli.experiment.table_runs_on_real_rig import RealStage
 from rths_cli.files.raw_log import RawLogWriter
 from rths_cli.files.result_reader import read_result, read_series
 from rths_cli.loop.live_view import View
@@ -93,8 +93,8 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Leave the rehearsal out, which is a matter of timing, and most of the listening."""
-    monkeypatch.setattr(real_rig_play, "rehearsed", lambda setup, blocks, source: None)
-    monkeypatch.setattr(real_rig_play, "LISTENING_S", 0.05)
+    monkeypatch.setattr(real_rig_readiness, "rehearsed", lambda setup, blocks, source: None)
+    monkeypatch.setattr(real_rig_readiness, "LISTENING_S", 0.05)
 
 
 def ran(bench: Bench, path: Path, show: Callable[[str, View], bool] = lambda label, view: False) -> Ended:
@@ -151,7 +151,7 @@ def test_a_result_says_what_was_behind_the_rig_that_ran(
     monkeypatch.syspath_prepend(str(ROOT / "examples" / "plugin_rig" / "src"))
     points = [EntryPoint("slow_table", "rths_slow_table:make", plugin_rig_names.GROUP)]
     monkeypatch.setattr(plugin_rig_names, "entry_points", lambda group: points)
-    monkeypatch.setattr(real_rig_play, "check_measured", lambda info: None)
+    monkeypatch.setattr(real_rig_readiness, "check_measured", lambda info: None)
     plugged = make_setup(load_cases([str(bench.setup.case.path)], ("table=plugin_example",))[0], bench.setup.overrides)
     found = next(iter(bench.memory._known.values()))
     memory = Memory()
@@ -210,7 +210,7 @@ def test_a_target_that_ends_by_itself_is_told_with_what_it_did_not_confirm(
 def test_a_crash_of_the_driver_leaves_a_result_and_a_log_that_recover_reads(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def crash(rig: object, run: real_rig_play.Performance) -> str:
+    def crash(rig: object, run: real_rig_readiness.Performance) -> str:
         run.log.columns[:] = 0.0
         run.log.done[0] = run.course.ramp + 100
         raise ZeroDivisionError("in a driver")
@@ -335,9 +335,9 @@ def test_a_drifting_sensor_is_named_and_taken_out_of_a_finished_run_and_of_its_r
 ) -> None:
     """5 mV and 5 mV/min, which the loop's zeros do not see (they are taken with the table's noise alone)."""
     rig = Replayed(open_rig(bench.running.served.setup, (EXP_RTHS,), 0), 5e-3, 5e-3 / 60.0 / 500.0)
-    monkeypatch.setattr("rths_cli.experiment.real_rig_runs.open_rig", lambda *_: rig)
-    zeros = real_rig_play.AtRest(np.zeros(3), np.zeros(3))
-    monkeypatch.setattr(real_rig_play, "listened", lambda setup, rig: zeros)
+    monkeypatch.setattr("rths_cli.experiment.table_runs_on_real_rig.open_rig", lambda *_: rig)
+    zeros = real_rig_readiness.AtRest(np.zeros(3), np.zeros(3))
+    monkeypatch.setattr(real_rig_readiness, "listened", lambda setup, rig: zeros)
     monkeypatch.setattr(RealStage, "written", lambda self: None)  # keep the log
     ended = ran(bench, tmp_path / "a.h5")
     assert ended.status == "complete", ended.reason

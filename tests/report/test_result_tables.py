@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from made_up import LOW, SUFFIXES, figures, paper_cases, result
 
 from rths_cli.errors import InputError
-from rths_cli.report.tables import tables, to_json
+from rths_cli.report.result_tables import tables, to_json
 
 
 def block(text, title):

@@ -16,16 +16,16 @@ from rths_cli.analysis.sim import simulate
 from rths_cli.analysis.sim_delay import simulate_delayed
 from rths_cli.case.load import resolved_yaml
 from rths_cli.experiment import result_contents, run_metrics
+from rths_cli.experiment.case_warnings import of_case
 from rths_cli.experiment.check_command import Verdict, verdict_on
-from rths_cli.experiment.dropout_sentence import losses_of_runs
 from rths_cli.experiment.identify_output import try_folder
+from rths_cli.experiment.lost_sample_sentence import losses_of_runs
 from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
 from rths_cli.experiment.model_choice import Known, Memory
+from rths_cli.experiment.one_table_run import Stop
 from rths_cli.experiment.provenance import attributes
-from rths_cli.experiment.run_stages import Stop
-from rths_cli.experiment.runs_of_case import Played, Stage, VirtualStage, play_all, refused, why_none
 from rths_cli.experiment.setup import Progress, Setup, building_key, make_setups, motion_key
-from rths_cli.experiment.warnings import of_case
+from rths_cli.experiment.table_runs_of_case import Played, Stage, VirtualStage, play_all, refused, why_none
 from rths_cli.files.result_reader import ResultWriter
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.shared_values import SharedValues

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Protocol
 
 from rths_cli.experiment import result_contents
-from rths_cli.experiment.run_stages import (
+from rths_cli.experiment.one_table_run import (
     HYBRID_TEST,
     TABLE_RUNS,
     Run,

@@ -22,7 +22,7 @@ from rths_cli.identification.excitation import Excitation, ExcitationSettings
 from rths_cli.identification.identify import IdentificationSettings
 from rths_cli.identification.identify import identify as evaluate
 from rths_cli.identification.low_level_probe import Level
-from rths_cli.identification.records import Record
+from rths_cli.identification.record_parts import Record
 from rths_cli.identification.results import Identification
 from rths_cli.interrupts import interruptible
 from rths_cli.loop.guard import LOST, OPERATOR, OVERRUN, RIG_FAULT
@@ -241,7 +241,7 @@ def excite(setup: Setup, command_v: Array, stream: tuple[int, ...] | None = None
 def _played(setup: Setup, drive: Array, stream: tuple[int, ...]) -> Outcome:
     """Play an excitation (n, 3) on the rig, a real one in real time."""
     if not setup.rig.can.counts_steps:
-        from rths_cli.experiment.real_rig_play import excited
+        from rths_cli.experiment.excitation_on_real_rig import excited
 
         return excited(setup, _listening(setup), drive)
     rig = open_rig(setup, stream, setup.case.identification.seed)

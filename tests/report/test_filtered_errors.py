@@ -10,9 +10,9 @@ import pytest
 from rths_cli.analysis.metrics import error_figures
 from rths_cli.files.result_reader import Result
 from rths_cli.numerics.lti import Array
-from rths_cli.report.error_series import evaluated_error
 from rths_cli.report.figures.figure_data import Source
 from rths_cli.report.figures.histories import _error_panel
+from rths_cli.report.filtered_errors import evaluated_error
 from rths_cli.report.page import histories
 
 DT = 0.002

@@ -1,4 +1,4 @@
-"""Faults a user can meet: one sentence each, and the exit code that goes with it."""
+"""Exceptions for faults a user can meet, each with its exit code; the crash file of our own faults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Signals of the process, none of which may be lost, and long computations that they can end."""
+"""Signals of the process (Ctrl-C, SIGTERM), none lost, and long computations that they can end."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Text as it may be shown: file names, attributes and names in files can hold what commands a terminal."""
+"""Text made safe to print: names and texts from files may hold control characters."""
 
 from __future__ import annotations
 

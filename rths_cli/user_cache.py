@@ -1,4 +1,4 @@
-"""Where rths keeps what it can make again: compiled code, models of virtual rigs."""
+"""Where the user's cache is: the folder of compiled code, models of virtual rigs, measured sample rates, locks."""
 
 from __future__ import annotations
 

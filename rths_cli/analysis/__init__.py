@@ -1,1 +1,1 @@
-"""What is known without moving a table: SIM and SIM-DELAY, the references of every error."""
+"""What is computed without moving a table: SIM and SIM-DELAY, stability, predicted error, error budget, metrics."""

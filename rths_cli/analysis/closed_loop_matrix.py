@@ -1,4 +1,4 @@
-"""The sampled closed loop of a hybrid test as one matrix: x[k+1] = M x[k], all blocks of the step and the rig in x."""
+"""The closed loop of a hybrid test as one matrix, x[k+1] = M x[k]: its spectral radius, roots and modes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The hybrid test as a linear loop in the frequency domain: what ground motion and every disturbance make of it.
+"""The closed loop of a hybrid test in the frequency domain: response to ground motion and to every disturbance.
 
 On each line the loop is two equations for base shear f and command u. Signals of the numerical substructure are taken
 at k + n_p and signals of the table at k; z^-n_p converts from the first clock to the second:

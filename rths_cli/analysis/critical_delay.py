@@ -1,4 +1,4 @@
-"""How late the base shear may come before a hybrid test of a building becomes unstable: its critical pure delay.
+"""The critical delay of a building: the pure delay of the base shear that makes its hybrid test unstable.
 
 Without ground motion, the loop goes from the interface floor's absolute acceleration a through the specimen to the base
 shear f(t - delay), and through the numerical substructure back to a: 1 = L(s) exp(-s delay). At a frequency with

@@ -1,4 +1,4 @@
-"""The error of a hybrid test that was run, split by cause from its signals.
+"""The error budget after a run: EXP-RTHS's error split by cause, from its signals.
 
 The loop is linear. Its measured motion is the sum of the responses to the ground motion, to a disturbance of the
 samples (measured samples minus the identified rig's response to the commands that were sent), and to a disturbance of

@@ -1,4 +1,4 @@
-"""Records as Fourier lines, low ones only: a linear loop is solved line by line, fast and without a step."""
+"""Records as their low Fourier lines, on which a linear loop is solved line by line without stepping in time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The identified rig as one sampled block: command to the corrected samples of table and floors.
+"""The identified rig (table and specimen) as one sampled block: command to corrected samples.
 
 The identified table moves the identified specimen; the discretisation is exact for a held command. The sensors' AC
 coupling and its correction cancel and are left out. They do not cancel for the hold's alias, which passes the coupling

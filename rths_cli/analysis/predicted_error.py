@@ -1,4 +1,4 @@
-"""The error a hybrid test will have, by cause, from what was identified: before anything moves.
+"""The predicted error of a hybrid test by cause, before it moves: from identified rig and designed blocks.
 
 The reference is SIM of the numerical substructure with the identified specimen. Deterministic causes are added as
 series, noise and rounding by their power; all are evaluated in the test band.

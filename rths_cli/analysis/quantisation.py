@@ -1,4 +1,4 @@
-"""What rounding to a converter's bits adds to a signal, line by line: white noise only where the signal is fast.
+"""The noise spectrum that rounding to a converter's bits adds to a signal.
 
 The error of rounding s to steps q is, up to its sign, the sum over n of q / (pi n) sin(2 pi n s / q). If s crosses many
 steps, the n-th term is a wave of frequency n s' / q. Its power q^2 / (2 pi^2 n^2) is distributed over frequency like

@@ -1,4 +1,4 @@
-"""Offset, drift and jumps of accelerometer channels, found after a run in what the table cannot have done.
+"""Detect offset, drift and jumps of accelerometer channels after a run.
 
 A channel behind an AC coupling of corner w shows y = s / (s + w) a + o + r t + jumps, because offset, drift and jumps
 of amplifier and converter are added after the coupling. The step corrects the coupling, a = (1 + w / s) y. This turns

@@ -1,4 +1,4 @@
-"""SIM-DELAY: the building with the base shear acting on the numerical part a pure delay later.
+"""SIM-DELAY: the building whose numerical substructure gets the base shear a pure delay later.
 
 Every derivative here is per substep (h d/dt).
 

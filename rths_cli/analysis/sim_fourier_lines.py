@@ -1,4 +1,4 @@
-"""SIM and SIM-DELAY line by line, beside the hybrid test's response on the same Fourier lines."""
+"""SIM and SIM-DELAY on Fourier lines, for predicted_error.py and the check."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Whether a hybrid test may be run: stability of the sampled loop, what it tolerates, and what it asks of the table."""
+"""The verdict of the check and its limits: stability and tolerated table error of the sampled loop, reach of the
+table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the Python interface returns: results read from their files when asked, verdicts, models."""
+"""Objects that the Python interface returns: results read from their files when asked, verdicts, models."""
 
 from __future__ import annotations
 

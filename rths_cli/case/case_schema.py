@@ -1,4 +1,4 @@
-"""The case: everything a run needs to know, read once, checked completely, never changed."""
+"""Every key of a case file with its type, default, range and description; `Case`, the checked case."""
 
 from __future__ import annotations
 

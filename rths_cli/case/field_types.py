@@ -1,4 +1,4 @@
-"""What all case models share: strictness, ranges of numbers, and faults as sentences instead of codes."""
+"""What all schemas share: ranges, strictness, and the sentence for every kind of wrong value or unknown key."""
 
 from __future__ import annotations
 

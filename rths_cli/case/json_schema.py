@@ -1,4 +1,4 @@
-"""JSON Schema of the files a user writes, for editors; generated from the models that check them."""
+"""Generate the JSON Schemas of all files a user writes (`configs/*.schema.json`)."""
 
 from __future__ import annotations
 

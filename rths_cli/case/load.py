@@ -1,4 +1,4 @@
-"""Case files in, checked cases out: every fault of every file in one go."""
+"""Load case files: read, resolve, check; every fault of every file at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a name of a case, structure, rig, reference or record is looked up."""
+"""Where the name of a case, structure, rig, reference or record is looked up."""
 
 from __future__ import annotations
 

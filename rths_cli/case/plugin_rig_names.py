@@ -1,4 +1,4 @@
-"""Kinds of rigs that other packages bring: entry points of the group `rths.rigs`."""
+"""The `kind`s that other packages add to rig files: entry points of the group `rths.rigs`."""
 
 from __future__ import annotations
 

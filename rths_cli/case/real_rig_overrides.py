@@ -1,4 +1,4 @@
-"""What a case may change of a real rig: it may tighten limits; all else stands in the rig's own file alone."""
+"""What a case may change of a real rig's file: only tighten its limits."""
 
 from __future__ import annotations
 

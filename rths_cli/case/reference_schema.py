@@ -1,4 +1,4 @@
-"""Reference files: published figures to print beside ours."""
+"""Every key of a reference file: published numbers to print beside ours."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From what a case file says to what it means: settings applied, names looked up, `extends` merged."""
+"""Resolve a case before it is checked: `--set` applied, names looked up, `extends` merged."""
 
 from __future__ import annotations
 

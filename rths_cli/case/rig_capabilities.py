@@ -1,4 +1,5 @@
-"""What rigs do, by the kind that a rig file or a result states: all other code asks for this, never for the kind."""
+"""What each kind of rig can do (counted clock, truth, watchdog, preview, ...): all other code asks this, not the
+kind."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rig files, virtual and real: every key with its unit, range and meaning."""
+"""Every key of a rig file, virtual or real, with its unit, range and description."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Structure files: a shear building of any number of storeys, cut at one of them."""
+"""Every key of a structure file: a shear building of any number of storeys, cut at one of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The hidden physics of a virtual rig: only the virtual rig itself may read it, the import layers say so."""
+"""Keys of a virtual rig's hidden physics; only rigs/virtual/ may read it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Strict YAML in which every key and value knows where it stands.
+"""Read strict YAML in which every key and value knows its line and column.
 
 YAML 1.2 numbers (`1e-3`), booleans only `true` and `false`, one document, no repeated keys, no NaN or
 infinity, and limits on size, nesting and alias expansion. Faults are collected, not raised one by one.

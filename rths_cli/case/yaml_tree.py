@@ -1,4 +1,4 @@
-"""Values that know where they stand in their file, and faults that say so."""
+"""Data classes of YAML nodes with their line and column, and of faults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The group all commands belong to, and the signals that end them."""
+"""The click group `rths` with its list of commands, and the process's signals."""
 
 from __future__ import annotations
 

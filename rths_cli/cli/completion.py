@@ -1,4 +1,4 @@
-"""What a shell offers behind a command that takes cases: their names, or files where a path is begun."""
+"""Shell completion of the argument CASE: names of cases, or files where a path is begun."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Run the command line, and turn every way of ending into sentences and an exit code."""
+"""`main` of `rths`: run a command, turn every error, signal or fault of ours into sentences and an exit code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Options that several commands share."""
+"""Options and option types that several commands share: `--set`, `--json`, `--method`, `--override`, `--yes`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a terminal shows while work goes on: a status line, plain lines elsewhere, all on stderr."""
+"""Progress on a terminal (`Screen`): status line, live view of a run, stop keys, confirmation; all on stderr."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Design of the discrete blocks that the step runs, from what was identified and declared."""
+"""Design of the discrete blocks that the step runs: compensators, Kalman filter, numerical substructure; margins."""

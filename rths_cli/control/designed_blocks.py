@@ -1,4 +1,5 @@
-"""The blocks a run is made of, as designed."""
+"""`Blocks`, the data class of one run's designed blocks; experiment/design.py fills it, loop/step_arrays.py compiles
+it."""
 
 from __future__ import annotations
 

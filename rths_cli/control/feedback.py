@@ -1,4 +1,4 @@
-"""Feedback on the tracking error: LQG with a coloured disturbance model, shaped by its sensitivity function."""
+"""Feedback on the tracking error: LQG with a coloured disturbance model, limited by its sensitivity peak."""
 
 from __future__ import annotations
 

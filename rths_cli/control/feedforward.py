@@ -1,4 +1,4 @@
-"""Feedforward: the inverse of the identified table (paper, section 3)."""
+"""Feedforward compensator: the inverse of the identified table (paper, section 3)."""
 
 from __future__ import annotations
 

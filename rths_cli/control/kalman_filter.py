@@ -1,4 +1,4 @@
-"""Kalman filter on the specimen, and the base shear it gives at the instant at which the command acts."""
+"""Kalman filter of the specimen, and the base shear predicted for the instant at which the command acts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the time goes between the table's motion and the command that answers it, and what takes it out again.
+"""The latency budget of the loop: delay of every sensor, filter, converter and hold, and what compensates it.
 
 The loop runs from the table's motion through sensors, filter and numerical part to the command, and through converter,
 hold and table back to the motion. Every delay, hold and filter of it is one item of the budget.

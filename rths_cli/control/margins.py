@@ -1,4 +1,4 @@
-"""Stability margins of a loop known by its frequency response, measured or modelled."""
+"""Stability margins of a loop from its frequency response: sensitivity peak, gain, phase, delay."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The numerical substructure as a block of the step: one maker of it is a shear building.
+"""The numerical substructure as a discrete block: equations of motion, integrated by `exact`, `cr` or `newmark`.
 
 Whatever the integration scheme, outputs at step k belong to the same instant as the inputs at step k.
 """

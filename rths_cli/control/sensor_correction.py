@@ -1,4 +1,4 @@
-"""From raw samples to accelerations: sensitivity and known sensor corners taken out."""
+"""From raw samples (V) to accelerations: sensitivity, and the sensors' known filters taken out."""
 
 from __future__ import annotations
 

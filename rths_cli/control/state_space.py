@@ -1,4 +1,4 @@
-"""State-space forms that keep their digits, and their discretisation."""
+"""Build, connect and discretise state-space systems without loss of digits; their data classes: numerics/lti.py."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""One experiment from its case to its result: setup, identification, design, check, runs, metrics."""
+"""One experiment from its case to its result: setup, model, design, check, runs, metrics; what each command does."""

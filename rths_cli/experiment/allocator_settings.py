@@ -1,4 +1,4 @@
-"""Memory of a batch: what is freed stays with the process, so that the next run finds it without a page fault.
+"""Memory allocator settings of a batch: the process keeps freed memory, which saves page faults.
 
 A run makes and frees tens of arrays of some megabytes. The C library gives each back to the system at once, which must
 clear every page of the next one anew: a tenth of a batch's time.

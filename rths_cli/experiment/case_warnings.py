@@ -1,4 +1,5 @@
-"""Sentences a user should read before trusting a result."""
+"""Warnings about a case, printed and stored: several stiffness solutions, doubtful model, slower feedback than
+asked."""
 
 from __future__ import annotations
 

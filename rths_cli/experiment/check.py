@@ -1,4 +1,5 @@
-"""Pre-flight: judge a case from what was identified, without moving anything."""
+"""The check of one case, computed: the building as identified, predicted error, and the verdict of
+analysis/stability_check.py."""
 
 from __future__ import annotations
 

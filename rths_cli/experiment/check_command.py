@@ -1,4 +1,5 @@
-"""What `rths check` does: judge cases as `rths run` does before EXP-RTHS, without moving a table."""
+"""What `rths check` does, and `rths run` before EXP-RTHS: load cases, get a model, design, check; `Verdict` and
+`Checked`."""
 
 from __future__ import annotations
 

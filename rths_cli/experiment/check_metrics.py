@@ -1,4 +1,4 @@
-"""The metrics of a check by their paths, `check.*`."""
+"""The results of a check as metrics `check.*`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Design the blocks of a run from what was identified: method `paper` as printed, method `best` with prediction."""
+"""Design all blocks of a run from what was identified: method `paper` as printed, method `best` with prediction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`rths doctor`: which sample rates this machine, and a rig on it, can hold, and what decides that."""
+"""What `rths doctor` does: measure which sample rates this machine, and a rig on it, can hold, and judge them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What `rths doctor` was asked for: the rate of a case, and the rig to measure."""
+"""Options of `rths doctor`: the case whose rate is asked for, and the rig to measure."""
 
 from __future__ import annotations
 

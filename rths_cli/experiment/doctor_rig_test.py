@@ -1,4 +1,4 @@
-"""`rths doctor` with a rig: its exchange measured at rest, the command held at zero."""
+"""The part of `rths doctor` with a rig: time its exchange at rest, the command held at zero."""
 
 from __future__ import annotations
 

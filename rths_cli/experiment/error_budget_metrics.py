@@ -1,4 +1,4 @@
-"""The error budget of a finished EXP-RTHS as figures."""
+"""The error budget of a finished EXP-RTHS as metrics `budget.*`."""
 
 from __future__ import annotations
 

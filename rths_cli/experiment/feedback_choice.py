@@ -1,4 +1,5 @@
-"""Which feedback a case gets: as it states, or the first of a list with which its loop keeps the check's margins.
+"""Which feedback weights a case gets: those it states, or the first of a list with which its loop keeps the check's
+margins.
 
 The usual weights are right for most buildings. Where they are not, the margin is lacking in one of two places. At a
 lightly damped mode below 11 Hz a changed gain of the table makes the loop unstable: a feedback with more gain there,

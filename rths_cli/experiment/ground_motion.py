@@ -1,4 +1,4 @@
-"""Ground motion of a run: scaled, interpolated, high-pass filtered, integrated; and its response spectrum."""
+"""The ground motion of a run: record scaled, interpolated, high-pass filtered, integrated; its response spectrum."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""List the shipped ground motions, and show one."""
+"""What `rths records` does: list the shipped ground motions, and show one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""What `rths identify` does: measure or read, evaluate, write the model file, and say how it came about."""
+"""What `rths identify` does: measure (identify_on_rig.py) or read (identify_from_files.py), evaluate, write the model
+file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Identify from records measured elsewhere: `rths identify --data FILE`."""
+"""Identify from measured files: `rths identify --data FILE`; which channel is what."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Excite the rig of a case, low first, and identify table and specimen from its channels."""
+"""Identify on a case's rig, virtual or real: probe, excitation, free vibration; progress is reported here."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where `rths identify` writes: settled and tried before anything is measured."""
+"""The output files of `rths identify`: checked before anything is measured."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""How stable the loop of a case is with given blocks, on the rig as identified, and what it must tolerate."""
+"""Hand one case's loop (identified rig, building, blocks) to analysis/stability_check.py, where limits and mathematics
+stand."""
 
 from __future__ import annotations
 

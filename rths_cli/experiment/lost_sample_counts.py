@@ -1,4 +1,4 @@
-"""Steps of a run in real time that had no samples of their own: how many, why, and the longest time without any."""
+"""Samples that a real-time run lost: how many steps, why, the longest gap; as metrics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Steps of a run in real time that had no samples of their own, in words."""
+"""The sentence that says how many samples a real-time run lost."""
 
 from __future__ import annotations
 

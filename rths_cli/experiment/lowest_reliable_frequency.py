@@ -1,4 +1,5 @@
-"""The lowest frequency at which accelerometers behind an AC coupling say something about a test."""
+"""The lowest frequency at which AC-coupled accelerometers are reliable; errors are evaluated above it
+(`high_pass_hz`)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The model a run drives with: from a named file, from the cache of virtual rigs, or identified now; never hidden."""
+"""Which identified model a run uses: a named model file, the cache of virtual rigs, or an identification now."""
 
 from __future__ import annotations
 

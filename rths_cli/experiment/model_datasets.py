@@ -1,4 +1,4 @@
-"""An identification as groups of datasets of a model file, and back, bit for bit."""
+"""Convert an identification to the datasets of a model file, and back, bit for bit."""
 
 from __future__ import annotations
 

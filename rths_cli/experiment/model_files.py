@@ -1,4 +1,4 @@
-"""Model files: written, found again, refused for another rig or specimen, and kept in the user's cache."""
+"""Save and load model files, refuse those of another rig or specimen; the cache of models of virtual rigs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Is a stored model still that of the rig? A 20 s record at low level, before the model drives anything."""
+"""Does a stored model still describe the rig? A 20 s record at low level, before the model drives anything."""
 
 from __future__ import annotations
 

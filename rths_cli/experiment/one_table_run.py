@@ -1,4 +1,5 @@
-"""One run on the table: what is played, how it ended, and what came of it as series and metrics."""
+"""One run on the table (shake-table test or EXP-RTHS): plan it, play it on the virtual rig, why it ended, its
+metrics."""
 
 from __future__ import annotations
 

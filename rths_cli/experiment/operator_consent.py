@@ -1,4 +1,4 @@
-"""A real table moves only when somebody said that it may."""
+"""Ask a person before a real table moves: the checklist, `--yes`, `unattended: true`."""
 
 from __future__ import annotations
 

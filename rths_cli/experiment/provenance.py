@@ -1,4 +1,4 @@
-"""Where a result comes from: the root attributes of its file."""
+"""Root attributes of a result file: versions, commit, machine, hash of the model, settings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Play on a real rig: rehearse the rate, listen to the channels at rest, then let the loop move the table."""
+"""Before a real rig moves: rehearse the rate without it, listen to its channels at rest, refuse if either fails."""
 
 from __future__ import annotations
 

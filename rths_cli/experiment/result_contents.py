@@ -1,4 +1,4 @@
-"""What stands in each group of a result file."""
+"""Write each group of a result file: record, simulations, table runs, identification, controller; design metrics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Open the rig a setup names, and the limits its guard holds."""
+"""Open the rig of a setup, and the limits of its guard."""
 
 from __future__ import annotations
 

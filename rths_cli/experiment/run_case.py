@@ -1,4 +1,5 @@
-"""Run cases: identify, design, SIM, SIM-DELAY, shake-table test, EXP-RTHS, and write one result file each."""
+"""One case of `rths run` from start to end: model, check, SIM, SIM-DELAY, table runs, accept limits, its result
+file."""
 
 from __future__ import annotations
 

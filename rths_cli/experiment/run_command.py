@@ -1,4 +1,4 @@
-"""Run several cases, by one or more methods: all checked before the first starts, each in its own file."""
+"""What `rths run` does with all its cases: check all first, then one after the other or side by side; exit code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The metrics of runs by their paths: errors, tracking, FEI, J1 to J9, energy error.
+"""Metrics of a run by their paths, from analysis/metrics/: errors, tracking, FEI, J1 to J9, energy error.
 
 Accelerations, because every rig measures them; docs/background/metrics.md defines each.
 """

@@ -1,4 +1,4 @@
-"""A run's log, moved from the loop's clock to the record's, as named series."""
+"""Signals of a run: its log moved from the loop's clock to the record's, and the motion of the whole building."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Offset, drift and jumps of the channels in a run, told and taken out of its samples once the table is at rest."""
+"""Drift of sensors in a finished run: taken out of its samples, as metrics and as sentences."""
 
 from __future__ import annotations
 

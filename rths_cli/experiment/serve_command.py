@@ -1,4 +1,4 @@
-"""`rths serve`: a virtual table with a specimen on it, as a target that a runner reaches over UDP."""
+"""What `rths serve` does: run a virtual table as a UDP target, session by session, and say how each ended."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The runs of a case on its table: which are played, where, and which are refused."""
+"""The table runs of one case in their order: which are played, skipped or refused, and their results written."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The runs of one case on its real rig: refused before anything is written, logged while the table moves."""
+"""Play a case's table runs on its real rig: samples streamed to raw logs, live view, link counts."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files that last: read after a look at what they are, written whole or not at all, leftovers cleared away."""
+"""Read and write plain files safely: checked before reading, written whole or not at all, leftovers removed."""
 
 from __future__ import annotations
 

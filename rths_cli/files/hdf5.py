@@ -1,4 +1,4 @@
-"""Datasets with units and dimension scales in an open HDF5 group: the only place that knows HDF5's ways.
+"""Write and read datasets with units and scales in an open HDF5 group: types, compression, layout.
 
 What is written is what h5py would write: the same types, no time stamp. Only the place differs: a small array stands in
 its header, and a series is compressed where that halves it.

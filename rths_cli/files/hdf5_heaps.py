@@ -1,4 +1,4 @@
-"""The collections in which HDF5 keeps texts of any length: looked at before the library reads a text.
+"""Check the text heaps of an HDF5 file before the library reads them, as it hangs on damaged ones.
 
 The library does not come to the end of a collection in which zeros stand where an object begins, and no signal reaches
 a process that waits for it. Layout: HDF5 File Format Specification 3.0, III.E "Global Heap".

@@ -1,4 +1,4 @@
-"""What an HDF5 file must be before anything in it is used: decided here alone, and every file is read through it.
+"""Check the structure of any HDF5 file before its use (links, sizes, types); all reading goes through it.
 
 A file may come from anywhere. Its links must lead to its own objects, and not in a circle; a dataset holds numbers or
 texts, with the bytes it declares in the file itself; an attribute is one text or one finite number.

@@ -1,4 +1,4 @@
-"""Sample rates measured on this machine, kept in the user's cache: `rths doctor` writes them, `rths run` asks."""
+"""The file of sample rates measured on this machine: `rths doctor` writes it, `rths run` reads it."""
 
 from __future__ import annotations
 

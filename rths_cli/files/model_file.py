@@ -1,4 +1,4 @@
-"""Model files (HDF5, format version 1): what an identification found, with a hash of its content.
+"""Model files (HDF5, format version 1): write and read an identification's datasets, with a hash of the content.
 
 A file is built in memory, written under a temporary name in its own folder and renamed, so that a file with the
 final name is always whole. It begins with an HDF5 user block of 512 bytes, a line of text with the SHA-256 of all

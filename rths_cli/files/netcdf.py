@@ -1,4 +1,4 @@
-"""Write groups of datasets as a netCDF-4 file: HDF5 whose every axis has a scale."""
+"""Write groups of datasets as a netCDF-4 file."""
 
 from __future__ import annotations
 

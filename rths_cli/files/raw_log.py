@@ -1,4 +1,4 @@
-"""Raw logs: what a running loop noted, written frame by frame, read wherever it is cut.
+"""Raw logs: the format in which a running loop's samples are appended, frame by frame; readable wherever cut.
 
 A raw log begins with magic, version and length of a JSON header, the header, and a CRC-32 of all that. Frames follow:
 magic, number of steps, first step, the values of those steps column by column (float64), and a CRC-32 of all that.

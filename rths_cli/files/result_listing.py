@@ -1,4 +1,4 @@
-"""What the groups of a result file hold, without their data."""
+"""List groups, datasets and attributes of a result file without reading their data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a result file states, in which types, ranges and shapes: checked when it is read, before anything uses it."""
+"""Check what a result file states when it is read: types, ranges, axes and shapes, against quantities/."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A rig belongs to one process of a user of this machine at a time."""
+"""The lock by which one process at a time has a rig."""
 
 from __future__ import annotations
 

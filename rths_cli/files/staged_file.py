@@ -1,4 +1,4 @@
-"""A file whose writes stay in memory until `commit` puts them on the disk: what HDF5 writes through.
+"""The file object under HDF5: writes stay in memory until `commit`, so that a full disk is an error and no crash.
 
 The HDF5 library cannot close a file whose last flush failed: h5py then crashes the process. Here the library meets
 memory only, and a full disk, a quota or a size limit is an OSError of `commit`. `commit` takes the space it needs

@@ -1,4 +1,4 @@
-"""The result file of a sweep, and the text file of the rows of one under way.
+"""The result file of a sweep (HDF5, CSV), and the text file of the rows of one under way.
 
 Axes `variant` (runs counted from 1, the seed varying fastest) and `storey`; every varied key of the case, by its
 dotted name, and `seed` are coordinates along `variant`; every figure is a dataset named by its path. It opens in

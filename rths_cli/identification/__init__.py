@@ -1,1 +1,1 @@
-"""From excitation plan to frequency responses, table model and specimen."""
+"""From excitation plan and records to frequency responses, table model, specimen and verdict."""

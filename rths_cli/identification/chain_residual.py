@@ -1,4 +1,4 @@
-"""How well a chain of storeys explains what the channels show: one linear equation per storey, weighted by its noise.
+"""Residual of the channels against a chain of storeys of any stiffness: one linear equation per storey.
 
 A storey carries the inertia of the floors above it:
 

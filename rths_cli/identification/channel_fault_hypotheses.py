@@ -1,4 +1,4 @@
-"""Which single fault of a channel, a mass or the floors' order explains channels that a chain as declared does not.
+"""Name the fault that explains the channels: swapped or scaled channel, wrong mass, wrong order of floors.
 
 Each fault is a change of the data (channels multiplied or exchanged) or of the masses. The storeys' equations are
 solved again with that change (chain_residual.py). A fault is reported only if the declared channels cannot be

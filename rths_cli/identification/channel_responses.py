@@ -1,4 +1,4 @@
-"""Are the channels what they say they are, by their responses? Incoherent, swapped, reversed, of wrong sensitivity.
+"""Judge the channels by their frequency responses: incoherent, swapped, reversed, wrong sensitivity.
 
 Channels are judged together: by the storeys' equations with free stiffness and damping (chain_residual.py), and by the
 single faults that would explain a misfit (channel_fault_hypotheses.py). The command shows a reversal of all channels,

@@ -1,4 +1,4 @@
-"""Are the channels what they say they are, by their signals alone? Lost, dead, clipped, humming."""
+"""Judge the channels by their signals alone: lost, dead, clipped, mains hum."""
 
 from __future__ import annotations
 

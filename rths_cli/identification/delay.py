@@ -1,4 +1,4 @@
-"""The transport delay as the data see it: a free delay beside the table's roots, with its uncertainty."""
+"""Estimate the transport delay beside the table's roots, with its uncertainty."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Samples that a link lost, put back by what the rest of the record says of its channel.
+"""Reconstruct samples that were lost in a record, from an ARX model of the rest.
 
 Each channel is predicted from its own past and from the command, by an ARX model fitted by least squares to all rows
 without a missing sample. The reconstructed samples are those that minimise the squared prediction errors around them

@@ -1,4 +1,4 @@
-"""Excitation of a rig: its signals, and the plan of a loud record and a free vibration.
+"""The excitation: its spectrum, signals (noise, multisine, sweep, steps) and plan within the table's limits.
 
 All signals have the same amplitude over frequency: flat to 0.7 Hz, falling as f^-1.5 to 12 Hz and as f^-3.5 above. This
 keeps the acceleration nearly constant over the band without using up the stroke at its low end.

@@ -1,4 +1,4 @@
-"""By how much an excitation could be louder: advice must not ask for what the limits forbid."""
+"""By what factor the excitation could be louder within the limits, for the verdict's advice."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Frequency responses from records: H1, H2 or Hv from the command to each channel, over one or several records.
+"""Frequency responses from records: H1, H2 or Hv, coherence, scatter.
 
 Noise is cut into Hann segments that overlap by half (Welch's method); an excitation that repeats is cut into its whole
 periods, which leak nothing.

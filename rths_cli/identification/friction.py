@@ -1,4 +1,4 @@
-"""Friction of the table, from what its model leaves of a record: equivalent to a change of the command.
+"""Estimate the table's dry friction from what its linear model leaves of a record.
 
 Dry friction F_c sign(v) acts on the table inside the loop that the command drives. It is equivalent to a command
 -kappa sign(v), with kappa in V, that is early by the delay and by the actuator's lag. Near standstill sign(v) is

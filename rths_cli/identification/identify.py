@@ -1,4 +1,4 @@
-"""From excited records to what is known of table and specimen: responses, models, modal properties, verdict."""
+"""The identification's evaluation as a whole: records in, responses, table model, specimen and verdict out."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The specimen from an identification's records: their motions, its fits to them, and whether channels are in step."""
+"""The steps of the specimen's identification from its records; the fit itself is specimen_fit.py."""
 
 from __future__ import annotations
 

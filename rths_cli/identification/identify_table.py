@@ -1,4 +1,4 @@
-"""The table's model from an identification's records: first fit, leakage taken out, structure chosen, levels."""
+"""The steps of the table model's identification from its records; the fit itself is table_fit.py."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""What an identification is made from, in one hand: records, rig, weighed masses and settings that fit together."""
+"""All inputs of one identification in one record (`Evidence`): records, rig, masses, settings; checked to fit
+together."""
 
 from __future__ import annotations
 

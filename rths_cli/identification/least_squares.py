@@ -1,4 +1,4 @@
-"""Nonlinear least squares by Levenberg-Marquardt in a trust region scaled by what each parameter does.
+"""Nonlinear least squares (Levenberg-Marquardt in a scaled trust region).
 
 J. J. More, The Levenberg-Marquardt algorithm: implementation and theory, Lecture Notes in Mathematics 630 (1978) 105,
 with its constants. A step of given length comes from the eigenvalues of the scaled normal equations: with a few

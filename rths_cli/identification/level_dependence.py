@@ -1,4 +1,4 @@
-"""What makes a table or its specimen answer differently at another level: friction, a spring that hardens, a gain.
+"""Why table or specimen respond differently at another level: friction, hardening spring, gain.
 
 Each cause acts like a change of the command that depends on the motion. The response at low level over that at full
 level, minus 1, therefore has a shape over frequency that follows from the table's model G, times a real factor:

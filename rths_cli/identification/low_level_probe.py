@@ -1,4 +1,4 @@
-"""A low-level record played first, and the level of the loud one chosen from what it measured."""
+"""The quiet probe before the excitation, and the level of the loud record chosen from it within all limits."""
 
 from __future__ import annotations
 

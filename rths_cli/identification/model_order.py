@@ -1,4 +1,4 @@
-"""How many roots the table needs: candidates judged by halves of the data that they were not fitted to."""
+"""How many poles and zeros the table model gets, by cross-validation on halves of the data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""What an identification is made from: a command, the accelerations it caused, and which samples are what."""
+"""One measured record (`Record`: command and accelerations), and which samples are excitation, silence, free
+vibration."""
 
 from __future__ import annotations
 

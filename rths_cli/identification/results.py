@@ -1,4 +1,4 @@
-"""What an identification finds: frozen data that a model file holds, a page shows and a controller is designed from."""
+"""What an identification returns, as frozen data (`Identification`): models, uncertainties, verdict."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What no scatter shows: how far roots move for a delay that is not quite the declared one, and for friction."""
+"""Systematic uncertainty of the model's poles and zeros, from delay and friction."""
 
 from __future__ import annotations
 

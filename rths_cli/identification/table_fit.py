@@ -1,4 +1,4 @@
-"""Fit the table's model to its response: starts, factors that stay stable, least squares.
+"""Fit the table model to its frequency response: starting values, stable factors, least squares.
 
 G(s) = gain s^2 prod(1 + 2 zeta s / w + s^2 / w^2) / prod(...) exp(-s T). Each pair of roots has a frequency and a
 damping ratio (above 1: two real roots), each single pole has a corner frequency. The parameters are their logarithms.

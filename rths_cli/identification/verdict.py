@@ -1,4 +1,4 @@
-"""What a model may be used for, why not, and what is accepted and yet should be read with care."""
+"""The verdict on an identified model: limits of its fit error, accepted or rejected and why, warnings."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""All that happens while a table moves: the compiled step, the guard, and the drive that joins them to a rig."""
+"""All that happens while a table moves: the step, the guard, clocks, lost samples, logs."""

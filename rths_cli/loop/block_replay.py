@@ -1,4 +1,4 @@
-"""Run one block of the step over recorded inputs."""
+"""Run one compiled block of the step over recorded inputs, after a run."""
 
 from __future__ import annotations
 

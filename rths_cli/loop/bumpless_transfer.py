@@ -1,4 +1,4 @@
-"""After a gap: how samples come back, and how the rig comes back to the computed command, without a step.
+"""When samples return after a gap: blend samples and commands back without a step in either.
 
 **Samples.** While samples are missing, the step uses substituted samples of the identified rig (dropouts.py). The rig
 may have moved differently: a target that froze holds its command and then closes the distance to the newest one. The

@@ -1,4 +1,5 @@
-"""What made the guard stop a test, from the signals of the last second: evidence that separates causes, or their group.
+"""The cause of a stop by the guard, told from the last second's signals: a sensor, the table, a stall, or a group of
+these.
 
 The guard detects the first violated limit, which is a symptom: a sensor with a wrong sign, for instance, first shows as
 a command that is too fast. After the stop there is time for a comparison. The identified specimen predicts the motion

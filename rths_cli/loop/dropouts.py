@@ -1,4 +1,4 @@
-"""What the step is given where no samples came: what the channels would show if all went on as known."""
+"""Where a sample is lost: give the step the samples that the identified model expects."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The commands that follow if no samples come: foreseen in every step, laid within all limits.
+"""The commands of the next tenth of a second, sent ahead with every command in case the loop stalls, within all limits.
 
 A processor or a link that stalls for some milliseconds must not shake the building. The step is linear except for its
 limits and its rounding. The commands that it would compute on substituted samples (dropouts.py) are therefore a matrix

@@ -1,4 +1,5 @@
-"""The last block of every step: nothing reaches a rig except through it.
+"""The guard, last block of every step: checks limits and sensors, and brakes to rest; nothing reaches a rig except
+through it.
 
 A violated limit takes the command over: the commanded motion is braked to a halt at a bounded deceleration,
 then led back to zero without overshoot. Displacement and velocity are estimates, from the command and the nominal

@@ -1,4 +1,4 @@
-"""What a person wants to see of a run under way: how far it is, how well it tracks, how near its limits it comes."""
+"""Numbers for the live view of a run under way: progress, tracking error, shares of the limits used."""
 
 from __future__ import annotations
 

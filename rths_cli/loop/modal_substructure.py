@@ -1,4 +1,4 @@
-"""The numerical part in modal coordinates: its cost grows with the number of storeys, not with the square.
+"""A discrete block in modal coordinates, for speed: the step's cost grows with the storeys, not with their square.
 
 A discrete block x+ = A x + B u is turned into pairs of states that no other pair moves: the two of a complex pair of
 eigenvalues, or two real ones. The transformation is exact to rounding; `modal` compares both before it returns.

@@ -1,4 +1,4 @@
-"""Bring what a running loop notes to its raw log, from a thread beside it that never holds it up."""
+"""Stream the log of a running loop to its raw log file, from a thread of its own."""
 
 from __future__ import annotations
 

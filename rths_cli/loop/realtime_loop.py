@@ -1,4 +1,4 @@
-"""A run in real time: absolute deadlines, exchange, step, guard and log in compiled code, orders read in every step.
+"""The compiled real-time loop: absolute deadlines, exchange, step, guard, log; stop orders read in every step.
 
 The runner is the master of the clock. Step k thinks on the samples of t_k; at t_(k+1) its command leaves and the
 samples of t_(k+1) come back. A rig without a compiled exchange waits for its own sample clock in `exchange`.

@@ -1,4 +1,4 @@
-"""A run in real time from Python: prepared, rehearsed without a rig, or played on an open one."""
+"""A real-time run from Python: prepare its arrays, rehearse without a rig, or play it on an open one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How a thread wakes up in time: what it asks of the system, and how late this machine is."""
+"""Real-time scheduling of a thread: priority, processor, locked memory; and how late this machine wakes up."""
 
 from __future__ import annotations
 

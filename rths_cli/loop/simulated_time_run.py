@@ -1,4 +1,5 @@
-"""Play a source through step, guard and rig, and keep every sample: one drive for every kind of run."""
+"""Play a run on a virtual rig in counted steps, as fast as it computes; `Outcome`, the result that real-time runs
+return too."""
 
 from __future__ import annotations
 

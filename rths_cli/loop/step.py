@@ -1,4 +1,4 @@
-"""The one RTHS step, compiled: from the samples of t_k to a command.
+"""The one RTHS step, compiled: from the samples of t_k to a command, in the order of its blocks.
 
 The same function runs for every source, rig and clock. Nothing in it allocates, blocks or logs.
 """

@@ -1,4 +1,4 @@
-"""The arrays of one RTHS step: what the compiled step reads, and what it changes."""
+"""The arrays that the compiled step reads and changes, assembled from the designed blocks."""
 
 from __future__ import annotations
 

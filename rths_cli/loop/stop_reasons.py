@@ -1,4 +1,4 @@
-"""Why the guard stopped a test, in words: what was seen, the limit, the key that states it, and what to do."""
+"""The sentence for each stop of the guard: what was seen, the limit, the key that states it, what to do."""
 
 from __future__ import annotations
 

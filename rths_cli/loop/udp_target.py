@@ -1,4 +1,5 @@
-"""The virtual table as a target on UDP: receive, verify, advance the physics, answer.
+"""The target's side of UDP in compiled code, for `rths serve`: receive, verify, advance the virtual table, answer,
+watchdog.
 
 A process that was held up finds several packets in its socket. What each of them asked for belongs to the instant at
 which it came, not to that at which the process was let on.

@@ -1,4 +1,4 @@
-"""The monotonic clock as compiled code reads it and waits for it."""
+"""The monotonic clock in compiled code: read it, sleep until an instant."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How everything that runs while a table moves is compiled: once per machine, and nothing in it allocates memory.
+"""Compile everything that runs while a table moves, and cache its machine code; allocation is switched off.
 
 `entry` marks a function that Python may call, `part` one that compiled code calls; numba translates them at the first
 call with arguments of a new kind. The machine code is kept in a folder of the user's cache that is named after the

@@ -1,4 +1,4 @@
-"""A key of what a computation depends on: equal values have equal keys, in any process and on any machine."""
+"""A hash of any frozen data, for caches: equal values have equal keys in every process."""
 
 from __future__ import annotations
 

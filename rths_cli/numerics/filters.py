@@ -1,4 +1,4 @@
-"""Digital filters of records and figures: Butterworth sections, recursions along time, lengths and tapers.
+"""Digital filters: Butterworth sections, recursions along time, lengths and tapers.
 
 A filter is a cascade of second-order sections (n_sections, 6), each row b0, b1, b2, 1, a1, a2 of
 y[k] = b0 x[k] + b1 x[k-1] + b2 x[k-2] - a1 y[k-1] - a2 y[k-2]. Time is the last axis of every series. The recursions

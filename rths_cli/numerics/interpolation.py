@@ -1,4 +1,4 @@
-"""Curves through points that rise and fall only where the points do."""
+"""Monotone cubic interpolation: curves that rise and fall only where their points do."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""Frozen arrays any room may pass on: linear systems, discrete blocks, frequency responses, table models.
+"""Data classes of linear systems with their frequency response: `StateSpace`, `Block` (discrete), `Frf`, `Model`
+(poles, zeros).
 
 Time or frequency is the last axis of every array. All quantities are SI.
 """

@@ -1,4 +1,4 @@
-"""Where a function of one number crosses zero or is greatest, between two ends."""
+"""Zero or maximum of a function of one number between two ends."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What was made last, by what it was made from: many cases share a record, a building, a design."""
+"""A memo in memory, shared by threads: the last values computed (SIM, designs, ...), each by what it was made from."""
 
 from __future__ import annotations
 

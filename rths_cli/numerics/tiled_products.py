@@ -1,4 +1,4 @@
-"""Matrix times vector in compiled code: four rows at a time, which the processor works on at once."""
+"""Matrix times vector in compiled code, in tiles of four rows."""
 
 from __future__ import annotations
 

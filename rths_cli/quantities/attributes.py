@@ -1,4 +1,4 @@
-"""The attributes of a result file, of its blocks and of its runs: each declared once, with its kind and meaning.
+"""Declarations of the attributes of a result file, its blocks and its runs: name, kind, meaning.
 
 In a name `RUN` stands for a run on the table.
 """

@@ -1,4 +1,4 @@
-"""The axes of datasets and metrics: the scale of each by its name, which means the same in every group."""
+"""Declarations of the axes of datasets and metrics."""
 
 from __future__ import annotations
 

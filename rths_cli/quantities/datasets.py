@@ -1,4 +1,4 @@
-"""The datasets of a result file outside /metrics: each declared once, with its unit, axes, origin and meaning.
+"""Declarations of the datasets of a result file outside /metrics: path, unit, axes, origin, meaning.
 
 To add one, declare it here and have `experiment.result_contents` write its values under this path. In a path `RUN`
 stands for a run on the table, `SOLUTION` for a computed one, `BLOCK` for a block of the step.

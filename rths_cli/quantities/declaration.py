@@ -1,4 +1,4 @@
-"""The declaration of one metric, dataset, axis or attribute, and the words that several declarations share."""
+"""The classes of all declarations (`Quantity`, `DatasetDeclaration`, ...), and words that several share."""
 
 from __future__ import annotations
 

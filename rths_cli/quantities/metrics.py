@@ -1,4 +1,4 @@
-"""The numbers of a run, of its check and of its design: each declared once, with its unit and meaning.
+"""Declarations of all metrics, of a run, its check, its design: path, unit, meaning, better direction.
 
 To add one, declare it here and have the function that computes it return its value under this path.
 """

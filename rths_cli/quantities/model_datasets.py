@@ -1,4 +1,4 @@
-"""The datasets and attributes of a model file: each declared once, with its unit, axes and meaning.
+"""Declarations of the datasets and attributes of a model file.
 
 In a path `METHOD` stands for best or paper, `RECORD` for excitation or free_vibration, `CHANNEL` for a channel's name.
 Numbers are stored as float64, true and false as 1 and 0; what was not found is left out.

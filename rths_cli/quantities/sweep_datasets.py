@@ -1,4 +1,4 @@
-"""The datasets and attributes of a sweep's file beside its metrics and varied keys: each declared once."""
+"""Declarations of the datasets and attributes of a sweep file beside its metrics and varied keys."""
 
 from __future__ import annotations
 

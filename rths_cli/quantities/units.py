@@ -1,4 +1,4 @@
-"""Units as names end with them (`stroke_m`, `sensitivity_mv_per_g`) and as they are set in a figure."""
+"""The unit in a name's ending (`stroke_m`, `sensitivity_mv_per_g`), and units as typeset in a figure."""
 
 from __future__ import annotations
 

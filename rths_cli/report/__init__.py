@@ -1,1 +1,1 @@
-"""What a person reads: tables, the paper's claims and exports, from result files."""
+"""What a person reads: tables, pages, figures and exports, made from result files."""

@@ -1,4 +1,4 @@
-"""Results against those of a baseline: what changed by how much, and what got worse."""
+"""`--baseline`: results compared with those of a baseline, what changed by how much, what got worse."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What one case has beside the figures of the paper's tables: error by cause, latency, and every other figure."""
+"""Under the table of a single case: its error by cause, its latency and a list of every other metric, as text."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the check of a case found, as numbers for JSON: what is not known or not finite is None."""
+"""`rths check --json`: verdict, reasons and metrics of a check; what is unknown or not finite is null."""
 
 from __future__ import annotations
 

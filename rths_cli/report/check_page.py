@@ -1,4 +1,4 @@
-"""What a check found, as a page for the terminal: the test, its stability, latency, reach, expected error, verdict."""
+"""What `rths check` prints: the test, its stability, latency, reach, expected error, verdict."""
 
 from __future__ import annotations
 

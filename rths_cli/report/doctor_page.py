@@ -1,4 +1,4 @@
-"""What `rths doctor` found, as text and as a document."""
+"""What `rths doctor` prints, as text and with `--json`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The error of a hybrid test by cause as a table: predicted before the run, and split up after it."""
+"""The error of a hybrid test by cause as a text table: predicted before the run, and split up after it."""
 
 from __future__ import annotations
 

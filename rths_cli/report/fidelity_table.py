@@ -1,4 +1,4 @@
-"""Figures of merit beside the paper's errors: gain and timing of the table, response and energy error, by case."""
+"""Table of tracking fidelity, J criteria and energy error of EXP-RTHS by case; and one of every metric of a case."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An error over time as its RMS is evaluated: above the lowest reliable frequency and in the test band."""
+"""An error history through the filters of its RMS (high pass, test band), for figures and the HTML page."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Mean and spread over runs of one case, and comparison between groups of runs."""
+"""`--group-by`: means and ratios of groups of results as tables; also the statistics that repeats use."""
 
 from __future__ import annotations
 

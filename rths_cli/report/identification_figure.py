@@ -1,4 +1,5 @@
-"""What an identification found, as a figure like the paper's Fig. 4.1a, with residual and floors below."""
+"""The figure `rths identify` writes (PDF): measured and fitted response as in the paper's Fig. 4.1a, residual,
+floors."""
 
 from __future__ import annotations
 

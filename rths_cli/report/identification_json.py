@@ -1,4 +1,4 @@
-"""What an identification found, as numbers for JSON: what is not known is None."""
+"""`rths identify --json`: models, uncertainties, verdict; what is unknown is null."""
 
 from __future__ import annotations
 

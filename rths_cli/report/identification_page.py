@@ -1,4 +1,4 @@
-"""What an identification found, as a page for the terminal."""
+"""What `rths identify` prints: channels, table model, specimen, friction, delay, verdict."""
 
 from __future__ import annotations
 

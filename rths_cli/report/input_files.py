@@ -1,4 +1,4 @@
-"""What a report is made of: results and sweeps from files and folders, and a sentence for each that cannot be used."""
+"""Read the result and sweep files that a report is made of; a sentence for each file that cannot be used."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The accept limits of a stored result, judged one by one."""
+"""The accept limits of a stored result: read from the case in its file, each judged, for JSON and JUnit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The latency budget of a loop as a table, from a result's figures: what is late, what takes it out, what stays."""
+"""The latency budget of a result as a text table: each delay, what compensates it, what is left."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The paper's claims, judged on published figures and on our own, and their table."""
+"""The paper's four claims, judged on its published numbers and on ours, and printed below the tables."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The paper's tables 5.1 and 5.2: tracking of the table, and response against SIM storey by storey."""
+"""The paper's Tables 5.1 and 5.2 for several cases: tracking error, and response error to SIM storey by storey."""
 
 from __future__ import annotations
 

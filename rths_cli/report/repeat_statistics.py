@@ -1,5 +1,4 @@
-"""Statistics over repeats: runs of the same case, by the same method and software on the same rig, at other instants or
-with other seeds."""
+"""Table of mean and scatter over repeats: complete runs of the same case, method, software and rig."""
 
 from __future__ import annotations
 

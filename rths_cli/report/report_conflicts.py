@@ -1,4 +1,4 @@
-"""What must not stand in one report: figures in other units, two cases of one name, one run twice."""
+"""Results that may not stand in one report together: other units, two cases of one name, one run twice."""
 
 from __future__ import annotations
 

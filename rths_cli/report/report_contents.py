@@ -1,4 +1,4 @@
-"""All that one report holds, and its blocks in the order in which every format shows them."""
+"""All parts of one report in their order: result_tables.py, then comparisons, repeats, baseline, sweeps, faults."""
 
 from __future__ import annotations
 

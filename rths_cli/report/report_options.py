@@ -1,4 +1,4 @@
-"""What a report was asked for, checked before anything is read, and where it is written."""
+"""Options of `rths report`: checked before anything is read; render in a text format, write the output file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""All tables of a report as plain text: published figure, `paper` and `best` side by side; and the same as JSON."""
+"""The tables of results that `rths run` and `rths report` print (5.1, 5.2 or one case; legend; claims), and `rths run
+--json`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From result files to cases: the results of one case by method, beside the figures published for it."""
+"""Group result files by case and method (`Entry`), look up their metrics and the published ones beside them."""
 
 from __future__ import annotations
 

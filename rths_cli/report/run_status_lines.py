@@ -1,4 +1,4 @@
-"""A run under way, as a few lines or as one."""
+"""The live view of a run on a real rig as text: several lines for a terminal, or one line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One case by itself: all its figures of the paper's tables in one."""
+"""The table of one case printed alone: the paper's metrics by method."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""What a sweep shows: per grid point the errors over its seeds, best and worst run, and what was not run and why."""
+"""What `rths sweep` and `rths report SWEEP` print: errors over the seeds of each grid point, failures, as text and
+JSON."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Figures as cells: a number, a marked number of an unfinished run, or the word that says why there is none."""
+"""A metric as a table cell: number, number marked as of an unfinished run, or a word why there is none."""
 
 from __future__ import annotations
 

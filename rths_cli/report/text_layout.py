@@ -1,4 +1,4 @@
-"""Plain text tables whose lines all have one width, and the spelling of a number in six characters."""
+"""Plain text layout: tables whose lines have one width, wrapped paragraphs, numbers in six characters."""
 
 from __future__ import annotations
 

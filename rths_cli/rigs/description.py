@@ -1,4 +1,4 @@
-"""What a laboratory knows of its rig before it has measured anything: channels, converters, limits, data sheet."""
+"""`RigInfo`, what a laboratory knows of its rig before any measurement: channels, converters, limits, data sheet."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a case to its rig: what a laboratory knows of it before it has measured anything, and its driver."""
+"""From a case's rig file to its `RigInfo` and its driver."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every rig does, real or virtual: open, arm, exchange, rest, close; and what some offer to compiled loops."""
+"""The interface of every rig: open, arm, exchange, rest, close; and optional ones for compiled loops and links."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rigs that other packages bring: found by entry point, made by their factory, held to the interface.
+"""Rigs of other packages: load the factory of an entry point, check that its rig keeps to the interface.
 
 An entry point of the group `rths.rigs` names a factory `make(info: RigInfo, options: Mapping[str, object]) -> Rig`;
 the entry point's own name is the `kind` of the rig file, `options` is what stands under that key there.

@@ -1,4 +1,4 @@
-"""From what a structure file states to matrices: stiffnesses, damping, both substructures and their total."""
+"""From a structure file to matrices: storey stiffnesses, damping, both substructures and their total."""
 
 from __future__ import annotations
 

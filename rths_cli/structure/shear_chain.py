@@ -1,4 +1,4 @@
-"""Matrices and modes of shear buildings, which are chains of storeys."""
+"""Matrices, modes and damping of a chain of storeys."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The two substructures of a cut building and the total they add up to."""
+"""Data classes of the numerical substructure, the specimen and the total building, with their mass, damping, stiffness
+matrices."""
 
 from __future__ import annotations
 

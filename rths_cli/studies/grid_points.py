@@ -1,4 +1,4 @@
-"""The grid points of a sweep as cases: all read and checked before the first run, none kept."""
+"""The case of each grid point: all are read and checked before the first run."""
 
 from __future__ import annotations
 

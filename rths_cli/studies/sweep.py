@@ -1,4 +1,5 @@
-"""Run every variant of one case as EXP-RTHS on the virtual rig, keep the figures, and write one table."""
+"""What `rths sweep` does: check the grid, play every run as EXP-RTHS on the virtual rig side by side, write one
+table."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""What a sweep runs: every combination of the varied values, each with every seed. Pure data, read from text."""
+"""The grid of a sweep: parse `--vary` and `--seeds` (axes), number its combinations and seeds. Pure data, read from
+text."""
 
 from __future__ import annotations
 

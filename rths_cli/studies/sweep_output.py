@@ -1,4 +1,4 @@
-"""Where a sweep's table goes, what of it is there already, and the table made of all rows."""
+"""The files of a sweep: where its table goes, which runs an interrupted one has already, all rows joined."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The runs of a sweep: what they share is made once, each is played with its seed and only its errors are kept."""
+"""Play one run of a sweep by the pipeline of experiment/, keep only its errors; what runs share is computed once."""
 
 from __future__ import annotations
 

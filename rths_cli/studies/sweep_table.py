@@ -1,4 +1,4 @@
-"""The table of a sweep: its columns with unit and definition, and one row of figures per run."""
+"""The columns of a sweep's table: which metrics it keeps of each run, with unit and definition."""
 
 from __future__ import annotations
 

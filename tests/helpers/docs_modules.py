@@ -14,7 +14,7 @@ ORDER = (
     "cli", "api", "report", "studies", "experiment", "loop", "analysis", "identification", "control", "rigs",
     "structure", "files", "case", "numerics", "quantities",
 )  # fmt: skip
-WIDTH = 118
+WIDTH = 120
 
 
 def module_map() -> str:
@@ -44,13 +44,27 @@ def _tree(folder: Path, indent: str) -> list[str]:
 
 
 def _folder(folder: Path, indent: str) -> list[str]:
-    files = sorted(path for path in folder.glob("*.py") if not path.name.startswith("__"))
-    return [line for path in files for line in _entry(f"{indent}{path.name}", _first_sentence(path))]
+    lines = _entry(f"{indent}__init__.py", about) if (about := _about_init(folder / "__init__.py")) else []
+    files = sorted(path for path in folder.glob("*.py") if path.name != "__init__.py")
+    return lines + [line for path in files for line in _entry(f"{indent}{path.name}", _first_sentence(path))]
+
+
+def _about_init(path: Path) -> str:
+    """Return what a package's `__init__.py` holds, "" where it is a docstring."""
+    body = ast.parse(path.read_text(encoding="utf-8")).body
+    written = [
+        f"`{node.name}`"
+        for node in body
+        if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_")
+    ]
+    if written:
+        return f"{', '.join(written)}: the package's own functions, written here"
+    return "The package's public names, imported from the modules that define them" if len(body) > 1 else ""
 
 
 def _entry(name: str, about: str) -> list[str]:
-    head = f"{name:<28} "
-    return textwrap.wrap(about, WIDTH, initial_indent=head, subsequent_indent=" " * 30) or [head.rstrip()]
+    head = f"{name:<30} "
+    return textwrap.wrap(about, WIDTH, initial_indent=head, subsequent_indent=" " * 32) or [head.rstrip()]
 
 
 def _first_sentence(path: Path) -> str:

@@ -1,4 +1,4 @@
-"""Figures of merit of a run: errors, tracking fidelity, the 2020 benchmark's criteria, energy.
+"""The metrics of a run: errors, tracking fidelity, the 2020 benchmark's criteria, energy, accept limits.
 
 Time is the last axis of every array. docs/background/metrics.md has formula, source and sign of each.
 """

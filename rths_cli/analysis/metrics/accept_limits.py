@@ -1,4 +1,4 @@
-"""A limit that a case puts on one of its figures (`accept`), judged while it runs and from its file alike."""
+"""Judge one `accept` limit of a case: parse the path (`exp_rths.rms_error_m_s2[3]`), compare value and limit."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Evaluation criteria J1 to J9 of the 2020 benchmark for real-time hybrid simulation, for any quantity and building.
+"""Evaluation criteria J1 to J9 of the 2020 benchmark for real-time hybrid simulation.
 
 Source: Silva, Gomez, Maghareh, Dyke, Spencer, Mech. Syst. Signal Process. 135 (2020) 106381. Ratios are not in
 percent; standard deviations remove the mean. The benchmark compares displacements relative to the ground; its

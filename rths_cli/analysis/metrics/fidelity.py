@@ -1,4 +1,4 @@
-"""How well the table follows: frequency evaluation index and tracking indicator, both with a sign."""
+"""Tracking fidelity: frequency evaluation index (gain and delay) and tracking indicator."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Slow motion, which no AC-coupled accelerometer knows: a zero-phase high pass for series and for tiles of them.
+"""The zero-phase high pass above which errors are evaluated, as AC-coupled accelerometers see no slow motion.
 
 The high pass is a 2nd-order Butterworth, forward and backward: 1 / (1 + (f_h / f)^4), no phase. What it removes is what
 the low pass of the same order and corner leaves, so that is found at a low rate, from means over blocks, and taken off.

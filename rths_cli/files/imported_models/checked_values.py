@@ -1,4 +1,4 @@
-"""Values of a model identified elsewhere, taken out of its document one by one; what is wrong is collected."""
+"""Take the values of an imported model out of its document one by one, collecting the faults."""
 
 from __future__ import annotations
 

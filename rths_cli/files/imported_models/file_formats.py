@@ -1,4 +1,4 @@
-"""What a model identified elsewhere states, read from YAML, JSON or a MATLAB file: values and their places.
+"""Read an imported model's document from YAML, JSON or MATLAB: values and their places.
 
 Nothing is judged here but form: a value is a number, a list of numbers, or text. What is not goes to the faults,
 and its key stays with the value None, so that nobody calls it missing as well.

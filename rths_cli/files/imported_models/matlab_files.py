@@ -1,4 +1,4 @@
-"""Named numbers and texts of a MATLAB file, v5 to v7 by scipy, v7.3 by h5py, read in a process of its own.
+"""Named numbers and texts of a MATLAB file (scipy, h5py), read in a process of its own.
 
 Damaged bytes can crash scipy's reader and hang the HDF5 library; then only that process ends, and the file is
 called damaged.

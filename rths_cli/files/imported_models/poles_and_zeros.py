@@ -1,4 +1,4 @@
-"""Roots of a model identified elsewhere: in conjugate pairs, in order, at the origin."""
+"""Roots of an imported model: complex pairs, order, count at the origin."""
 
 from __future__ import annotations
 

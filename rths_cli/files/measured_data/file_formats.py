@@ -1,4 +1,4 @@
-"""Which format a file of measured time histories has, told by its content, and what it holds."""
+"""Recognise the format of a measured file by its content (CSV, MATLAB, HDF5, TDMS) and read it."""
 
 from __future__ import annotations
 

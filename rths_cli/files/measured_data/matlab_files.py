@@ -1,4 +1,4 @@
-"""Variables of a MATLAB file of versions 5 to 7: numbers, texts, cell arrays of texts, structs of these.
+"""Read the variables of a MATLAB file of versions 5 to 7; other files (HDF5, 7.3): hdf5_files.py.
 
 An own reader, because scipy's crashes the whole process on damaged files. Every length is checked before it is used.
 Source: MathWorks, MAT-File Format (R2023b), chapter 1, Level 5.

@@ -1,4 +1,4 @@
-"""Missing samples of measured channels: named, and short gaps bridged where that changes nothing that matters."""
+"""Missing samples of measured channels: found, and short gaps bridged where that is harmless."""
 
 from __future__ import annotations
 

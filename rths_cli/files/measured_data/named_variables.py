@@ -1,4 +1,4 @@
-"""What the named variables of a MATLAB or HDF5 file mean: channels, a matrix with names, the time, the rate."""
+"""Interpret the named variables of a MATLAB or HDF5 file: channels, time, sample rate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a file of measured time histories holds: as found (`Contents`), and checked (`Recording`)."""
+"""Data classes of a measured file: as found (`Contents`), and checked (`Recording`)."""
 
 from __future__ import annotations
 

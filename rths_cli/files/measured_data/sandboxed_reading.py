@@ -1,4 +1,4 @@
-"""A trial of foreign bytes in a process of its own: damaged files hang or crash the HDF5 library."""
+"""Try to read a file in a child process first: damaged files hang or crash the HDF5 library."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Units and names of measured channels: `table (g)`, `table [m/s^2]`, `table_accel_m_s2`, `command_v`."""
+"""Parse units and names of measured channels: `table (g)`, `table [m/s^2]`, `table_accel_m_s2`, `command_v`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A result as CSV: one table for each run, and beside them one file that says what the columns are.
+"""`--to csv`: one table per run, and a JSON file that describes the columns.
 
 A table is a header and numbers, nothing else: time (or frequency) first, a column for each storey of a quantity, every
 number with the digits that give back the same double. The other file is JSON in the form of W3C's Metadata Vocabulary

@@ -1,4 +1,4 @@
-"""What `rths export` does: everything is read and checked first, then each result is written whole or not at all."""
+"""What `rths export` does: read and check everything first, then write each result whole or not at all."""
 
 from __future__ import annotations
 

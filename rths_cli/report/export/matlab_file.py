@@ -1,4 +1,4 @@
-"""A result as a MATLAB file of version 5: a struct for each group, the controller's blocks as `ss` wants them.
+"""`--to mat`: a MATLAB file of version 5, a struct for each group, the controller's blocks for `ss`.
 
 Time, or frequency, runs down the rows: a series is a column, a quantity of three storeys has three of them.
 """

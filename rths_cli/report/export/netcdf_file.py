@@ -1,4 +1,4 @@
-"""A result as netCDF-4 with CF attributes: xarray, MATLAB, ncdump and whatever else reads netCDF opens it.
+"""`--to netcdf`: netCDF-4 with CF attributes, for xarray, MATLAB and ncdump.
 
 Source: NetCDF Climate and Forecast (CF) Metadata Conventions, version 1.11; units as UDUNITS-2 spells them.
 """

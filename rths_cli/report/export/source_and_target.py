@@ -1,4 +1,4 @@
-"""What is exported of a result, and the files it goes to, written whole or not at all."""
+"""Shared by the formats: the open result as a source of series, and target files written whole or not at all."""
 
 from __future__ import annotations
 

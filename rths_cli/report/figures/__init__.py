@@ -1,4 +1,4 @@
-"""Publication figures of results: the paper's figures and further ones, for any structure, rig and number of storeys.
+"""Publication figures (PDF, PNG, SVG) of results, drawn by matplotlib: `rths report --figures`.
 
 docs/reference/figures.md says what each one shows.
 """

@@ -1,4 +1,4 @@
-"""Figures of a result's figures of merit: error by cause, peaks and errors by storey."""
+"""Figures of errors: error budget by cause, peaks and errors by storey."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a figure is drawn from: a result's series, each read once and thinned so that every peak stays."""
+"""The data of all figures: a result's series, read once and thinned so that every peak stays."""
 
 from __future__ import annotations
 

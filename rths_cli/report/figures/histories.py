@@ -1,4 +1,4 @@
-"""Time histories: tracking (the paper's Fig. 5.1), Kalman filter (5.2), storeys against SIM (5.3), errors over time."""
+"""Figures over time: tracking (the paper's Fig. 5.1), Kalman filter (5.2), storeys against SIM (5.3), errors."""
 
 from __future__ import annotations
 

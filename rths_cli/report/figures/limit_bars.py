@@ -1,4 +1,4 @@
-"""How near a test came to its limits, and how much the loop would have stood: peaks against limits, margins."""
+"""Figure of limits: peaks against the guard's limits, and the loop's margins."""
 
 from __future__ import annotations
 

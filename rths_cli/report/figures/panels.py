@@ -1,4 +1,4 @@
-"""Panels of figures: time histories as whole and close by, and rows of marks over labels."""
+"""Drawing helpers that several figures share: panels with zoom, rows of marks, headings, legends."""
 
 from __future__ import annotations
 

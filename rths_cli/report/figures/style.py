@@ -1,4 +1,4 @@
-"""How every figure of a result looks: widths, fonts, and one colour and line style per run, told apart in grey too."""
+"""Colours, line styles, fonts, widths and resolution of all figures of results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The time each step took: computing, lateness, exchange, lost samples; over time and as shares of the steps."""
+"""Figure of step timing: computing, lateness, exchange, lost samples; over time and as shares of the steps."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Draw the figures of results by name, and write them as files that are the same whenever the data are."""
+"""The list of figures by name; draw them and write files that are the same whenever the data are."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""A report in the formats that a page, a spreadsheet, a program or a paper takes: one module each, one form in."""
+"""A report in one format each: CSV, JSON, JUnit, LaTeX, Markdown; and the metrics' reference page."""

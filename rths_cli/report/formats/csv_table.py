@@ -1,4 +1,4 @@
-"""A report as CSV, tidy: one figure of one run a line, with all that tells the run apart."""
+"""`--format csv`: tidy, one metric of one run per line, with all that tells the run apart."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A report as one JSON document, by the schema that is published with it (configs/report.schema.json)."""
+"""`--format json`: one document, by the published schema (configs/report.schema.json)."""
 
 from __future__ import annotations
 

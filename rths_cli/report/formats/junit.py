@@ -1,4 +1,4 @@
-"""A batch as JUnit XML, which continuous integration shows: one test suite per run, one test per accept limit."""
+"""`--format junit`: JUnit XML for continuous integration, one test suite per run, one test per accept limit."""
 
 from __future__ import annotations
 

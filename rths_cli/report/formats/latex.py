@@ -1,4 +1,4 @@
-"""A report as LaTeX tables with booktabs, to be read into a paper by \\input."""
+r"""`--format latex`: tables with booktabs, for \input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A report as Markdown with pipe tables, for a repository's pages, issues and merge requests."""
+"""`--format markdown`: pipe tables, for a repository's pages, issues and merge requests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The reference page of all figures (docs/reference/metrics.md), made from their one table of definitions."""
+"""Generate docs/reference/metrics.md from the declarations of the metrics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report page: results as one self-contained HTML file."""
+"""The HTML page: results as one self-contained file, `rths report --format html`."""
 
 from rths_cli.report.page.document import page, write_page
 

@@ -1,4 +1,4 @@
-"""What one case has beside the error tables: error by cause, latency, timing of its steps, every figure of merit."""
+"""Section of one case: error by cause, latency, timing of its steps, every metric."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Long series made short without losing a peak: the smallest and the largest sample of every few are kept."""
+"""Shorten long series for the charts: the smallest and the largest sample of every few are kept."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The report page: one HTML file that needs no network, for a screen, a phone and paper."""
+"""The whole page: its sections in their order, embedded style, scripts and data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The identified table: its frequency response beside the model's for the plot, and its numbers as tables."""
+"""Section of the identified table: frequency response beside the model's as a chart, its numbers as tables."""
 
 from __future__ import annotations
 

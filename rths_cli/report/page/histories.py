@@ -1,4 +1,4 @@
-"""The time histories of a result as charts: table, storeys and their errors, made short without losing a peak."""
+"""Section of time histories: charts of table, storeys and their errors."""
 
 from __future__ import annotations
 

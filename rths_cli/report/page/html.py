@@ -1,4 +1,4 @@
-"""HTML that cannot be injected into: text is escaped unless its type says that it was made here."""
+"""HTML elements; all text is escaped, so that nothing can be injected."""
 
 from __future__ import annotations
 

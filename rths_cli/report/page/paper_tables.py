@@ -1,4 +1,4 @@
-"""The tables of the terminal as HTML tables: the paper's 5.1 and 5.2, one case alone, and the paper's claims."""
+"""Section of error tables: those of report/paper_tables.py, single_case_table.py and paper_claims.py as HTML."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The head of a report page: how every result ended, its limits, and where it comes from."""
+"""The head of the page: how every result ended, its limits, where it comes from, commands to repeat it."""
 
 from __future__ import annotations
 

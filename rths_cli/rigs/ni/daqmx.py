@@ -1,4 +1,4 @@
-"""The door to NI-DAQmx: tasks of one card, and every fault of package and driver as one sentence.
+"""Calls of NI-DAQmx: tasks, voltage ranges and sample clock of a card; every fault as one sentence.
 
 Input and output run on one sample clock in the mode hardware-timed single point: at each edge the card samples its
 inputs and puts out what was written last. The package has no name for the wait for that edge

@@ -1,4 +1,4 @@
-"""The NI rig behind the interface of every rig: write, wait for the edge of the sample clock, read."""
+"""The NI card as a rig: write, wait for the edge of the sample clock, read."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a target's answers, or their absence, mean to a user."""
+"""Sentences for the user about a target's refusals, fault flags and silence."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""The target's side of a handshake (docs/reference/udp.md, "Session"), in compiled code: no HELLO changes anything.
+"""The target's half of the handshake, in compiled code: answer HELLO, compute nonce and session key
+(docs/reference/udp.md).
 
 The target's nonce is computed, not drawn and kept: it is a hash, under a key that the target draws when it starts, of
 the runner's nonce, the number of sessions armed so far, and the current period of its clock. The first ARM of a session

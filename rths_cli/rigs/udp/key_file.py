@@ -1,4 +1,4 @@
-"""The secret that runner and target share: 16 bytes in a file, as 32 hexadecimal digits."""
+"""The file of the secret key that runner and target share."""
 
 from __future__ import annotations
 

@@ -1,4 +1,5 @@
-"""How a command goes on while the next one is late (docs/reference/udp.md): smoothly from point to point, then held.
+"""The trajectory between commands sent ahead, which runner and target follow while the next command is late
+(docs/reference/udp.md).
 
 Runner and target both move by `place_after`, so that after a stall the runner knows where the table stands. Between
 points it is the cubic whose slope at each is the mean of both sides (E. Catmull and R. Rom 1974): at most twice as

@@ -1,4 +1,5 @@
-"""The compiled link to a target: send a command, take its answer only, until a deadline (docs/reference/udp.md).
+"""The runner's exchange with a target, in compiled code: send a command, accept only its answer, until a deadline
+(docs/reference/udp.md).
 
 Everything is preallocated; the socket is connected, does not block, and belongs to one thread. Linux only.
 """

@@ -1,4 +1,4 @@
-"""The packets between runner and target, byte by byte (docs/reference/udp.md): fixed layout, little-endian.
+"""The packets byte by byte: every field, its place and type, and the tag (docs/reference/udp.md).
 
 A head of 40 bytes, up to 16 words of 8 bytes, a tag of 8 bytes over all before it. Compiled code reads and writes them
 in preallocated arrays; nothing here depends on the byte order of the machine.

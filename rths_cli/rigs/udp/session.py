@@ -1,4 +1,4 @@
-"""How a runner begins a session: HELLO, WELCOME or REFUSAL, and the shared session key (docs/reference/udp.md)."""
+"""The runner's half of the handshake: HELLO, WELCOME or REFUSAL, session key, agreed terms (docs/reference/udp.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""UDP sockets of both sides, IPv4 and IPv6."""
+"""Open UDP sockets of both sides, IPv4 and IPv6."""
 
 from __future__ import annotations
 

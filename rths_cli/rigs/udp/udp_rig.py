@@ -1,4 +1,4 @@
-"""A rig whose table hangs on a target behind UDP: a microcontroller, or `rths serve`."""
+"""The rig behind UDP as the runner sees it: link, session and faults behind the interface of every rig."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The virtual table's equations of motion as the arrays that its compiled kernel advances.
+"""Set up the virtual table before a run: its equations of motion, from physics to the kernel's arrays.
 
 State: x, v of the table, actuator force F, then displacement and velocity of each floor relative to the table.
 The linear part is advanced by its matrix exponential. Its two scalar nonlinearities, Coulomb friction

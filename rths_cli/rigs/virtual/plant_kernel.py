@@ -1,4 +1,4 @@
-"""The compiled virtual table: hold a command over one sample interval, return the next samples."""
+"""Advance the virtual table in the loop, compiled: friction, clipping, sensors, over one sample interval."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The virtual rig: kernel, sensors' noise and converters behind the interface of a real rig."""
+"""The virtual rig: kernel, sensor noise and converters behind the interface of every rig."""
 
 from __future__ import annotations
 

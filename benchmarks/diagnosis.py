@@ -2,22 +2,26 @@
 
     python benchmarks/diagnosis.py [--seed 1] [--count 200] [--output rows.jsonl]
 
-Chains of 1-8 floors, 0.3-60 Hz, 0.2-20 % damping, on a table with friction, of a plant of its own (own_plant.py); 12-18
-bits, 500 Hz-2 kHz, latency 0-8. Every chain is judged without a fault and with one: a reversed channel, a sensitivity
-off by 5-50 %, two channels exchanged, floors in reverse order, a dead channel, a mass off by 10-50 %. Printed: how many
-faults are named (alone, or in a group that holds them), how many are said but not refused, and who was accused wrongly.
+Chains of 1-8 floors, 0.3-60 Hz, 0.2-20 % damping, on a table with friction, of a plant of its own
+(tests/helpers/campaigns/own_plant.py); 12-18 bits, 500 Hz-2 kHz, latency 0-8. Every chain is judged without a fault and
+with one: a reversed channel, a sensitivity off by 5-50 %, two channels exchanged, floors in reverse order, a dead
+channel, a mass off by 10-50 %. Printed: how many faults are named (alone, or in a group that holds them), how many are
+said but not refused, and who was accused wrongly.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import sys
 from collections import Counter
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
-from own_chains import Chain, Fault, drawn_fault, drawn_plant, injected, made_chain
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
+from campaigns.own_chains import Chain, Fault, drawn_fault, drawn_plant, injected, made_chain
 
 from rths_cli.identification import channel_responses
 from rths_cli.identification.channel_signals import UnfitRecord

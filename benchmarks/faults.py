@@ -3,7 +3,7 @@
 python benchmarks/faults.py [RUNS] [--seed N] [--kind WORD] [--only runs|processes] [--workers N]
 
 Two levels. In one process, step, guard and loop play on a virtual table whose sensors, cables, amplifier, source and
-operator fail (tests/loop/fault_kinds.py: RUNS runs each, 20 by default). As processes, `rths serve`, a relay and
+operator fail (tests/helpers/loop_faults.py: RUNS runs each, 20 by default). As processes, `rths serve`, a relay and
 `rths run` are killed, frozen, cut off, cheated and starved of disk space (benchmarks/faults/fault_kinds.py: RUNS / 10).
 Exit code 1 when one run broke a limit, left its table moving, or told another reason, status or exit code.
 """
@@ -82,7 +82,7 @@ class Worker:
     """A folder with a rig of its own, and two servers of it, the second one for when the first is killed."""
 
     def __init__(self, number: int) -> None:
-        from fault_bench import Host, Served, make_files
+        from campaigns.fault_bench import Host, Served, make_files
 
         self.folder = Path(tempfile.mkdtemp(prefix="rths-faults-"))
         self.rig = f"faults_{number}"
@@ -99,7 +99,7 @@ class Worker:
 
     def played(self, name: str, seed: int) -> Row:
         """Run once with a fault of a kind."""
-        from fault_bench import Bench, Network, Served, start_runner
+        from campaigns.fault_bench import Bench, Network, Served, start_runner
         from fault_kinds import KINDS
 
         kind = KINDS[name]
@@ -124,7 +124,7 @@ class Worker:
 
     def _mistreated(self, bench: object, when: str, act: object) -> str:
         """Let a fault happen at its instant, wait for the end; return what the runner said on stderr."""
-        from fault_bench import PATIENCE_S, RECORD_S, SESSIONS
+        from campaigns.fault_bench import PATIENCE_S, RECORD_S, SESSIONS
 
         network, runner = bench.network, bench.runner  # type: ignore[attr-defined]
         ready = {"run": network.began.is_set, "listening": lambda: len(network.forth) > 40, "rehearsal": lambda: False}
@@ -149,7 +149,7 @@ class Worker:
         return sum(line.startswith("session") for _, line in self.served.lines)
 
     def _row(self, name: str, bench: object, output: Path, said: str) -> Row:
-        from fault_bench import used
+        from campaigns.fault_bench import used
         from fault_kinds import KINDS
 
         kind, code = KINDS[name], bench.runner.returncode  # type: ignore[attr-defined]

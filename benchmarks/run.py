@@ -12,7 +12,8 @@ from pathlib import Path
 
 for _threads in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(_threads, "1")  # before numpy is imported: one core against one core
-sys.path.insert(0, str(Path(__file__).parents[1]))  # the sources this file belongs to
+TREE = Path(__file__).parents[1]
+sys.path[:0] = [str(TREE), str(TREE / "tests" / "helpers")]  # the sources this file belongs to
 
 from speed.machine import machine  # noqa: E402
 from speed.parts import PARTS, rows_of  # noqa: E402

@@ -11,13 +11,16 @@ earliest. Printed: how long after that the guard called it stuck, or what else e
 from __future__ import annotations
 
 import argparse
+import sys
 import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from random_case_draw import make_records
-from random_cases import about, legitimate
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
+from campaigns.random_case_draw import make_records
+from campaigns.random_case_runs import about, legitimate
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import RthsError

@@ -2,8 +2,8 @@
 
     python benchmarks/udp_fault_reasons.py [RUNS] [--first N] [--kind WORD] [--workers N] [--counted]
 
-`benchmarks/faults/own_target.c`, compiled here, is a target written from docs/reference/udp.md with its own table and
-specimen; `rths identify --data` identifies it from its own records, then `rths run` plays a short record on it, 500 Hz.
+`tests/helpers/campaigns/own_target.c`, compiled here, is a target written from docs/reference/udp.md with its own table
+and specimen; `rths identify --data` identifies it from its own records, then `rths run` plays a short record, 500 Hz.
 Of each kind RUNS runs (20 by default) are played, from number `--first` on, the fault at a random instant at which the
 table moves, every other run without a limit on the tracking error. What is named first in the file's reason is the part
 that failed (true), a group that contains it, or another part (false). A run that was stopped before its fault, or whose
@@ -34,11 +34,11 @@ from queue import SimpleQueue
 import numpy as np
 
 HERE = Path(__file__).parent
-sys.path[:0] = [str(HERE / "faults"), str(HERE.parent / "tests" / "helpers")]
+sys.path.insert(0, str(HERE.parent / "tests" / "helpers"))
 
 import h5py  # noqa: E402
-from fault_bench import start_runner  # noqa: E402
-from own_laboratory import BEFORE_S, KINDS, RATE_HZ, STOP_BUTTON, TRACKED, Array, Kind, Laboratory, instant  # noqa: E402
+from campaigns.fault_bench import start_runner  # noqa: E402
+from campaigns.own_laboratory import BEFORE_S, KINDS, RATE_HZ, STOP_BUTTON, TRACKED, Array, Kind, Laboratory, instant  # noqa: E402
 from told_causes import ALL, LINK, MOTION, TABLE, verdict  # noqa: E402
 
 from rths_cli.loop.guard import END, NONE  # noqa: E402

@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 
-from fault_bench import COMMAND, Bench, Mishap, Packet, as_it_came, frozen
+from campaigns.fault_bench import COMMAND, Bench, Mishap, Packet, as_it_came, frozen
 
 STEP_S = 0.002
 

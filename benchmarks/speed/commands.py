@@ -5,7 +5,8 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-from speed.play import CASE
+from campaigns.step_run import CASE
+
 from speed.process import median_s, rths
 from speed.rows import Row
 

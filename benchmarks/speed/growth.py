@@ -8,16 +8,16 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from campaigns import step_run
 
 from rths_cli.control.numerical_substructure import interface
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
 from rths_cli.experiment.setup import Setup
 from rths_cli.structure import Numerical
-from speed import play
 from speed.commands import EIGHT
 from speed.process import median_s
-from speed.rows import RATIO, Row
+from speed.rows import RATIO, Row, seconds_of
 
 STOREYS = (3, 10, 30, 100)
 FLOORS = (2, 4, 8)
@@ -27,7 +27,7 @@ GENTLE = 0.1  # of the record, for tall buildings: they move the table farther
 REPETITIONS = 7
 
 
-def growth_rows(setup: Setup, given: play.Inputs) -> list[Row]:
+def growth_rows(setup: Setup, given: step_run.Inputs) -> list[Row]:
     """Measure growth over storeys, experimental floors, record length and cases."""
     storeys = {count: tall(setup, given, count) for count in STOREYS}
     lengths = {f"{length} s": shortened(given, round(length / setup.rig.dt_s)) for length in LENGTHS_S}
@@ -39,7 +39,7 @@ def growth_rows(setup: Setup, given: play.Inputs) -> list[Row]:
     ]
 
 
-def _rows(what: str, runs: dict[str, play.Inputs], demand: float | None) -> list[Row]:
+def _rows(what: str, runs: dict[str, step_run.Inputs], demand: float | None) -> list[Row]:
     """Compare the time per step with that of the first run; the demand is on the last."""
     first, *others = runs
     times = per_step_s(runs)
@@ -56,20 +56,20 @@ def _rows(what: str, runs: dict[str, play.Inputs], demand: float | None) -> list
     ]
 
 
-def per_step_s(runs: dict[str, play.Inputs]) -> dict[str, float]:
+def per_step_s(runs: dict[str, step_run.Inputs]) -> dict[str, float]:
     """Return the shortest time of a step of each run, measured by turns.
 
     Raises RuntimeError when a run does not reach its end.
     """
     for name, given in runs.items():
-        done = play.bound(given, play.fresh(given))()
+        done = step_run.bound(given, step_run.fresh(given))()
         if done != len(given.drive):
             raise RuntimeError(f"{name}: the run stopped after {done} of {len(given.drive)} steps")
-    turns = [{name: play.seconds_of(given, play.bound) for name, given in runs.items()} for _ in range(REPETITIONS)]
+    turns = [{name: seconds_of(given, step_run.bound) for name, given in runs.items()} for _ in range(REPETITIONS)]
     return {name: min(turn[name] for turn in turns) / len(given.drive) for name, given in runs.items()}
 
 
-def tall(setup: Setup, given: play.Inputs, storeys: int) -> play.Inputs:
+def tall(setup: Setup, given: step_run.Inputs, storeys: int) -> step_run.Inputs:
     """Return the run with so many storeys, all but two computed, each like the paper's, under a gentler record."""
     count = storeys - len(setup.floor_masses_kg)
     own = setup.building.numerical
@@ -83,17 +83,17 @@ def tall(setup: Setup, given: play.Inputs, storeys: int) -> play.Inputs:
     )
 
 
-def shortened(given: play.Inputs, steps: int) -> play.Inputs:
+def shortened(given: step_run.Inputs, steps: int) -> step_run.Inputs:
     """Return the run over the first steps only."""
     return replace(given, drive=given.drive[:steps].copy(), noise=given.noise[: steps + 1].copy())
 
 
-def many_floors(count: int) -> play.Inputs:
+def many_floors(count: int) -> step_run.Inputs:
     """Return the run with so many floors on the table that weigh as much together, identified and designed anew."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "floors.yaml"
         path.write_text(_case(count))
-        return play.inputs(*play.prepared(Memory(Cache()), str(path)))
+        return step_run.inputs(*step_run.prepared(Memory(Cache()), str(path)))
 
 
 def _case(floors: int) -> str:

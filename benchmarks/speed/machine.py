@@ -8,7 +8,7 @@ import subprocess
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from speed.in_c import OPTIONS, compiler
+from campaigns.step_in_c import OPTIONS, compiler
 
 PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "control", "openseespy")
 

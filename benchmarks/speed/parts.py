@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import cache
 
+from campaigns import step_run
+
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
 from rths_cli.experiment.setup import Setup
-from speed import play
 from speed.commands import command_rows
 from speed.growth import growth_rows
 from speed.rivals import rival_rows
@@ -19,10 +20,10 @@ from speed.sweep import sweep_rows
 
 
 @cache
-def paper_case() -> tuple[Setup, play.Inputs]:
+def paper_case() -> tuple[Setup, step_run.Inputs]:
     """Return the case that all parts share, and what its EXP-RTHS reads."""
-    setup, blocks = play.prepared(Memory(Cache()))
-    return setup, play.inputs(setup, blocks)
+    setup, blocks = step_run.prepared(Memory(Cache()))
+    return setup, step_run.inputs(setup, blocks)
 
 
 PARTS: dict[str, Callable[[], list[Row]]] = {

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
+from campaigns import step_run
 
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.experiment.setup import Setup
@@ -13,7 +14,6 @@ from rths_cli.loop.step import apply, note_sent, step
 from rths_cli.loop.step_arrays import NUMERICAL, Linear, Step, assemble, linear
 from rths_cli.numerics.compiled import entry
 from rths_cli.numerics.lti import Array
-from speed import play
 from speed.linear import GROUND, Part, Stepping, assembled, following_samples, network
 from speed.rows import RATIO, Row, difference, lowest_s
 
@@ -33,7 +33,7 @@ def run_linear(s: Step, table: Linear, drive: Array, commands: Array) -> None:
             s.samples[c] = table.made[table.states + c]
 
 
-def rival_rows(setup: Setup, given: play.Inputs) -> list[Row]:
+def rival_rows(setup: Setup, given: step_run.Inputs) -> list[Row]:
     """Time each program, ours on the same linear table, and compare all commands with plain numpy's."""
     parts, dt = network(setup, given.blocks), setup.rig.dt_s
     ground = np.ascontiguousarray(given.drive[2000 : 2000 + STEPS])

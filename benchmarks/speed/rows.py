@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from campaigns.step_run import Bind, Inputs, fresh
 
 RATIO = "x"  # the unit of a ratio
 
@@ -53,6 +54,11 @@ def seconds(work: Callable[[], object]) -> float:
     start = time.thread_time()
     work()
     return time.thread_time() - start
+
+
+def seconds_of(given: Inputs, bind: Bind) -> float:
+    """Return how long a run takes that begins at rest, by whatever `bind` makes of it."""
+    return seconds(bind(given, fresh(given)))
 
 
 def lowest_s(work: Callable[[], object], repetitions: int) -> float:

@@ -7,24 +7,25 @@ import tempfile
 from functools import partial
 from pathlib import Path
 
-from speed import in_c, play
-from speed.rows import RATIO, Row, alternating_s, difference
+from campaigns import step_in_c, step_run
+
+from speed.rows import RATIO, Row, alternating_s, difference, seconds_of
 
 PAIRS = 25
 SAME = 1e-9
 CONTENTS = "noise, quantisation, friction, guard, log, and a look at the time every 16 steps"
 
 
-def step_rows(given: play.Inputs) -> list[Row]:
+def step_rows(given: step_run.Inputs) -> list[Row]:
     """Play the run by turns in ours and in C."""
-    if in_c.compiler() is None:
+    if step_in_c.compiler() is None:
         return [Row("EXP-RTHS step / C: no C compiler here", None, RATIO, 1.2), _alone(given)]
     with tempfile.TemporaryDirectory() as folder:
-        library = in_c.compiled(Path(folder))
-        bind_c = partial(in_c.bound, library)
+        library = step_in_c.compiled(Path(folder))
+        bind_c = partial(step_in_c.bound, library)
         apart = _apart(given, bind_c)
         ours, theirs = alternating_s(
-            lambda: play.seconds_of(given, play.bound), lambda: play.seconds_of(given, bind_c), PAIRS
+            lambda: seconds_of(given, step_run.bound), lambda: seconds_of(given, bind_c), PAIRS
         )
     return _rows(len(given.drive), ours, theirs, apart)
 
@@ -36,13 +37,13 @@ def _rows(steps: int, ours: list[float], theirs: list[float], apart: float) -> l
     return [
         Row(f"EXP-RTHS step / C, median of {PAIRS} pairs", statistics.median(ratios), RATIO, 1.2, pairs),
         Row("EXP-RTHS step / C, shortest of each", min(ours) / min(theirs), RATIO, 1.2, per_step),
-        Row("EXP-RTHS step less C, signals, of their peaks", apart, RATIO, SAME, ", ".join(play.SIGNALS)),
+        Row("EXP-RTHS step less C, signals, of their peaks", apart, RATIO, SAME, ", ".join(step_run.SIGNALS)),
         _loop(steps, ours),
     ]
 
 
-def _alone(given: play.Inputs) -> Row:
-    return _loop(len(given.drive), [play.seconds_of(given, play.bound) for _ in range(PAIRS)])
+def _alone(given: step_run.Inputs) -> Row:
+    return _loop(len(given.drive), [seconds_of(given, step_run.bound) for _ in range(PAIRS)])
 
 
 def _loop(steps: int, ours: list[float]) -> Row:
@@ -50,13 +51,13 @@ def _loop(steps: int, ours: list[float]) -> Row:
     return Row("one EXP-RTHS of 54 s at 2 kHz, in the loop", 1e3 * statistics.median(ours), "ms", 20.0, behind)
 
 
-def _apart(given: play.Inputs, bind_c: play.Bind) -> float:
+def _apart(given: step_run.Inputs, bind_c: step_run.Bind) -> float:
     """Return by how much the signals of both differ at most, of the peak of each (infinite when one stops early)."""
-    ours, theirs = play.fresh(given), play.fresh(given)
-    done = play.bound(given, ours)(), bind_c(given, theirs)()
+    ours, theirs = step_run.fresh(given), step_run.fresh(given)
+    done = step_run.bound(given, ours)(), bind_c(given, theirs)()
     if done != (len(given.drive), len(given.drive)):
         return float("inf")
-    return max(difference(getattr(ours.signals, name), getattr(theirs.signals, name)) for name in play.SIGNALS)
+    return max(difference(getattr(ours.signals, name), getattr(theirs.signals, name)) for name in step_run.SIGNALS)
 
 
 def _ns(duration_s: float, steps: int) -> str:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import subprocess
 
-from speed.play import CASE
+from campaigns.step_run import CASE
+
 from speed.process import Ran, rths
 from speed.rows import RATIO, Row
 

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 import random
-import sys
 from pathlib import Path
 
 import click
+from campaigns.option_trials import Trial, trials, tried
+from campaigns.valid_files import SHORT_RECORD
 
 from rths_cli.cli import cli
-
-sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
-import hostile_options
-import mutated_files
 
 QUICK = ("check", "records", "new", "schema")
 VALUES = ("", "nan", "\x1b[2Jred", "circle")  # of each option
@@ -22,15 +19,15 @@ KEYS = 6  # of a case, with one value each
 
 def test_a_value_that_nobody_means_is_refused_by_a_sentence(tmp_path: Path) -> None:
     record = tmp_path / "short.csv"
-    record.write_text(mutated_files.SHORT_RECORD)
+    record.write_text(SHORT_RECORD)
     for one in chosen(random.Random(16)):
-        _, fault, said = hostile_options.tried(tmp_path / "work", {record.name: record}, one, math.inf)
+        _, fault, said = tried(tmp_path / "work", {record.name: record}, one, math.inf)
         assert not fault, f"{one.line}: {fault}: {said}"
 
 
-def chosen(rng: random.Random) -> list[hostile_options.Trial]:
+def chosen(rng: random.Random) -> list[Trial]:
     """Return some values of every option of the quick commands, and some keys of a case with any value."""
-    quick = [one for one in hostile_options.trials() if one.command in QUICK]
+    quick = [one for one in trials() if one.command in QUICK]
     keys = [one for one in quick if " " in one.option]
     found = rng.sample(keys, KEYS)
     for option in dict.fromkeys((one.command, one.option) for one in quick if one not in keys):
@@ -40,12 +37,12 @@ def chosen(rng: random.Random) -> list[hostile_options.Trial]:
 
 
 def test_every_option_with_a_value_is_tried() -> None:
-    tried = {(one.command, one.option) for one in hostile_options.trials()}
+    on_trial = {(one.command, one.option) for one in trials()}
     with_value = {
         (name, parameter.opts[0])
         for name, command in cli.commands.items()
         for parameter in command.params
         if not (isinstance(parameter, click.Option) and parameter.is_flag)
     }
-    assert with_value <= tried
-    assert {("check", "--set scaling"), ("check", "--set identification.duration_s")} <= tried
+    assert with_value <= on_trial
+    assert {("check", "--set scaling"), ("check", "--set identification.duration_s")} <= on_trial

@@ -4,12 +4,13 @@ and a small sample of the benchmark of random cases."""
 from __future__ import annotations
 
 import json
-import sys
 import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
+from campaigns.random_case_draw import make_records
+from campaigns.random_case_runs import RAN, REFUSED, judged
 from scipy.linalg import eigh
 
 from rths_cli.case.load import load_cases
@@ -17,11 +18,6 @@ from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.run_case import Ended, run_case
 from rths_cli.experiment.setup import make_setup
 from rths_cli.files.result_reader import read_result
-
-sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
-
-from random_case_draw import make_records
-from random_cases import RAN, REFUSED, judged
 
 ONE_STOREY = {
     "numerical": {"masses_kg": [7.0], "stiffness_n_per_m": [8000.0]},

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 import re
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from campaigns import drifting_sensor_runs
+from campaigns.drifting_rig import DriftingRig
+from campaigns.drifting_sensor_runs import Added, Played, faults, nothing, outcome_of, played
 
 from rths_cli.analysis.metrics import error_figures
 from rths_cli.case.load import load_cases
@@ -30,11 +32,6 @@ from rths_cli.files.result_reader import read_result, read_series
 from rths_cli.loop import guard
 from rths_cli.loop.block_replay import run_block
 from rths_cli.loop.realtime_run import RAMP_UP_S
-
-sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
-import drifting_sensors
-from drifting_rig import DriftingRig
-from drifting_sensors import Added, Played, faults, nothing, played
 
 COUPLED = "table.sensors.high_pass_hz=0.1"
 MV_PER_MIN = 1e-3 / 60.0
@@ -192,9 +189,9 @@ def test_a_run_that_the_rig_ends_names_its_drifting_sensor_and_no_healthy_one(
     known = memory.known(setup, lambda _: None)
     design = verdict_on(setup, known).design
     assert design is not None
-    monkeypatch.setattr(drifting_sensors, "DriftingRig", EndStop)
+    monkeypatch.setattr(drifting_sensor_runs, "DriftingRig", EndStop)
     monkeypatch.setattr(EndStop, "beyond_m", beyond_m)
-    outcome, _ = drifting_sensors._outcome(setup, design, given, 1)
+    outcome, _ = outcome_of(setup, design, given, 1)
     assert outcome.rig_fault and outcome.whole is not None and outcome.reason == guard.NONE
     blocks = design.blocks
     for ended in (outcome, replace(outcome, reason=guard.RIG_FAULT, stopped_at_s=outcome.steps * setup.rig.dt_s)):
@@ -218,7 +215,7 @@ def test_what_stood_in_for_lost_samples_accuses_no_healthy_sensor(
     known = memory.known(setup, lambda _: None)
     design = verdict_on(setup, known).design
     assert design is not None
-    outcome, _ = drifting_sensors._outcome(setup, design, nothing(3), 1)
+    outcome, _ = outcome_of(setup, design, nothing(3), 1)
     assert outcome.whole is not None
     dt, whole = setup.rig.dt_s, outcome.whole
     missing, shown = np.zeros(whole.command_v.size, dtype=bool), np.zeros_like(whole.corrected)

@@ -5,17 +5,13 @@
 
 from __future__ import annotations
 
-import sys
 import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-
-sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
-
-from range_ends import an_end, documented, drawn
+from campaigns.range_end_cases import an_end, documented, drawn
 
 from rths_cli.analysis.sim import simulate
 from rths_cli.analysis.sim_delay import simulate_delayed

@@ -4,26 +4,24 @@ from __future__ import annotations
 
 import os
 import random
-import sys
 import traceback
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from campaigns.file_damage import Target, damaged
+from campaigns.valid_files import SHORT_RECORD
 from test_hdf5_safety import everything, made
 
 from rths_cli.errors import InputError
 from rths_cli.files.accelerograms import read_accelerogram
 from rths_cli.files.measured_data.sandboxed_reading import survives
 
-sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
-import mutated_files
-
 
 def short_record(folder: Path) -> Path:
     """Write a record."""
     path = folder / "short.csv"
-    path.write_text(mutated_files.SHORT_RECORD)
+    path.write_text(SHORT_RECORD)
     return path
 
 
@@ -40,7 +38,7 @@ def test_a_damaged_file_is_read_or_refused_by_a_sentence(
     make, read = KINDS[kind]
     monkeypatch.chdir(tmp_path)
     file = tmp_path / "damaged"
-    target = mutated_files.Target(kind, make(tmp_path), kind == "result", ())
+    target = Target(kind, make(tmp_path), kind == "result", ())
 
     def read_or_refuse() -> None:
         try:
@@ -52,5 +50,5 @@ def test_a_damaged_file_is_read_or_refused_by_a_sentence(
             os.abort()
 
     for number in range(80):
-        damage = mutated_files.damaged(target, file, random.Random(f"15/{number}"))
+        damage = damaged(target, file, random.Random(f"15/{number}"))
         assert survives(read_or_refuse), f"{number}: {damage}"

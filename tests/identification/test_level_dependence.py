@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
-from own_chains import made_chain
-from own_plant import Plant
+from campaigns.own_chains import made_chain
+from campaigns.own_plant import Plant
 
 from rths_cli.identification.identify import identify
 from rths_cli.identification.results import Identification

@@ -1,21 +1,17 @@
 """Chains of any stiffness and damping obey the storeys' equations; faults of channels and masses do not, and are named.
 
-The records come from a plant of its own (benchmarks/own_plant.py), which shares no code with the project. Many more
-chains: benchmarks/diagnosis.py.
+The records come from a plant of its own (tests/helpers/campaigns/own_plant.py), which shares no code with the project.
+Many more chains: benchmarks/diagnosis.py.
 """
 
 from __future__ import annotations
 
-import sys
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
-
-sys.path.append(str(Path(__file__).parents[2] / "benchmarks"))
-from own_chains import Chain, Fault, injected, made_chain
-from own_plant import Plant
+from campaigns.own_chains import Chain, Fault, injected, made_chain
+from campaigns.own_plant import Plant
 
 from rths_cli.identification import channel_responses
 from rths_cli.identification.chain_residual import explained, first_values, grouped

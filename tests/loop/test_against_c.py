@@ -1,15 +1,14 @@
-"""The compiled step against the same blocks written a second time, in C (benchmarks/step.c)."""
+"""The compiled step against the same blocks written a second time, in C (tests/helpers/campaigns/step.c)."""
 
 from __future__ import annotations
 
 import ctypes
-import sys
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 from bench import LINEAR, rig_info, specimen
+from campaigns import step_in_c, step_run
 from hybrid import best_like, ground, open_limits, paper_like
 
 from rths_cli.case.virtual_physics_schema import VirtualPhysics
@@ -17,39 +16,36 @@ from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import RigInfo
 from rths_cli.rigs.virtual.virtual_rig import build_plant
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "benchmarks"))
-from speed import in_c, play
-
 STEPS = 2000
 FRICTION, FORCE_LIMIT = VirtualPhysics(), VirtualPhysics(force_limit_n=12.0)
-pytestmark = pytest.mark.skipif(in_c.compiler() is None, reason="no C compiler here")
+pytestmark = pytest.mark.skipif(step_in_c.compiler() is None, reason="no C compiler here")
 
 
 @pytest.fixture(scope="module")
 def library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
-    return in_c.compiled(tmp_path_factory.mktemp("c"))
+    return step_in_c.compiled(tmp_path_factory.mktemp("c"))
 
 
 def given(
     physics: VirtualPhysics, info: RigInfo, drive: Array, noise_rms: float = 3e-4, best: bool = True
-) -> play.Inputs:
+) -> step_run.Inputs:
     """Return blocks of the bench with shaped commands on a table with this physics."""
     blocks = replace((best_like if best else paper_like)(info), shaping_step_v=info.converters.step_v)
     noise = np.random.default_rng(5).standard_normal((len(drive) + 1, len(info.channels)))
-    return play.Inputs(build_plant(info, physics, specimen(), noise_rms), blocks, open_limits(info), drive, noise)
+    return step_run.Inputs(build_plant(info, physics, specimen(), noise_rms), blocks, open_limits(info), drive, noise)
 
 
-def both(library: ctypes.CDLL, inputs: play.Inputs) -> tuple[play.State, play.State, int]:
+def both(library: ctypes.CDLL, inputs: step_run.Inputs) -> tuple[step_run.State, step_run.State, int]:
     """Play the inputs by our step and in C; return both states and the steps done."""
-    ours, theirs = play.fresh(inputs), play.fresh(inputs)
-    done = play.bound(inputs, ours)()
-    assert in_c.bound(library, inputs, theirs)() == done
+    ours, theirs = step_run.fresh(inputs), step_run.fresh(inputs)
+    done = step_run.bound(inputs, ours)()
+    assert step_in_c.bound(library, inputs, theirs)() == done
     return ours, theirs, done
 
 
-def assert_same(ours: play.State, theirs: play.State, done: int) -> None:
+def assert_same(ours: step_run.State, theirs: step_run.State, done: int) -> None:
     """Compare every signal, the guard's flags, and what table, numerical part and controllers remember."""
-    for name in play.SIGNALS:
+    for name in step_run.SIGNALS:
         one, two = (getattr(state.signals, name)[..., :done] for state in (ours, theirs))
         assert np.abs(one).max() > 0.0, name
         np.testing.assert_allclose(two, one, rtol=0.0, atol=1e-9 * np.abs(one).max(), err_msg=name)
@@ -58,7 +54,7 @@ def assert_same(ours: play.State, theirs: play.State, done: int) -> None:
     np.testing.assert_array_equal(ours.guard.flags, theirs.guard.flags)
 
 
-def memory(state: play.State) -> tuple[Array, ...]:
+def memory(state: step_run.State) -> tuple[Array, ...]:
     s = state.step
     return (
         state.guard.energy,
@@ -125,6 +121,6 @@ def test_a_linear_table_is_the_one_of_c(library: ctypes.CDLL) -> None:
 
 def test_a_structure_of_another_size_is_refused(library: ctypes.CDLL) -> None:
     inputs = given(FRICTION, rig_info(), ground(STEPS))
-    state = play.fresh(inputs)
+    state = step_run.fresh(inputs)
     with pytest.raises(ValueError, match="GuardState has"):
-        in_c.bound(library, inputs, replace(state, log=state.guard))  # type: ignore[arg-type]
+        step_in_c.bound(library, inputs, replace(state, log=state.guard))  # type: ignore[arg-type]

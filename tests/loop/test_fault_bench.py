@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 import struct
-import sys
-from pathlib import Path
 
 import pytest
+from campaigns.fault_bench import COMMAND, FASTEST_V, GAIN_M_PER_V, RATE_HZ, STROKE_M, used
 from packets import Packet
-
-sys.path.append(str(Path(__file__).parents[2] / "benchmarks" / "faults"))
-
-from fault_bench import COMMAND, FASTEST_V, GAIN_M_PER_V, RATE_HZ, STROKE_M, used
 
 INTERVAL_NS = 1_000_000_000 // RATE_HZ
 

@@ -3,14 +3,9 @@
 from __future__ import annotations
 
 import shutil
-import sys
-from pathlib import Path
 
 import pytest
-
-sys.path.append(str(Path(__file__).parents[2] / "benchmarks" / "faults"))
-
-from own_laboratory import KINDS, Laboratory, instant
+from campaigns.own_laboratory import KINDS, Laboratory, instant
 
 from rths_cli.loop.guard import END
 

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from speed.play import Inputs, State
+from campaigns.step_run import Inputs, State
 
-SOURCE = Path(__file__).parents[1] / "step.c"
+SOURCE = Path(__file__).parent / "step.c"
 OPTIONS = ("-O3", "-march=native", "-fPIC", "-shared")
 DIMENSIONS = 4  # of an array, as step.c knows them
 

@@ -2,7 +2,7 @@
  *
  *     cc -std=c99 -O2 -o own_target own_target.c -lm && ./own_target KEYFILE [WHAT VALUE CHANNELS LAST AT]
  *
- * Written from docs/reference/udp.md; no code is shared with rths, examples/ or tests/. Time is counted, not measured: the table
+ * Written from docs/reference/udp.md; no code is shared with rths, examples/ or the rest of tests/. Time is counted, not measured: the table
  * moves on by one sample interval from one sequence number to the next, so that what it does hangs on the commands
  * alone and not on the load of this computer. Only watchdog, late answers and freezes use the clock.
  * With `-` and a rate in Hz instead of the key file no time passes: it writes samples and reads commands, line by line.

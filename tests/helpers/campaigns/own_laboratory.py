@@ -14,26 +14,24 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from told_causes import ALL, FIRST, LINK, SPECIMEN, TABLE, TABLE_SENSOR, TOP
+
+from rths_cli.case.load import load_cases
+from rths_cli.experiment.design import design_blocks
+from rths_cli.experiment.model_choice import Memory
+from rths_cli.experiment.one_table_run import drive_of
+from rths_cli.experiment.rig_access import guard_limits
+from rths_cli.experiment.setup import make_setup
+from rths_cli.loop import realtime_run
+from rths_cli.loop.diagnosis import cause_of
+from rths_cli.loop.run_log import signals
+from rths_cli.loop.step_arrays import NUMERICAL
+from rths_cli.loop.stop_reasons import reason_of
+from rths_cli.rigs.description import RigInfo
+from rths_cli.rigs.udp.key_file import make_secret
 
 HERE = Path(__file__).parent
-sys.path.insert(0, str(HERE.parents[1] / "tests" / "helpers"))
-
-from told_causes import ALL, FIRST, LINK, SPECIMEN, TABLE, TABLE_SENSOR, TOP  # noqa: E402
-
-from rths_cli.case.load import load_cases  # noqa: E402
-from rths_cli.experiment.design import design_blocks  # noqa: E402
-from rths_cli.experiment.model_choice import Memory  # noqa: E402
-from rths_cli.experiment.one_table_run import drive_of  # noqa: E402
-from rths_cli.experiment.rig_access import guard_limits  # noqa: E402
-from rths_cli.experiment.setup import make_setup  # noqa: E402
-from rths_cli.loop import realtime_run  # noqa: E402
-from rths_cli.loop.diagnosis import cause_of  # noqa: E402
-from rths_cli.loop.run_log import signals  # noqa: E402
-from rths_cli.loop.step_arrays import NUMERICAL  # noqa: E402
-from rths_cli.loop.stop_reasons import reason_of  # noqa: E402
-from rths_cli.rigs.description import RigInfo  # noqa: E402
-from rths_cli.rigs.udp.key_file import make_secret  # noqa: E402
-
+TREE = HERE.parents[2]
 Array = NDArray[np.float64]
 STOP_BUTTON = "emergency stop"
 RATE_HZ, RECORD_S, BEFORE_S = 500, 4.5, 2.0  # a second at rest and the ramp come before the record
@@ -189,7 +187,7 @@ class Laboratory:
         words = [sys.executable, "-m", "rths_cli", "identify", "a.yaml", "--data", "loud.csv", "--data", "quiet.csv"]
         words += ["--set", f"table={self.rig}.yaml", "--set", f"sample_rate_hz={RATE_HZ}", "--quiet", "--no-figure"]
         words += ["--output", "model.h5"]
-        env = {**os.environ, "PYTHONPATH": str(HERE.parents[1]), "RTHS_KEY_FILE": str(self.folder / "key")}
+        env = {**os.environ, "PYTHONPATH": str(TREE), "RTHS_KEY_FILE": str(self.folder / "key")}
         done = subprocess.run(words, cwd=self.folder, env=env, capture_output=True, text=True)
         if done.returncode:
             raise RuntimeError(f"not identified: {done.stdout[-600:]} {done.stderr[-600:]}")

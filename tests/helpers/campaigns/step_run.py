@@ -20,7 +20,6 @@ from rths_cli.loop.step_arrays import NUMERICAL, Step, assemble
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.virtual.plant import Plant
 from rths_cli.rigs.virtual.plant_kernel import PlantState, fresh_state
-from speed.rows import seconds
 
 CASE = "el_centro_low_ff_fb"
 SIGNALS = tuple(name for name in widths(1, 1, 1, False) if name != "compute_ns")
@@ -86,8 +85,3 @@ def bound(given: Inputs, state: State) -> Callable[[], int]:
         given.plant, state.table, state.step, given.limits, state.guard, given.drive, len(given.drive), given.noise,
         state.log, after_v, scratch,
     )  # fmt: skip
-
-
-def seconds_of(given: Inputs, bind: Bind) -> float:
-    """Return how long a run takes that begins at rest, by whatever `bind` makes of it."""
-    return seconds(bind(given, fresh(given)))

@@ -16,21 +16,18 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from packets import Packet, opened, plain_siphash
+from smooth_way import smooth_way
+from udp_relay import Mishap, Relay, as_it_came
+
+from rths_cli.case.load import load_cases
+from rths_cli.experiment.model_choice import Memory
+from rths_cli.experiment.model_files import Cache, save
+from rths_cli.experiment.setup import make_setup
+from rths_cli.rigs.udp.key_file import make_secret
 
 HERE = Path(__file__).parent
-TREE = HERE.parents[1]
-sys.path.insert(0, str(TREE / "tests" / "helpers"))
-
-from packets import Packet, opened, plain_siphash  # noqa: E402
-from smooth_way import smooth_way  # noqa: E402
-from udp_relay import Mishap, Relay, as_it_came  # noqa: E402
-
-from rths_cli.case.load import load_cases  # noqa: E402
-from rths_cli.experiment.model_choice import Memory  # noqa: E402
-from rths_cli.experiment.model_files import Cache, save  # noqa: E402
-from rths_cli.experiment.setup import make_setup  # noqa: E402
-from rths_cli.rigs.udp.key_file import make_secret  # noqa: E402
-
+TREE = HERE.parents[2]
 RATE_HZ, RECORD_S = 500, 4.5
 HELLO, WELCOME, ARM, COMMAND = 1, 2, 4, 5
 SESSIONS = 3  # of a run: listening before its file begins, listening again, the run itself

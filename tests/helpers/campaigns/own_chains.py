@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from own_plant import Array, Plant
 
+from campaigns.own_plant import Array, Plant
 from rths_cli.identification.record_parts import Parts, Record
 from rths_cli.rigs.description import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
 

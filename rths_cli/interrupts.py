@@ -26,10 +26,10 @@ class Signals:
 
     def install(self) -> None:
         """Take the signals."""
-        signal.signal(signal.SIGINT, self._take)
-        signal.signal(signal.SIGTERM, self._take)
+        signal.signal(signal.SIGINT, self.take)
+        signal.signal(signal.SIGTERM, self.take)
         if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # nohup
-            signal.signal(signal.SIGHUP, self._take)
+            signal.signal(signal.SIGHUP, self.take)
         sys.unraisablehook = self._unraisable
 
     def ignore(self) -> None:
@@ -38,7 +38,8 @@ class Signals:
             if hasattr(signal, name):
                 signal.signal(getattr(signal, name), signal.SIG_IGN)
 
-    def _take(self, number: int, frame: FrameType | None) -> None:
+    def take(self, number: int, frame: FrameType | None) -> None:
+        """Remember a signal and raise its exception: what `install` has the system call."""
         self._arrived = KeyboardInterrupt if number == signal.SIGINT else Terminated
         raise self._arrived
 

@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 
 import rths_cli
-from rths_cli import api
+from rths_cli.experiment import check_command
 
 ROOT = Path(__file__).parents[1]
 CASE = "el_centro_low_ff_fb"
@@ -216,11 +216,20 @@ def test_bad_settings_are_told_in_one_sentence_each(settings: dict[str, object],
     ) or (all(any(word in fault for fault in refused.value.faults) for word in words))
 
 
-def test_texts_stay_texts_and_paths_are_taken() -> None:
+def test_texts_stay_texts_and_paths_are_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[str, ...]] = []
+
+    def load_all(paths: list[str], settings: tuple[str, ...], *_: object) -> None:
+        asked.append(settings)
+        raise rths_cli.InputError("no further")
+
+    monkeypatch.setattr(check_command, "load_all", load_all)
     given = {"name": "0.30", "identification.model": Path("m.h5"), "identification.seed": np.int64(3), "runs": ("sim",)}
-    assert api._texts(given, "paper") == (
-        'name="0.30"', 'identification.model="m.h5"', "identification.seed=3", 'runs=["sim"]', 'method="paper"'
-    )  # fmt: skip
+    with pytest.raises(rths_cli.InputError, match="no further"):
+        rths_cli.check(CASE, method="paper", settings=given)
+    assert asked == [
+        ('name="0.30"', 'identification.model="m.h5"', "identification.seed=3", 'runs=["sim"]', 'method="paper"')
+    ]
 
 
 def test_files_that_are_no_results_are_told(tmp_path: Path) -> None:

@@ -233,7 +233,7 @@ def _disturbances(
     """Return the disturbance of the samples (c, m) by cause; gain error, delay error and friction that were fitted, and
     their standard uncertainties."""
     s = 2j * np.pi * known.lines.frequency_hz
-    friction, more, friction_off = _friction(known, disturbed, command, velocity_m_s, instants)
+    friction, more, friction_off = friction_in_samples(known, disturbed, command, velocity_m_s, instants)
     answer = known.loop.rig * command
     rows = (answer[0], -s * answer[0])
     (gain, late), off = _told(known, disturbed[0] - friction[0], rows, _felt(known), instants)
@@ -245,7 +245,7 @@ def _disturbances(
     return parts, (gain, late, identified + more, *off, friction_off)
 
 
-def _friction(
+def friction_in_samples(
     known: Known,
     disturbed: ComplexArray,
     command: ComplexArray,
@@ -281,12 +281,12 @@ def _felt(known: Known) -> Array:
 def _told(
     known: Known, disturbed: ComplexArray, rows: tuple[ComplexArray, ...], weight: Array, instants: Array | None
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return the factors of rows as `_fitted` and their standard uncertainties, of the record's instants alone that
+    """Return the factors of rows as `fitted_factors` and their standard uncertainties, of the record's instants alone that
     have a weight (at the reduced rate; None: of all)."""
     both = np.vstack([*rows, disturbed[None]])
     if instants is not None:
         both = weighted_in_time(known.lines, both, instants)
-    found = _fitted(known, both[-1], tuple(both[:-1]), weight)
+    found = fitted_factors(known, both[-1], tuple(both[:-1]), weight)
     both = np.asarray(both * (weight * _inside(known)), dtype=complex)
     return found, tuple(float(off) for off in scatter(known.lines, both[:-1], both[-1]))
 
@@ -296,7 +296,9 @@ def _inside(known: Known) -> NDArray[np.bool_]:
     return (f >= FITTED_HZ[0]) & (f <= FITTED_HZ[1])
 
 
-def _fitted(known: Known, disturbed: ComplexArray, rows: tuple[ComplexArray, ...], weight: Array) -> tuple[float, ...]:
+def fitted_factors(
+    known: Known, disturbed: ComplexArray, rows: tuple[ComplexArray, ...], weight: Array
+) -> tuple[float, ...]:
     """Return the real factors of rows (m,) that explain most of a disturbance (m,) between FITTED_HZ, weighted."""
     inside = _inside(known)
     scaled = [(weight * row)[inside] for row in (*rows, disturbed)]

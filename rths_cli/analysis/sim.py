@@ -55,13 +55,13 @@ def simulate(building: Building, dt_s: float, ground_accel_m_s2: ArrayLike) -> R
     check_size(len(building.M), len(record), dt_s)
     A, B = state_equation(building.M, building.C, building.K)
     n = len(building.M)
-    solved = _modal_states(A, B, dt_s, record)
+    solved = modal_states(A, B, dt_s, record)
     if solved is None:
         states = _recursive_states(A, B, dt_s, record)
         solved = states, A[n:] @ states
     states, abs_accel = solved
     peaks = np.repeat([_peak(states[:n]), _peak(states[n:]), _peak(abs_accel)], n)
-    error = _accumulated_residual(A, B, dt_s, record, states, peaks)
+    error = accumulated_residual(A, B, dt_s, record, states, peaks)
     if not error <= _LARGEST_ERROR:
         raise InputError(
             f"SIM: this building can only be solved to {error:.1g} of its peak (at most {_LARGEST_ERROR:g}): its "
@@ -126,9 +126,12 @@ def hold_matrices(A: Array, B: Array, h_s: float, degree: int) -> tuple[Array, l
     return moved[:, :n], inputs
 
 
-def _modal_states(A: Array, B: Array, dt_s: float, record: Array) -> tuple[Array, Array] | None:
-    """Sum the modes to states (2n, n_samples) and absolute accelerations (n, n_samples); None when the eigenvectors are
-    too ill-conditioned. In balanced units they are not, only because some storeys are stiff."""
+def modal_states(A: Array, B: Array, dt_s: float, record: Array) -> tuple[Array, Array] | None:
+    """Sum the modes to states (2n, n_samples), in m and m/s, and absolute accelerations (n, n_samples), in m/s^2; None
+    when the eigenvectors are too ill-conditioned. In balanced units they are not, only because some storeys are stiff.
+
+    A (2n, 2n) and B (2n, 1) as of `state_equation`, record (n_samples,) in m/s^2.
+    """
     scale = balancing(A)
     eigenvalues, vectors = np.linalg.eig(A * scale / scale[:, None])
     if not np.linalg.cond(vectors) < _LARGEST_EIGENVECTOR_CONDITION:
@@ -166,9 +169,10 @@ def _recursive_states(A: Array, B: Array, dt_s: float, record: Array) -> Array:
     return states.T.copy()
 
 
-def _accumulated_residual(A: Array, B: Array, dt_s: float, record: Array, states: Array, peaks: Array) -> float:
+def accumulated_residual(A: Array, B: Array, dt_s: float, record: Array, states: Array, peaks: Array) -> float:
     """Return the largest residual of a step over `peaks` (3n,), times the steps the building remembers.
 
+    `states` (2n, n_samples) in m and m/s, `peaks` those of displacements, velocities and absolute accelerations.
     What rounds the states is no residual of the accelerations, which stiff storeys would make large: those come from
     the modes.
     """

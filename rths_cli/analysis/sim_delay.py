@@ -181,11 +181,11 @@ def integrate(
 DIVERGENCE_FACTOR = 1000.0
 _LARGEST_PHASE_PER_SUBSTEP = 0.5  # rad, of the fastest vibration of either part, in the coarsest solution
 _DIED_OUT = 20.0  # decay exponent within a sample, from which a motion is not resolved: e^-20 is 2e-9
-_MOST_WORK = 4e8  # substeps of the whole record times numbers that each handles: 5 to 10 s
+MOST_WORK = 4e8  # substeps of the whole record times numbers that each handles: 5 to 10 s
 _OWN_WORK = 30  # of a substep, in the same unit
 _MOST_STOREYS = 300  # in all: the eigenvalues of its critical delay take 10 s
 _MOST_SUBSTEPS_PER_SAMPLE = 10_000
-_LARGEST_CONDITION = 1e6  # of modal coordinates: beyond it they lose six digits
+LARGEST_CONDITION = 1e6  # of modal coordinates: beyond it they lose six digits
 _BLOCK = 1 << 20  # numbers that are turned into responses at a time
 _MOST_COMPARED = 1e9  # numbers in the comparison of two solutions; of larger ones every second, third, ... sample
 
@@ -271,7 +271,7 @@ def simulate_delayed(
     limit = DIVERGENCE_FACTOR * float(np.abs(sim.abs_accel_m_s2).max())
     bases = _basis(building.numerical), _basis(building.specimen)
     substeps, fastest = _first_substeps(building, bases, dt_s, delay_s)
-    most = int(_MOST_WORK / (_OWN_WORK + sum(basis.numbers for basis in bases)))
+    most = int(MOST_WORK / (_OWN_WORK + sum(basis.numbers for basis in bases)))
     if 2 * fastest.substeps * len(record) > most:
         raise InputError(fastest.refusal(len(record), most, by_modes=all(b.eigenvalues is not None for b in bases)))
     coarse = _solve(building, bases, dt_s, record, delay_s, substeps, most, limit)
@@ -361,7 +361,7 @@ def _basis(part: Numerical | Specimen) -> _Basis:
     ]
     T = np.array(columns).T
     rates = eigenvalues.astype(complex)
-    if not np.linalg.cond(T) < _LARGEST_CONDITION:
+    if not np.linalg.cond(T) < LARGEST_CONDITION:
         return _Basis(A, np.eye(len(A)), None, rates)
     return _Basis(A, scale[:, None] * T, rates[kept], rates)
 

@@ -95,7 +95,12 @@ def dump(data: object) -> str:
     Python, which therefore writes what holds such text.
     """
     text = _dumped(data, _FastDumper)
-    return text if not _QUOTED.search(text) else _dumped(data, _Dumper)
+    return text if not _QUOTED.search(text) else dump_in_python(data)
+
+
+def dump_in_python(data: object) -> str:
+    """Return what `dump` must write, by the dumper in Python whatever the data: several times as slow."""
+    return _dumped(data, _Dumper)
 
 
 def _dumped(data: object, dumper: type[yaml.SafeDumper]) -> str:

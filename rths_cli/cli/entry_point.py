@@ -30,7 +30,7 @@ def main() -> NoReturn:
     SIGNALS.install()
     _one_blas_thread()
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # pydantic would look for some in every package
-    code = _guarded()
+    code = run_command()
     SIGNALS.ignore()
     if any_abandoned():  # a computation still uses libraries that a usual end unloads
         sys.stdout.flush()
@@ -70,8 +70,8 @@ def _one_blas_thread() -> None:
         os.environ.setdefault(name, "1")
 
 
-def _guarded() -> int:
-    """Run the command; turn every way of failing into sentences and a code."""
+def run_command() -> int:
+    """Run the command of sys.argv and return its exit code; every way of failing becomes sentences and a code."""
     try:
         code = int(cli.main(standalone_mode=False) or 0)
         sys.stdout.flush()

@@ -94,10 +94,10 @@ def sampled_table(model: Model, dt_s: float) -> StateSpace:
     held = model.delay_s > 0.0
     block = discretise(system, dt_s, "zoh" if held else "foh", "table", ("command_v",), ("accel_m_s2",))
     delay = max(round(model.delay_s / dt_s - 0.5), 0) if held else 0
-    return _delayed(StateSpace(block.A, block.B, block.C, block.D), delay)
+    return delayed(StateSpace(block.A, block.B, block.C, block.D), delay)
 
 
-def _delayed(system: StateSpace, samples: int) -> StateSpace:
+def delayed(system: StateSpace, samples: int) -> StateSpace:
     """Return a discrete single-input system whose input is delayed by whole samples."""
     a, b, c, d = system.A, system.B, system.C, system.D
     for _ in range(samples):
@@ -118,12 +118,12 @@ def lqg(model: Model, noise: float, dt_s: float, weights: Weights = DEFAULT) -> 
     steady-state Kalman filter; it is driven by the command that was applied, so that a limit does not wind it up.
     More noise means less bandwidth.
     """
-    plant = _plant(sampled_table(model, dt_s), dt_s, weights)
-    return _regulator(plant, _regulator_gain(model, plant, weights), noise, dt_s)
+    plant = lqg_plant(sampled_table(model, dt_s), dt_s, weights)
+    return _regulator(plant, regulator_gain(model, plant, weights), noise, dt_s)
 
 
-def _regulator_gain(model: Model, plant: Plant, weights: Weights) -> Array:
-    """Return the state feedback (1, n); it does not depend on the noise."""
+def regulator_gain(model: Model, plant: Plant, weights: Weights) -> Array:
+    """Return the state feedback (1, n) in V per state of the plant; it does not depend on the noise."""
     a, b, c, direct, _, _ = plant
     strength = abs(model.response(np.array(weights.disturbance_hz[1:]))[0])
     cost = direct.T @ direct + (weights.command_weight * strength) ** 2
@@ -150,8 +150,9 @@ def unlimited(feedback: Block) -> Block:
     return Block(feedback.name, feedback.A, b, feedback.C, d, feedback.dt_s, feedback.inputs[:1], feedback.outputs)
 
 
-def _plant(table: StateSpace, dt_s: float, weights: Weights) -> Plant:
-    """Return A, B, C, D of sampled table and disturbance together, then B and D of the disturbance's white noise."""
+def lqg_plant(table: StateSpace, dt_s: float, weights: Weights) -> Plant:
+    """Return A (n, n), B (n, 1), C (1, n), D (1, 1) of sampled table and disturbance together, from command in V to
+    acceleration in m/s^2, then B (n, 1) and D (1, 1) of the disturbance's white noise."""
     low, high = (2.0 * np.pi * f for f in weights.disturbance_hz)
     colour = from_roots(np.zeros(1, dtype=complex), np.array([-low, -high], dtype=complex), high)
     shape = discretise(colour, dt_s, "foh", "disturbance", ("w",), ("d",))
@@ -238,8 +239,8 @@ def design(
     most = BAND_SHARE * model.band_hz[1]
     wanted = most if bandwidth_hz is None else min(bandwidth_hz, most)
     table, sampled = table_response(model, measured, dt_s), sampled_table(model, dt_s)
-    plant = _plant(sampled, dt_s, weights)
-    gain = _regulator_gain(model, plant, weights)
+    plant = lqg_plant(sampled, dt_s, weights)
+    gain = regulator_gain(model, plant, weights)
     low, high = NOISE_RANGE
     best = _regulator(plant, gain, high, dt_s)
     useful = _keeps(best, table, wanted, max_sensitivity)
@@ -255,7 +256,7 @@ def design(
             f"controller: no feedback with a sensitivity peak of {max_sensitivity:g} or less is of use on this table; "
             "use controller: FF, raise max_sensitivity or lower command_weight"
         )
-    return _judge(best, table)
+    return with_margins(best, table)
 
 
 def _attempt(plant: Plant, gain: Array, noise: float, dt_s: float) -> Block | None:
@@ -297,8 +298,8 @@ def _least_sensitivity(block: Block, table: Table, band_hz: tuple[float, float])
     return float(np.abs(sensitivity(block, table.measured, table.frequency_hz))[inside].min(initial=1.0))
 
 
-def _judge(block: Block, table: Table) -> Feedback:
-    """Return a feedback with its figures on a table."""
+def with_margins(block: Block, table: Table) -> Feedback:
+    """Return a feedback with its margins on a table, measured and modelled."""
     loop, modelled = _loops(block, table)
     with_data = margins(loop, table.frequency_hz)
     worst = max(worst_sensitivity_peak(loop, table.relative_error), with_data.sensitivity_peak)

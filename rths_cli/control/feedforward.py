@@ -25,7 +25,7 @@ def leaky_inverse(model: Model, dt_s: float, leak_hz: float = LEAK_HZ) -> Block:
     so that it is stable. Bilinear: neither lag nor lead at low frequency."""
     finite = model.zeros[np.abs(model.zeros) > 1e-9]
     leak = -2.0 * np.pi * leak_hz
-    c2, c1, weights, constant = _split_double_pole(model.poles, finite, 1.0 / model.gain, leak)
+    c2, c1, weights, constant = split_double_pole(model.poles, finite, 1.0 / model.gain, leak)
     rest = modal(finite, weights, constant)
     n = rest.A.shape[0]
     a = np.block([[rest.A, np.zeros((n, 2))], [np.zeros((2, n)), np.array([[leak, 1.0], [0.0, leak]])]])
@@ -46,7 +46,7 @@ def lagged_inverse(model: Model, dt_s: float, lead_samples: int) -> Block:
     finite = model.zeros[np.abs(model.zeros) > 1e-9]
     poles = np.concatenate([finite, low_pass])
     gain = float(np.real(np.prod(-low_pass))) / model.gain
-    c2, c1, weights, constant = _split_double_pole(model.poles, poles, gain, 0.0)
+    c2, c1, weights, constant = split_double_pole(model.poles, poles, gain, 0.0)
     block = discretise(modal(poles, weights, constant), dt_s, "foh", "feedforward", INPUTS[:1], OUTPUTS)
     return _with_motion(block, c1, c2)
 
@@ -72,10 +72,10 @@ def _bessel_polynomial(order: int) -> list[float]:
     ]
 
 
-def _split_double_pole(
+def split_double_pole(
     zeros: ComplexArray, poles: ComplexArray, gain: float, at: float
 ) -> tuple[float, float, ComplexArray, float]:
-    """Split H(s) / (s - at)^2, H = gain prod(s - z) / prod(s - p), into
+    """Split a double pole off: H(s) / (s - at)^2, H = gain prod(s - z) / prod(s - p), into
     c2 / (s - at)^2 + c1 / (s - at) + sum w / (s - p) + constant."""
     value = gain * np.prod((at - zeros[: len(poles)]) / (at - poles)) * np.prod(at - zeros[len(poles) :])
     slope = value * (np.sum(1.0 / (at - zeros)) - np.sum(1.0 / (at - poles)))

@@ -67,13 +67,13 @@ def choose_feedback(
     try:
         usual = make(DEFAULT, stated.max_sensitivity)
     except InputError:
-        other = _first_safe(make, faults, stated.max_sensitivity)
+        other = first_safe(make, faults, stated.max_sensitivity)
         if other is None:
             raise
         return other[0], replace(other[1], usual_of_use=False)
     if not faults(usual):
         return usual, None
-    return _first_safe(make, faults, stated.max_sensitivity) or (usual, None)
+    return first_safe(make, faults, stated.max_sensitivity) or (usual, None)
 
 
 def _leaves_choice(setup: Setup) -> bool:
@@ -100,7 +100,7 @@ def _stated_weights(setup: Setup) -> Weights:
     return Weights((low, high), DEFAULT.command_weight if stated.command_weight is None else stated.command_weight)
 
 
-def _first_safe(make: Make, faults: Faults, max_sensitivity: float) -> tuple[Feedback, Chosen] | None:
+def first_safe(make: Make, faults: Faults, max_sensitivity: float) -> tuple[Feedback, Chosen] | None:
     """Return the first feedback with which the loop is safe, None where there is none.
 
     All FIRMER ones come first, then each so gentle that it amplifies half as much at worst, and so on.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import RLock
@@ -41,14 +42,15 @@ class Known:
 class Memory:
     """Identifications of this process: cases on the same rig and specimen share one.
 
-    With a `cache`, models of virtual rigs outlive the process. Threads identify one after another.
+    With a `cache`, models of virtual rigs outlive the process; `known` holds models that are there already, by the
+    `key` of their setup. Threads identify one after another.
     """
 
-    def __init__(self, cache: Cache | None = None) -> None:
+    def __init__(self, cache: Cache | None = None, known: Mapping[str, Known] | None = None) -> None:
         self._cache = cache
         self._plans: dict[str, Excitation] = {}
         self._files: dict[str, Stored | ForeignModel] = {}
-        self._known: dict[str, Known] = {}
+        self._known: dict[str, Known] = dict(known or {})
         self._lock = RLock()
 
     def prepare(self, setup: Setup) -> None:

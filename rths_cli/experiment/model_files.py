@@ -166,13 +166,13 @@ class Cache:
 
     def has(self, setup: Setup) -> bool:
         """Tell whether there is a model of the same rig, specimen, settings, seed and software."""
-        return not self._fresh and self._path(setup).exists()
+        return not self._fresh and self.path(setup).exists()
 
     def find(self, setup: Setup) -> Stored | None:
         """Return the model of the same rig, specimen, settings, seed and software, None when there is none."""
         if not self.has(setup):
             return None
-        path = self._path(setup)
+        path = self.path(setup)
         try:
             found = load(path, setup)
         except InputError:
@@ -184,10 +184,11 @@ class Cache:
     def keep(self, setup: Setup, found: Identification, data_sha256: str) -> None:
         """Keep a model for the next run."""
         with suppress(InputError):
-            save(self._path(setup), setup, found, "excited on the virtual table", data_sha256)
+            save(self.path(setup), setup, found, "excited on the virtual table", data_sha256)
             self._prune()
 
-    def _path(self, setup: Setup) -> Path:
+    def path(self, setup: Setup) -> Path:
+        """Return the file in which the model of a setup's rig and specimen is kept."""
         return self._folder / f"{key(setup)[:32]}.h5"
 
     def _prune(self) -> None:

@@ -40,7 +40,7 @@ def attributes(setup: Setup, design: Design | None, command_line: str) -> dict[s
         "overrides": " ".join(setup.overrides),
         "command_line": command_line,
         "platform": _platform(),
-        "package_versions": _versions(),
+        "package_versions": versions(),
         "git_commit": git_commit(),
         "record_sha256": setup.record_sha256,
         "model_sha256": model_sha256(design.model) if design else "",
@@ -69,7 +69,7 @@ def _platform() -> str:
 
 
 @cache
-def _versions() -> str:
+def versions() -> str:
     """Return Python's version and those of the packages as JSON."""
     return json.dumps({"python": platform.python_version(), **{name: package_version(name) for name in PACKAGES}})
 

@@ -103,7 +103,7 @@ def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
     keep_freed_memory()
     memory, shared = Memory(Cache(request.fresh)), SharedValues()
     jobs = plan(request, memory, shared)
-    shared.size = _most_kept(jobs)
+    shared.size = most_kept(jobs)
 
     def predicted(setup: Setup) -> Values:
         from rths_cli.files.imported_models import is_foreign
@@ -117,10 +117,10 @@ def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
 
     def work(job: Job, tell: Progress) -> tuple[Ended, float]:
         start = time.monotonic()
-        return _run_one(*job, memory, shared, request.command_line, tell, watcher), time.monotonic() - start
+        return run_one(*job, memory, shared, request.command_line, tell, watcher), time.monotonic() - start
 
     results: list[Ended] = []
-    with closing(in_order(work, jobs, watcher.doing, _at_once(jobs))) as endings:
+    with closing(in_order(work, jobs, watcher.doing, cases_at_once(jobs))) as endings:
         for number, (setup, path) in enumerate(jobs, 1):
             watcher.started(number, len(jobs), path.stem)
             ended, seconds = next(endings)
@@ -131,10 +131,10 @@ def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
     return results
 
 
-def _at_once(jobs: Sequence[Job]) -> int:
+def cases_at_once(jobs: Sequence[Job]) -> int:
     """Return how many cases are worked on at a time: a real rig or a very long record is alone."""
     real = any(setup.rig.can.moves_hardware for setup, _ in jobs)
-    return 1 if real else min(AT_ONCE, len(jobs), cores(), _most_kept(jobs))
+    return 1 if real else min(AT_ONCE, len(jobs), cores(), most_kept(jobs))
 
 
 def exit_code(results: Sequence[Ended]) -> int:
@@ -142,15 +142,16 @@ def exit_code(results: Sequence[Ended]) -> int:
     return worst_code(ended.exit_code for ended in results)
 
 
-def _most_kept(jobs: Sequence[Job]) -> int:
+def most_kept(jobs: Sequence[Job]) -> int:
     """Return how many records and responses are kept: as often as those of the longest case fit, once at least."""
     series = max(len(setup.motion.time_s) * (4 + RESPONSES * (3 * setup.case.n_storeys + 1)) for setup, _ in jobs)
     return max(1, min(KEPT, KEPT_BYTES // (8 * series)))
 
 
-def _run_one(
+def run_one(
     setup: Setup, path: Path, memory: Memory, shared: SharedValues, command_line: str, tell: Progress, watcher: Watcher
 ) -> Ended:
+    """Run one case into its file and return how it ended; what it raises becomes the reason and the exit code."""
     taken = path.exists()
     try:
         if setup.rig.can.counts_steps:

@@ -135,6 +135,20 @@ class Server:
             pass
 
     @property
+    def table(self) -> Table:
+        """Return the served table of this session, its arrays shared with the thread that moves it."""
+        return self._table
+
+    @property
+    def door(self) -> udp_target.Door:
+        """Return socket, keys and counts of this session, its arrays shared with the thread that serves."""
+        return self._door
+
+    def end(self) -> None:
+        """Order the thread to lead the table to rest and end; returns at once."""
+        self._orders[0] = 1
+
+    @property
     def at_rest(self) -> bool:
         """Tell whether the served table stands still."""
         return self._door.session[udp_target.STATE] in (packets.IDLE, packets.RESTED)
@@ -146,7 +160,7 @@ class Server:
             while not self._done.wait(min(LOOK_S, max(end - time.monotonic(), 0.0))) and time.monotonic() < end:
                 pass
         finally:
-            self._orders[0] = 1
+            self.end()
             self._done.wait(REST_S)  # a signal that interrupts Thread.join makes it take the thread for ended
         if self._fault is not None:
             raise self._fault

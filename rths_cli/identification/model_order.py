@@ -56,15 +56,15 @@ def choose(
     halves = _halves(base, records, estimator)
     if latency_in_roots or not halves:
         trial = _with_latency(base) if latency_in_roots else _as_it_is(base)
-        score = _held_out(trial, base, halves) if halves else float("nan")
+        score = held_out_error(trial, base, halves) if halves else float("nan")
         return _fitted(trial, base, frf), (_described(trial, score, chosen=True),)
-    tried = [(trial, _held_out(trial, base, halves)) for trial in (_without_lag(base), _as_it_is(base))]
+    tried = [(trial, held_out_error(trial, base, halves)) for trial in (_without_lag(base), _as_it_is(base))]
     taken = 1 if tried[1][1] < WORTH * tried[0][1] else 0
     found = _fitted(tried[taken][0], base, frf)
     for trial in _larger(base, frf):
         if tried[taken][1] <= 1.0 / WORTH:
             break
-        tried.append((trial, _held_out(trial, base, halves)))
+        tried.append((trial, held_out_error(trial, base, halves)))
         better = _fitted(trial, base, frf) if tried[-1][1] < WORTH * tried[taken][1] else None
         if better is not None and not doubtful(better):
             taken, found = len(tried) - 1, better
@@ -172,8 +172,8 @@ def _second(record: Record) -> Record:
     return record.excited_in(slice((noise.start + noise.stop) // 2, noise.stop))
 
 
-def _held_out(trial: Trial, base: Fit, halves: tuple[Frf, ...]) -> float:
-    """Return the rms error over both halves, each fitted to the other one."""
+def held_out_error(trial: Trial, base: Fit, halves: tuple[Frf, ...]) -> float:
+    """Return the rms error over both halves, each fitted to the other one, in standard errors of the responses."""
     squares = [_score(_fitted(trial, base, fitted), judged) for fitted, judged in (halves, halves[::-1])]
     return float(np.sqrt(np.mean(squares)))
 

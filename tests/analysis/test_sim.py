@@ -137,7 +137,7 @@ def test_defective_modes_take_the_matrix_recursion() -> None:
     overdamped = Building(building.numerical, building.specimen, 0.0, building.M, critical, building.K)
     record = noise(2.0, 0.005)
     A, B = sim.state_equation(overdamped.M, overdamped.C, overdamped.K)
-    assert sim._modal_states(A, B, 0.005, record) is None
+    assert sim.modal_states(A, B, 0.005, record) is None
     found = series_of(simulate(overdamped, 0.005, record))
     assert relative_difference(found, by_lsim(overdamped, 0.005, record)) < 1e-9
 
@@ -148,7 +148,7 @@ def test_overdamped_building_has_real_modes_and_still_agrees() -> None:
     A, B = sim.state_equation(building.M, building.C, building.K)
     record = noise(2.0, 0.005)
     assert (np.linalg.eigvals(A).imag == 0).any()
-    assert sim._modal_states(A, B, 0.005, record) is not None
+    assert sim.modal_states(A, B, 0.005, record) is not None
     found = series_of(simulate(building, 0.005, record))
     assert relative_difference(found, by_lsim(building, 0.005, record)) < 1e-9
 
@@ -158,13 +158,13 @@ def test_error_estimate_sees_a_wrong_solution() -> None:
     building, record = paper_building(), noise(10.0, DT_S)
     A, B = sim.state_equation(building.M, building.C, building.K)
     wrong_A, _ = sim.state_equation(building.M, building.C, building.K * (1 + 2e-6))
-    solved = [sim._modal_states(matrix, B, DT_S, record) for matrix in (A, wrong_A)]
+    solved = [sim.modal_states(matrix, B, DT_S, record) for matrix in (A, wrong_A)]
     assert solved[0] is not None and solved[1] is not None
     right, wrong = solved[0][0], solved[1][0]
     peaks = np.abs(right).max(axis=1)
     actual = (np.abs(wrong - right).max(axis=1) / peaks).max()
     accel_peaks = np.abs(A[3:] @ right).max(axis=1)
-    told = sim._accumulated_residual(A, B, DT_S, record, wrong, np.concatenate([peaks, accel_peaks]))
+    told = sim.accumulated_residual(A, B, DT_S, record, wrong, np.concatenate([peaks, accel_peaks]))
     assert actual > 1e-7
     assert actual <= told < 1e-2
 

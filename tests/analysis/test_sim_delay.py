@@ -12,7 +12,7 @@ import pytest
 from scipy.signal import lsim
 
 from rths_cli.analysis import sim_delay
-from rths_cli.analysis.sim import Response, simulate
+from rths_cli.analysis.sim import Response, simulate, state_equation
 from rths_cli.analysis.sim_delay import DelayedResponse, simulate_delayed
 from rths_cli.errors import InputError
 from rths_cli.experiment.ground_motion import prepare
@@ -139,17 +139,16 @@ def test_velocity_is_the_derivative_of_displacement() -> None:
 def test_error_estimate_is_the_change_by_halving_and_larger_than_the_error() -> None:
     building, record = five_storeys(0.0), noise(5.0, 0.01)
     exact = outputs(simulate_delayed(building, 0.01, record, 0.0062, 1e-9))
-    limit = 1000 * np.abs(exact).max()
-    bases = sim_delay._basis(building.numerical), sim_delay._basis(building.specimen)
-    solutions = [
-        sim_delay._solve(building, bases, 0.01, record, 0.0062, substeps, 10**7, limit) for substeps in (2, 4, 8)
-    ]
-    responses = [sim_delay._response(building, bases, 0.01, solution, limit, 0.0) for solution in solutions]
+    responses: list[DelayedResponse] = []
+    tolerance = math.inf
+    for _ in range(3):  # each asks for less than the one before left: one more halving
+        responses.append(simulate_delayed(building, 0.01, record, 0.0062, tolerance))
+        tolerance = 0.99 * responses[-1].error_estimate
+    assert [responses[0].substep_s / response.substep_s for response in responses] == pytest.approx([1, 2, 4])
     errors = [relative_difference(outputs(response), exact) for response in responses]
-    change = sim_delay._relative_change(building, bases, limit, *solutions[:2])
-    assert errors[1] < change <= 1.1 * errors[0]
-    assert errors[0] / errors[1] > 8  # third order or better
-    assert errors[1] / errors[2] > 8
+    for i in (1, 2):
+        assert errors[i] < responses[i].error_estimate <= 1.1 * errors[i - 1]
+        assert errors[i - 1] / errors[i] > 8  # third order or better
 
 
 def test_no_delay_is_sim_and_a_vanishing_delay_tends_to_it() -> None:
@@ -210,7 +209,7 @@ def test_without_modal_coordinates_it_is_the_same(monkeypatch: pytest.MonkeyPatc
     """Defective parts are stepped with full matrices: force that on one that has modes."""
     building, record = five_storeys(2.0), noise(5.0, 0.01)
     modal = simulate_delayed(building, 0.01, record, 0.0062)
-    monkeypatch.setattr(sim_delay, "_LARGEST_CONDITION", 0.0)
+    monkeypatch.setattr(sim_delay, "LARGEST_CONDITION", 0.0)
     full = simulate_delayed(building, 0.01, record, 0.0062)
     assert full.substep_s == modal.substep_s
     assert relative_difference(outputs(full), outputs(modal)) < 1e-10
@@ -219,9 +218,10 @@ def test_without_modal_coordinates_it_is_the_same(monkeypatch: pytest.MonkeyPatc
 def test_overdamped_parts_have_single_modes_and_agree_with_full_matrices(monkeypatch: pytest.MonkeyPatch) -> None:
     plain = five_storeys(0.0)
     building = replace(plain, numerical=replace(plain.numerical, C=0.2 * plain.numerical.K))
-    assert np.isreal(np.linalg.eigvals(sim_delay._state_matrices(building.numerical)[0])).any()
+    part = building.numerical
+    assert np.isreal(np.linalg.eigvals(state_equation(np.diag(part.masses_kg), part.C, part.K)[0])).any()
     modal = simulate_delayed(building, 0.01, noise(5.0, 0.01), 0.0062)
-    monkeypatch.setattr(sim_delay, "_LARGEST_CONDITION", 0.0)
+    monkeypatch.setattr(sim_delay, "LARGEST_CONDITION", 0.0)
     full = simulate_delayed(building, 0.01, noise(5.0, 0.01), 0.0062)
     assert relative_difference(outputs(full), outputs(modal)) < 1e-10
 
@@ -316,7 +316,7 @@ def test_a_vibration_that_takes_too_many_steps_is_refused_before_they_are_made()
 
 def test_a_delay_that_takes_too_many_steps_is_refused_when_they_are_used_up(monkeypatch: pytest.MonkeyPatch) -> None:
     """Half the interface floor on the table: only steps below the delay show how it diverges."""
-    monkeypatch.setattr(sim_delay, "_MOST_WORK", 1e6)
+    monkeypatch.setattr(sim_delay, "MOST_WORK", 1e6)
     building = paper_building(interface_mass_kg=3.465)
     with pytest.raises(InputError, match=r"^SIM-DELAY: a delay of 1e-07 s takes 5000 steps a sample"):
         simulate_delayed(building, DT_S, noise(1.0, DT_S), 1e-7)

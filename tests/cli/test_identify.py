@@ -45,7 +45,7 @@ def rths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
 
     def call(*words: str) -> Shown:
         monkeypatch.setattr("sys.argv", ["rths", *words])
-        code = entry_point._guarded()
+        code = entry_point.run_command()
         return Shown(code, *capsys.readouterr())
 
     return call

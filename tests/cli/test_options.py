@@ -16,7 +16,7 @@ from rths_cli.cli import cli
 from rths_cli.errors import InputError
 from rths_cli.files.accelerograms import at2_header, bracketed, read_accelerogram
 from rths_cli.files.measured_data import read_recording
-from rths_cli.files.measured_data.text_tables import _statement
+from rths_cli.files.measured_data.text_tables import interval_in_line
 from rths_cli.safe_text import csv_cell
 from rths_cli.studies.sweep_grid import read_grid
 
@@ -119,7 +119,7 @@ def test_hostile_headers_of_recordings_are_read_at_once(tmp_path: Path, header: 
     ],
 )
 def test_the_linear_parser_reads_what_headers_state(line: str, interval: float | None) -> None:
-    found = _statement(1, line)
+    found = interval_in_line(1, line)
     assert (found and found[1]) == (interval and pytest.approx(interval, rel=1e-12))
 
 

@@ -65,7 +65,7 @@ def test_a_signal_rests_the_table_and_ends_with_its_code(own_cache: Path, number
             rig.exchange(command)
         process.send_signal(number)
         out, err = process.communicate(timeout=20)
-        rig._door.close() if rig._door else None
+        rig.door.close() if rig.door else None
     assert process.returncode == code
     assert re.search(r"session 1 with 127\.0\.0\.1:\d+ at 200 Hz: 3 commands, .*ended: the server was told to end", out)
     assert out.endswith("\nended; the table was led to rest\n")

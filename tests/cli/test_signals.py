@@ -16,7 +16,7 @@ def test_what_was_swallowed_is_raised_again(number: int, kind: type[BaseExceptio
     screen = Screen(quiet=True, poll=signals.poll)
     screen.doing("nothing has arrived")
     with pytest.raises(kind):
-        signals._take(number, None)
+        signals.take(number, None)
     for sign in (lambda: screen.doing("next"), lambda: screen.started(2, 3, "next")):
         with pytest.raises(kind):
             sign()

@@ -66,7 +66,7 @@ def riccati_residual(a: Array, b: Array, q: Array, r: Array, s: Array, gain: Arr
 
 
 def test_the_gain_is_the_fixed_point_of_its_riccati_recursion() -> None:
-    a, b, c, direct, drive, drive_direct = feedback._plant(feedback.sampled_table(MODEL, DT_S), DT_S, DEFAULT)
+    a, b, c, direct, drive, drive_direct = feedback.lqg_plant(feedback.sampled_table(MODEL, DT_S), DT_S, DEFAULT)
     cost = direct.T @ direct + 3.0
     gain = riccati_gain(a, b, c.T @ c, cost, c.T @ direct)
     assert riccati_residual(a, b, c.T @ c, cost, c.T @ direct, gain) < 1e-6
@@ -199,7 +199,7 @@ def closed_radius(model: Model, block: Block, gain: float = 1.0, delay: int = 0)
     """Return the spectral radius of table and feedback with another loop gain and further samples of delay."""
     t, k = without_alias(model), unlimited(block)
     for _ in range(delay):
-        t = feedback._delayed(t, 1)
+        t = feedback.delayed(t, 1)
     closed = np.block([[t.A, gain * t.B @ k.C], [-k.B @ t.C, k.A - gain * k.B @ t.D @ k.C]])
     return float(np.abs(np.linalg.eigvals(closed)).max())
 
@@ -247,7 +247,7 @@ def test_doubtful_lines_raise_the_stated_peak_by_what_they_may_hide() -> None:
     measured = Frf(frequency, MODEL.response(frequency), np.ones(1400), np.full(1400, 0.09), 10)
     table = feedback.table_response(MODEL, measured, DT_S)
     loud = lqg(MODEL, 0.05, DT_S)  # its peak lies where the lines are
-    found = feedback._judge(loud, table)
+    found = feedback.with_margins(loud, table)
     loop = MODEL.response(GRID) * found.block.response(GRID)[0, 0]
     error = np.where((GRID >= 0.4) & (GRID <= 70.0), 0.18, 0.0)[:, None] * np.exp(2j * np.pi * np.arange(360) / 360)
     worst = np.abs(1.0 / (1.0 + loop[:, None] * (1.0 + error))).max()
@@ -262,15 +262,15 @@ def test_a_measured_loop_that_goes_round_is_no_feedback() -> None:
     wide = Model(wide.zeros, wide.poles, wide.gain, wide.delay_s, (0.05, 390.0), 0.0, 1, DT_S)
     opposite = Frf(frequency, -8.0 * wide.response(frequency), np.ones(8000), np.zeros(8000), 10)
     strong = design(wide, None, DT_S, 20.0, 1.5).block
-    assert not feedback._judge(strong, feedback.table_response(wide, opposite, DT_S)).same_side
-    assert feedback._judge(strong, feedback.table_response(wide, None, DT_S)).same_side
+    assert not feedback.with_margins(strong, feedback.table_response(wide, opposite, DT_S)).same_side
+    assert feedback.with_margins(strong, feedback.table_response(wide, None, DT_S)).same_side
 
 
 def test_the_observer_follows_the_command_that_was_applied() -> None:
     """Written out: the state of the plant's observer, driven by what was applied and by the error that was measured."""
     model, noise = true_model(0.5 * DT_S), 0.5
     block = lqg(model, noise, DT_S)
-    a, b, c, d, drive, drive_direct = feedback._plant(feedback.sampled_table(model, DT_S), DT_S, DEFAULT)
+    a, b, c, d, drive, drive_direct = feedback.lqg_plant(feedback.sampled_table(model, DT_S), DT_S, DEFAULT)
     b, d = b[:, 0], float(d[0, 0])
     variance = drive_direct @ drive_direct.T + noise**2
     gain = riccati_gain(a.T, c.T, drive @ drive.T, variance, drive @ drive_direct.T)[0]
@@ -290,7 +290,7 @@ def test_a_table_with_a_direct_path_is_told_through_the_observer_too() -> None:
     """The shortfall enters by B - L D: with a direct path the two differ."""
     model = true_model(0.0)
     model = Model(model.zeros, model.poles[:6], model.gain / np.prod(-model.poles[6:]).real, 0.0, (0.5, 60.0))
-    a, b, c, d, drive, drive_direct = feedback._plant(feedback.sampled_table(model, DT_S), DT_S, DEFAULT)
+    a, b, c, d, drive, drive_direct = feedback.lqg_plant(feedback.sampled_table(model, DT_S), DT_S, DEFAULT)
     assert abs(d[0, 0]) > 1e-3
     variance = drive_direct @ drive_direct.T + 1.0
     gain = riccati_gain(a.T, c.T, drive @ drive.T, variance, drive @ drive_direct.T).T
@@ -337,7 +337,7 @@ def test_lines_that_say_nothing_are_left_out() -> None:
 
 def test_the_disturbance_lies_in_the_band_asked_for() -> None:
     """Its two poles, sampled: exp(-w dt) at both corners."""
-    a = feedback._plant(feedback.sampled_table(MODEL, DT_S), DT_S, Weights((3.0, 30.0)))[0]
+    a = feedback.lqg_plant(feedback.sampled_table(MODEL, DT_S), DT_S, Weights((3.0, 30.0)))[0]
     poles = np.sort(np.linalg.eigvals(a[-2:, -2:]).real)
     assert poles == pytest.approx(np.exp(-2.0 * np.pi * np.array([30.0, 3.0]) * DT_S), rel=1e-12)
 

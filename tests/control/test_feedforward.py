@@ -75,7 +75,7 @@ def test_the_split_of_the_double_integrator_is_the_function_itself() -> None:
     zeros = np.array([-3.0 + 5.0j, -3.0 - 5.0j, -7.0, -30.0])
     poles = np.array([-2.0 + 9.0j, -2.0 - 9.0j])
     for at, gain in ((0.0, 4.0), (-0.01, 4.0)):
-        c2, c1, weights, constant = feedforward._split_double_pole(zeros, poles, gain, at)
+        c2, c1, weights, constant = feedforward.split_double_pole(zeros, poles, gain, at)
         for s in (0.3j, 4.0j, 1.0 + 11.0j):
             whole = gain * np.prod(s - zeros) / np.prod(s - poles) / (s - at) ** 2
             parts = c2 / (s - at) ** 2 + c1 / (s - at) + np.sum(weights / (s - poles)) + constant

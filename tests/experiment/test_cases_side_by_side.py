@@ -134,7 +134,7 @@ def test_cases_side_by_side_have_the_bytes_and_lines_of_one_after_another(
     cases = ("el_centro_low_ff", "hachinohe_low_ff", "el_centro_high_ff", "el_centro_low_ff_fb")
     lines = []
     for count in (1, 2):
-        monkeypatch.setattr(run_command, "_at_once", lambda jobs, count=count: count)
+        monkeypatch.setattr(run_command, "cases_at_once", lambda jobs, count=count: count)
         watcher = Watcher()
         request = run_command.Request(cases, ("runs=[sim, sim_delay]",), (), tmp_path / str(count), True, "test")
         assert run_command.exit_code(run_command.run_batch(request, watcher)) == 0

@@ -56,7 +56,7 @@ def test_the_exchange_over_udp_is_measured_and_the_table_stays_at_rest(
         assert late.shape == (40,) and (late > 0).all()
         assert running.server.ended[0].commands + running.server.ended[0].lost == 40
         assert running.session[udp_target.STATE] == packets.RESTED
-        assert not running.server._table.state.state[: running.server._table.plant.mechanical].any()
+        assert not running.server.table.state.state[: running.server.table.plant.mechanical].any()
     finally:
         running.end()
 

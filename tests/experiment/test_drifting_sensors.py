@@ -109,8 +109,7 @@ def test_the_file_of_a_real_run_has_the_errors_of_the_true_floors_and_names_the_
     jump = (1, start + round(30.0 / dt), -5e-3)
     rig = DriftingRig(open_virtual(setup, (EXP_RTHS,), 0), [0.0, 5e-3, 5e-3], [0.0, 0.0, 3.0 * MV_PER_MIN], [jump])
     real = replace(setup, rig=replace(setup.rig, kind="made up"), overrides=("check", "model"))
-    asked = Memory()
-    asked._known[key(real)] = known
+    asked = Memory(known={key(real): known})
     monkeypatch.setattr(table_runs_on_real_rig, "open_rig", lambda *_: rig)
     stage = RealStage(lambda label, view: False)
     try:

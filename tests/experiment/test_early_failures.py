@@ -13,7 +13,7 @@ from rths_cli.errors import InputError, RigError
 from rths_cli.experiment import run_command, table_runs_on_real_rig
 from rths_cli.experiment.one_table_run import after_the_record, why_ended
 from rths_cli.experiment.run_case import Ended
-from rths_cli.experiment.run_command import _run_one
+from rths_cli.experiment.run_command import run_one
 from rths_cli.files.result_reader import ResultWriter, read_result
 from rths_cli.loop import guard
 from rths_cli.numerics.shared_values import SharedValues
@@ -31,7 +31,7 @@ def ran(path: Path, monkeypatch: pytest.MonkeyPatch, act: Any, ask: Any = lambda
     monkeypatch.setattr(table_runs_on_real_rig, "ask_the_rig", ask)
     monkeypatch.setattr(run_command, "run_case", lambda setup, path, *_: act(path))
     watcher: Any = SimpleNamespace(moving=None)
-    return _run_one(setup(), path, SimpleNamespace(), SharedValues(), "", lambda _: None, watcher)  # type: ignore[arg-type]
+    return run_one(setup(), path, SimpleNamespace(), SharedValues(), "", lambda _: None, watcher)  # type: ignore[arg-type]
 
 
 def second_run_fails(error: Exception) -> Any:

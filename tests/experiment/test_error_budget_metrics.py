@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rths_cli.analysis.error_budget import CAUSES, CUT_S, Signals, _fitted, _friction, split
+from rths_cli.analysis.error_budget import CAUSES, CUT_S, Signals, fitted_factors, friction_in_samples, split
 from rths_cli.analysis.metrics import test_band as band_of
 from rths_cli.analysis.predicted_error import friction_samples
 from rths_cli.analysis.sim import simulate
@@ -94,9 +94,9 @@ def test_tracking_is_the_measured_one_and_its_parts_add_up(memory: Memory) -> No
     ]
     answer = known.loop.rig[0] * command
     rows = (made[1][0], answer, 2j * np.pi * known.lines.frequency_hz * answer)
-    more = _fitted(known, disturbed[0] - made[0][0], rows, np.ones(known.lines.count))[0]
+    more = fitted_factors(known, disturbed[0] - made[0][0], rows, np.ones(known.lines.count))[0]
     assert found.friction_v == pytest.approx(known.friction.command_v + more, rel=1e-9)
-    acting = _friction(known, disturbed, command, velocity)[0]
+    acting = friction_in_samples(known, disturbed, command, velocity)[0]
     assert np.abs(acting - made[0] - more * made[2]).max() < 1e-9 * np.abs(acting).max()
 
 

@@ -147,14 +147,14 @@ class Tries:
 
 def test_firmer_feedbacks_are_tried_before_gentler_ones() -> None:
     tries = Tries()
-    assert feedback_choice._first_safe(tries.make, lambda _: ["no"], 1.5) is None
+    assert feedback_choice.first_safe(tries.make, lambda _: ["no"], 1.5) is None
     limits = [1.5] * 4 + [1.2] * 4 + [1.1] * 4 + [1.05] * 4
     assert tries.asked == list(zip(FIRMER * 4, limits, strict=True))
 
 
 def test_the_first_safe_one_is_taken() -> None:
     tries = Tries()
-    found = feedback_choice._first_safe(
+    found = feedback_choice.first_safe(
         tries.make, lambda one: [] if one.sensitivity_peak < 1.3 and one.of != DEFAULT else ["no"], 1.5
     )
     assert found is not None
@@ -164,7 +164,7 @@ def test_the_first_safe_one_is_taken() -> None:
 @pytest.mark.parametrize(("below", "limits"), [(np.inf, [1.5]), (1.3, [1.5, 1.2])])
 def test_a_feedback_of_no_use_is_not_made_gentler(below: float, limits: list[float]) -> None:
     tries = Tries(FIRMER[1], below)
-    assert feedback_choice._first_safe(tries.make, lambda _: ["no"], 1.5) is None
+    assert feedback_choice.first_safe(tries.make, lambda _: ["no"], 1.5) is None
     assert [limit for weights, limit in tries.asked if weights == FIRMER[1]] == limits
 
 

@@ -240,13 +240,14 @@ def test_threads_that_ask_for_the_same_rig_have_it_identified_once(
 ) -> None:
     made: list[int] = []
 
-    def now(memory: Memory, setup: Setup, progress: object) -> int:
+    def measure(*_: object) -> object:
         made.append(1)
         sleep(0.05)  # the others ask meanwhile
-        return len(made)
+        return object()
 
-    monkeypatch.setattr(Memory, "_now", now)
+    monkeypatch.setattr("rths_cli.experiment.identify_on_rig.measure", measure)
+    monkeypatch.setattr("rths_cli.experiment.identify_on_rig.evaluated", lambda *_: len(made))
     memory = Memory()
     with ThreadPoolExecutor(3) as pool:
         found = list(pool.map(lambda _: memory.known(default_setup, lambda _: None), range(3)))
-    assert found == [1, 1, 1]
+    assert [one.found for one in found] == [1, 1, 1]

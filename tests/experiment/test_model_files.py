@@ -401,7 +401,7 @@ def test_a_spoilt_file_in_the_cache_is_replaced(
 def test_a_cache_that_cannot_be_written_does_no_harm(tmp_path: Path, default_setup: Setup, excited: list[str]) -> None:
     (tmp_path / "file").write_text("in the way")
     (tmp_path / "kept").mkdir()
-    folder_as_file = tmp_path / "kept" / Cache(folder=tmp_path / "kept")._path(default_setup).name
+    folder_as_file = tmp_path / "kept" / Cache(folder=tmp_path / "kept").path(default_setup).name
     folder_as_file.mkdir()
     for folder in (tmp_path / "file", tmp_path / "file" / "below", Path("/proc/none"), tmp_path / "kept"):
         known: Known = Memory(Cache(folder=folder)).known(default_setup, no_progress)

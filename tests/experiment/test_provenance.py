@@ -10,7 +10,7 @@ from rths_cli.experiment import provenance
 
 
 def test_versions_are_those_of_the_packages() -> None:
-    found = json.loads(provenance._versions())
+    found = json.loads(provenance.versions())
     assert found == {"python": platform.python_version(), **{name: version(name) for name in provenance.PACKAGES}}
     assert found["numpy"] == np.__version__
     assert provenance.package_version("pytest") == version("pytest")

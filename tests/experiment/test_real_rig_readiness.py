@@ -83,8 +83,7 @@ def bench(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Bench]:
     rig.write_text(f"extends: udp_loopback\n{limits}\nudp: {udp}\n")
     try:
         setup = make_setup(load_cases([str(folder / "a.yaml")], (f"table={rig}",))[0], ("check", "model"))
-        memory = Memory()
-        memory._known[key(setup)] = Known(found, "made for a test")
+        memory = Memory(known={key(setup): Known(found, "made for a test")})
         yield Bench(running, setup, memory)
     finally:
         running.end()
@@ -153,9 +152,7 @@ def test_a_result_says_what_was_behind_the_rig_that_ran(
     monkeypatch.setattr(plugin_rig_names, "entry_points", lambda group: points)
     monkeypatch.setattr(real_rig_readiness, "check_measured", lambda info: None)
     plugged = make_setup(load_cases([str(bench.setup.case.path)], ("table=plugin_example",))[0], bench.setup.overrides)
-    found = next(iter(bench.memory._known.values()))
-    memory = Memory()
-    memory._known[key(plugged)] = found
+    memory = Memory(known={key(plugged): bench.memory.known(bench.setup, lambda _: None)})
     for name, tried in (("udp", bench), ("plugged", Bench(bench.running, plugged, memory))):
         ran(tried, tmp_path / f"{name}.h5")
     verified = {path.stem: read_result(path).attributes["driver_verified"] for path in tmp_path.glob("*.h5")}
@@ -199,7 +196,7 @@ def test_a_target_that_ends_by_itself_is_told_with_what_it_did_not_confirm(
     bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def end_stop() -> None:
-        bench.running.server._table.state.state[0] = 0.09
+        bench.running.server.table.state.state[0] = 0.09
 
     ended = ran(bench, tmp_path / "a.h5", once_running(end_stop))
     assert (ended.status, ended.exit_code) == ("failed", 4)
@@ -237,9 +234,9 @@ def test_a_target_that_ends_in_the_rest_after_the_record_leaves_a_complete_run(
 
     def end() -> None:
         if how == "dies":
-            server._door.key[:] = 0  # it takes nothing for genuine any more; its watchdog rests the table
+            server.door.key[:] = 0  # it takes nothing for genuine any more; its watchdog rests the table
         else:
-            server._table.state.state[0] = 0.09
+            server.table.state.state[0] = 0.09
 
     ended = ran(bench, tmp_path / "a.h5", once(resting, end))
     assert (ended.status, ended.exit_code) == ("complete", 4)

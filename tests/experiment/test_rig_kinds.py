@@ -77,7 +77,7 @@ def test_the_driver_of_each_kind_gets_what_its_file_says() -> None:
     assert (target.timeout_s, target.watchdog_s, target.lost_samples) == (0.0003, 0.1, 2)
     ni = open_rig(setup_of("table=ni_example"), (EXP_RTHS,), 0)
     assert type(ni).__name__ == "NiRig"
-    wiring: Any = ni._wiring  # type: ignore[attr-defined]
+    wiring: Any = ni.wiring  # type: ignore[attr-defined]
     assert (wiring.device, wiring.command_channel, wiring.terminals) == ("Dev1", "ao0", ("ai0", "ai1", "ai2"))
     assert (wiring.enable_line, wiring.kind, wiring.range_v, wiring.rate_hz) == (
         "port0/line0", "differential", 10.0, pytest.approx(2000.0),

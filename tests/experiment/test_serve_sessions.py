@@ -102,7 +102,7 @@ def test_silence_makes_the_watchdog_rest_the_table_and_end_the_session(running: 
     rig = running.rig()
     rig.open()
     play(running, rig, wave(60))
-    session, table = running.session, running.server._table
+    session, table = running.session, running.server.table
     last = int(session[udp_target.LAST_TICK])
     until(lambda: session[udp_target.STATE] == packets.RESTED)
     took_s = (session[udp_target.TICK] - last) / (4 * RATE_HZ)
@@ -122,8 +122,8 @@ def test_a_killed_runner_is_waited_out_and_a_new_one_begins_at_rest(running: Run
     first, second = running.rig(), running.rig()
     first.open()
     play(running, first, wave(40))
-    assert first._door is not None
-    first._door.close()  # as a killed process leaves it
+    assert first.door is not None
+    first.door.close()  # as a killed process leaves it
     with pytest.raises(RigError, match="another session"):
         second.open()
     until(lambda: running.session[udp_target.STATE] == packets.RESTED)
@@ -140,9 +140,9 @@ def test_a_command_that_is_no_number_or_out_of_range_is_not_obeyed(running: Runn
     rig = running.rig()
     rig.open()
     play(running, rig, wave(5))
-    table = running.server._table
+    table = running.server.table
     before = int(running.counts[udp_target.OBEYED])
-    links.converse_at(rig.link, packets.COMMAND, rig._next_k(), float(bad), 0, 50_000_000)
+    links.converse_at(rig.link, packets.COMMAND, rig.next_step, float(bad), 0, 50_000_000)
     assert running.session[udp_target.STATE] in (packets.RESTING, packets.RESTED)
     assert running.session[udp_target.FAULTS] == packets.BAD_COMMAND
     assert running.counts[udp_target.OBEYED] == before and abs(table.latched_v[0]) < 0.2
@@ -157,9 +157,9 @@ def test_forged_replayed_mutated_and_random_packets_move_nothing(running: Runnin
     rig.open()
     rig.arm()
     link = rig.link
-    links.converse_at(link, packets.COMMAND, rig._next_k(), 0.0, 0, 500_000_000)
+    links.converse_at(link, packets.COMMAND, rig.next_step, 0.0, 0, 500_000_000)
     genuine = link.outgoing[: packets.LEAST_BYTES + 8].tobytes()
-    secret_command = sealed(packets.COMMAND, struct.pack("<d", 5.0), running.server._door.greeter.secret, 1000)
+    secret_command = sealed(packets.COMMAND, struct.pack("<d", 5.0), running.server.door.greeter.secret, 1000)
     foreign = sealed(packets.COMMAND, struct.pack("<d", 5.0), random.integers(0, 2**63, 2).astype(np.uint64), 1000)
     stranger = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     stranger.connect((running.host, running.port))
@@ -171,9 +171,9 @@ def test_forged_replayed_mutated_and_random_packets_move_nothing(running: Runnin
         for packet in (genuine, secret_command, foreign, random.bytes(int(random.integers(0, 1400)))):
             stranger.send(packet)
         sent += 50
-        links.converse_at(link, packets.COMMAND, rig._next_k(), 0.0, 0, 500_000_000)  # keeps the watchdog calm
+        links.converse_at(link, packets.COMMAND, rig.next_step, 0.0, 0, 500_000_000)  # keeps the watchdog calm
         assert link.status[links.STATE] == packets.ARMED
-    table = running.server._table
+    table = running.server.table
     assert counts[udp_target.OBEYED] == 201 and link.counts[links.ANSWERED] == 201
     assert sum(int(counts[i]) for i in bad) == sent
     assert counts[udp_target.FORGED] > 7_500 and counts[udp_target.REPLAYED] >= 200
@@ -216,8 +216,8 @@ def test_the_way_to_rest_begins_as_the_table_may_move(running: Running, silent: 
     rig.exchange(0.0)
     rig.exchange(8.0)
     if not silent:
-        links.converse_at(rig.link, packets.REST, rig._next_k(), 0.0, 0, 500_000_000)
-    farthest, guard = 0.0, running.server._table.guard
+        links.converse_at(rig.link, packets.REST, rig.next_step, 0.0, 0, 500_000_000)
+    farthest, guard = 0.0, running.server.table.guard
     while guard.flags[0] < RETURNING or abs(guard.motion[0]) > 0.03:
         farthest = max(farthest, abs(guard.motion[0]))
         time.sleep(0.002)
@@ -233,21 +233,21 @@ def test_a_closed_session_obeys_no_more_commands_and_answers_until_another_is_ar
     rig.exchange(0.0)
     link = rig.link
     assert (
-        links.converse_at(link, packets.CLOSE, rig._next_k(), 0.0, 0, 500_000_000) == links.FAULT
+        links.converse_at(link, packets.CLOSE, rig.next_step, 0.0, 0, 500_000_000) == links.FAULT
     )  # at rest, not armed
     until(lambda: len(running.server.ended) == 1)
     assert running.server.ended[0].ended_by == "the runner closed it"
     for kind in (packets.COMMAND, packets.ARM, packets.REST, packets.CLOSE):
         answered = int(link.counts[links.ANSWERED])
-        assert links.converse_at(link, kind, rig._next_k(), 1.0, 0, 500_000_000) == links.FAULT
+        assert links.converse_at(link, kind, rig.next_step, 1.0, 0, 500_000_000) == links.FAULT
         assert link.counts[links.ANSWERED] == answered + 1 and link.status[links.STATE] == packets.RESTED
-    assert running.counts[udp_target.OBEYED] == 1 and running.server._table.latched_v[0] == 0.0
+    assert running.counts[udp_target.OBEYED] == 1 and running.server.table.latched_v[0] == 0.0
     other = running.rig()
     other.open()
-    assert links.converse_at(link, packets.CLOSE, rig._next_k(), 0.0, 0, 500_000_000) == links.FAULT
+    assert links.converse_at(link, packets.CLOSE, rig.next_step, 0.0, 0, 500_000_000) == links.FAULT
     other.arm()
     lost = int(link.counts[links.UNANSWERED])
-    links.converse_at(link, packets.COMMAND, rig._next_k(), 0.0, 0, 30_000_000)
+    links.converse_at(link, packets.COMMAND, rig.next_step, 0.0, 0, 30_000_000)
     assert link.counts[links.UNANSWERED] == lost + 1 and running.counts[udp_target.FORGED] == 1
     other.close()
 
@@ -259,7 +259,7 @@ def test_doubled_and_reordered_commands_are_not_obeyed_and_gaps_are_counted(runn
     link = rig.link
     for k in (1, 2, 2, 1, 5, 4, 6):
         links.converse_at(link, packets.COMMAND, k, 0.1 * k, 0, 30_000_000)
-    counts, table = running.counts, running.server._table
+    counts, table = running.counts, running.server.table
     assert (counts[udp_target.OBEYED], counts[udp_target.REPLAYED], counts[udp_target.LOST]) == (4, 3, 2)
     assert table.latched_v[0] == pytest.approx(0.6)
     assert link.status[links.TARGET_LOST] == 2
@@ -272,7 +272,7 @@ def test_the_end_of_the_server_rests_the_table_first(served: ServedRig, key_file
     rig.open()
     play(running, rig, wave(60))
     running.end()
-    assert running.session[udp_target.STATE] == packets.RESTED and abs(running.server._table.state.state[0]) < AT_REST_M
+    assert running.session[udp_target.STATE] == packets.RESTED and abs(running.server.table.state.state[0]) < AT_REST_M
     assert running.server.ended[0].commands == 60
     rig.close()
 

@@ -78,14 +78,14 @@ def test_what_two_cases_have_in_common_is_made_once(
         (run_case, "simulate"),
         (run_case, "simulate_delayed"),
         (check, "simulate"),
-        (loop_stability_of_case, "_stability"),
+        (loop_stability_of_case.preflight, "stability"),
     ):
         count(module, name)
     count(feedback_choice.feedback, "design")
     shared = SharedValues()
     for number, seed in enumerate(("seed=0", "seed=1")):
         play(tmp_path / f"{number}.h5", ("runs=[sim,sim_delay,exp_rths]", seed), memory, shared)
-    assert sorted(made) == ["_stability", "design", "simulate", "simulate", "simulate_delayed"]
+    assert sorted(made) == ["design", "simulate", "simulate", "simulate_delayed", "stability"]
 
 
 def jobs(samples: int, *kinds: str) -> list[tuple[Any, Path]]:
@@ -102,16 +102,16 @@ def jobs(samples: int, *kinds: str) -> list[tuple[Any, Path]]:
 
 def test_as_much_is_kept_as_fits() -> None:
     per_sample = 8 * (4 + 3 * 10)
-    assert run_command._most_kept(jobs(1000, "virtual")) == run_command.KEPT
-    assert run_command._most_kept(jobs(run_command.KEPT_BYTES // (3 * per_sample), "virtual")) == 3
-    assert run_command._most_kept(jobs(run_command.KEPT_BYTES, "virtual")) == 1
+    assert run_command.most_kept(jobs(1000, "virtual")) == run_command.KEPT
+    assert run_command.most_kept(jobs(run_command.KEPT_BYTES // (3 * per_sample), "virtual")) == 3
+    assert run_command.most_kept(jobs(run_command.KEPT_BYTES, "virtual")) == 1
 
 
 def test_two_cases_are_worked_on_unless_one_is_real_or_very_long(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run_command, "cores", lambda: 4)
-    assert run_command._at_once(jobs(1000, "virtual", "virtual", "virtual")) == 2
-    assert run_command._at_once(jobs(1000, "virtual")) == 1
-    assert run_command._at_once(jobs(1000, "virtual", "udp")) == 1
-    assert run_command._at_once(jobs(run_command.KEPT_BYTES, "virtual", "virtual")) == 1
+    assert run_command.cases_at_once(jobs(1000, "virtual", "virtual", "virtual")) == 2
+    assert run_command.cases_at_once(jobs(1000, "virtual")) == 1
+    assert run_command.cases_at_once(jobs(1000, "virtual", "udp")) == 1
+    assert run_command.cases_at_once(jobs(run_command.KEPT_BYTES, "virtual", "virtual")) == 1
     monkeypatch.setattr(run_command, "cores", lambda: 1)
-    assert run_command._at_once(jobs(1000, "virtual", "virtual")) == 1
+    assert run_command.cases_at_once(jobs(1000, "virtual", "virtual")) == 1

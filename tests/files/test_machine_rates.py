@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -60,8 +61,9 @@ def test_another_kernel_or_machine_was_not_measured(monkeypatch: pytest.MonkeyPa
     "text", ["", "{", "[]", "null", '{"a": 1}', '{"HERE": {"1000": {"rate_hz": 1}}}', '{"HERE": {"1": 2}}']
 )
 def test_a_damaged_or_foreign_file_counts_as_nothing_measured(own_cache: Path, text: str) -> None:
-    own_cache.parent.mkdir()
-    own_cache.write_text(text.replace("HERE", machine_rates._place("")))
+    keep_rates([GOOD])
+    (here,) = json.loads(own_cache.read_text())  # the name of this machine and kernel
+    own_cache.write_text(text.replace("HERE", here))
     assert held_rate(1000.0) is None
     keep_rates([GOOD])
     assert held_rate(1000.0) == GOOD

@@ -39,7 +39,7 @@ class Running:
         self.thread.start()
 
     def end(self) -> None:
-        self.server._orders[0] = 1
+        self.server.end()
         self.thread.join(10)
         assert not self.thread.is_alive()
         self.link.close()
@@ -49,11 +49,11 @@ class Running:
 
     @property
     def session(self) -> Array:
-        return self.server._door.session
+        return self.server.door.session
 
     @property
     def counts(self) -> Array:
-        return self.server._door.counts
+        return self.server.door.counts
 
 
 def until(condition: Callable[[], bool], seconds: float = 20.0) -> None:

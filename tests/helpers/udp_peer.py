@@ -78,7 +78,7 @@ class PlainTarget:
             if not data:
                 return
             if (hello := opened(data, self.secret)) is not None and hello.kind == HELLO:
-                self.door.sendto(self._welcome(hello), address)
+                self.door.sendto(self.welcome(hello), address)
                 continue
             packet = opened(data, self.key) if self.key is not None else None
             packet = packet or self._begun(data)
@@ -91,7 +91,8 @@ class PlainTarget:
         message = struct.pack("<2Q", self.armed, period) + runner_nonce
         return hmac.digest(self.boot, message, hashlib.sha256)[:16]
 
-    def _welcome(self, hello: Packet) -> bytes:
+    def welcome(self, hello: Packet) -> bytes:
+        """Return the answer to a HELLO: WELCOME, or REFUSAL while a session has the table."""
         self.hellos += 1
         runner, terms = hello.content[:16], hello.content[16:40]
         if self.state in (ARMED, RESTING):

@@ -39,6 +39,10 @@ class Relay:
         self._front.close()
         self._back.close()
 
+    def send_to(self, runner: tuple[str, int], packet: bytes) -> None:
+        """Send a packet of one's own to a runner, as if the target had sent it."""
+        self._front.sendto(packet, runner)
+
     def _pass_on(self) -> None:
         runner, order = ("127.0.0.1", 9), itertools.count()
         due: list[tuple[float, int, socket.socket, bytes]] = []

@@ -143,5 +143,6 @@ def test_a_structure_is_judged_by_the_half_it_was_not_fitted_to() -> None:
     one = Frf(f, truth.sampled_response(f), np.ones(len(f)), known, 20)
     other = Frf(f, 1.02 * one.response, np.ones(len(f)), known, 20)  # another day, another gain
     base = first_fit(one, (np.zeros(0), np.zeros(0)), Timing(1, 5e-4), (0.5, 60.0))
-    found = model_order._held_out(model_order._as_it_is(base), base, (one, other))
+    as_it_is = model_order.Trial("one lag", base.layout, base.parameters, base.held_zeros)
+    found = model_order.held_out_error(as_it_is, base, (one, other))
     assert found == pytest.approx(0.02 / (np.sqrt(2.0) * np.hypot(1e-3, 1e-3)), rel=0.03)

@@ -33,6 +33,11 @@ HEADER = RawHeader(
 )
 
 
+def log_threads() -> list[threading.Thread]:
+    """Return the threads of this process that write a raw log."""
+    return [thread for thread in threading.enumerate() if thread.name == "rths-log"]
+
+
 class Loop:
     """Columns, counter and orders of a loop that notes value `step + column / 8`."""
 
@@ -146,9 +151,10 @@ def test_a_disk_that_does_not_answer_holds_nobody_up_for_ever(
     reserved = log.path.stat().st_size
     log.close()
     assert log.path.stat().st_size == reserved  # the file is left to the call that holds it
+    (thread,) = log_threads()
     answers.set()
-    streamed._thread.join(20)
-    assert not streamed._thread.is_alive()
+    thread.join(20)
+    assert not thread.is_alive()
 
 
 def test_other_columns_than_the_header_states_are_a_bug(log: RawLogWriter) -> None:
@@ -173,7 +179,8 @@ def test_the_thread_takes_no_part_in_real_time(log: RawLogWriter) -> None:
         with LogStream(log, loop.columns, loop.done, loop.orders) as streamed:
             loop.advance(1)
             wait_for(lambda: streamed.written == 1)
-            found.append(os.sched_getscheduler(streamed._thread.native_id or 0))
+            (thread,) = log_threads()
+            found.append(os.sched_getscheduler(thread.native_id or 0))
             found.append(os.sched_getscheduler(0))
 
     maker = threading.Thread(target=born_in_real_time)

@@ -72,8 +72,8 @@ def reference(limit_v: float) -> Array:
     """Return the command by the regulator's equations: observer, state feedback, clipped command, table, sensors."""
     info, model = ideal_info(latency_samples=1), true_model(1.5 * DT_S)
     blocks, channel = best_like(info), info.channels[0]
-    a, b, c, d, drive, drive_direct = feedback._plant(feedback.sampled_table(model, DT_S), DT_S, DEFAULT)
-    gain = feedback._regulator_gain(model, (a, b, c, d, drive, drive_direct), DEFAULT)[0]
+    a, b, c, d, drive, drive_direct = feedback.lqg_plant(feedback.sampled_table(model, DT_S), DT_S, DEFAULT)
+    gain = feedback.regulator_gain(model, (a, b, c, d, drive, drive_direct), DEFAULT)[0]
     variance = drive_direct @ drive_direct.T + NOISE**2
     observer = riccati_gain(a.T, c.T, drive @ drive.T, variance, drive @ drive_direct.T)[0]
     ta, tb, sensed, _ = linear_table(LINEAR, specimen(), channel.low_pass_hz)
@@ -112,7 +112,7 @@ def last_at_limit_s(command_v: Array) -> float:
 def test_a_feedback_that_knows_recovers_with_its_observer_and_one_that_does_not_winds_up() -> None:
     """The observer forgets the disturbed table within some 10 ms; what it was never told keeps it wrong for 0.5 s."""
     blocks = replace(best_like(ideal_info(latency_samples=1)), feedback_limit_v=LIMIT_V)
-    a, _, c, _, drive, direct = feedback._plant(feedback.sampled_table(true_model(1.5 * DT_S), DT_S), DT_S, DEFAULT)
+    a, _, c, _, drive, direct = feedback.lqg_plant(feedback.sampled_table(true_model(1.5 * DT_S), DT_S), DT_S, DEFAULT)
     variance = direct @ direct.T + NOISE**2
     observer = riccati_gain(a.T, c.T, drive @ drive.T, variance, drive @ direct.T).T
     sizes = np.abs(np.linalg.eigvals(a - observer @ c))

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import errno
 import gc
 import os
+import resource
 import sys
 import time
 from pathlib import Path
@@ -24,7 +26,7 @@ def locked_kb() -> int:
 
 
 def slack_ns() -> int:
-    return scheduling._libc().prctl(scheduling.GET_TIMER_SLACK, 0, 0, 0, 0)
+    return ctypes.CDLL(None).prctl(scheduling.GET_TIMER_SLACK, 0, 0, 0, 0)
 
 
 def seen() -> tuple[object, ...]:
@@ -101,7 +103,7 @@ def test_a_lower_priority_is_taken_where_the_limit_is_lower(monkeypatch: pytest.
             raise PermissionError(errno.EPERM, "Operation not permitted")
 
     monkeypatch.setattr(os, "sched_setscheduler", at_most_20)
-    monkeypatch.setattr(scheduling, "_priority_limit", lambda: 20)
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (20, 20))
     with real_time(80, place=None) as granted:
         assert (granted.fifo_priority, granted.cpu) == (20, -1)
     assert asked[:2] == [80, 20]

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import rths_cli
-from rths_cli.numerics.compiled import _flatten, entry
+from rths_cli.numerics.compiled import entry
 from rths_cli.numerics.lti import Array
 
 PACKAGE = Path(rths_cli.__file__).parent
@@ -108,21 +108,27 @@ def test_damaged_machine_code_is_compiled_again(made: tuple[Path, list[str]], tm
 @pytest.mark.parametrize("value", [np.float32(1.5), np.int32(2), None, "1.5", [1.0]])
 def test_what_python_and_machine_would_read_differently_is_refused(value: object) -> None:
     with pytest.raises(TypeError, match="compiled code takes"):
-        _flatten(value, [])
+        total.bind(value)
 
 
 def test_kinds_tell_read_only_arrays_and_only_contiguous_ones_are_taken() -> None:
     frozen = np.zeros(3)
     frozen.flags.writeable = False
-    assert _flatten(frozen, []) != _flatten(np.zeros(3), [])
+    assert first(frozen) == first(np.zeros(3)) == 0.0
+    assert len(first.kinds) == 2
     for array in (np.zeros(4)[::2], np.zeros(4)[::-1], np.asfortranarray(np.zeros((2, 3)))):
         with pytest.raises(TypeError, match="C-contiguous"):
-            _flatten(array, [])
+            first.bind(array)
 
 
 def test_a_cache_that_cannot_be_made_is_no_fault(made: tuple[Path, list[str]], tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     assert hello(tmp_path / "file") == made[1]
+
+
+@entry
+def first(values: Array) -> float:
+    return values[0]
 
 
 @entry

@@ -11,7 +11,7 @@ from rths_cli.analysis.metrics import error_figures
 from rths_cli.files.result_reader import Result
 from rths_cli.numerics.lti import Array
 from rths_cli.report.figures.figure_data import Source
-from rths_cli.report.figures.histories import _error_panel
+from rths_cli.report.figures.histories import error_panel
 from rths_cli.report.filtered_errors import evaluated_error
 from rths_cli.report.page import histories
 
@@ -43,9 +43,9 @@ def test_its_rms_is_the_one_in_the_file() -> None:
 
 def test_the_figure_and_the_page_draw_it() -> None:
     result = result_with({"exp_rths.high_pass_hz": 0.1})
-    panel = _error_panel(Source(result), "an error", "exp_rths", TIME, DRIFTING, "")
+    panel = error_panel(Source(result), "an error", "exp_rths", TIME, DRIFTING, "")
     np.testing.assert_allclose(middle(panel.lines[0].values), middle(FAST), atol=2e-4)
-    trace = histories._error(result, "exp_rths", {"sim": DRIFTING, "exp_rths": 0.0 * TIME}, TIME)
+    trace = histories.error_trace(result, "exp_rths", {"sim": DRIFTING, "exp_rths": 0.0 * TIME}, TIME)
     np.testing.assert_allclose(middle(trace.values), middle(FAST), atol=2e-4)
 
 

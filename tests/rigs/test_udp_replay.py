@@ -56,9 +56,9 @@ class Line:
             kept = self.forth[-max(int(share * len(self.forth)), 4) :] + self.back[-4:]
             for i in self.random.integers(len(kept), size=AGAIN // 2):
                 self.stranger.send(kept[i])
-        if rig is not None and rig._door is not None:
+        if rig is not None and rig.door is not None:
             for i in self.random.integers(len(self.back), size=AGAIN // 2):
-                self.relay._front.sendto(self.back[i], rig._door.getsockname())
+                self.relay.send_to(rig.door.getsockname(), self.back[i])
 
     def close(self) -> None:
         self.relay.close()
@@ -137,7 +137,7 @@ def test_replays_at_the_start_in_motion_and_at_the_end_change_nothing(line: tupl
         rig.rest()
         assert rig.at_rest
         wire_tap.replay(rig)
-        assert links.converse_at(rig.link, packets.REST, rig._next_k(), 0.0, 0, 2_000_000_000) == links.FAULT
+        assert links.converse_at(rig.link, packets.REST, rig.next_step, 0.0, 0, 2_000_000_000) == links.FAULT
         assert rig.link.status[links.STATE] == packets.RESTED and rig.link.status[links.FAULTS] == 0
         wire_tap.replay(rig)
         rig.close()
@@ -188,5 +188,5 @@ def test_an_arm_does_not_take_a_table_that_another_runner_has(
     assert rig.link.status[links.STATE] == packets.ARMED
     rig.rest()
     assert rig.at_rest
-    assert late._door is not None
-    late._door.close()
+    assert late.door is not None
+    late.door.close()

@@ -297,14 +297,14 @@ def test_a_session_that_began_although_no_answer_came_is_waited_for(
     rig.open()
     refusals: list[bytes] = []
     target.spoil = lambda _, sent: [sent] if target.armed > 1 else []
-    welcome = target._welcome
+    welcome = target.welcome
 
     def answer(hello: udp_peer.Packet) -> bytes:
         target.state = udp_peer.RESTED if len(refusals) == 3 else target.state
         refusals.append(welcome(hello))
         return refusals[-1]
 
-    target._welcome = answer  # type: ignore[method-assign]
+    target.welcome = answer  # type: ignore[method-assign]
     rig.arm()
     assert [data[packets.KIND] for data in refusals] == [packets.REFUSAL] * 3 + [packets.WELCOME]
     assert target.armed == 2 and rig.exchange(1.0).size == 3

@@ -75,8 +75,8 @@ def _layout(path: Path, lines: list[str]) -> Layout:
     separator = _separator(lines[index])
     count = len(_cells(lines[index], separator))
     above = [(number, line) for number, line in enumerate(lines[:index], 1) if line.strip()]
-    intervals = [stated for number, line in above if (stated := _statement(number, line))]
-    above = [(number, line) for number, line in above if not _statement(number, line)]
+    intervals = [stated for number, line in above if (stated := interval_in_line(number, line))]
+    above = [(number, line) for number, line in above if not interval_in_line(number, line)]
     _check_above(path, above, separator, count)
     names, units = _names(path, above, separator, count)
     return Layout(separator, index, names, units, tuple(intervals))
@@ -143,8 +143,11 @@ def _names(
     return tuple(fitting[-1]), blank
 
 
-def _statement(number: int, line: str) -> tuple[str, float] | None:
-    """Return the sampling interval that a line such as `# dt: 0.0005 s` or `fs,2000` states, None for any other."""
+def interval_in_line(number: int, line: str) -> tuple[str, float] | None:
+    """Return the place and the sampling interval in s that a line such as `# dt: 0.0005 s` or `fs,2000` states.
+
+    None for any other line; `number` is the line's own, from 1.
+    """
     told = line.lstrip(_NO_NAME)
     mark = re.search(r"[:=,;\t]", told)
     if mark is None:

@@ -112,7 +112,7 @@ def _tracking_errors(source: Source) -> Iterator[Panel]:
             error = source.read(f"{run}/{DESIRED}") - source.read(f"{run}/{MEASURED}")
             look = RUNS[run]
             note = _rms(source, f"{run}.tracking_rms_m_s2")
-            yield _error_panel(source, f"tracking, {look.label}", run, source.read(f"{run}/time_s"), error, note)
+            yield error_panel(source, f"tracking, {look.label}", run, source.read(f"{run}/time_s"), error, note)
 
 
 def _storeys_with_errors(source: Source) -> list[int]:
@@ -131,11 +131,11 @@ def _storey_errors(source: Source, storey: int) -> Iterator[Panel]:
             note = "" if figures is None else _told(float(figures[storey - 1]))
             title = f"storey {storey}, SIM − {RUNS[run].label}"
             time = source.read(f"{run}/time_s")
-            yield _error_panel(source, title, run, time, exact[: values.size] - values, note)
+            yield error_panel(source, title, run, time, exact[: values.size] - values, note)
 
 
-def _error_panel(source: Source, title: str, run: str, time: Array, error: Array, note: str) -> Panel:
-    """Return the panel of an error (n,) of a run, filtered as its RMS is, as far as it is known."""
+def error_panel(source: Source, title: str, run: str, time: Array, error: Array, note: str) -> Panel:
+    """Return the panel of an error (n,) in m/s^2 of a run, filtered as its RMS is, as far as it is known."""
     from rths_cli.report.filtered_errors import evaluated_error
 
     n = known_part(error)

@@ -83,12 +83,16 @@ def storeys(result: Result) -> Iterator[View]:
 def _storey_charts(result: Result, storey: int, of: dict[str, Array], time: Array) -> Iterator[Chart]:
     traces = tuple(Trace(RUNS[run], run, values) for run, values in of.items())
     yield Chart(f"Absolute acceleration, storey {storey}", UNIT, time, traces)
-    errors = tuple(_error(result, run, of, time) for run in BUILDINGS[1:] if run in of and "sim" in of)
+    errors = tuple(error_trace(result, run, of, time) for run in BUILDINGS[1:] if run in of and "sim" in of)
     if errors:
         yield Chart(f"Error to SIM, storey {storey}, {IN_BAND}", UNIT, time, errors)
 
 
-def _error(result: Result, run: str, of: dict[str, Array], time: Array) -> Trace:
+def error_trace(result: Result, run: str, of: dict[str, Array], time: Array) -> Trace:
+    """Return SIM less a run's absolute acceleration of one storey, filtered as its RMS is.
+
+    `of` holds the series (n,) in m/s^2 by run, SIM among them; `time` (n,) in s.
+    """
     both = min(of["sim"].size, of[run].size)
     error = of["sim"][:both] - of[run][:both]
     return Trace(f"SIM - {RUNS[run]}", run, evaluated_error(result, run, error, _step(time)))

@@ -30,7 +30,7 @@ class NiRig:
     def __init__(self, info: RigInfo, wiring: Wiring) -> None:
         self.info = info
         self.missed = 0
-        self._wiring = wiring
+        self.wiring = wiring
         self._card: Card | None = None
         self._armed = False
         self._command_v = self._rate_v_s = 0.0
@@ -42,7 +42,7 @@ class NiRig:
             declared = self.info.latency_samples
             raise RigError(f"{self._who}: a card's latency is 1 sample, not {declared}; correct latency_samples")
         self.close()
-        self._card = Card(self._wiring, self._who)
+        self._card = Card(self.wiring, self._who)
         self.info = replace(self.info, driver_verified="hardware" if self._card.is_hardware else "fake")
 
     def arm(self) -> Array:

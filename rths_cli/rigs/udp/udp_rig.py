@@ -80,6 +80,17 @@ class UdpRig:
         return self._link
 
     @property
+    def door(self) -> socket.socket | None:
+        """Return the socket of the session, None where there is none."""
+        return self._door
+
+    @property
+    def next_step(self) -> int:
+        """Return the number of the step that the next packet is of, counted from ARM as step 0."""
+        link = self.link
+        return int(link.status[links.LAST] - link.status[links.BASE]) + 1
+
+    @property
     def counts(self) -> dict[str, int]:
         """Return how many packets were sent, answered, lost, late, doubled, bad, ... in this session."""
         return {name: int(count) for name, count in zip(links.COUNTS, self.link.counts, strict=True)}
@@ -123,7 +134,7 @@ class UdpRig:
         link = self.link
         if not math.isfinite(command_v):
             raise RigError(f"rig {self.info.name}: the command is not a number; it was not sent")
-        k = self._next_k()
+        k = self.next_step
         late_ns = time.monotonic_ns() - self._instant_ns(k)
         if late_ns > self._dt_ns:  # sent at once; the instants without a command use up their numbers
             k += late_ns // self._dt_ns
@@ -249,13 +260,9 @@ class UdpRig:
         """Return when the command of instant k is due, on the monotonic clock."""
         return self._start_ns + k * self._dt_ns
 
-    def _next_k(self) -> int:
-        link = self.link
-        return int(link.status[links.LAST] - link.status[links.BASE]) + 1
-
     def _ask(self, kind: int) -> int:
         """Send a packet without a command and wait shortly for the answer."""
-        return int(converse_at(self.link, kind, self._next_k(), 0.0, 0, round(PAUSE_S / IN_S)))
+        return int(converse_at(self.link, kind, self.next_step, 0.0, 0, round(PAUSE_S / IN_S)))
 
     def _check(self, text: str) -> None:
         """Raise RigError where the target reported a fault or left the armed state."""

@@ -102,7 +102,7 @@ def test_what_fails_halfway_leaves_nothing(
     def fail(*_: object) -> None:
         raise fault
 
-    monkeypatch.setattr(csv_files, "_about_table", fail)  # the last file, when all tables are written
+    monkeypatch.setattr(csv_files, "notes", fail)  # the last file, when all tables are written
     with pytest.raises(InputError if isinstance(fault, OSError) else KeyboardInterrupt, match=r"No space left|^$"):
         export(ExportRequest((result,), "csv", tmp_path / "out"))
     assert list((tmp_path / "out").iterdir()) == []

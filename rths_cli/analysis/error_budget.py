@@ -281,8 +281,8 @@ def _felt(known: Known) -> Array:
 def _told(
     known: Known, disturbed: ComplexArray, rows: tuple[ComplexArray, ...], weight: Array, instants: Array | None
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Return the factors of rows as `fitted_factors` and their standard uncertainties, of the record's instants alone that
-    have a weight (at the reduced rate; None: of all)."""
+    """Return the factors of rows as `fitted_factors` does and their standard uncertainties, of the record's instants
+    alone that have a weight (at the reduced rate; None: of all)."""
     both = np.vstack([*rows, disturbed[None]])
     if instants is not None:
         both = weighted_in_time(known.lines, both, instants)

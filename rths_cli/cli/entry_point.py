@@ -30,7 +30,7 @@ def main() -> NoReturn:
     SIGNALS.install()
     _one_blas_thread()
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # pydantic would look for some in every package
-    code = run_command()
+    code = run_to_exit_code()
     SIGNALS.ignore()
     if any_abandoned():  # a computation still uses libraries that a usual end unloads
         sys.stdout.flush()
@@ -70,7 +70,7 @@ def _one_blas_thread() -> None:
         os.environ.setdefault(name, "1")
 
 
-def run_command() -> int:
+def run_to_exit_code() -> int:
     """Run the command of sys.argv and return its exit code; every way of failing becomes sentences and a code."""
     try:
         code = int(cli.main(standalone_mode=False) or 0)

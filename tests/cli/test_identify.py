@@ -45,7 +45,7 @@ def rths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
 
     def call(*words: str) -> Shown:
         monkeypatch.setattr("sys.argv", ["rths", *words])
-        code = entry_point.run_command()
+        code = entry_point.run_to_exit_code()
         return Shown(code, *capsys.readouterr())
 
     return call

@@ -74,7 +74,7 @@ def identify(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Cap
     def call(*words: str) -> Shown:
         argv = ["rths", "identify", "--set", SHORT, "--no-figure", "--output", "m.h5", *words]
         monkeypatch.setattr("sys.argv", argv)
-        code = entry_point.run_command()
+        code = entry_point.run_to_exit_code()
         return Shown(code, *capsys.readouterr())
 
     return call

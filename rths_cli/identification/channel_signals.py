@@ -44,8 +44,9 @@ def flat_tops(accel: Array, rest_rms_m_s2: float = 0.0, bit_m_s2: float = 0.0) -
     """Return the number of clipped peaks of a signal (n,) in m/s^2.
 
     A normal peak is a parabola: of the time above 95 % of its top it spends sqrt(0.002 / 0.05) = 0.2 above 99.8 % (0.37
-    above 99.3 %, the threshold for noisy signals). A clipped peak spends most of that time there. If one bit of the
-    converter is more than 0.7 % of the top, every peak looks flat and none is counted.
+    above 99.3 %, the threshold for noisy signals). A clipped peak spends most of that time there: more than half of its
+    samples and one, so that noise cannot make a short peak look clipped. If one bit of the converter is more than 0.7 %
+    of the top, every peak looks flat and none is counted.
     """
     count = 0
     for side in (accel, -accel):
@@ -55,8 +56,8 @@ def flat_tops(accel: Array, rest_rms_m_s2: float = 0.0, bit_m_s2: float = 0.0) -
         flat = np.clip(1.0 - NOISE_SIGMA * rest_rms_m_s2 / top, FLATTEST, FLAT) if top > 0.0 else FLAT
         edges = np.diff((side > TOP * top).astype(np.int8), prepend=0, append=0)
         stretches = zip(np.flatnonzero(edges == 1), np.flatnonzero(edges == -1), strict=True)
-        shares = [int(np.sum(side[a:b] > flat * top)) / (b - a) for a, b in stretches if b - a >= LEAST_TOP]
-        count += sum(int(share > CUT_OFF) for share in shares)
+        flats = [(int(np.sum(side[a:b] > flat * top)), int(b - a)) for a, b in stretches if b - a >= LEAST_TOP]
+        count += sum(at_top > CUT_OFF * length + 1.0 for at_top, length in flats)
     return count
 
 

@@ -20,6 +20,7 @@ _START = re.compile(rb"GCOL\x01\0{3}")
 _SIZE = struct.Struct("<Q")  # of a collection, after its signature
 _OBJECT = struct.Struct("<H6xQ")  # index (0: what is free, its header included) and size of an object
 _KEPT = 4096
+PART_BYTES = 1 << 26  # whole pages
 _DAMAGED = "has a damaged collection of texts"
 
 
@@ -44,8 +45,18 @@ def _ends(path: Path, *_: int) -> bool:
 
 
 def _all_end(image: bytes | mmap.mmap) -> bool:
-    """Tell whether every collection of texts in the bytes of an HDF5 file ends."""
-    return all(_collection_ends(image, match.start()) for match in _START.finditer(image))
+    """Tell whether every collection of texts in the bytes of an HDF5 file ends.
+
+    It is searched by parts, and a part is given back before the next: a file may be larger than the memory.
+    """
+    for first in range(0, len(image), PART_BYTES):
+        end = min(first + PART_BYTES, len(image))
+        starts = _START.finditer(image, first, min(end + _SIGNATURE_BYTES - 1, len(image)))
+        if not all(_collection_ends(image, match.start()) for match in starts):
+            return False
+        if isinstance(image, mmap.mmap):
+            image.madvise(mmap.MADV_DONTNEED, first, end - first)
+    return True
 
 
 def _collection_ends(image: bytes | mmap.mmap, start: int) -> bool:

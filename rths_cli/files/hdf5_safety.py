@@ -107,11 +107,23 @@ def attribute(node: Any, name: str) -> str | int | float | None:
     return _attribute(node, name) if name in node.attrs else None
 
 
+def held(node: Any, name: str) -> Any:
+    """Return what an attribute holds, numbers or texts; raises LayoutError for anything else.
+
+    It is not even read: the library dies of a list whose declaration is damaged.
+    """
+    stored, library = node.attrs.get_id(name), _library()
+    if stored.get_type().get_class() not in (*library.numbers, library.text) or (
+        stored.get_storage_size() > MOST_ATTRIBUTE_BYTES
+    ):
+        raise LayoutError(f"has an attribute {name[:LONGEST_NAME]!r} that holds neither texts nor numbers")
+    return node.attrs[name]
+
+
 def _attribute(node: Any, name: str, any_number: bool = False) -> str | int | float:
-    stored = node.attrs.get_id(name)
-    if stored.shape != () or stored.get_storage_size() > MOST_ATTRIBUTE_BYTES:
+    if node.attrs.get_id(name).shape != ():
         raise LayoutError(f"has an attribute {name[:LONGEST_NAME]!r} that is neither a text nor a finite number")
-    return scalar(name, node.attrs[name], any_number)
+    return scalar(name, held(node, name), any_number)
 
 
 def values_of(node: GroupID | DatasetID | None, path: str, any_number: bool = False) -> Any:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rths_cli.files.hdf5_safety import is_dataset, scalar, walk
+from rths_cli.files.hdf5_safety import held, is_dataset, scalar, walk
 from rths_cli.files.result_reader import Dataset, _dataset, _reading
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ def _attributes(node: Any) -> dict[str, About]:
     import h5py
 
     group = h5py.Group(node)
-    return {name: _about(name, group.attrs[name]) for name in group.attrs}
+    return {name: _about(name, held(group, name)) for name in group.attrs}
 
 
 def _about(name: str, value: Any) -> About:

@@ -39,12 +39,14 @@ from rths_cli.safe_text import csv_cell
 
 if TYPE_CHECKING:
     import h5py
+    from h5py.h5d import DatasetID
 
 T = TypeVar("T")
 
 FORMAT = "rths-sweep"
 FORMAT_VERSION = 1
 CSV_START = b"variant,"
+MOST_RUNS, MOST_STOREYS = 1 << 22, 1000  # of a table that is read whole
 CASE = ("case_yaml", "case_resolved")
 STATED = (
     "case_name", "rig", "rig_kind", "seeds", "status", "plan_sha256", "software_sha256", "exit_code", "seeds_per_point",
@@ -146,6 +148,7 @@ def _sweep(file: h5py.File) -> Sweep:
     nodes = dict(datasets(file))
     if any("/" in name for name in nodes):
         raise LayoutError("has groups in it")
+    _check_table(nodes)
     found = {name: values_of(node, name) for name, node in nodes.items()}
     units = {name: (text(node, "units"), text(node, "long_name")) for name, node in nodes.items()}
     keys = str(about["coordinates"]).split()[1:]
@@ -164,6 +167,17 @@ def _sweep(file: h5py.File) -> Sweep:
     varied = {key: tuple(_column(found, key, "OSUf", runs).tolist()) for key in keys}
     yaml, resolved = (member(found, name, str) for name in CASE)
     return Sweep(about, yaml, resolved, per_point, varied, seed, texts, figures)
+
+
+def _check_table(nodes: Mapping[str, DatasetID]) -> None:
+    """Raise LayoutError unless every dataset, before it is read, is one text or has the rows of a table of runs."""
+    shapes: dict[str, tuple[int, ...]] = {name: node.shape for name, node in nodes.items()}
+    runs = shapes.get("seed", ())
+    if len(runs) != 1 or runs[0] > MOST_RUNS:
+        raise LayoutError(f"has not a seed for each of at most {MOST_RUNS} runs")
+    for name, shape in shapes.items():
+        if shape and (shape[0] != runs[0] or len(shape) > 2 or max(shape[1:], default=1) > MOST_STOREYS):
+            raise LayoutError(f"has not one {name} per run")
 
 
 def _column(found: Mapping[str, Any], name: str, kinds: str, runs: int | None) -> NDArray[Any]:

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 
 from rths_cli.errors import InputError
+from rths_cli.files import hdf5_heaps
 from rths_cli.files.hdf5 import Dataset, write_group
-from rths_cli.files.hdf5_safety import DEEPEST
+from rths_cli.files.hdf5_safety import DEEPEST, LayoutError, held
 from rths_cli.files.result_listing import read_outlines
 from rths_cli.files.result_reader import ResultWriter, read_checked, read_dataset
 
@@ -183,6 +184,30 @@ def test_a_collection_of_texts_that_does_not_end_is_refused(tmp_path: Path) -> N
     path.write_bytes(image)
     with pytest.raises(InputError, match="damaged collection of texts"):
         read_checked(path)
+
+
+def test_a_list_of_any_length_in_an_attribute_is_not_read(tmp_path: Path) -> None:
+    """The library dies of one whose declaration is damaged: one flipped bit makes such a list of a text."""
+    with h5py.File(tmp_path / "x.h5", "w") as file:
+        lists = np.array([np.arange(2, dtype=np.int32), np.arange(3, dtype=np.int32)], object)
+        file.attrs.create("command_line", lists, dtype=h5py.vlen_dtype(np.int32))
+        file.attrs["rig"], file.attrs["seed"] = "lab", 5
+        assert [held(file, name) for name in ("rig", "seed")] == ["lab", 5]
+        with pytest.raises(LayoutError, match="'command_line' that holds neither texts nor numbers"):
+            held(file, "command_line")
+
+
+def test_a_large_file_is_searched_by_parts(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """A collection that begins across the end of a part is found."""
+    whole = bytearray(3 * 4096)
+    for start in (4096 - 3, 8192):
+        image = bytearray(whole)
+        image[start : start + 24] = b"GCOL\x01\0\0\0" + (4096).to_bytes(8, "little") + b"\x01" + bytes(7)
+        path = tmp_path / f"{start}.bin"
+        path.write_bytes(image)
+        monkeypatch.setattr(hdf5_heaps, "PART_BYTES", 4096)
+        with pytest.raises(LayoutError, match="damaged collection of texts"):
+            hdf5_heaps.check_heaps(path)
 
 
 def test_every_nan_that_is_read_is_quiet(tmp_path: Path) -> None:

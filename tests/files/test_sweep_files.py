@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from rths_cli.errors import InputError
+from rths_cli.files import sweep_file
 from rths_cli.files.sweep_file import Figure, RowsFile, Sweep, read_rows, read_sweep, rows_path, write_csv, write_sweep
 
 VALUES = [0.1, 1 / 3, 5e-324, -1.7976931348623157e308, float("inf"), float("nan"), -0.0]
@@ -91,6 +92,23 @@ def test_an_infinite_error_is_refused_and_a_missing_one_is_not(tmp_path: Path) -
         else:
             with pytest.raises(InputError, match=r"infinite number in exp_rths\.tracking_rms_m_s2"):
                 read_sweep(path)
+
+
+@pytest.mark.parametrize(
+    ("name", "shape"), [("a.s", (3, 1001)), ("a.b_m", (10**6,)), ("seed", (2, 3)), ("a.s", (3, 3, 1))]
+)
+def test_what_has_not_the_rows_of_the_table_is_not_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, shape: tuple[int, ...]
+) -> None:
+    """A file of a gigabyte would take many in the memory."""
+    path = tmp_path / "x.h5"
+    write_sweep(path, made())
+    with h5py.File(path, "r+") as file:
+        del file[name]
+        file[name] = np.zeros(shape, np.int64 if name == "seed" else float)
+    monkeypatch.setattr(sweep_file, "values_of", lambda *_: pytest.fail("was read"))
+    with pytest.raises(InputError, match=f"has not (one {name} per run|a {name} for each)"):
+        read_sweep(path)
 
 
 def test_a_table_as_csv_keeps_text_and_numbers(tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from rths_cli.files.hdf5_heaps import check_heaps
+from rths_cli.files.hdf5_safety import held
 from rths_cli.numerics.lti import ComplexArray
 
 if TYPE_CHECKING:
@@ -121,7 +122,7 @@ def _object(class_name: str) -> dict[str, Any]:
 
 
 def _class_of(node: h5py.Dataset | h5py.Group) -> str:
-    declared = node.attrs.get("MATLAB_class", b"")
+    declared = held(node, "MATLAB_class") if "MATLAB_class" in node.attrs else b""
     return declared.decode() if isinstance(declared, bytes) else str(declared)
 
 

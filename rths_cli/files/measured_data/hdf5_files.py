@@ -14,7 +14,7 @@ import numpy as np
 from rths_cli.errors import InputError
 from rths_cli.files.hdf5 import Dataset, write_group
 from rths_cli.files.hdf5_heaps import check_heaps
-from rths_cli.files.hdf5_safety import LayoutError, check_storage, part, size_of, values_of
+from rths_cli.files.hdf5_safety import LayoutError, check_storage, held, part, size_of, values_of
 from rths_cli.files.measured_data.named_variables import Variable, contents_of
 from rths_cli.files.measured_data.recording import Column, Contents, Recording
 from rths_cli.files.measured_data.sample_interval import stated_interval
@@ -73,7 +73,7 @@ def hdf5_contents(path: Path) -> Contents:
 
     check_heaps(path)
     with h5py.File(path, "r") as file:
-        kind = _text(file.attrs.get("format", ""))
+        kind = _text(_held(file, "format", ""))
         if kind == FORMAT:
             return _own(path, file)
         if kind.startswith("rths-"):
@@ -85,14 +85,14 @@ def hdf5_contents(path: Path) -> Contents:
 
 def _own(path: Path, file: h5py.File) -> Contents:
     """Return the contents of the project's own form."""
-    version = int(file.attrs["format_version"])
+    version = int(held(file, "format_version"))
     if version > FORMAT_VERSION:
         raise InputError(f"{path}: has format version {version}, this rths reads up to {FORMAT_VERSION}; update rths")
     read = {name: values_of(part(file, name), name, any_number=True) for name in ("samples", "names", "units")}
     samples, names, units = np.asarray(read["samples"], dtype=np.float64), read["names"], read["units"]
     columns = tuple(Column(str(n), row, str(u)) for n, row, u in zip(names, samples, units, strict=True))
-    notes = tuple(str(note) for note in json.loads(_text(file.attrs["notes"])))
-    return Contents(columns, (("dt_s", float(file.attrs["dt_s"])),), notes, exact=True)
+    notes = tuple(str(note) for note in json.loads(_text(held(file, "notes"))))
+    return Contents(columns, (("dt_s", float(held(file, "dt_s"))),), notes, exact=True)
 
 
 def _variables(path: Path, file: h5py.File, group: h5py.Group, prefix: str = "") -> Iterator[tuple[str, Variable]]:
@@ -118,9 +118,9 @@ def _variable(path: Path, file: h5py.File, node: h5py.Dataset) -> Variable:
         check_storage(node.id, node.name, size_of(file))
     except LayoutError as error:
         raise InputError(f"{path}: {error}; export the recording again") from error
-    kind = _text(node.attrs.get("MATLAB_class", ""))
-    unit = next((_text(node.attrs[key]) for key in _UNIT_ATTRIBUTES if key in node.attrs), "")
-    if node.shape is None or node.attrs.get("MATLAB_empty", 0):
+    kind = _text(_held(node, "MATLAB_class", ""))
+    unit = next((_text(_held(node, key, "")) for key in _UNIT_ATTRIBUTES if key in node.attrs), "")
+    if node.shape is None or _held(node, "MATLAB_empty", 0):
         return Variable(None)
     if kind == "cell" or h5py.check_ref_dtype(node.dtype) is h5py.Reference:
         return Variable(_cell_texts(file, node))
@@ -137,7 +137,7 @@ def _cell_texts(file: h5py.File, node: h5py.Dataset) -> list[str] | None:
     texts = []
     for reference in np.asarray(node[()]).reshape(-1):
         target = file[reference]
-        if _text(target.attrs.get("MATLAB_class", "")) != "char":
+        if _text(_held(target, "MATLAB_class", "")) != "char":
             return None
         texts.append("".join(_char_texts(target)))
     return texts
@@ -145,7 +145,7 @@ def _cell_texts(file: h5py.File, node: h5py.Dataset) -> list[str] | None:
 
 def _char_texts(node: h5py.Dataset) -> list[str]:
     """Return the rows of a MATLAB char array, which is stored as character codes, transposed."""
-    if node.attrs.get("MATLAB_empty", 0):
+    if _held(node, "MATLAB_empty", 0):
         return [""]
     codes = np.atleast_2d(np.asarray(node[()])).T
     return ["".join(chr(int(code)) for code in row) for row in codes]
@@ -153,8 +153,17 @@ def _char_texts(node: h5py.Dataset) -> list[str]:
 
 def _rates(node: h5py.HLObject) -> dict[str, float]:
     """Return the attributes that state a rate or an interval."""
-    numbers = {k: np.asarray(v).reshape(-1) for k, v in node.attrs.items() if stated_interval(k, 1.0) is not None}
+    stating = [name for name in node.attrs if stated_interval(name, 1.0) is not None]
+    numbers = {name: np.asarray(_held(node, name, np.nan)).reshape(-1) for name in stating}
     return {key: float(v[0]) for key, v in numbers.items() if v.size == 1 and v.dtype.kind in "iuf"}
+
+
+def _held(node: h5py.HLObject, name: str, otherwise: Any) -> Any:
+    """Return what an attribute holds; `otherwise` where there is none, or one of neither texts nor numbers."""
+    try:
+        return held(node, name) if name in node.attrs else otherwise
+    except LayoutError:
+        return otherwise
 
 
 def _text(value: Any) -> str:

@@ -114,10 +114,18 @@ def plan_run(setup: Setup, design: Design, kind: RunKind, identified: Identifica
 
 
 def drive_of(setup: Setup, design: Design) -> Array:
-    """Return the ground's acceleration, velocity and displacement (n + lead, 3); its clock ends before the table's."""
+    """Return the ground's acceleration, velocity and displacement (n + lead, 3); its clock ends before the table's.
+
+    After the record the ground keeps its last acceleration. Values that do not belong together, a velocity beside
+    a displacement that stands still, are a jump to a feedforward that weighs all of them.
+    """
     motion, lead = setup.motion, design.blocks.lead_samples
     drive = np.column_stack([motion.accel_m_s2, motion.velocity_m_s, motion.displacement_m])
-    return np.vstack([drive, np.repeat(drive[-1:], lead, axis=0)])
+    accel, velocity, displacement = drive[-1]
+    after_s = setup.rig.dt_s * np.arange(1, lead + 1)
+    moved = velocity * after_s + 0.5 * accel * after_s**2
+    further = np.column_stack([np.full(lead, accel), velocity + accel * after_s, displacement + moved])
+    return np.vstack([drive, further])
 
 
 def play_run(plan: RunPlan, seed: int, log: Log | None = None) -> Outcome:

@@ -16,6 +16,7 @@ from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
 from rths_cli.experiment.case_warnings import differences
 from rths_cli.experiment.model_choice import Known, Memory
+from rths_cli.experiment.one_table_run import drive_of
 from rths_cli.experiment.run_case import Ended, run_case
 from rths_cli.experiment.setup import make_setup
 from rths_cli.files.result_reader import read_result
@@ -249,3 +250,17 @@ def test_what_changes_after_identification_changes_the_shake_table_test_too(tmp_
     run(tmp_path / "1.h5", memory, "runs=[shake_table]", "table.after_identification.coulomb_factor=3")
     before, after = (read_result(tmp_path / f"{k}.h5").metrics["shake_table.tracking_rms_m_s2"] for k in (0, 1))
     assert after > 1.5 * before
+
+
+def test_after_the_record_the_ground_goes_on_as_one_motion() -> None:
+    """A record that ends in motion: its acceleration stays, velocity and displacement follow from that."""
+    dt_s, accel, lead = 0.001, -3.0, 7
+    t = dt_s * np.arange(200)
+    motion = SimpleNamespace(
+        accel_m_s2=np.full(200, accel), velocity_m_s=0.4 + accel * t, displacement_m=0.01 + 0.4 * t + 0.5 * accel * t**2
+    )
+    design = SimpleNamespace(blocks=SimpleNamespace(lead_samples=lead))
+    found = drive_of(SimpleNamespace(motion=motion, rig=SimpleNamespace(dt_s=dt_s)), design)
+    later = dt_s * np.arange(200 + lead)
+    wanted = [np.full(200 + lead, accel), 0.4 + accel * later, 0.01 + 0.4 * later + 0.5 * accel * later**2]
+    assert found == pytest.approx(np.column_stack(wanted), rel=1e-12)

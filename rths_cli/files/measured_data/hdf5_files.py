@@ -90,6 +90,10 @@ def _own(path: Path, file: h5py.File) -> Contents:
         raise InputError(f"{path}: has format version {version}, this rths reads up to {FORMAT_VERSION}; update rths")
     read = {name: values_of(part(file, name), name, any_number=True) for name in ("samples", "names", "units")}
     samples, names, units = np.asarray(read["samples"], dtype=np.float64), read["names"], read["units"]
+    if samples.ndim != 2 or any(np.shape(texts) != (len(samples),) for texts in (names, units)):
+        raise InputError(
+            f"{path}: has not a row of samples, a name and a unit for each channel; record or convert again"
+        )
     columns = tuple(Column(str(n), row, str(u)) for n, row, u in zip(names, samples, units, strict=True))
     notes = tuple(str(note) for note in json.loads(_text(held(file, "notes"))))
     return Contents(columns, (("dt_s", float(held(file, "dt_s"))),), notes, exact=True)

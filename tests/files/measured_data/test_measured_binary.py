@@ -273,6 +273,19 @@ def test_own_form_of_a_later_version_is_refused(tmp_path: Path) -> None:
     assert "has format version 2, this rths reads up to 1; update rths" in the_fault(path)
 
 
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [("samples", np.arange(3.0)), ("samples", np.zeros((2, 9))), ("names", "one"), ("units", ["V", "g"])],
+)
+def test_own_form_whose_parts_do_not_fit_is_refused(tmp_path: Path, name: str, values: object) -> None:
+    path = tmp_path / "own.h5"
+    write_recording(path, Recording(path, "", 0.0005, NAMES, ("V", "g", "m/s^2"), SAMPLES))
+    with h5py.File(path, "r+") as file:
+        del file[name]
+        file[name] = values
+    assert the_fault(path).startswith(": has not a row of samples, a name and a unit for each channel")
+
+
 def test_own_form_with_a_unit_that_no_channel_has_is_read_without_it(tmp_path: Path) -> None:
     path = tmp_path / "own.h5"
     write_recording(path, Recording(path, "", 0.0005, NAMES, ("V", "g", "m/s^2"), SAMPLES))

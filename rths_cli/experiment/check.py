@@ -36,40 +36,35 @@ if TYPE_CHECKING:
     from rths_cli.rigs.description import RigInfo
     from rths_cli.structure import Specimen
 
-RINGS = 7.0  # time constants after which a motion has died out
-LONGEST_S = 300.0
-NOISE_FROM_HZ, NOISE_POINTS = 1.0, 400  # over which noise at rest is taken as white
-NEAR = 0.97  # of the critical delay, from which SIM-DELAY rings on for too long to be told from its lines
+RINGS = 7.0  # time constants after which a motion has decayed
+LONGEST_S = 300.0  # longest padding after the record
+NOISE_FROM_HZ, NOISE_POINTS = 1.0, 400  # band and points over which noise at rest is taken as white
+NEAR = 0.97  # fraction of the critical delay from which SIM-DELAY rings too long to be computed on lines
 
 
 @dataclass(frozen=True)
 class Judged:
-    """A case's verdict, the modes of the building as identified and what they are in the loop (frequencies in Hz and
-    damping ratios (n,) each), and SIM-DELAY's RMS errors (n_storeys,) in m/s^2, None where it would diverge.
-
-    `friction_v`: of the table as a change of command, as counted with; `largest_scaling`: up to which the test is
-    safe; 0 where no scaling makes it so. `known`: what the prediction started from, None for an unstable loop.
-    """
+    """The check of a case, with the values that its page and metrics need."""
 
     preflight: preflight.Preflight
-    building: tuple[Array, Array]
-    in_loop: tuple[Array, Array]
-    sim_delay_rms_m_s2: Array | None
-    friction_v: float
-    largest_scaling: float
-    known: Known | None
+    building: tuple[Array, Array]  # frequencies in Hz and damping ratios (n,) of the building with identified specimen
+    in_loop: tuple[Array, Array]  # the same of the nearest modes of the loop
+    sim_delay_rms_m_s2: Array | None  # (n_storeys,) RMS errors of SIM-DELAY; None if it would diverge
+    friction_v: float  # friction of the table as a command, as used in the prediction
+    largest_scaling: float  # up to which the test is safe; 0 if no scaling makes it safe
+    known: Known | None  # inputs of the prediction; None for an unstable loop
 
 
 def preflight_of(setup: Setup, identified: Identification, design: Design) -> preflight.Preflight:
-    """Return the verdict on a case's hybrid test, from the rig as identified and the blocks as designed."""
+    """Return the result of the check of a case's hybrid test, from the identified rig and the designed blocks."""
     return judge(setup, identified, design).preflight
 
 
 def judge(setup: Setup, identified: Identification, design: Design, shared: SharedValues | None = None) -> Judged:
-    """Return all that is known of a case's hybrid test, from the rig as identified and the blocks as designed.
+    """Check a case's hybrid test, from the identified rig and the designed blocks.
 
-    With `shared`, cases of the same record and building share its SIM, those of the same blocks what the loop
-    tolerates.
+    With `shared`, cases with the same record and building compute SIM once, and cases with the same blocks compute the
+    stability of the loop once.
     """
     shared = shared or SharedValues()
     dt = setup.rig.dt_s
@@ -109,7 +104,7 @@ def _specimen(identified: Identification) -> Specimen:
 
 
 def as_identified(setup: Setup, specimen: Specimen) -> Building:
-    """Return the building of the numerical part and the specimen as identified."""
+    """Return the building that consists of the numerical substructure and the identified specimen."""
     numerical, mass = setup.building.numerical, setup.building.interface_experimental_mass_kg
     return Building(numerical, specimen, mass, *assemble(numerical, specimen, mass), ())
 
@@ -118,7 +113,7 @@ def known_of(
     setup: Setup, identified: Identification, design: Design, rig: IdentifiedRig, storeys: Block, radius: float,
     shared: SharedValues | None = None,
 ) -> Known:  # fmt: skip
-    """Return what the prediction of errors starts from; raises InputError where the identified building has no SIM."""
+    """Return the inputs of the error prediction; raises InputError if the identified building has no SIM."""
     dt, motion, specimen = setup.rig.dt_s, setup.motion, _specimen(identified)
     building = as_identified(setup, specimen)
     ring = RINGS * dt / -math.log(radius) if radius < 1.0 else LONGEST_S
@@ -153,8 +148,7 @@ def known_of(
 
 
 def _before_correction(identified: Identification, correction: Block, rig: RigInfo) -> Array:
-    """Return the noise (c,) in m/s^2 that the channels have at rest before the sensors' corners are taken out of it,
-    which makes white noise louder."""
+    """Return the channels' noise (c,) at rest in m/s^2 before the sensor correction, which amplifies white noise."""
     frequency = np.linspace(NOISE_FROM_HZ, 0.5 / rig.dt_s, NOISE_POINTS)
     sizes = np.array([channel.sensitivity_v_per_m_s2 for channel in rig.channels])
     louder = np.abs(np.einsum("ccf->cf", correction.response(frequency)) * sizes[:, None])

@@ -24,7 +24,7 @@ REACH = {
 
 
 def check_figures(judged: Judged) -> dict[str, ArrayLike]:
-    """Return the metrics of a check; without those of the motion when the loop is unstable and has none."""
+    """Return the metrics of a check; an unstable loop has none of its motion."""
     found = judged.preflight
     values = _stability(found) | _modes(judged) | _table_error(found)
     values |= of_margins("check", found.stability.measured, "")
@@ -50,7 +50,7 @@ def _stability(found: Preflight) -> dict[str, ArrayLike]:
 
 
 def _modes(judged: Judged) -> dict[str, ArrayLike]:
-    """Return the building's modes, by themselves and in the loop."""
+    """Return the metrics of the building's modes, on their own and in the loop."""
     (own_hz, own_ratio), (loop_hz, loop_ratio) = judged.building, judged.in_loop
     return {
         "check.building_frequency_hz": own_hz,
@@ -72,7 +72,7 @@ def _table_error(found: Preflight) -> dict[str, ArrayLike]:
 
 
 def _reach(found: Preflight) -> dict[str, ArrayLike]:
-    """Return predicted peaks and limits."""
+    """Return the metrics of predicted peaks and their limits."""
     values: dict[str, ArrayLike] = {}
     for row in found.reach:
         values[f"check.peak_{REACH[row.name]}"] = row.peak
@@ -81,7 +81,7 @@ def _reach(found: Preflight) -> dict[str, ArrayLike]:
 
 
 def _errors(found: Prediction) -> dict[str, ArrayLike]:
-    """Return the predicted errors, all causes together and each by itself."""
+    """Return the metrics of the predicted errors, in total and by cause."""
     parts = [("", found.total), *((f"_{cause}", errors) for cause, errors in found.causes.items())]
     storeys: dict[str, ArrayLike] = {f"check.rms_error{part}_m_s2": errors.storeys for part, errors in parts}
     return storeys | {f"check.tracking_rms{part}_m_s2": errors.tracking for part, errors in parts}

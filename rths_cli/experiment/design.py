@@ -24,23 +24,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Design:
-    """The blocks of a run, the table model behind them, and the feedback's figures (None without feedback).
-
-    `shear_now`: weights of the base shear at the instant of the samples, without prediction. `chosen`: the feedback's
-    weights where the usual ones would not do (None: they do, or the case states its own).
-    """
+    """The designed blocks of a run."""
 
     blocks: Blocks
-    model: Model
-    feedback: feedback.Feedback | None
-    shear_now: Shear
-    chosen: Chosen | None = None
+    model: Model  # of the table, from which they were designed
+    feedback: feedback.Feedback | None  # with its margins; None without feedback
+    shear_now: Shear  # weights of the base shear at the instant of the samples, without prediction
+    chosen: Chosen | None = None  # weights chosen instead of the default ones; None: default or stated weights
 
 
 def design_blocks(setup: Setup, identified: Identification, shared: SharedValues | None = None) -> Design:
-    """Return the blocks for the case's method and controller; raises InputError when no controller exists.
+    """Return the blocks for the case's method and controller; raises InputError if no controller exists.
 
-    With `shared`, cases of one model and the same weights share the feedback, whatever their building.
+    With `shared`, cases with the same model and weights design the feedback once, whatever their building.
     """
     case, dt, shared = setup.case, setup.rig.dt_s, shared or SharedValues()
     best = case.method == "best"
@@ -79,7 +75,7 @@ def design_blocks(setup: Setup, identified: Identification, shared: SharedValues
 
 
 def _specimen(identified: Identification) -> Specimen:
-    """Return the specimen identified from noise."""
+    """Return the specimen identified from the excitation."""
     assert identified.specimen is not None  # every case has experimental storeys
     return identified.specimen.specimen
 
@@ -91,12 +87,12 @@ def _feedforward(model: Model, dt_s: float, lead: int, best: bool, driven: bool)
 
 
 def _command_limit_v(rig: RigInfo) -> float:
-    """Return the largest command that a feedback may bring about: range or stroke, less a bit for rounding."""
+    """Return the limit in V to which the feedback's part is clipped: range or stroke, minus one bit for rounding."""
     return min(rig.converters.range_v, rig.limits.stroke_m / rig.gain_m_per_v) - rig.converters.step_v
 
 
 def _estimator(setup: Setup, specimen: Specimen, lead: int) -> Block:
-    """Return the Kalman filter; method `best` knows the table's motion and what the specimen leaves unexplained."""
+    """Return the Kalman filter; in method `best` the table's motion is an input, and the residual shear is added."""
     kalman, dt = setup.case.kalman, setup.rig.dt_s
     if setup.case.method == "paper":
         return kalman_filter.kalman_block(specimen, kalman.q, kalman.r, dt, knows_table=False)
@@ -105,7 +101,7 @@ def _estimator(setup: Setup, specimen: Specimen, lead: int) -> Block:
 
 
 def _shear(setup: Setup, identified: Identification, lead: int, residual: float = 1.0) -> Shear:
-    """Return the base shear's weights: measured now, or predicted over the lead."""
+    """Return the weights of the base shear: at the instant of the samples, or predicted `lead` samples ahead."""
     specimen, mass = _specimen(identified), setup.building.interface_experimental_mass_kg
     now = kalman_filter.measured_shear(specimen, mass)
     shear = kalman_filter.predicted_shear(specimen, mass, lead, setup.rig.dt_s) if lead else now

@@ -23,10 +23,10 @@ UNLIMITED = -1
 
 @dataclass(frozen=True)
 class Machine:
-    """What the system says of itself; an empty text: it does not say.
+    """Properties of the system; an empty text: not known.
 
-    `rtprio_limit` and `memlock_limit_bytes` are this user's, -1 for unlimited; `rt_runtime_us` of every `rt_period_us`
-    may be taken by SCHED_FIFO threads, -1 for all.
+    `rtprio_limit` and `memlock_limit_bytes` are this user's limits, -1 for unlimited. SCHED_FIFO threads may use
+    `rt_runtime_us` of every `rt_period_us`, -1: all of it.
     """
 
     kernel: str
@@ -43,7 +43,7 @@ class Machine:
 
 
 def this_machine() -> Machine:
-    """Return what this machine says of itself (Linux)."""
+    """Return the properties of this machine (Linux)."""
     import resource
 
     return Machine(
@@ -62,7 +62,7 @@ def this_machine() -> Machine:
 
 
 def preemption() -> str:
-    """Return how the kernel lets go of what it does when a thread of higher priority wakes up."""
+    """Return the preemption model of the kernel."""
     if _text(SYS / "kernel/realtime") == "1" or "PREEMPT_RT" in platform.version():
         return "PREEMPT_RT"
     modes = _text(SYS / "kernel/debug/sched/preempt")  # for instance: none voluntary (full) lazy
@@ -72,7 +72,7 @@ def preemption() -> str:
 
 
 def governor() -> str:
-    """Return the frequency governors of all processors, most processors of virtual machines have none."""
+    """Return the frequency governors of all processors; most virtual machines have none."""
     paths = (SYS / "devices/system/cpu").glob("cpu[0-9]*/cpufreq/scaling_governor")
     return ", ".join(sorted({_text(path) for path in paths}))
 
@@ -83,7 +83,7 @@ def _start_option(name: str) -> str:
 
 
 def _text(path: Path) -> str:
-    """Return what a file of the system says, nothing where it is not there."""
+    """Return the text of a system file, "" if it does not exist."""
     try:
         return path.read_text().strip()
     except OSError:
@@ -102,7 +102,7 @@ ExchangeDelays = Callable[[float, float], IntArray]
 
 @dataclass(frozen=True)
 class RigRates:
-    """What was measured of a rig's exchange, from wake-up to samples."""
+    """Measurements of a rig's exchange, from wake-up to samples."""
 
     rig: str
     rates: tuple[RateMeasured, ...]
@@ -110,7 +110,7 @@ class RigRates:
 
 @dataclass(frozen=True)
 class Examined:
-    """All that `rths doctor` found; `wanted_hz` are the rates whose holding decides its exit code."""
+    """The complete result of `rths doctor`; `wanted_hz` are the rates that decide its exit code."""
 
     machine: Machine
     granted: Granted
@@ -122,22 +122,22 @@ class Examined:
 
     @property
     def recommended_hz(self) -> float | None:
-        """Return the highest rate that was held, by the rig too where one was measured."""
+        """Return the highest rate that was held, also by the rig if one was measured."""
         return max((rate.rate_hz for rate in self._deciding() if rate.held), default=None)
 
     @property
     def not_held_hz(self) -> tuple[float, ...]:
-        """Return the wanted rates that were not held."""
+        """Return the requested rates that were not held."""
         bad = [rate.rate_hz for rate in (*self.rates, *self._deciding()) if not rate.held]
         return tuple(hz for hz in self.wanted_hz if hz in bad)
 
     @property
     def exit_code(self) -> int:
-        """Return 1 where a wanted rate, or without one every rate, was not held."""
+        """Return 1 if a requested rate, or without one every rate, was not held."""
         return 1 if self.not_held_hz or self.recommended_hz is None else 0
 
     def _deciding(self) -> tuple[RateMeasured, ...]:
-        """Return the rates of the rig where the machine alone held them, or of the machine."""
+        """Return the rates of the rig that the machine alone held; without a rig, those of the machine."""
         if self.rig is None:
             return self.rates
         held = [rate.rate_hz for rate in self.rates if rate.held]
@@ -153,10 +153,10 @@ def examine(
     exchange: ExchangeDelays | None = None,
     share: float = PUNCTUAL,
 ) -> Examined:
-    """Measure `seconds` of each rate on the machine alone, then with a rig's `exchange`, and keep the figures.
+    """Measure each rate for `seconds`, first on the machine alone, then with a rig's `exchange`, and store the results.
 
-    `share` of an interval, within which 99 % of the steps must wake up (`wake_share`).
-    Raises InputError where real time is not possible, RigError where the rig fails.
+    `share`: fraction of an interval within which 99 % of the steps must wake up (`wake_share`).
+    Raises InputError if real time is not possible, RigError if the rig fails.
     """
     require_real_time()
     wait_periodically(1000, 0, np.zeros(1, dtype=np.int64), np.zeros(2, dtype=np.int64))  # compiled before it counts
@@ -173,8 +173,11 @@ def examine(
 
 
 def wake_share(info: RigInfo) -> float:
-    """Return within which share of an interval a step must wake up: where the loop's own clock paces a rig and missed
-    steps are caught up, a command that is later never leaves."""
+    """Return the fraction of an interval within which a step must wake up.
+
+    It is smaller if the loop's own clock sets the pace and missed steps are caught up, because a later command is then
+    not sent.
+    """
     return PUNCTUAL if info.can.takes_trajectories and info.overrun == "skip" else P99_SHARE
 
 
@@ -186,9 +189,9 @@ def _measured(
 
 
 def summary(rate_hz: float, late_ns: IntArray, share: float) -> RateMeasured:
-    """Return the figures of a measurement: how late each step was ready in ns, (n,); a lost one counts as late.
+    """Return the statistics of a measurement of delays (n,) in ns; a lost answer counts as late.
 
-    `share` of an interval, within which 99 % of the steps must be ready for the rate to be held.
+    `share`: fraction of an interval within which 99 % of the steps must be ready for the rate to be held.
     """
     interval_ns = round(1e9 / rate_hz)
     p50, p99, p99_9, most = (float(q) / 1e3 for q in np.percentile(late_ns, [50, 99, 99.9, 100]))
@@ -202,7 +205,7 @@ def summary(rate_hz: float, late_ns: IntArray, share: float) -> RateMeasured:
 def advice(
     machine: Machine, granted: Granted, rates: Sequence[RateMeasured], of_rig: Sequence[RateMeasured] = ()
 ) -> tuple[str, ...]:
-    """Return one sentence for everything that could make this machine more punctual, or that threatens a test."""
+    """Return one sentence for each setting that would reduce the delays of this machine, or that endangers a test."""
     told = list(granted.refused)
     if machine.preemption != "PREEMPT_RT":
         told.append(f"the kernel is not a real-time one ({machine.preemption}): install one built with PREEMPT_RT")
@@ -222,7 +225,7 @@ def advice(
 
 
 def _of_virtual_machine(rates: Sequence[RateMeasured], of_rig: Sequence[RateMeasured]) -> str:
-    """Return what the host of a virtual machine was seen to do to these rates, and what to do about it."""
+    """Return a sentence on the effect of a virtual machine's host on these rates, with a remedy."""
     late = sum(rate.late for rate in rates)
     seconds = sum(rate.steps / rate.rate_hz for rate in rates)
     missed = {rate.rate_hz for rate in of_rig if not rate.held}

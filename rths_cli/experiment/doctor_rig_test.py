@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 
 def exchange_delays(case: Case) -> ExchangeDelays:
-    """Return what measures, for a rate in Hz and a duration in s, when the samples of each step were there.
+    """Return a function that measures when the samples of each step arrive, for a rate in Hz and a duration in s.
 
-    The result is in ns after the step's deadline, (n,); a rig that is paced by a clock of its own counts from its
-    earliest step. Raises InputError, RigError.
+    Its result (n,) is in ns after the step's deadline; for a rig with its own clock, relative to the earliest step.
+    Raises InputError, RigError.
     """
 
     def measure(rate_hz: float, seconds: float) -> IntArray:
@@ -47,7 +47,7 @@ def exchange_delays(case: Case) -> ExchangeDelays:
 
 
 def udp_delays(rig: LinkedRig, steps: int) -> IntArray:
-    """Return when the answer of each step came, in ns after its deadline; a lost one counts as an interval."""
+    """Return the arrival (n,) of each step's answer in ns after its deadline; a lost one counts as an interval."""
     link, interval_ns = rig.link, round(1e9 * rig.info.dt_s)
     number = int(link.status[links.LAST] - link.status[links.BASE]) + 1
     late_ns = np.zeros(steps, dtype=np.int64)
@@ -64,7 +64,7 @@ def udp_delays(rig: LinkedRig, steps: int) -> IntArray:
 
 
 def paced_delays(rig: Rig, steps: int) -> IntArray:
-    """Return how much later than in the earliest step each exchange returned, in ns, against an even pace."""
+    """Return the delay (n,) of each exchange in ns against an even pace, relative to the earliest one."""
     returned = np.zeros(steps, dtype=np.int64)
     for k in range(steps):
         rig.exchange(0.0)

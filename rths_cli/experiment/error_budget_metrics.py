@@ -17,13 +17,14 @@ if TYPE_CHECKING:
     from rths_cli.experiment.run_signals import Series
     from rths_cli.numerics.lti import Array
 
-LATE_SHARE = 0.5  # of a sample interval: samples that come later belong to no instant
+LATE_SHARE = 0.5  # fraction of a sample interval; later samples belong to no instant
 
 
 def of_exp_rths(known: Known | None, series: Series, reported: Array, sim: Response) -> dict[str, ArrayLike]:
-    """Return the measured errors by cause; nothing for a loop that is unstable (None) or figures that are not finite.
+    """Return the measured errors by cause; empty for an unstable loop (None) or if a value is not finite.
 
-    `reported` (n_storeys, n) absolute accelerations of a run that reached the record's end; from the table up measured.
+    `reported` (n_storeys, n): absolute accelerations of a run that reached the end of its record, measured from the
+    table up.
     """
     if known is None or not np.isfinite(reported).all():
         return {}
@@ -36,9 +37,11 @@ def of_exp_rths(known: Known | None, series: Series, reported: Array, sim: Respo
 
 
 def steps_without_samples(series: Series, dt_s: float) -> NDArray[np.bool_] | None:
-    """Return which steps (n,) of a run in real time were not given the samples of their instant, or are none of the
-    record: lost, caught up, a mix after a gap, late by half an interval, in a ramp; None for a run on the counted
-    clock."""
+    """Return the steps (n,) of a run in real time that are excluded from the budget's fits.
+
+    They did not use the samples of their own instant (lost, caught up, a mix after a gap, late by half an interval) or
+    belong to a ramp. None for a run on the counted clock.
+    """
     if not series.live:
         return None
     late, lost, state = (series.live[name] for name in ("late_s", "lost", "state"))

@@ -1,11 +1,11 @@
 """Which feedback weights a case gets: those it states, or the first of a list with which its loop keeps the check's
 margins.
 
-The usual weights are right for most buildings. Where they are not, the margin is lacking in one of two places. At a
-lightly damped mode below 11 Hz a changed gain of the table makes the loop unstable: a feedback with more gain there,
-that is with a lower command weight and a lower band, makes the table follow in spite of it. Above, where the loop of
-the whole building crosses one, a feedback amplifies: a gentler one, with a lower peak of |S|, amplifies less. Both are
-tried, the nearest to the usual feedback first.
+The default weights suit most buildings. For the others, a margin is too small in one of two frequency ranges. Below 11
+Hz, at a lightly damped mode, a change of the table's gain makes the loop unstable; a feedback with more gain there,
+that is with a lower command weight and a lower band, lets the table follow in spite of it. Above, where the gain of the
+whole loop crosses one, a feedback amplifies; a gentler one, with a lower peak of |S|, amplifies less. Both are tried,
+beginning with the weights nearest to the default.
 """
 
 from __future__ import annotations
@@ -30,28 +30,28 @@ if TYPE_CHECKING:
     Faults = Callable[[Feedback], list[str]]
 
 FIRMER = (DEFAULT, Weights((1.0, 12.0), 1e-3), Weights((0.5, 6.0), 1e-3), Weights((0.25, 3.0), 1e-3))
-HALVINGS = 3  # of what a feedback amplifies at worst, max |S| - 1
-DIGITS = 4  # of a chosen limit on max |S|, so that a case can state it
+HALVINGS = 3  # number of times that the largest amplification, max |S| - 1, is halved
+DIGITS = 4  # decimal digits of a chosen limit on max |S|, so that a case can state it
 
 
 @dataclass(frozen=True)
 class Chosen:
-    """The weights and the limit on max |S| that were chosen instead of the usual ones; `usual_of_use`: with those there
-    was a feedback, but a loop without the check's margins."""
+    """Weights that were chosen instead of the default ones."""
 
     weights: Weights
-    max_sensitivity: float
+    max_sensitivity: float  # limit on max |S|
+    # True: the default weights gave a feedback, but the loop lacked the check's margins; False: they gave none
     usual_of_use: bool = True
 
 
 def choose_feedback(
     setup: Setup, identified: Identification, model: Model, faults: Faults, shared: SharedValues
 ) -> tuple[Feedback, Chosen | None]:
-    """Return the case's feedback, and what was chosen instead of the usual weights (None: nothing was).
+    """Return the case's feedback, and the weights chosen instead of the default ones (None: no choice was made).
 
-    `faults` says why the loop is not safe with a feedback. A case that states weights or bandwidth gets them, and
-    method `paper` and a case that runs no hybrid test, which has no loop, the usual ones. Where no
-    choice is safe the usual feedback stays. Raises InputError when there is none of use.
+    `faults` returns the reasons why the loop is not safe with a feedback. A case that states weights or bandwidth gets
+    them. Method `paper`, and a case without hybrid test, which has no loop, get the default weights. If no choice is
+    safe, the default feedback is kept. Raises InputError if no useful feedback exists.
     """
     stated = setup.case.controller
 
@@ -83,7 +83,7 @@ def _leaves_choice(setup: Setup) -> bool:
 
 
 def _of_printed_model(setup: Setup, identified: Identification, error: InputError) -> tuple[str, ...]:
-    """Return why there is no feedback: with a wrong model of the printed method that says nothing of the table."""
+    """Return the faults for which there is no feedback; for method `paper` with a poor model, that is the cause."""
     missed = identified.paper_error.rms
     if setup.case.method != "paper" or missed <= LIMITS.rms:
         return error.faults
@@ -94,7 +94,7 @@ def _of_printed_model(setup: Setup, identified: Identification, error: InputErro
 
 
 def _stated_weights(setup: Setup) -> Weights:
-    """Return the weights that a case states, the usual ones where it states none."""
+    """Return the weights that a case states, default ones where it states none."""
     stated = setup.case.controller
     low, high = stated.disturbance_hz or DEFAULT.disturbance_hz
     return Weights((low, high), DEFAULT.command_weight if stated.command_weight is None else stated.command_weight)
@@ -113,7 +113,7 @@ def first_safe(make: Make, faults: Faults, max_sensitivity: float) -> tuple[Feed
             limit = round(1.0 + amplifies[weights] / 2.0**halving, DIGITS) if halving else max_sensitivity
             try:
                 found = make(weights, limit)
-            except InputError:  # none of use; a gentler one is of less
+            except InputError:  # no useful feedback; a gentler one is less useful still
                 amplifies.pop(weights, None)
                 continue
             if not halving:

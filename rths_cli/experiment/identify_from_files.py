@@ -19,14 +19,17 @@ from rths_cli.loop.block_replay import run_block
 from rths_cli.numerics.lti import Array
 
 SAME_RATE = 1e-6
-QUIET_SHARE = 0.6  # of the loudest record's rms
-CORRECTED = "accelerations free of the sensors' dynamics"  # what a saved record says of itself
+QUIET_SHARE = 0.6  # a record below this fraction of the loudest one's rms is a record at low level
+CORRECTED = "accelerations free of the sensors' dynamics"  # mark in a saved record whose sensor dynamics are removed
 
 
 @dataclass(frozen=True)
 class DataRequest:
-    """Files with measured time histories; `channels`: role (command, table, floor_2, ...) -> name in the file and unit
-    ("" where the file states it); `rate_hz` where the files do not state it; `corrected`: sensor dynamics are out."""
+    """Files with measured time histories.
+
+    `channels`: role (command, table, floor_2, ...) -> name in the file and unit ("" if the file states it); `rate_hz`:
+    sample rate if the files do not state it; `corrected`: the sensor dynamics are removed already.
+    """
 
     paths: tuple[Path, ...]
     channels: Mapping[str, tuple[str, str]]
@@ -35,7 +38,7 @@ class DataRequest:
 
 
 def read_roles(texts: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """Return role -> (name, unit) of texts ROLE=NAME or ROLE=NAME:UNIT; raises InputError with every fault."""
+    """Return role -> (name, unit) from texts ROLE=NAME or ROLE=NAME:UNIT; raises InputError with all faults."""
     roles: dict[str, tuple[str, str]] = {}
     faults = []
     for text in texts:
@@ -53,9 +56,9 @@ def read_roles(texts: Sequence[str]) -> dict[str, tuple[str, str]]:
 
 
 def read_measured(request: DataRequest, setup: Setup) -> Measured:
-    """Read the files and bring them into the form of records of the case's rig.
+    """Read the files as records of the case's rig.
 
-    Raises InputError when a file cannot be read or does not fit the rig, UnfitRecord when samples are missing.
+    Raises InputError if a file cannot be read or does not fit the rig, UnfitRecord if samples are missing.
     """
     recordings: list[Recording] = []
     faults: list[str] = []
@@ -86,7 +89,7 @@ def read_measured(request: DataRequest, setup: Setup) -> Measured:
 
 
 def _repeated(recordings: Sequence[Recording]) -> list[str]:
-    """Return a sentence for each file whose bytes another one has: it would count as two records."""
+    """Return a sentence for each file that is a copy of another one, because it would count as two records."""
     first: dict[str, Path] = {}
     faults = []
     for recording in recordings:
@@ -99,7 +102,7 @@ def _repeated(recordings: Sequence[Recording]) -> list[str]:
 
 
 def _by_level(records: Sequence[Record]) -> tuple[tuple[Record, ...], Record | None]:
-    """Return the records at full level and the quietest one where it is far below them, which shows friction."""
+    """Return the records at full level, and the quietest one if it is far below them, to judge friction."""
     rms = [float(record.accel_m_s2[0, record.parts.noise].std()) for record in records]
     quietest = int(np.argmin(rms))
     if len(records) < 2 or rms[quietest] > QUIET_SHARE * max(rms):
@@ -108,7 +111,7 @@ def _by_level(records: Sequence[Record]) -> tuple[tuple[Record, ...], Record | N
 
 
 def _rate_faults(recording: Recording, setup: Setup) -> list[str]:
-    """Return a sentence when a file is sampled at another rate than the case."""
+    """Return a sentence if the sample rate of a file differs from that of the case."""
     rate = 1.0 / recording.dt_s
     if abs(recording.dt_s / setup.rig.dt_s - 1.0) < SAME_RATE:
         return []
@@ -119,7 +122,7 @@ def _rate_faults(recording: Recording, setup: Setup) -> list[str]:
 
 
 def _record(recording: Recording, request: DataRequest, setup: Setup) -> tuple[Record, Chosen, list[str]]:
-    """Return one file's record, which channels it was made of, and what was mended or odd in them."""
+    """Return one file's record, the channels used, and notes on interpolated or unusual samples."""
     floors = [channel.name for channel in setup.rig.channels]
     chosen = choose(recording, ("command", *floors), request.channels)
     signals = np.vstack([chosen.command_v, chosen.accel])
@@ -141,7 +144,7 @@ def _record(recording: Recording, request: DataRequest, setup: Setup) -> tuple[R
 
 
 def _as_volts(accel: Array, chosen: Chosen, setup: Setup) -> Array:
-    """Return what the sensors gave in V, whatever the unit of the file: the correction starts from there."""
+    """Return the sensors' signals in V, whatever the unit of the file, as input of the sensor correction."""
     scale = [
         1.0 if unit == "V" else channel.sensitivity_v_per_m_s2
         for unit, channel in zip(chosen.units, setup.rig.channels, strict=True)
@@ -155,7 +158,7 @@ def _rest(accel: Array, silence: slice | None) -> Array:
 
 
 def _parts_line(record: Record, dt_s: float) -> str:
-    """Return what of a record is excitation, silence and free vibration."""
+    """Return the page's line on the durations of excitation, silence and free vibration of a record."""
     parts = record.parts
     seconds = (parts.noise.stop - parts.noise.start) * dt_s
     text = f"{seconds:.1f} s of excitation from {parts.noise.start * dt_s:.1f} s on"
@@ -169,7 +172,7 @@ def _parts_line(record: Record, dt_s: float) -> str:
 
 
 def _processing(request: DataRequest, setup: Setup) -> tuple[tuple[str, str], ...]:
-    """Return what the page says about the evaluation."""
+    """Return the page's lines on the evaluation."""
     lines = dict(processing(setup.case.identification))
     if request.corrected:
         lines["sensor dynamics"] = "taken as removed by whoever measured (--corrected)"

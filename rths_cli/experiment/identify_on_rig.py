@@ -33,8 +33,8 @@ from rths_cli.numerics.lti import Array, Model
 if TYPE_CHECKING:
     from rths_cli.case.case_schema import IdentificationSpec
 
-MOST_ATTEMPTS = 3  # at an excitation that overdrives the table, each at half the level of the one before
-SEED_STEP = 7919  # between the excitations of several records
+MOST_ATTEMPTS = 3  # excitations of a table that is overdriven, each at half the level of the one before
+SEED_STEP = 7919  # difference of the seeds of several records
 PERIOD_S = {"multisine": 20.0, "sweep": 40.0}
 RECORDS = {IDENTIFICATION: "full level", PROBE: "probe", VERIFICATION: "verification"}
 ADVICE = "lower identification.accel_rms_m_s2"
@@ -42,7 +42,7 @@ NOT_BY_MOTION = (LOST, OVERRUN, RIG_FAULT, OPERATOR)  # a quieter excitation wou
 
 
 class UnfitRig(RigError):
-    """The channels of a rig from which no model may be made; `unfit` says what they showed."""
+    """Raised if the channels of a rig must not be used for a model; `unfit` holds the reports on them."""
 
     def __init__(self, rig: str, unfit: UnfitRecord) -> None:
         super().__init__(f"identification of rig {rig}: {'; '.join(unfit.faults)}")
@@ -51,9 +51,9 @@ class UnfitRig(RigError):
 
 @dataclass(frozen=True)
 class Measured:
-    """What was measured for an identification: records at full level, one at low level (None: there is none).
+    """The measurements of an identification: records at full level, and one at low level (None: there is none).
 
-    `source` says where it comes from, `lines` are further (label, text) pairs for the page; `notes` are sentences.
+    `source` states their origin, `lines` are further (label, text) pairs for the page, `notes` are sentences.
     """
 
     records: tuple[Record, ...]
@@ -72,13 +72,13 @@ class Measured:
 
 
 def excitation_settings(options: IdentificationSpec) -> ExcitationSettings:
-    """Return what a case asks of the excitation."""
+    """Return the settings of the excitation that a case requests."""
     o, period_s = options, options.period_s or PERIOD_S.get(options.excitation, 20.0)
     return ExcitationSettings(o.duration_s, o.accel_rms_m_s2, o.low_hz, o.high_hz, o.excitation, period_s)
 
 
 def evaluation_settings(options: IdentificationSpec) -> IdentificationSettings:
-    """Return what a case asks of the evaluation."""
+    """Return the settings of the evaluation that a case requests."""
     default = IdentificationSettings()
     low = max(default.band_hz[0], options.low_hz)
     return replace(
@@ -94,7 +94,7 @@ def evaluation_settings(options: IdentificationSpec) -> IdentificationSettings:
 
 
 def plan(setup: Setup) -> Excitation:
-    """Return the excitation of the case's rig; raises InputError when its settings cannot be met."""
+    """Return the planned excitation of the case's rig; raises InputError if its settings cannot be met."""
     options = setup.case.identification
     return interruptible(lambda: excitation.plan(setup.rig, excitation_settings(options), options.seed))
 
@@ -102,15 +102,16 @@ def plan(setup: Setup) -> Excitation:
 def identify(
     setup: Setup, progress: Progress, planned: Excitation | None = None, given: Model | None = None
 ) -> Identification:
-    """Excite the rig, probe first, and evaluate its channels; `given` is judged in place of a model fitted here.
+    """Excite the rig, first with the probe, and evaluate its channels.
 
-    Raises LimitError or RigError when the excitation was stopped, UnfitRig when the channels cannot be used.
+    If a model `given` is supplied, it is judged instead of one fitted here. Raises LimitError or RigError if the
+    excitation was stopped, UnfitRig if the channels cannot be used.
     """
     return evaluated(setup, measure(setup, progress, planned), given)
 
 
 def evaluated(setup: Setup, measured: Measured, given: Model | None = None) -> Identification:
-    """Evaluate what was measured on the rig; raises UnfitRig when its channels cannot be used."""
+    """Evaluate the measurements on the rig; raises UnfitRig if its channels cannot be used."""
     try:
         settings = evaluation_settings(setup.case.identification)
         found = interruptible(
@@ -131,7 +132,7 @@ def noted(found: Identification, notes: Sequence[str]) -> Identification:
 def measure(setup: Setup, progress: Progress, planned: Excitation | None = None) -> Measured:
     """Play probe and excitation on the rig and return the records.
 
-    Raises LimitError or RigError when one of them was stopped, RigError when the probe shows a channel that is dead.
+    Raises LimitError or RigError if one of them was stopped, RigError if the probe shows a dead channel.
     """
     planned = planned or plan(setup)
     low, quiet = probed(setup, progress)
@@ -148,8 +149,10 @@ def measure(setup: Setup, progress: Progress, planned: Excitation | None = None)
 def _excited(
     setup: Setup, low: Excitation, quiet: Record, planned: Excitation, number: int, progress: Progress
 ) -> tuple[Record, Excitation, Level, list[str]]:
-    """Play one excitation at the level that the probe allows, and again at half of it where that overdrives the table;
-    return its record, plan and level, and what to say of it."""
+    """Play one excitation at the level that the probe permits, and again at half of it if the table is overdriven.
+
+    Returns record, plan, level and notes.
+    """
     options, settings = setup.case.identification, excitation_settings(setup.case.identification)
     seed = options.seed + SEED_STEP * number
     loud = excitation.plan(setup.rig, settings, seed) if number else planned
@@ -177,7 +180,7 @@ def _excited(
 
 
 def _allowed(setup: Setup, low: Excitation, quiet: Record, loud: Excitation) -> Level:
-    """Return the level that the probe allows for a planned excitation."""
+    """Return the level that the probe permits for a planned excitation."""
     wanted = setup.case.identification.accel_rms_m_s2
     try:
         return low_level_probe.choose_level(setup.rig, low, quiet.accel_m_s2, wanted, loud, setup.floor_masses_kg)
@@ -186,7 +189,7 @@ def _allowed(setup: Setup, low: Excitation, quiet: Record, loud: Excitation) -> 
 
 
 def probed(setup: Setup, progress: Progress, stream: int = PROBE) -> tuple[Excitation, Record]:
-    """Play the low-level record and return its plan and what was measured."""
+    """Play the probe and return its plan and measurements."""
     options = setup.case.identification
     low = low_level_probe.probe_plan(setup.rig, excitation_settings(options), options.seed)
     seconds = low.command_v.size * setup.rig.dt_s
@@ -196,7 +199,7 @@ def probed(setup: Setup, progress: Progress, stream: int = PROBE) -> tuple[Excit
 
 
 def _lines(setup: Setup, played: Excitation, level: Level) -> tuple[tuple[str, str], ...]:
-    """Return what the page says about the excitation."""
+    """Return the page's lines on the excitation."""
     options = setup.case.identification
     count = f"{options.records} records of " if options.records > 1 else ""
     signal = (
@@ -208,7 +211,7 @@ def _lines(setup: Setup, played: Excitation, level: Level) -> tuple[tuple[str, s
 
 
 def processing(options: IdentificationSpec) -> tuple[tuple[str, str], ...]:
-    """Return what the page says about the evaluation."""
+    """Return the page's lines on the evaluation."""
     sensors = {"removed": "removed", "kept": "kept, the model describes the channels as they are"}
     latency = {"removed": "removed, an explicit declared delay", "kept": "kept, carried by the roots"}
     return (
@@ -219,10 +222,10 @@ def processing(options: IdentificationSpec) -> tuple[tuple[str, str], ...]:
 
 
 def excite(setup: Setup, command_v: Array, stream: tuple[int, ...] | None = None) -> tuple[Array, Array, str]:
-    """Play a command (n,) through guard and rig; return it as it left, the corrected channels (c, n), and what to say
-    of samples that were lost and put back.
+    """Play a command (n,) in V through guard and rig.
 
-    `stream` names the rig's noise. Raises LimitError when a limit stopped the excitation, RigError when the rig did.
+    Returns the command as sent, the corrected channels (c, n) in m/s^2, and notes on reconstructed samples. `stream`
+    names the rig's noise. Raises LimitError if a limit stopped the excitation, RigError if the rig did.
     """
     drive = np.column_stack([command_v, np.zeros((command_v.size, 2))])
     outcome = _played(setup, drive, stream or (IDENTIFICATION,))
@@ -250,7 +253,7 @@ def _played(setup: Setup, drive: Array, stream: tuple[int, ...]) -> Outcome:
 
 
 def _listening(setup: Setup) -> Blocks:
-    """Return blocks that only correct the sensors; an excitation uses no others."""
+    """Return blocks that only correct the sensors, for an excitation, which uses no other block."""
     dt, channels = setup.rig.dt_s, len(setup.rig.channels)
     silent = static(np.zeros((1, channels)), dt, "kalman", (), ())
     return Blocks(

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def loop_parts(setup: Setup, identified: Identification) -> tuple[IdentifiedRig, Block]:
-    """Return what a case's loop holds beside its blocks: the rig as identified, and all numerical storeys."""
+    """Return the parts of a case's loop that are not designed: the identified rig, and all numerical storeys."""
     assert identified.specimen is not None  # every case has experimental storeys
     rig = identified_rig(identified.best, identified.specimen.specimen, setup.rig, setup.removes_sensors)
     return rig, all_storeys(setup.building.numerical, setup.rig.dt_s, setup.case.integration)
@@ -32,7 +32,7 @@ def loop_parts(setup: Setup, identified: Identification) -> tuple[IdentifiedRig,
 def loop_stability(
     setup: Setup, identified: Identification, blocks: Blocks, shared: SharedValues | None = None
 ) -> preflight.Stability:
-    """Return the stability of a case's loop with these blocks; with `shared`, equal loops are looked at once."""
+    """Return the stability of a case's loop with these blocks; with `shared`, equal loops are evaluated once."""
     rig, storeys = loop_parts(setup, identified)
     samples = len(setup.motion.time_s)
     asked = content_key(rig, blocks, storeys, identified.best, identified.frfs[0], identified.levels)
@@ -45,7 +45,7 @@ def loop_stability(
 def loop_faults(
     setup: Setup, identified: Identification, blocks: Blocks, shared: SharedValues | None = None
 ) -> list[str]:
-    """Return why a case's loop is not safe with these blocks, whatever is played; nothing for one that is."""
+    """Return the reasons why a case's loop with these blocks is not safe with any record; empty if it is safe."""
     found = loop_stability(setup, identified, blocks, shared)
     feedback = setup.case.controller.kind == "FF+FB"
     return preflight.faults_of_loop(found, feedback, required_delay_s(setup, identified, blocks))
@@ -61,8 +61,11 @@ def required_delay_s(setup: Setup, identified: Identification, blocks: Blocks) -
 def _stability(
     rig: IdentifiedRig, blocks: Blocks, storeys: Block, identified: Identification, samples: int
 ) -> preflight.Stability:
-    """Return the stability of the loop; where a feedback has a limit the worse of the loops with and without it:
-    at its limit it is none."""
+    """Return the stability of the loop.
+
+    For a feedback with a limit it is the worse of the loops with and without feedback, because a feedback at its limit
+    has no effect.
+    """
     best, measured, levels = identified.best, identified.frfs[0], identified.levels
     found = preflight.stability(rig, blocks, storeys, best, measured, samples, levels)
     if not math.isfinite(blocks.feedback_limit_v):

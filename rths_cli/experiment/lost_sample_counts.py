@@ -19,28 +19,26 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Losses:
-    """Steps of a record: all, those whose samples were lost, those that came late by an interval or were caught up
-    without samples, those after a gap that were given a mix of samples and expectation, and the longest time without
-    samples of the right instant in s."""
+    """Numbers of steps of a record without samples of their own."""
 
-    steps: int
-    lost: int
-    overrun: int
-    mixed: int
-    longest_gap_s: float
+    steps: int  # all steps
+    lost: int  # steps whose samples were lost
+    overrun: int  # steps that were late by an interval or more, or caught up without samples
+    mixed: int  # steps after a gap that used a mix of measured and substituted samples
+    longest_gap_s: float  # longest time without samples of the right instant
 
     @property
     def any(self) -> bool:
-        """Tell whether samples missed at all."""
+        """Return whether any samples were missing."""
         return self.lost + self.overrun > 0
 
     def sentence(self, what: str) -> str:
-        """Return this in words."""
+        """Return the counts in words; `what` names the run."""
         return loss_sentence(what, self.lost, self.overrun, self.mixed, self.longest_gap_s)
 
 
 def losses_of(lost: Array, late_s: Array, dt_s: float) -> Losses:
-    """Return the losses in timing/lost (n,) and timing/late_s (n,); of no step where a rig has no such log."""
+    """Return the losses from timing/lost (n,) and timing/late_s (n,), which are empty for a rig without such a log."""
     overrun = (lost == CAUGHT_UP) | (late_s >= dt_s)
     gap_s = longest_run(without_samples(lost)) * dt_s
     gap_s = max(gap_s, float(np.max(late_s[overrun], initial=0.0, where=np.isfinite(late_s[overrun]))))
@@ -54,7 +52,7 @@ def longest_run(flags: NDArray[np.bool_]) -> int:
 
 
 def of_live(live: Mapping[str, Array], dt_s: float) -> Losses | None:
-    """Return the losses of a run on a real rig, None of one on the counted clock."""
+    """Return the losses of a run on a real rig, None for a run on the counted clock."""
     return losses_of(live["lost"], live["late_s"], dt_s) if live else None
 
 

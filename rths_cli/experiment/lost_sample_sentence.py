@@ -22,8 +22,7 @@ def losses_of_runs(metrics: Mapping[str, ArrayLike]) -> list[str]:
 
 
 def loss_sentence(what: str, lost: int, overrun: int, mixed: int, longest_gap_s: float) -> str:
-    """Return how many steps had no samples of their own, the longest time without, and how many after that hold samples
-    mixed with what was expected."""
+    """Return a sentence on the steps without samples of their own, the longest such time, and the steps with a mix."""
     after = f", in {_steps(mixed)} after that in part" if mixed else ""
     return (
         f"{what}: {_steps(lost)} lost samples, {_steps(overrun)} overrun, longest gap {1e3 * longest_gap_s:.3g} ms; "

@@ -24,14 +24,14 @@ NOW, AT_REST = "identified in this run", "identified now, which on a virtual rig
 
 @dataclass(frozen=True)
 class Known:
-    """An identification and how it came; `reasons` say why a model that was accepted once must not be used now."""
+    """An identification and its source."""
 
     found: Identification
-    source: str
-    reasons: tuple[str, ...] = ()
+    source: str  # in words
+    reasons: tuple[str, ...] = ()  # why a model that was accepted earlier must not be used now
 
     def faults(self, overrides: tuple[str, ...]) -> tuple[str, ...]:
-        """Return why the model may not drive a table, then or now; nothing when that is overridden."""
+        """Return why the model must not drive a table; () if it may, or if --override model was given."""
         reasons = (*(() if self.found.accepted else self.found.reasons), *self.reasons)
         if not reasons or "model" in overrides:
             return ()
@@ -56,7 +56,7 @@ class Memory:
     def prepare(self, setup: Setup) -> None:
         """Read the model file that a case names, and plan the excitation of its rig.
 
-        Raises InputError when the file is no model of this rig and specimen, or the excitation cannot be met.
+        Raises InputError if the file is no model of this rig and specimen, or if the excitation is impossible.
         """
         path = setup.case.identification.model
         if setup.rig.can.moves_hardware:
@@ -69,7 +69,7 @@ class Memory:
             self._files[key(setup)] = read_foreign(path) if is_foreign(path) else load(path, setup)
 
     def _kept(self, setup: Setup) -> bool:
-        """Tell whether the cache has the setup's model, so that its excitation could be planned once."""
+        """Return whether the cache has a model for the setup; then its excitation has been planned before."""
         return self._cache is not None and not setup.rig.can.moves_hardware and self._cache.has(setup)
 
     def plan(self, setup: Setup) -> Excitation:
@@ -85,7 +85,7 @@ class Memory:
         return self.known(setup, progress).found
 
     def known(self, setup: Setup, progress: Progress) -> Known:
-        """Return what is known of the setup's rig and specimen, from where, and whether it still holds."""
+        """Return the identification of the setup's rig and specimen, with its source and whether it is still valid."""
         name = key(setup)
         with self._lock:
             if name not in self._known:
@@ -95,9 +95,10 @@ class Memory:
             return self._known[name]
 
     def at_rest(self, setup: Setup, progress: Progress) -> Known:
-        """Return what is known without moving a real table: a named model of ours as it is, verified by no record.
+        """Return the identification without moving a real table.
 
-        What a virtual rig is still to be asked is computed. Raises InputError as `prepare` does.
+        A model file made by rths is used as it is, without the record that verifies it. A virtual rig is identified if
+        necessary. Raises InputError as `prepare` does.
         """
         self.prepare(setup)
         file = self._files.get(key(setup))
@@ -122,7 +123,7 @@ class Memory:
         return Known(noted(file.found, reasons or (f"{where}; {sentence}",)), where, reasons)
 
     def _now(self, setup: Setup, progress: Progress) -> Known:
-        """Return the model from the cache, or excite the rig for one."""
+        """Return the model from the cache, or identify the rig now."""
         stored = self._cache.find(setup) if self._cache and not setup.rig.can.moves_hardware else None
         if stored is not None:
             return Known(stored.found, f"cache, identified {stored.age}")
@@ -140,7 +141,7 @@ def _named(file: Stored) -> str:
 
 
 def _check_real(setup: Setup, path: Path | None) -> None:
-    """Raise InputError unless a case on a real rig names a model file made by rths: a run never excites such a rig."""
+    """Raise InputError unless a case on a real rig names a model file made by rths; a run never excites such a rig."""
     from rths_cli.files.imported_models import is_foreign
 
     advice = f"rths identify {shown(setup.case.path)}"
@@ -154,7 +155,7 @@ def _check_real(setup: Setup, path: Path | None) -> None:
 
 
 def as_model(given: ForeignModel, setup: Setup) -> Model:
-    """Return a model from elsewhere as one of this rig; a ripple that is not stated is NaN, to be found."""
+    """Return a model identified elsewhere as a model of this rig; a ripple that is not stated is NaN."""
     ripple = math.nan if given.ripple_m_s2_per_v is None else given.ripple_m_s2_per_v
     band = given.band_hz or (setup.case.identification.low_hz, setup.case.identification.high_hz)
     sampling = (setup.rig.latency_samples, setup.rig.dt_s)
@@ -163,7 +164,7 @@ def as_model(given: ForeignModel, setup: Setup) -> Model:
 
 
 def notes_on(given: ForeignModel) -> tuple[str, ...]:
-    """Return what a user should know of a model from elsewhere, also that method paper cannot use one not square."""
+    """Return notes on a model identified elsewhere, also if it lacks the equal orders that method paper needs."""
     zeros, poles = len(given.zeros), len(given.poles)
     if zeros == poles:
         return given.notes

@@ -74,7 +74,7 @@ def to_groups(found: Identification, names: tuple[str, ...]) -> Groups:
 
 
 def from_groups(groups: Mapping[str, Values], names: tuple[str, ...]) -> Identification:
-    """Return the identification that `to_groups` took apart; raises KeyError when something is missing."""
+    """Return the identification from the groups that `to_groups` made; raises KeyError if something is missing."""
     frfs = [groups[f"frf/{name}"] for name in names]
     tables: dict[str, Any] = {table: _rows(kind, groups.get(table, {})) for table, kind in TABLES.items()}
     return Identification(
@@ -101,14 +101,14 @@ def _specimen(values: Values | None) -> SpecimenFit | None:
 
 
 def _fields(item: Any) -> dict[str, Any]:
-    """Return the fields of a dataclass that a dataset can hold; None is left out."""
+    """Return the fields of a dataclass that a dataset can hold; fields with None are omitted."""
     values = {field.name: getattr(item, field.name) for field in fields(item)}
     left_out = (type(None), Specimen)
     return {k: v for k, v in values.items() if not (isinstance(v, left_out) or (isinstance(v, tuple) and not v))}
 
 
 def _dataset(group: str, name: str, value: Any) -> Dataset:
-    """Return a value with what is declared of it; raises ValueError where nothing is, or another kind."""
+    """Return a value with its declaration; raises ValueError if it is not declared, or with another kind."""
     data = np.asarray(list(value) if isinstance(value, tuple) else value)
     data = data.astype(float) if data.dtype.kind in "biu" else data
     declared = model_dataset(group, name)
@@ -120,13 +120,13 @@ def _dataset(group: str, name: str, value: Any) -> Dataset:
 
 
 def _columns(rows: tuple[Any, ...]) -> dict[str, Any]:
-    """Return a table of dataclasses as one array (n_rows,) per field; an unknown number is NaN."""
+    """Return a sequence of dataclasses as one array (n_rows,) per field; an unknown number is NaN."""
     entries = {field.name: [getattr(row, field.name) for row in rows] for field in fields(rows[0])}
     return {name: tuple(np.nan if entry is None else entry for entry in column) for name, column in entries.items()}
 
 
 def _rows(kind: type[T], columns: Values) -> tuple[T, ...]:
-    """Return the dataclasses of a table."""
+    """Return the sequence of dataclasses from the arrays that `_columns` made."""
     if not columns:
         return ()
     length = len(next(iter(columns.values())))
@@ -134,7 +134,7 @@ def _rows(kind: type[T], columns: Values) -> tuple[T, ...]:
 
 
 def _made(kind: type[T], values: Values) -> T:
-    """Return a dataclass from stored values, each as its field is declared; one that is not there has its default."""
+    """Return a dataclass from stored values, converted to the types of its fields; missing ones have their default."""
     hints = _hints(kind)  # type: ignore[arg-type]
     given = {}
     for field in fields(kind):  # type: ignore[arg-type]
@@ -145,12 +145,12 @@ def _made(kind: type[T], values: Values) -> T:
 
 @cache
 def _hints(kind: type) -> dict[str, Any]:
-    """Return how each field of a dataclass is declared."""
+    """Return the declared type of each field of a dataclass."""
     return get_type_hints(kind)
 
 
 def _as_declared(hint: Any, value: Any) -> Any:
-    """Return a stored value in the type of its field; what was left out is None or an empty tuple."""
+    """Return a stored value in the type of its field; an omitted one is None or an empty tuple."""
     if get_origin(hint) in (Union, types.UnionType):
         if value is None or (np.ndim(value) == 0 and isinstance(value, float) and np.isnan(value)):
             return None

@@ -27,7 +27,7 @@ from rths_cli.rigs.description import capabilities_of
 from rths_cli.user_cache import user_cache
 from rths_cli.version import __version__
 
-KEPT = 200  # models in the cache, the oldest go first
+KEPT = 200  # largest number of models in the cache; the oldest are removed first
 TIME = "%Y-%m-%dT%H:%M:%SZ"
 LEVELS = dict.fromkeys(("name", "warning_m_s2", "abort_m_s2"), True)
 HARDWARE_ONLY: dict[str, Any] = {  # of a rig file: no part of what the rig is
@@ -40,7 +40,7 @@ HARDWARE_ONLY: dict[str, Any] = {  # of a rig file: no part of what the rig is
 
 @dataclass(frozen=True)
 class Stored:
-    """A model file: the identification in it, when it was made, what the file says of itself, its content's hash."""
+    """A model file: its identification, date, attributes, and the hash of its content."""
 
     path: Path
     found: Identification
@@ -60,7 +60,7 @@ class Stored:
 
 
 def save(path: Path, setup: Setup, found: Identification, source: str, data_sha256: str, replace: bool = True) -> str:
-    """Write a model file and return the hash of its content; raises InputError when the disk refuses."""
+    """Write a model file and return the hash of its content; raises InputError if it cannot be written."""
     made = datetime.now(UTC).strftime(TIME)
     about = {**identity(setup), "data_source": source, "data_sha256": data_sha256, "created_utc": made}
     if fault := attribute_fault(about, MODEL_ATTRIBUTES):
@@ -69,7 +69,7 @@ def save(path: Path, setup: Setup, found: Identification, source: str, data_sha2
 
 
 def load(path: Path, setup: Setup) -> Stored:
-    """Read a model file for a case's rig and specimen; raises InputError when it is damaged or of another one."""
+    """Read a model file for a case's rig and specimen; raises InputError if it is damaged or belongs to others."""
     file = read_model(path)
     faults = differences(file.attributes, identity(setup))
     if faults:
@@ -88,7 +88,7 @@ def channel_names(setup: Setup) -> tuple[str, ...]:
 
 
 def identity(setup: Setup) -> dict[str, str | int | float]:
-    """Return what a model file says of rig, specimen, settings and software."""
+    """Return the attributes with which a model file identifies rig, specimen, settings and software."""
     case = setup.case
     options = case.identification
     return {
@@ -111,7 +111,7 @@ def identity(setup: Setup) -> dict[str, str | int | float]:
 
 
 def _specimen_hash(setup: Setup) -> str:
-    """Return the hash of what makes the specimen: weighed masses, on a virtual rig stiffness and damping too."""
+    """Return the hash of the specimen: of its weighed masses, on a virtual rig also of stiffness and damping."""
     structure = setup.case.structure
     declared = structure.experimental.model_dump_json() if setup.rig.can.carries_declared_specimen else ""
     masses = [*setup.floor_masses_kg.tolist(), structure.interface_experimental_mass_kg]
@@ -153,12 +153,12 @@ def differences(stated: Mapping[str, str | int | float], wanted: Mapping[str, st
 
 
 def _rig(about: Mapping[str, str | int | float]) -> tuple[str, str]:
-    """Return name and kind of a rig; a variation of it, as by --set table.unattended=true, is the same table."""
+    """Return name and kind of a rig; a variation, for instance by --set table.unattended=true, is the same table."""
     return str(about.get("rig", "unknown")).removesuffix(VARIED), str(about.get("rig_kind", "unknown"))
 
 
 class Cache:
-    """Models of virtual rigs in the user's cache; `fresh` ignores what is there. What fails is done without."""
+    """Models of virtual rigs in the user's cache; `fresh` ignores existing ones. Cache errors are ignored."""
 
     def __init__(self, fresh: bool = False, folder: Path | None = None) -> None:
         self._fresh = fresh
@@ -199,7 +199,7 @@ class Cache:
 
 
 def key(setup: Setup) -> str:
-    """Return a hash of all that an identification on a virtual rig depends on."""
+    """Return a hash of everything that an identification on a virtual rig depends on."""
     case = setup.case
     parts = (
         case.table.model_dump_json(exclude={"after_identification", "name"}),
@@ -214,7 +214,7 @@ def key(setup: Setup) -> str:
 
 @cache
 def software() -> str:
-    """Return a hash of this version's sources and of what they compute with."""
+    """Return a hash of this version's sources and of the numerical packages."""
     package = Path(__file__).resolve().parents[1]
     digest = hashlib.sha256(f"{__version__} {platform.python_version()} {platform.machine()}".encode())
     for name in ("numpy", "scipy", "numba"):

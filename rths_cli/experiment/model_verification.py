@@ -17,16 +17,17 @@ from rths_cli.identification.specimen_fit import Motion, Start, fit_stretches
 SEGMENTS = 5
 HIGHEST_HZ = 40.0
 SIGMA = 3.0
-SHARE, SHARE_UNSEEN, SHARE_ABOVE = 0.01, 0.06, 0.10  # change let pass: below 11 Hz; without a low level then; above
+SHARE, SHARE_UNSEEN, SHARE_ABOVE = 0.01, 0.06, 0.10  # accepted change to 11 Hz; without low level in the model; above
 # Change let pass of a mode: (df / f) / ratio and (d ratio) / ratio, which err alike at the table's zero there.
 FREQUENCY_SHARE, DAMPING_SHARE = 0.05, 0.05
 
 
 def verify(setup: Setup, known: Identification, progress: Progress) -> tuple[tuple[str, ...], str]:
-    """Play the low-level record and compare; return why the model must not be used, and a sentence on what was seen.
+    """Play the low-level record and compare it with the model.
 
-    Friction makes a low level differ from a full one: where the model's own identification had such a record too, the
-    two are compared with each other.
+    Returns the reasons why the model must not be used, and a sentence on the comparison. Because of friction the
+    response at low level differs from that at full level. If the identification had a record at low level, the two
+    records at low level are compared.
     """
     _, record = probed(setup, progress, VERIFICATION)
     faults = channel_signals.signal_faults(record, setup.rig)
@@ -40,8 +41,10 @@ def verify(setup: Setup, known: Identification, progress: Progress) -> tuple[tup
 
 
 def changed_bands(known: Identification, record: Record) -> list[tuple[LevelBand, float, float]]:
-    """Return per band the new record over the model (and over the stored record at low level), the change, and what
-    is let pass."""
+    """Return for each band the ratio of the new record to the model, the change, and the accepted change.
+
+    If the model has a record at low level, the ratio is relative to that record.
+    """
     length_s = (record.parts.noise.stop - record.parts.noise.start) * known.best.dt_s
     now = over_model(known.best, [record], known.best.band_hz, length_s / SEGMENTS)
     then = {band.low_hz: band for band in known.levels}
@@ -66,7 +69,7 @@ def _band_sentence(band: LevelBand, change: float) -> str:
 
 
 def specimen_changes(setup: Setup, known: Identification, record: Record) -> list[str]:
-    """Return a sentence for each mode of the specimen that is not what it was."""
+    """Return a sentence for each mode of the specimen that has changed."""
     if known.specimen is None:
         return []
     now = seen_specimen(setup, known, record)
@@ -86,7 +89,7 @@ def specimen_changes(setup: Setup, known: Identification, record: Record) -> lis
 
 
 def seen_specimen(setup: Setup, known: Identification, record: Record) -> SpecimenFit:
-    """Return the specimen that a record shows, starting from the known one."""
+    """Return the specimen fitted to a record, starting from the known one."""
     assert known.specimen is not None
     table = without_staircase(record.accel_m_s2[0], record.command_v, known.best)
     motion = Motion(table, record.accel_m_s2[1:]).cut(record.parts.noise)

@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from rths_cli.numerics.lti import Array
     from rths_cli.quantities import Values
 
-BEFORE_S, AFTER_S = 1.0, 3.0  # in which the table is watched at rest before and after each run
-INTERRUPTIONS = {guard.INTERRUPT: 130, guard.TERMINATION: 143}  # exit codes of orders that came by signals
+BEFORE_S, AFTER_S = 1.0, 3.0  # time at rest that is recorded before and after each run
+INTERRUPTIONS = {guard.INTERRUPT: 130, guard.TERMINATION: 143}  # exit codes of orders given by signals
 
 
 @dataclass(frozen=True)
@@ -62,10 +62,11 @@ TABLE_RUNS = (SHAKE_TABLE_TEST, HYBRID_TEST)
 
 @dataclass(frozen=True)
 class RunPlan:
-    """A run before it is played: its blocks, what drives it, and the limits of its guard.
+    """A run before it is played: its blocks, its drive and the limits of its guard.
 
-    `drive` (n + lead, 3): the ground's acceleration, velocity and displacement in SI units. `expected`: what the
-    channels are compared with, which takes that they are watched at rest before and after the run; None: neither.
+    `drive` (n + lead, 3): acceleration, velocity and displacement of the ground in SI units. `expected`: prediction
+    with which the channels are compared to find drift, for which the rest before and after the run is recorded; None:
+    no comparison and no such rest.
     """
 
     setup: Setup
@@ -78,13 +79,12 @@ class RunPlan:
 
 @dataclass(frozen=True)
 class Run:
-    """One run on the table, on the record's clock: what metrics, result files and rows of sweeps are made from.
+    """One run on the table, on the record's clock, from which metrics, result files and rows of sweeps are made.
 
-    `building`: motion of the whole building in EXP-RTHS, None in a shake-table test and where only accelerations are
-    wanted and all of them are measured. `rest`: the channels at rest before and after the run, None where they were
-    not watched; `drift`: what they show beside motion, taken out of `series`. `stopped`: why the run ended before its
-    record did, `late`: what ended it after that; None: nothing. `metrics` and `remarks` on them are empty until
-    `evaluated` has computed them.
+    `building`: motion of the whole building in EXP-RTHS; None in a shake-table test, and if only accelerations are
+    needed and all of them are measured. `rest`: channels at rest before and after the run, None if not recorded.
+    `drift`: offset, drift and jumps that were removed from `series`. `stopped`: why the run ended before its record
+    did; `late`: what ended it after its record; None: nothing. `metrics` and `remarks` are empty until `evaluated`.
     """
 
     kind: RunKind
@@ -108,16 +108,16 @@ class Run:
 
 
 def plan_run(setup: Setup, design: Design, kind: RunKind, identified: Identification | None = None) -> RunPlan:
-    """Return a run of a design; with `identified`, its channels are compared with what the identified rig shows."""
+    """Return the plan of a run; with `identified`, its channels are compared with the identified rig to find drift."""
     expected = expected_of(setup, identified, design.blocks) if identified is not None else None
     return RunPlan(setup, design, kind, drive_of(setup, design), guard_limits(setup), expected)
 
 
 def drive_of(setup: Setup, design: Design) -> Array:
-    """Return the ground's acceleration, velocity and displacement (n + lead, 3); its clock ends before the table's.
+    """Return acceleration, velocity and displacement of the ground (n + lead, 3), with `lead` rows after its end.
 
-    After the record the ground keeps its last acceleration. Values that do not belong together, a velocity beside
-    a displacement that stands still, are a jump to a feedforward that weighs all of them.
+    After the record the ground keeps its last acceleration. A velocity beside a displacement that stands still would be
+    a jump for a feedforward that weighs both.
     """
     motion, lead = setup.motion, design.blocks.lead_samples
     drive = np.column_stack([motion.accel_m_s2, motion.velocity_m_s, motion.displacement_m])
@@ -129,9 +129,9 @@ def drive_of(setup: Setup, design: Design) -> Array:
 
 
 def play_run(plan: RunPlan, seed: int, log: Log | None = None) -> Outcome:
-    """Play a run on the counted clock, the ground motion directly (RECORD) or through the numerical part.
+    """Play a run on the counted clock; the source is the ground motion itself (RECORD) or the numerical substructure.
 
-    `log`: that of an earlier run of the same sizes, which is written over.
+    `log`: log of an earlier run of the same sizes, which is overwritten.
     """
     setup, limits, dt_s = plan.setup, plan.limits, plan.setup.rig.dt_s
     rig = open_rig(setup, (plan.kind.stream,), seed)
@@ -149,10 +149,10 @@ def run_of(
     expected: Expected | None,
     only_accelerations: bool = False,
 ) -> Run:
-    """Return what was played as a run on the record's clock, without drift of the sensors and without metrics.
+    """Return the outcome of a play as a run on the record's clock, with sensor drift removed and without metrics.
 
-    With `only_accelerations`, displacements and velocities of the building are not computed where its accelerations
-    need none of them.
+    With `only_accelerations`, displacements and velocities of the building are computed only if its accelerations need
+    them.
     """
     dt_s, samples = setup.rig.dt_s, len(setup.motion.time_s)
     series = on_record_clock(outcome, lead_samples, dt_s, samples)
@@ -172,9 +172,9 @@ def run_of(
 
 
 def evaluated(run: Run, setup: Setup, sim: Response, loop: LoopKnown | None) -> Run:
-    """Return a run with its metrics; of one that ended early, only how many samples it lost.
+    """Return a run with its metrics; a run that ended early has only the counts of lost samples.
 
-    `loop`: what an error budget starts from (None: there is none).
+    `loop`: inputs of the error budget (None: no budget is computed).
     """
     values: dict[str, ArrayLike] = {}
     if found := lost_sample_counts.of_live(run.series.live, setup.rig.dt_s):
@@ -188,7 +188,7 @@ def evaluated(run: Run, setup: Setup, sim: Response, loop: LoopKnown | None) -> 
 
 
 def metrics_of_record(run: Run, setup: Setup, sim: Response) -> Values:
-    """Return the metrics of a run that reached the end of its record, whatever came of it in real time."""
+    """Return the metrics of a run that reached the end of its record, without those of its timing."""
     values: dict[str, ArrayLike] = {}
     if run.drift is not None:
         values |= sensor_drift_report.as_figures(run.kind.name, run.drift, setup, run.lead_samples)
@@ -208,8 +208,7 @@ def errors_of(run: Run, setup: Setup, sim: Response, room: Array | None = None) 
 
 
 def why_ended(label: str, outcome: Outcome, record_s: float) -> Stop | None:
-    """Return why a run did not reach the end of its record, None when it did: what came first, then what the rig
-    says."""
+    """Return why a run did not reach the end of its record, None if it did: the first reason, then the rig's fault."""
     fault, limit = outcome.rig_fault, outcome.stopped_by_limit
     if outcome.played or not (fault or limit):
         return None
@@ -222,8 +221,10 @@ def why_ended(label: str, outcome: Outcome, record_s: float) -> Stop | None:
 
 
 def after_the_record(label: str, outcome: Outcome, dt_s: float) -> Stop | None:
-    """Return what ended a run after its record was played whole, None where nothing did. The run itself is complete:
-    what counts is the exit code, and the reason, which says how much of the rest is missing."""
+    """Return what ended a run after its complete record, None if nothing did.
+
+    The run itself is complete. The result has the exit code, and a reason that states how much of the rest is missing.
+    """
     fault, limit = outcome.rig_fault, outcome.stopped_by_limit
     if not outcome.played or not (fault or limit):
         return None
@@ -249,7 +250,7 @@ def _stop(outcome: Outcome, said: str) -> Stop:
 
 
 def _instant(outcome: Outcome, record_s: float) -> str:
-    """Return when a run ended early, in the time of its record."""
+    """Return in words when a run ended early, in the time of its record."""
     if not outcome.log.state.size:  # on the counted clock, without ramps
         return f"at {outcome.stopped_at_s:.3f} s"
     if outcome.stopped_at_s <= -outcome.ramp_s:

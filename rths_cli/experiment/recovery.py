@@ -37,14 +37,16 @@ if TYPE_CHECKING:
     from rths_cli.numerics.lti import Array
 
 KINDS = {kind.name: kind for kind in TABLE_RUNS}
-TIMED = ("late_ns", "exchange_ns", "lost", "state")  # not in every log
+TIMED = ("late_ns", "exchange_ns", "lost", "state")  # signals that not every log has
 NOTED = tuple(f"recovered_{run}" for run in KINDS)
 
 
 @dataclass(frozen=True)
 class Recovered:
-    """What came of one log: its result and the status in it, the samples that were there of the most steps that the run
-    could have, and that in a sentence. `known`: the result held the run already and was left as it is."""
+    """Outcome of the recovery of one log: its result with its status, recovered and possible steps, and a sentence.
+
+    `known`: the result held the run already and was not changed.
+    """
 
     log: Path
     result: Path
@@ -59,7 +61,7 @@ class Recovered:
 
 @dataclass(frozen=True)
 class _Job:
-    """A log that can be recovered, its case, the result that it belongs to, and what its samples are compared with."""
+    """A log that can be recovered, its case, its result, and the prediction with which drift is found."""
 
     path: Path
     header: RawHeader
@@ -69,10 +71,10 @@ class _Job:
 
 
 def recover(paths: Sequence[Path]) -> list[Recovered]:
-    """Make or complete the result beside each raw log; the logs stay.
+    """Create or complete the result beside each raw log; the logs are kept.
 
-    Raises InputError, with every fault and before anything is written, for what is no log, is under way, or belongs to
-    a complete result.
+    Before anything is written, raises InputError with all faults if a file is no log, is being written, or belongs to a
+    complete result.
     """
     jobs: list[_Job] = []
     faults: list[str] = []
@@ -87,7 +89,7 @@ def recover(paths: Sequence[Path]) -> list[Recovered]:
 
 
 def result_of(path: Path, header: RawHeader) -> Path:
-    """Return the result file that a log belongs to: it stands beside the log."""
+    """Return the result file that a log belongs to, in the folder of the log."""
     return path.parent / Path(header.result).name
 
 
@@ -112,7 +114,7 @@ def _job(path: Path) -> _Job:
 
 
 def _expected(path: Path, header: RawHeader, channels: int) -> Expected | None:
-    """Return what the samples of a log are compared with, None of a log of an earlier version; raises InputError."""
+    """Return the prediction to which a log is compared, None for a log of an earlier version; raises InputError."""
     try:
         return as_read(header.expected, channels) if header.expected is not None else None
     except ValueError as error:
@@ -123,7 +125,7 @@ def _expected(path: Path, header: RawHeader, channels: int) -> Expected | None:
 
 
 def _recover(job: _Job) -> Recovered:
-    """Put one log into its result."""
+    """Write the run of one log to its result."""
     header, result, log = job.header, job.result, read_raw_log(job.path)
     if not result.exists():
         _begin(job)
@@ -143,7 +145,7 @@ def _recover(job: _Job) -> Recovered:
 
 
 def _write(writer: ResultWriter, job: _Job, log: RawLog, warnings: str) -> None:
-    """Write the run as one that reached its end would be, only shorter; `warnings` of the result stay."""
+    """Write the run like one that reached its end, only shorter; existing `warnings` of the result are kept."""
     header, setup = job.header, _setup(job)
     steps = log.columns.shape[1] - header.ramp_steps
     everything = _signals(log, setup)
@@ -160,12 +162,12 @@ def _write(writer: ResultWriter, job: _Job, log: RawLog, warnings: str) -> None:
 
 
 def _kind(header: RawHeader) -> RunKind:
-    """Return the kind of run that a log is of."""
+    """Return the kind of run that a log belongs to."""
     return KINDS[header.run]
 
 
 def _note(path: Path, log: RawLog, samples: int) -> str:
-    """Return what there was of a run over a record of so many samples, the ramps apart."""
+    """Return the recovered steps of a run in words, separately for record, rest and ramps."""
     header, steps = log.header, log.columns.shape[1]
     rest, record = min(steps, header.still_steps), min(samples + header.lead_samples, header.steps - header.ramp_steps)
     played = min(max(steps - header.ramp_steps, 0), record)
@@ -180,13 +182,13 @@ def _note(path: Path, log: RawLog, samples: int) -> str:
 
 
 def _rested(log: RawLog) -> int:
-    """Return how many steps the table was at rest for at last."""
+    """Return the number of steps at rest at the end of a log."""
     names = log.header.names
     return int(np.sum(log.columns[names.index("state")] == AT_REST)) if "state" in names else 0
 
 
 def _reason(attributes: Mapping[str, Attribute], note: str) -> str:
-    """Return how the run ended, as the result states it: what it said of a fault stays."""
+    """Return the reason for the end of the run; a fault that the result states already is kept."""
     if attributes["status"] != "interrupted":
         return f"{attributes['status_reason']}; {note}"
     notes = [str(attributes[key]) for key in NOTED if key in attributes]
@@ -194,8 +196,10 @@ def _reason(attributes: Mapping[str, Attribute], note: str) -> str:
 
 
 def _begin(job: _Job) -> None:
-    """Write a result with all that the log's header and the record's file tell; raises InputError without the record's
-    file, or when it is another one now."""
+    """Create a result from the log's header and the record's file.
+
+    Raises InputError if the record's file is missing or has changed.
+    """
     header, case = job.header, job.case
     motion, sha256 = ground_motion(case)
     if sha256 != header.attributes.get("record_sha256", sha256):
@@ -210,7 +214,7 @@ def _begin(job: _Job) -> None:
 
 
 def _case(path: Path, header: RawHeader) -> Case:
-    """Return the case of a log as it was resolved for the run; no file that it names need be there any more."""
+    """Return the resolved case of a log; the files that it names are not needed any more."""
     node, faults = parse(header.resolved_yaml, Source(f"{path}: its case", path.parent))
     if node is None or faults:
         raise InputError(*(str(fault) for fault in faults))
@@ -235,7 +239,7 @@ def _case(path: Path, header: RawHeader) -> Case:
 
 
 def _record_file(name: str, folder: Path) -> Path:
-    """Return the file of a record: a shipped one stands in a resolved case by its name alone."""
+    """Return the file of a record; a resolved case names a shipped record without its folder."""
     try:
         return find(name, "records", folder)
     except InputError:
@@ -243,7 +247,7 @@ def _record_file(name: str, folder: Path) -> Path:
 
 
 def _setup(job: _Job) -> Setup:
-    """Return what the case means in arrays, with the ground motion as it stands in the result."""
+    """Return the setup of the case, with the ground motion of the result."""
     time_s, accel = (read_series(job.result, f"record/{name}") for name in ("time_s", "ground_accel_m_s2"))
     return _about(job, GroundMotion(job.header.dt_s, time_s, accel, *integrate(accel, job.header.dt_s)))
 
@@ -257,7 +261,7 @@ def _about(job: _Job, motion: GroundMotion) -> Setup:
 
 
 def _signals(log: RawLog, setup: Setup) -> Signals:
-    """Return the columns of a log by name; what a rig does not know is NaN."""
+    """Return the signals of a log by name; signals that the rig does not have are NaN."""
     columns = dict(zip(log.header.names, log.columns, strict=True))
     channels = len(setup.rig.channels)
     unknown = np.full(log.columns.shape[1], np.nan)

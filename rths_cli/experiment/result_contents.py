@@ -77,7 +77,7 @@ def write_table_run(
 
 
 def _remarks_on_samples(setup: Setup, series: Series) -> dict[str, tuple[str, ...]]:
-    """Return what was done to the measured accelerations of a run, by their names."""
+    """Return remarks on the processing of a run's measured accelerations, by dataset."""
     drift = (DRIFT_REMOVED,) if series.removed is not None else ()
     sensed = (CORRECTED if setup.removes_sensors else AS_SENSED, *drift)
     hold = (HOLD_REMOVED,) if setup.case.method == "best" else ()
@@ -85,7 +85,7 @@ def _remarks_on_samples(setup: Setup, series: Series) -> dict[str, tuple[str, ..
 
 
 def write_rest(writer: ResultWriter, run: str, setup: Setup, whole: Whole) -> None:
-    """Write what the channels showed while the table stood still before and after a run."""
+    """Write the channels' samples at rest before and after a run."""
     spans = ((whole.before_s, whole.before_v), (whole.after_s, whole.after_v))
     time = np.concatenate([begin + setup.rig.dt_s * np.arange(shown.shape[1]) for begin, shown in spans])
     scales = {"channel": np.arange(1, len(whole.before_v) + 1), "rest_time_s": time}
@@ -93,7 +93,7 @@ def write_rest(writer: ResultWriter, run: str, setup: Setup, whole: Whole) -> No
 
 
 def write_identification(writer: ResultWriter, identified: Identification, design: Design) -> None:
-    """Write what was identified and the table model the controllers use."""
+    """Write the identification, and the table model that the controllers use."""
     error = identified.best_error if design.model is identified.best else identified.paper_error
     model, fit = design.model, identified.specimen
     assert fit is not None  # every case has experimental storeys
@@ -151,7 +151,7 @@ def design_figures(setup: Setup, identified: Identification, design: Design) -> 
 
 
 def _latency_figures(setup: Setup, identified: Identification, design: Design) -> dict[str, ArrayLike]:
-    """Return every latency of the loop, what takes it out and what is left, and the delay identified on the rig."""
+    """Return the metrics of all latencies of the loop, their compensation and remainder, and the identified delay."""
     assert identified.specimen is not None  # every case has experimental storeys
     rig, blocks, specimen = setup.rig, design.blocks, identified.specimen.specimen
     loop = latency_budget.Loop(
@@ -185,6 +185,6 @@ def _budget_figures(budget: LatencyBudget) -> dict[str, ArrayLike]:
 
 
 def remarks() -> dict[str, str]:
-    """Return what the definitions of the latency's metrics say of this run: the frequencies they are given at."""
+    """Return remarks on the latency's metrics: the frequencies at which they are given in this run."""
     listed = ", ".join(f"{f:g}" for f in latency_budget.FREQUENCIES_HZ)
     return {path: f"at {listed} Hz" for path, one in metrics_of("latency").items() if one.over}

@@ -20,14 +20,15 @@ if TYPE_CHECKING:
 # noise streams: dropping one run changes no other
 IDENTIFICATION, SHAKE_TABLE, EXP_RTHS, PROBE, VERIFICATION = 1, 2, 3, 4, 5
 BEFORE = (IDENTIFICATION, PROBE)
-AT_REST_SHARE = 0.02  # of the velocity limit: noise moves a specimen at rest by less
+AT_REST_SHARE = 0.02  # fraction of the velocity limit above the apparent velocity of a specimen at rest due to noise
 
 
 def open_rig(setup: Setup, stream: tuple[int, ...], seed: int) -> Rig:
-    """Return the case's rig, made but not opened: nothing is connected, nothing moves.
+    """Return the case's rig without opening it: nothing is connected, nothing moves.
 
-    On a virtual rig `stream` and `seed` name the noise of one run, before or after the change that the rig file states
-    under `after_identification`. Raises InputError or RigError when a plug-in cannot make its rig.
+    On a virtual rig `stream` and `seed` select the noise of one run, and whether the run comes before or after the
+    change that the rig file states under `after_identification`. Raises InputError or RigError if a plug-in cannot
+    create its rig.
     """
     return driver(setup.case, setup.rig, setup.building, (seed, *stream), _changed(stream))
 
@@ -38,7 +39,7 @@ def open_virtual(setup: Setup, stream: tuple[int, ...], seed: int) -> VirtualRig
 
 
 def _changed(stream: tuple[int, ...]) -> bool:
-    """Tell whether a run comes after the change that a rig file states under `after_identification`."""
+    """Return whether a run comes after the change that a rig file states under `after_identification`."""
     return bool(stream) and stream[0] not in BEFORE
 
 
@@ -69,7 +70,7 @@ def guard_limits(setup: Setup) -> GuardLimits:
 
 
 def _energy_ratio(rig: RigInfo) -> float:
-    """Return how much energy the table's errors may add, of that exchanged; off on a virtual rig that states none."""
+    """Return the permitted ratio of added to exchanged energy; infinite on a virtual rig that states none."""
     if math.isfinite(rig.limits.energy_ratio) or not rig.can.moves_hardware:
         return rig.limits.energy_ratio
     return DEFAULT_ENERGY_RATIO

@@ -40,13 +40,13 @@ if TYPE_CHECKING:
     from rths_cli.quantities import Values
 
 BYTES_PER_SAMPLE = 600  # of a result file, for the check of free space
-PRECEDENCE = (143, 130, 5, 4, 3, 2, 1)  # of exit codes
+PRECEDENCE = (143, 130, 5, 4, 3, 2, 1)  # precedence of exit codes, the first one wins
 LOG_BYTES_PER_SAMPLE = 400  # of the raw logs of two runs on a real rig
 
 
 @dataclass(frozen=True)
 class Ended:
-    """How one case ended: its file (None when nothing was written), status, reason and exit code."""
+    """End of one case: its file (None if nothing was written), status, reason and exit code."""
 
     name: str
     path: Path | None
@@ -60,20 +60,20 @@ class Ended:
 def prepare_all(
     cases: Sequence[Case], output: Path, overrides: tuple[str, ...] = (), shared: SharedValues | None = None
 ) -> list[Setup]:
-    """Read and check everything of every case before the first one starts; raises InputError with all faults."""
+    """Read and check all cases completely before the first one starts; raises InputError with all faults."""
     setups = make_setups(cases, overrides, shared)
     try_folder(output, sum(_bytes(setup) for setup in setups))
     return setups
 
 
 def _bytes(setup: Setup) -> int:
-    """Return how much room the files of a case may take."""
+    """Return the number of bytes that the files of a case may need."""
     logged = LOG_BYTES_PER_SAMPLE if setup.rig.can.moves_hardware else 0
     return (BYTES_PER_SAMPLE + logged) * len(setup.motion.time_s)
 
 
 def moves_table(case: Case) -> bool:
-    """Tell whether a case has a run on the table."""
+    """Return whether a case has a run on the table."""
     return bool({"shake_table", "exp_rths"} & set(case.runs))
 
 
@@ -86,9 +86,9 @@ def run_case(
     shared: SharedValues | None = None,
     stage: Stage | None = None,
 ) -> Ended:
-    """Run one case and write its result file; raises InputError when it cannot be run or written.
+    """Run one case and write its result file; raises InputError if it cannot be run or written.
 
-    With `shared`, cases share what they have in common. `stage` plays the runs, on a virtual rig when there is none.
+    With `shared`, cases compute common values once. `stage` plays the runs; None: on a virtual rig.
     """
     case, shared = setup.case, shared or SharedValues()
     known = memory.known(setup, progress) if moves_table(case) else None
@@ -117,7 +117,7 @@ def run_case(
 
 
 def _also(stop: Stop, late: Stop | None) -> Stop:
-    """Return how a case ended, with what ended a run after its record was whole."""
+    """Return the end of a case, changed if something ended a run after its complete record."""
     if late is None or late.reason in stop.reason:
         return stop
     reason = "; ".join(filter(None, (stop.reason, late.reason)))
@@ -125,13 +125,13 @@ def _also(stop: Stop, late: Stop | None) -> Stop:
 
 
 def worst_code(codes: Iterable[int]) -> int:
-    """Return which of several exit codes is told: 0 where all are."""
+    """Return the exit code of several cases: the one with the highest precedence, 0 if all are 0."""
     there = set(codes)
     return next((code for code in PRECEDENCE if code in there), 0)
 
 
 def _cautions(setup: Setup, known: Known | None, checked: Verdict | None) -> tuple[str, ...]:
-    """Return what a user should read before trusting the result."""
+    """Return the warnings that a user should read before trusting the result."""
     said = of_case(setup, known.found if known else None, checked.design if checked else None)
     if checked is None or not checked.refused or "check" not in setup.overrides:
         return said
@@ -150,7 +150,7 @@ def _attributes(
 def _on_table(
     setup: Setup, known: Known, checked: Verdict, sim: Response, writer: ResultWriter, progress: Progress, stage: Stage
 ) -> Played:
-    """Write what is known of rig and blocks, and play the table runs."""
+    """Write identification, check and blocks to the result file, and play the table runs."""
     design = checked.design
     why = why_none(setup, known, checked)
     if design is None:
@@ -167,7 +167,7 @@ def _on_table(
 def _simulations(
     setup: Setup, writer: ResultWriter, shared: SharedValues, progress: Progress
 ) -> tuple[Response, dict[str, ArrayLike]]:
-    """Write SIM and SIM-DELAY; return SIM, which every error is measured against, and the figures."""
+    """Write SIM and SIM-DELAY; return SIM, the reference of all errors, and the metrics."""
     case, asked = setup.case, _of_sim(setup)
     progress("SIM")
     sim = interruptible(lambda: sim_of(setup, shared))
@@ -188,18 +188,18 @@ def _simulations(
 
 
 def sim_of(setup: Setup, shared: SharedValues) -> Response:
-    """Return SIM, which every error is measured against; cases of the same record and building share it."""
+    """Return SIM, the reference of all errors; cases with the same record and building compute it once."""
     dt, ground = setup.rig.dt_s, setup.motion.accel_m_s2
     return shared.get("sim", _of_sim(setup), lambda: simulate(setup.building, dt, ground))
 
 
 def _of_sim(setup: Setup) -> tuple[object, ...]:
-    """Return what SIM depends on."""
+    """Return the key of SIM for SharedValues: everything that it depends on."""
     return motion_key(setup.case), building_key(setup.case)
 
 
 def _sim_delay(setup: Setup, sim: Response) -> tuple[DelayedResponse, dict[str, ArrayLike]]:
-    """Return SIM-DELAY and its figures."""
+    """Return SIM-DELAY and its metrics."""
     dt, building = setup.rig.dt_s, setup.building
     delayed = simulate_delayed(building, dt, setup.motion.accel_m_s2, setup.case.delay_s, sim=sim)
     lowest_hz = lowest_reliable_hz(setup)
@@ -216,7 +216,7 @@ def _sim_delay(setup: Setup, sim: Response) -> tuple[DelayedResponse, dict[str, 
 
 
 def acceptance(limits: Mapping[str, float], values: Values) -> Stop:
-    """Return how a completed case ends: accepted, or refused by one of its own limits on figures."""
+    """Return the end of a completed case: accepted, or not, by its own limits on metrics."""
     failed = []
     for path, limit in limits.items():
         found = values.get(accept_limits.figure(path))

@@ -18,13 +18,13 @@ from rths_cli.structure import Building
 
 @dataclass(frozen=True)
 class Series:
-    """Table signals on the record's clock, n samples: what belongs to one instant has one index.
+    """Signals of a table run on the record's clock, n samples; all values with the same index belong to one instant.
 
-    `desired` (3, n): acceleration, velocity, displacement; `measured` (1 + n_exp, n) corrected accelerations;
-    `estimated` (3 n_exp or more, n): the Kalman filter's displacement and velocity relative to the table, floor
-    accelerations; `true_accel` (1 + n_exp, n), `true_disp_m` (n,): NaN unless the rig is virtual.
-    `live`: how late steps were, how long exchanges took, losses and states on a real rig, (n,) each. `removed`
-    (1 + n_exp, n): offset, drift and jumps of the sensors that were taken out of `measured`; None: nothing was.
+    `desired` (3, n): acceleration, velocity, displacement; `measured` (1 + n_exp, n): corrected accelerations of table
+    and floors; `estimated` (3 n_exp or more, n): the Kalman filter's displacements and velocities relative to the
+    table, and floor accelerations; `true_accel` (1 + n_exp, n), `true_disp_m` (n,): NaN unless the rig is virtual.
+    `live`: delays, durations of exchanges, losses and states on a real rig, (n,) each. `removed` (1 + n_exp, n):
+    offset, drift and jumps that were removed from `measured`; None: nothing was removed.
     """
 
     desired: Array
@@ -39,7 +39,7 @@ class Series:
     removed: Array | None = None
 
     def with_true(self, abs_accel: Array) -> Array:
-        """Return storeys' accelerations (n_storeys, n), true ones of table and specimen in place of the measured."""
+        """Return the accelerations (n_storeys, n) with true instead of measured ones of table and specimen."""
         computed = abs_accel[: len(abs_accel) - len(self.true_accel)]
         return np.vstack([computed, self.true_accel]) if len(computed) else self.true_accel
 
@@ -53,8 +53,11 @@ class BuildingMotion(NamedTuple):
 
 
 def without_drift(series: Series, removed: Array, lead_samples: int, estimator: Block) -> Series:
-    """Return signals without `removed` (c, n), which stood in the corrected samples on the loop's clock, and without
-    what the estimator made of it; base shear and desired motion stay as the loop had them."""
+    """Return signals from which `removed` (c, n) and its effect on the estimates are subtracted.
+
+    `removed` is the sensors' drift in the corrected samples, on the loop's clock. Base shear and desired motion stay as
+    the loop had them.
+    """
     table = slice(lead_samples, lead_samples + series.measured.shape[1])
     taken = removed[:, table]
     estimated = series.estimated - run_block(estimator, removed)[:, table]
@@ -62,8 +65,10 @@ def without_drift(series: Series, removed: Array, lead_samples: int, estimator: 
 
 
 def on_record_clock(outcome: Outcome, lead_samples: int, dt_s: float, samples: int) -> Series:
-    """Return at most `samples` samples: the hybrid clock is `lead_samples` ahead of the table, so what was desired at
-    step k is met by what is measured at step k + lead."""
+    """Return at most `samples` samples on the record's clock.
+
+    The hybrid clock is `lead_samples` ahead of the table: the motion desired at step k is measured at step k + lead.
+    """
     log = outcome.log
     count = min(samples, max(outcome.steps - lead_samples, 0))
     table = slice(lead_samples, lead_samples + count)
@@ -81,7 +86,7 @@ def on_record_clock(outcome: Outcome, lead_samples: int, dt_s: float, samples: i
 
 
 def _live(log: Signals, table: slice) -> dict[str, Array]:
-    """Return what the loop noted of its time on a real rig, by the name of its dataset; nothing of a virtual one."""
+    """Return the timing signals of a loop on a real rig by the name of their dataset; empty for a virtual rig."""
     if not log.state.size:
         return {}
     named = {"late_s": 1e-9 * log.late_ns, "exchange_s": 1e-9 * log.exchange_ns, "lost": log.lost, "state": log.state}

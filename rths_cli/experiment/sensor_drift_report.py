@@ -24,51 +24,47 @@ if TYPE_CHECKING:
     from rths_cli.numerics.lti import Array
     from rths_cli.rigs.description import RigInfo
 
-SHORTEST_S = 3.0  # of a run that tells drift from motion
+SHORTEST_S = 3.0  # shortest run in which drift can be distinguished from motion
 TOLD_BY = (
     guard.NONE, guard.END, guard.STROKE, guard.VELOCITY, guard.ACCELERATION, guard.FORCE, guard.COMMAND, guard.RATE,
     guard.TRACKING, guard.ENERGY, guard.RIG_FAULT,
 )  # fmt: skip
-"""Ends of runs of which drift and jumps are told: of others the guard has named sensor, link or operator already."""
-UNSETTLED_S = 0.3  # after samples were missing: the table may have moved otherwise, and samples are taken in gradually
-LEAST_SHARE = 0.5  # of a run, of which there must be samples
+"""Reasons for which runs are examined for drift: for others the guard has already named sensor, link or operator."""
+UNSETTLED_S = 0.3  # time after missing samples that is excluded, because table and samples return gradually
+LEAST_SHARE = 0.5  # least fraction of a run that must have samples
 BLOCKS, NUMBERS = ("plant", "rig_correction", "correction", "estimator"), ("change", "total", "late")  # of Expected
 MOST_LATE = 1000  # intervals
-IMPACT_S = 0.1  # before a rig ended a run, in which the table may have met its end stop
+IMPACT_S = 0.1  # time before a rig ended a run that is excluded, because the table may have hit its end stop
 
 
 @dataclass(frozen=True)
 class SensorDrift:
-    """What the channels of a run show beside motion, and `removed` (c, n) m/s^2, on the log's clock from the record's
-    first step on: what of that stood in the step's corrected samples. `first`: the sample of the record's start."""
+    """Offset, drift and jumps of the channels in a run."""
 
     channels: tuple[ChannelDrift, ...]
-    removed: Array
-    first: int
+    removed: Array  # (c, n) m/s^2, their part in the corrected samples, on the log's clock from the record's first step
+    first: int  # sample of the record's start
 
     @property
     def any(self) -> bool:
-        """Tell whether anything was taken out."""
+        """Return whether anything was removed."""
         return bool(self.removed.any())
 
 
 @dataclass(frozen=True)
 class Expected:
-    """What the channels of a run are compared with: the blocks that make of commands in V what the identified rig shows
-    (`plant`), of that the accelerations that stand in the step's corrected samples (`rig_correction`), and the step's
-    own correction and estimator; `change`, `total`: m/s^2 per V of difference and of sum of the last two commands,
-    `late` intervals ago."""
+    """Prediction with which the channels of a run are compared: blocks of the identified rig and of the step."""
 
-    plant: Block
-    rig_correction: Block
-    correction: Block
-    estimator: Block
-    change: float
-    total: float
-    late: int
+    plant: Block  # commands in V to samples of the identified rig in V
+    rig_correction: Block  # these samples to the accelerations in the step's corrected samples
+    correction: Block  # the step's own sensor correction
+    estimator: Block  # the step's own estimator
+    change: float  # remaining alias of the hold: m/s^2 per V of difference of the last two commands,
+    total: float  # and per V of their sum,
+    late: int  # this number of intervals ago
 
     def answer(self, command_v: Array) -> Array:
-        """Return what the identified rig answers to commands (n,), as corrected samples (c, n)."""
+        """Return the response of the identified rig to commands (n,) in V, as corrected samples (c, n)."""
         answer = run_block(self.rig_correction, run_block(self.plant, command_v[None]))
         earlier = np.concatenate([np.zeros(self.late + 1), command_v])
         now, before = earlier[1 : command_v.size + 1], earlier[: command_v.size]
@@ -77,7 +73,7 @@ class Expected:
 
 
 def as_stored(expected: Expected) -> dict[str, Any]:
-    """Return what `as_read` makes the same of, for JSON."""
+    """Return the prediction as values for JSON, from which `as_read` restores it."""
     numbers = {name: getattr(expected, name) for name in NUMBERS}
     blocks = {name: getattr(expected, name) for name in BLOCKS}
     return numbers | {
@@ -87,7 +83,7 @@ def as_stored(expected: Expected) -> dict[str, Any]:
 
 
 def as_read(stored: Mapping[str, Any], channels: int) -> Expected:
-    """Return what was stored; raise ValueError where it does not fit a rig of so many channels."""
+    """Return a stored prediction; raises ValueError if it does not fit a rig with that number of channels."""
     try:
         blocks = {name: _block(name, stored[name]) for name in BLOCKS}
         numbers = {name: float(stored[name]) for name in NUMBERS}
@@ -103,7 +99,7 @@ def as_read(stored: Mapping[str, Any], channels: int) -> Expected:
 
 
 def _block(name: str, stored: Mapping[str, Any]) -> Block:
-    """Return a stored block; raise ValueError where its matrices do not fit each other."""
+    """Return a stored block; raises ValueError if its matrices do not fit each other."""
     a, b, c, d = (np.array(stored[part], dtype=float) for part in "ABCD")
     states, outputs, inputs = len(a), d.shape[0], d.shape[-1]
     if d.ndim != 2 or not all(np.isfinite(part).all() for part in (a, b, c, d)):
@@ -114,7 +110,7 @@ def _block(name: str, stored: Mapping[str, Any]) -> Block:
 
 
 def expected_of(setup: Setup, identified: Identification, blocks: Blocks) -> Expected:
-    """Return what the channels of a run of these blocks are compared with."""
+    """Return the prediction with which the channels of a run with these blocks are compared."""
     assert identified.specimen is not None  # every case has experimental storeys
     rig = identified_rig(identified.best, identified.specimen.specimen, setup.rig, setup.removes_sensors)
     late = max(rig.latency_samples, 1)
@@ -122,11 +118,12 @@ def expected_of(setup: Setup, identified: Identification, blocks: Blocks) -> Exp
 
 
 def drift_of(setup: Setup, expected: Expected, outcome: Outcome) -> SensorDrift | None:
-    """Return what the channels of a run show beside the motion that the identified rig makes of its commands.
+    """Return offset, drift and jumps of the channels in a run, by comparison with the identified rig's response.
 
-    What they showed while samples were missing, and shortly after, tells nothing and is drawn straight.
-    Of a run that the rig ended, what came before: a drift may have driven the table to where the rig gave up. None for
-    a run that was not watched at rest before its record, was short, or ended for another reason than motion.
+    Samples that are missing, and those shortly after, are replaced by straight lines. A run that the rig ended is
+    evaluated up to shortly before its end, because a drift may have driven the table to its end stop. None is returned
+    for a run without recorded rest before its record, for a short one, and for one that ended for a reason that a
+    drifting sensor cannot cause.
     """
     dt, whole = setup.rig.dt_s, outcome.whole
     if whole is None or not (outcome.played or outcome.reason in TOLD_BY):
@@ -149,26 +146,26 @@ def drift_of(setup: Setup, expected: Expected, outcome: Outcome) -> SensorDrift 
 
 
 def _judged_samples(outcome: Outcome, whole: Whole, dt_s: float) -> int:
-    """Return how many of a run's first samples tell of its sensors: all, or those well before the rig ended it."""
+    """Return the number of samples that are evaluated: all, or those up to IMPACT_S before the rig ended the run."""
     if outcome.reason == guard.RIG_FAULT:
         return max(whole.first + round((outcome.stopped_at_s - IMPACT_S) / dt_s), 0)
     return max(whole.command_v.size - (round(IMPACT_S / dt_s) if outcome.rig_fault else 0), 0)
 
 
 def _untold(whole: Whole, dt_s: float) -> NDArray[np.bool_]:
-    """Return the steps (n,) whose samples were missing, or came so shortly after that they tell nothing."""
+    """Return the steps (n,) whose samples were missing, or came within UNSETTLED_S after missing ones."""
     if whole.missing is None:
         return np.zeros(whole.command_v.size, dtype=bool)
     return np.asarray(np.convolve(whole.missing, np.ones(1 + round(UNSETTLED_S / dt_s)))[: whole.missing.size] > 0.5)
 
 
 def _last_told(missing: NDArray[np.bool_]) -> int:
-    """Return how many of the first steps end with one that tells something."""
+    """Return the number of steps up to the last one that is not excluded."""
     return 1 + int(np.max(np.flatnonzero(~missing), initial=-1))
 
 
 def _bridged(series: Array, told: NDArray[np.bool_]) -> Array:
-    """Return series (c, n) with straight lines where they tell nothing."""
+    """Return series (c, n) with straight lines in place of the steps that are excluded."""
     if told.all():
         return series
     k, there = np.arange(told.size), np.flatnonzero(told)
@@ -176,17 +173,17 @@ def _bridged(series: Array, told: NDArray[np.bool_]) -> Array:
 
 
 def stands_out(channel: ChannelDrift) -> bool:
-    """Tell whether a channel has an offset, a drift or jumps that are more than their uncertainties."""
+    """Return whether a channel has a significant offset or drift, or jumps, or is not usable."""
     return channel.drifts or bool(channel.jumps) or channel.unusable_from is not None
 
 
 def sensitivities(rig: RigInfo) -> Array:
-    """Return V per m/s^2 of each channel, without its sign."""
+    """Return the sensitivity of each channel in V per m/s^2, without its sign."""
     return np.array([channel.sensitivity_v_per_m_s2 for channel in rig.channels])
 
 
 def as_figures(run: str, found: SensorDrift, setup: Setup, lead_samples: int) -> dict[str, ArrayLike]:
-    """Return offset, drift and jumps of each channel in the channel's unit."""
+    """Return the metrics of offset, drift and jumps, for each channel, in V as the channel shows them."""
     sizes, dt, end = sensitivities(setup.rig) * setup.rig.signs, setup.rig.dt_s, len(setup.motion.time_s)
     start = found.first + lead_samples
 
@@ -205,7 +202,7 @@ def as_figures(run: str, found: SensorDrift, setup: Setup, lead_samples: int) ->
 
 
 def sentences(label: str, found: SensorDrift, setup: Setup, lead_samples: int) -> list[str]:
-    """Return what a user should know of the channels of a run, each with its unit."""
+    """Return the warnings on offset, drift and jumps of the channels of a run."""
     start, dt, said = found.first + lead_samples, setup.rig.dt_s, []
     for channel, each in zip(setup.rig.channels, found.channels, strict=True):
         size, who = channel.sign * channel.sensitivity_v_per_m_s2, f"{label}: channel {channel.name}"

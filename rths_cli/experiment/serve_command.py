@@ -47,8 +47,8 @@ if TYPE_CHECKING:
     from rths_cli.rigs.udp.siphash import Words
 
 SHORTEST_INTERVAL_NS = 100_000
-LOOK_S = 0.1  # between two looks at signals
-REST_S = 5.0  # the longest a table may take to come to rest
+LOOK_S = 0.1  # interval at which signals are handled
+REST_S = 5.0  # longest time in which a table comes to rest
 NOT_AT_REST = f"the table was not yet at rest after {REST_S:g} s"
 PRIORITY = 79  # below a runner on the same machine
 Say = Callable[[str], object]
@@ -71,9 +71,9 @@ class ServeRequest:
 
 @dataclass(frozen=True)
 class SessionEnded:
-    """How a session went; all packets but its own are counted from its ARM to the next session's.
+    """Summary of a session; packets that are not its own are counted from its ARM to that of the next session.
 
-    `lost`: sequence numbers that never came; `greetings`: genuine HELLO, of runners to come or replayed.
+    `lost`: sequence numbers that never arrived; `greetings`: authentic HELLO, of later runners or replayed.
     """
 
     peer: str
@@ -89,9 +89,9 @@ class SessionEnded:
 
 
 def serve(request: ServeRequest, say: Say) -> list[SessionEnded]:
-    """Serve sessions until the time is over or a signal comes, then rest the table and return what was served.
+    """Serve sessions until the time is over or a signal comes, then bring the table to rest; return the sessions.
 
-    Raises InputError for bad input, RigError where the address cannot be had.
+    Raises InputError for bad input, RigError if the address is not available.
     """
     require_real_time()
     rig = describe(request.rig, request.structure, request.settings, request.seed)
@@ -112,7 +112,7 @@ def serve(request: ServeRequest, say: Say) -> list[SessionEnded]:
 
 
 class Server:
-    """The sessions of a served rig, one after the other, in a thread of its own."""
+    """Serves the sessions of a rig, one after the other, in a separate thread."""
 
     def __init__(self, link: socket.socket, secret: Words, rig: ServedRig, watchdog_ns: int, say: Say) -> None:
         self.ended: list[SessionEnded] = []
@@ -129,7 +129,7 @@ class Server:
         udp_target.serve_packets.bind(self._door, self._table)  # compiled before anyone waits for an answer
 
     def start(self) -> None:
-        """Begin to serve, and return when the thread that does so has what it needs from the system."""
+        """Start to serve; return when the server thread has its real-time properties."""
         threading.Thread(target=self._serve, name="rths serve", daemon=True).start()
         while not self._ready.wait(LOOK_S):
             pass
@@ -150,11 +150,11 @@ class Server:
 
     @property
     def at_rest(self) -> bool:
-        """Tell whether the served table stands still."""
+        """Return whether the served table is at rest."""
         return self._door.session[udp_target.STATE] in (packets.IDLE, packets.RESTED)
 
     def run_for(self, seconds: float | None) -> None:
-        """Serve on for a time, or until an exception such as a signal's ends it; the table is then led to rest."""
+        """Serve for a time, or until an exception (from a signal, for instance); then bring the table to rest."""
         end = time.monotonic() + seconds if seconds is not None else math.inf
         try:
             while not self._done.wait(min(LOOK_S, max(end - time.monotonic(), 0.0))) and time.monotonic() < end:
@@ -185,7 +185,7 @@ class Server:
             self._done.set()
 
     def _serve_on(self) -> int:
-        """Serve until something is to be done, and say how the session ended where it did."""
+        """Serve until an event occurs, and report the end of a session."""
         event = int(udp_target.serve_packets(self._door, self._table))
         self._tell_end()
         return event
@@ -199,7 +199,7 @@ class Server:
         self._peer, self._told = shown(socket_address(self._door.address)), False
 
     def _tell_end(self) -> None:
-        """Note and say, once, how a session ended whose table was armed."""
+        """Store and report, once, the end of a session whose table was armed."""
         if self._door.counts[udp_target.OBEYED] and not self._told:
             self.ended.append(summary(self._door, self._peer, self._terms))
             self._say(sentence(len(self.ended), self.ended[-1]))
@@ -207,7 +207,7 @@ class Server:
 
 
 def summary(door: udp_target.Door, peer: str, terms: Terms) -> SessionEnded:
-    """Return how the session of a door went."""
+    """Return the summary of a session."""
     faults, closed = int(door.session[udp_target.FAULTS]), door.session[udp_target.CLOSING] > 0
     count = [int(number) for number in door.counts]
     tick_s = 1e-9 * terms.interval_ns / udp_target.TICKS_PER_INTERVAL
@@ -228,7 +228,7 @@ def summary(door: udp_target.Door, peer: str, terms: Terms) -> SessionEnded:
 
 
 def sentence(number: int, ended: SessionEnded) -> str:
-    """Return the line of a session."""
+    """Return the printed line on a session."""
     return (
         f"session {number} with {ended.peer} at {ended.rate_hz:g} Hz: {ended.commands} commands, lost {ended.lost}, "
         f"doubled or late {ended.replayed}, forged {ended.forged}, malformed {ended.malformed}, HELLO "
@@ -247,7 +247,7 @@ def socket_address(data: udp_target.Bytes) -> tuple[str, int] | tuple[str, int, 
 
 
 def _secret(key_file: Path | None) -> tuple[Path, Words]:
-    """Return the key file and what it holds; without one named, that in the user's cache, made at the first need."""
+    """Return the key file and its secret; without a named file, the one in the user's cache, created if missing."""
     path = (key_file or user_cache() / "serve.key").absolute()
     if key_file is None and not path.exists():
         return path, make_secret(path)

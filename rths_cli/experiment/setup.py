@@ -31,26 +31,26 @@ Progress = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Setup:
-    """What a case means in arrays; `floor_masses_kg` (n_exp,) are weighed; `overrides` as given by --override."""
+    """A case with its ground motion, building and rig, before anything moves."""
 
     case: Case
-    motion: GroundMotion
-    record_sha256: str
+    motion: GroundMotion  # scaled and filtered
+    record_sha256: str  # of the record's file
     building: Building
     rig: RigInfo
-    floor_masses_kg: Array
-    overrides: tuple[str, ...] = ()
+    floor_masses_kg: Array  # (n_exp,) weighed masses
+    overrides: tuple[str, ...] = ()  # as given by --override
 
     @property
     def removes_sensors(self) -> bool:
-        """Tell whether the step takes the sensors' known dynamics out of the channels."""
+        """Return whether the step corrects the channels for the sensors' known dynamics."""
         return self.case.identification.sensor_dynamics == "removed"
 
 
 def make_setup(case: Case, overrides: tuple[str, ...] = (), shared: SharedValues | None = None) -> Setup:
-    """Read the record, build the building and the rig's description; raises InputError.
+    """Read the record, and prepare the building and the rig's description; raises InputError.
 
-    With `shared`, cases of the same record or building share it.
+    With `shared`, cases with the same record or building compute it once.
     """
     faults = [*_payload_faults(case), *_accept_faults(case)]
     if faults:
@@ -79,22 +79,22 @@ def ground_motion(case: Case) -> tuple[GroundMotion, str]:
 
 
 def motion_key(case: Case) -> tuple[object, ...]:
-    """Return what the ground motion of a case depends on."""
+    """Return the key of a case's ground motion for SharedValues: everything that it depends on."""
     sampling = (case.scaling, case.sample_rate_hz)
     return (case.record.model_dump_json(), case.record_filter.model_dump_json(), *sampling)
 
 
 def building_key(case: Case) -> tuple[str, str]:
-    """Return what the building of a case depends on."""
+    """Return the key of a case's building for SharedValues: everything that it depends on."""
     return case.structure.model_dump_json(), case.damping.model_dump_json()
 
 
 def make_setups(
     cases: Sequence[Case], overrides: tuple[str, ...] = (), shared: SharedValues | None = None
 ) -> list[Setup]:
-    """Read and check everything of every case before the first one starts; raises InputError with all faults.
+    """Read and check all cases completely before the first one starts; raises InputError with all faults.
 
-    Cases of the same record or building share it; with `shared`, with those of other calls too.
+    Cases with the same record or building compute it once; with `shared`, also across several calls.
     """
     shared = shared or SharedValues()
     setups, faults = [], []
@@ -109,7 +109,7 @@ def make_setups(
 
 
 def _payload_faults(case: Case) -> list[str]:
-    """Return a sentence when the specimen is heavier than the data sheet of the table permits."""
+    """Return a sentence if the specimen is heavier than the table's data sheet permits."""
     weight = sum(case.structure.experimental.masses_kg) + case.structure.interface_experimental_mass_kg
     if weight <= case.table.nominal.payload_kg:
         return []
@@ -120,7 +120,7 @@ def _payload_faults(case: Case) -> list[str]:
 
 
 def _accept_faults(case: Case) -> list[str]:
-    """Return a sentence for each accepted figure of a run or of its check that does not exist or has no storeys."""
+    """Return a sentence for each limit in `accept` whose metric does not exist, or whose index does not fit it."""
     known, faults = metrics_of(*RUNS, "check"), []
     for path in case.accept:
         name, _, index = path.partition("[")

@@ -34,8 +34,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Played:
-    """What came of the table runs of a case: what stopped one first (None: nothing did), their metrics, and sentences
-    for the user; `late`: what ended a run after its record was whole (None: nothing did); `remarks` on metrics."""
+    """Outcome of the table runs of a case: the first stop (None: there was none), metrics and warnings.
+
+    `late` is what ended a run after its complete record (None: nothing did); `remarks` belong to metrics.
+    """
 
     stop: Stop | None
     values: Values
@@ -51,18 +53,18 @@ class Stage(Protocol):
         """Play one run; the result file may be closed meanwhile."""
 
     def written(self) -> None:
-        """Take note that the result file holds everything that was played."""
+        """Called when the result file holds everything that was played."""
 
 
 class VirtualStage:
-    """Plays on virtual rigs, in no time."""
+    """Plays runs on virtual rigs, which need no real time."""
 
     def play(self, plan: RunPlan, writer: ResultWriter) -> Outcome:
         """Play one run."""
         return interruptible(lambda: play_run(plan, plan.setup.case.seed))
 
     def written(self) -> None:
-        """Do nothing: nothing was kept elsewhere."""
+        """Do nothing: there are no other files of the runs."""
 
 
 def play_all(
@@ -103,7 +105,7 @@ def play_all(
 
 
 def _with(before: Played, run: Run) -> Played:
-    """Return what came of the runs so far and of one more."""
+    """Return the outcome of the earlier runs together with one more."""
     return Played(
         before.stop or run.stopped,
         {**before.values, **run.metrics},
@@ -121,7 +123,7 @@ def write_run(writer: ResultWriter, setup: Setup, run: Run) -> None:
 
 
 def refused(writer: ResultWriter, runs: Sequence[str], reason: str) -> Stop:
-    """Return that no table run of a case is played, and why; its file says so of each."""
+    """Return the outcome for a case whose table runs are refused; the file states the reason for each."""
     stop = Stop("refused", reason, 1)
     for kind in TABLE_RUNS:
         if kind.name in runs:
@@ -130,27 +132,27 @@ def refused(writer: ResultWriter, runs: Sequence[str], reason: str) -> Stop:
 
 
 def _note(writer: ResultWriter, run: str, stopped: Stop | None) -> None:
-    """Write how one run ended: its file tells how the first that ended early did."""
+    """Write status and reason of one run."""
     told = {f"{run}_status": stopped.status, f"{run}_status_reason": stopped.reason} if stopped else {}
     writer.about(told or {f"{run}_status": COMPLETE})
 
 
 def why_none(setup: Setup, known: Known, checked: Verdict) -> str:
-    """Return why no run on the table is played, empty where they may be."""
+    """Return why no run on the table is played, empty if they may be."""
     if checked.design is None:
         return "; ".join(checked.reasons)
     return "; ".join(known.faults(setup.overrides)[:1])
 
 
 def why_unsafe(setup: Setup, checked: Verdict) -> str:
-    """Return why EXP-RTHS is not played, empty when it is safe or when that is overridden."""
+    """Return why EXP-RTHS is not played, empty if it is safe or overridden."""
     if not checked.refused or "check" in setup.overrides:
         return ""
     return f"{checked.verdict}: {'; '.join(checked.reasons)}"
 
 
 def refusal_of(setup: Setup, checked: Verdict) -> Stop | None:
-    """Return why EXP-RTHS is not run, None when it is safe or when that is overridden."""
+    """Return the refusal of EXP-RTHS, None if it is safe or overridden."""
     why = why_unsafe(setup, checked)
     if not why:
         return None

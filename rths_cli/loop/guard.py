@@ -1,9 +1,9 @@
 """The guard, last block of every step: checks limits and sensors, and brakes to rest; nothing reaches a rig except
 through it.
 
-A violated limit takes the command over: the commanded motion is braked to a halt at a bounded deceleration,
-then led back to zero without overshoot. Displacement and velocity are estimates, from the command and the nominal
-gain; the actuator force is the estimate sum of mass times acceleration.
+If a limit is violated, the guard takes over the command: it brakes the commanded motion with a bounded deceleration and
+then returns it to zero without overshoot. Displacement and velocity are estimated from the command and the nominal
+gain, the actuator force as the sum of mass times acceleration.
 """
 
 from __future__ import annotations
@@ -45,11 +45,11 @@ REASONS = (
     "the live view failed",
     "the end of the record",
 )
-RETURN_RATE = 7.5  # rad/s, or less where a limit is tight: back at zero within 2 s
+RETURN_RATE = 7.5  # rad/s, less if a limit is tight: the table is back at zero within 2 s
 AT_REST_M = 1e-6  # less than half a bit of a 16-bit command
-STUCK_S = 0.5
-STUCK_BITS = 10.0
-FORGET_HZ = 0.5  # below it, an error of velocity is taken for an offset of sensors
+STUCK_S = 0.5  # a channel is stuck if it keeps its code for this time
+STUCK_BITS = 10.0  # while it should have moved by this many bits
+FORGET_HZ = 0.5  # an error of velocity below this frequency is attributed to sensor offsets
 NO_CHANNEL = -1
 
 
@@ -69,31 +69,33 @@ class GuardLimits(NamedTuple):
     stuck_m_s2: Array  # (c,) motion that a channel must have missed to be stuck
     abort_m_s2: Array  # (c,) acceleration at which each channel stops the test, the limit or less
     command_rate_v_s: float = math.inf
-    energy_ratio: float = math.inf  # of the energy exchanged at the interface, what the table's errors may add
-    energy_floor_j: float = 0.0  # added to the energy exchanged: noise at rest exchanges next to none
+    energy_ratio: float = math.inf  # energy that the table's errors may add, over that exchanged at the interface
+    energy_floor_j: float = 0.0  # added to the exchanged energy, because noise at rest exchanges almost none
 
 
 def without_zeros(limits: GuardLimits, zeros_v: Array) -> GuardLimits:
-    """Return limits of samples from which the zeros (c,) in V are taken off: a sensor is clipped before they are, so
-    what is left of a clipped sample may be smaller than its range by as much."""
+    """Return the limits for samples from which the zeros (c,) in V are subtracted.
+
+    A sensor is clipped before its zero is subtracted, so that a clipped sample may be below its range by the zero.
+    """
     return limits._replace(saturation_v=limits.saturation_v - np.abs(zeros_v))
 
 
 class GuardState(NamedTuple):
-    """What the guard remembers between steps."""
+    """State of the guard between steps."""
 
-    flags: Array  # int (4,): phase, reason, channel the reason is about (or NO_CHANNEL), steps before it
+    flags: Array  # int (4,): phase, reason, channel that the reason concerns (or NO_CHANNEL), steps before it
     motion: Array  # (2,) commanded displacement in m and velocity in m/s
     codes: Array  # (c,) last sample in V of each channel
-    expected_at: Array  # (2, c) accelerations expected of it when that sample last changed, as in Step.expected
-    moved: Array  # (2, c) largest change of what was expected since then
-    same: Array  # int (c,) how many samples it has not changed
-    energy: Array  # (3,) error of the table's velocity in m/s, energy added by it and energy exchanged in J
-    seen: Array  # (1,) what was beyond its limit, in the limit's unit; not a number where nothing was measured
+    expected_at: Array  # (2, c) expected accelerations, as in Step.expected, when that sample last changed
+    moved: Array  # (2, c) largest change of the expected accelerations since then
+    same: Array  # int (c,) number of samples for which the channel has not changed
+    energy: Array  # (3,) error of the table's velocity in m/s, energy that it added, and exchanged energy, both in J
+    seen: Array  # (1,) value that exceeded its limit, in the limit's unit; NaN if nothing was measured
 
 
 def fresh_guard(channels: int) -> GuardState:
-    """Return a guard that has seen nothing yet."""
+    """Return the initial state of the guard."""
     return GuardState(
         np.zeros(4, dtype=np.int64), np.zeros(2), np.full(channels, np.nan), np.zeros((2, channels)),
         np.zeros((2, channels)), np.zeros(channels, dtype=np.int64), np.zeros(3), np.full(1, np.nan),
@@ -102,14 +104,14 @@ def fresh_guard(channels: int) -> GuardState:
 
 @part
 def beyond(g: GuardState, value: float, reason: int) -> int:
-    """Return a reason to stop, the value that gives it noted."""
+    """Store the value that exceeds its limit, and return the reason to stop."""
     g.seen[0] = value
     return reason
 
 
 @part
 def check_samples(lim: GuardLimits, g: GuardState, samples: Array, accel: Array, expected: Array) -> int:
-    """Return the reason to stop that the samples give, or NONE; the channel is noted."""
+    """Check the samples; return the reason to stop, or NONE. The channel concerned is stored."""
     force = 0.0
     for c in range(samples.size):
         g.flags[2] = c
@@ -128,10 +130,11 @@ def check_samples(lim: GuardLimits, g: GuardState, samples: Array, accel: Array,
 
 @part
 def is_stuck(lim: GuardLimits, g: GuardState, c: int, sample: float, expected: Array) -> bool:
-    """Tell whether a channel kept its code for 0.5 s while what it must show moved by over 10 of its bits.
+    """Return whether a channel kept its code for 0.5 s while it should have moved by more than 10 of its bits.
 
-    `expected` (2, c) by the desired and by the measured motion of the table: both must have moved. In the quiet end of
-    a record friction may hold a table that is told to move, and a sensor of the table may drift while all rests.
+    `expected` (2, c) are the accelerations expected from the desired and from the measured motion of the table; both
+    must have changed. In the quiet end of a record friction may hold a table that is commanded to move, and a drifting
+    sensor of the table may show motion while everything rests.
     """
     changed = sample != g.codes[c]
     g.codes[c], g.same[c] = sample, 0 if changed else g.same[c] + 1
@@ -145,19 +148,22 @@ def is_stuck(lim: GuardLimits, g: GuardState, c: int, sample: float, expected: A
 
 @part
 def must_have_moved(g: GuardState, c: int) -> float:
-    """Return by how much a channel must have moved in m/s^2 since its code last changed."""
+    """Return the motion in m/s^2 that a channel should have shown since its code last changed."""
     return min(g.moved[0, c], g.moved[1, c])
 
 
 @part
 def farthest(lim: GuardLimits) -> float:
-    """Return the largest displacement in m that limit and command range both allow."""
+    """Return the largest displacement in m that stroke limit and command range permit."""
     return min(lim.stroke_m, lim.gain_m_per_v * lim.command_v)
 
 
 @part
 def check_command(lim: GuardLimits, g: GuardState, command: float, error: float) -> int:
-    """Return the reason to stop that the command gives, or NONE; the motion must leave room to brake."""
+    """Check the command in V and the tracking error in m/s^2; return the reason to stop, or NONE.
+
+    The displacement includes the room that is needed to brake.
+    """
     if not (math.isfinite(command) and math.isfinite(error)):
         return NOT_A_NUMBER
     if abs(command) > lim.command_v:
@@ -176,11 +182,11 @@ def check_command(lim: GuardLimits, g: GuardState, command: float, error: float)
 
 @part
 def check_energy(lim: GuardLimits, g: GuardState, error: float, velocity: float, shear: float) -> int:
-    """Return ENERGY when the table's errors have added too much energy to the structure, or NONE.
+    """Return ENERGY if the table's errors have added too much energy to the structure, else NONE.
 
-    The numerical part takes in f v, the specimen gives f v_table: what the interface adds is the integral of
-    f (v - v_table), as in hybrid simulation error monitors (Mosqueda, Stojadinovic and Mahin 2007). A lagging table
-    adds energy in every cycle long before motions grow.
+    The numerical substructure receives the power f v, and the specimen delivers f v_table. The energy added by the
+    interface is the integral of f (v - v_table), as in hybrid simulation error monitors (Mosqueda, Stojadinovic and
+    Mahin 2007). A lagging table adds energy in every cycle, long before the motion grows.
     """
     if lim.energy_ratio == math.inf:
         return NONE
@@ -195,8 +201,10 @@ def check_energy(lim: GuardLimits, g: GuardState, error: float, velocity: float,
 
 @part
 def return_rate(lim: GuardLimits) -> float:
-    """Return the rate in rad/s of the critically damped return x0 (1 + r t) exp(-r t), whose velocity stays below
-    x0 r / e and its acceleration below x0 r^2."""
+    """Return the rate r in rad/s of the critically damped return x0 (1 + r t) exp(-r t) within the limits.
+
+    Its velocity stays below x0 r / e and its acceleration below x0 r^2.
+    """
     fastest = min(lim.velocity_m_s, lim.gain_m_per_v * lim.command_rate_v_s)
     by_velocity = math.e * fastest / farthest(lim)
     by_acceleration = math.sqrt(BRAKE_SHARE * lim.acceleration_m_s2 / farthest(lim))
@@ -205,7 +213,7 @@ def return_rate(lim: GuardLimits) -> float:
 
 @part
 def ramp_down(lim: GuardLimits, g: GuardState) -> None:
-    """Lead the commanded motion one step on its way to rest."""
+    """Advance the commanded motion by one step on its way to rest."""
     place, velocity = g.motion[0], g.motion[1]
     rate = return_rate(lim)
     if g.flags[0] == BRAKING:
@@ -225,8 +233,10 @@ def ramp_down(lim: GuardLimits, g: GuardState) -> None:
 
 @part
 def take_over(g: GuardState, reason: int, value: float) -> None:
-    """Take the command over for a reason that lies outside samples and command, with what was counted (not a number:
-    nothing); the first reason stays."""
+    """Take over the command for a reason other than samples and command; the first reason is kept.
+
+    `value` is the count that exceeded its limit, NaN if there is none.
+    """
     if g.flags[0] == RUNNING:
         g.flags[0], g.flags[1], g.flags[2], g.seen[0] = BRAKING, reason, NO_CHANNEL, value
 
@@ -244,11 +254,11 @@ def guard(
     velocity: float,
     shear: float,
 ) -> float:
-    """Return the command in V that may leave.
+    """Return the command in V that may be sent.
 
-    Samples in V and accelerations in m/s^2, both (c,), as the channels gave them: where none `came` in this step, they
-    are not judged. Accelerations expected of the channels (2, c), as in Step; tracking error in m/s^2; desired velocity
-    of the interface in m/s; base shear in N.
+    `samples` in V and `accel` in m/s^2, both (c,), are the measured ones; unless samples `came` in this step they are
+    not judged. `expected` (2, c) are the accelerations expected of the channels, as in Step. `error`: tracking error in
+    m/s^2; `velocity`: desired velocity of the interface in m/s; `shear`: base shear in N.
     """
     if g.flags[0] == RUNNING:
         reason = check_samples(lim, g, samples, accel, expected) if came else NONE

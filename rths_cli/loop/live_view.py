@@ -17,26 +17,23 @@ STATES = {IN_RAMP_UP: "ramp-up", IN_RUN: "running", IN_RAMP_DOWN: "ramp-down", A
 
 @dataclass(frozen=True)
 class View:
-    """A run as it stands: times since the start of the record in s, peaks and errors in m/s^2 since its start.
-
-    `used`: share of each limit that was reached so far, by its name; limits that are off are left out.
-    """
+    """Present state of a run."""
 
     state: str
-    time_s: float
-    total_s: float
-    desired_m_s2: float
-    measured_m_s2: float
-    error_rms_m_s2: float
-    used: dict[str, float]
-    overruns: int
-    lost: int
-    late_us: float
-    compute_us: float
+    time_s: float  # since the start of the record
+    total_s: float  # length of the record
+    desired_m_s2: float  # peak so far
+    measured_m_s2: float  # peak so far
+    error_rms_m_s2: float  # tracking error so far
+    used: dict[str, float]  # largest fraction of each limit so far, by its name; without limits that are off
+    overruns: int  # intervals
+    lost: int  # samples
+    late_us: float  # largest delay of a wake-up
+    compute_us: float  # longest computing time
 
 
 class Watching:
-    """Look at a run again and again, at new steps alone."""
+    """Evaluate a running loop repeatedly, each time only its new steps."""
 
     def __init__(self, run: Performance) -> None:
         self._run, self._seen, self._count = run, 0, 0
@@ -48,7 +45,7 @@ class Watching:
         self._lost = 0
 
     def look(self) -> View:
-        """Return the run as it stands."""
+        """Return the present state of the run."""
         done = int(self._run.log.done[0])
         if done > self._seen:
             self._take(slice(self._seen, done), slice(max(self._seen - 1, 0), done))
@@ -70,7 +67,7 @@ class Watching:
         )
 
     def _take(self, new: slice, joined: slice) -> None:
-        """Take steps in; `joined` begins one step earlier, for differences."""
+        """Include new steps; `joined` begins one step earlier, for differences."""
         run, held = self._run, self._signals
         accel = held.corrected[:, new]
         place = run.limits.gain_m_per_v * held.command_v[joined]
@@ -86,7 +83,7 @@ class Watching:
         self._take_errors(new)
 
     def _take_errors(self, new: slice) -> None:
-        """Take the tracking errors of steps of the record in: what was desired `lead` steps ago is measured now."""
+        """Include the tracking errors of new steps of the record; motion desired `lead` steps ago is measured now."""
         lead, held = self._run.step.recent.size - 1, self._signals
         first = max(new.start, self._run.course.ramp + lead)
         if new.stop > first:

@@ -1,7 +1,7 @@
 """A discrete block in modal coordinates, for speed: the step's cost grows with the storeys, not with their square.
 
-A discrete block x+ = A x + B u is turned into pairs of states that no other pair moves: the two of a complex pair of
-eigenvalues, or two real ones. The transformation is exact to rounding; `modal` compares both before it returns.
+A discrete block x+ = A x + B u is transformed into uncoupled pairs of states, each for a complex pair of eigenvalues or
+for two real ones. The transformation is exact to rounding; `modal` checks this before it returns.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from rths_cli.numerics.compiled import part
 from rths_cli.numerics.lti import Array, Block
 from rths_cli.numerics.tiled_products import product, tiled
 
-EXACT = 1e-7  # of the largest entry, what a change of coordinates may lose
+EXACT = 1e-7  # tolerated error of the change of coordinates, relative to the largest entry
 
 
 class Modal(NamedTuple):
@@ -32,7 +32,7 @@ class Modal(NamedTuple):
 def modal(block: Block) -> Modal:
     """Return a block at rest in modal coordinates; 2 inputs, up to 4 outputs.
 
-    Raises InputError when the change of coordinates would cost accuracy (modes that coincide and cannot be told apart).
+    Raises InputError if the change of coordinates would lose accuracy (modes that coincide).
     """
     basis = real_basis(block.A)
     try:
@@ -57,7 +57,7 @@ def modal(block: Block) -> Modal:
 def real_basis(a: Array) -> Array:
     """Return a real basis (n, n) of A, n even, whose columns 2 i and 2 i + 1 span a pair of A's modes.
 
-    Two neighbouring real eigenvalues share a pair; where they are close, their two columns span what both do.
+    Two neighbouring real eigenvalues form a pair; their columns are orthogonalised, so that they may be close.
     """
     values, vectors = np.linalg.eig(a)
     upper = np.flatnonzero(values.imag > 0.0)
@@ -78,13 +78,13 @@ def pairs_only(turned: Array) -> Array:
 
 @part
 def read_modal(block: Modal) -> None:
-    """Write the outputs, without what the inputs of this instant add directly."""
+    """Write the outputs without the direct part of the inputs of this instant."""
     product(block.outputs, block.state.size, block.state, block.made)
 
 
 @part
 def advance_modal(block: Modal, one: float, two: float) -> None:
-    """Advance the state under the inputs of this instant."""
+    """Advance the state with the two inputs of this instant."""
     m = block.turn.shape[1]
     for i in range(m):
         first, second = block.state[i], block.state[m + i]

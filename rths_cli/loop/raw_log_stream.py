@@ -15,12 +15,14 @@ PATIENCE_S = 10.0
 
 
 class LogStream:
-    """Append the steps that a loop has done to its raw log; use as a context manager around the loop.
+    """Append the steps of a running loop to its raw log; use it as a context manager around the loop.
 
-    `columns` (w, n) and `done` (1,) are written by the loop, in this order; `orders` (1 or more,) is read by it. Where
-    the log cannot be written, `fault` says why, orders[0] becomes LOG_LOST unless another order stands there, and
-    everything stays in `columns`. `worst_lag_s` is what a kill at the worst instant would have cost. Enter it before
-    the loop takes a real-time class: the thread keeps the CPUs of its maker, and gives up its class.
+    The loop writes `columns` (w, n), then `done` (1,), and reads `orders` (1 or more,). If the log cannot be written,
+    `fault` states the reason, orders[0] becomes LOG_LOST unless there is another order, and all data stay in `columns`.
+    `worst_lag_s` is the longest time of data that a kill would have lost.
+
+    Enter it before the loop takes a real-time class: the thread keeps the processors of its parent and gives up that
+    class.
     """
 
     def __init__(self, log: RawLogWriter, columns: Array, done: Integers, orders: Integers) -> None:
@@ -45,22 +47,24 @@ class LogStream:
         self.finish()
 
     def finish(self) -> None:
-        """Write what is left and end the thread; safe to call twice. A disk that does not answer for 10 s is a fault,
-        too, and the log is left to it."""
+        """Write the remaining steps and end the thread; safe to call twice.
+
+        A disk that does not respond for 10 s is a fault; the log is then abandoned.
+        """
         self._ended.set()
         if not self._finished.wait(PATIENCE_S):
             self._log.leave()
             self._fail(f"the disk has not answered for {PATIENCE_S:g} s")
 
     def _run(self) -> None:
-        """Append until told that the loop has ended, and once more after that."""
+        """Append until the loop has ended, and once more after that."""
         _take_no_part_in_real_time()
         ended = False
         while not ended:
             ended = self._ended.wait(PERIOD_S)
             try:
                 self._append(ended)
-            except Exception as error:  # whatever it is: the loop must learn that nothing is kept any more
+            except Exception as error:  # any exception: the loop must stop if its data are no longer stored
                 self._fail(getattr(error, "strerror", None) or f"{type(error).__name__}: {error}")
         self._finished.set()
 
@@ -74,14 +78,14 @@ class LogStream:
         self._log.sync(at_once=last)
 
     def _fail(self, cause: str) -> None:
-        """Say why the log cannot be written and have the loop stop."""
+        """Store why the log cannot be written, and order the loop to stop."""
         self.fault = self.fault or f"{self._log.path}: cannot write the raw log: {cause}"
         if self._orders[0] == GO_ON:
             self._orders[0] = LOG_LOST
 
 
 def _take_no_part_in_real_time() -> None:
-    """Give up a real-time class that this thread was born with: the loop must never wait for it."""
+    """Give up a real-time class that this thread inherited: the loop must never wait for it."""
     if hasattr(os, "sched_setscheduler"):
         with suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))

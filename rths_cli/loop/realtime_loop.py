@@ -1,7 +1,7 @@
 """The compiled real-time loop: absolute deadlines, exchange, step, guard, log; stop orders read in every step.
 
-The runner is the master of the clock. Step k thinks on the samples of t_k; at t_(k+1) its command leaves and the
-samples of t_(k+1) come back. A rig without a compiled exchange waits for its own sample clock in `exchange`.
+The runner is the clock master. Step k computes with the samples of t_k. At t_(k+1) its command is sent and the samples
+of t_(k+1) come back. A rig without a compiled exchange waits for its own sample clock in `exchange`.
 """
 
 from __future__ import annotations
@@ -47,34 +47,34 @@ from rths_cli.rigs.udp import link as udp
 from rths_cli.rigs.udp.late_command_trajectory import Way, place_after
 
 IN_RAMP_UP, IN_RUN, IN_RAMP_DOWN, AT_REST = 2, 3, 4, 5  # states of docs/decisions/safety.md; 0 idle, 1 armed
-HOLD, SKIP, STOP = range(3)  # what an overrun does: the record waits, steps are caught up, the test stops
+HOLD, SKIP, STOP = range(3)  # after an overrun: the record waits, steps are caught up, the test stops
 POLICIES = {"hold": HOLD, "skip": SKIP, "stop": STOP}
-ANSWER_SHARE = 0.7  # of an interval, how long an answer may take: step and guard need the rest
-PUNCTUAL = 0.125  # of an interval, how late a command may leave where steps are caught up; a later one waits for none
+ANSWER_SHARE = 0.7  # longest time of an answer over the interval; step and guard need the rest
+PUNCTUAL = 0.125  # latest sending of a command over the interval if steps are caught up; a later one is not sent
 
-# places in Course.marks: start of the clock, intervals overrun, lost in a row, overrun in a row, intervals by which the
-# record waited, steps at rest at last, 1 where the rig obeys no more after the record
+# indices in Course.marks: start of the clock, overrun intervals, consecutive lost samples, consecutive overruns,
+# intervals by which the record waited, steps at rest at the end, 1 if the rig no longer obeys after the record
 START_NS, OVERRUNS, LOST_IN_A_ROW, OVERRUN_IN_A_ROW, HELD, AT_REST_STEPS, GAVE_UP = range(7)
 MARKS = 7
 
 
 class Course(NamedTuple):
-    """What a run in real time is: constants, and what the loop notes for those who watch it."""
+    """A run in real time: its constants, its state, and the counters that other threads read."""
 
     dt_ns: int
-    spin_ns: int
-    ramp: int  # steps before the record: the table is watched at rest, then the command fades in
-    still: int  # steps at rest, the first of these
-    rest: int  # steps in which the table is watched at rest after a whole record
+    spin_ns: int  # time before a deadline in which the loop watches the clock instead of sleeping
+    ramp: int  # steps before the record: the table at rest, then the ramp-up of the command
+    still: int  # number of those steps at rest
+    rest: int  # steps at rest that are recorded after a complete record
     record: int  # steps of the record
-    lost_samples: int  # in a row, that may pass
+    lost_samples: int  # tolerated number of consecutive lost samples
     policy: int  # HOLD, SKIP or STOP
     signs: Array  # (c,) of the channels
-    zeros_v: Array  # (c,) what each channel shows at rest
-    foresight: Foresight  # of the commands to come
-    returning: Returning  # of samples after some were lost
-    drift: Array  # (7,) where the rig is, and how that goes back to where it should be
-    orders: IntArray  # orders[0]: 0 go on, else stop; written by other threads
+    zeros_v: Array  # (c,) mean of each channel at rest
+    foresight: Foresight  # prediction of the coming commands
+    returning: Returning  # return of samples after a gap
+    drift: Array  # (7,) return of the command after an outage, see bumpless_transfer.fresh_drift
+    orders: IntArray  # orders[0]: 0 continue, else stop; written by other threads
     marks: IntArray  # (MARKS,)
     scratch: IntArray  # (2,)
 
@@ -83,7 +83,7 @@ def course(
     info: RigInfo, ramp_s: float, record: int, zeros_v: Array, orders: IntArray, foresight: Foresight,
     still_s: tuple[float, float] = (0.0, 0.0),
 ) -> Course:  # fmt: skip
-    """Return the course of a run over `record` steps; `still_s`: rest before the ramp, and at the end."""
+    """Return the course of a run over `record` steps; `still_s`: time at rest before the ramp, and at the end, in s."""
     still, rest = (round(each / info.dt_s) for each in still_s)
     return Course(
         round(1e9 * info.dt_s), spin_of(round(1e9 * info.dt_s)), still + round(ramp_s / info.dt_s), still, rest, record,
@@ -95,15 +95,17 @@ def course(
 
 @part
 def take(course: Course, s: Step, samples_v: Array) -> None:
-    """Give the step the samples of a rig, less their zeros, by the signs of their channels."""
+    """Write a rig's samples (c,) to the step: minus their zeros, times the signs of their channels."""
     for c in range(s.samples.size):
         s.samples[c] = course.signs[c] * (samples_v[c] - course.zeros_v[c])
 
 
 @part
 def take_or_bridge(course: Course, s: Step, samples_v: Array, lost: int) -> int:
-    """Give the step samples: those of the rig, those that stand in for lost ones, or a mix after a gap. Return `lost`,
-    or MIXED."""
+    """Write samples to the step: the rig's, substituted ones if they were lost, or a mix after a gap.
+
+    Returns `lost` (0, NO_ANSWER or CAUGHT_UP), or MIXED.
+    """
     if lost != 0:
         note_lost(course.returning)
         bridge(s)
@@ -114,7 +116,7 @@ def take_or_bridge(course: Course, s: Step, samples_v: Array, lost: int) -> int:
 
 @part
 def obey(course: Course, g: GuardState, k: int) -> None:
-    """End the test where somebody asks for it, or where the record ends."""
+    """Start the way to rest if an order was given, or if the record has ended."""
     order = course.orders[0]
     if order != 0:
         take_over(g, OPERATOR + order - 1, math.nan)
@@ -134,7 +136,7 @@ def state_of(course: Course, g: GuardState, k: int) -> int:
 
 @part
 def share_of(course: Course, k: int) -> float:
-    """Return the share of the command that is asked for in step k."""
+    """Return the factor on the command in step k: 0 at rest, rising in the ramp-up, 1 in the record."""
     if k < course.still:
         return 0.0
     return (k + 1 - course.still) / (course.ramp + 1 - course.still) if k < course.ramp else 1.0
@@ -142,8 +144,11 @@ def share_of(course: Course, k: int) -> float:
 
 @part
 def is_over(course: Course, g: GuardState) -> bool:
-    """Tell whether the run has ended: the table rests and, where the record has ended, was watched long enough, or the
-    rig obeys no more."""
+    """Return whether the run has ended.
+
+    It has ended if the table rests and, after a complete record, its rest was recorded long enough, or if the rig no
+    longer obeys.
+    """
     if course.marks[GAVE_UP] == 1:
         return True
     if g.flags[0] != STOPPED:
@@ -164,10 +169,10 @@ def conduct(
     lost: int,
     k: int,
 ) -> float:
-    """Do step k on samples of a rig in V, (c,), and note it; return the command in V.
+    """Compute step k from a rig's samples (c,) in V and log it; return the command in V.
 
-    `lost`: 0, NO_ANSWER or CAUGHT_UP. The log's `done` is left to the caller: others read what stands before it. The
-    drive (n, 3) is zero before and after the record; its last row is used for ever.
+    `lost`: 0, NO_ANSWER or CAUGHT_UP. The caller advances the log's `done`, because other threads read all steps before
+    it. The drive (n, 3) is zero before and after the record; its last row is used for all later steps.
     """
     begun = monotonic_ns(course.scratch)
     lost = take_or_bridge(course, s, samples_v, lost)
@@ -188,7 +193,7 @@ def conduct(
 
 @part
 def note_exchange(log: Log, k: int, late_ns: int, took_ns: int) -> None:
-    """Note when the exchange began that brings the samples of step k, and how long it took."""
+    """Log how late the exchange for the samples of step k began, and how long it took, in ns."""
     place = log.columns.shape[0] - 5
     if k < log.columns.shape[1]:
         log.columns[place, k], log.columns[place + 1, k] = late_ns, took_ns
@@ -196,7 +201,7 @@ def note_exchange(log: Log, k: int, late_ns: int, took_ns: int) -> None:
 
 @part
 def judge(course: Course, g: GuardState, outcome: int) -> None:
-    """Count what an exchange brought, and stop where too much was lost or the rig has a fault."""
+    """Count the outcome of an exchange; stop the test if too many samples were lost or if the rig has a fault."""
     marks = course.marks
     marks[LOST_IN_A_ROW] = marks[LOST_IN_A_ROW] + 1 if outcome == udp.LOST else 0
     if outcome == udp.FAULT:
@@ -208,22 +213,22 @@ def judge(course: Course, g: GuardState, outcome: int) -> None:
 
 @part
 def deadline_of(course: Course, number: int) -> int:
-    """Return when exchange `number`, counted from 0, is due on the monotonic clock in ns, as things stand."""
+    """Return the deadline of exchange `number`, from 0, on the monotonic clock in ns, as it is at present."""
     return course.marks[START_NS] + number * course.dt_ns
 
 
 @part
 def too_late_for(course: Course, number: int, tolerance_ns: int) -> int:
-    """Return how many exchanges, from `number` on, were due longer ago than a tolerance."""
+    """Return the number of exchanges, from `number` on, whose deadline passed longer ago than a tolerance."""
     late = monotonic_ns(course.scratch) - deadline_of(course, number)
     return max((late - tolerance_ns + course.dt_ns) // course.dt_ns, 0)
 
 
 @part
 def overrun(course: Course, g: GuardState, missed: int) -> int:
-    """Count the exchanges that are too late to be made; return how many steps to catch up.
+    """Count the exchanges that are too late to be made; return the number of steps to catch up.
 
-    Where the record waits (HOLD) the clock is moved, so that no interval is counted twice.
+    If the record waits (HOLD), the clock's start is moved, so that no interval is counted twice.
     """
     marks = course.marks
     if missed == 0:
@@ -244,9 +249,9 @@ def overrun(course: Course, g: GuardState, missed: int) -> int:
 def run_udp(
     link: udp.Link, course: Course, s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, sends: bool
 ) -> int:
-    """Play a whole run in real time; return the steps done. `sends` False: a rehearsal, nothing leaves.
+    """Play a complete run in real time; return the number of steps. `sends` False: a rehearsal, nothing is sent.
 
-    The samples of step 0 stand in the link. Deadlines are those of the course's clock, which begins now.
+    The link holds the samples of step 0. The course's clock, which sets the deadlines, starts now.
     """
     marks, behind, waited, k = course.marks, 0, 0, 0
     marks[START_NS] = monotonic_ns(course.scratch) + course.dt_ns
@@ -265,12 +270,12 @@ def run_udp(
             missed = too_late_for(course, due, punctual if course.policy == SKIP else course.dt_ns)
             behind = overrun(course, g, missed) if missed > 0 else 0
             if behind > 0:
-                continue  # the command is as old as the stall by now: it never leaves
+                continue  # the command is as old as the stall: it is not sent
             waited = 0
             command = leave(course, s, limits, log, link.way, command, k)
             if sends:
                 lost = swap(link, course, g, log, deadline + late, late, command, k)
-        log.done[0] = k  # what left for the steps before is known from here on
+        log.done[0] = k  # from here on the commands sent for all earlier steps are known
         command = conduct(course, s, limits, g, drive, log, link.samples_v, lost, k)
         k += 1
         if lost != CAUGHT_UP:
@@ -286,14 +291,14 @@ def run_udp(
 
 @part
 def pass_by(course: Course, s: Step, limits: GuardLimits, log: Log, way: Way, waited: int, k: int) -> None:
-    """Let an interval pass in which the command of step k - 1 never left: the rig goes on from the last that did."""
+    """Account for an interval in which the command of step k - 1 was not sent: the rig follows the last preview."""
     drift_to(course.drift, limits, place_after(way, waited))
     note_command(s, log, k - 1, course.drift[STANDS_V])
 
 
 @part
 def leave(course: Course, s: Step, limits: GuardLimits, log: Log, way: Way, command: float, k: int) -> float:
-    """Return what leaves for the command of step k - 1, noted where that differs, and tell how it goes on."""
+    """Return the command to send for step k - 1, log it if it differs from the computed one, and write its preview."""
     left = rejoin(course.drift, limits, s.shaping[1], command)
     if left != command:
         note_command(s, log, k - 1, left)
@@ -304,7 +309,7 @@ def leave(course: Course, s: Step, limits: GuardLimits, log: Log, way: Way, comm
 
 @part
 def look_ahead(course: Course, s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, k: int) -> None:
-    """Foresee the commands after that of step k - 1, and count the time with that step's."""
+    """Predict the commands after that of step k - 1; the time counts as computing time of that step."""
     begun, f = monotonic_ns(course.scratch), course.foresight
     if f.points > 0 and g.flags[0] == RUNNING:
         foresee(f, s, drive, k, course.ramp + course.record - 1, share_of(course, k))
@@ -315,9 +320,9 @@ def look_ahead(course: Course, s: Step, limits: GuardLimits, g: GuardState, driv
 
 @part
 def swap(link: udp.Link, course: Course, g: GuardState, log: Log, now: int, late: int, command: float, k: int) -> int:
-    """Send a command now, take the samples of this instant for step k; return NO_ANSWER where none came, else 0.
+    """Send a command and receive the samples of this instant for step k; return NO_ANSWER if none came, else 0.
 
-    Its number counts the instants of the run, also those at which nothing left because they were caught up or waited.
+    The command's number counts all instants of the run, also those without a command.
     """
     number = k + course.marks[HELD]
     outcome = udp.exchange(link, command, number, now + int(ANSWER_SHARE * course.dt_ns))
@@ -328,7 +333,7 @@ def swap(link: udp.Link, course: Course, g: GuardState, log: Log, now: int, late
 
 @part
 def note_command(s: Step, log: Log, k: int, command: float) -> None:
-    """Note for step k, the last one, what left instead of what it computed: the staircase of its hold is that."""
+    """Log the command that was sent for the last step k instead of the computed one; its hold causes the alias."""
     s.sent[0] = command
     log.columns[log.truths + s.corrected.size + 3, k] = command
 
@@ -337,7 +342,7 @@ def note_command(s: Step, log: Log, k: int, command: float) -> None:
 def conduct_once(
     course: Course, s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, samples_v: Array
 ) -> float:
-    """Do what `conduct` does for a rig whose exchange is written in Python."""
+    """Compute one step with `conduct`, for a rig whose exchange is written in Python."""
     k = log.done[0]
     command = conduct(course, s, limits, g, drive, log, samples_v, 0, k)
     log.done[0] = k + 1

@@ -58,7 +58,7 @@ from rths_cli.rigs.interface import LinkedRig, Rig, RigInfo, linked, missed_inte
 from rths_cli.rigs.udp import link as udp
 
 RAMP_UP_S = 1.0
-RETURN_DECAYS = 16.0  # of the return to zero, until a micrometre is left
+RETURN_DECAYS = 16.0  # time constants of the return to zero until a micrometre is left
 
 
 @dataclass(frozen=True)
@@ -86,10 +86,10 @@ def prepare(
     ramp_s: float = RAMP_UP_S,
     still_s: tuple[float, float] = (0.0, 0.0),
 ) -> Performance:
-    """Return a run over `drive` (n, 3) at rest: a ramp-up before it, room for the way back to rest after it.
+    """Return a run over `drive` (n, 3), with steps for the ramp-up before it and for the way to rest after it.
 
-    `zeros_v` (c,): what the channels show at rest. `orders` (1 or more,): see Course. `still_s`: how long the table is
-    watched at rest before the ramp-up and after a whole record.
+    `zeros_v` (c,): mean of the channels at rest, in V. `orders` (1 or more,): see Course. `still_s`: time at rest that
+    is recorded before the ramp-up and after a complete record, in s.
     """
     state, channels = assemble(blocks, source), len(info.channels)
     orders = np.zeros(1, dtype=np.int64) if orders is None else orders
@@ -105,7 +105,7 @@ def prepare(
 
 
 def way_to_rest_s(limits: GuardLimits) -> float:
-    """Return how long the guard may take to rest a table from the worst state in s."""
+    """Return the longest time in s that the guard needs to bring the table to rest, from the worst state."""
     stroke = min(limits.stroke_m, limits.gain_m_per_v * limits.command_v)
     fastest = min(limits.velocity_m_s, limits.gain_m_per_v * limits.command_rate_v_s)
     braking = BRAKE_SHARE * limits.acceleration_m_s2
@@ -114,9 +114,9 @@ def way_to_rest_s(limits: GuardLimits) -> float:
 
 
 def perform(rig: Rig, run: Performance) -> str:
-    """Play a prepared run on an open rig, bring the table to rest; return the rig's faults, empty without one.
+    """Play a prepared run on an open rig and bring the table to rest; return the rig's faults, "" without one.
 
-    To be called in the thread that has the real-time class. How the test ended stands in the guard's flags.
+    Call it in the thread that has the real-time class. The guard's flags hold the end of the test.
     """
     fault, unrest = "", ""
     try:
@@ -130,7 +130,7 @@ def perform(rig: Rig, run: Performance) -> str:
 
 
 def _brought_to_rest(rig: Rig) -> str:
-    """Bring the table to rest; return why that is in doubt, empty when it is not."""
+    """Bring the table to rest; return a sentence if that is not confirmed, else ""."""
     try:
         rig.rest()
     except RigError as error:
@@ -149,7 +149,7 @@ def _perform_linked(rig: LinkedRig, run: Performance) -> str:
 
 
 def _perform_exchanging(rig: Rig, run: Performance) -> str:
-    """Play through `exchange`, one call per step: the rig's own clock sets the pace."""
+    """Play through `exchange`, one call per step, at the rate of the rig's own clock."""
     samples = rig.arm()
     given, missed = np.array(samples, dtype=float), 0
     once = conduct_once.bind(run.course, run.step, run.limits, run.guard, run.drive, run.log, given)
@@ -164,7 +164,7 @@ def _perform_exchanging(rig: Rig, run: Performance) -> str:
 
 
 def _is_over(run: Performance) -> bool:
-    """Tell whether a run has ended, as `realtime_loop.is_over` does."""
+    """Return whether a run has ended, as `realtime_loop.is_over` does."""
     marks, flags = run.course.marks, run.guard.flags
     if flags[0] != STOPPED:
         return False
@@ -173,10 +173,10 @@ def _is_over(run: Performance) -> bool:
 
 
 def note_missed(run: Performance, edges: int) -> None:
-    """Note how many edges of a rig's own clock passed before the exchange that just ended, as overrun intervals.
+    """Count the edges of a rig's own clock that were missed before the last exchange, as overrun intervals.
 
-    The record waits for them, whatever the policy: the card has held its command. The test stops at the first where
-    that is the policy, and where more than `lost_samples` have passed in a row.
+    The record waits for them, whatever the policy, because the card has held its command. The test stops at the first
+    one if that is the policy, and if more than `lost_samples` were missed in a row.
     """
     marks, k = run.course.marks, int(run.log.done[0])
     marks[OVERRUNS] += edges
@@ -190,13 +190,13 @@ def note_missed(run: Performance, edges: int) -> None:
 
 
 def rehearse(run: Performance, seconds: float) -> tuple[Array, Array]:
-    """Do steps of a prepared run at its rate, on samples that are zero; nothing leaves.
+    """Compute steps of a prepared run at its rate with samples of zero; nothing is sent.
 
-    Return how late every step began and how long it took, both (n,) in s. The run is spent: prepare another one.
+    Returns the delay at which each step began and its computing time, both (n,) in s. The run cannot be used again.
     """
     steps = min(round(seconds / run.info.dt_s), run.log.columns.shape[1])
     log = run.log._replace(columns=np.ascontiguousarray(run.log.columns[:, :steps]))
-    course = run.course._replace(policy=HOLD, lost_samples=steps)  # what is late is judged afterwards
+    course = run.course._replace(policy=HOLD, lost_samples=steps)  # delays are judged afterwards
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as door:
         link = udp.fresh_link(door, np.zeros(2, dtype=np.uint64), len(run.info.channels))
         run_udp(link, course, run.step, run.limits, run.guard, run.drive, log, False)
@@ -204,7 +204,7 @@ def rehearse(run: Performance, seconds: float) -> tuple[Array, Array]:
     return log.columns[-5, done] * 1e-9, log.columns[-1, done] * 1e-9
 
 
-GLANCE_S = 0.05  # between two looks of those who watch
+GLANCE_S = 0.05  # interval between two calls of the watcher
 STOP_KEY, CTRL_C, SIGTERM, NO_WATCH = (
     reason - OPERATOR + 1 for reason in (OPERATOR, INTERRUPT, TERMINATION, WATCHER_FAILED)
 )  # orders[0]
@@ -214,22 +214,18 @@ Watch = Callable[[Performance], None]
 
 @dataclass(frozen=True)
 class Performed:
-    """How a run in real time went, what the system granted its loop, and how many intervals it overran.
-
-    `watch_fault`: what ended those who watched, empty where nothing did.
-    """
+    """Result of a run in real time."""
 
     outcome: Outcome
-    granted: Granted
-    overruns: int
-    watch_fault: str = ""
+    granted: Granted  # what the system granted the loop's thread
+    overruns: int  # intervals
+    watch_fault: str = ""  # exception of the watcher, "" if there was none
 
 
 class _Loop(threading.Thread):
-    """The thread of the loop; `work` is called in it with what the system granted.
+    """The thread of the loop, in which `work` is called with real-time scheduling.
 
-    Who waits for it waits for `ended`: an exception that interrupts Thread.join makes Python take a thread that runs
-    for ended.
+    Wait for `ended`, not with Thread.join: if an exception interrupts join, Python takes a running thread for ended.
     """
 
     def __init__(self, work: Callable[[], object]) -> None:
@@ -251,10 +247,10 @@ class _Loop(threading.Thread):
 
 
 def perform_watched(rig: Rig, run: Performance, watch: Watch) -> Performed:
-    """Play a prepared run on an open rig; `watch` looks at it every 50 ms.
+    """Play a prepared run on an open rig; `watch` is called every 50 ms.
 
-    Ctrl-C, SIGTERM, SIGHUP and a failing watcher lead the table to rest, however often they come; the outcome's reason
-    tells of them.
+    Ctrl-C, SIGTERM, SIGHUP and a failing watcher bring the table to rest, however often they occur; the outcome states
+    them as its reason.
     """
     loop = _Loop(lambda: perform(rig, run))
     watch_fault = _watched(loop, run, watch)
@@ -265,13 +261,13 @@ def perform_watched(rig: Rig, run: Performance, watch: Watch) -> Performed:
 
 
 def rehearse_watched(run: Performance, seconds: float) -> tuple[Array, Array]:
-    """Do what `performance.rehearse` does, in a thread of real-time class; it ends with whatever interrupts this."""
+    """Call `rehearse` in a thread of real-time class; an exception in the calling thread ends it."""
     loop = _Loop(lambda: rehearse(run, seconds))
     try:
         loop.start()
         loop.ended.wait()
     except BaseException:
-        order(run, SIGTERM)  # or the process would wait for it
+        order(run, SIGTERM)  # otherwise the process would wait for the thread
         raise
     if loop.error:
         raise loop.error
@@ -279,13 +275,13 @@ def rehearse_watched(run: Performance, seconds: float) -> tuple[Array, Array]:
 
 
 def order(run: Performance, what: int) -> None:
-    """Have the loop lead its table to rest; the first order stays."""
+    """Ask the loop to bring its table to rest; the first order is kept."""
     if run.course.orders[0] == 0:
         run.course.orders[0] = what
 
 
 def _watched(loop: _Loop, run: Performance, watch: Watch) -> str:
-    """Run the loop to its end whatever arrives meanwhile; return what ended the watching."""
+    """Run the loop to its end, whatever signals arrive; return the watcher's exception, "" if there was none."""
     fault = ""
     with _signals_as_orders(run):
         loop.start()
@@ -293,7 +289,7 @@ def _watched(loop: _Loop, run: Performance, watch: Watch) -> str:
             try:
                 if not fault:
                     watch(run)
-            except KeyboardInterrupt:  # a signal of before that was swallowed on its way
+            except KeyboardInterrupt:  # from a signal that arrived before the handlers were set
                 order(run, CTRL_C)
             except Exception as error:
                 fault = f"{type(error).__name__}, {crash_note()}"
@@ -305,9 +301,9 @@ def _watched(loop: _Loop, run: Performance, watch: Watch) -> str:
 
 @contextmanager
 def _signals_as_orders(run: Performance) -> Iterator[None]:
-    """Let signals order the loop to stop and raise nothing here; whoever took them before is told, too.
+    """Handle signals as orders to stop the loop, without raising; the former handlers are called, too.
 
-    Python gives signals to its main thread alone: in any other there is nothing to do.
+    Python delivers signals only to its main thread; in any other thread nothing is done.
     """
     before = {}
     if threading.current_thread() is threading.main_thread():
@@ -323,7 +319,7 @@ def _signals_as_orders(run: Performance) -> Iterator[None]:
 
 
 def _giver(run: Performance, what: int, before: object) -> Callable[[int, FrameType | None], None]:
-    """Return a signal handler that gives an order and tells the one before."""
+    """Return a signal handler that gives an order and then calls the former handler."""
 
     def take(number: int, frame: FrameType | None) -> None:
         order(run, what)
@@ -335,7 +331,7 @@ def _giver(run: Performance, what: int, before: object) -> Callable[[int, FrameT
 
 
 def _outcome(run: Performance, fault: str) -> Outcome:
-    """Return how the run went, and its signals on the record; an order that came after the record is its reason."""
+    """Return the outcome of the run, with its signals during the record; an order after the record is its reason."""
     ramp, still, record_steps, dt_s = run.course.ramp, run.course.still, run.course.record, run.info.dt_s
     everything = signals(run.log, len(run.info.channels), run.step.estimated.size)
     steps = int(np.clip(run.log.done[0] - ramp, 0, record_steps))
@@ -354,9 +350,11 @@ def _outcome(run: Performance, fault: str) -> Outcome:
 
 
 def whole_of(everything: Signals, still: int, ramp: int, dt_s: float) -> Whole | None:
-    """Return a run with the rest before it and, where it got so far, after it; its signals begin with `still` steps at
-    rest, its record after `ramp` steps. None without such steps. Samples at rest are NaN where none came, and end with
-    the last that came."""
+    """Return the complete run with the rest before it and, if reached, the rest after it; None if `still` is 0.
+
+    The signals begin with `still` steps at rest; the record begins after `ramp` steps. Lost samples at rest are NaN;
+    the series end with the last sample that came.
+    """
     if not still or not everything.samples_v.size:
         return None
     at_rest = np.flatnonzero(everything.state == AT_REST)

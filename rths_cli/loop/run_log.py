@@ -13,8 +13,8 @@ from rths_cli.numerics.clock import IntArray
 from rths_cli.numerics.compiled import part
 from rths_cli.numerics.lti import Array
 
-# values of `lost`: no samples came in time; the step was caught up without any; they came, but the step was given a mix
-# of them and of what was expected
+# values of `lost`: no samples came in time; the step was caught up without samples; samples came, but the step used a
+# mix of them and of substituted ones
 NO_ANSWER, CAUGHT_UP, MIXED = 1, 2, 3
 SEVERAL = ("true_velocity_m_s", "corrected", "desired", "estimated", "samples_v")  # signals of more than one row
 DESIRED = ("desired_accel_m_s2", "desired_velocity_m_s", "desired_displacement_m")
@@ -34,21 +34,17 @@ UNITS = {
 
 
 class Log(NamedTuple):
-    """Every signal of n steps in w columns, in the order of `widths`; NaN after the last step.
-
-    `truths`: channels whose true motion is known (of a virtual rig), or 0. A lean log keeps true velocities and
-    accelerations alone.
-    """
+    """All signals of n steps in w columns, in the order of `widths`; NaN after the last step."""
 
     columns: Array  # (w, n) signal after signal
-    done: IntArray  # (1,) steps that stand there
-    truths: int
-    lean: bool
+    done: IntArray  # (1,) number of steps in it
+    truths: int  # number of channels whose true motion is logged (virtual rig), or 0
+    lean: bool  # whether only true velocities, corrected and desired accelerations are logged
 
 
 @dataclass(frozen=True)
 class Signals:
-    """What a log holds, by name: views of its columns, c channels, e estimator outputs; of no row where not kept."""
+    """The signals of a log by name, as views of its columns; c channels, e estimator outputs; empty if not logged."""
 
     true_velocity_m_s: Array  # (c, n) in the middle between t_k and t_k+1 (virtual rigs)
     corrected: Array  # (c, n) corrected accelerations at k
@@ -59,8 +55,8 @@ class Signals:
     true_displacement_m: Array  # (n,) of the table at t_k (virtual rigs)
     compute_ns: Array  # (n,) duration of step and guard; on a virtual rig, of the rig as well, mean of 16 steps
     samples_v: Array  # (c, n) as the rig gave them (real time)
-    late_ns: Array  # (n,) how late the exchange began that brought the samples of step k (real time)
-    exchange_ns: Array  # (n,) how long it took (real time)
+    late_ns: Array  # (n,) delay at which the exchange for the samples of step k began (real time)
+    exchange_ns: Array  # (n,) its duration (real time)
     lost: Array  # (n,) 0, or NO_ANSWER, CAUGHT_UP or MIXED (real time)
     state: Array  # (n,) RAMP_UP, RUNNING, RAMP_DOWN, STOPPED (real time)
 
@@ -114,7 +110,7 @@ def without_samples(lost: Array) -> NDArray[np.bool_]:
 
 @part
 def note_step(log: Log, s: Step, command: float, k: int) -> int:
-    """Note what step k knows; return the first column after it."""
+    """Log the signals of step k; return the first column after them."""
     to, at = log.columns, log.truths
     for i in range(s.corrected.size):
         to[at + i, k] = s.corrected[i]

@@ -26,26 +26,23 @@ SET_TIMER_SLACK, GET_TIMER_SLACK = 29, 30
 
 @dataclass(frozen=True)
 class Granted:
-    """What this thread was given. `fifo_priority` 0 and `cpu` -1: not given.
-
-    `refused`: one sentence for each thing that was not, with what to do about it.
-    """
+    """Real-time properties that the system granted to a thread."""
 
     memory_locked: bool
-    fifo_priority: int
-    cpu: int
-    cpu_latency_held: bool
-    refused: tuple[str, ...]
+    fifo_priority: int  # 0: not granted
+    cpu: int  # processor of its own; -1: not granted
+    cpu_latency_held: bool  # whether deep sleep of the processors is off
+    refused: tuple[str, ...]  # one sentence with a remedy for each property that was refused
 
 
 @contextmanager
 def real_time(priority: int = PRIORITY, place: int | None = LAST) -> Iterator[Granted]:
-    """Give the calling thread what a real-time loop needs, as far as the system permits it; take it back at the end.
+    """Give the calling thread real-time properties, as far as the system permits; restore the former ones at the end.
 
-    Memory that is there is locked, the thread runs under SCHED_FIFO on a processor of its own, deep sleep of the
+    The present memory is locked, the thread runs under SCHED_FIFO on a processor of its own, and deep sleep of the
     processors and Python's garbage collection are off. Threads that it starts inherit its processor but not its
-    priority: start them before. `place`: of its processor in the row of all, None leaves it on any.
-    Raises InputError where real time is not possible at all.
+    priority: start them before. `place`: index of the processor in the list of all; None: any processor.
+    Raises InputError if real time is not possible at all.
     """
     require_real_time()
     with ExitStack() as stack:
@@ -61,7 +58,7 @@ def real_time(priority: int = PRIORITY, place: int | None = LAST) -> Iterator[Gr
 
 @contextmanager
 def at_leisure() -> Iterator[None]:
-    """Let the calling thread wait for others as any does, while it holds all else that `real_time` gave it."""
+    """Give up the real-time priority of the calling thread for a while, and keep its other real-time properties."""
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     _schedule(os.SCHED_OTHER, os.sched_param(0))
     try:
@@ -71,7 +68,7 @@ def at_leisure() -> Iterator[None]:
 
 
 def _schedule(policy: int, parameters: os.sched_param) -> None:
-    """Give the calling thread a policy that it had or that stands below its own."""
+    """Set a scheduling policy that the calling thread had before, or a lower one."""
     try:
         os.sched_setscheduler(0, policy, parameters)
     except PermissionError:  # only root may take back that a thread's children get no priority (sched(7))
@@ -89,7 +86,7 @@ def _libc() -> ctypes.CDLL:
 
 
 def _no_timer_slack(stack: ExitStack) -> None:
-    """Have timers of this thread end as soon as they can; without SCHED_FIFO Linux may add 50 us."""
+    """Let timers of this thread expire without slack; without SCHED_FIFO Linux may add 50 us."""
     prctl = _libc().prctl
     before = prctl(GET_TIMER_SLACK, 0, 0, 0, 0)
     if before > 0 and prctl(SET_TIMER_SLACK, ctypes.c_ulong(1), 0, 0, 0) == 0:
@@ -97,7 +94,7 @@ def _no_timer_slack(stack: ExitStack) -> None:
 
 
 def _lock_memory(stack: ExitStack, refused: list[str]) -> bool:
-    """Keep all memory that the process has now in RAM; what it asks for later is not locked."""
+    """Lock the present memory of the process in RAM; memory allocated later is not locked."""
     libc = _libc()
     if libc.mlockall(MLOCK_CURRENT) == 0:
         stack.callback(libc.munlockall)
@@ -176,7 +173,7 @@ def _priority_limit() -> int:
 
 
 def _tried(action: Callable[[], object], what: str, remedy: str, refused: list[str]) -> bool:
-    """Do something that the system may refuse; tell whether it did it."""
+    """Call `action`, which the system may refuse; return whether it succeeded, else add a sentence to `refused`."""
     try:
         action()
     except OSError as error:
@@ -185,14 +182,14 @@ def _tried(action: Callable[[], object], what: str, remedy: str, refused: list[s
     return True
 
 
-CHUNK_S = 0.25  # between two looks at signals
+CHUNK_S = 0.25  # interval at which signals are handled
 
 
 @entry
 def wait_periodically(interval_ns: int, spin_ns: int, late_ns: IntArray, scratch: IntArray) -> None:
-    """Wait for late_ns.size deadlines, one every interval, note how late each wait ended in ns, (n,).
+    """Wait for late_ns.size deadlines, one per interval; write the delay of each wake-up in ns to `late_ns` (n,).
 
-    Deadlines that have passed while it waited for another are left out. `scratch` is (2,) int64.
+    Deadlines that passed while it waited for another one are skipped. `scratch` is (2,) int64.
     """
     deadline = monotonic_ns(scratch) + interval_ns
     for k in range(late_ns.size):
@@ -201,7 +198,7 @@ def wait_periodically(interval_ns: int, spin_ns: int, late_ns: IntArray, scratch
 
 
 def wake_up_delays(rate_hz: float, seconds: float, spins: bool = True) -> IntArray:
-    """Return the delay in ns of every wake-up at a rate, (n,); `spins`: as a run does before each deadline."""
+    """Return the delay (n,) in ns of every wake-up at a rate; `spins`: watch the clock before each deadline."""
     interval_ns = round(1e9 / rate_hz)
     spin_ns = spin_of(interval_ns) if spins else 0
     steps, chunk = max(round(seconds * rate_hz), 1), max(round(CHUNK_S * rate_hz), 1)

@@ -35,66 +35,55 @@ from rths_cli.rigs.virtual import plant_kernel
 from rths_cli.rigs.virtual.plant import Plant
 
 Flags = NDArray[np.bool_]
-STAMPED = 16  # steps on the counted clock of a virtual rig per look at the time: looking costs a quarter of a step
+STAMPED = 16  # steps of a virtual rig per reading of the clock, which costs a quarter of a step
 
 
 @dataclass(frozen=True)
 class Whole:
-    """A run from its first sample at rest to its last: `corrected` (c, n) accelerations and `command_v` (n,) as the
-    step had them, the record's from `first` on. `before_v`, `after_v` (c, .): samples in V as the rig gave them while
-    the table was told to stand still; `before_s`, `after_s`: when the first of each was taken, on the record's clock.
-    `missing` (n,): steps whose samples the rig did not give (None: it gave all).
-    """
+    """A complete run, with the samples at rest before and after its record."""
 
-    corrected: Array
-    command_v: Array
-    first: int
-    before_v: Array
-    after_v: Array
-    before_s: float
-    after_s: float
-    missing: Flags | None = None
+    corrected: Array  # (c, n) accelerations as the step used them
+    command_v: Array  # (n,)
+    first: int  # index of the record's first step
+    before_v: Array  # (c, .) samples as the rig delivered them, with the table at rest before the record
+    after_v: Array  # (c, .) the same after the record
+    before_s: float  # time of the first sample of `before_v` on the record's clock
+    after_s: float  # the same of `after_v`
+    missing: Flags | None = None  # (n,) steps without samples; None: all samples came
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a run went: log on the loop's own clock, steps done, and why it stopped early (empty when it did not).
+    """Outcome of a run."""
 
-    `stopped_at_s`: when the guard took over, on the loop's clock, negative before the record; `reason`: why, one of the
-    guard's reasons; `whole`: the run with the rest before it and, where it got so far, after it; `played`: every step
-    of the record passed the guard, so that what ended the run came after it; `ramp_s`: how long the command faded in
-    before the record.
-    """
-
-    log: Signals
-    steps: int
-    stopped_by_limit: str
-    rig_fault: str
-    stopped_at_s: float
-    reason: int = NONE
-    whole: Whole | None = None
-    played: bool = False
-    ramp_s: float = 0.0
+    log: Signals  # of the record, on the loop's own clock
+    steps: int  # of the record that were computed
+    stopped_by_limit: str  # why the guard stopped it early, "" if it did not
+    rig_fault: str  # fault that the rig reported, "" without one
+    stopped_at_s: float  # time at which the guard took over, on the loop's clock; negative before the record
+    reason: int = NONE  # the guard's reason
+    whole: Whole | None = None  # the run with the rest before and, if reached, after its record
+    played: bool = False  # whether all steps of the record passed the guard, so that it ended after the record
+    ramp_s: float = 0.0  # duration of the ramp-up before the record
 
 
 @dataclass(frozen=True)
 class Stillness:
-    """How many samples a table is watched at rest before a record, led to rest after it, and watched at rest again."""
+    """Number of samples around a record."""
 
-    before: int = 0
-    down: int = 0
-    after: int = 0
+    before: int = 0  # at rest, before the record
+    down: int = 0  # on the way to rest
+    after: int = 0  # at rest, after the record
 
 
 @dataclass(frozen=True)
 class _Course:
-    """A run on the counted clock: its drive with zeros after the record, its record's steps, and what the channels show
-    at rest before it (b, c) and after the record (a, c), in V."""
+    """A run on the counted clock."""
 
-    drive: Array
-    record: int
-    before_v: Array
-    after_v: Array
+    drive: Array  # (n, 3) with zeros after the record
+    record: int  # steps of the record
+    before_v: Array  # (b, c) receives the samples at rest before the record
+    after_v: Array  # (a, c) receives the samples after the record
 
 
 def play(
@@ -107,10 +96,10 @@ def play(
     log: Log | None = None,
     still: Stillness | None = None,
 ) -> Outcome:
-    """Play `drive` (n, 3) through the rig: open, arm, exchange every step, rest, close.
+    """Play `drive` (n, 3) on the rig: open, arm, exchange in every step, rest, close.
 
-    `log`: that of an earlier run of the same sizes, which is written over; what a stopped run leaves stays. `still`:
-    how long the table is watched at rest (None: not at all).
+    `log`: log of an earlier run of the same sizes, which is overwritten; after a stopped run its later steps keep their
+    old values. `still`: samples at rest around the record (None: none).
     """
     state, guard_state = assemble(blocks, source), fresh_guard(len(info.channels))
     channels, compiled = len(info.channels), simulated(rig)
@@ -157,8 +146,10 @@ def _whole(played: Signals, course: _Course, still: Stillness, dt_s: float) -> W
 def _play_simulated(
     rig: SimulatedRig, state: Step, limits: GuardLimits, guard_state: GuardState, course: _Course, log: Log
 ) -> tuple[int, str]:
-    """Play in compiled code. The noise at rest before the record is drawn last: that of the record is the same with and
-    without it."""
+    """Play in compiled code.
+
+    The noise for the rest before the record is drawn last, so that the noise of the record does not depend on it.
+    """
     rig.restart()
     steps, before = len(course.drive), len(course.before_v)
     noise = rig.noise(steps + 1 + before)
@@ -175,8 +166,10 @@ def _play_simulated(
 def _play_exchanging(
     rig: Rig, state: Step, limits: GuardLimits, guard_state: GuardState, course: _Course, log: Log
 ) -> tuple[int, str, GuardLimits]:
-    """Play through `exchange`, one call per step; nothing true is known. What the channels show at rest is their
-    zero; the limits are returned as they are without it."""
+    """Play through `exchange`, one call per step, without true signals.
+
+    The mean of the channels at rest is their zero; the limits for samples without that zero are returned.
+    """
     samples = rig.arm()
     try:
         for shown in course.before_v:
@@ -200,11 +193,11 @@ def think(
     s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, k: int, share: float, came: bool,
     samples: Array, accel: Array,
 ) -> tuple[float, int]:  # fmt: skip
-    """Run the step on the samples in `s.samples` and the guard on what the channels gave, and note it as step k.
+    """Compute the step from `s.samples`, let the guard judge the measured samples, and log both as step k.
 
-    `share` of the command is asked for. `came`: whether the channels gave anything, (c,) in V and corrected in m/s^2;
-    these are the step's own arrays unless the step is given something else. Return the command in V and the first
-    column of the log that is still to be noted.
+    `share`: factor on the command. `came`: whether there are measured samples; `samples` (c,) in V and `accel` (c,) in
+    m/s^2 are these. They are the step's own arrays, except after a gap, when the step uses other samples. Returns the
+    command in V, and the first column of the log that is not yet written.
     """
     asked = share * step(s, drive)
     error = s.error[0] + (s.corrected[0] - accel[0])
@@ -215,7 +208,7 @@ def think(
 
 @part
 def end_record(g: GuardState, k: int, record: int) -> None:
-    """Lead the table to rest after the last step of a record."""
+    """Start the way to rest after the last step of a record."""
     if k >= record:
         take_over(g, END, math.nan)
 
@@ -224,7 +217,7 @@ def end_record(g: GuardState, k: int, record: int) -> None:
 def think_once(
     s: Step, limits: GuardLimits, g: GuardState, drive: Array, record: int, log: Log, scratch: IntArray
 ) -> float:
-    """Run `think` on the next row of the drive (n, 3) and note the time it took; scratch (2,)."""
+    """Call `think` with the next row of the drive (n, 3) and log the time it took; scratch (2,)."""
     k, start = log.done[0], monotonic_ns(scratch)
     end_record(g, k, record)
     command = think(s, limits, g, drive[k], log, k, 1.0, True, s.samples, s.corrected)[0]
@@ -235,7 +228,7 @@ def think_once(
 
 @part
 def stamp(log: Log, steps: int, count: int, before: int, now: int) -> int:
-    """Note the mean time of the last `count` steps before `steps`; return the time they ended."""
+    """Log the mean duration of the last `count` steps before `steps`; return the time of their end."""
     place = log.columns.shape[0] - 1
     for i in range(count):
         log.columns[place, steps - 1 - i] = (now - before) / count
@@ -244,7 +237,7 @@ def stamp(log: Log, steps: int, count: int, before: int, now: int) -> int:
 
 @entry
 def watch_virtual(plant: Plant, table: plant_kernel.PlantState, noise: Array, shown_v: Array) -> None:
-    """Write the samples (n, c) of a virtual table that is told to stand still."""
+    """Write the samples (n, c) in V of a virtual table that is commanded to rest."""
     for k in range(shown_v.shape[0]):
         plant_kernel.read(plant, table, noise[k], shown_v[k])
         plant_kernel.hold(plant, table, 0.0)
@@ -264,8 +257,10 @@ def run_virtual(
     after_v: Array,
     scratch: IntArray,
 ) -> int:
-    """Play a whole run on the virtual table, counted clock; return the number of steps done. `after_v` (a, c) takes the
-    samples after the record."""
+    """Play a complete run on the virtual table with the counted clock; return the number of steps.
+
+    `after_v` (a, c) receives the samples after the record.
+    """
     steps, before = 0, monotonic_ns(scratch)
     while steps < drive.shape[0] and table.fault[0] == 0 and (g.flags[0] != STOPPED or g.flags[1] == END):
         plant_kernel.read(plant, table, noise[steps], s.samples)

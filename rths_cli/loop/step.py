@@ -18,7 +18,7 @@ from rths_cli.numerics.tiled_products import copied, product, shifted
 
 @part
 def apply(block: Linear) -> None:
-    """Write outputs and next state of a block for the inputs in its `given`, and take the step."""
+    """Write outputs and next state of a block for the inputs in its `given`, and make the next state its state."""
     product(block.matrix, block.given.size, block.given, block.made)
     copied(block.states, block.made, block.given)
 
@@ -42,14 +42,14 @@ def correct(channels: Channels, samples: Array, accel: Array) -> None:
 
 @part
 def staircase_of(s: Step) -> float:
-    """Return what the hold's staircase adds to the table sample of this instant in m/s^2."""
+    """Return the alias of the held command in the table sample of this instant, in m/s^2."""
     now, before = s.sent[s.sent.size - 2], s.sent[s.sent.size - 1]
     return s.ripple_m_s2_per_v * (now - before) + s.ripple_sum_m_s2_per_v * (now + before)
 
 
 @part
 def sense(s: Step) -> None:
-    """Correct the samples for sensors and staircase and estimate the specimen's motion."""
+    """Correct the samples for sensors and for the held command's alias, and estimate the specimen's motion."""
     correct(s.correction, s.samples, s.corrected)
     s.corrected[0] -= staircase_of(s)
     apply(s.estimator)
@@ -57,8 +57,11 @@ def sense(s: Step) -> None:
 
 @part
 def expect(s: Step) -> None:
-    """Write what every channel must show: the table the desired acceleration, a floor what the identified specimen
-    alone makes of the table's motion. The estimator would not do: it follows the very channel that is judged."""
+    """Write the acceleration that each channel is expected to show.
+
+    For the table it is the desired acceleration. For a floor it is the response of the identified specimen, in open
+    loop, to the table's motion. The estimate is not used, because it follows the channel that is judged.
+    """
     block, known = s.open_loop, s.open_loop.made.size > 0
     block.given[0, block.states], block.given[1, block.states] = s.recent[0], s.corrected[0]
     for i in range(2):
@@ -71,9 +74,10 @@ def expect(s: Step) -> None:
 
 @part
 def advance_numerical(s: Step, drive: Array) -> None:
-    """Advance the numerical part to k + n_p: absolute interface motion and base shear.
+    """Advance the numerical substructure to k + n_p: absolute interface motion and base shear.
 
-    Desired acceleration and base shear depend on each other at the same instant by two scalars, solved here.
+    Desired acceleration and base shear of the same instant depend on each other by two scalar equations, which are
+    solved here.
     """
     block, ground_accel = s.numerical, drive[0]
     known = s.estimator.made[s.estimator.states + s.estimated.size]
@@ -107,8 +111,8 @@ def shape(s: Step, command: float) -> float:
 def feed_back(s: Step, forward: float) -> float:
     """Return the feedback's part of the command in V, clipped so that the command stays in its range.
 
-    The feedback learns what was applied less than it wanted. A feedforward beyond the range is left to the guard: the
-    feedback's part is then never made to oppose it.
+    The feedback receives the difference between applied and requested part (anti-windup). A feedforward beyond the
+    range is left to the guard; the feedback is not used to reduce it.
     """
     block = s.feedback
     if s.error.size > 1:
@@ -127,7 +131,7 @@ def feed_back(s: Step, forward: float) -> float:
 
 @part
 def note_sent(s: Step, command: float) -> None:
-    """Keep the command that left the guard: later samples carry the staircase of its hold."""
+    """Store the command that left the guard; later samples contain the alias of its hold."""
     for i in range(s.sent.size - 1, 0, -1):
         s.sent[i] = s.sent[i - 1] + 0.0
     s.sent[0] = command

@@ -25,7 +25,7 @@ class Linear(NamedTuple):
 
 
 class OpenLoop(NamedTuple):
-    """One block of one input, n states and p outputs, twice: under two inputs. Without outputs, nothing is known."""
+    """A block of one input, n states and p outputs, run twice with two inputs; without outputs it is unknown."""
 
     matrix: Array  # (tiles, n + 1, 4), tiled_products.tiled
     given: Array  # (2, n + 1) state, then input
@@ -43,18 +43,18 @@ class Channels(NamedTuple):
 class Step(NamedTuple):
     """One RTHS step, block by block; c channels (table first), e estimator outputs, lead n_p samples.
 
-    At t_k the hybrid clock stands at k + n_p. The base shear there is
+    At t_k the hybrid clock is at k + n_p. The base shear there is
     f = shear_estimate . z + shear_recent . d[k .. k+n_p-1] + shear_measured . c + shear_desired * d[k+n_p],
-    z the estimator's outputs, c the corrected samples, d the desired accelerations. What of it is known from the
-    samples is one more output of the estimator, after its own. `corrected`, `estimated`, `interface` and `error` are
-    places within the `given` and `made` of the blocks.
+    with the estimator's outputs z, the corrected samples c and the desired accelerations d. The terms in z and c are
+    computed as an additional output of the estimator, after its own. `corrected`, `estimated`, `interface` and `error`
+    are views of the `given` and `made` of the blocks.
     """
 
     source: int  # EXCITATION, RECORD or NUMERICAL
     correction: Channels  # raw samples in V (c,) -> corrected accelerations (c,)
     estimator: Linear  # corrected accelerations (c,) -> specimen's state and floor accelerations (e,), base shear known
     shear_recent: Array  # (n_p,)
-    shear_returned: float  # base shear in N per m/s^2 of the desired acceleration that known forces make
+    shear_returned: float  # base shear in N per m/s^2 that known forces cause, mutual dependence solved
     numerical: Modal  # ground acceleration, base shear (2,) -> interface accel, velocity, displacement (3,)
     feedforward: Linear  # desired accel, velocity, displacement (3,) -> command in V (1,)
     feedback: Linear  # tracking error, shortfall in V (2,), or the error alone (1,) -> command in V (1,)
@@ -64,16 +64,16 @@ class Step(NamedTuple):
     estimated: Array  # (e,)
     base_shear: Array  # (1,) in N at k + n_p
     interface: Array  # (3,) desired absolute acceleration, velocity, displacement of the interface
-    error: Array  # (2,) tracking error, and the feedback's part as applied less as wanted in V; or (1,)
-    shortfall: Array  # (feedback's states,) what a shortfall of 1 V adds to each of them
+    error: Array  # (2,) tracking error, and applied minus requested part of the feedback in V; or (1,)
+    shortfall: Array  # (feedback's states,) change of the states per 1 V between applied and requested part
     shaping: Array  # (3,) rounding error carried over in V, the size of a bit (0: no shaping) and its inverse
-    command_limit_v: float  # the feedback's part is clipped so that the sum stays within,
-    feedback_limit_v: float  # and itself within this
-    ripple_m_s2_per_v: float  # what the hold's staircase adds to a table sample per V of command change,
-    ripple_sum_m_s2_per_v: float  # and its integral, where an AC coupling is corrected, per V of their sum
-    sent: Array  # (max(latency, 1) + 1,) commands that left, the latest first
-    open_loop: OpenLoop  # table acceleration, as desired and as measured -> what the floors must show
-    expected: Array  # (2, c) accelerations that the channels must show, by the desired and by the measured motion
+    command_limit_v: float  # limit of the command, to which the feedback's part is clipped
+    feedback_limit_v: float  # limit of the feedback's part itself
+    ripple_m_s2_per_v: float  # alias of the held command in a table sample, per V of command change
+    ripple_sum_m_s2_per_v: float  # integral of the alias by the AC correction, per V of the sum of two commands
+    sent: Array  # (max(latency, 1) + 1,) commands that were sent, the latest first
+    open_loop: OpenLoop  # table acceleration, desired and measured -> expected accelerations of the floors
+    expected: Array  # (2, c) expected accelerations of the channels, by the desired and by the measured motion
 
 
 def linear(block: Block, more_c: Array | None = None, more_d: Array | None = None) -> Linear:
@@ -87,15 +87,16 @@ def linear(block: Block, more_c: Array | None = None, more_d: Array | None = Non
 
 
 def twice(block: Block | None) -> OpenLoop:
-    """Return a discrete block of one input, at rest under each of two."""
+    """Return a discrete block of one input, at rest, prepared for two inputs; None: an unknown block."""
     made = linear(block or static(np.zeros((0, 1)), 1.0, "unknown", (), ()))
     return OpenLoop(made.matrix, np.zeros((2, made.given.size)), np.zeros((2, made.made.size)), made.states)
 
 
 def channelwise(block: Block) -> Channels:
-    """Return a block that treats each channel by itself, its states channel by channel, at rest.
+    """Return a block without coupling between channels as one small block per channel, at rest.
 
-    Raises ValueError when it mixes channels, or has more than three states for one.
+    Its states must be ordered channel by channel. Raises ValueError if it couples channels, or if it has more than
+    three states per channel.
     """
     count = block.D.shape[0]
     states = len(block.A) // count

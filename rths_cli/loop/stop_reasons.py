@@ -38,10 +38,10 @@ ADVICE = {
 
 
 def reason_of(info: RigInfo, limits: GuardLimits, state: GuardState, source: int, cause: Cause | None = None) -> str:
-    """Return the guard's reason in words, empty when it let everything pass to the end of the record.
+    """Return the guard's reason in words, "" if the guard did not stop the test before the end of the record.
 
-    `source` is that of the step: what to do about too much motion is said where an excitation is planned. `cause`: what
-    the signals say of it, named first.
+    `source` is that of the step; for an excitation no advice on too large motions is given, because its plan gives it.
+    `cause`: the cause found in the signals, which is named first.
     """
     reason, channel = int(state.flags[1]), int(state.flags[2])
     if reason in (g.NONE, g.END):
@@ -55,14 +55,14 @@ def reason_of(info: RigInfo, limits: GuardLimits, state: GuardState, source: int
 
 
 def _seen(reason: int, value: float) -> str:
-    """Return what was beyond the limit, empty where that was not measured."""
+    """Return the value that exceeded the limit, with its unit; "" if it was not measured."""
     if reason not in KEYS or math.isnan(value):
         return ""
     return f"{value:.4g} {KEYS[reason][1]}".strip()
 
 
 def _limit(info: RigInfo, limits: GuardLimits, reason: int, channel: int) -> str:
-    """Return the limit by its key, empty where there is none."""
+    """Return the key of the limit and its value, "" without one."""
     if reason not in KEYS:
         return ""
     if reason == g.OVERRUN and info.overrun == "stop":
@@ -76,7 +76,7 @@ def _limit(info: RigInfo, limits: GuardLimits, reason: int, channel: int) -> str
 
 
 def _number(info: RigInfo, limits: GuardLimits, reason: int, channel: int) -> float:
-    """Return the limit that a reason is about."""
+    """Return the value of the limit that belongs to a reason."""
     if reason in (g.LOST, g.OVERRUN):
         return info.limits.lost_samples
     by_channel = {g.ACCELERATION: limits.abort_m_s2, g.SATURATED: limits.saturation_v, g.STUCK: limits.stuck_m_s2}
@@ -95,7 +95,7 @@ def _number(info: RigInfo, limits: GuardLimits, reason: int, channel: int) -> fl
 
 
 def _advice(reason: int, channel: int, source: int) -> str:
-    """Return what to do, empty where the rig, a person or the planner of an excitation says it."""
+    """Return the advice, "" if the rig, a person or the plan of an excitation gives it."""
     if reason in BY_MOTION:
         return "" if source == EXCITATION else "lower scaling"
     if reason == g.NOT_A_NUMBER:

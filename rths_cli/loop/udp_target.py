@@ -1,20 +1,19 @@
 """The target's side of UDP in compiled code, for `rths serve`: receive, verify, advance the virtual table, answer,
 watchdog.
 
-A process that was held up finds several packets in its socket. What each of them asked for belongs to the instant at
-which it came, not to that at which the process was let on.
+**Time.** The physics is advanced in ticks of a quarter of the runner's sample interval, counted on this process's
+monotonic clock from the first command on. The phase of the ticks follows that of the commands slowly. A late first
+command, or a slightly faster clock, therefore does not make an interval three or five ticks long. Other late or missing
+commands have the same effect as on a real table. The time of a packet is its arrival by the kernel's stamp, not the
+time at which this process reads it: after a stall of the process, samples and commands still belong to their instants,
+and only the answers are late.
 
-The physics goes in ticks of a quarter of the runner's sample interval, counted on this process's monotonic clock from
-the first command on; their phase follows that of the commands slowly, so that a first one that came late, or a clock
-that runs a little faster, does not decide between three ticks and five. Whatever else arrives late, or never, is felt
-as on a real table. What counts is when a packet arrived, by the kernel's stamp, not when this process came to it: one
-that is held up samples and latches for each instant afterwards, and only its answers are late.
-
-A session is replaced by the first authentic ARM of another one alone, while the table is at rest. What else a
-stranger sends costs a bounded number of hashes (SipHash of one packet or less), and at most one answer no longer than
-what he sent: none for what is no packet, 1 for a packet of a session, 2 for a forged HELLO, 5 for a captured one (its
-tag under two keys, our nonce of two words, the tag of the answer), 3 while the table moves, and at rest 11 for an ARM
-(its tag under the session's key, then for two periods our nonce, the key of two words, and its tag).
+**Sessions.** A session is replaced only by the first authentic ARM of another one, with the table at rest. Any other
+packet of a stranger costs a bounded number of hashes (SipHash of one packet or less) and at most one answer, no longer
+than the packet. The numbers of hashes are: 0 for a malformed packet, 1 for a packet of a session, 2 for a forged HELLO,
+5 for a captured one (its tag under two keys, our nonce of two words, the tag of the answer), 3 while the table moves,
+and 11 for an ARM at rest (its tag under the session's key, then for two periods our nonce, the key of two words, its
+tag).
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ from rths_cli.rigs.udp.siphash import Bytes, Words
 from rths_cli.rigs.virtual import plant_kernel
 from rths_cli.rigs.virtual.plant import Plant
 
-BROKEN_NS = 1_000_000  # wait after a failing socket
+BROKEN_NS = 1_000_000  # wait after an error of the socket
 
 _recvmsg = External("recvmsg", "intp", "intc", "uintp", "intc")
 _ppoll = External("ppoll", "intc", "uintp", "uintp", "uintp", "uintp")
@@ -53,7 +52,10 @@ WORDS = 17
 
 
 def open_message(link: socket.socket, incoming: Bytes, address: Bytes) -> IntArray:
-    """Ask for stamps, and return a message (WORDS,) that receives into two arrays, which must live as long as it."""
+    """Enable the kernel's time stamps, and return a message (WORDS,) that receives into two arrays.
+
+    The arrays must live as long as the message.
+    """
     link.setsockopt(socket.SOL_SOCKET, _STAMPS, 1)
     message = np.zeros(WORDS, np.int64)
     place = message.ctypes.data
@@ -64,7 +66,7 @@ def open_message(link: socket.socket, incoming: Bytes, address: Bytes) -> IntArr
 
 @part
 def receive(fd: int, message: IntArray, address: Bytes) -> int:
-    """Return the size of the next packet that is there, -1 for none; more than fits is told and cut off."""
+    """Receive a waiting packet; return its full size, also if it was truncated, or -1 if there is none."""
     message[ADDRESS_SIZE], message[CONTROL_SIZE], message[FLAGS] = address.size, 8 * (WORDS - STAMP_SIZE), 0
     return _recvmsg(fd, message.ctypes.data, _DONT_WAIT | _WHOLE_SIZE)  # type: ignore[operator, no-any-return]
 
@@ -78,10 +80,9 @@ def wall_clock_ns(scratch: IntArray) -> int:
 
 @part
 def arrival(message: IntArray, now: int, wall: int, earliest: int) -> int:
-    """Return when the received packet came, on the clock of `now`, at which the wall clock shows `wall`.
+    """Return the arrival time of the received packet, on the clock of `now`, when the wall clock shows `wall`.
 
-    That is `now` where no stamp came; a step of the wall clock makes it no earlier than `earliest` and no later than
-    `now`.
+    Without a stamp it is `now`. It is limited to the range from `earliest` to `now`, in case the wall clock was set.
     """
     if message[CONTROL_SIZE] < 32 or message[STAMP_KIND] != _IS_STAMP:
         return now
@@ -91,7 +92,7 @@ def arrival(message: IntArray, now: int, wall: int, earliest: int) -> int:
 
 @part
 def wait(fd: int, time_ns: int, scratch: IntArray) -> None:
-    """Sleep until a packet comes, at most for a time in ns; rest a little where the socket fails. `scratch` (3,)."""
+    """Sleep until a packet comes, at most `time_ns`; wait a little if the socket has an error. `scratch` (3,)."""
     scratch[0], scratch[1] = time_ns // 1_000_000_000, time_ns % 1_000_000_000
     scratch[2] = fd | _READABLE << 32
     times, polled = scratch.ctypes.data, scratch.ctypes.data + 16
@@ -102,24 +103,25 @@ def wait(fd: int, time_ns: int, scratch: IntArray) -> None:
 
 
 TICKS_PER_INTERVAL = 4
-CLOSING_S = 1.0 / (4.0 * math.pi * 14.0)  # by the acceleration limit: how fast a distance is closed that a stall left
-PHASE_STEPS = 64  # over so many commands the ticks settle around the instants at which commands come
-LOOK_NS = 20_000_000  # the longest wait for a packet: orders are looked at so often
-GREETED_NS = 1_000_000  # between two HELLO that are answered while the table moves; the others go unanswered
-BATCH, BATCH_NS = 64, 5_000_000  # while the table is at rest, so many packets are served in so much time at most
+CLOSING_S = 1.0 / (4.0 * math.pi * 14.0)  # closing velocity after a stall over the acceleration limit
+PHASE_STEPS = 64  # number of commands over which the phase of the ticks adapts to that of the commands
+LOOK_NS = 20_000_000  # longest wait for a packet, and thus the interval at which orders are read
+GREETED_NS = 1_000_000  # least interval of answers to HELLO while the table moves; others are not answered
+BATCH, BATCH_NS = 64, 5_000_000  # largest number of packets served in this time while the table is at rest
 
 BEGUN, ENDED, ORDERED = 1, 2, 3  # what `serve_packets` returns for
 
-# places in Door.counts; packets that are no packets or of another version, made with another key, doubled or reordered;
-# commands obeyed, sequence numbers of the session that never came, genuine HELLO
+# indices in Door.counts: malformed packets or those of another version, packets with another key, repeated or reordered
+# ones; commands obeyed, missing sequence numbers of the session, authentic HELLO
 MALFORMED, FORGED, REPLAYED, OBEYED, LOST, GREETED = range(6)
 COUNTS = 6
 
-# places in Door.session; SEQUENCE is the highest seen, STARTED_NS 0 while the clock does not run, TICK the time of the
-# physics, LAST_TICK that of the last command, ARRIVED_NS when it came, LONGEST_TICKS the longest time between two;
-# until REACHED_NS all packets are known, and the physics was advanced to it; at MOVED_TICK the command last changed;
-# ARMING 1: the ARM that began this session stands in `incoming`, not yet obeyed; BATCHED packets since BATCH_BEGAN_NS;
-# CATCHES_UP 1: a command was late, and the table does not stand where it should yet
+# indices in Door.session. SEQUENCE: highest one received. STARTED_NS: start of the clock, 0 while it does not run.
+# TICK: time of the physics. LAST_TICK: that of the last command. ARRIVED_NS: arrival of the last command.
+# LONGEST_TICKS: longest time between two commands. REACHED_NS: time to which the physics was advanced; all packets up
+# to it are known. MOVED_TICK: last change of the output. ARMING 1: the ARM that began this session is in `incoming` and
+# not yet obeyed. BATCHED: packets since BATCH_BEGAN_NS. CATCHES_UP 1: a command was late, and the output has not yet
+# reached the command.
 STATE, FAULTS, SEQUENCE, STARTED_NS, TICK, LAST_TICK, LONGEST_TICKS, ROW, CLOSING, GREETED_AT_NS, ARMING = range(11)
 ARRIVED_NS, REACHED_NS, MOVED_TICK, BATCHED, BATCH_BEGAN_NS, CATCHES_UP = range(11, 17)
 PLACES = 17
@@ -130,34 +132,34 @@ ADDRESS_BYTES = 28  # of the longest socket address
 
 
 class Door(NamedTuple):
-    """The socket, and what is known of who is at it."""
+    """The server socket, its peer and the session."""
 
     fd: int
     interval_ns: int
     watchdog_ticks: int
-    greeter: Greeter  # answers HELLO, and knows the ARM that follows
-    key: Words  # (2,) of the session, or a random one without
-    incoming: Bytes  # (MOST_BYTES,)
-    outgoing: Bytes  # (MOST_BYTES,)
-    address: Bytes  # (ADDRESS_BYTES,) where the last packet came from
-    message: IntArray  # (WORDS,) what receives into these two
+    greeter: Greeter  # answers HELLO, and recognises the ARM that follows
+    key: Words  # (2,) of the session; a random one without a session
+    incoming: Bytes  # (MOST_BYTES,) last packet
+    outgoing: Bytes  # (MOST_BYTES,) answer
+    address: Bytes  # (ADDRESS_BYTES,) sender of the last packet
+    message: IntArray  # (WORDS,) argument of recvmsg, which receives into `incoming` and `address`
     counts: IntArray  # (COUNTS,)
     session: IntArray  # (PLACES,)
-    orders: IntArray  # (1,) not 0: rest the table and return
-    scratch: IntArray  # (3,) times, and what is polled
+    orders: IntArray  # (1,) not 0: bring the table to rest and return
+    scratch: IntArray  # (3,) times, and the argument of ppoll
 
 
 class Table(NamedTuple):
-    """The physics of one session: a plant of one tick, what it leads to rest with, noise rows (rows, c)."""
+    """The physics of one session."""
 
-    plant: Plant
+    plant: Plant  # with a step of one tick
     state: plant_kernel.PlantState
-    limits: GuardLimits
+    limits: GuardLimits  # of the way to rest
     guard: GuardState
-    noise: Array
+    noise: Array  # (rows, c)
     samples: Array  # (c,) in V
-    latched_v: Array  # (2,) what is held, and the last command
-    way: Way  # the last command, and how it goes on in intervals without one
+    latched_v: Array  # (2,) the output, and the last command
+    way: Way  # the last command with its preview
 
 
 def open_door(
@@ -168,7 +170,7 @@ def open_door(
     watchdog_ns: int,
     orders: IntArray,
 ) -> Door:
-    """Return a door over a bound socket that does not block, and must stay open as long as the door is used."""
+    """Return the server state for a bound, non-blocking socket, which must stay open as long as it is used."""
     incoming, address = np.zeros(packets.MOST_BYTES, np.uint8), np.zeros(ADDRESS_BYTES, np.uint8)
     return Door(
         link.fileno(), interval_ns, _watchdog_ticks(watchdog_ns, interval_ns), greeter, key,
@@ -178,7 +180,7 @@ def open_door(
 
 
 def begin_session(door: Door, interval_ns: int, watchdog_ns: int) -> Door:
-    """Return the door of the session that the ARM in `incoming` opened; it obeys that ARM first."""
+    """Return the server state for the session that the ARM in `incoming` opened; it obeys that ARM first."""
     session = _no_packets()
     session[ARMING] = 1
     return door._replace(
@@ -202,7 +204,7 @@ def _no_packets() -> IntArray:
 
 @part
 def lead_to_rest(d: Door, t: Table, fault: int) -> None:
-    """Take the table over from the runner, unless it is done already."""
+    """Start the way to rest, unless it has been started; `fault` is added to the fault bits."""
     d.session[FAULTS] |= fault
     if d.session[STATE] == packets.ARMED:
         d.session[STATE] = packets.RESTING
@@ -213,7 +215,7 @@ def lead_to_rest(d: Door, t: Table, fault: int) -> None:
 
 @part
 def go_on(d: Door, t: Table) -> None:
-    """Move the last command on at the instants at which the next ones were due, within own limits."""
+    """Move the output along the preview, within its own limits, at each instant at which a command was due."""
     since = d.session[TICK] - d.session[LAST_TICK]
     if since == 0 or since % TICKS_PER_INTERVAL != 0:
         return
@@ -231,9 +233,11 @@ def go_on(d: Door, t: Table) -> None:
 
 @part
 def closing_step(t: Table, moves_v: float, ticks: int) -> float:
-    """Return how far the table may go in V, towards where it should be, in some ticks since it moved last; where it
-    should be moves by `moves_v` in an interval. A table whose loop has the angular frequency w answers a sudden change
-    of velocity by v with an acceleration of w v at most: half of that is left to the motion it comes back to."""
+    """Return the largest movement in V of the output towards the command, in `ticks` since it moved last.
+
+    The command itself moves by `moves_v` per interval. A table whose loop has the angular frequency w answers a sudden
+    change v of velocity with an acceleration of at most w v; half of the limit is reserved for the command's motion.
+    """
     limits, interval_s = t.limits, TICKS_PER_INTERVAL * t.limits.dt_s
     closing_m_s = min(CLOSING_S * limits.acceleration_m_s2, limits.velocity_m_s)
     in_volts = interval_s / limits.gain_m_per_v
@@ -243,8 +247,10 @@ def closing_step(t: Table, moves_v: float, ticks: int) -> float:
 
 @part
 def approached(d: Door, t: Table, command_v: float) -> float:
-    """Return what is latched for a command: itself where it came in time, else what leads to it; a table that went on
-    as it was told may go on with the velocity it has."""
+    """Return the output for a command: the command itself if it came in time, else a value that approaches it.
+
+    An output that followed the preview may continue with its present velocity.
+    """
     s, held = d.session, t.latched_v[0]
     passed = (s[TICK] - s[LAST_TICK]) // TICKS_PER_INTERVAL
     moves_v = abs(command_v - t.latched_v[1]) / max(passed, 1)
@@ -256,13 +262,13 @@ def approached(d: Door, t: Table, command_v: float) -> float:
         return command_v
     latched = held + within(command_v - held, closing_step(t, moves_v, s[TICK] - s[MOVED_TICK]))
     if latched == command_v and TICKS_PER_INTERVAL // 2 <= s[TICK] - s[LAST_TICK] < 2 * TICKS_PER_INTERVAL:
-        s[CATCHES_UP] = 0  # not before commands come one by one again: those that waited may come together
+        s[CATCHES_UP] = 0  # only when commands come one by one again: delayed ones may arrive together
     return latched
 
 
 @part
 def tick(d: Door, t: Table) -> None:
-    """Advance the physics by one tick; in it the watchdog may bite, and the way to rest goes on."""
+    """Advance the physics by one tick, with the watchdog and the way to rest."""
     s = d.session
     if s[STATE] == packets.ARMED and s[TICK] - s[LAST_TICK] >= d.watchdog_ticks:
         lead_to_rest(d, t, packets.WATCHDOG)
@@ -281,7 +287,7 @@ def tick(d: Door, t: Table) -> None:
 
 @part
 def advance(d: Door, t: Table, now: int) -> None:
-    """Advance the physics to the tick nearest to a time in ns; a table at rest after its session stays as it is."""
+    """Advance the physics to the tick nearest to a time in ns; after its session a table at rest is not advanced."""
     s = d.session
     s[REACHED_NS] = now
     due = (2 * TICKS_PER_INTERVAL * (now - s[STARTED_NS]) + d.interval_ns) // (2 * d.interval_ns)
@@ -291,7 +297,7 @@ def advance(d: Door, t: Table, now: int) -> None:
 
 @part
 def arm(d: Door, t: Table, now: int) -> None:
-    """Enable motion at the start of a session; later ARMs change nothing, but the last one has the noise of step 0."""
+    """Enable motion at the start of a session; a repeated ARM only restarts the noise, for step 0."""
     s = d.session
     if d.counts[OBEYED] == 0:
         s[ROW] = 0
@@ -305,14 +311,14 @@ def arm(d: Door, t: Table, now: int) -> None:
 
 @part
 def obey(d: Door, t: Table, now: int) -> None:
-    """Latch the command that begins the way, or lead the table to rest where it is no number or out of range."""
+    """Latch the command of the preview, or start the way to rest if it is not a number or out of range."""
     s, command_v = d.session, t.way.volts[0]
     if s[STATE] != packets.ARMED:
         return
     if not (math.isfinite(command_v) and abs(command_v) <= t.limits.command_v):
         lead_to_rest(d, t, packets.BAD_COMMAND)
         return
-    if d.counts[OBEYED] == 0:  # the clock starts anew: steps count from here, not from ARM
+    if d.counts[OBEYED] == 0:  # the clock restarts: steps count from the first command, not from ARM
         s[STARTED_NS], s[TICK], s[LAST_TICK], s[MOVED_TICK] = now, 0, 0, 0
     else:
         s[STARTED_NS] += (now - s[STARTED_NS] - s[TICK] * d.interval_ns // TICKS_PER_INTERVAL) // PHASE_STEPS
@@ -328,20 +334,20 @@ def obey(d: Door, t: Table, now: int) -> None:
 
 @part
 def within(value: float, limit: float) -> float:
-    """Return a value, or the limit of its sign where it is beyond that."""
+    """Return a value limited to +-`limit`."""
     return min(max(value, -limit), limit)
 
 
 @part
 def post(d: Door, size: int) -> None:
-    """Send what stands in `outgoing` to where the last packet came from."""
+    """Send `outgoing` to the sender of the last packet."""
     address_size = d.message[ADDRESS_SIZE]
     _sendto(d.fd, d.outgoing.ctypes.data, size, _AT_ONCE, d.address.ctypes.data, address_size)  # type: ignore[operator]
 
 
 @part
 def answer(d: Door, t: Table, now: int) -> None:
-    """Send the samples that were taken, with the state they were taken in."""
+    """Send the samples with the state in which they were taken."""
     s, packet = d.session, d.outgoing
     packets.begin(packet, packets.SAMPLES, t.samples.size, s[SEQUENCE])
     packet[packets.STATE] = s[STATE]
@@ -363,7 +369,7 @@ def sample(t: Table, s: IntArray) -> None:
 
 @part
 def take(d: Door, t: Table, now: int) -> None:
-    """Do what a genuine packet of the session asks for and answer it; one that came before is not answered."""
+    """Execute and answer an authentic packet of the session; a repeated one is not answered."""
     s, packet = d.session, d.incoming
     sequence, kind = packets.get_int(packet, packets.SEQUENCE), int(packet[packets.KIND])
     if not packets.is_whole(packet):
@@ -388,13 +394,13 @@ def take(d: Door, t: Table, now: int) -> None:
 
 @part
 def moves(d: Door) -> bool:
-    """Tell whether the table is armed, or not yet led to rest."""
+    """Return whether the table is armed or not yet at rest."""
     return d.session[STATE] == packets.ARMED or d.session[STATE] == packets.RESTING
 
 
 @part
 def greet(d: Door, size: int, now: int) -> None:
-    """Answer a genuine HELLO, and remember nothing of it; while the table moves, one in a while and by a refusal."""
+    """Answer an authentic HELLO without storing anything; while the table moves, refuse at most one per GREETED_NS."""
     busy = moves(d)
     answer_size = answer_hello(d.greeter, d.incoming, size, monotonic_ns(d.scratch), 0, busy, d.outgoing)
     d.counts[GREETED if answer_size > 0 else FORGED] += 1
@@ -405,7 +411,7 @@ def greet(d: Door, size: int, now: int) -> None:
 
 @part
 def attend(d: Door, t: Table, size: int, now: int) -> int:
-    """Do what a received packet asks for; return BEGUN where it begins a session, else 0."""
+    """Execute a received packet; return BEGUN if it begins a session, else 0."""
     verdict = packets.verdict(d.incoming, size, d.key)
     if verdict == packets.GENUINE:
         take(d, t, now)
@@ -422,7 +428,7 @@ def attend(d: Door, t: Table, size: int, now: int) -> int:
 
 @part
 def breathe(d: Door) -> None:
-    """Wait where more packets than a batch were served in its time: at rest, no flood takes more of the processor."""
+    """At rest, wait if BATCH packets were served within BATCH_NS, so that a flood cannot take the whole processor."""
     s, now = d.session, monotonic_ns(d.scratch)
     if now - s[BATCH_BEGAN_NS] > BATCH_NS:
         s[BATCH_BEGAN_NS], s[BATCHED] = now, 0
@@ -433,7 +439,7 @@ def breathe(d: Door) -> None:
 
 @part
 def pause(d: Door, now: int) -> int:
-    """Return how long to sleep for a packet in ns: not at all where the next command is about to come."""
+    """Return the time in ns to sleep for a packet; 0 if the next command is about to come."""
     if d.session[STATE] != packets.ARMED:
         return LOOK_NS
     spin_ns = min(SPIN_NS, d.interval_ns // 4)
@@ -443,14 +449,14 @@ def pause(d: Door, now: int) -> int:
 
 @part
 def look(d: Door, t: Table) -> int:
-    """Serve the packet that is there, or wait for one; return what `serve_packets` does, or 0 to go on."""
+    """Serve a waiting packet, or wait for one; return an event of `serve_packets`, or 0 to continue."""
     s = d.session
-    before, now = s[STATE], monotonic_ns(d.scratch)  # read first: where nothing is there, nothing came until now
+    before, now = s[STATE], monotonic_ns(d.scratch)  # read before receiving: without a packet, none came until now
     size = receive(d.fd, d.message, d.address)
     if size >= 0:
         now = monotonic_ns(d.scratch)
         now = arrival(d.message, now, wall_clock_ns(d.scratch), s[REACHED_NS])
-    advance(d, t, now)  # here alone: the plant is a large piece of code
+    advance(d, t, now)  # the only call: the plant is a large piece of code
     if size >= 0 and attend(d, t, size, now) == BEGUN:
         return BEGUN
     if d.orders[0] != 0:
@@ -458,7 +464,7 @@ def look(d: Door, t: Table) -> int:
         if s[STATE] == packets.RESTED:
             return ORDERED
     if s[STATE] == packets.RESTED and (before != packets.RESTED or s[CLOSING] == 1):
-        s[CLOSING] *= 2  # told once
+        s[CLOSING] *= 2  # reported once
         return ENDED
     sleep_ns = pause(d, now) if size < 0 else 0
     if sleep_ns > 0:
@@ -470,10 +476,13 @@ def look(d: Door, t: Table) -> int:
 
 @entry
 def serve_packets(d: Door, t: Table) -> int:
-    """Serve a session until Python is needed: BEGUN (the ARM in `incoming` opens another session; the greeter has its
-    key), ENDED (the table has come to rest, or the session was closed), ORDERED (by `orders`, the table at rest)."""
+    """Serve a session until Python has to act; return the event.
+
+    BEGUN: the ARM in `incoming` opens another session, whose key the greeter has. ENDED: the table has come to rest, or
+    the session was closed. ORDERED: stopped by `orders`, with the table at rest.
+    """
     s, event = d.session, 0
-    if s[ARMING] == 1:  # after the time that the session took to be made
+    if s[ARMING] == 1:  # the ARM is dated now, after the session was prepared
         s[ARMING], s[REACHED_NS] = 0, monotonic_ns(d.scratch)
         take(d, t, s[REACHED_NS])
     while event == 0:

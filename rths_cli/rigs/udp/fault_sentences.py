@@ -35,7 +35,7 @@ def refused(peer: str, reason: int, detail: int) -> str:
 
 
 def silence(peer: str, timeout_s: float, strangers: int) -> str:
-    """Return what to look at when no welcome came; `strangers`: packets received that do not fit."""
+    """Return the sentence for a target that sent no WELCOME; `strangers`: received packets made with another key."""
     if strangers:
         return (
             f"target {peer} sent {strangers} answers made with another key; give both sides the same key file "

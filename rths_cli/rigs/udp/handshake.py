@@ -1,10 +1,11 @@
 """The target's half of the handshake, in compiled code: answer HELLO, compute nonce and session key
 (docs/reference/udp.md).
 
-The target's nonce is computed, not drawn and kept: it is a hash, under a key that the target draws when it starts, of
-the runner's nonce, the number of sessions armed so far, and the current period of its clock. The first ARM of a session
-carries the runner's nonce, so that the target computes the same session key again, and checks the tag with it. Once an
-ARM is accepted the count rises, and no earlier WELCOME leads to a valid ARM any more; the period ends the others.
+The target's nonce is computed, not drawn and stored. It is a hash of the runner's nonce, the number of sessions armed
+so far, and the current period of the target's clock, under a key that the target draws when it starts. The first ARM of
+a session carries the runner's nonce, from which the target computes the session key again and checks the tag. When an
+ARM is accepted the number of sessions increases, so that no ARM of an earlier WELCOME is valid any more. All others
+expire with their period.
 """
 
 from __future__ import annotations
@@ -25,14 +26,14 @@ CHANNELS, SHORTEST_NS, LONGEST_WATCHDOG_NS = range(3)  # places in Greeter.offer
 
 
 class Greeter(NamedTuple):
-    """What a target needs to answer HELLO and to recognize the first ARM of a session."""
+    """State with which a target answers HELLO and recognises the first ARM of a session."""
 
     secret: Words  # (2,) shared with the runner
-    boot: Words  # (2,) known to this target alone, drawn when it starts
+    boot: Words  # (2,) key of the nonces, drawn when the target starts and never disclosed
     armed: IntArray  # (1,) sessions armed since then
     offer: IntArray  # (3,) channels, shortest sample interval, longest watchdog
-    message: Bytes  # (48,) what is hashed
-    key: Words  # (2,) of the session that `opens_session` was asked for
+    message: Bytes  # (48,) scratch for the bytes to be hashed
+    key: Words  # (2,) session key found by the last call of `opens_session`
 
 
 def open_greeter(secret: Words, channels: int, shortest_ns: int, longest_watchdog_ns: int) -> Greeter:
@@ -44,7 +45,7 @@ def open_greeter(secret: Words, channels: int, shortest_ns: int, longest_watchdo
 
 @part
 def put_target_nonce(g: Greeter, runner_nonce: Bytes, period: int, to: Bytes, at: int) -> None:
-    """Write the target's nonce for the runner's nonce in a packet, as of a period of the target's clock."""
+    """Write to `to`, from `at` on, the target's nonce for a packet with a runner's nonce and a period of its clock."""
     for i in range(2):
         packets.put_int(g.message, 0, i)
         packets.put_int(g.message, 8, g.armed[0])
@@ -56,7 +57,7 @@ def put_target_nonce(g: Greeter, runner_nonce: Bytes, period: int, to: Bytes, at
 
 @part
 def session_key_into(nonces: Bytes, at: int, secret: Words, message: Bytes, key: Words) -> None:
-    """Write the key (2,) of a session, from both nonces, 32 bytes at a place; `message` (48,) is scratch."""
+    """Write the key (2,) of a session for both nonces, 32 bytes in `nonces` at `at`; `message` (48,) is scratch."""
     for i in range(2):
         packets.put_int(message, 0, KEY_LABEL)
         packets.put_int(message, 8, i)
@@ -67,13 +68,13 @@ def session_key_into(nonces: Bytes, at: int, secret: Words, message: Bytes, key:
 
 @part
 def watchdog_of(g: Greeter, wanted_ns: int) -> int:
-    """Return the watchdog that a target grants: the shorter of the wanted one and its longest; 0 leaves it to it."""
+    """Return the watchdog in ns that a target grants: the requested one, at most its longest; its longest for 0."""
     return min(wanted_ns, g.offer[LONGEST_WATCHDOG_NS]) if wanted_ns > 0 else g.offer[LONGEST_WATCHDOG_NS]
 
 
 @part
 def refusal(g: Greeter, packet: Bytes, faults: int, busy: bool) -> tuple[int, int]:
-    """Return why a HELLO is refused, and the detail; reason 0: it is not."""
+    """Return the reason why a HELLO is refused (0: it is not), and the detail."""
     channels, interval = packets.get_int(packet, packets.AFTER_NONCE), packets.get_int(packet, packets.AFTER_NONCE + 8)
     if packet[packets.VERSION] != packets.PROTOCOL:
         return packets.NO_VERSION, packets.PROTOCOL
@@ -88,9 +89,10 @@ def refusal(g: Greeter, packet: Bytes, faults: int, busy: bool) -> tuple[int, in
 
 @part
 def answer_hello(g: Greeter, packet: Bytes, size: int, now: int, faults: int, busy: bool, out: Bytes) -> int:
-    """Write the answer to a HELLO of `size` bytes; return its size, or 0 where it is no genuine HELLO.
+    """Write the answer to a HELLO of `size` bytes to `out`; return its size, or 0 if it is no authentic HELLO.
 
-    `faults`: those that forbid motion; `busy`: the table is armed or not yet at rest; `now`: the target's clock in ns.
+    `faults`: faults that forbid motion; `busy`: whether the table is armed or not yet at rest; `now`: the target's
+    clock in ns.
     """
     verdict = packets.verdict(packet, size, g.secret)
     if packet[packets.KIND] != packets.HELLO or (verdict != packets.GENUINE and verdict != packets.OTHER_VERSION):
@@ -119,9 +121,10 @@ def answer_hello(g: Greeter, packet: Bytes, size: int, now: int, faults: int, bu
 
 @part
 def opens_session(g: Greeter, packet: Bytes, size: int, now: int, out: Bytes) -> bool:
-    """Tell whether a packet is the first ARM of a session that may begin, whose key is then in `g.key`; use it up.
+    """Return whether a packet is the first ARM of a session that may begin; if so, its key is in `g.key`.
 
-    `out` is scratch. It is asked only while no table is armed or moves.
+    The number of sessions then increases, so that the same ARM is not accepted again. `out` is scratch. Call it only
+    while the table is neither armed nor moving.
     """
     if packet[packets.KIND] != packets.ARM or packet[packets.COUNT] != packets.ARM_WORDS:
         return False
@@ -141,17 +144,17 @@ def opens_session(g: Greeter, packet: Bytes, size: int, now: int, out: Bytes) ->
 
 @entry
 def answer_hello_at(g: Greeter, packet: Bytes, size: int, now: int, faults: int, busy: bool, out: Bytes) -> int:
-    """Do what `answer_hello` does, called from Python."""
+    """Call `answer_hello` from Python."""
     return answer_hello(g, packet, size, now, faults, busy, out)
 
 
 @entry
 def opens_session_at(g: Greeter, packet: Bytes, size: int, now: int, out: Bytes) -> bool:
-    """Do what `opens_session` does, called from Python."""
+    """Call `opens_session` from Python."""
     return opens_session(g, packet, size, now, out)
 
 
 @entry
 def make_session_key(nonces: Bytes, secret: Words, message: Bytes, key: Words) -> None:
-    """Do what `session_key_into` does, called from Python."""
+    """Call `session_key_into` from Python, for nonces at the beginning of `nonces`."""
     session_key_into(nonces, 0, secret, message, key)

@@ -14,14 +14,14 @@ from rths_cli.errors import InputError
 from rths_cli.rigs.udp.siphash import Words
 
 KEY_FILE_VARIABLE = "RTHS_KEY_FILE"
-LONGEST_BYTES = 1024  # of a key file: more is none
+LONGEST_BYTES = 1024  # number of bytes that are read; a longer file is no key file
 _AT_ONCE = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOFOLLOW", 0)  # no pipe is waited for
 
 
 def read_secret(key_file: Path | None) -> Words:
-    """Return the secret, (2,) words, from a key file, or from the one that RTHS_KEY_FILE names.
+    """Return the secret, (2,) words, from a key file; None: from the file that RTHS_KEY_FILE names.
 
-    Raises InputError where there is none, where others may read, change or replace it, or where it holds no key.
+    Raises InputError if there is no file, if other users may read, change or replace it, or if it holds no key.
     """
     named = os.environ.get(KEY_FILE_VARIABLE, "")
     path = key_file or (Path(named) if named else None)
@@ -47,7 +47,7 @@ def read_secret(key_file: Path | None) -> Words:
 
 
 def _private_text(path: Path) -> str:
-    """Return what stands in the file that a path finally names; raises InputError where others may have touched it."""
+    """Return the text of a file, with symbolic links resolved; raises InputError if other users may access it."""
     real = Path(os.path.realpath(path, strict=True))
     shown = f"key file {path}" if real == path.absolute() else f"key file {path} (that is {real})"
     with open(real, "rb", opener=lambda name, flags: os.open(name, flags | _AT_ONCE)) as file:
@@ -63,7 +63,7 @@ def _private_text(path: Path) -> str:
 
 
 def _require_own(shown: str, path: Path, about: os.stat_result, forbidden: int, fault: str, remedy: str) -> None:
-    """Raise InputError where a file or folder belongs to another user, or has permissions that are forbidden."""
+    """Raise InputError if a file or folder belongs to another user or has forbidden permissions."""
     if about.st_uid not in (os.geteuid(), 0):
         raise InputError(f"{shown} belongs to another user (number {about.st_uid}); make a key file of your own")
     if about.st_mode & forbidden and about.st_mode & stat.S_ISVTX:
@@ -75,8 +75,8 @@ def _require_own(shown: str, path: Path, about: os.stat_result, forbidden: int, 
 def make_secret(path: Path) -> Words:
     """Write a new random secret to a key file that only its owner may read; return it, (2,) words.
 
-    Folders that are missing are made for the owner alone.
-    Raises InputError where the file is there already or cannot be written.
+    Missing folders are created with access for the owner only. Raises InputError if the file exists or cannot be
+    written.
     """
     secret = secrets.token_bytes(16)
     try:

@@ -1,9 +1,9 @@
 """The trajectory between commands sent ahead, which runner and target follow while the next command is late
 (docs/reference/udp.md).
 
-Runner and target both move by `place_after`, so that after a stall the runner knows where the table stands. Between
-points it is the cubic whose slope at each is the mean of both sides (E. Catmull and R. Rom 1974): at most twice as
-steep as the steepest straight line between two points that follow each other.
+Runner and target both use `place_after`, so that after a stall the runner knows the position of the table. Between two
+points it is a cubic whose slope at each point is the mean of the slopes on both sides (E. Catmull and R. Rom 1974). It
+is at most twice as steep as the steepest straight line between consecutive points.
 """
 
 from __future__ import annotations
@@ -18,27 +18,27 @@ from rths_cli.numerics.lti import Array
 from rths_cli.rigs.udp import packets
 from rths_cli.rigs.udp.siphash import Bytes
 
-POINTS, SPACING = range(2)  # places in Way.marks
-FARTHEST_V = 1e6  # no point lies farther, so that no place between two overflows
+POINTS, SPACING = range(2)  # indices in Way.marks
+FARTHEST_V = 1e6  # largest accepted point, so that no position between two points overflows
 
 
 class Way(NamedTuple):
-    """A command and the points it goes on to."""
+    """A command with its preview."""
 
-    volts: Array  # (MOST_POINTS + 1,) the command, then what it is after one, two, ... times the spacing, in V
-    marks: IntArray  # (2,) how many points there are (0: the command is held), sample intervals from one to the next
+    volts: Array  # (MOST_POINTS + 1,) the command, then the points after one, two, ... times the spacing, in V
+    marks: IntArray  # (2,) number of points (0: the command is held), spacing of the points in sample intervals
 
 
 def fresh_way() -> Way:
-    """Return a way that holds 0 V."""
+    """Return a command of 0 V without points."""
     return Way(np.zeros(packets.MOST_POINTS + 1), np.array([0, 1]))
 
 
 @part
 def place_after(way: Way, intervals: int) -> float:
-    """Return where a command has gone on to so many sample intervals after it, in V.
+    """Return the position of the preview in V, a number of sample intervals after its command.
 
-    It begins with the curvature of the first three points, and comes to rest at the last one.
+    It begins with the curvature of the first three points and comes to rest at the last one.
     """
     points, spacing = way.marks[POINTS], way.marks[SPACING]
     behind = intervals // spacing
@@ -54,7 +54,7 @@ def place_after(way: Way, intervals: int) -> float:
 
 @part
 def put_way(packet: Bytes, way: Way) -> None:
-    """Write the words of a command behind the head: the command alone, or with spacing and points."""
+    """Write the words of a COMMAND to a packet: the command alone, or with spacing and points."""
     packets.put_real(packet, packets.COMMAND_V, way.volts[0])
     if way.marks[POINTS] > 0:
         packets.put_int(packet, packets.SPACING, way.marks[SPACING])
@@ -64,13 +64,13 @@ def put_way(packet: Bytes, way: Way) -> None:
 
 @part
 def words_of(way: Way) -> int:
-    """Return how many words `put_way` writes."""
+    """Return the number of words that `put_way` writes."""
     return way.marks[POINTS] + 2 if way.marks[POINTS] > 0 else 1
 
 
 @part
 def take_way(packet: Bytes, way: Way) -> None:
-    """Read what `put_way` wrote; where the spacing or a point is no good number, the command is held."""
+    """Read the words of a COMMAND; if the spacing or a point is out of range or NaN, the command is held."""
     points, spacing = max(int(packet[packets.COUNT]) - 2, 0), 1
     way.volts[0] = packets.get_real(packet, packets.COMMAND_V)
     if points > 0:

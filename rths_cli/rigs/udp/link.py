@@ -20,16 +20,16 @@ from rths_cli.rigs.udp.siphash import Bytes, Words
 
 OK, LOST, FAULT = range(3)  # what `exchange` returns
 NO_TIMEOUT_NS = 1 << 62
-SPIN_NS = 50_000  # looked for an answer so long before the thread sleeps: waking costs as long as a near target takes
+SPIN_NS = 50_000  # time in which the thread polls for an answer before it sleeps; waking up takes about as long
 
-# places in Link.counts: commands sent; answers taken, missing, missing in a row; packets that were late, doubled or
-# reordered, not genuine, genuine but never asked for; sends that failed; times the network called the peer unreachable
+# indices in Link.counts: commands sent; answers received, missing, missing in a row; packets that were late, repeated
+# or reordered, not authentic, authentic but not requested; sends that failed; reports of an unreachable peer
 SENT, ANSWERED, UNANSWERED, IN_A_ROW, LATE, DOUBLED, BAD, STRAY, UNSENT, UNREACHABLE = range(10)
 COUNTS = ("sent", "answered", "lost", "lost_in_a_row", "late", "doubled", "bad", "stray", "unsent", "unreachable")
 
-# places in Link.status: sequence numbers of step 0, of the last packet sent, of the newest answer; state, faults and
-# lost commands as the target last told; when the last packet left and its answer came (own clock), when the target
-# sampled and sent (its clock)
+# indices in Link.status: sequence numbers of step 0, of the last packet sent, of the newest answer; state, faults and
+# lost commands in the newest answer; times at which the last packet was sent and its answer came (own clock), and at
+# which the target sampled and sent (its clock)
 BASE, LAST, SEEN, STATE, FAULTS, TARGET_LOST, SENT_NS, RECEIVED_NS, SAMPLED_NS, ANSWERED_NS = range(10)
 
 _send = External("send", "intp", "intc", "uintp", "uintp", "intc")
@@ -42,24 +42,24 @@ _TRY_AGAIN, _INTERRUPTED = 11, 4  # EAGAIN, EINTR
 
 
 class Link(NamedTuple):
-    """A socket with all that an exchange reads and writes; c channels."""
+    """A socket with all arrays that an exchange reads and writes; c channels."""
 
     fd: int
     spin_ns: int
-    timeout_ns: int  # the longest that an answer may take, whatever its deadline
+    timeout_ns: int  # longest time of an answer, also before its deadline
     key: Words  # (2,) of the session
     outgoing: Bytes  # (MOST_BYTES,)
     incoming: Bytes  # (MOST_BYTES,)
     arming: Bytes  # (8 * ARM_WORDS,) the words of an ARM: the runner's nonce and the terms of the session
-    way: Way  # the next command to leave, and how it goes on where the one after it is late
-    samples_v: Array  # (c,) the last ones that came
+    way: Way  # the next command, with its preview
+    samples_v: Array  # (c,) the last samples that came
     status: IntArray
     counts: IntArray
-    scratch: IntArray  # (4,) times, and what is polled
+    scratch: IntArray  # (4,) times, and the argument of ppoll
 
 
 def begin_session(link: Link, key: Words, arming: bytes) -> None:
-    """Give a link the key (2,) of a session and the words of its ARM; nothing of an earlier session is left."""
+    """Prepare a link for a session with its key (2,) and the words of its ARM; all counts and states are reset."""
     link.key[:], link.arming[:] = key, np.frombuffer(arming, np.uint8)
     link.status[:], link.status[LAST], link.status[SEEN] = 0, -1, -1
     link.counts[:] = 0
@@ -80,7 +80,7 @@ def fresh_link(
 
 @part
 def error_of(link: Link) -> int:
-    """Return errno of the call that just failed."""
+    """Return the errno of the last failed call."""
     link.scratch[3] = 0
     _memcpy(link.scratch.ctypes.data + 24, _errno_location(), 4)  # type: ignore[operator]
     return link.scratch[3] & 0xFFFFFFFF
@@ -88,9 +88,9 @@ def error_of(link: Link) -> int:
 
 @part
 def post(link: Link, kind: int, sequence: int, command_v: float) -> int:
-    """Send a packet; return the time it left in ns.
+    """Send a packet; return the time of sending in ns.
 
-    What the network reports of an earlier packet ends the first call without sending; the second one sends.
+    If the network reports an error of an earlier packet, the first call of send fails; the second one then sends.
     """
     words = words_of(link.way) if kind == packets.COMMAND else packets.ARM_WORDS if kind == packets.ARM else 0
     packets.begin(link.outgoing, kind, words, sequence)
@@ -114,7 +114,7 @@ def post(link: Link, kind: int, sequence: int, command_v: float) -> int:
 
 @part
 def receive(link: Link) -> int:
-    """Return the size of the next packet that is there, -1 for none; more than fits is told and cut off."""
+    """Receive a waiting packet; return its full size, also if it was truncated, or -1 if there is none."""
     size = _recv(link.fd, link.incoming.ctypes.data, link.incoming.size, _AT_ONCE | _WHOLE_SIZE)  # type: ignore[operator]
     if size < 0:
         error = error_of(link)
@@ -125,7 +125,7 @@ def receive(link: Link) -> int:
 
 @part
 def wait(link: Link, time_ns: int) -> None:
-    """Sleep until a packet comes, at most for a time; a signal or an error may end it early."""
+    """Sleep until a packet comes, at most `time_ns`; a signal or an error may end it earlier."""
     link.scratch[0], link.scratch[1] = time_ns // 1_000_000_000, time_ns % 1_000_000_000
     link.scratch[2] = link.fd | _READABLE << 32
     times, polled = link.scratch.ctypes.data, link.scratch.ctypes.data + 16
@@ -134,9 +134,10 @@ def wait(link: Link, time_ns: int) -> None:
 
 @part
 def is_answer(link: Link, size: int, sequence: int, now: int) -> bool:
-    """Count a received packet and take what it says; return whether it is the answer to `sequence`.
+    """Count and evaluate a received packet; return whether it is the answer to `sequence`.
 
-    The state of the target is taken from any answer newer than those before, samples from the one asked for alone.
+    The target's state is taken from every answer that is newer than the ones before, the samples only from the answer
+    to `sequence`.
     """
     packet, counts = link.incoming, link.counts
     if not packets.is_genuine(packet, size, link.key):
@@ -162,7 +163,7 @@ def is_answer(link: Link, size: int, sequence: int, now: int) -> bool:
 
 @part
 def take_status(link: Link, now: int) -> None:
-    """Note what an answer says beside its samples."""
+    """Store state, faults and times of an answer."""
     packet, status = link.incoming, link.status
     status[STATE] = packet[packets.STATE]
     status[FAULTS] = packets.get_small(packet, packets.FAULTS)
@@ -174,7 +175,7 @@ def take_status(link: Link, now: int) -> None:
 
 @part
 def converse(link: Link, kind: int, k: int, command_v: float, deadline_ns: int) -> int:
-    """Send packet k of a kind, take its answer; return OK, LOST or FAULT as `exchange` does."""
+    """Send packet k of a kind and receive its answer; return OK, LOST or FAULT as `exchange` does."""
     sequence = link.status[BASE] + k
     now = post(link, kind, sequence, command_v)
     sleep_ns = now + link.spin_ns
@@ -216,6 +217,6 @@ def converse_at(link: Link, kind: int, k: int, command_v: float, instant_ns: int
 
 
 def prepare(channels: int) -> None:
-    """Load, or compile, what an exchange needs, so that no target waits for that."""
+    """Load or compile the code of an exchange in advance, so that no target has to wait for it."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as nowhere:
         converse_at.bind(fresh_link(nowhere, np.zeros(2, np.uint64), channels), packets.ARM, 0, 0.0, 0, 0)

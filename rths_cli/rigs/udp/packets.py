@@ -1,7 +1,7 @@
 """The packets byte by byte: every field, its place and type, and the tag (docs/reference/udp.md).
 
-A head of 40 bytes, up to 16 words of 8 bytes, a tag of 8 bytes over all before it. Compiled code reads and writes them
-in preallocated arrays; nothing here depends on the byte order of the machine.
+A packet has a header of 40 bytes, up to 16 words of 8 bytes, and a tag of 8 bytes over all preceding bytes. Compiled
+code reads and writes packets in preallocated arrays; nothing here depends on the byte order of the machine.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import numpy as np
 from rths_cli.numerics.compiled import entry, part
 from rths_cli.rigs.udp.siphash import Bytes, Words, get_word, siphash
 
-# where a field starts in the head
+# offsets of the fields in the header
 MAGIC, VERSION, KIND, COUNT, STATE, FAULTS, LOST, SEQUENCE, SENT_NS, INSTANT_NS, WORDS = (
     0,
     4,
@@ -27,7 +27,7 @@ MAGIC, VERSION, KIND, COUNT, STATE, FAULTS, LOST, SEQUENCE, SENT_NS, INSTANT_NS,
 )
 MAGIC_BYTES = b"RTHS"
 MAGIC_NUMBER = int.from_bytes(MAGIC_BYTES, "little")
-PROTOCOL = 3  # what stands at VERSION
+PROTOCOL = 3  # value of the field VERSION
 MOST_WORDS = 16
 TAG_BYTES = 8
 LEAST_BYTES = WORDS + TAG_BYTES
@@ -38,28 +38,28 @@ MOST_BYTES = (
 # kinds: to the target HELLO, ARM, COMMAND, REST, CLOSE; from it WELCOME, REFUSAL, SAMPLES
 HELLO, WELCOME, REFUSAL, ARM, COMMAND, SAMPLES, REST, CLOSE = range(1, 9)
 
-# the words of HELLO, WELCOME, REFUSAL and ARM: a nonce of 16 bytes first. HELLO is as long as WELCOME, its last two
-# words are 0, so that nobody gets more bytes out of a target than he sent
+# number of words of HELLO, WELCOME, REFUSAL and ARM; each begins with a nonce of 16 bytes. HELLO is as long as WELCOME,
+# with two words of 0 at its end, so that a target never answers with more bytes than it received
 HELLO_WORDS, WELCOME_WORDS, REFUSAL_WORDS, ARM_WORDS = 7, 7, 4, 5
 NONCE_BYTES = 16
 AFTER_NONCE = WORDS + NONCE_BYTES  # HELLO and ARM: channels, interval, watchdog; WELCOME: the target's nonce
 
-# the words of a COMMAND: alone, or with how many sample intervals lie between the points it goes on to, and these
+# the words of a COMMAND: the command alone, or with the spacing of its preview in sample intervals, and its points
 COMMAND_V, SPACING, FIRST_POINT = WORDS, WORDS + 8, WORDS + 16
 MOST_POINTS = MOST_WORDS - 2
 LONGEST_SPACING = 1000
 
-# states of the target: commands are obeyed in ARMED alone; RESTING leads the table to rest, RESTED ends the session
+# states of the target: commands are obeyed only in ARMED; RESTING brings the table to rest, RESTED ends the session
 IDLE, ARMED, RESTING, RESTED = range(4)
 
-# faults, a bit each; a target's own ones from TARGET_FAULT on
+# faults, one bit each; a target's own ones from TARGET_FAULT on
 WATCHDOG, END_STOP, EMERGENCY_STOP, BAD_COMMAND, SENSOR, ACTUATOR, OVERRUN = (1 << bit for bit in range(7))
 TARGET_FAULT = 1 << 16
 
-# why a target refuses a session
+# reasons of a REFUSAL
 NO_VERSION, BUSY, OTHER_CHANNELS, TOO_FAST, FAULTY = range(1, 6)
 
-# what `verdict` says of a packet
+# results of `verdict`
 GENUINE, MALFORMED, OTHER_VERSION, FORGED = range(4)
 
 
@@ -78,13 +78,13 @@ def put_int(packet: Bytes, at: int, value: int) -> None:
 
 @part
 def get_int(packet: Bytes, at: int) -> int:
-    """Return the whole number of 8 bytes at a place; beyond 2^63 - 1 it comes out negative."""
+    """Return the whole number of 8 bytes at an offset; a value beyond 2^63 - 1 becomes negative."""
     return np.int64(get_word(packet, at))  # type: ignore[return-value]
 
 
 @part
 def get_small(packet: Bytes, at: int) -> int:
-    """Return the unsigned number of 4 bytes at a place."""
+    """Return the unsigned number of 4 bytes at an offset."""
     value = 0
     for i in range(4):
         value |= int(packet[at + i]) << (8 * i)
@@ -99,13 +99,13 @@ def put_real(packet: Bytes, at: int, value: float) -> None:
 
 @part
 def get_real(packet: Bytes, at: int) -> float:
-    """Return the float64 at a place."""
+    """Return the float64 at an offset."""
     return np.uint64(get_word(packet, at)).view(np.float64)  # type: ignore[return-value]
 
 
 @part
 def begin(packet: Bytes, kind: int, count: int, sequence: int) -> None:
-    """Write the head of a packet with `count` words; state, faults, lost and times are 0 until put there."""
+    """Write the header of a packet with `count` words; state, faults, lost and times are set to 0."""
     for i in range(WORDS):
         packet[i] = 0
     put_bytes(packet, MAGIC, MAGIC_NUMBER, 4)
@@ -115,7 +115,7 @@ def begin(packet: Bytes, kind: int, count: int, sequence: int) -> None:
 
 @part
 def seal(packet: Bytes, key: Words) -> int:
-    """Close a packet with its tag under the key (2,); return its size in bytes."""
+    """Write the tag of a packet under the key (2,); return the packet's size in bytes."""
     end = WORDS + 8 * int(packet[COUNT])
     put_int(packet, end, np.int64(siphash(packet, end, key)))  # type: ignore[arg-type]
     return end + TAG_BYTES
@@ -125,7 +125,7 @@ def seal(packet: Bytes, key: Words) -> int:
 def verdict(packet: Bytes, size: int, key: Words) -> int:
     """Return GENUINE, MALFORMED, FORGED (the tag is wrong) or OTHER_VERSION (the tag is right) for received bytes.
 
-    `size` may be more than the array holds, as recv says of a packet cut off.
+    `size` may exceed the length of the array, because recv returns the full size of a truncated packet.
     """
     if size < LEAST_BYTES or size > MOST_BYTES or get_small(packet, MAGIC) != MAGIC_NUMBER:
         return MALFORMED
@@ -139,7 +139,7 @@ def verdict(packet: Bytes, size: int, key: Words) -> int:
 
 @part
 def is_whole(packet: Bytes) -> bool:
-    """Return whether the kind of a packet of a session, sent by a runner, may have as many words as it says."""
+    """Return whether a runner's packet of a session has a number of words that its kind permits."""
     kind, count = int(packet[KIND]), int(packet[COUNT])
     if kind == COMMAND:
         return count != 0 and count != 2
@@ -148,18 +148,18 @@ def is_whole(packet: Bytes) -> bool:
 
 @part
 def is_genuine(packet: Bytes, size: int, key: Words) -> bool:
-    """Return whether received bytes are a whole packet of this version, made by who knows the key (2,)."""
+    """Return whether received bytes are a complete packet of this version with a valid tag under the key (2,)."""
     return verdict(packet, size, key) == GENUINE
 
 
 @entry
 def seal_packet(packet: Bytes, kind: int, count: int, sequence: int, key: Words) -> int:
-    """Write head and tag around the words of a packet that carries no times; return its size in bytes."""
+    """Write header and tag of a packet without times, whose words are written already; return its size in bytes."""
     begin(packet, kind, count, sequence)
     return seal(packet, key)
 
 
 @entry
 def judge_packet(packet: Bytes, size: int, key: Words) -> int:
-    """Do what `verdict` does, called from Python."""
+    """Call `verdict` from Python."""
     return verdict(packet, size, key)

@@ -25,7 +25,7 @@ HELLO_WORDS, WELCOME_WORDS, REFUSAL_WORDS, ARM_WORDS = "<16s3q16x", "<16s16s3q",
 
 @dataclass(frozen=True)
 class Terms:
-    """What both sides agree on: channels, sample interval, and after how long without a command the table rests."""
+    """Terms of a session on which both sides agree; the watchdog is the longest time without a command."""
 
     channels: int
     interval_ns: int
@@ -34,22 +34,22 @@ class Terms:
 
 @dataclass(frozen=True)
 class Session:
-    """A key (2,) words that only this session's packets are made with, its terms, and the words of its ARM."""
+    """A session offered by a target."""
 
-    key: Words
+    key: Words  # (2,) key of this session's packets
     terms: Terms
-    arming: bytes
+    arming: bytes  # words of its ARM
 
 
 def session_key(secret: Words, runner_nonce: bytes, target_nonce: bytes) -> Words:
-    """Return the key (2,) of a session: SipHash under the secret of label, number of the word, and both nonces."""
+    """Return the key (2,) of a session; a word is SipHash, under the secret, of label, word number and both nonces."""
     key, nonces = np.zeros(2, np.uint64), np.frombuffer(bytearray(runner_nonce + target_nonce), np.uint8)
     make_session_key(nonces, secret, np.zeros(48, np.uint8), key)
     return key
 
 
 def prepare() -> None:
-    """Load, or compile, what a handshake needs, so that no peer waits for that."""
+    """Load or compile the code of a handshake in advance, so that no peer has to wait for it."""
     secret = np.zeros(2, np.uint64)
     judge(sealed(packets.HELLO, b"", secret), secret)
     session_key(secret, bytes(NONCE_BYTES), bytes(NONCE_BYTES))
@@ -65,9 +65,8 @@ def greet(
 ) -> Session:
     """Send HELLO on a connected socket until the target answers; return the session.
 
-    `peer` names the target in messages. A table that is armed or not yet at rest is waited for as long as `patience_s`;
-    a target that says nothing, for `timeout_s`.
-    Raises RigError when the target refuses or stays silent.
+    `peer` names the target in messages. `timeout_s`: longest wait for a silent target; `patience_s`: longest wait for a
+    table that is armed or not yet at rest. Raises RigError if the target refuses or stays silent.
     """
     prepare()
     nonce = secrets.token_bytes(NONCE_BYTES)
@@ -89,7 +88,7 @@ def greet(
 
 
 def sealed(kind: int, content: bytes, key: Words, sequence: int = 0) -> bytes:
-    """Return a packet without times, made in Python; `content` holds its words, the key is (2,)."""
+    """Return a packet without times as bytes; `content` holds its words, the key is (2,)."""
     packet = np.zeros(packets.MOST_BYTES, np.uint8)
     packet[packets.WORDS : packets.WORDS + len(content)] = np.frombuffer(content, np.uint8)
     size = packets.seal_packet(packet, kind, len(content) // 8, sequence, key)
@@ -97,7 +96,7 @@ def sealed(kind: int, content: bytes, key: Words, sequence: int = 0) -> bytes:
 
 
 def judge(data: bytes, key: Words) -> int:
-    """Return what wire.verdict says of received bytes under a key (2,)."""
+    """Return the result of packets.verdict for received bytes under a key (2,)."""
     packet = np.zeros(packets.MOST_BYTES, np.uint8)
     kept = data[: packets.MOST_BYTES]
     packet[: len(kept)] = np.frombuffer(kept, np.uint8)
@@ -105,7 +104,7 @@ def judge(data: bytes, key: Words) -> int:
 
 
 def _is_busy(data: bytes, secret: Words, nonce: bytes) -> bool:
-    """Tell whether a packet refuses this nonce because the table is armed or not yet at rest."""
+    """Return whether a packet refuses this nonce because the table is armed or not yet at rest."""
     words = data[packets.WORDS : packets.AFTER_NONCE + 8]
     return (
         judge(data, secret) == packets.GENUINE
@@ -115,7 +114,7 @@ def _is_busy(data: bytes, secret: Words, nonce: bytes) -> bool:
 
 
 def _welcomed(data: bytes, secret: Words, nonce: bytes, peer: str) -> Session | None:
-    """Return the session of a WELCOME to this nonce, None for any other packet; a refusal raises RigError."""
+    """Return the session of a WELCOME for this nonce, None for any other packet; raises RigError for a REFUSAL."""
     judged = judge(data, secret)
     if (
         judged not in (packets.GENUINE, packets.OTHER_VERSION)
@@ -134,7 +133,7 @@ def _welcomed(data: bytes, secret: Words, nonce: bytes, peer: str) -> Session | 
 
 
 def _send(link: socket.socket, packet: bytes) -> None:
-    """Send a packet; what the network says against it now or of an earlier one shows as silence."""
+    """Send a packet; network errors, also of an earlier packet, are ignored and appear as a silent target."""
     try:
         link.send(packet)
     except OSError:

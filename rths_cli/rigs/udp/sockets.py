@@ -9,14 +9,14 @@ from rths_cli.errors import InputError, RigError
 
 
 class _UnknownHost(Exception):
-    """A host has no address: a clause with the reason."""
+    """Raised for a host without an address, with a clause that gives the reason."""
 
 
 def connected(host: str, port: int) -> list[tuple[socket.socket, str]]:
     """Return a socket connected to each address of a host, with its name for messages, IPv4 first.
 
-    A connected socket receives from that address and port alone. The sockets do not block.
-    Raises RigError for a host that is not known or not to be reached.
+    A connected socket receives only from that address and port. The sockets are non-blocking.
+    Raises RigError if the host is unknown or cannot be reached.
     """
     found, fault = [], ""
     try:
@@ -43,16 +43,15 @@ def connected(host: str, port: int) -> list[tuple[socket.socket, str]]:
 
 
 def on_this_machine(link: socket.socket) -> bool:
-    """Tell whether a connected socket reaches this machine itself: a loopback address, or its own."""
+    """Return whether a connected socket leads to this machine: to a loopback address, or to its own address."""
     here, there = (name()[0].partition("%")[0] for name in (link.getsockname, link.getpeername))
     return bool(here == there or ipaddress.ip_address(there).is_loopback)
 
 
 def bound(host: str, port: int) -> socket.socket:
-    """Return a socket that does not block and receives at an address; port 0 takes a free one.
+    """Return a non-blocking socket bound to an address; port 0 selects a free one.
 
-    Raises InputError for a host that is not known, RigError where the address is not this machine's or the port is in
-    use.
+    Raises InputError if the host is unknown, RigError if the address is not this machine's or the port is in use.
     """
     try:
         family, _, _, _, address = _addresses(host, port)[0]

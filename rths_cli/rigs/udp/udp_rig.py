@@ -21,37 +21,33 @@ from rths_cli.rigs.udp.session import GREETING_S, Session, Terms, greet
 from rths_cli.rigs.udp.siphash import Words
 from rths_cli.rigs.udp.sockets import connected, on_this_machine
 
-ANSWER_SHARE = 0.7  # of the sample interval, in which an answer must come where the rig file does not say
-ARMING_TRIES = 50  # to arm a target that does not answer, before a session is begun anew, once
-FRESH_S = 5.0  # a target accepts an ARM at least 10 s after its WELCOME
-AT_REST_S = 2.0  # within which a target leads its table to rest
-RESTING_S = 6.0  # so long it is asked whether it did
-SILENT_S = 0.5  # of a peer that is asked to rest, until it is taken for dead
-PAUSE_S = 0.02  # between two questions to a target at leisure
+ANSWER_SHARE = 0.7  # default timeout of an answer over the sample interval
+ARMING_TRIES = 50  # ARM packets without an answer before a new session is begun, once
+FRESH_S = 5.0  # age of a WELCOME after which a new one is requested; a target accepts an ARM for at least 10 s
+AT_REST_S = 2.0  # time in which a target brings its table to rest
+RESTING_S = 6.0  # time in which the target is asked to confirm that
+SILENT_S = 0.5  # a target that does not answer REST for this time counts as dead
+PAUSE_S = 0.02  # interval of packets that are not time-critical
 IN_S = 1e-9
 
 
 @dataclass(frozen=True)
 class UdpTarget:
-    """Where a target is and how patient the runner is with it.
-
-    `timeout_s`: how long to wait for an answer, None for a share of the sample interval. `watchdog_s`: after how long
-    without a command the target is to rest its table. `lost_samples`: answers that may miss in a row.
-    """
+    """Address of a target, and the limits of its exchange."""
 
     host: str
     port: int
-    key_file: Path | None = None
-    timeout_s: float | None = None
-    watchdog_s: float = 0.1
-    lost_samples: int = 5
+    key_file: Path | None = None  # None: the file that RTHS_KEY_FILE names
+    timeout_s: float | None = None  # longest wait for an answer; None: ANSWER_SHARE of the sample interval
+    watchdog_s: float = 0.1  # requested watchdog: longest time without a command
+    lost_samples: int = 5  # tolerated number of consecutive lost answers
 
 
 class UdpRig:
-    """A rig behind UDP, paced by this machine's monotonic clock: `exchange` sends at t_k and takes the samples of t_k.
+    """A rig behind UDP, clocked by this machine's monotonic clock: `exchange` sends at t_k and returns its samples.
 
-    `link` serves compiled loops as well, which then count k on from the last step. `at_rest` tells after `rest`
-    whether the target confirmed it; `overruns` counts the exchanges asked for more than an interval late.
+    Compiled loops use `link` directly and continue to count k from the last step. After `rest`, `at_rest` states
+    whether the target confirmed it. `overruns` counts the exchanges that were requested more than an interval late.
     """
 
     offers = (COMPILED_LINK,)
@@ -66,7 +62,7 @@ class UdpRig:
         self.peer = f"{target.host}:{target.port}"
         self._door: socket.socket | None = None
         self._link: Link | None = None
-        self._secret: Words  # what the key file held when the rig was opened
+        self._secret: Words  # content of the key file when the rig was opened
         self._start_ns = 0
         self._greeted_s = 0.0
         self._dt_ns = round(info.dt_s / IN_S)
@@ -74,7 +70,7 @@ class UdpRig:
 
     @property
     def link(self) -> Link:
-        """Return the open link; raises RigError when there is none."""
+        """Return the open link; raises RigError if the rig is not open."""
         if self._link is None:
             raise RigError(f"rig {self.info.name}: the link to {self.peer} is not open")
         return self._link
@@ -96,7 +92,7 @@ class UdpRig:
         return {name: int(count) for name, count in zip(links.COUNTS, self.link.counts, strict=True)}
 
     def open(self) -> None:
-        """Begin a session with the target; raise RigError when it refuses or stays silent."""
+        """Begin a session with the target; raises RigError if it refuses or stays silent."""
         if not REAL_TIME:
             raise RigError("a rig over UDP needs Linux; offline runs on a virtual rig work here")
         self.close()
@@ -111,7 +107,7 @@ class UdpRig:
     def arm(self) -> Array:
         """Enable motion and return the samples of step 0 in V, (n_channels,); step k follows k intervals later."""
         link = self.link
-        first = bool(link.status[links.LAST] < 0)  # a session that has moved is not begun again
+        first = bool(link.status[links.LAST] < 0)  # a session that has been armed is not begun again
         if first and time.monotonic() - self._greeted_s > FRESH_S:
             self._greet_again()
         self.at_rest = False
@@ -127,16 +123,17 @@ class UdpRig:
         return link.samples_v
 
     def exchange(self, command_v: float) -> Array:
-        """Send a command at the next sample instant, return the samples of that instant in V, (n_channels,).
+        """Send a command in V at the next sample instant; return the samples of that instant in V, (n_channels,).
 
-        After a lost answer they are the last that came. Raises RigError on a fault or when too many were lost.
+        After a lost answer they are the last samples that came. Raises RigError on a fault, or if too many answers were
+        lost.
         """
         link = self.link
         if not math.isfinite(command_v):
             raise RigError(f"rig {self.info.name}: the command is not a number; it was not sent")
         k = self.next_step
         late_ns = time.monotonic_ns() - self._instant_ns(k)
-        if late_ns > self._dt_ns:  # sent at once; the instants without a command use up their numbers
+        if late_ns > self._dt_ns:  # sent at once; the numbers of the missed instants are skipped
             k += late_ns // self._dt_ns
             self._start_ns += late_ns % self._dt_ns
             self.overruns += 1
@@ -148,7 +145,7 @@ class UdpRig:
         return link.samples_v
 
     def fault(self) -> str:
-        """Return what is wrong with target or link, empty when nothing is."""
+        """Return the fault of target or link, "" without one."""
         try:
             self._check(f"rig {self.info.name}: the target {self.peer} stopped")
         except RigError as fault:
@@ -156,9 +153,9 @@ class UdpRig:
         return self._lost() if self.link.counts[links.IN_A_ROW] > self.target.lost_samples else ""
 
     def rest(self) -> None:
-        """Have the target lead its table to rest and disable motion; `at_rest` tells whether it confirmed that.
+        """Let the target bring its table to rest and disable motion; `at_rest` states whether it confirmed that.
 
-        Safe at any time: without a session, twice, and with a dead peer, whose own watchdog then rests the table.
+        It may be called at any time: without a session, twice, and with a dead peer, whose watchdog then acts.
         """
         if self._link is None or self.at_rest:
             return
@@ -171,8 +168,8 @@ class UdpRig:
                 time.sleep(0.0 if self.at_rest else PAUSE_S)
 
     def close(self) -> None:
-        """End the session and let go of the socket; safe to call twice. A table that still moves is led to rest."""
-        if self._link is not None and self._link.status[links.LAST] >= 0:  # before ARM the target knows of no session
+        """End the session and close the socket; safe to call twice. A moving table is brought to rest."""
+        if self._link is not None and self._link.status[links.LAST] >= 0:  # before ARM the target has no session
             for _ in range(3):
                 if self._hears(packets.CLOSE):
                     break
@@ -181,25 +178,25 @@ class UdpRig:
         self._door = self._link = None
 
     def _begin(self, session: Session) -> None:
-        """Take a session that the target offers; raise RigError where its terms are others than the rig's."""
+        """Accept a session that the target offers; raises RigError if its terms differ from the rig's."""
         self._check_terms(session.terms)
         self._greeted_s = time.monotonic()
         begin_session(self.link, session.key, session.arming)
 
     def _greet_again(self) -> None:
-        """Begin a session anew, as another runner's or a target's restart may have made the first one worthless.
+        """Begin a new session, because another runner or a restart of the target may have invalidated the first one.
 
-        The table may be armed although no answer said so; its watchdog rests it then.
+        The table may be armed although no answer arrived; then its watchdog brings it to rest.
         """
         assert self._door is not None  # a link is open
         patience_s = self.target.watchdog_s + AT_REST_S
         self._begin(greet(self._door, self.peer, self._secret, self._wanted(), GREETING_S, patience_s))
 
     def _armed(self, first: bool) -> bool:
-        """Ask the target to arm until it answers, and tell whether it did; raise RigError where it cannot.
+        """Send ARM until the target answers; return whether it did. Raises RigError if the target cannot arm.
 
-        Where this process was held up for so long that the watchdog ended a session of which this is the `first` ARM,
-        another one is worth a try.
+        If this process was stalled until the watchdog ended a session right after its `first` ARM, False is returned,
+        so that another session can be tried.
         """
         for _ in range(ARMING_TRIES):
             if self._ask(packets.ARM) == links.OK:
@@ -210,17 +207,17 @@ class UdpRig:
         return False
 
     def _hears(self, kind: int) -> bool:
-        """Send a packet without a command; tell whether an answer came, were it to an earlier one that was late."""
+        """Send a packet without a command; return whether any answer came, also a late one to an earlier packet."""
         seen = int(self.link.status[links.SEEN])
         self._ask(kind)
         return bool(self.link.status[links.SEEN] > seen)
 
     def _wanted(self) -> Terms:
-        """Return the terms that a session is asked for with."""
+        """Return the requested terms of a session."""
         return Terms(len(self.info.channels), self._dt_ns, round(self.target.watchdog_s / IN_S))
 
     def _greet(self) -> tuple[socket.socket, str, Session]:
-        """Return socket, name and session of the first address of the host that answers."""
+        """Return socket, name and session for the first address of the host that answers."""
         found = connected(self.target.host, self.target.port)
         fault: RigError | None = None
         for i, (door, peer) in enumerate(found):
@@ -236,7 +233,7 @@ class UdpRig:
         raise fault or RigError(f"target {self.peer} has no address")
 
     def _check_terms(self, told: Terms) -> None:
-        """Raise RigError where a target grants other terms than were asked for."""
+        """Raise RigError if the granted terms differ from the requested ones."""
         channels, watchdog_ns = len(self.info.channels), round(self.target.watchdog_s / IN_S)
         if told.channels != channels or told.interval_ns != self._dt_ns:
             raise RigError(
@@ -265,7 +262,7 @@ class UdpRig:
         return int(converse_at(self.link, kind, self.next_step, 0.0, 0, round(PAUSE_S / IN_S)))
 
     def _check(self, text: str) -> None:
-        """Raise RigError where the target reported a fault or left the armed state."""
+        """Raise RigError if the target reported a fault or left the armed state."""
         status = self.link.status
         if status[links.FAULTS]:
             raise RigError(f"{text}: {fault_names(int(status[links.FAULTS]))}")
@@ -273,7 +270,10 @@ class UdpRig:
             raise RigError(f"{text}: it has led its table to rest")
 
     def _lost(self) -> str:
-        """Return why a run ended for lost answers: at the first beyond the limit; more are lost on the way to rest."""
+        """Return the sentence on a run that ended because of lost answers.
+
+        It states the number at which the run ended, because more answers may be lost on the way to rest.
+        """
         counts, limit = self.counts, self.target.lost_samples
         return (
             f"rig {self.info.name}: {limit + 1} answers of target {self.peer} in a row were lost, "

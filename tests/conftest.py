@@ -7,6 +7,7 @@ import signal
 from typing import TYPE_CHECKING
 
 import pytest
+from hypothesis import settings
 
 from rths_cli.cli.entry_point import BLAS_THREADS
 
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from rths_cli.identification.results import Identification
 
 DEFAULT = "el_centro_low_ff_fb"
+settings.register_profile("same_every_time", derandomize=True, database=None)
+settings.load_profile("same_every_time")
 os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))  # as the command does, before numpy is imported
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell starts what runs in its background
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a test that is interrupted would wait for ever

@@ -158,6 +158,12 @@ class Motion:
         """Return a part of the stretch."""
         return Motion(self.table[part], self.floors[:, part])
 
+    @property
+    def shows_floors(self) -> bool:
+        """Tell whether a floor moves by a bit of its channel or more, in the samples that `transform` uses."""
+        used = self.floors[:, : _fast_length(len(self.table) - 1) + 1]
+        return bool((np.ptp(used, axis=1) > 0.0).any())
+
 
 @dataclass(frozen=True)
 class Start:
@@ -223,7 +229,7 @@ def _approached(motions: Sequence[Motion], dt_s: float, masses: Array, low_hz: f
         band = _band(low_hz, masses, start, near)
         parts = [motion.cut(_middle(len(motion.table), length)) for motion in motions]
         length *= LONGER
-        if not all(np.ptp(part.floors) > 0.0 for part in parts):
+        if not all(part.shows_floors for part in parts):
             continue
         theta = _fitted([transform(part, dt_s, band) for part in parts], masses, near).parameters
         stiffness, ratios = np.split(np.exp(theta), 2)
@@ -251,7 +257,8 @@ def fit_stretches(
     whole = fit_specimen(motions, dt_s, masses_kg, low_hz, start)
     first = Start(whole.stiffness_n_per_m, whole.damping_ratio)
     least = least_samples(whole.natural_frequency_hz, dt_s, low_hz)
-    pieces = [motion.cut(part) for motion in motions for part in stretches_of(motion.floors, free, least)]
+    parts = [motion.cut(part) for motion in motions for part in stretches_of(motion.floors, free, least)]
+    pieces = [piece for piece in parts if piece.shows_floors]
     if len(pieces) < 2:
         return _trusted(whole, np.ones(len(whole.damping_ratio)), np.ones(len(whole.damping_ratio)), dt_s)
     fits = [fit_specimen([piece], dt_s, masses_kg, low_hz, first) for piece in pieces]

@@ -149,6 +149,21 @@ def test_a_fit_finds_its_way_over_a_stretch_in_which_the_floors_rest() -> None:
     assert found.residual > 0.01 and np.isfinite(found.natural_frequency_hz).all()
 
 
+def test_a_stretch_in_which_no_floor_shows_anything_does_not_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its last sample alone moves by a bit, and a transform of that length leaves it out."""
+    specimen, table = make_specimen(), table_motion()
+    moved = floors(specimen, table)
+    moved[:, 20000:40000] = 0.0
+    moved[:, 39999] = 1e-3
+    start = Start(storey_values(specimen.K), np.full(2, 0.04))
+    monkeypatch.setattr(room, "stretches_of", lambda *_: (slice(0, 20000), slice(20000, 40000), slice(40000, 60000)))
+    found = fit_stretches([Motion(table, moved)], DT, specimen.masses_kg, 0.5, start, free=False)
+    assert np.isfinite(found.frequency_scatter_hz).all()
+    monkeypatch.setattr(room, "stretches_of", lambda *_: (slice(0, 20000), slice(20000, 40000)))
+    alone = fit_stretches([Motion(table, moved)], DT, specimen.masses_kg, 0.5, start, free=False)
+    assert np.isnan(alone.frequency_scatter_hz).all()
+
+
 def test_a_short_motion_has_no_scatter_but_an_error() -> None:
     specimen, table = make_specimen(), table_motion()[:1100]
     moved = floors(specimen, table) + 0.01 * np.random.default_rng(3).standard_normal((2, 1100))

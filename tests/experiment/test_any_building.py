@@ -18,6 +18,8 @@ from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.run_case import Ended, run_case
 from rths_cli.experiment.setup import make_setup
 from rths_cli.files.result_reader import read_result
+from rths_cli.identification import identify_specimen
+from rths_cli.identification.specimen_fit import Start
 
 ONE_STOREY = {
     "numerical": {"masses_kg": [7.0], "stiffness_n_per_m": [8000.0]},
@@ -76,14 +78,19 @@ def test_coarse_converters_on_a_table_whose_force_ends_before_its_data_sheet_say
     assert any("measured again at half the level" in warning for warning in ended.warnings)
 
 
-def test_floors_whose_first_look_goes_astray_are_found(tmp_path: Path) -> None:
+def test_floors_whose_first_look_goes_astray_are_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Without a model of the table the alias of its staircase hides the highest of seven modes, here at 640 Hz."""
     path = tmp_path / "case.yaml"
     table = {"extends": "aps400_virtual", "converters": {"bits": 18, "latency_samples": 3}}
     case = {"structure": SEVEN_FLOORS, "damping": {"first_mode_ratio": 0.03}, "table": table, "sample_rate_hz": 640.0}
     path.write_text(json.dumps({"record": "el_centro", "scaling": 0.2, "controller": "FF", **case}))
     setup = make_setup(load_cases([path])[0])
+    looks: list[Start] = []
+    first_look = identify_specimen.first_look
+    monkeypatch.setattr(identify_specimen, "first_look", lambda data: looks.append(first_look(data)) or looks[-1])
     found = Memory().identify(setup, lambda _: None)
+    ratios = SEVEN_FLOORS["experimental"]["damping_ratios"]
+    assert [look.damping_ratio for look in looks] == [pytest.approx(ratios, rel=0.2)]
     K, masses = setup.building.specimen.K, setup.building.specimen.masses_kg
     truth = np.sqrt(eigh(K, np.diag(masses), eigvals_only=True)) / (2.0 * np.pi)
     assert found.verdict.accepted, found.verdict.reasons

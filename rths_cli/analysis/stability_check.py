@@ -37,6 +37,7 @@ GROWN = 1e3  # growth over the record from which a loop is called unstable
 LOWEST_HZ, POINTS, AROUND, WIDTH = 0.05, 1500, 100, 0.2  # grid: start, points, points and half width per loop mode
 MODES_HZ = 60.0  # highest loop mode around which the grid is refined
 LEAST_LOOP = 1e-12  # a smaller loop gain counts as zero
+NO_ZEROS = np.empty(0, dtype=complex)
 
 
 @dataclass(frozen=True)
@@ -203,7 +204,7 @@ def stability(
     gains = np.stack([_worst_gain(each, frequency, max(model.band_hz[1], COMPARED_HZ)) for each in (seen, loop.loop)])
     errors = np.stack([_tolerated(each, gain) for each, gain in zip((seen, loop.loop), gains, strict=True)])
     tolerated, gain = errors.min(axis=0), np.where(errors[0] <= errors[1], *gains)
-    wanted = required(frequency, model.band_hz, scatter, levels)
+    wanted = required(frequency, model.band_hz, scatter, levels, model.zeros)
     nearest = int(np.argmin(tolerated / wanted))
     weakest = int(np.argmin(np.where(frequency <= COMPARED_HZ, tolerated, math.inf)))
     apart = np.abs((1.0 + seen) / (1.0 + loop.loop) - 1.0)
@@ -243,19 +244,39 @@ def _tolerated(loop: ComplexArray, gain: Array) -> Array:
     return np.abs(1.0 + gain * loop) / np.maximum(np.abs(gain * loop), LEAST_LOOP)
 
 
-def required(frequency_hz: Array, band_hz: tuple[float, float], scatter: Array, levels: Sequence[LevelBand]) -> Array:
+def required(
+    frequency_hz: Array, band_hz: tuple[float, float], scatter: Array, levels: Sequence[LevelBand],
+    zeros: ComplexArray = NO_ZEROS,
+) -> Array:  # fmt: skip
     """Return the error (n,) of the table's response that a loop must tolerate in addition to a change of its gain.
 
-    It is the error that identification and verification cannot exclude, at most 1. Its terms are the change that a
-    verification accepts, SIGMA times the uncertainty `scatter` (n,) of the measured response, the change with the level
-    and with friction, and unknown modes beyond the identified band `band_hz`. A mode at twice the end of the band adds
+    It is the error that identification and verification cannot exclude. Its terms are the change that a verification
+    accepts, SIGMA times the uncertainty `scatter` (n,) of the measured response, the change with the level and with
+    friction, and unknown modes beyond the identified band `band_hz`. A mode at twice the end of the band adds
     (f / f_0)^2 below it. Below the band, and above COMPARED_HZ, the verification is coarse, and its term is that of a
-    table without a record at low level.
+    table without a record at low level. The sum is at most 1, unless the floors show a mode beyond the band: a zero of
+    the table's model (`zeros` (n,) in rad/s) whose pole was not measured (`_beside`).
     """
     compared = (frequency_hz >= band_hz[0]) & (frequency_hz <= COMPARED_HZ) & bool(levels)
     unseen = np.where(compared, UNSEEN_CHANGE, UNCOMPARED_CHANGE)
     beyond = (frequency_hz / (2.0 * max(band_hz[1], COMPARED_HZ))) ** 2
-    return np.minimum(unseen + SIGMA * scatter + _by_level(frequency_hz, levels) + beyond, 1.0)
+    total = np.minimum(unseen + SIGMA * scatter + _by_level(frequency_hz, levels) + beyond, 1.0)
+    return np.maximum(total, _beside(frequency_hz, max(band_hz[1], COMPARED_HZ), zeros))
+
+
+def _beside(frequency_hz: Array, end_hz: float, zeros: ComplexArray) -> Array:
+    """Return the error (n,) of the table's response by modes between the end of the identified band and twice that.
+
+    The mode of a floor on a table at rest is a zero of the table's response, and a pole of about its damping stands
+    near it. Where the pole was not measured, the response may be wrong by the motion of an oscillator at the mode's
+    frequency, r^2 / |1 - r^2 + 2 i z r| of its static response with r = f / f_0, up to 1 / 2 z at the mode itself.
+    """
+    modes = zeros[(zeros.imag > 2.0 * np.pi * end_hz) & (np.abs(zeros) < 4.0 * np.pi * end_hz)]
+    motion = np.zeros(len(frequency_hz))
+    for zero in modes:
+        s = 2j * np.pi * frequency_hz
+        motion = np.maximum(motion, np.abs(s**2 / ((s - zero) * (s - zero.conjugate()))))
+    return motion
 
 
 def _by_level(frequency_hz: Array, levels: Sequence[LevelBand]) -> Array:

@@ -142,6 +142,17 @@ def test_the_required_tolerance_is_what_identification_and_verification_leave_op
     assert required(f, (0.7, 5.0), exact, calm)[1] == pytest.approx(0.26)  # never below the band compared
 
 
+def test_a_mode_of_the_specimen_beyond_the_band_counts_with_its_resonance() -> None:
+    """An oscillator of 2 % damping below, at and above its frequency; modes in the band and far beyond do not count."""
+    f, exact, band = np.array([20.0, 40.0, 60.0]), np.zeros(3), (0.7, 35.0)
+    mode = 2.0 * np.pi * 40.0 * np.exp(1j * (np.pi - np.arccos(0.02)) * np.array([1.0, -1.0]))
+    at_ends = [1.0 / 3.0 / abs(1.0 + 0.04j * 0.5 / 0.75), 25.0, 2.25 / abs(1.25 - 0.06j)]
+    found = required(f, band, exact, (), mode)
+    assert found == pytest.approx([max(0.06 + (20.0 / 70.0) ** 2, at_ends[0]), *at_ends[1:]], rel=1e-9)
+    for beside in (mode * 34.0 / 40.0, mode * 71.0 / 40.0, mode.real.astype(complex)):
+        assert required(f, band, exact, (), beside) == pytest.approx(required(f, band, exact, ()))
+
+
 def test_a_poor_record_at_low_level_is_no_better_than_none() -> None:
     """The noisier it is the more is left open, up to what is asked without it."""
     f, found = np.array([3.0]), []

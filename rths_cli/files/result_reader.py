@@ -13,7 +13,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import open_regular
-from rths_cli.files.hdf5 import Dataset, datasets, numbers, text
+from rths_cli.files.hdf5 import SOURCES, Dataset, datasets, numbers, text
 from rths_cli.files.hdf5_heaps import check_heaps
 from rths_cli.files.hdf5_safety import LayoutError, attribute, attributes, check_numbers, part, quiet, scalar, values_of
 from rths_cli.files.result_schema import check_attributes, check_series, check_values, figure_fault
@@ -186,6 +186,8 @@ def _dataset(path: Path, file: h5py.File, name: str) -> Dataset:
     scales = list(_scales_of(node, name))
     check_series(name, node.shape, scales, lambda other: _shape(file, other))
     units, long_name, source = (text(found, key) for key in ("units", "long_name", "source"))
+    if not units or not long_name or source not in SOURCES:
+        raise LayoutError(f"has a dataset {name} without units, long_name or a source among {', '.join(SOURCES)}")
     dims = tuple(scale.rpartition("/")[2] for scale, _ in scales)
     values = values_of(found, name)
     check_values(name, values)

@@ -105,6 +105,15 @@ def filled(name: str, value: float) -> Edit:
     return edit
 
 
+def unnamed(key: str, value: str) -> Edit:
+    """Give a series a unit, a meaning or a source that rths writes for none."""
+
+    def edit(file: h5py.File) -> None:
+        file["sim/base_shear_n"].attrs[key] = value
+
+    return edit
+
+
 DAMAGES: dict[str, tuple[Edit, str]] = {
     "link to a pipe": (linked(h5py.ExternalLink("pipe", "/")), "link to another place or file at sim"),
     "soft link": (linked(h5py.SoftLink("/metrics")), "link to another place"),
@@ -125,6 +134,9 @@ DAMAGES: dict[str, tuple[Edit, str]] = {
     "series without a scale": (replaced("sim/base_shear_n", np.ones(40)), "not the scale time_s of its own group"),
     "truth of other length": (put("sim/truth/table_accel_m_s2", 40), "40 samples of sim/truth/.* and 50 of sim/time_s"),
     "run beyond the record": (put("exp_rths/command_v", 60), "60 samples of exp_rths/.* and 50 of record/time_s"),
+    "series without a unit": (unnamed("units", ""), "sim/base_shear_n without units, long_name or a source"),
+    "series without a meaning": (unnamed("long_name", ""), "sim/base_shear_n without units, long_name or a source"),
+    "series of another source": (unnamed("source", "guessed"), "sim/base_shear_n without units, long_name or a source"),
     "matrix of other size": (replaced("controller/feedback/B", np.ones((5, 1))), "controller/feedback that do not fit"),
     "matrix of one axis": (replaced("controller/feedback/D", np.ones(3)), "not the four matrices"),
     "matrix of texts": (replaced("controller/feedback/D", [["x"]]), "no numbers in controller/feedback/D"),

@@ -34,7 +34,8 @@ ROOM_PARTS = 4  # slow motions are fitted to the last one of this many parts of 
 FINER = 8  # points of a peak's series per point at the reduced rate
 MOST_GROWN = 1e99  # largest stated growth; result files hold no larger numbers
 GROWN = 1e3  # growth over the record from which a loop is called unstable
-LOWEST_HZ, POINTS, AROUND, WIDTH = 0.05, 1500, 100, 0.2  # grid: start, points, points and half width per loop mode
+# grid: start, points up to 0.4 of the sample rate, points from there on and around each loop mode, half width of those
+LOWEST_HZ, POINTS, AROUND, WIDTH = 0.05, 1500, 100, 0.2
 MODES_HZ = 60.0  # highest loop mode around which the grid is refined
 LEAST_LOOP = 1e-12  # a smaller loop gain counts as zero
 NO_ZEROS = np.empty(0, dtype=complex)
@@ -254,8 +255,8 @@ def required(
     accepts, SIGMA times the uncertainty `scatter` (n,) of the measured response, the change with the level and with
     friction, and unknown modes beyond the identified band `band_hz`. A mode at twice the end of the band adds
     (f / f_0)^2 below it. Below the band, and above COMPARED_HZ, the verification is coarse, and its term is that of a
-    table without a record at low level. The sum is at most 1, unless the floors show a mode beyond the band: a zero of
-    the table's model (`zeros` (n,) in rad/s) whose pole was not measured (`_beside`).
+    table without a record at low level. The sum is at most 1, unless the table's model has a resonance beyond the band:
+    a zero (`zeros` (n,) in rad/s), often a mode that the floors show, beside which no pole was measured (`_beside`).
     """
     compared = (frequency_hz >= band_hz[0]) & (frequency_hz <= COMPARED_HZ) & bool(levels)
     unseen = np.where(compared, UNSEEN_CHANGE, UNCOMPARED_CHANGE)
@@ -265,13 +266,13 @@ def required(
 
 
 def _beside(frequency_hz: Array, end_hz: float, zeros: ComplexArray) -> Array:
-    """Return the error (n,) of the table's response by modes between the end of the identified band and twice that.
+    """Return the error (n,) of the table's response by zeros beyond the end of the identified band, one per pair.
 
-    The mode of a floor on a table at rest is a zero of the table's response, and a pole of about its damping stands
+    The mode of the floors on a table at rest is a zero of the table's response, and a pole of about its damping stands
     near it. Where the pole was not measured, the response may be wrong by the motion of an oscillator at the mode's
-    frequency, r^2 / |1 - r^2 + 2 i z r| of its static response with r = f / f_0, up to 1 / 2 z at the mode itself.
+    frequency, r^2 / |1 - r^2 + 2 i z r| with r = f / f_0, which at the mode itself is 1 / 2 z.
     """
-    modes = zeros[(zeros.imag > 2.0 * np.pi * end_hz) & (np.abs(zeros) < 4.0 * np.pi * end_hz)]
+    modes = zeros[zeros.imag > 2.0 * np.pi * end_hz]
     motion = np.zeros(len(frequency_hz))
     for zero in modes:
         s = 2j * np.pi * frequency_hz
@@ -302,7 +303,7 @@ def _beyond_scatter(ratio: ComplexArray, scatter: Array) -> ComplexArray:
 
 
 def _grid(values: ComplexArray, dt_s: float) -> Array:
-    """Return the frequencies (n,) in Hz at which the loop is evaluated, with a dense grid around its modes.
+    """Return the frequencies (n,) in Hz at which the loop is evaluated, to half the sample rate, dense at its modes.
 
     `values` (n,) are the eigenvalues of the closed-loop matrix.
     """
@@ -310,7 +311,8 @@ def _grid(values: ComplexArray, dt_s: float) -> Array:
     modes = np.abs(np.log(values)) / (2.0 * np.pi * dt_s)
     modes = distinct(np.round(modes[(modes > LOWEST_HZ) & (modes < MODES_HZ)], 6))
     around = np.outer(modes, 1.0 + WIDTH * np.linspace(-1.0, 1.0, AROUND) ** 3).ravel()
-    return distinct(np.concatenate([np.geomspace(LOWEST_HZ, 0.4 / dt_s, POINTS), around]))
+    below, above = np.geomspace(LOWEST_HZ, 0.4 / dt_s, POINTS), np.linspace(0.4 / dt_s, 0.5 / dt_s, AROUND + 1)
+    return distinct(np.concatenate([below, above[1:], around]))
 
 
 def reach(known: Known, prediction: Prediction, rig: RigInfo, masses_kg: Array) -> tuple[Reach, ...]:

@@ -59,8 +59,9 @@ def choose(
         score = held_out_error(trial, base, halves) if halves else float("nan")
         return _fitted(trial, base, frf), (_described(trial, score, chosen=True),)
     tried = [(trial, held_out_error(trial, base, halves)) for trial in (_without_lag(base), _as_it_is(base))]
-    taken = 1 if tried[1][1] < WORTH * tried[0][1] else 0
-    found = _fitted(tried[taken][0], base, frf)
+    fits = [_fitted(trial, base, frf) for trial, _ in tried]
+    taken = 1 if _has_lag(fits, [score for _, score in tried]) else 0
+    found = fits[taken]
     for trial in _larger(base, frf):
         if tried[taken][1] <= 1.0 / WORTH:
             break
@@ -69,6 +70,20 @@ def choose(
         if better is not None and not doubtful(better):
             taken, found = len(tried) - 1, better
     return found, tuple(_described(trial, score, i == taken) for i, (trial, score) in enumerate(tried))
+
+
+def _has_lag(fits: Sequence[Fit], errors: Sequence[float]) -> bool:
+    """Return whether the fit with the actuator's lag is better than that without; `errors` are the held-out errors.
+
+    Every actuator has a lag. Without it the model answers too much above the band, where the loop must be stable as
+    well. It is kept where the data determine it, and where its removal makes another pair of roots take its place.
+    """
+    without, with_lag = fits
+    if errors[1] < WORTH * errors[0]:
+        return True
+    lag = 1 + 2 * with_lag.layout.pole_pairs
+    known = bool(with_lag.layout.single_poles) and with_lag.covariance[lag, lag] < UNDETERMINED**2
+    return errors[1] < errors[0] and (bool(_beyond_band(without)) or (known and not doubtful(with_lag)))
 
 
 def _described(trial: Trial, score: float, chosen: bool) -> Candidate:

@@ -143,13 +143,13 @@ def test_the_required_tolerance_is_what_identification_and_verification_leave_op
 
 
 def test_a_mode_of_the_specimen_beyond_the_band_counts_with_its_resonance() -> None:
-    """An oscillator of 2 % damping below, at and above its frequency; modes in the band and far beyond do not count."""
+    """An oscillator of 2 % damping below, at and above its frequency; modes in the band do not count."""
     f, exact, band = np.array([20.0, 40.0, 60.0]), np.zeros(3), (0.7, 35.0)
     mode = 2.0 * np.pi * 40.0 * np.exp(1j * (np.pi - np.arccos(0.02)) * np.array([1.0, -1.0]))
     at_ends = [1.0 / 3.0 / abs(1.0 + 0.04j * 0.5 / 0.75), 25.0, 2.25 / abs(1.25 - 0.06j)]
     found = required(f, band, exact, (), mode)
     assert found == pytest.approx([max(0.06 + (20.0 / 70.0) ** 2, at_ends[0]), *at_ends[1:]], rel=1e-9)
-    for beside in (mode * 34.0 / 40.0, mode * 71.0 / 40.0, mode.real.astype(complex)):
+    for beside in (mode * 34.0 / 40.0, mode.real.astype(complex)):
         assert required(f, band, exact, (), beside) == pytest.approx(required(f, band, exact, ()))
 
 
@@ -405,3 +405,23 @@ def test_slow_roots_are_those_that_are_left_after_a_time() -> None:
     blocks = [np.array([[each.real, -each.imag], [each.imag, each.real]]) for each in z]
     found = slow_roots(block_diag(blocks[0][:1, :1], *blocks[1:]), DT_S, 80.0)
     assert np.sort_complex(found) == pytest.approx(roots[[3, 0]], abs=1e-9)
+
+
+def test_a_loop_that_is_weak_at_half_the_sample_rate_is_found() -> None:
+    """An alias of the held command puts the loop at -0.6 there; with 1 / 0.6 times the gain a root is at -1."""
+    blocks = replace(best_like(ideal_info()), ripple_m_s2_per_v=0.0, ripple_sum_m_s2_per_v=0.0)
+    parts = all_storeys(storeys(), DT_S)
+
+    def rig_with(ripple: float) -> IdentifiedRig:
+        return replace(the_rig(), ripple_m_s2_per_v=ripple)
+
+    without, one = (loop_response(rig_with(r), blocks, parts, np.array([-1.0 + 0j])).loop[0].real for r in (0.0, 1.0))
+    weak = rig_with((-0.6 - without) / (one - without))
+    model = rig_as_identified(ideal_info())[1]
+    f = np.arange(5, 600) * 0.1
+    data = Frf(f, model.sampled_response(f), np.ones(len(f)), np.full(len(f), 1e-3), 10)
+    found = stability(weak, blocks, parts, model, data, 20000, LEVELS)
+    assert found.at_hz == pytest.approx(0.5 / DT_S)
+    assert (found.tolerates, found.required) == pytest.approx((0.4 / 0.6, 1.0), rel=1e-6)
+    louder = replace(of_gain(weak, 1.0 / 0.6), ripple_m_s2_per_v=weak.ripple_m_s2_per_v / 0.6)
+    assert np.abs(np.linalg.eigvals(closed_loop_matrix(louder, blocks)) + 1.0).min() < 1e-9

@@ -93,7 +93,7 @@ def _play(points: Points, shared: Shared, begun: Begun, request: SweepRequest, w
                 rows[row.variant] = row
                 watcher.doing(_progress(len(rows), count, (time.monotonic() - start) / (len(rows) - before)))
         except BaseException:
-            watcher.message(f"{len(rows)} of {count} runs are kept; the same command with --resume goes on")
+            watcher.message(f"{file.close()} of {count} runs are kept; the same command with --resume goes on")
             raise
         sweep = as_sweep(points, begun, [rows[variant] for variant in range(count)])
         write_sweep(begun.path, sweep)

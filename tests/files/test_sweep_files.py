@@ -34,6 +34,20 @@ def test_rows_read_back_to_the_last_bit_and_half_a_line_is_dropped(tmp_path: Pat
     assert path.read_bytes() == whole
 
 
+def test_the_file_tells_how_many_rows_are_kept(tmp_path: Path) -> None:
+    """Also where a signal arrived after a row was written, or half of one, and before anybody counted it."""
+    path = tmp_path / "x.h5.rows"
+    with RowsFile(path, {"plan": "p"}, resume=False) as file:
+        for variant in range(3):
+            file.append([variant, "complete", VALUES])
+        with path.open("ab") as half:
+            half.write(b"[3, ")
+        assert file.close() == len(read_rows(path)[1]) == 3
+    with RowsFile(path, {}, resume=True) as file:
+        path.unlink()
+        assert file.close() == 0
+
+
 @pytest.mark.parametrize("text", [b"", b"\n", b"no json\n", b"[1]\n", b'{"format": "other"}\n', b"\xff\n"])
 def test_another_file_is_no_rows(tmp_path: Path, text: bytes) -> None:
     path = tmp_path / "x.rows"

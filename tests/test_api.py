@@ -24,6 +24,7 @@ import pytest
 
 import rths_cli
 from rths_cli.experiment import check_command
+from rths_cli.files import result_reader
 
 ROOT = Path(__file__).parents[1]
 CASE = "el_centro_low_ff_fb"
@@ -141,6 +142,20 @@ def test_arrays_are_the_readers_own(result: rths_cli.RunResult) -> None:
     taken = result.exp_rths.command_v
     taken[:] = 0.0
     assert result.exp_rths.command_v.any()
+
+
+def test_a_small_array_is_read_once_and_is_the_readers_own(
+    result: rths_cli.RunResult, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A loop over frequencies asks for a block's matrices thousands of times; each is some ms in the file."""
+    reads: list[str] = []
+    read = result_reader.read_dataset
+    monkeypatch.setattr(result_reader, "read_dataset", lambda path, name: reads.append(name) or read(path, name))
+    again = rths_cli.load(result.path)
+    taken = again.controller.feedforward.A
+    taken[:] = 0.0
+    assert again.controller.feedforward.A.any() and again.exp_rths.command_v.size == again.exp_rths.command_v.size
+    assert reads == ["controller/feedforward/A", "exp_rths/command_v", "exp_rths/command_v"]
 
 
 def test_what_is_not_there_is_told_and_is_no_attribute(result: rths_cli.RunResult) -> None:

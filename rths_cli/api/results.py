@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from rths_cli.files.result_writer import Attribute
     from rths_cli.numerics.lti import Array, ComplexArray
 
+SMALL_BYTES = 100_000  # a matrix of a controller block, which a loop over frequencies asks for each time, but no series
+
 
 class MissingError(InputError, AttributeError):
     """A result holds no such group or array."""
@@ -23,9 +25,9 @@ class MissingError(InputError, AttributeError):
 class Group:
     """A group of a result: its arrays by name, as `result.exp_rths.command_v` or `result["exp_rths"]["command_v"]`.
 
-    Time is the last axis: `abs_accel_m_s2` is (n_storeys, n). An array is read from the file each time it is asked for
-    and is yours to change. What is no array: groups in it (`result.exp_rths.truth`), texts, `attributes` (a controller
-    block's `dt_s`, `inputs`, `outputs`).
+    Time is the last axis: `abs_accel_m_s2` is (n_storeys, n). An array is yours to change: it is read from the file
+    each time it is asked for, or copied if it is small. What is no array: groups in it (`result.exp_rths.truth`),
+    texts, `attributes` (a controller block's `dt_s`, `inputs`, `outputs`).
     """
 
     def __init__(self, result: RunResult, path: str) -> None:
@@ -38,12 +40,19 @@ class Group:
 
     def about(self, name: str) -> Dataset:
         """Return an array with its `units`, `long_name`, `source` and `dims`; raises MissingError."""
+        import numpy as np
+
         from rths_cli.files.result_reader import read_dataset
 
         if name not in (*self._outline.datasets, *self._outline.scales):
             raise MissingError(f"{self._result.path}: there is no {name} in {self._path}; it holds {', '.join(self)}.")
         self._result.check_unchanged()
-        return read_dataset(self._result.path, f"{self._path}/{name}")
+        small, path = self._result.small, f"{self._path}/{name}"
+        found = small[path] if path in small else read_dataset(self._result.path, path)
+        if isinstance(found.data, np.ndarray) and found.data.nbytes <= SMALL_BYTES:
+            small[path] = found
+            return replace(found, data=found.data.copy())
+        return found
 
     @property
     def _outline(self) -> Outline:
@@ -84,6 +93,7 @@ class RunResult:
         self.path = Path(path).absolute()
         self.contents: Result = read_checked(Path(path))
         self.outlines: dict[str, Outline] = read_outlines(Path(path))
+        self.small: dict[str, Dataset] = {}  # the arrays of up to SMALL_BYTES that were read, by their paths
         self._stamp = _stamp(self.path)
 
     @property

@@ -21,7 +21,7 @@ from rths_cli.errors import InputError
 if TYPE_CHECKING:
     from rths_cli.cli.terminal import Screen
 
-SAID_S = 5.0  # between two lines of progress where stderr is no terminal
+SAID_S = 5.0  # interval between two lines of progress if stderr is no terminal
 
 
 @cli.command()
@@ -102,9 +102,8 @@ def identify(
     if not data and (channels or rate_hz is not None or corrected):
         raise InputError("--channel, --rate and --corrected belong to --data FILE; add it, or leave them out")
     request = DataRequest(data, read_roles(channels), rate_hz, corrected) if data else None
-    judged = (
-        json.dumps(str(model.absolute()), ensure_ascii=False) if model else "null"
-    )  # what a case names is what is made here
+    # without --model, the model file that the case names is ignored: it is the one to be made here
+    judged = json.dumps(str(model.absolute()), ensure_ascii=False) if model else "null"
     settings = (f"identification.model={judged}", *settings)
     asked = Asked(case, settings, request, output, save_data, figure, not no_figure)
     screen = new_screen(quiet)
@@ -117,7 +116,10 @@ def identify(
 
 @contextmanager
 def said_again(screen: Screen, silent: bool, every_s: float = SAID_S) -> Iterator[Callable[[str], None]]:
-    """Yield what tells a screen of progress; where that is no terminal, say every 5 s what is still being done."""
+    """Yield a function that shows on `screen` the work being done; unless `silent`, print it every `every_s` seconds.
+
+    The lines go to stderr, with the time since the start.
+    """
     now, ended, since = [""], threading.Event(), time.monotonic()
 
     def say() -> None:
@@ -138,7 +140,7 @@ def said_again(screen: Screen, silent: bool, every_s: float = SAID_S) -> Iterato
 
 
 def _show_identified(made: Any, as_json: bool) -> None:
-    """Print the page (or the document) of an identification and draw its figure."""
+    """Print the page of an identification, or with `as_json` its document, and draw its figure."""
     from rths_cli.report.identification_json import as_document, rejected_document
     from rths_cli.report.identification_page import page, rejected_page
 
@@ -158,5 +160,5 @@ def _show_identified(made: Any, as_json: bool) -> None:
 
 
 def _quoted(path: Path) -> str:
-    """Return a path as a case names it."""
+    """Return a path, absolute and quoted, as it is written in a case file."""
     return json.dumps(str(path.absolute()), ensure_ascii=False)

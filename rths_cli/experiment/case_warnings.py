@@ -14,13 +14,16 @@ if TYPE_CHECKING:
     from rths_cli.experiment.setup import Setup
     from rths_cli.identification.results import Identification
 
-FREQUENCY_SHARE, DAMPING_SHARE = 0.02, 0.20
-NEGLIGIBLE = 1e-4  # of a damping ratio or of a Hz
-BANDWIDTH_SHARE = 0.9
+FREQUENCY_SHARE, DAMPING_SHARE = 0.02, 0.20  # largest difference from a declared value without a warning, relative
+NEGLIGIBLE = 1e-4  # further difference that is ignored, in Hz or as a damping ratio
+BANDWIDTH_SHARE = 0.9  # fraction of the requested bandwidth below which a warning is given
 
 
 def of_case(setup: Setup, identified: Identification | None, design: Design | None) -> tuple[str, ...]:
-    """Return what building, identification and controller want said: other solutions, doubts, differences."""
+    """Return the warnings of a case, one sentence each, on its building, identification and controller.
+
+    `identified` None: no table run, hence no identification; `design` None: no blocks.
+    """
     found = [*setup.building.notes, *_coupled_sensors(setup)]
     if identified is not None:
         found += [*identified.warnings, *identified.reasons, *differences(setup, identified)]
@@ -30,7 +33,7 @@ def of_case(setup: Setup, identified: Identification | None, design: Design | No
 
 
 def _coupled_sensors(setup: Setup) -> list[str]:
-    """Return a sentence when the step leaves the accelerometers' AC coupling in the samples."""
+    """Return a sentence if the step does not correct the accelerometers' AC coupling."""
     corner = max(channel.high_pass_hz for channel in setup.rig.channels)
     if setup.removes_sensors or corner == 0.0:
         return []
@@ -41,7 +44,7 @@ def _coupled_sensors(setup: Setup) -> list[str]:
 
 
 def slower_feedback(setup: Setup, design: Design) -> list[str]:
-    """Return a sentence when the feedback is slower than the case asks for."""
+    """Return a sentence if the bandwidth of the feedback is below the requested one."""
     wanted = setup.case.controller.feedback_bandwidth_hz
     if wanted is None or design.feedback is None or design.feedback.bandwidth_hz >= BANDWIDTH_SHARE * wanted:
         return []
@@ -52,7 +55,7 @@ def slower_feedback(setup: Setup, design: Design) -> list[str]:
 
 
 def chosen_feedback(design: Design) -> list[str]:
-    """Return a sentence when the design chose other weights of the feedback than the usual ones."""
+    """Return a sentence if the design chose other feedback weights than the default ones."""
     if design.chosen is None:
         return []
     weights = design.chosen.weights
@@ -66,7 +69,7 @@ def chosen_feedback(design: Design) -> list[str]:
 
 
 def differences(setup: Setup, identified: Identification) -> list[str]:
-    """Return a sentence per mode of the specimen whose identified value is far from the declared one."""
+    """Return a sentence for each frequency and damping ratio of the specimen far from the declared value."""
     if identified.specimen is None:
         return []
     declared = setup.building.specimen

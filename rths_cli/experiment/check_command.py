@@ -1,5 +1,4 @@
-"""What `rths check` does, and `rths run` before EXP-RTHS: load cases, get a model, design, check; `Verdict` and
-`Checked`."""
+"""The check of cases by `rths check`, and by `rths run` before EXP-RTHS: load, get a model, design, judge."""
 
 from __future__ import annotations
 
@@ -34,50 +33,49 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether EXP-RTHS may be run, why not, the blocks it would run with (None: there are none), the figures, and what
-    an error budget starts from (None: the loop is unstable, or there is none)."""
+    """The verdict on EXP-RTHS, with the design that was judged."""
 
-    verdict: str
-    reasons: tuple[str, ...]
-    design: Design | None
-    figures: dict[str, ArrayLike]
-    loop: LoopKnown | None = None
+    verdict: str  # SAFE, UNSAFE or UNSTABLE; "" if the case has no hybrid test
+    reasons: tuple[str, ...]  # why it is not safe, one sentence each
+    design: Design | None  # None: no blocks can be designed
+    figures: dict[str, ArrayLike]  # metrics `check.*` by path
+    loop: LoopKnown | None = None  # inputs of the error budget; None: the loop is unstable or was not judged
 
     @property
     def refused(self) -> bool:
-        """Tell whether there is a hybrid test and it is not safe."""
+        """Return whether there is a hybrid test and it is not safe."""
         return self.verdict in (UNSAFE, UNSTABLE)
 
 
 @dataclass(frozen=True)
 class Tested:
-    """What a check is about: the case as a reader knows it, the model used and where it comes from."""
+    """Description of a checked case, for the page and the document."""
 
-    case: str
-    file: str
-    structure: str
-    damping: str
-    record: str
-    scaling: float
-    controller: str
-    method: str
-    rig: str
-    rig_kind: str
+    case: str  # name
+    file: str  # path as a user would type it
+    structure: str  # name
+    damping: str  # name
+    record: str  # name
+    scaling: float  # factor on the record
+    controller: str  # kind: none, FF or FF+FB
+    method: str  # paper or best
+    rig: str  # name
+    rig_kind: str  # kind of the rig
     sample_rate_hz: float
-    delay_s: float
-    model: str
-    overrides: tuple[str, ...] = ()
+    delay_s: float  # of the base shear in SIM-DELAY
+    model: str  # source of the identified model, in words
+    overrides: tuple[str, ...] = ()  # as given by --override
 
 
 @dataclass(frozen=True)
 class Checked:
-    """The verdict on a case, why it is not safe, what a reader should know beside, and the figures by path."""
+    """The result of the check of one case."""
 
     about: Tested
-    verdict: str
-    reasons: tuple[str, ...]
-    warnings: tuple[str, ...] = ()
-    metrics: Values = field(default_factory=dict)
+    verdict: str  # SAFE, UNSAFE or UNSTABLE
+    reasons: tuple[str, ...]  # why it is not safe, one sentence each
+    warnings: tuple[str, ...] = ()  # further sentences, which do not change the verdict
+    metrics: Values = field(default_factory=dict)  # by path
 
     @property
     def exit_code(self) -> int:
@@ -88,10 +86,13 @@ class Checked:
 def verdict_on(
     setup: Setup, known: Known, hybrid: bool = True, design: Design | None = None, shared: SharedValues | None = None
 ) -> Verdict:
-    """Return the verdict on a case's hybrid test from what is known of its rig and specimen; "" when `hybrid` says that
-    there is none, unless no blocks can be designed. `design`: the blocks, where another record had them designed; with
-    `shared`, cases share what they have in common. That no controller can be designed for a rejected model, or its
-    building not be solved, follows from why it was rejected, and is not said beside it."""
+    """Return the verdict on a case's hybrid test, from the identification `known` of its rig and specimen.
+
+    If `hybrid` is False, there is no hybrid test: the verdict is "", or UNSAFE if no blocks can be designed. `design`:
+    blocks that were designed already, for example for another record; None: they are designed here. With `shared`,
+    cases compute common results once. If the model is rejected and, for that reason, no controller can be designed or
+    the building cannot be solved, only the reasons of the rejection are returned.
+    """
     faults = known.faults(setup.overrides)
     try:
         design = design or interruptible(lambda: design_blocks(setup, known.found, shared))
@@ -110,7 +111,7 @@ def verdict_on(
 
 
 def load_all(paths: Sequence[str], settings: Sequence[str], methods: Sequence[str]) -> list[Case]:
-    """Return the cases, once for each method (none: their own); raises InputError with all faults."""
+    """Load the cases, once for each of `methods` (empty: with their own method); raises InputError with all faults."""
     cases: list[Case] = []
     for method in methods or ("",):
         chosen = (f"method={method}",) if method else ()
@@ -121,7 +122,11 @@ def load_all(paths: Sequence[str], settings: Sequence[str], methods: Sequence[st
 def check_cases(
     cases: Sequence[Case], overrides: tuple[str, ...], progress: Progress, memory: Memory | None = None
 ) -> list[Checked]:
-    """Return the verdict on each case; all are read before the first is judged. Raises InputError with all faults."""
+    """Return the verdict on each case; all cases and model files are read before the first one is judged.
+
+    `memory`: identifications to use; None: a new memory with the cache of virtual rigs. Raises InputError with all
+    faults of the cases.
+    """
     memory = memory or Memory(Cache())
     setups = make_setups(cases, overrides)
     for setup in setups:
@@ -130,7 +135,7 @@ def check_cases(
 
 
 def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
-    """Return the verdict on one case; a virtual rig that cannot be identified makes it unsafe."""
+    """Return the verdict on one case; the case is unsafe if its virtual rig cannot be identified."""
     progress(f"check of {setup.case.name}")
     try:
         known = memory.at_rest(setup, progress)
@@ -146,6 +151,7 @@ def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
 
 
 def _about(setup: Setup, model: str) -> Tested:
+    """Return the description of a case; `model`: source of the identified model, in words."""
     case = setup.case
     return Tested(
         case=case.name,

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from rths_cli.analysis.stability_check import Preflight
     from rths_cli.experiment.check import Judged
 
+# name of a Reach -> name in the paths check.peak_* and check.limit_*
 REACH = {
     "displacement (with room to brake)": "displacement_m",
     "velocity": "velocity_m_s",
@@ -24,7 +25,7 @@ REACH = {
 
 
 def check_figures(judged: Judged) -> dict[str, ArrayLike]:
-    """Return the metrics of a check; an unstable loop has none of its motion."""
+    """Return the metrics of a check by path; for an unstable loop, predicted peaks and errors are left out."""
     found = judged.preflight
     values = _stability(found) | _modes(judged) | _table_error(found)
     values |= of_margins("check", found.stability.measured, "")
@@ -39,6 +40,7 @@ def check_figures(judged: Judged) -> dict[str, ArrayLike]:
 
 
 def _stability(found: Preflight) -> dict[str, ArrayLike]:
+    """Return the metrics of the loop's stability and of the critical delay."""
     critical, loop = found.critical, found.stability
     return {
         "check.spectral_radius": loop.radius,
@@ -61,6 +63,7 @@ def _modes(judged: Judged) -> dict[str, ArrayLike]:
 
 
 def _table_error(found: Preflight) -> dict[str, ArrayLike]:
+    """Return the metrics of tolerated and required table error."""
     loop = found.stability
     return {
         "check.tolerated_table_error": loop.tolerates,

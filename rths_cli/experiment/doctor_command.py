@@ -1,4 +1,4 @@
-"""What `rths doctor` does: measure which sample rates this machine, and a rig on it, can hold, and judge them."""
+"""The work of `rths doctor`: measure and judge the sample rates that this machine, and a rig on it, can hold."""
 
 from __future__ import annotations
 
@@ -23,22 +23,18 @@ UNLIMITED = -1
 
 @dataclass(frozen=True)
 class Machine:
-    """Properties of the system; an empty text: not known.
+    """Properties of the system; an empty text: not known."""
 
-    `rtprio_limit` and `memlock_limit_bytes` are this user's limits, -1 for unlimited. SCHED_FIFO threads may use
-    `rt_runtime_us` of every `rt_period_us`, -1: all of it.
-    """
-
-    kernel: str
-    preemption: str
-    virtual: bool
-    cpus: int
-    isolated_cpus: tuple[int, ...]
-    governor: str
+    kernel: str  # release
+    preemption: str  # preemption model of the kernel
+    virtual: bool  # whether it is a virtual machine
+    cpus: int  # number of processors that this process may use
+    isolated_cpus: tuple[int, ...]  # their numbers
+    governor: str  # frequency governors of the processors
     clock_source: str
-    rtprio_limit: int
-    memlock_limit_bytes: int
-    rt_runtime_us: int
+    rtprio_limit: int  # of this user, -1: unlimited
+    memlock_limit_bytes: int  # of this user, -1: unlimited
+    rt_runtime_us: int  # time that SCHED_FIFO threads may use in every `rt_period_us`, -1: all of it
     rt_period_us: int
 
 

@@ -19,21 +19,21 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class DoctorRequest:
-    """Hold what the user asked `rths doctor` for."""
+    """Arguments of `rths doctor`."""
 
-    case: str | None
-    rig: str | None
-    rates_hz: tuple[float, ...]
-    seconds: float
-    settings: tuple[str, ...]
+    case: str | None  # case whose sample rate and rig are measured; None: no case
+    rig: str | None  # rig to measure; None: that of the case, if any
+    rates_hz: tuple[float, ...]  # (): the rate of the case, or RATES_HZ without a case
+    seconds: float  # duration of the measurement of each rate
+    settings: tuple[str, ...]  # KEY=VALUE each
 
 
 def examine_request(
     request: DoctorRequest, say: Progress, permit: Callable[[Setup], None] = lambda _: None
 ) -> Examined:
-    """Measure the machine, and the rig where one was named; raises InputError, RigError.
+    """Measure the machine, and the real rig if a rig or case with one is named; raises InputError or RigError.
 
-    `permit` is called before a rig is armed; it may refuse by an InputError.
+    `permit` is called before a rig is armed and refuses by raising InputError.
     """
     wanted = request.rates_hz
     if request.case is None and request.rig is None:

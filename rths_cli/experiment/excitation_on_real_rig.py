@@ -1,4 +1,4 @@
-"""Play the identification's excitation on a real rig in real time, and put back the samples that were lost."""
+"""Play the identification's excitation on a real rig in real time, and reconstruct lost samples."""
 
 from __future__ import annotations
 
@@ -26,11 +26,15 @@ if TYPE_CHECKING:
     from rths_cli.loop.simulated_time_run import Outcome
     from rths_cli.numerics.lti import Array, Block
 
-SETTLED_S = 0.03  # in which a table forgets a command that came late
+SETTLED_S = 0.03  # time after which a late command no longer affects the table
 
 
 def excited(setup: Setup, blocks: Blocks, drive: Array) -> Outcome:
-    """Play an excitation (n, 3) on the case's real rig; an interrupt leads the table to rest first."""
+    """Play an excitation (n, 3) on the case's real rig and return its outcome, with lost samples reconstructed.
+
+    Raises KeyboardInterrupt after an interrupt, when the table is at rest; InputError or RigError as `ready_on_rig`;
+    RigError if too many samples were lost.
+    """
     rig, run = ready_on_rig(setup, blocks, EXCITATION, drive)
     with opened(rig):
         outcome = perform_watched(rig, run, lambda _: None).outcome
@@ -42,13 +46,13 @@ def excited(setup: Setup, blocks: Blocks, drive: Array) -> Outcome:
 
 
 def mended(log: Signals, course: Course, correction: Block) -> Signals:
-    """Return signals with the samples put back that were lost, as the sensors show them, and all corrected anew: what
-    stood in their place while the loop ran is still in its corrected samples long after.
+    """Return signals in which lost samples are reconstructed and the sensor correction is repeated.
 
-    Raises RigError where too many were lost.
+    The correction that ran in the loop used substituted samples, which affect its output for a long time. Raises
+    RigError if too many samples were lost.
     """
     no_answer, dt_s = log.lost == NO_ANSWER, 1e-9 * course.dt_ns
-    late_there = no_answer & np.roll(no_answer, 1)  # a target that stalls moves the table other than it was told
+    late_there = no_answer & np.roll(no_answer, 1)  # a target that stalls does not follow the commands
     missing = without_samples(log.lost) | followed(late_there, round(SETTLED_S / dt_s))
     if not missing.any():
         return log
@@ -60,5 +64,5 @@ def mended(log: Signals, course: Course, correction: Block) -> Signals:
 
 
 def followed(places: NDArray[np.bool_], by: int) -> NDArray[np.bool_]:
-    """Return places (n,) and so many after each of them."""
+    """Return flags (n,) that are true at `places` (n,) and at the `by` samples after each of them."""
     return np.asarray(np.convolve(places, np.ones(1 + by))[: places.size] > 0.5)

@@ -77,6 +77,7 @@ def choose_feedback(
 
 
 def _leaves_choice(setup: Setup) -> bool:
+    """Return whether the weights may be chosen: method best, a hybrid test, no stated weights or bandwidth."""
     stated = setup.case.controller
     fixed = (stated.disturbance_hz, stated.command_weight, stated.feedback_bandwidth_hz)
     return setup.case.method == "best" and "exp_rths" in setup.case.runs and fixed == (None, None, None)
@@ -101,9 +102,10 @@ def _stated_weights(setup: Setup) -> Weights:
 
 
 def first_safe(make: Make, faults: Faults, max_sensitivity: float) -> tuple[Feedback, Chosen] | None:
-    """Return the first feedback with which the loop is safe, None where there is none.
+    """Return the first feedback with which the loop is safe and its weights, None if there is none.
 
-    All FIRMER ones come first, then each so gentle that it amplifies half as much at worst, and so on.
+    The weights of FIRMER are tried first with the limit `max_sensitivity` on max |S|, then with half the largest
+    amplification max |S| - 1 that each of them had, and so on, HALVINGS times.
     """
     amplifies: dict[Weights, float] = {}
     for halving in range(HALVINGS + 1):
@@ -113,7 +115,7 @@ def first_safe(make: Make, faults: Faults, max_sensitivity: float) -> tuple[Feed
             limit = round(1.0 + amplifies[weights] / 2.0**halving, DIGITS) if halving else max_sensitivity
             try:
                 found = make(weights, limit)
-            except InputError:  # no useful feedback; a gentler one is less useful still
+            except InputError:  # no useful feedback; with a lower limit neither
                 amplifies.pop(weights, None)
                 continue
             if not halving:

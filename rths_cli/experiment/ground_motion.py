@@ -12,26 +12,26 @@ from rths_cli.files.accelerograms import Accelerogram
 from rths_cli.numerics.filters import butterworth, driven_modes, filtered
 from rths_cli.numerics.lti import Array
 
-MOST_SAMPLES = 5_000_000  # of a ground motion, 40 MB in each of some ten arrays: 40 minutes at 2 kHz
+MOST_SAMPLES = 5_000_000  # largest number of samples: 40 minutes at 2 kHz, 40 MB in each of about ten arrays
 
 
 @dataclass(frozen=True)
 class GroundMotion:
-    """Ground motion at the sample rate: `time_s`, `accel_m_s2`, `velocity_m_s`, `displacement_m`, each (n,).
+    """Ground motion at the sample rate.
 
     The acceleration is linear between samples; velocity and displacement are its exact integrals from rest.
     """
 
     dt_s: float
-    time_s: Array
-    accel_m_s2: Array
-    velocity_m_s: Array
-    displacement_m: Array
+    time_s: Array  # (n,)
+    accel_m_s2: Array  # (n,)
+    velocity_m_s: Array  # (n,)
+    displacement_m: Array  # (n,)
 
 
 @dataclass(frozen=True)
 class Peaks:
-    """Greatest absolute values of a ground motion over its samples."""
+    """Largest absolute values of a ground motion over its samples."""
 
     accel_m_s2: float
     velocity_m_s: float
@@ -47,9 +47,10 @@ def prepare(
 ) -> GroundMotion:
     """Scale the record, interpolate it linearly to the sample rate, then filter it from a zero initial state.
 
-    The filter is a causal Butterworth high pass of the given order; a corner of 0 Hz switches it off. The last
-    sample is the last one within the record. Raises InputError for a sample rate below the record's own, a corner
-    outside 0 to half the sample rate, and a record shorter than one period of the corner.
+    The filter is a causal Butterworth high pass of the given order; a corner of 0 Hz switches it off. The last sample
+    is the last one within the record. Raises InputError with all faults: a sample rate below the record's own, too many
+    samples, a corner outside 0 to half the sample rate, an order below 1, a record shorter than one period of the
+    corner.
     """
     _check(accelerogram, sample_rate_hz, corner_hz, order)
     recorded_s = accelerogram.dt_s * np.arange(len(accelerogram.accel_m_s2))
@@ -62,7 +63,7 @@ def prepare(
 
 
 def _check(accelerogram: Accelerogram, sample_rate_hz: float, corner_hz: float, order: int) -> None:
-    """Raise one InputError with every value that does not fit the record."""
+    """Raise one InputError with a sentence for each value that does not fit the record."""
     own_rate_hz = 1.0 / accelerogram.dt_s
     duration_s = accelerogram.dt_s * (len(accelerogram.accel_m_s2) - 1)
     faults = []
@@ -120,9 +121,9 @@ def peaks(motion: GroundMotion) -> Peaks:
 def response_spectrum(motion: GroundMotion, periods_s: Sequence[float] | Array, damping_ratio: float = 0.05) -> Array:
     """Return the pseudo-acceleration spectrum w^2 max|u| in m/s^2, (n_periods,), over the record's samples.
 
-    u is the relative displacement of d2u + 2 zeta w du + w^2 u = -a, solved exactly for the piecewise-linear
-    acceleration (Nigam and Jennings 1969) in one complex mode. Raises InputError for periods that are not positive
-    and a damping ratio outside 0 to 1 (1 excluded).
+    u is the relative displacement of d2u + 2 zeta w du + w^2 u = -a, w = 2 pi / period, solved exactly for the
+    piecewise-linear acceleration (Nigam and Jennings 1969) as one complex mode. Raises InputError for periods that are
+    not positive and a damping ratio outside 0 to 1 (1 excluded).
     """
     periods = np.asarray(periods_s, dtype=float)
     if not np.all((periods > 0.0) & np.isfinite(periods)):
@@ -144,7 +145,7 @@ def _peak_displacement(motion: GroundMotion, omega: float, damping_ratio: float)
 
 
 def _exponential_integrals(x: complex) -> tuple[complex, complex]:
-    """Return (e^x - 1) / x and (e^x - 1 - x) / x^2, by their series where x is small."""
+    """Return (e^x - 1) / x and (e^x - 1 - x) / x^2, from their series for small |x|."""
     if abs(x) > 0.5:
         first = (np.exp(x) - 1.0) / x
         return first, (first - 1.0) / x

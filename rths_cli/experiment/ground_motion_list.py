@@ -1,4 +1,4 @@
-"""What `rths records` does: list the shipped ground motions, and show one."""
+"""The work of `rths records`: list the shipped ground motions, and show one."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SPECTRUM_DAMPING = 0.05
 
 
 def listing() -> tuple[dict[str, Any], str]:
-    """Return every shipped record as a document and as text."""
+    """Return the list of the shipped records, as a document for JSON and as text."""
     kinds = suffixes("records")
     paths = sorted(p for p in shipped("records").iterdir() if p.suffix.lower() in kinds)
     rows = [_facts(path.stem, read_accelerogram(path)) for path in paths]
@@ -29,7 +29,10 @@ def listing() -> tuple[dict[str, Any], str]:
 
 
 def show(name: str, unit: str | None, dt_s: float | None) -> tuple[dict[str, Any], str]:
-    """Return one record's facts, peaks and 5 % response spectrum (unscaled, unfiltered) as document and text."""
+    """Return data, peaks and 5 % response spectrum of a record, as a document for JSON and as text.
+
+    The record is neither scaled nor filtered. Raises InputError if it cannot be read.
+    """
     path = find(name, "records", Path.cwd()) if is_bare(name) else Path(name)
     accelerogram = read_accelerogram(path, unit, dt_s)
     motion = prepare(accelerogram, 1.0, 1.0 / accelerogram.dt_s, corner_hz=0.0)

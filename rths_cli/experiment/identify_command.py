@@ -1,5 +1,5 @@
-"""What `rths identify` does: measure (identify_on_rig.py) or read (identify_from_files.py), evaluate, write the model
-file."""
+"""The work of `rths identify`: measure (identify_on_rig.py) or read data (identify_from_files.py), evaluate, write the
+model file."""
 
 from __future__ import annotations
 
@@ -29,55 +29,45 @@ from rths_cli.numerics.lti import Model
 
 @dataclass(frozen=True)
 class Asked:
-    """What `rths identify` was asked: a case and settings KEY=VALUE, measured data (None: excite the rig), where to.
+    """Arguments of `rths identify`."""
 
-    `output` None: models/RIG_STRUCTURE.h5; `figure` None: beside it, no figure at all without `draw`; `save_data`:
-    where to write what was measured.
-    """
-
-    case: str
-    settings: tuple[str, ...]
-    data: DataRequest | None = None
-    output: Path | None = None
-    save_data: Path | None = None
-    figure: Path | None = None
-    draw: bool = True
+    case: str  # name or path of the case
+    settings: tuple[str, ...]  # KEY=VALUE each
+    data: DataRequest | None = None  # measured files; None: excite the rig
+    output: Path | None = None  # model file; None: models/RIG_STRUCTURE.h5, with the time (UTC) for a real rig
+    save_data: Path | None = None  # file for the measured records; None: they are not saved
+    figure: Path | None = None  # file of the figure; None: beside the model file, as .png
+    draw: bool = True  # whether a figure is drawn
 
 
 @dataclass(frozen=True)
 class About:
-    """Where an identification comes from: name and kind of the rig, a sentence on the data, and further lines.
+    """Origin of an identification, for the page and the document."""
 
-    `lines`: pairs (label, text) such as excitation, level, reach, estimator, latency, data hash, model file, age.
-    """
-
-    rig: str
-    rig_kind: str
-    source: str
-    lines: tuple[tuple[str, str], ...] = ()
+    rig: str  # name
+    rig_kind: str  # kind of the rig; "" for measured files
+    source: str  # origin of the data, in words
+    lines: tuple[tuple[str, str], ...] = ()  # (label, text), such as excitation, estimator, data hash, model file
 
 
 @dataclass(frozen=True)
 class Made:
-    """What came of it: the identification and where its figure goes, or (found None) why no model could be made.
-
-    `model`: the model file, where it is accepted.
-    """
+    """Result of `rths identify`."""
 
     about: About
-    found: Identification | None
-    figure: Path | None
-    unfit: UnfitRecord | None = None
-    exit_code: int = 0
-    model: Path | None = None
+    found: Identification | None  # None: no model can be made from these channels
+    figure: Path | None  # file of the figure to be drawn; None: no figure
+    unfit: UnfitRecord | None = None  # why no model can be made; None: one was made
+    exit_code: int = 0  # of the process; 0 for an accepted model
+    model: Path | None = None  # model file if the model is accepted; None if it is rejected
 
 
 def make_model(asked: Asked, progress: Progress, permit: Callable[[Setup], None] = lambda _: None) -> Made:
-    """Identify as asked and write the model file, a rejected model too: it says so itself.
+    """Identify as asked and write the model file, also for a rejected model: the file states the verdict.
 
-    `permit` is called before a rig is excited; it may refuse by an InputError.
-
-    Raises InputError before anything moves when the case, the data or the output cannot be used.
+    `permit` is called before a rig is excited and refuses by raising InputError. Case, excitation and output files are
+    checked before a rig moves. Raises InputError if the case, the data or an output file cannot be used, LimitError or
+    RigError if the excitation was stopped.
     """
     setup = make_setup(load_cases([asked.case], asked.settings)[0])
     outputs = _outputs(asked, setup)
@@ -118,7 +108,7 @@ def make_model(asked: Asked, progress: Progress, permit: Callable[[Setup], None]
 
 
 def _evaluate(setup: Setup, measured: Measured, given: Model | None, from_file: bool) -> Identification:
-    """Evaluate records of the rig, or of files: faults of the latter are the user's, not the rig's."""
+    """Evaluate the records; raises UnfitRig or RigError for those of the rig, UnfitRecord or InputError for files."""
     if not from_file:
         return evaluated(setup, measured, given)
     settings = evaluation_settings(setup.case.identification)
@@ -129,7 +119,10 @@ def _evaluate(setup: Setup, measured: Measured, given: Model | None, from_file: 
 
 
 def _given(setup: Setup) -> tuple[Model | None, tuple[str, ...]]:
-    """Return the model that the case names, to be judged in place of one fitted here, and what to know of it."""
+    """Return the model that the case names, which is judged instead of a fitted one, and notes on it; None, () if none.
+
+    Raises InputError if its file cannot be used.
+    """
     path = setup.case.identification.model
     if path is None:
         return None, ()
@@ -140,7 +133,7 @@ def _given(setup: Setup) -> tuple[Model | None, tuple[str, ...]]:
 
 
 def _outputs(asked: Asked, setup: Setup) -> Outputs:
-    """Return where everything goes; the model file of a real rig carries the time, so that none is ever replaced."""
+    """Return the output files; the default name of a real rig's model file contains the time, so each one is kept."""
     stamp = datetime.now(UTC).strftime("_%Y%m%dT%H%M%SZ") if setup.rig.can.moves_hardware else ""
     model = asked.output or Path("models") / f"{setup.rig.name}_{setup.case.structure.name}{stamp}.h5"
     figure = (asked.figure or model.with_suffix(".png")) if asked.draw else None
@@ -148,7 +141,7 @@ def _outputs(asked: Asked, setup: Setup) -> Outputs:
 
 
 def _inputs(asked: Asked, setup: Setup) -> list[tuple[str, Path]]:
-    """Return the files that are read, each with what names it."""
+    """Return the input files, each with the word or option that names it in a message."""
     case = setup.case
     named = [("the case", case.path), ("the record", case.record.path), ("--model", case.identification.model)]
     data = asked.data.paths if asked.data else ()
@@ -156,9 +149,9 @@ def _inputs(asked: Asked, setup: Setup) -> list[tuple[str, Path]]:
 
 
 def _save_data(path: Path, setup: Setup, measured: Measured) -> None:
-    """Write every record: command in V, accelerations in m/s^2 as the evaluation took them.
+    """Write every record: command in V, and the accelerations in m/s^2 that are evaluated.
 
-    The first goes to the path, further ones to NAME_2, ..., the one at low level to NAME_probe.
+    The first record is written to `path`, further ones to NAME_2, ..., the one at low level to NAME_probe.
     """
     names = ("command_v", *(f"{name}_accel_m_s2" for name in channel_names(setup)))
     notes = (CORRECTED,) if setup.removes_sensors else ()

@@ -18,23 +18,23 @@ Named = tuple[str, Path]
 
 @dataclass(frozen=True)
 class Outputs:
-    """The files of an identification: model file, figure and measured data, the latter two None where not wanted."""
+    """The output files of an identification."""
 
-    model: Path
-    figure: Path | None
-    save_data: Path | None
+    model: Path  # model file
+    figure: Path | None  # None: no figure
+    save_data: Path | None  # measured data; None: not saved
 
     @property
     def named(self) -> tuple[Named, ...]:
-        """Return each file that is written with the option that names it."""
+        """Return the files that are written, each with the option that names it."""
         every = (("--output", self.model), ("--figure", self.figure), ("--save-data", self.save_data))
         return tuple((option, path) for option, path in every if path is not None)
 
 
 def check_outputs(outputs: Outputs, inputs: Iterable[Named]) -> None:
-    """Raise InputError, with every fault, where a file cannot be written or would replace what it must not.
+    """Raise InputError with all faults if a file cannot be written, or would replace an input or another kind of file.
 
-    `inputs` are the files that are read, each with what names it.
+    `inputs`: files that are read, each with the word or option that names it.
     """
     faults = [fault for option, path in outputs.named for fault in _name_faults(option, path)]
     faults += _shared(outputs.named, tuple(inputs)) or _replaced(outputs.model)
@@ -45,13 +45,16 @@ def check_outputs(outputs: Outputs, inputs: Iterable[Named]) -> None:
 
 
 def make_folders(outputs: Outputs) -> None:
-    """Make the folders of the files that are about to be written; raises InputError where that fails."""
+    """Create the folders of the output files; raises InputError if that fails."""
     for _, path in outputs.named:
         check_writable(path.parent)
 
 
 def try_folder(folder: Path, needed_bytes: int = 0) -> None:
-    """Raise InputError where a folder cannot be written to; one that is not there yet is not left behind."""
+    """Raise InputError if files cannot be written to a folder, or it lacks `needed_bytes` of space.
+
+    A folder that does not exist is created for the test and removed again.
+    """
     new = [place for place in (folder, *folder.parents) if not place.exists()]
     check_writable(folder, needed_bytes)
     with suppress(OSError):
@@ -60,7 +63,7 @@ def try_folder(folder: Path, needed_bytes: int = 0) -> None:
 
 
 def _name_faults(option: str, path: Path) -> list[str]:
-    """Return a sentence when a path is a folder, or a figure's has another suffix."""
+    """Return a sentence if a path is a folder, or if a figure's suffix is not among FIGURE_FORMATS."""
     if path.is_dir():
         return [f"{option} {path}: is a folder; give the name of a file in it"]
     if option == "--figure" and path.suffix.lower().removeprefix(".") not in FIGURE_FORMATS:
@@ -69,7 +72,7 @@ def _name_faults(option: str, path: Path) -> list[str]:
 
 
 def _shared(outputs: tuple[Named, ...], inputs: tuple[Named, ...]) -> list[str]:
-    """Return a sentence for each file that is written and also read, or written twice."""
+    """Return a sentence for each output file that is also an input, or is written twice."""
     faults, seen = [], {path.resolve(): what for what, path in inputs}
     for option, path in outputs:
         other = seen.setdefault(path.resolve(), option)
@@ -79,12 +82,12 @@ def _shared(outputs: tuple[Named, ...], inputs: tuple[Named, ...]) -> list[str]:
 
 
 def _replaced(model: Path) -> list[str]:
-    """Return a sentence when something else than a model file has the model file's name."""
+    """Return a sentence if a file that is not a model file has the name of the model file."""
     try:
         with open_regular(model) as file:
             start = file.read(len(FORMAT))
     except OSError:
-        return []  # there is none, or it cannot be read: writing will tell
+        return []  # missing or unreadable; a fault shows when it is written
     if start in (b"", FORMAT.encode()):
         return []
     return [f"--output {model}: exists and is no model file, which alone is replaced; choose another name"]

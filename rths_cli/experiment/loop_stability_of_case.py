@@ -1,5 +1,4 @@
-"""Hand one case's loop (identified rig, building, blocks) to analysis/stability_check.py, where limits and mathematics
-stand."""
+"""Evaluate the stability of one case's loop (identified rig, building, blocks) by analysis/stability_check.py."""
 
 from __future__ import annotations
 

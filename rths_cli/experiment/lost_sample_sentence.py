@@ -1,4 +1,4 @@
-"""The sentence that says how many samples a real-time run lost."""
+"""The sentence on the samples that a real-time run lost."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Save and load model files, refuse those of another rig or specimen; the cache of models of virtual rigs."""
+"""Save and load model files, reject those of another rig or specimen; the cache of models of virtual rigs."""
 
 from __future__ import annotations
 
@@ -40,17 +40,17 @@ HARDWARE_ONLY: dict[str, Any] = {  # of a rig file: no part of what the rig is
 
 @dataclass(frozen=True)
 class Stored:
-    """A model file: its identification, date, attributes, and the hash of its content."""
+    """A model file that was read."""
 
     path: Path
     found: Identification
-    made: datetime
-    about: Mapping[str, str | int | float]
-    sha256: str
+    made: datetime  # UTC
+    about: Mapping[str, str | int | float]  # attributes, with which rig, specimen, settings and software are identified
+    sha256: str  # of its content
 
     @property
     def age(self) -> str:
-        """Return when it was identified and how long ago that is."""
+        """Return the date of the identification and its age, in words."""
         minutes = (datetime.now(UTC) - self.made).total_seconds() / 60.0
         for size, unit in ((60 * 24, "days"), (60, "hours"), (1, "minutes")):
             if minutes >= 2 * size or size == 1:
@@ -153,7 +153,7 @@ def differences(stated: Mapping[str, str | int | float], wanted: Mapping[str, st
 
 
 def _rig(about: Mapping[str, str | int | float]) -> tuple[str, str]:
-    """Return name and kind of a rig; a variation, for instance by --set table.unattended=true, is the same table."""
+    """Return name and kind of a rig; a rig varied by --set, for example table.unattended=true, has the same name."""
     return str(about.get("rig", "unknown")).removesuffix(VARIED), str(about.get("rig_kind", "unknown"))
 
 
@@ -165,11 +165,11 @@ class Cache:
         self._folder = folder or user_cache() / "models"
 
     def has(self, setup: Setup) -> bool:
-        """Tell whether there is a model of the same rig, specimen, settings, seed and software."""
+        """Return whether there is a model of the same rig, specimen, settings, seed and software."""
         return not self._fresh and self.path(setup).exists()
 
     def find(self, setup: Setup) -> Stored | None:
-        """Return the model of the same rig, specimen, settings, seed and software, None when there is none."""
+        """Return the model of the same rig, specimen, settings, seed and software, None if there is none."""
         if not self.has(setup):
             return None
         path = self.path(setup)
@@ -182,13 +182,13 @@ class Cache:
         return found
 
     def keep(self, setup: Setup, found: Identification, data_sha256: str) -> None:
-        """Keep a model for the next run."""
+        """Store a model for later runs."""
         with suppress(InputError):
             save(self.path(setup), setup, found, "excited on the virtual table", data_sha256)
             self._prune()
 
     def path(self, setup: Setup) -> Path:
-        """Return the file in which the model of a setup's rig and specimen is kept."""
+        """Return the cache file for the model of a setup's rig and specimen."""
         return self._folder / f"{key(setup)[:32]}.h5"
 
     def _prune(self) -> None:

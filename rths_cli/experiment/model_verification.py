@@ -15,10 +15,10 @@ from rths_cli.identification.results import Identification, LevelBand, SpecimenF
 from rths_cli.identification.specimen_fit import Motion, Start, fit_stretches
 
 SEGMENTS = 5
-HIGHEST_HZ = 40.0
-SIGMA = 3.0
+HIGHEST_HZ = 40.0  # upper end of the compared bands
+SIGMA = 3.0  # standard uncertainties that are added to an accepted change
 SHARE, SHARE_UNSEEN, SHARE_ABOVE = 0.01, 0.06, 0.10  # accepted change to 11 Hz; without low level in the model; above
-# Change let pass of a mode: (df / f) / ratio and (d ratio) / ratio, which err alike at the table's zero there.
+# Accepted changes of a mode, (df / f) / ratio and (d ratio) / ratio; both have the same effect at the table's zero.
 FREQUENCY_SHARE, DAMPING_SHARE = 0.05, 0.05
 
 

@@ -31,7 +31,7 @@ Predicted = Callable[["Setup"], "Values"]
 
 
 def _nothing_predicted(setup: Setup) -> Values:
-    """Return no figures."""
+    """Return no metrics."""
     return {}
 
 
@@ -41,11 +41,11 @@ def ask_to_move(
     confirm: Callable[[Sequence[str]], bool],
     predicted: Predicted = _nothing_predicted,
 ) -> None:
-    """Have a person confirm that the real rigs of these cases may move; raises InputError when they may not.
+    """Ask a person to confirm that the real rigs of these cases may move; raises InputError if they may not.
 
-    `predicted` returns the figures of a case's check, `check.*`, where one was made: the question then names the peaks.
-
-    `yes` answers for rigs whose own file says `unattended: true`, and for no other.
+    Cases on virtual rigs need no confirmation. `confirm` shows the lines of the checklist and returns the answer.
+    `predicted` returns the metrics `check.*` of a case, {} without a check; the checklist states their peaks. `yes`
+    confirms without a question, but only for rigs whose own file states `unattended: true`.
     """
     real = [setup for setup in setups if setup.rig.can.moves_hardware]
     if not real:
@@ -67,7 +67,7 @@ def ask_to_move(
 
 
 def _motion(setup: Setup) -> str:
-    """Return what is played, and for how long."""
+    """Return the line on the record of a case: name, scaling, length and peak."""
     time_s, accel = setup.motion.time_s, setup.motion.accel_m_s2
     return (
         f"record {setup.case.record.name} times {setup.case.scaling:g}, {time_s[-1]:.0f} s, "
@@ -76,14 +76,14 @@ def _motion(setup: Setup) -> str:
 
 
 def _peaks(figures: Values) -> str:
-    """Return the peaks that a check predicts of the table, empty without one."""
+    """Return the peaks of the table's motion that a check predicts, "" without a check."""
     known = [(path, figures[f"check.peak_{path}"]) for path in PEAKS if f"check.peak_{path}" in figures]
     told = ", ".join(f"{float(np.max(peak)) * PEAKS[path][0]:.3g} {PEAKS[path][1]}" for path, peak in known)
     return f"; predicted peaks of the table {told}" if told else ""
 
 
 def _about(rig: RigInfo) -> str:
-    """Return what a rig may do, in one line."""
+    """Return the line on a rig: driver, sample rate and limits."""
     limits = rig.limits
     return (
         f"rig {rig.name} ({', '.join(filter(None, (rig.kind, rig.driver_verified)))}) at {1.0 / rig.dt_s:g} Hz, within "

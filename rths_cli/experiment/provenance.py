@@ -36,7 +36,7 @@ def attributes(setup: Setup, design: Design | None, command_line: str) -> dict[s
         "method": case.method,
         "rig": case.table.name,
         "rig_kind": case.table.kind,
-        "driver_verified": "",  # nothing is verified before a rig was opened; the stage that plays on it says so
+        "driver_verified": "",  # known only after the rig was opened; its stage then states it
         "overrides": " ".join(setup.overrides),
         "command_line": command_line,
         "platform": _platform(),
@@ -55,7 +55,7 @@ def attributes(setup: Setup, design: Design | None, command_line: str) -> dict[s
 
 
 def model_sha256(model: Model) -> str:
-    """Return the hash of a table model's numbers."""
+    """Return the SHA-256 of a table model's numbers."""
     digest = hashlib.sha256()
     for part in (model.zeros, model.poles):
         digest.update(part.tobytes())
@@ -70,14 +70,14 @@ def _platform() -> str:
 
 @cache
 def versions() -> str:
-    """Return Python's version and those of the packages as JSON."""
+    """Return the versions of Python and of the PACKAGES as JSON."""
     return json.dumps({"python": platform.python_version(), **{name: package_version(name) for name in PACKAGES}})
 
 
 def package_version(name: str) -> str:
-    """Return the version of an installed package, "unknown" where it does not say.
+    """Return the version of an installed package, "unknown" if it is not installed or states none.
 
-    Its line is looked for: to take the whole text apart, as importlib does, costs ten times as much.
+    Only the version's line of the metadata is read; importlib parses the whole text, which takes ten times as long.
     """
     try:
         told = distribution(name).read_text("METADATA") or ""
@@ -88,7 +88,7 @@ def package_version(name: str) -> str:
 
 @cache
 def git_commit() -> str:
-    """Return the commit of the source tree rths runs from, empty when it runs from an installed package."""
+    """Return the commit of the source tree that rths runs from, "" if it runs from an installed package."""
     root = Path(__file__).resolve().parents[2]
     if not (root / ".git").exists():
         return ""

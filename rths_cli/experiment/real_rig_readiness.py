@@ -1,4 +1,4 @@
-"""Before a real rig moves: rehearse the rate without it, listen to its channels at rest, refuse if either fails."""
+"""Checks before a real rig moves: rehearse the sample rate without the rig, measure the channels at rest."""
 
 from __future__ import annotations
 
@@ -24,25 +24,25 @@ if TYPE_CHECKING:
     from rths_cli.numerics.lti import Array
     from rths_cli.rigs.interface import Rig, RigInfo
 
-REHEARSAL_S = 2.0
-LISTENING_S = 1.0
-ZERO_SHARE = 0.1  # of a channel's range, that it may show at rest
-NOISE_SHARE = 0.02  # of a channel's range, rms at rest
+REHEARSAL_S = 2.0  # duration of the rehearsal
+LISTENING_S = 1.0  # duration of the measurement at rest
+ZERO_SHARE = 0.1  # largest mean of a channel at rest, as a fraction of its range
+NOISE_SHARE = 0.02  # largest rms of a channel at rest about its mean, as a fraction of its range
 
 
 @dataclass(frozen=True)
 class AtRest:
-    """What the channels showed at rest, (c,) in V: mean and rms about it."""
+    """Statistics of the c channels with the table at rest."""
 
-    zeros_v: Array
-    noise_v: Array
+    zeros_v: Array  # (c,) mean
+    noise_v: Array  # (c,) rms about the mean
 
 
 def ready_on_rig(setup: Setup, blocks: Blocks, source: int, drive: Array) -> tuple[Rig, Performance]:
-    """Return the case's real rig, closed, and a run of a drive (n, 3) on it, ready to be performed.
+    """Check machine and rig, and return the case's real rig, closed, and a prepared run of `drive` (n, 3) on it.
 
-    Raises InputError where the machine does not hold the rate or a channel is not at rest, RigError where the rig
-    cannot be had.
+    Raises InputError if the machine does not hold the rate or a channel is not at rest, RigError if the rig is not
+    available.
     """
     rehearsed(setup, blocks, source)
     rig = open_rig(setup, (), 0)
@@ -54,7 +54,10 @@ def ready_on_rig(setup: Setup, blocks: Blocks, source: int, drive: Array) -> tup
 
 @contextmanager
 def opened(rig: Rig) -> Iterator[None]:
-    """Hold a rig open, for this process alone; it rests and is closed whatever happens."""
+    """Lock and open a rig for this process; at the end it is brought to rest and closed, also after an exception.
+
+    Raises RigError if another process holds the rig or it cannot be opened.
+    """
     with locked_rig(rig.info.name):
         rig.open()
         try:
@@ -67,7 +70,10 @@ def opened(rig: Rig) -> Iterator[None]:
 
 
 def rehearsed(setup: Setup, blocks: Blocks, source: int) -> None:
-    """Do the steps of a run in real time without a rig; raise InputError where the machine does not hold its rate."""
+    """Compute the steps of a run in real time without a rig; raises InputError if the machine does not hold the rate.
+
+    Both the start of the steps and the end of their computation must be punctual, within a fraction of an interval.
+    """
     info = setup.rig
     run = prepare(info, blocks, source, np.zeros((round(REHEARSAL_S / info.dt_s), 3)), guard_limits(setup))
     late_s, took_s = rehearse_watched(run, REHEARSAL_S)
@@ -83,7 +89,10 @@ def rehearsed(setup: Setup, blocks: Blocks, source: int) -> None:
 
 
 def check_measured(info: RigInfo) -> None:
-    """Raise InputError unless the rate of a rig whose exchange is written in Python was measured and held."""
+    """Raise InputError unless rths doctor measured the rig at its rate on this machine, and the rate was held.
+
+    This applies to rigs that are exchanged with from Python. The rehearsal does not include their exchange.
+    """
     rate_hz, name = 1.0 / info.dt_s, info.name.removesuffix(VARIED)
     measured = held_rate(rate_hz, name)
     advice = f"run rths doctor with --rig {name} --rate {rate_hz:g}"
@@ -94,7 +103,10 @@ def check_measured(info: RigInfo) -> None:
 
 
 def listened(setup: Setup, rig: Rig) -> AtRest:
-    """Return what every channel shows while the armed table rests; raise InputError where that is no rest."""
+    """Open and arm the rig, command zero for LISTENING_S, and return mean and noise of its channels.
+
+    Raises InputError with a sentence for each channel that is not at rest, RigError if the rig is not available.
+    """
     with opened(rig):
         shown = [np.array(rig.arm(), dtype=float)]
         shown += [np.array(rig.exchange(0.0), dtype=float) for _ in range(round(LISTENING_S / setup.rig.dt_s))]
@@ -107,7 +119,7 @@ def listened(setup: Setup, rig: Rig) -> AtRest:
 
 
 def channel_faults(info: RigInfo, found: AtRest) -> list[str]:
-    """Return a sentence for every channel that is not at rest, or at a rest too far from zero."""
+    """Return a sentence for each channel whose mean or noise at rest is too large or not finite."""
     faults = []
     for channel, zero, noise in zip(info.channels, found.zeros_v, found.noise_v, strict=True):
         range_v = min(channel.range_m_s2 * channel.sensitivity_v_per_m_s2, info.converters.range_v)

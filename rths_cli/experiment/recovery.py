@@ -1,4 +1,4 @@
-"""What `rths recover` does: put the samples of interrupted runs from their raw logs into their result files."""
+"""The work of `rths recover`: write the samples of interrupted runs from their raw logs to their result files."""
 
 from __future__ import annotations
 
@@ -43,20 +43,17 @@ NOTED = tuple(f"recovered_{run}" for run in KINDS)
 
 @dataclass(frozen=True)
 class Recovered:
-    """Outcome of the recovery of one log: its result with its status, recovered and possible steps, and a sentence.
-
-    `known`: the result held the run already and was not changed.
-    """
+    """Outcome of the recovery of one log."""
 
     log: Path
     result: Path
-    status: str
-    run: str
-    samples: int
-    steps: int
+    status: str  # of the result
+    run: str  # name of the run
+    samples: int  # recovered steps
+    steps: int  # largest possible number of steps of the run
     dt_s: float
-    note: str
-    known: bool = False
+    note: str  # sentence on the recovered steps
+    known: bool = False  # whether the result held the run already and was not changed
 
 
 @dataclass(frozen=True)

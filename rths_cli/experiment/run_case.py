@@ -41,20 +41,20 @@ if TYPE_CHECKING:
 
 BYTES_PER_SAMPLE = 600  # of a result file, for the check of free space
 PRECEDENCE = (143, 130, 5, 4, 3, 2, 1)  # precedence of exit codes, the first one wins
-LOG_BYTES_PER_SAMPLE = 400  # of the raw logs of two runs on a real rig
+LOG_BYTES_PER_SAMPLE = 400  # of the raw logs of two runs on a real rig, for the same check
 
 
 @dataclass(frozen=True)
 class Ended:
-    """End of one case: its file (None if nothing was written), status, reason and exit code."""
+    """The end of one case."""
 
-    name: str
-    path: Path | None
-    status: str
-    reason: str
+    name: str  # of the case
+    path: Path | None  # result file; None: nothing was written
+    status: str  # of the result file
+    reason: str  # "" for a complete and accepted case
     exit_code: int
-    warnings: tuple[str, ...] = ()
-    replaced: bool = False
+    warnings: tuple[str, ...] = ()  # one sentence each
+    replaced: bool = False  # whether a result file of the same name was replaced
 
 
 def prepare_all(
@@ -208,7 +208,7 @@ def _sim_delay(setup: Setup, sim: Response) -> tuple[DelayedResponse, dict[str, 
     values["sim_delay.high_pass_hz"] = lowest_hz
     values["sim_delay.solution_error"] = delayed.error_estimate
     critical = critical_delay(building).delay_s
-    if math.isfinite(critical):  # no delay does it where this is infinite
+    if math.isfinite(critical):  # infinite: every delay is stable
         values["sim_delay.critical_delay_s"] = critical
     if delayed.diverged_at_s is not None:
         values["sim_delay.diverged_at_s"] = delayed.diverged_at_s

@@ -1,4 +1,4 @@
-"""What `rths run` does with all its cases: check all first, then one after the other or side by side; exit code."""
+"""The work of `rths run` with all its cases: check all first, run them one by one or in parallel, exit code."""
 
 from __future__ import annotations
 
@@ -29,53 +29,53 @@ from rths_cli.quantities import Values
 if TYPE_CHECKING:
     from rths_cli.loop.live_view import View
 
-KEPT, KEPT_BYTES = 8, 1 << 28  # of each kind of what cases share, and of all kinds together
-RESPONSES = 3  # kept of a case: SIM, SIM of the identified building, SIM-DELAY
-Job = tuple[Setup, Path]
+KEPT, KEPT_BYTES = 8, 1 << 28  # largest number of shared values of each kind, and of bytes of all kinds
+RESPONSES = 3  # shared responses of a case: SIM, SIM of the identified building, SIM-DELAY
+Job = tuple[Setup, Path]  # a case and its result file
 
 
 class Watcher(Protocol):
-    """Who is told how a batch goes on."""
+    """Receives the progress of a batch, for example to show it on a terminal."""
 
     def started(self, number: int, count: int, name: str) -> None:
-        """Take note that a case starts."""
+        """Report that case `number` of `count` starts."""
 
     def doing(self, what: str) -> None:
-        """Take note of what is being done."""
+        """Report the present work."""
 
     def ended(self, ended: Ended, seconds: float) -> None:
-        """Take note of how a case ended."""
+        """Report the end of a case and its duration."""
 
     def message(self, text: str) -> None:
-        """Take note of a sentence for the user."""
+        """Report a sentence for the user."""
 
     def moving(self, label: str, view: View) -> bool:
-        """Take note of how a run stands on a real rig; return whether an operator wants it to stop."""
+        """Report the state of a run on a real rig; return whether the operator wants to stop it."""
 
     def confirm(self, lines: Sequence[str]) -> bool:
-        """Show a checklist and ask whether a real table may move."""
+        """Show a checklist and return whether a person confirms that a real table may move."""
 
 
 @dataclass(frozen=True)
 class Request:
-    """What `rths run` was asked: case files, settings KEY=VALUE, methods (none: each case's own), where to.
+    """Arguments of `rths run`."""
 
-    `fresh` ignores models that earlier runs identified. `yes` moves a real table without asking.
-    """
-
-    paths: tuple[str, ...]
-    settings: tuple[str, ...]
-    methods: tuple[str, ...]
-    output: Path
-    replace: bool
-    command_line: str
-    overrides: tuple[str, ...] = ()
-    fresh: bool = False
-    yes: bool = False
+    paths: tuple[str, ...]  # names or paths of cases
+    settings: tuple[str, ...]  # KEY=VALUE each
+    methods: tuple[str, ...]  # (): each case's own method
+    output: Path  # folder of the result files
+    replace: bool  # whether existing result files may be replaced
+    command_line: str  # as stored in the result files
+    overrides: tuple[str, ...] = ()  # as given by --override
+    fresh: bool = False  # whether cached models of virtual rigs are ignored
+    yes: bool = False  # whether a rig with `unattended: true` moves without a question
 
 
 def plan(request: Request, memory: Memory, shared: SharedValues) -> list[Job]:
-    """Load and check every case and name its result file; raises InputError with all faults, writes nothing."""
+    """Load and check every case, and return each with its result file; nothing is written.
+
+    Raises InputError if a case or a model file has faults, or a result file must not be replaced.
+    """
     jobs: list[Job] = []
     for method in request.methods or ("",):
         chosen = (f"method={method}",) if method else ()
@@ -94,12 +94,16 @@ def plan(request: Request, memory: Memory, shared: SharedValues) -> list[Job]:
 
 
 def _when(setup: Setup) -> str:
-    """Return what the name of a result says of its time: a real rig's is never replaced."""
+    """Return the time (UTC) for the name of a real rig's result, which is never replaced; "" for a virtual rig."""
     return datetime.now(UTC).strftime("-%Y%m%dT%H%M%SZ") if setup.rig.can.moves_hardware else ""
 
 
 def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
-    """Run every case of a request, on virtual rigs two at a time; one that fails is named and the others go on."""
+    """Run every case of a request, up to two at a time on virtual rigs, and return how each one ended.
+
+    If a case fails, the others are still run. On a real rig, the batch stops after an exit code above 1. Raises
+    InputError if a case cannot be used or a real rig may not move.
+    """
     keep_freed_memory()
     memory, shared = Memory(Cache(request.fresh)), SharedValues()
     jobs = plan(request, memory, shared)
@@ -132,18 +136,18 @@ def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
 
 
 def cases_at_once(jobs: Sequence[Job]) -> int:
-    """Return how many cases are worked on at a time: a real rig or a very long record is alone."""
+    """Return the number of cases that run in parallel: one with a real rig or a very long record."""
     real = any(setup.rig.can.moves_hardware for setup, _ in jobs)
     return 1 if real else min(AT_ONCE, len(jobs), cores(), most_kept(jobs))
 
 
 def exit_code(results: Sequence[Ended]) -> int:
-    """Return the code of the worst ending (docs/decisions/commands.md)."""
+    """Return the exit code of a batch, that of its worst end (docs/decisions/commands.md)."""
     return worst_code(ended.exit_code for ended in results)
 
 
 def most_kept(jobs: Sequence[Job]) -> int:
-    """Return how many records and responses are kept: as often as those of the longest case fit, once at least."""
+    """Return the number of shared values of each kind that fit into KEPT_BYTES for the longest case: 1 to KEPT."""
     series = max(len(setup.motion.time_s) * (4 + RESPONSES * (3 * setup.case.n_storeys + 1)) for setup, _ in jobs)
     return max(1, min(KEPT, KEPT_BYTES // (8 * series)))
 
@@ -151,7 +155,7 @@ def most_kept(jobs: Sequence[Job]) -> int:
 def run_one(
     setup: Setup, path: Path, memory: Memory, shared: SharedValues, command_line: str, tell: Progress, watcher: Watcher
 ) -> Ended:
-    """Run one case into its file and return how it ended; what it raises becomes the reason and the exit code."""
+    """Run one case, write its result file and return how it ended; an exception gives the reason and the exit code."""
     taken = path.exists()
     try:
         if setup.rig.can.counts_steps:
@@ -160,14 +164,14 @@ def run_one(
     except RthsError as error:
         return _failed(setup, path, taken, str(error), error.exit_code)
     except Exception as error:
-        tell("")  # a signal that came while code was compiled ends the batch here
+        tell("")  # a signal that arrived during a compilation ends the batch here
         return _failed(setup, path, taken, f"internal error ({type(error).__name__}), {crash_note()}", 5)
 
 
 def _run_real(
     setup: Setup, path: Path, memory: Memory, shared: SharedValues, command_line: str, tell: Progress, watcher: Watcher
 ) -> Ended:
-    """Run a case on a real rig: what may refuse it is asked before the table moves and before its file begins."""
+    """Run a case on a real rig; rate and channels are checked before the table moves and its result file is begun."""
     from rths_cli.experiment.table_runs_on_real_rig import RealStage, ask_the_rig
 
     if moves_table(setup.case):
@@ -177,9 +181,10 @@ def _run_real(
 
 
 def _failed(setup: Setup, path: Path, taken: bool, reason: str, code: int) -> Ended:
-    """Return the ending of a case that raised; `taken`: its file's name was another's before.
+    """Return the end of a case that raised an exception; `taken`: the result file existed before.
 
-    A file of a real rig that was begun stays, and then the code is not that of input by which nothing was written.
+    A result file of a real rig that was begun is kept. Exit code 2, which means that nothing was written, is then
+    replaced by 4.
     """
     begun = setup.rig.can.moves_hardware and not taken and bool(path.exists() or [*path.parent.glob(f".{path.name}.*")])
     return Ended(
@@ -191,26 +196,26 @@ Item = TypeVar("Item")
 Result = TypeVar("Result")
 Tell = Callable[[str], None]
 
-AT_ONCE = 2  # more would only wait for each other: much of a run is Python's own
+AT_ONCE = 2  # largest number of parallel cases; more would wait for the Python interpreter
 
 
 class Stopped(BaseException):
-    """The batch ends: nobody waits for this job any more."""
+    """Raised in a job to end it, because the batch has ended."""
 
 
 def cores() -> int:
-    """Return the number of cores this process may use."""
+    """Return the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def in_order(
     work: Callable[[Item, Tell], Result], jobs: Sequence[Item], tell: Tell, at_once: int
 ) -> Generator[Result, None, None]:
-    """Yield the results of `work(job, tell)` in the order of the jobs, `at_once` of them worked on at a time.
+    """Yield the results of `work(job, tell)` in the order of the jobs, of which `at_once` run in parallel.
 
-    `tell` is called for the job whose result is waited for, of the others it is not heard. What a job raises is raised
-    here; then, or when the iterator is closed, jobs under way end by Stopped where they tell or compute next, others
-    never start.
+    `tell` is called only for the job whose result is awaited. An exception of a job is raised here. After that, or when
+    the iterator is closed, Stopped ends the running jobs at their next report or interruptible computation, and no
+    further job starts.
     """
     if at_once == 1:
         yield from (work(job, tell) for job in jobs)

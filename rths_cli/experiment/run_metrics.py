@@ -1,6 +1,6 @@
 """Metrics of a run by their paths, from analysis/metrics/: errors, tracking, FEI, J1 to J9, energy error.
 
-Accelerations, because every rig measures them; docs/background/metrics.md defines each.
+All are formed of accelerations, which every rig measures. docs/background/metrics.md defines each.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 
 Compared = tuple["Array", "Array", "Array | None"]
-"""A reference, what was measured of it and, on a virtual rig, what is true: accelerations in m/s^2."""
+"""Reference, measured and, on a virtual rig, true values (else None): accelerations in m/s^2 of equal shape."""
 
 
 def errors(
@@ -50,9 +50,11 @@ def errors(
     high_pass_hz: float = 0.0,
     room: Array | None = None,
 ) -> Values:
-    """Return tracking errors of the table, of series (n,), and errors against SIM storey by storey, of (n_storeys, n).
+    """Return maximum and RMS of the table's tracking error and of the storeys' errors against SIM, by path.
 
-    All are computed in one pass; `room` as `room_for_pairs` gives it for their number.
+    `table`: series (n,), desired motion as reference; `storeys`: series (n_storeys, n), SIM as reference; None: no such
+    metrics. Both errors are evaluated in the test band and, with the suffix `_full`, in full band, without motion
+    slower than `high_pass_hz`. `room`: memory from `room_for_pairs` for the number of series; None: new memory.
     """
     pairs: list[tuple[Array, Array]] = []
     places: dict[str, int | slice] = {}
@@ -75,7 +77,7 @@ def errors(
 
 
 def of_margins(group: str, found: Margins, suffix: str) -> dict[str, ArrayLike]:
-    """Return the margins of one loop under a group of paths; infinite where nothing is crossed."""
+    """Return the margins of one loop by path, `group`.NAME`suffix`; a margin without a crossing is infinite."""
     values = {
         "sensitivity_peak": found.sensitivity_peak,
         "sensitivity_peak_hz": found.peak_hz,
@@ -90,7 +92,11 @@ def of_margins(group: str, found: Margins, suffix: str) -> dict[str, ArrayLike]:
 def of_table_run(
     setup: Setup, run: str, series: Series, sim: Response, hybrid: tuple[Array, Array, Array] | None
 ) -> dict[str, ArrayLike]:
-    """Return the figures of a whole run on the table; `hybrid` is the building's motion in EXP-RTHS, else None."""
+    """Return the metrics of a complete run on the table by path, except `errors`.
+
+    `series`: signals on the record's clock. `hybrid`: motion of the building in EXP-RTHS, (n_storeys, n) each: relative
+    displacements in m and velocities in m/s, absolute accelerations in m/s^2; None in a shake-table test.
+    """
     dt, building, ground = setup.rig.dt_s, setup.building, setup.motion.accel_m_s2
     lowest_hz = lowest_reliable_hz(setup)
     desired, measured = series.desired[0], series.measured[0]
@@ -105,7 +111,10 @@ def of_table_run(
 
 
 def delays(run: str, desired: Array, measured: Array, true: Array | None, dt_s: float) -> dict[str, ArrayLike]:
-    """Return the delay fitted to the table's motion, measured and, on a virtual rig, true; accelerations (n,)."""
+    """Return the delay in s fitted to the measured and, on a virtual rig, to the true table motion, by path.
+
+    `desired`, `measured` and `true` are accelerations (n,) in m/s^2; a positive delay means that the table is late.
+    """
     values = {"": measured} if true is None else {"": measured, "_true": true}
     found = fitted_delays_s(desired, tuple(values.values()), dt_s)
     return {f"{run}.tracking_delay_s{suffix}": delay for suffix, delay in zip(values, found, strict=True)}
@@ -114,10 +123,11 @@ def delays(run: str, desired: Array, measured: Array, true: Array | None, dt_s: 
 def fidelity(
     run: str, desired: Array, measured: Array, true: Array | None, dt_s: float, high_pass_hz: float = 0.0
 ) -> dict[str, ArrayLike]:
-    """Return FEI, tracking indicator and J1 to J3 of the table; desired, measured, true accelerations (n,) in m/s^2.
+    """Return FEI, tracking indicator and J1 to J3 of the table by path.
 
-    FEI weighs lines by the desired motion's power, so slow motion has no part in it; the others are evaluated above
-    `high_pass_hz`.
+    `desired`, `measured` and `true` are accelerations (n,) in m/s^2. Tracking indicator and J1 to J3 are evaluated
+    without motion slower than `high_pass_hz`. FEI needs no such filter, because it weights the lines by the power of
+    the desired motion, which is small there.
     """
     full = high_passed([desired, measured], high_pass_hz, dt_s)
     banded = test_band(full, dt_s)
@@ -134,9 +144,9 @@ def fidelity(
 
 
 def response(run: str, sim_accel: Array, accel: Array, interface: int, dt_s: float) -> dict[str, ArrayLike]:
-    """Return J4, J5 of the `interface` storey and, from three storeys on, J6 to J9 of the two lowest others.
+    """Return J4 and J5 of the `interface` storey and, with three storeys or more, J6 to J9 of the two lowest others.
 
-    Absolute accelerations (n_storeys, n) in m/s^2; storeys count from 1.
+    `sim_accel` and `accel` are absolute accelerations (n_storeys, n) in m/s^2; storeys count from 1.
     """
     numbers = criteria_of_storeys(interface, len(accel))
     figures: dict[str, ArrayLike] = {}
@@ -150,13 +160,20 @@ def response(run: str, sim_accel: Array, accel: Array, interface: int, dt_s: flo
 
 
 def criteria_of_storeys(interface: int, storeys: int) -> dict[int, tuple[int, int]]:
-    """Return the numbers of the J's of deviation and peak by storey: the `interface`, then the two lowest others."""
+    """Return the numbers of the J criteria (standard deviation, peak) by storey, for a number of storeys.
+
+    J4 and J5 belong to the `interface` storey, J6 to J9 to the two lowest others if there are two. Storeys count
+    from 1.
+    """
     others = [storey for storey in range(1, storeys + 1) if storey != interface]
     return {interface: (4, 5)} | (dict(zip(others, ((6, 8), (7, 9)), strict=False)) if len(others) > 1 else {})
 
 
 def remarks(setup: Setup, run: str, desired: Array) -> dict[str, str]:
-    """Return what the definitions of some figures say of this run: the storeys of the J's, the FEI's frequency."""
+    """Return remarks on metrics whose definition depends on the run, by path: storeys of the J's, frequency of the FEI.
+
+    `desired`: acceleration (n,) of the table in m/s^2.
+    """
     interface, storeys = len(setup.building.numerical.masses_kg), len(setup.building.M)
     hz = frequency_evaluations(desired, (desired,), setup.rig.dt_s)[0].frequency_hz
     about = dict.fromkeys(("fei_amplitude", "fei_delay_s"), f"equivalent frequency {hz:.3g} Hz")
@@ -168,9 +185,10 @@ def remarks(setup: Setup, run: str, desired: Array) -> dict[str, str]:
 def energy(
     run: str, desired: Array, measured: Array, true: Array | None, base_shear_n: Array, input_j: float, dt_s: float
 ) -> dict[str, ArrayLike]:
-    """Return the energy that the table's error feeds in, in J and over `input_j`.
+    """Return the energy that the tracking error feeds into the structure, in J and divided by `input_j`, by path.
 
-    Table accelerations (n,) in m/s^2, base shear (n,) in N as the numerical part felt it.
+    `desired`, `measured` and `true` are table accelerations (n,) in m/s^2. `base_shear_n` (n,) is the base shear that
+    acted on the numerical substructure. `input_j`: largest input energy of SIM in J; if it is 0, the ratio is NaN.
     """
     figures: dict[str, ArrayLike] = {}
     values = {"": measured} if true is None else {"": measured, "_true": true}

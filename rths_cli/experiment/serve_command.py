@@ -1,4 +1,4 @@
-"""What `rths serve` does: run a virtual table as a UDP target, session by session, and say how each ended."""
+"""The work of `rths serve`: run a virtual table as a UDP target, session by session, and report each session's end."""
 
 from __future__ import annotations
 
@@ -56,40 +56,37 @@ Say = Callable[[str], object]
 
 @dataclass(frozen=True)
 class ServeRequest:
-    """Hold what the user asked `rths serve` for; no `seconds`: until a signal comes."""
+    """Arguments of `rths serve`."""
 
-    rig: str
-    structure: str
-    host: str
+    rig: str  # name or file of a virtual rig
+    structure: str  # name or file of the structure whose specimen stands on it
+    host: str  # address to listen at
     port: int
-    key_file: Path | None
-    watchdog_s: float
-    seconds: float | None
-    seed: int
-    settings: tuple[str, ...]
+    key_file: Path | None  # None: serve.key in the user's cache, created if missing
+    watchdog_s: float  # time without a command after which the target stops the table
+    seconds: float | None  # duration; None: until a signal arrives
+    seed: int  # of the sensors' noise
+    settings: tuple[str, ...]  # KEY=VALUE each
 
 
 @dataclass(frozen=True)
 class SessionEnded:
-    """Summary of a session; packets that are not its own are counted from its ARM to that of the next session.
+    """Summary of a session; foreign packets are counted from its ARM to that of the next session."""
 
-    `lost`: sequence numbers that never arrived; `greetings`: authentic HELLO, of later runners or replayed.
-    """
-
-    peer: str
+    peer: str  # address of the runner
     rate_hz: float
-    commands: int
-    ended_by: str
-    lost: int
-    replayed: int
-    forged: int
+    commands: int  # that the table followed
+    ended_by: str  # cause of the end, in words
+    lost: int  # sequence numbers that never arrived
+    replayed: int  # packets that arrived twice or late
+    forged: int  # packets without a valid authentication
     malformed: int
-    greetings: int
-    longest_gap_s: float
+    greetings: int  # authentic HELLO packets, of later runners or replayed
+    longest_gap_s: float  # longest time between two commands
 
 
 def serve(request: ServeRequest, say: Say) -> list[SessionEnded]:
-    """Serve sessions until the time is over or a signal comes, then bring the table to rest; return the sessions.
+    """Serve sessions until the time is over or a signal arrives, then bring the table to rest; return the sessions.
 
     Raises InputError for bad input, RigError if the address is not available.
     """
@@ -237,7 +234,7 @@ def sentence(number: int, ended: SessionEnded) -> str:
 
 
 def socket_address(data: udp_target.Bytes) -> tuple[str, int] | tuple[str, int, int, int]:
-    """Return a socket address of the system as Python spells it."""
+    """Return a socket address in Python's form from the bytes of a sockaddr structure."""
     raw = data.tobytes()
     port = int.from_bytes(raw[2:4], "big")
     if int.from_bytes(raw[:2], "little") == socket.AF_INET:
@@ -247,15 +244,15 @@ def socket_address(data: udp_target.Bytes) -> tuple[str, int] | tuple[str, int, 
 
 
 def _secret(key_file: Path | None) -> tuple[Path, Words]:
-    """Return the key file and its secret; without a named file, the one in the user's cache, created if missing."""
+    """Return the key file and its secret; None: the file in the user's cache, which is created if missing."""
     path = (key_file or user_cache() / "serve.key").absolute()
     if key_file is None and not path.exists():
         return path, make_secret(path)
     return path, read_secret(path)
 
 
-CASE = "el_centro_low_ff_fb"  # lends what a rig and a structure do not state: they stand in its place
-NOISE_ROWS = 1 << 17  # 131 s at 1 kHz, then it repeats
+CASE = "el_centro_low_ff_fb"  # supplies the keys that rig and structure do not state
+NOISE_ROWS = 1 << 17  # length of the noise, 131 s at 1 kHz, after which it repeats
 
 
 @dataclass(frozen=True)
@@ -268,17 +265,17 @@ class ServedRig:
 
     @property
     def title(self) -> str:
-        """Return what is served, in words."""
+        """Return rig and specimen in words."""
         return f"rig {self.setup.rig.name} with {self.channels - 1} floors of {self.setup.case.structure.name}"
 
     @property
     def channels(self) -> int:
-        """Return how many channels the rig has."""
+        """Return the number of channels of the rig."""
         return len(self.setup.rig.channels)
 
     @property
     def usual_dt_s(self) -> float:
-        """Return the sample interval of the case that stands behind the rig."""
+        """Return the default sample interval in s, that of the case from which the rig is made."""
         return self.setup.rig.dt_s
 
     @cached_property

@@ -1,4 +1,4 @@
-"""`Setup`: a case with all that is known before the table moves, that is ground motion, building, rig."""
+"""`Setup`: a case with everything that is known before the table moves: ground motion, building, rig."""
 
 from __future__ import annotations
 

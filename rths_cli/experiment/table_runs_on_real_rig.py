@@ -1,4 +1,4 @@
-"""Play a case's table runs on its real rig: samples streamed to raw logs, live view, link counts."""
+"""Play the table runs of a case on its real rig, with raw logs, live view and packet counts of the link."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ if TYPE_CHECKING:
 
 
 def ask_the_rig(setup: Setup, memory: Memory, progress: Progress) -> None:
-    """Rehearse the case's rate and listen to its channels, the table at rest: before it moves, and before any file.
+    """Rehearse the sample rate without the rig, then measure the channels with the table at rest.
 
-    Raises InputError where the machine does not hold the rate or a channel is not at rest, RigError where the rig
-    cannot be had.
+    It is called before the table moves and before the result file is begun. Raises InputError if no controller can be
+    designed, the machine does not hold the rate, or a channel is not at rest; RigError if the rig is not available.
     """
     design = design_blocks(setup, memory.at_rest(setup, progress).found)
     progress("rehearsal of the rate, no rig")
@@ -47,18 +47,26 @@ def ask_the_rig(setup: Setup, memory: Memory, progress: Progress) -> None:
 
 
 class RealStage:
-    """Plays the runs of one case on its real rig: their samples stand in raw logs until the result holds them."""
+    """Play the runs of one case on its real rig.
+
+    The samples are streamed to raw logs, which are kept until the result file holds them. `show` displays the label of
+    a run and its live view; it returns True to stop the run.
+    """
 
     def __init__(self, show: Callable[[str, View], bool]) -> None:
         self._show = show
         self._logs: list[RawLogWriter] = []
 
     def play(self, plan: RunPlan, writer: ResultWriter) -> Outcome:
-        """Play one run, its result file closed as interrupted meanwhile; the channels' zeros are taken anew."""
+        """Measure the channels' zeros anew, play one run and return its outcome.
+
+        During the run the result file is closed, with the status interrupted. Raises InputError if a channel is not at
+        rest or the raw log cannot be written, RigError if the rig is not available.
+        """
         setup, kind = plan.setup, plan.kind
         rig = open_rig(setup, (), 0)
         zeros_v = real_rig_readiness.listened(setup, rig).zeros_v
-        writer.about({"driver_verified": rig.info.driver_verified})  # known once it was opened
+        writer.about({"driver_verified": rig.info.driver_verified})  # known only after the rig was opened
         blocks, still_s = plan.design.blocks, (BEFORE_S, AFTER_S)
         ready = prepare(setup.rig, blocks, kind.source, plan.drive, plan.limits, zeros_v, still_s=still_s)
         path = raw_log_path(writer.path, kind.name)
@@ -86,19 +94,21 @@ class RealStage:
         return _with_fault(performed, stream)
 
     def written(self) -> None:
-        """Remove the raw logs: the result file holds everything."""
+        """Remove the raw logs, because the result file holds their samples."""
         for log in self._logs:
             log.remove()
 
     def close(self) -> None:
-        """Let go of the raw logs; those whose samples stand nowhere else stay."""
+        """Close the raw logs; those that `written` did not remove are kept, except empty ones."""
         for log in self._logs:
             log.close()
 
 
 def link_counts(rig: Rig) -> dict[str, float]:
-    """Return what an open link counted in this session, from arming to rest, by the names of its datasets; what a
-    driver does not count, and a rig without a link, has none."""
+    """Return the packet counts of an open link, from arming to rest, by dataset name.
+
+    Counts that the driver does not provide are left out; a rig without a link has none.
+    """
     there = linked(rig)
     if there is None:
         return {}
@@ -107,7 +117,7 @@ def link_counts(rig: Rig) -> dict[str, float]:
 
 
 def _with_fault(performed: Performed, stream: LogStream) -> Outcome:
-    """Return how a run went, with what those beside the loop say of their faults."""
+    """Return the outcome of a run; if watcher or raw log ended it, the reason states their fault."""
     outcome = performed.outcome
     if outcome.reason == WATCHER_FAILED:
         return replace(outcome, stopped_by_limit=f"{outcome.stopped_by_limit} ({performed.watch_fault})")
@@ -117,7 +127,7 @@ def _with_fault(performed: Performed, stream: LogStream) -> Outcome:
 
 
 def _header(plan: RunPlan, ready: Performance, writer: ResultWriter) -> RawHeader:
-    """Return what the raw log of a run says of itself."""
+    """Return the header of the raw log of a run."""
     setup, expected = plan.setup, as_stored(plan.expected) if plan.expected else None
     names = column_names(len(setup.rig.channels), ready.step.estimated.size)
     return RawHeader(
@@ -128,7 +138,7 @@ def _header(plan: RunPlan, ready: Performance, writer: ResultWriter) -> RawHeade
 
 
 def _told(performed: Performed, ready: Performance, stream: LogStream) -> dict[str, str | int | float]:
-    """Return what a result says of the loop that made it."""
+    """Return the attributes of a result that describe the real-time loop of a run, without the run's prefix."""
     granted = performed.granted
     return {
         "zeros_v": " ".join(f"{zero:.6g}" for zero in ready.course.zeros_v),

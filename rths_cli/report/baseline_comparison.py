@@ -1,4 +1,4 @@
-"""`--baseline`: results compared with those of a baseline, what changed by how much, what got worse."""
+"""`--baseline`: comparison of results with those of a baseline: changes, and metrics that are worse."""
 
 from __future__ import annotations
 
@@ -14,20 +14,19 @@ from rths_cli.rigs.description import adjective
 
 KEYS = ("case", "method", "rig", "rig_kind")
 WORSE, BETTER, SAME, SEEN = "worse", "better", "same", "not judged"
-FLOOR_M_S2 = 1e-6  # errors below it are rounding, whatever their ratio
-DEFAULT_PERCENT = 1.0
-LISTED = 20
+FLOOR_M_S2 = 1e-6  # smaller changes of an error are rounding, whatever their ratio
+DEFAULT_PERCENT = 1.0  # tolerance
+LISTED = 20  # largest number of worse metrics in the text
 
 
 @dataclass(frozen=True)
 class Change:
-    """Hold one figure of a case before and now; `verdict` is worse, better, same (within the tolerance) or, for figures
-    that are no error, not judged."""
+    """One metric of a case in the baseline and now."""
 
     place: Place
-    before: float
-    now: float
-    verdict: str
+    before: float  # mean over the repeats of the baseline
+    now: float  # mean over the present repeats
+    verdict: str  # WORSE, BETTER, SAME (within the tolerance), or SEEN (no error, not judged)
 
     @property
     def difference(self) -> float:
@@ -36,36 +35,37 @@ class Change:
 
     @property
     def ratio(self) -> float | None:
-        """Return now over before; None where before is 0."""
+        """Return now / before; None if before is 0."""
         return self.now / self.before if self.before else None
 
 
 @dataclass(frozen=True)
 class CaseChanges:
-    """Hold what changed of one case: `state` says why there is nothing to compare, or is empty."""
+    """Changes of one case and method against the baseline."""
 
-    case: str
-    state: str
+    case: str  # case, method and rig in words
+    state: str  # remarks: why it cannot be compared, how runs ended, differing keys; "" if there are none
     changes: tuple[Change, ...]
-    failed: bool
+    failed: bool  # whether a run or an error is missing, a run did not end as planned, or the case differs
 
 
 def against(results: Sequence[Result], baseline: Sequence[Result], percent: float) -> list[CaseChanges]:
-    """Return per case and method what changed against a baseline, means over repeats on both sides.
+    """Return the changes against a baseline for each case, method and rig, as means over repeats on both sides.
 
-    An error is worse when it grew by more than `percent`. A run that the baseline has and that is missing or did not
-    end as planned, or is of another case by now, counts as worse; one that is new does not.
+    An error is worse if it is larger by more than `percent`. A case of the baseline also counts as worse if its run is
+    missing, did not end as planned, or belongs to a changed case. A new case does not count as worse.
     """
     before, now = _by_case(baseline), _by_case(results)
     return [_case(key, before.get(key, []), now.get(key, []), percent) for key in dict.fromkeys((*before, *now))]
 
 
 def got_worse(found: Sequence[CaseChanges]) -> bool:
-    """Return whether a figure, or the end of a run, is worse than in the baseline."""
+    """Return whether a metric, or the end of a run, is worse than in the baseline."""
     return any(one.failed or any(change.verdict == WORSE for change in one.changes) for one in found)
 
 
 def _by_case(results: Sequence[Result]) -> dict[tuple[str, ...], list[Result]]:
+    """Return the results by their values of KEYS."""
     found: dict[tuple[str, ...], list[Result]] = {}
     for result in results:
         found.setdefault(tuple(value_of(result, key) for key in KEYS), []).append(result)
@@ -95,6 +95,7 @@ def _case(key: tuple[str, ...], before: Sequence[Result], now: Sequence[Result],
 
 
 def _is_error(place: Place) -> bool:
+    """Return whether a metric is declared as one that is better the smaller it is."""
     found = metric(place[0])
     return found is not None and found.better == LESS
 
@@ -110,7 +111,10 @@ def _change(place: Place, before: float, now: float, percent: float) -> Change:
 
 
 def baseline_blocks(found: Sequence[CaseChanges], source: str, percent: float) -> Iterator[Block]:
-    """Yield the paper's figures against the baseline as a table, and every figure that got worse."""
+    """Yield a table of the paper's metrics against the baseline, and a list of the metrics that are worse.
+
+    `source`: name of the baseline; `percent`: tolerance.
+    """
     heads = ("baseline", "now", "change", "ratio", "")
     rows = tuple(row for one in found for row in _rows(one))
     title = f"Against the baseline {source} (m/s^2, test band, measured)"

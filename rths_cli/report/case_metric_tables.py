@@ -1,4 +1,4 @@
-"""Under the table of a single case: its error by cause, its latency and a list of every other metric, as text."""
+"""Text below the table of a single case: error by cause, latency, and a list of all other metrics."""
 
 from __future__ import annotations
 
@@ -17,8 +17,11 @@ TITLE = "Other figures of this case (definitions: rths report --json, or the res
 
 
 def other_figures(entry: Entry, shown: Iterable[str]) -> str:
-    """Return error by cause and latency by method, then a line for every further figure of the case but those `shown`:
-    path, unit, values by method, with its other kinds beside it; seconds in ms."""
+    """Return error by cause and latency of each method, then a line for each metric that is not among `shown`.
+
+    A line states path, unit and values by method, together with the other kinds of the metric (true, full band, model,
+    limit). Times in s are shown in ms.
+    """
     told, blocks = set(shown), []
     for method, result in entry.results.items():
         parts = _blocks(result, told)
@@ -28,7 +31,7 @@ def other_figures(entry: Entry, shown: Iterable[str]) -> str:
 
 
 def _blocks(result: Result, told: set[str]) -> list[str]:
-    """Return the blocks of one result; the paths that they show join `told`."""
+    """Return the text blocks of one result, and add the paths that they show to `told`."""
     causes, latency = budget_text(result.metrics), latency_text(result.metrics)
     storeys = max((np.size(v) for path, v in result.metrics.items() if ".rms_error_coupling" in path), default=1)
     whole = bool(causes) and all(f"storey {storey}" in causes for storey in range(1, storeys + 1))
@@ -58,7 +61,7 @@ def _list(entry: Entry, paths: list[str]) -> str:
 
 
 def _groups(paths: list[str]) -> dict[str, dict[str, str]]:
-    """Return by the first path of a figure its paths by kind, "" first: true, in full band, of the model, limit."""
+    """Return the paths of each metric by kind: "" (the metric itself), true, full, full-t, model or limit."""
     groups: dict[str, dict[str, str]] = {}
     for path in paths:
         base, kind = _kind(path, paths)
@@ -67,7 +70,7 @@ def _groups(paths: list[str]) -> dict[str, dict[str, str]]:
 
 
 def _kind(path: str, paths: list[str]) -> tuple[str, str]:
-    """Return the figure that a path is another kind of, and the word for the kind; itself and "" when it is none."""
+    """Return the basic metric of a path and the word for the path's kind; the path itself and "" if it is basic."""
     if path.startswith("check.limit_") and path.replace("limit_", "peak_") in paths:
         return path.replace("limit_", "peak_"), "limit"
     for suffix, word in KINDS.items():

@@ -1,4 +1,4 @@
-"""`rths check --json`: verdict, reasons and metrics of a check; what is unknown or not finite is null."""
+"""`rths check --json`: verdict, reasons and metrics of a check; numbers that are not finite are null."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def _plain(value: Any) -> Any:
 
 
 def _number(value: Any) -> Any:
-    """Return a number or a list of them, None for one that is not finite."""
+    """Return a number or a list of numbers, with None for each that is not finite."""
     numbers = np.asarray(value, dtype=float)
     if numbers.ndim:
         return [_number(item) for item in numbers]

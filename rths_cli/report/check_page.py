@@ -1,4 +1,4 @@
-"""What `rths check` prints: the test, its stability, latency, reach, expected error, verdict."""
+"""The page of `rths check`: the test, its stability, latency, reach, expected error, verdict."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ Values = Mapping[str, Array]
 
 
 def pages(checked: Sequence[Checked]) -> str:
-    """Return a page per case and, of several cases, a line per case after them."""
+    """Return a page for each case and, for several cases, a summary with a line for each case."""
     text = "\n\n".join(page(one) for one in checked)
     if len(checked) < 2:
         return text + "\n"
@@ -63,7 +63,7 @@ def _name(about: Tested) -> str:
 
 
 def _why(one: Checked) -> str:
-    """Return the one line of a case: its reasons, or how large its record may be."""
+    """Return the summary of a case: its reasons, or the largest safe scaling of its record."""
     if one.reasons:
         return "; ".join(one.reasons)
     largest = one.metrics.get("check.largest_scaling")
@@ -84,7 +84,7 @@ def _about(about: Tested) -> list[str]:
 
 
 def _stability(values: Values) -> list[str]:
-    """Return the lines on the closed loop's eigenvalues and on the loop without the table."""
+    """Return the lines on spectral radius, modes, critical delay and gain at infinity."""
     growth = _one(values, "growth")
     over = "die out" if growth < LEAST_GROWTH else f"change by a factor {short(growth)}"
     rows = [["mode", "building (Hz)", "damping (%)", "in the loop (Hz)", "damping (%)"]]
@@ -122,7 +122,7 @@ def _critical(values: Values) -> str:
 
 
 def _margins(values: Values) -> list[str]:
-    """Return margins with measured response and model, and the error of the table that the loop stands."""
+    """Return the lines on the margins, with measured response and with model, and on the tolerated table error."""
     if _one(values, "spectral_radius") >= 1.0:
         return [labelled("margins", "none: the loop is unstable")]
     rows = [["", "measured", "model"]]
@@ -153,7 +153,7 @@ def _feedback(values: Values) -> str:
 
 
 def _reach(values: Values) -> list[str]:
-    """Return predicted peaks beside limits, and the largest scaling."""
+    """Return the lines on predicted peaks with their limits, and on the largest safe scaling."""
     if "check.peak_command_v" not in values:
         return [labelled("reach", "not predicted: the loop is unstable")]
     rows = [["", "peak", "limit", "share (%)"]]
@@ -172,7 +172,7 @@ def _reach(values: Values) -> list[str]:
 
 
 def _compared(values: Values, about: Tested) -> list[str]:
-    """Return the lines that set the predicted error beside SIM-DELAY's, and tell the friction it counts with."""
+    """Return the lines on the predicted error in comparison with SIM-DELAY, and on the friction that it includes."""
     if "check.rms_error_m_s2" not in values:
         return [labelled("error", "not predicted: the loop is unstable")]
     friction = _one(values, "friction_v")
@@ -190,7 +190,7 @@ def _compared(values: Values, about: Tested) -> list[str]:
 
 
 def _verdict(checked: Checked) -> list[str]:
-    """Return warnings, then the verdict and its reasons."""
+    """Return the lines on warnings, verdict and reasons."""
     notes = [labelled("note", warning) for warning in checked.warnings]
     first = checked.verdict if not checked.reasons else f"{checked.verdict}: {checked.reasons[0]}"
     return [*notes, labelled("verdict", first), *(labelled("", reason) for reason in checked.reasons[1:])]

@@ -1,4 +1,4 @@
-"""What `rths doctor` prints, as text and with `--json`."""
+"""The output of `rths doctor`, as text and with `--json`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ HEADINGS = ("rate, Hz", "p50", "p99", "p99.9", "max", "late", "missed", "held")
 
 
 def page(found: Examined) -> str:
-    """Return the page of an examination."""
+    """Return the result of `rths doctor` as text."""
     sections = [wrapped([*_machine(found.machine, found.granted), _granted(found.granted)])]
     sections.append("\n".join([f"Wake-up delay in us, {_duration(found.rates)}", *table(found.rates)]))
     if found.rig:
@@ -32,7 +32,7 @@ def page(found: Examined) -> str:
 
 
 def document(found: Examined) -> dict[str, Any]:
-    """Return an examination as JSON can hold it."""
+    """Return the result of `rths doctor` as a document for JSON."""
     rig = found.rig
     return {
         "machine": asdict(found.machine),
@@ -49,7 +49,7 @@ def document(found: Examined) -> dict[str, Any]:
 
 
 def table(rates: Sequence[RateMeasured]) -> list[str]:
-    """Return a line per rate below a line of headings."""
+    """Return a line of headings and a line for each rate."""
     rows = []
     for r in rates:
         delays = (f"{us:.1f}" for us in (r.p50_us, r.p99_us, r.p99_9_us, r.max_us))
@@ -81,7 +81,7 @@ def _machine(machine: Machine, granted: Granted) -> list[str]:
 
 
 def _rtprio(machine: Machine, granted: Granted) -> str:
-    """Return the limit of priorities, which does not bind a privileged user."""
+    """Return the limit of real-time priorities in words; a privileged user is not bound by it."""
     limit = _limit(machine.rtprio_limit, "")
     return f"{limit} (does not bind this user)" if 0 <= machine.rtprio_limit < granted.fifo_priority else limit
 

@@ -1,4 +1,4 @@
-"""The error of a hybrid test by cause as a text table: predicted before the run, and split up after it."""
+"""The error of a hybrid test by cause as a text table: as predicted before the run, and as measured in it."""
 
 from __future__ import annotations
 
@@ -29,8 +29,11 @@ Metrics = Mapping[str, ArrayLike]
 
 
 def budget_text(metrics: Metrics) -> str:
-    """Return RMS errors by cause from figures by path: `check.*` predicted, `budget.*` and `exp_rths.*` measured; ""
-    where there are neither. Storeys that do not fit beside each other are left out, the highest last."""
+    """Return the table of RMS errors by cause, "" if the metrics contain no such errors.
+
+    `metrics` by path: predicted ones from `check.*`, measured ones from `budget.*` and `exp_rths.*`. If not all storeys
+    fit side by side, the lowest ones and the highest one are shown.
+    """
     predicted, measured = _has(metrics, "check"), _has(metrics, "budget")
     if not (predicted or measured):
         return ""
@@ -59,7 +62,7 @@ def _has(metrics: Metrics, kind: str) -> bool:
 
 
 def _columns(metrics: Metrics, kinds: list[str]) -> list[int]:
-    """Return 0 for tracking, then the numbers of the storeys that fit, the lowest and the highest ones."""
+    """Return the columns: 0 for tracking, then the numbers of the lowest storeys that fit and of the highest one."""
     storeys = np.atleast_1d(metrics[f"{kinds[0]}.rms_error_coupling_m_s2"]).size
     fit = (WIDTH - LABEL) // (COLUMN * len(kinds)) - 1
     shown = list(range(1, storeys + 1))
@@ -67,7 +70,7 @@ def _columns(metrics: Metrics, kinds: list[str]) -> list[int]:
 
 
 def _cell(metrics: Metrics, kind: str, cause: str, column: int) -> str:
-    """Return a figure in mm/s^2; without a cause the whole error, which is measured by the run itself."""
+    """Return an error in mm/s^2 as text; for the cause "", the total error, which is a metric of the run itself."""
     source = "exp_rths" if kind == "budget" and not cause else kind
     part = f"_{cause}" if cause else ""
     path = f"{source}.rms_error{part}_m_s2" if column else f"{source}.tracking_rms{part}_m_s2"
@@ -78,7 +81,7 @@ def _cell(metrics: Metrics, kind: str, cause: str, column: int) -> str:
 
 
 def _fitted(metrics: Metrics) -> str:
-    """Return what the run says of the table; a figure that its uncertainty exceeds is not named."""
+    """Return the sentence on gain, delay and friction of the table in the run; insignificant values are not stated."""
     gain = _figure(metrics, "table_gain_error", "table_gain_error_uncertainty", 100.0, "%")
     late = _figure(metrics, "table_delay_error_s", "table_delay_error_uncertainty_s", 1e6, "microseconds", 1)
     friction = _figure(metrics, "friction_v", "friction_uncertainty_v", 1e3, "mV of command", sign="")
@@ -93,7 +96,7 @@ def _fitted(metrics: Metrics) -> str:
 def _figure(
     metrics: Metrics, name: str, uncertainty: str, scale: float, unit: str, digits: int = 3, sign: str = "+"
 ) -> str:
-    """Return a figure with two standard uncertainties, or how large it is at most."""
+    """Return a value with two standard uncertainties; if these exceed it, only the uncertainty."""
     value = scale * float(np.asarray(metrics[f"budget.{name}"]))
     if f"budget.{uncertainty}" not in metrics:  # a result of an earlier version
         return f"{value:{sign}.{digits}f} {unit}"

@@ -1,4 +1,4 @@
-"""Table of tracking fidelity, J criteria and energy error of EXP-RTHS by case; and one of every metric of a case."""
+"""Table of tracking fidelity, J criteria and energy error of EXP-RTHS by case; table of all metrics of one case."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from rths_cli.report.results_by_case import Entry, state
 from rths_cli.report.table_cells import mark
 from rths_cli.report.text_layout import Cell, Row, Table
 
-COLUMNS = {  # head: figure, factor to the unit of the head
+COLUMNS = {  # heading: metric, factor to the unit of the heading
     "delay ms": ("exp_rths.tracking_delay_s", 1e3),
     "FEI A": ("exp_rths.fei_amplitude", 1.0),
     "FEI d ms": ("exp_rths.fei_delay_s", 1e3),
@@ -25,7 +25,7 @@ COLUMNS = {  # head: figure, factor to the unit of the head
 
 
 def merit_table(cases: Sequence[Entry]) -> Table:
-    """Return the figures of merit of EXP-RTHS, one line per case and method, with their definitions as notes."""
+    """Return the table of EXP-RTHS's figures of merit, a line per case and method, with the definitions as notes."""
     rows: list[Row] = []
     for entry in cases:
         rows.append(Row(f"{entry.excitation}, damping {entry.damping}, {entry.controller}"))
@@ -47,7 +47,7 @@ def _notes() -> Iterator[str]:
 
 
 def every_figure(entry: Entry) -> Iterator[Table]:
-    """Yield every figure of one case as a table: path, unit, values by method, definition."""
+    """Yield a table of all metrics of one case: path, unit, values by method, definition; nothing without metrics."""
     methods = list(entry.results)
     paths = sorted({path for result in entry.results.values() for path in result.metrics})
     rows = []
@@ -68,5 +68,5 @@ def _listed(result: Result, path: str) -> str:
 
 
 def short(value: float) -> str:
-    """Return a number that may be negative in four digits, "-" for one that is not finite."""
+    """Return a number with four significant digits, "-" if it is not finite."""
     return f"{float(value):.4g}" if np.isfinite(value) else "-"

@@ -1,4 +1,4 @@
-"""An error history through the filters of its RMS (high pass, test band), for figures and the HTML page."""
+"""An error history with the filters of its RMS (high pass, test band), for figures and the HTML page."""
 
 from __future__ import annotations
 
@@ -10,10 +10,11 @@ from rths_cli.numerics.lti import Array
 
 
 def evaluated_error(result: Result, run: str, error: Array, dt_s: float) -> Array:
-    """Return an error (n,) of a run through the filters of its RMS: the run's `high_pass_hz`, then the test band.
+    """Apply the filters of the RMS to an error (n,) of a run: high pass at the run's `high_pass_hz`, then test band.
 
-    A file without `high_pass_hz` has no RMS of that run either, or one without a high pass: then there is none here.
-    NaN throughout where the error has fewer than two samples or one that is NaN.
+    If the result does not state `high_pass_hz`, the high pass is omitted, because the RMS was computed without one or
+    does not exist. Returns (n,) in the unit of the error; NaN throughout if the error contains a NaN or fewer than two
+    samples.
     """
     if error.size < 2:
         return np.full(error.shape, np.nan)

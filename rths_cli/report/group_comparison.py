@@ -1,4 +1,4 @@
-"""`--group-by`: means and ratios of groups of results as tables; also the statistics that repeats use."""
+"""`--group-by`: means and ratios of groups of results as tables; statistics, also for repeats."""
 
 from __future__ import annotations
 
@@ -14,25 +14,24 @@ from rths_cli.files.result_reader import Result
 from rths_cli.report.text_layout import Cell, Row, Table, number
 from rths_cli.rigs.description import adjective
 
-COVERED = 0.95
+COVERED = 0.95  # probability of the confidence interval
 
 
 @dataclass(frozen=True)
 class Statistics:
-    """Hold number of runs, mean, standard deviation (of one run, n - 1), smallest, largest, and the 95 % interval of
-    the mean; deviation and interval are NaN for one run."""
+    """Statistics of a metric over runs."""
 
-    n: int
+    n: int  # number of runs
     mean: float
-    std: float
+    std: float  # standard deviation of one run, with n - 1; NaN for one run
     minimum: float
     maximum: float
-    low: float
-    high: float
+    low: float  # lower end of the 95 % confidence interval of the mean; NaN for one run
+    high: float  # upper end
 
 
 def statistics(values: Sequence[float]) -> Statistics:
-    """Return the statistics of values, one at least; the interval is Student's: mean +- t std / sqrt(n)."""
+    """Return the statistics of one or more values; the interval is mean +- t std / sqrt(n), with Student's t."""
     n = len(values)
     mean = math.fsum(values) / n
     if n == 1:
@@ -44,7 +43,7 @@ def statistics(values: Sequence[float]) -> Statistics:
 
 @lru_cache(maxsize=256)
 def student(freedom: int) -> float:
-    """Return t within which Student's distribution of `freedom` degrees holds 95 %, found by bisection to rounding."""
+    """Return t with P(|T| < t) = 95 % for Student's distribution with `freedom` degrees of freedom, by bisection."""
     low, high = 0.0, 16.0
     while (middle := 0.5 * (low + high)) not in (low, high):
         low, high = (middle, high) if _within(middle, freedom) < COVERED else (low, middle)
@@ -52,7 +51,7 @@ def student(freedom: int) -> float:
 
 
 def _within(t: float, freedom: int) -> float:
-    """Return the probability of |T| < t. Source: Abramowitz and Stegun, 26.7.3 and 26.7.4."""
+    """Return P(|T| < t) of Student's distribution. Source: Abramowitz and Stegun, 26.7.3 and 26.7.4."""
     angle = math.atan(t / math.sqrt(freedom))
     square, odd = math.cos(angle) ** 2, freedom % 2
     term = math.cos(angle) if odd else 1.0
@@ -88,28 +87,28 @@ SHOWN = (
     "sim_delay.rms_error_m_s2",
     "exp_rths.rms_error_m_s2",
 )
-OTHERS = 2  # groups beside the first that fit into one table of text
+OTHERS = 2  # groups beside the first one in a table of text
 COLUMN = 12
 Place = tuple[str, int | None]
 
 
 @dataclass(frozen=True)
 class Compared:
-    """Hold the results of one place by group: `where` tells what is the same, `common` by key."""
+    """Results that agree in all keys but those of the groups."""
 
-    where: str
-    common: dict[str, str]
-    groups: dict[str, tuple[Result, ...]]
+    where: str  # common values in words
+    common: dict[str, str]  # common values by key
+    groups: dict[str, tuple[Result, ...]]  # results by name of the group
 
 
 def software(result: Result) -> str:
-    """Return the version of rths that made a result, with the commit where it is known."""
+    """Return the version of rths that made a result, with the commit if it is known."""
     commit = str(result.attributes.get("git_commit") or "")[:7]
     return f"{result.attributes.get('rths_version') or '-'}{f' {commit}' if commit else ''}"
 
 
 def value_of(result: Result, key: str) -> str:
-    """Return what a result states for a key of `--group-by`, "-" where it states nothing."""
+    """Return the value of a result for a key of `--group-by`, "-" if it states none."""
     if key in MADE:
         return MADE[key](result)
     value = result.attributes.get(NAMES.get(key, key), "")
@@ -127,12 +126,12 @@ def check_keys(keys: Sequence[str], results: Sequence[Result]) -> None:
 
 
 def group_name(result: Result, keys: Sequence[str]) -> str:
-    """Return the group of a result: what it states for each key."""
+    """Return the name of a result's group, made of its values for the keys."""
     return ", ".join(value_of(result, key) for key in keys)
 
 
 def compare(results: Sequence[Result], keys: Sequence[str]) -> list[Compared]:
-    """Return the results by what they have in common, each by group; a place with one group is there too."""
+    """Return the results with equal values of the other keys together, by group; also those of a single group."""
     stated = {NAMES.get(key, key) for key in keys}
     rest = [key for key in PLACE if NAMES.get(key, key) not in stated]
     rest += [] if stated & NAMING else ["case"]
@@ -149,7 +148,7 @@ def compare(results: Sequence[Result], keys: Sequence[str]) -> list[Compared]:
 
 
 def _where(common: dict[str, str]) -> str:
-    """Return in words what results have in common."""
+    """Return the common values of results in words."""
     parts = dict(common)
     scaling, kind = parts.pop("scaling", ""), parts.pop("rig_kind", "")
     percent = f"{100 * float(scaling):g}% " if scaling.replace(".", "", 1).isdigit() else ""
@@ -165,7 +164,7 @@ def _where(common: dict[str, str]) -> str:
 
 
 def flat(result: Result) -> dict[Place, float]:
-    """Return every finite figure by path and, where it has several values, number from 1."""
+    """Return the finite metrics of a result by path and, for metrics with several values, number from 1."""
     found: dict[Place, float] = {}
     for path, value in result.metrics.items():
         values = np.asarray(value, dtype=float)
@@ -177,12 +176,12 @@ def flat(result: Result) -> dict[Place, float]:
 
 
 def place_name(place: Place) -> str:
-    """Return a figure as `accept` names it."""
+    """Return the name of a metric as in `accept`."""
     return place[0] if place[1] is None else f"{place[0]}[{place[1]}]"
 
 
 def in_order(found: Iterable[Place]) -> list[Place]:
-    """Return the figures that tables show, in the order of the paper's tables."""
+    """Return the metrics that the tables show, in the order of the paper's tables."""
     return sorted((place for place in found if place[0] in SHOWN), key=lambda p: (SHOWN.index(p[0]), p[1] or 0))
 
 
@@ -192,7 +191,7 @@ def complete(results: Sequence[Result]) -> list[Result]:
 
 
 def over_runs(results: Sequence[Result]) -> dict[Place, Statistics]:
-    """Return the statistics of each figure over the results that are complete."""
+    """Return the statistics of each metric over the complete results."""
     values: dict[Place, list[float]] = {}
     for result in complete(results):
         for place, value in flat(result).items():
@@ -201,7 +200,7 @@ def over_runs(results: Sequence[Result]) -> dict[Place, Statistics]:
 
 
 def group_tables(found: Sequence[Compared], keys: Sequence[str]) -> Iterator[Table]:
-    """Yield the comparison as tables: mean of each group, and the others over the first; as wide as fits."""
+    """Yield the comparison as tables: the mean of each group, and its ratio to the first; OTHERS groups per table."""
     names = list(found[0].groups)
     for start in range(1, max(len(names), 2), OTHERS):
         chosen = [names[0], *names[start : start + OTHERS]]
@@ -238,7 +237,7 @@ def _rows(place: Compared, names: Sequence[str]) -> Iterator[Row]:
 
 
 def _mixed(runs: Sequence[Sequence[Result]]) -> str:
-    """Return a warning where a group holds several cases, whose mean may say nothing."""
+    """Return a warning if a group contains several cases, whose mean may be meaningless."""
     named = [sorted({value_of(result, "case") for result in members}) for members in runs]
     several = [f"{', '.join(names[:3])}{', ...' if len(names) > 3 else ''}" for names in named if len(names) > 1]
     return f"; several cases in one group: {'; '.join(several)}" if several else ""

@@ -1,5 +1,4 @@
-"""The figure `rths identify` writes (PDF): measured and fitted response as in the paper's Fig. 4.1a, residual,
-floors."""
+"""The figure of `rths identify`: measured and fitted response as in the paper's Fig. 4.1a, residual, floors."""
 
 from __future__ import annotations
 
@@ -58,9 +57,9 @@ METADATA: dict[str, dict[str, None]] = {
 
 
 def write_figure(found: Identification, about: About, path: Path) -> None:
-    """Write the figure, .png, .svg or .pdf by suffix; the same identification gives the same bytes.
+    """Write the figure as .png, .svg or .pdf, by the suffix of `path`; equal identifications give equal bytes.
 
-    Raises InputError for another suffix, or when the file cannot be written; then nothing is left behind.
+    Raises InputError for another suffix, or if the file cannot be written; then no file is left behind.
     """
     kind = path.suffix.lower().removeprefix(".")
     if kind not in METADATA:
@@ -78,7 +77,7 @@ def write_figure(found: Identification, about: About, path: Path) -> None:
 
 
 def _image(found: Identification, about: About, kind: str) -> bytes:
-    """Return the figure's file as bytes, whatever the settings of the user's matplotlib."""
+    """Return the file of the figure as bytes, independent of the user's matplotlib settings."""
     from matplotlib import style
 
     buffer = io.BytesIO()
@@ -88,7 +87,7 @@ def _image(found: Identification, about: About, kind: str) -> bytes:
 
 
 def figure(found: Identification, about: About) -> Figure:
-    """Draw the table's magnitude, phase, coherence and residual and, where there are floors, their transmissibility."""
+    """Draw magnitude, phase, coherence and residual of the table and, if there are floors, their transmissibility."""
     from matplotlib.figure import Figure
 
     drawn = Figure(figsize=A4_INCH)
@@ -132,7 +131,7 @@ def _magnitude(ax: Axes, found: Identification) -> None:
 
 
 def _phase(ax: Axes, found: Identification) -> None:
-    """Draw the unwrapped phases; the measured one is that of the model and what it differs by."""
+    """Draw the unwrapped phases; the measured phase is the model's plus the phase of measured over model response."""
     from matplotlib.ticker import MaxNLocator
 
     table = found.frfs[0]
@@ -158,7 +157,7 @@ def _coherence(ax: Axes, found: Identification) -> None:
 
 
 def _residual(ax: Axes, found: Identification) -> None:
-    """Draw |model / FRF - 1| line by line and by band, over what the data cannot tell, with the limits."""
+    """Draw |model / FRF - 1| by line and by band, with its uncertainty in the data and the limits."""
     table = found.frfs[0]
     f = table.frequency_hz
     error = 100.0 * np.abs(found.best.sampled_response(f) / table.response - 1.0)
@@ -182,14 +181,14 @@ def _residual(ax: Axes, found: Identification) -> None:
 
 
 def _bands(ax: Axes, found: Identification) -> None:
-    """Draw the rms of each band as a bar from its one end to the other."""
+    """Draw the rms of each band as a horizontal bar over the band."""
     for i, band in enumerate(found.residuals):
         label = "rms by band" if i == 0 else None
         ax.plot([band.low_hz, band.high_hz], [100.0 * band.rms] * 2, color="black", lw=2.2, label=label)
 
 
 def _floors(ax: Axes, found: Identification, specimen: Specimen, natural_hz: Array) -> None:
-    """Draw |floor / table| as measured and as the identified specimen gives it, and mark its natural frequencies."""
+    """Draw |floor / table|, measured and of the identified specimen, and mark the natural frequencies."""
     table = found.frfs[0]
     f = table.frequency_hz
     clean = table.response - found.best.alias(f)
@@ -206,7 +205,7 @@ def _floors(ax: Axes, found: Identification, specimen: Specimen, natural_hz: Arr
 
 
 def _natural_frequencies(ax: Axes, natural_hz: Array) -> None:
-    """Mark the natural frequencies; where two are close the second one's text stands higher."""
+    """Mark the natural frequencies; if two are close, the text of the second one is higher."""
     above, last = 2.0, 0.0
     for value in natural_hz:
         above = 11.0 if above < 11.0 and value < CLOSE * last else 2.0
@@ -217,12 +216,12 @@ def _natural_frequencies(ax: Axes, natural_hz: Array) -> None:
 
 
 def _legend(ax: Axes) -> None:
-    """Put the legend above the axes, where there are no data."""
+    """Draw the legend above the axes, clear of the data."""
     ax.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=5, borderaxespad=0.15, columnspacing=1.4)
 
 
 def _frequency_axis(axes: Sequence[Axes], frequency_hz: Array) -> None:
-    """Give all axes the measured band, frequencies written out, and one label at the bottom."""
+    """Set the measured band on all axes, with frequencies as plain numbers and one label at the bottom."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
     low, high = float(frequency_hz[0]), float(frequency_hz[-1])
@@ -239,7 +238,7 @@ def _frequency_axis(axes: Sequence[Axes], frequency_hz: Array) -> None:
 
 
 def _heading(drawn: Figure, found: Identification, about: About) -> None:
-    """Write rig, verdict and source above the axes, each in a line."""
+    """Write rig, verdict and source above the axes, one line each."""
     kind = about.rig_kind[:1].upper() + about.rig_kind[1:]
     lines: list[tuple[float, str, dict[str, Any]]] = [
         (0.975, f"{kind} table {about.rig}, identified from its channels", {"fontsize": 12.0, "fontweight": "bold"}),
@@ -251,10 +250,10 @@ def _heading(drawn: Figure, found: Identification, about: About) -> None:
 
 
 def _plain(text: str) -> str:
-    """Return text in which a dollar sign is a dollar sign, not the start of a formula."""
+    """Return a text with escaped dollar signs, which would otherwise begin a formula."""
     return text.replace("$", r"\$")
 
 
 def _name(channel: str) -> str:
-    """Return a channel's name, as much of it as a legend holds."""
+    """Return the name of a channel, shortened for a legend."""
     return _plain(channel if len(channel) <= LONGEST_NAME else channel[: LONGEST_NAME - 1] + ".")

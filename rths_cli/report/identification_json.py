@@ -1,4 +1,4 @@
-"""`rths identify --json`: models, uncertainties, verdict; what is unknown is null."""
+"""`rths identify --json`: models, uncertainties, verdict; unknown values are null."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def as_document(found: Identification, about: About) -> dict[str, Any]:
-    """Return what was found as plain numbers and lists for JSON; roots are [real, imaginary] in rad/s."""
+    """Return an identification as a document for JSON; roots are [real, imaginary] in rad/s."""
     document = {
         **_about(about),
         "accepted": found.accepted,
@@ -42,7 +42,7 @@ def as_document(found: Identification, about: About) -> dict[str, Any]:
 
 
 def rejected_document(channels: Sequence[ChannelReport], faults: Sequence[str], about: About) -> dict[str, Any]:
-    """Return the document of data from which no model could be made."""
+    """Return the document for JSON of data from which no model can be made."""
     document = {
         **_about(about),
         "accepted": False,
@@ -54,7 +54,7 @@ def rejected_document(channels: Sequence[ChannelReport], faults: Sequence[str], 
 
 
 def agreements(found: Identification) -> list[bool] | None:
-    """Return for each mode whether excitation and free vibration agree, None where one of them is missing."""
+    """Return for each mode whether excitation and free vibration agree; None if one of the two is missing."""
     noise, free = found.specimen, found.free_vibration
     if noise is None or free is None:
         return None
@@ -62,12 +62,12 @@ def agreements(found: Identification) -> list[bool] | None:
 
 
 def late_s(level: LevelBand) -> float:
-    """Return by how much the table is later at low level than at full level, at the band's centre."""
+    """Return the delay in s of the table at low level against full level, at the band's centre."""
     return -float(np.angle(level.ratio)) / centre_rad_s(level)
 
 
 def centre_rad_s(level: LevelBand) -> float:
-    """Return the geometric mean of the band's ends."""
+    """Return the geometric mean of the band's ends in rad/s."""
     return 2.0 * math.pi * math.sqrt(level.low_hz * level.high_hz)
 
 
@@ -135,7 +135,7 @@ def _friction(found: Identification) -> dict[str, float] | None:
 
 
 def _plain(value: Any) -> Any:
-    """Return arrays and tuples as lists and numbers as Python's own, what is not finite as None."""
+    """Return a value for JSON: arrays and tuples as lists, numbers as Python numbers, None if not finite."""
     if isinstance(value, dict):
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray | np.generic):

@@ -1,4 +1,4 @@
-"""What `rths identify` prints: channels, table model, specimen, friction, delay, verdict."""
+"""The page of `rths identify`: channels, table model, specimen, friction, delay, verdict."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ LARGEST_WRITTEN_OUT = 1e9
 
 
 def number(value: float, digits: int = 3) -> str:
-    """Return a number of so many significant digits, a dash where it is not known."""
+    """Return a number with `digits` significant digits, a dash if it is not known (not finite)."""
     if not math.isfinite(value):
         return DASH
     if value != 0.0 and not 10.0**-MOST_DECIMALS <= abs(value) < LARGEST_WRITTEN_OUT:
@@ -48,14 +48,14 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def short(value: float) -> str:
-    """Return a number of at most three significant digits, a dash where it is not known."""
+    """Return a number with at most three significant digits, a dash if it is not known (not finite)."""
     return f"{value:.3g}" if math.isfinite(value) else DASH
 
 
 def with_uncertainty(value: float, standard: float, scale: float = 1.0) -> str:
-    """Return value +- two standard uncertainties: two digits of the uncertainty, the value rounded to match.
+    """Return value +- two standard uncertainties, with two digits of the uncertainty and as many decimals of the value.
 
-    Both are multiplied by `scale`; what is not known is a dash.
+    Both are multiplied by `scale`; an unknown number is a dash.
     """
     value, spread = scale * value, 2.0 * abs(scale * standard)
     if not math.isfinite(value):
@@ -73,22 +73,22 @@ def with_uncertainty(value: float, standard: float, scale: float = 1.0) -> str:
 
 
 def percent(share: float) -> str:
-    """Return a share in percent, a dash where it is not known."""
+    """Return a fraction in percent, a dash if it is not known."""
     return number(100.0 * share)
 
 
 def band(low_hz: float, high_hz: float) -> str:
-    """Return a band of frequencies without its unit."""
+    """Return a frequency band as text, without its unit."""
     return f"{short(low_hz)}-{short(high_hz)}"
 
 
 def labelled(label: str, text: str) -> str:
-    """Return a label, and a text beside it."""
+    """Return a line with a label in its column, followed by a text."""
     return f"{label:<{LABEL - 1}} {text}".rstrip()
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return rows of cells as lines: the first column to the left, the others to the right, under each other."""
+    """Return rows of cells as aligned lines, the first column left-aligned, the others right-aligned."""
     widths = [max(len(cell) for cell in column) for column in zip(*rows, strict=True)]
     widths[0] = max(widths[0], LABEL - 4)
     return [
@@ -99,7 +99,7 @@ def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
 
 
 def wrapped(lines: Sequence[str]) -> str:
-    """Return lines no wider than the page; what does not fit goes on below the text, not below the label."""
+    """Return lines wrapped at the width of the page; continuation lines begin below the text of `labelled`."""
     indent = " " * LABEL
     return "\n".join(textwrap.fill(line, WIDTH, subsequent_indent=indent, break_on_hyphens=False) for line in lines)
 
@@ -108,7 +108,7 @@ UNKNOWN = (DASH, DASH)
 
 
 def specimen_lines(found: Identification) -> list[str]:
-    """Return modes, storeys and mode shapes, as excitation and free vibration show them."""
+    """Return the lines on modes, storeys and mode shapes, from excitation and free vibration."""
     known = found.specimen or found.free_vibration
     if known is None:
         return [labelled("specimen", "none: there is no floor channel, or no stretch of motion to use")]
@@ -129,7 +129,7 @@ def specimen_lines(found: Identification) -> list[str]:
 
 
 def _rows(found: Identification, known: SpecimenFit, floors: Sequence[str]) -> list[list[str]]:
-    """Return a row per quantity: value and scatter of both fits, and whether they agree in a mode."""
+    """Return a row for each quantity: value and scatter of both fits, and for modes whether they agree."""
     labels = _labels(len(known.damping_ratio), floors)
     noise, free = (_column(fit) if fit else [UNKNOWN] * len(labels) for fit in (found.specimen, found.free_vibration))
     verdicts = [text for same in _agree(found, len(known.damping_ratio)) for text in (same, "")]
@@ -140,7 +140,7 @@ def _rows(found: Identification, known: SpecimenFit, floors: Sequence[str]) -> l
 
 
 def _agree(found: Identification, modes: int) -> list[str]:
-    """Return for each mode yes or no, a dash where only one of the fits exists."""
+    """Return yes or no for each mode, a dash if only one of the fits exists."""
     agree = agreements(found)
     return [DASH] * modes if agree is None else ["yes" if same else "no" for same in agree]
 
@@ -168,7 +168,7 @@ def _column(fit: SpecimenFit) -> list[tuple[str, str]]:
 
 
 def _difference(noise: SpecimenFit | None, free: SpecimenFit | None) -> str:
-    """Say by how much the shapes of the free vibration differ."""
+    """Return in words how much the mode shapes of the free vibration differ."""
     if noise is None or free is None:
         return ""
     largest = float(np.max(np.abs(noise.mode_shapes - free.mode_shapes)))
@@ -176,7 +176,7 @@ def _difference(noise: SpecimenFit | None, free: SpecimenFit | None) -> str:
 
 
 def _shapes(fit: SpecimenFit, floors: Sequence[str]) -> list[str]:
-    """Return a row per floor and a column per mode, as many modes as stand side by side."""
+    """Return the mode shapes, a row for each floor and a column for each mode that fits."""
     label = max(len(floor) for floor in floors)
     count = max((WIDTH - max(label, 20) - 2) // 9, 1)
     lines = []
@@ -194,7 +194,7 @@ SIGNIFICANT = 3.0  # standard errors
 
 
 def page(found: Identification, about: About) -> str:
-    """Return the page: data, channels, table's model, residual, amplitude dependence, specimen, verdict."""
+    """Return the page: data, channels, table model, residuals, level dependence, specimen, verdict."""
     sections = [
         _data(about),
         _channels(found.channels),
@@ -209,19 +209,19 @@ def page(found: Identification, about: About) -> str:
 
 
 def rejected_page(channels: Sequence[ChannelReport], faults: Sequence[str], about: About) -> str:
-    """Return the page of data from which no model could be made: channels, and a line for each reason."""
+    """Return the page of data from which no model can be made: channels, and a line for each reason."""
     return _set([_data(about), _channels(channels), _rejected(faults)])
 
 
 def title(about: About) -> str:
-    """Return the first line of the page: which table, and that only its channels were used."""
+    """Return the first line of the page: the table, and that only its channels were used."""
     if not about.rig_kind:
         return f"Identification of the table {about.rig}, from measured files"
     return f"Identification of the {about.rig_kind} table {about.rig}, from its channels only"
 
 
 def verdict_sentence(verdict: Verdict) -> str:
-    """Return what an accepted model may be used for, or "rejected" and the reasons."""
+    """Return the permitted use of an accepted model in words, or "rejected" and the reasons."""
     if not verdict.accepted:
         return "rejected: " + "; ".join(verdict.reasons)
     low, high = verdict.feedforward_hz
@@ -232,7 +232,7 @@ def verdict_sentence(verdict: Verdict) -> str:
 
 
 def _set(sections: Sequence[Sequence[str]]) -> str:
-    """Return sections with a blank line between, none of their lines longer than the page is wide."""
+    """Return sections as text with wrapped lines, separated by blank lines."""
     return "\n\n".join(wrapped(section) for section in sections if section) + "\n"
 
 
@@ -241,7 +241,7 @@ def _data(about: About) -> list[str]:
 
 
 def _channels(channels: Sequence[ChannelReport]) -> list[str]:
-    """Return a line per channel."""
+    """Return a line for each channel."""
     if not channels:
         return []
     about = f"m/s^2: rms and largest excited, rms at rest; coherence: median in {band(*COMPARED_HZ)} Hz"
@@ -254,7 +254,7 @@ def _channels(channels: Sequence[ChannelReport]) -> list[str]:
 
 
 def _rest(rms_m_s2: float | None) -> str:
-    """Return the rms at rest; a channel that showed one code throughout is below a bit."""
+    """Return the rms at rest in words; for a channel that showed a single code, it is below one bit."""
     if rms_m_s2 is None:
         return DASH
     return "below a bit" if rms_m_s2 == 0.0 else number(rms_m_s2)
@@ -269,7 +269,7 @@ def _coherence(value: float) -> str:
 
 
 def _table(found: Identification) -> list[str]:
-    """Return structure, delay, gain and fit errors of the table's models."""
+    """Return the lines on structure, delay, gain and fit errors of the table's models."""
     low, high = found.verdict.feedforward_hz
     reach = f"{short(low)} to {short(high)} Hz" if high > low else "nowhere"
     delay, lag = short(1e3 * found.verdict.delay_s), short(1e3 * found.verdict.lag_s)
@@ -298,7 +298,7 @@ def _table(found: Identification) -> list[str]:
 
 
 def _identified_delay(latency: DelayEstimate | None) -> list[str]:
-    """Return the line on the delay that the data show beside free roots."""
+    """Return the line on the delay that was identified together with free roots."""
     if latency is None:
         return []
     seen = with_uncertainty(latency.identified_s, latency.error_s, 1e3)
@@ -307,7 +307,7 @@ def _identified_delay(latency: DelayEstimate | None) -> list[str]:
 
 
 def _structure(found: Identification) -> list[str]:
-    """Return the structures that were tried and their held-out errors."""
+    """Return the lines on the model structures that were tried, with their held-out errors."""
     if not found.candidates:
         return [labelled("  structure", "as given; no others were tried")]
     rows = [["structure", "poles", "zeros", "held-out error", ""]]
@@ -343,7 +343,7 @@ def _residuals(bands: Sequence[Band]) -> list[str]:
 
 
 def _levels(levels: Sequence[LevelBand], causes: LevelCauses) -> list[str]:
-    """Return how the table's response differs at low level, and what that means."""
+    """Return the lines on the change of the table's response at low level, and its meaning."""
     if not levels:
         return []
     rows = [["band (Hz)", "magnitude (%)", "phase (deg)", "later by (ms)"]]
@@ -363,7 +363,7 @@ def _levels(levels: Sequence[LevelBand], causes: LevelCauses) -> list[str]:
 
 
 def _meaning(levels: Sequence[LevelBand], causes: LevelCauses) -> str:
-    """Say what a difference between levels means, from the bands up to 11 Hz where there are some."""
+    """Return in words the meaning of a difference between levels, judged up to 11 Hz if there are such bands."""
     low = [level for level in levels if level.high_hz <= COMPARED_HZ[1]] or levels
     clear = [level for level in low if abs(level.ratio - 1.0) > SIGNIFICANT * level.error]
     if not clear:
@@ -375,7 +375,7 @@ def _meaning(levels: Sequence[LevelBand], causes: LevelCauses) -> str:
 
 
 def _friction(found: Identification) -> list[str]:
-    """Return the line on friction: as a command, and as the displacement that is worth; newtons are not known."""
+    """Return the line on friction, as a command and the equivalent displacement; the force is not known."""
     friction = found.friction
     if friction is None:
         return []
@@ -391,7 +391,7 @@ def _friction(found: Identification) -> list[str]:
 
 
 def _verdict(verdict: Verdict) -> list[str]:
-    """Return the warnings, then the verdict."""
+    """Return the lines on warnings and verdict."""
     warnings = [labelled("warning", warning) for warning in verdict.warnings]
     if not verdict.accepted:
         return warnings + _rejected(verdict.reasons)

@@ -1,4 +1,4 @@
-"""Read the result and sweep files that a report is made of; a sentence for each file that cannot be used."""
+"""Read the result and sweep files of a report, with a sentence for each file that cannot be used."""
 
 from __future__ import annotations
 
@@ -13,32 +13,34 @@ from rths_cli.errors import InputError
 from rths_cli.files.result_reader import Result, read_checked, result_files
 from rths_cli.files.sweep_file import Sweep, read_sweep
 
-MANY = 64  # files from which several processes read
-AT_ONCE = 4  # processes at most
-CHUNK = 8  # files a process is handed at a time
+MANY = 64  # number of files from which several processes read them
+AT_ONCE = 4  # largest number of processes
+CHUNK = 8  # files that a process takes at a time
 Tell = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class Unread:
-    """A file, or a folder without one, that is in no table, and the sentence why."""
+    """A file that is not used or clashes with another one, or a folder without files."""
 
     path: Path
-    sentence: str
+    sentence: str  # why
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """All that was named: results and sweeps in the order given, and what could not be read."""
+    """The input of a report, in the order in which it was named."""
 
     results: tuple[Result, ...]
-    sweeps: tuple[tuple[Path, Sweep], ...]
-    unread: tuple[Unread, ...]
+    sweeps: tuple[tuple[Path, Sweep], ...]  # each with its file
+    unread: tuple[Unread, ...]  # files and folders that could not be read
 
 
 def read_inputs(paths: Sequence[Path], tell: Tell) -> Inputs:
-    """Read result files, sweeps and folders of them with units and definitions, but no time history; a file named twice
-    is read once. `tell` hears how it goes."""
+    """Read result files, sweeps and folders of them, with units and definitions but without time histories.
+
+    A file that is named twice is read once. `tell` receives the progress.
+    """
     files, empty = result_files(paths)
     unread = [Unread(path, sentence) for path, sentence in empty.items()]
     read: list[Result | Sweep | str] = []
@@ -52,7 +54,7 @@ def read_inputs(paths: Sequence[Path], tell: Tell) -> Inputs:
 
 
 def _reading(files: Sequence[Path]) -> Iterator[Result | Sweep | str]:
-    """Yield what stands in each file, or the sentence why nothing does; many files by several processes."""
+    """Yield the content of each file, or a sentence if it cannot be used; several processes read many files."""
     workers = min(AT_ONCE, os.cpu_count() or 1)
     if len(files) < MANY or workers < 2:
         yield from map(_read, files)
@@ -73,7 +75,7 @@ def _read(file: Path) -> Result | Sweep | str:
 
 
 def _as_sweep(file: Path) -> Sweep | str:
-    """Return the sweep in a file, or why there is none."""
+    """Return the sweep in a file, or a sentence if it cannot be read."""
     try:
         return read_sweep(file)
     except InputError as error:
@@ -81,7 +83,7 @@ def _as_sweep(file: Path) -> Sweep | str:
 
 
 def _shared(result: Result) -> Result:
-    """Return a result whose texts stand in memory once for all results that have them."""
+    """Return a result whose paths, units and definitions share memory with equal texts of other results."""
     units = {sys.intern(path): sys.intern(unit) for path, unit in result.units.items()}
     definitions = {sys.intern(path): sys.intern(about) for path, about in result.definitions.items()}
     return replace(result, units=units, definitions=definitions)

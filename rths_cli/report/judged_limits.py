@@ -1,4 +1,4 @@
-"""The accept limits of a stored result: read from the case in its file, each judged, for JSON and JUnit."""
+"""The accept limits of a stored result, read from the case in its file and judged, for JSON and JUnit."""
 
 from __future__ import annotations
 
@@ -14,8 +14,7 @@ ACCEPT = re.compile(r"^accept:.*\n(?:[ -].*\n)*", re.MULTILINE)
 
 
 def limits_of(result: Result) -> dict[str, float]:
-    """Return the accept limits that a result's case states, by the figure's path; raises InputError when the case
-    stored cannot be read."""
+    """Return the accept limits of a result's case by metric path; raises InputError if they cannot be read."""
     block = ACCEPT.search(result.resolved_yaml)
     if block is None:
         return {}
@@ -27,7 +26,7 @@ def limits_of(result: Result) -> dict[str, float]:
 
 
 def judge(result: Result) -> list[accept_limits.Judged]:
-    """Return each accept limit of a result with its figure."""
+    """Return the judged accept limits of a result; raises InputError if they cannot be read."""
     return [
         accept_limits.judge(path, limit, result.metrics.get(accept_limits.figure(path), []))
         for path, limit in limits_of(result).items()

@@ -1,4 +1,4 @@
-"""The latency budget of a result as a text table: each delay, what compensates it, what is left."""
+"""The latency budget of a result as a text table: each delay, its compensation and its remainder."""
 
 from __future__ import annotations
 
@@ -28,8 +28,10 @@ LABEL, COLUMN, BY = 15, 8, 17
 
 
 def latency_text(metrics: Mapping[str, ArrayLike]) -> str:
-    """Return the latency budget in ms from the figures of a result by path (`latency.total_s`, ...), summed, with the
-    total identified on the rig beside it; "" where the figures hold none."""
+    """Return the table of latencies in ms with their sums, and the delay identified on the rig; "" without latencies.
+
+    `metrics`: metrics of a result by path (`latency.total_s`, ...).
+    """
     if "latency.total_s" not in metrics or "latency.frequency_hz" not in metrics:
         return ""
     frequency = np.atleast_1d(np.asarray(metrics["latency.frequency_hz"], dtype=float))
@@ -54,7 +56,7 @@ def _number(metrics: Mapping[str, ArrayLike], path: str) -> float:
 
 
 def _ms(seconds: Array) -> list[str]:
-    """Return times in ms, three decimals, without a minus before zero."""
+    """Return times (n,) in s as texts in ms with three decimals, without a minus sign before zero."""
     return [f"{round(1e3 * value, 3) + 0.0:.3f}" for value in seconds]
 
 
@@ -64,7 +66,7 @@ def _line(label: str, cells: list[str], by: str, left: list[str]) -> str:
 
 
 def _taken_out_by(name: str, metrics: Mapping[str, ArrayLike]) -> str:
-    """Return what takes an item out, a dash where all of it stays or there is nothing."""
+    """Return the block that compensates an item, "-" if the item is zero or not compensated."""
     delay, left = _values(metrics, f"latency.{name}_s"), _values(metrics, f"latency.{name}_left_s")
     if np.allclose(delay, left, rtol=1e-6, atol=SAME_S):
         return "-"
@@ -74,7 +76,7 @@ def _taken_out_by(name: str, metrics: Mapping[str, ArrayLike]) -> str:
 
 
 def _identified(metrics: Mapping[str, ArrayLike]) -> list[str]:
-    """Return the lines on the lead, and on converter, hold and transport as declared and as identified."""
+    """Return the lines on the prediction and on the declared and identified delay of converter, hold and transport."""
     lead, declared = (_number(metrics, f"latency.{name}_s") for name in ("predicted", "declared"))
     first = f"Prediction: {1e3 * lead:.3f} ms. Converter, hold and transport: {1e3 * declared:.3f} ms declared"
     if "latency.identified_s" not in metrics:

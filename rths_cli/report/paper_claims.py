@@ -26,43 +26,43 @@ HELD, NOT_HELD, UNJUDGED = "held", "not held", "cannot be judged"
 
 @dataclass(frozen=True)
 class Pick:
-    """Name one figure: its case, in words, its path and storey (from 0); without a case, what is missing."""
+    """A metric of a case that a claim compares."""
 
-    entry: Entry | None
-    name: str
-    path: str
-    index: int | None = None
-    missing: str = "was not run"
+    entry: Entry | None  # case; None: the case is missing
+    name: str  # of the case, in words
+    path: str  # of the metric
+    index: int | None = None  # storey, from 0; None: a metric with one value
+    missing: str = "was not run"  # why the case is missing, after its name
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """State what a claim says in one place: every `lower` is below its `upper`."""
+    """The comparisons of a claim for one excitation and damping, one controller, or the like."""
 
-    where: str
-    pairs: tuple[tuple[str, Pick, Pick], ...]
+    where: str  # in words
+    pairs: tuple[tuple[str, Pick, Pick], ...]  # (name, lower, upper): the claim holds if each lower is below its upper
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Hold whether a claim held in one place for one source of figures, with the numbers compared."""
+    """Verdict on one comparison of a claim for one source of metrics."""
 
-    source: str
-    where: str
-    verdict: str
-    because: str
+    source: str  # PUBLISHED or a method
+    where: str  # of the Comparison
+    verdict: str  # HELD, NOT_HELD or UNJUDGED
+    because: str  # the compared numbers, and what is missing
 
 
 @dataclass(frozen=True)
 class Claim:
-    """Hold a claim of the paper and how to find the comparisons it makes."""
+    """A claim of the paper."""
 
     text: str
-    comparisons: Callable[[Sequence[Entry]], Iterator[Comparison]]
+    comparisons: Callable[[Sequence[Entry]], Iterator[Comparison]]  # finds its comparisons among the cases
 
 
 def claims_text(cases: Sequence[Entry]) -> str:
-    """Return the verdicts on measured figures, then those that the true figures turn over."""
+    """Return the verdicts for measured metrics as text, then those that differ for true metrics."""
     lines = [f"The paper's claims (m/s^2, test band, measured); {cases[0].table_name}"]
     turned: list[str] = []
     for place, claim in enumerate(CLAIMS, 1):
@@ -78,9 +78,9 @@ def claims_text(cases: Sequence[Entry]) -> str:
 
 
 def judge(claim: Claim, cases: Sequence[Entry], suffix: str) -> list[Verdict]:
-    """Return a verdict per place and source; a place the publication leaves out has none for it.
+    """Return the verdicts on a claim for each comparison and source; none for metrics that were not published.
 
-    `suffix` is "" for measured and "_true" for true figures of our own; published figures are as published.
+    `suffix`: "" for measured, "_true" for true metrics of the results; published metrics have no suffix.
     """
     verdicts: list[Verdict] = []
     run = [method for method in methods(cases) if any(of(entry, method) for entry in cases)]
@@ -93,7 +93,7 @@ def judge(claim: Claim, cases: Sequence[Entry], suffix: str) -> list[Verdict]:
 
 
 def _judge_one(comparison: Comparison, source: str, suffix: str) -> Verdict:
-    """Compare the figures: one pair the wrong way is enough for not held, one missing for cannot be judged."""
+    """Return the verdict on a comparison: not held if one pair is reversed, else not judged if a metric is missing."""
     held: list[bool] = []
     texts: list[str] = []
     missing: list[str] = []
@@ -109,7 +109,7 @@ def _judge_one(comparison: Comparison, source: str, suffix: str) -> Verdict:
 
 
 def _figure(pick: Pick, source: str, suffix: str) -> float | str:
-    """Return the figure, or which result is missing: a run that did not end as planned does not count."""
+    """Return a metric, or in words why it is missing; a run that did not end as planned does not count."""
     if pick.entry is None:
         return f"{pick.name} {pick.missing}"
     if source == PUBLISHED:
@@ -188,7 +188,7 @@ def _by_controller(cases: Sequence[Entry]) -> Iterator[tuple[str, dict[str, Entr
 
 
 def _count(verdicts: Sequence[Verdict]) -> str:
-    """Return how often the claim held, per source."""
+    """Return in words how often the claim held, for each source."""
     parts: list[str] = []
     for source in sorted({verdict.source for verdict in verdicts}, key=_source_rank):
         mine = [verdict.verdict for verdict in verdicts if verdict.source == source]
@@ -204,7 +204,7 @@ def _source_rank(source: str) -> tuple[int, str]:
 
 
 def _lines(verdicts: Sequence[Verdict], prefix: str = "") -> Iterator[str]:
-    """Yield a heading per place and a line per source."""
+    """Yield a heading for each comparison and a line for each source."""
     for where, group in groupby(verdicts, key=lambda verdict: verdict.where):
         yield f"  {prefix}{where}"
         for verdict in group:
@@ -212,6 +212,7 @@ def _lines(verdicts: Sequence[Verdict], prefix: str = "") -> Iterator[str]:
 
 
 def _turned(measured: Sequence[Verdict], true: Sequence[Verdict]) -> list[Verdict]:
+    """Return the verdicts for true metrics that differ from those for measured ones."""
     return [real for seen, real in zip(measured, true, strict=True) if real.verdict != seen.verdict]
 
 
@@ -227,7 +228,7 @@ HEADS = (Cell("source"), Cell("measured"), Cell("true"), Cell("figures compared"
 
 
 def claims_tables(cases: Sequence[Entry]) -> Iterator[Table]:
-    """Yield a table per claim that can be made of these cases: where, verdicts, and the figures compared."""
+    """Yield a table for each claim with comparisons among these cases: where, verdicts, compared metrics."""
     for place, claim in enumerate(CLAIMS, 1):
         rows = tuple(_rows(claim, cases))
         if rows:

@@ -26,7 +26,7 @@ WIDTH = 7
 
 
 def tracking_tables(cases: Sequence[Entry]) -> Iterator[Table]:
-    """Yield Table 5.1 measured in the test band, then true (on a virtual rig) and in full band."""
+    """Yield Table 5.1: measured in the test band, then true (on a virtual rig) and in full band."""
     ours = methods(cases)
     name = cases[0].table_name
     yield Table(
@@ -50,7 +50,7 @@ def tracking_tables(cases: Sequence[Entry]) -> Iterator[Table]:
 
 
 def _tracking_rows(cases: Sequence[Entry], kinds: Mapping[str, str], with_published: bool) -> Iterator[Row]:
-    """Yield a heading per record and damping, and under it a row per controller and kind of figure."""
+    """Yield a heading for each record and damping, followed by a row for each controller and kind of metric."""
     sources = methods(cases)
     for heading, group in groupby(cases, key=lambda e: f"{e.excitation}, damping {e.damping}"):
         yield Row(heading)
@@ -61,7 +61,7 @@ def _tracking_rows(cases: Sequence[Entry], kinds: Mapping[str, str], with_publis
 
 
 def _lines(members: Sequence[Entry], every: Sequence[str]) -> list[tuple[str, Entry | None]]:
-    """Return the controllers of a section with their cases; one that other sections have is shown as missing."""
+    """Return the controllers of a section with their cases; None for a controller that only other sections have."""
     found = {entry.controller: entry for entry in members}
     shown = found if members[0].variant else every
     return [(name, found.get(name)) for name in shown]
@@ -89,7 +89,7 @@ DAMPINGS_PER_TABLE = 2
 
 
 def response_tables(cases: Sequence[Entry]) -> Iterator[Table]:
-    """Yield Table 5.2 of every controller, FF+FB as in the paper first; two damping levels stand side by side."""
+    """Yield Table 5.2 for each controller, FF+FB first as in the paper; two damping levels are side by side."""
     names = controllers(cases)
     for controller in sorted(names, key=lambda name: name != "FF+FB"):
         members = [entry for entry in cases if entry.controller == controller]
@@ -101,7 +101,7 @@ def response_tables(cases: Sequence[Entry]) -> Iterator[Table]:
 
 
 def _errors(cases: Sequence[Entry]) -> Table:
-    """Return RMS errors in the test band, measured: SIM-DELAY and EXP-RTHS, published and ours."""
+    """Return the table of measured RMS errors in the test band, of SIM-DELAY and EXP-RTHS, also the published ones."""
     sources = methods(cases)
 
     def cells(entry: Entry | None, storey: int) -> tuple[Cell, ...]:
@@ -119,7 +119,7 @@ def _errors(cases: Sequence[Entry]) -> Table:
 
 
 def _other_errors(cases: Sequence[Entry]) -> Table:
-    """Return RMS errors of EXP-RTHS as they truly were (on a virtual rig) and in full band."""
+    """Return the table of RMS errors of EXP-RTHS that are true (on a virtual rig) and in full band."""
     sources = methods(cases)
     kinds = RESPONSE_KINDS if cases[0].virtual else {"full": "_full"}
 
@@ -139,7 +139,7 @@ def _other_errors(cases: Sequence[Entry]) -> Table:
 
 
 def _ratios(cases: Sequence[Entry]) -> Table:
-    """Return EXP-RTHS over SIM-DELAY, published and ours, measured and true."""
+    """Return the table of ratios EXP-RTHS / SIM-DELAY, published and of the results, measured and true."""
     sources = methods(cases)
     kinds = {"meas.": "", "true": "_true"} if cases[0].virtual else {"meas.": ""}
 

@@ -28,21 +28,23 @@ COLUMN = 9
 
 @dataclass(frozen=True)
 class Repeats:
-    """Hold the runs of one case, each counted once: how many ended how, which were left out as they have the seed of
-    another on a virtual rig, and the statistics of every figure over the complete ones."""
+    """The repeated runs of one case."""
 
-    case: str
-    where: str
-    runs: int
-    ends: dict[str, int]
-    same_seed: int
+    case: str  # name
+    where: str  # method and rig in words
+    runs: int  # number of results
+    ends: dict[str, int]  # number of results by status
+    same_seed: int  # results that repeat seed and metrics of another one on a virtual rig, not counted
     seeds: tuple[str, ...]
-    figures: dict[Place, Statistics]
+    figures: dict[Place, Statistics]  # of each metric, over the complete runs that are counted
 
 
 def repeats(results: Sequence[Result], keys: Sequence[str] = ()) -> list[Repeats]:
-    """Return the cases that were run more than once; a repeat of the same seed on a virtual rig is none, nor are
-    results that `--group-by` keys tell apart, but by their seed: they may be other cases of one name."""
+    """Return the cases that were run more than once.
+
+    A run with the seed and metrics of another one on a virtual rig is no repeat. Results that differ in one of the
+    `--group-by` keys, except the seed, are not repeats of each other: they may be different cases of the same name.
+    """
     apart = [key for key in keys if key != "seed"]
     places: dict[tuple[str, ...], list[Result]] = {}
     for result in results:
@@ -65,7 +67,7 @@ def _repeats(members: Sequence[Result]) -> Repeats:
 
 
 def _once(members: Sequence[Result]) -> list[Result]:
-    """Return the results without those that repeat another's figures: a virtual run with the same seed is the same."""
+    """Return the results without those on a virtual rig that repeat seed and metrics of another one."""
     found: list[Result] = []
     for result in members:
         alike = [other for other in found if other.attributes.get("seed") == result.attributes.get("seed")]
@@ -82,7 +84,7 @@ def _equal(one: Result, other: Result) -> bool:
 
 
 def repeats_tables(found: Sequence[Repeats]) -> Iterator[Table]:
-    """Yield the statistics of the paper's figures over repeats as one table."""
+    """Yield one table with the statistics of the paper's metrics over repeats; nothing without repeats."""
     if found:
         rows = tuple(row for one in found for row in _rows(one))
         notes = (

@@ -1,4 +1,4 @@
-"""Results that may not stand in one report together: other units, two cases of one name, one run twice."""
+"""Results that must not be combined in one report: other units, two cases of one name, one run twice."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from rths_cli.files.result_reader import Result
 from rths_cli.quantities import metric
 from rths_cli.report.input_files import Unread
 
-APART = ("name", "seed", "method", "runs", "accept", "notes", "reference")  # keys that make no other case
+APART = ("name", "seed", "method", "runs", "accept", "notes", "reference")  # keys that do not distinguish cases
 SEED = re.compile(r"^  seed: .*\n", re.MULTILINE)
 KEY = re.compile(r"^(?=[^\s-])", re.MULTILINE)
 Key = Callable[[Result], tuple[str, ...]]
 
 
 def other_units(results: Sequence[Result]) -> list[Unread]:
-    """Return a sentence for each result that has figures in another unit than they are defined in, or than others."""
+    """Return a sentence for each result with metrics in another unit than declared or than in other results."""
     first: dict[str, tuple[str, Result]] = {}
     found: list[Unread] = []
     for result in results:
@@ -37,9 +37,9 @@ def other_units(results: Sequence[Result]) -> list[Unread]:
 
 
 def doubled(results: Sequence[Result], group: Key) -> list[Unread]:
-    """Return a sentence for each result that is a copy of another, or another case than one of the same name.
+    """Return a sentence for each result that is a copy of another one, or a different case of the same name.
 
-    Results that `group` tells apart, or of other methods, rigs or software, may share a name.
+    Cases of the same name may differ if `group` returns different values, or if method, rig or software differ.
     """
     seen: dict[tuple[str, ...], list[Result]] = {}
     found: list[Unread] = []
@@ -82,7 +82,7 @@ def _same_figures(one: Result, other: Result) -> bool:
 
 
 def differing(one: Result, other: Result) -> list[str]:
-    """Return the keys of the case in which two results differ, none where a case is not stored."""
+    """Return the keys in which the cases of two results differ; empty if a case is not stored."""
     if not one.resolved_yaml or not other.resolved_yaml or one.resolved_yaml == other.resolved_yaml:
         return []
     mine, theirs = _keys(one.resolved_yaml), _keys(other.resolved_yaml)
@@ -90,7 +90,7 @@ def differing(one: Result, other: Result) -> list[str]:
 
 
 def _keys(text: str) -> dict[str, str]:
-    """Return the text of each key of a resolved case that makes the case what it is."""
+    """Return the text of each key of a resolved case, without the keys that do not distinguish cases."""
     parts = [part for part in KEY.split(text) if part.strip()]
     keys = {part.partition(":")[0]: SEED.sub("", part) for part in parts}
     return {key: part for key, part in keys.items() if key not in APART}

@@ -19,44 +19,45 @@ from rths_cli.report.text_layout import Block, Fixed, Paragraphs, plain_text
 
 @dataclass(frozen=True)
 class Baseline:
-    """Hold what the results are compared with: its name, the tolerance in percent, and what changed."""
+    """The comparison of the results with a baseline."""
 
-    source: str
-    percent: float
+    source: str  # name of the baseline
+    percent: float  # tolerance
     changes: tuple[CaseChanges, ...]
 
 
 @dataclass(frozen=True)
 class Contents:
-    """Hold results and sweeps, comparisons made of them, and what is wrong: files that are in no table (`unread`), and
-    results that stand in them though their names clash (`clashes`)."""
+    """The contents of a report."""
 
-    inputs: Inputs
-    unread: tuple[Unread, ...]
-    clashes: tuple[Unread, ...]
-    keys: tuple[str, ...]
-    groups: tuple[Compared, ...]
-    repeats: tuple[Repeats, ...]
-    baseline: Baseline | None
+    inputs: Inputs  # results and sweeps in the tables
+    unread: tuple[Unread, ...]  # files that are in no table
+    clashes: tuple[Unread, ...]  # results that are in the tables although they clash with others
+    keys: tuple[str, ...]  # of --group-by
+    groups: tuple[Compared, ...]  # comparison by these keys
+    repeats: tuple[Repeats, ...]  # statistics over repeats
+    baseline: Baseline | None  # None: no comparison with a baseline
 
     @property
     def faults(self) -> tuple[str, ...]:
-        """Return a sentence for each thing that is wrong."""
+        """Return a sentence for each unused file and each clash."""
         return tuple(one.sentence for one in (*self.unread, *self.clashes))
 
 
 def contents(
     inputs: Inputs, keys: Sequence[str], baseline: tuple[str, Inputs, float] | None, keep_going: bool
 ) -> Contents:
-    """Return the contents of a report; `baseline` is its name, what was read from it, and the tolerance in percent.
+    """Return the contents of a report.
 
-    Raises InputError with all that is wrong, unless `keep_going` and there is something to show.
+    `keys`: of --group-by; `baseline`: its name, its results, and the tolerance in percent. Raises InputError with all
+    faults of the files, unless `keep_going` is set and a result or sweep remains; also if there is no result or sweep,
+    the baseline is empty, or no result states a key.
     """
     odd = other_units(inputs.results)
     left = {one.path for one in odd}
     results = tuple(result for result in inputs.results if result.path not in left)
     clashes = doubled(results, lambda result: (group_name(result, keys),))
-    if baseline:  # numbers in other units say nothing of better or worse
+    if baseline:  # metrics in other units cannot be compared
         source, read, percent = baseline
         other = other_units(read.results)
         kept = tuple(result for result in read.results if result.path not in {one.path for one in other})
@@ -86,12 +87,12 @@ def _compared(baseline: tuple[str, Inputs, float] | None, results: Sequence[Resu
 
 
 def comparison_text(found: Contents) -> str:
-    """Return groups, repeats, baseline and what is in no table as text, "" where there is none of them."""
+    """Return groups, repeats, baseline, sweeps and faults of the files as text."""
     return plain_text(list(_more(found)))
 
 
 def all_blocks(found: Contents, laid_out: bool) -> list[Block]:
-    """Return the blocks of a report; `laid_out` is for a terminal."""
+    """Return all blocks of a report; `laid_out`: for a terminal (see `blocks` of result_tables.py)."""
     shown: list[Block] = blocks(found.inputs.results, laid_out=laid_out) if found.inputs.results else []
     return [*shown, *_more(found)]
 

@@ -1,4 +1,4 @@
-"""Options of `rths report`: checked before anything is read; render in a text format, write the output file."""
+"""Options of `rths report`, checked before anything is read; render in a text format, write the output file."""
 
 from __future__ import annotations
 
@@ -22,24 +22,23 @@ Tell = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Asked:
-    """Hold the wishes of a report: `table` and `drawn` are formats ("": the default), `keys` those of the groups,
-    `percent` how much worse than the baseline an error may be (None: it fails nothing)."""
+    """Options of `rths report`."""
 
-    paths: tuple[Path, ...]
-    table: str
-    output: Path | None
-    figures: Path | None
-    drawn: str
-    width: str
-    keys: tuple[str, ...]
-    baseline: Path | None
-    percent: float | None
-    keep_going: bool
-    junit: Path | None
+    paths: tuple[Path, ...]  # result files, sweeps and folders of them
+    table: str  # format of the tables; "": text
+    output: Path | None  # file for the tables; None: they are printed
+    figures: Path | None  # folder for figures; None: no figures
+    drawn: str  # format of the figures; "": the default
+    width: str  # of the figures
+    keys: tuple[str, ...]  # of --group-by
+    baseline: Path | None  # file or folder to compare with; None: no comparison
+    percent: float | None  # by how much an error may exceed the baseline; None: a worse error is no failure
+    keep_going: bool  # whether files that cannot be used are skipped
+    junit: Path | None  # JUnit file; None: none is written
 
 
 def check_asked(asked: Asked) -> None:
-    """Raise InputError where wishes do not fit together, or a file cannot be written where it is wanted."""
+    """Raise InputError if options contradict each other, or an output file cannot be written."""
     faults = []
     if asked.drawn and not asked.figures:
         faults.append(f"--format {asked.drawn} is a format of figures; add --figures DIR.")
@@ -61,8 +60,7 @@ def check_asked(asked: Asked) -> None:
 
 
 def read_asked(asked: Asked, tell: Tell) -> Contents:
-    """Read and compare what a report is made of; raises InputError with all that is wrong, unless it keeps going and
-    something is left to show."""
+    """Read the files of a report and return its contents; raises InputError as `contents` does."""
     inputs = read_inputs(asked.paths, tell)
     before = None
     if asked.baseline:
@@ -72,7 +70,7 @@ def read_asked(asked: Asked, tell: Tell) -> Contents:
 
 
 def rendered(asked: Asked, found: Contents) -> str:
-    """Return the tables of a report in the format asked for; raises InputError where a stored text is no JSON."""
+    """Return the tables of a report in the requested format; raises InputError if a stored text is not valid JSON."""
     if asked.table == "json":
         from rths_cli.report.formats.json_document import document
 
@@ -98,7 +96,7 @@ BINARY = (b"\x89HDF\r\n\x1a\n", b"RTHSLOG")
 
 
 def check_output(option: str, path: Path, inputs: Iterable[Path]) -> None:
-    """Raise InputError where a report must not go: a folder, a file that is read, measured data."""
+    """Raise InputError if an output path is a folder, an input, a result or a case, or its folder does not exist."""
     if path.is_dir():
         raise InputError(f"{option} {path}: is a folder; give the name of a file in it.")
     if not path.absolute().parent.is_dir():
@@ -110,6 +108,7 @@ def check_output(option: str, path: Path, inputs: Iterable[Path]) -> None:
 
 
 def _is_data(path: Path) -> bool:
+    """Return whether a file begins like an HDF5 file or a raw log."""
     try:
         with open_regular(path) as file:
             return file.read(8).startswith(BINARY)
@@ -118,8 +117,10 @@ def _is_data(path: Path) -> bool:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a text, control characters made visible, under a temporary name and rename it; raises InputError where the
-    disk refuses."""
+    """Write a text to a file that appears only when complete; control characters are made visible.
+
+    Raises InputError if it cannot be written.
+    """
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
         part.write_bytes(visible(text).encode())

@@ -1,4 +1,4 @@
-"""Group result files by case and method (`Entry`), look up their metrics and the published ones beside them."""
+"""Group result files by case and method (`Entry`), and look up their metrics and the published ones."""
 
 from __future__ import annotations
 
@@ -28,25 +28,22 @@ SHORT = {"interrupted": "halted"}  # in a narrow column
 
 @dataclass(frozen=True)
 class Entry:
-    """Hold one case: where it belongs in the tables, its results by method, its published figures.
+    """One case of the tables."""
 
-    `variant` tells apart cases with the same record, scaling, damping and controller; empty when there is one.
-    """
-
-    rig: str
-    virtual: bool
-    record: str
-    damping: str
-    damping_ratio: float | None
+    rig: str  # name
+    virtual: bool  # whether the rig is virtual
+    record: str  # scaling and name
+    damping: str  # name
+    damping_ratio: float | None  # of the building's first mode; None: not stored
     controller: str
-    variant: str
-    results: Mapping[str, Result]
-    published: Figures
-    reference_title: str
+    variant: str  # distinguishes cases with the same record, scaling, damping and controller; "": only one
+    results: Mapping[str, Result]  # by method
+    published: Figures  # published metrics by path
+    reference_title: str  # source of the published metrics
 
     @property
     def table_name(self) -> str:
-        """Return the rig as every title names it."""
+        """Return the rig as the titles of the tables state it."""
         return f"{'virtual ' if self.virtual else ''}shake table {self.rig}"
 
     @property
@@ -56,7 +53,7 @@ class Entry:
 
 
 def load(paths: Sequence[Path]) -> list[Result]:
-    """Read result files and folders of them; raise InputError with one sentence per file that cannot be read."""
+    """Read result files and folders of them; raises InputError with a sentence for each file that cannot be read."""
     files, empty = result_files(paths)
     results, faults = [], list(empty.values())
     for file in files:
@@ -70,13 +67,13 @@ def load(paths: Sequence[Path]) -> list[Result]:
 
 
 def unrecovered(paths: Sequence[Path]) -> list[str]:
-    """Return a sentence for each raw log in a folder whose samples are in no result."""
+    """Return a sentence for each raw log in these folders whose samples are in no result."""
     logs = [log for path in paths if path.is_dir() for log in sorted(path.glob(f"*{SUFFIX}")) if _waits(log)]
     return [f"{log}: the run that it logged is in no result; rths recover {log} puts it there." for log in logs]
 
 
 def _waits(log: Path) -> bool:
-    """Tell whether a log that no running process writes belongs to a result without its run."""
+    """Return whether the run of a log is in no result; False for a log that a running process writes."""
     try:
         header = read_header(log)
         result = log.parent / Path(header.result).name
@@ -90,9 +87,9 @@ def _waits(log: Path) -> bool:
 
 
 def entries(results: Sequence[Result], references: Mapping[str, Figures]) -> list[Entry]:
-    """Group results into cases in the order of the paper's tables; none is dropped, doubles become variants.
+    """Group results into cases in the order of the paper's tables; several results of a method become variants.
 
-    `references` gives published figures by case name and goes before those in the results.
+    `references`: published metrics by case name, which take precedence over those in the results.
     """
     places: dict[tuple[str, ...], list[Result]] = {}
     for result in results:
@@ -110,20 +107,20 @@ def entries(results: Sequence[Result], references: Mapping[str, Figures]) -> lis
 
 
 def damping_key(entry: Entry) -> tuple[bool, float, str]:
-    """Return what sorts entries by damping, unknown ones last."""
+    """Return the sort key of entries by damping, unknown damping last."""
     rank = damping_rank(entry)
     return (math.isnan(rank), 0.0 if math.isnan(rank) else rank, entry.damping)
 
 
 def damping_rank(entry: Entry) -> float:
-    """Return a number that grows with damping: the first mode's ratio, else low before high; nan when unknown."""
+    """Return a number that increases with damping: the first mode's ratio, else 0 for low, 1 for high; NaN: unknown."""
     if entry.damping_ratio is not None:
         return entry.damping_ratio
     return float(DAMPINGS.index(entry.damping)) if entry.damping in DAMPINGS else math.nan
 
 
 def look_up(figures: Mapping[str, object], path: str, index: int | None) -> float | None:
-    """Return the figure of a storey (`index` from 0) or the single one; None when it is not there."""
+    """Return the value of a metric: that of a storey (`index` from 0), or its first one; None if it does not exist."""
     value = figures.get(path)
     if value is None:
         return None
@@ -133,7 +130,7 @@ def look_up(figures: Mapping[str, object], path: str, index: int | None) -> floa
 
 
 def state(result: Result | None, path: str, index: int | None = None) -> float | str:
-    """Return a figure as a number, or why there is none: "-", "diverged", or how its run ended."""
+    """Return a metric as a number, or a word if there is none: "-", "diverged", or the status of its run."""
     if result is None:
         return "-"
     value = look_up(result.metrics, path, index)
@@ -146,9 +143,9 @@ def state(result: Result | None, path: str, index: int | None = None) -> float |
 
 
 def run_state(result: Result, path: str) -> str:
-    """Return how the run ended that a figure belongs to: what is computed, or was not run, is complete.
+    """Return the status of the run of a metric; COMPLETE for computed metrics.
 
-    A result of an earlier version tells how the first run ended that did not reach its end, not which one that was.
+    A result of an earlier version has one status for all table runs, that of the first one that did not reach its end.
     """
     status, run = str(result.attributes.get("status", COMPLETE)), path.partition(".")[0]
     if status == COMPLETE or run not in TABLE_RUNS:
@@ -159,30 +156,30 @@ def run_state(result: Result, path: str) -> str:
 
 
 def published(entry: Entry, path: str, index: int | None = None) -> float | str:
-    """Return a published figure, or "-"."""
+    """Return a published metric, or "-" if there is none."""
     value = look_up(entry.published, path, index)
     return "-" if value is None or not math.isfinite(value) else value
 
 
 def sources(cases: Sequence[Entry]) -> list[str]:
-    """Return a sentence that says where published figures are from, where there are any."""
+    """Return a sentence on the sources of the published metrics; empty if there are none."""
     titles = dict.fromkeys(entry.reference_title for entry in cases if entry.published and entry.reference_title)
     return [f"Published (publ.): {'; '.join(titles)}."] if titles else []
 
 
 def controllers(cases: Sequence[Entry]) -> list[str]:
-    """Return the controllers that occur, FF and FF+FB first."""
+    """Return the controllers of the cases, FF and FF+FB first."""
     return sorted({entry.controller for entry in cases}, key=lambda name: _rank(CONTROLLERS, name))
 
 
 def methods(cases: Sequence[Entry]) -> tuple[str, ...]:
-    """Return paper, best and whatever other method occurs."""
+    """Return the methods: paper, best, and further ones of the cases."""
     others = {method for entry in cases for method in entry.results} - set(METHODS)
     return (*METHODS, *sorted(others))
 
 
 def storeys(cases: Sequence[Entry]) -> int:
-    """Return the largest number of storeys among results and published figures."""
+    """Return the largest number of storeys in results and published metrics."""
     sizes = [1]
     for entry in cases:
         for figures in (entry.published, *(result.metrics for result in entry.results.values())):
@@ -195,7 +192,7 @@ def _size(value: object) -> int:
 
 
 def _place(result: Result) -> tuple[str, ...]:
-    """Return what the rows and columns of the tables distinguish: rig, excitation, damping, controller."""
+    """Return the values that rows and columns of the tables distinguish: record, rig, its kind, damping, controller."""
     a = result.attributes
     scaling = a.get("scaling", "")
     percent = f"{float(scaling) * 100:g}% " if scaling != "" else ""
@@ -204,7 +201,7 @@ def _place(result: Result) -> tuple[str, ...]:
 
 
 def _variants(same: Sequence[Result]) -> dict[str, list[Result]]:
-    """Return results of one place by variant, each with at most one result of a method."""
+    """Return the results of one place by variant, with at most one result of each method per variant."""
     if not _doubled(same):
         return {"": list(same)}
     named: dict[str, list[Result]] = {}
@@ -254,7 +251,7 @@ def _entry(variant: str, members: Sequence[Result], references: Mapping[str, Fig
 
 
 def _stored_figures(result: Result) -> dict[str, Figure]:
-    """Return the published figures stored with a result; raise InputError when they are not JSON."""
+    """Return the published metrics stored with a result; raises InputError if they are not a JSON mapping."""
     text = str(result.attributes.get("reference_json") or "{}")
     try:
         return dict(json.loads(text))

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rths_cli.loop.live_view import View
 
-BAR = 30  # characters of the bar of progress
+BAR = 30  # characters of the progress bar
 
 
 def live_lines(label: str, view: View) -> list[str]:
-    """Return what a terminal shows of a run under way."""
+    """Return the lines that a terminal shows during a run."""
     done = min(max(view.time_s / view.total_s, 0.0), 1.0)
     filled = round(BAR * done)
     used = "  ".join(f"{name} {share:.0%}" for name, share in view.used.items())
@@ -28,7 +28,7 @@ def live_lines(label: str, view: View) -> list[str]:
 
 
 def one_line(label: str, view: View) -> str:
-    """Return a run under way in one line."""
+    """Return the state of a run in one line."""
     nearest = max(view.used, key=view.used.__getitem__, default="")
     of_limits = f", {nearest} at {view.used[nearest]:.0%} of its limit" if nearest else ""
     return (

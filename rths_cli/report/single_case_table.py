@@ -1,4 +1,4 @@
-"""The table of one case printed alone: the paper's metrics by method."""
+"""The table of a single case: the paper's metrics by method."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ RUNS = {"SIM-DELAY": "sim_delay", "EXP-RTHS": "exp_rths"}
 
 
 def single_table(entry: Entry) -> Table:
-    """Return every figure of the paper's two tables for one case: published, where any is, then per method and kind."""
+    """Return the metrics of the paper's two tables for one case: published if known, then by method and kind."""
     kinds, known = _kinds(entry), 1 if entry.published else 0
     heads = (
         (*[Cell("")] * known, *(Cell(method, len(kinds)) for method in entry.results)),
@@ -34,7 +34,7 @@ def single_table(entry: Entry) -> Table:
 
 
 def paths() -> Iterator[str]:
-    """Yield the path of every figure that the table of a single case shows."""
+    """Yield the path of each metric in the table of a single case."""
     for suffix in KINDS.values():
         yield from (f"{run}.{figure}{suffix}" for run in TESTS for figure in TRACKING.values())
         yield from (f"{run}.{figure}{suffix}" for run in RUNS.values() for figure in ERRORS.values())
@@ -62,7 +62,10 @@ def _errors(entry: Entry) -> Iterator[Row]:
 
 
 def _ratios(entry: Entry) -> Iterator[Row]:
-    """Yield EXP-RTHS over SIM-DELAY, both in the same band; SIM-DELAY has no sensor, so one figure per band."""
+    """Yield the ratios of EXP-RTHS to SIM-DELAY, both in the same band.
+
+    SIM-DELAY is computed, so it has no true error beside the measured one.
+    """
     leaf = ERRORS["RMS"]
     yield Row("EXP-RTHS / SIM-DELAY (ratio of RMS errors, -)")
     for storey in range(storeys([entry])):
@@ -91,5 +94,5 @@ def _cells(entry: Entry, path: str, storey: int | None) -> tuple[Cell, ...]:
 
 
 def _state(result: Result, path: str, suffix: str, storey: int | None) -> float | str:
-    """Return a figure or why there is none; nothing is truer than what is computed."""
+    """Return a number or the word why there is none; "-" for a true error of SIM-DELAY, which is computed."""
     return "-" if path.startswith("sim_delay.") and "_true" in suffix else state(result, path + suffix, storey)

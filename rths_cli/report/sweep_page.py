@@ -1,4 +1,4 @@
-"""What `rths sweep` and `rths report SWEEP` print: errors over the seeds of each grid point, failures, as text and
+"""The output of `rths sweep` and `rths report SWEEP`: errors over the seeds of each grid point, failures; text and
 JSON."""
 
 from __future__ import annotations
@@ -28,13 +28,12 @@ MOST_STOREYS = (WIDTH - 40) // COLUMN
 
 @dataclass(frozen=True)
 class Point:
-    """One grid point: its varied values as text, its runs by status, and errors (n_runs, 1 + n_storeys) of those that
-    reached the end: tracking, then each storey."""
+    """One grid point of a sweep."""
 
-    label: str
-    varied: dict[str, Any]
-    statuses: dict[str, int]
-    errors: Array
+    label: str  # varied values as text
+    varied: dict[str, Any]  # varied values by key
+    statuses: dict[str, int]  # number of runs by status
+    errors: Array  # (n_runs, 1 + n_storeys) RMS errors in m/s^2 of the complete runs: tracking, then each storey
 
 
 def points_of(sweep: Sweep) -> Iterator[Point]:
@@ -49,13 +48,13 @@ def points_of(sweep: Sweep) -> Iterator[Point]:
 
 
 def label(varied: dict[str, Any]) -> str:
-    """Return varied values as a reader would name them, each key by as much of its end as tells it from others."""
+    """Return varied values as text KEY=VALUE, each key shortened to an end that no other key has."""
     told = [f"{_short(key, list(varied))}={as_text(value)}" for key, value in varied.items()]
     return ", ".join(told) or "the case as it is"
 
 
 def _short(key: str, keys: Sequence[str]) -> str:
-    """Return the shortest end of a dotted key that no other key has, nor the seed of a run."""
+    """Return the shortest end of a dotted key that no other key has, and that is not the seed of a run."""
     parts = key.split(".")
     ends = (".".join(parts[start:]) for start in range(len(parts) - 1, 0, -1))
     others = [".seed", *(f".{other}" for other in keys if other != key)]
@@ -63,14 +62,14 @@ def _short(key: str, keys: Sequence[str]) -> str:
 
 
 def as_text(value: Any) -> str:
-    """Return a varied value in few characters."""
+    """Return a varied value as short text."""
     if isinstance(value, float):
         return f"{value:.6g}"
     return value if isinstance(value, str) else json.dumps(value).replace('"', "")
 
 
 def statistics(errors: Array) -> dict[str, Array]:
-    """Return median, 95 % quantile and largest of errors (n_runs, m), each (m,); nothing where there is no run."""
+    """Return median, 95 % quantile and largest of errors (n_runs, m), each (m,); {} without runs."""
     if len(errors) == 0:
         return {}
     return {name: np.percentile(errors, share, axis=0) for name, share in STATISTICS.items()}
@@ -119,7 +118,7 @@ def _table(sweep: Sweep) -> Table:
 
 
 def _rows(point: Point, storeys: int) -> Iterator[Row]:
-    """Yield the lines of a grid point: one where there is one run, else a heading and one per statistic."""
+    """Yield the rows of a grid point: one row for a single run, else a heading and a row per statistic."""
     runs = sum(point.statuses.values())
     ends = ", ".join(f"{count} {status}" for status, count in sorted(point.statuses.items()))
     found = statistics(MM_PER_M * point.errors[:, : 1 + storeys])
@@ -136,7 +135,7 @@ def _cells(errors: Array) -> tuple[Cell, ...]:
 
 
 def _more_points(sweep: Sweep) -> list[str]:
-    """Return a line where there are more grid points or storeys than shown."""
+    """Return a line if there are more grid points or storeys than shown."""
     points = len(sweep.seed) // sweep.seeds_per_point
     storeys = sweep.figures[STOREYS].values.shape[1]
     lines = [f"{points - POINTS_SHOWN} more grid points stand in the file."] if points > POINTS_SHOWN else []
@@ -144,7 +143,7 @@ def _more_points(sweep: Sweep) -> list[str]:
 
 
 def _extremes(sweep: Sweep) -> list[str]:
-    """Return the runs with the smallest and the largest error, by the storey where it is largest."""
+    """Return the lines on the runs with the smallest and the largest error; each run counts by its worst storey."""
     errors = sweep.figures[STOREYS].values
     played = np.flatnonzero(np.isfinite(errors).any(axis=1))
     if played.size < 2:
@@ -163,7 +162,7 @@ def _extremes(sweep: Sweep) -> list[str]:
 
 
 def _not_run(sweep: Sweep) -> list[str]:
-    """Return how many runs ended how where not all are complete and accepted, each with the commonest reasons."""
+    """Return the lines on runs that are not complete and accepted: number, status and most frequent reasons."""
     ends = Counter(zip(sweep.texts["status"], sweep.texts["reason"], strict=True))
     told = [(status, reason, count) for (status, reason), count in ends.most_common() if reason]
     lines = [f"{count} {status}: {reason}" for status, reason, count in told[:REASONS_SHOWN]]

@@ -1,4 +1,4 @@
-"""A metric as a table cell: number, number marked as of an unfinished run, or a word why there is none."""
+"""A metric as a table cell: a number, a marked number of an unfinished run, or a word if there is no number."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ TRACKING = ("tracking_max_m_s2", "tracking_rms_m_s2")
 TESTS = {"shake_table": "shake table test", "exp_rths": "RTHS"}
 SIM_DELAY_ERROR = "sim_delay.rms_error_m_s2"
 EXP_ERROR = "exp_rths.rms_error_m_s2"
-UNFINISHED = "*"
+UNFINISHED = "*"  # mark of a metric whose run did not end as planned
 
 
 def words(states: Sequence[float | str], mark: str = " ") -> tuple[Cell, ...]:
-    """Return one cell per state; one word for all of them spans their columns."""
+    """Return one cell per state (number or word); if all states are the same word, one cell spans their columns."""
     first = states[0]
     if len(states) > 1 and isinstance(first, str) and all(item == first for item in states):
         return (Cell(first, len(states)),)
@@ -27,41 +27,41 @@ def words(states: Sequence[float | str], mark: str = " ") -> tuple[Cell, ...]:
 
 
 def our_cells(result: Result | None, paths: Sequence[str], index: int | None = None) -> tuple[Cell, ...]:
-    """Return the cells of one result's figures."""
+    """Return the cells of metrics of one result; `index`: storey, from 0; None: a metric with one value."""
     return words([state(result, path, index) for path in paths], mark(result, paths[0]))
 
 
 def published_cells(entry: Entry | None, paths: Sequence[str], index: int | None = None) -> tuple[Cell, ...]:
-    """Return the cells of published figures."""
+    """Return the cells of published metrics; `index` as in `our_cells`."""
     return words([published(entry, path, index) if entry else "-" for path in paths])
 
 
 def mark(result: Result | None, path: str) -> str:
-    """Return the mark of a figure whose run did not end as planned; of a refused one others did."""
+    """Return UNFINISHED if the run of a metric did not end as planned, " " if it did or was refused."""
     return UNFINISHED if result and run_state(result, path) not in (COMPLETE, "refused") else " "
 
 
 def of(entry: Entry | None, method: str) -> Result | None:
-    """Return the result of a method, None when it was not run."""
+    """Return the result of a method, None if it was not run."""
     return entry.results.get(method) if entry else None
 
 
 def sim_delay_result(entry: Entry | None) -> Result | None:
-    """Return the result whose SIM-DELAY is shown: it is the same for every method, so any that has it."""
+    """Return the result whose SIM-DELAY is shown, the last one with its errors; all methods have the same SIM-DELAY."""
     found = list(entry.results.values()) if entry else []
     having = [r for r in reversed(found) if look_up(r.metrics, SIM_DELAY_ERROR, 0) is not None]
     return next(iter(having or found), None)
 
 
 def ratio(above: float | str, below: float | str) -> float | str:
-    """Return EXP-RTHS over SIM-DELAY, or the word that stands for the figure that is not there."""
+    """Return the ratio of EXP-RTHS to SIM-DELAY, or the word of the one that has no number."""
     if isinstance(above, str) or isinstance(below, str):
         return above if isinstance(above, str) else str(below)
     return above / below if below > 0 else "-"
 
 
 def remarks(cases: Sequence[Entry]) -> list[str]:
-    """Return one line per run that did not end as planned, diverged, or has another SIM-DELAY than shown."""
+    """Return a line for each run that did not end as planned, diverged, or has another SIM-DELAY than shown."""
     lines: list[str] = []
     for entry in cases:
         for method, result in entry.results.items():
@@ -76,7 +76,7 @@ def remarks(cases: Sequence[Entry]) -> list[str]:
 
 
 def losses(cases: Sequence[Entry]) -> list[str]:
-    """Return one line per run in real time that had steps without samples of their own."""
+    """Return a line for each run in real time that had steps without samples of their own."""
     return [
         f"{result.attributes.get('case_name') or '-'} ({method}): {text}"
         for entry in cases
@@ -92,7 +92,7 @@ def _divergences(result: Result) -> list[str]:
 
 
 def _other_sim_delay(entry: Entry) -> list[str]:
-    """Return a line per method whose SIM-DELAY is not the one in the tables (another delay, another version)."""
+    """Return a line for each method whose SIM-DELAY differs from the one in the tables (other delay or version)."""
     shown = sim_delay_result(entry)
     lines: list[str] = []
     for method, result in entry.results.items():

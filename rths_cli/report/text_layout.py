@@ -1,4 +1,4 @@
-"""Plain text layout: tables whose lines have one width, wrapped paragraphs, numbers in six characters."""
+"""Plain text layout: tables with lines of equal width, wrapped paragraphs, numbers in six characters."""
 
 from __future__ import annotations
 
@@ -6,54 +6,51 @@ import textwrap
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
-WIDTH = 100
-NARROWEST_LABEL = 6
+WIDTH = 100  # largest number of columns of a line
+NARROWEST_LABEL = 6  # characters
 
 
 @dataclass(frozen=True)
 class Cell:
-    """Hold the text of one column, or of several (`span`); `mark` takes the last place of the column."""
+    """A cell of a table."""
 
     text: str
-    span: int = 1
-    mark: str = " "
+    span: int = 1  # number of columns
+    mark: str = " "  # character after the text
 
 
 @dataclass(frozen=True)
 class Row:
-    """Hold a label and its cells; without cells it is a heading across the table."""
+    """A row of a table."""
 
     label: str
-    cells: tuple[Cell, ...] = ()
+    cells: tuple[Cell, ...] = ()  # (): the label is a heading across the table
 
 
 @dataclass(frozen=True)
 class Table:
-    """Hold a table: columns of one `column_width`, with a bar after each of the `groups` (numbers of columns).
-
-    The title or the last of the `headers` tells the units; `notes` explain the words of the table.
-    """
+    """A table; the title or the last of the headers states the units."""
 
     title: str
-    corner: str
-    groups: tuple[int, ...]
-    column_width: int
-    headers: tuple[tuple[Cell, ...], ...]
+    corner: str  # heading of the labels
+    groups: tuple[int, ...]  # number of columns of each group; a bar follows each group
+    column_width: int  # characters, the same for all columns
+    headers: tuple[tuple[Cell, ...], ...]  # lines of headings
     rows: tuple[Row, ...]
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()  # explain the words of the table
 
 
 @dataclass(frozen=True)
 class Paragraphs:
-    """Hold sentences, each a line of its own; what goes on below the first line stands `indent` columns in."""
+    """Sentences, each of which begins a new line."""
 
     lines: tuple[str, ...]
-    indent: int = 0
+    indent: int = 0  # columns by which continuation lines are indented
 
 
 @dataclass(frozen=True)
 class Fixed:
-    """Hold text laid out already, for tables that are no grid."""
+    """Text that is laid out already, for tables without a grid."""
 
     text: str
 
@@ -68,7 +65,7 @@ def render(table: Table) -> str:
 
 
 def plain_text(blocks: Iterable[Block]) -> str:
-    """Return the blocks of a report as text of at most 100 columns, an empty line between them."""
+    """Return the blocks of a report as text of at most 100 columns, separated by empty lines."""
     return "\n\n".join(text for block in blocks if (text := _plain(block))) + "\n"
 
 
@@ -79,7 +76,7 @@ def _plain(block: Block) -> str:
 
 
 def table_lines(table: Table) -> list[str]:
-    """Return the lines below the title, all of one width."""
+    """Return the lines of a table below its title, all of the same width."""
     columns = sum(table.groups) * table.column_width + len(table.groups) + 1
     labels = [table.corner, *(row.label for row in table.rows if row.cells)]
     longest = max(len(label) for label in labels)
@@ -98,12 +95,12 @@ def table_lines(table: Table) -> list[str]:
 
 
 def wrapped(lines: Sequence[str], indent: int = 0) -> str:
-    """Return lines of at most 100 columns; what does not fit goes on, `indent` columns from the left."""
+    """Return lines wrapped at 100 columns; continuation lines are indented by `indent` columns."""
     return "\n".join(textwrap.fill(line, WIDTH, subsequent_indent=" " * indent, drop_whitespace=True) for line in lines)
 
 
 def number(value: float) -> str:
-    """Return a number that is not negative in at most six characters, four decimals where they fit."""
+    """Return a number that is not negative in at most six characters, with four decimals if they fit."""
     size = abs(value)
     if 0 < size < 1e-9 or size >= 9.95e98:
         return "<1e-9" if size < 1 else ">1e99"
@@ -121,7 +118,7 @@ def _heading_lines(label: str, total: int) -> list[str]:
 
 
 def _row_lines(row: Row, table: Table, label_width: int, heading: bool = False) -> list[str]:
-    """Return the lines of one row: the cells beside the first line of the label, then what is left of the label."""
+    """Return the lines of one row: the cells beside the first line of the label, then the label's other lines."""
     first, *more = textwrap.wrap(row.label, label_width) or [""]
     lines = [f"{first:<{label_width}}" + _cells(row.cells, table, heading)]
     blank = (Cell("", sum(table.groups)),)
@@ -129,7 +126,7 @@ def _row_lines(row: Row, table: Table, label_width: int, heading: bool = False) 
 
 
 def _cells(cells: Sequence[Cell], table: Table, heading: bool) -> str:
-    """Return the cells with bars; a spanning cell takes the place of the bars inside it."""
+    """Return the cells with bars; a cell that spans columns replaces the bars between them."""
     ends = set(_ends(table.groups))
     text, column = "|", 0
     for cell in cells:
@@ -141,7 +138,7 @@ def _cells(cells: Sequence[Cell], table: Table, heading: bool) -> str:
 
 
 def _fit(cell: Cell, width: int, heading: bool) -> str:
-    """Return the text in its width: centred where it spans, else to the right, cut with a full stop."""
+    """Return the text of a cell in its width: centred if it spans columns, else right-aligned; cut with a full stop."""
     text = cell.text if len(cell.text) < width else cell.text[: width - 2] + "."
     if cell.span > 1:
         return (text + cell.mark).center(width)

@@ -1,6 +1,6 @@
 """The metrics of a run: errors, tracking fidelity, the 2020 benchmark's criteria, energy, accept limits.
 
-Time is the last axis of every array. docs/background/metrics.md has formula, source and sign of each.
+Time is the last axis of every array. docs/background/metrics.md states formula, source and sign of each metric.
 """
 
 from rths_cli.analysis.metrics.benchmark2020 import (

@@ -10,18 +10,20 @@ from numpy.typing import ArrayLike
 
 @dataclass(frozen=True)
 class Judged:
-    """Hold one limit of a case, the figure it judges (None: not computed) and whether it is met."""
+    """One limit of a case, judged."""
 
-    path: str
-    limit: float
-    value: float | None
+    path: str  # of the metric, as in the case's `accept`, with an index if stated
+    limit: float  # in the metric's unit
+    value: float | None  # value of the metric that was compared; None: not computed
     met: bool
 
 
 def judge(path: str, limit: float, values: ArrayLike) -> Judged:
-    """Judge a figure's values, one or one per storey: the one that the path names, as in `a.b[2]`, or the largest.
+    """Judge a metric against its limit; `values`: one number, or one per storey (n_storeys,).
 
-    A signed figure is limited either way; one that is not a number does not meet its limit.
+    If the path states an index, as in `a.b[2]`, that value is compared, else the one with the largest absolute value.
+    The absolute value is compared, so a signed metric is limited in both directions. A limit is not met if the value is
+    NaN or the index does not exist.
     """
     given = np.atleast_1d(np.asarray(values, dtype=float))
     index = place(path)
@@ -34,11 +36,11 @@ def judge(path: str, limit: float, values: ArrayLike) -> Judged:
 
 
 def figure(path: str) -> str:
-    """Return the path of the figure that a limit's path is about."""
+    """Return the path of the metric that a limit's path names, without the index."""
     return path.partition("[")[0]
 
 
 def place(path: str) -> int | None:
-    """Return which of its values a limit's path names, counted from 1; None: no certain one."""
+    """Return the index in a limit's path, counted from 1; None if it states none."""
     index = path.partition("[")[2]
     return int(index[:-1]) if index else None

@@ -2,7 +2,7 @@
 
 Source: Silva, Gomez, Maghareh, Dyke, Spencer, Mech. Syst. Signal Process. 135 (2020) 106381. Ratios are not in
 percent; standard deviations remove the mean. The benchmark compares displacements relative to the ground; its
-measured one is with sensor noise, and nothing is filtered.
+measured displacement contains sensor noise, and no series is filtered.
 """
 
 from __future__ import annotations
@@ -16,46 +16,52 @@ from rths_cli.analysis.metrics.response_errors import check_pair, peak
 from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Array
 
-WINDOW_S = 0.012
+WINDOW_S = 0.012  # largest lag of J1
 
 
 @dataclass(frozen=True)
 class TrackingCriteria:
-    """J1: lag in s, positive = late; J2, J3: standard deviation and peak of the tracking error over the target's."""
+    """Criteria of the tracking of a target."""
 
-    j1_s: float
-    j2: float
-    j3: float
+    j1_s: float  # lag in s, positive: late
+    j2: float  # standard deviation of the tracking error over that of the target
+    j3: float  # peak of the tracking error over that of the target
 
 
 @dataclass(frozen=True)
 class ResponseCriteria:
-    """Standard deviation and peak of each storey's error over its reference's, each (n_storeys,).
+    """Criteria of the response of each storey.
 
-    The benchmark's three storeys, the interface first: J4, J6, J7 = `deviation`; J5, J8, J9 = `peak`.
+    For the benchmark's three storeys, the interface first, J4, J6, J7 are `deviation`, and J5, J8, J9 are `peak`.
     """
 
-    deviation: Array
-    peak: Array
+    deviation: Array  # (n_storeys,) standard deviation of the error over that of the reference
+    peak: Array  # (n_storeys,) peak of the error over that of the reference
 
 
 def tracking_criteria(target: ArrayLike, measured: ArrayLike, dt_s: float, leads: bool = True) -> TrackingCriteria:
-    """Return J1 to J3 of `measured` (n,) against `target` (n,), of one unit; raises InputError as `best_lag_s`."""
+    """Return J1 to J3 of `measured` (n,) against `target` (n,), both in the same unit.
+
+    `leads`: see `best_lag_s`. Raises InputError if the lengths differ.
+    """
     x, y = check_pair(target, measured, ("target", "measured"))
     return TrackingCriteria(best_lag_s(x, y, dt_s, leads), *tracking_ratios(x, y))
 
 
 def tracking_ratios(target: ArrayLike, measured: ArrayLike) -> tuple[float, float]:
-    """Return J2 and J3 of `measured` (n,) against `target` (n,); raises InputError when the lengths differ."""
+    """Return J2 and J3 of `measured` (n,) against `target` (n,), both in the same unit; NaN if the target is zero.
+
+    Raises InputError if the lengths differ.
+    """
     x, y = check_pair(target, measured, ("target", "measured"))
     error = y - x
     return float(_deviation(error, x)), float(_peak(error, x))
 
 
 def response_criteria(reference: ArrayLike, value: ArrayLike) -> ResponseCriteria:
-    """Return J4 to J9 of `value` (n_storeys, n) against `reference` (n_storeys, n), of one unit.
+    """Return J4 to J9 of `value` (n_storeys, n) against `reference` (n_storeys, n), both in the same unit.
 
-    NaN for a storey whose reference does not move. Raises InputError when the shapes differ.
+    A storey whose reference does not move has NaN. Raises InputError if the shapes differ.
     """
     r, x = np.asarray(reference, dtype=float), np.asarray(value, dtype=float)
     if r.shape != x.shape or r.ndim != 2:
@@ -66,9 +72,10 @@ def response_criteria(reference: ArrayLike, value: ArrayLike) -> ResponseCriteri
 def best_lag_s(target: ArrayLike, measured: ArrayLike, dt_s: float, leads: bool = True) -> float:
     """Return J1: the lag in s, in whole samples within 12 ms, at which `measured` (n,) best fits `target` (n,).
 
-    The correlation coefficient of the overlapping parts is largest there; positive is late. With `leads` False
-    only lags are searched, as the benchmark does, so that early looks like on time. A result at the window's
-    edge means that or more. NaN when a series is constant or not finite. Raises InputError when the lengths differ.
+    At this lag the correlation coefficient of the overlapping parts is largest; a positive lag means late. With `leads`
+    False, only lags from 0 on are searched, as in the benchmark, so an early series counts as on time. A lag at the end
+    of the window means that lag or a larger one. NaN if a series is constant or not finite. Raises InputError if the
+    lengths differ.
     """
     x, y = check_pair(target, measured, ("target", "measured"))
     most = min(int(WINDOW_S / dt_s + 1e-9), len(x) - 1)
@@ -79,7 +86,7 @@ def best_lag_s(target: ArrayLike, measured: ArrayLike, dt_s: float, leads: bool 
 
 
 def _correlations(x: Array, y: Array, lags: NDArray[np.int_]) -> Array:
-    """Return the correlation coefficients (m,) of the overlaps of y (n,), moved forward by `lags` (m,), and x (n,)."""
+    """Return the correlation coefficients (m,) of x (n,) with y (n,) advanced by `lags` (m,), over their overlaps."""
     late, early, n = np.maximum(lags, 0), np.maximum(-lags, 0), len(x)
     pairs = zip(early, late, strict=True)
     products = np.array([x[start : n - rest] @ y[rest : n - start] for start, rest in pairs])
@@ -87,23 +94,26 @@ def _correlations(x: Array, y: Array, lags: NDArray[np.int_]) -> Array:
     sum_y, square_y = (_inner_sums(z, late, early) for z in (y, y * y))
     count = n - np.abs(lags)
     scale = (square_x - sum_x**2 / count) * (square_y - sum_y**2 / count)
-    scale[scale < 1e-18 * scale.max()] = 0.0  # nothing moves in that overlap but rounding
+    scale[scale < 1e-18 * scale.max()] = 0.0  # this overlap contains only rounding errors
     return _over(products - sum_x * sum_y / count, np.sqrt(scale))
 
 
 def _inner_sums(series: Array, first: NDArray[np.int_], last: NDArray[np.int_]) -> Array:
-    """Return the sums (m,) of a series (n,) without its `first` (m,) and `last` (m,) samples."""
+    """Return the sums (m,) of a series (n,) that leave out its `first` (m,) first and `last` (m,) last samples."""
     start, end = (np.concatenate([[0.0], np.cumsum(z[: max(first.max(), last.max())])]) for z in (series, series[::-1]))
     return np.sum(series) - start[first] - end[last]
 
 
 def _deviation(error: Array, reference: Array) -> Array:
+    """Return the standard deviation of errors (..., n) over that of their references (..., n), shape (...)."""
     return _over(np.std(error, axis=-1), np.std(reference, axis=-1))
 
 
 def _peak(error: Array, reference: Array) -> Array:
+    """Return the peak of errors (..., n) over that of their references (..., n), shape (...)."""
     return _over(peak(error), peak(reference))
 
 
 def _over(above: Array, below: Array) -> Array:
+    """Return the quotients (...) of two arrays (...), NaN where the divisor is not above 0."""
     return np.divide(above, below, out=np.full(np.shape(below), np.nan), where=np.asarray(below) > 0)

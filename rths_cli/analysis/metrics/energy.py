@@ -1,4 +1,4 @@
-"""Energy that the tracking error feeds into the structure, and the energy the ground motion feeds in."""
+"""Energy that the tracking error feeds into the structure, and input energy of the ground motion."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from rths_cli.analysis.metrics.response_errors import check_pair
 from rths_cli.numerics.filters import butterworth, filtered_both_ways
 from rths_cli.numerics.lti import Array
 
-DRIFT_HZ = 0.1
+DRIFT_HZ = 0.1  # corner of the high pass that removes the drift of an integrated acceleration
 
 
 def velocity_error_m_s(accel_error_m_s2: ArrayLike, dt_s: float) -> Array:
-    """Integrate acceleration errors (..., n) in m/s^2 from rest to velocity errors in m/s, without their drift.
+    """Integrate acceleration errors (..., n) in m/s^2 from rest to velocity errors (..., n) in m/s, and remove drift.
 
-    Trapezoidal rule, then a 2nd-order 0.1 Hz Butterworth high pass, forward and backward: an accelerometer says
-    nothing about slower motion.
+    The trapezoidal rule is followed by a 2nd-order 0.1 Hz Butterworth high pass, forward and backward, because an
+    accelerometer does not measure slower motion.
     """
     velocity = _integral(np.asarray(accel_error_m_s2, dtype=float), dt_s)
     sections = butterworth(2, DRIFT_HZ, 1.0 / dt_s, "high")
@@ -26,11 +26,11 @@ def velocity_error_m_s(accel_error_m_s2: ArrayLike, dt_s: float) -> Array:
 def error_energy_j(base_shear_n: ArrayLike, velocity_error_m_s: ArrayLike, dt_s: float) -> Array:
     """Return the energy (n,) in J that the interface error has fed in so far: int f (v_desired - v_measured) dt.
 
-    `base_shear_n` (n,) in N is the specimen's force f on the interface floor (Eq. 2.6), `velocity_error_m_s` (n,)
-    desired - measured in m/s. The numerical part takes f v_desired from the interface, the specimen gives
-    f v_measured: what they differ by comes from the table. Positive adds energy, as negative damping does. Raises
-    InputError when the lengths differ. Source of the idea: Mosqueda, Stojadinovic, Mahin, J. Struct. Eng. 133
-    (2007) 1100; Ahmadizadeh and Mosqueda, Eng. Struct. 31 (2009) 1987.
+    `base_shear_n` (n,): force f of the specimen on the interface floor in N (Eq. 2.6). `velocity_error_m_s` (n,):
+    desired - measured velocity of the interface in m/s. The numerical substructure takes the power f v_desired from the
+    interface, and the specimen supplies f v_measured; the table supplies the difference. A positive value adds energy,
+    as negative damping does. Raises InputError if the lengths differ. Source of the idea: Mosqueda, Stojadinovic,
+    Mahin, J. Struct. Eng. 133 (2007) 1100; Ahmadizadeh and Mosqueda, Eng. Struct. 31 (2009) 1987.
     """
     force, error = check_pair(base_shear_n, velocity_error_m_s, ("base_shear_n", "velocity_error_m_s"))
     return _integral(force * error, dt_s)
@@ -39,14 +39,15 @@ def error_energy_j(base_shear_n: ArrayLike, velocity_error_m_s: ArrayLike, dt_s:
 def input_energy_j(M: Array, rel_vel_m_s: Array, ground_accel_m_s2: Array, dt_s: float) -> Array:
     """Return the relative input energy (n,) in J so far: -int dx^T M 1 a_g dt.
 
-    `M` (n_storeys, n_storeys) in kg, `rel_vel_m_s` (n_storeys, n) to the ground, `ground_accel_m_s2` (n,).
-    Source: Uang and Bertero, Earthquake Eng. Struct. Dyn. 19 (1990) 77.
+    `M` (n_storeys, n_storeys): mass matrix in kg; `rel_vel_m_s` (n_storeys, n): velocities dx relative to the ground;
+    `ground_accel_m_s2` (n,): ground acceleration a_g. Source: Uang and Bertero, Earthquake Eng. Struct. Dyn. 19 (1990)
+    77.
     """
     return _integral(-(M.sum(axis=1) @ rel_vel_m_s) * ground_accel_m_s2, dt_s)
 
 
 def _integral(rate: Array, dt_s: float) -> Array:
-    """Return the integral (..., n) of a rate (..., n) by the trapezoidal rule, zero at the first sample."""
+    """Return the integral (..., n) of `rate` (..., n) over time by the trapezoidal rule, zero at the first sample."""
     whole = np.zeros(rate.shape)
     np.cumsum(0.5 * dt_s * (rate[..., 1:] + rate[..., :-1]), axis=-1, out=whole[..., 1:])
     return whole

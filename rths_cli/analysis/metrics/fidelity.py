@@ -1,4 +1,4 @@
-"""Tracking fidelity: frequency evaluation index (gain and delay) and tracking indicator."""
+"""Tracking fidelity: frequency evaluation index (amplitude ratio and delay) and tracking indicator."""
 
 from __future__ import annotations
 
@@ -15,25 +15,22 @@ from rths_cli.numerics.lti import Array, ComplexArray
 
 @dataclass(frozen=True)
 class FrequencyEvaluation:
-    """Frequency evaluation index: amplitude ratio (1: exact), delay in s (positive: late) at a frequency in Hz.
+    """Frequency evaluation index (FEI)."""
 
-    The phase is known up to whole turns, so the delay lies within half a period of that frequency.
-    """
-
-    amplitude: float
-    delay_s: float
-    frequency_hz: float
+    amplitude: float  # amplitude ratio, 1: exact
+    delay_s: float  # positive: late; within half a period of `frequency_hz`, because whole turns of phase are unknown
+    frequency_hz: float  # equivalent frequency, the mean of the lines weighted by the power of the desired series
 
 
 def frequency_evaluation(
     desired: ArrayLike, measured: ArrayLike, dt_s: float, high_hz: float = BAND_HZ
 ) -> FrequencyEvaluation:
-    """Return the frequency evaluation index of `measured` (n,) against `desired` (n,), of one unit.
+    """Return the frequency evaluation index of `measured` (n,) against `desired` (n,), both in the same unit.
 
-    FEI = sum (Y / X) |X|^2 / sum |X|^2 over the lines of the discrete Fourier transforms X of desired and Y of
-    measured with 0 < f <= `high_hz`; amplitude |FEI|, frequency sum f |X|^2 / sum |X|^2, delay
-    -arg(FEI) / (2 pi frequency). All NaN when `desired` has no power there or a series is not finite. Raises
-    InputError when the lengths differ. Source: Guo, Chen, Xu, Sanchez, Smart Mater. Struct. 23 (2014) 045042,
+    FEI = sum (Y / X) |X|^2 / sum |X|^2, summed over the lines 0 < f <= `high_hz` of the discrete Fourier transforms X
+    of desired and Y of measured. The amplitude is |FEI|, the frequency sum f |X|^2 / sum |X|^2, and the delay
+    -arg(FEI) / (2 pi frequency). All are NaN if `desired` has no power on these lines or a series is not finite. Raises
+    InputError if the lengths differ. Source: Guo, Chen, Xu, Sanchez, Smart Mater. Struct. 23 (2014) 045042,
     with the power l = 2.
     """
     return frequency_evaluations(desired, (measured,), dt_s, high_hz)[0]
@@ -42,7 +39,7 @@ def frequency_evaluation(
 def frequency_evaluations(
     desired: ArrayLike, measured: Sequence[ArrayLike], dt_s: float, high_hz: float = BAND_HZ
 ) -> list[FrequencyEvaluation]:
-    """Return `frequency_evaluation` of several series (n,) against one, which is transformed once."""
+    """Return `frequency_evaluation` of several series (n,) against one; that one is transformed only once."""
     pairs = [check_pair(desired, each) for each in measured]
     n = len(pairs[0][0])
     frequency = np.arange(n // 2 + 1) / (n * dt_s)
@@ -52,7 +49,7 @@ def frequency_evaluations(
 
 
 def _evaluation(X: ComplexArray, Y: ComplexArray, frequency_hz: Array) -> FrequencyEvaluation:
-    """Return the index of lines Y (m,) against X (m,)."""
+    """Return the frequency evaluation index of Fourier lines Y (m,) against X (m,)."""
     power = np.abs(X) ** 2
     total = power.sum()
     if not (total > 0 and np.isfinite(Y).all()):
@@ -65,9 +62,9 @@ def _evaluation(X: ComplexArray, Y: ComplexArray, frequency_hz: Array) -> Freque
 def tracking_indicator(desired: ArrayLike, measured: ArrayLike) -> Array:
     """Return the tracking indicator (n,) of `measured` (n,) against `desired` (n,), in their unit squared.
 
-    TI = (A - TA) / 2 with the areas A = int x dy and TA = int y dx of the plot of measured y over desired x, by
-    the trapezoidal rule. Its rate is positive while the table is late and negative while it is early. Raises
-    InputError when the lengths differ. Source: Mercan and Ricles, Earthquake Eng. Struct. Dyn. 36 (2007).
+    TI = (A - TA) / 2 with the areas A = int x dy and TA = int y dx of the plot of measured y over desired x, by the
+    trapezoidal rule. It increases while the table is late and decreases while it is early. Raises InputError if the
+    lengths differ. Source: Mercan and Ricles, Earthquake Eng. Struct. Dyn. 36 (2007) 1523.
     """
     x, y = check_pair(desired, measured)
     return 0.5 * np.concatenate([[0.0], np.cumsum(x[:-1] * y[1:] - x[1:] * y[:-1])])

@@ -1,4 +1,4 @@
-"""The lowest Fourier lines of a long series without transforming all of it."""
+"""The lowest Fourier lines of a long series, without a transform of the whole series."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ import numpy as np
 from rths_cli.numerics.filters import fast_length
 from rths_cli.numerics.lti import Array, ComplexArray
 
-ROOM = 4  # rate of the thinned series over the highest line wanted: that line's alias lies three times as high
-TAPS = 16  # of the filter before thinning, in thinned samples: what folds back is below 1e-14 of the series
-SHAPE = 0.75 * np.pi * TAPS  # of its Kaiser window: its transform is nothing from the alias of the highest line on
+ROOM = 4  # sample rate of the decimated series over the highest line; the alias of that line is then 3 times as high
+TAPS = 16  # length of the filter before decimation, in decimated samples; aliases are below 1e-14 of the series
+SHAPE = 0.75 * np.pi * TAPS  # beta of its Kaiser window; the stop band begins at the alias of the highest line
 
 
 def low_lines(series: Array, count: int, period: int) -> ComplexArray:
-    """Return sum_t x_t exp(-2 pi j k t / period), k < `count`: lines (..., count) of series (..., n), n <= period.
+    """Return the lines (..., count) sum_t x_t exp(-2 pi j k t / period), k < `count`, of series (..., n), n <= period.
 
-    To rounding, whatever factors the period has: the series is filtered by a window and thinned, its lines are found by
-    its own transform or, where that does not have them, as a convolution with a chirp, and the window's response is
-    divided out. Sources: Bluestein, IEEE Trans. Audio Electroacoustics 18 (1970) 451; Fessler and Sutton, IEEE Trans.
-    Signal Process. 51 (2003) 560, for the window.
+    The result is exact but for rounding, whatever prime factors the period has. The series is filtered by a window and
+    decimated. Its lines follow from a fast Fourier transform or, if that has other lines, from a convolution with a
+    chirp. They are divided by the response of the window. Sources: Bluestein, IEEE Trans. Audio Electroacoustics 18
+    (1970) 451; Fessler and Sutton, IEEE Trans. Signal Process. 51 (2003) 560, for the window.
     """
     step = _step(max(period // (ROOM * count), 1), period)
     rows = series.reshape(-1, series.shape[-1])
@@ -31,12 +31,12 @@ def low_lines(series: Array, count: int, period: int) -> ComplexArray:
 
 
 def _step(most: int, period: int) -> int:
-    """Return the step of thinning: the largest that divides the period, unless that is less than half of the most."""
+    """Return the decimation step: the largest divisor of `period` from more than most / 2 to `most`, else `most`."""
     return max((step for step in range(most // 2 + 1, most + 1) if period % step == 0), default=most)
 
 
 def _thinned(series: Array, count: int, period: int, step: int) -> ComplexArray:
-    """Return the lines of a series (n,) from its windowed sums over every `step` samples."""
+    """Return the lines (count,) of a series (n,) from its windowed sums, one for every `step` samples."""
     n = -(-len(series) // step)
     blocks = np.zeros((n, step))
     blocks.reshape(-1)[: len(series)] = series
@@ -51,19 +51,22 @@ def _thinned(series: Array, count: int, period: int, step: int) -> ComplexArray:
 
 @lru_cache(maxsize=8)
 def _window(step: int) -> Array:
-    """Return the window (TAPS, step), one thinned sample per row."""
+    """Return the Kaiser window (TAPS, step), one decimated sample per row."""
     return np.kaiser(TAPS * step, SHAPE).reshape(TAPS, step)
 
 
 @lru_cache(maxsize=8)
 def _unwindowed(count: int, period: int, step: int) -> ComplexArray:
-    """Return the factors (count,) from the lines of the windowed sums, which begin TAPS - 1 early, to the series'."""
+    """Return the factors (count,) that turn lines of the windowed sums into lines of the series.
+
+    They divide by the window's response and shift the sums, which begin TAPS - 1 decimated samples early.
+    """
     ahead = np.exp(2j * np.pi * np.arange(count) * ((TAPS - 1) * step / period))
     return step * ahead / _chirped(_window(step).ravel(), count, period, 1).conj()
 
 
 def _chirped(series: Array, count: int, period: int, step: int) -> ComplexArray:
-    """Return the lines (count,) of a series (n,) whose samples lie `step` apart."""
+    """Return the lines (count,) of a series (n,) with samples at every `step` of the period, by Bluestein's method."""
     n = len(series)
     chirp, kernel = _chirp(n, count, period, step)
     spectrum = np.fft.fft(series * chirp[:n], len(kernel)) * kernel
@@ -72,7 +75,11 @@ def _chirped(series: Array, count: int, period: int, step: int) -> ComplexArray:
 
 @lru_cache(maxsize=8)
 def _chirp(n: int, count: int, period: int, step: int) -> tuple[ComplexArray, ComplexArray]:
-    """Return exp(-j pi step k^2 / period), (n,) or longer, and the transform of its inverse, as long as is needed."""
+    """Return the chirp exp(-j pi step k^2 / period), max(n, count) long, and the transform of the convolution's kernel.
+
+    The kernel is the conjugate chirp for k from 1 - n to count - 1, in cyclic order, padded with zeros to a length for
+    a fast transform.
+    """
     k = np.arange(max(n, count))
     chirp = np.exp(-1j * np.pi * (k * k * step % (2 * period)) / period)
     back = np.zeros(fast_length(n + count), dtype=complex)

@@ -1,7 +1,7 @@
 """Errors of a run: test band, RMS, peak and fitted delay. Time is the last axis of every array.
 
-A series that was cut (NaN from some sample on) has no figures: all of that storey's are NaN, and
-`diverged` says so.
+A series that is not finite, for example because it was cut (NaN from some sample on), has no errors: all its values
+are NaN, and `diverged` is true.
 """
 
 from __future__ import annotations
@@ -28,38 +28,34 @@ from rths_cli.numerics.filters import (
 )
 from rths_cli.numerics.lti import Array, ComplexArray
 
-BAND_HZ = 12.0
-BAND_ORDER = 4
-_TAPERED = 0.1  # share of the record under the taper of the delay fit, half of it at each end
+BAND_HZ = 12.0  # corner of the test band's low pass
+BAND_ORDER = 4  # of that low pass, once
+_TAPERED = 0.1  # fraction of the record that the delay fit tapers, half of it at each end
 _MOST_NEWTON_STEPS = 20
-SUMMED_AT_ONCE = 256
+SUMMED_AT_ONCE = 256  # samples of a partial sum of squares
 
 
 @dataclass(frozen=True)
 class ErrorFigures:
-    """Errors of a value against its reference, each figure of shape (...), in the unit of the series.
+    """Errors of series (..., n) against their references, each of shape (...), in the unit of the series."""
 
-    `rms`, `maximum` in the test band; `rms_full`, `maximum_full` in full band; `diverged` where a series is
-    not finite.
-    """
-
-    rms: Array
-    maximum: Array
-    rms_full: Array
-    maximum_full: Array
-    diverged: NDArray[np.bool_]
+    rms: Array  # in the test band
+    maximum: Array  # largest absolute value in the test band
+    rms_full: Array  # in full band
+    maximum_full: Array  # largest absolute value in full band
+    diverged: NDArray[np.bool_]  # whether series or reference is not finite
 
     def of(self, row: int) -> ErrorFigures:
-        """Return the figures of one of several series."""
+        """Return the errors of one of several series."""
         return ErrorFigures(*(getattr(self, field.name)[row] for field in fields(self)))
 
 
 def test_band(series: ArrayLike, dt_s: float) -> Array:
     """Filter `series` (..., n) with a 4th-order 12 Hz Butterworth low pass, forward and backward.
 
-    The ends are extended by odd reflection over 15 samples (the default of scipy's sosfiltfilt, so that
-    anyone can repeat a figure in one line), or over n - 1 if the record is shorter. A NaN anywhere makes
-    its whole series NaN. Raises InputError when half the sample rate is not above 12 Hz.
+    Returns (..., n) in the same unit. The ends are extended by odd reflection over 15 samples, the default of scipy's
+    sosfiltfilt, with which a metric can be repeated in one line; over n - 1 if the record is shorter. A NaN makes its
+    whole series NaN. Raises InputError if half the sample rate is not above 12 Hz.
     """
     values = np.asarray(series, dtype=float)
     sections, padding = _band(dt_s, values.shape[-1])
@@ -67,7 +63,7 @@ def test_band(series: ArrayLike, dt_s: float) -> Array:
 
 
 def _band(dt_s: float, samples: int) -> tuple[Array, int]:
-    """Return the sections of the test band and over how many samples the ends are extended."""
+    """Return the sections (n_sections, 6) of the test band, and the number of samples that extend each end."""
     if not 0 < dt_s < 0.5 / BAND_HZ:
         raise InputError(
             f"dt_s is {dt_s:g} s, but the {BAND_HZ:g} Hz test band needs one above 0"
@@ -78,7 +74,7 @@ def _band(dt_s: float, samples: int) -> tuple[Array, int]:
 
 
 def rms(series: ArrayLike) -> Array:
-    """Return sqrt(mean(e^2)) of `series` (..., n) over every sample, shape (...), unit of the series."""
+    """Return sqrt(mean(e^2)) of `series` (..., n) over all samples, shape (...), in the unit of the series."""
     return np.sqrt(np.mean(np.square(np.asarray(series, dtype=float)), axis=-1))
 
 
@@ -88,10 +84,11 @@ def peak(series: ArrayLike) -> Array:
 
 
 def error_figures(reference: ArrayLike, value: ArrayLike, dt_s: float, high_pass_hz: float = 0.0) -> ErrorFigures:
-    """Return the figures of reference - value, both (..., n), in the test band and in full band.
+    """Return the errors reference - value, both (..., n), in the test band and in full band.
 
-    Nothing is shifted: delay is an error. What is slower than `high_pass_hz` is removed of the difference first
-    (`high_passed`); with 0 nothing is, and an offset is an error. Raises InputError when the shapes differ.
+    Nothing is shifted, so delay counts as error. Motion slower than `high_pass_hz` is first removed from the
+    difference, as by `high_passed`; with 0 it is kept, so an offset counts as error. Raises InputError if the shapes
+    differ or the series are empty.
     """
     if np.shape(reference) != np.shape(value) or np.size(value) == 0:
         raise InputError(
@@ -109,15 +106,15 @@ def error_figures(reference: ArrayLike, value: ArrayLike, dt_s: float, high_pass
 def figures_of_pairs(
     pairs: Sequence[tuple[Array, Array]], dt_s: float, room: Array | None = None, high_pass_hz: float = 0.0
 ) -> ErrorFigures:
-    """Return the figures (m,) of reference - value, both (n,), of m pairs as `error_figures` does.
+    """Return the errors (m,) of m pairs (reference, value), both (n,), as `error_figures` does.
 
-    `room` as `room_for_pairs` gives it is used instead of new memory.
+    `room`: memory from `room_for_pairs`, which is overwritten; None: new memory.
     """
     samples = len(pairs[0][0])
     sections, padding = _band(dt_s, samples)
     tiles = room_for_pairs(len(pairs), samples, dt_s) if room is None else room
     for r, tile in enumerate(tiles):
-        four = [pairs[min(LANES * r + j, len(pairs) - 1)] for j in range(LANES)]  # idle places repeat the last pair
+        four = [pairs[min(LANES * r + j, len(pairs) - 1)] for j in range(LANES)]  # unused places repeat the last pair
         _subtract(tile, padding, *(np.ascontiguousarray(series) for pair in four for series in pair))
     if high_pass_hz > 0.0:
         take_off_slow_motion(tiles, padding, high_pass_hz, dt_s)
@@ -131,12 +128,15 @@ def figures_of_pairs(
 
 
 def room_for_pairs(pairs: int, samples: int, dt_s: float) -> Array:
-    """Return memory for `figures_of_pairs` of so many pairs and samples."""
+    """Return memory (n_tiles, samples + 2 padding, 4) for `figures_of_pairs` with that number of pairs and samples."""
     return empty_tiles(pairs, samples, _band(dt_s, samples)[1])
 
 
 def _sizes(tiles: Array, padding: int, series: int) -> tuple[Array, Array, Array]:
-    """Return sum of squares and largest absolute value (m,) of the series in tiles, and NaN where one is not finite."""
+    """Return sum of squares and largest absolute value (m,) of the m series in tiles, and a third array (m,).
+
+    The third is NaN for a series that is not finite, else 0.
+    """
     found = np.zeros((len(tiles), 3, LANES))
     _measure(tiles, padding, found)
     squares, peaks, nothing = found.transpose(1, 0, 2).reshape(3, -1)[:, :series]
@@ -147,7 +147,7 @@ def _sizes(tiles: Array, padding: int, series: int) -> tuple[Array, Array, Array
 def _subtract(
     tile: Array, padding: int, a: Array, b: Array, c: Array, d: Array, e: Array, f: Array, g: Array, h: Array
 ) -> None:
-    """Write a - b, c - d, e - f, g - h, each (n,), beside each other into `tile` (n + 2 padding, 4)."""
+    """Write a - b, c - d, e - f and g - h, each (n,), into the four columns of `tile` (n + 2 padding, 4)."""
     for k in range(a.size):
         tile[padding + k, 0] = a[k] - b[k]
         tile[padding + k, 1] = c[k] - d[k]
@@ -157,12 +157,16 @@ def _subtract(
 
 @part
 def _grown(value: float, squares: float, peak: float, nothing: float) -> tuple[float, float, float]:
+    """Return sum of squares, peak, and sum of 0 x (NaN after a value that is not finite) with one more value x."""
     return squares + value * value, max(peak, abs(value)), nothing + 0.0 * value
 
 
 @part
 def _measure_block(tile: Array, start: int, stop: int, found: Array) -> None:
-    """Add the samples from `start` to `stop` of a tile (n, 4) to its sizes, `found` (3, 4); four in one instruction."""
+    """Add samples `start` to `stop` of a tile (n, 4) to `found` (3, 4): sums of squares, peaks, sums of 0 x.
+
+    The four series are written out, so that one instruction processes all of them.
+    """
     q0, q1, q2, q3 = 0.0, 0.0, 0.0, 0.0
     p0, p1, p2, p3 = found[1, 0], found[1, 1], found[1, 2], found[1, 3]
     z0, z1, z2, z3 = 0.0, 0.0, 0.0, 0.0
@@ -182,7 +186,10 @@ def _measure_block(tile: Array, start: int, stop: int, found: Array) -> None:
 
 @entry
 def _measure(tiles: Array, padding: int, found: Array) -> None:
-    """Write sums of squares, peaks and sums of 0 x into `found` (n_tiles, 3, 4); blocks keep the sums exact."""
+    """Write sums of squares, peaks and sums of 0 x into `found` (n_tiles, 3, 4).
+
+    Partial sums over blocks of SUMMED_AT_ONCE samples keep the rounding error small.
+    """
     end = tiles.shape[1] - padding
     for r in range(tiles.shape[0]):
         for start in range(padding, end, SUMMED_AT_ONCE):
@@ -192,7 +199,7 @@ def _measure(tiles: Array, padding: int, found: Array) -> None:
 def check_pair(
     reference: ArrayLike, value: ArrayLike, names: tuple[str, str] = ("desired", "measured")
 ) -> tuple[Array, Array]:
-    """Return both series as floats (n,); raise InputError, with their names, unless they are of equal length."""
+    """Return both series as floats (n,); raises InputError, which states their `names`, if their lengths differ."""
     x, y = np.asarray(reference, dtype=float), np.asarray(value, dtype=float)
     if x.ndim != 1 or x.shape != y.shape:
         raise InputError(
@@ -204,16 +211,15 @@ def check_pair(
 def fitted_delay_s(desired: ArrayLike, measured: ArrayLike, dt_s: float) -> float:
     """Return the delay in s of `measured` (n,) against `desired` (n,): positive is late, negative early.
 
-    The maximum of the cross-correlation, refined below a sample by Newton steps on the cross-spectrum, that
-    is the phase slope weighted by power. Means are removed and the ends tapered. For reporting only: no
-    series is ever shifted by it. NaN when a series is constant or not finite. Raises InputError when the
-    lengths differ.
+    At this delay the cross-correlation is largest. It is refined below a sample by Newton steps on the cross-spectrum,
+    which find the phase slope weighted by power. Means are removed and the ends tapered. The delay is only reported: no
+    series is shifted by it. NaN if a series is constant or not finite. Raises InputError if the lengths differ.
     """
     return fitted_delays_s(desired, (measured,), dt_s)[0]
 
 
 def fitted_delays_s(desired: ArrayLike, measured: Sequence[ArrayLike], dt_s: float) -> list[float]:
-    """Return `fitted_delay_s` of several series (n,) against one, which is transformed once."""
+    """Return `fitted_delay_s` of several series (n,) against one; that one is transformed only once."""
     pairs = [check_pair(desired, each) for each in measured]
     x = pairs[0][0]
     if not _moves(x):
@@ -229,23 +235,28 @@ def fitted_delays_s(desired: ArrayLike, measured: Sequence[ArrayLike], dt_s: flo
 
 @lru_cache(maxsize=2)
 def _taper(n: int) -> Array:
+    """Return the taper (n,) of the delay fit."""
     return tukey(n, _TAPERED)
 
 
 def _moves(series: Array) -> bool:
+    """Return whether a series (n,) is finite and not constant."""
     return bool(np.isfinite(series).all() and np.ptp(series) > 0)
 
 
 def _lag(cross: ComplexArray, padded: int) -> float:
-    """Return the lag in samples at which the correlation with a cross-spectrum (m,) is largest."""
+    """Return the lag in samples at which the correlation is largest, from its cross-spectrum (m,).
+
+    `padded`: length of the transformed series.
+    """
     lag = int(np.argmax(np.fft.irfft(cross, padded)))
     return _refined_lag(cross, 2 * np.pi / padded, float(lag if lag <= padded / 2 else lag - padded))
 
 
 def _refined_lag(cross: ComplexArray, angle_rad: float, lag: float) -> float:
-    """Return the lag in samples, within one of `lag`, that maximises Re sum_k cross_k exp(j k angle lag).
+    """Return the lag in samples, within one sample of `lag`, that maximises Re sum_k cross_k exp(j k angle lag).
 
-    With k = wide i + l the phase is a product, so no line needs its own exponential.
+    With k = wide i + l the exponential is a product of two, so that few exponentials are needed.
     """
     wide = math.isqrt(len(cross)) + 1
     angle = angle_rad * np.arange(wide * wide)

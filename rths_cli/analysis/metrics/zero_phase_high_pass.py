@@ -1,8 +1,9 @@
-"""The zero-phase high pass above which errors are evaluated, as AC-coupled accelerometers see no slow motion.
+"""The zero-phase high pass for the evaluation of errors, as AC-coupled accelerometers do not measure slow motion.
 
-The high pass is a 2nd-order Butterworth, forward and backward: 1 / (1 + (f_h / f)^4), no phase. What it removes is what
-the low pass of the same order and corner leaves, so that is found at a low rate, from means over blocks, and taken off.
-A parabola is removed first, so that the ends of a record do not ring, and the rest is continued evenly beyond them.
+The high pass is a 2nd-order Butterworth, forward and backward: gain 1 / (1 + (f_h / f)^4), no phase. It removes the
+motion that the low pass of the same order and corner passes. This slow motion is computed at a low rate, from means
+over blocks, and subtracted. A parabola is removed first, so that the filter does not ring at the ends of a record, and
+the rest is continued by even reflection beyond them.
 """
 
 from __future__ import annotations
@@ -16,17 +17,17 @@ from rths_cli.numerics.compiled import entry, part
 from rths_cli.numerics.filters import LANES, butterworth, filtered_both_ways
 from rths_cli.numerics.lti import Array
 
-SLOW_ORDER = 2
-BLOCKS_PER_PERIOD = 256  # of the corner: blocks are short beside the slowest motion that stays
-CONTINUED_PERIODS = 3.0  # of the corner, beyond each end of a record
-PARABOLA = 3  # coefficients
+SLOW_ORDER = 2  # of the Butterworth filter, once
+BLOCKS_PER_PERIOD = 256  # blocks per period of the corner frequency, the slowest motion that is kept
+CONTINUED_PERIODS = 3.0  # periods of the corner frequency by which each end of a record is continued
+PARABOLA = 3  # coefficients of the parabola
 
 
 def high_passed(series: ArrayLike, corner_hz: float, dt_s: float) -> Array:
-    """Return `series` (..., n) without what is slower than `corner_hz`, in its unit; a corner of 0 leaves it as it is.
+    """Return `series` (..., n) without motion slower than `corner_hz`, in its unit; unchanged for a corner of 0.
 
-    2nd-order Butterworth high pass, forward and backward, after the best parabola is removed. A NaN makes its whole
-    series NaN.
+    The best parabola is subtracted, then a 2nd-order Butterworth high pass is applied forward and backward. A NaN makes
+    its whole series NaN.
     """
     values = np.asarray(series, dtype=float)
     if corner_hz <= 0.0:
@@ -41,7 +42,7 @@ def high_passed(series: ArrayLike, corner_hz: float, dt_s: float) -> Array:
 
 
 def take_off_slow_motion(tiles: Array, padding: int, corner_hz: float, dt_s: float) -> None:
-    """Do in place to series four beside each other (n_tiles, n + 2 padding, 4) what `high_passed` does."""
+    """Apply `high_passed` in place to series in tiles (n_tiles, n + 2 padding, 4), four series per tile."""
     samples = tiles.shape[1] - 2 * padding
     count = max(round(samples * dt_s * corner_hz * BLOCKS_PER_PERIOD), 1)
     if count >= samples:
@@ -54,7 +55,7 @@ def take_off_slow_motion(tiles: Array, padding: int, corner_hz: float, dt_s: flo
 
 
 def _slow(rows: Array, corner_hz: float, dt_s: float) -> Array:
-    """Return what is slower than a corner of series (m, n) of block means."""
+    """Return the slow motion (m, n) of m series (m, n) of block means, `dt_s` apart: parabola and low-passed rest."""
     basis = _parabolas(rows.shape[1])
     trend = (rows @ basis.T) @ basis
     more = min(round(CONTINUED_PERIODS / (corner_hz * dt_s)), rows.shape[1])
@@ -65,7 +66,7 @@ def _slow(rows: Array, corner_hz: float, dt_s: float) -> Array:
 
 @lru_cache(maxsize=4)
 def _parabolas(count: int) -> Array:
-    """Return orthonormal polynomials (3 or fewer, n) that span constant, line and parabola."""
+    """Return orthonormal polynomials (3 or `count`, count) that span constant, line and parabola."""
     powers = np.vander(np.linspace(-1.0, 1.0, count), min(PARABOLA, count), increasing=True)
     basis = np.ascontiguousarray(np.linalg.qr(powers)[0].T)
     basis.flags.writeable = False
@@ -74,7 +75,7 @@ def _parabolas(count: int) -> Array:
 
 @entry
 def _means(tiles: Array, padding: int, means: Array) -> None:
-    """Write the means over equal parts of the series in tiles into `means` (n_tiles, m, 4)."""
+    """Write the means over m equal parts of the series in tiles into `means` (n_tiles, m, 4)."""
     samples, count = tiles.shape[1] - 2 * padding, means.shape[1]
     for r in range(tiles.shape[0]):
         for i in range(count):
@@ -94,13 +95,16 @@ def _means(tiles: Array, padding: int, means: Array) -> None:
 
 @entry
 def _take_off(tiles: Array, padding: int, slow: Array) -> None:
-    """Take `slow` (n_tiles, m, 4), the values at the middles of equal parts, off the series in tiles, straight lines
-    between them."""
+    """Subtract a slow motion from the series in tiles, in place.
+
+    `slow` (n_tiles, m, 4): its values at the centres of m equal parts, interpolated and at the ends extrapolated by
+    straight lines.
+    """
     samples, count = tiles.shape[1] - 2 * padding, slow.shape[1]
     length = samples / count
     for r in range(tiles.shape[0]):
         stop, last = 0, max(count - 1, 1)
-        for i in range(1, last + 1):  # from the middle of part i - 1 to that of part i; the first and last go on
+        for i in range(1, last + 1):  # from the centre of part i - 1 to that of part i; ends extrapolated
             start, stop = stop, int((i + 0.5) * length) if i < last else samples
             first, second = slow[r, i - 1], slow[r, min(i, count - 1)]
             _take_line(tiles[r], first, second, padding, start, stop, (i - 0.5) * length, length)
@@ -110,7 +114,10 @@ def _take_off(tiles: Array, padding: int, slow: Array) -> None:
 def _take_line(
     tile: Array, first: Array, last: Array, padding: int, start: int, stop: int, zero: float, length: float
 ) -> None:
-    """Take the line from `first` (4,) at `zero` to `last` (4,) a `length` later off the samples `start` to `stop`."""
+    """Subtract a straight line from the samples `start` to `stop` of a tile (n + 2 padding, 4), in place.
+
+    It goes from `first` (4,) at the time `zero` to `last` (4,) a time `length` later, both in samples.
+    """
     a0, a1, a2, a3 = first[0], first[1], first[2], first[3]
     d0, d1, d2, d3 = last[0] - a0, last[1] - a1, last[2] - a2, last[3] - a3
     for k in range(start, stop):

@@ -1,4 +1,4 @@
-"""What `rths export` does: read and check everything first, then write each result whole or not at all."""
+"""The work of `rths export`: read and check all results first, then write each one completely or not at all."""
 
 from __future__ import annotations
 
@@ -24,26 +24,23 @@ TEXT_FACTOR = 2.5  # bytes of a number in CSV over those of the number, at most
 
 @dataclass(frozen=True)
 class ExportRequest:
-    """What is exported: result files or folders of them, to which format (csv, mat, netcdf), where to.
+    """Arguments of `rths export`."""
 
-    `groups` chooses groups with all that is in them (none: every one); `replace` allows to replace what is there.
-    """
-
-    paths: tuple[Path, ...]
-    form: str
-    folder: Path
-    groups: tuple[str, ...] = ()
-    replace: bool = False
+    paths: tuple[Path, ...]  # result files or folders of them
+    form: str  # format: csv, mat or netcdf
+    folder: Path  # for the exported files
+    groups: tuple[str, ...] = ()  # groups to export, with the groups in them; (): all
+    replace: bool = False  # whether existing files may be replaced
 
 
 @dataclass(frozen=True)
 class Exported:
-    """A result that was exported: its file, how its run ended and why, the files written."""
+    """A result that was exported."""
 
     result: Path
-    status: str
-    reason: str
-    files: tuple[Path, ...]
+    status: str  # of the result
+    reason: str  # of that status
+    files: tuple[Path, ...]  # that were written
 
 
 def export(request: ExportRequest, progress: Callable[[str], None] = lambda _: None) -> list[Exported]:
@@ -79,7 +76,7 @@ def plan(request: ExportRequest) -> list[tuple[Source, list[Target]]]:
 
 
 def _shared(planned: Sequence[tuple[Source, list[Target]]]) -> list[str]:
-    """Return a sentence for each file that two results would become."""
+    """Return a sentence for each file name that two results share."""
     first: dict[Path, Path] = {}
     faults = []
     for source, targets in planned:

@@ -1,4 +1,4 @@
-"""Shared by the formats: the open result as a source of series, and target files written whole or not at all."""
+"""Parts that all formats use: the open result as a source of series; files written completely or not at all."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ BYTES = 8  # of a number, as it is written
 
 @dataclass(frozen=True)
 class Source:
-    """A result and its chosen groups by path, a group before those in it."""
+    """A result to be exported, with its chosen groups by path, each group before those in it."""
 
     result: Result
     groups: Mapping[str, Outline]
@@ -38,19 +38,19 @@ class Source:
         return read_group(self.result.path, self.groups[group])
 
     def size_bytes(self, group: str) -> int:
-        """Return how many bytes the numbers of a group take, without the groups in it."""
+        """Return the number of bytes of a group's numbers, without the groups in it."""
         outline = self.groups[group]
         shapes = [*outline.datasets.values(), *outline.scales.values()]
         return BYTES * sum(int(np.prod(shape)) for shape in shapes)
 
     @property
     def total_bytes(self) -> int:
-        """Return how many bytes the numbers of all chosen groups take."""
+        """Return the number of bytes of the numbers of all chosen groups."""
         return sum(self.size_bytes(group) for group in self.groups)
 
 
 def open_source(path: Path, names: Sequence[str] = ()) -> Source:
-    """Read what a result is about; `names` chooses groups with all that is in them (none: every group).
+    """Read the contents of a result without its series; `names`: chosen groups, with the groups in them; (): all.
 
     Raises InputError unless the file is a whole result file that holds these groups.
     """
@@ -74,7 +74,7 @@ _AXES_OF_SERIES = (("time_s",), ("frequency_hz",))
 
 
 def notes(source: Source) -> dict[str, Any]:
-    """Return the attributes of a result and, by group, each dataset that is no series; what is not finite is null."""
+    """Return the attributes of a result and, by group, the datasets that are not series; None if not finite."""
     about = {key: _plain(value) for key, value in source.result.attributes.items()}
     read = read_groups(source.result.path, source.groups.values(), lambda item: item.dims[-1:] not in _AXES_OF_SERIES)
     held = {path: _group(outline, read[path]) for path, outline in source.groups.items()}
@@ -98,16 +98,16 @@ def _plain(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Target:
-    """A file, and what writes all of it at a path it is given."""
+    """A file to be written."""
 
     path: Path
-    write: Callable[[Path], None]
+    write: Callable[[Path], None]  # writes the whole file at a given path
 
 
 def write_all(targets: Sequence[Target]) -> None:
-    """Write files under temporary names (`.NAME.PID.part`) and rename them when all are there.
+    """Write files under temporary names (`.NAME.PID.part`) and rename them when all are complete.
 
-    Raises InputError naming path and cause where the disk refuses; then, and after a signal, no file is left behind.
+    Raises InputError with path and cause if one cannot be written; then, and after a signal, no file is left behind.
     """
     parts = [target.path.with_name(f".{target.path.name}.{os.getpid()}.part") for target in targets]
     try:
@@ -123,7 +123,7 @@ def write_all(targets: Sequence[Target]) -> None:
 
 
 def with_reason(target: Target, part: Path) -> None:
-    """Write one file; raise InputError naming path and cause where the disk refuses."""
+    """Write one file to `part`; raises InputError with path and cause if that fails."""
     try:
         target.write(part)
     except (OSError, RuntimeError) as error:

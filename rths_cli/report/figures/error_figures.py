@@ -68,7 +68,7 @@ def _errors_mm(source: Source, kind: str, causes: Sequence[str], column: int) ->
 
 
 def error_by(source: Source, kind: str, cause: str, column: int) -> float:
-    """Return the RMS error by a cause in m/s^2, of a storey or (0) of tracking; without a cause the whole error."""
+    """Return the RMS error in m/s^2 due to a cause ("": total), of a storey or, for column 0, of tracking."""
     owner = "exp_rths" if kind == "budget" and not cause else kind
     part = f"_{cause}" if cause else ""
     found = source.metric(f"{owner}.rms_error{part}_m_s2" if column else f"{owner}.tracking_rms{part}_m_s2")
@@ -112,7 +112,7 @@ def _storey_axis(ax: Axes, count: int, interface: int) -> None:
 
 
 def _wide_axis(ax: Axes) -> None:
-    """Make the axis logarithmic where values differ by more than ten times, else start it at zero."""
+    """Make the axis logarithmic if values differ by more than a factor of ten, else start it at zero."""
     from matplotlib.ticker import NullFormatter
 
     drawn = [np.asarray(line.get_xdata(), dtype=float) for line in ax.lines if line.get_label() in PROFILES]

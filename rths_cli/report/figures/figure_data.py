@@ -1,4 +1,4 @@
-"""The data of all figures: a result's series, read once and thinned so that every peak stays."""
+"""The data of all figures: a result's series, read once and decimated so that every peak is kept."""
 
 from __future__ import annotations
 
@@ -21,37 +21,37 @@ MOST_STOREYS = 4
 
 
 class NotDrawn(InputError):
-    """A figure that a result holds no data for, with the reason."""
+    """Raised if a result lacks the data of a figure; the message states the reason."""
 
 
 @dataclass(frozen=True)
 class Source:
-    """A result whose series are read when first asked for and then kept."""
+    """A result whose series are read at the first request and then kept in memory."""
 
     result: Result
     _kept: dict[str, Array] = field(default_factory=dict)
 
     def read(self, name: str) -> Array:
-        """Return the values of a dataset (`exp_rths/command_v`); raise InputError where there is none."""
+        """Return the values of a dataset (`exp_rths/command_v`); raises InputError if there is none."""
         if name not in self._kept:
             self._kept[name] = read_series(self.result.path, name)
         return self._kept[name]
 
     def runs(self, names: tuple[str, ...]) -> list[str]:
-        """Return those of the runs that the file holds samples of; raise NotDrawn when it holds none."""
+        """Return the runs among `names` with samples in the file; raises NotDrawn if there are none."""
         found = [run for run in names if run in self.result.groups and self.read(f"{run}/time_s").size > 1]
         if not found:
             raise NotDrawn(f"no {' and no '.join(names)} in the result")
         return found
 
     def metric(self, path: str) -> Array | None:
-        """Return a figure as an array (n,), None where the result has none."""
+        """Return a metric as an array (n,), None if the result does not have it."""
         value = self.result.metrics.get(path)
         return None if value is None else np.atleast_1d(np.asarray(value, dtype=float))
 
     @property
     def virtual(self) -> bool:
-        """Tell whether the table was a virtual one."""
+        """Return whether the rig is virtual."""
         return not capabilities_of(str(self.result.attributes.get("rig_kind", ""))).moves_hardware
 
     @property
@@ -61,12 +61,12 @@ class Source:
 
     @property
     def complete(self) -> bool:
-        """Tell whether all runs reached the end of the record."""
+        """Return whether all runs reached the end of the record."""
         return self.result.attributes.get("status") == "complete"
 
 
 def interface_storey(source: Source) -> int:
-    """Return the storey (from 1) that the table moves, 0 where no run on a table tells."""
+    """Return the storey (from 1) that the table moves, 0 if no run on a table states it."""
     for run in TABLE_RUNS:
         if run in source.result.groups:
             return int(source.read(f"{run}/floor")[0]) - 1
@@ -76,7 +76,7 @@ def interface_storey(source: Source) -> int:
 def chosen_storeys(storeys: int, interface: int) -> list[int]:
     """Return the storeys (from 1) that figures show: all up to four, else first, interface, the middle above, top.
 
-    `interface`: the highest storey of the numerical part, 0 where it is not known.
+    `interface`: highest storey of the numerical substructure, 0 if it is not known.
     """
     if storeys <= MOST_STOREYS:
         return list(range(1, storeys + 1))
@@ -91,17 +91,17 @@ CLOSE_LOOK_S = 3.0
 
 
 def points_of_lines(weights: Sequence[float]) -> list[int]:
-    """Return how many points each line of a figure may have, in proportion to its weight."""
+    """Return the largest number of points of each line of a figure, in proportion to its weight."""
     least, most = POINTS_PER_LINE
     return [int(np.clip(POINTS_PER_FIGURE * weight / sum(weights), least, most)) for weight in weights]
 
 
 def thinned(time_s: Array, values: Array, points: int) -> tuple[Array, Array]:
-    """Return at most `points` samples of a series (n,): smallest and largest of equal stretches, in their order.
+    """Return at most `points` samples of a series (n,): the smallest and largest of equal stretches, in their order.
 
-    Each keeps its own instant, so peaks stay what and where they were. Stretches share their end samples: where a
-    series goes one way one sample of each is enough, and there may be twice as many. A stretch without any number is
-    a NaN, which breaks the line. A series that is short enough comes back as it is.
+    Each sample keeps its instant, so peaks keep their value and place. Stretches share their end samples: where a
+    series is monotone, one sample of each is enough, and there may be twice as many stretches. A stretch without
+    numbers is a NaN, which breaks the line. A series that is short enough is returned unchanged.
     """
     if values.size <= points:
         return time_s, values
@@ -113,7 +113,7 @@ def thinned(time_s: Array, values: Array, points: int) -> tuple[Array, Array]:
 
 
 def _extremes(values: Array, stretches: int) -> Integers:
-    """Return the places of the smallest and largest value of at most so many stretches, in their order, each once."""
+    """Return the indices of the smallest and largest value of each stretch, in ascending order, each index once."""
     last = values.size - 1
     length = -(-last // stretches)
     places = np.minimum(np.arange(0, last, length)[:, None] + np.arange(length + 1), last)
@@ -126,13 +126,13 @@ def _extremes(values: Array, stretches: int) -> Integers:
 
 
 def known_part(values: Array) -> int:
-    """Return how many samples of a series (n,) stand before the first that is no number."""
+    """Return the number of samples of a series (n,) before the first one that is not finite."""
     unknown = np.flatnonzero(~np.isfinite(values))
     return int(unknown[0]) if unknown.size else values.size
 
 
 def window_at(time_s: Array, instant_s: float, length_s: float = CLOSE_LOOK_S) -> slice:
-    """Return the samples of a stretch of `length_s` around an instant, moved where the record ends before."""
+    """Return the samples of a stretch of `length_s` around an instant, shifted if it exceeds the record."""
     first = min(max(instant_s - 0.5 * length_s, float(time_s[0])), max(float(time_s[-1]) - length_s, float(time_s[0])))
     start = int(np.searchsorted(time_s, first - 1e-9))
     return slice(start, int(np.searchsorted(time_s, first + length_s + 1e-9)))

@@ -78,7 +78,7 @@ def fitted_response(source: Source, frequency_hz: Array) -> ComplexArray:
 
 
 def _phases(measured: ComplexArray, fitted: ComplexArray) -> tuple[Array, Array]:
-    """Return the unwrapped phases of both in degrees; the measured one is the model's and what it differs by."""
+    """Return the unwrapped phases (n,) in degrees; the measured one is the model's plus that of their ratio."""
     model = np.unwrap(np.angle(fitted))
     model += 2.0 * np.pi * (model[0] < -0.5 * np.pi)  # near 0 Hz an acceleration is 180 deg before its cause
     return np.degrees(model + np.angle(measured / fitted)), np.degrees(model)
@@ -197,7 +197,7 @@ def _latency(ax: Axes, source: Source, frequency_hz: Array) -> None:
 
 
 def _segment(source: Source, samples: int) -> int:
-    """Return how many samples a segment of Welch's method has; a short record gives four segments that overlap."""
+    """Return the number of samples of a segment of Welch's method; a short record has four overlapping segments."""
     return min(round(SPECTRAL_S * source.rate_hz), max(samples // 2, 8), samples)
 
 
@@ -208,7 +208,7 @@ def _test_band(ax: Axes) -> None:
 
 
 def _frequency_axis(axes: Sequence[Axes], low: float, high: float, every: bool = False) -> None:
-    """Give all axes the same band, frequencies written out; one label at the bottom unless `every` has its own."""
+    """Set the same band on all axes, with plain numbers; one label at the bottom, or with `every` one for each."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter
 
     marks = [m * 10.0**k for k in range(-4, 5) for m in (1.0, 2.0, 5.0) if low <= m * 10.0**k <= high]

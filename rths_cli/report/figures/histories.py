@@ -135,7 +135,7 @@ def _storey_errors(source: Source, storey: int) -> Iterator[Panel]:
 
 
 def error_panel(source: Source, title: str, run: str, time: Array, error: Array, note: str) -> Panel:
-    """Return the panel of an error (n,) in m/s^2 of a run, filtered as its RMS is, as far as it is known."""
+    """Return the panel of an error (n,) in m/s^2 of a run with the filters of its RMS, up to its last finite sample."""
     from rths_cli.report.filtered_errors import evaluated_error
 
     n = known_part(error)
@@ -154,7 +154,7 @@ def _reached_the_end(source: Source, time: Array) -> bool:
 
 
 def _what(source: Source, storey: int) -> str:
-    """Return what a storey is in the hybrid test, with a comma before it."""
+    """Return the role of a storey in the hybrid test in words, after a comma."""
     interface = interface_storey(source)
     if not interface:
         return ""

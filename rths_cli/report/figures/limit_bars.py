@@ -42,7 +42,7 @@ VALUE = Mark("", BLACK, "s")
 
 
 def limits(source: Source, width: str) -> Figure:
-    """Draw predicted and reached peaks as shares of their limits, and the margins of the hybrid loop and feedback."""
+    """Draw predicted and reached peaks in percent of their limits, and the margins of the hybrid loop and feedback."""
     names = [name for name in LIMITS if source.metric(f"check.limit_{name}") is not None]
     margins = [name for name in MARGINS if any(source.metric(f"{loop}.{name}") is not None for loop in LOOPS)]
     if not names and not margins:
@@ -82,10 +82,10 @@ def _peaks(ax: Axes, source: Source, names: Sequence[str], between: str) -> list
 
 
 def reached_peaks(source: Source, run: str) -> dict[str, float]:
-    """Return the largest values that a run on the table recorded, by the limit they stand against.
+    """Return the largest recorded values of a run on the table, by the limit with which they are compared.
 
-    Displacement is known on a virtual rig alone; velocity and force stand in no file. Acceleration is that of all
-    channels, as the guard sees it.
+    Displacement is known only on a virtual rig; velocity and force are not stored. Acceleration is the largest one of
+    all channels, as in the guard.
     """
     series = {
         "command_v": ["command_v"],

@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Mark:
-    """Hold how one kind of value looks: name in the legend, colour, shape, size in points, whether it is filled."""
+    """The appearance of one kind of value."""
 
-    label: str
+    label: str  # in the legend
     color: str
     shape: str = "o"
-    size: float = 3.0
+    size: float = 3.0  # points
     filled: bool = True
 
 
@@ -44,7 +44,7 @@ def dot_rows(ax: Axes, labels: Sequence[str], marks: Sequence[tuple[Mark, Array]
 
 
 def dots_legend(figure: Figure, marks: Sequence[Mark]) -> None:
-    """Put one legend for the marks below the axes."""
+    """Draw one legend for the marks below the axes."""
     from matplotlib.lines import Line2D
 
     handles = [Line2D([], [], label=mark.label) for mark in marks]
@@ -72,19 +72,19 @@ ACCELERATION = f"acceleration ({ACCELERATION_UNITS})"
 
 @dataclass(frozen=True)
 class Line:
-    """Hold one line of a panel: its look, instants and values, both (n,)."""
+    """One line of a panel."""
 
     look: Look
-    time_s: Array
-    values: Array
+    time_s: Array  # (n,)
+    values: Array  # (n,)
 
 
 @dataclass(frozen=True)
 class Panel:
-    """Hold one pair of axes: title on the left, note on the right, lines, and what part of them is shown.
+    """One pair of axes.
 
-    `close`: samples of a close look, of every line; None shows whole lines. `reach`: largest value that must be seen;
-    None takes that of all lines.
+    `note`: text on the right, beside the title on the left. `close`: samples that are shown of every line; None: whole
+    lines. `reach`: largest value that must be visible; None: that of all lines.
     """
 
     title: str
@@ -96,7 +96,7 @@ class Panel:
 
 
 def new_figure(source: Source, width: str, height_mm: float, about: str = "") -> Figure:
-    """Return an empty figure of a journal's width with the heading that names case, table and how the run ended."""
+    """Return an empty figure of a journal's width, with a heading that states case, table and end of the run."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -109,7 +109,7 @@ def new_figure(source: Source, width: str, height_mm: float, about: str = "") ->
 
 
 def heading(source: Source, width: str, about: str = "") -> list[str]:
-    """Return the lines above a figure: case, method and table ("virtual" where it is), and why a run ended early."""
+    """Return the lines above a figure: case, method, table (virtual or not), and why a run ended early."""
     known = source.result.attributes
     table = f"{'virtual ' if source.virtual else ''}shake table {known.get('rig', '')}".rstrip()
     case = f"{known.get('case_name', source.result.path.stem)}, method {known.get('method', 'unknown')}"
@@ -135,7 +135,7 @@ def draw_rows(
     about: str = "",
     legend: bool = True,
 ) -> Figure:
-    """Draw panels in rows of two, or one below the other in one column; `about` goes into the heading."""
+    """Draw panels in rows of two, or below each other in a single column; `about` is added to the heading."""
     panels = [panel for row in rows for panel in row]
     stacked = width == "one" or len(panels) == 1
     count = len(panels) if stacked else len(rows)
@@ -157,7 +157,7 @@ def draw_rows(
 
 
 def legend_below(figure: Figure, looks: Sequence[Look]) -> None:
-    """Put one legend for all lines below the axes, each look once."""
+    """Draw one legend for all lines below the axes, with each look once."""
     from matplotlib.lines import Line2D
 
     each = list({look.label: look for look in looks if look.label}.values())
@@ -186,5 +186,5 @@ def _first_and_last(panel: Panel) -> tuple[float, float]:
 
 
 def largest(*series: Array) -> float:
-    """Return the largest absolute value of several series, numbers that are not finite left out."""
+    """Return the largest absolute finite value of several series."""
     return max((float(np.abs(values[np.isfinite(values)]).max(initial=0.0)) for values in series), default=0.0)

@@ -59,12 +59,12 @@ METADATA: dict[str, dict[str, str | None]] = {
 
 @dataclass(frozen=True)
 class Look:
-    """Hold what tells one line from the others: its name in legends, colour, line style, width in points."""
+    """The appearance of a line."""
 
-    label: str
+    label: str  # in the legend
     color: str
-    dashes: Any = "solid"
-    width: float = 0.9
+    dashes: Any = "solid"  # line style
+    width: float = 0.9  # points
 
     def line(self, dense: bool = False) -> dict[str, Any]:
         """Return the arguments of a line; `dense`: thin and solid, since dashes of a whole record cannot be seen."""
@@ -86,12 +86,12 @@ MODEL = Look("model", BLACK, "solid", 0.8)
 
 
 def in_house_style() -> AbstractContextManager[None]:
-    """Return a context in which matplotlib draws in this style, whatever the user's own settings are."""
+    """Return a context in which matplotlib draws in this style, independent of the user's settings."""
     from matplotlib import style
 
     return style.context(STYLE, after_reset=True)
 
 
 def plain(text: str) -> str:
-    """Return text in which a dollar sign is a dollar sign, not the start of a formula."""
+    """Return a text with escaped dollar signs, which would otherwise begin a formula."""
     return text.replace("$", r"\$")

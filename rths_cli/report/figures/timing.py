@@ -28,7 +28,7 @@ LOST = Look("no samples", VERMILLION)
 
 
 def timing(source: Source, width: str) -> Figure:
-    """Draw how long steps took, how late they began and which had no samples, with the share of steps above a time."""
+    """Draw duration and lateness of the steps and lost samples over time, and the share of steps above a duration."""
     runs = source.runs(TABLE_RUNS)
     times = {run: _times(source, run) for run in runs}
     stacked = width == "one"
@@ -58,7 +58,7 @@ def _times(source: Source, run: str) -> dict[str, Array]:
 
 
 def _optional(source: Source, name: str) -> Array | None:
-    """Return a dataset that only runs in real time have; None where there is none."""
+    """Return a dataset that only runs in real time have; None if there is none."""
     if source.virtual:
         return None
     try:
@@ -91,6 +91,6 @@ def _exceedance(ax: Axes, source: Source, times: dict[str, Array], points: int) 
 
 
 def exceedance(values: Array) -> tuple[Array, Array]:
-    """Return durations (n,) from the longest down and the share of steps that took at least as long."""
+    """Return durations (n,) in descending order, and the share (n,) of steps that took at least as long."""
     known = np.sort(values[np.isfinite(values)])[::-1]
     return known, np.arange(1, known.size + 1) / max(known.size, 1)

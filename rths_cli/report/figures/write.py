@@ -1,4 +1,4 @@
-"""The list of figures by name; draw them and write files that are the same whenever the data are."""
+"""The list of figures by name; draw them and write their files, equal for equal data."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def _short_vertex(found: re.Match[bytes]) -> bytes:
 
 
 def _make(folder: Path) -> list[Path]:
-    """Make a folder and return what was made, the innermost first; raise InputError where that fails."""
+    """Create a folder and return the created folders, the innermost first; raises InputError if that fails."""
     missing = [one for one in (folder, *folder.parents) if not one.exists()]
     with _told(folder):
         folder.mkdir(parents=True, exist_ok=True)
@@ -123,7 +123,7 @@ def _make(folder: Path) -> list[Path]:
 
 @contextmanager
 def _told(path: Path) -> Iterator[None]:
-    """Raise InputError, with path and cause, where the disk refuses."""
+    """Turn an error of the disk into an InputError with path and cause."""
     try:
         yield
     except OSError as error:
@@ -131,7 +131,7 @@ def _told(path: Path) -> Iterator[None]:
 
 
 def _remove(parts: Iterable[Path], folders: Iterable[Path]) -> None:
-    """Remove parts that were not renamed, and folders made for nothing."""
+    """Remove temporary files that were not renamed, and created folders that are empty."""
     for part in parts:
         with suppress(OSError):
             part.unlink()
@@ -141,7 +141,7 @@ def _remove(parts: Iterable[Path], folders: Iterable[Path]) -> None:
 
 
 def _stems(results: Sequence[Result]) -> Iterator[str]:
-    """Yield a file name for each result, with a number from the second of that name on."""
+    """Yield a file name for each result; from the second result of a name on, it ends with a number."""
     seen: Counter[str] = Counter()
     for result in results:
         stem = result.path.stem

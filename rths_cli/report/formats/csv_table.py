@@ -1,4 +1,4 @@
-"""`--format csv`: tidy, one metric of one run per line, with all that tells the run apart."""
+"""`--format csv`: tidy table, one metric of one run per line, with the attributes that identify the run."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ from rths_cli.safe_text import csv_cell
 
 
 def width(table: Table) -> int:
-    """Return the number of columns beside the labels."""
+    """Return the number of columns without the labels."""
     return sum(table.groups)
 
 
 def shown(cell: Cell) -> str:
-    """Return what a cell holds, with its mark."""
+    """Return the text of a cell with its mark."""
     return (cell.text + cell.mark).strip()
 
 
 def spread(cells: Sequence[Cell]) -> list[str]:
-    """Return one text per column: a cell that spans several stands in each."""
+    """Return one text for each column; a cell that spans several columns is repeated."""
     return [shown(cell) for cell in cells for _ in range(cell.span)]
 
 
 def names(table: Table) -> list[str]:
-    """Return a name per column, from the top header down; repeated parts stand once."""
+    """Return a name for each column, made of its headers from the top down; a repeated part occurs once."""
     levels = [spread(cells) for cells in table.headers]
     parts = zip(*levels, strict=True)
     return [" ".join(dict.fromkeys(part for part in column if part)) for column in parts]
 
 
 def filled(row: Row, columns: int) -> list[str]:
-    """Return the texts of a row, as many as there are columns."""
+    """Return the texts of a row, one for each column."""
     texts = spread(row.cells)
     return texts + [""] * (columns - len(texts))
 
@@ -53,8 +53,11 @@ UNREADABLE = "unreadable"
 
 
 def tidy(found: Contents) -> str:
-    """Return the figures as CSV (RFC 4180, but for line ends of one newline); `number` counts storeys, modes or
-    frequencies from 1 and is empty for one value. A run without figures, or a file that cannot be read, has a line."""
+    """Return the metrics as CSV (RFC 4180, except that lines end with a newline character).
+
+    The column `number` counts storeys, modes or frequencies from 1; it is empty for a metric with one value. A run
+    without metrics, and a file that cannot be read, have one line each.
+    """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(COLUMNS)
@@ -87,7 +90,7 @@ def _published(figures: Mapping[str, object], path: str, number: int) -> str:
 
 
 def _number(value: float) -> str:
-    """Return a number that reads back to the last bit; empty for one that is not finite."""
+    """Return a number with all digits of a double, "" if it is not finite."""
     return repr(float(value)) if np.isfinite(value) else ""
 
 

@@ -19,7 +19,7 @@ FORMAT, FORMAT_VERSION = "rths-report", 1
 
 
 def document(found: Contents) -> dict[str, Any]:
-    """Return a report for JSON: every result with every figure, accept limits, comparisons, and what was not read."""
+    """Return a report for JSON: all results with all metrics, accept limits, comparisons, and unread files."""
     results = found.inputs.results
     listed = to_json(results)["results"]
     assert isinstance(listed, list)

@@ -22,20 +22,22 @@ PROPERTIES = ("method", "rig", "rig_kind", "seed", "rths_version", "git_commit",
 
 @dataclass(frozen=True)
 class Test:
-    """Hold one test: its name, and what went wrong, of `kind` "failure" (a limit not met) or "error" (no figure)."""
+    """One test of a suite."""
 
     name: str
+    # "": passed; "failure": limit not met, metric not computed, or worse than the baseline; "error": the run did not
+    # end as planned, or cannot be read
     kind: str = ""
-    message: str = ""
+    message: str = ""  # what is wrong
 
 
 @dataclass(frozen=True)
 class Suite:
-    """Hold the tests of one run, when it was made (UTC), and what is known of it."""
+    """The tests of one run."""
 
     name: str
-    timestamp: str
-    properties: tuple[tuple[str, str], ...]
+    timestamp: str  # of the result, UTC
+    properties: tuple[tuple[str, str], ...]  # (name, value) of the result's attributes
     tests: tuple[Test, ...]
 
 
@@ -46,9 +48,9 @@ def junit(
     changes: Sequence[CaseChanges] = (),
 ) -> str:
     """Return JUnit XML of results, of files that cannot be read, of runs without a file (name and reason), and of
-    `changes` against a baseline where these are judged.
+    judged `changes` against a baseline.
 
-    Raises InputError when limits stored in a result cannot be read.
+    Raises InputError if the limits stored in a result cannot be read.
     """
     suites = [_suite(result) for result in results]
     suites += [_broken(one.path.stem, one.sentence) for one in unread]
@@ -74,7 +76,7 @@ def _name(result: Result) -> str:
 
 
 def _tests(result: Result) -> Iterator[Test]:
-    """Yield a test per limit, all in error where the run did not end as planned; one for the run without limits."""
+    """Yield a test for each limit, an error if the run did not end as planned; without limits, one for the run."""
     status = str(result.attributes.get("status", "complete"))
     reason = str(result.attributes.get("status_reason") or "no reason stored")
     whole, limits = status == "complete", judge(result)
@@ -93,7 +95,7 @@ def _test(one: Judged) -> Test:
 
 
 def _compared(one: CaseChanges) -> Test:
-    """Return the test that a case is no worse than in the baseline."""
+    """Return the test whether a case is worse than in the baseline."""
     worse = [told(change) for change in one.changes if change.verdict == WORSE]
     reasons = [*([one.state] if one.failed else []), *worse]
     return Test("no worse than the baseline", "failure" if reasons else "", "; ".join(reasons))
@@ -138,5 +140,5 @@ def _quoted(text: str) -> str:
 
 
 def _clean(text: str) -> str:
-    """Return text without the signs that XML cannot hold."""
+    """Return a text without the characters that XML does not permit."""
     return NOT_IN_XML.sub("?", text)

@@ -35,7 +35,7 @@ def latex(blocks: Iterable[Block]) -> str:
 
 
 def escaped(text: str) -> str:
-    """Return text whose signs mean nothing to LaTeX; units as they are typeset, no sign beyond ASCII."""
+    """Return a text with LaTeX's special characters escaped, units typeset, and only ASCII characters."""
     pieces = re.split("(" + "|".join(re.escape(unit) for unit in sorted(POWERS, key=len, reverse=True)) + ")", text)
     return "".join(POWERS.get(piece) or "".join(_sign(sign) for sign in piece) for piece in pieces)
 
@@ -79,7 +79,7 @@ def _table(table: Table) -> Iterator[str]:
 
 
 def _is_wordy(table: Table, column: int) -> bool:
-    """Tell whether a column holds sentences."""
+    """Return whether a column contains sentences."""
     texts = [cells[column].text for row in table.rows if len(cells := row.cells) == width(table)]
     return max((len(text) for text in texts), default=0) > WORDY
 

@@ -18,7 +18,7 @@ def markdown(blocks: Iterable[Block]) -> str:
 
 
 def escaped(text: str) -> str:
-    """Return text whose signs mean nothing to Markdown and HTML."""
+    """Return a text with the special characters of Markdown and HTML escaped."""
     return SPECIAL.sub(r"\\\1", " ".join(text.split())).replace("&", "&amp;")
 
 

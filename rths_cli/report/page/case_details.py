@@ -27,14 +27,14 @@ TABLES = {"exp_rths": "EXP-RTHS", "shake_table": "shake table test"}
 
 
 def every_figure(entry: Entry) -> Html:
-    """Return every figure of a case: path, unit, value by method, definition; those of one storey side by side."""
+    """Return a table of all metrics of a case: path, unit, values by method, definition."""
     methods = entry.results
     paths = sorted({path for result in methods.values() for path in result.metrics})
     return table([["figure", "unit", *methods, "definition"]], (_figure(path, methods) for path in paths))
 
 
 def by_cause(result: Result) -> Html:
-    """Return the error of EXP-RTHS by cause in mm/s², predicted and measured; "" where neither is known."""
+    """Return the error of EXP-RTHS by cause in mm/s², predicted and measured; "" if neither is known."""
     kinds = [kind for kind in KINDS if f"{kind}.rms_error_coupling_m_s2" in result.metrics]
     if not kinds:
         return Html("")
@@ -55,13 +55,13 @@ def by_cause(result: Result) -> Html:
 
 
 def latency(result: Result) -> Html:
-    """Return the latency budget as the terminal shows it; "" where none is known."""
+    """Return the latency budget as on the terminal; "" if it is not known."""
     text = latency_text(result.metrics)
     return framed(element("pre", text)) if text else Html("")
 
 
 def timing(result: Result) -> Html:
-    """Return how long steps of a run on a real rig took, in microseconds; "" for a virtual one, which has no clock."""
+    """Return the durations of the steps on a real rig in microseconds; "" for a virtual rig, which has no clock."""
     if is_virtual(result):
         return Html("")
     rows = [row for run in TABLES if run in result.groups for row in _timing(result, run)]
@@ -85,7 +85,7 @@ def _timing(result: Result, run: str) -> Iterator[list[str]]:
 
 
 def _noted(result: Result, name: str) -> Array | None:
-    """Return what a loop noted of its time, None where it noted none (a recovered run, an old file)."""
+    """Return a timing signal (n,) of a loop, None if it is not stored (a recovered run, an old file)."""
     from rths_cli.errors import InputError
 
     try:

@@ -1,4 +1,4 @@
-"""Shorten long series for the charts: the smallest and the largest sample of every few are kept."""
+"""Decimate long series for the charts: the smallest and the largest sample of each bucket are kept."""
 
 from __future__ import annotations
 
@@ -23,24 +23,24 @@ Packed = dict[str, int | float | str]
 
 @dataclass(frozen=True)
 class Envelope:
-    """Hold samples of a series: `index` (m,) rising, `value` (m,), of `count` at t = start_s + index step_s."""
+    """Selected samples of a series, at the times start_s + index step_s."""
 
-    index: Integers
-    value: Array
-    count: int
+    index: Integers  # (m,) ascending
+    value: Array  # (m,) in the unit of the series; NaN if not finite
+    count: int  # samples of the whole series
     start_s: float
     step_s: float
 
 
 def width_of(samples: int, buckets: int = BUCKETS) -> int:
-    """Return how many samples share a bucket; two, of which both are kept, where there are few."""
+    """Return the number of samples per bucket: 2 for a short series, of which every sample is kept, or more."""
     return max(2, math.ceil(samples / buckets))
 
 
 def kept(values: Array, width: int) -> Integers:
-    """Return the places of the first, the last and, in every `width` of the samples (n,), the extreme finite ones.
+    """Return the indices of the first and last sample, and of the extreme finite samples in each bucket of `width`.
 
-    A bucket without a finite sample keeps its first place, so that a cut stays a cut.
+    `values`: samples (n,). Of a bucket without a finite sample its first one is kept, so that a gap remains visible.
     """
     padded = np.full(math.ceil(values.size / width) * width, np.nan)
     padded[: values.size] = values
@@ -55,14 +55,14 @@ def kept(values: Array, width: int) -> Integers:
 
 
 def envelope(values: Array, start_s: float, step_s: float, width: int) -> Envelope:
-    """Return the samples (n,) that the plot needs; those that are not finite count as lost."""
+    """Return the samples of a series (n,) that the plot needs; samples that are not finite become NaN."""
     told = np.where(np.isfinite(values), values, np.nan).astype(float)
     index = kept(told, width)
     return Envelope(index, told[index], values.size, start_s, step_s)
 
 
 def thinned(fine: Envelope, width: int) -> Envelope:
-    """Return an envelope of wider buckets; its peaks are those of the series."""
+    """Return an envelope with wider buckets; the peaks of the series are kept."""
     values = np.full(fine.count, np.nan)
     values[fine.index] = fine.value
     return envelope(values, fine.start_s, fine.step_s, width)
@@ -70,13 +70,13 @@ def thinned(fine: Envelope, width: int) -> Envelope:
 
 @dataclass
 class Pool:
-    """Collect envelopes; one that is there already is not held twice."""
+    """The envelopes of a page; equal ones are stored once."""
 
     envelopes: list[Envelope] = field(default_factory=list)
     _places: dict[bytes, int] = field(default_factory=dict)
 
     def add(self, found: Envelope) -> int:
-        """Return the place of an envelope in the page."""
+        """Store an envelope and return its index in the page."""
         about = repr((found.count, found.start_s, found.step_s)).encode()
         digest = hashlib.sha256(about + found.index.tobytes() + found.value.tobytes()).digest()
         if digest not in self._places:
@@ -85,7 +85,7 @@ class Pool:
         return self._places[digest]
 
     def packed(self, most_characters: int = MOST_CHARACTERS) -> list[Packed]:
-        """Return all envelopes as text, coarser by twos until they fit into so many characters."""
+        """Return all envelopes as text; the buckets are doubled until the text fits into `most_characters`."""
         found, factor = [pack(one) for one in self.envelopes], 1
         while _characters(found) > most_characters and factor < 64:
             factor *= 2
@@ -94,10 +94,10 @@ class Pool:
 
 
 def pack(found: Envelope) -> Packed:
-    """Return an envelope for JSON: base64 of steps between places and of values, little-endian.
+    """Return an envelope for JSON: base64 of the differences of indices and of the values, little-endian.
 
-    Values are shares k of the peak in 16 bits (the lowest stands for a lost one), so that the peak is exact and every
-    other sample within peak / 65534; floats of 32 bits (k = 0) where such shares would be coarse for half of them.
+    Values are 16-bit integers times a factor k (the lowest integer: NaN), so the peak is exact and the error of every
+    other sample at most peak / 65534. If that is too coarse for half of the samples, they are 32-bit floats (k = 0).
     """
     steps = np.diff(found.index, prepend=0)
     kind = "<u1" if steps.max(initial=0) < 2**8 else "<u2" if steps.max(initial=0) < 2**16 else "<u4"
@@ -107,7 +107,7 @@ def pack(found: Envelope) -> Packed:
 
 
 def pack_floats(values: Array) -> str:
-    """Return values as base64 of little-endian floats of 32 bits; what is not finite stays so."""
+    """Return values as base64 of little-endian 32-bit floats; values that are not finite are kept."""
     return _text(np.asarray(values).astype("<f4"))
 
 

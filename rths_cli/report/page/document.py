@@ -37,10 +37,10 @@ ENCODING = "utf-8"
 
 
 def write_page(results: Sequence[Result], path: Path, command_line: str, comparison: str = "") -> None:
-    """Write the page of results; the same results and command line give the same bytes.
+    """Write the page of results; equal results and command lines give equal bytes.
 
-    Raises InputError without results, when a result cannot be read any more, or when the file cannot be written;
-    then nothing is left behind.
+    Raises InputError if there are no results, a result can no longer be read, or the file cannot be written; then no
+    file is left behind.
     """
     text = interruptible(lambda: page(results, command_line, comparison))
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
@@ -55,9 +55,9 @@ def write_page(results: Sequence[Result], path: Path, command_line: str, compari
 
 
 def page(results: Sequence[Result], command_line: str, comparison: str = "") -> str:
-    """Return the page of results as HTML; `command_line` makes it, `comparison` is text about all of them.
+    """Return the page of results as HTML; raises InputError without results.
 
-    Raises InputError without results.
+    `command_line`: the command that makes the page; `comparison`: text that compares the results.
     """
     if not results:
         raise InputError("There are no results to show; give result files or run a case first.")
@@ -74,7 +74,7 @@ def page(results: Sequence[Result], command_line: str, comparison: str = "") -> 
 
 
 def _comparison(text: str) -> tuple[Html, ...]:
-    """Return a section of laid-out text, none without."""
+    """Return a section with text that is laid out already; () without text."""
     if not text.strip():
         return ()
     return (element("section", element("h2", "Comparison"), element("pre", text), attributes={"id": "comparison"}),)
@@ -87,7 +87,7 @@ def _subject(cases: Sequence[Entry], results: Sequence[Result]) -> str:
 
 
 def _header(title: str, cases: Sequence[Entry], results: Sequence[Result]) -> Html:
-    """Return title, the word virtual, how the results ended, and the way to the sections."""
+    """Return title, kind of rig (virtual or not), status of the results, and links to the sections."""
     tables = ", ".join(dict.fromkeys(entry.table_name for entry in cases))
     virtual = [is_virtual(result) for result in results]
     words = "virtual: no table moved" if all(virtual) else "some results are virtual"
@@ -119,7 +119,7 @@ def _sections(cases: Sequence[Entry], results: Sequence[Result], command_line: s
 
 
 def _errors(cases: Sequence[Entry]) -> list[Html]:
-    """Return error tables and claims, table by table."""
+    """Return error tables and claims for each shake table."""
     found: list[Html] = []
     for name, group in groupby(cases, key=lambda entry: entry.table_name):
         members = list(group)
@@ -128,7 +128,7 @@ def _errors(cases: Sequence[Entry]) -> list[Html]:
 
 
 def _plots(virtual: bool) -> list[Html]:
-    """Return the frames that the script fills."""
+    """Return the frames of the plots, which the script fills."""
     hint = (
         "Drag across a plot to zoom, drag with shift to move, double click for the whole; on a phone one finger moves "
         "and two zoom. A click on a name below a plot hides its line."
@@ -140,7 +140,7 @@ def _plots(virtual: bool) -> list[Html]:
 
 
 def _case(entry: Entry, unfolded: bool) -> Html:
-    """Return what one case has of its own: by method error by cause, timing, latency, table, case; all its figures."""
+    """Return the section of one case: error by cause, timing, latency, table and case by method; all metrics."""
     names = dict.fromkeys(str(result.attributes.get("case_name") or "-") for result in entry.results.values())
     what = f"{', '.join(names)}: {entry.excitation}, damping {entry.damping}, {entry.controller}; {entry.table_name}"
     parts = [part for result in entry.results.values() for part in _result(result)]
@@ -159,7 +159,7 @@ def _result(result: Result) -> Iterator[Html]:
 
 
 def _data(results: Sequence[Result]) -> dict[str, object]:
-    """Return what the script plots; series and responses that several results share stand once."""
+    """Return the data of the plots; series and responses that several results share are stored once."""
     pool, responses, shown = Pool(), [], []
     for result in results:
         response = frequency.response(result)
@@ -171,7 +171,7 @@ def _data(results: Sequence[Result]) -> dict[str, object]:
 
 
 def _remark(result: Result) -> str:
-    """Return what stands over every plot of a result: the table, virtual or not, and how the run ended if not well."""
+    """Return the heading of a result's plots: the table, virtual or not, and the status if it is not complete."""
     rig = f"{'virtual ' if is_virtual(result) else ''}shake table {result.attributes.get('rig', '-')}"
     end = status(result)
     reason = str(result.attributes.get("status_reason") or "no reason stored")
@@ -179,7 +179,7 @@ def _remark(result: Result) -> str:
 
 
 def _whole(title: str, body: Html, data: Html) -> str:
-    """Return the document; its policy lets no script run but those that are embedded here, and nothing be fetched."""
+    """Return the document; its security policy permits only the embedded scripts, and no network access."""
     scripts = [asset(name) for name in SCRIPTS]
     allowed = " ".join(f"'sha256-{_hash(script)}'" for script in scripts)
     policy = f"default-src 'none'; script-src {allowed}; style-src 'unsafe-inline'; img-src data:; base-uri 'none'"

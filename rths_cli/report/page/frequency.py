@@ -1,4 +1,4 @@
-"""Section of the identified table: frequency response beside the model's as a chart, its numbers as tables."""
+"""Section of the identified table: measured and modelled frequency response as a chart, numbers as tables."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ GROUP = "identification"
 
 
 def response(result: Result) -> dict[str, str] | None:
-    """Return measured and modelled response of the table for JSON: Hz, m/s²/V, degrees; None where none is held."""
+    """Return measured and modelled response of the table for JSON: Hz, m/s²/V, degrees; None if none is stored."""
     if GROUP not in result.groups:
         return None
     frequency = _read(result, "frequency_hz")
@@ -58,7 +58,7 @@ def model(result: Result) -> Model:
 
 
 def identification(result: Result) -> Html:
-    """Return what was identified as tables: fit, delay, specimen, roots; "" where nothing was."""
+    """Return tables of the identification: fit, delay, specimen, roots; "" without an identification."""
     if GROUP not in result.groups:
         return Html("")
     return join([table([["Identified", "value"]], _numbers(result)), table([_ROOT_HEAD], _roots(result), "figures")])
@@ -81,7 +81,7 @@ def _numbers(result: Result) -> Iterator[list[str]]:
 
 
 def _roots(result: Result) -> Iterator[list[str]]:
-    """Yield a row for each root or pair off the origin."""
+    """Yield a row for each root or pair of roots that is not at the origin."""
     used = model(result)
     for kind, roots in (("pole", used.poles), ("zero", used.zeros)):
         for root in sorted((r for r in roots if r.imag >= 0.0 and abs(r) > 1e-9), key=abs):

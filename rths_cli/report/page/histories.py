@@ -23,26 +23,26 @@ IN_BAND = "12 Hz test band"
 
 @dataclass(frozen=True)
 class Trace:
-    """Hold a series (n,) of a chart; `role` chooses its colour: sim, sim_delay, exp_rths, desired, measured, error."""
+    """A series of a chart."""
 
     name: str
-    role: str
-    values: Array
+    role: str  # selects the colour: sim, sim_delay, exp_rths, desired, measured or error
+    values: Array  # (n,) in the chart's unit
 
 
 @dataclass(frozen=True)
 class Chart:
-    """Hold series of one unit over one time (n,) in s; a series that is shorter was stopped."""
+    """A chart of series with the same unit."""
 
     title: str
     unit: str
-    time_s: Array
-    traces: tuple[Trace, ...]
+    time_s: Array  # (n,)
+    traces: tuple[Trace, ...]  # a series of a run that stopped early is shorter than n
 
 
 @dataclass(frozen=True)
 class View:
-    """Hold what one choice shows: the table in a run, or a storey."""
+    """The charts of one entry of a menu: the table in a run, or a storey."""
 
     name: str
     charts: tuple[Chart, ...]
@@ -89,9 +89,9 @@ def _storey_charts(result: Result, storey: int, of: dict[str, Array], time: Arra
 
 
 def error_trace(result: Result, run: str, of: dict[str, Array], time: Array) -> Trace:
-    """Return SIM less a run's absolute acceleration of one storey, filtered as its RMS is.
+    """Return the error SIM - run of one storey's absolute acceleration, with the filters of its RMS.
 
-    `of` holds the series (n,) in m/s^2 by run, SIM among them; `time` (n,) in s.
+    `of`: series (n,) in m/s^2 by run, with SIM; `time` (n,) in s.
     """
     both = min(of["sim"].size, of[run].size)
     error = of["sim"][:both] - of[run][:both]
@@ -99,7 +99,7 @@ def error_trace(result: Result, run: str, of: dict[str, Array], time: Array) -> 
 
 
 def document(result: Result, pool: Pool) -> dict[str, object]:
-    """Return the charts of a result for JSON; their series join the pool and stand here by their places."""
+    """Return the charts of a result for JSON; their series are added to `pool` and named by their indices there."""
     views = {"runs": tables(result), "storeys": storeys(result)}
     return {
         kind: [{"name": view.name, "charts": [_chart(chart, pool) for chart in view.charts]} for view in found]
@@ -124,7 +124,7 @@ def _step(time: Array) -> float:
 
 
 def _interface(result: Result) -> int:
-    """Return the storey that the table plays, 0 where no run tells."""
+    """Return the storey (from 1) that the table moves, 0 if no run states it."""
     for run in TABLES:
         if run in result.groups:
             return int(read_series(result.path, f"{run}/floor")[0]) - 1

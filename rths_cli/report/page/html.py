@@ -11,23 +11,23 @@ IN_SCRIPT = {ord(sign): f"\\u{ord(sign):04x}" for sign in "<>&\u2028\u2029"}
 
 
 class Html(str):
-    """Mark a text that is HTML already; every other text is escaped where it enters the page."""
+    """A text that is HTML already; every other text is escaped when it is added to the page."""
 
     __slots__ = ()
 
 
 def safe(content: str) -> Html:
-    """Return HTML as it is and text escaped; control characters and halves of surrogate pairs become a sign."""
+    """Return HTML unchanged and text escaped; control characters and lone surrogates are replaced by a visible sign."""
     return content if isinstance(content, Html) else Html(escape(str(content).translate(UNSEEN), quote=True))
 
 
 def join(parts: Iterable[str]) -> Html:
-    """Return parts one after the other, text among them escaped."""
+    """Return the joined parts, with text escaped."""
     return Html("".join(safe(part) for part in parts))
 
 
 def element(name: str, *children: str, attributes: Mapping[str, str] | None = None) -> Html:
-    """Return an element around its children; values of `attributes` are escaped, an empty one stands without value."""
+    """Return an element with its children; values of `attributes` are escaped, an empty one gives the name alone."""
     given = "".join(f' {key}="{safe(value)}"' if value else f" {key}" for key, value in (attributes or {}).items())
     return Html(f"<{name}{given}>{join(children)}</{name}>")
 
@@ -38,15 +38,15 @@ def classed(name: str, kind: str, *children: str) -> Html:
 
 
 def data_script(name: str, document: object) -> Html:
-    """Return a document as JSON that a script finds by its id; no text in it can end the element."""
+    """Return an element with a document as JSON, which scripts find by its id; no text can end the element."""
     text = json.dumps(document, separators=(",", ":"), allow_nan=False).translate(IN_SCRIPT)
     return Html(f'<script type="application/json" id="{safe(name)}">{text}</script>')
 
 
 def table(head: Iterable[Iterable[str]], body: Iterable[Iterable[str]], kind: str = "texts") -> Html:
-    """Return a table in a frame that scrolls where it is wider than the page; row labels come first.
+    """Return a table in a frame that scrolls if it is wider than the page; the first column holds the row labels.
 
-    `kind` is its class: texts, or figures, which stand to the right.
+    `kind`: class of the table, "texts" or "figures" (right-aligned numbers).
     """
     heads = join(element("tr", *(element("th", cell) for cell in row)) for row in head)
     rows = join(_row(list(row)) for row in body)
@@ -54,12 +54,12 @@ def table(head: Iterable[Iterable[str]], body: Iterable[Iterable[str]], kind: st
 
 
 def framed(wide: Html) -> Html:
-    """Return what may be wider than the page in a frame that scrolls by itself, by keyboard too."""
+    """Return a wide element in a frame that scrolls by itself, also by keyboard."""
     return element("div", wide, attributes={"class": "frame", "tabindex": "0"})
 
 
 def details(title: str, *children: str, unfolded: bool = False) -> Html:
-    """Return what a title folds away; in print it stands as it stands on the screen."""
+    """Return children that unfold at a click on their title; in print, they are shown as on the screen."""
     state = {"open": ""} if unfolded else {}
     return element("details", element("summary", title), *children, attributes=state)
 

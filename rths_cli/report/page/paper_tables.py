@@ -18,14 +18,14 @@ JUDGED = {HELD: GOOD, NOT_HELD: BAD}
 
 
 def error_tables(cases: Sequence[Entry]) -> Html:
-    """Return the error tables of the cases of one table, with what their words mean and what went wrong."""
+    """Return the error tables of the cases on one shake table, with the legend and remarks on runs that failed."""
     found = [single_table(cases[0])] if len(cases) == 1 else [*tracking_tables(cases), *response_tables(cases)]
     lines = [*sources(cases), TEST_BAND, *([TRUE] if cases[0].virtual else []), WORDS, *remarks(cases)]
     return join([*(as_html(one) for one in found), *(classed("p", "note", line) for line in lines)])
 
 
 def as_html(shown: Table) -> Html:
-    """Return a table with its title; a bar stands where the text has one."""
+    """Return a table with its title, with bars as in the text form."""
     corners = [""] * (len(shown.headers) - 1) + [shown.corner]
     heads = (_row("th", corner, cells, shown) for corner, cells in zip(corners, shown.headers, strict=True))
     rows = (_row("td", row.label, row.cells, shown) if row.cells else _heading(row, shown) for row in shown.rows)
@@ -35,7 +35,7 @@ def as_html(shown: Table) -> Html:
 
 
 def claims(cases: Sequence[Entry]) -> Html:
-    """Return the verdicts on the paper's claims, counted, with every comparison folded away."""
+    """Return the counted verdicts on the paper's claims, with all comparisons folded."""
     return join(_claim(place, claim, cases) for place, claim in enumerate(CLAIMS, 1))
 
 
@@ -62,7 +62,7 @@ def _count(source: str, found: Sequence[Verdict]) -> Iterator[Html]:
 
 
 def _row(kind: str, label: str, cells: Sequence[Cell], shown: Table) -> Html:
-    """Return a row; the last cell of a group carries its bar."""
+    """Return a row; the last cell of each group has a bar."""
     ends = {sum(shown.groups[: place + 1]) for place in range(len(shown.groups))}
     parts, column = [element("th", label, attributes={"scope": "row"} if kind == "td" else None)], 0
     for cell in cells:

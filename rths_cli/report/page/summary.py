@@ -1,4 +1,4 @@
-"""The head of the page: how every result ended, its limits, where it comes from, commands to repeat it."""
+"""The head of the page: status, accept limits and origin of every result, and the commands to repeat it."""
 
 from __future__ import annotations
 
@@ -22,26 +22,26 @@ RUNS = {"sim": "SIM", "sim_delay": "SIM-DELAY", "shake_table": "shake table test
 
 @dataclass(frozen=True)
 class Limit:
-    """Hold an `accept` limit of a case: the figure's path, the limit, the figure (None: not there) and the verdict."""
+    """An `accept` limit of a case."""
 
-    path: str
+    path: str  # of the metric
     limit: float
-    value: float | None
-    verdict: str
+    value: float | None  # of the metric; None: not computed
+    verdict: str  # MET, NOT_MET or NOT_JUDGED
 
 
 @dataclass(frozen=True)
 class Facts:
-    """Hold what a case asked for: `missing` are the runs that are not in its result."""
+    """Values of a result's case that the page shows."""
 
-    missing: tuple[str, ...]
+    missing: tuple[str, ...]  # requested runs that are not in the result
     limits: tuple[Limit, ...]
-    latency_samples: int
-    notes: str
+    latency_samples: int  # of the converters
+    notes: str  # of the case file
 
 
 def facts(result: Result) -> Facts:
-    """Return what the resolved case of a result says; a result without one asked for nothing."""
+    """Return the values from the resolved case of a result; without a case, there are no limits and no missing runs."""
     node, _ = parse(result.resolved_yaml, Source("case/resolved", Path()))
     found = plain(node) if node is not None else {}
     case: Mapping[str, Any] = found if isinstance(found, dict) else {}
@@ -53,17 +53,17 @@ def facts(result: Result) -> Facts:
 
 
 def is_virtual(result: Result) -> bool:
-    """Tell whether a result is of a virtual rig."""
+    """Return whether the rig of a result is virtual."""
     return not capabilities_of(str(result.attributes.get("rig_kind", ""))).moves_hardware
 
 
 def status(result: Result) -> str:
-    """Return how a run ended."""
+    """Return the status of a result."""
     return str(result.attributes.get("status", "complete"))
 
 
 def name_of(result: Result) -> str:
-    """Return case and method of a result, and the instant of a run on a real rig, which may be one of several."""
+    """Return case and method of a result; on a real rig also the time of the run, as there may be several."""
     a = result.attributes
     when = "" if is_virtual(result) else f", {a.get('created_utc') or '-'}"
     return f"{a.get('case_name') or '-'} ({a.get('method') or '-'}{when})"
@@ -77,7 +77,7 @@ def _limit(result: Result, path: str, limit: float) -> Limit:
 
 
 def _figure(result: Result, path: str) -> float | None:
-    """Return the figure of a path: of its storey, counted from 1, or the largest, as `rths run` judges it."""
+    """Return the value of a metric as `rths run` judges it: of the storey in the path, from 1, or the largest one."""
     name, _, index = path.partition("[")
     if name not in result.metrics:
         return None
@@ -96,14 +96,14 @@ HEADS = ("result", "table", "status", "check before", "accept limits")
 
 
 def verdicts(results: Sequence[Result]) -> Html:
-    """Return a row per result; none is left out, whatever became of it."""
+    """Return a table with a row for every result, whatever its status, followed by the warnings."""
     head = element("tr", *(element("th", text) for text in HEADS))
     rows = join(element("tr", *_cells(result)) for result in results)
     return join([framed(classed("table", "words", element("thead", head), element("tbody", rows))), *_notes(results)])
 
 
 def summary(results: Sequence[Result]) -> str:
-    """Return how many results ended how, and how many limits were met, or not."""
+    """Return in words the number of results by status, and the number of accept limits by verdict."""
     ends = [status(result) for result in results]
     told = [f"{ends.count(end)} {end}" for end in dict.fromkeys(ends)]
     limits = [limit.verdict for result in results for limit in facts(result).limits]
@@ -112,7 +112,7 @@ def summary(results: Sequence[Result]) -> str:
 
 
 def pill(kind: str, text: str) -> Html:
-    """Return a word of judgement: its colour repeats what the word says."""
+    """Return a verdict as a coloured word; `kind` selects the colour."""
     return classed("span", f"pill {kind}", text)
 
 
@@ -132,7 +132,7 @@ def _cells(result: Result) -> Iterator[Html]:
 
 
 def _ending(result: Result) -> Iterator[Html]:
-    """Yield status, reason, and runs that were asked for and are not there."""
+    """Yield status, reason, and requested runs that are missing."""
     end, reason = status(result), str(result.attributes.get("status_reason") or "")
     yield pill(GOOD if end == "complete" else BAD, end)
     told = [reason] if reason else ["no reason stored"] if end != "complete" else []
@@ -142,7 +142,7 @@ def _ending(result: Result) -> Iterator[Html]:
 
 
 def _notes(results: Sequence[Result]) -> Iterator[Html]:
-    """Yield what a reader should know before trusting a result, once, with the results that it is about."""
+    """Yield each warning once, with the results to which it applies."""
     said: dict[str, list[str]] = {}
     for result in results:
         for text in str(result.attributes.get("warnings") or "").splitlines():
@@ -192,7 +192,7 @@ ABOUT = {
 
 
 def provenance(results: Sequence[Result]) -> Html:
-    """Return what the results say of their making, each value once with the results that say so, and their files."""
+    """Return the origin of the results, each value once with its results, and the files of the results."""
     rows = (row for key, label in ABOUT.items() for row in _rows(results, key, label))
     made = ([name_of(r), r.path.name, str(r.attributes.get("created_utc") or "-")] for r in results)
     head = ["", "value", "results"] if len(results) > 1 else ["", "value"]
@@ -201,7 +201,7 @@ def provenance(results: Sequence[Result]) -> Html:
 
 
 def commands(results: Sequence[Result], command_line: str) -> Html:
-    """Return the commands that made the results, then the one that made the page, each with a button to copy it."""
+    """Return the commands that made the results and the page, each with a button to copy it."""
     made = dict.fromkeys(str(result.attributes.get("command_line") or "") for result in results)
     lines = {
         **{line: "made results" for line in made if line},
@@ -211,7 +211,7 @@ def commands(results: Sequence[Result], command_line: str) -> Html:
 
 
 def case_files(result: Result) -> Html:
-    """Return the case of a result as written and with every default filled in, folded, and its notes."""
+    """Return the notes of a result's case, and folded its text as written and with all defaults."""
     notes = facts(result).notes
     parts = [classed("p", "note", f"Notes of the case: {notes}")] if notes else []
     for title, text in (("Case file as written", result.case_yaml), ("Case with all defaults", result.resolved_yaml)):
@@ -227,7 +227,7 @@ def _command(place: int, line: str, about: str) -> Html:
 
 
 def _rows(results: Sequence[Result], key: str, label: str) -> Iterator[list[str]]:
-    """Yield a row per value of an attribute: the value, and which results have it."""
+    """Yield a row for each value of an attribute: the value, and the results that have it."""
     said: dict[str, list[str]] = {}
     for result in results:
         said.setdefault(_value(result, key), []).append(name_of(result))
@@ -242,7 +242,7 @@ def _value(result: Result, key: str) -> str:
 
 
 def _packages(text: str) -> Iterator[str]:
-    """Yield name and version of each package of a JSON mapping; another text as it is."""
+    """Yield name and version of each package of a JSON mapping; another text is yielded unchanged."""
     try:
         found = json.loads(text)
     except ValueError:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.errors import InputError
+from rths_cli.loop.run_log import without_samples
 from rths_cli.numerics.lti import Array
 from rths_cli.report.figures.figure_data import TABLE_RUNS, Source, points_of_lines, thinned
 from rths_cli.report.figures.panels import SECONDS, legend_below, lettered, new_figure
@@ -74,8 +75,8 @@ def _over_time(ax: Axes, source: Source, run: str, times: dict[str, Array], poin
         ax.plot(where, MICRO * thin, **KINDS[kind].line(dense=True))
     ax.axhline(MICRO / source.rate_hz, **INTERVAL.line())
     lost = _optional(source, f"{run}/timing/lost")
-    if lost is not None and np.any(lost > 0):
-        at = time[lost > 0]
+    if lost is not None and np.any(without_samples(lost)):
+        at = time[without_samples(lost)]
         ax.plot(at, np.full(at.size, 0.97), "|", color=LOST.color, ms=5.0, transform=ax.get_xaxis_transform())
         ax.set_title(f"{at.size} steps without samples", loc="right", fontweight="normal", fontsize=6.5)
     ax.set(yscale="log", xlim=(float(time[0]), float(time[-1])), xlabel=SECONDS, ylabel="duration (µs)")

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from rths_cli.files.result_reader import Result, read_series
+from rths_cli.loop.run_log import without_samples
 from rths_cli.numerics.lti import Array
 from rths_cli.report.error_budget_table import CAUSES
 from rths_cli.report.latency_table import latency_text
@@ -81,7 +82,13 @@ def _timing(result: Result, run: str) -> Iterator[list[str]]:
         yield [f"{TABLES[run]}: intervals overrun", "", "", "", str(overruns)]
     lost = _noted(result, f"{run}/timing/lost")
     if lost is not None:
-        yield [f"{TABLES[run]}: steps without samples, of {lost.size}", "", "", "", str(int(np.count_nonzero(lost)))]
+        yield [
+            f"{TABLES[run]}: steps without samples, of {lost.size}",
+            "",
+            "",
+            "",
+            str(int(np.count_nonzero(without_samples(lost)))),
+        ]
 
 
 def _noted(result: Result, name: str) -> Array | None:

@@ -90,9 +90,9 @@ def played(setup: Setup, memory: Memory, added: Added, seed: int = 0) -> Played:
     found = drift_of(setup, expected_of(setup, identified, design.blocks), outcome)
     if found is None:
         raise RuntimeError(outcome.rig_fault)
-    if outcome.stopped_by_limit:
+    if stopped := outcome.stopped_by_limit or outcome.rig_fault:  # a drift can lead the table to its end stop
         not_known = np.full(len(truth) - 1, np.nan)
-        return Played(*(not_known,) * 4, found, lead, outcome.stopped_by_limit, dt * outcome.steps, {})
+        return Played(*(not_known,) * 4, found, lead, stopped, dt * outcome.steps, {})
     raw = on_record_clock(outcome, lead, dt, samples)
     series = without_drift(raw, found.removed, lead, design.blocks.estimator) if found.any else raw
     response = simulate(building, dt, setup.motion.accel_m_s2)

@@ -7,7 +7,7 @@ VENV := $(VIRTUAL_ENV)
 endif
 BIN := $(VENV)/bin
 # One test process more than processors: some tests wait for a table in real time, and another one computes meanwhile.
-WORKERS ?= $(shell expr $$(nproc 2>/dev/null || sysctl -n hw.ncpu) + 1)
+WORKERS ?= $(shell expr $$(env -u OMP_NUM_THREADS -u OMP_THREAD_LIMIT nproc 2>/dev/null || sysctl -n hw.ncpu) + 1)
 RUN_STAMP := $(VENV)/.rths-run
 DEV_STAMP := $(VENV)/.rths-dev
 CASES := $(foreach r,el_centro hachinohe,$(foreach d,low high,$(foreach c,ff ff_fb,configs/$(r)_$(d)_$(c).yaml)))

@@ -38,6 +38,7 @@ GROWN = 1e3  # growth over the record from which a loop is called unstable
 LOWEST_HZ, POINTS, AROUND, WIDTH = 0.05, 1500, 100, 0.2
 MODES_HZ = 60.0  # highest loop mode around which the grid is refined
 LEAST_LOOP = 1e-12  # a smaller loop gain counts as zero
+BESIDE = 0.1  # largest logarithm of the frequency ratio of a zero and the pole of the same mode
 NO_ZEROS = np.empty(0, dtype=complex)
 
 
@@ -205,7 +206,7 @@ def stability(
     gains = np.stack([_worst_gain(each, frequency, max(model.band_hz[1], COMPARED_HZ)) for each in (seen, loop.loop)])
     errors = np.stack([_tolerated(each, gain) for each, gain in zip((seen, loop.loop), gains, strict=True)])
     tolerated, gain = errors.min(axis=0), np.where(errors[0] <= errors[1], *gains)
-    wanted = required(frequency, model.band_hz, scatter, levels, model.zeros)
+    wanted = required(frequency, model.band_hz, scatter, levels, unpaired_zeros(model))
     nearest = int(np.argmin(tolerated / wanted))
     weakest = int(np.argmin(np.where(frequency <= COMPARED_HZ, tolerated, math.inf)))
     apart = np.abs((1.0 + seen) / (1.0 + loop.loop) - 1.0)
@@ -255,8 +256,8 @@ def required(
     accepts, SIGMA times the uncertainty `scatter` (n,) of the measured response, the change with the level and with
     friction, and unknown modes beyond the identified band `band_hz`. A mode at twice the end of the band adds
     (f / f_0)^2 below it. Below the band, and above COMPARED_HZ, the verification is coarse, and its term is that of a
-    table without a record at low level. The sum is at most 1, unless the table's model has a resonance beyond the band:
-    a zero (`zeros` (n,) in rad/s), often a mode that the floors show, beside which no pole was measured (`_beside`).
+    table without a record at low level. The sum is at most 1, but beyond the band at least the motion of an oscillator
+    at each of the `zeros` (z,) in rad/s, those of the model whose pole was not measured (`unpaired_zeros`).
     """
     compared = (frequency_hz >= band_hz[0]) & (frequency_hz <= COMPARED_HZ) & bool(levels)
     unseen = np.where(compared, UNSEEN_CHANGE, UNCOMPARED_CHANGE)
@@ -266,18 +267,32 @@ def required(
 
 
 def _beside(frequency_hz: Array, end_hz: float, zeros: ComplexArray) -> Array:
-    """Return the error (n,) of the table's response by zeros beyond the end of the identified band, one per pair.
+    """Return the error (n,) of the table's response beyond the end of the identified band by poles not measured.
 
     The mode of the floors on a table at rest is a zero of the table's response, and a pole of about its damping stands
     near it. Where the pole was not measured, the response may be wrong by the motion of an oscillator at the mode's
     frequency, r^2 / |1 - r^2 + 2 i z r| with r = f / f_0, which at the mode itself is 1 / 2 z.
     """
-    modes = zeros[zeros.imag > 2.0 * np.pi * end_hz]
-    motion = np.zeros(len(frequency_hz))
-    for zero in modes:
-        s = 2j * np.pi * frequency_hz
+    motion, s = np.zeros(len(frequency_hz)), 2j * np.pi * frequency_hz
+    for zero in zeros:
         motion = np.maximum(motion, np.abs(s**2 / ((s - zero) * (s - zero.conjugate()))))
-    return motion
+    return np.where(frequency_hz > end_hz, motion, 0.0)
+
+
+def unpaired_zeros(model: Model) -> ComplexArray:
+    """Return the zeros (z,) in rad/s, one per pair, beyond the model's band whose pole lies beyond the band as well.
+
+    A pole within the band belongs to the nearest zero, if that is at most BESIDE away.
+    """
+    end = 2.0 * np.pi * max(model.band_hz[1], COMPARED_HZ)
+    zeros = model.zeros[model.zeros.imag > 0.0]
+    poles = model.poles[(model.poles.imag > 0.0) & (np.abs(model.poles) <= end)]
+    if not len(poles) or not len(zeros):
+        return zeros[np.abs(zeros) > end]
+    apart = np.abs(np.log(np.abs(zeros)[:, None] / np.abs(poles)))  # (zeros, poles)
+    paired = np.zeros(len(zeros), dtype=bool)
+    paired[apart.argmin(axis=0)[apart.min(axis=0) <= BESIDE]] = True
+    return zeros[(np.abs(zeros) > end) & ~paired]
 
 
 def _by_level(frequency_hz: Array, levels: Sequence[LevelBand]) -> Array:
@@ -312,7 +327,7 @@ def _grid(values: ComplexArray, dt_s: float) -> Array:
     modes = distinct(np.round(modes[(modes > LOWEST_HZ) & (modes < MODES_HZ)], 6))
     around = np.outer(modes, 1.0 + WIDTH * np.linspace(-1.0, 1.0, AROUND) ** 3).ravel()
     below, above = np.geomspace(LOWEST_HZ, 0.4 / dt_s, POINTS), np.linspace(0.4 / dt_s, 0.5 / dt_s, AROUND + 1)
-    return distinct(np.concatenate([below, above[1:], around]))
+    return distinct(np.concatenate([below, above[1:], around[around < 0.5 / dt_s]]))
 
 
 def reach(known: Known, prediction: Prediction, rig: RigInfo, masses_kg: Array) -> tuple[Reach, ...]:

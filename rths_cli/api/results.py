@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rths_cli.files.result_writer import Attribute
     from rths_cli.numerics.lti import Array, ComplexArray
 
-SMALL_BYTES = 100_000  # a matrix of a controller block, which a loop over frequencies asks for each time, but no series
+SMALL_BYTES = 100_000  # larger than a controller block's matrices, for which a loop over frequencies asks each time
 
 
 class MissingError(InputError, AttributeError):
@@ -49,7 +49,7 @@ class Group:
         self._result.check_unchanged()
         small, path = self._result.small, f"{self._path}/{name}"
         found = small[path] if path in small else read_dataset(self._result.path, path)
-        if isinstance(found.data, np.ndarray) and found.data.nbytes <= SMALL_BYTES:
+        if isinstance(found.data, np.ndarray | np.generic) and found.data.nbytes <= SMALL_BYTES:
             small[path] = found
             return replace(found, data=found.data.copy())
         return found

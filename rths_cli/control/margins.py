@@ -12,6 +12,7 @@ from rths_cli.numerics.lti import Array, ComplexArray, Integers
 FINER = 8  # points between two of the response at which the sensitivity is looked at
 HALVINGS = 30
 LEAST_GAIN = 1e-12  # less is no loop at all, and zero has no logarithm
+REAL = 1e-12  # a last point whose cosine of the phase is -1 within this is real and negative: it counts as a crossing
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,10 @@ def margins_of(curve: LoopCurve) -> Margins:
     stretch, share = _unity(curve)
     unity = curve.size.place(stretch, share)
     away = np.mod(curve.phase.at(stretch, share) + np.pi, 2.0 * np.pi)  # rad of further lag to -1, [0, 2 pi)
-    factors = 1.0 / np.exp(curve.size.at(*_half_turns(curve.phase)))
+    crossed = curve.size.at(*_half_turns(curve.phase))
+    if np.cos(curve.phase.y[-1]) < REAL - 1.0:  # at half the sample rate L is real, to a rounding of its phase
+        crossed = np.append(crossed, curve.size.y[-1])
+    factors = 1.0 / np.exp(crossed)
     peak, peak_hz = sensitivity_peak(curve)
     return Margins(
         gain_margin=_smallest(factors[factors > 1.0]),

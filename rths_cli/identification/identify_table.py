@@ -26,7 +26,8 @@ SAME_MODE, SAME_DAMPING = (
     0.5,
 )  # frequencies agree within this part of half a resonance's width, ratios within e^0.5
 MOST_ROUNDS, CONVERGED = 8, 5e-4  # rounds of leakage removal; change of the model in 0.7-11 Hz that ends them
-COHERENT, OCTAVE_SHARE = 0.2, 2.0 ** (1.0 / 6.0)  # least median coherence of a band; width of a band
+COHERENT = (0.2, 0.5)  # least median coherence of a band, with many and with few averages
+OCTAVE_SHARE = 2.0 ** (1.0 / 6.0)  # width of a band
 
 
 @dataclass(frozen=True)
@@ -137,15 +138,15 @@ def _inside(band_hz: tuple[float, float], outer_hz: tuple[float, float]) -> tupl
 def coherent_up_to(frf: Frf, highest_hz: float) -> float:
     """Return the frequency up to which each sixth of an octave above 11 Hz tells more of the table than of noise.
 
-    Its median coherence must be COHERENT or more. Noise alone shows 1 / averages in the mean, half of that with the
-    fewest averages of a record. Noise that is as large as the response (a coherence of 0.5) only widens the lines'
-    scatter, by which the fit weighs them; a band that ended there would leave out the pole of a mode beyond its end.
+    Its median coherence must be twice 1 / averages, the mean that noise alone shows, and within the range COHERENT.
+    Noise that is as large as the response (a coherence of 0.5) only widens the lines' scatter, by which the fit weighs
+    them; a band that ended there would leave out the pole of a mode beyond its end.
     """
-    low = COMPARED_HZ[1]
+    low, least = COMPARED_HZ[1], float(np.clip(2.0 / max(frf.averages, 1), *COHERENT))
     while low < highest_hz:
         high = min(low * OCTAVE_SHARE, highest_hz)
         inside = within(frf.frequency_hz, (low, high))
-        if inside.any() and np.median(frf.coherence[inside]) < COHERENT:
+        if inside.any() and np.median(frf.coherence[inside]) < least:
             return low
         low = high
     return highest_hz

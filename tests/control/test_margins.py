@@ -118,3 +118,15 @@ def test_the_worst_peak_is_that_of_the_worst_turn() -> None:
     turned = loop[:, None] * (1.0 + 0.06 * np.exp(2j * np.pi * np.arange(720) / 720))
     assert worst_sensitivity_peak(loop, error) == pytest.approx(np.abs(1.0 / (1.0 + turned)).max(), rel=1e-4)
     assert worst_sensitivity_peak(-np.ones(3) + 0.01j, np.full(3, 0.01)) == np.inf
+
+
+@pytest.mark.parametrize("rate_hz", [500.0, 1000.0, 1024.0, 2000.0, 2048.0, 3000.0, 4096.0])
+@pytest.mark.parametrize("late", [1, 3])
+def test_a_negative_loop_at_half_the_sample_rate_is_a_crossing(rate_hz: float, late: int) -> None:
+    """L = 0.42 z^-n / (1 - 0.3 z^-2) is -0.6 at z = -1, whichever side of half a turn the rounding puts its angle."""
+    f = np.geomspace(0.05, 0.5, 3000) * rate_hz
+    z = np.exp(2j * np.pi * f / rate_hz)
+    found = margins(0.42 * z**-late / (1.0 - 0.3 * z**-2), f)
+    assert found.gain_margin <= (1.0 / 0.6) * (1.0 + 1e-9)
+    if late == 1:  # its only crossing
+        assert found.gain_margin == pytest.approx(1.0 / 0.6, rel=1e-9)

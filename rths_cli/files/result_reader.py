@@ -69,6 +69,13 @@ class Result:
     definitions: Mapping[str, str]
     groups: tuple[str, ...]
 
+    @property
+    def sample_rate_hz(self) -> float:
+        """Return the sample rate in Hz; raises InputError where a damaged file has lost it."""
+        if (rate := self.attributes.get("sample_rate_hz")) is None:
+            raise InputError(f"{self.path}: has lost its attribute sample_rate_hz; run the case again.")
+        return float(rate)
+
 
 def result_files(paths: Sequence[Path]) -> tuple[list[Path], dict[Path, str]]:
     """Return every result file that files and folders name, once, in their order; and a sentence for each folder that

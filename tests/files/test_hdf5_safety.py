@@ -222,6 +222,14 @@ def test_a_large_file_is_searched_by_parts(monkeypatch: pytest.MonkeyPatch, tmp_
             hdf5_heaps.check_heaps(path)
 
 
+def test_a_result_that_lost_its_sample_rate_says_so(tmp_path: Path) -> None:
+    """It is read all the same: only what needs the rate, as a page's table model, is refused."""
+    found = read_checked(made(tmp_path))
+    assert found.groups
+    with pytest.raises(InputError, match="has lost its attribute sample_rate_hz; run the case again"):
+        found.sample_rate_hz  # noqa: B018
+
+
 def test_every_nan_that_is_read_is_quiet(tmp_path: Path) -> None:
     """Damaged bytes make signalling ones: the first arithmetic with one prints a warning of numpy."""
     path = made(tmp_path)

@@ -57,7 +57,7 @@ class Source:
     @property
     def rate_hz(self) -> float:
         """Return the sample rate in Hz."""
-        return float(self.result.attributes["sample_rate_hz"])
+        return self.result.sample_rate_hz
 
     @property
     def complete(self) -> bool:

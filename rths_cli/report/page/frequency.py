@@ -52,7 +52,7 @@ def model(result: Result) -> Model:
         band_hz=(0.0, 0.0),
         ripple_m_s2_per_v=_number(result, "ripple_m_s2_per_v"),
         latency_samples=facts(result).latency_samples,
-        dt_s=1.0 / float(result.attributes["sample_rate_hz"]),
+        dt_s=1.0 / result.sample_rate_hz,
         coupling_hz=_number(result, "coupling_hz"),
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import threading
@@ -31,6 +32,11 @@ class Signals:
         if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) != signal.SIG_IGN:  # nohup
             signal.signal(signal.SIGHUP, self.take)
         sys.unraisablehook = self._unraisable
+
+    def leave_at_once(self) -> None:
+        """Let each further signal end the process with its exit code: only a sentence is still to be said."""
+        signal.signal(signal.SIGINT, lambda number, frame: os._exit(INTERRUPTED))
+        signal.signal(signal.SIGTERM, lambda number, frame: os._exit(TERMINATED))
 
     def ignore(self) -> None:
         """Take no more notice of them: the exit code stands, and Python on its way out would let them kill it."""

@@ -30,8 +30,13 @@ def main() -> NoReturn:
     SIGNALS.install()
     _one_blas_thread()
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # pydantic would look for some in every package
-    code = run_to_exit_code()
-    SIGNALS.ignore()
+    try:
+        code = run_to_exit_code()
+        SIGNALS.ignore()
+    except (KeyboardInterrupt, Terminated):  # it came while the outcome was being said
+        SIGNALS.leave_at_once()
+        code = _ended_by_signal()
+        SIGNALS.ignore()
     if any_abandoned():  # a computation still uses libraries that a usual end unloads
         sys.stdout.flush()
         sys.stderr.flush()

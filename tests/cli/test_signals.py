@@ -71,3 +71,35 @@ def test_a_signal_among_the_first_imports_ends_the_process_in_a_sentence(number:
         capture_output=True, text=True, timeout=60, check=False,
     )  # fmt: skip
     assert (done.returncode, done.stderr, done.stdout) == (code, sentence, "")
+
+
+SAYING = """
+import os, sys
+sys.argv = ["rths", "run", "/no/such/case.yaml"]
+from rths_cli.cli import entry_point
+shown = entry_point.click.echo
+def echo(*given, **named):
+    for number in NUMBERS[:1]:
+        NUMBERS.remove(number)
+        os.kill(os.getpid(), number)
+    shown(*given, **named)
+entry_point.click.echo = echo
+entry_point.main()
+"""
+
+
+@pytest.mark.parametrize(
+    ("numbers", "code", "sentence"),
+    [
+        ([signal.SIGINT], 130, "rths: interrupted\n"),
+        ([signal.SIGTERM], 143, "rths: terminated\n"),
+        ([signal.SIGTERM, signal.SIGINT], 130, ""),
+    ],
+)
+def test_a_signal_while_a_refusal_is_being_said_ends_the_process_without_a_traceback(
+    numbers: list[int], code: int, sentence: str
+) -> None:
+    """The process sends the first when it says why it refuses the case, the second when it says that it was ended."""
+    text = f"NUMBERS = {[int(number) for number in numbers]}\n" + SAYING
+    done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr, done.stdout) == (code, sentence, "")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -17,11 +18,19 @@ if TYPE_CHECKING:
     from rths_cli.identification.results import Identification
 
 DEFAULT = "el_centro_low_ff_fb"
+IN_ONE_PROCESS = ("loop", "rigs", "experiment")  # folders whose tests compile most, and wait for tables in real time
 settings.register_profile("same_every_time", derandomize=True, database=None)
 settings.load_profile("same_every_time")
 os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))  # as the command does, before numpy is imported
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell starts what runs in its background
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a test that is interrupted would wait for ever
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put the tests of the compiled loop beside each other, so that one of several test processes gets most of them:
+    each process that compiles has to work out the types of the same functions first."""
+    tests = Path(__file__).parent
+    items.sort(key=lambda item: item.path.relative_to(tests).parts[0] not in IN_ONE_PROCESS)
 
 
 @pytest.fixture(scope="session")

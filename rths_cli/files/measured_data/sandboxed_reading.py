@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import faulthandler
+import gc
 import os
 import signal
 import time
@@ -17,6 +18,7 @@ def survives(read: Callable[[], object]) -> bool:
     child = os.fork()
     if child == 0:
         faulthandler.disable()  # a crash here is no news for the screen
+        gc.disable()  # a collection would copy all memory that is shared with the parent
         with suppress(BaseException):  # what it raises, it raises again where it counts
             read()
         os._exit(0)

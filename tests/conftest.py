@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rths_cli.identification.results import Identification
 
 DEFAULT = "el_centro_low_ff_fb"
-IN_ONE_PROCESS = ("loop", "rigs", "experiment")  # folders whose tests compile most, and wait for tables in real time
+FIRST = ("loop", "rigs", "experiment")  # folders whose tests compile, the one that compiles most first
 settings.register_profile("same_every_time", derandomize=True, database=None)
 settings.load_profile("same_every_time")
 os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))  # as the command does, before numpy is imported
@@ -27,10 +27,11 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell starts what 
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Put the tests of the compiled loop beside each other, so that one of several test processes gets most of them:
-    each process that compiles has to work out the types of the same functions first."""
+    """Put the tests that compile functions of their own first, so that one of several test processes gets most of them:
+    each process that compiles has to work out the types of the same functions."""
     tests = Path(__file__).parent
-    items.sort(key=lambda item: item.path.relative_to(tests).parts[0] not in IN_ONE_PROCESS)
+    places = {folder: place for place, folder in enumerate(FIRST)}
+    items.sort(key=lambda item: places.get(item.path.relative_to(tests).parts[0], len(FIRST)))
 
 
 @pytest.fixture(scope="session")

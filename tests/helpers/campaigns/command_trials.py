@@ -25,6 +25,7 @@ HANGS_S = 300.0  # of the clock: for a process that waits
 ENDS_S = 10.0  # of the clock, after SIGTERM
 TOLD_TO_END = 143
 LIMIT_BYTES = 1 << 30
+IMPORTED_BYTES = 1 << 28  # which a command's own modules may hold; what this process holds beyond that is not its doing
 CONTROL = re.compile(rb"[\x00-\x08\x0b-\x1f\x7f]|\xc2[\x80-\x9f]")
 
 
@@ -41,15 +42,20 @@ def judged(code: int, seconds: float, memory: int, said: bytes) -> str:
 
 def in_a_process(work: Path, command: Sequence[str], hangs_s: float | None = None) -> tuple[int, float, int, bytes]:
     """Run a command in a copy of this process, told to end after some time of the clock and then killed; return code
-    (negative: a signal), CPU time, memory, output."""
+    (negative: a signal), CPU time, memory, output.
+
+    The memory is the child's, less what this process held beyond IMPORTED_BYTES when it was copied.
+    """
     output, start = work / ".output", time.monotonic()
+    held = int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     child = os.fork()
     if child == 0:
         _become(work, command, output)
     status, usage = _waited(child, start + (HANGS_S if hangs_s is None else hangs_s))
     code = os.waitstatus_to_exitcode(status)
     said = output.read_bytes() if output.exists() else b""
-    return code, usage.ru_utime + usage.ru_stime, 1024 * usage.ru_maxrss, said
+    memory = 1024 * usage.ru_maxrss - max(held - IMPORTED_BYTES, 0)
+    return code, usage.ru_utime + usage.ru_stime, memory, said
 
 
 def _waited(child: int, deadline: float) -> tuple[int, Any]:

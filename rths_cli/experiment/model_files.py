@@ -21,12 +21,15 @@ from rths_cli.experiment.provenance import git_commit, package_version
 from rths_cli.experiment.setup import Setup, shown
 from rths_cli.files.model_file import read_model, write_model
 from rths_cli.identification.results import Identification
+from rths_cli.numerics.compiled import processor
 from rths_cli.quantities import attribute_fault
 from rths_cli.quantities.model_datasets import MODEL_ATTRIBUTES
 from rths_cli.rigs.description import capabilities_of
 from rths_cli.user_cache import user_cache
 from rths_cli.version import __version__
 
+# with the processor these decide the last bits of an identification: they choose the instructions of BLAS, numpy, libc
+ROUNDING = ("OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES", "NPY_ENABLE_CPU_FEATURES", "GLIBC_TUNABLES", "MKL_CBWR")
 KEPT = 200  # largest number of models in the cache; the oldest are removed first
 TIME = "%Y-%m-%dT%H:%M:%SZ"
 LEVELS = dict.fromkeys(("name", "warning_m_s2", "abort_m_s2"), True)
@@ -208,6 +211,8 @@ def key(setup: Setup) -> str:
         case.identification.model_dump_json(),
         case.sample_rate_hz,
         software(),
+        processor(),
+        *(os.environ.get(name, "") for name in ROUNDING),
     )
     return _hash(repr(parts))
 

@@ -135,7 +135,7 @@ class Entry(Part):
     def _path(self, kind: str) -> Path:
         """Return where the machine code for arguments of this kind is kept."""
         source = Path(inspect.getfile(self.function)).read_bytes()
-        digest = hashlib.sha256(f"{self.function.__qualname__} {kind} {_processor()} ".encode() + source).hexdigest()
+        digest = hashlib.sha256(f"{self.function.__qualname__} {kind} {processor()} ".encode() + source).hexdigest()
         return Path(cache_folder()) / f"{self.function.__name__.strip('_')}-{digest[:24]}.native"
 
     def _compile(self, arguments: tuple[object, ...]) -> bytes:
@@ -182,6 +182,18 @@ def cache_folder() -> str:
     for path in files:
         digest.update(path.read_bytes())
     return str(user_cache() / f"compiled-{digest.hexdigest()[:16]}")
+
+
+@cache
+def processor() -> str:
+    """Return what decides which instructions numba chooses: the host, and every setting of numba, from its environment
+    variables (NUMBA_CPU_NAME, NUMBA_OPT, ...) or its file in the working directory."""
+    import llvmlite.binding as llvm
+
+    settings = [f"{name}={value}" for name, value in sorted(os.environ.items()) if name.startswith("NUMBA_")]
+    with suppress(OSError):  # mostly there is no such file
+        settings.append(Path(".numba_config.yaml").read_bytes().hex())
+    return f"{llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()} {' '.join(settings)}"
 
 
 def _flatten(value: object, flat: list[Any]) -> str:
@@ -244,18 +256,6 @@ def _address(symbol: str, code: bytes) -> int:
     engine.finalize_object()
     _ENGINES.append(engine)
     return int(engine.get_function_address(symbol))
-
-
-@cache
-def _processor() -> str:
-    """Return what decides which instructions numba chooses: the host, and every setting of numba, from its environment
-    variables (NUMBA_CPU_NAME, NUMBA_OPT, ...) or its file in the working directory."""
-    import llvmlite.binding as llvm
-
-    settings = [f"{name}={value}" for name, value in sorted(os.environ.items()) if name.startswith("NUMBA_")]
-    with suppress(OSError):  # mostly there is no such file
-        settings.append(Path(".numba_config.yaml").read_bytes().hex())
-    return f"{llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()} {' '.join(settings)}"
 
 
 def _read(path: Path) -> bytes | None:

@@ -359,9 +359,9 @@ def test_a_processor_that_rounds_otherwise_misses_the_cache(
     cache_folder: Path, default_setup: Setup, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """BLAS, numpy and the C library choose their instructions by these, and the last bits of a model with them."""
-    for name, value in (("OPENBLAS_CORETYPE", "Prescott"), ("NPY_DISABLE_CPU_FEATURES", "X86_V4")):
+    for name in ("OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES"):
         with monkeypatch.context() as patch:
-            patch.setenv(name, value)
+            patch.setenv(name, "another")
             assert Cache(folder=cache_folder).find(default_setup) is None
     monkeypatch.setattr(model_files, "processor", lambda: "another one")
     assert Cache(folder=cache_folder).find(default_setup) is None

@@ -173,7 +173,7 @@ def test_a_log_that_cannot_be_written_any_more_stops_the_test_and_nothing_is_los
 
     monkeypatch.setattr(RawLogWriter, "append", refuse)
     ended = ran(bench, tmp_path / "a.h5", once_running(broken.set))
-    assert (ended.status, ended.exit_code) == ("failed", 4)
+    assert (ended.status, ended.exit_code) == ("failed", 4), ended.reason
     assert "cannot write the raw log: Input/output error" in ended.reason
     assert status(tmp_path / "a.h5") == (ended.status, ended.reason)
     assert read_series(tmp_path / "a.h5", "exp_rths/command_v").size > 40
@@ -188,7 +188,7 @@ def test_a_live_view_that_fails_is_our_bug_and_the_run_is_in_its_file(
         raise BrokenPipeError
 
     ended = ran(bench, tmp_path / "a.h5", once_running(fail))
-    assert (ended.status, ended.exit_code) == ("failed", 5)
+    assert (ended.status, ended.exit_code) == ("failed", 5), ended.reason
     assert "the live view failed (BrokenPipeError, details in " in ended.reason
     assert "exp_rths" in read_result(tmp_path / "a.h5").groups
 
@@ -200,7 +200,7 @@ def test_a_target_that_ends_by_itself_is_told_with_what_it_did_not_confirm(
         bench.running.server.table.state.state[0] = 0.09
 
     ended = ran(bench, tmp_path / "a.h5", once_running(end_stop))
-    assert (ended.status, ended.exit_code) == ("failed", 4)
+    assert (ended.status, ended.exit_code) == ("failed", 4), ended.reason
     assert "the table is at its end stop" in ended.reason
     assert status(tmp_path / "a.h5") == (ended.status, ended.reason)
 
@@ -257,7 +257,7 @@ def test_a_target_that_ends_in_the_rest_after_the_record_leaves_a_complete_run(
             server.table.state.state[0] = 0.09
 
     ended = ran(bench, tmp_path / "a.h5", once(resting_undisturbed(), end))
-    assert (ended.status, ended.exit_code) == ("complete", 4)
+    assert (ended.status, ended.exit_code) == ("complete", 4), ended.reason
     result = read_result(tmp_path / "a.h5")
     assert "the record was played whole; after it: " in ended.reason and " s of 3 s, " in ended.reason
     assert ended.reason in str(result.attributes["warnings"]) and status(tmp_path / "a.h5")[0] == "complete"
@@ -295,7 +295,7 @@ def test_who_stops_the_rest_after_the_record_keeps_a_complete_run(
     finally:
         if number is not None:
             signal.signal(number, before)
-    assert (ended.status, ended.exit_code) == ("complete", code)
+    assert (ended.status, ended.exit_code) == ("complete", code), ended.reason
     assert "the record was played whole; after it: " in ended.reason and " s of 3 s, " in ended.reason
     assert "exp_rths.rms_error_m_s2" in read_result(tmp_path / "a.h5").metrics
 
@@ -307,7 +307,7 @@ def test_a_signal_in_the_rest_before_the_run_says_that_nothing_moved(bench: Benc
         ended = ran(bench, tmp_path / "a.h5", at_rest)
     finally:
         signal.signal(signal.SIGTERM, before)
-    assert (ended.status, ended.exit_code) == ("interrupted", 143)
+    assert (ended.status, ended.exit_code) == ("interrupted", 143), ended.reason
     assert ended.reason == "EXP-RTHS: terminated at rest, before the table moved"
     assert status(tmp_path / "a.h5") == (ended.status, ended.reason) and os.listdir(tmp_path) == ["a.h5"]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 from pathlib import Path
@@ -32,6 +33,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     tests = Path(__file__).parent
     places = {folder: place for place, folder in enumerate(FIRST)}
     items.sort(key=lambda item: places.get(item.path.relative_to(tests).parts[0], len(FIRST)))
+
+
+def pytest_collection_finish() -> None:
+    """Leave what all tests share out of later garbage collections, which would look at it again every time."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")

@@ -20,10 +20,12 @@ from pydantic import BaseModel
 from rths_cli.case.case_schema import CaseKeys
 from rths_cli.case.rig_schema import KINDS, PluginRigSpec
 from rths_cli.cli import cli
+from rths_cli.loop.run_log import column_names, column_units
 from rths_cli.quantities import ATTRIBUTES, AXES, BLOCKS
 from rths_cli.quantities.attributes import OF_BLOCK, OF_FILE, OF_RUN
 from rths_cli.quantities.datasets import BEST, STORED, declared_datasets
 from rths_cli.quantities.model_datasets import MODEL_ATTRIBUTES, declared_model_datasets, model_dataset
+from rths_cli.quantities.raw_log_columns import RAW_LOG_COLUMNS
 from rths_cli.quantities.sweep_datasets import SWEEP_ATTRIBUTES, SWEEP_DATASETS
 
 ROOT = Path(__file__).parents[1]
@@ -199,3 +201,11 @@ def test_every_figure_of_a_result_is_told_with_its_unit(files: dict[str, Any]) -
         for path, node in figures.items():
             if not node.is_scale:
                 assert shown[path.removeprefix("/metrics/").replace("/", ".")][2] == node.attrs["units"], path
+
+
+def test_every_column_of_a_raw_log_is_told_once() -> None:
+    told = rows(sections(FOLDER / "raw_log.md")["Columns"])
+    assert [cells[0].strip("`").removesuffix("_I") for cells in told] == list(RAW_LOG_COLUMNS)
+    assert [cells[1:] for cells in told] == [[one.units, one.source, one.text] for one in RAW_LOG_COLUMNS.values()]
+    written = {name if name in RAW_LOG_COLUMNS else name.rpartition("_")[0] for name in column_names(3, 7)}
+    assert written == set(RAW_LOG_COLUMNS) and len(column_units(column_names(3, 7))) == 23

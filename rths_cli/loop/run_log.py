@@ -12,25 +12,13 @@ from rths_cli.loop.step_arrays import Step
 from rths_cli.numerics.clock import IntArray
 from rths_cli.numerics.compiled import part
 from rths_cli.numerics.lti import Array
+from rths_cli.quantities.raw_log_columns import RAW_LOG_COLUMNS
 
 # values of `lost`: no samples came in time; the step was caught up without samples; samples came, but the step used a
 # mix of them and of substituted ones
 NO_ANSWER, CAUGHT_UP, MIXED = 1, 2, 3
 SEVERAL = ("true_velocity_m_s", "corrected", "desired", "estimated", "samples_v")  # signals of more than one row
 DESIRED = ("desired_accel_m_s2", "desired_velocity_m_s", "desired_displacement_m")
-UNITS = {
-    "corrected": "m/s^2",
-    "desired_accel_m_s2": "m/s^2",
-    "desired_velocity_m_s": "m/s",
-    "desired_displacement_m": "m",
-    "command_v": "V",
-    "base_shear_n": "N",
-    "estimated": "m, m/s, m/s^2 or N",
-    "samples_v": "V",
-    "late_ns": "ns",
-    "exchange_ns": "ns",
-    "compute_ns": "ns",
-}
 
 
 class Log(NamedTuple):
@@ -73,10 +61,10 @@ def widths(channels: int, estimates: int, truths: int, lean: bool) -> dict[str, 
     return {**common, "estimated": estimates, **own}
 
 
-def column_names(channels: int, estimates: int, truths: int = 0) -> tuple[str, ...]:
-    """Return a name for each column of a log that is not lean."""
+def column_names(channels: int, estimates: int) -> tuple[str, ...]:
+    """Return a name for each column of the log of a run on a real rig, as declared in RAW_LOG_COLUMNS."""
     names = []
-    for name, count in widths(channels, estimates, truths, False).items():
+    for name, count in widths(channels, estimates, truths=0, lean=False).items():
         names += [f"{name}_{i}" for i in range(count)] if name in SEVERAL else [name] * count
     place = names.index("desired_0")
     return (*names[:place], *DESIRED, *names[place + 3 :])
@@ -84,7 +72,8 @@ def column_names(channels: int, estimates: int, truths: int = 0) -> tuple[str, .
 
 def column_units(names: tuple[str, ...]) -> tuple[str, ...]:
     """Return the unit of each column named by `column_names`."""
-    return tuple(UNITS.get(name, UNITS.get(name.rstrip("0123456789").rstrip("_"), "1")) for name in names)
+    of_one = [name if name in RAW_LOG_COLUMNS else name.rpartition("_")[0] for name in names]
+    return tuple(RAW_LOG_COLUMNS[name].units for name in of_one)
 
 
 def empty_log(steps: int, channels: int, estimates: int, lean: bool = False, truths: int = 0) -> Log:

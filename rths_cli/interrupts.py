@@ -37,6 +37,8 @@ class Signals:
         """Let each further signal end the process with its exit code: only a sentence is still to be said."""
         signal.signal(signal.SIGINT, lambda number, frame: os._exit(INTERRUPTED))
         signal.signal(signal.SIGTERM, lambda number, frame: os._exit(TERMINATED))
+        if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) == self.take:
+            signal.signal(signal.SIGHUP, lambda number, frame: os._exit(TERMINATED))
 
     def ignore(self) -> None:
         """Take no more notice of them: the exit code stands, and Python on its way out would let them kill it."""

@@ -32,7 +32,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     each process that compiles has to work out the types of the same functions."""
     tests = Path(__file__).parent
     places = {folder: place for place, folder in enumerate(FIRST)}
-    items.sort(key=lambda item: places.get(item.path.relative_to(tests).parts[0], len(FIRST)))
+    items.sort(key=lambda item: places.get(Path(os.path.relpath(item.path, tests)).parts[0], len(FIRST)))
 
 
 def pytest_collection_finish() -> None:

@@ -27,13 +27,13 @@ LONGEST_SENTENCE = 1000  # characters of a fault: what is longer repeats an inpu
 def main() -> NoReturn:
     """Run the command line and leave with its exit code (docs/decisions/commands.md)."""
     _open_streams()
-    SIGNALS.install()
     _one_blas_thread()
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # pydantic would look for some in every package
     try:
+        SIGNALS.install()
         code = run_to_exit_code()
         SIGNALS.ignore()
-    except (KeyboardInterrupt, Terminated):  # it came while the outcome was being said
+    except (KeyboardInterrupt, Terminated):  # before the command began, or while the outcome was being said
         SIGNALS.leave_at_once()
         code = _ended_by_signal()
         SIGNALS.ignore()

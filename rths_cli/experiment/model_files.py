@@ -28,7 +28,7 @@ from rths_cli.rigs.description import capabilities_of
 from rths_cli.user_cache import user_cache
 from rths_cli.version import __version__
 
-# with the processor these decide the last bits of an identification: they choose the instructions of BLAS, numpy, libc
+# they choose the instructions of BLAS, numpy and the C library, and with them the last bits of an identification
 ROUNDING = ("OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES", "NPY_ENABLE_CPU_FEATURES", "GLIBC_TUNABLES", "MKL_CBWR")
 KEPT = 200  # largest number of models in the cache; the oldest are removed first
 TIME = "%Y-%m-%dT%H:%M:%SZ"
@@ -168,11 +168,11 @@ class Cache:
         self._folder = folder or user_cache() / "models"
 
     def has(self, setup: Setup) -> bool:
-        """Return whether there is a model of the same rig, specimen, settings, seed and software."""
+        """Return whether there is a model of the same rig, specimen, settings, seed, software and kind of processor."""
         return not self._fresh and self.path(setup).exists()
 
     def find(self, setup: Setup) -> Stored | None:
-        """Return the model of the same rig, specimen, settings, seed and software, None if there is none."""
+        """Return the model of the same rig, specimen, settings, seed, software and kind of processor, or None."""
         if not self.has(setup):
             return None
         path = self.path(setup)
@@ -212,6 +212,7 @@ def key(setup: Setup) -> str:
         case.sample_rate_hz,
         software(),
         processor(),
+        platform.libc_ver(),
         *(os.environ.get(name, "") for name in ROUNDING),
     )
     return _hash(repr(parts))

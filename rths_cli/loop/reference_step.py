@@ -1,8 +1,8 @@
 """The RTHS step in plain numpy, to be read beside its equations: an oracle for the compiled step, and far slower.
 
 It does what loop/step.py does, in the same order, from the designed blocks as they are: no tiles, no modal coordinates,
-no arrays that are shared. What each channel is expected to show, which makes no command, is left out. The guard stands
-behind it and is no part of it.
+no arrays that are shared. Left out are the excitation, whose command is given, and what each channel is expected to
+show, which makes no command. The guard stands behind it and is no part of it.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ class Running:
 class ReferenceStep:
     """One RTHS step of one table with c channels (the table first), n_p samples ahead of it; a call is an instant.
 
-    After a call `corrected` (c,) in m/s^2, `estimated` (e,), `base_shear_n` and `interface` (3,) in m/s^2, m/s and m
-    are what the step found at that instant.
+    After a call `corrected` (c,) in m/s^2 and `estimated` (e,) are what the step found at t_k, `base_shear_n` and
+    `interface` (3,) in m/s^2, m/s and m what it found for k + n_p.
     """
 
     def __init__(self, blocks: Blocks) -> None:
@@ -60,7 +60,7 @@ class ReferenceStep:
         the table is to make.
         """
         self.sense(samples_v)
-        self.interface = self.advance_numerical(source) if numerical else source
+        self.interface = self.advance_numerical(source) if numerical else source.copy()
         desired = np.append(self.recent, self.interface[0])  # d[k] .. d[k + n_p]
         forward = float(self.feedforward(self.interface)[0])
         command = forward + self.feed_back(desired[0] - self.corrected[0], forward)

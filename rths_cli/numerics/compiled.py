@@ -49,6 +49,7 @@ SOURCE_FOLDERS = ("loop",)
 WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 OPTIONS = {"_nrt": False, "error_model": "numpy", **WRAPPERS}  # no allocation; 1 / 0 is inf
 RESULTS = {"none": ctypes.c_void_p, "float64": ctypes.c_double, "int64": ctypes.c_int64, "bool": ctypes.c_bool}
+WITHOUT_EFFECT = ("NUMBA_CACHE_DIR=", "NUMBA_NUM_THREADS=", "NUMBA_THREADING_LAYER=")  # settings, on our machine code
 _LOCK = threading.RLock()
 _LISTENERS: list[Callable[[str], object]] = []
 _ENGINES: list[Any] = []  # loaded machine code lives as long as the process
@@ -191,9 +192,13 @@ def processor() -> str:
     import llvmlite.binding as llvm
 
     settings = [f"{name}={value}" for name, value in sorted(os.environ.items()) if name.startswith("NUMBA_")]
+    settings = [one for one in settings if not one.startswith(WITHOUT_EFFECT)]
     with suppress(OSError):  # mostly there is no such file
         settings.append(Path(".numba_config.yaml").read_bytes().hex())
-    return f"{llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()} {' '.join(settings)}"
+    features = ""
+    with suppress(RuntimeError):  # LLVM does not know the features of every host
+        features = llvm.get_host_cpu_features().flatten()
+    return f"{llvm.get_host_cpu_name()} {features} {' '.join(settings)}"
 
 
 def _flatten(value: object, flat: list[Any]) -> str:

@@ -74,7 +74,8 @@ def test_a_signal_among_the_first_imports_ends_the_process_in_a_sentence(number:
 
 
 SAYING = """
-import os, sys
+import os, signal, sys
+signal.signal(signal.SIGHUP, signal.SIG_DFL)  # nohup, with which the tests may run, ignores it
 sys.argv = ["rths", "run", "/no/such/case.yaml"]
 from rths_cli.cli import entry_point
 shown = entry_point.click.echo
@@ -94,6 +95,8 @@ entry_point.main()
         ([signal.SIGINT], 130, "rths: interrupted\n"),
         ([signal.SIGTERM], 143, "rths: terminated\n"),
         ([signal.SIGTERM, signal.SIGINT], 130, ""),
+        ([signal.SIGHUP], 143, "rths: terminated\n"),
+        ([signal.SIGTERM, signal.SIGHUP], 143, ""),
     ],
 )
 def test_a_signal_while_a_refusal_is_being_said_ends_the_process_without_a_traceback(

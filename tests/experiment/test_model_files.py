@@ -359,7 +359,8 @@ def test_a_processor_that_rounds_otherwise_misses_the_cache(
     cache_folder: Path, default_setup: Setup, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """BLAS, numpy and the C library choose their instructions by these, and the last bits of a model with them."""
-    for name in ("OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES"):
+    assert Cache(folder=cache_folder).find(default_setup) is not None
+    for name in model_files.ROUNDING:
         with monkeypatch.context() as patch:
             patch.setenv(name, "another")
             assert Cache(folder=cache_folder).find(default_setup) is None

@@ -32,26 +32,34 @@ KINDS: dict[str, tuple[Callable[[Path], Path], Callable[[Path], object]]] = {
 }
 
 
+def _fail() -> None:
+    """Have a child process die, which its parent sees, and say why."""
+    traceback.print_exc()
+    os.abort()
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_damaged_file_is_read_or_refused_by_a_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
 ) -> None:
     make, read = KINDS[kind]
     monkeypatch.chdir(tmp_path)
-    file = tmp_path / "damaged"
     target = Target(kind, make(tmp_path), kind == "result", ())
 
     def read_or_refuse(numbers: range) -> None:
         for number in numbers:
-            damage = damaged(target, file, random.Random(f"15/{number}"))
-            last.write_text(f"{number}: {damage}")
+            file = tmp_path / f"damaged_{number}"
+            try:
+                damage = damaged(target, file, random.Random(f"15/{number}"))
+                last.write_text(f"{number}: {damage}")
+            except BaseException:
+                _fail()
             try:
                 read(file)
             except InputError:
                 pass
             except BaseException:
-                traceback.print_exc()
-                os.abort()
+                _fail()
 
     last = tmp_path / "last"
     for first in range(0, 80, 10):

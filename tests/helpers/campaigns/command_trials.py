@@ -25,7 +25,7 @@ HANGS_S = 300.0  # of the clock: for a process that waits
 ENDS_S = 10.0  # of the clock, after SIGTERM
 TOLD_TO_END = 143
 LIMIT_BYTES = 1 << 30
-IMPORTED_BYTES = 1 << 28  # which a command's own modules may hold; what this process holds beyond that is not its doing
+IMPORTED_BYTES = 1 << 28  # what a command's own imports may hold; memory of this process beyond that is not counted
 CONTROL = re.compile(rb"[\x00-\x08\x0b-\x1f\x7f]|\xc2[\x80-\x9f]")
 
 
@@ -47,7 +47,8 @@ def in_a_process(work: Path, command: Sequence[str], hangs_s: float | None = Non
     The memory is the child's, less what this process held beyond IMPORTED_BYTES when it was copied.
     """
     output, start = work / ".output", time.monotonic()
-    held = int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+    resident, of_files = (int(pages) for pages in Path("/proc/self/statm").read_text().split()[1:3])
+    held = (resident - of_files) * os.sysconf("SC_PAGE_SIZE")  # a copy has no pages of files at first
     child = os.fork()
     if child == 0:
         _become(work, command, output)

@@ -127,9 +127,10 @@ def trial(name: str, line: Sequence[str], disk: Path, after_s: float, given_back
     except subprocess.TimeoutExpired:
         code, said = -1, "hangs"
     finally:
+        came_back = given_back and not filler.is_alive()  # while the command still ran
         stop.set()
         filler.join()
-    return Trial(name, after_s, given_back, code, said[-500:], tuple(faults(name, code, said, disk, given_back)))
+    return Trial(name, after_s, given_back, code, said[-500:], tuple(faults(name, code, said, disk, came_back)))
 
 
 def fill(disk: Path, after_s: float, given_back: bool, stop: threading.Event) -> None:

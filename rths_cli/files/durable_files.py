@@ -12,6 +12,8 @@ from typing import BinaryIO
 
 from rths_cli.errors import InputError
 
+MOST_NEW = 100  # folders inside each other that are made for a file
+
 
 def sync(path: Path) -> None:
     """Have a file, or the names in a folder, on the disk itself; raises OSError."""
@@ -91,3 +93,15 @@ def write_new(path: Path, text: str) -> None:
     except (OSError, ValueError) as fault:
         reason = getattr(fault, "strerror", None) or str(fault)
         raise InputError(f"{path}: cannot be written: {reason}") from None
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder and those that it stands in; raises OSError, also where more than MOST_NEW of them are missing."""
+    new = 0
+    for one in (folder, *folder.parents):
+        if one.exists():
+            break
+        new += 1
+    if new > MOST_NEW:
+        raise OSError(errno.ENAMETOOLONG, f"{new} folders inside each other are missing, {MOST_NEW} are made at most")
+    folder.mkdir(parents=True, exist_ok=True)

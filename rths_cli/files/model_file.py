@@ -22,7 +22,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files import hdf5_safety as layout
-from rths_cli.files.durable_files import open_regular
+from rths_cli.files.durable_files import make_folder, open_regular
 from rths_cli.files.hdf5 import Dataset, numbers, write_group
 from rths_cli.files.hdf5_heaps import check_image
 from rths_cli.files.result_writer import Attribute, refusal
@@ -85,7 +85,7 @@ def write_model(
         if not replace and os.path.lexists(path):
             raise InputError(f"{path}: exists and is not replaced; choose another name.")
         with suppress(FileExistsError):  # a file in the folder's place: opening the part says so better
-            path.parent.mkdir(parents=True, exist_ok=True)
+            make_folder(path.parent)
         _publish(path, image)
     except OSError as error:
         sentence = refusal(path, "cannot write the model file", error, advice=False).removesuffix(".")

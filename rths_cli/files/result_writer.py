@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rths_cli.errors import InputError
-from rths_cli.files.durable_files import remove_leftovers, sync
+from rths_cli.files.durable_files import make_folder, remove_leftovers, sync
 from rths_cli.files.hdf5 import Dataset, add_text, as_declared, scales_of, write_group
 from rths_cli.files.staged_file import StagedFile, signals_held
 from rths_cli.numerics.lti import Array
@@ -79,7 +79,7 @@ class ResultWriter:
             remove_leftovers(self.path)
         try:
             with self._reporting():
-                self.path.parent.mkdir(parents=True, exist_ok=True)
+                make_folder(self.path.parent)
                 if self._continues:
                     shutil.copyfile(self.path, self.part)
                 self._staged = StagedFile(self.part, keep=self._continues)
@@ -297,7 +297,7 @@ def check_writable(folder: Path, needed_bytes: int = 0) -> None:
         there = next((place for place in (folder, *folder.absolute().parents) if place.exists()), folder)
         free = shutil.disk_usage(there).free
         if free >= needed_bytes:
-            folder.mkdir(parents=True, exist_ok=True)
+            make_folder(folder)
             with tempfile.TemporaryFile(dir=folder) as probe:
                 probe.write(b"x")
     except OSError as error:

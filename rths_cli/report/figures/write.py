@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rths_cli.errors import InputError
+from rths_cli.files.durable_files import make_folder
 from rths_cli.files.result_reader import Result
 from rths_cli.interrupts import interruptible
 from rths_cli.report.figures import error_figures, frequency, histories
@@ -117,7 +118,7 @@ def _make(folder: Path) -> list[Path]:
     """Create a folder and return the created folders, the innermost first; raises InputError if that fails."""
     missing = [one for one in (folder, *folder.parents) if not one.exists()]
     with _told(folder):
-        folder.mkdir(parents=True, exist_ok=True)
+        make_folder(folder)
     return missing
 
 

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "helpers"))
+from bare_rig import BareRig
 from campaigns.random_case_draw import make_records
 from campaigns.random_case_runs import about, legitimate
 
@@ -36,41 +37,24 @@ from rths_cli.numerics.lti import Array
 from rths_cli.rigs.interface import Rig
 
 
-class Sticking:
-    """A rig one of whose channels keeps its sample from a step on; `shown` holds what all of them gave, in V."""
+class Sticking(BareRig):
+    """A rig one of whose channels keeps its sample from a step on."""
 
     def __init__(self, rig: Rig, channel: int, at: int) -> None:
-        self.info, self._rig, self._channel, self._at = rig.info, rig, channel, at
-        self.shown: list[Array] = []
+        super().__init__(rig)
+        self._channel, self._at = channel, at
 
-    def open(self) -> None:
-        self._rig.open()
-
-    def arm(self) -> Array:
-        return self._show(self._rig.arm())
-
-    def exchange(self, command_v: float) -> Array:
-        return self._show(self._rig.exchange(command_v))
-
-    def rest(self) -> None:
-        self._rig.rest()
-
-    def close(self) -> None:
-        self._rig.close()
-
-    def _show(self, samples: Array) -> Array:
-        given = np.array(samples)
-        if len(self.shown) > self._at:
-            given[self._channel] = self.shown[-1][self._channel]
-        self.shown.append(given)
-        return given
+    def shown(self, samples: Array) -> Array:
+        if len(self.samples) > self._at:
+            samples[self._channel] = self.samples[-1][self._channel]
+        return samples
 
 
 def played(setup: Setup, design: Design, channel: int = 0, at: int = 10**9) -> tuple[Outcome, Array]:
     """Play EXP-RTHS with a channel stuck from a step on; return how it went and the samples (c, n) in V."""
     rig = Sticking(open_rig(setup, (EXP_RTHS,), setup.case.seed), channel, at)
     outcome = play(rig, setup.rig, design.blocks, NUMERICAL, drive_of(setup, design), guard_limits(setup))
-    return outcome, np.array(rig.shown).T
+    return outcome, np.array(rig.samples).T
 
 
 def due(setup: Setup, healthy_v: Array, at: int) -> int | None:

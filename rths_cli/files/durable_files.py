@@ -12,7 +12,7 @@ from typing import BinaryIO
 
 from rths_cli.errors import InputError
 
-MOST_NEW = 100  # folders inside each other that are made for a file
+MOST_NEW = 100  # new folders, one inside the other, for a file
 
 
 def sync(path: Path) -> None:
@@ -95,13 +95,13 @@ def write_new(path: Path, text: str) -> None:
         raise InputError(f"{path}: cannot be written: {reason}") from None
 
 
-def make_folder(folder: Path) -> None:
-    """Make a folder and those that it stands in; raises OSError, also where more than MOST_NEW of them are missing."""
-    new = 0
-    for one in (folder, *folder.parents):
-        if one.exists():
-            break
-        new += 1
-    if new > MOST_NEW:
-        raise OSError(errno.ENAMETOOLONG, f"{new} folders inside each other are missing, {MOST_NEW} are made at most")
+def make_folder(folder: Path) -> list[Path]:
+    """Make a folder and those that it stands in; return the new ones, the innermost first.
+
+    Raises OSError, also where more than MOST_NEW of them are missing.
+    """
+    new = [one for one in (folder, *folder.parents) if not one.exists()]
+    if len(new) > MOST_NEW:
+        raise OSError(errno.ENAMETOOLONG, f"{len(new)} new folders, one inside the other; {MOST_NEW} is the most")
     folder.mkdir(parents=True, exist_ok=True)
+    return new

@@ -76,13 +76,13 @@ class ReferenceStep:
         self.estimated = self.estimator(self.corrected)
 
     def advance_numerical(self, ground: Array) -> Array:
-        """Return the absolute motion (3,) of the interface floor at k + n_p.
+        """Return acceleration, velocity and displacement (3,) of the interface floor at k + n_p, absolute (Eq. 2.3).
 
-        The acceleration depends on the base shear f and f on the acceleration d of the same instant:
+        The acceleration d in m/s^2 depends on the base shear f in N (Eq. 2.6), and f on d of the same instant:
 
-            d = free + D f,    f = known + F d,
+            d = free + D f,    f = known + F d.
 
-        with D the numerical substructure's direct response to f, F the mass that moves with the interface on the table.
+        D is the numerical substructure's direct response to f, in m/s^2 per N. F is `shear_desired`, in N per m/s^2.
         """
         b, direct = self.blocks, self.blocks.numerical.D[0, 1]
         known = b.shear_estimate @ self.estimated + b.shear_recent @ self.recent + b.shear_measured @ self.corrected

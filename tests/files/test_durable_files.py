@@ -18,15 +18,14 @@ def tower(floors: int) -> Path:
 
 def test_a_folder_is_made_with_those_it_stands_in(tmp_path: Path) -> None:
     folder = tmp_path / tower(MOST_NEW)
-    make_folder(folder)
-    make_folder(folder)
-    assert folder.is_dir()
+    assert make_folder(folder) == [folder, *list(folder.parents)[: MOST_NEW - 1]]
+    assert make_folder(folder) == [] and folder.is_dir()
 
 
 @pytest.mark.parametrize("floors", [MOST_NEW + 1, 1200])
 def test_a_tower_of_new_folders_is_refused_and_nothing_is_made(tmp_path: Path, floors: int) -> None:
     """pathlib would call itself for each of them, and Python ends that after a thousand."""
-    with pytest.raises(OSError, match="inside each other") as refused:
+    with pytest.raises(OSError, match="one inside the other") as refused:
         make_folder(tmp_path / tower(floors))
     assert refused.value.errno == errno.ENAMETOOLONG and list(tmp_path.iterdir()) == []
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bare_rig import BareRig
 from bench import DT_S, LINEAR, held, ideal_info, rig_info, specimen
 from hybrid import best_like, closed_loop, ground, open_limits, paper_like, storeys
 from numba import njit
@@ -67,38 +68,12 @@ def test_the_spectral_radius_forecasts_divergence(latency: int, diverges: bool) 
         assert np.log(late / early) / 8000 == pytest.approx(np.log(radius), rel=0.05)
 
 
-class Exchanging:
-    """A virtual rig behind the bare interface: `play` cannot know what it is."""
-
-    def __init__(self, rig: VirtualRig) -> None:
-        self.rig, self.info, self.calls = rig, rig.info, []
-
-    def open(self) -> None:
-        self.calls.append("open")
-        self.rig.open()
-
-    def arm(self) -> Array:
-        self.calls.append("arm")
-        return self.rig.arm()
-
-    def exchange(self, command_v: float) -> Array:
-        return self.rig.exchange(command_v)
-
-    def rest(self) -> None:
-        self.calls.append("rest")
-        self.rig.rest()
-
-    def close(self) -> None:
-        self.calls.append("close")
-        self.rig.close()
-
-
 @pytest.mark.parametrize("source", [RECORD, NUMERICAL])
 def test_the_compiled_run_equals_the_exchanging_one_byte_for_byte(source: int) -> None:
     info = rig_info()
     rig = VirtualRig(info, build_plant(info, VirtualPhysics(), specimen(), 3e-4), (1, 3))
     blocks, drive = replace(best_like(info), shaping_step_v=info.converters.step_v), ground(5000)
-    wrapped = Exchanging(rig)
+    wrapped = BareRig(rig)
     compiled, exchanged = (play(r, info, blocks, source, drive, open_limits(info)) for r in (rig, wrapped))
     assert wrapped.calls == ["open", "arm", "rest", "close"]
     assert compiled.steps == exchanged.steps == 5000

@@ -116,10 +116,8 @@ def _short_vertex(found: re.Match[bytes]) -> bytes:
 
 def _make(folder: Path) -> list[Path]:
     """Create a folder and return the created folders, the innermost first; raises InputError if that fails."""
-    missing = [one for one in (folder, *folder.parents) if not one.exists()]
     with _told(folder):
-        make_folder(folder)
-    return missing
+        return make_folder(folder)
 
 
 @contextmanager

@@ -18,6 +18,7 @@ import os
 import re
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import h5py
@@ -67,11 +68,16 @@ def record(folder: Path, random_cases: int) -> None:
     }
     for name, words in jobs.items():
         print(name, flush=True)
-        ended = subprocess.run(
-            [sys.executable, "-m", "rths_cli", *words], cwd=folder, capture_output=True, text=True, check=False,
-            env={**os.environ, "COLUMNS": "100", "PYTHONPATH": os.pathsep.join(sys.path)},
-        )  # fmt: skip
+        ended = rths(folder, words)
         (folder / f"{name}.txt").write_text(f"exit {ended.returncode}\n{ended.stdout}\n--- stderr\n{ended.stderr}")
+
+
+def rths(folder: Path, words: Sequence[str]) -> subprocess.CompletedProcess[str]:
+    """Run a command of the rths that this process would import, in a folder; return what it printed and its end."""
+    return subprocess.run(
+        [sys.executable, "-m", "rths_cli", *words], cwd=folder, capture_output=True, text=True, check=False,
+        env={**os.environ, "COLUMNS": "100", "PYTHONPATH": os.pathsep.join(sys.path)},
+    )  # fmt: skip
 
 
 def write_case(folder: Path, seed: int) -> str:

@@ -136,10 +136,14 @@ def driven_modes(poles: ArrayLike, now: ArrayLike, before: ArrayLike, series: Ar
 
     `poles` p, `now` a, `before` b are complex (m,), `series` u is (n,).
     """
+    from scipy.signal import lfilter
+
     numbers = np.array([poles, now, before], dtype=complex).reshape(3, -1)
-    drive = np.ascontiguousarray(series, dtype=float)
-    modes = np.zeros((2, numbers.shape[1], len(drive)))
-    _drive(np.ascontiguousarray(numbers.real), np.ascontiguousarray(numbers.imag), drive, modes)
+    drive = np.asarray(series, dtype=float)
+    modes = np.empty((2, numbers.shape[1], len(drive)))
+    for r, (p, a, b) in enumerate(numbers.T):
+        mode, _ = lfilter([a, b], [1.0, -p], drive, zi=[-a * drive[0]])
+        modes[0, r], modes[1, r] = mode.real, mode.imag
     return modes
 
 
@@ -255,18 +259,3 @@ def _run(sections: Array, states: Array, tiles: Array, step: int) -> None:
             s += 2
         if s < sections.shape[0]:
             _one(_coefficients(sections, s), states[s, r], tiles[r], step)
-
-
-@entry
-def _drive(real: Array, imag: Array, series: Array, modes: Array) -> None:
-    """Run the modes (2, m, n) of p, a, b, the rows of `real` and `imag` (3, m), along `series` (n,)."""
-    m, n = modes.shape[1], modes.shape[2]
-    for r in range(m):
-        p, q = real[0, r], imag[0, r]
-        x, y = 0.0, 0.0
-        for k in range(1, n):
-            now, before = series[k], series[k - 1]
-            forcing_x = real[1, r] * now + real[2, r] * before
-            forcing_y = imag[1, r] * now + imag[2, r] * before
-            x, y = p * x - q * y + forcing_x, p * y + q * x + forcing_y
-            modes[0, r, k], modes[1, r, k] = x, y

@@ -8,7 +8,7 @@ from functools import lru_cache
 import numpy as np
 
 from rths_cli.analysis.metrics import BAND_HZ, BAND_ORDER, SLOW_ORDER, high_passed, low_lines
-from rths_cli.numerics.filters import butterworth, fast_length, response
+from rths_cli.numerics.filters import butterworth, response
 from rths_cli.numerics.lti import Array, ComplexArray
 
 HIGHEST_HZ = 40.0  # the test band's filter leaves 3e-5 there
@@ -116,5 +116,7 @@ def _test_band(lines: Lines) -> Array:
 
 def lines_for(samples: int, dt_s: float, ring_s: float, high_pass_hz: float = 0.0) -> Lines:
     """Return the lines for a record with padding of `ring_s`, at least one and at most three times its length."""
+    from scipy.fft import next_fast_len
+
     rest = min(max(round(ring_s / dt_s), samples), 3 * samples)
-    return Lines(samples, fast_length(samples + rest), dt_s, high_pass_hz)
+    return Lines(samples, int(next_fast_len(samples + rest, real=True)), dt_s, high_pass_hz)

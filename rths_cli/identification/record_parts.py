@@ -9,7 +9,6 @@ from itertools import pairwise
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.numerics.filters import fast_length
 from rths_cli.numerics.lti import Array, ComplexArray
 
 TAIL_S = 30.0  # rest appended to a command, in which the table's response decays
@@ -37,7 +36,9 @@ class PaddedLines:
 
 def padded(samples: int, dt_s: float) -> int:
     """Return the number of samples of a signal padded with rest, chosen for a fast Fourier transform."""
-    return fast_length(samples + round(TAIL_S / dt_s))
+    from scipy.fft import next_fast_len
+
+    return int(next_fast_len(samples + round(TAIL_S / dt_s), real=True))
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,6 @@ import numpy as np
 from rths_cli.errors import InputError
 from rths_cli.identification.least_squares import Solution, covariance, least_squares, parts
 from rths_cli.identification.results import SpecimenFit
-from rths_cli.numerics.filters import fast_length
 from rths_cli.numerics.lti import Array, ComplexArray
 from rths_cli.structure import Specimen, above_rounding, modal_damping_matrix, storey_matrix
 
@@ -354,8 +353,10 @@ def transform(motion: Motion, dt_s: float, band_hz: tuple[float, float]) -> Line
 @cache
 def _fast_length(most: int) -> int:
     """Return the largest length up to `most` that has only small prime factors, for a fast Fourier transform."""
-    length = fast_length(most // 2)
-    while (longer := fast_length(length + 1)) <= most:
+    from scipy.fft import next_fast_len
+
+    length = next_fast_len(most // 2, real=True)
+    while (longer := next_fast_len(length + 1, real=True)) <= most:
         length = longer
     return length
 

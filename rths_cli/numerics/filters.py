@@ -1,4 +1,4 @@
-"""Digital filters: Butterworth sections, recursions along time, lengths and tapers.
+"""Digital filters: Butterworth sections, recursions along time, tapers.
 
 A filter is a cascade of second-order sections (n_sections, 6), each row b0, b1, b2, 1, a1, a2 of
 y[k] = b0 x[k] + b1 x[k-1] + b2 x[k-2] - a1 y[k-1] - a2 y[k-2]. Time is the last axis of every series. The recursions
@@ -145,19 +145,6 @@ def driven_modes(poles: ArrayLike, now: ArrayLike, before: ArrayLike, series: Ar
         mode, _ = lfilter([a, b], [1.0, -p], drive, zi=[-a * drive[0]])
         modes[0, r], modes[1, r] = mode.real, mode.imag
     return modes
-
-
-def fast_length(n: int) -> int:
-    """Return the smallest length of at least `n` without a prime factor above 5, for a fast transform of real data."""
-    best = 1 << max(n - 1, 0).bit_length()
-    fives = 1
-    while fives < best:
-        odd = fives
-        while odd < best:
-            best = min(best, odd << max(-(-n // odd) - 1, 0).bit_length())
-            odd *= 3
-        fives *= 5
-    return best
 
 
 def tukey(n: int, share: float) -> Array:

@@ -6,7 +6,6 @@ from functools import lru_cache
 
 import numpy as np
 
-from rths_cli.numerics.filters import fast_length
 from rths_cli.numerics.lti import Array, ComplexArray
 
 ROOM = 4  # sample rate of the decimated series over the highest line; the alias of that line is then 3 times as high
@@ -80,9 +79,11 @@ def _chirp(n: int, count: int, period: int, step: int) -> tuple[ComplexArray, Co
     The kernel is the conjugate chirp for k from 1 - n to count - 1, in cyclic order, padded with zeros to a length for
     a fast transform.
     """
+    from scipy.fft import next_fast_len
+
     k = np.arange(max(n, count))
     chirp = np.exp(-1j * np.pi * (k * k * step % (2 * period)) / period)
-    back = np.zeros(fast_length(n + count), dtype=complex)
+    back = np.zeros(next_fast_len(n + count), dtype=complex)
     back[:count] = chirp[:count].conj()
     back[len(back) - n + 1 :] = chirp[n - 1 : 0 : -1].conj()
     return chirp, np.asarray(np.fft.fft(back))

@@ -21,7 +21,6 @@ from rths_cli.numerics.filters import (
     LANES,
     butterworth,
     empty_tiles,
-    fast_length,
     filter_tiles_both_ways,
     filtered_both_ways,
     tukey,
@@ -220,11 +219,13 @@ def fitted_delay_s(desired: ArrayLike, measured: ArrayLike, dt_s: float) -> floa
 
 def fitted_delays_s(desired: ArrayLike, measured: Sequence[ArrayLike], dt_s: float) -> list[float]:
     """Return `fitted_delay_s` of several series (n,) against one; that one is transformed only once."""
+    from scipy.fft import next_fast_len
+
     pairs = [check_pair(desired, each) for each in measured]
     x = pairs[0][0]
     if not _moves(x):
         return [float("nan")] * len(pairs)
-    taper, padded = _taper(len(x)), fast_length(2 * len(x))
+    taper, padded = _taper(len(x)), next_fast_len(2 * len(x), real=True)
     lines_x = np.fft.rfft((x - x.mean()) * taper, padded).conj()
     delays = []
     for _, y in pairs:

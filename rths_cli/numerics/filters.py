@@ -1,4 +1,4 @@
-"""Digital filters: Butterworth sections, recursions along time, tapers.
+"""Digital filters: Butterworth sections, recursions along time.
 
 A filter is a cascade of second-order sections (n_sections, 6), each row b0, b1, b2, 1, a1, a2 of
 y[k] = b0 x[k] + b1 x[k-1] + b2 x[k-2] - a1 y[k-1] - a2 y[k-2]. Time is the last axis of every series. The recursions
@@ -145,14 +145,6 @@ def driven_modes(poles: ArrayLike, now: ArrayLike, before: ArrayLike, series: Ar
         mode, _ = lfilter([a, b], [1.0, -p], drive, zi=[-a * drive[0]])
         modes[0, r], modes[1, r] = mode.real, mode.imag
     return modes
-
-
-def tukey(n: int, share: float) -> Array:
-    """Return the cosine-tapered window (n,): `share` of it is taper, half of that at each end. Source: Tukey (1967)."""
-    if n < 2 or share <= 0.0:
-        return np.ones(n)
-    from_end = np.minimum(np.arange(n), np.arange(n)[::-1]) * (2.0 / (min(share, 1.0) * (n - 1)))
-    return 0.5 - 0.5 * np.cos(np.pi * np.minimum(from_end, 1.0))
 
 
 @part

@@ -111,9 +111,3 @@ def test_modes_follow_their_recursion_from_rest() -> None:
     rounding = 1e-12 * np.abs(expected).max(axis=1, keepdims=True)
     assert (np.abs(modes[0] + 1j * modes[1] - expected) <= rounding).all()
     assert filters.driven_modes(poles[0], now[0], before[0], SERIES[0])[:, 0] == pytest.approx(modes[:, 0])
-
-
-@pytest.mark.parametrize("n", [1, 2, 3, 10, 11, 1000])
-def test_taper_is_scipys(n: int) -> None:
-    for share in (0.0, 0.1, 0.5, 1.0):
-        assert filters.tukey(n, share) == pytest.approx(signal.windows.tukey(n, share), rel=0, abs=1e-15)

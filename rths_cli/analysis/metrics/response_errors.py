@@ -23,7 +23,6 @@ from rths_cli.numerics.filters import (
     empty_tiles,
     filter_tiles_both_ways,
     filtered_both_ways,
-    tukey,
 )
 from rths_cli.numerics.lti import Array, ComplexArray
 
@@ -237,7 +236,9 @@ def fitted_delays_s(desired: ArrayLike, measured: Sequence[ArrayLike], dt_s: flo
 @lru_cache(maxsize=2)
 def _taper(n: int) -> Array:
     """Return the taper (n,) of the delay fit."""
-    return tukey(n, _TAPERED)
+    from scipy.signal.windows import tukey
+
+    return np.asarray(tukey(n, _TAPERED))
 
 
 def _moves(series: Array) -> bool:

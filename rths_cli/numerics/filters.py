@@ -1,4 +1,4 @@
-"""Digital filters: Butterworth sections, recursions along time.
+"""Digital filters: responses and recursions along time.
 
 A filter is a cascade of second-order sections (n_sections, 6), each row b0, b1, b2, 1, a1, a2 of
 y[k] = b0 x[k] + b1 x[k-1] + b2 x[k-2] - a1 y[k-1] - a2 y[k-2]. Time is the last axis of every series. The recursions
@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,32 +20,6 @@ FORWARD, BACKWARD = 1, -1
 LANES = 4  # series that are filtered at once
 _Coefficients = tuple[float, float, float, float, float]
 _Sample = tuple[float, float, float]
-
-
-def butterworth(order: int, corner_hz: float, sample_rate_hz: float, kind: Literal["low", "high"] = "low") -> Array:
-    """Return the sections of a Butterworth filter, the most damped first: bilinear transform, corner prewarped.
-
-    Raises ValueError for an order below 1 and a corner outside 0 to half the sample rate (both excluded). Source:
-    Oppenheim and Schafer, Discrete-Time Signal Processing, 3rd ed. (2010), section 7.2.
-    """
-    if order < 1 or not 0.0 < corner_hz < 0.5 * sample_rate_hz:
-        raise ValueError(f"no Butterworth filter of order {order} and corner {corner_hz:g} Hz at {sample_rate_hz:g} Hz")
-    warped = 4.0 * math.tan(0.5 * math.pi * (2.0 * corner_hz / sample_rate_hz))  # rad per half a sample, as the poles
-    unit = -np.exp(0.5j * np.pi * np.arange((order - 1) % 2, order, 2) / order).conj()  # one of each pair, or the real
-    analog, zero = (warped * unit, -1.0) if kind == "low" else (warped / unit, 1.0)
-    pole = (4.0 + analog) / (4.0 - analog)
-    rows = [_of_pole(p, zero, single=order % 2 == 1 and i == 0) for i, p in enumerate(pole)]
-    pairs = analog[unit.imag > 0.0]
-    every = np.concatenate([analog[unit.imag <= 0.0], pairs, pairs.conj()])
-    rows[0][:3] *= ((warped if kind == "low" else 4.0) ** order / np.prod(4.0 - every)).real
-    return np.array(rows)
-
-
-def _of_pole(pole: complex, zero: float, single: bool) -> Array:
-    """Return the row (6,) of a pole, alone or with its conjugate, and as many equal zeros."""
-    if single:
-        return np.array([1.0, -zero, 0.0, 1.0, -pole.real, 0.0])
-    return np.array([1.0, -2.0 * zero, 1.0, 1.0, -2.0 * pole.real, pole.real**2 + pole.imag**2])
 
 
 def section(numerator: Sequence[float], denominator: Sequence[float]) -> Array:

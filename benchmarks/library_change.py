@@ -9,7 +9,12 @@ identified models, result files, and with `--seeds` the errors of EXP-RTHS with 
 eight cases of the paper and six random buildings. Tests run with models of the folder after `--models`, so that the
 controllers of both recordings are designed from the same ones; each recording identifies its own models as well.
 `compare` prints one line per demand: the largest difference, its limit, and where it is. Exit code 1 when a demand is
-not met. Where rounding alone must agree, `unchanged.py` compares byte by byte; here a last bit may differ.
+not met. Where every bit must agree, `unchanged.py` compares byte by byte.
+
+Two limits are what rounding itself moves. The same exponential with one more halving changes margins of the bare
+specimen by 8e-9: a lightly damped motion sampled fast is a matrix near one, whose last bits are its damping. A last bit
+also sets other bits of the converters, and EXP-RTHS is a new draw: 4 standard deviations of the difference of two draws
+are 1.5 times the range of twenty.
 """
 
 from __future__ import annotations
@@ -39,13 +44,18 @@ IDENTIFIED = {  # group of a model file: value and standard error of the same sh
     "friction": (("command_v", "error_v"),),
     "latency": (("identified_s", "error_s"),),
 }
+MARGINS = (  # how names of the margins and poles among the check values begin
+    "gain_", "phase_", "delay_", "sensitivity_", "critical_", "tolerated_", "required_", "table_error_", "spectral_",
+    "building_", "loop_",
+)  # fmt: skip
 LIMITS = {
     "SIM and SIM-DELAY over their peak": 1e-9,
     "A, B, C, D of blocks over the largest entry": 1e-9,
     "poles of blocks": 1e-9,
-    "margins and check values, relative": 1e-9,
+    "margins, relative": 1e-8,
+    "other check values, relative": 1e-6,  # a radius to the power of the samples, differences of nearly equal numbers
     "identified values over their standard error": 0.01,
-    "EXP-RTHS errors over the range of the seeds": 1.0,
+    "EXP-RTHS errors over the range of the seeds": 1.5,
 }
 
 
@@ -149,7 +159,8 @@ def metric_differences(one: h5py.Group, other: h5py.Group, before: Path, name: P
     for group in ("check", "feedback"):
         for each in one.get(group, ()):
             if one[group][each].dtype.kind == "f":
-                yield Difference("margins and check values, relative", apart(one[group][each], other[group][each]),
+                kind = "other check values" if group == "check" and not each.startswith(MARGINS) else "margins"
+                yield Difference(f"{kind}, relative", apart(one[group][each], other[group][each]),
                                  f"{name} {group}.{each}")  # fmt: skip
     seeds = before / "seeds" / name.name
     if name.parts[0] == "best" and seeds.exists():

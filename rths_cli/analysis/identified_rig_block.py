@@ -11,13 +11,13 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import expm
 
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.control.sensor_correction import correction
 from rths_cli.control.state_space import discretise, from_roots
 from rths_cli.numerics.lti import Array, Block, Model, StateSpace, staircase
-from rths_cli.numerics.matrix_equations import exponential
 from rths_cli.rigs.description import RigInfo
 from rths_cli.structure import Specimen
 
@@ -119,7 +119,7 @@ def _held(chain: StateSpace, model: Model, dt_s: float) -> Block:
 def _hold(chain: StateSpace, time_s: float) -> tuple[Array, Array]:
     """Return transition (n, n) and response (n,) of a held unit command over a time."""
     n = len(chain.A)
-    both = exponential(np.block([[chain.A, chain.B], [np.zeros((1, n + 1))]]) * time_s)
+    both = expm(np.block([[chain.A, chain.B], [np.zeros((1, n + 1))]]) * time_s)
     return both[:n, :n], both[:n, n]
 
 

@@ -18,12 +18,13 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import expm
 
 from rths_cli.analysis.sim import Response, base_shear_n, checked_record, hold_matrices, simulate, state_equation
 from rths_cli.errors import InputError
 from rths_cli.numerics.compiled import entry, part
 from rths_cli.numerics.lti import Array, ComplexArray, Integers
-from rths_cli.numerics.matrix_equations import balancing, exponential
+from rths_cli.numerics.matrix_equations import balancing
 from rths_cli.structure import Building, Numerical, Specimen
 
 _MOST_PASSES = 100
@@ -395,7 +396,7 @@ def _part(basis: _Basis, h_s: float, G: Array, W: Array, V: Array) -> Part:
     """Return a part in its coordinates, in the memory order the compiled recursion takes."""
     n = len(basis.T)
     if basis.eigenvalues is None:
-        band, first = exponential(basis.A * h_s), np.zeros(n, dtype=np.int64)
+        band, first = expm(basis.A * h_s), np.zeros(n, dtype=np.int64)
     else:
         band, first = _bands(basis.eigenvalues, h_s)
     band, G, W, V = (np.ascontiguousarray(m, dtype=float) for m in (band, G, W, V))

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import expm
 
 from rths_cli.control.state_space import discretise
 from rths_cli.numerics.lti import Array, Block, StateSpace
-from rths_cli.numerics.matrix_equations import continuous_riccati, exponential
+from rths_cli.numerics.matrix_equations import continuous_riccati
 from rths_cli.structure import Specimen
 
 DAMPING = 0.7
@@ -142,6 +143,6 @@ def _foh(system: StateSpace, dt_s: float) -> tuple[Array, Array, Array]:
     n = system.A.shape[0]
     chain = np.zeros((n + 2, n + 2))
     chain[:n, :n], chain[:n, n], chain[n, n + 1] = system.A, system.B[:, 0], 1.0
-    moved = exponential(chain * dt_s)
+    moved = expm(chain * dt_s)
     end = moved[:n, n + 1] / dt_s
     return moved[:n, :n], moved[:n, n] - end, end

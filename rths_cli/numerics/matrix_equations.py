@@ -1,7 +1,4 @@
-"""Matrix functions over numpy alone: exponential, eigenvectors, the discrete algebraic Riccati equation.
-
-scipy.linalg has both; its import takes longer than all matrices of a run.
-"""
+"""Matrix functions: balancing, eigenvectors, algebraic Riccati equations."""
 
 from __future__ import annotations
 
@@ -12,24 +9,8 @@ import numpy as np
 from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Array
 
-_PADE = (
-    64764752532480000.0, 32382376266240000.0, 7771770303897600.0, 1187353796428800.0, 129060195264000.0,
-    10559470521600.0, 670442572800.0, 33522128640.0, 1323241920.0, 40840800.0, 960960.0, 16380.0, 182.0, 1.0,
-)  # fmt: skip
-_ERROR_SCALE = 113250775606021113483283660800000000.0
 _MOST_DOUBLINGS, _CONVERGED = 60, 1e-14
 _BALANCING_ROUNDS = 20  # each closes half of what rows and columns differ by, in powers of two
-
-
-def exponential(A: Array) -> Array:
-    """Return exp(A), (n, n), real or complex: diagonal Pade approximant of degree 13, scaling and squaring.
-
-    A is balanced first: states in unlike units (metres beside newtons) would otherwise lose the digits of small
-    entries when the approximant's equations are solved. Source: Al-Mohy and Higham, SIAM J. Matrix Anal. Appl. 31
-    (2009) 970.
-    """
-    scale = balancing(A)
-    return _exponential(A * scale / scale[:, None]) * scale[:, None] / scale
 
 
 def balancing(A: Array) -> Array:
@@ -47,34 +28,6 @@ def balancing(A: Array) -> Array:
         coupled = (rows > 0.0) & (columns > 0.0)
         exponent[coupled] += 0.25 * np.log2(rows[coupled] / columns[coupled])
     return np.asarray(np.exp2(np.round(exponent)))
-
-
-def _exponential(A: Array) -> Array:
-    """Return exp(A) of a balanced A."""
-    halvings = _halvings(A)
-    A1, eye, b = A / 2.0**halvings, np.eye(len(A)), _PADE
-    A2 = A1 @ A1
-    A4 = A2 @ A2
-    A6 = A4 @ A2
-    odd = A6 @ (b[13] * A6 + b[11] * A4 + b[9] * A2) + b[7] * A6 + b[5] * A4 + b[3] * A2 + b[1] * eye
-    even = A6 @ (b[12] * A6 + b[10] * A4 + b[8] * A2) + b[6] * A6 + b[4] * A4 + b[2] * A2 + b[0] * eye
-    odd = A1 @ odd
-    result = np.linalg.solve(even - odd, even + odd)
-    for _ in range(halvings):
-        result = result @ result
-    return np.asarray(result)
-
-
-def _halvings(A: Array) -> int:
-    """Return how often A is halved: until the first term that the approximant leaves out is a rounding error.
-
-    A power of A tells, not its norm alone, which says too much where blocks are of unlike size.
-    """
-    norm = float(np.abs(A).sum(axis=0).max(initial=0.0))
-    left_out = np.linalg.matrix_power(np.abs(A) / norm, 27).sum(axis=0).max() if norm > 0.0 else 0.0
-    if left_out == 0.0:
-        return 0
-    return max(0, int(np.ceil(np.log2(norm) + (np.log2(left_out) - np.log2(_ERROR_SCALE * 2.0**-53)) / 26.0)))
 
 
 def continuous_riccati(A: Array, B: Array, Q: Array, R: Array) -> Array:

@@ -4,63 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
+from scipy.linalg import solve_continuous_are, solve_discrete_are
 
 from rths_cli.numerics.lti import Array
 from rths_cli.numerics.matrix_equations import (
     balancing,
     continuous_riccati,
     doubled,
-    exponential,
     symmetric_eigenvectors,
 )
-
-
-@pytest.mark.parametrize(("n", "size"), [(1, 1e-3), (2, 40.0), (3, 1.0), (8, 0.01), (20, 0.3), (40, 1.0), (120, 0.2)])
-def test_the_exponential_is_scipys(n: int, size: float) -> None:
-    A = size * np.random.default_rng(n).normal(size=(n, n))
-    expected = expm(A)
-    assert exponential(A) == pytest.approx(expected, rel=0, abs=1e-13 * np.abs(expected).max() * max(1.0, size * n))
-
-
-def test_closed_forms_of_the_exponential() -> None:
-    assert exponential(np.zeros((3, 3))) == pytest.approx(np.eye(3), rel=0, abs=1e-15)
-    assert exponential(np.zeros((0, 0))).shape == (0, 0)
-    assert exponential(np.array([[0.0, 1e6], [0.0, 0.0]])) == pytest.approx(
-        np.array([[1.0, 1e6], [0.0, 1.0]]), rel=1e-15
-    )
-    assert exponential(np.array([[-1e200]]))[0, 0] == 0.0
-    turn = exponential(np.array([[0.0, -30.0], [30.0, 0.0]]))
-    assert turn == pytest.approx(np.array([[np.cos(30), -np.sin(30)], [np.sin(30), np.cos(30)]]), abs=1e-13)
-    assert exponential(np.array([[2j]]))[0, 0] == pytest.approx(np.exp(2j), rel=1e-15)
-
-
-def test_the_exponential_of_a_stiff_hold_keeps_its_small_entries() -> None:
-    """A 100 Hz oscillator with its input's staircase, as a plant's step is discretised: entries from 1e-9 to 1."""
-    w, h = 2 * np.pi * 100.0, 1e-4
-    A = np.array([[0.0, 1.0, 0.0], [-(w**2), -0.02 * w, 1.0], [0.0, 0.0, 0.0]])
-    wd, decay = w * np.sqrt(1 - 1e-4), np.exp(-0.01 * w * h)
-    cosine, sine = np.cos(wd * h), np.sin(wd * h)
-    step = (1.0 - decay * (cosine + 0.01 * w / wd * sine)) / w**2
-    found = exponential(A * h)
-    assert found[0] == pytest.approx([decay * (cosine + 0.01 * w / wd * sine), decay * sine / wd, step], rel=1e-11)
-
-
-def test_the_exponential_keeps_small_entries_of_states_in_unlike_units() -> None:
-    """A displacement loop around a force actuator, in metres, m/s and newtons, over steps of 1 us: the displacement
-    that a constant force reference leaves, 1e-17 m/N, against the Taylor series in 80 bits.
-
-    Each of its terms is smaller than the one before by 1e-2 or more: 12 of them are exact beyond double precision.
-    """
-    m, tau, k, c = 7.0, 1.5e-3, 1.6e5, 2e3
-    A = np.array([[0, 1, 0, 0], [0, 0, 1 / m, 0], [-k / tau, -c / tau, -1 / tau, 1 / tau], [0, 0, 0, 0]])
-    for h in (1e-4, 1e-5, 1e-6, 1e-7):
-        term = wanted = np.eye(4, dtype=np.longdouble)
-        for i in range(1, 40):
-            term = term @ (A * h).astype(np.longdouble) / i
-            wanted = wanted + term
-        error = np.abs(exponential(A * h) - np.asarray(wanted, dtype=float))
-        assert np.all(error <= 1e-13 * np.abs(wanted))  # some hundred rounding errors
 
 
 def test_balancing_evens_rows_and_columns_and_is_exact() -> None:

@@ -11,10 +11,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from scipy.linalg import expm
 
 from rths_cli.numerics.content_key import content_key
 from rths_cli.numerics.lti import Array
-from rths_cli.numerics.matrix_equations import exponential
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.numerics.tiled_products import ROWS, padded, squares, tiled
 from rths_cli.structure import Specimen
@@ -120,7 +120,7 @@ def _moved(parts: Parts, time_s: float) -> Array:
     chain[:n, n : n + m] = parts.b
     chain[n : n + m, n + m : n + 2 * m] = np.eye(m)
     chain[n + m : n + 2 * m, n + 2 * m :] = np.eye(m)
-    return exponential(chain * time_s)
+    return np.asarray(expm(chain * time_s))
 
 
 class Plant(NamedTuple):

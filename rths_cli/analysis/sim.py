@@ -12,12 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import expm
+from scipy.linalg import expm, matrix_balance
 
 from rths_cli.errors import InputError
 from rths_cli.numerics.filters import driven_modes
 from rths_cli.numerics.lti import Array, ComplexArray
-from rths_cli.numerics.matrix_equations import balancing, distinct
+from rths_cli.numerics.matrix_equations import distinct
 from rths_cli.structure import Building
 
 _LARGEST_EIGENVECTOR_CONDITION = 1e6  # beyond it the modal sum loses six digits: use the matrix recursion
@@ -133,8 +133,8 @@ def modal_states(A: Array, B: Array, dt_s: float, record: Array) -> tuple[Array,
 
     A (2n, 2n) and B (2n, 1) as of `state_equation`, record (n_samples,) in m/s^2.
     """
-    scale = balancing(A)
-    eigenvalues, vectors = np.linalg.eig(A * scale / scale[:, None])
+    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
+    eigenvalues, vectors = np.linalg.eig(balanced)
     if not np.linalg.cond(vectors) < _LARGEST_EIGENVECTOR_CONDITION:
         return None
     participation = np.linalg.solve(vectors, (B / scale[:, None]).astype(vectors.dtype))[:, 0]

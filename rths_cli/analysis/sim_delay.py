@@ -18,13 +18,12 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import expm
+from scipy.linalg import expm, matrix_balance
 
 from rths_cli.analysis.sim import Response, base_shear_n, checked_record, hold_matrices, simulate, state_equation
 from rths_cli.errors import InputError
 from rths_cli.numerics.compiled import entry, part
 from rths_cli.numerics.lti import Array, ComplexArray, Integers
-from rths_cli.numerics.matrix_equations import balancing
 from rths_cli.structure import Building, Numerical, Specimen
 
 _MOST_PASSES = 100
@@ -354,8 +353,8 @@ def _state_matrices(part: Numerical | Specimen) -> tuple[Array, Array]:
 def _basis(part: Numerical | Specimen) -> _Basis:
     """Return modal coordinates, in which a step costs as much as there are storeys; none where they lose digits."""
     A, _ = _state_matrices(part)
-    scale = balancing(A)
-    eigenvalues, vectors = np.linalg.eig(A * scale / scale[:, None])
+    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
+    eigenvalues, vectors = np.linalg.eig(balanced)
     kept = np.flatnonzero(eigenvalues.imag >= 0.0)
     columns = [
         column for i in kept for column in (vectors[:, i].real, vectors[:, i].imag)[: 2 if eigenvalues[i].imag else 1]

@@ -1,4 +1,4 @@
-"""Matrix functions: balancing, eigenvectors, algebraic Riccati equations."""
+"""Matrix functions: eigenvectors, algebraic Riccati equations."""
 
 from __future__ import annotations
 
@@ -10,24 +10,6 @@ from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Array
 
 _MOST_DOUBLINGS, _CONVERGED = 60, 1e-14
-_BALANCING_ROUNDS = 20  # each closes half of what rows and columns differ by, in powers of two
-
-
-def balancing(A: Array) -> Array:
-    """Return the powers of two d (n,) that give rows and columns of D^-1 A D like sums of sizes, D = diag(d).
-
-    All units change at once, by the fourth root of what the sums differ by: the whole root would swing to and fro.
-    Source: Osborne, J. ACM 7 (1960) 338.
-    """
-    apart = np.abs(A)
-    np.fill_diagonal(apart, 0.0)
-    exponent = np.zeros(len(A))
-    for _ in range(_BALANCING_ROUNDS):
-        sizes = apart * np.exp2(exponent - exponent[:, None])
-        rows, columns = sizes.sum(axis=1), sizes.sum(axis=0)
-        coupled = (rows > 0.0) & (columns > 0.0)
-        exponent[coupled] += 0.25 * np.log2(rows[coupled] / columns[coupled])
-    return np.asarray(np.exp2(np.round(exponent)))
 
 
 def continuous_riccati(A: Array, B: Array, Q: Array, R: Array) -> Array:

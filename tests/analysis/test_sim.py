@@ -215,18 +215,35 @@ def test_a_response_that_would_be_too_large_is_refused_with_the_rate_that_is_not
         simulate(paper_building(), DT_S, np.zeros(4_000_000))
 
 
+def fixed_to_the_ground(building: Building, record: np.ndarray) -> np.ndarray:
+    """Return the absolute accelerations (2, n) of the specimen's floors on the ground, by scipy."""
+    masses = building.specimen.masses_kg
+    C, K = (matrix / masses[:, None] for matrix in (building.specimen.C, building.specimen.K))
+    A = np.block([[np.zeros((2, 2)), np.eye(2)], [-K, -C]])
+    B = np.array([[0.0], [0.0], [-1.0], [-1.0]])
+    _, alone, _ = lsim((A, B, A[2:], np.zeros((2, 1))), record, DT_S * np.arange(len(record)))
+    return np.asarray(alone.T)
+
+
 def test_stiff_and_locked_storeys_keep_the_digits_of_the_others() -> None:
     """A dashpot of 1e9 N s/m on 40 g holds floor 1 to the ground: the others answer as on the ground, by scipy."""
     building, record = paper_building(), noise(5.0, DT_S) * np.minimum(np.arange(round(5.0 / DT_S)) / 100.0, 1.0)
     numerical = Numerical(np.array([0.04]), np.array([[7e3]]), np.array([[1e9]]))
     stiff = Building(numerical, building.specimen, 0.0, *assemble(numerical, building.specimen, 0.0))
     found = simulate(stiff, DT_S, record)
-    masses = building.specimen.masses_kg
-    C, K = (matrix / masses[:, None] for matrix in (building.specimen.C, building.specimen.K))
-    A = np.block([[np.zeros((2, 2)), np.eye(2)], [-K, -C]])
-    B = np.array([[0.0], [0.0], [-1.0], [-1.0]])
-    _, alone, _ = lsim((A, B, A[2:], np.zeros((2, 1))), record, DT_S * np.arange(len(record)))
-    assert relative_difference(found.abs_accel_m_s2, np.vstack([record, alone.T])) < 3e-6  # 10 N move the floor
+    alone = fixed_to_the_ground(building, record)
+    assert relative_difference(found.abs_accel_m_s2, np.vstack([record, alone])) < 3e-6  # 10 N move the floor
+
+
+def test_a_stiff_storey_leaves_the_modes_of_the_others() -> None:
+    """1e15 N/m under floor 1: displacements and velocities are so unlike that only balanced units show three modes."""
+    building, record = paper_building(), noise(5.0, DT_S) * np.minimum(np.arange(round(5.0 / DT_S)) / 100.0, 1.0)
+    numerical = Numerical(np.array([6.93]), np.array([[1e15]]), np.array([[50.0]]))
+    A, B = sim.state_equation(*assemble(numerical, building.specimen, 0.0))
+    assert np.linalg.cond(np.linalg.eig(A)[1]) > 1e6
+    found = sim.modal_states(A, B, DT_S, record)
+    assert found is not None
+    assert relative_difference(found[1][1:], fixed_to_the_ground(building, record)) < 1e-9
 
 
 def test_storeys_too_unlike_for_double_precision_are_refused() -> None:

@@ -8,23 +8,10 @@ from scipy.linalg import solve_continuous_are, solve_discrete_are
 
 from rths_cli.numerics.lti import Array
 from rths_cli.numerics.matrix_equations import (
-    balancing,
     continuous_riccati,
     doubled,
     symmetric_eigenvectors,
 )
-
-
-def test_balancing_evens_rows_and_columns_and_is_exact() -> None:
-    random = np.random.default_rng(2)
-    even = random.normal(size=(6, 6))
-    uneven = even * np.exp2([0, 10, -20, 3, 30, -7]) / np.exp2([0, 10, -20, 3, 30, -7])[:, None]
-    scale = balancing(uneven)
-    balanced = np.abs(uneven * scale / scale[:, None])
-    np.fill_diagonal(balanced, 0.0)
-    assert np.all(np.abs(np.log2(balanced.sum(axis=0) / balanced.sum(axis=1))) < 3.0)
-    assert np.array_equal(np.log2(scale), np.round(np.log2(scale)))
-    assert np.array_equal(balancing(np.diag([1e200, 3.0, 0.0])), np.ones(3))
 
 
 def test_eigenvectors_come_from_another_method_where_the_first_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:

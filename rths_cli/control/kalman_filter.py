@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import expm
+from scipy.linalg import expm, solve_continuous_are
 
 from rths_cli.control.state_space import discretise
+from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Array, Block, StateSpace
-from rths_cli.numerics.matrix_equations import continuous_riccati
 from rths_cli.structure import Specimen
 
 DAMPING = 0.7
@@ -38,10 +38,21 @@ def specimen_state_space(specimen: Specimen) -> StateSpace:
 
 def kalman_gain(system: StateSpace, q: float, r: float) -> Array:
     """Return the steady-state gain (2 n, n) of the continuous filter: process noise of intensity q enters like the
-    table's acceleration, measurement noise of intensity r on each output (paper, section 5.2)."""
-    outputs = system.C.shape[0]
-    covariance = continuous_riccati(system.A.T, system.C.T, q * system.B @ system.B.T, r * np.eye(outputs))
-    return covariance @ system.C.T / r
+    table's acceleration, measurement noise of intensity r on each output (paper, section 5.2).
+
+    Only q / r matters. Its root counts in both terms of the Riccati equation: with all of it in one of them the solver
+    loses digits, and ten times as many equations have no solution. Raises InputError where there is none.
+    """
+    ratio = np.sqrt(q / r)
+    noise = ratio * system.B @ system.B.T
+    try:
+        covariance = solve_continuous_are(system.A.T, np.sqrt(ratio) * system.C.T, noise, np.eye(len(system.C)))
+    except ValueError:  # LinAlgError is one
+        raise InputError(
+            f"kalman: the filter of this specimen cannot be computed with q / r = {q / r:.3g}; use a smaller q / r, "
+            "the default is 1000"
+        ) from None
+    return np.asarray(ratio * covariance @ system.C.T)
 
 
 def kalman_block(specimen: Specimen, q: float, r: float, dt_s: float, knows_table: bool) -> Block:

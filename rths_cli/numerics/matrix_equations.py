@@ -1,8 +1,6 @@
-"""Matrix functions: eigenvectors, algebraic Riccati equations."""
+"""Matrix functions: eigenvectors, the discrete algebraic Riccati equation."""
 
 from __future__ import annotations
-
-from contextlib import suppress
 
 import numpy as np
 
@@ -10,25 +8,6 @@ from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Array
 
 _MOST_DOUBLINGS, _CONVERGED = 60, 1e-14
-
-
-def continuous_riccati(A: Array, B: Array, Q: Array, R: Array) -> Array:
-    """Return the stabilising X (n, n) of A' X + X A - X B R^-1 B' X + Q = 0.
-
-    A Cayley transform makes it discrete, which doubling solves. Raises ValueError where there is no such X. Source:
-    Chu, Fan and Lin, Linear Algebra Appl. 396 (2005) 55.
-    """
-    eye, G = np.eye(len(A)), B @ np.linalg.solve(R, B.T)
-    shift = float(np.abs(np.linalg.eigvals(np.block([[A, -G], [-Q, -A.T]]))).max())
-    shifted = A - shift * eye
-    cost = None
-    with suppress(np.linalg.LinAlgError):
-        through = np.linalg.solve(shifted.T, Q)
-        across = 2.0 * shift * np.linalg.inv(shifted + G @ through)
-        cost = doubled(eye + across, across @ np.linalg.solve(shifted, G).T, through @ across)
-    if cost is None:
-        raise ValueError("the Riccati equation has no stabilising solution")
-    return cost
 
 
 def symmetric_eigenvectors(A: Array) -> tuple[Array, Array]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from bench import DT_S, held, specimen
 from scipy.integrate import solve_ivp
+from scipy.linalg import solve_continuous_lyapunov
 
 from rths_cli.control.kalman_filter import (
     kalman_block,
@@ -17,7 +18,9 @@ from rths_cli.control.kalman_filter import (
     with_residual,
 )
 from rths_cli.control.latency_budget import shear_response
+from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Array
+from rths_cli.structure import Specimen, storey_matrix
 
 FREQUENCY_HZ = np.array([1.0, 3.0, 5.0, 6.5, 8.4, 9.3, 10.0, 20.0, 100.0])
 
@@ -42,6 +45,26 @@ def test_the_gain_solves_the_riccati_equation() -> None:
     p = solve_ivp(rate, (0.0, 20.0), np.zeros(16), "LSODA", rtol=1e-9, atol=1e-12).y[:, -1].reshape(4, 4)
     gain = kalman_gain(specimen_state_space(specimen()), q, r)
     assert gain == pytest.approx(p @ c.T / r, rel=1e-5, abs=1e-5)
+
+
+@pytest.mark.parametrize("floors", [1, 2, 5, 8])
+@pytest.mark.parametrize("ratio", [1e-6, 1e-4, 0.16, 1e3, 3e5, 1e9])
+def test_any_ratio_of_noise_has_its_gain(floors: int, ratio: float) -> None:
+    """The covariance is that of a Lyapunov equation with the gain in it, and the filter forgets what it was wrong."""
+    stiffness = storey_matrix([3000.0] * floors)
+    system = specimen_state_space(Specimen(np.full(floors, 7.0), stiffness, 1e-3 * stiffness))
+    gain = kalman_gain(system, 3.0 * ratio, 3.0)
+    closed = system.A - gain @ system.C
+    assert np.linalg.eigvals(closed).real.max() < 0.0
+    covariance = solve_continuous_lyapunov(closed, -ratio * system.B @ system.B.T - gain @ gain.T)
+    assert gain == pytest.approx(covariance @ system.C.T, rel=0, abs=1e-7 * np.abs(gain).max())
+
+
+def test_a_specimen_that_nobody_sees_has_no_filter() -> None:
+    """Without stiffness and damping the floors feel nothing, and nothing brings an estimate back."""
+    drifting = Specimen(np.array([7.0]), np.zeros((1, 1)), np.zeros((1, 1)))
+    with pytest.raises(InputError, match=r"^kalman: .* with q / r = 1e\+03"):
+        kalman_gain(specimen_state_space(drifting), 1e3, 1.0)
 
 
 def continuous_shear(knows_table: bool) -> tuple[Array, Array]:

@@ -8,7 +8,6 @@ from functools import lru_cache
 import numpy as np
 
 from rths_cli.analysis.metrics import BAND_HZ, BAND_ORDER, SLOW_ORDER, high_passed, low_lines
-from rths_cli.numerics.filters import response
 from rths_cli.numerics.lti import Array, ComplexArray
 
 HIGHEST_HZ = 40.0  # the test band's filter leaves 3e-5 there
@@ -91,12 +90,12 @@ class Lines:
 
     def above_slow(self) -> Array:
         """Return the gain (m,) of the errors' high pass on each line."""
-        from scipy.signal import butter
+        from scipy.signal import butter, sosfreqz
 
         if self.high_pass_hz <= 0.0:
             return np.ones(self.count)
         sections = butter(SLOW_ORDER, self.high_pass_hz, "high", fs=1.0 / self.dt_s, output="sos")
-        return np.asarray(np.abs(response(sections, self.frequency_hz, 1.0 / self.dt_s)) ** 2)
+        return np.asarray(np.abs(sosfreqz(sections, self.frequency_hz, fs=1.0 / self.dt_s)[1]) ** 2)
 
 
 @lru_cache(maxsize=8)
@@ -110,10 +109,10 @@ def _fade(lines: Lines) -> ComplexArray:
 
 @lru_cache(maxsize=8)
 def _test_band(lines: Lines) -> Array:
-    from scipy.signal import butter
+    from scipy.signal import butter, sosfreqz
 
     sections = butter(BAND_ORDER, BAND_HZ, fs=1.0 / lines.dt_s, output="sos")
-    band = np.asarray(np.abs(response(sections, lines.frequency_hz, 1.0 / lines.dt_s)) ** 2)
+    band = np.asarray(np.abs(sosfreqz(sections, lines.frequency_hz, fs=1.0 / lines.dt_s)[1]) ** 2)
     band.flags.writeable = False
     return band
 

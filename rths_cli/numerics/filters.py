@@ -1,4 +1,4 @@
-"""Digital filters: responses and recursions along time.
+"""Digital filters: recursions along time.
 
 A filter is a cascade of second-order sections (n_sections, 6), each row b0, b1, b2, 1, a1, a2 of
 y[k] = b0 x[k] + b1 x[k-1] + b2 x[k-2] - a1 y[k-1] - a2 y[k-2]. Time is the last axis of every series. The recursions
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rths_cli.numerics.compiled import entry, part
-from rths_cli.numerics.lti import Array, ComplexArray
+from rths_cli.numerics.lti import Array
 
 FORWARD, BACKWARD = 1, -1
 LANES = 4  # series that are filtered at once
@@ -95,13 +95,6 @@ def _steady_states(sections: Array) -> Array:
         state *= level
         level *= (b0 + b1 + b2) / (1.0 + a1 + a2)
     return states
-
-
-def response(sections: Array, frequency_hz: ArrayLike, sample_rate_hz: float) -> ComplexArray:
-    """Return the frequency response (n_frequencies,) of a cascade."""
-    late = np.exp(-2j * np.pi * np.asarray(frequency_hz, dtype=float) / sample_rate_hz)
-    powers = np.stack([np.ones_like(late), late, late * late])
-    return np.prod((sections[:, :3] @ powers) / (sections[:, 3:] @ powers), axis=0)
 
 
 def driven_modes(poles: ArrayLike, now: ArrayLike, before: ArrayLike, series: ArrayLike) -> Array:

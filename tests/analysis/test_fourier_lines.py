@@ -112,6 +112,13 @@ def test_the_test_band_is_that_of_the_metrics(high_hz: float) -> None:
         assert (rms(found) < 0.9 * rms(given)).all()
 
 
+def test_the_gain_of_the_errors_high_pass_is_the_closed_form() -> None:
+    lines = lines_for(20_000, DT_S, 10.0, 0.25)
+    frequency_hz = np.maximum(lines.frequency_hz, 1e-9)
+    assert lines.above_slow() == pytest.approx(1.0 / (1.0 + (0.25 / frequency_hz) ** 4), abs=1e-6)
+    assert (lines_for(20_000, DT_S, 10.0).above_slow() == 1.0).all()
+
+
 @pytest.mark.parametrize(("ring_s", "least", "most"), [(0.1, 2000, 2200), (3.0, 3000, 3300), (100.0, 6000, 6600)])
 def test_room_is_between_one_and_three_records(ring_s: float, least: int, most: int) -> None:
     lines = lines_for(2000, DT_S, ring_s)

@@ -15,7 +15,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rths_cli.numerics.filters import filtered, section
 from rths_cli.numerics.lti import Array
 
 BLOCK_S = 0.01  # length of the block means that are used for everything except the date of a jump
@@ -67,8 +66,10 @@ class ChannelDrift:
 
 def coupled_again(corrected: Array, corner_hz: Sequence[float], dt_s: float) -> Array:
     """Return corrected accelerations (c, n) with the AC couplings of these corners (0: none) applied again."""
+    from scipy.signal import lfilter
+
     halves = [np.pi * corner * dt_s for corner in corner_hz]
-    rows = [filtered(section([1.0, -1.0], [1.0 + h, h - 1.0]), row) for h, row in zip(halves, corrected, strict=True)]
+    rows = [lfilter([1.0, -1.0], [1.0 + h, h - 1.0], row) for h, row in zip(halves, corrected, strict=True)]
     return np.array(rows)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.accelerograms import Accelerogram
-from rths_cli.numerics.filters import driven_modes, filtered
+from rths_cli.numerics.filters import driven_modes
 from rths_cli.numerics.lti import Array
 
 MOST_SAMPLES = 5_000_000  # largest number of samples: 40 minutes at 2 kHz, 40 MB in each of about ten arrays
@@ -96,11 +96,11 @@ def _check(accelerogram: Accelerogram, sample_rate_hz: float, corner_hz: float, 
 
 def _high_pass(accel: Array, sample_rate_hz: float, corner_hz: float, order: int) -> Array:
     """Return the causal Butterworth high pass of a series (n,) from rest; a corner of 0 Hz returns it unchanged."""
-    from scipy.signal import butter
+    from scipy.signal import butter, sosfilt
 
     if corner_hz == 0.0:
         return accel
-    return filtered(butter(order, corner_hz, "high", fs=sample_rate_hz, output="sos"), accel)
+    return np.asarray(sosfilt(butter(order, corner_hz, "high", fs=sample_rate_hz, output="sos"), accel))
 
 
 def integrate(accel_m_s2: Array, dt_s: float) -> tuple[Array, Array]:

@@ -10,7 +10,6 @@ from rths_cli.errors import InputError
 from rths_cli.identification.record_parts import Record
 from rths_cli.identification.results import ChannelReport
 from rths_cli.identification.table_fit import COMPARED_HZ, within
-from rths_cli.numerics.filters import filtered, section
 from rths_cli.numerics.lti import Array, Frf
 from rths_cli.rigs.description import Channel, RigInfo
 
@@ -33,11 +32,12 @@ def as_sampled(accel: Array, channel: Channel, dt_s: float) -> Array:
 
     It inverts 1 + w_h / s (trapezoidal rule) and the lead 1 + T / dt (3/2 - 2/z + 1/2 z^-2), T = 1 / w_l, from rest.
     """
+    from scipy.signal import lfilter
+
     half = np.pi * channel.high_pass_hz * dt_s
     lead = 1.0 / (2.0 * np.pi * channel.low_pass_hz * dt_s) if channel.low_pass_hz > 0.0 else 0.0
-    coupling = section([1.0, -1.0], [1.0 + half, half - 1.0])
-    lag = section([1.0], [1.0 + 1.5 * lead, -2.0 * lead, 0.5 * lead])
-    return filtered(np.vstack([coupling, lag]), accel - accel[0])
+    coupled = lfilter([1.0, -1.0], [1.0 + half, half - 1.0], accel - accel[0])
+    return np.asarray(lfilter([1.0], [1.0 + 1.5 * lead, -2.0 * lead, 0.5 * lead], coupled))
 
 
 def flat_tops(accel: Array, rest_rms_m_s2: float = 0.0, bit_m_s2: float = 0.0) -> int:

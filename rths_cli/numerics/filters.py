@@ -8,7 +8,6 @@ are compiled and take four series at once: one alone waits for its own last sum 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,22 +19,6 @@ FORWARD, BACKWARD = 1, -1
 LANES = 4  # series that are filtered at once
 _Coefficients = tuple[float, float, float, float, float]
 _Sample = tuple[float, float, float]
-
-
-def section(numerator: Sequence[float], denominator: Sequence[float]) -> Array:
-    """Return b(1/z) / a(1/z), of up to three coefficients each, as one section (1, 6)."""
-    row = np.zeros((2, 3))
-    row[0, : len(numerator)] = numerator
-    row[1, : len(denominator)] = denominator
-    return row.reshape(1, 6) / row[1, 0]
-
-
-def filtered(sections: Array, series: ArrayLike) -> Array:
-    """Filter `series` (..., n) along time from a zero initial state; returns (..., n) in its unit."""
-    values = np.asarray(series, dtype=float)
-    tiles = _filled(values, 0)
-    _run(sections, np.zeros((len(sections), len(tiles), 2, LANES)), tiles, FORWARD)
-    return _series(tiles, values.shape, 0)
 
 
 def filtered_both_ways(sections: Array, series: ArrayLike, padding: int) -> Array:

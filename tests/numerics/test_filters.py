@@ -16,8 +16,7 @@ SERIES = np.random.default_rng(5).normal(size=(7, 3000))
 def test_any_number_of_series_is_filtered_as_scipy_does(order: int, rows: int) -> None:
     sections = signal.butter(order, 60.0, fs=RATE_HZ, output="sos")
     series = SERIES[:rows]
-    once, both = signal.sosfilt(sections, series), signal.sosfiltfilt(sections, series, padlen=15)
-    assert_allclose(filters.filtered(sections, series), once, rtol=0, atol=1e-12, equal_nan=False)
+    both = signal.sosfiltfilt(sections, series, padlen=15)
     assert_allclose(filters.filtered_both_ways(sections, series, 15), both, rtol=0, atol=1e-12, equal_nan=False)
 
 
@@ -38,9 +37,6 @@ def test_short_series_and_every_padding(samples: int) -> None:
         assert_allclose(
             filters.filtered_both_ways(sections, series, padding), expected, rtol=0, atol=rounding, equal_nan=False
         )
-    assert_allclose(
-        filters.filtered(sections, series), signal.sosfilt(sections, series), rtol=0, atol=1e-12, equal_nan=False
-    )
     for padding in (-1, samples):
         with pytest.raises(ValueError, match=f"padding {padding}"):
             filters.filtered_both_ways(sections, series, padding)
@@ -51,7 +47,7 @@ def test_shape_is_kept_and_the_series_is_left_alone() -> None:
     series = SERIES[:6].reshape(2, 3, -1)
     before = series.copy()
     both = filters.filtered_both_ways(sections, series, 15)
-    assert both.shape == series.shape == filters.filtered(sections, series).shape
+    assert both.shape == series.shape
     strided = filters.filtered_both_ways(sections, np.repeat(series, 2, axis=-1)[:, :, ::2], 15)
     assert np.array_equal(strided, both)
     assert both[1, 2] == pytest.approx(filters.filtered_both_ways(sections, series[1, 2], 15), rel=0, abs=0)
@@ -63,14 +59,6 @@ def test_a_nan_makes_its_whole_series_nan_and_no_other() -> None:
     series[1, 1500:] = series[4, 7] = np.nan
     both = filters.filtered_both_ways(signal.butter(4, 12.0, fs=RATE_HZ, output="sos"), series, 15)
     assert np.isnan(both[[1, 4]]).all() and np.isfinite(both[[0, 2, 3]]).all()
-    once = filters.filtered(signal.butter(4, 12.0, fs=RATE_HZ, output="sos"), series)
-    assert np.isnan(once[1, 1500:]).all() and np.isfinite(once[1, :1500]).all()
-
-
-@pytest.mark.parametrize("numbers", [([0.5], [2.0, -1.2]), ([1.0, -1.0], [1.1, -0.9]), ([1.0], [3.5, -4.0, 1.0])])
-def test_a_section_is_any_recursion_of_two_samples(numbers: tuple[list[float], list[float]]) -> None:
-    found = filters.filtered(filters.section(*numbers), SERIES[0])
-    assert_allclose(found, signal.lfilter(*numbers, SERIES[0]), rtol=0, atol=1e-12, equal_nan=False)
 
 
 def test_modes_follow_their_recursion_from_rest() -> None:

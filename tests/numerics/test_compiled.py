@@ -56,8 +56,9 @@ import numpy as np
 from rths_cli.numerics import compiled
 said = []
 compiled.announce(said.append)
-from rths_cli.numerics.filters import filtered_both_ways
-value = filtered_both_ways(np.array([[0.1, 0.2, 0.1, 1.0, -1.0, 0.4]]), np.ones(50), 9)
+from rths_cli.numerics.filters import filter_tiles_both_ways
+value = np.ones((1, 50, 4))
+filter_tiles_both_ways(np.array([[0.1, 0.2, 0.1, 1.0, -1.0, 0.4], [1.0, 2.0, 1.0, 1.0, -1.2, 0.5]]), value, 9)
 print(len(said), "numba" in sys.modules, value.tobytes().hex())
 """
 

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rths_cli.analysis.metrics.response_errors import check_pair
-from rths_cli.numerics.filters import filtered_both_ways
 from rths_cli.numerics.lti import Array
 
 DRIFT_HZ = 0.1  # corner of the high pass that removes the drift of an integrated acceleration
@@ -18,11 +17,11 @@ def velocity_error_m_s(accel_error_m_s2: ArrayLike, dt_s: float) -> Array:
     The trapezoidal rule is followed by a 2nd-order 0.1 Hz Butterworth high pass, forward and backward, because an
     accelerometer does not measure slower motion.
     """
-    from scipy.signal import butter
+    from scipy.signal import butter, sosfiltfilt
 
     velocity = _integral(np.asarray(accel_error_m_s2, dtype=float), dt_s)
     sections = butter(2, DRIFT_HZ, "high", fs=1.0 / dt_s, output="sos")
-    return filtered_both_ways(sections, velocity, min(9, velocity.shape[-1] - 1))
+    return np.asarray(sosfiltfilt(sections, velocity, padlen=min(9, velocity.shape[-1] - 1)))
 
 
 def error_energy_j(base_shear_n: ArrayLike, velocity_error_m_s: ArrayLike, dt_s: float) -> Array:

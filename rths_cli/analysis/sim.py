@@ -17,7 +17,6 @@ from scipy.linalg import expm, matrix_balance
 from rths_cli.errors import InputError
 from rths_cli.numerics.filters import driven_modes
 from rths_cli.numerics.lti import Array, ComplexArray
-from rths_cli.numerics.matrix_equations import distinct
 from rths_cli.structure import Building
 
 _LARGEST_EIGENVECTOR_CONDITION = 1e6  # beyond it the modal sum loses six digits: use the matrix recursion
@@ -180,7 +179,7 @@ def accumulated_residual(A: Array, B: Array, dt_s: float, record: Array, states:
     if len(record) < 2:
         return 0.0
     transition, (start, slope) = hold_matrices(A, B, dt_s, 1)
-    k = distinct(np.floor(np.linspace(0, len(record) - 2, _CHECKED_STEPS))).astype(int)
+    k = np.unique(np.floor(np.linspace(0, len(record) - 2, _CHECKED_STEPS))).astype(int)
     step = transition @ states[:, k] + start * record[k] + slope * (record[k + 1] - record[k])
     residual = states[:, k + 1] - step
     beyond = np.where(np.abs(residual) > _ROUNDED * peaks[: len(A), None], residual, 0.0)

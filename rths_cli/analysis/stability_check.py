@@ -20,7 +20,6 @@ from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.margins import Margins, margins
 from rths_cli.identification.results import LevelBand
 from rths_cli.numerics.lti import Array, Block, ComplexArray, Frf, Model
-from rths_cli.numerics.matrix_equations import distinct
 from rths_cli.rigs.description import BRAKE_SHARE, RigInfo
 
 SAFE, UNSAFE, UNSTABLE = "safe", "unsafe", "unstable"
@@ -324,10 +323,10 @@ def _grid(values: ComplexArray, dt_s: float) -> Array:
     """
     values = values[np.abs(values) > 0.1]
     modes = np.abs(np.log(values)) / (2.0 * np.pi * dt_s)
-    modes = distinct(np.round(modes[(modes > LOWEST_HZ) & (modes < MODES_HZ)], 6))
+    modes = np.unique(np.round(modes[(modes > LOWEST_HZ) & (modes < MODES_HZ)], 6))
     around = np.outer(modes, 1.0 + WIDTH * np.linspace(-1.0, 1.0, AROUND) ** 3).ravel()
     below, above = np.geomspace(LOWEST_HZ, 0.4 / dt_s, POINTS), np.linspace(0.4 / dt_s, 0.5 / dt_s, AROUND + 1)
-    return distinct(np.concatenate([below, above[1:], around[around < 0.5 / dt_s]]))
+    return np.unique(np.concatenate([below, above[1:], around[around < 0.5 / dt_s]]))
 
 
 def reach(known: Known, prediction: Prediction, rig: RigInfo, masses_kg: Array) -> tuple[Reach, ...]:

@@ -17,7 +17,7 @@ from rths_cli.control.margins import (
 from rths_cli.control.state_space import discretise, from_roots, static
 from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Array, Block, ComplexArray, Frf, Model, StateSpace
-from rths_cli.numerics.matrix_equations import distinct, riccati_gain
+from rths_cli.numerics.matrix_equations import riccati_gain
 
 INPUTS = ("tracking_error_m_s2", "feedback_shortfall_v")
 OUTPUTS = ("feedback_v",)
@@ -175,7 +175,7 @@ def grid_hz(model: Model, dt_s: float) -> Array:
     near = np.abs(roots)[:, None] + np.abs(roots.real)[:, None] * AROUND_ROOT
     grid = np.concatenate([np.geomspace(lowest, highest, 800), near.ravel() / (2.0 * np.pi)])
     logs = np.log(grid[(grid >= lowest) & (grid <= highest)])
-    return np.exp(distinct(np.round(logs, 6)))
+    return np.exp(np.unique(np.round(logs, 6)))
 
 
 def table_response(model: Model, measured: Frf | None, dt_s: float) -> Table:

@@ -15,7 +15,6 @@ from rths_cli.control.kalman_filter import Shear, specimen_state_space
 from rths_cli.control.numerical_substructure import amplitude_and_lag
 from rths_cli.control.sensor_correction import correction
 from rths_cli.numerics.lti import Array, Block, ComplexArray, Model
-from rths_cli.numerics.matrix_equations import distinct
 from rths_cli.rigs.description import Channel, RigInfo
 from rths_cli.structure import Numerical, Specimen
 
@@ -123,7 +122,7 @@ def tracking_lag_s(feedforward: Block, model: Model, frequency_hz: Array) -> Arr
 
     The phase is counted from low frequency on, so that lags beyond half a period are right.
     """
-    grid = distinct(np.concatenate([GRID_HZ[: np.searchsorted(GRID_HZ, frequency_hz.max())], frequency_hz]))
+    grid = np.unique(np.concatenate([GRID_HZ[: np.searchsorted(GRID_HZ, frequency_hz.max())], frequency_hz]))
     s = 2j * np.pi * grid
     command = np.einsum("cf,cf->f", feedforward.response(grid)[0], np.array([s**0, 1.0 / s, 1.0 / s**2]))
     lag = -np.unwrap(np.angle(command * model.response(grid))) / (2.0 * np.pi * grid)

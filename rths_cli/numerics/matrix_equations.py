@@ -24,13 +24,6 @@ def symmetric_eigenvectors(A: Array) -> tuple[Array, Array]:
     return np.asarray(values), np.asarray(vectors)
 
 
-def distinct(values: Array) -> Array:
-    """Return the different values of an array in rising order, (n,): numpy.unique, whose import of masked arrays takes
-    longer than the values of a run."""
-    ordered = np.sort(values, axis=None)
-    return ordered[np.diff(ordered, prepend=-np.inf) > 0.0]
-
-
 def doubled(step: Array, reach: Array, cost: Array) -> Array | None:
     """Return X (n, n) of X = cost + step' X (1 + reach X)^-1 step, from zero by doubling; None if it does not settle,
     or where 1 + reach X is singular, which a positive cost never makes it.

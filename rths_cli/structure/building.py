@@ -11,7 +11,6 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Array
-from rths_cli.numerics.root_finding import crossing, summit
 from rths_cli.structure.shear_chain import first_mode_ratio, modal_damping_matrix, storey_matrix, storey_values
 from rths_cli.structure.stiffness_from_frequencies import stiffness_from_frequencies
 from rths_cli.structure.substructures import Building, Numerical, Specimen, assemble
@@ -232,6 +231,8 @@ def _equal_dashpot(numerical: Numerical, specimen: Specimen, interface_mass: flo
     def ratio(dashpot: float) -> float:
         return first_mode_ratio(*assemble(replace(numerical, C=dashpot * chain), specimen, interface_mass))
 
+    from scipy.optimize import brentq  # takes half a second, and dashpots may be stated
+
     lowest = ratio(0.0)
     if abs(lowest - target) < 1e-12:
         return 0.0
@@ -239,9 +240,11 @@ def _equal_dashpot(numerical: Numerical, specimen: Specimen, interface_mass: flo
     low, high = _rising_bracket(ratio, target if target > lowest else np.inf, first_step)
     greatest = ratio(high)
     if lowest < target <= greatest:
-        c = crossing(lambda dashpot: ratio(dashpot) - target, low, high)
+        c = brentq(
+            lambda dashpot: ratio(dashpot) - target, low, high, xtol=1e-300, rtol=1e-12, maxiter=1000
+        )  # xtol: relative alone
         if abs(ratio(c) - target) < 1e-9:
-            return c
+            return float(c)
     raise InputError(
         f"damping.first_mode_ratio: equal dashpots in the numerical storeys cannot give {target:g}, only "
         f"{np.ceil(lowest * 1e4) / 1e4:g} to {np.floor(greatest * 1e4) / 1e4:g}; state a ratio in "
@@ -264,4 +267,8 @@ def _rising_bracket(ratio: Callable[[float], float], target: float, first_step: 
         previous, current = current, ratio(high)
     if current >= target:
         return low, high
-    return before, summit(ratio, before, high)
+    from scipy.optimize import minimize_scalar
+
+    within = {"xatol": 1e-7 * (high - before)}
+    found = minimize_scalar(lambda dashpot: -ratio(dashpot), bounds=(before, high), method="bounded", options=within)
+    return before, float(found.x)

@@ -70,15 +70,15 @@ fitted_delay_s(motion.accel_m_s2, late, motion.dt_s), tracking_criteria(motion.a
     assert not heavy(imported(code), ("numba", "matplotlib", "rich"))
 
 
-def test_a_building_is_made_without_scipy() -> None:
+def test_a_building_with_stated_dashpots_is_made_without_scipy() -> None:
     code = """
 from rths_cli.case.load import load_cases
 from rths_cli.structure import build
-case = load_cases(["el_centro_low_ff_fb"])[0]
+case = load_cases(["el_centro_low_ff_fb"], ("damping={dashpots_n_s_per_m: [50]}",))[0]
 build(case.structure, case.damping)
 """
     modules = imported(code)
-    assert "rths_cli.numerics.root_finding" in modules and not heavy(modules, ("scipy", "numba", "matplotlib"))
+    assert "rths_cli.structure.building" in modules and not heavy(modules, ("scipy", "numba", "matplotlib"))
 
 
 def test_results_are_written_and_reported_with_numpy_and_h5py_alone(tmp_path: Path) -> None:

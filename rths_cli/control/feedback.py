@@ -271,7 +271,7 @@ def _keeps(block: Block, table: Table, most_hz: float, max_sensitivity: float) -
     """Tell whether a feedback keeps both limits, and is stable on the measured response if it is with the model."""
     loop, modelled = _loops(block, table)
     least = min(np.abs(1.0 + loop).min(), np.abs(1.0 + modelled).min())
-    if _apart(loop, modelled) >= 1.0 or least * max_sensitivity < 1.0:  # on the points already
+    if not (_apart(loop, modelled) < 1.0 and least * max_sensitivity >= 1.0):  # on the points already; NaN keeps none
         return False
     curve = loop_curve(loop, table.frequency_hz)
     return (

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
+from scipy.interpolate import PchipInterpolator
+from scipy.optimize import brentq
 
-from rths_cli.numerics.interpolation import Curve, monotone_curve
-from rths_cli.numerics.lti import Array, ComplexArray, Integers
+from rths_cli.numerics.lti import Array, ComplexArray
 
 FINER = 8  # points between two of the response at which the sensitivity is looked at
-HALVINGS = 30
 LEAST_GAIN = 1e-12  # less is no loop at all, and zero has no logarithm
 REAL = 1e-12  # a last point whose cosine of the phase is -1 within this is real and negative: it counts as a crossing
 
@@ -36,40 +36,41 @@ class Margins:
 
 @dataclass(frozen=True)
 class LoopCurve:
-    """A loop gain L between its points: log |L| (`size`) and its angle in rad (`phase`) over log f."""
+    """A loop gain L at log f (n,) and between: log |L| (n,) and its angle in rad (n,), each with a monotone cubic."""
 
-    size: Curve
-    phase: Curve
+    log_f: Array
+    log_gain: Array
+    angle: Array
+    gain_curve: PchipInterpolator
+    angle_curve: PchipInterpolator
 
 
 def loop_curve(loop: ComplexArray, frequency_hz: Array) -> LoopCurve:
-    """Return a loop gain L (n,) at ascending frequencies > 0 (n,) in Hz as curves.
+    """Return a loop gain L (n,), finite, at ascending frequencies > 0 (n,) in Hz as curves.
 
     Between the points log L runs over log f as a monotone cubic, so the phase must change by less than half a turn
     from one to the next.
     """
     log_f = np.log(frequency_hz)
-    gain = np.log(np.maximum(np.abs(loop), LEAST_GAIN))
-    return LoopCurve(monotone_curve(log_f, gain), monotone_curve(log_f, np.unwrap(np.angle(loop))))
+    log_gain, angle = np.log(np.maximum(np.abs(loop), LEAST_GAIN)), np.unwrap(np.angle(loop))
+    return LoopCurve(log_f, log_gain, angle, PchipInterpolator(log_f, log_gain), PchipInterpolator(log_f, angle))
 
 
 def margins(loop: ComplexArray, frequency_hz: Array) -> Margins:
     """Return the margins of a loop gain L (n,) with negative feedback at ascending frequencies > 0 (n,) in Hz.
 
     The margins are distances from L = -1: that the loop is stable must be known from elsewhere. Between the points L
-    is as in `loop_curve`. Source: K. J. Astrom and R. M. Murray, Feedback Systems, section 9.3.
+    is as in `loop_curve`; all margins are NaN where L is not finite. Source: K. J. Astrom and R. M. Murray, Feedback
+    Systems, section 9.3.
     """
-    return margins_of(loop_curve(loop, frequency_hz))
-
-
-def margins_of(curve: LoopCurve) -> Margins:
-    """Return the margins of a loop gain given as curves."""
-    stretch, share = _unity(curve)
-    unity = curve.size.place(stretch, share)
-    away = np.mod(curve.phase.at(stretch, share) + np.pi, 2.0 * np.pi)  # rad of further lag to -1, [0, 2 pi)
-    crossed = curve.size.at(*_half_turns(curve.phase))
-    if np.cos(curve.phase.y[-1]) < REAL - 1.0:  # at half the sample rate L is real, to a rounding of its phase
-        crossed = np.append(crossed, curve.size.y[-1])
+    if not np.isfinite(loop).all():
+        return Margins(*[float("nan")] * len(fields(Margins)))
+    curve = loop_curve(loop, frequency_hz)
+    unity = _unity(curve)
+    away = np.mod(curve.angle_curve(unity) + np.pi, 2.0 * np.pi)  # rad of further lag to -1, [0, 2 pi)
+    crossed = curve.gain_curve(_half_turns(curve))
+    if np.cos(curve.angle[-1]) < REAL - 1.0:  # at half the sample rate L is real, to a rounding of its phase
+        crossed = np.append(crossed, curve.log_gain[-1])
     factors = 1.0 / np.exp(crossed)
     peak, peak_hz = sensitivity_peak(curve)
     return Margins(
@@ -85,20 +86,17 @@ def margins_of(curve: LoopCurve) -> Margins:
 
 def bandwidth_hz(curve: LoopCurve) -> float:
     """Return the highest frequency in Hz at which the loop gain is one, 0 when there is none."""
-    return float(np.exp(curve.size.place(*_unity(curve))).max(initial=0.0))
+    return float(np.exp(_unity(curve)).max(initial=0.0))
 
 
 def sensitivity_peak(curve: LoopCurve) -> tuple[float, float]:
     """Return the largest |S| = |1 / (1 + L)| and its frequency in Hz."""
-    shares = np.arange(FINER) / FINER
-    gain = np.exp(curve.size.on(shares))
-    squared = 1.0 + gain * (gain + 2.0 * np.cos(curve.phase.on(shares)))  # |1 + L|^2
-    stretch, part = divmod(int(squared.argmin()), FINER)
-    last = np.abs(1.0 + np.exp(curve.size.y[-1] + 1j * curve.phase.y[-1]))
-    size, phase = (float(each.at(stretch, shares[part])) for each in (curve.size, curve.phase))
-    nearest = np.abs(1.0 + np.exp(size + 1j * phase))
-    place = curve.size.place(stretch, shares[part]) if nearest <= last else curve.size.x[-1]
-    return float(1.0 / min(nearest, last)), float(np.exp(place))
+    between = curve.log_f[:-1, None] + np.diff(curve.log_f)[:, None] * np.arange(FINER) / FINER
+    log_f = np.append(between, curve.log_f[-1])
+    gain, angle = np.exp(curve.gain_curve(log_f)), curve.angle_curve(log_f)
+    nearest = int((gain * (gain + 2.0 * np.cos(angle))).argmin())  # |1 + L|^2 - 1
+    distance = np.abs(1.0 + gain[nearest] * np.exp(1j * angle[nearest]))
+    return float(1.0 / distance), float(np.exp(log_f[nearest]))
 
 
 def worst_sensitivity_peak(loop: ComplexArray, relative_error: Array) -> float:
@@ -110,31 +108,27 @@ def worst_sensitivity_peak(loop: ComplexArray, relative_error: Array) -> float:
     return float(1.0 / left.min()) if left.min() > 0.0 else float("inf")
 
 
-def _unity(curve: LoopCurve) -> tuple[Integers, Array]:
-    """Return where the gain is one: stretches of the curve and shares of them, (m,)."""
-    return _crossings(curve.size, np.zeros(curve.size.x.size - 1))
+def _unity(curve: LoopCurve) -> Array:
+    """Return where the gain is one, log f (m,)."""
+    return _crossings(curve.log_f, curve.log_gain, curve.gain_curve, np.zeros(len(curve.log_f) - 1))
 
 
-def _half_turns(phase: Curve) -> tuple[Integers, Array]:
-    """Return where a phase is half a turn, or that and whole turns: stretches and shares of them, (m,)."""
-    turns = np.floor(phase.y / (2.0 * np.pi) - 0.5)
-    return _crossings(phase, 2.0 * np.pi * (np.maximum(turns[:-1], turns[1:]) + 0.5))
+def _half_turns(curve: LoopCurve) -> Array:
+    """Return where the phase is half a turn, or that and whole turns, log f (m,)."""
+    turns = np.floor(curve.angle / (2.0 * np.pi) - 0.5)
+    levels = 2.0 * np.pi * (np.maximum(turns[:-1], turns[1:]) + 0.5)
+    return _crossings(curve.log_f, curve.angle, curve.angle_curve, levels)
 
 
-def _crossings(curve: Curve, levels: Array) -> tuple[Integers, Array]:
-    """Return where a curve, monotone between its points, passes the level of that stretch (n - 1,): stretches and
-    shares of them, (m,)."""
-    left, right = curve.y[:-1] < levels, curve.y[1:] < levels
-    passed = np.flatnonzero(left != right)
-    start, first, second, third = curve.cubic(passed)
-    start, rises = start - levels[passed], left[passed]
-    low, width = np.zeros(passed.size), 1.0
-    for _ in range(HALVINGS if passed.size else 0):
-        width *= 0.5
-        middle = low + width
-        before = (start + middle * (first + middle * (second + middle * third)) < 0.0) == rises
-        low = np.where(before, middle, low)
-    return passed, low
+def _crossings(x: Array, y: Array, curve: PchipInterpolator, levels: Array) -> Array:
+    """Return where a curve through points (n,), monotone between them, passes the level of that stretch (n - 1,)."""
+    passed = np.flatnonzero((y[:-1] < levels) != (y[1:] < levels))
+    return np.array([_crossing({x[k]: y[k], x[k + 1]: y[k + 1]}, curve, levels[k]) for k in passed])
+
+
+def _crossing(ends: dict[float, float], curve: PchipInterpolator, level: float) -> float:
+    """Return where a curve passes a level between two points, x to y; at the points it is y to the last bit."""
+    return float(brentq(lambda x: ends.get(x, curve(x)) - level, *ends))
 
 
 def _smallest(values: Array) -> float:

@@ -344,3 +344,12 @@ def test_the_disturbance_lies_in_the_band_asked_for() -> None:
 
 def test_no_feedback_is_zero() -> None:
     assert none(DT_S).response(np.array([1.0]))[0, 0, 0] == 0.0
+
+
+def test_a_measured_response_that_is_no_number_has_no_feedback() -> None:
+    frequency = np.arange(0.5, 60.0, 0.05)
+    nothing = Frf(
+        frequency, np.full(frequency.size, np.nan + 0j), np.ones(frequency.size), np.zeros(frequency.size), 10
+    )
+    with pytest.raises(InputError, match="no feedback"):
+        design(MODEL, nothing, DT_S, None, 1.5)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple
+
 import numpy as np
 import pytest
 from scipy.optimize import brentq
@@ -111,6 +113,19 @@ def test_without_a_loop_nothing_is_crossed() -> None:
     assert found.phase_margin_deg == found.delay_margin_s == np.inf
     assert found.sensitivity_peak == pytest.approx(1.0, abs=1e-11)
     assert found.bandwidth_hz == 0.0
+
+
+def test_a_loop_that_is_not_finite_has_no_margins() -> None:
+    found = of(np.where(F > 10.0, np.nan, 1.0 / S))
+    assert all(np.isnan(value) for value in astuple(found))
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_a_gain_that_is_one_at_the_last_point_is_crossed_there(seed: int) -> None:
+    """Computed from the cubic the last gain may be below one by a rounding; it is what the point says."""
+    gain = np.sort(np.random.default_rng(seed).uniform(0.01, 0.9, F.size))
+    gain[-1] = 1.0
+    assert of(gain * np.exp(-1j)).bandwidth_hz == pytest.approx(F[-1], rel=1e-9)
 
 
 def test_the_worst_peak_is_that_of_the_worst_turn() -> None:

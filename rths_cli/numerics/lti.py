@@ -166,7 +166,7 @@ def _response(system: StateSpace | Block, points: ComplexArray, about: float) ->
     if n == 0:
         return np.repeat(system.D[:, :, None].astype(complex), points.size, axis=2)
     if points.size <= FEW_POINTS:
-        resolvent = np.linalg.solve(points[:, None, None] * np.eye(n) - system.A, system.B.astype(complex))
+        resolvent = np.linalg.solve(points[:, None, None] * np.eye(n) - system.A, system.B.astype(complex)[None])
         return np.moveaxis((system.C @ resolvent + system.D).astype(complex), 0, -1)
     triangle, into, out = _by_modes(system, about) or _by_schur(system, about)
     found = np.empty((len(system.C), m, points.size), dtype=complex)

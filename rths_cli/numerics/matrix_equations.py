@@ -61,8 +61,8 @@ def riccati_cost(a: Array, b: Array, q: Array, r: Array, s: Array) -> Array:
     """Return X (n, n) of X = A' X A - (A' X B + S) (R + B' X B)^-1 (B' X A + S') + Q by doubling.
 
     Modes that last ten thousand samples take some fifteen rounds. scipy.linalg.solve_discrete_are orders eigenvalues
-    of the extended pencil, which then lie beside the circle: it refuses the regulator of a light specimen at 4 kHz
-    (tests/numerics/test_riccati.py), or without its balancing loses half the digits. Raises InputError as
+    of the extended pencil, which then lie beside the circle: it refuses one in ten of the regulators for light
+    specimens (tests/numerics/test_riccati.py), or without its balancing loses half the digits. Raises InputError as
     `riccati_gain` does.
     """
     inverse = np.linalg.inv(r)

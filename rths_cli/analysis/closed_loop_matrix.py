@@ -1,4 +1,5 @@
-"""The closed loop of a hybrid test as one matrix, x[k+1] = M x[k]: its spectral radius, roots and modes."""
+"""The loop of a hybrid test as one block, and closed as one matrix, x[k+1] = M x[k]: its spectral radius, roots and
+modes."""
 
 from __future__ import annotations
 
@@ -35,11 +36,21 @@ class _Rows:
 
 
 def closed_loop_matrix(rig: IdentifiedRig, blocks: Blocks) -> Array:
-    """Return the matrix M (n, n) of a hybrid test without ground motion, guard and rounding.
+    """Return the matrix M (n, n) of a hybrid test without ground motion, guard and rounding: `open_loop`, closed.
+
+    If the rig has a direct path from command to samples, the resulting algebraic loop is solved.
+    """
+    loop = open_loop(rig, blocks)
+    return loop.A - loop.B @ loop.C / (1.0 + loop.D.item())
+
+
+def open_loop(rig: IdentifiedRig, blocks: Blocks) -> Block:
+    """Return the loop of a hybrid test broken at the command, for negative feedback: the command that is sent (V) to
+    minus the command that follows from it (V), without ground motion, guard and rounding.
 
     The order is that of the step. The samples are corrected and give the estimate and the base shear n_p samples ahead.
-    The numerical substructure, feedforward and feedback give the command of the same instant. If the rig has a direct
-    path from command to samples, the resulting algebraic loop is solved.
+    The numerical substructure, feedforward and feedback give the command of the same instant. The rig's delay is in the
+    states.
     """
     lead, sent = blocks.lead_samples, max(rig.latency_samples, 1) + 1
     parts = {"rig": rig.plant, "correction": rig.correction} | {
@@ -69,9 +80,8 @@ def closed_loop_matrix(rig: IdentifiedRig, blocks: Blocks) -> Array:
         "feedforward": rows.following("feedforward", blocks.feedforward, interface),
         "feedback": rows.following("feedback", blocks.feedback, error),
     }
-    whole = np.vstack([following[name] for name in sizes])
-    given = wanted[0, :-1] / (1.0 - wanted[0, -1])
-    return whole[:, :-1] + np.outer(whole[:, -1], given)
+    whole, signals = np.vstack([following[name] for name in sizes]), (("command_v",), ("command_v",))
+    return Block("loop", whole[:, :-1], whole[:, -1:], -wanted[:, :-1], -wanted[:, -1:], rig.plant.dt_s, *signals)
 
 
 def _coupled(rows: _Rows, blocks: Blocks, corrected: Array, estimated: Array) -> Array:

@@ -11,6 +11,7 @@ from bench import DT_S, ideal_info, specimen
 from hybrid import best_like, closed_loop, paper_like, storeys
 from open_loop import OpenLoop, floors_per_table, open_loop, points, rig_as_identified, true_rig
 
+from rths_cli.analysis import closed_loop_matrix as loop_block
 from rths_cli.analysis.closed_loop_matrix import closed_loop_matrix
 from rths_cli.analysis.closed_loop_response import LoopResponse, Motion, hybrid, loop_response, on_perfect_table
 from rths_cli.control import kalman_filter, numerical_substructure
@@ -55,6 +56,13 @@ def test_the_loop_gain_is_what_comes_back_to_the_cut_command(
     same(loop.loop, -cut.response(Z)[0, 0])
     same(loop.with_rig(1.1 * UNIT), loop.loop * 1.1)
     same(loop.with_rig(1j * UNIT), loop.loop * 1j)
+
+
+@pytest.mark.parametrize(("make", "latency", "mass"), CASES)
+def test_the_loop_as_a_block_has_its_gain(make: Callable[..., Blocks], latency: int, mass: float) -> None:
+    loop, _, blocks = made(make, latency, mass)
+    rig = replace(rig_as_identified(ideal_info(latency_samples=latency), mass)[0], ripple_m_s2_per_v=0.0)
+    same(loop_block.open_loop(rig, blocks).response(F)[0, 0], loop.loop)
 
 
 def driven(cut: OpenLoop, source: int) -> ComplexArray:

@@ -1,4 +1,8 @@
-"""Stability margins of a loop from its frequency response: sensitivity peak, gain, phase, delay."""
+"""Stability margins of a loop from its frequency response: sensitivity peak, gain, phase, delay.
+
+`control.stability_margins` gives the same margins of a `control.FRD` (tests/control compare them). It takes thirty
+times as long for each loop, and its import takes longer than a whole check: the margins here need neither.
+"""
 
 from __future__ import annotations
 

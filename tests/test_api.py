@@ -86,6 +86,9 @@ def test_every_snippet_of_the_python_page_runs(tmp_path: Path, monkeypatch: pyte
     assert names["verdict"].safe and names["verdict"].units["check.critical_delay_s"] == "s"
     assert names["errors"][0.002] < names["errors"][0.005]
     assert names["command"].shape == (200, 1)
+    stated = names["result"].metrics["check.phase_margin_deg_model"]
+    assert abs(names["phase_margin"]) == pytest.approx(stated, rel=1e-4)
+    assert names["late"].A.shape == (2, 2) and names["late"].inputs == ("u[0]",)
 
 
 def test_every_snippet_of_the_export_page_runs(place: Path, result: rths_cli.RunResult) -> None:
@@ -117,6 +120,32 @@ def test_every_matlab_snippet_runs_in_octave(place: Path, result: rths_cli.RunRe
     for _ in range(200):
         y, x = block.C @ x + block.D @ [0.1, 0, 0], block.A @ x + block.B @ [0.1, 0, 0]
     assert said[3] == f"after 0.100 s the command is {y[0]:.4g} V"
+
+
+def test_blocks_responses_and_loops_go_to_python_control(result: rths_cli.RunResult) -> None:
+    for name in ("feedback", "kalman", "numerical", "base_shear"):
+        block, there = result.controller[name], rths_cli.to_control(result.controller[name])
+        assert np.array_equal(there.A, block.A) and np.array_equal(there.D, block.D)
+        assert tuple(there.input_labels) == block.attributes["inputs"] and there.dt == block.attributes["dt_s"]
+    measured = rths_cli.to_control(result.identification)
+    assert np.array_equal(measured.omega, 2.0 * np.pi * result.identification.frequency_hz)
+    assert np.array_equal(measured.frdata[0, 0].imag, result.identification.frf_imag)
+    loop = rths_cli.open_loop(CASE)
+    closed = np.linalg.eigvals(loop.A - loop.B @ loop.C / (1.0 + loop.D))
+    assert np.abs(closed).max() == pytest.approx(result.metrics["check.spectral_radius"], rel=1e-12)
+    feedforward_alone = rths_cli.open_loop(CASE, settings={"controller": "FF"})
+    assert len(feedforward_alone.A) < len(loop.A)
+    at = rths_cli.to_control(loop, [1.0, 9.0])
+    assert at.frdata == pytest.approx(loop.response(np.array([1.0, 9.0]))) and at.frdata.shape == (1, 1, 2)
+    back = rths_cli.from_control(at)
+    assert back.frequency_hz == pytest.approx([1.0, 9.0])  # type: ignore[union-attr]
+    with pytest.raises(rths_cli.InputError, match="neither a block nor a frequency response"):
+        rths_cli.to_control(result.exp_rths)
+
+
+def test_an_open_loop_of_a_case_with_faults_says_them() -> None:
+    with pytest.raises(rths_cli.InputError, match="scaling"):
+        rths_cli.open_loop(CASE, settings={"scaling": -1})
 
 
 def test_a_result_gives_what_the_file_holds(result: rths_cli.RunResult) -> None:

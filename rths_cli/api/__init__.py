@@ -13,17 +13,21 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from rths_cli.api.results import CheckResult, ModelResult, RunResult
+from rths_cli.api.results import CheckResult, Group, ModelResult, RunResult
 from rths_cli.errors import InputError, LimitError, RigError, RthsError
 from rths_cli.quantities import METRICS
 from rths_cli.rigs.description import capabilities_of
 
 if TYPE_CHECKING:
+    import control
     from matplotlib.figure import Figure
+    from numpy.typing import ArrayLike
 
+    from rths_cli.control.python_control import System
     from rths_cli.experiment.run_case import Ended
     from rths_cli.experiment.setup import Setup
     from rths_cli.loop.live_view import View
+    from rths_cli.numerics.lti import Block, Frf, StateSpace
 
 Settings = Mapping[str, object]
 Progress = Callable[[str], object]
@@ -142,7 +146,71 @@ def identify(
         delay_s=model.delay_s,
         natural_frequency_hz=specimen.natural_frequency_hz if specimen else None,
         damping_ratio=specimen.damping_ratio if specimen else None,
+        table=model,
     )
+
+
+def open_loop(
+    case: str | Path,
+    *,
+    method: Method | None = None,
+    settings: Settings | None = None,
+    progress: Progress | None = None,
+) -> Block:
+    """Return the loop of a case's hybrid test, broken at the command, for negative feedback; nothing moves.
+
+    It goes from the command that is sent to minus the command that follows from it, both in V, sample by sample, and
+    holds the identified rig with its delay and the designed blocks. Raises InputError when the case cannot be read or
+    no controller exists, RigError or LimitError if its virtual rig cannot be identified.
+    """
+    from rths_cli.experiment.check_command import load_all, loop_of
+
+    return loop_of(load_all([str(case)], _texts(settings, method), ())[0], _telling(progress, lambda: None))
+
+
+def to_control(
+    system: System | ModelResult | Group, frequency_hz: ArrayLike | None = None, dt_s: float | None = None
+) -> control.StateSpace | control.FRD:
+    """Return a block of a result (`result.controller.feedback`), the table's response that a run was designed from
+    (`result.identification`), the table of an identification, or an open loop as python-control has it.
+
+    With `frequency_hz` (n,) it is a `control.FRD`, otherwise a `control.StateSpace`; a model with a delay asks for
+    `dt_s` in s there, and is the one on which a feedback is designed. Raises InputError for what has no such form.
+    """
+    import numpy as np
+
+    from rths_cli.control import python_control
+
+    given = system.table if isinstance(system, ModelResult) else system
+    found = _system(given) if isinstance(given, Group) else given
+    return python_control.to_control(found, None if frequency_hz is None else np.asarray(frequency_hz, float), dt_s)
+
+
+def _system(group: Group) -> Block | Frf:
+    """Return a controller's block, or the identified response of the table; raises InputError for another group."""
+    import numpy as np
+
+    from rths_cli.numerics.lti import Block, Frf
+
+    if {"A", "B", "C", "D"} <= set(group):
+        about = group.attributes
+        signals = tuple(about["inputs"]), tuple(about["outputs"])
+        return Block(str(about["name"]), group.A, group.B, group.C, group.D, float(about["dt_s"]), *signals)
+    if {"frequency_hz", "frf_real", "frf_imag", "coherence"} <= set(group):
+        response, unknown = group.frf_real + 1j * group.frf_imag, np.full(len(group.frequency_hz), np.nan)
+        return Frf(group.frequency_hz, response, group.coherence, unknown, 1)
+    raise InputError(
+        f"{group!r} is neither a block nor a frequency response; give a block, as result.controller.kalman"
+    )
+
+
+def from_control(system: control.StateSpace | control.TransferFunction | control.FRD) -> StateSpace | Block | Frf:
+    """Return a system of python-control with plain arrays: `A`, `B`, `C`, `D` and, sampled, `dt_s` and the names of
+    its signals; of an FRD `frequency_hz` and `response`. Raises InputError for what has no such form.
+    """
+    from rths_cli.control import python_control
+
+    return python_control.from_control(system)
 
 
 def plot(result: RunResult | str | Path, name: str, width: Literal["one", "two"] = "two") -> Figure:

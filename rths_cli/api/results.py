@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from rths_cli.files.result_listing import Outline
     from rths_cli.files.result_reader import Dataset, Result
     from rths_cli.files.result_writer import Attribute
-    from rths_cli.numerics.lti import Array, ComplexArray
+    from rths_cli.numerics.lti import Array, ComplexArray, Model
 
 SMALL_BYTES = 100_000  # larger than a controller block's matrices, for which a loop over frequencies asks each time
 
@@ -202,7 +202,8 @@ class ModelResult:
     """An identified rig: its model file, whether it may drive the table and why not, and what was found.
 
     `zeros`, `poles` in rad/s, `gain` and `delay_s` from command in V to table acceleration in m/s^2; of the specimen on
-    a fixed base `natural_frequency_hz` and `damping_ratio` (n_exp,), None where the data did not tell.
+    a fixed base `natural_frequency_hz` and `damping_ratio` (n_exp,), None where the data did not tell. `table` is the
+    whole model of the table: `table.response(frequency_hz)`.
     """
 
     path: Path
@@ -215,6 +216,7 @@ class ModelResult:
     delay_s: float
     natural_frequency_hz: Array | None
     damping_ratio: Array | None
+    table: Model
 
 
 def _stamp(path: Path) -> tuple[int, ...]:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from rths_cli.analysis.closed_loop_matrix import open_loop
 from rths_cli.analysis.stability_check import SAFE, UNSAFE, UNSTABLE
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, LimitError, RigError
@@ -14,6 +15,7 @@ from rths_cli.experiment.case_warnings import of_case
 from rths_cli.experiment.check import judge
 from rths_cli.experiment.check_metrics import check_figures
 from rths_cli.experiment.design import design_blocks
+from rths_cli.experiment.loop_stability_of_case import loop_parts
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
 from rths_cli.experiment.setup import make_setups, shown
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from rths_cli.experiment.design import Design
     from rths_cli.experiment.model_choice import Known
     from rths_cli.experiment.setup import Progress, Setup
+    from rths_cli.numerics.lti import Block
     from rths_cli.numerics.shared_values import SharedValues
     from rths_cli.quantities import Values
 
@@ -132,6 +135,18 @@ def check_cases(
     for setup in setups:
         memory.prepare(setup)
     return [check_case(setup, memory, progress) for setup in setups]
+
+
+def loop_of(case: Case, progress: Progress) -> Block:
+    """Return the open loop of a case's hybrid test, from the identified rig and the designed blocks.
+
+    Raises InputError for a case that cannot be read, and where no blocks can be designed; RigError or LimitError if
+    its virtual rig cannot be identified.
+    """
+    memory, setup = Memory(Cache()), make_setups([case], ())[0]
+    known = memory.at_rest(setup, progress)
+    design = interruptible(lambda: design_blocks(setup, known.found))
+    return open_loop(loop_parts(setup, known.found)[0], design.blocks)
 
 
 def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:

@@ -168,10 +168,11 @@ def _adapted(
 def linear(slopes: Array, wanted: Array) -> Array:
     """Return the factors (n,) with which the rows of `slopes` (n, m) approximate `wanted` (m,) in least squares.
 
-    In a direction that the slopes do not determine the result is zero.
+    In a direction that the slopes do not determine the result is zero, each row taken in units of its own size.
     """
-    normal = _linear(slopes, -wanted, np.zeros(len(slopes)))
-    return normal.step(0.0)
+    size = np.linalg.norm(slopes, axis=1)
+    size = np.where(size > 0.0, size, 1.0)
+    return np.asarray(np.linalg.lstsq((slopes / size[:, None]).T, wanted, rcond=LOST**0.5)[0] / size)
 
 
 def covariance(slopes: Array, variance: float) -> Array:

@@ -99,15 +99,26 @@ def _lines(signal: Array, record: Record, dt_s: float, band_hz: tuple[float, flo
     """Return the Fourier lines of each segment less its mean: Hann and half overlapping, or whole periods."""
     length, _, _ = _cut(record, dt_s, segment_s)
     periodic = record.parts.period_samples > 0
-    window = np.ones(length) if periodic else 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(length) / length)
-    starts = range(0, len(signal) - length + 1, length if periodic else length // 2)
-    frequency = np.arange(length // 2 + 1) / (length * dt_s)
+    window, overlap = ("boxcar", 0) if periodic else ("hann", length - length // 2)
+    frequency, values = _segments(signal, dt_s, length, window, overlap)
     inside = (frequency >= band_hz[0] - 1e-9) & (frequency <= band_hz[1] + 1e-9)
-    segments = (signal[k : k + length] for k in starts)
-    values = np.array([np.fft.rfft(window * (part - part.mean()))[inside] for part in segments])
     count = len(values)
-    overlap = 1.0 if periodic else 1.0 + 2.0 * OVERLAP_CORRELATION * (count - 1) / count
-    return _Lines(frequency[inside], values, count / overlap, 1.0 if periodic else HANN_BANDWIDTH)
+    alike = 1.0 if periodic else 1.0 + 2.0 * OVERLAP_CORRELATION * (count - 1) / count
+    return _Lines(frequency[inside], values[:, inside], count / alike, 1.0 if periodic else HANN_BANDWIDTH)
+
+
+def _segments(signal: Array, dt_s: float, length: int, window: str, overlap: int) -> tuple[Array, ComplexArray]:
+    """Return the frequencies (length // 2 + 1,) in Hz and the lines (segments, length // 2 + 1) of a signal's segments.
+
+    Each segment is taken less its mean. The lines of white noise of variance v have the mean square b v / `length`, b
+    being the noise bandwidth of the window in lines.
+    """
+    from scipy.signal import stft
+
+    frequency, _, lines = stft(
+        signal, 1.0 / dt_s, window, length, overlap, detrend="constant", boundary=None, padded=False
+    )
+    return frequency, lines.T
 
 
 def _response(given: _Lines, output: _Lines, estimator: Estimator) -> Frf:
@@ -203,20 +214,16 @@ def noise_floor(records: Sequence[Record], frf: Frf, channel: int, dt_s: float) 
     """
     quiet = [r.accel_m_s2[channel, r.parts.silence] for r in records if r.parts.silence is not None]
     length = round(1.0 / dt_s)
-    pieces = [
-        q[k : k + length] - q[k : k + length].mean() for q in quiet for k in range(0, len(q) - length + 1, length)
-    ]
+    pieces = [_segments(q, dt_s, length, "hann", 0) for q in quiet if len(q) >= length]
     if not pieces:
         return None
-    window = np.hanning(length)
-    density = np.mean([np.abs(np.fft.rfft(window * p)) ** 2 for p in pieces], axis=0) / np.sum(window**2)
-    at_rest = np.interp(frf.frequency_hz, np.arange(len(density)) / (length * dt_s), density)
+    density = np.mean(np.abs(np.vstack([values for _, values in pieces])) ** 2, axis=0) * length / HANN_BANDWIDTH
+    at_rest = np.interp(frf.frequency_hz, pieces[0][0], density)
     driven = np.zeros(len(frf.frequency_hz))
     segment_s = 1.0 / (frf.frequency_hz[1] - frf.frequency_hz[0])
     for record in records:
         lines = _lines(record.command_v[record.parts.noise], record, dt_s, (frf.frequency_hz[0], frf.frequency_hz[-1]),
                        segment_s)  # fmt: skip
-        driven += np.mean(np.abs(lines.values) ** 2, axis=0) / len(records)
-    hann = 1.0 if records[0].parts.period_samples else 3.0 / 8.0
-    driven /= hann * round(segment_s / dt_s)
+        power = np.mean(np.abs(lines.values) ** 2, axis=0) * round(segment_s / dt_s) / lines.bandwidth
+        driven += power / len(records)
     return np.sqrt(at_rest / driven / frf.averages)

@@ -16,7 +16,7 @@ from test_hdf5_safety import everything, made
 
 from rths_cli.errors import InputError
 from rths_cli.files.accelerograms import read_accelerogram
-from rths_cli.files.measured_data.sandboxed_reading import survives
+from rths_cli.files.sandboxed_reading import survives
 
 
 def short_record(folder: Path) -> Path:

@@ -17,7 +17,7 @@ from rths_cli.case.field_types import near, shown
 from rths_cli.case.yaml_reader import parse, read_file
 from rths_cli.case.yaml_tree import Fault, Mark, Node, Source, display, plain, printable
 from rths_cli.files.durable_files import open_regular
-from rths_cli.files.imported_models.matlab_files import Variable, read_variables
+from rths_cli.files.matlab_files import MatlabObject, Value, matlab_variables
 from rths_cli.numerics.lti import ComplexArray
 
 KEYS: dict[str, tuple[str, ...]] = {
@@ -38,6 +38,8 @@ KEYS: dict[str, tuple[str, ...]] = {
 TEXTS = ("output", "frequency_unit", "notes")
 PAIRS = ("zeros", "poles")
 HEAD = 4096
+MAX_NUMBERS = 1000  # of a vector in a MATLAB file
+DEPTH = 3  # of cells in each other
 Kind = Literal["text", "mat", "other"]
 
 
@@ -129,8 +131,9 @@ def read_mat(path: Path) -> Document:
     """Read the variables of a MATLAB file (v5 or v7.3) that have a name of KEYS; others are noted."""
     document = Document(Mark(Source(display(path), path.absolute().parent, path.absolute())))
     wanted = [name for key, others in KEYS.items() for name in (key, *others)]
-    variables = read_variables(path, wanted)
-    if variables is None:
+    try:
+        variables = matlab_variables(path, wanted)
+    except ValueError:
         message = "cannot be read as a MATLAB file, it is damaged or none at all; save z, p and k again"
         document.faults.append(Fault(document.mark, "", message))
         return document
@@ -149,22 +152,44 @@ def _one_delay(given: list[str]) -> str:
     return f"stands beside {given[0]}; save the sum of all delays as delay_s"
 
 
-def _variable(document: Document, name: str, variable: Variable) -> Entry:
-    """Return a variable's value; what is of a wrong form becomes a fault."""
-    if variable.fault:
-        document.faults.append(Fault(document.mark, name, variable.fault))
-        return Entry(name, None, document.mark)
-    return Entry(name, variable.value, document.mark)
+def _variable(document: Document, name: str, value: Value) -> Entry:
+    """Return a variable's number, numbers (n,) or text; what is of a wrong form becomes a fault."""
+    for _ in range(DEPTH):  # cells of one entry are opened
+        if isinstance(value, tuple) and len(value) == 1:
+            value = value[0]
+    if isinstance(value, list) and len(value) == 1:
+        return Entry(name, value[0], document.mark)
+    numbers = np.zeros(0) if isinstance(value, list | tuple) and not value else value
+    if (
+        isinstance(numbers, np.ndarray)
+        and numbers.size <= MAX_NUMBERS
+        and numbers.size in (0, max((1, *numbers.shape)))
+    ):
+        return Entry(name, numbers.reshape(-1).astype(complex), document.mark)
+    document.faults.append(Fault(document.mark, name, _why_not(value)))
+    return Entry(name, None, document.mark)
 
 
-def _tell_unused(document: Document, variables: Mapping[str, Variable], used: list[str], path: Path) -> None:
+def _why_not(value: Value) -> str:
+    """Return the sentence on a value that is neither numbers nor a text."""
+    if isinstance(value, tuple):
+        return f"is a cell array of {len(value)} entries; save one input and one output of the model"
+    if isinstance(value, MatlabObject):
+        return f"must be numbers, got a MATLAB {value.class_name} object"
+    if isinstance(value, np.ndarray):
+        shape = " x ".join(map(str, value.shape))
+        return f"must be a vector of at most {MAX_NUMBERS}, got {shape} numbers"
+    return "must be numbers, got a structure or something else"
+
+
+def _tell_unused(document: Document, variables: Mapping[str, Value], used: list[str], path: Path) -> None:
     """Add a fault when an object of MATLAB stands where roots are looked for, else a note on what was not used."""
     unused = [printable(name)[:60] for name in variables if name not in used]
-    objects = [name for name, variable in variables.items() if variable.object_class]
+    objects = {name: value.class_name for name, value in variables.items() if isinstance(value, MatlabObject)}
     if not {"poles", "denominator"} & set(document.entries) and objects:
-        name = objects[0]
+        name = next(iter(objects))
         message = (
-            f"is a MATLAB {printable(variables[name].object_class)} object, which only MATLAB can read; "
+            f"is a MATLAB {printable(objects[name])} object, which only MATLAB can read; "
             f"save its roots instead: [z,p,k] = zpkdata({name},'v'); save('{path.stem}_zpk.mat','z','p','k')"
         )
         document.faults.append(Fault(document.mark, printable(name)[:60], message))

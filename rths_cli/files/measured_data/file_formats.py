@@ -9,16 +9,18 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rths_cli.errors import InputError
+from rths_cli.files.matlab_files import Value, is_matlab, matlab_variables
 from rths_cli.files.measured_data.hdf5_files import hdf5_contents
-from rths_cli.files.measured_data.matlab_files import is_matlab, matlab_variables
-from rths_cli.files.measured_data.named_variables import contents_of
+from rths_cli.files.measured_data.named_variables import Variable, contents_of
 from rths_cli.files.measured_data.recording import Column, Contents, listed
-from rths_cli.files.measured_data.sandboxed_reading import survives
 from rths_cli.files.measured_data.text_tables import text_contents
+from rths_cli.files.sandboxed_reading import survives
 from rths_cli.safe_text import shortened, visible
 
 READ = "CSV or text, MATLAB .mat, HDF5 or TDMS"
@@ -96,9 +98,23 @@ def _hdf5(path: Path, _: bytes) -> Contents:
     return hdf5_contents(path)
 
 
-def _matlab(path: Path, data: bytes) -> Contents:
-    """Return the contents of a MATLAB file up to version 7."""
-    return contents_of(path, matlab_variables(data))
+def _matlab(path: Path, _: bytes) -> Contents:
+    """Return the contents of a MATLAB file up to version 7, fields of a structure as `structure/field`."""
+    variables: dict[str, Variable] = {}
+    for name, value in matlab_variables(path).items():
+        fields = {f"{name}/{key}": each for key, each in value.items()} if isinstance(value, dict) else {name: value}
+        variables |= {key: Variable(_series(each)) for key, each in fields.items()}
+    return contents_of(path, variables)
+
+
+def _series(value: Value) -> NDArray[Any] | list[str] | None:
+    """Return real numbers, the rows of a text or the texts of a cell array, None for anything else."""
+    if isinstance(value, tuple):
+        texts = ["".join(entry) for entry in value if isinstance(entry, list)]
+        return texts if len(texts) == len(value) else None
+    if isinstance(value, np.ndarray):
+        return value if value.dtype.kind in "iuf" else None
+    return (value or [""]) if isinstance(value, list) else None
 
 
 def _tdms(path: Path, data: bytes) -> Contents:

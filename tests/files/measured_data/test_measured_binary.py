@@ -15,8 +15,8 @@ from nptdms import ChannelObject, TdmsWriter
 from numpy.typing import NDArray
 
 from rths_cli.errors import InputError
+from rths_cli.files.matlab_files import matlab_variables
 from rths_cli.files.measured_data import Recording, read_recording, write_recording
-from rths_cli.files.measured_data.matlab_files import matlab_variables
 
 N = 500
 RNG = np.random.default_rng(5)
@@ -78,7 +78,7 @@ REAL = Path(scipy.io.__file__).parent / "matlab" / "tests" / "data"
 @pytest.mark.parametrize("kind", ["double", "matrix", "minus", "3dmatrix", "string", "stringarray"])
 def test_files_that_matlab_itself_wrote(kind: str, made_by: str) -> None:
     path = REAL / f"test{kind}_{made_by}.mat"
-    mine = matlab_variables(path.read_bytes())[f"test{kind}"].value
+    mine = matlab_variables(path)[f"test{kind}"]
     np.testing.assert_array_equal(np.array(mine), scipy.io.loadmat(path)[f"test{kind}"])
 
 
@@ -108,12 +108,14 @@ def test_what_is_no_series_is_named(tmp_path: Path) -> None:
         **VECTORS,
         "gain": 3.0,
         "taps": np.ones(4),
+        "valid": np.ones(N, dtype=bool),
         "nested": {"deep": {"a": 1.0}},
         "cube": np.ones((2, 2, 2)),
     }
     scipy.io.savemat(tmp_path / "made.mat", content)
     check(
-        read_recording(tmp_path / "made.mat"), notes=("not used, because they are no series: deep, gain, cube, taps",)
+        read_recording(tmp_path / "made.mat"),
+        notes=("not used, because they are no series: valid, deep, gain, cube, taps",),
     )
 
 

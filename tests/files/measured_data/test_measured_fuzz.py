@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from nptdms import ChannelObject, TdmsWriter
 
 from rths_cli.errors import InputError
+from rths_cli.files import sandboxed_reading
 from rths_cli.files.measured_data import (
     Recording,
     choose,
@@ -21,7 +22,6 @@ from rths_cli.files.measured_data import (
     mend,
     missing,
     read_recording,
-    sandboxed_reading,
     write_recording,
 )
 

@@ -22,7 +22,7 @@ from scipy.linalg import expm, matrix_balance
 
 from rths_cli.analysis.sim import Response, base_shear_n, checked_record, hold_matrices, simulate, state_equation
 from rths_cli.errors import InputError
-from rths_cli.numerics.compiled import entry, part
+from rths_cli.numerics.compiled import borrowed, entry, part
 from rths_cli.numerics.lti import Array, ComplexArray, Integers
 from rths_cli.structure import Building, Numerical, Specimen
 
@@ -140,6 +140,7 @@ def integrate(
     ring; `result` (n, n_states + 1) takes the states of both and the delayed force at every sample. When
     lag < 1 the force is iterated until it agrees with its own history.
     """
+    ground, numerical, specimen, s, history, result = borrowed((ground, numerical, specimen, s, history, result))
     states = numerical.y.size + specimen.y.size
     largest = 0.0
     s.now[0] = ground[0]

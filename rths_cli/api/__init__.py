@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from rths_cli.api.results import CheckResult, Group, ModelResult, RunResult
 from rths_cli.errors import InputError, LimitError, RigError, RthsError
+from rths_cli.numerics.compiler_messages import announce
 from rths_cli.quantities import METRICS
 from rths_cli.rigs.description import capabilities_of
 
@@ -298,8 +299,6 @@ def _telling(progress: Progress | None, poll: Callable[[], None]) -> Callable[[s
     """Return what passes sentences on to the script, and raises a signal that a library swallowed on its way."""
     told = progress or (lambda _: None)
     if progress is not None:
-        from rths_cli.numerics.compiled import announce
-
         announce(progress)
 
     def tell(text: str) -> None:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 import click
 
 from rths_cli.cli.command_group import SIGNALS
+from rths_cli.numerics.compiler_messages import announce
 from rths_cli.safe_text import visible
 
 if TYPE_CHECKING:
@@ -180,8 +181,6 @@ class Screen:
 
 def new_screen(quiet: bool) -> Screen:
     """Return the screen of a command that may move a table."""
-    from rths_cli.numerics.compiled import announce
-
     screen = Screen(quiet, poll=SIGNALS.poll)
 
     def say(text: str) -> None:

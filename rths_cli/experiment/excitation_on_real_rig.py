@@ -12,8 +12,8 @@ from rths_cli.experiment.real_rig_readiness import opened, ready_on_rig
 from rths_cli.identification.dropout_reconstruction import filled
 from rths_cli.loop.block_replay import run_block
 from rths_cli.loop.guard import INTERRUPT, TERMINATION
+from rths_cli.loop.lost_samples import NO_ANSWER, without_samples
 from rths_cli.loop.realtime_run import perform_watched
-from rths_cli.loop.run_log import NO_ANSWER, without_samples
 from rths_cli.loop.step_arrays import EXCITATION
 
 if TYPE_CHECKING:

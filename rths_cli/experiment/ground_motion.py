@@ -9,7 +9,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.accelerograms import Accelerogram
-from rths_cli.numerics.filters import driven_modes
+from rths_cli.numerics.driven_modes import driven_modes
 from rths_cli.numerics.lti import Array
 
 MOST_SAMPLES = 5_000_000  # largest number of samples: 40 minutes at 2 kHz, 40 MB in each of about ten arrays

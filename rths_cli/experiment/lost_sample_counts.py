@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.experiment.lost_sample_sentence import loss_sentence
-from rths_cli.loop.run_log import CAUGHT_UP, MIXED, NO_ANSWER, without_samples
+from rths_cli.loop.lost_samples import CAUGHT_UP, MIXED, NO_ANSWER, without_samples
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray

@@ -6,7 +6,7 @@ import numpy as np
 
 from rths_cli.loop.step import apply
 from rths_cli.loop.step_arrays import Linear, linear
-from rths_cli.numerics.compiled import entry
+from rths_cli.numerics.compiled import borrowed, entry
 from rths_cli.numerics.lti import Array, Block
 
 
@@ -20,6 +20,7 @@ def run_block(block: Block, inputs: Array) -> Array:
 
 @entry
 def _run(block: Linear, inputs: Array, outputs: Array) -> None:
+    block, inputs, outputs = borrowed((block, inputs, outputs))
     for k in range(inputs.shape[1]):
         for i in range(inputs.shape[0]):
             block.given[block.states + i] = inputs[i, k]

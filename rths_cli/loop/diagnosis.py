@@ -23,7 +23,8 @@ from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.loop import guard as g
 from rths_cli.loop.guard import GuardLimits, GuardState
-from rths_cli.loop.run_log import CAUGHT_UP, MIXED, NO_ANSWER, Signals
+from rths_cli.loop.lost_samples import CAUGHT_UP, MIXED, NO_ANSWER
+from rths_cli.loop.run_log import Signals
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import RigInfo
 from rths_cli.structure import Specimen

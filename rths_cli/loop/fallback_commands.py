@@ -20,7 +20,7 @@ from rths_cli.loop.dropouts import bridge
 from rths_cli.loop.guard import GuardLimits, GuardState, fresh_guard, ramp_down
 from rths_cli.loop.step import note_sent, step
 from rths_cli.loop.step_arrays import Step, assemble
-from rths_cli.numerics.compiled import entry, part
+from rths_cli.numerics.compiled import borrowed, entry, part
 from rths_cli.numerics.lti import Array
 from rths_cli.numerics.tiled_products import padded, product, tiled
 from rths_cli.rigs.udp.late_command_trajectory import POINTS, SPACING, Way, fresh_way, place_after
@@ -137,6 +137,7 @@ def put(values: Array, state: Array, at: int) -> int:
 @entry
 def go_on_alone(s: Step, drive: Array, commands: Array) -> None:
     """Simulate a step on substituted samples over a drive (n, 3); write its commands (n,) in V."""
+    s, drive, commands = borrowed((s, drive, commands))
     for k in range(drive.shape[0]):
         bridge(s)
         commands[k] = step(s, drive[k])
@@ -146,6 +147,7 @@ def go_on_alone(s: Step, drive: Array, commands: Array) -> None:
 @entry
 def go_the_way(way: Way, places: Array) -> None:
     """Write the positions (n,) in V along a preview after one, two, ... intervals."""
+    way, places = borrowed((way, places))
     for i in range(places.size):
         places[i] = place_after(way, i + 1)
 

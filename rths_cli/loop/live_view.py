@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rths_cli.loop.lost_samples import without_samples
 from rths_cli.loop.realtime_loop import AT_REST, IN_RAMP_DOWN, IN_RAMP_UP, IN_RUN, OVERRUNS
 from rths_cli.loop.realtime_run import Performance
-from rths_cli.loop.run_log import signals, without_samples
+from rths_cli.loop.run_log import signals
 from rths_cli.numerics.lti import Array
 
 PEAKS = ("desired", "measured", "place", "velocity", "accel", "force", "late", "compute")

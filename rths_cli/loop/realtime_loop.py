@@ -36,11 +36,12 @@ from rths_cli.loop.guard import (
     GuardState,
     take_over,
 )
-from rths_cli.loop.run_log import CAUGHT_UP, MIXED, NO_ANSWER, Log
+from rths_cli.loop.lost_samples import CAUGHT_UP, MIXED, NO_ANSWER
+from rths_cli.loop.run_log import Log
 from rths_cli.loop.simulated_time_run import think
 from rths_cli.loop.step_arrays import Step
 from rths_cli.numerics.clock import IntArray, monotonic_ns, sleep_until, spin_of
-from rths_cli.numerics.compiled import entry, part
+from rths_cli.numerics.compiled import borrowed, entry, part
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.interface import RigInfo
 from rths_cli.rigs.udp import link as udp
@@ -253,6 +254,7 @@ def run_udp(
 
     The link holds the samples of step 0. The course's clock, which sets the deadlines, starts now.
     """
+    link, course, s, limits, g, drive, log = borrowed((link, course, s, limits, g, drive, log))
     marks, behind, waited, k = course.marks, 0, 0, 0
     marks[START_NS] = monotonic_ns(course.scratch) + course.dt_ns
     command = 0.0
@@ -343,6 +345,7 @@ def conduct_once(
     course: Course, s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, samples_v: Array
 ) -> float:
     """Compute one step with `conduct`, for a rig whose exchange is written in Python."""
+    course, s, limits, g, drive, log, samples_v = borrowed((course, s, limits, g, drive, log, samples_v))
     k = log.done[0]
     command = conduct(course, s, limits, g, drive, log, samples_v, 0, k)
     log.done[0] = k + 1

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rths_cli.loop.step_arrays import Step
 from rths_cli.numerics.clock import IntArray
@@ -14,9 +13,6 @@ from rths_cli.numerics.compiled import part
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities.raw_log_columns import RAW_LOG_COLUMNS
 
-# values of `lost`: no samples came in time; the step was caught up without samples; samples came, but the step used a
-# mix of them and of substituted ones
-NO_ANSWER, CAUGHT_UP, MIXED = 1, 2, 3
 SEVERAL = ("true_velocity_m_s", "corrected", "desired", "estimated", "samples_v")  # signals of more than one row
 DESIRED = ("desired_accel_m_s2", "desired_velocity_m_s", "desired_displacement_m")
 
@@ -90,11 +86,6 @@ def signals(log: Log, channels: int, estimates: int) -> Signals:
         named[name] = log.columns[first : first + count]
         first += count
     return Signals(**{name: rows if name in SEVERAL else rows.reshape(-1) for name, rows in named.items()})
-
-
-def without_samples(lost: Array) -> NDArray[np.bool_]:
-    """Return which steps (n,) have no samples of their instant, from the log's `lost`."""
-    return np.asarray((lost == NO_ANSWER) | (lost == CAUGHT_UP))
 
 
 @part

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from rths_cli.numerics.clock import IntArray, monotonic_ns, require_real_time, sleep_until, spin_of
-from rths_cli.numerics.compiled import entry
+from rths_cli.numerics.compiled import borrowed, entry
 
 PRIORITY = 80  # above the system's threaded interrupts (50), below its own watchdogs (99)
 CPU_LATENCY = Path("/dev/cpu_dma_latency")
@@ -191,6 +191,7 @@ def wait_periodically(interval_ns: int, spin_ns: int, late_ns: IntArray, scratch
 
     Deadlines that passed while it waited for another one are skipped. `scratch` is (2,) int64.
     """
+    late_ns, scratch = borrowed((late_ns, scratch))
     deadline = monotonic_ns(scratch) + interval_ns
     for k in range(late_ns.size):
         late_ns[k] = sleep_until(deadline, spin_ns, scratch)

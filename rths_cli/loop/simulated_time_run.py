@@ -28,7 +28,7 @@ from rths_cli.loop.step import note_sent, step
 from rths_cli.loop.step_arrays import Step, assemble
 from rths_cli.loop.stop_reasons import reason_of
 from rths_cli.numerics.clock import IntArray, monotonic_ns
-from rths_cli.numerics.compiled import entry, part
+from rths_cli.numerics.compiled import borrowed, entry, part
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.interface import Rig, RigInfo, SimulatedRig, simulated
 from rths_cli.rigs.virtual import plant_kernel
@@ -218,6 +218,7 @@ def think_once(
     s: Step, limits: GuardLimits, g: GuardState, drive: Array, record: int, log: Log, scratch: IntArray
 ) -> float:
     """Call `think` with the next row of the drive (n, 3) and log the time it took; scratch (2,)."""
+    s, limits, g, drive, log, scratch = borrowed((s, limits, g, drive, log, scratch))
     k, start = log.done[0], monotonic_ns(scratch)
     end_record(g, k, record)
     command = think(s, limits, g, drive[k], log, k, 1.0, True, s.samples, s.corrected)[0]
@@ -238,6 +239,7 @@ def stamp(log: Log, steps: int, count: int, before: int, now: int) -> int:
 @entry
 def watch_virtual(plant: Plant, table: plant_kernel.PlantState, noise: Array, shown_v: Array) -> None:
     """Write the samples (n, c) in V of a virtual table that is commanded to rest."""
+    plant, table, noise, shown_v = borrowed((plant, table, noise, shown_v))
     for k in range(shown_v.shape[0]):
         plant_kernel.read(plant, table, noise[k], shown_v[k])
         plant_kernel.hold(plant, table, 0.0)
@@ -261,6 +263,8 @@ def run_virtual(
 
     `after_v` (a, c) receives the samples after the record.
     """
+    plant, table, s, limits, g = borrowed((plant, table, s, limits, g))
+    drive, noise, log, after_v, scratch = borrowed((drive, noise, log, after_v, scratch))
     steps, before = 0, monotonic_ns(scratch)
     while steps < drive.shape[0] and table.fault[0] == 0 and (g.flags[0] != STOPPED or g.flags[1] == END):
         plant_kernel.read(plant, table, noise[steps], s.samples)

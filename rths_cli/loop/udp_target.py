@@ -26,7 +26,7 @@ import numpy as np
 
 from rths_cli.loop.guard import BRAKING, RUNNING, STOPPED, GuardLimits, GuardState, ramp_down
 from rths_cli.numerics.clock import SPIN_NS, IntArray, monotonic_ns, sleep_until
-from rths_cli.numerics.compiled import External, entry, part
+from rths_cli.numerics.compiled import borrowed, entry, external, part
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.udp import packets
 from rths_cli.rigs.udp.handshake import Greeter, answer_hello, opens_session
@@ -37,9 +37,9 @@ from rths_cli.rigs.virtual.plant import Plant
 
 BROKEN_NS = 1_000_000  # wait after an error of the socket
 
-_recvmsg = External("recvmsg", "intp", "intc", "uintp", "intc")
-_ppoll = External("ppoll", "intc", "uintp", "uintp", "uintp", "uintp")
-_clock_gettime = External("clock_gettime", "intc", "intc", "uintp")
+_recvmsg = external("recvmsg", "intp", "intc", "uintp", "intc")
+_ppoll = external("ppoll", "intc", "uintp", "uintp", "uintp", "uintp")
+_clock_gettime = external("clock_gettime", "intc", "intc", "uintp")
 _DONT_WAIT, _WHOLE_SIZE, _READABLE, _WALL_CLOCK = 0x40, 0x20, 1, 0  # MSG_DONTWAIT, MSG_TRUNC, POLLIN, CLOCK_REALTIME
 _STAMPS = 35  # SO_TIMESTAMPNS, and SCM_TIMESTAMPNS
 _IS_STAMP = socket.SOL_SOCKET | _STAMPS << 32  # level and type of a control message
@@ -74,7 +74,7 @@ def receive(fd: int, message: IntArray, address: Bytes) -> int:
 @part
 def wall_clock_ns(scratch: IntArray) -> int:
     """Return the time of day in ns, the clock of the stamps; `scratch` (2,) receives seconds and nanoseconds."""
-    _clock_gettime(_WALL_CLOCK, scratch.ctypes.data)  # type: ignore[operator]
+    _clock_gettime(_WALL_CLOCK, scratch.ctypes.data)
     return scratch[0] * 1_000_000_000 + scratch[1]
 
 
@@ -96,7 +96,7 @@ def wait(fd: int, time_ns: int, scratch: IntArray) -> None:
     scratch[0], scratch[1] = time_ns // 1_000_000_000, time_ns % 1_000_000_000
     scratch[2] = fd | _READABLE << 32
     times, polled = scratch.ctypes.data, scratch.ctypes.data + 16
-    _ppoll(polled, 1, times, 0)  # type: ignore[operator]
+    _ppoll(polled, 1, times, 0)
     seen = scratch[2] >> 48
     if seen != 0 and seen != _READABLE:
         sleep_until(monotonic_ns(scratch) + BROKEN_NS, 0, scratch)
@@ -126,7 +126,7 @@ STATE, FAULTS, SEQUENCE, STARTED_NS, TICK, LAST_TICK, LONGEST_TICKS, ROW, CLOSIN
 ARRIVED_NS, REACHED_NS, MOVED_TICK, BATCHED, BATCH_BEGAN_NS, CATCHES_UP = range(11, 17)
 PLACES = 17
 
-_sendto = External("sendto", "intp", "intc", "uintp", "uintp", "intc", "uintp", "uintc")
+_sendto = external("sendto", "intp", "intc", "uintp", "uintp", "intc", "uintp", "uintc")
 _AT_ONCE = 0x40  # MSG_DONTWAIT
 ADDRESS_BYTES = 28  # of the longest socket address
 
@@ -342,7 +342,7 @@ def within(value: float, limit: float) -> float:
 def post(d: Door, size: int) -> None:
     """Send `outgoing` to the sender of the last packet."""
     address_size = d.message[ADDRESS_SIZE]
-    _sendto(d.fd, d.outgoing.ctypes.data, size, _AT_ONCE, d.address.ctypes.data, address_size)  # type: ignore[operator]
+    _sendto(d.fd, d.outgoing.ctypes.data, size, _AT_ONCE, d.address.ctypes.data, address_size)
 
 
 @part
@@ -481,6 +481,7 @@ def serve_packets(d: Door, t: Table) -> int:
     BEGUN: the ARM in `incoming` opens another session, whose key the greeter has. ENDED: the table has come to rest, or
     the session was closed. ORDERED: stopped by `orders`, with the table at rest.
     """
+    d, t = borrowed((d, t))
     s, event = d.session, 0
     if s[ARMING] == 1:  # the ARM is dated now, after the session was prepared
         s[ARMING], s[REACHED_NS] = 0, monotonic_ns(d.scratch)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rths_cli.errors import InputError
-from rths_cli.numerics.compiled import External, part
+from rths_cli.numerics.compiled import external, part
 
 IntArray = NDArray[np.int64]
 REAL_TIME = sys.platform == "linux"
@@ -22,17 +22,17 @@ if sys.platform == "win32":  # no clock_gettime there: steps of offline runs are
         return 0
 
 else:
-    _clock_gettime = External("clock_gettime", "intc", "intc", "uintp")
+    _clock_gettime = external("clock_gettime", "intc", "intc", "uintp")
     _MONOTONIC = 6 if sys.platform == "darwin" else 1
 
     @part
     def monotonic_ns(scratch: IntArray) -> int:
         """Return the monotonic time in ns; `scratch` (2,) int64 receives seconds and nanoseconds."""
-        _clock_gettime(_MONOTONIC, scratch.ctypes.data)  # type: ignore[operator]
+        _clock_gettime(_MONOTONIC, scratch.ctypes.data)
         return scratch[0] * 1_000_000_000 + scratch[1]
 
 
-_clock_nanosleep = External("clock_nanosleep", "intc", "intc", "intc", "uintp", "uintp")  # Linux only
+_clock_nanosleep = external("clock_nanosleep", "intc", "intc", "intc", "uintp", "uintp")  # Linux only
 _LINUX_MONOTONIC, _ABSOLUTE = 1, 1
 
 
@@ -53,7 +53,7 @@ def sleep_until(deadline_ns: int, spin_ns: int, scratch: IntArray) -> int:
     now = monotonic_ns(scratch)
     while now < wake_ns:
         scratch[0], scratch[1] = wake_ns // 1_000_000_000, wake_ns % 1_000_000_000
-        _clock_nanosleep(_LINUX_MONOTONIC, _ABSOLUTE, scratch.ctypes.data, 0)  # type: ignore[operator]
+        _clock_nanosleep(_LINUX_MONOTONIC, _ABSOLUTE, scratch.ctypes.data, 0)
         now = monotonic_ns(scratch)
     while now < deadline_ns:
         now = monotonic_ns(scratch)

@@ -1,196 +1,355 @@
-"""Compile everything that runs while a table moves, and cache its machine code; allocation is switched off.
+"""Compile everything that runs while a table moves, with numba, and keep the machine code in a folder of the user's.
 
-`entry` marks a function that Python may call, `part` one that compiled code calls; numba translates them at the first
-call with arguments of a new kind. The machine code is kept in a folder of the user's cache that is named after the
-text of all sources it comes from, and later processes load it as it is: numba is then not imported at all.
-Arguments are C-contiguous arrays, int, float, bool and NamedTuples of these; the call releases the interpreter lock.
+`entry` marks a function that Python calls, `part` one that compiled code calls. `part_class` marks a NamedTuple whose
+methods compiled code calls: `s.numerical.advance(...)` runs the method of whatever class stands in that field, and is
+decided when the caller is compiled. Arguments are arrays, int, float, bool and NamedTuples of these; a call releases
+the interpreter lock. Compiled code may not allocate memory or call Python: an entry passes its arrays through
+`borrowed` first, and `runtime_calls` shows a test what is left.
 """
 
 from __future__ import annotations
 
-import ctypes
 import hashlib
 import inspect
-import json
 import os
 import platform
-import sys
-import threading
-from collections.abc import Callable
-from contextlib import suppress
-from functools import cache
-from importlib.metadata import version
+import re
+import time
+import zlib
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar
 
+import llvmlite
+import llvmlite.binding as llvm
+import numba
 import numpy as np
+from numba import types
+from numba.core import cgutils, event, imputils
+from numba.extending import intrinsic, overload_method
 
+from rths_cli.errors import InputError
+from rths_cli.numerics.compiler_messages import tell
 from rths_cli.user_cache import user_cache
 
-F = TypeVar("F", bound=Callable[..., object])
-SOURCES = (
-    "analysis/metrics/response_errors.py",
-    "analysis/metrics/zero_phase_high_pass.py",
-    "analysis/sim_delay.py",
-    "numerics/clock.py",
-    "numerics/compiled.py",
-    "numerics/filters.py",
-    "numerics/tiled_products.py",
-    "rigs/description.py",
-    "rigs/udp/handshake.py",
-    "rigs/udp/late_command_trajectory.py",
-    "rigs/udp/link.py",
-    "rigs/udp/packets.py",
-    "rigs/udp/siphash.py",
-    "rigs/virtual/plant.py",
-    "rigs/virtual/plant_kernel.py",
-)
-SOURCE_FOLDERS = ("loop",)
-WRAPPERS = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-OPTIONS = {"_nrt": False, "error_model": "numpy", **WRAPPERS}  # no allocation; 1 / 0 is inf
-RESULTS = {"none": ctypes.c_void_p, "float64": ctypes.c_double, "int64": ctypes.c_int64, "bool": ctypes.c_bool}
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
+
+T = TypeVar("T")
+F = TypeVar("F", bound=Callable[..., Any])
+Class = TypeVar("Class", bound=type)
+ONLY_CALLED_BY_COMPILED_CODE = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}  # half the time to compile
+PART = {"error_model": "numpy", "forceinline": True, **ONLY_CALLED_BY_COMPILED_CODE}  # error_model: 1 / 0 is inf
+ENTRY = {"error_model": "numpy", "nogil": True}
+PACKAGE = Path(__file__).resolve().parents[1]
+ABOVE = ("__main__.py", "api", "cli", "experiment", "report", "studies")  # compiled code imports nothing of these
 WITHOUT_EFFECT = ("NUMBA_CACHE_DIR=", "NUMBA_NUM_THREADS=", "NUMBA_THREADING_LAYER=")  # settings, on our machine code
-_LOCK = threading.RLock()
-_LISTENERS: list[Callable[[str], object]] = []
-_ENGINES: list[Any] = []  # loaded machine code lives as long as the process
+OTHERS_MAY_WRITE = 0o022
+CALLS = "runtime_calls.txt"  # what compiled code calls though it should not, a line each: entry, function
+LOCK_S = 60.0  # a process that compiles for longer is taken for stopped
+FUNCTION = re.compile(r"^define [^@\n]*@\"?(?!_ZN7cpython|cfunc\.|NRT_).*?^}", re.MULTILINE | re.DOTALL)
+RUNTIME_CALL = re.compile(r"(?:call|invoke) [^@\n]*@\"?((?:NRT|Py|numba)_\w+|Py[A-Z]\w+)")
+_METHODS: dict[str, inspect.Signature] = {}
+
+numba.config.SLP_VECTORIZE = 1  # four rows of a block in one instruction
+numba.config.LOOP_VECTORIZE = 0  # our loops are too short for more: it cost a sixth of the step
 
 
-class Part:
-    """A function for numba: a dispatcher that is made when compiled code asks for it."""
+class Entry:
+    """A compiled function that Python calls; `dispatcher` is numba's, `name` that of module and function."""
 
-    def __init__(self, function: Callable[..., object], **options: bool) -> None:
-        self.function, self._options = function, options
-        self._made: Any = None
-
-    @property
-    def dispatcher(self) -> Any:
-        """Return numba's dispatcher of the function."""
-        if self._made is None:
-            import numba
-
-            translator: Any = numba
-            translator.config.SLP_VECTORIZE = 1  # four rows of a block in one instruction
-            translator.config.LOOP_VECTORIZE = 0  # our loops are too short for more: it cost a sixth of the step
-            self._made = translator.njit(**OPTIONS, **self._options)(self.function)
-        return self._made
-
-    @property
-    def _numba_type_(self) -> Any:
-        """Return what numba takes for this object where compiled code names it."""
-        return self.dispatcher._numba_type_
-
-
-class External:
-    """A C function of the process, for compiled code."""
-
-    def __init__(self, name: str, result: str, *arguments: str) -> None:
-        self._name, self._result, self._arguments = name, result, arguments
-
-    @property
-    def _numba_type_(self) -> Any:
-        """Return what numba takes for this object where compiled code names it."""
-        from numba import types
-
-        arguments = [getattr(types, argument) for argument in self._arguments]
-        return types.ExternalFunction(self._name, getattr(types, self._result)(*arguments))
-
-
-class Entry(Part):
-    """A function that Python calls: machine code from the cache, or compiled at the first call."""
-
-    def __init__(self, function: Callable[..., object]) -> None:
-        super().__init__(function)
-        self._loaded: dict[str, Callable[[list[Any]], object]] = {}
+    def __init__(self, function: Callable[..., Any]) -> None:
+        with _cache_directory() as kept:
+            self.dispatcher: Any = numba.njit(cache=kept, **ENTRY)(function)
+        self.name = f"{function.__module__}.{function.__qualname__}"
+        self._ready: set[object] = set()
 
     def __call__(self, *arguments: object) -> Any:
-        """Run the compiled function."""
-        return self.bind(*arguments)()
-
-    @property
-    def kinds(self) -> tuple[str, ...]:
-        """Return the kinds of arguments it has run with."""
-        return tuple(self._loaded)
+        """Run the function; the first call with arguments of these types compiles it."""
+        self._prepare(arguments)
+        return self.dispatcher(*arguments)
 
     def bind(self, *arguments: object) -> Callable[[], Any]:
-        """Return a function without arguments that runs on these, the same arrays every time."""
-        flat: list[Any] = []
-        kind = ",".join(_flatten(argument, flat) for argument in arguments)
-        run = self._loaded.get(kind) or self._load(kind, arguments)
+        """Compile the function and return it without arguments: it runs on these, the same arrays every time."""
+        self._prepare(arguments)
+        return partial(self.dispatcher, *arguments)
 
-        def bound(_kept: object = arguments) -> Any:  # the arrays live as long as the function
-            return run(flat)
+    def _prepare(self, arguments: tuple[object, ...]) -> None:
+        """Load or compile the code for arguments of these types: numba's dispatcher would not lock the cache."""
+        kind = _kind(arguments)
+        if kind not in self._ready:
+            self._compile(tuple(numba.typeof(argument) for argument in arguments))
+            self._ready.add(kind)
 
-        return bound
-
-    def _load(self, kind: str, arguments: tuple[object, ...]) -> Callable[[list[Any]], object]:
-        with _LOCK:
-            if kind not in self._loaded:
-                path = self._path(kind)
-                kept = _read(path)
-                if kept is None:
-                    kept = self._compile(arguments)
-                    _keep(path, kept)
-                self._loaded[kind] = _callable(kept)
-            return self._loaded[kind]
-
-    def _path(self, kind: str) -> Path:
-        """Return where the machine code for arguments of this kind is kept."""
-        source = Path(inspect.getfile(self.function)).read_bytes()
-        digest = hashlib.sha256(f"{self.function.__qualname__} {kind} {processor()} ".encode() + source).hexdigest()
-        return Path(cache_folder()) / f"{self.function.__name__.strip('_')}-{digest[:24]}.native"
-
-    def _compile(self, arguments: tuple[object, ...]) -> bytes:
-        """Return symbol, kind of result and machine code."""
-        import numba
-
-        while _LISTENERS:
-            _LISTENERS.pop()("first run of this version here: compiling its real-time code, about 20 s more in all")
-
-        signature = tuple(numba.typeof(argument) for argument in arguments)
-        self.dispatcher.compile(signature)
-        made = self.dispatcher.overloads[signature]
-        about = {"symbol": made.fndesc.llvm_func_name, "result": _plain(made.signature.return_type)}
-        code = made.library._get_compiled_object()
-        if b"\0numba_" in code:  # calls into numba, for memory or Python objects
-            raise TypeError(f"{self.function.__qualname__} could allocate or call Python: compiled code must not")
-        return json.dumps(about).encode() + b"\n" + code
+    def _compile(self, signature: tuple[Any, ...]) -> None:
+        with _lock(cache_folder(), self.name):
+            with suppress(OSError):  # of a cache that cannot be read or written
+                self.dispatcher.compile(signature)
+            if signature not in self.dispatcher.overloads:  # or its index names the code of another signature
+                self.dispatcher = numba.njit(**ENTRY)(self.dispatcher.py_func)
+                self.dispatcher.compile(signature)
+            if signature in self.dispatcher.stats.cache_misses:
+                _note_calls(self)
+                _seal(cache_folder())
 
 
-def entry(function: Callable[..., object]) -> Entry:
-    """Compile a function that Python may call."""
+def _kind(value: object) -> object:
+    """Return what numba's type of a value follows from, in a tenth of the time."""
+    if isinstance(value, np.ndarray):
+        return value.dtype, value.ndim, value.flags.num
+    if isinstance(value, tuple):
+        return type(value), *map(_kind, value)
+    return type(value)
+
+
+def external(name: str, result: str, *arguments: str) -> Any:
+    """Return a C function of the process for compiled code; kinds are named as numba names them."""
+    return types.ExternalFunction(name, getattr(types, result)(*(getattr(types, each) for each in arguments)))
+
+
+def entry(function: Callable[..., Any]) -> Entry:
+    """Compile a function that Python calls."""
     return Entry(function)
 
 
 def part(function: F) -> F:
-    """Compile a function into its compiled callers; Python cannot call it."""
-    return Part(function, forceinline=True)  # type: ignore[return-value]
+    """Compile a function into its compiled callers."""
+    return numba.njit(**PART)(function)
 
 
-def announce(listener: Callable[[str], object]) -> None:
-    """Have a sentence told once, before the first compilation of this process starts."""
-    _LISTENERS[:] = [listener]
+def part_class(made: Class) -> Class:
+    """Compile the public methods of a NamedTuple into their compiled callers.
+
+    Classes that may take each other's place give a method the same parameters. Raises TypeError where they do not.
+    """
+    for name, method in vars(made).items():
+        if not inspect.isfunction(method) or name.startswith("_"):
+            continue
+        known = _METHODS.setdefault(name, inspect.signature(method))
+        if list(known.parameters) != list(inspect.signature(method).parameters):
+            raise TypeError(f"{made.__name__}.{name}: other classes call its parameters {', '.join(known.parameters)}")
+        _offer(name, known)
+    return made
 
 
 @cache
-def cache_folder() -> str:
-    """Return the folder of the compiled code for these sources, this Python and this numba."""
-    package = Path(__file__).resolve().parents[1]
-    files = [package / name for name in SOURCES]
-    files += sorted(path for name in SOURCE_FOLDERS for path in (package / name).glob("*.py"))
-    digest = hashlib.sha256(
-        f"{sys.platform} {platform.python_version()} {version('numba')} {version('llvmlite')}".encode()
+def _offer(name: str, signature: inspect.Signature) -> None:
+    """Have numba look for a method in the class of the NamedTuple that it is called on."""
+
+    def of_class(*arguments: Any) -> Callable[..., Any] | None:
+        return getattr(arguments[0].instance_class, name, None)
+
+    of_class.__signature__ = signature  # type: ignore[attr-defined]
+    for tuples in (types.NamedTuple, types.NamedUniTuple):
+        overload_method(tuples, name, jit_options=PART, strict=False)(of_class)
+
+
+def _disowned(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    """Return the arrays of an array or a tuple without their owner."""
+    if isinstance(kind, types.Array):
+        array = context.make_array(kind)(context, builder, value)
+        array.meminfo = cgutils.get_null_value(array.meminfo.type)
+        array.parent = cgutils.get_null_value(array.parent.type)
+        return array._getvalue()
+    if isinstance(kind, types.BaseTuple):
+        for i, one in enumerate(kind):
+            item = _disowned(context, builder, one, builder.extract_value(value, i))
+            value = builder.insert_value(value, item, i)
+    return value
+
+
+def _borrow(typingctx: Any, value: Any) -> Any:
+    """Tell numba the type and the code of `borrowed`."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        try:
+            return _disowned(context, builder, signature.args[0], arguments[0])
+        except AttributeError:  # another numba describes arrays in another way: references are counted
+            return imputils.impl_ret_borrowed(context, builder, signature.return_type, arguments[0])
+
+    return value(value), generate
+
+
+borrowed: Callable[[T], T] = intrinsic(_borrow)
+"""Return a value whose arrays compiled code does not count references to: their owner outlives the call.
+
+Counting costs more than the step. It is left out by giving the arrays no owner, as `numba.carray` gives none.
+"""
+
+
+def runtime_calls(made: Entry) -> set[str]:
+    """Return the functions of numba's runtime and of Python that the code of an entry calls.
+
+    What numba wraps around that code for a call from Python is left out.
+    """
+    folder, noted = cache_folder(), ""
+    with suppress(OSError):  # mostly there is no such file
+        noted = (folder / CALLS).read_text() if folder is not None else ""
+    kept = {call for name, _, call in (line.partition(" ") for line in noted.splitlines()) if name == made.name}
+    compiled_here = [kinds for kinds in made.dispatcher.overloads if kinds in made.dispatcher.stats.cache_misses]
+    texts = [made.dispatcher.inspect_llvm(kinds) for kinds in compiled_here]
+    return kept | {name for text in texts for one in FUNCTION.findall(text) for name in RUNTIME_CALL.findall(one)}
+
+
+def _note_calls(made: Entry) -> None:
+    """Keep the calls of new code for later processes, which load it without them, and tell of them."""
+    calls = runtime_calls(made)
+    if not calls:
+        return
+    folder = cache_folder()
+    if folder is not None:
+        with suppress(OSError), open(folder / CALLS, "a", encoding="utf-8") as file:
+            file.writelines(f"{made.name} {call}\n" for call in sorted(calls))
+    tell(
+        f"numba {numba.__version__} makes {made.name} call {', '.join(sorted(calls))}: each step takes longer, several "
+        "times as long where references are counted; please report it"
     )
-    for path in files:
+
+
+class _Starts(event.Listener):
+    """Tells of compilations."""
+
+    def on_start(self, event: object) -> None:
+        why = f"; it is not kept: {_place()[1]}" if cache_folder() is None else ""
+        tell(f"first run of this version here: compiling its real-time code, about 20 s more in all{why}")
+
+    def on_end(self, event: object) -> None:
+        """Do nothing."""
+
+
+event.register("numba:compile", _Starts())
+
+
+def watched_sources() -> list[Path]:
+    """Return the sources from which compiled code may come: all but the layers above the loop.
+
+    numba looks at the file of an entry only, and would keep a stale guard inside an unchanged caller.
+    """
+    everything = sorted(PACKAGE.rglob("*.py"))
+    return [path for path in everything if path.relative_to(PACKAGE).parts[0] not in ABOVE]
+
+
+@cache
+def cache_folder() -> Path | None:
+    """Return the folder of the compiled code, with all damaged files removed.
+
+    None where no such folder belongs to this user alone: each process then compiles for itself.
+    """
+    folder, _ = _place()
+    for path in _files(folder) if folder is not None else ():
+        if not _is_sealed(path):
+            path.unlink(missing_ok=True)
+    return folder
+
+
+@cache
+def _place() -> tuple[Path | None, str]:
+    """Return the folder for the code of these sources, this Python, these libraries and this processor, or why none."""
+    versions = platform.python_version(), numba.__version__, llvmlite.__version__, np.__version__
+    digest = hashlib.sha256(" ".join((*versions, processor())).encode())
+    for path in watched_sources():
         digest.update(path.read_bytes())
-    return str(user_cache() / f"compiled-{digest.hexdigest()[:16]}")
+    try:
+        folder = user_cache() / f"compiled-{digest.hexdigest()[:16]}"
+    except InputError as error:
+        return None, str(error)
+    fault = folder_fault(folder)
+    return (None, fault) if fault else (folder, "")
+
+
+def folder_fault(folder: Path) -> str:
+    """Make a folder for compiled code; return why none of it may be kept there, "" if it may.
+
+    What is in it runs in this process, so nobody else may write to it.
+    """
+    try:
+        for path in (folder.parent, folder):
+            path.mkdir(parents=True, exist_ok=True, mode=0o700)
+            about = path.stat()
+            if os.name == "posix" and about.st_uid != os.geteuid():
+                return f"{path} belongs to another user"
+            if os.name == "posix" and about.st_mode & OTHERS_MAY_WRITE:
+                return f"others may write to {path} (chmod go-w)"
+            if not os.access(path, os.W_OK):
+                return f"{path} cannot be written"
+    except OSError as error:
+        return str(error)
+    return ""
+
+
+@contextmanager
+def _lock(folder: Path | None, name: str) -> Iterator[None]:
+    """Let one process at a time compile an entry; the others then load what it has compiled.
+
+    Ignored where it cannot be had: code is then compiled twice, and an index that two have written is found out.
+    """
+    file, end = None, time.monotonic() + LOCK_S
+    try:
+        if fcntl is not None and folder is not None:
+            with suppress(OSError):
+                file = os.open(folder / f"{name}.lock", os.O_RDWR | os.O_CREAT, 0o600)
+                while not _is_locked(file) and time.monotonic() < end:
+                    time.sleep(0.02)
+        yield
+    finally:
+        if file is not None:
+            os.close(file)
+
+
+def _is_locked(file: int) -> bool:
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    return True
+
+
+def _seal(folder: Path | None) -> None:
+    """Write the checksum of each file of compiled code beside it."""
+    for path in _files(folder) if folder is not None else ():
+        with suppress(OSError):  # a full disk, or another process replaces the file: it is compiled again
+            if not _is_sealed(path):
+                _seal_of(path).write_text(_checksum(path))
+
+
+def _files(folder: Path) -> list[Path]:
+    return [path for path in folder.glob("*/*") if path.suffix in (".nbi", ".nbc")]
+
+
+def _seal_of(path: Path) -> Path:
+    return path.with_name(f"{path.name}.crc")
+
+
+def _checksum(path: Path) -> str:
+    return f"{zlib.crc32(path.read_bytes()):08x}"
+
+
+def _is_sealed(path: Path) -> bool:
+    try:
+        return _seal_of(path).read_text() == _checksum(path)
+    except (OSError, UnicodeDecodeError):
+        return False
+
+
+@contextmanager
+def _cache_directory() -> Iterator[bool]:
+    """Direct numba's cache to our folder while an entry is made; give whether there is one."""
+    folder, before = cache_folder(), numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(folder or "")
+    try:
+        yield folder is not None
+    finally:
+        numba.config.CACHE_DIR = before
 
 
 @cache
 def processor() -> str:
     """Return what decides which instructions numba chooses: the host, and every setting of numba, from its environment
     variables (NUMBA_CPU_NAME, NUMBA_OPT, ...) or its file in the working directory."""
-    import llvmlite.binding as llvm
-
     settings = [f"{name}={value}" for name, value in sorted(os.environ.items()) if name.startswith("NUMBA_")]
     settings = [one for one in settings if not one.startswith(WITHOUT_EFFECT)]
     with suppress(OSError):  # mostly there is no such file
@@ -199,90 +358,3 @@ def processor() -> str:
     with suppress(RuntimeError):  # LLVM does not know the features of every host
         features = llvm.get_host_cpu_features().flatten()
     return f"{llvm.get_host_cpu_name()} {features} {' '.join(settings)}"
-
-
-def _flatten(value: object, flat: list[Any]) -> str:
-    """Append what the machine code takes for an argument; return its kind."""
-    if isinstance(value, np.ndarray):
-        if not (value.flags.c_contiguous and value.flags.aligned):
-            raise TypeError("compiled code takes C-contiguous arrays only")
-        place = value.__array_interface__["data"][0]
-        flat += [None, None, ctypes.c_ssize_t(value.size), ctypes.c_ssize_t(value.itemsize), ctypes.c_void_p(place)]
-        flat += [ctypes.c_ssize_t(number) for number in (*value.shape, *value.strides)]
-        return f"{value.dtype.str}{value.ndim}{'' if value.flags.writeable else ' read only'}"
-    if isinstance(value, tuple):
-        return f"{type(value).__name__}({','.join(_flatten(item, flat) for item in value)})"
-    if isinstance(value, bool | np.bool_):
-        flat.append(ctypes.c_uint8(bool(value)))
-        return "bool"
-    if isinstance(value, int | np.int64):
-        flat.append(ctypes.c_int64(int(value)))
-        return "int"
-    if not isinstance(value, float):  # numba would compile float32 or int32 in the name of float or int, for ever
-        raise TypeError(f"compiled code takes int, float, bool, arrays and tuples of these, not {type(value).__name__}")
-    flat.append(ctypes.c_double(value))
-    return "float"
-
-
-def _plain(kind: Any) -> str:
-    """Return the name of a result's kind; a constant counts as its kind."""
-    return str(getattr(kind, "literal_type", kind))
-
-
-def _callable(kept: bytes) -> Callable[[list[Any]], object]:
-    """Return a function that takes flat arguments, from kept machine code.
-
-    numba's own calling convention: pointers for result and error, then all arguments taken apart.
-    """
-    head, _, code = kept.partition(b"\n")
-    about = json.loads(head)
-    function = ctypes.CFUNCTYPE(ctypes.c_int)(_address(about["symbol"], code))
-    kind = RESULTS[about["result"]]
-
-    def run(flat: list[Any]) -> object:
-        result: Any = kind()
-        error = ctypes.c_void_p()
-        if function(ctypes.byref(result), ctypes.byref(error), *flat) not in (0, -2):
-            raise RuntimeError(f"compiled {about['symbol']} failed")
-        return result.value
-
-    return run
-
-
-def _address(symbol: str, code: bytes) -> int:
-    """Load machine code into the process and return where the function stands."""
-    import llvmlite.binding as llvm
-
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
-    machine = llvm.Target.from_default_triple().create_target_machine(codemodel="jitdefault", jit=True)
-    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine)
-    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
-    engine.finalize_object()
-    _ENGINES.append(engine)
-    return int(engine.get_function_address(symbol))
-
-
-def _read(path: Path) -> bytes | None:
-    """Return what is kept, None where nothing is or where it is damaged."""
-    try:
-        check, kept = path.read_bytes().split(b"\n", 1)
-    except (OSError, ValueError):
-        return None
-    return kept if check == _check(kept) else None
-
-
-def _check(kept: bytes) -> bytes:
-    return hashlib.sha256(kept).hexdigest().encode()
-
-
-def _keep(path: Path, kept: bytes) -> None:
-    """Write machine code for later processes, whole or not at all; a cache that cannot be written is no fault."""
-    part_file = path.with_suffix(f".{os.getpid()}")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        part_file.write_bytes(_check(kept) + b"\n" + kept)
-        os.replace(part_file, path)
-    except OSError:
-        with suppress(OSError):  # a read-only file system, or a file where the folder should be
-            part_file.unlink()

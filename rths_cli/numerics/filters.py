@@ -1,16 +1,15 @@
-"""Filters along time that scipy.signal does not offer: modes of a complex pole, and four series filtered at once.
+"""A zero-phase filter of four series at once, compiled, for sweeps.
 
-A filter is a cascade of second-order sections (n_sections, 6) as scipy.signal has them. The zero-phase filter of a
-sweep is compiled and takes four series at once, because one alone waits for its own last sum most of the time: with
-scipy.signal.sosfiltfilt instead, a run of a sweep (eight series of 107,483 samples) takes 27 ms instead of 15.
+A filter is a cascade of second-order sections (n_sections, 6) as scipy.signal has them. One series alone waits for its
+own last sum most of the time: with scipy.signal.sosfiltfilt instead, a run of a sweep (eight series of 107,483
+samples) takes 27 ms instead of 15.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from rths_cli.numerics.compiled import entry, part
+from rths_cli.numerics.compiled import borrowed, entry, part
 from rths_cli.numerics.lti import Array
 
 FORWARD, BACKWARD = 1, -1
@@ -40,22 +39,6 @@ def filter_tiles_both_ways(sections: Array, tiles: Array, padding: int) -> None:
     steady = sosfilt_zi(sections)[:, None, :, None]
     _run(sections, np.ascontiguousarray(steady * tiles[:, :1]), tiles, FORWARD)
     _run(sections, np.ascontiguousarray(steady * tiles[:, -1:]), tiles, BACKWARD)
-
-
-def driven_modes(poles: ArrayLike, now: ArrayLike, before: ArrayLike, series: ArrayLike) -> Array:
-    """Return z[k] = p z[k-1] + a u[k] + b u[k-1], z[0] = 0, for each complex mode: (2, m, n), real and imaginary part.
-
-    `poles` p, `now` a, `before` b are complex (m,), `series` u is (n,).
-    """
-    from scipy.signal import lfilter
-
-    numbers = np.array([poles, now, before], dtype=complex).reshape(3, -1)
-    drive = np.asarray(series, dtype=float)
-    modes = np.empty((2, numbers.shape[1], len(drive)))
-    for r, (p, a, b) in enumerate(numbers.T):
-        mode, _ = lfilter([a, b], [1.0, -p], drive, zi=[-a * drive[0]])
-        modes[0, r], modes[1, r] = mode.real, mode.imag
-    return modes
 
 
 @part
@@ -100,6 +83,7 @@ def _run(sections: Array, states: Array, tiles: Array, step: int) -> None:
 
     `states` (2, n_tiles, 2, 4): where the sections start.
     """
+    sections, states, tiles = borrowed((sections, states, tiles))
     c, d = _coefficients(sections, 0), _coefficients(sections, 1)
     for r in range(tiles.shape[0]):
         _two(c, d, states[0, r], states[1, r], tiles[r], step)

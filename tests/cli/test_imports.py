@@ -53,21 +53,16 @@ def test_a_case_is_read_without_numerical_libraries() -> None:
     assert "pydantic" in modules and not heavy(modules, ("numpy", "scipy", "numba", "h5py", "matplotlib", "rich"))
 
 
-def test_a_record_is_filtered_and_judged_without_numba() -> None:
+def test_a_record_is_prepared_without_numba() -> None:
     code = """
 import numpy as np
 from rths_cli.files.accelerograms import Accelerogram
-from rths_cli.analysis.metrics import error_figures, fitted_delay_s, tracking_criteria
 from rths_cli.experiment.ground_motion import prepare, response_spectrum
 made = Accelerogram(0.01, np.sin(np.arange(600.0)), "made", "made", "m/s^2", "one column", "")
-motion = prepare(made, 1.0, 200.0)
-response_spectrum(motion, [1.0])
-late = np.roll(motion.accel_m_s2, 3)
-error_figures(motion.accel_m_s2, late, motion.dt_s)
-fitted_delay_s(motion.accel_m_s2, late, motion.dt_s), tracking_criteria(motion.accel_m_s2, late, motion.dt_s)
+response_spectrum(prepare(made, 1.0, 200.0), [1.0])
 """
-    imported(code)  # compiles what this machine has not compiled yet
-    assert not heavy(imported(code), ("numba", "matplotlib", "rich"))
+    modules = imported(code)
+    assert "rths_cli.numerics.driven_modes" in modules and not heavy(modules, ("numba", "matplotlib", "rich"))
 
 
 def test_a_building_with_stated_dashpots_is_made_without_scipy() -> None:
@@ -125,10 +120,18 @@ def warm(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.mark.parametrize("words", [("check", "el_centro_low_ff_fb"), ("run", "el_centro_low_ff_fb", "--quiet")])
 def test_a_second_run_imports_nothing_that_it_does_not_use(words: tuple[str, ...], warm: Path) -> None:
     modules = imported("", *words, cwd=warm)
-    unused = ("numba", "matplotlib", "rich", "control", "pandas", "asyncio")
+    unused = ("matplotlib", "rich", "control", "pandas", "asyncio")
     unused += (
         "rths_cli.identification.identify",
         "rths_cli.files.imported_models",
         "rths_cli.experiment.identify_on_rig",
     )
     assert "rths_cli.experiment.model_choice" in modules and not heavy(modules, unused)
+
+
+@pytest.mark.parametrize("words", [("report", "results"), ("export", "results", "--to", "csv"), ("records",)])
+def test_what_exists_is_shown_without_numba(words: tuple[str, ...], warm: Path) -> None:
+    modules = imported("", *words, cwd=warm)
+    shown = {"report": "rths_cli.report.result_tables", "export": "rths_cli.report.export.export_command"}
+    assert shown.get(words[0], "rths_cli.experiment.ground_motion_list") in modules
+    assert not heavy(modules, ("numba", "llvmlite", "rths_cli.numerics.compiled"))

@@ -44,9 +44,9 @@ def own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Give the processes a cache of their own that holds the compiled code of this one."""
     from rths_cli.numerics.compiled import cache_folder
 
-    compiled = Path(cache_folder())
+    compiled = cache_folder()
+    assert compiled is not None
     (tmp_path / "rths").mkdir()
-    compiled.mkdir(parents=True, exist_ok=True)
     os.symlink(compiled, tmp_path / "rths" / compiled.name)
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     return tmp_path / "rths"

@@ -12,7 +12,8 @@ from told_causes import FAILED, LINK, MOTION, TABLE, TABLE_SENSOR, verdict
 
 from rths_cli.loop.diagnosis import cause_of
 from rths_cli.loop.guard import ACCELERATION, ENERGY, SATURATED, STUCK, TRACKING, VELOCITY, fresh_guard
-from rths_cli.loop.run_log import NO_ANSWER, Log, Signals
+from rths_cli.loop.lost_samples import NO_ANSWER
+from rths_cli.loop.run_log import Log, Signals
 
 LOOSE = replace(faulty.bench_info(), limits=replace(faulty.bench_info().limits, tracking_error_m_s2=np.inf))
 

@@ -11,9 +11,10 @@ from rths_cli.loop import bumpless_transfer
 from rths_cli.loop.block_replay import run_block
 from rths_cli.loop.bumpless_transfer import Returning
 from rths_cli.loop.guard import ACCELERATION, GuardLimits, GuardState
+from rths_cli.loop.lost_samples import MIXED, NO_ANSWER
 from rths_cli.loop.realtime_loop import Course, conduct
 from rths_cli.loop.realtime_run import prepare
-from rths_cli.loop.run_log import MIXED, NO_ANSWER, Log, signals
+from rths_cli.loop.run_log import Log, signals
 from rths_cli.loop.step import sense
 from rths_cli.loop.step_arrays import NUMERICAL, Step, assemble
 from rths_cli.numerics.clock import IntArray

@@ -1,4 +1,4 @@
-"""Where compiled code is kept: a change of any source it comes from must not meet old code."""
+"""Compiled code: where it is kept, when it is compiled again, what it takes, what it may not call."""
 
 from __future__ import annotations
 
@@ -7,60 +7,111 @@ import re
 import shutil
 import subprocess
 import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
+import every_entry
 import numpy as np
 import pytest
+from numba.core.errors import NumbaError
 
 import rths_cli
-from rths_cli.numerics.compiled import entry
+from rths_cli.numerics import compiled
+from rths_cli.numerics.compiled import Entry, borrowed, cache_folder, entry, folder_fault, runtime_calls
 from rths_cli.numerics.lti import Array
 
 PACKAGE = Path(rths_cli.__file__).parent
 CODE = "from rths_cli.numerics.compiled import cache_folder; print(cache_folder())"
+POSIX = pytest.mark.skipif(os.name != "posix", reason="Windows has no modes of files and no flock")
 
 
 def folder_of(root: Path) -> str:
     done = subprocess.run(
-        [sys.executable, "-c", CODE], cwd=root, capture_output=True, text=True, timeout=60, check=True
+        [sys.executable, "-c", CODE],
+        cwd=root,
+        env={**os.environ, "PYTHONPATH": str(root), "XDG_CACHE_HOME": str(root)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
     )
     return done.stdout.strip()
 
 
-def test_a_change_in_any_part_moves_the_cache(tmp_path: Path) -> None:
+def test_a_change_in_any_part_moves_the_cache_and_one_above_the_loop_does_not(tmp_path: Path) -> None:
     shutil.copytree(PACKAGE, tmp_path / "rths_cli", ignore=shutil.ignore_patterns("__pycache__"))
     before = folder_of(tmp_path)
-    assert folder_of(tmp_path) == before
-    for name in ("loop/guard.py", "rigs/virtual/plant_kernel.py", "numerics/compiled.py"):
+    names = ("loop/guard.py", "rigs/virtual/plant_kernel.py", "numerics/compiled.py", "cli/run.py", "report/export.py")
+    assert str(tmp_path) in before and folder_of(tmp_path) == before
+    for name in names:
         with open(tmp_path / "rths_cli" / name, "a", encoding="utf-8") as file:
             file.write("\n# changed\n")
         after = folder_of(tmp_path)
-        assert after != before, name
+        assert (after == before) == name.startswith(("cli", "report")), name
         before = after
 
 
-def test_every_compiled_source_is_watched() -> None:
-    from rths_cli.numerics.compiled import SOURCE_FOLDERS, SOURCES
-
+def test_every_source_that_compiled_code_can_come_from_is_watched() -> None:
+    """Also those from which it takes constants: all that a compiled source may import."""
+    watched = {path.relative_to(PACKAGE).as_posix() for path in compiled.watched_sources()}
     users = {
-        str(path.relative_to(PACKAGE))
+        path.relative_to(PACKAGE).as_posix()
         for path in PACKAGE.rglob("*.py")
-        if re.search(r"rths_cli\.numerics\.compiled import .*\b(entry|part)\b", path.read_text())
+        if re.search(r"rths_cli\.numerics\.compiled import .*\b(entry|part|part_class)\b", path.read_text())
     }
-    watched = {name for name in users if name in SOURCES or name.split("/")[0] in SOURCE_FOLDERS}
-    assert users == watched and len(users) >= 5
+    named = {name.split("/")[0] for name in users}
+    imported = {
+        found
+        for name in users
+        for found in re.findall(r"^ *from rths_cli\.(\w+)", (PACKAGE / name).read_text(), re.MULTILINE)
+    }
+    assert users <= watched and len(users) >= 15
+    for folder in named | imported:
+        source = PACKAGE / folder
+        sources = sorted(source.rglob("*.py")) if source.is_dir() else [source.with_suffix(".py")]
+        assert {path.relative_to(PACKAGE).as_posix() for path in sources} <= watched, folder
 
 
 HELLO = """
 import numpy as np
-from rths_cli.numerics import compiled
+from rths_cli.numerics.compiler_messages import announce
 said = []
-compiled.announce(said.append)
-from rths_cli.numerics.filters import filter_tiles_both_ways
-value = np.ones((1, 50, 4))
-filter_tiles_both_ways(np.array([[0.1, 0.2, 0.1, 1.0, -1.0, 0.4], [1.0, 2.0, 1.0, 1.0, -1.2, 0.5]]), value, 9)
-print(len(said), "numba" in sys.modules, value.tobytes().hex())
+announce(said.append)
+from rths_cli.rigs.udp.siphash import siphash_into
+value = np.zeros(1, np.uint64)
+siphash_into(np.arange(15, dtype=np.uint8), 15, np.arange(2, dtype=np.uint64), value)
+print(len(said), value[0], *said)
 """
+
+
+@contextmanager
+def started(cache: Path, code: str = HELLO, **settings: str) -> Iterator[subprocess.Popen[str]]:
+    process = subprocess.Popen(
+        [sys.executable, "-c", code],
+        env={**os.environ, "XDG_CACHE_HOME": str(cache), **settings},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.communicate()
+
+
+def finished(process: subprocess.Popen[str]) -> list[str]:
+    """Return the number of compilations a process announced, its result, and the words of the announcement."""
+    out, err = process.communicate(timeout=120)
+    assert process.returncode == 0, err
+    return out.split()
+
+
+def hello(cache: Path, **settings: str) -> list[str]:
+    with started(cache, **settings) as process:
+        return finished(process)
 
 
 @pytest.fixture(scope="module")
@@ -70,61 +121,157 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
     return cache, hello(cache)
 
 
-def hello(cache: Path, **settings: str) -> list[str]:
-    done = subprocess.run(
-        [sys.executable, "-c", "import sys\n" + HELLO],
-        env={**os.environ, "XDG_CACHE_HOME": str(cache), **settings},
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=True,
-    )
-    return done.stdout.split()
-
-
-def test_code_is_compiled_once_and_announced_then_loaded_without_numba(made: tuple[Path, list[str]]) -> None:
+def test_code_is_compiled_once_and_announced_then_loaded(made: tuple[Path, list[str]]) -> None:
     cache, first = made
-    second = hello(cache)
-    assert first[:2] == ["1", "True"] and second[:2] == ["0", "False"]
-    assert first[2] == second[2]
+    assert first[0] == "1" and "compiling its real-time code" in " ".join(first) and "not kept" not in " ".join(first)
+    assert hello(cache) == ["0", first[1]]
+    (folder,) = (cache / "rths").iterdir()
+    assert folder.stat().st_mode & 0o777 == 0o700 or os.name != "posix"
 
 
 def test_code_for_another_processor_is_kept_beside_it(tmp_path: Path) -> None:
     """What numba is told to compile for is a part of the name: neither is loaded in place of the other."""
     quick, generic = {"NUMBA_OPT": "1"}, {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
-    made = [hello(tmp_path, **settings)[:2] for settings in (quick, generic, quick, generic)]
-    assert made == [["1", "True"], ["1", "True"], ["0", "False"], ["0", "False"]]
-    kept = {path.name: path.read_bytes() for path in tmp_path.rglob("*.native")}
-    assert len(kept) == len(set(kept.values())) == 2 * len({name.split("-")[0] for name in kept})
+    told = [hello(tmp_path, **settings)[0] for settings in (quick, generic, quick, generic)]
+    assert told == ["1", "1", "0", "0"]
+    kept = {path: path.read_bytes() for path in tmp_path.rglob("*.nbc")}
+    assert len({path.parents[1] for path in kept}) == 2 and len(set(kept.values())) == len(kept) == 2
 
 
-def test_damaged_machine_code_is_compiled_again(made: tuple[Path, list[str]], tmp_path: Path) -> None:
+def truncated(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-100])
+
+
+def flipped(path: Path) -> None:
+    content = bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 4
+    path.write_bytes(content)
+
+
+def unsealed(path: Path) -> None:
+    path.with_name(f"{path.name}.crc").unlink()
+
+
+@pytest.mark.parametrize(
+    ("damage", "suffix"),
+    [
+        (truncated, "nbc"),
+        (flipped, "nbc"),
+        (unsealed, "nbc"),
+        (Path.unlink, "nbc"),
+        (truncated, "nbi"),
+        (flipped, "nbi"),
+    ],
+)
+def test_damaged_code_is_compiled_again_and_kept(
+    made: tuple[Path, list[str]], tmp_path: Path, damage: Callable[[Path], None], suffix: str
+) -> None:
     cache, wanted = made
     damaged = Path(shutil.copytree(cache, tmp_path / "damaged"))
-    for path in damaged.rglob("*.native"):
-        path.write_bytes(path.read_bytes()[:-100])
+    (path,) = damaged.rglob(f"*.{suffix}")
+    damage(path)
     assert hello(damaged) == wanted
+    assert hello(damaged) == ["0", wanted[1]]
 
 
-@pytest.mark.parametrize("value", [np.float32(1.5), np.int32(2), None, "1.5", [1.0]])
-def test_what_python_and_machine_would_read_differently_is_refused(value: object) -> None:
-    with pytest.raises(TypeError, match="compiled code takes"):
-        total.bind(value)
+@pytest.mark.parametrize("at", ["*.lock", "*/*.nbi", "*/*.nbc"])
+def test_a_process_killed_while_it_compiles_leaves_nothing_wrong(
+    made: tuple[Path, list[str]], tmp_path: Path, at: str
+) -> None:
+    with started(tmp_path) as process:
+        while not list(tmp_path.glob(f"rths/*/{at}")) and process.poll() is None:
+            time.sleep(0.0005)
+        process.kill()
+    assert hello(tmp_path)[1] == made[1][1]
+    assert hello(tmp_path) == ["0", made[1][1]]
 
 
-def test_kinds_tell_read_only_arrays_and_only_contiguous_ones_are_taken() -> None:
-    frozen = np.zeros(3)
-    frozen.flags.writeable = False
-    assert first(frozen) == first(np.zeros(3)) == 0.0
-    assert len(first.kinds) == 2
-    for array in (np.zeros(4)[::2], np.zeros(4)[::-1], np.asfortranarray(np.zeros((2, 3)))):
-        with pytest.raises(TypeError, match="C-contiguous"):
-            first.bind(array)
+@POSIX
+def test_of_processes_that_start_together_one_compiles(made: tuple[Path, list[str]], tmp_path: Path) -> None:
+    with started(tmp_path) as first, started(tmp_path) as second, started(tmp_path) as third:
+        told = [finished(process) for process in (first, second, third)]
+    assert sorted(words[0] for words in told) == ["0", "0", "1"]
+    assert {words[1] for words in told} == {made[1][1]}
 
 
-def test_a_cache_that_cannot_be_made_is_no_fault(made: tuple[Path, list[str]], tmp_path: Path) -> None:
+TOTAL = """
+import numpy as np
+from rths_cli.numerics.compiled import entry
+from rths_cli.numerics.compiler_messages import announce
+
+@entry
+def total(values):
+    result = 0.0
+    for i in range(values.size):
+        result += values[i]
+    return result
+
+if __name__ == "__main__":
+    said = []
+    announce(said.append)
+    print(len(said), total(np.arange(5.0)), total(np.arange(5)), len(said))
+"""
+
+
+def test_an_index_that_names_the_code_of_another_signature_is_found_out(tmp_path: Path) -> None:
+    """As two processes that save at the same moment can leave it."""
+    (tmp_path / "total.py").write_text(TOTAL)
+    code = f"import runpy; runpy.run_path({str(tmp_path / 'total.py')!r}, run_name='__main__')"
+    for expected in ("1", "0"):
+        with started(tmp_path, code) as process:
+            assert finished(process) == ["0", "10.0", "10.0", expected]
+    one, other = sorted(tmp_path.rglob("*.nbc"))
+    kept = one.read_bytes(), other.read_bytes()
+    for path, content in zip((other, one), kept, strict=True):
+        path.write_bytes(content)
+    seals = [path.with_name(f"{path.name}.crc") for path in (one, other)]
+    texts = [seal.read_text() for seal in seals]
+    for seal, text in zip(reversed(seals), texts, strict=True):
+        seal.write_text(text)
+    with started(tmp_path, code) as process:
+        assert finished(process)[:3] == ["0", "10.0", "10.0"]
+
+
+def test_a_cache_that_cannot_be_made_is_no_fault_and_is_told(made: tuple[Path, list[str]], tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    assert hello(tmp_path / "file") == made[1]
+    first = hello(tmp_path / "file")
+    assert first[:2] == made[1][:2]
+    assert "it is not kept: " in " ".join(first) and str(tmp_path / "file") in first[-1]
+
+
+@POSIX
+@pytest.mark.parametrize("place", ["rths", "rths/*"])
+def test_a_folder_that_others_may_write_to_is_not_used(
+    made: tuple[Path, list[str]], tmp_path: Path, place: str
+) -> None:
+    cache = Path(shutil.copytree(made[0], tmp_path / "open"))
+    (folder,) = cache.glob(place)
+    folder.chmod(0o770)
+    told = hello(cache)
+    assert told[:2] == made[1][:2]
+    assert f"it is not kept: others may write to {folder} (chmod go-w)" in " ".join(told)
+    folder.chmod(0o750)
+    assert hello(cache) == ["0", made[1][1]]
+
+
+@POSIX
+def test_a_folder_of_another_user_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "rths" / "compiled"
+    assert folder_fault(folder) == ""
+    monkeypatch.setattr(os, "geteuid", lambda: tmp_path.stat().st_uid + 1)
+    assert folder_fault(folder) == f"{folder.parent} belongs to another user"
+
+
+@POSIX
+def test_a_user_whose_new_files_the_group_may_write_has_a_cache_too(
+    made: tuple[Path, list[str]], tmp_path: Path
+) -> None:
+    before = os.umask(0o002)
+    try:
+        assert hello(tmp_path) == made[1]
+    finally:
+        os.umask(before)
+    assert hello(tmp_path) == ["0", made[1][1]]
 
 
 @entry
@@ -143,23 +290,128 @@ def raises(values: Array) -> float:
 def total(values: Array) -> float:
     result = 0.0
     for i in range(values.size):
-        result += values[i]
+        result += values.flat[i]
     return result
 
 
-def test_an_exception_in_compiled_code_ends_the_call() -> None:
+@entry
+def half(value: float) -> float:
+    return 0.5 * value
+
+
+@pytest.mark.parametrize("value", [None, "1.5", [1.0]])
+def test_what_compiled_code_does_not_know_is_refused(value: object) -> None:
+    with pytest.raises(NumbaError):
+        total(value)
+
+
+@pytest.mark.parametrize("value", [3, 3.0, np.float32(3.0), np.int32(3), np.uint8(3), np.int64(3), True])
+def test_numbers_of_every_type_are_compiled_for_themselves(value: float) -> None:
+    assert half(value) == 0.5 * value
+    assert half.bind(value)() == 0.5 * value
+
+
+def test_arrays_of_every_type_and_layout_are_compiled_for_themselves() -> None:
+    frozen = np.arange(6.0).reshape(2, 3)
+    frozen.flags.writeable = False
+    plain = np.arange(12.0)
+    arrays = (np.arange(6.0), np.arange(6), np.arange(6, dtype=np.float32), np.arange(6, dtype=np.int32))
+    layouts = (frozen, np.asfortranarray(frozen), plain[:6].reshape(2, 3), plain[:6][::-1], 0.5 * plain[::2], plain[:6])
+    for array in (*arrays, *layouts):
+        assert total(array) == 15.0
+    swapped = np.frombuffer(np.arange(7.0).tobytes()[4:-4], np.uint8)
+    assert total(swapped) == int(swapped.sum())
+    signatures = len(total.dispatcher.overloads)
+    assert total(np.arange(6)) == 15.0 and len(total.dispatcher.overloads) == signatures >= 9
+
+
+def test_an_exception_in_compiled_code_reaches_its_caller() -> None:
     assert raises(np.zeros(3)) == 0.0
-    with pytest.raises(RuntimeError, match="failed"):
+    with pytest.raises(ValueError, match=r"^positive$"):
         raises(np.ones(3))
-
-
-def test_arguments_of_another_kind_are_compiled_for_themselves() -> None:
-    assert total(np.arange(4.0)) == 6.0
-    assert total(np.arange(4)) == 6.0
-    assert len(total.kinds) == 2
+    with pytest.raises(ValueError, match=r"^positive$"):
+        raises.bind(np.ones(3))()
+    assert raises(np.zeros(3)) == 0.0
 
 
 def test_what_is_bound_lives_as_long_as_the_function() -> None:
     bound = total.bind(np.full(200_000, 0.5))
     others = [np.zeros(200_000) for _ in range(20)]
     assert bound() == 100_000.0 and len(others) == 20
+
+
+def greedy(n: int) -> float:
+    return np.zeros(n).sum()
+
+
+def counting(pairs: tuple[Array, Array]) -> float:
+    larger = pairs[0]
+    for i in range(pairs[1].size):
+        larger = pairs[0] if pairs[0][i] > pairs[1][i] else pairs[1]
+        pairs[0][i] += 1.0
+    return larger[0]
+
+
+def spared(pairs: tuple[Array, Array]) -> float:
+    pairs = borrowed(pairs)
+    larger = pairs[0]
+    for i in range(pairs[1].size):
+        larger = pairs[0] if pairs[0][i] > pairs[1][i] else pairs[1]
+        pairs[0][i] += 1.0
+    return larger[0]
+
+
+def test_what_allocates_or_counts_references_is_seen_also_when_it_is_loaded() -> None:
+    """The second entry of each function loads the code."""
+    pair = np.zeros(2), np.ones(2)
+    for function, argument, expected in ((greedy, 3, "NRT_MemInfo_alloc"), (counting, pair, "NRT_decref")):
+        for made in (Entry(function), Entry(function)):
+            made.bind(argument)
+            assert any(call.startswith(expected) for call in runtime_calls(made)), function
+    for made in (Entry(spared), Entry(spared)):
+        assert made(pair) == 1.0
+        assert runtime_calls(made) == set()
+
+
+def test_no_entry_of_the_package_allocates_counts_references_or_calls_python() -> None:
+    every_entry.compile_the_loops()
+    every_entry.compile_the_exchange()
+    every_entry.compile_the_analysis()
+    entries = every_entry.entries()
+    assert len(entries) >= 20 and cache_folder() is not None
+    assert not [name for name, made in entries.items() if not made.dispatcher.overloads]
+    assert {name: runtime_calls(made) for name, made in entries.items() if runtime_calls(made)} == {}
+
+
+UNKNOWN = """
+from types import SimpleNamespace
+import numpy as np
+from rths_cli.numerics import compiled
+from rths_cli.numerics.compiled import borrowed, entry
+from rths_cli.numerics.compiler_messages import announce
+
+@entry
+def larger(pairs):
+    pairs = borrowed(pairs)
+    one = pairs[0]
+    for i in range(pairs[1].size):
+        one = pairs[0] if pairs[0][i] > pairs[1][i] else pairs[1]
+        pairs[0][i] += 1.0
+    return one[0]
+
+if __name__ == "__main__":
+    said = []
+    announce(said.append)
+    larger.bind((np.zeros(2, np.float32), np.ones(2, np.float32)))
+    known, compiled.cgutils = len(said), SimpleNamespace()
+    print(known, [larger((np.zeros(2), np.ones(2))) for _ in range(1000)].count(1.0), said[-1])
+"""
+
+
+def test_a_numba_whose_arrays_are_described_in_another_way_runs_slower_and_says_so(tmp_path: Path) -> None:
+    (tmp_path / "unknown.py").write_text(UNKNOWN)
+    code = f"import runpy; runpy.run_path({str(tmp_path / 'unknown.py')!r}, run_name='__main__')"
+    (tmp_path / "file").touch()
+    with started(tmp_path / "file", code) as process:
+        told = " ".join(finished(process))
+    assert told.startswith("1 1000 numba ") and "makes __main__.larger call NRT_decref, NRT_incref: each step" in told

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rths_cli.analysis.metrics.zero_phase_high_pass import take_off_slow_motion
 from rths_cli.errors import InputError
-from rths_cli.numerics.compiled import entry, part
+from rths_cli.numerics.compiled import borrowed, entry, part
 from rths_cli.numerics.filters import (
     LANES,
     empty_tiles,
@@ -148,6 +148,7 @@ def _subtract(
     tile: Array, padding: int, a: Array, b: Array, c: Array, d: Array, e: Array, f: Array, g: Array, h: Array
 ) -> None:
     """Write a - b, c - d, e - f and g - h, each (n,), into the four columns of `tile` (n + 2 padding, 4)."""
+    tile, a, b, c, d, e, f, g, h = borrowed((tile, a, b, c, d, e, f, g, h))
     for k in range(a.size):
         tile[padding + k, 0] = a[k] - b[k]
         tile[padding + k, 1] = c[k] - d[k]
@@ -190,6 +191,7 @@ def _measure(tiles: Array, padding: int, found: Array) -> None:
 
     Partial sums over blocks of SUMMED_AT_ONCE samples keep the rounding error small.
     """
+    tiles, found = borrowed((tiles, found))
     end = tiles.shape[1] - padding
     for r in range(tiles.shape[0]):
         for start in range(padding, end, SUMMED_AT_ONCE):

@@ -13,7 +13,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rths_cli.numerics.compiled import entry, part
+from rths_cli.numerics.compiled import borrowed, entry, part
 from rths_cli.numerics.filters import LANES
 from rths_cli.numerics.lti import Array
 
@@ -78,6 +78,7 @@ def _parabolas(count: int) -> Array:
 @entry
 def _means(tiles: Array, padding: int, means: Array) -> None:
     """Write the means over m equal parts of the series in tiles into `means` (n_tiles, m, 4)."""
+    tiles, means = borrowed((tiles, means))
     samples, count = tiles.shape[1] - 2 * padding, means.shape[1]
     for r in range(tiles.shape[0]):
         for i in range(count):
@@ -102,6 +103,7 @@ def _take_off(tiles: Array, padding: int, slow: Array) -> None:
     `slow` (n_tiles, m, 4): its values at the centres of m equal parts, interpolated and at the ends extrapolated by
     straight lines.
     """
+    tiles, slow = borrowed((tiles, slow))
     samples, count = tiles.shape[1] - 2 * padding, slow.shape[1]
     length = samples / count
     for r in range(tiles.shape[0]):

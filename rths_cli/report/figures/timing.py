@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.loop.run_log import without_samples
+from rths_cli.loop.lost_samples import without_samples
 from rths_cli.numerics.lti import Array
 from rths_cli.report.figures.figure_data import TABLE_RUNS, Source, points_of_lines, thinned
 from rths_cli.report.figures.panels import SECONDS, legend_below, lettered, new_figure

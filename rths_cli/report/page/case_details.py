@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from rths_cli.files.result_reader import Result, read_series
-from rths_cli.loop.run_log import without_samples
+from rths_cli.loop.lost_samples import without_samples
 from rths_cli.numerics.lti import Array
 from rths_cli.report.error_budget_table import CAUSES
 from rths_cli.report.latency_table import latency_text

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rths_cli.numerics.clock import IntArray
-from rths_cli.numerics.compiled import entry, part
+from rths_cli.numerics.compiled import borrowed, entry, part
 from rths_cli.rigs.udp import packets
 from rths_cli.rigs.udp.siphash import Bytes, Words, siphash
 
@@ -145,16 +145,19 @@ def opens_session(g: Greeter, packet: Bytes, size: int, now: int, out: Bytes) ->
 @entry
 def answer_hello_at(g: Greeter, packet: Bytes, size: int, now: int, faults: int, busy: bool, out: Bytes) -> int:
     """Call `answer_hello` from Python."""
+    g, packet, out = borrowed((g, packet, out))
     return answer_hello(g, packet, size, now, faults, busy, out)
 
 
 @entry
 def opens_session_at(g: Greeter, packet: Bytes, size: int, now: int, out: Bytes) -> bool:
     """Call `opens_session` from Python."""
+    g, packet, out = borrowed((g, packet, out))
     return opens_session(g, packet, size, now, out)
 
 
 @entry
 def make_session_key(nonces: Bytes, secret: Words, message: Bytes, key: Words) -> None:
     """Call `session_key_into` from Python, for nonces at the beginning of `nonces`."""
+    nonces, secret, message, key = borrowed((nonces, secret, message, key))
     session_key_into(nonces, 0, secret, message, key)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rths_cli.numerics.clock import IntArray, monotonic_ns, sleep_until
-from rths_cli.numerics.compiled import External, entry, part
+from rths_cli.numerics.compiled import borrowed, entry, external, part
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.udp import packets
 from rths_cli.rigs.udp.late_command_trajectory import POINTS, Way, fresh_way, put_way, words_of
@@ -32,11 +32,11 @@ COUNTS = ("sent", "answered", "lost", "lost_in_a_row", "late", "doubled", "bad",
 # which the target sampled and sent (its clock)
 BASE, LAST, SEEN, STATE, FAULTS, TARGET_LOST, SENT_NS, RECEIVED_NS, SAMPLED_NS, ANSWERED_NS = range(10)
 
-_send = External("send", "intp", "intc", "uintp", "uintp", "intc")
-_recv = External("recv", "intp", "intc", "uintp", "uintp", "intc")
-_ppoll = External("ppoll", "intc", "uintp", "uintp", "uintp", "uintp")
-_errno_location = External("__errno_location", "uintp")
-_memcpy = External("memcpy", "uintp", "uintp", "uintp", "uintp")
+_send = external("send", "intp", "intc", "uintp", "uintp", "intc")
+_recv = external("recv", "intp", "intc", "uintp", "uintp", "intc")
+_ppoll = external("ppoll", "intc", "uintp", "uintp", "uintp", "uintp")
+_errno_location = external("__errno_location", "uintp")
+_memcpy = external("memcpy", "uintp", "uintp", "uintp", "uintp")
 _AT_ONCE, _WHOLE_SIZE, _READABLE = 0x40, 0x20, 1  # MSG_DONTWAIT, MSG_TRUNC, POLLIN
 _TRY_AGAIN, _INTERRUPTED = 11, 4  # EAGAIN, EINTR
 
@@ -82,7 +82,7 @@ def fresh_link(
 def error_of(link: Link) -> int:
     """Return the errno of the last failed call."""
     link.scratch[3] = 0
-    _memcpy(link.scratch.ctypes.data + 24, _errno_location(), 4)  # type: ignore[operator]
+    _memcpy(link.scratch.ctypes.data + 24, _errno_location(), 4)
     return link.scratch[3] & 0xFFFFFFFF
 
 
@@ -106,7 +106,7 @@ def post(link: Link, kind: int, sequence: int, command_v: float) -> int:
     link.status[SENT_NS], link.status[LAST] = now, sequence
     link.counts[SENT] += 1
     for _ in range(2):
-        if _send(link.fd, link.outgoing.ctypes.data, size, _AT_ONCE) == size:  # type: ignore[operator]
+        if _send(link.fd, link.outgoing.ctypes.data, size, _AT_ONCE) == size:
             return now
     link.counts[UNSENT] += 1
     return now
@@ -115,7 +115,7 @@ def post(link: Link, kind: int, sequence: int, command_v: float) -> int:
 @part
 def receive(link: Link) -> int:
     """Receive a waiting packet; return its full size, also if it was truncated, or -1 if there is none."""
-    size = _recv(link.fd, link.incoming.ctypes.data, link.incoming.size, _AT_ONCE | _WHOLE_SIZE)  # type: ignore[operator]
+    size = _recv(link.fd, link.incoming.ctypes.data, link.incoming.size, _AT_ONCE | _WHOLE_SIZE)
     if size < 0:
         error = error_of(link)
         if error not in (_TRY_AGAIN, _INTERRUPTED):
@@ -129,7 +129,7 @@ def wait(link: Link, time_ns: int) -> None:
     link.scratch[0], link.scratch[1] = time_ns // 1_000_000_000, time_ns % 1_000_000_000
     link.scratch[2] = link.fd | _READABLE << 32
     times, polled = link.scratch.ctypes.data, link.scratch.ctypes.data + 16
-    _ppoll(polled, 1, times, 0)  # type: ignore[operator]
+    _ppoll(polled, 1, times, 0)
 
 
 @part
@@ -211,6 +211,7 @@ def exchange(link: Link, command_v: float, k: int, deadline_ns: int) -> int:
 def converse_at(link: Link, kind: int, k: int, command_v: float, instant_ns: int, timeout_ns: int) -> int:
     """Do what `converse` does at a monotonic time, or now when that is past, and wait so long for the answer; how a
     command goes on is not told."""
+    link = borrowed(link)
     link.way.marks[POINTS] = 0
     sleep_until(instant_ns, link.spin_ns, link.scratch)
     return converse(link, kind, k, command_v, monotonic_ns(link.scratch) + timeout_ns)

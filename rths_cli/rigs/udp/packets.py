@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rths_cli.numerics.compiled import entry, part
+from rths_cli.numerics.compiled import borrowed, entry, part
 from rths_cli.rigs.udp.siphash import Bytes, Words, get_word, siphash
 
 # offsets of the fields in the header
@@ -155,6 +155,7 @@ def is_genuine(packet: Bytes, size: int, key: Words) -> bool:
 @entry
 def seal_packet(packet: Bytes, kind: int, count: int, sequence: int, key: Words) -> int:
     """Write header and tag of a packet without times, whose words are written already; return its size in bytes."""
+    packet, key = borrowed((packet, key))
     begin(packet, kind, count, sequence)
     return seal(packet, key)
 
@@ -162,4 +163,5 @@ def seal_packet(packet: Bytes, kind: int, count: int, sequence: int, key: Words)
 @entry
 def judge_packet(packet: Bytes, size: int, key: Words) -> int:
     """Call `verdict` from Python."""
+    packet, key = borrowed((packet, key))
     return verdict(packet, size, key)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from rths_cli.numerics.compiled import entry, part
+from rths_cli.numerics.compiled import borrowed, entry, part
 
 Bytes = NDArray[np.uint8]
 Words = NDArray[np.uint64]
@@ -65,4 +65,5 @@ def siphash(data: Bytes, size: int, key: Words) -> np.uint64:
 @entry
 def siphash_into(data: Bytes, size: int, key: Words, result: Words) -> None:
     """Write SipHash-2-4 of the first `size` bytes of `data` under the key (2,) into result[0]."""
+    data, key, result = borrowed((data, key, result))
     result[0] = siphash(data, size, key)

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rths_cli.numerics.compiled import entry, part
+from rths_cli.numerics.compiled import borrowed, entry, part
 from rths_cli.numerics.lti import Array
 from rths_cli.numerics.tiled_products import ROWS, copied, product, product_of_squares, shifted
 from rths_cli.rigs.virtual.plant import Plant
@@ -271,10 +271,12 @@ def read(plant: Plant, s: PlantState, noise: Array, samples: Array) -> None:
 @entry
 def hold_interval(plant: Plant, s: PlantState, command_v: Array) -> None:
     """Do what `hold` does with the command in an array (1,), called from Python."""
+    plant, s, command_v = borrowed((plant, s, command_v))
     hold(plant, s, command_v[0])
 
 
 @entry
 def read_samples(plant: Plant, s: PlantState, noise: Array, samples: Array) -> None:
     """Do what `read` does, called from Python."""
+    plant, s, noise, samples = borrowed((plant, s, noise, samples))
     read(plant, s, noise, samples)

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from rths_cli.numerics.lti import Array, ComplexArray
-from rths_cli.numerics.matrix_equations import symmetric_eigenvectors
 
 Function = Callable[[Array], tuple[Array, Array]]
 """Parameters (n,) -> residual (m,) and its slopes (n, m), a row per parameter."""
@@ -113,8 +112,10 @@ def covariance(slopes: Array, variance: float) -> Array:
 
     It is very large in directions that the data do not determine.
     """
+    from scipy.linalg import eigh
+
     scale = np.linalg.norm(slopes, axis=1)
     scale = np.where(scale > 0.0, scale, 1.0)
-    values, vectors = symmetric_eigenvectors((slopes @ slopes.T) / np.outer(scale, scale))
+    values, vectors = eigh((slopes @ slopes.T) / np.outer(scale, scale), driver="ev")  # divide and conquer may give up
     half = vectors / np.sqrt(np.maximum(values, LOST * values[-1])) / scale[:, None]
     return variance * (half @ half.T)

@@ -1,4 +1,4 @@
-"""Matrix functions: eigenvectors, the discrete algebraic Riccati equation."""
+"""The discrete algebraic Riccati equation by doubling."""
 
 from __future__ import annotations
 
@@ -8,20 +8,6 @@ from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Array
 
 _MOST_DOUBLINGS, _CONVERGED = 60, 1e-14
-
-
-def symmetric_eigenvectors(A: Array) -> tuple[Array, Array]:
-    """Return the eigenvalues (n,), rising, and the eigenvectors in columns (n, n) of a symmetric A.
-
-    LAPACK's divide and conquer behind numpy gives up on a few well-formed matrices; the QR method, slower, does not.
-    """
-    try:
-        values, vectors = np.linalg.eigh(A)
-    except np.linalg.LinAlgError:
-        from scipy.linalg import eigh  # once in thousands of fits: its import costs more than a fit
-
-        values, vectors = eigh(A, driver="ev")
-    return np.asarray(values), np.asarray(vectors)
 
 
 def doubled(step: Array, reach: Array, cost: Array) -> Array | None:

@@ -6,26 +6,7 @@ import numpy as np
 import pytest
 from scipy.linalg import solve_discrete_are
 
-from rths_cli.numerics.lti import Array
-from rths_cli.numerics.matrix_equations import (
-    doubled,
-    symmetric_eigenvectors,
-)
-
-
-def test_eigenvectors_come_from_another_method_where_the_first_gives_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    """LAPACK's divide and conquer, which numpy uses, does not converge on a few well-formed matrices."""
-    A = np.cov(np.random.default_rng(4).normal(size=(6, 40)))
-    usual = symmetric_eigenvectors(A)
-
-    def gives_up(_: Array) -> None:
-        raise np.linalg.LinAlgError("Eigenvalues did not converge")
-
-    monkeypatch.setattr(np.linalg, "eigh", gives_up)
-    values, vectors = symmetric_eigenvectors(A)
-    assert values == pytest.approx(usual[0], rel=1e-12)
-    assert vectors @ np.diag(values) @ vectors.T == pytest.approx(A, abs=1e-14)
-    assert vectors.T @ vectors == pytest.approx(np.eye(6), abs=1e-14)
+from rths_cli.numerics.matrix_equations import doubled
 
 
 def test_doubling_solves_the_discrete_equation() -> None:

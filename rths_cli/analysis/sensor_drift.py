@@ -144,7 +144,7 @@ def _jumps(blocks: Array, channel: int, dt_s: float, bit: float) -> list[int]:
         size = _sizes(blocks[channel], [*found, place])[-1]
         rows = _rows(blocks.shape[1], [*found, place])
         calm = _changes(blocks[channel] - _told(blocks[channel], rows), width)
-        usual = 1.4826 * _middle(np.abs(calm))
+        usual = 1.4826 * float(np.median(np.abs(calm)))
         if abs(change[place]) <= max(SURE * usual, BITS * bit) or abs(size) < BITS * bit:
             return found
         shared = np.delete(changes[:, place], channel) / change[place]
@@ -157,11 +157,6 @@ def _jumps(blocks: Array, channel: int, dt_s: float, bit: float) -> list[int]:
 
 def _told(series: Array, rows: Array) -> Array:
     return np.asarray(np.linalg.lstsq(rows.T, series, rcond=None)[0] @ rows)
-
-
-def _middle(values: Array) -> float:
-    """Return the median of values (n,); numpy's own median would import numpy.ma."""
-    return float(np.partition(values, len(values) // 2)[len(values) // 2])
 
 
 def _changes(series: Array, width: int) -> Array:

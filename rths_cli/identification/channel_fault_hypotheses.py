@@ -120,7 +120,7 @@ def _only(count: int, index: int, factor: float | ComplexArray) -> ComplexArray:
 
 def _least(changed: Callable[[float], Grouped], bounds: tuple[float, float]) -> tuple[float, float]:
     """Return the size within bounds that leaves the least misfit, and that misfit."""
-    from scipy.optimize import minimize_scalar  # takes half a second, and only channels with a fault come here
+    from scipy.optimize import minimize_scalar
 
     found = minimize_scalar(
         lambda size: _misfit(explained(changed(float(size)))), bounds=bounds, method="bounded", options={"xatol": 1e-3}

@@ -139,7 +139,7 @@ def _disturbed(which: str, coherence: float, by_noise: float, told: str) -> str:
 
 def _lost_to_noise(data: Evidence, index: int, frequency_hz: Array) -> float:
     """Return the loss of coherence due to a channel's noise at rest and quantisation, median in COMPARED_HZ."""
-    from scipy import signal  # takes half a second, and only incoherent channels come here
+    from scipy import signal
 
     inside = frequency_hz[within(frequency_hz, COMPARED_HZ)]
     shares = []

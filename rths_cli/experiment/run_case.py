@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rths_cli.analysis import accept_limits
 from rths_cli.analysis.critical_delay import critical_delay
-from rths_cli.analysis.metrics import accept_limits
 from rths_cli.analysis.sim import simulate
 from rths_cli.analysis.sim_delay import simulate_delayed
 from rths_cli.case.load import resolved_yaml

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from rths_cli.analysis.metrics import accept_limits
+from rths_cli.analysis import accept_limits
 from rths_cli.case.yaml_reader import parse
 from rths_cli.case.yaml_tree import Source
 from rths_cli.errors import InputError

@@ -129,7 +129,9 @@ def test_a_second_run_imports_nothing_that_it_does_not_use(words: tuple[str, ...
     assert "rths_cli.experiment.model_choice" in modules and not heavy(modules, unused)
 
 
-@pytest.mark.parametrize("words", [("report", "results"), ("export", "results", "--to", "csv"), ("records",)])
+@pytest.mark.parametrize(
+    "words", [("report", "results", "--junit", "limits.xml"), ("export", "results", "--to", "csv"), ("records",)]
+)
 def test_what_exists_is_shown_without_numba(words: tuple[str, ...], warm: Path) -> None:
     modules = imported("", *words, cwd=warm)
     shown = {"report": "rths_cli.report.result_tables", "export": "rths_cli.report.export.export_command"}

@@ -1,4 +1,4 @@
-"""The metrics of a run: errors, tracking fidelity, the 2020 benchmark's criteria, energy, accept limits.
+"""The metrics of a run: errors, tracking fidelity, the 2020 benchmark's criteria, energy.
 
 Time is the last axis of every array. docs/background/metrics.md states formula, source and sign of each metric.
 """

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from xml.sax.saxutils import escape, quoteattr
 
-from rths_cli.analysis.metrics.accept_limits import Judged
+from rths_cli.analysis.accept_limits import Judged
 from rths_cli.files.result_reader import Result
 from rths_cli.report.baseline_comparison import WORSE, CaseChanges, told
 from rths_cli.report.input_files import Unread

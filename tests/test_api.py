@@ -23,7 +23,7 @@ import numpy as np
 import pytest
 
 import rths_cli
-from rths_cli.experiment import check_command
+from rths_cli.case import load as case_files
 from rths_cli.files import result_reader
 
 ROOT = Path(__file__).parents[1]
@@ -267,7 +267,7 @@ def test_texts_stay_texts_and_paths_are_taken(monkeypatch: pytest.MonkeyPatch) -
         asked.append(settings)
         raise rths_cli.InputError("no further")
 
-    monkeypatch.setattr(check_command, "load_all", load_all)
+    monkeypatch.setattr(case_files, "load_all", load_all)
     given = {"name": "0.30", "identification.model": Path("m.h5"), "identification.seed": np.int64(3), "runs": ("sim",)}
     with pytest.raises(rths_cli.InputError, match="no further"):
         rths_cli.check(CASE, method="paper", settings=given)

@@ -95,7 +95,8 @@ def check(
 
     Raises InputError when the case cannot be read.
     """
-    from rths_cli.experiment.check_command import check_cases, load_all
+    from rths_cli.case.load import load_all
+    from rths_cli.experiment.check_command import check_cases
 
     cases = load_all([str(case)], _texts(settings, method), ())
     found = check_cases(cases, tuple(overrides), _telling(progress, lambda: None))[0]
@@ -164,7 +165,8 @@ def open_loop(
     holds the identified rig with its delay and the designed blocks. Raises InputError when the case cannot be read or
     no controller exists, RigError or LimitError if its virtual rig cannot be identified.
     """
-    from rths_cli.experiment.check_command import load_all, loop_of
+    from rths_cli.case.load import load_all
+    from rths_cli.experiment.check_command import loop_of
 
     return loop_of(load_all([str(case)], _texts(settings, method), ())[0], _telling(progress, lambda: None))
 
@@ -237,11 +239,11 @@ def _run(
     tell: Callable[[str], None],
 ) -> Ended:
     """Run one case by the workflow of `rths run`."""
+    from rths_cli.case.load import load_cases
     from rths_cli.experiment.run_command import Request, run_batch
 
     request = Request(
-        paths=(case,),
-        settings=settings,
+        cases=tuple(load_cases([case], settings)),
         methods=(),
         output=folder,
         replace=True,

@@ -17,7 +17,7 @@ from rths_cli.case.yaml_reader import dump, read_file
 from rths_cli.case.yaml_tree import Fault, Mark, Node, Source, display, join, plain
 from rths_cli.errors import InputError
 
-__all__ = ["load_cases", "resolved_yaml", "schema"]
+__all__ = ["load_all", "load_cases", "resolved_yaml", "schema"]
 
 
 def load_cases(
@@ -37,6 +37,18 @@ def load_cases(
     faults += _repeated_names(cases)
     if faults:
         raise InputError(*dict.fromkeys(str(fault) for fault in faults))
+    return cases
+
+
+def load_all(paths: Sequence[str], settings: Sequence[str], methods: Sequence[str]) -> list[Case]:
+    """Return the cases, loaded once for each of `methods` (empty: with their own method), method by method.
+
+    Raises InputError as `load_cases` does.
+    """
+    cases: list[Case] = []
+    for method in methods or ("",):
+        chosen = (f"method={method}",) if method else ()
+        cases += load_cases(paths, (*settings, *chosen))
     return cases
 
 

@@ -36,12 +36,13 @@ def check(
 
     Example: rths check el_centro_low_ff_fb
     """
-    from rths_cli.experiment.check_command import check_cases, load_all
+    from rths_cli.case.load import load_all
 
     loaded = load_all(cases, settings, tuple(dict.fromkeys(methods)))
     if resolved:
         _show_resolved(loaded, as_json)
         return 0
+    from rths_cli.experiment.check_command import check_cases
     from rths_cli.report.check_json import as_document
     from rths_cli.report.check_page import pages
 

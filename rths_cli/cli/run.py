@@ -59,6 +59,10 @@ def run(
 
     Example: rths run el_centro_low_ff_fb --set scaling=0.2
     """
+    from rths_cli.case.load import load_all
+
+    chosen = tuple(dict.fromkeys(methods))
+    loaded = load_all(cases, settings, chosen)  # a fault in them is told before the numerical libraries are imported
     from rths_cli.experiment.run_command import Request, exit_code, run_batch
 
     if junit:
@@ -67,9 +71,8 @@ def run(
         check_output("--junit", junit, ())
     screen = new_screen(quiet)
     request = Request(
-        paths=cases,
-        settings=settings,
-        methods=tuple(dict.fromkeys(methods)),
+        cases=tuple(loaded),
+        methods=chosen,
         output=output,
         replace=not no_replace,
         command_line=command_line(),

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 from rths_cli.analysis.closed_loop_matrix import open_loop
 from rths_cli.analysis.stability_check import SAFE, UNSAFE, UNSTABLE
-from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, LimitError, RigError
 from rths_cli.experiment import result_contents
 from rths_cli.experiment.case_warnings import of_case
@@ -111,15 +110,6 @@ def verdict_on(
     found = judged.preflight
     verdict = UNSAFE if faults and found.verdict == SAFE else found.verdict
     return Verdict(verdict, (*faults, *found.reasons), design, check_figures(judged), judged.known)
-
-
-def load_all(paths: Sequence[str], settings: Sequence[str], methods: Sequence[str]) -> list[Case]:
-    """Load the cases, once for each of `methods` (empty: with their own method); raises InputError with all faults."""
-    cases: list[Case] = []
-    for method in methods or ("",):
-        chosen = (f"method={method}",) if method else ()
-        cases += load_cases(paths, (*settings, *chosen))
-    return cases
 
 
 def check_cases(

@@ -13,7 +13,6 @@ from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Protocol, TypeVar
 
-from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, RthsError, crash_note
 from rths_cli.experiment.allocator_settings import keep_freed_memory
 from rths_cli.experiment.check_command import verdict_on
@@ -27,6 +26,7 @@ from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.quantities import Values
 
 if TYPE_CHECKING:
+    from rths_cli.case.case_schema import Case
     from rths_cli.loop.live_view import View
 
 KEPT, KEPT_BYTES = 8, 1 << 28  # largest number of shared values of each kind, and of bytes of all kinds
@@ -60,8 +60,7 @@ class Watcher(Protocol):
 class Request:
     """Arguments of `rths run`."""
 
-    paths: tuple[str, ...]  # names or paths of cases
-    settings: tuple[str, ...]  # KEY=VALUE each
+    cases: tuple[Case, ...]  # each once for each of `methods`
     methods: tuple[str, ...]  # (): each case's own method
     output: Path  # folder of the result files
     replace: bool  # whether existing result files may be replaced
@@ -72,14 +71,13 @@ class Request:
 
 
 def plan(request: Request, memory: Memory, shared: SharedValues) -> list[Job]:
-    """Load and check every case, and return each with its result file; nothing is written.
+    """Check every case completely, and return each with its result file; nothing is written.
 
     Raises InputError if a case or a model file has faults, or a result file must not be replaced.
     """
     jobs: list[Job] = []
     for method in request.methods or ("",):
-        chosen = (f"method={method}",) if method else ()
-        cases = load_cases(request.paths, (*request.settings, *chosen))
+        cases = [case for case in request.cases if method in ("", case.method)]
         suffix = f"-{method}" if len(request.methods) > 1 else ""
         setups = prepare_all(cases, request.output, request.overrides, shared)
         jobs += [(setup, request.output / f"{setup.case.name}{suffix}{_when(setup)}.h5") for setup in setups]

@@ -48,6 +48,12 @@ for words in {asked!r}:
     assert "rths_cli.cli" in modules and not heavy(modules, HEAVY)
 
 
+@pytest.mark.parametrize("words", [("run", "no_such_case"), ("check", "el_centro_low_ff", "--set", "scaling=-1")])
+def test_faults_of_cases_are_told_without_numerical_libraries(words: tuple[str, ...]) -> None:
+    modules = imported("", *words)
+    assert "pydantic" in modules and not heavy(modules, ("numpy", "scipy", "numba", "h5py", "matplotlib", "rich"))
+
+
 def test_a_case_is_read_without_numerical_libraries() -> None:
     modules = imported("from rths_cli.case.load import load_cases; load_cases(['el_centro_low_ff_fb'])")
     assert "pydantic" in modules and not heavy(modules, ("numpy", "scipy", "numba", "h5py", "matplotlib", "rich"))

@@ -10,6 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
+from rths_cli.case.load import load_cases
 from rths_cli.experiment import run_command
 from rths_cli.experiment.run_case import Ended
 from rths_cli.experiment.run_command import Stopped, Tell, in_order
@@ -136,7 +137,9 @@ def test_cases_side_by_side_have_the_bytes_and_lines_of_one_after_another(
     for count in (1, 2):
         monkeypatch.setattr(run_command, "cases_at_once", lambda jobs, count=count: count)
         watcher = Watcher()
-        request = run_command.Request(cases, ("runs=[sim, sim_delay]",), (), tmp_path / str(count), True, "test")
+        request = run_command.Request(
+            tuple(load_cases(cases, ("runs=[sim, sim_delay]",))), (), tmp_path / str(count), True, "test"
+        )
         assert run_command.exit_code(run_command.run_batch(request, watcher)) == 0
         lines.append(watcher.lines)
     assert lines[0] == lines[1] and lines[0][:2] == ["1/4 el_centro_low_ff", "el_centro_low_ff complete"]

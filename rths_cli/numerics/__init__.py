@@ -1,1 +1,1 @@
-"""Numerics over numpy alone, and compiled code: filters, matrix functions, root finding, the clock."""
+"""Numerics over numpy and scipy, and compiled code: linear systems, filters, memos, the clock."""

@@ -88,7 +88,9 @@ def test_every_snippet_of_the_python_page_runs(tmp_path: Path, monkeypatch: pyte
     assert names["command"].shape == (200, 1)
     stated = names["result"].metrics["check.phase_margin_deg_model"]
     assert abs(names["phase_margin"]) == pytest.approx(stated, rel=1e-4)
-    assert names["late"].A.shape == (2, 2) and names["late"].inputs == ("u[0]",)
+    at = names["frequency_hz"]
+    assert names["late"].response(at)[0, 0] == pytest.approx(np.exp(-2j * np.pi * at * 0.001), rel=1e-12)
+    assert names["late"].inputs == ("u[0]",)
 
 
 def test_every_snippet_of_the_export_page_runs(place: Path, result: rths_cli.RunResult) -> None:

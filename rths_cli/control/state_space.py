@@ -70,7 +70,7 @@ def _nearly_equal(roots: ComplexArray) -> bool:
     """Tell whether two of the roots are nearer to each other than NEARLY_EQUAL of their size."""
     apart = np.abs(roots[:, None] - roots)[np.triu_indices(len(roots), 1)]
     size = np.maximum(np.abs(roots)[:, None], np.abs(roots))[np.triu_indices(len(roots), 1)]
-    return bool(np.any(apart < NEARLY_EQUAL * size))
+    return bool(np.any(apart <= NEARLY_EQUAL * size))  # equal at zero, too
 
 
 def in_series(zeros: ComplexArray, poles: ComplexArray, gain: float) -> StateSpace:
@@ -102,7 +102,7 @@ def _section(zeros: ComplexArray, poles: ComplexArray) -> tuple[StateSpace, floa
 
     Time is counted in their periods within, so that all numbers are near one.
     """
-    size = float(np.abs(poles).max())
+    size = float(np.abs(poles).max()) or 1.0
     below, above = (np.atleast_1d(np.poly(roots / size)).real for roots in (poles, zeros))
     n = len(poles)
     above = np.concatenate([np.zeros(n + 1 - len(above)), above])

@@ -115,6 +115,12 @@ def test_a_transfer_function_is_realised_from_its_roots() -> None:
     back = from_control(there)
     assert isinstance(back, StateSpace) and np.linalg.cond(back.A) < 1e6
     same(back.response(F)[0, 0], np.asarray(there(2j * np.pi * F)), 1e-6)
+    late, double = (
+        from_control(control.tf([1.0], [1.0, 0.0, 0.0], 0.01)),
+        from_control(control.tf([2.0], [1.0, 0.0, 0.0])),
+    )
+    same(late.response(np.array([7.0, 20.0]))[0, 0], np.exp(-4j * np.pi * np.array([7.0, 20.0]) * 0.01))  # type: ignore[union-attr]
+    same(double.response(F)[0, 0], -2.0 / (2.0 * np.pi * F) ** 2 + 0j)  # type: ignore[union-attr]
     sampled = from_control(control.tf([0.3, 0.1], [1.0, -0.5, 0.2], 0.01))
     assert isinstance(sampled, Block) and sampled.dt_s == 0.01
     z = np.exp(2j * np.pi * 7.0 * 0.01)

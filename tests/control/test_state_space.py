@@ -50,6 +50,14 @@ def test_poles_may_nearly_coincide(zeros: np.ndarray, more: np.ndarray) -> None:
     assert largest < 1e4  # no numbers that cancel
 
 
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_integrators_may_be_several(count: int) -> None:
+    poles = np.append(POLES, np.zeros(count))
+    system = from_roots(ZEROS[:2], poles, 7.5)
+    _, wanted = freqs_zpk(ZEROS[:2], poles, 7.5, worN=2.0 * np.pi * FREQUENCY_HZ)
+    assert np.abs(system.response(FREQUENCY_HZ)[0, 0] / wanted - 1.0).max() < 1e-9
+
+
 @pytest.mark.parametrize("more", [NEARLY, EQUAL])
 def test_held_samples_of_nearly_equal_poles_are_exact(more: np.ndarray) -> None:
     """A zero-order hold at dc and at a steady sine: the sampled response sums the aliases of the continuous one."""

@@ -63,8 +63,10 @@ class Entry:
     """A compiled function that Python calls; `dispatcher` is numba's, `name` that of module and function."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
-        with _cache_directory() as kept:
-            self.dispatcher: Any = numba.njit(cache=kept, **ENTRY)(function)
+        self.dispatcher: Any = numba.njit(**ENTRY)(function)
+        with _cache_directory() as kept, suppress(RuntimeError):  # numba cannot write there, or there is no source file
+            if kept:
+                self.dispatcher = numba.njit(cache=True, **ENTRY)(function)
         self.name = f"{function.__module__}.{function.__qualname__}"
         self._ready: set[object] = set()
 
@@ -233,17 +235,12 @@ def watched_sources() -> list[Path]:
     return [path for path in everything if path.relative_to(PACKAGE).parts[0] not in ABOVE]
 
 
-@cache
 def cache_folder() -> Path | None:
-    """Return the folder of the compiled code, with all damaged files removed.
+    """Return the folder of the compiled code, without damaged files.
 
     None where no such folder belongs to this user alone: each process then compiles for itself.
     """
-    folder, _ = _place()
-    for path in _files(folder) if folder is not None else ():
-        if not _is_sealed(path):
-            path.unlink(missing_ok=True)
-    return folder
+    return _place()[0]
 
 
 @cache
@@ -255,9 +252,12 @@ def _place() -> tuple[Path | None, str]:
         digest.update(path.read_bytes())
     try:
         folder = user_cache() / f"compiled-{digest.hexdigest()[:16]}"
-    except InputError as error:
-        return None, str(error)
-    fault = folder_fault(folder)
+        fault = folder_fault(folder)
+        for path in () if fault else _files(folder):
+            if not _is_sealed(path):
+                path.unlink(missing_ok=True)
+    except (InputError, OSError) as error:
+        fault = str(error)
     return (None, fault) if fault else (folder, "")
 
 

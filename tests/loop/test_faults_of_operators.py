@@ -120,7 +120,8 @@ def test_a_signal_that_a_watcher_raises_is_an_order() -> None:
 def test_a_signal_ends_a_rehearsal_at_once() -> None:
     """Nothing moves yet: there is nothing to be led to rest."""
     info, still = bench_info(), np.zeros((20_000, 3))
-    run = performance.prepare(info, faulty.blocks(), NUMERICAL, still, faulty.guard_of(info))
+    first, run = (performance.prepare(info, faulty.blocks(), NUMERICAL, still, faulty.guard_of(info)) for _ in range(2))
+    performance.rehearse(first, 0.01)  # compiled before the signal comes
     number = signal.SIGTERM
     with taken_before(number) as noted:
         threading.Timer(0.3, os.kill, (os.getpid(), number)).start()

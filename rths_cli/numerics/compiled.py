@@ -63,10 +63,7 @@ class Entry:
     """A compiled function that Python calls; `dispatcher` is numba's, `name` that of module and function."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
-        self.dispatcher: Any = numba.njit(**ENTRY)(function)
-        with _cache_directory() as kept, suppress(RuntimeError):  # numba cannot write there, or there is no source file
-            if kept:
-                self.dispatcher = numba.njit(cache=True, **ENTRY)(function)
+        self.dispatcher: Any = _with_cache(function) or numba.njit(**ENTRY)(function)
         self.name = f"{function.__module__}.{function.__qualname__}"
         self._ready: set[object] = set()
 
@@ -335,15 +332,19 @@ def _is_sealed(path: Path) -> bool:
         return False
 
 
-@contextmanager
-def _cache_directory() -> Iterator[bool]:
-    """Direct numba's cache to our folder while an entry is made; give whether there is one."""
+def _with_cache(function: Callable[..., Any]) -> Any:
+    """Return numba's dispatcher of an entry with its cache in our folder, None where it cannot be there."""
     folder, before = cache_folder(), numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(folder or "")
+    if folder is None:
+        return None
+    numba.config.CACHE_DIR = str(folder)
     try:
-        yield folder is not None
+        made = numba.njit(cache=True, **ENTRY)(function)
+    except RuntimeError:  # numba finds no folder at all, or the function has no source file
+        return None
     finally:
         numba.config.CACHE_DIR = before
+    return made if Path(made.stats.cache_path).is_relative_to(folder) else None  # numba may take one beside the source
 
 
 @cache

@@ -250,6 +250,14 @@ def test_files_that_cannot_be_replaced_are_no_fault(made: tuple[Path, list[str]]
     shutil.rmtree(path.parent)
     path.parent.touch()
     assert hello(cache) == made[1]
+    assert not list(PACKAGE.rglob("*.nbi"))  # where numba would keep it then, under a name without our hash
+
+
+def test_a_function_without_a_source_file_is_compiled_and_not_kept(tmp_path: Path) -> None:
+    code = "from rths_cli.numerics.compiled import entry; print(entry(lambda value: 2.0 * value)(4.0))"
+    with started(tmp_path, code) as process:
+        assert finished(process) == ["8.0"]
+    assert not list(tmp_path.rglob("*.nbi"))
 
 
 @POSIX

@@ -52,7 +52,7 @@ def network(setup: Setup, blocks: Blocks) -> tuple[Part, ...]:
              (*_names("unstaired", channels), "stairs"), corrected),
         _of(blocks, 1, corrected, estimates),
         _recent(lead, recent),
-        _sum("known_shear", np.concatenate([blocks.shear_estimate, blocks.shear_recent, blocks.shear_measured])[None],
+        _sum("known_shear", np.concatenate(blocks.interface.force.of_one()[:3])[None],
              (*estimates, *recent, *corrected), ("known",)),
         _numerical(blocks, motion),
         _of(blocks, 3, motion, ("forward",)),
@@ -90,7 +90,7 @@ def _feedback(blocks: Blocks) -> Part:
 
 def _numerical(blocks: Blocks, motion: tuple[str, ...]) -> Part:
     """Return the numerical part with the base shear of the same instant solved for, and the ground's motion added."""
-    block, share = blocks.numerical, blocks.shear_desired
+    block, share = blocks.numerical, blocks.interface.force.of_one()[3]
     loop = share / (1.0 - block.D[0, 1] * share)
     shear_c = loop * block.C[:1]
     shear_d = loop * block.D[:1] + np.array([[0.0, 1.0]])

@@ -10,8 +10,9 @@ from campaigns import step_run
 
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.experiment.setup import Setup
-from rths_cli.loop.step import apply, note_sent, step
-from rths_cli.loop.step_arrays import NUMERICAL, Linear, Step, assemble, linear
+from rths_cli.loop.linear_parts import Linear, linear
+from rths_cli.loop.step import note_sent, step
+from rths_cli.loop.step_arrays import NUMERICAL, Step, assemble
 from rths_cli.numerics.compiled import entry
 from rths_cli.numerics.lti import Array
 from speed.linear import GROUND, Part, Stepping, assembled, following_samples, network
@@ -25,10 +26,11 @@ HAS = "linear blocks and table: no noise, rounding, friction, limits, guard, log
 def run_linear(s: Step, table: Linear, drive: Array, commands: Array) -> None:
     """Play the step on a linear table (a block from a command to the samples after it)."""
     for k in range(drive.shape[0]):
-        commands[k] = step(s, drive[k])
-        note_sent(s, commands[k])
+        step(s, drive[k])
+        note_sent(s)
+        commands[k] = s.command[0]
         table.given[table.states] = commands[k]
-        apply(table)
+        table.apply()
         for c in range(s.samples.size):
             s.samples[c] = table.made[table.states + c]
 

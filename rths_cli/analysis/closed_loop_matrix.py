@@ -53,9 +53,9 @@ def open_loop(rig: IdentifiedRig, blocks: Blocks) -> Block:
     states.
     """
     lead, sent = blocks.lead_samples, max(rig.latency_samples, 1) + 1
-    parts = {"rig": rig.plant, "correction": rig.correction} | {
-        name: getattr(blocks, name) for name in ("estimator", "numerical", "feedforward", "feedback")
-    }
+    numerical, feedforward, feedback = blocks.linear_parts()
+    parts = {"rig": rig.plant, "correction": rig.correction, "estimator": blocks.estimator}
+    parts |= {"numerical": numerical, "feedforward": feedforward, "feedback": feedback}
     sizes = {"recent": lead, "sent": sent} | {name: len(block.A) for name, block in parts.items()}
     rows = _Rows(sizes)
     command = np.eye(rows.width)[-1:]
@@ -64,35 +64,36 @@ def open_loop(rig: IdentifiedRig, blocks: Blocks) -> Block:
     (change, total), (now, before) = rig.alias_left(blocks), rows.of("sent")[-2:]
     corrected[0] += change * (now - before) + total * (now + before)
     estimated = rows.output("estimator", blocks.estimator, corrected)
-    shear_desired = _coupled(rows, blocks, corrected, estimated)
+    shear_desired = _coupled(rows, blocks, numerical, corrected, estimated)
     into = np.vstack([np.zeros(rows.width), shear_desired[0]])
-    interface = rows.output("numerical", blocks.numerical, into)
+    interface = rows.output("numerical", numerical, into)
     recent = np.vstack([rows.of("recent"), interface[0]])
     error = (recent[0] - corrected[0])[None]
-    wanted = rows.output("feedforward", blocks.feedforward, interface) + rows.output("feedback", blocks.feedback, error)
+    wanted = rows.output("feedforward", feedforward, interface) + rows.output("feedback", feedback, error)
     following = {
         "recent": recent[1:],
         "sent": np.vstack([command, rows.of("sent")[:-1]]),
         "rig": rows.following("rig", rig.plant, command),
         "correction": rows.following("correction", rig.correction, samples),
         "estimator": rows.following("estimator", blocks.estimator, corrected),
-        "numerical": rows.following("numerical", blocks.numerical, into),
-        "feedforward": rows.following("feedforward", blocks.feedforward, interface),
-        "feedback": rows.following("feedback", blocks.feedback, error),
+        "numerical": rows.following("numerical", numerical, into),
+        "feedforward": rows.following("feedforward", feedforward, interface),
+        "feedback": rows.following("feedback", feedback, error),
     }
     whole, signals = np.vstack([following[name] for name in sizes]), (("command_v",), ("command_v",))
     return Block("loop", whole[:, :-1], whole[:, -1:], -wanted[:, :-1], -wanted[:, -1:], rig.plant.dt_s, *signals)
 
 
-def _coupled(rows: _Rows, blocks: Blocks, corrected: Array, estimated: Array) -> Array:
+def _coupled(rows: _Rows, blocks: Blocks, numerical: Block, corrected: Array, estimated: Array) -> Array:
     """Return the rows (2, n + 1) of base shear and desired acceleration at k + n_p, which depend on each other."""
-    known = blocks.shear_estimate @ estimated + blocks.shear_measured @ corrected
+    estimates, recent, measured, desired_weight = blocks.interface.force.of_one()
+    known = estimates @ estimated + measured @ corrected
     if blocks.lead_samples:
-        known = known + blocks.shear_recent @ rows.of("recent")
-    free = blocks.numerical.C[0] @ rows.of("numerical")
-    direct = blocks.numerical.D[0, 1]
-    desired = (free + direct * known) / (1.0 - direct * blocks.shear_desired)
-    return np.vstack([known + blocks.shear_desired * desired, desired])
+        known = known + recent @ rows.of("recent")
+    free = numerical.C[0] @ rows.of("numerical")
+    direct = numerical.D[0, 1]
+    desired = (free + direct * known) / (1.0 - direct * desired_weight)
+    return np.vstack([known + desired_weight * desired, desired])
 
 
 def spectral_radius(matrix: Array) -> float:

@@ -70,21 +70,23 @@ class Motion:
 
 def loop_response(rig: IdentifiedRig, blocks: Blocks, storeys: Block, z: ComplexArray) -> LoopResponse:
     """Return the loop's responses at points z (m,) on the unit circle; `storeys` is numerical.all_storeys."""
-    frequency = np.angle(z) / (2.0 * np.pi * blocks.numerical.dt_s)
+    interface, feedforward, feedback = blocks.linear_parts()
+    frequency = np.angle(z) / (2.0 * np.pi * interface.dt_s)
     samples = np.einsum("cdm,dm->cm", _at(rig.correction, frequency), _at(rig.plant, frequency)[:, 0])
     change, total = rig.alias_left(blocks)
     samples[0] += (change * (1.0 - 1.0 / z) + total * (1.0 + 1.0 / z)) * z ** -max(rig.latency_samples, 1)
     estimator = _at(blocks.estimator, frequency)
     late = z[None, :] ** (np.arange(blocks.lead_samples) - blocks.lead_samples)[:, None]
-    numerical, accels = _numerical(blocks.numerical, storeys, frequency)
+    numerical, accels = _numerical(interface, storeys, frequency)
+    estimates, recent, measured, desired = blocks.interface.force.of_one()
     return LoopResponse(
         rig=samples,
-        from_samples=np.einsum("e,ecm->cm", blocks.shear_estimate, estimator) + blocks.shear_measured[:, None],
-        from_desired=blocks.shear_recent @ late + blocks.shear_desired,
+        from_samples=np.einsum("e,ecm->cm", estimates, estimator) + measured[:, None],
+        from_desired=recent @ late + desired,
         numerical=numerical,
         storeys=accels,
-        feedforward=_at(blocks.feedforward, frequency)[0],
-        feedback=_at(blocks.feedback, frequency)[0, 0],
+        feedforward=_at(feedforward, frequency)[0],
+        feedback=_at(feedback, frequency)[0, 0],
         ahead=z**blocks.lead_samples,
     )
 

@@ -7,7 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rths_cli.numerics.lti import Array, Block
+from rths_cli.control.interface import Interface
+from rths_cli.control.part_designs import Logged, PartDesign
+from rths_cli.numerics.lti import Block
 from rths_cli.structure import Specimen
 
 
@@ -15,23 +17,20 @@ from rths_cli.structure import Specimen
 class Blocks:
     """The blocks a run is made of, as designed: all that `assemble` needs to build a Step.
 
-    `n_p` = lead in samples; `shear_*`, `ripple_*` as in loop.blocks.Step; `shaping_step_v` is the size of a
-    bit of the command converter when its rounding errors are to be shaped, else 0. The feedback's part of the command
-    is kept within +-`feedback_limit_v`, and the sum within +-`command_limit_v` as far as the feedback's part can.
-    `specimen`: the identified one, by which the channels are compared after a stop; None where there is none.
-    `open_loop`: the same from the table's acceleration to the floors' accelerations, by which the guard knows what a
-    floor must show; no block of the control, None where no specimen is known.
+    `interface`: its force, and what is commanded; n_p = lead in samples. `ripple_*` as in loop.step_arrays.Step;
+    `shaping_step_v` is the size of a bit of the command converter when its rounding errors are to be shaped, else 0.
+    The feedback's part of the command is kept within +-`feedback_limit_v`, and the sum within +-`command_limit_v` as
+    far as the feedback's part can. `specimen`: the identified one, by which the channels are compared after a stop;
+    None where there is none. `open_loop`: the same from the table's acceleration to the floors' accelerations, by which
+    the guard knows what a floor must show; no block of the control, None where no specimen is known.
     """
 
     correction: Block
     estimator: Block
-    numerical: Block
-    feedforward: Block
-    feedback: Block
-    shear_estimate: Array
-    shear_recent: Array
-    shear_measured: Array
-    shear_desired: float
+    numerical: PartDesign
+    feedforward: PartDesign
+    feedback: PartDesign
+    interface: Interface
     shaping_step_v: float = 0.0
     ripple_m_s2_per_v: float = 0.0
     latency_samples: int = 1
@@ -44,19 +43,44 @@ class Blocks:
     @property
     def lead_samples(self) -> int:
         """Return n_p, by how many samples the hybrid clock runs ahead of the table."""
-        return len(self.shear_recent)
+        return self.interface.force.lead_samples
 
     def named(self) -> tuple[Block, ...]:
         """Return the discrete blocks that make the command, in the order in which the step runs them."""
-        return (self.correction, self.estimator, self.numerical, self.feedforward, self.feedback)
+        return (self.correction, self.estimator, *self.linear_parts())
+
+    def linear_parts(self) -> tuple[Block, Block, Block]:
+        """Return numerical substructure, feedforward and feedback as linear blocks, those of the start of a run.
+
+        Raises InputError if one of them cannot be judged.
+        """
+        return self.numerical.linearised(), self.feedforward.linearised(), self.feedback.linearised()
+
+    @property
+    def linear(self) -> bool:
+        """Return whether all parts are linear at all times."""
+        return self.numerical.linear and self.feedforward.linear and self.feedback.linear
+
+    def fault(self) -> str:
+        """Return what a part that is a Python object raised in the last run, "" if none did."""
+        for design in (self.numerical, self.feedforward, self.feedback):
+            raised = getattr(design, "fault", None)
+            if raised is not None:
+                return f"{design.name} failed: {type(raised).__name__}: {raised}"
+        return ""
+
+    @property
+    def logs(self) -> tuple[Logged, ...]:
+        """Return what the parts log, in the order of the log."""
+        return (*self.numerical.logs, *self.feedforward.logs, *self.feedback.logs)
 
     def base_shear(self) -> Block:
         """Return the base shear at k + n_p as a block without memory: estimates, desired and measured accelerations."""
-        parts = (self.shear_estimate, self.shear_recent, self.shear_measured, [self.shear_desired])
-        gain = np.concatenate(parts)[None, :]
+        estimates, recent, samples, desired = self.interface.force.of_one()
+        gain = np.concatenate([estimates, recent, samples, [desired]])[None, :]
         inputs = (
             *self.estimator.outputs,
-            *_names("desired_accel_m_s2_at_k_plus", len(self.shear_recent)),
+            *_names("desired_accel_m_s2_at_k_plus", self.lead_samples),
             *self.correction.outputs,
             "desired_accel_m_s2_at_k_plus_lead",
         )

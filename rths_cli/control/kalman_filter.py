@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import expm, solve_continuous_are
 
+from rths_cli.control.interface import InterfaceForce, force_of_one
 from rths_cli.control.state_space import discretise
 from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Array, Block, StateSpace
@@ -14,16 +15,6 @@ from rths_cli.structure import Specimen
 
 DAMPING = 0.7
 RESIDUAL = ("base_shear_unexplained_n",)
-
-
-@dataclass(frozen=True)
-class Shear:
-    """Weights of the base shear at k + n_p (see loop.blocks.Step): estimator, recent desired, samples, desired."""
-
-    estimate: Array
-    recent: Array
-    measured: Array
-    desired: float
 
 
 def specimen_state_space(specimen: Specimen) -> StateSpace:
@@ -88,15 +79,15 @@ def open_loop(specimen: Specimen, dt_s: float) -> Block:
     return discretise(system, dt_s, "foh", "specimen_open_loop", ("table_accel_m_s2",), floors)
 
 
-def measured_shear(specimen: Specimen, interface_mass_kg: float) -> Shear:
+def measured_shear(specimen: Specimen, interface_mass_kg: float) -> InterfaceForce:
     """Return Eq. 2.6 from the estimated floor accelerations at the same instant, without prediction."""
     n = len(specimen.masses_kg)
     estimate = np.concatenate([np.zeros(2 * n), -specimen.masses_kg])
     measured = np.concatenate([[-interface_mass_kg], np.zeros(n)])
-    return Shear(estimate, np.zeros(0), measured, 0.0)
+    return force_of_one(estimate, np.zeros(0), measured, 0.0)
 
 
-def predicted_shear(specimen: Specimen, interface_mass_kg: float, lead_samples: int, dt_s: float) -> Shear:
+def predicted_shear(specimen: Specimen, interface_mass_kg: float, lead_samples: int, dt_s: float) -> InterfaceForce:
     """Return the base shear n_p >= 1 samples ahead: the estimated state is carried on by the identified specimen under
     the desired accelerations already issued, straight lines between samples.
 
@@ -114,7 +105,7 @@ def predicted_shear(specimen: Specimen, interface_mass_kg: float, lead_samples: 
     weights[-1] -= interface_mass_kg
     weights[0] += interface_mass_kg
     measured = np.concatenate([[-interface_mass_kg], np.zeros(n)])
-    return Shear(np.concatenate([row, np.zeros(n)]), weights[:-1], measured, float(weights[-1]))
+    return force_of_one(np.concatenate([row, np.zeros(n)]), weights[:-1], measured, float(weights[-1]))
 
 
 def with_residual(kalman: Block, specimen: Specimen, corner_hz: float, lead_s: float) -> Block:
@@ -144,9 +135,9 @@ def with_residual(kalman: Block, specimen: Specimen, corner_hz: float, lead_s: f
     )
 
 
-def plus_residual(shear: Shear, weight: float = 1.0) -> Shear:
+def plus_residual(shear: InterfaceForce, weight: float = 1.0) -> InterfaceForce:
     """Return a base shear for a filter `with_residual`, whose last output counts with this weight."""
-    return replace(shear, estimate=np.append(shear.estimate, weight))
+    return replace(shear, estimates=np.append(shear.estimates, [[weight]], axis=1))
 
 
 def _foh(system: StateSpace, dt_s: float) -> tuple[Array, Array, Array]:

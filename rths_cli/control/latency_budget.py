@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rths_cli.control.designed_blocks import Blocks
-from rths_cli.control.kalman_filter import Shear, specimen_state_space
+from rths_cli.control.interface import InterfaceForce
+from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.control.numerical_substructure import amplitude_and_lag
 from rths_cli.control.sensor_correction import correction
 from rths_cli.numerics.lti import Array, Block, ComplexArray, Model
@@ -67,7 +68,7 @@ class Loop:
     model: Model
     numerical: Numerical
     specimen: Specimen
-    shear_now: Shear
+    shear_now: InterfaceForce
     removes_sensors: bool
     has_inverse: bool
 
@@ -111,7 +112,7 @@ def _command_side(loop: Loop, frequency_hz: Array) -> tuple[Delay, ...]:
     none = np.zeros(len(frequency_hz))
     pure = (("converter", converter_s(rig)), ("hold", hold_s(rig)), ("transport", rig.transport_s))
     items = [Delay(name, none + s, by if s else NOTHING, none + (s if by == NOTHING else 0.0)) for name, s in pure]
-    lag = tracking_lag_s(loop.blocks.feedforward, loop.model, frequency_hz)
+    lag = tracking_lag_s(loop.blocks.feedforward.linearised(), loop.model, frequency_hz)
     elsewhere = 0.0 if by == INVERSE else declared_s(rig)
     left = lag - (elsewhere if by == NOTHING else lead_s)
     return (*items, Delay("inverse", lag - elsewhere, PREDICTION if lead_s else NOTHING, left))
@@ -130,7 +131,7 @@ def tracking_lag_s(feedforward: Block, model: Model, frequency_hz: Array) -> Arr
 
 
 def _integration(loop: Loop, frequency_hz: Array) -> Delay:
-    _, lag = amplitude_and_lag(loop.numerical, loop.blocks.numerical, frequency_hz)
+    _, lag = amplitude_and_lag(loop.numerical, loop.blocks.numerical.linearised(), frequency_hz)
     return Delay("integration", lag, NOTHING, lag)
 
 
@@ -163,34 +164,36 @@ def _kalman(loop: Loop, frequency_hz: Array) -> Delay:
     """Return the lag of the estimated base shear, and of the one the step uses, which is a lead ahead."""
     blocks = loop.blocks
     now, _ = shear_response(blocks.estimator, loop.shear_now, loop.specimen, frequency_hz)
-    shear = Shear(blocks.shear_estimate, blocks.shear_recent, blocks.shear_measured, blocks.shear_desired)
-    used = ahead_lag_s(blocks.estimator, shear, loop.specimen, frequency_hz)
+    used = ahead_lag_s(blocks.estimator, blocks.interface.force, loop.specimen, frequency_hz)
     return Delay("kalman", now, PREDICTION if blocks.lead_samples else NOTHING, used)
 
 
-def ahead_lag_s(kalman: Block, shear: Shear, specimen: Specimen, frequency_hz: Array) -> Array:
+def ahead_lag_s(kalman: Block, shear: InterfaceForce, specimen: Specimen, frequency_hz: Array) -> Array:
     """Return by how much the base shear (Eq. 2.6) that the step uses for k + n_p is late, in s, (n,), on a table that
     does what was desired."""
-    interface_mass_kg = -float(shear.measured[0])
+    estimate, recent, measured, desired = shear.of_one()
+    interface_mass_kg = -float(measured[0])
     z = np.exp(2j * np.pi * frequency_hz * kalman.dt_s)
     floors = specimen_state_space(specimen).response(frequency_hz)[:, 0]
     samples = np.vstack([np.ones(len(frequency_hz)), floors])
     estimates = np.einsum("ecf,cf->ef", kalman.response(frequency_hz), samples)
-    count = len(shear.recent)
-    found = shear.estimate @ estimates + shear.measured @ samples + shear.desired * z**count
-    found += sum((weight * z**j for j, weight in enumerate(shear.recent)), np.zeros_like(found))
+    count = len(recent)
+    found = estimate @ estimates + measured @ samples + desired * z**count
+    found += sum((weight * z**j for j, weight in enumerate(recent)), np.zeros_like(found))
     true = (-specimen.masses_kg @ floors - interface_mass_kg) * z**count
     return _lag_s(found / true, frequency_hz)
 
 
-def shear_response(kalman: Block, shear: Shear, specimen: Specimen, frequency_hz: Array) -> tuple[Array, Array]:
+def shear_response(
+    kalman: Block, shear: InterfaceForce, specimen: Specimen, frequency_hz: Array
+) -> tuple[Array, Array]:
     """Return lag in s and noise gain (n_frequencies,) of the base shear the filter estimates at the same instant.
 
     Lag: phase of estimated over true base shear, both answering the table's acceleration through `specimen`.
     Noise gain: noise of the estimate over that of Eq. 2.6 from the raw floor samples, equal noise on each floor.
     """
     frequency = np.asarray(frequency_hz, dtype=float)
-    response = np.einsum("e,ecf->cf", shear.estimate, kalman.response(frequency))
+    response = np.einsum("e,ecf->cf", shear.of_one()[0], kalman.response(frequency))
     floors = specimen_state_space(specimen).response(frequency)[:, 0]
     true = -specimen.masses_kg @ floors
     estimated = response[0] + np.sum(response[1:] * floors, axis=0)

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING
 
 from rths_cli.control import feedback, feedforward, kalman_filter, numerical_substructure, sensor_correction
 from rths_cli.control.designed_blocks import Blocks
+from rths_cli.control.interface import Interface
 from rths_cli.experiment.feedback_choice import choose_feedback
 from rths_cli.experiment.loop_stability_of_case import loop_faults
 from rths_cli.numerics.shared_values import SharedValues
 
 if TYPE_CHECKING:
-    from rths_cli.control.kalman_filter import Shear
+    from rths_cli.control.interface import InterfaceForce
     from rths_cli.experiment.feedback_choice import Chosen
     from rths_cli.experiment.setup import Setup
     from rths_cli.identification.results import Identification
@@ -29,7 +30,7 @@ class Design:
     blocks: Blocks
     model: Model  # of the table, from which they were designed
     feedback: feedback.Feedback | None  # with its margins; None without feedback
-    shear_now: Shear  # weights of the base shear at the instant of the samples, without prediction
+    shear_now: InterfaceForce  # weights of the base shear at the instant of the samples, without prediction
     chosen: Chosen | None = None  # weights chosen instead of the default ones; None: default or stated weights
 
 
@@ -50,10 +51,7 @@ def design_blocks(setup: Setup, identified: Identification, shared: SharedValues
         numerical=numerical_substructure.interface(setup.building.numerical, dt, case.integration),
         feedforward=_feedforward(model, dt, lead, best, driven),
         feedback=feedback.none(dt),
-        shear_estimate=shear.estimate,
-        shear_recent=shear.recent,
-        shear_measured=shear.measured,
-        shear_desired=shear.desired,
+        interface=Interface(shear),
         shaping_step_v=setup.rig.converters.step_v if best else 0.0,
         ripple_m_s2_per_v=model.ripple_m_s2_per_v if best else 0.0,
         ripple_sum_m_s2_per_v=model.ripple_sum_m_s2_per_v if best else 0.0,
@@ -100,7 +98,7 @@ def _estimator(setup: Setup, specimen: Specimen, lead: int) -> Block:
     return kalman_filter.with_residual(informed, specimen, kalman.residual_hz, lead * dt)
 
 
-def _shear(setup: Setup, identified: Identification, lead: int, residual: float = 1.0) -> Shear:
+def _shear(setup: Setup, identified: Identification, lead: int, residual: float = 1.0) -> InterfaceForce:
     """Return the weights of the base shear: at the instant of the samples, or predicted `lead` samples ahead."""
     specimen, mass = _specimen(identified), setup.building.interface_experimental_mass_kg
     now = kalman_filter.measured_shear(specimen, mass)

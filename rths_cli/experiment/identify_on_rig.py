@@ -11,6 +11,7 @@ import numpy as np
 
 from rths_cli.control import feedback, feedforward, numerical_substructure, sensor_correction
 from rths_cli.control.designed_blocks import Blocks
+from rths_cli.control.interface import no_force
 from rths_cli.control.state_space import static
 from rths_cli.errors import InputError, LimitError, RigError
 from rths_cli.experiment.lost_sample_counts import losses_of
@@ -262,9 +263,6 @@ def _listening(setup: Setup) -> Blocks:
         numerical=numerical_substructure.interface(setup.building.numerical, dt),
         feedforward=feedforward.direct(setup.rig.gain_m_per_v, dt),
         feedback=feedback.none(dt),
-        shear_estimate=np.zeros(1),
-        shear_recent=np.zeros(0),
-        shear_measured=np.zeros(channels),
-        shear_desired=0.0,
+        interface=no_force(channels),
         latency_samples=setup.rig.latency_samples,
     )

@@ -271,6 +271,7 @@ def _signals(log: RawLog, setup: Setup) -> Signals:
     return Signals(
         desired=rows(DESIRED),
         estimated=rows(list(takewhile(columns.__contains__, _named("estimated")))),
+        logged=rows(list(takewhile(columns.__contains__, _named("logged")))).reshape(-1, unknown.size),
         **{name: rows(_numbered(name, channels)) for name in several},
         **{name: columns.get(name, unknown) for name in single},
         **{name: columns.get(name, unknown[:0]) for name in TIMED},

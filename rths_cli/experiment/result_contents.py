@@ -46,7 +46,8 @@ def _motion(motion: tuple[Array, Array, Array], base_shear_n: Array) -> dict[str
 def write_table_run(
     writer: ResultWriter, run: str, setup: Setup, series: Series, hybrid: tuple[Array, Array, Array] | None
 ) -> None:
-    """Write a run on the table: signals, with `hybrid` the whole building's motion, timing and, if known, truth."""
+    """Write a run on the table: signals, with `hybrid` the whole building's motion, what the parts of the step log,
+    timing and, if known, truth."""
     time = setup.motion.time_s[: series.command_v.size]
     storeys, floors = len(setup.building.M), len(setup.floor_masses_kg)
     storey = np.arange(1, storeys + 1)
@@ -64,6 +65,9 @@ def write_table_run(
         scales["channel"] = np.arange(1, len(series.removed) + 1)
     if len(series.estimated) > 3 * floors:
         values["base_shear_unexplained_n"] = series.estimated[3 * floors]
+    if series.logs:
+        values["part_values"] = series.logged
+        values["part_value_names"] = "\n".join(f"{one.name} ({one.units})" for one in series.logs)
     writer.group(run, values, time, storey, scales, _remarks_on_samples(setup, series))
     timed = {"compute_s": (WITH_RIG,) if setup.rig.can.counts_steps else ()}
     writer.group(f"{run}/timing", {"compute_s": series.compute_s, **series.live}, time, storey, remarks=timed)
@@ -159,7 +163,7 @@ def _latency_figures(setup: Setup, identified: Identification, design: Design) -
         setup.case.controller.kind != "none",
     )  # fmt: skip
     frequency = latency_budget.FREQUENCIES_HZ
-    amplitude, _ = amplitude_and_lag(setup.building.numerical, blocks.numerical, frequency)
+    amplitude, _ = amplitude_and_lag(setup.building.numerical, blocks.numerical.linearised(), frequency)
     _, noise = latency_budget.shear_response(blocks.estimator, design.shear_now, specimen, frequency)
     values: dict[str, ArrayLike] = {
         **_budget_figures(latency_budget.budget(loop)),

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rths_cli.control.numerical_substructure import Scheme, all_storeys
+from rths_cli.control.part_designs import Logged
 from rths_cli.loop.block_replay import run_block
 from rths_cli.loop.run_log import Signals
 from rths_cli.loop.simulated_time_run import Outcome
@@ -24,7 +25,8 @@ class Series:
     and floors; `estimated` (3 n_exp or more, n): the Kalman filter's displacements and velocities relative to the
     table, and floor accelerations; `true_accel` (1 + n_exp, n), `true_disp_m` (n,): NaN unless the rig is virtual.
     `live`: delays, durations of exchanges, losses and states on a real rig, (n,) each. `removed` (1 + n_exp, n):
-    offset, drift and jumps that were removed from `measured`; None: nothing was removed.
+    offset, drift and jumps that were removed from `measured`; None: nothing was removed. `logged` (l, n): what the
+    parts of the step log, named by `logs`.
     """
 
     desired: Array
@@ -37,6 +39,8 @@ class Series:
     compute_s: Array
     live: Mapping[str, Array] = field(default_factory=dict)
     removed: Array | None = None
+    logged: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    logs: tuple[Logged, ...] = ()
 
     def with_true(self, abs_accel: Array) -> Array:
         """Return the accelerations (n_storeys, n) with true instead of measured ones of table and specimen."""
@@ -82,6 +86,8 @@ def on_record_clock(outcome: Outcome, lead_samples: int, dt_s: float, samples: i
         true_disp_m=log.true_displacement_m[table],
         compute_s=log.compute_ns[table] * 1e-9,
         live=_live(log, table),
+        logged=log.logged[:, table],
+        logs=outcome.logs,
     )
 
 

@@ -129,7 +129,7 @@ def _with_fault(performed: Performed, stream: LogStream) -> Outcome:
 def _header(plan: RunPlan, ready: Performance, writer: ResultWriter) -> RawHeader:
     """Return the header of the raw log of a run."""
     setup, expected = plan.setup, as_stored(plan.expected) if plan.expected else None
-    names = column_names(len(setup.rig.channels), ready.step.estimated.size)
+    names = column_names(len(setup.rig.channels), ready.step.estimated.size, ready.step.logged)
     return RawHeader(
         names, column_units(names), setup.rig.dt_s, ready.log.columns.shape[1], plan.design.blocks.lead_samples,
         plan.kind.name, writer.path.name, str(setup.case.path), setup.case.yaml_text, resolved_yaml(setup.case),

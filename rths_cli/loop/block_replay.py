@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rths_cli.loop.step import apply
-from rths_cli.loop.step_arrays import Linear, linear
+from rths_cli.loop.linear_parts import Linear, linear
 from rths_cli.numerics.compiled import borrowed, entry
 from rths_cli.numerics.lti import Array, Block
 
@@ -24,6 +23,6 @@ def _run(block: Linear, inputs: Array, outputs: Array) -> None:
     for k in range(inputs.shape[1]):
         for i in range(inputs.shape[0]):
             block.given[block.states + i] = inputs[i, k]
-        apply(block)
+        block.apply()
         for i in range(outputs.shape[0]):
             outputs[i, k] = block.made[block.states + i]

@@ -21,8 +21,9 @@ import numpy as np
 
 from rths_cli.loop.dropouts import bridge, bridges
 from rths_cli.loop.guard import AT_REST_M, BRAKE_SHARE, GuardLimits, farthest
-from rths_cli.loop.step import correct, staircase_of
-from rths_cli.loop.step_arrays import Channels, Step
+from rths_cli.loop.linear_parts import Channels
+from rths_cli.loop.step import staircase_of
+from rths_cli.loop.step_arrays import Step
 from rths_cli.numerics.clock import IntArray
 from rths_cli.numerics.compiled import part
 from rths_cli.numerics.lti import Array
@@ -116,9 +117,10 @@ def hear(r: Returning, s: Step, after_gap: bool) -> None:
             for j in range(4):
                 r.memory[c, j] = s.correction.given[c, j]
         for _ in range(REMEMBERED):
-            correct(correction, r.came, r.accel)
-    correct(correction, r.came, r.accel)
-    r.accel[0] -= staircase_of(s)
+            correction.correct(r.came, r.accel)
+    correction.correct(r.came, r.accel)
+    for i in range(len(s.measured_by)):
+        r.accel[s.measured_by[i]] -= staircase_of(s, i)
 
 
 @part

@@ -22,7 +22,7 @@ from rths_cli.loop.step import note_sent, step
 from rths_cli.loop.step_arrays import Step, assemble
 from rths_cli.numerics.compiled import borrowed, entry, part
 from rths_cli.numerics.lti import Array
-from rths_cli.numerics.tiled_products import padded, product, tiled
+from rths_cli.numerics.tiled_products import copied, padded, product, tiled
 from rths_cli.rigs.udp.late_command_trajectory import POINTS, SPACING, Way, fresh_way, place_after
 from rths_cli.rigs.udp.packets import MOST_POINTS
 
@@ -50,7 +50,7 @@ def foresight_of(blocks: Blocks, source: int, dt_s: float) -> Foresight:
     """Return the prediction for a run; `source` is that of the step."""
     spacing = max(round(SPACING_S / dt_s), 1)
     ahead = MOST_POINTS * spacing  # steps
-    own = [_goes_on(blocks, source, ahead, place) for place in range(_size(assemble(blocks, source)))]
+    own = [_goes_on(blocks, source, ahead, place) for place in range(assemble(blocks, source).deciding)]
     driven = [_goes_on(blocks, source, ahead, -1 - column) for column in range(DRIVEN)]
     by_points = [np.convolve(share, one)[:ahead] for share in _between_points(spacing) for one in driven]
     rows = np.vstack([*own, *by_points])[:, spacing - 1 :: spacing]
@@ -79,59 +79,15 @@ def _goes_on(blocks: Blocks, source: int, steps: int, place: int) -> Array:
     The input is a unit in the state at index `place`, or, for -1, -2, -3, a unit in a column of the drive's first row.
     """
     s = assemble(blocks, source)
-    s = s._replace(shaping=np.zeros(3), command_limit_v=np.inf, feedback_limit_v=np.inf)
+    endless = np.full(s.command.size, np.inf)
+    s = s._replace(bit_v=0.0, command_limit_v=endless, feedback_limit_v=endless)
     drive, commands = np.zeros((steps, DRIVEN)), np.zeros(steps)
     if place >= 0:
-        scattered(s, np.eye(1, _size(s), place)[0])
+        s.state[place] = 1.0
     else:
         drive[0, -1 - place] = 1.0
     go_on_alone(s, drive, commands)
     return commands
-
-
-def _size(s: Step) -> int:
-    return 3 * s.samples.size + sum(values.size for values in _parts(s))
-
-
-def _parts(s: Step) -> tuple[Array, ...]:
-    """Return the arrays that make up a step's state, without the states of its sensor correction."""
-    return (
-        s.estimator.given, s.numerical.state, s.feedforward.given, s.feedback.given, s.recent, s.samples, s.sent
-    )  # fmt: skip
-
-
-def scattered(s: Step, state: Array) -> None:
-    """Write a state (n,) into a step, in the order of `gathered`."""
-    s.correction.given[:, :3] = state[: 3 * s.samples.size].reshape(-1, 3)
-    at = 3 * s.samples.size
-    for values in _parts(s):
-        values[:] = state[at : at + values.size]
-        at += values.size
-
-
-@part
-def gathered(s: Step, state: Array) -> int:
-    """Write a step's state to the front of an array; return its size."""
-    at = 0
-    for c in range(s.samples.size):
-        for j in range(3):
-            state[at] = s.correction.given[c, j]
-            at += 1
-    at = put(s.estimator.given, state, at)
-    at = put(s.numerical.state, state, at)
-    at = put(s.feedforward.given, state, at)
-    at = put(s.feedback.given, state, at)
-    at = put(s.recent, state, at)
-    at = put(s.samples, state, at)
-    return put(s.sent, state, at)
-
-
-@part
-def put(values: Array, state: Array, at: int) -> int:
-    """Copy values to `state` from the index `at` on; return the index after them."""
-    for i in range(values.size):
-        state[at + i] = values[i] + 0.0  # as `tiles.copied`
-    return at + values.size
 
 
 @entry
@@ -140,8 +96,9 @@ def go_on_alone(s: Step, drive: Array, commands: Array) -> None:
     s, drive, commands = borrowed((s, drive, commands))
     for k in range(drive.shape[0]):
         bridge(s)
-        commands[k] = step(s, drive[k])
-        note_sent(s, commands[k])
+        step(s, drive[k])
+        note_sent(s)
+        commands[k] = s.command[0]
 
 
 @entry
@@ -158,7 +115,8 @@ def foresee(f: Foresight, s: Step, drive: Array, k: int, last: int, share: float
 
     The drive (n, 3) continues with row k and is constant from row `last` on. The commands are multiplied by `share`.
     """
-    at = gathered(s, f.given)
+    copied(s.deciding, s.state, f.given)
+    at = s.deciding
     final = min(last, drive.shape[0] - 1)
     for i in range(f.points + 1):
         row = min(k - 1 + i * f.spacing, final)

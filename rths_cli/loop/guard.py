@@ -54,7 +54,7 @@ NO_CHANNEL = -1
 
 
 class GuardLimits(NamedTuple):
-    """Constants of the guard; c channels. An infinite limit is off."""
+    """Constants of the guard, the same for all actuators; c channels. An infinite limit is off."""
 
     stroke_m: float
     velocity_m_s: float
@@ -85,20 +85,22 @@ class GuardState(NamedTuple):
     """State of the guard between steps."""
 
     flags: Array  # int (4,): phase, reason, channel that the reason concerns (or NO_CHANNEL), steps before it
-    motion: Array  # (2,) commanded displacement in m and velocity in m/s
+    motion: Array  # (2 a,) commanded displacements in m of all actuators, then their velocities in m/s
     codes: Array  # (c,) last sample in V of each channel
     expected_at: Array  # (2, c) expected accelerations, as in Step.expected, when that sample last changed
     moved: Array  # (2, c) largest change of the expected accelerations since then
     same: Array  # int (c,) number of samples for which the channel has not changed
     energy: Array  # (3,) error of the table's velocity in m/s, energy that it added, and exchanged energy, both in J
     seen: Array  # (1,) value that exceeded its limit, in the limit's unit; NaN if nothing was measured
+    actuators: tuple[int, ...] = (0,)  # (a,) numbers of the commands; numba knows its length
 
 
-def fresh_guard(channels: int) -> GuardState:
+def fresh_guard(channels: int, actuators: int = 1) -> GuardState:
     """Return the initial state of the guard."""
     return GuardState(
-        np.zeros(4, dtype=np.int64), np.zeros(2), np.full(channels, np.nan), np.zeros((2, channels)),
+        np.zeros(4, dtype=np.int64), np.zeros(2 * actuators), np.full(channels, np.nan), np.zeros((2, channels)),
         np.zeros((2, channels)), np.zeros(channels, dtype=np.int64), np.zeros(3), np.full(1, np.nan),
+        tuple(range(actuators)),
     )  # fmt: skip
 
 
@@ -159,8 +161,8 @@ def farthest(lim: GuardLimits) -> float:
 
 
 @part
-def check_command(lim: GuardLimits, g: GuardState, command: float, error: float) -> int:
-    """Check the command in V and the tracking error in m/s^2; return the reason to stop, or NONE.
+def check_command(lim: GuardLimits, g: GuardState, a: int, command: float, error: float) -> int:
+    """Check a command in V and the tracking error in m/s^2; return the reason to stop, or NONE.
 
     The displacement includes the room that is needed to brake.
     """
@@ -169,7 +171,7 @@ def check_command(lim: GuardLimits, g: GuardState, command: float, error: float)
     if abs(command) > lim.command_v:
         return beyond(g, abs(command), COMMAND)
     place = lim.gain_m_per_v * command
-    velocity = (place - g.motion[0]) / lim.dt_s
+    velocity = (place - g.motion[a]) / lim.dt_s
     if abs(velocity) > lim.velocity_m_s:
         return beyond(g, abs(velocity), VELOCITY)
     if abs(velocity) > lim.gain_m_per_v * lim.command_rate_v_s:
@@ -213,22 +215,28 @@ def return_rate(lim: GuardLimits) -> float:
 
 @part
 def ramp_down(lim: GuardLimits, g: GuardState) -> None:
-    """Advance the commanded motion by one step on its way to rest."""
-    place, velocity = g.motion[0], g.motion[1]
-    rate = return_rate(lim)
-    if g.flags[0] == BRAKING:
-        less = BRAKE_SHARE * lim.acceleration_m_s2 * lim.dt_s
-        velocity = math.copysign(max(abs(velocity) - less, 0.0), velocity)
-        place += velocity * lim.dt_s
-        if velocity == 0.0:
-            g.flags[0] = RETURNING
-    elif g.flags[0] == RETURNING:
-        slope = (velocity + rate * place) * lim.dt_s
-        decay = math.exp(-rate * lim.dt_s)
-        place, velocity = (place + slope) * decay, (velocity - rate * slope) * decay
-        if abs(place) < AT_REST_M and abs(velocity) < AT_REST_M * rate:
-            g.flags[0], place, velocity = STOPPED, 0.0, 0.0
-    g.motion[0], g.motion[1] = place, velocity
+    """Advance the commanded motions by one step on their way to rest: all actuators brake, then all return."""
+    rate, phase, ready, count = return_rate(lim), g.flags[0], True, len(g.actuators)
+    for a in range(count):
+        place, velocity = g.motion[a], g.motion[count + a]
+        if phase == BRAKING:
+            less = BRAKE_SHARE * lim.acceleration_m_s2 * lim.dt_s
+            velocity = math.copysign(max(abs(velocity) - less, 0.0), velocity)
+            place += velocity * lim.dt_s
+            ready = ready and velocity == 0.0
+        elif phase == RETURNING:
+            slope = (velocity + rate * place) * lim.dt_s
+            decay = math.exp(-rate * lim.dt_s)
+            place, velocity = (place + slope) * decay, (velocity - rate * slope) * decay
+            if abs(place) < AT_REST_M and abs(velocity) < AT_REST_M * rate:
+                place, velocity = 0.0, 0.0
+            else:
+                ready = False
+        g.motion[a], g.motion[count + a] = place, velocity
+    if ready and phase == BRAKING:
+        g.flags[0] = RETURNING
+    elif ready and phase == RETURNING:
+        g.flags[0] = STOPPED
 
 
 @part
@@ -245,7 +253,7 @@ def take_over(g: GuardState, reason: int, value: float) -> None:
 def guard(
     lim: GuardLimits,
     g: GuardState,
-    command: float,
+    command: Array,
     came: bool,
     samples: Array,
     accel: Array,
@@ -253,8 +261,8 @@ def guard(
     error: float,
     velocity: float,
     shear: float,
-) -> float:
-    """Return the command in V that may be sent.
+) -> None:
+    """Leave the commands (a,) in V as they are, or write those that may be sent instead.
 
     `samples` in V and `accel` in m/s^2, both (c,), are the measured ones; unless samples `came` in this step they are
     not judged. `expected` (2, c) are the accelerations expected of the channels, as in Step. `error`: tracking error in
@@ -262,16 +270,19 @@ def guard(
     """
     if g.flags[0] == RUNNING:
         reason = check_samples(lim, g, samples, accel, expected) if came else NONE
-        if reason == NONE:
-            reason = check_command(lim, g, command, error)
+        for a in range(len(g.actuators)):
+            if reason == NONE:
+                reason = check_command(lim, g, a, command[a], error)
         if reason == NONE:
             reason = check_energy(lim, g, error, velocity, shear)
         if reason == NONE:
-            place = lim.gain_m_per_v * command
-            g.motion[1] = (place - g.motion[0]) / lim.dt_s
-            g.motion[0] = place
+            for a in range(len(g.actuators)):
+                place = lim.gain_m_per_v * command[a]
+                g.motion[len(g.actuators) + a] = (place - g.motion[a]) / lim.dt_s
+                g.motion[a] = place
             g.flags[3] += 1
-            return command
+            return
         g.flags[0], g.flags[1] = BRAKING, reason
     ramp_down(lim, g)
-    return g.motion[0] / lim.gain_m_per_v
+    for a in range(len(g.actuators)):
+        command[a] = g.motion[a] / lim.gain_m_per_v

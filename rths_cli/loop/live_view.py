@@ -38,7 +38,7 @@ class Watching:
 
     def __init__(self, run: Performance) -> None:
         self._run, self._seen, self._count = run, 0, 0
-        self._signals = signals(run.log, len(run.info.channels), run.step.estimated.size)
+        self._signals = signals(run.log, len(run.info.channels), run.step.estimated.size, run.step.logged)
         self._peaks = dict.fromkeys(
             ("desired", "measured", "place", "velocity", "accel", "force", "late", "compute"), 0.0
         )

@@ -10,27 +10,60 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rths_cli.control.interface import Interface
 from rths_cli.errors import InputError
-from rths_cli.numerics.compiled import part
+from rths_cli.loop.parts import Room
+from rths_cli.numerics.compiled import part_class
 from rths_cli.numerics.lti import Array, Block
 from rths_cli.numerics.tiled_products import product, tiled
 
 EXACT = 1e-7  # tolerated error of the change of coordinates, relative to the largest entry
 
 
+@part_class
 class Modal(NamedTuple):
-    """A block of m pairs of states, two inputs and up to four outputs."""
+    """A block of m pairs of states; inputs are ground acceleration and i forces, outputs an interface motion (3 i,)."""
 
     turn: Array  # (4, m) of each pair: first from first, first from second, second from first, second from second
-    drive: Array  # (4, m) first from input 0, first from input 1, second from input 0, second from input 1
-    outputs: Array  # (1, 2 m, 4), tiled_products.tiled
-    direct: Array  # (p, 2)
+    drive: Array  # (1 + i, 2, m) of each input: into the firsts, into the seconds
+    outputs: Array  # (tiles, 2 m, 4), tiled_products.tiled
+    through: Array  # (3 i, 1 + i) outputs per input of the same instant
+    direct: Array  # (i, i) its accelerations per force
     state: Array  # (2 m,) all firsts, then all seconds
-    made: Array  # (4,) outputs without the direct part of the inputs
+    made: Array  # (4 tiles,) outputs without the direct part of the inputs
+    logged: Array  # nothing
+    axes: tuple[int, ...]  # (i,) degrees of freedom of the interface
+
+    def free(self, ground: Array, accel: Array) -> None:
+        """Write the accelerations (i,) without interface force, as parts.NumericalSubstructure."""
+        product(self.outputs, self.state.size, self.state, self.made)
+        for i in range(len(self.axes)):
+            accel[i] = self.made[i] + self.through[i, 0] * ground[0]
+
+    def advance(self, ground: Array, force: Array, motion: Array) -> None:
+        """Write the interface's absolute motion (3, i) and go on, as parts.NumericalSubstructure."""
+        m, axes = self.turn.shape[1], len(self.axes)
+        for q in range(3):
+            for i in range(axes):
+                value = self.made[q * axes + i] + self.through[q * axes + i, 0] * ground[0]
+                for j in range(axes):
+                    value += self.through[q * axes + i, 1 + j] * force[j]
+                motion[q, i] = value if q == 0 else value + ground[q]
+        for i in range(m):
+            first, second = self.state[i], self.state[m + i]
+            inputs = self.drive[0, 0, i] * ground[0] + self.drive[1, 0, i] * force[0]
+            self.state[i] = self.turn[0, i] * first + self.turn[1, i] * second + inputs
+            inputs = self.drive[0, 1, i] * ground[0] + self.drive[1, 1, i] * force[0]
+            self.state[m + i] = self.turn[2, i] * first + self.turn[3, i] * second + inputs
+        for j in range(1, axes):
+            for i in range(m):
+                self.state[i] += self.drive[1 + j, 0, i] * force[j]
+                self.state[m + i] += self.drive[1 + j, 1, i] * force[j]
 
 
-def modal(block: Block) -> Modal:
-    """Return a block at rest in modal coordinates; 2 inputs, up to 4 outputs.
+def modal(block: Block, interface: Interface, room: Room) -> Modal:
+    """Return a block at rest in modal coordinates: ground acceleration and i forces to the interface's motion relative
+    to the ground (3 i,), accelerations absolute.
 
     Raises InputError if the change of coordinates would lose accuracy (modes that coincide).
     """
@@ -46,12 +79,15 @@ def modal(block: Block) -> Modal:
             f"{block.name}: modes of the computed storeys coincide, the step would lose {lost:.1e} of them; change a"
             " storey's stiffness or damping by a thousandth"
         )
-    m, outputs = len(block.A) // 2, block.C @ basis
+    m, outputs, forces = len(block.A) // 2, block.C @ basis, len(interface.channels)
     first, second = slice(0, 2 * m, 2), slice(1, 2 * m, 2)
     turn = np.array([np.diag(turned[i, j]) for i in (first, second) for j in (first, second)])
-    drives = np.array([drive[first, 0], drive[first, 1], drive[second, 0], drive[second, 1]])
+    drives = np.ascontiguousarray(np.stack([drive[first].T, drive[second].T], axis=1))
     arranged = tiled(np.hstack([outputs[:, first], outputs[:, second]]))
-    return Modal(turn, drives, arranged, np.ascontiguousarray(block.D), np.zeros(2 * m), np.zeros(4))
+    through = np.ascontiguousarray(block.D)
+    direct = np.ascontiguousarray(through[:forces, 1:])
+    made = np.zeros(4 * len(arranged))
+    return Modal(turn, drives, arranged, through, direct, room.take(2 * m), made, np.zeros(0), interface.channels)
 
 
 def real_basis(a: Array) -> Array:
@@ -74,21 +110,3 @@ def pairs_only(turned: Array) -> Array:
     """Return the 2 x 2 blocks on the diagonal of a matrix (n, n), zeros elsewhere."""
     keep = np.kron(np.eye(len(turned) // 2), np.ones((2, 2)))
     return np.asarray(turned * keep, dtype=float)
-
-
-@part
-def read_modal(block: Modal) -> None:
-    """Write the outputs without the direct part of the inputs of this instant."""
-    product(block.outputs, block.state.size, block.state, block.made)
-
-
-@part
-def advance_modal(block: Modal, one: float, two: float) -> None:
-    """Advance the state with the two inputs of this instant."""
-    m = block.turn.shape[1]
-    for i in range(m):
-        first, second = block.state[i], block.state[m + i]
-        inputs = block.drive[0, i] * one + block.drive[1, i] * two
-        block.state[i] = block.turn[0, i] * first + block.turn[1, i] * second + inputs
-        inputs = block.drive[2, i] * one + block.drive[3, i] * two
-        block.state[m + i] = block.turn[2, i] * first + block.turn[3, i] * second + inputs

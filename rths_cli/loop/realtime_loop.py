@@ -179,10 +179,11 @@ def conduct(
     lost = take_or_bridge(course, s, samples_v, lost)
     came, mixed, heard = lost == 0 or lost == MIXED, lost == MIXED, course.returning
     obey(course, g, k)
-    row, carried, share = drive[min(k, drive.shape[0] - 1)], s.shaping[0], share_of(course, k)
+    row, carried, share = drive[min(k, drive.shape[0] - 1)], s.carried[0], share_of(course, k)
     samples, accel = (heard.came, heard.accel) if mixed else (s.samples, s.corrected)
-    command, place = think(s, limits, g, row, log, k, share, came, samples, accel)
-    course.drift[WANTED_V] = command + share * (s.shaping[0] - carried) if g.flags[0] == RUNNING else command
+    place = think(s, limits, g, row, log, k, share, came, samples, accel)
+    command = s.command[0]
+    course.drift[WANTED_V] = command + share * (s.carried[0] - carried) if g.flags[0] == RUNNING else command
     for c in range(samples_v.size):
         log.columns[place + c, k] = samples_v[c]
     place += samples_v.size
@@ -301,7 +302,7 @@ def pass_by(course: Course, s: Step, limits: GuardLimits, log: Log, way: Way, wa
 @part
 def leave(course: Course, s: Step, limits: GuardLimits, log: Log, way: Way, command: float, k: int) -> float:
     """Return the command to send for step k - 1, log it if it differs from the computed one, and write its preview."""
-    left = rejoin(course.drift, limits, s.shaping[1], command)
+    left = rejoin(course.drift, limits, s.bit_v, command)
     if left != command:
         note_command(s, log, k - 1, left)
     way.volts[0] = left
@@ -336,8 +337,8 @@ def swap(link: udp.Link, course: Course, g: GuardState, log: Log, now: int, late
 @part
 def note_command(s: Step, log: Log, k: int, command: float) -> None:
     """Log the command that was sent for the last step k instead of the computed one; its hold causes the alias."""
-    s.sent[0] = command
-    log.columns[log.truths + s.corrected.size + 3, k] = command
+    s.sent[0, 0] = command
+    log.columns[log.truths + s.corrected.size + s.motion.size, k] = command
 
 
 @entry

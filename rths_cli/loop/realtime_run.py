@@ -94,13 +94,13 @@ def prepare(
     state, channels = assemble(blocks, source), len(info.channels)
     orders = np.zeros(1, dtype=np.int64) if orders is None else orders
     zeros_v = np.zeros(channels) if zeros_v is None else zeros_v
-    told = info.can.takes_trajectories and info.overrun == "skip"
+    told = info.can.takes_trajectories and info.overrun == "skip" and blocks.linear
     foresight = foresight_of(blocks, source, info.dt_s) if told else no_foresight(channels)
     planned = course(info, ramp_s, len(drive), zeros_v, orders, foresight, still_s)
     limits = without_zeros(limits, zeros_v)
     end = round(way_to_rest_s(limits) / info.dt_s) + planned.rest
     whole = np.vstack([np.zeros((planned.ramp, 3)), drive, np.zeros((end, 3))])
-    log = empty_log(len(whole), channels, state.estimated.size)
+    log = empty_log(len(whole), channels, state.estimated.size, logged=state.logged)
     return Performance(info, blocks, planned, state, limits, fresh_guard(channels), np.ascontiguousarray(whole), log)
 
 
@@ -333,7 +333,7 @@ def _giver(run: Performance, what: int, before: object) -> Callable[[int, FrameT
 def _outcome(run: Performance, fault: str) -> Outcome:
     """Return the outcome of the run, with its signals during the record; an order after the record is its reason."""
     ramp, still, record_steps, dt_s = run.course.ramp, run.course.still, run.course.record, run.info.dt_s
-    everything = signals(run.log, len(run.info.channels), run.step.estimated.size)
+    everything = signals(run.log, len(run.info.channels), run.step.estimated.size, run.step.logged)
     steps = int(np.clip(run.log.done[0] - ramp, 0, record_steps))
     stopped_at_s = float((run.guard.flags[3] - ramp) * dt_s)
     reason, order_given = int(run.guard.flags[1]), int(run.course.orders[0])
@@ -346,7 +346,7 @@ def _outcome(run: Performance, fault: str) -> Outcome:
     whole = whole_of(part_of(everything, slice(0, int(run.log.done[0]))), still, ramp, dt_s)
     played = bool(run.guard.flags[3] >= ramp + record_steps)
     signals_of_record, ramp_s = part_of(everything, record), (ramp - still) * dt_s
-    return Outcome(signals_of_record, steps, told, fault, stopped_at_s, reason, whole, played, ramp_s)
+    return Outcome(signals_of_record, steps, told, fault, stopped_at_s, reason, whole, played, ramp_s, run.blocks.logs)
 
 
 def whole_of(everything: Signals, still: int, ramp: int, dt_s: float) -> Whole | None:

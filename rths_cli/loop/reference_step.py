@@ -44,9 +44,9 @@ class ReferenceStep:
 
     def __init__(self, blocks: Blocks) -> None:
         self.blocks = blocks
+        numerical, feedforward, feedback = blocks.linear_parts()
         self.correction, self.estimator = Running(blocks.correction), Running(blocks.estimator)
-        self.numerical, self.feedforward = Running(blocks.numerical), Running(blocks.feedforward)
-        self.feedback = Running(blocks.feedback)
+        self.numerical, self.feedforward, self.feedback = Running(numerical), Running(feedforward), Running(feedback)
         self.recent = np.zeros(blocks.lead_samples)  # desired accelerations d[k] .. d[k + n_p - 1]
         self.sent = np.zeros(max(blocks.latency_samples, 1) + 1)  # commands in V that left the guard, the latest first
         self.carried_v = 0.0  # rounding error of the last command
@@ -82,12 +82,14 @@ class ReferenceStep:
 
             d = free + D f,    f = known + F d.
 
-        D is the numerical substructure's direct response to f, in m/s^2 per N. F is `shear_desired`, in N per m/s^2.
+        D is the numerical substructure's direct response to f, in m/s^2 per N. F is the weight of d in the force, in N
+        per m/s^2.
         """
-        b, direct = self.blocks, self.blocks.numerical.D[0, 1]
-        known = b.shear_estimate @ self.estimated + b.shear_recent @ self.recent + b.shear_measured @ self.corrected
+        direct = self.numerical.D[0, 1]
+        estimates, recent, samples, desired = self.blocks.interface.force.of_one()
+        known = estimates @ self.estimated + recent @ self.recent + samples @ self.corrected
         free = self.numerical.outputs(np.array([ground[0], 0.0]))[0]
-        shear = (known + b.shear_desired * free) / (1.0 - b.shear_desired * direct)
+        shear = (known + desired * free) / (1.0 - desired * direct)
         motion = self.numerical(np.array([ground[0], shear])) + np.array([0.0, ground[1], ground[2]])
         self.base_shear_n = float(shear)
         return motion
@@ -97,7 +99,7 @@ class ReferenceStep:
 
         The feedback is told what was taken off it (anti-windup). A feedforward beyond the range is left to the guard.
         """
-        b, given = self.blocks, np.zeros(self.blocks.feedback.B.shape[1])
+        b, given = self.blocks, np.zeros(self.feedback.B.shape[1])
         given[0] = error
         wanted = float(self.feedback.outputs(given)[0])
         highest = min(b.feedback_limit_v, max(b.command_limit_v - forward, 0.0))

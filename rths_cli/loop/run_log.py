@@ -13,7 +13,7 @@ from rths_cli.numerics.compiled import part
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities.raw_log_columns import RAW_LOG_COLUMNS
 
-SEVERAL = ("true_velocity_m_s", "corrected", "desired", "estimated", "samples_v")  # signals of more than one row
+SEVERAL = ("true_velocity_m_s", "corrected", "desired", "estimated", "logged", "samples_v")  # of several rows
 DESIRED = ("desired_accel_m_s2", "desired_velocity_m_s", "desired_displacement_m")
 
 
@@ -36,6 +36,7 @@ class Signals:
     command_v: Array  # (n,) as it left the guard
     base_shear_n: Array  # (n,) at k + n_p
     estimated: Array  # (e, n) estimator outputs at k
+    logged: Array  # (l, n) what the parts log, in the order of Blocks.logs
     true_displacement_m: Array  # (n,) of the table at t_k (virtual rigs)
     compute_ns: Array  # (n,) duration of step and guard; on a virtual rig, of the rig as well, mean of 16 steps
     samples_v: Array  # (c, n) as the rig gave them (real time)
@@ -45,8 +46,8 @@ class Signals:
     state: Array  # (n,) RAMP_UP, RUNNING, RAMP_DOWN, STOPPED (real time)
 
 
-def widths(channels: int, estimates: int, truths: int, lean: bool) -> dict[str, int]:
-    """Return how many columns each signal has, in their order."""
+def widths(channels: int, estimates: int, truths: int, lean: bool, logged: int = 0) -> dict[str, int]:
+    """Return how many columns each signal has, in their order; `logged`: values that the parts log."""
     if lean:
         return {"true_velocity_m_s": truths, "corrected": channels, "desired": 1}
     if truths:
@@ -54,13 +55,13 @@ def widths(channels: int, estimates: int, truths: int, lean: bool) -> dict[str, 
     else:
         own = {"samples_v": channels, "late_ns": 1, "exchange_ns": 1, "lost": 1, "state": 1, "compute_ns": 1}
     common = {"true_velocity_m_s": truths, "corrected": channels, "desired": 3, "command_v": 1, "base_shear_n": 1}
-    return {**common, "estimated": estimates, **own}
+    return {**common, "estimated": estimates, "logged": logged, **own}
 
 
-def column_names(channels: int, estimates: int) -> tuple[str, ...]:
+def column_names(channels: int, estimates: int, logged: int = 0) -> tuple[str, ...]:
     """Return a name for each column of the log of a run on a real rig, as declared in RAW_LOG_COLUMNS."""
     names = []
-    for name, count in widths(channels, estimates, truths=0, lean=False).items():
+    for name, count in widths(channels, estimates, truths=0, lean=False, logged=logged).items():
         names += [f"{name}_{i}" for i in range(count)] if name in SEVERAL else [name] * count
     place = names.index("desired_0")
     return (*names[:place], *DESIRED, *names[place + 3 :])
@@ -72,37 +73,51 @@ def column_units(names: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(RAW_LOG_COLUMNS[name].units for name in of_one)
 
 
-def empty_log(steps: int, channels: int, estimates: int, lean: bool = False, truths: int = 0) -> Log:
-    """Return a log full of NaN; `lean` and `truths` as in Log."""
-    count = sum(widths(channels, estimates, truths, lean).values())
+def empty_log(steps: int, channels: int, estimates: int, lean: bool = False, truths: int = 0, logged: int = 0) -> Log:
+    """Return a log full of NaN; `lean` and `truths` as in Log, `logged` as in `widths`."""
+    count = sum(widths(channels, estimates, truths, lean, logged).values())
     return Log(np.full((count, steps), np.nan), np.zeros(1, dtype=np.int64), truths, lean)
 
 
-def signals(log: Log, channels: int, estimates: int) -> Signals:
-    """Return the columns of a log by name: c channels, e estimator outputs."""
+def signals(log: Log, channels: int, estimates: int, logged: int = 0) -> Signals:
+    """Return the columns of a log by name: c channels, e estimator outputs, values that the parts log."""
     named = dict.fromkeys(Signals.__dataclass_fields__, log.columns[:0])
     first = 0
-    for name, count in widths(channels, estimates, log.truths, log.lean).items():
+    for name, count in widths(channels, estimates, log.truths, log.lean, logged).items():
         named[name] = log.columns[first : first + count]
         first += count
     return Signals(**{name: rows if name in SEVERAL else rows.reshape(-1) for name, rows in named.items()})
 
 
 @part
-def note_step(log: Log, s: Step, command: float, k: int) -> int:
+def note_step(log: Log, s: Step, k: int) -> int:
     """Log the signals of step k; return the first column after them."""
     to, at = log.columns, log.truths
     for i in range(s.corrected.size):
         to[at + i, k] = s.corrected[i]
     at += s.corrected.size
-    to[at, k] = s.interface[0]
+    for q in range(1 if log.lean else 3):
+        for i in range(len(s.measured_by)):
+            to[at, k] = s.motion[q, i]
+            at += 1
     if log.lean:
-        return at + 1
-    to[at + 1, k] = s.interface[1]
-    to[at + 2, k] = s.interface[2]
-    to[at + 3, k] = command
-    to[at + 4, k] = s.base_shear[0]
-    at += 5
-    for i in range(s.estimated.size):
-        to[at + i, k] = s.estimated[i]
-    return at + s.estimated.size
+        return at
+    for a in range(len(s.actuators)):
+        to[at + a, k] = s.command[a]
+    at += len(s.actuators)
+    for i in range(len(s.measured_by)):
+        to[at + i, k] = s.force[i]
+    at = noted(s.estimated, to, at + len(s.measured_by), k)
+    if s.logged > 0:
+        at = noted(s.numerical.logged, to, at, k)
+        at = noted(s.feedforward.logged, to, at, k)
+        at = noted(s.feedback.logged, to, at, k)
+    return at
+
+
+@part
+def noted(values: Array, to: Array, at: int, k: int) -> int:
+    """Write values (n,) of step k into columns from `at` on; return the first column after them."""
+    for i in range(values.size):
+        to[at + i, k] = values[i]
+    return at + values.size

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rths_cli.control.designed_blocks import Blocks
+from rths_cli.control.part_designs import Logged
 from rths_cli.errors import RigError
 from rths_cli.loop.diagnosis import cause_of
 from rths_cli.loop.guard import (
@@ -65,6 +66,7 @@ class Outcome:
     whole: Whole | None = None  # the run with the rest before and, if reached, after its record
     played: bool = False  # whether all steps of the record passed the guard, so that it ended after the record
     ramp_s: float = 0.0  # duration of the ramp-up before the record
+    logs: tuple[Logged, ...] = ()  # what the rows of the log's `logged` are
 
 
 @dataclass(frozen=True)
@@ -107,7 +109,9 @@ def play(
     end = np.zeros((still.down + still.after, 3))
     whole = np.ascontiguousarray(np.vstack([drive, end]), dtype=float)  # any other layout would be compiled anew
     course = _Course(whole, len(drive), np.zeros((still.before, channels)), np.zeros((len(end), channels)))
-    log = log or empty_log(len(whole), channels, state.estimated.size, truths=channels if compiled else 0)
+    log = log or empty_log(
+        len(whole), channels, state.estimated.size, truths=channels if compiled else 0, logged=state.logged
+    )
     log.done[0] = 0
     rig.open()
     try:
@@ -118,15 +122,17 @@ def play(
     finally:
         rig.rest()
         rig.close()
-    named = signals(log, channels, state.estimated.size)
+    named = signals(log, channels, state.estimated.size, state.logged)
     reason = int(guard_state.flags[1])
     stopped_at_s = float(guard_state.flags[3] * info.dt_s)
     cause = cause_of(info, blocks, limits, guard_state, named)
-    told = reason_of(info, limits, guard_state, source, cause)
+    told = blocks.fault() or reason_of(info, limits, guard_state, source, cause)
     record, record_steps = slice(0, len(drive)), min(steps, len(drive))
     seen = _whole(part_of(named, slice(0, steps)), course, still, info.dt_s) if still.before else None
     played = bool(guard_state.flags[3] >= len(drive))
-    return Outcome(part_of(named, record), record_steps, told, fault, stopped_at_s, reason, seen, played)
+    return Outcome(
+        part_of(named, record), record_steps, told, fault, stopped_at_s, reason, seen, played, logs=blocks.logs
+    )
 
 
 def part_of(everything: Signals, steps: slice) -> Signals:
@@ -192,18 +198,21 @@ def _play_exchanging(
 def think(
     s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, k: int, share: float, came: bool,
     samples: Array, accel: Array,
-) -> tuple[float, int]:  # fmt: skip
+) -> int:  # fmt: skip
     """Compute the step from `s.samples`, let the guard judge the measured samples, and log both as step k.
 
     `share`: factor on the command. `came`: whether there are measured samples; `samples` (c,) in V and `accel` (c,) in
-    m/s^2 are these. They are the step's own arrays, except after a gap, when the step uses other samples. Returns the
-    command in V, and the first column of the log that is not yet written.
+    m/s^2 are these. They are the step's own arrays, except after a gap, when the step uses other samples. The commands
+    that may be sent are in `s.command`. Returns the first column of the log that is not yet written.
     """
-    asked = share * step(s, drive)
-    error = s.error[0] + (s.corrected[0] - accel[0])
-    command = guard(limits, g, asked, came, samples, accel, s.expected, error, s.interface[1], s.base_shear[0])
-    note_sent(s, command)
-    return command, note_step(log, s, command, k)
+    step(s, drive)
+    for a in range(s.command.size):
+        s.command[a] *= share
+    first = s.measured_by[0]
+    error = s.error[0] + (s.corrected[first] - accel[first])
+    guard(limits, g, s.command, came, samples, accel, s.expected, error, s.motion[1, 0], s.force[0])
+    note_sent(s)
+    return note_step(log, s, k)
 
 
 @part
@@ -221,10 +230,10 @@ def think_once(
     s, limits, g, drive, log, scratch = borrowed((s, limits, g, drive, log, scratch))
     k, start = log.done[0], monotonic_ns(scratch)
     end_record(g, k, record)
-    command = think(s, limits, g, drive[k], log, k, 1.0, True, s.samples, s.corrected)[0]
+    think(s, limits, g, drive[k], log, k, 1.0, True, s.samples, s.corrected)
     log.columns[log.columns.shape[0] - 1, k] = monotonic_ns(scratch) - start
     log.done[0] = k + 1
-    return command
+    return s.command[0]
 
 
 @part
@@ -273,8 +282,8 @@ def run_virtual(
             for c in range(s.samples.size):
                 after_v[steps - record, c] = s.samples[c] + 0.0
         displacement = table.state[0]
-        command, place = think(s, limits, g, drive[steps], log, steps, 1.0, True, s.samples, s.corrected)
-        plant_kernel.hold(plant, table, command)
+        place = think(s, limits, g, drive[steps], log, steps, 1.0, True, s.samples, s.corrected)
+        plant_kernel.hold(plant, table, s.command[0])
         for c in range(log.truths):
             log.columns[c, steps] = table.middle_velocity[c]
         if not log.lean:

@@ -9,154 +9,128 @@ import math
 
 import numpy as np
 
-from rths_cli.loop.modal_substructure import advance_modal, read_modal
-from rths_cli.loop.step_arrays import EXCITATION, NUMERICAL, Channels, Linear, Step
+from rths_cli.loop.step_arrays import ACCELERATION, EXCITATION, NUMERICAL, Step
 from rths_cli.numerics.compiled import part
 from rths_cli.numerics.lti import Array
-from rths_cli.numerics.tiled_products import copied, product, shifted
 
 
 @part
-def apply(block: Linear) -> None:
-    """Write outputs and next state of a block for the inputs in its `given`, and make the next state its state."""
-    product(block.matrix, block.given.size, block.given, block.made)
-    copied(block.states, block.made, block.given)
-
-
-@part
-def correct(channels: Channels, samples: Array, accel: Array) -> None:
-    """Correct the samples (c,) in V of every channel for its sensor; write accelerations (c,) in m/s^2."""
-    matrix, given = channels.matrix, channels.given
-    for c in range(samples.size):
-        given[c, 3] = samples[c]
-        last, before, total, corrected = 0.0, 0.0, 0.0, 0.0
-        for j in range(4):
-            value = given[c, j]
-            last += matrix[c, j, 0] * value
-            before += matrix[c, j, 1] * value
-            total += matrix[c, j, 2] * value
-            corrected += matrix[c, j, 3] * value
-        given[c, 0], given[c, 1], given[c, 2] = last, before, total
-        accel[c] = corrected
-
-
-@part
-def staircase_of(s: Step) -> float:
-    """Return the alias of the held command in the table sample of this instant, in m/s^2."""
-    now, before = s.sent[s.sent.size - 2], s.sent[s.sent.size - 1]
+def staircase_of(s: Step, a: int) -> float:
+    """Return the alias of a held command in the sample of its table at this instant, in m/s^2."""
+    now, before = s.sent[s.sent.shape[0] - 2, a], s.sent[s.sent.shape[0] - 1, a]
     return s.ripple_m_s2_per_v * (now - before) + s.ripple_sum_m_s2_per_v * (now + before)
 
 
 @part
 def sense(s: Step) -> None:
-    """Correct the samples for sensors and for the held command's alias, and estimate the specimen's motion."""
-    correct(s.correction, s.samples, s.corrected)
-    s.corrected[0] -= staircase_of(s)
-    apply(s.estimator)
+    """Correct the samples for sensors and for the held commands' alias, and estimate the specimen's motion."""
+    s.correction.correct(s.samples, s.corrected)
+    for i in range(len(s.measured_by)):
+        s.corrected[s.measured_by[i]] -= staircase_of(s, i)
+    s.observer.observe(s.corrected, s.force)
 
 
 @part
-def expect(s: Step) -> None:
-    """Write the acceleration that each channel is expected to show.
+def advance_numerical(s: Step, ground: Array) -> None:
+    """Advance the numerical substructure to k + n_p: interface force and absolute interface motion.
 
-    For the table it is the desired acceleration. For a floor it is the response of the identified specimen, in open
-    loop, to the table's motion. The estimate is not used, because it follows the channel that is judged.
+    Desired acceleration and force of the same instant depend on each other by linear equations, which are solved here.
     """
-    block, known = s.open_loop, s.open_loop.made.size > 0
-    block.given[0, block.states], block.given[1, block.states] = s.recent[0], s.corrected[0]
-    for i in range(2):
-        product(block.matrix, block.given.shape[1], block.given[i], block.made[i])
-        copied(block.states, block.made[i], block.given[i])
-        s.expected[i, 0] = s.interface[0]
-        for c in range(1, s.expected.shape[1]):
-            s.expected[i, c] = block.made[i, block.states + c - 1] if known else s.interface[0]
+    direct = s.numerical.direct
+    for i in range(len(s.measured_by)):
+        for k in range(s.force_recent.shape[1]):
+            for j in range(len(s.measured_by)):
+                s.force[i] += s.force_recent[i, k, j] * s.recent[k, j]
+    s.numerical.free(ground, s.free_accel)
+    for i in range(len(s.measured_by)):
+        for j in range(len(s.measured_by)):
+            s.free_accel[i] += direct[i, j] * s.force[j]
+    for i in range(len(s.measured_by)):
+        for j in range(len(s.measured_by)):
+            s.force[i] += s.force_returned[i, j] * s.free_accel[j]
+    s.numerical.advance(ground, s.force, s.motion)
 
 
 @part
-def advance_numerical(s: Step, drive: Array) -> None:
-    """Advance the numerical substructure to k + n_p: absolute interface motion and base shear.
+def track(s: Step) -> None:
+    """Store the desired motion of k + n_p, and write the tracking errors of t_k and what the channels must show."""
+    lead = s.recent.shape[0] - 1
+    for i in range(len(s.measured_by)):
+        s.recent[lead, i] = s.motion[0, i]
+        if s.commanded != ACCELERATION:
+            s.recent_commanded[lead, i] = s.motion[s.commanded, i]
+        s.error[i] = s.recent_commanded[0, i] - s.corrected[s.measured_by[i]]
+    s.open_loop.expect(s.recent[0, 0], s.corrected[0], s.motion[0, 0], s.expected)
 
-    Desired acceleration and base shear of the same instant depend on each other by two scalar equations, which are
-    solved here.
+
+@part
+def go_on(s: Step, recent: Array) -> None:
+    """Move the desired motion (n_p + 1, i) one instant on."""
+    for k in range(recent.shape[0] - 1):
+        for i in range(len(s.measured_by)):
+            recent[k, i] = recent[k + 1, i] + 0.0
+
+
+@part
+def compensate(s: Step) -> None:
+    """Write the commands: the feedforward's part, and the feedback's part within its limits.
+
+    The feedback's part is clipped so that the command stays in its range. A feedforward beyond the range is left to the
+    guard; the feedback is not used to reduce it.
     """
-    block, ground_accel = s.numerical, drive[0]
-    known = s.estimator.made[s.estimator.states + s.estimated.size]
-    for i in range(s.shear_recent.size):
-        known += s.shear_recent[i] * s.recent[i]
-    read_modal(block)
-    direct = block.direct
-    free = block.made[0] + direct[0, 0] * ground_accel + direct[0, 1] * known
-    shear = known + s.shear_returned * free
-    s.base_shear[0] = shear
-    for i in range(3):
-        s.interface[i] = block.made[i] + direct[i, 0] * ground_accel + direct[i, 1] * shear
-    s.interface[1] += drive[1]
-    s.interface[2] += drive[2]
-    advance_modal(block, ground_accel, shear)
+    s.feedforward.feed_forward(s.motion, s.corrected, s.sent, s.forward)
+    for a in range(len(s.actuators)):
+        limit, room = s.feedback_limit_v[a], s.command_limit_v[a]
+        s.back_limits[0, a] = max(-limit, min(-room - s.forward[a], 0.0))
+        s.back_limits[1, a] = min(limit, max(room - s.forward[a], 0.0))
+    s.feedback.feed_back(s.error, s.back_limits[0], s.back_limits[1], s.back)
+    for a in range(len(s.actuators)):
+        s.command[a] = shape(s, a, s.forward[a] + s.back[a])
 
 
 @part
-def shape(s: Step, command: float) -> float:
+def shape(s: Step, a: int, command: float) -> float:
     """Round to the converter's bits, carrying each rounding error over to the next sample (first order)."""
-    size = s.shaping[1]
-    if size == 0.0 or not math.isfinite(command):
+    if s.bit_v == 0.0 or not math.isfinite(command):
         return command
-    wanted = command + s.shaping[0]
-    rounded = np.floor(wanted * s.shaping[2] + 0.5) * size
-    s.shaping[0] = wanted - rounded
+    wanted = command + s.carried[a]
+    rounded = np.floor(wanted * s.bits_per_v + 0.5) * s.bit_v
+    s.carried[a] = wanted - rounded
     return rounded
 
 
 @part
-def feed_back(s: Step, forward: float) -> float:
-    """Return the feedback's part of the command in V, clipped so that the command stays in its range.
-
-    The feedback receives the difference between applied and requested part (anti-windup). A feedforward beyond the
-    range is left to the guard; the feedback is not used to reduce it.
-    """
-    block = s.feedback
-    if s.error.size > 1:
-        s.error[1] = 0.0
-    apply(block)
-    wanted = block.made[block.states]
-    highest = min(s.feedback_limit_v, max(s.command_limit_v - forward, 0.0))
-    lowest = max(-s.feedback_limit_v, min(-s.command_limit_v - forward, 0.0))
-    applied = highest if wanted > highest else lowest if wanted < lowest else wanted
-    if s.error.size > 1 and applied != wanted:
-        s.error[1] = applied - wanted
-        for i in range(block.states):
-            block.given[i] += s.shortfall[i] * s.error[1]
-    return applied
+def note_sent(s: Step) -> None:
+    """Store the commands that left the guard; later samples contain the alias of their hold."""
+    for a in range(len(s.actuators)):
+        for i in range(s.sent.shape[0] - 1, 0, -1):
+            s.sent[i, a] = s.sent[i - 1, a] + 0.0
+        s.sent[0, a] = s.command[a]
 
 
 @part
-def note_sent(s: Step, command: float) -> None:
-    """Store the command that left the guard; later samples contain the alias of its hold."""
-    for i in range(s.sent.size - 1, 0, -1):
-        s.sent[i] = s.sent[i - 1] + 0.0
-    s.sent[0] = command
-
-
-@part
-def step(s: Step, drive: Array) -> float:
-    """Return the command in V for the samples in `s.samples`.
+def step(s: Step, drive: Array) -> None:
+    """Write the commands in V for the samples in `s.samples`.
 
     `drive` (3,): absolute-motion source at k + n_p, that is ground acceleration, velocity and displacement, or
-    for an excitation the command in V in its first place.
+    for an excitation the commands in V in its first places.
     """
     sense(s)
     if s.source == EXCITATION:
-        return drive[0]
-    lead = s.shear_recent.size
+        for a in range(len(s.actuators)):
+            s.command[a] = drive[a]
+        for i in range(len(s.measured_by)):
+            s.force[i] = 0.0
+        return
     if s.source == NUMERICAL:
         advance_numerical(s, drive)
     else:
-        for i in range(s.interface.size):
-            s.interface[i] = drive[i]
-    s.recent[lead] = s.interface[0]
-    s.error[0] = s.recent[0] - s.corrected[0]
-    expect(s)
-    apply(s.feedforward)
-    forward = s.feedforward.made[s.feedforward.states]
-    shifted(s.recent)
-    return shape(s, forward + feed_back(s, forward))
+        for i in range(len(s.measured_by)):
+            s.force[i] = 0.0
+            for q in range(3):
+                s.motion[q, i] = drive[q]
+    track(s)
+    compensate(s)
+    go_on(s, s.recent)
+    if s.commanded != ACCELERATION:
+        go_on(s, s.recent_commanded)

@@ -1,148 +1,152 @@
-"""The arrays that the compiled step reads and changes, assembled from the designed blocks."""
+"""`Step`: the parts of one step and the signals between them, assembled from the designed blocks."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from rths_cli.control.designed_blocks import Blocks
-from rths_cli.control.state_space import static
-from rths_cli.loop.modal_substructure import Modal, modal
+from rths_cli.control.interface import COMMANDED, Interface
+from rths_cli.control.part_designs import PartDesign
+from rths_cli.control.python_parts import PythonFeedforward, PythonSubstructure
+from rths_cli.errors import InputError
+from rths_cli.loop.linear_parts import (
+    Channels,
+    OpenLoop,
+    channelwise,
+    kalman_filter,
+    linear_feedback,
+    linear_feedforward,
+    twice,
+)
+from rths_cli.loop.modal_substructure import modal
+from rths_cli.loop.parts import Feedback, Feedforward, NumericalSubstructure, Observer, Room
+from rths_cli.loop.python_parts import python_command, python_storey
 from rths_cli.numerics.lti import Array, Block
-from rths_cli.numerics.tiled_products import tiled
 
 EXCITATION, RECORD, NUMERICAL = 0, 1, 2
+ACCELERATION = COMMANDED["acceleration"]
 
-
-class Linear(NamedTuple):
-    """A discrete block as one product, n states, m inputs, p outputs: made = matrix @ given."""
-
-    matrix: Array  # (tiles, n + m, 4), tiled_products.tiled
-    given: Array  # (n + m,) state, then inputs
-    made: Array  # (4 tiles,) next state, then outputs, then zeros
-    states: int
-
-
-class OpenLoop(NamedTuple):
-    """A block of one input, n states and p outputs, run twice with two inputs; without outputs it is unknown."""
-
-    matrix: Array  # (tiles, n + 1, 4), tiled_products.tiled
-    given: Array  # (2, n + 1) state, then input
-    made: Array  # (2, 4 tiles) next state, then outputs, then zeros
-    states: int
-
-
-class Channels(NamedTuple):
-    """Small blocks of one input and one output each, up to three states, one per channel: made = matrix @ given."""
-
-    matrix: Array  # (c, 4, 4) channel, column (three states, then the input), row (three next states, then the output)
-    given: Array  # (c, 4)
+Make = Callable[[Any, Interface, Room], Any]
+NUMERICAL_PARTS: dict[type, Make] = {Block: modal, PythonSubstructure: python_storey}
+FEEDFORWARD_PARTS: dict[type, Make] = {Block: linear_feedforward, PythonFeedforward: python_command}
+FEEDBACK_PARTS: dict[type, Make] = {Block: linear_feedback}
+"""What makes the part of the step from each kind of design in `Blocks`; another kind has a method `compiled_part`."""
 
 
 class Step(NamedTuple):
-    """One RTHS step, block by block; c channels (table first), e estimator outputs, lead n_p samples.
+    """One RTHS step: c channels (table first), e estimates, i degrees of freedom of the interface, a commands.
 
-    At t_k the hybrid clock is at k + n_p. The base shear there is
-    f = shear_estimate . z + shear_recent . d[k .. k+n_p-1] + shear_measured . c + shear_desired * d[k+n_p],
-    with the estimator's outputs z, the corrected samples c and the desired accelerations d. The terms in z and c are
-    computed as an additional output of the estimator, after its own. `corrected`, `estimated`, `interface` and `error`
-    are views of the `given` and `made` of the blocks.
+    At t_k the hybrid clock is at k + n_p. The interface force there is
+    f = force_known + force_recent . d[k .. k+n_p-1] + force_desired d[k+n_p],
+    with the desired accelerations d and what the observer knows from samples and estimates.
     """
 
     source: int  # EXCITATION, RECORD or NUMERICAL
+    state: Array  # (n,) all that the step remembers: the parts take their places in it
+    deciding: int  # number of its first places that decide the coming commands
     correction: Channels  # raw samples in V (c,) -> corrected accelerations (c,)
-    estimator: Linear  # corrected accelerations (c,) -> specimen's state and floor accelerations (e,), base shear known
-    shear_recent: Array  # (n_p,)
-    shear_returned: float  # base shear in N per m/s^2 that known forces cause, mutual dependence solved
-    numerical: Modal  # ground acceleration, base shear (2,) -> interface accel, velocity, displacement (3,)
-    feedforward: Linear  # desired accel, velocity, displacement (3,) -> command in V (1,)
-    feedback: Linear  # tracking error, shortfall in V (2,), or the error alone (1,) -> command in V (1,)
-    recent: Array  # (n_p + 1,) desired accelerations d[k] .. d[k + n_p]
+    observer: Observer  # corrected accelerations (c,) -> estimates (e,), known interface force (i,)
+    numerical: NumericalSubstructure  # ground motion (3,), interface force (i,) -> interface motion (3, i)
+    feedforward: Feedforward  # interface motion (3, i) -> commands in V (a,)
+    feedback: Feedback  # tracking errors (i,) -> commands in V (a,)
+    open_loop: OpenLoop  # table acceleration, desired and measured -> expected accelerations of the floors
+    force_recent: Array  # (i, n_p, i) N per m/s^2
+    force_returned: Array  # (i, i) N per m/s^2 that known forces cause, mutual dependence solved
+    commanded: int  # row of the motion that the commands are to make: 0 acceleration, 2 displacement
+    measured_by: tuple[int, ...]  # (i,) channels that measure the commanded motion; numba knows its length
+    actuators: tuple[int, ...]  # (a,) numbers of the commands
+    recent: Array  # (n_p + 1, i) desired accelerations at k .. k + n_p
+    recent_commanded: Array  # (n_p + 1, i) the same of the commanded motion; the same array for accelerations
     samples: Array  # (c,) raw samples in V
     corrected: Array  # (c,)
     estimated: Array  # (e,)
-    base_shear: Array  # (1,) in N at k + n_p
-    interface: Array  # (3,) desired absolute acceleration, velocity, displacement of the interface
-    error: Array  # (2,) tracking error, and applied minus requested part of the feedback in V; or (1,)
-    shortfall: Array  # (feedback's states,) change of the states per 1 V between applied and requested part
-    shaping: Array  # (3,) rounding error carried over in V, the size of a bit (0: no shaping) and its inverse
-    command_limit_v: float  # limit of the command, to which the feedback's part is clipped
-    feedback_limit_v: float  # limit of the feedback's part itself
+    force: Array  # (i,) interface force in N at k + n_p
+    free_accel: Array  # (i,) accelerations without the interface force, then with its known part
+    motion: Array  # (3, i) desired absolute acceleration, velocity, displacement of the interface at k + n_p
+    error: Array  # (i,) tracking errors of t_k
+    command: Array  # (a,) in V
+    forward: Array  # (a,) the feedforward's part of it
+    back: Array  # (a,) the feedback's part
+    back_limits: Array  # (2, a) lowest and highest permitted part of the feedback
+    command_limit_v: Array  # (a,) limit of the command, to which the feedback's part is clipped
+    feedback_limit_v: Array  # (a,) limit of the feedback's part itself
+    carried: Array  # (a,) rounding errors carried over in V
+    bit_v: float  # size of a bit (0: commands are not rounded)
+    bits_per_v: float
     ripple_m_s2_per_v: float  # alias of the held command in a table sample, per V of command change
     ripple_sum_m_s2_per_v: float  # integral of the alias by the AC correction, per V of the sum of two commands
-    sent: Array  # (max(latency, 1) + 1,) commands that were sent, the latest first
-    open_loop: OpenLoop  # table acceleration, desired and measured -> expected accelerations of the floors
+    sent: Array  # (max(latency, 1) + 1, a) commands that were sent, the latest first
+    logged: int  # number of values that the parts log
     expected: Array  # (2, c) expected accelerations of the channels, by the desired and by the measured motion
 
 
-def linear(block: Block, more_c: Array | None = None, more_d: Array | None = None) -> Linear:
-    """Return a discrete block at rest; `more_c` (q, n), `more_d` (q, m) are outputs in addition to its own."""
-    n, m = block.B.shape
-    rows = [np.hstack([block.A, block.B]), np.hstack([block.C, block.D])]
-    if more_c is not None and more_d is not None:
-        rows.append(np.hstack([more_c, more_d]))
-    matrix = tiled(np.vstack(rows))
-    return Linear(matrix, np.zeros(n + m), np.zeros(4 * len(matrix)), n)
-
-
-def twice(block: Block | None) -> OpenLoop:
-    """Return a discrete block of one input, at rest, prepared for two inputs; None: an unknown block."""
-    made = linear(block or static(np.zeros((0, 1)), 1.0, "unknown", (), ()))
-    return OpenLoop(made.matrix, np.zeros((2, made.given.size)), np.zeros((2, made.made.size)), made.states)
-
-
-def channelwise(block: Block) -> Channels:
-    """Return a block without coupling between channels as one small block per channel, at rest.
-
-    Its states must be ordered channel by channel. Raises ValueError if it couples channels, or if it has more than
-    three states per channel.
-    """
-    count = block.D.shape[0]
-    states = len(block.A) // count
-    if states > 3 or states * count != len(block.A):
-        raise ValueError(f"{block.name}: {len(block.A)} states for {count} channels; up to 3 for each, or none")
-    matrix = np.zeros((count, 4, 4))
-    mixed = np.abs(np.block([[block.A, block.B], [block.C, block.D]]))
-    for c in range(count):
-        own = np.arange(c * states, (c + 1) * states)
-        matrix[c, :states, :states], matrix[c, 3, :states] = block.A[np.ix_(own, own)].T, block.B[own, c]
-        matrix[c, :states, 3], matrix[c, 3, 3] = block.C[c, own], block.D[c, c]
-        mixed[np.ix_([*own, len(block.A) + c], [*own, len(block.A) + c])] = 0.0
-    if mixed.any():
-        raise ValueError(f"{block.name} mixes channels: each must be corrected by itself")
-    return Channels(matrix, np.zeros((count, 4)))
-
-
 def assemble(blocks: Blocks, source: int) -> Step:
-    """Return a step at rest for one run of the given source."""
-    feedforward, feedback = linear(blocks.feedforward), linear(blocks.feedback)
-    known, size = blocks.shear_estimate[None, :], blocks.shaping_step_v
-    design, channels = blocks.estimator, blocks.correction.C.shape[0]
-    estimator = linear(design, known @ design.C, known @ design.D + blocks.shear_measured[None, :])
+    """Return a step at rest for one run of the given source, all of its states in one flat array."""
+    measured = Room()
+    _assembled(blocks, source, measured)
+    return _assembled(blocks, source, Room(measured.taken))
+
+
+def _part(known: dict[type, Make], design: PartDesign, interface: Interface, room: Room) -> Any:
+    """Return the part of a design at rest; raises InputError for one that cannot be in a step."""
+    if not design.affine:
+        raise InputError(f"{design.name}: its outputs are not affine in the inputs of the same instant; hold the input")
+    make = known.get(type(design)) or type(design).compiled_part  # type: ignore[attr-defined]
+    return make(design, interface, room)
+
+
+def _assembled(blocks: Blocks, source: int, room: Room) -> Step:
+    channels, interface, lead = len(blocks.correction.C), blocks.interface, blocks.lead_samples
+    force, count, commands = interface.force, len(interface.channels), interface.actuators
+    correction = channelwise(blocks.correction, room)
+    observer = kalman_filter(blocks.estimator, interface, room)
+    numerical = _part(NUMERICAL_PARTS, blocks.numerical, interface, room)
+    coupled = np.eye(count) - numerical.direct @ force.desired
+    feedforward = _part(FEEDFORWARD_PARTS, blocks.feedforward, interface, room)
+    feedback = _part(FEEDBACK_PARTS, blocks.feedback, interface, room)
+    size, commanded, recent = blocks.shaping_step_v, COMMANDED[interface.commanded], room.take(lead + 1, count)
+    recent_commanded = recent if commanded == ACCELERATION else room.take(lead + 1, count)
+    samples, sent = room.take(channels), room.take(max(blocks.latency_samples, 1) + 1, commands)
+    deciding = room.taken
     return Step(
         source=source,
-        correction=channelwise(blocks.correction),
-        estimator=estimator,
-        shear_recent=np.ascontiguousarray(blocks.shear_recent, dtype=float),
-        shear_returned=float(blocks.shear_desired / (1.0 - blocks.numerical.D[0, 1] * blocks.shear_desired)),
-        numerical=modal(blocks.numerical),
+        state=room.all,
+        deciding=deciding,
+        correction=correction,
+        observer=observer,
+        numerical=numerical,
         feedforward=feedforward,
         feedback=feedback,
-        recent=np.zeros(blocks.lead_samples + 1),
-        samples=np.zeros(channels),
-        corrected=estimator.given[estimator.states : estimator.states + channels],
-        estimated=estimator.made[estimator.states : estimator.states + design.C.shape[0]],
-        base_shear=np.zeros(1),
-        interface=feedforward.given[feedforward.states :],
-        error=feedback.given[feedback.states :],
-        shortfall=np.ascontiguousarray(blocks.feedback.B[:, -1]),
-        shaping=np.array([0.0, size, 1.0 / size if size > 0.0 else 0.0]),
-        command_limit_v=float(blocks.command_limit_v),
-        feedback_limit_v=float(blocks.feedback_limit_v),
+        open_loop=twice(blocks.open_loop, room),
+        force_recent=np.ascontiguousarray(force.recent, dtype=float),
+        force_returned=np.ascontiguousarray(np.linalg.solve(coupled.T, force.desired.T).T),
+        commanded=commanded,
+        measured_by=interface.channels,
+        actuators=interface.commands,
+        recent=recent,
+        recent_commanded=recent_commanded,
+        samples=samples,
+        corrected=observer.corrected,
+        estimated=observer.estimated,
+        force=np.zeros(count),
+        free_accel=np.zeros(count),
+        motion=np.zeros((3, count)),
+        error=np.zeros(count),
+        command=np.zeros(commands),
+        forward=np.zeros(commands),
+        back=np.zeros(commands),
+        back_limits=np.zeros((2, commands)),
+        command_limit_v=np.full(commands, float(blocks.command_limit_v)),
+        feedback_limit_v=np.full(commands, float(blocks.feedback_limit_v)),
+        carried=room.take(commands),
+        bit_v=size,
+        bits_per_v=1.0 / size if size > 0.0 else 0.0,
         ripple_m_s2_per_v=float(blocks.ripple_m_s2_per_v),
         ripple_sum_m_s2_per_v=float(blocks.ripple_sum_m_s2_per_v),
-        sent=np.zeros(max(blocks.latency_samples, 1) + 1),
-        open_loop=twice(blocks.open_loop),
+        sent=sent,
+        logged=numerical.logged.size + feedforward.logged.size + feedback.logged.size,
         expected=np.zeros((2, channels)),
     )

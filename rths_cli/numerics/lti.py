@@ -59,6 +59,30 @@ class Block:
         z = np.exp(2j * np.pi * np.asarray(frequency_hz, dtype=float) * self.dt_s)
         return _response(self, z, 1.0)
 
+    @property
+    def affine(self) -> bool:
+        """Return True, as control.part_designs.PartDesign."""
+        return True
+
+    @property
+    def linear(self) -> bool:
+        """Return True, as control.part_designs.PartDesign."""
+        return True
+
+    @property
+    def logs(self) -> tuple[()]:
+        """Return nothing: its outputs are in the log already."""
+        return ()
+
+    @property
+    def multiplications(self) -> int:
+        """Return the number of entries of A, B, C and D."""
+        return self.A.size + self.B.size + self.C.size + self.D.size
+
+    def linearised(self, at: Array | None = None) -> Block:
+        """Return the block itself, whatever its state."""
+        return self
+
 
 @dataclass(frozen=True)
 class Frf:

@@ -28,6 +28,7 @@ AXES: dict[str, Axis] = {
         Axis("variant", "1", "run of the sweep, counted from 1", counted=True),
         Axis("state", "1", "state of a block, counted from 1", counted=True),
         Axis("next_state", "1", "state of a block a step later, counted from 1", counted=True),
+        Axis("value", "1", "value that a part of the step logs, counted from 1", counted=True),
         Axis("input", "1", "input of a block, counted from 1", counted=True),
         Axis("output", "1", "output of a block, counted from 1", counted=True),
     )

@@ -48,6 +48,7 @@ WITH_RIG = "with the virtual rig, mean of 16 steps"
 SENSED = (CORRECTED, AS_SENSED, DRIFT_REMOVED)
 
 REAL, DRIFTED, BEST, LINKED = "real rig only", "only where there was any", "method best only", "UDP rig only"
+LOGGING = "only where parts log values of their own"
 LINK_COUNTS = {
     "sent": "packets sent to the target",
     "answered": "answers taken",
@@ -134,6 +135,12 @@ def _of_table_run() -> Iterator[DatasetDeclaration]:
     yield DatasetDeclaration(floors, ACCEL, ON_FLOORS, "measured", "floor acceleration", remarks=SENSED)
     filtered = "floor acceleration of the Kalman filter"
     yield DatasetDeclaration("RUN/floor_accel_estimated_m_s2", ACCEL, ON_FLOORS, "estimated", filtered)
+    values = "what the parts of the step log, such as parameters of an adaptive compensator"
+    yield DatasetDeclaration(
+        "RUN/part_values", "as their names", ("value", "time_s"), "computed", values, present=LOGGING
+    )  # fmt: skip
+    names = "names and units of the rows of part_values, one per line"
+    yield DatasetDeclaration("RUN/part_value_names", "1", (), "computed", names, "text", present=LOGGING)
     rest = "base shear that the identified specimen does not explain, carried to the end of the prediction"
     yield DatasetDeclaration("RUN/base_shear_unexplained_n", "N", TIME, "estimated", rest, present=BEST)
     drift = "offset, drift and jumps taken out of the measured series after the run: the loop had their sum"

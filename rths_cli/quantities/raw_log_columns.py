@@ -6,6 +6,7 @@ from rths_cli.quantities.datasets import DATASETS
 from rths_cli.quantities.declaration import ACCEL, DatasetDeclaration
 
 STEPS, OF_CHANNELS, OF_ESTIMATES = ("step",), ("channel", "step"), ("estimate", "step")
+OF_LOGGED = ("value", "step")
 RAW_LOG_COLUMNS: dict[str, DatasetDeclaration] = {
     one.path: one
     for one in (
@@ -21,6 +22,10 @@ RAW_LOG_COLUMNS: dict[str, DatasetDeclaration] = {
         DatasetDeclaration(
             "estimated", "m, m/s, m/s^2 or N", OF_ESTIMATES, "estimated", "outputs of the Kalman filter, in the order "
             "of its block in the result file",
+        ),
+        DatasetDeclaration(
+            "logged", "as its name", OF_LOGGED, "computed", "what the parts of the step log, in the order of "
+            "`exp_rths/part_values` of the result file; most parts log nothing",
         ),
         DatasetDeclaration("samples_v", "V", OF_CHANNELS, "measured", "samples as the rig gave them"),
         *(

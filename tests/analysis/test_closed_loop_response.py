@@ -16,6 +16,7 @@ from rths_cli.analysis.closed_loop_matrix import closed_loop_matrix
 from rths_cli.analysis.closed_loop_response import LoopResponse, Motion, hybrid, loop_response, on_perfect_table
 from rths_cli.control import kalman_filter, numerical_substructure
 from rths_cli.control.designed_blocks import Blocks
+from rths_cli.control.interface import Interface
 from rths_cli.numerics.lti import ComplexArray
 from rths_cli.rigs.description import RigInfo
 from rths_cli.structure import Numerical, assemble
@@ -177,10 +178,7 @@ def test_on_a_perfect_table_the_building_is_whole_when_the_step_shrinks(
             best_like(ideal_info(), mass, numerical_storeys=count),
             estimator=kalman_filter.kalman_block(specimen(), 1e3, 1.0, dt_s, knows_table=True),
             numerical=numerical_substructure.interface(below, dt_s),
-            shear_estimate=shear.estimate,
-            shear_recent=shear.recent,
-            shear_measured=shear.measured,
-            shear_desired=shear.desired,
+            interface=Interface(shear),
         )
         rig, _ = rig_as_identified(info, mass)
         z = points(F[:10], dt_s)

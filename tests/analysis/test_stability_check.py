@@ -247,7 +247,9 @@ def test_the_radius_and_its_growth() -> None:
 
 def test_an_endless_growth_stays_a_number() -> None:
     blocks = replace(paper_like(ideal_info()), feedforward=best_like(ideal_info()).feedforward)
-    loud = replace(blocks, shear_estimate=40.0 * blocks.shear_estimate)
+    force = blocks.interface.force
+    louder = replace(force, estimates=40.0 * force.estimates)
+    loud = replace(blocks, interface=replace(blocks.interface, force=louder))
     found = found_for(loud, samples=10**8)
     assert found.radius > 1.0
     assert found.growth == pytest.approx(1e99)

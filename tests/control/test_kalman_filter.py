@@ -126,10 +126,11 @@ def test_measured_shear_is_eq_2_6() -> None:
     shear, rng = measured_shear(specimen(), 1.7), np.random.default_rng(1)
     table, floors = 0.4, rng.standard_normal(2)
     estimated, corrected = np.concatenate([rng.standard_normal(4), floors]), np.array([table, 9.0, 9.0])
-    f = shear.estimate @ estimated + shear.measured @ corrected
+    estimate, recent, measured, desired = shear.of_one()
+    f = estimate @ estimated + measured @ corrected
     assert f == pytest.approx(-1.7 * table - 6.91 * floors[0] - 6.95 * floors[1], rel=1e-12)
-    assert shear.recent.size == 0
-    assert shear.desired == 0.0
+    assert recent.size == 0
+    assert desired == 0.0
 
 
 @pytest.mark.parametrize("lead", [1, 2, 5])
@@ -139,8 +140,9 @@ def test_predicted_shear_is_the_specimen_carried_on(lead: int, interface_mass: f
     rng, (a, b, c) = np.random.default_rng(2), matrices()
     start, desired, table = 1e-2 * rng.standard_normal(4), rng.standard_normal(lead + 1), 0.3
     shear = predicted_shear(specimen(), interface_mass, lead, DT_S)
-    found = shear.estimate @ np.concatenate([start, [5.0, 5.0]]) + shear.recent @ desired[:-1]
-    found += shear.measured @ np.array([table, 7.0, 7.0]) + shear.desired * desired[-1]
+    estimate, recent, measured, weight = shear.of_one()
+    found = estimate @ np.concatenate([start, [5.0, 5.0]]) + recent @ desired[:-1]
+    found += measured @ np.array([table, 7.0, 7.0]) + weight * desired[-1]
     x = start
     for j in range(lead):
         rate = lambda t, y, j=j: a @ y + b * (desired[j] + (desired[j + 1] - desired[j]) * t / DT_S)  # noqa: E731
@@ -168,7 +170,8 @@ def test_a_changed_specimen_errs_by_the_square_of_the_frequency_over_the_corner(
         true = -parts.masses_kg @ floors * ahead[-1]
         differ = abs(parts.masses_kg @ (floors - nominal))
         outputs = block.response(np.array([f]))[:, :, 0] @ np.concatenate([[1.0], floors])
-        known = plain.recent @ ahead[:-1] + plain.desired * ahead[-1]
-        found = plus_residual(plain).estimate @ outputs + known - true
+        _, recent, _, weight = plain.of_one()
+        known = recent @ ahead[:-1] + weight * ahead[-1]
+        found = plus_residual(plain).of_one()[0] @ outputs + known - true
         share = 2.0 * (f / corner) ** 2 + abs(s * lead * DT_S) ** 2
         assert abs(found) < share * differ + 1e-3 * abs(true)

@@ -142,8 +142,9 @@ def test_the_base_shear_is_as_late_as_the_budget_says(make: object, interface_ma
         u = samples[:, k].real
         z = kalman.C @ state + kalman.D @ u
         recent = turn[k : k + lead].real
-        known = blocks.shear_estimate @ z + blocks.shear_recent @ recent + blocks.shear_measured @ u
-        found[k] = known + blocks.shear_desired * turn[k + lead].real
+        weights, recent_weights, sample_weights, desired = blocks.interface.force.of_one()
+        known = weights @ z + recent_weights @ recent + sample_weights @ u
+        found[k] = known + desired * turn[k + lead].real
         state = kalman.A @ state + kalman.B @ u
     true = ((-parts.masses_kg @ floors - interface_mass) * turn[lead:]).real
     assert lag(found, true, info.dt_s, f) == pytest.approx(item.left_s[0], abs=2e-6)

@@ -60,8 +60,9 @@ def designed(setup: Setup, recorded: tuple[np.ndarray, np.ndarray, Parts]) -> De
 def as_bytes(design: Design) -> list[bytes]:
     blocks = [getattr(block, m).tobytes() for block in design.blocks.named() for m in "ABCD"]
     model = design.model
-    scalars = np.array([model.gain, model.delay_s, model.ripple_m_s2_per_v, design.blocks.shear_desired])
-    arrays = (design.blocks.shear_estimate, design.blocks.shear_recent, model.zeros, model.poles, scalars)
+    estimates, recent, _, desired = design.blocks.interface.force.of_one()
+    scalars = np.array([model.gain, model.delay_s, model.ripple_m_s2_per_v, desired])
+    arrays = (estimates, recent, model.zeros, model.poles, scalars)
     return blocks + [array.tobytes() for array in arrays]
 
 

@@ -21,6 +21,7 @@ def outcome(steps: int, done: int) -> Outcome:
         corrected=np.vstack([count, 10 + count]),
         estimated=np.vstack([count, count, count]),
         base_shear_n=count,
+        logged=np.zeros((0, steps)),
         true_velocity_m_s=np.vstack([count**2, count**2]),
         true_displacement_m=count,
         compute_ns=count,

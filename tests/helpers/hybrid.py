@@ -9,6 +9,7 @@ from bench import DT_S, LINEAR, held, linear_table, specimen
 
 from rths_cli.control import feedback, feedforward, kalman_filter, numerical_substructure, sensor_correction
 from rths_cli.control.designed_blocks import Blocks
+from rths_cli.control.interface import Interface
 from rths_cli.loop.guard import GuardLimits
 from rths_cli.numerics.lti import Array, Block, Model
 from rths_cli.rigs.description import RigInfo
@@ -53,10 +54,7 @@ def best_like(
         numerical_substructure.interface(storeys(numerical_storeys, mass_kg=6.93 - interface_mass_kg), info.dt_s),
         feedforward.lagged_inverse(model, info.dt_s, lead),
         feedback.lqg(model, 1.0, info.dt_s),
-        shear.estimate,
-        shear.recent,
-        shear.measured,
-        shear.desired,
+        Interface(shear),
         0.0,
         ripple,
         info.latency_samples,
@@ -75,10 +73,7 @@ def paper_like(info: RigInfo, interface_mass_kg: float = 0.0, dashpot_n_s_per_m:
         numerical_substructure.interface(storeys(1, dashpot_n_s_per_m, 6.93 - interface_mass_kg), info.dt_s),
         feedforward.leaky_inverse(model, info.dt_s, 0.05),
         feedback.none(info.dt_s),
-        shear.estimate,
-        shear.recent,
-        shear.measured,
-        shear.desired,
+        Interface(shear),
         latency_samples=info.latency_samples,
     )
 
@@ -168,10 +163,11 @@ def closed_loop(info: RigInfo, blocks: Blocks, interface_mass_kg: float = 0.0) -
     now, before = rows("sent")[-2:]
     corrected[0] -= blocks.ripple_m_s2_per_v * (now - before) + blocks.ripple_sum_m_s2_per_v * (now + before)
     estimated = output(blocks.estimator, corrected)
-    known = blocks.shear_estimate @ estimated + blocks.shear_recent @ rows("recent") + blocks.shear_measured @ corrected
+    weights, recent_weights, sample_weights, share = blocks.interface.force.of_one()
+    known = weights @ estimated + recent_weights @ rows("recent") + sample_weights @ corrected
     # desired and base shear at the same instant: two linear equations
     free = output(blocks.numerical, np.vstack([rows("input")[0], np.zeros(signal.width)]))[0]
-    coupled = np.array([[1.0, -blocks.numerical.D[0, 1]], [-blocks.shear_desired, 1.0]])
+    coupled = np.array([[1.0, -blocks.numerical.D[0, 1]], [-share, 1.0]])
     desired, shear = np.linalg.solve(coupled, np.vstack([free, known]))
     into = np.vstack([rows("input")[0], shear])
     interface = output(blocks.numerical, into)

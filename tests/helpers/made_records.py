@@ -9,6 +9,7 @@ import numpy as np
 from rths_cli.case.virtual_physics_schema import VirtualPhysics
 from rths_cli.control import sensor_correction
 from rths_cli.control.designed_blocks import Blocks
+from rths_cli.control.interface import no_force
 from rths_cli.control.state_space import static
 from rths_cli.identification.excitation import Excitation, ExcitationSettings, plan
 from rths_cli.identification.record_parts import Record
@@ -76,10 +77,7 @@ def excite(
         numerical=_silent(3, 2),
         feedforward=_silent(1, 3),
         feedback=_silent(1, 1),
-        shear_estimate=np.zeros(1),
-        shear_recent=np.zeros(0),
-        shear_measured=np.zeros(channels),
-        shear_desired=0.0,
+        interface=no_force(channels),
     )
     masses = np.concatenate([[7.0], specimen.masses_kg])
     limits = GuardLimits(

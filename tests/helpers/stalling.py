@@ -114,7 +114,7 @@ class Laboratory:
         log, dt = logged(run), setup.rig.dt_s
         outcome = Outcome(log, int(run.log.done[0]), "", "", 0.0)
         whole = on_record_clock(outcome, self.design.blocks.lead_samples, dt, ramp + self.record)
-        kept = Series.__dataclass_fields__.keys() - {"live", "removed"}
+        kept = Series.__dataclass_fields__.keys() - {"live", "removed", "logs"}
         cut = {name: getattr(whole, name)[..., ramp:] for name in kept}
         found = whole_building(setup.building, Series(**cut), setup.motion.accel_m_s2[: self.record], dt)[2]
         return error_figures(self.sim[:, : found.shape[1]], found, dt).rms

@@ -62,10 +62,7 @@ def memory(state: step_run.State) -> tuple[Array, ...]:
         state.guard.moved,
         s.expected,
         state.table.state,
-        s.numerical.state,
-        s.estimator.given,
-        s.feedforward.given,
-        s.feedback.given,
+        s.state,
     )
 
 

@@ -14,6 +14,7 @@ from scipy.linalg import expm
 from rths_cli.case.virtual_physics_schema import VirtualPhysics
 from rths_cli.control import feedback, kalman_filter, numerical_substructure
 from rths_cli.control.designed_blocks import Blocks
+from rths_cli.control.interface import Interface
 from rths_cli.control.state_space import static
 from rths_cli.loop import simulated_time_run as loop_drive
 from rths_cli.loop.simulated_time_run import Outcome, play
@@ -116,10 +117,7 @@ def hybrid_on_ideal_table(dt_s: float, ground_accel: Array) -> Array:
         numerical_substructure.interface(storeys(), dt_s),
         static(np.array([[1.0, 0.0, 0.0]]), dt_s, "feedforward", (), ()),
         feedback.none(dt_s),
-        shear.estimate,
-        shear.recent,
-        shear.measured,
-        shear.desired,
+        Interface(shear),
         latency_samples=0,
     )
     drive = np.column_stack([ground_accel, np.zeros((len(ground_accel), 2))])
@@ -171,10 +169,7 @@ def test_every_size_of_structure_runs_the_same_compiled_code(floors: int, numeri
         correction=static(np.eye(1 + floors) * 9.80665, DT_S, "sensor_correction", (), ()),
         estimator=kalman_filter.kalman_block(parts, 1e3, 1.0, DT_S, knows_table=True),
         feedforward=static(gain, DT_S, "feedforward", (), ()),
-        shear_estimate=shear.estimate,
-        shear_recent=shear.recent,
-        shear_measured=shear.measured,
-        shear_desired=shear.desired,
+        interface=Interface(shear),
     )
     rig = VirtualRig(info, build_plant(info, VirtualPhysics(), parts, 0.0), (0,))
     by_rows = np.asfortranarray(ground(50))  # whatever its layout

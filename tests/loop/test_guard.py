@@ -17,6 +17,7 @@ from scipy.optimize import brentq
 from rths_cli.case.virtual_physics_schema import VirtualPhysics
 from rths_cli.control import feedback, sensor_correction
 from rths_cli.control.designed_blocks import Blocks
+from rths_cli.control.interface import no_force
 from rths_cli.control.state_space import static
 from rths_cli.loop import guard as g
 from rths_cli.loop.guard import AT_REST_M, FORGET_HZ, STOPPED, GuardLimits, GuardState, check_energy, fresh_guard, guard
@@ -45,15 +46,18 @@ def ask(
 ) -> None:
     """Send every asked command (n,) through the guard; note what leaves it and its phase."""
     for k in range(asked.size):
-        sent[k] = guard(limits, state, asked[k], True, samples[k], accel[k], expected, 0.0, 0.0, 0.0)
+        sent[k] = asked[k]
+        guard(limits, state, sent[k : k + 1], True, samples[k], accel[k], expected, 0.0, 0.0, 0.0)
         phase[k] = state.flags[0]
 
 
 @entry
 def listening(limits: GuardLimits, state: GuardState, came: Array, samples: Array, expected: Array) -> None:
     """Give the guard samples (n, c) in V, of which not all came (n,), and what they must show (n, 2, c)."""
+    command = np.zeros(1)
     for k in range(came.size):
-        guard(limits, state, 0.0, came[k] > 0.0, samples[k], samples[k], expected[k], 0.0, 0.0, 0.0)
+        command[0] = 0.0
+        guard(limits, state, command, came[k] > 0.0, samples[k], samples[k], expected[k], 0.0, 0.0, 0.0)
 
 
 def limits(
@@ -182,10 +186,7 @@ def excitation_blocks(info: RigInfo) -> Blocks:
         sensor_correction.correction(info.channels, dt),
         *nothing,
         feedback.none(dt),
-        np.zeros(1),
-        np.zeros(0),
-        np.zeros(c),
-        0.0,
+        no_force(c),
     )
 
 

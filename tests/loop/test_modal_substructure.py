@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from rths_cli.control.interface import no_force
 from rths_cli.control.numerical_substructure import interface
 from rths_cli.errors import InputError
-from rths_cli.loop.modal_substructure import Modal, advance_modal, modal, read_modal
+from rths_cli.loop.modal_substructure import Modal, modal
+from rths_cli.loop.parts import Room
 from rths_cli.numerics.compiled import entry
 from rths_cli.numerics.lti import Array, Block
 from rths_cli.structure import Numerical
@@ -17,13 +19,15 @@ DT_S = 5e-4
 
 
 @entry
-def played(block: Modal, inputs: Array, outputs: Array) -> None:
+def played(block: Modal, inputs: Array, outputs: Array, without: Array) -> None:
+    ground, force, motion, accel = np.zeros(3), np.zeros(1), np.zeros((3, 1)), np.zeros(1)
     for k in range(inputs.shape[1]):
-        read_modal(block)
-        for i in range(outputs.shape[0]):
-            direct = block.direct[i, 0] * inputs[0, k] + block.direct[i, 1] * inputs[1, k]
-            outputs[i, k] = block.made[i] + direct
-        advance_modal(block, inputs[0, k], inputs[1, k])
+        ground[0], force[0] = inputs[0, k], inputs[1, k]
+        block.free(ground, accel)
+        block.advance(ground, force, motion)
+        without[k] = accel[0]
+        for q in range(3):
+            outputs[q, k] = motion[q, 0]
 
 
 def dense(block: Block, inputs: Array) -> Array:
@@ -36,10 +40,13 @@ def dense(block: Block, inputs: Array) -> Array:
 
 def compare(block: Block, tolerance: float, samples: int = 3000) -> None:
     inputs = np.random.default_rng(1).standard_normal((2, samples))
-    wanted, found = dense(block, inputs), np.zeros((len(block.C), samples))
-    played(modal(block), inputs, found)
+    wanted, found, without = dense(block, inputs), np.zeros((len(block.C), samples)), np.zeros(samples)
+    made = modal(block, no_force(1), Room())
+    played(made, inputs, found, without)
     for row, other in zip(found, wanted, strict=True):
         assert np.abs(row - other).max() <= tolerance * np.abs(other).max()
+    affine = without + made.direct[0, 0] * inputs[1]
+    assert np.abs(affine - found[0]).max() <= 1e-12 * np.abs(found[0]).max()
 
 
 def building(masses: Array, stiffness: Array, dashpots: Array) -> Numerical:
@@ -72,4 +79,4 @@ def test_modes_that_coincide_are_told_apart_or_refused() -> None:
     a = np.kron(np.eye(2), np.array([[0.9, 1.0], [0.0, 0.9]])) + np.diag([0.0, 0.01, 0.0], 1)
     block = Block("jordan", a, np.ones((4, 2)), np.ones((1, 4)), np.zeros((1, 2)), DT_S)
     with pytest.raises(InputError, match="coincide"):
-        modal(block)
+        modal(block, no_force(1), Room())

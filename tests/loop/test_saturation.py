@@ -209,6 +209,6 @@ def test_a_feedback_gone_wrong_reaches_the_guard_as_not_a_number() -> None:
 
 def test_a_block_that_takes_the_error_alone_gets_nothing_else() -> None:
     blocks = best_like(rig_info())
-    assert assemble(blocks, RECORD).error.size == 2
+    assert assemble(blocks, RECORD).feedback.shortfall.shape[0] == 1
     alone = Block("feedback", *(np.zeros(s) for s in ((0, 0), (0, 1), (1, 0), (1, 1))), DT_S)
-    assert assemble(replace(blocks, feedback=alone), RECORD).error.size == 1
+    assert assemble(replace(blocks, feedback=alone), RECORD).feedback.shortfall.shape[0] == 0

@@ -13,21 +13,32 @@ typedef double v4 __attribute__((vector_size(32), aligned(8)));
 typedef struct { double *at; int64_t shape[4]; } Array;
 typedef struct { int64_t *at; int64_t shape[4]; } Integers;
 
+enum { AXES = 1, ACTUATORS = 1 }; /* degrees of freedom of the interface and commands, known when the step is compiled, as there */
+
 typedef struct { Array matrix, given, made; int64_t states; } Linear;
 typedef struct { Array matrix, given; } Channels;
-typedef struct { Array turn, drive, outputs, direct, state, made; } Modal;
+typedef struct { Linear block; Array corrected, estimated; int64_t axes[AXES]; } KalmanFilter;
+typedef struct { Array turn, drive, outputs, through, direct, state, made, logged; int64_t axes[AXES]; } Modal;
+typedef struct { Linear block; Array logged; int64_t axes[AXES], actuators[ACTUATORS]; } LinearFeedforward;
+typedef struct { Linear block; Array shortfall, logged; int64_t axes[AXES], actuators[ACTUATORS]; } LinearFeedback;
 typedef struct {
   int64_t source;
+  Array state;
+  int64_t deciding;
   Channels correction;
-  Linear estimator;
-  Array shear_recent;
-  double shear_returned;
+  KalmanFilter observer;
   Modal numerical;
-  Linear feedforward, feedback;
-  Array recent, samples, corrected, estimated, base_shear, interface, error, shortfall, shaping;
-  double command_limit_v, feedback_limit_v, ripple_m_s2_per_v, ripple_sum_m_s2_per_v;
-  Array sent;
+  LinearFeedforward feedforward;
+  LinearFeedback feedback;
   Linear open_loop; /* given and made twice, row by row */
+  Array force_recent, force_returned;
+  int64_t commanded;
+  int64_t measured_by[AXES], actuators[ACTUATORS];
+  Array recent, recent_commanded, samples, corrected, estimated, force, free_accel, motion, error, command, forward, back, back_limits;
+  Array command_limit_v, feedback_limit_v, carried;
+  double bit_v, bits_per_v, ripple_m_s2_per_v, ripple_sum_m_s2_per_v;
+  Array sent;
+  int64_t logged;
   Array expected;
 } Step;
 
@@ -36,7 +47,7 @@ typedef struct {
   Array masses_kg, saturation_v, stuck_m_s2, abort_m_s2;
   double command_rate_v_s, energy_ratio, energy_floor_j;
 } GuardLimits;
-typedef struct { Integers flags; Array motion, codes, expected_at, moved; Integers same; Array energy, seen; } GuardState;
+typedef struct { Integers flags; Array motion, codes, expected_at, moved; Integers same; Array energy, seen; int64_t actuators[ACTUATORS]; } GuardState;
 
 typedef struct {
   Array push, filters, nodes, feed, start, accel_rows, accel_friction;
@@ -93,66 +104,80 @@ INLINE void sense(const Step *s) {
     v4 sum = *(const v4 *)matrix * given[0] + *(const v4 *)(matrix + 4) * given[1] + *(const v4 *)(matrix + 8) * given[2]
              + *(const v4 *)(matrix + 12) * s->samples.at[c];
     *(v4 *)given = sum;
+    given[3] = s->samples.at[c];
     s->corrected.at[c] = sum[3];
   }
-  const int64_t held = s->sent.shape[0];
-  const double now = s->sent.at[held - 2], before = s->sent.at[held - 1];
-  s->corrected.at[0] -= s->ripple_m_s2_per_v * (now - before) + s->ripple_sum_m_s2_per_v * (now + before);
-  apply(&s->estimator);
+  const int64_t held = s->sent.shape[0], commands = ACTUATORS;
+  for (int64_t i = 0; i < AXES; i++) {
+    const double now = s->sent.at[(held - 2) * commands + i], before = s->sent.at[(held - 1) * commands + i];
+    s->corrected.at[s->measured_by[i]] -= s->ripple_m_s2_per_v * (now - before) + s->ripple_sum_m_s2_per_v * (now + before);
+  }
+  const Linear *b = &s->observer.block;
+  apply(b);
+  for (int64_t i = 0; i < AXES; i++) s->force.at[i] = b->made.at[b->states + s->estimated.shape[0] + i];
 }
 
 INLINE void advance_numerical(const Step *s, const double *drive) {
   const Modal *b = &s->numerical;
-  const int64_t m = b->turn.shape[1], lead = s->shear_recent.shape[0];
-  double known = s->estimator.made.at[s->estimator.states + s->estimated.shape[0]];
-  for (int64_t i = 0; i < lead; i++) known += s->shear_recent.at[i] * s->recent.at[i];
-  product(b->outputs.at, 1, b->outputs.shape[1], b->state.shape[0], b->state.at, b->made.at);
-  const double *direct = b->direct.at, ground = drive[0];
-  const double freely = b->made.at[0] + direct[0] * ground + direct[1] * known;
-  const double shear = known + s->shear_returned * freely;
-  s->base_shear.at[0] = shear;
-  for (int i = 0; i < 3; i++)
-    s->interface.at[i] = b->made.at[i] + direct[2 * i] * ground + direct[2 * i + 1] * shear;
-  s->interface.at[1] += drive[1];
-  s->interface.at[2] += drive[2];
+  const int64_t m = b->turn.shape[1], lead = s->force_recent.shape[1], n = AXES, wide = 1 + n;
+  double *force = s->force.at, *free_accel = s->free_accel.at;
+  for (int64_t i = 0; i < n; i++)
+    for (int64_t k = 0; k < lead; k++)
+      for (int64_t j = 0; j < n; j++) force[i] += s->force_recent.at[(i * lead + k) * n + j] * s->recent.at[n * k + j];
+  product(b->outputs.at, b->outputs.shape[0], b->outputs.shape[1], b->state.shape[0], b->state.at, b->made.at);
+  const double *through = b->through.at, ground = drive[0];
+  for (int64_t i = 0; i < n; i++) {
+    free_accel[i] = b->made.at[i] + through[i * wide] * ground;
+    for (int64_t j = 0; j < n; j++) free_accel[i] += b->direct.at[i * n + j] * force[j];
+  }
+  for (int64_t i = 0; i < n; i++)
+    for (int64_t j = 0; j < n; j++) force[i] += s->force_returned.at[i * n + j] * free_accel[j];
+  for (int64_t row = 0; row < 3 * n; row++) {
+    double value = b->made.at[row] + through[row * wide] * ground;
+    for (int64_t j = 0; j < n; j++) value += through[row * wide + 1 + j] * force[j];
+    s->motion.at[row] = row < n ? value : value + drive[row / n];
+  }
   double *restrict first = b->state.at, *restrict second = b->state.at + m;
   const double *restrict turn = b->turn.at, *restrict into = b->drive.at;
   for (int64_t i = 0; i < m; i++) {
     const double one = first[i], two = second[i];
-    first[i] = turn[i] * one + turn[m + i] * two + (into[i] * ground + into[m + i] * shear);
-    second[i] = turn[2 * m + i] * one + turn[3 * m + i] * two + (into[2 * m + i] * ground + into[3 * m + i] * shear);
+    first[i] = turn[i] * one + turn[m + i] * two + (into[i] * ground + into[2 * m + i] * force[0]);
+    second[i] = turn[2 * m + i] * one + turn[3 * m + i] * two + (into[m + i] * ground + into[3 * m + i] * force[0]);
   }
+  for (int64_t j = 1; j < n; j++)
+    for (int64_t i = 0; i < 2 * m; i++) b->state.at[i] += into[2 * m * (1 + j) + i] * force[j];
 }
 
-INLINE double shape(const Step *s, double command) {
-  const double size = s->shaping.at[1];
-  if (size == 0.0 || !isfinite(command)) return command;
-  const double wanted = command + s->shaping.at[0], rounded = floor(wanted * s->shaping.at[2] + 0.5) * size;
-  s->shaping.at[0] = wanted - rounded;
+INLINE double shape(const Step *s, int64_t a, double command) {
+  if (s->bit_v == 0.0 || !isfinite(command)) return command;
+  const double wanted = command + s->carried.at[a], rounded = floor(wanted * s->bits_per_v + 0.5) * s->bit_v;
+  s->carried.at[a] = wanted - rounded;
   return rounded;
 }
 
-INLINE double feed_back(const Step *s, double forward) {
-  const Linear *b = &s->feedback;
-  const int64_t learns = s->error.shape[0] > 1;
-  if (learns) s->error.at[1] = 0.0;
+INLINE void compensate(const Step *s) {
+  const Linear *f = &s->feedforward.block, *b = &s->feedback.block;
+  const int64_t motions = 3 * AXES, commands = ACTUATORS;
+  for (int64_t i = 0; i < motions; i++) f->given.at[f->states + i] = s->motion.at[i];
+  apply(f);
+  for (int64_t i = 0; i < AXES; i++) b->given.at[b->states + i] = s->error.at[i];
   apply(b);
-  const double wanted = b->made.at[b->states];
-  const double highest = least(s->feedback_limit_v, most(s->command_limit_v - forward, 0.0));
-  const double lowest = most(-s->feedback_limit_v, least(-s->command_limit_v - forward, 0.0));
-  const double applied = wanted > highest ? highest : wanted < lowest ? lowest : wanted;
-  if (learns && applied != wanted) {
-    s->error.at[1] = applied - wanted;
-    for (int64_t i = 0; i < b->states; i++)
-      b->given.at[i] += s->shortfall.at[i] * s->error.at[1];
+  for (int64_t a = 0; a < commands; a++) {
+    const double forward = f->made.at[f->states + a], wanted = b->made.at[b->states + a];
+    const double limit = s->feedback_limit_v.at[a], room = s->command_limit_v.at[a];
+    const double highest = least(limit, most(room - forward, 0.0)), lowest = most(-limit, least(-room - forward, 0.0));
+    const double applied = wanted > highest ? highest : wanted < lowest ? lowest : wanted;
+    if (applied != wanted && s->feedback.shortfall.shape[0] > 0)
+      for (int64_t i = 0; i < b->states; i++)
+        b->given.at[i] += s->feedback.shortfall.at[a * b->states + i] * (applied - wanted);
+    s->command.at[a] = shape(s, a, forward + applied);
   }
-  return applied;
 }
 
 INLINE void expect(const Step *s) {
   const Linear *b = &s->open_loop;
   const int64_t channels = s->samples.shape[0], wide = b->given.shape[1], known = b->made.shape[1] > 0;
-  const double desired = s->interface.at[0];
+  const double desired = s->motion.at[0];
   for (int i = 0; i < 2; i++) {
     double *given = b->given.at + i * wide, *made = b->made.at + i * b->made.shape[1], *at = s->expected.at + i * channels;
     given[b->states] = i ? s->corrected.at[0] : s->recent.at[0];
@@ -163,24 +188,32 @@ INLINE void expect(const Step *s) {
   }
 }
 
-INLINE double step(const Step *s, const double *drive) {
+INLINE void step(const Step *s, const double *drive) {
+  const int64_t n = AXES, lead = s->recent.shape[0] - 1;
   sense(s);
-  if (s->source == EXCITATION) return drive[0];
-  const int64_t lead = s->shear_recent.shape[0];
+  if (s->source == EXCITATION) {
+    for (int64_t a = 0; a < ACTUATORS; a++) s->command.at[a] = drive[a];
+    return;
+  }
   if (s->source == NUMERICAL) advance_numerical(s, drive);
-  else for (int i = 0; i < 3; i++) s->interface.at[i] = drive[i];
-  s->recent.at[lead] = s->interface.at[0];
-  s->error.at[0] = s->recent.at[0] - s->corrected.at[0];
+  else for (int64_t i = 0; i < 3 * n; i++) s->motion.at[i] = drive[i / n];
+  double *recent = s->recent.at, *other = s->recent_commanded.at;
+  for (int64_t i = 0; i < n; i++) {
+    recent[n * lead + i] = s->motion.at[i];
+    if (s->commanded != 0) other[n * lead + i] = s->motion.at[s->commanded * n + i];
+    s->error.at[i] = other[i] - s->corrected.at[s->measured_by[i]];
+  }
   expect(s);
-  apply(&s->feedforward);
-  const double forward = s->feedforward.made.at[s->feedforward.states];
-  for (int64_t i = 0; i < lead; i++) s->recent.at[i] = s->recent.at[i + 1];
-  return shape(s, forward + feed_back(s, forward));
+  compensate(s);
+  for (int64_t i = 0; i < n * lead; i++) recent[i] = recent[i + n];
+  if (s->commanded != 0)
+    for (int64_t i = 0; i < n * lead; i++) other[i] = other[i + n];
 }
 
-INLINE void note_sent(const Step *s, double command) {
-  for (int64_t i = s->sent.shape[0] - 1; i > 0; i--) s->sent.at[i] = s->sent.at[i - 1];
-  s->sent.at[0] = command;
+INLINE void note_sent(const Step *s) {
+  const int64_t commands = ACTUATORS;
+  for (int64_t i = s->sent.shape[0] * commands - 1; i >= commands; i--) s->sent.at[i] = s->sent.at[i - commands];
+  for (int64_t a = 0; a < commands; a++) s->sent.at[a] = s->command.at[a];
 }
 
 /* ---- the guard; BRAKE_SHARE, RETURN_RATE, ... as in rths_cli/loop/guard.py ---- */
@@ -230,10 +263,10 @@ INLINE int check_samples(const GuardLimits *lim, const GuardState *g, const Step
 
 INLINE double farthest(const GuardLimits *lim) { return least(lim->stroke_m, lim->gain_m_per_v * lim->command_v); }
 
-INLINE int check_command(const GuardLimits *lim, const GuardState *g, double command, double error) {
+INLINE int check_command(const GuardLimits *lim, const GuardState *g, int64_t a, double command, double error) {
   if (!(isfinite(command) && isfinite(error))) return NOT_A_NUMBER;
   if (fabs(command) > lim->command_v) return beyond(g, fabs(command), COMMAND);
-  const double place = lim->gain_m_per_v * command, velocity = (place - g->motion.at[0]) / lim->dt_s;
+  const double place = lim->gain_m_per_v * command, velocity = (place - g->motion.at[a]) / lim->dt_s;
   if (fabs(velocity) > lim->velocity_m_s) return beyond(g, fabs(velocity), VELOCITY);
   if (fabs(velocity) > lim->gain_m_per_v * lim->command_rate_v_s) return beyond(g, fabs(velocity) / lim->gain_m_per_v, RATE);
   const double braked = place + 0.5 * velocity * fabs(velocity) / (brake_share * lim->acceleration_m_s2);
@@ -245,10 +278,10 @@ INLINE int check_command(const GuardLimits *lim, const GuardState *g, double com
 INLINE int check_energy(const GuardLimits *lim, const GuardState *g, const Step *s) {
   if (isinf(lim->energy_ratio)) return NONE;
   double *energy = g->energy.at;
-  const double shear = s->base_shear.at[0];
+  const double shear = s->force.at[0];
   energy[0] += (s->error.at[0] - 2.0 * M_PI * forget_hz * energy[0]) * lim->dt_s;
   energy[1] += shear * energy[0] * lim->dt_s;
-  energy[2] += fabs(shear * s->interface.at[1]) * lim->dt_s;
+  energy[2] += fabs(shear * s->motion.at[s->motion.shape[1]]) * lim->dt_s;
   const double exchanged = energy[2] + lim->energy_floor_j;
   if (energy[1] <= lim->energy_ratio * exchanged) return NONE;
   return beyond(g, exchanged > 0.0 ? energy[1] / exchanged : INFINITY, ENERGY);
@@ -259,41 +292,50 @@ static __attribute__((noinline)) void ramp_down(const GuardLimits *lim, const Gu
   const double by_velocity = M_E * fastest / farthest(lim);
   const double by_acceleration = sqrt(brake_share * lim->acceleration_m_s2 / farthest(lim));
   const double rate = least(return_rate_rad_s, least(by_velocity, by_acceleration));
-  double place = g->motion.at[0], velocity = g->motion.at[1];
-  if (g->flags.at[0] == BRAKING) {
-    velocity = copysign(most(fabs(velocity) - brake_share * lim->acceleration_m_s2 * lim->dt_s, 0.0), velocity);
-    place += velocity * lim->dt_s;
-    if (velocity == 0.0) g->flags.at[0] = RETURNING;
-  } else if (g->flags.at[0] == RETURNING) {
-    const double slope = (velocity + rate * place) * lim->dt_s, decay = exp(-rate * lim->dt_s);
-    place = (place + slope) * decay;
-    velocity = (velocity - rate * slope) * decay;
-    if (fabs(place) < at_rest_m && fabs(velocity) < at_rest_m * rate) {
-      g->flags.at[0] = STOPPED;
-      place = velocity = 0.0;
+  const int64_t count = ACTUATORS, phase = g->flags.at[0];
+  int ready = 1;
+  for (int64_t a = 0; a < count; a++) {
+    double place = g->motion.at[a], velocity = g->motion.at[count + a];
+    if (phase == BRAKING) {
+      velocity = copysign(most(fabs(velocity) - brake_share * lim->acceleration_m_s2 * lim->dt_s, 0.0), velocity);
+      place += velocity * lim->dt_s;
+      ready = ready && velocity == 0.0;
+    } else if (phase == RETURNING) {
+      const double slope = (velocity + rate * place) * lim->dt_s, decay = exp(-rate * lim->dt_s);
+      place = (place + slope) * decay;
+      velocity = (velocity - rate * slope) * decay;
+      if (fabs(place) < at_rest_m && fabs(velocity) < at_rest_m * rate) place = velocity = 0.0;
+      else ready = 0;
     }
+    g->motion.at[a] = place;
+    g->motion.at[count + a] = velocity;
   }
-  g->motion.at[0] = place;
-  g->motion.at[1] = velocity;
+  if (ready && phase == BRAKING) g->flags.at[0] = RETURNING;
+  else if (ready && phase == RETURNING) g->flags.at[0] = STOPPED;
 }
 
-INLINE double guard(const GuardLimits *lim, const GuardState *g, double command, const Step *s) {
+INLINE void guard(const GuardLimits *lim, const GuardState *g, const Step *s) {
+  const int64_t commands = ACTUATORS;
+  double *command = s->command.at;
   if (g->flags.at[0] == RUNNING) {
     int reason = check_samples(lim, g, s);
-    if (reason == NONE) reason = check_command(lim, g, command, s->error.at[0]);
+    for (int64_t a = 0; a < commands; a++)
+      if (reason == NONE) reason = check_command(lim, g, a, command[a], s->error.at[0]);
     if (reason == NONE) reason = check_energy(lim, g, s);
     if (reason == NONE) {
-      const double place = lim->gain_m_per_v * command;
-      g->motion.at[1] = (place - g->motion.at[0]) / lim->dt_s;
-      g->motion.at[0] = place;
+      for (int64_t a = 0; a < commands; a++) {
+        const double place = lim->gain_m_per_v * command[a];
+        g->motion.at[commands + a] = (place - g->motion.at[a]) / lim->dt_s;
+        g->motion.at[a] = place;
+      }
       g->flags.at[3]++;
-      return command;
+      return;
     }
     g->flags.at[0] = BRAKING;
     g->flags.at[1] = reason;
   }
   ramp_down(lim, g);
-  return g->motion.at[0] / lim->gain_m_per_v;
+  for (int64_t a = 0; a < commands; a++) command[a] = g->motion.at[a] / lim->gain_m_per_v;
 }
 
 /* ---- the virtual table ---- */
@@ -479,14 +521,13 @@ INLINE void read(const Plant *p, const PlantState *s, const double *noise, const
 
 /* ---- the run ---- */
 
-INLINE double *note(const Step *s, const Log *log, int64_t k, double command) {
+INLINE double *note(const Step *s, const Log *log, int64_t k) {
   const int64_t n = log->columns.shape[1], channels = s->corrected.shape[0], estimates = s->estimated.shape[0];
   double *to = log->columns.at + n * log->truths + k;
   for (int64_t i = 0; i < channels; i++, to += n) *to = s->corrected.at[i];
-  for (int i = 0; i < 3; i++, to += n) *to = s->interface.at[i];
-  *to = command;
-  to[n] = s->base_shear.at[0];
-  to += 2 * n;
+  for (int64_t i = 0; i < 3 * AXES; i++, to += n) *to = s->motion.at[i];
+  for (int64_t i = 0; i < ACTUATORS; i++, to += n) *to = s->command.at[i];
+  for (int64_t i = 0; i < AXES; i++, to += n) *to = s->force.at[i];
   for (int64_t i = 0; i < estimates; i++, to += n) *to = s->estimated.at[i];
   return to;
 }
@@ -515,10 +556,12 @@ int64_t run(const Plant *plant_, const PlantState *table_, const Step *step_, co
   int64_t before = monotonic_ns(), steps = 0;
   while (steps < n && table.fault.at[0] == 0 && g.flags.at[0] != STOPPED) {
     read(&plant, &table, noise + channels * steps, &s.samples);
-    const double displacement = table.state.at[0], command = guard(&limits, &g, step(&s, drive + 3 * steps), &s);
-    note_sent(&s, command);
-    *note(&s, &log, steps, command) = displacement;
-    hold(&plant, &table, command);
+    const double displacement = table.state.at[0];
+    step(&s, drive + 3 * steps);
+    guard(&limits, &g, &s);
+    note_sent(&s);
+    *note(&s, &log, steps) = displacement;
+    hold(&plant, &table, s.command.at[0]);
     for (int64_t c = 0; c < channels; c++) log.columns.at[n * c + steps] = table.middle_velocity.at[c];
     steps++;
     if (steps % STAMPED == 0) {

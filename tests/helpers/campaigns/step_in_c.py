@@ -48,6 +48,8 @@ def in_c(value: Any) -> Any:
     if isinstance(value, np.ndarray):
         sizes = (*value.shape, *[0] * DIMENSIONS)[:DIMENSIONS]
         return CArray(value.ctypes.data, (ctypes.c_int64 * DIMENSIONS)(*sizes))
+    if isinstance(value, tuple) and not hasattr(value, "_fields"):
+        return (ctypes.c_int64 * len(value))(*value)
     if isinstance(value, tuple):
         parts = [in_c(item) for item in value]
         fields = zip(value._fields, map(type, parts), strict=True)  # type: ignore[attr-defined]

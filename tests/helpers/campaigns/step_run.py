@@ -22,7 +22,7 @@ from rths_cli.rigs.virtual.plant import Plant
 from rths_cli.rigs.virtual.plant_kernel import PlantState, fresh_state
 
 CASE = "el_centro_low_ff_fb"
-SIGNALS = tuple(name for name in widths(1, 1, 1, False) if name != "compute_ns")
+SIGNALS = tuple(name for name in widths(1, 1, 1, False) if name not in ("logged", "compute_ns"))
 
 
 @dataclass(frozen=True)

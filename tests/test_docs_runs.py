@@ -32,7 +32,7 @@ OTHERS_LEFT_OUT = {
     ),
     "reference/udp.md": ("cc", "is compiled and run by tests/rigs/test_udp_target_c.py"),
 }
-RUN_ELSEWHERE = ("reference/python.md", "howto/export.md")  # tests/test_api.py
+RUN_ELSEWHERE = ("reference/python.md", "howto/export.md", "reference/parts.md")  # tests/test_api.py, test_own_parts.py
 BY_THE_HELP = ("reference/commands.md",)  # its examples are those of the help: test_every_example_of_the_help_runs
 WITH_SNIPPETS = ("reference/figures.md", "reference/report_page.md", "howto/sweep.md")
 

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
+    from rths_cli.control.part_designs import Exchange
     from rths_cli.control.python_control import System
     from rths_cli.experiment.run_case import Ended
     from rths_cli.experiment.setup import Setup
@@ -53,6 +54,7 @@ def run(
     overrides: Sequence[str] = (),
     fresh: bool = False,
     yes: bool = False,
+    parts: Exchange | None = None,
     progress: Progress | None = None,
 ) -> RunResult:
     """Run a case as `rths run` does and return its result, also one that was refused or stopped: see its `status`.
@@ -60,7 +62,8 @@ def run(
     `case` is a case file or the name of a shipped one; `method` None: the case's own; `settings` as `--set`, for
     instance {"scaling": 0.2, "table.physics.coulomb_n": 0}. `output` is the folder of the result file, where a virtual
     result of that name is replaced; None: a temporary one that lives as long as the result. `yes` moves a real rig
-    whose file says `unattended: true`; nothing else moves a real rig.
+    whose file says `unattended: true`; nothing else moves a real rig. `parts`: functions that make a part of the step
+    from the designed one, by its place: numerical, feedforward or feedback (docs/reference/parts.md).
 
     Raises InputError when the case cannot be run, RigError, LimitError or RthsError when there is no result.
     """
@@ -70,7 +73,7 @@ def run(
     try:
         with _signals() as poll:
             tell = _telling(progress, poll)
-            ended = _run(str(case), given, folder, tuple(overrides), fresh, yes, tell)
+            ended = _run(str(case), given, folder, tuple(overrides), fresh, yes, tell, _places(parts))
         if ended.path is None:
             raise BY_CODE.get(ended.exit_code, RthsError)(ended.reason)
         result = RunResult(ended.path)
@@ -89,9 +92,11 @@ def check(
     method: Method | None = None,
     settings: Settings | None = None,
     overrides: Sequence[str] = (),
+    parts: Exchange | None = None,
     progress: Progress | None = None,
 ) -> CheckResult:
-    """Judge a case as `rths check` does: whether EXP-RTHS is safe, and the figures predicted; nothing moves.
+    """Judge a case as `rths check` does: whether EXP-RTHS is safe, and the figures predicted; nothing moves. `parts` as
+    in `run`.
 
     Raises InputError when the case cannot be read.
     """
@@ -99,7 +104,7 @@ def check(
     from rths_cli.experiment.check_command import check_cases
 
     cases = load_all([str(case)], _texts(settings, method), ())
-    found = check_cases(cases, tuple(overrides), _telling(progress, lambda: None))[0]
+    found = check_cases(cases, tuple(overrides), _telling(progress, lambda: None), parts=_places(parts))[0]
     return CheckResult(
         verdict=found.verdict,
         reasons=found.reasons,
@@ -237,6 +242,7 @@ def _run(
     fresh: bool,
     yes: bool,
     tell: Callable[[str], None],
+    parts: Exchange,
 ) -> Ended:
     """Run one case by the workflow of `rths run`."""
     from rths_cli.case.load import load_cases
@@ -249,10 +255,21 @@ def _run(
         replace=True,
         command_line=" ".join(["rths_cli.run", case, *settings]),
         overrides=overrides,
+        parts=parts,
         fresh=fresh,
         yes=yes,
     )
     return run_batch(request, _Script(tell))[0]
+
+
+def _places(parts: Exchange | None) -> Exchange:
+    """Return the parts as given; raises InputError for a place that the step does not have."""
+    from rths_cli.control.part_designs import PLACES
+
+    for place in parts or {}:
+        if place not in PLACES:
+            raise InputError(f"parts: there is no place {place!r} in the step; use {', '.join(PLACES)}")
+    return parts or {}
 
 
 def _check_rig(case: str, settings: tuple[str, ...], temporary: bool) -> None:

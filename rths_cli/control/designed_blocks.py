@@ -3,12 +3,14 @@ it."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rths_cli.control.interface import Interface
 from rths_cli.control.part_designs import Logged, PartDesign
+from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Block
 from rths_cli.structure import Specimen
 
@@ -46,8 +48,13 @@ class Blocks:
         return self.interface.force.lead_samples
 
     def named(self) -> tuple[Block, ...]:
-        """Return the discrete blocks that make the command, in the order in which the step runs them."""
-        return (self.correction, self.estimator, *self.linear_parts())
+        """Return the discrete blocks that make the command, in the order in which the step runs them; without those of
+        parts that cannot be judged."""
+        parts = []
+        for design in (self.numerical, self.feedforward, self.feedback):
+            with suppress(InputError):
+                parts.append(design.linearised())
+        return (self.correction, self.estimator, *parts)
 
     def linear_parts(self) -> tuple[Block, Block, Block]:
         """Return numerical substructure, feedforward and feedback as linear blocks, those of the start of a run.
@@ -55,6 +62,16 @@ class Blocks:
         Raises InputError if one of them cannot be judged.
         """
         return self.numerical.linearised(), self.feedforward.linearised(), self.feedback.linearised()
+
+    def linearised(self) -> Blocks:
+        """Return the same with the linear blocks in place of the parts; raises InputError as `linear_parts`."""
+        numerical, feedforward, feedback = self.linear_parts()
+        return replace(self, numerical=numerical, feedforward=feedforward, feedback=feedback)
+
+    @property
+    def judged(self) -> bool:
+        """Return whether every part has a linear block, by which it can be judged."""
+        return len(self.named()) == 5
 
     @property
     def linear(self) -> bool:

@@ -6,7 +6,8 @@ program declares the same, so that check, predictions and result file need to kn
 
 from __future__ import annotations
 
-from typing import NamedTuple, Protocol, runtime_checkable
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Array, Block
@@ -50,6 +51,11 @@ class PartDesign(Protocol):
 
         Raises InputError where there is none: such a part cannot be judged before it is used.
         """
+
+
+Exchange = Mapping[str, Callable[[Any], Any]]
+"""What makes a part from the designed one, by the name of its place: numerical, feedforward or feedback."""
+PLACES = ("numerical", "feedforward", "feedback")
 
 
 def not_judged(name: str) -> InputError:

@@ -67,7 +67,7 @@ def judge(setup: Setup, identified: Identification, design: Design, shared: Shar
     stability of the loop once.
     """
     shared = shared or SharedValues()
-    dt = setup.rig.dt_s
+    dt, design = setup.rig.dt_s, replace(design, blocks=design.blocks.linearised())
     building = as_identified(setup, _specimen(identified))
     rig, storeys = loop_parts(setup, identified)
     found = loop_stability(setup, identified, design.blocks, shared)

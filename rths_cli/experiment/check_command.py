@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from rths_cli.analysis.predicted_error import Known as LoopKnown
     from rths_cli.case.case_schema import Case
+    from rths_cli.control.part_designs import Exchange
     from rths_cli.experiment.design import Design
     from rths_cli.experiment.model_choice import Known
     from rths_cli.experiment.setup import Progress, Setup
@@ -113,7 +114,11 @@ def verdict_on(
 
 
 def check_cases(
-    cases: Sequence[Case], overrides: tuple[str, ...], progress: Progress, memory: Memory | None = None
+    cases: Sequence[Case],
+    overrides: tuple[str, ...],
+    progress: Progress,
+    memory: Memory | None = None,
+    parts: Exchange | None = None,
 ) -> list[Checked]:
     """Return the verdict on each case; all cases and model files are read before the first one is judged.
 
@@ -121,7 +126,7 @@ def check_cases(
     faults of the cases.
     """
     memory = memory or Memory(Cache())
-    setups = make_setups(cases, overrides)
+    setups = make_setups(cases, overrides, parts=parts)
     for setup in setups:
         memory.prepare(setup)
     return [check_case(setup, memory, progress) for setup in setups]

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 from rths_cli.control import feedback, feedforward, kalman_filter, numerical_substructure, sensor_correction
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.interface import Interface
+from rths_cli.control.part_designs import PartDesign
+from rths_cli.errors import InputError
 from rths_cli.experiment.feedback_choice import choose_feedback
 from rths_cli.experiment.loop_stability_of_case import loop_faults
 from rths_cli.numerics.shared_values import SharedValues
@@ -63,13 +65,25 @@ def design_blocks(setup: Setup, identified: Identification, shared: SharedValues
     )
     shear_now = _shear(setup, identified, 0, residual=0.0)
     if case.controller.kind != "FF+FB":
-        return Design(blocks, model, None, shear_now)
+        return Design(_exchanged(blocks, setup), model, None, shear_now)
 
     def faults(with_it: feedback.Feedback) -> list[str]:
         return loop_faults(setup, identified, replace(blocks, feedback=with_it.block), shared)
 
     designed, chosen = choose_feedback(setup, identified, model, faults, shared)
-    return Design(replace(blocks, feedback=designed.block), model, designed, shear_now, chosen)
+    return Design(_exchanged(replace(blocks, feedback=designed.block), setup), model, designed, shear_now, chosen)
+
+
+def _exchanged(blocks: Blocks, setup: Setup) -> Blocks:
+    """Return the blocks with the parts that the caller puts in the place of designed ones."""
+    made = {place: make(getattr(blocks, place)) for place, make in setup.parts.items()}
+    for place, design in made.items():
+        if not isinstance(design, PartDesign):
+            raise InputError(
+                f"parts: what was made for {place} is no design of a part ({type(design).__name__}); return a Block, a "
+                "PythonSubstructure, a PythonFeedforward or an object with the same attributes"
+            )
+    return replace(blocks, **made)
 
 
 def _specimen(identified: Identification) -> Specimen:

@@ -33,7 +33,7 @@ def loop_stability(
 ) -> preflight.Stability:
     """Return the stability of a case's loop with these blocks; with `shared`, equal loops are evaluated once."""
     rig, storeys = loop_parts(setup, identified)
-    samples = len(setup.motion.time_s)
+    blocks, samples = blocks.linearised(), len(setup.motion.time_s)
     asked = content_key(rig, blocks, storeys, identified.best, identified.frfs[0], identified.levels)
     found = (shared or SharedValues()).get(
         "stability", asked, lambda: _stability(rig, blocks, storeys, identified, samples)

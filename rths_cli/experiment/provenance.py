@@ -38,6 +38,7 @@ def attributes(setup: Setup, design: Design | None, command_line: str) -> dict[s
         "rig_kind": case.table.kind,
         "driver_verified": "",  # known only after the rig was opened; its stage then states it
         "overrides": " ".join(setup.overrides),
+        "own_parts": " ".join(setup.parts),
         "command_line": command_line,
         "platform": _platform(),
         "package_versions": versions(),

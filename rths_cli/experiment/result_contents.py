@@ -151,7 +151,7 @@ def design_figures(setup: Setup, identified: Identification, design: Design) -> 
         values["feedback.chosen_disturbance_high_hz"] = high
         values["feedback.chosen_command_weight"] = design.chosen.weights.command_weight
         values["feedback.chosen_max_sensitivity"] = design.chosen.max_sensitivity
-    return values | _latency_figures(setup, identified, design)
+    return values | _latency_figures(setup, identified, design) if design.blocks.judged else values
 
 
 def _latency_figures(setup: Setup, identified: Identification, design: Design) -> dict[str, ArrayLike]:

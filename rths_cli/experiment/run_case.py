@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from rths_cli.analysis.sim import Response
     from rths_cli.analysis.sim_delay import DelayedResponse
     from rths_cli.case.case_schema import Case
+    from rths_cli.control.part_designs import Exchange
     from rths_cli.quantities import Values
 
 BYTES_PER_SAMPLE = 600  # of a result file, for the check of free space
@@ -58,10 +59,11 @@ class Ended:
 
 
 def prepare_all(
-    cases: Sequence[Case], output: Path, overrides: tuple[str, ...] = (), shared: SharedValues | None = None
-) -> list[Setup]:
+    cases: Sequence[Case], output: Path, overrides: tuple[str, ...] = (), shared: SharedValues | None = None,
+    parts: Exchange | None = None,
+) -> list[Setup]:  # fmt: skip
     """Read and check all cases completely before the first one starts; raises InputError with all faults."""
-    setups = make_setups(cases, overrides, shared)
+    setups = make_setups(cases, overrides, shared, parts)
     try_folder(output, sum(_bytes(setup) for setup in setups))
     return setups
 

@@ -27,6 +27,7 @@ from rths_cli.quantities import Values
 
 if TYPE_CHECKING:
     from rths_cli.case.case_schema import Case
+    from rths_cli.control.part_designs import Exchange
     from rths_cli.loop.live_view import View
 
 KEPT, KEPT_BYTES = 8, 1 << 28  # largest number of shared values of each kind, and of bytes of all kinds
@@ -66,6 +67,7 @@ class Request:
     replace: bool  # whether existing result files may be replaced
     command_line: str  # as stored in the result files
     overrides: tuple[str, ...] = ()  # as given by --override
+    parts: Exchange | None = None  # of the step, made by the caller
     fresh: bool = False  # whether cached models of virtual rigs are ignored
     yes: bool = False  # whether a rig with `unattended: true` moves without a question
 
@@ -79,7 +81,7 @@ def plan(request: Request, memory: Memory, shared: SharedValues) -> list[Job]:
     for method in request.methods or ("",):
         cases = [case for case in request.cases if method in ("", case.method)]
         suffix = f"-{method}" if len(request.methods) > 1 else ""
-        setups = prepare_all(cases, request.output, request.overrides, shared)
+        setups = prepare_all(cases, request.output, request.overrides, shared, request.parts)
         jobs += [(setup, request.output / f"{setup.case.name}{suffix}{_when(setup)}.h5") for setup in setups]
     for setup, _ in jobs:
         if moves_table(setup.case):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,6 +24,7 @@ from rths_cli.structure import Building, build
 
 if TYPE_CHECKING:
     from rths_cli.case.case_schema import Case
+    from rths_cli.control.part_designs import Exchange
 
 RUNS = ("sim", "sim_delay", "shake_table", "exp_rths")
 Progress = Callable[[str], None]
@@ -40,6 +41,7 @@ class Setup:
     rig: RigInfo
     floor_masses_kg: Array  # (n_exp,) weighed masses
     overrides: tuple[str, ...] = ()  # as given by --override
+    parts: Exchange = field(default_factory=dict)  # of the step, made by the caller in place of the designed ones
 
     @property
     def removes_sensors(self) -> bool:
@@ -47,7 +49,9 @@ class Setup:
         return self.case.identification.sensor_dynamics == "removed"
 
 
-def make_setup(case: Case, overrides: tuple[str, ...] = (), shared: SharedValues | None = None) -> Setup:
+def make_setup(
+    case: Case, overrides: tuple[str, ...] = (), shared: SharedValues | None = None, parts: Exchange | None = None
+) -> Setup:
     """Read the record, and prepare the building and the rig's description; raises InputError.
 
     With `shared`, cases with the same record or building compute it once.
@@ -62,7 +66,7 @@ def make_setup(case: Case, overrides: tuple[str, ...] = (), shared: SharedValues
     )
     check_scheme(building.numerical, 1.0 / case.sample_rate_hz, case.integration)
     masses = np.asarray(case.structure.experimental.masses_kg, dtype=float)
-    return Setup(case, motion, record_sha256, building, rig_info(case), masses, overrides)
+    return Setup(case, motion, record_sha256, building, rig_info(case), masses, overrides, dict(parts or {}))
 
 
 def ground_motion(case: Case) -> tuple[GroundMotion, str]:
@@ -90,7 +94,10 @@ def building_key(case: Case) -> tuple[str, str]:
 
 
 def make_setups(
-    cases: Sequence[Case], overrides: tuple[str, ...] = (), shared: SharedValues | None = None
+    cases: Sequence[Case],
+    overrides: tuple[str, ...] = (),
+    shared: SharedValues | None = None,
+    parts: Exchange | None = None,
 ) -> list[Setup]:
     """Read and check all cases completely before the first one starts; raises InputError with all faults.
 
@@ -100,7 +107,7 @@ def make_setups(
     setups, faults = [], []
     for case in cases:
         try:
-            setups.append(make_setup(case, overrides, shared))
+            setups.append(make_setup(case, overrides, shared, parts))
         except InputError as error:
             faults += [f"{case.path}: {fault}" if str(case.path) not in fault else fault for fault in error.faults]
     if faults:

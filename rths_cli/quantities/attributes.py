@@ -56,7 +56,9 @@ OF_FILE = (
     AttributeDeclaration("model_sha256", "text", "SHA-256 of the table model's numbers"),
     AttributeDeclaration("check_verdict", "text", "of the check before the run: safe, unsafe or unstable"),
     AttributeDeclaration("overrides", "text", "what was overridden: check, model"),
-    AttributeDeclaration("own_parts", "text", "places of the step whose parts the caller of the Python interface made"),
+    AttributeDeclaration(
+        "own_parts", "text", "places of the step whose parts the caller of the Python interface made", present=SINCE_0_2
+    ),
     AttributeDeclaration("warnings", "text", "what a user should read before trusting the result, one a line"),
     AttributeDeclaration("reference_title", "text", "title of the published figures"),
     AttributeDeclaration("reference_json", "text", "the published figures of this case by path, as JSON"),

@@ -42,7 +42,7 @@ class Inverse:
 
 
 def in_numpy(designed: Block) -> PythonFeedforward:
-    return PythonFeedforward("inverse in numpy", Inverse(designed))
+    return PythonFeedforward("inverse in numpy", lambda: Inverse(designed))
 
 
 def test_a_part_of_ones_own_runs_in_place_of_the_designed_one(settings: dict[str, object]) -> None:

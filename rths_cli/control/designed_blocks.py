@@ -5,11 +5,13 @@ from __future__ import annotations
 
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from rths_cli.control.interface import Interface
 from rths_cli.control.part_designs import Logged, PartDesign
+from rths_cli.control.python_parts import PythonPart
 from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Block
 from rths_cli.structure import Specimen
@@ -78,18 +80,27 @@ class Blocks:
         """Return whether all parts are linear at all times."""
         return self.numerical.linear and self.feedforward.linear and self.feedback.linear
 
+    @property
+    def in_python(self) -> tuple[PythonPart[Any], ...]:
+        """Return the designs of the parts that are Python objects."""
+        return tuple(one for one in (self.numerical, self.feedforward, self.feedback) if isinstance(one, PythonPart))
+
     def fault(self) -> str:
         """Return what a part that is a Python object raised in the last run, "" if none did."""
-        for design in (self.numerical, self.feedforward, self.feedback):
-            raised = getattr(design, "fault", None)
-            if raised is not None:
-                return f"{design.name} failed: {type(raised).__name__}: {raised}"
-        return ""
+        faults = [(one.name, one.fault) for one in self.in_python if one.fault is not None]
+        return f"{faults[0][0]} failed: {type(faults[0][1]).__name__}: {faults[0][1]}" if faults else ""
+
+    def raise_interruption(self) -> None:
+        """Raise what came while a Python object was called and is no fault of it, such as KeyboardInterrupt."""
+        for one in self.in_python:
+            if one.fault is not None and not isinstance(one.fault, Exception):
+                raise one.fault
 
     @property
     def logs(self) -> tuple[Logged, ...]:
         """Return what the parts log, in the order of the log."""
-        return (*self.numerical.logs, *self.feedforward.logs, *self.feedback.logs)
+        ahead = (one._replace(ahead=True) for one in self.numerical.logs)
+        return (*ahead, *self.feedforward.logs, *self.feedback.logs)
 
     def base_shear(self) -> Block:
         """Return the base shear at k + n_p as a block without memory: estimates, desired and measured accelerations."""

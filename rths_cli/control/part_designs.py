@@ -18,7 +18,7 @@ class Logged(NamedTuple):
 
     name: str
     units: str
-    text: str = ""
+    ahead: bool = False  # whether it belongs to k + n_p, as the desired motion does; the step sets it
 
 
 @runtime_checkable

@@ -6,6 +6,7 @@ rehearsal before the test measures it, and a rate that cannot be kept is refused
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Generic, Protocol, TypeVar
 
@@ -43,20 +44,24 @@ Model = TypeVar("Model")
 
 @dataclass(frozen=True)
 class PythonPart(Generic[Model]):
-    """The design of a part that is a Python object, `model`.
+    """The design of a part that is a Python object, which `make` makes anew for each run: its state is not in the step.
 
     `judged`: its linear block at the start, by which it is checked; None: it cannot be judged. `callbacks`: those of
-    the step that was assembled from it last.
+    each step that was assembled from it; compiled code knows their addresses, so they live as long as the design.
     """
 
     name: str
-    model: Model
+    make: Callable[[], Model]
     judged: Block | None = None
     logs: tuple[Logged, ...] = ()
     affine: bool = True
-    linear: bool = False
     multiplications: int = 0
-    callbacks: list[Callback] = field(default_factory=list, compare=False)
+    callbacks: list[tuple[Callback, ...]] = field(default_factory=list, compare=False)
+
+    @property
+    def linear(self) -> bool:
+        """Return False: what it will give cannot be foreseen from the state of the step."""
+        return False
 
     def linearised(self, at: Array | None = None) -> Block:
         """Return the stated linear block; raises InputError where there is none."""
@@ -67,7 +72,8 @@ class PythonPart(Generic[Model]):
     @property
     def fault(self) -> BaseException | None:
         """Return what the object raised in the last run, None if it raised nothing."""
-        return next((one.fault for one in self.callbacks if one.fault is not None), None)
+        last = self.callbacks[-1] if self.callbacks else ()
+        return next((one.fault for one in last if one.fault is not None), None)
 
 
 class PythonSubstructure(PythonPart[Substructure]):

@@ -25,6 +25,11 @@ def of_case(setup: Setup, identified: Identification | None, design: Design | No
     `identified` None: no table run, hence no identification; `design` None: no blocks.
     """
     found = [*setup.building.notes, *_coupled_sensors(setup)]
+    if "numerical" in setup.parts:
+        found.append(
+            "the numerical substructure is the caller's own: computed storeys, SIM and errors in the file are those of "
+            "the case's building, only the interface is as it ran"
+        )
     if identified is not None:
         found += [*identified.warnings, *identified.reasons, *differences(setup, identified)]
     if design is not None:

@@ -75,8 +75,15 @@ def rehearsed(setup: Setup, blocks: Blocks, source: int) -> None:
     Both the start of the steps and the end of their computation must be punctual, within a fraction of an interval.
     """
     info = setup.rig
+    if blocks.in_python and info.watchdog_s <= 0.0:
+        raise InputError(
+            f"parts: {blocks.in_python[0].name} is a Python object, which may hang, and rig {info.name} has no "
+            "watchdog (watchdog_s: 0) that would lead its table to rest then; use a rig with one, or a compiled part"
+        )
     run = prepare(info, blocks, source, np.zeros((round(REHEARSAL_S / info.dt_s), 3)), guard_limits(setup))
     late_s, took_s = rehearse_watched(run, REHEARSAL_S)
+    if blocks.fault():
+        raise InputError(f"parts: in the rehearsal, {blocks.fault()}")
     for what, after_s, share in (("began", late_s, wake_share(info)), ("were ready", late_s + took_s, P99_SHARE)):
         found = summary(1.0 / info.dt_s, np.round(1e9 * after_s).astype(np.int64), share)
         if not found.held:

@@ -86,9 +86,16 @@ def on_record_clock(outcome: Outcome, lead_samples: int, dt_s: float, samples: i
         true_disp_m=log.true_displacement_m[table],
         compute_s=log.compute_ns[table] * 1e-9,
         live=_live(log, table),
-        logged=log.logged[:, table],
+        logged=_logged(outcome, count, table),
         logs=outcome.logs,
     )
+
+
+def _logged(outcome: Outcome, count: int, table: slice) -> Array:
+    """Return what the parts log on the record's clock: those of the numerical substructure belong to the hybrid one."""
+    rows = zip(outcome.log.logged, outcome.logs, strict=True)
+    found = [row[:count] if one.ahead else row[table] for row, one in rows]
+    return np.array(found).reshape(len(found), count)
 
 
 def _live(log: Signals, table: slice) -> dict[str, Array]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from rths_cli.control.interface import Interface
 from rths_cli.control.python_parts import PythonFeedforward, PythonPart, PythonSubstructure
+from rths_cli.errors import InputError
 from rths_cli.loop.parts import Room
 from rths_cli.numerics.callbacks import Callback, call
 from rths_cli.numerics.compiled import part, part_class
@@ -82,33 +83,37 @@ class PythonCommand(NamedTuple):
 
 
 def python_storey(design: PythonSubstructure, interface: Interface, room: Room) -> PythonStorey:
-    """Return the part that calls a Python model; it starts where the model is."""
-    count, model = len(interface.channels), design.model
+    """Return the part that calls a new Python model; raises InputError if its `direct` is not (i, i) finite numbers."""
+    count, model = len(interface.channels), design.make()
     ground, force, accel, made = np.zeros(3), np.zeros(count), np.zeros(count), np.zeros(3 * count)
     logged = np.zeros(len(design.logs))
+    direct = np.array(model.direct, dtype=float)
+    if direct.shape != (count, count) or not np.isfinite(direct).all():
+        raise InputError(f"{design.name}: direct must be finite and of shape {(count, count)}, it is {model.direct!r}")
 
     def free() -> None:
-        accel[:] = model.free(ground)
+        accel[:] = given("free", model.free(ground), (count,))
 
     def advance() -> None:
-        made[:] = np.asarray(model.advance(ground, force), dtype=float).reshape(-1)
-        logged[:] = getattr(model, "logged", ())
+        made[:] = given("advance", model.advance(ground, force), (3, count)).reshape(-1)
+        if design.logs:
+            logged[:] = given("logged", getattr(model, "logged", ()), logged.shape)
 
     calls_free, calls_advance = addresses_of(design, free, advance)
-    direct = np.array(model.direct, dtype=float)
     return PythonStorey(calls_free, calls_advance, ground, force, accel, made, direct, logged)
 
 
 def python_command(design: PythonFeedforward, interface: Interface, room: Room) -> PythonCommand:
     """Return the part that calls a Python compensator."""
-    model, count = design.model, len(interface.channels)
+    model, count = design.make(), len(interface.channels)
     motion, made, logged = np.zeros((3, count)), np.zeros(interface.actuators), np.zeros(len(design.logs))
     corrected = np.zeros(interface.force.samples.shape[1])
     sent = np.zeros((design.remembers, interface.actuators))
 
     def command() -> None:
-        made[:] = model.command(motion, corrected, sent)
-        logged[:] = getattr(model, "logged", ())
+        made[:] = given("command", model.command(motion, corrected, sent), made.shape)
+        if design.logs:
+            logged[:] = given("logged", getattr(model, "logged", ()), logged.shape)
 
     (calls,) = addresses_of(design, command)
     return PythonCommand(calls, motion, corrected, sent, made, logged)
@@ -116,6 +121,16 @@ def python_command(design: PythonFeedforward, interface: Interface, room: Room) 
 
 def addresses_of(design: PythonPart[Any], *functions: Callable[[], None]) -> list[int]:
     """Return the addresses of functions for compiled code; the design keeps them alive and knows their faults."""
-    made = [Callback(function) for function in functions]
-    design.callbacks[:] = made
+    made = tuple(Callback(function) for function in functions)
+    design.callbacks.append(made)
     return [one.address for one in made]
+
+
+def given(what: str, value: object, shape: tuple[int, ...]) -> Array:
+    """Return what a Python object gave; raises ValueError unless it is finite numbers of a shape."""
+    found = np.asarray(value, dtype=float)
+    if found.shape != shape:
+        raise ValueError(f"{what} gave an array of shape {found.shape}, {shape} is needed")
+    if not np.isfinite(found).all():
+        raise ValueError(f"{what} gave a number that is not finite")
+    return found

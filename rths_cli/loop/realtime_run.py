@@ -339,7 +339,7 @@ def _outcome(run: Performance, fault: str) -> Outcome:
     reason, order_given = int(run.guard.flags[1]), int(run.course.orders[0])
     record = slice(ramp, ramp + record_steps)
     cause = cause_of(run.info, run.blocks, run.limits, run.guard, everything)
-    told = reason_of(run.info, run.limits, run.guard, run.step.source, cause)
+    told = reason_of(run.info, run.limits, run.guard, run.step.source, cause, run.blocks.fault())
     if reason == END and order_given:
         reason = OPERATOR + order_given - 1
         told = REASONS[reason]

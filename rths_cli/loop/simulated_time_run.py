@@ -122,11 +122,12 @@ def play(
     finally:
         rig.rest()
         rig.close()
+    blocks.raise_interruption()
     named = signals(log, channels, state.estimated.size, state.logged)
     reason = int(guard_state.flags[1])
     stopped_at_s = float(guard_state.flags[3] * info.dt_s)
     cause = cause_of(info, blocks, limits, guard_state, named)
-    told = blocks.fault() or reason_of(info, limits, guard_state, source, cause)
+    told = reason_of(info, limits, guard_state, source, cause, blocks.fault())
     record, record_steps = slice(0, len(drive)), min(steps, len(drive))
     seen = _whole(part_of(named, slice(0, steps)), course, still, info.dt_s) if still.before else None
     played = bool(guard_state.flags[3] >= len(drive))

@@ -28,6 +28,7 @@ from rths_cli.numerics.lti import Array, Block
 
 EXCITATION, RECORD, NUMERICAL = 0, 1, 2
 ACCELERATION = COMMANDED["acceleration"]
+USUAL = 4096  # numbers that a step remembers at most, as a rule
 
 Make = Callable[[Any, Interface, Room], Any]
 NUMERICAL_PARTS: dict[type, Make] = {Block: modal, PythonSubstructure: python_storey}
@@ -84,18 +85,30 @@ class Step(NamedTuple):
 
 
 def assemble(blocks: Blocks, source: int) -> Step:
-    """Return a step at rest for one run of the given source, all of its states in one flat array."""
-    measured = Room()
-    _assembled(blocks, source, measured)
-    return _assembled(blocks, source, Room(measured.taken))
+    """Return a step at rest for one run of the given source, all of its states in one flat array.
+
+    Raises InputError for a design from which no part can be made.
+    """
+    interface, room = blocks.interface, Room(USUAL)
+    if len(interface.channels) != 1 or interface.actuators != 1 or interface.commanded != "acceleration":
+        raise InputError(
+            f"interface: {len(interface.channels)} degrees of freedom, {interface.actuators} commands of "
+            f"{interface.commanded}; guard and log are made for one acceleration and one command so far"
+        )
+    step = _assembled(blocks, source, room)
+    return step if room.taken <= room.all.size else _assembled(blocks, source, Room(room.taken))
 
 
 def _part(known: dict[type, Make], design: PartDesign, interface: Interface, room: Room) -> Any:
     """Return the part of a design at rest; raises InputError for one that cannot be in a step."""
     if not design.affine:
         raise InputError(f"{design.name}: its outputs are not affine in the inputs of the same instant; hold the input")
-    make = known.get(type(design)) or type(design).compiled_part  # type: ignore[attr-defined]
-    return make(design, interface, room)
+    makers: list[Any] = [known[one] for one in type(design).__mro__ if one in known]
+    makers.append(getattr(type(design), "compiled_part", None))
+    if makers[0] is None:
+        kinds, kind = " or ".join(one.__name__ for one in known), type(design).__name__
+        raise InputError(f"{design.name}: a {kind} cannot stand in this place of the step; use a {kinds}")
+    return makers[0](design, interface, room)
 
 
 def _assembled(blocks: Blocks, source: int, room: Room) -> Step:
@@ -111,16 +124,17 @@ def _assembled(blocks: Blocks, source: int, room: Room) -> Step:
     recent_commanded = recent if commanded == ACCELERATION else room.take(lead + 1, count)
     samples, sent = room.take(channels), room.take(max(blocks.latency_samples, 1) + 1, commands)
     deciding = room.taken
+    open_loop, carried = twice(blocks.open_loop, room), room.take(commands)
     return Step(
         source=source,
-        state=room.all,
+        state=room.all[: room.taken],
         deciding=deciding,
         correction=correction,
         observer=observer,
         numerical=numerical,
         feedforward=feedforward,
         feedback=feedback,
-        open_loop=twice(blocks.open_loop, room),
+        open_loop=open_loop,
         force_recent=np.ascontiguousarray(force.recent, dtype=float),
         force_returned=np.ascontiguousarray(np.linalg.solve(coupled.T, force.desired.T).T),
         commanded=commanded,
@@ -141,7 +155,7 @@ def _assembled(blocks: Blocks, source: int, room: Room) -> Step:
         back_limits=np.zeros((2, commands)),
         command_limit_v=np.full(commands, float(blocks.command_limit_v)),
         feedback_limit_v=np.full(commands, float(blocks.feedback_limit_v)),
-        carried=room.take(commands),
+        carried=carried,
         bit_v=size,
         bits_per_v=1.0 / size if size > 0.0 else 0.0,
         ripple_m_s2_per_v=float(blocks.ripple_m_s2_per_v),

@@ -37,15 +37,20 @@ ADVICE = {
 }
 
 
-def reason_of(info: RigInfo, limits: GuardLimits, state: GuardState, source: int, cause: Cause | None = None) -> str:
+def reason_of(
+    info: RigInfo, limits: GuardLimits, state: GuardState, source: int, cause: Cause | None = None, fault: str = ""
+) -> str:
     """Return the guard's reason in words, "" if the guard did not stop the test before the end of the record.
 
     `source` is that of the step; for an excitation no advice on too large motions is given, because its plan gives it.
-    `cause`: the cause found in the signals, which is named first.
+    `cause`: the cause found in the signals, which is named first. `fault`: what a part of the step raised, after which
+    its outputs are no numbers.
     """
     reason, channel = int(state.flags[1]), int(state.flags[2])
     if reason in (g.NONE, g.END):
         return ""
+    if fault and reason == g.NOT_A_NUMBER:
+        return fault
     named = f"channel {info.channels[channel].name}" if channel != g.NO_CHANNEL else ""
     facts = ", ".join(filter(None, (named, _seen(reason, float(state.seen[0])), _limit(info, limits, reason, channel))))
     advice = cause.advice if cause else _advice(reason, channel, source)

@@ -65,26 +65,29 @@ class Entry:
     def __init__(self, function: Callable[..., Any]) -> None:
         self.dispatcher: Any = _with_cache(function) or numba.njit(**ENTRY)(function)
         self.name = f"{function.__module__}.{function.__qualname__}"
-        self._ready: set[object] = set()
+        self._ready: dict[object, Any] = {}  # dispatchers by kinds of arguments
+        self._not_kept: Any = None  # dispatcher of code that may not be kept
 
     def __call__(self, *arguments: object) -> Any:
         """Run the function; the first call with arguments of these types compiles it."""
-        self._prepare(arguments)
-        return self.dispatcher(*arguments)
+        return self._prepared(arguments)(*arguments)
 
     def bind(self, *arguments: object) -> Callable[[], Any]:
         """Compile the function and return it without arguments: it runs on these, the same arrays every time."""
-        self._prepare(arguments)
-        return partial(self.dispatcher, *arguments)
+        return partial(self._prepared(arguments), *arguments)
 
-    def _prepare(self, arguments: tuple[object, ...]) -> None:
+    def _prepared(self, arguments: tuple[object, ...]) -> Any:
         """Load or compile the code for arguments of these types: numba's dispatcher would not lock the cache."""
         kind = _kind(arguments)
         if kind not in self._ready:
-            self._compile(tuple(numba.typeof(argument) for argument in arguments))
-            self._ready.add(kind)
+            self._ready[kind] = self._compiled(tuple(numba.typeof(argument) for argument in arguments))
+        return self._ready[kind]
 
-    def _compile(self, signature: tuple[Any, ...]) -> None:
+    def _compiled(self, signature: tuple[Any, ...]) -> Any:
+        if any(map(_from_outside, signature)):
+            self._not_kept = self._not_kept or numba.njit(**ENTRY)(self.dispatcher.py_func)
+            self._not_kept.compile(signature)
+            return self._not_kept
         with _lock(cache_folder(), self.name):
             with suppress(OSError):  # of a cache that cannot be read or written
                 self.dispatcher.compile(signature)
@@ -94,6 +97,15 @@ class Entry:
             if signature in self.dispatcher.stats.cache_misses:
                 _note_calls(self)
                 _seal(cache_folder())
+        return self.dispatcher
+
+
+def _from_outside(kind: Any) -> bool:
+    """Tell whether a type holds a class whose source the folder's name does not know, such as a user's own part."""
+    made = getattr(kind, "instance_class", None)
+    if made is not None and not Path(inspect.getfile(made)).resolve().is_relative_to(PACKAGE):
+        return True
+    return isinstance(kind, types.BaseTuple) and any(map(_from_outside, kind))
 
 
 def _kind(value: object) -> object:

@@ -447,3 +447,42 @@ def test_a_numba_whose_arrays_are_described_in_another_way_runs_slower_and_says_
     with started(tmp_path / "file", code) as process:
         told = " ".join(finished(process))
     assert told.startswith("1 1000 numba ") and "makes __main__.larger call NRT_decref, NRT_incref: each step" in told
+
+
+OUTSIDE = """
+from typing import NamedTuple
+import numpy as np
+from rths_cli.numerics.compiled import part_class
+
+@part_class
+class Own(NamedTuple):
+    values: np.ndarray
+    def gained(self):
+        return GAIN * self.values[0]
+"""
+CALLER = """
+import numpy as np
+from outside import Own
+from rths_cli.numerics.compiled import borrowed, entry
+
+@entry
+def ask(own):
+    own = borrowed(own)
+    return own.gained()
+
+print(ask(Own(np.ones(3))))
+"""
+
+
+def test_an_edited_class_from_outside_is_never_met_by_old_code(tmp_path: Path) -> None:
+    """The folder's name knows our sources only, and numba looks at the caller's file only."""
+    (tmp_path / "caller.py").write_text(CALLER)
+    shown = []
+    for gain in (1.0, 2.0):
+        (tmp_path / "outside.py").write_text(f"GAIN = {gain}\n{OUTSIDE}")
+        done = subprocess.run(
+            [sys.executable, "-B", "caller.py"], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=True,
+            env={**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache"), "PYTHONPATH": str(PACKAGE.parent)},
+        )  # fmt: skip
+        shown.append(float(done.stdout))
+    assert shown == [1.0, 2.0]

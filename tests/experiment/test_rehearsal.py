@@ -2,32 +2,41 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from bench import rig_info
+from hybrid import best_like
 
+from rths_cli.control.designed_blocks import Blocks
+from rths_cli.control.python_parts import PythonFeedforward
 from rths_cli.errors import InputError
 from rths_cli.experiment import real_rig_readiness
 from rths_cli.loop.step_arrays import NUMERICAL
+from rths_cli.numerics.callbacks import Callback, call
+from rths_cli.numerics.compiled import entry
 from rths_cli.rigs.description import capabilities_of
 
 DT_S, STEPS = 1e-3, 2000
 
 
 def rehearsed(
-    monkeypatch: pytest.MonkeyPatch, late: dict[float, int], took_s: float, kind: str = "udp", overrun: str = "skip"
-) -> None:
+    monkeypatch: pytest.MonkeyPatch, late: dict[float, int], took_s: float, kind: str = "udp", overrun: str = "skip",
+    blocks: Blocks | None = None, watchdog_s: float = 0.1,
+) -> None:  # fmt: skip
     """Judge a rehearsal in which so many steps began so late, in s, all others in time."""
-    late_s = np.concatenate([np.full(count, value) for value, count in late.items()])
+    late_s = np.concatenate([np.zeros(0), *(np.full(count, value) for value, count in late.items())])
     late_s = np.concatenate([late_s, np.zeros(STEPS - late_s.size)])
     monkeypatch.setattr(real_rig_readiness, "prepare", lambda *given: None)
     monkeypatch.setattr(real_rig_readiness, "guard_limits", lambda setup: None)
     monkeypatch.setattr(real_rig_readiness, "rehearse_watched", lambda run, seconds: (late_s, np.full(STEPS, took_s)))
-    setup: Any = SimpleNamespace(rig=SimpleNamespace(dt_s=DT_S, kind=kind, can=capabilities_of(kind), overrun=overrun))
-    blocks: Any = None
-    real_rig_readiness.rehearsed(setup, blocks, NUMERICAL)
+    info = SimpleNamespace(dt_s=DT_S, kind=kind, can=capabilities_of(kind), overrun=overrun, watchdog_s=watchdog_s)
+    info.name = "a rig"
+    setup: Any = SimpleNamespace(rig=info)
+    real_rig_readiness.rehearsed(setup, blocks or best_like(rig_info()), NUMERICAL)
 
 
 def test_a_rate_is_held_at_the_edges_of_the_rule(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -66,3 +75,26 @@ def test_a_rate_that_was_not_held_is_refused_in_a_sentence(
     sentence = str(refused.value)
     assert sentence.startswith("sample_rate_hz: 1000 Hz was not held in a silent rehearsal of 2 s: ")
     assert words in sentence and "rths doctor recommends one" in sentence
+
+
+def test_a_part_in_python_needs_a_watchdog_and_must_not_fail(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An object that hangs is ended by the target alone."""
+
+    def fails() -> None:
+        raise ValueError("no licence")
+
+    part: PythonFeedforward = PythonFeedforward("a model", fails)  # type: ignore[arg-type]
+    blocks = replace(best_like(rig_info()), feedforward=part)
+    rehearsed(monkeypatch, {}, 20e-6, blocks=blocks)
+    with pytest.raises(InputError, match="a model is a Python object, which may hang, and rig a rig has no watchdog"):
+        rehearsed(monkeypatch, {}, 20e-6, blocks=blocks, watchdog_s=0.0)
+    failed = Callback(fails)
+    call_once(failed.address)
+    part.callbacks.append((failed,))
+    with pytest.raises(InputError, match="in the rehearsal, a model failed: ValueError: no licence"):
+        rehearsed(monkeypatch, {}, 20e-6, blocks=blocks)
+
+
+@entry
+def call_once(address: int) -> int:
+    return call(address)

@@ -23,6 +23,7 @@ import numpy as np
 import pytest
 
 import rths_cli
+from rths_cli import InputError
 from rths_cli.case import load as case_files
 from rths_cli.files import result_reader
 
@@ -31,6 +32,7 @@ CASE = "el_centro_low_ff_fb"
 OCTAVE = shutil.which("octave-cli") or shutil.which("octave")
 HEAVY = ("numpy", "scipy", "numba", "pydantic", "h5py", "matplotlib", "click", "yaml", "rich", "rths_cli.api")
 RUNS = ("sim", "exp_rths")
+NOTEBOOK = "_repr_html_"  # what notebooks call
 HAS_FIGURES = importlib.util.find_spec("rths_cli.report.figures") is not None
 
 
@@ -195,7 +197,7 @@ def test_what_is_not_there_is_told_and_is_no_attribute(result: rths_cli.RunResul
     with pytest.raises(rths_cli.InputError, match="there is no command in exp_rths; it holds "):
         result.exp_rths["command"]
     assert not hasattr(result, "exp") and not hasattr(result.exp_rths, "command") and "exp" not in result
-    assert not hasattr(result, "_repr_html_") and repr(result).startswith(f"<{CASE}.h5: complete; case")
+    assert not hasattr(result, "_repr_png_") and repr(result).startswith(f"<{CASE}.h5: complete; case")
 
 
 def test_a_result_can_be_copied_and_sent_to_another_process(result: rths_cli.RunResult) -> None:
@@ -357,3 +359,64 @@ def test_sigterm_ends_a_run_and_handlers_are_as_before(swallowed: bool) -> None:
 
 def test_the_package_says_that_it_is_typed() -> None:
     assert (Path(rths_cli.__file__).parent / "py.typed").is_file()
+
+
+def test_a_figure_that_is_not_there_names_those_like_it(result: rths_cli.RunResult) -> None:
+    with pytest.raises(KeyError, match=r"exp_rths\.rms_eror_m_s2.* did you mean exp_rths\.rms_error_m_s2"):
+        result.metrics["exp_rths.rms_eror_m_s2"]
+    with pytest.raises(KeyError, match="names all"):
+        result.metrics["zzz"]
+    assert result.metrics.get("zzz") is None and "zzz" not in result.metrics
+
+
+def test_the_response_is_that_of_the_series(result: rths_cli.RunResult) -> None:
+    found, masses = result.response, np.array([6.93, 6.91, 6.95])
+    assert found.run == "exp_rths" and repr(found).startswith("<response of 3 storeys in exp_rths, ")
+    disp, accel = result.exp_rths.rel_disp_m, result.exp_rths.abs_accel_m_s2
+    for i in range(3):
+        np.testing.assert_allclose(found.inter_storey_drift_m[i], disp[i] - (disp[i - 1] if i else 0.0), atol=1e-15)
+        shear = -sum(masses[j] * accel[j] for j in range(i, 3))
+        np.testing.assert_allclose(found.storey_shear_n[i], shear, rtol=0.0, atol=1e-12 * np.abs(shear).max())
+    assert np.abs(found.storey_shear_n[0]).max() == pytest.approx(result.metrics["exp_rths.peak_building_base_shear_n"])
+    assert result.response_in("sim").run == "sim"
+    with pytest.raises(InputError, match="sim_delay"):
+        result.response_in("sim_delay")
+
+
+def test_series_become_tables_of_other_libraries(result: rths_cli.RunResult, monkeypatch: pytest.MonkeyPatch) -> None:
+    """xarray brings pandas; without them one sentence says what to install."""
+    held = result.to_xarray("sim")
+    assert held["abs_accel_m_s2"].dims == ("storey", "time_s") and held["abs_accel_m_s2"].attrs["units"] == "m/s^2"
+    np.testing.assert_array_equal(held["abs_accel_m_s2"].values, result.sim.abs_accel_m_s2)
+    np.testing.assert_array_equal(held["time_s"].values, result.sim.time_s)
+    frame = result.to_dataframe("exp_rths")
+    np.testing.assert_array_equal(frame["abs_accel_m_s2_3"], result.exp_rths.abs_accel_m_s2[2])
+    np.testing.assert_array_equal(frame["floor_accel_measured_m_s2_2"], result.exp_rths.floor_accel_measured_m_s2[0])
+    np.testing.assert_array_equal(frame.index, result.exp_rths.time_s)
+    monkeypatch.setitem(sys.modules, "xarray", None)
+    with pytest.raises(InputError, match="xarray is not installed; pip install xarray"):
+        result.to_xarray("sim")
+
+
+def test_what_a_notebook_shows_is_short(place: Path, result: rths_cli.RunResult) -> None:
+    checked = rths_cli.check(CASE, settings={"record.file": place / "short.csv"})
+    assert len(repr(checked)) < 100 and repr(checked).startswith("<check: safe; ")
+    shown, of_check = (getattr(one, NOTEBOOK)() for one in (result, checked))
+    assert shown.startswith("<pre>") and "GOOD" in shown and "safe" in of_check and len(repr(result)) < 200
+
+
+def test_a_case_may_be_a_mapping(place: Path) -> None:
+    keys = {
+        "structure": "three_storey", "damping": "low", "record": {"file": place / "short.csv"}, "scaling": 0.3,
+        "controller": "FF", "runs": ["sim"],
+    }  # fmt: skip
+    found = rths_cli.run(keys)
+    by_file = rths_cli.run(CASE, settings={"record.file": place / "short.csv", "runs": ["sim"]})
+    assert found.path.name == "case.h5" and "{...}" in str(found.attributes["command_line"])
+    np.testing.assert_array_equal(found.sim.abs_accel_m_s2, by_file.sim.abs_accel_m_s2)
+    assert rths_cli.run({**keys, "name": "mine"}).path.name == "mine.h5"
+    assert rths_cli.check({**keys, "runs": ["exp-rths"]}).verdict == "safe"
+    with pytest.raises(InputError, match=r"case:\d+:\d+: controler: unknown key; did you mean controller"):
+        rths_cli.run({**keys, "controler": "FF"})
+    with pytest.raises(InputError, match="holds a value that a case file cannot"):
+        rths_cli.run({**keys, "scaling": object()})

@@ -20,7 +20,7 @@ from pydantic import BaseModel
 from rths_cli.case.case_schema import CaseKeys
 from rths_cli.case.rig_schema import KINDS, PluginRigSpec
 from rths_cli.cli import cli
-from rths_cli.loop.run_log import column_names, column_units
+from rths_cli.loop.run_log import Sizes, column_names, column_units
 from rths_cli.quantities import ATTRIBUTES, AXES, BLOCKS
 from rths_cli.quantities.attributes import OF_BLOCK, OF_FILE, OF_RUN
 from rths_cli.quantities.datasets import BEST, STORED, declared_datasets
@@ -207,5 +207,5 @@ def test_every_column_of_a_raw_log_is_told_once() -> None:
     told = rows(sections(FOLDER / "raw_log.md")["Columns"])
     assert [cells[0].strip("`").removesuffix("_I") for cells in told] == list(RAW_LOG_COLUMNS)
     assert [cells[1:] for cells in told] == [[one.units, one.source, one.text] for one in RAW_LOG_COLUMNS.values()]
-    written = {name if name in RAW_LOG_COLUMNS else name.rpartition("_")[0] for name in column_names(3, 7, 1)}
-    assert written == set(RAW_LOG_COLUMNS) and len(column_units(column_names(3, 7, 1))) == 24
+    written = {name if name in RAW_LOG_COLUMNS else name.rpartition("_")[0] for name in column_names(Sizes(3, 7, 1))}
+    assert written == set(RAW_LOG_COLUMNS) and len(column_units(column_names(Sizes(3, 7, 1)))) == 24

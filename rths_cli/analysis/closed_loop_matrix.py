@@ -10,7 +10,9 @@ from rths_cli.control.designed_blocks import Blocks
 from rths_cli.numerics.lti import Array, Block, ComplexArray
 
 FORGOTTEN = 0.1  # a smaller eigenvalue decays within a few samples: it is no motion of table or building
-SLOW_HZ, LEFT = 0.3, 1e-4  # highest frequency of a slow motion; fraction of it that must be left to count
+# Highest frequency of a motion that may outlast the padding after a record, whose length sets it and no band; fraction
+# of the motion that must be left to count
+SLOW_HZ, LEFT = 0.3, 1e-4
 
 
 class _Rows:

@@ -22,15 +22,18 @@ from rths_cli.analysis.fourier_lines import Lines
 from rths_cli.analysis.metrics import rms
 from rths_cli.analysis.predicted_error import Errors, Known, samples_of_push
 from rths_cli.identification.results import Friction
+from rths_cli.numerics.bands import with_test_band
 from rths_cli.numerics.lti import Array, ComplexArray
 
 Booleans = NDArray[np.bool_]
 
 BLOCKS = 10  # parts of a record that are omitted one at a time to find uncertainties
-MARGIN_S = 0.05  # end of the record at which a series of low lines is affected by the break-off
-FADE_S = 0.5  # time before that margin in which the weight of the record falls to zero
-NEAR_S = 0.05  # time on both sides of a gap in which commands may differ from those of the blocks
-JOINED_S = 0.02  # time on both sides of a gap over which samples are averaged to join it
+# times in periods of the highest line, because a series of low lines resolves no less
+MARGIN_PERIODS = 2.0  # end of the record at which such a series is affected by the break-off
+FADE_PERIODS = 20.0  # before that margin, in which the weight of the record falls to zero
+NEAR_PERIODS = 2.0  # on both sides of a gap, in which commands may differ from those of the blocks
+CUT_PERIODS = 20.0  # end of the record that is excluded from the errors, because the series break off there
+JOINED_S = 0.02  # time on both sides of a gap over which samples are averaged to join it: the sensors' noise sets it
 
 
 def mended(samples: Array, predicted: Array, lost: Booleans, width: int = 1) -> Array:
@@ -56,11 +59,15 @@ def at_full_rate(lines: Lines, rows: ComplexArray) -> Array:
 def inside(lines: Lines) -> Array:
     """Return weights (n,) at the reduced rate: one, with a linear slope to zero before the record's end."""
     time_s = np.arange(lines.series(np.zeros(lines.count, dtype=complex)).size) * lines.reduced_dt_s
-    return np.clip((lines.samples * lines.dt_s - MARGIN_S - time_s) / FADE_S, 0.0, 1.0)
+    return np.clip(
+        (lines.samples * lines.dt_s - MARGIN_PERIODS / lines.highest_hz - time_s) / (FADE_PERIODS / lines.highest_hz),
+        0.0,
+        1.0,
+    )
 
 
 def bursts(lines: Lines, row: ComplexArray, lost: Booleans) -> ComplexArray:
-    """Return the lines (m,) of the part of a series that occurs within NEAR_S of `lost` steps (n,).
+    """Return the lines (m,) of the part of a series that occurs within NEAR_PERIODS of `lost` steps (n,).
 
     `row` (m,) are the lines of the series. The part is its difference to a straight line between the ends of each such
     stretch.
@@ -72,7 +79,7 @@ def bursts(lines: Lines, row: ComplexArray, lost: Booleans) -> ComplexArray:
     distance = np.minimum(
         np.abs(at_s - gaps_s[np.minimum(after, gaps_s.size - 1)]), np.abs(at_s - gaps_s[np.maximum(after - 1, 0)])
     )
-    calm = mended(series, np.zeros_like(series), distance < NEAR_S)
+    calm = mended(series, np.zeros_like(series), distance < NEAR_PERIODS / lines.highest_hz)
     return _lines(lines, (series - calm)[0])
 
 
@@ -107,8 +114,7 @@ def _lines(lines: Lines, series: Array) -> ComplexArray:
 CAUSES = ("declared", "coupling", "latency", "model", "friction", "specimen", "rounding", "rest")
 DRIFT = "drift"  # a cause only if drift or jumps were removed from the sensors' samples
 LOST = "lost"  # a cause only if steps are without samples
-FITTED_HZ = (0.5, 15.0)  # band in which friction, gain and delay are fitted to the disturbance
-CUT_S = 0.5  # end of the record that is excluded, because the series break off there
+FITTED_HZ = (0.5, 15.0)  # of the usual test band: where friction, gain and delay are fitted to the disturbance
 ASSUMED_SCALE = 0.01  # v_s over the rms velocity if friction was not identified
 
 
@@ -218,7 +224,7 @@ def _errors(known: Known, storeys: ComplexArray, tracking: ComplexArray) -> Erro
 
 
 def _rms(known: Known, lines: ComplexArray) -> Array:
-    return rms(known.lines.evaluated(lines, CUT_S))
+    return rms(known.lines.evaluated(lines, CUT_PERIODS / known.lines.highest_hz))
 
 
 def _wanted(known: Known, desired: ComplexArray, table: ComplexArray) -> ComplexArray:
@@ -293,13 +299,14 @@ def _told(
 
 def _inside(known: Known) -> NDArray[np.bool_]:
     f = known.lines.frequency_hz
-    return (f >= FITTED_HZ[0]) & (f <= FITTED_HZ[1])
+    low, high = (with_test_band(hz, known.lines.test_band_hz) for hz in FITTED_HZ)
+    return (f >= low) & (f <= high)
 
 
 def fitted_factors(
     known: Known, disturbed: ComplexArray, rows: tuple[ComplexArray, ...], weight: Array
 ) -> tuple[float, ...]:
-    """Return the real factors of rows (m,) that explain most of a disturbance (m,) between FITTED_HZ, weighted."""
+    """Return the real factors of rows (m,) that explain most of a disturbance (m,) in the band of the fit, weighted."""
     inside = _inside(known)
     scaled = [(weight * row)[inside] for row in (*rows, disturbed)]
     *parts, wanted = (np.concatenate([row.real, row.imag]) for row in scaled)

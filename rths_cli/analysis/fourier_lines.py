@@ -7,26 +7,33 @@ from functools import lru_cache
 
 import numpy as np
 
-from rths_cli.analysis.metrics import BAND_HZ, BAND_ORDER, SLOW_ORDER, high_passed, low_lines
+from rths_cli.analysis.metrics import BAND_ORDER, SLOW_ORDER, high_passed, low_lines
+from rths_cli.numerics.bands import TEST_BAND_HZ, with_test_band
 from rths_cli.numerics.lti import Array, ComplexArray
 
-HIGHEST_HZ = 40.0  # the test band's filter leaves 3e-5 there
+HIGHEST_HZ = 40.0  # with a test band of 12 Hz, whose filter leaves 3e-5 there; of another band 10/3 as well
 _FALLING = np.array([[1, 1, 1, 1, 1, 1], [0, 1, 2, 3, 4, 5], [0, 0, 2, 6, 12, 20]], dtype=float)  # at 1: value, slope
 
 
 @dataclass(frozen=True)
 class Lines:
-    """Fourier lines from zero frequency to HIGHEST_HZ of time series."""
+    """Fourier lines of time series from zero frequency to the highest one that counts in the test band."""
 
     samples: int  # of the record
     padded: int  # samples with the padding in which vibrations decay
     dt_s: float
     high_pass_hz: float = 0.0  # errors are evaluated above this frequency
+    test_band_hz: float = TEST_BAND_HZ  # and below this one
+
+    @property
+    def highest_hz(self) -> float:
+        """Return the end of the lines in Hz."""
+        return with_test_band(HIGHEST_HZ, self.test_band_hz)
 
     @property
     def count(self) -> int:
         """Return the number of lines, zero frequency included."""
-        return min(int(HIGHEST_HZ * self.padded * self.dt_s), self.padded // 2 - 1) + 1
+        return min(int(self.highest_hz * self.padded * self.dt_s), self.padded // 2 - 1) + 1
 
     @property
     def frequency_hz(self) -> Array:
@@ -111,15 +118,17 @@ def _fade(lines: Lines) -> ComplexArray:
 def _test_band(lines: Lines) -> Array:
     from scipy.signal import butter, sosfreqz
 
-    sections = butter(BAND_ORDER, BAND_HZ, fs=1.0 / lines.dt_s, output="sos")
+    sections = butter(BAND_ORDER, lines.test_band_hz, fs=1.0 / lines.dt_s, output="sos")
     band = np.asarray(np.abs(sosfreqz(sections, lines.frequency_hz, fs=1.0 / lines.dt_s)[1]) ** 2)
     band.flags.writeable = False
     return band
 
 
-def lines_for(samples: int, dt_s: float, ring_s: float, high_pass_hz: float = 0.0) -> Lines:
+def lines_for(
+    samples: int, dt_s: float, ring_s: float, high_pass_hz: float = 0.0, test_band_hz: float = TEST_BAND_HZ
+) -> Lines:
     """Return the lines for a record with padding of `ring_s`, at least one and at most three times its length."""
     from scipy.fft import next_fast_len
 
     rest = min(max(round(ring_s / dt_s), samples), 3 * samples)
-    return Lines(samples, int(next_fast_len(samples + rest, real=True)), dt_s, high_pass_hz)
+    return Lines(samples, int(next_fast_len(samples + rest, real=True)), dt_s, high_pass_hz, test_band_hz)

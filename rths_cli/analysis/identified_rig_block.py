@@ -17,11 +17,12 @@ from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.control.sensor_correction import correction
 from rths_cli.control.state_space import discretise, from_roots
+from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array, Block, Model, StateSpace, staircase
 from rths_cli.rigs.description import RigInfo
 from rths_cli.structure import Specimen
 
-RIPPLE_HZ = np.array([2.0, 5.0, 10.0])  # frequencies at which the hold's alias in the sampled model is determined
+RIPPLE_HZ = np.array([2.0, 5.0, 10.0])  # of the usual band: where the hold's alias in the sampled model is found
 
 
 @dataclass(frozen=True)
@@ -46,10 +47,13 @@ class IdentifiedRig:
         return change, self.ripple_sum_m_s2_per_v - blocks.ripple_sum_m_s2_per_v
 
 
-def identified_rig(model: Model, specimen: Specimen, info: RigInfo, removes_sensors: bool) -> IdentifiedRig:
+def identified_rig(
+    model: Model, specimen: Specimen, info: RigInfo, removes_sensors: bool, compared: ComparedBand = USUAL
+) -> IdentifiedRig:
     """Return the rig composed of a table model, a specimen and the declared sensors.
 
     `removes_sensors`: the step corrects the samples for the sensors' dynamics, and the model does not contain them.
+    `compared`: band in which the model was compared with its data.
     """
     corners = [c.low_pass_hz if removes_sensors else 0.0 for c in info.channels]
     scale = np.array([c.sensitivity_v_per_m_s2 for c in info.channels])
@@ -57,7 +61,7 @@ def identified_rig(model: Model, specimen: Specimen, info: RigInfo, removes_sens
     sampled = _held(chain, model, info.dt_s) if model.delay_s > 0.0 else _smooth(chain, info.dt_s)
     plant = replace(sampled, C=scale[:, None] * sampled.C, D=scale[:, None] * sampled.D)
     fixed = _correction(info, removes_sensors)
-    own, excess = _own_alias(plant, fixed, model) if model.delay_s > 0.0 else (0.0, 0.0)
+    own, excess = _own_alias(plant, fixed, model, compared) if model.delay_s > 0.0 else (0.0, 0.0)
     beyond = model.ripple_m_s2_per_v - own
     return IdentifiedRig(plant, fixed, beyond, model.latency_samples, model.ripple_sum_m_s2_per_v, excess)
 
@@ -136,15 +140,16 @@ def _correction(info: RigInfo, removes_sensors: bool) -> Block:
     return replace(block, A=block.A[np.ix_(kept, kept)], B=block.B[kept], C=block.C[:, kept])
 
 
-def _own_alias(plant: Block, fixed: Block, model: Model) -> tuple[float, float]:
+def _own_alias(plant: Block, fixed: Block, model: Model, compared: ComparedBand) -> tuple[float, float]:
     """Return the alias that the sampled model's own hold adds to a corrected table sample.
 
     The first number is in m/s^2 per V of command change (first order in frequency), the second is a fraction of the
     response (second order, like an acceleration).
     """
-    response = model.response(RIPPLE_HZ)
-    added = fixed.response(RIPPLE_HZ)[0, 0] * plant.response(RIPPLE_HZ)[0, 0] / response - 1.0
-    alias = staircase(RIPPLE_HZ, model.latency_samples, model.dt_s) / response
+    frequency = compared.with_high(1.0) * RIPPLE_HZ
+    response = model.response(frequency)
+    added = fixed.response(frequency)[0, 0] * plant.response(frequency)[0, 0] / response - 1.0
+    alias = staircase(frequency, model.latency_samples, model.dt_s) / response
     rows = np.stack([alias, np.ones_like(alias)], axis=-1)
     both = np.concatenate([rows.real, rows.imag]), np.concatenate([added.real, added.imag])
     own, excess = np.linalg.lstsq(*both, rcond=None)[0]

@@ -16,11 +16,12 @@ from rths_cli.analysis.fourier_lines import Lines
 from rths_cli.analysis.metrics import rms
 from rths_cli.analysis.quantisation import rounding_power
 from rths_cli.identification.results import Friction
+from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array, Block, ComplexArray, Frf, Model, hold_size
 from rths_cli.rigs.description import RigInfo
 
 CAUSES = ("coupling", "latency", "model", "friction", "rounding", "noise", "quantisation")
-SMOOTHED_HZ = 0.5  # width over which the ratio of measured response to model is averaged
+SMOOTHED_HZ = 0.5  # width, with the usual band, over which the ratio of measured response to model is averaged
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,7 @@ class Known:
     correction: Block  # the sensor correction of the step
     shaped: bool  # whether commands are rounded with noise shaping
     excess: float = 0.0  # as in IdentifiedRig
+    compared: ComparedBand = USUAL  # band in which the model was compared with its data
     peaks_m_s2: Array | None = None  # (c,) peaks of SIM's interface and floors at all frequencies; None: not known
     # (k,) rad/s: roots of motions of the loop that do not decay within the padding after the record
     slow_roots: ComplexArray = field(default_factory=lambda: np.zeros(0, dtype=complex))
@@ -99,11 +101,11 @@ def _model_error(known: Known, nominal: Motion) -> ComplexArray:
 
     The part of the difference that is alias (`excess`) is removed.
     """
-    ratio = data_ratio(known.model, known.measured, known.lines.frequency_hz) / (1.0 + known.excess)
+    ratio = data_ratio(known.model, known.measured, known.lines.frequency_hz, known.compared) / (1.0 + known.excess)
     return known.loop.rig * (ratio - 1.0) * nominal.command_v
 
 
-def data_ratio(model: Model, measured: Frf, frequency_hz: Array) -> ComplexArray:
+def data_ratio(model: Model, measured: Frf, frequency_hz: Array, compared: ComparedBand = USUAL) -> ComplexArray:
     """Return the measured response, minus the staircase's alias, over the model (m,), averaged over SMOOTHED_HZ.
 
     It is one outside the band of the data.
@@ -112,20 +114,20 @@ def data_ratio(model: Model, measured: Frf, frequency_hz: Array) -> ComplexArray
     ratio = (measured.response - model.alias(f)) / model.response(f)
     inside = _in_band(model, f)
     f, ratio = f[inside], ratio[inside]
-    kernel = _kernel(f)
+    kernel = _kernel(f, compared)
     mean = np.convolve(ratio, kernel, "same") / np.convolve(np.ones(len(f)), kernel, "same")
     found = np.interp(frequency_hz, f, mean.real) + 1j * np.interp(frequency_hz, f, mean.imag)
     return np.where((frequency_hz >= f[0]) & (frequency_hz <= f[-1]), found, 1.0)
 
 
-def ratio_error(model: Model, measured: Frf, frequency_hz: Array) -> Array:
+def ratio_error(model: Model, measured: Frf, frequency_hz: Array, compared: ComparedBand = USUAL) -> Array:
     """Return the standard uncertainty (m,) of `data_ratio` from the scatter of the averaged lines.
 
     It is zero outside the band of the data.
     """
     inside = _in_band(model, measured.frequency_hz)
     f, variance = measured.frequency_hz[inside], measured.relative_error[inside] ** 2
-    kernel = _kernel(f)
+    kernel = _kernel(f, compared)
     lines = np.convolve(np.ones(len(f)), kernel, "same")
     independent = np.maximum(lines / measured.bandwidth_lines, 1.0)
     error = np.sqrt(np.convolve(variance, kernel, "same") / lines / independent)
@@ -136,9 +138,9 @@ def _in_band(model: Model, frequency_hz: Array) -> np.ndarray:
     return (frequency_hz >= model.band_hz[0]) & (frequency_hz <= model.band_hz[1])
 
 
-def _kernel(frequency_hz: Array) -> Array:
+def _kernel(frequency_hz: Array, compared: ComparedBand) -> Array:
     """Return the kernel of ones that sums lines over SMOOTHED_HZ; it has odd length, so that it is centred."""
-    return np.ones(2 * round(0.5 * SMOOTHED_HZ / (frequency_hz[1] - frequency_hz[0])) + 1)
+    return np.ones(2 * round(0.5 * compared.with_high(SMOOTHED_HZ) / (frequency_hz[1] - frequency_hz[0])) + 1)
 
 
 def friction_samples(known: Known) -> ComplexArray:

@@ -13,17 +13,16 @@ import numpy as np
 from rths_cli.analysis.closed_loop_matrix import closed_loop_matrix
 from rths_cli.analysis.closed_loop_response import loop_response
 from rths_cli.analysis.critical_delay import CriticalDelay
-from rths_cli.analysis.fourier_lines import HIGHEST_HZ
 from rths_cli.analysis.identified_rig_block import IdentifiedRig
 from rths_cli.analysis.predicted_error import Known, Prediction, data_ratio, ratio_error
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.margins import Margins, margins
 from rths_cli.identification.results import LevelBand
+from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array, Block, ComplexArray, Frf, Model
 from rths_cli.rigs.description import BRAKE_SHARE, RigInfo
 
-SAFE, UNSAFE, UNSTABLE = "safe", "unsafe", "unstable"
-COMPARED_HZ = 11.0
+SAFE, UNSAFE, UNSTABLE = VERDICTS = "safe", "unsafe", "unstable"  # the worst last
 GAIN_CHANGE = 0.1  # assumed change of the table's gain between identification and the end of a test
 UNSEEN_CHANGE, UNCOMPARED_CHANGE = 0.01, 0.06  # change of its response that a verification accepts; without low level
 SIGMA = 3.0  # standard uncertainties of the measured response
@@ -34,8 +33,8 @@ FINER = 8  # points of a peak's series per point at the reduced rate
 MOST_GROWN = 1e99  # largest stated growth; result files hold no larger numbers
 GROWN = 1e3  # growth over the record from which a loop is called unstable
 # grid: start, points up to 0.4 of the sample rate, points from there on and around each loop mode, half width of those
-LOWEST_HZ, POINTS, AROUND, WIDTH = 0.05, 1500, 100, 0.2
-MODES_HZ = 60.0  # highest loop mode around which the grid is refined
+LOWEST_HZ, POINTS, AROUND, WIDTH = 0.05, 1500, 100, 0.2  # start: lower with a lower compared band, never higher
+MODES_HZ = 60.0  # of the usual compared band: highest loop mode around which the grid is refined
 LEAST_LOOP = 1e-12  # a smaller loop gain counts as zero
 BESIDE = 0.1  # largest logarithm of the frequency ratio of a zero and the pole of the same mode
 NO_ZEROS = np.empty(0, dtype=complex)
@@ -56,12 +55,13 @@ class Stability:
     tolerates: float  # tolerated error at `at_hz`
     required: float  # required error at `at_hz`
     at_hz: float  # frequency at which tolerated and required error are nearest
-    in_band: float = math.inf  # smallest tolerated error up to 11 Hz
+    in_band: float = math.inf  # smallest tolerated error up to the end of the compared band
     in_band_hz: float = math.nan  # its frequency
     # Largest |(1 + L) / (1 + L_model) - 1|, with L the loop on the measured response beyond its scatter. Below one,
     # both loops encircle -1 equally often (Rouche), and the spectral radius of the model is valid for both.
     apart: float = 0.0
     gain: float = 1.0  # the worst gain at `at_hz`, a factor
+    compared: ComparedBand = USUAL  # band in which the model was compared with its data
 
 
 @dataclass(frozen=True)
@@ -80,21 +80,35 @@ class Reach:
 
 
 @dataclass(frozen=True)
+class Fault:
+    """A reason why a hybrid test is not safe."""
+
+    cause: str  # the same wherever the reason is the same with other numbers
+    text: str  # the sentence
+    beyond: float  # required over found, or found over permitted: the larger, the worse; NaN: not known
+
+
+@dataclass(frozen=True)
 class Preflight:
     """The result of the check of a hybrid test."""
 
     verdict: str  # SAFE, UNSAFE or UNSTABLE
-    reasons: tuple[str, ...]  # why it is not safe, one sentence each
+    faults: tuple[Fault, ...]  # why it is not safe
     critical: CriticalDelay
     stability: Stability
     reach: tuple[Reach, ...]  # predicted peaks with their limits
     largest_scaling: float  # largest safe scaling of the record
     prediction: Prediction | None
 
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Return why the test is not safe, one sentence each."""
+        return tuple(fault.text for fault in self.faults)
+
 
 def judge(
     critical: CriticalDelay, stability: Stability, reach: tuple[Reach, ...], scaling: float,
-    prediction: Prediction | None, further: tuple[str, ...] = (), feedback: bool = False,
+    prediction: Prediction | None, further: tuple[Fault, ...] = (), feedback: bool = False,
     least_delay_s: float = LEAST_DELAY_S,
 ) -> Preflight:  # fmt: skip
     """Return the result of the check: unstable, unsafe with its reasons, or safe.
@@ -102,30 +116,58 @@ def judge(
     `further`: additional reasons that make a stable loop unsafe. `feedback`: whether the controller has a feedback; if
     so, no advice recommends one. `least_delay_s`: further delay in s that the loop must tolerate.
     """
-    reasons = faults_of_loop(stability, feedback, least_delay_s)
+    faults = faults_of_loop(stability, feedback, least_delay_s)
     doubt = stability.radius >= 1.0 and stability.growth >= GROWN
     largest = scaling * min((1.0 - RESERVE) / row.share if row.share > 0.0 else math.inf for row in reach)
     if stability.radius < 1.0:
-        reasons += [*further, *(_beyond(row, largest) for row in reach if not row.share <= 1.0 - RESERVE)]
-    verdict = UNSTABLE if doubt else UNSAFE if reasons else SAFE
-    return Preflight(verdict, tuple(reasons), critical, stability, reach, largest, prediction)
+        faults += [*further, *(_beyond(row, largest) for row in reach if not row.share <= 1.0 - RESERVE)]
+    verdict = UNSTABLE if doubt else UNSAFE if faults else SAFE
+    return Preflight(verdict, tuple(faults), critical, stability, reach, largest, prediction)
 
 
-def required_delay_s(dt_s: float, bridged: bool, error_s: float | None = None, compared: bool = True) -> float:
+def over_samples(nominal: Preflight, samples: Sequence[Preflight]) -> Preflight:
+    """Return the result of the check over the samples of an identified model: the worst verdict, all reasons.
+
+    A reason that samples have is told once, with its share of the samples and the numbers of the sample in which it is
+    worst, after the reasons of the nominal model. The largest safe scaling is safe with every sample.
+    """
+    every = (nominal, *samples)
+    found: dict[str, list[Fault]] = {}
+    for fault in (fault for sample in samples for fault in sample.faults):
+        found.setdefault(fault.cause, []).append(fault)
+    return replace(
+        nominal,
+        verdict=max((one.verdict for one in every), key=VERDICTS.index),
+        faults=(*nominal.faults, *(_of_samples(same, len(samples)) for same in found.values())),
+        largest_scaling=min(one.largest_scaling for one in every),
+    )
+
+
+def _of_samples(same: Sequence[Fault], count: int) -> Fault:
+    """Return the reason that several of `count` samples have, in the words of the worst."""
+    worst = max(same, key=lambda fault: math.inf if math.isnan(fault.beyond) else fault.beyond)
+    quoted = " (the worst is told)" if len(same) > 1 else ""
+    samples = "samples" if count > 1 else "sample"
+    return replace(worst, text=f"in {len(same)} of {count} {samples} of the identified model{quoted}: {worst.text}")
+
+
+def required_delay_s(
+    dt_s: float, bridged: bool, error_s: float | None = None, compared: bool = True, band: ComparedBand = USUAL
+) -> float:
     """Return the further delay in s that a loop must tolerate.
 
     It is SIGMA times the standard uncertainty `error_s` of the identified delay (None: not known) plus the delay that a
-    verification accepts at COMPARED_HZ, at most LEAST_DELAY_S. (The delay is less certain only if the model's roots can
-    represent a part of it, and then the lag of both together is measured.) `compared`: the verification has a record at
-    low level for comparison. `bridged`: the loop substitutes a lost sample by its model. Otherwise a lost sample holds
-    the command, and one lost and one late sample must not endanger the loop.
+    verification accepts at the end of the compared `band`, at most LEAST_DELAY_S. (The delay is less certain only if
+    the model's roots can represent a part of it, and then the lag of both together is measured.) `compared`: the
+    verification has a record at low level for comparison. `bridged`: the loop substitutes a lost sample by its model.
+    Otherwise a lost sample holds the command, and one lost and one late sample must not endanger the loop.
     """
-    unseen = (UNSEEN_CHANGE if compared else UNCOMPARED_CHANGE) / (2.0 * math.pi * COMPARED_HZ)
+    unseen = (UNSEEN_CHANGE if compared else UNCOMPARED_CHANGE) / (2.0 * math.pi * band.high_hz)
     least = LEAST_DELAY_S if error_s is None else min(unseen + SIGMA * error_s, LEAST_DELAY_S)
     return least if bridged else max(2.0 * dt_s, least)
 
 
-def faults_of_loop(found: Stability, feedback: bool = False, least_delay_s: float = LEAST_DELAY_S) -> list[str]:
+def faults_of_loop(found: Stability, feedback: bool = False, least_delay_s: float = LEAST_DELAY_S) -> list[Fault]:
     """Return the reasons why a loop is not safe with any record; an empty list if it is safe."""
     return _fragile(found, feedback, least_delay_s) if found.radius < 1.0 else _unstable(found)
 
@@ -135,35 +177,43 @@ def rounded_down(value: float, digits: int = 3) -> float:
     return float(Context(prec=digits, rounding=ROUND_DOWN).create_decimal(repr(float(value))))
 
 
-def _unstable(found: Stability) -> list[str]:
+def _unstable(found: Stability) -> list[Fault]:
     if found.radius < 1.0:
         return []
-    return [
+    text = (
         f"the sampled closed loop is unstable: its spectral radius is {found.radius:.6f}, motions grow by a factor "
         f"{found.growth:.3g} over the record; choose another controller, more damping, or less mass on the table"
-    ]
+    )
+    return [Fault("unstable", text, found.radius)]
 
 
-def _fragile(found: Stability, feedback: bool, least_delay_s: float) -> list[str]:
-    """Return a sentence for each margin (table error, delay) that is smaller than required."""
-    reasons = []
+def _fragile(found: Stability, feedback: bool, least_delay_s: float) -> list[Fault]:
+    """Return a reason for each margin (table error, delay) that is smaller than required."""
+    faults = []
     if not found.apart < 1.0:  # written so that NaN counts as no margin
-        reasons.append(
+        text = (
             "the table's measured response differs so much from its model that the model's stability says nothing of "
             "the table's; identify again"
         )
+        faults.append(Fault("measured response", text, found.apart))
     if not found.tolerates >= found.required:
-        reasons.append(
+        text = (
             f"{_with_gain(found.gain)}an error of {found.tolerates:.2%} in the table's response at "
             f"{found.at_hz:.3g} Hz makes the loop unstable, it must stand {found.required:.2%}; "
-            f"{_advice(found.at_hz, feedback)}"
+            f"{_advice(found.at_hz, feedback, found.compared)}"
         )
+        faults.append(Fault("table error", text, _over(found.required, found.tolerates)))
     if not found.measured.delay_margin_s >= least_delay_s:
-        reasons.append(
+        text = (
             f"{1e3 * found.measured.delay_margin_s:.3g} ms of further delay make the loop unstable, it must stand "
             f"{1e3 * least_delay_s:.3g} ms; put less of the interface floor's mass on the table, or add damping"
         )
-    return reasons
+        faults.append(Fault("delay", text, _over(least_delay_s, found.measured.delay_margin_s)))
+    return faults
+
+
+def _over(required: float, found: float) -> float:
+    return required / found if found > 0.0 else math.inf
 
 
 def _with_gain(gain: float) -> str:
@@ -171,43 +221,47 @@ def _with_gain(gain: float) -> str:
     return "" if round(gain, 3) == 1.0 else f"with {gain:.3g} times the table's gain "
 
 
-def _advice(at_hz: float, feedback: bool) -> str:
+def _advice(at_hz: float, feedback: bool, compared: ComparedBand) -> str:
     """Return the advice for a loop that tolerates too small an error, among the building's modes or above them."""
-    if at_hz <= COMPARED_HZ:
+    if at_hz <= compared.high_hz:
         higher = "cut the building higher up"
         return f"add damping to the structure{f' or {higher}' if feedback else f', {higher}, or use FF+FB'}"
     less = "lower feedback_bandwidth_hz, use controller FF, " if feedback else ""
     return f"put less of the interface floor's mass on the table, {less}or identify to a higher frequency"
 
 
-def _beyond(row: Reach, largest: float) -> str:
-    return (
+def _beyond(row: Reach, largest: float) -> Fault:
+    text = (
         f"{row.name}: {row.peak:.4g} {row.units} is predicted, the limit is {row.limit:.4g} {row.units} and a tenth of "
         f"it is kept in reserve; the largest safe scaling is {rounded_down(largest):g}"
     )
+    return Fault(row.name, text, row.share)
 
 
 def stability(
     rig: IdentifiedRig, blocks: Blocks, storeys: Block, model: Model, measured: Frf, samples: int,
-    levels: Sequence[LevelBand] = (),
+    levels: Sequence[LevelBand] = (), compared: ComparedBand = USUAL,
 ) -> Stability:  # fmt: skip
     """Return the stability of the sampled loop of identified rig and blocks, for a record of `samples` samples.
 
-    `levels`: the table's response at low level over that at full level, () without a record at low level.
+    `levels`: the table's response at low level over that at full level, () without a record at low level. `compared`:
+    band in which the model was compared with its data.
     """
     matrix = closed_loop_matrix(rig, blocks)
     values = np.linalg.eigvals(matrix).astype(complex)
     radius = float(np.abs(values).max())
-    frequency = _grid(values, rig.plant.dt_s)
+    frequency = _grid(values, rig.plant.dt_s, compared)
     loop = loop_response(rig, blocks, storeys, np.exp(2j * np.pi * frequency * rig.plant.dt_s))
-    ratio, scatter = data_ratio(model, measured, frequency), ratio_error(model, measured, frequency)
+    ratio = data_ratio(model, measured, frequency, compared)
+    scatter = ratio_error(model, measured, frequency, compared)
     on_data, seen = loop.with_rig(ratio), loop.with_rig(_beyond_scatter(ratio, scatter))
-    gains = np.stack([_worst_gain(each, frequency, max(model.band_hz[1], COMPARED_HZ)) for each in (seen, loop.loop)])
+    identified_hz = max(model.band_hz[1], compared.high_hz)
+    gains = np.stack([_worst_gain(each, frequency, identified_hz) for each in (seen, loop.loop)])
     errors = np.stack([_tolerated(each, gain) for each, gain in zip((seen, loop.loop), gains, strict=True)])
     tolerated, gain = errors.min(axis=0), np.where(errors[0] <= errors[1], *gains)
-    wanted = required(frequency, model.band_hz, scatter, levels, unpaired_zeros(model))
+    wanted = required(frequency, model.band_hz, scatter, levels, unpaired_zeros(model, compared), compared)
     nearest = int(np.argmin(tolerated / wanted))
-    weakest = int(np.argmin(np.where(frequency <= COMPARED_HZ, tolerated, math.inf)))
+    weakest = int(np.argmin(np.where(frequency <= compared.high_hz, tolerated, math.inf)))
     apart = np.abs((1.0 + seen) / (1.0 + loop.loop) - 1.0)
     return Stability(
         radius,
@@ -221,6 +275,7 @@ def stability(
         float(frequency[weakest]),
         float(apart.max()),
         float(gain[nearest]),
+        compared,
     )
 
 
@@ -247,22 +302,23 @@ def _tolerated(loop: ComplexArray, gain: Array) -> Array:
 
 def required(
     frequency_hz: Array, band_hz: tuple[float, float], scatter: Array, levels: Sequence[LevelBand],
-    zeros: ComplexArray = NO_ZEROS,
+    zeros: ComplexArray = NO_ZEROS, compared: ComparedBand = USUAL,
 ) -> Array:  # fmt: skip
     """Return the error (n,) of the table's response that a loop must tolerate in addition to a change of its gain.
 
     It is the error that identification and verification cannot exclude. Its terms are the change that a verification
     accepts, SIGMA times the uncertainty `scatter` (n,) of the measured response, the change with the level and with
     friction, and unknown modes beyond the identified band `band_hz`. A mode at twice the end of the band adds
-    (f / f_0)^2 below it. Below the band, and above COMPARED_HZ, the verification is coarse, and its term is that of a
-    table without a record at low level. The sum is at most 1, but beyond the band at least the motion of an oscillator
-    at each of the `zeros` (z,) in rad/s, those of the model whose pole was not measured (`unpaired_zeros`).
+    (f / f_0)^2 below it. Below the band, and above the `compared` one, the verification is coarse, and its term is that
+    of a table without a record at low level. The sum is at most 1, but beyond the band at least the motion of an
+    oscillator at each of the `zeros` (z,) in rad/s, those of the model whose pole was not measured (`unpaired_zeros`).
     """
-    compared = (frequency_hz >= band_hz[0]) & (frequency_hz <= COMPARED_HZ) & bool(levels)
-    unseen = np.where(compared, UNSEEN_CHANGE, UNCOMPARED_CHANGE)
-    beyond = (frequency_hz / (2.0 * max(band_hz[1], COMPARED_HZ))) ** 2
+    end_hz = max(band_hz[1], compared.high_hz)
+    verified = (frequency_hz >= band_hz[0]) & (frequency_hz <= compared.high_hz) & bool(levels)
+    unseen = np.where(verified, UNSEEN_CHANGE, UNCOMPARED_CHANGE)
+    beyond = (frequency_hz / (2.0 * end_hz)) ** 2
     total = np.minimum(unseen + SIGMA * scatter + _by_level(frequency_hz, levels) + beyond, 1.0)
-    return np.maximum(total, _beside(frequency_hz, max(band_hz[1], COMPARED_HZ), zeros))
+    return np.maximum(total, _beside(frequency_hz, end_hz, zeros))
 
 
 def _beside(frequency_hz: Array, end_hz: float, zeros: ComplexArray) -> Array:
@@ -278,12 +334,12 @@ def _beside(frequency_hz: Array, end_hz: float, zeros: ComplexArray) -> Array:
     return np.where(frequency_hz > end_hz, motion, 0.0)
 
 
-def unpaired_zeros(model: Model) -> ComplexArray:
+def unpaired_zeros(model: Model, compared: ComparedBand = USUAL) -> ComplexArray:
     """Return the zeros (z,) in rad/s, one per pair, beyond the model's band whose pole lies beyond the band as well.
 
     A pole within the band belongs to the nearest zero, if that is at most BESIDE away.
     """
-    end = 2.0 * np.pi * max(model.band_hz[1], COMPARED_HZ)
+    end = 2.0 * np.pi * max(model.band_hz[1], compared.high_hz)
     zeros = model.zeros[model.zeros.imag > 0.0]
     poles = model.poles[(model.poles.imag > 0.0) & (np.abs(model.poles) <= end)]
     if not len(poles) or not len(zeros):
@@ -316,16 +372,17 @@ def _beyond_scatter(ratio: ComplexArray, scatter: Array) -> ComplexArray:
     return 1.0 + (ratio - 1.0) * np.maximum(1.0 - SIGMA * scatter / np.maximum(off, LEAST_LOOP), 0.0)
 
 
-def _grid(values: ComplexArray, dt_s: float) -> Array:
+def _grid(values: ComplexArray, dt_s: float, compared: ComparedBand) -> Array:
     """Return the frequencies (n,) in Hz at which the loop is evaluated, to half the sample rate, dense at its modes.
 
     `values` (n,) are the eigenvalues of the closed-loop matrix.
     """
     values = values[np.abs(values) > 0.1]
     modes = np.abs(np.log(values)) / (2.0 * np.pi * dt_s)
-    modes = np.unique(np.round(modes[(modes > LOWEST_HZ) & (modes < MODES_HZ)], 6))
+    lowest_hz = min(LOWEST_HZ, compared.with_low(LOWEST_HZ))
+    modes = np.unique(np.round(modes[(modes > lowest_hz) & (modes < compared.with_high(MODES_HZ))], 6))
     around = np.outer(modes, 1.0 + WIDTH * np.linspace(-1.0, 1.0, AROUND) ** 3).ravel()
-    below, above = np.geomspace(LOWEST_HZ, 0.4 / dt_s, POINTS), np.linspace(0.4 / dt_s, 0.5 / dt_s, AROUND + 1)
+    below, above = np.geomspace(lowest_hz, 0.4 / dt_s, POINTS), np.linspace(0.4 / dt_s, 0.5 / dt_s, AROUND + 1)
     return np.unique(np.concatenate([below, above[1:], around[around < 0.5 / dt_s]]))
 
 
@@ -380,18 +437,19 @@ def _ringing(roots: ComplexArray, dt_s: float, first: int, end: int) -> Array:
     return np.hstack([motion.real, motion.imag])
 
 
-def unseen(known: Known) -> tuple[str, ...]:
-    """Return a sentence if more than RESERVE of the interface's peak acceleration in SIM is above the highest line."""
+def unseen(known: Known) -> tuple[Fault, ...]:
+    """Return a reason if more than RESERVE of the interface's peak acceleration in SIM is above the highest line."""
     if known.peaks_m_s2 is None:
         return ()
     seen = _peak(known.lines.series(known.sim[len(known.sim) - len(known.floors)], FINER))
     missing = 1.0 - seen / float(known.peaks_m_s2[0]) if known.peaks_m_s2[0] > 0.0 else 0.0
     if missing <= RESERVE:
         return ()
-    return (
-        f"{missing:.0%} of the interface floor's peak acceleration lies above {HIGHEST_HZ:g} Hz, where the check does "
-        "not look; filter the record, or soften the computed storeys that shake there",
+    text = (
+        f"{missing:.0%} of the interface floor's peak acceleration lies above {known.lines.highest_hz:g} Hz, where the "
+        "check does not look; filter the record, or soften the computed storeys that shake there"
     )
+    return (Fault("unseen", text, missing),)
 
 
 def _peak(series: Array) -> float:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from rths_cli.api.results import CheckResult, Group, ModelResult, RunResult
 from rths_cli.errors import InputError, LimitError, RigError, RthsError
 from rths_cli.numerics.compiler_messages import announce
-from rths_cli.quantities import METRICS
+from rths_cli.quantities import METRICS, intervals_of
 from rths_cli.rigs.description import capabilities_of
 
 if TYPE_CHECKING:
@@ -24,16 +24,19 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import ArrayLike
 
-    from rths_cli.control.part_designs import Exchange
+    from rths_cli.control.part_designs import OwnParts
     from rths_cli.control.python_control import System
     from rths_cli.experiment.run_case import Ended
-    from rths_cli.experiment.setup import Setup
+    from rths_cli.experiment.setup import OwnSamples, Setup
+    from rths_cli.identification.results import Identification
     from rths_cli.loop.live_view import View
     from rths_cli.numerics.lti import Block, Frf, StateSpace
 
 Settings = Mapping[str, object]
+CaseGiven = str | Path | Mapping[str, Any]
 Progress = Callable[[str], object]
 Method = Literal["paper", "best"]
+Samples = Sequence[str | Path] | Callable[["Identification"], Sequence["Identification"]]
 BY_CODE = {3: LimitError, 4: RigError}
 
 
@@ -46,7 +49,7 @@ def load(path: str | Path) -> RunResult:
 
 
 def run(
-    case: str | Path,
+    case: CaseGiven,
     *,
     method: Method | None = None,
     settings: Settings | None = None,
@@ -54,26 +57,32 @@ def run(
     overrides: Sequence[str] = (),
     fresh: bool = False,
     yes: bool = False,
-    parts: Exchange | None = None,
+    parts: OwnParts | None = None,
+    samples: Samples = (),
     progress: Progress | None = None,
 ) -> RunResult:
     """Run a case as `rths run` does and return its result, also one that was refused or stopped: see its `status`.
 
-    `case` is a case file or the name of a shipped one; `method` None: the case's own; `settings` as `--set`, for
+    `case` is a case file, the name of a shipped one, or a mapping with the keys of a case (names and files are looked
+    up from the present folder); `method` None: the case's own; `settings` as `--set`, for
     instance {"scaling": 0.2, "table.physics.coulomb_n": 0}. `output` is the folder of the result file, where a virtual
     result of that name is replaced; None: a temporary one that lives as long as the result. `yes` moves a real rig
     whose file says `unattended: true`; nothing else moves a real rig. `parts`: functions that make a part of the step
-    from the designed one, by its place: numerical, feedforward or feedback (docs/reference/parts.md).
+    from the designed one, by its place: numerical, feedforward or feedback (docs/reference/parts.md). `samples`:
+    further, equally likely identifications, on which the check judges the design too: model files of this rig and
+    specimen, or a function that makes them from the nominal one.
 
     Raises InputError when the case cannot be run, RigError, LimitError or RthsError when there is no result.
     """
     given = _texts(settings, method)
-    _check_rig(str(case), given, output is None)
+    _check_rig(_given(case), given, output is None)
     folder = Path(tempfile.mkdtemp(prefix="rths-")) if output is None else Path(output)
     try:
         with _signals() as poll:
             tell = _telling(progress, poll)
-            ended = _run(str(case), given, folder, tuple(overrides), fresh, yes, tell, _places(parts))
+            ended = _run(
+                _given(case), given, folder, tuple(overrides), fresh, yes, tell, _places(parts), _files(samples)
+            )
         if ended.path is None:
             raise BY_CODE.get(ended.exit_code, RthsError)(ended.reason)
         result = RunResult(ended.path)
@@ -87,24 +96,28 @@ def run(
 
 
 def check(
-    case: str | Path,
+    case: CaseGiven,
     *,
     method: Method | None = None,
     settings: Settings | None = None,
     overrides: Sequence[str] = (),
-    parts: Exchange | None = None,
+    parts: OwnParts | None = None,
+    samples: Samples = (),
     progress: Progress | None = None,
 ) -> CheckResult:
-    """Judge a case as `rths check` does: whether EXP-RTHS is safe, and the figures predicted; nothing moves. `parts` as
-    in `run`.
+    """Judge a case as `rths check` does: whether EXP-RTHS is safe, and the figures predicted; nothing moves.
+
+    `parts` and `samples` as in `run`: with samples, safe means safe with each, and figures that differ between them
+    carry an interval.
 
     Raises InputError when the case cannot be read.
     """
     from rths_cli.case.load import load_all
     from rths_cli.experiment.check_command import check_cases
 
-    cases = load_all([str(case)], _texts(settings, method), ())
-    found = check_cases(cases, tuple(overrides), _telling(progress, lambda: None), parts=_places(parts))[0]
+    cases = load_all([_given(case)], _texts(settings, method), ())
+    given = _places(parts), _files(samples)
+    found = check_cases(cases, tuple(overrides), _telling(progress, lambda: None), None, *given)[0]
     return CheckResult(
         verdict=found.verdict,
         reasons=found.reasons,
@@ -112,6 +125,7 @@ def check(
         metrics={path: _figure(value) for path, value in found.metrics.items()},
         units={path: METRICS[path].units for path in found.metrics},
         definitions={path: METRICS[path].definition for path in found.metrics},
+        intervals=intervals_of(found.metrics),
     )
 
 
@@ -234,15 +248,21 @@ def plot(result: RunResult | str | Path, name: str, width: Literal["one", "two"]
     return draw(name, opened.contents, width)
 
 
+def _given(case: CaseGiven) -> CaseGiven:
+    """Return a case as it is loaded: a mapping, or the text of a path or name."""
+    return case if isinstance(case, Mapping) else str(case)
+
+
 def _run(
-    case: str,
+    case: CaseGiven,
     settings: tuple[str, ...],
     folder: Path,
     overrides: tuple[str, ...],
     fresh: bool,
     yes: bool,
     tell: Callable[[str], None],
-    parts: Exchange,
+    parts: OwnParts,
+    samples: OwnSamples,
 ) -> Ended:
     """Run one case by the workflow of `rths run`."""
     from rths_cli.case.load import load_cases
@@ -253,16 +273,17 @@ def _run(
         methods=(),
         output=folder,
         replace=True,
-        command_line=" ".join(["rths_cli.run", case, *settings]),
+        command_line=" ".join(["rths_cli.run", "{...}" if isinstance(case, Mapping) else str(case), *settings]),
         overrides=overrides,
         parts=parts,
+        samples=samples,
         fresh=fresh,
         yes=yes,
     )
     return run_batch(request, _Script(tell))[0]
 
 
-def _places(parts: Exchange | None) -> Exchange:
+def _places(parts: OwnParts | None) -> OwnParts:
     """Return the parts as given; raises InputError for a place that the step does not have."""
     from rths_cli.control.part_designs import PLACES
 
@@ -272,7 +293,16 @@ def _places(parts: Exchange | None) -> Exchange:
     return parts or {}
 
 
-def _check_rig(case: str, settings: tuple[str, ...], temporary: bool) -> None:
+def _files(samples: Samples) -> OwnSamples:
+    """Return samples with the names of files as paths."""
+    if callable(samples):
+        return samples
+    if isinstance(samples, str | Path):
+        raise InputError(f"samples: {samples} is one file; give a list of model files")
+    return tuple(Path(path) for path in samples)
+
+
+def _check_rig(case: CaseGiven, settings: tuple[str, ...], temporary: bool) -> None:
     """Raise InputError where a real rig would run into a temporary folder, or in a thread that no signal reaches."""
     from rths_cli.case.load import load_cases
 
@@ -297,6 +327,10 @@ class _Script:
 
     def message(self, text: str) -> None:
         """Pass a sentence on."""
+        self.doing(text)
+
+    def warning(self, text: str) -> None:
+        """Pass a warning on."""
         self.doing(text)
 
     def moving(self, label: str, view: View) -> bool:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from html import escape
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,12 +16,43 @@ if TYPE_CHECKING:
     from rths_cli.files.result_reader import Dataset, Result
     from rths_cli.files.result_writer import Attribute
     from rths_cli.numerics.lti import Array, ComplexArray, Model
+    from rths_cli.quantities import Interval
 
 SMALL_BYTES = 100_000  # larger than a controller block's matrices, for which a loop over frequencies asks each time
 
 
 class MissingError(InputError, AttributeError):
     """A result holds no such group or array."""
+
+
+class Figures(dict[str, "float | Array"]):
+    """Figures by their paths; a path that is not there raises a KeyError that names those like it."""
+
+    def __missing__(self, path: str) -> float | Array:
+        from difflib import get_close_matches
+
+        near = get_close_matches(str(path), list(self), 3, 0.6)
+        advice = f"did you mean {' or '.join(near)}?" if near else "list(result.metrics) names all"
+        raise KeyError(f"{path!r} is no figure of this result; {advice}")
+
+
+@dataclass(frozen=True)
+class StructuralResponse:
+    """The response of a building by storey, from the lowest up, n samples: what a structural engineer designs for.
+
+    `run`: whose it is. The first of `storey_shear_n` is the base shear of the building.
+    """
+
+    run: str
+    time_s: Array  # (n,)
+    rel_disp_m: Array  # (n_storeys, n) relative to the ground
+    abs_accel_m_s2: Array  # (n_storeys, n)
+    inter_storey_drift_m: Array  # (n_storeys, n)
+    storey_shear_n: Array  # (n_storeys, n)
+
+    def __repr__(self) -> str:
+        storeys, samples = self.rel_disp_m.shape
+        return f"<response of {storeys} storeys in {self.run}, {samples} samples>"
 
 
 class Group:
@@ -54,6 +87,31 @@ class Group:
             return replace(found, data=found.data.copy())
         return found
 
+    def to_xarray(self) -> Any:
+        """Return the arrays as an xarray.Dataset with units and meanings; needs xarray."""
+        xarray = _library("xarray")
+
+        def told(name: str, axes: tuple[str, ...]) -> tuple[tuple[str, ...], Any, dict[str, str]]:
+            one = self.about(name)
+            return axes, one.data, {"units": one.units, "long_name": one.long_name}
+
+        arrays = {name: told(name, self.about(name).dims) for name in self._outline.datasets}
+        scales = {name: told(name, (name,)) for name in self._outline.scales}
+        return xarray.Dataset(arrays, scales, dict(self.attributes))
+
+    def to_dataframe(self) -> Any:
+        """Return the series over time as a pandas.DataFrame, a column for each storey or floor; needs pandas."""
+        pandas = _library("pandas")
+        columns: dict[str, Any] = {}
+        for name in self._outline.datasets:
+            one = self.about(name)
+            if one.dims == ("time_s",):
+                columns[name] = one.data
+            elif one.dims[1:] == ("time_s",):
+                rows: Any = one.data
+                columns |= {f"{name}_{place:g}": row for place, row in zip(self[one.dims[0]], rows, strict=True)}
+        return pandas.DataFrame(columns, index=pandas.Index(self["time_s"], name="time_s"))
+
     @property
     def _outline(self) -> Outline:
         return self._result.outlines[self._path]
@@ -73,7 +131,7 @@ class Group:
         return name in tuple(self)
 
     def __dir__(self) -> list[str]:
-        return ["about", "attributes", *self]
+        return ["about", "attributes", "to_dataframe", "to_xarray", *self]
 
     def __repr__(self) -> str:
         return f"<{self._path} of {self._result.path}: {', '.join(self)}>"
@@ -114,7 +172,38 @@ class RunResult:
     @property
     def metrics(self) -> Mapping[str, float | Array]:
         """Return the figures by their paths."""
-        return self.contents.metrics
+        return Figures(self.contents.metrics)
+
+    @property
+    def response(self) -> StructuralResponse:
+        """Return the building's response in EXP-RTHS or, without one, in SIM; raises MissingError without both."""
+        return self.response_in("exp_rths" if "rel_disp_m" in self._arrays("exp_rths") else "sim")
+
+    def response_in(self, run: str) -> StructuralResponse:
+        """Return the building's response in `sim`, `sim_delay` or `exp_rths`; raises MissingError where it has none."""
+        from rths_cli.analysis.structural_response import inter_storey_drift_m, storey_shear_n
+        from rths_cli.files.stored_case import floor_masses_kg
+
+        group = self[run]
+        disp, accel = group["rel_disp_m"], group["abs_accel_m_s2"]
+        shear = storey_shear_n(floor_masses_kg(self.contents), accel)
+        return StructuralResponse(run, group["time_s"], disp, accel, inter_storey_drift_m(disp), shear)
+
+    def to_xarray(self, group: str = "exp_rths") -> Any:
+        """Return the arrays of a group as an xarray.Dataset; needs xarray."""
+        return self[group].to_xarray()
+
+    def to_dataframe(self, group: str = "exp_rths") -> Any:
+        """Return the series of a group as a pandas.DataFrame; needs pandas."""
+        return self[group].to_dataframe()
+
+    def _arrays(self, group: str) -> tuple[str, ...]:
+        return tuple(self.outlines[group].datasets) if group in self.outlines else ()
+
+    @property
+    def intervals(self) -> Mapping[str, Interval]:
+        """Return the intervals of the figures that carry one, each with `low`, `high` and `probability`."""
+        return self.contents.intervals
 
     @property
     def units(self) -> Mapping[str, str]:
@@ -178,11 +267,17 @@ class RunResult:
     def __repr__(self) -> str:
         return f"<{self.path.name}: {self.status}; {', '.join(self.groups)}>"
 
+    def _repr_html_(self) -> str:
+        from rths_cli.report.answer import answer
+
+        return _as_html(answer(self.contents))
+
 
 @dataclass(frozen=True)
 class CheckResult:
     """What is known of a case before anything moves: `verdict` safe, unsafe or unstable, why not safe, what else to
-    know; the predicted figures, their units and definitions by path (`check.critical_delay_s`)."""
+    know; the predicted figures, their units and definitions by path (`check.critical_delay_s`), and the intervals of
+    those that carry one."""
 
     verdict: str
     reasons: tuple[str, ...]
@@ -190,11 +285,20 @@ class CheckResult:
     metrics: Mapping[str, float | Array]
     units: Mapping[str, str]
     definitions: Mapping[str, str]
+    intervals: Mapping[str, Interval] = field(default_factory=dict)
 
     @property
     def safe(self) -> bool:
         """Tell whether EXP-RTHS would be run."""
         return self.verdict == "safe"
+
+    def __repr__(self) -> str:
+        counted = ((len(self.reasons), "reason"), (len(self.warnings), "warning"), (len(self.metrics), "figure"))
+        told = ", ".join(f"{count} {name}{'s' * (count != 1)}" for count, name in counted if count)
+        return f"<check: {self.verdict}{f'; {told}' if told else ''}>"
+
+    def _repr_html_(self) -> str:
+        return _as_html("\n".join([f"{self.verdict}", *self.reasons, *(f"note: {said}" for said in self.warnings)]))
 
 
 @dataclass(frozen=True)
@@ -217,6 +321,30 @@ class ModelResult:
     natural_frequency_hz: Array | None
     damping_ratio: Array | None
     table: Model
+
+    def __repr__(self) -> str:
+        frequencies = () if self.natural_frequency_hz is None else self.natural_frequency_hz
+        modes = ", ".join(f"{hz:.4g}" for hz in frequencies)
+        said = "accepted" if self.accepted else "rejected"
+        return (
+            f"<model {self.path.name}: {said}; {len(self.poles)} poles, {len(self.zeros)} zeros; specimen {modes} Hz>"
+        )
+
+    def _repr_html_(self) -> str:
+        return _as_html("\n".join([repr(self), *self.reasons, *(f"note: {said}" for said in self.warnings)]))
+
+
+def _as_html(text: str) -> str:
+    """Return plain text as HTML that keeps its columns."""
+    return f"<pre>{escape(text)}</pre>"
+
+
+def _library(name: str) -> Any:
+    """Return a library that is no dependency of rths; raises InputError where it is not installed."""
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise InputError(f"{name} is not installed; pip install {name}") from error
 
 
 def _stamp(path: Path) -> tuple[int, ...]:

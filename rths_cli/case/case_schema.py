@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -15,11 +15,14 @@ from rths_cli.case.reference_schema import ReferenceSpec
 from rths_cli.case.rig_capabilities import DEFAULT_KIND, Capabilities, capabilities_of
 from rths_cli.case.rig_schema import DEFAULT_LOST_SAMPLES, AnyRig, LimitOverrides, LimitsSpec, UdpRigSpec
 from rths_cli.case.structure_schema import DampingSpec, StructureSpec
+from rths_cli.numerics.bands import COMPARED_HZ, TEST_BAND_HZ
 
 Run = Literal["sim", "sim_delay", "shake_table", "exp_rths"]
 RUNS: tuple[Run, ...] = ("sim", "sim_delay", "shake_table", "exp_rths")
 ACCEPT_PATH = r"^([a-z][a-z0-9_]*)(?:\.[a-z][a-z0-9_]*)+(?:\[([1-9][0-9]{0,3})\])?$"
 SEED_MAX = 2**53 - 1
+TEST_BAND_RANGE = Range(ge=2, le=1000)  # below, one excitation has too few lines for a model
+LEAST_COMPARED = 8.0  # ends of the compared band, upper over lower: its parts need that
 ANSWER_SHARE = 0.7  # of a sample interval, how long an answer may take
 
 
@@ -41,6 +44,10 @@ FileName = Annotated[str, AfterValidator(check_file_name)]
 Seed = Annotated[int, Range(ge=0, le=SEED_MAX)]
 Band = Annotated[
     tuple[Annotated[float, Range(ge=0.05, le=500)], ...],
+    Field(json_schema_extra={"minItems": 2, "maxItems": 2}),
+]
+ComparedEnds = Annotated[
+    tuple[Annotated[float, Range(ge=0.01, le=2000)], ...],
     Field(json_schema_extra={"minItems": 2, "maxItems": 2}),
 ]
 RunName = Annotated[
@@ -94,7 +101,8 @@ class ControllerSpec(Strict):
     )
     disturbance_hz: Band | None = Field(
         default=None,
-        description="band of the error that the feedback removes; default: [1, 12], lower where the loop needs it",
+        description="band of the error that the feedback removes; default: 1/12 of test_band_hz to all of it, lower "
+        "where the loop needs it",
     )
     command_weight: Annotated[float, Range(ge=1e-3, le=10)] | None = Field(
         default=None,
@@ -124,8 +132,17 @@ class IdentificationSpec(Strict):
     accel_rms_m_s2: Annotated[float, Range(gt=0, le=100)] = Field(
         default=2.0, description="RMS acceleration of the table that is aimed at; lowered near a limit"
     )
-    low_hz: Annotated[float, Range(ge=0.01, le=1000)] = Field(default=0.3, description="lower end of the excited band")
-    high_hz: Annotated[float, Range(gt=0, le=1000)] = Field(default=60.0, description="upper end of the excited band")
+    compared_hz: ComparedEnds = Field(
+        default=COMPARED_HZ,
+        description="band in which a model is compared with its data and must keep its limits, three octaves or more; "
+        "default: 7/120 to 11/12 of test_band_hz. The fits, the excitation's spectrum and the check follow it",
+    )
+    low_hz: Annotated[float, Range(ge=0.001, le=1000)] = Field(
+        default=0.3, description="lower end of the excited band; default: 1/40 of test_band_hz"
+    )
+    high_hz: Annotated[float, Range(gt=0, le=5000)] = Field(
+        default=60.0, description="upper end of the excited band; default: 5 times test_band_hz"
+    )
     excitation: Literal["noise", "multisine", "sweep", "step"] = Field(
         default="noise", description="kind of the excitation"
     )
@@ -153,6 +170,19 @@ class IdentificationSpec(Strict):
                 ("high_hz" if "high_hz" in data else "low_hz",),
                 f"low_hz = {low:g} must be < high_hz = {high:g}",
             )
+        yield from _compared_problems(listed(data, "compared_hz"))
+
+
+def _compared_problems(band: Sequence[Any] | None) -> Iterator[Problem]:
+    """Yield a fault of a compared band that is none, is reversed, or is too narrow for its parts."""
+    if band is None:
+        return
+    if len(band) != 2:
+        entries = f"got {len(band)} entries"
+        yield ("compared_hz",), f"must be the two ends of a band in Hz, such as [0.7, 11], {entries}"
+    elif all(isinstance(f, int | float) for f in band) and band[1] < LEAST_COMPARED * band[0]:
+        ends = f"{band[0]:g} to {band[1]:g} Hz"
+        yield ("compared_hz",), f"must be a band of three octaves or more, its lower end first, got {ends}"
 
 
 class RecordFilterSpec(Strict):
@@ -175,8 +205,31 @@ class KalmanSpec(Strict):
     residual_hz: Annotated[float, Range(gt=0, le=1000)] = Field(
         default=40.0,
         description="corner up to which method best takes what the filter leaves unexplained from the measured base "
-        "shear",
+        "shear; default: 10/3 of test_band_hz",
     )
+
+
+class GradeLimitsSpec(Strict):
+    """Hold the largest errors of a good and of a usable hybrid test, of its worst storey, RMS in the test band."""
+
+    good_percent: Annotated[float, Range(gt=0, le=100)] = Field(
+        default=2.0, description="in percent of SIM's RMS, of a good test"
+    )
+    good_ratio: Annotated[float, Range(gt=0, le=1)] = Field(
+        default=0.1, description="over SIM-DELAY's error, of a good test"
+    )
+    usable_percent: Annotated[float, Range(gt=0, le=100)] = Field(
+        default=5.0, description="in percent of SIM's RMS, of a usable test"
+    )
+
+    @classmethod
+    def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
+        good, usable = (data.get(key, cls.model_fields[key].default) for key in ("good_percent", "usable_percent"))
+        if isinstance(good, int | float) and isinstance(usable, int | float) and usable < good:
+            yield (
+                ("usable_percent" if "usable_percent" in data else "good_percent",),
+                (f"good_percent = {good:g} must be <= usable_percent = {usable:g}"),
+            )
 
 
 class CaseKeys(Strict):
@@ -204,6 +257,11 @@ class CaseKeys(Strict):
     sample_rate_hz: Annotated[float, Range(ge=100, le=50_000)] = Field(
         default=2000.0, description="sample rate of the step, and of every series in the result"
     )
+    test_band_hz: Annotated[float, TEST_BAND_RANGE] = Field(
+        default=TEST_BAND_HZ,
+        description="corner of the low pass with which errors are judged; the other bands follow it where they are not "
+        "stated: compared_hz, low_hz, high_hz, disturbance_hz, residual_hz",
+    )
     delay_s: Annotated[float, Range(ge=0, le=0.1)] = Field(default=0.005, description="the delay of SIM-DELAY")
     record_filter: RecordFilterSpec = Field(
         default=RecordFilterSpec(), description="Butterworth high pass of the scaled record, causal"
@@ -217,6 +275,9 @@ class CaseKeys(Strict):
         default={},
         description="limits on reported figures, by path: exp_rths.rms_error_m_s2[3]",
         json_schema_extra={"propertyNames": {"pattern": ACCEPT_PATH}},
+    )
+    grade_limits: GradeLimitsSpec = Field(
+        default=GradeLimitsSpec(), description="from which errors on a test is no longer called good, or usable"
     )
     seed: Seed = Field(default=0, description="seed of the noise in the runs")
     notes: str = Field(default="", description="any text; it goes into the result")
@@ -246,12 +307,14 @@ class CaseKeys(Strict):
 class Case(CaseKeys):
     """Hold a checked case, defaults filled in; `limits` are already merged into `table.limits`.
 
-    `rig_file`: the file that states the kind of rig, None where the case itself or --set does.
+    `rig_file`: the file that states the kind of rig, None where the case itself or --set does. `stated`: the keys that
+    the case file or --set state, as paths (`controller.command_weight`).
     """
 
     path: Path
     yaml_text: str
     rig_file: Path | None = Field(default=None, exclude=True)
+    stated: tuple[str, ...] = Field(default=(), exclude=True)
 
     @property
     def n_storeys(self) -> int:
@@ -314,6 +377,7 @@ def _nyquist_problems(data: Mapping[str, Any]) -> Iterator[Problem]:
     """Yield a fault for each stated frequency that the sample rate cannot carry."""
     rate = number(data, "sample_rate_hz") or CaseKeys.model_fields["sample_rate_hz"].default
     places = (
+        ("test_band_hz",),
         ("record_filter", "corner_hz"),
         ("identification", "high_hz"),
         ("controller", "feedback_bandwidth_hz"),
@@ -321,12 +385,14 @@ def _nyquist_problems(data: Mapping[str, Any]) -> Iterator[Problem]:
     )
     for loc in places:
         value = number(data, *loc)
-        if value is not None and value >= rate / 2:
+        refused = loc == ("test_band_hz",) and value is not None and not TEST_BAND_RANGE.holds(value)
+        if value is not None and value >= rate / 2 and not refused:
             yield loc, f"must be < {rate / 2:g}, half the sample rate, got {value:g}"
-    band = listed(data, "controller", "disturbance_hz") or ()
-    highest = max((f for f in band if isinstance(f, int | float)), default=0.0)
-    if highest >= rate / 2:
-        yield ("controller", "disturbance_hz"), f"must be < {rate / 2:g}, half the sample rate, got {highest:g}"
+    for place in (("controller", "disturbance_hz"), ("identification", "compared_hz")):
+        band = listed(data, *place) or ()
+        highest = max((f for f in band if isinstance(f, int | float)), default=0.0)
+        if highest >= rate / 2:
+            yield place, f"must be < {rate / 2:g}, half the sample rate, got {highest:g}"
     default = IdentificationSpec.model_fields["high_hz"].default
     if number(data, "identification", "high_hz") is None and rate / 2 <= default:
         yield ("sample_rate_hz",), f"must be > {2 * default:g}, twice identification.high_hz, got {rate:g}"

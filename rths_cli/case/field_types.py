@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Self
@@ -97,7 +98,8 @@ class Strict(BaseModel):
         try:
             model = handler(data)
         except ValidationError as error:
-            faults += [_in_words(cls, entry) for entry in error.errors(include_url=False)]
+            entries = error.errors(include_url=False)
+            faults += [_in_words(cls, entry) for entry in entries if not _counts_faulty_entries(entry)]
         if isinstance(data, Mapping):
             faults += [_detail("fault", loc, message) for loc, message in cls.problems(data)]
         if faults or model is None:
@@ -188,9 +190,26 @@ def _in_words(cls: type[Strict], error: ErrorDetails) -> InitErrorDetails:
         return _detail("unknown_key", loc, cls.elsewhere.get(key) or "unknown key" + near(key, cls.model_fields))
     if kind == "missing":
         return _detail("fault", loc, f"is missing; add {loc[-1]}")
+    if kind == "too_short" and error.get("ctx", {}).get("min_length") == 1:
+        return _detail("fault", loc, "is empty; put at least one entry into the list")
     wanted = _wanted(cls, error)
     message = f"must be {wanted}, got {shown(error['input'])}" if wanted else error["msg"]
-    return _detail("fault", loc, message)
+    return _detail("fault", loc, message + (_meant(error["input"]) if wanted == "a number" else ""))
+
+
+def _counts_faulty_entries(error: ErrorDetails) -> bool:
+    """Return whether a list is called too short only because entries of it are faulty, which is told of each."""
+    given = error["input"]
+    return error["type"] == "too_short" and isinstance(given, list | tuple) and len(given) >= error["ctx"]["min_length"]
+
+
+def _meant(value: object) -> str:
+    """Return how to write a number that came as a percentage or with a decimal comma, as the end of a sentence."""
+    text = str(value).strip()
+    share = re.fullmatch(r"([-+]?[0-9]*[.,]?[0-9]+)\s*%", text)
+    if share:
+        return f"; write {float(share[1].replace(',', '.')) / 100.0:g}"
+    return f"; write {text.replace(',', '.')}" if re.fullmatch(r"[-+]?[0-9]+,[0-9]+", text) else ""
 
 
 def _wanted(cls: type[Strict], error: ErrorDetails) -> str:
@@ -209,7 +228,7 @@ def _wanted(cls: type[Strict], error: ErrorDetails) -> str:
     kind, context = error["type"], error.get("ctx", {})
     if kind == "literal_error":
         return str(context["expected"]).replace("'", "")
-    if kind == "too_short":
+    if kind == "too_short" and context["min_length"] > 1:
         return f"a list of at least {context['min_length']} entries"
     if kind == "too_long":
         return f"a list of at most {context['max_length']} entries"

@@ -3,27 +3,46 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
+from yaml import YAMLError
 
 from rths_cli.case.case_schema import Case, CaseKeys
+from rths_cli.case.file_kinds import kind_of_tree, no_case, written_by_rths
 from rths_cli.case.json_schema import schema
-from rths_cli.case.named_files import find, is_bare, shipped
-from rths_cli.case.resolve import NOTHING_TYPED, SHORT_FORMS, Setting, apply_settings, expand_case, read_settings
-from rths_cli.case.yaml_reader import dump, read_file
+from rths_cli.case.named_files import find, is_bare, known, shipped
+from rths_cli.case.reference_schema import ReferenceSpec
+from rths_cli.case.resolve import (
+    NOTHING_TYPED,
+    SHORT_FORMS,
+    Setting,
+    apply_settings,
+    expand_case,
+    expand_file,
+    read_settings,
+)
+from rths_cli.case.rig_schema import AnyRig, RigSpec
+from rths_cli.case.structure_schema import DampingSpec, StructureSpec
+from rths_cli.case.yaml_reader import dump, parse, read_file
 from rths_cli.case.yaml_tree import Fault, Mark, Node, Source, display, join, plain
 from rths_cli.errors import InputError
 
-__all__ = ["load_all", "load_cases", "resolved_yaml", "schema"]
+Read = TypeVar("Read")
+
+__all__ = ["load_all", "load_cases", "load_reference", "load_rig", "load_structure", "resolved_yaml", "schema"]
+
+
+Given = Path | str | Mapping[str, Any]
+"""A case: its file, a bare name, or its keys."""
 
 
 def load_cases(
-    paths: Sequence[Path | str], settings: Sequence[str] = (), typed: Mapping[str, str] = NOTHING_TYPED
+    paths: Sequence[Given], settings: Sequence[str] = (), typed: Mapping[str, str] = NOTHING_TYPED
 ) -> list[Case]:
-    """Return the cases of files (paths or bare names), with `key.sub=value` settings applied to each.
+    """Return cases, each of a file or a mapping, with `key.sub=value` settings applied to each.
 
     `typed`: for a setting that came by another option than --set, the name of that option, which faults then give.
     Raise InputError with all faults of all files.
@@ -40,7 +59,7 @@ def load_cases(
     return cases
 
 
-def load_all(paths: Sequence[str], settings: Sequence[str], methods: Sequence[str]) -> list[Case]:
+def load_all(paths: Sequence[Given], settings: Sequence[str], methods: Sequence[str]) -> list[Case]:
     """Return the cases, loaded once for each of `methods` (empty: with their own method), method by method.
 
     Raises InputError as `load_cases` does.
@@ -52,6 +71,62 @@ def load_all(paths: Sequence[str], settings: Sequence[str], methods: Sequence[st
     return cases
 
 
+def load_structure(name: str) -> tuple[StructureSpec, tuple[DampingSpec, ...], Path]:
+    """Return the building that a name or path stands for, its damping levels, and its file.
+
+    A case stands for its building, with the case's own damping alone. Raises InputError with all faults of the file.
+    """
+    path = _structure_file(name)
+    _, tree, faults = read_file(path)
+    if tree is None:
+        written = written_by_rths(path, "structure")
+        raise InputError(*([f"{display(path)}: {written}"] if written else map(str, faults)))
+    kind = kind_of_tree(tree)
+    if kind == "cases":
+        case = load_cases([path])[0]
+        return case.structure, (case.damping,), path
+    if kind in ("rigs", "references"):
+        raise InputError(
+            f"{display(path)}: is a {kind.removesuffix('s')}, not a structure; rths list structures lists them"
+        )
+    spec = _load_file(path, "structures", StructureSpec.model_validate)
+    return spec, tuple(spec.damping_levels.values()), path
+
+
+def load_rig(path: Path) -> RigSpec:
+    """Return the rig of a file; raises InputError with all its faults."""
+    return _load_file(path, "rigs", TypeAdapter(AnyRig).validate_python)
+
+
+def load_reference(path: Path) -> ReferenceSpec:
+    """Return the reference of a file; raises InputError with all its faults."""
+    return _load_file(path, "references", ReferenceSpec.model_validate)
+
+
+def _load_file(path: Path, kind: str, check: Callable[[Any], Read]) -> Read:
+    """Return what a structure, rig or reference file holds; raises InputError with all its faults."""
+    node, faults = expand_file(path, kind)
+    if node is not None and not faults:
+        try:
+            return check(plain(node))
+        except ValidationError as error:
+            faults = [_fault(node, entry["type"], entry["loc"], entry["msg"]) for entry in error.errors()]
+    faults = sorted(faults, key=lambda fault: (fault.mark.line, fault.mark.column))
+    raise InputError(*dict.fromkeys(str(fault) for fault in faults))
+
+
+def _structure_file(name: str) -> Path:
+    """Return the file of a structure, or of a case, named on the command line."""
+    if not is_bare(name) or os.path.isdir(name):
+        return Path(name)
+    try:
+        return find(name, "structures", Path.cwd())
+    except InputError:
+        if name in known("cases", Path.cwd()):
+            return find(name, "cases", Path.cwd())
+        raise
+
+
 def resolved_yaml(case: Case) -> str:
     """Return a case with defaults filled in and names looked up, as YAML that loads to the same case."""
     data = case.model_dump(exclude={"path", "yaml_text"}, exclude_none=True)
@@ -61,8 +136,10 @@ def resolved_yaml(case: Case) -> str:
     return dump(_writable(data))
 
 
-def _load(path: Path | str, settings: Sequence[Setting]) -> tuple[Case | None, list[Fault]]:
-    """Return the case of one file, None with its faults."""
+def _load(path: Given, settings: Sequence[Setting]) -> tuple[Case | None, list[Fault]]:
+    """Return the case of one file or mapping, None with its faults."""
+    if isinstance(path, Mapping):
+        return _load_mapping(path, settings)
     try:
         found = _case_file(str(path))
     except InputError as error:
@@ -70,13 +147,36 @@ def _load(path: Path | str, settings: Sequence[Setting]) -> tuple[Case | None, l
         return None, [Fault(Mark(source), "", str(error))]
     text, tree, faults = read_file(found)
     if tree is None:
-        return None, faults
+        written = written_by_rths(found)
+        return None, [Fault(Mark(Source(display(found), Path.cwd())), "", written)] if written else faults
+    if (kind := kind_of_tree(tree)) not in ("", "cases"):
+        return None, [Fault(Mark(tree.mark.source), "", no_case(kind, str(path)))]
     if not isinstance(tree.value, dict):
         message = "must hold the keys of a case, at least structure, damping, record, scaling and controller"
         return None, [*faults, Fault(tree.mark, "", message)]
+    return _checked(found, text, tree, faults, settings)
+
+
+def _load_mapping(keys: Mapping[str, Any], settings: Sequence[Setting]) -> tuple[Case | None, list[Fault]]:
+    """Return the case of a mapping, None with its faults; names and relative paths start at the present folder."""
+    source = Source("case", Path.cwd())
+    try:
+        text = dump(_writable(dict(keys)))
+    except YAMLError as error:
+        return None, [Fault(Mark(source), "", f"holds a value that a case file cannot: {str(error).splitlines()[0]}")]
+    tree, faults = parse(text, source)
+    if tree is None or not isinstance(tree.value, dict):
+        return None, faults or [Fault(Mark(source), "", "must hold the keys of a case")]
+    return _checked(Path.cwd() / f"{keys.get('name') or 'case'}.yaml", text, tree, faults, settings)
+
+
+def _checked(
+    found: Path, text: str, tree: Node, faults: list[Fault], settings: Sequence[Setting]
+) -> tuple[Case | None, list[Fault]]:
+    """Return the case of a document with settings put in, None with its faults."""
     tree = apply_settings(tree, settings)
     expanded, more, lost = expand_case(tree, found.stem)
-    case, wrong = _validate(expanded, lost, found, text)
+    case, wrong = _validate(expanded, lost, found, text, tuple(_stated(tree)))
     unread = {fault.mark for fault in faults if fault.mark.line}
     wrong = [fault for fault in wrong if fault.mark not in unread]
     faults = sorted([*faults, *more, *wrong], key=lambda fault: (fault.mark.line, fault.mark.column))
@@ -90,7 +190,16 @@ def _case_file(name: str) -> Path:
     return Path(name)
 
 
-def _validate(tree: Node, lost: set[str], path: Path, text: str) -> tuple[Case | None, list[Fault]]:
+def _stated(tree: Node, above: str = "") -> Iterator[str]:
+    """Yield the paths of the keys of a document that hold no further keys."""
+    for key, node in tree.children.items():
+        path = join(above, key)
+        yield from _stated(node, path) if node.children else (path,)
+
+
+def _validate(
+    tree: Node, lost: set[str], path: Path, text: str, stated: tuple[str, ...]
+) -> tuple[Case | None, list[Fault]]:
     """Return the case of an expanded document, or the faults of its values, lost keys passed over."""
     try:
         keys = CaseKeys.model_validate(plain(tree))
@@ -98,7 +207,7 @@ def _validate(tree: Node, lost: set[str], path: Path, text: str) -> tuple[Case |
         faults = [_fault(tree, entry["type"], entry["loc"], entry["msg"]) for entry in error.errors()]
         return None, [fault for fault, entry in zip(faults, error.errors(), strict=True) if entry["loc"][0] not in lost]
     table = keys.table.model_copy(update={"limits": keys.table.limits.tightened(keys.limits)})
-    about = {"path": path.absolute(), "yaml_text": text, "rig_file": _rig_file(tree, path.absolute())}
+    about = {"path": path.absolute(), "yaml_text": text, "rig_file": _rig_file(tree, path.absolute()), "stated": stated}
     return Case.model_construct(**dict(keys) | {"table": table} | about), []  # its values are those checked above
 
 

@@ -8,6 +8,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
+from rths_cli.case.file_kinds import is_record, kind_of, no_case
 from rths_cli.errors import InputError
 
 YAML = (".yaml", ".yml")
@@ -29,6 +30,11 @@ def shipped(kind: str) -> Path:
     package = Path(__file__).resolve().parents[1]
     installed = package / "shipped"
     return (installed if installed.is_dir() else package.parent) / FOLDERS[kind]
+
+
+def is_shipped(path: Path) -> bool:
+    """Return whether a file is one of the shipped ones."""
+    return path.resolve().parent in [shipped(kind).resolve() for kind in FOLDERS]
 
 
 def suffixes(kind: str) -> tuple[str, ...]:
@@ -53,12 +59,27 @@ def find(name: str, kind: str, folder: Path, exclude: Path | None = None) -> Pat
 
 def known(kind: str, folder: Path) -> list[str]:
     """Return the bare names of a kind that exist, sorted."""
-    names = set()
-    beside = kind in ("cases", "records")  # other kinds share their folder with case files
-    for place in _places(kind, folder)[0 if beside else 1 :]:
+    return sorted(known_files(kind, folder))
+
+
+def known_files(kind: str, folder: Path) -> dict[str, Path]:
+    """Return the files of a kind by their bare names: those that `find` takes, without files of another kind."""
+    files: dict[str, Path] = {}
+    for place in _places(kind, folder):
+        paths: list[Path] = []
         with contextlib.suppress(OSError):
-            names |= {entry.stem for entry in place.iterdir() if entry.suffix in suffixes(kind)}
-    return sorted(names)
+            paths = sorted(path for path in place.iterdir() if path.suffix in suffixes(kind))
+        for path in paths:
+            if path.stem not in files and (place != folder or _is_of(kind, path)):
+                files[path.stem] = path
+    return files
+
+
+def _is_of(kind: str, path: Path) -> bool:
+    """Return whether a file in a folder of several kinds is of this one; a YAML file without keys counts as a case."""
+    if kind == "records":
+        return is_record(path)
+    return kind_of(path) in ((kind, None) if kind == "cases" else (kind,))
 
 
 def is_bare(name: str) -> bool:
@@ -89,6 +110,11 @@ def _missing(name: str, kind: str, folder: Path) -> str:
         shown = os.path.normpath(folder / os.path.expanduser(name))[:300]
         return f"no such file: {shown if shown.isprintable() else repr(shown)}; check the path"
     names = known(kind, folder)
+    others = [other for other in FOLDERS if other != kind and name in known(other, folder)]
+    if others and kind == "cases":
+        return f"{name!r} {no_case(others[0], name)}"
+    if others:
+        return f"{name!r} is a {others[0].removesuffix('s')}, not a {what}; rths list {kind} shows what there is"
     matches = difflib.get_close_matches(name[:80], names, n=3, cutoff=0.6)
     hint = f"did you mean {' or '.join(matches)}?" if matches else f"known: {', '.join(names) or 'none'}"
     return f"no {what} is called {name[:80]!r}; {hint}"

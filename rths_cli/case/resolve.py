@@ -8,10 +8,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from rths_cli.case.field_types import near
+from rths_cli.case.following_bands import expand_test_band
 from rths_cli.case.named_files import find
 from rths_cli.case.real_rig_overrides import is_real, made_real, over_real_rig, set_inside
 from rths_cli.case.yaml_reader import parse, read_file
-from rths_cli.case.yaml_tree import Fault, Mark, Node, Source, plain, printable
+from rths_cli.case.yaml_tree import Fault, Mark, Node, Source, display, plain, printable
 from rths_cli.errors import InputError
 
 VARIED = "_varied"  # ends the name of what extends something and gives itself no name
@@ -54,6 +55,12 @@ def read_settings(
         if not sign or not all(keys):
             faults.append(Fault(Mark(source), "", "must be key=value, for example --set table.physics.coulomb_n=0.9"))
             continue
+        if keys[0] != "accept" and any("[" in part and part.endswith("]") for part in keys):
+            whole = key.strip().partition("[")[0]
+            faults.append(
+                Fault(Mark(source), "", f"entries of a list cannot be set; set the whole list: {whole}=[...]")
+            )
+            continue
         node, more = parse(value, source)
         faults += [replace(fault, mark=Mark(source)) for fault in more]
         if node is not None and not more:
@@ -85,10 +92,19 @@ def expand_case(tree: Node, stem: str) -> tuple[Node, list[Fault], set[str]]:
         if key in children:
             children[key] = _long_form(children[key], SHORT_FORMS[key])
     _expand_damping(children, faults, lost)
+    expand_test_band(children, faults, lost)
     _expand_real_rig(children, faults)
     _expand_file(children, ("record", "file"), "records", faults)
     _expand_file(children, ("identification", "model"), None, faults)
     return replace(tree, value=children), faults, lost
+
+
+def expand_file(path: Path, kind: str) -> tuple[Node | None, list[Fault]]:
+    """Return the document of a structure, rig or reference file with what it extends merged, and the faults."""
+    source = Source(display(path), path.absolute().parent)
+    faults: list[Fault] = []
+    node = _from_file(Node(str(path.absolute()), Mark(source)), kind, "", faults, ())
+    return (_with_whole_paths(node) if node is not None and kind == "rigs" and is_real(node) else node), faults
 
 
 def merge(base: Node, over: Node) -> Node:
@@ -204,7 +220,8 @@ def _expand_damping(children: dict[str, Node], faults: list[Fault], lost: set[st
         return
     named = levels.children if levels else {}
     if node.value not in named:
-        ends = near(node.value, named)
+        none = "; add damping_levels to it, or write damping: {first_mode_ratio: 0.02}"
+        ends = near(node.value, named) if named else none
         faults.append(Fault(node.mark, "damping", f"the structure has no damping level {node.value[:40]!r}{ends}"))
         lost.add("damping")
         return
@@ -242,13 +259,19 @@ def _expand_real_rig(children: dict[str, Node], faults: list[Fault]) -> None:
         return
     runs = tuple(Node(run, table.mark) for run in REAL_RUNS)
     children.setdefault("runs", Node(runs, table.mark, table.key_mark))
+    children["table"] = table = _with_whole_paths(table)
+    model = table.children.get("model")
+    if model is not None and isinstance(model.value, Path):
+        _use_model(children, model, faults)
+
+
+def _with_whole_paths(table: Node) -> Node:
+    """Return a real rig with the absolute paths of the files that it names."""
     parts = {key: _whole_path(part) for key, part in table.children.items() if key == "model"}
     udp = table.children.get("udp")
     if udp is not None and "key_file" in udp.children:
         parts["udp"] = replace(udp, value={**udp.children, "key_file": _whole_path(udp.children["key_file"])})
-    children["table"] = replace(table, value={**table.children, **parts})
-    if "model" in parts and isinstance(parts["model"].value, Path):
-        _use_model(children, parts["model"], faults)
+    return replace(table, value={**table.children, **parts})
 
 
 def _use_model(children: dict[str, Node], model: Node, faults: list[Fault]) -> None:

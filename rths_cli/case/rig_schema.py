@@ -22,6 +22,7 @@ from rths_cli.case.field_types import Problem, Range, Strict, entry, exactly_one
 from rths_cli.case.plugin_rig_names import GROUP, plugin_kinds
 from rths_cli.case.rig_capabilities import DEFAULT_KIND
 from rths_cli.case.virtual_physics_schema import AfterIdentification, VirtualPhysics
+from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 
 Stroke = Annotated[float, Range(gt=0, le=10)]
 Velocity = Annotated[float, Range(gt=0, le=100)]
@@ -165,7 +166,6 @@ class VirtualRigSpec(RigSpec):
     )
 
 
-GRAVITY_M_S2 = 9.80665
 ONLY_VIRTUAL = "belongs to a virtual rig; remove it"
 Sign = Annotated[int, AfterValidator(lambda value: _sign(value))]
 
@@ -201,7 +201,7 @@ class RealSensorsSpec(SensorKeys):
         """Return the sensitivity in V per m/s^2, from whichever key it is stated in."""
         if self.sensitivity_v_per_m_s2 is not None:
             return self.sensitivity_v_per_m_s2
-        return float(self.sensitivity_mv_per_g or 0.0) / 1000.0 / GRAVITY_M_S2
+        return float(self.sensitivity_mv_per_g or 0.0) / 1000.0 / STANDARD_GRAVITY_M_S2
 
     @classmethod
     def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
@@ -210,8 +210,8 @@ class RealSensorsSpec(SensorKeys):
         warning, abort, span = number(data, "warning_m_s2"), number(data, "abort_m_s2"), number(data, "range_g")
         if warning is not None and abort is not None and warning >= abort:
             yield ("warning_m_s2",), f"must be < abort_m_s2 = {abort:g}, got {warning:g}"
-        if abort is not None and span is not None and abort > span * GRAVITY_M_S2:
-            limit = f"{span * GRAVITY_M_S2:.4g}, the sensor's range"
+        if abort is not None and span is not None and abort > span * STANDARD_GRAVITY_M_S2:
+            limit = f"{span * STANDARD_GRAVITY_M_S2:.4g}, the sensor's range"
             yield ("abort_m_s2",), f"must be <= {limit}, got {abort:g}; the sensor would not show it"
 
 

@@ -15,6 +15,7 @@ MAX_STOREYS = 200
 Mass = Annotated[float, Range(gt=0, le=1e7)]
 Stiffness = Annotated[float, Range(gt=0, le=1e12)]
 Frequency = Annotated[float, Range(gt=0, le=1000)]
+Height = Annotated[float, Range(gt=0, le=1000)]
 Dashpot = Annotated[float, Range(ge=0, le=1e9)]
 Ratio = Annotated[float, Range(ge=0, lt=1)]
 Storeys = Field(min_length=1, max_length=MAX_STOREYS)
@@ -127,6 +128,9 @@ class StructureSpec(Strict):
     interface_experimental_mass_kg: Annotated[float, Range(ge=0, le=1e7)] = Field(
         default=0.0, description="part of the interface floor's mass that stands on the table"
     )
+    heights_m: tuple[Height, ...] | None = _maybe_per_storey(
+        "storey heights of the whole building from the ground, for drift ratios and profiles"
+    )
     damping_levels: dict[str, DampingSpec] = Field(default={}, description="what `damping:` in a case may name")
 
     @field_validator("damping_levels")
@@ -142,6 +146,9 @@ class StructureSpec(Strict):
         if on_table is not None and highest is not None and on_table >= highest:
             limit = f"must be < the interface floor's mass {highest:g} kg, got {on_table:g}"
             yield ("interface_experimental_mass_kg",), limit
+        storeys = [count(data.get(part) or {}, "masses_kg") for part in ("numerical", "experimental")]
+        if None not in storeys:
+            yield from same_length(data, "heights_m", sum(filter(None, storeys)), "storey")
         levels = data.get("damping_levels")
         for key, level in levels.items() if isinstance(levels, Mapping) else ():
             if key in ("", "inline"):

@@ -21,12 +21,14 @@ controller: FF+FB              # FF, FF+FB or none (the table as delivered)
 # runs: [sim, sim-delay, shake-table, exp-rths]
 # sample_rate_hz: 2000
 # delay_s: 0.005                 # the delay of sim-delay
+# test_band_hz: 12               # errors are judged below it; the identified and checked bands follow
 # record_filter: {corner_hz: 0.25, order: 2}   # causal Butterworth high pass; corner_hz: 0 switches it off
 # identification: {seed: 0, duration_s: 120, accel_rms_m_s2: 2.0}
 # kalman: {q: 1e3, r: 1.0}
 # limits: {stroke_m: 0.07}       # may only be stricter than the rig's
 # seed: 0                        # of the noise in the runs
 # accept: {"exp_rths.rms_error_m_s2[3]": 0.06}   # the command returns 1 when a figure is above its limit
+# grade_limits: {good_percent: 2, good_ratio: 0.1, usable_percent: 5}   # of SIM, of SIM-DELAY's error, of SIM
 # reference: zhang2015           # published figures to print beside ours
 # notes: what this case is for
 """

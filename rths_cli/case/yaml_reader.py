@@ -175,6 +175,12 @@ def _syntax_fault(error: Exception, text: str, source: Source) -> Fault:
         problem = "a control character"
         line = text.count("\n", 0, error.position) + 1
         column = error.position - text.rfind("\n", 0, error.position)
+    if "could not find expected ':'" in problem and line > 1:
+        before = text.splitlines()[line - 2] if line - 2 < len(text.splitlines()) else ""
+        if ":" not in before.partition("#")[0]:  # PyYAML notices it at the key after
+            line, column, problem = line - 1, 1, f"a colon is missing in {before.strip()[:40]!r}; write KEY: VALUE"
+    if "'\\t'" in problem:
+        problem = "a tab; indent with spaces"
     if "single document" in str(error):
         problem = "a second document begins here; keep one"
     return Fault(Mark(source, line, column), "", f"not valid YAML: {problem}")

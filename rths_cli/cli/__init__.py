@@ -2,9 +2,24 @@
 
 from __future__ import annotations
 
-from rths_cli.cli import check, doctor, export, identify, new, records, recover, report, run, schema, serve, sweep
+from rths_cli.cli import (
+    check,
+    doctor,
+    export,
+    identify,
+    listing,
+    new,
+    records,
+    recover,
+    report,
+    run,
+    schema,
+    serve,
+    structure,
+    sweep,
+)
 from rths_cli.cli.command_group import SIGNALS, cli
-from rths_cli.cli.completion import complete_cases
+from rths_cli.cli.completion import complete_names
 from rths_cli.cli.entry_point import main
 
 __all__ = [
@@ -14,6 +29,7 @@ __all__ = [
     "doctor",
     "export",
     "identify",
+    "listing",
     "main",
     "new",
     "records",
@@ -22,7 +38,8 @@ __all__ = [
     "run",
     "schema",
     "serve",
+    "structure",
     "sweep",
 ]
 
-complete_cases(cli.commands.values())
+complete_names(cli.commands.values())

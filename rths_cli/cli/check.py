@@ -47,7 +47,7 @@ def check(
     from rths_cli.report.check_page import pages
 
     screen = new_screen(quiet)
-    checked = check_cases(loaded, tuple(dict.fromkeys(overrides)), screen.doing)
+    checked = check_cases(loaded, tuple(dict.fromkeys(overrides)), screen.doing, warn=screen.warning)
     screen.clear()
     click.echo(json.dumps(as_document(checked), indent=2) if as_json else pages(checked), nl=as_json)
     return max(one.exit_code for one in checked)

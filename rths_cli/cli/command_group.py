@@ -14,7 +14,7 @@ SIGNALS = Signals()
 PARTS = {
     "Run": ("check", "run", "sweep"),
     "Look": ("report", "export"),
-    "Prepare": ("new", "records", "schema", "identify"),
+    "Prepare": ("new", "list", "structure", "records", "schema", "identify"),
     "Real rigs": ("doctor", "serve", "recover"),
 }
 LONGEST = 200  # characters of the first sentence: all of it, over several lines

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import codecs
 import errno
+import gc
 import json
 import os
 import sys
@@ -21,6 +22,7 @@ from rths_cli.safe_text import OutputError, PrintedStream, shortened
 BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")  # read when numpy is imported
 
 NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
+NEW_OBJECTS = 300_000  # between two searches for unreachable objects; the libraries of a run make 200,000 that stay
 LONGEST_SENTENCE = 1000  # characters of a fault: what is longer repeats an input
 
 
@@ -28,6 +30,7 @@ def main() -> NoReturn:
     """Run the command line and leave with its exit code (docs/decisions/commands.md)."""
     _open_streams()
     _one_blas_thread()
+    gc.set_threshold(NEW_OBJECTS)
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # pydantic would look for some in every package
     try:
         SIGNALS.install()
@@ -41,6 +44,7 @@ def main() -> NoReturn:
         sys.stdout.flush()
         sys.stderr.flush()
         os._exit(code)
+    gc.freeze()  # Python looks for unreachable objects on its way out: among all that libraries have made
     sys.exit(code)
 
 
@@ -82,7 +86,7 @@ def run_to_exit_code() -> int:
         sys.stdout.flush()
         return SIGNALS.code or code  # one that came when everything was done ends the caller's loop all the same
     except click.ClickException as error:
-        return _say([error.format_message()], 2)
+        return _say([" ".join(error.format_message().split())], 2)  # click lists choices on lines of their own
     except (click.Abort, KeyboardInterrupt, Terminated):
         return _ended_by_signal()
     except OutputError as error:

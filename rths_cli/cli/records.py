@@ -7,6 +7,7 @@ import json
 import click
 
 from rths_cli.cli.command_group import cli
+from rths_cli.cli.listing import show_list
 from rths_cli.cli.options import Number, json_option
 
 
@@ -18,12 +19,14 @@ from rths_cli.cli.options import Number, json_option
 )
 @json_option
 def records(record: str | None, unit: str | None, dt_s: float | None, as_json: bool) -> int:
-    """List the shipped ground motions, or show one: peaks, duration, response spectrum.
+    """Show a ground motion: peaks, duration, response spectrum. Without RECORD: list those that are known.
 
     Example: rths records el_centro
     """
-    from rths_cli.experiment.ground_motion_list import listing, show
+    if record is None:
+        return show_list("records", as_json)
+    from rths_cli.experiment.ground_motion_list import show
 
-    document, text = show(record, unit, dt_s) if record else listing()
+    document, text = show(record, unit, dt_s)
     click.echo(json.dumps(document, indent=2) if as_json else text, nl=as_json)
     return 0

@@ -55,6 +55,7 @@ PLAIN_S = 5.0  # between two lines where output is no terminal
     metavar="PERCENT",
     help="Exit code 1 when an error is worse than the baseline's by more than this.",
 )
+@click.option("--paper", is_flag=True, help="Judge the paper's claims for cases without a reference, too.")
 @click.option("--keep-going", is_flag=True, help="Report the good files although others cannot be read.")
 @click.option("--junit", type=FILE, metavar="FILE", help="Write JUnit XML: one test per accept limit.")
 @click.option("--quiet", is_flag=True, help="Show no progress.")
@@ -68,6 +69,7 @@ def report(
     keys: tuple[str, ...],
     baseline: Path | None,
     percent: float | None,
+    paper: bool,
     keep_going: bool,
     junit: Path | None,
     quiet: bool,
@@ -96,6 +98,7 @@ def report(
         percent=percent,
         keep_going=keep_going,
         junit=junit,
+        paper=paper,
     )
     return _report(asked, quiet)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, NamedTuple
 
 import click
 
@@ -19,10 +19,18 @@ from rths_cli.cli.options import (
     settings_option,
     yes_option,
 )
-from rths_cli.cli.terminal import new_screen
+from rths_cli.cli.terminal import new_screen, page_width
 
 if TYPE_CHECKING:
     from rths_cli.experiment.run_case import Ended
+    from rths_cli.files.result_reader import Result
+
+
+class Wanted(NamedTuple):
+    """How much a run prints."""
+
+    full: bool  # every figure
+    quiet: int  # 1: a line per case, 2: nothing
 
 
 @cli.command()
@@ -32,7 +40,8 @@ if TYPE_CHECKING:
 )
 @methods_option("compare (files NAME-paper.h5, NAME-best.h5)")
 @click.option("--no-replace", is_flag=True, help="Refuse, before running, to replace a finished result.")
-@click.option("--quiet", is_flag=True, help="Show no progress, only what went wrong.")
+@click.option("--full", is_flag=True, help="Print every figure before the answer, as rths report does.")
+@click.option("--quiet", count=True, help="Show no progress, and one line per case; given twice, only what went wrong.")
 @click.option("--junit", type=FILE, metavar="FILE", help="Write JUnit XML: one test per accept limit.")
 @overrides_option(
     ["check", "model"],
@@ -47,7 +56,8 @@ def run(
     output: Path,
     methods: tuple[str, ...],
     no_replace: bool,
-    quiet: bool,
+    full: bool,
+    quiet: int,
     junit: Path | None,
     overrides: tuple[str, ...],
     yes: bool,
@@ -55,7 +65,7 @@ def run(
     settings: tuple[str, ...],
     as_json: bool,
 ) -> int:
-    """Run cases and print their tables; one result file per case.
+    """Run cases and print the answer; one result file per case. Cases with a reference have its tables, too.
 
     Example: rths run el_centro_low_ff_fb --set scaling=0.2
     """
@@ -69,7 +79,7 @@ def run(
         from rths_cli.report.report_options import check_output
 
         check_output("--junit", junit, ())
-    screen = new_screen(quiet)
+    screen = new_screen(quiet > 0)
     request = Request(
         cases=tuple(loaded),
         methods=chosen,
@@ -81,12 +91,12 @@ def run(
         yes=yes,
     )
     ended = run_batch(request, screen)
-    _show_results(ended, as_json, junit)
+    _show_results(ended, as_json, junit, Wanted(full, quiet))
     return exit_code(ended)
 
 
-def _show_results(ended: Sequence[Ended], as_json: bool, junit: Path | None) -> None:
-    """Read the result files back, write their tests and print their tables."""
+def _show_results(ended: Sequence[Ended], as_json: bool, junit: Path | None, wanted: Wanted) -> None:
+    """Read the result files back, write their tests and print what is wanted of them."""
     from rths_cli.report.results_by_case import load
 
     paths = [one.path for one in ended if one.path]
@@ -96,15 +106,24 @@ def _show_results(ended: Sequence[Ended], as_json: bool, junit: Path | None) -> 
         from rths_cli.report.report_options import write_text
 
         write_text(junit, as_junit(results, failed=[(one.name, one.reason) for one in ended if one.path is None]))
-    if paths or as_json:
-        _print_tables(results, as_json, [one.__dict__ for one in ended])
-
-
-def _print_tables(results: Any, as_json: bool, endings: list[dict[str, Any]]) -> None:
-    from rths_cli.report.result_tables import tables, to_json
-
     if as_json:
-        document = to_json(results) | {"cases": endings}
+        from rths_cli.report.result_tables import to_json
+
+        document = to_json(results) | {"cases": [one.__dict__ for one in ended]}
         click.echo(json.dumps(document, indent=2, default=str))
-    else:
-        click.echo(tables(results), nl=False)
+    elif paths:
+        _print(results, wanted)
+
+
+def _print(results: Sequence[Result], wanted: Wanted) -> None:
+    """Print the tables of cases with a reference, or of all; then the answer, where it stays on the screen."""
+    from rths_cli.report.answer import answers, one_line
+    from rths_cli.report.result_tables import has_reference, tables
+
+    if wanted.quiet:
+        click.echo("".join(f"{one_line(result)}\n" for result in results if wanted.quiet == 1), nl=False)
+        return
+    tabled = [result for result in results if wanted.full or has_reference(result)]
+    if tabled:
+        click.echo(f"{tables(tabled)}\n", nl=False)
+    click.echo(answers(results, page_width()), nl=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import sys
 import time
 from collections.abc import Callable, Sequence
@@ -21,6 +22,11 @@ if TYPE_CHECKING:
     from rths_cli.loop.live_view import View
 
 PLAIN_S = 5.0  # between two lines where output is no terminal
+
+
+def page_width() -> int:
+    """Return the columns of a page: those of COLUMNS, else of the terminal, 60 to 100; 100 where there is none."""
+    return min(100, max(60, shutil.get_terminal_size((100, 24)).columns))
 
 
 def _nothing() -> None:
@@ -156,6 +162,12 @@ class Screen:
         """Show a line, for instance a warning."""
         self._clear()
         print(text, file=self._stream, flush=True)
+
+    def warning(self, text: str) -> None:
+        """Show a warning at once, and not again where a case ends."""
+        if text not in self._said and not self._quiet:
+            self.message(f"note: {text}")
+        self._said.add(text)
 
     def clear(self) -> None:
         """Take the status line away; what has been said stays."""

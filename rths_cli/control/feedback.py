@@ -16,6 +16,7 @@ from rths_cli.control.margins import (
 )
 from rths_cli.control.state_space import discretise, from_roots, static
 from rths_cli.errors import InputError
+from rths_cli.numerics.bands import TEST_BAND_HZ, with_test_band
 from rths_cli.numerics.lti import Array, Block, ComplexArray, Frf, Model, StateSpace
 from rths_cli.numerics.matrix_equations import riccati_gain
 
@@ -34,10 +35,18 @@ Plant = tuple[Array, Array, Array, Array, Array, Array]
 
 @dataclass(frozen=True)
 class Weights:
-    """What the regulator is designed for: the band of the error it is to remove, and what a command costs."""
+    """What the regulator is designed for: the band of the error it is to remove, and what a command costs.
 
-    disturbance_hz: tuple[float, float] = (1.0, 12.0)
+    The default band belongs to the usual test band.
+    """
+
+    disturbance_hz: tuple[float, float] = (1.0, TEST_BAND_HZ)
     command_weight: float = 0.01
+
+    def for_test_band(self, test_band_hz: float) -> Weights:
+        """Return the weights for another test band, to which `disturbance_hz` keeps its ratios."""
+        low, high = (with_test_band(hz, test_band_hz) for hz in self.disturbance_hz)
+        return Weights((low, high), self.command_weight)
 
 
 DEFAULT = Weights()

@@ -1,4 +1,4 @@
-"""The interface of numerical and experimental substructure: what is commanded there, and what force comes back."""
+"""The interface of numerical and experimental substructure: what is commanded there, and how the force is made."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ COMMANDED = {"acceleration": 0, "displacement": 2}
 """What an interface may command, and its row of the motion: acceleration, velocity, displacement."""
 
 Commanded = Literal["acceleration", "displacement"]
-Returned = Literal["accelerations", "load_cell", "both"]
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,6 @@ class Interface:
     channels: tuple[int, ...] = (0,)
     actuators: int = 1
     commanded: Commanded = "acceleration"
-    returned: Returned = "accelerations"
 
     @property
     def commands(self) -> tuple[int, ...]:

@@ -15,13 +15,14 @@ from rths_cli.control.interface import InterfaceForce
 from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.control.numerical_substructure import amplitude_and_lag
 from rths_cli.control.sensor_correction import correction
+from rths_cli.numerics.bands import with_test_band
 from rths_cli.numerics.lti import Array, Block, ComplexArray, Model
 from rths_cli.rigs.description import Channel, RigInfo
 from rths_cli.structure import Numerical, Specimen
 
-FREQUENCIES_HZ = np.array([1.0, 3.0, 5.0, 10.0, 20.0, 100.0])
+FREQUENCIES_HZ = np.array([1.0, 3.0, 5.0, 10.0, 20.0, 100.0])  # with the usual test band
 PREDICTION, INVERSE, CORRECTION, NOTHING = "prediction", "inverse", "sensor correction", "nothing"
-GRID_HZ = np.linspace(0.05, 100.0, 2000)
+GRID_HZ = np.linspace(0.05, 100.0, 2000)  # along which phases are unwrapped; stretched for higher frequencies
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,11 @@ class Loop:
     shear_now: InterfaceForce
     removes_sensors: bool
     has_inverse: bool
+
+
+def frequencies_hz(test_band_hz: float) -> Array:
+    """Return the frequencies (6,) in Hz, two digits each, at which the latencies of a case are stated."""
+    return np.array([float(f"{with_test_band(hz, test_band_hz):.2g}") for hz in FREQUENCIES_HZ])
 
 
 def budget(loop: Loop, frequency_hz: Array = FREQUENCIES_HZ) -> LatencyBudget:
@@ -123,7 +129,8 @@ def tracking_lag_s(feedforward: Block, model: Model, frequency_hz: Array) -> Arr
 
     The phase is counted from low frequency on, so that lags beyond half a period are right.
     """
-    grid = np.unique(np.concatenate([GRID_HZ[: np.searchsorted(GRID_HZ, frequency_hz.max())], frequency_hz]))
+    way = GRID_HZ * max(frequency_hz.max() / GRID_HZ[-1], 1.0)
+    grid = np.unique(np.concatenate([way[: np.searchsorted(way, frequency_hz.max())], frequency_hz]))
     s = 2j * np.pi * grid
     command = np.einsum("cf,cf->f", feedforward.response(grid)[0], np.array([s**0, 1.0 / s, 1.0 / s**2]))
     lag = -np.unwrap(np.angle(command * model.response(grid))) / (2.0 * np.pi * grid)

@@ -23,7 +23,11 @@ class Logged(NamedTuple):
 
 @runtime_checkable
 class PartDesign(Protocol):
-    """The design of a part of the step."""
+    """The design of a part of the step.
+
+    That of a numerical substructure may have an attribute `building` as well: the whole building (structure.Building)
+    that it and the specimen make. SIM and SIM-DELAY are then those of that building.
+    """
 
     @property
     def name(self) -> str:
@@ -44,7 +48,7 @@ class PartDesign(Protocol):
 
     @property
     def multiplications(self) -> int:
-        """Return its work in a step; it is bounded."""
+        """Return its work in a step, for information; 0 where it is not known."""
 
     def linearised(self, at: Array | None = None) -> Block:
         """Return the linear block at a state or at parameters, as the log holds them; None: those of the start.
@@ -53,8 +57,8 @@ class PartDesign(Protocol):
         """
 
 
-Exchange = Mapping[str, Callable[[Any], Any]]
-"""What makes a part from the designed one, by the name of its place: numerical, feedforward or feedback."""
+OwnParts = Mapping[str, Callable[[Any], Any]]
+"""Functions of the caller that make a part from the designed one, by its place: numerical, feedforward or feedback."""
 PLACES = ("numerical", "feedforward", "feedback")
 
 

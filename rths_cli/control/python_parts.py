@@ -13,6 +13,7 @@ from typing import Generic, Protocol, TypeVar
 from rths_cli.control.part_designs import Logged, not_judged
 from rths_cli.numerics.callbacks import Callback
 from rths_cli.numerics.lti import Array, Block
+from rths_cli.structure import Building
 
 
 class Substructure(Protocol):
@@ -76,8 +77,15 @@ class PythonPart(Generic[Model]):
         return next((one.fault for one in last if one.fault is not None), None)
 
 
+@dataclass(frozen=True)
 class PythonSubstructure(PythonPart[Substructure]):
-    """A numerical substructure in Python."""
+    """A numerical substructure in Python.
+
+    `building`: the whole building that it and the specimen of the case make, for which SIM and SIM-DELAY are computed;
+    None: it declares none.
+    """
+
+    building: Building | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True)

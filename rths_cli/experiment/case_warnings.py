@@ -1,5 +1,5 @@
-"""Warnings about a case, printed and stored: several stiffness solutions, doubtful model, slower feedback than
-asked."""
+"""Warnings about a case, printed and stored: doubtful units, several stiffness solutions, doubtful model, slower
+feedback than asked."""
 
 from __future__ import annotations
 
@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rths_cli.case.keys_without_effect import sentence
+from rths_cli.experiment.unit_plausibility import unit_doubts
 from rths_cli.structure import modes
 
 if TYPE_CHECKING:
@@ -20,21 +22,59 @@ BANDWIDTH_SHARE = 0.9  # fraction of the requested bandwidth below which a warni
 
 
 def of_case(setup: Setup, identified: Identification | None, design: Design | None) -> tuple[str, ...]:
-    """Return the warnings of a case, one sentence each, on its building, identification and controller.
+    """Return the warnings of a case, one sentence each, on its units, building, identification and controller.
 
     `identified` None: no table run, hence no identification; `design` None: no blocks.
     """
-    found = [*setup.building.notes, *_coupled_sensors(setup)]
+    unread = sentence(setup.case)
+    found = [
+        *unit_doubts(setup),
+        *modes_above_the_bands(setup),
+        *([unread] if unread else []),
+        *setup.building.notes,
+        *_coupled_sensors(setup),
+    ]
     if "numerical" in setup.parts:
-        found.append(
-            "the numerical substructure is the caller's own: computed storeys, SIM and errors in the file are those of "
-            "the case's building, only the interface is as it ran"
-        )
+        found.append(_of_own_storeys(setup))
     if identified is not None:
         found += [*identified.warnings, *identified.reasons, *differences(setup, identified)]
     if design is not None:
         found += [*slower_feedback(setup, design), *chosen_feedback(design)]
-    return tuple(found)
+    return tuple(dict.fromkeys(found))  # those on units may stand in a model file too
+
+
+def modes_above_the_bands(setup: Setup) -> list[str]:
+    """Return a sentence where the building's first mode is above the test band, or the specimen's above the compared
+    one: errors and model are then judged where nothing resonates."""
+    building, case, parts = setup.building, setup.case, setup.building.specimen
+    whole = float(modes(building.M, building.C, building.K)[0][0])
+    fixed = float(modes(np.diag(parts.masses_kg), parts.C, parts.K)[0][0])
+    highest, told = case.identification.compared_hz[1], []
+    if whole > case.test_band_hz:
+        told.append(
+            f"test_band_hz: errors up to {case.test_band_hz:g} Hz leave out the building's first mode, {whole:.3g} Hz; "
+            "raise it"
+        )
+    if fixed > highest:
+        told.append(
+            f"identification.compared_hz: the model is compared up to {highest:.3g} Hz, below the specimen's first "
+            f"mode, {fixed:.3g} Hz; raise it, or test_band_hz"
+        )
+    return told
+
+
+def _of_own_storeys(setup: Setup) -> str:
+    """Return what the result says of a numerical substructure of the caller's own."""
+    if not setup.declared:
+        return (
+            "the numerical substructure is the caller's own and declares no building: SIM, SIM-DELAY and errors are "
+            "those of the case's building, and the storeys below the interface are not known (NaN)"
+        )
+    below = "" if setup.building.linear else "; the storeys below the interface are not known (NaN)"
+    return (
+        "the numerical substructure is the caller's own: SIM, SIM-DELAY and errors are those of the building that it "
+        f"declares{below}"
+    )
 
 
 def _coupled_sensors(setup: Setup) -> list[str]:

@@ -15,7 +15,7 @@ from rths_cli.analysis.closed_loop_response import loop_response
 from rths_cli.analysis.critical_delay import critical_delay
 from rths_cli.analysis.fourier_lines import lines_for
 from rths_cli.analysis.predicted_error import Known, predict
-from rths_cli.analysis.sim import simulate
+from rths_cli.analysis.references import reference_of
 from rths_cli.analysis.sim_fourier_lines import delayed_rms, sim_lines
 from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.errors import InputError
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 RINGS = 7.0  # time constants after which a motion has decayed
 LONGEST_S = 300.0  # longest padding after the record
-NOISE_FROM_HZ, NOISE_POINTS = 1.0, 400  # band and points over which noise at rest is taken as white
+NOISE_FROM_HZ, NOISE_POINTS = 1.0, 400  # to half the sample rate: where noise at rest is taken as white; points
 NEAR = 0.97  # fraction of the critical delay from which SIM-DELAY rings too long to be computed on lines
 
 
@@ -53,6 +53,7 @@ class Judged:
     friction_v: float  # friction of the table as a command, as used in the prediction
     largest_scaling: float  # up to which the test is safe; 0 if no scaling makes it safe
     known: Known | None  # inputs of the prediction; None for an unstable loop
+    samples: tuple[Judged, ...] = ()  # the same of each sample of the identified model
 
 
 def preflight_of(setup: Setup, identified: Identification, design: Design) -> preflight.Preflight:
@@ -63,11 +64,37 @@ def preflight_of(setup: Setup, identified: Identification, design: Design) -> pr
 def judge(setup: Setup, identified: Identification, design: Design, shared: SharedValues | None = None) -> Judged:
     """Check a case's hybrid test, from the identified rig and the designed blocks.
 
-    With `shared`, cases with the same record and building compute SIM once, and cases with the same blocks compute the
-    stability of the loop once.
+    Where the identified model has samples, the same blocks are judged on each of them: the verdict is the worst one,
+    the largest scaling is safe with all, everything else is the nominal model's. With `shared`, cases with the same
+    record and building compute SIM once, and cases with the same blocks compute the stability of the loop once. Raises
+    InputError if an identified building has no SIM.
     """
-    shared = shared or SharedValues()
-    dt, design = setup.rig.dt_s, replace(design, blocks=design.blocks.linearised())
+    shared, design = shared or SharedValues(), replace(design, blocks=design.blocks.linearised())
+    nominal = _judge_one(setup, identified, design, shared)
+    if not identified.samples:
+        return nominal
+    samples = tuple(
+        _judge_sample(setup, sample, design, shared, number) for number, sample in enumerate(identified.samples, 1)
+    )
+    return replace(
+        nominal,
+        preflight=preflight.over_samples(nominal.preflight, [one.preflight for one in samples]),
+        largest_scaling=min(one.largest_scaling for one in (nominal, *samples)),
+        samples=samples,
+    )
+
+
+def _judge_sample(setup: Setup, sample: Identification, design: Design, shared: SharedValues, number: int) -> Judged:
+    try:
+        return _judge_one(setup, sample, design, shared)
+    except InputError as error:
+        faults = (f"sample {number} of the identified model: {fault}" for fault in error.faults)
+        raise InputError(*faults) from error
+
+
+def _judge_one(setup: Setup, identified: Identification, design: Design, shared: SharedValues) -> Judged:
+    """Check a case's hybrid test on one member of the identified model, without its samples; the blocks are linear."""
+    dt = setup.rig.dt_s
     building = as_identified(setup, _specimen(identified))
     rig, storeys = loop_parts(setup, identified)
     found = loop_stability(setup, identified, design.blocks, shared)
@@ -117,11 +144,11 @@ def known_of(
     dt, motion, specimen = setup.rig.dt_s, setup.motion, _specimen(identified)
     building = as_identified(setup, specimen)
     ring = RINGS * dt / -math.log(radius) if radius < 1.0 else LONGEST_S
-    lines = lines_for(len(motion.time_s), dt, min(ring, LONGEST_S), lowest_reliable_hz(setup))
+    lines = lines_for(len(motion.time_s), dt, min(ring, LONGEST_S), lowest_reliable_hz(setup), setup.case.test_band_hz)
     asked = (motion_key(setup.case), content_key(building))
     try:
         sim = (shared or SharedValues()).get(
-            "sim as identified", asked, lambda: simulate(building, dt, motion.accel_m_s2)
+            "sim as identified", asked, lambda: reference_of(building).sim(building, dt, motion.accel_m_s2)
         )
     except InputError as error:
         raise InputError(*(f"the building as identified: {fault}" for fault in error.faults)) from error
@@ -143,6 +170,7 @@ def known_of(
         correction=design.blocks.correction,
         shaped=design.blocks.shaping_step_v > 0.0,
         excess=rig.excess,
+        compared=setup.compared,
         peaks_m_s2=np.abs(sim.abs_accel_m_s2[interface:]).max(axis=1),
     )
 

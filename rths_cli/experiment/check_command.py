@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from rths_cli.analysis.closed_loop_matrix import open_loop
@@ -18,17 +18,19 @@ from rths_cli.experiment.loop_stability_of_case import loop_parts
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
 from rths_cli.experiment.setup import make_setups, shown
+from rths_cli.experiment.unit_plausibility import unit_doubts
 from rths_cli.interrupts import interruptible
+from rths_cli.numerics.bands import COMPARED_HZ, TEST_BAND_HZ
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from rths_cli.analysis.predicted_error import Known as LoopKnown
     from rths_cli.case.case_schema import Case
-    from rths_cli.control.part_designs import Exchange
+    from rths_cli.control.part_designs import OwnParts
     from rths_cli.experiment.design import Design
     from rths_cli.experiment.model_choice import Known
-    from rths_cli.experiment.setup import Progress, Setup
+    from rths_cli.experiment.setup import OwnSamples, Progress, Setup
     from rths_cli.numerics.lti import Block
     from rths_cli.numerics.shared_values import SharedValues
     from rths_cli.quantities import Values
@@ -68,6 +70,8 @@ class Tested:
     delay_s: float  # of the base shear in SIM-DELAY
     model: str  # source of the identified model, in words
     overrides: tuple[str, ...] = ()  # as given by --override
+    test_band_hz: float = TEST_BAND_HZ
+    compared_hz: tuple[float, float] = COMPARED_HZ  # band in which the table's model is compared with its data
 
 
 @dataclass(frozen=True)
@@ -94,8 +98,14 @@ def verdict_on(
     If `hybrid` is False, there is no hybrid test: the verdict is "", or UNSAFE if no blocks can be designed. `design`:
     blocks that were designed already, for example for another record; None: they are designed here. With `shared`,
     cases compute common results once. If the model is rejected and, for that reason, no controller can be designed or
-    the building cannot be solved, only the reasons of the rejection are returned.
+    the building cannot be solved, only the reasons of the rejection are returned. Doubts on units precede the reasons.
     """
+    found = _judged(setup, known, hybrid, design, shared)
+    return replace(found, reasons=(*unit_doubts(setup), *found.reasons)) if found.reasons else found
+
+
+def _judged(setup: Setup, known: Known, hybrid: bool, design: Design | None, shared: SharedValues | None) -> Verdict:
+    """Return the verdict without doubts on units."""
     faults = known.faults(setup.overrides)
     try:
         design = design or interruptible(lambda: design_blocks(setup, known.found, shared))
@@ -118,16 +128,21 @@ def check_cases(
     overrides: tuple[str, ...],
     progress: Progress,
     memory: Memory | None = None,
-    parts: Exchange | None = None,
+    parts: OwnParts | None = None,
+    samples: OwnSamples = (),
+    warn: Progress = lambda _: None,
 ) -> list[Checked]:
     """Return the verdict on each case; all cases and model files are read before the first one is judged.
 
-    `memory`: identifications to use; None: a new memory with the cache of virtual rigs. Raises InputError with all
-    faults of the cases.
+    `warn` receives doubts on units before anything is identified; they are warnings of the result, too. `memory`:
+    identifications to use; None: a new memory with the cache of virtual rigs. Raises InputError with all faults of the
+    cases.
     """
     memory = memory or Memory(Cache())
-    setups = make_setups(cases, overrides, parts=parts)
+    setups = make_setups(cases, overrides, parts=parts, samples=samples)
     for setup in setups:
+        for doubt in unit_doubts(setup):
+            warn(doubt)
         memory.prepare(setup)
     return [check_case(setup, memory, progress) for setup in setups]
 
@@ -150,7 +165,8 @@ def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
     try:
         known = memory.at_rest(setup, progress)
     except (RigError, LimitError) as error:
-        return Checked(_about(setup, "none"), UNSAFE, (str(error),))
+        doubts = unit_doubts(setup)
+        return Checked(_about(setup, "none"), UNSAFE, (*doubts, str(error)), doubts)
     found = verdict_on(setup, known)
     figures = (
         {} if found.design is None else result_contents.design_figures(setup, known.found, found.design) | found.figures
@@ -178,4 +194,6 @@ def _about(setup: Setup, model: str) -> Tested:
         delay_s=case.delay_s,
         model=model,
         overrides=setup.overrides,
+        test_band_hz=case.test_band_hz,
+        compared_hz=setup.compared.hz,
     )

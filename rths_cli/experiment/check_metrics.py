@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from rths_cli.experiment.run_metrics import of_margins
+from rths_cli.quantities import over_samples
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -24,13 +27,32 @@ REACH = {
 }
 
 
+LARGEST = "check.largest_scaling"
+DECLARED = tuple(f"check.limit_{name}" for name in REACH.values())  # metrics that no identification changes
+
+
 def check_figures(judged: Judged) -> dict[str, ArrayLike]:
-    """Return the metrics of a check by path; for an unstable loop, predicted peaks and errors are left out."""
+    """Return the metrics of a check by path; for an unstable loop, predicted peaks and errors are left out.
+
+    Over several samples of the identified model, a metric that differs between them carries its range as an interval.
+    A peak or error that a sample has not, because its loop is unstable or SIM-DELAY would diverge, has no upper end.
+    The largest scaling is safe with every sample and has no interval.
+    """
+    values = _figures(judged)
+    samples = []
+    for sample in judged.samples:
+        unlimited = {path: np.full(np.shape(value), np.inf) for path, value in values.items() if path not in DECLARED}
+        samples.append({**values, **unlimited, **_figures(sample), LARGEST: values[LARGEST]})
+    return over_samples(values, samples)
+
+
+def _figures(judged: Judged) -> dict[str, ArrayLike]:
+    """Return the metrics of a check of one member of the identified model, by path."""
     found = judged.preflight
     values = _stability(found) | _modes(judged) | _table_error(found)
     values |= of_margins("check", found.stability.measured, "")
     values |= of_margins("check", found.stability.modelled, "_model")
-    values["check.largest_scaling"] = judged.largest_scaling
+    values[LARGEST] = judged.largest_scaling
     values["check.friction_v"] = judged.friction_v
     if judged.sim_delay_rms_m_s2 is not None:
         values["check.sim_delay_rms_error_m_s2"] = judged.sim_delay_rms_m_s2

@@ -4,18 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rths_cli.control import feedback, feedforward, kalman_filter, numerical_substructure, sensor_correction
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.interface import Interface
-from rths_cli.control.part_designs import PartDesign
-from rths_cli.errors import InputError
 from rths_cli.experiment.feedback_choice import choose_feedback
 from rths_cli.experiment.loop_stability_of_case import loop_faults
+from rths_cli.experiment.own_parts import NUMERICAL, made
 from rths_cli.numerics.shared_values import SharedValues
 
 if TYPE_CHECKING:
+    from rths_cli.analysis.stability_check import Fault
     from rths_cli.control.interface import InterfaceForce
     from rths_cli.experiment.feedback_choice import Chosen
     from rths_cli.experiment.setup import Setup
@@ -39,6 +39,7 @@ class Design:
 def design_blocks(setup: Setup, identified: Identification, shared: SharedValues | None = None) -> Design:
     """Return the blocks for the case's method and controller; raises InputError if no controller exists.
 
+    They are designed from the nominal model; the check judges them on its samples too.
     With `shared`, cases with the same model and weights design the feedback once, whatever their building.
     """
     case, dt, shared = setup.case, setup.rig.dt_s, shared or SharedValues()
@@ -67,7 +68,7 @@ def design_blocks(setup: Setup, identified: Identification, shared: SharedValues
     if case.controller.kind != "FF+FB":
         return Design(_exchanged(blocks, setup), model, None, shear_now)
 
-    def faults(with_it: feedback.Feedback) -> list[str]:
+    def faults(with_it: feedback.Feedback) -> list[Fault]:
         return loop_faults(setup, identified, replace(blocks, feedback=with_it.block), shared)
 
     designed, chosen = choose_feedback(setup, identified, model, faults, shared)
@@ -76,14 +77,11 @@ def design_blocks(setup: Setup, identified: Identification, shared: SharedValues
 
 def _exchanged(blocks: Blocks, setup: Setup) -> Blocks:
     """Return the blocks with the parts that the caller puts in the place of designed ones."""
-    made = {place: make(getattr(blocks, place)) for place, make in setup.parts.items()}
-    for place, design in made.items():
-        if not isinstance(design, PartDesign):
-            raise InputError(
-                f"parts: what was made for {place} is no design of a part ({type(design).__name__}); return a Block, a "
-                "PythonSubstructure, a PythonFeedforward or an object with the same attributes"
-            )
-    return replace(blocks, **made)
+    own: dict[str, Any] = {
+        place: made(place, make, getattr(blocks, place)) for place, make in setup.parts.items() if place != NUMERICAL
+    }
+    own |= {NUMERICAL: setup.own_numerical} if setup.own_numerical is not None else {}
+    return replace(blocks, **own)
 
 
 def _specimen(identified: Identification) -> Specimen:

@@ -11,7 +11,7 @@ from rths_cli.errors import RigError
 from rths_cli.experiment.rig_access import EXP_RTHS, open_rig
 from rths_cli.experiment.setup import make_setup
 from rths_cli.files.rig_lock import locked_rig
-from rths_cli.rigs.interface import LinkedRig, linked
+from rths_cli.rigs.interface import LinkedRig, as_commands, linked
 from rths_cli.rigs.udp import link as links
 from rths_cli.rigs.udp.fault_sentences import fault_names
 from rths_cli.rigs.udp.packets import COMMAND
@@ -65,9 +65,9 @@ def udp_delays(rig: LinkedRig, steps: int) -> IntArray:
 
 def paced_delays(rig: Rig, steps: int) -> IntArray:
     """Return the delay (n,) of each exchange in ns against an even pace, relative to the earliest one."""
-    returned = np.zeros(steps, dtype=np.int64)
+    returned, resting = np.zeros(steps, dtype=np.int64), as_commands(np.zeros(rig.info.actuators))
     for k in range(steps):
-        rig.exchange(0.0)
+        rig.exchange(resting)
         returned[k] = time.monotonic_ns()
     late = returned - np.round(np.arange(steps) * (1e9 * rig.info.dt_s)).astype(np.int64)
     return np.asarray(late - late.min())

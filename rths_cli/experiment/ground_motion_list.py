@@ -1,4 +1,4 @@
-"""The work of `rths records`: list the shipped ground motions, and show one."""
+"""The work of `rths records`: peaks, duration and response spectrum of a ground motion."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from rths_cli.case.named_files import find, is_bare, shipped, suffixes
+from rths_cli.case.named_files import find, is_bare
 from rths_cli.experiment.ground_motion import peaks, prepare, response_spectrum
 from rths_cli.files.accelerograms import Accelerogram, read_accelerogram
 
@@ -15,17 +15,9 @@ PERIODS_S = (0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0)
 SPECTRUM_DAMPING = 0.05
 
 
-def listing() -> tuple[dict[str, Any], str]:
-    """Return the list of the shipped records, as a document for JSON and as text."""
-    kinds = suffixes("records")
-    paths = sorted(p for p in shipped("records").iterdir() if p.suffix.lower() in kinds)
-    rows = [_facts(path.stem, read_accelerogram(path)) for path in paths]
-    lines = [f"{'record':<14}{'samples':>8}{'dt s':>8}{'length s':>10}{'peak m/s^2':>12}  title"]
-    lines += [
-        f"{r['name']:<14}{r['samples']:>8}{r['dt_s']:>8g}{r['duration_s']:>10.2f}{r['peak_m_s2']:>12.4f}  {r['title']}"
-        for r in rows
-    ]
-    return {"records": rows}, "\n".join(lines) + "\n"
+def facts_of(path: Path) -> dict[str, Any]:
+    """Return name, title, sampling and peak of a record's file; raises InputError if it cannot be read."""
+    return _facts(path.stem, read_accelerogram(path))
 
 
 def show(name: str, unit: str | None, dt_s: float | None) -> tuple[dict[str, Any], str]:

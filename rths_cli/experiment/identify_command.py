@@ -18,12 +18,14 @@ from rths_cli.experiment.identify_output import Outputs, check_outputs, make_fol
 from rths_cli.experiment.model_choice import as_model, notes_on
 from rths_cli.experiment.model_files import channel_names, load, save
 from rths_cli.experiment.setup import Progress, Setup, make_setup, shown
+from rths_cli.experiment.unit_plausibility import specimen_doubts
 from rths_cli.files.imported_models import is_foreign, read_foreign
 from rths_cli.files.measured_data import Recording, write_recording
 from rths_cli.identification.channel_signals import UnfitRecord
 from rths_cli.identification.identify import identify as evaluate
 from rths_cli.identification.results import Identification
 from rths_cli.interrupts import interruptible
+from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Model
 
 
@@ -48,6 +50,7 @@ class About:
     rig_kind: str  # kind of the rig; "" for measured files
     source: str  # origin of the data, in words
     lines: tuple[tuple[str, str], ...] = ()  # (label, text), such as excitation, estimator, data hash, model file
+    compared: ComparedBand = USUAL  # band in which a model is compared with its data
 
 
 @dataclass(frozen=True)
@@ -62,21 +65,30 @@ class Made:
     model: Path | None = None  # model file if the model is accepted; None if it is rejected
 
 
-def make_model(asked: Asked, progress: Progress, permit: Callable[[Setup], None] = lambda _: None) -> Made:
+def make_model(
+    asked: Asked,
+    progress: Progress,
+    permit: Callable[[Setup], None] = lambda _: None,
+    warn: Progress = lambda _: None,
+) -> Made:
     """Identify as asked and write the model file, also for a rejected model: the file states the verdict.
 
-    `permit` is called before a rig is excited and refuses by raising InputError. Case, excitation and output files are
-    checked before a rig moves. Raises InputError if the case, the data or an output file cannot be used, LimitError or
-    RigError if the excitation was stopped.
+    `permit` is called before a rig is excited and refuses by raising InputError; before that, `warn` receives doubts on
+    units, which precede the warnings of the model, or the reasons why there is none. Case, excitation and output files
+    are checked before a rig moves. Raises InputError if the case, the data or an output file cannot be used, LimitError
+    or RigError if the excitation was stopped.
     """
     setup = make_setup(load_cases([asked.case], asked.settings)[0])
     outputs = _outputs(asked, setup)
     given, notes = _given(setup)
     planned = None if asked.data else plan(setup)
     check_outputs(outputs, _inputs(asked, setup))
+    doubts = specimen_doubts(setup)
+    for doubt in doubts:
+        warn(doubt)
     if not asked.data:
         permit(setup)
-    about = About(setup.rig.name, "" if asked.data else setup.rig.kind, "")
+    about = About(setup.rig.name, "" if asked.data else setup.rig.kind, "", compared=setup.compared)
     try:
         measured = read_measured(asked.data, setup) if asked.data else measure(setup, progress, planned)
         about = replace(about, source=measured.source, lines=measured.lines)
@@ -84,9 +96,10 @@ def make_model(asked: Asked, progress: Progress, permit: Callable[[Setup], None]
         if asked.save_data:
             _save_data(asked.save_data, setup, measured)
         found = noted(_evaluate(setup, measured, given, asked.data is not None), notes)
-        found = noted(found, differences(setup, found))
+        found = noted(found, (*doubts, *differences(setup, found)))
     except (UnfitRig, UnfitRecord) as unfit:
         why, code = (unfit.unfit, unfit.exit_code) if isinstance(unfit, UnfitRig) else (unfit, 1)
+        why = UnfitRecord((*doubts, *why.faults), why.channels)
         none = (("model file", "none is written: no model can be made from these channels"),)
         return Made(replace(about, lines=(*about.lines, *none)), None, None, why, code)
     replaced = outputs.model.exists()

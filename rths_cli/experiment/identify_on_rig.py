@@ -22,6 +22,7 @@ from rths_cli.identification.channel_signals import UnfitRecord
 from rths_cli.identification.excitation import Excitation, ExcitationSettings
 from rths_cli.identification.identify import IdentificationSettings
 from rths_cli.identification.identify import identify as evaluate
+from rths_cli.identification.inputs import BAND_HZ, PAPER_BAND_HZ
 from rths_cli.identification.low_level_probe import Level
 from rths_cli.identification.record_parts import Record
 from rths_cli.identification.results import Identification
@@ -29,6 +30,7 @@ from rths_cli.interrupts import interruptible
 from rths_cli.loop.guard import LOST, OPERATOR, OVERRUN, RIG_FAULT
 from rths_cli.loop.simulated_time_run import Outcome, play
 from rths_cli.loop.step_arrays import EXCITATION
+from rths_cli.numerics.bands import ComparedBand
 from rths_cli.numerics.lti import Array, Model
 
 if TYPE_CHECKING:
@@ -36,7 +38,7 @@ if TYPE_CHECKING:
 
 MOST_ATTEMPTS = 3  # excitations of a table that is overdriven, each at half the level of the one before
 SEED_STEP = 7919  # difference of the seeds of several records
-PERIOD_S = {"multisine": 20.0, "sweep": 40.0}
+PERIOD_S = {"multisine": 20.0, "sweep": 40.0}  # longer where the compared band begins below the usual 0.7 Hz
 RECORDS = {IDENTIFICATION: "full level", PROBE: "probe", VERIFICATION: "verification"}
 ADVICE = "lower identification.accel_rms_m_s2"
 NOT_BY_MOTION = (LOST, OVERRUN, RIG_FAULT, OPERATOR)  # a quieter excitation would not help
@@ -74,23 +76,26 @@ class Measured:
 
 def excitation_settings(options: IdentificationSpec) -> ExcitationSettings:
     """Return the settings of the excitation that a case requests."""
-    o, period_s = options, options.period_s or PERIOD_S.get(options.excitation, 20.0)
-    return ExcitationSettings(o.duration_s, o.accel_rms_m_s2, o.low_hz, o.high_hz, o.excitation, period_s)
+    o, compared = options, ComparedBand(*options.compared_hz)
+    usual_s = PERIOD_S.get(options.excitation, 20.0) / min(compared.with_low(1.0), 1.0)
+    return ExcitationSettings(
+        o.duration_s, o.accel_rms_m_s2, o.low_hz, o.high_hz, o.excitation, options.period_s or usual_s, compared
+    )
 
 
 def evaluation_settings(options: IdentificationSpec) -> IdentificationSettings:
     """Return the settings of the evaluation that a case requests."""
-    default = IdentificationSettings()
-    low = max(default.band_hz[0], options.low_hz)
-    return replace(
-        default,
-        band_hz=(low, min(default.band_hz[1], options.high_hz)),
-        paper_band_hz=(low, default.paper_band_hz[1]),
+    compared = ComparedBand(*options.compared_hz)
+    low = max(compared.with_low(BAND_HZ[0]), options.low_hz)
+    return IdentificationSettings(
+        band_hz=(low, min(compared.with_high(BAND_HZ[1]), options.high_hz)),
+        paper_band_hz=(low, compared.with_high(PAPER_BAND_HZ[1])),
         estimator=options.estimator,
         latency_in_roots=options.latency == "kept",
         sensors_removed=options.sensor_dynamics == "removed",
         like_noise=options.excitation in ("noise", "multisine"),
         excited_hz=options.low_hz,
+        compared=compared,
     )
 
 
@@ -168,7 +173,9 @@ def _excited(
         command, corrected, lost = excite(setup, loud.command_v, stream=(IDENTIFICATION, number) if number else None)
         record = Record(command, corrected, loud.parts)
         notes += [lost] if lost else []
-        grown = low_level_probe.overdriven(quiet, record, setup.rig.dt_s) if options.excitation == "noise" else None
+        grown = None
+        if options.excitation == "noise":
+            grown = low_level_probe.overdriven(quiet, record, setup.rig.dt_s, setup.compared)
         if grown is None or attempt == MOST_ATTEMPTS:
             break
         notes.append(
@@ -203,9 +210,10 @@ def _lines(setup: Setup, played: Excitation, level: Level) -> tuple[tuple[str, s
     """Return the page's lines on the excitation."""
     options = setup.case.identification
     count = f"{options.records} records of " if options.records > 1 else ""
+    corner_hz = setup.compared.with_high(excitation.CORNER_HZ)
     signal = (
         f"{options.excitation}, {count}{options.duration_s:g} s, {options.low_hz:g}-{options.high_hz:g} Hz, "
-        f"{played.accel_rms_m_s2:.3g} m/s^2 rms below 12 Hz, seed {options.seed}"
+        f"{played.accel_rms_m_s2:.3g} m/s^2 rms below {corner_hz:g} Hz, seed {options.seed}"
     )
     reach = ", ".join(f"{name} {entry.share:.0%}" for name, entry in level.reach.items())
     return (("excitation", signal), ("predicted reach", f"{reach} of the limits"), *processing(options))

@@ -18,13 +18,15 @@ if TYPE_CHECKING:
     from rths_cli.control.designed_blocks import Blocks
     from rths_cli.experiment.setup import Setup
     from rths_cli.identification.results import Identification
+    from rths_cli.numerics.bands import ComparedBand
     from rths_cli.numerics.lti import Block
 
 
 def loop_parts(setup: Setup, identified: Identification) -> tuple[IdentifiedRig, Block]:
     """Return the parts of a case's loop that are not designed: the identified rig, and all numerical storeys."""
     assert identified.specimen is not None  # every case has experimental storeys
-    rig = identified_rig(identified.best, identified.specimen.specimen, setup.rig, setup.removes_sensors)
+    specimen, compared = identified.specimen.specimen, setup.compared
+    rig = identified_rig(identified.best, specimen, setup.rig, setup.removes_sensors, compared)
     return rig, all_storeys(setup.building.numerical, setup.rig.dt_s, setup.case.integration)
 
 
@@ -34,16 +36,16 @@ def loop_stability(
     """Return the stability of a case's loop with these blocks; with `shared`, equal loops are evaluated once."""
     rig, storeys = loop_parts(setup, identified)
     blocks, samples = blocks.linearised(), len(setup.motion.time_s)
-    asked = content_key(rig, blocks, storeys, identified.best, identified.frfs[0], identified.levels)
+    asked = content_key(rig, blocks, storeys, identified.best, identified.frfs[0], identified.levels, setup.compared)
     found = (shared or SharedValues()).get(
-        "stability", asked, lambda: _stability(rig, blocks, storeys, identified, samples)
+        "stability", asked, lambda: _stability(rig, blocks, storeys, identified, samples, setup.compared)
     )
     return replace(found, growth=preflight.growth(found.radius, samples))
 
 
 def loop_faults(
     setup: Setup, identified: Identification, blocks: Blocks, shared: SharedValues | None = None
-) -> list[str]:
+) -> list[preflight.Fault]:
     """Return the reasons why a case's loop with these blocks is not safe with any record; empty if it is safe."""
     found = loop_stability(setup, identified, blocks, shared)
     feedback = setup.case.controller.kind == "FF+FB"
@@ -54,11 +56,16 @@ def required_delay_s(setup: Setup, identified: Identification, blocks: Blocks) -
     """Return the further delay in s that a case's loop must tolerate."""
     bridged = setup.rig.can.bridges_lost_samples and blocks.lead_samples > 0
     error_s = identified.latency.error_s if identified.latency else None
-    return preflight.required_delay_s(setup.rig.dt_s, bridged, error_s, bool(identified.levels))
+    return preflight.required_delay_s(setup.rig.dt_s, bridged, error_s, bool(identified.levels), setup.compared)
 
 
 def _stability(
-    rig: IdentifiedRig, blocks: Blocks, storeys: Block, identified: Identification, samples: int
+    rig: IdentifiedRig,
+    blocks: Blocks,
+    storeys: Block,
+    identified: Identification,
+    samples: int,
+    compared: ComparedBand,
 ) -> preflight.Stability:
     """Return the stability of the loop.
 
@@ -66,11 +73,11 @@ def _stability(
     has no effect.
     """
     best, measured, levels = identified.best, identified.frfs[0], identified.levels
-    found = preflight.stability(rig, blocks, storeys, best, measured, samples, levels)
+    found = preflight.stability(rig, blocks, storeys, best, measured, samples, levels, compared)
     if not math.isfinite(blocks.feedback_limit_v):
         return found
     alone = replace(blocks, feedback=none(rig.plant.dt_s))
-    without = preflight.stability(rig, alone, storeys, best, measured, samples, levels)
+    without = preflight.stability(rig, alone, storeys, best, measured, samples, levels, compared)
     worse = min(found, without, key=lambda each: (each.radius < 1.0, each.tolerates / each.required))
     late = min(found.measured, without.measured, key=lambda each: each.delay_margin_s)
     return replace(worse, apart=max(found.apart, without.apart), measured=late)

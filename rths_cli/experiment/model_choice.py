@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import RLock
@@ -54,10 +54,13 @@ class Memory:
         self._lock = RLock()
 
     def prepare(self, setup: Setup) -> None:
-        """Read the model file that a case names, and plan the excitation of its rig.
+        """Read the model file that a case names and those of samples, and plan the excitation of its rig.
 
-        Raises InputError if the file is no model of this rig and specimen, or if the excitation is impossible.
+        Raises InputError if a file is no model of this rig and specimen, or if the excitation is impossible.
         """
+        if not callable(setup.samples):
+            for sample in setup.samples:
+                _sample(sample, setup)
         path = setup.case.identification.model
         if setup.rig.can.moves_hardware:
             _check_real(setup, path)
@@ -86,6 +89,10 @@ class Memory:
 
     def known(self, setup: Setup, progress: Progress) -> Known:
         """Return the identification of the setup's rig and specimen, with its source and whether it is still valid."""
+        return with_samples(setup, self._nominal(setup, progress))
+
+    def _nominal(self, setup: Setup, progress: Progress) -> Known:
+        """Return the identification of the setup's rig and specimen without the caller's samples."""
         name = key(setup)
         with self._lock:
             if name not in self._known:
@@ -103,9 +110,11 @@ class Memory:
         self.prepare(setup)
         file = self._files.get(key(setup))
         if isinstance(file, Stored):
-            return Known(file.found, f"{_named(file)}; a run verifies it by a short record first")
-        known = self.known(setup, progress)
-        return replace(known, source=AT_REST) if known.source == NOW else known
+            known = Known(file.found, f"{_named(file)}; a run verifies it by a short record first")
+        else:
+            known = self._nominal(setup, progress)
+            known = replace(known, source=AT_REST) if known.source == NOW else known
+        return with_samples(setup, known)
 
     def _from_file(self, setup: Setup, file: Stored | ForeignModel, progress: Progress) -> Known:
         """Return a named model: one of ours verified by a short record, one from elsewhere judged by a full one."""
@@ -134,6 +143,38 @@ class Memory:
         if self._cache and not setup.rig.can.moves_hardware:
             self._cache.keep(setup, found, measured.sha256)
         return Known(found, NOW)
+
+
+def _made(given: object) -> tuple[Identification, ...]:
+    """Return what a function of the caller made as samples; raises InputError for what is no list."""
+    if not isinstance(given, Sequence):
+        raise InputError(f"samples: the function must return a list of identifications, got {type(given).__name__}")
+    return tuple(given)
+
+
+def with_samples(setup: Setup, known: Known) -> Known:
+    """Return an identification with the samples that the caller gives; the source tells how many.
+
+    Raises InputError for a file that is no accepted model of this rig and specimen, and for what is no sample.
+    """
+    given = setup.samples
+    samples = _made(given(known.found)) if callable(given) else tuple(_sample(path, setup) for path in given)
+    if not samples:
+        return known
+    try:
+        found = replace(known.found, samples=samples)
+    except ValueError as error:
+        raise InputError(f"samples: {error}") from error
+    count = f"{len(samples)} sample{'s' if len(samples) > 1 else ''}"
+    return replace(known, found=found, source=f"{known.source}; with {count} of it")
+
+
+def _sample(path: Path, setup: Setup) -> Identification:
+    """Return a sample from its model file; raises InputError if it is rejected and that is not overridden."""
+    found = load(path, setup).found
+    if not found.accepted and "model" not in setup.overrides:
+        raise InputError(f"samples: {shown(path)} was rejected: {'; '.join(found.reasons)}; leave it out")
+    return found
 
 
 def _named(file: Stored) -> str:

@@ -25,6 +25,7 @@ from rths_cli.identification.results import (
     SpecimenFit,
     Verdict,
 )
+from rths_cli.numerics.bands import ComparedBand
 from rths_cli.numerics.lti import Frf, Model
 from rths_cli.quantities import AXES
 from rths_cli.quantities.model_datasets import model_dataset
@@ -44,13 +45,19 @@ TABLES: dict[str, type] = {
 
 
 def to_groups(found: Identification, names: tuple[str, ...]) -> Groups:
-    """Return the groups of an identification; `names` are those of its channels, the table's first."""
+    """Return the groups of an identification; `names` are those of its channels, the table's first.
+
+    Raises ValueError for one with samples, which a model file does not hold.
+    """
+    if found.samples:
+        raise ValueError("a model file holds no samples of the identified model")
     groups: dict[str, Values] = {
         "table/best": _fields(found.best),
         "table/paper": _fields(found.paper),
         "fit_error/best": _fields(found.best_error),
         "fit_error/paper": _fields(found.paper_error),
         "verdict": _fields(found.verdict),
+        "compared": _fields(found.compared),
     }
     for name, frf, floor in zip(names, found.frfs, found.noise_floors, strict=True):
         groups[f"frf/{name}"] = _fields(frf) | {"frequency_hz": frf.frequency_hz}
@@ -90,6 +97,7 @@ def from_groups(groups: Mapping[str, Values], names: tuple[str, ...]) -> Identif
         friction=_made(Friction, groups["friction"]) if "friction" in groups else None,
         latency=_made(DelayEstimate, groups["latency"]) if "latency" in groups else None,
         causes=_made(LevelCauses, groups.get("level_causes", {})),
+        compared=_made(ComparedBand, groups.get("compared", {})),
         **tables,
     )
 

@@ -79,10 +79,22 @@ def load(path: Path, setup: Setup) -> Stored:
         raise InputError(*(f"{shown(path)}: {fault}" for fault in faults))
     try:
         found = from_groups(file.groups, channel_names(setup))
+        _check_band(path, found, setup)
         made = datetime.strptime(str(file.attributes["created_utc"]), TIME).replace(tzinfo=UTC)
         return Stored(path, found, made, file.attributes, file.sha256)
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{shown(path)}: lacks a part of its model ({error}); identify again") from error
+
+
+def _check_band(path: Path, found: Identification, setup: Setup) -> None:
+    """Raise InputError if a model was compared with its data in another band than the case needs."""
+    if found.compared == setup.compared:
+        return
+    low, high = found.compared.hz
+    raise InputError(
+        f"{shown(path)}: compared with its data in {found.compared}, the case needs {setup.compared}; identify again, "
+        f"or state identification.compared_hz: [{low:g}, {high:g}]"
+    )
 
 
 def channel_names(setup: Setup) -> tuple[str, ...]:

@@ -15,9 +15,9 @@ from rths_cli.identification.results import Identification, LevelBand, SpecimenF
 from rths_cli.identification.specimen_fit import Motion, Start, fit_stretches
 
 SEGMENTS = 5
-HIGHEST_HZ = 40.0  # upper end of the compared bands
+HIGHEST_HZ = 40.0  # of the usual compared band: upper end of the bands that are verified
 SIGMA = 3.0  # standard uncertainties that are added to an accepted change
-SHARE, SHARE_UNSEEN, SHARE_ABOVE = 0.01, 0.06, 0.10  # accepted change to 11 Hz; without low level in the model; above
+SHARE, SHARE_UNSEEN, SHARE_ABOVE = 0.01, 0.06, 0.10  # accepted change in the band; without low level; above it
 # Accepted changes of a mode, (df / f) / ratio and (d ratio) / ratio; both have the same effect at the table's zero.
 FREQUENCY_SHARE, DAMPING_SHARE = 0.05, 0.05
 
@@ -36,8 +36,10 @@ def verify(setup: Setup, known: Identification, progress: Progress) -> tuple[tup
     changes = changed_bands(known, record)
     reasons = [_band_sentence(band, change) for band, change, allowed in changes if not change <= allowed]
     reasons += specimen_changes(setup, known, record)
-    worst = max((change for band, change, _ in changes if band.high_hz <= channel_signals.COMPARED_HZ[1]), default=0.0)
-    return tuple(reasons), f"verified by a low-level record: table within {worst:.1%} of the model up to 11 Hz"
+    worst = max((change for band, change, _ in changes if band.high_hz <= known.compared.high_hz), default=0.0)
+    return tuple(
+        reasons
+    ), f"verified by a low-level record: table within {worst:.1%} of the model up to {known.compared.high_hz:g} Hz"
 
 
 def changed_bands(known: Identification, record: Record) -> list[tuple[LevelBand, float, float]]:
@@ -49,14 +51,14 @@ def changed_bands(known: Identification, record: Record) -> list[tuple[LevelBand
     now = over_model(known.best, [record], known.best.band_hz, length_s / SEGMENTS)
     then = {band.low_hz: band for band in known.levels}
     found = []
-    for band in verdict.level_bands(now, None):
-        if band.high_hz > HIGHEST_HZ:
+    for band in verdict.level_bands(now, None, known.compared):
+        if band.high_hz > known.compared.with_high(HIGHEST_HZ):
             continue
         before = then.get(band.low_hz)
         ratio = band.ratio / (before.ratio if before else 1.0)
         error = float(np.hypot(band.error, before.error if before else 0.0))
         share = SHARE if before else SHARE_UNSEEN
-        share = share if band.high_hz <= channel_signals.COMPARED_HZ[1] else SHARE_ABOVE
+        share = share if band.high_hz <= known.compared.high_hz else SHARE_ABOVE
         found.append((band, abs(ratio - 1.0), share + SIGMA * error))
     return found
 

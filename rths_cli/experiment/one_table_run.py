@@ -12,7 +12,14 @@ import numpy as np
 from rths_cli.experiment import error_budget_metrics, lost_sample_counts, run_metrics, sensor_drift_report
 from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
 from rths_cli.experiment.rig_access import EXP_RTHS, SHAKE_TABLE, guard_limits, open_rig
-from rths_cli.experiment.run_signals import BuildingMotion, Series, on_record_clock, whole_building, without_drift
+from rths_cli.experiment.run_signals import (
+    BuildingMotion,
+    OwnInterface,
+    Series,
+    on_record_clock,
+    whole_building,
+    without_drift,
+)
 from rths_cli.experiment.sensor_drift_report import Expected, SensorDrift, drift_of, expected_of
 from rths_cli.loop import guard
 from rths_cli.loop.realtime_run import way_to_rest_s
@@ -164,7 +171,8 @@ def run_of(
     every_storey_is_measured = len(setup.building.numerical.masses_kg) == 1
     building = None
     if kind.source == NUMERICAL and not (only_accelerations and every_storey_is_measured):
-        building = whole_building(setup.building, series, setup.motion.accel_m_s2, dt_s, setup.case.integration)
+        own = OwnInterface(setup.motion, setup.knows_storeys) if "numerical" in setup.parts else None
+        building = whole_building(setup.building, series, setup.motion.accel_m_s2, dt_s, setup.case.integration, own)
     return Run(
         kind, lead_samples, series, building, outcome.whole, drift,
         why_ended(kind.label, outcome, samples * dt_s), after_the_record(kind.label, outcome, dt_s), warnings,
@@ -193,6 +201,11 @@ def metrics_of_record(run: Run, setup: Setup, sim: Response) -> Values:
     if run.drift is not None:
         values |= sensor_drift_report.as_figures(run.kind.name, run.drift, setup, run.lead_samples)
     values |= errors_of(run, setup, sim)
+    if run.abs_accel_m_s2 is not None:
+        lowest_hz = lowest_reliable_hz(setup)
+        values |= run_metrics.relative_errors(
+            run.kind.name, values, sim.abs_accel_m_s2, setup.rig.dt_s, lowest_hz, setup.case.test_band_hz
+        )
     return values | run_metrics.of_table_run(setup, run.kind.name, run.series, sim, run.building)
 
 
@@ -203,7 +216,7 @@ def errors_of(run: Run, setup: Setup, sim: Response, room: Array | None = None) 
     table = (series.desired[0], series.measured[0], series.true_accel[0] if truth else None)
     if accel is not None:
         storeys = (sim.abs_accel_m_s2, accel, series.with_true(accel) if truth else None)
-    values = run_metrics.errors(run.kind.name, table, storeys, setup.rig.dt_s, lowest_hz, room)
+    values = run_metrics.errors(run.kind.name, table, storeys, setup.rig.dt_s, lowest_hz, room, setup.case.test_band_hz)
     return {**values, f"{run.kind.name}.high_pass_hz": lowest_hz}
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.experiment.setup import Setup
+from rths_cli.quantities import Interval
 from rths_cli.rigs.description import RigInfo
 
 if TYPE_CHECKING:
@@ -76,8 +77,9 @@ def _motion(setup: Setup) -> str:
 
 
 def _peaks(figures: Values) -> str:
-    """Return the peaks of the table's motion that a check predicts, "" without a check."""
+    """Return the peaks of the table's motion that a check predicts, the largest over samples; "" without a check."""
     known = [(path, figures[f"check.peak_{path}"]) for path in PEAKS if f"check.peak_{path}" in figures]
+    known = [(path, peak.high if isinstance(peak, Interval) else peak) for path, peak in known]
     told = ", ".join(f"{float(np.max(peak)) * PEAKS[path][0]:.3g} {PEAKS[path][1]}" for path, peak in known)
     return f"; predicted peaks of the table {told}" if told else ""
 

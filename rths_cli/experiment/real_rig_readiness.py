@@ -16,7 +16,7 @@ from rths_cli.experiment.rig_access import guard_limits, open_rig
 from rths_cli.files.machine_rates import LATE_SHARE, P99_SHARE, held_rate
 from rths_cli.files.rig_lock import locked_rig
 from rths_cli.loop.realtime_run import Performance, prepare, rehearse_watched
-from rths_cli.rigs.interface import linked
+from rths_cli.rigs.interface import as_commands, linked
 
 if TYPE_CHECKING:
     from rths_cli.control.designed_blocks import Blocks
@@ -114,9 +114,10 @@ def listened(setup: Setup, rig: Rig) -> AtRest:
 
     Raises InputError with a sentence for each channel that is not at rest, RigError if the rig is not available.
     """
+    resting = as_commands(np.zeros(rig.info.actuators))
     with opened(rig):
         shown = [np.array(rig.arm(), dtype=float)]
-        shown += [np.array(rig.exchange(0.0), dtype=float) for _ in range(round(LISTENING_S / setup.rig.dt_s))]
+        shown += [np.array(rig.exchange(resting), dtype=float) for _ in range(round(LISTENING_S / setup.rig.dt_s))]
     heard = np.array(shown)
     found = AtRest(heard.mean(axis=0), heard.std(axis=0))
     faults = channel_faults(setup.rig, found)

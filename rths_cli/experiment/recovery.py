@@ -11,15 +11,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import ValidationError
 
-from rths_cli.analysis.sim import simulate
+from rths_cli.analysis.references import reference_of
 from rths_cli.case.case_schema import Case
 from rths_cli.case.named_files import find
 from rths_cli.case.yaml_reader import parse
 from rths_cli.case.yaml_tree import Source, plain
+from rths_cli.control.part_designs import Logged
 from rths_cli.errors import InputError
 from rths_cli.experiment import result_contents, run_metrics
 from rths_cli.experiment.ground_motion import GroundMotion, integrate
 from rths_cli.experiment.one_table_run import TABLE_RUNS, RunKind, metrics_of_record, run_of
+from rths_cli.experiment.own_parts import NUMERICAL
 from rths_cli.experiment.sensor_drift_report import Expected, as_read
 from rths_cli.experiment.setup import Setup, ground_motion, rig_info
 from rths_cli.experiment.table_runs_of_case import write_run
@@ -147,15 +149,25 @@ def _write(writer: ResultWriter, job: _Job, log: RawLog, warnings: str) -> None:
     steps = log.columns.shape[1] - header.ramp_steps
     everything = _signals(log, setup)
     whole = whole_of(everything, header.still_steps, header.ramp_steps, header.dt_s)
-    outcome = Outcome(part_of(everything, slice(header.ramp_steps, None)), steps, "", "", 0.0, whole=whole)
+    of_record = part_of(everything, slice(header.ramp_steps, None))
+    outcome = Outcome(of_record, steps, "", "", 0.0, whole=whole, logs=_logs(header, len(everything.logged)))
     run = run_of(outcome, setup, _kind(header), header.lead_samples, job.expected)
     if run.warnings:
         writer.about({"warnings": "\n".join(filter(None, (warnings, *run.warnings)))})
     write_run(writer, setup, run)
-    if run.series.command_v.size == len(setup.motion.time_s) and np.isfinite(run.series.measured).all():
-        sim = simulate(setup.building, header.dt_s, setup.motion.accel_m_s2)
+    whole_record = run.series.command_v.size == len(setup.motion.time_s) and np.isfinite(run.series.measured).all()
+    if (
+        whole_record and NUMERICAL not in setup.parts
+    ):  # whose building, and with it SIM, only the caller's program knows
+        sim = reference_of(setup.building).sim(setup.building, header.dt_s, setup.motion.accel_m_s2)
         remarks = run_metrics.remarks(setup, header.run, run.series.desired[0])
         writer.metrics(metrics_of_record(run, setup, sim), remarks)
+
+
+def _logs(header: RawHeader, count: int) -> tuple[Logged, ...]:
+    """Return what the parts logged; a log of an earlier version names none of it."""
+    told = tuple(Logged(*one) for one in header.logs)
+    return (*told, *(Logged(f"logged_{i}", "1") for i in range(len(told), count)))[:count]
 
 
 def _kind(header: RawHeader) -> RunKind:
@@ -254,7 +266,14 @@ def _about(job: _Job, motion: GroundMotion) -> Setup:
     masses = np.asarray(case.structure.experimental.masses_kg, dtype=float)
     sha256, overrides = (str(attributes.get(key, "")) for key in ("record_sha256", "overrides"))
     building = build(case.structure, case.damping)
-    return Setup(case, motion, sha256, building, rig_info(case), masses, tuple(overrides.split()))
+    places = str(attributes.get("own_parts", "")).split()
+    parts = dict.fromkeys(places, _made_already)
+    return Setup(case, motion, sha256, building, rig_info(case), masses, tuple(overrides.split()), parts)
+
+
+def _made_already(designed: object) -> None:
+    """Stand for a part of the caller's that the run had; what is recovered needs only to know of it."""
+    raise AssertionError("a recovered run makes no parts")
 
 
 def _signals(log: RawLog, setup: Setup) -> Signals:

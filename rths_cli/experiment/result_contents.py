@@ -10,7 +10,7 @@ from rths_cli.control import latency_budget
 from rths_cli.control.numerical_substructure import amplitude_and_lag
 from rths_cli.experiment.run_metrics import of_margins
 from rths_cli.quantities import metrics_of
-from rths_cli.quantities.datasets import AS_SENSED, CORRECTED, DRIFT_REMOVED, HOLD_REMOVED, WITH_RIG
+from rths_cli.quantities.datasets import AS_SENSED, CORRECTED, DRIFT_REMOVED, HOLD_REMOVED, UNKNOWN_BELOW, WITH_RIG
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -68,7 +68,7 @@ def write_table_run(
     if series.logs:
         values["part_values"] = series.logged
         values["part_value_names"] = "\n".join(f"{one.name} ({one.units})" for one in series.logs)
-    writer.group(run, values, time, storey, scales, _remarks_on_samples(setup, series))
+    writer.group(run, values, time, storey, scales, _remarks_on_samples(setup, series) | _remarks_on_storeys(setup))
     timed = {"compute_s": (WITH_RIG,) if setup.rig.can.counts_steps else ()}
     writer.group(f"{run}/timing", {"compute_s": series.compute_s, **series.live}, time, storey, remarks=timed)
     if setup.rig.can.records_truth:
@@ -86,6 +86,12 @@ def _remarks_on_samples(setup: Setup, series: Series) -> dict[str, tuple[str, ..
     sensed = (CORRECTED if setup.removes_sensors else AS_SENSED, *drift)
     hold = (HOLD_REMOVED,) if setup.case.method == "best" else ()
     return {"interface_accel_measured_m_s2": sensed + hold, "floor_accel_measured_m_s2": sensed}
+
+
+def _remarks_on_storeys(setup: Setup) -> dict[str, tuple[str, ...]]:
+    """Return remarks on the motion of the whole building in EXP-RTHS, by dataset."""
+    unknown = not setup.knows_storeys and len(setup.building.numerical.masses_kg) > 1
+    return dict.fromkeys(("rel_disp_m", "rel_vel_m_s", "abs_accel_m_s2"), (UNKNOWN_BELOW,)) if unknown else {}
 
 
 def write_rest(writer: ResultWriter, run: str, setup: Setup, whole: Whole) -> None:
@@ -162,11 +168,11 @@ def _latency_figures(setup: Setup, identified: Identification, design: Design) -
         rig, blocks, design.model, setup.building.numerical, specimen, design.shear_now, setup.removes_sensors,
         setup.case.controller.kind != "none",
     )  # fmt: skip
-    frequency = latency_budget.FREQUENCIES_HZ
+    frequency = latency_budget.frequencies_hz(setup.case.test_band_hz)
     amplitude, _ = amplitude_and_lag(setup.building.numerical, blocks.numerical.linearised(), frequency)
     _, noise = latency_budget.shear_response(blocks.estimator, design.shear_now, specimen, frequency)
     values: dict[str, ArrayLike] = {
-        **_budget_figures(latency_budget.budget(loop)),
+        **_budget_figures(latency_budget.budget(loop, frequency)),
         "latency.predicted_s": blocks.lead_samples * rig.dt_s,
         "latency.declared_s": latency_budget.declared_s(rig),
         "latency.integration_amplitude": amplitude,
@@ -188,7 +194,7 @@ def _budget_figures(budget: LatencyBudget) -> dict[str, ArrayLike]:
     return values | {f"latency.{name}_s": total for name, total in sums}
 
 
-def remarks() -> dict[str, str]:
+def remarks(setup: Setup) -> dict[str, str]:
     """Return remarks on the latency's metrics: the frequencies at which they are given in this run."""
-    listed = ", ".join(f"{f:g}" for f in latency_budget.FREQUENCIES_HZ)
+    listed = ", ".join(f"{f:g}" for f in latency_budget.frequencies_hz(setup.case.test_band_hz))
     return {path: f"at {listed} Hz" for path, one in metrics_of("latency").items() if one.over}

@@ -13,8 +13,7 @@ import numpy as np
 
 from rths_cli.analysis import accept_limits
 from rths_cli.analysis.critical_delay import critical_delay
-from rths_cli.analysis.sim import simulate
-from rths_cli.analysis.sim_delay import simulate_delayed
+from rths_cli.analysis.references import reference_of
 from rths_cli.case.load import resolved_yaml
 from rths_cli.experiment import result_contents, run_metrics
 from rths_cli.experiment.case_warnings import of_case
@@ -25,7 +24,7 @@ from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
 from rths_cli.experiment.model_choice import Known, Memory
 from rths_cli.experiment.one_table_run import Stop
 from rths_cli.experiment.provenance import attributes
-from rths_cli.experiment.setup import Progress, Setup, building_key, make_setups, motion_key
+from rths_cli.experiment.setup import OwnSamples, Progress, Setup, building_key, make_setups, motion_key
 from rths_cli.experiment.table_runs_of_case import Played, Stage, VirtualStage, play_all, refused, why_none
 from rths_cli.files.result_reader import ResultWriter
 from rths_cli.interrupts import interruptible
@@ -37,7 +36,7 @@ if TYPE_CHECKING:
     from rths_cli.analysis.sim import Response
     from rths_cli.analysis.sim_delay import DelayedResponse
     from rths_cli.case.case_schema import Case
-    from rths_cli.control.part_designs import Exchange
+    from rths_cli.control.part_designs import OwnParts
     from rths_cli.quantities import Values
 
 BYTES_PER_SAMPLE = 600  # of a result file, for the check of free space
@@ -60,10 +59,10 @@ class Ended:
 
 def prepare_all(
     cases: Sequence[Case], output: Path, overrides: tuple[str, ...] = (), shared: SharedValues | None = None,
-    parts: Exchange | None = None,
+    parts: OwnParts | None = None, samples: OwnSamples = (),
 ) -> list[Setup]:  # fmt: skip
     """Read and check all cases completely before the first one starts; raises InputError with all faults."""
-    setups = make_setups(cases, overrides, shared, parts)
+    setups = make_setups(cases, overrides, shared, parts, samples)
     try_folder(output, sum(_bytes(setup) for setup in setups))
     return setups
 
@@ -110,7 +109,7 @@ def run_case(
         late = (played.late.reason,) if played.late else ()
         if cautions or late:
             writer.about({"warnings": "\n".join((*cautions, *late))})
-        writer.metrics(values, {**result_contents.remarks(), **played.remarks})
+        writer.metrics(values, {**result_contents.remarks(setup), **played.remarks})
         stop = _also(played.stop or acceptance(case.accept, values), played.late)
         writer.finish(stop.status, stop.reason)  # type: ignore[arg-type]
     if stage is not None:
@@ -171,17 +170,19 @@ def _simulations(
 ) -> tuple[Response, dict[str, ArrayLike]]:
     """Write SIM and SIM-DELAY; return SIM, the reference of all errors, and the metrics."""
     case, asked = setup.case, _of_sim(setup)
+    shared = _for(setup, shared)
     progress("SIM")
     sim = interruptible(lambda: sim_of(setup, shared))
     values: dict[str, ArrayLike] = {}
     if "sim" in case.runs:
         result_contents.write_response(writer, "sim", setup, sim)
         values["sim.solution_error"] = sim.error_estimate
+        values |= run_metrics.of_building("sim", setup.building, sim.rel_disp_m, sim.abs_accel_m_s2)
     if "sim_delay" in case.runs:
         progress(f"SIM-DELAY, {1e3 * case.delay_s:g} ms")
         delayed, found = shared.get(
             "sim_delay",
-            (*asked, case.delay_s, lowest_reliable_hz(setup)),
+            (*asked, case.delay_s, lowest_reliable_hz(setup), case.test_band_hz),
             lambda: interruptible(lambda: _sim_delay(setup, sim)),
         )
         result_contents.write_response(writer, "sim_delay", setup, delayed)
@@ -192,7 +193,14 @@ def _simulations(
 def sim_of(setup: Setup, shared: SharedValues) -> Response:
     """Return SIM, the reference of all errors; cases with the same record and building compute it once."""
     dt, ground = setup.rig.dt_s, setup.motion.accel_m_s2
-    return shared.get("sim", _of_sim(setup), lambda: simulate(setup.building, dt, ground))
+    return _for(setup, shared).get(
+        "sim", _of_sim(setup), lambda: reference_of(setup.building).sim(setup.building, dt, ground)
+    )
+
+
+def _for(setup: Setup, shared: SharedValues) -> SharedValues:
+    """Return where a setup's SIM may be shared: with no other case if its building is the caller's own."""
+    return SharedValues() if setup.declared else shared
 
 
 def _of_sim(setup: Setup) -> tuple[object, ...]:
@@ -203,15 +211,20 @@ def _of_sim(setup: Setup) -> tuple[object, ...]:
 def _sim_delay(setup: Setup, sim: Response) -> tuple[DelayedResponse, dict[str, ArrayLike]]:
     """Return SIM-DELAY and its metrics."""
     dt, building = setup.rig.dt_s, setup.building
-    delayed = simulate_delayed(building, dt, setup.motion.accel_m_s2, setup.case.delay_s, sim=sim)
+    delayed = reference_of(building).sim_delay(building, dt, setup.motion.accel_m_s2, setup.case.delay_s, sim)
     lowest_hz = lowest_reliable_hz(setup)
     storeys = (sim.abs_accel_m_s2, delayed.abs_accel_m_s2, None)
-    values = dict(run_metrics.errors("sim_delay", None, storeys, dt, lowest_hz))
+    band_hz = setup.case.test_band_hz
+    values = dict(run_metrics.errors("sim_delay", None, storeys, dt, lowest_hz, test_band_hz=band_hz))
+    values |= run_metrics.relative_errors("sim_delay", values, sim.abs_accel_m_s2, dt, lowest_hz, band_hz)
+    values |= run_metrics.of_building("sim_delay", building, delayed.rel_disp_m, delayed.abs_accel_m_s2)
     values["sim_delay.high_pass_hz"] = lowest_hz
     values["sim_delay.solution_error"] = delayed.error_estimate
-    critical = critical_delay(building).delay_s
-    if math.isfinite(critical):  # infinite: every delay is stable
+    critical = critical_delay(building).delay_s if building.linear else math.inf
+    if math.isfinite(critical):  # infinite: every delay is stable, or none is critical by itself
         values["sim_delay.critical_delay_s"] = critical
+        if critical > 0.0:
+            values["sim_delay.psi"] = math.log10(1e3 * critical)
     if delayed.diverged_at_s is not None:
         values["sim_delay.diverged_at_s"] = delayed.diverged_at_s
     return delayed, values

@@ -20,14 +20,15 @@ from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
 from rths_cli.experiment.operator_consent import ask_to_move
 from rths_cli.experiment.run_case import Ended, moves_table, prepare_all, run_case, worst_code
-from rths_cli.experiment.setup import Progress, Setup
+from rths_cli.experiment.setup import OwnSamples, Progress, Setup
+from rths_cli.experiment.unit_plausibility import unit_doubts
 from rths_cli.interrupts import ended_by
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.quantities import Values
 
 if TYPE_CHECKING:
     from rths_cli.case.case_schema import Case
-    from rths_cli.control.part_designs import Exchange
+    from rths_cli.control.part_designs import OwnParts
     from rths_cli.loop.live_view import View
 
 KEPT, KEPT_BYTES = 8, 1 << 28  # largest number of shared values of each kind, and of bytes of all kinds
@@ -50,6 +51,9 @@ class Watcher(Protocol):
     def message(self, text: str) -> None:
         """Report a sentence for the user."""
 
+    def warning(self, text: str) -> None:
+        """Report a warning at once; it is among those of a case that ends later."""
+
     def moving(self, label: str, view: View) -> bool:
         """Report the state of a run on a real rig; return whether the operator wants to stop it."""
 
@@ -67,7 +71,8 @@ class Request:
     replace: bool  # whether existing result files may be replaced
     command_line: str  # as stored in the result files
     overrides: tuple[str, ...] = ()  # as given by --override
-    parts: Exchange | None = None  # of the step, made by the caller
+    parts: OwnParts | None = None  # of the step, made by the caller
+    samples: OwnSamples = ()  # of the identified model, the caller's
     fresh: bool = False  # whether cached models of virtual rigs are ignored
     yes: bool = False  # whether a rig with `unattended: true` moves without a question
 
@@ -81,7 +86,7 @@ def plan(request: Request, memory: Memory, shared: SharedValues) -> list[Job]:
     for method in request.methods or ("",):
         cases = [case for case in request.cases if method in ("", case.method)]
         suffix = f"-{method}" if len(request.methods) > 1 else ""
-        setups = prepare_all(cases, request.output, request.overrides, shared, request.parts)
+        setups = prepare_all(cases, request.output, request.overrides, shared, request.parts, request.samples)
         jobs += [(setup, request.output / f"{setup.case.name}{suffix}{_when(setup)}.h5") for setup in setups]
     for setup, _ in jobs:
         if moves_table(setup.case):
@@ -108,6 +113,8 @@ def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
     memory, shared = Memory(Cache(request.fresh)), SharedValues()
     jobs = plan(request, memory, shared)
     shared.size = most_kept(jobs)
+    for doubt in dict.fromkeys(doubt for setup, _ in jobs for doubt in unit_doubts(setup)):
+        watcher.warning(doubt)
 
     def predicted(setup: Setup) -> Values:
         from rths_cli.files.imported_models import is_foreign
@@ -162,7 +169,7 @@ def run_one(
             return run_case(setup, path, memory, command_line, tell, shared)
         return _run_real(setup, path, memory, shared, command_line, tell, watcher)
     except RthsError as error:
-        return _failed(setup, path, taken, str(error), error.exit_code)
+        return _failed(setup, path, taken, "; ".join((*unit_doubts(setup), str(error))), error.exit_code)
     except Exception as error:
         tell("")  # a signal that arrived during a compilation ends the batch here
         return _failed(setup, path, taken, f"internal error ({type(error).__name__}), {crash_note()}", 5)

@@ -24,7 +24,9 @@ from rths_cli.analysis.metrics import (
     tracking_ratios,
     velocity_error_m_s,
 )
+from rths_cli.analysis.structural_response import peaks
 from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
+from rths_cli.numerics.bands import TEST_BAND_HZ
 from rths_cli.quantities import kinds_of
 
 if TYPE_CHECKING:
@@ -36,6 +38,7 @@ if TYPE_CHECKING:
     from rths_cli.experiment.setup import Setup
     from rths_cli.numerics.lti import Array
     from rths_cli.quantities import Values
+    from rths_cli.structure import Building
 
 
 Compared = tuple["Array", "Array", "Array | None"]
@@ -49,12 +52,14 @@ def errors(
     dt_s: float,
     high_pass_hz: float = 0.0,
     room: Array | None = None,
+    test_band_hz: float = TEST_BAND_HZ,
 ) -> Values:
     """Return maximum and RMS of the table's tracking error and of the storeys' errors against SIM, by path.
 
     `table`: series (n,), desired motion as reference; `storeys`: series (n_storeys, n), SIM as reference; None: no such
-    metrics. Both errors are evaluated in the test band and, with the suffix `_full`, in full band, without motion
-    slower than `high_pass_hz`. `room`: memory from `room_for_pairs` for the number of series; None: new memory.
+    metrics. Both errors are evaluated in the test band (`test_band_hz`) and, with the suffix `_full`, in full band,
+    without motion slower than `high_pass_hz`. `room`: memory from `room_for_pairs` for the number of series, None:
+    new memory.
     """
     pairs: list[tuple[Array, Array]] = []
     places: dict[str, int | slice] = {}
@@ -66,7 +71,7 @@ def errors(
             single, first = value.ndim == 1, len(pairs)
             pairs += [(reference, value)] if single else list(zip(reference, value, strict=True))
             places[path + suffix] = first if single else slice(first, len(pairs))
-    found = figures_of_pairs(pairs, dt_s, room, high_pass_hz)
+    found = figures_of_pairs(pairs, dt_s, room, high_pass_hz, test_band_hz)
     kinds = {"max": found.maximum, "rms": found.rms}, {"max": found.maximum_full, "rms": found.rms_full}
     return {
         path.format(which) + band: figures[place]
@@ -74,6 +79,47 @@ def errors(
         for band, both in zip(("", "_full"), kinds, strict=True)
         for which, figures in both.items()
     }
+
+
+def relative_errors(
+    run: str,
+    found: Values,
+    sim_accel: Array,
+    dt_s: float,
+    high_pass_hz: float = 0.0,
+    test_band_hz: float = TEST_BAND_HZ,
+) -> Values:
+    """Return the storeys' errors `found` by `errors` in percent of the size of SIM (n_storeys, n) in the same band.
+
+    Where SIM does not move the error is NaN, or 0 if there is none.
+    """
+    sizes = errors(run, None, (np.zeros_like(sim_accel), sim_accel, None), dt_s, high_pass_hz, None, test_band_hz)
+    values: dict[str, ArrayLike] = {}
+    for which, name in (("rms", "nrmse"), ("max", "peak_error")):
+        for path in kinds_of(f"{run}.{which}_error_m_s2"):
+            if path in found:
+                size = np.asarray(sizes[path.replace("_true", "")])
+                with np.errstate(divide="ignore", invalid="ignore"):
+                    percent = 100.0 * np.asarray(found[path]) / size
+                values[path.replace(f"{which}_error_m_s2", f"{name}_percent")] = percent
+    return values
+
+
+def of_building(run: str, building: Building, rel_disp_m: Array, abs_accel_m_s2: Array) -> dict[str, ArrayLike]:
+    """Return the peaks of a building's response by path: relative displacements and absolute accelerations, both
+    (n_storeys, n)."""
+    found = peaks(np.diag(building.M), rel_disp_m, abs_accel_m_s2)
+    values: dict[str, ArrayLike] = {
+        f"{run}.peak_abs_accel_m_s2": found.abs_accel_m_s2,
+        f"{run}.peak_rel_disp_m": found.rel_disp_m,
+        f"{run}.peak_inter_storey_drift_m": found.inter_storey_drift_m,
+        f"{run}.peak_storey_shear_n": found.storey_shear_n,
+        f"{run}.peak_building_base_shear_n": found.base_shear_n,
+        f"{run}.building_base_shear_ratio": found.base_shear_ratio,
+    }
+    if building.heights_m is not None:
+        values[f"{run}.peak_drift_ratio"] = found.drift_ratio(building.heights_m)
+    return values
 
 
 def of_margins(group: str, found: Margins, suffix: str) -> dict[str, ArrayLike]:
@@ -98,15 +144,17 @@ def of_table_run(
     displacements in m and velocities in m/s, absolute accelerations in m/s^2; None in a shake-table test.
     """
     dt, building, ground = setup.rig.dt_s, setup.building, setup.motion.accel_m_s2
-    lowest_hz = lowest_reliable_hz(setup)
+    lowest_hz, band_hz = lowest_reliable_hz(setup), setup.case.test_band_hz
     desired, measured = series.desired[0], series.measured[0]
     true = series.true_accel[0] if setup.rig.can.records_truth else None
-    figures = delays(run, desired, measured, true, dt) | fidelity(run, desired, measured, true, dt, lowest_hz)
+    figures = delays(run, desired, measured, true, dt)
+    figures |= fidelity(run, desired, measured, true, dt, lowest_hz, band_hz)
     if hybrid is not None:
+        figures |= of_building(run, building, hybrid[0], hybrid[2])
         storeys = high_passed([sim.abs_accel_m_s2, hybrid[2]], lowest_hz, dt)
-        figures |= response(run, storeys[0], storeys[1], len(building.numerical.masses_kg), dt)
+        figures |= response(run, storeys[0], storeys[1], len(building.numerical.masses_kg), dt, band_hz)
         most = float(np.max(input_energy_j(building.M, sim.rel_vel_m_s, ground, dt)))
-        figures |= energy(run, desired, measured, true, series.base_shear_n, most, dt)
+        figures |= energy(run, desired, measured, true, series.base_shear_n, most, dt, band_hz)
     return figures
 
 
@@ -121,19 +169,26 @@ def delays(run: str, desired: Array, measured: Array, true: Array | None, dt_s: 
 
 
 def fidelity(
-    run: str, desired: Array, measured: Array, true: Array | None, dt_s: float, high_pass_hz: float = 0.0
+    run: str,
+    desired: Array,
+    measured: Array,
+    true: Array | None,
+    dt_s: float,
+    high_pass_hz: float = 0.0,
+    test_band_hz: float = TEST_BAND_HZ,
 ) -> dict[str, ArrayLike]:
     """Return FEI, tracking indicator and J1 to J3 of the table by path.
 
     `desired`, `measured` and `true` are accelerations (n,) in m/s^2. Tracking indicator and J1 to J3 are evaluated
-    without motion slower than `high_pass_hz`. FEI needs no such filter, because it weights the lines by the power of
-    the desired motion, which is small there.
+    without motion slower than `high_pass_hz`. FEI takes the lines up to `test_band_hz`; it needs no high pass, because
+    it weights the lines by the power of the desired motion, which is small there.
     """
     full = high_passed([desired, measured], high_pass_hz, dt_s)
-    banded = test_band(full, dt_s)
+    banded = test_band(full, dt_s, test_band_hz)
     values = {"": measured} if true is None else {"": measured, "_true": true}
     figures: dict[str, ArrayLike] = {}
-    for suffix, found in zip(values, frequency_evaluations(desired, tuple(values.values()), dt_s), strict=True):
+    evaluations = frequency_evaluations(desired, tuple(values.values()), dt_s, test_band_hz)
+    for suffix, found in zip(values, evaluations, strict=True):
         figures[f"{run}.fei_amplitude{suffix}"] = found.amplitude
         figures[f"{run}.fei_delay_s{suffix}"] = found.delay_s
     figures[f"{run}.tracking_indicator_m2_s4"] = float(tracking_indicator(banded[0], banded[1])[-1])
@@ -143,7 +198,9 @@ def fidelity(
     return figures
 
 
-def response(run: str, sim_accel: Array, accel: Array, interface: int, dt_s: float) -> dict[str, ArrayLike]:
+def response(
+    run: str, sim_accel: Array, accel: Array, interface: int, dt_s: float, test_band_hz: float = TEST_BAND_HZ
+) -> dict[str, ArrayLike]:
     """Return J4 and J5 of the `interface` storey and, with three storeys or more, J6 to J9 of the two lowest others.
 
     `sim_accel` and `accel` are absolute accelerations (n_storeys, n) in m/s^2; storeys count from 1.
@@ -152,7 +209,7 @@ def response(run: str, sim_accel: Array, accel: Array, interface: int, dt_s: flo
     figures: dict[str, ArrayLike] = {}
     for suffix in ("", "_full"):
         pair = np.stack([sim_accel, accel])
-        found = response_criteria(*(pair if suffix else test_band(pair, dt_s)))
+        found = response_criteria(*(pair if suffix else test_band(pair, dt_s, test_band_hz)))
         for storey, (first, second) in numbers.items():
             figures[f"{run}.j{first}{suffix}"] = found.deviation[storey - 1]
             figures[f"{run}.j{second}{suffix}"] = found.peak[storey - 1]
@@ -175,7 +232,7 @@ def remarks(setup: Setup, run: str, desired: Array) -> dict[str, str]:
     `desired`: acceleration (n,) of the table in m/s^2.
     """
     interface, storeys = len(setup.building.numerical.masses_kg), len(setup.building.M)
-    hz = frequency_evaluations(desired, (desired,), setup.rig.dt_s)[0].frequency_hz
+    hz = frequency_evaluations(desired, (desired,), setup.rig.dt_s, setup.case.test_band_hz)[0].frequency_hz
     about = dict.fromkeys(("fei_amplitude", "fei_delay_s"), f"equivalent frequency {hz:.3g} Hz")
     for storey, numbers in criteria_of_storeys(interface, storeys).items():
         about |= {f"j{number}": f"storey {storey}" for number in numbers}
@@ -183,7 +240,14 @@ def remarks(setup: Setup, run: str, desired: Array) -> dict[str, str]:
 
 
 def energy(
-    run: str, desired: Array, measured: Array, true: Array | None, base_shear_n: Array, input_j: float, dt_s: float
+    run: str,
+    desired: Array,
+    measured: Array,
+    true: Array | None,
+    base_shear_n: Array,
+    input_j: float,
+    dt_s: float,
+    test_band_hz: float = TEST_BAND_HZ,
 ) -> dict[str, ArrayLike]:
     """Return the energy that the tracking error feeds into the structure, in J and divided by `input_j`, by path.
 
@@ -192,7 +256,7 @@ def energy(
     """
     figures: dict[str, ArrayLike] = {}
     values = {"": measured} if true is None else {"": measured, "_true": true}
-    errors = velocity_error_m_s(desired - np.array(list(values.values())), dt_s)
+    errors = velocity_error_m_s(desired - np.array(list(values.values())), dt_s, test_band_hz)
     for suffix, error in zip(values, errors, strict=True):
         fed = float(error_energy_j(base_shear_n, error, dt_s)[-1])
         figures[f"{run}.energy_error_j{suffix}"] = fed

@@ -10,6 +10,7 @@ import numpy as np
 
 from rths_cli.control.numerical_substructure import Scheme, all_storeys
 from rths_cli.control.part_designs import Logged
+from rths_cli.experiment.ground_motion import GroundMotion
 from rths_cli.loop.block_replay import run_block
 from rths_cli.loop.run_log import Signals
 from rths_cli.loop.simulated_time_run import Outcome
@@ -46,6 +47,13 @@ class Series:
         """Return the accelerations (n_storeys, n) with true instead of measured ones of table and specimen."""
         computed = abs_accel[: len(abs_accel) - len(self.true_accel)]
         return np.vstack([computed, self.true_accel]) if len(computed) else self.true_accel
+
+
+class OwnInterface(NamedTuple):
+    """What is known of the computed storeys if the caller's own part computed them."""
+
+    ground: GroundMotion
+    knows_storeys: bool  # whether those below the interface follow from the building, which the part declares
 
 
 class BuildingMotion(NamedTuple):
@@ -119,18 +127,31 @@ def _mean_accelerations(velocity_m_s: Array, at: slice, dt_s: float) -> Array:
 
 
 def whole_building(
-    building: Building, series: Series, ground_accel: Array, dt_s: float, scheme: Scheme = "exact"
+    building: Building,
+    series: Series,
+    ground_accel: Array,
+    dt_s: float,
+    scheme: Scheme = "exact",
+    own: OwnInterface | None = None,
 ) -> BuildingMotion:
     """Return the motion of the hybrid building.
 
     Numerical storeys as the step computed them (`scheme`: its integration), interface and experimental floors as
-    measured; the displacements and velocities of the experimental floors are the Kalman filter's.
+    measured; the displacements and velocities of the experimental floors are the Kalman filter's. With a numerical
+    substructure of the caller's `own`, the interface's displacement and velocity are those that it gave, and storeys
+    below the interface that are not known are NaN.
     """
     numerical = len(building.numerical.masses_kg)
     floors = len(building.specimen.masses_kg)
     inputs = np.vstack([ground_accel[: series.base_shear_n.size], series.base_shear_n])
     computed = run_block(all_storeys(building.numerical, dt_s, scheme), inputs)
     disp, vel, accel = (computed[i * numerical : (i + 1) * numerical] for i in range(3))
+    if own is not None:
+        if not own.knows_storeys:
+            disp[:-1], vel[:-1], accel[:-1] = np.nan, np.nan, np.nan
+        samples = series.desired.shape[1]
+        vel[-1] = series.desired[1] - own.ground.velocity_m_s[:samples]
+        disp[-1] = series.desired[2] - own.ground.displacement_m[:samples]
     rel_disp = np.vstack([disp, disp[-1] + series.estimated[:floors]])
     rel_vel = np.vstack([vel, vel[-1] + series.estimated[floors : 2 * floors]])
     return BuildingMotion(rel_disp, rel_vel, np.vstack([accel[:-1], series.measured]))

@@ -13,8 +13,10 @@ import numpy as np
 from rths_cli.control.numerical_substructure import check_scheme
 from rths_cli.errors import InputError
 from rths_cli.experiment.ground_motion import GroundMotion, prepare
+from rths_cli.experiment.own_parts import with_own_storeys
 from rths_cli.files.accelerograms import read_accelerogram
 from rths_cli.interrupts import interruptible
+from rths_cli.numerics.bands import ComparedBand
 from rths_cli.numerics.lti import Array
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.quantities import metrics_of
@@ -24,10 +26,15 @@ from rths_cli.structure import Building, build
 
 if TYPE_CHECKING:
     from rths_cli.case.case_schema import Case
-    from rths_cli.control.part_designs import Exchange
+    from rths_cli.control.part_designs import OwnParts, PartDesign
+    from rths_cli.identification.results import Identification
 
+OwnSamples = Sequence[Path] | Callable[["Identification"], Sequence["Identification"]]
+"""Samples of an identified model that the caller gives: model files, or a function that makes them from the nominal
+one."""
 RUNS = ("sim", "sim_delay", "shake_table", "exp_rths")
 Progress = Callable[[str], None]
+FAR_TOO_HEAVY = 30.0  # times the payload: a specimen in another unit, or a whole building
 
 
 @dataclass(frozen=True)
@@ -41,7 +48,20 @@ class Setup:
     rig: RigInfo
     floor_masses_kg: Array  # (n_exp,) weighed masses
     overrides: tuple[str, ...] = ()  # as given by --override
-    parts: Exchange = field(default_factory=dict)  # of the step, made by the caller in place of the designed ones
+    parts: OwnParts = field(default_factory=dict)  # of the step, made by the caller in place of the designed ones
+    samples: OwnSamples = ()  # of the identified model, the caller's
+    own_numerical: PartDesign | None = None  # the caller's numerical substructure
+    declared: bool = False  # whether `building` is the one that it declares, and not the case's
+
+    @property
+    def knows_storeys(self) -> bool:
+        """Return whether the storeys below the interface follow from ground motion and interface force."""
+        return self.building.linear and ("numerical" not in self.parts or self.declared)
+
+    @property
+    def compared(self) -> ComparedBand:
+        """Return the band in which the table's model is compared with its data."""
+        return ComparedBand(*self.case.identification.compared_hz)
 
     @property
     def removes_sensors(self) -> bool:
@@ -50,7 +70,11 @@ class Setup:
 
 
 def make_setup(
-    case: Case, overrides: tuple[str, ...] = (), shared: SharedValues | None = None, parts: Exchange | None = None
+    case: Case,
+    overrides: tuple[str, ...] = (),
+    shared: SharedValues | None = None,
+    parts: OwnParts | None = None,
+    samples: OwnSamples = (),
 ) -> Setup:
     """Read the record, and prepare the building and the rig's description; raises InputError.
 
@@ -66,7 +90,8 @@ def make_setup(
     )
     check_scheme(building.numerical, 1.0 / case.sample_rate_hz, case.integration)
     masses = np.asarray(case.structure.experimental.masses_kg, dtype=float)
-    return Setup(case, motion, record_sha256, building, rig_info(case), masses, overrides, dict(parts or {}))
+    setup = Setup(case, motion, record_sha256, building, rig_info(case), masses, overrides, dict(parts or {}), samples)
+    return with_own_storeys(setup)
 
 
 def ground_motion(case: Case) -> tuple[GroundMotion, str]:
@@ -97,7 +122,8 @@ def make_setups(
     cases: Sequence[Case],
     overrides: tuple[str, ...] = (),
     shared: SharedValues | None = None,
-    parts: Exchange | None = None,
+    parts: OwnParts | None = None,
+    samples: OwnSamples = (),
 ) -> list[Setup]:
     """Read and check all cases completely before the first one starts; raises InputError with all faults.
 
@@ -107,22 +133,30 @@ def make_setups(
     setups, faults = [], []
     for case in cases:
         try:
-            setups.append(make_setup(case, overrides, shared, parts))
+            setups.append(make_setup(case, overrides, shared, parts, samples))
         except InputError as error:
-            faults += [f"{case.path}: {fault}" if str(case.path) not in fault else fault for fault in error.faults]
+            faults += [fault if _named(case, fault) else f"{shown(case.path)}: {fault}" for fault in error.faults]
     if faults:
         raise InputError(*faults)
     return setups
 
 
+def _named(case: Case, fault: str) -> bool:
+    """Return whether a sentence names the case's file already."""
+    return str(case.path) in fault or fault.startswith(f"{shown(case.path)}:")
+
+
 def _payload_faults(case: Case) -> list[str]:
     """Return a sentence if the specimen is heavier than the table's data sheet permits."""
     weight = sum(case.structure.experimental.masses_kg) + case.structure.interface_experimental_mass_kg
-    if weight <= case.table.nominal.payload_kg:
+    payload = case.table.nominal.payload_kg
+    if weight <= payload:
         return []
+    doubted = weight > FAR_TOO_HEAVY * payload
+    advice = "are masses_kg those of the model on the table, in kg?" if doubted else "put fewer storeys on the table"
     return [
         f"structure: the specimen weighs {weight:g} kg, rig {case.table.name} carries at most "
-        f"{case.table.nominal.payload_kg:g} kg (nominal.payload_kg); put fewer storeys on the table"
+        f"{payload:g} kg (nominal.payload_kg); {advice}"
     ]
 
 

@@ -19,6 +19,7 @@ from rths_cli.experiment.one_table_run import (
     run_of,
 )
 from rths_cli.experiment.setup import Progress, Setup, shown
+from rths_cli.experiment.unit_plausibility import unit_doubts
 from rths_cli.files.result_reader import BEGUN, COMPLETE
 from rths_cli.interrupts import interruptible
 
@@ -141,7 +142,8 @@ def why_none(setup: Setup, known: Known, checked: Verdict) -> str:
     """Return why no run on the table is played, empty if they may be."""
     if checked.design is None:
         return "; ".join(checked.reasons)
-    return "; ".join(known.faults(setup.overrides)[:1])
+    faults = known.faults(setup.overrides)[:1]
+    return "; ".join((*unit_doubts(setup), *faults)) if faults else ""
 
 
 def why_unsafe(setup: Setup, checked: Verdict) -> str:

@@ -17,7 +17,7 @@ from rths_cli.loop.guard import LOG_FAILED, WATCHER_FAILED
 from rths_cli.loop.live_view import View, Watching
 from rths_cli.loop.raw_log_stream import LogStream
 from rths_cli.loop.realtime_run import STOP_KEY, Performance, Performed, order, perform_watched, prepare
-from rths_cli.loop.run_log import column_names, column_units
+from rths_cli.loop.run_log import column_names, column_units, sizes_of
 from rths_cli.loop.step_arrays import NUMERICAL
 from rths_cli.quantities.datasets import LINK_COUNTS
 from rths_cli.rigs.interface import linked
@@ -129,11 +129,12 @@ def _with_fault(performed: Performed, stream: LogStream) -> Outcome:
 def _header(plan: RunPlan, ready: Performance, writer: ResultWriter) -> RawHeader:
     """Return the header of the raw log of a run."""
     setup, expected = plan.setup, as_stored(plan.expected) if plan.expected else None
-    names = column_names(len(setup.rig.channels), ready.step.estimated.size, ready.step.logged)
+    names = column_names(sizes_of(ready.step))
     return RawHeader(
         names, column_units(names), setup.rig.dt_s, ready.log.columns.shape[1], plan.design.blocks.lead_samples,
         plan.kind.name, writer.path.name, str(setup.case.path), setup.case.yaml_text, resolved_yaml(setup.case),
         writer.attributes, ready.course.ramp, ready.course.still, expected,
+        tuple((one.name, one.units, one.ahead) for one in plan.design.blocks.logs),
     )  # fmt: skip
 
 

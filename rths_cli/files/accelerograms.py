@@ -14,10 +14,10 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import read_whole
+from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.numerics.lti import Array
 from rths_cli.safe_text import shortened
 
-STANDARD_GRAVITY_M_S2 = 9.80665
 FACTORS_M_S2 = {
     "m/s^2": 1.0,
     "cm/s^2": 0.01,
@@ -307,7 +307,7 @@ def _read_values(path: Path, lines: list[str], header: Header) -> Array:
     if values.shape[1] > 2:
         raise InputError(
             f"{path}:{header.first_line + 1}: {values.shape[1]} columns; give one (acceleration) or "
-            "two (time in s, acceleration)"
+            f"two (time in s, acceleration){_of_decimal_commas(lines[header.first_line])}"
         )
     faulty = np.flatnonzero(~np.isfinite(values).all(axis=1))
     if len(faulty):
@@ -315,6 +315,13 @@ def _read_values(path: Path, lines: list[str], header: Header) -> Array:
         raise InputError(f"{path}:{line}: sample {faulty[0] + 1} is not a finite number; mend or cut the record")
     _check_count(path, header, len(values))
     return values
+
+
+def _of_decimal_commas(line: str) -> str:
+    """Return what to do where a line looks like numbers with decimal commas, "" where it does not."""
+    if not re.fullmatch(r"\s*[-+]?[0-9]+,[0-9]+(\s*;\s*[-+]?[0-9]+,[0-9]+)*\s*;?\s*", line):
+        return ""
+    return f"; decimal commas? write {line.strip().replace(',', '.')}"
 
 
 def _check_count(path: Path, header: Header, count: int) -> None:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rths_cli.files.hdf5_safety import walk
-from rths_cli.quantities import AXES, DatasetDeclaration, Source
+from rths_cli.quantities import AXES, DatasetDeclaration, Interval, Source
 
 if TYPE_CHECKING:
     import h5py
@@ -58,6 +58,12 @@ def add_text(node: DatasetID | GroupID, name: str, text: str) -> None:
     held = np.empty((), dtype=object)
     held[()] = text
     kit.attribute(node, name.encode(), kit.text, kit.single).write(held, mtype=kit.text_in_memory)
+
+
+def _add_numbers(node: DatasetID, name: str, values: ArrayLike) -> None:
+    """Add a new attribute holding a number or an array of numbers."""
+    held = np.array(values, dtype=float)
+    _kit().attribute(node, name.encode(), _stored_type(held.dtype), _space(held.shape)).write(held)
 
 
 def text(node: DatasetID, name: str) -> str:
@@ -166,6 +172,8 @@ def compresses_well(data: NDArray[Any]) -> bool:
 
 
 SOURCES = get_args(Source)
+INTERVAL = ("low", "high", "probability")
+"""Attributes of a metric that carries an interval; the ends have the shape of the metric."""
 Written = MutableMapping[str, NDArray[Any]]
 
 
@@ -175,7 +183,7 @@ class Dataset:
 
     `data`: number, text or array, real or complex, time on the last axis. `dims` names one scale per axis;
     empty means the scales of the group whose lengths fit. A name without a scale becomes an index from 1.
-    `definition` becomes an attribute where it is stated.
+    `definition` becomes an attribute where it is stated, `interval` the three of INTERVAL.
     """
 
     data: ArrayLike
@@ -184,6 +192,7 @@ class Dataset:
     source: Source
     dims: tuple[str, ...] = ()
     definition: str = ""
+    interval: Interval | None = None  # of a metric
 
 
 def as_declared(declared: DatasetDeclaration, value: ArrayLike, remarks: tuple[str, ...] = ()) -> Dataset:
@@ -305,6 +314,9 @@ def _create(path: str, group: h5py.Group, name: str, item: Dataset, like: Datase
     add_text(node, "source", item.source)
     if item.definition:
         add_text(node, "definition", item.definition)
+    if item.interval is not None:
+        for key in INTERVAL:
+            _add_numbers(node, key, getattr(item.interval, key))
     return node
 
 

@@ -51,7 +51,8 @@ class RawHeader:
     `names` and `units`: of the w columns; `steps`: how many the run has at most, the first `ramp_steps` of them before
     the record, at rest for the first `still_steps`; `lead_samples`: by how many the hybrid clock runs ahead of the
     table; `result`: name of the result file, in the folder of the log; `attributes`: those of its root; `expected`:
-    what the samples are compared with to find drift, as sensor_drift_report writes it (None: an earlier version).
+    what the samples are compared with to find drift, as sensor_drift_report writes it (None: an earlier version);
+    `logs`: name and unit of each column `logged_I`, and whether it is on the hybrid clock.
     """
 
     names: tuple[str, ...]
@@ -68,6 +69,7 @@ class RawHeader:
     ramp_steps: int = 0
     still_steps: int = 0
     expected: Mapping[str, Any] | None = None
+    logs: tuple[tuple[str, str, bool], ...] = ()
 
 
 @dataclass(frozen=True)
@@ -148,6 +150,7 @@ def _header(path: Path, data: bytes) -> tuple[RawHeader, int]:
         if CHECK.unpack_from(data, end)[0] == zlib.crc32(memoryview(data)[:end]):
             told = json.loads(data[START.size : end])
             told |= {key: tuple(told[key]) for key in ("names", "units")}
+            told["logs"] = tuple(tuple(one) for one in told.get("logs", ()))
             header = RawHeader(**told)
             _check_header(header)
             return header, end + CHECK.size
@@ -168,6 +171,7 @@ def _check_header(header: RawHeader) -> None:
     )
     whole = whole and isinstance(header.still_steps, int) and 0 <= header.still_steps <= header.ramp_steps
     typed = typed and isinstance(header.expected, dict | None)
+    typed = typed and all(tuple(map(type, one)) == (str, str, bool) for one in header.logs)
     in_range = isinstance(header.dt_s, int | float) and LEAST_DT_S <= header.dt_s <= 1.0
     if not (whole and typed and about and fits and in_range and Path(header.result).suffix == ".h5"):
         raise ValueError("not what a raw log states")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -13,9 +13,19 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import open_regular
-from rths_cli.files.hdf5 import SOURCES, Dataset, datasets, numbers, text
+from rths_cli.files.hdf5 import INTERVAL, SOURCES, Dataset, datasets, numbers, text
 from rths_cli.files.hdf5_heaps import check_heaps
-from rths_cli.files.hdf5_safety import LayoutError, attribute, attributes, check_numbers, part, quiet, scalar, values_of
+from rths_cli.files.hdf5_safety import (
+    LayoutError,
+    attribute,
+    attributes,
+    check_numbers,
+    held,
+    part,
+    quiet,
+    scalar,
+    values_of,
+)
 from rths_cli.files.result_schema import check_attributes, check_series, check_values, figure_fault
 from rths_cli.files.result_writer import (
     FORMAT,
@@ -26,8 +36,9 @@ from rths_cli.files.result_writer import (
     check_writable,
     refusal,
 )
+from rths_cli.numerics.bands import COMPARED_HZ, TEST_BAND_HZ, ComparedBand
 from rths_cli.numerics.lti import Array
-from rths_cli.quantities import stored_dataset
+from rths_cli.quantities import Interval, stored_dataset
 
 if TYPE_CHECKING:
     import h5py
@@ -56,7 +67,8 @@ class Result:
     """Hold what a result file says about its case; series are read one by one with `read_series`.
 
     `metrics`, `units` and `definitions` share their keys, the paths of the figures (as in
-    `exp_rths.rms_error_m_s2`); a metric is a number or an array (n_storeys,). `groups` are those of the root.
+    `exp_rths.rms_error_m_s2`); a metric is a number or an array (n_storeys,). `intervals` has those of the metrics that
+    carry one. `groups` are those of the root.
     Units and definitions are read when they are first asked for: tables of many cases need none.
     """
 
@@ -68,6 +80,7 @@ class Result:
     units: Mapping[str, str]
     definitions: Mapping[str, str]
     groups: tuple[str, ...]
+    intervals: Mapping[str, Interval] = field(default_factory=dict)
 
     @property
     def sample_rate_hz(self) -> float:
@@ -75,6 +88,19 @@ class Result:
         if (rate := self.attributes.get("sample_rate_hz")) is None:
             raise InputError(f"{self.path}: has lost its attribute sample_rate_hz; run the case again.")
         return float(rate)
+
+    @property
+    def test_band_hz(self) -> float:
+        """Return the upper end of the test band in Hz; a file that does not state it is older than the choice."""
+        return float(self.attributes.get("test_band_hz", TEST_BAND_HZ))
+
+    @property
+    def compared(self) -> ComparedBand:
+        """Return the band in which the model of the table was compared with its data."""
+        low, high = (f"compared_{end}_hz" for end in ("low", "high"))
+        return ComparedBand(
+            *(float(self.attributes.get(key, hz)) for key, hz in zip((low, high), COMPARED_HZ, strict=True))
+        )
 
 
 def result_files(paths: Sequence[Path]) -> tuple[list[Path], dict[Path, str]]:
@@ -138,7 +164,8 @@ def _result(path: Path, file: h5py.File, whole: bool) -> Result:
     about = attributes(file)
     check_attributes(about)
     yaml, resolved = (_case_text(file, name) for name in ("yaml", "resolved"))
-    return Result(path, about, yaml, resolved, metrics, units, definitions, tuple(file))
+    intervals = {key: found for key, node in nodes if (found := _interval(key, node, metrics[key])) is not None}
+    return Result(path, about, yaml, resolved, metrics, units, definitions, tuple(file), intervals)
 
 
 def _case_text(file: h5py.File, name: str) -> str:
@@ -159,6 +186,25 @@ def _figure(path: str, node: DatasetID) -> float | Array:
     value = quiet(numbers(node))
     check_numbers(path, value)
     return float(value) if value.ndim == 0 else value
+
+
+def _interval(path: str, node: DatasetID, value: float | Array) -> Interval | None:
+    """Return the interval of a figure, None where it carries none."""
+    import h5py
+
+    if not h5py.h5a.exists(node, INTERVAL[0].encode()):
+        return None
+    missing = [key for key in INTERVAL if not h5py.h5a.exists(node, key.encode())]
+    stated = [] if missing else [np.asarray(held(h5py.Dataset(node), key)) for key in INTERVAL]
+    shapes = [np.shape(value), np.shape(value), ()]
+    if [one.shape for one in stated] != shapes or any(one.dtype.kind not in "fiu" for one in stated):
+        raise LayoutError(f"has a figure {path} whose interval is not {', '.join(INTERVAL)} of its own shape")
+    low, high, probability = (quiet(one.astype(float)) for one in stated)
+    for end in (low, high):
+        check_numbers(path, end)
+    if np.any(low > high) or not 0.0 <= probability <= 1.0:
+        raise LayoutError(f"has a figure {path} whose interval ends before it begins, or has no probability")
+    return Interval(value, low, high, float(probability))
 
 
 class _Texts(Mapping[str, str]):

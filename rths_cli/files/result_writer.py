@@ -27,7 +27,7 @@ from rths_cli.files.durable_files import make_folder, remove_leftovers, sync
 from rths_cli.files.hdf5 import Dataset, add_text, as_declared, scales_of, write_group
 from rths_cli.files.staged_file import StagedFile, signals_held
 from rths_cli.numerics.lti import Array
-from rths_cli.quantities import AXES, Values, attribute_fault, dataset, metric
+from rths_cli.quantities import AXES, Interval, Values, attribute_fault, dataset, metric
 
 FORMAT = "rths-result"
 FORMAT_VERSION = 1
@@ -141,7 +141,8 @@ class ResultWriter:
     def metrics(self, values: Values, remarks: Mapping[str, str] | None = None) -> None:
         """Write metrics: the path `exp_rths.rms_error_m_s2` becomes /metrics/exp_rths/rms_error_m_s2.
 
-        `remarks` add what this run has to say of a metric to its definition. Raises ValueError for a path that is not
+        A value that is an `Interval` has its ends and probability as attributes of its dataset. `remarks` add what this
+        run has to say of a metric to its definition. Raises ValueError for a path that is not
         declared in `rths_cli.quantities`, and for a value with other axes than declared.
         """
         groups: dict[str, dict[str, Dataset]] = {}
@@ -354,5 +355,8 @@ def as_dataset(path: str, value: ArrayLike, remark: str = "") -> Dataset:
     dims = (declared.over,) if declared.over else ()
     if number.ndim != len(dims):
         raise ValueError(f"{path} has {number.ndim} axes, declared are {len(dims)}.")
+    interval = value if isinstance(value, Interval) else None
+    if interval is not None and not np.shape(interval.low) == np.shape(interval.high) == number.shape:
+        raise ValueError(f"{path} has an interval of another shape than its value.")
     about = f"{declared.definition}; {remark}" if remark else declared.definition
-    return Dataset(number, declared.units, about, "computed", dims, about)
+    return Dataset(number, declared.units, about, "computed", dims, about, interval)

@@ -16,15 +16,17 @@ from rths_cli.identification import channel_fault_hypotheses, channel_signals
 from rths_cli.identification.chain_residual import explained, grouped
 from rths_cli.identification.channel_fault_hypotheses import GAIN, LATE, MASS, REVERSED, SIGN, SWAP, Diagnosis, Suspect
 from rths_cli.identification.inputs import Evidence
-from rths_cli.identification.table_fit import COMPARED_HZ, within
+from rths_cli.identification.table_fit import within
+from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array, Frf
 from rths_cli.rigs.description import RigInfo
 
-LEAST_COHERENCE = 0.9  # median in COMPARED_HZ
+LEAST_COHERENCE = 0.9  # median in the compared band
 NOISE_MARGIN, SHARED = 3.0, 2.0  # allowed loss of coherence: multiples of the loss to noise, and of the table's loss
 GAIN_SHARE, FAR_GAIN = 0.1, (0.6, 1.7)  # deviation from the data sheet's gain for a warning; range that is not refused
 SURE = 3.0  # standard uncertainties
-DIRECTION_HZ, DIRECTION = 3.0, 0.5  # highest frequency at which the table follows its command; cosine of a clear sign
+# of the usual compared band: highest frequency at which the table follows its command; cosine of a clear sign
+DIRECTION_HZ, DIRECTION = 3.0, 0.5
 FOLLOWS = 0.5  # least slope (power of frequency) of an acceleration in response to a displacement command
 REFUSED_GAIN, REFUSED_MASS = 0.03, 0.3  # errors of a sensitivity or mass beyond which channels are refused
 SAID, UNEXPLAINED = 10.0, 30.0  # unexplained misfit, in standard deviations, for a warning and for a refusal
@@ -42,9 +44,10 @@ class Judgement:
 
 def judge(data: Evidence, frfs: Sequence[Frf]) -> Judgement:
     """Judge the channels by their responses: coherence, sign, order and sensitivity."""
-    against = _direction(frfs[0])
+    compared = data.settings.compared
+    against = _direction(frfs[0], compared)
     if len(data.masses_kg) == 0:
-        faults = _incoherent(data, frfs) or _does_not_follow(frfs[0], data.info) or _polarity(against)
+        faults = _incoherent(data, frfs) or _does_not_follow(frfs[0], data.info, compared) or _polarity(against)
         return Judgement(tuple(faults))
     found = channel_fault_hypotheses.diagnose(
         grouped(data.records, data.info, data.masses_kg, data.settings.band_hz), data.info.dt_s
@@ -56,18 +59,20 @@ def judge(data: Evidence, frfs: Sequence[Frf]) -> Judgement:
         return yielding
     if found.suspects:
         return _named(found.suspects, data.info, against)
-    faults = _incoherent(data, frfs) or _does_not_follow(frfs[0], data.info)
+    faults = _incoherent(data, frfs) or _does_not_follow(frfs[0], data.info, compared)
     return Judgement(tuple(faults)) if faults else _unexplained(found)
 
 
-def far_gain(low_frequency_gain_m_per_v: float, info: RigInfo, measured: Frf) -> tuple[str, ...]:
+def far_gain(
+    low_frequency_gain_m_per_v: float, info: RigInfo, measured: Frf, compared: ComparedBand = USUAL
+) -> tuple[str, ...]:
     """Return the reason to reject a model whose gain is far from the data sheet's.
 
     The low-frequency gain of a model is an extrapolation below its band. Therefore the model is rejected only if the
     lines of the `measured` response up to DIRECTION_HZ are far from the data sheet's gain, too.
     """
     ratio = abs(low_frequency_gain_m_per_v) / info.gain_m_per_v
-    ratios = (ratio, _measured_gain(measured) / info.gain_m_per_v)
+    ratios = (ratio, _measured_gain(measured, compared) / info.gain_m_per_v)
     if any(FAR_GAIN[0] <= each <= FAR_GAIN[1] for each in ratios):
         return ()
     return (
@@ -76,9 +81,9 @@ def far_gain(low_frequency_gain_m_per_v: float, info: RigInfo, measured: Frf) ->
     )
 
 
-def _measured_gain(table: Frf) -> float:
+def _measured_gain(table: Frf, compared: ComparedBand) -> float:
     """Return the median of the table's displacement per V over the lines up to DIRECTION_HZ, in m/V."""
-    low = within(table.frequency_hz, (COMPARED_HZ[0], DIRECTION_HZ))
+    low = within(table.frequency_hz, (compared.low_hz, compared.with_high(DIRECTION_HZ)))
     return float(np.median(np.abs(table.response[low]) / (2.0 * np.pi * table.frequency_hz[low]) ** 2))
 
 
@@ -102,14 +107,15 @@ def _incoherent(data: Evidence, frfs: Sequence[Frf]) -> list[str]:
     A disturbance of the table (friction, for instance) also moves the floors. Vibrations longer than a segment reduce
     the coherence, too, but they satisfy the storeys' equations line by line; a loose contact does not.
     """
-    lost, most = [1.0 - channel_signals.coherence(frf) for frf in frfs], 1.0 - LEAST_COHERENCE
+    compared, most = data.settings.compared, 1.0 - LEAST_COHERENCE
+    lost = [1.0 - channel_signals.coherence(frf, compared) for frf in frfs]
     if max(lost) <= most:
         return []
     lines = (data.records, data.info, data.masses_kg, data.settings.band_hz)
     if len(lost) > 1 and explained(grouped(*lines, raw=True)).misfit.max() < TRUE_MOTION and lost[0] <= most:
         return []
     noise = [_lost_to_noise(data, index, frfs[0].frequency_hz) for index in range(len(frfs))]
-    told = f"in {COMPARED_HZ[0]:g}-{COMPARED_HZ[1]:g} Hz is below {LEAST_COHERENCE:g}"
+    told = f"in {compared} is below {LEAST_COHERENCE:g}"
     if lost[0] > most and all(each > most for each in lost[1:]) and len(lost) > 1:
         return [_disturbed("channels of table and floors", 1.0 - lost[0], 1.0 - noise[0], told)]
     faults = []
@@ -138,10 +144,10 @@ def _disturbed(which: str, coherence: float, by_noise: float, told: str) -> str:
 
 
 def _lost_to_noise(data: Evidence, index: int, frequency_hz: Array) -> float:
-    """Return the loss of coherence due to a channel's noise at rest and quantisation, median in COMPARED_HZ."""
+    """Return the loss of coherence due to a channel's noise at rest and quantisation, median in the compared band."""
     from scipy import signal
 
-    inside = frequency_hz[within(frequency_hz, COMPARED_HZ)]
+    inside = frequency_hz[within(frequency_hz, data.settings.compared.hz)]
     shares = []
     for record in data.records:
         values = record.accel_m_s2[index, record.parts.noise]
@@ -152,9 +158,9 @@ def _lost_to_noise(data: Evidence, index: int, frequency_hz: Array) -> float:
     return float(np.clip(np.median(np.mean(shares, axis=0)), 0.0, 1.0))
 
 
-def _direction(table: Frf) -> float:
+def _direction(table: Frf, compared: ComparedBand) -> float:
     """Return the cosine of the phase between table and command at low frequency: 1 in phase, -1 reversed."""
-    low = table.frequency_hz <= DIRECTION_HZ
+    low = table.frequency_hz <= compared.with_high(DIRECTION_HZ)
     moved = table.response[low] / -((2.0 * np.pi * table.frequency_hz[low]) ** 2)
     return float(np.sum(moved.real) / np.sum(np.abs(moved)))
 
@@ -166,16 +172,16 @@ def _polarity(direction: float) -> list[str]:
     return ["command: every channel moves against it; its polarity is reversed (or that of all sensors)"]
 
 
-def _does_not_follow(table: Frf, info: RigInfo) -> list[str]:
+def _does_not_follow(table: Frf, info: RigInfo, compared: ComparedBand) -> list[str]:
     """Return a sentence if the table's response does not rise with frequency, as that of an acceleration must."""
-    low = within(table.frequency_hz, COMPARED_HZ)
+    low = within(table.frequency_hz, compared.hz)
     slope = np.polyfit(np.log(table.frequency_hz[low]), np.log(np.abs(table.response[low])), 1)[0]
     if slope > FOLLOWS:
         return []
     looks = "they look swapped" if slope < -FOLLOWS else "one of them is a displacement, or a velocity"
     return [
         f"channels command and {info.channels[0].name}: {looks}; table over command goes as f^{slope:.1f} in "
-        f"{COMPARED_HZ[0]:g}-{COMPARED_HZ[1]:g} Hz, where an acceleration over a displacement's command rises as f^2"
+        f"{compared}, where an acceleration over a displacement's command rises as f^2"
     ]
 
 

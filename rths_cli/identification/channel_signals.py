@@ -9,7 +9,8 @@ import numpy as np
 from rths_cli.errors import InputError
 from rths_cli.identification.record_parts import Record
 from rths_cli.identification.results import ChannelReport
-from rths_cli.identification.table_fit import COMPARED_HZ, within
+from rths_cli.identification.table_fit import within
+from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array, Frf
 from rths_cli.rigs.description import Channel, RigInfo
 
@@ -63,7 +64,7 @@ def flat_tops(accel: Array, rest_rms_m_s2: float = 0.0, bit_m_s2: float = 0.0) -
 
 DEAD_BITS, DEAD_OVER_SILENCE = 1.0, 3.0
 CLIPPED_SHARE = 0.98
-MAINS_HZ = (50.0, 60.0, 100.0, 120.0, 150.0, 180.0)
+MAINS_HZ = (50.0, 60.0, 100.0, 120.0, 150.0, 180.0)  # both public grids and their harmonics, whatever the band
 HUM_OVER_FLOOR = 10.0
 HUM_WORTH_SAYING = 2e-3  # of the excited rms
 
@@ -138,7 +139,9 @@ def channel_noise(record: Record, info: RigInfo) -> Array:
     return np.maximum(at_rest, rounding)
 
 
-def reports(records: Sequence[Record], frfs: Sequence[Frf] | None, info: RigInfo) -> tuple[ChannelReport, ...]:
+def reports(
+    records: Sequence[Record], frfs: Sequence[Frf] | None, info: RigInfo, compared: ComparedBand = USUAL
+) -> tuple[ChannelReport, ...]:
     """Return a report on each channel; without responses its coherence is not known (NaN)."""
     found = []
     for index, channel in enumerate(info.channels):
@@ -151,7 +154,7 @@ def reports(records: Sequence[Record], frfs: Sequence[Frf] | None, info: RigInfo
                 float(np.nanstd(loud)),
                 float(np.nanmax(np.abs(loud), initial=0.0)),
                 float(np.mean(quiet)) if quiet else None,
-                coherence(frfs[index]) if frfs else float("nan"),
+                coherence(frfs[index], compared) if frfs else float("nan"),
                 amplitude,
                 frequency,
             )
@@ -159,9 +162,9 @@ def reports(records: Sequence[Record], frfs: Sequence[Frf] | None, info: RigInfo
     return tuple(found)
 
 
-def coherence(frf: Frf) -> float:
-    """Return the median coherence in 0.7-11 Hz."""
-    return float(np.median(frf.coherence[within(frf.frequency_hz, COMPARED_HZ)]))
+def coherence(frf: Frf, compared: ComparedBand = USUAL) -> float:
+    """Return the median coherence in the compared band."""
+    return float(np.median(frf.coherence[within(frf.frequency_hz, compared.hz)]))
 
 
 def _hum(records: Sequence[Record], index: int, dt_s: float, loud: float) -> tuple[float, float]:

@@ -1,7 +1,8 @@
 """The excitation: its spectrum, signals (noise, multisine, sweep, steps) and plan within the table's limits.
 
-All signals have the same amplitude over frequency: flat to 0.7 Hz, falling as f^-1.5 to 12 Hz and as f^-3.5 above. This
-keeps the acceleration nearly constant over the band without using up the stroke at its low end.
+All signals have the same amplitude over frequency: flat to the start of the compared band (0.7 Hz), falling as f^-1.5
+to 12/11 of its end (12 Hz) and as f^-3.5 above. This keeps the acceleration nearly constant over the band without using
+up the stroke at its low end.
 
 A plan uses data-sheet values only. They give displacement and velocity of the table. Its acceleration, the sensors'
 signals and the actuator's force depend on the table's response, which is not known yet. The nominal acceleration, gain
@@ -18,39 +19,61 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.identification.record_parts import Parts
+from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import RigInfo
 
-FLAT_HZ, CORNER_HZ = 0.7, 12.0  # the amplitude is flat below the first, falls as f^-1.5, above the second as f^-3.5
+CORNER_HZ = 12.0  # of the usual compared band: above it the amplitude falls as f^-3.5, and a level is not counted
 LEAST_HOLD_S, MOST_HOLD_S = 1.0, 4.0  # duration of a held level
 ROUNDING = 40  # a sweep's kinks are rounded over this fraction of a period
 LEAST_LEVEL = 0.5  # smallest held level; the largest is 1
 
 
-def amplitude(frequency_hz: Array) -> Array:
+def amplitude(frequency_hz: Array, compared: ComparedBand = USUAL) -> Array:
     """Return the amplitude (n,) without unit that all signals follow over frequencies (n,) in Hz."""
-    return np.maximum(frequency_hz / FLAT_HZ, 1.0) ** -1.5 * np.maximum(frequency_hz / CORNER_HZ, 1.0) ** -2
+    return _falling(frequency_hz, 1.5, compared)
 
 
-def shaped_noise(duration_s: float, dt_s: float, low_hz: float, high_hz: float, random: np.random.Generator) -> Array:
-    """Return Gaussian noise (n,) without unit: flat to 0.7 Hz, falling as f^-1.5 to 12 Hz and as f^-3.5 above."""
+def _falling(frequency_hz: Array, power: float, compared: ComparedBand) -> Array:
+    """Return the amplitude (n,) that falls as f^-power from the band's start on, and above the corner as f^-2 more."""
+    corner_hz = compared.with_high(CORNER_HZ)
+    slope, steep = (np.maximum(frequency_hz / hz, 1.0) for hz in (compared.low_hz, corner_hz))
+    return np.asarray(slope**-power * steep**-2)
+
+
+def shaped_noise(
+    duration_s: float,
+    dt_s: float,
+    low_hz: float,
+    high_hz: float,
+    random: np.random.Generator,
+    compared: ComparedBand = USUAL,
+) -> Array:
+    """Return Gaussian noise (n,) without unit with the amplitude of all signals."""
     n = round(duration_s / dt_s)
-    shape = _lines(n, dt_s, low_hz, high_hz)
+    shape = _lines(n, dt_s, low_hz, high_hz, compared)
     spectrum = shape * (random.standard_normal(len(shape)) + 1j * random.standard_normal(len(shape)))
     return np.fft.irfft(spectrum, n)
 
 
-def multisine(period_s: float, dt_s: float, low_hz: float, high_hz: float, random: np.random.Generator) -> Array:
+def multisine(
+    period_s: float,
+    dt_s: float,
+    low_hz: float,
+    high_hz: float,
+    random: np.random.Generator,
+    compared: ComparedBand = USUAL,
+) -> Array:
     """Return one period (n,) without unit of a random-phase multisine with every line of 1/period_s in the band.
 
     Pintelon and Schoukens, System Identification: A Frequency Domain Approach, section 2.2.
     """
     n = round(period_s / dt_s)
-    shape = _lines(n, dt_s, low_hz, high_hz)
+    shape = _lines(n, dt_s, low_hz, high_hz, compared)
     return np.fft.irfft(shape * np.exp(2j * np.pi * random.random(len(shape))), n)
 
 
-def sweep(period_s: float, dt_s: float, low_hz: float, high_hz: float) -> Array:
+def sweep(period_s: float, dt_s: float, low_hz: float, high_hz: float, compared: ComparedBand = USUAL) -> Array:
     """Return one period (n,) without unit of a logarithmic sine sweep: up in its first half, down in its second.
 
     A period holds a whole number of cycles: the frequencies are lowered by less than one cycle per period. The
@@ -62,7 +85,7 @@ def sweep(period_s: float, dt_s: float, low_hz: float, high_hz: float) -> Array:
     cycles = (np.cumsum(frequency) - frequency) * dt_s
     total = float(np.sum(frequency)) * dt_s
     phase = 2.0 * np.pi * cycles * np.floor(total) / total
-    lines = np.fft.rfft(np.exp(_rounded_off(np.log(amplitude(frequency)))) * np.sin(phase))
+    lines = np.fft.rfft(np.exp(_rounded_off(np.log(amplitude(frequency, compared)))) * np.sin(phase))
     lines[(_frequencies(n, dt_s) > high_hz) | (np.arange(len(lines)) == 0)] = 0.0
     return np.fft.irfft(lines, n)
 
@@ -81,10 +104,12 @@ def sweep_frequency(samples: int, low_hz: float, high_hz: float) -> Array:
     return low_hz * (high_hz / low_hz) ** way
 
 
-def steps(duration_s: float, dt_s: float, high_hz: float, random: np.random.Generator) -> Array:
+def steps(
+    duration_s: float, dt_s: float, high_hz: float, random: np.random.Generator, compared: ComparedBand = USUAL
+) -> Array:
     """Return smoothed steps (n,) without unit between levels of alternating sign and random size, held for 1-4 s.
 
-    The smoothing (without phase) is flat to 0.7 Hz, falls as f^-0.5 to 12 Hz, as f^-2.5 above and is zero above
+    The smoothing (without phase) is flat to the band's start, falls as f^-0.5, as f^-2.5 above and is zero above
     `high_hz`. With the 1/f of a step that is the shape of the noise, and a step of height h m has at most
     h 4 pi integral(f H(f) df) m/s^2: 774 h for 60 Hz.
     """
@@ -93,13 +118,12 @@ def steps(duration_s: float, dt_s: float, high_hz: float, random: np.random.Gene
     ends = np.cumsum(random.uniform(LEAST_HOLD_S, MOST_HOLD_S, count))
     levels = random.uniform(LEAST_LEVEL, 1.0, count) * (-1.0) ** np.arange(count)
     held = levels[np.searchsorted(ends, np.arange(n) * dt_s, side="right")]
-    return np.fft.irfft(np.fft.rfft(held) * smoothing(_frequencies(n, dt_s), high_hz), n)
+    return np.fft.irfft(np.fft.rfft(held) * smoothing(_frequencies(n, dt_s), high_hz, compared), n)
 
 
-def smoothing(frequency_hz: Array, high_hz: float) -> Array:
+def smoothing(frequency_hz: Array, high_hz: float, compared: ComparedBand = USUAL) -> Array:
     """Return the factor (n,) without unit by which steps are smoothed at frequencies (n,) in Hz."""
-    factor = np.maximum(frequency_hz / FLAT_HZ, 1.0) ** -0.5 * np.maximum(frequency_hz / CORNER_HZ, 1.0) ** -2
-    return np.where(frequency_hz <= high_hz, factor, 0.0)
+    return np.where(frequency_hz <= high_hz, _falling(frequency_hz, 0.5, compared), 0.0)
 
 
 def faded(signal: Array, fade_s: float, dt_s: float) -> Array:
@@ -114,12 +138,12 @@ def repeated(period: Array, periods: int, fade_s: float, dt_s: float) -> Array:
     return faded(np.concatenate([np.tile(period, periods + 1), period[: round(fade_s / dt_s)]]), fade_s, dt_s)
 
 
-def _lines(samples: int, dt_s: float, low_hz: float, high_hz: float) -> Array:
+def _lines(samples: int, dt_s: float, low_hz: float, high_hz: float, compared: ComparedBand) -> Array:
     """Return the amplitude of every Fourier line (n,), zero outside the band."""
     f = _frequencies(samples, dt_s)
     inside = (f >= low_hz) & (f <= high_hz)
     shape = np.zeros(len(f))
-    shape[inside] = amplitude(f[inside])
+    shape[inside] = amplitude(f[inside], compared)
     return shape
 
 
@@ -133,9 +157,10 @@ PERIODIC = ("multisine", "sweep")
 SHARE = 0.6  # fraction of each limit that a plan may use
 AMPLIFICATION = 2.0  # assumed acceleration of the floors over that of the table
 SILENCE_S, FADE_S, PAUSE_S, BURST_S, BURST_FADE_S, HOLD_S = 2.0, 2.0, 0.5, 4.0, 0.3, 16.0
-BURST_BAND_HZ = (1.0, 15.0)
+BURST_BAND_HZ = (1.0, 15.0)  # of the usual compared band
 MOVED = ("stroke", "velocity", "command range")  # limits that the command alone determines
 LEAST_DURATION_S = 40.0
+LOW_HZ = (0.05, 1.0)  # of the usual compared band: least and largest low_hz
 LEAST_PERIODS, LEAST_CYCLES = 3, 4.0  # periods in a record; cycles of low_hz in a period
 SWEEP_SEGMENTS = 10  # segments per period: so short that a harmonic and its fundamental fall in different ones
 MOST_CHANNELS = 41  # table and 40 floors: the evaluation takes minutes, and grows with their cube
@@ -156,6 +181,7 @@ class ExcitationSettings:
     high_hz: float = 60.0
     kind: Kind = "noise"
     period_s: float = 20.0
+    compared: ComparedBand = USUAL  # band in which a model of the table will be compared with its data
 
 
 class Reach(NamedTuple):
@@ -182,7 +208,7 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Excitation:
-    """A planned command (n,) in V with its parts; `accel_rms_m_s2` is the nominal level below 12 Hz of its signal.
+    """A planned command (n,) in V with its parts; `accel_rms_m_s2` is its signal's nominal level below the corner.
 
     `notes` are sentences for the user, for instance that the level was scaled down to a limit. `stretches`: the signal
     and, where there is one, the burst.
@@ -194,6 +220,7 @@ class Excitation:
     accel_rms_m_s2: float
     notes: tuple[str, ...] = ()
     stretches: tuple[Stretch, ...] = ()
+    compared: ComparedBand = USUAL  # of its settings
 
     @property
     def reach(self) -> dict[str, Reach]:
@@ -221,33 +248,45 @@ def plan(info: RigInfo, settings: ExcitationSettings, seed: int, level: float | 
     settings = settings if level is None else replace(settings, accel_rms_m_s2=level)
     check(info, settings)
     random = np.random.default_rng(seed)
-    dt = info.dt_s
+    dt, compared = info.dt_s, settings.compared
     signal = make_signal(info, settings, random)
-    burst = faded(shaped_noise(BURST_S, dt, *burst_band(settings), random), BURST_FADE_S, dt)
-    level, notes = reachable_level(info, signal, settings.accel_rms_m_s2, MOVED)
-    loud = signal.command_v * level / accel_rms(signal.command_v, info, signal.steady)
-    burst = burst * min(level / accel_rms(burst, info), largest_scale(info, burst, MOVED)[0])
+    burst = faded(shaped_noise(BURST_S, dt, *burst_band(settings), random, compared), BURST_FADE_S, dt)
+    level, notes = reachable_level(info, signal, settings.accel_rms_m_s2, MOVED, compared)
+    loud = signal.command_v * level / accel_rms(signal.command_v, info, signal.steady, compared)
+    burst = burst * min(level / accel_rms(burst, info, compared=compared), largest_scale(info, burst, MOVED)[0])
     pieces = (still(SILENCE_S, dt), loud, still(PAUSE_S, dt), burst, still(HOLD_S, dt))
     ends = [int(end) for end in np.cumsum([len(piece) for piece in pieces])]
     steady = slice(ends[0] + signal.steady.start, ends[0] + signal.steady.stop)
     parts = Parts(steady, slice(0, ends[0]), slice(ends[3], ends[4]), signal.period_samples, signal.segment_samples)
     stretches = (
         Stretch(slice(ends[0], ends[2]), level, reach(info, loud)),
-        Stretch(slice(ends[2], ends[4]), accel_rms(burst, info), reach(info, burst)),
+        Stretch(slice(ends[2], ends[4]), accel_rms(burst, info, compared=compared), reach(info, burst)),
     )
     notes = (*whole_periods(settings), *notes)
-    return Excitation(rounded(np.concatenate(pieces), info.converters.step_v), dt, parts, level, notes, stretches)
+    return Excitation(
+        rounded(np.concatenate(pieces), info.converters.step_v), dt, parts, level, notes, stretches, compared
+    )
 
 
 def check(info: RigInfo, settings: ExcitationSettings) -> None:
     """Raise one InputError that names every setting out of range."""
     faults = []
-    nyquist = 0.5 / info.dt_s
-    if not 0.05 <= settings.low_hz <= 1.0:
-        faults.append(f"identification.low_hz: {settings.low_hz:g} Hz must be between 0.05 and 1 Hz")
-    if not 2.0 * CORNER_HZ <= settings.high_hz <= 0.4 * nyquist:
+    nyquist, compared = 0.5 / info.dt_s, settings.compared
+    lowest, highest = (compared.with_low(hz) for hz in LOW_HZ)
+    least = 2.0 * compared.with_high(CORNER_HZ)
+    if not lowest <= settings.low_hz <= highest:
         faults.append(
-            f"identification.high_hz: {settings.high_hz:g} Hz must be between {2.0 * CORNER_HZ:g} Hz and "
+            f"identification.low_hz: {settings.low_hz:g} Hz must be between {lowest:g} and {highest:g} Hz to identify "
+            f"the table in {compared}"
+        )
+    if least > 0.4 * nyquist:
+        faults.append(
+            f"identification.compared_hz: up to {compared.high_hz:g} Hz needs an excitation up to {least:g} Hz, but "
+            f"the sample rate carries {0.4 * nyquist:g} Hz (0.4 of half of it); lower test_band_hz or compared_hz"
+        )
+    elif not least <= settings.high_hz <= 0.4 * nyquist:
+        faults.append(
+            f"identification.high_hz: {settings.high_hz:g} Hz must be between {least:g} Hz and "
             f"{0.4 * nyquist:g} Hz (0.4 of half the sample rate)"
         )
     if not LEAST_DURATION_S <= settings.duration_s <= 3600.0:
@@ -310,16 +349,16 @@ def whole_periods(settings: ExcitationSettings) -> tuple[str, ...]:
 
 def make_signal(info: RigInfo, settings: ExcitationSettings, random: np.random.Generator) -> Signal:
     """Return the signal of the requested kind with faded ends; periodic kinds begin with one period to settle."""
-    dt, low, high = info.dt_s, settings.low_hz, settings.high_hz
+    dt, low, high, compared = info.dt_s, settings.low_hz, settings.high_hz, settings.compared
     if settings.kind == "multisine":
         return _periodic(best_multisine(info, settings, random), settings, dt)
     if settings.kind == "sweep":
-        played = _periodic(sweep(settings.period_s, dt, low, high), settings, dt)
+        played = _periodic(sweep(settings.period_s, dt, low, high, compared), settings, dt)
         return played._replace(period_samples=0, segment_samples=played.period_samples // SWEEP_SEGMENTS)
     if settings.kind == "step":
-        signal = steps(settings.duration_s, dt, high, random)
+        signal = steps(settings.duration_s, dt, high, random, compared)
     else:
-        signal = shaped_noise(settings.duration_s, dt, low, high, random)
+        signal = shaped_noise(settings.duration_s, dt, low, high, random, compared)
     return Signal(faded(signal, FADE_S, dt), slice(0, len(signal)))
 
 
@@ -335,14 +374,15 @@ def best_multisine(info: RigInfo, settings: ExcitationSettings, random: np.rando
     On the default rig, in the mean of six seeds, this level is 16 % (force is the first limit) to 22 % (stroke or
     velocity) above that of a single draw; 10 draws gain 12-15 %, 200 draws 19-25 %.
     """
-    dt = info.dt_s
-    draws = (multisine(settings.period_s, dt, settings.low_hz, settings.high_hz, random) for _ in range(DRAWS))
+    dt, shape = info.dt_s, (settings.low_hz, settings.high_hz, random, settings.compared)
+    draws = (multisine(settings.period_s, dt, *shape) for _ in range(DRAWS))
     return max(draws, key=lambda period: largest_scale(info, repeated(period, 1, FADE_S, dt))[0])
 
 
 def burst_band(settings: ExcitationSettings) -> tuple[float, float]:
     """Return the band of the burst in Hz, inside that of the signal."""
-    return max(BURST_BAND_HZ[0], settings.low_hz), min(BURST_BAND_HZ[1], settings.high_hz)
+    low, high = settings.compared.with_low(BURST_BAND_HZ[0]), settings.compared.with_high(BURST_BAND_HZ[1])
+    return max(low, settings.low_hz), min(high, settings.high_hz)
 
 
 def still(duration_s: float, dt_s: float) -> Array:
@@ -355,11 +395,11 @@ def nominal_accel(command_v: Array, info: RigInfo) -> Array:
     return info.gain_m_per_v * np.diff(command_v, 2, prepend=0.0, append=0.0) / info.dt_s**2
 
 
-def accel_rms(command_v: Array, info: RigInfo, part: slice = slice(None)) -> float:
-    """Return the rms below 12 Hz of the nominal table acceleration in m/s^2 (above, no table follows its command)."""
+def accel_rms(command_v: Array, info: RigInfo, part: slice = slice(None), compared: ComparedBand = USUAL) -> float:
+    """Return the rms below the corner of the nominal table acceleration in m/s^2 (above, no table follows)."""
     accel = nominal_accel(command_v, info)[part]
     amplitude = np.fft.rfft(accel) / len(accel)
-    below = np.fft.rfftfreq(len(accel), info.dt_s) <= CORNER_HZ
+    below = np.fft.rfftfreq(len(accel), info.dt_s) <= compared.with_high(CORNER_HZ)
     return float(np.sqrt(2.0 * np.sum(np.abs(amplitude[below]) ** 2)))
 
 
@@ -393,14 +433,18 @@ def largest_scale(info: RigInfo, command_v: Array, limits: Sequence[str] = ()) -
 
 
 def reachable_level(
-    info: RigInfo, signal: Signal, wanted_m_s2: float, limits: Sequence[str] = ()
+    info: RigInfo,
+    signal: Signal,
+    wanted_m_s2: float,
+    limits: Sequence[str] = (),
+    compared: ComparedBand = USUAL,
 ) -> tuple[float, tuple[str, ...]]:
     """Return the level in m/s^2 rms that the named limits (without names: all) permit, and a note if it is reduced.
 
     The level is at most `wanted_m_s2`.
     """
     scale, limit = largest_scale(info, signal.command_v, limits)
-    allowed = scale * accel_rms(signal.command_v, info, signal.steady)
+    allowed = scale * accel_rms(signal.command_v, info, signal.steady, compared)
     if wanted_m_s2 <= allowed:
         return wanted_m_s2, ()
     note = f"excitation scaled down from {wanted_m_s2:g} to {allowed:.2f} m/s^2 rms: {SHARE:.0%} of the {limit} limit"

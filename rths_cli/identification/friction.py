@@ -17,12 +17,14 @@ import numpy as np
 from rths_cli.identification.record_parts import Record, padded
 from rths_cli.identification.results import Friction
 from rths_cli.identification.table_fit import Timing, within
+from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array, ComplexArray, Model
 from rths_cli.rigs.description import RigInfo
 
-LOW_HZ, BAND_SHARE = 0.7, 2.0 / 3.0  # band of the fit: its start, and its end over the end of the model's band
-CORNER_HZ = 0.4  # velocity: from the model below this frequency, from the integrated acceleration above it
-SIGN_RATE_HZ = 1000.0  # sample rate at which sign(v) is computed, because it has lines far above the band
+BAND_SHARE = 2.0 / 3.0  # end of the band of the fit over that of the model's band; it starts with the compared band
+# of the usual compared band: velocity from the model below this frequency, from the integrated acceleration above it
+CORNER_HZ = 0.4
+SIGN_RATE_HZ = 1000.0  # of that band: sample rate at which sign(v) is computed; it has lines far above the band
 SCALES = (0.004, 0.008, 0.016, 0.032, 0.064)  # tried v_s over the rms velocity; the best one is taken
 STRETCH_S = 2.5  # length of a stretch; terms linear in the velocity are fitted separately in each one
 SLOW = 0.5  # stretches below this fraction of the rms velocity are left out: they do not separate sign(v) from v
@@ -46,7 +48,7 @@ class _Spectra:
     part_s: tuple[float, float]  # start and end of the excitation
 
 
-def estimate(records: Sequence[Record], model: Model, info: RigInfo) -> Friction | None:
+def estimate(records: Sequence[Record], model: Model, info: RigInfo, compared: ComparedBand = USUAL) -> Friction | None:
     """Estimate friction from records and the model fitted to them; None if they are too short or hardly move.
 
     The method is least squares over stretches of the records, weighted by the residual's spectrum. The uncertainty
@@ -54,22 +56,22 @@ def estimate(records: Sequence[Record], model: Model, info: RigInfo) -> Friction
     """
     longest = max(len(record.command_v) for record in records)
     count = padded(longest, info.dt_s)
-    spectra = [_spectra(record, model, info, count) for record in records]
+    spectra = [_spectra(record, model, info, count, compared) for record in records]
     speeds = np.concatenate([np.sqrt(np.mean(_cut(x.velocity[None], x)[:, 0] ** 2, axis=-1)) for x in spectra])
     rms = float(np.sqrt(np.mean(speeds**2))) if len(speeds) else 0.0
     fast = speeds > SLOW * rms
-    high_hz = BAND_SHARE * model.band_hz[1]
-    if fast.sum() < LEAST_STRETCHES or (high_hz - LOW_HZ) * STRETCH_S < GROUPS:
+    band_hz = compared.low_hz, BAND_SHARE * model.band_hz[1]
+    if fast.sum() < LEAST_STRETCHES or (band_hz[1] - band_hz[0]) * STRETCH_S < GROUPS:
         return None
-    residual, *linear = _stretch_lines(spectra, [_fixed_rows(x) for x in spectra], high_hz)[fast].swapaxes(0, 1)
+    residual, *linear = _stretch_lines(spectra, [_fixed_rows(x) for x in spectra], band_hz)[fast].swapaxes(0, 1)
     tried = []
     for scale in (share * rms for share in SCALES):
-        acting = _stretch_lines(spectra, [_acting_rows(x, scale) for x in spectra], high_hz)[fast].swapaxes(0, 1)
+        acting = _stretch_lines(spectra, [_acting_rows(x, scale) for x in spectra], band_hz)[fast].swapaxes(0, 1)
         tried.append(_fitted(np.stack([residual, *acting, *linear], axis=1), rms, scale))
     return max(tried, key=lambda friction: friction.explained)
 
 
-def _spectra(record: Record, model: Model, info: RigInfo, count: int) -> _Spectra:
+def _spectra(record: Record, model: Model, info: RigInfo, count: int, compared: ComparedBand) -> _Spectra:
     """Return the lines of a record, padded to `count` samples, up to the end of the model's band."""
     duration_s = count * info.dt_s
     f = np.arange(int(model.band_hz[1] * duration_s) + 1) / duration_s
@@ -78,10 +80,10 @@ def _spectra(record: Record, model: Model, info: RigInfo, count: int) -> _Spectr
     command, table = (each[: len(f)] / count for each in lines)
     response: ComplexArray = model.response(f)
     table = table - model.alias(f) * command
-    velocity = _velocity(f, table, response * command)
+    velocity = _velocity(f, table, response * command, compared.with_low(CORNER_HZ))
     declared = Timing(info.latency_samples, info.dt_s, info.transport_s)
     delay_s = max(model.delay_s, declared.delay_s)
-    fine = max(2 * len(f), round(SIGN_RATE_HZ * duration_s))
+    fine = max(2 * len(f), round(compared.with_high(SIGN_RATE_HZ) * duration_s))
     noise = record.parts.noise
     return _Spectra(
         s,
@@ -94,22 +96,24 @@ def _spectra(record: Record, model: Model, info: RigInfo, count: int) -> _Spectr
     )
 
 
-def _velocity(frequency_hz: Array, table: ComplexArray, answer: ComplexArray) -> ComplexArray:
+def _velocity(frequency_hz: Array, table: ComplexArray, answer: ComplexArray, corner_hz: float) -> ComplexArray:
     """Return the velocity's lines: the integrated measured acceleration, replaced by the model's at low frequency.
 
     The integral of the measured acceleration would drift there.
     """
     f = frequency_hz[1:]
-    low = 1.0 / (1.0 + (f / CORNER_HZ) ** 4)
+    low = 1.0 / (1.0 + (f / corner_hz) ** 4)
     accel = low * answer[1:] + (1.0 - low) * table[1:]
     return np.concatenate([[0.0], accel / (2j * np.pi * f)])
 
 
-def _stretch_lines(spectra: Sequence[_Spectra], rows: Sequence[ComplexArray], high_hz: float) -> ComplexArray:
+def _stretch_lines(
+    spectra: Sequence[_Spectra], rows: Sequence[ComplexArray], band_hz: tuple[float, float]
+) -> ComplexArray:
     """Return the Fourier lines (stretches, rows, m) of all records' stretches in the band of the fit."""
     cut = np.concatenate([_cut(some, each) for some, each in zip(rows, spectra, strict=True)])
     n = cut.shape[-1]
-    inside = within(np.arange(n // 2 + 1) / STRETCH_S, (LOW_HZ, high_hz))
+    inside = within(np.arange(n // 2 + 1) / STRETCH_S, band_hz)
     return np.fft.rfft(np.hanning(n) * cut)[..., inside]
 
 

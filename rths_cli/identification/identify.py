@@ -36,7 +36,7 @@ from rths_cli.identification.results import (
 )
 from rths_cli.identification.root_uncertainty import shifts
 from rths_cli.identification.specimen_fit import Start
-from rths_cli.identification.table_fit import COMPARED_HZ, beyond_scatter, fit_error, rms, within
+from rths_cli.identification.table_fit import beyond_scatter, fit_error, rms, within
 from rths_cli.numerics.lti import Array, Frf, Model
 from rths_cli.rigs.description import RigInfo
 
@@ -83,7 +83,7 @@ def identify(
     """
     data = evidence(records, quiet, info, floor_masses_kg, settings or IdentificationSettings())
     frfs, reports, warnings = _responses(data)
-    data = data.up_to(coherent_up_to(frfs[0], data.settings.band_hz[1]))
+    data = data.up_to(coherent_up_to(frfs[0], data.settings.band_hz[1], data.settings.compared))
     start = identify_specimen.first_look(data)
     wider = data.down_to(identify_specimen.lowest_hz(data, start))
     if wider.settings.band_hz != data.settings.band_hz:
@@ -106,7 +106,7 @@ def _responses(data: Evidence) -> tuple[tuple[Frf, ...], tuple[ChannelReport, ..
     if any(record.parts.segment_samples for record in data.records):
         # short segments truncate the floors' vibrations, which lowers the coherence but is no fault of the channels
         judged = estimate(data.records, dt_s, settings.band_hz, data.longest_s, settings.estimator)
-    reports = channel_signals.reports(data.records, judged, data.info)
+    reports = channel_signals.reports(data.records, judged, data.info, settings.compared)
     judgement = channel_responses.judge(data, judged)
     if judgement.faults:
         raise UnfitRecord(judgement.faults, reports)
@@ -141,26 +141,27 @@ def _identification(
     data: Evidence, frfs: tuple[Frf, ...], reports: tuple[ChannelReport, ...], table: _Table, specimen: _Specimen
 ) -> Identification:
     """Return the complete result of the identification, with its verdict."""
-    clean, best = table.fit.frf, table.best
-    dry = friction.estimate(data.records, table.fit.chosen.model, data.info)
+    clean, best, compared = table.fit.frf, table.best, data.settings.compared
+    dry = friction.estimate(data.records, table.fit.chosen.model, data.info, compared)
     return Identification(
         frfs=(clean, *frfs[1:]),
         noise_floors=tuple(noise_floor(data.records, frf, c, data.info.dt_s) for c, frf in enumerate(frfs)),
         best=best,
         paper=table.paper,
-        best_error=fit_error(best, clean),
-        paper_error=fit_error(table.paper, clean),
+        best_error=fit_error(best, clean, compared),
+        paper_error=fit_error(table.paper, clean, compared),
         specimen=specimen.excited,
         free_vibration=specimen.free,
         channels=reports,
         candidates=() if table.given else table.fit.candidates,
         roots=_roots(data, table, specimen.excited),
-        residuals=verdict.residuals(best, clean),
+        residuals=verdict.residuals(best, clean, compared),
         levels=table.levels if table.comparable else (),
         verdict=_verdict(data, table, specimen, dry, _warnings(data, reports, table, specimen)),
         friction=dry,
         latency=table.latency,
         causes=table.causes,
+        compared=compared,
     )
 
 
@@ -194,7 +195,8 @@ def _gain(table: _Table, data: Evidence) -> tuple[str, ...]:
 
 def _verdict(data: Evidence, table: _Table, specimen: _Specimen, dry: Friction | None, warnings: list[str]) -> Verdict:
     """Return whether the model may drive the table."""
-    error, most = beyond_scatter(table.best, table.fit.frf), data.settings.most
+    compared = data.settings.compared
+    error, most = beyond_scatter(table.best, table.fit.frf, compared), data.settings.most
     return verdict.judge(
         table.best,
         error,
@@ -205,20 +207,21 @@ def _verdict(data: Evidence, table: _Table, specimen: _Specimen, dry: Friction |
         data.level_ratio,
         (
             *specimen.reasons,
-            *channel_responses.far_gain(table.best.low_frequency_gain_m_per_v, data.info, table.fit.frf),
+            *channel_responses.far_gain(table.best.low_frequency_gain_m_per_v, data.info, table.fit.frf, compared),
         ),
         table.given,
         table.causes,
         louder(data),
         _noisy(data, table.fit.frf),
         dry,
+        compared,
     )
 
 
 def _noisy(data: Evidence, frf: Frf) -> bool:
     """Return whether noise at rest explains the scatter of the table's response; True if that noise is not known."""
     floor = noise_floor(data.records, frf, 0, data.info.dt_s)
-    inside = within(frf.frequency_hz, COMPARED_HZ)
+    inside = within(frf.frequency_hz, data.settings.compared.hz)
     if floor is None:
         return True
     return rms(floor[inside] / np.abs(frf.response[inside])) > NOISE_SHARE * rms(frf.relative_error[inside])

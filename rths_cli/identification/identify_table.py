@@ -9,7 +9,6 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.identification import level_dependence, verdict
-from rths_cli.identification.channel_signals import COMPARED_HZ
 from rths_cli.identification.frequency_response import over_model, without_leakage
 from rths_cli.identification.identify_specimen import fit_motions, motions
 from rths_cli.identification.inputs import SEGMENTS, Evidence
@@ -17,6 +16,7 @@ from rths_cli.identification.model_order import choose
 from rths_cli.identification.results import Candidate, LevelBand
 from rths_cli.identification.specimen_fit import Start, modal
 from rths_cli.identification.table_fit import Fit, Timing, first_fit, fit_error, fit_paper, refit, within
+from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array, Frf, Model
 
 NO_CHAIN = 0.005  # residual of the specimen's fit, as a fraction of the floors' motion, above which zeros are free
@@ -25,7 +25,7 @@ SAME_MODE, SAME_DAMPING = (
     0.5,
     0.5,
 )  # frequencies agree within this part of half a resonance's width, ratios within e^0.5
-MOST_ROUNDS, CONVERGED = 8, 5e-4  # rounds of leakage removal; change of the model in 0.7-11 Hz that ends them
+MOST_ROUNDS, CONVERGED = 8, 5e-4  # rounds of leakage removal; change of the model in the compared band that ends them
 COHERENT = (0.2, 0.5)  # least median coherence of a band, with many and with few averages
 OCTAVE_SHARE = 2.0 ** (1.0 / 6.0)  # width of a band
 
@@ -45,10 +45,12 @@ def fit_table(data: Evidence, frf: Frf, start: Start) -> TableFit:
     """Fit the table's models to its response; `start` is a first estimate of the specimen on the table."""
     first, clean = _first(data, frf, start)
     settings = data.settings
-    chosen, candidates = choose(first, clean, data.records, settings.estimator, settings.latency_in_roots)
+    chosen, candidates = choose(
+        first, clean, data.records, settings.estimator, settings.latency_in_roots, settings.compared
+    )
     if (chosen.layout, chosen.held_zeros) != (first.layout, first.held_zeros):
         chosen, clean = _refined(data, frf, chosen)
-    paper = fit_paper(clean, first, _inside(settings.paper_band_hz, settings.band_hz)).model
+    paper = fit_paper(clean, first, _inside(settings.paper_band_hz, settings.band_hz), settings.compared).model
     return TableFit(first, chosen, candidates, paper, clean)
 
 
@@ -64,7 +66,9 @@ def _first(data: Evidence, frf: Frf, start: Start) -> tuple[Fit, Frf]:
     timing = Timing(info.latency_samples, info.dt_s, info.transport_s, coupling_hz)
     for _ in range(MOST_TURNS):
         omega = modal(masses, start.stiffness_n_per_m)[0] if len(masses) else np.zeros(0)
-        found = first_fit(frf, (omega / (2.0 * np.pi), start.damping_ratio), timing, data.settings.band_hz)
+        found = first_fit(
+            frf, (omega / (2.0 * np.pi), start.damping_ratio), timing, data.settings.band_hz, data.settings.compared
+        )
         exact, unexplained = fit_motions(data, start, motions(data, found.model, free=False))
         if _agree(start, exact, masses):
             break
@@ -97,7 +101,9 @@ def _refined(data: Evidence, frf: Frf, found: Fit) -> tuple[Fit, Frf]:
     for _ in range(MOST_ROUNDS):
         clean = without_leakage(frf, found.model, data.records, data.settings.segment_s, data.settings.estimator)
         before, found = found.model, refit(clean, found)
-        change = fit_error(found.model, replace(clean, response=before.sampled_response(clean.frequency_hz)))
+        change = fit_error(
+            found.model, replace(clean, response=before.sampled_response(clean.frequency_hz)), data.settings.compared
+        )
         if change.largest < CONVERGED:
             break
     return found, clean
@@ -135,14 +141,14 @@ def _inside(band_hz: tuple[float, float], outer_hz: tuple[float, float]) -> tupl
     return max(band_hz[0], outer_hz[0]), min(band_hz[1], outer_hz[1])
 
 
-def coherent_up_to(frf: Frf, highest_hz: float) -> float:
-    """Return the frequency up to which each sixth of an octave above 11 Hz tells more of the table than of noise.
+def coherent_up_to(frf: Frf, highest_hz: float, compared: ComparedBand = USUAL) -> float:
+    """Return the frequency up to which each sixth of an octave above the compared band tells more than noise.
 
     Its median coherence must be twice 1 / averages, the mean that noise alone shows, and within the range COHERENT.
     Noise that is as large as the response (a coherence of 0.5) only widens the lines' scatter, by which the fit weighs
     them; a band that ended there would leave out the pole of a mode beyond its end.
     """
-    low, least = COMPARED_HZ[1], float(np.clip(2.0 / max(frf.averages, 1), *COHERENT))
+    low, least = compared.high_hz, float(np.clip(2.0 / max(frf.averages, 1), *COHERENT))
     while low < highest_hz:
         high = min(low * OCTAVE_SHARE, highest_hz)
         inside = within(frf.frequency_hz, (low, high))
@@ -167,7 +173,8 @@ def levels(data: Evidence, found: TableFit) -> tuple[tuple[LevelBand, ...], tupl
     except InputError:
         return (), ()
     over = replace(frf, response=frf.response / model.sampled_response(frf.frequency_hz))
-    return verdict.level_bands(low, over), level_dependence.of_table(low, over, model)
+    compared = data.settings.compared
+    return verdict.level_bands(low, over, compared), level_dependence.of_table(low, over, model, compared)
 
 
 def with_ripple(model: Model, fitted: Model) -> Model:

@@ -15,10 +15,12 @@ from rths_cli.identification.frequency_response import Estimator
 from rths_cli.identification.record_parts import Record
 from rths_cli.identification.results import FitError
 from rths_cli.identification.verdict import LIMITS
+from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import RigInfo
 
 SHORTEST_S = 4.0  # shortest segment of a sweep; a shorter one has too few lines for a model
+BAND_HZ, PAPER_BAND_HZ = (0.5, 60.0), (0.5, 12.0)  # of the usual compared band: where the models are fitted
 SEGMENTS = 5  # a short record is cut into this many segments without overlap
 
 
@@ -26,14 +28,15 @@ SEGMENTS = 5  # a short record is cut into this many segments without overlap
 class IdentificationSettings:
     """How records are evaluated."""
 
-    band_hz: tuple[float, float] = (0.5, 60.0)  # of the fit of the best model
-    paper_band_hz: tuple[float, float] = (0.5, 12.0)  # of the fit of the paper's model
+    band_hz: tuple[float, float] = BAND_HZ  # of the fit of the best model
+    paper_band_hz: tuple[float, float] = PAPER_BAND_HZ  # of the fit of the paper's model
     segment_s: float = 20.0  # length of the Hann segments; shorter in short records
     estimator: Estimator = "h1"
     latency_in_roots: bool = False  # whether roots represent the latency instead of an explicit delay
     sensors_removed: bool = True  # whether the records are corrected for the sensors' corners
     like_noise: bool = True  # whether the excitation acts on friction like noise, so that friction can be judged
     most: FitError = LIMITS  # largest errors of an accepted fit
+    compared: ComparedBand = USUAL  # band in which the models are compared with the data
     excited_hz: float = 0.5  # lowest excited frequency; only for a soft specimen the bands are lowered, down to here
 
 
@@ -77,7 +80,7 @@ def evidence(
     Raises InputError where records do not fit the rig, UnfitRecord where channels cannot be used.
     """
     masses = np.asarray(floor_masses_kg, dtype=float)
-    check(records, info, masses)
+    check(records, info, masses, settings.compared)
     shortest = min(r.parts.noise.stop - r.parts.noise.start for r in records) * info.dt_s
     suited = [max(r.parts.segment_samples * info.dt_s, SHORTEST_S) for r in records if r.parts.segment_samples]
     longest = min(settings.segment_s, shortest / SEGMENTS)
@@ -85,7 +88,7 @@ def evidence(
     return Evidence(tuple(records), quiet, info, masses, settings, longest)
 
 
-def check(records: Sequence[Record], info: RigInfo, masses: Array) -> None:
+def check(records: Sequence[Record], info: RigInfo, masses: Array, compared: ComparedBand = USUAL) -> None:
     """Raise InputError where records do not fit the rig, UnfitRecord where channels cannot be used."""
     wanted = len(info.channels)
     faults = [
@@ -102,4 +105,4 @@ def check(records: Sequence[Record], info: RigInfo, masses: Array) -> None:
         where = f"record {number}: " if len(records) > 1 else ""
         faults += [where + fault for fault in channel_signals.signal_faults(record, info)]
     if faults:
-        raise UnfitRecord(faults, channel_signals.reports(records, None, info))
+        raise UnfitRecord(faults, channel_signals.reports(records, None, info, compared))

@@ -23,13 +23,14 @@ from rths_cli.identification.chain_residual import explained, grouped
 from rths_cli.identification.record_parts import Record
 from rths_cli.identification.results import LevelCauses
 from rths_cli.identification.table_fit import within
+from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array, ComplexArray, Frf, Model
 from rths_cli.rigs.description import RigInfo
 
 FRICTION, HARDENING, SOFTENING, COMPRESSION, DEAD_BAND, DRAG, SPECIMEN = (
     "friction", "hardening", "softening", "compression", "dead band", "drag", "specimen",
 )  # fmt: skip
-BAND_HZ = (0.7, 40.0)
+HIGHEST_HZ = 40.0  # of the usual compared band: end of the lines in which a cause is searched
 CLEAR = 4.0  # least significance of a cause, in standard errors
 SHARE, ALIKE = 0.5, 0.9  # least explained fraction of the difference beyond scatter; fraction of the best cause's
 YIELDS = 0.005  # least relative change of a storey's stiffness
@@ -52,12 +53,13 @@ def meaning(causes: LevelCauses) -> str:
     return "; or ".join(said)
 
 
-def of_table(low: Frf, full: Frf, model: Model) -> tuple[str, ...]:
+def of_table(low: Frf, full: Frf, model: Model, compared: ComparedBand = USUAL) -> tuple[str, ...]:
     """Return the causes that explain how the table's response differs between low and full level, the likeliest first.
 
     Both responses are divided by the model's. () is returned if they do not differ, or if no cause explains it.
     """
-    inside = within(low.frequency_hz, (BAND_HZ[0], min(BAND_HZ[1], full.frequency_hz[-1])))
+    highest_hz = min(compared.with_high(HIGHEST_HZ), full.frequency_hz[-1])
+    inside = within(low.frequency_hz, (compared.low_hz, highest_hz))
     f = low.frequency_hz[inside]
     over = np.interp(f, full.frequency_hz, full.response)
     error = np.hypot(low.relative_error[inside], np.interp(f, full.frequency_hz, full.relative_error))

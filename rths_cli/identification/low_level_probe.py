@@ -29,7 +29,7 @@ from rths_cli.identification.excitation import (
 )
 from rths_cli.identification.frequency_response import estimate
 from rths_cli.identification.record_parts import Parts, Record
-from rths_cli.identification.table_fit import COMPARED_HZ
+from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array, ComplexArray
 from rths_cli.rigs.description import RigInfo
 
@@ -39,8 +39,8 @@ PROBE_S, REST_S = 20.0, 3.0
 TAIL_S = 1.0  # end of the rest; a lightly damped motion is still visible there
 CHANNEL_SHARE = 0.7  # fraction of sensor and converter range that a channel may use
 WORTH_LOWERING = 0.98  # a level is lowered only by more than 2 %; the margins of the limits cover less
-GAIN_BAND_HZ = (0.7, 2.0)
-HIGHEST_HZ, LEAST_POWER = 60.0, 0.01  # end of the measured responses; least power of a line over the mean power
+# end of the measured responses with the usual compared band; least power of a line over the mean power
+HIGHEST_HZ, LEAST_POWER = 60.0, 0.01
 LEAST_OVER_NOISE = 3.0
 SHORT_SEGMENT_S = 4.0  # segments in which two levels are compared: the probe has nine
 GROWN, LEAST_SCATTER = 1.5, 1.5e-3  # overdriven: growth of the unexplained share, standard error of a line
@@ -89,19 +89,20 @@ def probe_plan(info: RigInfo, settings: ExcitationSettings, seed: int) -> Excita
     """
     check(info, settings)
     dt, random = info.dt_s, np.random.default_rng((seed, 1))
-    noise = faded(shaped_noise(PROBE_S, dt, settings.low_hz, settings.high_hz, random), FADE_S, dt)
+    compared = settings.compared
+    noise = faded(shaped_noise(PROBE_S, dt, settings.low_hz, settings.high_hz, random, compared), FADE_S, dt)
     signal = Signal(noise, slice(0, len(noise)))
-    highest, _ = reachable_level(info, signal, settings.accel_rms_m_s2)
+    highest, _ = reachable_level(info, signal, settings.accel_rms_m_s2, compared=compared)
     bit = max(info.converters.step_v / channel.sensitivity_v_per_m_s2 for channel in info.channels)
     level = max(PROBE_SHARE * highest, min(MOST_PROBE_SHARE * highest, PROBE_BITS * bit))
-    noise = noise * level / accel_rms(noise, info)
+    noise = noise * level / accel_rms(noise, info, compared=compared)
     pieces = (still(SILENCE_S, dt), noise, still(REST_S, dt))
     start = len(pieces[0])
     played = slice(start, start + len(noise))
     notes = () if level == PROBE_SHARE * highest else (_raised(level, settings),)
     command = rounded(np.concatenate(pieces), info.converters.step_v)
     stretches = (Stretch(played, level, reach(info, noise)),)
-    return Excitation(command, dt, Parts(played, slice(0, start)), level, notes, stretches)
+    return Excitation(command, dt, Parts(played, slice(0, start)), level, notes, stretches, compared)
 
 
 def _raised(level_m_s2: float, settings: ExcitationSettings) -> str:
@@ -192,28 +193,32 @@ def check_probe(info: RigInfo, probe: Excitation, accel: Array) -> None:
 
 
 def measured_gain(info: RigInfo, probe: Excitation, table_accel: Array) -> float:
-    """Return the table's displacement gain in m/V from its acceleration (n,) in m/s^2: |H1| over 0.7-2 Hz.
+    """Return the table's displacement gain in m/V from its acceleration (n,) in m/s^2: |H1| at its lowest lines.
+
+    These are in the lowest of the compared bands.
 
     The input is the command's second derivative; the record begins and ends at rest, so that no window is needed.
     """
     given, found = _derivative_lines(probe.command_v, info.dt_s), np.fft.rfft(table_accel)
     f = np.fft.rfftfreq(len(table_accel), info.dt_s)
-    inside = (f >= GAIN_BAND_HZ[0]) & (f <= GAIN_BAND_HZ[1])
+    low_hz, high_hz, *_ = probe.compared.edges_hz
+    inside = (f >= low_hz) & (f <= high_hz)
     return float(np.abs(np.vdot(given[inside], found[inside])) / np.sum(np.abs(given[inside]) ** 2))
 
 
 def expected(info: RigInfo, probe: Excitation, accel: Array, planned: Excitation) -> Array:
-    """Return the predicted accelerations (c, n) in m/s^2 of the channels, up to 60 Hz, while a plan is played.
+    """Return the predicted accelerations (c, n) in m/s^2 of the channels while a plan is played.
 
     The probe's record begins and ends at rest. Its Fourier lines divided by those of the command's second derivative
     are therefore the frequency response; lines with less than 1 % of the mean power are ignored.
     """
     given, lines = _derivative_lines(probe.command_v, info.dt_s), np.fft.rfft(accel, axis=-1)
     f, power = np.fft.rfftfreq(len(probe.command_v), info.dt_s), np.abs(given) ** 2
-    inside = (f <= HIGHEST_HZ) & (power > LEAST_POWER * power[f <= HIGHEST_HZ].mean())
+    highest_hz = probe.compared.with_high(HIGHEST_HZ)
+    inside = (f <= highest_hz) & (power > LEAST_POWER * power[f <= highest_hz].mean())
     wanted = _derivative_lines(planned.command_v, info.dt_s)
     wanted_f = np.fft.rfftfreq(len(planned.command_v), info.dt_s)
-    wanted[wanted_f > HIGHEST_HZ] = 0.0
+    wanted[wanted_f > highest_hz] = 0.0
     responses = (np.interp(wanted_f, f[inside], line[inside] / given[inside]) for line in lines)
     shown = np.array([np.fft.irfft(response * wanted, len(planned.command_v)) for response in responses])
     return shown * ringing_growth(info, probe, accel, planned)[:, None]
@@ -271,14 +276,14 @@ def limit_bounds(planned: Excitation, gain_ratio: float) -> Iterator[Bound]:
             yield Bound(f"{name} limit", loud.level_m_s2, predicted * gain_ratio, limit, SHARE, unit)
 
 
-def overdriven(quiet: Record, loud: Record, dt_s: float) -> tuple[float, float] | None:
+def overdriven(quiet: Record, loud: Record, dt_s: float, compared: ComparedBand = USUAL) -> tuple[float, float] | None:
     """Return the fractions of the table's power that the command does not explain, at low and at full level.
 
     None is returned unless the fraction at full level is larger by enough to spoil a model. The fraction due to noise,
     rounding and friction decreases with the level, and that due to leakage is constant. Only an actuator at a limit, or
     another nonlinearity that grows with the motion, makes it increase. Both records must be noise.
     """
-    low, full = (estimate([record], dt_s, COMPARED_HZ, SHORT_SEGMENT_S)[0] for record in (quiet, loud))
+    low, full = (estimate([record], dt_s, compared.hz, SHORT_SEGMENT_S)[0] for record in (quiet, loud))
     before, after = (float(np.median(1.0 / frf.coherence - 1.0)) for frf in (low, full))
     scatter = float(np.median(full.relative_error))
     return (before, after) if after > GROWN * before and scatter > LEAST_SCATTER else None

@@ -23,10 +23,12 @@ from rths_cli.identification.table_fit import (
     timing_of,
     within,
 )
+from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array, Frf
 
 WORTH = 0.9  # a larger candidate must lower the held-out error to this fraction of the smaller one's
 HALF_SEGMENTS, LONGEST_SEGMENT_S = 5, 20.0
+# starts of what larger structures have more; frequencies and delay belong to the usual compared band
 EXTRA_LAG_HZ, EXTRA_DELAY_S, EXTRA_MODES_HZ, EXTRA_RATIO = 300.0, 3e-4, (15.0, 25.0, 35.0, 50.0), 0.05
 SPLIT = 1.02  # frequency of the zero over that of the pole in an additional mode, or the inverse
 UNDETERMINED = 0.4  # standard uncertainty of a frequency's logarithm from which a pair is undetermined
@@ -45,7 +47,12 @@ class Trial:
 
 
 def choose(
-    base: Fit, frf: Frf, records: Sequence[Record], estimator: Estimator, latency_in_roots: bool
+    base: Fit,
+    frf: Frf,
+    records: Sequence[Record],
+    estimator: Estimator,
+    latency_in_roots: bool,
+    compared: ComparedBand = USUAL,
 ) -> tuple[Fit, tuple[Candidate, ...]]:
     """Choose the structure of the table model by cross-validation.
 
@@ -55,14 +62,14 @@ def choose(
     """
     halves = _halves(base, records, estimator)
     if latency_in_roots or not halves:
-        trial = _with_latency(base) if latency_in_roots else _as_it_is(base)
+        trial = _with_latency(base, compared) if latency_in_roots else _as_it_is(base)
         score = held_out_error(trial, base, halves) if halves else float("nan")
         return _fitted(trial, base, frf), (_described(trial, score, chosen=True),)
     tried = [(trial, held_out_error(trial, base, halves)) for trial in (_without_lag(base), _as_it_is(base))]
     fits = [_fitted(trial, base, frf) for trial, _ in tried]
     taken = 1 if _has_lag(fits, [score for _, score in tried]) else 0
     found = fits[taken]
-    for trial in _larger(base, frf):
+    for trial in _larger(base, frf, compared):
         if tried[taken][1] <= 1.0 / WORTH:
             break
         tried.append((trial, held_out_error(trial, base, halves)))
@@ -102,25 +109,26 @@ def _without_lag(base: Fit) -> Trial:
     return Trial("no lag", replace(base.layout, single_poles=0), start, base.held_zeros)
 
 
-def _larger(base: Fit, frf: Frf) -> Iterator[Trial]:
+def _larger(base: Fit, frf: Frf, compared: ComparedBand) -> Iterator[Trial]:
     """Yield larger structures than the first fit's: free zeros, a second lag, a longer delay, a mode of the frame."""
     layout, theta, held = base.layout, base.parameters, base.held_zeros
     if held:
         yield Trial("one lag, zeros free", layout, theta, 0)
     single = 1 + 2 * layout.pole_pairs
-    wide = np.insert(theta, single, np.log(2.0 * np.pi * EXTRA_LAG_HZ))
+    wide = np.insert(theta, single, np.log(2.0 * np.pi * compared.with_high(EXTRA_LAG_HZ)))
     yield Trial("two lags", replace(layout, single_poles=2), wide, held)
-    late = np.insert(theta, layout.size, np.log(EXTRA_DELAY_S))
+    late = np.insert(theta, layout.size, np.log(EXTRA_DELAY_S / compared.with_high(1.0)))
     yield Trial("one lag, delay fitted", replace(layout, fits_delay=True), late, held)
     more = replace(layout, pole_pairs=layout.pole_pairs + 1, zero_pairs=layout.zero_pairs + 1)
     few = thinned(problem_of(frf, more, timing_of(base.model), base.model.band_hz, ripple=True))
-    starts = [_with_mode(base, hz, split) for hz in EXTRA_MODES_HZ for split in (SPLIT, 1.0 / SPLIT)]
+    modes_hz = [compared.with_high(hz) for hz in EXTRA_MODES_HZ]
+    starts = [_with_mode(base, hz, split) for hz in modes_hz for split in (SPLIT, 1.0 / SPLIT)]
     yield Trial("one lag, one more mode", more, best_of(few, starts, more.zeros(held)), held)
 
 
-def _with_latency(base: Fit) -> Trial:
+def _with_latency(base: Fit, compared: ComparedBand) -> Trial:
     """Return the structure whose roots represent the latency."""
-    layout, start = rational_latency(base)
+    layout, start = rational_latency(base, compared)
     return Trial("latency in the roots", layout, np.append(start, base.parameters[-1]), 0)
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array, Frf, Model
 from rths_cli.structure import Specimen
 
@@ -18,7 +19,7 @@ class ChannelReport:
     rms_m_s2: float
     largest_m_s2: float
     rest_rms_m_s2: float | None  # rms at rest; None without a silence
-    coherence: float  # median in 0.7-11 Hz
+    coherence: float  # median in the compared band
     hum_m_s2: float = 0.0  # amplitude of the mains hum
     hum_hz: float = 0.0  # its frequency; 0: no hum
 
@@ -27,9 +28,9 @@ class ChannelReport:
 class FitError:
     """Relative error |fit / FRF - 1| of a model."""
 
-    rms: float  # in 0.7-11 Hz
-    largest: float  # in 0.7-11 Hz
-    rms_mid: float  # in 2-10 Hz
+    rms: float  # in the compared band
+    largest: float  # in the compared band
+    rms_mid: float  # in its middle
 
 
 @dataclass(frozen=True)
@@ -155,7 +156,13 @@ class DelayEstimate:
 
 @dataclass(frozen=True)
 class Identification:
-    """The complete result of an identification."""
+    """The complete result of an identification: the nominal model and, with `samples`, its uncertainty.
+
+    The samples are the one form in which later steps take the uncertainty as a whole: a covariance becomes samples.
+    Each is a complete identification of the same table and specimen, as it might have been with the same probability
+    as any other. Blocks are designed from the nominal model; the check judges them on the nominal model and on every
+    sample, and states the range of each figure. Raises ValueError for samples that cannot be judged alike.
+    """
 
     frfs: tuple[Frf, ...]  # responses from the command to the table (without leakage) and to each floor
     noise_floors: tuple[Array | None, ...]  # |response| that noise at rest alone would cause in them; None: not known
@@ -174,6 +181,24 @@ class Identification:
     friction: Friction | None = None  # of the table; None if the records do not determine it
     latency: DelayEstimate | None = None
     causes: LevelCauses = LevelCauses()  # of a difference between the levels
+    compared: ComparedBand = USUAL  # band in which the models were compared with the data
+    # equally likely identifications, without samples themselves; (): the model's uncertainty is not known as a whole
+    samples: tuple[Identification, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Refuse samples that cannot be judged alike."""
+        floors = _floors(self)
+        for number, sample in enumerate(self.samples, 1):
+            if not isinstance(sample, Identification):
+                raise ValueError(f"sample {number} is {type(sample).__name__}, it must be an Identification")
+            if sample.samples:
+                raise ValueError(f"sample {number} has samples itself")
+            if _floors(sample) != floors or len(sample.frfs) != len(self.frfs):
+                raise ValueError(f"sample {number} has {_floors(sample)} floors, the nominal model has {floors}")
+            if sample.compared != self.compared:
+                raise ValueError(
+                    f"sample {number} was compared in {sample.compared}, the nominal model in {self.compared}"
+                )
 
     @property
     def accepted(self) -> bool:
@@ -189,3 +214,7 @@ class Identification:
     def warnings(self) -> tuple[str, ...]:
         """Return the warnings, one sentence each."""
         return self.verdict.warnings
+
+
+def _floors(found: Identification) -> int:
+    return len(found.specimen.natural_frequency_hz) if found.specimen else 0

@@ -18,6 +18,7 @@ import numpy as np
 from rths_cli.errors import InputError
 from rths_cli.identification.least_squares import covariance, least_squares, parts
 from rths_cli.identification.results import FitError
+from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array, ComplexArray, Frf, Model, hold_size, staircase
 
 
@@ -115,12 +116,15 @@ def zeros_poles_gain(layout: Layout, parameters: Array, sign: float) -> tuple[Co
     return zeros, poles, float(sign * np.exp(parameters[0]) * scale)
 
 
+# starts of the first fit; frequencies and lag belong to the usual compared band
 LOOP_HZ, LOOP_RATIO, LOOP_STIFFENING, LAG_S = (7.0, 14.0, 26.0), (0.35, 0.7), (1.0, 3.0), 2e-3
 START_LINES = 200
 STARTS_KEPT = 4
 
 
-def first_fit(frf: Frf, modes: tuple[Array, Array], timing: Timing, band_hz: tuple[float, float]) -> Fit:
+def first_fit(
+    frf: Frf, modes: tuple[Array, Array], timing: Timing, band_hz: tuple[float, float], compared: ComparedBand = USUAL
+) -> Fit:
     """Fit 2 n + 3 poles and the ripple, with the declared delay, 2 n fixed finite zeros and the best of many starts.
 
     `modes`: natural frequencies in Hz and damping ratios (n,) of the specimen on a fixed base. The table cannot move at
@@ -129,10 +133,10 @@ def first_fit(frf: Frf, modes: tuple[Array, Array], timing: Timing, band_hz: tup
     floors = len(modes[0])
     layout = Layout(floors + 1, 1, floors, timing.delay_s)
     problem = problem_of(frf, layout, timing, band_hz, ripple=True)
-    return fit(frf, layout, best_start(problem, modes), timing, band_hz, ripple=True, held_zeros=floors)
+    return fit(frf, layout, best_start(problem, modes, compared), timing, band_hz, ripple=True, held_zeros=floors)
 
 
-def best_start(problem: Problem, modes: tuple[Array, Array]) -> Array:
+def best_start(problem: Problem, modes: tuple[Array, Array], compared: ComparedBand = USUAL) -> Array:
     """Return the best of several starts (loop frequency, damping, stiffness), each improved with few lines."""
     few = thinned(problem)
     low = slice(0, 10)
@@ -140,7 +144,7 @@ def best_start(problem: Problem, modes: tuple[Array, Array]) -> Array:
     specimen = np.column_stack([2.0 * np.pi * modes[0], modes[1]])
     starts = []
     for loop in product(LOOP_HZ, LOOP_RATIO, LOOP_STIFFENING):
-        pair, corner = _loop_roots(*loop)
+        pair, corner = _loop_roots(*loop, compared.with_high(1.0))
         starts.append(np.append(pack(gain, np.vstack([specimen * [0.99, 1.05], [pair]]), corner, specimen), 0.0))
     return best_of(few, starts, few.layout.zeros(few.layout.zero_pairs))
 
@@ -167,15 +171,16 @@ def thinned(problem: Problem) -> Problem:
     )
 
 
-def _loop_roots(frequency_hz: float, ratio: float, stiffening: float) -> tuple[tuple[float, float], Array]:
+def _loop_roots(usual_hz: float, ratio: float, stiffening: float, faster: float) -> tuple[tuple[float, float], Array]:
     """Return pair (w, zeta) and corner (1,) in rad/s of a displacement loop closed around a lagging actuator.
 
     LAG_S s^3 + s^2 + r (2 zeta w s + w^2) = 0; r is above 1 if the loop was tuned for more mass than the moving one.
+    `faster` is the factor by which the roots are faster than those of the usual band.
     """
-    omega = 2.0 * np.pi * frequency_hz
-    found: ComplexArray = np.roots([LAG_S, 1.0, stiffening * 2.0 * ratio * omega, stiffening * omega**2]).astype(
-        complex
-    )
+    omega = 2.0 * np.pi * faster * usual_hz
+    found: ComplexArray = np.roots(
+        [LAG_S / faster, 1.0, stiffening * 2.0 * ratio * omega, stiffening * omega**2]
+    ).astype(complex)
     found = found[np.argsort(np.abs(found.imag))]  # a real root first
     two = found[1:]
     size = float(np.sqrt(abs(two[0] * two[1])))
@@ -186,11 +191,10 @@ LEAST_ERROR = 1e-3  # smallest relative error assumed for a line
 PULL = 1e-4  # weight of a parameter's change (logarithm) from its start, against a relative error of the fit
 HOLD = 30.0  # the same weight for a parameter that is fixed
 REACH = 1e4  # largest factor between a root or the gain and its start
-LATENCY_START_HZ, FAR_ZERO_START_HZ = 150.0, 250.0
+LATENCY_START_HZ, FAR_ZERO_START_HZ = 150.0, 250.0  # with the usual compared band
 LINES_PER_PARAMETER = 2
 MOST_EVALUATIONS = 400  # evaluations of the response in a fit; the fit of the paper's model takes up to 300
 SCATTER = 2.0  # standard errors of a line that are subtracted from a model's error
-COMPARED_HZ, MID_HZ = (0.7, 11.0), (2.0, 10.0)
 
 
 @dataclass(frozen=True)
@@ -252,15 +256,15 @@ class Problem:
         return parts(value - self.weight), parts(slopes)
 
 
-def fit_error(model: Model, frf: Frf) -> FitError:
+def fit_error(model: Model, frf: Frf, compared: ComparedBand = USUAL) -> FitError:
     """Compare a model's sampled response with a measured FRF: |fit / FRF - 1|."""
     f = frf.frequency_hz
     error = np.abs(model.sampled_response(f) / frf.response - 1.0)
-    band, mid = within(f, COMPARED_HZ), within(f, MID_HZ)
+    band, mid = within(f, compared.hz), within(f, compared.mid_hz)
     return FitError(rms(error[band]), float(error[band].max()), rms(error[mid]))
 
 
-def beyond_scatter(model: Model, frf: Frf) -> FitError:
+def beyond_scatter(model: Model, frf: Frf, compared: ComparedBand = USUAL) -> FitError:
     """Return a model's error |fit / FRF - 1| beyond the scatter of its data, with the uncertainty of the model added.
 
     Two standard errors are subtracted from the error of each line. To the rms in a band, two standard errors of the
@@ -272,7 +276,7 @@ def beyond_scatter(model: Model, frf: Frf) -> FitError:
     excess = np.maximum(error - SCATTER * frf.relative_error, 0.0)
     parameters = len(model.poles) + len(model.zeros) - 1  # roots and gain, without the two zeros at the origin
     found = []
-    for band in (COMPARED_HZ, MID_HZ):
+    for band in (compared.hz, compared.mid_hz):
         inside = within(f, band)
         known = float(np.sum(1.0 / frf.relative_error[inside] ** 2))
         uncertain = SCATTER * np.sqrt(parameters * frf.bandwidth_lines / known)
@@ -316,20 +320,21 @@ def refit(frf: Frf, before: Fit) -> Fit:
     return fit(frf, before.layout, before.parameters, timing_of(model), model.band_hz, ripple, before.held_zeros)
 
 
-def fit_paper(frf: Frf, best: Fit, band_hz: tuple[float, float]) -> Fit:
+def fit_paper(frf: Frf, best: Fit, band_hz: tuple[float, float], compared: ComparedBand = USUAL) -> Fit:
     """Fit the paper's model: 2 n + 4 poles and as many zeros for n modes, two at the origin, no delay and no ripple.
 
     The extra pole and the extra zeros represent the latency and make the inverse proper. The fit starts from the best
     model of 2 n + 3 poles.
     """
-    layout, start = rational_latency(best)
+    layout, start = rational_latency(best, compared)
     return fit(frf, layout, start, timing_of(best.model), band_hz, ripple=False)
 
 
-def rational_latency(best: Fit) -> tuple[Layout, Array]:
+def rational_latency(best: Fit, compared: ComparedBand = USUAL) -> tuple[Layout, Array]:
     """Return layout and start of a model whose roots represent the delay by far poles and still farther zeros."""
     pairs, corner, zeros = best.layout.pairs(best.parameters)
-    far, far_zero = 2.0 * np.pi * LATENCY_START_HZ, [2.0 * np.pi * FAR_ZERO_START_HZ, 0.7]
+    pole_hz, zero_hz = (compared.with_high(hz) for hz in (LATENCY_START_HZ, FAR_ZERO_START_HZ))
+    far, far_zero = 2.0 * np.pi * pole_hz, [2.0 * np.pi * zero_hz, 0.7]
     lag = float(np.sum(1.0 / corner)) + best.model.delay_s + 2.0 * far_zero[1] / far_zero[0]
     gain = float(np.exp(best.parameters[0]))
     start = pack(gain, np.vstack([pairs, [[far, 0.5 * lag * far]]]), np.zeros(0), np.vstack([zeros, [far_zero]]))

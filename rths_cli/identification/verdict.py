@@ -22,12 +22,12 @@ from rths_cli.identification.results import (
     SpecimenFit,
     Verdict,
 )
-from rths_cli.identification.table_fit import COMPARED_HZ, SCATTER, Fit, Timing, rms, within
+from rths_cli.identification.table_fit import SCATTER, Fit, Timing, rms, within
+from rths_cli.numerics.bands import USUAL, ComparedBand
 from rths_cli.numerics.lti import Array, Frf, Model
 from rths_cli.rigs.description import RigInfo
 
 LIMITS = FitError(rms=0.01, largest=0.03, rms_mid=0.004)
-BANDS_HZ = (0.7, 2.0, 5.0, 11.0, 20.0, 40.0, 60.0)
 GROUP = 5  # lines whose errors are averaged above the compared band
 SHORTFALL = 1.25  # factor on the linearised law of friction, see without_friction
 NOISY = 0.5  # scatter of the data over the limit of the fit, above which noise may be the cause of a misfit
@@ -42,6 +42,7 @@ def judge(
     model: Model, error: FitError, frf: Frf, most: FitError, warnings: Sequence[str],
     levels: Sequence[LevelBand] = (), level_ratio: float = math.inf, further: Sequence[str] = (), given: bool = False,
     causes: LevelCauses = ONE_LEVEL, louder: float = 1.0, noisy: bool = True, friction: Friction | None = None,
+    compared: ComparedBand = USUAL,
 ) -> Verdict:  # fmt: skip
     """Return the verdict on a model with a given fit error, that is the error beyond the scatter of the data.
 
@@ -50,28 +51,29 @@ def judge(
     times louder; `causes`: why the levels differ.
     `further`: additional reasons to reject the model; `given`: the model was supplied and not fitted here.
     `louder`: factor by which the excitation could be louder within the limits; `noisy`: whether the channels' noise
-    explains the scatter of the data; `friction`: as identified (None: not determined).
+    explains the scatter of the data; `friction`: as identified (None: not determined);
+    `compared`: band in which the model must keep its limits.
     """
-    scatter = rms(frf.relative_error[within(frf.frequency_hz, COMPARED_HZ)])
-    inside = [band for band in levels if band.high_hz <= COMPARED_HZ[1]]
+    scatter = rms(frf.relative_error[within(frf.frequency_hz, compared.hz)])
+    inside = [band for band in levels if band.high_hz <= compared.high_hz]
     material = bool(inside) and rms_difference(inside) > NOISY * most.rms
     if FRICTION in causes.table and error.rms > without_friction(inside, level_ratio):
         material = False  # the fit error is larger than the effect of friction at full level
     advice = GIVEN if given else _advice(scatter, most, causes if material else ONE_LEVEL, louder, noisy)
     unsafe = _unsafe_roots(model) or _absurd_lag(model)
-    missed = _misses(error, most, advice)
+    missed = _misses(error, most, advice, compared)
     # both levels are divided by the model: with a poor model their comparison is valid only if a cause's shape is found
-    compared = levels if not missed or meaning(causes) else ()
+    valid = levels if not missed or meaning(causes) else ()
     reasons = (
         *missed,
         *unsafe,
         *further,
-        *_at_other_levels(compared, level_ratio, most, causes, louder, friction),
+        *_at_other_levels(valid, level_ratio, most, causes, louder, friction, compared),
     )
-    reach = reach_hz(model, frf, most)
-    usable = (COMPARED_HZ[0], reach) if reach > COMPARED_HZ[0] else (0.0, 0.0)
-    if not reasons and reach < COMPARED_HZ[1]:
-        reasons = (f"table model: fit only up to {reach:.3g} Hz, {COMPARED_HZ[1]:g} Hz are needed; {advice}",)
+    reach = reach_hz(model, frf, most, compared)
+    usable = (compared.low_hz, reach) if reach > compared.low_hz else (0.0, 0.0)
+    if not reasons and reach < compared.high_hz:
+        reasons = (f"table model: fit only up to {reach:.3g} Hz, {compared.high_hz:g} Hz are needed; {advice}",)
     return Verdict(not reasons, usable, model.delay_s, low_frequency_lag(model), reasons, tuple(warnings))
 
 
@@ -108,12 +110,13 @@ def _absurd_lag(model: Model) -> tuple[str, ...]:
     )
 
 
-def _misses(error: FitError, most: FitError, advice: str) -> tuple[str, ...]:
+def _misses(error: FitError, most: FitError, advice: str, compared: ComparedBand) -> tuple[str, ...]:
     """Return a sentence for each limit that the fit error exceeds."""
+    low, high = compared.mid_hz
     rows = (
-        ("rms in 0.7-11 Hz", error.rms, most.rms),
-        ("largest in 0.7-11 Hz", error.largest, most.largest),
-        ("rms in 2-10 Hz", error.rms_mid, most.rms_mid),
+        (f"rms in {compared}", error.rms, most.rms),
+        (f"largest in {compared}", error.largest, most.largest),
+        (f"rms in {low:g}-{high:g} Hz", error.rms_mid, most.rms_mid),
     )
     return tuple(
         f"table model: error |fit / FRF - 1|, {name}, is {value:.2%} beyond the data's scatter, the limit is "
@@ -125,7 +128,7 @@ def _misses(error: FitError, most: FitError, advice: str) -> tuple[str, ...]:
 
 def _at_other_levels(
     levels: Sequence[LevelBand], level_ratio: float, most: FitError, causes: LevelCauses, louder: float,
-    friction: Friction | None,
+    friction: Friction | None, compared: ComparedBand,
 ) -> tuple[str, ...]:  # fmt: skip
     """Return a sentence if the level dependence makes the model's error exceed its limits at other levels.
 
@@ -134,11 +137,11 @@ def _at_other_levels(
     error, as for all errors that the prediction does not include. Other causes, and unknown ones, are judged by the
     change at low level against the limit of the largest error.
     """
-    inside = [band for band in levels if band.high_hz <= COMPARED_HZ[1]]
+    inside = [band for band in levels if band.high_hz <= compared.high_hz]
     clear = any(abs(band.ratio - 1.0) > CERTAIN * band.error for band in inside)
     if not inside or not clear or not level_ratio > 1.0:
         return ()
-    where = f"rms in {COMPARED_HZ[0]:g}-{COMPARED_HZ[1]:g} Hz"
+    where = f"rms in {compared}"
     if FRICTION in causes.table:
         share = without_friction(inside, level_ratio)
         differs = max(abs(band.ratio - 1.0) for band in inside)
@@ -195,24 +198,24 @@ def _unsafe_roots(model: Model) -> tuple[str, ...]:
     return tuple(found)
 
 
-def reach_hz(model: Model, frf: Frf, most: FitError) -> float:
-    """Return the frequency up to which the model keeps its limits, from 0.7 Hz on.
+def reach_hz(model: Model, frf: Frf, most: FitError, compared: ComparedBand = USUAL) -> float:
+    """Return the frequency up to which the model keeps its limits, from the start of the compared band on.
 
     Two standard errors of the response are subtracted from the error. The error is averaged over five lines, because a
-    mean shows an error common to neighbouring lines that the scatter of single lines would hide. Up to 11 Hz each line
-    is judged as well. The rms is taken from 0.7 Hz up to each frequency.
+    mean shows an error common to neighbouring lines that the scatter of single lines would hide. In the compared
+    band each line is judged as well. The rms is taken from its start up to each frequency.
     """
-    f = frf.frequency_hz
+    f, (low_hz, few_hz, *_) = frf.frequency_hz, compared.edges_hz
     error = model.sampled_response(f) / frf.response - 1.0
     kernel = np.ones(GROUP) / GROUP
-    together, single = np.convolve(error, kernel, mode="same"), np.where(f > COMPARED_HZ[1], 0.0, np.abs(error))
+    together, single = np.convolve(error, kernel, mode="same"), np.where(f > compared.high_hz, 0.0, np.abs(error))
     scatter = np.sqrt(np.convolve(frf.relative_error**2, kernel, mode="same") / GROUP)
     beyond = np.maximum(np.abs(together) - SCATTER * scatter, single - SCATTER * frf.relative_error)
-    excess = np.maximum(beyond, 0.0)[f >= COMPARED_HZ[0] - 1e-9]
-    lines = f[f >= COMPARED_HZ[0] - 1e-9]
+    excess = np.maximum(beyond, 0.0)[f >= low_hz - 1e-9]
+    lines = f[f >= low_hz - 1e-9]
     mean = np.sqrt(np.cumsum(excess**2) / np.arange(1, len(excess) + 1))
-    # the rms of the first few lines is not meaningful: up to 2 Hz the rms of all lines up to 2 Hz is used
-    mean[lines < BANDS_HZ[1]] = mean[np.searchsorted(lines, BANDS_HZ[1]) - 1]
+    # the rms of the first few lines is not meaningful: in the lowest band the rms of all its lines is used
+    mean[lines < few_hz] = mean[np.searchsorted(lines, few_hz) - 1]
     bad = np.flatnonzero((excess > most.largest) | (mean > most.rms))
     if not bad.size:
         return float(model.band_hz[1])
@@ -231,11 +234,11 @@ def low_frequency_lag(model: Model) -> float:
     return float(np.real(np.sum(1.0 / zeros) - np.sum(1.0 / poles))) + model.delay_s
 
 
-def residuals(model: Model, frf: Frf) -> tuple[Band, ...]:
+def residuals(model: Model, frf: Frf, compared: ComparedBand = USUAL) -> tuple[Band, ...]:
     """Return the model's residual in each band, up to the end of the response."""
     f = frf.frequency_hz
     error = np.abs(model.sampled_response(f) / frf.response - 1.0)
-    edges = [edge for edge in BANDS_HZ if edge < f[-1]] + [float(f[-1])]
+    edges = [edge for edge in compared.edges_hz if edge < f[-1]] + [float(f[-1])]
     found = []
     for low, high in pairwise(edges):
         inside = within(f, (low, high))
@@ -248,13 +251,13 @@ def residuals(model: Model, frf: Frf) -> tuple[Band, ...]:
     return tuple(found)
 
 
-def level_bands(quiet: Frf, loud: Frf | None) -> tuple[LevelBand, ...]:
+def level_bands(quiet: Frf, loud: Frf | None, compared: ComparedBand = USUAL) -> tuple[LevelBand, ...]:
     """Compare the responses at low and at full level, both divided by the same model, in each band.
 
     `loud` None: the low level is compared with the model itself.
     """
     found = []
-    for low, high in pairwise(BANDS_HZ):
+    for low, high in pairwise(compared.edges_hz):
         one, one_error = _mean(quiet, (low, high))
         other, other_error = (1.0 + 0j, 0.0) if loud is None else _mean(loud, (low, high))
         if np.isfinite(one_error + other_error) and np.isfinite(one / other):

@@ -131,7 +131,7 @@ def _longest(flags: Flags) -> int:
 
 def _kept(limits: GuardLimits, state: GuardState) -> Flags:
     """Return which channels (c,) kept exactly their code while they should have moved."""
-    return (state.moved.min(axis=0) > KEPT * limits.stuck_m_s2) & (state.same > 1)
+    return (state.moved.min(axis=0) > KEPT * limits.stuck) & (state.same > 1)
 
 
 def _all_kept(kept: Flags, state: GuardState) -> Cause | None:

@@ -17,12 +17,14 @@ def bridges(s: Step) -> bool:
 def bridge(s: Step) -> None:
     """Write substituted samples for a step without samples: the table as desired, the floors as estimated.
 
-    The desired acceleration at t_k is known from an earlier step. The floors' accelerations are those that the observer
+    The desired motion at t_k is known from an earlier step. The floors' accelerations are those that the observer
     expects. An excitation, and a step without lead, keep the last samples.
     """
     if not bridges(s):
         return
     s.corrected[0] = s.recent[0, 0]
+    for i in range(len(s.measured_by)):
+        s.corrected[s.measured_by[i]] = s.recent_commanded[0, i]
     s.observer.substitute(s.corrected)
     show(s)
 
@@ -30,7 +32,8 @@ def bridge(s: Step) -> None:
 @part
 def show(s: Step) -> None:
     """Write the samples whose correction by `sense` gives the accelerations in `corrected`."""
-    s.corrected[0] += staircase_of(s, 0)
+    for i in range(len(s.measured_by)):
+        s.corrected[s.measured_by[i]] += staircase_of(s, i)
     for c in range(s.samples.size):
         matrix, given, wanted = s.correction.matrix[c], s.correction.given[c], s.corrected[c]
         for j in range(3):

@@ -54,20 +54,20 @@ NO_CHANNEL = -1
 
 
 class GuardLimits(NamedTuple):
-    """Constants of the guard, the same for all actuators; c channels. An infinite limit is off."""
+    """Constants of the guard, the same for all actuators; c channels, each in its unit. An infinite limit is off."""
 
     stroke_m: float
     velocity_m_s: float
     acceleration_m_s2: float
     force_n: float
     command_v: float
-    tracking_error_m_s2: float
+    tracking_error: float  # in the unit of what is commanded, m/s^2 or m
     gain_m_per_v: float
     dt_s: float
-    masses_kg: Array  # (c,) moving mass and floor masses: force per acceleration
+    force_weights: Array  # (c,) actuator force in N per unit of each channel: moving mass and floor masses
     saturation_v: Array  # (c,)
-    stuck_m_s2: Array  # (c,) motion that a channel must have missed to be stuck
-    abort_m_s2: Array  # (c,) acceleration at which each channel stops the test, the limit or less
+    stuck: Array  # (c,) motion that a channel must have missed to be stuck
+    abort: Array  # (c,) value at which each channel stops the test
     command_rate_v_s: float = math.inf
     energy_ratio: float = math.inf  # energy that the table's errors may add, over that exchanged at the interface
     energy_floor_j: float = 0.0  # added to the exchanged energy, because noise at rest exchanges almost none
@@ -90,17 +90,19 @@ class GuardState(NamedTuple):
     expected_at: Array  # (2, c) expected accelerations, as in Step.expected, when that sample last changed
     moved: Array  # (2, c) largest change of the expected accelerations since then
     same: Array  # int (c,) number of samples for which the channel has not changed
-    energy: Array  # (3,) error of the table's velocity in m/s, energy that it added, and exchanged energy, both in J
+    slip: Array  # (2, i) error of the velocity in m/s at each degree of freedom, and its last tracking error
+    energy: Array  # (2,) energy in J that these errors added, and exchanged energy
     seen: Array  # (1,) value that exceeded its limit, in the limit's unit; NaN if nothing was measured
     actuators: tuple[int, ...] = (0,)  # (a,) numbers of the commands; numba knows its length
+    axes: tuple[int, ...] = (0,)  # (i,) numbers of the degrees of freedom, the same
 
 
-def fresh_guard(channels: int, actuators: int = 1) -> GuardState:
-    """Return the initial state of the guard."""
+def fresh_guard(channels: int, actuators: int = 1, axes: int = 1) -> GuardState:
+    """Return the initial state of the guard; `axes`: degrees of freedom of the interface."""
     return GuardState(
         np.zeros(4, dtype=np.int64), np.zeros(2 * actuators), np.full(channels, np.nan), np.zeros((2, channels)),
-        np.zeros((2, channels)), np.zeros(channels, dtype=np.int64), np.zeros(3), np.full(1, np.nan),
-        tuple(range(actuators)),
+        np.zeros((2, channels)), np.zeros(channels, dtype=np.int64), np.zeros((2, axes)), np.zeros(2),
+        np.full(1, np.nan), tuple(range(actuators)), tuple(range(axes)),
     )  # fmt: skip
 
 
@@ -121,11 +123,11 @@ def check_samples(lim: GuardLimits, g: GuardState, samples: Array, accel: Array,
             return NOT_A_NUMBER
         if abs(samples[c]) >= lim.saturation_v[c]:
             return beyond(g, abs(samples[c]), SATURATED)
-        if abs(accel[c]) > lim.abort_m_s2[c]:
+        if abs(accel[c]) > lim.abort[c]:
             return beyond(g, abs(accel[c]), ACCELERATION)
         if is_stuck(lim, g, c, samples[c], expected):
             return beyond(g, must_have_moved(g, c), STUCK)
-        force += lim.masses_kg[c] * accel[c]
+        force += lim.force_weights[c] * accel[c]
     g.flags[2] = NO_CHANNEL
     return beyond(g, abs(force), FORCE) if abs(force) > lim.force_n else NONE
 
@@ -145,12 +147,12 @@ def is_stuck(lim: GuardLimits, g: GuardState, c: int, sample: float, expected: A
             g.expected_at[i, c], g.moved[i, c] = expected[i, c], 0.0
         else:
             g.moved[i, c] = max(g.moved[i, c], abs(expected[i, c] - g.expected_at[i, c]))
-    return g.same[c] * lim.dt_s >= STUCK_S and must_have_moved(g, c) > lim.stuck_m_s2[c]
+    return g.same[c] * lim.dt_s >= STUCK_S and must_have_moved(g, c) > lim.stuck[c]
 
 
 @part
 def must_have_moved(g: GuardState, c: int) -> float:
-    """Return the motion in m/s^2 that a channel should have shown since its code last changed."""
+    """Return the motion, in its unit, that a channel should have shown since its code last changed."""
     return min(g.moved[0, c], g.moved[1, c])
 
 
@@ -161,12 +163,12 @@ def farthest(lim: GuardLimits) -> float:
 
 
 @part
-def check_command(lim: GuardLimits, g: GuardState, a: int, command: float, error: float) -> int:
-    """Check a command in V and the tracking error in m/s^2; return the reason to stop, or NONE.
+def check_command(lim: GuardLimits, g: GuardState, a: int, command: float) -> int:
+    """Check a command in V; return the reason to stop, or NONE.
 
     The displacement includes the room that is needed to brake.
     """
-    if not (math.isfinite(command) and math.isfinite(error)):
+    if not math.isfinite(command):
         return NOT_A_NUMBER
     if abs(command) > lim.command_v:
         return beyond(g, abs(command), COMMAND)
@@ -179,26 +181,49 @@ def check_command(lim: GuardLimits, g: GuardState, a: int, command: float, error
     braked = place + 0.5 * velocity * abs(velocity) / (BRAKE_SHARE * lim.acceleration_m_s2)
     if max(abs(place), abs(braked)) > farthest(lim):
         return beyond(g, max(abs(place), abs(braked)), STROKE)
-    return beyond(g, abs(error), TRACKING) if abs(error) > lim.tracking_error_m_s2 else NONE
+    return NONE
 
 
 @part
-def check_energy(lim: GuardLimits, g: GuardState, error: float, velocity: float, shear: float) -> int:
+def check_errors(lim: GuardLimits, g: GuardState, error: Array) -> int:
+    """Check the tracking errors (i,); return the reason to stop, or NONE."""
+    for i in range(len(g.axes)):
+        if not math.isfinite(error[i]):
+            return NOT_A_NUMBER
+        if abs(error[i]) > lim.tracking_error:
+            return beyond(g, abs(error[i]), TRACKING)
+    return NONE
+
+
+@part
+def note_slip(lim: GuardLimits, g: GuardState, i: int, error: float, of_accel: bool) -> None:
+    """Advance the error of the velocity at a degree of freedom by a tracking error, `of_accel` or of displacement."""
+    if of_accel:
+        g.slip[0, i] += (error - 2.0 * math.pi * FORGET_HZ * g.slip[0, i]) * lim.dt_s
+    else:
+        g.slip[0, i] = (error - g.slip[1, i]) / lim.dt_s
+        g.slip[1, i] = error
+
+
+@part
+def check_energy(lim: GuardLimits, g: GuardState, error: Array, motion: Array, force: Array, of_accel: bool) -> int:
     """Return ENERGY if the table's errors have added too much energy to the structure, else NONE.
 
-    The numerical substructure receives the power f v, and the specimen delivers f v_table. The energy added by the
-    interface is the integral of f (v - v_table), as in hybrid simulation error monitors (Mosqueda, Stojadinovic and
-    Mahin 2007). A lagging table adds energy in every cycle, long before the motion grows.
+    At each degree of freedom the numerical substructure receives the power f v, and the specimen delivers f v_table.
+    The energy added by the interface is the integral of their sum of f (v - v_table), as in hybrid simulation error
+    monitors (Mosqueda, Stojadinovic and Mahin 2007). A lagging table adds energy in every cycle, long before the motion
+    grows.
     """
     if lim.energy_ratio == math.inf:
         return NONE
-    g.energy[0] += (error - 2.0 * math.pi * FORGET_HZ * g.energy[0]) * lim.dt_s
-    g.energy[1] += shear * g.energy[0] * lim.dt_s
-    g.energy[2] += abs(shear * velocity) * lim.dt_s
-    exchanged = g.energy[2] + lim.energy_floor_j
-    if g.energy[1] <= lim.energy_ratio * exchanged:
+    for i in range(len(g.axes)):
+        note_slip(lim, g, i, error[i], of_accel)
+        g.energy[0] += force[i] * g.slip[0, i] * lim.dt_s
+        g.energy[1] += abs(force[i] * motion[1, i]) * lim.dt_s
+    exchanged = g.energy[1] + lim.energy_floor_j
+    if g.energy[0] <= lim.energy_ratio * exchanged:
         return NONE
-    return beyond(g, g.energy[1] / exchanged if exchanged > 0.0 else math.inf, ENERGY)
+    return beyond(g, g.energy[0] / exchanged if exchanged > 0.0 else math.inf, ENERGY)
 
 
 @part
@@ -258,23 +283,26 @@ def guard(
     samples: Array,
     accel: Array,
     expected: Array,
-    error: float,
-    velocity: float,
-    shear: float,
+    error: Array,
+    of_accel: bool,
+    motion: Array,
+    force: Array,
 ) -> None:
     """Leave the commands (a,) in V as they are, or write those that may be sent instead.
 
     `samples` in V and `accel` in m/s^2, both (c,), are the measured ones; unless samples `came` in this step they are
-    not judged. `expected` (2, c) are the accelerations expected of the channels, as in Step. `error`: tracking error in
-    m/s^2; `velocity`: desired velocity of the interface in m/s; `shear`: base shear in N.
+    not judged. `expected` (2, c) are the accelerations expected of the channels, as in Step. `error` (i,): tracking
+    errors, `of_accel` in m/s^2 or of displacement in m; `motion` (3, i) and `force` (i,) of the interface, as in Step.
     """
     if g.flags[0] == RUNNING:
         reason = check_samples(lim, g, samples, accel, expected) if came else NONE
         for a in range(len(g.actuators)):
             if reason == NONE:
-                reason = check_command(lim, g, a, command[a], error)
+                reason = check_command(lim, g, a, command[a])
         if reason == NONE:
-            reason = check_energy(lim, g, error, velocity, shear)
+            reason = check_errors(lim, g, error)
+        if reason == NONE:
+            reason = check_energy(lim, g, error, motion, force, of_accel)
         if reason == NONE:
             for a in range(len(g.actuators)):
                 place = lim.gain_m_per_v * command[a]

@@ -62,17 +62,17 @@ class OpenLoop(NamedTuple):
     given: Array  # (2, n + 1) state, then input
     made: Array  # (2, 4 tiles) next state, then outputs, then zeros
     states: int
+    floors: int  # p
 
     def expect(self, desired: float, measured: float, unknown: float, expected: Array) -> None:
         """Write the accelerations (2, c) that the channels must show by the desired and by the measured motion of the
-        table, both in m/s^2; for the table itself, and where no specimen is known, `unknown`."""
+        table, both in m/s^2; where no specimen is known, `unknown`; nothing for channels that are no floor's."""
         known = self.made.size > 0
         self.given[0, self.states], self.given[1, self.states] = desired, measured
         for i in range(2):
             product(self.matrix, self.given.shape[1], self.given[i], self.made[i])
             copied(self.states, self.made[i], self.given[i])
-            expected[i, 0] = unknown
-            for c in range(1, expected.shape[1]):
+            for c in range(1, self.floors + 1 if known else expected.shape[1]):
                 expected[i, c] = self.made[i, self.states + c - 1] if known else unknown
 
 
@@ -163,7 +163,8 @@ def linear(block: Block, room: Room | None = None, more_c: Array | None = None, 
 def twice(block: Block | None, room: Room) -> OpenLoop:
     """Return a discrete block of one input, at rest, prepared for two inputs; None: an unknown block."""
     made = linear(block or static(np.zeros((0, 1)), 1.0, "unknown", (), ()))
-    return OpenLoop(made.matrix, room.take(2, made.given.size), np.zeros((2, made.made.size)), made.states)
+    floors = len(block.C) if block else 0
+    return OpenLoop(made.matrix, room.take(2, made.given.size), np.zeros((2, made.made.size)), made.states, floors)
 
 
 def channelwise(block: Block, room: Room) -> Channels:

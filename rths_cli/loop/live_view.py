@@ -9,7 +9,7 @@ import numpy as np
 from rths_cli.loop.lost_samples import without_samples
 from rths_cli.loop.realtime_loop import AT_REST, IN_RAMP_DOWN, IN_RAMP_UP, IN_RUN, OVERRUNS
 from rths_cli.loop.realtime_run import Performance
-from rths_cli.loop.run_log import signals
+from rths_cli.loop.run_log import signals, sizes_of
 from rths_cli.numerics.lti import Array
 
 PEAKS = ("desired", "measured", "place", "velocity", "accel", "force", "late", "compute")
@@ -38,7 +38,7 @@ class Watching:
 
     def __init__(self, run: Performance) -> None:
         self._run, self._seen, self._count = run, 0, 0
-        self._signals = signals(run.log, len(run.info.channels), run.step.estimated.size, run.step.logged)
+        self._signals = signals(run.log, sizes_of(run.step))
         self._peaks = dict.fromkeys(
             ("desired", "measured", "place", "velocity", "accel", "force", "late", "compute"), 0.0
         )
@@ -77,7 +77,7 @@ class Watching:
         self._most("accel", accel.ravel())
         self._most("place", place)
         self._most("velocity", np.diff(place) / run.info.dt_s)
-        self._most("force", run.limits.masses_kg @ accel)
+        self._most("force", run.limits.force_weights @ accel)
         self._most("late", held.late_ns[new])
         self._most("compute", held.compute_ns[new])
         self._lost += int(np.count_nonzero(without_samples(held.lost[new])))
@@ -85,7 +85,7 @@ class Watching:
 
     def _take_errors(self, new: slice) -> None:
         """Include the tracking errors of new steps of the record; motion desired `lead` steps ago is measured now."""
-        lead, held = self._run.step.recent.size - 1, self._signals
+        lead, held = self._run.step.recent.shape[0] - 1, self._signals
         first = max(new.start, self._run.course.ramp + lead)
         if new.stop > first:
             error = held.desired[0, first - lead : new.stop - lead] - held.corrected[0, first : new.stop]

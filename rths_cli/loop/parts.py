@@ -61,7 +61,7 @@ class NumericalSubstructure(Protocol):
 
 
 class Feedforward(Protocol):
-    """Computes commands from the desired motion alone."""
+    """Computes commands from the desired motion."""
 
     @property
     def logged(self) -> Array:

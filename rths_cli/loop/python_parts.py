@@ -26,7 +26,7 @@ def fetch(address: int, made: Array) -> None:
 
 
 @part_class
-class PythonStorey(NamedTuple):
+class CalledSubstructure(NamedTuple):
     """A numerical substructure in Python, as parts.NumericalSubstructure."""
 
     calls_free: int  # address
@@ -57,7 +57,7 @@ class PythonStorey(NamedTuple):
 
 
 @part_class
-class PythonCommand(NamedTuple):
+class CalledFeedforward(NamedTuple):
     """A feedforward in Python, as parts.Feedforward."""
 
     calls: int  # address
@@ -82,7 +82,7 @@ class PythonCommand(NamedTuple):
             command[a] = self.made[a]
 
 
-def python_storey(design: PythonSubstructure, interface: Interface, room: Room) -> PythonStorey:
+def called_substructure(design: PythonSubstructure, interface: Interface, room: Room) -> CalledSubstructure:
     """Return the part that calls a new Python model; raises InputError if its `direct` is not (i, i) finite numbers."""
     count, model = len(interface.channels), design.make()
     ground, force, accel, made = np.zeros(3), np.zeros(count), np.zeros(count), np.zeros(3 * count)
@@ -100,10 +100,10 @@ def python_storey(design: PythonSubstructure, interface: Interface, room: Room) 
             logged[:] = given("logged", getattr(model, "logged", ()), logged.shape)
 
     calls_free, calls_advance = addresses_of(design, free, advance)
-    return PythonStorey(calls_free, calls_advance, ground, force, accel, made, direct, logged)
+    return CalledSubstructure(calls_free, calls_advance, ground, force, accel, made, direct, logged)
 
 
-def python_command(design: PythonFeedforward, interface: Interface, room: Room) -> PythonCommand:
+def called_feedforward(design: PythonFeedforward, interface: Interface, room: Room) -> CalledFeedforward:
     """Return the part that calls a Python compensator."""
     model, count = design.make(), len(interface.channels)
     motion, made, logged = np.zeros((3, count)), np.zeros(interface.actuators), np.zeros(len(design.logs))
@@ -116,7 +116,7 @@ def python_command(design: PythonFeedforward, interface: Interface, room: Room) 
             logged[:] = given("logged", getattr(model, "logged", ()), logged.shape)
 
     (calls,) = addresses_of(design, command)
-    return PythonCommand(calls, motion, corrected, sent, made, logged)
+    return CalledFeedforward(calls, motion, corrected, sent, made, logged)
 
 
 def addresses_of(design: PythonPart[Any], *functions: Callable[[], None]) -> list[int]:

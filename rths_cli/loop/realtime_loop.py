@@ -170,7 +170,7 @@ def conduct(
     lost: int,
     k: int,
 ) -> float:
-    """Compute step k from a rig's samples (c,) in V and log it; return the command in V.
+    """Compute step k from a rig's samples (c,) in V and log it; return the (first) command in V.
 
     `lost`: 0, NO_ANSWER or CAUGHT_UP. The caller advances the log's `done`, because other threads read all steps before
     it. The drive (n, 3) is zero before and after the record; its last row is used for all later steps.
@@ -344,10 +344,9 @@ def note_command(s: Step, log: Log, k: int, command: float) -> None:
 @entry
 def conduct_once(
     course: Course, s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, samples_v: Array
-) -> float:
-    """Compute one step with `conduct`, for a rig whose exchange is written in Python."""
+) -> None:
+    """Compute one step with `conduct`, for a rig whose exchange is written in Python; its commands are in `s`."""
     course, s, limits, g, drive, log, samples_v = borrowed((course, s, limits, g, drive, log, samples_v))
     k = log.done[0]
-    command = conduct(course, s, limits, g, drive, log, samples_v, 0, k)
+    conduct(course, s, limits, g, drive, log, samples_v, 0, k)
     log.done[0] = k + 1
-    return command

@@ -46,15 +46,15 @@ from rths_cli.loop.realtime_loop import (
     course,
     run_udp,
 )
-from rths_cli.loop.run_log import Log, Signals, empty_log, signals
+from rths_cli.loop.run_log import Log, Signals, empty_log, signals, sizes_of
 from rths_cli.loop.scheduling import Granted, real_time
-from rths_cli.loop.simulated_time_run import Outcome, Whole, part_of
+from rths_cli.loop.simulated_time_run import Outcome, Whole, check_commands, part_of
 from rths_cli.loop.step_arrays import Step, assemble
 from rths_cli.loop.stop_reasons import reason_of
 from rths_cli.numerics.clock import IntArray
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import BRAKE_SHARE
-from rths_cli.rigs.interface import LinkedRig, Rig, RigInfo, linked, missed_intervals
+from rths_cli.rigs.interface import LinkedRig, Rig, RigInfo, as_commands, linked, missed_intervals
 from rths_cli.rigs.udp import link as udp
 
 RAMP_UP_S = 1.0
@@ -92,6 +92,8 @@ def prepare(
     is recorded before the ramp-up and after a complete record, in s.
     """
     state, channels = assemble(blocks, source), len(info.channels)
+    sizes = sizes_of(state)
+    check_commands(info, blocks)
     orders = np.zeros(1, dtype=np.int64) if orders is None else orders
     zeros_v = np.zeros(channels) if zeros_v is None else zeros_v
     told = info.can.takes_trajectories and info.overrun == "skip" and blocks.linear
@@ -100,8 +102,8 @@ def prepare(
     limits = without_zeros(limits, zeros_v)
     end = round(way_to_rest_s(limits) / info.dt_s) + planned.rest
     whole = np.vstack([np.zeros((planned.ramp, 3)), drive, np.zeros((end, 3))])
-    log = empty_log(len(whole), channels, state.estimated.size, logged=state.logged)
-    return Performance(info, blocks, planned, state, limits, fresh_guard(channels), np.ascontiguousarray(whole), log)
+    log, guard = empty_log(len(whole), sizes), fresh_guard(channels, sizes.actuators, sizes.axes)
+    return Performance(info, blocks, planned, state, limits, guard, np.ascontiguousarray(whole), log)
 
 
 def way_to_rest_s(limits: GuardLimits) -> float:
@@ -155,7 +157,8 @@ def _perform_exchanging(rig: Rig, run: Performance) -> str:
     once = conduct_once.bind(run.course, run.step, run.limits, run.guard, run.drive, run.log, given)
     while run.log.done[0] < run.log.columns.shape[1] and not _is_over(run):
         given[:] = samples
-        samples = rig.exchange(once())
+        once()
+        samples = rig.exchange(as_commands(run.step.command))
         passed = missed_intervals(rig)
         if passed is not None:
             note_missed(run, passed - missed)
@@ -333,7 +336,7 @@ def _giver(run: Performance, what: int, before: object) -> Callable[[int, FrameT
 def _outcome(run: Performance, fault: str) -> Outcome:
     """Return the outcome of the run, with its signals during the record; an order after the record is its reason."""
     ramp, still, record_steps, dt_s = run.course.ramp, run.course.still, run.course.record, run.info.dt_s
-    everything = signals(run.log, len(run.info.channels), run.step.estimated.size, run.step.logged)
+    everything = signals(run.log, sizes_of(run.step))
     steps = int(np.clip(run.log.done[0] - ramp, 0, record_steps))
     stopped_at_s = float((run.guard.flags[3] - ramp) * dt_s)
     reason, order_given = int(run.guard.flags[1]), int(run.course.orders[0])
@@ -358,7 +361,7 @@ def whole_of(everything: Signals, still: int, ramp: int, dt_s: float) -> Whole |
     if not still or not everything.samples_v.size:
         return None
     at_rest = np.flatnonzero(everything.state == AT_REST)
-    came = everything.lost == 0.0 if everything.lost.size else np.ones(everything.command_v.size, dtype=bool)
+    came = everything.lost == 0.0 if everything.lost.size else np.ones(everything.command_v.shape[-1], dtype=bool)
     shown = np.where(came, everything.samples_v, np.nan)
     end = int(at_rest[0]) if at_rest.size else shown.shape[1]
     last = 1 + int(np.max(np.flatnonzero(came), initial=-1))

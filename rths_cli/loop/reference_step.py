@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from rths_cli.control.designed_blocks import Blocks
+from rths_cli.control.interface import COMMANDED
 from rths_cli.numerics.lti import Array, Block
 
 
@@ -36,90 +37,97 @@ class Running:
 
 
 class ReferenceStep:
-    """One RTHS step of one table with c channels (the table first), n_p samples ahead of it; a call is an instant.
+    """One RTHS step of c channels (the first table's first), i degrees of freedom of the interface and a commands, n_p
+    samples ahead of the tables; a call is an instant.
 
-    After a call `corrected` (c,) in m/s^2 and `estimated` (e,) are what the step found at t_k, `base_shear_n` and
-    `interface` (3,) in m/s^2, m/s and m what it found for k + n_p.
+    After a call `corrected` (c,) and `estimated` (e,) are what the step found at t_k, `force_n` (i,) and `interface`
+    (3, i) in m/s^2, m/s and m what it found for k + n_p.
     """
 
     def __init__(self, blocks: Blocks) -> None:
         self.blocks = blocks
+        interface, axes = blocks.interface, len(blocks.interface.channels)
         numerical, feedforward, feedback = blocks.linear_parts()
         self.correction, self.estimator = Running(blocks.correction), Running(blocks.estimator)
         self.numerical, self.feedforward, self.feedback = Running(numerical), Running(feedforward), Running(feedback)
-        self.recent = np.zeros(blocks.lead_samples)  # desired accelerations d[k] .. d[k + n_p - 1]
-        self.sent = np.zeros(max(blocks.latency_samples, 1) + 1)  # commands in V that left the guard, the latest first
-        self.carried_v = 0.0  # rounding error of the last command
+        self.measured_by = list(interface.channels)
+        self.commanded = COMMANDED[interface.commanded]  # row of the motion
+        self.recent = np.zeros((blocks.lead_samples, axes))  # desired accelerations d[k] .. d[k + n_p - 1]
+        self.awaited = np.zeros((blocks.lead_samples, axes))  # the same of the motion that is commanded
+        # commands in V that left the guard, the latest first
+        self.sent = np.zeros((max(blocks.latency_samples, 1) + 1, interface.actuators))
+        self.carried_v = np.zeros(interface.actuators)  # rounding errors of the last commands
         self.corrected, self.estimated = np.zeros(len(blocks.correction.C)), np.zeros(len(blocks.estimator.C))
-        self.base_shear_n, self.interface = 0.0, np.zeros(3)
+        self.force_n, self.interface = np.zeros(axes), np.zeros((3, axes))
 
-    def __call__(self, samples_v: Array, source: Array, numerical: bool = True) -> float:
-        """Return the command in V for the samples (c,) of t_k.
+    def __call__(self, samples_v: Array, source: Array, numerical: bool = True) -> Array:
+        """Return the commands (a,) in V for the samples (c,) of t_k.
 
         `source` (3,): ground acceleration, velocity and displacement at k + n_p; without `numerical` the motion that
-        the table is to make.
+        the tables are to make.
         """
         self.sense(samples_v)
-        self.interface = self.advance_numerical(source) if numerical else source.copy()
-        desired = np.append(self.recent, self.interface[0])  # d[k] .. d[k + n_p]
-        forward = float(self.feedforward(self.interface)[0])
-        command = forward + self.feed_back(desired[0] - self.corrected[0], forward)
-        self.recent = desired[1:]
+        self.interface = self.advance_numerical(source) if numerical else np.outer(source, np.ones(self.force_n.size))
+        awaited = np.vstack([self.awaited, self.interface[self.commanded]])  # of k .. k + n_p
+        forward = self.feedforward(self.interface.ravel())
+        command = forward + self.feed_back(awaited[0] - self.corrected[self.measured_by], forward)
+        self.recent, self.awaited = np.vstack([self.recent, self.interface[0]])[1:], awaited[1:]
         return self.shape(command)
 
     def sense(self, samples_v: Array) -> None:
-        """Correct the samples for their sensors, take the held command's alias out of the table's, and estimate the
+        """Correct the samples for their sensors, take the held commands' alias out of the tables', and estimate the
         specimen's state."""
         b, (now, before) = self.blocks, self.sent[-2:]
         self.corrected = self.correction(samples_v)
-        self.corrected[0] -= b.ripple_m_s2_per_v * (now - before) + b.ripple_sum_m_s2_per_v * (now + before)
+        alias = b.ripple_m_s2_per_v * (now - before) + b.ripple_sum_m_s2_per_v * (now + before)
+        self.corrected[self.measured_by] -= alias
         self.estimated = self.estimator(self.corrected)
 
     def advance_numerical(self, ground: Array) -> Array:
-        """Return acceleration, velocity and displacement (3,) of the interface floor at k + n_p, absolute (Eq. 2.3).
+        """Return accelerations, velocities and displacements (3, i) of the interface at k + n_p, absolute (Eq. 2.3).
 
-        The acceleration d in m/s^2 depends on the base shear f in N (Eq. 2.6), and f on d of the same instant:
+        The accelerations d in m/s^2 depend on the forces f in N (Eq. 2.6), and f on d of the same instant:
 
             d = free + D f,    f = known + F d.
 
-        D is the numerical substructure's direct response to f, in m/s^2 per N. F is the weight of d in the force, in N
+        D is the numerical substructure's direct response to f, in m/s^2 per N. F is the weight of d in the forces, in N
         per m/s^2.
         """
-        direct = self.numerical.D[0, 1]
-        estimates, recent, samples, desired = self.blocks.interface.force.of_one()
-        known = estimates @ self.estimated + recent @ self.recent + samples @ self.corrected
-        free = self.numerical.outputs(np.array([ground[0], 0.0]))[0]
-        shear = (known + desired * free) / (1.0 - desired * direct)
-        motion = self.numerical(np.array([ground[0], shear])) + np.array([0.0, ground[1], ground[2]])
-        self.base_shear_n = float(shear)
-        return motion
+        weights, axes = self.blocks.interface.force, self.force_n.size
+        direct = self.numerical.D[:axes, 1:]
+        known = weights.estimates @ self.estimated + weights.samples @ self.corrected
+        known = known + np.einsum("ikj,kj->i", weights.recent, self.recent)
+        free = self.numerical.outputs(np.append(ground[0], np.zeros(axes)))[:axes]
+        self.force_n = np.linalg.solve(np.eye(axes) - weights.desired @ direct, known + weights.desired @ free)
+        relative = self.numerical(np.append(ground[0], self.force_n)).reshape(3, axes)
+        return relative + np.array([[0.0], [ground[1]], [ground[2]]])
 
-    def feed_back(self, error: float, forward: float) -> float:
-        """Return the feedback's part of the command in V, kept within its own limit and the command's range.
+    def feed_back(self, error: Array, forward: Array) -> Array:
+        """Return the feedback's part (a,) of the commands in V, kept within its own limit and the commands' range.
 
         The feedback is told what was taken off it (anti-windup). A feedforward beyond the range is left to the guard.
         """
         b, given = self.blocks, np.zeros(self.feedback.B.shape[1])
-        given[0] = error
-        wanted = float(self.feedback.outputs(given)[0])
-        highest = min(b.feedback_limit_v, max(b.command_limit_v - forward, 0.0))
-        lowest = max(-b.feedback_limit_v, min(-b.command_limit_v - forward, 0.0))
-        applied = min(max(wanted, lowest), highest)
-        if len(given) > 1:
-            given[1] = applied - wanted
+        given[: error.size] = error
+        wanted = self.feedback.outputs(given)
+        highest = np.minimum(b.feedback_limit_v, np.maximum(b.command_limit_v - forward, 0.0))
+        lowest = np.maximum(-b.feedback_limit_v, np.minimum(-b.command_limit_v - forward, 0.0))
+        applied = np.clip(wanted, lowest, highest)
+        if given.size > error.size:
+            given[error.size :] = applied - wanted
         self.feedback.advance(given)
         return applied
 
-    def shape(self, command: float) -> float:
-        """Round to the converter's bits and carry the rounding error over to the next sample."""
+    def shape(self, command: Array) -> Array:
+        """Round to the converter's bits and carry the rounding errors over to the next sample."""
         size = self.blocks.shaping_step_v
-        if size == 0.0 or not np.isfinite(command):
+        if size == 0.0 or not np.isfinite(command).all():
             return command
         wanted = command + self.carried_v
-        rounded = float(np.floor(wanted / size + 0.5)) * size
+        rounded = np.floor(wanted / size + 0.5) * size
         self.carried_v = wanted - rounded
         return rounded
 
-    def note_sent(self, command: float) -> None:
-        """Store the command that left the guard: later samples contain the alias of its hold."""
-        self.sent = np.append(command, self.sent[:-1])
+    def note_sent(self, command: Array) -> None:
+        """Store the commands (a,) that left the guard: later samples contain the alias of their hold."""
+        self.sent = np.vstack([command, self.sent[:-1]])

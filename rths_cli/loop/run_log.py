@@ -13,8 +13,23 @@ from rths_cli.numerics.compiled import part
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities.raw_log_columns import RAW_LOG_COLUMNS
 
-SEVERAL = ("true_velocity_m_s", "corrected", "desired", "estimated", "logged", "samples_v")  # of several rows
+SEVERAL = ("true_velocity_m_s", "corrected", "desired", "estimated", "logged", "samples_v")  # always numbered
 DESIRED = ("desired_accel_m_s2", "desired_velocity_m_s", "desired_displacement_m")
+
+
+class Sizes(NamedTuple):
+    """How many values of each kind a step has."""
+
+    channels: int
+    estimates: int
+    logged: int = 0  # by the parts
+    axes: int = 1  # degrees of freedom of the interface
+    actuators: int = 1
+
+
+def sizes_of(s: Step) -> Sizes:
+    """Return the sizes of a step."""
+    return Sizes(s.corrected.size, s.estimated.size, s.logged, len(s.measured_by), len(s.actuators))
 
 
 class Log(NamedTuple):
@@ -28,13 +43,14 @@ class Log(NamedTuple):
 
 @dataclass(frozen=True)
 class Signals:
-    """The signals of a log by name, as views of its columns; c channels, e estimator outputs; empty if not logged."""
+    """The signals of a log by name, as views of its columns; c channels, e estimator outputs, i degrees of freedom, a
+    commands; empty if not logged."""
 
     true_velocity_m_s: Array  # (c, n) in the middle between t_k and t_k+1 (virtual rigs)
     corrected: Array  # (c, n) corrected accelerations at k
-    desired: Array  # (3, n) acceleration, velocity, displacement at k + n_p; (1, n) of a lean log
-    command_v: Array  # (n,) as it left the guard
-    base_shear_n: Array  # (n,) at k + n_p
+    desired: Array  # (3 i, n) accelerations, velocities, displacements at k + n_p; (i, n) of a lean log
+    command_v: Array  # (n,) as it left the guard; (a, n) of several
+    base_shear_n: Array  # (n,) interface force at k + n_p; (i, n) of several
     estimated: Array  # (e, n) estimator outputs at k
     logged: Array  # (l, n) what the parts log, in the order of Blocks.logs
     true_displacement_m: Array  # (n,) of the table at t_k (virtual rigs)
@@ -46,25 +62,31 @@ class Signals:
     state: Array  # (n,) RAMP_UP, RUNNING, RAMP_DOWN, STOPPED (real time)
 
 
-def widths(channels: int, estimates: int, truths: int, lean: bool, logged: int = 0) -> dict[str, int]:
-    """Return how many columns each signal has, in their order; `logged`: values that the parts log."""
+def widths(sizes: Sizes, truths: int, lean: bool) -> dict[str, int]:
+    """Return how many columns each signal has, in their order."""
+    channels, axes = sizes.channels, sizes.axes
     if lean:
-        return {"true_velocity_m_s": truths, "corrected": channels, "desired": 1}
+        return {"true_velocity_m_s": truths, "corrected": channels, "desired": axes}
     if truths:
         own = {"true_displacement_m": 1, "compute_ns": 1}
     else:
         own = {"samples_v": channels, "late_ns": 1, "exchange_ns": 1, "lost": 1, "state": 1, "compute_ns": 1}
-    common = {"true_velocity_m_s": truths, "corrected": channels, "desired": 3, "command_v": 1, "base_shear_n": 1}
-    return {**common, "estimated": estimates, "logged": logged, **own}
+    common = {"true_velocity_m_s": truths, "corrected": channels, "desired": 3 * axes}
+    made = {"command_v": sizes.actuators, "base_shear_n": axes, "estimated": sizes.estimates, "logged": sizes.logged}
+    return {**common, **made, **own}
 
 
-def column_names(channels: int, estimates: int, logged: int = 0) -> tuple[str, ...]:
-    """Return a name for each column of the log of a run on a real rig, as declared in RAW_LOG_COLUMNS."""
-    names = []
-    for name, count in widths(channels, estimates, truths=0, lean=False, logged=logged).items():
-        names += [f"{name}_{i}" for i in range(count)] if name in SEVERAL else [name] * count
-    place = names.index("desired_0")
-    return (*names[:place], *DESIRED, *names[place + 3 :])
+def column_names(sizes: Sizes) -> tuple[str, ...]:
+    """Return a name for each column of the log of a run on a real rig, as declared in RAW_LOG_COLUMNS.
+
+    Signals that always may have several columns are numbered, others where they have several.
+    """
+    names: list[str] = []
+    for name, count in widths(sizes, truths=0, lean=False).items():
+        signals_of = [(one, sizes.axes) for one in DESIRED] if name == "desired" else [(name, count)]
+        for one, each in signals_of:
+            names += [f"{one}_{i}" for i in range(each)] if one in SEVERAL or each > 1 else [one] * each
+    return tuple(names)
 
 
 def column_units(names: tuple[str, ...]) -> tuple[str, ...]:
@@ -73,20 +95,21 @@ def column_units(names: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(RAW_LOG_COLUMNS[name].units for name in of_one)
 
 
-def empty_log(steps: int, channels: int, estimates: int, lean: bool = False, truths: int = 0, logged: int = 0) -> Log:
-    """Return a log full of NaN; `lean` and `truths` as in Log, `logged` as in `widths`."""
-    count = sum(widths(channels, estimates, truths, lean, logged).values())
+def empty_log(steps: int, sizes: Sizes, lean: bool = False, truths: int = 0) -> Log:
+    """Return a log full of NaN; `lean` and `truths` as in Log."""
+    count = sum(widths(sizes, truths, lean).values())
     return Log(np.full((count, steps), np.nan), np.zeros(1, dtype=np.int64), truths, lean)
 
 
-def signals(log: Log, channels: int, estimates: int, logged: int = 0) -> Signals:
-    """Return the columns of a log by name: c channels, e estimator outputs, values that the parts log."""
+def signals(log: Log, sizes: Sizes) -> Signals:
+    """Return the columns of a log by name."""
     named = dict.fromkeys(Signals.__dataclass_fields__, log.columns[:0])
     first = 0
-    for name, count in widths(channels, estimates, log.truths, log.lean, logged).items():
+    for name, count in widths(sizes, log.truths, log.lean).items():
         named[name] = log.columns[first : first + count]
         first += count
-    return Signals(**{name: rows if name in SEVERAL else rows.reshape(-1) for name, rows in named.items()})
+    alone = {name: rows.reshape(-1) for name, rows in named.items() if name not in SEVERAL and len(rows) < 2}
+    return Signals(**{**named, **alone})
 
 
 @part

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.part_designs import Logged
-from rths_cli.errors import RigError
+from rths_cli.errors import InputError, RigError
 from rths_cli.loop.diagnosis import cause_of
 from rths_cli.loop.guard import (
     END,
@@ -24,14 +24,14 @@ from rths_cli.loop.guard import (
     take_over,
     without_zeros,
 )
-from rths_cli.loop.run_log import Log, Signals, empty_log, note_step, signals
+from rths_cli.loop.run_log import Log, Signals, empty_log, note_step, signals, sizes_of
 from rths_cli.loop.step import note_sent, step
-from rths_cli.loop.step_arrays import Step, assemble
+from rths_cli.loop.step_arrays import ACCELERATION, Step, assemble
 from rths_cli.loop.stop_reasons import reason_of
 from rths_cli.numerics.clock import IntArray, monotonic_ns
 from rths_cli.numerics.compiled import borrowed, entry, part
 from rths_cli.numerics.lti import Array
-from rths_cli.rigs.interface import Rig, RigInfo, SimulatedRig, simulated
+from rths_cli.rigs.interface import Rig, RigInfo, SimulatedRig, as_commands, simulated
 from rths_cli.rigs.virtual import plant_kernel
 from rths_cli.rigs.virtual.plant import Plant
 
@@ -78,6 +78,13 @@ class Stillness:
     after: int = 0  # at rest, after the record
 
 
+def check_commands(info: RigInfo, blocks: Blocks) -> None:
+    """Raise InputError where blocks make other commands than a rig takes."""
+    made = blocks.interface.actuators
+    if made != info.actuators:
+        raise InputError(f"interface: {made} commands, but rig {info.name} has {info.actuators} actuators")
+
+
 @dataclass(frozen=True)
 class _Course:
     """A run on the counted clock."""
@@ -103,15 +110,15 @@ def play(
     `log`: log of an earlier run of the same sizes, which is overwritten; after a stopped run its later steps keep their
     old values. `still`: samples at rest around the record (None: none).
     """
-    state, guard_state = assemble(blocks, source), fresh_guard(len(info.channels))
-    channels, compiled = len(info.channels), simulated(rig)
+    state, compiled = assemble(blocks, source), simulated(rig)
+    sizes = sizes_of(state)
+    channels, guard_state = sizes.channels, fresh_guard(sizes.channels, sizes.actuators, sizes.axes)
+    check_commands(info, blocks)
     still = still or Stillness()
     end = np.zeros((still.down + still.after, 3))
     whole = np.ascontiguousarray(np.vstack([drive, end]), dtype=float)  # any other layout would be compiled anew
     course = _Course(whole, len(drive), np.zeros((still.before, channels)), np.zeros((len(end), channels)))
-    log = log or empty_log(
-        len(whole), channels, state.estimated.size, truths=channels if compiled else 0, logged=state.logged
-    )
+    log = log or empty_log(len(whole), sizes, truths=channels if compiled else 0)
     log.done[0] = 0
     rig.open()
     try:
@@ -123,7 +130,7 @@ def play(
         rig.rest()
         rig.close()
     blocks.raise_interruption()
-    named = signals(log, channels, state.estimated.size, state.logged)
+    named = signals(log, sizes)
     reason = int(guard_state.flags[1])
     stopped_at_s = float(guard_state.flags[3] * info.dt_s)
     cause = cause_of(info, blocks, limits, guard_state, named)
@@ -143,7 +150,7 @@ def part_of(everything: Signals, steps: slice) -> Signals:
 
 
 def _whole(played: Signals, course: _Course, still: Stillness, dt_s: float) -> Whole:
-    after = slice(still.down, max(played.command_v.size - course.record, still.down))
+    after = slice(still.down, max(played.command_v.shape[-1] - course.record, still.down))
     return Whole(
         played.corrected, played.command_v, 0, course.before_v.T, course.after_v[after].T, -still.before * dt_s,
         (course.record + still.down) * dt_s,
@@ -181,7 +188,7 @@ def _play_exchanging(
     try:
         for shown in course.before_v:
             shown[:] = samples
-            samples = rig.exchange(0.0)
+            samples = rig.exchange(as_commands(np.zeros(state.command.size)))
         zeros_v = course.before_v.mean(axis=0) if len(course.before_v) else np.zeros(state.samples.size)
         limits, scratch = without_zeros(limits, zeros_v), np.zeros(2, dtype=np.int64)
         think = think_once.bind(state, limits, guard_state, course.drive, course.record, log, scratch)
@@ -189,7 +196,8 @@ def _play_exchanging(
             if log.done[0] >= course.record:
                 course.after_v[log.done[0] - course.record] = samples
             state.samples[:] = samples - zeros_v
-            samples = rig.exchange(think())
+            think()
+            samples = rig.exchange(as_commands(state.command))
     except RigError as fault:
         return int(log.done[0]), str(fault), limits
     return int(log.done[0]), "", limits
@@ -209,9 +217,10 @@ def think(
     step(s, drive)
     for a in range(s.command.size):
         s.command[a] *= share
-    first = s.measured_by[0]
-    error = s.error[0] + (s.corrected[first] - accel[first])
-    guard(limits, g, s.command, came, samples, accel, s.expected, error, s.motion[1, 0], s.force[0])
+    for i in range(len(s.measured_by)):  # the feedback has read the errors; the next step writes them anew
+        s.error[i] += s.corrected[s.measured_by[i]] - accel[s.measured_by[i]]
+    of_accel = s.commanded == ACCELERATION
+    guard(limits, g, s.command, came, samples, accel, s.expected, s.error, of_accel, s.motion, s.force)
     note_sent(s)
     return note_step(log, s, k)
 
@@ -226,7 +235,7 @@ def end_record(g: GuardState, k: int, record: int) -> None:
 @entry
 def think_once(
     s: Step, limits: GuardLimits, g: GuardState, drive: Array, record: int, log: Log, scratch: IntArray
-) -> float:
+) -> None:
     """Call `think` with the next row of the drive (n, 3) and log the time it took; scratch (2,)."""
     s, limits, g, drive, log, scratch = borrowed((s, limits, g, drive, log, scratch))
     k, start = log.done[0], monotonic_ns(scratch)
@@ -234,7 +243,6 @@ def think_once(
     think(s, limits, g, drive[k], log, k, 1.0, True, s.samples, s.corrected)
     log.columns[log.columns.shape[0] - 1, k] = monotonic_ns(scratch) - start
     log.done[0] = k + 1
-    return s.command[0]
 
 
 @part

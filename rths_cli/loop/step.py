@@ -16,7 +16,7 @@ from rths_cli.numerics.lti import Array
 
 @part
 def staircase_of(s: Step, a: int) -> float:
-    """Return the alias of a held command in the sample of its table at this instant, in m/s^2."""
+    """Return the alias of a held command in the sample of its table at this instant, in the unit of that sample."""
     now, before = s.sent[s.sent.shape[0] - 2, a], s.sent[s.sent.shape[0] - 1, a]
     return s.ripple_m_s2_per_v * (now - before) + s.ripple_sum_m_s2_per_v * (now + before)
 
@@ -61,6 +61,10 @@ def track(s: Step) -> None:
             s.recent_commanded[lead, i] = s.motion[s.commanded, i]
         s.error[i] = s.recent_commanded[0, i] - s.corrected[s.measured_by[i]]
     s.open_loop.expect(s.recent[0, 0], s.corrected[0], s.motion[0, 0], s.expected)
+    for by in range(2):
+        s.expected[by, 0] = s.motion[0, 0]
+        for i in range(len(s.measured_by)):
+            s.expected[by, s.measured_by[i]] = s.motion[s.commanded, i]
 
 
 @part

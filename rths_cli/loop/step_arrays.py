@@ -23,16 +23,16 @@ from rths_cli.loop.linear_parts import (
 )
 from rths_cli.loop.modal_substructure import modal
 from rths_cli.loop.parts import Feedback, Feedforward, NumericalSubstructure, Observer, Room
-from rths_cli.loop.python_parts import python_command, python_storey
+from rths_cli.loop.python_parts import called_feedforward, called_substructure
 from rths_cli.numerics.lti import Array, Block
 
 EXCITATION, RECORD, NUMERICAL = 0, 1, 2
 ACCELERATION = COMMANDED["acceleration"]
-USUAL = 4096  # numbers that a step remembers at most, as a rule
+ROOM = 4096  # numbers; a step that remembers more is assembled again in a room of its size
 
 Make = Callable[[Any, Interface, Room], Any]
-NUMERICAL_PARTS: dict[type, Make] = {Block: modal, PythonSubstructure: python_storey}
-FEEDFORWARD_PARTS: dict[type, Make] = {Block: linear_feedforward, PythonFeedforward: python_command}
+NUMERICAL_PARTS: dict[type, Make] = {Block: modal, PythonSubstructure: called_substructure}
+FEEDFORWARD_PARTS: dict[type, Make] = {Block: linear_feedforward, PythonFeedforward: called_feedforward}
 FEEDBACK_PARTS: dict[type, Make] = {Block: linear_feedback}
 """What makes the part of the step from each kind of design in `Blocks`; another kind has a method `compiled_part`."""
 
@@ -67,7 +67,7 @@ class Step(NamedTuple):
     force: Array  # (i,) interface force in N at k + n_p
     free_accel: Array  # (i,) accelerations without the interface force, then with its known part
     motion: Array  # (3, i) desired absolute acceleration, velocity, displacement of the interface at k + n_p
-    error: Array  # (i,) tracking errors of t_k
+    error: Array  # (i,) tracking errors of t_k, in m/s^2, or in m where displacements are commanded
     command: Array  # (a,) in V
     forward: Array  # (a,) the feedforward's part of it
     back: Array  # (a,) the feedback's part
@@ -81,7 +81,7 @@ class Step(NamedTuple):
     ripple_sum_m_s2_per_v: float  # integral of the alias by the AC correction, per V of the sum of two commands
     sent: Array  # (max(latency, 1) + 1, a) commands that were sent, the latest first
     logged: int  # number of values that the parts log
-    expected: Array  # (2, c) expected accelerations of the channels, by the desired and by the measured motion
+    expected: Array  # (2, c) what the channels must show by the desired and by the measured motion; 0: nothing
 
 
 def assemble(blocks: Blocks, source: int) -> Step:
@@ -89,12 +89,12 @@ def assemble(blocks: Blocks, source: int) -> Step:
 
     Raises InputError for a design from which no part can be made.
     """
-    interface, room = blocks.interface, Room(USUAL)
-    if len(interface.channels) != 1 or interface.actuators != 1 or interface.commanded != "acceleration":
+    floors = 0 if blocks.open_loop is None else len(blocks.open_loop.C)
+    if floors >= len(blocks.correction.C):
         raise InputError(
-            f"interface: {len(interface.channels)} degrees of freedom, {interface.actuators} commands of "
-            f"{interface.commanded}; guard and log are made for one acceleration and one command so far"
+            f"specimen: {floors} floors are expected of {len(blocks.correction.C)} channels, the table's first"
         )
+    room = Room(ROOM)
     step = _assembled(blocks, source, room)
     return step if room.taken <= room.all.size else _assembled(blocks, source, Room(room.taken))
 

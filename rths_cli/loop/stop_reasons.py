@@ -84,7 +84,7 @@ def _number(info: RigInfo, limits: GuardLimits, reason: int, channel: int) -> fl
     """Return the value of the limit that belongs to a reason."""
     if reason in (g.LOST, g.OVERRUN):
         return info.limits.lost_samples
-    by_channel = {g.ACCELERATION: limits.abort_m_s2, g.SATURATED: limits.saturation_v, g.STUCK: limits.stuck_m_s2}
+    by_channel = {g.ACCELERATION: limits.abort, g.SATURATED: limits.saturation_v, g.STUCK: limits.stuck}
     if reason in by_channel:
         return float(by_channel[reason][channel])
     alone = {
@@ -93,7 +93,7 @@ def _number(info: RigInfo, limits: GuardLimits, reason: int, channel: int) -> fl
         g.FORCE: limits.force_n,
         g.COMMAND: limits.command_v,
         g.RATE: limits.command_rate_v_s,
-        g.TRACKING: limits.tracking_error_m_s2,
+        g.TRACKING: limits.tracking_error,
         g.ENERGY: limits.energy_ratio,
     }
     return alone[reason]

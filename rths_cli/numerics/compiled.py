@@ -57,6 +57,7 @@ _METHODS: dict[str, inspect.Signature] = {}
 
 numba.config.SLP_VECTORIZE = 1  # four rows of a block in one instruction
 numba.config.LOOP_VECTORIZE = 0  # our loops are too short for more: it cost a sixth of the step
+llvm.set_option("", "-unroll-runtime=0")  # nor do they reach code for eight rounds at once, a fifth of the step
 
 
 class Entry:

@@ -56,6 +56,6 @@ def riccati_cost(a: Array, b: Array, q: Array, r: Array, s: Array) -> Array:
     if cost is None:
         raise InputError(
             "controller: the feedback's Riccati equation cannot be solved with this command_weight and disturbance_hz; "
-            "use a larger command_weight or the default band, 1 to 12 Hz"
+            "use a larger command_weight or leave disturbance_hz out"
         )
     return cost

@@ -23,6 +23,7 @@ from rths_cli.quantities.declaration import (
     Source,
     Values,
 )
+from rths_cli.quantities.interval import Interval, intervals_of, over_samples
 from rths_cli.quantities.metrics import KINDS, LATENCIES, METRICS, declared, kinds_of, metric, metrics_of, variants
 
 __all__ = [
@@ -44,15 +45,18 @@ __all__ = [
     "AttributeDeclaration",
     "Axis",
     "DatasetDeclaration",
+    "Interval",
     "Quantity",
     "Source",
     "Values",
     "attribute_fault",
     "dataset",
     "declared",
+    "intervals_of",
     "kinds_of",
     "metric",
     "metrics_of",
+    "over_samples",
     "stored_dataset",
     "variants",
 ]

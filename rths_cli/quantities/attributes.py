@@ -32,6 +32,15 @@ OF_FILE = (
     AttributeDeclaration("command_line", "text", "the command that was given"),
     AttributeDeclaration("seed", "number", "seed of the runs", (0, 2.0**64)),
     AttributeDeclaration("sample_rate_hz", "number", "sample rate in Hz", (1.0, 1e6)),
+    AttributeDeclaration("test_band_hz", "number", "upper end of the test band in Hz", (0.5, 1e3), present=SINCE_0_2),
+    AttributeDeclaration(
+        "compared_low_hz",
+        "number",
+        "lower end in Hz of the band in which the table's model was compared with its data",
+        (1e-3, 1e4),
+        present=SINCE_0_2,
+    ),
+    AttributeDeclaration("compared_high_hz", "number", "its upper end in Hz", (1e-3, 1e4), present=SINCE_0_2),
     AttributeDeclaration("method", "text", "best or paper"),
     AttributeDeclaration("controller", "text", "FF, FF+FB or none"),
     AttributeDeclaration("scaling", "number", "factor on the record", (-1e9, 1e9)),
@@ -58,6 +67,12 @@ OF_FILE = (
     AttributeDeclaration("overrides", "text", "what was overridden: check, model"),
     AttributeDeclaration(
         "own_parts", "text", "places of the step whose parts the caller of the Python interface made", present=SINCE_0_2
+    ),
+    AttributeDeclaration(
+        "own_building",
+        "text",
+        "declared: SIM is that of the building which the caller's numerical substructure declares; empty: the case's",
+        present=SINCE_0_2,
     ),
     AttributeDeclaration("warnings", "text", "what a user should read before trusting the result, one a line"),
     AttributeDeclaration("reference_title", "text", "title of the published figures"),

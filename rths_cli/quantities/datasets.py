@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
 
-from rths_cli.quantities.declaration import ACCEL, TABLE_RUNS, DatasetDeclaration, Source
+from rths_cli.quantities.declaration import ACCEL, COMPARED, TABLE_RUNS, DatasetDeclaration, Source
 
 SOLUTIONS = ("sim", "sim_delay")
 """Computed responses, which reach to the end of the record; a run on the table may be shorter."""
@@ -44,6 +44,7 @@ GROUPS = {
 CORRECTED, AS_SENSED = "corrected for the sensor", "as the sensor gives it"
 DRIFT_REMOVED = "without offset, drift and jumps"
 HOLD_REMOVED = "less the hold's staircase"
+UNKNOWN_BELOW = "not known (NaN) below the interface, because the caller's own part computed these storeys"
 WITH_RIG = "with the virtual rig, mean of 16 steps"
 SENSED = (CORRECTED, AS_SENSED, DRIFT_REMOVED)
 
@@ -119,7 +120,7 @@ def _of_hybrid_building() -> Iterator[DatasetDeclaration]:
         ),
     )  # fmt: skip
     for name, units, source, text in motion:
-        yield DatasetDeclaration(f"exp_rths/{name}", units, ON_STOREYS, source, text)
+        yield DatasetDeclaration(f"exp_rths/{name}", units, ON_STOREYS, source, text, remarks=(UNKNOWN_BELOW,))
     felt = f"{SHEAR}, as the numerical part felt it"
     yield DatasetDeclaration("exp_rths/base_shear_n", "N", TIME, "estimated", felt)
 
@@ -187,8 +188,8 @@ def _of_identification() -> Iterator[DatasetDeclaration]:
         ("delay_s", "s", "estimated", "explicit delay of the table model"),
         ("ripple_m_s2_per_v", "m/s^2/V", "estimated", "share of a command change in a table sample (hold)"),
         ("coupling_hz", "Hz", "computed", "corner of the AC coupling that table samples are corrected for"),
-        ("fit_error_rms", "1", "estimated", "RMS of |fit / FRF - 1| over 0.7-11 Hz"),
-        ("fit_error_max", "1", "estimated", "largest |fit / FRF - 1| over 0.7-11 Hz"),
+        ("fit_error_rms", "1", "estimated", f"RMS of |fit / FRF - 1| over {COMPARED}"),
+        ("fit_error_max", "1", "estimated", f"largest |fit / FRF - 1| over {COMPARED}"),
     )
     for name, units, source, text in numbers:
         yield DatasetDeclaration(f"identification/{name}", units, (), source, text)

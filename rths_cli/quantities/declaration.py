@@ -11,7 +11,11 @@ from numpy.typing import ArrayLike
 
 ACCEL = "m/s^2"
 LESS, MORE, ZERO, ONE, NONE = "smaller", "larger", "near zero", "near one", "none"
-BAND = "in the test band (12 Hz, 4th-order Butterworth forward and backward), above the lowest reliable frequency"
+BAND = (
+    "in the test band (test_band_hz, 12 Hz by default; 4th-order Butterworth forward and backward), above the lowest "
+    "reliable frequency"
+)
+COMPARED = "the compared band (identification.compared_hz, 0.7-11 Hz by default)"
 FULL = "above the lowest reliable frequency"
 Values = Mapping[str, ArrayLike]
 """Values of metrics by their paths: a number each, or one per storey, channel, mode or frequency."""

@@ -8,11 +8,24 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from rths_cli.quantities.declaration import ACCEL, BAND, FULL, LESS, NONE, ONE, TABLE_RUNS, ZERO, Quantity
+from rths_cli.quantities.declaration import (
+    ACCEL,
+    BAND,
+    COMPARED,
+    FULL,
+    LESS,
+    MORE,
+    NONE,
+    ONE,
+    TABLE_RUNS,
+    ZERO,
+    Quantity,
+)
 
 FEI = "Guo, Chen, Xu, Sanchez, Smart Mater. Struct. 23 (2014) 045042"
 INDICATOR = "Mercan, Ricles, Earthq. Eng. Struct. Dyn. 36 (2007) 1523"
 BENCHMARK = "Silva, Gomez, Maghareh, Dyke, Spencer, Mech. Syst. Signal Process. 135 (2020) 106381"
+PSI = "Maghareh, Dyke, Prakash, Bunting, Earthq. Eng. Struct. Dyn. 43 (2014) 2299"
 ENERGY = "Mosqueda, Stojadinovic, Mahin, J. Struct. Eng. 133 (2007) 1100"
 GROUPS = (
     "shake_table", "exp_rths", "sim", "sim_delay", "budget", "check", "feedback", "controller", "latency",
@@ -77,6 +90,7 @@ def declared() -> Iterator[Quantity]:
     found = (
         *_of_table(),
         *_of_losses(),
+        *_of_response(),
         *_against_sim(),
         *_of_check(),
         *_of_budget(),
@@ -148,6 +162,25 @@ def _of_losses() -> Iterator[Quantity]:
         yield Quantity(f"{run}.longest_gap_s", "s", "", NONE, gap)
 
 
+def _of_response() -> Iterator[Quantity]:
+    said = {"sim": "SIM", "sim_delay": "SIM-DELAY", "exp_rths": "EXP-RTHS"}
+    for run, label in said.items():
+        for name, units, about in (
+            ("abs_accel_m_s2", ACCEL, "absolute acceleration"),
+            ("rel_disp_m", "m", "displacement relative to the ground"),
+            ("inter_storey_drift_m", "m", "inter-storey drift"),
+            ("drift_ratio", "1", "inter-storey drift over the storey's height (where heights_m is given)"),
+            ("storey_shear_n", "N", "storey shear"),
+        ):
+            text = f"largest |{about}| of {label}, all frequencies"
+            yield Quantity(f"{run}.peak_{name}", units, "storey", NONE, text)
+        yield Quantity(
+            f"{run}.peak_building_base_shear_n", "N", "", NONE, f"largest |base shear| of the building, {label}"
+        )
+        ratio = f"largest |base shear| over the building's weight, {label}"
+        yield Quantity(f"{run}.building_base_shear_ratio", "1", "", NONE, ratio)
+
+
 def _against_sim() -> Iterator[Quantity]:
     yield _lowest("sim_delay")
     for run, kinds in (("sim_delay", BANDS), ("exp_rths", ALL)):
@@ -155,6 +188,9 @@ def _against_sim() -> Iterator[Quantity]:
             about = words.format("SIM - absolute acceleration of each storey")
             better = LESS if run == "exp_rths" else NONE
             yield Quantity(f"{run}.{which}_error_m_s2", ACCEL, "storey", better, about, kinds, BAND)
+            of_sim = f"{about}, in percent of {words.format('SIM')}"
+            name = "nrmse" if which == "rms" else "peak_error"
+            yield Quantity(f"{run}.{name}_percent", "%", "storey", better, of_sim, kinds, BAND)
     floors = {4: "the interface storey", 6: "the lowest other storey", 7: "the second lowest other storey"}
     for number, storey in floors.items():
         deviation = f"J{number}: standard deviation of SIM - EXP-RTHS over SIM, absolute acceleration of {storey}"
@@ -171,6 +207,8 @@ def _against_sim() -> Iterator[Quantity]:
         yield Quantity(f"{run}.solution_error", "1", "", NONE, own)
     critical = "pure delay of the base shear at which the hybrid test loses stability (0: any delay does)"
     yield Quantity("sim_delay.critical_delay_s", "s", "", NONE, critical)
+    psi = "predictive stability indicator (PSI): log10 of the critical delay in ms"
+    yield Quantity("sim_delay.psi", "1", "", MORE, psi, reference=PSI)
     yield Quantity("sim_delay.diverged_at_s", "s", "", NONE, "when SIM-DELAY was cut, if it was")
 
 
@@ -188,7 +226,7 @@ def _of_check() -> Iterator[Quantity]:
         ),
         ("required_table_error", "1", "relative error of the table's response that the loop must stand there"),
         ("table_error_hz", "Hz", "where the two are nearest to each other"),
-        ("tolerated_table_error_in_band", "1", "smallest such error up to 11 Hz"),
+        ("tolerated_table_error_in_band", "1", "smallest such error up to the end of the compared band"),
         ("table_error_in_band_hz", "Hz", "where that is"),
         ("largest_scaling", "1", "scaling of the record up to which the test is safe, rounded down (0: at none)"),
         ("friction_v", "V", "dry friction of the table as identified, as a change of command (0: none seen)"),
@@ -273,9 +311,9 @@ def _of_loop() -> Iterator[Quantity]:
 
 def _of_identification() -> Iterator[Quantity]:
     for name, text in (
-        ("rms", "RMS of |fit / FRF - 1| over 0.7-11 Hz"),
-        ("mid", "RMS of |fit / FRF - 1| over 2-10 Hz"),
-        ("max", "largest |fit / FRF - 1| over 0.7-11 Hz"),
+        ("rms", f"RMS of |fit / FRF - 1| over {COMPARED}"),
+        ("mid", "RMS of |fit / FRF - 1| over the middle of the compared band (2-10 Hz by default)"),
+        ("max", f"largest |fit / FRF - 1| over {COMPARED}"),
     ):
         yield Quantity(f"identification.fit_error_{name}", "1", "", NONE, text)
     frequency = "identified natural frequencies of the specimen"

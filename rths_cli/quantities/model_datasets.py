@@ -19,6 +19,7 @@ GROUPS = {
     "fit_error/METHOD": "Relative error |model / response - 1| of that model.",
     "specimen/RECORD": "The specimen as a chain of storeys, from the excitation and from the stretch of held command.",
     "verdict": "Whether the model may drive the table.",
+    "compared": "The band in which the models were compared with their data.",
     "friction": "Dry friction of the table, as the change of the command that it is worth.",
     "latency": "Delay from command to table: converter, hold and transport.",
     "level_causes": "What makes the responses at low and at full level differ.",
@@ -103,9 +104,9 @@ def _numbers() -> dict[str, tuple[Entry, ...]]:
             ("coupling_hz", "Hz", (), "corner of the AC coupling that table samples are corrected for; 0: none"),
         ),
         "fit_error/METHOD": (
-            ("rms", "1", (), "RMS over 0.7-11 Hz"),
-            ("largest", "1", (), "largest over 0.7-11 Hz"),
-            ("rms_mid", "1", (), "RMS over 2-10 Hz"),
+            ("rms", "1", (), "RMS over the compared band"),
+            ("largest", "1", (), "largest over the compared band"),
+            ("rms_mid", "1", (), "RMS over the middle of the compared band (2-10 Hz of 0.7-11 Hz)"),
         ),
         "specimen/RECORD": (
             ("masses_kg", "kg", FLOORS, "floor masses"),
@@ -130,6 +131,10 @@ def _numbers() -> dict[str, tuple[Entry, ...]]:
             ("lag_s", "s", (), "phase lag of command to displacement at low frequency as a time, delay included"),
             ("reasons", "1", ("reasons_entry",), "why the model may not drive the table"),
             ("warnings", "1", ("warnings_entry",), "what else to know"),
+        ),
+        "compared": (
+            ("low_hz", "Hz", (), "its lower end"),
+            ("high_hz", "Hz", (), "its upper end"),
         ),
         "friction": (
             ("command_v", "V", (), "dry friction"),
@@ -163,7 +168,7 @@ def _rows() -> dict[str, tuple[Entry, ...]]:
             ("rms_m_s2", "m/s^2", row, "RMS under excitation"),
             ("largest_m_s2", "m/s^2", row, "largest under excitation"),
             ("rest_rms_m_s2", "m/s^2", row, "RMS at rest; NaN: no silence"),
-            ("coherence", "1", row, "median coherence in 0.7-11 Hz"),
+            ("coherence", "1", row, "median coherence in the compared band"),
             ("hum_m_s2", "m/s^2", row, "amplitude of mains hum; 0: none"),
             ("hum_hz", "Hz", row, "frequency of mains hum"),
         ),

@@ -8,11 +8,13 @@ import numpy as np
 
 from rths_cli.files.result_reader import Result
 from rths_cli.report.error_budget_table import budget_text
+from rths_cli.report.figure_values import listed
 from rths_cli.report.latency_table import latency_text
 from rths_cli.report.results_by_case import Entry
 from rths_cli.report.text_layout import wrapped
 
 KINDS = {"_true_full": "full-t", "_true": "true", "_full": "full", "_model": "model"}
+TOTALS = ("check.rms_error_m_s2", "check.tracking_rms_m_s2")  # of the error by cause, whose table has no intervals
 TITLE = "Other figures of this case (definitions: rths report --json, or the result file)"
 
 
@@ -39,7 +41,7 @@ def _blocks(result: Result, told: set[str]) -> list[str]:
         by_cause = path.startswith(("check.rms_error", "check.tracking_rms")) or (
             path.startswith("budget.") and not path.startswith("budget.unexplained")
         )
-        if whole and by_cause:
+        if whole and by_cause and not (path in TOTALS and path in result.intervals):
             told.add(path)
         if latency and path.startswith("latency.") and path.endswith(("_s", "_hz")):
             told.add(path)
@@ -86,8 +88,11 @@ def _values(result: Result, kinds: Mapping[str, str], unit: str) -> str:
 def _listed(result: Result, path: str, unit: str) -> str:
     if path not in result.metrics:
         return "-"
-    values = np.atleast_1d(result.metrics[path])
-    return " ".join(f"{round(1e3 * value, 3) + 0.0:.3f}" if unit == "s" else _plain(value) for value in values)
+    return listed(result.metrics[path], result.intervals.get(path), _milliseconds if unit == "s" else _plain)
+
+
+def _milliseconds(value: float) -> str:
+    return f"{round(1e3 * value, 3) + 0.0:.3f}"
 
 
 def _plain(value: float) -> str:

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from rths_cli.quantities import METRICS
+from rths_cli.quantities import METRICS, intervals_of
+from rths_cli.report.figure_values import intervals_json, json_value
 
 if TYPE_CHECKING:
     from rths_cli.experiment.check_command import Checked
@@ -25,19 +24,12 @@ def _case(one: Checked) -> dict[str, Any]:
         "verdict": one.verdict,
         "reasons": list(one.reasons),
         "warnings": list(one.warnings),
-        "metrics": {path: _number(value) for path, value in one.metrics.items()},
+        "metrics": {path: json_value(value) for path, value in one.metrics.items()},
         "units": {path: METRICS[path].units for path in one.metrics},
         "definitions": {path: METRICS[path].definition for path in one.metrics},
+        **({"intervals": intervals_json(intervals)} if (intervals := intervals_of(one.metrics)) else {}),
     }
 
 
 def _plain(value: Any) -> Any:
     return list(value) if isinstance(value, tuple) else value
-
-
-def _number(value: Any) -> Any:
-    """Return a number or a list of numbers, with None for each that is not finite."""
-    numbers = np.asarray(value, dtype=float)
-    if numbers.ndim:
-        return [_number(item) for item in numbers]
-    return float(numbers) if np.isfinite(numbers) else None

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.numerics.lti import Array
+from rths_cli.quantities import Interval, intervals_of
 from rths_cli.report.error_budget_table import budget_text
+from rths_cli.report.figure_values import percent
 from rths_cli.report.identification_page import DASH, aligned, labelled, number, short, wrapped
 from rths_cli.report.latency_table import latency_text
 
@@ -31,6 +33,17 @@ REACH = (
     ("actuator force, N", "force_n", 1.0),
     ("command, V", "command_v", 1.0),
 )
+OVER_SAMPLES = (
+    ("critical delay, ms", "check.critical_delay_s", 1e3),
+    ("stood error of the table, %", "check.tolerated_table_error", 100.0),
+    ("delay margin, ms", "check.delay_margin_s", 1e3),
+    ("peak displacement, mm", "check.peak_displacement_m", 1e3),
+    ("peak acceleration, m/s^2", "check.peak_acceleration_m_s2", 1.0),
+    ("peak command, V", "check.peak_command_v", 1.0),
+    ("tracking error, mm/s^2", "check.tracking_rms_m_s2", 1e3),
+    ("error of storey {}, mm/s^2", "check.rms_error_m_s2", 1e3),
+)
+"""Figures of which the page shows the range over samples: label, path, factor."""
 LEAST_GROWTH = 1e-9
 MOST_MODES = 10  # on the page
 Values = Mapping[str, Array]
@@ -52,8 +65,14 @@ def page(checked: Checked) -> str:
     values = {path: np.atleast_1d(np.asarray(value, dtype=float)) for path, value in checked.metrics.items()}
     sections = [wrapped(_about(checked.about))]
     if "check.spectral_radius" in values:
-        sections += [wrapped(_stability(values)), wrapped(_margins(values)), latency_text(values)]
+        sections += [
+            wrapped(_stability(values)),
+            wrapped(_margins(values, checked.about.compared_hz[1])),
+            latency_text(values),
+        ]
         sections += [wrapped(_reach(values)), budget_text(values), wrapped(_compared(values, checked.about))]
+    if intervals := intervals_of(checked.metrics):
+        sections.append(wrapped(_over_samples(intervals)))
     sections.append(wrapped(_verdict(checked)))
     return "\n\n".join(section for section in sections if section)
 
@@ -121,7 +140,7 @@ def _critical(values: Values) -> str:
     return f"{short(1e3 * delay)} ms of pure delay on a perfect table, lost at {short(hz)} Hz"
 
 
-def _margins(values: Values) -> list[str]:
+def _margins(values: Values, compared_to_hz: float) -> list[str]:
     """Return the lines on the margins, with measured response and with model, and on the tolerated table error."""
     if _one(values, "spectral_radius") >= 1.0:
         return [labelled("margins", "none: the loop is unstable")]
@@ -141,7 +160,10 @@ def _margins(values: Values) -> list[str]:
             f"stands {stands:.3g} %, must stand {must:.3g} % at {where} Hz, where the two are nearest, with a "
             "gain up to 10 % off",
         ),
-        labelled("    up to 11 Hz", f"stands {100.0 * least:.3g} % or more, the least at {short(there)} Hz"),
+        labelled(
+            f"    up to {short(compared_to_hz)} Hz",
+            f"stands {100.0 * least:.3g} % or more, the least at {short(there)} Hz",
+        ),
     ]
 
 
@@ -187,6 +209,21 @@ def _compared(values: Values, about: Tested) -> list[str]:
     shares = [number(one / late) if late > 0.0 else DASH for one, late in zip(error, delayed, strict=True)]
     rows.append(["predicted over SIM-DELAY", *shares])
     return [*lines, *aligned(rows)]
+
+
+def _over_samples(intervals: Mapping[str, Interval]) -> list[str]:
+    """Return the lines on the figures that differ between the samples of the identified model."""
+    rows = [["", "nominal", "least", "most"]]
+    for label, path, scale in OVER_SAMPLES:
+        if path not in intervals:
+            continue
+        one = intervals[path]
+        numbers = [scale * np.atleast_1d(np.asarray(each, dtype=float)) for each in (one.value, one.low, one.high)]
+        for storey, cells in enumerate(zip(*numbers, strict=True), 1):
+            rows.append([label.format(storey), *(number(cell) if np.isfinite(cell) else f"{cell:g}" for cell in cells)])
+    held = percent(min(one.probability for one in intervals.values()))
+    about = f"a further sample of the identified model lies in each range with a probability of at least {held}"
+    return [labelled("range over samples", about), *aligned(rows)]
 
 
 def _verdict(checked: Checked) -> list[str]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from rths_cli.files.result_reader import Result
 from rths_cli.quantities import metric
+from rths_cli.report.figure_values import listed
 from rths_cli.report.results_by_case import Entry, state
 from rths_cli.report.table_cells import mark
 from rths_cli.report.text_layout import Cell, Row, Table
@@ -63,8 +64,7 @@ def every_figure(entry: Entry) -> Iterator[Table]:
 
 
 def _listed(result: Result, path: str) -> str:
-    values = np.atleast_1d(np.asarray(result.metrics.get(path, np.nan), dtype=float))
-    return " ".join(short(value) for value in values)
+    return listed(result.metrics.get(path, np.nan), result.intervals.get(path), short)
 
 
 def short(value: float) -> str:

@@ -19,4 +19,4 @@ def evaluated_error(result: Result, run: str, error: Array, dt_s: float) -> Arra
     if error.size < 2:
         return np.full(error.shape, np.nan)
     corner_hz = float(np.asarray(result.metrics.get(f"{run}.high_pass_hz", 0.0)))
-    return test_band(high_passed(error, corner_hz, dt_s), dt_s)
+    return test_band(high_passed(error, corner_hz, dt_s), dt_s, result.test_band_hz)

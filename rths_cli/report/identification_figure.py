@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 import io
-import os
 import textwrap
 from collections.abc import Sequence
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rths_cli.errors import InputError
 from rths_cli.identification.results import Identification
 from rths_cli.identification.verdict import LIMITS
-from rths_cli.interrupts import interruptible
 from rths_cli.numerics.lti import Array, ComplexArray
+from rths_cli.report.figure_file import write_figure_file
 from rths_cli.report.identification_page import short, verdict_sentence
 from rths_cli.structure import Specimen
 
@@ -61,19 +58,7 @@ def write_figure(found: Identification, about: About, path: Path) -> None:
 
     Raises InputError for another suffix, or if the file cannot be written; then no file is left behind.
     """
-    kind = path.suffix.lower().removeprefix(".")
-    if kind not in METADATA:
-        raise InputError(f"{path}: a figure's file name must end in .png, .svg or .pdf")
-    image = interruptible(lambda: _image(found, about, kind))
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        part.write_bytes(image)
-        os.replace(part, path)
-    except OSError as error:
-        raise InputError(f"{path}: cannot write the figure: {error.strerror}; choose another file") from error
-    finally:
-        with suppress(OSError):
-            part.unlink()
+    write_figure_file(path, lambda form: _image(found, about, form))
 
 
 def _image(found: Identification, about: About, kind: str) -> bytes:

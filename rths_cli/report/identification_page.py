@@ -22,8 +22,8 @@ from rths_cli.identification.results import (
     SpecimenFit,
     Verdict,
 )
-from rths_cli.identification.table_fit import COMPARED_HZ, MID_HZ
 from rths_cli.identification.verdict import LIMITS
+from rths_cli.numerics.bands import ComparedBand
 from rths_cli.numerics.lti import Model
 from rths_cli.report.identification_json import agreements, as_document, centre_rad_s, rejected_document
 from rths_cli.report.text_layout import WIDTH
@@ -197,11 +197,11 @@ def page(found: Identification, about: About) -> str:
     """Return the page: data, channels, table model, residuals, level dependence, specimen, verdict."""
     sections = [
         _data(about),
-        _channels(found.channels),
+        _channels(found.channels, found.compared),
         _table(found),
         _roots(found.roots),
         _residuals(found.residuals),
-        [*_levels(found.levels, found.causes), *_friction(found)],
+        [*_levels(found.levels, found.causes, found.compared), *_friction(found)],
         specimen_lines(found),
         _verdict(found.verdict),
     ]
@@ -210,7 +210,7 @@ def page(found: Identification, about: About) -> str:
 
 def rejected_page(channels: Sequence[ChannelReport], faults: Sequence[str], about: About) -> str:
     """Return the page of data from which no model can be made: channels, and a line for each reason."""
-    return _set([_data(about), _channels(channels), _rejected(faults)])
+    return _set([_data(about), _channels(channels, about.compared), _rejected(faults)])
 
 
 def title(about: About) -> str:
@@ -240,11 +240,11 @@ def _data(about: About) -> list[str]:
     return [title(about), labelled("data", about.source), *(labelled(label, text) for label, text in about.lines)]
 
 
-def _channels(channels: Sequence[ChannelReport]) -> list[str]:
+def _channels(channels: Sequence[ChannelReport], compared: ComparedBand) -> list[str]:
     """Return a line for each channel."""
     if not channels:
         return []
-    about = f"m/s^2: rms and largest excited, rms at rest; coherence: median in {band(*COMPARED_HZ)} Hz"
+    about = f"m/s^2: rms and largest excited, rms at rest; coherence: median in {band(*compared.hz)} Hz"
     rows = [["channel", "rms", "largest", "at rest", "coherence", "hum"]]
     rows += [
         [c.name, number(c.rms_m_s2), number(c.largest_m_s2), _rest(c.rest_rms_m_s2), _coherence(c.coherence), _hum(c)]
@@ -286,10 +286,10 @@ def _table(found: Identification) -> list[str]:
             f"{reach} ({LIMITS.rms:.0%} rms, {LIMITS.largest:.0%} largest, beyond the data's scatter)",
         ),
         "",
-        labelled("fit error", f"|model / FRF - 1| in %, rms and largest in {band(*COMPARED_HZ)} Hz"),
+        labelled("fit error", f"|model / FRF - 1| in %, rms and largest in {band(*found.compared.hz)} Hz"),
         *aligned(
             [
-                ["model", "poles", "zeros", "fitted (Hz)", "rms", "largest", f"rms {band(*MID_HZ)} Hz"],
+                ["model", "poles", "zeros", "fitted (Hz)", "rms", "largest", f"rms {band(*found.compared.mid_hz)} Hz"],
                 _fit("best", found.best, found.best_error),
                 _fit("paper", found.paper, found.paper_error),
             ]
@@ -342,7 +342,7 @@ def _residuals(bands: Sequence[Band]) -> list[str]:
     return [labelled("residual, best", "|model / FRF - 1| in %, and the FRF's own standard error"), *aligned(rows)]
 
 
-def _levels(levels: Sequence[LevelBand], causes: LevelCauses) -> list[str]:
+def _levels(levels: Sequence[LevelBand], causes: LevelCauses, compared: ComparedBand) -> list[str]:
     """Return the lines on the change of the table's response at low level, and its meaning."""
     if not levels:
         return []
@@ -359,12 +359,12 @@ def _levels(levels: Sequence[LevelBand], causes: LevelCauses) -> list[str]:
             ]
         )
     heading = labelled("amplitude dependence", "low level over full level, +- 2 standard errors")
-    return [heading, *aligned(rows), labelled("", _meaning(levels, causes))]
+    return [heading, *aligned(rows), labelled("", _meaning(levels, causes, compared))]
 
 
-def _meaning(levels: Sequence[LevelBand], causes: LevelCauses) -> str:
-    """Return in words the meaning of a difference between levels, judged up to 11 Hz if there are such bands."""
-    low = [level for level in levels if level.high_hz <= COMPARED_HZ[1]] or levels
+def _meaning(levels: Sequence[LevelBand], causes: LevelCauses, compared: ComparedBand) -> str:
+    """Return in words the meaning of a difference between levels, in the compared band if there are such."""
+    low = [level for level in levels if level.high_hz <= compared.high_hz] or levels
     clear = [level for level in low if abs(level.ratio - 1.0) > SIGNIFICANT * level.error]
     if not clear:
         return "no difference beyond the scatter: friction does not show at these levels"

@@ -22,7 +22,7 @@ ITEMS = {
     "kalman": "Kalman filter",
 }
 SUMS = {"total": "total", "compensated": "compensated", "left": "left"}
-LEFT_HZ = (5.0, 20.0)
+LEFT_SHARES = (0.05, 0.2)  # of the highest frequency: where the table shows what is left
 SAME_S = 1e-9
 LABEL, COLUMN, BY = 15, 8, 17
 
@@ -35,7 +35,7 @@ def latency_text(metrics: Mapping[str, ArrayLike]) -> str:
     if "latency.total_s" not in metrics or "latency.frequency_hz" not in metrics:
         return ""
     frequency = np.atleast_1d(np.asarray(metrics["latency.frequency_hz"], dtype=float))
-    shown = [int(np.abs(frequency - hz).argmin()) for hz in LEFT_HZ]
+    shown = [int(np.abs(frequency - hz).argmin()) for hz in frequency[-1] * np.array(LEFT_SHARES)]
     heads = [f"{hz:g} Hz" for hz in frequency]
     rows = [_line("", heads, "taken out by", [f"left {heads[shown[0]]}", heads[shown[1]]])]
     for name, label in ITEMS.items():

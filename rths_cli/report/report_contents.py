@@ -91,9 +91,9 @@ def comparison_text(found: Contents) -> str:
     return plain_text(list(_more(found)))
 
 
-def all_blocks(found: Contents, laid_out: bool) -> list[Block]:
-    """Return all blocks of a report; `laid_out`: for a terminal (see `blocks` of result_tables.py)."""
-    shown: list[Block] = blocks(found.inputs.results, laid_out=laid_out) if found.inputs.results else []
+def all_blocks(found: Contents, laid_out: bool, paper: bool = False) -> list[Block]:
+    """Return all blocks of a report; `laid_out`: for a terminal; `paper`: claims in any case (see `blocks`)."""
+    shown: list[Block] = blocks(found.inputs.results, laid_out=laid_out, paper=paper) if found.inputs.results else []
     return [*shown, *_more(found)]
 
 

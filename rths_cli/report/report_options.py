@@ -35,6 +35,7 @@ class Asked:
     percent: float | None  # by how much an error may exceed the baseline; None: a worse error is no failure
     keep_going: bool  # whether files that cannot be used are skipped
     junit: Path | None  # JUnit file; None: none is written
+    paper: bool = False  # whether the paper's claims are judged for cases without a reference, too
 
 
 def check_asked(asked: Asked) -> None:
@@ -82,14 +83,14 @@ def rendered(asked: Asked, found: Contents) -> str:
     if asked.table == "markdown":
         from rths_cli.report.formats.markdown import markdown
 
-        return markdown(all_blocks(found, laid_out=False))
+        return markdown(all_blocks(found, laid_out=False, paper=asked.paper))
     if asked.table == "latex":
         from rths_cli.report.formats.latex import latex
 
-        return latex(all_blocks(found, laid_out=False))
+        return latex(all_blocks(found, laid_out=False, paper=asked.paper))
     from rths_cli.report.text_layout import plain_text
 
-    return plain_text(all_blocks(found, laid_out=True))
+    return plain_text(all_blocks(found, laid_out=True, paper=asked.paper))
 
 
 BINARY = (b"\x89HDF\r\n\x1a\n", b"RTHSLOG")

@@ -130,14 +130,17 @@ def look_up(figures: Mapping[str, object], path: str, index: int | None) -> floa
 
 
 def state(result: Result | None, path: str, index: int | None = None) -> float | str:
-    """Return a metric as a number, or a word if there is none: "-", "diverged", or the status of its run."""
+    """Return a metric as a number, or a word if there is none: "-", "diverged", or the status of its run.
+
+    A value that is not finite belongs to a response that diverged, or to a storey whose motion is not known.
+    """
     if result is None:
         return "-"
     value = look_up(result.metrics, path, index)
     if value is not None and math.isfinite(value):
         return value
     if value is not None:
-        return DIVERGED
+        return DIVERGED if path.partition(".")[0] not in TABLE_RUNS else "-"
     end = run_state(result, path)
     return SHORT.get(end, end) if end != COMPLETE else "-"
 

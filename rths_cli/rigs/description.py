@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 from rths_cli.case.rig_capabilities import Capabilities, capabilities_of
 
-STANDARD_GRAVITY_M_S2 = 9.80665
 BRAKE_SHARE = 0.45  # of the acceleration limit, with which the guard brakes
 
 
@@ -77,7 +76,8 @@ class RigInfo:
     own file lets the rig move without a person's confirmation. `watchdog_s`: after so long without a command the rig
     leads its table to rest by itself (0: it has no watchdog). `overrun`: what a missed deadline does, hold, skip or
     stop. `driver_verified`: what is behind the driver, hardware, loopback or fake: an open rig's own info says it,
-    before that it is empty or what the address of a target lets expect. Empty on a virtual rig.
+    before that it is empty or what the address of a target lets expect. Empty on a virtual rig. `actuators`: number of
+    commands, all with the same gain and limits.
     """
 
     name: str
@@ -95,6 +95,7 @@ class RigInfo:
     watchdog_s: float = 0.1
     overrun: str = "skip"
     driver_verified: str = ""
+    actuators: int = 1
 
     @property
     def can(self) -> Capabilities:

@@ -17,7 +17,8 @@ from rths_cli.case.rig_schema import (
     VirtualRigSpec,
 )
 from rths_cli.errors import InputError, RigError
-from rths_cli.rigs.description import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
+from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
+from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo
 
 if TYPE_CHECKING:
     from rths_cli.case.case_schema import Case

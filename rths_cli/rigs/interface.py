@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol, cast
 
+import numpy as np
+
+from rths_cli.errors import RigError
+from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.numerics.lti import Array
-from rths_cli.rigs.description import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
+from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo
 
 if TYPE_CHECKING:
     from rths_cli.rigs.udp.link import Link
@@ -18,6 +22,7 @@ __all__ = [
     "MISSED_EDGES",
     "STANDARD_GRAVITY_M_S2",
     "Channel",
+    "Commands",
     "Converters",
     "CountingRig",
     "Limits",
@@ -25,12 +30,17 @@ __all__ = [
     "Rig",
     "RigInfo",
     "SimulatedRig",
+    "as_commands",
     "linked",
     "missed_intervals",
+    "one_actuator",
+    "only_command",
     "simulated",
 ]
 
 
+Commands = float | Array
+"""Commands in V: a number for a rig with one actuator, an array (a,) for a rig with several."""
 COMPILED_PLANT, COMPILED_LINK, MISSED_EDGES = "compiled plant", "compiled link", "missed edges"
 """What a driver's class may say in `offers` that its rigs have beside `exchange`; a class without it offers nothing."""
 
@@ -46,8 +56,8 @@ class Rig(Protocol):
     def arm(self) -> Array:
         """Enable motion and return the first samples in V, shape (n_channels,)."""
 
-    def exchange(self, command_v: float) -> Array:
-        """Send one command, wait for the next sample instant, return its samples in V, shape (n_channels,).
+    def exchange(self, command_v: Commands) -> Array:
+        """Send the commands, wait for the next sample instant, return its samples in V, shape (n_channels,).
 
         Samples are as the converter gives them: the loop takes zero offsets and signs out. The array belongs to the
         rig and is overwritten by the next call. Raises RigError on a fault of the rig.
@@ -98,6 +108,25 @@ class CountingRig(Rig, Protocol):
     """A rig on a sample clock of its own that counts the edges which passed unseen since it was armed."""
 
     missed: int
+
+
+def as_commands(command_v: Array) -> Commands:
+    """Return commands (a,) in V as `exchange` takes them, in an array that is the rig's to keep."""
+    return float(command_v[0]) if command_v.size == 1 else command_v.copy()
+
+
+def one_actuator(info: RigInfo) -> None:
+    """Raise RigError for a description with several actuators, of a kind of rig that has one."""
+    if info.actuators != 1:
+        raise RigError(f"rig {info.name}: {info.actuators} actuators, but a rig of kind {info.kind} has one")
+
+
+def only_command(info: RigInfo, command_v: Commands) -> float:
+    """Return the command in V of a rig with one actuator; raises RigError for several commands."""
+    given = np.ravel(command_v)
+    if given.size != 1:
+        raise RigError(f"rig {info.name}: {given.size} commands for one actuator")
+    return float(given[0])
 
 
 def simulated(rig: Rig) -> SimulatedRig | None:

@@ -16,7 +16,7 @@ import numpy as np
 from rths_cli.case.plugin_rig_names import GROUP, plugin_kinds
 from rths_cli.errors import InputError, RigError, RthsError
 from rths_cli.numerics.lti import Array
-from rths_cli.rigs.interface import Rig, RigInfo
+from rths_cli.rigs.interface import Commands, Rig, RigInfo
 
 METHODS = ("open", "arm", "exchange", "rest", "close")
 DRIVERS = ("hardware", "loopback", "fake")  # what may be behind a driver
@@ -67,8 +67,8 @@ class PluginRig:
         """Enable motion and return the first samples in V, (n_channels,); raises RigError."""
         return self._kept("arm", self._call("arm", self._rig.arm))
 
-    def exchange(self, command_v: float) -> Array:
-        """Send one command, return the samples of the next instant in V, (n_channels,); raises RigError."""
+    def exchange(self, command_v: Commands) -> Array:
+        """Send the commands, return the samples of the next instant in V, (n_channels,); raises RigError."""
         return self._kept("exchange", self._call("exchange", self._rig.exchange, command_v))
 
     def rest(self) -> None:
@@ -79,7 +79,7 @@ class PluginRig:
         """Let go of the rig; raises RigError."""
         self._call("close", self._rig.close)
 
-    def _call(self, what: str, method: Callable[..., Any], *values: float) -> Any:
+    def _call(self, what: str, method: Callable[..., Any], *values: Commands) -> Any:
         try:
             return method(*values)
         except RthsError:

@@ -4,11 +4,19 @@ Storeys count from 1 at the ground. Numerical floors are described by displaceme
 experimental floors by displacements relative to the table (the interface floor): the paper's Eq. 2.3 and 2.5.
 """
 
-from rths_cli.structure.building import DampingSpec, ExperimentalSpec, NumericalSpec, StructureSpec, build
+from rths_cli.structure.building import (
+    DampingSpec,
+    ExperimentalSpec,
+    NumericalSpec,
+    StructureSpec,
+    build,
+    stiffness_sets,
+)
 from rths_cli.structure.shear_chain import (
     above_rounding,
     first_mode_ratio,
     modal_damping_matrix,
+    mode_shapes,
     modes,
     storey_matrix,
     storey_values,
@@ -29,8 +37,10 @@ __all__ = [
     "build",
     "first_mode_ratio",
     "modal_damping_matrix",
+    "mode_shapes",
     "modes",
     "stiffness_from_frequencies",
+    "stiffness_sets",
     "storey_matrix",
     "storey_values",
 ]

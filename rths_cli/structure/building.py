@@ -86,7 +86,9 @@ def build(spec: StructureSpec, damping: DampingSpec) -> Building:
     assert dashpots is not None  # _check
     numerical = replace(numerical, C=storey_matrix(dashpots))
     _check_rates("damping", "dashpots_n_s_per_m", numerical.masses_kg, numerical.C, 1.0)
-    return Building(numerical, specimen, interface_mass, *assemble(numerical, specimen, interface_mass), notes)
+    stated = getattr(spec, "heights_m", None)  # no one needs to know the heights
+    heights = None if stated is None else np.asarray(stated, dtype=float)
+    return Building(numerical, specimen, interface_mass, *assemble(numerical, specimen, interface_mass), notes, heights)
 
 
 def _check(spec: StructureSpec, damping: DampingSpec) -> None:
@@ -139,7 +141,7 @@ def _build_specimen(spec: ExperimentalSpec) -> tuple[Specimen, tuple[str, ...]]:
     masses, stiffness = np.asarray(spec.masses_kg, dtype=float), spec.stiffness_n_per_m
     notes: tuple[str, ...] = ()
     if spec.natural_frequencies_hz is not None:
-        solutions = _solutions(tuple(spec.masses_kg), tuple(spec.natural_frequencies_hz))
+        solutions = stiffness_sets(tuple(spec.masses_kg), tuple(spec.natural_frequencies_hz))
         stiffness, notes = solutions[0].tolist(), _notes_on(solutions)
     assert stiffness is not None  # _check
     K = storey_matrix(stiffness)
@@ -153,8 +155,8 @@ def _build_specimen(spec: ExperimentalSpec) -> tuple[Specimen, tuple[str, ...]]:
 
 
 @lru_cache(maxsize=100)
-def _solutions(masses_kg: tuple[float, ...], frequencies_hz: tuple[float, ...]) -> Array:
-    """Find the stiffness sets of a specimen once: the cases of one command share it."""
+def stiffness_sets(masses_kg: tuple[float, ...], frequencies_hz: tuple[float, ...]) -> Array:
+    """Return every set of storey stiffnesses in N/m (n_sets, n) of a specimen, found once: the first one is used."""
     return stiffness_from_frequencies(masses_kg, frequencies_hz)
 
 

@@ -33,6 +33,16 @@ def above_rounding(eigenvalues: Array) -> Array:
     return np.maximum(eigenvalues, ROUNDING * eigenvalues[-1])
 
 
+def mode_shapes(M: Array, K: Array) -> tuple[Array, Array]:
+    """Return the undamped natural frequencies (n,) in Hz, ascending, and the mode shapes (n, n), a column for each.
+
+    K phi = w^2 M phi with a diagonal M (n, n) in kg and K (n, n) in N/m; phi^T M phi = 1.
+    """
+    root = np.sqrt(np.diag(M))
+    eigenvalues, shapes = np.linalg.eigh(K / np.outer(root, root))
+    return np.sqrt(above_rounding(eigenvalues)) / (2.0 * np.pi), shapes / root[:, None]
+
+
 def modal_damping_matrix(masses_kg: Array, K: Array, ratios: Sequence[float] | Array) -> Array:
     """Return C = M Phi diag(2 zeta w) Phi^T M in N s/m, (n, n), with mass-normalised mode shapes Phi.
 

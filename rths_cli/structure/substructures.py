@@ -39,7 +39,8 @@ class Building:
     """A shear building of p numerical and n experimental storeys, coupled by the force f of Eq. 2.6.
 
     `M`, `C`, `K` (p + n, p + n) describe the total structure in displacements relative to the ground;
-    `notes` are sentences for the user (for instance the stiffness solutions not taken).
+    `notes` are sentences for the user (for instance the stiffness solutions not taken); `heights_m` (p + n,) are the
+    storeys' heights where they are known.
     """
 
     numerical: Numerical
@@ -49,6 +50,17 @@ class Building:
     C: Array
     K: Array
     notes: tuple[str, ...] = ()
+    heights_m: Array | None = None
+
+    @property
+    def linear(self) -> bool:
+        """Return whether M, C and K describe it at all times. References are chosen by such properties."""
+        return True
+
+    @property
+    def storeys(self) -> int:
+        """Return the number of all storeys."""
+        return len(self.numerical.masses_kg) + len(self.specimen.masses_kg)
 
 
 def assemble(numerical: Numerical, specimen: Specimen, interface_mass_kg: float) -> tuple[Array, Array, Array]:

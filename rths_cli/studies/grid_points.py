@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+from rths_cli.case.keys_without_effect import without_effect
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
 from rths_cli.studies.sweep_grid import Grid, read_grid
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from rths_cli.experiment.setup import Progress, Setup
     from rths_cli.studies.sweep_runs import Keys, Shared
 
+SWEPT_RUNS = ("exp_rths",)
 LISTED = 20  # faults shown of a grid, the rest counted
 FAULTY = 1000  # grid points at fault after which the others are not read
 
@@ -53,11 +55,16 @@ def check_points(asked: Asked, shared: Shared, progress: Progress) -> Points:
     stages: list[Keys] = []
     digest, storeys = hashlib.sha256(), 0
     first: Setup | None = None
+    unread: dict[str, str] | None = None
     for setup in _setups(asked, grid, shared, progress):
         stages.append(shared.keys(setup))
         digest.update(repr((stages[-1].content, setup.record_sha256, sorted(setup.case.accept.items()))).encode())
+        unread = _still_unread(unread, setup.case, grid)
         storeys, first = max(storeys, setup.case.n_storeys), first or setup
     assert first is not None  # a grid has a point
+    if unread:
+        changes = "changes nothing in a sweep"
+        raise InputError(*(f"--vary {key}: {changes}, {why}; vary what does" for key, why in unread.items()))
     if asked.seeds is None:
         grid = replace(grid, seeds=range(first.case.seed, first.case.seed + 1))
     digest.update(repr((grid, first.overrides)).encode())
@@ -78,6 +85,12 @@ def _setups(asked: Asked, grid: Grid, shared: Shared, progress: Progress) -> Ite
                 break
     if faults:
         raise InputError(*_told(faults, grid))
+
+
+def _still_unread(before: dict[str, str] | None, case: Case, grid: Grid) -> dict[str, str]:
+    """Return the varied keys that neither this point nor those before it read, with the reason."""
+    found = without_effect(case, (axis.key for axis in grid.axes), SWEPT_RUNS)
+    return found if before is None else {key: why for key, why in found.items() if key in before}
 
 
 def _base(asked: Asked, shared: Shared, first: Setup) -> Setup:

@@ -29,6 +29,7 @@ NOT_VARIED = {
     "name": "changes no figure; vary what does",
     "notes": "changes no figure; vary what does",
     "accept": "changes no figure; give one limit with --set",
+    "grade_limits": "changes no figure; vary what does",
     "reference": "changes no figure; vary what does",
     "runs": "changes nothing, a sweep runs EXP-RTHS alone; vary what does",
 }
@@ -128,6 +129,8 @@ def _axis(text: str, faults: list[str]) -> Axis | None:
     label = f"--vary {printable(key)[:80]}"
     fault = _key_fault(key, bool(sign))
     values: tuple[Any, ...] = ()
+    if not fault and re.fullmatch(rf"{NUMBER}:{NUMBER}", listed):
+        fault = f"a range is LOW:HIGH:COUNT, for example {listed}:5"
     if not fault:
         span = RANGE.fullmatch(listed)
         values, fault = _spaced(span) if span else _listed(listed, label)

@@ -19,7 +19,7 @@ from rths_cli.experiment.provenance import model_sha256
 from rths_cli.experiment.run_case import acceptance, sim_of
 from rths_cli.experiment.setup import building_key, make_setup, motion_key
 from rths_cli.experiment.table_runs_of_case import why_none, why_unsafe
-from rths_cli.loop.run_log import Log, empty_log
+from rths_cli.loop.run_log import Log, Sizes, empty_log
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.studies.sweep_table import Column, Row, flat
 
@@ -164,13 +164,13 @@ def _played(plan: RunPlan, sim: Response, seed: int) -> tuple[Stop | None, Value
     run = run_of(outcome, setup, plan.kind, design.blocks.lead_samples, plan.expected, only_accelerations=True)
     if run.stopped is not None:
         return run.stopped, {}
-    room = _room(2 + 2 * len(sim.abs_accel_m_s2), sim.abs_accel_m_s2.shape[1], setup.rig.dt_s)
+    room = _room(2 + 2 * len(sim.abs_accel_m_s2), sim.abs_accel_m_s2.shape[1])
     return None, errors_of(run, setup, sim, room)
 
 
-def _room(pairs: int, samples: int, dt_s: float) -> Array:
+def _room(pairs: int, samples: int) -> Array:
     """Return this thread's memory for the errors of a run: the next run of the same size uses it again."""
-    asked = (pairs, samples, dt_s)
+    asked = (pairs, samples)
     if getattr(_THREAD, "asked", None) != asked:
         _THREAD.asked, _THREAD.room = asked, room_for_pairs(*asked)
     room: Array = _THREAD.room
@@ -181,7 +181,7 @@ def _log(plan: RunPlan) -> Log:
     """Return this thread's log, lean where every storey is measured: the next run of the same size uses it again."""
     channels, estimates = len(plan.setup.rig.channels), len(plan.design.blocks.estimator.C)
     lean = len(plan.setup.building.numerical.masses_kg) == 1
-    asked = (len(plan.drive), channels, estimates, lean, channels)
+    asked = (len(plan.drive), Sizes(channels, estimates), lean, channels)
     if getattr(_THREAD, "logged", None) != asked:
         _THREAD.logged, _THREAD.log = asked, empty_log(*asked)
     log: Log = _THREAD.log

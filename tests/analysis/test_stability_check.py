@@ -361,7 +361,7 @@ def test_motion_above_the_lines_is_not_taken_for_none() -> None:
         assert bool(sentences) == said
         found = judge(CRITICAL, STABLE, tuple(rows.values()), 0.3, None, sentences)
         assert found.verdict == (UNSAFE if said else SAFE)
-    assert "50% of the interface floor's peak acceleration lies above 40 Hz" in sentences[0]
+    assert "50% of the interface floor's peak acceleration lies above 40 Hz" in sentences[0].text
 
 
 def test_a_measured_response_that_may_go_round_the_point_otherwise_is_unsafe() -> None:
@@ -393,7 +393,7 @@ def test_a_loop_must_tolerate_a_lost_and_a_late_sample_where_none_is_bridged() -
     late = replace(STABLE, measured=replace(STABLE.measured, delay_margin_s=3e-3))
     assert faults_of_loop(late, least_delay_s=1e-3) == []
     (reason,) = faults_of_loop(late, least_delay_s=4e-3)
-    assert reason.startswith("3 ms of further delay make the loop unstable, it must stand 4 ms")
+    assert reason.text.startswith("3 ms of further delay make the loop unstable, it must stand 4 ms")
 
 
 def test_a_test_starts_at_rest_whatever_a_leak_keeps_of_the_record_before() -> None:

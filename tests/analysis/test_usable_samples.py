@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rths_cli.analysis.error_budget import (
-    FADE_S,
-    MARGIN_S,
+    FADE_PERIODS,
+    MARGIN_PERIODS,
     at_full_rate,
     bursts,
     inside,
@@ -60,8 +60,8 @@ def test_a_burst_is_what_stands_near_a_gap_beyond_a_straight_line() -> None:
 
 def test_the_record_fades_out_before_its_end() -> None:
     weight, time_s = inside(LINES), LINES.reduced_dt_s * np.arange(inside(LINES).size)
-    assert weight[time_s < 8.0 - MARGIN_S - FADE_S].min() == 1.0
-    assert weight[time_s > 8.0 - MARGIN_S].max() == 0.0
+    assert weight[time_s < 8.0 - (MARGIN_PERIODS + FADE_PERIODS) / LINES.highest_hz].min() == 1.0
+    assert weight[time_s > 8.0 - MARGIN_PERIODS / LINES.highest_hz].max() == 0.0
     found = at_full_rate(LINES, weighted_in_time(LINES, LINES.of(hump(3.0)), weight))
     assert found[2000] == pytest.approx(hump(3.0)[2000], abs=1e-6)
     assert np.abs(found[-20:]).max() < 1e-3

@@ -81,7 +81,7 @@ def test_every_fault_of_every_file_comes_at_once_with_its_place(write) -> None:
         ("kalman: 5", "6:9: kalman: must be a mapping, got 5"),
         ("runs: [sim, simm]", "6:13: runs[2]: must be sim, sim_delay, shake_table or exp_rths, got 'simm'"),
         ("runs: [sim-delay, sim_delay]", "6:7: runs: names a run twice; keep one of each"),
-        ("runs: []", "6:7: runs: must be a list of at least 1 entries, got a list"),
+        ("runs: []", "6:7: runs: is empty; put at least one entry into the list"),
         ("delay_s: 0.2", "6:10: delay_s: must be >= 0 and <= 0.1, got 0.2"),
         ("limits:\n  stroke_m: 0.08", "7:13: limits.stroke_m: must be <= the rig's 0.079, got 0.08; a case may"),
         ("accept:\n  exp_rths.x[4]: 1", "7:18: accept.exp_rths.x[4]: storey must be <= 3, the structure's"),

@@ -86,3 +86,17 @@ def test_a_signal_ends_the_batch_with_its_code_and_whole_files(tmp_path: Path, n
     assert list(tmp_path.glob("results/.*")) == []
     for path in tmp_path.glob("results/*.h5"):
         assert read_result(path).attributes["status"] == "complete"
+
+
+def test_a_run_prints_as_much_as_is_asked_for(tmp_path: Path) -> None:
+    """A case with a reference has its tables, an own one the answer alone; --full has all, --quiet a line."""
+    (tmp_path / "own.yaml").write_text(CASE.format(scaling=0.3, runs="[sim, sim_delay, exp_rths]"))
+    answer = rths("run", "own.yaml", cwd=tmp_path)
+    assert answer.returncode == 0 and len(answer.stdout.splitlines()) + len(answer.stderr.splitlines()) <= 25
+    assert "GOOD" in answer.stdout and "claims" not in answer.stdout
+    full = rths("run", "own.yaml", "--full", cwd=tmp_path)
+    assert full.stdout.endswith(answer.stdout) and "Error by cause" in full.stdout
+    quiet = rths("run", "own.yaml", "--quiet", cwd=tmp_path)
+    assert quiet.stdout.count("\n") == 1 and quiet.stdout.startswith("own: good, error ") and quiet.stderr == ""
+    silent = rths("run", "own.yaml", "--quiet", "--quiet", cwd=tmp_path)
+    assert silent.stdout == silent.stderr == ""

@@ -86,6 +86,15 @@ def test_names_of_cases_complete(command: str, tmp_path: Path, monkeypatch: pyte
     assert complete(command, "configs/h") == ["file,configs/h"]
 
 
+def test_names_of_structures_records_and_rigs_complete(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "three_own.yaml").write_text("extends: three_storey\nheights_m: [1, 1, 1]\n")
+    assert complete("structure", "three_") == ["plain,three_own", "plain,three_storey", "plain,three_storey_bare"]
+    assert complete("records", "el_") == ["plain,el_centro"] and complete("serve", "aps") == ["plain,aps400_virtual"]
+    assert complete("doctor", "--rig", "udp_l") == ["plain,udp_loopback"]
+    assert complete("list", "re") == ["plain,records", "plain,references"]
+
+
 def test_commands_and_options_complete() -> None:
     assert complete("ex") == ["plain,export"]
     assert complete("export", "--to", "n") == ["plain,netcdf"]

@@ -12,7 +12,7 @@ from campaigns.valid_files import SHORT_RECORD
 
 from rths_cli.cli import cli
 
-QUICK = ("check", "records", "new", "schema")
+QUICK = ("check", "records", "new", "schema", "list", "structure")
 VALUES = ("", "nan", "\x1b[2Jred", "circle")  # of each option
 KEYS = 6  # of a case, with one value each
 

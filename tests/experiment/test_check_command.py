@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import h5py
 import numpy as np
 import pytest
+from watched_references import watch_references
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError, RigError
@@ -252,10 +253,10 @@ def test_a_building_as_identified_without_a_sim_is_unsafe_and_no_fault_of_the_ca
 ) -> None:
     """As a fit leaves it that went astray; the case's own building was solved before."""
 
-    def unsolved(*_: object) -> None:
+    def unsolved(_: object) -> None:
         raise InputError("SIM: its storeys are too unlike")
 
-    monkeypatch.setattr(check, "simulate", unsolved)
+    watch_references(monkeypatch, check, unsolved)
     verdict = check_command.verdict_on(default_setup, Known(default_identification, "made up"))
     assert (verdict.verdict, verdict.figures) == ("unsafe", {})
     assert verdict.reasons == ("the building as identified: SIM: its storeys are too unlike",)

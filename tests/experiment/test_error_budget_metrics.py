@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rths_cli.analysis.error_budget import CAUSES, CUT_S, Signals, fitted_factors, friction_in_samples, split
+from rths_cli.analysis.error_budget import CAUSES, CUT_PERIODS, Signals, fitted_factors, friction_in_samples, split
 from rths_cli.analysis.metrics import test_band as band_of
 from rths_cli.analysis.predicted_error import friction_samples
 from rths_cli.analysis.sim import simulate
@@ -81,7 +81,7 @@ def test_tracking_is_the_measured_one_and_its_parts_add_up(memory: Memory) -> No
     below = np.zeros((0, series.desired.shape[1]))  # the table is the lowest floor
     signals = Signals(series.desired, series.measured, series.command_v, below, sim.abs_accel_m_s2)
     found = split(known, signals)
-    error = band_of(series.desired[0] - series.measured[0], dt)[: -round(CUT_S / dt)]
+    error = band_of(series.desired[0] - series.measured[0], dt)[: -round(CUT_PERIODS / 40.0 / dt)]
     assert found.measured.tracking == pytest.approx(np.sqrt(np.mean(error**2)), rel=1e-2)
     assert found.unexplained.tracking < 1e-5 * found.measured.tracking
     velocity = series.desired[1]

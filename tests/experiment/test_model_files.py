@@ -333,6 +333,7 @@ def test_fresh_excites_and_keeps_what_it_found(cache_folder: Path, default_setup
         "structure.experimental.damping_ratios=[0.043, 0.04]",
         "structure.interface_experimental_mass_kg=0.5",
         "sample_rate_hz=4000",
+        "test_band_hz=13",
     ],
 )
 def test_whatever_the_model_depends_on_misses_the_cache(cache_folder: Path, default_setup: Setup, setting: str) -> None:

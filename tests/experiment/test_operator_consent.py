@@ -13,7 +13,9 @@ from rths_cli.errors import InputError
 from rths_cli.experiment import operator_consent
 from rths_cli.experiment.operator_consent import ask_to_move
 from rths_cli.experiment.real_rig_readiness import AtRest, channel_faults
-from rths_cli.rigs.description import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
+from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
+from rths_cli.quantities import Interval
+from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo
 
 
 def rig_info() -> RigInfo:
@@ -70,6 +72,9 @@ def test_a_person_sees_the_peaks_that_a_check_predicts() -> None:
     person = Person(True)
     ask_to_move(setups(), False, person, lambda setup: figures)
     assert "; predicted peaks of the table 12.3 mm, 0.25 m/s, 6.5 m/s^2, 81.2 N\n" in person.shown
+    figures["check.peak_velocity_m_s"] = Interval(0.25, 0.2, 0.31, 0.9)
+    ask_to_move(setups(), False, person, lambda setup: figures)
+    assert "; predicted peaks of the table 12.3 mm, 0.31 m/s, 6.5 m/s^2, 81.2 N\n" in person.shown  # the largest
 
 
 @pytest.mark.usefixtures("terminal")

@@ -15,11 +15,14 @@ import h5py
 import numpy as np
 import pytest
 from declared_contents import declaration_faults
+from python_models import Inverse
 from serving_bench import Running
 
 from rths_cli.case import plugin_rig_names
 from rths_cli.case.load import load_cases
-from rths_cli.experiment import real_rig_readiness
+from rths_cli.control.part_designs import Logged
+from rths_cli.control.python_parts import PythonFeedforward
+from rths_cli.experiment import real_rig_readiness, table_runs_on_real_rig
 from rths_cli.experiment.identify_on_rig import identify
 from rths_cli.experiment.model_choice import Known, Memory
 from rths_cli.experiment.model_files import key
@@ -30,10 +33,11 @@ from rths_cli.experiment.run_case import Ended, run_case
 from rths_cli.experiment.serve_command import describe
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.experiment.table_runs_on_real_rig import RealStage
-from rths_cli.files.raw_log import RawLogWriter
+from rths_cli.files.raw_log import RawHeader, RawLogWriter
 from rths_cli.files.result_reader import read_result, read_series
 from rths_cli.loop.live_view import View
 from rths_cli.loop.realtime_run import RAMP_UP_S
+from rths_cli.numerics.lti import Block
 from rths_cli.quantities import ATTRIBUTES, DATASETS
 from rths_cli.quantities.attributes import LINKED, REAL
 from rths_cli.rigs.udp.key_file import make_secret
@@ -158,6 +162,28 @@ def test_a_result_says_what_was_behind_the_rig_that_ran(
         ran(tried, tmp_path / f"{name}.h5")
     verified = {path.stem: read_result(path).attributes["driver_verified"] for path in tmp_path.glob("*.h5")}
     assert verified == {"udp": "loopback", "plugged": "fake"}
+
+
+def test_a_raw_log_names_what_parts_of_ones_own_log(
+    bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without it a run that is recovered would hold numbers that nobody can name."""
+    headers: list[RawHeader] = []
+
+    def kept(path: Path, header: RawHeader) -> RawLogWriter:
+        headers.append(header)
+        return RawLogWriter(path, header)
+
+    class Logging(Inverse):
+        logged = np.array([3.0])
+
+    def own(designed: Block) -> PythonFeedforward:
+        return PythonFeedforward("inverse", lambda: Logging(designed), designed, (Logged("gain", "m/V"),))
+
+    monkeypatch.setattr(table_runs_on_real_rig, "RawLogWriter", kept)
+    ran(replace(bench, setup=replace(bench.setup, parts={"feedforward": own})), tmp_path / "a.h5")
+    (header,) = headers
+    assert header.logs == (("gain", "m/V", False),) and header.names.count("logged_0") == 1
 
 
 def test_a_log_that_cannot_be_written_any_more_stops_the_test_and_nothing_is_lost(

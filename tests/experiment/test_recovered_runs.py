@@ -10,8 +10,11 @@ import h5py
 import numpy as np
 import pytest
 from declared_contents import declaration_faults
+from python_models import Inverse, Storeys
 
 from rths_cli.case.load import load_cases, resolved_yaml
+from rths_cli.control.part_designs import Logged, OwnParts
+from rths_cli.control.python_parts import PythonFeedforward, PythonSubstructure
 from rths_cli.errors import InputError
 from rths_cli.experiment.check_command import verdict_on
 from rths_cli.experiment.model_choice import Memory
@@ -22,6 +25,7 @@ from rths_cli.experiment.setup import make_setup
 from rths_cli.files.raw_log import RawHeader, RawLogWriter, raw_log_path
 from rths_cli.files.result_reader import ResultWriter, read_result
 from rths_cli.loop.run_log import Signals
+from rths_cli.numerics.lti import Block
 
 CASE = "structure: three_storey\ndamping: low\nrecord: ./short.csv\nscaling: 0.3\ncontroller: FF+FB\n"
 IDENTIFIED = "\nidentification:\n  model: /gone/model.h5\n"
@@ -45,6 +49,7 @@ def named(log: Signals) -> dict[str, np.ndarray]:
         **dict(zip(desired, log.desired, strict=True)),
         **{f"corrected_{i}": row for i, row in enumerate(log.corrected)},
         **{f"estimated_{i}": row for i, row in enumerate(log.estimated)},
+        **{f"logged_{i}": row for i, row in enumerate(log.logged)},
         "base_shear_n": log.base_shear_n,
         "compute_ns": log.compute_ns,
         "sample_v_0": log.command_v,
@@ -55,12 +60,16 @@ def named(log: Signals) -> dict[str, np.ndarray]:
 
 @pytest.fixture(scope="module")
 def played(tmp_path_factory: pytest.TempPathFactory, memory: Memory) -> Played:
-    folder = tmp_path_factory.mktemp("played")
+    return played_in(tmp_path_factory.mktemp("played"), memory)
+
+
+def played_in(folder: Path, memory: Memory, parts: OwnParts | None = None) -> Played:
+    """Run the case to its end, with parts of one's own, and keep what the raw logs would hold."""
     time_s = np.arange(0.0, 4.5, 0.01)
     accel = 1.5 * np.sin(4 * np.pi * time_s) * np.sin(np.pi * time_s / 4.5) ** 2
     (folder / "short.csv").write_text("# dt: 0.01 s\n# units: m/s^2\n" + "\n".join(f"{a:.6f}" for a in accel))
     (folder / "a.yaml").write_text(CASE)
-    setup = make_setup(load_cases([folder / "a.yaml"], ["runs=[shake_table, exp_rths]"])[0], ("check",))
+    setup = make_setup(load_cases([folder / "a.yaml"], ["runs=[shake_table, exp_rths]"])[0], ("check",), parts=parts)
     known = memory.known(setup, lambda _: None)
     checked = verdict_on(setup, known)
     assert checked.design is not None
@@ -84,6 +93,7 @@ def played(tmp_path_factory: pytest.TempPathFactory, memory: Memory) -> Played:
             setup.case.yaml_text,
             resolved_yaml(setup.case),
             attributes,
+            logs=tuple((one.name, one.units, one.ahead) for one in checked.design.blocks.logs),
         )
         logs[kind.name] = (header, np.array(list(columns.values())))
     return Played(folder, result, logs)
@@ -333,3 +343,51 @@ def test_a_run_under_way_is_not_recovered(played: Played, tmp_path: Path) -> Non
             writer.finish("complete")
         log.remove()
     assert not log.path.exists()
+
+
+def storeys(designed: Block) -> PythonSubstructure:
+    """Return the designed storeys in numpy, with a displacement that they log."""
+    return PythonSubstructure("storeys", lambda: Storeys(designed), designed, (Logged("storey_1_rel_disp", "m"),))
+
+
+def feedforward(designed: Block) -> PythonFeedforward:
+    """Return the designed inverse in numpy, with a number that it logs."""
+
+    class Logging(Inverse):
+        logged = np.array([3.0])
+
+    return PythonFeedforward("inverse", lambda: Logging(designed), designed, (Logged("gain", "m/V"),))
+
+
+def test_what_parts_of_ones_own_log_is_recovered(tmp_path: Path, memory: Memory) -> None:
+    """With names and units, each on its own clock; a log that names nothing numbers its columns."""
+    (tmp_path / "whole").mkdir()
+    parts = {"numerical": storeys, "feedforward": feedforward}
+    whole = played_in(tmp_path / "whole", memory, parts)
+    for case, names in (("named", None), ("unnamed", "logged_0 (1)\nlogged_1 (1)")):
+        folder = tmp_path / case
+        folder.mkdir()
+        begun(whole, folder / "a.h5")
+        header = whole.logs["exp_rths"][0]
+        log = left(whole, folder, "exp_rths", 5000, header if names is None else replace(header, logs=()))
+        (found,) = recover([log])
+        expected, got = series(whole.result, "exp_rths"), series(folder / "a.h5", "exp_rths")
+        count = got["part_values"].shape[1]
+        assert count == 5000 - header.lead_samples and found.samples == 5000
+        text = got["part_value_names"].decode()
+        assert text == (names or "storey_1_rel_disp (m)\ngain (m/V)")
+        if names is None:
+            assert expected["part_value_names"].decode() == text
+            np.testing.assert_array_equal(got["part_values"], expected["part_values"][:, :count])
+            assert np.isfinite(got["rel_disp_m"]).all()  # the interface is the only computed storey
+            assert np.ptp(got["part_values"][0]) > 1e-6 and (got["part_values"][1] == 3.0).all()
+
+
+def test_a_whole_run_of_storeys_of_ones_own_gets_no_figures(tmp_path: Path, memory: Memory) -> None:
+    """SIM is that of a building that only the caller's program knows; other parts leave it the case's."""
+    for name, parts, known in (("own", {"numerical": storeys}, False), ("other", {"feedforward": feedforward}, True)):
+        (tmp_path / name / "whole").mkdir(parents=True)
+        whole = played_in(tmp_path / name / "whole", memory, parts)
+        begun(whole, tmp_path / name / "a.h5")
+        recover([left(whole, tmp_path / name, "exp_rths", whole.logs["exp_rths"][0].steps)])
+        assert ("exp_rths.rms_error_m_s2" in read_result(tmp_path / name / "a.h5").metrics) == known

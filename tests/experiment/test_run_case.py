@@ -194,8 +194,11 @@ def test_the_figures_known_beforehand_are_those_a_run_has(whole: Path) -> None:
     known = metrics_of(*runs)
     real_rigs = ("_steps", ".longest_gap_s")
     computed = {path for path in known if not path.endswith(real_rigs)}
-    assert set(written) <= computed and {p for p in computed - set(written) if "_lost_" not in p} == {
-        "sim_delay.diverged_at_s"
+    missing = {path for path in computed - set(written) if "_lost_" not in path}
+    assert set(written) <= computed
+    assert missing == {
+        "sim_delay.diverged_at_s",
+        *(f"{run}.peak_drift_ratio" for run in ("sim", "sim_delay", "exp_rths")),
     }
     assert all((known[path].over != "") == several for path, several in written.items())
 
@@ -265,3 +268,47 @@ def test_after_the_record_the_ground_goes_on_as_one_motion() -> None:
     later = dt_s * np.arange(200 + lead)
     wanted = [np.full(200 + lead, accel), 0.4 + accel * later, 0.01 + 0.4 * later + 0.5 * accel * later**2]
     assert found == pytest.approx(np.column_stack(wanted), rel=1e-12)
+
+
+def test_the_structural_response_is_that_of_the_series_in_the_file(whole: Path) -> None:
+    """Written once more with loops over storeys: peaks of drifts and shears, and errors in percent."""
+    masses = np.array([6.93, 6.91, 6.95])
+    values = read_result(whole).metrics
+    with h5py.File(whole) as file:
+        reference = file["sim/abs_accel_m_s2"][()]
+        for run in ("sim", "sim_delay", "exp_rths"):
+            disp, accel = file[f"{run}/rel_disp_m"][()], file[f"{run}/abs_accel_m_s2"][()]
+            for i in range(3):
+                drift = disp[i] - (disp[i - 1] if i else 0.0)
+                shear = -sum(masses[j] * accel[j] for j in range(i, 3))
+                found = [values[f"{run}.peak_{name}"][i] for name in PEAKS]
+                series = (accel[i], disp[i], drift, shear)
+                assert_allclose(found, [np.abs(one).max() for one in series], rtol=1e-12)
+            assert values[f"{run}.peak_building_base_shear_n"] == values[f"{run}.peak_storey_shear_n"][0]
+            weight = 9.80665 * masses.sum()
+            assert_allclose(
+                values[f"{run}.building_base_shear_ratio"],
+                values[f"{run}.peak_building_base_shear_n"] / weight,
+                rtol=1e-12,
+            )
+            if run != "sim":
+                errors = error_figures(reference, np.zeros_like(reference), 1 / 2000.0, values[f"{run}.high_pass_hz"])
+                percent = 100.0 * values[f"{run}.rms_error_m_s2"] / errors.rms
+                assert_allclose(values[f"{run}.nrmse_percent"], percent, rtol=1e-9)
+                largest = 100.0 * values[f"{run}.max_error_m_s2_full"] / errors.maximum_full
+                assert_allclose(values[f"{run}.peak_error_percent_full"], largest, rtol=1e-9)
+    assert values["sim_delay.psi"] == pytest.approx(np.log10(1e3 * values["sim_delay.critical_delay_s"]))
+    assert 0.01 < values["exp_rths.nrmse_percent"].max() < 2.0
+
+
+PEAKS = ("abs_accel_m_s2", "rel_disp_m", "inter_storey_drift_m", "storey_shear_n")
+
+
+def test_heights_give_drift_ratios_and_must_be_of_every_storey(tmp_path: Path, memory: Memory) -> None:
+    ended = run(tmp_path / "one.h5", memory, "structure.heights_m=[3.0, 2.5, 2.0]", "runs=[sim]")
+    values = read_result(tmp_path / "one.h5").metrics
+    assert ended.exit_code == 0
+    drift = values["sim.peak_inter_storey_drift_m"]
+    assert_allclose(values["sim.peak_drift_ratio"], drift / np.array([3.0, 2.5, 2.0]), rtol=1e-12)
+    with pytest.raises(InputError, match=r"heights_m: must have one entry per storey, 3 in all"):
+        load_cases([CASE], ("structure.heights_m=[3.0, 2.5]",))

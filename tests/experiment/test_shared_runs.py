@@ -9,6 +9,7 @@ from typing import Any
 import h5py
 import numpy as np
 import pytest
+from watched_references import watch_references
 
 from rths_cli.case.load import load_cases
 from rths_cli.experiment import check, feedback_choice, loop_stability_of_case, run_case, run_command
@@ -74,13 +75,9 @@ def test_what_two_cases_have_in_common_is_made_once(
         function = getattr(module, name)
         monkeypatch.setattr(module, name, lambda *a, **k: (made.append(name), function(*a, **k))[1])
 
-    for module, name in (
-        (run_case, "simulate"),
-        (run_case, "simulate_delayed"),
-        (check, "simulate"),
-        (loop_stability_of_case.preflight, "stability"),
-    ):
-        count(module, name)
+    watch_references(monkeypatch, run_case, made.append)
+    watch_references(monkeypatch, check, made.append)
+    count(loop_stability_of_case.preflight, "stability")
     count(feedback_choice.feedback, "design")
     shared = SharedValues()
     for number, seed in enumerate(("seed=0", "seed=1")):

@@ -17,7 +17,7 @@ import xarray
 
 from rths_cli.errors import InputError
 from rths_cli.files.result_reader import ResultWriter, check_writable, read_dataset, read_result, read_series
-from rths_cli.quantities import DATASETS
+from rths_cli.quantities import DATASETS, Interval
 from rths_cli.quantities.datasets import BEST
 
 ATTRIBUTES = {
@@ -95,6 +95,63 @@ def test_what_is_written_is_read_back(written):
         "true",
         ("time_s",),
     )
+
+
+def with_intervals(path):
+    with ResultWriter(path, ATTRIBUTES) as writer:
+        writer.metrics(
+            {
+                "check.rms_error_m_s2": Interval([0.1, 0.2, 0.3], [0.1, 0.1, 0.2], [0.2, np.inf, 0.4], 0.8),
+                "check.growth": Interval(0.5, np.nan, np.nan, 0.8),
+                "check.spectral_radius": 0.99,
+            }
+        )
+        writer.finish("complete")
+    return path
+
+
+def test_a_metric_with_an_interval_keeps_its_value_and_gives_the_interval_back(tmp_path):
+    path = with_intervals(tmp_path / "a.h5")
+    result = read_result(path)
+    np.testing.assert_array_equal(result.metrics["check.rms_error_m_s2"], [0.1, 0.2, 0.3])
+    assert result.metrics["check.growth"] == 0.5
+    assert set(result.intervals) == {"check.rms_error_m_s2", "check.growth"}
+    found = result.intervals["check.rms_error_m_s2"]
+    np.testing.assert_array_equal(
+        [found.value, found.low, found.high], [[0.1, 0.2, 0.3], [0.1, 0.1, 0.2], [0.2, np.inf, 0.4]]
+    )
+    assert found.probability == result.intervals["check.growth"].probability == 0.8
+    assert np.isnan(result.intervals["check.growth"].low) and np.isnan(result.intervals["check.growth"].high)
+    with h5py.File(path) as file:
+        assert set(file["metrics/check/growth"].attrs) - set(file["metrics/check/spectral_radius"].attrs) == {
+            "low", "high", "probability",
+        }  # fmt: skip
+
+
+def test_an_interval_of_another_shape_than_its_value_is_not_written(tmp_path):
+    with ResultWriter(tmp_path / "a.h5", ATTRIBUTES) as writer:
+        with pytest.raises(ValueError, match="interval of another shape"):
+            writer.metrics({"check.growth": Interval(0.5, [0.1, 0.2], [0.6, 0.7], 0.8)})
+        writer.finish("complete")
+
+
+@pytest.mark.parametrize(
+    ("attribute", "value"),
+    [
+        ("low", 1.0), ("low", [0.3, 0.2, 0.1]), ("low", [0.0, 0.0]), ("high", None), ("high", "wide"),
+        ("high", ["a", "b", "c"]), ("high", [1e200, 1.0, 1.0]), ("probability", 1.2), ("probability", np.nan),
+        ("probability", [0.8]), ("probability", None),
+    ],
+)  # fmt: skip
+def test_a_damaged_interval_is_refused(tmp_path, attribute, value):
+    path = with_intervals(tmp_path / "a.h5")
+    with h5py.File(path, "r+") as file:
+        about = file["metrics/check/rms_error_m_s2"].attrs
+        del about[attribute]
+        if value is not None:
+            about[attribute] = value
+    with pytest.raises(InputError, match=r"whose interval|beyond 1e\+100|neither texts nor numbers"):
+        read_result(path)
 
 
 def test_units_and_definitions_are_read_when_they_are_asked_for(tmp_path):

@@ -9,8 +9,9 @@ import numpy as np
 from scipy.linalg import eigh, expm
 
 from rths_cli.case.virtual_physics_schema import VirtualPhysics
+from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.numerics.lti import Array
-from rths_cli.rigs.description import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
+from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo
 from rths_cli.rigs.virtual import plant_kernel
 from rths_cli.rigs.virtual.plant import Plant
 from rths_cli.rigs.virtual.virtual_rig import build_plant

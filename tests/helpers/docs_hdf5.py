@@ -51,7 +51,8 @@ def _result() -> Iterator[str]:
     yield "## `/metrics`"
     yield (
         "One dataset per metric: [metrics](metrics.md) lists them all. `/metrics/exp_rths/rms_error_m_s2` is "
-        "`exp_rths.rms_error_m_s2`. Beside the attributes above each has its `definition`."
+        "`exp_rths.rms_error_m_s2`. Beside the attributes above each has its `definition`, and one with an "
+        "interval has `low`, `high` (of its shape) and `probability`."
     )
 
 

@@ -12,7 +12,7 @@ from rths_cli.loop import guard as g
 from rths_cli.loop import realtime_run
 from rths_cli.loop.diagnosis import cause_of
 from rths_cli.loop.realtime_run import Performance
-from rths_cli.loop.run_log import signals
+from rths_cli.loop.run_log import signals, sizes_of
 from rths_cli.loop.step_arrays import NUMERICAL
 from rths_cli.loop.stop_reasons import reason_of
 from rths_cli.numerics.lti import Array
@@ -56,7 +56,7 @@ def performed(name: str, seed: int, info: RigInfo | None = None, amplitude: floa
 def ended(rig: FaultyRig, run: Performance, fault: str, at: int) -> Ended:
     """Return how a run went."""
     flags, state = run.guard.flags, rig.inner.state.state
-    log = signals(run.log, len(run.info.channels), run.step.estimated.size)
+    log = signals(run.log, sizes_of(run.step))
     cause = cause_of(run.info, run.blocks, run.limits, run.guard, log)
     return Ended(
         int(flags[1]), fault, int(flags[0]), at, rig.rested, np.array(rig.commands), float(state[0]), float(state[1]),

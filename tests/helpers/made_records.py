@@ -16,8 +16,9 @@ from rths_cli.identification.record_parts import Record
 from rths_cli.loop.guard import GuardLimits
 from rths_cli.loop.simulated_time_run import play
 from rths_cli.loop.step_arrays import EXCITATION
+from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.numerics.lti import Array, Block, ComplexArray
-from rths_cli.rigs.description import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
+from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo
 from rths_cli.rigs.virtual.plant import accelerations, continuous
 from rths_cli.rigs.virtual.virtual_rig import VirtualRig, build_plant
 from rths_cli.structure import Specimen, modal_damping_matrix, storey_matrix

@@ -26,7 +26,7 @@ from rths_cli.loop.fallback_commands import no_foresight
 from rths_cli.loop.guard import STOPPED, GuardLimits, GuardState
 from rths_cli.loop.realtime_loop import STANDS_V, Course, conduct, leave, look_ahead, pass_by
 from rths_cli.loop.realtime_run import Performance
-from rths_cli.loop.run_log import Log, Signals, signals
+from rths_cli.loop.run_log import Log, Signals, signals, sizes_of
 from rths_cli.loop.simulated_time_run import Outcome
 from rths_cli.loop.step_arrays import NUMERICAL, Step
 from rths_cli.numerics.clock import IntArray
@@ -133,4 +133,4 @@ def laboratory_of(record: int) -> Laboratory:
 
 
 def logged(run: Performance) -> Signals:
-    return signals(run.log, len(run.info.channels), run.step.estimated.size)
+    return signals(run.log, sizes_of(run.step))

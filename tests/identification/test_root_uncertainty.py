@@ -13,7 +13,8 @@ from rths_cli.identification.results import LevelBand
 from rths_cli.identification.root_uncertainty import shifts
 from rths_cli.identification.specimen_fit import SKEW
 from rths_cli.identification.table_fit import Timing, first_fit, refit
-from rths_cli.identification.verdict import BANDS_HZ, SHORTFALL
+from rths_cli.identification.verdict import SHORTFALL
+from rths_cli.numerics.bands import USUAL
 from rths_cli.numerics.lti import Frf
 
 DT, RATIO = 5e-4, 5.0
@@ -28,7 +29,7 @@ def frf() -> Frf:
 
 def levels(change: complex) -> tuple[LevelBand, ...]:
     """Return the same change of the response at low level in every band."""
-    return tuple(LevelBand(low, high, 1.0 + change, 1e-6) for low, high in pairwise(BANDS_HZ))
+    return tuple(LevelBand(low, high, 1.0 + change, 1e-6) for low, high in pairwise(USUAL.edges_hz))
 
 
 def test_shifts_are_those_of_a_fit_to_a_distorted_response(frf: Frf) -> None:

@@ -93,7 +93,7 @@ def test_the_feedback_is_clipped_as_in_c(library: ctypes.CDLL, scale: float) -> 
 TIGHT = {
     "stroke_m": (0.002, 1),
     "velocity_m_s": (0.01, 2),
-    "abort_m_s2": (np.full(3, 0.05), 3),
+    "abort": (np.full(3, 0.05), 3),
     "command_rate_v_s": (1.0, 10),
     "energy_ratio": (1e-3, 11),
 }

@@ -167,6 +167,7 @@ def test_every_size_of_structure_runs_the_same_compiled_code(floors: int, numeri
     blocks = replace(
         best_like(rig_info(), numerical_storeys=numerical_storeys),
         correction=static(np.eye(1 + floors) * 9.80665, DT_S, "sensor_correction", (), ()),
+        open_loop=kalman_filter.open_loop(parts, DT_S),
         estimator=kalman_filter.kalman_block(parts, 1e3, 1.0, DT_S, knows_table=True),
         feedforward=static(gain, DT_S, "feedforward", (), ()),
         interface=Interface(shear),

@@ -13,7 +13,7 @@ from told_causes import FAILED, LINK, MOTION, TABLE, TABLE_SENSOR, verdict
 from rths_cli.loop.diagnosis import cause_of
 from rths_cli.loop.guard import ACCELERATION, ENERGY, SATURATED, STUCK, TRACKING, VELOCITY, fresh_guard
 from rths_cli.loop.lost_samples import NO_ANSWER
-from rths_cli.loop.run_log import Log, Signals
+from rths_cli.loop.run_log import Log, Signals, Sizes
 
 LOOSE = replace(faulty.bench_info(), limits=replace(faulty.bench_info().limits, tracking_error_m_s2=np.inf))
 
@@ -113,8 +113,8 @@ def _two_lost_answers(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let every log say that two answers in a row were lost, 20 times a second; the channels are as they were."""
     read = faulty.signals
 
-    def marked(log: Log, channels: int, estimates: int) -> Signals:
-        named = read(log, channels, estimates)
+    def marked(log: Log, sizes: Sizes) -> Signals:
+        named = read(log, sizes)
         named.lost[::50], named.lost[1::50] = NO_ANSWER, NO_ANSWER
         return named
 

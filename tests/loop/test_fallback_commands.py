@@ -14,7 +14,7 @@ from rths_cli.loop import fallback_commands, guard, realtime_run
 from rths_cli.loop.fallback_commands import Foresight, foresight_of
 from rths_cli.loop.guard import GuardLimits, GuardState
 from rths_cli.loop.realtime_run import Performance
-from rths_cli.loop.run_log import signals
+from rths_cli.loop.run_log import signals, sizes_of
 from rths_cli.loop.step_arrays import EXCITATION, NUMERICAL, RECORD, Step
 from rths_cli.numerics.compiled import entry
 from rths_cli.numerics.lti import Array
@@ -56,7 +56,7 @@ def go_on_without_samples(run: Performance, steps: int) -> Array:
     for k in range(UNTIL, UNTIL + steps):
         nothing = np.full(3, 9.0)
         conducted(run.course, run.step, run.limits, run.guard, run.drive, run.log, nothing, 1, k)
-    return signals(run.log, 3, run.step.estimated.size).command_v[UNTIL : UNTIL + steps]
+    return signals(run.log, sizes_of(run.step)).command_v[UNTIL : UNTIL + steps]
 
 
 def wave(count: int, dt_s: float, source: int) -> Array:
@@ -76,7 +76,7 @@ def test_the_points_are_what_the_step_commands_without_samples(dt_s: float, sour
     """To a bit and a half, of which one is rounding; a command that stood still would be off by a hundred."""
     drive = wave(2000, dt_s, source)
     run = played(dt_s, source, drive)
-    f, before = run.course.foresight, signals(run.log, 3, run.step.estimated.size).command_v[UNTIL - 1]
+    f, before = run.course.foresight, signals(run.log, sizes_of(run.step)).command_v[UNTIL - 1]
     assert f.points == POINTS and f.spacing == max(round(SPACING_S / dt_s), 1)
     foreseen(f, run.step, run.drive, UNTIL, len(drive) - 1)
     commands = go_on_without_samples(run, f.points * f.spacing)[f.spacing - 1 :: f.spacing]

@@ -20,7 +20,17 @@ from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.interface import no_force
 from rths_cli.control.state_space import static
 from rths_cli.loop import guard as g
-from rths_cli.loop.guard import AT_REST_M, FORGET_HZ, STOPPED, GuardLimits, GuardState, check_energy, fresh_guard, guard
+from rths_cli.loop.guard import (
+    AT_REST_M,
+    FORGET_HZ,
+    STOPPED,
+    GuardLimits,
+    GuardState,
+    check_energy,
+    check_errors,
+    fresh_guard,
+    guard,
+)
 from rths_cli.loop.simulated_time_run import Outcome, Stillness, play
 from rths_cli.loop.step_arrays import EXCITATION, RECORD
 from rths_cli.loop.stop_reasons import reason_of
@@ -45,19 +55,20 @@ def ask(
     phase: Array,
 ) -> None:
     """Send every asked command (n,) through the guard; note what leaves it and its phase."""
+    still = np.zeros((3, 1))
     for k in range(asked.size):
         sent[k] = asked[k]
-        guard(limits, state, sent[k : k + 1], True, samples[k], accel[k], expected, 0.0, 0.0, 0.0)
+        guard(limits, state, sent[k : k + 1], True, samples[k], accel[k], expected, still[0], True, still, still[0])
         phase[k] = state.flags[0]
 
 
 @entry
 def listening(limits: GuardLimits, state: GuardState, came: Array, samples: Array, expected: Array) -> None:
     """Give the guard samples (n, c) in V, of which not all came (n,), and what they must show (n, 2, c)."""
-    command = np.zeros(1)
+    command, still = np.zeros(1), np.zeros((3, 1))
     for k in range(came.size):
-        command[0] = 0.0
-        guard(limits, state, command, came[k] > 0.0, samples[k], samples[k], expected[k], 0.0, 0.0, 0.0)
+        command[0], here = 0.0, samples[k]
+        guard(limits, state, command, came[k] > 0.0, here, here, expected[k], still[0], True, still, still[0])
 
 
 def limits(
@@ -280,7 +291,7 @@ def test_the_tracking_error_has_its_limit() -> None:
     drive = np.zeros((3000, 3))
     drive[700:, 0] = 0.9
     rig = Scripted(info, quiet(3000))
-    outcome = play(rig, info, excitation_blocks(info), RECORD, drive, limits()._replace(tracking_error_m_s2=0.8))
+    outcome = play(rig, info, excitation_blocks(info), RECORD, drive, limits()._replace(tracking_error=0.8))
     assert outcome.reason == g.TRACKING
     assert ": tracking error beyond its limit (" in outcome.stopped_by_limit
     assert outcome.stopped_at_s == pytest.approx(700 * DT_S)
@@ -395,19 +406,26 @@ def test_a_run_of_the_best_method_passes_the_shipped_guard() -> None:
 
 
 @entry
-def watch(limits: GuardLimits, state: GuardState, steps: int, error: float, velocity: float, shear: float) -> int:
-    """Return the step at which a constant error of acceleration stops the test, or -1."""
-    for k in range(steps):
-        if check_energy(limits, state, error, velocity, shear) != 0:
+def watch(
+    limits: GuardLimits, state: GuardState, errors: Array, motion: Array, force: Array, of_accel: bool
+) -> int:  # fmt: skip
+    """Return the step at which tracking errors (n, i) stop the test, or -1; interface motion (3, i) and force (i,)."""
+    for k in range(errors.shape[0]):
+        if check_energy(limits, state, errors[k], motion, force, of_accel) != 0:
             return k
     return -1
+
+
+def moving(*velocities_m_s: float) -> Array:
+    """Return an interface motion (3, i) of constant velocities."""
+    return np.outer([0.0, 1.0, 0.0], velocities_m_s)
 
 
 @pytest.mark.parametrize(("ratio", "shear"), [(0.1, 10.0), (0.4, 10.0), (0.1, -10.0)])
 def test_energy_that_errors_add_is_the_integral_of_force_and_error_of_velocity(ratio: float, shear: float) -> None:
     """An error of 0.2 m/s^2 becomes a velocity w(t) = 0.2 (1 - exp(-a t)) / a: f w is added, |f v| exchanged."""
     lim = limits()._replace(energy_ratio=ratio, energy_floor_j=0.05)
-    step = watch(lim, fresh_guard(3), 20000, 0.2, 0.1, shear)
+    step = watch(lim, fresh_guard(3), np.full((20000, 1), 0.2), moving(0.1), np.array([shear]), True)
     if shear < 0.0:  # the error takes energy away
         assert step == -1
         return
@@ -420,6 +438,50 @@ def test_energy_that_errors_add_is_the_integral_of_force_and_error_of_velocity(r
     assert step * DT_S == pytest.approx(brentq(less, 1e-3, 10.0), rel=2e-3, abs=1.5 * DT_S)
 
 
+@pytest.mark.parametrize("of_accel", [True, False])
+def test_the_energy_of_several_degrees_of_freedom_is_their_sum(of_accel: bool) -> None:
+    """One adds what the other takes away, unless it pushes the other way; each alone is as a run of its own."""
+    lim = limits()._replace(energy_ratio=0.1, energy_floor_j=0.05)
+    ramp = np.linspace(0.0, 0.4, 8000)[:, None]
+    alone = watch(lim, fresh_guard(3), ramp, moving(0.1), np.array([10.0]), of_accel)
+    assert alone > 0
+
+    def both(second_n: float, second_m_s: float) -> int:
+        state, force = fresh_guard(3, axes=2), np.array([10.0, second_n])
+        return watch(lim, state, np.hstack([ramp, ramp]), moving(0.1, second_m_s), force, of_accel)
+
+    assert both(0.0, 0.1) == alone
+    assert both(-10.0, 0.1) == -1
+    assert 0 < both(10.0, 0.0) < alone
+
+
+def test_an_error_of_displacement_is_an_error_of_velocity_by_its_change() -> None:
+    """A displacement that lags by 0.02 t adds f 0.02 t; f 0.1 t is exchanged: 0.2 t < 0.1 (1 t + 0.05) until 0.05 s."""
+    lim = limits()._replace(energy_ratio=0.1, energy_floor_j=0.05)
+    lag = 1.0 + 0.02 * DT_S * np.arange(2000)[:, None]  # an offset adds nothing
+    state = fresh_guard(3)
+    state.slip[1] = 1.0
+    step = watch(lim, state, lag, moving(0.1), np.array([10.0]), False)
+    assert step == pytest.approx(0.05 / DT_S, abs=2)
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+def test_every_degree_of_freedom_has_its_tracking_error_watched(axis: int) -> None:
+    lim, errors = limits()._replace(tracking_error=3.0), np.zeros(2)
+    errors[axis] = 3.5
+    state = fresh_guard(3, axes=2)
+    assert judged(lim, state, errors) == g.TRACKING and state.seen[0] == 3.5
+    errors[axis] = math.nan
+    assert judged(lim, state, errors) == g.NOT_A_NUMBER
+    assert judged(lim, state, np.array([2.9, -2.9])) == g.NONE
+
+
+@entry
+def judged(limits: GuardLimits, state: GuardState, errors: Array) -> int:
+    """Return what the guard says of tracking errors (i,)."""
+    return check_errors(limits, state, errors)
+
+
 def test_a_fast_command_stops_by_its_rate_before_its_velocity() -> None:
     slow = limits()._replace(command_rate_v_s=50.0)
     assert answer(slow, 49.0 * DT_S * np.arange(100))[1][99] == 0
@@ -429,7 +491,7 @@ def test_a_fast_command_stops_by_its_rate_before_its_velocity() -> None:
 
 
 def test_a_channel_stops_at_its_own_level() -> None:
-    lim = limits()._replace(abort_m_s2=np.array([45.0, 45.0, 0.5]))
+    lim = limits()._replace(abort=np.array([45.0, 45.0, 0.5]))
     samples = NOISE[:10].copy()
     samples[5, 1] = 0.06  # V: 0.59 m/s^2 on a channel that may
     assert answer(lim, np.zeros(10), samples)[1][9] == 0
@@ -441,7 +503,7 @@ def test_a_reason_names_what_was_seen_its_limit_and_key_and_what_to_do() -> None
     """Those that only a loop in real time, or a rig file's own levels, can give."""
     info = rig_info()
     lim = limits()._replace(
-        tracking_error_m_s2=3.0, command_rate_v_s=100.0, energy_ratio=0.1, abort_m_s2=np.array([45.0, 20.0, 45.0])
+        tracking_error=3.0, command_rate_v_s=100.0, energy_ratio=0.1, abort=np.array([45.0, 20.0, 45.0])
     )
 
     def told(reason: int, seen: float = np.nan, channel: int = -1, source: int = RECORD, about: RigInfo = info) -> str:

@@ -11,7 +11,7 @@ from hybrid import best_like, open_limits
 
 from rths_cli.loop import realtime_loop, realtime_run
 from rths_cli.loop.live_view import Watching
-from rths_cli.loop.run_log import signals
+from rths_cli.loop.run_log import signals, sizes_of
 from rths_cli.loop.step_arrays import NUMERICAL
 from rths_cli.report.run_status_lines import live_lines, one_line
 
@@ -27,7 +27,7 @@ def made() -> realtime_run.Performance:
 
 def test_peaks_shares_and_errors_are_those_of_the_columns() -> None:
     run = made()
-    held = signals(run.log, 3, run.step.estimated.size)
+    held = signals(run.log, sizes_of(run.step))
     lead = run.step.recent.size - 1
     held.state[:], held.state[:100] = realtime_loop.IN_RUN, realtime_loop.IN_RAMP_UP
     held.command_v[300:302] = [2.0, 2.5]  # 7.9 mm/V: 15.8 and 19.75 mm

@@ -9,52 +9,21 @@ import numpy as np
 import pytest
 from bench import DT_S, LINEAR, ideal_info, specimen
 from hybrid import best_like, ground, open_limits
+from python_models import Inverse, Storeys
 
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.part_designs import Logged
 from rths_cli.control.python_parts import PythonFeedforward, PythonSubstructure
 from rths_cli.errors import InputError
+from rths_cli.loop import step_arrays
 from rths_cli.loop.guard import VELOCITY
 from rths_cli.loop.realtime_run import prepare, rehearse
 from rths_cli.loop.simulated_time_run import Outcome, play
 from rths_cli.loop.step_arrays import NUMERICAL, assemble
-from rths_cli.numerics.lti import Array, Block
+from rths_cli.numerics.lti import Array
 from rths_cli.rigs.virtual.virtual_rig import VirtualRig, build_plant
 
 INFO = ideal_info()
-
-
-class Storeys:
-    """The linear storeys of a block, in numpy."""
-
-    def __init__(self, block: Block, fails_at: int = -1) -> None:
-        self.block, self.x, self.k, self.fails_at = block, np.zeros(len(block.A)), 0, fails_at
-        self.direct, self.logged = block.D[:1, 1:], np.zeros(1)
-
-    def free(self, ground: Array) -> Array:
-        return self.block.C[:1] @ self.x + self.block.D[:1, 0] * ground[0]
-
-    def advance(self, ground: Array, force: Array) -> Array:
-        self.k += 1
-        if self.k == self.fails_at:
-            raise RuntimeError("the model does not converge")
-        inputs = np.array([ground[0], force[0]])
-        motion = self.block.C @ self.x + self.block.D @ inputs + np.array([0.0, ground[1], ground[2]])
-        self.x = self.block.A @ self.x + self.block.B @ inputs
-        self.logged[0] = self.x[0]
-        return motion[:, None]
-
-
-class Inverse:
-    """A linear feedforward block in numpy."""
-
-    def __init__(self, block: Block) -> None:
-        self.block, self.x = block, np.zeros(len(block.A))
-
-    def command(self, motion: Array, corrected: Array, sent: Array) -> Array:
-        command = self.block.C @ self.x + self.block.D @ motion[:, 0]
-        self.x = self.block.A @ self.x + self.block.B @ motion[:, 0]
-        return command
 
 
 def played(blocks: Blocks, steps: int = 1500) -> Outcome:
@@ -177,11 +146,19 @@ def test_an_interrupt_during_a_call_is_raised_when_the_table_rests() -> None:
         played(replace(blocks, numerical=PythonSubstructure("storeys", lambda: Interrupted(block))), 100)
 
 
-def test_a_part_in_the_wrong_place_and_a_second_degree_of_freedom_are_refused() -> None:
+def test_a_part_in_the_wrong_place_and_more_commands_than_actuators_are_refused() -> None:
     blocks = linear_blocks()
     block = blocks.feedforward.linearised()
     misplaced = replace(blocks, numerical=PythonFeedforward("inverse", lambda: Inverse(block)))
     with pytest.raises(InputError, match="inverse: a PythonFeedforward cannot stand in this place"):
         assemble(misplaced, NUMERICAL)
     with pytest.raises(InputError, match="2 commands"):
-        assemble(replace(blocks, interface=replace(blocks.interface, actuators=2)), NUMERICAL)
+        played(replace(blocks, interface=replace(blocks.interface, actuators=2)))
+
+
+def test_a_step_that_remembers_much_is_assembled_in_a_room_of_its_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    usual, wanted = assemble(linear_blocks(), NUMERICAL), played(linear_blocks(), 300).log.command_v
+    monkeypatch.setattr(step_arrays, "ROOM", usual.state.size - 1)
+    tight = assemble(linear_blocks(), NUMERICAL)
+    assert tight.state.size == usual.state.size and np.shares_memory(tight.state, tight.sent)
+    assert (played(linear_blocks(), 300).log.command_v == wanted).all()

@@ -17,7 +17,7 @@ from rths_cli.loop import guard as g
 from rths_cli.loop import realtime_loop, realtime_run
 from rths_cli.loop.guard import GuardLimits
 from rths_cli.loop.realtime_loop import overrun, run_udp, too_late_for
-from rths_cli.loop.run_log import Log, Signals, signals
+from rths_cli.loop.run_log import Log, Signals, signals, sizes_of
 from rths_cli.loop.simulated_time_run import play
 from rths_cli.loop.step_arrays import NUMERICAL, Step
 from rths_cli.numerics.compiled import entry
@@ -60,7 +60,7 @@ def test_the_steps_are_those_of_an_offline_run_byte_for_byte() -> None:
     blocks, run = prepared(rig.info, drive, ramp_s=0.0)
     assert realtime_run.perform(rig, run) == ""
     offline = play(rig.rig, rig.info, blocks, NUMERICAL, drive, open_limits(rig.info))
-    live = signals(run.log, 3, run.step.estimated.size)
+    live = signals(run.log, sizes_of(run.step))
     for name in ("command_v", "desired", "corrected", "estimated", "base_shear_n"):
         assert getattr(live, name)[..., :3000].tobytes() == getattr(offline.log, name).tobytes(), name
 
@@ -69,7 +69,7 @@ def test_after_the_record_the_table_is_led_to_rest_within_two_seconds() -> None:
     rig, drive = Wired(), ground(3000)
     _, run = prepared(rig.info, drive, ramp_s=0.25)
     realtime_run.perform(rig, run)
-    state = signals(run.log, 3, run.step.estimated.size).state[: run.log.done[0]]
+    state = signals(run.log, sizes_of(run.step)).state[: run.log.done[0]]
     assert run.guard.flags[1] == g.END
     assert rig.commands[-1] == 0.0
     assert [int((state == number).sum()) for number in (2, 3)] == [500, 3000]
@@ -121,7 +121,7 @@ def steps_at_rest(rig: Wired, *, order_at: int = 0) -> int:
     rig.spoil = ordered
     _, run = prepared(rig.info, ground(3000), ramp_s=0.0, orders=orders, still_s=(0.0, WATCHED_S))
     realtime_run.perform(rig, run)
-    state = signals(run.log, 3, run.step.estimated.size).state[: run.log.done[0]]
+    state = signals(run.log, sizes_of(run.step)).state[: run.log.done[0]]
     return int((state == realtime_loop.AT_REST).sum())
 
 
@@ -211,7 +211,7 @@ def with_losses(lost: Array) -> Signals:
         shown = np.full(3, 9.0) if missing else samples  # what stands there must not matter
         told = (run.course, run.step, limits, run.guard, run.drive, run.log, shown, int(missing), k)
         samples = rig.exchange(conducted(*told)).copy()
-    return signals(run.log, 3, run.step.estimated.size)
+    return signals(run.log, sizes_of(run.step))
 
 
 @pytest.fixture(scope="module")
@@ -266,7 +266,7 @@ def test_a_run_whose_first_exchange_is_late_logs_numbers() -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as door:
         link = fresh_link(door, np.zeros(2, dtype=np.uint64), len(info.channels))
         run_udp(link, course, run.step, run.limits, run.guard, run.drive, run.log, False)
-    live = signals(run.log, len(info.channels), run.step.estimated.size)
+    live = signals(run.log, sizes_of(run.step))
     done = slice(0, int(run.log.done[0]))
     assert (live.lost[done] == 2).any()
     assert np.isfinite(live.command_v[done]).all()

@@ -37,9 +37,9 @@ def by_reference(blocks: Blocks, samples: Array, drive: Array, numerical: bool) 
     for now, source in zip(samples, drive, strict=True):
         command = step(now, source, numerical)
         step.note_sent(command)
-        rows.append((command, step.base_shear_n, *step.corrected, *step.interface, *step.estimated))
-    columns = np.array(rows).T
-    ends = np.cumsum([1, 1, len(step.corrected), 3])
+        rows.append((*command, *step.force_n, *step.corrected, *step.interface.ravel(), *step.estimated))
+    columns, axes = np.array(rows).T, step.force_n.size
+    ends = np.cumsum([command.size, axes, len(step.corrected), 3 * axes])
     names = ("command_v", "base_shear_n", "corrected", "desired", "estimated")
     return dict(zip(names, np.split(columns, ends), strict=True))
 

@@ -14,7 +14,7 @@ from rths_cli.loop.guard import ACCELERATION, GuardLimits, GuardState
 from rths_cli.loop.lost_samples import MIXED, NO_ANSWER
 from rths_cli.loop.realtime_loop import Course, conduct
 from rths_cli.loop.realtime_run import prepare
-from rths_cli.loop.run_log import Log, signals
+from rths_cli.loop.run_log import Log, signals, sizes_of
 from rths_cli.loop.step import sense
 from rths_cli.loop.step_arrays import NUMERICAL, Step, assemble
 from rths_cli.numerics.clock import IntArray
@@ -109,11 +109,11 @@ def test_a_sample_beyond_its_limit_stops_the_test_however_small_its_share_is() -
     info = rig_info(dt_s=1e-3)
     samples, lost = np.zeros((40, 3)), np.zeros(40, dtype=np.int64)
     lost[20:25], samples[26, 1] = NO_ANSWER, 46.0 * info.channels[1].sensitivity_v_per_m_s2
-    limits = open_limits(info)._replace(abort_m_s2=np.full(3, 45.0), acceleration_m_s2=45.0, stroke_m=0.1)
+    limits = open_limits(info)._replace(abort=np.full(3, 45.0), acceleration_m_s2=45.0, stroke_m=0.1)
     limits = limits._replace(velocity_m_s=1.0, command_v=10.0)
     run = prepare(info, best_like(info), NUMERICAL, np.zeros((100, 3)), limits)
     conducted(run.course, run.step, run.limits, run.guard, run.drive, run.log, samples, lost)
-    named = signals(run.log, 3, run.step.estimated.size)
+    named = signals(run.log, sizes_of(run.step))
     assert tuple(run.guard.flags[1:]) == (ACCELERATION, 1, 26)
     np.testing.assert_array_equal(named.lost[18:40], [0.0] * 2 + [NO_ANSWER] * 5 + [MIXED] * 15)
     assert abs(named.corrected[1, 26]) < 1.0

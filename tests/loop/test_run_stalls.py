@@ -21,7 +21,7 @@ from udp_peer import PlainTarget, virtual_table
 from rths_cli.loop import guard, realtime_run
 from rths_cli.loop.guard import GuardLimits, GuardState
 from rths_cli.loop.realtime_loop import START_NS, Course, conduct, leave, look_ahead, pass_by
-from rths_cli.loop.run_log import Log, Signals, signals
+from rths_cli.loop.run_log import Log, Signals, signals, sizes_of
 from rths_cli.loop.step_arrays import RECORD, Step
 from rths_cli.numerics.compiled import entry
 from rths_cli.numerics.lti import Array
@@ -61,7 +61,7 @@ def played(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Signals, 
     rig.close()
     target.kill()
     assert faults == [""] and run.guard.flags[1] == guard.END
-    log = signals(run.log, 3, run.step.estimated.size)
+    log = signals(run.log, sizes_of(run.step))
     assert run.log.done[0] > 1200
     left = np.flatnonzero(log.lost[1 : run.log.done[0]] != 2)  # steps of which the command left
     numbers = [one.sequence for one in target.received if one.kind == COMMAND]
@@ -145,4 +145,4 @@ def test_after_a_gap_the_next_command_is_where_the_way_would_have_led() -> None:
         off += [given - led] if passed > 0 and waited == 0 else []
         command = computed(*whole, np.array(table(given)), 2 if waited > 0 else 0, k)
     assert len(off) == len(STALLS) and np.abs(off).max() < 1e-3
-    assert np.abs(np.diff(signals(run.log, 3, run.step.estimated.size).command_v[:1100])).max() > 0.045
+    assert np.abs(np.diff(signals(run.log, sizes_of(run.step)).command_v[:1100])).max() > 0.045

@@ -14,7 +14,7 @@ from rths_cli.control.designed_blocks import Blocks
 from rths_cli.errors import RigError
 from rths_cli.experiment.excitation_on_real_rig import mended
 from rths_cli.loop import realtime_run
-from rths_cli.loop.run_log import Signals, signals
+from rths_cli.loop.run_log import Signals, signals, sizes_of
 from rths_cli.loop.step_arrays import EXCITATION
 from rths_cli.numerics.lti import Array
 
@@ -41,7 +41,7 @@ def excited(lost: Array) -> tuple[Signals, Signals]:
         shown = np.full(3, 9.0) if lost[k] else ZEROS_V + samples
         told = (run.course, run.step, run.limits, run.guard, run.drive, run.log, shown, int(lost[k]), k)
         samples = rig.exchange(conducted(*told)).copy()
-    whole = signals(run.log, 3, run.step.estimated.size)
+    whole = signals(run.log, sizes_of(run.step))
     cut = {name: getattr(whole, name)[..., :STEPS] for name in Signals.__dataclass_fields__}
     logged = Signals(**cut)
     return logged, mended(logged, run.course, blocks.correction)

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import every_entry
+import numba
 import numpy as np
 import pytest
 from numba.core.errors import NumbaError
@@ -477,12 +478,23 @@ print(ask(Own(np.ones(3))))
 def test_an_edited_class_from_outside_is_never_met_by_old_code(tmp_path: Path) -> None:
     """The folder's name knows our sources only, and numba looks at the caller's file only."""
     (tmp_path / "caller.py").write_text(CALLER)
+    code = f"import sys; sys.path.insert(0, {str(tmp_path)!r}); sys.dont_write_bytecode = True; import caller"
     shown = []
     for gain in (1.0, 2.0):
         (tmp_path / "outside.py").write_text(f"GAIN = {gain}\n{OUTSIDE}")
-        done = subprocess.run(
-            [sys.executable, "-B", "caller.py"], cwd=tmp_path, capture_output=True, text=True, timeout=120, check=True,
-            env={**os.environ, "XDG_CACHE_HOME": str(tmp_path / "cache"), "PYTHONPATH": str(PACKAGE.parent)},
-        )  # fmt: skip
-        shown.append(float(done.stdout))
-    assert shown == [1.0, 2.0]
+        with started(tmp_path / "cache", code) as process:
+            shown.append(finished(process))
+    assert shown == [["1.0"], ["2.0"]]
+
+
+def test_short_loops_are_not_unrolled_for_lengths_they_never_reach() -> None:
+    """Code for several rounds at once in every loop costs a fifth of the step and a third of its compilation."""
+
+    def scaled(values: Array, factor: float) -> None:
+        for i in range(values.size):
+            values[i] *= factor
+
+    made = numba.njit(**compiled.ENTRY)(scaled)
+    made(np.ones(3), 2.0)
+    code = made.inspect_llvm(made.signatures[0]).split("define ")[1]
+    assert code.count("fmul double") == 1

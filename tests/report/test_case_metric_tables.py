@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from made_up import result
 
+from rths_cli.quantities import Interval
 from rths_cli.report.case_metric_tables import other_figures
 from rths_cli.report.result_tables import tables
 from rths_cli.report.results_by_case import entries
@@ -24,6 +27,30 @@ def of(*results) -> str:
 def by_cause(storeys: int) -> dict[str, object]:
     found: dict[str, object] = {f"check.rms_error{c}_m_s2": np.full(storeys, 1e-3) for c in ("", "_coupling", "_noise")}
     return found | {f"check.tracking_rms{c}_m_s2": 1e-3 for c in ("", "_coupling", "_noise")}
+
+
+def test_an_interval_stands_behind_its_figure_with_its_probability() -> None:
+    metrics = {"check.growth": 0.5, "check.delay_margin_s": 0.002, "exp_rths.rms_error_m_s2": [0.1, 0.2]}
+    made = result(metrics)
+    intervals = {
+        "check.growth": Interval(0.5, 0.25, np.inf, 0.8),
+        "check.delay_margin_s": Interval(0.002, 0.001, 0.0025, 0.999),
+        "exp_rths.rms_error_m_s2": Interval([0.1, 0.2], [0.05, 0.1], [0.3, 0.4], 0.5),
+    }
+    text = listed(of(replace(made, units=dict(made.units) | {"check.delay_margin_s": "s"}, intervals=intervals)))
+    assert text == {
+        "check.growth": "0.5 [0.25, inf] (80 %)",
+        "check.delay_margin_s": "2.000 [1.000, 2.500] (99 %)",
+        "exp_rths.rms_error_m_s2": "0.1 [0.05, 0.3] 0.2 [0.1, 0.4] (50 %)",
+    }
+
+
+def test_a_predicted_error_with_an_interval_is_listed_beside_the_table_of_causes() -> None:
+    made = result(by_cause(3))
+    ends = Interval(np.full(3, 1e-3), np.zeros(3), np.full(3, 2e-3), 0.5)
+    assert "Other figures" not in of(made)
+    text = of(replace(made, intervals=dict.fromkeys(("check.rms_error_m_s2", "check.rms_error_noise_m_s2"), ends)))
+    assert listed(text) == {"check.rms_error_m_s2": "0.001 [0, 0.002] 0.001 [0, 0.002] 0.001 [0, 0.002] (50 %)"}
 
 
 def test_the_kinds_of_a_figure_stand_on_its_line() -> None:

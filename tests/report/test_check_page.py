@@ -11,7 +11,7 @@ import pytest
 from made_up_check import checked
 
 from rths_cli.experiment.check_command import Checked
-from rths_cli.quantities import METRICS
+from rths_cli.quantities import METRICS, Interval, intervals_of
 from rths_cli.report.check_json import as_document
 from rths_cli.report.check_page import MARGINS, REACH, page, pages
 
@@ -45,6 +45,36 @@ def test_it_says_what_is_checked_and_the_verdict_last() -> None:
         assert f"{label:<24}{words}" in text.splitlines()
     assert text.splitlines()[-1].split() == ["verdict", "safe"]
     assert max(len(line) for line in text.splitlines()) <= 100
+
+
+def with_samples(found: Checked) -> Checked:
+    radius, errors = 0.99994, np.array([1e-3, 2e-3, 3e-3])
+    ranges = {
+        "check.spectral_radius": Interval(radius, 0.9999, 1.0002, 0.5),
+        "check.rms_error_m_s2": Interval(errors, 0.5 * errors, np.array([4e-3, 5e-3, math.inf]), 0.5),
+        "check.loop_damping_ratio": Interval(np.ones(3), np.zeros(3), np.ones(3), 0.4),
+    }
+    return replace(found, metrics={**found.metrics, **ranges})
+
+
+def test_the_range_over_samples_stands_beside_each_figure() -> None:
+    assert "range over samples" not in page(checked())
+    text = page(with_samples(checked()))
+    assert "lies in each range with a probability of at least 40 %" in " ".join(text.split())
+    assert cells(text, "error of storey 1, mm/s^2") == ["1.00", "0.500", "4.00"]
+    assert cells(text, "error of storey 3, mm/s^2")[2] == "inf"
+    assert max(len(line) for line in text.splitlines()) <= 100
+
+
+def test_the_document_has_the_intervals_of_figures_that_carry_one() -> None:
+    (plain,), (one,) = (as_document([each])["cases"] for each in (checked(), with_samples(checked())))
+    assert "intervals" not in plain
+    document = json.loads(json.dumps(one, allow_nan=False))
+    assert document["metrics"]["check.rms_error_m_s2"] == [1e-3, 2e-3, 3e-3]
+    assert document["intervals"]["check.rms_error_m_s2"] == {
+        "low": [0.5e-3, 1e-3, 1.5e-3], "high": [4e-3, 5e-3, None], "probability": 0.5,
+    }  # fmt: skip
+    assert set(document["intervals"]) == set(intervals_of(with_samples(checked()).metrics))
 
 
 def test_every_margin_stands_with_measured_response_and_model() -> None:

@@ -7,6 +7,7 @@ import io
 import json
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
@@ -15,6 +16,7 @@ import pytest
 from made_up import paper_cases, result
 from made_up_files import write
 
+from rths_cli.quantities import Interval
 from rths_cli.report.formats.csv_table import filled, tidy, width
 from rths_cli.report.formats.json_document import document
 from rths_cli.report.formats.latex import latex, number
@@ -169,6 +171,24 @@ def test_json_fits_the_published_schema_and_says_all(tmp_path: Path) -> None:
     del made_document["results"][0]["units"]
     with pytest.raises(jsonschema.ValidationError):
         jsonschema.validate(made_document, schema)
+
+
+def test_an_interval_stands_in_every_format() -> None:
+    plain = result({"check.tracking_rms_m_s2": 0.5, "exp_rths.rms_error_m_s2": [0.1, 0.2, 0.3]})
+    ends = {"exp_rths.rms_error_m_s2": Interval([0.1, 0.2, 0.3], [0.05, 0.06, 0.07], [0.4, np.inf, 0.6], 0.75)}
+    with_ends = replace(plain, intervals=ends)
+    for made_document, expected in ((document(made([plain])), None), (document(made([with_ends])), ends)):
+        jsonschema.Draft202012Validator(json.loads(SCHEMA.read_text())).validate(made_document)
+        (one,) = made_document["results"]
+        assert ("intervals" in one) == (expected is not None)
+    stated = {"low": [0.05, 0.06, 0.07], "high": [0.4, None, 0.6], "probability": 0.75}
+    assert one["intervals"] == {"exp_rths.rms_error_m_s2": stated}
+    assert "low" not in next(csv.reader(io.StringIO(tidy(made([plain])))))
+    rows = list(csv.DictReader(io.StringIO(tidy(made([with_ends])))))
+    assert [(row["low"], row["high"], row["probability"]) for row in rows] == [
+        ("", "", ""), ("0.05", "0.4", "0.75"), ("0.06", "", "0.75"), ("0.07", "0.6", "0.75"),
+    ]  # fmt: skip
+    assert r"0.3 [0.07, 0.6] (75 %)" in markdown(blocks([with_ends])).replace("\\", "")
 
 
 def test_the_same_results_give_the_same_bytes() -> None:

@@ -19,7 +19,7 @@ from rths_cli.errors import RigError
 from rths_cli.loop import guard as g
 from rths_cli.loop.realtime_loop import OVERRUNS
 from rths_cli.loop.realtime_run import Performance, perform, prepare
-from rths_cli.loop.run_log import signals
+from rths_cli.loop.run_log import signals, sizes_of
 from rths_cli.loop.step_arrays import RECORD
 from rths_cli.loop.stop_reasons import reason_of
 from rths_cli.rigs.description import Limits, RigInfo
@@ -180,7 +180,7 @@ def played(make: MakeRig, late: set[int], overrun: str = "hold", lost_samples: i
 def test_missed_edges_are_overruns_of_the_loop_and_stand_in_its_log(make: MakeRig) -> None:
     run, fault = played(make, {50, 70, 71})
     assert (fault, int(run.course.marks[OVERRUNS]), int(run.guard.flags[1])) == ("", 2, g.END)
-    late = signals(run.log, 3, run.step.estimated.size).late_ns
+    late = signals(run.log, sizes_of(run.step)).late_ns
     assert np.nansum(late) == 1e6 and np.count_nonzero(late[: int(run.log.done[0])] > 0) == 2
 
 

@@ -12,6 +12,7 @@ import h5py
 import numpy as np
 import pytest
 from declared_contents import sweep_faults
+from watched_references import watch_references
 
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
@@ -25,7 +26,7 @@ from rths_cli.studies import sweep_runs
 from rths_cli.studies.grid_points import Asked, check_points
 from rths_cli.studies.sweep import SweepRequest, Swept, run_sweep
 from rths_cli.studies.sweep_output import begin
-from rths_cli.studies.sweep_runs import play_variant
+from rths_cli.studies.sweep_runs import Shared, play_variant
 
 CASE = "structure: three_storey\ndamping: low\nrecord: ./short.csv\nscaling: 0.3\ncontroller: FF+FB\n"
 WORN = "table.after_identification.coulomb_factor"
@@ -221,8 +222,9 @@ def test_what_runs_share_is_made_once(folder: Path, tmp_path: Path, monkeypatch:
 
         monkeypatch.setattr(module, name, count)
 
-    for module, name in ((sweep_runs, "design_blocks"), (sweep_runs, "verdict_on"), (run_case, "simulate")):
+    for module, name in ((sweep_runs, "design_blocks"), (sweep_runs, "verdict_on")):
         counted(module, name)
+    watch_references(monkeypatch, run_case, lambda name: calls.update({name: calls.get(name, 0) + 1}))
     counted(sweep_runs, "plan_run")
     swept(asked(folder, f"{WORN}=1,2", "scaling=0.2,0.3", seeds="2"), tmp_path / "s.h5")
     assert calls == {"design_blocks": 1, "verdict_on": 2, "simulate": 2, "plan_run": 4}
@@ -321,3 +323,11 @@ def test_a_real_table_is_never_swept(folder: Path) -> None:
 def test_the_report_says_how_to_see_a_sweep(whole: tuple[SweepRequest, Swept]) -> None:
     with pytest.raises(InputError, match="holds a sweep; rths sweep with the same options and --resume shows it"):
         read_result(whole[1].path)
+
+
+def test_a_key_that_no_point_reads_is_refused(folder: Path) -> None:
+    """Ten identical rows would look as if the delay did not matter."""
+    with pytest.raises(InputError, match="--vary delay_s: changes nothing in a sweep, only SIM-DELAY would read it"):
+        run_sweep(asked(folder, "delay_s=0.001:0.010:10"), Watcher())
+    read_by_some = asked(folder, "method=paper,best", "kalman.residual_hz=30,40").asked
+    assert check_points(read_by_some, Shared((), str), str).grid.points == 4

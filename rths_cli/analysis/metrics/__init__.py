@@ -20,7 +20,6 @@ from rths_cli.analysis.metrics.fidelity import (
 )
 from rths_cli.analysis.metrics.lowest_fourier_lines import low_lines
 from rths_cli.analysis.metrics.response_errors import (
-    BAND_HZ,
     BAND_ORDER,
     ErrorFigures,
     error_figures,
@@ -35,7 +34,6 @@ from rths_cli.analysis.metrics.response_errors import (
 from rths_cli.analysis.metrics.zero_phase_high_pass import SLOW_ORDER, high_passed
 
 __all__ = [
-    "BAND_HZ",
     "BAND_ORDER",
     "SLOW_ORDER",
     "ErrorFigures",

@@ -6,21 +6,22 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rths_cli.analysis.metrics.response_errors import check_pair
+from rths_cli.numerics.bands import TEST_BAND_HZ, with_test_band
 from rths_cli.numerics.lti import Array
 
-DRIFT_HZ = 0.1  # corner of the high pass that removes the drift of an integrated acceleration
+DRIFT_HZ = 0.1  # corner, with the usual test band, of the high pass that removes the drift of an integral
 
 
-def velocity_error_m_s(accel_error_m_s2: ArrayLike, dt_s: float) -> Array:
+def velocity_error_m_s(accel_error_m_s2: ArrayLike, dt_s: float, test_band_hz: float = TEST_BAND_HZ) -> Array:
     """Integrate acceleration errors (..., n) in m/s^2 from rest to velocity errors (..., n) in m/s, and remove drift.
 
-    The trapezoidal rule is followed by a 2nd-order 0.1 Hz Butterworth high pass, forward and backward, because an
-    accelerometer does not measure slower motion.
+    The trapezoidal rule is followed by a 2nd-order Butterworth high pass at 1/120 of the test band (0.1 Hz of 12 Hz),
+    forward and backward, because an accelerometer does not measure slower motion.
     """
     from scipy.signal import butter, sosfiltfilt
 
     velocity = _integral(np.asarray(accel_error_m_s2, dtype=float), dt_s)
-    sections = butter(2, DRIFT_HZ, "high", fs=1.0 / dt_s, output="sos")
+    sections = butter(2, with_test_band(DRIFT_HZ, test_band_hz), "high", fs=1.0 / dt_s, output="sos")
     return np.asarray(sosfiltfilt(sections, velocity, padlen=min(9, velocity.shape[-1] - 1)))
 
 

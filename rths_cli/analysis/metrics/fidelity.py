@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from rths_cli.analysis.metrics.lowest_fourier_lines import low_lines
-from rths_cli.analysis.metrics.response_errors import BAND_HZ, check_pair
+from rths_cli.analysis.metrics.response_errors import check_pair
+from rths_cli.numerics.bands import TEST_BAND_HZ
 from rths_cli.numerics.lti import Array, ComplexArray
 
 
@@ -23,7 +24,7 @@ class FrequencyEvaluation:
 
 
 def frequency_evaluation(
-    desired: ArrayLike, measured: ArrayLike, dt_s: float, high_hz: float = BAND_HZ
+    desired: ArrayLike, measured: ArrayLike, dt_s: float, high_hz: float = TEST_BAND_HZ
 ) -> FrequencyEvaluation:
     """Return the frequency evaluation index of `measured` (n,) against `desired` (n,), both in the same unit.
 
@@ -37,7 +38,7 @@ def frequency_evaluation(
 
 
 def frequency_evaluations(
-    desired: ArrayLike, measured: Sequence[ArrayLike], dt_s: float, high_hz: float = BAND_HZ
+    desired: ArrayLike, measured: Sequence[ArrayLike], dt_s: float, high_hz: float = TEST_BAND_HZ
 ) -> list[FrequencyEvaluation]:
     """Return `frequency_evaluation` of several series (n,) against one; that one is transformed only once."""
     pairs = [check_pair(desired, each) for each in measured]

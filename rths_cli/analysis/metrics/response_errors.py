@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rths_cli.analysis.metrics.zero_phase_high_pass import take_off_slow_motion
 from rths_cli.errors import InputError
+from rths_cli.numerics.bands import TEST_BAND_HZ
 from rths_cli.numerics.compiled import borrowed, entry, part
 from rths_cli.numerics.filters import (
     LANES,
@@ -24,8 +25,8 @@ from rths_cli.numerics.filters import (
 )
 from rths_cli.numerics.lti import Array, ComplexArray
 
-BAND_HZ = 12.0  # corner of the test band's low pass
-BAND_ORDER = 4  # of that low pass, once
+BAND_ORDER = 4  # of the test band's low pass, once
+_SECTIONS = BAND_ORDER // 2  # of second order, of which it is made
 _TAPERED = 0.1  # fraction of the record that the delay fit tapers, half of it at each end
 _MOST_NEWTON_STEPS = 20
 SUMMED_AT_ONCE = 256  # samples of a partial sum of squares
@@ -46,31 +47,35 @@ class ErrorFigures:
         return ErrorFigures(*(getattr(self, field.name)[row] for field in fields(self)))
 
 
-def test_band(series: ArrayLike, dt_s: float) -> Array:
-    """Filter `series` (..., n) with a 4th-order 12 Hz Butterworth low pass, forward and backward.
+def test_band(series: ArrayLike, dt_s: float, band_hz: float = TEST_BAND_HZ) -> Array:
+    """Filter `series` (..., n) with a 4th-order Butterworth low pass of corner `band_hz`, forward and backward.
 
     Returns (..., n) in the same unit. The ends are extended by odd reflection over 15 samples, the default of scipy's
     sosfiltfilt, with which a metric can be repeated in one line; over n - 1 if the record is shorter. A NaN makes its
-    whole series NaN. Raises InputError if half the sample rate is not above 12 Hz.
+    whole series NaN. Raises InputError if half the sample rate is not above the corner.
     """
     from scipy.signal import sosfiltfilt
 
     values = np.asarray(series, dtype=float)
-    sections, padding = _band(dt_s, values.shape[-1])
-    return np.asarray(sosfiltfilt(sections, values, padlen=padding))
+    sections = _band(dt_s, band_hz)
+    return np.asarray(sosfiltfilt(sections, values, padlen=_padding(values.shape[-1])))
 
 
-def _band(dt_s: float, samples: int) -> tuple[Array, int]:
-    """Return the sections (n_sections, 6) of the test band, and the number of samples that extend each end."""
+def _band(dt_s: float, band_hz: float) -> Array:
+    """Return the sections (n_sections, 6) of the test band."""
     from scipy.signal import butter
 
-    if not 0 < dt_s < 0.5 / BAND_HZ:
+    if not 0 < dt_s < 0.5 / band_hz:
         raise InputError(
-            f"dt_s is {dt_s:g} s, but the {BAND_HZ:g} Hz test band needs one above 0"
-            f" and below {0.5 / BAND_HZ:.4f} s: sample faster"
+            f"dt_s is {dt_s:g} s, but the {band_hz:g} Hz test band needs one above 0"
+            f" and below {0.5 / band_hz:.4f} s: sample faster"
         )
-    sections = butter(BAND_ORDER, BAND_HZ, fs=1.0 / dt_s, output="sos")
-    return sections, min(3 * (2 * len(sections) + 1), samples - 1)
+    return np.asarray(butter(BAND_ORDER, band_hz, fs=1.0 / dt_s, output="sos"))
+
+
+def _padding(samples: int) -> int:
+    """Return the number of samples that extend each end of a series."""
+    return min(3 * (2 * _SECTIONS + 1), samples - 1)
 
 
 def rms(series: ArrayLike) -> Array:
@@ -83,8 +88,10 @@ def peak(series: ArrayLike) -> Array:
     return np.max(np.abs(np.asarray(series, dtype=float)), axis=-1)
 
 
-def error_figures(reference: ArrayLike, value: ArrayLike, dt_s: float, high_pass_hz: float = 0.0) -> ErrorFigures:
-    """Return the errors reference - value, both (..., n), in the test band and in full band.
+def error_figures(
+    reference: ArrayLike, value: ArrayLike, dt_s: float, high_pass_hz: float = 0.0, band_hz: float = TEST_BAND_HZ
+) -> ErrorFigures:
+    """Return the errors reference - value, both (..., n), in the test band (`band_hz`) and in full band.
 
     Nothing is shifted, so delay counts as error. Motion slower than `high_pass_hz` is first removed from the
     difference, as by `high_passed`; with 0 it is kept, so an offset counts as error. Raises InputError if the shapes
@@ -97,22 +104,26 @@ def error_figures(reference: ArrayLike, value: ArrayLike, dt_s: float, high_pass
         )
     shape = np.shape(reference)
     rows = [np.asarray(given, dtype=float).reshape(-1, shape[-1]) for given in (reference, value)]
-    found = figures_of_pairs(list(zip(rows[0], rows[1], strict=True)), dt_s, high_pass_hz=high_pass_hz)
+    found = figures_of_pairs(list(zip(rows[0], rows[1], strict=True)), dt_s, high_pass_hz=high_pass_hz, band_hz=band_hz)
     figures = (found.rms, found.maximum, found.rms_full, found.maximum_full)
     deviation, largest, deviation_full, largest_full = (figure.reshape(shape[:-1])[()] for figure in figures)
     return ErrorFigures(deviation, largest, deviation_full, largest_full, found.diverged.reshape(shape[:-1])[()])
 
 
 def figures_of_pairs(
-    pairs: Sequence[tuple[Array, Array]], dt_s: float, room: Array | None = None, high_pass_hz: float = 0.0
+    pairs: Sequence[tuple[Array, Array]],
+    dt_s: float,
+    room: Array | None = None,
+    high_pass_hz: float = 0.0,
+    band_hz: float = TEST_BAND_HZ,
 ) -> ErrorFigures:
     """Return the errors (m,) of m pairs (reference, value), both (n,), as `error_figures` does.
 
     `room`: memory from `room_for_pairs`, which is overwritten; None: new memory.
     """
     samples = len(pairs[0][0])
-    sections, padding = _band(dt_s, samples)
-    tiles = room_for_pairs(len(pairs), samples, dt_s) if room is None else room
+    sections, padding = _band(dt_s, band_hz), _padding(samples)
+    tiles = room_for_pairs(len(pairs), samples) if room is None else room
     for r, tile in enumerate(tiles):
         four = [pairs[min(LANES * r + j, len(pairs) - 1)] for j in range(LANES)]  # unused places repeat the last pair
         _subtract(tile, padding, *(np.ascontiguousarray(series) for pair in four for series in pair))
@@ -127,9 +138,9 @@ def figures_of_pairs(
     return ErrorFigures(in_band, largest_in_band, full, largest, diverged)
 
 
-def room_for_pairs(pairs: int, samples: int, dt_s: float) -> Array:
+def room_for_pairs(pairs: int, samples: int) -> Array:
     """Return memory (n_tiles, samples + 2 padding, 4) for `figures_of_pairs` with that number of pairs and samples."""
-    return empty_tiles(pairs, samples, _band(dt_s, samples)[1])
+    return empty_tiles(pairs, samples, _padding(samples))
 
 
 def _sizes(tiles: Array, padding: int, series: int) -> tuple[Array, Array, Array]:

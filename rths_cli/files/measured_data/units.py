@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 
-from rths_cli.files.accelerograms import FACTORS_M_S2, STANDARD_GRAVITY_M_S2, find_unit
+from rths_cli.files.accelerograms import FACTORS_M_S2, find_unit
+from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 
 FACTORS: dict[str, tuple[float, str]] = {
     "V": (1.0, "V"),

@@ -13,7 +13,6 @@ from rths_cli.report.figures.figure_data import ACCEL, NotDrawn, Source, chosen_
 from rths_cli.report.figures.panels import (
     ACCELERATION,
     ACCELERATION_UNITS,
-    BAND,
     Mark,
     dot_rows,
     dots_legend,
@@ -49,7 +48,7 @@ def error_budget(source: Source, width: str) -> Figure:
     labels = [*(CAUSES[cause] for cause in causes), TOGETHER]
     across = len(columns) if width == "two" else 2
     down = -(-len(columns) // across)
-    figure = new_figure(source, width, 22.0 + down * (14.0 + 4.2 * len(labels)), BAND)
+    figure = new_figure(source, width, 22.0 + down * (14.0 + 4.2 * len(labels)), source.band)
     axes = list(figure.subplots(down, across, sharey=True, squeeze=False).ravel())
     titles = ["tracking", *(f"storey {column}" for column in columns[1:])]
     for ax, column, title in zip(axes, columns, lettered(titles), strict=False):

@@ -60,6 +60,11 @@ class Source:
         return self.result.sample_rate_hz
 
     @property
+    def band(self) -> str:
+        """Return in words where in frequency errors are drawn."""
+        return f"errors in the test band, below {self.result.test_band_hz:g} Hz"
+
+    @property
     def complete(self) -> bool:
         """Return whether all runs reached the end of the record."""
         return self.result.attributes.get("status") == "complete"

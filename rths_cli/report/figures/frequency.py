@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from rths_cli.numerics.bands import with_test_band
 from rths_cli.numerics.lti import Array, Block, ComplexArray, Model
 from rths_cli.quantities import DATASETS
 from rths_cli.quantities.units import typeset
@@ -22,10 +23,10 @@ if TYPE_CHECKING:
 
 FREQUENCY = "frequency (Hz)"
 FRF_UNITS = typeset(DATASETS["identification/frf"].units)
-SPECTRAL_S = 8.0  # length of a segment of Welch's method: lines every 0.125 Hz
-BAND_HZ = (0.1, 100.0)
+SPECTRAL_S = 8.0  # with the usual test band, length of a segment of Welch's method: lines every 0.125 Hz
+SPECTRAL_HZ = (0.1, 100.0)  # with that band, the frequencies of the spectra
 ROOTS = ("zeros", "poles")
-TRACKED_HZ = (0.25, 20.0)
+TRACKED_HZ = (0.25, 20.0)  # with the usual test band, the frequencies of gain and delay
 LEAST_COHERENCE = 0.98  # with a dozen averages or more a line of H1 is then known to some 3 % or better
 DECADES = 9.0  # of power below the largest that spectra show
 LATENCY = {
@@ -107,8 +108,9 @@ def spectra(source: Source, width: str) -> Figure:
         looks += _spectra_of(ax, source, run)
         ax.set_title(title)
         ax.set_ylabel(f"power spectral density (({ACCELERATION_UNITS})²/Hz)")
-        _test_band(ax)
-    _frequency_axis(axes, BAND_HZ[0], min(BAND_HZ[1], 0.5 * source.rate_hz), every=True)
+        ax.axvline(source.result.test_band_hz, color=GREY, ls=(0, (4.0, 2.0)), lw=0.7)
+    low, high = _following(source, SPECTRAL_HZ)
+    _frequency_axis(axes, low, min(high, 0.5 * source.rate_hz), every=True)
     legend_below(figure, [*looks, Look("edge of the test band", GREY, (0, (4.0, 2.0)), 0.7)])
     return figure
 
@@ -126,10 +128,10 @@ def _spectra_of(ax: Axes, source: Source, run: str) -> list[Look]:
     if source.virtual:
         looks.append(replace(TRUE, label="desired − true"))
         series.append(desired - source.read(f"{run}/truth/table_accel_m_s2"))
-    top = 0.0
+    top, (low, high) = 0.0, _following(source, SPECTRAL_HZ)
     for look, values in zip(looks, series, strict=True):
         f, power = welch(values, source.rate_hz, nperseg=_segment(source, values.size))
-        inside = (f >= BAND_HZ[0]) & (f <= BAND_HZ[1])
+        inside = (f >= low) & (f <= high)
         ax.plot(f[inside], power[inside], **replace(look, width=THIN).line())
         top = max(top, float(power[inside].max(initial=0.0)))
     ax.set_yscale("log")
@@ -158,7 +160,7 @@ def delay_and_gain(source: Source, width: str) -> Figure:
     titles = ("gain of the table, measured / desired", "delay of the table", "latency of the loop, as designed")
     for ax, title in zip(axes, lettered(titles), strict=False):
         ax.set_title(title)
-    _frequency_axis(axes, *TRACKED_HZ)
+    _frequency_axis(axes, *_following(source, TRACKED_HZ))
     legend_below(figure, looks)
     return figure
 
@@ -181,7 +183,8 @@ def gain_and_delay(source: Source, run: str, name: str) -> tuple[Array, Array, A
     desired, seen = source.read(f"{run}/{DESIRED}"), source.read(f"{run}/{name}")
     segment, rate = _segment(source, desired.size), source.rate_hz
     f, power = welch(desired, rate, nperseg=segment)
-    inside = (f >= TRACKED_HZ[0]) & (f <= TRACKED_HZ[1]) & (power > 0.0)
+    low, high = _following(source, TRACKED_HZ)
+    inside = (f >= low) & (f <= high) & (power > 0.0)
     cross = csd(desired, seen, rate, nperseg=segment)[1][inside]
     poor = ~(coherence(desired, seen, rate, nperseg=segment)[1][inside] >= LEAST_COHERENCE)
     response = np.where(poor, np.nan, cross / power[inside])
@@ -198,13 +201,17 @@ def _latency(ax: Axes, source: Source, frequency_hz: Array) -> None:
 
 def _segment(source: Source, samples: int) -> int:
     """Return the number of samples of a segment of Welch's method; a short record has four overlapping segments."""
-    return min(round(SPECTRAL_S * source.rate_hz), max(samples // 2, 8), samples)
+    return min(
+        round(SPECTRAL_S / with_test_band(1.0, source.result.test_band_hz) * source.rate_hz),
+        max(samples // 2, 8),
+        samples,
+    )
 
 
-def _test_band(ax: Axes) -> None:
-    from rths_cli.analysis.metrics import BAND_HZ as TEST_BAND_HZ
-
-    ax.axvline(TEST_BAND_HZ, color=GREY, ls=(0, (4.0, 2.0)), lw=0.7)
+def _following(source: Source, usual_hz: tuple[float, float]) -> tuple[float, float]:
+    """Return the ends in Hz of a band that keeps its ratio to the test band of the result."""
+    low, high = (with_test_band(hz, source.result.test_band_hz) for hz in usual_hz)
+    return low, high
 
 
 def _frequency_axis(axes: Sequence[Axes], low: float, high: float, every: bool = False) -> None:

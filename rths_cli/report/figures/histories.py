@@ -24,7 +24,7 @@ from rths_cli.report.figures.figure_data import (
     quietest,
     window_at,
 )
-from rths_cli.report.figures.panels import ACCELERATION, ACCELERATION_UNITS, BAND, Line, Panel, draw_rows, largest
+from rths_cli.report.figures.panels import ACCELERATION, ACCELERATION_UNITS, Line, Panel, draw_rows, largest
 from rths_cli.report.figures.style import DESIRED as DESIRED_LOOK
 from rths_cli.report.figures.style import ESTIMATED, RUNS, TRUE
 
@@ -47,7 +47,7 @@ def tracking(source: Source, width: str) -> Figure:
         lines = (Line(DESIRED_LOOK, time, desired), Line(measured, time, source.read(f"{run}/{MEASURED}")))
         whole = Panel(RUNS[run].label, ACCELERATION, lines, note=_rms(source, f"{run}.tracking_rms_m_s2"))
         rows.append((whole, Panel(CLOSE, "", lines, _close(source, time, desired))))
-    return draw_rows(source, rows, width, about=BAND)
+    return draw_rows(source, rows, width, about=source.band)
 
 
 def kalman(source: Source, width: str) -> Figure:
@@ -103,7 +103,7 @@ def errors(source: Source, width: str) -> Figure:
     rows = [row for row in (tracked, *against) if row]
     if not rows:
         raise NotDrawn("no run on a table and no two runs to compare")
-    return draw_rows(source, rows, width, (1.0, 1.0), BAND, legend=False)
+    return draw_rows(source, rows, width, (1.0, 1.0), source.band, legend=False)
 
 
 def _tracking_errors(source: Source) -> Iterator[Panel]:

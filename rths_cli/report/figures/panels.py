@@ -64,7 +64,6 @@ TALLEST_MM = 235.0  # the type area of a journal's page
 AROUND_MM = 19.0  # heading, legend, label of the time axis
 HIGH_MM = {"one": 29.0, "two": 36.0}
 GREY_TEXT = "#444444"
-BAND = "errors in the test band, below 12 Hz"
 SECONDS = "time (s)"
 ACCELERATION_UNITS = typeset(DATASETS["exp_rths/abs_accel_m_s2"].units)
 ACCELERATION = f"acceleration ({ACCELERATION_UNITS})"

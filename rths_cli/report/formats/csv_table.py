@@ -9,7 +9,9 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from rths_cli.files.hdf5 import INTERVAL
 from rths_cli.files.result_reader import Result
+from rths_cli.quantities import Interval
 from rths_cli.report.group_comparison import software
 from rths_cli.report.report_contents import Contents
 from rths_cli.report.text_layout import Cell, Row, Table
@@ -56,32 +58,44 @@ def tidy(found: Contents) -> str:
     """Return the metrics as CSV (RFC 4180, except that lines end with a newline character).
 
     The column `number` counts storeys, modes or frequencies from 1; it is empty for a metric with one value. A run
-    without metrics, and a file that cannot be read, have one line each.
+    without metrics, and a file that cannot be read, have one line each. The columns of INTERVAL are there if a metric
+    carries an interval.
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(COLUMNS)
+    ends = INTERVAL if any(result.intervals for result in found.inputs.results) else ()
+    columns = (*COLUMNS, *ends)
+    writer.writerow(columns)
     for result in found.inputs.results:
-        writer.writerows(_lines(result))
+        writer.writerows(_lines(result, bool(ends)))
     for one in found.unread:
         told = {"file": str(one.path), "status": UNREADABLE, "status_reason": one.sentence}
         stated = {column: csv_cell(text) for column, text in told.items()}
-        writer.writerow([stated.get(column, "") for column in COLUMNS])
+        writer.writerow([stated.get(column, "") for column in columns])
     return text.getvalue()
 
 
-def _lines(result: Result) -> Iterator[list[str]]:
+def _lines(result: Result, with_intervals: bool) -> Iterator[list[str]]:
     told = (str(result.path), *(result.attributes.get(key) for key in ABOUT), software(result))
     about = [_text(value) for value in told]
     published = json.loads(str(result.attributes.get("reference_json") or "{}"))
     if not result.metrics:
-        yield [*about, "", "", "", "", ""]
+        yield [*about, "", "", "", "", "", *[""] * (len(INTERVAL) if with_intervals else 0)]
     for path, value in sorted(result.metrics.items()):
         values = np.asarray(value, dtype=float)
         for number, item in enumerate(values.ravel(), 1):
             place = str(number) if values.ndim else ""
             unit = csv_cell(result.units[path])
-            yield [*about, csv_cell(path), place, _number(item), unit, _published(published, path, number)]
+            ends = _ends(result.intervals.get(path), number) if with_intervals else []
+            yield [*about, csv_cell(path), place, _number(item), unit, _published(published, path, number), *ends]
+
+
+def _ends(interval: Interval | None, number: int) -> list[str]:
+    """Return the texts of the columns INTERVAL for one value of a metric, counted from 1."""
+    if interval is None:
+        return [""] * len(INTERVAL)
+    ends = (np.atleast_1d(end)[number - 1] for end in (interval.low, interval.high))
+    return [*map(_number, ends), _number(interval.probability)]
 
 
 def _published(figures: Mapping[str, object], path: str, number: int) -> str:

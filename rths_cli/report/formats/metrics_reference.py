@@ -16,6 +16,10 @@ case's `accept` under the path given here; one of several storeys as `exp_rths.r
 *Better* says which way an error or index improves; only figures that are better when
 smaller are judged against a baseline.
 
+A figure may carry an interval, which holds the true one with a stated probability: the attributes `low`, `high` and
+`probability` of its dataset, `intervals` in JSON and in Python, three more columns in CSV, and `[low, high]` behind the
+figure in texts. Figures of the check carry one where the identified model has several samples.
+
 Suffixes: {kinds}. Without one: measured, in the test band.
 """
 COLUMNS = ("figure", "also with", "unit", "one per", "better", "definition")

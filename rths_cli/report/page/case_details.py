@@ -10,6 +10,7 @@ from rths_cli.files.result_reader import Result, read_series
 from rths_cli.loop.lost_samples import without_samples
 from rths_cli.numerics.lti import Array
 from rths_cli.report.error_budget_table import CAUSES
+from rths_cli.report.figure_values import listed
 from rths_cli.report.latency_table import latency_text
 from rths_cli.report.page.html import Html, element, framed, table
 from rths_cli.report.page.paper_tables import as_html
@@ -108,8 +109,11 @@ def _figure(path: str, methods: Mapping[str, Result]) -> list[str]:
 
 
 def _listed(result: Result, path: str) -> str:
-    values = np.atleast_1d(np.asarray(result.metrics.get(path, np.nan), dtype=float))
-    return "  ".join(f"{value:.4g}" if np.isfinite(value) else "-" for value in values)
+    return listed(result.metrics.get(path, np.nan), result.intervals.get(path), _plain, between="  ")
+
+
+def _plain(value: float) -> str:
+    return f"{value:.4g}" if np.isfinite(value) else "-"
 
 
 def _causes(result: Result, kinds: list[str], cause: str, storeys: int) -> Iterator[str]:

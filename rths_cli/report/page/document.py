@@ -123,7 +123,9 @@ def _errors(cases: Sequence[Entry]) -> list[Html]:
     found: list[Html] = []
     for name, group in groupby(cases, key=lambda entry: entry.table_name):
         members = list(group)
-        found += [error_tables(members), element("h3", f"The paper's claims, on {name}"), claims(members)]
+        found.append(error_tables(members))
+        if any(entry.published or entry.reference_title for entry in members):
+            found += [element("h3", f"The paper's claims, on {name}"), claims(members)]
     return found
 
 

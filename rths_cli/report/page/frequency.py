@@ -74,7 +74,7 @@ def _numbers(result: Result) -> Iterator[list[str]]:
     yield ["gain at low frequency", f"{number(1e3 * used.low_frequency_gain_m_per_v, 4)} mm/V"]
     yield ["delay told to the fit", f"{short(1e3 * used.delay_s)} ms"]
     errors = [percent(_number(result, f"fit_error_{kind}")) for kind in ("rms", "max")]
-    yield ["|fit / FRF - 1|, 0.7-11 Hz", f"RMS {errors[0]} %, largest {errors[1]} %"]
+    yield [f"|fit / FRF - 1|, {result.compared}", f"RMS {errors[0]} %, largest {errors[1]} %"]
     ratios = _read(result, "damping_ratio")
     for mode, (hz, ratio) in enumerate(zip(_read(result, "natural_frequency_hz"), ratios, strict=True), 1):
         yield [f"specimen, mode {mode}", f"{number(hz, 4)} Hz, damping {percent(ratio)} %"]

@@ -18,7 +18,6 @@ from rths_cli.report.page.summary import RUNS
 BUILDINGS = ("sim", "sim_delay", "exp_rths")
 TABLES = ("exp_rths", "shake_table")
 UNIT = typeset(DATASETS["exp_rths/abs_accel_m_s2"].units)
-IN_BAND = "12 Hz test band"
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,7 @@ def tables(result: Result) -> Iterator[View]:
             error = Trace("desired - measured", "error", evaluated_error(result, run, desired - measured, _step(time)))
             charts = (
                 Chart("Table acceleration", UNIT, time, both),
-                Chart(f"Tracking error, {IN_BAND}", UNIT, time, (error,)),
+                Chart(f"Tracking error, {_band(result)}", UNIT, time, (error,)),
             )
             yield View(RUNS[run], charts)
 
@@ -85,7 +84,11 @@ def _storey_charts(result: Result, storey: int, of: dict[str, Array], time: Arra
     yield Chart(f"Absolute acceleration, storey {storey}", UNIT, time, traces)
     errors = tuple(error_trace(result, run, of, time) for run in BUILDINGS[1:] if run in of and "sim" in of)
     if errors:
-        yield Chart(f"Error to SIM, storey {storey}, {IN_BAND}", UNIT, time, errors)
+        yield Chart(f"Error to SIM, storey {storey}, {_band(result)}", UNIT, time, errors)
+
+
+def _band(result: Result) -> str:
+    return f"{result.test_band_hz:g} Hz test band"
 
 
 def error_trace(result: Result, run: str, of: dict[str, Array], time: Array) -> Trace:

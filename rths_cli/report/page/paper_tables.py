@@ -8,7 +8,7 @@ from rths_cli.report.page.html import Html, classed, details, element, framed, j
 from rths_cli.report.page.summary import BAD, GOOD, OPEN, pill
 from rths_cli.report.paper_claims import CLAIMS, HELD, NOT_HELD, UNJUDGED, Claim, Verdict, judge
 from rths_cli.report.paper_tables import response_tables, tracking_tables
-from rths_cli.report.result_tables import TEST_BAND, TRUE, WORDS
+from rths_cli.report.result_tables import TRUE, WORDS, test_band
 from rths_cli.report.results_by_case import Entry, sources
 from rths_cli.report.single_case_table import single_table
 from rths_cli.report.table_cells import remarks
@@ -20,7 +20,7 @@ JUDGED = {HELD: GOOD, NOT_HELD: BAD}
 def error_tables(cases: Sequence[Entry]) -> Html:
     """Return the error tables of the cases on one shake table, with the legend and remarks on runs that failed."""
     found = [single_table(cases[0])] if len(cases) == 1 else [*tracking_tables(cases), *response_tables(cases)]
-    lines = [*sources(cases), TEST_BAND, *([TRUE] if cases[0].virtual else []), WORDS, *remarks(cases)]
+    lines = [*sources(cases), test_band(cases), *([TRUE] if cases[0].virtual else []), WORDS, *remarks(cases)]
     return join([*(as_html(one) for one in found), *(classed("p", "note", line) for line in lines)])
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from rths_cli.errors import RigError
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import BRAKE_SHARE, RigInfo
-from rths_cli.rigs.interface import MISSED_EDGES
+from rths_cli.rigs.interface import MISSED_EDGES, Commands, one_actuator, only_command
 from rths_cli.rigs.ni.daqmx import Card, Wiring
 
 GENTLY_S = 0.2  # the shortest way to rest
@@ -28,6 +28,7 @@ class NiRig:
     offers = (MISSED_EDGES,)
 
     def __init__(self, info: RigInfo, wiring: Wiring) -> None:
+        one_actuator(info)
         self.info = info
         self.missed = 0
         self.wiring = wiring
@@ -60,10 +61,10 @@ class NiRig:
         card.read(self._samples)
         return self._samples
 
-    def exchange(self, command_v: float) -> Array:
+    def exchange(self, command_v: Commands) -> Array:
         """Write a command, wait for the next edge, return its samples in V, (n_channels,); raises RigError."""
         card = self._opened()
-        self._send(card, command_v)
+        self._send(card, only_command(self.info, command_v))
         self.missed += card.wait()
         card.read(self._samples)
         return self._samples

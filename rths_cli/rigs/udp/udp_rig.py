@@ -11,7 +11,7 @@ from pathlib import Path
 from rths_cli.errors import RigError
 from rths_cli.numerics.clock import REAL_TIME
 from rths_cli.numerics.lti import Array
-from rths_cli.rigs.interface import COMPILED_LINK, RigInfo
+from rths_cli.rigs.interface import COMPILED_LINK, Commands, RigInfo, one_actuator, only_command
 from rths_cli.rigs.udp import link as links
 from rths_cli.rigs.udp import packets
 from rths_cli.rigs.udp.fault_sentences import fault_names
@@ -53,6 +53,7 @@ class UdpRig:
     offers = (COMPILED_LINK,)
 
     def __init__(self, info: RigInfo, target: UdpTarget) -> None:
+        one_actuator(info)
         if info.latency_samples < 1:
             raise RigError(f"rig {info.name}: latency_samples must be at least 1 over UDP, got {info.latency_samples}")
         self.info = info
@@ -122,14 +123,14 @@ class UdpRig:
         self._start_ns = int(link.status[links.RECEIVED_NS])
         return link.samples_v
 
-    def exchange(self, command_v: float) -> Array:
+    def exchange(self, command_v: Commands) -> Array:
         """Send a command in V at the next sample instant; return the samples of that instant in V, (n_channels,).
 
         After a lost answer they are the last samples that came. Raises RigError on a fault, or if too many answers were
         lost.
         """
-        link = self.link
-        if not math.isfinite(command_v):
+        link, volts = self.link, only_command(self.info, command_v)
+        if not math.isfinite(volts):
             raise RigError(f"rig {self.info.name}: the command is not a number; it was not sent")
         k = self.next_step
         late_ns = time.monotonic_ns() - self._instant_ns(k)
@@ -138,7 +139,7 @@ class UdpRig:
             self._start_ns += late_ns % self._dt_ns
             self.overruns += 1
         instant_ns = self._instant_ns(k)
-        converse_at(link, packets.COMMAND, k, float(command_v), instant_ns, self._timeout_ns)
+        converse_at(link, packets.COMMAND, k, volts, instant_ns, self._timeout_ns)
         self._check(f"rig {self.info.name}: the target {self.peer} stopped")
         if link.counts[links.IN_A_ROW] > self.target.lost_samples:
             raise RigError(self._lost())

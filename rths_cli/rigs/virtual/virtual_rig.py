@@ -10,7 +10,7 @@ import numpy as np
 from rths_cli.errors import RigError
 from rths_cli.numerics.lti import Array
 from rths_cli.numerics.tiled_products import padded, tiled
-from rths_cli.rigs.interface import COMPILED_PLANT, RigInfo
+from rths_cli.rigs.interface import COMPILED_PLANT, Commands, RigInfo, one_actuator, only_command
 from rths_cli.rigs.virtual import plant_kernel
 from rths_cli.rigs.virtual.plant import Parts, Plant, accelerations, continuous, levels, velocities, with_sensors
 from rths_cli.structure import Specimen
@@ -107,6 +107,7 @@ class VirtualRig:
     offers = (COMPILED_PLANT,)
 
     def __init__(self, info: RigInfo, plant: Plant, seed: tuple[int, ...]) -> None:
+        one_actuator(info)
         self.info = info
         self.plant = plant
         self._seed = seed
@@ -131,9 +132,9 @@ class VirtualRig:
         self.restart()
         return self._read()
 
-    def exchange(self, command_v: float) -> Array:
+    def exchange(self, command_v: Commands) -> Array:
         """Hold the command that is due for one interval and return the next samples in V, (n_channels,)."""
-        self._command[0] = command_v
+        self._command[0] = only_command(self.info, command_v)
         self._calls()[0]()
         if self.state.fault[0] == plant_kernel.END_STOP:
             raise RigError(f"rig {self.info.name}: the table ran into its end stop ({self.plant.stroke_m} m)")

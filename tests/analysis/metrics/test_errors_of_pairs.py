@@ -33,7 +33,7 @@ def test_each_pair_has_the_figures_of_its_difference(count: int, samples: int) -
 
 
 def test_room_is_used_again_and_leaves_nothing_behind() -> None:
-    room = room_for_pairs(3, 400, DT_S)
+    room = room_for_pairs(3, 400)
     figures_of_pairs([(np.full(400, np.nan), np.ones(400))] * 3, DT_S, room)
     given = pairs(3, 400, seed=7)
     again, alone = figures_of_pairs(given, DT_S, room), figures_of_pairs(given, DT_S)

@@ -30,6 +30,8 @@ NEEDED: dict[str, tuple[str, ...]] = {
     "export": ("result.h5", "--to", "csv", "--group", "sim"),
     "recover": ("killed.exp_rths.rthslog",),
     "records": ("./short.csv",),
+    "structure": ("three_storey",),
+    "list": ("structures",),
     "schema": (),
     "new": ("new.yaml",),
     "doctor": ("--seconds", "0.1", "--rate", "100"),

@@ -8,7 +8,8 @@ import numpy as np
 
 from campaigns.own_plant import Array, Plant
 from rths_cli.identification.record_parts import Parts, Record
-from rths_cli.rigs.description import STANDARD_GRAVITY_M_S2, Channel, Converters, Limits, RigInfo
+from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
+from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo
 
 MOST_RANGE = 0.7  # of a sensor
 SILENCE_S, FADE_S, REST_S = 2.0, 2.0, 8.0

@@ -24,7 +24,7 @@ from rths_cli.experiment.rig_access import guard_limits
 from rths_cli.experiment.setup import make_setup
 from rths_cli.loop import realtime_run
 from rths_cli.loop.diagnosis import cause_of
-from rths_cli.loop.run_log import signals
+from rths_cli.loop.run_log import signals, sizes_of
 from rths_cli.loop.step_arrays import NUMERICAL
 from rths_cli.loop.stop_reasons import reason_of
 from rths_cli.rigs.description import RigInfo
@@ -214,7 +214,7 @@ class Laboratory:
         with CountedRig(setup.rig, words) as rig:
             realtime_run.perform(rig, run)
         reason = int(run.guard.flags[1])
-        log = signals(run.log, len(setup.rig.channels), run.step.estimated.size)
+        log = signals(run.log, sizes_of(run.step))
         cause = cause_of(run.info, run.blocks, run.limits, run.guard, log)
         told = reason_of(run.info, run.limits, run.guard, NUMERICAL, cause)
         return reason, told, float(run.guard.flags[3]) / RATE_HZ - BEFORE_S

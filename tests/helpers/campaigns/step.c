@@ -17,6 +17,7 @@ enum { AXES = 1, ACTUATORS = 1 }; /* degrees of freedom of the interface and com
 
 typedef struct { Array matrix, given, made; int64_t states; } Linear;
 typedef struct { Array matrix, given; } Channels;
+typedef struct { Array matrix, given, made; int64_t states, floors; } OpenLoop; /* given and made twice, row by row */
 typedef struct { Linear block; Array corrected, estimated; int64_t axes[AXES]; } KalmanFilter;
 typedef struct { Array turn, drive, outputs, through, direct, state, made, logged; int64_t axes[AXES]; } Modal;
 typedef struct { Linear block; Array logged; int64_t axes[AXES], actuators[ACTUATORS]; } LinearFeedforward;
@@ -30,7 +31,7 @@ typedef struct {
   Modal numerical;
   LinearFeedforward feedforward;
   LinearFeedback feedback;
-  Linear open_loop; /* given and made twice, row by row */
+  OpenLoop open_loop;
   Array force_recent, force_returned;
   int64_t commanded;
   int64_t measured_by[AXES], actuators[ACTUATORS];
@@ -43,11 +44,11 @@ typedef struct {
 } Step;
 
 typedef struct {
-  double stroke_m, velocity_m_s, acceleration_m_s2, force_n, command_v, tracking_error_m_s2, gain_m_per_v, dt_s;
-  Array masses_kg, saturation_v, stuck_m_s2, abort_m_s2;
+  double stroke_m, velocity_m_s, acceleration_m_s2, force_n, command_v, tracking_error, gain_m_per_v, dt_s;
+  Array force_weights, saturation_v, stuck, abort;
   double command_rate_v_s, energy_ratio, energy_floor_j;
 } GuardLimits;
-typedef struct { Integers flags; Array motion, codes, expected_at, moved; Integers same; Array energy, seen; int64_t actuators[ACTUATORS]; } GuardState;
+typedef struct { Integers flags; Array motion, codes, expected_at, moved; Integers same; Array slip, energy, seen; int64_t actuators[ACTUATORS], axes[AXES]; } GuardState;
 
 typedef struct {
   Array push, filters, nodes, feed, start, accel_rows, accel_friction;
@@ -175,16 +176,18 @@ INLINE void compensate(const Step *s) {
 }
 
 INLINE void expect(const Step *s) {
-  const Linear *b = &s->open_loop;
+  const OpenLoop *b = &s->open_loop;
   const int64_t channels = s->samples.shape[0], wide = b->given.shape[1], known = b->made.shape[1] > 0;
+  const int64_t last = known ? b->floors + 1 : channels;
   const double desired = s->motion.at[0];
   for (int i = 0; i < 2; i++) {
     double *given = b->given.at + i * wide, *made = b->made.at + i * b->made.shape[1], *at = s->expected.at + i * channels;
     given[b->states] = i ? s->corrected.at[0] : s->recent.at[0];
     product(b->matrix.at, b->matrix.shape[0], b->matrix.shape[1], wide, given, made);
     for (int64_t j = 0; j < b->states; j++) given[j] = made[j];
+    for (int64_t c = 1; c < last; c++) at[c] = known ? made[b->states + c - 1] : desired;
     at[0] = desired;
-    for (int64_t c = 1; c < channels; c++) at[c] = known ? made[b->states + c - 1] : desired;
+    for (int64_t j = 0; j < AXES; j++) at[s->measured_by[j]] = s->motion.at[s->commanded * AXES + j];
   }
 }
 
@@ -236,7 +239,7 @@ INLINE int is_stuck(const GuardLimits *lim, const GuardState *g, int64_t c, doub
       g->moved.at[i] = 0.0;
     } else g->moved.at[i] = most(g->moved.at[i], fabs(expected[i] - g->expected_at.at[i]));
   }
-  return g->same.at[c] * lim->dt_s >= stuck_s && must_have_moved(g, c) > lim->stuck_m_s2.at[c];
+  return g->same.at[c] * lim->dt_s >= stuck_s && must_have_moved(g, c) > lim->stuck.at[c];
 }
 
 INLINE int beyond(const GuardState *g, double value, int reason) {
@@ -253,9 +256,9 @@ INLINE int check_samples(const GuardLimits *lim, const GuardState *g, const Step
     g->flags.at[2] = c;
     if (!isfinite(sample)) return NOT_A_NUMBER;
     if (fabs(sample) >= lim->saturation_v.at[c]) return beyond(g, fabs(sample), SATURATED);
-    if (fabs(accel[c]) > lim->abort_m_s2.at[c]) return beyond(g, fabs(accel[c]), ACCELERATION);
+    if (fabs(accel[c]) > lim->abort.at[c]) return beyond(g, fabs(accel[c]), ACCELERATION);
     if (is_stuck(lim, g, c, sample, s->expected.at)) return beyond(g, must_have_moved(g, c), STUCK);
-    force += lim->masses_kg.at[c] * accel[c];
+    force += lim->force_weights.at[c] * accel[c];
   }
   g->flags.at[2] = -1;
   return fabs(force) > lim->force_n ? beyond(g, fabs(force), FORCE) : NONE;
@@ -263,28 +266,42 @@ INLINE int check_samples(const GuardLimits *lim, const GuardState *g, const Step
 
 INLINE double farthest(const GuardLimits *lim) { return least(lim->stroke_m, lim->gain_m_per_v * lim->command_v); }
 
-INLINE int check_command(const GuardLimits *lim, const GuardState *g, int64_t a, double command, double error) {
-  if (!(isfinite(command) && isfinite(error))) return NOT_A_NUMBER;
+INLINE int check_command(const GuardLimits *lim, const GuardState *g, int64_t a, double command) {
+  if (!isfinite(command)) return NOT_A_NUMBER;
   if (fabs(command) > lim->command_v) return beyond(g, fabs(command), COMMAND);
   const double place = lim->gain_m_per_v * command, velocity = (place - g->motion.at[a]) / lim->dt_s;
   if (fabs(velocity) > lim->velocity_m_s) return beyond(g, fabs(velocity), VELOCITY);
   if (fabs(velocity) > lim->gain_m_per_v * lim->command_rate_v_s) return beyond(g, fabs(velocity) / lim->gain_m_per_v, RATE);
   const double braked = place + 0.5 * velocity * fabs(velocity) / (brake_share * lim->acceleration_m_s2);
   const double reached = most(fabs(place), fabs(braked));
-  if (reached > farthest(lim)) return beyond(g, reached, STROKE);
-  return fabs(error) > lim->tracking_error_m_s2 ? beyond(g, fabs(error), TRACKING) : NONE;
+  return reached > farthest(lim) ? beyond(g, reached, STROKE) : NONE;
+}
+
+INLINE int check_errors(const GuardLimits *lim, const GuardState *g, const double *error) {
+  for (int64_t i = 0; i < AXES; i++) {
+    if (!isfinite(error[i])) return NOT_A_NUMBER;
+    if (fabs(error[i]) > lim->tracking_error) return beyond(g, fabs(error[i]), TRACKING);
+  }
+  return NONE;
 }
 
 INLINE int check_energy(const GuardLimits *lim, const GuardState *g, const Step *s) {
   if (isinf(lim->energy_ratio)) return NONE;
   double *energy = g->energy.at;
-  const double shear = s->force.at[0];
-  energy[0] += (s->error.at[0] - 2.0 * M_PI * forget_hz * energy[0]) * lim->dt_s;
-  energy[1] += shear * energy[0] * lim->dt_s;
-  energy[2] += fabs(shear * s->motion.at[s->motion.shape[1]]) * lim->dt_s;
-  const double exchanged = energy[2] + lim->energy_floor_j;
-  if (energy[1] <= lim->energy_ratio * exchanged) return NONE;
-  return beyond(g, exchanged > 0.0 ? energy[1] / exchanged : INFINITY, ENERGY);
+  for (int64_t i = 0; i < AXES; i++) {
+    double *slip = g->slip.at + i, *last = slip + AXES;
+    const double force = s->force.at[i], error = s->error.at[i];
+    if (s->commanded == 0) *slip += (error - 2.0 * M_PI * forget_hz * *slip) * lim->dt_s;
+    else {
+      *slip = (error - *last) / lim->dt_s;
+      *last = error;
+    }
+    energy[0] += force * *slip * lim->dt_s;
+    energy[1] += fabs(force * s->motion.at[AXES + i]) * lim->dt_s;
+  }
+  const double exchanged = energy[1] + lim->energy_floor_j;
+  if (energy[0] <= lim->energy_ratio * exchanged) return NONE;
+  return beyond(g, exchanged > 0.0 ? energy[0] / exchanged : INFINITY, ENERGY);
 }
 
 static __attribute__((noinline)) void ramp_down(const GuardLimits *lim, const GuardState *g) {
@@ -320,7 +337,8 @@ INLINE void guard(const GuardLimits *lim, const GuardState *g, const Step *s) {
   if (g->flags.at[0] == RUNNING) {
     int reason = check_samples(lim, g, s);
     for (int64_t a = 0; a < commands; a++)
-      if (reason == NONE) reason = check_command(lim, g, a, command[a], s->error.at[0]);
+      if (reason == NONE) reason = check_command(lim, g, a, command[a]);
+    if (reason == NONE) reason = check_errors(lim, g, s->error.at);
     if (reason == NONE) reason = check_energy(lim, g, s);
     if (reason == NONE) {
       for (int64_t a = 0; a < commands; a++) {

@@ -14,7 +14,7 @@ from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.rig_access import EXP_RTHS, guard_limits, open_rig
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.loop.guard import GuardLimits, GuardState, fresh_guard
-from rths_cli.loop.run_log import Log, Signals, empty_log, signals, widths
+from rths_cli.loop.run_log import Log, Signals, Sizes, empty_log, signals, sizes_of, widths
 from rths_cli.loop.simulated_time_run import run_virtual
 from rths_cli.loop.step_arrays import NUMERICAL, Step, assemble
 from rths_cli.numerics.lti import Array
@@ -22,7 +22,7 @@ from rths_cli.rigs.virtual.plant import Plant
 from rths_cli.rigs.virtual.plant_kernel import PlantState, fresh_state
 
 CASE = "el_centro_low_ff_fb"
-SIGNALS = tuple(name for name in widths(1, 1, 1, False) if name not in ("logged", "compute_ns"))
+SIGNALS = tuple(name for name in widths(Sizes(1, 1), 1, False) if name not in ("logged", "compute_ns"))
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class State:
     @property
     def signals(self) -> Signals:
         """Return what the log holds, by name."""
-        return signals(self.log, self.step.samples.size, self.step.estimated.size)
+        return signals(self.log, sizes_of(self.step))
 
 
 Bind = Callable[[Inputs, State], Callable[[], int]]  # what plays a run
@@ -74,7 +74,7 @@ def fresh(given: Inputs) -> State:
     """Return table, step and guard at rest, and an empty log."""
     channels = given.noise.shape[1]
     step = assemble(given.blocks, NUMERICAL)
-    log = empty_log(len(given.drive), channels, step.estimated.size, truths=channels)
+    log = empty_log(len(given.drive), sizes_of(step), truths=channels)
     return State(fresh_state(given.plant, given.blocks.latency_samples), step, fresh_guard(channels), log)
 
 

@@ -323,7 +323,13 @@ def test_claims_are_counted_where_they_can_be_judged(tmp_path: Path) -> None:
             "exp_rths.rms_error_m_s2": np.array([error, 0.01]),
         }
         return page_results.write(
-            tmp_path / f"{name}.h5", case_name=name, status=status, metrics=metrics, samples=50, record_name=name
+            tmp_path / f"{name}.h5",
+            case_name=name,
+            status=status,
+            metrics=metrics,
+            samples=50,
+            record_name=name,
+            reference_title="a paper",
         )
 
     results = [made("a", "complete", 0.01), made("b", "aborted", 0.01), made("c", "complete", 0.3)]

@@ -1,0 +1,32 @@
+"""What readers of results need of the case that a result file holds."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import yaml
+
+from rths_cli.errors import InputError
+from rths_cli.files.result_reader import Result
+from rths_cli.numerics.lti import Array
+
+
+def stored_case(result: Result) -> dict[str, Any]:
+    """Return the case of a result with all its defaults; {} where a damaged file has lost it."""
+    try:
+        case = yaml.safe_load(result.resolved_yaml)
+    except yaml.YAMLError:
+        return {}
+    return case if isinstance(case, dict) else {}
+
+
+def floor_masses_kg(result: Result) -> Array:
+    """Return the masses (n_storeys,) of a result's building from the lowest floor up, the interface's whole mass
+    included; raises InputError where a damaged file has lost them."""
+    structure = stored_case(result).get("structure")
+    try:
+        parts = [structure[part]["masses_kg"] for part in ("numerical", "experimental")]  # type: ignore[index]
+        return np.concatenate([np.asarray(part, dtype=float) for part in parts])
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(f"{result.path}: has lost the masses of its case; run it again.") from error

@@ -1,0 +1,3 @@
+"""Physical constants."""
+
+STANDARD_GRAVITY_M_S2 = 9.80665

@@ -1,0 +1,220 @@
+"""The output of `rths structure`, as text and with `--json`: storeys, mass split, modes, damping, mode shapes."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rths_cli.report.identification_page import LABEL, labelled, number
+from rths_cli.report.text_layout import WIDTH
+
+if TYPE_CHECKING:
+    from rths_cli.experiment.structure_command import Inspected, Level
+    from rths_cli.numerics.lti import Array
+
+MOST_MODES = 10  # on the page
+MOST_FLOORS = 12  # of the mode shapes on the page
+PARTS = ("numerical", "experimental")
+
+
+def page(found: Inspected, width: int = WIDTH) -> str:
+    """Return a building as text of at most `width` columns."""
+    sections = [
+        _about(found),
+        _storeys(found, width),
+        _stiffness_sets(found, width),
+        _modes(found, width),
+        _damping(found, width),
+        _shapes(found, width),
+    ]
+    return "\n\n".join(_wrapped(section, width) for section in sections if section) + "\n"
+
+
+def document(found: Inspected) -> dict[str, Any]:
+    """Return a building as a document for JSON; storeys from the ground, modes in the order of ascending frequency."""
+    return {
+        "name": found.name,
+        "file": found.file,
+        "numerical_storeys": found.numerical_storeys,
+        "floor_mass_kg": found.floor_mass_kg.tolist(),
+        "stiffness_n_per_m": found.stiffness_n_per_m.tolist(),
+        "heights_m": None if found.heights_m is None else found.heights_m.tolist(),
+        "mass_kg": float(found.floor_mass_kg.sum()),
+        "experimental_mass_kg": found.experimental_mass_kg,
+        "interface_experimental_mass_kg": found.interface_experimental_mass_kg,
+        "natural_frequency_hz": found.natural_frequency_hz.tolist(),
+        "period_s": (1.0 / found.natural_frequency_hz).tolist(),
+        "effective_mass_ratio": found.effective_mass_ratio.tolist(),
+        "mode_shapes": found.mode_shapes.T.tolist(),
+        "specimen_frequency_hz": found.specimen_frequency_hz.tolist(),
+        "specimen_damping_ratio": found.specimen_damping_ratio.tolist(),
+        "damping_levels": [_level(level) for level in found.levels],
+        "stiffness_sets": [
+            {
+                "stiffness_n_per_m": one.stiffness_n_per_m.tolist(),
+                "natural_frequency_hz": one.natural_frequency_hz.tolist(),
+            }
+            for one in found.stiffness_sets
+        ],
+        "warnings": list(found.warnings),
+        "exit_code": found.exit_code,
+    }
+
+
+def _level(level: Level) -> dict[str, Any]:
+    return {
+        "name": level.name,
+        "first_mode_ratio": level.first_mode_ratio,
+        "dashpots_n_s_per_m": level.dashpots_n_s_per_m.tolist(),
+        "natural_frequency_hz": level.natural_frequency_hz.tolist(),
+        "damping_ratio": level.damping_ratio.tolist(),
+        "fault": level.fault or None,
+    }
+
+
+def _wrapped(lines: Sequence[str], width: int) -> str:
+    indent = " " * LABEL
+    return "\n".join(textwrap.fill(line, width, subsequent_indent=indent, break_on_hyphens=False) for line in lines)
+
+
+def _about(found: Inspected) -> list[str]:
+    """Return the lines on the file, the doubts, the storeys and the masses."""
+    n, p, mass = len(found.floor_mass_kg), found.numerical_storeys, float(found.floor_mass_kg.sum())
+    on_table = found.experimental_mass_kg
+    computed, table = (f"{number(part)} kg ({100.0 * part / mass:.1f} %)" for part in (mass - on_table, on_table))
+    interface = found.interface_experimental_mass_kg
+    split = f"; of floor {p}, {number(interface)} kg stand on the table" if interface else ""
+    return [
+        f"Structure {found.name} ({found.file or 'shipped'})",
+        *(labelled("warning", doubt) for doubt in found.warnings),
+        labelled(
+            "storeys", f"{n}: {_range(1, p)} numerical (computed), {_range(p + 1, n)} experimental (on the table)"
+        ),
+        labelled("mass", f"{number(mass)} kg: {computed} computed, {table} on the table{split}"),
+    ]
+
+
+def _range(first: int, last: int) -> str:
+    return str(first) if first == last else f"{first} to {last}"
+
+
+def _storeys(found: Inspected, width: int) -> list[str]:
+    """Return a line for each storey, roof first; storeys that are alike share one."""
+    p, heights = found.numerical_storeys, found.heights_m
+    columns = [found.floor_mass_kg, found.stiffness_n_per_m, *(() if heights is None else (heights,))]
+    rows: list[tuple[int, int, list[str]]] = []
+    for storey, values in enumerate(zip(*columns, strict=True), 1):
+        cells = [PARTS[storey > p], *(f"{value:.6g}" for value in values)]
+        if rows and rows[-1][2] == cells:
+            rows[-1] = (rows[-1][0], storey, cells)
+        else:
+            rows.append((storey, storey, cells))
+    high = [] if heights is None else ["height (m)"]
+    heads = ["storey", "substructure", "mass (kg)", "stiffness (N/m)", *high]
+    return _in_width([heads, *([_range(first, last), *cells] for first, last, cells in reversed(rows))], width)
+
+
+def _stiffness_sets(found: Inspected, width: int) -> list[str]:
+    """Return a line for each set of storey stiffnesses that has the specimen's natural frequencies."""
+    sets = found.stiffness_sets
+    own = ", ".join(number(hz, 4) for hz in found.specimen_frequency_hz[:MOST_MODES])
+    ratios = ", ".join(number(100.0 * ratio) for ratio in found.specimen_damping_ratio[:MOST_MODES])
+    specimen = [labelled("specimen, fixed base", f"{own} Hz; damping {ratios} %")]
+    if len(sets) < 2:
+        return specimen
+    several = (
+        f"{len(sets)} sets of storey stiffnesses have these frequencies; the one with the most equal stiffnesses is "
+        "used. State experimental.stiffness_n_per_m to choose; the modes of the whole building tell them apart"
+    )
+    p = found.numerical_storeys
+    heads = ["", *(f"k {p + 1 + i} (N/m)" for i in range(len(sets[0].stiffness_n_per_m)))]
+    heads += [f"mode {i + 1} (Hz)" for i in range(min(3, len(found.natural_frequency_hz)))]
+    rows = []
+    for i, one in enumerate(sets):
+        label = f"set {i + 1}{', used' if i == 0 else ''}"
+        stiffness = (number(k, 5) for k in one.stiffness_n_per_m)
+        rows.append([label, *stiffness, *(number(hz, 4) for hz in one.natural_frequency_hz[:3])])
+    return [*specimen, labelled("stiffness", several), *_in_width([heads, *rows], width)]
+
+
+def _modes(found: Inspected, width: int) -> list[str]:
+    """Return a line for each mode: frequency, period, effective mass."""
+    columns = [found.natural_frequency_hz, 1.0 / found.natural_frequency_hz, 100.0 * found.effective_mass_ratio]
+    about = "whole building, undamped; mass: effective modal mass over the total"
+    return [labelled("modes", about), *_by_mode(["frequency (Hz)", "period (s)", "mass (%)"], columns, width)]
+
+
+def _damping(found: Inspected, width: int) -> list[str]:
+    """Return the damping levels: what is stated, the dashpots, and a line for each mode with its damping ratios."""
+    levels = [level for level in found.levels if not level.fault]
+    lines = [labelled("" if i else "damping", _told(level)) for i, level in enumerate(found.levels)]
+    if not levels:
+        return lines
+    columns = [values for one in levels for values in (one.natural_frequency_hz, 100.0 * one.damping_ratio)]
+    heads = [f"{level.name} ({unit})" for level in levels for unit in ("Hz", "%")]
+    about = "modes of each level, damped, by their frequency |s| / 2 pi"
+    if any(np.any(level.damping_ratio >= 1.0) for level in levels):
+        about += "; from 100 % on a mode does not oscillate"
+    return [*lines, labelled("", about), *_by_mode(heads, columns, width)]
+
+
+def _by_mode(heads: Sequence[str], columns: Sequence[Array], width: int) -> list[str]:
+    """Return a line for each mode with the values (n,) of each column."""
+    rows = [
+        [str(mode), *(number(value, 4) for value in values)]
+        for mode, values in enumerate(zip(*columns, strict=True), 1)
+    ]
+    more = [f"  {len(rows) - MOST_MODES} more modes in --json"] if len(rows) > MOST_MODES else []
+    return [*_in_width([["mode", *heads], *rows[:MOST_MODES]], width), *more]
+
+
+def _told(level: Level) -> str:
+    if level.fault:
+        return f"{level.name}: {level.fault}"
+    values = level.dashpots_n_s_per_m
+    same = bool(np.all(values == values[0]))
+    size = number(values[0], 4) if same else ", ".join(number(value, 4) for value in values)
+    each = " in each numerical storey" if same else " in the numerical storeys"
+    if level.first_mode_ratio is None:
+        return f"{level.name}: {size} N s/m{each}"
+    return f"{level.name}: first mode {number(100.0 * level.first_mode_ratio)} %, by {size} N s/m{each}"
+
+
+def _shapes(found: Inspected, width: int) -> list[str]:
+    """Return the mode shapes, roof first: a row for each floor, a column for each mode."""
+    n = len(found.floor_mass_kg)
+    floors = shown_floors(n, found.numerical_storeys)
+    heads = ["floor", *(f"mode {mode + 1}" for mode in range(min(n, MOST_MODES)))]
+    rows = [[str(floor), *_row(found.mode_shapes[floor - 1, :MOST_MODES])] for floor in floors]
+    more = [f"  {n - len(floors)} more floors in --json"] if len(floors) < n else []
+    return [labelled("mode shapes", "largest floor 1, roof first"), *_in_width([heads, *rows], width), *more]
+
+
+def _row(values: Array) -> list[str]:
+    return [f"{value:.4f}" for value in values]
+
+
+def shown_floors(count: int, interface: int) -> list[int]:
+    """Return the floors whose mode shapes the page shows, from the roof down: all, or some with the interface."""
+    if count <= MOST_FLOORS:
+        return list(range(count, 0, -1))
+    evenly = np.linspace(1, count, MOST_FLOORS - 1).round().astype(int).tolist()
+    return sorted({*evenly, interface}, reverse=True)
+
+
+def _in_width(rows: Sequence[Sequence[str]], width: int) -> list[str]:
+    """Return rows as columns; those that do not fit stand below the others, each time with the first column."""
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    ends = np.cumsum([2 + one for one in widths])
+    fit = max(2, int(np.searchsorted(ends, width, side="right")))
+    lines = [
+        "  "
+        + row[0].ljust(widths[0])
+        + "".join(f"  {cell.rjust(w)}" for cell, w in zip(row[1:fit], widths[1:], strict=False))
+        for row in rows
+    ]
+    rest = [[row[0], *row[fit:]] for row in rows]
+    return [*(line.rstrip() for line in lines), *(_in_width(rest, width) if len(rest[0]) > 1 else [])]

@@ -1,0 +1,226 @@
+"""Masses in tonnes, stiffnesses in kN/m and records in another unit are asked about first; plausible cases are not."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from io import StringIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from campaigns.random_case_draw import draw, make_records
+from scipy.linalg import eigh
+
+from rths_cli.case.load import load_cases
+from rths_cli.cli.terminal import Screen
+from rths_cli.errors import InputError, RigError
+from rths_cli.experiment import identify_command
+from rths_cli.experiment.check_command import check_cases, verdict_on
+from rths_cli.experiment.identify_command import Asked, make_model
+from rths_cli.experiment.identify_on_rig import UnfitRig
+from rths_cli.experiment.model_choice import Known, Memory
+from rths_cli.experiment.run_command import Request, run_batch
+from rths_cli.experiment.setup import Setup, make_setup
+from rths_cli.experiment.table_runs_of_case import why_none
+from rths_cli.experiment.unit_plausibility import drift_under_1_g, unit_doubts
+from rths_cli.files.result_reader import read_result
+from rths_cli.identification.channel_signals import UnfitRecord
+from rths_cli.identification.results import Identification
+from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
+
+NUMERICAL, EXPERIMENTAL = (
+    ("numerical.masses_kg", "numerical.stiffness_n_per_m"),
+    (
+        "experimental.masses_kg",
+        "experimental.stiffness_n_per_m",
+    ),
+)
+LISTS = dict(zip((*NUMERICAL, *EXPERIMENTAL), ([8.0, 8.0, 8.0], [8e3, 8e3, 7e3], [7.0, 6.0], [7e3, 6e3]), strict=True))
+STIFF, SOFT = (
+    r"^first mode 4[67] Hz \(.*0\.04\d mm\): are masses_kg in kg",
+    r"^first mode 0\.047 Hz \(.*storey 1, num.* 45\.\d m\)",
+)
+LIGHT, UNEQUAL = (
+    r"^the specimen weighs 0\.013 kg, 0\.057 % of what rig aps400_virtual",
+    r"^numerical floors of at most 0\.008 kg",
+)
+
+
+def case_of(folder: Path, lists: dict[str, Sequence[float]] = LISTS, **keys: object) -> Path:
+    """Write a case of five storeys whose lists of masses and stiffnesses are given."""
+    structure: dict[str, dict[str, object]] = {"numerical": {}, "experimental": {}}
+    for key, values in lists.items():
+        part, _, name = key.partition(".")
+        structure[part][name] = list(values)
+    structure["experimental"]["damping_ratios"] = [0.02] * len(lists["experimental.masses_kg"])
+    dashpots = {"dashpots_n_s_per_m": [1.0] * len(lists["numerical.masses_kg"])}
+    case = {"structure": structure, "damping": dashpots, "record": "el_centro", "scaling": 0.1, "controller": "FF+FB"}
+    path = folder / "own.yaml"
+    path.write_text(json.dumps({**case, **keys}))
+    return path
+
+
+def mistaken(*units: str, factor: float) -> dict[str, Sequence[float]]:
+    return {key: [factor * value for value in values] if key in units else values for key, values in LISTS.items()}
+
+
+def setup_of(path: Path | str, *settings: str) -> Setup:
+    return make_setup(load_cases([path], settings)[0])
+
+
+MASSES, SPRINGS = (NUMERICAL[0], EXPERIMENTAL[0]), (NUMERICAL[1], EXPERIMENTAL[1])
+MISTAKES = {
+    "masses in t": (mistaken(*MASSES, factor=1e-3), STIFF),
+    "stiffness in kN/m": (mistaken(*SPRINGS, factor=1e-3), SOFT),
+    "stiffness in N/mm, numerical only": (
+        mistaken(NUMERICAL[1], factor=1e-3),
+        r"storey 1, numerical, would drift 45\.\d m",
+    ),
+    "stiffness in kN/m, experimental only": (mistaken(EXPERIMENTAL[1], factor=1e-3), r"storey 4, experimental, would"),
+    "masses in t, stiffness in kN/m": (mistaken(*LISTS, factor=1e-3), LIGHT),
+    "masses in t, numerical only": (mistaken(NUMERICAL[0], factor=1e-3), UNEQUAL),
+}
+
+
+@pytest.mark.parametrize("mistake", MISTAKES)
+def test_a_building_in_other_units_is_asked_about(mistake: str, tmp_path: Path) -> None:
+    lists, sentence = MISTAKES[mistake]
+    (doubt,) = unit_doubts(setup_of(case_of(tmp_path, lists)))
+    assert re.search(sentence, doubt) and "in kg" in doubt
+
+
+def test_the_first_mode_and_the_drift_are_those_of_the_building(tmp_path: Path) -> None:
+    setup = setup_of(case_of(tmp_path, mistaken(*SPRINGS, factor=1e-3)))
+    M, K = setup.building.M, setup.building.K
+    first_hz = np.sqrt(eigh(K, M, eigvals_only=True)[0]) / (2.0 * np.pi)
+    pushed = np.linalg.solve(K, STANDARD_GRAVITY_M_S2 * np.diag(M))
+    assert drift_under_1_g(setup.building) == pytest.approx(np.diff(pushed, prepend=0.0), rel=1e-9)
+    (doubt,) = unit_doubts(setup)
+    assert f"first mode {first_hz:.2g} Hz" in doubt and f"would drift {pushed[0]:.3g} m" in doubt
+
+
+def test_masses_in_grams_are_asked_about_where_the_table_cannot_carry_them(tmp_path: Path) -> None:
+    for factor, advice in ((1e3, "are masses_kg those of the model on the table, in kg?"), (2.0, "put fewer storeys")):
+        with pytest.raises(InputError, match=r"rig aps400_virtual carries at most 23 kg") as caught:
+            setup_of(case_of(tmp_path, mistaken(*MASSES, factor=factor)))
+        assert advice in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        ("structure=three_storey",),
+        ("structure=three_storey_bare", "damping=bare"),
+        # a mass of 20 Hz on a numerical storey; a small light model; an isolated one with a period of 5 s
+        ("structure.experimental={masses_kg: [7], stiffness_n_per_m: [1.1e5], damping_ratios: [0.03]}",),
+        ("structure.experimental={masses_kg: [0.2], stiffness_n_per_m: [900], damping_ratios: [0.03]}",
+         "structure.numerical={masses_kg: [0.2], stiffness_n_per_m: [900]}"),
+        ("structure.numerical={masses_kg: [10], stiffness_n_per_m: [38]}",),
+    ],
+)  # fmt: skip
+def test_plausible_models_are_not_asked_about(settings: tuple[str, ...]) -> None:
+    damping = () if "damping=bare" in settings else ("damping={dashpots_n_s_per_m: [1]}",)
+    assert unit_doubts(setup_of("el_centro_low_ff_fb", *damping, *settings)) == ()
+
+
+@pytest.mark.parametrize(("storeys", "period_s"), [(40, 5.0), (100, 9.0), (198, 12.0)])
+def test_tall_soft_buildings_are_not_asked_about(storeys: int, period_s: float, tmp_path: Path) -> None:
+    """A uniform chain of n storeys has w1 = 2 sqrt(k / m) sin(pi / (4 n + 2))."""
+    k = 8.0 * (np.pi / period_s / np.sin(np.pi / (4.0 * (storeys + 2) + 2.0))) ** 2
+    lists = dict(zip(LISTS, ([8.0] * storeys, [k] * storeys, [8.0, 8.0], [k, k]), strict=True))
+    setup = setup_of(case_of(tmp_path, lists))
+    assert np.sqrt(eigh(setup.building.K, setup.building.M, eigvals_only=True)[0]) * period_s == pytest.approx(
+        2 * np.pi
+    )
+    assert unit_doubts(setup) == ()
+
+
+def test_random_legitimate_cases_are_not_asked_about(tmp_path: Path) -> None:
+    make_records(tmp_path)
+    for seed in range(40):
+        path = tmp_path / "case.yaml"
+        path.write_text(json.dumps({**draw(seed, tmp_path).case, "runs": ["sim"]}))
+        assert unit_doubts(setup_of(path)) == (), seed
+
+
+@pytest.mark.parametrize(
+    ("unit", "scaling", "sentence"),
+    [
+        ("g", 0.1, r"^record pulse peaks at 33\.5 m/s\^2 \(3\.4 g\) before scaling: is its unit right"),
+        ("m/s^2", 0.1, ""),
+        (
+            "cm/s^2",
+            0.9,
+            r"^record pulse peaks at 0\.0342 m/s\^2 \(0\.0035 g\) before it is scaled down by 0\.9: is its",
+        ),
+        ("cm/s^2", 1.0, ""),  # a weak record, as it is
+    ],
+)
+def test_a_record_in_another_unit_is_asked_about(unit: str, scaling: float, sentence: str, tmp_path: Path) -> None:
+    time_s = 0.01 * np.arange(400)
+    accel = 3.42 * np.sin(2.0 * np.pi * (time_s - 1.75)) * np.exp(-(((time_s - 2.0) / 1.0) ** 2))
+    np.savetxt(tmp_path / "pulse.csv", np.column_stack([time_s, accel]), delimiter=",")
+    record = {"file": "pulse.csv", "unit": unit}
+    doubts = unit_doubts(setup_of(case_of(tmp_path, record=record, scaling=scaling, record_filter={"corner_hz": 0})))
+    assert len(doubts) == bool(sentence) and all(re.search(sentence, doubt) for doubt in doubts)
+
+
+class Unfit(Memory):
+    """A memory whose rig cannot be identified."""
+
+    def known(self, setup: Setup, progress: object) -> Known:
+        raise RigError("channel floor_5: dead")
+
+    at_rest = known
+
+
+def test_a_run_asks_first_and_keeps_the_question_in_its_result(tmp_path: Path) -> None:
+    cases = load_cases([case_of(tmp_path, MISTAKES["masses in t"][0], runs=["sim"])])
+    printed = StringIO()
+    (ended,) = run_batch(Request(tuple(cases), (), tmp_path, True, "test"), Screen(stream=printed))
+    assert ended.exit_code == 0 and re.search(STIFF, ended.warnings[0])
+    lines = printed.getvalue().splitlines()
+    assert lines[0] == f"note: {ended.warnings[0]}" and lines[1].startswith("[1/1] own: complete")
+    assert not any(ended.warnings[0] in line for line in lines[1:])
+    assert str(read_result(tmp_path / "own.h5").attributes["warnings"]).splitlines()[0] == ended.warnings[0]
+
+
+def test_a_rig_that_cannot_be_identified_is_not_the_first_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cases = load_cases([case_of(tmp_path, MISTAKES["stiffness in kN/m"][0])])
+    warned: list[str] = []
+    (checked,) = check_cases(cases, (), lambda _: None, Unfit(), warn=warned.append)
+    assert re.search(SOFT, checked.reasons[0]) and checked.reasons[1:] == ("channel floor_5: dead",)
+    assert checked.warnings == checked.reasons[:1] == tuple(warned)
+    monkeypatch.setattr("rths_cli.experiment.run_command.Memory", lambda _: Unfit())
+    (ended,) = run_batch(Request(tuple(cases), (), tmp_path, True, "test"), Screen(quiet=True))
+    assert ended.exit_code == 4 and ended.reason == "; ".join(checked.reasons)
+
+
+def test_a_rejected_model_is_not_the_first_reason(tmp_path: Path, default_identification: Identification) -> None:
+    setup = setup_of(case_of(tmp_path, MISTAKES["masses in t"][0]))
+    known = Known(default_identification, "test", ("the specimen has changed",))
+    verdict = verdict_on(setup, known)
+    (doubt,) = unit_doubts(setup)
+    assert verdict.reasons[0] == doubt and any("the specimen has changed" in reason for reason in verdict.reasons[1:])
+    assert why_none(setup, known, verdict).startswith(doubt)
+    assert why_none(setup, Known(default_identification, "test"), verdict_on(setup, known, False)) in ("", doubt)
+
+
+def test_identification_asks_before_it_excites_and_before_it_blames_a_channel(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    said: list[str] = []
+
+    def measure(setup: Setup, progress: object, planned: object) -> object:
+        said.append("excited")
+        raise UnfitRig("aps400_virtual", UnfitRecord(("channel floor_5: dead",)))
+
+    monkeypatch.setattr(identify_command, "measure", measure)
+    path = case_of(tmp_path, MISTAKES["stiffness in kN/m"][0])
+    made = make_model(Asked(str(path), (), output=tmp_path / "m.h5", draw=False), lambda _: None, warn=said.append)
+    assert re.search(SOFT, said[0]) and said[1:] == ["excited"]
+    assert made.unfit is not None and made.unfit.faults == (said[0], "channel floor_5: dead")

@@ -1,0 +1,204 @@
+"""The answer at the end of a run: its grade, its tables in three significant digits, its widths."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rths_cli.analysis.grade import GOOD, POOR, USABLE, GradeLimits, grade_of
+from rths_cli.files.result_reader import ResultWriter, read_result
+from rths_cli.report.answer import answer, answers, one_line, shown_storeys, three, verdict
+
+NAMES = ("friction", "latency")
+
+
+def figures(percent: tuple[float, ...] = (0.2, 0.1, 0.1), delayed: float = 0.1, friction: float = 0.9) -> dict:
+    """Return the metrics of a run whose SIM has an RMS of 0.5 m/s^2 in each storey."""
+    rms = 0.005 * np.array(percent)
+    return {
+        "exp_rths.nrmse_percent": np.array(percent),
+        "exp_rths.rms_error_m_s2": rms,
+        "sim_delay.rms_error_m_s2": np.full(3, delayed),
+        "exp_rths.peak_abs_accel_m_s2": np.array([1.4951, 2.1, 2.8]),
+        "exp_rths.peak_rel_disp_m": np.array([0.00551, 0.00993, 0.01255]),
+        "exp_rths.peak_inter_storey_drift_m": np.array([0.00551, 0.004436, 0.002633]),
+        "exp_rths.peak_building_base_shear_n": 40.58,
+        "exp_rths.building_base_shear_ratio": 0.1991,
+        "budget.rms_error_friction_m_s2": friction * rms,
+        "budget.rms_error_latency_m_s2": np.sqrt(1.0 - friction**2) * rms,
+    }
+
+
+def written(
+    path: Path, values: dict, case: str = "grade_limits: {}\n", status: str = "complete", **attributes: str
+) -> Path:
+    about = {
+        "case_name": "own", "method": "best", "rig": "bench", "rig_kind": "virtual", "sample_rate_hz": 200.0,
+        "record_name": "quake", "scaling": 0.3, "damping_name": "low", "damping_first_mode_ratio": 0.026,
+        "controller": "FF+FB", "exp_rths_status": "complete", "check_verdict": "safe",
+    }  # fmt: skip
+    structure = "structure: {numerical: {masses_kg: [7.0]}, experimental: {masses_kg: [7.0, 7.0]}}\n"
+    with ResultWriter(path, about | attributes) as writer:
+        writer.case("case\n", structure + case)
+        writer.metrics(values)
+        writer.finish(status, attributes.get("status_reason", ""))  # type: ignore[arg-type]
+    return path
+
+
+@pytest.mark.parametrize(
+    ("percent", "delayed", "grade", "missed"),
+    [
+        ((1.9, 0.1, 0.1), 0.2, GOOD, ""),
+        ((0.1, 2.1, 0.1), 0.2, USABLE, "percent"),
+        ((0.1, 0.1, 5.1), 0.2, POOR, "percent"),
+        ((1.9, 0.1, 0.1), 0.09, USABLE, "ratio"),  # 9.5 mm/s^2 over 90
+        ((0.1, np.nan, 0.1), 0.2, POOR, "percent"),
+        ((1.9, 0.1, 0.1), np.inf, GOOD, ""),  # SIM-DELAY diverged: nothing to compare with
+    ],
+)
+def test_the_grade_is_that_of_the_worst_storey(percent, delayed, grade, missed) -> None:  # type: ignore[no-untyped-def]
+    found = grade_of(figures(percent, delayed), GradeLimits())
+    assert found is not None and (found.grade, found.missed) == (grade, missed)
+    worst = int(np.nanargmax(np.where(np.isnan(percent), np.inf, percent)))
+    assert found.storey == worst + 1
+
+
+def test_the_cause_is_named_where_it_makes_half_of_the_squares() -> None:
+    assert grade_of(figures(friction=0.9), GradeLimits()).cause == "friction"  # type: ignore[union-attr]
+    assert grade_of(figures(friction=0.2), GradeLimits()).cause == "latency"  # type: ignore[union-attr]
+    values = figures(friction=0.6) | {"budget.rms_error_specimen_m_s2": 0.7 * figures()["exp_rths.rms_error_m_s2"]}
+    assert grade_of(values, GradeLimits()).cause == ""  # type: ignore[union-attr]
+
+
+def test_without_a_hybrid_test_there_is_no_grade(tmp_path: Path) -> None:
+    values = {"sim.peak_abs_accel_m_s2": np.ones(3), "sim.peak_inter_storey_drift_m": np.ones(3)}
+    path = written(tmp_path / "sim.h5", values, exp_rths_status="refused", exp_rths_status_reason="unsafe: margin")
+    assert verdict(read_result(path)) == "REFUSED: unsafe: margin"
+    assert "peak accel" in answer(read_result(path))
+
+
+def test_limits_of_the_case_decide(tmp_path: Path) -> None:
+    strict = written(
+        tmp_path / "a.h5", figures(), "grade_limits: {good_percent: 0.15, good_ratio: 0.1, usable_percent: 5.0}\n"
+    )
+    told = verdict(read_result(strict))
+    assert told.startswith("USABLE: error 0.200 % of SIM in the worst storey (1)")
+    assert "good is at most 0.15 % of SIM, most of it by friction" in told
+
+
+def test_a_test_that_was_called_unsafe_says_so(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.h5", figures(), check_verdict="unsafe")
+    assert "the check called the test unsafe and was overridden" in verdict(read_result(path))
+
+
+def test_an_aborted_test_says_why(tmp_path: Path) -> None:
+    path = written(
+        tmp_path / "a.h5", {}, status="aborted", exp_rths_status="aborted",
+        status_reason="force beyond its limit", exp_rths_status_reason="force beyond its limit",
+    )  # fmt: skip
+    assert verdict(read_result(path)) == "ABORTED: force beyond its limit"
+
+
+GOLDEN = """\
+own: 30% quake, damping low (2.6 % in mode 1), FF+FB by method best, virtual rig
+  bench
+GOOD: error 0.200 % of SIM in the worst storey (1), 0.0100 of SIM-DELAY's, if
+  sensors and masses are as declared.
+
+storey        peak accel peak displ peak drift  RMS error     of SIM  SIM-DELAY
+(EXP-RTHS)         m/s^2         mm         mm     mm/s^2          %     mm/s^2
+3 roof              2.80       12.6       2.63      0.500      0.100        100
+2                   2.10       9.93       4.44      0.500      0.100        100
+1 interface         1.50       5.51       5.51       1.00      0.200        100
+
+Base shear of the building (EXP-RTHS): 40.6 N, 0.199 of its weight.
+note: one thing
+"""
+
+
+def test_the_answer_of_one_result(tmp_path: Path) -> None:
+    path = written(tmp_path / "own.h5", figures(), warnings="one thing")
+    text = answer(read_result(path), 80)
+    assert text.startswith(GOLDEN)
+    rest = " ".join(text.removeprefix(GOLDEN).split())
+    assert rest == f"result {path}; more by: rths report {path}, with --figures DIR or --format html --output FILE"
+
+
+@pytest.mark.parametrize("width", [20, 60, 72, 80, 100, 200])
+def test_it_fits_from_60_columns_on(tmp_path: Path, width: int) -> None:
+    values = figures() | {"exp_rths.peak_drift_ratio": np.full(3, 1.5e-3)}
+    lines = answer(read_result(written(tmp_path / "o.h5", values)), width).splitlines()
+    paths = [line for line in lines if str(tmp_path) in line]  # a path is not broken
+    assert max(len(line) for line in lines if line not in paths) <= min(max(width, 60), 100)
+    assert any("% height" in line for line in lines)
+
+
+def test_of_a_tall_building_the_three_that_drift_most_and_the_roof_are_shown(tmp_path: Path) -> None:
+    drift = np.array([1.0, 9.0, 2.0, 8.0, 7.0, 3.0, 0.5])
+    values = {"sim.peak_inter_storey_drift_m": drift, "sim.peak_abs_accel_m_s2": drift}
+    result = read_result(written(tmp_path / "tall.h5", values))
+    assert shown_storeys(result, "sim") == [6, 4, 3, 1]
+
+
+def test_several_results_are_compared_row_by_row(tmp_path: Path) -> None:
+    paths = [
+        written(tmp_path / "first.h5", figures()),
+        written(tmp_path / "second.h5", figures((3.0, 0.1, 0.1))),
+        written(tmp_path / "third.h5", {}, exp_rths_status="refused", exp_rths_status_reason="unsafe: margin"),
+    ]
+    lines = answers([read_result(path) for path in paths], 80).splitlines()
+    assert lines[2].split() == ["first", "good", "0.200", "0.0100", "2.80", "40.6"]
+    assert lines[3].split() == ["second", "usable", "3.00", "0.150", "2.80", "40.6"]
+    assert lines[4].split() == ["third", "refused", "-", "-", "-", "-"]
+    assert "third: REFUSED: unsafe: margin" in lines and max(map(len, lines[:6])) <= 80
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0.0, "0"), (0.99951, "1.00"), (158.04, "158"), (1234.6, "1230"), (0.0074642, "0.00746"), (-2.5, "-2.50"),
+     (np.inf, "-"), (3.21e-7, "3.21e-07"), (123456.0, "1.23e+05")],
+)  # fmt: skip
+def test_three_significant_digits(value: float, text: str) -> None:
+    assert three(value) == text
+
+
+def test_a_case_in_one_line(tmp_path: Path) -> None:
+    good = read_result(written(tmp_path / "own.h5", figures()))
+    assert one_line(good) == f"own: good, error 0.200 % of SIM, 0.0100 of SIM-DELAY's; {good.path}"
+    refused = written(tmp_path / "no.h5", {}, exp_rths_status="refused", exp_rths_status_reason="unsafe: margin")
+    assert one_line(read_result(refused)) == f"no: REFUSED: unsafe: margin; {refused}"
+
+
+def test_a_test_beyond_its_accept_limits_is_not_called_good(tmp_path: Path) -> None:
+    said = "exp_rths.rms_error_m_s2[3] = 0.0005 is beyond its accept limit 0.0001"
+    case = "accept:\n  exp_rths.rms_error_m_s2[3]: 0.0001\n"
+    result = read_result(written(tmp_path / "own.h5", figures(), case, status_reason=said))
+    assert verdict(result).startswith(f"NOT ACCEPTED: {said}. GOOD: error 0.200 % of SIM")
+    assert one_line(result).startswith(f"own: NOT ACCEPTED: {said}")
+    other = read_result(written(tmp_path / "other.h5", figures()))
+    lines = answers([result, other], 80).splitlines()
+    assert lines[2].split()[:3] == ["own", "not", "accept."] and any("NOT ACCEPTED" in line for line in lines)
+
+
+def test_a_fault_after_the_record_is_told(tmp_path: Path) -> None:
+    result = read_result(written(tmp_path / "own.h5", figures(), status_reason="the rig failed after the record"))
+    assert verdict(result).startswith("BUT: the rig failed after the record. GOOD: ")
+
+
+def test_a_file_without_relative_errors_is_not_graded(tmp_path: Path) -> None:
+    result = read_result(written(tmp_path / "old.h5", {}, rths_version="0.1.0"))
+    assert verdict(result) == "NOT GRADED: the file, written by rths 0.1.0, states no errors in percent of SIM."
+
+
+def test_damaged_limits_are_the_usual_ones(tmp_path: Path) -> None:
+    case = "grade_limits: {good_percent: many, gut: 1, good_ratio: 0.001}\n"
+    told = verdict(read_result(written(tmp_path / "a.h5", figures(), case)))
+    assert "USABLE" in told and "at most 0.001 of SIM-DELAY" in told
+
+
+def test_a_diverged_sim_delay_and_another_band_are_told(tmp_path: Path) -> None:
+    values = figures(delayed=np.nan) | {"sim_delay.diverged_at_s": 1.234}
+    told = verdict(read_result(written(tmp_path / "a.h5", values, test_band_hz=30.0)))
+    assert "GOOD: error 0.200 % of SIM up to 30 Hz in the worst storey (1), SIM-DELAY diverged at 1.23 s" in told

@@ -12,7 +12,7 @@ import numpy as np
 
 from rths_cli.control.numerical_substructure import check_scheme
 from rths_cli.errors import InputError
-from rths_cli.experiment.ground_motion import GroundMotion, prepare
+from rths_cli.experiment.ground_motion import GroundMotion, compressed, prepare
 from rths_cli.experiment.own_parts import with_own_storeys
 from rths_cli.files.accelerograms import read_accelerogram
 from rths_cli.interrupts import interruptible
@@ -22,7 +22,7 @@ from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.quantities import metrics_of
 from rths_cli.rigs.description import RigInfo
 from rths_cli.rigs.from_case import rig_info
-from rths_cli.structure import Building, build
+from rths_cli.structure import Building, Similitude, build, similitude_of
 
 if TYPE_CHECKING:
     from rths_cli.case.case_schema import Case
@@ -57,6 +57,11 @@ class Setup:
     def knows_storeys(self) -> bool:
         """Return whether the storeys below the interface follow from ground motion and interface force."""
         return self.building.linear and ("numerical" not in self.parts or self.declared)
+
+    @property
+    def similitude(self) -> Similitude | None:
+        """Return the scale of the model, prototype over model; None where the case states none."""
+        return None if self.case.scale is None else similitude_of(self.case.scale)
 
     @property
     def compared(self) -> ComparedBand:
@@ -97,6 +102,8 @@ def make_setup(
 def ground_motion(case: Case) -> tuple[GroundMotion, str]:
     """Return the scaled, filtered record of a case and the hash of its file; raises InputError."""
     accelerogram = read_accelerogram(case.record.path, case.record.unit, case.record.dt_s)
+    if case.scale is not None:
+        accelerogram = compressed(accelerogram, similitude_of(case.scale))
     motion = prepare(
         accelerogram,
         case.scaling,
@@ -110,7 +117,9 @@ def ground_motion(case: Case) -> tuple[GroundMotion, str]:
 def motion_key(case: Case) -> tuple[object, ...]:
     """Return the key of a case's ground motion for SharedValues: everything that it depends on."""
     sampling = (case.scaling, case.sample_rate_hz)
-    return (case.record.model_dump_json(), case.record_filter.model_dump_json(), *sampling)
+    # of the scale, what the record is compressed by: mass and stress change no motion
+    scale = None if case.scale is None else (case.scale.length, case.scale.acceleration)
+    return (case.record.model_dump_json(), case.record_filter.model_dump_json(), *sampling, scale)
 
 
 def building_key(case: Case) -> tuple[str, str]:

@@ -16,6 +16,9 @@ STATUSES = ("complete", "aborted", "interrupted", "failed", "refused")
 REAL = "real rig only"
 LINKED = "UDP rig only"
 RECOVERED = "recovered run only"
+SCALED = "only where the case states a scale"
+FACTOR = (1e-15, 1e15)
+"""Limits of a scale factor."""
 SINCE_0_2 = "since version 0.2.0"
 
 OF_FILE = (
@@ -44,6 +47,16 @@ OF_FILE = (
     AttributeDeclaration("method", "text", "best or paper"),
     AttributeDeclaration("controller", "text", "FF, FF+FB or none"),
     AttributeDeclaration("scaling", "number", "factor on the record", (-1e9, 1e9)),
+    AttributeDeclaration("scale_length", "number", "length of the prototype over that of the model", FACTOR, SCALED),
+    AttributeDeclaration("scale_acceleration", "number", "the same of accelerations", FACTOR, SCALED),
+    AttributeDeclaration("scale_mass", "number", "the same of masses", FACTOR, SCALED),
+    AttributeDeclaration(
+        "report_in",
+        "text",
+        "scale in which reports print the building's response; every value in the file is in model scale",
+        ("model", "prototype"),
+        SCALED,
+    ),
     AttributeDeclaration("damping_name", "text", "damping level, inline where the case gives a mapping"),
     AttributeDeclaration(
         "damping_first_mode_ratio",

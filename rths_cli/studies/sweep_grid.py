@@ -31,6 +31,9 @@ NOT_VARIED = {
     "accept": "changes no figure; give one limit with --set",
     "grade_limits": "changes no figure; vary what does",
     "reference": "changes no figure; vary what does",
+    "report_in": "changes no figure; vary what does",
+    "scale.stress": "changes no figure, for a sweep has them in model scale; vary scale.length",
+    "scale.mass": "changes no figure, for a sweep has them in model scale; vary scale.length",
     "runs": "changes nothing, a sweep runs EXP-RTHS alone; vary what does",
 }
 
@@ -144,7 +147,7 @@ def _key_fault(key: str, has_values: bool) -> str:
     """Return what is wrong with a key to vary, empty when nothing is."""
     if not has_values or not all(key.split(".")):
         return "must be KEY=VALUE,VALUE,... or KEY=LOW:HIGH:COUNT, for example --vary scaling=0.2,0.3"
-    return NOT_VARIED.get(key.partition(".")[0], "")
+    return NOT_VARIED.get(key) or NOT_VARIED.get(key.partition(".")[0], "")
 
 
 def _spaced(span: re.Match[str]) -> tuple[tuple[Any, ...], str]:

@@ -33,8 +33,9 @@ if TYPE_CHECKING:
     from rths_cli.numerics.lti import Array
     from rths_cli.quantities import Values
 
-NO_PART = {"path", "yaml_text", "name", "notes", "seed", "runs", "accept", "reference"}  # of what a run computes
-MOTION = {"record", "scaling", "record_filter", "delay_s"}  # what no block depends on
+# of what a run computes
+NO_PART = {"path", "yaml_text", "name", "notes", "seed", "runs", "accept", "reference", "report_in"}
+MOTION = {"record", "scaling", "scale", "record_filter", "delay_s"}  # what no block depends on
 
 
 @dataclass(frozen=True)

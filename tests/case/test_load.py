@@ -211,7 +211,7 @@ def test_settings_reach_keys_defaults_and_short_forms(write) -> None:
     ("setting", "fault"),
     [
         ("scaling=-1", "--set scaling: must be > 0 and <= 100, got -1"),
-        ("scalling=1", "--set scalling: unknown key; did you mean scaling?"),
+        ("scalling=1", "--set scalling: unknown key; did you mean scaling or scale?"),
         ("table.physics.coulomb=1", "--set table.physics.coulomb: unknown key; did you mean coulomb_n?"),
         ("seed=[", "--set seed: not valid YAML: "),
         ("delay_s=.inf", "--set delay_s: must be a finite number, got .inf"),

@@ -238,14 +238,17 @@ def from_control(system: control.StateSpace | control.TransferFunction | control
 def plot(result: RunResult | str | Path, name: str, width: Literal["one", "two"] = "two") -> Figure:
     """Draw a figure of a result or its file, say "tracking", for one column of a page (84 mm) or two (174 mm).
 
+    A case with a scale and `report_in: prototype` is drawn in prototype scale.
+
     `plot(result, "tracking").savefig("tracking.pdf")` writes it. Raises InputError for a name that is none of the
     figures, and when the result does not hold what the figure shows.
     """
     from rths_cli.report.figures import draw
+    from rths_cli.report.result_scale import reported
 
     opened = result if isinstance(result, RunResult) else load(result)
     opened.check_unchanged()
-    return draw(name, opened.contents, width)
+    return draw(name, reported([opened.contents])[0], width)
 
 
 def _given(case: CaseGiven) -> CaseGiven:

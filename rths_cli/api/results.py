@@ -269,8 +269,9 @@ class RunResult:
 
     def _repr_html_(self) -> str:
         from rths_cli.report.answer import answer
+        from rths_cli.report.result_scale import reported
 
-        return _as_html(answer(self.contents))
+        return _as_html(answer(reported([self.contents])[0]))
 
 
 @dataclass(frozen=True)

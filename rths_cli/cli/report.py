@@ -55,6 +55,11 @@ PLAIN_S = 5.0  # between two lines where output is no terminal
     metavar="PERCENT",
     help="Exit code 1 when an error is worse than the baseline's by more than this.",
 )
+@click.option(
+    "--report-in",
+    type=click.Choice(["model", "prototype"]),
+    help="Scale of the figures of cases with a scale [default: the report_in of the cases].",
+)
 @click.option("--paper", is_flag=True, help="Judge the paper's claims for cases without a reference, too.")
 @click.option("--keep-going", is_flag=True, help="Report the good files although others cannot be read.")
 @click.option("--junit", type=FILE, metavar="FILE", help="Write JUnit XML: one test per accept limit.")
@@ -69,6 +74,7 @@ def report(
     keys: tuple[str, ...],
     baseline: Path | None,
     percent: float | None,
+    report_in: str | None,
     paper: bool,
     keep_going: bool,
     junit: Path | None,
@@ -99,6 +105,7 @@ def report(
         keep_going=keep_going,
         junit=junit,
         paper=paper,
+        report_in=report_in,
     )
     return _report(asked, quiet)
 

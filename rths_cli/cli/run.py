@@ -97,10 +97,11 @@ def run(
 
 def _show_results(ended: Sequence[Ended], as_json: bool, junit: Path | None, wanted: Wanted) -> None:
     """Read the result files back, write their tests and print what is wanted of them."""
+    from rths_cli.report.result_scale import reported
     from rths_cli.report.results_by_case import load
 
     paths = [one.path for one in ended if one.path]
-    results = load(paths) if paths or as_json else []
+    results = reported(load(paths)) if paths or as_json else []
     if junit:
         from rths_cli.report.formats.junit import junit as as_junit
         from rths_cli.report.report_options import write_text

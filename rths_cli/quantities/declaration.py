@@ -27,7 +27,9 @@ class Quantity:
 
     `path` with dots between its groups; `over`: what it has one value for each of ("" for a single number); `better`:
     which way it improves; `text`: its meaning; `kinds`: the suffixes under which it stands too; `band`: where in
-    frequency it is evaluated, "" where that says nothing; `reference`: the publication that defines it.
+    frequency it is evaluated, "" where that says nothing; `reference`: the publication that defines it; `scales_as`:
+    the units by whose factor a motion or force of the building scales to the prototype; "" for a figure of the rig or
+    of the loop, which has no value in prototype scale.
     """
 
     path: str
@@ -38,6 +40,7 @@ class Quantity:
     kinds: tuple[str, ...] = ()
     band: str = ""
     reference: str = ""
+    scales_as: str = ""
 
     @property
     def group(self) -> str:

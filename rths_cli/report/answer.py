@@ -16,6 +16,7 @@ from rths_cli.files.stored_case import stored_case
 from rths_cli.numerics.bands import TEST_BAND_HZ
 from rths_cli.report.error_budget_table import CAUSES
 from rths_cli.report.judged_limits import judge
+from rths_cli.report.result_scale import scale_lines
 from rths_cli.report.results_by_case import TABLE_RUNS
 
 MOST_STOREYS = 5  # of which all are shown; of taller buildings the three that drift most, and the roof
@@ -32,6 +33,7 @@ def answer(result: Result, width: int = WIDEST) -> str:
     width = min(max(width, NARROW), WIDEST)
     head = f"{result.attributes.get('case_name') or result.path.stem}: {_about(result)}"
     lines = [*_wrapped(head, width), *_wrapped(verdict(result), width)]
+    lines += [line for told in scale_lines([result]) for line in _wrapped(told, width)]
     for table in _tables(result, width):
         lines += ["", *table]
     lines += ["", *_wrapped(base_shear(result), width)] if base_shear(result) else []
@@ -72,6 +74,8 @@ def _comparison(results: Sequence[Result], width: int) -> Iterator[str]:
     for result, found in zip(results, grades, strict=True):
         if found is None or result.attributes.get("status_reason"):
             yield from _wrapped(f"{result.path.stem}: {verdict(result)}", width)
+    for told in scale_lines(results):
+        yield from _wrapped(told, width)
     yield from _wrapped(f"Grades hold {IF_DECLARED}; more by: rths report {results[0].path.parent}", width)
 
 

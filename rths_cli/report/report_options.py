@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rths_cli.errors import InputError
@@ -15,6 +15,7 @@ from rths_cli.files.result_writer import check_writable, refusal
 from rths_cli.report.baseline_comparison import DEFAULT_PERCENT
 from rths_cli.report.input_files import read_inputs
 from rths_cli.report.report_contents import Contents, all_blocks, contents
+from rths_cli.report.result_scale import reported
 from rths_cli.safe_text import visible
 
 Tell = Callable[[str], None]
@@ -36,6 +37,7 @@ class Asked:
     keep_going: bool  # whether files that cannot be used are skipped
     junit: Path | None  # JUnit file; None: none is written
     paper: bool = False  # whether the paper's claims are judged for cases without a reference, too
+    report_in: str | None = None  # model or prototype; None: as the cases state it
 
 
 def check_asked(asked: Asked) -> None:
@@ -63,10 +65,14 @@ def check_asked(asked: Asked) -> None:
 def read_asked(asked: Asked, tell: Tell) -> Contents:
     """Read the files of a report and return its contents; raises InputError as `contents` does."""
     inputs = read_inputs(asked.paths, tell)
+    other = read_inputs((asked.baseline,), tell) if asked.baseline else None
+    # both in one scale, so that they can be compared
+    scaled = reported((*inputs.results, *(other.results if other else ())), asked.report_in)
+    inputs, rest = replace(inputs, results=tuple(scaled[: len(inputs.results)])), scaled[len(inputs.results) :]
     before = None
-    if asked.baseline:
+    if other:
         percent = DEFAULT_PERCENT if asked.percent is None else asked.percent
-        before = str(asked.baseline), read_inputs((asked.baseline,), tell), percent
+        before = str(asked.baseline), replace(other, results=tuple(rest)), percent
     return contents(inputs, asked.keys, before, asked.keep_going)
 
 

@@ -13,6 +13,7 @@ from rths_cli.report.fidelity_table import every_figure, merit_table
 from rths_cli.report.figure_values import intervals_json, json_value
 from rths_cli.report.paper_claims import claims_tables, claims_text
 from rths_cli.report.paper_tables import response_tables, tracking_tables
+from rths_cli.report.result_scale import scale_json, scale_lines
 from rths_cli.report.results_by_case import SHORT, Entry, Figures, entries, sources, state
 from rths_cli.report.single_case_table import paths, single_table
 from rths_cli.report.table_cells import losses, remarks
@@ -51,7 +52,9 @@ def blocks(
         raise InputError("There are no results to print; give result files or run a case first.")
     cases = entries(results, references or {})
     groups = [list(group) for _, group in groupby(cases, key=lambda entry: entry.table_name)]
-    return [block for group in groups for block in _blocks(group, laid_out, paper)]
+    scales = scale_lines(results)
+    said: list[Block] = [Paragraphs(("Scale", *(f"  {line}" for line in scales)), indent=4)] if scales else []
+    return [*said, *(block for group in groups for block in _blocks(group, laid_out, paper))]
 
 
 def has_reference(result: Result) -> bool:
@@ -104,5 +107,6 @@ def _json_result(result: Result) -> dict[str, object]:
     about = {key: result.attributes.get(key) for key in (*ABOUT, "status", "status_reason")}
     metrics = {path: json_value(value) for path, value in result.metrics.items()}
     words = {"units": dict(result.units), "definitions": dict(result.definitions)}
-    ends = intervals_json(result.intervals)
-    return {"file": str(result.path), **about, "metrics": metrics, **words, **({"intervals": ends} if ends else {})}
+    ends, scale = intervals_json(result.intervals), scale_json(result)
+    more = {**({"intervals": ends} if ends else {}), **({"scale": scale} if scale else {})}
+    return {"file": str(result.path), **about, "metrics": metrics, **words, **more}

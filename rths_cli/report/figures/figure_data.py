@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.files.result_reader import Result, read_series
+from rths_cli.files.result_reader import Result
 from rths_cli.numerics.lti import Array, Integers
+from rths_cli.report.result_scale import series
 from rths_cli.rigs.description import capabilities_of
 
 TABLE_RUNS = ("shake_table", "exp_rths")
@@ -32,9 +33,10 @@ class Source:
     _kept: dict[str, Array] = field(default_factory=dict)
 
     def read(self, name: str) -> Array:
-        """Return the values of a dataset (`exp_rths/command_v`); raises InputError if there is none."""
+        """Return the values of a dataset (`exp_rths/command_v`) in the scale of the result; raises InputError if there
+        is none."""
         if name not in self._kept:
-            self._kept[name] = read_series(self.result.path, name)
+            self._kept[name] = series(self.result, name)
         return self._kept[name]
 
     def runs(self, names: tuple[str, ...]) -> list[str]:

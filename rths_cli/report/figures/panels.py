@@ -15,6 +15,7 @@ from rths_cli.quantities import DATASETS
 from rths_cli.quantities.units import typeset
 from rths_cli.report.figures.figure_data import Source, points_of_lines, thinned
 from rths_cli.report.figures.style import MM_PER_INCH, VERMILLION, WIDTHS_MM, Look, plain
+from rths_cli.report.result_scale import scale_words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -112,7 +113,7 @@ def heading(source: Source, width: str, about: str = "") -> list[str]:
     known = source.result.attributes
     table = f"{'virtual ' if source.virtual else ''}shake table {known.get('rig', '')}".rstrip()
     case = f"{known.get('case_name', source.result.path.stem)}, method {known.get('method', 'unknown')}"
-    lines = ["; ".join(filter(None, (case, table, about)))]
+    lines = ["; ".join(filter(None, (case, table, scale_words(source.result), about)))]
     if not source.complete:
         lines.append(f"{known.get('status', 'unfinished')}: {known.get('status_reason', '')}".rstrip(": "))
     long = HEADING_CHARACTERS[width]

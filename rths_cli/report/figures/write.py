@@ -23,6 +23,7 @@ from rths_cli.report.figures.limit_bars import limits
 from rths_cli.report.figures.panels import heading
 from rths_cli.report.figures.style import DPI, FORMS, METADATA, WIDTHS_MM, in_house_style
 from rths_cli.report.figures.timing import timing
+from rths_cli.report.result_scale import in_model_scale
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,6 +45,10 @@ FIGURES: dict[str, Callable[[Source, str], Figure]] = {
 }
 
 
+IN_MODEL_SCALE = ("table_response", "spectra", "delay_and_gain", "limits", "timing")
+"""Figures of the rig and of the loop, which have no prototype."""
+
+
 def figure_names() -> tuple[str, ...]:
     """Return the names of all figures, in the order in which they are written."""
     return tuple(FIGURES)
@@ -56,7 +61,7 @@ def draw(name: str, result: Result, width: str = "two") -> Figure:
     """
     _check(name, FIGURES, "figure")
     _check(width, WIDTHS_MM, "width")
-    return _drawn(name, Source(result), width)
+    return _drawn(name, Source(in_model_scale(result) if name in IN_MODEL_SCALE else result), width)
 
 
 def write_figures(
@@ -76,8 +81,9 @@ def write_figures(
     parts: dict[Path, Path] = {}
     try:
         for stem, result in zip(_stems(results), results, strict=True):
-            source = Source(result)
+            shown, stored = Source(result), Source(in_model_scale(result))
             for name in FIGURES:
+                source = stored if name in IN_MODEL_SCALE else shown
                 try:
                     image = interruptible(partial(_image, name, source, form, width))
                 except NotDrawn as reason:

@@ -29,6 +29,7 @@ from rths_cli.report.page.summary import (
     summary,
     verdicts,
 )
+from rths_cli.report.result_scale import scale_lines
 from rths_cli.report.results_by_case import Entry, entries
 
 STYLES = ("uPlot.min.css", "page.css")
@@ -94,7 +95,8 @@ def _header(title: str, cases: Sequence[Entry], results: Sequence[Result]) -> Ht
     badge = [classed("p", "badge", words)] if any(virtual) else []
     links = (element("a", text, attributes={"href": f"#{name}"}) for name, text in SECTIONS.items())
     about = element("p", f"On {tables}. {summary(results)}.")
-    return element("header", element("h1", title), *badge, about, element("nav", *links))
+    scales = (classed("p", "note", line) for line in scale_lines(results))
+    return element("header", element("h1", title), *badge, about, *scales, element("nav", *links))
 
 
 SECTIONS = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from rths_cli.quantities.units import typeset
 from rths_cli.report.filtered_errors import evaluated_error
 from rths_cli.report.page.decimated_series import Pool, envelope, width_of
 from rths_cli.report.page.summary import RUNS
+from rths_cli.report.result_scale import series_factor
 
 BUILDINGS = ("sim", "sim_delay", "exp_rths")
 TABLES = ("exp_rths", "shake_table")
@@ -105,9 +106,21 @@ def document(result: Result, pool: Pool) -> dict[str, object]:
     """Return the charts of a result for JSON; their series are added to `pool` and named by their indices there."""
     views = {"runs": tables(result), "storeys": storeys(result)}
     return {
-        kind: [{"name": view.name, "charts": [_chart(chart, pool) for chart in view.charts]} for view in found]
+        kind: [
+            {"name": view.name, "charts": [_chart(_in_scale(chart, result), pool) for chart in view.charts]}
+            for view in found
+        ]
         for kind, found in views.items()
     }
+
+
+def _in_scale(chart: Chart, result: Result) -> Chart:
+    """Return a chart of accelerations, made and filtered in model scale, in the scale of the result."""
+    time, accel = (series_factor(result, f"sim/{name}") for name in ("time_s", "abs_accel_m_s2"))
+    if time == accel == 1.0:
+        return chart
+    traces = tuple(replace(trace, values=accel * trace.values) for trace in chart.traces)
+    return replace(chart, time_s=time * chart.time_s, traces=traces)
 
 
 def _chart(chart: Chart, pool: Pool) -> dict[str, object]:

@@ -14,6 +14,7 @@ from rths_cli.case.yaml_reader import parse
 from rths_cli.case.yaml_tree import Source, plain
 from rths_cli.files.result_reader import Result
 from rths_cli.report.page.html import Html, classed, details, element, framed, join, table
+from rths_cli.report.result_scale import in_model_scale
 from rths_cli.rigs.description import capabilities_of
 
 MET, NOT_MET, NOT_JUDGED = "met", "not met", "not judged"
@@ -79,9 +80,10 @@ def _limit(result: Result, path: str, limit: float) -> Limit:
 def _figure(result: Result, path: str) -> float | None:
     """Return the value of a metric as `rths run` judges it: of the storey in the path, from 1, or the largest one."""
     name, _, index = path.partition("[")
-    if name not in result.metrics:
+    stored = in_model_scale(result).metrics
+    if name not in stored:
         return None
-    values = np.atleast_1d(np.asarray(result.metrics[name], dtype=float))
+    values = np.atleast_1d(np.asarray(stored[name], dtype=float))
     place = int(index.rstrip("]")) - 1 if index else int(np.abs(values).argmax())
     return float(values[place]) if place < values.size else None
 

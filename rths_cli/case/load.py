@@ -25,6 +25,7 @@ from rths_cli.case.resolve import (
     read_settings,
 )
 from rths_cli.case.rig_schema import AnyRig, RigSpec
+from rths_cli.case.scale_schema import ScaleSpec
 from rths_cli.case.structure_schema import DampingSpec, StructureSpec
 from rths_cli.case.yaml_reader import dump, parse, read_file
 from rths_cli.case.yaml_tree import Fault, Mark, Node, Source, display, join, plain
@@ -71,8 +72,8 @@ def load_all(paths: Sequence[Given], settings: Sequence[str], methods: Sequence[
     return cases
 
 
-def load_structure(name: str) -> tuple[StructureSpec, tuple[DampingSpec, ...], Path]:
-    """Return the building that a name or path stands for, its damping levels, and its file.
+def load_structure(name: str) -> tuple[StructureSpec, tuple[DampingSpec, ...], Path, ScaleSpec | None]:
+    """Return the building that a name or path stands for, its damping levels, its file, and the scale of a case.
 
     A case stands for its building, with the case's own damping alone. Raises InputError with all faults of the file.
     """
@@ -84,13 +85,13 @@ def load_structure(name: str) -> tuple[StructureSpec, tuple[DampingSpec, ...], P
     kind = kind_of_tree(tree)
     if kind == "cases":
         case = load_cases([path])[0]
-        return case.structure, (case.damping,), path
+        return case.structure, (case.damping,), path, case.scale
     if kind in ("rigs", "references"):
         raise InputError(
             f"{display(path)}: is a {kind.removesuffix('s')}, not a structure; rths list structures lists them"
         )
     spec = _load_file(path, "structures", StructureSpec.model_validate)
-    return spec, tuple(spec.damping_levels.values()), path
+    return spec, tuple(spec.damping_levels.values()), path, None
 
 
 def load_rig(path: Path) -> RigSpec:

@@ -72,6 +72,7 @@ class Tested:
     overrides: tuple[str, ...] = ()  # as given by --override
     test_band_hz: float = TEST_BAND_HZ
     compared_hz: tuple[float, float] = COMPARED_HZ  # band in which the table's model is compared with its data
+    scale: dict[str, float] | None = None  # factors by quantity, prototype over model; None: the case states none
 
 
 @dataclass(frozen=True)
@@ -196,4 +197,5 @@ def _about(setup: Setup, model: str) -> Tested:
         overrides=setup.overrides,
         test_band_hz=case.test_band_hz,
         compared_hz=setup.compared.hz,
+        scale=None if setup.similitude is None else setup.similitude.factors,
     )

@@ -13,6 +13,7 @@ from rths_cli.report.error_budget_table import budget_text
 from rths_cli.report.figure_values import percent
 from rths_cli.report.identification_page import DASH, aligned, labelled, number, short, wrapped
 from rths_cli.report.latency_table import latency_text
+from rths_cli.structure.similitude import factors_text
 
 if TYPE_CHECKING:
     from rths_cli.experiment.check_command import Checked, Tested
@@ -91,15 +92,24 @@ def _why(one: Checked) -> str:
 
 def _about(about: Tested) -> list[str]:
     kind = "" if not about.rig_kind else f"{about.rig_kind} "
+    scale = [] if about.scale is None else [labelled("scale", _scale(about.scale))]
     overrides = [labelled("overridden", ", ".join(about.overrides))] if about.overrides else []
     return [
         f"Check of {about.case} on the {kind}table {about.rig}, before anything moves",
         labelled("building", f"{about.structure}, damping {about.damping}"),
         labelled("record", f"{about.record} x {about.scaling:g}, {about.sample_rate_hz:g} Hz"),
+        *scale,
         labelled("controller", f"{about.controller}, method {about.method}"),
         labelled("model", about.model),
         *overrides,
     ]
+
+
+def _scale(factors: Mapping[str, float]) -> str:
+    return (
+        f"prototype over model: {factors_text(factors)}; the record is compressed in time by {factors['time']:.4g}, "
+        "everything below is in model scale"
+    )
 
 
 def _stability(values: Values) -> list[str]:

@@ -175,6 +175,17 @@ class RunResult:
         return Figures(self.contents.metrics)
 
     @property
+    def scale_factors(self) -> Mapping[str, float] | None:
+        """Return the factors by quantity (`length`, `time`, `force`, ...), prototype over model; None without a scale.
+
+        Figures and arrays of a result are in model scale.
+        """
+        from rths_cli.report.result_scale import scale_of
+
+        scale = scale_of(self.contents)
+        return None if scale is None else scale.factors
+
+    @property
     def response(self) -> StructuralResponse:
         """Return the building's response in EXP-RTHS or, without one, in SIM; raises MissingError without both."""
         return self.response_in("exp_rths" if "rel_disp_m" in self._arrays("exp_rths") else "sim")

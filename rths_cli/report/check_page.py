@@ -92,7 +92,7 @@ def _why(one: Checked) -> str:
 
 def _about(about: Tested) -> list[str]:
     kind = "" if not about.rig_kind else f"{about.rig_kind} "
-    scale = [] if about.scale is None else [labelled("scale", _scale(about.scale))]
+    scale = [] if about.scale is None else [labelled("scale", _scale(about.scale, about.record_s))]
     overrides = [labelled("overridden", ", ".join(about.overrides))] if about.overrides else []
     return [
         f"Check of {about.case} on the {kind}table {about.rig}, before anything moves",
@@ -105,10 +105,11 @@ def _about(about: Tested) -> list[str]:
     ]
 
 
-def _scale(factors: Mapping[str, float]) -> str:
+def _scale(factors: Mapping[str, float], record_s: float) -> str:
+    """Return the factors, and what they make of the record."""
     return (
-        f"prototype over model: {factors_text(factors)}; the record is compressed in time by {factors['time']:.4g}, "
-        "everything below is in model scale"
+        f"prototype over model: {factors_text(factors)}; {factors['time'] * record_s:.4g} s of record are compressed "
+        f"to {record_s:.4g} s; everything below is in model scale"
     )
 
 

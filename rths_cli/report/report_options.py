@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import open_regular
+from rths_cli.files.result_reader import Result
 from rths_cli.files.result_writer import check_writable, refusal
 from rths_cli.report.baseline_comparison import DEFAULT_PERCENT
 from rths_cli.report.input_files import read_inputs
 from rths_cli.report.report_contents import Contents, all_blocks, contents
-from rths_cli.report.result_scale import reported
+from rths_cli.report.result_scale import in_model_scale, reported, scale_words
 from rths_cli.safe_text import visible
 
 Tell = Callable[[str], None]
@@ -69,11 +70,23 @@ def read_asked(asked: Asked, tell: Tell) -> Contents:
     # both in one scale, so that they can be compared
     scaled = reported((*inputs.results, *(other.results if other else ())), asked.report_in)
     inputs, rest = replace(inputs, results=tuple(scaled[: len(inputs.results)])), scaled[len(inputs.results) :]
+    if any(in_model_scale(one) is not one for one in inputs.results):
+        _check_scales(str(asked.baseline), rest)
     before = None
     if other:
         percent = DEFAULT_PERCENT if asked.percent is None else asked.percent
         before = str(asked.baseline), replace(other, results=tuple(rest)), percent
     return contents(inputs, asked.keys, before, asked.keep_going)
+
+
+def _check_scales(baseline: str, results: Sequence[Result]) -> None:
+    """Raise InputError if a result of the baseline has no prototype to be compared in."""
+    without = [str(one.path) for one in results if not scale_words(one)]
+    if without:
+        raise InputError(
+            f"--baseline {baseline}: {without[0]} states no scale, so there is nothing to compare in prototype scale; "
+            "give --report-in model."
+        )
 
 
 def rendered(asked: Asked, found: Contents) -> str:

@@ -111,6 +111,9 @@ def scale_lines(results: Sequence[Result]) -> list[str]:
         of = "" if len(told) == 1 and len(names) == len(results) else f" ({', '.join(dict.fromkeys(names))})"
         lines.append(f"{words[0].upper()}{words[1:]}{of}; prototype over model: {factors}.")
     if any(isinstance(result, PrototypeResult) for result in results):
+        without = [str(one.attributes.get("case_name") or one.path.stem) for one in results if scale_of(one) is None]
+        if without:
+            lines.append(f"No scale is stated for {', '.join(dict.fromkeys(without))}; as stored.")
         lines.append(
             "Rig and loop are in model scale: bands, delays, limits, volts, accept limits. So is the result file."
         )

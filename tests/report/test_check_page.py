@@ -47,6 +47,15 @@ def test_it_says_what_is_checked_and_the_verdict_last() -> None:
     assert max(len(line) for line in text.splitlines()) <= 100
 
 
+def test_the_scale_of_a_model_is_stated_with_its_record() -> None:
+    scaled = checked(scale={"length": 4.0, "time": 2.0}, record_s=26.87)
+    text = " ".join(page(scaled).split())
+    told = "prototype over model: length 4, time 2; 53.74 s of record are compressed to 26.87 s"
+    assert f"scale {told}; everything below is in model scale" in text
+    assert as_document([scaled])["cases"][0]["scale"] == {"length": 4.0, "time": 2.0}
+    assert "prototype" not in page(checked())
+
+
 def with_samples(found: Checked) -> Checked:
     radius, errors = 0.99994, np.array([1e-3, 2e-3, 3e-3])
     ranges = {

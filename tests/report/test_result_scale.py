@@ -268,6 +268,24 @@ def test_the_option_converts_results_and_baseline_alike(tmp_path: Path) -> None:
     assert (change.before, change.now) == (pytest.approx(2.0 * ACCELERATION),) * 2
 
 
+def test_a_baseline_without_a_scale_is_not_compared_in_prototype_scale(tmp_path: Path) -> None:
+    ours, before = tmp_path / "a.h5", tmp_path / "before.h5"
+    stored(ours)
+    stored(before, scale={}, case_name="a")
+    asked = Asked((ours,), "json", None, None, "", "one", (), before, None, False, None)
+    with pytest.raises(InputError, match=r"before.h5 states no scale.*give --report-in model"):
+        read_asked(asked, lambda _: None)
+    found = read_asked(replace(asked, report_in="model"), lambda _: None)
+    assert found.inputs.results[0].metrics["exp_rths.tracking_rms_m_s2"] == 2.0
+
+
+def test_results_without_a_scale_are_named_beside_prototypes(tmp_path: Path) -> None:
+    both = [stored(tmp_path / "a.h5"), stored(tmp_path / "b.h5", scale={})]
+    text = " ".join(tables(reported(both)).split())
+    assert "Prototype scale (a); prototype over model: length 4," in text
+    assert "No scale is stated for b; as stored." in text
+
+
 def test_a_scale_that_is_none_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "one.h5"
     stored(path)

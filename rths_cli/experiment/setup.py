@@ -102,16 +102,16 @@ def make_setup(
 def ground_motion(case: Case) -> tuple[GroundMotion, str]:
     """Return the scaled, filtered record of a case and the hash of its file; raises InputError."""
     accelerogram = read_accelerogram(case.record.path, case.record.unit, case.record.dt_s)
-    if case.scale is not None:
-        accelerogram = compressed(accelerogram, similitude_of(case.scale))
-    motion = prepare(
-        accelerogram,
-        case.scaling,
-        case.sample_rate_hz,
-        corner_hz=case.record_filter.corner_hz,
-        order=case.record_filter.order,
-    )
-    return motion, accelerogram.sha256
+    corner_hz, order = case.record_filter.corner_hz, case.record_filter.order
+    if case.scale is None:
+        return prepare(accelerogram, case.scaling, case.sample_rate_hz, corner_hz, order), accelerogram.sha256
+    scale = similitude_of(case.scale)
+    record = compressed(accelerogram, scale)
+    try:
+        return prepare(record, case.scaling, case.sample_rate_hz, corner_hz, order), accelerogram.sha256
+    except InputError as error:
+        told = f"(scale compresses the record in time by {scale.factor('s'):.4g})"
+        raise InputError(*(f"{fault} {told}" for fault in error.faults)) from error
 
 
 def motion_key(case: Case) -> tuple[object, ...]:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import pytest
 from scipy.signal import lsim
@@ -18,7 +19,9 @@ from rths_cli.analysis.sim import Response
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
 from rths_cli.experiment.case_warnings import of_case
+from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.provenance import attributes
+from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.files.accelerograms import read_accelerogram
 
@@ -143,6 +146,40 @@ def test_a_record_that_is_compressed_by_hand_gives_the_same_run(tmp_path: Path) 
         assert np.array_equal(getattr(sim(ours), name), getattr(sim(other), name))
 
 
+def test_a_hybrid_test_of_a_scaled_case_is_that_with_the_compressed_record(tmp_path: Path, memory: Memory) -> None:
+    """Every dataset of both files has the same bytes, those of the loop and the check included."""
+    record = read_accelerogram(RECORD)
+    short, by_hand = tmp_path / "short.csv", tmp_path / "compressed.csv"
+    accel = record.accel_m_s2[:300]
+    short.write_text(f"# units: m/s^2\n# dt: {record.dt_s!r} s\n" + "".join(f"{float(one)!r}\n" for one in accel))
+    by_hand.write_text(
+        f"# units: m/s^2\n# dt: {record.dt_s / TIME!r} s\n"
+        + "".join(f"{float(one / ACCELERATION)!r}\n" for one in accel)
+    )
+    scale = f"scale={{length: {LENGTH}, acceleration: {ACCELERATION}}}"
+    found = []
+    for name, settings in {"ours": (f"record={short}", scale), "theirs": (f"record={by_hand}",)}.items():
+        setup = make_setup(load_cases(["el_centro_low_ff_fb"], settings)[0])
+        assert run_case(setup, tmp_path / f"{name}.h5", memory, "test", lambda _: None).exit_code == 0
+        found.append(datasets(tmp_path / f"{name}.h5"))
+    ours, theirs = found
+    assert len(ours) > 200 and ours.keys() == theirs.keys()
+    assert [name for name in ours if ours[name] != theirs[name]] == []
+
+
+def datasets(path: Path) -> dict[str, bytes]:
+    """Return every dataset of a result but the case and the clock's as bytes."""
+    found: dict[str, bytes] = {}
+
+    def collect(name: str, node: h5py.Group | h5py.Dataset) -> None:
+        if isinstance(node, h5py.Dataset) and "timing" not in name and not name.startswith("case"):
+            found[name] = np.asarray(node[()]).tobytes()
+
+    with h5py.File(path) as file:
+        file.visititems(collect)
+    return found
+
+
 def test_the_scale_is_stored_with_the_result() -> None:
     found = attributes(setup_of(scaled() | {"report_in": "prototype"}), None, "rths run")
     assert found["scale_length"] == LENGTH and found["scale_acceleration"] == ACCELERATION
@@ -167,6 +204,12 @@ def test_the_share_above_the_band_is_that_of_the_series() -> None:
     two = np.sin(2 * np.pi * 5.0 * time) + 3**-0.5 * np.sin(2 * np.pi * 20.0 * time)
     changed = replace(setup, motion=replace(setup.motion, accel_m_s2=two))
     assert any("has 25% of its power above" in one for one in of_case(changed, None, None))
+
+
+def test_a_record_too_short_or_too_fast_for_the_laboratory_is_said_to_be_compressed() -> None:
+    for setting in ("sample_rate_hz=100", "record_filter.corner_hz=0.01"):
+        with pytest.raises(InputError, match=r"\(scale compresses the record in time by 6.325\)"):
+            setup_of(scaled() | {"scale": {"length": 40.0}, "identification": {"high_hz": 20.0}}, setting)
 
 
 def test_a_model_larger_than_its_prototype_is_doubted() -> None:

@@ -16,6 +16,7 @@ import page_results
 import pytest
 from made_up_results import write_result
 
+import rths_cli
 from rths_cli.errors import InputError
 from rths_cli.files.result_reader import Result, ResultWriter, read_result
 from rths_cli.quantities import Interval
@@ -293,3 +294,13 @@ def test_a_scale_that_is_none_is_refused(tmp_path: Path) -> None:
         file.attrs["scale_length"] = -1.0
     with pytest.raises(InputError, match="scale_length"):
         read_result(path)
+
+
+def test_python_has_the_factors_and_draws_the_scale_of_the_case(tmp_path: Path) -> None:
+    metrics = {"exp_rths.rms_error_m_s2": np.array([0.01, 0.02, 0.03])}
+    result = rths_cli.load(page_results.write(tmp_path / "a.h5", metrics=metrics, **SCALE).path)
+    assert result.scale_factors is not None
+    assert result.scale_factors["time"] == TIME and result.scale_factors["force"] == pytest.approx(FORCE)
+    assert "prototype scale" in heading(rths_cli.plot(result, "tracking"))
+    assert result.metrics["exp_rths.rms_error_m_s2"] == pytest.approx([0.01, 0.02, 0.03])  # as stored
+    assert rths_cli.load(page_results.write(tmp_path / "b.h5").path).scale_factors is None

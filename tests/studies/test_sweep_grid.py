@@ -98,6 +98,8 @@ def test_seeds(seeds: str | None, wanted: list[int]) -> None:
         ([], "1:2:3", "number of seeds"),
         ([], "0:9007199254740992", "largest seed"),
         (["scaling=0:1:1001"], "1000", "1001000 runs"),
+        (["scale.mass=4,9"], None, "--vary scale.mass: changes no figure, for a sweep has them in model scale"),
+        (["report_in=model,prototype"], None, "--vary report_in: changes no figure"),
         (["scaling=0:1:1000001"], None, "1000000"),
     ],
 )

@@ -129,6 +129,23 @@ def test_a_row_of_a_building_with_computed_storeys_below_is_too(folder: Path, tm
         assert found.shape == (4,) and found == pytest.approx(alone[f"exp_rths.{which}"], rel=1e-12)
 
 
+def test_a_varied_scale_gives_the_rows_of_runs_alone(folder: Path, tmp_path: Path, memory: Memory) -> None:
+    """A sweep shares what two lengths have in common, and not the record; its figures are in model scale."""
+    request = asked(folder, "scale.length=1,1.21", settings=("report_in=prototype",))
+    sweep = swept(request, tmp_path / "s.h5").sweep
+    for variant, length in enumerate((1, 1.21)):
+        settings = (f"scale.length={length}", "report_in=prototype", "runs=[exp_rths]")
+        case = load_cases([folder / "a.yaml"], settings)[0]
+        run_case.run_case(make_setup(case), tmp_path / "a.h5", memory, "test", lambda _: None)
+        alone = read_result(tmp_path / "a.h5").metrics
+        for path in ("exp_rths.rms_error_m_s2", "exp_rths.tracking_max_m_s2_true", "check.rms_error_m_s2"):
+            if path in sweep.figures:
+                assert sweep.figures[path].values[variant] == pytest.approx(alone[path], rel=1e-12), path
+    first, second = sweep.figures["exp_rths.rms_error_m_s2"].values
+    assert not np.allclose(first, second, rtol=0.05)
+    assert sweep.varied["scale.length"] == (1, 1.21)
+
+
 def test_runs_stand_in_the_order_of_the_grid_and_none_is_dropped(whole: tuple[SweepRequest, Swept]) -> None:
     sweep = whole[1].sweep
     assert sweep.varied["scaling"] == (0.2,) * 6 + (3,) * 6

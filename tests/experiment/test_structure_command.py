@@ -181,6 +181,7 @@ def test_a_case_with_a_scale_shows_its_prototype(write: Write, tmp_path: Path) -
     squared = eigh(chain(4.8 * SPRINGS), np.diag(30.0 * MASSES), eigvals_only=True)
     assert whole["natural_frequency_hz"] == pytest.approx(np.sqrt(squared) / (2.0 * np.pi), rel=1e-9)
     assert whole["floor_mass_kg"] == pytest.approx(30.0 * MASSES)
+    assert whole["stiffness_n_per_m"] == pytest.approx(4.8 * SPRINGS)
     assert whole["heights_m"] == pytest.approx([2.0, 1.2, 1.2, 1.2, 1.2])
     text = " ".join(page(found).split())
     assert "prototype over model: length 4, time 2.5," in text

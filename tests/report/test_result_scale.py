@@ -121,6 +121,7 @@ def test_a_report_is_in_one_scale(tmp_path: Path) -> None:
     plain = read_result(write_result(tmp_path / "c.h5"))
     assert [in_model_scale(one) is one for one in reported([prototype, plain])] == [False, True]
     assert reported([prototype, model, plain]) == [prototype, model, plain]
+    assert reported([plain]) == [plain]
     assert [in_model_scale(one) is one for one in reported([prototype, model, plain], "prototype")] == [
         False, False, True,
     ]  # fmt: skip

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -31,7 +31,7 @@ SCALED = ("s", "m", "m/s", "m/s^2", "N")
 class PrototypeResult(Result):
     """A result whose figures of the building are in prototype scale; `stored` is the same in model scale."""
 
-    stored: Result = None  # type: ignore[assignment]  # the fields before it have defaults
+    stored: Result = field(kw_only=True)
 
 
 def scale_of(result: Result) -> Similitude | None:
@@ -113,7 +113,7 @@ def scale_lines(results: Sequence[Result]) -> list[str]:
     if any(isinstance(result, PrototypeResult) for result in results):
         without = [str(one.attributes.get("case_name") or one.path.stem) for one in results if scale_of(one) is None]
         if without:
-            lines.append(f"No scale is stated for {', '.join(dict.fromkeys(without))}; as stored.")
+            lines.append(f"No scale is stated for {', '.join(dict.fromkeys(without))}: shown as stored.")
         lines.append(
             "Rig and loop are in model scale: bands, delays, limits, volts, accept limits. So is the result file."
         )

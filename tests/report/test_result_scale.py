@@ -285,7 +285,7 @@ def test_results_without_a_scale_are_named_beside_prototypes(tmp_path: Path) -> 
     both = [stored(tmp_path / "a.h5"), stored(tmp_path / "b.h5", scale={})]
     text = " ".join(tables(reported(both)).split())
     assert "Prototype scale (a); prototype over model: length 4," in text
-    assert "No scale is stated for b; as stored." in text
+    assert "No scale is stated for b: shown as stored." in text
 
 
 def test_a_scale_that_is_none_is_refused(tmp_path: Path) -> None:

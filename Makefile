@@ -10,9 +10,11 @@ BIN := $(VENV)/bin
 WORKERS ?= $(shell expr $$(env -u OMP_NUM_THREADS -u OMP_THREAD_LIMIT nproc 2>/dev/null || sysctl -n hw.ncpu) + 1)
 RUN_STAMP := $(VENV)/.rths-run
 DEV_STAMP := $(VENV)/.rths-dev
+DOCS_STAMP := $(VENV)/.rths-docs
+SITE := build/site_source
 CASES := $(foreach r,el_centro hachinohe,$(foreach d,low high,$(foreach c,ff ff_fb,configs/$(r)_$(d)_$(c).yaml)))
 
-.PHONY: help run test processors check bench clean
+.PHONY: help run test processors check bench docs dist clean
 
 help: ## show this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 10
@@ -34,6 +36,12 @@ check: $(DEV_STAMP) ## lint, types, import layers
 bench: $(DEV_STAMP) ## speed against C, numpy, scipy, python-control, and of whole commands (about 4 minutes)
 	@$(BIN)/python benchmarks/run.py
 
+docs: $(DOCS_STAMP) ## build a site from README and docs/ in build/site; a broken link ends it
+	@rm -rf $(SITE) && mkdir -p $(SITE)/benchmarks
+	@cp -R README.md LICENSE docs configs records examples $(SITE) && cp benchmarks/README.md $(SITE)/benchmarks
+	@find $(SITE) -type l -delete
+	@$(BIN)/mkdocs build --strict && echo "open build/site/index.html"
+
 clean: ## remove the environment and the results
 	rm -rf .venv results build dist
 
@@ -50,4 +58,8 @@ $(RUN_STAMP): pyproject.toml | $(BIN)/python
 $(DEV_STAMP): pyproject.toml | $(BIN)/python
 	@echo "installing rths and its test tools into $(VENV) (about a minute)"
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
+	@touch $@
+
+$(DOCS_STAMP): pyproject.toml | $(BIN)/python
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
 	@touch $@

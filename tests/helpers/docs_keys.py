@@ -30,7 +30,7 @@ FILES = {
     "rig": (
         "Rig files",
         "What the file of a table may state, by its `kind`; `extends: NAME` varies another rig. "
-        "[Rigs](rigs.md) explains the kinds; [configs/rigs](../../configs/rigs) has a commented example of each.",
+        "[Rigs](rigs.md) explains the kinds; `configs/rigs/` has a commented example of each.",
     ),
 }
 RIGS: dict[str, type[BaseModel]] = {

@@ -42,6 +42,10 @@ docs: $(DOCS_STAMP) ## build a site from README and docs/ in build/site; a broke
 	@find $(SITE) -type l -delete
 	@$(BIN)/mkdocs build --strict && echo "open build/site/index.html"
 
+dist: $(DEV_STAMP) ## build wheel and sdist, install the wheel into an empty environment and run a case there
+	@rm -rf dist && $(BIN)/python -m build --no-isolation --outdir dist .
+	@$(BIN)/python benchmarks/try_wheel.py dist/*.whl && ls dist
+
 clean: ## remove the environment and the results
 	rm -rf .venv results build dist
 

@@ -13,7 +13,7 @@ import h5py
 import pytest
 from declared_contents import declaration_faults, model_faults
 from docs_modules import with_map
-from docs_reference import FOLDER, PAGES, README
+from docs_reference import FOLDER, PAGES, SOURCE_MAP
 from docs_running import run_words, shortened
 from pydantic import BaseModel
 
@@ -54,11 +54,9 @@ def test_the_page_is_the_generated_one(name: str) -> None:
     assert same, f"docs/reference/{name} is stale; write it anew: python tests/helpers/docs_reference.py"
 
 
-def test_the_map_in_the_readme_is_the_generated_one() -> None:
-    text = README.read_text(encoding="utf-8")
-    assert text == with_map(text), (
-        "the map in the README is stale; write it anew: python tests/helpers/docs_reference.py"
-    )
+def test_the_source_map_is_the_generated_one() -> None:
+    text = SOURCE_MAP.read_text(encoding="utf-8")
+    assert text == with_map(text), "the source map is stale; write it anew: python tests/helpers/docs_reference.py"
 
 
 def test_every_command_and_option_is_told_with_its_help() -> None:

@@ -32,7 +32,7 @@ CASES = [
 SHOWN = ("numba", "numpy", "scipy", "h5py", "pydantic", "matplotlib")
 FIGURE = re.compile(r"\d\.\d{4}")
 LAST_PLACE, RELATIVE = 1e-4, 0.2  # the last bits differ between libraries: another noise of rounding, as by a seed
-READ_THE_CODE = ("ruff", "mypy", "types-", "import-linter")
+READ_THE_CODE = ("ruff", "types-", "import-linter")
 WORKERS = (os.cpu_count() or 1) + 1
 
 

@@ -17,7 +17,7 @@ PYPROJECT = Path(__file__).parents[2] / "pyproject.toml"
 REQUIRED, THROUGH_OTHERS = "directly", "through others"
 LICENCES = {  # SPDX identifiers; of several, those of the Python code
     "annotated-types": "MIT", "build": "MIT", "click": "BSD-3-Clause", "colorama": "BSD-3-Clause",
-    "contourpy": "BSD-3-Clause", "control": "BSD-3-Clause", "cycler": "BSD-3-Clause", "fonttools": "MIT",
+    "commonmark": "BSD-3-Clause", "contourpy": "BSD-3-Clause", "control": "BSD-3-Clause", "cycler": "BSD-3-Clause", "fonttools": "MIT",
     "h5netcdf": "BSD-3-Clause", "h5py": "BSD-3-Clause", "hatchling": "MIT", "hypothesis": "MPL-2.0",
     "import-linter": "BSD-2-Clause", "jsonschema": "MIT", "kiwisolver": "BSD-3-Clause",
     "llvmlite": "BSD-2-Clause AND Apache-2.0", "markdown-it-py": "MIT", "matplotlib": "PSF-2.0",
@@ -29,7 +29,7 @@ LICENCES = {  # SPDX identifiers; of several, those of the Python code
     "ruff": "MIT", "scipy": "BSD-3-Clause", "six": "MIT", "types-pyyaml": "Apache-2.0", "typing-extensions": "PSF-2.0",
     "typing-inspection": "MIT", "tzdata": "Apache-2.0", "xarray": "Apache-2.0",
 }  # fmt: skip
-SOMETIMES = ("colorama", "six", "tzdata")  # on Windows, or with some versions of what needs them
+SOMETIMES = ("colorama", "commonmark", "six", "tzdata")  # on Windows, or with some versions of what needs them
 FAMILIES = {  # as licences are named in metadata: expressions, classifiers, or the text itself
     "AGPL": r"AGPL|Affero General Public", "LGPL": r"LGPL|Lesser General Public", "GPL": r"\bGPL|GNU General Public",
     "MPL": r"MPL|Mozilla Public", "Apache": r"Apache", "BSD": r"BSD|Kiwi licen[sc]e", "MIT": r"\bMIT\b|HPND",
@@ -48,10 +48,10 @@ Every user gets these. None of them is under the GPL or AGPL, and a test keeps i
 
 {required}
 
-`colorama` comes on Windows alone, `six` or `tzdata` with some versions of `python-dateutil`. The wheels of numpy and
-scipy contain the runtime libraries of GCC's Fortran: libgfortran is under the GPL with the runtime exception, which
-lets programs of any licence use it, libquadmath under the LGPL. Both lie beside the Python code and may be exchanged.
-The wheels of h5py contain HDF5 (BSD-3-Clause).
+`colorama` comes on Windows alone, `commonmark`, `six` and `tzdata` with some versions of `rich` and
+`python-dateutil`. The wheels of numpy and scipy contain the runtime libraries of GCC's Fortran: libgfortran is under
+the GPL with the runtime exception, which lets programs of any licence use it, libquadmath under the LGPL. Both lie
+beside the Python code and may be exchanged. The wheels of h5py contain HDF5 (BSD-3-Clause).
 
 ## Optional
 

@@ -17,7 +17,8 @@ PYPROJECT = Path(__file__).parents[2] / "pyproject.toml"
 REQUIRED, THROUGH_OTHERS = "directly", "through others"
 LICENCES = {  # SPDX identifiers; of several, those of the Python code
     "annotated-types": "MIT", "build": "MIT", "click": "BSD-3-Clause", "colorama": "BSD-3-Clause",
-    "commonmark": "BSD-3-Clause", "contourpy": "BSD-3-Clause", "control": "BSD-3-Clause", "cycler": "BSD-3-Clause", "fonttools": "MIT",
+    "commonmark": "BSD-3-Clause", "contourpy": "BSD-3-Clause", "control": "BSD-3-Clause", "cycler": "BSD-3-Clause",
+    "fonttools": "MIT",
     "h5netcdf": "BSD-3-Clause", "h5py": "BSD-3-Clause", "hatchling": "MIT", "hypothesis": "MPL-2.0",
     "import-linter": "BSD-2-Clause", "jsonschema": "MIT", "kiwisolver": "BSD-3-Clause",
     "llvmlite": "BSD-2-Clause AND Apache-2.0", "markdown-it-py": "MIT", "matplotlib": "PSF-2.0",

@@ -35,9 +35,20 @@ PLAIN_S = 5.0  # between two lines where output is no terminal
     "both [default: text, pdf].",
 )
 @click.option("--output", type=FILE, metavar="FILE", help="Write the tables to a file instead of stdout.")
-@click.option("--figures", type=FILE, metavar="DIR", help="Draw the figures of every result into a folder.")
+@click.option("--figures", type=FILE, metavar="DIR", help="Draw the figures of every result and sweep into a folder.")
 @click.option(
     "--width", type=click.Choice(["one", "two"]), default="one", show_default=True, help="Columns a figure is wide."
+)
+@click.option(
+    "--header", type=click.Choice(["case", "none"]), default="case", show_default=True,
+    help="Above the panels of a figure: case and table, or nothing, for a caption of one's own.",
+)  # fmt: skip
+@click.option(
+    "--metric",
+    metavar="PATH",
+    default="",
+    help="What the figure of a sweep shows over the varied keys, as check.delay_margin_s or exp_rths.rms_error_m_s2[3] "
+    "[default: exp_rths.rms_error_m_s2 of the worst storey].",
 )
 @click.option(
     "--group-by",
@@ -71,6 +82,8 @@ def report(
     output: Path | None,
     figures: Path | None,
     width: str,
+    header: str,
+    metric: str,
     keys: tuple[str, ...],
     baseline: Path | None,
     percent: float | None,
@@ -99,6 +112,8 @@ def report(
         figures=figures,
         drawn=drawn,
         width=width,
+        header=header,
+        metric=metric,
         keys=tuple(dict.fromkeys(keys)),
         baseline=baseline,
         percent=percent,
@@ -144,11 +159,15 @@ def _write(asked: Asked, found: Contents, screen: Screen, quiet: bool) -> None:
     """Write the figures first, because they alone read time histories; then the tests, and the tables or the page."""
     from rths_cli.report.report_options import rendered, write_text
 
+    if asked.metric and not found.inputs.sweeps:
+        raise InputError("--metric chooses what the figure of a sweep shows, and none of the files is a sweep.")
     if asked.figures:
-        from rths_cli.report.figures import write_figures
+        from rths_cli.report.figures import write_figures, write_sweep_figures
 
         form, say = asked.drawn or "pdf", _nothing if quiet else screen.message
-        written = write_figures(found.inputs.results, asked.figures, form, asked.width, say)
+        look = (asked.figures, form, asked.width, say, asked.header)
+        written = write_sweep_figures(found.inputs.sweeps, *look, asked.metric) if found.inputs.sweeps else []
+        written += write_figures(found.inputs.results, *look)
         say(f"{len(written)} figures in {asked.figures}")
     if asked.junit:
         from rths_cli.report.formats.junit import junit

@@ -32,6 +32,8 @@ class Asked:
     figures: Path | None  # folder for figures; None: no figures
     drawn: str  # format of the figures; "": the default
     width: str  # of the figures
+    header: str  # of the figures
+    metric: str  # of the figures of sweeps; "": the default
     keys: tuple[str, ...]  # of --group-by
     baseline: Path | None  # file or folder to compare with; None: no comparison
     percent: float | None  # by how much an error may exceed the baseline; None: a worse error is no failure
@@ -46,6 +48,8 @@ def check_asked(asked: Asked) -> None:
     faults = []
     if asked.drawn and not asked.figures:
         faults.append(f"--format {asked.drawn} is a format of figures; add --figures DIR.")
+    if asked.metric and not asked.figures:
+        faults.append("--metric chooses what the figure of a sweep shows; add --figures DIR.")
     if asked.percent is not None and not asked.baseline:
         faults.append("--fail-worse compares with a baseline; add --baseline FILE_OR_DIR.")
     if asked.table == "html" and not asked.output:

@@ -49,11 +49,11 @@ def points_of(sweep: Sweep) -> Iterator[Point]:
 
 def label(varied: dict[str, Any]) -> str:
     """Return varied values as text KEY=VALUE, each key shortened to an end that no other key has."""
-    told = [f"{_short(key, list(varied))}={as_text(value)}" for key, value in varied.items()]
+    told = [f"{short_key(key, list(varied))}={as_text(value)}" for key, value in varied.items()]
     return ", ".join(told) or "the case as it is"
 
 
-def _short(key: str, keys: Sequence[str]) -> str:
+def short_key(key: str, keys: Sequence[str]) -> str:
     """Return the shortest end of a dotted key that no other key has, and that is not the seed of a run."""
     parts = key.split(".")
     ends = (".".join(parts[start:]) for start in range(len(parts) - 1, 0, -1))

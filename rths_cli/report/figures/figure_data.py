@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from rths_cli.errors import InputError
+from rths_cli.files.result_listing import Outline, read_outlines
 from rths_cli.files.result_reader import Result
 from rths_cli.numerics.lti import Array, Integers
 from rths_cli.report.result_scale import series
@@ -27,9 +29,13 @@ class NotDrawn(InputError):
 
 @dataclass(frozen=True)
 class Source:
-    """A result whose series are read at the first request and then kept in memory."""
+    """A result whose series are read at the first request and then kept in memory.
+
+    `headed`: whether figures state case, table and end of the run above the panels.
+    """
 
     result: Result
+    headed: bool = True
     _kept: dict[str, Array] = field(default_factory=dict)
 
     def read(self, name: str) -> Array:
@@ -38,6 +44,15 @@ class Source:
         if name not in self._kept:
             self._kept[name] = series(self.result, name)
         return self._kept[name]
+
+    def holds(self, name: str) -> bool:
+        """Return whether the file has a dataset (`exp_rths/rel_disp_m`)."""
+        group, _, leaf = name.rpartition("/")
+        return group in self._outlines and leaf in self._outlines[group].datasets
+
+    @cached_property
+    def _outlines(self) -> dict[str, Outline]:
+        return read_outlines(self.result.path)
 
     def runs(self, names: tuple[str, ...]) -> list[str]:
         """Return the runs among `names` with samples in the file; raises NotDrawn if there are none."""
@@ -70,6 +85,11 @@ class Source:
     def complete(self) -> bool:
         """Return whether all runs reached the end of the record."""
         return self.result.attributes.get("status") == "complete"
+
+
+def reached_the_end(source: Source, time_s: Array) -> bool:
+    """Return whether a run with these instants (n,) reached the end of the record."""
+    return source.complete or time_s.size >= source.read("record/time_s").size
 
 
 def interface_storey(source: Source) -> int:

@@ -31,7 +31,7 @@ IF_DECLARED = "if sensors and masses are as declared"
 def answer(result: Result, width: int = WIDEST) -> str:
     """Return the answer of one result as text, some ten lines of at most `width` columns."""
     width = min(max(width, NARROW), WIDEST)
-    head = f"{result.attributes.get('case_name') or result.path.stem}: {_about(result)}"
+    head = f"{result.attributes.get('case_name') or result.path.stem}: {about(result)}"
     lines = [*_wrapped(head, width), *_wrapped(verdict(result), width)]
     lines += [line for told in scale_lines([result]) for line in _wrapped(told, width)]
     for table in _tables(result, width):
@@ -197,7 +197,7 @@ def _ended(result: Result, run: str) -> str | None:
     return COMPLETE if run in result.groups else None
 
 
-def _about(result: Result) -> str:
+def about(result: Result) -> str:
     """Return record, damping, controller and rig in words."""
     a = result.attributes
     ratio = a.get("damping_first_mode_ratio")
@@ -219,6 +219,15 @@ def _tables(result: Result, width: int) -> Iterator[list[str]]:
     room = max((width - LABEL) // COLUMN, 1)
     for first in range(0, len(columns), room):
         yield _laid_out(columns[first : first + room], _labels(result, storeys), ("storey", NAMES.get(run, "")))
+
+
+def storey_columns(result: Result) -> tuple[str, list[str], list[Column]]:
+    """Return whose response it is, the storeys, the roof first, and the columns of response and errors of all."""
+    run = next((one for one in RESPONSES if f"{one}.peak_abs_accel_m_s2" in result.metrics), "")
+    path = f"{run}.peak_abs_accel_m_s2" if run else "exp_rths.rms_error_m_s2"
+    storeys = list(range(np.size(result.metrics.get(path, ()))))[::-1]
+    columns = [*_response(result, run, storeys), *_errors(result, storeys)]
+    return NAMES.get(run, ""), _labels(result, storeys), columns if storeys else []
 
 
 Column = tuple[str, str, list[str]]

@@ -35,6 +35,7 @@ from rths_cli.report.results_by_case import Entry, entries
 STYLES = ("uPlot.min.css", "page.css")
 SCRIPTS = ("uPlot.iife.min.js", "page.js")
 ENCODING = "utf-8"
+WITH_ERRORS = ("sim_delay", "shake_table", "exp_rths")  # runs that are compared with others
 
 
 def write_page(results: Sequence[Result], path: Path, command_line: str, comparison: str = "") -> None:
@@ -65,12 +66,9 @@ def page(results: Sequence[Result], command_line: str, comparison: str = "") -> 
     cases = entries(results, {})
     ordered = [result for entry in cases for result in entry.results.values()]
     title = f"Hybrid simulation: {_subject(cases, ordered)}"
-    body = join(
-        [
-            _header(title, cases, ordered),
-            element("main", *_sections(cases, ordered, command_line), *_comparison(comparison)),
-        ]
-    )
+    sections = _sections(cases, ordered, command_line)
+    main = element("main", *(one for _, one in sections), *_comparison(comparison))
+    body = join([_header(title, cases, ordered, [name for name, _ in sections]), main])
     return _whole(title, body, data_script("rths-data", _data(ordered)))
 
 
@@ -87,13 +85,13 @@ def _subject(cases: Sequence[Entry], results: Sequence[Result]) -> str:
     return str(results[0].attributes.get("case_name") or results[0].path.stem)
 
 
-def _header(title: str, cases: Sequence[Entry], results: Sequence[Result]) -> Html:
+def _header(title: str, cases: Sequence[Entry], results: Sequence[Result], sections: Sequence[str]) -> Html:
     """Return title, kind of rig (virtual or not), status of the results, and links to the sections."""
     tables = ", ".join(dict.fromkeys(entry.table_name for entry in cases))
     virtual = [is_virtual(result) for result in results]
     words = "virtual: no table moved" if all(virtual) else "some results are virtual"
     badge = [classed("span", "badge", words)] if any(virtual) else []
-    links = (element("a", text, attributes={"href": f"#{name}"}) for name, text in SECTIONS.items())
+    links = (element("a", SECTIONS[name], attributes={"href": f"#{name}"}) for name in sections)
     told = element("p", *badge, f" On {tables}. {summary(results)}.")
     scales = (classed("p", "note", line) for line in scale_lines(results))
     verdicts = overview.verdicts(results)
@@ -111,7 +109,8 @@ SECTIONS = {
 }
 
 
-def _sections(cases: Sequence[Entry], results: Sequence[Result], command_line: str) -> Iterator[Html]:
+def _sections(cases: Sequence[Entry], results: Sequence[Result], command_line: str) -> list[tuple[str, Html]]:
+    """Return the sections that have contents, by their ids."""
     contents = {
         "overview": [_overview(results)],
         "response": [overview.responses(results)],
@@ -121,8 +120,11 @@ def _sections(cases: Sequence[Entry], results: Sequence[Result], command_line: s
         "cases": [_case(entry, unfolded=len(cases) == 1) for entry in cases],
         "provenance": [provenance(results), element("h3", "Make it again"), commands(results, command_line)],
     }
-    for name, heading in SECTIONS.items():
-        yield element("section", element("h2", heading), *contents[name], attributes={"id": name})
+    return [
+        (name, element("section", element("h2", heading), *contents[name], attributes={"id": name}))
+        for name, heading in SECTIONS.items()
+        if any(contents[name])
+    ]
 
 
 def _errors(cases: Sequence[Entry]) -> list[Html]:
@@ -130,6 +132,9 @@ def _errors(cases: Sequence[Entry]) -> list[Html]:
     found: list[Html] = []
     for name, group in groupby(cases, key=lambda entry: entry.table_name):
         members = list(group)
+        if not any({*WITH_ERRORS} & {*r.groups} for entry in members for r in entry.results.values()):
+            found.append(element("p", f"No run on {name} has errors."))
+            continue
         found.append(error_tables(members))
         if any(entry.published or entry.reference_title for entry in members):
             found += [element("h3", f"The paper's claims, on {name}"), claims(members)]

@@ -20,6 +20,7 @@ MOST_RESULTS_UNFOLDED = 1
 WIDE, HIGH, GROUND = 240.0, 330.0, 314.0  # of the sketch, and where its ground is, in px
 LEFT, RIGHT = 20.0, 115.0  # its columns
 ROOM = 12.0  # between two labels of floors, at least
+LETTER = 6.2  # width of one
 
 
 def verdicts(results: Sequence[Result]) -> Html:
@@ -90,16 +91,17 @@ def _storeys(level: Array, computed: int) -> Iterator[Html]:
 
 
 def _cut(level: Array, computed: int) -> Iterator[Html]:
-    """Yield the cut, and on each side of it which substructure that is."""
-    middle = 0.5 * (LEFT + RIGHT)
-    for first, last, words, part in (
-        (computed, len(level) - 1, "on the table", "tested"),
-        (0, computed, "computed", "computed"),
-    ):
+    """Yield the cut, and in the middle of each side of it which substructure that is."""
+    yield _line(LEFT - 16.0, level[computed], RIGHT + 16.0, level[computed], "cut")
+    sides = ((computed, len(level) - 1, "on the table", "tested"), (0, computed, "computed", "computed"))
+    for first, last, words, part in sides:
         if last > first:
             storey = first + (last - first - 1) // 2
-            yield _text(middle, 0.5 * (level[storey] + level[storey + 1]) + 4.0, words, part, "middle")
-    yield _line(LEFT - 16.0, level[computed], RIGHT + 16.0, level[computed], "cut")
+            x, y = 0.5 * (LEFT + RIGHT), 0.5 * (level[storey] + level[storey + 1])
+            wide = LETTER * len(words)
+            box = {"x": x - 0.5 * wide, "y": y - 6.0, "width": wide, "height": 12.0}
+            yield element("rect", attributes={name: f"{value:.1f}" for name, value in box.items()})
+            yield _text(x, y + 4.0, words, part, "middle")
 
 
 def _labels(level: Array, computed: int, masses: Sequence[float]) -> Iterator[Html]:

@@ -156,6 +156,9 @@ def test_the_verdict_and_the_building_of_every_result_are_there_and_one_is_shown
     assert [(part["data-result"], "hidden" in part) for part in parts] == [("0", False), ("1", True)] * 2
     kinds = [attributes["class"] for attributes in found.all("p") if attributes.get("class", "").startswith("verdict")]
     assert kinds == ["verdict bad", "verdict open"] and "ABORTED: too fast" in found.words()
+    said = " ".join(found.words().split())
+    assert said.count("ABORTED: too fast") == 2 and said.count("NO HYBRID TEST: the case asks for SIM alone.") == 2
+    assert "Response by storey" not in said and "#response" not in [link.get("href") for link in found.all("a")]
     assert len(found.all("svg")) == 1, "the second case has lost its building"
 
 
@@ -262,6 +265,14 @@ def test_runs_that_are_not_there_are_said_to_be_missing(tmp_path: Path, status: 
     (found,) = page_reader.data(text)["results"]
     assert found["runs"] == [] and found["response"] is None
     assert [trace["name"] for trace in found["storeys"][0]["charts"][0]["traces"]] == ["SIM", "SIM-DELAY"]
+
+
+def test_a_case_of_sim_alone_has_no_table_of_dashes(tmp_path: Path) -> None:
+    metrics = {"sim.peak_abs_accel_m_s2": np.array([1.0, 2.0, 3.0])}
+    result = page_results.write(tmp_path / "x.h5", runs=("sim",), metrics=metrics, resolved="runs: [sim]\n")
+    words = " ".join(page_reader.read(page([result], COMMAND)).words().split())
+    assert "No run on virtual shake table aps400_virtual has errors." in words and "Tracking error of" not in words
+    assert "NO HYBRID TEST: the case asks for SIM alone." in words and "storey peak accel (SIM) m/s²" in words
 
 
 def test_a_result_without_any_run_has_a_page(tmp_path: Path) -> None:

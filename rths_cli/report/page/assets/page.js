@@ -115,7 +115,7 @@
       },
       axes: [
         axis({ space: 50, size: 28, ...titled(group.title) }),
-        axis({ size: 56, ...titled(shape.unit), ...(shape.logY ? { grid: decades(), ticks: decades() } : {}) }),
+        axis({ size: 56, space: 20, ...titled(shape.unit), ...(shape.logY ? { grid: decades(), ticks: decades() } : {}) }),
       ],
       series: [{ label: group.label, value: (_, value) => shown(value) }, ...shape.traces.map(trace)],
       cursor: {

@@ -235,20 +235,23 @@ def from_control(system: control.StateSpace | control.TransferFunction | control
     return python_control.from_control(system)
 
 
-def plot(result: RunResult | str | Path, name: str, width: Literal["one", "two"] = "two") -> Figure:
+def plot(
+    result: RunResult | str | Path, name: str, width: Literal["one", "two"] = "two",
+    header: Literal["case", "none"] = "case",
+) -> Figure:  # fmt: skip
     """Draw a figure of a result or its file, say "tracking", for one column of a page (84 mm) or two (174 mm).
 
     A case with a scale and `report_in: prototype` is drawn in prototype scale.
 
-    `plot(result, "tracking").savefig("tracking.pdf")` writes it. Raises InputError for a name that is none of the
-    figures, and when the result does not hold what the figure shows.
+    `plot(result, "tracking").savefig("tracking.pdf")` writes it; `header="none"` leaves case and table out. Raises
+    InputError for a name that is none of the figures, and when the result does not hold what the figure shows.
     """
     from rths_cli.report.figures import draw
     from rths_cli.report.result_scale import reported
 
     opened = result if isinstance(result, RunResult) else load(result)
     opened.check_unchanged()
-    return draw(name, reported([opened.contents])[0], width)
+    return draw(name, reported([opened.contents])[0], width, header)
 
 
 def _given(case: CaseGiven) -> CaseGiven:

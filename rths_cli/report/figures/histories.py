@@ -113,7 +113,7 @@ def _tracking_errors(source: Source) -> Iterator[Panel]:
         if run in source.result.groups:
             error = source.read(f"{run}/{DESIRED}") - source.read(f"{run}/{MEASURED}")
             look = RUNS[run]
-            note = rms_note(source, f"{run}.tracking_rms_m_s2")
+            note = rms_note(source, f"{run}.tracking_rms_m_s2", what="RMS")
             yield error_panel(source, f"tracking, {look.label}", run, source.read(f"{run}/time_s"), error, note)
 
 
@@ -129,7 +129,7 @@ def _storey_errors(source: Source, storey: int) -> Iterator[Panel]:
     for run in ("sim_delay", "exp_rths"):
         if run in source.result.groups:
             values = source.read(f"{run}/{ACCEL}")[storey - 1]
-            note = rms_note(source, f"{run}.rms_error_m_s2", storey - 1)
+            note = rms_note(source, f"{run}.rms_error_m_s2", storey - 1, "RMS")
             title = f"storey {storey}, SIM − {RUNS[run].label}"
             time = source.read(f"{run}/time_s")
             yield error_panel(source, title, run, time, exact[: values.size] - values, note)
@@ -160,9 +160,9 @@ def role_of(source: Source, storey: int) -> str:
     return ", computed" if storey < interface else ", interface" if storey == interface else ", on the table"
 
 
-def rms_note(source: Source, path: str, place: int = 0) -> str:
-    """Return an RMS error in mm/s^2 as text, "" where the result does not have it."""
+def rms_note(source: Source, path: str, place: int = 0, what: str = "RMS error") -> str:
+    """Return an RMS error in mm/s^2 as text after `what` it is, "" where the result does not have it."""
     found = source.metric(path)
     if found is None or not np.isfinite(found[place]):
         return ""
-    return f"RMS error {three(MM_PER_M * float(found[place]))} {ERROR_UNITS}"
+    return f"{what} {three(MM_PER_M * float(found[place]))} {ERROR_UNITS}"

@@ -210,7 +210,7 @@ def hysteresis(source: Source, width: str) -> Figure:
             part = _loops(source, run, drift[storey - 1])
             step = -(-(part.stop - part.start) // POINTS_PER_LOOP)
             loop = slice(part.start, part.stop, max(step, 1))
-            look = replace(RUNS[run], width=1.3 if run == "sim" else 0.6, dashes="solid")
+            look = replace(RUNS[run], width=1.3 if run == "sim" and len(known) > 1 else 0.6, dashes="solid")
             ax.plot(MM_PER_M * drift[storey - 1, loop], shear[storey - 1, loop], label=look.label, **look.line())
         ax.set(title=title, xlabel="drift (mm)", ylabel="storey shear (N)" if place % across == 0 else "")
         trimmed_ticks(ax)

@@ -88,7 +88,7 @@ def test_errors_are_differences_in_the_test_band(made_up, data, line_of):
             t, v = line_of(ax, RUNS[run])
             assert np.allclose(v, 1e3 * error[np.searchsorted(data["sim/time_s"], t)], atol=1e-6)
             assert v.max() == pytest.approx(1e3 * error.max())
-    assert by_title(figure, "storey 2, SIM − SIM-DELAY").get_title(loc="right") == "RMS error 160 mm/s²"
+    assert by_title(figure, "storey 2, SIM − SIM-DELAY").get_title(loc="right") == "RMS 160 mm/s²"
 
 
 def test_a_diverged_sim_delay_is_drawn_up_to_its_end_and_hides_nothing(tmp_path, line_of):

@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 import pytest
 from made_up_results import POLES, RATE, ZEROS, exact_response, write_result
-from scipy.signal import csd, welch
+from scipy.signal import butter, csd, sosfilt, welch
 
 from rths_cli.files.result_reader import read_result
 from rths_cli.report.figures import draw
@@ -89,6 +89,21 @@ def test_gain_and_delay_of_a_table_that_is_late_by_a_sample(made_up, data, line_
     assert np.median(size[busy]) == pytest.approx(1.01, abs=0.01)
     assert np.median(late[busy]) == pytest.approx(0.005, abs=1e-4)
     assert np.isfinite(line_of(gain, PURPLE)[1]).sum() > known.sum(), "the true motion has no noise"
+
+
+def test_nothing_is_drawn_where_the_record_has_no_energy(tmp_path, line_of):
+    """The true motion follows without noise at every frequency, so that coherence alone would leave nothing out."""
+    path = write_result(tmp_path / "slow.h5", runs=("exp_rths",))
+    sections = butter(8, 5.0, fs=RATE, output="sos")
+    with h5py.File(path, "a") as file:
+        for name in ("interface_accel_desired_m_s2", "truth/table_accel_m_s2"):
+            file[f"exp_rths/{name}"][:] = sosfilt(sections, file[f"exp_rths/{name}"][()])
+        desired = file["exp_rths/interface_accel_desired_m_s2"][()]
+    f, gain = line_of(draw("delay_and_gain", read_result(path)).axes[0], PURPLE)
+    lines, power = welch(desired, RATE, nperseg=desired.size // 2)
+    power = power[(lines >= 0.25) & (lines <= 20.0)]
+    assert np.isnan(gain[power < 1e-4 * power.max()]).all() and np.isnan(gain[f > 12.0]).all()
+    assert np.isfinite(gain[power > 1e-2 * power.max()]).all()
 
 
 def test_latency_of_the_loop_is_the_budget_s(made_up, data, line_of):

@@ -121,6 +121,7 @@ def test_the_first_section_shows_verdict_building_and_record(tmp_path: Path) -> 
     assert words.index(verdict(result)) < words.index("Response by storey") < words.index("Status and limits")
     assert "storey peak accel peak drift RMS error of SIM (EXP-RTHS) m/s² mm mm/s² %" in words
     assert "3 roof 3.12 2.00 3.00 0.200" in words and "1 interface 1.50 4.00 1.00 0.500" in words
+    assert words.index("3 roof 3.12") < words.index("1 interface 1.50")
     (sketch,) = found.all("svg")
     assert sketch["aria-label"] == "Building of 3 storeys: 1 to 1 computed, 2 to 3 on the table"
     floors = [line for line in found.all("line") if line["class"].startswith("floor")]

@@ -49,6 +49,7 @@ def error_budget(source: Source, width: str) -> Figure:
     for ax, column, title in zip(axes, columns, lettered(titles), strict=False):
         dot_rows(ax, labels, [(KINDS[kind], _errors_mm(source, kind, causes, column)) for kind in kinds])
         ax.set(title=title, xscale="log", xlabel=f"RMS error ({ERROR_UNITS})")
+        ax.margins(x=0.1)  # a mark at the end is whole
         trimmed_ticks(ax, log=True)
     for ax in axes[len(columns) :]:
         ax.set_visible(False)

@@ -91,6 +91,12 @@ def series_factor(result: Result, name: str) -> float:
     return scale.factor(units) if scale is not None and scales else 1.0
 
 
+def units_factor(result: Result, units: str) -> float:
+    """Return the factor of a quantity of the building, by its units, to the scale of the result."""
+    scale = scale_of(result) if isinstance(result, PrototypeResult) else None
+    return 1.0 if scale is None else scale.factor(units)
+
+
 def scale_words(result: Result) -> str:
     """Return the scale of a result's figures in two words, "" where its case states none."""
     if scale_of(result) is None:

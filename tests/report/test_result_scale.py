@@ -231,7 +231,7 @@ def heading(figure: object) -> str:
     return " ".join(figure.get_suptitle().split())  # type: ignore[attr-defined]
 
 
-@pytest.mark.parametrize("name", ["table_response", "spectra", "delay_and_gain", "limits", "timing"])
+@pytest.mark.parametrize("name", ["table_response", "spectra", "delay_and_gain", "limits"])
 def test_figures_of_the_rig_are_in_model_scale(series_file: Path, name: str) -> None:
     result = read_result(series_file)
     model, other = draw(name, result, "two"), draw(name, in_prototype_scale(result), "two")
@@ -260,7 +260,9 @@ def test_the_option_converts_results_and_baseline_alike(tmp_path: Path) -> None:
     ours, before = tmp_path / "a.h5", tmp_path / "before.h5"
     stored(ours, report_in="model")
     stored(before, report_in="model", case_name="a")
-    asked = Asked((ours,), "json", None, None, "", "one", (), before, None, False, None, report_in="prototype")
+    asked = Asked(
+        (ours,), "json", None, None, "", "one", "case", "", (), before, None, False, None, report_in="prototype"
+    )
     check_asked(asked)
     found = read_asked(asked, lambda _: None)
     assert found.inputs.results[0].metrics["exp_rths.tracking_rms_m_s2"] == pytest.approx(2.0 * ACCELERATION)
@@ -274,7 +276,7 @@ def test_a_baseline_without_a_scale_is_not_compared_in_prototype_scale(tmp_path:
     ours, before = tmp_path / "a.h5", tmp_path / "before.h5"
     stored(ours)
     stored(before, scale={}, case_name="a")
-    asked = Asked((ours,), "json", None, None, "", "one", (), before, None, False, None)
+    asked = Asked((ours,), "json", None, None, "", "one", "case", "", (), before, None, False, None)
     with pytest.raises(InputError, match=r"before.h5 states no scale.*give --report-in model"):
         read_asked(asked, lambda _: None)
     found = read_asked(replace(asked, report_in="model"), lambda _: None)

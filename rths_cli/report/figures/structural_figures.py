@@ -37,6 +37,7 @@ from rths_cli.report.figures.panels import (
     trimmed_ticks,
 )
 from rths_cli.report.figures.style import GREY, RUNS, Look
+from rths_cli.report.result_scale import units_factor
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -66,7 +67,7 @@ def shears_n(source: Source, run: str) -> Array | None:
         return source.read(f"{run}/{SHEAR}")
     accel = source.read(f"{run}/{ACCEL}")
     try:
-        masses = floor_masses_kg(source.result)
+        masses = units_factor(source.result, "kg") * floor_masses_kg(source.result)
     except InputError:
         return None
     return storey_shear_n(masses, accel) if len(masses) == len(accel) else None
@@ -111,10 +112,16 @@ def profiles(source: Source, width: str) -> Figure:
     return figure
 
 
+def _heights_m(source: Source) -> Array | None:
+    """Return the storeys' heights in the scale of the result, None where its case states none."""
+    heights = storey_heights_m(source.result)
+    return None if heights is None else units_factor(source.result, "m") * heights
+
+
 def levels(source: Source, storeys: int) -> tuple[Array, str]:
     """Return the heights (n_storeys + 1,) of ground and floors in m and the name of that axis; the floors' numbers
     where the case states no heights."""
-    heights = storey_heights_m(source.result)
+    heights = _heights_m(source)
     if heights is None or len(heights) != storeys:
         return np.arange(storeys + 1, dtype=float), "floor"
     return np.concatenate([[0.0], np.cumsum(heights)]), "height (m)"
@@ -128,7 +135,7 @@ def _profiles(source: Source, runs: Sequence[str]) -> list[Profile]:
         return {run: factor * peaks(found) for run, found in known if found is not None}
 
     drifts = of(drifts_m, MM_PER_M)
-    heights = storey_heights_m(source.result)
+    heights = _heights_m(source)
     if heights is not None and all(len(heights) == len(values) for values in drifts.values()):
         percent = {run: values / (MM_PER_M * heights) * 100.0 for run, values in drifts.items()}
         drift = Profile("drift", "peak / height (%)", percent, steps=True)

@@ -8,6 +8,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from rths_cli.files.result_reader import read_result
 from rths_cli.report.figures import NotDrawn, draw
+from rths_cli.report.result_scale import in_prototype_scale
 
 BLACK, BLUE, VERMILLION = "#000000", "#0072B2", "#D55E00"
 RUNS = {"sim": BLACK, "sim_delay": VERMILLION, "exp_rths": BLUE}
@@ -131,3 +132,17 @@ def test_a_file_without_displacements_has_the_profiles_that_it_can(tmp_path):
         draw("hysteresis", result)
     with pytest.raises(NotDrawn, match="no exp_rths in the result"):
         draw("against_sim", result)
+
+
+def test_a_prototype_has_its_own_heights_and_shears(tmp_path, data, line_of):
+    """Lengths four times, accelerations 0.5 times, masses 32 times those of the model: shears 16 times."""
+    path = write_result(tmp_path / "model.h5", heights_m=HEIGHTS)
+    with h5py.File(path, "r+") as file:
+        file.attrs.update({"scale_length": 4.0, "scale_acceleration": 0.5, "scale_mass": 32.0})
+    axes = titled(draw("profiles", in_prototype_scale(read_result(path)), "two"))
+    wanted = expected(data, "sim")
+    x, y = line_of(axes["storey shear"], BLACK)
+    assert x == pytest.approx(16.0 * np.repeat(wanted["storey shear"], 2))
+    assert y[-1] == pytest.approx(4.0 * sum(HEIGHTS))
+    x, _ = line_of(axes["drift"], BLACK)  # of the height: the same in both scales
+    assert x == pytest.approx(np.repeat(0.1 * wanted["drift"] / HEIGHTS, 2))

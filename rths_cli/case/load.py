@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 from pydantic import TypeAdapter, ValidationError
 from yaml import YAMLError
 
+from rths_cli.case.advice import with_advice
 from rths_cli.case.case_schema import Case, CaseKeys
 from rths_cli.case.file_kinds import kind_of_tree, no_case, written_by_rths
 from rths_cli.case.json_schema import schema
@@ -206,7 +207,8 @@ def _validate(
         keys = CaseKeys.model_validate(plain(tree))
     except ValidationError as error:
         faults = [_fault(tree, entry["type"], entry["loc"], entry["msg"]) for entry in error.errors()]
-        return None, [fault for fault, entry in zip(faults, error.errors(), strict=True) if entry["loc"][0] not in lost]
+        wrong = [fault for fault, entry in zip(faults, error.errors(), strict=True) if entry["loc"][0] not in lost]
+        return None, _first_of_each_value(wrong)
     table = keys.table.model_copy(update={"limits": keys.table.limits.tightened(keys.limits)})
     about = {"path": path.absolute(), "yaml_text": text, "rig_file": _rig_file(tree, path.absolute()), "stated": stated}
     return Case.model_construct(**dict(keys) | {"table": table} | about), []  # its values are those checked above
@@ -232,7 +234,22 @@ def _fault(tree: Node, kind: str, loc: tuple[int | str, ...], message: str) -> F
         elif isinstance(part, int) and isinstance(node.value, tuple) and part < len(node.value):
             path, node = join(path, part), node.value[part]
     at_key = kind == "unknown_key" or not key_found or isinstance(node.value, dict)
-    return Fault(node.place if at_key else node.mark, path, message)
+    if not key_found and kind != "unknown_key" and node.place.source.path != node.mark.source.path:
+        at_key = False  # it is missing in the file that is named here
+    name = next((part for part in reversed(loc) if isinstance(part, str)), "")
+    return Fault(node.place if at_key else node.mark, path, with_advice(name, message))
+
+
+def _first_of_each_value(faults: Sequence[Fault]) -> list[Fault]:
+    """Return the faults without further ones of a value that is out of its range, or of a wrong type."""
+    first: dict[tuple[Mark, str], Fault] = {}
+    kept = []
+    for fault in faults:
+        of_value = fault.message.startswith("must be ") and ", got " in fault.message
+        if of_value and first.setdefault((fault.mark, fault.key), fault) is not fault:
+            continue
+        kept.append(fault)
+    return kept
 
 
 def _repeated_names(cases: Sequence[Case]) -> list[Fault]:

@@ -49,7 +49,7 @@ NumericalStiffness = Annotated[
 class DampingSpec(Strict):
     """Hold the numerical storeys' damping: the total structure's first modal ratio, or dashpots (p,)."""
 
-    wanted: ClassVar[str] = "a name or a mapping"
+    wanted: ClassVar[str] = "the name of a level, or a mapping such as {first_mode_ratio: 0.03}"
 
     model_config = ConfigDict(json_schema_extra=_one_of(("first_mode_ratio", "dashpots_n_s_per_m")))
 

@@ -7,14 +7,17 @@ import errno
 import gc
 import json
 import os
+import re
 import sys
 from collections.abc import Sequence
+from difflib import get_close_matches
 from io import TextIOWrapper
 from typing import NoReturn
 
 import click
 
 from rths_cli.cli.command_group import SIGNALS, cli
+from rths_cli.cli.completion import FileOfKind
 from rths_cli.errors import InputError, RthsError, crash_note
 from rths_cli.interrupts import INTERRUPTED, TERMINATED, Terminated, any_abandoned
 from rths_cli.safe_text import OutputError, PrintedStream, shortened
@@ -86,7 +89,7 @@ def run_to_exit_code() -> int:
         sys.stdout.flush()
         return SIGNALS.code or code  # one that came when everything was done ends the caller's loop all the same
     except click.ClickException as error:
-        return _say([" ".join(error.format_message().split())], 2)  # click lists choices on lines of their own
+        return _say([usage_sentence(error)], 2)
     except (click.Abort, KeyboardInterrupt, Terminated):
         return _ended_by_signal()
     except OutputError as error:
@@ -97,6 +100,26 @@ def run_to_exit_code() -> int:
         return _say([str(error)], error.exit_code)
     except Exception as error:
         return _ended_by_signal() if SIGNALS.code else _fault_of_ours(error)
+
+
+def usage_sentence(error: click.ClickException) -> str:
+    """Return a fault of the command line in a sentence that says what to type."""
+    said = " ".join(error.format_message().split()).rstrip(".")  # click lists choices on lines of their own
+    if isinstance(error, click.MissingParameter) and error.param is not None:
+        option, name = error.param, error.param.name or ""
+        if isinstance(option.type, click.Choice):
+            *some, last = map(str, option.type.choices)
+            return f"{option.opts[0]} is missing; add {option.opts[0]} {', '.join(some)} or {last}"
+        if isinstance(option.type, FileOfKind):
+            return f"{name.upper().removesuffix('S')} is missing; rths list {option.type.kind} shows what can be named"
+    if isinstance(error, click.NoSuchOption | click.MissingParameter) and error.ctx is not None:
+        return f"{said}{'' if said.endswith('?') else ';'} rths {error.ctx.info_name} --help lists what it takes"
+    if choice := re.search(r"'(.*)' is not one of (.*)", said):
+        near = get_close_matches(choice[1], re.findall(r"'([^']*)'", choice[2]), 1)
+        return f"{said}{f'; did you mean {near[0]}?' if near else ''}"
+    if isinstance(error, click.UsageError) and "No such command" in said:
+        return f"{said}{'' if said.endswith('?') else ';'} rths --help lists the commands"
+    return said
 
 
 def _ended_by_signal() -> int:

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rths_cli.case.yaml_reader import parse
+from rths_cli.case.yaml_tree import Source
 from rths_cli.control.numerical_substructure import check_scheme
 from rths_cli.errors import InputError
 from rths_cli.experiment.ground_motion import GroundMotion, compressed, prepare
@@ -87,7 +89,7 @@ def make_setup(
     """
     faults = [*_payload_faults(case), *_accept_faults(case)]
     if faults:
-        raise InputError(*(f"{shown(case.path)}: {fault}" for fault in faults))
+        raise InputError(*(placed(case, fault) for fault in faults))
     shared = shared or SharedValues()
     motion, record_sha256 = shared.get("motion", motion_key(case), lambda: interruptible(lambda: ground_motion(case)))
     building = shared.get(
@@ -144,10 +146,18 @@ def make_setups(
         try:
             setups.append(make_setup(case, overrides, shared, parts, samples))
         except InputError as error:
-            faults += [fault if _named(case, fault) else f"{shown(case.path)}: {fault}" for fault in error.faults]
+            faults += [fault if _named(case, fault) else placed(case, fault) for fault in error.faults]
     if faults:
         raise InputError(*faults)
     return setups
+
+
+def placed(case: Case, fault: str) -> str:
+    """Return a sentence with the case's file before it, and with the place of the key by which the sentence begins."""
+    key = fault.partition(": ")[0].partition(".")[0]
+    tree = parse(case.yaml_text, Source(shown(case.path), case.path.parent))[0] if case.path.is_file() else None
+    node = tree.children.get(key) if tree is not None else None
+    return f"{node.mark if node is not None else shown(case.path)}: {fault}"
 
 
 def _named(case: Case, fault: str) -> bool:
@@ -178,8 +188,8 @@ def _accept_faults(case: Case) -> list[str]:
             continue
         if name not in known:
             near = get_close_matches(name, known, 1)
-            advice = f"did you mean {near[0]}?" if near else "rths report --json lists the figures"
-            faults.append(f"accept: there is no figure {name}; {advice}")
+            advice = f"did you mean {near[0]}?" if near else "rths report --json lists the metrics of a result"
+            faults.append(f"accept: there is no metric {name}; {advice}")
         elif index and not known[name].over:
             faults.append(f"accept: {name} is one number, not one per storey; drop [{index}")
     return faults

@@ -9,6 +9,7 @@ while a table moved and fails after that keeps what it holds, and says why.
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import shutil
@@ -301,6 +302,8 @@ def check_writable(folder: Path, needed_bytes: int = 0) -> None:
             make_folder(folder)
             with tempfile.TemporaryFile(dir=folder) as probe:
                 probe.write(b"x")
+    except (FileExistsError, NotADirectoryError) as error:
+        raise InputError(f"{folder}: is a file, or below one, not a folder; choose another --output folder.") from error
     except OSError as error:
         raise InputError(refusal(folder, "cannot write result files here", error)) from error
     if free < needed_bytes:
@@ -315,7 +318,8 @@ def refusal(path: Path, what: str, error: Exception, advice: bool = True) -> str
     number = getattr(error, "errno", None)
     told = re.search(r"error message = '([^']*)'", str(error))
     cause = os.strerror(number) if number else told[1] if told else str(error).partition("\n")[0]
-    return f"{path}: {what}: {cause}" + ("; free space or choose another --output folder." if advice else ".")
+    remedy = "free space or choose" if number in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG) else "choose"
+    return f"{path}: {what}: {cause}" + (f"; {remedy} another --output folder." if advice else ".")
 
 
 def _add_attributes(group: Any, about: Mapping[str, Any]) -> None:

@@ -28,7 +28,7 @@ def told(*settings: str) -> tuple[str, ...]:
         ("scaling='12,5 %'", "must be a number, got '12,5 %'; write 0.125"),
         ("scaling=0,3", "must be a number, got '0,3'; write 0.3"),
         ("scaling=lots", "must be a number, got 'lots'"),
-        ("structure.experimental.masses_kg=[]", "is empty; put at least one entry into the list"),
+        ("structure.experimental.masses_kg=[]", "is empty; put at least one storey into the list"),
         ("structure.numerical.masses_kg[1]=12", "set the whole list: structure.numerical.masses_kg=[...]"),
     ],
 )

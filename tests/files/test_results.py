@@ -407,7 +407,7 @@ def test_a_series_in_another_unit_than_its_name_says_is_refused(written, tmp_pat
 
 def test_an_unwritable_folder_is_named_with_its_cause(tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputError, match=r"file/sub: cannot write result files here: Not a directory; free space"):
+    with pytest.raises(InputError, match=r"file/sub: is a file, or below one, not a folder; choose another"):
         check_writable(tmp_path / "file" / "sub")
     with pytest.raises(InputError, match=r"a\.h5: cannot write the result file: "):
         write(tmp_path / "file" / "a.h5")

@@ -125,7 +125,7 @@ def said_again(screen: Screen, silent: bool, every_s: float = SAID_S) -> Iterato
     def say() -> None:
         while not ended.wait(every_s):
             if now[0]:
-                click.echo(f"{now[0]} ... {time.monotonic() - since:.0f} s", err=True)
+                click.echo(f"{now[0]} (after {time.monotonic() - since:.0f} s)", err=True)
 
     def doing(what: str) -> None:
         now[0] = what

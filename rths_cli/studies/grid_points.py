@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from rths_cli.case.keys_without_effect import without_effect
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
+from rths_cli.experiment.unit_plausibility import unit_doubts
 from rths_cli.studies.sweep_grid import Grid, read_grid
 
 if TYPE_CHECKING:
@@ -35,13 +36,14 @@ class Asked:
 @dataclass(frozen=True)
 class Points:
     """A checked grid: its case without what is varied, the order to make the points in (neighbours share most), the
-    most storeys of any, and the hash of all that the runs' figures depend on."""
+    most storeys of any, the hash of all that the runs' figures depend on, and a sentence for each doubt on units."""
 
     base: Setup
     grid: Grid
     order: tuple[int, ...]
     storeys: int
     sha256: str
+    doubts: tuple[str, ...] = ()
 
 
 def point_case(asked: Asked, grid: Grid, point: int) -> Case:
@@ -56,10 +58,13 @@ def check_points(asked: Asked, shared: Shared, progress: Progress) -> Points:
     digest, storeys = hashlib.sha256(), 0
     first: Setup | None = None
     unread: dict[str, str] | None = None
+    doubts: dict[str, list[str]] = {}
     for setup in _setups(asked, grid, shared, progress):
         stages.append(shared.keys(setup))
         digest.update(repr((stages[-1].content, setup.record_sha256, sorted(setup.case.accept.items()))).encode())
         unread = _still_unread(unread, setup.case, grid)
+        for doubt in unit_doubts(setup):
+            doubts.setdefault(doubt.rpartition(": ")[2], []).append(doubt)  # by its question
         storeys, first = max(storeys, setup.case.n_storeys), first or setup
     assert first is not None  # a grid has a point
     if unread:
@@ -68,7 +73,13 @@ def check_points(asked: Asked, shared: Shared, progress: Progress) -> Points:
     if asked.seeds is None:
         grid = replace(grid, seeds=range(first.case.seed, first.case.seed + 1))
     digest.update(repr((grid, first.overrides)).encode())
-    return Points(_base(asked, shared, first), grid, _order(stages), storeys, digest.hexdigest())
+    told = tuple(_doubt(each, grid) for each in doubts.values())
+    return Points(_base(asked, shared, first), grid, _order(stages), storeys, digest.hexdigest(), told)
+
+
+def _doubt(same: Sequence[str], grid: Grid) -> str:
+    """Return the first of the doubts with one question, and how many grid points raise it where not all do."""
+    return same[0] if len(same) == grid.points else f"{same[0]} (at {len(same)} of {grid.points} grid points)"
 
 
 def _setups(asked: Asked, grid: Grid, shared: Shared, progress: Progress) -> Iterator[Setup]:

@@ -103,6 +103,8 @@ def _play(points: Points, shared: Shared, begun: Begun, request: SweepRequest, w
 
 def _tell(points: Points, begun: Begun, watcher: Watcher) -> None:
     """Say what a user should know before the first run."""
+    for doubt in points.doubts:
+        watcher.warning(doubt)
     known = {column.path for column in columns()}
     left = [path for path in points.base.case.accept if path.partition("[")[0] not in known]
     if left:

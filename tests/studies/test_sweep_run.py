@@ -46,6 +46,8 @@ class Watcher:
     def message(self, text: str) -> None:
         self.messages.append(text)
 
+    warning = message
+
     def started(self, number: int, count: int, name: str) -> None: ...
 
     def ended(self, ended: object, seconds: float) -> None: ...
@@ -65,6 +67,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def asked(folder: Path, *vary: str, seeds: str | None = None, settings: tuple[str, ...] = ()) -> SweepRequest:
     request = Asked(str(folder / "a.yaml"), settings, vary, seeds)
     return SweepRequest(request, folder / "out.h5", None, 2, True, False, "test")
+
+
+def test_a_doubt_on_units_is_told_once_for_all_points_that_raise_it(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "short.csv").write_text((folder / "short.csv").read_text().replace("m/s^2", "cm/s^2"))
+    (tmp_path / "a.yaml").write_text(CASE)
+    watcher, request = Watcher(), asked(tmp_path, "scaling=0.2,0.5,0.9,1")
+    run_sweep(request, watcher)  # type: ignore[arg-type]
+    (told,) = (text for text in watcher.messages if "unit" in text)
+    assert told.startswith("record short peaks at ") and told.endswith("(at 3 of 4 grid points)")
 
 
 def swept(request: SweepRequest, path: Path, **changes: object) -> Swept:

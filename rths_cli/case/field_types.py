@@ -213,19 +213,18 @@ def _counts_faulty_entries(error: ErrorDetails) -> bool:
 def _near_key(key: str, cls: type[Strict]) -> str:
     """Return the end of a sentence on an unknown key: keys like it, that key inside another one, or what is known."""
     found = near(key, cls.model_fields)
-    paths = dict.fromkeys(path for path in _inside(cls) if path.split(".")[-1] == key)
+    paths = dict.fromkeys(path for path in dotted_keys(cls) if path.split(".")[-1] == key)
     inside = [] if "did you mean" in found else list(paths)
     return f"; did you mean {' or '.join(inside[:3])}?" if inside else found
 
 
-def _inside(cls: type[Strict], above: str = "", depth: int = 2) -> Iterator[str]:
-    """Yield the dotted paths of the keys inside the keys of a model."""
+def dotted_keys(cls: type[Strict], above: str = "", depth: int = 2) -> Iterator[str]:
+    """Yield the dotted paths of the keys of a model and of the models inside it; some come more than once."""
     for name, info in cls.model_fields.items():
-        if above:
-            yield above + name
+        yield above + name
         if depth:
             for model in _models(info.annotation):
-                yield from _inside(model, f"{above}{name}.", depth - 1)
+                yield from dotted_keys(model, f"{above}{name}.", depth - 1)
 
 
 def _models(annotation: Any) -> Iterator[type[Strict]]:

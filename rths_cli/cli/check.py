@@ -10,7 +10,7 @@ import click
 
 from rths_cli.cli.command_group import cli
 from rths_cli.cli.options import json_option, methods_option, overrides_option, settings_option
-from rths_cli.cli.terminal import new_screen
+from rths_cli.cli.terminal import new_screen, show_page
 
 
 @cli.command()
@@ -49,7 +49,10 @@ def check(
     screen = new_screen(quiet)
     checked = check_cases(loaded, tuple(dict.fromkeys(overrides)), screen.doing, warn=screen.warning)
     screen.clear()
-    click.echo(json.dumps(as_document(checked), indent=2) if as_json else pages(checked), nl=as_json)
+    if as_json:
+        click.echo(json.dumps(as_document(checked), indent=2))
+    else:
+        show_page(lambda: pages(checked))
     return max(one.exit_code for one in checked)
 
 

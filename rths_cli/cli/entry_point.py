@@ -18,6 +18,7 @@ import click
 
 from rths_cli.cli.command_group import SIGNALS, cli
 from rths_cli.cli.completion import FileOfKind
+from rths_cli.cli.logs import LOG, PRINTED, end_logs
 from rths_cli.errors import InputError, RthsError, crash_note
 from rths_cli.interrupts import INTERRUPTED, TERMINATED, Terminated, any_abandoned
 from rths_cli.safe_text import OutputError, PrintedStream, shortened
@@ -83,7 +84,17 @@ def _one_blas_thread() -> None:
 
 
 def run_to_exit_code() -> int:
-    """Run the command of sys.argv and return its exit code; every way of failing becomes sentences and a code."""
+    """Run the command of sys.argv and return its exit code, which is logged, too."""
+    try:
+        code = _run_to_exit_code()
+        LOG.info("exit code %d", code)
+        return code
+    finally:
+        end_logs()
+
+
+def _run_to_exit_code() -> int:
+    """Return the exit code of the command; every way of failing becomes sentences and a code."""
     try:
         code = int(cli.main(standalone_mode=False) or 0)
         sys.stdout.flush()
@@ -131,6 +142,7 @@ def _fault_of_ours(error: Exception) -> int:
     """Report an unforeseen failure; a full disk is the user's, whichever file a library wrote (a cache, say)."""
     if "--debug" in sys.argv:
         raise error
+    LOG.debug("internal error", exc_info=error)
     if isinstance(error, OSError) and error.errno in NO_SPACE:
         where = f"{error.filename}: " if error.filename else ""
         return _say([f"rths: {where}{error.strerror}; free some space and start again"], 2)
@@ -140,6 +152,7 @@ def _fault_of_ours(error: Exception) -> int:
 def _say(sentences: Sequence[str], code: int) -> int:
     """Show sentences on stderr and, where JSON was asked for, as the document on stdout; return the code."""
     told = [shortened(sentence, LONGEST_SENTENCE) for sentence in sentences]
+    LOG.error("%s", "; ".join(told), extra=PRINTED)
     click.echo("\n".join(told), err=True)
     if _wants_json() and code not in (INTERRUPTED, TERMINATED):
         try:

@@ -15,7 +15,7 @@ import click
 
 from rths_cli.cli.command_group import cli
 from rths_cli.cli.options import FILE, Number, json_option, settings_option, yes_option
-from rths_cli.cli.terminal import new_screen
+from rths_cli.cli.terminal import new_screen, show_page
 from rths_cli.errors import InputError
 
 if TYPE_CHECKING:
@@ -144,17 +144,19 @@ def _show_identified(made: Any, as_json: bool) -> None:
     from rths_cli.report.identification_json import as_document, rejected_document
     from rths_cli.report.identification_page import page, rejected_page
 
-    if made.found is None:
-        faults, seen = made.unfit.faults, made.unfit.channels
-        text = rejected_page(seen, faults, made.about)
-        document = rejected_document(seen, faults, made.about)
-    else:
-        text, document = page(made.found, made.about), as_document(made.found, made.about)
-        if made.figure:
-            from rths_cli.report.identification_figure import write_figure
+    found, unfit = made.found, made.unfit
+    if found is not None and made.figure:
+        from rths_cli.report.identification_figure import write_figure
 
-            write_figure(made.found, made.about, made.figure)
-    click.echo(json.dumps(document, indent=2) if as_json else text, nl=as_json)
+        write_figure(found, made.about, made.figure)
+    if as_json:
+        document = as_document(found, made.about) if found is not None else None
+        document = document or rejected_document(unfit.channels, unfit.faults, made.about)
+        click.echo(json.dumps(document, indent=2))
+    elif found is not None:
+        show_page(lambda: page(found, made.about))
+    else:
+        show_page(lambda: rejected_page(unfit.channels, unfit.faults, made.about))
     if made.model is not None and not as_json:
         click.echo(f"\nto use it in a case:\nidentification: {{model: {_quoted(made.model)}}}")
 

@@ -12,6 +12,7 @@ import click
 
 from rths_cli.cli.command_group import SIGNALS, cli
 from rths_cli.cli.options import FILE, Number, command_line, json_option
+from rths_cli.cli.terminal import show_page
 from rths_cli.errors import InputError
 
 if TYPE_CHECKING:
@@ -184,7 +185,8 @@ def _write(asked: Asked, found: Contents, screen: Screen, quiet: bool) -> None:
     elif asked.output:
         write_text(asked.output, rendered(asked, found))
     else:
-        click.echo(rendered(asked, found), nl=False)
+        text = asked.table in ("", "text")
+        show_page(lambda: rendered(asked, found)) if text else click.echo(rendered(asked, found), nl=False)
 
 
 def _nothing(text: str) -> None:

@@ -19,7 +19,7 @@ from rths_cli.cli.options import (
     settings_option,
     yes_option,
 )
-from rths_cli.cli.terminal import new_screen, page_width
+from rths_cli.cli.terminal import new_screen, page_width, show_page
 
 if TYPE_CHECKING:
     from rths_cli.experiment.run_case import Ended
@@ -126,5 +126,5 @@ def _print(results: Sequence[Result], wanted: Wanted) -> None:
         return
     tabled = [result for result in results if wanted.full or has_reference(result)]
     if tabled:
-        click.echo(f"{tables(tabled)}\n", nl=False)
-    click.echo(answers(results, page_width()), nl=False)
+        show_page(lambda: f"{tables(tabled)}\n")
+    show_page(lambda: answers(results, page_width()))

@@ -10,7 +10,7 @@ import click
 from rths_cli.cli.command_group import cli
 from rths_cli.cli.listing import show_list
 from rths_cli.cli.options import FILE, json_option
-from rths_cli.cli.terminal import page_width
+from rths_cli.cli.terminal import page_width, show_page
 
 
 @cli.command()
@@ -36,5 +36,8 @@ def structure(structure: str | None, figure: Path | None, as_json: bool) -> int:
 
         write_figure(found, figure)
         click.echo(f"wrote {figure}", err=True)
-    click.echo(json.dumps(document(found), indent=2) if as_json else page(found, page_width()), nl=as_json)
+    if as_json:
+        click.echo(json.dumps(document(found), indent=2))
+    else:
+        show_page(lambda: page(found, page_width()))
     return found.exit_code

@@ -10,7 +10,7 @@ import click
 
 from rths_cli.cli.command_group import cli
 from rths_cli.cli.options import FILE, command_line, json_option, methods_option, overrides_option, settings_option
-from rths_cli.cli.terminal import new_screen
+from rths_cli.cli.terminal import new_screen, show_page
 
 
 def threads() -> int:
@@ -86,5 +86,5 @@ def sweep(
     if as_json:
         click.echo(json.dumps(document(swept.sweep, swept.path) | {"exit_code": swept.exit_code}, indent=2))
     else:
-        click.echo(page(swept.sweep, swept.path), nl=False)
+        show_page(lambda: page(swept.sweep, swept.path))
     return swept.exit_code

@@ -222,12 +222,21 @@ def _note_calls(made: Entry) -> None:
     )
 
 
+@cache
+def _announcement() -> str:
+    """Return what a process says when it begins to compile: whether nothing was compiled here, or not this part."""
+    folder = cache_folder()
+    if folder is not None and any(folder.glob("*/*.nbi")):
+        return "compiling real-time code that no command here has used yet, a few seconds more"
+    why = f"; it is not kept: {_place()[1]}" if folder is None else ""
+    return f"first run of this version here: compiling its real-time code, about 20 s more in all{why}"
+
+
 class _Starts(event.Listener):
     """Tells of compilations."""
 
     def on_start(self, event: object) -> None:
-        why = f"; it is not kept: {_place()[1]}" if cache_folder() is None else ""
-        tell(f"first run of this version here: compiling its real-time code, about 20 s more in all{why}")
+        tell(_announcement())
 
     def on_end(self, event: object) -> None:
         """Do nothing."""

@@ -11,7 +11,7 @@ import weakref
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, overload
+from typing import TYPE_CHECKING, Any, Literal
 
 from rths_cli.api.results import CheckResult, Group, ModelResult, RunResult
 from rths_cli.errors import InputError, LimitError, RigError, RthsError
@@ -226,10 +226,6 @@ def _system(group: Group) -> Block | Frf:
     )
 
 
-@overload
-def from_control(system: control.StateSpace | control.TransferFunction) -> StateSpace | Block: ...
-@overload
-def from_control(system: control.FRD) -> Frf: ...
 def from_control(system: control.StateSpace | control.TransferFunction | control.FRD) -> StateSpace | Block | Frf:
     """Return a system of python-control with plain arrays: `A`, `B`, `C`, `D` and, sampled, `dt_s` and the names of
     its signals; of an FRD `frequency_hz` and `response`. Raises InputError for what has no such form.

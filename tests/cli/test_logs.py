@@ -30,9 +30,8 @@ def test_a_log_tells_command_faults_and_exit_code_and_is_appended_to(tmp_path: P
         assert (done.returncode, done.stderr, done.stdout) == (2, plain.stderr, "")  # it prints what it always prints
     lines = (tmp_path / "a.log").read_text().splitlines()
     assert len(lines) == 6
-    for line, level, words in zip(
-        lines, ["INFO", "ERROR", "INFO"] * 2, ["rths ", "nothing_of", "exit code 2"] * 2, strict=True
-    ):
+    told = [("INFO", "rths "), ("ERROR", "nothing_of"), ("INFO", "exit code 2")] * 2
+    for line, (level, words) in zip(lines, told, strict=True):
         assert re.match(rf"\d{{4}}-\d\d-\d\d \d\d:\d\d:\d\d,\d{{3}} {level} {words}", line), line
 
 

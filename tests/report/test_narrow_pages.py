@@ -23,9 +23,8 @@ def table(label: str, columns: int = 5) -> Table:
     count = 2 * columns
     rows = tuple(Row(f"{label} {k}", tuple(Cell(f"{k}{c:02}") for c in range(count))) for k in range(1, 4))
     heads = (Cell("left", columns), Cell("right", columns)), tuple(Cell(f"h{c}") for c in range(count))
-    return Table(
-        "A title " * 12, "corner", (columns, columns), 9, heads, (Row("a heading " * 8), *rows), ("a note " * 20,)
-    )
+    every = Row("a heading " * 8), *rows
+    return Table("A title " * 12, "corner", (columns, columns), 9, heads, every, ("a note " * 20,))
 
 
 def numbers(text: str) -> set[str]:

@@ -16,7 +16,7 @@ from rths_cli.cli.terminal import new_screen, show_page
 @cli.command()
 @click.argument("cases", nargs=-1, required=True, metavar="CASE...")
 @methods_option("compare")
-@overrides_option(["model"], "judge with a model that its identification rejected.")
+@overrides_option(["model"], "Use a model although its identification rejected it.")
 @click.option("--resolved", is_flag=True, help="Print the cases with all defaults as YAML, and do nothing else.")
 @click.option("--quiet", is_flag=True, help="Show no progress.")
 @settings_option
@@ -30,7 +30,7 @@ def check(
     settings: tuple[str, ...],
     as_json: bool,
 ) -> int:
-    """Say whether EXP-RTHS of a case is safe, unsafe or unstable, and how wrong it will be, before anything moves.
+    """Predict stability, table limits and error of a hybrid test: safe, unsafe or unstable. Nothing moves.
 
     Exit code 0: all are safe; 1: one is not.
 

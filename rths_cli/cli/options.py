@@ -82,8 +82,8 @@ def methods_option(more: str) -> Callable[[F], F]:
 
 
 def overrides_option(choices: Sequence[str], about: str) -> Callable[[F], F]:
-    """Add --override, repeatable: the one option that says "I know"."""
-    return click.option("--override", "overrides", multiple=True, type=click.Choice(choices), help=f"I know: {about}")
+    """Add --override, repeatable: the one option that goes on against a refusal."""
+    return click.option("--override", "overrides", multiple=True, type=click.Choice(choices), help=about)
 
 
 def yes_option(command: F) -> F:

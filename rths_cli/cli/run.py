@@ -45,7 +45,7 @@ class Wanted(NamedTuple):
 @click.option("--junit", type=FILE, metavar="FILE", help="Write JUnit XML: one test per accept limit.")
 @overrides_option(
     ["check", "model"],
-    "run EXP-RTHS although its check says no, or use a model that was rejected. Repeatable, stored in the result.",
+    "Run EXP-RTHS although its check says no, or use a model that was rejected. Repeatable, stored in the result.",
 )
 @yes_option
 @click.option("--fresh", is_flag=True, help="Identify anew; use no model of a virtual rig kept from earlier runs.")

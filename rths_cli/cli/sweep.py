@@ -36,7 +36,7 @@ def threads() -> int:
 @click.option("--resume", is_flag=True, help="Go on with an interrupted sweep.")
 @overrides_option(
     ["check", "model"],
-    "run what the check refuses, or use a model that was rejected. Repeatable, stored in the result.",
+    "Run what the check refuses, or use a model that was rejected. Repeatable, stored in the result.",
 )
 @click.option("--quiet", is_flag=True, help="Show no progress, only what went wrong.")
 @settings_option

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rths_cli.files.imported_models import ForeignModel
     from rths_cli.identification.excitation import Excitation
 
-NOW, AT_REST = "identified in this run", "identified now, which on a virtual rig is a computation"
+NOW, AT_REST = "identified in this run", "identified just now (simulated, no hardware)"
 
 
 @dataclass(frozen=True)

@@ -94,11 +94,11 @@ def _fitted(metrics: Metrics) -> str:
     late = _figure(metrics, "table_delay_error_s", "table_delay_error_uncertainty_s", 1e6, "microseconds", 1)
     friction = _figure(metrics, "friction_v", "friction_uncertainty_v", 1e3, "mV of command", sign="")
     told = f"The table in the run against the identified one: gain {gain}, delay {late}, friction like {friction}."
-    if "not told" not in told:
+    if "not significant" not in told:
         return told
     left = "budget.rms_error_lost_m_s2" in metrics
     why = "not enough of the record is left" if left else "the record does not say more"
-    return f"{told} Not told: the uncertainty (two standard ones) is larger than the figure; {why}."
+    return f"{told} Not significant: the uncertainty (two standard ones) is larger than the figure; {why}."
 
 
 def _figure(
@@ -110,5 +110,5 @@ def _figure(
         return f"{value:{sign}.{digits}f} {unit}"
     off = 2.0 * scale * float(np.asarray(metrics[f"budget.{uncertainty}"]))
     if not off <= abs(value):
-        return f"not told from none (within {off:.2g} {unit})"
+        return f"not significant (within +-{off:.2g} {unit})"
     return f"{value:{sign}.{digits}f} +- {off:.2g} {unit}"

@@ -166,9 +166,8 @@ def _notes_on(solutions: Array) -> tuple[str, ...]:
     if len(texts) == 1:
         return ()
     return (
-        f"experimental storey stiffnesses {texts[0]}, the most equal of {len(texts)} sets with these natural "
-        f"frequencies, are used; the others are {'; '.join(texts[1:])}; to take another, state "
-        "experimental.stiffness_n_per_m",
+        f"{len(texts)} sets of experimental storey stiffnesses have these natural frequencies; the most uniform is "
+        f"used: {texts[0]}, not {' or '.join(texts[1:])}; to take another, state experimental.stiffness_n_per_m",
     )
 
 

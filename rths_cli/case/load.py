@@ -12,7 +12,7 @@ from yaml import YAMLError
 
 from rths_cli.case.advice import with_advice
 from rths_cli.case.case_schema import Case, CaseKeys
-from rths_cli.case.file_kinds import kind_of_tree, no_case, written_by_rths
+from rths_cli.case.file_kinds import is_record, kind_of_tree, no_case, written_by_rths
 from rths_cli.case.json_schema import schema
 from rths_cli.case.named_files import find, is_bare, known, shipped
 from rths_cli.case.reference_schema import ReferenceSpec
@@ -153,6 +153,8 @@ def _load(path: Given, settings: Sequence[Setting]) -> tuple[Case | None, list[F
         return None, [Fault(Mark(Source(display(found), Path.cwd())), "", written)] if written else faults
     if (kind := kind_of_tree(tree)) not in ("", "cases"):
         return None, [Fault(Mark(tree.mark.source), "", no_case(kind, str(path)))]
+    if not isinstance(tree.value, dict) and is_record(found):
+        return None, [Fault(Mark(tree.mark.source), "", no_case("records", str(path)))]
     if not isinstance(tree.value, dict):
         message = "must hold the keys of a case, at least structure, damping, record, scaling and controller"
         return None, [*faults, Fault(tree.mark, "", message)]

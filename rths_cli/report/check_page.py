@@ -168,7 +168,7 @@ def _margins(values: Values, compared_to_hz: float) -> list[str]:
         *alone,
         labelled(
             "  table error",
-            f"tolerated {stands:.3g} %, required {must:.3g} %: tightest at {where} Hz, with a gain up to 10 % off",
+            f"tolerated {stands:.3g} %, required {must:.3g} %: tightest at {where} Hz, gain up to 10 % off",
         ),
         labelled(
             f"    up to {short(compared_to_hz)} Hz",

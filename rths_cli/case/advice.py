@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+from rths_cli.unit_names import unit_of_name
+
 _NUMBER = r"[-+]?(?:[0-9]+(?:[.,][0-9]*)?|[.,][0-9]+)(?:[eE][-+]?[0-9]+)?"
 _LIMIT = rf"[<>]=? {_NUMBER}"
 _OUT_OF_RANGE = re.compile(rf"(must be (?:0 \(off\) or )?{_LIMIT}(?: and {_LIMIT})*), got ({_NUMBER})")
@@ -12,8 +14,6 @@ _CHOICE = re.compile(r"must be (.+), got '(.*)'")
 
 def with_advice(key: str, message: str) -> str:
     """Return the sentence on the value of a key with the key's unit, and with what to write where that is clear."""
-    from rths_cli.quantities.units import unit_of_name  # its package imports numpy, which reading a case does not need
-
     unit = unit_of_name(key, "")
     if out := _OUT_OF_RANGE.fullmatch(message):
         return _with_unit(key, unit, out[1], out[2])

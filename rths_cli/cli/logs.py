@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import sys
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 
 import click
@@ -20,6 +21,24 @@ LOG.propagate = False
 PRINTED = {"printed": True}  # of a record that the command prints itself
 TO_FILE = "%(asctime)s %(levelname)s %(message)s"
 TO_TERMINAL = "%(relativeCreated)8.0f ms  %(message)s"
+
+
+class AppendingHandler(logging.Handler):
+    """Append each record to a file, which is open meanwhile only."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self._path = path.absolute()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Append a record; a disk that takes nothing more does not end the command."""
+        with suppress(OSError):
+            self.append(f"{self.format(record)}\n")
+
+    def append(self, text: str) -> None:
+        """Append a text; raises OSError."""
+        with open(self._path, "a", encoding="utf-8", errors="backslashreplace") as file:
+            file.write(text)
 
 
 def add_log_options(commands: Iterable[click.Command]) -> None:
@@ -49,8 +68,9 @@ def end_logs() -> None:
 def _to_file(ctx: click.Context, param: click.Parameter, path: Path | None) -> None:
     if path is None:
         return
+    handler = AppendingHandler(path)
     try:
-        handler = logging.FileHandler(path, encoding="utf-8", errors="backslashreplace")
+        handler.append("")
     except OSError as error:
         raise InputError(f"--log {path}: cannot be written: {error.strerror}; choose another file") from None
     _log_to(handler, TO_FILE)

@@ -126,5 +126,5 @@ def _print(results: Sequence[Result], wanted: Wanted) -> None:
         return
     tabled = [result for result in results if wanted.full or has_reference(result)]
     if tabled:
-        show_page(lambda: f"{tables(tabled)}\n")
+        show_page(lambda: f"{tables(tabled, brief=not wanted.full)}\n")
     show_page(lambda: answers(results, page_width()))

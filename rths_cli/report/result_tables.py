@@ -30,23 +30,26 @@ TOLD = ("shake_table.tracking_rms_m_s2", "exp_rths.tracking_rms_m_s2")
 WORDS = "-: not run or not published. *: figure of a run that did not end as planned."
 
 
-def tables(results: Sequence[Result], references: Mapping[str, Figures] | None = None, paper: bool = False) -> str:
+def tables(
+    results: Sequence[Result], references: Mapping[str, Figures] | None = None, paper: bool = False, brief: bool = False
+) -> str:
     """Return all tables and the verdicts on the paper's claims as text of at most 100 columns.
 
     `references` gives published figures by case name and metric path, before those stored with the results.
-    One case alone is printed in a compact form with all its figures. Raises InputError without results.
+    One case alone is printed in a compact form with all its figures, unless `brief`. Raises InputError without results.
     """
-    return plain_text(blocks(results, references, laid_out=True, paper=paper))
+    return plain_text(blocks(results, references, laid_out=True, paper=paper, brief=brief))
 
 
 def blocks(
     results: Sequence[Result], references: Mapping[str, Figures] | None = None, laid_out: bool = False,
-    paper: bool = False,
+    paper: bool = False, brief: bool = False,
 ) -> list[Block]:  # fmt: skip
     """Return the tables of a report, the verdicts on the paper's claims and what their words mean.
 
     `paper`: whether the paper's claims are judged without published figures, too. `laid_out`: error by cause, latency
-    and claims as text for a terminal, else as tables with the figures of merit. Raises InputError without results.
+    and claims as text for a terminal, else as tables with the figures of merit. `brief`: the errors of one case alone,
+    without its other figures. Raises InputError without results.
     """
     if not results:
         raise InputError("There are no results to print; give result files or run a case first.")
@@ -54,7 +57,7 @@ def blocks(
     groups = [list(group) for _, group in groupby(cases, key=lambda entry: entry.table_name)]
     scales = scale_lines(results)
     said: list[Block] = [Paragraphs(("Scale", *(f"  {line}" for line in scales)), indent=4)] if scales else []
-    return [*said, *(block for group in groups for block in _blocks(group, laid_out, paper))]
+    return [*said, *(block for group in groups for block in _blocks(group, laid_out, paper, brief))]
 
 
 def has_reference(result: Result) -> bool:
@@ -67,7 +70,7 @@ def to_json(results: Sequence[Result]) -> dict[str, object]:
     return {"results": [_json_result(result) for result in results]}
 
 
-def _blocks(cases: Sequence[Entry], laid_out: bool, paper: bool) -> Iterator[Block]:
+def _blocks(cases: Sequence[Entry], laid_out: bool, paper: bool, brief: bool) -> Iterator[Block]:
     """Yield what went wrong, the tables of one rig, what their words mean, and claims where there is a reference."""
     for title, lines in (("Runs that ended otherwise", remarks(cases)), ("Steps without samples", losses(cases))):
         if lines:
@@ -77,7 +80,7 @@ def _blocks(cases: Sequence[Entry], laid_out: bool, paper: bool) -> Iterator[Blo
     else:
         yield from tracking_tables(cases)
         yield from response_tables(cases)
-    if len(cases) == 1 and laid_out:
+    if len(cases) == 1 and laid_out and not brief:
         yield Fixed(other_figures(cases[0], paths()))
     if not laid_out:
         yield merit_table(cases)

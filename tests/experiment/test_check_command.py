@@ -102,7 +102,7 @@ def test_a_virtual_rig_without_a_model_is_identified_and_that_is_said(memory: Me
     [
         ((), CASE, "safe", ""),
         (("method=paper",), CASE, "safe", ""),
-        ((), BARE, "unsafe", "with 0.923 times the table's gain an error of"),
+        ((), BARE, "unsafe", "with 0.923 times the table's gain the loop tolerates only"),
         (("controller=none",), CASE, "unstable", "spectral radius"),
         (("scaling=0.9",), CASE, "unsafe", "the largest safe scaling is"),
     ],

@@ -19,7 +19,7 @@ def threads() -> int:
 
 
 @cli.command()
-@click.argument("case", metavar="CASE")
+@click.argument("case", metavar="CASE|STUDY")
 @click.option(
     "--vary",
     multiple=True,
@@ -58,11 +58,13 @@ def sweep(
 ) -> int:
     """Run EXP-RTHS of one case over varied keys and seeds on the virtual rig, and write one table of figures.
 
+    A study file states the case, its axes with values or distributions, and seeds.
+
     Exit code 0: all ran and were accepted; 1: some were refused or not accepted; 3: some were stopped by a limit.
 
     Example: rths sweep el_centro_low_ff_fb --seeds 20 --vary scaling=0.2,0.3
     """
-    from rths_cli.studies.grid_points import Asked
+    from rths_cli.studies.study_plan import Asked
     from rths_cli.studies.sweep import SweepRequest, run_sweep
 
     chosen = tuple(dict.fromkeys(methods))

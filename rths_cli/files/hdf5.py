@@ -95,7 +95,7 @@ def datasets(file: h5py.File, below: str = "") -> Iterator[tuple[str, DatasetID]
 def add_dataset(group: GroupID, name: str, data: NDArray[Any]) -> DatasetID:
     """Add a dataset of numbers or texts."""
     kit, space = _kit(), _space(data.shape)
-    if data.dtype.kind in "US":
+    if data.dtype.kind in "OSU":
         node = kit.dataset(group, name.encode(), kit.text, space, kit.plain)
         node.write(kit.all, kit.all, data.astype(object), mtype=kit.text_in_memory)
         return node

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,11 +14,12 @@ from rths_cli.case.load import resolved_yaml
 from rths_cli.errors import InputError
 from rths_cli.experiment.run_case import worst_code
 from rths_cli.files.result_writer import check_writable
-from rths_cli.files.sweep_file import TEXTS, Figure, Sweep, read_attributes, read_rows, rows_path
-from rths_cli.studies.sweep_table import Row, columns, table
+from rths_cli.files.sweep_file import Figure, Sweep, read_attributes, read_rows, rows_path
+from rths_cli.studies.sweep_table import Row
 
 if TYPE_CHECKING:
     from rths_cli.studies.grid_points import Points
+    from rths_cli.studies.sweep_table import Table
 
 IDENTITY = ("plan_sha256", "software_sha256")
 OTHER = "another sweep (case, grid, options or version of rths differ)"
@@ -107,30 +108,29 @@ def as_line(row: Row) -> list[Any]:
     return [*start, figures.tolist()]
 
 
-def as_sweep(points: Points, begun: Begun, rows: Sequence[Row]) -> Sweep:
-    """Return the table of all rows, in the order of the grid."""
-    grid, per_point, kept = points.grid, len(points.grid.seeds), columns()
-    numbers = table(kept, points.storeys, [row.figures for row in rows])
-    values = list(zip(*(grid.values(point) for point in range(grid.points)), strict=True))
-    counts = Counter(row.status for row in rows)
-    code = worst_code(row.exit_code for row in rows)
-    ends = {"status": "complete", "status_reason": told(counts), "exit_code": code}
+def as_sweep(points: Points, begun: Begun, rows: Table) -> Sweep:
+    """Return the table of all rows, in the order of the plan."""
+    plan, figures, texts = points.plan, rows.figures, rows.texts
+    ends = {
+        "status": "complete",
+        "status_reason": told(Counter(texts["status"])),
+        "exit_code": worst_code(rows.exit_codes),
+    }
+    written = points.planned.case
+    study = points.planned.study
     return Sweep(
         begun.attributes | ends,
-        points.base.case.yaml_text,
+        written.text,
         resolved_yaml(points.base.case),
-        per_point,
-        {axis.key: _repeated(found, per_point) for axis, found in zip(grid.axes, values, strict=True)},
-        np.tile(np.array(grid.seeds, dtype=np.int64), grid.points),
-        {name: tuple(getattr(row, name) for row in rows) for name in TEXTS},
-        {column.path: Figure(numbers[column.path], column.units, column.definition) for column in kept},
+        len(plan.seeds),
+        dict(plan.columns()),
+        np.tile(np.array(plan.seeds, dtype=np.int64), plan.points),
+        texts,
+        {column.path: Figure(figures[column.path], column.units, column.definition) for column in points.columns},
+        study.read_text(encoding="utf-8-sig") if study else "",
     )
 
 
 def told(counts: Mapping[str, int]) -> str:
     """Return how many runs ended how."""
     return ", ".join(f"{counts[status]} {status}" for status in sorted(counts))
-
-
-def _repeated(values: Sequence[Any], times: int) -> tuple[Any, ...]:
-    return tuple(value for value in values for _ in range(times))

@@ -12,6 +12,7 @@ from rths_cli.case.case_schema import CaseKeys
 from rths_cli.case.reference_schema import ReferenceSpec
 from rths_cli.case.rig_schema import NiRigSpec, PluginRigSpec, UdpRigSpec, VirtualRigSpec
 from rths_cli.case.structure_schema import StructureSpec
+from rths_cli.case.study_schema import DISTRIBUTIONS, FolderAxis, ListAxis, RangeAxis, StudyKeys
 from rths_cli.quantities.units import unit_of_name
 
 Schema = Mapping[str, Any]
@@ -31,6 +32,14 @@ FILES = {
         "Rig files",
         "What the file of a table may state, by its `kind`; `extends: NAME` varies another rig. "
         "[Rigs](rigs.md) explains the kinds; `configs/rigs/` has a commented example of each.",
+    ),
+    "study": (
+        "Study files",
+        "What a study may state, for `rths sweep STUDY.yaml`. `axes.KEY` is a dotted key of the [case](case.md) with "
+        "one of the kinds of values below; a bare list stands for `values`. Values of all distributions are drawn "
+        "together, `samples.count` of them, and every combination of these with the other axes is a row, unless a "
+        "constraint leaves it out. Names and relative paths start at the study's folder. "
+        "[Run a sweep](../howto/sweep.md#study-files) has an example.",
     ),
 }
 RIGS: dict[str, type[BaseModel]] = {
@@ -58,6 +67,20 @@ def rig_page() -> str:
     own = [[row for row in rows if row not in shared] for rows in real]
     headings = ("Kind `virtual`", "Every other kind", "Kind `udp`", "Kind `ni`", "Kind of a package")
     return _page("rig", list(zip(headings, (virtual, shared, *own), strict=True)))
+
+
+def study_page() -> str:
+    """Return the page of study files, a section per kind of axis."""
+    tables = [("The study", list(_rows(StudyKeys, "")))]
+    tables += [
+        ("An axis with a list", list(_rows(ListAxis, "axes.KEY."))),
+        ("An axis with a range", list(_rows(RangeAxis, "axes.KEY."))),
+        ("An axis with a folder of records", list(_rows(FolderAxis, "axes.KEY."))),
+    ]
+    tables += [
+        (f"An axis with distribution `{name}`", _rows(kind, "axes.KEY.")) for name, kind in DISTRIBUTIONS.items()
+    ]
+    return _page("study", tables)
 
 
 def _page(name: str, tables: list[tuple[str, Iterable[tuple[str, ...]]]]) -> str:

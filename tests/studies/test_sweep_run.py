@@ -23,7 +23,8 @@ from rths_cli.files.result_reader import read_result
 from rths_cli.files.sweep_file import read_sweep, rows_path
 from rths_cli.studies import sweep as sweep_workflow
 from rths_cli.studies import sweep_runs
-from rths_cli.studies.grid_points import Asked, check_points
+from rths_cli.studies.grid_points import check_points
+from rths_cli.studies.study_plan import Asked
 from rths_cli.studies.sweep import SweepRequest, Swept, run_sweep
 from rths_cli.studies.sweep_output import begin
 from rths_cli.studies.sweep_runs import Shared, play_variant
@@ -263,7 +264,7 @@ def test_points_that_share_most_are_made_one_after_the_other(folder: Path) -> No
         str(folder / "a.yaml"), (), ("scaling=0.2,0.3", "kalman.q=900,1000", f"{WORN}=1,2", "kalman.r=1,2"), None
     )
     points = check_points(grid, sweep_runs.Shared((), lambda _: None), lambda _: None)
-    made = [(q, r, scaling, worn) for scaling, q, worn, r in map(points.grid.values, points.order)]
+    made = [(q, r, scaling, worn) for scaling, q, worn, r in map(points.plan.values, points.order)]
     assert made == sorted(made) and len(made) == 16
 
 
@@ -358,4 +359,4 @@ def test_a_key_that_no_point_reads_is_refused(folder: Path) -> None:
     with pytest.raises(InputError, match="--vary delay_s: changes nothing in a sweep, only SIM-DELAY would read it"):
         run_sweep(asked(folder, "delay_s=0.001:0.010:10"), Watcher())
     read_by_some = asked(folder, "method=paper,best", "kalman.residual_hz=30,40").asked
-    assert check_points(read_by_some, Shared((), str), str).grid.points == 4
+    assert check_points(read_by_some, Shared((), str), str).plan.points == 4

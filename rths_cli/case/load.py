@@ -37,8 +37,8 @@ from rths_cli.errors import InputError
 Read = TypeVar("Read")
 
 __all__ = [
-    "WrittenCase", "load_all", "load_cases", "load_reference", "load_rig", "load_structure", "load_study",
-    "load_written", "read_case", "resolved_yaml", "schema", "study_file", "written_case",
+    "PlacedSettings", "WrittenCase", "load_all", "load_cases", "load_reference", "load_rig", "load_structure",
+    "load_study", "load_written", "read_case", "resolved_yaml", "schema", "study_file", "written_case",
 ]  # fmt: skip
 
 
@@ -92,18 +92,24 @@ def written_case(text: str, path: Path) -> WrittenCase:
     return WrittenCase(path, text, tree, tuple(faults))
 
 
-def load_written(
-    written: WrittenCase, settings: Sequence[str], varied: Sequence[str] = (), folder: Path | None = None
-) -> Case:
-    """Return a written case with `settings` put in, then with those `varied`, whose paths start at `folder`.
+@dataclass(frozen=True)
+class PlacedSettings:
+    """Settings KEY=VALUE, and where relative paths in the values start (None: the present folder)."""
 
-    Raises InputError with all faults.
-    """
-    typed, faults = read_settings(settings)
-    sampled, more = read_settings(varied, folder=folder)
-    case, wrong = _checked(written, [*typed, *sampled])
-    if faults or more or case is None:
-        raise InputError(*dict.fromkeys(str(fault) for fault in (*faults, *more, *wrong)))
+    texts: Sequence[str]
+    folder: Path | None = None
+
+
+def load_written(written: WrittenCase, *settings: PlacedSettings) -> Case:
+    """Return a written case with settings put in, in their order; raises InputError with all faults."""
+    found: list[Setting] = []
+    faults: list[Fault] = []
+    for one in settings:
+        read, wrong = read_settings(one.texts, folder=one.folder)
+        found, faults = [*found, *read], [*faults, *wrong]
+    case, wrong = _checked(written, found)
+    if faults or case is None:
+        raise InputError(*dict.fromkeys(str(fault) for fault in (*faults, *wrong)))
     return case
 
 

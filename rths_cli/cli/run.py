@@ -22,8 +22,10 @@ from rths_cli.cli.options import (
 from rths_cli.cli.terminal import new_screen, page_width, show_page
 
 if TYPE_CHECKING:
+    from rths_cli.cli.terminal import Screen
     from rths_cli.experiment.run_case import Ended
     from rths_cli.files.result_reader import Result
+    from rths_cli.studies.row_of_sweep import SweptRow
 
 
 class Wanted(NamedTuple):
@@ -34,7 +36,7 @@ class Wanted(NamedTuple):
 
 
 @cli.command()
-@click.argument("cases", nargs=-1, required=True, metavar="CASE...")
+@click.argument("cases", nargs=-1, metavar="CASE...")
 @click.option(
     "--output", type=FILE, default="results", show_default=True, metavar="DIR", help="Folder of the result files."
 )
@@ -43,6 +45,8 @@ class Wanted(NamedTuple):
 @click.option("--full", is_flag=True, help="Print every figure before the answer, as rths report does.")
 @click.option("--quiet", count=True, help="Show no progress, and one line per case; given twice, only what went wrong.")
 @click.option("--junit", type=FILE, metavar="FILE", help="Write JUnit XML: one test per accept limit.")
+@click.option("--from", "sweep", type=FILE, metavar="SWEEP", help="Run one row of a finished sweep instead of cases.")
+@click.option("--row", type=click.IntRange(min=1), metavar="N", help="Which row of --from, counted from 1.")
 @overrides_option(
     ["check", "model"],
     "Run EXP-RTHS although its check says no, or use a model that was rejected. Repeatable, stored in the result.",
@@ -59,6 +63,8 @@ def run(
     full: bool,
     quiet: int,
     junit: Path | None,
+    sweep: Path | None,
+    row: int | None,
     overrides: tuple[str, ...],
     yes: bool,
     fresh: bool,
@@ -72,7 +78,10 @@ def run(
     from rths_cli.case.load import load_all
 
     chosen = tuple(dict.fromkeys(methods))
-    loaded = load_all(cases, settings, chosen)  # a fault in them is told before the numerical libraries are imported
+    swept = _row(cases, sweep, row, chosen, settings)
+    loaded = (
+        [swept.case] if swept else load_all(cases, settings, chosen)
+    )  # a fault in them is told before the numerical libraries are imported
     from rths_cli.experiment.run_command import Request, exit_code, run_batch
 
     if junit:
@@ -86,13 +95,46 @@ def run(
         output=output,
         replace=not no_replace,
         command_line=command_line(),
-        overrides=tuple(dict.fromkeys(overrides)),
+        overrides=tuple(dict.fromkeys((*overrides, *(swept.overrides if swept else ())))),
         fresh=fresh,
         yes=yes,
     )
     ended = run_batch(request, screen)
     _show_results(ended, as_json, junit, Wanted(full, quiet))
-    return exit_code(ended)
+    differs = swept is not None and ended[0].path is not None and _differs(swept, ended[0].path, screen, quiet)
+    return exit_code(ended) or int(differs)
+
+
+def _row(
+    cases: Sequence[str], sweep: Path | None, row: int | None, methods: Sequence[str], settings: Sequence[str]
+) -> SweptRow | None:
+    """Return the row of a sweep that is to be run, None for cases; raises UsageError unless one of them is named."""
+    if sweep is None and row is None:
+        if not cases:
+            raise click.UsageError("Missing argument 'CASE...'.")
+        return None
+    if sweep is None or row is None:
+        raise click.UsageError("--from SWEEP and --row N name one row together; give both.")
+    if cases or methods:
+        raise click.UsageError("--from runs a row with its own case and method; leave CASE and --method out.")
+    from rths_cli.studies.row_of_sweep import read_row
+
+    return read_row(sweep, row, settings)
+
+
+def _differs(row: SweptRow, path: Path, screen: Screen, quiet: int) -> bool:
+    """Say whether the result has the metrics of the row, and return whether it has not."""
+    from rths_cli.files.result_reader import read_result
+
+    differences = row.differences(read_result(path))
+    if not differences:
+        if not quiet:
+            screen.message(f"row {row.number} of {row.path} has the same metrics")
+        return False
+    more = f" and {len(differences) - 1} more" if len(differences) > 1 else ""
+    why = "a file that the case names, a setting or rths is not what it was"
+    screen.message(f"the metrics are not those of row {row.number} of {row.path}: {differences[0]}{more}; {why}")
+    return True
 
 
 def _show_results(ended: Sequence[Ended], as_json: bool, junit: Path | None, wanted: Wanted) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rths_cli.case.keys_without_effect import without_effect
-from rths_cli.case.load import load_written
+from rths_cli.case.load import PlacedSettings, load_written
 from rths_cli.errors import InputError
 from rths_cli.experiment.unit_plausibility import unit_doubts
 from rths_cli.studies.plan import Plan
@@ -86,7 +86,8 @@ def _doubt(same: Sequence[str], plan: Plan) -> str:
 
 
 def _point_case(asked: Asked, planned: Planned, point: int) -> Case:
-    return load_written(planned.case, asked.settings, planned.plan.settings(point), planned.plan.folder)
+    varied = PlacedSettings(planned.plan.settings(point), planned.plan.folder)
+    return load_written(planned.case, PlacedSettings(asked.settings), varied)
 
 
 def _setups(asked: Asked, planned: Planned, shared: Shared, progress: Progress) -> Iterator[Setup]:
@@ -115,7 +116,7 @@ def _still_unread(before: dict[str, str] | None, case: Case, plan: Plan) -> dict
 def _base(asked: Asked, planned: Planned, shared: Shared, first: Setup) -> Setup:
     """Return the case without what is varied, or the first point where it needs a varied key to be one."""
     try:
-        return shared.setup(load_written(planned.case, asked.settings))
+        return shared.setup(load_written(planned.case, PlacedSettings(asked.settings)))
     except InputError:
         return first
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rths_cli.case.load import load_written
+from rths_cli.case.load import PlacedSettings, load_written
 from rths_cli.errors import InputError
 from rths_cli.studies.study_plan import Asked, Planned, read_plan
 
@@ -103,7 +103,7 @@ def test_records_of_a_folder_are_an_axis_and_paths_start_at_the_study(folder: Pa
     assert [found.plan.values(point) for point in range(2)] == [("suite/a.txt",), ("suite/b.csv",)]
     (tmp_path / "elsewhere").mkdir()
     with chdir(tmp_path / "elsewhere"):
-        case = load_written(found.case, (), found.plan.settings(1), found.plan.folder)
+        case = load_written(found.case, PlacedSettings(found.plan.settings(1), found.plan.folder))
     assert case.record.path == folder / "suite" / "b.csv"
     assert faults(folder, "axes: {record: {folder: nowhere}}\n")[0].endswith("nowhere; check the path")
 
@@ -134,7 +134,7 @@ def test_a_case_may_stand_in_the_study(folder: Path) -> None:
         "axes: {scaling: [0.2]}\n"
     )
     found = read_plan(Asked(str(folder / "s.yaml"), (), (), None))
-    case = load_written(found.case, (), found.plan.settings(0), found.plan.folder)
+    case = load_written(found.case, PlacedSettings(found.plan.settings(0), found.plan.folder))
     assert (case.name, case.scaling, case.record.path) == ("s", 0.2, folder / "own.csv") and found.own_seed
 
 

@@ -26,11 +26,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import open_regular
-from rths_cli.files.hdf5 import Dataset, as_declared, datasets, text, write_group
+from rths_cli.files.hdf5 import Dataset, Written, as_declared, datasets, text, write_group
 from rths_cli.files.hdf5_heaps import check_heaps
 from rths_cli.files.hdf5_safety import LayoutError, attribute, attributes, member, values_of
 from rths_cli.files.result_writer import Attribute, refusal
-from rths_cli.files.staged_file import new_hdf5
+from rths_cli.files.staged_file import new_large_hdf5
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities import AXES
 from rths_cli.quantities.sweep_datasets import RUNS, SWEEP_ATTRIBUTES, SWEEP_DATASETS, TEXTS
@@ -46,6 +46,7 @@ T = TypeVar("T")
 FORMAT = "rths-sweep"
 FORMAT_VERSION = 1
 CSV_START = b"variant,"
+BATCH_VALUES = 1 << 20  # of one axis, in memory on their way to the disk
 MOST_RUNS, MOST_STOREYS = 1 << 22, 1000  # of a table that is read whole
 CASE = ("case_yaml", "case_resolved")
 STUDY = "study_yaml"
@@ -89,11 +90,17 @@ def write_sweep(path: Path, sweep: Sweep) -> None:
     """Write the file of a sweep; raises InputError when the disk refuses."""
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        with new_hdf5(part) as file:
+        with new_large_hdf5(part) as (file, commit):
             about = {"format": FORMAT, "format_version": FORMAT_VERSION, "seeds_per_point": sweep.seeds_per_point}
             names = {"coordinates": " ".join(["seed", *sweep.varied]), "figures": " ".join(sweep.figures)}
             file.attrs.update({**sweep.attributes, **about, **names})
-            write_group(file, _datasets(sweep), _scales(sweep))
+            scales, left, at_once = _scales(sweep), _datasets(sweep), max(1, BATCH_VALUES // len(sweep.seed))
+            written: Written = {}
+            while left:
+                batch = {name: left.pop(name) for name in list(left)[:at_once]}
+                write_group(file, batch, scales, written)
+                if left:  # a large table is not kept in memory twice
+                    commit()
         os.replace(part, path)
     except (OSError, RuntimeError) as error:
         raise InputError(refusal(path, "cannot write the result file", error)) from error

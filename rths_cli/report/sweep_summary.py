@@ -59,8 +59,9 @@ def summary_text(sweep: Sweep) -> list[str]:
     whole = len(sweep.figures) <= MOST_METRICS
     shown = {path: figure for path, figure in sweep.figures.items() if whole or path in NEEDED}
     heads = tuple(Cell(f"{share} %") for share in PERCENTILES)
+    title = "Percentiles over the runs that have the metric; units as in its name"
     table = Table(
-        "Percentiles over the runs that have the metric; units as in its name", "metric", (len(heads),), COLUMN, (heads,),
+        title, "metric", (len(heads),), COLUMN, (heads,),
         tuple(row for path, figure in shown.items() for row in _rows(path, figure)),
     )  # fmt: skip
     more = [] if whole else ["Percentiles of the other metrics: --json."]

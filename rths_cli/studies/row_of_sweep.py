@@ -57,6 +57,8 @@ def read_row(path: Path, number: int, settings: Sequence[str] = ()) -> SweptRow:
     Names and paths in the case are looked up where the sweep looked them up. Raises InputError when the file is no
     finished sweep, has no such row, or its case has faults now.
     """
+    if not path.is_file():
+        raise InputError(f"--from {path}: no such file; name the result file of a sweep, such as sweeps/NAME.h5")
     sweep = read_sweep(path)
     if not 1 <= number <= len(sweep.seed):
         raise InputError(f"--row {number}: must be 1 to {len(sweep.seed)}, the rows of {path}")

@@ -99,6 +99,8 @@ def test_a_row_and_cases_exclude_each_other(folder: Path, words: list[str], told
 
 
 def test_a_file_without_its_origin_or_the_row_is_refused(folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"none\.h5: no such file"):
+        read_row(tmp_path / "none.h5", 1)
     with pytest.raises(InputError, match="--row 9: must be 1 to 8"):
         read_row(folder / "s.h5", 9)
     (tmp_path / "s.h5").write_bytes((folder / "s.h5").read_bytes())

@@ -17,6 +17,7 @@ from rths_cli.api.results import CheckResult, Group, ModelResult, RunResult
 from rths_cli.errors import InputError, LimitError, RigError, RthsError
 from rths_cli.numerics.compiler_messages import announce
 from rths_cli.quantities import METRICS, intervals_of
+from rths_cli.quantities.datasets import KEPT_SERIES
 from rths_cli.rigs.description import capabilities_of
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ Settings = Mapping[str, object]
 CaseGiven = str | Path | Mapping[str, Any]
 Progress = Callable[[str], object]
 Method = Literal["paper", "best"]
+KeptSeries = Literal["all", "essential", "none"]
 Samples = Sequence[str | Path] | Callable[["Identification"], Sequence["Identification"]]
 BY_CODE = {3: LimitError, 4: RigError}
 
@@ -59,6 +61,7 @@ def run(
     yes: bool = False,
     parts: OwnParts | None = None,
     samples: Samples = (),
+    series: KeptSeries = "all",
     progress: Progress | None = None,
 ) -> RunResult:
     """Run a case as `rths run` does and return its result, also one that was refused or stopped: see its `status`.
@@ -70,18 +73,21 @@ def run(
     whose file says `unattended: true`; nothing else moves a real rig. `parts`: functions that make a part of the step
     from the designed one, by its place: numerical, feedforward or feedback (docs/reference/parts.md). `samples`:
     further, equally likely identifications, on which the check judges the design too: model files of this rig and
-    specimen, or a function that makes them from the nominal one.
+    specimen, or a function that makes them from the nominal one. `series`: those that the file keeps, "all",
+    "essential" or "none", as `--series`.
 
     Raises InputError when the case cannot be run, RigError, LimitError or RthsError when there is no result.
     """
     given = _texts(settings, method)
     _check_rig(_given(case), given, output is None)
+    if series not in KEPT_SERIES:
+        raise InputError(f"series is {series!r}; it must be one of {', '.join(KEPT_SERIES)}")
     folder = Path(tempfile.mkdtemp(prefix="rths-")) if output is None else Path(output)
     try:
         with _signals() as poll:
             tell = _telling(progress, poll)
             ended = _run(
-                _given(case), given, folder, tuple(overrides), fresh, yes, tell, _places(parts), _files(samples)
+                _given(case), given, folder, tuple(overrides), fresh, yes, tell, _places(parts), _files(samples), series
             )
         if ended.path is None:
             raise BY_CODE.get(ended.exit_code, RthsError)(ended.reason)
@@ -269,6 +275,7 @@ def _run(
     tell: Callable[[str], None],
     parts: OwnParts,
     samples: OwnSamples,
+    series: str,
 ) -> Ended:
     """Run one case by the workflow of `rths run`."""
     from rths_cli.case.load import load_cases
@@ -285,6 +292,7 @@ def _run(
         samples=samples,
         fresh=fresh,
         yes=yes,
+        series=series,
     )
     return run_batch(request, _Script(tell))[0]
 

@@ -42,6 +42,13 @@ class Wanted(NamedTuple):
 )
 @methods_option("compare (files NAME-paper.h5, NAME-best.h5)")
 @click.option("--no-replace", is_flag=True, help="Refuse, before running, to replace a finished result.")
+@click.option(
+    "--series",
+    type=click.Choice(["all", "essential", "none"]),
+    default="all",
+    show_default=True,
+    help="Time series that the result keeps: essential are those of most figures, in single precision.",
+)
 @click.option("--full", is_flag=True, help="Print every figure before the answer, as rths report does.")
 @click.option("--quiet", count=True, help="Show no progress, and one line per case; given twice, only what went wrong.")
 @click.option("--junit", type=FILE, metavar="FILE", help="Write JUnit XML: one test per accept limit.")
@@ -60,6 +67,7 @@ def run(
     output: Path,
     methods: tuple[str, ...],
     no_replace: bool,
+    series: str,
     full: bool,
     quiet: int,
     junit: Path | None,
@@ -98,6 +106,7 @@ def run(
         overrides=tuple(dict.fromkeys((*overrides, *(swept.overrides if swept else ())))),
         fresh=fresh,
         yes=yes,
+        series=series,
     )
     ended = run_batch(request, screen)
     _show_results(ended, as_json, junit, Wanted(full, quiet))

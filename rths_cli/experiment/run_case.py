@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from rths_cli.control.part_designs import OwnParts
     from rths_cli.quantities import Values
 
-BYTES_PER_SAMPLE = 600  # of a result file, for the check of free space
+BYTES_PER_SAMPLE = {"all": 600, "essential": 100, "none": 20}  # of a result file, for the check of free space
 PRECEDENCE = (143, 130, 5, 4, 3, 2, 1)  # precedence of exit codes, the first one wins
 LOG_BYTES_PER_SAMPLE = 400  # of the raw logs of two runs on a real rig, for the same check
 
@@ -59,18 +59,18 @@ class Ended:
 
 def prepare_all(
     cases: Sequence[Case], output: Path, overrides: tuple[str, ...] = (), shared: SharedValues | None = None,
-    parts: OwnParts | None = None, samples: OwnSamples = (),
+    parts: OwnParts | None = None, samples: OwnSamples = (), series: str = "all",
 ) -> list[Setup]:  # fmt: skip
     """Read and check all cases completely before the first one starts; raises InputError with all faults."""
     setups = make_setups(cases, overrides, shared, parts, samples)
-    try_folder(output, sum(_bytes(setup) for setup in setups))
+    try_folder(output, sum(_bytes(setup, series) for setup in setups))
     return setups
 
 
-def _bytes(setup: Setup) -> int:
+def _bytes(setup: Setup, series: str) -> int:
     """Return the number of bytes that the files of a case may need."""
     logged = LOG_BYTES_PER_SAMPLE if setup.rig.can.moves_hardware else 0
-    return (BYTES_PER_SAMPLE + logged) * len(setup.motion.time_s)
+    return (BYTES_PER_SAMPLE[series] + logged) * len(setup.motion.time_s)
 
 
 def moves_table(case: Case) -> bool:
@@ -86,16 +86,18 @@ def run_case(
     progress: Progress,
     shared: SharedValues | None = None,
     stage: Stage | None = None,
+    series: str = "all",
 ) -> Ended:
     """Run one case and write its result file; raises InputError if it cannot be run or written.
 
-    With `shared`, cases compute common values once. `stage` plays the runs; None: on a virtual rig.
+    With `shared`, cases compute common values once. `stage` plays the runs; None: on a virtual rig. `series`: those
+    that the file keeps, one of `KEPT_SERIES`.
     """
     case, shared = setup.case, shared or SharedValues()
     known = memory.known(setup, progress) if moves_table(case) else None
     checked = verdict_on(setup, known, "exp_rths" in case.runs, shared=shared) if known else None
     cautions, replaced = _cautions(setup, known, checked), path.exists()
-    about = _attributes(setup, checked, known, command_line, cautions)
+    about = _attributes(setup, checked, known, command_line, cautions) | {"series": series}
     with ResultWriter(path, about, lasting=setup.rig.can.moves_hardware) as writer:
         writer.case(case.yaml_text, resolved_yaml(case))
         result_contents.write_record(writer, setup)

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import product
 
+from rths_cli.quantities.datasets import KEPT_SERIES, SINCE_0_2
 from rths_cli.quantities.declaration import TABLE_RUNS, AttributeDeclaration
 
 STATUSES = ("complete", "aborted", "interrupted", "failed", "refused")
@@ -19,7 +20,6 @@ RECOVERED = "recovered run only"
 SCALED = "only where the case states a scale"
 FACTOR = (1e-15, 1e15)
 """Limits of a scale factor."""
-SINCE_0_2 = "since version 0.2.0"
 
 OF_FILE = (
     AttributeDeclaration("format", "text", "`rths-result`"),
@@ -35,6 +35,13 @@ OF_FILE = (
     AttributeDeclaration("command_line", "text", "the command that was given"),
     AttributeDeclaration("seed", "number", "seed of the runs", (0, 2.0**64)),
     AttributeDeclaration("sample_rate_hz", "number", "sample rate in Hz", (1.0, 1e6)),
+    AttributeDeclaration(
+        "series",
+        "text",
+        f"which time series the file holds: {', '.join(KEPT_SERIES)} (`--series`)",
+        KEPT_SERIES,
+        present=SINCE_0_2,
+    ),
     AttributeDeclaration("test_band_hz", "number", "upper end of the test band in Hz", (0.5, 1e3), present=SINCE_0_2),
     AttributeDeclaration(
         "compared_low_hz",

@@ -80,7 +80,9 @@ class DatasetDeclaration:
 
     `path`: group and name with slashes, in capitals what stands for several names (`RUN`); `axes`: the names of its
     scales, time or frequency last; `text`: its meaning; `kind`: a complex dataset is stored as NAME_real and
-    NAME_imag; `present`: when it is in its group, "" for always; `remarks`: what a file may add to the meaning.
+    NAME_imag; `present`: when it is in its group, "" for always; `remarks`: what a file may add to the meaning;
+    `essential`: whether a result keeps it with `--series essential`; `single`: whether it is in single precision,
+    because it follows from others of its group.
     """
 
     path: str
@@ -91,6 +93,8 @@ class DatasetDeclaration:
     kind: Kind = "real"
     present: str = ""
     remarks: tuple[str, ...] = ()
+    essential: bool = False
+    single: bool = False
 
     @property
     def group(self) -> str:

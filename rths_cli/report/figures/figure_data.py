@@ -10,7 +10,7 @@ import numpy as np
 
 from rths_cli.errors import InputError
 from rths_cli.files.result_listing import Outline, read_outlines
-from rths_cli.files.result_reader import Result
+from rths_cli.files.result_reader import Result, SeriesLeftOut
 from rths_cli.numerics.lti import Array, Integers
 from rths_cli.report.result_scale import series
 from rths_cli.rigs.description import capabilities_of
@@ -39,10 +39,15 @@ class Source:
     _kept: dict[str, Array] = field(default_factory=dict)
 
     def read(self, name: str) -> Array:
-        """Return the values of a dataset (`exp_rths/command_v`) in the scale of the result; raises InputError if there
-        is none."""
+        """Return the values of a dataset (`exp_rths/command_v`) in the scale of the result.
+
+        Raises NotDrawn if `--series` kept it out of the file, InputError if there is none.
+        """
         if name not in self._kept:
-            self._kept[name] = series(self.result, name)
+            try:
+                self._kept[name] = series(self.result, name)
+            except SeriesLeftOut as missing:
+                raise NotDrawn(missing.reason) from missing
         return self._kept[name]
 
     def holds(self, name: str) -> bool:
@@ -70,6 +75,11 @@ class Source:
     def virtual(self) -> bool:
         """Return whether the rig is virtual."""
         return not capabilities_of(str(self.result.attributes.get("rig_kind", ""))).moves_hardware
+
+    @property
+    def has_truth(self) -> bool:
+        """Return whether the file holds the true series, which only a virtual rig knows."""
+        return self.virtual and self.result.series == "all"
 
     @property
     def rate_hz(self) -> float:

@@ -129,7 +129,7 @@ def _spectra_of(ax: Axes, source: Source, run: str) -> list[Look]:
         Look("desired − measured", ORANGE, "solid", 1.6),
     ]
     series = [desired, measured, desired - measured]
-    if source.virtual:
+    if source.has_truth:
         looks.append(Look("desired − true", PURPLE, (0, (3.0, 1.0)), 0.8))
         series.append(desired - source.read(f"{run}/truth/table_accel_m_s2"))
     top, (low, high) = 0.0, _following(source, SPECTRAL_HZ)
@@ -184,7 +184,7 @@ def _tracked(source: Source, runs: Sequence[str]) -> Iterator[tuple[str, str, Lo
     """Yield run, series and look of what is compared with the desired acceleration; the last run's true one too."""
     for run in runs:
         yield run, MEASURED, replace(RUNS[run], label=f"measured, {RUNS[run].label}")
-    if source.virtual:
+    if source.has_truth:
         yield runs[-1], "truth/table_accel_m_s2", replace(TRUE, label=f"true, {RUNS[runs[-1]].label}")
 
 

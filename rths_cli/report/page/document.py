@@ -116,7 +116,10 @@ def _sections(cases: Sequence[Entry], results: Sequence[Result], command_line: s
         "response": [overview.responses(results)],
         "verdicts": [verdicts(results)],
         "errors": _errors(cases),
-        "histories": _table_plots(any(is_virtual(result) for result in results)),
+        "histories": [
+            *(classed("p", "note", sentence) for sentence in histories.left_out(results)),
+            *_table_plots(any(is_virtual(result) for result in results)),
+        ],
         "cases": [_case(entry, unfolded=len(cases) == 1) for entry in cases],
         "provenance": [provenance(results), element("h3", "Make it again"), commands(results, command_line)],
     }

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,6 +49,12 @@ class View:
 
     name: str
     charts: tuple[Chart, ...]
+
+
+def left_out(results: Sequence[Result]) -> list[str]:
+    """Return a sentence for each result that holds no series to be drawn."""
+    said = "has no time histories, the case was run with --series none; run it with --series all or essential."
+    return [f"{result.path.name} {said}" for result in results if result.series == "none"]
 
 
 def tables(result: Result) -> Iterator[View]:
@@ -121,6 +127,8 @@ def record(result: Result) -> Chart | None:
 
 def document(result: Result, pool: Pool) -> dict[str, object]:
     """Return the charts of a result for JSON; their series are added to `pool` and named by their indices there."""
+    if left_out([result]):
+        return {"record": None, "runs": [], "storeys": []}
     views = {"runs": tables(result), "storeys": storeys(result)}
     ground = record(result)
     return {"record": None if ground is None else _chart(_in_scale(ground, result), pool)} | {

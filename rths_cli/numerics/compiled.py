@@ -133,6 +133,11 @@ def part(function: F) -> F:
     return numba.njit(**PART)(function)
 
 
+def shared_part(function: F) -> F:
+    """Compile a function once for all its compiled callers: a large one, outside of the step."""
+    return numba.njit(error_model="numpy", **ONLY_CALLED_BY_COMPILED_CODE)(function)
+
+
 def part_class(made: Class) -> Class:
     """Compile the public methods of a NamedTuple into their compiled callers.
 

@@ -36,6 +36,11 @@ def of_case(setup: Setup, identified: Identification | None, design: Design | No
         *setup.building.notes,
         *_coupled_sensors(setup),
     ]
+    if setup.building.has_laws:
+        found.append(
+            "structure.numerical.law: stability, margins and predicted errors are those of the storeys at rest; of the "
+            "yielded building only the simulated test tells: rths run on a virtual rig"
+        )
     if "numerical" in setup.parts:
         found.append(_of_own_storeys(setup))
     if identified is not None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from rths_cli.control.numerical_substructure import Scheme, all_storeys
 from rths_cli.control.part_designs import Logged
+from rths_cli.control.storeys_with_laws import StoreysWithLaws
 from rths_cli.experiment.ground_motion import GroundMotion
 from rths_cli.loop.block_replay import run_block
 from rths_cli.loop.run_log import Signals
@@ -144,7 +145,11 @@ def whole_building(
     numerical = len(building.numerical.masses_kg)
     floors = len(building.specimen.masses_kg)
     inputs = np.vstack([ground_accel[: series.base_shear_n.size], series.base_shear_n])
-    computed = run_block(all_storeys(building.numerical, dt_s, scheme), inputs)
+    if building.linear or own is not None:
+        computed = run_block(all_storeys(building.numerical, dt_s, scheme), inputs)
+    else:  # the laws' forces are those of the run
+        design = StoreysWithLaws(building.numerical, building.laws, dt_s)
+        computed = run_block(design.all_storeys, np.vstack([inputs, series.logged[: len(design.storeys)]]))
     disp, vel, accel = (computed[i * numerical : (i + 1) * numerical] for i in range(3))
     if own is not None:
         if not own.knows_storeys:

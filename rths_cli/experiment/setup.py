@@ -12,7 +12,7 @@ import numpy as np
 
 from rths_cli.case.yaml_reader import parse
 from rths_cli.case.yaml_tree import Source
-from rths_cli.control.numerical_substructure import check_scheme
+from rths_cli.control.storeys_with_laws import computed_storeys
 from rths_cli.errors import InputError
 from rths_cli.experiment.ground_motion import GroundMotion, compressed, prepare
 from rths_cli.experiment.own_parts import with_own_storeys
@@ -58,7 +58,7 @@ class Setup:
     @property
     def knows_storeys(self) -> bool:
         """Return whether the storeys below the interface follow from ground motion and interface force."""
-        return self.building.linear and ("numerical" not in self.parts or self.declared)
+        return "numerical" not in self.parts or (self.declared and self.building.linear)
 
     @property
     def similitude(self) -> Similitude | None:
@@ -95,7 +95,7 @@ def make_setup(
     building = shared.get(
         "building", building_key(case), lambda: interruptible(lambda: build(case.structure, case.damping))
     )
-    check_scheme(building.numerical, 1.0 / case.sample_rate_hz, case.integration)
+    computed_storeys(building, 1.0 / case.sample_rate_hz, case.integration)  # refuses what cannot be integrated
     masses = np.asarray(case.structure.experimental.masses_kg, dtype=float)
     setup = Setup(case, motion, record_sha256, building, rig_info(case), masses, overrides, dict(parts or {}), samples)
     return with_own_storeys(setup)

@@ -8,6 +8,7 @@ themselves, because the first judges the second.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import ClassVar, Protocol
 
@@ -279,12 +280,19 @@ class BoucWen(Law):
 class Laws:
     """The laws of a building's storeys as compiled functions take them: l laws of storeys, in any order.
 
-    `storey` (l,) counts from 0 at the ground; `code` (l,); `numbers` (l, NUMBERS).
+    `storey` (l,) counts from 0 at the ground; `code` (l,); `numbers` (l, NUMBERS). `stiffness` and `dashpot` (l, 2) are
+    the least and the greatest that each adds to its storey's tangent, beside those at rest, in N/m and N s/m.
     """
 
     storey: Integers
     code: Integers
     numbers: Array
+    stiffness: Array
+    dashpot: Array
+
+    def of_storeys(self, storeys: Sequence[int], tangents: Array) -> Array:
+        """Return the sum (q,) of tangents (l,) of the laws of each of some storeys."""
+        return np.array([tangents[self.storey == storey].sum() for storey in storeys])
 
 
 def law_of(spec: LawSpec, stiffness_n_per_m: float, weight_n: float) -> Law:
@@ -320,4 +328,7 @@ def arranged(by_storey: tuple[tuple[Law, ...], ...]) -> Laws:
     for row, (_, law) in zip(numbers, found, strict=True):
         row[: len(law.numbers)] = law.numbers
     kinds = np.array([law.code for _, law in found], dtype=np.int64)
-    return Laws(np.array([i for i, _ in found], dtype=np.int64), kinds, numbers)
+    storeys = np.array([i for i, _ in found], dtype=np.int64)
+    stiffness = np.array([law.tangents.stiffness for _, law in found]).reshape(-1, 2)
+    dashpot = np.array([law.tangents.dashpot for _, law in found]).reshape(-1, 2)
+    return Laws(storeys, kinds, numbers, stiffness, dashpot)

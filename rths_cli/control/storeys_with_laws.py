@@ -28,6 +28,8 @@ from rths_cli.numerics.lti import Array, Block, StateSpace
 from rths_cli.structure import Building, Numerical
 from rths_cli.structure.storey_laws import Laws
 
+LAW_FORCE = "law_force_"  # first part of the name of what is logged, before the storey's number
+
 
 @dataclass(frozen=True)
 class StoreysWithLaws:
@@ -48,7 +50,7 @@ class StoreysWithLaws:
     @property
     def logs(self) -> tuple[Logged, ...]:
         """Return the force of the laws of each of the q storeys, in addition to its spring."""
-        return tuple(Logged(f"law_force_{storey + 1}_n", "N") for storey in self.storeys)
+        return tuple(Logged(f"{LAW_FORCE}{storey + 1}_n", "N") for storey in self.storeys)
 
     @property
     def multiplications(self) -> int:

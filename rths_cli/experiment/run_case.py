@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from rths_cli.case.case_schema import Case
     from rths_cli.control.part_designs import OwnParts
     from rths_cli.quantities import Values
+    from rths_cli.structure import Building
 
 BYTES_PER_SAMPLE = {"all": 600, "essential": 100, "none": 20}  # of a result file, for the check of free space
 PRECEDENCE = (143, 130, 5, 4, 3, 2, 1)  # precedence of exit codes, the first one wins
@@ -179,7 +180,7 @@ def _simulations(
     if "sim" in case.runs:
         result_contents.write_response(writer, "sim", setup, sim)
         values["sim.solution_error"] = sim.error_estimate
-        values |= run_metrics.of_building("sim", setup.building, sim.rel_disp_m, sim.abs_accel_m_s2)
+        values |= _of_building("sim", setup.building, sim)
     if "sim_delay" in case.runs:
         progress(f"SIM-DELAY, {1e3 * case.delay_s:g} ms")
         delayed, found = shared.get(
@@ -210,6 +211,15 @@ def _of_sim(setup: Setup) -> tuple[object, ...]:
     return motion_key(setup.case), building_key(setup.case)
 
 
+def _of_building(run: str, building: Building, found: Response) -> dict[str, ArrayLike]:
+    """Return the metrics of a computed response."""
+    values = run_metrics.of_building(run, building, found.rel_disp_m, found.abs_accel_m_s2)
+    if found.laws is not None:
+        work_j = found.laws.work_j[:, -1]
+        values |= run_metrics.of_laws(run, building, found.rel_disp_m, found.laws.force_n, work_j)
+    return values
+
+
 def _sim_delay(setup: Setup, sim: Response) -> tuple[DelayedResponse, dict[str, ArrayLike]]:
     """Return SIM-DELAY and its metrics."""
     dt, building = setup.rig.dt_s, setup.building
@@ -219,7 +229,7 @@ def _sim_delay(setup: Setup, sim: Response) -> tuple[DelayedResponse, dict[str, 
     band_hz = setup.case.test_band_hz
     values = dict(run_metrics.errors("sim_delay", None, storeys, dt, lowest_hz, test_band_hz=band_hz))
     values |= run_metrics.relative_errors("sim_delay", values, sim.abs_accel_m_s2, dt, lowest_hz, band_hz)
-    values |= run_metrics.of_building("sim_delay", building, delayed.rel_disp_m, delayed.abs_accel_m_s2)
+    values |= _of_building("sim_delay", building, delayed)
     values["sim_delay.high_pass_hz"] = lowest_hz
     values["sim_delay.solution_error"] = delayed.error_estimate
     critical = critical_delay(building).delay_s if building.linear else math.inf

@@ -176,11 +176,22 @@ def _of_response() -> Iterator[Quantity]:
         ):
             text = f"largest |{about}| of {label}, all frequencies"
             yield Quantity(f"{run}.peak_{name}", units, "storey", NONE, text, scales_as=units)
+        yield from _of_laws(run, label)
         largest = f"largest |base shear| of the building, {label}"
         yield Quantity(f"{run}.peak_building_base_shear_n", "N", "", NONE, largest, scales_as="N")
         ratio = f"largest |base shear| over the building's weight, {label}"
         # gravity is not scaled, so the weight scales as the mass
         yield Quantity(f"{run}.building_base_shear_ratio", "1", "", NONE, ratio, scales_as=ACCEL)
+
+
+def _of_laws(run: str, label: str) -> Iterator[Quantity]:
+    only = "where storeys have laws"
+    ductility = f"largest |inter-storey drift| over the yield drift of the storey's laws, {label} ({only})"
+    yield Quantity(f"{run}.ductility", "1", "storey", NONE, ductility)
+    residual = f"inter-storey drift at the record's last sample, {label}, not at rest ({only})"
+    yield Quantity(f"{run}.residual_drift_m", "m", "storey", NONE, residual, scales_as="m")
+    work = f"work of the storey's spring and laws up to the record's end, {label}, without dashpots ({only})"
+    yield Quantity(f"{run}.restoring_work_j", "J", "storey", NONE, work, scales_as="J")
 
 
 def _against_sim() -> Iterator[Quantity]:

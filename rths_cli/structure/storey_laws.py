@@ -62,6 +62,11 @@ class Law:
         """Return the range of its tangents, without `at_rest`; infinite where there is no bound."""
         return Tangents()
 
+    @property
+    def yield_drift_m(self) -> float:
+        """Return the drift at which the storey's spring yields, NaN where it does not."""
+        return float(getattr(self, "yield_displacement_m", np.nan))
+
 
 @dataclass(frozen=True)
 class Bilinear(Law):
@@ -282,6 +287,7 @@ class Laws:
 
     `storey` (l,) counts from 0 at the ground; `code` (l,); `numbers` (l, NUMBERS). `stiffness` and `dashpot` (l, 2) are
     the least and the greatest that each adds to its storey's tangent, beside those at rest, in N/m and N s/m.
+    `yield_drift_m` (l,), NaN where nothing yields.
     """
 
     storey: Integers
@@ -289,6 +295,7 @@ class Laws:
     numbers: Array
     stiffness: Array
     dashpot: Array
+    yield_drift_m: Array
 
     def of_storeys(self, storeys: Sequence[int], tangents: Array) -> Array:
         """Return the sum (q,) of tangents (l,) of the laws of each of some storeys."""
@@ -331,4 +338,4 @@ def arranged(by_storey: tuple[tuple[Law, ...], ...]) -> Laws:
     storeys = np.array([i for i, _ in found], dtype=np.int64)
     stiffness = np.array([law.tangents.stiffness for _, law in found]).reshape(-1, 2)
     dashpot = np.array([law.tangents.dashpot for _, law in found]).reshape(-1, 2)
-    return Laws(storeys, kinds, numbers, stiffness, dashpot)
+    return Laws(storeys, kinds, numbers, stiffness, dashpot, np.array([law.yield_drift_m for _, law in found]))

@@ -39,7 +39,15 @@ def test_a_hybrid_test_follows_sim_of_a_yielding_storey(name: str) -> None:
     assert (result.metrics["exp_rths.nrmse_percent_true"] < 0.6).all()
     drift = result.metrics["exp_rths.peak_inter_storey_drift_m"]
     np.testing.assert_allclose(drift, result.metrics["sim.peak_inter_storey_drift_m"], rtol=0.02)
-    assert drift[0] > 2.0 * 0.002  # ductility
+    assert drift[0] > 2.0 * 0.002
+    for run in ("sim", "exp_rths"):
+        ductility = result.metrics[f"{run}.ductility"]
+        assert ductility[0] == pytest.approx(result.metrics[f"{run}.peak_inter_storey_drift_m"][0] / 0.002)
+        assert np.isnan(ductility[1:]).all()
+    work, wanted = (result.metrics[f"{run}.restoring_work_j"][0] for run in ("exp_rths", "sim"))
+    assert work == pytest.approx(wanted, rel=0.01) and wanted > 0.1
+    residual, expected = (result.metrics[f"{run}.residual_drift_m"] for run in ("exp_rths", "sim"))
+    assert np.abs(residual - expected).max() < 0.03 * drift[0]
     assert result.exp_rths.part_value_names == "law_force_1_n (N)"
     assert np.abs(result.exp_rths.part_values[0]).max() > 5.0
     assert "those of the storeys at rest" in result.attributes["warnings"]

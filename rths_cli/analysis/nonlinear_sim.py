@@ -10,6 +10,7 @@ Nothing here is shared with the loop, whose reference this is. Without a force o
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -26,7 +27,7 @@ from rths_cli.errors import InputError
 from rths_cli.numerics.compiled import entry, shared_part
 from rths_cli.numerics.lti import Array, Integers
 from rths_cli.structure import Building
-from rths_cli.structure.storey_laws import BILINEAR, BOUC_WEN, CLOUGH, CUBIC, GAP, MAXWELL, VISCOUS
+from rths_cli.structure.storey_laws import BILINEAR, BOUC_WEN, CLOUGH, CUBIC, GAP, MAXWELL, VISCOUS, Laws
 
 FINEST = 20  # halvings of the record's interval
 FINEST_SMOOTH = 10  # halvings for the sake of smoothness alone
@@ -43,6 +44,48 @@ MEMORY = 15
 ELASTIC, BACKBONE, UNLOADS, RELOADING = range(4)
 
 
+class Tables(NamedTuple):
+    """What moves a state by each step size, the interval over 2^level, level = 0 .. FINEST (`step_tables`).
+
+    Of the state with its inputs (N,): `whole` (levels, N, N) and `whole_force` (levels, 2n, q, 4) to the step's end,
+    `at` (levels, 3, 2q, N) and `at_force` (levels, 3, 2q, q, 4) drifts and rates at the last three nodes; of forces
+    (q,) at the four nodes. `weights` (4, 4) integrate over the step up to each node, `slopes` (2, 4) give the
+    derivative at its start and at its end, per step.
+    """
+
+    whole: Array
+    whole_force: Array
+    at: Array
+    at_force: Array
+    weights: Array
+    slopes: Array
+
+
+class LawState(NamedTuple):
+    """The state of l laws in q storeys, and room to solve their forces (`laws_at_rest`).
+
+    `which` (l,) storey, `memory` and `signs` of the branch, `inner` variables, forces `made` and `rates` at the nodes
+    of a step; `moved` (4, 2q) drifts and rates there, `nodes` (q, 4) the storeys' forces; `slope` (2, q) of these at
+    start and end of an interval, per interval; `level` (1,) of the last step.
+    """
+
+    which: Integers
+    code: Integers
+    numbers: Array
+    memory: Array
+    signs: Array
+    inner: Array
+    made: Array
+    rates: Array
+    scale: Array
+    base: Array
+    moved: Array
+    nodes: Array
+    full: Array
+    slope: Array
+    level: Integers
+
+
 def simulate_with_laws(building: Building, dt_s: float, ground_accel_m_s2: Array) -> Response:
     """Solve M d2x + C dx + K x + laws = -M 1 a_g from rest for a record (n,) linear between samples.
 
@@ -57,19 +100,14 @@ def simulate_with_laws(building: Building, dt_s: float, ground_accel_m_s2: Array
         return replace(start, laws=history)
     storeys, which = np.unique(laws.storey, return_inverse=True)
     A, B = state_equation(building.M, building.C, building.K)
-    push = _push(building.M, storeys)
-    tables = _step_tables(A, B, push, storeys, dt_s)
+    push = push_matrix(building.M, storeys)
+    tables = step_tables(A, ((B, 1),), push, drift_rows(n, storeys), dt_s)
     linear = np.ascontiguousarray(np.vstack([start.rel_disp_m, start.rel_vel_m_s]).T)
     change, force = np.zeros_like(linear), np.zeros((len(record), len(storeys)))
     work = np.zeros_like(force)
-    failed = _march(
-        *tables, _weights(), which.astype(np.int64), laws.code, laws.numbers, linear, record, dt_s, change, force, work
-    )
+    failed = _march(tables, laws_at_rest(laws, which, tables), linear, record, dt_s, change, force, work)
     if failed >= 0:
-        raise InputError(
-            f"SIM: the laws of the storeys cannot be solved at {failed * dt_s:.4g} s; their forces are too steep for "
-            "the floors' masses; lower them, or raise sample_rate_hz"
-        )
+        raise InputError(f"SIM: {too_steep(failed * dt_s)}")
     history.force_n[storeys], history.work_j[storeys] = force.T, work.T
     states = linear.T + change.T
     abs_accel = start.abs_accel_m_s2 + A[n:] @ change.T + push[n:] @ force.T
@@ -83,7 +121,15 @@ def simulate_with_laws(building: Building, dt_s: float, ground_accel_m_s2: Array
     )
 
 
-def _push(M: Array, storeys: Integers) -> Array:
+def too_steep(time_s: float) -> str:
+    """Return the sentence on laws for which the smallest step is too long."""
+    return (
+        f"the laws of the storeys cannot be solved at {time_s:.4g} s; their forces are too steep for the floors' "
+        "masses; lower them, or raise sample_rate_hz"
+    )
+
+
+def push_matrix(M: Array, storeys: Integers) -> Array:
     """Return the change (2n, q) of the state's rate per N in each of q storeys: it pulls its floor back, and the floor
     below along."""
     n = len(M)
@@ -95,7 +141,7 @@ def _push(M: Array, storeys: Integers) -> Array:
     return np.asarray(np.vstack([np.zeros_like(acts), np.linalg.solve(M, acts)]), dtype=float)
 
 
-def _drifts(n: int, storeys: Integers) -> Array:
+def drift_rows(n: int, storeys: Integers) -> Array:
     """Return the rows (2q, 2n) that make drifts, then their rates, from a state."""
     drift = np.zeros((len(storeys), n))
     for q, storey in enumerate(storeys):
@@ -116,31 +162,59 @@ def _weights() -> Array:
     return np.array([_lagrange() @ (node ** (powers + 1) / (powers + 1)) for node in NODES])
 
 
-def _step_tables(A: Array, B: Array, push: Array, storeys: Integers, dt_s: float) -> tuple[Array, Array, Array, Array]:
-    """Return what moves a state by each step size, the record's interval over 2^level, level = 0 .. FINEST.
+def step_tables(A: Array, inputs: tuple[tuple[Array, int], ...], push: Array, rows: Array, interval_s: float) -> Tables:
+    """Return what moves a state (2n,) of dx = A x + inputs + `push` (2n, q) forces by the step sizes of an interval.
 
-    Of the state with ground acceleration and its slope as further states (N = 2n + 2): `whole` (levels, 2n, N) and
-    `whole_force` (levels, 2n, q, 4) to the step's end, `at` (levels, 3, 2q, N) and `at_force` (levels, 3, 2q, q, 4)
-    drifts and rates at the last three nodes; of forces (q,) at the four nodes.
+    An input is a column (2n, 1) and the degree of a polynomial. It is part of the state, by its derivatives per
+    interval: value, slope, ... up to its degree. `rows` (2q, 2n) make drifts, then their rates, from a state.
     """
-    states, q = len(A), len(storeys)
-    size = states + 2
+    states, q = len(A), push.shape[1]
+    size = states + sum(degree + 1 for _, degree in inputs)
     if (FINEST + 1) * states * (size + 4 * q) > MOST_STORED:
         raise InputError(f"SIM: {states // 2} storeys are too many beside laws; state fewer storeys")
     wide = np.zeros((size, size))
-    wide[:states, :states], wide[:states, states : states + 1], wide[states, states + 1] = A, B, 1.0
-    wide_push = np.vstack([push, np.zeros((2, q))])
-    rows, cubics = np.hstack([_drifts(states // 2, storeys), np.zeros((2 * q, 2))]), _lagrange()
-    whole, whole_force = np.zeros((FINEST + 1, states, size)), np.zeros((FINEST + 1, states, q, 4))
+    wide[:states, :states] = A
+    first = states
+    for column, degree in inputs:
+        wide[:states, first : first + 1] = column
+        for i in range(degree):
+            wide[first + i, first + i + 1] = 1.0 / interval_s
+        first += degree + 1
+    wide_push = np.vstack([push, np.zeros((size - states, q))])
+    wide_rows, cubics = np.hstack([rows, np.zeros((2 * q, size - states))]), _lagrange()
+    whole, whole_force = np.zeros((FINEST + 1, size, size)), np.zeros((FINEST + 1, states, q, 4))
     at, at_force = np.zeros((FINEST + 1, 3, 2 * q, size)), np.zeros((FINEST + 1, 3, 2 * q, q, 4))
     for level in range(FINEST + 1):
         for i, node in enumerate(NODES[1:]):
-            moved, inputs = hold_matrices(wide, wide_push, node * dt_s / 2**level, 3)
-            forces = np.einsum("psq,mp->sqm", [node**p * one for p, one in enumerate(inputs)], cubics)
-            at[level, i], at_force[level, i] = rows @ moved, np.einsum("rs,sqm->rqm", rows, forces)
+            moved, held = hold_matrices(wide, wide_push, node * interval_s / 2**level, 3)
+            forces = np.einsum("psq,mp->sqm", [node**p * one for p, one in enumerate(held)], cubics)
+            at[level, i], at_force[level, i] = wide_rows @ moved, np.einsum("rs,sqm->rqm", wide_rows, forces)
             if i == 2:
-                whole[level], whole_force[level] = moved[:states], forces[:states]
-    return whole, whole_force, at, at_force
+                whole[level], whole_force[level] = moved, forces[:states]
+    slopes = np.ascontiguousarray([cubics[:, 1], cubics @ np.arange(4.0)])
+    return Tables(whole, whole_force, at, at_force, _weights(), slopes)
+
+
+def laws_at_rest(laws: Laws, which: Integers, tables: Tables) -> LawState:
+    """Return laws at rest; `which` (l,) tells the place of each one's storey among those with laws."""
+    count, storeys, size = len(laws.code), tables.whole_force.shape[2], tables.whole.shape[1]
+    return LawState(
+        which=which.astype(np.int64),
+        code=laws.code,
+        numbers=laws.numbers,
+        memory=np.zeros((count, MEMORY)),
+        signs=np.zeros((count, 2)),
+        inner=np.zeros((count, 4, 2)),
+        made=np.zeros((count, 4)),
+        rates=np.zeros((count, 4, 2)),
+        scale=np.zeros(count),
+        base=np.zeros((3, 2 * storeys)),
+        moved=np.zeros((4, 2 * storeys)),
+        nodes=np.zeros((storeys, 4)),
+        full=np.zeros(size),
+        slope=np.zeros((2, storeys)),
+        level=np.zeros(1, dtype=np.int64),
+    )
 
 
 @shared_part
@@ -288,14 +362,8 @@ def _switch(code: int, numbers: Array, memory: Array, signs: Array, u: float, v:
 
 @entry
 def _march(
-    whole: Array,
-    whole_force: Array,
-    at: Array,
-    at_force: Array,
-    weights: Array,
-    which: Array,
-    code: Array,
-    numbers: Array,
+    tables: Tables,
+    laws: LawState,
     linear: Array,
     record: Array,
     dt_s: float,
@@ -307,114 +375,118 @@ def _march(
 
     Returns the number of the sample where no step was small enough, -1 if there is none.
     """
-    laws, states, storeys = len(code), linear.shape[1], force.shape[1]
-    memory, signs = np.zeros((laws, MEMORY)), np.zeros((laws, 2))
-    inner, made, rates = np.zeros((laws, 4, 2)), np.zeros((laws, 4)), np.zeros((laws, 4, 2))
-    base, moved, full = np.zeros((3, 2 * storeys)), np.zeros((4, 2 * storeys)), np.zeros(states + 2)
-    nodes = np.zeros((storeys, 4))
-    lin, now, after = np.zeros(states + 2), np.zeros(states), np.zeros(states)
-    scale = np.zeros(laws)
-    for i in range(laws):
-        _begin(code[i], numbers[i], memory[i], signs[i])
-    ticks, last_level = 1 << FINEST, 0
+    states = linear.shape[1]
+    lin, now, after = np.zeros(states + 2), np.zeros(states), np.zeros(states + 2)
+    begin(laws)
     for k in range(1, len(record)):
         lin[:states] = linear[k - 1]
-        lin[states], lin[states + 1] = record[k - 1], (record[k] - record[k - 1]) / dt_s
+        lin[states], lin[states + 1] = record[k - 1], record[k] - record[k - 1]
         work[k] = work[k - 1]
-        position = 0
-        while position < ticks:
-            level = max(last_level - 1, 0)
-            while position % (ticks >> level) != 0:
-                level += 1
-            for s in range(states + 2):
-                full[s] = lin[s] + (now[s] if s < states else 0.0)
-            while True:
-                outcome = _try(
-                    at[level],
-                    at_force[level],
-                    weights,
-                    which,
-                    code,
-                    numbers,
-                    memory,
-                    signs,
-                    inner,
-                    made,
-                    rates,
-                    base,
-                    moved,
-                    full,
-                    nodes,
-                    scale,
-                    dt_s / (1 << level),
-                )
-                if outcome == DONE or (outcome == EVENT and level == FINEST):
-                    break
-                if outcome == ROUGH and level >= FINEST_SMOOTH:
-                    break
-                if level == FINEST:
-                    return k
-                level += 1
-            last_level = level
-            step_s = dt_s / (1 << level)
-            for q in range(storeys):
-                for m in range(4):
-                    work[k, q] += step_s * weights[3, m] * nodes[q, m] * moved[m, storeys + q]
-            for s in range(states):
-                total = 0.0
-                for c in range(states):
-                    total += whole[level, s, c] * now[c]
-                for q in range(storeys):
-                    for m in range(4):
-                        total += whole_force[level, s, q, m] * nodes[q, m]
-                after[s] = total
-            now[:] = after
-            for s in range(states):
-                total = 0.0
-                for c in range(states + 2):
-                    total += whole[level, s, c] * lin[c]
-                after[s] = total
-            lin[:states] = after
-            lin[states] += step_s * lin[states + 1]
-            for i in range(laws):
-                u, v = moved[3, which[i]], moved[3, storeys + which[i]]
-                inner[i, 0] = inner[i, 3]
-                scale[i] = max(scale[i], abs(made[i, 3]))
-                if _left(code[i], numbers[i], memory[i], signs[i], u, v, inner[i, 0]):
-                    _switch(code[i], numbers[i], memory[i], signs[i], u, v, inner[i, 0])
-                made[i, 0] = _force(code[i], numbers[i], memory[i], signs[i], u, v, inner[i, 0])
-            moved[0] = moved[3]
-            position += ticks >> level
+        if not advance(tables, laws, dt_s, lin, now, after, work[k]):
+            return k
         change[k] = now
-        for i in range(laws):
-            force[k, which[i]] += made[i, 0]
+        read_forces(laws, force[k])
     return -1
 
 
 @shared_part
-def _try(
-    at: Array,
-    at_force: Array,
-    weights: Array,
-    which: Array,
-    code: Array,
-    numbers: Array,
-    memory: Array,
-    signs: Array,
-    inner: Array,
-    made: Array,
-    rates: Array,
-    base: Array,
-    moved: Array,
-    full: Array,
-    nodes: Array,
-    scale: Array,
-    step_s: float,
-) -> int:
+def begin(laws: LawState) -> None:
+    """Write the branches of laws at rest."""
+    for i in range(len(laws.code)):
+        _begin(laws.code[i], laws.numbers[i], laws.memory[i], laws.signs[i])
+
+
+@shared_part
+def read_forces(laws: LawState, force: Array) -> None:
+    """Write the storeys' forces (q,) of this instant."""
+    force[:] = 0.0
+    for i in range(len(laws.code)):
+        force[laws.which[i]] += laws.made[i, 0]
+
+
+@shared_part
+def advance(
+    tables: Tables, laws: LawState, interval_s: float, lin: Array, now: Array, after: Array, work: Array
+) -> bool:
+    """Move a state by one interval, and add what the laws do to `work` (q,); tell whether a step was small enough.
+
+    The state is `lin` + `now`: `lin` (N,), with the inputs, moves without the laws, `now` (2n,) is what the laws
+    change. `after` (N,) is room.
+    """
+    states, size, storeys, ticks, position = len(now), len(lin), laws.nodes.shape[0], 1 << FINEST, 0
+    while position < ticks:
+        level = max(laws.level[0] - 1, 0)
+        while position % (ticks >> level) != 0:
+            level += 1
+        laws.full[:] = lin
+        laws.full[:states] += now
+        while True:
+            outcome = _try(tables, laws, level, interval_s / (1 << level))
+            if outcome == DONE or (outcome == EVENT and level == FINEST):
+                break
+            if outcome == ROUGH and level >= FINEST_SMOOTH:
+                break
+            if level == FINEST:
+                return False
+            level += 1
+        laws.level[0] = level
+        step_s = interval_s / (1 << level)
+        for q in range(storeys):
+            first = last = 0.0
+            for m in range(4):
+                work[q] += step_s * tables.weights[3, m] * laws.nodes[q, m] * laws.moved[m, storeys + q]
+                first += tables.slopes[0, m] * laws.nodes[q, m]
+                last += tables.slopes[1, m] * laws.nodes[q, m]
+            if position == 0:
+                laws.slope[0, q] = first * (1 << level)
+            laws.slope[1, q] = last * (1 << level)
+        for s in range(states):
+            total = 0.0
+            for c in range(states):
+                total += tables.whole[level, s, c] * now[c]
+            for q in range(storeys):
+                for m in range(4):
+                    total += tables.whole_force[level, s, q, m] * laws.nodes[q, m]
+            after[s] = total
+        now[:] = after[:states]
+        for s in range(size):
+            total = 0.0
+            for c in range(size):
+                total += tables.whole[level, s, c] * lin[c]
+            after[s] = total
+        lin[:] = after
+        _take_branches(laws)
+        position += ticks >> level
+    return True
+
+
+@shared_part
+def _take_branches(laws: LawState) -> None:
+    """Take the end of a step as the start of the next one, on the branches that hold there."""
+    storeys = laws.nodes.shape[0]
+    for i in range(len(laws.code)):
+        code, numbers, memory, signs, inner = (
+            laws.code[i], laws.numbers[i], laws.memory[i], laws.signs[i], laws.inner[i, 0],
+        )  # fmt: skip
+        u, v = laws.moved[3, laws.which[i]], laws.moved[3, storeys + laws.which[i]]
+        inner[:] = laws.inner[i, 3]
+        laws.scale[i] = max(laws.scale[i], abs(laws.made[i, 3]))
+        if _left(code, numbers, memory, signs, u, v, inner):
+            _switch(code, numbers, memory, signs, u, v, inner)
+        laws.made[i, 0] = _force(code, numbers, memory, signs, u, v, inner)
+    laws.moved[0] = laws.moved[3]
+
+
+@shared_part
+def _try(tables: Tables, state: LawState, level: int, step_s: float) -> int:
     """Solve the laws' forces at the nodes of one step; tell whether it holds, or why it must be halved.
 
-    Reads drifts and forces at the step's start in `moved[0]`, `made[:, 0]` and `inner[:, 0]`.
+    Reads drifts and forces at the step's start in `moved[0]`, `made[:, 0]` and `inner[:, 0]`, the state in `full`.
     """
+    at, at_force, weights, full = tables.at[level], tables.at_force[level], tables.weights, state.full
+    which, code, numbers, memory, signs = state.which, state.code, state.numbers, state.memory, state.signs
+    inner, made, rates, scale = state.inner, state.made, state.rates, state.scale
+    base, moved, nodes = state.base, state.moved, state.nodes
     laws, storeys = len(code), nodes.shape[0]
     for m in range(3):
         for r in range(2 * storeys):

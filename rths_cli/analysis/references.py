@@ -11,6 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from rths_cli.analysis.nonlinear_sim import simulate_with_laws
+from rths_cli.analysis.nonlinear_sim_delay import simulate_delayed_with_laws
 from rths_cli.analysis.sim import Response, simulate
 from rths_cli.analysis.sim_delay import DelayedResponse, simulate_delayed
 from rths_cli.errors import InputError
@@ -46,7 +47,7 @@ def _modal_delayed(
 def _delayed_with_laws(
     building: Building, dt_s: float, ground_accel_m_s2: Array, delay_s: float, sim: Response
 ) -> DelayedResponse:
-    raise InputError("runs: SIM-DELAY of storeys with laws is not there yet; leave sim_delay out of runs")
+    return simulate_delayed_with_laws(building, dt_s, ground_accel_m_s2, delay_s, sim=sim)
 
 
 REFERENCES = (

@@ -24,7 +24,7 @@ from rths_cli.analysis.sim import (
     state_equation,
 )
 from rths_cli.errors import InputError
-from rths_cli.numerics.compiled import entry, shared_part
+from rths_cli.numerics.compiled import borrowed, entry, shared_part
 from rths_cli.numerics.lti import Array, Integers
 from rths_cli.structure import Building
 from rths_cli.structure.storey_laws import BILINEAR, BOUC_WEN, CLOUGH, CUBIC, GAP, MAXWELL, VISCOUS, Laws
@@ -375,6 +375,7 @@ def _march(
 
     Returns the number of the sample where no step was small enough, -1 if there is none.
     """
+    tables, laws = borrowed((tables, laws))
     states = linear.shape[1]
     lin, now, after = np.zeros(states + 2), np.zeros(states), np.zeros(states + 2)
     begin(laws)

@@ -33,13 +33,13 @@ from rths_cli.analysis.nonlinear_sim import (
 from rths_cli.analysis.sim import LawHistory, Response, base_shear_n, checked_record, state_equation
 from rths_cli.analysis.sim_delay import DIVERGENCE_FACTOR, DelayedResponse, check_delay, simulate_delayed
 from rths_cli.errors import InputError
-from rths_cli.numerics.compiled import entry, shared_part
+from rths_cli.numerics.compiled import borrowed, entry, shared_part
 from rths_cli.numerics.lti import Array
 from rths_cli.structure import Building
 
 LARGEST_PHASE = 0.5  # rad in the coarsest substep, of the fastest vibration
 DIED_OUT = 20.0  # decay exponent within a sample, from which a motion is not resolved: e^-20 is 2e-9
-MOST_WORK = 3e9  # substeps of the whole record times numbers that each handles: 5 to 10 s
+MOST_WORK = 2e9  # substeps of the whole record times numbers that each handles: 5 to 10 s
 LAWS_WORK = 500  # of each storey with laws in a substep, in the same unit
 ON_GRID = 1e-9  # of a substep, by which a delay may miss a whole number of them
 
@@ -238,6 +238,7 @@ def _march_delayed(
     and right-hand derivative at the start, shear and left-hand derivative at the end. `numbers` (n, 2n + 1 + 2q) takes
     states, delayed shear, forces and work of laws.
     """
+    tables, laws, shear, history = borrowed((tables, laws, shear, history))
     states, storeys = shear.state.shape[1], shear.laws.shape[1]
     lin, now, after = np.zeros(states + 6), np.zeros(states), np.zeros(states + 6)
     work, force, none = np.zeros(storeys), np.zeros(storeys), np.zeros(storeys)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.analysis import accept_limits
-from rths_cli.analysis.critical_delay import critical_delay
+from rths_cli.analysis.critical_delay import critical_delay_range
 from rths_cli.analysis.references import reference_of
 from rths_cli.case.load import resolved_yaml
 from rths_cli.experiment import result_contents, run_metrics
@@ -232,7 +232,7 @@ def _sim_delay(setup: Setup, sim: Response) -> tuple[DelayedResponse, dict[str, 
     values |= _of_building("sim_delay", building, delayed)
     values["sim_delay.high_pass_hz"] = lowest_hz
     values["sim_delay.solution_error"] = delayed.error_estimate
-    critical = critical_delay(building).delay_s if building.linear else math.inf
+    critical = critical_delay_range(building).smallest.delay_s
     if math.isfinite(critical):  # infinite: every delay is stable, or none is critical by itself
         values["sim_delay.critical_delay_s"] = critical
         if critical > 0.0:

@@ -220,6 +220,7 @@ def _against_sim() -> Iterator[Quantity]:
         own = "own estimate of the solution's error over its peak"
         yield Quantity(f"{run}.solution_error", "1", "", NONE, own)
     critical = "pure delay of the base shear at which the hybrid test loses stability (0: any delay does)"
+    critical += "; with laws of storeys the smallest of all their tangents, an indication"
     yield Quantity("sim_delay.critical_delay_s", "s", "", NONE, critical)
     psi = "predictive stability indicator (PSI): log10 of the critical delay in ms"
     yield Quantity("sim_delay.psi", "1", "", MORE, psi, reference=PSI)

@@ -213,7 +213,8 @@ class ViscousPower(Law):
 
     @property
     def tangents(self) -> Tangents:
-        return Tangents(dashpot=(0.0, np.inf))
+        straight = self.coefficient * self.linear_below_m_per_s ** (self.exponent - 1.0)
+        return Tangents(dashpot=(0.0, straight) if self.exponent < 1.0 else (straight, np.inf))
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ from rths_cli.analysis.sim import LawHistory, Response, base_shear_n, checked_re
 from rths_cli.analysis.sim_delay import DIVERGENCE_FACTOR, DelayedResponse, check_delay, simulate_delayed
 from rths_cli.errors import InputError
 from rths_cli.numerics.compiled import borrowed, entry, shared_part
-from rths_cli.numerics.lti import Array
+from rths_cli.numerics.lti import Array, Integers
 from rths_cli.structure import Building
 
 LARGEST_PHASE = 0.5  # rad in the coarsest substep, of the fastest vibration
@@ -129,7 +129,7 @@ def simulate_delayed_with_laws(
         coarse = fine
 
 
-def _system(building: Building, storeys: Array) -> _System:
+def _system(building: Building, storeys: Integers) -> _System:
     """Return both parts of a building as one system, with laws in these storeys."""
     own, top = building.numerical, building.specimen
     p, n = len(own.masses_kg), len(top.masses_kg)
@@ -161,7 +161,7 @@ def _shear(building: Building, system: _System, h_s: float) -> Shear:
 
 
 def _first_substeps(system: _System, dt_s: float, delay_s: float) -> int:
-    """Return the substeps per sample of the coarsest solution: they resolve what vibrates, and none exceeds the delay."""
+    """Return the substeps per sample of the coarsest solution: below the delay, and what vibrates is resolved."""
     rates = [abs(value) for value in np.linalg.eigvals(system.A) if -value.real * dt_s <= DIED_OUT]
     return max(1, math.ceil(dt_s * max(rates) / LARGEST_PHASE), math.ceil(dt_s / delay_s * (1.0 - ON_GRID)))
 

@@ -299,3 +299,14 @@ def test_a_damper_without_bound_locks_its_storey() -> None:
     found = critical_delay_range(replace(paper_building(), laws=arranged(((law,),))))
     assert np.isinf(found.largest.delay_s)  # the interface floor stands still
     assert found.smallest.delay_s == pytest.approx(found.at_rest.delay_s, rel=1e-4)
+
+
+def test_without_events_the_error_falls_with_the_fourth_power() -> None:
+    building, record = five_storeys(2.0), noise(2.0, 0.01)
+    exact = outputs(simulate_delayed(building, 0.01, record, 0.0147, 1e-11))
+    elastic = with_law(building, ElasticGap(1e4, 1.0))
+    coarse = simulate_delayed_with_laws(elastic, 0.01, record, 0.0147, np.inf)
+    fine = simulate_delayed_with_laws(elastic, 0.01, record, 0.0147, 0.99 * coarse.error_estimate)
+    assert fine.substep_s == coarse.substep_s / 2.0
+    errors = [relative_difference(outputs(one), exact) for one in (coarse, fine)]
+    assert errors[1] < errors[0] / 10.0

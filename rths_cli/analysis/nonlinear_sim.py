@@ -313,7 +313,8 @@ def _switch_clough(numbers: Array, memory: Array, u: float, v: float) -> None:
         memory[RELOADS + 2] = 1.0 if memory[BRANCH] == RELOADING else 0.0
         if memory[BRANCH] == BACKBONE:
             memory[top], memory[top + 1] = u, force
-        slope = k * (limit / abs(memory[top])) ** numbers[3]
+        softened = k * (limit / abs(memory[top])) ** numbers[3]
+        slope = max(softened, memory[top + 1] / memory[top])  # it does not unload past rest
         empty = u - force / slope
         _set(memory, force, slope, u, min(u, empty), max(u, empty), 0.0)
         memory[BRANCH] = UNLOADS

@@ -124,8 +124,8 @@ class Friction(Law):
 @dataclass(frozen=True)
 class Clough(Law):
     """Clough's law: bilinear at first; it reloads towards the largest drift so far of the side it goes to, and unloads
-    with k (yield drift / largest drift)^`unloading_exponent` (Clough and Johnston 1966; reloading after a partial
-    unloading goes back to where it left, Mahin and Lin 1983)."""
+    with k (yield drift / largest drift)^`unloading_exponent`, but not below the secant to that drift (Clough and
+    Johnston 1966; reloading after a partial unloading goes back to where it left, Mahin and Lin 1983)."""
 
     code: ClassVar[int] = CLOUGH
     stiffness_n_per_m: float

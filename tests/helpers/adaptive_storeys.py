@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-LONGEST_STEP_S = 4e-3  # events are seen at the ends of steps only
+LONGEST_STEP_S = 2e-3  # events are seen at the ends of steps only
 V, U, F = 1e-13, 1e-14, 1e-11  # m/s, m, N: a mode ends this far beyond its end, so that the next one holds there
 
 

@@ -5,8 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BeforeValidator, Field, ValidationError, ValidatorFunctionWrapHandler, WrapValidator
-from pydantic_core import InitErrorDetails
+from pydantic import (
+    BeforeValidator,
+    Field,
+    GetJsonSchemaHandler,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+)
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, InitErrorDetails
 
 from rths_cli.case.field_types import Problem, Range, Strict, exactly_one, near, number, refusal, shown
 
@@ -51,8 +59,10 @@ class BoucWenLaw(StoreyLaw):
     yield_displacement_m: Drift = Field(description=f"{YIELD}: the largest z for beta + gamma = 1")
     hardening: Hardening = Field(default=0.0, description=HARDENING)
     exponent: Annotated[float, Range(ge=1, le=20)] = Field(default=1.0, description="n, sharpness of yielding")
-    beta: Annotated[float, Range(ge=0, le=10)] = 0.5
-    gamma: Annotated[float, Range(ge=-10, le=10)] = 0.5
+    beta: Annotated[float, Range(ge=0, le=10)] = Field(default=0.5, description="shape: weight of abs(du) z in the rate of z")
+    gamma: Annotated[float, Range(ge=-10, le=10)] = Field(
+        default=0.5, description="shape: weight of du abs(z) in the rate of z; > -beta"
+    )
     delta_a: Annotated[float, Range(ge=0, le=1)] = Field(default=0.0, description="fall of A with dissipated energy")
     delta_nu: Share = Field(default=0.0, description="fall of the strength with dissipated energy")
     delta_eta: Share = Field(default=0.0, description="fall of the stiffness with dissipated energy")
@@ -163,9 +173,19 @@ def _by_storey(data: Any) -> Any:
     return tuple(() if one is None else tuple(one) if isinstance(one, list | tuple) else (one,) for one in data)
 
 
+class _AsWritten:
+    """Describes laws in JSON Schema as a file may state them: a law, or per storey a law, a list of laws or null."""
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
+        law = handler(core)["items"]["items"]
+        per_storey = [*law["anyOf"], {"type": "array", "items": law}, {"type": "null"}]
+        return {"anyOf": [*law["anyOf"], {"type": "array", "items": {"anyOf": per_storey}}]}
+
+
 AnyLaw = Annotated[
     BilinearLaw | BoucWenLaw | CloughLaw | ElasticGapLaw | FrictionLaw | ViscousPowerLaw | MaxwellLaw | CubicLaw,
     WrapValidator(_of_kind),
 ]
-StoreyLaws = Annotated[tuple[tuple[AnyLaw, ...], ...], BeforeValidator(_by_storey)]
+StoreyLaws = Annotated[tuple[tuple[AnyLaw, ...], ...], BeforeValidator(_by_storey), _AsWritten]
 """Laws storey by storey from the ground, several of a storey in parallel."""

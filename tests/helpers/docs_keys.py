@@ -11,6 +11,7 @@ from pydantic_core import PydanticUndefined
 from rths_cli.case.case_schema import CaseKeys
 from rths_cli.case.reference_schema import ReferenceSpec
 from rths_cli.case.rig_schema import NiRigSpec, PluginRigSpec, UdpRigSpec, VirtualRigSpec
+from rths_cli.case.storey_law_schema import KINDS as LAWS
 from rths_cli.case.structure_schema import StructureSpec
 from rths_cli.case.study_schema import DISTRIBUTIONS, FolderAxis, ListAxis, RangeAxis, StudyKeys
 from rths_cli.quantities.units import unit_of_name
@@ -54,7 +55,8 @@ def case_page() -> str:
     """Return the page of case files, with the structure and reference files that a case names."""
     tables = [
         ("The case", _rows(CaseKeys, "", skip=("structure", "table", "reference"))),
-        ("`structure`, and a structure file", _rows(StructureSpec, "structure.")),
+        ("`structure`, and a structure file", _rows(StructureSpec, "structure.", skip=("structure.numerical.law",))),
+        *((f"`law` of a storey: `{kind}`", _rows(model, "law.")) for kind, model in LAWS.items()),
         ("`reference`, and a reference file", _rows(ReferenceSpec, "reference.")),
     ]
     return _page("case", tables)

@@ -21,6 +21,7 @@ from rths_cli.case.field_types import Problem, Range, Strict, exactly_one, near,
 Drift = Annotated[float, Range(gt=0, le=100)]
 Hardening = Annotated[float, Range(ge=0, le=1)]
 Share = Annotated[float, Range(ge=0, le=100)]
+KIND = "which law it is"
 YIELD = "drift at which it yields"
 HARDENING = "stiffness beyond yielding over that of the storey; 1: it never yields"
 
@@ -36,7 +37,7 @@ class StoreyLaw(Strict):
 class BilinearLaw(StoreyLaw):
     """Hold a spring that yields, with kinematic hardening."""
 
-    kind: Literal["bilinear"]
+    kind: Literal["bilinear"] = Field(description=KIND)
     yield_displacement_m: Drift = Field(description=YIELD)
     hardening: Hardening = Field(default=0.0, description=HARDENING)
 
@@ -44,7 +45,7 @@ class BilinearLaw(StoreyLaw):
 class CloughLaw(StoreyLaw):
     """Hold a spring that yields and reloads towards its largest drift so far."""
 
-    kind: Literal["clough"]
+    kind: Literal["clough"] = Field(description=KIND)
     yield_displacement_m: Drift = Field(description=YIELD)
     hardening: Hardening = Field(default=0.0, description=HARDENING)
     unloading_exponent: Annotated[float, Range(ge=0, le=0.5)] = Field(
@@ -55,11 +56,11 @@ class CloughLaw(StoreyLaw):
 class BoucWenLaw(StoreyLaw):
     """Hold a smooth hysteresis of Bouc and Wen, with degradation and pinching (Baber, Wen and Noori)."""
 
-    kind: Literal["bouc_wen"]
+    kind: Literal["bouc_wen"] = Field(description=KIND)
     yield_displacement_m: Drift = Field(description=f"{YIELD}: the largest z for beta + gamma = 1")
     hardening: Hardening = Field(default=0.0, description=HARDENING)
     exponent: Annotated[float, Range(ge=1, le=20)] = Field(default=1.0, description="n, sharpness of yielding")
-    beta: Annotated[float, Range(ge=0, le=10)] = Field(default=0.5, description="shape: weight of abs(du) z in the rate of z")
+    beta: Annotated[float, Range(ge=0, le=10)] = Field(default=0.5, description="shape: of abs(du) z in the rate of z")
     gamma: Annotated[float, Range(ge=-10, le=10)] = Field(
         default=0.5, description="shape: weight of du abs(z) in the rate of z; > -beta"
     )
@@ -86,7 +87,7 @@ class BoucWenLaw(StoreyLaw):
 class ElasticGapLaw(StoreyLaw):
     """Hold a spring that is touched beyond a gap, to both sides."""
 
-    kind: Literal["elastic_gap"]
+    kind: Literal["elastic_gap"] = Field(description=KIND)
     gap_m: Annotated[float, Range(ge=0, le=100)] = Field(description="drift at which the spring is touched")
     contact_n_per_m: Annotated[float, Range(ge=0, le=1e12)] = Field(description="stiffness of the spring")
 
@@ -94,7 +95,7 @@ class ElasticGapLaw(StoreyLaw):
 class FrictionLaw(StoreyLaw):
     """Hold Coulomb friction, or a friction pendulum."""
 
-    kind: Literal["friction"]
+    kind: Literal["friction"] = Field(description=KIND)
     force_n: Annotated[float, Range(ge=0, le=1e9)] | None = Field(default=None, description="limit of the friction")
     coefficient: Annotated[float, Range(ge=0, le=10)] | None = Field(
         default=None, description="instead of force_n: limit over the weight of all floors above the storey"
@@ -114,7 +115,7 @@ class FrictionLaw(StoreyLaw):
 class ViscousPowerLaw(StoreyLaw):
     """Hold a damper whose force is a power of the velocity."""
 
-    kind: Literal["viscous_power"]
+    kind: Literal["viscous_power"] = Field(description=KIND)
     coefficient: Annotated[float, Range(ge=0, le=1e12)] = Field(description="force at 1 m/s, in N (s/m)^exponent")
     exponent: Annotated[float, Range(gt=0, le=3)] = Field(description="power of the velocity; 1: a dashpot")
     linear_below_m_per_s: Annotated[float, Range(gt=0, le=1)] = Field(
@@ -125,7 +126,7 @@ class ViscousPowerLaw(StoreyLaw):
 class MaxwellLaw(StoreyLaw):
     """Hold a spring and a dashpot in series."""
 
-    kind: Literal["maxwell"]
+    kind: Literal["maxwell"] = Field(description=KIND)
     spring_n_per_m: Annotated[float, Range(gt=0, le=1e12)] = Field(description="stiffness of the spring")
     dashpot_n_s_per_m: Annotated[float, Range(gt=0, le=1e12)] = Field(description="of the dashpot behind it")
 
@@ -133,7 +134,7 @@ class MaxwellLaw(StoreyLaw):
 class CubicLaw(StoreyLaw):
     """Hold a force that grows with the third power of the drift; negative: it softens."""
 
-    kind: Literal["cubic"]
+    kind: Literal["cubic"] = Field(description=KIND)
     cubic_n_per_m3: Annotated[float, Range(ge=-1e18, le=1e18)] = Field(description="force over drift^3")
     largest_drift_m: Drift = Field(description="up to which it holds; stability is judged up to there")
 

@@ -153,9 +153,7 @@ def test_random_buildings_agree_with_an_adaptive_solver(seed: int) -> None:
     laws = [[{**law, "weight_n": weight} for law in many] for many, weight in zip(made.laws, weights, strict=False)]
     response = simulate_with_laws(made.building, 1e-3, made.record(1e-3))
     times = np.arange(0, len(made.record(1e-3)), 10) * 1e-3
-    disp, vel, accel, _ = adaptive(
-        (linear.M, linear.C, linear.K), made.springs, laws, made.knots_s, made.ground, times
-    )
+    disp, vel, accel, _ = adaptive((linear.M, linear.C, linear.K), made.springs, laws, made.knots_s, made.ground, times)
     assert of_peak(response.rel_disp_m[:, ::10], disp) < 1e-7
     assert of_peak(response.rel_vel_m_s[:, ::10], vel) < 1e-7
     assert of_peak(response.abs_accel_m_s2[:, ::10], accel) < 1e-6
@@ -215,9 +213,7 @@ def test_the_energy_of_the_ground_is_found_again(seed: int) -> None:
     masses, slope = building.M.sum(axis=1), np.diff(record) / dt_s
     power, change = -masses @ v * record, -masses @ a * record
     momentum = -masses @ v
-    ground = power_integral(
-        dt_s, power, change[:-1] + slope * momentum[:-1], change[1:] + slope * momentum[1:]
-    )
+    ground = power_integral(dt_s, power, change[:-1] + slope * momentum[:-1], change[1:] + slope * momentum[1:])
     loss, loss_change = np.einsum("it,ij,jt->t", v, building.C, v), 2 * np.einsum("it,ij,jt->t", v, building.C, a)
     dashpots = power_integral(dt_s, loss, loss_change[:-1], loss_change[1:])
     kinetic, strain = v[:, -1] @ building.M @ v[:, -1] / 2, u[:, -1] @ building.K @ u[:, -1] / 2
@@ -287,8 +283,6 @@ def test_laws_of_a_file_reach_the_storey_they_stand_at(tmp_path: Path) -> None:
         "experimental: {masses_kg: [8], stiffness_n_per_m: [5000], damping_ratios: [0.03]}\n"
         "damping_levels: {low: {dashpots_n_s_per_m: [5, 5]}}\n"
     )
-    (tmp_path / "a.yaml").write_text(
-        "structure: own\ndamping: low\nrecord: el_centro\nscaling: 0.3\ncontroller: FF\n"
-    )
+    (tmp_path / "a.yaml").write_text("structure: own\ndamping: low\nrecord: el_centro\nscaling: 0.3\ncontroller: FF\n")
     laws = make_setup(load_cases([tmp_path / "a.yaml"])[0]).building.laws
     assert laws.storey.tolist() == [1, 1] and laws.numbers[:, :2].tolist() == [[1000.0, 50.0], [500.0, 0.0]]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -235,7 +236,7 @@ def adaptive(
     n = len(M)
     parts = [(i, KINDS[one["kind"]](springs[i], one)) for i, many in enumerate(laws) for one in many]
     first = np.cumsum([2 * n] + [part.states for _, part in parts])
-    own = [slice(a, b) for a, b in zip(first[:-1], first[1:], strict=True)]
+    own = [slice(a, b) for a, b in pairwise(first)]
     inverse = np.linalg.inv(M)
     stiffness, damping = inverse @ K, inverse @ C
 

@@ -29,6 +29,11 @@ FILES = {
         "a name that is looked up, or a mapping as below; `extends: NAME` varies what has that name. `--set KEY=VALUE` "
         "takes the same keys. The keys of `table` are those of [rig files](rig.md).",
     ),
+    "law": (
+        "Laws of storeys",
+        "What a law in `numerical.law` of a structure file may state, by its `kind`. "
+        "[Storeys that are not linear](../background/storey_laws.md) has the equations.",
+    ),
     "rig": (
         "Rig files",
         "What the file of a table may state, by its `kind`; `extends: NAME` varies another rig. "
@@ -56,10 +61,14 @@ def case_page() -> str:
     tables = [
         ("The case", _rows(CaseKeys, "", skip=("structure", "table", "reference"))),
         ("`structure`, and a structure file", _rows(StructureSpec, "structure.", skip=("structure.numerical.law",))),
-        *((f"`law` of a storey: `{kind}`", _rows(model, "law.")) for kind, model in LAWS.items()),
         ("`reference`, and a reference file", _rows(ReferenceSpec, "reference.")),
     ]
     return _page("case", tables)
+
+
+def law_page() -> str:
+    """Return the page of the laws of storeys, a section per kind."""
+    return _page("law", [(f"Kind `{kind}`", _rows(model, "")) for kind, model in LAWS.items()])
 
 
 def rig_page() -> str:

@@ -8,7 +8,8 @@ from pathlib import Path
 
 from docs_commands import commands_page
 from docs_hdf5 import hdf5_page
-from docs_keys import case_page, rig_page, study_page
+from docs_keys import case_page, law_page, rig_page, study_page
+from docs_licences import licences_page
 from docs_licences import licences_page
 from docs_modules import with_map
 
@@ -19,6 +20,7 @@ PAGES: dict[str, Callable[[], str]] = {
     "case.md": case_page,
     "rig.md": rig_page,
     "study.md": study_page,
+    "storey_laws.md": law_page,
     "hdf5.md": hdf5_page,
     "licences.md": licences_page,
 }

@@ -121,18 +121,18 @@ def _model_rows(
         kind, limits = _type(field, definitions)
         yield f"`{path}`", kind, unit_of_name(key, "-"), default, limits, _meaning(field)
         if path not in skip:
-            yield from _below(field, definitions, path)
+            yield from _below(field, definitions, path, skip)
 
 
-def _below(field: Schema, definitions: Schema, path: str) -> Iterator[tuple[str, ...]]:
+def _below(field: Schema, definitions: Schema, path: str, skip: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
     """Yield the rows of the models that a field holds."""
     inner = {"items": "[].", "additionalProperties": ".NAME."}
     for part in field.get("anyOf", [field]):
         if "$ref" in part:
-            yield from _model_rows(_resolved(part, definitions), definitions, f"{path}.")
+            yield from _model_rows(_resolved(part, definitions), definitions, f"{path}.", skip)
         for key, mark in inner.items():
             if isinstance(part.get(key), Mapping) and "$ref" in part[key]:
-                yield from _model_rows(_resolved(part[key], definitions), definitions, f"{path}{mark}")
+                yield from _model_rows(_resolved(part[key], definitions), definitions, f"{path}{mark}", skip)
 
 
 def _resolved(part: Schema, definitions: Schema) -> Schema:

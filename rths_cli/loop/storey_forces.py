@@ -113,7 +113,7 @@ def clough(numbers: Array, memory: Array, u: float) -> float:
             memory[0], memory[1], memory[2] = memory[far], memory[far + 1], BACKBONE
             continue
         far = 4 if side > 0.0 else 6
-        slope = k * (limit / abs(memory[far])) ** numbers[3]
+        slope = max(k * (limit / abs(memory[far])) ** numbers[3], memory[far + 1] / memory[far])  # never past rest
         foot = memory[0] - memory[1] / slope
         if (u - memory[10]) * side > 0.0:  # beyond where unloading began
             memory[1] += slope * (memory[10] - memory[0])

@@ -10,7 +10,6 @@ from docs_commands import commands_page
 from docs_hdf5 import hdf5_page
 from docs_keys import case_page, law_page, rig_page, study_page
 from docs_licences import licences_page
-from docs_licences import licences_page
 from docs_modules import with_map
 
 FOLDER = Path(__file__).parents[2] / "docs" / "reference"

@@ -120,7 +120,7 @@ def _row(
     """Return the row of a sweep that is to be run, None for cases; raises UsageError unless one of them is named."""
     if sweep is None and row is None:
         if not cases:
-            raise click.UsageError("Missing argument 'CASE...'.")
+            raise click.UsageError("CASE is missing; rths list cases shows what can be named")
         return None
     if sweep is None or row is None:
         raise click.UsageError("--from SWEEP and --row N name one row together; give both.")

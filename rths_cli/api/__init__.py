@@ -62,6 +62,7 @@ def run(
     parts: OwnParts | None = None,
     samples: Samples = (),
     series: KeptSeries = "all",
+    replace: bool = True,
     progress: Progress | None = None,
 ) -> RunResult:
     """Run a case as `rths run` does and return its result, also one that was refused or stopped: see its `status`.
@@ -74,7 +75,7 @@ def run(
     from the designed one, by its place: numerical, feedforward or feedback (docs/reference/parts.md). `samples`:
     further, equally likely identifications, on which the check judges the design too: model files of this rig and
     specimen, or a function that makes them from the nominal one. `series`: those that the file keeps, "all",
-    "essential" or "none", as `--series`.
+    "essential" or "none", as `--series`. `replace` False: a result that exists is refused, as `--no-replace` does.
 
     Raises InputError when the case cannot be run, RigError, LimitError or RthsError when there is no result.
     """
@@ -87,7 +88,17 @@ def run(
         with _signals() as poll:
             tell = _telling(progress, poll)
             ended = _run(
-                _given(case), given, folder, tuple(overrides), fresh, yes, tell, _places(parts), _files(samples), series
+                _given(case),
+                given,
+                folder,
+                tuple(overrides),
+                fresh,
+                yes,
+                tell,
+                _places(parts),
+                _files(samples),
+                series,
+                replace,
             )
         if ended.path is None:
             raise BY_CODE.get(ended.exit_code, RthsError)(ended.reason)
@@ -141,12 +152,14 @@ def identify(
     *,
     settings: Settings | None = None,
     yes: bool = False,
+    replace: bool = True,
     progress: Progress | None = None,
 ) -> ModelResult:
     """Identify the rig and specimen of a case as `rths identify` does and write the model file `output`.
 
-    A real rig is moved only with `yes`, and only when its file says `unattended: true`. Raises InputError when the case
-    or the output cannot be used, LimitError or RigError when the excitation was stopped or gave no usable channels.
+    `replace` False: a model file that exists is refused. A real rig is moved only with `yes`, and only when its file
+    says `unattended: true`. Raises InputError when the case or the output cannot be used, LimitError or RigError when
+    the excitation was stopped or gave no usable channels.
     """
     from rths_cli.experiment.identify_command import Asked, make_model
     from rths_cli.experiment.operator_consent import ask_to_move
@@ -157,7 +170,9 @@ def identify(
     given = ("identification.model=null", *_texts(settings, None))
     _check_rig(str(case), given, False)
     with _signals() as poll:
-        made = make_model(Asked(str(case), given, output=Path(output), draw=False), _telling(progress, poll), permit)
+        made = make_model(
+            Asked(str(case), given, output=Path(output), draw=False, replace=replace), _telling(progress, poll), permit
+        )
     found = made.found
     if found is None:
         raise RigError("; ".join(made.unfit.faults) if made.unfit else "no model can be made from these channels")
@@ -276,6 +291,7 @@ def _run(
     parts: OwnParts,
     samples: OwnSamples,
     series: str,
+    replace: bool,
 ) -> Ended:
     """Run one case by the workflow of `rths run`."""
     from rths_cli.case.load import load_cases
@@ -285,7 +301,7 @@ def _run(
         cases=tuple(load_cases([case], settings)),
         methods=(),
         output=folder,
-        replace=True,
+        replace=replace,
         command_line=" ".join(["rths_cli.run", "{...}" if isinstance(case, Mapping) else str(case), *settings]),
         overrides=overrides,
         parts=parts,

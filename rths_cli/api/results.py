@@ -250,8 +250,9 @@ class RunResult:
         """Return the names of the groups."""
         return self.contents.groups
 
-    def export(self, folder: str | Path, to: str = "mat", replace: bool = False) -> list[Path]:
-        """Write the result as `csv`, `mat` or `netcdf` and return the files; raises InputError."""
+    def export(self, folder: str | Path, to: str = "mat", replace: bool = True) -> list[Path]:
+        """Write the result as `csv`, `mat` or `netcdf` and return the files; raises InputError, without `replace` also
+        where one exists."""
         from rths_cli.report.export.export_command import FORMATS, ExportRequest, export
 
         if to not in FORMATS:

@@ -21,6 +21,9 @@ from pydantic_core import CoreSchema, ErrorDetails, InitErrorDetails, PydanticCu
 LEAST_PART = 4  # characters of a name that another one contains
 MISSING = {
     "kind": "is missing; add extends: NAME of the rig that it varies, or the kind of a rig of its own",
+    "experimental": "is missing; add experimental: masses_kg, stiffness_n_per_m and damping_ratios of the storeys on "
+    "the table",
+    "numerical": "is missing; add numerical: masses_kg and stiffness_n_per_m of the computed storeys",
 }
 """What to say of a key that is missing, where adding the key alone would not help."""
 
@@ -201,6 +204,8 @@ def _in_words(cls: type[Strict], error: ErrorDetails) -> InitErrorDetails:
         return _detail("fault", loc, f"is empty; put at least one {what} into the list")
     wanted = _wanted(cls, error)
     message = f"must be {wanted}, got {shown(error['input'])}" if wanted else error["msg"]
+    if wanted == "a list" and isinstance(error["input"], str | int | float):
+        message += f"; write [{error['input']}]"
     return _detail("fault", loc, message)
 
 

@@ -239,7 +239,8 @@ def _read(path: Given) -> tuple[WrittenCase | None, list[Fault]]:
     if not isinstance(tree.value, dict) and is_record(found):
         return None, [Fault(Mark(tree.mark.source), "", no_case("records", str(path)))]
     if not isinstance(tree.value, dict):
-        message = "must hold the keys of a case, at least structure, damping, record, scaling and controller"
+        found_in = "is empty; write" if tree.value is None else "must hold"
+        message = f"{found_in} the keys of a case, at least structure, damping, record, scaling and controller"
         return None, [*faults, Fault(tree.mark, "", message)]
     return WrittenCase(found, text, tree, tuple(faults)), []
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rths_cli.cli.command_group import cli
-from rths_cli.cli.options import FILE, Number, json_option, settings_option, yes_option
+from rths_cli.cli.options import FILE, Number, json_option, no_replace_option, settings_option, yes_option
 from rths_cli.cli.terminal import new_screen, show_page
 from rths_cli.errors import InputError
 
@@ -68,6 +68,7 @@ SAID_S = 5.0  # interval between two lines of progress if stderr is no terminal
     metavar="FILE",
     help="Write what was measured, for --data --corrected.",
 )
+@no_replace_option
 @click.option("--quiet", is_flag=True, help="Show no progress.")
 @yes_option
 @settings_option
@@ -83,6 +84,7 @@ def identify(
     figure: Path | None,
     no_figure: bool,
     save_data: Path | None,
+    no_replace: bool,
     quiet: bool,
     yes: bool,
     settings: tuple[str, ...],
@@ -105,7 +107,7 @@ def identify(
     # without --model, the model file that the case names is ignored: it is the one to be made here
     judged = json.dumps(str(model.absolute()), ensure_ascii=False) if model else "null"
     settings = (f"identification.model={judged}", *settings)
-    asked = Asked(case, settings, request, output, save_data, figure, not no_figure)
+    asked = Asked(case, settings, request, output, save_data, figure, not no_figure, not no_replace)
     screen = new_screen(quiet)
     with said_again(screen, quiet or sys.stderr.isatty()) as doing:
         made = make_model(asked, doing, lambda setup: ask_to_move([setup], yes, screen.confirm), screen.warning)

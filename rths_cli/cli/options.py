@@ -75,6 +75,12 @@ def json_option(command: F) -> F:
     )
 
 
+def no_replace_option(command: F) -> F:
+    """Add --no-replace."""
+    about = "Refuse, before anything is done, to replace a file that exists."
+    return click.option("--no-replace", is_flag=True, help=about)(command)
+
+
 def methods_option(more: str) -> Callable[[F], F]:
     """Add --method, repeatable; `more` ends its help."""
     about = f"Method instead of the case's own; give both to {more}."

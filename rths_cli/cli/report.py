@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rths_cli.cli.command_group import SIGNALS, cli
-from rths_cli.cli.options import FILE, Number, command_line, json_option
+from rths_cli.cli.options import FILE, Number, command_line, json_option, no_replace_option
 from rths_cli.cli.terminal import show_page
 from rths_cli.errors import InputError
 
@@ -75,6 +75,7 @@ PLAIN_S = 5.0  # between two lines where output is no terminal
 @click.option("--paper", is_flag=True, help="Judge the paper's claims for cases without a reference, too.")
 @click.option("--keep-going", is_flag=True, help="Report the good files although others cannot be read.")
 @click.option("--junit", type=FILE, metavar="FILE", help="Write JUnit XML: one test per accept limit.")
+@no_replace_option
 @click.option("--quiet", is_flag=True, help="Show no progress.")
 @json_option
 def report(
@@ -92,6 +93,7 @@ def report(
     paper: bool,
     keep_going: bool,
     junit: Path | None,
+    no_replace: bool,
     quiet: bool,
     as_json: bool,
 ) -> int:
@@ -120,6 +122,7 @@ def report(
         percent=percent,
         keep_going=keep_going,
         junit=junit,
+        replace=not no_replace,
         paper=paper,
         report_in=report_in,
     )
@@ -138,10 +141,11 @@ def _formats(formats: tuple[str, ...], as_json: bool) -> tuple[str, str]:
 
 def _report(asked: Asked, quiet: bool) -> int:
     from rths_cli.cli.terminal import Screen
+    from rths_cli.files.existing_files import replaced_sentence
     from rths_cli.report.report_options import check_asked, read_asked
     from rths_cli.report.results_by_case import unrecovered
 
-    check_asked(asked)
+    replaced = check_asked(asked)
     screen = Screen(quiet, poll=SIGNALS.poll)
     for sentence in unrecovered(asked.paths):
         click.echo(sentence, err=True)
@@ -150,6 +154,8 @@ def _report(asked: Asked, quiet: bool) -> int:
     for sentence in found.faults:
         click.echo(sentence, err=True)
     _write(asked, found, screen, quiet)
+    if replaced and not quiet:
+        screen.message(replaced_sentence(replaced))
     from rths_cli.report.baseline_comparison import got_worse
 
     worse = found.baseline is not None and asked.percent is not None and got_worse(found.baseline.changes)
@@ -167,8 +173,9 @@ def _write(asked: Asked, found: Contents, screen: Screen, quiet: bool) -> None:
 
         form, say = asked.drawn or "pdf", _nothing if quiet else screen.message
         look = (asked.figures, form, asked.width, say, asked.header)
-        written = write_sweep_figures(found.inputs.sweeps, *look, asked.metric) if found.inputs.sweeps else []
-        written += write_figures(found.inputs.results, *look)
+        sweeps = found.inputs.sweeps
+        written = write_sweep_figures(sweeps, *look, asked.metric, asked.replace) if sweeps else []
+        written += write_figures(found.inputs.results, *look, asked.replace)
         say(f"{len(written)} figures in {asked.figures}")
     if asked.junit:
         from rths_cli.report.formats.junit import junit

@@ -15,6 +15,7 @@ from rths_cli.cli.options import (
     command_line,
     json_option,
     methods_option,
+    no_replace_option,
     overrides_option,
     settings_option,
     yes_option,
@@ -41,7 +42,7 @@ class Wanted(NamedTuple):
     "--output", type=FILE, default="results", show_default=True, metavar="DIR", help="Folder of the result files."
 )
 @methods_option("compare (files NAME-paper.h5, NAME-best.h5)")
-@click.option("--no-replace", is_flag=True, help="Refuse, before running, to replace a finished result.")
+@no_replace_option
 @click.option(
     "--series",
     type=click.Choice(["all", "essential", "none"]),
@@ -95,7 +96,7 @@ def run(
     if junit:
         from rths_cli.report.report_options import check_output
 
-        check_output("--junit", junit, ())
+        replaced = check_output("--junit", junit, (), not no_replace)
     screen = new_screen(quiet > 0)
     request = Request(
         cases=tuple(loaded),
@@ -110,6 +111,8 @@ def run(
     )
     ended = run_batch(request, screen)
     _show_results(ended, as_json, junit, Wanted(full, quiet))
+    if junit and replaced and not quiet:
+        screen.message(f"replaced {junit}")
     differs = swept is not None and ended[0].path is not None and _differs(swept, ended[0].path, screen, quiet)
     return exit_code(ended) or int(differs)
 

@@ -9,7 +9,15 @@ from pathlib import Path
 import click
 
 from rths_cli.cli.command_group import cli
-from rths_cli.cli.options import FILE, command_line, json_option, methods_option, overrides_option, settings_option
+from rths_cli.cli.options import (
+    FILE,
+    command_line,
+    json_option,
+    methods_option,
+    no_replace_option,
+    overrides_option,
+    settings_option,
+)
 from rths_cli.cli.terminal import new_screen, show_page
 
 
@@ -32,7 +40,7 @@ def threads() -> int:
 @click.option("--output", type=FILE, metavar="FILE", help="Result file [default: sweeps/NAME.h5].")
 @click.option("--csv", type=FILE, metavar="FILE", help="Write the table as CSV too.")
 @methods_option("run both")
-@click.option("--no-replace", is_flag=True, help="Refuse, before running, to replace a finished sweep.")
+@no_replace_option
 @click.option("--resume", is_flag=True, help="Go on with an interrupted sweep.")
 @overrides_option(
     ["check", "model"],

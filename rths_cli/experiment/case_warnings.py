@@ -27,9 +27,10 @@ def of_case(setup: Setup, identified: Identification | None, design: Design | No
 
     `identified` None: no table run, hence no identification; `design` None: no blocks.
     """
-    unread = sentence(setup.case)
+    unread, doubts = sentence(setup.case), unit_doubts(setup)
+    if doubts:  # what a wrong unit makes of bands and model tells nobody what to change
+        return tuple(dict.fromkeys((*doubts, *([unread] if unread else []), *setup.building.notes)))
     found = [
-        *unit_doubts(setup),
         *modes_above_the_bands(setup),
         *record_above_the_band(setup),
         *([unread] if unread else []),
@@ -42,7 +43,7 @@ def of_case(setup: Setup, identified: Identification | None, design: Design | No
         found += [*identified.warnings, *identified.reasons, *differences(setup, identified)]
     if design is not None:
         found += [*slower_feedback(setup, design), *chosen_feedback(design)]
-    return tuple(dict.fromkeys(found))  # those on units may stand in a model file too
+    return tuple(dict.fromkeys(found))
 
 
 def modes_above_the_bands(setup: Setup) -> list[str]:

@@ -22,6 +22,7 @@ from rths_cli.experiment.operator_consent import ask_to_move
 from rths_cli.experiment.run_case import Ended, moves_table, prepare_all, run_case, worst_code
 from rths_cli.experiment.setup import OwnSamples, Progress, Setup
 from rths_cli.experiment.unit_plausibility import unit_doubts
+from rths_cli.files.existing_files import Kind, check_existing
 from rths_cli.interrupts import ended_by
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.quantities import Values
@@ -98,10 +99,7 @@ def plan(request: Request, memory: Memory, shared: SharedValues) -> list[Job]:
     for setup, _ in jobs:
         if moves_table(setup.case):
             memory.prepare(setup)
-    present = [str(path) for _, path in jobs if path.exists()]
-    if present and not request.replace:
-        advice = "exists; remove it, choose another --output, or drop --no-replace"
-        raise InputError(*(f"{path}: {advice}" for path in present))
+    check_existing([(path, Kind.RESULT) for _, path in jobs], request.replace)
     return jobs
 
 

@@ -34,6 +34,8 @@ def answer(result: Result, width: int = WIDEST) -> str:
     head = f"{result.attributes.get('case_name') or result.path.stem}: {about(result)}"
     lines = [*_wrapped(head, width), *_wrapped(verdict(result), width)]
     lines += [line for told in scale_lines([result]) for line in _wrapped(told, width)]
+    if result.attributes.get("exp_rths_status") not in (None, "complete"):
+        lines += _wrapped("Storeys and base shear below are computed (SIM): no hybrid test was completed.", width)
     for table in _tables(result, width):
         lines += ["", *table]
     lines += ["", *_wrapped(base_shear(result), width)] if base_shear(result) else []

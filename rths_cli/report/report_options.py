@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rths_cli.errors import InputError
-from rths_cli.files.durable_files import open_regular
+from rths_cli.files.existing_files import Kind, check_existing
 from rths_cli.files.result_reader import Result
 from rths_cli.files.result_writer import check_writable, refusal
 from rths_cli.report.baseline_comparison import DEFAULT_PERCENT
@@ -39,12 +39,14 @@ class Asked:
     percent: float | None  # by how much an error may exceed the baseline; None: a worse error is no failure
     keep_going: bool  # whether files that cannot be used are skipped
     junit: Path | None  # JUnit file; None: none is written
+    replace: bool = True  # whether files that exist may be replaced
     paper: bool = False  # whether the paper's claims are judged for cases without a reference, too
     report_in: str | None = None  # model or prototype; None: as the cases state it
 
 
-def check_asked(asked: Asked) -> None:
-    """Raise InputError if options contradict each other, or an output file cannot be written."""
+def check_asked(asked: Asked) -> tuple[Path, ...]:
+    """Return the output files that will be replaced; raises InputError if options contradict each other, or an output
+    file cannot be written."""
     faults = []
     if asked.drawn and not asked.figures:
         faults.append(f"--format {asked.drawn} is a format of figures; add --figures DIR.")
@@ -61,10 +63,12 @@ def check_asked(asked: Asked) -> None:
     if faults:
         raise InputError(*faults)
     read = [*asked.paths, *((asked.baseline,) if asked.baseline else ())]
+    replaced: list[Path] = []
     for option, path in (("--output", asked.output), ("--junit", asked.junit)):
         if path:
-            check_output(option, path, read)
+            replaced += check_output(option, path, read, asked.replace)
             check_writable(path.parent)
+    return tuple(replaced)
 
 
 def read_asked(asked: Asked, tell: Tell) -> Contents:
@@ -116,28 +120,21 @@ def rendered(asked: Asked, found: Contents) -> str:
     return plain_text(all_blocks(found, laid_out=True, paper=asked.paper))
 
 
-BINARY = (b"\x89HDF\r\n\x1a\n", b"RTHSLOG")
+def check_output(option: str, path: Path, inputs: Iterable[Path], replace: bool = True) -> tuple[Path, ...]:
+    """Return the output path if a file there will be replaced, else ().
 
-
-def check_output(option: str, path: Path, inputs: Iterable[Path]) -> None:
-    """Raise InputError if an output path is a folder, an input, a result or a case, or its folder does not exist."""
+    Raises InputError if it is a folder, an input, a result or a case, its folder does not exist, or what is there may
+    not be replaced.
+    """
     if path.is_dir():
         raise InputError(f"{option} {path}: is a folder; give the name of a file in it.")
     if not path.absolute().parent.is_dir():
         raise InputError(f"{option} {path}: there is no folder {path.parent}; make it first.")
     if path.resolve() in {one.resolve() for one in inputs}:
         raise InputError(f"{option} {path}: is read for this report; choose another name.")
-    if path.suffix in (".h5", ".rthslog", ".yaml", ".yml") or _is_data(path):
+    if path.suffix in (".h5", ".rthslog", ".yaml", ".yml"):
         raise InputError(f"{option} {path}: has the name or the content of a result or case; choose another name.")
-
-
-def _is_data(path: Path) -> bool:
-    """Return whether a file begins like an HDF5 file or a raw log."""
-    try:
-        with open_regular(path) as file:
-            return file.read(8).startswith(BINARY)
-    except OSError:
-        return False
+    return check_existing([(path, Kind.DOCUMENT)], replace)
 
 
 def write_text(path: Path, text: str) -> None:

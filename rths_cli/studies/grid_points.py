@@ -72,7 +72,7 @@ def check_points(asked: Asked, shared: Shared, progress: Progress) -> Points:
     if unread:
         names = {axis.key: axis.name for axis in plan.axes}
         changes = "changes nothing in a sweep"
-        raise InputError(*(f"{names[key]}: {changes}, {why}; vary what does" for key, why in unread.items()))
+        raise InputError(*(f"{names[key]}: {changes}, {why}; vary another key (rths schema case lists them)" for key, why in unread.items()))
     if planned.own_seed:
         plan = replace(plan, seeds=range(first.case.seed, first.case.seed + 1))
     digest.update(repr((plan.digest(), [column.path for column in columns], first.overrides)).encode())

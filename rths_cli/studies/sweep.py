@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from rths_cli.experiment.allocator_settings import keep_freed_memory
 from rths_cli.experiment.model_files import software
 from rths_cli.experiment.provenance import attributes
+from rths_cli.files.existing_files import Kind, check_existing, replaced_sentence
 from rths_cli.files.result_writer import check_writable
 from rths_cli.files.sweep_file import RowsFile, Sweep, check_csv, read_sweep, rows_path, write_csv, write_sweep
 from rths_cli.studies.grid_points import Points, check_points
@@ -64,7 +65,9 @@ def run_sweep(request: SweepRequest, watcher: Watcher) -> Swept:
     points = check_points(request.asked, shared, watcher.doing)
     path = request.output or Path("sweeps") / f"{points.planned.name or points.base.case.name}.h5"
     about = _attributes(points, request.command_line)
+    tables: tuple[Path, ...] = ()
     if request.csv is not None:
+        tables = check_existing([(request.csv, Kind.DOCUMENT)], request.replace)
         check_csv(request.csv, path)
     begun = begin(
         path, about, points.plan.variants, width(points.columns, points.storeys), request.replace, request.resume
@@ -77,6 +80,8 @@ def run_sweep(request: SweepRequest, watcher: Watcher) -> Swept:
     sweep = read_sweep(path) if begun is None else _play(points, shared, begun, request, watcher)
     if request.csv is not None:
         write_csv(request.csv, sweep)
+    if replaced := [*([path] if begun is not None and begun.replaces else []), *tables]:
+        watcher.message(replaced_sentence(replaced))
     return Swept(sweep, path, played, int(sweep.attributes["exit_code"]))
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from rths_cli.case.load import resolved_yaml
 from rths_cli.errors import InputError
 from rths_cli.experiment.run_case import worst_code
+from rths_cli.files.existing_files import Kind, check_existing
 from rths_cli.files.result_writer import check_writable
 from rths_cli.files.sweep_file import Figure, Sweep, read_attributes, read_rows, rows_path
 from rths_cli.studies.sweep_table import Row
@@ -35,6 +36,7 @@ class Begun:
     attributes: dict[str, Any]
     rows: dict[int, Row]
     resumed: bool
+    replaces: bool = False  # a finished file
 
 
 def begin(path: Path, attributes: dict[str, Any], runs: int, figures: int, replace: bool, resume: bool) -> Begun | None:
@@ -47,10 +49,12 @@ def begin(path: Path, attributes: dict[str, Any], runs: int, figures: int, repla
     if path.is_dir():
         raise InputError(f"--output {path}: is a folder; give the name of a file in it")
     begun = _under_way(path, attributes, runs, figures, resume) if rows_path(path).exists() else None
-    if begun is None and path.exists() and _is_whole(path, attributes, replace, resume):
+    if begun is None and path.exists() and _is_whole(path, attributes, resume):
         return None
+    if begun is None:
+        check_existing([(path, Kind.SWEEP)], replace)
     check_writable(path.parent, BYTES_PER_RUN * runs)
-    return begun or Begun(path, attributes, {}, False)
+    return begun or Begun(path, attributes, {}, False, path.exists())
 
 
 def _under_way(path: Path, attributes: Mapping[str, Any], runs: int, figures: int, resume: bool) -> Begun:
@@ -90,16 +94,13 @@ def _row(line: list[Any]) -> Row:
     return Row(variant, status, reason, exit_code, verdict, model, np.array(figures, dtype=float))
 
 
-def _is_whole(path: Path, attributes: Mapping[str, Any], replace: bool, resume: bool) -> bool:
-    """Tell whether a finished file answers what is asked; raise InputError unless that or it may be replaced."""
+def _is_whole(path: Path, attributes: Mapping[str, Any], resume: bool) -> bool:
+    """Tell whether a finished file answers what is asked; raises InputError if it is no sweep, or another one is to be
+    resumed."""
     stored = read_attributes(path)
-    if stored.get("plan_sha256") != attributes["plan_sha256"]:
+    if resume and stored.get("plan_sha256") != attributes["plan_sha256"]:
         raise InputError(f"{path}: holds {OTHER}; {ELSEWHERE}")
-    if resume and stored.get("software_sha256") == attributes["software_sha256"]:
-        return True
-    if not replace:
-        raise InputError(f"{path}: exists; remove it, choose another --output, or drop --no-replace")
-    return False
+    return resume and stored.get("software_sha256") == attributes["software_sha256"]
 
 
 def as_line(row: Row) -> list[Any]:

@@ -24,15 +24,15 @@ WHOLE = re.compile(r"[-+]?\d+")
 SEEDS = re.compile(r"(\d{1,18})(?::(\d{1,18}))?")
 NOT_VARIED = {
     "seed": "is no key to vary; give --seeds, or seeds in a study",
-    "name": "changes no figure; vary what does",
-    "notes": "changes no figure; vary what does",
+    "name": "changes no figure; vary another key (rths schema case lists them)",
+    "notes": "changes no figure; vary another key (rths schema case lists them)",
     "accept": "changes no figure; give one limit with --set",
-    "grade_limits": "changes no figure; vary what does",
-    "reference": "changes no figure; vary what does",
-    "report_in": "changes no figure; vary what does",
+    "grade_limits": "changes no figure; vary another key (rths schema case lists them)",
+    "reference": "changes no figure; vary another key (rths schema case lists them)",
+    "report_in": "changes no figure; vary another key (rths schema case lists them)",
     "scale.stress": "changes no figure, for a sweep has them in model scale; vary scale.length",
     "scale.mass": "changes no figure, for a sweep has them in model scale; vary scale.length",
-    "runs": "changes nothing, a sweep runs EXP-RTHS alone; vary what does",
+    "runs": "changes nothing, a sweep runs EXP-RTHS alone; vary another key (rths schema case lists them)",
 }
 
 

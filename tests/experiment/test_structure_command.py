@@ -114,7 +114,7 @@ def test_without_levels_the_numerical_storeys_have_no_dashpots(write: Write) -> 
 @pytest.mark.parametrize(
     ("text", "fault"),
     [
-        ("numerical: {masses_kg: [8]}\n", "own.yaml:1:1: experimental: is missing; add experimental"),
+        ("numerical: {masses_kg: [8]}\n", "own.yaml:1:1: experimental: is missing; add experimental: masses_kg"),
         (OWN.replace("[7, 6]", "[7, -6]"), r"own.yaml:2:31: experimental.masses_kg\[2\]: must be > 0"),
         ("{kind: virtual}\n", "own.yaml: is a rig, not a structure; rths list structures"),
         ("numerical: [\n", "own.yaml:2:1: not valid YAML"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -213,12 +214,15 @@ def test_an_interrupted_sweep_goes_on_where_it_was_and_gives_the_same(
     assert (again.played, again.exit_code) == (0, 0)
 
 
-def test_what_is_there_already_is_replaced_only_by_the_same_sweep(
+def test_a_sweep_takes_the_place_of_a_sweep_alone(
     whole: tuple[SweepRequest, Swept], folder: Path, tmp_path: Path
 ) -> None:
     request, done = whole
+    shutil.copy(done.path, tmp_path / "other.h5")
+    other = replace(request, asked=replace(request.asked, vary=(), seeds="1"))
     with pytest.raises(InputError, match="holds another sweep"):
-        swept(replace(request, asked=replace(request.asked, seeds="2")), done.path)
+        swept(replace(other, resume=True), tmp_path / "other.h5")
+    assert len(swept(other, tmp_path / "other.h5").sweep.seed) == 1
     with pytest.raises(InputError, match="no-replace"):
         swept(request, done.path, replace=False)
     (tmp_path / "text.h5").write_text("mine")

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import make_folder
+from rths_cli.files.existing_files import Kind, check_existing, replaced_sentence
 from rths_cli.files.result_reader import Result
 from rths_cli.files.sweep_file import Sweep
 from rths_cli.interrupts import interruptible
@@ -79,14 +80,15 @@ def draw(name: str, result: Result, width: str = "two", header: str = CASE_HEADE
 
 def write_figures(
     results: Sequence[Result], folder: Path, form: str = "pdf", width: str = "one", tell: Tell | None = None,
-    header: str = CASE_HEADER,
+    header: str = CASE_HEADER, replace: bool = True,
 ) -> list[Path]:  # fmt: skip
     """Write every figure of every result into `folder` as NAME-FIGURE.pdf (svg, png), and return the files written.
 
     NAME is the result file's; the same name from another folder becomes NAME-2. Files that exist are replaced, when all
-    are drawn: where a result cannot be read or the disk refuses, none is written. `tell`
-    is given a sentence for each figure that a result has no data for (default: a warning of the log `rths_cli`).
-    Raises InputError for an unknown form, width or header, and where a file cannot be written.
+    are drawn: where a result cannot be read or the disk refuses, none is written. `tell` is given a sentence for each
+    figure that a result has no data for (default: a warning of the log `rths_cli`), and one on the files that were
+    replaced. Raises InputError for an unknown form, width or header, where a file cannot be written, and, without
+    `replace`, where one exists.
     """
     _check(header, HEADERS, "header")
     stems = _stems([result.path for result in results])
@@ -98,12 +100,13 @@ def write_figures(
         for name in FIGURES
         for source in (stored if name in IN_MODEL_SCALE else shown,)
     )
-    return _write(planned, folder, form, width, tell)
+    named = (f"{stem}-{name}" for stem in stems for name in FIGURES)
+    return _write(planned, named, folder, form, width, tell, replace)
 
 
 def write_sweep_figures(
     sweeps: Sequence[tuple[Path, Sweep]], folder: Path, form: str = "pdf", width: str = "one",
-    tell: Tell | None = None, header: str = CASE_HEADER, metric: str = "",
+    tell: Tell | None = None, header: str = CASE_HEADER, metric: str = "", replace: bool = True,
 ) -> list[Path]:  # fmt: skip
     """Write the figure of every sweep, each given with its file, into `folder` as NAME-sweep.pdf (svg, png).
 
@@ -116,14 +119,26 @@ def write_sweep_figures(
         (path, stem, SWEEP, partial(sweep_figure, sweep, width, metric, header == CASE_HEADER), f"{SWEEP}: {stem}")
         for stem, (path, sweep) in zip(stems, sweeps, strict=True)
     )
-    return _write(planned, folder, form, width, tell)
+    return _write(planned, (f"{stem}-{SWEEP}" for stem in stems), folder, form, width, tell, replace)
 
 
-def _write(planned: Iterable[Planned], folder: Path, form: str, width: str, tell: Tell | None) -> list[Path]:
-    """Draw and write figures; all appear when all are drawn. Returns the files written."""
+def _write(
+    planned: Iterable[Planned],
+    named: Iterable[str],
+    folder: Path,
+    form: str,
+    width: str,
+    tell: Tell | None,
+    replace: bool,
+) -> list[Path]:
+    """Draw and write figures; all appear when all are drawn. Returns the files written.
+
+    `named`: STEM-NAME of every figure that may be written.
+    """
     _check(form, FORMS, "form")
     _check(width, WIDTHS_MM, "width")
     report = logging.getLogger("rths_cli").warning if tell is None else tell
+    present = check_existing([(folder / f"{name}.{form}", Kind.DOCUMENT) for name in named], replace)
     made = _make(folder)
     parts: dict[Path, Path] = {}
     try:
@@ -142,6 +157,8 @@ def _write(planned: Iterable[Planned], folder: Path, form: str, width: str, tell
                 os.replace(part, path)
     finally:
         _remove(parts.values(), made)
+    if replaced := [path for path in present if path in parts]:
+        report(replaced_sentence(replaced))
     return list(parts)
 
 

@@ -10,15 +10,17 @@ BIN := $(VENV)/bin
 WORKERS ?= $(shell expr $$(env -u OMP_NUM_THREADS -u OMP_THREAD_LIMIT nproc 2>/dev/null || sysctl -n hw.ncpu) + 1)
 RUN_STAMP := $(VENV)/.rths-run
 DEV_STAMP := $(VENV)/.rths-dev
+DOCS_STAMP := $(VENV)/.rths-docs
+SITE := build/site_source
 CASES := $(foreach r,el_centro hachinohe,$(foreach d,low high,$(foreach c,ff ff_fb,configs/$(r)_$(d)_$(c).yaml)))
 
-.PHONY: help run test processors check bench clean
+.PHONY: help run test processors check bench docs dist clean
 
 help: ## show this list
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 10
 
 run: $(RUN_STAMP) ## install, run the paper's eight cases, print its tables beside ours
-	@$(BIN)/rths run --full --method paper --method best --output results $(CASES)
+	@$(BIN)/rths run --full --series essential --method paper --method best --output results $(CASES)
 	@echo
 	@echo "To call rths yourself: source $(BIN)/activate, then for example: rths run configs/el_centro_low_ff_fb.yaml"
 
@@ -33,6 +35,16 @@ check: $(DEV_STAMP) ## lint, types, import layers
 
 bench: $(DEV_STAMP) ## speed against C, numpy, scipy, python-control, and of whole commands (about 4 minutes)
 	@$(BIN)/python benchmarks/run.py
+
+docs: $(DOCS_STAMP) ## build a site from README and docs/ in build/site; a broken link ends it
+	@rm -rf $(SITE) && mkdir -p $(SITE)/benchmarks
+	@cp -R README.md LICENSE docs configs records examples $(SITE) && cp benchmarks/README.md $(SITE)/benchmarks
+	@find $(SITE) -type l -delete
+	@$(BIN)/mkdocs build --strict && echo "open build/site/index.html"
+
+dist: $(DEV_STAMP) ## build wheel and sdist, install the wheel into an empty environment and run a case there
+	@rm -rf dist && $(BIN)/python -m build --no-isolation --outdir dist .
+	@$(BIN)/python benchmarks/try_wheel.py dist/*.whl && ls dist
 
 clean: ## remove the environment and the results
 	rm -rf .venv results build dist
@@ -50,4 +62,8 @@ $(RUN_STAMP): pyproject.toml | $(BIN)/python
 $(DEV_STAMP): pyproject.toml | $(BIN)/python
 	@echo "installing rths and its test tools into $(VENV) (about a minute)"
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[dev]'
+	@touch $@
+
+$(DOCS_STAMP): pyproject.toml | $(BIN)/python
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[docs]'
 	@touch $@

@@ -51,6 +51,19 @@ def test_every_link_leads_somewhere(page: Path) -> None:
     assert [target for target in links(page) if not target.exists()] == []
 
 
+def slugs(page: Path) -> set[str]:
+    """Return the anchors of a page's headings."""
+    heads = re.findall(r"^#+ (.*)$", re.sub(r"^```.*?^```$", "", page.read_text("utf-8"), flags=re.S | re.M), re.M)
+    return {re.sub(r"[^\w -]", "", head.lower()).replace(" ", "-") for head in heads}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_anchor_is_a_heading(page: Path) -> None:
+    found = re.findall(r"\]\((?!https?:)([^)#]*)#([^)]*)\)", page.read_text(encoding="utf-8"))
+    wrong = [(to, at) for to, at in found if at not in slugs((page.parent / to).resolve() if to else page)]
+    assert wrong == []
+
+
 def test_every_page_is_reached_from_the_index() -> None:
     index = DOCS / "index.md"
     assert index in links(ROOT / "README.md")

@@ -10,6 +10,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from rths_cli.analysis.nonlinear_sim import simulate_with_laws
+from rths_cli.analysis.nonlinear_sim_delay import simulate_delayed_with_laws
 from rths_cli.analysis.sim import Response, simulate
 from rths_cli.analysis.sim_delay import DelayedResponse, simulate_delayed
 from rths_cli.errors import InputError
@@ -42,7 +44,16 @@ def _modal_delayed(
     return simulate_delayed(building, dt_s, ground_accel_m_s2, delay_s, sim=sim)
 
 
-REFERENCES = (Reference("exact modes", ("linear",), simulate, _modal_delayed),)
+def _delayed_with_laws(
+    building: Building, dt_s: float, ground_accel_m_s2: Array, delay_s: float, sim: Response
+) -> DelayedResponse:
+    return simulate_delayed_with_laws(building, dt_s, ground_accel_m_s2, delay_s, sim=sim)
+
+
+REFERENCES = (
+    Reference("exact modes", ("linear",), simulate, _modal_delayed),
+    Reference("laws of storeys", ("has_laws",), simulate_with_laws, _delayed_with_laws),
+)
 """Every reference, the one that is preferred first."""
 
 

@@ -8,7 +8,7 @@ Nothing here is shared with the loop, whose reference this is.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,12 +28,21 @@ _MOST_RECURSION = 1e10  # samples times numbers of the matrix recursion: 10 s
 
 
 @dataclass(frozen=True)
+class LawHistory:
+    """What is known of laws: `force_n` (n_storeys, n) the sum of the laws' forces in addition to the storeys' springs,
+    `work_j` (n_storeys, n) the work that it has done so far, positive where the storey has taken it up."""
+
+    force_n: Array
+    work_j: Array
+
+
+@dataclass(frozen=True)
 class Response:
     """Response of a building to a record.
 
     `rel_disp_m`, `rel_vel_m_s` (n_storeys, n) relative to the ground, `abs_accel_m_s2` (n_storeys, n)
     absolute, `base_shear_n` (n,) the force f of Eq. 2.6; `error_estimate` is relative to the peak of each
-    quantity.
+    quantity. `laws` is that of storeys with laws.
     """
 
     rel_disp_m: Array
@@ -41,6 +50,7 @@ class Response:
     abs_accel_m_s2: Array
     base_shear_n: Array
     error_estimate: float
+    laws: LawHistory | None = field(default=None, kw_only=True)
 
 
 def simulate(building: Building, dt_s: float, ground_accel_m_s2: ArrayLike) -> Response:

@@ -259,7 +259,7 @@ def simulate_delayed(
     negative delay, a bad step, record or tolerance, and where that takes more work than is allowed.
     """
     record = checked_record(dt_s, ground_accel_m_s2)
-    _check(delay_s, tolerance)
+    check_delay(delay_s, tolerance)
     if len(building.M) > _MOST_STOREYS:
         raise InputError(
             f"SIM-DELAY: {len(building.M)} storeys, at most {_MOST_STOREYS} in all can be solved with a delay; use "
@@ -286,7 +286,7 @@ def simulate_delayed(
         coarse = fine
 
 
-def _check(delay_s: float, tolerance: float) -> None:
+def check_delay(delay_s: float, tolerance: float) -> None:
     """Raise InputError unless the delay is zero or more and the tolerance positive."""
     faults = []
     if not (math.isfinite(delay_s) and delay_s >= 0):

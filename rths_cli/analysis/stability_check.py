@@ -198,15 +198,16 @@ def _fragile(found: Stability, feedback: bool, least_delay_s: float) -> list[Fau
         faults.append(Fault("measured response", text, found.apart))
     if not found.tolerates >= found.required:
         text = (
-            f"{_with_gain(found.gain)}an error of {found.tolerates:.2%} in the table's response at "
-            f"{found.at_hz:.3g} Hz makes the loop unstable, it must stand {found.required:.2%}; "
+            f"{_with_gain(found.gain)}the loop tolerates only {found.tolerates:.2%} error of the table at "
+            f"{found.at_hz:.3g} Hz, {found.required:.2%} is required; "
             f"{_advice(found.at_hz, feedback, found.compared)}"
         )
         faults.append(Fault("table error", text, _over(found.required, found.tolerates)))
     if not found.measured.delay_margin_s >= least_delay_s:
         text = (
-            f"{1e3 * found.measured.delay_margin_s:.3g} ms of further delay make the loop unstable, it must stand "
-            f"{1e3 * least_delay_s:.3g} ms; put less of the interface floor's mass on the table, or add damping"
+            f"the loop tolerates only {1e3 * found.measured.delay_margin_s:.3g} ms of further delay, "
+            f"{1e3 * least_delay_s:.3g} ms are required; put less of the interface floor's mass on the table, or add "
+            "damping"
         )
         faults.append(Fault("delay", text, _over(least_delay_s, found.measured.delay_margin_s)))
     return faults

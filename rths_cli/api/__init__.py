@@ -17,6 +17,7 @@ from rths_cli.api.results import CheckResult, Group, ModelResult, RunResult
 from rths_cli.errors import InputError, LimitError, RigError, RthsError
 from rths_cli.numerics.compiler_messages import announce
 from rths_cli.quantities import METRICS, intervals_of
+from rths_cli.quantities.datasets import KEPT_SERIES
 from rths_cli.rigs.description import capabilities_of
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ Settings = Mapping[str, object]
 CaseGiven = str | Path | Mapping[str, Any]
 Progress = Callable[[str], object]
 Method = Literal["paper", "best"]
+KeptSeries = Literal["all", "essential", "none"]
 Samples = Sequence[str | Path] | Callable[["Identification"], Sequence["Identification"]]
 BY_CODE = {3: LimitError, 4: RigError}
 
@@ -59,6 +61,8 @@ def run(
     yes: bool = False,
     parts: OwnParts | None = None,
     samples: Samples = (),
+    series: KeptSeries = "all",
+    replace: bool = True,
     progress: Progress | None = None,
 ) -> RunResult:
     """Run a case as `rths run` does and return its result, also one that was refused or stopped: see its `status`.
@@ -70,18 +74,31 @@ def run(
     whose file says `unattended: true`; nothing else moves a real rig. `parts`: functions that make a part of the step
     from the designed one, by its place: numerical, feedforward or feedback (docs/reference/parts.md). `samples`:
     further, equally likely identifications, on which the check judges the design too: model files of this rig and
-    specimen, or a function that makes them from the nominal one.
+    specimen, or a function that makes them from the nominal one. `series`: those that the file keeps, "all",
+    "essential" or "none", as `--series`. `replace` False: a result that exists is refused, as `--no-replace` does.
 
     Raises InputError when the case cannot be run, RigError, LimitError or RthsError when there is no result.
     """
     given = _texts(settings, method)
     _check_rig(_given(case), given, output is None)
+    if series not in KEPT_SERIES:
+        raise InputError(f"series is {series!r}; it must be one of {', '.join(KEPT_SERIES)}")
     folder = Path(tempfile.mkdtemp(prefix="rths-")) if output is None else Path(output)
     try:
         with _signals() as poll:
             tell = _telling(progress, poll)
             ended = _run(
-                _given(case), given, folder, tuple(overrides), fresh, yes, tell, _places(parts), _files(samples)
+                _given(case),
+                given,
+                folder,
+                tuple(overrides),
+                fresh,
+                yes,
+                tell,
+                _places(parts),
+                _files(samples),
+                series,
+                replace,
             )
         if ended.path is None:
             raise BY_CODE.get(ended.exit_code, RthsError)(ended.reason)
@@ -135,12 +152,14 @@ def identify(
     *,
     settings: Settings | None = None,
     yes: bool = False,
+    replace: bool = True,
     progress: Progress | None = None,
 ) -> ModelResult:
     """Identify the rig and specimen of a case as `rths identify` does and write the model file `output`.
 
-    A real rig is moved only with `yes`, and only when its file says `unattended: true`. Raises InputError when the case
-    or the output cannot be used, LimitError or RigError when the excitation was stopped or gave no usable channels.
+    `replace` False: a model file that exists is refused. A real rig is moved only with `yes`, and only when its file
+    says `unattended: true`. Raises InputError when the case or the output cannot be used, LimitError or RigError when
+    the excitation was stopped or gave no usable channels.
     """
     from rths_cli.experiment.identify_command import Asked, make_model
     from rths_cli.experiment.operator_consent import ask_to_move
@@ -151,7 +170,9 @@ def identify(
     given = ("identification.model=null", *_texts(settings, None))
     _check_rig(str(case), given, False)
     with _signals() as poll:
-        made = make_model(Asked(str(case), given, output=Path(output), draw=False), _telling(progress, poll), permit)
+        made = make_model(
+            Asked(str(case), given, output=Path(output), draw=False, replace=replace), _telling(progress, poll), permit
+        )
     found = made.found
     if found is None:
         raise RigError("; ".join(made.unfit.faults) if made.unfit else "no model can be made from these channels")
@@ -235,17 +256,23 @@ def from_control(system: control.StateSpace | control.TransferFunction | control
     return python_control.from_control(system)
 
 
-def plot(result: RunResult | str | Path, name: str, width: Literal["one", "two"] = "two") -> Figure:
+def plot(
+    result: RunResult | str | Path, name: str, width: Literal["one", "two"] = "two",
+    header: Literal["case", "none"] = "case",
+) -> Figure:  # fmt: skip
     """Draw a figure of a result or its file, say "tracking", for one column of a page (84 mm) or two (174 mm).
 
-    `plot(result, "tracking").savefig("tracking.pdf")` writes it. Raises InputError for a name that is none of the
-    figures, and when the result does not hold what the figure shows.
+    A case with a scale and `report_in: prototype` is drawn in prototype scale.
+
+    `plot(result, "tracking").savefig("tracking.pdf")` writes it; `header="none"` leaves case and table out. Raises
+    InputError for a name that is none of the figures, and when the result does not hold what the figure shows.
     """
     from rths_cli.report.figures import draw
+    from rths_cli.report.result_scale import reported
 
     opened = result if isinstance(result, RunResult) else load(result)
     opened.check_unchanged()
-    return draw(name, opened.contents, width)
+    return draw(name, reported([opened.contents])[0], width, header)
 
 
 def _given(case: CaseGiven) -> CaseGiven:
@@ -263,6 +290,8 @@ def _run(
     tell: Callable[[str], None],
     parts: OwnParts,
     samples: OwnSamples,
+    series: str,
+    replace: bool,
 ) -> Ended:
     """Run one case by the workflow of `rths run`."""
     from rths_cli.case.load import load_cases
@@ -272,13 +301,14 @@ def _run(
         cases=tuple(load_cases([case], settings)),
         methods=(),
         output=folder,
-        replace=True,
+        replace=replace,
         command_line=" ".join(["rths_cli.run", "{...}" if isinstance(case, Mapping) else str(case), *settings]),
         overrides=overrides,
         parts=parts,
         samples=samples,
         fresh=fresh,
         yes=yes,
+        series=series,
     )
     return run_batch(request, _Script(tell))[0]
 

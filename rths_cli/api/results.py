@@ -75,10 +75,12 @@ class Group:
         """Return an array with its `units`, `long_name`, `source` and `dims`; raises MissingError."""
         import numpy as np
 
-        from rths_cli.files.result_reader import read_dataset
+        from rths_cli.files.result_reader import left_out, read_dataset
 
         if name not in (*self._outline.datasets, *self._outline.scales):
-            raise MissingError(f"{self._result.path}: there is no {name} in {self._path}; it holds {', '.join(self)}.")
+            why = left_out(f"{self._path}/{name}", self._result.contents.series)
+            there = why or f"there is no {name} in {self._path}; it holds {', '.join(self)}"
+            raise MissingError(f"{self._result.path}: {there}.")
         self._result.check_unchanged()
         small, path = self._result.small, f"{self._path}/{name}"
         found = small[path] if path in small else read_dataset(self._result.path, path)
@@ -175,19 +177,37 @@ class RunResult:
         return Figures(self.contents.metrics)
 
     @property
+    def scale_factors(self) -> Mapping[str, float] | None:
+        """Return the factors by quantity (`length`, `time`, `force`, ...), prototype over model; None without a scale.
+
+        Figures and arrays of a result are in model scale.
+        """
+        from rths_cli.report.result_scale import scale_of
+
+        scale = scale_of(self.contents)
+        return None if scale is None else scale.factors
+
+    @property
     def response(self) -> StructuralResponse:
         """Return the building's response in EXP-RTHS or, without one, in SIM; raises MissingError without both."""
         return self.response_in("exp_rths" if "rel_disp_m" in self._arrays("exp_rths") else "sim")
 
     def response_in(self, run: str) -> StructuralResponse:
-        """Return the building's response in `sim`, `sim_delay` or `exp_rths`; raises MissingError where it has none."""
+        """Return the building's response in `sim`, `sim_delay` or `exp_rths`; raises MissingError where it has none.
+
+        Drifts and shears that the file does not hold follow from displacements and accelerations.
+        """
         from rths_cli.analysis.structural_response import inter_storey_drift_m, storey_shear_n
         from rths_cli.files.stored_case import floor_masses_kg
 
-        group = self[run]
+        group, held = self[run], self._arrays(run)
         disp, accel = group["rel_disp_m"], group["abs_accel_m_s2"]
-        shear = storey_shear_n(floor_masses_kg(self.contents), accel)
-        return StructuralResponse(run, group["time_s"], disp, accel, inter_storey_drift_m(disp), shear)
+        drift = group["inter_storey_drift_m"] if "inter_storey_drift_m" in held else inter_storey_drift_m(disp)
+        if "storey_shear_n" in held:
+            shear = group["storey_shear_n"]
+        else:
+            shear = storey_shear_n(floor_masses_kg(self.contents), accel)
+        return StructuralResponse(run, group["time_s"], disp, accel, drift, shear)
 
     def to_xarray(self, group: str = "exp_rths") -> Any:
         """Return the arrays of a group as an xarray.Dataset; needs xarray."""
@@ -230,8 +250,9 @@ class RunResult:
         """Return the names of the groups."""
         return self.contents.groups
 
-    def export(self, folder: str | Path, to: str = "mat", replace: bool = False) -> list[Path]:
-        """Write the result as `csv`, `mat` or `netcdf` and return the files; raises InputError."""
+    def export(self, folder: str | Path, to: str = "mat", replace: bool = True) -> list[Path]:
+        """Write the result as `csv`, `mat` or `netcdf` and return the files; raises InputError, without `replace` also
+        where one exists."""
         from rths_cli.report.export.export_command import FORMATS, ExportRequest, export
 
         if to not in FORMATS:
@@ -247,12 +268,17 @@ class RunResult:
     def __getitem__(self, name: str) -> Group:
         if name not in self.outlines:
             known = ", ".join(self.groups) or "none"
-            raise MissingError(f"{self.path}: holds no group {name} (status {self.status}); its groups are {known}.")
+            there = f"holds no group {name} (status {self.status}); its groups are {known}"
+            if name == "record" and self.contents.series != "all":
+                there = f"keeps no {name}, the case was run with --series {self.contents.series}"
+            raise MissingError(f"{self.path}: {there}.")
         return Group(self, name)
 
     def __getattr__(self, name: str) -> Group:
         if name.startswith("_") or name == "outlines":
             raise AttributeError(name)
+        if isinstance(own := getattr(type(self), name, None), property):  # it raised MissingError, which says more
+            return own.__get__(self)
         return self[name]
 
     def __contains__(self, name: object) -> bool:
@@ -269,8 +295,9 @@ class RunResult:
 
     def _repr_html_(self) -> str:
         from rths_cli.report.answer import answer
+        from rths_cli.report.result_scale import reported
 
-        return _as_html(answer(self.contents))
+        return _as_html(answer(reported([self.contents])[0]))
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ from rths_cli.case.real_rig_overrides import REAL_DEFAULTS, STRICTER
 from rths_cli.case.reference_schema import ReferenceSpec
 from rths_cli.case.rig_capabilities import DEFAULT_KIND, Capabilities, capabilities_of
 from rths_cli.case.rig_schema import DEFAULT_LOST_SAMPLES, AnyRig, LimitOverrides, LimitsSpec, UdpRigSpec
+from rths_cli.case.scale_schema import ScaleSpec
 from rths_cli.case.structure_schema import DampingSpec, StructureSpec
 from rths_cli.numerics.bands import COMPARED_HZ, TEST_BAND_HZ
 
@@ -242,6 +243,15 @@ class CaseKeys(Strict):
     )
     record: RecordSpec = Field(description="the ground motion")
     scaling: Annotated[float, Range(gt=0, le=100)] = Field(description="factor on the record")
+    scale: ScaleSpec | None = Field(
+        default=None,
+        description="scale of the model, prototype over model. The structure is the model as it stands in the "
+        "laboratory, the record is the prototype's and is compressed; default: the record is the model's",
+    )
+    report_in: Literal["model", "prototype"] = Field(
+        default="model",
+        description="in which scale reports print the building's response; result files hold the model's",
+    )
     controller: ControllerSpec = Field(description="controller of the table")
     table: AnyRig = Field(description="the rig; default: aps400_virtual")
     method: Literal["best", "paper"] = Field(

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import difflib
-import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, get_args
 
 from pydantic import (
     BaseModel,
@@ -18,6 +17,15 @@ from pydantic import (
     model_validator,
 )
 from pydantic_core import CoreSchema, ErrorDetails, InitErrorDetails, PydanticCustomError, core_schema
+
+LEAST_PART = 4  # characters of a name that another one contains
+MISSING = {
+    "kind": "is missing; add extends: NAME of the rig that it varies, or the kind of a rig of its own",
+    "experimental": "is missing; add experimental: masses_kg, stiffness_n_per_m and damping_ratios of the storeys on "
+    "the table",
+    "numerical": "is missing; add numerical: masses_kg and stiffness_n_per_m of the computed storeys",
+}
+"""What to say of a key that is missing, where adding the key alone would not help."""
 
 Problem = tuple[tuple[str | int, ...], str]
 """A fault found by comparing keys: location below the model, sentence."""
@@ -130,6 +138,7 @@ def near(name: str, known: Iterable[str]) -> str:
     """Return `; did you mean ...?` or the list of what exists, as the end of a sentence."""
     names = sorted(known)
     matches = difflib.get_close_matches(name[:80], names, n=3, cutoff=0.6)
+    matches = matches or [one for one in names if len(name) >= LEAST_PART and name.casefold() in one][:3]
     if matches:
         return f"; did you mean {' or '.join(matches)}?"
     return f"; known: {', '.join(names)}" if names else "; there is none"
@@ -172,7 +181,7 @@ def exactly_one(data: Mapping[str, Any], first: str, second: str) -> Iterator[Pr
 def same_length(data: Mapping[str, Any], key: str, count: int | None, of: str) -> Iterator[Problem]:
     """Yield a fault when a list has another length than there are `of`."""
     values = listed(data, key)
-    if values is not None and count is not None and len(values) != count:
+    if values is not None and count and len(values) != count:
         yield (key,), f"must have one entry per {of}, {count} in all, got {len(values)}"
 
 
@@ -187,14 +196,17 @@ def _in_words(cls: type[Strict], error: ErrorDetails) -> InitErrorDetails:
         return _detail(kind, loc, error["msg"])
     if kind == "extra_forbidden":
         key = str(loc[-1])
-        return _detail("unknown_key", loc, cls.elsewhere.get(key) or "unknown key" + near(key, cls.model_fields))
+        return _detail("unknown_key", loc, cls.elsewhere.get(key) or "unknown key" + _near_key(key, cls))
     if kind == "missing":
-        return _detail("fault", loc, f"is missing; add {loc[-1]}")
+        return _detail("fault", loc, MISSING.get(str(loc[-1])) or f"is missing; add {loc[-1]}")
     if kind == "too_short" and error.get("ctx", {}).get("min_length") == 1:
-        return _detail("fault", loc, "is empty; put at least one entry into the list")
+        what = "storey" if loc[-1] == "masses_kg" else "entry"
+        return _detail("fault", loc, f"is empty; put at least one {what} into the list")
     wanted = _wanted(cls, error)
     message = f"must be {wanted}, got {shown(error['input'])}" if wanted else error["msg"]
-    return _detail("fault", loc, message + (_meant(error["input"]) if wanted == "a number" else ""))
+    if wanted == "a list" and isinstance(error["input"], str | int | float):
+        message += f"; write [{error['input']}]"
+    return _detail("fault", loc, message)
 
 
 def _counts_faulty_entries(error: ErrorDetails) -> bool:
@@ -203,13 +215,29 @@ def _counts_faulty_entries(error: ErrorDetails) -> bool:
     return error["type"] == "too_short" and isinstance(given, list | tuple) and len(given) >= error["ctx"]["min_length"]
 
 
-def _meant(value: object) -> str:
-    """Return how to write a number that came as a percentage or with a decimal comma, as the end of a sentence."""
-    text = str(value).strip()
-    share = re.fullmatch(r"([-+]?[0-9]*[.,]?[0-9]+)\s*%", text)
-    if share:
-        return f"; write {float(share[1].replace(',', '.')) / 100.0:g}"
-    return f"; write {text.replace(',', '.')}" if re.fullmatch(r"[-+]?[0-9]+,[0-9]+", text) else ""
+def _near_key(key: str, cls: type[Strict]) -> str:
+    """Return the end of a sentence on an unknown key: keys like it, that key inside another one, or what is known."""
+    found = near(key, cls.model_fields)
+    paths = dict.fromkeys(path for path in dotted_keys(cls) if path.split(".")[-1] == key)
+    inside = [] if "did you mean" in found else list(paths)
+    return f"; did you mean {' or '.join(inside[:3])}?" if inside else found
+
+
+def dotted_keys(cls: type[Strict], above: str = "", depth: int = 2) -> Iterator[str]:
+    """Yield the dotted paths of the keys of a model and of the models inside it; some come more than once."""
+    for name, info in cls.model_fields.items():
+        yield above + name
+        if depth:
+            for model in _models(info.annotation):
+                yield from dotted_keys(model, f"{above}{name}.", depth - 1)
+
+
+def _models(annotation: Any) -> Iterator[type[Strict]]:
+    """Yield the models in a field's type."""
+    if isinstance(annotation, type) and issubclass(annotation, Strict):
+        yield annotation
+    for part in get_args(annotation):
+        yield from _models(part)
 
 
 def _wanted(cls: type[Strict], error: ErrorDetails) -> str:

@@ -14,6 +14,7 @@ TELLING = {
     "structures": ("numerical", "experimental", "damping_levels", "interface_experimental_mass_kg", "heights_m"),
     "rigs": ("kind", "physics", "sensors", "channels", "converters", "nominal", "after_identification", "udp", "ni"),
     "references": ("title", "source", "entries"),
+    "studies": ("case", "axes", "samples", "correlations", "constraints"),
 }
 """Top-level keys by which a YAML file is recognised; no other kind of file has them."""
 KEY_IN_CASE = {"structures": "structure", "rigs": "table", "references": "reference", "records": "record"}
@@ -70,6 +71,8 @@ def written_by_rths(path: Path, wanted: str = "case") -> str:
 
 def no_case(kind: str, name: str) -> str:
     """Return what a file of another kind is, given its name or path, and what to do, as the end of a sentence."""
+    if kind == "studies":
+        return f"is a study, not a case; rths sweep {name} runs it"
     what = kind.removesuffix("s")
     named = Path(name).stem if os.path.basename(name) == name else name
     look = f", or look at it with rths structure {name}" if kind == "structures" else ""

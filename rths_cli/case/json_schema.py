@@ -10,19 +10,21 @@ from pydantic import TypeAdapter
 
 from rths_cli.case.case_schema import CaseKeys, ReferenceSpec, StructureSpec
 from rths_cli.case.rig_schema import KINDS, AnyRig, PluginRigSpec, RigSpec
+from rths_cli.case.study_schema import StudyKeys
 
 MODELS: dict[str, Any] = {
     "case": CaseKeys,
     "structure": StructureSpec,
     "rig": AnyRig,
     "reference": ReferenceSpec,
+    "study": StudyKeys,
 }
 EXTENDS = {"type": "object", "required": ["extends"]}
 NAME = {"type": "string", "minLength": 1, "description": "a name or a path"}
 
 
 def schema(kind: str = "case") -> dict[str, Any]:
-    """Return the JSON Schema of a case file, or of a structure, rig or reference file."""
+    """Return the JSON Schema of a case file, or of a structure, rig, reference or study file."""
     generated = TypeAdapter(MODELS[kind]).json_schema()
     definitions = generated.pop("$defs")
     if kind == "case":
@@ -31,6 +33,10 @@ def schema(kind: str = "case") -> dict[str, Any]:
         generated = _with_extends(generated, definitions)
     elif kind == "rig":
         generated = _any_rig(definitions)
+    elif kind == "study":
+        bare_list = {"type": "array", "minItems": 1}
+        generated["properties"]["axes"]["additionalProperties"]["anyOf"].insert(0, bare_list)
+        generated["properties"]["seeds"]["anyOf"].insert(0, {"type": "integer", "minimum": 1})
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": f"rths {kind} file"}
     return {**generated, **head, "$defs": definitions}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass
 
-from rths_cli.case.case_schema import Case
+from rths_cli.case.case_schema import RUNS, Case
 
 TABLE_RUNS = ("shake_table", "exp_rths")
 LABELS = {"sim": "SIM", "sim_delay": "SIM-DELAY", "shake_table": "the shake-table test", "exp_rths": "EXP-RTHS"}
@@ -30,6 +30,7 @@ USES = {
     "delay_s": Use(("sim_delay",)),
     "integration": Use(("exp_rths",)),
     "grade_limits": Use(("exp_rths",)),
+    "report_in": Use(RUNS, lambda case: case.scale is not None, "a case with a scale reads it"),
     "method": Use(TABLE_RUNS),
     "table": Use(("sim_delay", *TABLE_RUNS)),  # the sensors decide from which frequency on errors are judged
     "limits": Use(TABLE_RUNS),

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 from yaml import YAMLError
 
+from rths_cli.case.advice import with_advice
 from rths_cli.case.case_schema import Case, CaseKeys
-from rths_cli.case.file_kinds import kind_of_tree, no_case, written_by_rths
+from rths_cli.case.file_kinds import is_record, kind_of, kind_of_tree, no_case, written_by_rths
 from rths_cli.case.json_schema import schema
 from rths_cli.case.named_files import find, is_bare, known, shipped
 from rths_cli.case.reference_schema import ReferenceSpec
@@ -25,14 +27,19 @@ from rths_cli.case.resolve import (
     read_settings,
 )
 from rths_cli.case.rig_schema import AnyRig, RigSpec
+from rths_cli.case.scale_schema import ScaleSpec
 from rths_cli.case.structure_schema import DampingSpec, StructureSpec
+from rths_cli.case.study_schema import StudyKeys
 from rths_cli.case.yaml_reader import dump, parse, read_file
 from rths_cli.case.yaml_tree import Fault, Mark, Node, Source, display, join, plain
 from rths_cli.errors import InputError
 
 Read = TypeVar("Read")
 
-__all__ = ["load_all", "load_cases", "load_reference", "load_rig", "load_structure", "resolved_yaml", "schema"]
+__all__ = [
+    "PlacedSettings", "WrittenCase", "load_all", "load_cases", "load_reference", "load_rig", "load_structure",
+    "load_study", "load_written", "read_case", "resolved_yaml", "schema", "study_file", "written_case",
+]  # fmt: skip
 
 
 Given = Path | str | Mapping[str, Any]
@@ -59,6 +66,78 @@ def load_cases(
     return cases
 
 
+@dataclass(frozen=True)
+class WrittenCase:
+    """A case as it is written, before settings are put in: its file (or where names in it are looked up) and text."""
+
+    path: Path
+    text: str
+    tree: Node
+    faults: tuple[Fault, ...] = ()
+
+
+def read_case(given: Given) -> WrittenCase:
+    """Return the case of a file or a mapping as it is written; raises InputError when it holds none."""
+    written, faults = _read(given)
+    if written is None:
+        raise InputError(*dict.fromkeys(str(fault) for fault in faults))
+    return written
+
+
+def written_case(text: str, path: Path) -> WrittenCase:
+    """Return the case of a text that was once read from `path`; raises InputError when it holds none."""
+    tree, faults = parse(text, Source(display(path), path.parent, path))
+    if tree is None or not isinstance(tree.value, dict):
+        raise InputError(*(map(str, faults) if faults else (f"{display(path)}: must hold the keys of a case",)))
+    return WrittenCase(path, text, tree, tuple(faults))
+
+
+@dataclass(frozen=True)
+class PlacedSettings:
+    """Settings KEY=VALUE, and where relative paths in the values start (None: the present folder)."""
+
+    texts: Sequence[str]
+    folder: Path | None = None
+
+
+def load_written(written: WrittenCase, *settings: PlacedSettings) -> Case:
+    """Return a written case with settings put in, in their order; raises InputError with all faults."""
+    found: list[Setting] = []
+    faults: list[Fault] = []
+    for one in settings:
+        read, wrong = read_settings(one.texts, folder=one.folder)
+        found, faults = [*found, *read], [*faults, *wrong]
+    case, wrong = _checked(written, found)
+    if faults or case is None:
+        raise InputError(*dict.fromkeys(str(fault) for fault in (*faults, *wrong)))
+    return case
+
+
+def study_file(name: str) -> Path | None:
+    """Return the file of a study that a name or path stands for, None when it stands for something else."""
+    try:
+        path = _case_file(name)
+    except InputError:
+        return None
+    return path if os.path.isfile(path) and kind_of(path) == "studies" else None
+
+
+def load_study(path: Path) -> tuple[StudyKeys, dict[str, str]]:
+    """Return a study, and where each of its axes stands as faults give it; raises InputError with all its faults."""
+    _, tree, faults = read_file(path)
+    study: StudyKeys | None = None
+    if tree is not None:
+        try:
+            study = StudyKeys.model_validate(plain(tree))
+        except ValidationError as error:
+            faults = [*faults, *(_fault(tree, entry["type"], entry["loc"], entry["msg"]) for entry in error.errors())]
+    if tree is None or study is None or faults:
+        faults = sorted(faults, key=lambda fault: (fault.mark.line, fault.mark.column))
+        raise InputError(*dict.fromkeys(str(fault) for fault in faults))
+    axes = tree.children["axes"].children if "axes" in tree.children else {}
+    return study, {key: f"{node.place}: axes.{key}" for key, node in axes.items()}
+
+
 def load_all(paths: Sequence[Given], settings: Sequence[str], methods: Sequence[str]) -> list[Case]:
     """Return the cases, loaded once for each of `methods` (empty: with their own method), method by method.
 
@@ -71,8 +150,8 @@ def load_all(paths: Sequence[Given], settings: Sequence[str], methods: Sequence[
     return cases
 
 
-def load_structure(name: str) -> tuple[StructureSpec, tuple[DampingSpec, ...], Path]:
-    """Return the building that a name or path stands for, its damping levels, and its file.
+def load_structure(name: str) -> tuple[StructureSpec, tuple[DampingSpec, ...], Path, ScaleSpec | None]:
+    """Return the building that a name or path stands for, its damping levels, its file, and the scale of a case.
 
     A case stands for its building, with the case's own damping alone. Raises InputError with all faults of the file.
     """
@@ -84,13 +163,13 @@ def load_structure(name: str) -> tuple[StructureSpec, tuple[DampingSpec, ...], P
     kind = kind_of_tree(tree)
     if kind == "cases":
         case = load_cases([path])[0]
-        return case.structure, (case.damping,), path
+        return case.structure, (case.damping,), path, case.scale
     if kind in ("rigs", "references"):
         raise InputError(
             f"{display(path)}: is a {kind.removesuffix('s')}, not a structure; rths list structures lists them"
         )
     spec = _load_file(path, "structures", StructureSpec.model_validate)
-    return spec, tuple(spec.damping_levels.values()), path
+    return spec, tuple(spec.damping_levels.values()), path, None
 
 
 def load_rig(path: Path) -> RigSpec:
@@ -138,8 +217,14 @@ def resolved_yaml(case: Case) -> str:
 
 def _load(path: Given, settings: Sequence[Setting]) -> tuple[Case | None, list[Fault]]:
     """Return the case of one file or mapping, None with its faults."""
+    written, faults = _read(path)
+    return (None, faults) if written is None else _checked(written, settings)
+
+
+def _read(path: Given) -> tuple[WrittenCase | None, list[Fault]]:
+    """Return the case of one file or mapping as it is written, None with its faults."""
     if isinstance(path, Mapping):
-        return _load_mapping(path, settings)
+        return _read_mapping(path)
     try:
         found = _case_file(str(path))
     except InputError as error:
@@ -151,13 +236,16 @@ def _load(path: Given, settings: Sequence[Setting]) -> tuple[Case | None, list[F
         return None, [Fault(Mark(Source(display(found), Path.cwd())), "", written)] if written else faults
     if (kind := kind_of_tree(tree)) not in ("", "cases"):
         return None, [Fault(Mark(tree.mark.source), "", no_case(kind, str(path)))]
+    if not isinstance(tree.value, dict) and is_record(found):
+        return None, [Fault(Mark(tree.mark.source), "", no_case("records", str(path)))]
     if not isinstance(tree.value, dict):
-        message = "must hold the keys of a case, at least structure, damping, record, scaling and controller"
+        found_in = "is empty; write" if tree.value is None else "must hold"
+        message = f"{found_in} the keys of a case, at least structure, damping, record, scaling and controller"
         return None, [*faults, Fault(tree.mark, "", message)]
-    return _checked(found, text, tree, faults, settings)
+    return WrittenCase(found, text, tree, tuple(faults)), []
 
 
-def _load_mapping(keys: Mapping[str, Any], settings: Sequence[Setting]) -> tuple[Case | None, list[Fault]]:
+def _read_mapping(keys: Mapping[str, Any]) -> tuple[WrittenCase | None, list[Fault]]:
     """Return the case of a mapping, None with its faults; names and relative paths start at the present folder."""
     source = Source("case", Path.cwd())
     try:
@@ -167,19 +255,17 @@ def _load_mapping(keys: Mapping[str, Any], settings: Sequence[Setting]) -> tuple
     tree, faults = parse(text, source)
     if tree is None or not isinstance(tree.value, dict):
         return None, faults or [Fault(Mark(source), "", "must hold the keys of a case")]
-    return _checked(Path.cwd() / f"{keys.get('name') or 'case'}.yaml", text, tree, faults, settings)
+    return WrittenCase(Path.cwd() / f"{keys.get('name') or 'case'}.yaml", text, tree, tuple(faults)), []
 
 
-def _checked(
-    found: Path, text: str, tree: Node, faults: list[Fault], settings: Sequence[Setting]
-) -> tuple[Case | None, list[Fault]]:
-    """Return the case of a document with settings put in, None with its faults."""
-    tree = apply_settings(tree, settings)
-    expanded, more, lost = expand_case(tree, found.stem)
-    case, wrong = _validate(expanded, lost, found, text, tuple(_stated(tree)))
-    unread = {fault.mark for fault in faults if fault.mark.line}
+def _checked(written: WrittenCase, settings: Sequence[Setting]) -> tuple[Case | None, list[Fault]]:
+    """Return a written case with settings put in, None with its faults."""
+    tree = apply_settings(written.tree, settings)
+    expanded, more, lost = expand_case(tree, written.path.stem)
+    case, wrong = _validate(expanded, lost, written.path, written.text, tuple(_stated(tree)))
+    unread = {fault.mark for fault in written.faults if fault.mark.line}
     wrong = [fault for fault in wrong if fault.mark not in unread]
-    faults = sorted([*faults, *more, *wrong], key=lambda fault: (fault.mark.line, fault.mark.column))
+    faults = sorted([*written.faults, *more, *wrong], key=lambda fault: (fault.mark.line, fault.mark.column))
     return (None if faults else case), faults
 
 
@@ -205,7 +291,8 @@ def _validate(
         keys = CaseKeys.model_validate(plain(tree))
     except ValidationError as error:
         faults = [_fault(tree, entry["type"], entry["loc"], entry["msg"]) for entry in error.errors()]
-        return None, [fault for fault, entry in zip(faults, error.errors(), strict=True) if entry["loc"][0] not in lost]
+        wrong = [fault for fault, entry in zip(faults, error.errors(), strict=True) if entry["loc"][0] not in lost]
+        return None, _first_of_each_value(wrong)
     table = keys.table.model_copy(update={"limits": keys.table.limits.tightened(keys.limits)})
     about = {"path": path.absolute(), "yaml_text": text, "rig_file": _rig_file(tree, path.absolute()), "stated": stated}
     return Case.model_construct(**dict(keys) | {"table": table} | about), []  # its values are those checked above
@@ -231,7 +318,22 @@ def _fault(tree: Node, kind: str, loc: tuple[int | str, ...], message: str) -> F
         elif isinstance(part, int) and isinstance(node.value, tuple) and part < len(node.value):
             path, node = join(path, part), node.value[part]
     at_key = kind == "unknown_key" or not key_found or isinstance(node.value, dict)
-    return Fault(node.place if at_key else node.mark, path, message)
+    if not key_found and kind != "unknown_key" and node.place.source.path != node.mark.source.path:
+        at_key = False  # it is missing in the file that is named here
+    name = next((part for part in reversed(loc) if isinstance(part, str)), "")
+    return Fault(node.place if at_key else node.mark, path, with_advice(name, message))
+
+
+def _first_of_each_value(faults: Sequence[Fault]) -> list[Fault]:
+    """Return the faults without further ones of a value that is out of its range, or of a wrong type."""
+    first: dict[tuple[Mark, str], Fault] = {}
+    kept = []
+    for fault in faults:
+        of_value = fault.message.startswith("must be ") and ", got " in fault.message
+        if of_value and first.setdefault((fault.mark, fault.key), fault) is not fault:
+            continue
+        kept.append(fault)
+    return kept
 
 
 def _repeated_names(cases: Sequence[Case]) -> list[Fault]:

@@ -34,17 +34,18 @@ NOTHING_TYPED: Mapping[str, str] = {}
 
 
 def read_settings(
-    settings: Sequence[str], typed: Mapping[str, str] = NOTHING_TYPED
+    settings: Sequence[str], typed: Mapping[str, str] = NOTHING_TYPED, folder: Path | None = None
 ) -> tuple[list[Setting], list[Fault]]:
     """Return keys and value of each `key.sub=value`, and the faults of those that are none.
 
-    `typed`: the option by which the user gave a setting that is no --set.
+    `typed`: the option by which the user gave a setting that is no --set; `folder`: where relative paths in the values
+    start, None: the present one.
     """
     found: list[Setting] = []
     faults: list[Fault] = []
     for text in settings:
         key, sign, value = text.partition("=")
-        source = Source(typed.get(text, f"--set {printable(key.strip())}")[:120], Path.cwd())
+        source = Source(typed.get(text, f"--set {printable(key.strip())}")[:120], folder or Path.cwd())
         keys = _setting_keys(key.strip())
         if len(keys) > MOST_KEYS:
             faults.append(Fault(Mark(source), "", f"names {len(keys)} keys inside each other, at most {MOST_KEYS}"))

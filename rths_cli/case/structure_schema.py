@@ -9,6 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import ConfigDict, Discriminator, Field, Tag, field_validator
 
 from rths_cli.case.field_types import Problem, Range, Strict, count, entry, exactly_one, listed, number, same_length
+from rths_cli.case.storey_law_schema import StoreyLaws
 
 MAX_STOREYS = 200
 
@@ -49,7 +50,7 @@ NumericalStiffness = Annotated[
 class DampingSpec(Strict):
     """Hold the numerical storeys' damping: the total structure's first modal ratio, or dashpots (p,)."""
 
-    wanted: ClassVar[str] = "a name or a mapping"
+    wanted: ClassVar[str] = "the name of a level, or a mapping such as {first_mode_ratio: 0.03}"
 
     model_config = ConfigDict(json_schema_extra=_one_of(("first_mode_ratio", "dashpots_n_s_per_m")))
 
@@ -77,10 +78,19 @@ class NumericalSpec(Strict):
     stiffness_n_per_m: NumericalStiffness = Field(
         description="storey stiffnesses from the ground, or the mean of the experimental ones"
     )
+    law: StoreyLaws | None = Field(
+        default=None,
+        description="laws of the storeys from the ground: per storey a law, a list of laws in parallel, or nothing; "
+        "one law alone is that of the only storey",
+    )
 
     @classmethod
     def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
         yield from same_length(data, "stiffness_n_per_m", count(data, "masses_kg"), "storey")
+        storeys, law = count(data, "masses_kg"), data.get("law")
+        if isinstance(law, Mapping) and storeys is not None and storeys > 1:
+            yield ("law",), f"is one law, but there are {storeys} storeys; give a list with an entry for each"
+        yield from same_length(data, "law", storeys, "storey")
 
 
 class ExperimentalSpec(Strict):

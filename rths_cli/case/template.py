@@ -19,6 +19,8 @@ controller: FF+FB              # FF, FF+FB or none (the table as delivered)
 # method: best                   # or paper: the control of the paper, as printed
 # integration: exact             # of the numerical storeys: exact, cr (Chen-Ricles) or newmark (explicit)
 # runs: [sim, sim-delay, shake-table, exp-rths]
+# scale: {length: 2.4, acceleration: 1}   # prototype over model: the record is the prototype's and is compressed
+# report_in: model               # or prototype: how reports print the building's response, where there is a scale
 # sample_rate_hz: 2000
 # delay_s: 0.005                 # the delay of sim-delay
 # test_band_hz: 12               # errors are judged below it; the identified and checked bands follow

@@ -172,13 +172,16 @@ def _syntax_fault(error: Exception, text: str, source: Source) -> Fault:
         if error.problem_mark is not None:
             line, column = error.problem_mark.line + 1, error.problem_mark.column + 1
     elif isinstance(error, yaml.reader.ReaderError):
-        problem = "a control character"
+        problem = "a control character; save the file as plain text"
         line = text.count("\n", 0, error.position) + 1
         column = error.position - text.rfind("\n", 0, error.position)
     if "could not find expected ':'" in problem and line > 1:
         before = text.splitlines()[line - 2] if line - 2 < len(text.splitlines()) else ""
         if ":" not in before.partition("#")[0]:  # PyYAML notices it at the key after
             line, column, problem = line - 1, 1, f"a colon is missing in {before.strip()[:40]!r}; write KEY: VALUE"
+        elif close := re.match(r"(\s*\w+):(?=[^\s:])", before):
+            written = before.strip()[:40]
+            line, column, problem = line - 1, close.end(), f"a space is missing behind the colon in {written!r}"
     if "'\\t'" in problem:
         problem = "a tab; indent with spaces"
     if "single document" in str(error):

@@ -21,6 +21,7 @@ from rths_cli.cli import (
 from rths_cli.cli.command_group import SIGNALS, cli
 from rths_cli.cli.completion import complete_names
 from rths_cli.cli.entry_point import main
+from rths_cli.cli.logs import add_log_options
 
 __all__ = [
     "SIGNALS",
@@ -43,3 +44,4 @@ __all__ = [
 ]
 
 complete_names(cli.commands.values())
+add_log_options(cli.commands.values())

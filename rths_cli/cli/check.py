@@ -10,13 +10,13 @@ import click
 
 from rths_cli.cli.command_group import cli
 from rths_cli.cli.options import json_option, methods_option, overrides_option, settings_option
-from rths_cli.cli.terminal import new_screen
+from rths_cli.cli.terminal import new_screen, show_page
 
 
 @cli.command()
 @click.argument("cases", nargs=-1, required=True, metavar="CASE...")
 @methods_option("compare")
-@overrides_option(["model"], "judge with a model that its identification rejected.")
+@overrides_option(["model"], "Use a model although its identification rejected it.")
 @click.option("--resolved", is_flag=True, help="Print the cases with all defaults as YAML, and do nothing else.")
 @click.option("--quiet", is_flag=True, help="Show no progress.")
 @settings_option
@@ -30,7 +30,7 @@ def check(
     settings: tuple[str, ...],
     as_json: bool,
 ) -> int:
-    """Say whether EXP-RTHS of a case is safe, unsafe or unstable, and how wrong it will be, before anything moves.
+    """Predict stability, table limits and error of a hybrid test: safe, unsafe or unstable. Nothing moves.
 
     Exit code 0: all are safe; 1: one is not.
 
@@ -49,7 +49,10 @@ def check(
     screen = new_screen(quiet)
     checked = check_cases(loaded, tuple(dict.fromkeys(overrides)), screen.doing, warn=screen.warning)
     screen.clear()
-    click.echo(json.dumps(as_document(checked), indent=2) if as_json else pages(checked), nl=as_json)
+    if as_json:
+        click.echo(json.dumps(as_document(checked), indent=2))
+    else:
+        show_page(lambda: pages(checked))
     return max(one.exit_code for one in checked)
 
 

@@ -6,6 +6,7 @@ import os
 
 import click
 
+from rths_cli.cli.logs import end_logs
 from rths_cli.errors import InputError
 from rths_cli.interrupts import Signals
 from rths_cli.version import __version__
@@ -51,6 +52,7 @@ def cli(debug: bool) -> None:
 
     Example: rths run el_centro_low_ff_fb
     """
+    end_logs()  # of a command before this one in the same process
     try:
         os.getcwd()
     except FileNotFoundError:

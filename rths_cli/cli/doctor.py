@@ -9,7 +9,7 @@ import click
 
 from rths_cli.cli.command_group import cli
 from rths_cli.cli.options import Number, json_option, settings_option, yes_option
-from rths_cli.cli.terminal import new_screen
+from rths_cli.cli.terminal import new_screen, show_page
 
 if TYPE_CHECKING:
     from rths_cli.experiment.setup import Setup
@@ -68,5 +68,8 @@ def doctor(
 
     found = examine_request(request, screen.doing, permit)
     screen.clear()
-    click.echo(json.dumps(document(found), indent=2) if as_json else page(found), nl=as_json)
+    if as_json:
+        click.echo(json.dumps(document(found), indent=2))
+    else:
+        show_page(lambda: page(found))
     return found.exit_code

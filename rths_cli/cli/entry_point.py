@@ -7,14 +7,18 @@ import errno
 import gc
 import json
 import os
+import re
 import sys
 from collections.abc import Sequence
+from difflib import get_close_matches
 from io import TextIOWrapper
 from typing import NoReturn
 
 import click
 
 from rths_cli.cli.command_group import SIGNALS, cli
+from rths_cli.cli.completion import FileOfKind
+from rths_cli.cli.logs import LOG, PRINTED, end_logs
 from rths_cli.errors import InputError, RthsError, crash_note
 from rths_cli.interrupts import INTERRUPTED, TERMINATED, Terminated, any_abandoned
 from rths_cli.safe_text import OutputError, PrintedStream, shortened
@@ -80,13 +84,23 @@ def _one_blas_thread() -> None:
 
 
 def run_to_exit_code() -> int:
-    """Run the command of sys.argv and return its exit code; every way of failing becomes sentences and a code."""
+    """Run the command of sys.argv and return its exit code, which is logged, too."""
+    try:
+        code = _run_to_exit_code()
+        LOG.info("exit code %d", code)
+        return code
+    finally:
+        end_logs()
+
+
+def _run_to_exit_code() -> int:
+    """Return the exit code of the command; every way of failing becomes sentences and a code."""
     try:
         code = int(cli.main(standalone_mode=False) or 0)
         sys.stdout.flush()
         return SIGNALS.code or code  # one that came when everything was done ends the caller's loop all the same
     except click.ClickException as error:
-        return _say([" ".join(error.format_message().split())], 2)  # click lists choices on lines of their own
+        return _say([usage_sentence(error)], 2)
     except (click.Abort, KeyboardInterrupt, Terminated):
         return _ended_by_signal()
     except OutputError as error:
@@ -99,6 +113,26 @@ def run_to_exit_code() -> int:
         return _ended_by_signal() if SIGNALS.code else _fault_of_ours(error)
 
 
+def usage_sentence(error: click.ClickException) -> str:
+    """Return a fault of the command line in a sentence that says what to type."""
+    said = " ".join(error.format_message().split()).rstrip(".")  # click lists choices on lines of their own
+    if isinstance(error, click.MissingParameter) and error.param is not None:
+        option, name = error.param, error.param.name or ""
+        if isinstance(option.type, click.Choice):
+            *some, last = map(str, option.type.choices)
+            return f"{option.opts[0]} is missing; add {option.opts[0]} {', '.join(some)} or {last}"
+        if isinstance(option.type, FileOfKind):
+            return f"{name.upper().removesuffix('S')} is missing; rths list {option.type.kind} shows what can be named"
+    if isinstance(error, click.NoSuchOption | click.MissingParameter) and error.ctx is not None:
+        return f"{said}{'' if said.endswith('?') else ';'} rths {error.ctx.info_name} --help lists what it takes"
+    if choice := re.search(r"'(.*)' is not one of (.*)", said):
+        near = get_close_matches(choice[1], re.findall(r"'([^']*)'", choice[2]), 1)
+        return f"{said}{f'; did you mean {near[0]}?' if near else ''}"
+    if isinstance(error, click.UsageError) and "No such command" in said:
+        return f"{said}{'' if said.endswith('?') else ';'} rths --help lists the commands"
+    return said
+
+
 def _ended_by_signal() -> int:
     code = SIGNALS.code or INTERRUPTED
     return _say(["rths: interrupted" if code == INTERRUPTED else "rths: terminated"], code)
@@ -108,6 +142,7 @@ def _fault_of_ours(error: Exception) -> int:
     """Report an unforeseen failure; a full disk is the user's, whichever file a library wrote (a cache, say)."""
     if "--debug" in sys.argv:
         raise error
+    LOG.debug("internal error", exc_info=error)
     if isinstance(error, OSError) and error.errno in NO_SPACE:
         where = f"{error.filename}: " if error.filename else ""
         return _say([f"rths: {where}{error.strerror}; free some space and start again"], 2)
@@ -117,6 +152,7 @@ def _fault_of_ours(error: Exception) -> int:
 def _say(sentences: Sequence[str], code: int) -> int:
     """Show sentences on stderr and, where JSON was asked for, as the document on stdout; return the code."""
     told = [shortened(sentence, LONGEST_SENTENCE) for sentence in sentences]
+    LOG.error("%s", "; ".join(told), extra=PRINTED)
     click.echo("\n".join(told), err=True)
     if _wants_json() and code not in (INTERRUPTED, TERMINATED):
         try:

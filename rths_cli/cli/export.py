@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rths_cli.cli.command_group import cli
-from rths_cli.cli.options import FILE, json_option
+from rths_cli.cli.options import FILE, json_option, no_replace_option
 from rths_cli.cli.terminal import new_screen
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     metavar="NAME",
     help="Export this group of the result only, for instance exp_rths. Repeatable.",
 )
-@click.option("--replace", is_flag=True, help="Replace files of the same name.")
+@no_replace_option
 @click.option("--quiet", is_flag=True, help="Show no progress.")
 @json_option
 def export(
@@ -44,7 +44,7 @@ def export(
     form: str,
     output: Path,
     groups: tuple[str, ...],
-    replace: bool,
+    no_replace: bool,
     quiet: bool,
     as_json: bool,
 ) -> int:
@@ -54,11 +54,12 @@ def export(
 
     Example: rths export results/el_centro_low_ff_fb.h5 --to mat
     """
+    from rths_cli.files.existing_files import replaced_sentence
     from rths_cli.report.export.export_command import ExportRequest
     from rths_cli.report.export.export_command import export as export_results
 
     screen = new_screen(quiet)
-    request = ExportRequest(results, form, output, tuple(dict.fromkeys(groups)), replace)
+    request = ExportRequest(results, form, output, tuple(dict.fromkeys(groups)), not no_replace)
     done = export_results(request, screen.doing)
     screen.clear()
     if as_json:
@@ -68,6 +69,9 @@ def export(
         click.echo("\n".join(str(path) for path in one.files))
         if one.status != "complete":
             click.echo(f"{one.result}: {one.status}, exported as far as it goes: {one.reason}", err=True)
+    replaced = [path for one in done for path in one.replaced]
+    if replaced and not quiet:
+        click.echo(replaced_sentence(replaced), err=True)
     return 0
 
 
@@ -77,4 +81,5 @@ def _document(one: Exported) -> dict[str, object]:
         "status": one.status,
         "status_reason": one.reason,
         "files": [str(path) for path in one.files],
+        "replaced": [str(path) for path in one.replaced],
     }

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rths_cli.cli.command_group import cli
-from rths_cli.cli.options import FILE, Number, json_option, settings_option, yes_option
-from rths_cli.cli.terminal import new_screen
+from rths_cli.cli.options import FILE, Number, json_option, no_replace_option, settings_option, yes_option
+from rths_cli.cli.terminal import new_screen, show_page
 from rths_cli.errors import InputError
 
 if TYPE_CHECKING:
@@ -68,6 +68,7 @@ SAID_S = 5.0  # interval between two lines of progress if stderr is no terminal
     metavar="FILE",
     help="Write what was measured, for --data --corrected.",
 )
+@no_replace_option
 @click.option("--quiet", is_flag=True, help="Show no progress.")
 @yes_option
 @settings_option
@@ -83,6 +84,7 @@ def identify(
     figure: Path | None,
     no_figure: bool,
     save_data: Path | None,
+    no_replace: bool,
     quiet: bool,
     yes: bool,
     settings: tuple[str, ...],
@@ -105,7 +107,7 @@ def identify(
     # without --model, the model file that the case names is ignored: it is the one to be made here
     judged = json.dumps(str(model.absolute()), ensure_ascii=False) if model else "null"
     settings = (f"identification.model={judged}", *settings)
-    asked = Asked(case, settings, request, output, save_data, figure, not no_figure)
+    asked = Asked(case, settings, request, output, save_data, figure, not no_figure, not no_replace)
     screen = new_screen(quiet)
     with said_again(screen, quiet or sys.stderr.isatty()) as doing:
         made = make_model(asked, doing, lambda setup: ask_to_move([setup], yes, screen.confirm), screen.warning)
@@ -125,7 +127,7 @@ def said_again(screen: Screen, silent: bool, every_s: float = SAID_S) -> Iterato
     def say() -> None:
         while not ended.wait(every_s):
             if now[0]:
-                click.echo(f"{now[0]} ... {time.monotonic() - since:.0f} s", err=True)
+                click.echo(f"{now[0]} (after {time.monotonic() - since:.0f} s)", err=True)
 
     def doing(what: str) -> None:
         now[0] = what
@@ -144,17 +146,19 @@ def _show_identified(made: Any, as_json: bool) -> None:
     from rths_cli.report.identification_json import as_document, rejected_document
     from rths_cli.report.identification_page import page, rejected_page
 
-    if made.found is None:
-        faults, seen = made.unfit.faults, made.unfit.channels
-        text = rejected_page(seen, faults, made.about)
-        document = rejected_document(seen, faults, made.about)
-    else:
-        text, document = page(made.found, made.about), as_document(made.found, made.about)
-        if made.figure:
-            from rths_cli.report.identification_figure import write_figure
+    found, unfit = made.found, made.unfit
+    if found is not None and made.figure:
+        from rths_cli.report.identification_figure import write_figure
 
-            write_figure(made.found, made.about, made.figure)
-    click.echo(json.dumps(document, indent=2) if as_json else text, nl=as_json)
+        write_figure(found, made.about, made.figure)
+    if as_json:
+        document = as_document(found, made.about) if found is not None else None
+        document = document or rejected_document(unfit.channels, unfit.faults, made.about)
+        click.echo(json.dumps(document, indent=2))
+    elif found is not None:
+        show_page(lambda: page(found, made.about))
+    else:
+        show_page(lambda: rejected_page(unfit.channels, unfit.faults, made.about))
     if made.model is not None and not as_json:
         click.echo(f"\nto use it in a case:\nidentification: {{model: {_quoted(made.model)}}}")
 

@@ -16,10 +16,12 @@ KINDS = ("cases", "structures", "rigs", "records", "references")
 
 
 @cli.command("list")
-@click.argument("kind", type=click.Choice(KINDS))
+@click.argument("kind", type=click.Choice(KINDS), metavar="KIND")
 @json_option
 def list_kind(kind: str, as_json: bool) -> int:
     """List what a case may name and `rths run` takes here: your own files first, with their paths, then shipped ones.
+
+    KIND: cases, structures, rigs, records or references.
 
     Example: rths list structures
     """

@@ -75,6 +75,12 @@ def json_option(command: F) -> F:
     )
 
 
+def no_replace_option(command: F) -> F:
+    """Add --no-replace."""
+    about = "Refuse, before anything is done, to replace a file that exists."
+    return click.option("--no-replace", is_flag=True, help=about)(command)
+
+
 def methods_option(more: str) -> Callable[[F], F]:
     """Add --method, repeatable; `more` ends its help."""
     about = f"Method instead of the case's own; give both to {more}."
@@ -82,8 +88,8 @@ def methods_option(more: str) -> Callable[[F], F]:
 
 
 def overrides_option(choices: Sequence[str], about: str) -> Callable[[F], F]:
-    """Add --override, repeatable: the one option that says "I know"."""
-    return click.option("--override", "overrides", multiple=True, type=click.Choice(choices), help=f"I know: {about}")
+    """Add --override, repeatable: the one option that goes on against a refusal."""
+    return click.option("--override", "overrides", multiple=True, type=click.Choice(choices), help=about)
 
 
 def yes_option(command: F) -> F:

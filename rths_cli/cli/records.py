@@ -9,6 +9,7 @@ import click
 from rths_cli.cli.command_group import cli
 from rths_cli.cli.listing import show_list
 from rths_cli.cli.options import Number, json_option
+from rths_cli.cli.terminal import page_width
 
 
 @cli.command()
@@ -27,6 +28,6 @@ def records(record: str | None, unit: str | None, dt_s: float | None, as_json: b
         return show_list("records", as_json)
     from rths_cli.experiment.ground_motion_list import show
 
-    document, text = show(record, unit, dt_s)
+    document, text = show(record, unit, dt_s, page_width())
     click.echo(json.dumps(document, indent=2) if as_json else text, nl=as_json)
     return 0

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import click
 
 from rths_cli.cli.command_group import SIGNALS, cli
-from rths_cli.cli.options import FILE, Number, command_line, json_option
+from rths_cli.cli.options import FILE, Number, command_line, json_option, no_replace_option
+from rths_cli.cli.terminal import show_page
 from rths_cli.errors import InputError
 
 if TYPE_CHECKING:
@@ -35,9 +36,20 @@ PLAIN_S = 5.0  # between two lines where output is no terminal
     "both [default: text, pdf].",
 )
 @click.option("--output", type=FILE, metavar="FILE", help="Write the tables to a file instead of stdout.")
-@click.option("--figures", type=FILE, metavar="DIR", help="Draw the figures of every result into a folder.")
+@click.option("--figures", type=FILE, metavar="DIR", help="Draw the figures of every result and sweep into a folder.")
 @click.option(
     "--width", type=click.Choice(["one", "two"]), default="one", show_default=True, help="Columns a figure is wide."
+)
+@click.option(
+    "--header", type=click.Choice(["case", "none"]), default="case", show_default=True,
+    help="Above the panels of a figure: case and table, or nothing, for a caption of one's own.",
+)  # fmt: skip
+@click.option(
+    "--metric",
+    metavar="PATH",
+    default="",
+    help="What the figure of a sweep shows over the varied keys, as check.delay_margin_s or exp_rths.rms_error_m_s2[3] "
+    "[default: exp_rths.rms_error_m_s2 of the worst storey].",
 )
 @click.option(
     "--group-by",
@@ -55,9 +67,15 @@ PLAIN_S = 5.0  # between two lines where output is no terminal
     metavar="PERCENT",
     help="Exit code 1 when an error is worse than the baseline's by more than this.",
 )
+@click.option(
+    "--report-in",
+    type=click.Choice(["model", "prototype"]),
+    help="Scale of the figures of cases with a scale [default: the report_in of the cases].",
+)
 @click.option("--paper", is_flag=True, help="Judge the paper's claims for cases without a reference, too.")
 @click.option("--keep-going", is_flag=True, help="Report the good files although others cannot be read.")
 @click.option("--junit", type=FILE, metavar="FILE", help="Write JUnit XML: one test per accept limit.")
+@no_replace_option
 @click.option("--quiet", is_flag=True, help="Show no progress.")
 @json_option
 def report(
@@ -66,12 +84,16 @@ def report(
     output: Path | None,
     figures: Path | None,
     width: str,
+    header: str,
+    metric: str,
     keys: tuple[str, ...],
     baseline: Path | None,
     percent: float | None,
+    report_in: str | None,
     paper: bool,
     keep_going: bool,
     junit: Path | None,
+    no_replace: bool,
     quiet: bool,
     as_json: bool,
 ) -> int:
@@ -93,12 +115,16 @@ def report(
         figures=figures,
         drawn=drawn,
         width=width,
+        header=header,
+        metric=metric,
         keys=tuple(dict.fromkeys(keys)),
         baseline=baseline,
         percent=percent,
         keep_going=keep_going,
         junit=junit,
+        replace=not no_replace,
         paper=paper,
+        report_in=report_in,
     )
     return _report(asked, quiet)
 
@@ -115,10 +141,11 @@ def _formats(formats: tuple[str, ...], as_json: bool) -> tuple[str, str]:
 
 def _report(asked: Asked, quiet: bool) -> int:
     from rths_cli.cli.terminal import Screen
+    from rths_cli.files.existing_files import replaced_sentence
     from rths_cli.report.report_options import check_asked, read_asked
     from rths_cli.report.results_by_case import unrecovered
 
-    check_asked(asked)
+    replaced = check_asked(asked)
     screen = Screen(quiet, poll=SIGNALS.poll)
     for sentence in unrecovered(asked.paths):
         click.echo(sentence, err=True)
@@ -127,6 +154,8 @@ def _report(asked: Asked, quiet: bool) -> int:
     for sentence in found.faults:
         click.echo(sentence, err=True)
     _write(asked, found, screen, quiet)
+    if replaced and not quiet:
+        screen.message(replaced_sentence(replaced))
     from rths_cli.report.baseline_comparison import got_worse
 
     worse = found.baseline is not None and asked.percent is not None and got_worse(found.baseline.changes)
@@ -137,11 +166,16 @@ def _write(asked: Asked, found: Contents, screen: Screen, quiet: bool) -> None:
     """Write the figures first, because they alone read time histories; then the tests, and the tables or the page."""
     from rths_cli.report.report_options import rendered, write_text
 
+    if asked.metric and not found.inputs.sweeps:
+        raise InputError("--metric chooses what the figure of a sweep shows, and none of the files is a sweep.")
     if asked.figures:
-        from rths_cli.report.figures import write_figures
+        from rths_cli.report.figures import write_figures, write_sweep_figures
 
         form, say = asked.drawn or "pdf", _nothing if quiet else screen.message
-        written = write_figures(found.inputs.results, asked.figures, form, asked.width, say)
+        look = (asked.figures, form, asked.width, say, asked.header)
+        sweeps = found.inputs.sweeps
+        written = write_sweep_figures(sweeps, *look, asked.metric, asked.replace) if sweeps else []
+        written += write_figures(found.inputs.results, *look, asked.replace)
         say(f"{len(written)} figures in {asked.figures}")
     if asked.junit:
         from rths_cli.report.formats.junit import junit
@@ -158,7 +192,8 @@ def _write(asked: Asked, found: Contents, screen: Screen, quiet: bool) -> None:
     elif asked.output:
         write_text(asked.output, rendered(asked, found))
     else:
-        click.echo(rendered(asked, found), nl=False)
+        text = asked.table in ("", "text")
+        show_page(lambda: rendered(asked, found)) if text else click.echo(rendered(asked, found), nl=False)
 
 
 def _nothing(text: str) -> None:

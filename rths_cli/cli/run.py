@@ -15,15 +15,18 @@ from rths_cli.cli.options import (
     command_line,
     json_option,
     methods_option,
+    no_replace_option,
     overrides_option,
     settings_option,
     yes_option,
 )
-from rths_cli.cli.terminal import new_screen, page_width
+from rths_cli.cli.terminal import new_screen, page_width, show_page
 
 if TYPE_CHECKING:
+    from rths_cli.cli.terminal import Screen
     from rths_cli.experiment.run_case import Ended
     from rths_cli.files.result_reader import Result
+    from rths_cli.studies.row_of_sweep import SweptRow
 
 
 class Wanted(NamedTuple):
@@ -34,18 +37,27 @@ class Wanted(NamedTuple):
 
 
 @cli.command()
-@click.argument("cases", nargs=-1, required=True, metavar="CASE...")
+@click.argument("cases", nargs=-1, metavar="CASE...")
 @click.option(
     "--output", type=FILE, default="results", show_default=True, metavar="DIR", help="Folder of the result files."
 )
 @methods_option("compare (files NAME-paper.h5, NAME-best.h5)")
-@click.option("--no-replace", is_flag=True, help="Refuse, before running, to replace a finished result.")
+@no_replace_option
+@click.option(
+    "--series",
+    type=click.Choice(["all", "essential", "none"]),
+    default="all",
+    show_default=True,
+    help="Time series that the result keeps: essential are those of most figures, in single precision.",
+)
 @click.option("--full", is_flag=True, help="Print every figure before the answer, as rths report does.")
 @click.option("--quiet", count=True, help="Show no progress, and one line per case; given twice, only what went wrong.")
 @click.option("--junit", type=FILE, metavar="FILE", help="Write JUnit XML: one test per accept limit.")
+@click.option("--from", "sweep", type=FILE, metavar="SWEEP", help="Run one row of a finished sweep instead of cases.")
+@click.option("--row", type=click.IntRange(min=1), metavar="N", help="Which row of --from, counted from 1.")
 @overrides_option(
     ["check", "model"],
-    "run EXP-RTHS although its check says no, or use a model that was rejected. Repeatable, stored in the result.",
+    "Run EXP-RTHS although its check says no, or use a model that was rejected. Repeatable, stored in the result.",
 )
 @yes_option
 @click.option("--fresh", is_flag=True, help="Identify anew; use no model of a virtual rig kept from earlier runs.")
@@ -56,9 +68,12 @@ def run(
     output: Path,
     methods: tuple[str, ...],
     no_replace: bool,
+    series: str,
     full: bool,
     quiet: int,
     junit: Path | None,
+    sweep: Path | None,
+    row: int | None,
     overrides: tuple[str, ...],
     yes: bool,
     fresh: bool,
@@ -72,13 +87,16 @@ def run(
     from rths_cli.case.load import load_all
 
     chosen = tuple(dict.fromkeys(methods))
-    loaded = load_all(cases, settings, chosen)  # a fault in them is told before the numerical libraries are imported
+    swept = _row(cases, sweep, row, chosen, settings)
+    loaded = (
+        [swept.case] if swept else load_all(cases, settings, chosen)
+    )  # a fault in them is told before the numerical libraries are imported
     from rths_cli.experiment.run_command import Request, exit_code, run_batch
 
     if junit:
         from rths_cli.report.report_options import check_output
 
-        check_output("--junit", junit, ())
+        replaced = check_output("--junit", junit, (), not no_replace)
     screen = new_screen(quiet > 0)
     request = Request(
         cases=tuple(loaded),
@@ -86,21 +104,58 @@ def run(
         output=output,
         replace=not no_replace,
         command_line=command_line(),
-        overrides=tuple(dict.fromkeys(overrides)),
+        overrides=tuple(dict.fromkeys((*overrides, *(swept.overrides if swept else ())))),
         fresh=fresh,
         yes=yes,
+        series=series,
     )
     ended = run_batch(request, screen)
     _show_results(ended, as_json, junit, Wanted(full, quiet))
-    return exit_code(ended)
+    if junit and replaced and not quiet:
+        screen.message(f"replaced {junit}")
+    differs = swept is not None and ended[0].path is not None and _differs(swept, ended[0].path, screen, quiet)
+    return exit_code(ended) or int(differs)
+
+
+def _row(
+    cases: Sequence[str], sweep: Path | None, row: int | None, methods: Sequence[str], settings: Sequence[str]
+) -> SweptRow | None:
+    """Return the row of a sweep that is to be run, None for cases; raises UsageError unless one of them is named."""
+    if sweep is None and row is None:
+        if not cases:
+            raise click.UsageError("CASE is missing; rths list cases shows what can be named")
+        return None
+    if sweep is None or row is None:
+        raise click.UsageError("--from SWEEP and --row N name one row together; give both.")
+    if cases or methods:
+        raise click.UsageError("--from runs a row with its own case and method; leave CASE and --method out.")
+    from rths_cli.studies.row_of_sweep import read_row
+
+    return read_row(sweep, row, settings)
+
+
+def _differs(row: SweptRow, path: Path, screen: Screen, quiet: int) -> bool:
+    """Say whether the result has the metrics of the row, and return whether it has not."""
+    from rths_cli.files.result_reader import read_result
+
+    differences = row.differences(read_result(path))
+    if not differences:
+        if not quiet:
+            screen.message(f"row {row.number} of {row.path} has the same metrics")
+        return False
+    more = f" and {len(differences) - 1} more" if len(differences) > 1 else ""
+    why = "a file that the case names, a setting or rths is not what it was"
+    screen.message(f"the metrics are not those of row {row.number} of {row.path}: {differences[0]}{more}; {why}")
+    return True
 
 
 def _show_results(ended: Sequence[Ended], as_json: bool, junit: Path | None, wanted: Wanted) -> None:
     """Read the result files back, write their tests and print what is wanted of them."""
+    from rths_cli.report.result_scale import reported
     from rths_cli.report.results_by_case import load
 
     paths = [one.path for one in ended if one.path]
-    results = load(paths) if paths or as_json else []
+    results = reported(load(paths)) if paths or as_json else []
     if junit:
         from rths_cli.report.formats.junit import junit as as_junit
         from rths_cli.report.report_options import write_text
@@ -125,5 +180,5 @@ def _print(results: Sequence[Result], wanted: Wanted) -> None:
         return
     tabled = [result for result in results if wanted.full or has_reference(result)]
     if tabled:
-        click.echo(f"{tables(tabled)}\n", nl=False)
-    click.echo(answers(results, page_width()), nl=False)
+        show_page(lambda: f"{tables(tabled, brief=not wanted.full)}\n")
+    show_page(lambda: answers(results, page_width()))

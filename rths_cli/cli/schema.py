@@ -11,10 +11,10 @@ from rths_cli.cli.options import json_option
 
 
 @cli.command()
-@click.argument("kind", type=click.Choice(["case", "structure", "rig", "reference"]), default="case")
+@click.argument("kind", type=click.Choice(["case", "structure", "rig", "reference", "study"]), default="case")
 @json_option
 def schema(kind: str, as_json: bool) -> int:
-    """Print the JSON Schema of case files (or of what they name), for editors.
+    """Print the JSON Schema of case files (or of what they name, or of a study), for editors.
 
     Example: rths schema > case.schema.json
     """

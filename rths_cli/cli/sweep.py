@@ -9,8 +9,16 @@ from pathlib import Path
 import click
 
 from rths_cli.cli.command_group import cli
-from rths_cli.cli.options import FILE, command_line, json_option, methods_option, overrides_option, settings_option
-from rths_cli.cli.terminal import new_screen
+from rths_cli.cli.options import (
+    FILE,
+    command_line,
+    json_option,
+    methods_option,
+    no_replace_option,
+    overrides_option,
+    settings_option,
+)
+from rths_cli.cli.terminal import new_screen, show_page
 
 
 def threads() -> int:
@@ -19,7 +27,7 @@ def threads() -> int:
 
 
 @cli.command()
-@click.argument("case", metavar="CASE")
+@click.argument("case", metavar="CASE|STUDY")
 @click.option(
     "--vary",
     multiple=True,
@@ -32,11 +40,11 @@ def threads() -> int:
 @click.option("--output", type=FILE, metavar="FILE", help="Result file [default: sweeps/NAME.h5].")
 @click.option("--csv", type=FILE, metavar="FILE", help="Write the table as CSV too.")
 @methods_option("run both")
-@click.option("--no-replace", is_flag=True, help="Refuse, before running, to replace a finished sweep.")
+@no_replace_option
 @click.option("--resume", is_flag=True, help="Go on with an interrupted sweep.")
 @overrides_option(
     ["check", "model"],
-    "run what the check refuses, or use a model that was rejected. Repeatable, stored in the result.",
+    "Run what the check refuses, or use a model that was rejected. Repeatable, stored in the result.",
 )
 @click.option("--quiet", is_flag=True, help="Show no progress, only what went wrong.")
 @settings_option
@@ -58,11 +66,13 @@ def sweep(
 ) -> int:
     """Run EXP-RTHS of one case over varied keys and seeds on the virtual rig, and write one table of figures.
 
+    A study file states the case, its axes with values or distributions, and seeds.
+
     Exit code 0: all ran and were accepted; 1: some were refused or not accepted; 3: some were stopped by a limit.
 
     Example: rths sweep el_centro_low_ff_fb --seeds 20 --vary scaling=0.2,0.3
     """
-    from rths_cli.studies.grid_points import Asked
+    from rths_cli.studies.study_plan import Asked
     from rths_cli.studies.sweep import SweepRequest, run_sweep
 
     chosen = tuple(dict.fromkeys(methods))
@@ -86,5 +96,5 @@ def sweep(
     if as_json:
         click.echo(json.dumps(document(swept.sweep, swept.path) | {"exit_code": swept.exit_code}, indent=2))
     else:
-        click.echo(page(swept.sweep, swept.path), nl=False)
+        show_page(lambda: page(swept.sweep, swept.path))
     return swept.exit_code

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import sys
 import time
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 import click
 
 from rths_cli.cli.command_group import SIGNALS
+from rths_cli.cli.logs import LOG, PRINTED
 from rths_cli.numerics.compiler_messages import announce
 from rths_cli.safe_text import visible
 
@@ -27,6 +29,51 @@ PLAIN_S = 5.0  # between two lines where output is no terminal
 def page_width() -> int:
     """Return the columns of a page: those of COLUMNS, else of the terminal, 60 to 100; 100 where there is none."""
     return min(100, max(60, shutil.get_terminal_size((100, 24)).columns))
+
+
+COLOURS = {
+    "green": ("GOOD", "good", "safe", "accepted", "yes"),
+    "yellow": ("USABLE", "usable", "unsafe", "NOT ACCEPTED", "BUT"),
+    "red": ("POOR", "poor", "REFUSED", "ABORTED", "FAILED", "INTERRUPTED", "unstable", "rejected", "no"),
+}
+"""Verdicts by colour."""
+VERDICT = re.compile(
+    r"^([A-Z][A-Z ]+)(?=:)"  # of a run: GOOD: error 0.1 % ...
+    r"|(?<=^verdict {17})(\w+)"  # of a check or an identification
+    r"|(?<=\d  )( *(?:yes|no))$"  # of a rate: held
+    r"|(?<= )(good|usable|poor)(?=  )",  # of several runs
+    re.MULTILINE,
+)
+
+
+def show_page(make: Callable[[], str]) -> None:
+    """Print a page that is made now, as wide as the terminal, its verdicts in colour."""
+    from rths_cli.report.text_layout import laid_out_in
+
+    with laid_out_in(page_width()):
+        text = make()
+    if coloured(sys.stdout):
+        write_coloured(sys.stdout, text)
+    else:
+        click.echo(text, nl=False)
+
+
+def coloured(stream: TextIO) -> bool:
+    """Return whether a stream is a terminal that shows colours, and NO_COLOR (no-color.org) does not forbid them."""
+    return stream.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+
+
+def write_coloured(stream: TextIO, text: str) -> None:
+    """Write a text with its verdicts in colour; control characters of the text itself become visible, as ever."""
+    colours = {word: colour for colour, words in COLOURS.items() for word in words}
+
+    def styled(found: re.Match[str]) -> str:
+        colour = colours.get(found[0].strip())
+        return click.style(found[0], fg=colour) if colour else found[0]
+
+    terminal = getattr(stream, "unfiltered", stream)
+    terminal.write(VERDICT.sub(styled, visible(text)))
+    terminal.flush()
 
 
 def _nothing() -> None:
@@ -108,12 +155,14 @@ class Screen:
     def doing(self, what: str) -> None:
         """Show what is being done."""
         self._poll()
+        LOG.info("%s", what)
         self._status(what)
 
     def ended(self, ended: Ended, seconds: float) -> None:
         """Show how a case ended."""
         self._clear()
         good = ended.exit_code == 0
+        LOG.info("%s: %s, %.1f s %s", ended.path or ended.name, ended.status, seconds, ended.reason, extra=PRINTED)
         where = f"{ended.path}{' (replaced)' if ended.replaced else ''}" if ended.path else "no result"
         line = f"{self._label}: {ended.status}, {where}, {seconds:.1f} s"
         if not good:
@@ -160,11 +209,13 @@ class Screen:
 
     def message(self, text: str) -> None:
         """Show a line, for instance a warning."""
+        LOG.info("%s", text, extra=PRINTED)
         self._clear()
         print(text, file=self._stream, flush=True)
 
     def warning(self, text: str) -> None:
         """Show a warning at once, and not again where a case ends."""
+        LOG.warning("%s", text, extra=PRINTED)
         if text not in self._said and not self._quiet:
             self.message(f"note: {text}")
         self._said.add(text)
@@ -196,6 +247,7 @@ def new_screen(quiet: bool) -> Screen:
     screen = Screen(quiet, poll=SIGNALS.poll)
 
     def say(text: str) -> None:
+        LOG.info("%s", text, extra=PRINTED)
         screen.clear()
         click.echo(text, err=True)
 

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 FREQUENCY_SHARE, DAMPING_SHARE = 0.02, 0.20  # largest difference from a declared value without a warning, relative
 NEGLIGIBLE = 1e-4  # further difference that is ignored, in Hz or as a damping ratio
+MOST_ABOVE_BAND = 0.10  # share of a compressed record's power above the test band without a warning
 BANDWIDTH_SHARE = 0.9  # fraction of the requested bandwidth below which a warning is given
 
 
@@ -26,21 +27,28 @@ def of_case(setup: Setup, identified: Identification | None, design: Design | No
 
     `identified` None: no table run, hence no identification; `design` None: no blocks.
     """
-    unread = sentence(setup.case)
+    unread, doubts = sentence(setup.case), unit_doubts(setup)
+    if doubts:  # what a wrong unit makes of bands and model tells nobody what to change
+        return tuple(dict.fromkeys((*doubts, *([unread] if unread else []), *setup.building.notes)))
     found = [
-        *unit_doubts(setup),
         *modes_above_the_bands(setup),
+        *record_above_the_band(setup),
         *([unread] if unread else []),
         *setup.building.notes,
         *_coupled_sensors(setup),
     ]
+    if setup.building.has_laws:
+        found.append(
+            "structure.numerical.law: stability, margins and predicted errors are those of the storeys at rest; of the "
+            "yielded building only the simulated test tells: rths run on a virtual rig"
+        )
     if "numerical" in setup.parts:
         found.append(_of_own_storeys(setup))
     if identified is not None:
         found += [*identified.warnings, *identified.reasons, *differences(setup, identified)]
     if design is not None:
         found += [*slower_feedback(setup, design), *chosen_feedback(design)]
-    return tuple(dict.fromkeys(found))  # those on units may stand in a model file too
+    return tuple(dict.fromkeys(found))
 
 
 def modes_above_the_bands(setup: Setup) -> list[str]:
@@ -59,6 +67,30 @@ def modes_above_the_bands(setup: Setup) -> list[str]:
         told.append(
             f"identification.compared_hz: the model is compared up to {highest:.3g} Hz, below the specimen's first "
             f"mode, {fixed:.3g} Hz; raise it, or test_band_hz"
+        )
+    return told
+
+
+def record_above_the_band(setup: Setup) -> list[str]:
+    """Return sentences on a model larger than its prototype, and on a record whose compression moved much of its power
+    (integral of the squared acceleration) above the test band."""
+    scale, band_hz = setup.similitude, setup.case.test_band_hz
+    if scale is None:
+        return []
+    told = []
+    if scale.length < 1.0:
+        told.append(
+            f"scale.length: {scale.length:g} makes the model larger than its prototype; factors are prototype over "
+            f"model, write {1.0 / scale.length:.4g} for a model that is smaller"
+        )
+    accel = setup.motion.accel_m_s2
+    power = np.abs(np.fft.rfft(accel)) ** 2
+    above = float(power[np.fft.rfftfreq(accel.size, setup.motion.dt_s) > band_hz].sum() / power.sum())
+    if above > MOST_ABOVE_BAND:
+        told.append(
+            f"scale: the record, compressed in time by {scale.factor('s'):.4g}, has {above:.0%} of its power above the "
+            f"test band, {band_hz:g} Hz, where errors are not judged; raise test_band_hz if the table reaches higher, "
+            "or build a larger model"
         )
     return told
 

@@ -72,6 +72,8 @@ class Tested:
     overrides: tuple[str, ...] = ()  # as given by --override
     test_band_hz: float = TEST_BAND_HZ
     compared_hz: tuple[float, float] = COMPARED_HZ  # band in which the table's model is compared with its data
+    scale: dict[str, float] | None = None  # factors by quantity, prototype over model; None: the case states none
+    record_s: float = 0.0  # length of the record in the laboratory
 
 
 @dataclass(frozen=True)
@@ -196,4 +198,6 @@ def _about(setup: Setup, model: str) -> Tested:
         overrides=setup.overrides,
         test_band_hz=case.test_band_hz,
         compared_hz=setup.compared.hz,
+        record_s=float(setup.motion.time_s[-1]),
+        scale=None if setup.similitude is None else setup.similitude.factors,
     )

@@ -6,9 +6,10 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from rths_cli.control import feedback, feedforward, kalman_filter, numerical_substructure, sensor_correction
+from rths_cli.control import feedback, feedforward, kalman_filter, sensor_correction
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.interface import Interface
+from rths_cli.control.storeys_with_laws import computed_storeys
 from rths_cli.experiment.feedback_choice import choose_feedback
 from rths_cli.experiment.loop_stability_of_case import loop_faults
 from rths_cli.experiment.own_parts import NUMERICAL, made
@@ -51,7 +52,7 @@ def design_blocks(setup: Setup, identified: Identification, shared: SharedValues
     blocks = Blocks(
         correction=sensor_correction.correction(setup.rig.channels, dt, setup.removes_sensors),
         estimator=_estimator(setup, _specimen(identified), lead),
-        numerical=numerical_substructure.interface(setup.building.numerical, dt, case.integration),
+        numerical=computed_storeys(setup.building, dt, case.integration),
         feedforward=_feedforward(model, dt, lead, best, driven),
         feedback=feedback.none(dt),
         interface=Interface(shear),

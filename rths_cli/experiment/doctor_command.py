@@ -226,6 +226,8 @@ def _of_virtual_machine(rates: Sequence[RateMeasured], of_rig: Sequence[RateMeas
     seconds = sum(rate.steps / rate.rate_hz for rate in rates)
     missed = {rate.rate_hz for rate in of_rig if not rate.held}
     held = max((rate.rate_hz for rate in rates if rate.held and rate.rate_hz not in missed), default=None)
-    seen = f"in {seconds:.3g} s {late} steps were late by an interval"
+    steps = f"{late or 'no'} step{'s were' if late != 1 else ' was'}"
+    seen = f"in {seconds:.3g} s {steps} late by an interval{'' if late else ', so nothing was seen of it'}"
     advice = f"use a real one, or stay at {held:g} Hz or below, which was held" if held else "use a real one"
-    return f"this is a virtual machine, whose host takes the processor away as it likes: {seen}; {advice}"
+    virtual = "this is a virtual machine, whose host may take the processor away at any time"
+    return f"{virtual}; {seen}{f'; {advice}' if late else ''}"

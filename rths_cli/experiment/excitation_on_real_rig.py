@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from rths_cli.control.designed_blocks import Blocks
-    from rths_cli.experiment.setup import Setup
+    from rths_cli.experiment.setup import Progress, Setup
     from rths_cli.loop.realtime_loop import Course
+    from rths_cli.loop.realtime_run import Performance, Watch
     from rths_cli.loop.run_log import Signals
     from rths_cli.loop.simulated_time_run import Outcome
     from rths_cli.numerics.lti import Array, Block
@@ -29,20 +30,35 @@ if TYPE_CHECKING:
 SETTLED_S = 0.03  # time after which a late command no longer affects the table
 
 
-def excited(setup: Setup, blocks: Blocks, drive: Array) -> Outcome:
+def excited(setup: Setup, blocks: Blocks, drive: Array, progress: Progress = lambda _: None) -> Outcome:
     """Play an excitation (n, 3) on the case's real rig and return its outcome, with lost samples reconstructed.
+
+    `progress` hears of every second of it, for instance "25 of 80 s".
 
     Raises KeyboardInterrupt after an interrupt, when the table is at rest; InputError or RigError as `ready_on_rig`;
     RigError if too many samples were lost.
     """
     rig, run = ready_on_rig(setup, blocks, EXCITATION, drive)
     with opened(rig):
-        outcome = perform_watched(rig, run, lambda _: None).outcome
+        outcome = perform_watched(rig, run, _seconds(progress)).outcome
     if outcome.reason in (INTERRUPT, TERMINATION):
         raise KeyboardInterrupt  # the command line remembers which signal it was
     if outcome.rig_fault or outcome.stopped_by_limit:
         return outcome
     return replace(outcome, log=mended(outcome.log, run.course, blocks.correction))
+
+
+def _seconds(progress: Progress) -> Watch:
+    """Return a watcher that tells the seconds played, each once."""
+    told = [0]
+
+    def watch(run: Performance) -> None:
+        played = int(min(max(run.log.done[0] - run.course.ramp, 0), run.course.record) * run.info.dt_s)
+        if played > told[0]:
+            told[0] = played
+            progress(f"{played} of {run.course.record * run.info.dt_s:.0f} s")
+
+    return watch
 
 
 def mended(log: Signals, course: Course, correction: Block) -> Signals:

@@ -60,7 +60,7 @@ def _case(path: Path) -> tuple[str, Details]:
 
 
 def _structure(path: Path) -> tuple[str, Details]:
-    spec, levels, _ = load_structure(str(path.absolute()))
+    spec, levels, *_ = load_structure(str(path.absolute()))
     numerical, experimental = len(spec.numerical.masses_kg), len(spec.experimental.masses_kg)
     mass = sum(spec.numerical.masses_kg) + sum(spec.experimental.masses_kg)
     named = [level.name for level in levels]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from rths_cli.errors import InputError
 from rths_cli.files.accelerograms import Accelerogram
 from rths_cli.numerics.driven_modes import driven_modes
 from rths_cli.numerics.lti import Array
+from rths_cli.structure import Similitude
 
 MOST_SAMPLES = 5_000_000  # largest number of samples: 40 minutes at 2 kHz, 40 MB in each of about ten arrays
 
@@ -36,6 +37,12 @@ class Peaks:
     accel_m_s2: float
     velocity_m_s: float
     displacement_m: float
+
+
+def compressed(accelerogram: Accelerogram, scale: Similitude) -> Accelerogram:
+    """Return the record of a prototype as the model needs it: in the model's time, with the model's accelerations."""
+    accel = accelerogram.accel_m_s2 / scale.factor("m/s^2")
+    return replace(accelerogram, dt_s=accelerogram.dt_s / scale.factor("s"), accel_m_s2=accel)
 
 
 def prepare(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,8 @@ def facts_of(path: Path) -> dict[str, Any]:
     return _facts(path.stem, read_accelerogram(path))
 
 
-def show(name: str, unit: str | None, dt_s: float | None) -> tuple[dict[str, Any], str]:
-    """Return data, peaks and 5 % response spectrum of a record, as a document for JSON and as text.
+def show(name: str, unit: str | None, dt_s: float | None, width: int = 100) -> tuple[dict[str, Any], str]:
+    """Return data, peaks and 5 % response spectrum of a record, as a document for JSON and as text of some width.
 
     The record is neither scaled nor filtered. Raises InputError if it cannot be read.
     """
@@ -31,16 +32,20 @@ def show(name: str, unit: str | None, dt_s: float | None) -> tuple[dict[str, Any
     largest, spectrum = peaks(motion), response_spectrum(motion, PERIODS_S, SPECTRUM_DAMPING)
     facts = _facts(path.stem, accelerogram)
     facts |= {"peak_velocity_m_s": largest.velocity_m_s, "origin": accelerogram.origin, "sha256": accelerogram.sha256}
-    facts |= {"periods_s": list(PERIODS_S), "pseudo_accel_m_s2": [float(v) for v in spectrum]}
+    accel_m_s2 = [float(v) for v in spectrum]
+    facts |= {"periods_s": list(PERIODS_S), "pseudo_accel_m_s2": accel_m_s2}
     lines = [
-        f"{facts['name']}: {facts['title']}",
-        f"  origin       {accelerogram.origin or 'not stated'}",
+        *textwrap.wrap(f"{facts['name']}: {facts['title']}", width, subsequent_indent="  "),
+        *textwrap.wrap(f"  origin       {accelerogram.origin or 'not stated'}", width, subsequent_indent=" " * 15),
         f"  samples      {facts['samples']} every {facts['dt_s']:g} s, {facts['duration_s']:.2f} s",
         f"  peak         {facts['peak_m_s2']:.4f} m/s^2, {largest.velocity_m_s:.4f} m/s",
         "  response spectrum, 5 % damping (pseudo-acceleration)",
-        "    period s   " + "".join(f"{p:>8g}" for p in PERIODS_S),
-        "    m/s^2      " + "".join(f"{v:>8.3f}" for v in spectrum),
     ]
+    fit = max((width - 15) // 8, 1)
+    for first in range(0, len(PERIODS_S), fit):
+        some = slice(first, first + fit)
+        lines.append("    period s   " + "".join(f"{p:>8g}" for p in list(PERIODS_S)[some]))
+        lines.append("    m/s^2      " + "".join(f"{v:>8.3f}" for v in accel_m_s2[some]))
     return facts, "\n".join(lines) + "\n"
 
 

@@ -3,7 +3,7 @@ model file."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -14,7 +14,7 @@ from rths_cli.case.load import load_cases
 from rths_cli.experiment.case_warnings import differences
 from rths_cli.experiment.identify_from_files import CORRECTED, DataRequest, read_measured
 from rths_cli.experiment.identify_on_rig import Measured, UnfitRig, evaluated, evaluation_settings, measure, noted, plan
-from rths_cli.experiment.identify_output import Outputs, check_outputs, make_folders
+from rths_cli.experiment.identify_output import PROBE, Outputs, check_outputs, make_folders
 from rths_cli.experiment.model_choice import as_model, notes_on
 from rths_cli.experiment.model_files import channel_names, load, save
 from rths_cli.experiment.setup import Progress, Setup, make_setup, shown
@@ -40,6 +40,7 @@ class Asked:
     save_data: Path | None = None  # file for the measured records; None: they are not saved
     figure: Path | None = None  # file of the figure; None: beside the model file, as .png
     draw: bool = True  # whether a figure is drawn
+    replace: bool = True  # whether files that exist may be replaced
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ def make_model(
     outputs = _outputs(asked, setup)
     given, notes = _given(setup)
     planned = None if asked.data else plan(setup)
-    check_outputs(outputs, _inputs(asked, setup))
+    present = check_outputs(outputs, _inputs(asked, setup), asked.replace)
     doubts = specimen_doubts(setup)
     for doubt in doubts:
         warn(doubt)
@@ -102,22 +103,25 @@ def make_model(
         why = UnfitRecord((*doubts, *why.faults), why.channels)
         none = (("model file", "none is written: no model can be made from these channels"),)
         return Made(replace(about, lines=(*about.lines, *none)), None, None, why, code)
-    replaced = outputs.model.exists()
     sha256 = save(
         outputs.model, setup, found, measured.source, measured.sha256, replace=not setup.rig.can.moves_hardware
     )
     judged = (("judged model", shown(asked_model)),) if (asked_model := setup.case.identification.model) else ()
-    drawn = (("figure", shown(outputs.figure)),) if outputs.figure else ()
+    drawn = (("figure", f"{shown(outputs.figure)}{_mark(outputs.figure, present)}"),) if outputs.figure else ()
     lines = (
         ("structure", f"{setup.case.structure.name}, case {setup.case.name}"),
         *measured.lines,
         *judged,
         ("data SHA-256", measured.sha256[:16]),
-        ("model file", f"{shown(outputs.model)}{' (replaced)' if replaced else ''}, SHA-256 {sha256[:16]}"),
+        ("model file", f"{shown(outputs.model)}{_mark(outputs.model, present)}, SHA-256 {sha256[:16]}"),
         *drawn,
     )
     code, accepted = (0, outputs.model) if found.accepted else (1, None)
     return Made(replace(about, lines=lines), found, outputs.figure, None, code, accepted)
+
+
+def _mark(path: Path, replaced: Sequence[Path]) -> str:
+    return " (replaced)" if path in replaced else ""
 
 
 def _evaluate(setup: Setup, measured: Measured, given: Model | None, from_file: bool) -> Identification:
@@ -169,7 +173,7 @@ def _save_data(path: Path, setup: Setup, measured: Measured) -> None:
     names = ("command_v", *(f"{name}_accel_m_s2" for name in channel_names(setup)))
     notes = (CORRECTED,) if setup.removes_sensors else ()
     saved = {f"_{number}" if number > 1 else "": record for number, record in enumerate(measured.records, 1)}
-    saved |= {"_probe": measured.quiet} if measured.quiet is not None else {}
+    saved |= {f"_{PROBE}": measured.quiet} if measured.quiet is not None else {}
     for end, record in saved.items():
         samples = np.vstack([record.command_v, record.accel_m_s2])
         units = ("V", *["m/s^2"] * len(record.accel_m_s2))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -36,12 +37,17 @@ from rths_cli.numerics.lti import Array, Model
 if TYPE_CHECKING:
     from rths_cli.case.case_schema import IdentificationSpec
 
+MOST_PLAYED = 3  # times that an excitation is played if samples are lost; what was measured before it is kept
 MOST_ATTEMPTS = 3  # excitations of a table that is overdriven, each at half the level of the one before
 SEED_STEP = 7919  # difference of the seeds of several records
 PERIOD_S = {"multisine": 20.0, "sweep": 40.0}  # longer where the compared band begins below the usual 0.7 Hz
 RECORDS = {IDENTIFICATION: "full level", PROBE: "probe", VERIFICATION: "verification"}
 ADVICE = "lower identification.accel_rms_m_s2"
 NOT_BY_MOTION = (LOST, OVERRUN, RIG_FAULT, OPERATOR)  # a quieter excitation would not help
+
+
+class SamplesLost(LimitError):
+    """Raised if an excitation was stopped because too many samples in a row were lost or late."""
 
 
 class UnfitRig(RigError):
@@ -167,10 +173,10 @@ def _excited(
     for attempt in range(1, MOST_ATTEMPTS + 1):
         if level.accel_rms_m_s2 != loud.accel_rms_m_s2:
             loud = excitation.plan(setup.rig, settings, seed, level.accel_rms_m_s2)
-        progress(
-            f"identification{which}, {loud.command_v.size * setup.rig.dt_s:.0f} s on the {setup.case.table.kind} table"
-        )
-        command, corrected, lost = excite(setup, loud.command_v, stream=(IDENTIFICATION, number) if number else None)
+        seconds = loud.command_v.size * setup.rig.dt_s
+        what = f"identification{which}, {seconds:.0f} s on the {setup.case.table.kind} table"
+        stream = (IDENTIFICATION, number) if number else None
+        command, corrected, lost = repeated(setup, loud.command_v, stream, what, progress)
         record = Record(command, corrected, loud.parts)
         notes += [lost] if lost else []
         grown = None
@@ -201,8 +207,8 @@ def probed(setup: Setup, progress: Progress, stream: int = PROBE) -> tuple[Excit
     options = setup.case.identification
     low = low_level_probe.probe_plan(setup.rig, excitation_settings(options), options.seed)
     seconds = low.command_v.size * setup.rig.dt_s
-    progress(f"probe of {seconds:.0f} s at {low.accel_rms_m_s2:.2g} m/s^2 rms")
-    command, corrected, _ = excite(setup, low.command_v, stream=(stream,))
+    what = f"probe of {seconds:.0f} s at {low.accel_rms_m_s2:.2g} m/s^2 rms"
+    command, corrected, _ = repeated(setup, low.command_v, (stream,), what, progress)
     return low, Record(command, corrected, low.parts)
 
 
@@ -230,32 +236,60 @@ def processing(options: IdentificationSpec) -> tuple[tuple[str, str], ...]:
     )
 
 
-def excite(setup: Setup, command_v: Array, stream: tuple[int, ...] | None = None) -> tuple[Array, Array, str]:
-    """Play a command (n,) in V through guard and rig.
+def repeated(
+    setup: Setup, command_v: Array, stream: tuple[int, ...] | None, what: str, progress: Progress
+) -> tuple[Array, Array, str]:
+    """Call `excite`, and again if it was stopped because samples were lost; `what` names it.
+
+    Only this excitation is repeated. Raises as `excite` does.
+    """
+    for attempt in range(1, MOST_PLAYED + 1):
+        this = what if attempt == 1 else f"{what}, attempt {attempt} of {MOST_PLAYED}"
+        progress(this)
+        try:
+            return excite(setup, command_v, stream=stream, progress=partial(_said_of, progress, this))
+        except SamplesLost as lost:
+            if attempt == MOST_PLAYED:
+                raise SamplesLost(f"{lost}; {MOST_PLAYED} attempts ended so") from lost
+            progress(f"{this}: {lost}")
+    raise AssertionError("the last attempt returns or raises")
+
+
+def _said_of(progress: Progress, what: str, now: str) -> None:
+    progress(f"{what}: {now}")
+
+
+def excite(
+    setup: Setup, command_v: Array, stream: tuple[int, ...] | None = None, progress: Progress = lambda _: None
+) -> tuple[Array, Array, str]:
+    """Play a command (n,) in V through guard and rig; `progress` hears of the seconds of a real rig.
 
     Returns the command as sent, the corrected channels (c, n) in m/s^2, and notes on reconstructed samples. `stream`
-    names the rig's noise. Raises LimitError if a limit stopped the excitation, RigError if the rig did.
+    names the rig's noise. Raises LimitError if a limit stopped the excitation, SamplesLost if it was that on lost
+    samples, RigError if the rig did.
     """
     drive = np.column_stack([command_v, np.zeros((command_v.size, 2))])
-    outcome = _played(setup, drive, stream or (IDENTIFICATION,))
+    outcome = _played(setup, drive, stream or (IDENTIFICATION,), progress)
     where = f"identification of rig {setup.rig.name}, {RECORDS.get((stream or (IDENTIFICATION,))[0], 'record')}"
     advice = "" if outcome.reason in NOT_BY_MOTION else f"; {ADVICE}"
     if outcome.rig_fault:
         raise RigError(f"{where}: {outcome.rig_fault}{advice}")
     if outcome.stopped_by_limit:
-        raise LimitError(f"{where}: {outcome.stopped_by_limit}{advice}")
+        raise (SamplesLost if outcome.reason in (LOST, OVERRUN) else LimitError)(
+            f"{where}: {outcome.stopped_by_limit}{advice}"
+        )
     log = outcome.log
     lost = losses_of(log.lost, 1e-9 * log.late_ns, setup.rig.dt_s)
     said = lost.sentence(f"{RECORDS.get((stream or (IDENTIFICATION,))[0], 'record')}") if lost.any else ""
     return log.command_v, log.corrected, said
 
 
-def _played(setup: Setup, drive: Array, stream: tuple[int, ...]) -> Outcome:
+def _played(setup: Setup, drive: Array, stream: tuple[int, ...], progress: Progress) -> Outcome:
     """Play an excitation (n, 3) on the rig, a real one in real time."""
     if not setup.rig.can.counts_steps:
         from rths_cli.experiment.excitation_on_real_rig import excited
 
-        return excited(setup, _listening(setup), drive)
+        return excited(setup, _listening(setup), drive, progress)
     rig = open_rig(setup, stream, setup.case.identification.seed)
     blocks, limits = _listening(setup), guard_limits(setup)
     return interruptible(lambda: play(rig, setup.rig, blocks, EXCITATION, drive, limits))

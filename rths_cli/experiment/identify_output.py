@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import glob
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 from rths_cli.errors import InputError
-from rths_cli.files.durable_files import open_regular
-from rths_cli.files.model_file import FORMAT
+from rths_cli.files.existing_files import Kind, check_existing
 from rths_cli.files.result_writer import check_writable
 
+PROBE = "probe"  # end of the name of the record at low level
 FIGURE_FORMATS = ("png", "svg", "pdf")
 Named = tuple[str, Path]
 
@@ -31,17 +32,32 @@ class Outputs:
         return tuple((option, path) for option, path in every if path is not None)
 
 
-def check_outputs(outputs: Outputs, inputs: Iterable[Named]) -> None:
-    """Raise InputError with all faults if a file cannot be written, or would replace an input or another kind of file.
+def check_outputs(outputs: Outputs, inputs: Iterable[Named], replace: bool = True) -> tuple[Path, ...]:
+    """Return the files that will be replaced; raises InputError with all faults if a file cannot be written, or would
+    replace an input or what may not be replaced.
 
     `inputs`: files that are read, each with the word or option that names it.
     """
     faults = [fault for option, path in outputs.named for fault in _name_faults(option, path)]
-    faults += _shared(outputs.named, tuple(inputs)) or _replaced(outputs.model)
+    faults += _shared(outputs.named, tuple(inputs))
     if faults:
         raise InputError(*faults)
+    replaced = check_existing(_kinds(outputs), replace)
     for _, path in outputs.named:
         try_folder(path.parent)
+    return replaced
+
+
+def _kinds(outputs: Outputs) -> Iterator[tuple[Path, Kind]]:
+    """Yield the files that are written, and those that more than one record would become, with their kinds."""
+    yield outputs.model, Kind.MODEL
+    if outputs.figure is not None:
+        yield outputs.figure, Kind.DOCUMENT
+    if (path := outputs.save_data) is not None:
+        yield path, Kind.RECORDING
+        for other in sorted(path.parent.glob(f"{glob.escape(path.stem)}_*{glob.escape(path.suffix)}")):
+            if other.stem.removeprefix(f"{path.stem}_") == PROBE or other.stem.rpartition("_")[2].isdigit():
+                yield other, Kind.RECORDING
 
 
 def make_folders(outputs: Outputs) -> None:
@@ -79,15 +95,3 @@ def _shared(outputs: tuple[Named, ...], inputs: tuple[Named, ...]) -> list[str]:
         if other != option:
             faults.append(f"{option} {path}: is the file of {other} too; choose another name")
     return faults
-
-
-def _replaced(model: Path) -> list[str]:
-    """Return a sentence if a file that is not a model file has the name of the model file."""
-    try:
-        with open_regular(model) as file:
-            start = file.read(len(FORMAT))
-    except OSError:
-        return []  # missing or unreadable; a fault shows when it is written
-    if start in (b"", FORMAT.encode()):
-        return []
-    return [f"--output {model}: exists and is no model file, which alone is replaced; choose another name"]

@@ -23,10 +23,11 @@ def losses_of_runs(metrics: Mapping[str, ArrayLike]) -> list[str]:
 
 def loss_sentence(what: str, lost: int, overrun: int, mixed: int, longest_gap_s: float) -> str:
     """Return a sentence on the steps without samples of their own, the longest such time, and the steps with a mix."""
+    host = " because this computer was late" if overrun else ""
     after = f", in {_steps(mixed)} after that in part" if mixed else ""
     return (
-        f"{what}: {_steps(lost)} lost samples, {_steps(overrun)} overrun, longest gap {1e3 * longest_gap_s:.3g} ms; "
-        f"what was measured there is bridged{after}"
+        f"{what}: {_steps(lost)} lost samples, {_steps(overrun)} overrun{host}, "
+        f"longest gap {1e3 * longest_gap_s:.3g} ms; what was measured there is bridged{after}"
     )
 
 

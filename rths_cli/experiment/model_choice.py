@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rths_cli.files.imported_models import ForeignModel
     from rths_cli.identification.excitation import Excitation
 
-NOW, AT_REST = "identified in this run", "identified now, which on a virtual rig is a computation"
+NOW, AT_REST = "identified in this run", "identified just now (simulated, no hardware)"
 
 
 @dataclass(frozen=True)
@@ -188,8 +188,8 @@ def _check_real(setup: Setup, path: Path | None) -> None:
     advice = f"rths identify {shown(setup.case.path)}"
     if path is None:
         raise InputError(
-            "identification.model: is missing; a run does not excite a real rig, "
-            f"run {advice} first, with the same --set"
+            f"{shown(setup.case.path)}: identification.model: is missing; a real rig is identified before it is used: "
+            f"{advice} writes a model file, which identification.model then names"
         )
     if is_foreign(path):
         raise InputError(f"identification.model: {shown(path)} has not been judged; run {advice} --model {shown(path)}")

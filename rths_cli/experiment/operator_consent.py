@@ -46,11 +46,15 @@ def ask_to_move(
 
     Cases on virtual rigs need no confirmation. `confirm` shows the lines of the checklist and returns the answer.
     `predicted` returns the metrics `check.*` of a case, {} without a check; the checklist states their peaks. `yes`
-    confirms without a question, but only for rigs whose own file states `unattended: true`.
+    confirms without a question, but only for rigs whose own file states `unattended: true`. Nobody is asked where the
+    system has no real time.
     """
     real = [setup for setup in setups if setup.rig.can.moves_hardware]
     if not real:
         return
+    from rths_cli.numerics.clock import require_real_time
+
+    require_real_time()
     attended = [setup.rig.name for setup in real if not setup.rig.unattended]
     if yes:
         if attended:

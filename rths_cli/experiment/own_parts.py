@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rths_cli.control import numerical_substructure
 from rths_cli.control.part_designs import PartDesign
+from rths_cli.control.storeys_with_laws import computed_storeys
 from rths_cli.errors import InputError
 from rths_cli.numerics.lti import Array
 from rths_cli.structure import Building, Specimen
@@ -39,8 +39,7 @@ def with_own_storeys(setup: Setup) -> Setup:
     """
     if NUMERICAL not in setup.parts:
         return setup
-    storeys, dt_s = setup.building.numerical, setup.rig.dt_s
-    designed = numerical_substructure.interface(storeys, dt_s, setup.case.integration)
+    designed = computed_storeys(setup.building, setup.rig.dt_s, setup.case.integration)
     design = made(NUMERICAL, setup.parts[NUMERICAL], designed)
     setup = replace(setup, own_numerical=design)
     declared = getattr(design, "building", None)

@@ -54,9 +54,19 @@ def attributes(setup: Setup, design: Design | None, command_line: str) -> dict[s
         "damping_first_mode_ratio": first_mode_ratio(building.M, building.C, building.K),
         "controller": case.controller.kind,
         "scaling": case.scaling,
+        **_scale(setup),
         "reference_title": case.reference.title if case.reference else "",
         "reference_json": json.dumps(published) if published else "",
     }
+
+
+def _scale(setup: Setup) -> dict[str, str | int | float]:
+    """Return the independent scale factors of a model and the scale of its reports, nothing where none is stated."""
+    scale = setup.similitude
+    if scale is None:
+        return {}
+    factors = {"scale_length": scale.length, "scale_acceleration": scale.acceleration, "scale_mass": scale.mass}
+    return {**factors, "report_in": setup.case.report_in}
 
 
 def model_sha256(model: Model) -> str:

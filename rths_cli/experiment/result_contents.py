@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rths_cli.analysis.structural_response import inter_storey_drift_m, storey_shear_n
 from rths_cli.control import latency_budget
 from rths_cli.control.numerical_substructure import amplitude_and_lag
 from rths_cli.experiment.run_metrics import of_margins
@@ -34,13 +35,20 @@ def write_record(writer: ResultWriter, setup: Setup) -> None:
 def write_response(writer: ResultWriter, run: str, setup: Setup, response: Response) -> None:
     """Write a computed response (SIM, SIM-DELAY)."""
     motion = (response.rel_disp_m, response.rel_vel_m_s, response.abs_accel_m_s2)
-    values = _motion(motion, response.base_shear_n)
+    values = _motion(setup, motion, response.base_shear_n)
     writer.group(run, values, time_s=setup.motion.time_s, storey=np.arange(1, len(motion[0]) + 1))
 
 
-def _motion(motion: tuple[Array, Array, Array], base_shear_n: Array) -> dict[str, ArrayLike]:
+def _motion(setup: Setup, motion: tuple[Array, Array, Array], base_shear_n: Array) -> dict[str, ArrayLike]:
     disp, vel, accel = motion
-    return {"rel_disp_m": disp, "rel_vel_m_s": vel, "abs_accel_m_s2": accel, "base_shear_n": base_shear_n}
+    return {
+        "rel_disp_m": disp,
+        "rel_vel_m_s": vel,
+        "abs_accel_m_s2": accel,
+        "base_shear_n": base_shear_n,
+        "inter_storey_drift_m": inter_storey_drift_m(disp),
+        "storey_shear_n": storey_shear_n(np.diag(setup.building.M), accel),
+    }
 
 
 def write_table_run(
@@ -52,7 +60,7 @@ def write_table_run(
     storeys, floors = len(setup.building.M), len(setup.floor_masses_kg)
     storey = np.arange(1, storeys + 1)
     scales: dict[str, ArrayLike] = {"floor": storey[storeys - floors :]}
-    values = _motion(hybrid, series.base_shear_n) if hybrid else {}
+    values = _motion(setup, hybrid, series.base_shear_n) if hybrid else {}
     values |= {
         "interface_accel_desired_m_s2": series.desired[0],
         "interface_accel_measured_m_s2": series.measured[0],
@@ -91,7 +99,8 @@ def _remarks_on_samples(setup: Setup, series: Series) -> dict[str, tuple[str, ..
 def _remarks_on_storeys(setup: Setup) -> dict[str, tuple[str, ...]]:
     """Return remarks on the motion of the whole building in EXP-RTHS, by dataset."""
     unknown = not setup.knows_storeys and len(setup.building.numerical.masses_kg) > 1
-    return dict.fromkeys(("rel_disp_m", "rel_vel_m_s", "abs_accel_m_s2"), (UNKNOWN_BELOW,)) if unknown else {}
+    motion = ("rel_disp_m", "rel_vel_m_s", "abs_accel_m_s2", "inter_storey_drift_m", "storey_shear_n")
+    return dict.fromkeys(motion, (UNKNOWN_BELOW,)) if unknown else {}
 
 
 def write_rest(writer: ResultWriter, run: str, setup: Setup, whole: Whole) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.analysis import accept_limits
-from rths_cli.analysis.critical_delay import critical_delay
+from rths_cli.analysis.critical_delay import critical_delay_range
 from rths_cli.analysis.references import reference_of
 from rths_cli.case.load import resolved_yaml
 from rths_cli.experiment import result_contents, run_metrics
@@ -38,8 +38,9 @@ if TYPE_CHECKING:
     from rths_cli.case.case_schema import Case
     from rths_cli.control.part_designs import OwnParts
     from rths_cli.quantities import Values
+    from rths_cli.structure import Building
 
-BYTES_PER_SAMPLE = 600  # of a result file, for the check of free space
+BYTES_PER_SAMPLE = {"all": 600, "essential": 100, "none": 20}  # of a result file, for the check of free space
 PRECEDENCE = (143, 130, 5, 4, 3, 2, 1)  # precedence of exit codes, the first one wins
 LOG_BYTES_PER_SAMPLE = 400  # of the raw logs of two runs on a real rig, for the same check
 
@@ -59,18 +60,18 @@ class Ended:
 
 def prepare_all(
     cases: Sequence[Case], output: Path, overrides: tuple[str, ...] = (), shared: SharedValues | None = None,
-    parts: OwnParts | None = None, samples: OwnSamples = (),
+    parts: OwnParts | None = None, samples: OwnSamples = (), series: str = "all",
 ) -> list[Setup]:  # fmt: skip
     """Read and check all cases completely before the first one starts; raises InputError with all faults."""
     setups = make_setups(cases, overrides, shared, parts, samples)
-    try_folder(output, sum(_bytes(setup) for setup in setups))
+    try_folder(output, sum(_bytes(setup, series) for setup in setups))
     return setups
 
 
-def _bytes(setup: Setup) -> int:
+def _bytes(setup: Setup, series: str) -> int:
     """Return the number of bytes that the files of a case may need."""
     logged = LOG_BYTES_PER_SAMPLE if setup.rig.can.moves_hardware else 0
-    return (BYTES_PER_SAMPLE + logged) * len(setup.motion.time_s)
+    return (BYTES_PER_SAMPLE[series] + logged) * len(setup.motion.time_s)
 
 
 def moves_table(case: Case) -> bool:
@@ -86,16 +87,18 @@ def run_case(
     progress: Progress,
     shared: SharedValues | None = None,
     stage: Stage | None = None,
+    series: str = "all",
 ) -> Ended:
     """Run one case and write its result file; raises InputError if it cannot be run or written.
 
-    With `shared`, cases compute common values once. `stage` plays the runs; None: on a virtual rig.
+    With `shared`, cases compute common values once. `stage` plays the runs; None: on a virtual rig. `series`: those
+    that the file keeps, one of `KEPT_SERIES`.
     """
     case, shared = setup.case, shared or SharedValues()
     known = memory.known(setup, progress) if moves_table(case) else None
     checked = verdict_on(setup, known, "exp_rths" in case.runs, shared=shared) if known else None
     cautions, replaced = _cautions(setup, known, checked), path.exists()
-    about = _attributes(setup, checked, known, command_line, cautions)
+    about = _attributes(setup, checked, known, command_line, cautions) | {"series": series}
     with ResultWriter(path, about, lasting=setup.rig.can.moves_hardware) as writer:
         writer.case(case.yaml_text, resolved_yaml(case))
         result_contents.write_record(writer, setup)
@@ -177,7 +180,7 @@ def _simulations(
     if "sim" in case.runs:
         result_contents.write_response(writer, "sim", setup, sim)
         values["sim.solution_error"] = sim.error_estimate
-        values |= run_metrics.of_building("sim", setup.building, sim.rel_disp_m, sim.abs_accel_m_s2)
+        values |= _of_building("sim", setup.building, sim)
     if "sim_delay" in case.runs:
         progress(f"SIM-DELAY, {1e3 * case.delay_s:g} ms")
         delayed, found = shared.get(
@@ -208,6 +211,15 @@ def _of_sim(setup: Setup) -> tuple[object, ...]:
     return motion_key(setup.case), building_key(setup.case)
 
 
+def _of_building(run: str, building: Building, found: Response) -> dict[str, ArrayLike]:
+    """Return the metrics of a computed response."""
+    values = run_metrics.of_building(run, building, found.rel_disp_m, found.abs_accel_m_s2)
+    if found.laws is not None:
+        work_j = found.laws.work_j[:, -1]
+        values |= run_metrics.of_laws(run, building, found.rel_disp_m, found.laws.force_n, work_j)
+    return values
+
+
 def _sim_delay(setup: Setup, sim: Response) -> tuple[DelayedResponse, dict[str, ArrayLike]]:
     """Return SIM-DELAY and its metrics."""
     dt, building = setup.rig.dt_s, setup.building
@@ -217,10 +229,10 @@ def _sim_delay(setup: Setup, sim: Response) -> tuple[DelayedResponse, dict[str, 
     band_hz = setup.case.test_band_hz
     values = dict(run_metrics.errors("sim_delay", None, storeys, dt, lowest_hz, test_band_hz=band_hz))
     values |= run_metrics.relative_errors("sim_delay", values, sim.abs_accel_m_s2, dt, lowest_hz, band_hz)
-    values |= run_metrics.of_building("sim_delay", building, delayed.rel_disp_m, delayed.abs_accel_m_s2)
+    values |= _of_building("sim_delay", building, delayed)
     values["sim_delay.high_pass_hz"] = lowest_hz
     values["sim_delay.solution_error"] = delayed.error_estimate
-    critical = critical_delay(building).delay_s if building.linear else math.inf
+    critical = critical_delay_range(building).smallest.delay_s
     if math.isfinite(critical):  # infinite: every delay is stable, or none is critical by itself
         values["sim_delay.critical_delay_s"] = critical
         if critical > 0.0:

@@ -22,6 +22,7 @@ from rths_cli.experiment.operator_consent import ask_to_move
 from rths_cli.experiment.run_case import Ended, moves_table, prepare_all, run_case, worst_code
 from rths_cli.experiment.setup import OwnSamples, Progress, Setup
 from rths_cli.experiment.unit_plausibility import unit_doubts
+from rths_cli.files.existing_files import Kind, check_existing
 from rths_cli.interrupts import ended_by
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.quantities import Values
@@ -75,6 +76,7 @@ class Request:
     samples: OwnSamples = ()  # of the identified model, the caller's
     fresh: bool = False  # whether cached models of virtual rigs are ignored
     yes: bool = False  # whether a rig with `unattended: true` moves without a question
+    series: str = "all"  # that the result files keep, one of `KEPT_SERIES`
 
 
 def plan(request: Request, memory: Memory, shared: SharedValues) -> list[Job]:
@@ -86,15 +88,18 @@ def plan(request: Request, memory: Memory, shared: SharedValues) -> list[Job]:
     for method in request.methods or ("",):
         cases = [case for case in request.cases if method in ("", case.method)]
         suffix = f"-{method}" if len(request.methods) > 1 else ""
-        setups = prepare_all(cases, request.output, request.overrides, shared, request.parts, request.samples)
+        setups = prepare_all(
+            cases, request.output, request.overrides, shared, request.parts, request.samples, request.series
+        )
         jobs += [(setup, request.output / f"{setup.case.name}{suffix}{_when(setup)}.h5") for setup in setups]
+    if request.series != "all" and (real := [setup for setup, _ in jobs if setup.rig.can.moves_hardware]):
+        raise InputError(
+            f"--series {request.series}: rig {real[0].rig.name} is real, whose runs keep all; leave it out"
+        )
     for setup, _ in jobs:
         if moves_table(setup.case):
             memory.prepare(setup)
-    present = [str(path) for _, path in jobs if path.exists()]
-    if present and not request.replace:
-        advice = "exists; remove it, choose another --output, or drop --no-replace"
-        raise InputError(*(f"{path}: {advice}" for path in present))
+    check_existing([(path, Kind.RESULT) for _, path in jobs], request.replace)
     return jobs
 
 
@@ -128,7 +133,8 @@ def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
 
     def work(job: Job, tell: Progress) -> tuple[Ended, float]:
         start = time.monotonic()
-        return run_one(*job, memory, shared, request.command_line, tell, watcher), time.monotonic() - start
+        ended = run_one(*job, memory, shared, request.command_line, tell, watcher, request.series)
+        return ended, time.monotonic() - start
 
     results: list[Ended] = []
     with closing(in_order(work, jobs, watcher.doing, cases_at_once(jobs))) as endings:
@@ -160,13 +166,14 @@ def most_kept(jobs: Sequence[Job]) -> int:
 
 
 def run_one(
-    setup: Setup, path: Path, memory: Memory, shared: SharedValues, command_line: str, tell: Progress, watcher: Watcher
-) -> Ended:
+    setup: Setup, path: Path, memory: Memory, shared: SharedValues, command_line: str, tell: Progress, watcher: Watcher,
+    series: str = "all",
+) -> Ended:  # fmt: skip
     """Run one case, write its result file and return how it ended; an exception gives the reason and the exit code."""
     taken = path.exists()
     try:
         if setup.rig.can.counts_steps:
-            return run_case(setup, path, memory, command_line, tell, shared)
+            return run_case(setup, path, memory, command_line, tell, shared, series=series)
         return _run_real(setup, path, memory, shared, command_line, tell, watcher)
     except RthsError as error:
         return _failed(setup, path, taken, "; ".join((*unit_doubts(setup), str(error))), error.exit_code)

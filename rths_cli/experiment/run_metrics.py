@@ -24,10 +24,11 @@ from rths_cli.analysis.metrics import (
     tracking_ratios,
     velocity_error_m_s,
 )
-from rths_cli.analysis.structural_response import peaks
+from rths_cli.analysis.structural_response import inter_storey_drift_m, peaks
 from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
 from rths_cli.numerics.bands import TEST_BAND_HZ
 from rths_cli.quantities import kinds_of
+from rths_cli.structure import storey_values
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
@@ -122,6 +123,31 @@ def of_building(run: str, building: Building, rel_disp_m: Array, abs_accel_m_s2:
     return values
 
 
+def of_laws(
+    run: str, building: Building, rel_disp_m: Array, law_force_n: Array, work_j: Array | None = None
+) -> dict[str, ArrayLike]:
+    """Return ductility, residual drift and work of storeys with laws by path; none for a linear building.
+
+    `rel_disp_m` (n_storeys, n), `law_force_n` (s, n) of the lowest s storeys, beside their springs. `work_j` (s,) of
+    the laws; None: by the trapezoidal rule over the drift. What is not known of further storeys is NaN.
+    """
+    if building.linear:
+        return {}
+    drift, known = inter_storey_drift_m(rel_disp_m), len(law_force_n)
+    laws, limits = building.laws, np.full(building.storeys, np.nan)
+    for storey, limit in zip(laws.storey, laws.yield_drift_m, strict=True):
+        limits[storey] = np.fmin(limits[storey], limit)
+    of_laws_j = np.trapezoid(law_force_n, drift[:known], axis=1) if work_j is None else work_j
+    springs = np.concatenate([storey_values(building.numerical.K), storey_values(building.specimen.K)])
+    work = np.full(building.storeys, np.nan)
+    work[:known] = 0.5 * springs[:known] * drift[:known, -1] ** 2 + of_laws_j
+    return {
+        f"{run}.ductility": np.abs(drift).max(axis=1) / limits,
+        f"{run}.residual_drift_m": drift[:, -1],
+        f"{run}.restoring_work_j": work,
+    }
+
+
 def of_margins(group: str, found: Margins, suffix: str) -> dict[str, ArrayLike]:
     """Return the margins of one loop by path, `group`.NAME`suffix`; a margin without a crossing is infinite."""
     values = {
@@ -151,6 +177,8 @@ def of_table_run(
     figures |= fidelity(run, desired, measured, true, dt, lowest_hz, band_hz)
     if hybrid is not None:
         figures |= of_building(run, building, hybrid[0], hybrid[2])
+        if series.law_force_n is not None:
+            figures |= of_laws(run, building, hybrid[0], series.law_force_n)
         storeys = high_passed([sim.abs_accel_m_s2, hybrid[2]], lowest_hz, dt)
         figures |= response(run, storeys[0], storeys[1], len(building.numerical.masses_kg), dt, band_hz)
         most = float(np.max(input_energy_j(building.M, sim.rel_vel_m_s, ground, dt)))

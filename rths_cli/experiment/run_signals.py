@@ -10,6 +10,7 @@ import numpy as np
 
 from rths_cli.control.numerical_substructure import Scheme, all_storeys
 from rths_cli.control.part_designs import Logged
+from rths_cli.control.storeys_with_laws import LAW_FORCE, StoreysWithLaws
 from rths_cli.experiment.ground_motion import GroundMotion
 from rths_cli.loop.block_replay import run_block
 from rths_cli.loop.run_log import Signals
@@ -42,6 +43,15 @@ class Series:
     removed: Array | None = None
     logged: Array = field(default_factory=lambda: np.zeros((0, 0)))
     logs: tuple[Logged, ...] = ()
+
+    @property
+    def law_force_n(self) -> Array | None:
+        """Return the forces (s, n) of the laws of the lowest s storeys, beside their springs; None without laws."""
+        rows = {one.name: row for one, row in zip(self.logs, self.logged, strict=True) if one.ahead}
+        named = {int(name.split("_")[2]): row for name, row in rows.items() if name.startswith(LAW_FORCE)}
+        if not named:
+            return None
+        return np.array([named.get(storey, 0.0 * self.base_shear_n) for storey in range(1, max(named) + 1)])
 
     def with_true(self, abs_accel: Array) -> Array:
         """Return the accelerations (n_storeys, n) with true instead of measured ones of table and specimen."""
@@ -144,7 +154,11 @@ def whole_building(
     numerical = len(building.numerical.masses_kg)
     floors = len(building.specimen.masses_kg)
     inputs = np.vstack([ground_accel[: series.base_shear_n.size], series.base_shear_n])
-    computed = run_block(all_storeys(building.numerical, dt_s, scheme), inputs)
+    if building.linear or own is not None:
+        computed = run_block(all_storeys(building.numerical, dt_s, scheme), inputs)
+    else:  # the laws' forces are those of the run
+        design = StoreysWithLaws(building.numerical, building.laws, dt_s)
+        computed = run_block(design.all_storeys, np.vstack([inputs, series.logged[: len(design.storeys)]]))
     disp, vel, accel = (computed[i * numerical : (i + 1) * numerical] for i in range(3))
     if own is not None:
         if not own.knows_storeys:

@@ -97,7 +97,7 @@ def serve(request: ServeRequest, say: Say) -> list[SessionEnded]:
         server = Server(link, secret, rig, round(1e9 * request.watchdog_s), say)
         server.start()
         say(f"{rig.title} at {shown(link.getsockname())}; end with Ctrl-C")
-        say(f"key file {path}; a runner on this machine learns of it by")
+        say(f"key file {path}; in the other terminal, type:")
         say(f"export {KEY_FILE_VARIABLE}={shlex.quote(str(path))}")
         if not ipaddress.ip_address(link.getsockname()[0]).is_loopback:
             say("warning: reachable from other machines; packets are authenticated with the key file, not encrypted")

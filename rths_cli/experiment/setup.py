@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rths_cli.control.numerical_substructure import check_scheme
+from rths_cli.case.yaml_reader import parse
+from rths_cli.case.yaml_tree import Source
+from rths_cli.control.storeys_with_laws import computed_storeys
 from rths_cli.errors import InputError
-from rths_cli.experiment.ground_motion import GroundMotion, prepare
+from rths_cli.experiment.ground_motion import GroundMotion, compressed, prepare
 from rths_cli.experiment.own_parts import with_own_storeys
 from rths_cli.files.accelerograms import read_accelerogram
 from rths_cli.interrupts import interruptible
@@ -22,7 +24,7 @@ from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.quantities import metrics_of
 from rths_cli.rigs.description import RigInfo
 from rths_cli.rigs.from_case import rig_info
-from rths_cli.structure import Building, build
+from rths_cli.structure import Building, Similitude, build, similitude_of
 
 if TYPE_CHECKING:
     from rths_cli.case.case_schema import Case
@@ -56,7 +58,12 @@ class Setup:
     @property
     def knows_storeys(self) -> bool:
         """Return whether the storeys below the interface follow from ground motion and interface force."""
-        return self.building.linear and ("numerical" not in self.parts or self.declared)
+        return "numerical" not in self.parts or (self.declared and self.building.linear)
+
+    @property
+    def similitude(self) -> Similitude | None:
+        """Return the scale of the model, prototype over model; None where the case states none."""
+        return None if self.case.scale is None else similitude_of(self.case.scale)
 
     @property
     def compared(self) -> ComparedBand:
@@ -82,13 +89,13 @@ def make_setup(
     """
     faults = [*_payload_faults(case), *_accept_faults(case)]
     if faults:
-        raise InputError(*(f"{shown(case.path)}: {fault}" for fault in faults))
+        raise InputError(*(placed(case, fault) for fault in faults))
     shared = shared or SharedValues()
     motion, record_sha256 = shared.get("motion", motion_key(case), lambda: interruptible(lambda: ground_motion(case)))
     building = shared.get(
         "building", building_key(case), lambda: interruptible(lambda: build(case.structure, case.damping))
     )
-    check_scheme(building.numerical, 1.0 / case.sample_rate_hz, case.integration)
+    computed_storeys(building, 1.0 / case.sample_rate_hz, case.integration)  # refuses what cannot be integrated
     masses = np.asarray(case.structure.experimental.masses_kg, dtype=float)
     setup = Setup(case, motion, record_sha256, building, rig_info(case), masses, overrides, dict(parts or {}), samples)
     return with_own_storeys(setup)
@@ -97,20 +104,24 @@ def make_setup(
 def ground_motion(case: Case) -> tuple[GroundMotion, str]:
     """Return the scaled, filtered record of a case and the hash of its file; raises InputError."""
     accelerogram = read_accelerogram(case.record.path, case.record.unit, case.record.dt_s)
-    motion = prepare(
-        accelerogram,
-        case.scaling,
-        case.sample_rate_hz,
-        corner_hz=case.record_filter.corner_hz,
-        order=case.record_filter.order,
-    )
-    return motion, accelerogram.sha256
+    corner_hz, order = case.record_filter.corner_hz, case.record_filter.order
+    if case.scale is None:
+        return prepare(accelerogram, case.scaling, case.sample_rate_hz, corner_hz, order), accelerogram.sha256
+    scale = similitude_of(case.scale)
+    record = compressed(accelerogram, scale)
+    try:
+        return prepare(record, case.scaling, case.sample_rate_hz, corner_hz, order), accelerogram.sha256
+    except InputError as error:
+        told = f"(scale compresses the record in time by {scale.factor('s'):.4g})"
+        raise InputError(*(f"{fault} {told}" for fault in error.faults)) from error
 
 
 def motion_key(case: Case) -> tuple[object, ...]:
     """Return the key of a case's ground motion for SharedValues: everything that it depends on."""
     sampling = (case.scaling, case.sample_rate_hz)
-    return (case.record.model_dump_json(), case.record_filter.model_dump_json(), *sampling)
+    # of the scale, what the record is compressed by: mass and stress change no motion
+    scale = None if case.scale is None else (case.scale.length, case.scale.acceleration)
+    return (case.record.model_dump_json(), case.record_filter.model_dump_json(), *sampling, scale)
 
 
 def building_key(case: Case) -> tuple[str, str]:
@@ -135,10 +146,18 @@ def make_setups(
         try:
             setups.append(make_setup(case, overrides, shared, parts, samples))
         except InputError as error:
-            faults += [fault if _named(case, fault) else f"{shown(case.path)}: {fault}" for fault in error.faults]
+            faults += [fault if _named(case, fault) else placed(case, fault) for fault in error.faults]
     if faults:
         raise InputError(*faults)
     return setups
+
+
+def placed(case: Case, fault: str) -> str:
+    """Return a sentence with the case's file before it, and with the place of the key by which the sentence begins."""
+    key = fault.partition(": ")[0].partition(".")[0]
+    tree = parse(case.yaml_text, Source(shown(case.path), case.path.parent))[0] if case.path.is_file() else None
+    node = tree.children.get(key) if tree is not None else None
+    return f"{node.mark if node is not None else shown(case.path)}: {fault}"
 
 
 def _named(case: Case, fault: str) -> bool:
@@ -169,8 +188,8 @@ def _accept_faults(case: Case) -> list[str]:
             continue
         if name not in known:
             near = get_close_matches(name, known, 1)
-            advice = f"did you mean {near[0]}?" if near else "rths report --json lists the figures"
-            faults.append(f"accept: there is no figure {name}; {advice}")
+            advice = f"did you mean {near[0]}?" if near else "rths report --json lists the metrics of a result"
+            faults.append(f"accept: there is no metric {name}; {advice}")
         elif index and not known[name].over:
             faults.append(f"accept: {name} is one number, not one per storey; drop [{index}")
     return faults

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,7 +15,16 @@ from rths_cli.errors import InputError
 from rths_cli.experiment.unit_plausibility import building_doubts
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.lti import Array
-from rths_cli.structure import Building, build, mode_shapes, modes, stiffness_sets, storey_values
+from rths_cli.structure import (
+    Building,
+    Similitude,
+    build,
+    mode_shapes,
+    modes,
+    similitude_of,
+    stiffness_sets,
+    storey_values,
+)
 
 UNDAMPED = "without dashpots"  # of the numerical storeys, where no level is stated
 
@@ -59,11 +68,26 @@ class Inspected:
     levels: tuple[Level, ...]
     stiffness_sets: tuple[StiffnessSet, ...]  # the first is used; (): stiffnesses are stated
     warnings: tuple[str, ...]  # doubts on units
+    scale: Similitude | None = None  # of the model that the building is, prototype over model; None: of no case
 
     @property
     def experimental_mass_kg(self) -> float:
         """Return the mass that stands on the table."""
         return float(self.floor_mass_kg[self.numerical_storeys :].sum()) + self.interface_experimental_mass_kg
+
+    @property
+    def prototype(self) -> Inspected | None:
+        """Return storeys and modes of the whole building in prototype scale; None where the case states no scale."""
+        if self.scale is None:
+            return None
+        return replace(
+            self,
+            floor_mass_kg=self.scale.factor("kg") * self.floor_mass_kg,
+            stiffness_n_per_m=self.scale.factor("N/m") * self.stiffness_n_per_m,
+            heights_m=None if self.heights_m is None else self.scale.factor("m") * self.heights_m,
+            natural_frequency_hz=self.scale.factor("Hz") * self.natural_frequency_hz,
+            scale=None,
+        )
 
     @property
     def exit_code(self) -> int:
@@ -76,9 +100,10 @@ def inspect_structure(name: str) -> Inspected:
 
     Raises InputError with all faults of its file, and if no stiffnesses give its natural frequencies.
     """
-    spec, damping, path = load_structure(name)
+    spec, damping, path, scale = load_structure(name)
     try:
-        return interruptible(lambda: _inspected(spec, damping, "" if is_shipped(path) else display(path)))
+        found = interruptible(lambda: _inspected(spec, damping, "" if is_shipped(path) else display(path)))
+        return found if scale is None else replace(found, scale=similitude_of(scale))
     except InputError as error:
         raise InputError(*(f"{display(path)}: {fault}" for fault in error.faults)) from error
 

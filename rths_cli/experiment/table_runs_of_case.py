@@ -99,6 +99,9 @@ def play_all(
         plan = plan_run(setup, design, kind, known.found)
         outcome = stage.play(plan, writer)
         run = run_of(outcome, setup, kind, design.blocks.lead_samples, plan.expected)
+        if kind is HYBRID_TEST and run.stopped is not None and checked.refused:
+            told = f"{checked.verdict} by its check, which was overridden; {run.stopped.reason}"
+            run = replace(run, stopped=replace(run.stopped, reason=told))
         write_run(writer, setup, run)
         _note(writer, kind.name, run.stopped)
         all_of_them = _with(all_of_them, evaluated(run, setup, sim, checked.loop))
@@ -150,7 +153,11 @@ def why_unsafe(setup: Setup, checked: Verdict) -> str:
     """Return why EXP-RTHS is not played, empty if it is safe or overridden."""
     if not checked.refused or "check" in setup.overrides:
         return ""
-    return f"{checked.verdict}: {'; '.join(checked.reasons)}"
+    doubts = unit_doubts(setup)
+    others = [reason for reason in checked.reasons if reason not in doubts]
+    if doubts and others:  # what a wrong unit makes of the loop tells nobody what to change
+        others = [f"{len(others)} more {'reasons' if len(others) > 1 else 'reason'}, which a wrong unit would explain"]
+    return f"{checked.verdict}: {'; '.join([*doubts, *others])}"
 
 
 def refusal_of(setup: Setup, checked: Verdict) -> Stop | None:

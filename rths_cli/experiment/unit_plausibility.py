@@ -81,5 +81,5 @@ def _record_doubts(setup: Setup) -> tuple[str, ...]:
     if peak > LARGEST_PEAK_M_S2:
         return (f"{size} before scaling: is its unit right (m/s^2, cm/s^2, g)?",)
     if peak < SMALLEST_PEAK_M_S2 and scaling < 1.0:
-        return (f"{size} before it is scaled down by {scaling:g}: is its unit right (m/s^2, cm/s^2, g)?",)
+        return (f"{size} before it is scaled down further: is its unit right (m/s^2, cm/s^2, g)?",)
     return ()

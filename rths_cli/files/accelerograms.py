@@ -267,7 +267,7 @@ def read_accelerogram(path: str | Path, unit: str | None = None, dt_s: float | N
     .AT2, when unit or interval is missing, unknown or contradicts the file, for uneven time steps, values not
     finite, fewer than three samples, a count other than the header's, and a peak above 100 m/s^2.
     """
-    path = Path(path)
+    path = _from_here(Path(path))
     data = read_whole(path, MAX_BYTES, "an accelerogram", "name an accelerogram file")
     if (count := max(data.count(b"\n"), data.count(b"\r"))) > MAX_LINES:
         raise InputError(f"{path}: has {count} lines, the limit is {MAX_LINES}; cut or resample the record")
@@ -284,6 +284,11 @@ def read_accelerogram(path: str | Path, unit: str | None = None, dt_s: float | N
     return Accelerogram(interval, accel, header.title or path.stem, header.origin, unit_read, header.layout, digest)
 
 
+def _from_here(path: Path) -> Path:
+    """Return a path as messages name it: relative to the current folder where the file lies below it."""
+    return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path
+
+
 def _decode(path: Path, data: bytes) -> str:
     """Return the text; headers of old files are not always UTF-8."""
     if data.translate(None, bytes(range(32, 256)) + b"\t\n\r\f"):
@@ -298,7 +303,7 @@ def _read_values(path: Path, lines: list[str], header: Header) -> Array:
     """Return the figures after the header, (n_samples, 1 or 2), finite and as many as the header states."""
     body = "\n".join(lines[header.first_line :]).translate(_SEPARATORS)
     if not any(_rows(lines, header)):
-        raise InputError(f"{path}: holds no figures; name an accelerogram file")
+        raise InputError(f"{path}: holds no numbers; name an accelerogram file")
     try:
         is_table = header.layout != "PEER AT2"
         values = np.loadtxt(io.StringIO(body), ndmin=2) if is_table else np.array([body.split()], dtype=float).T
@@ -319,9 +324,12 @@ def _read_values(path: Path, lines: list[str], header: Header) -> Array:
 
 def _of_decimal_commas(line: str) -> str:
     """Return what to do where a line looks like numbers with decimal commas, "" where it does not."""
-    if not re.fullmatch(r"\s*[-+]?[0-9]+,[0-9]+(\s*;\s*[-+]?[0-9]+,[0-9]+)*\s*;?\s*", line):
-        return ""
-    return f"; decimal commas? write {line.strip().replace(',', '.')}"
+    if re.fullmatch(r"\s*[-+]?[0-9]+,[0-9]+(\s*;\s*[-+]?[0-9]+,[0-9]+)*\s*;?\s*", line):
+        return f"; decimal commas? write {line.strip().replace(',', '.')}"
+    if re.fullmatch(r"\s*[-+]?[0-9]+,[0-9]+,[-+]?[0-9]+,[0-9]+\s*", line):
+        time, time_decimals, accel, decimals = line.strip().split(",")
+        return f"; decimal commas? write {time}.{time_decimals},{accel}.{decimals}"
+    return ""
 
 
 def _check_count(path: Path, header: Header, count: int) -> None:
@@ -347,7 +355,7 @@ def _first_bad_line(path: Path, lines: list[str], header: Header) -> str:
                 )
         columns = columns or len(words)
         if len(words) != columns and header.layout != "PEER AT2":
-            return f"{path}:{number}: {len(words)} columns after rows of {columns}; give every row the same"
+            return f"{path}:{number}: holds {len(words)} of {columns} numbers; complete the row or remove it"
     return f"{path}: the figures cannot be read; convert the file to CSV (time_s,accel_m_s2)"
 
 

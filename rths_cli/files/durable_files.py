@@ -36,7 +36,13 @@ def remove_leftovers(path: Path) -> None:
 
 
 def _is_alive(process: int) -> bool:
-    """Tell whether a process of this number runs; in doubt it does."""
+    """Tell whether a process of this number runs; in doubt it does.
+
+    Elsewhere than on POSIX it is taken for gone: Windows removes no file that a process has open, and sends a signal
+    of number 0 to the process instead of asking for it.
+    """
+    if os.name != "posix":
+        return False
     try:
         os.kill(process, 0)
     except ProcessLookupError:

@@ -1,7 +1,7 @@
 """Write and read datasets with units and scales in an open HDF5 group: types, compression, layout.
 
 What is written is what h5py would write: the same types, no time stamp. Only the place differs: a small array stands in
-its header, and a series is compressed where that halves it.
+its header, and a series is compressed.
 
 The last axis of a series is time (or frequency). Every group carries its own scales, so that each opens by
 itself in xarray; a subgroup's agree with those of the groups above it, so that the file opens as a tree.
@@ -9,7 +9,6 @@ itself in xarray; a subgroup's agree with those of the groups above it, so that 
 
 from __future__ import annotations
 
-import zlib
 from collections.abc import Callable, Iterator, Mapping, MutableMapping
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
@@ -18,6 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rths_cli.files.compressed_chunks import LEVEL, chunk_length, write_chunks
 from rths_cli.files.hdf5_safety import walk
 from rths_cli.quantities import AXES, DatasetDeclaration, Interval, Source
 
@@ -30,11 +30,8 @@ if TYPE_CHECKING:
     from h5py.h5s import SpaceID
     from h5py.h5t import TypeID
 
-CHUNK = 16384
-LEAST_COMPRESSED = 8192
+LEAST_COMPRESSED = 4096
 SHORTEST = 64  # a row of fewer values is no chunk
-PROBE = 1024
-WORTH_COMPRESSING = 0.5  # gzip takes up to 25 ms for a series of 108,000 samples, writing it takes half a millisecond
 IN_HEADER_BYTES = 2048
 
 
@@ -95,13 +92,16 @@ def datasets(file: h5py.File, below: str = "") -> Iterator[tuple[str, DatasetID]
 def add_dataset(group: GroupID, name: str, data: NDArray[Any]) -> DatasetID:
     """Add a dataset of numbers or texts."""
     kit, space = _kit(), _space(data.shape)
-    if data.dtype.kind in "US":
+    if data.dtype.kind in "OSU":
         node = kit.dataset(group, name.encode(), kit.text, space, kit.plain)
         node.write(kit.all, kit.all, data.astype(object), mtype=kit.text_in_memory)
         return node
     stored = _stored_type(data.dtype)
     node = kit.dataset(group, name.encode(), stored, space, _layout(data))
-    node.write(kit.all, kit.all, np.asarray(data, order="C"), mtype=stored)
+    if is_long(data):
+        write_chunks(node, data)
+    else:
+        node.write(kit.all, kit.all, np.asarray(data, order="C"), mtype=stored)
     return node
 
 
@@ -152,23 +152,18 @@ def _stored_type(dtype: np.dtype[Any]) -> TypeID:
 
 def _layout(data: NDArray[Any]) -> PropDCID:
     """Return where and how the values of a dataset stand in the file."""
-    if not compresses_well(data):
+    if not is_long(data):
         return _kit().in_header if data.nbytes <= IN_HEADER_BYTES else _kit().plain
     chunked = _kit().plain.copy()
-    chunked.set_chunk((1,) * (data.ndim - 1) + (min(CHUNK, data.shape[-1]),))
+    chunked.set_chunk((1,) * (data.ndim - 1) + (chunk_length(data.shape[-1]),))
     chunked.set_shuffle()
-    chunked.set_deflate(1)
+    chunked.set_deflate(LEVEL)
     return chunked
 
 
-def compresses_well(data: NDArray[Any]) -> bool:
-    """Return whether gzip halves an array, judged by 1024 values from its middle."""
-    if data.size < LEAST_COMPRESSED or data.shape[-1] < SHORTEST:
-        return False
-    start = (data.size - PROBE) // 2
-    sample = np.ascontiguousarray(data.reshape(-1)[start : start + PROBE])
-    shuffled = sample.view(np.uint8).reshape(PROBE, -1).T.tobytes()
-    return len(zlib.compress(shuffled, 1)) < WORTH_COMPRESSING * len(shuffled)
+def is_long(data: NDArray[Any]) -> bool:
+    """Return whether an array is compressed."""
+    return data.size >= LEAST_COMPRESSED and data.shape[-1] >= SHORTEST
 
 
 SOURCES = get_args(Source)
@@ -198,6 +193,8 @@ class Dataset:
 def as_declared(declared: DatasetDeclaration, value: ArrayLike, remarks: tuple[str, ...] = ()) -> Dataset:
     """Return a value with what is declared of it; raises ValueError where it is of another kind or has other axes."""
     data, about = declared.checked(value), declared.meaning(remarks)
+    if declared.single:
+        data = data.astype(np.float32)
     return Dataset(data, declared.units, about, declared.source, declared.axes)
 
 

@@ -54,7 +54,7 @@ def _all_end(image: bytes | mmap.mmap) -> bool:
         starts = _START.finditer(image, first, min(end + _SIGNATURE_BYTES - 1, len(image)))
         if not all(_collection_ends(image, match.start()) for match in starts):
             return False
-        if isinstance(image, mmap.mmap):
+        if isinstance(image, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):  # Windows gives parts back by itself
             image.madvise(mmap.MADV_DONTNEED, first, end - first)
     return True
 

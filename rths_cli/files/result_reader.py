@@ -38,7 +38,8 @@ from rths_cli.files.result_writer import (
 )
 from rths_cli.numerics.bands import COMPARED_HZ, TEST_BAND_HZ, ComparedBand
 from rths_cli.numerics.lti import Array
-from rths_cli.quantities import Interval, stored_dataset
+from rths_cli.quantities import AXES, Interval, stored_dataset
+from rths_cli.quantities.datasets import KEPT_SERIES, of_a_run
 
 if TYPE_CHECKING:
     import h5py
@@ -50,6 +51,7 @@ __all__ = [
     "Dataset",
     "Result",
     "ResultWriter",
+    "SeriesLeftOut",
     "Status",
     "check_writable",
     "read_checked",
@@ -60,6 +62,22 @@ __all__ = [
 
 T = TypeVar("T")
 BEGUN, COMPLETE = "begun", "complete"  # of one run on the table, in the attribute RUN_status of the root
+
+
+class SeriesLeftOut(InputError):
+    """A series is asked for that `--series` kept out of a file; `reason` says so without naming the file."""
+
+    def __init__(self, path: Path, reason: str) -> None:
+        super().__init__(f"{path}: {reason}.")
+        self.reason = reason
+
+
+def left_out(name: str, series: str) -> str:
+    """Return why a dataset or scale of a run is missing in a file with these series (one of KEPT_SERIES), else ""."""
+    known = stored_dataset(name) is not None or name.rpartition("/")[2] in AXES
+    if series == KEPT_SERIES[0] or not known or not of_a_run(name):
+        return ""
+    return f"{name} is not kept, the case was run with --series {series}; run it with --series {KEPT_SERIES[0]}"
 
 
 @dataclass(frozen=True)
@@ -88,6 +106,11 @@ class Result:
         if (rate := self.attributes.get("sample_rate_hz")) is None:
             raise InputError(f"{self.path}: has lost its attribute sample_rate_hz; run the case again.")
         return float(rate)
+
+    @property
+    def series(self) -> str:
+        """Return which time series the file holds, one of KEPT_SERIES; an older one holds all."""
+        return str(self.attributes.get("series", KEPT_SERIES[0]))
 
     @property
     def test_band_hz(self) -> float:
@@ -133,7 +156,10 @@ def read_checked(path: Path, whole: bool = False) -> Result:
 
 
 def read_dataset(path: Path, name: str) -> Dataset:
-    """Read one dataset with unit, meaning, source and axes; raise InputError where there is none."""
+    """Read one dataset with unit, meaning, source and axes; one in single precision is read as double.
+
+    Raises InputError where there is none, SeriesLeftOut where `--series` kept it out.
+    """
     return _reading(Path(path), lambda file: _dataset(Path(path), file, name))
 
 
@@ -234,6 +260,8 @@ def _dataset(path: Path, file: h5py.File, name: str) -> Dataset:
 
     found = part(file, name)
     if not isinstance(found, h5py.h5d.DatasetID):
+        if reason := left_out(name, str(attribute(file, "series") or KEPT_SERIES[0])):
+            raise SeriesLeftOut(path, reason)
         raise InputError(f"{path}: holds no dataset {name}; its groups are {', '.join(file)}.")
     node = h5py.Dataset(found)
     scales = list(_scales_of(node, name))
@@ -244,6 +272,8 @@ def _dataset(path: Path, file: h5py.File, name: str) -> Dataset:
     dims = tuple(scale.rpartition("/")[2] for scale, _ in scales)
     values = values_of(found, name)
     check_values(name, values)
+    if isinstance(values, np.ndarray) and values.dtype == np.float32:
+        values = values.astype(np.float64)
     return Dataset(values, units, long_name, source, dims)  # type: ignore[arg-type]
 
 
@@ -287,7 +317,8 @@ def _reading(path: Path, read: Callable[[h5py.File], T]) -> T:
     except (OSError, ValueError) as error:
         raise InputError(refusal(path, "cannot read", error, advice=False)) from error
     if not h5py.is_hdf5(path):
-        raise InputError(f"{path}: is not an HDF5 file; give a result file written by rths run.")
+        made = "; rths run makes a result of it" if path.suffix in (".yaml", ".yml") else ""
+        raise InputError(f"{path}: is not an HDF5 file{made}; give a result file written by rths run.")
     try:
         check_heaps(path)
         with h5py.File(path, "r") as file:

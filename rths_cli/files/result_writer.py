@@ -9,12 +9,14 @@ while a table moved and fails after that keeps what it holds, and says why.
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal
@@ -28,6 +30,8 @@ from rths_cli.files.hdf5 import Dataset, add_text, as_declared, scales_of, write
 from rths_cli.files.staged_file import StagedFile, signals_held
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities import AXES, Interval, Values, attribute_fault, dataset, metric
+from rths_cli.quantities.axes import SAMPLED
+from rths_cli.quantities.datasets import KEPT_SERIES, keeps, of_a_run
 
 FORMAT = "rths-result"
 FORMAT_VERSION = 1
@@ -44,7 +48,8 @@ Attribute = str | int | float
 class ResultWriter:
     """Write one result file; use as a context manager and call `finish` before leaving it.
 
-    Attributes and values are those that `rths_cli.quantities` declares: another name or path is a ValueError.
+    Attributes and values are those that `rths_cli.quantities` declares: another name or path is a ValueError. With the
+    attribute `series` other than all, only the series that it keeps are written, in single precision.
     When the body raises, the file is removed unless `finish` gave a status other than complete; a `lasting` one, whose
     samples cannot be measured again, is always kept and never replaced. With `continues`, groups are added to the
     finished file of that name, which is replaced by the whole at the end and stays as it was when the body raises.
@@ -111,10 +116,15 @@ class ResultWriter:
         refuses, ValueError for a path or scale that is not declared in `rths_cli.quantities` and for a value that is
         not what is declared.
         """
+        kept = {key: item for key, item in values.items() if self._keeps(f"{name}/{key}")}
         given = {"time_s": time_s, "storey": storey}
         axes = {key: value for key, value in given.items() if value is not None} | dict(scales or {})
+        if values and not kept:  # the group of a run still says that there was one
+            axes = {key: value for key, value in axes.items() if key not in SAMPLED and "/" not in name}
+            if not axes:
+                return
         about = remarks or {}
-        datasets = {key: self._dataset(f"{name}/{key}", item, axes, about.get(key, ())) for key, item in values.items()}
+        datasets = {key: self._dataset(f"{name}/{key}", item, axes, about.get(key, ())) for key, item in kept.items()}
         self._write(name, datasets, {key: _scale(key, item) for key, item in axes.items()}, {})
 
     def case(self, yaml: str, resolved: str) -> None:
@@ -210,6 +220,16 @@ class ResultWriter:
             return
         self._publish()
 
+    @property
+    def _series(self) -> str:
+        """Return which series the file holds, one of KEPT_SERIES."""
+        return str(self._attributes.get("series", KEPT_SERIES[0]))
+
+    def _keeps(self, path: str) -> bool:
+        """Return whether the dataset of a path belongs into the file; `_dataset` refuses one that is not declared."""
+        declared = dataset(path)
+        return declared is None or keeps(self._series, declared)
+
     def _dataset(self, path: str, value: ArrayLike, axes: Values, remarks: tuple[str, ...]) -> Dataset:
         """Return the value of a path with what is declared of it; raises ValueError where that does not fit."""
         declared = dataset(path)
@@ -218,7 +238,8 @@ class ResultWriter:
         known = {dim for dim in declared.axes if dim in axes or f"/{declared.group}/{dim}" in self._scales}
         if missing := [dim for dim in declared.axes if dim not in known and not AXES[dim].counted]:
             raise ValueError(f"{path} needs the scale {missing[0]}.")
-        return as_declared(declared, value, remarks)
+        single = declared.single or (self._series == "essential" and of_a_run(path))
+        return as_declared(replace(declared, single=single), value, remarks)
 
     def _write(
         self,
@@ -301,6 +322,8 @@ def check_writable(folder: Path, needed_bytes: int = 0) -> None:
             make_folder(folder)
             with tempfile.TemporaryFile(dir=folder) as probe:
                 probe.write(b"x")
+    except (FileExistsError, NotADirectoryError) as error:
+        raise InputError(f"{folder}: is a file, or below one, not a folder; choose another --output folder.") from error
     except OSError as error:
         raise InputError(refusal(folder, "cannot write result files here", error)) from error
     if free < needed_bytes:
@@ -315,7 +338,8 @@ def refusal(path: Path, what: str, error: Exception, advice: bool = True) -> str
     number = getattr(error, "errno", None)
     told = re.search(r"error message = '([^']*)'", str(error))
     cause = os.strerror(number) if number else told[1] if told else str(error).partition("\n")[0]
-    return f"{path}: {what}: {cause}" + ("; free space or choose another --output folder." if advice else ".")
+    remedy = "free space or choose" if number in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG) else "choose"
+    return f"{path}: {what}: {cause}" + (f"; {remedy} another --output folder." if advice else ".")
 
 
 def _add_attributes(group: Any, about: Mapping[str, Any]) -> None:

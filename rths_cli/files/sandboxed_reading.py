@@ -1,4 +1,7 @@
-"""Read a file in a copy of this process: damaged files hang or crash the HDF5 library and scipy's MATLAB reader."""
+"""Read a file in a copy of this process: damaged files hang or crash the HDF5 library and scipy's MATLAB reader.
+
+Windows cannot copy a process. A file is then read in this one, which a damaged file may end.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +18,15 @@ from typing import TypeVar
 
 TIME_LIMIT_S = 20.0
 CHUNK_BYTES = 1 << 20
+COPIES = hasattr(os, "fork")
 
 Read = TypeVar("Read")
 
 
 def survives(read: Callable[[], object]) -> bool:
     """Say whether `read` ends, with a result or an exception, when a copy of this process calls it."""
+    if not COPIES:
+        return True
     child = os.fork()
     if child == 0:
         _become_silent()
@@ -39,6 +45,11 @@ def read_in_copy(read: Callable[[], Read]) -> Read:
 
     Raises ValueError where `read` raises anything, crashes, or does not come to an end.
     """
+    if not COPIES:
+        try:
+            return read()
+        except Exception as fault:
+            raise ValueError("the file cannot be read") from fault
     receiving, sending = os.pipe()
     child = os.fork()
     if child == 0:

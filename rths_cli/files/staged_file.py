@@ -12,7 +12,7 @@ import io
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,11 +26,23 @@ UNSUPPORTED = (errno.EOPNOTSUPP, errno.EINVAL, errno.ENOSYS)
 @contextmanager
 def new_hdf5(path: Path, **options: Any) -> Iterator[h5py.File]:
     """Create an HDF5 file, on the disk when the context is left; raises OSError where the disk refuses."""
+    with new_large_hdf5(path, **options) as (file, _):
+        yield file
+
+
+@contextmanager
+def new_large_hdf5(path: Path, **options: Any) -> Iterator[tuple[h5py.File, Callable[[], None]]]:
+    """Do what `new_hdf5` does, with a call that puts on the disk what was written so far; raises OSError."""
     import h5py
 
     with signals_held(), StagedFile(path) as staged:
         with h5py.File(staged, "w", **options) as file:
-            yield file
+
+            def commit() -> None:
+                file.flush()
+                staged.commit()
+
+            yield file, commit
         staged.commit()
 
 

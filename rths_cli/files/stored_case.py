@@ -30,3 +30,14 @@ def floor_masses_kg(result: Result) -> Array:
         return np.concatenate([np.asarray(part, dtype=float) for part in parts])
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(f"{result.path}: has lost the masses of its case; run it again.") from error
+
+
+def storey_heights_m(result: Result) -> Array | None:
+    """Return the heights (n_storeys,) of a result's storeys from the lowest up, None where its case states none."""
+    structure = stored_case(result).get("structure")
+    heights = structure.get("heights_m") if isinstance(structure, dict) else None
+    try:
+        found = np.asarray(heights, dtype=float)
+    except (TypeError, ValueError):
+        return None
+    return found if found.ndim == 1 and found.size and np.all(found > 0.0) else None

@@ -26,11 +26,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import open_regular
-from rths_cli.files.hdf5 import Dataset, as_declared, datasets, text, write_group
+from rths_cli.files.hdf5 import Dataset, Written, as_declared, datasets, text, write_group
 from rths_cli.files.hdf5_heaps import check_heaps
 from rths_cli.files.hdf5_safety import LayoutError, attribute, attributes, member, values_of
 from rths_cli.files.result_writer import Attribute, refusal
-from rths_cli.files.staged_file import new_hdf5
+from rths_cli.files.staged_file import new_large_hdf5
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities import AXES
 from rths_cli.quantities.sweep_datasets import RUNS, SWEEP_ATTRIBUTES, SWEEP_DATASETS, TEXTS
@@ -46,8 +46,10 @@ T = TypeVar("T")
 FORMAT = "rths-sweep"
 FORMAT_VERSION = 1
 CSV_START = b"variant,"
+BATCH_VALUES = 1 << 20  # of one axis, in memory on their way to the disk
 MOST_RUNS, MOST_STOREYS = 1 << 22, 1000  # of a table that is read whole
 CASE = ("case_yaml", "case_resolved")
+STUDY = "study_yaml"
 STATED = (
     "case_name", "rig", "rig_kind", "seeds", "status", "plan_sha256", "software_sha256", "exit_code", "seeds_per_point",
     "coordinates",
@@ -77,21 +79,28 @@ class Sweep:
     case_yaml: str
     resolved_yaml: str
     seeds_per_point: int
-    varied: dict[str, tuple[Any, ...]]
+    varied: dict[str, tuple[Any, ...] | NDArray[Any]]
     seed: NDArray[np.int64]
     texts: dict[str, tuple[str, ...]]
     figures: dict[str, Figure]
+    study_yaml: str = ""
 
 
 def write_sweep(path: Path, sweep: Sweep) -> None:
     """Write the file of a sweep; raises InputError when the disk refuses."""
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        with new_hdf5(part) as file:
+        with new_large_hdf5(part) as (file, commit):
             about = {"format": FORMAT, "format_version": FORMAT_VERSION, "seeds_per_point": sweep.seeds_per_point}
             names = {"coordinates": " ".join(["seed", *sweep.varied]), "figures": " ".join(sweep.figures)}
             file.attrs.update({**sweep.attributes, **about, **names})
-            write_group(file, _datasets(sweep), _scales(sweep))
+            scales, left, at_once = _scales(sweep), _datasets(sweep), max(1, BATCH_VALUES // len(sweep.seed))
+            written: Written = {}
+            while left:
+                batch = {name: left.pop(name) for name in list(left)[:at_once]}
+                write_group(file, batch, scales, written)
+                if left:  # a large table is not kept in memory twice
+                    commit()
         os.replace(part, path)
     except (OSError, RuntimeError) as error:
         raise InputError(refusal(path, "cannot write the result file", error)) from error
@@ -149,14 +158,15 @@ def _sweep(file: h5py.File) -> Sweep:
     if any("/" in name for name in nodes):
         raise LayoutError("has groups in it")
     _check_table(nodes)
-    found = {name: values_of(node, name) for name, node in nodes.items()}
+    spelt: dict[str, str] = {}
+    found = {name: _spelt_once(values_of(node, name), spelt) for name, node in nodes.items()}
     units = {name: (text(node, "units"), text(node, "long_name")) for name, node in nodes.items()}
     keys = str(about["coordinates"]).split()[1:]
     seed = _column(found, "seed", "iu", None)
     runs, per_point = len(seed), int(about["seeds_per_point"])
     if not 1 <= per_point <= runs or runs % per_point:
         raise LayoutError(f"has {runs} runs, {per_point} of each grid point")
-    paths = [name for name in found if name not in (*CASE, *TEXTS, "seed", *keys)]
+    paths = [name for name in found if name not in (*CASE, STUDY, *TEXTS, "seed", *keys)]
     order = str(about.get("figures", "")).split()
     if any(path not in paths for path in (*NEEDED, *order)):
         raise LayoutError("has not the figures of a sweep")
@@ -164,9 +174,21 @@ def _sweep(file: h5py.File) -> Sweep:
     if len({figure.values.shape[1] for figure in figures.values() if figure.values.ndim > 1}) > 1:
         raise LayoutError("has figures of other numbers of storeys")
     texts = {name: tuple(map(str, _column(found, name, "OSU", runs).tolist())) for name in TEXTS}
-    varied = {key: tuple(_column(found, key, "OSUf", runs).tolist()) for key in keys}
+    varied: dict[str, tuple[Any, ...] | NDArray[Any]] = {
+        key: tuple(_column(found, key, "OSUf", runs).tolist()) for key in keys
+    }
     yaml, resolved = (member(found, name, str) for name in CASE)
-    return Sweep(about, yaml, resolved, per_point, varied, seed, texts, figures)
+    study = member(found, STUDY, str) if STUDY in found else ""
+    return Sweep(about, yaml, resolved, per_point, varied, seed, texts, figures, study)
+
+
+def _spelt_once(values: Any, spelt: dict[str, str]) -> Any:
+    """Return texts (n,) with equal ones as one object, whatever else as it is: a million rows share few texts."""
+    if not isinstance(values, np.ndarray) or values.dtype.kind != "O":
+        return values
+    return np.array([spelt.setdefault(text, text) for text in map(str, values.ravel())], dtype=object).reshape(
+        values.shape
+    )
 
 
 def _check_table(nodes: Mapping[str, DatasetID]) -> None:
@@ -279,22 +301,26 @@ def _datasets(sweep: Sweep) -> dict[str, Dataset]:
     }
     stated: dict[str, ArrayLike] = {name: _text(sweep.texts[name]) for name in TEXTS}
     stated |= {"seed": sweep.seed, "case_yaml": sweep.case_yaml, "case_resolved": sweep.resolved_yaml}
-    found |= {name: as_declared(one, stated[name]) for name, one in SWEEP_DATASETS.items()}
+    stated |= {"study_yaml": sweep.study_yaml} if sweep.study_yaml else {}
+    found |= {name: as_declared(one, stated[name]) for name, one in SWEEP_DATASETS.items() if name in stated}
     for path, figure in sweep.figures.items():
         dims = ("variant", "storey")[: figure.values.ndim]
         found[path] = Dataset(figure.values, figure.units, figure.definition, "computed", dims)
     return found
 
 
-def _stored(key: str, values: tuple[Any, ...]) -> NDArray[Any]:
+def _stored(key: str, values: tuple[Any, ...] | NDArray[Any]) -> NDArray[Any]:
     """Return the values (n,) of a varied key: numbers where all are, else text."""
+    if isinstance(values, np.ndarray):
+        return values
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
         return np.array(values, dtype=float)
     return _text(tuple(value if isinstance(value, str) else json.dumps(value) for value in values))
 
 
 def _text(values: tuple[str, ...]) -> NDArray[Any]:
-    return np.array(values, dtype=np.str_)
+    """Return texts as an array of objects: an array of characters would take the longest of them for each."""
+    return np.array(values, dtype=object)
 
 
 ROWS_FORMAT = "rths-sweep-rows"

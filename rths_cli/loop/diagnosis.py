@@ -23,7 +23,7 @@ from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.loop import guard as g
 from rths_cli.loop.guard import GuardLimits, GuardState
-from rths_cli.loop.lost_samples import CAUGHT_UP, MIXED, NO_ANSWER
+from rths_cli.loop.lost_samples import CAUGHT_UP, MIXED, NO_ANSWER, without_samples
 from rths_cli.loop.run_log import Signals
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import RigInfo
@@ -43,9 +43,12 @@ OF_COMMAND = (g.STROKE, g.VELOCITY, g.COMMAND, g.RATE)  # reasons that depend on
 OF_TABLE = (g.TRACKING, g.ENERGY)  # reasons that depend on the table's sensor alone
 DIAGNOSED = (*OF_COMMAND, g.ACCELERATION, g.FORCE, g.TRACKING, g.ENERGY, g.STUCK, g.SATURATED)
 
+HOST_SHARE = 0.1  # late steps over steps without samples, from which this computer is the cause
+LATE = 0.5  # fraction of an interval by which a step of a stalled computer begins late
+HOST = "end other programs, lower sample_rate_hz (rths doctor recommends one), or raise limits.lost_samples of the rig"
 STALLS = (  # values of the log's `lost`
     (NO_ANSWER, "answers of the rig were lost", "the target or the link stalled", "check target and cable"),
-    (CAUGHT_UP, "steps overran their interval", "this computer stalled", "end other programs, or lower sample_rate_hz"),
+    (CAUGHT_UP, "steps overran their interval", "this computer stalled", HOST),
 )
 
 CHECK_SENSOR = "check its cable, power, sign and sensitivity"
@@ -80,12 +83,15 @@ def cause_of(info: RigInfo, blocks: Blocks, limits: GuardLimits, state: GuardSta
     `log` holds all steps, also those before the record.
     """
     reason, last = int(state.flags[1]), int(state.flags[3])
+    if reason == g.LOST:
+        gap = max(round(RECENT_S / info.dt_s), info.limits.lost_samples)
+        return stall_of_this_computer(log, max(last + 1 - gap, 0), last, info.dt_s)
     if reason not in DIAGNOSED or last >= log.corrected.shape[1]:
         return None
     names = [channel.name for channel in info.channels]
     kept = _kept(limits, state)
     found = _all_kept(kept, state) or _of_signals(info, blocks, state, log, kept)
-    stall = None if reason == g.STUCK else _lost(log.lost[: last + 1], info.dt_s)  # no stall lasts as long as STUCK_S
+    stall = None if reason == g.STUCK else _lost(log, last, info.dt_s)  # no stall lasts as long as STUCK_S
     if stall is None:
         return found
     # a table that holds during a stall and then catches up looks like a faulty one: both causes are named
@@ -115,13 +121,27 @@ def _of_mixed(names: list[str], state: GuardState, log: Signals) -> Cause | None
     return Cause(f"the sensor of channel {names[channel]} is wrong", CHECK_SENSOR)
 
 
-def _lost(lost: Array, dt_s: float) -> Cause | None:
+def _lost(log: Signals, last: int, dt_s: float) -> Cause | None:
     """Return the stall, if two or more consecutive samples were missing shortly before the stop; else None."""
-    recent = lost[-max(round(RECENT_S / dt_s), 1) :]
+    first = max(last + 1 - max(round(RECENT_S / dt_s), 1), 0)
+    recent, own = log.lost[first : last + 1], stall_of_this_computer(log, first, last, dt_s)
     for kind, what, stalled, advice in STALLS:
         if (count := _longest(recent == kind)) > 1:
-            return Cause(f"{count} {what} in a row ({1e3 * count * dt_s:.0f} ms) shortly before: {stalled}", advice)
+            where, remedy = (own.what, own.advice) if own else (stalled, advice)
+            return Cause(f"{count} {what} in a row ({1e3 * count * dt_s:.0f} ms) shortly before: {where}", remedy)
     return None
+
+
+def stall_of_this_computer(log: Signals, first: int, last: int, dt_s: float) -> Cause | None:
+    """Return the cause that the loop itself woke up late in the steps `first` to `last`, None if it was punctual."""
+    if last >= log.late_ns.size:
+        return None  # a rig without a log of the clock
+    late_s, lost = 1e-9 * log.late_ns[first : last + 1], log.lost[first : last + 1]
+    late = int(np.count_nonzero((late_s > LATE * dt_s) | (lost == CAUGHT_UP)))
+    if late < max(HOST_SHARE * np.count_nonzero(without_samples(lost)), 1.0):
+        return None
+    worst = 1e3 * float(late_s.max())
+    return Cause(f"this computer stalled ({late} of {late_s.size} steps began late, the worst by {worst:.3g} ms)", HOST)
 
 
 def _longest(flags: Flags) -> int:

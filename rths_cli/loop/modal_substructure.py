@@ -67,6 +67,18 @@ def modal(block: Block, interface: Interface, room: Room) -> Modal:
 
     Raises InputError if the change of coordinates would lose accuracy (modes that coincide).
     """
+    turn, drives, arranged = modal_arrays(block)
+    forces, through = len(interface.channels), np.ascontiguousarray(block.D)
+    direct = np.ascontiguousarray(through[:forces, 1:])
+    state, made = room.take(2 * turn.shape[1]), np.zeros(4 * len(arranged))
+    return Modal(turn, drives, arranged, through, direct, state, made, np.zeros(0), interface.channels)
+
+
+def modal_arrays(block: Block) -> tuple[Array, Array, Array]:
+    """Return `turn` (4, m), `drive` (inputs, 2, m) and `outputs` (tiles, 2 m, 4) of a block, as in `Modal`.
+
+    Raises InputError if the change of coordinates would lose accuracy (modes that coincide).
+    """
     basis = real_basis(block.A)
     try:
         turned, drive = (np.asarray(np.linalg.solve(basis, right)) for right in (block.A @ basis, block.B))
@@ -79,15 +91,11 @@ def modal(block: Block, interface: Interface, room: Room) -> Modal:
             f"{block.name}: modes of the computed storeys coincide, the step would lose {lost:.1e} of them; change a"
             " storey's stiffness or damping by a thousandth"
         )
-    m, outputs, forces = len(block.A) // 2, block.C @ basis, len(interface.channels)
+    m, outputs = len(block.A) // 2, block.C @ basis
     first, second = slice(0, 2 * m, 2), slice(1, 2 * m, 2)
     turn = np.array([np.diag(turned[i, j]) for i in (first, second) for j in (first, second)])
     drives = np.ascontiguousarray(np.stack([drive[first].T, drive[second].T], axis=1))
-    arranged = tiled(np.hstack([outputs[:, first], outputs[:, second]]))
-    through = np.ascontiguousarray(block.D)
-    direct = np.ascontiguousarray(through[:forces, 1:])
-    made = np.zeros(4 * len(arranged))
-    return Modal(turn, drives, arranged, through, direct, room.take(2 * m), made, np.zeros(0), interface.channels)
+    return turn, drives, tiled(np.hstack([outputs[:, first], outputs[:, second]]))
 
 
 def real_basis(a: Array) -> Array:

@@ -11,6 +11,7 @@ from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.interface import COMMANDED, Interface
 from rths_cli.control.part_designs import PartDesign
 from rths_cli.control.python_parts import PythonFeedforward, PythonSubstructure
+from rths_cli.control.storeys_with_laws import StoreysWithLaws
 from rths_cli.errors import InputError
 from rths_cli.loop.linear_parts import (
     Channels,
@@ -24,6 +25,7 @@ from rths_cli.loop.linear_parts import (
 from rths_cli.loop.modal_substructure import modal
 from rths_cli.loop.parts import Feedback, Feedforward, NumericalSubstructure, Observer, Room
 from rths_cli.loop.python_parts import called_feedforward, called_substructure
+from rths_cli.loop.storey_forces import storeys_and_forces
 from rths_cli.numerics.lti import Array, Block
 
 EXCITATION, RECORD, NUMERICAL = 0, 1, 2
@@ -31,7 +33,11 @@ ACCELERATION = COMMANDED["acceleration"]
 ROOM = 4096  # numbers; a step that remembers more is assembled again in a room of its size
 
 Make = Callable[[Any, Interface, Room], Any]
-NUMERICAL_PARTS: dict[type, Make] = {Block: modal, PythonSubstructure: called_substructure}
+NUMERICAL_PARTS: dict[type, Make] = {
+    Block: modal,
+    StoreysWithLaws: storeys_and_forces,
+    PythonSubstructure: called_substructure,
+}
 FEEDFORWARD_PARTS: dict[type, Make] = {Block: linear_feedforward, PythonFeedforward: called_feedforward}
 FEEDBACK_PARTS: dict[type, Make] = {Block: linear_feedback}
 """What makes the part of the step from each kind of design in `Blocks`; another kind has a method `compiled_part`."""

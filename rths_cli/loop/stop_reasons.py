@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from rths_cli.loop import guard as g
-from rths_cli.loop.diagnosis import Cause
+from rths_cli.loop.diagnosis import HOST, Cause
 from rths_cli.loop.guard import GuardLimits, GuardState
 from rths_cli.loop.step_arrays import EXCITATION
 from rths_cli.rigs.description import RigInfo
@@ -32,8 +32,9 @@ ADVICE = {
     g.ENERGY: TABLE,
     g.SATURATED: "check its cable, its range_g and the level of the test",
     g.STUCK: SENSOR,
-    g.LOST: "check target and cable, or lower sample_rate_hz",
-    g.OVERRUN: "lower sample_rate_hz (rths doctor recommends one), or end other programs",
+    g.LOST: "check target (one on this computer stalls with it) and cable, lower sample_rate_hz, or raise "
+    "limits.lost_samples of the rig",
+    g.OVERRUN: HOST,
 }
 
 
@@ -54,6 +55,8 @@ def reason_of(
     named = f"channel {info.channels[channel].name}" if channel != g.NO_CHANNEL else ""
     facts = ", ".join(filter(None, (named, _seen(reason, float(state.seen[0])), _limit(info, limits, reason, channel))))
     advice = cause.advice if cause else _advice(reason, channel, source)
+    if reason == g.OVERRUN and info.overrun == "stop":
+        advice = "end other programs, lower sample_rate_hz (rths doctor recommends one), or state overrun: hold"
     told = "; ".join(filter(None, (facts, advice)))
     said = f"{g.REASONS[reason]} ({told})" if told else g.REASONS[reason]
     return f"{cause.what}: {said}" if cause else said

@@ -133,6 +133,11 @@ def part(function: F) -> F:
     return numba.njit(**PART)(function)
 
 
+def shared_part(function: F) -> F:
+    """Compile a function once for all its compiled callers: a large one, outside of the step."""
+    return numba.njit(error_model="numpy", **ONLY_CALLED_BY_COMPILED_CODE)(function)
+
+
 def part_class(made: Class) -> Class:
     """Compile the public methods of a NamedTuple into their compiled callers.
 
@@ -222,12 +227,21 @@ def _note_calls(made: Entry) -> None:
     )
 
 
+@cache
+def _announcement() -> str:
+    """Return what a process says when it begins to compile: whether nothing was compiled here, or not this part."""
+    folder = cache_folder()
+    if folder is not None and any(folder.glob("*/*.nbi")):
+        return "compiling real-time code that no command here has used yet, a few seconds more"
+    why = f"; it is not kept: {_place()[1]}" if folder is None else ""
+    return f"first run of this version here: compiling its real-time code, about 20 s more in all{why}"
+
+
 class _Starts(event.Listener):
     """Tells of compilations."""
 
     def on_start(self, event: object) -> None:
-        why = f"; it is not kept: {_place()[1]}" if cache_folder() is None else ""
-        tell(f"first run of this version here: compiling its real-time code, about 20 s more in all{why}")
+        tell(_announcement())
 
     def on_end(self, event: object) -> None:
         """Do nothing."""

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import product
 
+from rths_cli.quantities.datasets import KEPT_SERIES, SINCE_0_2
 from rths_cli.quantities.declaration import TABLE_RUNS, AttributeDeclaration
 
 STATUSES = ("complete", "aborted", "interrupted", "failed", "refused")
@@ -16,7 +17,9 @@ STATUSES = ("complete", "aborted", "interrupted", "failed", "refused")
 REAL = "real rig only"
 LINKED = "UDP rig only"
 RECOVERED = "recovered run only"
-SINCE_0_2 = "since version 0.2.0"
+SCALED = "only where the case states a scale"
+FACTOR = (1e-15, 1e15)
+"""Limits of a scale factor."""
 
 OF_FILE = (
     AttributeDeclaration("format", "text", "`rths-result`"),
@@ -32,6 +35,13 @@ OF_FILE = (
     AttributeDeclaration("command_line", "text", "the command that was given"),
     AttributeDeclaration("seed", "number", "seed of the runs", (0, 2.0**64)),
     AttributeDeclaration("sample_rate_hz", "number", "sample rate in Hz", (1.0, 1e6)),
+    AttributeDeclaration(
+        "series",
+        "text",
+        f"which time series the file holds: {', '.join(KEPT_SERIES)} (`--series`)",
+        KEPT_SERIES,
+        present=SINCE_0_2,
+    ),
     AttributeDeclaration("test_band_hz", "number", "upper end of the test band in Hz", (0.5, 1e3), present=SINCE_0_2),
     AttributeDeclaration(
         "compared_low_hz",
@@ -44,6 +54,16 @@ OF_FILE = (
     AttributeDeclaration("method", "text", "best or paper"),
     AttributeDeclaration("controller", "text", "FF, FF+FB or none"),
     AttributeDeclaration("scaling", "number", "factor on the record", (-1e9, 1e9)),
+    AttributeDeclaration("scale_length", "number", "length of the prototype over that of the model", FACTOR, SCALED),
+    AttributeDeclaration("scale_acceleration", "number", "the same of accelerations", FACTOR, SCALED),
+    AttributeDeclaration("scale_mass", "number", "the same of masses", FACTOR, SCALED),
+    AttributeDeclaration(
+        "report_in",
+        "text",
+        "scale in which reports print the building's response; every value in the file is in model scale",
+        ("model", "prototype"),
+        SCALED,
+    ),
     AttributeDeclaration("damping_name", "text", "damping level, inline where the case gives a mapping"),
     AttributeDeclaration(
         "damping_first_mode_ratio",

@@ -25,6 +25,8 @@ BLOCKS = {
     "staircase": "commands to the share of the hold's staircase in a table sample",
 }
 """The discrete blocks of the step by their names, and what each does."""
+KEPT_SERIES = ("all", "essential", "none")
+"""The series that a result keeps (`--series`): every one, those that are declared essential, no one."""
 PLACEHOLDERS = {"RUN": TABLE_RUNS, "SOLUTION": SOLUTIONS, "BLOCK": tuple(BLOCKS)}
 
 GROUPS = {
@@ -49,6 +51,7 @@ WITH_RIG = "with the virtual rig, mean of 16 steps"
 SENSED = (CORRECTED, AS_SENSED, DRIFT_REMOVED)
 
 REAL, DRIFTED, BEST, LINKED = "real rig only", "only where there was any", "method best only", "UDP rig only"
+SINCE_0_2 = "since version 0.2.0"
 LOGGING = "only where parts log values of their own"
 LINK_COUNTS = {
     "sent": "packets sent to the target",
@@ -67,6 +70,10 @@ TIME, ON_STOREYS, ON_FLOORS, ON_CHANNELS = (
     ("time_s",), ("storey", "time_s"), ("floor", "time_s"), ("channel", "time_s"),
 )  # fmt: skip
 SHEAR = "force f of the specimen on the interface floor, Eq. 2.6"
+DRIFT = "inter-storey drift: displacement less that of the floor, or ground, below"
+STOREY_SHEAR = (
+    "shear of the storey, -sum of mass times absolute acceleration from there up; storey 1: the building's base"
+)
 
 
 def declared_datasets() -> Iterator[DatasetDeclaration]:
@@ -74,7 +81,7 @@ def declared_datasets() -> Iterator[DatasetDeclaration]:
     yield DatasetDeclaration("case/yaml", "1", (), "computed", "case file as written", "text")
     yield DatasetDeclaration("case/resolved", "1", (), "computed", "case file with all defaults", "text")
     ground = "ground acceleration, scaled and filtered"
-    yield DatasetDeclaration("record/ground_accel_m_s2", ACCEL, TIME, "computed", ground)
+    yield DatasetDeclaration("record/ground_accel_m_s2", ACCEL, TIME, "computed", ground, essential=True)
     yield from _of_solution()
     yield from _of_hybrid_building()
     yield from _of_table_run()
@@ -89,6 +96,16 @@ def dataset(path: str) -> DatasetDeclaration | None:
     return DATASETS.get(path)
 
 
+def of_a_run(path: str) -> bool:
+    """Return whether a path belongs to the record, a computed response or a run on the table."""
+    return path.partition("/")[0] in ("record", *SOLUTIONS, *TABLE_RUNS)
+
+
+def keeps(series: str, one: DatasetDeclaration) -> bool:
+    """Return whether a result with these series, one of KEPT_SERIES, holds a dataset."""
+    return series == "all" or not of_a_run(one.path) or (series == "essential" and one.essential)
+
+
 def stored_dataset(path: str) -> DatasetDeclaration | None:
     """Return what stands in a file under a path: `identification/frf_imag` is a part of `identification/frf`."""
     return STORED.get(path)
@@ -100,8 +117,13 @@ def _of_solution() -> Iterator[DatasetDeclaration]:
         ("rel_vel_m_s", "m/s", "velocity relative to the ground"),
         ("abs_accel_m_s2", ACCEL, "absolute acceleration"),
     ):
-        yield DatasetDeclaration(f"SOLUTION/{name}", units, ON_STOREYS, "computed", text)
+        essential = name == "abs_accel_m_s2"
+        yield DatasetDeclaration(f"SOLUTION/{name}", units, ON_STOREYS, "computed", text, essential=essential)
     yield DatasetDeclaration("SOLUTION/base_shear_n", "N", TIME, "computed", SHEAR)
+    for name, units, text in (("inter_storey_drift_m", "m", DRIFT), ("storey_shear_n", "N", STOREY_SHEAR)):
+        yield DatasetDeclaration(
+            f"SOLUTION/{name}", units, ON_STOREYS, "computed", text, present=SINCE_0_2, single=True
+        )  # fmt: skip
 
 
 def _of_hybrid_building() -> Iterator[DatasetDeclaration]:
@@ -120,18 +142,26 @@ def _of_hybrid_building() -> Iterator[DatasetDeclaration]:
         ),
     )  # fmt: skip
     for name, units, source, text in motion:
-        yield DatasetDeclaration(f"exp_rths/{name}", units, ON_STOREYS, source, text, remarks=(UNKNOWN_BELOW,))
+        essential = name != "rel_vel_m_s"
+        yield DatasetDeclaration(
+            f"exp_rths/{name}", units, ON_STOREYS, source, text, remarks=(UNKNOWN_BELOW,), essential=essential
+        )  # fmt: skip
     felt = f"{SHEAR}, as the numerical part felt it"
     yield DatasetDeclaration("exp_rths/base_shear_n", "N", TIME, "estimated", felt)
+    for name, units, text in (("inter_storey_drift_m", "m", DRIFT), ("storey_shear_n", "N", STOREY_SHEAR)):
+        yield DatasetDeclaration(
+            f"exp_rths/{name}", units, ON_STOREYS, "estimated", text, present=SINCE_0_2, remarks=(UNKNOWN_BELOW,),
+            single=True,
+        )  # fmt: skip
 
 
 def _of_table_run() -> Iterator[DatasetDeclaration]:
     desired, measured = "RUN/interface_accel_desired_m_s2", "RUN/interface_accel_measured_m_s2"
-    yield DatasetDeclaration(desired, ACCEL, TIME, "computed", "desired table acceleration")
+    yield DatasetDeclaration(desired, ACCEL, TIME, "computed", "desired table acceleration", essential=True)
     yield DatasetDeclaration(
-        measured, ACCEL, TIME, "measured", "table acceleration", remarks=(*SENSED, HOLD_REMOVED)
+        measured, ACCEL, TIME, "measured", "table acceleration", remarks=(*SENSED, HOLD_REMOVED), essential=True
     )  # fmt: skip
-    yield DatasetDeclaration("RUN/command_v", "V", TIME, "computed", "command that left the guard")
+    yield DatasetDeclaration("RUN/command_v", "V", TIME, "computed", "command that left the guard", essential=True)
     floors = "RUN/floor_accel_measured_m_s2"
     yield DatasetDeclaration(floors, ACCEL, ON_FLOORS, "measured", "floor acceleration", remarks=SENSED)
     filtered = "floor acceleration of the Kalman filter"

@@ -27,7 +27,9 @@ class Quantity:
 
     `path` with dots between its groups; `over`: what it has one value for each of ("" for a single number); `better`:
     which way it improves; `text`: its meaning; `kinds`: the suffixes under which it stands too; `band`: where in
-    frequency it is evaluated, "" where that says nothing; `reference`: the publication that defines it.
+    frequency it is evaluated, "" where that says nothing; `reference`: the publication that defines it; `scales_as`:
+    the units by whose factor a motion or force of the building scales to the prototype; "" for a figure of the rig or
+    of the loop, which has no value in prototype scale.
     """
 
     path: str
@@ -38,6 +40,7 @@ class Quantity:
     kinds: tuple[str, ...] = ()
     band: str = ""
     reference: str = ""
+    scales_as: str = ""
 
     @property
     def group(self) -> str:
@@ -77,7 +80,9 @@ class DatasetDeclaration:
 
     `path`: group and name with slashes, in capitals what stands for several names (`RUN`); `axes`: the names of its
     scales, time or frequency last; `text`: its meaning; `kind`: a complex dataset is stored as NAME_real and
-    NAME_imag; `present`: when it is in its group, "" for always; `remarks`: what a file may add to the meaning.
+    NAME_imag; `present`: when it is in its group, "" for always; `remarks`: what a file may add to the meaning;
+    `essential`: whether a result keeps it with `--series essential`; `single`: whether it is in single precision,
+    because it follows from others of its group.
     """
 
     path: str
@@ -88,6 +93,8 @@ class DatasetDeclaration:
     kind: Kind = "real"
     present: str = ""
     remarks: tuple[str, ...] = ()
+    essential: bool = False
+    single: bool = False
 
     @property
     def group(self) -> str:

@@ -130,15 +130,17 @@ def _of_table() -> Iterator[Quantity]:
         yield _lowest(run)
         for name, (units, text) in SENSORS.items():
             yield Quantity(f"{run}.{name}", units, "channel", NONE, text)
-        yield Quantity(f"{run}.tracking_max_m_s2", ACCEL, "", LESS, f"largest |{error}|", ALL, BAND)
-        yield Quantity(f"{run}.tracking_rms_m_s2", ACCEL, "", LESS, f"RMS of {error}", ALL, BAND)
+        yield Quantity(f"{run}.tracking_max_m_s2", ACCEL, "", LESS, f"largest |{error}|", ALL, BAND, scales_as=ACCEL)
+        yield Quantity(f"{run}.tracking_rms_m_s2", ACCEL, "", LESS, f"RMS of {error}", ALL, BAND, scales_as=ACCEL)
         late = "delay of the measured against the desired table acceleration by cross-correlation, positive = late"
         yield Quantity(f"{run}.tracking_delay_s", "s", "", ZERO, late, TRUTH)
         index = "of the frequency evaluation index (FEI), measured over desired table acceleration"
         yield Quantity(f"{run}.fei_amplitude", "1", "", ONE, f"amplitude {index}, 1 = exact", TRUTH, reference=FEI)
         yield Quantity(f"{run}.fei_delay_s", "s", "", ZERO, f"delay {index}, positive = late", TRUTH, reference=FEI)
         area = "tracking indicator at the end of the record, positive = late"
-        yield Quantity(f"{run}.tracking_indicator_m2_s4", "m^2/s^4", "", ZERO, area, (), BAND, INDICATOR)
+        yield Quantity(
+            f"{run}.tracking_indicator_m2_s4", "m^2/s^4", "", ZERO, area, (), BAND, INDICATOR, scales_as="m^2/s^4"
+        )
         lag = "J1: lag of best correlation in whole samples, positive = late"
         yield Quantity(f"{run}.j1_s", "s", "", ZERO, lag, (), BAND, BENCHMARK)
         deviation, largest = f"J2: standard deviation of {error} over desired", f"J3: peak of {error} over desired"
@@ -173,12 +175,23 @@ def _of_response() -> Iterator[Quantity]:
             ("storey_shear_n", "N", "storey shear"),
         ):
             text = f"largest |{about}| of {label}, all frequencies"
-            yield Quantity(f"{run}.peak_{name}", units, "storey", NONE, text)
-        yield Quantity(
-            f"{run}.peak_building_base_shear_n", "N", "", NONE, f"largest |base shear| of the building, {label}"
-        )
+            yield Quantity(f"{run}.peak_{name}", units, "storey", NONE, text, scales_as=units)
+        yield from _of_laws(run, label)
+        largest = f"largest |base shear| of the building, {label}"
+        yield Quantity(f"{run}.peak_building_base_shear_n", "N", "", NONE, largest, scales_as="N")
         ratio = f"largest |base shear| over the building's weight, {label}"
-        yield Quantity(f"{run}.building_base_shear_ratio", "1", "", NONE, ratio)
+        # gravity is not scaled, so the weight scales as the mass
+        yield Quantity(f"{run}.building_base_shear_ratio", "1", "", NONE, ratio, scales_as=ACCEL)
+
+
+def _of_laws(run: str, label: str) -> Iterator[Quantity]:
+    only = "where storeys have laws"
+    ductility = f"largest |inter-storey drift| over the yield drift of the storey's laws, {label} ({only})"
+    yield Quantity(f"{run}.ductility", "1", "storey", NONE, ductility)
+    residual = f"inter-storey drift at the record's last sample, {label}, not at rest ({only})"
+    yield Quantity(f"{run}.residual_drift_m", "m", "storey", NONE, residual, scales_as="m")
+    work = f"work of the storey's spring and laws up to the record's end, {label}, without dashpots ({only})"
+    yield Quantity(f"{run}.restoring_work_j", "J", "storey", NONE, work, scales_as="J")
 
 
 def _against_sim() -> Iterator[Quantity]:
@@ -187,7 +200,8 @@ def _against_sim() -> Iterator[Quantity]:
         for which, words in (("rms", "RMS of {}"), ("max", "largest |{}|")):
             about = words.format("SIM - absolute acceleration of each storey")
             better = LESS if run == "exp_rths" else NONE
-            yield Quantity(f"{run}.{which}_error_m_s2", ACCEL, "storey", better, about, kinds, BAND)
+            path = f"{run}.{which}_error_m_s2"
+            yield Quantity(path, ACCEL, "storey", better, about, kinds, BAND, scales_as=ACCEL)
             of_sim = f"{about}, in percent of {words.format('SIM')}"
             name = "nrmse" if which == "rms" else "peak_error"
             yield Quantity(f"{run}.{name}_percent", "%", "storey", better, of_sim, kinds, BAND)
@@ -199,17 +213,19 @@ def _against_sim() -> Iterator[Quantity]:
         largest = f"J{peak}: peak of SIM - EXP-RTHS over SIM, absolute acceleration of {storey}"
         yield Quantity(f"exp_rths.j{peak}", "1", "", LESS, largest, BANDS, BAND, BENCHMARK)
     energy = "energy that the tracking error feeds into the structure, int f (v_desired - v_measured) dt"
-    yield Quantity("exp_rths.energy_error_j", "J", "", ZERO, energy, TRUTH, reference=ENERGY)
+    yield Quantity("exp_rths.energy_error_j", "J", "", ZERO, energy, TRUTH, reference=ENERGY, scales_as="J")
     ratio = f"{energy}, over SIM's largest input energy"
     yield Quantity("exp_rths.energy_error_ratio", "1", "", ZERO, ratio, TRUTH, reference=ENERGY)
     for run in ("sim", "sim_delay"):
         own = "own estimate of the solution's error over its peak"
         yield Quantity(f"{run}.solution_error", "1", "", NONE, own)
     critical = "pure delay of the base shear at which the hybrid test loses stability (0: any delay does)"
+    critical += "; with laws of storeys the smallest of all their tangents, an indication"
     yield Quantity("sim_delay.critical_delay_s", "s", "", NONE, critical)
     psi = "predictive stability indicator (PSI): log10 of the critical delay in ms"
     yield Quantity("sim_delay.psi", "1", "", MORE, psi, reference=PSI)
-    yield Quantity("sim_delay.diverged_at_s", "s", "", NONE, "when SIM-DELAY was cut, if it was")
+    diverged = "when SIM-DELAY was cut, if it was"
+    yield Quantity("sim_delay.diverged_at_s", "s", "", NONE, diverged, scales_as="s")
 
 
 def _of_check() -> Iterator[Quantity]:
@@ -240,7 +256,7 @@ def _of_check() -> Iterator[Quantity]:
         yield Quantity(f"check.peak_{leaf}", units, "", NONE, f"{name}: predicted peak")
         yield Quantity(f"check.limit_{leaf}", units, "", NONE, f"{name}: limit")
     late = "RMS of SIM - SIM-DELAY of the building as identified"
-    yield Quantity("check.sim_delay_rms_error_m_s2", ACCEL, "storey", NONE, late, (), BAND)
+    yield Quantity("check.sim_delay_rms_error_m_s2", ACCEL, "storey", NONE, late, (), BAND, scales_as=ACCEL)
     yield from _by_cause("check", "predicted", {"": "all causes together", **CAUSES, **PREDICTED})
 
 
@@ -248,14 +264,16 @@ def _by_cause(group: str, words: str, causes: dict[str, str]) -> Iterator[Quanti
     for cause, about in causes.items():
         part = f"_{cause}" if cause else ""
         storeys, tracking = f"{words} RMS error to SIM, {about}", f"{words} RMS tracking error, {about}"
-        yield Quantity(f"{group}.rms_error{part}_m_s2", ACCEL, "storey", NONE, storeys, (), BAND)
-        yield Quantity(f"{group}.tracking_rms{part}_m_s2", ACCEL, "", NONE, tracking, (), BAND)
+        path = f"{group}.rms_error{part}_m_s2"
+        yield Quantity(path, ACCEL, "storey", NONE, storeys, (), BAND, scales_as=ACCEL)
+        path = f"{group}.tracking_rms{part}_m_s2"
+        yield Quantity(path, ACCEL, "", NONE, tracking, (), BAND, scales_as=ACCEL)
 
 
 def _of_budget() -> Iterator[Quantity]:
     yield from _by_cause("budget", "measured", {**CAUSES, **MEASURED})
     rest = "RMS error to SIM that the parts do not add up to"
-    yield Quantity("budget.unexplained_rms_m_s2", ACCEL, "storey", NONE, rest, (), BAND)
+    yield Quantity("budget.unexplained_rms_m_s2", ACCEL, "storey", NONE, rest, (), BAND, scales_as=ACCEL)
     yield Quantity("budget.table_gain_error", "1", "", NONE, "gain of the table in the run over identified, less 1")
     late = "delay of the table in the run less identified"
     yield Quantity("budget.table_delay_error_s", "s", "", NONE, late)

@@ -22,6 +22,9 @@ SWEEP_DATASETS: dict[str, DatasetDeclaration] = {
         DatasetDeclaration(
             "case_resolved", "1", (), "computed", "the case without what is varied, all defaults", "text"
         ),
+        DatasetDeclaration(
+            "study_yaml", "1", (), "computed", "study file as written", "text", present="where a study file was given"
+        ),
     )
 }
 """Every dataset by its name."""
@@ -32,6 +35,11 @@ OF_SWEEP = (
     AttributeDeclaration("seeds_per_point", "number", "how many those are"),
     AttributeDeclaration("grid_points", "number", "grid points of the varied keys"),
     AttributeDeclaration("exit_code", "number", "exit code of the sweep"),
+    AttributeDeclaration("case_file", "text", "file of the case; names in the case are looked up from its folder"),
+    AttributeDeclaration("study_file", "text", "file of the study, empty without one"),
+    AttributeDeclaration("settings", "text", "settings KEY=VALUE of every run, as JSON"),
+    AttributeDeclaration("settings_folder", "text", "folder at which relative paths in the settings start"),
+    AttributeDeclaration("values_folder", "text", "folder at which relative paths in the varied values start"),
     AttributeDeclaration("plan_sha256", "text", "SHA-256 of what was to be run"),
     AttributeDeclaration("software_sha256", "text", "SHA-256 of the software that ran it"),
 )

@@ -1,17 +1,10 @@
-"""The unit in a name's ending (`stroke_m`, `sensitivity_mv_per_g`), and units as typeset in a figure."""
+"""Units as typeset in a figure, and the unit in a name's ending."""
 
 from __future__ import annotations
 
-ENDINGS = (
-    ("_mv_per_g", "mV/g"), ("_v_per_m_s2", "V/(m/s^2)"), ("_n_s_per_m", "N*s/m"), ("_n_per_m", "N/m"),
-    ("_m_per_v", "m/V"), ("_v_s", "V/s"), ("_m_s2", "m/s^2"), ("_m_s", "m/s"), ("_hz", "Hz"), ("_kg", "kg"),
-    ("_m", "m"), ("_n", "N"), ("_v", "V"), ("_s", "s"), ("_g", "g"),
-)  # fmt: skip
+from rths_cli.unit_names import ENDINGS, unit_of_name
 
-
-def unit_of_name(name: str, without: str = "1") -> str:
-    """Return the unit that a name ends with, `without` where it has none."""
-    return next((unit for ending, unit in ENDINGS if name.endswith(ending)), without)
+__all__ = ["ENDINGS", "typeset", "unit_of_name"]
 
 
 def typeset(units: str) -> str:

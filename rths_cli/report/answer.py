@@ -16,6 +16,7 @@ from rths_cli.files.stored_case import stored_case
 from rths_cli.numerics.bands import TEST_BAND_HZ
 from rths_cli.report.error_budget_table import CAUSES
 from rths_cli.report.judged_limits import judge
+from rths_cli.report.result_scale import scale_lines
 from rths_cli.report.results_by_case import TABLE_RUNS
 
 MOST_STOREYS = 5  # of which all are shown; of taller buildings the three that drift most, and the roof
@@ -30,8 +31,11 @@ IF_DECLARED = "if sensors and masses are as declared"
 def answer(result: Result, width: int = WIDEST) -> str:
     """Return the answer of one result as text, some ten lines of at most `width` columns."""
     width = min(max(width, NARROW), WIDEST)
-    head = f"{result.attributes.get('case_name') or result.path.stem}: {_about(result)}"
+    head = f"{result.attributes.get('case_name') or result.path.stem}: {about(result)}"
     lines = [*_wrapped(head, width), *_wrapped(verdict(result), width)]
+    lines += [line for told in scale_lines([result]) for line in _wrapped(told, width)]
+    if result.attributes.get("exp_rths_status") not in (None, "complete"):
+        lines += _wrapped("Storeys and base shear below are computed (SIM): no hybrid test was completed.", width)
     for table in _tables(result, width):
         lines += ["", *table]
     lines += ["", *_wrapped(base_shear(result), width)] if base_shear(result) else []
@@ -72,6 +76,8 @@ def _comparison(results: Sequence[Result], width: int) -> Iterator[str]:
     for result, found in zip(results, grades, strict=True):
         if found is None or result.attributes.get("status_reason"):
             yield from _wrapped(f"{result.path.stem}: {verdict(result)}", width)
+    for told in scale_lines(results):
+        yield from _wrapped(told, width)
     yield from _wrapped(f"Grades hold {IF_DECLARED}; more by: rths report {results[0].path.parent}", width)
 
 
@@ -193,7 +199,7 @@ def _ended(result: Result, run: str) -> str | None:
     return COMPLETE if run in result.groups else None
 
 
-def _about(result: Result) -> str:
+def about(result: Result) -> str:
     """Return record, damping, controller and rig in words."""
     a = result.attributes
     ratio = a.get("damping_first_mode_ratio")
@@ -215,6 +221,15 @@ def _tables(result: Result, width: int) -> Iterator[list[str]]:
     room = max((width - LABEL) // COLUMN, 1)
     for first in range(0, len(columns), room):
         yield _laid_out(columns[first : first + room], _labels(result, storeys), ("storey", NAMES.get(run, "")))
+
+
+def storey_columns(result: Result) -> tuple[str, list[str], list[Column]]:
+    """Return whose response it is, the storeys, the roof first, and the columns of response and errors of all."""
+    run = next((one for one in RESPONSES if f"{one}.peak_abs_accel_m_s2" in result.metrics), "")
+    path = f"{run}.peak_abs_accel_m_s2" if run else "exp_rths.rms_error_m_s2"
+    storeys = list(range(np.size(result.metrics.get(path, ()))))[::-1]
+    columns = [*_response(result, run, storeys), *_errors(result, storeys)]
+    return NAMES.get(run, ""), _labels(result, storeys), columns if storeys else []
 
 
 Column = tuple[str, str, list[str]]

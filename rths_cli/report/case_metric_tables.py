@@ -11,10 +11,11 @@ from rths_cli.report.error_budget_table import budget_text
 from rths_cli.report.figure_values import listed
 from rths_cli.report.latency_table import latency_text
 from rths_cli.report.results_by_case import Entry
-from rths_cli.report.text_layout import wrapped
+from rths_cli.report.text_layout import width, wrapped
 
 KINDS = {"_true_full": "full-t", "_true": "true", "_full": "full", "_model": "model"}
 TOTALS = ("check.rms_error_m_s2", "check.tracking_rms_m_s2")  # of the error by cause, whose table has no intervals
+NAMES_SHARE = 0.7  # of a page's width; where names and units take more, values stand below them
 TITLE = "Other figures of this case (definitions: rths report --json, or the result file)"
 
 
@@ -58,8 +59,12 @@ def _list(entry: Entry, paths: list[str]) -> str:
         values = {method: _values(result, kinds, unit) for method, result in results.items()}
         same = len(set(values.values())) == 1
         text = next(iter(values.values())) if same else " | ".join(f"{m}: {v}" for m, v in values.items())
-        lines.append(wrapped([f"  {path:<{wide}}  {'ms' if unit == 's' else unit:<8}{text}"], indent=wide + 12))
-    return "\n".join([TITLE, *lines])
+        shown = f"{'ms' if unit == 's' else unit:<8}{text}"
+        if wide + 12 > NAMES_SHARE * width():
+            lines += [f"  {path}", wrapped([f"    {shown}"], indent=12)]
+        else:
+            lines.append(wrapped([f"  {path:<{wide}}  {shown}"], indent=wide + 12))
+    return "\n".join([wrapped([TITLE], 2), *lines])
 
 
 def _groups(paths: list[str]) -> dict[str, dict[str, str]]:

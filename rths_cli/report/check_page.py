@@ -13,6 +13,7 @@ from rths_cli.report.error_budget_table import budget_text
 from rths_cli.report.figure_values import percent
 from rths_cli.report.identification_page import DASH, aligned, labelled, number, short, wrapped
 from rths_cli.report.latency_table import latency_text
+from rths_cli.structure.similitude import factors_text
 
 if TYPE_CHECKING:
     from rths_cli.experiment.check_command import Checked, Tested
@@ -35,7 +36,7 @@ REACH = (
 )
 OVER_SAMPLES = (
     ("critical delay, ms", "check.critical_delay_s", 1e3),
-    ("stood error of the table, %", "check.tolerated_table_error", 100.0),
+    ("tolerated table error, %", "check.tolerated_table_error", 100.0),
     ("delay margin, ms", "check.delay_margin_s", 1e3),
     ("peak displacement, mm", "check.peak_displacement_m", 1e3),
     ("peak acceleration, m/s^2", "check.peak_acceleration_m_s2", 1.0),
@@ -91,15 +92,25 @@ def _why(one: Checked) -> str:
 
 def _about(about: Tested) -> list[str]:
     kind = "" if not about.rig_kind else f"{about.rig_kind} "
+    scale = [] if about.scale is None else [labelled("scale", _scale(about.scale, about.record_s))]
     overrides = [labelled("overridden", ", ".join(about.overrides))] if about.overrides else []
     return [
         f"Check of {about.case} on the {kind}table {about.rig}, before anything moves",
         labelled("building", f"{about.structure}, damping {about.damping}"),
         labelled("record", f"{about.record} x {about.scaling:g}, {about.sample_rate_hz:g} Hz"),
+        *scale,
         labelled("controller", f"{about.controller}, method {about.method}"),
         labelled("model", about.model),
         *overrides,
     ]
+
+
+def _scale(factors: Mapping[str, float], record_s: float) -> str:
+    """Return the factors, and what they make of the record."""
+    return (
+        f"prototype over model: {factors_text(factors)}; {factors['time'] * record_s:.4g} s of record are compressed "
+        f"to {record_s:.4g} s; everything below is in model scale"
+    )
 
 
 def _stability(values: Values) -> list[str]:
@@ -121,9 +132,9 @@ def _stability(values: Values) -> list[str]:
         *more,
         labelled("  critical delay", _critical(values)),
         labelled(
-            "  gain at infinity",
-            f"{_one(values, 'gain_at_infinity'):.3f}, the floor's mass on the table over that computed; from 1 on any "
-            "delay is too much",
+            "  mass ratio",
+            f"{_one(values, 'gain_at_infinity'):.3f} of the interface floor, physical over computed; from 1 on any "
+            "delay makes the loop unstable",
         ),
     ]
 
@@ -131,13 +142,13 @@ def _stability(values: Values) -> list[str]:
 def _critical(values: Values) -> str:
     delay, hz = _one(values, "critical_delay_s"), _one(values, "critical_delay_hz")
     if not np.isfinite(delay):
-        return "none, on a perfect table no pure delay makes this building unstable"
+        return "none, on an ideal table no pure delay makes this building unstable"
     if delay == 0.0:
         return (
-            "0 ms: on a perfect table of unlimited bandwidth any pure delay makes this building unstable; the verdict "
+            "0 ms: on an ideal table of unlimited bandwidth any pure delay makes this building unstable; the verdict "
             "rests on the table as identified"
         )
-    return f"{short(1e3 * delay)} ms of pure delay on a perfect table, lost at {short(hz)} Hz"
+    return f"{short(1e3 * delay)} ms on an ideal table; the {short(hz)} Hz mode becomes unstable first"
 
 
 def _margins(values: Values, compared_to_hz: float) -> list[str]:
@@ -156,13 +167,12 @@ def _margins(values: Values, compared_to_hz: float) -> list[str]:
         *aligned(rows),
         *alone,
         labelled(
-            "  error of the table",
-            f"stands {stands:.3g} %, must stand {must:.3g} % at {where} Hz, where the two are nearest, with a "
-            "gain up to 10 % off",
+            "  table error",
+            f"tolerated {stands:.3g} %, required {must:.3g} %: tightest at {where} Hz, gain up to 10 % off",
         ),
         labelled(
             f"    up to {short(compared_to_hz)} Hz",
-            f"stands {100.0 * least:.3g} % or more, the least at {short(there)} Hz",
+            f"tolerated {100.0 * least:.3g} % or more, the least at {short(there)} Hz",
         ),
     ]
 
@@ -177,7 +187,7 @@ def _feedback(values: Values) -> str:
 def _reach(values: Values) -> list[str]:
     """Return the lines on predicted peaks with their limits, and on the largest safe scaling."""
     if "check.peak_command_v" not in values:
-        return [labelled("reach", "not predicted: the loop is unstable")]
+        return [labelled("table limits", "not predicted: the loop is unstable")]
     rows = [["", "peak", "limit", "share (%)"]]
     for label, leaf, scale in REACH:
         peak, limit = _one(values, f"peak_{leaf}"), _one(values, f"limit_{leaf}")
@@ -185,9 +195,7 @@ def _reach(values: Values) -> list[str]:
     largest = _one(values, "largest_scaling")
     scaling = f"{largest:g}" if largest > 0.0 else "none, the loop itself is not safe"
     return [
-        labelled(
-            "reach", "predicted peaks; a tenth of every limit is kept in reserve; displacement with room to brake"
-        ),
+        labelled("table limits", "predicted peaks, at most 90 % of each limit; displacement with the room to brake"),
         *aligned(rows),
         labelled("  largest safe scaling", scaling),
     ]
@@ -198,10 +206,10 @@ def _compared(values: Values, about: Tested) -> list[str]:
     if "check.rms_error_m_s2" not in values:
         return [labelled("error", "not predicted: the loop is unstable")]
     friction = _one(values, "friction_v")
-    lines = [labelled("friction", f"counted with: like {1e3 * friction:.3g} mV of command, as identified")]
+    lines = [labelled("friction", f"included, as identified: equivalent to {1e3 * friction:.3g} mV of command")]
     late = f"SIM-DELAY, {1e3 * about.delay_s:g} ms"
     if "check.sim_delay_rms_error_m_s2" not in values:
-        return [*lines, labelled(late, "not told: near its critical delay, or beyond it")]
+        return [*lines, labelled(late, "not stated: near its critical delay, or beyond it")]
     delayed, error = values["check.sim_delay_rms_error_m_s2"], values["check.rms_error_m_s2"]
     storeys = range(1, len(error) + 1)
     rows = [["", *(f"storey {storey}" for storey in storeys)]]

@@ -75,7 +75,7 @@ def _machine(machine: Machine, granted: Granted) -> list[str]:
         labelled(
             "limits",
             f"rtprio {_rtprio(machine, granted)}, memlock {_limit(machine.memlock_limit_bytes, ' bytes')}, "
-            f"SCHED_FIFO threads {_throttle(machine)}",
+            f"real-time threads {_throttle(machine)}",
         ),
     ]
 
@@ -92,8 +92,10 @@ def _limit(value: int, unit: str) -> str:
 
 def _throttle(machine: Machine) -> str:
     if machine.rt_runtime_us < 0:
-        return "are never throttled"
-    return f"are stopped after {machine.rt_runtime_us} us of every {machine.rt_period_us} us"
+        return "may use all of a core"
+    return (
+        f"may use {100.0 * machine.rt_runtime_us / machine.rt_period_us:.3g} % of a core (kernel.sched_rt_runtime_us)"
+    )
 
 
 def _granted(granted: Granted) -> str:

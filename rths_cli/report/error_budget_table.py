@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
-from rths_cli.report.text_layout import WIDTH, wrapped
+from rths_cli.report.text_layout import WIDTH, width, wrapped
 
 CAUSES = {
     "declared": "declared building",
@@ -32,13 +32,22 @@ def budget_text(metrics: Metrics) -> str:
     """Return the table of RMS errors by cause, "" if the metrics contain no such errors.
 
     `metrics` by path: predicted ones from `check.*`, measured ones from `budget.*` and `exp_rths.*`. If not all storeys
-    fit side by side, the lowest ones and the highest one are shown.
+    fit side by side on a page of 100 columns, the lowest ones and the highest one are shown.
     """
     predicted, measured = _has(metrics, "check"), _has(metrics, "budget")
     if not (predicted or measured):
         return ""
     kinds = [kind for kind, there in (("check", predicted), ("budget", measured)) if there]
     columns = _columns(metrics, kinds)
+    beside = max((width() - LABEL) // (COLUMN * len(kinds)), 1)
+    lines = ["Error by cause (RMS, mm/s^2, test band)"]
+    for first in range(0, len(columns), beside):
+        lines += _part(metrics, kinds, columns[first : first + beside])
+    return "\n".join([*lines, *([wrapped([_fitted(metrics)])] if measured else [])])
+
+
+def _part(metrics: Metrics, kinds: list[str], columns: list[int]) -> list[str]:
+    """Return the lines of the table with some of its columns."""
     heads = [f"storey {column}" if column else "tracking" for column in columns]
     heads = [
         head if len(head) < COLUMN * len(kinds) else f"st. {column}"
@@ -47,14 +56,13 @@ def budget_text(metrics: Metrics) -> str:
     top = "".join(f"{head:>{COLUMN * len(kinds)}}" for head in heads)
     words = "".join(f"{WORDS[kind]:>{COLUMN}}" for kind in kinds) * len(columns)
     rule = "-" * (LABEL + len(top))
-    lines = ["Error by cause (RMS, mm/s^2, test band)", rule, f"{'':<{LABEL}}{top}", f"{'':<{LABEL}}{words}", rule]
+    lines = [rule, f"{'':<{LABEL}}{top}", f"{'':<{LABEL}}{words}", rule]
     for cause, label in CAUSES.items():
         cells = [_cell(metrics, kind, cause, column) for column in columns for kind in kinds]
         if any(cell.strip() != "-" for cell in cells):
             lines.append(f"{label:<{LABEL}}{''.join(cells)}")
     whole = [_cell(metrics, kind, "", column) for column in columns for kind in kinds]
-    lines += [rule, f"{'together':<{LABEL}}{''.join(whole)}", rule]
-    return "\n".join([*lines, *([wrapped([_fitted(metrics)])] if measured else [])])
+    return [*lines, rule, f"{'together':<{LABEL}}{''.join(whole)}", rule]
 
 
 def _has(metrics: Metrics, kind: str) -> bool:
@@ -86,11 +94,11 @@ def _fitted(metrics: Metrics) -> str:
     late = _figure(metrics, "table_delay_error_s", "table_delay_error_uncertainty_s", 1e6, "microseconds", 1)
     friction = _figure(metrics, "friction_v", "friction_uncertainty_v", 1e3, "mV of command", sign="")
     told = f"The table in the run against the identified one: gain {gain}, delay {late}, friction like {friction}."
-    if "not told" not in told:
+    if "not significant" not in told:
         return told
     left = "budget.rms_error_lost_m_s2" in metrics
     why = "not enough of the record is left" if left else "the record does not say more"
-    return f"{told} Not told: the uncertainty (two standard ones) is larger than the figure; {why}."
+    return f"{told} Not significant: the uncertainty (two standard ones) is larger than the figure; {why}."
 
 
 def _figure(
@@ -102,5 +110,5 @@ def _figure(
         return f"{value:{sign}.{digits}f} {unit}"
     off = 2.0 * scale * float(np.asarray(metrics[f"budget.{uncertainty}"]))
     if not off <= abs(value):
-        return f"not told from none (within {off:.2g} {unit})"
+        return f"not significant (within +-{off:.2g} {unit})"
     return f"{value:{sign}.{digits}f} +- {off:.2g} {unit}"

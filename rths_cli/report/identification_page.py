@@ -26,7 +26,7 @@ from rths_cli.identification.verdict import LIMITS
 from rths_cli.numerics.bands import ComparedBand
 from rths_cli.numerics.lti import Model
 from rths_cli.report.identification_json import agreements, as_document, centre_rad_s, rejected_document
-from rths_cli.report.text_layout import WIDTH
+from rths_cli.report.text_layout import width
 
 if TYPE_CHECKING:
     from rths_cli.experiment.identify_command import About
@@ -88,9 +88,20 @@ def labelled(label: str, text: str) -> str:
 
 
 def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return rows of cells as aligned lines, the first column left-aligned, the others right-aligned."""
+    """Return rows of cells as aligned lines, the first column left-aligned, the others right-aligned.
+
+    Columns that do not fit beside the others come below them, with the first column again.
+    """
     widths = [max(len(cell) for cell in column) for column in zip(*rows, strict=True)]
     widths[0] = max(widths[0], LABEL - 4)
+    fit, taken = len(widths), 2 + widths[0]
+    for column, each in enumerate(widths[1:], 1):
+        taken += 2 + each
+        if taken > width() and column > 1:
+            fit = column
+            break
+    if fit < len(widths):
+        return [*aligned([row[:fit] for row in rows]), *aligned([[row[0], *row[fit:]] for row in rows])]
     return [
         ("  " + row[0].ljust(widths[0]) + "".join("  " + c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True)))
         .rstrip()
@@ -101,7 +112,7 @@ def aligned(rows: Sequence[Sequence[str]]) -> list[str]:
 def wrapped(lines: Sequence[str]) -> str:
     """Return lines wrapped at the width of the page; continuation lines begin below the text of `labelled`."""
     indent = " " * LABEL
-    return "\n".join(textwrap.fill(line, WIDTH, subsequent_indent=indent, break_on_hyphens=False) for line in lines)
+    return "\n".join(textwrap.fill(line, width(), subsequent_indent=indent, break_on_hyphens=False) for line in lines)
 
 
 UNKNOWN = (DASH, DASH)
@@ -178,7 +189,7 @@ def _difference(noise: SpecimenFit | None, free: SpecimenFit | None) -> str:
 def _shapes(fit: SpecimenFit, floors: Sequence[str]) -> list[str]:
     """Return the mode shapes, a row for each floor and a column for each mode that fits."""
     label = max(len(floor) for floor in floors)
-    count = max((WIDTH - max(label, 20) - 2) // 9, 1)
+    count = max((width() - max(label, 20) - 2) // 9, 1)
     lines = []
     for first in range(0, len(fit.damping_ratio), count):
         modes = range(first, min(first + count, len(fit.damping_ratio)))

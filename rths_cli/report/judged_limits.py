@@ -9,6 +9,7 @@ from rths_cli.case.yaml_reader import parse
 from rths_cli.case.yaml_tree import Source
 from rths_cli.errors import InputError
 from rths_cli.files.result_reader import Result
+from rths_cli.report.result_scale import in_model_scale
 
 ACCEPT = re.compile(r"^accept:.*\n(?:[ -].*\n)*", re.MULTILINE)
 
@@ -26,8 +27,9 @@ def limits_of(result: Result) -> dict[str, float]:
 
 
 def judge(result: Result) -> list[accept_limits.Judged]:
-    """Return the judged accept limits of a result; raises InputError if they cannot be read."""
+    """Return the judged accept limits of a result, in model scale; raises InputError if they cannot be read."""
+    stored = in_model_scale(result).metrics
     return [
-        accept_limits.judge(path, limit, result.metrics.get(accept_limits.figure(path), []))
+        accept_limits.judge(path, limit, stored.get(accept_limits.figure(path), []))
         for path, limit in limits_of(result).items()
     ]

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 
 from rths_cli.numerics.lti import Array
 from rths_cli.report.identification_page import with_uncertainty
-from rths_cli.report.text_layout import wrapped
+from rths_cli.report.text_layout import width, wrapped
 
 ITEMS = {
     "converter": "converter",
@@ -25,6 +25,7 @@ SUMS = {"total": "total", "compensated": "compensated", "left": "left"}
 LEFT_SHARES = (0.05, 0.2)  # of the highest frequency: where the table shows what is left
 SAME_S = 1e-9
 LABEL, COLUMN, BY = 15, 8, 17
+NARROW = 7  # characters of a column on a narrow page
 
 
 def latency_text(metrics: Mapping[str, ArrayLike]) -> str:
@@ -37,7 +38,10 @@ def latency_text(metrics: Mapping[str, ArrayLike]) -> str:
     frequency = np.atleast_1d(np.asarray(metrics["latency.frequency_hz"], dtype=float))
     shown = [int(np.abs(frequency - hz).argmin()) for hz in frequency[-1] * np.array(LEFT_SHARES)]
     heads = [f"{hz:g} Hz" for hz in frequency]
-    rows = [_line("", heads, "taken out by", [f"left {heads[shown[0]]}", heads[shown[1]]])]
+    left_heads = [f"left {heads[shown[0]]}", heads[shown[1]]]
+    rows = [_line("", heads, "taken out by", left_heads)]
+    if len(rows[0]) > width():
+        return _in_two(metrics, heads, left_heads, shown)
     for name, label in ITEMS.items():
         delay, stays = _values(metrics, f"latency.{name}_s"), _values(metrics, f"latency.{name}_left_s")
         rows.append(_line(label, _ms(delay), _taken_out_by(name, metrics), _ms(stays[shown])))
@@ -45,6 +49,24 @@ def latency_text(metrics: Mapping[str, ArrayLike]) -> str:
     sums = [_line(label, _ms(_values(metrics, f"latency.{name}_s")), "", []) for name, label in SUMS.items()]
     title = "Latency of the loop (ms by frequency; negative is early)"
     return "\n".join([title, rule, rows[0], rule, *rows[1:], rule, *sums, rule, wrapped(_identified(metrics))])
+
+
+def _in_two(metrics: Mapping[str, ArrayLike], heads: list[str], left_heads: list[str], shown: list[int]) -> str:
+    """Return the table on a narrow page: first the latencies, then what takes them out and what is left."""
+
+    def narrow(label: str, cells: list[str]) -> str:
+        return label.ljust(LABEL) + "".join(cell.rjust(NARROW) for cell in cells)
+
+    named = {**ITEMS, **SUMS}
+    first = [narrow(label, _ms(_values(metrics, f"latency.{name}_s"))) for name, label in named.items()]
+    second = [
+        _line(label, [], _taken_out_by(name, metrics), _ms(_values(metrics, f"latency.{name}_left_s")[shown]))
+        for name, label in ITEMS.items()
+    ]
+    top, rule = narrow("", heads), "-" * len(narrow("", heads))
+    title = "Latency of the loop (ms by frequency; negative is early)"
+    lines = [title, rule, top, rule, *first, rule, _line("", [], "taken out by", left_heads), rule, *second, rule]
+    return "\n".join([*lines, wrapped(_identified(metrics))])
 
 
 def _values(metrics: Mapping[str, ArrayLike], path: str) -> Array:

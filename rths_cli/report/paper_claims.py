@@ -72,8 +72,8 @@ def claims_text(cases: Sequence[Entry]) -> str:
             turned += _lines(_turned(measured, judge(claim, cases, "_true")), f"{place}. ")
     absent = [method for method in methods(cases) if not any(of(entry, method) for entry in cases)]
     lines += ["", *(f"Method {method} was not run: nothing is judged for it." for method in absent)]
-    if cases[0].virtual:
-        lines += ["Where true figures give another verdict than measured ones:", *(turned or ["  nowhere"])]
+    if turned:
+        lines += ["Where true figures give another verdict than measured ones:", *turned]
     return wrapped(lines, indent=33).rstrip()
 
 

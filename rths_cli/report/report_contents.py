@@ -67,7 +67,8 @@ def contents(
     compared = _compared(baseline, results)
     faults += [one.sentence for one in (baseline[1].unread if baseline else ())]
     if faults and not (keep_going and (results or inputs.sweeps)):
-        raise InputError(*dict.fromkeys(faults))
+        more = "the others are reported with --keep-going" if results or inputs.sweeps else ""
+        raise InputError(*dict.fromkeys(faults), *([more] if more and not keep_going else []))
     if not results and not inputs.sweeps:
         raise InputError("There are no results to report; give result files or run a case first.")
     check_keys(keys, results)

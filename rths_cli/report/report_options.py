@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rths_cli.errors import InputError
-from rths_cli.files.durable_files import open_regular
+from rths_cli.files.existing_files import Kind, check_existing
+from rths_cli.files.result_reader import Result
 from rths_cli.files.result_writer import check_writable, refusal
 from rths_cli.report.baseline_comparison import DEFAULT_PERCENT
 from rths_cli.report.input_files import read_inputs
 from rths_cli.report.report_contents import Contents, all_blocks, contents
+from rths_cli.report.result_scale import in_model_scale, reported, scale_words
 from rths_cli.safe_text import visible
 
 Tell = Callable[[str], None]
@@ -30,19 +32,26 @@ class Asked:
     figures: Path | None  # folder for figures; None: no figures
     drawn: str  # format of the figures; "": the default
     width: str  # of the figures
+    header: str  # of the figures
+    metric: str  # of the figures of sweeps; "": the default
     keys: tuple[str, ...]  # of --group-by
     baseline: Path | None  # file or folder to compare with; None: no comparison
     percent: float | None  # by how much an error may exceed the baseline; None: a worse error is no failure
     keep_going: bool  # whether files that cannot be used are skipped
     junit: Path | None  # JUnit file; None: none is written
+    replace: bool = True  # whether files that exist may be replaced
     paper: bool = False  # whether the paper's claims are judged for cases without a reference, too
+    report_in: str | None = None  # model or prototype; None: as the cases state it
 
 
-def check_asked(asked: Asked) -> None:
-    """Raise InputError if options contradict each other, or an output file cannot be written."""
+def check_asked(asked: Asked) -> tuple[Path, ...]:
+    """Return the output files that will be replaced; raises InputError if options contradict each other, or an output
+    file cannot be written."""
     faults = []
     if asked.drawn and not asked.figures:
         faults.append(f"--format {asked.drawn} is a format of figures; add --figures DIR.")
+    if asked.metric and not asked.figures:
+        faults.append("--metric chooses what the figure of a sweep shows; add --figures DIR.")
     if asked.percent is not None and not asked.baseline:
         faults.append("--fail-worse compares with a baseline; add --baseline FILE_OR_DIR.")
     if asked.table == "html" and not asked.output:
@@ -54,20 +63,38 @@ def check_asked(asked: Asked) -> None:
     if faults:
         raise InputError(*faults)
     read = [*asked.paths, *((asked.baseline,) if asked.baseline else ())]
+    replaced: list[Path] = []
     for option, path in (("--output", asked.output), ("--junit", asked.junit)):
         if path:
-            check_output(option, path, read)
+            replaced += check_output(option, path, read, asked.replace)
             check_writable(path.parent)
+    return tuple(replaced)
 
 
 def read_asked(asked: Asked, tell: Tell) -> Contents:
     """Read the files of a report and return its contents; raises InputError as `contents` does."""
     inputs = read_inputs(asked.paths, tell)
+    other = read_inputs((asked.baseline,), tell) if asked.baseline else None
+    # both in one scale, so that they can be compared
+    scaled = reported((*inputs.results, *(other.results if other else ())), asked.report_in)
+    inputs, rest = replace(inputs, results=tuple(scaled[: len(inputs.results)])), scaled[len(inputs.results) :]
+    if any(in_model_scale(one) is not one for one in inputs.results):
+        _check_scales(str(asked.baseline), rest)
     before = None
-    if asked.baseline:
+    if other:
         percent = DEFAULT_PERCENT if asked.percent is None else asked.percent
-        before = str(asked.baseline), read_inputs((asked.baseline,), tell), percent
+        before = str(asked.baseline), replace(other, results=tuple(rest)), percent
     return contents(inputs, asked.keys, before, asked.keep_going)
+
+
+def _check_scales(baseline: str, results: Sequence[Result]) -> None:
+    """Raise InputError if a result of the baseline has no prototype to be compared in."""
+    without = [str(one.path) for one in results if not scale_words(one)]
+    if without:
+        raise InputError(
+            f"--baseline {baseline}: {without[0]} states no scale, so there is nothing to compare in prototype scale; "
+            "give --report-in model."
+        )
 
 
 def rendered(asked: Asked, found: Contents) -> str:
@@ -93,28 +120,21 @@ def rendered(asked: Asked, found: Contents) -> str:
     return plain_text(all_blocks(found, laid_out=True, paper=asked.paper))
 
 
-BINARY = (b"\x89HDF\r\n\x1a\n", b"RTHSLOG")
+def check_output(option: str, path: Path, inputs: Iterable[Path], replace: bool = True) -> tuple[Path, ...]:
+    """Return the output path if a file there will be replaced, else ().
 
-
-def check_output(option: str, path: Path, inputs: Iterable[Path]) -> None:
-    """Raise InputError if an output path is a folder, an input, a result or a case, or its folder does not exist."""
+    Raises InputError if it is a folder, an input, a result or a case, its folder does not exist, or what is there may
+    not be replaced.
+    """
     if path.is_dir():
         raise InputError(f"{option} {path}: is a folder; give the name of a file in it.")
     if not path.absolute().parent.is_dir():
         raise InputError(f"{option} {path}: there is no folder {path.parent}; make it first.")
     if path.resolve() in {one.resolve() for one in inputs}:
         raise InputError(f"{option} {path}: is read for this report; choose another name.")
-    if path.suffix in (".h5", ".rthslog", ".yaml", ".yml") or _is_data(path):
+    if path.suffix in (".h5", ".rthslog", ".yaml", ".yml"):
         raise InputError(f"{option} {path}: has the name or the content of a result or case; choose another name.")
-
-
-def _is_data(path: Path) -> bool:
-    """Return whether a file begins like an HDF5 file or a raw log."""
-    try:
-        with open_regular(path) as file:
-            return file.read(8).startswith(BINARY)
-    except OSError:
-        return False
+    return check_existing([(path, Kind.DOCUMENT)], replace)
 
 
 def write_text(path: Path, text: str) -> None:

@@ -13,6 +13,7 @@ from rths_cli.report.fidelity_table import every_figure, merit_table
 from rths_cli.report.figure_values import intervals_json, json_value
 from rths_cli.report.paper_claims import claims_tables, claims_text
 from rths_cli.report.paper_tables import response_tables, tracking_tables
+from rths_cli.report.result_scale import scale_json, scale_lines
 from rths_cli.report.results_by_case import SHORT, Entry, Figures, entries, sources, state
 from rths_cli.report.single_case_table import paths, single_table
 from rths_cli.report.table_cells import losses, remarks
@@ -29,29 +30,34 @@ TOLD = ("shake_table.tracking_rms_m_s2", "exp_rths.tracking_rms_m_s2")
 WORDS = "-: not run or not published. *: figure of a run that did not end as planned."
 
 
-def tables(results: Sequence[Result], references: Mapping[str, Figures] | None = None, paper: bool = False) -> str:
+def tables(
+    results: Sequence[Result], references: Mapping[str, Figures] | None = None, paper: bool = False, brief: bool = False
+) -> str:
     """Return all tables and the verdicts on the paper's claims as text of at most 100 columns.
 
     `references` gives published figures by case name and metric path, before those stored with the results.
-    One case alone is printed in a compact form with all its figures. Raises InputError without results.
+    One case alone is printed in a compact form with all its figures, unless `brief`. Raises InputError without results.
     """
-    return plain_text(blocks(results, references, laid_out=True, paper=paper))
+    return plain_text(blocks(results, references, laid_out=True, paper=paper, brief=brief))
 
 
 def blocks(
     results: Sequence[Result], references: Mapping[str, Figures] | None = None, laid_out: bool = False,
-    paper: bool = False,
+    paper: bool = False, brief: bool = False,
 ) -> list[Block]:  # fmt: skip
     """Return the tables of a report, the verdicts on the paper's claims and what their words mean.
 
     `paper`: whether the paper's claims are judged without published figures, too. `laid_out`: error by cause, latency
-    and claims as text for a terminal, else as tables with the figures of merit. Raises InputError without results.
+    and claims as text for a terminal, else as tables with the figures of merit. `brief`: the errors of one case alone,
+    without its other figures. Raises InputError without results.
     """
     if not results:
         raise InputError("There are no results to print; give result files or run a case first.")
     cases = entries(results, references or {})
     groups = [list(group) for _, group in groupby(cases, key=lambda entry: entry.table_name)]
-    return [block for group in groups for block in _blocks(group, laid_out, paper)]
+    scales = scale_lines(results)
+    said: list[Block] = [Paragraphs(("Scale", *(f"  {line}" for line in scales)), indent=4)] if scales else []
+    return [*said, *(block for group in groups for block in _blocks(group, laid_out, paper, brief))]
 
 
 def has_reference(result: Result) -> bool:
@@ -64,7 +70,7 @@ def to_json(results: Sequence[Result]) -> dict[str, object]:
     return {"results": [_json_result(result) for result in results]}
 
 
-def _blocks(cases: Sequence[Entry], laid_out: bool, paper: bool) -> Iterator[Block]:
+def _blocks(cases: Sequence[Entry], laid_out: bool, paper: bool, brief: bool) -> Iterator[Block]:
     """Yield what went wrong, the tables of one rig, what their words mean, and claims where there is a reference."""
     for title, lines in (("Runs that ended otherwise", remarks(cases)), ("Steps without samples", losses(cases))):
         if lines:
@@ -74,7 +80,7 @@ def _blocks(cases: Sequence[Entry], laid_out: bool, paper: bool) -> Iterator[Blo
     else:
         yield from tracking_tables(cases)
         yield from response_tables(cases)
-    if len(cases) == 1 and laid_out:
+    if len(cases) == 1 and laid_out and not brief:
         yield Fixed(other_figures(cases[0], paths()))
     if not laid_out:
         yield merit_table(cases)
@@ -104,5 +110,6 @@ def _json_result(result: Result) -> dict[str, object]:
     about = {key: result.attributes.get(key) for key in (*ABOUT, "status", "status_reason")}
     metrics = {path: json_value(value) for path, value in result.metrics.items()}
     words = {"units": dict(result.units), "definitions": dict(result.definitions)}
-    ends = intervals_json(result.intervals)
-    return {"file": str(result.path), **about, "metrics": metrics, **words, **({"intervals": ends} if ends else {})}
+    ends, scale = intervals_json(result.intervals), scale_json(result)
+    more = {**({"intervals": ends} if ends else {}), **({"scale": scale} if scale else {})}
+    return {"file": str(result.path), **about, "metrics": metrics, **words, **more}

@@ -10,6 +10,7 @@ import numpy as np
 
 from rths_cli.report.identification_page import LABEL, labelled, number
 from rths_cli.report.text_layout import WIDTH
+from rths_cli.structure.similitude import factors_text
 
 if TYPE_CHECKING:
     from rths_cli.experiment.structure_command import Inspected, Level
@@ -29,6 +30,7 @@ def page(found: Inspected, width: int = WIDTH) -> str:
         _modes(found, width),
         _damping(found, width),
         _shapes(found, width),
+        _prototype(found, width),
     ]
     return "\n\n".join(_wrapped(section, width) for section in sections if section) + "\n"
 
@@ -60,7 +62,23 @@ def document(found: Inspected) -> dict[str, Any]:
             for one in found.stiffness_sets
         ],
         "warnings": list(found.warnings),
+        "scale": None if found.scale is None else found.scale.factors,
+        "prototype": _prototype_document(found.prototype),
         "exit_code": found.exit_code,
+    }
+
+
+def _prototype_document(whole: Inspected | None) -> dict[str, Any] | None:
+    """Return storeys and modes of the prototype for JSON."""
+    if whole is None:
+        return None
+    return {
+        "floor_mass_kg": whole.floor_mass_kg.tolist(),
+        "stiffness_n_per_m": whole.stiffness_n_per_m.tolist(),
+        "heights_m": None if whole.heights_m is None else whole.heights_m.tolist(),
+        "mass_kg": float(whole.floor_mass_kg.sum()),
+        "natural_frequency_hz": whole.natural_frequency_hz.tolist(),
+        "period_s": (1.0 / whole.natural_frequency_hz).tolist(),
     }
 
 
@@ -191,6 +209,15 @@ def _shapes(found: Inspected, width: int) -> list[str]:
     rows = [[str(floor), *_row(found.mode_shapes[floor - 1, :MOST_MODES])] for floor in floors]
     more = [f"  {n - len(floors)} more floors in --json"] if len(floors) < n else []
     return [labelled("mode shapes", "largest floor 1, roof first"), *_in_width([heads, *rows], width), *more]
+
+
+def _prototype(found: Inspected, width: int) -> list[str]:
+    """Return the lines on the prototype of a model: the factors, its storeys and modes."""
+    scale, whole = found.scale, found.prototype
+    if scale is None or whole is None:
+        return []
+    told = f"the building above is its model; prototype over model: {factors_text(scale.factors)}"
+    return [labelled("prototype", told), *_storeys(whole, width), *_modes(whole, width)]
 
 
 def _row(values: Array) -> list[str]:

@@ -14,6 +14,7 @@ import numpy as np
 
 from rths_cli.files.sweep_file import Sweep
 from rths_cli.numerics.lti import Array
+from rths_cli.report.sweep_summary import summary, summary_text
 from rths_cli.report.text_layout import WIDTH, Cell, Row, Table, number, render, wrapped
 
 TRACKING = "exp_rths.tracking_rms_m_s2"
@@ -49,11 +50,11 @@ def points_of(sweep: Sweep) -> Iterator[Point]:
 
 def label(varied: dict[str, Any]) -> str:
     """Return varied values as text KEY=VALUE, each key shortened to an end that no other key has."""
-    told = [f"{_short(key, list(varied))}={as_text(value)}" for key, value in varied.items()]
+    told = [f"{short_key(key, list(varied))}={as_text(value)}" for key, value in varied.items()]
     return ", ".join(told) or "the case as it is"
 
 
-def _short(key: str, keys: Sequence[str]) -> str:
+def short_key(key: str, keys: Sequence[str]) -> str:
     """Return the shortest end of a dotted key that no other key has, and that is not the seed of a run."""
     parts = key.split(".")
     ends = (".".join(parts[start:]) for start in range(len(parts) - 1, 0, -1))
@@ -77,7 +78,8 @@ def statistics(errors: Array) -> dict[str, Array]:
 
 def page(sweep: Sweep, path: Path) -> str:
     """Return the summary of a sweep as text."""
-    parts = [render(_table(sweep)), *_more_points(sweep), *_extremes(sweep), *_not_run(sweep), *_explained(sweep, path)]
+    parts = [render(_table(sweep)), *_more_points(sweep), *_extremes(sweep), *_not_run(sweep), *summary_text(sweep)]
+    parts += _explained(sweep, path)
     return wrapped([line for part in parts for line in part.split("\n")], 2) + "\n"
 
 
@@ -93,7 +95,7 @@ def document(sweep: Sweep, path: Path) -> dict[str, Any]:
     about = {
         name: sweep.attributes[name] for name in ("case_name", "rig", "rig_kind", "seeds", "status", "plan_sha256")
     }
-    return {"sweep": str(path), **about, "runs": len(sweep.seed), "points": points}
+    return {"sweep": str(path), **about, "runs": len(sweep.seed), "summary": summary(sweep), "points": points}
 
 
 def _plain(value: float) -> float | None:

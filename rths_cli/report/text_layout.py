@@ -1,13 +1,37 @@
-"""Plain text layout: tables with lines of equal width, wrapped paragraphs, numbers in six characters."""
+"""Plain text layout: tables with lines of equal width, wrapped paragraphs, numbers in six characters.
+
+Pages are 100 columns wide, or as wide as `laid_out_in` says while they are made: a table that is wider is printed in
+parts, one below the other.
+"""
 
 from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass, replace
+from itertools import pairwise
 
-WIDTH = 100  # largest number of columns of a line
+WIDTH = 100  # largest number of columns of a line, unless `laid_out_in` says another
+_COLUMNS = ContextVar("columns", default=WIDTH)
+LABEL_SHARE = 3  # of a narrow page a column of labels takes at most one part of so many
 NARROWEST_LABEL = 6  # characters
+
+
+@contextmanager
+def laid_out_in(columns: int) -> Iterator[None]:
+    """Lay pages out for lines of at most so many columns meanwhile."""
+    before = _COLUMNS.set(columns)
+    try:
+        yield
+    finally:
+        _COLUMNS.reset(before)
+
+
+def width() -> int:
+    """Return the largest number of columns of a line, 100 unless `laid_out_in` says another."""
+    return _COLUMNS.get()
 
 
 @dataclass(frozen=True)
@@ -61,11 +85,11 @@ Block = Table | Paragraphs | Fixed
 def render(table: Table) -> str:
     """Return the table as text: title, lines of equal width, notes."""
     body = table_lines(table)
-    return "\n".join([*textwrap.wrap(table.title, WIDTH), *body, *([wrapped(table.notes, 2)] if table.notes else [])])
+    return "\n".join([*textwrap.wrap(table.title, width()), *body, *([wrapped(table.notes, 2)] if table.notes else [])])
 
 
 def plain_text(blocks: Iterable[Block]) -> str:
-    """Return the blocks of a report as text of at most 100 columns, separated by empty lines."""
+    """Return the blocks of a report as text, separated by empty lines."""
     return "\n\n".join(text for block in blocks if (text := _plain(block))) + "\n"
 
 
@@ -76,11 +100,62 @@ def _plain(block: Block) -> str:
 
 
 def table_lines(table: Table) -> list[str]:
-    """Return the lines of a table below its title, all of the same width."""
-    columns = sum(table.groups) * table.column_width + len(table.groups) + 1
+    """Return the lines of a table below its title, all of the same width; of a wide table, those of its parts."""
     labels = [table.corner, *(row.label for row in table.rows if row.cells)]
     longest = max(len(label) for label in labels)
-    label_width = max(NARROWEST_LABEL, min(longest, WIDTH - columns))
+    columns = _columns_wide(table.groups, table.column_width)
+    if max(NARROWEST_LABEL, min(longest, width() - columns)) + columns <= width():
+        return _lines_of_part(table, longest)
+    narrow = max(NARROWEST_LABEL, min(longest, width() // LABEL_SHARE))
+    return [line for part in _parts(table, width() - narrow) for line in _lines_of_part(part, longest)]
+
+
+def _columns_wide(groups: Sequence[int], column_width: int) -> int:
+    return sum(groups) * column_width + len(groups) + 1
+
+
+def _parts(table: Table, room: int) -> Iterator[Table]:
+    """Yield tables of the columns that fit into `room`; a group is divided only if it does not fit by itself."""
+    slices: list[tuple[int, int]] = []
+    first, end = 0, 0
+    for size in table.groups:
+        if end > first and _columns_wide(_groups_of(table, first, end + size), table.column_width) > room:
+            slices.append((first, end))
+            first = end
+        end += size
+        while _columns_wide(_groups_of(table, first, end), table.column_width) > room and end - first > 1:
+            count = max((room - 2) // table.column_width, 1)
+            slices.append((first, first + count))
+            first += count
+    slices.append((first, end))
+    for a, b in slices:
+        rows = tuple(replace(row, cells=_sliced(row.cells, a, b)) for row in table.rows)
+        headers = tuple(_sliced(cells, a, b) for cells in table.headers)
+        yield replace(table, groups=_groups_of(table, a, b), headers=headers, rows=rows)
+
+
+def _groups_of(table: Table, first: int, end: int) -> tuple[int, ...]:
+    """Return the numbers of columns from `first` to `end` of each group that has any."""
+    edges = [0, *_ends(table.groups)]
+    sizes = (min(end, right) - max(first, left) for left, right in pairwise(edges))
+    return tuple(size for size in sizes if size > 0)
+
+
+def _sliced(cells: Sequence[Cell], first: int, end: int) -> tuple[Cell, ...]:
+    """Return the cells of the columns from `first` to `end`; one that spans columns beside them is cut."""
+    kept, start = [], 0
+    for cell in cells:
+        span = min(start + cell.span, end) - max(start, first)
+        start += cell.span
+        if span > 0:
+            kept.append(replace(cell, span=span))
+    return tuple(kept)
+
+
+def _lines_of_part(table: Table, longest: int) -> list[str]:
+    """Return the lines of a table whose columns fit, with labels of at most `longest` characters."""
+    columns = _columns_wide(table.groups, table.column_width)
+    label_width = max(NARROWEST_LABEL, min(longest, width() - columns))
     total = label_width + columns
     rule = "-" * total
     corners = [""] * (len(table.headers) - 1) + [table.corner]
@@ -95,8 +170,12 @@ def table_lines(table: Table) -> list[str]:
 
 
 def wrapped(lines: Sequence[str], indent: int = 0) -> str:
-    """Return lines wrapped at 100 columns; continuation lines are indented by `indent` columns."""
-    return "\n".join(textwrap.fill(line, WIDTH, subsequent_indent=" " * indent, drop_whitespace=True) for line in lines)
+    """Return lines wrapped at the width of the page; continuation lines are indented by `indent` columns."""
+    return "\n".join(_filled(line, indent) for line in lines)
+
+
+def _filled(line: str, indent: int) -> str:
+    return textwrap.fill(line, width(), subsequent_indent=" " * indent, drop_whitespace=True)
 
 
 def number(value: float) -> str:

@@ -21,6 +21,7 @@ from rths_cli.structure.shear_chain import (
     storey_matrix,
     storey_values,
 )
+from rths_cli.structure.similitude import Similitude, similitude_of
 from rths_cli.structure.stiffness_from_frequencies import stiffness_from_frequencies
 from rths_cli.structure.substructures import Building, Numerical, Specimen, assemble
 
@@ -30,6 +31,7 @@ __all__ = [
     "ExperimentalSpec",
     "Numerical",
     "NumericalSpec",
+    "Similitude",
     "Specimen",
     "StructureSpec",
     "above_rounding",
@@ -39,6 +41,7 @@ __all__ = [
     "modal_damping_matrix",
     "mode_shapes",
     "modes",
+    "similitude_of",
     "stiffness_from_frequencies",
     "stiffness_sets",
     "storey_matrix",

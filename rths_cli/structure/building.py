@@ -10,9 +10,11 @@ from typing import Protocol
 import numpy as np
 
 from rths_cli.errors import InputError
+from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.numerics.lti import Array
 from rths_cli.structure.shear_chain import first_mode_ratio, modal_damping_matrix, storey_matrix, storey_values
 from rths_cli.structure.stiffness_from_frequencies import stiffness_from_frequencies
+from rths_cli.structure.storey_laws import Law, LawSpec, arranged, law_of
 from rths_cli.structure.substructures import Building, Numerical, Specimen, assemble
 
 LIGHTEST_KG = 1e-9  # floor: a microgram
@@ -68,6 +70,7 @@ class DampingSpec(Protocol):
 def build(spec: StructureSpec, damping: DampingSpec) -> Building:
     """Build both substructures and their total from a structure file and a damping level.
 
+    The damping level is that of the building without its laws.
     Raises InputError when a list's length differs from the number of storeys, when the interface mass is not
     less than its floor's, when no stiffnesses give the natural frequencies, or when the first mode's ratio is
     out of reach.
@@ -88,7 +91,30 @@ def build(spec: StructureSpec, damping: DampingSpec) -> Building:
     _check_rates("damping", "dashpots_n_s_per_m", numerical.masses_kg, numerical.C, 1.0)
     stated = getattr(spec, "heights_m", None)  # no one needs to know the heights
     heights = None if stated is None else np.asarray(stated, dtype=float)
-    return Building(numerical, specimen, interface_mass, *assemble(numerical, specimen, interface_mass), notes, heights)
+    laws = _laws(spec, numerical, specimen)
+    numerical = _with_tangents_at_rest(numerical, laws)
+    total = assemble(numerical, specimen, interface_mass)
+    return Building(numerical, specimen, interface_mass, *total, notes, heights, arranged(laws))
+
+
+def _laws(spec: StructureSpec, numerical: Numerical, specimen: Specimen) -> tuple[tuple[Law, ...], ...]:
+    """Return the laws of the numerical storeys from the ground."""
+    stated: Sequence[Sequence[LawSpec]] = getattr(spec.numerical, "law", None) or ()  # no building needs laws
+    masses = np.concatenate([spec.numerical.masses_kg, specimen.masses_kg])
+    weights = STANDARD_GRAVITY_M_S2 * np.cumsum(masses[::-1])[::-1]
+    storeys = zip(stated, storey_values(numerical.K).tolist(), weights.tolist(), strict=False)
+    return tuple(tuple(law_of(one, k, weight) for one in laws) for laws, k, weight in storeys)
+
+
+def _with_tangents_at_rest(numerical: Numerical, laws: tuple[tuple[Law, ...], ...]) -> Numerical:
+    """Return the storeys with what their laws add to springs and dashpots at rest."""
+    stiffness, dashpots = storey_values(numerical.K), storey_values(numerical.C)
+    if not any(laws):
+        return numerical
+    for i, of_storey in enumerate(laws):
+        stiffness[i] += sum(law.at_rest[0] for law in of_storey)
+        dashpots[i] += sum(law.at_rest[1] for law in of_storey)
+    return replace(numerical, K=storey_matrix(stiffness), C=storey_matrix(dashpots))
 
 
 def _check(spec: StructureSpec, damping: DampingSpec) -> None:
@@ -166,9 +192,8 @@ def _notes_on(solutions: Array) -> tuple[str, ...]:
     if len(texts) == 1:
         return ()
     return (
-        f"experimental storey stiffnesses {texts[0]}, the most equal of {len(texts)} sets with these natural "
-        f"frequencies, are used; the others are {'; '.join(texts[1:])}; to take another, state "
-        "experimental.stiffness_n_per_m",
+        f"{len(texts)} sets of experimental storey stiffnesses have these natural frequencies; the most uniform is "
+        f"used: {texts[0]}, not {' or '.join(texts[1:])}; to take another, state experimental.stiffness_n_per_m",
     )
 
 

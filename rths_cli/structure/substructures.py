@@ -3,11 +3,12 @@ matrices."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from rths_cli.numerics.lti import Array
+from rths_cli.structure.storey_laws import Laws, arranged
 
 
 @dataclass(frozen=True)
@@ -40,7 +41,7 @@ class Building:
 
     `M`, `C`, `K` (p + n, p + n) describe the total structure in displacements relative to the ground;
     `notes` are sentences for the user (for instance the stiffness solutions not taken); `heights_m` (p + n,) are the
-    storeys' heights where they are known.
+    storeys' heights where they are known. `laws` act beside M, C and K, which hold their tangents at rest.
     """
 
     numerical: Numerical
@@ -51,11 +52,17 @@ class Building:
     K: Array
     notes: tuple[str, ...] = ()
     heights_m: Array | None = None
+    laws: Laws = field(default_factory=lambda: arranged(()))
 
     @property
     def linear(self) -> bool:
         """Return whether M, C and K describe it at all times. References are chosen by such properties."""
-        return True
+        return self.laws.code.size == 0
+
+    @property
+    def has_laws(self) -> bool:
+        """Return whether storeys have laws, beside M, C and K."""
+        return not self.linear
 
     @property
     def storeys(self) -> int:

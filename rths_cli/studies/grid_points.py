@@ -1,125 +1,159 @@
-"""The case of each grid point: all are read and checked before the first run."""
+"""The case of each point of a plan: all are read and checked before the first run."""
 
 from __future__ import annotations
 
 import hashlib
+from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rths_cli.case.keys_without_effect import without_effect
-from rths_cli.case.load import load_cases
+from rths_cli.case.load import PlacedSettings, load_written
 from rths_cli.errors import InputError
-from rths_cli.studies.sweep_grid import Grid, read_grid
+from rths_cli.experiment.unit_plausibility import unit_doubts
+from rths_cli.studies.plan import Plan
+from rths_cli.studies.study_plan import Asked, Planned, read_plan
+from rths_cli.studies.sweep_table import kept_columns
 
 if TYPE_CHECKING:
     from rths_cli.case.case_schema import Case
     from rths_cli.experiment.setup import Progress, Setup
     from rths_cli.studies.sweep_runs import Keys, Shared
+    from rths_cli.studies.sweep_table import Column
 
 SWEPT_RUNS = ("exp_rths",)
-LISTED = 20  # faults shown of a grid, the rest counted
-FAULTY = 1000  # grid points at fault after which the others are not read
-
-
-@dataclass(frozen=True)
-class Asked:
-    """The case of a sweep, settings KEY=VALUE, the texts of --vary, and that of --seeds (None: the case's own)."""
-
-    path: str
-    settings: tuple[str, ...]
-    vary: tuple[str, ...]
-    seeds: str | None
+LISTED = 20  # faults shown of a plan, the rest counted
+FAULTY = 1000  # points at fault after which the others are not read
 
 
 @dataclass(frozen=True)
 class Points:
-    """A checked grid: its case without what is varied, the order to make the points in (neighbours share most), the
-    most storeys of any, and the hash of all that the runs' figures depend on."""
+    """A checked plan: what was asked, its case without what is varied, the rows, the metrics that are kept of each,
+    the order (n_points,) to make the points in (neighbours share most), the most storeys of any, the hash of all that
+    the runs' figures depend on, and a sentence for each doubt on units."""
 
+    asked: Asked
+    planned: Planned
     base: Setup
-    grid: Grid
-    order: tuple[int, ...]
+    plan: Plan
+    columns: tuple[Column, ...]
+    order: NDArray[np.int64]
     storeys: int
     sha256: str
+    doubts: tuple[str, ...] = ()
 
-
-def point_case(asked: Asked, grid: Grid, point: int) -> Case:
-    """Return the case of a grid point; raises InputError with its faults."""
-    return load_cases([asked.path], (*asked.settings, *grid.settings(point)))[0]
+    def case(self, point: int) -> Case:
+        """Return the case of a point; raises InputError with its faults."""
+        return _point_case(self.asked, self.planned, point)
 
 
 def check_points(asked: Asked, shared: Shared, progress: Progress) -> Points:
-    """Read and check every point of the grid; raises InputError with every fault and the point it is at."""
-    grid = read_grid(asked.vary, asked.seeds, own_seed=0)
-    stages: list[Keys] = []
+    """Read and check every point of the plan; raises InputError with every fault and the point it is at."""
+    planned = read_plan(asked)
+    plan, columns = planned.plan, kept_columns(planned.metrics, planned.study)
+    stages = _Stages()
     digest, storeys = hashlib.sha256(), 0
     first: Setup | None = None
     unread: dict[str, str] | None = None
-    for setup in _setups(asked, grid, shared, progress):
-        stages.append(shared.keys(setup))
-        digest.update(repr((stages[-1].content, setup.record_sha256, sorted(setup.case.accept.items()))).encode())
-        unread = _still_unread(unread, setup.case, grid)
+    doubts: dict[str, list[str]] = {}
+    for setup in _setups(asked, planned, shared, progress):
+        keys = shared.keys(setup)
+        stages.add(keys)
+        digest.update(repr((keys.content, setup.record_sha256, sorted(setup.case.accept.items()))).encode())
+        unread = _still_unread(unread, setup.case, plan)
+        for doubt in unit_doubts(setup):
+            doubts.setdefault(doubt.rpartition(": ")[2], []).append(doubt)  # by its question
         storeys, first = max(storeys, setup.case.n_storeys), first or setup
-    assert first is not None  # a grid has a point
+    assert first is not None  # a plan has a point
     if unread:
-        changes = "changes nothing in a sweep"
-        raise InputError(*(f"--vary {key}: {changes}, {why}; vary what does" for key, why in unread.items()))
-    if asked.seeds is None:
-        grid = replace(grid, seeds=range(first.case.seed, first.case.seed + 1))
-    digest.update(repr((grid, first.overrides)).encode())
-    return Points(_base(asked, shared, first), grid, _order(stages), storeys, digest.hexdigest())
+        names = {axis.key: axis.name for axis in plan.axes}
+        advice = "vary another key (rths schema case lists them)"
+        raise InputError(*(f"{names[key]}: changes nothing in a sweep, {why}; {advice}" for key, why in unread.items()))
+    if planned.own_seed:
+        plan = replace(plan, seeds=range(first.case.seed, first.case.seed + 1))
+    digest.update(repr((plan.digest(), [column.path for column in columns], first.overrides)).encode())
+    base, told = _base(asked, planned, shared, first), tuple(_doubt(each, plan) for each in doubts.values())
+    return Points(asked, planned, base, plan, columns, stages.order(), storeys, digest.hexdigest(), told)
 
 
-def _setups(asked: Asked, grid: Grid, shared: Shared, progress: Progress) -> Iterator[Setup]:
-    """Yield the setup of every grid point; raise InputError with all faults in the end, or when there are very many."""
+def _doubt(same: Sequence[str], plan: Plan) -> str:
+    """Return the first of the doubts with one question, and how many grid points raise it where not all do."""
+    return same[0] if len(same) == plan.points else f"{same[0]} (at {len(same)} of {plan.points} grid points)"
+
+
+def _point_case(asked: Asked, planned: Planned, point: int) -> Case:
+    varied = PlacedSettings(planned.plan.settings(point), planned.plan.folder)
+    return load_written(planned.case, PlacedSettings(asked.settings), varied)
+
+
+def _setups(asked: Asked, planned: Planned, shared: Shared, progress: Progress) -> Iterator[Setup]:
+    """Yield the setup of every point; raise InputError with all faults in the end, or when there are very many."""
     faults: dict[str, list[int]] = {}
-    for point in range(grid.points):
-        progress(f"reading grid point {point + 1} of {grid.points}")
+    plan = planned.plan
+    for point in range(plan.points):
+        progress(f"reading grid point {point + 1} of {plan.points}")
         try:
-            yield shared.setup(point_case(asked, grid, point))
+            yield shared.setup(_point_case(asked, planned, point))
         except InputError as error:
             for fault in error.faults:
-                faults.setdefault(_as_varied(fault, grid), []).append(point)
+                faults.setdefault(_as_varied(fault, plan), []).append(point)
             if sum(map(len, faults.values())) >= FAULTY:
                 break
     if faults:
-        raise InputError(*_told(faults, grid))
+        raise InputError(*_told(faults, plan))
 
 
-def _still_unread(before: dict[str, str] | None, case: Case, grid: Grid) -> dict[str, str]:
+def _still_unread(before: dict[str, str] | None, case: Case, plan: Plan) -> dict[str, str]:
     """Return the varied keys that neither this point nor those before it read, with the reason."""
-    found = without_effect(case, (axis.key for axis in grid.axes), SWEPT_RUNS)
+    found = without_effect(case, (axis.key for axis in plan.axes), SWEPT_RUNS)
     return found if before is None else {key: why for key, why in found.items() if key in before}
 
 
-def _base(asked: Asked, shared: Shared, first: Setup) -> Setup:
+def _base(asked: Asked, planned: Planned, shared: Shared, first: Setup) -> Setup:
     """Return the case without what is varied, or the first point where it needs a varied key to be one."""
     try:
-        return shared.setup(load_cases([asked.path], asked.settings)[0])
+        return shared.setup(load_written(planned.case, PlacedSettings(asked.settings)))
     except InputError:
         return first
 
 
-def _order(keys: Sequence[Keys]) -> tuple[int, ...]:
-    """Return the points so that those which share a model, then a design, then a check are neighbours."""
-    stages = [(key.model, key.design, key.check) for key in keys]
-    ranks: list[dict[str, int]] = [{} for _ in stages[0]]
-    ranked = [tuple(rank.setdefault(key, len(rank)) for rank, key in zip(ranks, one, strict=True)) for one in stages]
-    return tuple(sorted(range(len(stages)), key=lambda point: ranked[point]))
+class _Stages:
+    """What each point shares with others, stage by stage: eight bytes of a hash of each stage, for a million points."""
+
+    def __init__(self) -> None:
+        self._keys = tuple(array("Q") for _ in range(3))
+
+    def add(self, keys: Keys) -> None:
+        """Take note of the next point."""
+        for known, key in zip(self._keys, (keys.model, keys.design, keys.check), strict=True):
+            known.append(int(key[:16], 16))
+
+    def order(self) -> NDArray[np.int64]:
+        """Return the points so that those which share a model, then a design, then a check are neighbours."""
+        return np.lexsort([_first_met(keys) for keys in reversed(self._keys)])
 
 
-def _as_varied(fault: str, grid: Grid) -> str:
-    """Return a fault with --vary as its source where a varied key is at fault."""
-    for axis in grid.axes:
-        fault = fault.replace(f"--set {axis.key}:", f"--vary {axis.key}:")
+def _first_met(keys: array[int]) -> NDArray[np.int64]:
+    """Return of each key (n,) the place where it is met first."""
+    _, first, where = np.unique(np.frombuffer(keys, dtype=np.uint64), return_index=True, return_inverse=True)
+    return np.asarray(first[where])
+
+
+def _as_varied(fault: str, plan: Plan) -> str:
+    """Return a fault with the axis as its source where a varied key is at fault."""
+    for axis in plan.axes:
+        fault = fault.replace(f"--set {axis.key}:", f"{axis.name}:")
     return fault
 
 
-def _told(faults: dict[str, list[int]], grid: Grid) -> Iterator[str]:
-    """Yield each fault once, with the first grid point it is at and how many more."""
+def _told(faults: dict[str, list[int]], plan: Plan) -> Iterator[str]:
+    """Yield each fault once, with the first point it is at and how many more."""
     for fault, points in list(faults.items())[:LISTED]:
         others = f" and {len(points) - 1} more" if len(points) > 1 else ""
-        yield fault if len(points) == grid.points else f"{fault} (at grid point {grid.label(points[0])}{others})"
+        yield fault if len(points) == plan.points else f"{fault} (at grid point {plan.label(points[0])}{others})"
     if len(faults) > LISTED:
         yield f"{len(faults) - LISTED} more faults are not shown; correct these first"

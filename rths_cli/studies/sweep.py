@@ -3,6 +3,7 @@ table."""
 
 from __future__ import annotations
 
+import json
 import time
 from collections import deque
 from collections.abc import Iterator
@@ -12,17 +13,20 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rths_cli.experiment.allocator_settings import keep_freed_memory
 from rths_cli.experiment.model_files import software
 from rths_cli.experiment.provenance import attributes
+from rths_cli.files.existing_files import Kind, check_existing, replaced_sentence
 from rths_cli.files.result_writer import check_writable
 from rths_cli.files.sweep_file import RowsFile, Sweep, check_csv, read_sweep, rows_path, write_csv, write_sweep
-from rths_cli.studies.grid_points import Asked, Points, check_points, point_case
-from rths_cli.studies.sweep_grid import seeds_text
+from rths_cli.studies.grid_points import Points, check_points
+from rths_cli.studies.study_plan import Asked
 from rths_cli.studies.sweep_output import Begun, as_line, as_sweep, begin
 from rths_cli.studies.sweep_runs import Shared, failed, play_variant
-from rths_cli.studies.sweep_table import Row, columns, width
+from rths_cli.studies.sweep_table import Row, Table, columns, width
+from rths_cli.studies.varied_keys import seeds_text
 
 if TYPE_CHECKING:
     from rths_cli.experiment.run_command import Watcher
@@ -59,19 +63,25 @@ def run_sweep(request: SweepRequest, watcher: Watcher) -> Swept:
     keep_freed_memory()
     shared = Shared(request.overrides, watcher.doing)
     points = check_points(request.asked, shared, watcher.doing)
-    path = request.output or Path("sweeps") / f"{points.base.case.name}.h5"
+    path = request.output or Path("sweeps") / f"{points.planned.name or points.base.case.name}.h5"
     about = _attributes(points, request.command_line)
+    tables: tuple[Path, ...] = ()
     if request.csv is not None:
+        tables = check_existing([(request.csv, Kind.DOCUMENT)], request.replace)
         check_csv(request.csv, path)
-    begun = begin(path, about, points.grid.variants, width(columns(), points.storeys), request.replace, request.resume)
+    begun = begin(
+        path, about, points.plan.variants, width(points.columns, points.storeys), request.replace, request.resume
+    )
     if request.csv is not None:
         check_writable(request.csv.parent)
-    played = 0 if begun is None else points.grid.variants - len(begun.rows)
+    played = 0 if begun is None else points.plan.variants - len(begun.rows)
     if begun is not None:
         _tell(points, begun, watcher)
     sweep = read_sweep(path) if begun is None else _play(points, shared, begun, request, watcher)
     if request.csv is not None:
         write_csv(request.csv, sweep)
+    if replaced := [*([path] if begun is not None and begun.replaces else []), *tables]:
+        watcher.message(replaced_sentence(replaced))
     return Swept(sweep, path, played, int(sweep.attributes["exit_code"]))
 
 
@@ -79,23 +89,36 @@ def _attributes(points: Points, command_line: str) -> dict[str, str | int | floa
     """Return the root attributes of the file: where the sweep comes from, and what tells it from another one."""
     about = attributes(points.base, None, command_line)
     identity = {"plan_sha256": points.sha256, "software_sha256": software()}
-    return about | identity | {"seeds": seeds_text(points.grid.seeds), "grid_points": points.grid.points}
+    plan, planned = points.plan, points.planned
+    origin = {
+        "case_file": str(planned.case.path.absolute()),
+        "study_file": str(planned.study.absolute()) if planned.study else "",
+        "settings": json.dumps(points.asked.settings),
+        "settings_folder": str(Path.cwd()),
+        "values_folder": str(plan.folder or Path.cwd()),
+    }
+    return about | identity | origin | {"seeds": seeds_text(plan.seeds), "grid_points": plan.points}
 
 
 def _play(points: Points, shared: Shared, begun: Begun, request: SweepRequest, watcher: Watcher) -> Sweep:
     """Play the runs that are left, keep each row at once, and write the table when all are there."""
-    rows, count = dict(begun.rows), points.grid.variants
-    start, before = time.monotonic(), len(rows)
+    count = points.plan.variants
+    rows = Table(points.columns, points.storeys, count)
+    for row in begun.rows.values():
+        rows.add(row)
+    start, before = time.monotonic(), len(begun.rows)
+    done = before
     with RowsFile(rows_path(begun.path), begun.attributes, begun.resumed) as file:
         try:
-            for row in _rows(points, shared, request, frozenset(rows)):
+            for row in _rows(points, shared, request, rows.done):
                 file.append(as_line(row))
-                rows[row.variant] = row
-                watcher.doing(_progress(len(rows), count, (time.monotonic() - start) / (len(rows) - before)))
+                rows.add(row)
+                done += 1
+                watcher.doing(_progress(done, count, (time.monotonic() - start) / (done - before)))
         except BaseException:
             watcher.message(f"{file.close()} of {count} runs are kept; the same command with --resume goes on")
             raise
-        sweep = as_sweep(points, begun, [rows[variant] for variant in range(count)])
+        sweep = as_sweep(points, begun, rows)
         write_sweep(begun.path, sweep)
         file.remove()
     return sweep
@@ -103,19 +126,21 @@ def _play(points: Points, shared: Shared, begun: Begun, request: SweepRequest, w
 
 def _tell(points: Points, begun: Begun, watcher: Watcher) -> None:
     """Say what a user should know before the first run."""
+    for doubt in points.doubts:
+        watcher.warning(doubt)
     known = {column.path for column in columns()}
     left = [path for path in points.base.case.accept if path.partition("[")[0] not in known]
     if left:
         watcher.message(f"note: a sweep does not compute {', '.join(left)}: the accept limits on that are not judged")
     if begun.resumed:
-        watcher.message(f"{len(begun.rows)} of {points.grid.variants} runs were played before")
+        watcher.message(f"{len(begun.rows)} of {points.plan.variants} runs were played before")
 
 
 def _progress(done: int, count: int, each_s: float) -> str:
     return f"{done} of {count} runs, about {each_s * (count - done):.0f} s left"
 
 
-def _rows(points: Points, shared: Shared, request: SweepRequest, done: frozenset[int]) -> Iterator[Row]:
+def _rows(points: Points, shared: Shared, request: SweepRequest, done: NDArray[np.bool_]) -> Iterator[Row]:
     """Yield the rows that are left, in the order they are made, whatever the number of threads."""
     waiting: deque[Future[Row]] = deque()
     with ThreadPoolExecutor(request.jobs) as pool:
@@ -131,16 +156,16 @@ def _rows(points: Points, shared: Shared, request: SweepRequest, done: frozenset
 
 
 def _handed_out(
-    points: Points, shared: Shared, request: SweepRequest, done: frozenset[int], pool: ThreadPoolExecutor
+    points: Points, shared: Shared, request: SweepRequest, done: NDArray[np.bool_], pool: ThreadPoolExecutor
 ) -> Iterator[Future[Row]]:
     """Make each grid point ready and hand its runs out; a point that cannot be made ready has rows that say so."""
-    kept, seeds = columns(), points.grid.seeds
-    for point in points.order:
-        left = [k for k in range(len(seeds)) if point * len(seeds) + k not in done]
+    kept, seeds = points.columns, points.plan.seeds
+    for point in map(int, points.order):
+        left = [k for k in range(len(seeds)) if not done[point * len(seeds) + k]]
         if not left:
             continue
         try:
-            ready = shared.ready(point_case(request.asked, points.grid, point))
+            ready = shared.ready(points.case(point))
         except Exception as error:
             blank = failed(Row(0, "", "", 0, "", "", np.full(width(kept, points.storeys), np.nan)), error)
             yield from (pool.submit(replace, blank, variant=point * len(seeds) + k) for k in left)

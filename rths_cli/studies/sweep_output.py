@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,12 +13,14 @@ import numpy as np
 from rths_cli.case.load import resolved_yaml
 from rths_cli.errors import InputError
 from rths_cli.experiment.run_case import worst_code
+from rths_cli.files.existing_files import Kind, check_existing
 from rths_cli.files.result_writer import check_writable
-from rths_cli.files.sweep_file import TEXTS, Figure, Sweep, read_attributes, read_rows, rows_path
-from rths_cli.studies.sweep_table import Row, columns, table
+from rths_cli.files.sweep_file import Figure, Sweep, read_attributes, read_rows, rows_path
+from rths_cli.studies.sweep_table import Row
 
 if TYPE_CHECKING:
     from rths_cli.studies.grid_points import Points
+    from rths_cli.studies.sweep_table import Table
 
 IDENTITY = ("plan_sha256", "software_sha256")
 OTHER = "another sweep (case, grid, options or version of rths differ)"
@@ -34,6 +36,7 @@ class Begun:
     attributes: dict[str, Any]
     rows: dict[int, Row]
     resumed: bool
+    replaces: bool = False  # a finished file
 
 
 def begin(path: Path, attributes: dict[str, Any], runs: int, figures: int, replace: bool, resume: bool) -> Begun | None:
@@ -46,10 +49,12 @@ def begin(path: Path, attributes: dict[str, Any], runs: int, figures: int, repla
     if path.is_dir():
         raise InputError(f"--output {path}: is a folder; give the name of a file in it")
     begun = _under_way(path, attributes, runs, figures, resume) if rows_path(path).exists() else None
-    if begun is None and path.exists() and _is_whole(path, attributes, replace, resume):
+    if begun is None and path.exists() and _is_whole(path, attributes, resume):
         return None
+    if begun is None:
+        check_existing([(path, Kind.SWEEP)], replace)
     check_writable(path.parent, BYTES_PER_RUN * runs)
-    return begun or Begun(path, attributes, {}, False)
+    return begun or Begun(path, attributes, {}, False, path.exists())
 
 
 def _under_way(path: Path, attributes: Mapping[str, Any], runs: int, figures: int, resume: bool) -> Begun:
@@ -89,16 +94,13 @@ def _row(line: list[Any]) -> Row:
     return Row(variant, status, reason, exit_code, verdict, model, np.array(figures, dtype=float))
 
 
-def _is_whole(path: Path, attributes: Mapping[str, Any], replace: bool, resume: bool) -> bool:
-    """Tell whether a finished file answers what is asked; raise InputError unless that or it may be replaced."""
+def _is_whole(path: Path, attributes: Mapping[str, Any], resume: bool) -> bool:
+    """Tell whether a finished file answers what is asked; raises InputError if it is no sweep, or another one is to be
+    resumed."""
     stored = read_attributes(path)
-    if stored.get("plan_sha256") != attributes["plan_sha256"]:
+    if resume and stored.get("plan_sha256") != attributes["plan_sha256"]:
         raise InputError(f"{path}: holds {OTHER}; {ELSEWHERE}")
-    if resume and stored.get("software_sha256") == attributes["software_sha256"]:
-        return True
-    if not replace:
-        raise InputError(f"{path}: exists; remove it, choose another --output, or drop --no-replace")
-    return False
+    return resume and stored.get("software_sha256") == attributes["software_sha256"]
 
 
 def as_line(row: Row) -> list[Any]:
@@ -107,30 +109,29 @@ def as_line(row: Row) -> list[Any]:
     return [*start, figures.tolist()]
 
 
-def as_sweep(points: Points, begun: Begun, rows: Sequence[Row]) -> Sweep:
-    """Return the table of all rows, in the order of the grid."""
-    grid, per_point, kept = points.grid, len(points.grid.seeds), columns()
-    numbers = table(kept, points.storeys, [row.figures for row in rows])
-    values = list(zip(*(grid.values(point) for point in range(grid.points)), strict=True))
-    counts = Counter(row.status for row in rows)
-    code = worst_code(row.exit_code for row in rows)
-    ends = {"status": "complete", "status_reason": told(counts), "exit_code": code}
+def as_sweep(points: Points, begun: Begun, rows: Table) -> Sweep:
+    """Return the table of all rows, in the order of the plan."""
+    plan, figures, texts = points.plan, rows.figures, rows.texts
+    ends = {
+        "status": "complete",
+        "status_reason": told(Counter(texts["status"])),
+        "exit_code": worst_code(rows.exit_codes),
+    }
+    written = points.planned.case
+    study = points.planned.study
     return Sweep(
         begun.attributes | ends,
-        points.base.case.yaml_text,
+        written.text,
         resolved_yaml(points.base.case),
-        per_point,
-        {axis.key: _repeated(found, per_point) for axis, found in zip(grid.axes, values, strict=True)},
-        np.tile(np.array(grid.seeds, dtype=np.int64), grid.points),
-        {name: tuple(getattr(row, name) for row in rows) for name in TEXTS},
-        {column.path: Figure(numbers[column.path], column.units, column.definition) for column in kept},
+        len(plan.seeds),
+        dict(plan.columns()),
+        np.tile(np.array(plan.seeds, dtype=np.int64), plan.points),
+        texts,
+        {column.path: Figure(figures[column.path], column.units, column.definition) for column in points.columns},
+        study.read_text(encoding="utf-8-sig") if study else "",
     )
 
 
 def told(counts: Mapping[str, int]) -> str:
     """Return how many runs ended how."""
     return ", ".join(f"{counts[status]} {status}" for status in sorted(counts))
-
-
-def _repeated(values: Sequence[Any], times: int) -> tuple[Any, ...]:
-    return tuple(value for value in values for _ in range(times))

@@ -21,7 +21,7 @@ from rths_cli.experiment.setup import building_key, make_setup, motion_key
 from rths_cli.experiment.table_runs_of_case import why_none, why_unsafe
 from rths_cli.loop.run_log import Log, Sizes, empty_log
 from rths_cli.numerics.shared_values import SharedValues
-from rths_cli.studies.sweep_table import Column, Row, flat
+from rths_cli.studies.sweep_table import Column, Row, columns, flat
 
 if TYPE_CHECKING:
     from rths_cli.analysis.sim import Response
@@ -33,8 +33,9 @@ if TYPE_CHECKING:
     from rths_cli.numerics.lti import Array
     from rths_cli.quantities import Values
 
-NO_PART = {"path", "yaml_text", "name", "notes", "seed", "runs", "accept", "reference"}  # of what a run computes
-MOTION = {"record", "scaling", "record_filter", "delay_s"}  # what no block depends on
+# of what a run computes
+NO_PART = {"path", "yaml_text", "name", "notes", "seed", "runs", "accept", "reference", "report_in"}
+MOTION = {"record", "scaling", "scale", "record_filter", "delay_s"}  # what no block depends on
 
 
 @dataclass(frozen=True)
@@ -144,7 +145,7 @@ def play_variant(ready: Ready, variant: int, seed: int, of: Sequence[Column], st
     except Exception as error:
         return failed(row, error)
     values = {**checked.figures, **errors}
-    stop = stop or _accepted(ready, of, values)
+    stop = stop or _accepted(ready, values)
     figures = flat(of, storeys, values)
     return replace(row, status=stop.status, reason=stop.reason, exit_code=stop.exit_code, figures=figures)
 
@@ -188,8 +189,8 @@ def _log(plan: RunPlan) -> Log:
     return log
 
 
-def _accepted(ready: Ready, of: Sequence[Column], values: Values) -> Stop:
-    """Return how a whole run ends, by the accept limits on figures that a sweep computes."""
-    known = {column.path for column in of}
+def _accepted(ready: Ready, values: Values) -> Stop:
+    """Return how a whole run ends, by the accept limits on figures that a sweep computes, kept or not."""
+    known = {column.path for column in columns()}
     limits = {path: limit for path, limit in ready.setup.case.accept.items() if path.partition("[")[0] in known}
     return acceptance(limits, {path: value for path, value in values.items() if path in known})

@@ -1,4 +1,4 @@
-"""The columns of a sweep's table: which metrics it keeps of each run, with unit and definition."""
+"""The table of a sweep: which metrics it keeps of each run, with unit and definition, and the rows that are there."""
 
 from __future__ import annotations
 
@@ -8,9 +8,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rths_cli.case.field_types import near
+from rths_cli.errors import InputError
+from rths_cli.files.sweep_file import NEEDED
 from rths_cli.quantities import METRICS, Quantity
+from rths_cli.quantities.sweep_datasets import TEXTS
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from numpy.typing import ArrayLike
 
     from rths_cli.numerics.lti import Array
@@ -66,14 +72,57 @@ def flat(of: Sequence[Column], storeys: int, values: Mapping[str, ArrayLike]) ->
     return row
 
 
-def table(of: Sequence[Column], storeys: int, rows: Sequence[Array]) -> dict[str, Array]:
-    """Return the figures of all runs by path, (n_variants,) or (n_variants, n_storeys)."""
-    stacked = np.array(rows).reshape(len(rows), width(of, storeys))
-    found: dict[str, Array] = {}
-    start = 0
-    for column in of:
-        size = storeys if column.over else 1
-        part = stacked[:, start : start + size]
-        found[column.path] = part if column.over else part[:, 0]
-        start += size
-    return found
+def kept_columns(metrics: Sequence[str] | None, study: Path | None) -> tuple[Column, ...]:
+    """Return the metrics that a sweep keeps when a study chooses some (None: all), and those that every table has.
+
+    Raises InputError for a metric that a sweep does not compute.
+    """
+    known = {column.path: column for column in columns()}
+    unknown = [path for path in metrics or () if path not in known]
+    if unknown:
+        computed = "a sweep does not compute it"
+        raise InputError(*(f"{study}: metrics: {path}: {computed}{near(path, known)}" for path in unknown))
+    return tuple(column for path, column in known.items() if metrics is None or path in (*metrics, *NEEDED))
+
+
+class Table:
+    """The rows of a sweep of `runs` runs as they arrive; a million of them take what their numbers take."""
+
+    def __init__(self, of: Sequence[Column], storeys: int, runs: int) -> None:
+        self._of, self._storeys = of, storeys
+        self._numbers = np.full((runs, width(of, storeys)), np.nan)
+        self._texts = {name: np.full(runs, "", dtype=object) for name in TEXTS}
+        self._codes = np.zeros(runs, dtype=np.int16)
+        self._spelt: dict[str, str] = {}
+        self.done = np.zeros(runs, dtype=bool)  # (n_variants,): which rows are there
+
+    def add(self, row: Row) -> None:
+        """Put a row in its place."""
+        self._numbers[row.variant] = row.figures
+        self._codes[row.variant] = row.exit_code
+        for name, column in self._texts.items():
+            text = getattr(row, name)
+            column[row.variant] = self._spelt.setdefault(text, text)
+        self.done[row.variant] = True
+
+    @property
+    def texts(self) -> dict[str, tuple[str, ...]]:
+        """Return how each run ended, its verdict and its model, (n_variants,) each."""
+        return {name: tuple(column.tolist()) for name, column in self._texts.items()}
+
+    @property
+    def exit_codes(self) -> frozenset[int]:
+        """Return the exit codes that occurred."""
+        return frozenset(np.unique(self._codes).tolist())
+
+    @property
+    def figures(self) -> dict[str, Array]:
+        """Return the figures of all runs by path, (n_variants,) or (n_variants, n_storeys)."""
+        found: dict[str, Array] = {}
+        start = 0
+        for column in self._of:
+            size = self._storeys if column.over else 1
+            part = self._numbers[:, start : start + size]
+            found[column.path] = part if column.over else part[:, 0]
+            start += size
+        return found

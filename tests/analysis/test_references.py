@@ -25,19 +25,23 @@ def building() -> Building:
 
 
 @dataclass(frozen=True)
-class Yielding(Building):
-    """A building whose storeys have laws, so that its matrices describe it only at rest."""
+class Rocking(Building):
+    """A building that rocks on its foundation, so that its matrices describe it only at rest."""
 
-    laws: tuple[str, ...] = ("bilinear",)
+    rocks: tuple[str, ...] = ("uplift",)
 
     @property
     def linear(self) -> bool:
         return False
 
+    @property
+    def has_laws(self) -> bool:
+        return False
 
-def yielding(laws: tuple[str, ...] = ("bilinear",)) -> Yielding:
+
+def rocking(rocks: tuple[str, ...] = ("uplift",)) -> Rocking:
     made = building()
-    return Yielding(**{each.name: getattr(made, each.name) for each in fields(made)}, laws=laws)
+    return Rocking(**{each.name: getattr(made, each.name) for each in fields(made)}, rocks=rocks)
 
 
 def test_a_linear_building_has_the_exact_modes() -> None:
@@ -51,27 +55,30 @@ def test_a_linear_building_has_the_exact_modes() -> None:
 
 def test_a_building_that_no_reference_solves_is_refused_with_what_it_lacks() -> None:
     with pytest.raises(InputError) as refused:
-        reference_of(yielding())
+        reference_of(rocking())
     (fault,) = refused.value.faults
-    assert fault == ("structure: this building has no SIM and no SIM-DELAY: exact modes need it to declare linear")
+    assert fault == (
+        "structure: this building has no SIM and no SIM-DELAY: exact modes need it to declare linear; "
+        "laws of storeys need it to declare has_laws"
+    )
 
 
-def by_laws(made: Building, dt_s: float, ground: Array) -> Response:
+def by_rocking(made: Building, dt_s: float, ground: Array) -> Response:
     return Response(*(np.full((3, ground.size), 7.0),) * 3, np.zeros(ground.size), 0.0)
 
 
-def by_laws_delayed(made: Building, dt_s: float, ground: Array, delay_s: float, sim: Response) -> DelayedResponse:
+def by_rocking_delayed(made: Building, dt_s: float, ground: Array, delay_s: float, sim: Response) -> DelayedResponse:
     series = {each.name: getattr(sim, each.name) for each in fields(sim)}
     return DelayedResponse(**series, substep_s=dt_s, diverged_at_s=None)
 
 
 def test_another_kind_of_building_brings_its_reference_by_one_registration() -> None:
     """It is taken for buildings that declare its property; the linear ones keep theirs, whatever stands first."""
-    registered = (Reference("steps of the laws", ("laws",), by_laws, by_laws_delayed), *REFERENCES)
-    assert reference_of(yielding(), registered).sim(yielding(), DT_S, GROUND).abs_accel_m_s2[0, 0] == 7.0
+    registered = (Reference("steps of rocking", ("rocks",), by_rocking, by_rocking_delayed), *REFERENCES)
+    assert reference_of(rocking(), registered).sim(rocking(), DT_S, GROUND).abs_accel_m_s2[0, 0] == 7.0
     assert reference_of(building(), registered) is REFERENCES[0]
-    with pytest.raises(InputError, match="steps of the laws need it to declare laws; exact modes need it to declare"):
-        reference_of(yielding(laws=()), registered)
+    with pytest.raises(InputError, match="steps of rocking need it to declare rocks; exact modes need it to declare"):
+        reference_of(rocking(rocks=()), registered)
 
 
 def test_a_building_counts_its_storeys() -> None:

@@ -9,7 +9,7 @@ import pytest
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
 from rths_cli.files.accelerograms import read_accelerogram
-from rths_cli.studies.sweep_grid import read_grid
+from rths_cli.studies.study_plan import Asked, read_plan
 
 CASE = "el_centro_low_ff_fb"
 OWN = "structure: three_storey\ndamping: low\nrecord: el_centro\nscaling: 0.3\ncontroller: FF\n"
@@ -28,7 +28,7 @@ def told(*settings: str) -> tuple[str, ...]:
         ("scaling='12,5 %'", "must be a number, got '12,5 %'; write 0.125"),
         ("scaling=0,3", "must be a number, got '0,3'; write 0.3"),
         ("scaling=lots", "must be a number, got 'lots'"),
-        ("structure.experimental.masses_kg=[]", "is empty; put at least one entry into the list"),
+        ("structure.experimental.masses_kg=[]", "is empty; put at least one storey into the list"),
         ("structure.numerical.masses_kg[1]=12", "set the whole list: structure.numerical.masses_kg=[...]"),
     ],
 )
@@ -84,4 +84,4 @@ def test_commas_of_numbers_in_a_record(tmp_path: Path) -> None:
 
 def test_a_range_without_a_count() -> None:
     with pytest.raises(InputError, match=r"a range is LOW:HIGH:COUNT, for example 0\.1:0\.5:5"):
-        read_grid(("scaling=0.1:0.5",), None, 0)
+        read_plan(Asked(CASE, (), ("scaling=0.1:0.5",), None))

@@ -15,6 +15,7 @@ from rths_cli.case.named_files import FOLDERS, find, known, known_files, shipped
 from rths_cli.case.reference_schema import ReferenceSpec
 from rths_cli.case.rig_schema import NiRigSpec, UdpRigSpec, VirtualRigSpec
 from rths_cli.case.structure_schema import StructureSpec
+from rths_cli.case.study_schema import StudyKeys
 from rths_cli.errors import InputError
 
 OWN = {
@@ -53,6 +54,7 @@ def test_no_two_kinds_share_a_telling_key_and_each_key_is_one_of_its_kind() -> N
         "structures": set(StructureSpec.model_fields),
         "rigs": {*NiRigSpec.model_fields, *UdpRigSpec.model_fields, *VirtualRigSpec.model_fields},
         "references": set(ReferenceSpec.model_fields),
+        "studies": set(StudyKeys.model_fields),
     }
     for kind, keys in TELLING.items():
         others = set().union(*(fields[other] for other in fields if other != kind))

@@ -66,7 +66,7 @@ def test_every_fault_of_every_file_comes_at_once_with_its_place(write) -> None:
         "a.yaml:4:10: scaling: must be > 0 and <= 100, got -1",
         "a.yaml:5:13: controller: must be FF, FF+FB or none, got 'FF+BF'",
         "a.yaml:6:1: colour: unknown key; ",
-        "a.yaml:7:10: delay_s: must be a number, got 'yes'",
+        "a.yaml:7:10: delay_s: must be a number, got 'yes'; in s",
         "a.yaml:8:1: scaling: repeated key, first at line 4; keep one",
         "a.yaml:9:44: table.physics.coulomb: unknown key; did you mean coulomb_n?",
         "b.yaml:6:7: seed: must be a whole number, got 1.5",
@@ -82,7 +82,7 @@ def test_every_fault_of_every_file_comes_at_once_with_its_place(write) -> None:
         ("runs: [sim, simm]", "6:13: runs[2]: must be sim, sim_delay, shake_table or exp_rths, got 'simm'"),
         ("runs: [sim-delay, sim_delay]", "6:7: runs: names a run twice; keep one of each"),
         ("runs: []", "6:7: runs: is empty; put at least one entry into the list"),
-        ("delay_s: 0.2", "6:10: delay_s: must be >= 0 and <= 0.1, got 0.2"),
+        ("delay_s: 0.2", "6:10: delay_s: must be >= 0 and <= 0.1 s, got 0.2"),
         ("limits:\n  stroke_m: 0.08", "7:13: limits.stroke_m: must be <= the rig's 0.079, got 0.08; a case may"),
         ("accept:\n  exp_rths.x[4]: 1", "7:18: accept.exp_rths.x[4]: storey must be <= 3, the structure's"),
         ("accept:\n  exp_rths.x[0]: 1", "7:18: accept.exp_rths.x[0]: must be a figure's path such as exp_"),
@@ -94,7 +94,7 @@ def test_every_fault_of_every_file_comes_at_once_with_its_place(write) -> None:
         ("notes: 5", "6:8: notes: must be text, got 5"),
         ("name: ../x", "6:7: name: must be usable as a file name, got '../x'"),
         ("reference: zhang", "6:12: reference: no reference is called 'zhang'; did you mean zhang2015?"),
-        ("table: {physics: {}}", "6:1: table.kind: is missing; add kind"),
+        ("table: {physics: {}}", "6:1: table.kind: is missing; add extends: NAME"),
         ("table: ~", "6:8: table: must be a name or a mapping, got nothing"),
         ("path: /x", "6:1: path: unknown key"),
         ("record_filter: {corner_hz: .nan}", "6:28: record_filter.corner_hz: must be a finite number, got .nan"),
@@ -211,7 +211,7 @@ def test_settings_reach_keys_defaults_and_short_forms(write) -> None:
     ("setting", "fault"),
     [
         ("scaling=-1", "--set scaling: must be > 0 and <= 100, got -1"),
-        ("scalling=1", "--set scalling: unknown key; did you mean scaling?"),
+        ("scalling=1", "--set scalling: unknown key; did you mean scaling or scale?"),
         ("table.physics.coulomb=1", "--set table.physics.coulomb: unknown key; did you mean coulomb_n?"),
         ("seed=[", "--set seed: not valid YAML: "),
         ("delay_s=.inf", "--set delay_s: must be a finite number, got .inf"),
@@ -220,7 +220,7 @@ def test_settings_reach_keys_defaults_and_short_forms(write) -> None:
         ("scaling.x=1", "--set scaling.x: must be a number, got a mapping"),
         ("controller=ff", "--set controller: must be FF, FF+FB or none, got 'ff'"),
         ("controller.command_weight=0", "--set controller.command_weight: must be >= 0.001 and <= 10, got 0"),
-        ("controller.feedback_limit_v=0", "--set controller.feedback_limit_v: must be > 0 and <= 1000, got 0"),
+        ("controller.feedback_limit_v=0", "--set controller.feedback_limit_v: must be > 0 and <= 1000 V, got 0"),
         (
             "controller.disturbance_hz=[1]",
             "--set controller.disturbance_hz: must be the two ends of a band in Hz, such as [1, 12], got 1 entries",
@@ -228,7 +228,7 @@ def test_settings_reach_keys_defaults_and_short_forms(write) -> None:
         ("controller.disturbance_hz=12", "--set controller.disturbance_hz: must be a list, got 12"),
         (
             "controller.disturbance_hz=[0, 12]",
-            "--set controller.disturbance_hz: controller.disturbance_hz[1]: must be >= 0.05 and <= 500, got 0",
+            "--set controller.disturbance_hz: controller.disturbance_hz[1]: must be >= 0.05 and <= 500 Hz, got 0",
         ),
         (
             "controller.disturbance_hz=[12, 1]",

@@ -52,7 +52,7 @@ def test_the_page_of_a_safe_case_ends_with_the_verdict(tmp_path: Path, model: tu
     assert (done.returncode, done.stderr) == (0, "")
     assert done.stdout.splitlines()[-1].split() == ["verdict", "safe"]
     assert max(len(line) for line in done.stdout.splitlines()) <= 100
-    for word in ("stability", "margins", "Latency of the loop", "reach", "Error by cause", "SIM-DELAY, 5 ms"):
+    for word in ("stability", "margins", "Latency of the loop", "table limits", "Error by cause", "SIM-DELAY, 5 ms"):
         assert word in done.stdout
 
 

@@ -95,6 +95,15 @@ def test_names_of_structures_records_and_rigs_complete(tmp_path: Path, monkeypat
     assert complete("list", "re") == ["plain,records", "plain,references"]
 
 
+@pytest.mark.parametrize("option", ["--set", "--vary"])
+def test_keys_of_a_case_complete(option: str) -> None:
+    assert complete("sweep", option, "table.physics.cou") == [
+        "plain,table.physics.coulomb_n=", "plain,table.physics.coulomb_velocity_m_s="
+    ]  # fmt: skip
+    assert complete("sweep", option, "scal") == ["plain,scaling="]
+    assert complete("sweep", option, "controller")[:2] == ["plain,controller", "plain,controller.kind="]
+
+
 def test_commands_and_options_complete() -> None:
     assert complete("ex") == ["plain,export"]
     assert complete("export", "--to", "n") == ["plain,netcdf"]

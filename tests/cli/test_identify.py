@@ -263,7 +263,7 @@ def test_help_lists_every_option_with_its_purpose(rths: Rths) -> None:
         for option in cli.commands["identify"].params
         if hasattr(option, "help") and option.opts[0].startswith("--")
     ]
-    assert len(options) == 13
+    assert len(options) == 14
     for option in options:
         assert option.opts[0] in words and option.help in words, option.name  # type: ignore[attr-defined]
     assert "--fresh" in rths("run", "--help").out

@@ -18,7 +18,7 @@ from rths_cli.files.accelerograms import at2_header, bracketed, read_accelerogra
 from rths_cli.files.measured_data import read_recording
 from rths_cli.files.measured_data.text_tables import interval_in_line
 from rths_cli.safe_text import csv_cell
-from rths_cli.studies.sweep_grid import read_grid
+from rths_cli.studies.study_plan import Asked, read_plan
 
 LONG = "a" * 300
 DIGITS = "9" * 5000
@@ -68,7 +68,7 @@ def test_a_path_of_very_many_keys_is_refused_before_it_is_followed() -> None:
 @pytest.mark.parametrize("vary", [f"scaling=1:2:{DIGITS}", f"scaling={DIGITS}:2:3", f"scaling={DIGITS}"])
 def test_numbers_of_thousands_of_digits_are_one_short_sentence(vary: str) -> None:
     with pytest.raises(InputError) as caught:
-        read_grid([vary], None, 0)
+        read_plan(Asked("el_centro_low_ff_fb", (), (vary,), None))
     assert len(str(caught.value)) < 300
 
 

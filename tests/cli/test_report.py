@@ -11,6 +11,7 @@ import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner
@@ -18,6 +19,7 @@ from click.testing import CliRunner
 from rths_cli.cli import cli
 from rths_cli.errors import InputError
 from rths_cli.files.result_reader import ResultWriter
+from rths_cli.files.sweep_file import TEXTS, Figure, Sweep, write_sweep
 
 ROOT = Path(__file__).parents[2]
 ABOUT = {"case_name": "demo", "method": "best", "rig": "r", "rig_kind": "virtual", "controller": "FF", "scaling": 0.3}
@@ -105,6 +107,11 @@ def test_groups_are_compared(folder: Path) -> None:
         (["--format", "svg"], "--format svg is a format of figures; add --figures DIR."),
         (["--format", "html"], "--format html is one file; add --output FILE, for instance --output report.html."),
         (["--format", "csv", "--json"], "--format: csv and json are two formats of the tables; give one."),
+        (["--metric", "x"], "--metric chooses what the figure of a sweep shows; add --figures DIR."),
+        (
+            ["--metric", "x", "--figures", "f"],
+            "--metric chooses what the figure of a sweep shows, and none of the files is a sweep.",
+        ),
         (["--fail-worse", "3"], "--fail-worse compares with a baseline; add --baseline FILE_OR_DIR."),
         (["--output", "x.h5"], "--output x.h5: has the name or the content of a result or case; choose another name."),
         (["--output", "."], "--output .: is a folder; give the name of a file in it."),
@@ -129,6 +136,23 @@ def test_data_are_never_written_over(folder: Path) -> None:
 def test_the_document_of_figures_is_refused_where_the_folder_is_a_file(folder: Path) -> None:
     (folder / "figures").write_text("x")
     assert "figures: is a file; name a folder." in refused(folder / "results", "--figures", folder / "figures")
+
+
+def test_a_sweep_is_drawn_beside_the_results(folder: Path) -> None:
+    figures = {
+        "exp_rths.tracking_rms_m_s2": Figure(np.array([0.001, 0.003]), "m/s^2", "x"),
+        "exp_rths.rms_error_m_s2": Figure(np.array([[0.1], [0.3]]), "m/s^2", "x"),
+    }
+    texts = {name: ("complete", "complete") if name == "status" else ("", "") for name in TEXTS}
+    words = ("case_name", "rig", "rig_kind", "seeds", "status", "plan_sha256", "software_sha256")
+    about = dict.fromkeys(words, "x") | {"exit_code": 0}
+    varied = {"scaling": (0.1, 0.2)}
+    write_sweep(folder / "swept.h5", Sweep(about, "a", "b", 1, varied, np.array([0, 0]), texts, figures))
+    command = (folder / "swept.h5", "--figures", folder / "out", "--format", "svg", "--quiet")
+    assert "is not in the sweep; known: exp_rths.tracking" in refused(*command, "--metric", "check.x")
+    assert not (folder / "out").exists()
+    assert report(*command, "--metric", "exp_rths.tracking_rms_m_s2", "--header", "none")[0] == 0
+    assert [path.name for path in (folder / "out").iterdir()] == ["swept-sweep.svg"]
 
 
 def test_tests_of_a_report(folder: Path) -> None:

@@ -98,6 +98,31 @@ def test_only_yes_moves_a_table(monkeypatch: pytest.MonkeyPatch, typed: str, mov
     assert stream.getvalue().splitlines()[:3] == ["demo:", "  rig lab", "  emergency stop"]
 
 
+PAGE = (
+    "GOOD: error 0.1 % of SIM\nGOOD for nothing\nverdict                 unsafe: no\n  500  1.0  0  0  yes\n"
+    "  1000  9.0  7  9   no\na     poor          1\x1b[0m\n"
+)
+
+
+def test_verdicts_are_coloured_on_a_terminal_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("NO_COLOR", raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    stream = Terminal()
+    monkeypatch.setattr(sys, "stdout", stream)
+    screens.show_page(lambda: PAGE)
+    lines = stream.getvalue().splitlines()
+    assert lines[0] == "\x1b[32mGOOD\x1b[0m: error 0.1 % of SIM" and lines[1] == "GOOD for nothing"
+    assert lines[2] == "verdict                 \x1b[33munsafe\x1b[0m: no"
+    assert lines[3].endswith("\x1b[32myes\x1b[0m") and lines[4].endswith("\x1b[31m no\x1b[0m")
+    assert lines[5] == "a     \x1b[31mpoor\x1b[0m          1\\x1b[0m"  # what a text brings itself is made visible
+    for name, value in (("NO_COLOR", "1"), ("TERM", "dumb")):
+        plain = Terminal()
+        monkeypatch.setenv(name, value)
+        assert not screens.coloured(plain)
+        monkeypatch.delenv(name)
+    assert not screens.coloured(io.StringIO())
+
+
 @pytest.mark.skipif(os.name != "posix", reason="no pseudo-terminals here")
 def test_the_stop_key_is_seen_without_enter_and_the_terminal_given_back(monkeypatch: pytest.MonkeyPatch) -> None:
     import termios

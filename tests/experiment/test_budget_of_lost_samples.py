@@ -149,5 +149,5 @@ def test_a_record_of_which_little_is_left_names_no_figure_that_it_does_not_know(
     lost[::50] = 0.0
     found = short.figures(lost, bridged(short, lost))
     text = budget_text(dict(found))
-    assert "not told from none" in text and "not enough of the record is left" in " ".join(text.split())
+    assert "not significant (within" in text and "not enough of the record is left" in " ".join(text.split())
     assert f"{1e6 * value(found, 'table_delay_error_s'):+.1f}" not in text

@@ -164,6 +164,8 @@ def test_a_virtual_machine_that_stalls_is_told_which_rate_held() -> None:
     assert "200 steps were late by an interval; use a real one, or stay at 500 Hz or below, which was held" in told
     (alone,) = (text for text in advice(guest, GRANTED, rates[1:]) if "virtual machine" in text)
     assert alone.endswith("late by an interval; use a real one")
+    (calm,) = (text for text in advice(guest, GRANTED, rates[:1]) if "virtual machine" in text)
+    assert "no steps were late" in calm and "use a real one" not in calm  # nothing is advised against what was not seen
     of_rig = (summary(500.0, delays(*[5000] * 200)),)
     (missed,) = (text for text in advice(guest, GRANTED, rates, of_rig) if "virtual machine" in text)
     assert missed.endswith("late by an interval; use a real one")

@@ -7,6 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from time import sleep
+from typing import Any
 
 import numpy as np
 import pytest
@@ -69,9 +70,9 @@ def test_an_unchanged_rig_passes_and_file_and_age_are_written_down(
     played: list[int] = []
     excite = identify_on_rig.excite
 
-    def counted(setup: Setup, command_v: np.ndarray, stream: tuple[int, ...] | None = None) -> object:
+    def counted(setup: Setup, command_v: np.ndarray, **named: Any) -> object:
         played.append(len(command_v))
-        return excite(setup, command_v, stream)
+        return excite(setup, command_v, **named)
 
     monkeypatch.setattr(identify_on_rig, "excite", counted)
     monkeypatch.chdir(file.parent)

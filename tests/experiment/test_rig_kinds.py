@@ -97,7 +97,8 @@ def test_a_run_on_a_real_rig_asks_for_a_model_and_excites_nothing(table: str, mo
     setup = setup_of(f"table={table}")
     for module in ("rths_cli.experiment.identify_on_rig", "rths_cli.experiment.rig_access"):
         monkeypatch.setattr(f"{module}.open_rig", lambda *_: pytest.fail("the rig was made"))
-    with pytest.raises(InputError, match=r"^identification\.model: is missing; a run does not excite a real rig"):
+    missing = r"identification\.model: is missing; a real rig is identified before it is used"
+    with pytest.raises(InputError, match=missing):
         Memory().known(setup, lambda text: None)
 
 

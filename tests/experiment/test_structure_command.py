@@ -114,7 +114,7 @@ def test_without_levels_the_numerical_storeys_have_no_dashpots(write: Write) -> 
 @pytest.mark.parametrize(
     ("text", "fault"),
     [
-        ("numerical: {masses_kg: [8]}\n", "own.yaml:1:1: experimental: is missing; add experimental"),
+        ("numerical: {masses_kg: [8]}\n", "own.yaml:1:1: experimental: is missing; add experimental: masses_kg"),
         (OWN.replace("[7, 6]", "[7, -6]"), r"own.yaml:2:31: experimental.masses_kg\[2\]: must be > 0"),
         ("{kind: virtual}\n", "own.yaml: is a rig, not a structure; rths list structures"),
         ("numerical: [\n", "own.yaml:2:1: not valid YAML"),
@@ -168,3 +168,21 @@ def _tall(storeys: int) -> str:
     masses, springs = [9.0, *[8.0] * (storeys - 3), 7.0, 7.5], [8e3] * storeys
     experimental = "experimental: {masses_kg: [7, 6], stiffness_n_per_m: [7e3, 6e3], damping_ratios: [0.02, 0.03]}\n"
     return f"numerical: {{masses_kg: {masses}, stiffness_n_per_m: {springs}}}\n{experimental}"
+
+
+def test_a_case_with_a_scale_shows_its_prototype(write: Write, tmp_path: Path) -> None:
+    write(OWN)
+    (tmp_path / "scaled.yaml").write_text(
+        "structure: own\ndamping: little\nrecord: el_centro\nscaling: 1.0\ncontroller: FF\n"
+        "scale: {length: 4, acceleration: 0.64, mass: 30}\n"
+    )
+    found = inspect_structure("scaled")
+    whole = document(found)["prototype"]
+    squared = eigh(chain(4.8 * SPRINGS), np.diag(30.0 * MASSES), eigvals_only=True)
+    assert whole["natural_frequency_hz"] == pytest.approx(np.sqrt(squared) / (2.0 * np.pi), rel=1e-9)
+    assert whole["floor_mass_kg"] == pytest.approx(30.0 * MASSES)
+    assert whole["stiffness_n_per_m"] == pytest.approx(4.8 * SPRINGS)
+    assert whole["heights_m"] == pytest.approx([2.0, 1.2, 1.2, 1.2, 1.2])
+    text = " ".join(page(found).split())
+    assert "prototype over model: length 4, time 2.5," in text
+    assert document(inspect_structure("own"))["prototype"] is None and "prototype" not in page(inspect_structure("own"))

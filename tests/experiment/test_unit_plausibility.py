@@ -153,7 +153,7 @@ def test_random_legitimate_cases_are_not_asked_about(tmp_path: Path) -> None:
         (
             "cm/s^2",
             0.9,
-            r"^record pulse peaks at 0\.0342 m/s\^2 \(0\.0035 g\) before it is scaled down by 0\.9: is its",
+            r"^record pulse peaks at 0\.0342 m/s\^2 \(0\.0035 g\) before it is scaled down further: is its",
         ),
         ("cm/s^2", 1.0, ""),  # a weak record, as it is
     ],

@@ -281,7 +281,7 @@ def test_more_than_the_free_space_is_refused_in_numbers(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"MB free, .* MB needed"):
         RawLogWriter(tmp_path / "a.rthslog", replace(HEADER, steps=10**12))
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match="cannot write result files here: File exists"):
+    with pytest.raises(InputError, match="is a file, or below one, not a folder"):
         RawLogWriter(tmp_path / "file" / "a.rthslog", HEADER)
     assert os.listdir(tmp_path) == ["file"]
 

@@ -80,6 +80,19 @@ def made() -> Sweep:
     return Sweep(dict(ABOUT), "yaml", "resolved", 3, varied, np.array([5, 6, 2**53 - 1]), texts, figures)
 
 
+def test_a_table_written_by_parts_is_the_same(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_sweep(tmp_path / "whole.h5", made())
+    monkeypatch.setattr(sweep_file, "BATCH_VALUES", 6)  # two datasets at a time
+    write_sweep(tmp_path / "parts.h5", made())
+    whole, parts = (read_sweep(tmp_path / name) for name in ("whole.h5", "parts.h5"))
+    assert (parts.attributes, parts.varied, parts.texts) == (whole.attributes, whole.varied, whole.texts)
+    assert {path: figure.values.tobytes() for path, figure in parts.figures.items()} == {
+        path: figure.values.tobytes() for path, figure in whole.figures.items()
+    }
+    with h5py.File(tmp_path / "parts.h5") as file:
+        assert [file["a.s"].dims[axis][0].name for axis in (0, 1)] == ["/variant", "/storey"]
+
+
 def test_a_table_reads_back(tmp_path: Path) -> None:
     write_sweep(tmp_path / "x.h5", made())
     back = read_sweep(tmp_path / "x.h5")

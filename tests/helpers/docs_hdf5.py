@@ -22,6 +22,8 @@ Format version 1.
 Every dataset has the attributes `units`, `long_name` (below: holds) and `source` (computed, measured, estimated,
 true). Time or frequency is the last axis. Every group holds its own scales, so that a run that was stopped is shorter
 than the record. Complex values are two datasets, `_real` and `_imag`. Runs that a case does not name are not there.
+Numbers are double precision but for what is marked as single. `rths run --series essential` keeps, of all runs and the
+record, the datasets marked as essential, in single precision; `--series none` keeps none of these.
 [Read a result](../howto/reading_results.md) shows how to read the files from Python and MATLAB.
 
 In a path, `RUN` is `shake_table` or `exp_rths`, `SOLUTION` is `sim` or `sim_delay`. Shapes are given by the scales:
@@ -66,7 +68,10 @@ def _row(path: str, one: DatasetDeclaration) -> tuple[str, ...]:
     part = {"_real": ", real part", "_imag": ", imaginary part"}.get(path.removeprefix(one.path), "")
     may = f"; a file may add: {', '.join(one.remarks)}" if one.remarks else ""
     shape = f"({', '.join(one.axes)})" if one.axes else "one value"
-    return f"`/{path}`", shape, one.units, one.source, escaped(one.text + part + may + _condition(one.present))
+    marks = "; ".join(
+        filter(None, (one.present, "essential" if one.essential else "", "single precision" if one.single else ""))
+    )
+    return f"`/{path}`", shape, one.units, one.source, escaped(one.text + part + may + _condition(marks))
 
 
 def _condition(present: str) -> str:

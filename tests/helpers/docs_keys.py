@@ -11,7 +11,9 @@ from pydantic_core import PydanticUndefined
 from rths_cli.case.case_schema import CaseKeys
 from rths_cli.case.reference_schema import ReferenceSpec
 from rths_cli.case.rig_schema import NiRigSpec, PluginRigSpec, UdpRigSpec, VirtualRigSpec
+from rths_cli.case.storey_law_schema import KINDS as LAWS
 from rths_cli.case.structure_schema import StructureSpec
+from rths_cli.case.study_schema import DISTRIBUTIONS, FolderAxis, ListAxis, RangeAxis, StudyKeys
 from rths_cli.quantities.units import unit_of_name
 
 Schema = Mapping[str, Any]
@@ -27,10 +29,23 @@ FILES = {
         "a name that is looked up, or a mapping as below; `extends: NAME` varies what has that name. `--set KEY=VALUE` "
         "takes the same keys. The keys of `table` are those of [rig files](rig.md).",
     ),
+    "law": (
+        "Laws of storeys",
+        "What a law in `numerical.law` of a structure file may state, by its `kind`. "
+        "[Storeys that are not linear](../background/storey_laws.md) has the equations.",
+    ),
     "rig": (
         "Rig files",
         "What the file of a table may state, by its `kind`; `extends: NAME` varies another rig. "
-        "[Rigs](rigs.md) explains the kinds; [configs/rigs](../../configs/rigs) has a commented example of each.",
+        "[Rigs](rigs.md) explains the kinds; `configs/rigs/` has a commented example of each.",
+    ),
+    "study": (
+        "Study files",
+        "What a study may state, for `rths sweep STUDY.yaml`. `axes.KEY` is a dotted key of the [case](case.md) with "
+        "one of the kinds of values below; a bare list stands for `values`. Values of all distributions are drawn "
+        "together, `samples.count` of them, and every combination of these with the other axes is a row, unless a "
+        "constraint leaves it out. Names and relative paths start at the study's folder. "
+        "[Run a sweep](../howto/sweep.md#study-files) has an example.",
     ),
 }
 RIGS: dict[str, type[BaseModel]] = {
@@ -45,10 +60,15 @@ def case_page() -> str:
     """Return the page of case files, with the structure and reference files that a case names."""
     tables = [
         ("The case", _rows(CaseKeys, "", skip=("structure", "table", "reference"))),
-        ("`structure`, and a structure file", _rows(StructureSpec, "structure.")),
+        ("`structure`, and a structure file", _rows(StructureSpec, "structure.", skip=("structure.numerical.law",))),
         ("`reference`, and a reference file", _rows(ReferenceSpec, "reference.")),
     ]
     return _page("case", tables)
+
+
+def law_page() -> str:
+    """Return the page of the laws of storeys, a section per kind."""
+    return _page("law", [(f"Kind `{kind}`", _rows(model, "")) for kind, model in LAWS.items()])
 
 
 def rig_page() -> str:
@@ -58,6 +78,20 @@ def rig_page() -> str:
     own = [[row for row in rows if row not in shared] for rows in real]
     headings = ("Kind `virtual`", "Every other kind", "Kind `udp`", "Kind `ni`", "Kind of a package")
     return _page("rig", list(zip(headings, (virtual, shared, *own), strict=True)))
+
+
+def study_page() -> str:
+    """Return the page of study files, a section per kind of axis."""
+    tables = [("The study", list(_rows(StudyKeys, "")))]
+    tables += [
+        ("An axis with a list", list(_rows(ListAxis, "axes.KEY."))),
+        ("An axis with a range", list(_rows(RangeAxis, "axes.KEY."))),
+        ("An axis with a folder of records", list(_rows(FolderAxis, "axes.KEY."))),
+    ]
+    tables += [
+        (f"An axis with distribution `{name}`", _rows(kind, "axes.KEY.")) for name, kind in DISTRIBUTIONS.items()
+    ]
+    return _page("study", tables)
 
 
 def _page(name: str, tables: list[tuple[str, Iterable[tuple[str, ...]]]]) -> str:
@@ -87,18 +121,18 @@ def _model_rows(
         kind, limits = _type(field, definitions)
         yield f"`{path}`", kind, unit_of_name(key, "-"), default, limits, _meaning(field)
         if path not in skip:
-            yield from _below(field, definitions, path)
+            yield from _below(field, definitions, path, skip)
 
 
-def _below(field: Schema, definitions: Schema, path: str) -> Iterator[tuple[str, ...]]:
+def _below(field: Schema, definitions: Schema, path: str, skip: tuple[str, ...]) -> Iterator[tuple[str, ...]]:
     """Yield the rows of the models that a field holds."""
     inner = {"items": "[].", "additionalProperties": ".NAME."}
     for part in field.get("anyOf", [field]):
         if "$ref" in part:
-            yield from _model_rows(_resolved(part, definitions), definitions, f"{path}.")
+            yield from _model_rows(_resolved(part, definitions), definitions, f"{path}.", skip)
         for key, mark in inner.items():
             if isinstance(part.get(key), Mapping) and "$ref" in part[key]:
-                yield from _model_rows(_resolved(part[key], definitions), definitions, f"{path}{mark}")
+                yield from _model_rows(_resolved(part[key], definitions), definitions, f"{path}{mark}", skip)
 
 
 def _resolved(part: Schema, definitions: Schema) -> Schema:

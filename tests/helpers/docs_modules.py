@@ -1,4 +1,4 @@
-"""The README's map of the package, down to the file: made from the modules' own first sentences."""
+"""The map of the package in docs/reference/source_map.md, down to the file, from the modules' own first sentences."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ def module_map() -> str:
     return "\n".join(parts) + "\n"
 
 
-def with_map(readme: str) -> str:
-    """Return a README with its map made anew between the two marks."""
-    before, _, rest = readme.partition(BEGIN)
+def with_map(page: str) -> str:
+    """Return a page with its map made anew between the two marks."""
+    before, _, rest = page.partition(BEGIN)
     _, _, after = rest.partition(END)
     return f"{before}{BEGIN}\n{module_map()}\n{END}{after}"
 

@@ -8,16 +8,20 @@ from pathlib import Path
 
 from docs_commands import commands_page
 from docs_hdf5 import hdf5_page
-from docs_keys import case_page, rig_page
+from docs_keys import case_page, law_page, rig_page, study_page
+from docs_licences import licences_page
 from docs_modules import with_map
 
-README = Path(__file__).parents[2] / "README.md"
 FOLDER = Path(__file__).parents[2] / "docs" / "reference"
+SOURCE_MAP = FOLDER / "source_map.md"
 PAGES: dict[str, Callable[[], str]] = {
     "commands.md": commands_page,
     "case.md": case_page,
     "rig.md": rig_page,
+    "study.md": study_page,
+    "storey_laws.md": law_page,
     "hdf5.md": hdf5_page,
+    "licences.md": licences_page,
 }
 
 
@@ -29,5 +33,5 @@ def write_pages(folder: Path) -> None:
 
 if __name__ == "__main__":
     write_pages(FOLDER)
-    README.write_text(with_map(README.read_text(encoding="utf-8")), encoding="utf-8")
+    SOURCE_MAP.write_text(with_map(SOURCE_MAP.read_text(encoding="utf-8")), encoding="utf-8")
     sys.exit(0)

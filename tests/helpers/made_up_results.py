@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import yaml
 
 from rths_cli.files.result_reader import ResultWriter
 
@@ -19,6 +20,7 @@ PEAKS = {
 }
 ZEROS = np.array([0.0, 0.0, -0.8 + 20.0j, -0.8 - 20.0j])
 POLES = np.array([-30.0 + 80.0j, -30.0 - 80.0j, -1.0 + 19.0j, -1.0 - 19.0j, -600.0])
+MASSES_KG = (7.0, 6.0, 5.0)  # of the floors, again and again
 GAIN, DELAY_S, RIPPLE = 4.0e4, 0.0075, -0.9
 
 
@@ -35,6 +37,24 @@ def building(storeys, n, seed):
     return np.array([(1.0 + 0.3 * i) * motion(n, seed + i) for i in range(storeys)])
 
 
+def displacements(storeys, n, seed):
+    """Return displacements (storeys, n) in m relative to the ground, growing with the height."""
+    return np.cumsum(1e-3 * building(storeys, n, seed), axis=0)
+
+
+def masses_kg(storeys):
+    """Return the masses (storeys,) of the floors."""
+    return np.resize(MASSES_KG, storeys)
+
+
+def resolved(storeys, floors, heights_m):
+    """Return the case with its building, as the file of a result holds it."""
+    masses = masses_kg(storeys).tolist()
+    parts = {"numerical": {"masses_kg": masses[:-floors]}, "experimental": {"masses_kg": masses[-floors:]}}
+    heights = {} if heights_m is None else {"heights_m": list(heights_m)}
+    return yaml.safe_dump({"scaling": 1.0, "structure": parts | heights})
+
+
 def noise(shape, seed, size=0.01):
     return size * np.random.default_rng(seed).normal(size=shape)
 
@@ -48,20 +68,22 @@ def write_result(
     stop=None,
     kind="virtual",
     live=False,
+    heights_m=None,
     **attributes,
 ):
-    """Write a result; `stop`: samples of EXP-RTHS before it was aborted."""
+    """Write a result; `stop`: samples of EXP-RTHS before it was aborted; `heights_m`: of the storeys."""
     status = "aborted" if stop else "complete"
     about = {"case_name": "made_up", "method": "best", "rig": "bench", "rig_kind": kind, "sample_rate_hz": RATE}
     about |= {"status_reason": "EXP-RTHS: force beyond its limit at 3.000 s" if stop else ""} | attributes
     time = np.arange(n) / RATE
     with ResultWriter(Path(path), about) as writer:
-        writer.case("record: made up\n", "scaling: 1.0\n")
+        writer.case("record: made up\n", resolved(storeys, floors, heights_m))
         writer.group("record", {"ground_accel_m_s2": motion(n, 3)}, time_s=time)
         for run in runs:
             if run in ("sim", "sim_delay"):
                 values = building(storeys, n, 1) + (0.05 * building(storeys, n, 4) if run == "sim_delay" else 0.0)
-                writer.group(run, {"abs_accel_m_s2": values}, time_s=time, storey=np.arange(1, storeys + 1))
+                found = {"abs_accel_m_s2": values, "rel_disp_m": displacements(storeys, n, 1 if run == "sim" else 4)}
+                writer.group(run, found, time_s=time, storey=np.arange(1, storeys + 1))
             else:
                 write_table_run(writer, run, storeys, floors, stop if stop and run == "exp_rths" else n, kind, live)
         if {"shake_table", "exp_rths"} & set(runs):
@@ -87,6 +109,7 @@ def write_table_run(writer, run, storeys, floors, n, kind, live):
     }
     if run == "exp_rths":
         datasets["abs_accel_m_s2"] = building(storeys, n, 1) + 0.01 * building(storeys, n, 7)
+        datasets["rel_disp_m"] = displacements(storeys, n, 1) + 0.01 * displacements(storeys, n, 7)
     writer.group(run, datasets, time_s=time, storey=storey, scales=floor)
     timing = {"compute_s": 1e-6 * np.exp(noise(n, seed, 1.0))}
     if live:

@@ -34,7 +34,10 @@ ABOUT: dict[str, str | int | float] = {
     "scaling": 0.3,
     "check_verdict": "safe",
 }
-RESOLVED = "runs: [sim, sim_delay, shake_table, exp_rths]\ntable: {converters: {latency_samples: 2}}\n"
+RESOLVED = (
+    "runs: [sim, sim_delay, shake_table, exp_rths]\ntable: {converters: {latency_samples: 2}}\n"
+    "structure: {numerical: {masses_kg: [7.0]}, experimental: {masses_kg: [6.0, 5.0]}}\n"
+)
 POLES = np.array([-5.0 + 40.0j, -5.0 - 40.0j, -60.0, -200.0])
 ZEROS = np.array([0.0, 0.0, -4.0 + 30.0j])
 
@@ -65,6 +68,8 @@ def write(
     """Write a result and read it back: EXP-RTHS of `stopped` samples, SIM-DELAY not a number from sample `cut` on."""
     with ResultWriter(path, {**ABOUT, **attributes}) as writer:
         writer.case("scaling: 0.3\n", resolved)
+        if runs:
+            writer.group("record", {"ground_accel_m_s2": motion(9, samples, 1)[0]}, _time(samples))
         for seed, run in enumerate(("sim", "sim_delay")):
             if run in runs:
                 accel = motion(seed, samples, storeys)

@@ -11,7 +11,7 @@ from freezing import HOLDS, freezing_of, told
 from told_causes import FAILED, LINK, MOTION, TABLE, TABLE_SENSOR, verdict
 
 from rths_cli.loop.diagnosis import cause_of
-from rths_cli.loop.guard import ACCELERATION, ENERGY, SATURATED, STUCK, TRACKING, VELOCITY, fresh_guard
+from rths_cli.loop.guard import ACCELERATION, ENERGY, LOST, SATURATED, STUCK, TRACKING, VELOCITY, fresh_guard
 from rths_cli.loop.lost_samples import NO_ANSWER
 from rths_cli.loop.run_log import Log, Signals, Sizes
 
@@ -99,6 +99,23 @@ def test_a_fault_shortly_after_two_lost_answers_is_named_beside_the_stall(
     sentence = faulty.performed(kind, 1, LOOSE).sentence
     assert sentence.startswith("2 answers of the rig were lost in a row"), sentence
     assert f"the target or the link stalled, or {named}" in sentence
+
+
+def test_a_link_that_loses_samples_while_this_computer_is_late_is_told_so() -> None:
+    info, state = faulty.bench_info(), fresh_guard(3)
+    state.flags[1], state.flags[3] = LOST, 399
+    none = {part.name: np.zeros(0) for part in fields(Signals)}
+    late_ns, lost = np.zeros(400), np.zeros(400)
+    lost[330:] = NO_ANSWER
+    log = Signals(**{**none, "corrected": np.zeros((3, 400)), "lost": lost, "late_ns": late_ns})
+    guard = faulty.guard_of(info)
+    late_ns[340] = 0.6e9 * info.dt_s  # one late step does not lose 70 answers
+    assert cause_of(info, faulty.blocks(), guard, state, log) is None
+    late_ns[330:338] = 12e6
+    cause = cause_of(info, faulty.blocks(), guard, state, log)
+    assert cause is not None and cause.what.startswith("this computer stalled (9 of "), cause
+    assert cause.what.endswith("steps began late, the worst by 12 ms)")
+    assert "raise limits.lost_samples" in cause.advice
 
 
 def test_a_sensor_that_kept_its_code_for_half_a_second_is_no_stall(monkeypatch: pytest.MonkeyPatch) -> None:

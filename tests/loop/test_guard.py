@@ -518,9 +518,13 @@ def test_a_reason_names_what_was_seen_its_limit_and_key_and_what_to_do() -> None
     assert told(g.RATE, 120.0).endswith("(120 V/s, limits.command_rate_v_s is 100; lower scaling)")
     assert "(3.5 m/s^2, limits.tracking_error_m_s2 is 3; identify the rig anew" in told(g.TRACKING, 3.5)
     assert "(0.25, limits.energy_ratio is 0.1; identify the rig anew" in told(g.ENERGY, 0.25)
-    assert told(g.LOST, 6.0).endswith("(6, limits.lost_samples is 5; check target and cable, or lower sample_rate_hz)")
-    assert "(9, limits.lost_samples is 5; lower sample_rate_hz" in told(g.OVERRUN, 9.0)
-    assert "(1, overrun is stop; lower sample_rate_hz" in told(g.OVERRUN, 1.0, about=replace(info, overrun="stop"))
+    said = told(g.LOST, 6.0)
+    assert "(6, limits.lost_samples is 5; check target (one on this computer stalls with it) and cable, lower" in said
+    assert said.endswith("or raise limits.lost_samples of the rig)")
+    assert "(9, limits.lost_samples is 5; end other programs, lower sample_rate_hz" in told(g.OVERRUN, 9.0)
+    assert "(1, overrun is stop; end other programs, lower sample_rate_hz" in told(
+        g.OVERRUN, 1.0, about=replace(info, overrun="stop")
+    )
     assert told(g.OPERATOR) == "stopped by the operator"
     short = reason_of(info, lim._replace(command_v=5.0), _at(g.STROKE, 0.04), EXCITATION)
     assert short.endswith("(0.04 m, converters.range_v by nominal.gain_m_per_v is 0.0395)")

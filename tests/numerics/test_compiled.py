@@ -127,6 +127,9 @@ def test_code_is_compiled_once_and_announced_then_loaded(made: tuple[Path, list[
     assert first[0] == "1" and "compiling its real-time code" in " ".join(first) and "not kept" not in " ".join(first)
     assert hello(cache) == ["0", first[1]]
     (folder,) = (cache / "rths").iterdir()
+    for kept in folder.glob("*/*.nbc"):
+        kept.rename(kept.with_suffix(".away"))  # as if a command compiled a part that no other one has used
+    assert "no command here has used yet" in " ".join(hello(cache))
     assert folder.stat().st_mode & 0o777 == 0o700 or os.name != "posix"
 
 

@@ -65,3 +65,10 @@ def test_the_wheel_finds_its_shipped_files_by_name(built: Path, tmp_path: Path) 
         capture_output=True, text=True, cwd=tmp_path, env=environment, timeout=120, check=True,
     )  # fmt: skip
     assert "el_centro" in listed.stdout
+    bare = {key: environment[key] for key in ("PYTHONPATH",)} | {"PATH": "", "CC": "/bin/false", "HOME": str(tmp_path)}
+    words = ["run", "el_centro_low_ff_fb", "--set", "runs=[sim]", "--quiet"]  # EXP-RTHS, too: make dist
+    done = subprocess.run(
+        [sys.executable, "-m", "rths_cli", *words],
+        capture_output=True, text=True, cwd=tmp_path, env=bare, timeout=120, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0 and (tmp_path / "results" / "el_centro_low_ff_fb.h5").exists(), done.stderr

@@ -47,6 +47,15 @@ def test_it_says_what_is_checked_and_the_verdict_last() -> None:
     assert max(len(line) for line in text.splitlines()) <= 100
 
 
+def test_the_scale_of_a_model_is_stated_with_its_record() -> None:
+    scaled = checked(scale={"length": 4.0, "time": 2.0}, record_s=26.87)
+    text = " ".join(page(scaled).split())
+    told = "prototype over model: length 4, time 2; 53.74 s of record are compressed to 26.87 s"
+    assert f"scale {told}; everything below is in model scale" in text
+    assert as_document([scaled])["cases"][0]["scale"] == {"length": 4.0, "time": 2.0}
+    assert "prototype" not in page(checked())
+
+
 def with_samples(found: Checked) -> Checked:
     radius, errors = 0.99994, np.array([1e-3, 2e-3, 3e-3])
     ranges = {
@@ -83,11 +92,11 @@ def test_every_margin_stands_with_measured_response_and_model() -> None:
     for label, leaf, scale in MARGINS:
         shown = [float(cell) for cell in cells(text, label.strip())]
         assert shown == pytest.approx([scale * figure(found, leaf + kind) for kind in ("", "_model")], rel=6e-3)
-    words = " ".join(cells(text, "error of the table"))
-    assert f"stands {100 * figure(found, 'tolerated_table_error'):.3g} %" in words
-    assert f"must stand {100 * figure(found, 'required_table_error'):.3g} %" in words
+    words = " ".join(cells(text, "table error"))
+    assert f"tolerated {100 * figure(found, 'tolerated_table_error'):.3g} %" in words
+    assert f"required {100 * figure(found, 'required_table_error'):.3g} %" in words
     words = " ".join(cells(text, "up to 11 Hz"))
-    assert f"stands {100 * figure(found, 'tolerated_table_error_in_band'):.3g} % or more" in words
+    assert f"tolerated {100 * figure(found, 'tolerated_table_error_in_band'):.3g} % or more" in words
 
 
 def test_every_peak_stands_beside_its_limit_and_share() -> None:
@@ -115,7 +124,7 @@ def test_modes_of_building_and_loop_stand_side_by_side() -> None:
 
 
 @pytest.mark.parametrize(
-    ("delay_s", "words"), [(0.00794, "7.94 ms of pure delay"), (0.0, "any pure delay"), (math.inf, "no pure delay")]
+    ("delay_s", "words"), [(0.00794, "7.94 ms on an ideal table"), (0.0, "any pure delay"), (math.inf, "no pure delay")]
 )
 def test_the_critical_delay_is_a_sentence(delay_s: float, words: str) -> None:
     assert words in " ".join(page(with_figure(checked(), "critical_delay_s", delay_s)).split())
@@ -136,7 +145,9 @@ def test_an_unstable_loop_has_no_margins_reach_or_error_and_its_reasons_are_all_
     found = with_figure(checked("unstable", ("one thing", "another thing"), MOTION), "spectral_radius", 1.0002)
     text = page(found)
     assert cells(text, "margins")[0] == "none:" and "gain up" not in text
-    assert " ".join(cells(text, "reach")) == " ".join(cells(text, "error")) == "not predicted: the loop is unstable"
+    assert (
+        " ".join(cells(text, "table limits")) == " ".join(cells(text, "error")) == "not predicted: the loop is unstable"
+    )
     assert [line.strip() for line in text.splitlines()][-2:] == [
         "verdict                 unstable: one thing",
         "another thing",

@@ -75,9 +75,9 @@ def test_a_figure_stands_with_two_standard_uncertainties_and_one_below_them_is_n
     }
     text = " ".join(budget_text(figures("budget", 1, 0) | FITTED | offs).split())
     assert "gain +0.123 +- 0.04 %" in text and "0.235 +- 0.02 mV" in text
-    assert "delay not told from none (within 4.4 microseconds)" in text and "-4.2" not in text
-    assert "Not told: the uncertainty (two standard ones) is larger than the figure" in text
+    assert "delay not significant (within +-4.4 microseconds)" in text and "-4.2" not in text
+    assert "Not significant: the uncertainty (two standard ones) is larger than the figure" in text
     whole = {path: value for path, value in figures("budget", 1, 0).items() if "_lost_" not in path}
     assert "the record does not say more" in " ".join(budget_text(whole | FITTED | offs).split())
     sure = offs | {"budget.table_delay_error_uncertainty_s": 1e-6}
-    assert "not told" not in budget_text(figures("budget", 1, 0) | FITTED | sure).lower()
+    assert "not significant" not in budget_text(figures("budget", 1, 0) | FITTED | sure).lower()

@@ -56,8 +56,8 @@ def bad(tmp_path: Path) -> dict[str, Path]:
 def test_each_fault_is_one_sentence_and_nothing_is_reported(bad: dict[str, Path], tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         report([tmp_path / "good.h5", *bad.values()], keep_going=False)
-    faults = caught.value.faults
-    assert len(faults) == len(bad)
+    *faults, advice = caught.value.faults
+    assert advice == "the others are reported with --keep-going" and len(faults) == len(bad)
     for word, path in bad.items():
         (mine,) = [fault for fault in faults if fault.startswith(f"{path}: ")]
         assert word in mine and mine.endswith(".") and "\n" not in mine

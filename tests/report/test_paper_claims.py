@@ -97,7 +97,7 @@ def test_damping_levels_are_ordered_by_ratio_and_unknown_ones_not_judged():
 def test_true_figures_that_turn_a_verdict_are_told():
     text = claims_text(entries(paper_cases(), {}))
     assert "1. FF+FB tracks better than FF (RMS tracking error): published held 1 of 1; paper held 2 of 2;" in text
-    assert text.endswith("Where true figures give another verdict than measured ones:\n  nowhere")
+    assert "another verdict" not in text
     cases = paper_cases()
     cases[5].metrics["exp_rths.rms_error_m_s2_true"] = [0.0007, 0.0011, 0.1700]
     lines = claims_text(entries(cases, {})).splitlines()

@@ -60,6 +60,6 @@ def test_steps_without_samples_are_counted_where_there_were_any():
     for name, unit in (("lost_steps", "1"), ("overrun_steps", "1"), ("longest_gap_s", "s")):
         one.units[f"exp_rths.{name}"] = unit
     text = " ".join(tables([one]).split())
-    assert "EXP-RTHS: 12 steps lost samples, 1 step overrun, longest gap 5 ms" in text
+    assert "EXP-RTHS: 12 steps lost samples, 1 step overrun because this computer was late, longest gap 5 ms" in text
     assert "is bridged, in 9 steps after that in part" in text
     assert "Steps without samples" not in tables([result(figures((0.01,) * 4, LOW, LOW))])

@@ -143,7 +143,7 @@ def test_a_target_that_says_why_it_stopped_is_quoted(start: MakeTarget, key_file
     with pytest.raises(RigError, match="stopped: the table is at its end stop, the actuator or its amplifier failed"):
         rig.exchange(1.0)
     target.faults, target.state = 0, udp_peer.RESTING
-    with pytest.raises(RigError, match="stopped: it has led its table to rest"):
+    with pytest.raises(RigError, match="stopped: it has left the test and leads its table to rest"):
         rig.exchange(1.0)
     rig.close()
 

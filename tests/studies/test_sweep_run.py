@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -23,7 +24,8 @@ from rths_cli.files.result_reader import read_result
 from rths_cli.files.sweep_file import read_sweep, rows_path
 from rths_cli.studies import sweep as sweep_workflow
 from rths_cli.studies import sweep_runs
-from rths_cli.studies.grid_points import Asked, check_points
+from rths_cli.studies.grid_points import check_points
+from rths_cli.studies.study_plan import Asked
 from rths_cli.studies.sweep import SweepRequest, Swept, run_sweep
 from rths_cli.studies.sweep_output import begin
 from rths_cli.studies.sweep_runs import Shared, play_variant
@@ -46,6 +48,8 @@ class Watcher:
     def message(self, text: str) -> None:
         self.messages.append(text)
 
+    warning = message
+
     def started(self, number: int, count: int, name: str) -> None: ...
 
     def ended(self, ended: object, seconds: float) -> None: ...
@@ -65,6 +69,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def asked(folder: Path, *vary: str, seeds: str | None = None, settings: tuple[str, ...] = ()) -> SweepRequest:
     request = Asked(str(folder / "a.yaml"), settings, vary, seeds)
     return SweepRequest(request, folder / "out.h5", None, 2, True, False, "test")
+
+
+def test_a_doubt_on_units_is_told_once_for_all_points_that_raise_it(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "short.csv").write_text((folder / "short.csv").read_text().replace("m/s^2", "cm/s^2"))
+    (tmp_path / "a.yaml").write_text(CASE)
+    watcher, request = Watcher(), asked(tmp_path, "scaling=0.2,0.5,0.9,1")
+    run_sweep(request, watcher)  # type: ignore[arg-type]
+    (told,) = (text for text in watcher.messages if "unit" in text)
+    assert told.startswith("record short peaks at ") and told.endswith("(at 3 of 4 grid points)")
 
 
 def swept(request: SweepRequest, path: Path, **changes: object) -> Swept:
@@ -129,6 +142,23 @@ def test_a_row_of_a_building_with_computed_storeys_below_is_too(folder: Path, tm
         assert found.shape == (4,) and found == pytest.approx(alone[f"exp_rths.{which}"], rel=1e-12)
 
 
+def test_a_varied_scale_gives_the_rows_of_runs_alone(folder: Path, tmp_path: Path, memory: Memory) -> None:
+    """A sweep shares what two lengths have in common, and not the record; its figures are in model scale."""
+    request = asked(folder, "scale.length=1,1.21", settings=("report_in=prototype",))
+    sweep = swept(request, tmp_path / "s.h5").sweep
+    for variant, length in enumerate((1, 1.21)):
+        settings = (f"scale.length={length}", "report_in=prototype", "runs=[exp_rths]")
+        case = load_cases([folder / "a.yaml"], settings)[0]
+        run_case.run_case(make_setup(case), tmp_path / "a.h5", memory, "test", lambda _: None)
+        alone = read_result(tmp_path / "a.h5").metrics
+        for path in ("exp_rths.rms_error_m_s2", "exp_rths.tracking_max_m_s2_true", "check.rms_error_m_s2"):
+            if path in sweep.figures:
+                assert sweep.figures[path].values[variant] == pytest.approx(alone[path], rel=1e-12), path
+    first, second = sweep.figures["exp_rths.rms_error_m_s2"].values
+    assert not np.allclose(first, second, rtol=0.05)
+    assert sweep.varied["scale.length"] == (1, 1.21)
+
+
 def test_runs_stand_in_the_order_of_the_grid_and_none_is_dropped(whole: tuple[SweepRequest, Swept]) -> None:
     sweep = whole[1].sweep
     assert sweep.varied["scaling"] == (0.2,) * 6 + (3,) * 6
@@ -184,12 +214,15 @@ def test_an_interrupted_sweep_goes_on_where_it_was_and_gives_the_same(
     assert (again.played, again.exit_code) == (0, 0)
 
 
-def test_what_is_there_already_is_replaced_only_by_the_same_sweep(
+def test_a_sweep_takes_the_place_of_a_sweep_alone(
     whole: tuple[SweepRequest, Swept], folder: Path, tmp_path: Path
 ) -> None:
     request, done = whole
+    shutil.copy(done.path, tmp_path / "other.h5")
+    other = replace(request, asked=replace(request.asked, vary=(), seeds="1"))
     with pytest.raises(InputError, match="holds another sweep"):
-        swept(replace(request, asked=replace(request.asked, seeds="2")), done.path)
+        swept(replace(other, resume=True), tmp_path / "other.h5")
+    assert len(swept(other, tmp_path / "other.h5").sweep.seed) == 1
     with pytest.raises(InputError, match="no-replace"):
         swept(request, done.path, replace=False)
     (tmp_path / "text.h5").write_text("mine")
@@ -197,7 +230,7 @@ def test_what_is_there_already_is_replaced_only_by_the_same_sweep(
         swept(request, tmp_path / "text.h5")
     with pytest.raises(InputError, match="is a folder"):
         swept(request, tmp_path)
-    with pytest.raises(InputError, match=r"text\.h5: cannot write result files here"):
+    with pytest.raises(InputError, match=r"text\.h5: is a file, or below one"):
         swept(request, tmp_path / "text.h5" / "s.h5")
     assert (tmp_path / "text.h5").read_text() == "mine"
 
@@ -235,7 +268,7 @@ def test_points_that_share_most_are_made_one_after_the_other(folder: Path) -> No
         str(folder / "a.yaml"), (), ("scaling=0.2,0.3", "kalman.q=900,1000", f"{WORN}=1,2", "kalman.r=1,2"), None
     )
     points = check_points(grid, sweep_runs.Shared((), lambda _: None), lambda _: None)
-    made = [(q, r, scaling, worn) for scaling, q, worn, r in map(points.grid.values, points.order)]
+    made = [(q, r, scaling, worn) for scaling, q, worn, r in map(points.plan.values, points.order)]
     assert made == sorted(made) and len(made) == 16
 
 
@@ -330,4 +363,4 @@ def test_a_key_that_no_point_reads_is_refused(folder: Path) -> None:
     with pytest.raises(InputError, match="--vary delay_s: changes nothing in a sweep, only SIM-DELAY would read it"):
         run_sweep(asked(folder, "delay_s=0.001:0.010:10"), Watcher())
     read_by_some = asked(folder, "method=paper,best", "kalman.residual_hz=30,40").asked
-    assert check_points(read_by_some, Shared((), str), str).grid.points == 4
+    assert check_points(read_by_some, Shared((), str), str).plan.points == 4

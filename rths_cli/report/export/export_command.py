@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from rths_cli.errors import InputError
+from rths_cli.files.existing_files import Kind, check_existing
 from rths_cli.files.result_reader import result_files
 from rths_cli.files.result_writer import check_writable
 from rths_cli.report.export.csv_files import csv_targets
@@ -19,7 +20,7 @@ FORMATS: Mapping[str, Callable[[Source, Path], list[Target]]] = {
     "mat": mat_targets,
     "netcdf": netcdf_targets,
 }
-TEXT_FACTOR = 2.5  # bytes of a number in CSV over those of the number, at most
+TEXT_FACTOR = 2.1  # bytes of a number in CSV over those of the number, at most
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class ExportRequest:
     form: str  # format: csv, mat or netcdf
     folder: Path  # for the exported files
     groups: tuple[str, ...] = ()  # groups to export, with the groups in them; (): all
-    replace: bool = False  # whether existing files may be replaced
+    replace: bool = True  # whether existing files may be replaced
 
 
 @dataclass(frozen=True)
@@ -41,6 +42,7 @@ class Exported:
     status: str  # of the result
     reason: str  # of that status
     files: tuple[Path, ...]  # that were written
+    replaced: tuple[Path, ...] = ()  # those of them that were there before
 
 
 def export(request: ExportRequest, progress: Callable[[str], None] = lambda _: None) -> list[Exported]:
@@ -50,11 +52,13 @@ def export(request: ExportRequest, progress: Callable[[str], None] = lambda _: N
     check_writable(request.folder, int(needed * (TEXT_FACTOR if request.form == "csv" else 1.0)))
     done = []
     for source, targets in planned:
-        progress(f"{source.result.path} to {request.form}")
-        write_all(targets)
+        replaced = tuple(target.path for target in targets if target.path.exists())
+        write_all(targets, progress)
         about = source.result.attributes
         files = tuple(target.path for target in targets)
-        done.append(Exported(source.result.path, str(about["status"]), str(about.get("status_reason", "")), files))
+        done.append(
+            Exported(source.result.path, str(about["status"]), str(about.get("status_reason", "")), files, replaced)
+        )
     return done
 
 
@@ -69,9 +73,10 @@ def plan(request: ExportRequest) -> list[tuple[Source, list[Target]]]:
             planned.append((source, FORMATS[request.form](source, request.folder)))
         except InputError as error:
             faults += error.faults
-    faults += _shared(planned) or ([] if request.replace else _present(planned))
+    faults += _shared(planned)
     if faults:
         raise InputError(*faults)
+    check_existing([(target.path, Kind.DOCUMENT) for _, targets in planned for target in targets], request.replace)
     return planned
 
 
@@ -86,9 +91,3 @@ def _shared(planned: Sequence[tuple[Source, list[Target]]]) -> list[str]:
                 advice = "export them to different folders"
                 faults.append(f"{source.result.path}: would become {target.path}, as {other} does; {advice}")
     return faults
-
-
-def _present(planned: Sequence[tuple[Source, list[Target]]]) -> list[str]:
-    """Return a sentence for each file that exists."""
-    files = [target.path for _, targets in planned for target in targets]
-    return [f"{path}: exists; add --replace, or choose another --output" for path in files if path.exists()]

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -40,7 +39,7 @@ def mat_targets(source: Source, folder: Path) -> list[Target]:
                 f"{source.result.path}: group {top} takes {size / 1e9:.1f} GB, a .mat file of version 5 holds "
                 f"{LARGEST_BYTES / 1e9:.1f} GB; {advice}"
             )
-    return [Target(folder / f"{source.stem}.mat", partial(write_mat, source))]
+    return [Target(folder / f"{source.stem}.mat", lambda path, _: write_mat(source, path))]
 
 
 def write_mat(source: Source, path: Path) -> None:

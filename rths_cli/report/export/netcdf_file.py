@@ -8,7 +8,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +27,7 @@ OWN = ("format", "format_version")  # the copy is no result file
 
 def netcdf_targets(source: Source, folder: Path) -> list[Target]:
     """Return the one file of a result."""
-    return [Target(folder / f"{source.stem}.nc", partial(_write, source))]
+    return [Target(folder / f"{source.stem}.nc", lambda path, _: _write(source, path))]
 
 
 def udunits(units: str) -> str | None:

@@ -96,15 +96,19 @@ def _plain(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
+Tell = Callable[[str], None]
+"""Receives how far a file is written, as text."""
+
+
 @dataclass(frozen=True)
 class Target:
     """A file to be written."""
 
     path: Path
-    write: Callable[[Path], None]  # writes the whole file at a given path
+    write: Callable[[Path, Tell], None]  # writes the whole file at a given path
 
 
-def write_all(targets: Sequence[Target]) -> None:
+def write_all(targets: Sequence[Target], tell: Tell = lambda _: None) -> None:
     """Write files under temporary names (`.NAME.PID.part`) and rename them when all are complete.
 
     Raises InputError with path and cause if one cannot be written; then, and after a signal, no file is left behind.
@@ -113,7 +117,7 @@ def write_all(targets: Sequence[Target]) -> None:
     try:
         for target, part in zip(targets, parts, strict=True):
             remove_leftovers(target.path)
-            with_reason(target, part)
+            with_reason(target, part, tell)
         for target, part in zip(targets, parts, strict=True):
             os.replace(part, target.path)
     finally:
@@ -122,9 +126,10 @@ def write_all(targets: Sequence[Target]) -> None:
                 part.unlink()
 
 
-def with_reason(target: Target, part: Path) -> None:
+def with_reason(target: Target, part: Path, tell: Tell) -> None:
     """Write one file to `part`; raises InputError with path and cause if that fails."""
     try:
-        target.write(part)
+        tell(str(target.path))
+        target.write(part, lambda text: tell(f"{target.path}, {text}"))
     except (OSError, RuntimeError) as error:
         raise InputError(refusal(target.path, "cannot write", error)) from error

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.files.result_reader import Result, read_series
+from rths_cli.files.result_listing import Outline, read_outlines
+from rths_cli.files.result_reader import Result, SeriesLeftOut
 from rths_cli.numerics.lti import Array, Integers
+from rths_cli.report.result_scale import series
 from rths_cli.rigs.description import capabilities_of
 
 TABLE_RUNS = ("shake_table", "exp_rths")
@@ -26,16 +29,35 @@ class NotDrawn(InputError):
 
 @dataclass(frozen=True)
 class Source:
-    """A result whose series are read at the first request and then kept in memory."""
+    """A result whose series are read at the first request and then kept in memory.
+
+    `headed`: whether figures state case, table and end of the run above the panels.
+    """
 
     result: Result
+    headed: bool = True
     _kept: dict[str, Array] = field(default_factory=dict)
 
     def read(self, name: str) -> Array:
-        """Return the values of a dataset (`exp_rths/command_v`); raises InputError if there is none."""
+        """Return the values of a dataset (`exp_rths/command_v`) in the scale of the result.
+
+        Raises NotDrawn if `--series` kept it out of the file, InputError if there is none.
+        """
         if name not in self._kept:
-            self._kept[name] = read_series(self.result.path, name)
+            try:
+                self._kept[name] = series(self.result, name)
+            except SeriesLeftOut as missing:
+                raise NotDrawn(missing.reason) from missing
         return self._kept[name]
+
+    def holds(self, name: str) -> bool:
+        """Return whether the file has a dataset (`exp_rths/rel_disp_m`)."""
+        group, _, leaf = name.rpartition("/")
+        return group in self._outlines and leaf in self._outlines[group].datasets
+
+    @cached_property
+    def _outlines(self) -> dict[str, Outline]:
+        return read_outlines(self.result.path)
 
     def runs(self, names: tuple[str, ...]) -> list[str]:
         """Return the runs among `names` with samples in the file; raises NotDrawn if there are none."""
@@ -55,6 +77,11 @@ class Source:
         return not capabilities_of(str(self.result.attributes.get("rig_kind", ""))).moves_hardware
 
     @property
+    def has_truth(self) -> bool:
+        """Return whether the file holds the true series, which only a virtual rig knows."""
+        return self.virtual and self.result.series == "all"
+
+    @property
     def rate_hz(self) -> float:
         """Return the sample rate in Hz."""
         return self.result.sample_rate_hz
@@ -68,6 +95,11 @@ class Source:
     def complete(self) -> bool:
         """Return whether all runs reached the end of the record."""
         return self.result.attributes.get("status") == "complete"
+
+
+def reached_the_end(source: Source, time_s: Array) -> bool:
+    """Return whether a run with these instants (n,) reached the end of the record."""
+    return source.complete or time_s.size >= source.read("record/time_s").size
 
 
 def interface_storey(source: Source) -> int:

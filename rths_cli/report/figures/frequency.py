@@ -13,8 +13,8 @@ from rths_cli.numerics.lti import Array, Block, ComplexArray, Model
 from rths_cli.quantities import DATASETS
 from rths_cli.quantities.units import typeset
 from rths_cli.report.figures.figure_data import DESIRED, MEASURED, TABLE_RUNS, NotDrawn, Source
-from rths_cli.report.figures.panels import ACCELERATION_UNITS, legend_below, lettered, new_figure
-from rths_cli.report.figures.style import BLACK, GREY, MEASURED_FRF, MODEL, RUNS, TRUE, VERMILLION, Look
+from rths_cli.report.figures.panels import ACCELERATION_UNITS, Mark, dress, legend_below, lettered, new_figure
+from rths_cli.report.figures.style import BLACK, GREY, MEASURED_FRF, MODEL, ORANGE, PURPLE, RUNS, TRUE, VERMILLION, Look
 from rths_cli.report.figures.style import DESIRED as DESIRED_LOOK
 
 if TYPE_CHECKING:
@@ -27,13 +27,16 @@ SPECTRAL_S = 8.0  # with the usual test band, length of a segment of Welch's met
 SPECTRAL_HZ = (0.1, 100.0)  # with that band, the frequencies of the spectra
 ROOTS = ("zeros", "poles")
 TRACKED_HZ = (0.25, 20.0)  # with the usual test band, the frequencies of gain and delay
-LEAST_COHERENCE = 0.98  # with a dozen averages or more a line of H1 is then known to some 3 % or better
+LEAST_COHERENCE = 0.998  # with a dozen averages or more a line of H1 is then known to some 1 % or better
+LEAST_POWER = 1e-4  # of the largest of the desired motion: below, the record has no energy to measure a gain with
+BANDS_PER_OCTAVE = 48  # of spectra: lines that are closer are averaged
 DECADES = 9.0  # of power below the largest that spectra show
 LATENCY = {
-    "compensated": Look("latency compensated", "#BBBBBB", "solid", 2.4),
-    "total": Look("latency of the loop", VERMILLION, (0, (5.0, 1.5))),
-    "left": Look("latency left", BLACK),
+    "compensated": Mark("compensated", "#AAAAAA", "s", 6.0),
+    "total": Mark("of the loop", VERMILLION, "D", 3.5, filled=False),
+    "left": Mark("left", BLACK, "x", 4.0),
 }
+"""Known at a few frequencies, and no line between them is."""
 THIN = 0.6
 
 
@@ -98,7 +101,7 @@ def _natural_frequencies(axes: Sequence[Axes], natural_hz: Array) -> None:
 
 
 def spectra(source: Source, width: str) -> Figure:
-    """Draw power spectral densities of desired, measured and desired - measured table acceleration (Welch's method)."""
+    """Draw power spectral densities (PSD) of desired, measured and desired - measured table acceleration (Welch)."""
     runs = source.runs(TABLE_RUNS)
     figure = new_figure(source, width, 75.0 if width == "two" or len(runs) == 1 else 120.0)
     shape = (1, len(runs)) if width == "two" else (len(runs), 1)
@@ -107,10 +110,11 @@ def spectra(source: Source, width: str) -> Figure:
     for ax, run, title in zip(axes, runs, lettered(RUNS[run].label for run in runs), strict=True):
         looks += _spectra_of(ax, source, run)
         ax.set_title(title)
-        ax.set_ylabel(f"power spectral density (({ACCELERATION_UNITS})²/Hz)")
+        ax.set_ylabel(f"PSD (({ACCELERATION_UNITS})²/Hz)")
         ax.axvline(source.result.test_band_hz, color=GREY, ls=(0, (4.0, 2.0)), lw=0.7)
     low, high = _following(source, SPECTRAL_HZ)
     _frequency_axis(axes, low, min(high, 0.5 * source.rate_hz), every=True)
+    figure.align_ylabels()
     legend_below(figure, [*looks, Look("edge of the test band", GREY, (0, (4.0, 2.0)), 0.7)])
     return figure
 
@@ -120,24 +124,35 @@ def _spectra_of(ax: Axes, source: Source, run: str) -> list[Look]:
 
     desired, measured = source.read(f"{run}/{DESIRED}"), source.read(f"{run}/{MEASURED}")
     looks = [
-        DESIRED_LOOK,
-        replace(RUNS[run], label=f"measured, {RUNS[run].label}"),
-        Look("desired − measured", VERMILLION, (0, (6.0, 1.0, 1.0, 1.0)), 0.8),
+        replace(DESIRED_LOOK, width=1.4),
+        replace(RUNS[run], label=f"measured, {RUNS[run].label}", width=0.7),
+        Look("desired − measured", ORANGE, "solid", 1.6),
     ]
     series = [desired, measured, desired - measured]
-    if source.virtual:
-        looks.append(replace(TRUE, label="desired − true"))
+    if source.has_truth:
+        looks.append(Look("desired − true", PURPLE, (0, (3.0, 1.0)), 0.8))
         series.append(desired - source.read(f"{run}/truth/table_accel_m_s2"))
     top, (low, high) = 0.0, _following(source, SPECTRAL_HZ)
     for look, values in zip(looks, series, strict=True):
         f, power = welch(values, source.rate_hz, nperseg=_segment(source, values.size))
         inside = (f >= low) & (f <= high)
-        ax.plot(f[inside], power[inside], **replace(look, width=THIN).line())
-        top = max(top, float(power[inside].max(initial=0.0)))
+        f, power = in_bands(f[inside], power[inside])
+        ax.plot(f, power, **replace(look, width=max(look.width, THIN)).line())
+        top = max(top, float(power.max(initial=0.0)))
     ax.set_yscale("log")
     if top > 0.0:
         ax.set_ylim(top * 10.0**-DECADES, 3.0 * top)
     return looks
+
+
+def in_bands(frequency_hz: Array, power: Array) -> tuple[Array, Array]:
+    """Return the means of frequency and power (n,) over bands of 1/48 octave; a line alone in its band is unchanged."""
+    if not frequency_hz.size:
+        return frequency_hz, power
+    bands = np.floor(BANDS_PER_OCTAVE * np.log2(frequency_hz))
+    starts = np.flatnonzero(np.diff(bands, prepend=-np.inf))
+    counts = np.diff(starts, append=frequency_hz.size)
+    return np.add.reduceat(frequency_hz, starts) / counts, np.add.reduceat(power, starts) / counts
 
 
 def delay_and_gain(source: Source, width: str) -> Figure:
@@ -152,15 +167,15 @@ def delay_and_gain(source: Source, width: str) -> Figure:
         axes[0].plot(f, gain, **look.line())
         axes[1].plot(f, 1e3 * delay_s, **look.line())
         looks.append(look)
-    axes[0].set_ylabel("gain (1)")
-    axes[1].set_ylabel("delay (ms), + late")
+    axes[0].set_ylabel("gain")
+    axes[1].set_ylabel("delay (ms)")
     if latency is not None:
         _latency(axes[2], source, latency)
-        looks += LATENCY.values()
-    titles = ("gain of the table, measured / desired", "delay of the table", "latency of the loop, as designed")
+    titles = ("gain of the table, measured / desired", "delay of the table, late is positive", "latency, as designed")
     for ax, title in zip(axes, lettered(titles), strict=False):
         ax.set_title(title)
     _frequency_axis(axes, *_following(source, TRACKED_HZ))
+    figure.align_ylabels()
     legend_below(figure, looks)
     return figure
 
@@ -169,14 +184,15 @@ def _tracked(source: Source, runs: Sequence[str]) -> Iterator[tuple[str, str, Lo
     """Yield run, series and look of what is compared with the desired acceleration; the last run's true one too."""
     for run in runs:
         yield run, MEASURED, replace(RUNS[run], label=f"measured, {RUNS[run].label}")
-    if source.virtual:
+    if source.has_truth:
         yield runs[-1], "truth/table_accel_m_s2", replace(TRUE, label=f"true, {RUNS[runs[-1]].label}")
 
 
 def gain_and_delay(source: Source, run: str, name: str) -> tuple[Array, Array, Array]:
     """Return frequencies, |H1| and -arg(H1) / (2 pi f) from desired to a series of a run, each (n,).
 
-    Where the coherence is below 0.98 there is NaN: noise has no gain.
+    There is NaN where the coherence is below 0.998, because noise has no gain, and where the desired motion has less
+    than 1e-4 of its largest power: a record without energy measures none.
     """
     from scipy.signal import coherence, csd, welch
 
@@ -187,16 +203,23 @@ def gain_and_delay(source: Source, run: str, name: str) -> tuple[Array, Array, A
     inside = (f >= low) & (f <= high) & (power > 0.0)
     cross = csd(desired, seen, rate, nperseg=segment)[1][inside]
     poor = ~(coherence(desired, seen, rate, nperseg=segment)[1][inside] >= LEAST_COHERENCE)
+    poor |= power[inside] < LEAST_POWER * power.max(initial=0.0)
     response = np.where(poor, np.nan, cross / power[inside])
     return f[inside], np.abs(response), -np.angle(response) / (2.0 * np.pi * f[inside])
 
 
 def _latency(ax: Axes, source: Source, frequency_hz: Array) -> None:
-    for name, look in LATENCY.items():
+    shown = frequency_hz <= _following(source, TRACKED_HZ)[1]
+    for name, mark in LATENCY.items():
         value = source.metric(f"latency.{name}_s")
         if value is not None:
-            ax.plot(frequency_hz, 1e3 * value, marker="o", ms=2.5, **look.line())
+            (line,) = ax.plot(frequency_hz[shown], 1e3 * value[shown], label=mark.label)
+            dress(line, mark)
+            line.set_clip_on(False)
     ax.set_ylabel("latency (ms)")
+    low, high = ax.get_ylim()
+    ax.set_ylim(low - 0.1 * (high - low), high + 0.45 * (high - low))  # room for the legend
+    ax.legend(loc="upper left", ncols=len(LATENCY), borderpad=0.2, handletextpad=0.2)
 
 
 def _segment(source: Source, samples: int) -> int:

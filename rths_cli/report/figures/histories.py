@@ -1,4 +1,4 @@
-"""Figures over time: tracking (the paper's Fig. 5.1), Kalman filter (5.2), storeys against SIM (5.3), errors."""
+"""Figures over time: tracking (the paper's Fig. 5.1), Kalman filter (5.2), storeys in all runs (5.3), errors."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.numerics.lti import Array
+from rths_cli.report.answer import three
 from rths_cli.report.figures.figure_data import (
     ACCEL,
     COMPUTED_RUNS,
@@ -22,19 +23,22 @@ from rths_cli.report.figures.figure_data import (
     interface_storey,
     known_part,
     quietest,
+    reached_the_end,
     window_at,
 )
-from rths_cli.report.figures.panels import ACCELERATION, ACCELERATION_UNITS, Line, Panel, draw_rows, largest
+from rths_cli.report.figures.panels import ACCELERATION, ERROR_UNITS, MM_PER_M, Line, Panel, draw_rows, largest
 from rths_cli.report.figures.style import DESIRED as DESIRED_LOOK
-from rths_cli.report.figures.style import ESTIMATED, RUNS, TRUE
+from rths_cli.report.figures.style import ESTIMATED, RUNS, SKY, TRUE, VERMILLION, Look
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 CLOSE = "close look"
 NEAR_S = 1.0  # how close the Kalman filter is looked at
-ERROR = f"error ({ACCELERATION_UNITS})"
-DIFFERENCE = f"difference ({ACCELERATION_UNITS})"
+ERROR = f"error ({ERROR_UNITS})"
+DIFFERENCE = f"difference ({ERROR_UNITS})"
+FLOOR_MEASURED = Look("measured", SKY, "solid", 1.8, below=True)
+FILTERED_OUT = Look("measured − filtered", VERMILLION, "solid", 0.8)
 
 
 def tracking(source: Source, width: str) -> Figure:
@@ -45,8 +49,8 @@ def tracking(source: Source, width: str) -> Figure:
         desired = source.read(f"{run}/{DESIRED}")
         measured = replace(RUNS[run], label=f"measured, {RUNS[run].label}")
         lines = (Line(DESIRED_LOOK, time, desired), Line(measured, time, source.read(f"{run}/{MEASURED}")))
-        whole = Panel(RUNS[run].label, ACCELERATION, lines, note=_rms(source, f"{run}.tracking_rms_m_s2"))
-        rows.append((whole, Panel(CLOSE, "", lines, _close(source, time, desired))))
+        whole = Panel(RUNS[run].label, ACCELERATION, lines, note=rms_note(source, f"{run}.tracking_rms_m_s2"))
+        rows.append((whole, Panel(CLOSE, "", lines, close_look(source, time, desired))))
     return draw_rows(source, rows, width, about=source.band)
 
 
@@ -56,23 +60,21 @@ def kalman(source: Source, width: str) -> Figure:
     time = source.read(f"{run}/time_s")
     measured = source.read(f"{run}/floor_accel_measured_m_s2")[-1]
     estimated = source.read(f"{run}/floor_accel_estimated_m_s2")[-1]
-    seen = replace(RUNS[run], label="measured", dashes="solid", width=0.8)
-    lines = [Line(seen, time, measured)]
+    lines = [Line(FLOOR_MEASURED, time, measured)]
     if source.virtual:
         lines.append(Line(TRUE, time, source.read(f"{run}/truth/floor_accel_m_s2")[-1]))
     lines.append(Line(ESTIMATED, time, estimated))
     near = (
-        busiest(time, measured, NEAR_S) if _reached_the_end(source, time) else window_at(time, float(time[-1]), NEAR_S)
+        busiest(time, measured, NEAR_S) if reached_the_end(source, time) else window_at(time, float(time[-1]), NEAR_S)
     )
     floor = int(source.read(f"{run}/floor")[-1])
-    difference = replace(RUNS[run], label="measured − filtered", dashes="solid")
     rows = [
         (
             Panel(f"storey {floor}, {RUNS[run].label}", ACCELERATION, tuple(lines)),
             Panel(CLOSE, "", tuple(lines), near),
         ),
         (
-            Panel("measured − filtered", DIFFERENCE, (Line(difference, time, measured - estimated),)),
+            Panel("measured − filtered", DIFFERENCE, (Line(FILTERED_OUT, time, MM_PER_M * (measured - estimated)),)),
             Panel("quietest second", "", tuple(lines), quietest(time, measured, NEAR_S)),
         ),
     ]
@@ -89,9 +91,9 @@ def responses(source: Source, width: str) -> Figure:
         lines = tuple(Line(RUNS[run], time, accel[storey - 1]) for run, (time, accel) in motions.items())
         shown = [line.values for line in lines if line.look is not RUNS["sim_delay"]] or [line.values for line in lines]
         guide = lines[-1]
-        title = f"storey {storey}{_what(source, storey)}"
+        title = f"storey {storey}{role_of(source, storey)}"
         whole = Panel(title, ACCELERATION, lines, reach=largest(*shown))
-        close = _close(source, guide.time_s, guide.values)
+        close = close_look(source, guide.time_s, guide.values)
         rows.append((whole, Panel(CLOSE, "", lines, close, reach=largest(*(values[close] for values in shown)))))
     return draw_rows(source, rows, width)
 
@@ -111,7 +113,7 @@ def _tracking_errors(source: Source) -> Iterator[Panel]:
         if run in source.result.groups:
             error = source.read(f"{run}/{DESIRED}") - source.read(f"{run}/{MEASURED}")
             look = RUNS[run]
-            note = _rms(source, f"{run}.tracking_rms_m_s2")
+            note = rms_note(source, f"{run}.tracking_rms_m_s2", what="RMS")
             yield error_panel(source, f"tracking, {look.label}", run, source.read(f"{run}/time_s"), error, note)
 
 
@@ -127,33 +129,30 @@ def _storey_errors(source: Source, storey: int) -> Iterator[Panel]:
     for run in ("sim_delay", "exp_rths"):
         if run in source.result.groups:
             values = source.read(f"{run}/{ACCEL}")[storey - 1]
-            figures = source.metric(f"{run}.rms_error_m_s2")
-            note = "" if figures is None else _told(float(figures[storey - 1]))
+            note = rms_note(source, f"{run}.rms_error_m_s2", storey - 1, "RMS")
             title = f"storey {storey}, SIM − {RUNS[run].label}"
             time = source.read(f"{run}/time_s")
             yield error_panel(source, title, run, time, exact[: values.size] - values, note)
 
 
 def error_panel(source: Source, title: str, run: str, time: Array, error: Array, note: str) -> Panel:
-    """Return the panel of an error (n,) in m/s^2 of a run with the filters of its RMS, up to its last finite sample."""
+    """Return the panel in mm/s^2 of an error (n,) in m/s^2 of a run, with the filters of its RMS, up to its last
+    finite sample."""
     from rths_cli.report.filtered_errors import evaluated_error
 
     n = known_part(error)
     shown = np.full(error.size, np.nan)
-    shown[:n] = evaluated_error(source.result, run, error[:n], 1.0 / source.rate_hz)
-    return Panel(title, ERROR, (Line(RUNS[run], time, shown),), note=note)
+    shown[:n] = MM_PER_M * evaluated_error(source.result, run, error[:n], 1.0 / source.rate_hz)
+    look = replace(RUNS[run], dashes="solid", width=0.8)
+    return Panel(title, ERROR, (Line(look, time, shown),), note=note)
 
 
-def _close(source: Source, time: Array, values: Array) -> slice:
+def close_look(source: Source, time: Array, values: Array) -> slice:
     """Return the stretch around the peak, or before the end of a run that stopped early."""
-    return busiest(time, values) if _reached_the_end(source, time) else window_at(time, float(time[-1]))
+    return busiest(time, values) if reached_the_end(source, time) else window_at(time, float(time[-1]))
 
 
-def _reached_the_end(source: Source, time: Array) -> bool:
-    return source.complete or time.size >= source.read("record/time_s").size
-
-
-def _what(source: Source, storey: int) -> str:
+def role_of(source: Source, storey: int) -> str:
     """Return the role of a storey in the hybrid test in words, after a comma."""
     interface = interface_storey(source)
     if not interface:
@@ -161,10 +160,9 @@ def _what(source: Source, storey: int) -> str:
     return ", computed" if storey < interface else ", interface" if storey == interface else ", on the table"
 
 
-def _rms(source: Source, path: str) -> str:
+def rms_note(source: Source, path: str, place: int = 0, what: str = "RMS error") -> str:
+    """Return an RMS error in mm/s^2 as text after `what` it is, "" where the result does not have it."""
     found = source.metric(path)
-    return "" if found is None else _told(float(found[0]))
-
-
-def _told(value: float) -> str:
-    return f"RMS error {value:.2g} {ACCELERATION_UNITS}" if np.isfinite(value) else ""
+    if found is None or not np.isfinite(found[place]):
+        return ""
+    return f"{what} {three(MM_PER_M * float(found[place]))} {ERROR_UNITS}"

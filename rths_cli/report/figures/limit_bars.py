@@ -31,11 +31,11 @@ LIMITS = {
     "force_n": "force",
 }
 MARGINS = {
-    "gain_margin": ("gain margin", "factor (1)", 1.0),
-    "gain_reduction_margin": ("gain reduction margin", "factor (1)", 1.0),
+    "gain_margin": ("gain margin", "factor", 1.0),
+    "gain_reduction_margin": ("gain reduction margin", "factor", 1.0),
     "phase_margin_deg": ("phase margin", "angle (deg)", 1.0),
     "delay_margin_s": ("delay margin", "delay (ms)", 1e3),
-    "sensitivity_peak": ("largest sensitivity", "|S| (1)", 1.0),
+    "sensitivity_peak": ("largest sensitivity", "|S|", 1.0),
 }
 LOOPS = {"check": "hybrid loop", "feedback": "feedback"}
 VALUE = Mark("", BLACK, "s")

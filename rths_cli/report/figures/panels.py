@@ -15,6 +15,7 @@ from rths_cli.quantities import DATASETS
 from rths_cli.quantities.units import typeset
 from rths_cli.report.figures.figure_data import Source, points_of_lines, thinned
 from rths_cli.report.figures.style import MM_PER_INCH, VERMILLION, WIDTHS_MM, Look, plain
+from rths_cli.report.result_scale import scale_words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -38,7 +39,7 @@ def dot_rows(ax: Axes, labels: Sequence[str], marks: Sequence[tuple[Mark, Array]
     places = np.arange(len(labels))
     for mark, values in marks:
         (line,) = ax.plot(values, places, label=mark.label)
-        _dress(line, mark)
+        dress(line, mark)
     ax.set_yticks(places, labels)
     ax.set_ylim(len(labels) - 0.5, -0.5)
 
@@ -49,11 +50,12 @@ def dots_legend(figure: Figure, marks: Sequence[Mark]) -> None:
 
     handles = [Line2D([], [], label=mark.label) for mark in marks]
     for handle, mark in zip(handles, marks, strict=True):
-        _dress(handle, mark)
+        dress(handle, mark)
     figure.legend(handles=handles, loc="outside lower center", ncols=2 if figure.get_figwidth() < 4.0 else 4)
 
 
-def _dress(line: Line2D, mark: Mark) -> None:
+def dress(line: Line2D, mark: Mark) -> None:
+    """Give a line the appearance of marks."""
     line.set(color=mark.color, linestyle="none", marker=mark.shape, markersize=mark.size)
     line.set_markerfacecolor(mark.color if mark.filled else "none")
 
@@ -63,10 +65,13 @@ HEADING_LINES = 4
 TALLEST_MM = 235.0  # the type area of a journal's page
 AROUND_MM = 19.0  # heading, legend, label of the time axis
 HIGH_MM = {"one": 29.0, "two": 36.0}
+PAIR_MM = 45.0  # a history and its error below
 GREY_TEXT = "#444444"
 SECONDS = "time (s)"
 ACCELERATION_UNITS = typeset(DATASETS["exp_rths/abs_accel_m_s2"].units)
 ACCELERATION = f"acceleration ({ACCELERATION_UNITS})"
+MM_PER_M = 1e3
+ERROR_UNITS = f"m{ACCELERATION_UNITS}"  # errors are a thousandth of the motion
 
 
 @dataclass(frozen=True)
@@ -94,16 +99,24 @@ class Panel:
     reach: float | None = None
 
 
-def new_figure(source: Source, width: str, height_mm: float, about: str = "") -> Figure:
-    """Return an empty figure of a journal's width, with a heading that states case, table and end of the run."""
+def empty_figure(width: str, height_mm: float) -> Figure:
+    """Return an empty figure of a journal's width."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     size = (WIDTHS_MM[width] / MM_PER_INCH, min(height_mm, TALLEST_MM) / MM_PER_INCH)
     figure = Figure(figsize=size, layout="constrained")
     FigureCanvasAgg(figure)
-    text, color = "\n".join(heading(source, width, about)), GREY_TEXT if source.complete else VERMILLION
-    figure.suptitle(plain(text), x=0.01, ha="left", fontsize=6.5, color=color)
+    return figure
+
+
+def new_figure(source: Source, width: str, height_mm: float, about: str = "") -> Figure:
+    """Return an empty figure of a journal's width, with a heading that states case, table and end of the run, unless
+    the source goes without."""
+    figure = empty_figure(width, height_mm)
+    if source.headed:
+        text, color = "\n".join(heading(source, width, about)), GREY_TEXT if source.complete else VERMILLION
+        figure.suptitle(plain(text), x=0.01, ha="left", fontsize=6.5, color=color)
     return figure
 
 
@@ -112,7 +125,7 @@ def heading(source: Source, width: str, about: str = "") -> list[str]:
     known = source.result.attributes
     table = f"{'virtual ' if source.virtual else ''}shake table {known.get('rig', '')}".rstrip()
     case = f"{known.get('case_name', source.result.path.stem)}, method {known.get('method', 'unknown')}"
-    lines = ["; ".join(filter(None, (case, table, about)))]
+    lines = ["; ".join(filter(None, (case, table, scale_words(source.result), about)))]
     if not source.complete:
         lines.append(f"{known.get('status', 'unfinished')}: {known.get('status_reason', '')}".rstrip(": "))
     long = HEADING_CHARACTERS[width]
@@ -150,9 +163,51 @@ def draw_rows(
         _draw_panel(ax, panel, title if len(panels) > 1 else panel.title, points)
         if row == count - 1:
             ax.set_xlabel(SECONDS)
+    figure.align_ylabels()
     if legend:
         legend_below(figure, [line.look for panel in panels for line in panel.lines])
     return figure
+
+
+def draw_pairs(
+    source: Source, storeys: Sequence[Sequence[tuple[Panel, Panel]]], width: str, about: str = "",
+    ratios: Sequence[float] = (2.2, 1.0),
+) -> Figure:  # fmt: skip
+    """Draw pairs of panels with one time axis, the second one lower and below the first: a row of pairs per storey."""
+    from matplotlib.ticker import MaxNLocator
+
+    rows, columns = len(storeys), len(storeys[0])
+    figure = new_figure(source, width, AROUND_MM + rows * PAIR_MM, about)
+    grid = figure.add_gridspec(2 * rows, columns, height_ratios=[1.5, 1.0] * rows, width_ratios=ratios[:columns])
+    pairs = [(row, column, pair) for row, found in enumerate(storeys) for column, pair in enumerate(found)]
+    wide = [ratios[column] for _, column, pair in pairs for panel in pair for _ in panel.lines]
+    points = iter(points_of_lines(wide))
+    titles = lettered(upper.title for _, _, (upper, _) in pairs)
+    for (row, column, (upper, lower)), title in zip(pairs, titles, strict=True):
+        above = figure.add_subplot(grid[2 * row, column])
+        below = figure.add_subplot(grid[2 * row + 1, column], sharex=above)
+        _draw_panel(above, upper, title, points)
+        _draw_panel(below, lower, "", points)
+        for ax in (above, below):
+            ax.set_ylabel(ax.get_ylabel().replace(" (", "\n("))
+        above.tick_params(labelbottom=False)
+        below.yaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10], min_n_ticks=3))
+        if row == rows - 1:
+            below.set_xlabel(SECONDS)
+    figure.align_ylabels()
+    legend_below(figure, [line.look for _, _, (upper, _) in pairs for line in upper.lines])
+    return figure
+
+
+def trimmed_ticks(ax: Axes, log: bool = False) -> None:
+    """Give the horizontal axis of a narrow panel few labels, so that they do not touch."""
+    from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+
+    if not log:
+        ax.xaxis.set_major_locator(MaxNLocator(4, steps=[1, 2, 2.5, 5, 10], min_n_ticks=3))
+        return
+    ax.xaxis.set_major_locator(LogLocator(numticks=3))
+    ax.xaxis.set_minor_formatter(NullFormatter())
 
 
 def legend_below(figure: Figure, looks: Sequence[Look]) -> None:

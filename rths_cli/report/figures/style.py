@@ -11,6 +11,7 @@ FORMS = ("pdf", "svg", "png")
 MM_PER_INCH = 25.4
 DPI = 300
 DENSE_LINEWIDTH = 0.5  # of a whole record, whose oscillations touch each other
+DENSE_BROAD = 1.0  # of the line below the others there, which shows around them
 
 # Okabe and Ito's colours, which colour-blind readers tell apart
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
@@ -65,20 +66,22 @@ class Look:
     color: str
     dashes: Any = "solid"  # line style
     width: float = 0.9  # points
+    below: bool = False  # drawn first, and broader than what follows where lines are dense
 
     def line(self, dense: bool = False) -> dict[str, Any]:
         """Return the arguments of a line; `dense`: thin and solid, since dashes of a whole record cannot be seen."""
-        style = "solid" if dense else self.dashes
-        return {"color": self.color, "ls": style, "lw": min(self.width, DENSE_LINEWIDTH) if dense else self.width}
+        if dense:
+            return {"color": self.color, "ls": "solid", "lw": DENSE_BROAD if self.below else DENSE_LINEWIDTH}
+        return {"color": self.color, "ls": self.dashes, "lw": self.width}
 
 
 RUNS = {
-    "sim": Look("SIM", BLACK),
+    "sim": Look("SIM", BLACK, below=True),
     "sim_delay": Look("SIM-DELAY", VERMILLION, (0, (5.0, 1.5))),
     "exp_rths": Look("EXP-RTHS", BLUE, (0, (1.5, 1.0)), 1.2),
     "shake_table": Look("shake table test", GREEN, (0, (4.0, 1.0, 1.0, 1.0)), 1.0),
 }
-DESIRED = Look("desired", BLACK)
+DESIRED = Look("desired", BLACK, below=True)
 TRUE = Look("true", PURPLE, (0, (1.0, 1.5)), 1.0)
 ESTIMATED = Look("Kalman filter", ORANGE, (0, (5.0, 1.5)), 1.0)
 MEASURED_FRF = Look("measured", SKY, "solid", 2.4)

@@ -9,7 +9,7 @@ import numpy as np
 from rths_cli.errors import InputError
 from rths_cli.loop.lost_samples import without_samples
 from rths_cli.numerics.lti import Array
-from rths_cli.report.figures.figure_data import TABLE_RUNS, Source, points_of_lines, thinned
+from rths_cli.report.figures.figure_data import TABLE_RUNS, NotDrawn, Source, points_of_lines, thinned
 from rths_cli.report.figures.panels import SECONDS, legend_below, lettered, new_figure
 from rths_cli.report.figures.style import BLUE, GREEN, ORANGE, RUNS, VERMILLION, Look
 
@@ -29,8 +29,10 @@ LOST = Look("no samples", VERMILLION)
 
 
 def timing(source: Source, width: str) -> Figure:
-    """Draw duration and lateness of the steps and lost samples over time, and the share of steps above a duration."""
+    """Draw duration and lateness of a real run's steps and lost samples over time, and the share of longer steps."""
     runs = source.runs(TABLE_RUNS)
+    if source.virtual:
+        raise NotDrawn("a run on a virtual table has no real time to keep")
     times = {run: _times(source, run) for run in runs}
     stacked = width == "one"
     figure = new_figure(source, width, 20.0 + (2 if stacked else 1) * len(runs) * 42.0)
@@ -59,9 +61,7 @@ def _times(source: Source, run: str) -> dict[str, Array]:
 
 
 def _optional(source: Source, name: str) -> Array | None:
-    """Return a dataset that only runs in real time have; None if there is none."""
-    if source.virtual:
-        return None
+    """Return a dataset that not every run in real time has; None if there is none."""
     try:
         return source.read(name)
     except InputError:

@@ -15,19 +15,29 @@ from typing import TYPE_CHECKING
 
 from rths_cli.errors import InputError
 from rths_cli.files.durable_files import make_folder
+from rths_cli.files.existing_files import Kind, check_existing, replaced_sentence
 from rths_cli.files.result_reader import Result
+from rths_cli.files.sweep_file import Sweep
 from rths_cli.interrupts import interruptible
-from rths_cli.report.figures import error_figures, frequency, histories
+from rths_cli.report.figures import error_figures, frequency, histories, structural_figures
 from rths_cli.report.figures.figure_data import NotDrawn, Source
 from rths_cli.report.figures.limit_bars import limits
 from rths_cli.report.figures.panels import heading
 from rths_cli.report.figures.style import DPI, FORMS, METADATA, WIDTHS_MM, in_house_style
+from rths_cli.report.figures.sweep_figure import sweep_figure
 from rths_cli.report.figures.timing import timing
+from rths_cli.report.result_scale import in_model_scale
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    Planned = tuple[Path, str, str, Callable[[], Figure], str]
+    """Source file, stem and name of the figure's file, what draws it, its title in the file's metadata."""
+
 Tell = Callable[[str], None]
+CASE_HEADER = "case"
+HEADERS = (CASE_HEADER, "none")
+SWEEP = "sweep"
 LONG_VERTEX = re.compile(rb"^L (-?\d+\.\d+) (-?\d+\.\d+) $", re.MULTILINE)
 FIGURES: dict[str, Callable[[Source, str], Figure]] = {
     "table_response": frequency.table_response,
@@ -35,7 +45,9 @@ FIGURES: dict[str, Callable[[Source, str], Figure]] = {
     "kalman": histories.kalman,
     "responses": histories.responses,
     "errors": histories.errors,
-    "storeys": error_figures.storeys,
+    "against_sim": structural_figures.against_sim,
+    "profiles": structural_figures.profiles,
+    "hysteresis": structural_figures.hysteresis,
     "spectra": frequency.spectra,
     "delay_and_gain": frequency.delay_and_gain,
     "error_budget": error_figures.error_budget,
@@ -44,54 +56,109 @@ FIGURES: dict[str, Callable[[Source, str], Figure]] = {
 }
 
 
+IN_MODEL_SCALE = ("table_response", "spectra", "delay_and_gain", "limits", "timing")
+"""Figures of the rig and of the loop, which have no prototype."""
+
+
 def figure_names() -> tuple[str, ...]:
     """Return the names of all figures, in the order in which they are written."""
     return tuple(FIGURES)
 
 
-def draw(name: str, result: Result, width: str = "two") -> Figure:
+def draw(name: str, result: Result, width: str = "two", header: str = CASE_HEADER) -> Figure:
     """Return one figure of a result as a matplotlib Figure, 84 mm ("one" column) or 174 mm ("two") wide.
 
-    Raises InputError for an unknown name or width, and (NotDrawn) with the reason where the result lacks the data.
+    `header`: "case" states case, table and end of the run above the panels, "none" leaves that to the caption. Raises
+    InputError for an unknown name, width or header, and (NotDrawn) with the reason where the result lacks the data.
     """
     _check(name, FIGURES, "figure")
     _check(width, WIDTHS_MM, "width")
-    return _drawn(name, Source(result), width)
+    _check(header, HEADERS, "header")
+    shown = in_model_scale(result) if name in IN_MODEL_SCALE else result
+    return _drawn(name, Source(shown, header == CASE_HEADER), width)
 
 
 def write_figures(
-    results: Sequence[Result], folder: Path, form: str = "pdf", width: str = "one", tell: Tell | None = None
-) -> list[Path]:
+    results: Sequence[Result], folder: Path, form: str = "pdf", width: str = "one", tell: Tell | None = None,
+    header: str = CASE_HEADER, replace: bool = True,
+) -> list[Path]:  # fmt: skip
     """Write every figure of every result into `folder` as NAME-FIGURE.pdf (svg, png), and return the files written.
 
     NAME is the result file's; the same name from another folder becomes NAME-2. Files that exist are replaced, when all
-    are drawn: where a result cannot be read or the disk refuses, none is written. `tell`
-    is given a sentence for each figure that a result has no data for (default: a warning of the log `rths_cli`).
-    Raises InputError for an unknown form or width, and where a file cannot be written.
+    are drawn: where a result cannot be read or the disk refuses, none is written. `tell` is given a sentence for each
+    figure that a result has no data for (default: a warning of the log `rths_cli`), and one on the files that were
+    replaced. Raises InputError for an unknown form, width or header, where a file cannot be written, and, without
+    `replace`, where one exists.
+    """
+    _check(header, HEADERS, "header")
+    stems = _stems([result.path for result in results])
+    headed = header == CASE_HEADER
+    pairs = ((Source(result, headed), Source(in_model_scale(result), headed)) for result in results)
+    planned = (
+        (source.result.path, stem, name, partial(FIGURES[name], source, width), _title(name, source))
+        for stem, (shown, stored) in zip(stems, pairs, strict=True)
+        for name in FIGURES
+        for source in (stored if name in IN_MODEL_SCALE else shown,)
+    )
+    named = (f"{stem}-{name}" for stem in stems for name in FIGURES)
+    return _write(planned, named, folder, form, width, tell, replace)
+
+
+def write_sweep_figures(
+    sweeps: Sequence[tuple[Path, Sweep]], folder: Path, form: str = "pdf", width: str = "one",
+    tell: Tell | None = None, header: str = CASE_HEADER, metric: str = "", replace: bool = True,
+) -> list[Path]:  # fmt: skip
+    """Write the figure of every sweep, each given with its file, into `folder` as NAME-sweep.pdf (svg, png).
+
+    `metric`: path of what is drawn over the varied keys, with the storey in brackets or the largest of all storeys;
+    "": the RMS error of EXP-RTHS. Otherwise as `write_figures`; also raises InputError where no sweep has the metric.
+    """
+    _check(header, HEADERS, "header")
+    stems = _stems([path for path, _ in sweeps])
+    planned = (
+        (path, stem, SWEEP, partial(sweep_figure, sweep, width, metric, header == CASE_HEADER), f"{SWEEP}: {stem}")
+        for stem, (path, sweep) in zip(stems, sweeps, strict=True)
+    )
+    return _write(planned, (f"{stem}-{SWEEP}" for stem in stems), folder, form, width, tell, replace)
+
+
+def _write(
+    planned: Iterable[Planned],
+    named: Iterable[str],
+    folder: Path,
+    form: str,
+    width: str,
+    tell: Tell | None,
+    replace: bool,
+) -> list[Path]:
+    """Draw and write figures; all appear when all are drawn. Returns the files written.
+
+    `named`: STEM-NAME of every figure that may be written.
     """
     _check(form, FORMS, "form")
     _check(width, WIDTHS_MM, "width")
     report = logging.getLogger("rths_cli").warning if tell is None else tell
+    present = check_existing([(folder / f"{name}.{form}", Kind.DOCUMENT) for name in named], replace)
     made = _make(folder)
     parts: dict[Path, Path] = {}
     try:
-        for stem, result in zip(_stems(results), results, strict=True):
-            source = Source(result)
-            for name in FIGURES:
-                try:
-                    image = interruptible(partial(_image, name, source, form, width))
-                except NotDrawn as reason:
-                    report(f"{result.path}: figure {name} is left out: {reason}")
-                    continue
-                path = folder / f"{stem}-{name}.{form}"
-                parts[path] = path.with_name(f".{path.name}.{os.getpid()}.part")
-                with _told(path):
-                    parts[path].write_bytes(image)
+        for source, stem, name, make, title in planned:
+            try:
+                image = interruptible(partial(_image, make, title, form))
+            except NotDrawn as reason:
+                report(f"{source}: figure {name} is left out: {reason}")
+                continue
+            path = folder / f"{stem}-{name}.{form}"
+            parts[path] = path.with_name(f".{path.name}.{os.getpid()}.part")
+            with _told(path):
+                parts[path].write_bytes(image)
         for path, part in parts.items():
             with _told(path):
                 os.replace(part, path)
     finally:
         _remove(parts.values(), made)
+    if replaced := [path for path in present if path in parts]:
+        report(replaced_sentence(replaced))
     return list(parts)
 
 
@@ -100,12 +167,15 @@ def _drawn(name: str, source: Source, width: str) -> Figure:
         return FIGURES[name](source, width)
 
 
-def _image(name: str, source: Source, form: str, width: str) -> bytes:
+def _title(name: str, source: Source) -> str:
+    return f"{name}: {' '.join(heading(source, 'two'))}"
+
+
+def _image(make: Callable[[], Figure], title: str, form: str) -> bytes:
     """Return the file of a figure as bytes."""
     buffer = io.BytesIO()
-    title = f"{name}: {' '.join(heading(source, 'two'))}"
     with in_house_style():
-        FIGURES[name](source, width).savefig(buffer, format=form, dpi=DPI, metadata={**METADATA[form], "Title": title})
+        make().savefig(buffer, format=form, dpi=DPI, metadata={**METADATA[form], "Title": title})
     return LONG_VERTEX.sub(_short_vertex, buffer.getvalue()) if form == "svg" else buffer.getvalue()
 
 
@@ -139,11 +209,11 @@ def _remove(parts: Iterable[Path], folders: Iterable[Path]) -> None:
             folder.rmdir()
 
 
-def _stems(results: Sequence[Result]) -> Iterator[str]:
+def _stems(paths: Sequence[Path]) -> Iterator[str]:
     """Yield a file name for each result; from the second result of a name on, it ends with a number."""
     seen: Counter[str] = Counter()
-    for result in results:
-        stem = result.path.stem
+    for path in paths:
+        stem = path.stem
         seen[stem] += 1
         yield stem if seen[stem] == 1 else f"{stem}-{seen[stem]}"
 

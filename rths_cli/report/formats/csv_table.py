@@ -14,6 +14,7 @@ from rths_cli.files.result_reader import Result
 from rths_cli.quantities import Interval
 from rths_cli.report.group_comparison import software
 from rths_cli.report.report_contents import Contents
+from rths_cli.report.result_scale import scale_words
 from rths_cli.report.text_layout import Cell, Row, Table
 from rths_cli.safe_text import csv_cell
 
@@ -50,6 +51,7 @@ ABOUT = (
     "case_name", "method", "rig", "rig_kind", "record_name", "scaling", "damping_name", "controller", "seed",
     "created_utc", "status", "status_reason",
 )  # fmt: skip
+SCALE = ("reported_in", "scale_length", "scale_acceleration", "scale_mass")
 COLUMNS = ("file", *ABOUT, "software", "figure", "number", "value", "unit", "published")
 UNREADABLE = "unreadable"
 
@@ -59,18 +61,20 @@ def tidy(found: Contents) -> str:
 
     The column `number` counts storeys, modes or frequencies from 1; it is empty for a metric with one value. A run
     without metrics, and a file that cannot be read, have one line each. The columns of INTERVAL are there if a metric
-    carries an interval.
+    carries an interval, those of SCALE if a case states a scale; `reported_in` is that of the building's values.
     """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     ends = INTERVAL if any(result.intervals for result in found.inputs.results) else ()
-    columns = (*COLUMNS, *ends)
+    scales = SCALE if any(scale_words(result) for result in found.inputs.results) else ()
+    columns = (*COLUMNS, *ends, *scales)
     writer.writerow(columns)
     for result in found.inputs.results:
-        writer.writerows(_lines(result, bool(ends)))
+        told = _scale(result) if scales else []
+        writer.writerows([*line, *told] for line in _lines(result, bool(ends)))
     for one in found.unread:
-        told = {"file": str(one.path), "status": UNREADABLE, "status_reason": one.sentence}
-        stated = {column: csv_cell(text) for column, text in told.items()}
+        known = {"file": str(one.path), "status": UNREADABLE, "status_reason": one.sentence}
+        stated = {column: csv_cell(text) for column, text in known.items()}
         writer.writerow([stated.get(column, "") for column in columns])
     return text.getvalue()
 
@@ -96,6 +100,11 @@ def _ends(interval: Interval | None, number: int) -> list[str]:
         return [""] * len(INTERVAL)
     ends = (np.atleast_1d(end)[number - 1] for end in (interval.low, interval.high))
     return [*map(_number, ends), _number(interval.probability)]
+
+
+def _scale(result: Result) -> list[str]:
+    """Return the texts of the columns SCALE of a result."""
+    return [scale_words(result).partition(" ")[0], *(_text(result.attributes.get(key)) for key in SCALE[1:])]
 
 
 def _published(figures: Mapping[str, object], path: str, number: int) -> str:

@@ -14,7 +14,9 @@ Made from `rths_cli/quantities/metrics.py`; [how a test is judged](../background
 A figure stands in the result file under `/metrics/` with `/` for `.`, in `rths report --format json`, in CSV, and in a
 case's `accept` under the path given here; one of several storeys as `exp_rths.rms_error_m_s2[3]`, counted from 1.
 *Better* says which way an error or index improves; only figures that are better when
-smaller are judged against a baseline.
+smaller are judged against a baseline. *Scales as* is the unit by whose factor a figure of the building is converted to
+[prototype scale](../background/similitude.md); a figure without one belongs to the rig or the loop and stays in model
+scale.
 
 A figure may carry an interval, which holds the true one with a stated probability: the attributes `low`, `high` and
 `probability` of its dataset, `intervals` in JSON and in Python, three more columns in CSV, and `[low, high]` behind the
@@ -22,7 +24,7 @@ figure in texts. Figures of the check carry one where the identified model has s
 
 Suffixes: {kinds}. Without one: measured, in the test band.
 """
-COLUMNS = ("figure", "also with", "unit", "one per", "better", "definition")
+COLUMNS = ("figure", "also with", "unit", "scales as", "one per", "better", "definition")
 
 
 def reference_page() -> str:
@@ -38,5 +40,6 @@ def reference_page() -> str:
 def _rows(members: Iterator[Quantity]) -> Iterator[str]:
     for one in members:
         kinds = ", ".join(f"`{kind}`" for kind in one.kinds) or "-"
-        cells = (f"`{one.path}`", kinds, one.units, one.over or "-", one.better, escaped(one.text))
+        words = (kinds, one.units, one.scales_as or "-", one.over or "-", one.better, escaped(one.text))
+        cells = (f"`{one.path}`", *words)
         yield f"| {' | '.join(cells)} |"

@@ -9,6 +9,7 @@ import numpy as np
 from rths_cli.files.result_reader import Result, read_series
 from rths_cli.loop.lost_samples import without_samples
 from rths_cli.numerics.lti import Array
+from rths_cli.quantities.units import typeset
 from rths_cli.report.error_budget_table import CAUSES
 from rths_cli.report.figure_values import listed
 from rths_cli.report.latency_table import latency_text
@@ -32,7 +33,7 @@ def every_figure(entry: Entry) -> Html:
     """Return a table of all metrics of a case: path, unit, values by method, definition."""
     methods = entry.results
     paths = sorted({path for result in methods.values() for path in result.metrics})
-    return table([["figure", "unit", *methods, "definition"]], (_figure(path, methods) for path in paths))
+    return table([["metric", "unit", *methods, "definition"]], (_figure(path, methods) for path in paths))
 
 
 def by_cause(result: Result) -> Html:
@@ -105,7 +106,7 @@ def _noted(result: Result, name: str) -> Array | None:
 def _figure(path: str, methods: Mapping[str, Result]) -> list[str]:
     having = next(result for result in methods.values() if path in result.metrics)
     values = (_listed(result, path) for result in methods.values())
-    return [path, having.units.get(path, ""), *values, having.definitions.get(path, "")]
+    return [path, typeset(having.units.get(path, "")), *values, having.definitions.get(path, "")]
 
 
 def _listed(result: Result, path: str) -> str:

@@ -15,7 +15,7 @@ from pathlib import Path
 from rths_cli.errors import InputError
 from rths_cli.files.result_reader import Result
 from rths_cli.interrupts import interruptible
-from rths_cli.report.page import case_details, frequency, histories
+from rths_cli.report.page import case_details, frequency, histories, overview
 from rths_cli.report.page.decimated_series import Pool
 from rths_cli.report.page.html import Html, classed, data_script, details, element, join
 from rths_cli.report.page.paper_tables import claims, error_tables
@@ -29,11 +29,13 @@ from rths_cli.report.page.summary import (
     summary,
     verdicts,
 )
+from rths_cli.report.result_scale import scale_lines
 from rths_cli.report.results_by_case import Entry, entries
 
 STYLES = ("uPlot.min.css", "page.css")
 SCRIPTS = ("uPlot.iife.min.js", "page.js")
 ENCODING = "utf-8"
+WITH_ERRORS = ("sim_delay", "shake_table", "exp_rths")  # runs that are compared with others
 
 
 def write_page(results: Sequence[Result], path: Path, command_line: str, comparison: str = "") -> None:
@@ -64,12 +66,9 @@ def page(results: Sequence[Result], command_line: str, comparison: str = "") -> 
     cases = entries(results, {})
     ordered = [result for entry in cases for result in entry.results.values()]
     title = f"Hybrid simulation: {_subject(cases, ordered)}"
-    body = join(
-        [
-            _header(title, cases, ordered),
-            element("main", *_sections(cases, ordered, command_line), *_comparison(comparison)),
-        ]
-    )
+    sections = _sections(cases, ordered, command_line)
+    main = element("main", *(one for _, one in sections), *_comparison(comparison))
+    body = join([_header(title, cases, ordered, [name for name, _ in sections]), main])
     return _whole(title, body, data_script("rths-data", _data(ordered)))
 
 
@@ -86,36 +85,49 @@ def _subject(cases: Sequence[Entry], results: Sequence[Result]) -> str:
     return str(results[0].attributes.get("case_name") or results[0].path.stem)
 
 
-def _header(title: str, cases: Sequence[Entry], results: Sequence[Result]) -> Html:
+def _header(title: str, cases: Sequence[Entry], results: Sequence[Result], sections: Sequence[str]) -> Html:
     """Return title, kind of rig (virtual or not), status of the results, and links to the sections."""
     tables = ", ".join(dict.fromkeys(entry.table_name for entry in cases))
     virtual = [is_virtual(result) for result in results]
     words = "virtual: no table moved" if all(virtual) else "some results are virtual"
-    badge = [classed("p", "badge", words)] if any(virtual) else []
-    links = (element("a", text, attributes={"href": f"#{name}"}) for name, text in SECTIONS.items())
-    about = element("p", f"On {tables}. {summary(results)}.")
-    return element("header", element("h1", title), *badge, about, element("nav", *links))
+    badge = [classed("span", "badge", words)] if any(virtual) else []
+    links = (element("a", SECTIONS[name], attributes={"href": f"#{name}"}) for name in sections)
+    told = element("p", *badge, f" On {tables}. {summary(results)}.")
+    scales = (classed("p", "note", line) for line in scale_lines(results))
+    verdicts = overview.verdicts(results)
+    return element("header", element("h1", title), told, *scales, verdicts, element("nav", *links))
 
 
 SECTIONS = {
-    "verdicts": "Verdicts",
+    "overview": "Overview",
+    "response": "Response by storey",
+    "verdicts": "Status and limits",
     "errors": "Errors",
-    "histories": "Time histories",
-    "cases": "Cases and figures",
+    "histories": "Table",
+    "cases": "Cases and metrics",
     "provenance": "Provenance",
 }
 
 
-def _sections(cases: Sequence[Entry], results: Sequence[Result], command_line: str) -> Iterator[Html]:
+def _sections(cases: Sequence[Entry], results: Sequence[Result], command_line: str) -> list[tuple[str, Html]]:
+    """Return the sections that have contents, by their ids."""
     contents = {
+        "overview": [_overview(results)],
+        "response": [overview.responses(results)],
         "verdicts": [verdicts(results)],
         "errors": _errors(cases),
-        "histories": _plots(any(is_virtual(result) for result in results)),
+        "histories": [
+            *(classed("p", "note", sentence) for sentence in histories.left_out(results)),
+            *_table_plots(any(is_virtual(result) for result in results)),
+        ],
         "cases": [_case(entry, unfolded=len(cases) == 1) for entry in cases],
         "provenance": [provenance(results), element("h3", "Make it again"), commands(results, command_line)],
     }
-    for name, heading in SECTIONS.items():
-        yield element("section", element("h2", heading), *contents[name], attributes={"id": name})
+    return [
+        (name, element("section", element("h2", heading), *contents[name], attributes={"id": name}))
+        for name, heading in SECTIONS.items()
+        if any(contents[name])
+    ]
 
 
 def _errors(cases: Sequence[Entry]) -> list[Html]:
@@ -123,22 +135,33 @@ def _errors(cases: Sequence[Entry]) -> list[Html]:
     found: list[Html] = []
     for name, group in groupby(cases, key=lambda entry: entry.table_name):
         members = list(group)
+        if not any({*WITH_ERRORS} & {*r.groups} for entry in members for r in entry.results.values()):
+            found.append(element("p", f"No run on {name} has errors."))
+            continue
         found.append(error_tables(members))
         if any(entry.published or entry.reference_title for entry in members):
             found += [element("h3", f"The paper's claims, on {name}"), claims(members)]
     return found
 
 
-def _plots(virtual: bool) -> list[Html]:
-    """Return the frames of the plots, which the script fills."""
+def _overview(results: Sequence[Result]) -> Html:
+    """Return sketches and the frames of the plots of record, response and error, which the script fills."""
     hint = (
         "Drag across a plot to zoom, drag with shift to move, double click for the whole; on a phone one finger moves "
         "and two zoom. A click on a name below a plot hides its line."
     )
     needs = element("noscript", element("p", "The plots need JavaScript, which is switched off here."))
+    controls = element("div", attributes={"id": "controls"})
+    plots = classed("div", "plots", needs, controls, element("div", attributes={"id": "response-plots"}))
+    sketch = classed("div", "sketches", overview.sketches(results))
+    return join([classed("div", "first", sketch, plots), classed("p", "note hint", hint)])
+
+
+def _table_plots(virtual: bool) -> list[Html]:
+    """Return the frames of the plots of the table, which the script fills."""
     time = element("div", attributes={"id": "time-plots"})
     response = element("div", frequency.heading(virtual), element("div", attributes={"id": "frequency-plots"}))
-    return [needs, element("div", attributes={"id": "controls"}), classed("p", "note", hint), time, response]
+    return [element("div", attributes={"id": "table-controls"}), time, response]
 
 
 def _case(entry: Entry, unfolded: bool) -> Html:
@@ -146,7 +169,7 @@ def _case(entry: Entry, unfolded: bool) -> Html:
     names = dict.fromkeys(str(result.attributes.get("case_name") or "-") for result in entry.results.values())
     what = f"{', '.join(names)}: {entry.excitation}, damping {entry.damping}, {entry.controller}; {entry.table_name}"
     parts = [part for result in entry.results.values() for part in _result(result)]
-    figures = details("Every figure with its definition", case_details.every_figure(entry))
+    figures = details("Every metric with its definition", case_details.every_figure(entry))
     return details(what, *parts, figures, unfolded=unfolded)
 
 

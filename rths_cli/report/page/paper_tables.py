@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from rths_cli.quantities.units import typeset
 from rths_cli.report.page.html import Html, classed, details, element, framed, join, table
 from rths_cli.report.page.summary import BAD, GOOD, OPEN, pill
 from rths_cli.report.paper_claims import CLAIMS, HELD, NOT_HELD, UNJUDGED, Claim, Verdict, judge
@@ -19,7 +20,9 @@ JUDGED = {HELD: GOOD, NOT_HELD: BAD}
 
 def error_tables(cases: Sequence[Entry]) -> Html:
     """Return the error tables of the cases on one shake table, with the legend and remarks on runs that failed."""
-    found = [single_table(cases[0])] if len(cases) == 1 else [*tracking_tables(cases), *response_tables(cases)]
+    found = (
+        [single_table(cases[0], "mm/s^2")] if len(cases) == 1 else [*tracking_tables(cases), *response_tables(cases)]
+    )
     lines = [*sources(cases), test_band(cases), *([TRUE] if cases[0].virtual else []), WORDS, *remarks(cases)]
     return join([*(as_html(one) for one in found), *(classed("p", "note", line) for line in lines)])
 
@@ -29,9 +32,10 @@ def as_html(shown: Table) -> Html:
     corners = [""] * (len(shown.headers) - 1) + [shown.corner]
     heads = (_row("th", corner, cells, shown) for corner, cells in zip(corners, shown.headers, strict=True))
     rows = (_row("td", row.label, row.cells, shown) if row.cells else _heading(row, shown) for row in shown.rows)
-    about = {"class": "figures", "aria-label": shown.title}
+    title = typeset(shown.title)
+    about = {"class": "figures", "aria-label": title}
     body = element("table", element("thead", *heads), element("tbody", *rows), attributes=about)
-    return join([element("h4", shown.title), framed(body)])
+    return join([element("h4", title), framed(body)])
 
 
 def claims(cases: Sequence[Entry]) -> Html:
@@ -47,7 +51,7 @@ def _claim(place: int, claim: Claim, cases: Sequence[Entry]) -> Html:
         "div", *(part for source in dict.fromkeys(v.source for v in found) for part in _count(source, found))
     )
     rows = ([v.where, v.source, v.verdict, v.because] for v in found)
-    compared = table([["where", "source", "verdict", "figures compared, measured (m/s^2)"]], rows)
+    compared = table([["where", "source", "verdict", "metrics compared, measured (m/s²)"]], rows)
     return join([element("p", element("strong", f"{place}. {claim.text}")), counts, details("comparisons", compared)])
 
 

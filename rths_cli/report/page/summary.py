@@ -13,7 +13,9 @@ import numpy as np
 from rths_cli.case.yaml_reader import parse
 from rths_cli.case.yaml_tree import Source, plain
 from rths_cli.files.result_reader import Result
+from rths_cli.report.answer import verdict
 from rths_cli.report.page.html import Html, classed, details, element, framed, join, table
+from rths_cli.report.result_scale import in_model_scale
 from rths_cli.rigs.description import capabilities_of
 
 MET, NOT_MET, NOT_JUDGED = "met", "not met", "not judged"
@@ -79,9 +81,10 @@ def _limit(result: Result, path: str, limit: float) -> Limit:
 def _figure(result: Result, path: str) -> float | None:
     """Return the value of a metric as `rths run` judges it: of the storey in the path, from 1, or the largest one."""
     name, _, index = path.partition("[")
-    if name not in result.metrics:
+    stored = in_model_scale(result).metrics
+    if name not in stored:
         return None
-    values = np.atleast_1d(np.asarray(result.metrics[name], dtype=float))
+    values = np.atleast_1d(np.asarray(stored[name], dtype=float))
     place = int(index.rstrip("]")) - 1 if index else int(np.abs(values).argmax())
     return float(values[place]) if place < values.size else None
 
@@ -93,12 +96,14 @@ def _mapping(value: object) -> Mapping[str, Any]:
 GOOD, BAD, OPEN = "good", "bad", "open"
 CHECKED = {"safe": GOOD, "unsafe": BAD, "unstable": BAD}
 HEADS = ("result", "table", "status", "check before", "accept limits")
+SAID = "verdict"  # of several results, whose first screen shows one
 
 
 def verdicts(results: Sequence[Result]) -> Html:
     """Return a table with a row for every result, whatever its status, followed by the warnings."""
-    head = element("tr", *(element("th", text) for text in HEADS))
-    rows = join(element("tr", *_cells(result)) for result in results)
+    heads = (*HEADS, SAID) if len(results) > 1 else HEADS
+    head = element("tr", *(element("th", text) for text in heads))
+    rows = join(element("tr", *_cells(result, heads)) for result in results)
     return join([framed(classed("table", "words", element("thead", head), element("tbody", rows))), *_notes(results)])
 
 
@@ -116,7 +121,7 @@ def pill(kind: str, text: str) -> Html:
     return classed("span", f"pill {kind}", text)
 
 
-def _cells(result: Result) -> Iterator[Html]:
+def _cells(result: Result, heads: Sequence[str]) -> Iterator[Html]:
     a = result.attributes
     kind = "virtual" if is_virtual(result) else f"{a.get('rig_kind', '-')} {a.get('driver_verified', '')}".strip()
     checked = str(a.get("check_verdict") or "-")
@@ -125,9 +130,10 @@ def _cells(result: Result) -> Iterator[Html]:
         _ending(result),
         [pill(CHECKED.get(checked, OPEN), checked), *_overrides(result)],
         _limits(facts(result).limits),
+        [verdict(result)],
     )
     yield element("th", name_of(result), attributes={"scope": "row"})
-    for head, content in zip(HEADS[1:], contents, strict=True):
+    for head, content in zip(heads[1:], contents, strict=False):
         yield element("td", *content, attributes={"data-head": head})
 
 

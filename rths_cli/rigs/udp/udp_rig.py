@@ -268,7 +268,7 @@ class UdpRig:
         if status[links.FAULTS]:
             raise RigError(f"{text}: {fault_names(int(status[links.FAULTS]))}")
         if status[links.STATE] in (packets.RESTING, packets.RESTED):
-            raise RigError(f"{text}: it has led its table to rest")
+            raise RigError(f"{text}: it has left the test and leads its table to rest")
 
     def _lost(self) -> str:
         """Return the sentence on a run that ended because of lost answers.

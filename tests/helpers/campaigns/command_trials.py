@@ -35,7 +35,7 @@ def judged(code: int, seconds: float, memory: int, said: bytes) -> str:
     faults += [f"{seconds:.1f} s"] if seconds > LIMIT_S else []
     faults += [f"{memory / 1e6:.0f} MB"] if memory > LIMIT_BYTES else []
     faults += ["a traceback"] if b"Traceback" in said else []
-    faults += ["a warning"] if b"Warning" in said or b"WARNING" in said else []
+    faults += ["a warning"] if re.search(rb"Warning:|WARNING", said) else []
     faults += ["a control character"] if CONTROL.search(said) else []
     return ", ".join(faults)
 

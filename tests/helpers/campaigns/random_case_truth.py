@@ -211,7 +211,7 @@ RULES: tuple[tuple[str, str, Callable[[Truth], bool]], ...] = (
     ("controller", r"no feedback|Riccati", lambda truth: truth.identified is not None and not _model_off(truth)),
     ("scheme", r"is unstable at dt = ", lambda truth: True),
     ("unstable", r"closed loop is unstable", lambda truth: truth.failed or _margin(truth)),
-    ("margin", r"table's response at .* makes the loop", _margin),
+    ("margin", r"tolerates only .* error of the table", _margin),
     ("delay margin", r"of further delay", _delay_margin),
     ("apart", r"differs so much from its model", _model_off),
     ("reach", r"is predicted, the limit is", _reach),

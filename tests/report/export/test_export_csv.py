@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from made_result import STOPPED, YAML, N, contents, make
 
+from rths_cli.files.result_reader import ResultWriter
 from rths_cli.report.export.export_command import ExportRequest, export
 
 ENDS = {"abs_accel_m_s2": ("storey", (1, 2, 3)), "floor_accel_measured_m_s2": ("floor", (2, 3))}
@@ -34,9 +35,12 @@ def table(path: Path) -> dict[str, list[str]]:
     return dict(zip(header, zip(*rows, strict=True), strict=True))
 
 
-def same(texts: tuple[str, ...] | list[str], numbers: np.ndarray) -> bool:
-    """Tell whether texts are these doubles, NaN included."""
-    return np.array([float(text) for text in texts]).tobytes() == np.asarray(numbers, dtype=float).tobytes()
+def same(texts: tuple[str, ...] | list[str], numbers: np.ndarray, digits: int = 9) -> bool:
+    """Tell whether texts are these numbers to so many significant digits, NaN included, and have no more."""
+    read = np.array([float(text) for text in texts])
+    longest = max(len(text.lower().partition("e")[0].replace("-", "").replace(".", "").lstrip("0")) for text in texts)
+    close = np.abs(read - numbers) <= 5.0 * 10.0**-digits * np.abs(numbers)
+    return bool(np.all(close | (np.isnan(read) & np.isnan(numbers)))) and longest <= digits
 
 
 def test_there_is_a_table_for_each_run_and_one_file_about_them(exported: Path) -> None:
@@ -47,7 +51,7 @@ def test_there_is_a_table_for_each_run_and_one_file_about_them(exported: Path) -
 
 
 @pytest.mark.parametrize("run", ["exp_rths", "sim", "sim_delay", "record", "identification"])
-def test_time_is_first_and_every_number_comes_back_bit_for_bit(run: str, result: Path, exported: Path) -> None:
+def test_time_is_first_and_every_number_has_nine_digits(run: str, result: Path, exported: Path) -> None:
     found, axis = table(exported / f"demo.{run}.csv"), "frequency_hz" if run == "identification" else "time_s"
     assert next(iter(found)) == axis
     seen = {axis}
@@ -57,7 +61,7 @@ def test_time_is_first_and_every_number_comes_back_bit_for_bit(run: str, result:
             continue
         prefix = "" if group == run else f"{group.split('/')[1]}_"
         if name == axis:
-            assert same(found[axis], numbers)
+            assert same(found[axis], numbers, 12)
             continue
         scale, values = ENDS.get(name, ("", (0,)))
         for value, row in zip(values, np.atleast_2d(numbers), strict=True):
@@ -65,6 +69,19 @@ def test_time_is_first_and_every_number_comes_back_bit_for_bit(run: str, result:
             assert same(found[column], row), column
             seen.add(column)
     assert seen == set(found)
+
+
+def test_numbers_of_single_precision_come_back_bit_for_bit(tmp_path: Path) -> None:
+    values = np.random.default_rng(8).normal(size=N).astype(np.float32) * np.float32(1e-7)
+    with ResultWriter(tmp_path / "a.h5", {"series": "essential"}) as writer:
+        writer.group("record", {"ground_accel_m_s2": values}, np.arange(N) / 2048.0)
+        writer.finish("complete")
+    said: list[str] = []
+    export(ExportRequest((tmp_path / "a.h5",), "csv", tmp_path), said.append)
+    found = table(tmp_path / "a.record.csv")
+    assert np.array_equal(np.array(found["ground_accel_m_s2"], dtype=np.float32), values)
+    assert np.array_equal(np.array(found["time_s"], dtype=float), np.arange(N) / 2048.0)
+    assert f"{tmp_path / 'a.record.csv'}, 100 %" in said
 
 
 def test_what_is_not_a_number_is_spelt_as_xml_schema_does(exported: Path) -> None:

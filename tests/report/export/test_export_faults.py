@@ -67,12 +67,13 @@ def test_a_group_brings_what_is_in_it_and_hyphens_are_taken(result: Path, tmp_pa
         )
 
 
-def test_what_is_there_is_replaced_only_when_asked(result: Path, tmp_path: Path) -> None:
+def test_what_is_there_is_replaced_unless_told_not_to(result: Path, tmp_path: Path) -> None:
     (tmp_path / "demo.mat").write_text("mine")
-    told = faults(ExportRequest((result,), "mat", tmp_path))
-    assert told == (f"{tmp_path / 'demo.mat'}: exists; add --replace, or choose another --output",)
+    told = faults(ExportRequest((result,), "mat", tmp_path, replace=False))
+    assert told == (f"{tmp_path / 'demo.mat'}: exists; remove it, choose another name, or drop --no-replace",)
     assert (tmp_path / "demo.mat").read_text() == "mine"
-    export(ExportRequest((result,), "mat", tmp_path, replace=True))
+    (done,) = export(ExportRequest((result,), "mat", tmp_path))
+    assert done.replaced == (tmp_path / "demo.mat",)
     assert (tmp_path / "demo.mat").read_bytes().startswith(b"MATLAB")
 
 
@@ -86,7 +87,7 @@ def test_two_results_of_one_name_are_refused(result: Path, tmp_path: Path) -> No
 def test_a_folder_that_is_a_file_is_refused(result: Path, tmp_path: Path) -> None:
     (tmp_path / "out").write_text("")
     told = faults(ExportRequest((result,), "mat", tmp_path / "out"))
-    assert len(told) == 1 and "cannot write" in told[0] and "choose another --output folder" in told[0]
+    assert len(told) == 1 and "is a file, or below one" in told[0] and "choose another --output folder" in told[0]
 
 
 @pytest.mark.skipif(os.geteuid() == 0 if hasattr(os, "geteuid") else True, reason="root writes everywhere")
@@ -156,9 +157,9 @@ def test_the_command_prints_its_files_and_how_a_run_ended(tmp_path: Path) -> Non
     done = rths(".", "--to", "mat", "--output", "out", cwd=tmp_path)
     assert (done.returncode, done.stdout.split()) == (0, ["out/cut.mat", "out/good.mat"])
     assert "cut.h5: aborted, exported as far as it goes: EXP-RTHS: stroke limit at 0.0125 s" in done.stderr
-    again = rths("good.h5", "--to", "mat", "--output", "out", "--json", cwd=tmp_path)
+    again = rths("good.h5", "--to", "mat", "--output", "out", "--no-replace", "--json", cwd=tmp_path)
     assert again.returncode == 2 and json.loads(again.stdout)["exit_code"] == 2
-    assert "out/good.mat: exists; add --replace" in again.stderr
+    assert "out/good.mat: exists; remove it, choose another name, or drop --no-replace" in again.stderr
 
 
 def test_the_command_prints_one_document(tmp_path: Path) -> None:
@@ -171,5 +172,6 @@ def test_the_command_prints_one_document(tmp_path: Path) -> None:
             "status": "aborted",
             "status_reason": "EXP-RTHS: stroke limit at 0.0125 s",
             "files": ["exported/cut.record.csv", "exported/cut.json"],
+            "replaced": [],
         }
     ]

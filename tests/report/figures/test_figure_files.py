@@ -1,5 +1,6 @@
 """Files of figures: the same bytes twice, small, nothing cut, "virtual" where the table is, reasons for what is not."""
 
+import itertools
 import logging
 import os
 import re
@@ -18,6 +19,8 @@ from rths_cli.files.result_reader import read_result
 from rths_cli.report.figures import NotDrawn, draw, figure_names, write, write_figures
 
 HERE = Path(__file__).parent
+VIRTUAL = [name for name in figure_names() if name != "timing"]  # what a run on a virtual table has
+OF_SIM = ["responses", "profiles", "hysteresis"]
 AGAIN = """
 import sys
 from pathlib import Path
@@ -47,7 +50,8 @@ def written(tall, short, tmp_path_factory):
     """Return the folder with all figures of a long record as SVG, and some as PDF and PNG."""
     folder, told = tmp_path_factory.mktemp("written"), []
     paths = write_figures([tall], folder, "svg", "two", told.append)
-    assert [path.name for path in paths] == [f"tall-{name}.svg" for name in figure_names()] and not told
+    assert [path.name for path in paths] == [f"tall-{name}.svg" for name in VIRTUAL]
+    assert told == [f"{tall.path}: figure timing is left out: a run on a virtual table has no real time to keep"]
     for form in ("svg", "pdf", "png"):
         write_figures([short], folder, form, "one", told.append)
     return folder
@@ -71,7 +75,7 @@ def test_another_process_with_other_settings_writes_the_same_bytes(written, shor
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     ours, theirs = ({path.name: path.read_bytes() for path in where.glob("sim-*")} for where in (written, again))
-    assert len(ours) == 2 * 3
+    assert len(ours) == len(OF_SIM) * 3
     assert [name for name in ours if ours[name] != theirs.get(name)] == []
 
 
@@ -87,13 +91,31 @@ def test_files_are_what_they_say_small_and_with_their_fonts(written):
             assert b"<text" not in image and re.search(rb'width="(493|238)\.\d+pt"', image[:500])
 
 
-@pytest.mark.parametrize("name", figure_names())
-def test_every_figure_says_virtual_and_nothing_is_cut(made_up, name):
-    figure = draw(name, made_up, "one")
+@pytest.mark.parametrize("width", ["one", "two"])
+@pytest.mark.parametrize("name", VIRTUAL)
+def test_every_figure_says_virtual_and_nothing_is_cut(made_up, name, width):
+    figure = draw(name, made_up, width)
     assert "virtual shake table bench" in " ".join(texts(figure)).replace("\n", " ")
     figure.draw_without_rendering()
+    assert overlapping(figure) == []
     drawn, (width, height) = figure.get_tightbbox(), figure.get_size_inches()
     assert drawn.x0 > -0.01 and drawn.y0 > -0.01 and drawn.x1 < width + 0.01 and drawn.y1 < height + 0.01
+
+
+def overlapping(figure):
+    """Return pairs of titles and names of axes that overlap each other."""
+    named = {ax.get_title(loc=place) for ax in figure.axes for place in ("left", "center", "right")}
+    named |= {text for ax in figure.axes if ax.get_visible() for text in (ax.get_xlabel(), ax.get_ylabel())} - {""}
+    found = [text for text in figure.findobj(matplotlib.text.Text) if text.get_text() in named - {""}]
+    boxes = [(text.get_text(), text.get_window_extent()) for text in found if text.get_visible()]
+    return [(a, b) for (a, one), (b, other) in itertools.combinations(boxes, 2) if one.overlaps(other)]
+
+
+@pytest.mark.parametrize("name", VIRTUAL)
+def test_a_figure_without_header_holds_no_word_on_case_and_table(made_up, name):
+    figure = draw(name, made_up, "one", header="none")
+    assert figure.get_suptitle() == "" and not any("bench" in text for text in texts(figure))
+    assert len(figure.axes) == len(draw(name, made_up, "one").axes)
 
 
 def test_a_measured_table_is_not_called_virtual(tmp_path):
@@ -104,7 +126,7 @@ def test_a_measured_table_is_not_called_virtual(tmp_path):
 
 def test_an_aborted_run_is_drawn_as_far_as_it_goes_and_says_so(tmp_path):
     result = read_result(write_result(tmp_path / "stopped.h5", stop=600))
-    for name in figure_names():
+    for name in VIRTUAL:
         assert "aborted: EXP-RTHS: force beyond its limit" in draw(name, result).get_suptitle()
     close = draw("responses", result).axes[1]
     exp = next(line for line in close.lines if line.get_color() == "#0072B2")
@@ -116,9 +138,9 @@ def test_an_aborted_run_is_drawn_as_far_as_it_goes_and_says_so(tmp_path):
 def test_what_a_result_does_not_hold_is_left_out_with_a_reason(short, tmp_path, caplog):
     result, told = short, []
     paths = write_figures([result], tmp_path / "out", "svg", "one", told.append)
-    assert [path.name for path in paths] == ["sim-responses.svg", "sim-storeys.svg"]
+    assert [path.name for path in paths] == [f"sim-{name}.svg" for name in OF_SIM]
     assert f"{result.path}: figure timing is left out: no shake_table and no exp_rths in the result" in told
-    assert len(told) == len(figure_names()) - 2
+    assert len(told) == len(figure_names()) - len(OF_SIM)
     with caplog.at_level(logging.WARNING):
         write_figures([result], tmp_path / "out", "svg")
     assert [record.getMessage() for record in caplog.records] == told
@@ -132,7 +154,7 @@ def test_results_of_one_name_get_files_of_their_own(tmp_path):
         (tmp_path / folder).mkdir()
         results.append(read_result(write_result(tmp_path / folder / "case.h5", runs=("sim",), n=300)))
     names = [path.name for path in write_figures(results, tmp_path / "out", "svg", tell=lambda _: None)]
-    assert names == ["case-responses.svg", "case-storeys.svg", "case-2-responses.svg", "case-2-storeys.svg"]
+    assert names == [f"{stem}-{name}.svg" for stem in ("case", "case-2") for name in OF_SIM]
 
 
 def test_bad_words_and_folders_are_one_sentence(made_up, tmp_path):
@@ -142,6 +164,8 @@ def test_bad_words_and_folders_are_one_sentence(made_up, tmp_path):
         draw("tracking", made_up, "three")
     with pytest.raises(InputError, match=r"^form is 'jpg'; it must be one of pdf, svg, png\.$"):
         write_figures([made_up], tmp_path, "jpg")
+    with pytest.raises(InputError, match=r"^header is 'no'; it must be one of case, none\.$"):
+        write_figures([made_up], tmp_path, header="no")
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match=r"file.*: cannot write the figure: .*; choose another folder\.$"):
         write_figures([made_up], tmp_path / "file", "png")
@@ -149,7 +173,7 @@ def test_bad_words_and_folders_are_one_sentence(made_up, tmp_path):
 
 
 def test_a_result_that_cannot_be_read_leaves_no_figure_at_all(tmp_path, monkeypatch):
-    monkeypatch.setattr(write, "FIGURES", {name: write.FIGURES[name] for name in ("storeys", "limits", "timing")})
+    monkeypatch.setattr(write, "FIGURES", {name: write.FIGURES[name] for name in ("profiles", "limits", "tracking")})
     path = write_result(tmp_path / "short.h5", n=300)
     with h5py.File(path, "r+") as file:
         command = file["exp_rths/command_v"][:100]
@@ -164,7 +188,7 @@ def test_a_result_that_cannot_be_read_leaves_no_figure_at_all(tmp_path, monkeypa
 def test_the_user_s_own_settings_stay(made_up, monkeypatch):
     monkeypatch.setitem(matplotlib.rcParams, "font.size", 31.0)
     before = dict(matplotlib.rcParams)
-    draw("storeys", made_up)
+    draw("profiles", made_up)
     assert dict(matplotlib.rcParams) == before
 
 

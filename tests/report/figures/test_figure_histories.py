@@ -9,7 +9,7 @@ from rths_cli.files.result_reader import read_result
 from rths_cli.report.figures import draw
 
 BLACK, BLUE, VERMILLION, GREEN = "#000000", "#0072B2", "#D55E00", "#009E73"
-ORANGE, PURPLE = "#E69F00", "#CC79A7"
+ORANGE, PURPLE, SKY = "#E69F00", "#CC79A7", "#56B4E9"
 RUNS = {"sim": BLACK, "sim_delay": VERMILLION, "exp_rths": BLUE, "shake_table": GREEN}
 
 
@@ -43,21 +43,22 @@ def test_tracking_shows_desired_and_measured_of_both_tests(made_up, data, line_o
         assert np.abs(v).max() == pytest.approx(np.abs(desired).max(), rel=0.1)
         assert t[0] < time[np.argmax(np.abs(desired))] < t[-1]
         assert whole.get_ylabel() == "acceleration (m/s²)"
-    assert figure.axes[0].get_title(loc="right") == "RMS error 0.012 m/s²"
-    assert figure.axes[2].get_title(loc="right") == "RMS error 0.0007 m/s²"
+    assert figure.axes[0].get_title(loc="right") == "RMS error 12.3 mm/s²"
+    assert figure.axes[2].get_title(loc="right") == "RMS error 0.700 mm/s²"
 
 
 def test_kalman_shows_the_top_floor_before_and_after_the_filter(made_up, data, line_of):
     whole, close, difference, quiet = draw("kalman", made_up).axes
     time = data["exp_rths/time_s"]
     measured, filtered = (data[f"exp_rths/floor_accel_{kind}_m_s2"][-1] for kind in ("measured", "estimated"))
-    assert thinned_from(line_of(whole, BLUE), time, measured)
+    assert thinned_from(line_of(whole, SKY), time, measured)
     assert thinned_from(line_of(whole, ORANGE), time, filtered)
     assert thinned_from(line_of(whole, PURPLE), time, data["exp_rths/truth/floor_accel_m_s2"][-1])
-    assert thinned_from(line_of(difference, BLUE), time, measured - filtered)
+    assert thinned_from(line_of(difference, VERMILLION), time, 1e3 * (measured - filtered))
+    assert difference.get_ylabel() == "difference (mm/s²)"
     assert whole.get_title(loc="left") == "(a) storey 3, EXP-RTHS"
-    t, v = line_of(quiet, BLUE)
-    assert np.ptp(t) == pytest.approx(1.0, abs=0.02) and np.std(v) < 0.6 * np.std(line_of(close, BLUE)[1])
+    t, v = line_of(quiet, SKY)
+    assert np.ptp(t) == pytest.approx(1.0, abs=0.02) and np.std(v) < 0.6 * np.std(line_of(close, SKY)[1])
 
 
 def test_responses_show_every_run_in_every_storey(made_up, data, line_of):
@@ -77,15 +78,17 @@ def test_errors_are_differences_in_the_test_band(made_up, data, line_of):
         error = data[f"{run}/interface_accel_desired_m_s2"] - data[f"{run}/interface_accel_measured_m_s2"]
         t, v = line_of(ax, RUNS[run])
         expected = banded(error)[np.searchsorted(data[f"{run}/time_s"], t)]
-        assert np.allclose(v, expected, atol=1e-9) and np.abs(v).max() == pytest.approx(np.abs(banded(error)).max())
+        assert np.allclose(v, 1e3 * expected, atol=1e-6)
+        assert np.abs(v).max() == pytest.approx(1e3 * np.abs(banded(error)).max())
+        assert ax.get_ylabel() == "error (mm/s²)"
     for storey in (1, 2, 3):
         for run, name in (("sim_delay", "SIM-DELAY"), ("exp_rths", "EXP-RTHS")):
             ax = by_title(figure, f"storey {storey}, SIM − {name}")
             error = banded((data["sim/abs_accel_m_s2"] - data[f"{run}/abs_accel_m_s2"])[storey - 1])
             t, v = line_of(ax, RUNS[run])
-            assert np.allclose(v, error[np.searchsorted(data["sim/time_s"], t)], atol=1e-9)
-            assert v.max() == pytest.approx(error.max())
-    assert by_title(figure, "storey 2, SIM − SIM-DELAY").get_title(loc="right") == "RMS error 0.16 m/s²"
+            assert np.allclose(v, 1e3 * error[np.searchsorted(data["sim/time_s"], t)], atol=1e-6)
+            assert v.max() == pytest.approx(1e3 * error.max())
+    assert by_title(figure, "storey 2, SIM − SIM-DELAY").get_title(loc="right") == "RMS 160 mm/s²"
 
 
 def test_a_diverged_sim_delay_is_drawn_up_to_its_end_and_hides_nothing(tmp_path, line_of):
@@ -103,7 +106,7 @@ def test_a_diverged_sim_delay_is_drawn_up_to_its_end_and_hides_nothing(tmp_path,
     t, v = line_of(drawn.axes[-1], VERMILLION)
     known = np.isfinite(v)
     expected = banded(error)[np.round(t[known] * RATE).astype(int)]
-    assert np.allclose(v[known], expected, atol=1e-6) and 880 / RATE < t[known].max() <= 899 / RATE
+    assert np.allclose(v[known], 1e3 * expected, atol=1e-3) and 880 / RATE < t[known].max() <= 899 / RATE
     top = draw("responses", result).axes[0].get_ylim()[1]
     assert peak < top < 1.2 * peak
 

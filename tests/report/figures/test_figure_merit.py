@@ -41,19 +41,6 @@ def test_error_by_cause_of_tracking_and_storeys(made_up, data, width):
         assert ax.get_xlabel() == "RMS error (mm/s²)" and ax.get_xscale() == "log"
 
 
-def test_peaks_and_errors_by_storey(made_up, data, line_of):
-    peaks, errors = draw("storeys", made_up).axes
-    for run, color in (("sim", BLACK), ("sim_delay", VERMILLION), ("exp_rths", BLUE)):
-        value, storey = line_of(peaks, color)
-        assert np.array_equal(storey, [1, 2, 3])
-        assert np.allclose(value, np.abs(data[f"{run}/abs_accel_m_s2"]).max(axis=1))
-    for run, color in (("sim_delay", VERMILLION), ("exp_rths", BLUE)):
-        assert np.array_equal(line_of(errors, color)[0], data[f"metrics/{run}/rms_error_m_s2"])
-    assert (peaks.get_xscale(), errors.get_xscale()) == ("linear", "log")
-    interface = [line.get_ydata()[0] for line in peaks.lines if len(line.get_xdata()) == 2]
-    assert interface == [1]
-
-
 def test_peaks_in_percent_of_their_limits(made_up, data):
     ax = draw("limits", made_up).axes[0]
     predicted, hybrid, table = (marks(ax, color) for color in (ORANGE, BLUE, GREEN))
@@ -100,9 +87,9 @@ def test_steps_in_real_time_show_lateness_exchange_and_lost_samples(tmp_path):
     assert limits[0] == pytest.approx(1e6 / RATE)
 
 
-def test_a_virtual_table_s_steps_show_computing_alone(made_up, data):
-    ax = draw("timing", made_up).axes[0]
-    assert {line.get_color() for line in ax.lines} == {BLUE, VERMILLION}
+def test_a_virtual_table_s_steps_are_not_drawn(made_up):
+    with pytest.raises(NotDrawn, match="a run on a virtual table has no real time to keep"):
+        draw("timing", made_up)
 
 
 def test_exceedance_of_a_few_durations():

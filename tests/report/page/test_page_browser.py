@@ -16,6 +16,7 @@ sync_api = pytest.importorskip("playwright.sync_api")
 BROWSER = next(
     (found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))), None
 )
+PLOTS = ":is(#response-plots, #time-plots)"  # record, storey, its error; table, its error
 HOSTILE = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
 
 
@@ -75,8 +76,8 @@ def view(tab: Any) -> list[float]:
 
 def over(tab: Any, plot: int = 0) -> dict[str, float]:
     """Return where the area of a plot of time is on the screen."""
-    tab.locator("#time-plots .u-over").nth(plot).scroll_into_view_if_needed()
-    return dict(tab.locator("#time-plots .u-over").nth(plot).bounding_box())
+    tab.locator(f"{PLOTS} .u-over").nth(plot).scroll_into_view_if_needed()
+    return dict(tab.locator(f"{PLOTS} .u-over").nth(plot).bounding_box())
 
 
 def drag(tab: Any, start: float, end: float, plot: int = 0) -> None:
@@ -93,11 +94,20 @@ def test_the_page_is_no_wider_than_the_screen_and_all_of_it_is_seen(opened: Any)
     assert opened.evaluate("document.documentElement.scrollWidth <= innerWidth")
     for name in ("verdicts", "errors", "histories", "cases", "provenance"):
         assert opened.locator(f"#{name} > h2").is_visible()
-    assert opened.locator("#time-plots canvas").count() == 4
+    assert opened.locator("#response-plots canvas").count() == 3
+    assert opened.locator("#time-plots canvas").count() == 2
     assert opened.locator("#frequency-plots canvas").count() == 3
     outside = """[...document.querySelectorAll('main *')].filter((e) => !e.closest('.frame, pre, details:not([open])')
         && e.getBoundingClientRect().right > innerWidth + 1).map((e) => e.outerHTML.slice(0, 80))"""
     assert opened.evaluate(outside) == []
+
+
+def test_the_first_screen_shows_verdict_sketch_record_response_and_error(opened: Any) -> None:
+    opened.set_viewport_size({"width": 1400, "height": 1000})
+    opened.evaluate("scrollTo(0, 0)")
+    for what in (".verdict", "svg.sketch", "#response-plots canvas >> nth=0", "#response-plots canvas >> nth=2"):
+        box = opened.locator(what).first.bounding_box()
+        assert box is not None and box["height"] > 10 and box["y"] + box["height"] <= 1000, what
 
 
 def test_plots_are_not_empty(opened: Any) -> None:
@@ -110,7 +120,7 @@ def test_dragging_zooms_all_plots_and_a_double_click_shows_all(opened: Any) -> N
     assert view(opened) == [0, pytest.approx(39.999, rel=1e-3)]
     drag(opened, 0.25, 0.5)
     assert view(opened) == pytest.approx([10.0, 20.0], abs=0.2)
-    drag(opened, 0.0, 0.5, plot=3)
+    drag(opened, 0.0, 0.5, plot=4)
     assert view(opened) == pytest.approx([10.0, 15.0], abs=0.2)
     box = over(opened)
     opened.mouse.dblclick(box["x"] + 50, box["y"] + 50)
@@ -154,20 +164,22 @@ def test_the_wheel_zooms_with_ctrl_and_scrolls_the_page_without(opened: Any) -> 
 
 
 def test_another_storey_and_another_result_can_be_chosen(opened: Any) -> None:
-    results, _, storeys = (opened.locator("#controls select").nth(place) for place in range(3))
+    results, storeys = (opened.locator("#controls select").nth(place) for place in range(2))
+    assert opened.locator("#response-plots h4").nth(1).inner_text() == "Absolute acceleration, storey 5"  # the roof
     storeys.select_option(index=2)
-    assert "storey 3 " in opened.locator("#time-plots h4").nth(2).inner_text()
+    assert opened.locator("#response-plots h4").nth(1).inner_text() == "Absolute acceleration, storey 3"
     labels = results.locator("option").all_inner_texts()
     results.select_option(index=next(place for place, label in enumerate(labels) if HOSTILE in label))
     assert storeys.locator("option").count() == 5
     assert HOSTILE in opened.locator("#time-plots .remark").inner_text()
+    assert HOSTILE in opened.locator(".verdict:visible").inner_text()
     results.select_option(index=next(place for place, label in enumerate(labels) if "cut" in label))
-    assert "SIM-DELAY (cut: click to show)" in opened.locator("#time-plots .u-legend").nth(2).inner_text()
+    assert "SIM-DELAY (cut: click to show)" in opened.locator("#response-plots .u-legend").nth(1).inner_text()
 
 
 def test_the_cursor_tells_every_line_its_value(opened: Any) -> None:
-    box = over(opened, 2)
-    told = opened.locator("#time-plots .u-legend").nth(2).locator(".u-value")
+    box = over(opened, 1)
+    told = opened.locator("#response-plots .u-legend").nth(1).locator(".u-value")
     opened.mouse.move(box["x"] + 0.2 * box["width"], box["y"] + 20)
     assert min(map(float, told.all_inner_texts())) < 8.0 and float(told.first.inner_text()) == pytest.approx(
         8.0, abs=0.3
@@ -215,7 +227,8 @@ def test_dark_and_paper(browser: Any, file: Path, tmp_path: Path) -> None:
     assert tab.evaluate(colour) == "rgb(22, 25, 28)"
     tab.evaluate("dispatchEvent(new Event('beforeprint'))")
     assert tab.evaluate(colour) == "rgb(255, 255, 255)"
-    assert tab.evaluate("document.querySelector('.uplot').offsetWidth") == 680
+    assert tab.evaluate("document.querySelector('#time-plots .uplot').offsetWidth") == 680
+    assert tab.evaluate("document.querySelector('#response-plots .uplot').offsetWidth") == 480  # beside the sketch
     tab.evaluate("dispatchEvent(new Event('afterprint'))")
     assert tab.evaluate(colour) == "rgb(22, 25, 28)"
     paper = tab.pdf(path=tmp_path / "page.pdf", format="A4")

@@ -19,6 +19,7 @@ from scipy.signal import butter, freqs_zpk, sosfiltfilt
 
 from rths_cli.errors import InputError
 from rths_cli.files.result_reader import Result, read_result
+from rths_cli.report.answer import verdict
 from rths_cli.report.page import page, write_page
 from rths_cli.report.page.document import SCRIPTS, STYLES, asset
 
@@ -86,7 +87,7 @@ def test_what_is_plotted_of_a_storey_is_what_the_file_holds(whole: Result, text:
         for storey in range(3):
             for trace, run in enumerate(("sim", "sim_delay", "exp_rths")):
                 values = file[f"{run}/abs_accel_m_s2"][storey]
-                places, read = shown(text, "storeys", storey, 0, trace)
+                places, read = shown(text, "storeys", 2 - storey, 0, trace)  # the roof first
                 assert np.abs(read - values[places]).max() <= np.abs(values).max() / 65534 * (1 + 1e-9)
                 assert read.max() == pytest.approx(values.max(), abs=np.abs(values).max() / 65534)
                 assert np.abs(read).max() == pytest.approx(np.abs(values).max(), rel=1e-12)
@@ -98,10 +99,68 @@ def test_errors_are_plotted_in_the_test_band_with_their_peaks(whole: Result, tex
         sim, exp = file["sim/abs_accel_m_s2"][1], file["exp_rths/abs_accel_m_s2"][1]
         table = [file[f"shake_table/interface_accel_{name}_m_s2"][:] for name in ("desired", "measured")]
     for kind, view, trace, error in (("storeys", 1, 1, sim - exp), ("runs", 1, 0, table[0] - table[1])):
-        expected = sosfiltfilt(sections, error)
+        expected = 1e3 * sosfiltfilt(sections, error)  # mm/s^2
         places, read = shown(text, kind, view, 1, trace)
         assert np.abs(read - expected[places]).max() < 1e-4 * np.abs(expected).max()
         assert np.abs(read).max() == pytest.approx(np.abs(expected).max(), rel=1e-9)
+
+
+def test_the_first_section_shows_verdict_building_and_record(tmp_path: Path) -> None:
+    metrics = {
+        "exp_rths.nrmse_percent": np.array([0.5, 3.1, 0.2]),
+        "exp_rths.rms_error_m_s2": np.array([0.001, 0.002, 0.003]),
+        "exp_rths.peak_abs_accel_m_s2": np.array([1.5, 2.25, 3.125]),
+        "exp_rths.peak_inter_storey_drift_m": np.array([0.004, 0.003, 0.002]),
+    }
+    heights = page_results.RESOLVED.replace("structure: {", "structure: {heights_m: [0.5, 0.25, 0.25], ")
+    result = page_results.write(tmp_path / "x.h5", metrics=metrics, samples=900, resolved=heights)
+    text = page([result], COMMAND)
+    found = page_reader.read(text)
+    words = " ".join(found.words().split())
+    assert verdict(result) in words and verdict(result).startswith("USABLE: error 3.10 % of SIM")
+    assert words.index(verdict(result)) < words.index("Response by storey") < words.index("Status and limits")
+    assert "storey peak accel peak drift RMS error of SIM (EXP-RTHS) m/s² mm mm/s² %" in words
+    assert "3 roof 3.12 2.00 3.00 0.200" in words and "1 interface 1.50 4.00 1.00 0.500" in words
+    assert words.index("3 roof 3.12") < words.index("1 interface 1.50")
+    (sketch,) = found.all("svg")
+    assert sketch["aria-label"] == "Building of 3 storeys: 1 to 1 computed, 2 to 3 on the table"
+    floors = [line for line in found.all("line") if line["class"].startswith("floor")]
+    assert [line["class"] for line in floors] == ["floor computed", "floor tested", "floor tested"]
+    (cut,) = [line for line in found.all("line") if line["class"] == "cut"]
+    (ground,) = [line for line in found.all("line") if line["class"] == "ground"]
+    rise = [float(ground["y1"]) - float(line["y1"]) for line in floors]
+    assert np.array(rise) / rise[-1] == pytest.approx([0.5, 0.75, 1.0], abs=1e-3) and cut["y1"] == floors[0]["y1"]
+    for label in ("3 roof, 5 kg", "2, 6 kg", "1 interface, 7 kg", "1 m high"):
+        assert label in words
+    record = page_reader.data(text)["results"][0]["record"]
+    _, values = page_reader.series(page_reader.data(text)["series"][record["traces"][0]["series"]])
+    with h5py.File(result.path) as file:
+        assert np.abs(values).max() == pytest.approx(np.abs(file["record/ground_accel_m_s2"][:]).max())
+    assert (record["title"], record["unit"]) == ("Ground acceleration", "m/s²")
+
+
+def test_charts_name_their_units_and_the_error_of_exp_rths_is_not_hidden(text: str) -> None:
+    (first, *_), (table, *_) = (page_reader.data(text)["results"][0][kind] for kind in ("storeys", "runs"))
+    assert first["name"] == "3 (roof)"
+    assert [chart["unit"] for chart in (*first["charts"], *table["charts"])] == ["m/s²", "mm/s²", "m/s²", "mm/s²"]
+    errors = {trace["name"]: trace["shown"] for trace in first["charts"][1]["traces"]}
+    assert errors == {"SIM - SIM-DELAY": False, "SIM - EXP-RTHS": True}
+
+
+def test_the_verdict_and_the_building_of_every_result_are_there_and_one_is_shown(tmp_path: Path) -> None:
+    results = [
+        page_results.write(tmp_path / "a.h5", samples=100, case_name="a", status="aborted", reason="too fast"),
+        page_results.write(tmp_path / "b.h5", samples=100, case_name="b", runs=("sim",), resolved="runs: [sim]\n"),
+    ]
+    found = page_reader.read(page(results, COMMAND))
+    parts = [attributes for _, attributes in found.elements if "data-result" in attributes]
+    assert [(part["data-result"], "hidden" in part) for part in parts] == [("0", False), ("1", True)] * 2
+    kinds = [attributes["class"] for attributes in found.all("p") if attributes.get("class", "").startswith("verdict")]
+    assert kinds == ["verdict bad", "verdict open"] and "ABORTED: too fast" in found.words()
+    said = " ".join(found.words().split())
+    assert said.count("ABORTED: too fast") == 2 and said.count("NO HYBRID TEST: the case asks for SIM alone.") == 2
+    assert "Response by storey" not in said and "#response" not in [link.get("href") for link in found.all("a")]
+    assert len(found.all("svg")) == 1, "the second case has lost its building"
 
 
 def test_time_is_that_of_the_file(text: str) -> None:
@@ -209,6 +268,14 @@ def test_runs_that_are_not_there_are_said_to_be_missing(tmp_path: Path, status: 
     assert [trace["name"] for trace in found["storeys"][0]["charts"][0]["traces"]] == ["SIM", "SIM-DELAY"]
 
 
+def test_a_case_of_sim_alone_has_no_table_of_dashes(tmp_path: Path) -> None:
+    metrics = {"sim.peak_abs_accel_m_s2": np.array([1.0, 2.0, 3.0])}
+    result = page_results.write(tmp_path / "x.h5", runs=("sim",), metrics=metrics, resolved="runs: [sim]\n")
+    words = " ".join(page_reader.read(page([result], COMMAND)).words().split())
+    assert "No run on virtual shake table aps400_virtual has errors." in words and "Tracking error of" not in words
+    assert "NO HYBRID TEST: the case asks for SIM alone." in words and "storey peak accel (SIM) m/s²" in words
+
+
 def test_a_result_without_any_run_has_a_page(tmp_path: Path) -> None:
     result = page_results.write(tmp_path / "x.h5", runs=(), resolved="", status="failed", reason="disk full")
     text = page([result], "")
@@ -230,7 +297,7 @@ def test_a_series_that_was_cut_is_plotted_up_to_there(tmp_path: Path) -> None:
     places, values = shown(text, "storeys", 0, 0, 1)
     assert np.isfinite(values[places < 700]).all() and np.isnan(values[places >= 700]).all()
     accel, error = page_reader.data(text)["results"][0]["storeys"][0]["charts"]
-    assert [trace["whole"] for trace in accel["traces"]] == [True, False, True]
+    assert [trace["shown"] for trace in accel["traces"]] == [True, False, True]
     assert [trace["name"] for trace in error["traces"]] == ["SIM - EXP-RTHS"]
 
 
@@ -238,7 +305,7 @@ def test_thirty_storeys_can_be_chosen_and_fit(tmp_path: Path) -> None:
     result = page_results.write(tmp_path / "x.h5", storeys=30, samples=20_000)
     text = page([result], COMMAND)
     names = [view["name"] for view in page_reader.data(text)["results"][0]["storeys"]]
-    assert len(names) == 30 and names[27:] == ["28 (interface)", "29", "30"]
+    assert len(names) == 30 and names[:3] == ["30 (roof)", "29", "28 (interface)"]
     assert len(text) < 5_000_000
 
 

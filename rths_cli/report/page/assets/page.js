@@ -4,6 +4,8 @@
 
   const data = JSON.parse(document.getElementById("rths-data").textContent);
   const PRINTED_PX = 680; // width of a plot on paper
+  const BESIDE_SKETCH_PX = 480; // of one beside the sketch there
+  const PRINTED_SHARE = 0.8; // of its height on the screen
   const WIDE = new Set(["sim", "desired", "response"]); // drawn broad and below, so that what follows them stays visible
   const groups = [];
 
@@ -55,6 +57,11 @@
     return made;
   }
 
+  // The title of an axis: its quantity and unit.
+  function titled(label) {
+    return { label, labelSize: 18, labelGap: 0, labelFont: "12px system-ui, sans-serif" };
+  }
+
   function axis(more) {
     const line = () => ({ stroke: () => colour("line"), width: 1 });
     const values = (_, splits) => splits.map((value) => (value == null ? "" : Number(value.toPrecision(7)).toString()));
@@ -67,12 +74,12 @@
     return { stroke: () => colour("line"), width: 1, filter };
   }
 
-  // One that was cut ran away before: it would leave no room for the others, so that it waits for a click.
+  // One that was cut ran away before, and SIM-DELAY's error is large: what leaves no room for others waits for a click.
   function trace(one) {
-    const cut = one.whole === false;
+    const waits = one.whole === false ? " (cut: click to show)" : " (click to show)";
     return {
-      label: cut ? `${one.name} (cut: click to show)` : one.name,
-      show: !cut,
+      label: one.shown === false ? one.name + waits : one.name,
+      show: one.shown !== false,
       stroke: () => colour(one.role),
       width: WIDE.has(one.role) ? 3 : 1.2,
       points: { show: false },
@@ -93,7 +100,7 @@
   // `shape`: title, unit, traces [{name, role}], columns [x, y, ...], logY
   function draw(group, parent, shape) {
     const frame = make("div", "", parent, "plot");
-    make("h4", `${shape.title} (${shape.unit})`, frame);
+    make("h4", shape.title, frame);
     if (!shape.traces.length) {
       make("p", "nothing to show: not run, or cut before its end", frame, "empty");
       return;
@@ -106,7 +113,10 @@
         x: { time: false, distr: group.log ? 3 : 1, range: (_, from, to) => [from, to] },
         y: { distr: shape.logY ? 3 : 1 },
       },
-      axes: [axis({ space: 50, size: 30 }), axis(shape.logY ? { size: 64, grid: decades(), ticks: decades() } : { size: 64 })],
+      axes: [
+        axis({ space: 50, size: 28, ...titled(group.title) }),
+        axis({ size: 56, space: 20, ...titled(shape.unit), ...(shape.logY ? { grid: decades(), ticks: decades() } : {}) }),
+      ],
       series: [{ label: group.label, value: (_, value) => shown(value) }, ...shape.traces.map(trace)],
       cursor: {
         sync: { key: group.label },
@@ -118,7 +128,8 @@
     };
     const plot = new uPlot(options, shape.columns, frame);
     frame.setAttribute("role", "img");
-    frame.setAttribute("aria-label", `${shape.title} in ${shape.unit}`);
+    frame.setAttribute("aria-label", `${shape.title}, ${shape.unit}`);
+    plot.screenHeight = options.height;
     group.plots.push(plot);
     listen(plot, group);
   }
@@ -126,8 +137,9 @@
   // ---- plots of one axis: zoomed and moved together ------------------------------------------------------------------
 
   class Group {
-    constructor(label, parent, log) {
-      Object.assign(this, { label, log, plots: [], whole: [0, 1], view: [0, 1], least: 1e-3 });
+    constructor(label, title, parent, log) {
+      Object.assign(this, { label, title, log, plots: [], whole: [0, 1], view: [0, 1], least: 1e-3, linked: [this] });
+      this.printedPx = PRINTED_PX;
       this.zoom = make("div", "", parent, "zoom");
       this.parent = make("div", "", parent);
       const buttons = [
@@ -168,8 +180,13 @@
       const [first, last] = this.whole.map((value) => this.on(value));
       const span = Math.min(Math.max(this.on(to) - this.on(from), this.least), last - first);
       const start = Math.min(Math.max(this.on(from), first), last - span);
-      this.view = span < last - first ? [this.off(start), this.off(start + span)] : [...this.whole];
-      for (const plot of this.plots) plot.setScale("x", { min: this.view[0], max: this.view[1] });
+      const view = span < last - first ? [this.off(start), this.off(start + span)] : [...this.whole];
+      for (const group of this.linked) group.apply(view);
+    }
+
+    apply(view) {
+      this.view = view;
+      for (const plot of this.plots) plot.setScale("x", { min: view[0], max: view[1] });
       this.told.textContent = `${shown(this.view[0])} to ${shown(this.view[1])} ${this.log ? "Hz" : "s"}`;
     }
 
@@ -228,8 +245,8 @@
 
   // ---- the choices ---------------------------------------------------------------------------------------------------
 
-  function choice(label, names, act) {
-    const box = make("label", label, document.getElementById("controls"));
+  function choice(label, parent, names, act) {
+    const box = make("label", label, document.getElementById(parent));
     const select = make("select", "", box);
     select.addEventListener("change", act);
     fill(select, names);
@@ -251,6 +268,8 @@
 
   function showResult() {
     const result = data.results[which.selectedIndex];
+    for (const part of document.querySelectorAll("[data-result]"))
+      part.hidden = part.dataset.result !== String(which.selectedIndex);
     fill(run, result.runs.map((view) => view.name));
     fill(storey, result.storeys.map((view) => view.name));
     remark.textContent = `${result.name}, ${result.remark}`;
@@ -260,17 +279,21 @@
 
   function showTime() {
     const result = data.results[which.selectedIndex];
-    const views = [result.runs[run.selectedIndex], result.storeys[storey.selectedIndex]].filter(Boolean);
-    const charts = views.flatMap((view) => view.charts);
-    const used = charts.flatMap((one) => one.traces).map((one) => data.series[one.series]);
+    const ofStorey = result.storeys[storey.selectedIndex]?.charts ?? [];
+    const ofTable = result.runs[run.selectedIndex]?.charts ?? [];
+    const ground = result.record ? [{ ...result.record, height: 130 }] : [];
+    const ofBuilding = [...ground, ...ofStorey.map((one, place) => ({ ...one, height: place ? 160 : 210 }))];
+    const used = [...ofBuilding, ...ofTable].flatMap((one) => one.traces).map((one) => data.series[one.series]);
     const from = Math.min(...used.map((one) => one.t0));
     const to = Math.max(...used.map((one) => one.t0 + (one.n - 1) * one.dt));
     const same = time.whole[0] === from && time.whole[1] === to;
     const view = time.view;
-    time.clear(from, to, 10 * Math.max(...used.map((one) => one.dt)));
-    for (const one of charts) chart(time, one);
+    for (const group of time.linked) group.clear(from, to, 10 * Math.max(...used.map((one) => one.dt)));
+    for (const one of ofBuilding) chart(building, one);
+    for (const one of ofTable) chart(time, one);
     if (used.length) time.show(...(same ? view : time.whole));
-    if (!charts.length) make("p", "This result holds no time histories.", time.parent, "empty");
+    if (!ofBuilding.length) make("p", "This result holds no response of a building.", building.parent, "empty");
+    if (!ofTable.length) make("p", "This result holds no motion of a table.", time.parent, "empty");
   }
 
   function showResponse(result) {
@@ -287,7 +310,7 @@
     const plots = [
       { title: "Magnitude", unit: "m/s\u00b2/V", traces: two, columns: [hz, of.measured, of.modelled], logY: true },
       { title: "Phase", unit: "degrees", traces: two, columns: [hz, of.phase, of.modelled_phase], height: 170 },
-      { title: "Coherence", unit: "1", traces: coherence, columns: [hz, of.coherence], height: 140 },
+      { title: "Coherence", unit: "coherence", traces: coherence, columns: [hz, of.coherence], height: 150 },
     ];
     for (const one of plots) draw(frequency, frequency.parent, one);
     frequency.show(...frequency.whole);
@@ -295,10 +318,14 @@
 
   // ---- the page ------------------------------------------------------------------------------------------------------
 
-  function resize(width) {
+  function resize() {
+    const printed = document.documentElement.classList.contains("printing");
     for (const group of groups)
       for (const plot of group.plots)
-        plot.setSize({ width: width || plot.root.parentElement.clientWidth, height: plot.height });
+        plot.setSize({
+          width: printed ? group.printedPx : plot.root.parentElement.clientWidth,
+          height: printed ? PRINTED_SHARE * plot.screenHeight : plot.screenHeight,
+        });
   }
 
   function redraw() {
@@ -307,7 +334,7 @@
 
   function printing(on) {
     document.documentElement.classList.toggle("printing", on);
-    resize(on ? PRINTED_PX : 0);
+    resize();
     redraw();
   }
 
@@ -323,17 +350,21 @@
     setTimeout(() => (button.textContent = "copy"), 1500);
   }
 
-  const which = choice("Result", data.results.map((result) => result.name), showResult);
-  const run = choice("Table in", [], showTime);
-  const storey = choice("Storey", [], showTime);
+  const which = choice("Result", "controls", data.results.map((result) => result.name), showResult);
+  const storey = choice("Storey", "controls", [], showTime);
+  const run = choice("Table in", "table-controls", [], showTime);
   const plots = document.getElementById("time-plots");
+  const building = new Group("t (s)", "time (s)", document.getElementById("response-plots"), false);
   const remark = make("p", "", plots, "remark");
-  const time = new Group("t (s)", plots, false);
-  const frequency = new Group("f (Hz)", document.getElementById("frequency-plots"), true);
+  const time = new Group("t (s)", "time (s)", plots, false);
+  building.printedPx = BESIDE_SKETCH_PX;
+  building.linked = time.linked = [building, time];
+  const frequency = new Group("f (Hz)", "frequency (Hz)", document.getElementById("frequency-plots"), true);
   showResult();
 
   // In the next frame: a size changed within the observer's own turn is a fault on the console of a narrow window.
-  new ResizeObserver(() => requestAnimationFrame(() => resize(0))).observe(plots);
+  const fitted = new ResizeObserver(() => requestAnimationFrame(() => resize()));
+  for (const watched of [plots, building.parent]) fitted.observe(watched);
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
   addEventListener("beforeprint", () => printing(true));
   addEventListener("afterprint", () => printing(false));

@@ -11,11 +11,16 @@ from hypothesis import strategies as st
 from rths_cli.case.resolve import read_settings
 from rths_cli.case.yaml_tree import plain
 from rths_cli.errors import InputError
-from rths_cli.studies.sweep_grid import Axis, Grid, read_grid
+from rths_cli.studies.plan import Axis, Plan
+from rths_cli.studies.study_plan import Asked, read_plan
+
+
+def read_grid(vary: list[str], seeds: str | None) -> Plan:
+    return read_plan(Asked("el_centro_low_ff_fb", (), tuple(vary), seeds)).plan
 
 
 def test_the_last_key_varies_fastest_and_every_combination_is_there() -> None:
-    grid = read_grid(["scaling=0.2,0.3", "controller=FF,FF+FB,none"], "3", own_seed=7)
+    grid = read_grid(["scaling=0.2,0.3", "controller=FF,FF+FB,none"], "3")
     assert (grid.points, grid.variants, list(grid.seeds)) == (6, 18, [0, 1, 2])
     wanted = list(itertools.product((0.2, 0.3), ("FF", "FF+FB", "none")))
     assert [grid.values(point) for point in range(6)] == wanted
@@ -41,13 +46,13 @@ def test_the_last_key_varies_fastest_and_every_combination_is_there() -> None:
     ],
 )
 def test_values_are_read_as_a_case_file_would(text: str, values: tuple[object, ...]) -> None:
-    (axis,) = read_grid([text], None, 0).axes
+    (axis,) = read_grid([text], None).axes
     assert axis.values == (pytest.approx(values, rel=1e-15) if isinstance(values[0], float) else values)
     assert [type(value) for value in axis.values] == [type(value) for value in values]
 
 
 def test_a_range_ends_exactly_where_it_is_told_to() -> None:
-    (axis,) = read_grid(["k=0.1:0.9:7"], None, 0).axes
+    (axis,) = read_grid(["k=0.1:0.9:7"], None).axes
     assert (axis.values[0], axis.values[-1], len(axis.values)) == (0.1, 0.9, 7)
 
 
@@ -61,17 +66,15 @@ SCALARS = st.one_of(
 
 @given(st.one_of(SCALARS, st.lists(SCALARS, max_size=3).map(tuple), st.dictionaries(st.text("abc"), SCALARS)))
 def test_a_setting_of_a_point_reads_back_as_the_value(value: object) -> None:
-    (setting,) = Grid((Axis("k", (value,)),), range(1)).settings(0)
+    (setting,) = Plan(((Axis("k", (value,)),),), range(1)).settings(0)
     ((keys, node),), faults = read_settings([setting])
     assert faults == [] and keys == ("k",)
     assert plain(node) == value and type(plain(node)) is type(value)
 
 
-@pytest.mark.parametrize(
-    ("seeds", "wanted"), [(None, [7]), ("1", [0]), ("4", [0, 1, 2, 3]), ("5:7", [5, 6, 7]), ("3:3", [3])]
-)
-def test_seeds(seeds: str | None, wanted: list[int]) -> None:
-    assert list(read_grid([], seeds, own_seed=7).seeds) == wanted
+@pytest.mark.parametrize(("seeds", "wanted"), [("1", [0]), ("4", [0, 1, 2, 3]), ("5:7", [5, 6, 7]), ("3:3", [3])])
+def test_seeds(seeds: str, wanted: list[int]) -> None:
+    assert list(read_grid([], seeds).seeds) == wanted
 
 
 @pytest.mark.parametrize(
@@ -98,20 +101,22 @@ def test_seeds(seeds: str | None, wanted: list[int]) -> None:
         ([], "1:2:3", "number of seeds"),
         ([], "0:9007199254740992", "largest seed"),
         (["scaling=0:1:1001"], "1000", "1001000 runs"),
+        (["scale.mass=4,9"], None, "--vary scale.mass: changes no figure, for a sweep has them in model scale"),
+        (["report_in=model,prototype"], None, "--vary report_in: changes no figure"),
         (["scaling=0:1:1000001"], None, "1000000"),
     ],
 )
 def test_what_cannot_be_a_grid_is_one_sentence(vary: list[str], seeds: str | None, words: str) -> None:
     with pytest.raises(InputError) as caught:
-        read_grid(vary, seeds, 0)
+        read_grid(vary, seeds)
     assert len(caught.value.faults) == 1 and words in caught.value.faults[0], caught.value.faults
 
 
 def test_all_faults_are_told_at_once() -> None:
     with pytest.raises(InputError) as caught:
-        read_grid(["scaling=", "seed=3", "method"], "9:1", 0)
+        read_grid(["scaling=", "seed=3", "method"], "9:1")
     assert len(caught.value.faults) == 4
 
 
 def test_a_million_runs_are_allowed() -> None:
-    assert read_grid(["scaling=0:1:1000"], "1000", 0).variants == 1_000_000
+    assert read_grid(["scaling=0:1:1000"], "1000").variants == 1_000_000

@@ -1,0 +1,252 @@
+"""Computed storeys with laws, compiled: the linear storeys in modal coordinates, driven by the forces of their laws.
+
+At each instant the laws follow the drift from sample to sample: work is bounded, nothing is solved by iteration but the
+power of a damper, in at most ten rounds. Equations: docs/background/storey_laws.md. SIM computes the same laws by
+itself (analysis/nonlinear_sim.py).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from rths_cli.control.interface import Interface
+from rths_cli.control.storeys_with_laws import StoreysWithLaws
+from rths_cli.loop.modal_substructure import modal_arrays
+from rths_cli.loop.parts import Room
+from rths_cli.numerics.compiled import part, part_class
+from rths_cli.numerics.lti import Array, Integers
+from rths_cli.numerics.tiled_products import product
+from rths_cli.structure.storey_laws import BILINEAR, BOUC_WEN, CLOUGH, CUBIC, GAP, MAXWELL
+
+REMEMBERED = 12  # numbers of a law
+ROUNDS = 10  # of Newton's method for a damper
+MOST_PIECES = 8  # of a sample's drift, in each of which a hysteresis turns by at most half of its yield drift
+CORNERS = 6  # of Clough's law that a drift of one sample may pass
+BACKBONE, UNLOADING, RELOADING = 1.0, 2.0, 3.0
+
+
+@part
+def damper(numbers: Array, rate: float, gives: float) -> float:
+    """Return the force of a damper at the rate `rate - gives * force`: `gives` in m/s per N, at least zero."""
+    c, power, knee = numbers[0], numbers[1], numbers[2]
+    size = abs(rate)
+    slope = c * knee ** (power - 1.0)
+    if size <= knee * (1.0 + gives * slope):
+        return slope * rate / (1.0 + gives * slope)
+    v = knee if power < 1.0 else size  # from the side on which the steps cannot overshoot
+    for _ in range(ROUNDS):
+        force = c * v**power
+        change = (v + gives * force - size) / (1.0 + gives * power * force / v)
+        v -= change
+        if abs(change) <= 1e-12 * v:
+            break
+    return math.copysign(c * v**power, rate)
+
+
+@part
+def hysteresis(numbers: Array, memory: Array, u: float) -> float:
+    """Follow the drift to u with Bouc and Wen's law, one Runge-Kutta step per piece; return the force."""
+    limit = numbers[1]
+    way = (u - memory[2]) / limit
+    pieces = min(MOST_PIECES, 1 + int(2.0 * abs(way) * (1.0 + numbers[3])))
+    h = way / pieces
+    for _ in range(pieces):
+        y1, e1 = bent(numbers, memory[0], memory[1], h)
+        y2, e2 = bent(numbers, memory[0] + 0.5 * y1, memory[1] + 0.5 * e1, h)
+        y3, e3 = bent(numbers, memory[0] + 0.5 * y2, memory[1] + 0.5 * e2, h)
+        y4, e4 = bent(numbers, memory[0] + y3, memory[1] + e3, h)
+        memory[0] += (y1 + 2.0 * y2 + 2.0 * y3 + y4) / 6.0
+        memory[1] += (e1 + 2.0 * e2 + 2.0 * e3 + e4) / 6.0
+    memory[2] = u
+    return numbers[0] * (memory[0] * limit - u)
+
+
+@part
+def bent(numbers: Array, y: float, e: float, way: float) -> tuple[float, float]:
+    """Return the change of Bouc and Wen's variable and of the dissipated energy over a way, of the yield drift."""
+    n, beta, gamma = numbers[3], numbers[4], numbers[5]
+    nu = 1.0 + numbers[7] * e
+    size = abs(y) if n == 1.0 else abs(y) ** n
+    turns = gamma + (beta if y * way > 0.0 else -beta)
+    change = ((1.0 - numbers[6] * e) - nu * size * turns) * way / (1.0 + numbers[8] * e)
+    if numbers[9] > 0.0:
+        zeta = numbers[9] * (1.0 - math.exp(-numbers[10] * e))
+        width = (numbers[12] + numbers[13] * e) * (numbers[14] + zeta)
+        strength = (nu * (beta + gamma)) ** (-1.0 / n)
+        off = (math.copysign(1.0, way) * y - numbers[11] * strength) / width
+        change *= 1.0 - zeta * math.exp(-off * off)
+    return change, (1.0 - numbers[2]) * y * way
+
+
+@part
+def clough(numbers: Array, memory: Array, u: float) -> float:
+    """Follow the drift to u with Clough's law; return the force.
+
+    Memory: drift, force, branch, side; drift and force farthest to the positive, then to the negative side; foot and
+    slope of the line of reloading; where unloading began, and the branch before it.
+    """
+    k, limit, after = numbers[0], numbers[1], numbers[2]
+    if memory[2] == 0.0:
+        if abs(u) <= limit:
+            memory[0], memory[1] = u, k * u
+            return 0.0
+        memory[2], memory[3] = BACKBONE, math.copysign(1.0, u)
+        memory[4], memory[5], memory[6], memory[7] = limit, k * limit, -limit, -k * limit
+    for _ in range(CORNERS):
+        side = memory[3]
+        if memory[2] != UNLOADING and (u - memory[0]) * side < 0.0:
+            far = 4 if side > 0.0 else 6
+            if memory[2] == BACKBONE:
+                memory[far], memory[far + 1] = memory[0], memory[1]
+            memory[10], memory[11], memory[2] = memory[0], memory[2], UNLOADING
+        if memory[2] == BACKBONE:
+            memory[0], memory[1] = u, side * k * limit + after * k * (u - side * limit)
+            break
+        if memory[2] == RELOADING:
+            far = 4 if side > 0.0 else 6
+            if (u - memory[far]) * side <= 0.0:
+                memory[0], memory[1] = u, memory[9] * (u - memory[8])
+                break
+            memory[0], memory[1], memory[2] = memory[far], memory[far + 1], BACKBONE
+            continue
+        far = 4 if side > 0.0 else 6
+        slope = max(k * (limit / abs(memory[far])) ** numbers[3], memory[far + 1] / memory[far])  # never past rest
+        foot = memory[0] - memory[1] / slope
+        if (u - memory[10]) * side > 0.0:  # beyond where unloading began
+            memory[1] += slope * (memory[10] - memory[0])
+            memory[0], memory[2] = memory[10], memory[11]
+        elif (u - foot) * side >= 0.0:
+            memory[1] += slope * (u - memory[0])
+            memory[0] = u
+            break
+        else:
+            other = 6 if side > 0.0 else 4
+            reach = memory[other] - foot
+            memory[8], memory[9] = foot, memory[other + 1] / reach if reach * side < 0.0 else k
+            memory[0], memory[1], memory[2], memory[3] = foot, 0.0, RELOADING, -side
+    return memory[1] - k * u
+
+
+@part
+def law_force(
+    code: int, numbers: Array, memory: Array, u: float, rate: float, gives: float, before: float, dt_s: float
+) -> float:
+    """Return the force of a law beyond the spring at rest, in N, at a drift in m.
+
+    `rate` in m/s is that of the drift with the law's last force `before`; it falls by `gives` per N.
+    """
+    if code == BILINEAR:
+        k, limit = numbers[0], numbers[1]
+        memory[0] = min(max(memory[0], u - limit), u + limit)
+        return -k * memory[0]
+    if code == BOUC_WEN:
+        return hysteresis(numbers, memory, u)
+    if code == CLOUGH:
+        return clough(numbers, memory, u)
+    if code == GAP:
+        return numbers[0] * (u - min(max(u, -numbers[1]), numbers[1]))
+    if code == CUBIC:
+        return numbers[0] * u * u * u
+    if code == MAXWELL:
+        time_s = numbers[1] / numbers[0]
+        kept = math.exp(-dt_s / time_s)
+        memory[0] = kept * memory[0] + numbers[1] * (1.0 - kept) * (u - memory[1]) / dt_s
+        memory[1] = u
+        return memory[0]
+    return damper(numbers, rate + gives * before, gives)
+
+
+@part_class
+class StoreysAndForces(NamedTuple):
+    """Linear storeys in m pairs of states, as modal_substructure.Modal, l laws in q storeys; one axis."""
+
+    turn: Array  # (4, m)
+    drive: Array  # (2 + q, 2, m) of ground acceleration, base shear, laws' forces
+    outputs: Array  # (tiles, 2 m, 4)
+    through: Array  # (3 + 2 q, 2 + q) outputs per input of the same instant
+    direct: Array  # (1, 1) acceleration per force
+    state: Array  # (2 m,)
+    made: Array  # (4 tiles,)
+    which: Integers  # (l,) place of the law's storey in q
+    code: Integers  # (l,)
+    numbers: Array  # (l, NUMBERS)
+    memory: Array  # (l, REMEMBERED)
+    forces: Array  # (l,) of each law at the last instant
+    logged: Array  # (q,) of all laws of a storey
+    shear: Array  # (2,) base shear at the last instant, and before
+    dt_s: float
+
+    def free(self, ground: Array, accel: Array) -> None:
+        """Write the acceleration (1,) without base shear, and follow the laws to this instant, as
+        parts.NumericalSubstructure."""
+        product(self.outputs, self.state.size, self.state, self.made)
+        q = self.logged.size
+        shear = 2.0 * self.shear[0] - self.shear[1]
+        for i in range(self.code.size):
+            at = self.which[i]
+            u = self.made[3 + at] + self.through[3 + at, 0] * ground[0] + self.through[3 + at, 1] * shear
+            rate = self.made[3 + q + at] + self.through[3 + q + at, 0] * ground[0]
+            rate += self.through[3 + q + at, 1] * shear
+            for j in range(q):
+                u += self.through[3 + at, 2 + j] * self.logged[j]
+                rate += self.through[3 + q + at, 2 + j] * self.logged[j]
+            gives = -self.through[3 + q + at, 2 + at]
+            before = self.forces[i]
+            self.forces[i] = law_force(self.code[i], self.numbers[i], self.memory[i], u, rate, gives, before, self.dt_s)
+        for j in range(q):
+            self.logged[j] = 0.0
+        for i in range(self.code.size):
+            self.logged[self.which[i]] += self.forces[i]
+        accel[0] = self.made[0] + self.through[0, 0] * ground[0]
+        for j in range(q):
+            accel[0] += self.through[0, 2 + j] * self.logged[j]
+
+    def advance(self, ground: Array, force: Array, motion: Array) -> None:
+        """Write the interface's absolute motion (3, 1) and go on, as parts.NumericalSubstructure."""
+        m, q = self.turn.shape[1], self.logged.size
+        for row in range(3):
+            value = self.made[row] + self.through[row, 0] * ground[0] + self.through[row, 1] * force[0]
+            for j in range(q):
+                value += self.through[row, 2 + j] * self.logged[j]
+            motion[row, 0] = value if row == 0 else value + ground[row]
+        for i in range(m):
+            first, second = self.state[i], self.state[m + i]
+            inputs = self.drive[0, 0, i] * ground[0] + self.drive[1, 0, i] * force[0]
+            for j in range(q):
+                inputs += self.drive[2 + j, 0, i] * self.logged[j]
+            self.state[i] = self.turn[0, i] * first + self.turn[1, i] * second + inputs
+            inputs = self.drive[0, 1, i] * ground[0] + self.drive[1, 1, i] * force[0]
+            for j in range(q):
+                inputs += self.drive[2 + j, 1, i] * self.logged[j]
+            self.state[m + i] = self.turn[2, i] * first + self.turn[3, i] * second + inputs
+        self.shear[1] = self.shear[0]
+        self.shear[0] = force[0]
+
+
+def storeys_and_forces(design: StoreysWithLaws, interface: Interface, room: Room) -> StoreysAndForces:
+    """Return computed storeys with laws at rest; raises InputError for an interface of several degrees of freedom, and
+    as `modal`."""
+    turn, drive, outputs = modal_arrays(design.block)
+    laws, through = design.laws, np.ascontiguousarray(design.block.D)
+    count = laws.code.size
+    which = np.searchsorted(np.array(design.storeys), laws.storey)
+    return StoreysAndForces(
+        turn=turn,
+        drive=drive,
+        outputs=outputs,
+        through=through,
+        direct=np.ascontiguousarray(through[:1, 1:2]),
+        state=room.take(2 * turn.shape[1]),
+        made=np.zeros(4 * len(outputs)),
+        which=which,
+        code=laws.code,
+        numbers=laws.numbers,
+        memory=room.take(count, REMEMBERED),
+        forces=room.take(count),
+        logged=room.take(len(design.storeys)),
+        shear=room.take(2),
+        dt_s=design.dt_s,
+    )

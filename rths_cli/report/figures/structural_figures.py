@@ -1,0 +1,258 @@
+"""Figures of the building's response: profiles over the height, hysteresis of the storeys, histories against SIM."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rths_cli.analysis.structural_response import inter_storey_drift_m, storey_shear_n
+from rths_cli.errors import InputError
+from rths_cli.files.stored_case import floor_masses_kg, storey_heights_m
+from rths_cli.numerics.lti import Array
+from rths_cli.report.figures.figure_data import (
+    ACCEL,
+    NotDrawn,
+    Source,
+    chosen_storeys,
+    interface_storey,
+    reached_the_end,
+    window_at,
+)
+from rths_cli.report.figures.histories import CLOSE, close_look, error_panel, rms_note, role_of
+from rths_cli.report.figures.panels import (
+    ACCELERATION,
+    ACCELERATION_UNITS,
+    ERROR_UNITS,
+    MM_PER_M,
+    Line,
+    Panel,
+    draw_pairs,
+    largest,
+    legend_below,
+    lettered,
+    new_figure,
+    trimmed_ticks,
+)
+from rths_cli.report.figures.style import GREY, RUNS, Look
+from rths_cli.report.result_scale import units_factor
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+BUILDINGS = ("sim", "sim_delay", "exp_rths")
+SHAPES = {"sim": "s", "sim_delay": "^", "exp_rths": "o"}
+INTERFACE = Look("interface", GREY, (0, (4.0, 2.0)), 0.7)
+MARKED_FLOORS = 25  # up to which each floor has its marker
+DRIFT, SHEAR, DISPLACEMENT = "inter_storey_drift_m", "storey_shear_n", "rel_disp_m"
+LOOPS_S = 6.0  # of the hysteresis: around the largest drift
+POINTS_PER_LOOP = 900
+
+
+def drifts_m(source: Source, run: str) -> Array | None:
+    """Return the inter-storey drifts (n_storeys, n) of a run in m, computed where the file holds displacements alone;
+    None without both."""
+    if source.holds(f"{run}/{DRIFT}"):
+        return source.read(f"{run}/{DRIFT}")
+    return inter_storey_drift_m(source.read(f"{run}/{DISPLACEMENT}")) if source.holds(f"{run}/{DISPLACEMENT}") else None
+
+
+def shears_n(source: Source, run: str) -> Array | None:
+    """Return the storey shears (n_storeys, n) of a run in N, computed where the file holds accelerations alone; None
+    where it states no masses of the floors."""
+    if source.holds(f"{run}/{SHEAR}"):
+        return source.read(f"{run}/{SHEAR}")
+    accel = source.read(f"{run}/{ACCEL}")
+    try:
+        masses = units_factor(source.result, "kg") * floor_masses_kg(source.result)
+    except InputError:
+        return None
+    return storey_shear_n(masses, accel) if len(masses) == len(accel) else None
+
+
+@dataclass(frozen=True)
+class Profile:
+    """A quantity over the height: per run its value at each floor, or in each storey."""
+
+    title: str
+    xlabel: str
+    values: dict[str, Array]  # (n_storeys,) by run
+    ground: float | None = None  # at the ground; None: a quantity of a storey, drawn as steps, or not known there
+    steps: bool = False
+    from_zero: bool = True
+
+
+def profiles(source: Source, width: str) -> Figure:
+    """Draw peak acceleration, displacement, drift, storey shear and the error to SIM over the height, by run."""
+    runs = source.runs(BUILDINGS)
+    shown = [one for one in _profiles(source, runs) if one.values]
+    level, unit = levels(source, len(source.read(f"{runs[0]}/{ACCEL}")))
+    across = len(shown) if width == "two" else 2
+    down = -(-len(shown) // across)
+    figure = new_figure(source, width, 20.0 + down * min(50.0 + 1.5 * len(level), 90.0))
+    axes = list(figure.subplots(down, across, sharey=True, squeeze=False).ravel())
+    interface = interface_storey(source)
+    for place, (ax, one, title) in enumerate(zip(axes, shown, lettered(one.title for one in shown), strict=False)):
+        _profile(ax, one, level)
+        ax.set(title=title, xlabel=one.xlabel)
+        if place % across == 0:
+            ax.set_ylabel(unit)
+        if interface:
+            ax.axhline(level[interface], **INTERFACE.line())
+        trimmed_ticks(ax, log=not one.from_zero)
+    for ax in axes[len(shown) :]:
+        ax.set_visible(False)
+    axes[0].set_ylim(0.0, 1.04 * level[-1])
+    if unit == "floor":
+        _whole_floors(axes[0])
+    legend_below(figure, [*(RUNS[run] for run in runs), *([INTERFACE] if interface else [])])
+    return figure
+
+
+def _heights_m(source: Source) -> Array | None:
+    """Return the storeys' heights in the scale of the result, None where its case states none."""
+    heights = storey_heights_m(source.result)
+    return None if heights is None else units_factor(source.result, "m") * heights
+
+
+def levels(source: Source, storeys: int) -> tuple[Array, str]:
+    """Return the heights (n_storeys + 1,) of ground and floors in m and the name of that axis; the floors' numbers
+    where the case states no heights."""
+    heights = _heights_m(source)
+    if heights is None or len(heights) != storeys:
+        return np.arange(storeys + 1, dtype=float), "floor"
+    return np.concatenate([[0.0], np.cumsum(heights)]), "height (m)"
+
+
+def _profiles(source: Source, runs: Sequence[str]) -> list[Profile]:
+    """Return the quantities over the height; of one that no run states `values` is empty."""
+
+    def of(series: Callable[[Source, str], Array | None], factor: float) -> dict[str, Array]:
+        known = ((run, series(source, run)) for run in runs)
+        return {run: factor * peaks(found) for run, found in known if found is not None}
+
+    drifts = of(drifts_m, MM_PER_M)
+    heights = _heights_m(source)
+    if heights is not None and all(len(heights) == len(values) for values in drifts.values()):
+        percent = {run: values / (MM_PER_M * heights) * 100.0 for run, values in drifts.items()}
+        drift = Profile("drift", "peak / height (%)", percent, steps=True)
+    else:
+        drift = Profile("drift", "peak (mm)", drifts, steps=True)
+    found = {run: source.metric(f"{run}.rms_error_m_s2") for run in runs}
+    errors = {run: MM_PER_M * values for run, values in found.items() if values is not None}
+    known = {run: np.where(np.isfinite(v) & (v > 0.0), v, np.nan) for run, v in errors.items() if np.any(v > 0.0)}
+    apart = np.concatenate([*known.values(), np.zeros(0)])
+    apart = apart[np.isfinite(apart)]
+    wide = bool(apart.size) and float(apart.max()) > 10.0 * float(apart.min())
+    return [
+        Profile("acceleration", f"peak ({ACCELERATION_UNITS})", of(_accelerations, 1.0), _peak_of_ground(source)),
+        Profile("displacement", "peak (mm)", of(_displacements, MM_PER_M), 0.0),
+        drift,
+        Profile("storey shear", "peak (N)", of(shears_n, 1.0), steps=True),
+        Profile("error to SIM", f"RMS ({ERROR_UNITS})", known, from_zero=not wide),
+    ]
+
+
+def _accelerations(source: Source, run: str) -> Array | None:
+    return source.read(f"{run}/{ACCEL}")
+
+
+def _displacements(source: Source, run: str) -> Array | None:
+    return source.read(f"{run}/{DISPLACEMENT}") if source.holds(f"{run}/{DISPLACEMENT}") else None
+
+
+def _peak_of_ground(source: Source) -> float | None:
+    name = "record/ground_accel_m_s2"
+    return float(np.abs(source.read(name)).max(initial=0.0)) if source.holds(name) else None
+
+
+def peaks(series: Array) -> Array:
+    """Return the largest absolute finite value of each series of (n_storeys, n); NaN where there is none."""
+    sizes = np.where(np.isfinite(series), np.abs(series), -np.inf).max(axis=1, initial=-np.inf)
+    return np.where(np.isfinite(sizes), sizes, np.nan)
+
+
+def _profile(ax: Axes, one: Profile, level: Array) -> None:
+    if not one.from_zero:
+        ax.set_xscale("log")
+    for run, values in one.values.items():
+        look = RUNS[run]
+        if one.steps:
+            ax.plot(np.repeat(values, 2), np.repeat(level, 2)[1:-1], label=look.label, **look.line())
+            continue
+        x, y = values, level[1:]
+        if one.ground is not None:
+            x, y = np.concatenate([[one.ground], values]), level
+        marker = SHAPES[run] if len(level) <= MARKED_FLOORS else ""
+        ax.plot(x, y, marker=marker, ms=2.5, mfc="white", label=look.label, **look.line())
+    if one.from_zero:
+        ax.set_xlim(left=0.0)
+
+
+def _whole_floors(ax: Axes) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    ax.yaxis.set_major_locator(MaxNLocator(10, integer=True))
+
+
+def hysteresis(source: Source, width: str) -> Figure:
+    """Draw the storey shear over the drift of each chosen storey in SIM and EXP-RTHS, around the largest drift."""
+    runs = source.runs(("sim", "exp_rths"))
+    series = {run: (drifts_m(source, run), shears_n(source, run)) for run in runs}
+    known = {run: (d, v) for run, (d, v) in series.items() if d is not None and v is not None}
+    if not known:
+        raise NotDrawn("no displacements, or no masses of the floors, in the result")
+    storeys = chosen_storeys(len(next(iter(known.values()))[0]), interface_storey(source))[::-1]
+    across = min(len(storeys), 2 if width == "one" else 4)
+    down = -(-len(storeys) // across)
+    about = f"{LOOPS_S:g} s around the largest drift"
+    figure = new_figure(source, width, 18.0 + down * (40.0 if across > 1 else 60.0), about)
+    axes = list(figure.subplots(down, across, squeeze=False).ravel())
+    titles = lettered(f"storey {storey}" for storey in storeys)
+    for place, (ax, storey, title) in enumerate(zip(axes, storeys, titles, strict=False)):
+        for run, (drift, shear) in known.items():
+            part = _loops(source, run, drift[storey - 1])
+            step = -(-(part.stop - part.start) // POINTS_PER_LOOP)
+            loop = slice(part.start, part.stop, max(step, 1))
+            look = replace(RUNS[run], width=1.3 if run == "sim" and len(known) > 1 else 0.6, dashes="solid")
+            ax.plot(MM_PER_M * drift[storey - 1, loop], shear[storey - 1, loop], label=look.label, **look.line())
+        ax.set(title=title, xlabel="drift (mm)", ylabel="storey shear (N)" if place % across == 0 else "")
+        trimmed_ticks(ax)
+    for ax in axes[len(storeys) :]:
+        ax.set_visible(False)
+    legend_below(figure, [replace(RUNS[run], dashes="solid") for run in known])
+    return figure
+
+
+def _loops(source: Source, run: str, drift: Array) -> slice:
+    """Return the samples around the largest drift (n,), or before the end of a run that stopped early."""
+    time = source.read(f"{run}/time_s")
+    if not reached_the_end(source, time):
+        return window_at(time, float(time[-1]), LOOPS_S)
+    known = np.where(np.isfinite(drift), np.abs(drift), -1.0)
+    return window_at(time, float(time[int(known.argmax())]), LOOPS_S)
+
+
+def against_sim(source: Source, width: str) -> Figure:
+    """Draw each chosen storey's acceleration in SIM and EXP-RTHS, the roof first, with the error to SIM below."""
+    runs = [*source.runs(("sim",)), *source.runs(("exp_rths",))]
+    accel = {run: source.read(f"{run}/{ACCEL}") for run in runs}
+    pairs = []
+    for storey in chosen_storeys(len(accel["sim"]), interface_storey(source))[::-1]:
+        lines = tuple(Line(RUNS[run], source.read(f"{run}/time_s"), accel[run][storey - 1]) for run in runs)
+        time, tested = lines[1].time_s, lines[1].values
+        error = accel["sim"][storey - 1, : tested.size] - tested
+        note = rms_note(source, "exp_rths.rms_error_m_s2", storey - 1)
+        below = error_panel(source, "", "exp_rths", time, error, "")
+        close = close_look(source, time, tested)
+        near = tuple(line.values[close] for line in lines)
+        title = f"storey {storey}{role_of(source, storey)}"
+        column = [(Panel(title, ACCELERATION, lines, note=note), below)]
+        if width == "two":
+            closer = Panel(CLOSE, "", lines, close, reach=largest(*near))
+            column.append((closer, replace(below, ylabel="", close=close)))
+        pairs.append(column)
+    return draw_pairs(source, pairs, width, source.band)

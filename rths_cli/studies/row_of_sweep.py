@@ -1,0 +1,102 @@
+"""The case of one row of a finished sweep, to run it in full: `rths run --from FILE --row N`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from rths_cli.case.load import PlacedSettings, load_written, written_case
+from rths_cli.case.yaml_reader import dump
+from rths_cli.errors import InputError
+from rths_cli.files.result_reader import Result
+from rths_cli.files.sweep_file import Sweep, read_sweep
+
+if TYPE_CHECKING:
+    from rths_cli.case.case_schema import Case
+    from rths_cli.numerics.lti import Array
+
+ORIGIN = ("case_file", "settings", "settings_folder", "values_folder")
+SAME = 1e-9  # relative: a sweep filters by another program than a run
+WHOLE = 2.0**53  # numbers up to it are whole where they have no fraction
+
+
+@dataclass(frozen=True)
+class SweptRow:
+    """One row of a sweep: its file and number, its case, what overrode the check, and its figures by path, a number or
+    one per storey (n_storeys,), NaN where it has none."""
+
+    path: Path
+    number: int
+    case: Case
+    overrides: tuple[str, ...]
+    figures: dict[str, Array]
+
+    def differences(self, result: Result) -> list[str]:
+        """Return a sentence for each figure of the row that a result has otherwise."""
+        found = []
+        for path, row in self.figures.items():
+            run = np.full(len(row), np.nan)
+            own = np.atleast_1d(np.asarray(result.metrics.get(path, np.nan), dtype=float))
+            run[: len(own)] = own[: len(row)]
+            odd = np.flatnonzero(~np.isclose(run, row, rtol=SAME, atol=0.0, equal_nan=True))
+            if odd.size:
+                place = int(odd[0])
+                storey = f"[{place + 1}]" if len(row) > 1 else ""
+                found.append(f"{path}{storey} is {run[place]:.10g}, {row[place]:.10g} in the row")
+        return found
+
+
+def read_row(path: Path, number: int, settings: Sequence[str] = ()) -> SweptRow:
+    """Return row `number` (from 1) of a sweep's file, with `settings` KEY=VALUE put into its case.
+
+    Names and paths in the case are looked up where the sweep looked them up. Raises InputError when the file is no
+    finished sweep, has no such row, or its case has faults now.
+    """
+    if not path.is_file():
+        raise InputError(f"--from {path}: no such file; name the result file of a sweep, such as sweeps/NAME.h5")
+    sweep = read_sweep(path)
+    if not 1 <= number <= len(sweep.seed):
+        raise InputError(f"--row {number}: must be 1 to {len(sweep.seed)}, the rows of {path}")
+    about = sweep.attributes
+    if not all(isinstance(about.get(name), str) for name in ORIGIN):
+        raise InputError(f"{path}: does not say where its case comes from, it is of an older rths; run the sweep again")
+    written = written_case(sweep.case_yaml, Path(str(about["case_file"])))
+    shared = PlacedSettings(_texts(path, str(about["settings"])), Path(str(about["settings_folder"])))
+    varied = {key: _as_given(values[number - 1]) for key, values in sweep.varied.items()}
+    own = [f"{key}={dump(value)}" for key, value in varied.items()]
+    placed = PlacedSettings(own, Path(str(about["values_folder"])))
+    named = load_written(written, shared, placed)
+    last = PlacedSettings([f"seed={sweep.seed[number - 1]}", f"name={named.name}-row{number}", *settings])
+    case = load_written(written, shared, placed, last)
+    return SweptRow(path, number, case, tuple(str(about.get("overrides", "")).split()), _figures(sweep, number))
+
+
+def _texts(path: Path, text: str) -> list[str]:
+    """Return the settings that a sweep's file holds as JSON."""
+    try:
+        found = json.loads(text)
+    except ValueError:
+        found = None
+    if not isinstance(found, list) or not all(isinstance(one, str) for one in found):
+        raise InputError(f"{path}: has lost the settings of its case; run the sweep again")
+    return found
+
+
+def _figures(sweep: Sweep, number: int) -> dict[str, Array]:
+    return {path: np.atleast_1d(figure.values[number - 1]) for path, figure in sweep.figures.items()}
+
+
+def _as_given(value: Any) -> Any:
+    """Return a varied value as it was given: a sweep's file holds whole numbers as numbers, mappings as JSON."""
+    if isinstance(value, float):
+        return int(value) if value.is_integer() and abs(value) < WHOLE else value
+    try:
+        found = json.loads(value)
+    except ValueError:
+        return value
+    return value if isinstance(found, str) else found

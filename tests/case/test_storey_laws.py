@@ -1,0 +1,103 @@
+"""Laws of storeys in a structure file: what may be stated, and one sentence for what may not."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jsonschema
+import pytest
+
+from rths_cli.case.json_schema import schema
+from rths_cli.case.load import load_cases
+from rths_cli.errors import InputError
+
+CASE = "el_centro_low_ff"
+BILINEAR = {"kind": "bilinear", "yield_displacement_m": 0.004}
+MAXWELL = {"kind": "maxwell", "spring_n_per_m": 1000, "dashpot_n_s_per_m": 50}
+
+
+def told(law: str) -> tuple[str, ...]:
+    with pytest.raises(InputError) as refused:
+        load_cases([CASE], (f"structure.numerical.law={law}",))
+    return refused.value.faults
+
+
+@pytest.mark.parametrize(
+    ("law", "field", "says"),
+    [
+        ("{kind: bilinear}", "law.yield_displacement_m", "is missing"),
+        ("{kind: bilinear, yield_displacement_m: 0}", "yield_displacement_m", "must be > 0"),
+        ("{kind: bilinear, yield_displacement_m: 0.004, hardening: 1.1}", "hardening", "<= 1"),
+        ("{kind: bilinear, yield_displacement_m: 0.004, hardening: -0.1}", "hardening", ">= 0"),
+        ("{kind: bilinear, yield_displacement_m: 4 mm}", "yield_displacement_m", "must be a number"),
+        ("{kind: bilinear, yield_displacement_m: 0.004, gap_m: 1}", "gap_m", "yield_displacement_m"),
+        ("{kind: clough, yield_displacement_m: 0.004, unloading_exponent: 0.6}", "unloading_exponent", "<= 0.5"),
+        ("{kind: bouc_wen, yield_displacement_m: 0.004, exponent: 0.5}", "exponent", ">= 1"),
+        ("{kind: bouc_wen, yield_displacement_m: 0.004, beta: 0.5, gamma: -0.5}", "gamma", "must be > -beta = -0.5"),
+        ("{kind: bouc_wen, yield_displacement_m: 0.004, zeta_s: 1}", "zeta_s", "< 1"),
+        ("{kind: bouc_wen, yield_displacement_m: 0.004, psi: 0}", "psi", "> 0"),
+        ("{kind: elastic_gap, gap_m: -0.001, contact_n_per_m: 1}", "gap_m", ">= 0"),
+        ("{kind: elastic_gap, gap_m: 0.001}", "contact_n_per_m", "is missing"),
+        ("{kind: friction}", "law", "force_n"),
+        ("{kind: friction, force_n: 2, coefficient: 0.1}", "law", "force_n"),
+        ("{kind: friction, force_n: 2, radius_m: 0}", "radius_m", "> 0"),
+        ("{kind: friction, force_n: 2, sticking_displacement_m: 0}", "sticking_displacement_m", "> 0"),
+        ("{kind: viscous_power, coefficient: 1, exponent: 0}", "exponent", "> 0"),
+        ("{kind: viscous_power, coefficient: -1, exponent: 0.5}", "coefficient", ">= 0"),
+        ("{kind: maxwell, spring_n_per_m: 1000, dashpot_n_s_per_m: 0}", "dashpot_n_s_per_m", "> 0"),
+        ("{kind: maxwell, spring_n_per_m: .inf, dashpot_n_s_per_m: 1}", "spring_n_per_m", "finite"),
+        ("{kind: cubic, cubic_n_per_m3: 1e8}", "largest_drift_m", "is missing"),
+        ("{kind: bilinaer, yield_displacement_m: 0.004}", "kind", "did you mean bilinear?"),
+        ("{yield_displacement_m: 0.004}", "law", "kind"),
+        ("{kind: [bilinear]}", "kind", "no law is called"),
+        ("bilinear", "law", "law"),
+        ("3", "law", "law"),
+        ("[bilinear]", "law", "must be a law, a list of laws, or nothing"),
+        ("[[3]]", "law", "must be a law"),
+        ("[null, {kind: bilinear, yield_displacement_m: 0.004}]", "law", "storey"),
+        ("[]", "law", "storey"),
+    ],
+)
+def test_a_faulty_law_is_told_in_one_sentence(law: str, field: str, says: str) -> None:
+    (fault,) = told(law)
+    assert field in fault and says in fault and "\n" not in fault
+
+
+def test_every_fault_of_several_laws_is_told() -> None:
+    faults = told("[[{kind: bilinear, yield_displacement_m: 0}, {kind: maxwell, spring_n_per_m: 0}]]")
+    assert len(faults) == 3
+
+
+@pytest.mark.parametrize(
+    ("law", "fits"),
+    [
+        (BILINEAR, True),
+        ([BILINEAR], True),
+        ([[BILINEAR, MAXWELL]], True),
+        ([None], True),
+        (None, True),
+        ([[None]], False),
+        ([[[BILINEAR]]], False),
+        ("bilinear", False),
+        ({**BILINEAR, "gap_m": 1}, False),
+        ({**BILINEAR, "hardening": 2}, False),
+    ],
+)
+def test_the_json_schema_reads_laws_as_the_loader_does(law: Any, fits: bool) -> None:
+    structure = {
+        "numerical": {"masses_kg": [7], "stiffness_n_per_m": [7000], "law": law},
+        "experimental": {"masses_kg": [7], "stiffness_n_per_m": [7000], "damping_ratios": [0.02]},
+    }
+    assert jsonschema.Draft202012Validator(schema("structure")).is_valid(structure) == fits
+    if fits:
+        assert len(load_cases([CASE], (f"structure.numerical.law={as_yaml(law)}",))) == 1
+    else:
+        assert told(as_yaml(law))
+
+
+def as_yaml(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key}: {as_yaml(entry)}" for key, entry in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(as_yaml, value)) + "]"
+    return "null" if value is None else str(value)

@@ -1,0 +1,53 @@
+"""Whole runs of a building whose computed storey has a law: EXP-RTHS on the virtual table against SIM."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import rths_cli
+
+LAWS = {
+    "bilinear": {"kind": "bilinear", "yield_displacement_m": 0.002, "hardening": 0.05},
+    "parallel": [
+        {"kind": "clough", "yield_displacement_m": 0.002, "hardening": 0.05},
+        {"kind": "viscous_power", "coefficient": 5.0, "exponent": 0.4},
+    ],
+}
+
+
+def case(law: Any) -> dict[str, Any]:
+    return {
+        "name": "yields",
+        "structure": {"extends": "three_storey", "numerical": {"law": [law]}},
+        "damping": "low",
+        "record": "el_centro",
+        "scaling": 0.30,
+        "controller": "FF+FB",
+        "runs": ["sim", "exp_rths"],
+    }
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_a_hybrid_test_follows_sim_of_a_yielding_storey(name: str) -> None:
+    """What SIM computes by events is what the step, table and specimen do: within 0.6 % in every storey."""
+    result = rths_cli.run(case(LAWS[name]))
+    assert result.status == "complete"
+    assert (result.metrics["exp_rths.nrmse_percent"] < 0.6).all()
+    assert (result.metrics["exp_rths.nrmse_percent_true"] < 0.6).all()
+    drift = result.metrics["exp_rths.peak_inter_storey_drift_m"]
+    np.testing.assert_allclose(drift, result.metrics["sim.peak_inter_storey_drift_m"], rtol=0.02)
+    assert drift[0] > 2.0 * 0.002
+    for run in ("sim", "exp_rths"):
+        ductility = result.metrics[f"{run}.ductility"]
+        assert ductility[0] == pytest.approx(result.metrics[f"{run}.peak_inter_storey_drift_m"][0] / 0.002)
+        assert np.isnan(ductility[1:]).all()
+    work, wanted = (result.metrics[f"{run}.restoring_work_j"][0] for run in ("exp_rths", "sim"))
+    assert work == pytest.approx(wanted, rel=0.01) and wanted > 0.1
+    residual, expected = (result.metrics[f"{run}.residual_drift_m"] for run in ("exp_rths", "sim"))
+    assert np.abs(residual - expected).max() < 0.03 * drift[0]
+    assert result.exp_rths.part_value_names == "law_force_1_n (N)"
+    assert np.abs(result.exp_rths.part_values[0]).max() > 5.0
+    assert "those of the storeys at rest" in result.attributes["warnings"]

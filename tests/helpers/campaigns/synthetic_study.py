@@ -1,0 +1,142 @@
+"""Studies without runs: functions whose Sobol indices are known, sampled by a study, and a table of made-up rows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rths_cli.files.sweep_file import Sweep, read_sweep, write_sweep
+from rths_cli.report.sweep_page import page
+from rths_cli.studies.grid_points import Points, check_points
+from rths_cli.studies.plan import Plan
+from rths_cli.studies.sensitivity import SobolIndices, sobol_indices
+from rths_cli.studies.study_plan import Asked, read_plan
+from rths_cli.studies.sweep_output import Begun, as_sweep
+from rths_cli.studies.sweep_runs import Shared
+from rths_cli.studies.sweep_table import Row, Table, width
+
+Array = NDArray[np.float64]
+CASE = "case: el_centro_low_ff_fb\n"
+FACTORS = "table.after_identification.{}"
+G = np.array([0.0, 1.0, 4.5, 9.0, 99.0, 99.0, 99.0, 99.0])
+
+
+@dataclass(frozen=True)
+class Known:
+    """A function of samples (n, axes), the ends of its uniform axes, and its first-order and total indices (axes,)."""
+
+    of: Callable[[Array], Array]
+    low: float
+    high: float
+    first: Array
+    total: Array
+
+
+def ishigami() -> Known:
+    """Return the function of Ishigami and Homma (1990) with a = 7, b = 0.1; indices as derived there."""
+    a, b = 7.0, 0.1
+    parts = np.array([0.5 * (1 + b * np.pi**4 / 5) ** 2, a**2 / 8, 0.0])
+    both = b**2 * np.pi**8 * (1 / 18 - 1 / 50)  # of axes 1 and 3 together
+    whole = parts.sum() + both
+    total = (parts + np.array([both, 0.0, both])) / whole
+
+    def of(x: Array) -> Array:
+        return np.asarray(np.sin(x[:, 0]) + a * np.sin(x[:, 1]) ** 2 + b * x[:, 2] ** 4 * np.sin(x[:, 0]))
+
+    return Known(of, -np.pi, np.pi, parts / whole, total)
+
+
+def sobol_g() -> Known:
+    """Return Sobol's g function of eight axes with a = 0, 1, 4.5, 9, 99, 99, 99, 99 (Saltelli and Sobol, 1995)."""
+    parts = 1 / (3 * (1 + G) ** 2)
+    whole = np.prod(1 + parts) - 1
+    total = np.array([parts[k] * np.prod(1 + np.delete(parts, k)) for k in range(len(G))])
+
+    def of(x: Array) -> Array:
+        return np.asarray(np.prod((np.abs(4 * x - 2) + G) / (1 + G), axis=1))
+
+    return Known(of, 0.0, 1.0, parts / whole, total / whole)
+
+
+def sampled_indices(known: Known, count: int, seed: int, folder: Path) -> SobolIndices:
+    """Return the indices of a function at the rows that a study file plans for them."""
+    axes = len(known.first)
+    keys = [FACTORS.format(f"x{k}") for k in range(axes)]
+    each = "".join(f"  {key}: {{distribution: uniform, low: {known.low!r}, high: {known.high!r}}}\n" for key in keys)
+    samples = f"samples: {{method: sobol_indices, count: {count}, seed: {seed}}}\n"
+    path = folder / "indices.yaml"
+    path.write_text(f"{CASE}axes:\n{each}{samples}", encoding="utf-8")
+    columns = dict(read_plan(Asked(str(path), (), (), None)).plan.columns())
+    return sobol_indices(known.of(np.column_stack([columns[key] for key in keys])), axes, seed)
+
+
+def deviations(found: SobolIndices, known: Known) -> Array:
+    """Return how many standard errors the indices (2, axes) are off the known ones."""
+    first = (found.first - known.first) / found.first_error
+    return np.array([first, (found.total - known.total) / found.total_error])
+
+
+@dataclass(frozen=True)
+class Tabulated:
+    """A study of made-up rows: its plan, and its table as it was written and read back."""
+
+    plan: Plan
+    sweep: Sweep
+    text: str
+
+
+def one_point() -> Points:
+    """Return the checked plan of one case, from which that of a synthetic study is made."""
+    return check_points(Asked("el_centro_low_ff_fb", (), (), None), Shared((), lambda _: None), lambda _: None)
+
+
+def tabulate(rows: int, folder: Path, alone: Points) -> Tabulated:
+    """Plan `rows` rows (a multiple of 8) of four correlated samples and two lists, go through all of them, fill, write
+    and read the table, and return its page."""
+    whole = "table.after_identification.coulomb_factor"
+    study = folder / "many.yaml"
+    study.write_text(
+        f"{CASE}axes:\n  controller: [FF, FF+FB]\n  record: [el_centro, hachinohe]\n"
+        f"  {whole}: {{distribution: lognormal, median: 1.0, cov: 0.3}}\n"
+        f"  {FACTORS.format('specimen_stiffness_factor')}: {{distribution: normal, mean: 1, std: 0.1}}\n"
+        "  scaling: {distribution: uniform, low: 0.1, high: 0.5}\n"
+        "  kalman.q: {distribution: truncated_normal, mean: 1e3, std: 100, low: 500, high: 2000}\n"
+        f"samples: {{count: {rows // 8}, seed: 1}}\n"
+        f"correlations: [{{between: [{whole}, scaling], rank: 0.4}}]\n"
+        f"constraints: [{{left: {whole}, op: '>', right: 0}}]\nseeds: 2\n",
+        encoding="utf-8",
+    )
+    planned = read_plan(Asked(str(study), (), (), None))
+    points = replace(alone, plan=planned.plan, planned=planned, order=np.arange(planned.plan.points))
+    table = filled(points)
+    about = {
+        "case_name": "many",
+        "rig": "r",
+        "rig_kind": "virtual",
+        "seeds": "0:1",
+        "plan_sha256": planned.plan.digest(),
+    }
+    begun = Begun(folder / "many.h5", about | {"software_sha256": ""}, {}, False)
+    sweep = as_sweep(points, begun, table)
+    write_sweep(begun.path, sweep)
+    del table, sweep
+    back = read_sweep(begun.path)
+    return Tabulated(planned.plan, back, page(back, begun.path))
+
+
+def filled(points: Points) -> Table:
+    """Return a table with a made-up row for every run of a plan: every tenth is refused, with one of 50 reasons."""
+    plan, seeds = points.plan, len(points.plan.seeds)
+    table = Table(points.columns, points.storeys, plan.variants)
+    size = width(points.columns, points.storeys)
+    for variant in range(plan.variants):
+        values = plan.values(variant // seeds)
+        refused = variant % 10 == 0
+        figures = np.full(size, np.nan if refused else values[2] * (1 + variant % seeds))
+        status, reason = ("refused", f"unsafe: reason {variant % 499 // 10}") if refused else ("complete", "")
+        table.add(Row(variant, status, reason, int(refused), "unsafe" if refused else "safe", "0" * 64, figures))
+    return table

@@ -1,0 +1,115 @@
+"""A row of a sweep run in full: the same case, wherever the process stands, and the same metrics."""
+
+from __future__ import annotations
+
+import json
+from contextlib import chdir
+from pathlib import Path
+from types import SimpleNamespace
+
+import h5py
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from rths_cli.cli import cli
+from rths_cli.errors import InputError
+from rths_cli.experiment import run_case
+from rths_cli.experiment.model_choice import Memory
+from rths_cli.experiment.setup import make_setup
+from rths_cli.files.result_reader import read_result
+from rths_cli.studies.row_of_sweep import read_row
+from rths_cli.studies.study_plan import Asked
+from rths_cli.studies.sweep import SweepRequest, run_sweep
+
+STUDY = """\
+case: a
+axes:
+  controller: [FF, {kind: FF+FB, max_sensitivity: 1.4}]
+  table.converters.latency_samples: [1, 2]
+  table.after_identification.coulomb_factor: {distribution: lognormal, median: 1.2, cov: 0.3}
+samples: {count: 1, seed: 3}
+seeds: {first: 4, last: 5}
+metrics: [check.gain_margin]
+"""
+SILENT = SimpleNamespace(doing=lambda text: None, message=lambda text: None)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with a study, swept from it, of a case on a record of 4.5 s in a folder beside it."""
+    place = tmp_path_factory.mktemp("lab")
+    time_s = np.arange(0.0, 4.5, 0.01)
+    accel = 1.5 * np.sin(4 * np.pi * time_s) * np.sin(np.pi * time_s / 4.5) ** 2
+    (place / "records").mkdir()
+    for name in ("short", "other"):
+        lines = "\n".join(f"{a:.6f}" for a in accel)
+        (place / "records" / f"{name}.csv").write_text(f"# dt: 0.01 s\n# units: m/s^2\n{lines}\n")
+    case = "structure: three_storey\ndamping: low\nrecord: ./records/short.csv\nscaling: 0.3\ncontroller: FF+FB\n"
+    (place / "a.yaml").write_text(case)
+    (place / "study.yaml").write_text(STUDY)
+    with chdir(place):
+        asked = Asked("study.yaml", ("record=./records/other.csv",), (), None)
+        run_sweep(SweepRequest(asked, Path("s.h5"), None, 2, True, False, "test"), SILENT)  # type: ignore[arg-type]
+    return place
+
+
+@pytest.mark.parametrize(("number", "kind", "latency", "seed"), [(2, "FF", 1, 5), (7, "FF+FB", 2, 4)])
+def test_a_row_is_run_in_full_with_the_same_metrics(
+    folder: Path, tmp_path: Path, memory: Memory, number: int, kind: str, latency: int, seed: int
+) -> None:
+    with chdir(tmp_path):
+        row = read_row(folder / "s.h5", number, ("runs=[sim, exp_rths]",))
+    case = row.case
+    assert (case.controller.kind, case.seed, case.name) == (kind, seed, f"a-row{number}")
+    assert case.record.path == folder / "records" / "other.csv"
+    assert case.table.converters.latency_samples == latency  # type: ignore[attr-defined]
+    assert run_case.run_case(make_setup(case), tmp_path / "r.h5", memory, "test", lambda _: None).exit_code == 0
+    result = read_result(tmp_path / "r.h5")
+    assert row.differences(result) == []
+    assert "exp_rths.rms_error_m_s2" in row.figures and len(row.figures) == 3
+    row.figures["exp_rths.rms_error_m_s2"][1] *= 1 + 1e-8
+    (told,) = row.differences(result)
+    assert told.startswith("exp_rths.rms_error_m_s2[2] is ")
+
+
+def test_the_command_says_that_the_metrics_are_the_same_or_not(folder: Path, tmp_path: Path) -> None:
+    words = ["run", "--from", str(folder / "s.h5"), "--row", "1", "--set", "runs=[exp_rths]", "--output"]
+    same = CliRunner().invoke(cli, [*words, str(tmp_path / "one")], standalone_mode=False)
+    assert same.return_value == 0 and "row 1 of " in same.stderr and "has the same metrics" in same.stderr
+    words += [str(tmp_path / "two"), "--set", "scaling=0.2", "--quiet"]
+    other = CliRunner().invoke(cli, words, standalone_mode=False)
+    assert other.return_value == 1 and "the metrics are not those of row 1" in other.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["--row", "1"], "give both"),
+        (["--from", "s.h5"], "give both"),
+        (["--from", "s.h5", "--row", "1", "a"], "leave CASE and --method out"),
+        (["--from", "s.h5", "--row", "1", "--method", "paper"], "leave CASE and --method out"),
+        ([], "Missing argument 'CASE...'"),
+    ],
+)
+def test_a_row_and_cases_exclude_each_other(folder: Path, words: list[str], told: str) -> None:
+    with chdir(folder):
+        done = CliRunner().invoke(cli, ["run", *words])
+    assert done.exit_code == 2 and told in done.output
+
+
+def test_a_file_without_its_origin_or_the_row_is_refused(folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"none\.h5: no such file"):
+        read_row(tmp_path / "none.h5", 1)
+    with pytest.raises(InputError, match="--row 9: must be 1 to 8"):
+        read_row(folder / "s.h5", 9)
+    (tmp_path / "s.h5").write_bytes((folder / "s.h5").read_bytes())
+    with h5py.File(tmp_path / "s.h5", "r+") as file:
+        assert json.loads(file.attrs["settings"]) == ["record=./records/other.csv"]
+        file.attrs["settings"] = "{"
+    with pytest.raises(InputError, match="has lost the settings of its case"):
+        read_row(tmp_path / "s.h5", 1)
+    with h5py.File(tmp_path / "s.h5", "r+") as file:
+        del file.attrs["case_file"]
+    with pytest.raises(InputError, match="does not say where its case comes from"):
+        read_row(tmp_path / "s.h5", 1)

@@ -23,6 +23,7 @@ FIRST = ("loop", "rigs", "experiment")  # folders whose tests compile, the one t
 settings.register_profile("same_every_time", derandomize=True, database=None)
 settings.load_profile("same_every_time")
 os.environ.update(dict.fromkeys(BLAS_THREADS, "1"))  # as the command does, before numpy is imported
+os.environ["COLUMNS"] = "100"  # as in a pipe, wherever the tests are started
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:  # as a shell starts what runs in its background
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a test that is interrupted would wait for ever
 

@@ -106,7 +106,7 @@ def test_every_snippet_of_the_export_page_runs(place: Path, result: rths_cli.Run
     assert np.array_equal(names["storey_3"], accel[2]) and np.array_equal(names["top"].values, accel[2])
     true_error = result.exp_rths.interface_accel_desired_m_s2 - result.exp_rths.truth.table_accel_m_s2
     assert np.array_equal(names["true_error"].values, true_error)
-    assert np.array_equal(names["table"]["abs_accel_m_s2_storey_3"], accel[2])
+    assert names["table"]["abs_accel_m_s2_storey_3"] == pytest.approx(accel[2], rel=5e-9)  # nine digits in a CSV file
 
 
 @pytest.mark.skipif(OCTAVE is None, reason="needs Octave")
@@ -229,7 +229,7 @@ def test_runs_are_kept_apart_and_go_with_their_results() -> None:
 def test_a_method_and_an_override_reach_the_run(tmp_path: Path) -> None:
     done = rths_cli.run("el_centro_bare_ff_fb", method="paper", settings={"runs": ["exp_rths"]}, output=tmp_path)
     assert (done.attributes["method"], done.path.parent) == ("paper", tmp_path)
-    assert done.status == "refused" and "unstable" in done.status_reason + str(done.attributes["check_verdict"])
+    assert done.status == "refused" and "unsafe" in done.status_reason + str(done.attributes["check_verdict"])
     assert "exp_rths" not in done
     assert str(done.attributes["command_line"]).startswith("rths_cli.run el_centro_bare_ff_fb")
 
@@ -374,9 +374,10 @@ def test_the_response_is_that_of_the_series(result: rths_cli.RunResult) -> None:
     assert found.run == "exp_rths" and repr(found).startswith("<response of 3 storeys in exp_rths, ")
     disp, accel = result.exp_rths.rel_disp_m, result.exp_rths.abs_accel_m_s2
     for i in range(3):
-        np.testing.assert_allclose(found.inter_storey_drift_m[i], disp[i] - (disp[i - 1] if i else 0.0), atol=1e-15)
+        drift = disp[i] - (disp[i - 1] if i else 0.0)
+        np.testing.assert_allclose(found.inter_storey_drift_m[i], drift, rtol=0.0, atol=2**-32 * np.abs(drift).max())
         shear = -sum(masses[j] * accel[j] for j in range(i, 3))
-        np.testing.assert_allclose(found.storey_shear_n[i], shear, rtol=0.0, atol=1e-12 * np.abs(shear).max())
+        np.testing.assert_allclose(found.storey_shear_n[i], shear, rtol=0.0, atol=3e-10 * np.abs(shear).max())
     assert np.abs(found.storey_shear_n[0]).max() == pytest.approx(result.metrics["exp_rths.peak_building_base_shear_n"])
     assert result.response_in("sim").run == "sim"
     with pytest.raises(InputError, match="sim_delay"):

@@ -70,7 +70,7 @@ def test_the_pages_that_are_run_as_written_are_these() -> None:
     """A block that lost its language would take its page out of them."""
     howto = {f"howto/{name}.md" for name in ("ci", "hardware", "read_the_pages", "reading_results", "write_a_case")}
     own = {f"howto/own_{name}.md" for name in ("controller", "record", "table")}
-    background = {f"background/{name}.md" for name in ("control", "substructures")}
+    background = {f"background/{name}.md" for name in ("control", "similitude", "substructures")}
     others = {"tutorial/first_run.md", "reference/paper_tables.md"}
     assert {at(page) for page in STORIES} == others | howto | own | background
 

@@ -20,6 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from rths_cli.files.compressed_chunks import LEVEL, chunk_length, write_chunks
 from rths_cli.files.hdf5_safety import walk
 from rths_cli.quantities import AXES, DatasetDeclaration, Interval, Source
+from rths_cli.quantities.declaration import ROUNDED_BITS
 
 if TYPE_CHECKING:
     import h5py
@@ -190,12 +191,26 @@ class Dataset:
     interval: Interval | None = None  # of a metric
 
 
-def as_declared(declared: DatasetDeclaration, value: ArrayLike, remarks: tuple[str, ...] = ()) -> Dataset:
-    """Return a value with what is declared of it; raises ValueError where it is of another kind or has other axes."""
+def as_declared(
+    declared: DatasetDeclaration, value: ArrayLike, remarks: tuple[str, ...] = (), single: bool = False
+) -> Dataset:
+    """Return a value with what is declared of it, in single precision where asked.
+
+    Raises ValueError where it is of another kind or has other axes.
+    """
     data, about = declared.checked(value), declared.meaning(remarks)
-    if declared.single:
+    if declared.follows:
+        data = _rounded(data)
+    if single:
         data = data.astype(np.float32)
     return Dataset(data, declared.units, about, declared.source, declared.axes)
+
+
+def _rounded(rows: NDArray[Any]) -> NDArray[Any]:
+    """Return rows (..., n) to ROUNDED_BITS binary digits of each row's largest value; zeros below compress away."""
+    largest = np.max(np.abs(rows), axis=-1, keepdims=True, initial=0.0, where=np.isfinite(rows))
+    step = np.ldexp(1.0, np.frexp(largest)[1] - ROUNDED_BITS)
+    return np.asarray(np.rint(rows / step) * step)
 
 
 def write_group(

@@ -16,7 +16,6 @@ import shutil
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal
@@ -238,8 +237,7 @@ class ResultWriter:
         known = {dim for dim in declared.axes if dim in axes or f"/{declared.group}/{dim}" in self._scales}
         if missing := [dim for dim in declared.axes if dim not in known and not AXES[dim].counted]:
             raise ValueError(f"{path} needs the scale {missing[0]}.")
-        single = declared.single or (self._series == "essential" and of_a_run(path))
-        return as_declared(replace(declared, single=single), value, remarks)
+        return as_declared(declared, value, remarks, single=self._series == "essential" and of_a_run(path))
 
     def _write(
         self,

@@ -122,7 +122,7 @@ def _of_solution() -> Iterator[DatasetDeclaration]:
     yield DatasetDeclaration("SOLUTION/base_shear_n", "N", TIME, "computed", SHEAR)
     for name, units, text in (("inter_storey_drift_m", "m", DRIFT), ("storey_shear_n", "N", STOREY_SHEAR)):
         yield DatasetDeclaration(
-            f"SOLUTION/{name}", units, ON_STOREYS, "computed", text, present=SINCE_0_2, single=True
+            f"SOLUTION/{name}", units, ON_STOREYS, "computed", text, present=SINCE_0_2, follows=True
         )  # fmt: skip
 
 
@@ -151,7 +151,7 @@ def _of_hybrid_building() -> Iterator[DatasetDeclaration]:
     for name, units, text in (("inter_storey_drift_m", "m", DRIFT), ("storey_shear_n", "N", STOREY_SHEAR)):
         yield DatasetDeclaration(
             f"exp_rths/{name}", units, ON_STOREYS, "estimated", text, present=SINCE_0_2, remarks=(UNKNOWN_BELOW,),
-            single=True,
+            follows=True,
         )  # fmt: skip
 
 
@@ -165,7 +165,7 @@ def _of_table_run() -> Iterator[DatasetDeclaration]:
     floors = "RUN/floor_accel_measured_m_s2"
     yield DatasetDeclaration(floors, ACCEL, ON_FLOORS, "measured", "floor acceleration", remarks=SENSED)
     filtered = "floor acceleration of the Kalman filter"
-    yield DatasetDeclaration("RUN/floor_accel_estimated_m_s2", ACCEL, ON_FLOORS, "estimated", filtered)
+    yield DatasetDeclaration("RUN/floor_accel_estimated_m_s2", ACCEL, ON_FLOORS, "estimated", filtered, follows=True)
     values = "what the parts of the step log, such as parameters of an adaptive compensator"
     yield DatasetDeclaration(
         "RUN/part_values", "as their names", ("value", "time_s"), "computed", values, present=LOGGING
@@ -173,7 +173,7 @@ def _of_table_run() -> Iterator[DatasetDeclaration]:
     names = "names and units of the rows of part_values, one per line"
     yield DatasetDeclaration("RUN/part_value_names", "1", (), "computed", names, "text", present=LOGGING)
     rest = "base shear that the identified specimen does not explain, carried to the end of the prediction"
-    yield DatasetDeclaration("RUN/base_shear_unexplained_n", "N", TIME, "estimated", rest, present=BEST)
+    yield DatasetDeclaration("RUN/base_shear_unexplained_n", "N", TIME, "estimated", rest, present=BEST, follows=True)
     drift = "offset, drift and jumps taken out of the measured series after the run: the loop had their sum"
     yield DatasetDeclaration("RUN/sensor_drift_m_s2", ACCEL, ON_CHANNELS, "estimated", drift, present=DRIFTED)
     still = "samples as the rig gave them, the table told to stand still before and after the run; NaN where none came"

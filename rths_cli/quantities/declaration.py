@@ -74,6 +74,9 @@ class Axis:
     counted: bool = False
 
 
+ROUNDED_BITS = 32  # error at most 2^-32 = 2.3e-10 of the largest value
+
+
 @dataclass(frozen=True)
 class DatasetDeclaration:
     """Hold what a dataset of a file is.
@@ -81,8 +84,8 @@ class DatasetDeclaration:
     `path`: group and name with slashes, in capitals what stands for several names (`RUN`); `axes`: the names of its
     scales, time or frequency last; `text`: its meaning; `kind`: a complex dataset is stored as NAME_real and
     NAME_imag; `present`: when it is in its group, "" for always; `remarks`: what a file may add to the meaning;
-    `essential`: whether a result keeps it with `--series essential`; `single`: whether it is in single precision,
-    because it follows from others of its group.
+    `essential`: whether a result keeps it with `--series essential`; `follows`: whether it follows from others of its
+    group, and is rounded to ROUNDED_BITS of each row's largest value, so that it takes half the space.
     """
 
     path: str
@@ -94,7 +97,7 @@ class DatasetDeclaration:
     present: str = ""
     remarks: tuple[str, ...] = ()
     essential: bool = False
-    single: bool = False
+    follows: bool = False
 
     @property
     def group(self) -> str:

@@ -116,7 +116,7 @@ def test_a_name_must_be_usable_for_a_file(faults_of, name: str) -> None:
 @pytest.mark.parametrize("text", ["", "# nothing\n", "[1, 2]\n", "hello\n"])
 def test_a_file_without_keys_says_which_it_needs(faults_of, text: str) -> None:
     (fault,) = faults_of(text=text)
-    assert "must hold the keys of a case, at least structure" in fault
+    assert "the keys of a case, at least structure, damping, record, scaling and controller" in fault
 
 
 def test_missing_keys_are_all_named(faults_of) -> None:

@@ -100,7 +100,7 @@ def test_keys_of_a_case_complete(option: str) -> None:
     assert complete("sweep", option, "table.physics.cou") == [
         "plain,table.physics.coulomb_n=", "plain,table.physics.coulomb_velocity_m_s="
     ]  # fmt: skip
-    assert complete("sweep", option, "scal") == ["plain,scaling="]
+    assert complete("sweep", option, "scali") == ["plain,scaling="]
     assert complete("sweep", option, "controller")[:2] == ["plain,controller", "plain,controller.kind="]
 
 

@@ -192,7 +192,7 @@ BEFORE = {"folder/x": "", "file": "in the way", "c.yaml": "notes: mine\n", "d.cs
         (("--output", "file/m.h5"), "file: "),
         (("--output", "/proc/none/m.h5"), "/proc/none: "),
         (("--save-data", "/proc/none/d.h5"), "/proc/none: "),
-        (("--output", "c.yaml"), "--output c.yaml: exists and is no model file"),
+        (("--output", "c.yaml"), "c.yaml: exists and is no model file"),
         (("--output", "m.h5", "--save-data", "./m.h5"), "--save-data m.h5: is the file of --output too"),
         (("--output", "m.png"), "--figure m.png: is the file of --output too"),
         (("--data", "d.csv", "--save-data", "d.csv"), "--save-data d.csv: is the file of --data too"),
@@ -263,7 +263,7 @@ def test_help_lists_every_option_with_its_purpose(rths: Rths) -> None:
         for option in cli.commands["identify"].params
         if hasattr(option, "help") and option.opts[0].startswith("--")
     ]
-    assert len(options) == 14
+    assert len(options) == 15
     for option in options:
         assert option.opts[0] in words and option.help in words, option.name  # type: ignore[attr-defined]
     assert "--fresh" in rths("run", "--help").out
@@ -294,9 +294,9 @@ def test_a_kept_model_spares_the_excitation_and_fresh_asks_for_it(
     played: list[int] = []
     excite = workflow.excite
 
-    def counted(setup: object, command_v: np.ndarray, stream: tuple[int, ...] | None = None) -> object:
+    def counted(setup: object, command_v: np.ndarray, **how: object) -> object:
         played.append(command_v.size)
-        return excite(setup, command_v, stream)  # type: ignore[arg-type]
+        return excite(setup, command_v, **how)  # type: ignore[arg-type]
 
     monkeypatch.setattr(workflow, "excite", counted)
     words = ("run", "el_centro_low_ff", "--set", "runs=[exp_rths]", *SHORT, "--quiet")

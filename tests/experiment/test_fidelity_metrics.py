@@ -127,6 +127,7 @@ def parts() -> Parts:
         measured=measured,
         true_accel=np.stack([sine(1.03, 0.001), sine()]),
         base_shear_n=12.0 * sine(),
+        law_force_n=None,
     )
     sim = SimpleNamespace(abs_accel_m_s2=np.stack([sine()] * 3), rel_vel_m_s=np.stack([sine(0.1)] * 3))
     still = np.zeros((3, len(TIME_S)))

@@ -9,6 +9,7 @@ from typing import Any
 from rths_cli.quantities import AXES, BLOCKS, AttributeDeclaration, DatasetDeclaration
 from rths_cli.quantities.attributes import OF_BLOCK, OF_FILE, OF_RUN
 from rths_cli.quantities.datasets import GROUPS, declared_datasets
+from rths_cli.quantities.declaration import ROUNDED_BITS
 from rths_cli.quantities.model_datasets import GROUPS as MODEL_GROUPS
 from rths_cli.quantities.model_datasets import MODEL_ATTRIBUTES, declared_model_datasets
 from rths_cli.quantities.sweep_datasets import OF_SWEEP, SWEEP_DATASETS
@@ -22,8 +23,9 @@ Format version 1.
 Every dataset has the attributes `units`, `long_name` (below: holds) and `source` (computed, measured, estimated,
 true). Time or frequency is the last axis. Every group holds its own scales, so that a run that was stopped is shorter
 than the record. Complex values are two datasets, `_real` and `_imag`. Runs that a case does not name are not there.
-Numbers are double precision but for what is marked as single. `rths run --series essential` keeps, of all runs and the
-record, the datasets marked as essential, in single precision; `--series none` keeps none of these.
+Numbers are double precision. Series marked "32 binary digits", which follow from others of their group, are rounded to
+that many of each row's largest value (an error of at most 2.3e-10 of it). `rths run --series essential` keeps, of all
+runs and the record, the datasets marked as essential, in single precision; `--series none` keeps none of these.
 [Read a result](../howto/reading_results.md) shows how to read the files from Python and MATLAB.
 
 In a path, `RUN` is `shake_table` or `exp_rths`, `SOLUTION` is `sim` or `sim_delay`. Shapes are given by the scales:
@@ -68,9 +70,8 @@ def _row(path: str, one: DatasetDeclaration) -> tuple[str, ...]:
     part = {"_real": ", real part", "_imag": ", imaginary part"}.get(path.removeprefix(one.path), "")
     may = f"; a file may add: {', '.join(one.remarks)}" if one.remarks else ""
     shape = f"({', '.join(one.axes)})" if one.axes else "one value"
-    marks = "; ".join(
-        filter(None, (one.present, "essential" if one.essential else "", "single precision" if one.single else ""))
-    )
+    rounded = f"{ROUNDED_BITS} binary digits" if one.follows else ""
+    marks = "; ".join(filter(None, (one.present, "essential" if one.essential else "", rounded)))
     return f"`/{path}`", shape, one.units, one.source, escaped(one.text + part + may + _condition(marks))
 
 

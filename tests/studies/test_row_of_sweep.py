@@ -89,7 +89,7 @@ def test_the_command_says_that_the_metrics_are_the_same_or_not(folder: Path, tmp
         (["--from", "s.h5"], "give both"),
         (["--from", "s.h5", "--row", "1", "a"], "leave CASE and --method out"),
         (["--from", "s.h5", "--row", "1", "--method", "paper"], "leave CASE and --method out"),
-        ([], "Missing argument 'CASE...'"),
+        ([], "CASE is missing; rths list cases"),
     ],
 )
 def test_a_row_and_cases_exclude_each_other(folder: Path, words: list[str], told: str) -> None:

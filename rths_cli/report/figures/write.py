@@ -91,7 +91,7 @@ def write_figures(
     `replace`, where one exists.
     """
     _check(header, HEADERS, "header")
-    stems = _stems([result.path for result in results])
+    stems = tuple(_stems([result.path for result in results]))
     headed = header == CASE_HEADER
     pairs = ((Source(result, headed), Source(in_model_scale(result), headed)) for result in results)
     planned = (
@@ -114,7 +114,7 @@ def write_sweep_figures(
     "": the RMS error of EXP-RTHS. Otherwise as `write_figures`; also raises InputError where no sweep has the metric.
     """
     _check(header, HEADERS, "header")
-    stems = _stems([path for path, _ in sweeps])
+    stems = tuple(_stems([path for path, _ in sweeps]))
     planned = (
         (path, stem, SWEEP, partial(sweep_figure, sweep, width, metric, header == CASE_HEADER), f"{SWEEP}: {stem}")
         for stem, (path, sweep) in zip(stems, sweeps, strict=True)

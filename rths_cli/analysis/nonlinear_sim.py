@@ -86,6 +86,20 @@ class LawState(NamedTuple):
     level: Integers
 
 
+class Moving(NamedTuple):
+    """A state on its way: `lin` (N,), with the inputs, moves without the laws, `now` (2n,) is what the laws change;
+    `after` (N,) is room."""
+
+    lin: Array
+    now: Array
+    after: Array
+
+
+def at_rest(states: int, inputs: int) -> Moving:
+    """Return a state of rest."""
+    return Moving(np.zeros(states + inputs), np.zeros(states), np.zeros(states + inputs))
+
+
 def simulate_with_laws(building: Building, dt_s: float, ground_accel_m_s2: Array) -> Response:
     """Solve M d2x + C dx + K x + laws = -M 1 a_g from rest for a record (n,) linear between samples.
 
@@ -105,7 +119,9 @@ def simulate_with_laws(building: Building, dt_s: float, ground_accel_m_s2: Array
     linear = np.ascontiguousarray(np.vstack([start.rel_disp_m, start.rel_vel_m_s]).T)
     change, force = np.zeros_like(linear), np.zeros((len(record), len(storeys)))
     work = np.zeros_like(force)
-    failed = _march(tables, laws_at_rest(laws, which, tables), linear, record, dt_s, change, force, work)
+    failed = _march(
+        tables, laws_at_rest(laws, which, tables), at_rest(2 * n, 2), linear, record, dt_s, change, force, work
+    )
     if failed >= 0:
         raise InputError(f"SIM: {too_steep(failed * dt_s)}")
     history.force_n[storeys], history.work_j[storeys] = force.T, work.T
@@ -234,6 +250,7 @@ def _begin(code: int, numbers: Array, memory: Array, signs: Array) -> None:
 @shared_part
 def _force(code: int, numbers: Array, memory: Array, signs: Array, u: float, v: float, inner: Array) -> float:
     """Return the force of a law beyond the spring at rest, on the branch that holds."""
+    numbers, memory, signs, inner = borrowed((numbers, memory, signs, inner))
     if code in (BILINEAR, CLOUGH):
         return memory[FORCE] - memory[SLOPE] * memory[ANCHOR] + (memory[SLOPE] - numbers[0]) * u
     if code == GAP:
@@ -252,6 +269,7 @@ def _force(code: int, numbers: Array, memory: Array, signs: Array, u: float, v: 
 @shared_part
 def _rates(code: int, numbers: Array, signs: Array, v: float, inner: Array, rate: Array) -> None:
     """Write the rates (2,) of a law's inner variables."""
+    numbers, signs, inner, rate = borrowed((numbers, signs, inner, rate))
     rate[0] = rate[1] = 0.0
     if code == MAXWELL:
         rate[0] = numbers[0] * (v - inner[0] / numbers[1])
@@ -273,6 +291,7 @@ def _rates(code: int, numbers: Array, signs: Array, v: float, inner: Array, rate
 @shared_part
 def _left(code: int, numbers: Array, memory: Array, signs: Array, u: float, v: float, inner: Array) -> bool:
     """Return whether the branch does not hold at a point."""
+    numbers, memory, signs, inner = borrowed((numbers, memory, signs, inner))
     if code == VISCOUS:
         return abs(v) > numbers[2] if signs[0] == 0.0 else signs[0] * v < numbers[2]
     if code == BOUC_WEN:
@@ -304,6 +323,7 @@ def _to_reloading(memory: Array, side: float, anchor: float, slope: float) -> No
 @shared_part
 def _switch_clough(numbers: Array, memory: Array, u: float, v: float) -> None:
     """Go from one branch of Clough's law to the next."""
+    numbers, memory = borrowed((numbers, memory))
     k, limit, side = numbers[0], numbers[1], memory[SIDE]
     force = memory[FORCE] + memory[SLOPE] * (u - memory[ANCHOR])
     if memory[BRANCH] == ELASTIC:
@@ -336,6 +356,7 @@ def _switch_clough(numbers: Array, memory: Array, u: float, v: float) -> None:
 @shared_part
 def _switch(code: int, numbers: Array, memory: Array, signs: Array, u: float, v: float, inner: Array) -> None:
     """Go to the branch that holds from a point on at which the last one does not."""
+    numbers, memory, signs, inner = borrowed((numbers, memory, signs, inner))
     if code == VISCOUS:
         signs[0] = 0.0 if signs[0] != 0.0 else 1.0 if v > 0.0 else -1.0
     elif code == BOUC_WEN:
@@ -365,6 +386,7 @@ def _switch(code: int, numbers: Array, memory: Array, signs: Array, u: float, v:
 def _march(
     tables: Tables,
     laws: LawState,
+    moving: Moving,
     linear: Array,
     record: Array,
     dt_s: float,
@@ -376,19 +398,26 @@ def _march(
 
     Returns the number of the sample where no step was small enough, -1 if there is none.
     """
-    tables, laws = borrowed((tables, laws))
-    states = linear.shape[1]
-    lin, now, after = np.zeros(states + 2), np.zeros(states), np.zeros(states + 2)
+    tables, laws, moving = borrowed((tables, laws, moving))
+    linear, record, change, force, work = borrowed((linear, record, change, force, work))
+    states, lin, now = linear.shape[1], moving.lin, moving.now
     begin(laws)
     for k in range(1, len(record)):
-        lin[:states] = linear[k - 1]
+        copy(linear[k - 1], lin, states)
         lin[states], lin[states + 1] = record[k - 1], record[k] - record[k - 1]
-        work[k] = work[k - 1]
-        if not advance(tables, laws, dt_s, lin, now, after, work[k]):
+        copy(work[k - 1], work[k], work.shape[1])
+        if not advance(tables, laws, dt_s, moving, work[k]):
             return k
-        change[k] = now
+        copy(now, change[k], states)
         read_forces(laws, force[k])
     return -1
+
+
+@shared_part
+def copy(source: Array, target: Array, count: int) -> None:
+    """Copy the first values; a slice would be checked for its length by code that allocates."""
+    for i in range(count):
+        target[i] = source[i]
 
 
 @shared_part
@@ -407,21 +436,18 @@ def read_forces(laws: LawState, force: Array) -> None:
 
 
 @shared_part
-def advance(
-    tables: Tables, laws: LawState, interval_s: float, lin: Array, now: Array, after: Array, work: Array
-) -> bool:
-    """Move a state by one interval, and add what the laws do to `work` (q,); tell whether a step was small enough.
-
-    The state is `lin` + `now`: `lin` (N,), with the inputs, moves without the laws, `now` (2n,) is what the laws
-    change. `after` (N,) is room.
-    """
+def advance(tables: Tables, laws: LawState, interval_s: float, moving: Moving, work: Array) -> bool:
+    """Move a state by one interval, and add what the laws do to `work` (q,); tell whether a step was small enough."""
+    tables, laws, moving, work = borrowed((tables, laws, moving, work))
+    lin, now, after = moving.lin, moving.now, moving.after
     states, size, storeys, ticks, position = len(now), len(lin), laws.nodes.shape[0], 1 << FINEST, 0
     while position < ticks:
         level = max(laws.level[0] - 1, 0)
         while position % (ticks >> level) != 0:
             level += 1
-        laws.full[:] = lin
-        laws.full[:states] += now
+        copy(lin, laws.full, size)
+        for s in range(states):
+            laws.full[s] += now[s]
         while True:
             outcome = _try(tables, laws, level, interval_s / (1 << level))
             if outcome == DONE or (outcome == EVENT and level == FINEST):
@@ -450,13 +476,13 @@ def advance(
                 for m in range(4):
                     total += tables.whole_force[level, s, q, m] * laws.nodes[q, m]
             after[s] = total
-        now[:] = after[:states]
+        copy(after, now, states)
         for s in range(size):
             total = 0.0
             for c in range(size):
                 total += tables.whole[level, s, c] * lin[c]
             after[s] = total
-        lin[:] = after
+        copy(after, lin, size)
         _take_branches(laws)
         position += ticks >> level
     return True
@@ -465,18 +491,19 @@ def advance(
 @shared_part
 def _take_branches(laws: LawState) -> None:
     """Take the end of a step as the start of the next one, on the branches that hold there."""
+    laws = borrowed(laws)
     storeys = laws.nodes.shape[0]
     for i in range(len(laws.code)):
         code, numbers, memory, signs, inner = (
             laws.code[i], laws.numbers[i], laws.memory[i], laws.signs[i], laws.inner[i, 0],
         )  # fmt: skip
         u, v = laws.moved[3, laws.which[i]], laws.moved[3, storeys + laws.which[i]]
-        inner[:] = laws.inner[i, 3]
+        copy(laws.inner[i, 3], inner, inner.size)
         laws.scale[i] = max(laws.scale[i], abs(laws.made[i, 3]))
         if _left(code, numbers, memory, signs, u, v, inner):
             _switch(code, numbers, memory, signs, u, v, inner)
         laws.made[i, 0] = _force(code, numbers, memory, signs, u, v, inner)
-    laws.moved[0] = laws.moved[3]
+    copy(laws.moved[3], laws.moved[0], 2 * storeys)
 
 
 @shared_part
@@ -485,6 +512,7 @@ def _try(tables: Tables, state: LawState, level: int, step_s: float) -> int:
 
     Reads drifts and forces at the step's start in `moved[0]`, `made[:, 0]` and `inner[:, 0]`, the state in `full`.
     """
+    tables, state = borrowed((tables, state))
     at, at_force, weights, full = tables.at[level], tables.at_force[level], tables.weights, state.full
     which, code, numbers, memory, signs = state.which, state.code, state.numbers, state.memory, state.signs
     inner, made, rates, scale = state.inner, state.made, state.rates, state.scale
@@ -497,10 +525,11 @@ def _try(tables: Tables, state: LawState, level: int, step_s: float) -> int:
                 total += at[m, r, s] * full[s]
             base[m, r] = total
     for i in range(laws):
-        for m in range(1, 4):
-            made[i, m], inner[i, m] = made[i, 0], inner[i, 0]
         _rates(code[i], numbers[i], signs[i], moved[0, storeys + which[i]], inner[i, 0], rates[i, 0])
-        rates[i, 1:] = rates[i, 0]
+        for m in range(1, 4):
+            made[i, m] = made[i, 0]
+            copy(inner[i, 0], inner[i, m], 2)
+            copy(rates[i, 0], rates[i, m], 2)
     solved = False
     for _ in range(ROUNDS):
         nodes[:] = 0.0

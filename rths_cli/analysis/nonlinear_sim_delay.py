@@ -19,9 +19,12 @@ from numpy.typing import ArrayLike
 
 from rths_cli.analysis.nonlinear_sim import (
     LawState,
+    Moving,
     Tables,
     advance,
+    at_rest,
     begin,
+    copy,
     drift_rows,
     laws_at_rest,
     push_matrix,
@@ -180,8 +183,8 @@ def _solve(
     history = np.zeros((math.ceil(min(lag, substeps * samples)) + 3, 4))
     moving_mass = building.specimen.masses_kg.sum() + building.interface_experimental_mass_kg
     reached = _march_delayed(
-        tables, laws_at_rest(building.laws, which, tables), _shear(building, system, h_s), record, substeps, h_s, lag,
-        float(limit_m_s2 * moving_mass), history, numbers,
+        tables, laws_at_rest(building.laws, which, tables), at_rest(states, 6), _shear(building, system, h_s), record,
+        substeps, h_s, lag, float(limit_m_s2 * moving_mass), history, np.zeros((3, len(storeys))), numbers,
     )  # fmt: skip
     if reached < 0:
         raise InputError(f"SIM-DELAY: {too_steep(-reached * dt_s)}")
@@ -222,6 +225,7 @@ def _read_shear(shear: Shear, lin: Array, late: float, slope: float, force: Arra
 def _march_delayed(
     tables: Tables,
     laws: LawState,
+    moving: Moving,
     shear: Shear,
     record: Array,
     substeps: int,
@@ -229,19 +233,21 @@ def _march_delayed(
     lag: float,
     limit_n: float,
     history: Array,
+    storeys: Array,
     numbers: Array,
 ) -> int:
     """Advance both parts from rest; return the number of samples within the limit of the shear, the negative number of
     the sample where the laws cannot be solved.
 
     `lag` is the delay in substeps, at least one. `history` (lag + 3 or more, 4) is a zeroed ring of the substeps: shear
-    and right-hand derivative at the start, shear and left-hand derivative at the end. `numbers` (n, 2n + 1 + 2q) takes
-    states, delayed shear, forces and work of laws.
+    and right-hand derivative at the start, shear and left-hand derivative at the end. `storeys` (3, q) zeros.
+    `numbers` (n, 2n + 1 + 2q) takes states, delayed shear, forces and work of laws.
     """
-    tables, laws, shear, history = borrowed((tables, laws, shear, history))
-    states, storeys = shear.state.shape[1], shear.laws.shape[1]
-    lin, now, after = np.zeros(states + 6), np.zeros(states), np.zeros(states + 6)
-    work, force, none = np.zeros(storeys), np.zeros(storeys), np.zeros(storeys)
+    tables, laws, moving, shear = borrowed((tables, laws, moving, shear))
+    record, history, storeys, numbers = borrowed((record, history, storeys, numbers))
+    lin, now = moving.lin, moving.now
+    work, force, none = storeys[0], storeys[1], storeys[2]
+    states, q_all = shear.state.shape[1], len(work)
     begin(laws)
     step = 0
     for k in range(1, len(record)):
@@ -255,18 +261,22 @@ def _march_delayed(
             lin[states + 2], lin[states + 3], lin[states + 4], lin[states + 5] = f0, d0, 2.0 * c2, 6.0 * c3
             piece = history[step % history.shape[0]]
             piece[0], piece[1] = _read_shear(shear, lin, f0, d0, force, none)
-            if not advance(tables, laws, h_s, lin, now, after, work):
+            if not advance(tables, laws, h_s, moving, work):
                 return -k
-            lin[:states] += now
-            now[:] = 0.0
+            for s in range(states):
+                lin[s] += now[s]
+                now[s] = 0.0
             read_forces(laws, force)
             piece[2], piece[3] = _read_shear(shear, lin, f1, d1, force, laws.slope[1])
-            for q in range(storeys):
+            for q in range(q_all):
                 piece[1] += shear.laws[0, q] * laws.slope[0, q]
             if not abs(piece[2]) <= limit_n:
                 return k
-        numbers[k, :states], numbers[k, states] = lin[:states], f1
-        numbers[k, states + 1 : states + 1 + storeys], numbers[k, states + 1 + storeys :] = force, work
+        row = numbers[k]
+        copy(lin, row, states)
+        row[states] = f1
+        for q in range(q_all):
+            row[states + 1 + q], row[states + 1 + q_all + q] = force[q], work[q]
     return len(record)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import os
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -328,8 +329,12 @@ def test_what_is_being_done_is_said_again_where_nobody_sees_a_status_line(capsys
     with said_again(screen, False, 0.001) as doing:  # type: ignore[arg-type]
         doing("probe of 20 s")
         seen = ""
-        while "probe of 20 s ... 0 s" not in seen:
+        for _ in range(1000):  # 10 s, where a millisecond is expected
             seen += capsys.readouterr().err
+            if seen:
+                break
+            time.sleep(0.01)
+        assert "probe of 20 s (after 0 s)" in seen
     with said_again(screen, True, 0.001) as doing:  # type: ignore[arg-type]
         doing("nothing")
     assert "nothing" not in capsys.readouterr().err

@@ -12,6 +12,7 @@ from hybrid import best_like, ground, open_limits
 
 import rths_cli
 from rths_cli.analysis.metrics import figures_of_pairs
+from rths_cli.analysis.nonlinear_sim_delay import simulate_delayed_with_laws
 from rths_cli.analysis.sim_delay import simulate_delayed
 from rths_cli.case.load import load_cases
 from rths_cli.case.virtual_physics_schema import VirtualPhysics
@@ -27,6 +28,8 @@ from rths_cli.rigs.udp.siphash import siphash_into
 from rths_cli.rigs.virtual import plant_kernel
 from rths_cli.rigs.virtual.virtual_rig import VirtualRig, build_plant
 from rths_cli.structure import build
+
+YIELDS = "{kind: bilinear, yield_displacement_m: 0.004, hardening: 0.05}"
 
 
 def entries() -> dict[str, Entry]:
@@ -78,8 +81,10 @@ def compile_the_exchange() -> None:
 
 
 def compile_the_analysis() -> None:
-    """Compile SIM-DELAY and the errors of a run."""
+    """Compile SIM-DELAY, both solutions of a building with laws, and the errors of a run."""
     record = np.sin(np.arange(400.0))
     case = load_cases(["el_centro_low_ff_fb"])[0]
     simulate_delayed(build(case.structure, case.damping), DT_S, record, 0.001)
+    (yielding,) = load_cases(["el_centro_low_ff_fb"], (f"structure.numerical.law=[[{YIELDS}]]",))
+    simulate_delayed_with_laws(build(yielding.structure, yielding.damping), DT_S, record[:20], 0.001)
     figures_of_pairs([(record, 0.9 * record)], DT_S, high_pass_hz=5.0)

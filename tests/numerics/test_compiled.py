@@ -174,7 +174,8 @@ def test_damaged_code_is_compiled_again_and_kept(
     damaged = Path(shutil.copytree(cache, tmp_path / "damaged"))
     (path,) = damaged.rglob(f"*.{suffix}")
     damage(path)
-    assert hello(damaged) == wanted
+    told = hello(damaged)
+    assert told[:2] == wanted[:2] and "compiling" in told
     assert hello(damaged) == ["0", wanted[1]]
 
 

@@ -44,8 +44,7 @@ def report(*words: object) -> tuple[int, str, str]:
 def refused(*words: object) -> str:
     with pytest.raises(InputError) as caught:
         report(*words)
-    (fault,) = caught.value.faults
-    return fault
+    return "\n".join(caught.value.faults)
 
 
 def counts(root: ET.Element) -> list[int]:

@@ -147,6 +147,9 @@ def test_a_hybrid_run_has_every_path_known_beforehand(parts: Parts) -> None:
         ".high_pass_hz",
         "_steps",
         ".longest_gap_s",
+        ".ductility",
+        ".residual_drift_m",
+        ".restoring_work_j",
     )
     assert {path for path in known if not any(part in path for part in others)} == {
         path for path in figures if ".tracking_" not in path

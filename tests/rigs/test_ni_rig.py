@@ -188,7 +188,9 @@ def test_the_policy_stop_leads_the_table_to_rest_after_the_first_missed_edge(mak
     run, fault = played(make, {50}, overrun="stop")
     assert (fault, int(run.guard.flags[1]), int(run.guard.flags[0])) == ("", g.OVERRUN, g.STOPPED)
     assert run.guard.flags[3] < 60 and run.guard.seen[0] == 1
-    assert "(1, overrun is stop; lower sample_rate_hz" in reason_of(run.info, run.limits, run.guard, RECORD)
+    assert "(1, overrun is stop; end other programs, lower sample_rate_hz" in reason_of(
+        run.info, run.limits, run.guard, RECORD
+    )
 
 
 @pytest.mark.parametrize(("count", "stops"), [(2, False), (3, True)])

@@ -319,7 +319,7 @@ def _with_law_file(law: Node, key: str, faults: list[Fault]) -> Node:
         found = hashlib.sha256(path.read_bytes()).hexdigest()
     except (InputError, OSError) as error:
         faults.append(Fault(node.mark, f"{key}.file", str(error)))
-        return law
+        return replace(law, value={**law.children, "file": replace(node, value=node.mark.source.folder / "missing")})
     stated = law.children.get("sha256")
     if stated is not None and stated.value != found:
         told = f"is not that of {printable(path.name)}, which is {found}; read the file, then state its checksum"

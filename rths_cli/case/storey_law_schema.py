@@ -147,8 +147,10 @@ class OwnLaw(StoreyLaw):
     file: Path | None = Field(
         default=None, description="the Python file of the law, relative to the file that names it; its code is run"
     )
-    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")] | None = Field(
-        default=None, description="checksum of that file; default: as it is found. A file with another one is not run"
+    sha256: str | None = Field(
+        default=None,
+        description="checksum of that file; default: as it is found. A file with another one is not run",
+        json_schema_extra={"pattern": "^[0-9a-f]{64}$"},
     )
     installed: Annotated[str, Field(min_length=1, max_length=100)] | None = Field(
         default=None, description="instead of file: the name of an entry point of the group rths.laws"
@@ -159,6 +161,8 @@ class OwnLaw(StoreyLaw):
     @classmethod
     def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
         yield from exactly_one(data, "file", "installed")
+        if data.get("sha256") is not None and data.get("file") is None:
+            yield ("sha256",), "is the checksum of file, which is not given; remove it"
 
 
 KINDS: dict[str, type[StoreyLaw]] = {

@@ -66,7 +66,7 @@ def test_everything_shipped_is_known(lab: Path) -> None:
     own = ["base_isolated", "tuned_mass_damper", "viscous_damper"]
     assert sorted(known("structures", lab)) == sorted([*own, "three_storey", "three_storey_bare"])
     assert known("references", lab) == ["zhang2015"]
-    assert len(known("cases", lab)) == 9
+    assert len(known("cases", lab)) == 12
 
 
 def test_an_installed_copy_goes_before_the_source_tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -26,8 +26,20 @@ from rths_cli.analysis.sim import (
 from rths_cli.errors import InputError
 from rths_cli.numerics.compiled import borrowed, entry, shared_part
 from rths_cli.numerics.lti import Array, Integers
+from rths_cli.numerics.user_functions import call_force
 from rths_cli.structure import Building
-from rths_cli.structure.storey_laws import BILINEAR, BOUC_WEN, CLOUGH, CUBIC, GAP, MAXWELL, VISCOUS, Laws
+from rths_cli.structure.storey_laws import (
+    BILINEAR,
+    BOUC_WEN,
+    CLOUGH,
+    CUBIC,
+    GAP,
+    MAXWELL,
+    OWN,
+    OWN_STATES,
+    VISCOUS,
+    Laws,
+)
 
 FINEST = 20  # halvings of the record's interval
 FINEST_SMOOTH = 10  # halvings for the sake of smoothness alone
@@ -35,6 +47,7 @@ NODES = np.array([0.0, 0.5 - np.sqrt(5.0) / 10.0, 0.5 + np.sqrt(5.0) / 10.0, 1.0
 ROUNDS = 60  # of the fixed point before a step is halved
 CONVERGED = 1e-14  # of the largest force so far
 SMOOTH = 1e-3  # third difference of a force within a step, of its largest value so far
+SMOOTH_OWN = 1e-6  # the same for a user's own law, whose kinks are no events
 MOST_STORED = 4e7  # numbers of the matrices of all step sizes: 320 MB
 DONE, EVENT, ROUGH, FAILED = range(4)
 FORCE, SLOPE, ANCHOR, LOW, HIGH, RULE, BRANCH, SIDE = range(8)  # of a branch: f + slope (u - anchor), where it holds
@@ -65,13 +78,16 @@ class LawState(NamedTuple):
     """The state of l laws in q storeys, and room to solve their forces (`laws_at_rest`).
 
     `which` (l,) storey, `memory` and `signs` of the branch, `inner` variables, forces `made` and `rates` at the nodes
-    of a step; `moved` (4, 2q) drifts and rates there, `nodes` (q, 4) the storeys' forces; `slope` (2, q) of these at
-    start and end of an interval, per interval; `level` (1,) of the last step.
+    of a step; `address` and `own` (l, 4 OWN_STATES), the states at the nodes, of users' own laws; `moved` (4, 2q)
+    drifts and rates there, `nodes` (q, 4) the storeys' forces; `slope` (2, q) of these at start and end of an interval,
+    per interval; `level` (1,) of the last step.
     """
 
     which: Integers
     code: Integers
+    address: Integers
     numbers: Array
+    own: Array
     memory: Array
     signs: Array
     inner: Array
@@ -217,7 +233,9 @@ def laws_at_rest(laws: Laws, which: Integers, tables: Tables) -> LawState:
     return LawState(
         which=which.astype(np.int64),
         code=laws.code,
+        address=laws.address,
         numbers=laws.numbers,
+        own=np.zeros((count, 4 * OWN_STATES)),
         memory=np.zeros((count, MEMORY)),
         signs=np.zeros((count, 2)),
         inner=np.zeros((count, 4, 2)),
@@ -292,6 +310,8 @@ def _rates(code: int, numbers: Array, signs: Array, v: float, inner: Array, rate
 def _left(code: int, numbers: Array, memory: Array, signs: Array, u: float, v: float, inner: Array) -> bool:
     """Return whether the branch does not hold at a point."""
     numbers, memory, signs, inner = borrowed((numbers, memory, signs, inner))
+    if code == OWN:
+        return False
     if code == VISCOUS:
         return abs(v) > numbers[2] if signs[0] == 0.0 else signs[0] * v < numbers[2]
     if code == BOUC_WEN:
@@ -500,6 +520,11 @@ def _take_branches(laws: LawState) -> None:
         u, v = laws.moved[3, laws.which[i]], laws.moved[3, storeys + laws.which[i]]
         copy(laws.inner[i, 3], inner, inner.size)
         laws.scale[i] = max(laws.scale[i], abs(laws.made[i, 3]))
+        if code == OWN:
+            for s in range(OWN_STATES):
+                laws.own[i, s] = laws.own[i, 3 * OWN_STATES + s]
+            laws.made[i, 0] = laws.made[i, 3]
+            continue
         if _left(code, numbers, memory, signs, u, v, inner):
             _switch(code, numbers, memory, signs, u, v, inner)
         laws.made[i, 0] = _force(code, numbers, memory, signs, u, v, inner)
@@ -510,7 +535,8 @@ def _take_branches(laws: LawState) -> None:
 def _try(tables: Tables, state: LawState, level: int, step_s: float) -> int:
     """Solve the laws' forces at the nodes of one step; tell whether it holds, or why it must be halved.
 
-    Reads drifts and forces at the step's start in `moved[0]`, `made[:, 0]` and `inner[:, 0]`, the state in `full`.
+    Reads drifts and forces at the step's start in `moved[0]`, `made[:, 0]` and `inner[:, 0]`, the state in `full`. A
+    user's own law goes from node to node.
     """
     tables, state = borrowed((tables, state))
     at, at_force, weights, full = tables.at[level], tables.at_force[level], tables.weights, state.full
@@ -555,8 +581,12 @@ def _try(tables: Tables, state: LawState, level: int, step_s: float) -> int:
                     inner[i, m, x] = total
             for m in range(1, 4):
                 u, v = moved[m, which[i]], moved[m, storeys + which[i]]
-                _rates(code[i], numbers[i], signs[i], v, inner[i, m], rates[i, m])
-                wanted = _force(code[i], numbers[i], memory[i], signs[i], u, v, inner[i, m])
+                if code[i] == OWN:
+                    first, after = (m - 1) * OWN_STATES, m * OWN_STATES
+                    wanted = call_force(state.address[i], numbers[i], state.own[i], first, after, u, v)
+                else:
+                    _rates(code[i], numbers[i], signs[i], v, inner[i, m], rates[i, m])
+                    wanted = _force(code[i], numbers[i], memory[i], signs[i], u, v, inner[i, m])
                 if not abs(wanted - made[i, m]) <= CONVERGED * max(scale[i], abs(wanted)):
                     solved = False
                 made[i, m] = wanted
@@ -569,7 +599,9 @@ def _try(tables: Tables, state: LawState, level: int, step_s: float) -> int:
             ):
                 return EVENT
     for i in range(laws):
+        if code[i] == OWN and moved[0, storeys + which[i]] * moved[3, storeys + which[i]] < 0.0:
+            return ROUGH  # the farthest drift lies between nodes
         third = made[i, 3] - made[i, 0] + 5.0**0.5 * (made[i, 1] - made[i, 2])
-        if abs(third) > SMOOTH * max(scale[i], abs(made[i, 3])):
+        if abs(third) > (SMOOTH_OWN if code[i] == OWN else SMOOTH) * max(scale[i], abs(made[i, 3])):
             return ROUGH
     return DONE

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
@@ -89,6 +90,8 @@ def expand_case(tree: Node, stem: str) -> tuple[Node, list[Fault], set[str]]:
             node = _expand(children[key], kind, key, faults, ())
             lost |= {key} if node is None else set()
             children[key] = node or children[key]
+    if "structure" in children:
+        children["structure"] = _with_law_files(children["structure"], "structure.", faults)
     for key in ("record", "controller"):
         if key in children:
             children[key] = _long_form(children[key], SHORT_FORMS[key])
@@ -105,7 +108,11 @@ def expand_file(path: Path, kind: str) -> tuple[Node | None, list[Fault]]:
     source = Source(display(path), path.absolute().parent)
     faults: list[Fault] = []
     node = _from_file(Node(str(path.absolute()), Mark(source)), kind, "", faults, ())
-    return (_with_whole_paths(node) if node is not None and kind == "rigs" and is_real(node) else node), faults
+    if node is not None and kind == "rigs" and is_real(node):
+        node = _with_whole_paths(node)
+    elif node is not None and kind == "structures":
+        node = _with_law_files(node, "", faults)
+    return node, faults
 
 
 def merge(base: Node, over: Node) -> Node:
@@ -284,6 +291,41 @@ def _use_model(children: dict[str, Node], model: Node, faults: list[Fault]) -> N
         advice = "identify the rig (rths identify) and name its model file here, or under identification.model"
         faults.append(Fault(model.mark, "table.model", f"no such file: {printable(str(model.value))[:300]}; {advice}"))
     children["identification"] = replace(options, value={**options.value, "model": model})
+
+
+def _with_law_files(structure: Node, above: str, faults: list[Fault]) -> Node:
+    """Return a structure with the absolute path and the checksum of every file that a law of a storey names."""
+    numerical = structure.children.get("numerical")
+    law = numerical.children.get("law") if numerical is not None else None
+    if numerical is None or law is None:
+        return structure
+    law = _with_law_file(law, f"{above}numerical.law", faults)
+    return replace(
+        structure,
+        value={**structure.children, "numerical": replace(numerical, value={**numerical.children, "law": law})},
+    )
+
+
+def _with_law_file(law: Node, key: str, faults: list[Fault]) -> Node:
+    if isinstance(law.value, tuple):
+        return replace(
+            law, value=tuple(_with_law_file(one, f"{key}[{i + 1}]", faults) for i, one in enumerate(law.value))
+        )
+    node = law.children.get("file")
+    if node is None or not isinstance(node.value, str):
+        return law
+    try:
+        path = Path(os.path.abspath(_plain_file(node.value, node.mark.source.folder)))
+        found = hashlib.sha256(path.read_bytes()).hexdigest()
+    except (InputError, OSError) as error:
+        faults.append(Fault(node.mark, f"{key}.file", str(error)))
+        return replace(law, value={**law.children, "file": replace(node, value=node.mark.source.folder / "missing")})
+    stated = law.children.get("sha256")
+    if stated is not None and stated.value != found:
+        told = f"is not that of {printable(path.name)}, which is {found}; read the file, then state its checksum"
+        faults.append(Fault(stated.mark, f"{key}.sha256", told))
+    checksum = stated or Node(found, node.mark, node.key_mark)
+    return replace(law, value={**law.children, "file": replace(node, value=path), "sha256": checksum})
 
 
 def _whole_path(node: Node) -> Node:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import (
@@ -139,6 +140,31 @@ class CubicLaw(StoreyLaw):
     largest_drift_m: Drift = Field(description="up to which it holds; stability is judged up to there")
 
 
+class OwnLaw(StoreyLaw):
+    """Hold a law of the user's own: a function in a Python file, or of an installed package. It is run."""
+
+    kind: Literal["own"] = Field(description=KIND)
+    file: Path | None = Field(
+        default=None, description="the Python file of the law, relative to the file that names it; its code is run"
+    )
+    sha256: str | None = Field(
+        default=None,
+        description="checksum of that file; default: as it is found. A file with another one is not run",
+        json_schema_extra={"pattern": "^[0-9a-f]{64}$"},
+    )
+    installed: Annotated[str, Field(min_length=1, max_length=100)] | None = Field(
+        default=None, description="instead of file: the name of an entry point of the group rths.laws"
+    )
+    parameters: dict[str, float] = Field(default={}, description="its numbers, by the names in its PARAMETERS")
+    largest_drift_m: Drift = Field(description="up to which it holds; it is tried up to there")
+
+    @classmethod
+    def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
+        yield from exactly_one(data, "file", "installed")
+        if data.get("sha256") is not None and data.get("file") is None:
+            yield ("sha256",), "is the checksum of file, which is not given; remove it"
+
+
 KINDS: dict[str, type[StoreyLaw]] = {
     "bilinear": BilinearLaw,
     "bouc_wen": BoucWenLaw,
@@ -148,6 +174,7 @@ KINDS: dict[str, type[StoreyLaw]] = {
     "viscous_power": ViscousPowerLaw,
     "maxwell": MaxwellLaw,
     "cubic": CubicLaw,
+    "own": OwnLaw,
 }
 
 
@@ -185,7 +212,15 @@ class _AsWritten:
 
 
 AnyLaw = Annotated[
-    BilinearLaw | BoucWenLaw | CloughLaw | ElasticGapLaw | FrictionLaw | ViscousPowerLaw | MaxwellLaw | CubicLaw,
+    BilinearLaw
+    | BoucWenLaw
+    | CloughLaw
+    | ElasticGapLaw
+    | FrictionLaw
+    | ViscousPowerLaw
+    | MaxwellLaw
+    | CubicLaw
+    | OwnLaw,
     WrapValidator(_of_kind),
 ]
 StoreyLaws = Annotated[tuple[tuple[AnyLaw, ...], ...], BeforeValidator(_by_storey), _AsWritten]

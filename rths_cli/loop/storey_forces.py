@@ -19,9 +19,20 @@ from rths_cli.loop.parts import Room
 from rths_cli.numerics.compiled import part, part_class
 from rths_cli.numerics.lti import Array, Integers
 from rths_cli.numerics.tiled_products import product
-from rths_cli.structure.storey_laws import BILINEAR, BOUC_WEN, CLOUGH, CUBIC, GAP, MAXWELL
+from rths_cli.numerics.user_functions import call_force
+from rths_cli.structure.storey_laws import (
+    BILINEAR,
+    BOUC_WEN,
+    CLOUGH,
+    CUBIC,
+    GAP,
+    MAXWELL,
+    OWN,
+    OWN_PARAMETERS,
+    OWN_STATES,
+)
 
-REMEMBERED = 12  # numbers of a law
+REMEMBERED = 2 * OWN_STATES  # numbers of a law
 ROUNDS = 10  # of Newton's method for a damper
 MOST_PIECES = 8  # of a sample's drift, in each of which a hysteresis turns by at most half of its yield drift
 CORNERS = 6  # of Clough's law that a drift of one sample may pass
@@ -131,12 +142,45 @@ def clough(numbers: Array, memory: Array, u: float) -> float:
 
 
 @part
+def own_force(address: int, numbers: Array, memory: Array, u: float, rate: float, gives: float) -> float:
+    """Follow the drift to u with a user's own law; return its force at the rate `rate - gives * force`.
+
+    Memory: the law's state, then the next one. A force that depends on the rate is solved for by secants, whose slope
+    is kept between those of no dashpot and of the law's greatest one.
+    """
+    steep = gives * numbers[OWN_PARAMETERS]
+    force = call_force(address, numbers, memory, 0, OWN_STATES, u, rate)
+    if steep > 0.0:
+        left, change, slope = force, 0.0, 1.0 + steep
+        force = 0.0
+        for _ in range(ROUNDS):
+            change = left / slope
+            force += change
+            if abs(change) <= 1e-12 * abs(force):
+                break
+            before, left = left, call_force(address, numbers, memory, 0, OWN_STATES, u, rate - gives * force) - force
+            slope = min(max((before - left) / change, 1.0), 1.0 + steep)
+    for i in range(OWN_STATES):
+        memory[i] = memory[OWN_STATES + i]
+    return force
+
+
+@part
 def law_force(
-    code: int, numbers: Array, memory: Array, u: float, rate: float, gives: float, before: float, dt_s: float
+    code: int,
+    address: int,
+    numbers: Array,
+    memory: Array,
+    u: float,
+    rate: float,
+    gives: float,
+    before: float,
+    dt_s: float,
 ) -> float:
     """Return the force of a law beyond the spring at rest, in N, at a drift in m.
 
-    `rate` in m/s is that of the drift with the law's last force `before`; it falls by `gives` per N.
+    `rate` in m/s is that of the drift with the law's last force `before`; it falls by `gives` per N. `address` of a
+    user's own law.
     """
     if code == BILINEAR:
         k, limit = numbers[0], numbers[1]
@@ -150,6 +194,8 @@ def law_force(
         return numbers[0] * (u - min(max(u, -numbers[1]), numbers[1]))
     if code == CUBIC:
         return numbers[0] * u * u * u
+    if code == OWN:
+        return own_force(address, numbers, memory, u, rate + gives * before, gives)
     if code == MAXWELL:
         time_s = numbers[1] / numbers[0]
         kept = math.exp(-dt_s / time_s)
@@ -172,6 +218,7 @@ class StoreysAndForces(NamedTuple):
     made: Array  # (4 tiles,)
     which: Integers  # (l,) place of the law's storey in q
     code: Integers  # (l,)
+    address: Integers  # (l,)
     numbers: Array  # (l, NUMBERS)
     memory: Array  # (l, REMEMBERED)
     forces: Array  # (l,) of each law at the last instant
@@ -195,7 +242,8 @@ class StoreysAndForces(NamedTuple):
                 rate += self.through[3 + q + at, 2 + j] * self.logged[j]
             gives = -self.through[3 + q + at, 2 + at]
             before = self.forces[i]
-            self.forces[i] = law_force(self.code[i], self.numbers[i], self.memory[i], u, rate, gives, before, self.dt_s)
+            code, address, numbers, memory = self.code[i], self.address[i], self.numbers[i], self.memory[i]
+            self.forces[i] = law_force(code, address, numbers, memory, u, rate, gives, before, self.dt_s)
         for j in range(q):
             self.logged[j] = 0.0
         for i in range(self.code.size):
@@ -243,6 +291,7 @@ def storeys_and_forces(design: StoreysWithLaws, interface: Interface, room: Room
         made=np.zeros(4 * len(outputs)),
         which=which,
         code=laws.code,
+        address=laws.address,
         numbers=laws.numbers,
         memory=room.take(count, REMEMBERED),
         forces=room.take(count),

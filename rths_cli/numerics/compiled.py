@@ -199,17 +199,21 @@ Counting costs more than the step. It is left out by giving the arrays no owner,
 
 
 def runtime_calls(made: Entry) -> set[str]:
-    """Return the functions of numba's runtime and of Python that the code of an entry calls.
-
-    What numba wraps around that code for a call from Python is left out.
-    """
+    """Return the functions of numba's runtime and of Python that the code of an entry calls."""
     folder, noted = cache_folder(), ""
     with suppress(OSError):  # mostly there is no such file
         noted = (folder / CALLS).read_text() if folder is not None else ""
     kept = {call for name, _, call in (line.partition(" ") for line in noted.splitlines()) if name == made.name}
     compiled_here = [kinds for kinds in made.dispatcher.overloads if kinds in made.dispatcher.stats.cache_misses]
-    texts = [made.dispatcher.inspect_llvm(kinds) for kinds in compiled_here]
-    return kept | {name for text in texts for one in FUNCTION.findall(text) for name in RUNTIME_CALL.findall(one)}
+    return kept.union(*(calls_of_the_runtime(made.dispatcher.inspect_llvm(kinds)) for kinds in compiled_here))
+
+
+def calls_of_the_runtime(text: str) -> set[str]:
+    """Return the functions of numba's runtime and of Python that code in LLVM's language calls.
+
+    What numba wraps around that code for a call from outside is left out.
+    """
+    return {name for one in FUNCTION.findall(text) for name in RUNTIME_CALL.findall(one)}
 
 
 def _note_calls(made: Entry) -> None:

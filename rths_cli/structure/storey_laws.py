@@ -16,9 +16,11 @@ import numpy as np
 
 from rths_cli.numerics.lti import Array, Integers
 
-BILINEAR, CLOUGH, GAP, CUBIC, VISCOUS, MAXWELL, BOUC_WEN = range(7)
+BILINEAR, CLOUGH, GAP, CUBIC, VISCOUS, MAXWELL, BOUC_WEN, OWN = range(8)
 """Codes by which compiled functions know a law; friction is a bilinear law without a spring beyond its limit."""
 NUMBERS = 16  # of a law in compiled functions
+OWN_PARAMETERS = NUMBERS - 1  # at most, of a user's own law; the last number is its greatest dashpot
+OWN_STATES = 8  # at most, that a user's own law remembers
 
 
 class LawSpec(Protocol):
@@ -46,6 +48,11 @@ class Law:
     def numbers(self) -> tuple[float, ...]:
         """Return the numbers of the law in the order that compiled functions know."""
         raise NotImplementedError
+
+    @property
+    def address(self) -> int:
+        """Return the address of a user's own compiled force, 0 for the laws of this package."""
+        return 0
 
     @property
     def at_rest(self) -> tuple[float, float]:
@@ -286,7 +293,8 @@ class BoucWen(Law):
 class Laws:
     """The laws of a building's storeys as compiled functions take them: l laws of storeys, in any order.
 
-    `storey` (l,) counts from 0 at the ground; `code` (l,); `numbers` (l, NUMBERS). `stiffness` and `dashpot` (l, 2) are
+    `storey` (l,) counts from 0 at the ground; `code` (l,); `numbers` (l, NUMBERS); `address` (l,) of users' own laws in
+    this process, otherwise 0. `stiffness` and `dashpot` (l, 2) are
     the least and the greatest that each adds to its storey's tangent, beside those at rest, in N/m and N s/m.
     `yield_drift_m` (l,), NaN where nothing yields.
     """
@@ -297,6 +305,7 @@ class Laws:
     stiffness: Array
     dashpot: Array
     yield_drift_m: Array
+    address: Integers
 
     def of_storeys(self, storeys: Sequence[int], tangents: Array) -> Array:
         """Return the sum (q,) of tangents (l,) of the laws of each of some storeys."""
@@ -304,12 +313,19 @@ class Laws:
 
 
 def law_of(spec: LawSpec, stiffness_n_per_m: float, weight_n: float) -> Law:
-    """Return the law of a structure file for a storey of this stiffness, below floors of this weight."""
+    """Return the law of a structure file for a storey of this stiffness, below floors of this weight.
+
+    Raises InputError for a user's own law that is none.
+    """
     if spec.kind == "friction":
         radius = spec.radius_m  # type: ignore[attr-defined]
         force = spec.force_n if spec.force_n is not None else spec.coefficient * weight_n  # type: ignore[attr-defined]
         restoring = 0.0 if radius is None else weight_n / radius
         return Friction(force, spec.sticking_displacement_m, restoring)  # type: ignore[attr-defined]
+    if spec.kind == "own":
+        from rths_cli.structure.own_laws import own_law  # compiles
+
+        return own_law(spec)  # type: ignore[arg-type]
     made = OF_KIND[spec.kind]
     names = [one.name for one in fields(made)]
     values = {name: getattr(spec, name) for name in names if name != "stiffness_n_per_m"}
@@ -339,4 +355,6 @@ def arranged(by_storey: tuple[tuple[Law, ...], ...]) -> Laws:
     storeys = np.array([i for i, _ in found], dtype=np.int64)
     stiffness = np.array([law.tangents.stiffness for _, law in found]).reshape(-1, 2)
     dashpot = np.array([law.tangents.dashpot for _, law in found]).reshape(-1, 2)
-    return Laws(storeys, kinds, numbers, stiffness, dashpot, np.array([law.yield_drift_m for _, law in found]))
+    limits = np.array([law.yield_drift_m for _, law in found])
+    addresses = np.array([law.address for _, law in found], dtype=np.int64)
+    return Laws(storeys, kinds, numbers, stiffness, dashpot, limits, addresses)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from hashlib import sha256
+from pathlib import Path
 from typing import Any
 
 import jsonschema
 import pytest
 
 from rths_cli.case.json_schema import schema
-from rths_cli.case.load import load_cases
+from rths_cli.case.load import load_cases, load_structure, resolved_yaml
 from rths_cli.errors import InputError
 
 CASE = "el_centro_low_ff"
@@ -101,3 +103,47 @@ def as_yaml(value: Any) -> str:
     if isinstance(value, list):
         return "[" + ", ".join(map(as_yaml, value)) + "]"
     return "null" if value is None else str(value)
+
+
+OWN = "{kind: own, file: laws/mine.py, parameters: {k: 1}, largest_drift_m: 0.01}"
+
+
+def test_the_file_of_an_own_law_is_looked_up_beside_the_file_that_names_it_and_pinned(lab: Path, write: Any) -> None:
+    """Its code is not run by reading a case: it would fail."""
+    for folder, text in (("configs/structures/laws", "1 / 0"), ("laws", "1 / 1")):
+        Path(folder).mkdir(parents=True, exist_ok=True)
+        Path(folder, "mine.py").write_text(text)
+    named = "extends: three_storey\nnumerical: {law: LAW}\n"
+    write(name="configs/structures/own.yaml", text=named.replace("LAW", OWN))
+    (of_structure,) = load_cases([CASE], ("structure=own",))
+    (of_settings,) = load_cases([CASE], (f"structure.numerical.law={OWN}",))
+    laws = [case.structure.numerical.law[0][0] for case in (of_structure, of_settings)]
+    assert [law.file for law in laws] == [
+        Path("configs/structures/laws/mine.py").absolute(),
+        Path("laws/mine.py").absolute(),
+    ]
+    assert [law.sha256 for law in laws] == [sha256(text).hexdigest() for text in (b"1 / 0", b"1 / 1")]
+    assert load_structure("own")[0].numerical.law == of_structure.structure.numerical.law
+    text = resolved_yaml(of_settings)
+    assert load_cases([write(name="again.yaml", text=text)])[0].structure == of_settings.structure
+    Path("laws/mine.py").write_text("1 / 2")
+    with pytest.raises(InputError) as refused:
+        load_cases(["again.yaml"])
+    (fault,) = refused.value.faults
+    assert "structure.numerical.law[1][1].sha256: is not that of mine.py, which is " in fault
+
+
+@pytest.mark.parametrize(
+    ("law", "says"),
+    [
+        (OWN, "law.file: no such file: "),
+        ("{kind: own, file: 3, largest_drift_m: 0.01}", "law.file"),
+        ("{kind: own, largest_drift_m: 0.01}", "law: give file or installed"),
+        ("{kind: own, installed: one}", "largest_drift_m: is missing"),
+        ("{kind: own, installed: one, largest_drift_m: 1, parameters: {k: one}}", "parameters.k: must be a number"),
+        ("{kind: own, installed: one, largest_drift_m: 1, sha256: abc}", "sha256: is the checksum of file"),
+    ],
+)
+def test_an_own_law_that_cannot_be_is_one_sentence(lab: Path, law: str, says: str) -> None:
+    (fault,) = told(law)
+    assert says in fault

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from docs_running import shortened
 
 import rths_cli
 
@@ -28,6 +30,16 @@ def case(law: Any) -> dict[str, Any]:
         "controller": "FF+FB",
         "runs": ["sim", "exp_rths"],
     }
+
+
+@pytest.mark.parametrize("name", ["tuned_mass_damper", "viscous_damper"])
+def test_a_shipped_building_gives_a_good_test(name: str, tmp_path: Path) -> None:
+    """The third one, base_isolated, is run by its tutorial."""
+    shortened(Path(__file__).parents[2] / "records" / "el_centro.csv", tmp_path / "short.csv", 400)
+    settings = {"record.file": str(tmp_path / "short.csv"), "runs": ["sim", "exp_rths"]}
+    result = rths_cli.run(f"el_centro_{name}", settings=settings, output=tmp_path)
+    assert result.status == "complete"
+    assert (result.metrics["exp_rths.nrmse_percent"] < 1.0).all()
 
 
 @pytest.mark.parametrize("name", LAWS)

@@ -6,7 +6,9 @@ import os
 import re
 import shlex
 from collections.abc import Iterator, Sequence
+from contextlib import redirect_stdout
 from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -52,8 +54,8 @@ def run_page(page: Path) -> list[str]:
     """Run the blocks of a page in the working directory; return why others were not run.
 
     `sh`: commands of rths, each with the exit code that its comment says (0). `yaml`: a file whose name is its first
-    line. `python`: executed, all of a page in one namespace. `text`: what the command before it printed, shortened;
-    the last digits may differ.
+    line, as a `python` block that begins with a name. `python`: executed, all of a page in one namespace. `text`: what
+    the command or the python before it printed, shortened; the last digits may differ.
     """
     names: dict[str, Any] = {"__name__": "docs"}
     printed, left = "", []
@@ -63,10 +65,12 @@ def run_page(page: Path) -> list[str]:
             left.append(block.not_run)
         elif block.kind == "sh":
             printed = "".join(_run_line(line, place) for line in _lines(block.text))
-        elif block.kind == "yaml":
+        elif block.kind == "yaml" or re.match(r"# \w+\.py\n", block.text):
             write_file(block.text, place)
         elif block.kind == "python":
-            exec(compile(block.text, place, "exec"), names)
+            with redirect_stdout(StringIO()) as told:
+                exec(compile(block.text, place, "exec"), names)
+            printed = told.getvalue() or printed
         elif block.kind == "text":
             _check_shown(block.text, printed, place)
         else:
@@ -90,7 +94,7 @@ def _run_line(line: str, place: str) -> str:
 
 def write_file(text: str, place: str) -> None:
     """Write a block to the file that its first line names."""
-    name = re.match(r"# ([\w./-]+\.ya?ml)\b", text)
+    name = re.match(r"# ([\w./-]+\.(?:ya?ml|py))\b", text)
     assert name, f"{place}: the first line of a file is its name"
     Path(name[1]).parent.mkdir(parents=True, exist_ok=True)
     Path(name[1]).write_text(text, encoding="utf-8")

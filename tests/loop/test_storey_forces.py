@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from repeated_laws import REPEATED
 from scipy.optimize import brentq
 
 from rths_cli.analysis.nonlinear_sim import simulate_with_laws
@@ -102,6 +103,15 @@ def test_the_step_follows_each_law_as_sim_does(name: str) -> None:
         assert np.abs(wanted.abs_accel_m_s2[1] - linear).max() > 0.02 * peak  # the law acts
     assert errors[1] < 1e-3
     assert errors[0] / errors[2] > (3.0 if name in KINKS else 12.0)
+
+
+@pytest.mark.parametrize("name", REPEATED)
+def test_a_law_of_the_user_s_own_steps_as_the_built_in_one_that_it_repeats(name: str) -> None:
+    make, built_in = REPEATED[name]
+    accel, shear = ground(1e-3), 10.0 * np.sin(np.arange(4000) * 0.02)
+    pair = [building((law,)) for law in (make(), built_in)]
+    ours, theirs = (run(StoreysWithLaws(one.numerical, one.laws, 1e-3), accel, shear) for one in pair)
+    assert np.abs(ours - theirs).max() < 1e-12 * np.abs(theirs).max()
 
 
 def test_laws_that_are_linear_leave_the_linear_block() -> None:

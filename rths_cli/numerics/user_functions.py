@@ -1,0 +1,74 @@
+"""Compile a function of a user's that compiled code calls by its address.
+
+Machine code that knows addresses only is the same whatever function stands behind them, so that it can be kept; the
+user's function is compiled by each process.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numba
+from llvmlite import ir
+from numba import carray, types
+from numba.extending import intrinsic
+
+from rths_cli.numerics.compiled import calls_of_the_runtime
+
+_NUMBERS = types.CPointer(types.float64)
+_FORCE = types.float64(_NUMBERS, _NUMBERS, _NUMBERS, types.float64, types.float64)
+_COUNTS = {"NRT_incref", "NRT_decref"}
+_ARRAY = types.Array(types.float64, 1, "C")
+
+
+class UserFunction(NamedTuple):
+    """A compiled `force(parameters, state, next_state, drift_m, velocity_m_s)`: `address` is valid as long as `owner`
+    lives, `checked` is the same with every index checked, for calls from Python; `runtime_calls` are those of Python or
+    of numba's runtime, which the loop may not make; counts of references are left out, its arrays have no owner.
+    """
+
+    address: int
+    owner: Any
+    checked: Callable[..., float]
+    runtime_calls: frozenset[str]
+
+
+def compile_force(function: Callable[..., Any], parameters: int, states: int) -> UserFunction:
+    """Return a user's function compiled for arrays of these sizes; numba raises what it does not know."""
+    checked = numba.njit(types.float64(_ARRAY, _ARRAY, _ARRAY, types.float64, types.float64), boundscheck=True,
+                         error_model="numpy", nogil=True)(function)  # fmt: skip
+    inner = numba.njit(error_model="numpy")(function)
+
+    def called(numbers: Any, state: Any, next_state: Any, drift: float, velocity: float) -> Any:
+        given, kept, new = carray(numbers, parameters), carray(state, states), carray(next_state, states)
+        return inner(given, kept, new, drift, velocity)
+
+    made = numba.cfunc(_FORCE, error_model="numpy")(called)
+    calls = calls_of_the_runtime(made.inspect_llvm()) - _COUNTS
+    return UserFunction(made.address, made, checked, frozenset(calls))
+
+
+@intrinsic
+def call_force(
+    typingctx: Any, address: Any, numbers: Any, states: Any, first: Any, after: Any, drift: Any, velocity: Any
+) -> Any:
+    """Call a `UserFunction` by its address on parameters `numbers`.
+
+    It reads its state at `states[first:]` and writes the next one to `states[after:]`. Arrays are contiguous, and as
+    long as it was compiled for.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        number = ir.DoubleType()
+        pointer = number.as_pointer()
+        function = ir.FunctionType(number, [pointer, pointer, pointer, number, number]).as_pointer()
+        given, kept = (
+            context.make_array(kind)(context, builder, value).data
+            for kind, value in zip(signature.args[1:3], arguments[1:3], strict=True)
+        )
+        state, new = (builder.gep(kept, [place]) for place in arguments[3:5])
+        return builder.call(builder.inttoptr(arguments[0], function), [given, state, new, arguments[5], arguments[6]])
+
+    index, real = types.int64, types.float64
+    return real(index, numbers, states, index, index, real, real), generate

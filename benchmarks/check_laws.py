@@ -2,8 +2,8 @@
 
     python benchmarks/check_laws.py [FIRST_SEED] [COUNT]
 
-Rigs, buildings and records are those of `preflight.py`; each computed storey has a law with a probability of 0.7. Printed:
-verdict against outcome, every contradiction, and how far the predicted errors are from the measured ones.
+Rigs, buildings and records are those of `preflight.py`; each computed storey has a law with a probability of 0.7.
+Printed: verdict against outcome, every contradiction, and how far the predicted errors are from the measured ones.
 """
 
 from __future__ import annotations

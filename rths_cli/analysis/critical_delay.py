@@ -11,16 +11,15 @@ at every frozen tangent may still diverge, and one that is not may end in a boun
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from rths_cli.numerics.lti import Array, StateSpace
-from rths_cli.structure import Building, assemble, storey_matrix, storey_values
+from rths_cli.structure import Building
+from rths_cli.structure.tangents import at_tangents
 
 ON_AXIS = 1e-6  # largest real part over size of an eigenvalue that counts as imaginary
-LOCKING = 100.0  # critical dashpots 2 sqrt(k m), at which a storey is locked
 
 
 @dataclass(frozen=True)
@@ -60,37 +59,14 @@ class CriticalDelayRange:
 def critical_delay_range(building: Building) -> CriticalDelayRange:
     """Return the range of `critical_delay` over the tangents of a building's laws.
 
-    It has the building at rest, each storey with laws at its softest and stiffest tangent and at its least and most
-    damping while the others are at rest, and all these storeys at once at the four combinations. Dashpots
-    end at 100 times 2 sqrt(k m), k of the storey and m of the whole building, which locks the storey.
+    It has the building at rest and those of `structure.tangents.at_tangents`.
     """
     at_rest = critical_delay(building)
-    frozen = list(_at_tangents(building))
+    frozen = [one.building for one in at_tangents(building)]
     stable = [one for one in frozen if _stable(one)]
     found = [at_rest, *map(critical_delay, stable)]
     largest = max(found, key=lambda one: one.delay_s)
     return CriticalDelayRange(at_rest, min(found, key=lambda one: one.delay_s), largest, len(frozen) - len(stable))
-
-
-def _at_tangents(building: Building) -> Iterator[Building]:
-    """Yield the linear buildings of the tangents of laws, without that at rest."""
-    laws, numerical = building.laws, building.numerical
-    k, c = storey_values(numerical.K), storey_values(numerical.C)
-    ranges = np.zeros((2, 2, len(k)))  # stiffness and dashpot, least and most
-    for i, storey in enumerate(laws.storey):
-        ranges[0, :, storey] += laws.stiffness[i]
-        ranges[1, :, storey] += laws.dashpot[i]
-    ranges[1] = np.minimum(ranges[1], LOCKING * 2.0 * np.sqrt(k * np.trace(building.M)))
-    storeys = np.unique(laws.storey)
-    for some in [storeys] if len(storeys) < 2 else [storeys, *storeys[:, None]]:
-        for stiffness in (0, 1):
-            for dashpot in (0, 1):
-                own_k, own_c = k.copy(), c.copy()
-                own_k[some] += ranges[0, stiffness, some]
-                own_c[some] += ranges[1, dashpot, some]
-                frozen = replace(numerical, K=storey_matrix(own_k), C=storey_matrix(own_c))
-                total = assemble(frozen, building.specimen, building.interface_experimental_mass_kg)
-                yield Building(frozen, building.specimen, building.interface_experimental_mass_kg, *total)
 
 
 def _stable(building: Building) -> bool:

@@ -71,7 +71,7 @@ def predict(known: Known) -> Prediction:
     nominal = hybrid(known.loop, known.ground, nothing)
     perfect = on_perfect_table(known.loop, known.floors, known.ground)
     still = np.zeros_like(known.ground)
-    disturbed = {"model": _model_error(known, nominal), "friction": friction_samples(known)}
+    disturbed = {"model": model_error_samples(known, nominal.command_v), "friction": friction_samples(known)}
     made = {name: hybrid(known.loop, still, samples) for name, samples in disturbed.items()}
     series = {
         "coupling": known.sim - perfect.storeys,
@@ -96,13 +96,14 @@ def _rms(known: Known, lines: ComplexArray) -> Array:
     return rms(known.lines.evaluated(lines))
 
 
-def _model_error(known: Known, nominal: Motion) -> ComplexArray:
-    """Return the change of the samples (c, m) if the table responds as measured instead of as modelled.
+def model_error_samples(known: Known, command_v: ComplexArray) -> ComplexArray:
+    """Return the change of the samples (c, m) if the table responds as measured instead of as modelled to commands
+    (m,).
 
     The part of the difference that is alias (`excess`) is removed.
     """
     ratio = data_ratio(known.model, known.measured, known.lines.frequency_hz, known.compared) / (1.0 + known.excess)
-    return known.loop.rig * (ratio - 1.0) * nominal.command_v
+    return known.loop.rig * (ratio - 1.0) * command_v
 
 
 def data_ratio(model: Model, measured: Frf, frequency_hz: Array, compared: ComparedBand = USUAL) -> ComplexArray:
@@ -168,7 +169,7 @@ def _stochastic(known: Known, nominal: Motion) -> dict[str, Array]:
     sizes = np.array([c.sensitivity_v_per_m_s2 for c in known.rig.channels])
     corrected = np.einsum("ccm->cm", known.correction.response(lines.frequency_hz[1:])) * sizes[:, None]
     corrected = np.concatenate([np.zeros((len(sizes), 1)), corrected], axis=1)
-    noise, bits = _apart(known.noise_m_s2, bit / sizes), bit / sizes
+    noise, bits = white_noise_m_s2(known), bit / sizes
     series = lines.series(nominal.corrected)
     powers = {cause: np.zeros(len(nominal.storeys) + 1) for cause in ("noise", "quantisation", "rounding")}
     for channel in range(len(sizes)):
@@ -191,6 +192,12 @@ def _stochastic(known: Known, nominal: Motion) -> dict[str, Array]:
     )
     powers["rounding"] += _density(known, moved) @ rounded[1:]
     return powers
+
+
+def white_noise_m_s2(known: Known) -> Array:
+    """Return the standard deviation (c,) of the channels' noise before the sensor correction and before rounding."""
+    sizes = np.array([channel.sensitivity_v_per_m_s2 for channel in known.rig.channels])
+    return _apart(known.noise_m_s2, known.rig.converters.step_v / sizes)
 
 
 def _apart(noise_m_s2: Array, bits_m_s2: Array) -> Array:

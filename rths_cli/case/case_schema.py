@@ -233,6 +233,34 @@ class GradeLimitsSpec(Strict):
             )
 
 
+class CheckSpec(Strict):
+    """Hold what the check is to consider beside what was identified."""
+
+    specimen_range: (
+        Annotated[
+            tuple[Annotated[float, Range(ge=0.01, le=10)], ...],
+            Field(json_schema_extra={"minItems": 2, "maxItems": 2}),
+        ]
+        | None
+    ) = Field(
+        default=None,
+        description="least and greatest stiffness of the specimen over the identified one, such as [0.7, 1.0]: the "
+        "linear loop is judged at both; default: the identified one",
+    )
+
+    @classmethod
+    def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
+        ends = listed(data, "specimen_range")
+        if ends is None:
+            return
+        if len(ends) != 2:
+            told = f"must be the least and the greatest stiffness, such as [0.7, 1.0], got {len(ends)} entries"
+            yield ("specimen_range",), told
+        elif all(isinstance(one, int | float) for one in ends) and not ends[0] <= 1.0 <= ends[1]:
+            told = f"must contain 1, the identified stiffness, its lower end first, got {ends[0]:g} to {ends[1]:g}"
+            yield ("specimen_range",), told
+
+
 class CaseKeys(Strict):
     """Hold the keys of a case file; names are replaced by what they name before this is checked."""
 
@@ -285,6 +313,9 @@ class CaseKeys(Strict):
         default={},
         description="limits on reported figures, by path: exp_rths.rms_error_m_s2[3]",
         json_schema_extra={"propertyNames": {"pattern": ACCEPT_PATH}},
+    )
+    check: CheckSpec | None = Field(
+        default=None, description="what the check is to consider beside what was identified"
     )
     grade_limits: GradeLimitsSpec = Field(
         default=GradeLimitsSpec(), description="from which errors on a test is no longer called good, or usable"

@@ -29,6 +29,7 @@ FEEDBACK = Use(TABLE_RUNS, _has_feedback, "the controller FF+FB reads it")
 USES = {
     "delay_s": Use(("sim_delay",)),
     "integration": Use(("exp_rths",)),
+    "check": Use(("exp_rths",)),
     "grade_limits": Use(("exp_rths",)),
     "report_in": Use(RUNS, lambda case: case.scale is not None, "a case with a scale reads it"),
     "method": Use(TABLE_RUNS),

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.case.keys_without_effect import sentence
+from rths_cli.experiment.tangent_verdicts import ASSUMPTIONS, RANGE_ASSUMPTIONS
 from rths_cli.experiment.unit_plausibility import unit_doubts
 from rths_cli.structure import modes
 
@@ -38,10 +39,9 @@ def of_case(setup: Setup, identified: Identification | None, design: Design | No
         *_coupled_sensors(setup),
     ]
     if setup.building.has_laws:
-        found.append(
-            "structure.numerical.law: stability, margins and predicted errors are those of the storeys at rest; of the "
-            "yielded building only the simulated test tells: rths run on a virtual rig"
-        )
+        found.append(ASSUMPTIONS)
+    if setup.case.check is not None and setup.case.check.specimen_range is not None:
+        found.append(RANGE_ASSUMPTIONS)
     if "numerical" in setup.parts:
         found.append(_of_own_storeys(setup))
     if identified is not None:

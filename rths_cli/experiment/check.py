@@ -18,19 +18,28 @@ from rths_cli.analysis.predicted_error import Known, predict
 from rths_cli.analysis.references import reference_of
 from rths_cli.analysis.sim_fourier_lines import delayed_rms, sim_lines
 from rths_cli.control.kalman_filter import specimen_state_space
+from rths_cli.control.storeys_with_laws import StoreysWithLaws
 from rths_cli.errors import InputError
+from rths_cli.experiment import run_metrics
 from rths_cli.experiment.loop_stability_of_case import loop_parts, loop_stability, required_delay_s
 from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
 from rths_cli.experiment.setup import motion_key
+from rths_cli.experiment.simulated_test import simulated_test
+from rths_cli.experiment.tangent_verdicts import faults_at_tangents, tangent_verdicts
 from rths_cli.numerics.content_key import content_key
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.structure import Building, assemble, modes
+from rths_cli.structure.tangents import at_rest
 
 if TYPE_CHECKING:
     from rths_cli.analysis.critical_delay import CriticalDelay
     from rths_cli.analysis.identified_rig_block import IdentifiedRig
+    from rths_cli.analysis.predicted_error import Prediction
+    from rths_cli.analysis.sim import Response
     from rths_cli.experiment.design import Design
     from rths_cli.experiment.setup import Setup
+    from rths_cli.experiment.simulated_test import Simulated
+    from rths_cli.experiment.tangent_verdicts import TangentVerdict
     from rths_cli.identification.results import Identification
     from rths_cli.numerics.lti import Array, Block
     from rths_cli.rigs.description import RigInfo
@@ -54,6 +63,8 @@ class Judged:
     largest_scaling: float  # up to which the test is safe; 0 if no scaling makes it safe
     known: Known | None  # inputs of the prediction; None for an unstable loop
     samples: tuple[Judged, ...] = ()  # the same of each sample of the identified model
+    tangents: tuple[TangentVerdict, ...] = ()  # at rest and at the tangents of laws; none for a linear building
+    simulated: Simulated | None = None  # the test of a building with laws; None: linear, or the loop is unstable
 
 
 def preflight_of(setup: Setup, identified: Identification, design: Design) -> preflight.Preflight:
@@ -69,7 +80,7 @@ def judge(setup: Setup, identified: Identification, design: Design, shared: Shar
     record and building compute SIM once, and cases with the same blocks compute the stability of the loop once. Raises
     InputError if an identified building has no SIM.
     """
-    shared, design = shared or SharedValues(), replace(design, blocks=design.blocks.linearised())
+    shared = shared or SharedValues()
     nominal = _judge_one(setup, identified, design, shared)
     if not identified.samples:
         return nominal
@@ -93,9 +104,10 @@ def _judge_sample(setup: Setup, sample: Identification, design: Design, shared: 
 
 
 def _judge_one(setup: Setup, identified: Identification, design: Design, shared: SharedValues) -> Judged:
-    """Check a case's hybrid test on one member of the identified model, without its samples; the blocks are linear."""
-    dt = setup.rig.dt_s
-    building = as_identified(setup, _specimen(identified))
+    """Check a case's hybrid test on one member of the identified model, without its samples."""
+    dt, whole, as_designed = setup.rig.dt_s, _with_laws(setup, identified, design), design
+    design = replace(design, blocks=design.blocks.linearised())
+    building = at_rest(whole)
     rig, storeys = loop_parts(setup, identified)
     found = loop_stability(setup, identified, design.blocks, shared)
     matrix = closed_loop_matrix(rig, design.blocks)
@@ -105,8 +117,15 @@ def _judge_one(setup: Setup, identified: Identification, design: Design, shared:
     masses = np.concatenate([[setup.rig.moving_mass_kg], setup.floor_masses_kg])
     rows = preflight.reach(known, prediction, setup.rig, masses)
     stable = prediction if found.radius < 1.0 else None
+    tangents = tangent_verdicts(setup, identified, design.blocks, whole, shared)
+    further = (*preflight.unseen(known), *faults_at_tangents(tangents))
+    simulated = None
+    if stable is not None and whole.has_laws:
+        simulated = _simulated(setup, whole, as_designed, rig, known, stable, shared)
+        rows, further = simulated.reach, (*further, *simulated.faults)
+        total = simulated.total
+        stable = None if total is None else replace(stable, causes=simulated.causes, total=total)
     critical = critical_delay(building)
-    further = preflight.unseen(known)
     feedback = setup.case.controller.kind == "FF+FB"
     least_s = required_delay_s(setup, identified, design.blocks)
     verdict = preflight.judge(critical, found, rows, setup.case.scaling, stable, further, feedback, least_s)
@@ -114,9 +133,64 @@ def _judge_one(setup: Setup, identified: Identification, design: Design, shared:
     looped = modes_in_loop(loop_roots(matrix, dt), *own)
     fragile = preflight.faults_of_loop(found, feedback, least_s)
     largest = 0.0 if fragile else preflight.rounded_down(verdict.largest_scaling)
+    if any(one.faults for one in tangents):
+        largest = 0.0
+    elif whole.has_laws:  # its response does not grow with the record: only this scaling was simulated
+        largest = min(largest, 0.0 if simulated is None or simulated.faults else setup.case.scaling)
     friction = identified.friction.command_v if identified.friction else 0.0
-    delayed = _sim_delay(setup, building, known, critical)
-    return Judged(verdict, own, looped, delayed, friction, largest, known if found.radius < 1.0 else None)
+    delayed = (
+        _delayed_with_laws(setup, whole, shared) if whole.has_laws else _sim_delay(setup, building, known, critical)
+    )
+    seen = known if found.radius < 1.0 else None
+    return Judged(verdict, own, looped, delayed, friction, largest, seen, (), tangents, simulated)
+
+
+def _with_laws(setup: Setup, identified: Identification, design: Design) -> Building:
+    """Return the building as identified, with the laws of its computed storeys where the step has them."""
+    building = as_identified(setup, _specimen(identified))
+    known = isinstance(design.blocks.numerical, StoreysWithLaws)
+    return replace(building, laws=setup.building.laws) if known else building
+
+
+def _simulated(
+    setup: Setup, building: Building, design: Design, rig: IdentifiedRig, known: Known, prediction: Prediction,
+    shared: SharedValues,
+) -> Simulated:  # fmt: skip
+    """Return the simulated test; with `shared`, equal tests of several cases are simulated once."""
+    sim = _sim_with_laws(setup, building, shared)
+    if setup.parts:  # another part of the caller's may have the same linear block
+        shared = SharedValues()
+    asked = content_key(
+        building, design.blocks.linearised(), rig, known.model, known.measured, known.friction, known.noise_m_s2
+    )
+    return shared.get(
+        "simulated test", (motion_key(setup.case), asked, lowest_reliable_hz(setup), setup.case.test_band_hz),
+        lambda: simulated_test(setup, building, design, rig, known, prediction, sim),
+    )  # fmt: skip
+
+
+def _delayed_with_laws(setup: Setup, building: Building, shared: SharedValues) -> Array | None:
+    """Return the RMS errors (n_storeys,) of SIM-DELAY of a building with laws, None if it diverges."""
+    dt, accel, case = setup.rig.dt_s, setup.motion.accel_m_s2, setup.case
+    sim = _sim_with_laws(setup, building, shared)
+    asked = motion_key(case), content_key(building), case.delay_s
+    delayed = shared.get(
+        "sim_delay as identified", asked,
+        lambda: reference_of(building).sim_delay(building, dt, accel, case.delay_s, sim),
+    )  # fmt: skip
+    if delayed.diverged_at_s is not None:
+        return None
+    storeys = (sim.abs_accel_m_s2, delayed.abs_accel_m_s2, None)
+    found = run_metrics.errors("sim_delay", None, storeys, dt, lowest_reliable_hz(setup), None, case.test_band_hz)
+    return np.asarray(found["sim_delay.rms_error_m_s2"])
+
+
+def _sim_with_laws(setup: Setup, building: Building, shared: SharedValues) -> Response:
+    """Return SIM of a building as identified, with its laws."""
+    asked, reference = (motion_key(setup.case), content_key(building)), reference_of(building)
+    return shared.get(
+        "sim as identified", asked, lambda: reference.sim(building, setup.rig.dt_s, setup.motion.accel_m_s2)
+    )
 
 
 def _sim_delay(setup: Setup, building: Building, known: Known, critical: CriticalDelay) -> Array | None:

@@ -45,6 +45,13 @@ class Verdict:
     design: Design | None  # None: no blocks can be designed
     figures: dict[str, ArrayLike]  # metrics `check.*` by path
     loop: LoopKnown | None = None  # inputs of the error budget; None: the loop is unstable or was not judged
+    tangents: tuple[str, ...] = ()  # what the metrics check.tangent_* are of, in words
+
+    @property
+    def remarks(self) -> dict[str, str]:
+        """Return remarks on the metrics by path: what each tangent is."""
+        named = "; ".join(f"{number}: {name}" for number, name in enumerate(self.tangents, 1))
+        return {path: named for path in self.figures if path.startswith("check.tangent_")}
 
     @property
     def refused(self) -> bool:
@@ -85,6 +92,7 @@ class Checked:
     reasons: tuple[str, ...]  # why it is not safe, one sentence each
     warnings: tuple[str, ...] = ()  # further sentences, which do not change the verdict
     metrics: Values = field(default_factory=dict)  # by path
+    tangents: tuple[str, ...] = ()  # what the metrics check.tangent_* are of, in words
 
     @property
     def exit_code(self) -> int:
@@ -122,7 +130,8 @@ def _judged(setup: Setup, known: Known, hybrid: bool, design: Design | None, sha
         return Verdict(UNSAFE, faults or error.faults, design, {})
     found = judged.preflight
     verdict = UNSAFE if faults and found.verdict == SAFE else found.verdict
-    return Verdict(verdict, (*faults, *found.reasons), design, check_figures(judged), judged.known)
+    tangents = tuple(one.name for one in judged.tangents)
+    return Verdict(verdict, (*faults, *found.reasons), design, check_figures(judged), judged.known, tangents)
 
 
 def check_cases(
@@ -175,7 +184,7 @@ def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
     )
     told = () if "model" in setup.overrides else known.found.reasons
     notes = tuple(note for note in of_case(setup, known.found, found.design) if note not in told)
-    return Checked(_about(setup, known.source), found.verdict, found.reasons, notes, figures)
+    return Checked(_about(setup, known.source), found.verdict, found.reasons, notes, figures, found.tangents)
 
 
 def _about(setup: Setup, model: str) -> Tested:

@@ -10,11 +10,14 @@ from rths_cli.experiment.run_metrics import of_margins
 from rths_cli.quantities import over_samples
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import ArrayLike
 
     from rths_cli.analysis.predicted_error import Prediction
     from rths_cli.analysis.stability_check import Preflight
     from rths_cli.experiment.check import Judged
+    from rths_cli.experiment.tangent_verdicts import TangentVerdict
 
 # name of a Reach -> name in the paths check.peak_* and check.limit_*
 REACH = {
@@ -56,6 +59,9 @@ def _figures(judged: Judged) -> dict[str, ArrayLike]:
     values["check.friction_v"] = judged.friction_v
     if judged.sim_delay_rms_m_s2 is not None:
         values["check.sim_delay_rms_error_m_s2"] = judged.sim_delay_rms_m_s2
+    values |= _tangents(judged.tangents)
+    if judged.simulated is not None:
+        values |= judged.simulated.response
     if found.prediction is None:
         return values
     return values | _reach(found) | _errors(found.prediction)
@@ -71,6 +77,25 @@ def _stability(found: Preflight) -> dict[str, ArrayLike]:
         "check.critical_delay_hz": critical.frequency_hz,
         "check.gain_at_infinity": critical.gain_at_infinity,
     }
+
+
+def _tangents(verdicts: Sequence[TangentVerdict]) -> dict[str, ArrayLike]:
+    """Return the metrics of the verdicts at rest and at tangents; none for a linear building."""
+    if not verdicts:
+        return {}
+    critical = np.array([one.critical.delay_s for one in verdicts])
+    rows: dict[str, ArrayLike] = {
+        "spectral_radius": [one.stability.radius for one in verdicts],
+        "tolerated_table_error": [one.stability.tolerates for one in verdicts],
+        "required_table_error": [one.stability.required for one in verdicts],
+        "table_error_hz": [one.stability.at_hz for one in verdicts],
+        "delay_margin_s": [one.stability.measured.delay_margin_s for one in verdicts],
+        "critical_delay_s": critical,
+        "faults": [float(len(one.faults)) for one in verdicts],
+    }
+    values = {f"check.tangent_{name}": np.asarray(row) for name, row in rows.items()}
+    ends = {"check.critical_delay_least_s": critical.min(), "check.critical_delay_most_s": critical.max()}
+    return {**values, **ends}
 
 
 def _modes(judged: Judged) -> dict[str, ArrayLike]:

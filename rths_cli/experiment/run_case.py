@@ -112,7 +112,8 @@ def run_case(
         late = (played.late.reason,) if played.late else ()
         if cautions or late:
             writer.about({"warnings": "\n".join((*cautions, *late))})
-        writer.metrics(values, {**result_contents.remarks(setup), **played.remarks})
+        named = checked.remarks if checked else {}
+        writer.metrics(values, {**result_contents.remarks(setup), **named, **played.remarks})
         stop = _also(played.stop or acceptance(case.accept, values), played.late)
         writer.finish(stop.status, stop.reason)  # type: ignore[arg-type]
     if stage is not None:

@@ -257,7 +257,28 @@ def _of_check() -> Iterator[Quantity]:
         yield Quantity(f"check.limit_{leaf}", units, "", NONE, f"{name}: limit")
     late = "RMS of SIM - SIM-DELAY of the building as identified"
     yield Quantity("check.sim_delay_rms_error_m_s2", ACCEL, "storey", NONE, late, (), BAND, scales_as=ACCEL)
+    yield from _of_tangents()
+    drift = "largest |inter-storey drift| of the test simulated on the identified rig (where storeys have laws)"
+    yield Quantity("check.peak_inter_storey_drift_m", "m", "storey", NONE, drift, scales_as="m")
+    yield from _of_laws("check", "the test simulated on the identified rig")
     yield from _by_cause("check", "predicted", {"": "all causes together", **CAUSES, **PREDICTED})
+
+
+def _of_tangents() -> Iterator[Quantity]:
+    where = "at rest and at each tangent of the laws or end of the specimen's range, an indication"
+    for name, units, text in (
+        ("spectral_radius", "1", "largest |eigenvalue| of the sampled closed loop"),
+        ("tolerated_table_error", "1", "error of the table's response that makes the loop unstable"),
+        ("required_table_error", "1", "error of the table's response that the loop must stand there"),
+        ("table_error_hz", "Hz", "where the two are nearest to each other"),
+        ("delay_margin_s", "s", "smallest further delay that makes the loop unstable"),
+        ("critical_delay_s", "s", "critical delay of the building on a perfect table"),
+        ("faults", "1", "number of reasons why the loop is not safe"),
+    ):
+        yield Quantity(f"check.tangent_{name}", units, "tangent", NONE, f"{text}, {where}")
+    for name, word in (("least", "smallest"), ("most", "largest")):
+        text = f"{word} critical delay of all these, on a perfect table"
+        yield Quantity(f"check.critical_delay_{name}_s", "s", "", NONE, text)
 
 
 def _by_cause(group: str, words: str, causes: dict[str, str]) -> Iterator[Quantity]:

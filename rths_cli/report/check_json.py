@@ -27,6 +27,7 @@ def _case(one: Checked) -> dict[str, Any]:
         "metrics": {path: json_value(value) for path, value in one.metrics.items()},
         "units": {path: METRICS[path].units for path in one.metrics},
         "definitions": {path: METRICS[path].definition for path in one.metrics},
+        **({"tangents": list(one.tangents)} if one.tangents else {}),
         **({"intervals": intervals_json(intervals)} if (intervals := intervals_of(one.metrics)) else {}),
     }
 

@@ -45,6 +45,19 @@ OVER_SAMPLES = (
     ("error of storey {}, mm/s^2", "check.rms_error_m_s2", 1e3),
 )
 """Figures of which the page shows the range over samples: label, path, factor."""
+SIMULATED = (
+    ("peak drift, mm", "peak_inter_storey_drift_m", 1e3),
+    ("ductility", "ductility", 1.0),
+    ("residual drift, mm", "residual_drift_m", 1e3),
+    ("work of spring and laws, J", "restoring_work_j", 1.0),
+)
+TANGENT_SCALES = (
+    ("tolerated_table_error", 100.0),
+    ("required_table_error", 100.0),
+    ("delay_margin_s", 1e3),
+    ("critical_delay_s", 1e3),
+)
+TANGENT_COLUMNS = ("spectral_radius", "faults", *(name for name, _ in TANGENT_SCALES))
 LEAST_GROWTH = 1e-9
 MOST_MODES = 10  # on the page
 Values = Mapping[str, Array]
@@ -69,9 +82,11 @@ def page(checked: Checked) -> str:
         sections += [
             wrapped(_stability(values)),
             wrapped(_margins(values, checked.about.compared_hz[1])),
+            wrapped(_tangents(values, checked.tangents)),
             latency_text(values),
         ]
-        sections += [wrapped(_reach(values)), budget_text(values), wrapped(_compared(values, checked.about))]
+        sections += [wrapped(_reach(values)), wrapped(_simulated(values))]
+        sections += [budget_text(values), wrapped(_compared(values, checked.about))]
     if intervals := intervals_of(checked.metrics):
         sections.append(wrapped(_over_samples(intervals)))
     sections.append(wrapped(_verdict(checked)))
@@ -174,6 +189,40 @@ def _margins(values: Values, compared_to_hz: float) -> list[str]:
             f"    up to {short(compared_to_hz)} Hz",
             f"tolerated {100.0 * least:.3g} % or more, the least at {short(there)} Hz",
         ),
+    ]
+
+
+def _tangents(values: Values, names: Sequence[str]) -> list[str]:
+    """Return the lines on the verdicts at the tangents of laws; none for a linear building."""
+    if not names:
+        return []
+    rows = [["", "spectral radius", "tolerated %", "required %", "delay, ms", "critical, ms", "verdict"]]
+    for i, name in enumerate(names):
+        of = {key: float(values[f"check.tangent_{key}"][i]) for key in TANGENT_COLUMNS}
+        numbers = [number(of[key] * scale) if np.isfinite(of[key]) else DASH for key, scale in TANGENT_SCALES]
+        rows.append([name, f"{of['spectral_radius']:.6f}", *numbers, "not safe" if of["faults"] else "safe"])
+    ends = [1e3 * _one(values, f"critical_delay_{end}_s") for end in ("least", "most")]
+    told = [short(end) if np.isfinite(end) else "any" for end in ends]
+    return [
+        labelled("tangents", "the linear loop frozen at each; indications, the evidence is the simulated test"),
+        *aligned(rows),
+        labelled("  critical delay", f"{told[0]} to {told[1]} ms on an ideal table"),
+    ]
+
+
+def _simulated(values: Values) -> list[str]:
+    """Return the lines on the simulated test of a building with laws; none for a linear building."""
+    if "check.ductility" not in values:
+        return []
+    rows = [["", *(f"storey {i}" for i in range(1, len(values["check.ductility"]) + 1))]]
+    for label, leaf, scale in SIMULATED:
+        row = scale * values[f"check.{leaf}"]
+        rows.append([label, *(number(one) if np.isfinite(one) else DASH for one in row)])
+    return [
+        labelled(
+            "simulated test", "with the laws, on the identified rig; the peaks above and the errors below are its"
+        ),
+        *aligned(rows),
     ]
 
 

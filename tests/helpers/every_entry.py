@@ -20,6 +20,7 @@ from rths_cli.experiment.serve_command import describe, make_table
 from rths_cli.loop import realtime_loop, realtime_run, simulated_time_run, udp_target
 from rths_cli.loop.block_replay import run_block
 from rths_cli.loop.fallback_commands import foresight_of
+from rths_cli.loop.identified_rig_run import Disturbed, perfect_table, play_identified
 from rths_cli.loop.scheduling import wait_periodically
 from rths_cli.loop.step_arrays import NUMERICAL
 from rths_cli.numerics.compiled import Entry
@@ -60,6 +61,8 @@ def compile_the_loops() -> None:
         realtime_loop.run_udp.bind(there, run.course, *step, run.drive, run.log, True)
     wait_periodically.bind(1, 1, scratch, scratch)
     foresight_of(blocks, NUMERICAL, DT_S)
+    still = Disturbed(np.zeros((len(drive), samples.size)))
+    play_identified(perfect_table(specimen(), info, 1), info, blocks, drive, open_limits(info), still)
     run_block(blocks.feedback, np.zeros((len(blocks.feedback.B[0]), 5)))
 
 

@@ -27,12 +27,21 @@ ABOUT = Tested(
 )
 
 
+OF_LAWS = (
+    "check.tangent_", "check.critical_delay_least_s", "check.critical_delay_most_s", "check.ductility",
+    "check.residual_drift_m", "check.restoring_work_j", "check.peak_inter_storey_drift_m",
+)  # fmt: skip
+LINEAR = {path for path in metrics_of("check") if not path.startswith(OF_LAWS)}
+"""The figures of a check of a linear building."""
+
+
 def metrics(seed: int = 0) -> Values:
-    """Return every figure of a check, each with a number of its own."""
+    """Return every figure of a check of a linear building, each with a number of its own."""
     random = np.random.default_rng(seed)
     return {
         path: random.uniform(0.1, 0.9, 3) if one.over else random.uniform(0.1, 0.9)
         for path, one in metrics_of("check").items()
+        if path in LINEAR
     }
 
 

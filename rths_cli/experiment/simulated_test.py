@@ -1,0 +1,224 @@
+"""The hybrid test of a building with laws, simulated on the identified rig: reach, ductility, residual drift, error.
+
+The compiled step with its laws is played on the identified model (loop/identified_rig_run.py), several times: on a
+perfect table, on the identified one, then with one cause of errors after the other added. The reference is SIM of the
+computed storeys with the identified specimen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from rths_cli.analysis.predicted_error import (
+    Errors,
+    friction_samples,
+    model_error_samples,
+    white_noise_m_s2,
+)
+from rths_cli.analysis.stability_check import Fault, Reach, reach_of_series
+from rths_cli.experiment import run_metrics
+from rths_cli.experiment.lowest_reliable_frequency import lowest_reliable_hz
+from rths_cli.experiment.one_table_run import drive_of
+from rths_cli.experiment.rig_access import guard_limits
+from rths_cli.experiment.run_signals import on_record_clock, whole_building
+from rths_cli.loop.identified_rig_run import (
+    Disturbed,
+    on_perfect_table,
+    perfect_table,
+    play_identified,
+    seen_by_model,
+)
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from rths_cli.analysis.identified_rig_block import IdentifiedRig
+    from rths_cli.analysis.predicted_error import Known, Prediction
+    from rths_cli.analysis.sim import Response
+    from rths_cli.control.designed_blocks import Blocks
+    from rths_cli.experiment.design import Design
+    from rths_cli.experiment.setup import Setup
+    from rths_cli.loop.guard import GuardLimits
+    from rths_cli.loop.simulated_time_run import Outcome
+    from rths_cli.numerics.lti import Array, Block, ComplexArray
+    from rths_cli.structure import Building
+
+MOST_ERROR = 0.5  # times SIM's RMS: a storey that is farther off does not do the test
+SEED = 19  # of the simulated noise
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """The simulated test of a building with laws; empty values where the guard stopped it."""
+
+    faults: tuple[Fault, ...]  # why it is not safe, beside its reach
+    reach: tuple[Reach, ...]  # peaks of the test without noise
+    causes: dict[str, Errors] = field(default_factory=dict)  # RMS errors by cause, as in a Prediction
+    total: Errors | None = None
+    response: dict[str, ArrayLike] = field(default_factory=dict)  # metrics `check.*` of the building's response
+
+
+@dataclass(frozen=True)
+class _Played:
+    """One simulated test on the record's clock."""
+
+    outcome: Outcome
+    tracking: Array  # (n,) desired minus measured table acceleration
+    accel: Array  # (n_storeys, n)
+    rel_disp_m: Array  # (n_storeys, n)
+    law_force_n: Array  # (s, n)
+
+
+@dataclass(frozen=True)
+class _Test:
+    """What all simulated tests of a case share."""
+
+    setup: Setup
+    building: Building  # with the identified specimen and its laws
+    blocks: Blocks
+    drive: Array
+
+    def play(self, plant: Block, blocks: Blocks, disturbed: Disturbed, limits: GuardLimits) -> _Played:
+        outcome = play_identified(plant, self.setup.rig, blocks, self.drive, limits, disturbed)
+        dt_s, motion = self.setup.rig.dt_s, self.setup.motion
+        series = on_record_clock(outcome, blocks.lead_samples, dt_s, len(motion.time_s))
+        whole = whole_building(self.building, series, motion.accel_m_s2, dt_s)
+        law_force_n = series.law_force_n
+        assert law_force_n is not None  # a building with laws
+        tracking = series.desired[0] - series.measured[0]
+        return _Played(outcome, tracking, whole.abs_accel_m_s2, whole.rel_disp_m, law_force_n)
+
+    def errors(self, storeys: Array, tracking: Array) -> Errors:
+        """Return the RMS errors as a run reports them, of series (n_storeys, n) and (n,) in m/s^2."""
+        found = run_metrics.errors(
+            "check", (np.zeros_like(tracking), tracking, None), (np.zeros_like(storeys), storeys, None),
+            self.setup.rig.dt_s, lowest_reliable_hz(self.setup), None, self.setup.case.test_band_hz,
+        )  # fmt: skip
+        return Errors(np.asarray(found["check.rms_error_m_s2"]), float(np.asarray(found["check.tracking_rms_m_s2"])))
+
+
+def simulated_test(
+    setup: Setup, building: Building, design: Design, rig: IdentifiedRig, known: Known, at_rest: Prediction,
+    sim: Response,
+) -> Simulated:  # fmt: skip
+    """Return the simulated test of a building with laws on the identified rig.
+
+    `building` consists of the computed storeys with their laws and the identified specimen, and `sim` is its SIM;
+    `known` and `at_rest` are inputs and result of the prediction of the storeys at rest.
+    """
+    info, blocks = setup.rig, design.blocks
+    test = _Test(setup, building, blocks, drive_of(setup, design))
+    limits = guard_limits(setup)
+    limits = limits._replace(stuck=np.full(limits.stuck.shape, np.inf))  # a model's channels are never stuck
+    quiet = replace(seen_by_model(rig, blocks, info, setup.removes_sensors), shaping_step_v=0.0)
+    rows, still = len(test.drive), np.zeros((len(test.drive), len(info.channels)))
+    never = _without_limits(limits)
+    nominal = test.play(rig.plant, quiet, Disturbed(still), never)
+    reach = _reach(setup, nominal, sim)
+    if not nominal.outcome.played:
+        return Simulated((_stopped(nominal.outcome),), tuple(replace(row, peak=np.inf) for row in reach))
+    command = known.lines.of(nominal.outcome.log.command_v[: known.lines.samples])
+    moved = replace(known, velocity_m_s=nominal.outcome.log.desired[1, : known.lines.samples])
+    added = {"model": model_error_samples(known, command), "friction": friction_samples(moved)}
+    wanted = {name: _samples_v(known, rig, samples, rows) for name, samples in added.items()}
+    noise = np.random.default_rng(SEED).standard_normal(still.shape) * (white_noise_m_s2(known) * _sizes(setup))
+    step_v, shaping_v = info.converters.step_v, blocks.shaping_step_v
+    with_friction = wanted["model"] + wanted["friction"]
+    with_noise = with_friction + noise
+    full = replace(quiet, shaping_step_v=shaping_v)
+    sent_step_v = 0.0 if shaping_v > 0.0 else step_v  # the rig rounds what the step does not
+    last = test.play(rig.plant, full, Disturbed(with_noise, step_v, sent_step_v), limits)
+    if not last.outcome.played:
+        return Simulated((_stopped(last.outcome),), reach)
+    model = test.play(rig.plant, quiet, Disturbed(wanted["model"]), never)
+    friction = test.play(rig.plant, quiet, Disturbed(with_friction), never)
+    noisy = test.play(rig.plant, quiet, Disturbed(with_noise), never) if noise.any() else friction
+    steps = {  # the run with a cause and the run without it
+        "model": (model, nominal),
+        "friction": (friction, model),
+        "noise": (noisy, friction),
+        "quantisation": (test.play(rig.plant, quiet, Disturbed(with_noise, step_v), never), noisy),
+        "rounding": (test.play(rig.plant, full, Disturbed(with_noise, 0.0, sent_step_v), never), noisy),
+    }
+    none = np.zeros_like(nominal.tracking)
+    ideal, coupling = _on_perfect_table(test, never), at_rest.causes["coupling"]
+    reached = sim.abs_accel_m_s2
+    if ideal is not None:
+        coupling, reached = test.errors(ideal.accel - reached, none), ideal.accel
+    causes = {"coupling": coupling, "latency": test.errors(nominal.accel - reached, nominal.tracking)}
+    for cause, (run, before) in steps.items():
+        causes[cause] = test.errors(run.accel - before.accel, run.tracking - before.tracking)
+    total = test.errors(last.accel - sim.abs_accel_m_s2, last.tracking)
+    size = test.errors(sim.abs_accel_m_s2, none).storeys
+    response = run_metrics.of_laws("check", building, last.rel_disp_m, last.law_force_n)
+    drifts = np.abs(np.diff(last.rel_disp_m, axis=0, prepend=0.0)).max(axis=1)
+    response["check.peak_inter_storey_drift_m"] = drifts
+    return Simulated(tuple(_far_off(total.storeys, size)), reach, causes, total, response)
+
+
+def _without_limits(limits: GuardLimits) -> GuardLimits:
+    """Return limits that stop a test only where it is no number: the reach tells what would be beyond them."""
+    never = np.full(limits.stuck.shape, np.inf)
+    return limits._replace(
+        stroke_m=np.inf, velocity_m_s=np.inf, acceleration_m_s2=1e30, force_n=np.inf, command_v=np.inf,
+        tracking_error=np.inf, saturation_v=never, stuck=never, abort=never, command_rate_v_s=np.inf,
+        energy_ratio=np.inf,
+    )  # fmt: skip
+
+
+def _on_perfect_table(test: _Test, limits: GuardLimits) -> _Played | None:
+    """Return the test on a table that follows the desired motion; None without a lead, by which it is known early."""
+    info, blocks = test.setup.rig, test.blocks
+    if blocks.lead_samples < 1:
+        return None
+    plant = perfect_table(test.building.specimen, info, blocks.lead_samples)
+    still = np.zeros((len(test.drive), len(info.channels)))
+    quiet = replace(on_perfect_table(blocks, info), shaping_step_v=0.0)
+    return test.play(plant, quiet, Disturbed(still, of_desired=True), limits)
+
+
+def _reach(setup: Setup, played: _Played, sim: Response) -> tuple[Reach, ...]:
+    """Return the peaks of a simulated test, with the limits that the guard enforces."""
+    masses = np.concatenate([[setup.rig.moving_mass_kg], setup.floor_masses_kg])
+    log, steps = played.outcome.log, max(played.outcome.steps, 2)
+    command, accel = log.command_v[:steps], log.corrected[:, :steps]
+    rate = np.diff(command, prepend=0.0) / setup.rig.dt_s
+    interface = len(setup.building.numerical.masses_kg) - 1
+    loudest = float(np.abs(sim.abs_accel_m_s2[interface:]).max())
+    return reach_of_series(command, rate, accel, loudest, setup.rig, masses)
+
+
+def _samples_v(known: Known, rig: IdentifiedRig, corrected: ComplexArray, rows: int) -> Array:
+    """Return the disturbance (rows, c) of the raw samples in V whose lines (c, m), corrected, are given in m/s^2."""
+    lines = known.lines
+    correction = np.einsum("ccm->cm", rig.correction.response(lines.frequency_hz))
+    whole = np.fft.irfft(corrected / correction, lines.padded)
+    return np.ascontiguousarray(whole[:, :rows].T)
+
+
+def _sizes(setup: Setup) -> Array:
+    return np.array([channel.sensitivity_v_per_m_s2 for channel in setup.rig.channels])
+
+
+def _stopped(outcome: Outcome) -> Fault:
+    text = (
+        f"the test simulated on the identified rig does not reach its end: at {outcome.stopped_at_s:.3f} s "
+        f"{outcome.stopped_by_limit}"
+    )
+    return Fault("simulated test", text, np.nan)
+
+
+def _far_off(errors: Array, sizes: Array) -> list[Fault]:
+    """Return a reason if a storey of the simulated test is far from SIM."""
+    ratios = errors / np.maximum(sizes, np.finfo(float).tiny)
+    worst = int(np.argmax(ratios))
+    if ratios[worst] <= MOST_ERROR:
+        return []
+    text = (
+        f"in the test simulated on the identified rig storey {worst + 1} is {ratios[worst]:.0%} of its own motion away "
+        f"from SIM, {MOST_ERROR:.0%} are permitted; lower scaling, or choose another controller"
+    )
+    return [Fault("simulated error", text, float(ratios[worst]))]

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from rths_cli.case.virtual_physics_schema import AfterIdentification, VirtualPhysics
     from rths_cli.rigs.interface import RigInfo
     from rths_cli.structure import Specimen
+    from rths_cli.structure.storey_laws import Laws
 
 LEVELS = 10  # inner steps from dt to dt / 512
 NOISE_ROWS = 4096
@@ -43,6 +44,15 @@ def changed(
     worn = physics.model_copy(update={"coulomb_n": physics.coulomb_n * change.coulomb_factor})
     masses, stiffness = specimen.masses_kg * change.payload_factor, specimen.K * change.specimen_stiffness_factor
     return worn, Specimen(masses, stiffness, specimen.C)
+
+
+def true_specimen(spec: VirtualRigSpec, specimen: Specimen) -> tuple[Specimen, Laws]:
+    """Return the specimen as it stands on the table after the identification, and the laws of its storeys.
+
+    Masses, stiffness and damping hold what the laws add at rest; storeys count from 0 at the table.
+    """
+    _, changed_specimen = changed(spec.physics, specimen, spec.after_identification)
+    return specimen_with_laws(changed_specimen, spec.physics.specimen_laws, STANDARD_GRAVITY_M_S2)
 
 
 def build_plant(

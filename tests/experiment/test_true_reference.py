@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,8 +16,11 @@ from rths_cli.analysis.sim import simulate
 from rths_cli.analysis.sim_delay import simulate_delayed
 from rths_cli.case.load import load_cases
 from rths_cli.errors import InputError
+from rths_cli.experiment.model_choice import Memory
+from rths_cli.experiment.run_case import run_case
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.experiment.true_reference import TrueReference, metrics_of, true_reference
+from rths_cli.files.result_reader import read_result
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.from_case import true_building
 from rths_cli.structure import Building, Specimen
@@ -130,7 +136,31 @@ def test_errors_are_those_of_the_true_motion_to_the_true_building() -> None:
     assert late["exp_rths.true_reference_ratio"] == pytest.approx(0.1, rel=1e-6)
 
 
-def test_hidden_laws_that_do_not_fit_are_refused_with_their_place() -> None:
-    setup = setup_of(f"{HIDDEN}=[{{kind: bilinear, yield_displacement_m: 0.001}}]")
-    with pytest.raises(InputError, match=r"table\.physics\.specimen_laws: 1 entries for 2 storeys on the table"):
-        true_building(setup.case, setup.building)
+@pytest.mark.parametrize("stated", ["[{}]", "{}"])
+def test_hidden_laws_that_do_not_fit_are_refused_with_their_place(stated: str) -> None:
+    law = "{kind: bilinear, yield_displacement_m: 0.001}"
+    with pytest.raises(InputError, match=r"specimen_laws.* an entry for each of 2 storeys .* got 1; state null"):
+        setup_of(f"{HIDDEN}={stated.format(law)}")
+
+
+def played(path: Path, memory: Memory, *settings: str) -> Mapping[str, Any]:
+    """Return the metrics of a case's result."""
+    setup = make_setup(load_cases(["el_centro_low_ff_fb"], ("runs=[sim, sim_delay, exp_rths]", *settings))[0])
+    run_case(setup, path, memory, "test", said)
+    return read_result(path).metrics
+
+
+def test_a_result_holds_both_errors(tmp_path: Path, memory: Memory) -> None:
+    """The specimen as declared: the same; damaged: control answers for a twentieth of what the declaration misses."""
+    same = played(tmp_path / "same.h5", memory)
+    for ours, other in (("exp_rths", "_true"), ("sim_delay", "")):
+        wanted = same[f"{ours}.rms_error_m_s2{other}"]
+        assert np.array_equal(same[f"{ours}.true_reference_rms_error_m_s2"], wanted)
+    damaged = played(tmp_path / "damaged.h5", memory, "table.after_identification.specimen_stiffness_factor=0.85")
+    declared, true = damaged["exp_rths.rms_error_m_s2_true"], damaged["exp_rths.true_reference_rms_error_m_s2"]
+    assert np.array_equal(damaged["sim_delay.rms_error_m_s2"], same["sim_delay.rms_error_m_s2"])
+    assert (true < 0.05 * declared).all()
+    assert (damaged["exp_rths.true_reference_ratio"] < 0.06).all()
+    assert damaged["exp_rths.true_reference_ratio"] == pytest.approx(
+        true / damaged["sim_delay.true_reference_rms_error_m_s2"]
+    )

@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
+from scipy.linalg import block_diag
 
 from rths_cli.analysis.nonlinear_sim import (
     LawState,
@@ -140,15 +141,27 @@ def _system(building: Building, storeys: Integers) -> _System:
     A_top, B_top = state_equation(np.diag(top.masses_kg), top.C, top.K)
     E_own = np.zeros((2 * p, 1))
     E_own[-1] = 1.0 / own.masses_kg[-1]
-    push_own = push_matrix(np.diag(own.masses_kg), storeys)
+    below, above = storeys[storeys < p], storeys[storeys >= p] - p
+    push_own = np.hstack([push_matrix(np.diag(own.masses_kg), below), np.zeros((2 * p, len(above)))])
+    push_top = np.hstack([np.zeros((2 * n, len(below))), push_matrix(np.diag(top.masses_kg), above)])
     to_top = np.vstack([np.zeros((p, 2 * p)), A_own[p:]])[-1:]  # the interface floor's absolute acceleration
     A = np.block([[A_own, np.zeros((2 * p, 2 * n))], [B_top @ to_top, A_top]])
-    E, push = np.vstack([E_own, B_top @ E_own[-1:]]), np.vstack([push_own, B_top @ push_own[-1:]])
-    rows = np.hstack([drift_rows(p, storeys), np.zeros((2 * len(storeys), 2 * n))])
+    E, push = np.vstack([E_own, B_top @ E_own[-1:]]), np.vstack([push_own, push_top + B_top @ push_own[-1:]])
+    rows = _drift_rows(p, n, below, above)
     shear = np.zeros((1, 2 * (p + n)))  # of the rates: absolute accelerations of interface and specimen, which drop a1
     shear[0, 2 * p - 1] = -building.interface_experimental_mass_kg - top.masses_kg.sum()
     shear[0, 2 * p + n :] = -top.masses_kg
     return _System(A, np.vstack([B_own, np.zeros((2 * n, 1))]), E, push, rows, shear)
+
+
+def _drift_rows(p: int, n: int, below: Integers, above: Integers) -> Array:
+    """Return the rows (2q, 2p + 2n) of the drifts of all storeys with laws, then of their rates.
+
+    The specimen's displacements are relative to the table, and so its lowest storey's drift is one of them.
+    """
+    own, top = drift_rows(p, below), drift_rows(n, above)
+    halves = zip(np.split(own, 2), np.split(top, 2), strict=True)
+    return np.vstack([block_diag(first, second) for first, second in halves])
 
 
 def _shear(building: Building, system: _System, h_s: float) -> Shear:

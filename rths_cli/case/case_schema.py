@@ -393,6 +393,14 @@ def _rig_problems(data: Mapping[str, Any]) -> Iterator[Problem]:
     if floors is not None and channels is not None and channels != 1 + floors:
         wanted = f"the table's and one per experimental storey, {1 + floors} in all"
         yield ("table", "channels"), f"must be {wanted}, got {channels}; list the channels of this structure"
+    laws = entry(data, "table", "physics", "specimen_laws")
+    stated = 1 if isinstance(laws, Mapping) else len(laws) if isinstance(laws, list | tuple) else 0
+    if floors is not None and stated not in (0, floors):
+        loc, wanted = (
+            ("table", "physics", "specimen_laws"),
+            f"must have an entry for each of {floors} storeys on the table",
+        )
+        yield loc, f"{wanted}, got {stated}; state null for a storey without a law"
     rate, timeout_s = number(data, "sample_rate_hz"), number(data, "table", "udp", "timeout_s")
     interval_s = 1.0 / (rate or CaseKeys.model_fields["sample_rate_hz"].default)
     if timeout_s is not None and timeout_s > ANSWER_SHARE * interval_s:

@@ -7,6 +7,7 @@ from typing import Annotated
 from pydantic import Field
 
 from rths_cli.case.field_types import Range, Strict
+from rths_cli.case.storey_law_schema import StoreyLaws
 
 
 class VirtualPhysics(Strict):
@@ -32,6 +33,11 @@ class VirtualPhysics(Strict):
         default=13.86, description="m_s, specimen mass that the loop was tuned for"
     )
     force_limit_n: Annotated[float, Range(gt=0, le=1e8)] = Field(default=445.0, description="largest force, +-")
+    specimen_laws: StoreyLaws = Field(
+        default=(),
+        description="laws of the specimen's storeys from the table, which nobody knows of: per storey a law, a list of "
+        "laws in parallel, or nothing; none: the specimen is linear",
+    )
 
 
 class AfterIdentification(Strict):

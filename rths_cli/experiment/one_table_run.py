@@ -220,6 +220,14 @@ def errors_of(run: Run, setup: Setup, sim: Response, room: Array | None = None) 
     return {**values, f"{run.kind.name}.high_pass_hz": lowest_hz}
 
 
+def true_accelerations(run: Run, setup: Setup) -> Array | None:
+    """Return the building's true accelerations (n_storeys, n) in a complete EXP-RTHS, None where nobody knows them."""
+    accel = run.abs_accel_m_s2
+    if accel is None or run.stopped is not None or not setup.rig.can.records_truth:
+        return None
+    return run.series.with_true(accel)
+
+
 def why_ended(label: str, outcome: Outcome, record_s: float) -> Stop | None:
     """Return why a run did not reach the end of its record, None if it did: the first reason, then the rig's fault."""
     fault, limit = outcome.rig_fault, outcome.stopped_by_limit

@@ -15,7 +15,7 @@ from rths_cli.analysis import accept_limits
 from rths_cli.analysis.critical_delay import critical_delay_range
 from rths_cli.analysis.references import reference_of
 from rths_cli.case.load import resolved_yaml
-from rths_cli.experiment import result_contents, run_metrics
+from rths_cli.experiment import result_contents, run_metrics, true_reference
 from rths_cli.experiment.case_warnings import of_case
 from rths_cli.experiment.check_command import Verdict, verdict_on
 from rths_cli.experiment.identify_output import try_folder
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from rths_cli.analysis.sim_delay import DelayedResponse
     from rths_cli.case.case_schema import Case
     from rths_cli.control.part_designs import OwnParts
+    from rths_cli.experiment.true_reference import TrueReference
     from rths_cli.quantities import Values
     from rths_cli.structure import Building
 
@@ -104,9 +105,12 @@ def run_case(
         result_contents.write_record(writer, setup)
         sim, values = _simulations(setup, writer, shared, progress)
         played = Played(None, {})
+        truth = _truth(setup, sim, shared, progress) if "exp_rths" in case.runs else None
         if known is not None and checked is not None:
             played = _on_table(setup, known, checked, sim, writer, progress, stage or VirtualStage())
             values |= played.values
+            if truth is not None and played.true_accel is not None:
+                values |= true_reference.metrics_of(setup, truth, played.true_accel, values)
             cautions = (*cautions, *played.said)
         cautions = (*cautions, *losses_of_runs(values))
         late = (played.late.reason,) if played.late else ()
@@ -192,6 +196,15 @@ def _simulations(
         result_contents.write_response(writer, "sim_delay", setup, delayed)
         values |= found
     return sim, values
+
+
+def _truth(setup: Setup, sim: Response, shared: SharedValues, progress: Progress) -> TrueReference | None:
+    """Return the true reference; cases with the same record, building and rig compute it once."""
+    case = setup.case
+    key = (*_of_sim(setup), case.table.model_dump_json(), case.delay_s, "sim_delay" in case.runs)
+    return _for(setup, shared).get(
+        "true_reference", key, lambda: interruptible(lambda: true_reference.true_reference(setup, sim, progress))
+    )
 
 
 def sim_of(setup: Setup, shared: SharedValues) -> Response:

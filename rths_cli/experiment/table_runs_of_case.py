@@ -17,6 +17,7 @@ from rths_cli.experiment.one_table_run import (
     plan_run,
     play_run,
     run_of,
+    true_accelerations,
 )
 from rths_cli.experiment.setup import Progress, Setup, shown
 from rths_cli.experiment.unit_plausibility import unit_doubts
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from rths_cli.experiment.model_choice import Known
     from rths_cli.files.result_reader import ResultWriter
     from rths_cli.loop.simulated_time_run import Outcome
+    from rths_cli.numerics.lti import Array
     from rths_cli.quantities import Values
 
 
@@ -37,7 +39,8 @@ if TYPE_CHECKING:
 class Played:
     """Outcome of the table runs of a case: the first stop (None: there was none), metrics and warnings.
 
-    `late` is what ended a run after its complete record (None: nothing did); `remarks` belong to metrics.
+    `late` is what ended a run after its complete record (None: nothing did); `remarks` belong to metrics. `true_accel`
+    (n_storeys, n) in m/s^2 is the building's true motion in a complete EXP-RTHS, None where nobody knows it.
     """
 
     stop: Stop | None
@@ -45,6 +48,7 @@ class Played:
     said: tuple[str, ...] = ()
     late: Stop | None = None
     remarks: Mapping[str, str] = field(default_factory=dict)
+    true_accel: Array | None = None
 
 
 class Stage(Protocol):
@@ -105,6 +109,8 @@ def play_all(
         write_run(writer, setup, run)
         _note(writer, kind.name, run.stopped)
         all_of_them = _with(all_of_them, evaluated(run, setup, sim, checked.loop))
+        if kind is HYBRID_TEST:
+            all_of_them = replace(all_of_them, true_accel=true_accelerations(run, setup))
     return all_of_them
 
 

@@ -205,6 +205,7 @@ def _against_sim() -> Iterator[Quantity]:
             of_sim = f"{about}, in percent of {words.format('SIM')}"
             name = "nrmse" if which == "rms" else "peak_error"
             yield Quantity(f"{run}.{name}_percent", "%", "storey", better, of_sim, kinds, BAND)
+    yield from _against_truth()
     floors = {4: "the interface storey", 6: "the lowest other storey", 7: "the second lowest other storey"}
     for number, storey in floors.items():
         deviation = f"J{number}: standard deviation of SIM - EXP-RTHS over SIM, absolute acceleration of {storey}"
@@ -226,6 +227,21 @@ def _against_sim() -> Iterator[Quantity]:
     yield Quantity("sim_delay.psi", "1", "", MORE, psi, reference=PSI)
     diverged = "when SIM-DELAY was cut, if it was"
     yield Quantity("sim_delay.diverged_at_s", "s", "", NONE, diverged, scales_as="s")
+
+
+def _against_truth() -> Iterator[Quantity]:
+    """Yield the errors against SIM of the declared numerical storeys below the specimen as it is."""
+    about = "against SIM of the declared numerical storeys below the specimen as it is (virtual rig only)"
+    for run, what, better in (
+        ("exp_rths", "RMS of the true absolute acceleration of each storey", LESS),
+        ("sim_delay", "RMS of SIM-DELAY of that building, absolute acceleration of each storey,", NONE),
+    ):
+        path = f"{run}.true_reference_rms_error_m_s2"
+        yield Quantity(path, ACCEL, "storey", better, f"{what} {about}", (), BAND, scales_as=ACCEL)
+        path = f"{run}.true_reference_nrmse_percent"
+        yield Quantity(path, "%", "storey", better, f"{what} {about}, in percent of RMS of that SIM", (), BAND)
+    ratio = "error of EXP-RTHS over that of SIM-DELAY, RMS, both against the true reference (virtual rig only)"
+    yield Quantity("exp_rths.true_reference_ratio", "1", "storey", LESS, ratio, (), BAND)
 
 
 def _of_check() -> Iterator[Quantity]:

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from rths_cli.case.rig_schema import (
     DEFAULT_LOST_SAMPLES,
@@ -19,6 +22,8 @@ from rths_cli.case.rig_schema import (
 from rths_cli.errors import InputError, RigError
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo
+from rths_cli.structure import assemble
+from rths_cli.structure.storey_laws import stacked
 
 if TYPE_CHECKING:
     from rths_cli.case.case_schema import Case
@@ -147,6 +152,25 @@ def virtual_driver(case: Case, info: RigInfo, building: Building, seed: Sequence
 
     mass = building.interface_experimental_mass_kg
     return virtual_rig(simulated(case), info, building.specimen, mass, seed=tuple(seed), after_identification=changed)
+
+
+def true_building(case: Case, declared: Building) -> Building | None:
+    """Return the declared numerical storeys below the specimen as it is during the test; None where nobody knows it.
+
+    The declared building itself where the specimen is as declared. Raises InputError for hidden laws that do not fit.
+    """
+    if not isinstance(case.table, VirtualRigSpec):
+        return None
+    from rths_cli.rigs.virtual.virtual_rig import true_specimen
+
+    stated = declared.specimen
+    specimen, laws = true_specimen(case.table, stated)
+    pairs = ((specimen.masses_kg, stated.masses_kg), (specimen.K, stated.K), (specimen.C, stated.C))
+    if laws.code.size == 0 and all(np.array_equal(*pair) for pair in pairs):
+        return declared
+    M, C, K = assemble(declared.numerical, specimen, declared.interface_experimental_mass_kg)
+    together = stacked(declared.laws, laws, len(declared.numerical.masses_kg))
+    return replace(declared, specimen=specimen, M=M, C=C, K=K, laws=together)
 
 
 def simulated(case: Case) -> VirtualRigSpec:

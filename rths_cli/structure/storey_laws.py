@@ -9,7 +9,7 @@ themselves, because the first judges the second.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import ClassVar, Protocol
 
 import numpy as np
@@ -358,3 +358,11 @@ def arranged(by_storey: tuple[tuple[Law, ...], ...]) -> Laws:
     limits = np.array([law.yield_drift_m for _, law in found])
     addresses = np.array([law.address for _, law in found], dtype=np.int64)
     return Laws(storeys, kinds, numbers, stiffness, dashpot, limits, addresses)
+
+
+def stacked(lower: Laws, upper: Laws, storeys: int) -> Laws:
+    """Return the laws of a building from those of its lower storeys, of which there are `storeys`, and of those above,
+    whose storeys count from 0 there."""
+    raised = replace(upper, storey=upper.storey + storeys)
+    pairs = {one.name: (getattr(lower, one.name), getattr(raised, one.name)) for one in fields(Laws)}
+    return Laws(**{name: np.concatenate(pair) for name, pair in pairs.items()})

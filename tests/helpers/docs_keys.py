@@ -31,7 +31,8 @@ FILES = {
     ),
     "law": (
         "Laws of storeys",
-        "What a law in `numerical.law` of a structure file may state, by its `kind`. "
+        "What a law in `numerical.law` of a structure file, or in `physics.specimen_laws` of a virtual rig, "
+        "may state, by its `kind`. "
         "[Storeys that are not linear](../background/storey_laws.md) has the equations.",
     ),
     "rig": (
@@ -73,7 +74,8 @@ def law_page() -> str:
 
 def rig_page() -> str:
     """Return the page of rig files, a section per kind."""
-    virtual, *real = (list(_rows(model, "")) for model in RIGS.values())
+    laws = ("physics.specimen_laws",)
+    virtual, *real = (list(_rows(model, "", skip=laws)) for model in RIGS.values())
     shared = [row for row in real[0] if all(row in rows for rows in real[1:])]
     own = [[row for row in rows if row not in shared] for rows in real]
     headings = ("Kind `virtual`", "Every other kind", "Kind `udp`", "Kind `ni`", "Kind of a package")

@@ -3,7 +3,8 @@
 State: x, v of the table, actuator force F, then displacement and velocity of each floor relative to the table.
 The linear part is advanced by its matrix exponential. Its two scalar nonlinearities, Coulomb friction
 tanh(v / v_s) and the clipping of F_ref, are inputs interpolated by a parabola over each inner step, whose values
-at the step's start, middle and end satisfy the equations (collocation, fourth order).
+at the step's start, middle and end satisfy the equations (collocation, fourth order). So are the forces of laws of the
+specimen's storeys (`specimen_laws`).
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from rths_cli.numerics.content_key import content_key
 from rths_cli.numerics.lti import Array
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.numerics.tiled_products import ROWS, padded, squares, tiled
+from rths_cli.rigs.virtual.specimen_laws import SpecimenLaws
 from rths_cli.structure import Specimen
 
 if TYPE_CHECKING:
@@ -27,12 +29,13 @@ class Parts(NamedTuple):
     """The table with its sensors: n states, of which the mechanical ones come first."""
 
     a: Array  # (n, n)
-    b: Array  # (n, 3) tanh(v / v_s), clip(F_ref) - F_ref, command
+    b: Array  # (n, 3 + q) tanh(v / v_s), clip(F_ref) - F_ref, command, forces of laws in q storeys
     mechanical: int
     rows: Array  # (2, mechanical) v and F_ref from the state
     row_command: Array  # (2,) the same from the command
     velocity_rows: Array  # (c, n) absolute velocities of table and floors
     scale: Array  # (2,) what v and F_ref are multiplied with
+    law_rows: Array  # (2 q, mechanical) drifts, then rates, of the storeys with laws
 
 
 class Level(NamedTuple):
@@ -42,6 +45,7 @@ class Level(NamedTuple):
     filters: Array
     nodes: Array
     feed: Array
+    arguments: Array  # as in SpecimenLaws
 
 
 def levels(parts: Parts, interval_s: float, count: int) -> tuple[Level, ...]:
@@ -74,21 +78,33 @@ def _level(parts: Parts, step_s: float, middle: Array, last: Array) -> Level:
         np.column_stack([wide @ moved[:, :n], wide @ moves[:, 2].sum(axis=1) + parts.scale * parts.row_command])
         for moved, moves in ((halfway, half_response), (end, response))
     ]
-    middle_velocities = parts.velocity_rows @ _columns(halfway, half_response, n)
+    middle, whole = _columns(halfway, half_response, n), _columns(end, response, n)
     return Level(
-        push=squares(np.vstack([_columns(end, response, n), middle_velocities])),
+        push=squares(np.vstack([whole, parts.velocity_rows @ middle])),
         filters=np.array([end[n, n], end[first, first], end[first, n]]),
         nodes=tiled(np.array([offsets[0][0], offsets[1][0], offsets[0][1], offsets[1][1]])),
         feed=np.array([np.einsum("wn,nsj->wsj", wide, moves[:, :2]) for moves in (half_response, response)]),
+        arguments=np.array([_arguments(parts, wide, columns) for columns in (middle, whole)]),
     )
 
 
+def _arguments(parts: Parts, wide: Array, columns: Array) -> Array:
+    """Return v / v_s, F_ref, drifts and rates of storeys with laws (2 + 2 q, columns) from the columns of a state."""
+    n = parts.mechanical
+    found = np.vstack([wide @ columns, parts.law_rows @ columns[:n]])
+    found[:2, n] += parts.scale * parts.row_command
+    return found
+
+
 def _columns(moved: Array, moves: Array, mechanical: int) -> Array:
-    """Return the response (n, columns) to mechanical state, command, and both nonlinearities at three nodes each."""
-    first = padded(mechanical + 1)
-    columns = np.zeros((len(moved), first + 2 * ROWS))
+    """Return the response (n, columns) to mechanical state, command, and each nonlinearity at three nodes."""
+    first, laws = padded(mechanical + 1), moves.shape[1] - 3
+    columns = np.zeros((len(moved), first + (2 + laws) * ROWS))
     columns[:, :mechanical], columns[:, mechanical] = moved[:, :mechanical], moves[:, 2].sum(axis=1)
     columns[:, first : first + 3], columns[:, first + ROWS : first + ROWS + 3] = moves[:, 0], moves[:, 1]
+    for q in range(laws):
+        place = first + (2 + q) * ROWS
+        columns[:, place : place + 3] = moves[:, 3 + q]
     return columns
 
 
@@ -129,7 +145,7 @@ class Plant(NamedTuple):
     Arrays with a leading axis of levels hold one entry per inner step: level L divides the sample interval
     into 2^L inner steps. The columns of the matrices are the mechanical states and the command; those of `push` go
     on, after zeros up to `forces`, with tanh(v / v_s) at start, middle and end of the inner step and a zero, then
-    clip(F_ref) - F_ref at the same and a zero.
+    clip(F_ref) - F_ref at the same and a zero, then the force of each storey with laws likewise.
     """
 
     push: Array  # (levels, ...) tiles.squares: state at the end of an inner step, what the sensors keep of themselves
@@ -160,6 +176,7 @@ class Plant(NamedTuple):
     sensor_steps_per_v: float
     noise_rms_m_s2: float
     refine: int  # levels added to the one chosen (0; more to check the integration)
+    laws: SpecimenLaws
 
 
 def continuous(
@@ -203,22 +220,24 @@ def continuous(
 
 
 def with_sensors(
-    a: Array, b_u: Array, b_n: Array, accel_rows: Array, accel_friction: Array, low_pass_hz: float, high_pass_hz: float
+    a: Array, b_u: Array, b_n: Array, accel_rows: Array, accel_inputs: Array, low_pass_hz: float, high_pass_hz: float
 ) -> tuple[Array, Array, Array]:
     """Return A, b_u, B_n with the sensors' states appended: the c low passes z' = w_l (a - z), zero without a corner,
-    then the c AC couplings s' = w_h (z - s), or w_h (a - s) without a low pass."""
+    then the c AC couplings s' = w_h (z - s), or w_h (a - s) without a low pass.
+
+    `accel_rows` (c, n) and `accel_inputs` (c, m) make the accelerations a of the states and of the inputs of B_n."""
     n, c = a.shape[0], accel_rows.shape[0]
     low, high = 2.0 * np.pi * low_pass_hz, 2.0 * np.pi * high_pass_hz
     first, second = slice(n, n + c), slice(n + c, n + 2 * c)
-    full, friction = np.zeros((n + 2 * c, n + 2 * c)), np.zeros((n + 2 * c, 2))
-    full[:n, :n], friction[:n] = a, b_n
-    full[first, :n], full[first, first], friction[first, 0] = low * accel_rows, -low * np.eye(c), low * accel_friction
+    full, inputs = np.zeros((n + 2 * c, n + 2 * c)), np.zeros((n + 2 * c, b_n.shape[1]))
+    full[:n, :n], inputs[:n] = a, b_n
+    full[first, :n], full[first, first], inputs[first] = low * accel_rows, -low * np.eye(c), low * accel_inputs
     full[second, second] = -high * np.eye(c)
     if low > 0.0:
         full[second, first] = high * np.eye(c)
     else:
-        full[second, :n], friction[second, 0] = high * accel_rows, high * accel_friction
-    return full, np.concatenate([b_u, np.zeros(2 * c)]), friction
+        full[second, :n], inputs[second] = high * accel_rows, high * accel_inputs
+    return full, np.concatenate([b_u, np.zeros(2 * c)]), inputs
 
 
 def accelerations(a: Array, b_n: Array, floors: int) -> tuple[Array, Array]:

@@ -1,4 +1,5 @@
-"""Advance the virtual table in the loop, compiled: friction, clipping, sensors, over one sample interval."""
+"""Advance the virtual table in the loop, compiled: friction, clipping, laws, sensors, over one sample
+interval."""
 
 from __future__ import annotations
 
@@ -7,16 +8,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rths_cli.numerics.compiled import borrowed, entry, part
+from rths_cli.numerics.compiled import borrowed, entry, part, shared_part
 from rths_cli.numerics.lti import Array
 from rths_cli.numerics.tiled_products import ROWS, copied, product, product_of_squares, shifted
 from rths_cli.rigs.virtual.plant import Plant
+from rths_cli.rigs.virtual.specimen_laws import REMEMBERED, law_force
 
 END_STOP = 1
 SATURATED = 10.0  # tanh(10) is 1 within 5e-9
 CLIPPED_LEVEL = 4
 CROSSING_LEVEL = 9  # of an interval in which clipping may begin or end
 SOLVED = 1e-9  # of tanh(v / v_s) at a node
+ROUNDS = 40  # of the fixed point beside laws
 
 
 class PlantState(NamedTuple):
@@ -33,6 +36,8 @@ class PlantState(NamedTuple):
     queue: Array  # (latency + 1,) commands under way, the oldest first
     middle_velocity: Array  # (c,) true absolute velocities in the middle of the interval
     fault: Array  # (1,) 0 or END_STOP
+    law_memory: Array  # (3, l, REMEMBERED) of the laws at start, middle and end of an inner step
+    law_free: Array  # (2, 2 + 2 q) SpecimenLaws.arguments at middle and end, nonlinearities left out
 
 
 def fresh_state(plant: Plant, latency_samples: int) -> PlantState:
@@ -42,6 +47,7 @@ def fresh_state(plant: Plant, latency_samples: int) -> PlantState:
     return PlantState(
         state.reshape(-1), state, np.zeros(c), np.zeros(c), made.reshape(-1), made,
         begin, begin[4:], np.zeros(latency_samples + 1), np.zeros(c), np.zeros(1, dtype=np.int64),
+        np.zeros((3, plant.laws.code.size, REMEMBERED)), np.zeros((2, 2 + 2 * plant.laws.accel.shape[1])),
     )  # fmt: skip
 
 
@@ -107,6 +113,8 @@ def choose_level(plant: Plant, s: PlantState) -> tuple[int, int]:
     product(plant.start, n + 1, s.state, s.begin)
     velocity = s.state[1] * plant.per_friction_velocity
     friction_accel = plant.accel_friction[0] * s.state[plant.forces + 2]
+    for q in range(plant.laws.accel.shape[1]):
+        friction_accel += plant.laws.accel[0, q] * s.state[plant.forces + ROWS * (2 + q) + 2]
     change = (abs(s.begin[0] + friction_accel) + abs(s.begin[3])) * plant.dt_s * plant.per_friction_velocity
     nearest = max(abs(velocity) - 1.5 * change, 0.0)
     level, active = 0, 0 if nearest > SATURATED else 1
@@ -200,6 +208,61 @@ def solve(plant: Plant, s: PlantState, level: int, active: int) -> None:
         solve_both(plant, s, level)
 
 
+@shared_part
+def solve_with_laws(plant: Plant, s: PlantState, level: int, clips: bool) -> None:
+    """Find friction, clipping and the laws' forces at start, middle and end of an inner step (fixed point)."""
+    plant, s = borrowed((plant, s))
+    n, first, laws = plant.mechanical, plant.forces, plant.laws
+    arguments, storeys, state, memory = laws.arguments[level], laws.accel.shape[1], s.state, s.law_memory
+    half_s = 0.5 * plant.dt_s / (1 << level)
+    reference = plant.start[0, n, 1] * state[n]
+    for i in range(n):
+        reference += plant.start[0, i, 1] * state[i]
+    state[first + ROWS + 2] = clipped(reference, plant) if clips else 0.0
+    for place in range(first, state.size, ROWS):
+        state[place] = state[place + 1] = state[place + 2]
+    for node in range(2):
+        for which in range(s.law_free.shape[1]):
+            value = 0.0
+            for i in range(n + 1):
+                value += arguments[node, which, i] * state[i]
+            s.law_free[node, which] = value
+    for _ in range(ROUNDS):
+        solved = True
+        for node in range(2):
+            friction = tanh(value_of(plant, s, level, node, 0))
+            clip = clipped(value_of(plant, s, level, node, 1), plant) if clips else 0.0
+            solved &= abs(friction - state[first + 1 + node]) < 1e-10
+            solved &= abs(clip - state[first + ROWS + 1 + node]) < 1e-10
+            for i in range(laws.code.size):
+                for m in range(memory.shape[2]):
+                    memory[node + 1, i, m] = memory[node, i, m]
+            for q in range(storeys):
+                u, v = value_of(plant, s, level, node, 2 + q), value_of(plant, s, level, node, 2 + storeys + q)
+                force = 0.0
+                for i in range(laws.code.size):
+                    if laws.which[i] == q:
+                        force += law_force(laws.code[i], laws.numbers[i], memory[node + 1, i], u, v, half_s)
+                place = first + ROWS * (2 + q) + 1 + node
+                solved &= abs(force - state[place]) <= laws.solved_n + 1e-12 * abs(force)
+                state[place] = force
+            state[first + 1 + node], state[first + ROWS + 1 + node] = friction, clip
+        if solved:
+            break
+    for i in range(laws.code.size):
+        for m in range(memory.shape[2]):
+            memory[0, i, m] = memory[2, i, m]
+
+
+@part
+def value_of(plant: Plant, s: PlantState, level: int, node: int, which: int) -> float:
+    """Return an argument of the nonlinearities at middle (node = 0) or end (1) of an inner step, as solved so far."""
+    value = s.law_free[node, which]
+    for i in range(plant.forces, s.state.size):
+        value += plant.laws.arguments[level, node, which, i] * s.state[i]
+    return value
+
+
 @part
 def take(plant: Plant, s: PlantState, level: int, wide: int) -> None:
     """Advance mechanics and sensors by an inner step whose nonlinearities are found."""
@@ -220,6 +283,8 @@ def sense_directly(plant: Plant, s: PlantState) -> None:
     friction = s.state[plant.forces + 2]
     for c in range(s.low.size):
         value = plant.accel_friction[c] * friction
+        for q in range(plant.laws.accel.shape[1]):
+            value += plant.laws.accel[c, q] * s.state[plant.forces + ROWS * (2 + q) + 2]
         for i in range(plant.mechanical):
             value += plant.accel_rows[c, i] * s.state[i]
         s.low[c] = value
@@ -234,12 +299,18 @@ def hold(plant: Plant, s: PlantState, command_v: float) -> None:
     n = plant.mechanical
     s.state[n] = s.queue[0]
     level, active = choose_level(plant, s)
-    wide = plant.forces // ROWS + (2 if active == 2 else 1)
+    wide, has_laws = plant.forces // ROWS + (2 if active == 2 else 1), plant.laws.code.size > 0
+    if has_laws:
+        level = max(level, min(plant.laws.level + plant.refine, plant.push.shape[0] - 1))
+        wide = s.state_tiles.shape[0]
     half = (1 << level) >> 1
     for step in range(1 << level):
         if half > 0 and step == half:
             note_velocity(s, n)
-        solve(plant, s, level, active)
+        if has_laws:
+            solve_with_laws(plant, s, level, active == 2)
+        else:
+            solve(plant, s, level, active)
         take(plant, s, level, wide)
     if half == 0:
         for c in range(s.middle_velocity.size):

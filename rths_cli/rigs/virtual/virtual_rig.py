@@ -8,11 +8,20 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.errors import RigError
+from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.numerics.lti import Array
 from rths_cli.numerics.tiled_products import padded, tiled
 from rths_cli.rigs.interface import COMPILED_PLANT, Commands, RigInfo, one_actuator, only_command
 from rths_cli.rigs.virtual import plant_kernel
 from rths_cli.rigs.virtual.plant import Parts, Plant, accelerations, continuous, levels, velocities, with_sensors
+from rths_cli.rigs.virtual.specimen_laws import (
+    SpecimenLaws,
+    law_columns,
+    law_rows,
+    level_of,
+    no_laws,
+    specimen_with_laws,
+)
 from rths_cli.structure import Specimen
 
 if TYPE_CHECKING:
@@ -20,9 +29,11 @@ if TYPE_CHECKING:
     from rths_cli.case.virtual_physics_schema import AfterIdentification, VirtualPhysics
     from rths_cli.rigs.interface import RigInfo
     from rths_cli.structure import Specimen
+    from rths_cli.structure.storey_laws import Laws
 
 LEVELS = 10  # inner steps from dt to dt / 512
 NOISE_ROWS = 4096
+LAWS_SOLVED = 1e-13  # of the specimen's weight, by which a law's force may still change
 INTERPOLATED_M_S2 = 5e-7  # what interpolated friction may err by, as an acceleration of the table
 
 
@@ -35,6 +46,15 @@ def changed(
     return worn, Specimen(masses, stiffness, specimen.C)
 
 
+def true_specimen(spec: VirtualRigSpec, specimen: Specimen) -> tuple[Specimen, Laws]:
+    """Return the specimen as it stands on the table after the identification, and the laws of its storeys.
+
+    Masses, stiffness and damping hold what the laws add at rest; storeys count from 0 at the table.
+    """
+    _, changed_specimen = changed(spec.physics, specimen, spec.after_identification)
+    return specimen_with_laws(changed_specimen, spec.physics.specimen_laws, STANDARD_GRAVITY_M_S2)
+
+
 def build_plant(
     info: RigInfo,
     physics: VirtualPhysics,
@@ -45,18 +65,30 @@ def build_plant(
 ) -> Plant:
     """Return the kernel's constant arrays; `refine` halves every inner step so often (to check the integration).
 
-    The part of the interface floor's mass that stands on the table adds to the table's moving mass.
+    The part of the interface floor's mass that stands on the table adds to the table's moving mass. Raises InputError
+    for laws of the specimen's storeys that do not fit it, or that no inner step is short enough for.
     """
-    sensor, converters = info.channels[0], info.converters
+    sensor, converters, floors = info.channels[0], info.converters, len(specimen.masses_kg)
+    specimen, stated = specimen_with_laws(specimen, physics.specimen_laws, STANDARD_GRAVITY_M_S2)
+    storeys, which = np.unique(stated.storey, return_inverse=True)
     a, b_u, b_n, rows, row_command = continuous(physics, specimen, interface_mass_kg)
-    accel_rows, accel_friction = accelerations(a, b_n, len(specimen.masses_kg))
+    accel_rows, accel_friction = accelerations(a, b_n, floors)
+    b_laws = law_columns(specimen.masses_kg, physics.moving_mass_kg + interface_mass_kg, storeys, len(a))
+    accel_laws = velocities(len(a), floors) @ b_laws
+    accel_inputs = np.column_stack([accel_friction, np.zeros(1 + floors), accel_laws])
     full, full_u, full_n = with_sensors(
-        a, b_u, b_n, accel_rows, accel_friction, sensor.low_pass_hz, sensor.high_pass_hz
+        a, b_u, np.hstack([b_n, b_laws]), accel_rows, accel_inputs, sensor.low_pass_hz, sensor.high_pass_hz
     )
-    velocity_rows = velocities(len(full), len(specimen.masses_kg))
     scale = np.array([1.0 / physics.coulomb_velocity_m_s, 1.0])
-    parts = Parts(full, np.column_stack([full_n, full_u]), a.shape[0], rows, row_command, velocity_rows, scale)
+    inputs, drifts = np.column_stack([full_n[:, :2], full_u, full_n[:, 2:]]), law_rows(floors, storeys, len(a))
+    parts = Parts(full, inputs, len(a), rows, row_command, velocities(len(full), floors), scale, drifts)
     steps = levels(parts, info.dt_s, LEVELS + refine)
+    laws = no_laws(1 + floors)
+    if len(storeys):
+        arguments, forces = np.array([one.arguments for one in steps]), padded(len(a) + 1)
+        level = level_of(stated, which, specimen, arguments[:LEVELS], forces, info.dt_s)
+        solved_n = LAWS_SOLVED * STANDARD_GRAVITY_M_S2 * float(specimen.masses_kg.sum())
+        laws = SpecimenLaws(which, stated.code, stated.numbers, arguments, accel_laws, level, solved_n)
     swing = rows[1, 0] * np.eye(a.shape[0])[1] + rows[1, 1] * accel_rows[0]
     surge = a[1, 2] * (rows[1] - np.eye(a.shape[0])[2]) * info.dt_s / physics.actuator_time_constant_s
     surge_hold = a[1, 2] * row_command[1] * info.dt_s / physics.actuator_time_constant_s
@@ -90,6 +122,7 @@ def build_plant(
         sensor_steps_per_v=inverse(converters.step_v),
         noise_rms_m_s2=noise_rms_m_s2,
         refine=refine,
+        laws=laws,
     )
 
 

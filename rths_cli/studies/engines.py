@@ -38,6 +38,7 @@ AHEAD = 4  # runs or chunks handed out per worker: enough to work on while more 
 LOSSES = 3  # in a row without a chunk that ends in between: then a run itself ends its process
 INSTALL = "pip install 'rths-cli[dask]'"
 START_METHOD = "forkserver" if sys.platform == "linux" else "spawn"  # forked ones import nothing, others do
+PRELOADED = ("rths_cli.studies.rows_elsewhere", "scipy.signal", "h5py")  # what every run needs
 
 
 @dataclass(frozen=True)
@@ -94,7 +95,7 @@ class LocalProcesses:
         self._jobs = jobs
         self._context = get_context(START_METHOD)
         if START_METHOD == "forkserver":
-            self._context.set_forkserver_preload(["rths_cli.studies.rows_elsewhere"])
+            self._context.set_forkserver_preload(list(PRELOADED))
         self._start()
 
     def _start(self) -> None:

@@ -7,6 +7,7 @@ grid point and seed alone, so every engine gives the same.
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import sys
@@ -145,6 +146,7 @@ class DaskWorkers:
         self._name = scheduler
         distributed = _distributed()
         self.lost: tuple[type[BaseException], ...] = (CancelledError, distributed.KilledWorker)
+        logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # a lost scheduler is told in a sentence
         where = {"scheduler_file": scheduler} if Path(scheduler).is_file() else {"address": scheduler}
         try:
             self._client = distributed.Client(**where, set_as_default=False)

@@ -13,7 +13,7 @@ from rths_cli.version import __version__
 
 SIGNALS = Signals()
 PARTS = {
-    "Run": ("check", "run", "sweep"),
+    "Run": ("check", "run", "sweep", "merge"),
     "Look": ("report", "export"),
     "Prepare": ("new", "list", "structure", "records", "schema", "identify"),
     "Real rigs": ("doctor", "serve", "recover"),

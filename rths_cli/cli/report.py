@@ -74,6 +74,7 @@ PLAIN_S = 5.0  # between two lines where output is no terminal
 )
 @click.option("--paper", is_flag=True, help="Judge the paper's claims for cases without a reference, too.")
 @click.option("--keep-going", is_flag=True, help="Report the good files although others cannot be read.")
+@click.option("--parquet", type=FILE, metavar="FILE", help="Write the table of a sweep as Apache Parquet, with units.")
 @click.option("--junit", type=FILE, metavar="FILE", help="Write JUnit XML: one test per accept limit.")
 @no_replace_option
 @click.option("--quiet", is_flag=True, help="Show no progress.")
@@ -92,6 +93,7 @@ def report(
     report_in: str | None,
     paper: bool,
     keep_going: bool,
+    parquet: Path | None,
     junit: Path | None,
     no_replace: bool,
     quiet: bool,
@@ -125,6 +127,7 @@ def report(
         replace=not no_replace,
         paper=paper,
         report_in=report_in,
+        parquet=parquet,
     )
     return _report(asked, quiet)
 
@@ -168,6 +171,12 @@ def _write(asked: Asked, found: Contents, screen: Screen, quiet: bool) -> None:
 
     if asked.metric and not found.inputs.sweeps:
         raise InputError("--metric chooses what the figure of a sweep shows, and none of the files is a sweep.")
+    if asked.parquet:
+        from rths_cli.files.sweep_parquet import write_parquet
+
+        if len(found.inputs.sweeps) != 1:
+            raise InputError(f"--parquet holds the table of one sweep, got {len(found.inputs.sweeps)}; name one.")
+        write_parquet(asked.parquet, found.inputs.sweeps[0][1])
     if asked.figures:
         from rths_cli.report.figures import write_figures, write_sweep_figures
 

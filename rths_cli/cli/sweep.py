@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -19,11 +20,35 @@ from rths_cli.cli.options import (
     settings_option,
 )
 from rths_cli.cli.terminal import new_screen, show_page
+from rths_cli.errors import InputError
 
 
 def threads() -> int:
     """Return the number of cores this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _jobs(jobs: int | None, engine: str) -> int:
+    """Return how many runs are played at a time; raises InputError where the engine decides itself."""
+    if jobs is not None and engine in ("inline", "dask"):
+        why = "plays one run at a time" if engine == "inline" else "plays as many runs as its workers have threads"
+        raise InputError(f"--jobs {jobs}: --engine {engine} {why}; drop --jobs")
+    return 1 if engine == "inline" else jobs or threads()
+
+
+class Part(click.ParamType):
+    """One part of many: K/N, counted from 1."""
+
+    name = "K/N"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[int, int]:
+        """Return number and count; fails for what is none of 1/N to N/N."""
+        if isinstance(value, tuple):
+            return value
+        number, _, count = str(value).partition("/")
+        if not (number.isdecimal() and count.isdecimal() and len(count) <= 7 and 1 <= int(number) <= int(count)):
+            self.fail(f"{value!r} must be K/N with 1 <= K <= N, as 3/100.", param, ctx)
+        return int(number), int(count)
 
 
 @cli.command()
@@ -37,6 +62,17 @@ def threads() -> int:
 )
 @click.option("--seeds", metavar="N|A:B", help="Seeds 0 to N-1, or A to B, of every combination [default: the case's].")
 @click.option("--jobs", type=click.IntRange(min=1, max=1024), help="Runs at a time [default: the number of cores].")
+@click.option(
+    "--engine",
+    type=click.Choice(["inline", "threads", "processes", "dask"]),
+    default="threads",
+    show_default=True,
+    help="What plays the runs: this process one at a time, its threads, processes of this machine, or Dask's workers.",
+)
+@click.option(
+    "--scheduler", metavar="ADDRESS", default="", help="Of --engine dask: tcp://HOST:8786, or a scheduler file."
+)
+@click.option("--part", type=Part(), help="Play part K of N alone, and write its file; rths merge joins all parts.")
 @click.option("--output", type=FILE, metavar="FILE", help="Result file [default: sweeps/NAME.h5].")
 @click.option("--csv", type=FILE, metavar="FILE", help="Write the table as CSV too.")
 @methods_option("run both")
@@ -54,6 +90,9 @@ def sweep(
     vary: tuple[str, ...],
     seeds: str | None,
     jobs: int | None,
+    engine: str,
+    scheduler: str,
+    part: tuple[int, int] | None,
     output: Path | None,
     csv: Path | None,
     methods: tuple[str, ...],
@@ -72,6 +111,7 @@ def sweep(
 
     Example: rths sweep el_centro_low_ff_fb --seeds 20 --vary scaling=0.2,0.3
     """
+    from rths_cli.studies.engines import Engine
     from rths_cli.studies.study_plan import Asked
     from rths_cli.studies.sweep import SweepRequest, run_sweep
 
@@ -82,11 +122,12 @@ def sweep(
         asked=Asked(case, (*settings, *one), (*varied, *vary), seeds),
         output=output,
         csv=csv,
-        jobs=jobs or threads(),
+        engine=Engine(engine, _jobs(jobs, engine), scheduler),
         replace=not no_replace,
         resume=resume,
         command_line=command_line(),
         overrides=tuple(dict.fromkeys(overrides)),
+        part=part,
     )
     screen = new_screen(quiet)
     swept = run_sweep(request, screen)

@@ -50,6 +50,7 @@ BATCH_VALUES = 1 << 20  # of one axis, in memory on their way to the disk
 MOST_RUNS, MOST_STOREYS = 1 << 22, 1000  # of a table that is read whole
 CASE = ("case_yaml", "case_resolved")
 STUDY = "study_yaml"
+PART = "part"
 STATED = (
     "case_name", "rig", "rig_kind", "seeds", "status", "plan_sha256", "software_sha256", "exit_code", "seeds_per_point",
     "coordinates",
@@ -72,7 +73,8 @@ class Figure:
 class Sweep:
     """A sweep as its file holds it: n runs, the `seeds_per_point` of one grid point next to each other.
 
-    `varied`: the values (n,) of each varied key; `seed` (n,); `texts`: status, reason, verdict, model_sha256 (n,).
+    `varied`: the values (n,) of each varied key; `seed` (n,); `texts`: status, reason, verdict, model_sha256, processor
+    (n,). `numbers` (n,): which runs of its sweep a part holds, counted from 1 in ascending order; None: all of them.
     """
 
     attributes: dict[str, Attribute]
@@ -84,6 +86,7 @@ class Sweep:
     texts: dict[str, tuple[str, ...]]
     figures: dict[str, Figure]
     study_yaml: str = ""
+    numbers: NDArray[np.int64] | None = None
 
 
 def write_sweep(path: Path, sweep: Sweep) -> None:
@@ -116,6 +119,15 @@ def read_attributes(path: Path) -> dict[str, Attribute]:
 
 def read_sweep(path: Path) -> Sweep:
     """Return a sweep from its file; raises InputError when it is none, or not as `write_sweep` writes it."""
+    found = _reading(path, _sweep)
+    if found.numbers is not None:
+        part = found.attributes[PART]
+        raise InputError(f"{path}: holds part {part} of a sweep; rths merge joins all parts, give what it writes")
+    return found
+
+
+def read_part(path: Path) -> Sweep:
+    """Return a part of a sweep, or a whole one, from its file; raises InputError as `read_sweep` does."""
     return _reading(path, _sweep)
 
 
@@ -164,7 +176,8 @@ def _sweep(file: h5py.File) -> Sweep:
     keys = str(about["coordinates"]).split()[1:]
     seed = _column(found, "seed", "iu", None)
     runs, per_point = len(seed), int(about["seeds_per_point"])
-    if not 1 <= per_point <= runs or runs % per_point:
+    numbers = _numbers(file, runs) if PART in about else None
+    if per_point < 1 or not runs or (numbers is None and runs % per_point):
         raise LayoutError(f"has {runs} runs, {per_point} of each grid point")
     paths = [name for name in found if name not in (*CASE, STUDY, *TEXTS, "seed", *keys)]
     order = str(about.get("figures", "")).split()
@@ -173,13 +186,23 @@ def _sweep(file: h5py.File) -> Sweep:
     figures = {path: Figure(_figure(found, path, runs), *units[path]) for path in dict.fromkeys([*order, *paths])}
     if len({figure.values.shape[1] for figure in figures.values() if figure.values.ndim > 1}) > 1:
         raise LayoutError("has figures of other numbers of storeys")
+    found.setdefault("processor", np.full(runs, "", dtype=object))  # an older rths did not write it
     texts = {name: tuple(map(str, _column(found, name, "OSU", runs).tolist())) for name in TEXTS}
     varied: dict[str, tuple[Any, ...] | NDArray[Any]] = {
         key: tuple(_column(found, key, "OSUf", runs).tolist()) for key in keys
     }
     yaml, resolved = (member(found, name, str) for name in CASE)
     study = member(found, STUDY, str) if STUDY in found else ""
-    return Sweep(about, yaml, resolved, per_point, varied, seed, texts, figures, study)
+    return Sweep(about, yaml, resolved, per_point, varied, seed, texts, figures, study, numbers)
+
+
+def _numbers(file: h5py.File, runs: int) -> NDArray[np.int64]:
+    """Return which runs (n,) a part holds; raises LayoutError."""
+    scale = file["variant"]
+    numbers = np.asarray(scale[:] if getattr(scale, "shape", None) == (runs,) else ())
+    if numbers.dtype.kind not in "iu" or len(numbers) != runs or numbers[0] < 1 or np.any(np.diff(numbers) < 1):
+        raise LayoutError("has not a number in ascending order for each run of a part")
+    return numbers.astype(np.int64)
 
 
 def _spelt_once(values: Any, spelt: dict[str, str]) -> Any:
@@ -265,7 +288,7 @@ def _csv(sweep: Sweep) -> str:
 
 def _columns(sweep: Sweep) -> Iterator[tuple[str, list[Any]]]:
     """Yield name and values (n,) of each column: coordinates, texts, figures with their storey in brackets."""
-    yield "variant", list(range(1, len(sweep.seed) + 1))
+    yield "variant", _variants(sweep).tolist()
     yield from ((key, [_cell(value) for value in values]) for key, values in sweep.varied.items())
     yield "seed", sweep.seed.tolist()
     yield from ((name, [csv_cell(text) for text in sweep.texts[name]]) for name in TEXTS)
@@ -285,18 +308,22 @@ def _cell(value: Any) -> str:
 
 
 def _scales(sweep: Sweep) -> dict[str, Dataset]:
-    count = len(sweep.seed)
     storeys = max((figure.values.shape[1] for figure in sweep.figures.values() if figure.values.ndim > 1), default=1)
     return {
-        name: Dataset(np.arange(1, length + 1), AXES[name].units, AXES[name].text, "computed")
-        for name, length in (("variant", count), ("storey", storeys))
+        name: Dataset(values, AXES[name].units, AXES[name].text, "computed")
+        for name, values in (("variant", _variants(sweep)), ("storey", np.arange(1, storeys + 1)))
     }
+
+
+def _variants(sweep: Sweep) -> NDArray[np.int64]:
+    """Return the numbers (n,) of the runs, counted from 1."""
+    return np.arange(1, len(sweep.seed) + 1) if sweep.numbers is None else sweep.numbers
 
 
 def _datasets(sweep: Sweep) -> dict[str, Dataset]:
     """Return everything along the runs, and the case the sweep starts from."""
     found = {
-        key: Dataset(_stored(key, v), unit_of_name(key), f"varied key {key}", "computed", RUNS)
+        key: Dataset(stored_values(v), unit_of_name(key), f"varied key {key}", "computed", RUNS)
         for key, v in sweep.varied.items()
     }
     stated: dict[str, ArrayLike] = {name: _text(sweep.texts[name]) for name in TEXTS}
@@ -309,7 +336,7 @@ def _datasets(sweep: Sweep) -> dict[str, Dataset]:
     return found
 
 
-def _stored(key: str, values: tuple[Any, ...] | NDArray[Any]) -> NDArray[Any]:
+def stored_values(values: tuple[Any, ...] | NDArray[Any]) -> NDArray[Any]:
     """Return the values (n,) of a varied key: numbers where all are, else text."""
     if isinstance(values, np.ndarray):
         return values

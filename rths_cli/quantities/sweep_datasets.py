@@ -11,6 +11,7 @@ TEXTS = {
     "reason": "why it ended so",
     "verdict": "what the check says of the hybrid test: safe, unsafe or unstable",
     "model_sha256": "hash of the table model that drove the run",
+    "processor": "processor that computed the run, with a hash of its instruction set",
 }
 """What a sweep says of each run in words, by the names of the datasets."""
 SWEEP_DATASETS: dict[str, DatasetDeclaration] = {
@@ -42,6 +43,7 @@ OF_SWEEP = (
     AttributeDeclaration("values_folder", "text", "folder at which relative paths in the varied values start"),
     AttributeDeclaration("plan_sha256", "text", "SHA-256 of what was to be run"),
     AttributeDeclaration("software_sha256", "text", "SHA-256 of the software that ran it"),
+    AttributeDeclaration("part", "text", "which part of the sweep, K/N", present="in a part of a sweep alone"),
 )
 """Attributes that a sweep has beside those of a result."""
 SWEEP_ATTRIBUTES: dict[str, AttributeDeclaration] = {one.name: one for one in (*OF_FILE, *OF_SWEEP)}

@@ -13,6 +13,7 @@ from rths_cli.errors import InputError
 from rths_cli.files.existing_files import Kind, check_existing
 from rths_cli.files.result_reader import Result
 from rths_cli.files.result_writer import check_writable, refusal
+from rths_cli.files.sweep_parquet import check_parquet
 from rths_cli.report.baseline_comparison import DEFAULT_PERCENT
 from rths_cli.report.input_files import read_inputs
 from rths_cli.report.report_contents import Contents, all_blocks, contents
@@ -42,6 +43,7 @@ class Asked:
     replace: bool = True  # whether files that exist may be replaced
     paper: bool = False  # whether the paper's claims are judged for cases without a reference, too
     report_in: str | None = None  # model or prototype; None: as the cases state it
+    parquet: Path | None = None  # file for the table of a sweep; None: none is written
 
 
 def check_asked(asked: Asked) -> tuple[Path, ...]:
@@ -58,13 +60,17 @@ def check_asked(asked: Asked) -> tuple[Path, ...]:
         faults.append("--format html is one file; add --output FILE, for instance --output report.html.")
     if asked.output and asked.junit and asked.output.resolve() == asked.junit.resolve():
         faults.append(f"--output and --junit are both {asked.output}; give two names.")
+    if asked.parquet and asked.parquet.resolve() in {path.resolve() for path in (asked.output, asked.junit) if path}:
+        faults.append(f"--parquet {asked.parquet}: is another output too; give two names.")
     if asked.figures and asked.figures.exists() and not asked.figures.is_dir():
         faults.append(f"--figures {asked.figures}: is a file; name a folder.")
     if faults:
         raise InputError(*faults)
+    if asked.parquet:
+        check_parquet()
     read = [*asked.paths, *((asked.baseline,) if asked.baseline else ())]
     replaced: list[Path] = []
-    for option, path in (("--output", asked.output), ("--junit", asked.junit)):
+    for option, path in (("--output", asked.output), ("--junit", asked.junit), ("--parquet", asked.parquet)):
         if path:
             replaced += check_output(option, path, read, asked.replace)
             check_writable(path.parent)

@@ -77,16 +77,21 @@ def statistics(errors: Array) -> dict[str, Array]:
 
 
 def page(sweep: Sweep, path: Path) -> str:
-    """Return the summary of a sweep as text."""
+    """Return the summary of a sweep as text, of a part how its runs ended."""
+    if sweep.numbers is not None:
+        return wrapped([_of_part(sweep), *_not_run(sweep), *_explained(sweep, path)], 2) + "\n"
     parts = [render(_table(sweep)), *_more_points(sweep), *_extremes(sweep), *_not_run(sweep), *summary_text(sweep)]
     parts += _explained(sweep, path)
     return wrapped([line for part in parts for line in part.split("\n")], 2) + "\n"
 
 
 def document(sweep: Sweep, path: Path) -> dict[str, Any]:
-    """Return the summary of a sweep for JSON: every grid point with its runs and the statistics of its errors."""
+    """Return the summary of a sweep for JSON: every grid point with its runs and the statistics of its errors.
+
+    Of a part, whose grid points may lack runs, no grid point.
+    """
     points = []
-    for point in points_of(sweep):
+    for point in points_of(sweep) if sweep.numbers is None else ():
         found = {
             name: {TRACKING: _plain(row[0]), STOREYS: [_plain(value) for value in row[1:]]}
             for name, row in statistics(point.errors).items()
@@ -95,7 +100,13 @@ def document(sweep: Sweep, path: Path) -> dict[str, Any]:
     about = {
         name: sweep.attributes[name] for name in ("case_name", "rig", "rig_kind", "seeds", "status", "plan_sha256")
     }
+    about |= {} if sweep.numbers is None else {"part": sweep.attributes["part"]}
     return {"sweep": str(path), **about, "runs": len(sweep.seed), "summary": summary(sweep), "points": points}
+
+
+def _of_part(sweep: Sweep) -> str:
+    part, case = sweep.attributes["part"], sweep.attributes["case_name"]
+    return f"{case}: part {part} of a sweep, {_runs(len(sweep.seed))} of EXP-RTHS; rths merge joins all parts"
 
 
 def _plain(value: float) -> float | None:

@@ -6,8 +6,9 @@ from __future__ import annotations
 import json
 import time
 from collections import deque
-from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Generator, Iterator
+from concurrent.futures import Executor, Future
+from contextlib import closing, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,37 +16,45 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from rths_cli.case.load import PlacedSettings, written_case
+from rths_cli.errors import InputError, RthsError
 from rths_cli.experiment.allocator_settings import keep_freed_memory
 from rths_cli.experiment.model_files import software
 from rths_cli.experiment.provenance import attributes
 from rths_cli.files.existing_files import Kind, check_existing, replaced_sentence
 from rths_cli.files.result_writer import check_writable
-from rths_cli.files.sweep_file import RowsFile, Sweep, check_csv, read_sweep, rows_path, write_csv, write_sweep
+from rths_cli.files.sweep_file import RowsFile, Sweep, check_csv, read_part, rows_path, write_csv, write_sweep
+from rths_cli.studies.engines import AHEAD, ELSEWHERE, Engine, check_engine, executor_here, play_all, workers_of
 from rths_cli.studies.grid_points import Points, check_points
+from rths_cli.studies.rows_elsewhere import Chunk, PointRows, Work
 from rths_cli.studies.study_plan import Asked
 from rths_cli.studies.sweep_output import Begun, as_line, as_sweep, begin
-from rths_cli.studies.sweep_runs import Shared, failed, play_variant
+from rths_cli.studies.sweep_runs import Shared, not_ready, play_variant
 from rths_cli.studies.sweep_table import Row, Table, columns, width
 from rths_cli.studies.varied_keys import seeds_text
+from rths_cli.version import __version__
 
 if TYPE_CHECKING:
     from rths_cli.experiment.run_command import Watcher
 
-AHEAD = 4  # runs handed out per thread: enough to work on while the next grid point is made ready
+LONGEST_CHUNK = 16  # runs that another process plays at a time, fewer where there are few
+CHUNKS_PER_WORKER = 4  # at least, where there are runs enough
 
 
 @dataclass(frozen=True)
 class SweepRequest:
-    """What `rths sweep` was asked; `output` None: sweeps/NAME.h5; `jobs`: threads that play runs."""
+    """What `rths sweep` was asked; `output` None: sweeps/NAME.h5; `engine`: what plays runs; `part`: number and count
+    of the parts where only one of them is played."""
 
     asked: Asked
     output: Path | None
     csv: Path | None
-    jobs: int
+    engine: Engine
     replace: bool
     resume: bool
     command_line: str
     overrides: tuple[str, ...] = ()
+    part: tuple[int, int] | None = None
 
 
 @dataclass(frozen=True)
@@ -60,29 +69,50 @@ class Swept:
 
 def run_sweep(request: SweepRequest, watcher: Watcher) -> Swept:
     """Play what is not played yet and write the table; raises InputError with all faults before the first run."""
+    check_engine(request.engine)
     keep_freed_memory()
     shared = Shared(request.overrides, watcher.doing)
     points = check_points(request.asked, shared, watcher.doing)
-    path = request.output or Path("sweeps") / f"{points.planned.name or points.base.case.name}.h5"
+    path = request.output or Path("sweeps") / f"{points.planned.name or points.base.case.name}{_suffix(request.part)}"
+    variants = _variants(points, request.part)
     about = _attributes(points, request.command_line)
+    if request.part is not None:
+        about["part"] = "{}/{}".format(*request.part)
     tables: tuple[Path, ...] = ()
     if request.csv is not None:
         tables = check_existing([(request.csv, Kind.DOCUMENT)], request.replace)
         check_csv(request.csv, path)
-    begun = begin(
-        path, about, points.plan.variants, width(points.columns, points.storeys), request.replace, request.resume
-    )
+    begun = begin(path, about, variants, width(points.columns, points.storeys), request.replace, request.resume)
     if request.csv is not None:
         check_writable(request.csv.parent)
-    played = 0 if begun is None else points.plan.variants - len(begun.rows)
+    played = 0 if begun is None else len(variants) - len(begun.rows)
     if begun is not None:
-        _tell(points, begun, watcher)
-    sweep = read_sweep(path) if begun is None else _play(points, shared, begun, request, watcher)
+        _tell(points, begun, len(variants), watcher)
+    sweep = read_part(path) if begun is None else _play(points, shared, begun, variants, request, watcher)
     if request.csv is not None:
         write_csv(request.csv, sweep)
     if replaced := [*([path] if begun is not None and begun.replaces else []), *tables]:
         watcher.message(replaced_sentence(replaced))
+    if len(kinds := sorted(set(sweep.texts["processor"]))) > 1:
+        watcher.message(f"the runs were computed on processors of {len(kinds)} kinds, which may round differently")
     return Swept(sweep, path, played, int(sweep.attributes["exit_code"]))
+
+
+def _suffix(part: tuple[int, int] | None) -> str:
+    return ".h5" if part is None else "-part{:0{width}}of{}.h5".format(*part, width=len(str(part[1])))
+
+
+def _variants(points: Points, part: tuple[int, int] | None) -> NDArray[np.int64]:
+    """Return the runs (n,) that are asked for, in ascending order: all, or those of a part, neighbours in the order in
+    which runs are made."""
+    count, seeds = points.plan.variants, len(points.plan.seeds)
+    if part is None:
+        return np.arange(count)
+    number, parts = part
+    if parts > count:
+        raise InputError(f"--part {number}/{parts}: the sweep has {count} runs; ask for at most as many parts")
+    made = np.arange((number - 1) * count // parts, number * count // parts)
+    return np.sort(points.order[made // seeds] * seeds + made % seeds)
 
 
 def _attributes(points: Points, command_line: str) -> dict[str, str | int | float]:
@@ -100,31 +130,34 @@ def _attributes(points: Points, command_line: str) -> dict[str, str | int | floa
     return about | identity | origin | {"seeds": seeds_text(plan.seeds), "grid_points": plan.points}
 
 
-def _play(points: Points, shared: Shared, begun: Begun, request: SweepRequest, watcher: Watcher) -> Sweep:
+def _play(
+    points: Points, shared: Shared, begun: Begun, variants: NDArray[np.int64], request: SweepRequest, watcher: Watcher
+) -> Sweep:
     """Play the runs that are left, keep each row at once, and write the table when all are there."""
-    count = points.plan.variants
-    rows = Table(points.columns, points.storeys, count)
+    count = len(variants)
+    rows = Table(points.columns, points.storeys, variants)
     for row in begun.rows.values():
         rows.add(row)
     start, before = time.monotonic(), len(begun.rows)
     done = before
     with RowsFile(rows_path(begun.path), begun.attributes, begun.resumed) as file:
         try:
-            for row in _rows(points, shared, request, rows.done):
-                file.append(as_line(row))
-                rows.add(row)
-                done += 1
-                watcher.doing(_progress(done, count, (time.monotonic() - start) / (done - before)))
+            with closing(_rows(points, shared, request, rows, watcher)) as found:
+                for row in found:
+                    file.append(as_line(row))
+                    rows.add(row)
+                    done += 1
+                    watcher.doing(_progress(done, count, (time.monotonic() - start) / (done - before)))
         except BaseException:
             watcher.message(f"{file.close()} of {count} runs are kept; the same command with --resume goes on")
             raise
-        sweep = as_sweep(points, begun, rows)
+        sweep = as_sweep(points, begun, rows, None if request.part is None else variants)
         write_sweep(begun.path, sweep)
         file.remove()
     return sweep
 
 
-def _tell(points: Points, begun: Begun, watcher: Watcher) -> None:
+def _tell(points: Points, begun: Begun, count: int, watcher: Watcher) -> None:
     """Say what a user should know before the first run."""
     for doubt in points.doubts:
         watcher.warning(doubt)
@@ -133,21 +166,26 @@ def _tell(points: Points, begun: Begun, watcher: Watcher) -> None:
     if left:
         watcher.message(f"note: a sweep does not compute {', '.join(left)}: the accept limits on that are not judged")
     if begun.resumed:
-        watcher.message(f"{len(begun.rows)} of {points.plan.variants} runs were played before")
+        watcher.message(f"{len(begun.rows)} of {count} runs were played before")
 
 
 def _progress(done: int, count: int, each_s: float) -> str:
     return f"{done} of {count} runs, about {each_s * (count - done):.0f} s left"
 
 
-def _rows(points: Points, shared: Shared, request: SweepRequest, done: NDArray[np.bool_]) -> Iterator[Row]:
-    """Yield the rows that are left, in the order they are made, whatever the number of threads."""
+def _rows(
+    points: Points, shared: Shared, request: SweepRequest, rows: Table, watcher: Watcher
+) -> Generator[Row, None, None]:
+    """Yield the rows that are left, in the order they are made, whatever the number of threads or workers."""
+    if request.engine.name in ELSEWHERE:
+        yield from _rows_elsewhere(points, shared, request, rows, watcher)
+        return
     waiting: deque[Future[Row]] = deque()
-    with ThreadPoolExecutor(request.jobs) as pool:
+    with executor_here(request.engine) as pool:
         try:
-            for future in _handed_out(points, shared, request, done, pool):
+            for future in _handed_out(points, shared, rows, pool):
                 waiting.append(future)
-                if len(waiting) > AHEAD * request.jobs:
+                if len(waiting) > AHEAD * request.engine.jobs:
                     yield waiting.popleft().result()
             while waiting:
                 yield waiting.popleft().result()
@@ -155,20 +193,72 @@ def _rows(points: Points, shared: Shared, request: SweepRequest, done: NDArray[n
             pool.shutdown(wait=True, cancel_futures=True)
 
 
-def _handed_out(
-    points: Points, shared: Shared, request: SweepRequest, done: NDArray[np.bool_], pool: ThreadPoolExecutor
-) -> Iterator[Future[Row]]:
+def _handed_out(points: Points, shared: Shared, rows: Table, pool: Executor) -> Iterator[Future[Row]]:
     """Make each grid point ready and hand its runs out; a point that cannot be made ready has rows that say so."""
-    kept, seeds = points.columns, points.plan.seeds
-    for point in map(int, points.order):
-        left = [k for k in range(len(seeds)) if not done[point * len(seeds) + k]]
-        if not left:
-            continue
+    kept = points.columns
+    for point, left in _left(points, rows):
         try:
             ready = shared.ready(points.case(point))
         except Exception as error:
-            blank = failed(Row(0, "", "", 0, "", "", np.full(width(kept, points.storeys), np.nan)), error)
-            yield from (pool.submit(replace, blank, variant=point * len(seeds) + k) for k in left)
+            blank = not_ready(left[0][0], kept, points.storeys, error)
+            yield from (pool.submit(replace, blank, variant=variant) for variant, _ in left)
             continue
-        for k in left:
-            yield pool.submit(play_variant, ready, point * len(seeds) + k, seeds[k], kept, points.storeys)
+        for variant, seed in left:
+            yield pool.submit(play_variant, ready, variant, seed, kept, points.storeys)
+
+
+def _left(points: Points, rows: Table) -> Iterator[tuple[int, tuple[tuple[int, int], ...]]]:
+    """Yield each grid point with rows that are left, in the order to make them, with number and seed of each row."""
+    seeds = points.plan.seeds
+    for point in map(int, points.order):
+        first = point * len(seeds)
+        left = tuple((first + k, seed) for k, seed in enumerate(seeds) if rows.lacks(first + k))
+        if left:
+            yield point, left
+
+
+def _rows_elsewhere(
+    points: Points, shared: Shared, request: SweepRequest, rows: Table, watcher: Watcher
+) -> Iterator[Row]:
+    """Yield the rows that are left, played by other processes; the first model is identified here, for all of them."""
+    first = next(_left(points, rows), None)
+    if first is None:
+        return
+    with suppress(RthsError):  # the rows say so
+        shared.identify(points.case(first[0]))
+    work = _work(points, request.overrides)
+    workers = workers_of(request.engine, work, watcher.doing)
+    size = min(LONGEST_CHUNK, max(1, rows.left // (CHUNKS_PER_WORKER * workers.count())))
+    yield from play_all(workers, work, _chunks(points, rows, size), watcher.message)
+
+
+def _work(points: Points, overrides: tuple[str, ...]) -> Work:
+    """Return what other processes are told of a sweep."""
+    written = points.planned.case
+    return Work(
+        points.sha256,
+        written_case(written.text, written.path.absolute()),
+        PlacedSettings(tuple(points.asked.settings), Path.cwd()),
+        overrides,
+        tuple(column.path for column in points.columns),
+        points.storeys,
+        software(),
+        __version__,
+    )
+
+
+def _chunks(points: Points, rows: Table, size: int) -> Iterator[Chunk]:
+    """Yield the rows that are left, `size` at a time, neighbours in the order to make them."""
+    folder = points.plan.folder or Path.cwd()
+    held: list[PointRows] = []
+    room = size
+    for point, left in _left(points, rows):
+        varied = PlacedSettings(points.plan.settings(point), folder)
+        while left:
+            held.append(PointRows(varied, left[:room]))
+            left, room = left[room:], room - len(left[:room])
+            if room == 0:
+                yield tuple(held)
+                held, room = [], size
+    if held:
+        yield tuple(held)

@@ -15,15 +15,17 @@ from rths_cli.errors import InputError
 from rths_cli.experiment.run_case import worst_code
 from rths_cli.files.existing_files import Kind, check_existing
 from rths_cli.files.result_writer import check_writable
-from rths_cli.files.sweep_file import Figure, Sweep, read_attributes, read_rows, rows_path
+from rths_cli.files.sweep_file import Figure, Sweep, read_attributes, read_rows, rows_path, stored_values
 from rths_cli.studies.sweep_table import Row
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from rths_cli.studies.grid_points import Points
     from rths_cli.studies.sweep_table import Table
 
-IDENTITY = ("plan_sha256", "software_sha256")
-OTHER = "another sweep (case, grid, options or version of rths differ)"
+IDENTITY = ("plan_sha256", "software_sha256", "part")
+OTHER = "another sweep (case, grid, options, part or version of rths differ)"
 ELSEWHERE = "choose another --output, or remove the file"
 BYTES_PER_RUN = 3000  # of rows and result file, for the check of free space
 
@@ -39,10 +41,12 @@ class Begun:
     replaces: bool = False  # a finished file
 
 
-def begin(path: Path, attributes: dict[str, Any], runs: int, figures: int, replace: bool, resume: bool) -> Begun | None:
+def begin(
+    path: Path, attributes: dict[str, Any], runs: NDArray[np.int64], figures: int, replace: bool, resume: bool
+) -> Begun | None:
     """Return what is to be played, None when the file is whole and `resume` asks for what is left of it.
 
-    `figures`: how many numbers the row of one run has.
+    `runs` (n,): their numbers in ascending order; `figures`: how many numbers the row of one run has.
 
     Raises InputError where the file cannot be written or would replace what it must not.
     """
@@ -53,15 +57,15 @@ def begin(path: Path, attributes: dict[str, Any], runs: int, figures: int, repla
         return None
     if begun is None:
         check_existing([(path, Kind.SWEEP)], replace)
-    check_writable(path.parent, BYTES_PER_RUN * runs)
+    check_writable(path.parent, BYTES_PER_RUN * len(runs))
     return begun or Begun(path, attributes, {}, False, path.exists())
 
 
-def _under_way(path: Path, attributes: Mapping[str, Any], runs: int, figures: int, resume: bool) -> Begun:
-    """Return the sweep of so many runs, each of so many figures, whose rows stand beside the file."""
+def _under_way(path: Path, attributes: Mapping[str, Any], runs: NDArray[np.int64], figures: int, resume: bool) -> Begun:
+    """Return the sweep of these runs, each of so many figures, whose rows stand beside the file."""
     place = rows_path(path)
     stored, lines = read_rows(place)
-    if any(stored.get(name) != attributes[name] for name in IDENTITY):
+    if any(stored.get(name) != attributes.get(name) for name in IDENTITY):
         raise InputError(f"{place}: holds {len(lines)} runs of {OTHER}; {ELSEWHERE}")
     if not resume:
         raise InputError(
@@ -69,9 +73,11 @@ def _under_way(path: Path, attributes: Mapping[str, Any], runs: int, figures: in
             "the file to begin anew"
         )
     begun = {name: value for name, value in stored.items() if name != "format"}
-    if _types(begun) != _types(attributes) or not all(_is_row(line, runs, figures) for line in lines):
+    if _types(begun) != _types(attributes) or not all(_is_row(line, figures) for line in lines):
         raise InputError(f"{place}: holds rows that are not of this sweep; remove it and run the sweep anew")
     rows = [_row(line) for line in lines]
+    if not np.isin([row.variant for row in rows], runs).all():
+        raise InputError(f"{place}: holds rows that are not of this sweep; remove it and run the sweep anew")
     return Begun(path, begun, {row.variant: row for row in rows}, True)
 
 
@@ -80,25 +86,24 @@ def _types(attributes: Mapping[str, Any]) -> dict[str, type]:
     return {name: type(value) for name, value in attributes.items()}
 
 
-def _is_row(line: Any, runs: int, figures: int) -> bool:
+def _is_row(line: Any, figures: int) -> bool:
     """Tell whether a line is of the types that `as_line` makes, and of this sweep."""
-    if not isinstance(line, list) or [type(item) for item in line] != [int, str, str, int, str, str, list]:
+    if not isinstance(line, list) or [type(item) for item in line] != [int, str, str, int, str, str, str, list]:
         return False
-    numbers = len(line[-1]) == figures and all(isinstance(item, int | float) for item in line[-1])
-    return 0 <= line[0] < runs and numbers
+    return len(line[-1]) == figures and all(isinstance(item, int | float) for item in line[-1])
 
 
 def _row(line: list[Any]) -> Row:
     """Return a row from what `as_line` made of it."""
-    variant, status, reason, exit_code, verdict, model, figures = line
-    return Row(variant, status, reason, exit_code, verdict, model, np.array(figures, dtype=float))
+    variant, status, reason, exit_code, verdict, model, processor, figures = line
+    return Row(variant, status, reason, exit_code, verdict, model, processor, np.array(figures, dtype=float))
 
 
 def _is_whole(path: Path, attributes: Mapping[str, Any], resume: bool) -> bool:
     """Tell whether a finished file answers what is asked; raises InputError if it is no sweep, or another one is to be
     resumed."""
     stored = read_attributes(path)
-    if resume and stored.get("plan_sha256") != attributes["plan_sha256"]:
+    if resume and any(stored.get(name) != attributes.get(name) for name in ("plan_sha256", "part")):
         raise InputError(f"{path}: holds {OTHER}; {ELSEWHERE}")
     return resume and stored.get("software_sha256") == attributes["software_sha256"]
 
@@ -109,8 +114,8 @@ def as_line(row: Row) -> list[Any]:
     return [*start, figures.tolist()]
 
 
-def as_sweep(points: Points, begun: Begun, rows: Table) -> Sweep:
-    """Return the table of all rows, in the order of the plan."""
+def as_sweep(points: Points, begun: Begun, rows: Table, part: NDArray[np.int64] | None = None) -> Sweep:
+    """Return the table of all rows, in the order of the plan; `part` (n,): of these rows alone, in ascending order."""
     plan, figures, texts = points.plan, rows.figures, rows.texts
     ends = {
         "status": "complete",
@@ -119,16 +124,20 @@ def as_sweep(points: Points, begun: Begun, rows: Table) -> Sweep:
     }
     written = points.planned.case
     study = points.planned.study
+    varied, seeds = dict(plan.columns()), np.tile(np.array(plan.seeds, dtype=np.int64), plan.points)
+    if part is not None:  # values are stored as numbers or texts by what they are in the whole sweep
+        varied, seeds = {key: stored_values(values)[part] for key, values in varied.items()}, seeds[part]
     return Sweep(
         begun.attributes | ends,
         written.text,
         resolved_yaml(points.base.case),
         len(plan.seeds),
-        dict(plan.columns()),
-        np.tile(np.array(plan.seeds, dtype=np.int64), plan.points),
+        varied,
+        seeds,
         texts,
         {column.path: Figure(figures[column.path], column.units, column.definition) for column in points.columns},
         study.read_text(encoding="utf-8-sig") if study else "",
+        None if part is None else part + 1,
     )
 
 

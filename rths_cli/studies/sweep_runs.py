@@ -6,7 +6,10 @@ import hashlib
 import threading
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from rths_cli.analysis.metrics import room_for_pairs
 from rths_cli.errors import InputError, RthsError, crash_note
@@ -20,8 +23,9 @@ from rths_cli.experiment.run_case import acceptance, sim_of
 from rths_cli.experiment.setup import building_key, make_setup, motion_key
 from rths_cli.experiment.table_runs_of_case import why_none, why_unsafe
 from rths_cli.loop.run_log import Log, Sizes, empty_log
+from rths_cli.numerics.compiled import processor
 from rths_cli.numerics.shared_values import SharedValues
-from rths_cli.studies.sweep_table import Column, Row, columns, flat
+from rths_cli.studies.sweep_table import Column, Row, columns, flat, width
 
 if TYPE_CHECKING:
     from rths_cli.analysis.sim import Response
@@ -94,6 +98,11 @@ class Shared:
         stages = (content, model, model + part, model + part + motion)
         return Keys(*(_digest(text.encode()) for text in stages))
 
+    def identify(self, case: Case) -> None:
+        """Identify the rig of a case unless its model is known; the cache keeps it for other processes."""
+        setup = self.setup(case)
+        self._memory(setup).known(setup, self._progress)
+
     def ready(self, case: Case) -> Ready:
         """Return a grid point ready to be played; raises RthsError when its rig cannot be identified."""
         setup, values = self.setup(case), self._values
@@ -137,7 +146,8 @@ def play_variant(ready: Ready, variant: int, seed: int, of: Sequence[Column], st
     """
     checked = ready.checked
     model = model_sha256(checked.design.model) if checked.design else ""
-    row = Row(variant, "refused", ready.refused, 1, checked.verdict, model, flat(of, storeys, checked.figures))
+    figures = flat(of, storeys, checked.figures)
+    row = Row(variant, "refused", ready.refused, 1, checked.verdict, model, processor_name(), figures)
     if ready.plan is None or ready.sim is None:
         return row
     try:
@@ -148,6 +158,21 @@ def play_variant(ready: Ready, variant: int, seed: int, of: Sequence[Column], st
     stop = stop or _accepted(ready, values)
     figures = flat(of, storeys, values)
     return replace(row, status=stop.status, reason=stop.reason, exit_code=stop.exit_code, figures=figures)
+
+
+def not_ready(variant: int, of: Sequence[Column], storeys: int, error: Exception) -> Row:
+    """Return the row of a run whose grid point an error kept from being made ready."""
+    return failed(Row(variant, "", "", 0, "", "", processor_name(), np.full(width(of, storeys), np.nan)), error)
+
+
+@cache
+def processor_name() -> str:
+    """Return the name of this processor, with a hash of the instructions and settings that code is compiled for.
+
+    Rows of processors with equal texts are equal to the last bit.
+    """
+    told = processor()
+    return f"{told.split(' ', 1)[0]} {_digest(told.encode())[:12]}"
 
 
 def failed(row: Row, error: Exception) -> Row:

@@ -17,7 +17,7 @@ from rths_cli.quantities.sweep_datasets import TEXTS
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from numpy.typing import ArrayLike
+    from numpy.typing import ArrayLike, NDArray
 
     from rths_cli.numerics.lti import Array
 
@@ -33,7 +33,7 @@ Column = Quantity
 @dataclass(frozen=True)
 class Row:
     """One run of a sweep: its number, how it ended and why, the check's verdict, the hash of the model it was driven
-    with, and its figures one after another.
+    with, the processor that computed it, and its figures one after another.
 
     `figures` (width,) in the order of the columns, NaN where there is none.
     """
@@ -44,6 +44,7 @@ class Row:
     exit_code: int
     verdict: str
     model_sha256: str
+    processor: str
     figures: Array
 
 
@@ -86,24 +87,40 @@ def kept_columns(metrics: Sequence[str] | None, study: Path | None) -> tuple[Col
 
 
 class Table:
-    """The rows of a sweep of `runs` runs as they arrive; a million of them take what their numbers take."""
+    """The rows of the runs `variants` (n,) of a sweep, in ascending order, as they arrive; a million of them take what
+    their numbers take."""
 
-    def __init__(self, of: Sequence[Column], storeys: int, runs: int) -> None:
-        self._of, self._storeys = of, storeys
+    def __init__(self, of: Sequence[Column], storeys: int, variants: NDArray[np.int64]) -> None:
+        runs = len(variants)
+        self._of, self._storeys, self._variants = of, storeys, variants
         self._numbers = np.full((runs, width(of, storeys)), np.nan)
         self._texts = {name: np.full(runs, "", dtype=object) for name in TEXTS}
         self._codes = np.zeros(runs, dtype=np.int16)
         self._spelt: dict[str, str] = {}
-        self.done = np.zeros(runs, dtype=bool)  # (n_variants,): which rows are there
+        self._done = np.zeros(runs, dtype=bool)
 
     def add(self, row: Row) -> None:
         """Put a row in its place."""
-        self._numbers[row.variant] = row.figures
-        self._codes[row.variant] = row.exit_code
+        place = self._place(row.variant)
+        self._numbers[place] = row.figures
+        self._codes[place] = row.exit_code
         for name, column in self._texts.items():
             text = getattr(row, name)
-            column[row.variant] = self._spelt.setdefault(text, text)
-        self.done[row.variant] = True
+            column[place] = self._spelt.setdefault(text, text)
+        self._done[place] = True
+
+    @property
+    def left(self) -> int:
+        """Return how many rows are not there yet."""
+        return int(np.count_nonzero(~self._done))
+
+    def _place(self, variant: int) -> int:
+        return int(np.searchsorted(self._variants, variant))
+
+    def lacks(self, variant: int) -> bool:
+        """Tell whether a run belongs to the table and is not there yet."""
+        place = self._place(variant)
+        return place < len(self._variants) and self._variants[place] == variant and not self._done[place]
 
     @property
     def texts(self) -> dict[str, tuple[str, ...]]:

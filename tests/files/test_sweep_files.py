@@ -69,7 +69,7 @@ ABOUT = {
 
 def made() -> Sweep:
     figures = {"a.b_m": Figure(np.array(VALUES[:3]), "m", "one number"), "a.s": Figure(np.eye(3), "1", "per storey")}
-    texts = dict.fromkeys(("status", "reason", "verdict", "model_sha256"), ("x", "", 'ä, "q"\nnew line'))
+    texts = dict.fromkeys(("status", "reason", "verdict", "model_sha256", "processor"), ("x", "", 'ä, "q"\nnew line'))
     varied = {
         "scaling": (0.1, 1 / 3, 2),
         "t.stiffness_n_per_m": (1.0, 2.0, 3.0),

@@ -90,7 +90,9 @@ def sweep_faults(path: Path, varied: tuple[str, ...]) -> list[str]:
     """Return what a sweep's file holds and is declared otherwise or nowhere, and what is declared and not there."""
     with h5py.File(path) as file:
         faults = [f"attribute {name}" for name in file.attrs if name not in SWEEP_ATTRIBUTES]
-        faults += [f"attribute {one.name} is missing" for one in OF_SWEEP if one.name not in file.attrs]
+        faults += [
+            f"attribute {one.name} is missing" for one in OF_SWEEP if one.name not in file.attrs and not one.present
+        ]
         faults += [f"{name} is missing" for name, one in SWEEP_DATASETS.items() if name not in file and not one.present]
         for node in _nodes(file):
             name = node.name.strip("/")

@@ -18,6 +18,7 @@ REQUIRED, THROUGH_OTHERS = "directly", "through others"
 LICENCES = {  # SPDX identifiers; of several, those of the Python code
     "annotated-types": "MIT", "build": "MIT", "click": "BSD-3-Clause", "colorama": "BSD-3-Clause",
     "commonmark": "BSD-3-Clause", "contourpy": "BSD-3-Clause", "control": "BSD-3-Clause", "cycler": "BSD-3-Clause",
+    "dask": "BSD-3-Clause", "distributed": "BSD-3-Clause",
     "fonttools": "MIT",
     "h5netcdf": "BSD-3-Clause", "h5py": "BSD-3-Clause", "hatchling": "MIT", "hypothesis": "MPL-2.0",
     "import-linter": "BSD-2-Clause", "jsonschema": "MIT", "kiwisolver": "BSD-3-Clause",
@@ -25,7 +26,8 @@ LICENCES = {  # SPDX identifiers; of several, those of the Python code
     "mdurl": "MIT", "mkdocs": "BSD-2-Clause", "mypy": "MIT", "nidaqmx": "MIT", "nptdms": "LGPL-3.0-only",
     "numba": "BSD-2-Clause",
     "numpy": "BSD-3-Clause", "packaging": "Apache-2.0 OR BSD-2-Clause", "pillow": "MIT-CMU", "playwright": "Apache-2.0",
-    "pydantic": "MIT", "pydantic-core": "MIT", "pygments": "BSD-2-Clause", "pyparsing": "MIT", "pytest": "MIT",
+    "pyarrow": "Apache-2.0", "pydantic": "MIT", "pydantic-core": "MIT",
+    "pygments": "BSD-2-Clause", "pyparsing": "MIT", "pytest": "MIT",
     "pytest-xdist": "MIT", "python-dateutil": "BSD-3-Clause OR Apache-2.0", "pyyaml": "MIT", "rich": "MIT",
     "ruff": "MIT", "scipy": "BSD-3-Clause", "six": "MIT", "types-pyyaml": "Apache-2.0", "typing-extensions": "PSF-2.0",
     "typing-inspection": "MIT", "tzdata": "Apache-2.0", "xarray": "Apache-2.0",

@@ -18,6 +18,7 @@ from rths_cli.experiment import run_case
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.setup import make_setup
 from rths_cli.files.result_reader import read_result
+from rths_cli.studies.engines import Engine
 from rths_cli.studies.row_of_sweep import read_row
 from rths_cli.studies.study_plan import Asked
 from rths_cli.studies.sweep import SweepRequest, run_sweep
@@ -50,7 +51,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (place / "study.yaml").write_text(STUDY)
     with chdir(place):
         asked = Asked("study.yaml", ("record=./records/other.csv",), (), None)
-        run_sweep(SweepRequest(asked, Path("s.h5"), None, 2, True, False, "test"), SILENT)  # type: ignore[arg-type]
+        run_sweep(SweepRequest(asked, Path("s.h5"), None, Engine(jobs=2), True, False, "test"), SILENT)  # type: ignore[arg-type]
     return place
 
 

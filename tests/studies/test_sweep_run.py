@@ -24,6 +24,7 @@ from rths_cli.files.result_reader import read_result
 from rths_cli.files.sweep_file import read_sweep, rows_path
 from rths_cli.studies import sweep as sweep_workflow
 from rths_cli.studies import sweep_runs
+from rths_cli.studies.engines import Engine
 from rths_cli.studies.grid_points import check_points
 from rths_cli.studies.study_plan import Asked
 from rths_cli.studies.sweep import SweepRequest, Swept, run_sweep
@@ -68,7 +69,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def asked(folder: Path, *vary: str, seeds: str | None = None, settings: tuple[str, ...] = ()) -> SweepRequest:
     request = Asked(str(folder / "a.yaml"), settings, vary, seeds)
-    return SweepRequest(request, folder / "out.h5", None, 2, True, False, "test")
+    return SweepRequest(request, folder / "out.h5", None, Engine(jobs=2), True, False, "test")
 
 
 def test_a_doubt_on_units_is_told_once_for_all_points_that_raise_it(folder: Path, tmp_path: Path) -> None:
@@ -175,7 +176,7 @@ def test_runs_stand_in_the_order_of_the_grid_and_none_is_dropped(whole: tuple[Sw
 
 @pytest.mark.parametrize("jobs", [1, 4])
 def test_the_number_of_threads_changes_no_byte(worn: tuple[SweepRequest, Swept], tmp_path: Path, jobs: int) -> None:
-    swept(worn[0], tmp_path / "s.h5", jobs=jobs)
+    swept(worn[0], tmp_path / "s.h5", engine=Engine(jobs=jobs))
     assert datasets(tmp_path / "s.h5") == datasets(worn[1].path)
 
 
@@ -237,9 +238,9 @@ def test_a_sweep_takes_the_place_of_a_sweep_alone(
 
 def test_a_finished_sweep_of_another_version_is_played_anew(whole: tuple[SweepRequest, Swept]) -> None:
     path, attributes = whole[1].path, whole[1].sweep.attributes
-    assert begin(path, attributes, 12, figures=1, replace=True, resume=True) is None
+    assert begin(path, attributes, np.arange(12), figures=1, replace=True, resume=True) is None
     newer = attributes | {"software_sha256": "another"}
-    begun = begin(path, newer, 12, figures=1, replace=True, resume=True)
+    begun = begin(path, newer, np.arange(12), figures=1, replace=True, resume=True)
     assert begun is not None and begun.rows == {} and not begun.resumed
 
 

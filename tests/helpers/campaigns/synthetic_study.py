@@ -131,12 +131,12 @@ def tabulate(rows: int, folder: Path, alone: Points) -> Tabulated:
 def filled(points: Points) -> Table:
     """Return a table with a made-up row for every run of a plan: every tenth is refused, with one of 50 reasons."""
     plan, seeds = points.plan, len(points.plan.seeds)
-    table = Table(points.columns, points.storeys, plan.variants)
+    table = Table(points.columns, points.storeys, np.arange(plan.variants))
     size = width(points.columns, points.storeys)
     for variant in range(plan.variants):
         values = plan.values(variant // seeds)
         refused = variant % 10 == 0
         figures = np.full(size, np.nan if refused else values[2] * (1 + variant % seeds))
         status, reason = ("refused", f"unsafe: reason {variant % 499 // 10}") if refused else ("complete", "")
-        table.add(Row(variant, status, reason, int(refused), "unsafe" if refused else "safe", "0" * 64, figures))
+        table.add(Row(variant, status, reason, int(refused), "unsafe" if refused else "safe", "0" * 64, "", figures))
     return table

@@ -1,0 +1,294 @@
+"""Where the runs of a sweep are played: in this process, in processes of this machine, on Dask's workers.
+
+All stand behind `concurrent.futures.Executor`. Threads and the process itself play runs that are made ready here;
+processes and Dask's workers make what they play themselves, from a few lines that say which rows. A row depends on its
+grid point and seed alone, so every engine gives the same.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import sys
+import threading
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, Future, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ParamSpec, Protocol, TypeVar
+
+from rths_cli.errors import InputError, RthsError
+from rths_cli.studies.rows_elsewhere import Chunk, Work, check_software, play_chunk
+
+if TYPE_CHECKING:
+    from multiprocessing.connection import Connection
+
+    from rths_cli.experiment.setup import Progress
+    from rths_cli.studies.sweep_table import Row
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+ENGINES = ("inline", "threads", "processes", "dask")
+ELSEWHERE = ("processes", "dask")
+AHEAD = 4  # runs or chunks handed out per worker: enough to work on while more are made ready
+LOSSES = 3  # in a row without a chunk that ends in between: then a run itself ends its process
+INSTALL = "pip install 'rths-cli[dask]'"
+START_METHOD = "forkserver" if sys.platform == "linux" else "spawn"  # forked ones import nothing, others do
+PRELOADED = ("rths_cli.studies.rows_elsewhere", "scipy.signal", "h5py")  # what every run needs
+
+
+@dataclass(frozen=True)
+class Engine:
+    """Which engine plays the runs; `jobs`: runs at a time on this machine; `scheduler`: address or file of Dask's."""
+
+    name: str = "threads"
+    jobs: int = 1
+    scheduler: str = ""
+
+
+class InlineExecutor(Executor):
+    """Call at once, in the thread that submits."""
+
+    def submit(self, fn: Callable[P, T], /, *args: P.args, **kwargs: P.kwargs) -> Future[T]:
+        """Return a future that is done."""
+        future: Future[T] = Future()
+        try:
+            future.set_result(fn(*args, **kwargs))
+        except Exception as error:
+            future.set_exception(error)
+        return future
+
+
+def executor_here(engine: Engine) -> Executor:
+    """Return what plays runs that are made ready in this process."""
+    return InlineExecutor() if engine.name == "inline" else ThreadPoolExecutor(engine.jobs)
+
+
+class Workers(Protocol):
+    """Processes that play chunks of rows. `lost`: the errors of a chunk whose worker was lost."""
+
+    lost: tuple[type[BaseException], ...]
+
+    def count(self) -> int:
+        """Return how many chunks are played at a time, at least 1."""
+
+    def submit(self, work: Work, chunk: Chunk) -> Future[list[Row]]:
+        """Hand out a chunk."""
+
+    def replace_lost(self, error: BaseException) -> None:
+        """Start anew after a worker was lost; raises RthsError where that is of no use."""
+
+    def close(self, at_once: bool) -> None:
+        """Let the workers go, `at_once` without waiting for what they play."""
+
+
+class LocalProcesses:
+    """Processes of this machine. They end with this one, however it ends."""
+
+    lost: tuple[type[BaseException], ...] = (BrokenExecutor,)
+
+    def __init__(self, jobs: int) -> None:
+        self._jobs = jobs
+        self._context = get_context(START_METHOD)
+        if START_METHOD == "forkserver":
+            self._context.set_forkserver_preload(list(PRELOADED))
+        self._start()
+
+    def _start(self) -> None:
+        theirs, self._life = self._context.Pipe(duplex=False)
+        self._pool = ProcessPoolExecutor(self._jobs, self._context, _begin_worker, (theirs,))
+        self._theirs = theirs
+
+    def count(self) -> int:
+        """Return the number of processes."""
+        return self._jobs
+
+    def submit(self, work: Work, chunk: Chunk) -> Future[list[Row]]:
+        """Hand out a chunk."""
+        return self._pool.submit(play_chunk, work, chunk)
+
+    def replace_lost(self, error: BaseException) -> None:
+        """Start other processes: the pool of one that was lost is of no more use."""
+        self.close(at_once=True)
+        self._start()
+
+    def close(self, at_once: bool) -> None:
+        """Let the processes go."""
+        if at_once:
+            self._life.close()
+        self._pool.shutdown(wait=True, cancel_futures=True)
+        self._life.close()
+        self._theirs.close()
+
+
+def _begin_worker(life: Connection) -> None:
+    """Have this worker ignore Ctrl-C, which its parent obeys, and end when the other end of `life` closes."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(life,), daemon=True).start()
+
+
+def _end_with(life: Connection) -> None:
+    try:
+        life.recv()
+    except (EOFError, OSError):
+        os._exit(1)
+
+
+class DaskWorkers:
+    """The workers of a Dask scheduler, which itself gives the chunks of lost workers to others."""
+
+    def __init__(self, scheduler: str, work: Work, progress: Progress) -> None:
+        self._name = scheduler
+        distributed = _distributed()
+        self.lost: tuple[type[BaseException], ...] = (CancelledError, distributed.KilledWorker)
+        logging.getLogger("distributed.client").setLevel(logging.CRITICAL)  # a lost scheduler is told in a sentence
+        where = {"scheduler_file": scheduler} if Path(scheduler).is_file() else {"address": scheduler}
+        try:
+            self._client = distributed.Client(**where, set_as_default=False)
+        except (OSError, ValueError) as error:
+            raise InputError(
+                f"--scheduler {scheduler}: no Dask scheduler answers there ({error}); start one by dask scheduler"
+            ) from error
+        progress("waiting for a Dask worker")
+        self._client.wait_for_workers(1)
+        self._check(work)
+        self._pool = self._client.get_executor(pure=False)
+
+    def _check(self, work: Work) -> None:
+        """Raise InputError with a sentence for each worker that runs another software."""
+        sha256, version = work.software_sha256, work.version
+
+        def differs() -> str:  # sent as source: a worker may have no rths
+            try:
+                from rths_cli.studies.rows_elsewhere import check_software
+            except ImportError as error:
+                return f"a worker cannot import rths ({error}); install rths {version} there"
+            try:
+                check_software(sha256, version)
+            except Exception as error:
+                return str(error)
+            return ""
+
+        faults = {address: told for address, told in self._client.run(differs).items() if told}
+        if faults:
+            self._client.close()
+            raise InputError(*(f"Dask worker {address}: {told}" for address, told in sorted(faults.items())))
+
+    def count(self) -> int:
+        """Return the number of threads of all workers that are there now."""
+        try:
+            return max(1, sum(self._client.nthreads().values()))
+        except OSError as error:
+            raise self._gone() from error
+
+    def submit(self, work: Work, chunk: Chunk) -> Future[list[Row]]:
+        """Hand out a chunk."""
+        found: Future[list[Row]] = self._pool.submit(play_chunk, work, chunk)
+        return found
+
+    def replace_lost(self, error: BaseException) -> None:
+        """Raise WorkersLostError: the scheduler has replaced lost workers several times, or is lost itself."""
+        if isinstance(error, CancelledError):
+            raise self._gone()
+        raise WorkersLostError(f"--scheduler {self._name}: worker after worker was lost ({error})")
+
+    def close(self, at_once: bool) -> None:
+        """Let the workers go, and cancel what they have not played."""
+        with suppress(OSError, CancelledError):
+            self._pool.shutdown(wait=not at_once)
+        self._client.close()
+
+    def _gone(self) -> WorkersLostError:
+        return WorkersLostError(f"--scheduler {self._name}: the connection to the Dask scheduler is lost")
+
+
+class WorkersLostError(RthsError):
+    """Worker after worker was lost, or all at once with their scheduler."""
+
+    exit_code = 4
+
+
+def _distributed() -> Any:
+    """Return the package distributed; raises InputError where it is not installed."""
+    try:
+        import distributed
+    except ImportError as error:
+        raise InputError(f"--engine dask: the package distributed is missing; install it: {INSTALL}") from error
+    return distributed
+
+
+def workers_of(engine: Engine, work: Work, progress: Progress) -> Workers:
+    """Return the workers of an engine that is not in this process; raises InputError where it has none of use."""
+    check_software(work.software_sha256, work.version)
+    return DaskWorkers(engine.scheduler, work, progress) if engine.name == "dask" else LocalProcesses(engine.jobs)
+
+
+def check_engine(engine: Engine) -> None:
+    """Raise InputError where what is asked of an engine does not fit it, or a package is missing."""
+    if engine.name == "dask":
+        if not engine.scheduler:
+            raise InputError("--engine dask: needs --scheduler, the address of a Dask scheduler, as tcp://HOST:8786")
+        _distributed()
+    elif engine.scheduler:
+        raise InputError(f"--scheduler {engine.scheduler}: is for --engine dask, got --engine {engine.name}")
+
+
+def play_all(workers: Workers, work: Work, chunks: Iterable[Chunk], say: Progress) -> Iterator[Row]:
+    """Yield the rows of all chunks in their order; what a lost worker had is played again by others.
+
+    Raises WorkersLostError when workers are lost `LOSSES` times in a row and no chunk ends in between.
+    """
+    waiting: deque[tuple[Chunk, Future[list[Row]]]] = deque()
+    left, losses, ended = iter(chunks), 0, False
+    try:
+        while True:
+            try:
+                room = AHEAD * workers.count() - len(waiting)
+                for chunk in (each for _, each in zip(range(room), left, strict=False)):
+                    waiting.append((chunk, _submitted(workers, work, chunk)))
+                if not waiting:
+                    break
+                rows = waiting[0][1].result()
+            except workers.lost as error:
+                losses += 1
+                if losses >= LOSSES:
+                    raise WorkersLostError(_lost_sentence(waiting[0][0])) from error
+                workers.replace_lost(error)
+                say("a worker was lost; what it had is played again")
+                waiting = deque([(chunk, _kept(workers, work, chunk, future)) for chunk, future in waiting])
+                continue
+            losses = 0
+            waiting.popleft()
+            yield from rows
+        ended = True
+    finally:
+        workers.close(at_once=not ended)
+
+
+def _submitted(workers: Workers, work: Work, chunk: Chunk) -> Future[list[Row]]:
+    """Return the future of a chunk, a broken one where a worker was lost before: the chunk is in the queue then."""
+    try:
+        return workers.submit(work, chunk)
+    except BrokenExecutor as error:
+        broken: Future[list[Row]] = Future()
+        broken.set_exception(error)
+        return broken
+
+
+def _kept(workers: Workers, work: Work, chunk: Chunk, future: Future[list[Row]]) -> Future[list[Row]]:
+    """Return the future of a chunk whose rows are there, else that of the same chunk handed out again."""
+    there = future.done() and not future.cancelled() and not isinstance(future.exception(), BrokenExecutor)
+    return future if there else _submitted(workers, work, chunk)
+
+
+def _lost_sentence(chunk: Chunk) -> str:
+    rows = [variant + 1 for point in chunk for variant, _ in point.rows]
+    return (
+        f"worker processes were lost {LOSSES} times in a row (killed, or out of memory), the last at rows {rows[0]} to "
+        f"{rows[-1]}; use fewer --jobs, or find out what ends them"
+    )

@@ -107,11 +107,11 @@ def run_case(
         if known is not None and checked is not None:
             played = _on_table(setup, known, checked, sim, writer, progress, stage or VirtualStage())
             values |= played.values
-            cautions = (*cautions, *played.said)
-        cautions = (*cautions, *losses_of_runs(values))
+            cautions = (*played.said, *cautions)
+        cautions = (*losses_of_runs(values), *cautions)
         late = (played.late.reason,) if played.late else ()
         if cautions or late:
-            writer.about({"warnings": "\n".join((*cautions, *late))})
+            writer.about({"warnings": "\n".join((*late, *cautions))})
         writer.metrics(values, {**result_contents.remarks(setup), **played.remarks})
         stop = _also(played.stop or acceptance(case.accept, values), played.late)
         writer.finish(stop.status, stop.reason)  # type: ignore[arg-type]
@@ -139,7 +139,8 @@ def _cautions(setup: Setup, known: Known | None, checked: Verdict | None) -> tup
     said = of_case(setup, known.found if known else None, checked.design if checked else None)
     if checked is None or not checked.refused or "check" not in setup.overrides:
         return said
-    return (*said, f"the check of EXP-RTHS is overridden, it says {checked.verdict}: {'; '.join(checked.reasons)}")
+    overridden = f"the check of EXP-RTHS is overridden, it says {checked.verdict}: {'; '.join(checked.reasons)}"
+    return (overridden, *said)
 
 
 def _attributes(

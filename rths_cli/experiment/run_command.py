@@ -118,8 +118,9 @@ def run_batch(request: Request, watcher: Watcher) -> list[Ended]:
     memory, shared = Memory(Cache(request.fresh)), SharedValues()
     jobs = plan(request, memory, shared)
     shared.size = most_kept(jobs)
-    for doubt in dict.fromkeys(doubt for setup, _ in jobs for doubt in unit_doubts(setup)):
-        watcher.warning(doubt)
+    real = [setup for setup, _ in jobs if setup.rig.can.moves_hardware]
+    for doubt in dict.fromkeys(doubt for setup in real for doubt in unit_doubts(setup)):
+        watcher.warning(doubt)  # before anybody permits a motion; of a virtual rig the answer tells
 
     def predicted(setup: Setup) -> Values:
         from rths_cli.files.imported_models import is_foreign

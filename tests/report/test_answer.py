@@ -102,10 +102,10 @@ def test_an_aborted_test_says_why(tmp_path: Path) -> None:
 
 
 GOLDEN = """\
-own: 30% quake, damping low (2.6 % in mode 1), FF+FB by method best, virtual rig
-  bench
-GOOD: error 0.200 % of SIM in the worst storey (1), 0.0100 of SIM-DELAY's, if
-  sensors and masses are as declared.
+own: 30 % quake, damping low (2.6 % in mode 1), FF+FB by method best, virtual
+  rig bench
+GOOD: error 0.200 % of SIM in the worst storey (1), ratio 0.0100 to SIM-DELAY's,
+  if sensors and masses are as declared.
 
 storey        peak accel peak displ peak drift  RMS error     of SIM  SIM-DELAY
 (EXP-RTHS)         m/s^2         mm         mm     mm/s^2          %     mm/s^2
@@ -166,7 +166,7 @@ def test_three_significant_digits(value: float, text: str) -> None:
 
 def test_a_case_in_one_line(tmp_path: Path) -> None:
     good = read_result(written(tmp_path / "own.h5", figures()))
-    assert one_line(good) == f"own: good, error 0.200 % of SIM, 0.0100 of SIM-DELAY's; {good.path}"
+    assert one_line(good) == f"own: good, error 0.200 % of SIM, ratio 0.0100 to SIM-DELAY's; {good.path}"
     refused = written(tmp_path / "no.h5", {}, exp_rths_status="refused", exp_rths_status_reason="unsafe: margin")
     assert one_line(read_result(refused)) == f"no: REFUSED: unsafe: margin; {refused}"
 

@@ -21,7 +21,7 @@ from rths_cli.experiment.model_files import Cache
 from rths_cli.experiment.operator_consent import ask_to_move
 from rths_cli.experiment.run_case import Ended, moves_table, prepare_all, run_case, worst_code
 from rths_cli.experiment.setup import OwnSamples, Progress, Setup
-from rths_cli.experiment.unit_plausibility import unit_doubts
+from rths_cli.experiment.unit_plausibility import before_error, unit_doubts
 from rths_cli.files.existing_files import Kind, check_existing
 from rths_cli.interrupts import ended_by
 from rths_cli.numerics.shared_values import SharedValues
@@ -177,7 +177,7 @@ def run_one(
             return run_case(setup, path, memory, command_line, tell, shared, series=series)
         return _run_real(setup, path, memory, shared, command_line, tell, watcher)
     except RthsError as error:
-        return _failed(setup, path, taken, "; ".join((*unit_doubts(setup), str(error))), error.exit_code)
+        return _failed(setup, path, taken, "; ".join(before_error(unit_doubts(setup), error)), error.exit_code)
     except Exception as error:
         tell("")  # a signal that arrived during a compilation ends the batch here
         return _failed(setup, path, taken, f"internal error ({type(error).__name__}), {crash_note()}", 5)

@@ -339,11 +339,11 @@ def fidelity(result: Result) -> str:
     delay, gain = (result.metrics.get(f"exp_rths.fei_{name}") for name in ("delay_s", "amplitude"))
     if delay is not None and gain is not None:
         delay_ms, times = 1e3 * float(np.asarray(delay)), float(np.asarray(gain))
-        parts.append(f"effective delay of the table {three(delay_ms)} ms, gain {times:.4f} (FEI)")
+        parts.append(f"effective delay {three(delay_ms)} ms, gain {times:.4f} (FEI)")
     peaks = np.atleast_1d(np.asarray(result.metrics.get("exp_rths.peak_error_percent", ()), dtype=float))
     if peaks.size and np.isfinite(peaks).any():
         worst = int(np.nanargmax(peaks))
-        parts.append(f"peak error {three(float(peaks[worst]))} % of SIM's peak (storey {worst + 1})")
+        parts.append(f"peak error {three(float(peaks[worst]))} % (storey {worst + 1})")
     said = "; ".join(parts)
     return f"{said[0].upper()}{said[1:]}." if said else ""
 

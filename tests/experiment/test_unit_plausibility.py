@@ -171,7 +171,7 @@ class Unfit(Memory):
     """A memory whose rig cannot be identified."""
 
     def known(self, setup: Setup, progress: object) -> Known:
-        raise RigError("channel floor_5: dead")
+        raise RigError("channel floor_5: dead; check sensor and cable")
 
     at_rest = known
 
@@ -193,7 +193,9 @@ def test_a_rig_that_cannot_be_identified_is_not_the_first_reason(
     cases = load_cases([case_of(tmp_path, MISTAKES["stiffness in kN/m"][0])])
     warned: list[str] = []
     (checked,) = check_cases(cases, (), lambda _: None, Unfit(), warn=warned.append)
-    assert re.search(SOFT, checked.reasons[0]) and checked.reasons[1:] == ("channel floor_5: dead",)
+    assert re.search(SOFT, checked.reasons[0]) and checked.reasons[1:] == (
+        "a wrong unit would explain what followed: channel floor_5: dead",
+    )
     assert checked.warnings == checked.reasons[:1] == tuple(warned)
     monkeypatch.setattr("rths_cli.experiment.run_command.Memory", lambda _: Unfit())
     (ended,) = run_batch(Request(tuple(cases), (), tmp_path, True, "test"), Screen(quiet=True))

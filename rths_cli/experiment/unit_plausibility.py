@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -87,7 +88,7 @@ def _record_doubts(setup: Setup) -> tuple[str, ...]:
 
 
 def before_error(doubts: Sequence[str], error: Exception) -> tuple[str, ...]:
-    """Return doubts on units and the error that followed, without its advice, which is of other causes."""
+    """Return doubts on units and the error that followed, without its figures and advice, which are of other causes."""
     if not doubts:
         return (str(error),)
-    return (*doubts, f"a wrong unit would explain what followed: {str(error).partition('; ')[0]}")
+    return (*doubts, f"a wrong unit would explain what followed: {re.split('[,;] ', str(error))[0]}")

@@ -189,7 +189,9 @@ def _without_grade(result: Result, status: str) -> str:
     reason = next((str(text) for name in names if (text := result.attributes.get(name))), "no reason stored")
     if end is not None or status != COMPLETE:
         word = status if end is None or end == COMPLETE else end
-        return f"{word.upper()}: {reason.removeprefix('EXP-RTHS refused, ')}"
+        table = str(result.attributes.get("shake_table_status_reason") or "")
+        before = f"; before it {table}" if _ended(result, "shake_table") == "aborted" and table not in reason else ""
+        return f"{word.upper()}: {reason.removeprefix('EXP-RTHS refused, ')}{before}"
     labels = {"sim": "SIM", "sim_delay": "SIM-DELAY", "shake_table": "the shake-table test"}
     done = [label for group, label in labels.items() if group in result.groups]
     return f"NO HYBRID TEST: the case asks for {' and '.join(done) or 'nothing'} alone."

@@ -101,6 +101,14 @@ def test_an_aborted_test_says_why(tmp_path: Path) -> None:
     assert verdict(read_result(path)) == "ABORTED: force beyond its limit"
 
 
+def test_an_aborted_test_of_the_table_stands_beside_the_refusal(tmp_path: Path) -> None:
+    path = written(
+        tmp_path / "a.h5", {}, status="aborted", exp_rths_status="refused", exp_rths_status_reason="unsafe: no room",
+        shake_table_status="aborted", shake_table_status_reason="shake-table test: stroke at 2 s",
+    )  # fmt: skip
+    assert verdict(read_result(path)) == "REFUSED: unsafe: no room; before it shake-table test: stroke at 2 s"
+
+
 GOLDEN = """\
 own: 30 % quake, damping low (2.6 % in mode 1), FF+FB by method best, virtual
   rig bench

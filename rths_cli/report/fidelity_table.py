@@ -59,7 +59,7 @@ def percent_table(cases: Sequence[Entry]) -> Table:
         (*(Cell(band) for _ in PAIRS for band in ("test", "full")), Cell("ms late"), Cell("gain")),
     )
     title = f"EXP-RTHS against SIM, measured, test band and full band; {cases[0].table_name}"
-    return Table(title, "", (2, 2, 2, 2), PERCENT_COLUMN, heads, tuple(rows), PERCENT_NOTES)
+    return Table(title, "", (2, 2, 2, 2), PERCENT_COLUMN, heads, tuple(rows))
 
 
 def _percent_cells(result: Result, storey: int) -> tuple[Cell, ...]:

@@ -9,6 +9,7 @@ from rths_cli.unit_names import unit_of_name
 _NUMBER = r"[-+]?(?:[0-9]+(?:[.,][0-9]*)?|[.,][0-9]+)(?:[eE][-+]?[0-9]+)?"
 _LIMIT = rf"[<>]=? {_NUMBER}"
 _OUT_OF_RANGE = re.compile(rf"(must be (?:0 \(off\) or )?{_LIMIT}(?: and {_LIMIT})*), got ({_NUMBER})")
+IN_ANOTHER_UNIT = {"s": {"ms": 1e-3}, "m": {"mm": 1e-3}, "Hz": {"kHz": 1e3}}  # what a number is often stated in
 _CHOICE = re.compile(r"must be (.+), got '(.*)'")
 
 
@@ -31,7 +32,18 @@ def _with_unit(key: str, unit: str, wanted: str, given: str) -> str:
     """Return the sentence on a number out of its range."""
     if key.endswith(("_ratio", "_ratios")) and 1.0 <= float(given) <= 100.0:
         return f"{wanted}, got {given}; a ratio, not percent: write {float(given) / 100.0:g}"
-    return f"{wanted}{f' {unit}' if unit else ''}, got {given}"
+    told = f"{wanted}{f' {unit}' if unit else ''}, got {given}"
+    for smaller, factor in IN_ANOTHER_UNIT.get(unit, {}).items():
+        if _meets(wanted, factor * float(given)):
+            return f"{told}; {given} {smaller} are {factor * float(given):g} {unit}"
+    return f"{told}; a factor on the record, 1 plays it as it is" if key == "scaling" else told
+
+
+def _meets(wanted: str, value: float) -> bool:
+    """Return whether a number is within the limits of a sentence such as `must be >= 0 and <= 0.1`."""
+    holds = {"<": value.__lt__, "<=": value.__le__, ">": value.__gt__, ">=": value.__ge__}
+    limits = re.findall(rf"([<>]=?) ({_NUMBER})", wanted)
+    return value > 0.0 and all(holds[sign](float(limit)) for sign, limit in limits)
 
 
 def _number(given: str, unit: str) -> str:

@@ -321,14 +321,46 @@ def _fault(tree: Node, kind: str, loc: tuple[int | str, ...], message: str) -> F
     if not key_found and kind != "unknown_key" and node.place.source.path != node.mark.source.path:
         at_key = False  # it is missing in the file that is named here
     name = next((part for part in reversed(loc) if isinstance(part, str)), "")
-    return Fault(node.place if at_key else node.mark, path, with_advice(name, message))
+    mark = node.place if at_key else node.mark
+    if kind == "unknown_key" and not mark.line:
+        message = _as_typed(message, path, mark.source.label)
+    return Fault(mark, path, with_advice(name, message))
+
+
+def _as_typed(message: str, path: str, label: str) -> str:
+    """Return the sentence on an unknown key of the command line with whole paths in what it may have meant.
+
+    `label` is what was typed (`--set physics.coulomb_n`), `path` the unknown key (`physics`).
+    """
+    told, meant, names = message.partition("did you mean ")
+    if not meant:
+        return message
+    above, typed = path.rpartition(".")[0], label.rpartition(" ")[2]
+    below = typed.removeprefix(path) if typed.startswith(f"{path}.") else ""
+    whole = [f"{join(above, name)}{below}" for name in names.removesuffix("?").split(" or ")]
+    return f"{told}{meant}{' or '.join(whole)}?"
 
 
 def _first_of_each_value(faults: Sequence[Fault]) -> list[Fault]:
-    """Return the faults without further ones of a value that is out of its range, or of a wrong type."""
+    """Return the faults without those that follow from another one.
+
+    These are further ones of a value that is out of its range or of a wrong type; a key that is missing because it is
+    misspelt; and what is to be given instead of a misspelt key of the command line.
+    """
     first: dict[tuple[Mark, str], Fault] = {}
     kept = []
+    unknown = [fault for fault in faults if fault.message.startswith("unknown key")]
+    meant = {
+        join(fault.key.rpartition(".")[0], name)
+        for fault in unknown
+        for name in fault.message.partition("did you mean ")[2].removesuffix("?").split(" or ")
+    }
+    typed = {fault.mark for fault in unknown if not fault.mark.line}
     for fault in faults:
+        if fault.message.startswith("is missing") and fault.key in meant:
+            continue
+        if fault.message.startswith("give ") and fault.mark in typed:
+            continue
         of_value = fault.message.startswith("must be ") and ", got " in fault.message
         if of_value and first.setdefault((fault.mark, fault.key), fault) is not fault:
             continue

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import Field, ValidationError
 
 from rths_cli.case.field_types import Problem, Range, Strict
+from rths_cli.errors import InputError
 
 Factor = Annotated[float, Range(ge=1e-6, le=1e6)]
 
@@ -32,3 +33,26 @@ class ScaleSpec(Strict):
     def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
         if data.get("stress") is not None and data.get("mass") is not None:
             yield ("mass",), "give mass or stress, not both; the other one follows from length and acceleration"
+
+
+def read_scale(texts: Sequence[str]) -> ScaleSpec | None:
+    """Return the scale of `--scale KEY=VALUE` options, None without any; raises InputError with all faults."""
+    if not texts:
+        return None
+    values: dict[str, float] = {}
+    for text in texts:
+        key, equals, value = text.partition("=")
+        try:
+            number = float(value)
+        except ValueError:
+            equals = ""
+        if not equals:
+            raise InputError(f"--scale {text}: must be KEY=NUMBER, for example --scale length=2.4")
+        if key in values:
+            raise InputError(f"--scale {key}: is given twice; give it once")
+        values[key] = number
+    try:
+        return ScaleSpec.model_validate(values)
+    except ValidationError as error:
+        places = ((".".join(map(str, one["loc"])), one["msg"]) for one in error.errors(include_url=False))
+        raise InputError(*(f"--scale {place}: {said}" for place, said in places)) from error

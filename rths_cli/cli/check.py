@@ -47,7 +47,7 @@ def check(
     from rths_cli.report.check_page import pages
 
     screen = new_screen(quiet)
-    checked = check_cases(loaded, tuple(dict.fromkeys(overrides)), screen.doing, warn=screen.warning)
+    checked = check_cases(loaded, tuple(dict.fromkeys(overrides)), screen.doing)
     screen.clear()
     if as_json:
         click.echo(json.dumps(as_document(checked), indent=2))

@@ -18,16 +18,26 @@ from rths_cli.cli.terminal import page_width
 @click.option(
     "--dt", "dt_s", type=Number(min=0, min_open=True), help="Sample interval in s, where the file does not state it."
 )
+@click.option(
+    "--scale",
+    "scale",
+    multiple=True,
+    metavar="KEY=VALUE",
+    help="Show the record as a case with this scale compresses it, for instance --scale length=2.4. Repeatable.",
+)
 @json_option
-def records(record: str | None, unit: str | None, dt_s: float | None, as_json: bool) -> int:
+def records(record: str | None, unit: str | None, dt_s: float | None, scale: tuple[str, ...], as_json: bool) -> int:
     """Show a ground motion: peaks, duration, response spectrum. Without RECORD: list those that are known.
 
     Example: rths records el_centro
     """
     if record is None:
+        if scale:
+            raise click.UsageError("--scale compresses one record; name it: rths records RECORD --scale length=2.4")
         return show_list("records", as_json)
+    from rths_cli.case.scale_schema import read_scale
     from rths_cli.experiment.ground_motion_list import show
 
-    document, text = show(record, unit, dt_s, page_width())
+    document, text = show(record, unit, dt_s, page_width(), read_scale(scale))
     click.echo(json.dumps(document, indent=2) if as_json else text, nl=as_json)
     return 0

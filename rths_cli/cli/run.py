@@ -97,7 +97,7 @@ def run(
         from rths_cli.report.report_options import check_output
 
         replaced = check_output("--junit", junit, (), not no_replace)
-    screen = new_screen(quiet > 0)
+    screen = new_screen(quiet > 0, answered=quiet < 2 and not as_json)
     request = Request(
         cases=tuple(loaded),
         methods=chosen,

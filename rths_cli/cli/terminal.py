@@ -131,11 +131,15 @@ class Keys:
 class Screen:
     """Show the progress of a batch; `quiet` shows only what went wrong.
 
+    `answered`: results and their notes are printed afterwards; only a case without a result has its reason here.
     `poll` is called at every sign of progress: it may raise to end the batch.
     """
 
-    def __init__(self, quiet: bool = False, stream: TextIO | None = None, poll: Callable[[], None] = _nothing) -> None:
-        self._poll = poll
+    def __init__(
+        self, quiet: bool = False, stream: TextIO | None = None, poll: Callable[[], None] = _nothing,
+        answered: bool = False,
+    ) -> None:  # fmt: skip
+        self._poll, self._answered = poll, answered
         self._stream = stream or sys.stderr
         self._terminal = getattr(self._stream, "unfiltered", self._stream)  # takes control sequences
         self._quiet = quiet
@@ -161,15 +165,15 @@ class Screen:
     def ended(self, ended: Ended, seconds: float) -> None:
         """Show how a case ended."""
         self._clear()
-        good = ended.exit_code == 0
+        good, answered = ended.exit_code == 0, self._answered and ended.path is not None
         LOG.info("%s: %s, %.1f s %s", ended.path or ended.name, ended.status, seconds, ended.reason, extra=PRINTED)
         where = f"{ended.path}{' (replaced)' if ended.replaced else ''}" if ended.path else "no result"
         line = f"{self._label}: {ended.status}, {where}, {seconds:.1f} s"
-        if not good:
+        if not good and not answered:
             line = f"{self._label}: {ended.status}{f', {where}' if ended.path else ''}: {ended.reason}"
-        if not (good and self._quiet):
+        if not (self._quiet and (good or answered)):
             print(line, file=self._stream, flush=True)
-        for warning in ended.warnings:
+        for warning in () if answered else ended.warnings:
             if warning not in self._said and not self._quiet:
                 print(f"  note: {warning}", file=self._stream, flush=True)
             self._said.add(warning)
@@ -242,9 +246,9 @@ class Screen:
             self._terminal.write("\r\x1b[K")
 
 
-def new_screen(quiet: bool) -> Screen:
-    """Return the screen of a command that may move a table."""
-    screen = Screen(quiet, poll=SIGNALS.poll)
+def new_screen(quiet: bool, answered: bool = False) -> Screen:
+    """Return the screen of a command that may move a table; `answered`: it prints results at its end."""
+    screen = Screen(quiet, poll=SIGNALS.poll, answered=answered)
 
     def say(text: str) -> None:
         LOG.info("%s", text, extra=PRINTED)

@@ -26,16 +26,19 @@ BANDWIDTH_SHARE = 0.9  # fraction of the requested bandwidth below which a warni
 def of_case(setup: Setup, identified: Identification | None, design: Design | None) -> tuple[str, ...]:
     """Return the warnings of a case, one sentence each, on its units, building, identification and controller.
 
+    What speaks against the test comes first, then what the user has to decide, then what the program did by itself.
+
     `identified` None: no table run, hence no identification; `design` None: no blocks.
     """
     unread, doubts = sentence(setup.case), unit_doubts(setup)
     if doubts:  # what a wrong unit makes of bands and model tells nobody what to change
         return tuple(dict.fromkeys((*doubts, *([unread] if unread else []), *setup.building.notes)))
-    found = [
-        *modes_above_the_bands(setup),
-        *record_above_the_band(setup),
+    found = [*identified.reasons, *differences(setup, identified)] if identified is not None else []
+    found += [
         *([unread] if unread else []),
         *setup.building.notes,
+        *modes_above_the_bands(setup),
+        *record_above_the_band(setup),
         *_coupled_sensors(setup),
     ]
     if setup.building.has_laws:
@@ -44,10 +47,10 @@ def of_case(setup: Setup, identified: Identification | None, design: Design | No
         found.append(RANGE_ASSUMPTIONS)
     if "numerical" in setup.parts:
         found.append(_of_own_storeys(setup))
-    if identified is not None:
-        found += [*identified.warnings, *identified.reasons, *differences(setup, identified)]
     if design is not None:
         found += [*slower_feedback(setup, design), *chosen_feedback(design)]
+    if identified is not None:
+        found += identified.warnings
     return tuple(dict.fromkeys(found))
 
 
@@ -88,9 +91,9 @@ def record_above_the_band(setup: Setup) -> list[str]:
     above = float(power[np.fft.rfftfreq(accel.size, setup.motion.dt_s) > band_hz].sum() / power.sum())
     if above > MOST_ABOVE_BAND:
         told.append(
-            f"scale: the record, compressed in time by {scale.factor('s'):.4g}, has {above:.0%} of its power above the "
-            f"test band, {band_hz:g} Hz, where errors are not judged; raise test_band_hz if the table reaches higher, "
-            "or build a larger model"
+            f"scale: the record, compressed in time by {scale.factor('s'):.4g}, has {100.0 * above:.0f} % of its "
+            f"power above the test band, {band_hz:g} Hz, where errors are not judged; raise test_band_hz if the table "
+            "reaches higher, or build a larger model"
         )
     return told
 
@@ -157,7 +160,7 @@ def differences(setup: Setup, identified: Identification) -> list[str]:
     )
     return [
         f"specimen, mode {mode + 1}: identified {name} {found[mode]:.4g}{unit} differs from the declared "
-        f"{abs(stated[mode]):.4g}{unit} by more than {share:.0%}; SIM uses the declared one"
+        f"{abs(stated[mode]):.4g}{unit} by more than {100.0 * share:.0f} %; SIM uses the declared one"
         for name, stated, found, unit, share in pairs
         for mode in range(len(stated))
         if abs(found[mode] - stated[mode]) > share * abs(stated[mode]) + NEGLIGIBLE

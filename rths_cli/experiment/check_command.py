@@ -18,7 +18,7 @@ from rths_cli.experiment.loop_stability_of_case import loop_parts
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.model_files import Cache
 from rths_cli.experiment.setup import make_setups, shown
-from rths_cli.experiment.unit_plausibility import unit_doubts
+from rths_cli.experiment.unit_plausibility import before_error, unit_doubts
 from rths_cli.interrupts import interruptible
 from rths_cli.numerics.bands import COMPARED_HZ, TEST_BAND_HZ
 
@@ -177,7 +177,7 @@ def check_case(setup: Setup, memory: Memory, progress: Progress) -> Checked:
         known = memory.at_rest(setup, progress)
     except (RigError, LimitError) as error:
         doubts = unit_doubts(setup)
-        return Checked(_about(setup, "none"), UNSAFE, (*doubts, str(error)), doubts)
+        return Checked(_about(setup, "none"), UNSAFE, before_error(doubts, error), doubts)
     found = verdict_on(setup, known)
     figures = (
         {} if found.design is None else result_contents.design_figures(setup, known.found, found.design) | found.figures

@@ -89,8 +89,8 @@ def _text(path: Path) -> str:
 RATES_HZ = (500.0, 1000.0, 2000.0, 4000.0)  # tried where no case states its rate
 RULE = (
     f"a rate is held when 99 % of the steps wake up within {PUNCTUAL:g} of a sample interval ({P99_SHARE:g} for rigs "
-    f"that catch no steps up), have a rig's samples within {P99_SHARE:g}, and at most {LATE_SHARE:.1%} are late by a "
-    "whole one"
+    f"that catch no steps up), have a rig's samples within {P99_SHARE:g}, and at most {100.0 * LATE_SHARE:.1f} % are "
+    "late by a whole one"
 )
 Progress = Callable[[str], object]
 ExchangeDelays = Callable[[float, float], IntArray]

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import textwrap
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from rths_cli.case.named_files import find, is_bare
-from rths_cli.experiment.ground_motion import peaks, prepare, response_spectrum
+from rths_cli.experiment.ground_motion import compressed, peaks, prepare, response_spectrum
 from rths_cli.files.accelerograms import Accelerogram, read_accelerogram
+from rths_cli.structure.similitude import factors_text, similitude_of
+
+if TYPE_CHECKING:
+    from rths_cli.case.scale_schema import ScaleSpec
 
 PERIODS_S = (0.05, 0.1, 0.2, 0.3, 0.5, 0.7, 1.0, 1.5, 2.0, 3.0)
 SPECTRUM_DAMPING = 0.05
@@ -21,23 +25,32 @@ def facts_of(path: Path) -> dict[str, Any]:
     return _facts(path.stem, read_accelerogram(path))
 
 
-def show(name: str, unit: str | None, dt_s: float | None, width: int = 100) -> tuple[dict[str, Any], str]:
+def show(
+    name: str, unit: str | None, dt_s: float | None, width: int = 100, scale: ScaleSpec | None = None
+) -> tuple[dict[str, Any], str]:
     """Return data, peaks and 5 % response spectrum of a record, as a document for JSON and as text of some width.
 
-    The record is neither scaled nor filtered. Raises InputError if it cannot be read.
+    The record is neither scaled nor filtered; with `scale` it is compressed to the model's time and acceleration.
+    Raises InputError if it cannot be read.
     """
     path = find(name, "records", Path.cwd()) if is_bare(name) else Path(name)
     accelerogram = read_accelerogram(path, unit, dt_s)
+    similitude = similitude_of(scale) if scale is not None else None
+    accelerogram = compressed(accelerogram, similitude) if similitude is not None else accelerogram
     motion = prepare(accelerogram, 1.0, 1.0 / accelerogram.dt_s, corner_hz=0.0)
     largest, spectrum = peaks(motion), response_spectrum(motion, PERIODS_S, SPECTRUM_DAMPING)
     facts = _facts(path.stem, accelerogram)
     facts |= {"peak_velocity_m_s": largest.velocity_m_s, "origin": accelerogram.origin, "sha256": accelerogram.sha256}
     accel_m_s2 = [float(v) for v in spectrum]
     facts |= {"periods_s": list(PERIODS_S), "pseudo_accel_m_s2": accel_m_s2}
+    factors = similitude.factors if similitude is not None else {}
+    facts |= {"scale_factors": factors} if factors else {}
+    told = f"  scale        of the model; prototype over model: {factors_text(factors)}"
     lines = [
         *textwrap.wrap(f"{facts['name']}: {facts['title']}", width, subsequent_indent="  "),
         *textwrap.wrap(f"  origin       {accelerogram.origin or 'not stated'}", width, subsequent_indent=" " * 15),
-        f"  samples      {facts['samples']} every {facts['dt_s']:g} s, {facts['duration_s']:.2f} s",
+        *(textwrap.wrap(told, width, subsequent_indent=" " * 15) if factors else ()),
+        f"  samples      {facts['samples']} every {facts['dt_s']:.6g} s, {facts['duration_s']:.2f} s",
         f"  peak         {facts['peak_m_s2']:.4f} m/s^2, {largest.velocity_m_s:.4f} m/s",
         "  response spectrum, 5 % damping (pseudo-acceleration)",
     ]

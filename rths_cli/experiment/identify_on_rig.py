@@ -186,8 +186,8 @@ def _excited(
             break
         notes.append(
             f"at {level.accel_rms_m_s2:.2g} m/s^2 rms the table no longer follows its command in proportion "
-            f"({grown[1]:.2%} of its power is not explained, {grown[0]:.2%} in the probe): an actuator at a limit, "
-            "perhaps; measured again at half the level"
+            f"({100.0 * grown[1]:.2f} % of its power is not explained, {100.0 * grown[0]:.2f} % in the probe): an "
+            "actuator at a limit, perhaps; measured again at half the level"
         )
         level = level.at(0.5 * level.accel_rms_m_s2)
     return record, loud, level, notes
@@ -221,8 +221,10 @@ def _lines(setup: Setup, played: Excitation, level: Level) -> tuple[tuple[str, s
         f"{options.excitation}, {count}{options.duration_s:g} s, {options.low_hz:g}-{options.high_hz:g} Hz, "
         f"{played.accel_rms_m_s2:.3g} m/s^2 rms below {corner_hz:g} Hz, seed {options.seed}"
     )
-    reach = ", ".join(f"{name} {entry.share:.0%}" for name, entry in level.reach.items())
-    return (("excitation", signal), ("predicted reach", f"{reach} of the limits"), *processing(options))
+    reach = ", ".join(f"{name} {100.0 * entry.share:.0f} %" for name, entry in level.reach.items())
+    allowed = ", ".join(f"{name} {most:.2f}" for name, most in level.allowed_m_s2.items())
+    lowered = (("lowered by", f"at most, m/s^2 rms: {allowed}"),) if allowed else ()
+    return (("excitation", signal), *lowered, ("predicted reach", f"{reach} of the limits"), *processing(options))
 
 
 def processing(options: IdentificationSpec) -> tuple[tuple[str, str], ...]:

@@ -37,9 +37,11 @@ def verify(setup: Setup, known: Identification, progress: Progress) -> tuple[tup
     reasons = [_band_sentence(band, change) for band, change, allowed in changes if not change <= allowed]
     reasons += specimen_changes(setup, known, record)
     worst = max((change for band, change, _ in changes if band.high_hz <= known.compared.high_hz), default=0.0)
-    return tuple(
-        reasons
-    ), f"verified by a low-level record: table within {worst:.1%} of the model up to {known.compared.high_hz:g} Hz"
+    return (
+        tuple(reasons),
+        f"verified by a low-level record: table within {100.0 * worst:.1f} % of the model up to "
+        f"{known.compared.high_hz:g} Hz",
+    )
 
 
 def changed_bands(known: Identification, record: Record) -> list[tuple[LevelBand, float, float]]:
@@ -65,8 +67,8 @@ def changed_bands(known: Identification, record: Record) -> list[tuple[LevelBand
 
 def _band_sentence(band: LevelBand, change: float) -> str:
     return (
-        f"the table answers {change:.1%} differently from the model in {band.low_hz:g}-{band.high_hz:g} Hz; it or its "
-        "specimen has changed, identify again"
+        f"the table answers {100.0 * change:.1f} % differently from the model in {band.low_hz:g}-{band.high_hz:g} Hz; "
+        "it or its specimen has changed, identify again"
     )
 
 
@@ -84,8 +86,8 @@ def specimen_changes(setup: Setup, known: Identification, record: Record) -> lis
         damped = abs(ratio - ratio_was) > DAMPING_SHARE * ratio_was + SIGMA * now.damping_error[mode]
         if off or damped:
             found.append(
-                f"specimen mode {mode + 1} is at {hz:.3f} Hz with {ratio:.2%}, the model was made with {was:.3f} Hz "
-                f"and {ratio_was:.2%}; it has changed, identify again"
+                f"specimen mode {mode + 1} is at {hz:.3f} Hz with {100.0 * ratio:.2f} %, the model was made with "
+                f"{was:.3f} Hz and {100.0 * ratio_was:.2f} %; it has changed, identify again"
             )
     return found
 

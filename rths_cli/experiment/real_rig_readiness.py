@@ -135,11 +135,11 @@ def channel_faults(info: RigInfo, found: AtRest) -> list[str]:
         if not (np.isfinite(zero) and np.isfinite(noise)):
             faults.append(f"{where} gives no numbers at rest; check its cable")
         elif abs(zero) > ZERO_SHARE * range_v:
-            share = f"more than {ZERO_SHARE:.0%} of its range"
+            share = f"more than {100.0 * ZERO_SHARE:.0f} % of its range"
             faults.append(
                 f"{where} shows {zero:.3g} V at rest, {share}; check its cable, its coupling and its mounting"
             )
         elif noise > NOISE_SHARE * range_v:
-            share = f"more than {NOISE_SHARE:.0%} of its range"
+            share = f"more than {100.0 * NOISE_SHARE:.0f} % of its range"
             faults.append(f"{where} shows {noise:.3g} V rms at rest, {share}; check its cable, and that nothing moves")
     return faults

@@ -111,11 +111,11 @@ def run_case(
             values |= played.values
             if truth is not None and played.true_accel is not None:
                 values |= true_reference.metrics_of(setup, truth, played.true_accel, values)
-            cautions = (*cautions, *played.said)
-        cautions = (*cautions, *losses_of_runs(values))
+            cautions = (*played.said, *cautions)
+        cautions = (*losses_of_runs(values), *cautions)
         late = (played.late.reason,) if played.late else ()
         if cautions or late:
-            writer.about({"warnings": "\n".join((*cautions, *late))})
+            writer.about({"warnings": "\n".join((*late, *cautions))})
         named = checked.remarks if checked else {}
         writer.metrics(values, {**result_contents.remarks(setup), **named, **played.remarks})
         stop = _also(played.stop or acceptance(case.accept, values), played.late)
@@ -144,7 +144,8 @@ def _cautions(setup: Setup, known: Known | None, checked: Verdict | None) -> tup
     said = of_case(setup, known.found if known else None, checked.design if checked else None)
     if checked is None or not checked.refused or "check" not in setup.overrides:
         return said
-    return (*said, f"the check of EXP-RTHS is overridden, it says {checked.verdict}: {'; '.join(checked.reasons)}")
+    overridden = f"the check of EXP-RTHS is overridden, it says {checked.verdict}: {'; '.join(checked.reasons)}"
+    return (overridden, *said)
 
 
 def _attributes(

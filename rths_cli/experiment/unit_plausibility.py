@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -83,3 +85,10 @@ def _record_doubts(setup: Setup) -> tuple[str, ...]:
     if peak < SMALLEST_PEAK_M_S2 and scaling < 1.0:
         return (f"{size} before it is scaled down further: is its unit right (m/s^2, cm/s^2, g)?",)
     return ()
+
+
+def before_error(doubts: Sequence[str], error: Exception) -> tuple[str, ...]:
+    """Return doubts on units and the error that followed, without its figures and advice, which are of other causes."""
+    if not doubts:
+        return (str(error),)
+    return (*doubts, f"a wrong unit would explain what followed: {re.split('[,;] ', str(error))[0]}")

@@ -317,8 +317,9 @@ def _reading(path: Path, read: Callable[[h5py.File], T]) -> T:
     except (OSError, ValueError) as error:
         raise InputError(refusal(path, "cannot read", error, advice=False)) from error
     if not h5py.is_hdf5(path):
-        made = "; rths run makes a result of it" if path.suffix in (".yaml", ".yml") else ""
-        raise InputError(f"{path}: is not an HDF5 file{made}; give a result file written by rths run.")
+        if path.suffix in (".yaml", ".yml"):
+            raise InputError(f"{path}: is a YAML file, not a result; rths run {path} makes a result of a case.")
+        raise InputError(f"{path}: is not an HDF5 file; give a result file written by rths run.")
     try:
         check_heaps(path)
         with h5py.File(path, "r") as file:

@@ -91,8 +91,8 @@ def _lost(name: str, values: Array) -> list[str]:
     if not missing.size:
         return []
     return [
-        f"channel {name}: {missing.size} of {values.size} samples ({missing.size / values.size:.2%}) are missing, the "
-        f"first is number {missing[0]}; a response needs them all, measure again or cut the record"
+        f"channel {name}: {missing.size} of {values.size} samples ({100.0 * missing.size / values.size:.2f} %) are "
+        f"missing, the first is number {missing[0]}; a response needs them all, measure again or cut the record"
     ]
 
 
@@ -195,7 +195,8 @@ def _hum(records: Sequence[Record], index: int, dt_s: float, loud: float) -> tup
 def hum_warnings(channels: Sequence[ChannelReport]) -> tuple[str, ...]:
     """Return a sentence for each channel with mains hum."""
     return tuple(
-        f"channel {c.name}: {c.hum_hz:g} Hz hum of {c.hum_m_s2:.2g} m/s^2 amplitude ({c.hum_m_s2 / c.rms_m_s2:.1%} of "
+        f"channel {c.name}: {c.hum_hz:g} Hz hum of {c.hum_m_s2:.2g} m/s^2 amplitude "
+        f"({100.0 * c.hum_m_s2 / c.rms_m_s2:.1f} % of "
         "the excited rms); lines at the mains frequency carry little weight, check shielding and ground loops"
         for c in channels
         if c.hum_hz > 0.0

@@ -36,8 +36,9 @@ def filled(command_v: Array, channels: Array, missing: Mask, dt_s: float) -> Arr
     share = missing.mean()
     if share > MOST_MISSING or whole.sum() < ROWS_EACH * (2 * past + 1):
         raise InputError(
-            f"{missing.sum()} of {missing.size} samples ({share:.1%}) were lost on the link, at most "
-            f"{MOST_MISSING:.0%} may be; look at network and machine (rths doctor), or measure at a lower rate"
+            f"{missing.sum()} of {missing.size} samples ({100.0 * share:.1f} %) were lost on the link, at most "
+            f"{100.0 * MOST_MISSING:.0f} % may be; look at network and machine (rths doctor), or measure at a lower "
+            "rate"
         )
     return np.array([_filled(command_v, channel, missing, whole, past) for channel in channels])
 

@@ -447,7 +447,10 @@ def reachable_level(
     allowed = scale * accel_rms(signal.command_v, info, signal.steady, compared)
     if wanted_m_s2 <= allowed:
         return wanted_m_s2, ()
-    note = f"excitation scaled down from {wanted_m_s2:g} to {allowed:.2f} m/s^2 rms: {SHARE:.0%} of the {limit} limit"
+    note = (
+        f"excitation scaled down from {wanted_m_s2:g} to {allowed:.2f} m/s^2 rms: {100.0 * SHARE:.0f} % of the "
+        f"{limit} limit"
+    )
     return allowed, (note,)
 
 

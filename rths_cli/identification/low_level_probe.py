@@ -56,6 +56,7 @@ class Level:
     limited_by: str  # name of the limit that lowered the level, "" if none did
     notes: tuple[str, ...] = ()  # sentences for the user
     reach: Mapping[str, Reach] = field(default_factory=dict)  # expected peaks at this level, with their limits
+    allowed_m_s2: Mapping[str, float] = field(default_factory=dict)  # highest level of each limit that lowers it
 
     def at(self, accel_rms_m_s2: float) -> Level:
         """Return the same excitation at another level, with its expected peaks scaled."""
@@ -108,8 +109,8 @@ def probe_plan(info: RigInfo, settings: ExcitationSettings, seed: int) -> Excita
 def _raised(level_m_s2: float, settings: ExcitationSettings) -> str:
     """Return the note that the probe is louder than a fifth of the level."""
     return (
-        f"probe played at {level_m_s2:.2g} m/s^2 rms, more than {PROBE_SHARE:.0%} of the {settings.accel_rms_m_s2:g} "
-        "wanted or of what the limits allow: the converters are coarse"
+        f"probe played at {level_m_s2:.2g} m/s^2 rms, more than {100.0 * PROBE_SHARE:.0f} % of the "
+        f"{settings.accel_rms_m_s2:g} wanted or of what the limits allow: the converters are coarse"
     )
 
 
@@ -141,12 +142,11 @@ def choose_level(
         *force_bounds(info, shown, planned, floor_masses_kg),
     ]
     lowering = [bound for bound in tightest_first(bounds) if bound.allowed_m_s2 < start * WORTH_LOWERING]
-    notes = tuple(_sentence(bound) for bound in lowering)
     if not lowering:
-        return Level(start, "", notes, _reach(bounds, start))
+        return Level(start, "", (), _reach(bounds, start))
     name, level = lowering[0].name, lowering[0].allowed_m_s2
-    lowered = f"excitation lowered from {start:g} to {level:.2f} m/s^2 rms: {name}"
-    return Level(level, name, (*notes, lowered), _reach(bounds, level))
+    allowed = {bound.name: bound.allowed_m_s2 for bound in lowering}
+    return Level(level, name, (_lowered(start, lowering[0]),), _reach(bounds, level), allowed)
 
 
 def _reach(bounds: Iterable[Bound], level_m_s2: float) -> dict[str, Reach]:
@@ -294,9 +294,10 @@ def _derivative_lines(command_v: Array, dt_s: float) -> ComplexArray:
     return np.fft.rfft(np.diff(command_v, 2, prepend=0.0, append=0.0) / dt_s**2)
 
 
-def _sentence(bound: Bound) -> str:
-    """Return the sentence on a bound that lowers the level."""
+def _lowered(start_m_s2: float, bound: Bound) -> str:
+    """Return the sentence on a level that was lowered, and on the bound that decided."""
+    peak = bound.expected * start_m_s2 / bound.level_m_s2
     return (
-        f"{bound.name}: {bound.expected:.3g} {bound.unit} expected at {bound.level_m_s2:.2f} m/s^2 rms, more than "
-        f"{bound.share:.0%} of {bound.limit:.3g} {bound.unit}: at most {bound.allowed_m_s2:.2f} m/s^2 rms"
+        f"excitation lowered from {start_m_s2:g} to {bound.allowed_m_s2:.2f} m/s^2 rms: {bound.name}, {peak:.3g} "
+        f"{bound.unit} expected, at most {100.0 * bound.share:.0f} % of {bound.limit:.3g} {bound.unit} is used"
     )

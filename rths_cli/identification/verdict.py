@@ -83,7 +83,10 @@ def _advice(scatter: float, most: FitError, causes: LevelCauses, louder: float, 
     if cause:
         return f"{cause}; {_remedy(causes, louder)}"
     if scatter > NOISY * most.rms and noisy:
-        said = f"the channels' noise makes the data scatter by {scatter:.2%}, excite longer (identification.duration_s)"
+        said = (
+            f"the channels' noise makes the data scatter by {100.0 * scatter:.2f} %, excite longer "
+            "(identification.duration_s)"
+        )
         return f"{said} or louder, the limits leave room for a factor of {louder:.2g}" if louder > ROOM else said
     return (
         "the data do not tell the cause; one of lost samples, a command that is clipped or not the recorded one, a "
@@ -119,8 +122,8 @@ def _misses(error: FitError, most: FitError, advice: str, compared: ComparedBand
         (f"rms in {low:g}-{high:g} Hz", error.rms_mid, most.rms_mid),
     )
     return tuple(
-        f"table model: error |fit / FRF - 1|, {name}, is {value:.2%} beyond the data's scatter, the limit is "
-        f"{limit:.2%}; {advice}"
+        f"table model: error |fit / FRF - 1|, {name}, is {100.0 * value:.2f} % beyond the data's scatter, the limit is "
+        f"{100.0 * limit:.2f} %; {advice}"
         for name, value, limit in rows
         if not value <= limit
     )
@@ -147,15 +150,15 @@ def _at_other_levels(
         differs = max(abs(band.ratio - 1.0) for band in inside)
         limit = most.largest if _identified(friction) else most.rms
         return () if share <= limit else (
-            f"friction: at 1/{level_ratio:.2g} of the level the table answers up to {differs:.1%} differently; without "
-            f"any it would differ by {share:.1%} {where} from the model, the limit is {limit:.0%}; "
-            f"{_remedy(causes, louder)}",
+            f"friction: at 1/{level_ratio:.2g} of the level the table answers up to {100.0 * differs:.1f} % "
+            f"differently; without any it would differ by {100.0 * share:.1f} % {where} from the model, the limit is "
+            f"{100.0 * limit:.0f} %; {_remedy(causes, louder)}",
         )  # fmt: skip
     share = rms_difference(inside)
     cause = meaning(causes) or "no single cause explains how"
     return () if share <= most.largest else (
-        f"level: at 1/{level_ratio:.2g} of the level the table answers {share:.1%} {where} differently, the limit is "
-        f"{most.largest:.0%}; {cause}; {_remedy(causes, louder)}",
+        f"level: at 1/{level_ratio:.2g} of the level the table answers {100.0 * share:.1f} % {where} differently, the "
+        f"limit is {100.0 * most.largest:.0f} %; {cause}; {_remedy(causes, louder)}",
     )  # fmt: skip
 
 
@@ -329,8 +332,8 @@ def misfit(specimen: SpecimenFit | None, seen: Sequence[ChannelReport]) -> tuple
     if specimen.residual <= max(MISFIT, 3.0 * noise):
         return ()
     return (
-        f"specimen: {specimen.residual:.2%} of the floors' motion is not that of a linear chain of storeys with the "
-        "given masses and modal damping; read stiffness and damping with care",
+        f"specimen: {100.0 * specimen.residual:.2f} % of the floors' motion is not that of a linear chain of storeys "
+        "with the given masses and modal damping; read stiffness and damping with care",
     )
 
 
@@ -366,7 +369,9 @@ def usable(free: SpecimenFit | None) -> tuple[SpecimenFit | None, tuple[str, ...
     )
     if np.isfinite(known).all() and known.max() < USABLE and free.residual < USABLE:
         return free, ()
-    sentence = f"free vibration: too weak to be used, {free.residual:.1%} of the floors' motion is not explained"
+    sentence = (
+        f"free vibration: too weak to be used, {100.0 * free.residual:.1f} % of the floors' motion is not explained"
+    )
     return None, (sentence,)
 
 
@@ -376,8 +381,8 @@ def differences(noise: SpecimenFit | None, free: SpecimenFit | None) -> tuple[st
         return ()
     return tuple(
         f"specimen mode {mode + 1}: excitation gives {noise.natural_frequency_hz[mode]:.3f} Hz and "
-        f"{noise.damping_ratio[mode]:.2%}, free vibration {free.natural_frequency_hz[mode]:.3f} Hz and "
-        f"{free.damping_ratio[mode]:.2%}; it is nonlinear, or the free vibration is too weak"
+        f"{100.0 * noise.damping_ratio[mode]:.2f} %, free vibration {free.natural_frequency_hz[mode]:.3f} Hz and "
+        f"{100.0 * free.damping_ratio[mode]:.2f} %; it is nonlinear, or the free vibration is too weak"
         for mode in range(len(noise.damping_ratio))
         if not agree(noise, free, mode)
     )

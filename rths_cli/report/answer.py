@@ -34,13 +34,14 @@ def answer(result: Result, width: int = WIDEST) -> str:
     head = f"{result.attributes.get('case_name') or result.path.stem}: {about(result)}"
     lines = [*_wrapped(head, width), *_wrapped(verdict(result), width)]
     lines += [line for told in scale_lines([result]) for line in _wrapped(told, width)]
-    if result.attributes.get("exp_rths_status") not in (None, "complete"):
+    tables = list(_tables(result, width))
+    if tables and result.attributes.get("exp_rths_status") not in (None, "complete"):
         lines += _wrapped("Storeys and base shear below are computed (SIM): no hybrid test was completed.", width)
-    for table in _tables(result, width):
+    for table in tables:
         lines += ["", *table]
-    lines += ["", *_wrapped(base_shear(result), width)] if base_shear(result) else []
-    notes = str(result.attributes.get("warnings") or "").splitlines()
-    lines += [line for note in notes for line in _wrapped(f"note: {note}", width)]
+    told = [sentence for sentence in (base_shear(result), fidelity(result)) if sentence]
+    lines += ["", *(line for sentence in told for line in _wrapped(sentence, width))] if told else []
+    lines += [line for note in notes([result]) for line in _wrapped(f"note: {note}", width)]
     return "\n".join([*lines, *_wrapped(_next(result), width)]) + "\n"
 
 
@@ -51,12 +52,24 @@ def answers(results: Sequence[Result], width: int = WIDEST) -> str:
     return "\n".join(_comparison(results, min(max(width, NARROW), WIDEST))) + "\n" if results else ""
 
 
+def notes(results: Sequence[Result]) -> list[str]:
+    """Return the notes of results, each once, with the cases that it is of unless it is of all; none that a verdict
+    has said already."""
+    cases: dict[str, list[str]] = {}
+    for result in results:
+        said = verdict(result)
+        for note in dict.fromkeys(str(result.attributes.get("warnings") or "").splitlines()):
+            if note not in said:
+                cases.setdefault(note, []).append(result.path.stem)
+    return [note if len(of) == len(results) else f"{', '.join(of)}: {note}" for note, of in cases.items()]
+
+
 def one_line(result: Result) -> str:
     """Return a result in one line: its case, how it ended, and its file."""
     name, found = result.path.stem, grade(result)
     if found is None or result.attributes.get("status_reason"):
         return f"{name}: {verdict(result)}; {result.path}"
-    ratio = "" if found.ratio is None else f", {three(found.ratio)} of SIM-DELAY's"
+    ratio = "" if found.ratio is None else f", ratio {three(found.ratio)} to SIM-DELAY's"
     return f"{name}: {found.grade}, error {three(found.percent)} % of SIM{ratio}; {result.path}"
 
 
@@ -66,7 +79,7 @@ def _comparison(results: Sequence[Result], width: int) -> Iterator[str]:
     columns: list[Column] = [
         ("grade", "", [_end(one, found) for one, found in zip(results, grades, strict=True)]),
         ("worst error", "% of SIM", [three(found.percent) if found else "-" for found in grades]),
-        ("worst error", "/SIM-DELAY", [_over_sim_delay(found) for found in grades]),
+        ("ratio to", "SIM-DELAY", [_over_sim_delay(found) for found in grades]),
         ("roof accel", "m/s^2", [_of_roof(one) for one in results]),
         ("base shear", "N", [_of_base(one) for one in results]),
     ]
@@ -76,7 +89,7 @@ def _comparison(results: Sequence[Result], width: int) -> Iterator[str]:
     for result, found in zip(results, grades, strict=True):
         if found is None or result.attributes.get("status_reason"):
             yield from _wrapped(f"{result.path.stem}: {verdict(result)}", width)
-    for told in scale_lines(results):
+    for told in [*scale_lines(results), *(f"note: {note}" for note in notes(results))]:
         yield from _wrapped(told, width)
     yield from _wrapped(f"Grades hold {IF_DECLARED}; more by: rths report {results[0].path.parent}", width)
 
@@ -136,7 +149,7 @@ def verdict(result: Result) -> str:
     up_to = "" if band == TEST_BAND_HZ else f" up to {band:g} Hz"
     parts = [f"error {three(found.percent)} % of SIM{up_to} in the worst storey ({found.storey})"]
     if found.ratio is not None:
-        parts.append(f"{three(found.ratio)} of SIM-DELAY's")
+        parts.append(f"ratio {three(found.ratio)} to SIM-DELAY's")
     if diverged := _diverged(result):
         parts.append(diverged)
     said = f"{found.grade.upper()}: {', '.join(parts)}"
@@ -176,7 +189,9 @@ def _without_grade(result: Result, status: str) -> str:
     reason = next((str(text) for name in names if (text := result.attributes.get(name))), "no reason stored")
     if end is not None or status != COMPLETE:
         word = status if end is None or end == COMPLETE else end
-        return f"{word.upper()}: {reason.removeprefix('EXP-RTHS refused, ')}"
+        table = str(result.attributes.get("shake_table_status_reason") or "")
+        before = f"; before it {table}" if _ended(result, "shake_table") == "aborted" and table not in reason else ""
+        return f"{word.upper()}: {reason.removeprefix('EXP-RTHS refused, ')}{before}"
     labels = {"sim": "SIM", "sim_delay": "SIM-DELAY", "shake_table": "the shake-table test"}
     done = [label for group, label in labels.items() if group in result.groups]
     return f"NO HYBRID TEST: the case asks for {' and '.join(done) or 'nothing'} alone."
@@ -185,7 +200,10 @@ def _without_grade(result: Result, status: str) -> str:
 def _limiting(found: Grade, result: Result) -> str:
     """Return what keeps a test from a better grade."""
     limits = grade_limits(result)
-    bounds = {"percent": f"{limits.good_percent:g} % of SIM", "ratio": f"{limits.good_ratio:g} of SIM-DELAY's"}
+    bounds = {
+        "percent": f"{limits.good_percent:g} % of SIM",
+        "ratio": f"a ratio of {limits.good_ratio:g} to SIM-DELAY's",
+    }
     bound = bounds[found.missed]
     cause = f", most of it by {CAUSES.get(found.cause, found.cause)}" if found.cause else ""
     return f"good is at most {bound}{cause}"
@@ -204,7 +222,7 @@ def about(result: Result) -> str:
     a = result.attributes
     ratio = a.get("damping_first_mode_ratio")
     first = f" ({100.0 * float(ratio):.2g} % in mode 1)" if isinstance(ratio, float) else ""
-    scaling = f"{100.0 * float(a['scaling']):g}% " if a.get("scaling") not in (None, "") else ""
+    scaling = f"{100.0 * float(a['scaling']):g} % " if a.get("scaling") not in (None, "") else ""
     words = f"{scaling}{a.get('record_name') or '-'}, damping {a.get('damping_name') or '-'}{first}"
     if not any(f"{run}_status" in a or run in result.groups for run in TABLE_RUNS):
         return words
@@ -315,6 +333,21 @@ def base_shear(result: Result) -> str:
             shear, share = three(float(np.asarray(value))), three(float(np.asarray(ratio)))
             return f"Base shear of the building ({label}): {shear} N, {share} of its weight."
     return ""
+
+
+def fidelity(result: Result) -> str:
+    """Return the sentence on effective delay and gain of the table and on the largest peak error, "" if not known."""
+    parts = []
+    delay, gain = (result.metrics.get(f"exp_rths.fei_{name}") for name in ("delay_s", "amplitude"))
+    if delay is not None and gain is not None:
+        delay_ms, times = 1e3 * float(np.asarray(delay)), float(np.asarray(gain))
+        parts.append(f"effective delay {three(delay_ms)} ms, gain {times:.4f} (FEI)")
+    peaks = np.atleast_1d(np.asarray(result.metrics.get("exp_rths.peak_error_percent", ()), dtype=float))
+    if peaks.size and np.isfinite(peaks).any():
+        worst = int(np.nanargmax(peaks))
+        parts.append(f"peak error {three(float(peaks[worst]))} % (storey {worst + 1})")
+    said = "; ".join(parts)
+    return f"{said[0].upper()}{said[1:]}." if said else ""
 
 
 def _next(result: Result) -> str:

@@ -151,7 +151,7 @@ def _where(common: dict[str, str]) -> str:
     """Return the common values of results in words."""
     parts = dict(common)
     scaling, kind = parts.pop("scaling", ""), parts.pop("rig_kind", "")
-    percent = f"{100 * float(scaling):g}% " if scaling.replace(".", "", 1).isdigit() else ""
+    percent = f"{100 * float(scaling):g} % " if scaling.replace(".", "", 1).isdigit() else ""
     told = []
     for key, value in parts.items():
         if key == "record":

@@ -294,7 +294,8 @@ def _table(found: Identification) -> list[str]:
         labelled("  gain, low frequency", f"{gain} mm/V"),
         labelled(
             "  keeps its limits",
-            f"{reach} ({LIMITS.rms:.0%} rms, {LIMITS.largest:.0%} largest, beyond the data's scatter)",
+            f"{reach} ({100.0 * LIMITS.rms:.0f} % rms, {100.0 * LIMITS.largest:.0f} % largest, beyond the data's "
+            "scatter)",
         ),
         "",
         labelled("fit error", f"|model / FRF - 1| in %, rms and largest in {band(*found.compared.hz)} Hz"),

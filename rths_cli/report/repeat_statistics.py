@@ -22,7 +22,7 @@ from rths_cli.report.group_comparison import (
 from rths_cli.report.text_layout import Cell, Row, Table, number
 from rths_cli.rigs.description import adjective, capabilities_of
 
-HEADS = ("n", "mean", "std", "min", "max", "95% from", "95% to")
+HEADS = ("n", "mean", "std", "min", "max", "95 % from", "95 % to")
 COLUMN = 9
 
 

@@ -6,7 +6,7 @@ Everything that prints or draws the figures of a result takes the results that `
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
@@ -36,7 +36,12 @@ class PrototypeResult(Result):
 
 def scale_of(result: Result) -> Similitude | None:
     """Return the scale of the model of a result, prototype over model; None where its case states none."""
-    found = [result.attributes.get(f"scale_{name}") for name in ("length", "acceleration", "mass")]
+    return stored_scale(result.attributes)
+
+
+def stored_scale(attributes: Mapping[str, Any]) -> Similitude | None:
+    """Return the scale that the root attributes of a result or sweep state, None where they state none."""
+    found = [attributes.get(f"scale_{name}") for name in ("length", "acceleration", "mass")]
     return None if None in found else Similitude(*(float(str(one)) for one in found))
 
 

@@ -9,7 +9,7 @@ from itertools import groupby
 from rths_cli.errors import InputError
 from rths_cli.files.result_reader import Result
 from rths_cli.report.case_metric_tables import other_figures
-from rths_cli.report.fidelity_table import every_figure, merit_table
+from rths_cli.report.fidelity_table import PERCENT_NOTES, every_figure, merit_table, percent_table
 from rths_cli.report.figure_values import intervals_json, json_value
 from rths_cli.report.paper_claims import claims_tables, claims_text
 from rths_cli.report.paper_tables import response_tables, tracking_tables
@@ -80,12 +80,14 @@ def _blocks(cases: Sequence[Entry], laid_out: bool, paper: bool, brief: bool) ->
     else:
         yield from tracking_tables(cases)
         yield from response_tables(cases)
+    if not brief:
+        yield percent_table(cases)
     if len(cases) == 1 and laid_out and not brief:
         yield Fixed(other_figures(cases[0], paths()))
     if not laid_out:
         yield merit_table(cases)
         yield from every_figure(cases[0]) if len(cases) == 1 else ()
-    yield Paragraphs(tuple(_legend(cases)))
+    yield Paragraphs((*_legend(cases), *(() if brief else PERCENT_NOTES)))
     if paper or any(entry.published or entry.reference_title for entry in cases):
         yield from (Fixed(claims_text(cases)),) if laid_out else claims_tables(cases)
 

@@ -198,7 +198,7 @@ def _place(result: Result) -> tuple[str, ...]:
     """Return the values that rows and columns of the tables distinguish: record, rig, its kind, damping, controller."""
     a = result.attributes
     scaling = a.get("scaling", "")
-    percent = f"{float(scaling) * 100:g}% " if scaling != "" else ""
+    percent = f"{float(scaling) * 100:g} % " if scaling != "" else ""
     names = (str(a.get(key) or "-") for key in ("rig", "rig_kind", "damping_name", "controller"))
     return (percent + str(a.get("record_name") or "-"), *names)
 

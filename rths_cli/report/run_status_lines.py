@@ -14,7 +14,7 @@ def live_lines(label: str, view: View) -> list[str]:
     """Return the lines that a terminal shows during a run."""
     done = min(max(view.time_s / view.total_s, 0.0), 1.0)
     filled = round(BAR * done)
-    used = "  ".join(f"{name} {share:.0%}" for name, share in view.used.items())
+    used = "  ".join(f"{name} {100.0 * share:.0f} %" for name, share in view.used.items())
     return [
         f"{label}: {view.state}  [{'#' * filled}{'.' * (BAR - filled)}] {max(view.time_s, 0.0):6.1f} of "
         f"{view.total_s:.1f} s, {max(view.total_s - view.time_s, 0.0):.0f} s left",
@@ -30,7 +30,7 @@ def live_lines(label: str, view: View) -> list[str]:
 def one_line(label: str, view: View) -> str:
     """Return the state of a run in one line."""
     nearest = max(view.used, key=view.used.__getitem__, default="")
-    of_limits = f", {nearest} at {view.used[nearest]:.0%} of its limit" if nearest else ""
+    of_limits = f", {nearest} at {100.0 * view.used[nearest]:.0f} % of its limit" if nearest else ""
     return (
         f"{label} {view.state}, {max(view.time_s, 0.0):.1f} of {view.total_s:.1f} s, tracking error "
         f"{view.error_rms_m_s2:.4f} m/s^2 rms{of_limits}, {view.overruns} overruns, {view.lost} lost"

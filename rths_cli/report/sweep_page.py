@@ -14,8 +14,10 @@ import numpy as np
 
 from rths_cli.files.sweep_file import Sweep
 from rths_cli.numerics.lti import Array
+from rths_cli.report.result_scale import MODEL, stored_scale
 from rths_cli.report.sweep_summary import summary, summary_text
 from rths_cli.report.text_layout import WIDTH, Cell, Row, Table, number, render, wrapped
+from rths_cli.structure.similitude import factors_text
 
 TRACKING = "exp_rths.tracking_rms_m_s2"
 STOREYS = "exp_rths.rms_error_m_s2"
@@ -80,7 +82,14 @@ def page(sweep: Sweep, path: Path) -> str:
     """Return the summary of a sweep as text, of a part how its runs ended."""
     if sweep.numbers is not None:
         return wrapped([_of_part(sweep), *_not_run(sweep), *_explained(sweep, path)], 2) + "\n"
-    parts = [render(_table(sweep)), *_more_points(sweep), *_extremes(sweep), *_not_run(sweep), *summary_text(sweep)]
+    parts = [
+        render(_table(sweep)),
+        *_scale(sweep),
+        *_more_points(sweep),
+        *_extremes(sweep),
+        *_not_run(sweep),
+        *summary_text(sweep),
+    ]
     parts += _explained(sweep, path)
     return wrapped([line for part in parts for line in part.split("\n")], 2) + "\n"
 
@@ -97,11 +106,25 @@ def document(sweep: Sweep, path: Path) -> dict[str, Any]:
             for name, row in statistics(point.errors).items()
         }
         points.append({"varied": point.varied, "runs": point.statuses, "errors": found})
-    about = {
+    about: dict[str, Any] = {
         name: sweep.attributes[name] for name in ("case_name", "rig", "rig_kind", "seeds", "status", "plan_sha256")
     }
     about |= {} if sweep.numbers is None else {"part": sweep.attributes["part"]}
+    scale = stored_scale(sweep.attributes)
+    about |= {} if scale is None or _varies(sweep) else {"scale": {"reported_in": MODEL, "factors": scale.factors}}
     return {"sweep": str(path), **about, "runs": len(sweep.seed), "summary": summary(sweep), "points": points}
+
+
+def _scale(sweep: Sweep) -> list[str]:
+    """Return the line on the scale of the model, [] where the case states none."""
+    scale = stored_scale(sweep.attributes)
+    if _varies(sweep):
+        return ["Model scale, which the sweep varies: every error is that of the model in the laboratory."]
+    return [] if scale is None else [f"Model scale; prototype over model: {factors_text(scale.factors)}."]
+
+
+def _varies(sweep: Sweep) -> bool:
+    return any(key == "scale" or key.startswith("scale.") for key in sweep.varied)
 
 
 def _of_part(sweep: Sweep) -> str:

@@ -188,12 +188,12 @@ def stiffness_sets(masses_kg: tuple[float, ...], frequencies_hz: tuple[float, ..
 
 def _notes_on(solutions: Array) -> tuple[str, ...]:
     """Name the stiffness sets that have the same natural frequencies and were not taken."""
-    texts = ["(" + ", ".join(f"{k:.2f}" for k in solution) + ") N/m" for solution in solutions]
+    texts = ["(" + ", ".join(f"{k:.5g}" for k in solution) + ")" for solution in solutions]
     if len(texts) == 1:
         return ()
     return (
-        f"{len(texts)} sets of experimental storey stiffnesses have these natural frequencies; the most uniform is "
-        f"used: {texts[0]}, not {' or '.join(texts[1:])}; to take another, state experimental.stiffness_n_per_m",
+        f"{len(texts)} sets of experimental storey stiffnesses have the declared frequencies: {texts[0]} N/m is used, "
+        f"not {' or '.join(texts[1:])}; if another is yours, state structure.experimental.stiffness_n_per_m",
     )
 
 

@@ -72,7 +72,7 @@ def stiffness_from_frequencies(masses_kg: Sequence[float], frequencies_hz: Seque
     if len(solutions) == 0:
         raise InputError(
             f"{_FIELD}: no positive storey stiffnesses give {_listed(frequencies)} Hz with masses "
-            f"{_listed(masses)} kg; correct them or state experimental.stiffness_n_per_m instead"
+            f"{_listed(masses)} kg; correct them, or state structure.experimental.stiffness_n_per_m instead"
         )
     distance = np.linalg.norm(solutions / solutions.mean(axis=1, keepdims=True) - 1.0, axis=1)
     return solutions[np.argsort(distance, kind="stable")]

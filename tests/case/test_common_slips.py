@@ -28,12 +28,22 @@ def told(*settings: str) -> tuple[str, ...]:
         ("scaling='12,5 %'", "must be a number, got '12,5 %'; write 0.125"),
         ("scaling=0,3", "must be a number, got '0,3'; write 0.3"),
         ("scaling=lots", "must be a number, got 'lots'"),
+        ("delay_s=5", "must be >= 0 and <= 0.1 s, got 5; 5 ms are 0.005 s"),
+        ("delay_s=500", "must be >= 0 and <= 0.1 s, got 500"),
+        ("sample_rate_hz=2", "must be >= 100 and <= 50000 Hz, got 2; 2 kHz are 2000 Hz"),
+        ("scaling=0", "got 0; a factor on the record, 1 plays it as it is"),
+        ("physics.coulomb_n=0", "unknown key; did you mean table.physics.coulomb_n?"),
+        ("damping.ratio=0.02", "--set damping.ratio: unknown key; did you mean damping.first_mode_ratio?"),
         ("structure.experimental.masses_kg=[]", "is empty; put at least one storey into the list"),
         ("structure.numerical.masses_kg[1]=12", "set the whole list: structure.numerical.masses_kg=[...]"),
     ],
 )
 def test_a_slip_in_a_setting(setting: str, ends: str) -> None:
     assert told(setting)[0].endswith(ends)
+
+
+def test_a_misspelt_key_is_one_fault() -> None:
+    assert told("damping.ratio=0.02") == ("--set damping.ratio: unknown key; did you mean damping.first_mode_ratio?",)
 
 
 def test_accept_names_storeys_by_their_number() -> None:

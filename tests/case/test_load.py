@@ -63,7 +63,7 @@ def test_every_fault_of_every_file_comes_at_once_with_its_place(write) -> None:
         "--set nothing: must be key=value, for example --set table.physics.coulomb_n=0.9",
         "a.yaml:1:12: structure: no structure is called 'three_stoery'; did you mean three_storey or "
         "three_storey_bare?",
-        "a.yaml:4:10: scaling: must be > 0 and <= 100, got -1",
+        "a.yaml:4:10: scaling: must be > 0 and <= 100, got -1; a factor on the record, 1 plays it as it is",
         "a.yaml:5:13: controller: must be FF, FF+FB or none, got 'FF+BF'",
         "a.yaml:6:1: colour: unknown key; ",
         "a.yaml:7:10: delay_s: must be a number, got 'yes'; in s",
@@ -212,7 +212,7 @@ def test_settings_reach_keys_defaults_and_short_forms(write) -> None:
     [
         ("scaling=-1", "--set scaling: must be > 0 and <= 100, got -1"),
         ("scalling=1", "--set scalling: unknown key; did you mean scaling or scale?"),
-        ("table.physics.coulomb=1", "--set table.physics.coulomb: unknown key; did you mean coulomb_n?"),
+        ("table.physics.coulomb=1", "--set table.physics.coulomb: unknown key; did you mean table.physics.coulomb_n?"),
         ("seed=[", "--set seed: not valid YAML: "),
         ("delay_s=.inf", "--set delay_s: must be a finite number, got .inf"),
         ("=1", "--set : must be key=value"),

@@ -54,6 +54,7 @@ LABELS_ALONE = ("doctor", "identify")
 def masked(name: str, text: str) -> str:
     """Return what is printed without what differs between machines: times, paths of the user's, computed numbers."""
     text = re.sub(r"first run of this version .*\n|compiling real-time code .*\n", "", text)
+    text = re.sub(r"(?m)^.* \(after \d+ s\)\n", "", text)  # progress, on a slow machine
     text = re.sub(r"(model +)(cache|identified).*", r"\1(where it is from)", text)
     text = re.sub(r"\d{4}-\d\d-\d\d[ T][\d:]+(\.\d+)?( UTC|Z)?", "(time)", text)
     text = re.sub(r"(key file |RTHS_KEY_FILE=)\S+?(?=;|$)", r"\1(key)", text, flags=re.MULTILINE)

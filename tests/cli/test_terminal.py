@@ -6,6 +6,7 @@ import io
 import os
 import pty
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -57,6 +58,21 @@ def test_quiet_shows_only_what_went_wrong() -> None:
     assert shown(io.StringIO(), quiet=True).splitlines() == ["[2/2] b: failed: no luck"]
 
 
+def test_a_case_whose_answer_follows_has_no_reason_and_no_note_before_it() -> None:
+    refused = replace(GOOD, status="refused", reason="no room", exit_code=3)
+    loud, quiet = io.StringIO(), io.StringIO()
+    for stream in (loud, quiet):
+        screen = Screen(stream is quiet, stream, answered=True)
+        for one in (GOOD, refused, BAD):
+            screen.ended(one, 1.25)
+    assert [line.partition(": ")[2] for line in loud.getvalue().splitlines()] == [
+        "complete, results/a.h5, 1.2 s",
+        "refused, results/a.h5, 1.2 s",
+        "failed: no luck",
+    ]
+    assert quiet.getvalue() == ": failed: no luck\n"
+
+
 VIEW = View("running", 2.5, 10.0, 1.0, 1.1, 0.01, {"stroke": 0.5, "force": 0.25}, 1, 2, 80.0, 9.0)
 
 
@@ -71,7 +87,7 @@ def test_a_moving_table_is_a_line_now_and_then_without_a_terminal(monkeypatch: p
     lines = stream.getvalue().splitlines()
     assert len(lines) == 2
     assert lines[0] == (
-        "[1/1] a: EXP-RTHS running, 2.5 of 10.0 s, tracking error 0.0100 m/s^2 rms, stroke at 50% of its limit, "
+        "[1/1] a: EXP-RTHS running, 2.5 of 10.0 s, tracking error 0.0100 m/s^2 rms, stroke at 50 % of its limit, "
         "1 overruns, 2 lost"
     )
     quiet = io.StringIO()
@@ -86,7 +102,7 @@ def test_a_terminal_shows_a_panel_that_goes_away() -> None:
     screen.moving("EXP-RTHS", VIEW)
     screen.ended(GOOD, 1.25)
     text = stream.getvalue()
-    assert "EXP-RTHS: running" in text and "stroke 50%" in text
+    assert "EXP-RTHS: running" in text and "stroke 50 %" in text
     assert text.rstrip().splitlines()[-2].endswith("complete, results/a.h5, 1.2 s")
 
 

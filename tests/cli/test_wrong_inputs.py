@@ -29,7 +29,7 @@ def test_no_wrong_input_is_taken_for_a_right_one_or_for_our_own_fault(outcomes: 
 
 def test_each_message_is_short_and_names_no_cause_twice(outcomes: list[tuple[Wrong, int, str]]) -> None:
     for one, _, text in outcomes:
-        lines = text.splitlines()[2:-1]
+        lines = [line for line in text.splitlines()[2:-1] if line]
         assert lines and len(set(lines)) == len(lines), one.did
         assert max(map(len, lines)) <= LONGEST_LINE, one.did
         assert not any("Traceback" in line or "/tmp/" in line for line in lines), one.did

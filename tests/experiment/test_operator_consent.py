@@ -98,9 +98,9 @@ def test_without_a_terminal_nobody_is_asked(monkeypatch: pytest.MonkeyPatch) -> 
     ("zero", "noise", "fault"),
     [
         (0.4, 0.05, ""),
-        (0.6, 0.0, "shows 0.6 V at rest, more than 10% of its range"),
+        (0.6, 0.0, "shows 0.6 V at rest, more than 10 % of its range"),
         (-0.6, 0.0, "shows -0.6 V at rest"),
-        (0.0, 0.2, "shows 0.2 V rms at rest, more than 2% of its range"),
+        (0.0, 0.2, "shows 0.2 V rms at rest, more than 2 % of its range"),
         (np.nan, np.nan, "gives no numbers at rest"),
     ],
 )

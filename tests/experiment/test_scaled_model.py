@@ -17,8 +17,10 @@ from scipy.signal import lsim
 from rths_cli.analysis.references import reference_of
 from rths_cli.analysis.sim import Response
 from rths_cli.case.load import load_cases
+from rths_cli.case.scale_schema import ScaleSpec, read_scale
 from rths_cli.errors import InputError
 from rths_cli.experiment.case_warnings import of_case
+from rths_cli.experiment.ground_motion_list import show
 from rths_cli.experiment.model_choice import Memory
 from rths_cli.experiment.provenance import attributes
 from rths_cli.experiment.run_case import run_case
@@ -203,7 +205,7 @@ def test_the_share_above_the_band_is_that_of_the_series() -> None:
     time = setup.motion.time_s
     two = np.sin(2 * np.pi * 5.0 * time) + 3**-0.5 * np.sin(2 * np.pi * 20.0 * time)
     changed = replace(setup, motion=replace(setup.motion, accel_m_s2=two))
-    assert any("has 25% of its power above" in one for one in of_case(changed, None, None))
+    assert any("has 25 % of its power above" in one for one in of_case(changed, None, None))
 
 
 def test_a_record_too_short_or_too_fast_for_the_laboratory_is_said_to_be_compressed() -> None:
@@ -239,3 +241,34 @@ def test_faults_of_a_scale_are_sentences(setting: str, words: str) -> None:
     with pytest.raises(InputError) as fault:
         load_cases([scaled()], [setting])
     assert words in str(fault.value)
+
+
+@pytest.mark.parametrize(("length", "acceleration"), [(4.0, 1.0), (1.0, 0.25)])
+def test_a_compressed_record_has_the_spectrum_of_the_prototype_at_half_the_periods(
+    length: float, acceleration: float
+) -> None:
+    of_model = ScaleSpec(length=length, acceleration=acceleration)
+    found, text = show("el_centro", None, None, scale=of_model)
+    whole = show("el_centro", None, None)[0]
+    at = dict(zip(whole["periods_s"], whole["pseudo_accel_m_s2"], strict=True))
+    shown = dict(zip(found["periods_s"], found["pseudo_accel_m_s2"], strict=True))
+    for period_s in (0.05, 0.1, 0.5, 1.0):
+        assert shown[period_s] == pytest.approx(at[2.0 * period_s] / acceleration, rel=1e-9)
+    assert found["duration_s"] == pytest.approx(0.5 * whole["duration_s"])
+    assert f"length {length:g}, time 2" in " ".join(text.split()) and "scale" not in whole
+
+
+@pytest.mark.parametrize(
+    ("texts", "said"),
+    [
+        (["length"], "--scale length: must be KEY=NUMBER, for example --scale length=2.4"),
+        (["lenght=2", "length=3"], "--scale lenght: unknown key; did you mean length?"),
+        (["acceleration=1"], "--scale length: is missing; add length"),
+        (["length=-1"], "--scale length: must be >= 0.01 and <= 1000, got -1"),
+        (["length=2", "length=3"], "--scale length: is given twice; give it once"),
+    ],
+)
+def test_a_wrong_scale_of_a_record_is_told_with_its_key(texts: list[str], said: str) -> None:
+    with pytest.raises(InputError) as raised:
+        read_scale(texts)
+    assert raised.value.faults == (said,)

@@ -171,19 +171,19 @@ class Unfit(Memory):
     """A memory whose rig cannot be identified."""
 
     def known(self, setup: Setup, progress: object) -> Known:
-        raise RigError("channel floor_5: dead")
+        raise RigError("channel floor_5: dead; check sensor and cable")
 
     at_rest = known
 
 
-def test_a_run_asks_first_and_keeps_the_question_in_its_result(tmp_path: Path) -> None:
+def test_a_run_keeps_the_question_in_its_result_and_prints_it_once(tmp_path: Path) -> None:
     cases = load_cases([case_of(tmp_path, MISTAKES["masses in t"][0], runs=["sim"])])
     printed = StringIO()
     (ended,) = run_batch(Request(tuple(cases), (), tmp_path, True, "test"), Screen(stream=printed))
     assert ended.exit_code == 0 and re.search(STIFF, ended.warnings[0])
     lines = printed.getvalue().splitlines()
-    assert lines[0] == f"note: {ended.warnings[0]}" and lines[1].startswith("[1/1] own: complete")
-    assert not any(ended.warnings[0] in line for line in lines[1:])
+    assert lines[0].startswith("[1/1] own: complete") and lines[1] == f"  note: {ended.warnings[0]}"
+    assert not any(ended.warnings[0] in line for line in lines[2:])
     assert str(read_result(tmp_path / "own.h5").attributes["warnings"]).splitlines()[0] == ended.warnings[0]
 
 
@@ -193,7 +193,9 @@ def test_a_rig_that_cannot_be_identified_is_not_the_first_reason(
     cases = load_cases([case_of(tmp_path, MISTAKES["stiffness in kN/m"][0])])
     warned: list[str] = []
     (checked,) = check_cases(cases, (), lambda _: None, Unfit(), warn=warned.append)
-    assert re.search(SOFT, checked.reasons[0]) and checked.reasons[1:] == ("channel floor_5: dead",)
+    assert re.search(SOFT, checked.reasons[0]) and checked.reasons[1:] == (
+        "a wrong unit would explain what followed: channel floor_5: dead",
+    )
     assert checked.warnings == checked.reasons[:1] == tuple(warned)
     monkeypatch.setattr("rths_cli.experiment.run_command.Memory", lambda _: Unfit())
     (ended,) = run_batch(Request(tuple(cases), (), tmp_path, True, "test"), Screen(quiet=True))

@@ -65,7 +65,7 @@ def test_too_many_lost_samples_are_refused_with_what_to_do() -> None:
     command, whole = made(6)
     missing = np.zeros(N, dtype=bool)
     missing[::10] = True
-    with pytest.raises(InputError, match=r"1200 of 12000 samples \(10\.0%\) were lost on the link, at most 5%"):
+    with pytest.raises(InputError, match=r"1200 of 12000 samples \(10\.0 %\) were lost on the link, at most 5 %"):
         filled(command, whole, missing, DT_S)
     missing[:] = False
     missing[::30] = True  # 3 %, but no row of a prediction is whole

@@ -77,7 +77,7 @@ def test_every_kind_keeps_its_share_of_what_its_command_says(kind: Kind, seed: i
     assert predicted[field] == pytest.approx(0.6 * limit, rel=0.02)
     assert place <= 0.6 * 0.079 * 1.0001
     name = field.split("_")[0]
-    assert f"60% of the {name} limit" in made.notes[-1]
+    assert f"60 % of the {name} limit" in made.notes[-1]
     assert made.reach[name].share == pytest.approx(0.6)
 
 

@@ -229,9 +229,9 @@ def test_friction_explains_no_misfit_larger_than_what_it_leaves(missed: float, n
     ("change", "friction", "limit"),
     [
         (0.06, Friction(0.02, 0.001, 0.06, 0.9, 0.001), None),  # leaves 2.5 %, of known size
-        (0.08, Friction(0.02, 0.001, 0.06, 0.9, 0.001), "3%"),
-        (0.06, Friction(0.02, 0.01, 0.06, 0.9, 0.001), "1%"),  # nobody knows whether it is zero
-        (0.06, None, "1%"),
+        (0.08, Friction(0.02, 0.001, 0.06, 0.9, 0.001), "3 %"),
+        (0.06, Friction(0.02, 0.01, 0.06, 0.9, 0.001), "1 %"),  # nobody knows whether it is zero
+        (0.06, None, "1 %"),
     ],
 )
 def test_friction_of_known_size_may_leave_as_much_as_the_largest_error(

@@ -48,10 +48,10 @@ def test_peaks_shares_and_errors_are_those_of_the_columns() -> None:
     assert view.used["acceleration"] == pytest.approx(0.2)
     assert (view.late_us, view.compute_us, view.lost) == (250.0, 3.0, 3)
     text = "\n".join(live_lines("EXP-RTHS", view))
-    for told in ("EXP-RTHS: running", "0.5 of 1.0 s", "desired 8.500", "stroke 25%", "lost 3", "Ctrl-C"):
+    for told in ("EXP-RTHS: running", "0.5 of 1.0 s", "desired 8.500", "stroke 25 %", "lost 3", "Ctrl-C"):
         assert told in text
     assert "0.5 of 1.0 s" in one_line("EXP-RTHS", view)
-    assert "velocity at 1975% of its limit" in one_line("EXP-RTHS", view)
+    assert "velocity at 1975 % of its limit" in one_line("EXP-RTHS", view)
 
 
 def test_nothing_done_yet_is_a_ramp_up_without_peaks() -> None:

@@ -76,5 +76,5 @@ def test_what_was_lost_is_put_back_and_leaves_no_trace(whole: Signals) -> None:
 
 
 def test_a_record_that_lost_too_much_is_refused() -> None:
-    with pytest.raises(RigError, match=r"samples .* were lost on the link, at most 5% may be"):
+    with pytest.raises(RigError, match=r"samples .* were lost on the link, at most 5 % may be"):
         excited(gaps(0.06))

@@ -9,7 +9,7 @@ import pytest
 
 from rths_cli.analysis.grade import GOOD, POOR, USABLE, GradeLimits, grade_of
 from rths_cli.files.result_reader import ResultWriter, read_result
-from rths_cli.report.answer import answer, answers, one_line, shown_storeys, three, verdict
+from rths_cli.report.answer import answer, answers, notes, one_line, shown_storeys, three, verdict
 
 NAMES = ("friction", "latency")
 
@@ -101,11 +101,19 @@ def test_an_aborted_test_says_why(tmp_path: Path) -> None:
     assert verdict(read_result(path)) == "ABORTED: force beyond its limit"
 
 
+def test_an_aborted_test_of_the_table_stands_beside_the_refusal(tmp_path: Path) -> None:
+    path = written(
+        tmp_path / "a.h5", {}, status="aborted", exp_rths_status="refused", exp_rths_status_reason="unsafe: no room",
+        shake_table_status="aborted", shake_table_status_reason="shake-table test: stroke at 2 s",
+    )  # fmt: skip
+    assert verdict(read_result(path)) == "REFUSED: unsafe: no room; before it shake-table test: stroke at 2 s"
+
+
 GOLDEN = """\
-own: 30% quake, damping low (2.6 % in mode 1), FF+FB by method best, virtual rig
-  bench
-GOOD: error 0.200 % of SIM in the worst storey (1), 0.0100 of SIM-DELAY's, if
-  sensors and masses are as declared.
+own: 30 % quake, damping low (2.6 % in mode 1), FF+FB by method best, virtual
+  rig bench
+GOOD: error 0.200 % of SIM in the worst storey (1), ratio 0.0100 to SIM-DELAY's,
+  if sensors and masses are as declared.
 
 storey        peak accel peak displ peak drift  RMS error     of SIM  SIM-DELAY
 (EXP-RTHS)         m/s^2         mm         mm     mm/s^2          %     mm/s^2
@@ -166,7 +174,7 @@ def test_three_significant_digits(value: float, text: str) -> None:
 
 def test_a_case_in_one_line(tmp_path: Path) -> None:
     good = read_result(written(tmp_path / "own.h5", figures()))
-    assert one_line(good) == f"own: good, error 0.200 % of SIM, 0.0100 of SIM-DELAY's; {good.path}"
+    assert one_line(good) == f"own: good, error 0.200 % of SIM, ratio 0.0100 to SIM-DELAY's; {good.path}"
     refused = written(tmp_path / "no.h5", {}, exp_rths_status="refused", exp_rths_status_reason="unsafe: margin")
     assert one_line(read_result(refused)) == f"no: REFUSED: unsafe: margin; {refused}"
 
@@ -195,10 +203,32 @@ def test_a_file_without_relative_errors_is_not_graded(tmp_path: Path) -> None:
 def test_damaged_limits_are_the_usual_ones(tmp_path: Path) -> None:
     case = "grade_limits: {good_percent: many, gut: 1, good_ratio: 0.001}\n"
     told = verdict(read_result(written(tmp_path / "a.h5", figures(), case)))
-    assert "USABLE" in told and "at most 0.001 of SIM-DELAY" in told
+    assert "USABLE" in told and "at most a ratio of 0.001 to SIM-DELAY" in told
 
 
 def test_a_diverged_sim_delay_and_another_band_are_told(tmp_path: Path) -> None:
     values = figures(delayed=np.nan) | {"sim_delay.diverged_at_s": 1.234}
     told = verdict(read_result(written(tmp_path / "a.h5", values, test_band_hz=30.0)))
     assert "GOOD: error 0.200 % of SIM up to 30 Hz in the worst storey (1), SIM-DELAY diverged at 1.23 s" in told
+
+
+def test_effective_delay_and_gain_stand_below_the_errors(tmp_path: Path) -> None:
+    values = figures() | {
+        "exp_rths.fei_delay_s": 1.25e-4,
+        "exp_rths.fei_amplitude": 0.9876,
+        "exp_rths.peak_error_percent": np.array([0.5, 1.5, 1.0]),
+    }
+    text = answer(read_result(written(tmp_path / "o.h5", values)), 80)
+    assert "\nEffective delay 0.125 ms, gain 0.9876 (FEI); peak error 1.50 % (storey 2).\n" in text
+
+
+def test_a_note_is_printed_once_and_not_after_the_verdict_that_says_it(tmp_path: Path) -> None:
+    refused = {"exp_rths_status": "refused", "exp_rths_status_reason": "unsafe: no room; raise it"}
+    (tmp_path / "b").mkdir()
+    one = read_result(written(tmp_path / "one.h5", figures(), warnings="same\nsame\nown"))
+    two = read_result(written(tmp_path / "two.h5", {}, warnings="no room\nsame", **refused))
+    assert notes([one]) == ["same", "own"] and notes([two]) == ["same"]
+    assert notes([one, two]) == ["same", "one: own"]
+    text = answers([one, two], 80)
+    assert text.count("same") == 1 and "note: one: own\n" in text
+    assert "Storeys and base shear below" not in answer(two)

@@ -40,7 +40,7 @@ def test_groups_are_averaged_and_set_against_the_first() -> None:
     text = "\n".join(render(table) for table in group_tables([found], ["controller"]))
     assert cells(text, f"{ERROR}[1]") == ["0.0200", "0.0050*", "0.2500"]
     assert cells(text, f"{ERROR}[2]") == ["0.0300", "0.0300*", "1.0000"]
-    assert "30% el_centro, damping low" in text and "(runs: 2, 2)" in text
+    assert "30 % el_centro, damping low" in text and "(runs: 2, 2)" in text
     assert "virtual rig aps400" in text
 
 

@@ -94,7 +94,7 @@ def test_structure_delay_lag_gain_and_fit_errors():
     gain = abs(MODEL.response(np.array([low_hz]))[0]) / (2.0 * np.pi * low_hz) ** 2
     assert re.search(r"transport delay +0\.75 ms", rest) and re.search(r"lag, low frequency +14\.5 ms", rest)
     assert close(re.search(r"gain, low frequency +(\S+) mm/V", rest)[1], 1e3 * gain, 4)
-    assert re.search(r"keeps its limits +0\.7 to 58\.7 Hz \(1% rms, 3% largest, beyond the data's scatter\)", rest)
+    assert re.search(r"keeps its limits +0\.7 to 58\.7 Hz \(1 % rms, 3 % largest, beyond the data's scatter\)", rest)
     rows = cells(text, "fit error", "model")
     for row, model, error in zip(rows, (MODEL, PAPER), (found.best_error, found.paper_error), strict=True):
         assert row[1:3] == [str(len(model.poles)), str(len(model.zeros))]

@@ -25,7 +25,7 @@ def test_all_claims_hold_for_numbers_made_to_hold():
 
 def test_the_numbers_compared_are_told():
     cases = paper_cases()
-    low = "30% el_centro, low"
+    low = "30 % el_centro, low"
     assert verdicts(TRACKS, cases)["best", low][1] == "shake table test 0.0006 < 0.0012; RTHS 0.0007 < 0.0013"
     assert verdicts(TRACKS, cases)["published", low][1] == "shake table test 0.0004 < 0.0030; RTHS 0.0027 < 0.0058"
     assert verdicts(PEAK, cases)["published", low][1] == "0.1007 < 0.1922"
@@ -33,7 +33,7 @@ def test_the_numbers_compared_are_told():
         verdicts(DELAY, cases)["paper", f"{low}, FF+FB"][1]
         == "1: 0.0016 < 0.0800; 2: 0.0024 < 0.1200; 3: 0.0032 < 0.1600"
     )
-    where = "30% el_centro, FF+FB: high against low"
+    where = "30 % el_centro, FF+FB: high against low"
     assert (
         verdicts(DAMPING, cases)["published", where][1] == "1: 0.0023 < 0.0158; 2: 0.0428 < 0.0466; 3: 0.0500 < 0.0615"
     )
@@ -54,7 +54,7 @@ def test_one_figure_the_wrong_way_turns_only_its_own_verdict():
             assert [source for source, _ in turned] == (["best"] if claim in claims else []), (path, claim.text)
             assert all("el_centro, low" in where for _, where in turned)
     cases[7].metrics["exp_rths.rms_error_m_s2"] = [0.0009, 0.0005, 0.0005]  # best, high: storey 1 above low's
-    assert verdicts(DAMPING, cases)["best", "30% el_centro, FF+FB: high against low"][0] == NOT_HELD
+    assert verdicts(DAMPING, cases)["best", "30 % el_centro, FF+FB: high against low"][0] == NOT_HELD
 
 
 def test_a_missing_result_is_named():
@@ -62,22 +62,22 @@ def test_a_missing_result_is_named():
     aborted = cases[5]
     aborted.attributes["status"] = "aborted"
     found = verdicts(TRACKS, cases)
-    assert found["best", "30% el_centro, low"] == (UNJUDGED, "FF+FB aborted")
-    assert found["paper", "30% el_centro, low"][0] == HELD
-    assert verdicts(DELAY, cases)["best", "30% el_centro, low, FF+FB"][0] == UNJUDGED
-    assert verdicts(DAMPING, cases)["best", "30% el_centro, FF+FB: high against low"] == (UNJUDGED, "low aborted")
+    assert found["best", "30 % el_centro, low"] == (UNJUDGED, "FF+FB aborted")
+    assert found["paper", "30 % el_centro, low"][0] == HELD
+    assert verdicts(DELAY, cases)["best", "30 % el_centro, low, FF+FB"][0] == UNJUDGED
+    assert verdicts(DAMPING, cases)["best", "30 % el_centro, FF+FB: high against low"] == (UNJUDGED, "low aborted")
     del cases[4]  # best, low, FF
-    assert verdicts(PEAK, cases)["best", "30% el_centro, low"] == (UNJUDGED, "FF was not run; FF+FB aborted")
+    assert verdicts(PEAK, cases)["best", "30 % el_centro, low"] == (UNJUDGED, "FF was not run; FF+FB aborted")
     only = [one for one in paper_cases() if one.attributes["damping_name"] == "low"]
-    assert verdicts(DAMPING, only)["best", "30% el_centro, FF"] == (UNJUDGED, "another damping level was not run")
+    assert verdicts(DAMPING, only)["best", "30 % el_centro, FF"] == (UNJUDGED, "another damping level was not run")
 
 
 def test_a_diverged_sim_delay_and_an_absent_figure_leave_the_claim_open():
     cases = [result(figures((0.1,) * 4, (math.nan,) * 3, LOW))]
-    assert verdicts(DELAY, cases)["best", "30% el_centro, low, FF+FB"] == (UNJUDGED, "SIM-DELAY diverged")
+    assert verdicts(DELAY, cases)["best", "30 % el_centro, low, FF+FB"] == (UNJUDGED, "SIM-DELAY diverged")
     del cases[0].metrics["exp_rths.rms_error_m_s2"]
     cases[0].metrics["sim_delay.rms_error_m_s2"] = LOW
-    assert verdicts(DELAY, cases)["best", "30% el_centro, low, FF+FB"][1] == "EXP-RTHS has no such figure"
+    assert verdicts(DELAY, cases)["best", "30 % el_centro, low, FF+FB"][1] == "EXP-RTHS has no such figure"
 
 
 def test_damping_levels_are_ordered_by_ratio_and_unknown_ones_not_judged():
@@ -88,10 +88,10 @@ def test_damping_levels_are_ordered_by_ratio_and_unknown_ones_not_judged():
             for k, r in ratios.items()
         ]
 
-    assert verdicts(DAMPING, cases(a=0.02, b=0.03))["best", "30% el_centro, FF: b against a"][0] == HELD
-    assert verdicts(DAMPING, cases(a=0.03, b=0.02))["best", "30% el_centro, FF: a against b"][0] == NOT_HELD
+    assert verdicts(DAMPING, cases(a=0.02, b=0.03))["best", "30 % el_centro, FF: b against a"][0] == HELD
+    assert verdicts(DAMPING, cases(a=0.03, b=0.02))["best", "30 % el_centro, FF: a against b"][0] == NOT_HELD
     unknown = verdicts(DAMPING, cases(a=0.02, b=""))
-    assert unknown == {("best", "30% el_centro, FF"): (UNJUDGED, "the ratio of damping b is not known")}
+    assert unknown == {("best", "30 % el_centro, FF"): (UNJUDGED, "the ratio of damping b is not known")}
 
 
 def test_true_figures_that_turn_a_verdict_are_told():
@@ -103,7 +103,7 @@ def test_true_figures_that_turn_a_verdict_are_told():
     lines = claims_text(entries(cases, {})).splitlines()
     told = lines[lines.index("Where true figures give another verdict than measured ones:") + 1 :]
     assert told == [
-        "  2. 30% el_centro, low, FF+FB",
+        "  2. 30 % el_centro, low, FF+FB",
         "    not held          best       1: 0.0007 < 0.0800; 2: 0.0011 < 0.1200; 3: 0.1700 >= 0.1600",
     ]
 

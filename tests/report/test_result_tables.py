@@ -40,10 +40,10 @@ def test_table_5_1_shows_published_paper_and_best_side_by_side():
         "       |  published   |    paper     |    best      |  published   |    paper     |    best      |",
         "control|   max    RMS |   max    RMS |   max    RMS |   max    RMS |   max    RMS |   max    RMS |",
         "--------------------------------------------------------------------------------------------------",
-        "30% el_centro, damping low                                                                       |",
+        "30 % el_centro, damping low                                                                      |",
         "FF     |0.0376 0.0030 |0.0100 0.0024 |0.0050 0.0012 |0.1007 0.0058 |0.0180 0.0026 |0.0090 0.0013 |",
         "FF+FB  |0.0086 0.0004 |0.0100 0.0012 |0.0050 0.0006 |0.1922 0.0027 |0.0190 0.0014 |0.0095 0.0007 |",
-        "30% el_centro, damping high                                                                      |",
+        "30 % el_centro, damping high                                                                     |",
         "FF     |      -       |0.0100 0.0024 |0.0050 0.0012 |      -       |0.0180 0.0026 |0.0090 0.0013 |",
         "FF+FB  |      -       |0.0100 0.0012 |0.0050 0.0006 |      -       |0.0190 0.0014 |0.0095 0.0007 |",
         "--------------------------------------------------------------------------------------------------",
@@ -67,7 +67,7 @@ def test_table_5_2_shows_both_dampings_and_ff_after_ff_fb():
         "storey|   publ.     ours    publ.    paper     best |   publ.     ours    publ.    paper     best |",
     ]
     assert lines[5:-1] == [
-        "30% el_centro                                                                                     |",
+        "30 % el_centro                                                                                    |",
         "1     |  0.0236   0.0800   0.0158   0.0016   0.0008 |  0.0297   0.0500   0.0023   0.0005   0.0003 |",
         "2     |  0.1050   0.1200   0.0466   0.0024   0.0012 |  0.0759   0.1000   0.0428   0.0010   0.0005 |",
         "3     |  0.1228   0.1600   0.0615   0.0032   0.0016 |  0.0913   0.1000   0.0500   0.0010   0.0005 |",
@@ -156,7 +156,7 @@ def test_lines_of_a_table_have_one_width_of_at_most_100_and_are_ascii(made):
 
 def test_virtual_stands_in_every_title_and_only_there():
     def titles(text):
-        return [line for line in text.splitlines() if line.startswith(("Table", "30% el", "The paper's claims"))]
+        return [line for line in text.splitlines() if line.startswith(("Table", "30 % el", "The paper's claims"))]
 
     found = [title for title in titles(tables(paper_cases())) if not title.endswith("|")]
     found = [title for title in found if ";" in title]
@@ -185,7 +185,7 @@ def test_one_case_alone_is_printed_whole():
         case.metrics[path], case.units[path], case.definitions[path] = value, unit, "made up"
     lines = tables([case]).splitlines()
     assert lines[:10] == [
-        "30% el_centro, damping low, controller FF+FB: errors (m/s^2, test band unless full); virtual shake",
+        "30 % el_centro, damping low, controller FF+FB: errors (m/s^2, test band unless full); virtual shake",
         "table aps400",
         "---------------------------------------------------------------------",
         "                     |         |               best                 |",
@@ -209,7 +209,7 @@ def test_a_case_of_one_s_own_has_no_column_of_published_figures():
     """Nor the words that explain it; what was run stands as it does beside published figures."""
     case = paper_cases()[5]
     own = replace(case, attributes={**case.attributes, "reference_json": "{}"})
-    beside, alone = tables([case]).splitlines(), tables([own]).splitlines()
+    beside, alone = tables([case], brief=True).splitlines(), tables([own], brief=True).splitlines()
     assert [line.replace("|", " ").split() for line in alone[3:5]] == [["best"], ["meas.", "true", "full", "full-t"]]
     cut = [line[:21] + line[31:] for line in beside if line.startswith(("EXP-RTHS, storey", "storey"))]
     assert len(cut) >= 6 and [line for line in alone if line.startswith(("EXP-RTHS, storey", "storey"))] == cut

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -100,3 +101,14 @@ def test_many_points_are_cut_and_the_rest_is_counted() -> None:
 )
 def test_a_point_is_named_by_the_ends_of_its_keys(varied: dict[str, object], text: str) -> None:
     assert label(varied) == text
+
+
+def test_a_sweep_of_a_scaled_model_states_its_scale() -> None:
+    plain_one = made({"scaling": (0.2, 0.3)}, 1, ("complete",) * 2, {})
+    scale = {"scale_length": 4.0, "scale_acceleration": 1.0, "scale_mass": 16.0}
+    scaled = replace(plain_one, attributes=plain_one.attributes | scale)
+    varied = replace(scaled, varied={"scale.length": (2.0, 4.0)})
+    assert "Model scale; prototype over model: length 4, time 2," in page(scaled, PATH)
+    assert document(scaled, PATH)["scale"]["factors"]["time"] == 2.0
+    assert "Model scale, which the sweep varies" in page(varied, PATH) and "scale" not in document(varied, PATH)
+    assert "scale;" not in page(plain_one, PATH) and "scale" not in document(plain_one, PATH)

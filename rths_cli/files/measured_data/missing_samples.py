@@ -81,10 +81,10 @@ def _short_gaps(values: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 def _objection(values: Array, count: int) -> str:
     """Return why a channel's short gaps cannot be bridged, "" if they can."""
     if count > LARGEST_SHARE * len(values):
-        return f"they are more than {LARGEST_SHARE:.1%} of the record"
+        return f"they are more than {100.0 * LARGEST_SHARE:.1f} % of the record"
     above = _power_above(values)
     if above > POWER_ABOVE:
-        return f"{above:.0%} of the channel's power lies above {BAND:g} of half the sample rate"
+        return f"{100.0 * above:.0f} % of the channel's power lies above {BAND:g} of half the sample rate"
     return ""
 
 

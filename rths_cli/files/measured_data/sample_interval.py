@@ -129,7 +129,9 @@ def _notes(name: str, jitter: float, dt_s: float, index: Array) -> tuple[str, ..
     """Return sentences on jitter above 1 % of the interval and on gaps."""
     notes = []
     if jitter > _JITTER_NOTED:
-        notes.append(f"{name!r} has a jitter of up to {jitter:.1%} of the interval of {dt_s:.6g} s; taken as even")
+        notes.append(
+            f"{name!r} has a jitter of up to {100.0 * jitter:.1f} % of the interval of {dt_s:.6g} s; taken as even"
+        )
     steps = np.diff(index)
     gaps = np.flatnonzero(steps > 1.0)
     if len(gaps):

@@ -80,7 +80,7 @@ def test_more_than_a_thousandth_of_the_record_stays(gaps: int, bridged: bool) ->
     if not bridged:
         assert (
             notes[0]
-            == "table: 21 missing samples in short gaps are not bridged, because they are more than 0.1% of the record"
+            == "table: 21 missing samples in short gaps are not bridged, because they are more than 0.1 % of the record"
         )
 
 

@@ -198,8 +198,8 @@ def _fragile(found: Stability, feedback: bool, least_delay_s: float) -> list[Fau
         faults.append(Fault("measured response", text, found.apart))
     if not found.tolerates >= found.required:
         text = (
-            f"{_with_gain(found.gain)}the loop tolerates only {found.tolerates:.2%} error of the table at "
-            f"{found.at_hz:.3g} Hz, {found.required:.2%} is required; "
+            f"{_with_gain(found.gain)}the loop tolerates only {100.0 * found.tolerates:.2f} % error of the table at "
+            f"{found.at_hz:.3g} Hz, {100.0 * found.required:.2f} % is required; "
             f"{_advice(found.at_hz, feedback, found.compared)}"
         )
         faults.append(Fault("table error", text, _over(found.required, found.tolerates)))
@@ -458,8 +458,8 @@ def unseen(known: Known) -> tuple[Fault, ...]:
     if missing <= RESERVE:
         return ()
     text = (
-        f"{missing:.0%} of the interface floor's peak acceleration lies above {known.lines.highest_hz:g} Hz, where the "
-        "check does not look; filter the record, or soften the computed storeys that shake there"
+        f"{100.0 * missing:.0f} % of the interface floor's peak acceleration lies above {known.lines.highest_hz:g} Hz, "
+        "where the check does not look; filter the record, or soften the computed storeys that shake there"
     )
     return (Fault("unseen", text, missing),)
 

@@ -80,7 +80,7 @@ def test_too_little_tolerance_is_unsafe() -> None:
     found = verdict(replace(STABLE, tolerates=0.0312))
     assert found.verdict == UNSAFE
     assert found.reasons == (
-        "the loop tolerates only 3.12% error of the table at 9.3 Hz, 6.00% is required; add damping "
+        "the loop tolerates only 3.12 % error of the table at 9.3 Hz, 6.00 % is required; add damping "
         "to the structure, cut the building higher up, or use FF+FB",
     )
     fragile = replace(STABLE, tolerates=0.0312)
@@ -91,7 +91,7 @@ def test_too_little_tolerance_is_unsafe() -> None:
     assert verdict(replace(STABLE, tolerates=0.06)).verdict == SAFE
     (weak,) = verdict(replace(fragile, gain=0.923)).reasons
     assert weak.startswith(
-        "with 0.923 times the table's gain the loop tolerates only 3.12% error of the table at 9.3 Hz, 6"
+        "with 0.923 times the table's gain the loop tolerates only 3.12 % error of the table at 9.3 Hz, 6"
     )
 
 
@@ -361,7 +361,7 @@ def test_motion_above_the_lines_is_not_taken_for_none() -> None:
         assert bool(sentences) == said
         found = judge(CRITICAL, STABLE, tuple(rows.values()), 0.3, None, sentences)
         assert found.verdict == (UNSAFE if said else SAFE)
-    assert "50% of the interface floor's peak acceleration lies above 40 Hz" in sentences[0].text
+    assert "50 % of the interface floor's peak acceleration lies above 40 Hz" in sentences[0].text
 
 
 def test_a_measured_response_that_may_go_round_the_point_otherwise_is_unsafe() -> None:

@@ -120,7 +120,8 @@ def judge(
     doubt = stability.radius >= 1.0 and stability.growth >= GROWN
     largest = scaling * min((1.0 - RESERVE) / row.share if row.share > 0.0 else math.inf for row in reach)
     if stability.radius < 1.0:
-        faults += [*further, *(_beyond(row, largest) for row in reach if not row.share <= 1.0 - RESERVE)]
+        beyond = [row for row in reach if not row.share <= 1.0 - RESERVE]
+        faults += [*further, *(_beyond(row, largest, row is beyond[-1]) for row in beyond)]
     verdict = UNSTABLE if doubt else UNSAFE if faults else SAFE
     return Preflight(verdict, tuple(faults), critical, stability, reach, largest, prediction)
 
@@ -231,10 +232,11 @@ def _advice(at_hz: float, feedback: bool, compared: ComparedBand) -> str:
     return f"put less of the interface floor's mass on the table, {less}or identify to a higher frequency"
 
 
-def _beyond(row: Reach, largest: float) -> Fault:
+def _beyond(row: Reach, largest: float, last: bool) -> Fault:
+    """Return the reason that a predicted peak is; the last one of several tells the largest safe scaling."""
     text = (
         f"{row.name}: {row.peak:.4g} {row.units} is predicted, the limit is {row.limit:.4g} {row.units} and a tenth of "
-        f"it is kept in reserve; the largest safe scaling is {rounded_down(largest):g}"
+        f"it is kept in reserve{f'; the largest safe scaling is {rounded_down(largest):g}' if last else ''}"
     )
     return Fault(row.name, text, row.share)
 

@@ -95,7 +95,7 @@ def _check(accelerogram: Accelerogram, sample_rate_hz: float, corner_hz: float, 
     if corner_hz > 0.0 and duration_s * corner_hz < 1.0 - 1e-9:
         faults.append(
             f"record: {duration_s:g} s is shorter than one period of the {corner_hz:g} Hz high pass, "
-            f"{1.0 / corner_hz:g} s; give a longer record or raise the corner (0 switches the filter off)"
+            f"{1.0 / corner_hz:g} s; give a longer record, or raise record_filter.corner_hz (0: no filter)"
         )
     if faults:
         raise InputError(*faults)

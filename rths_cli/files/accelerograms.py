@@ -463,5 +463,6 @@ def _check_peak(path: Path, lines: list[str], header: Header, figures: Array, un
     if peak > MAX_PEAK_M_S2:
         raise InputError(
             f"{path}:{_line_of(lines, header, index)}: the peak of {peak:.4g} m/s^2 is above the limit of "
-            f"{MAX_PEAK_M_S2:g} m/s^2, the unit {unit} is probably wrong; correct it"
+            f"{MAX_PEAK_M_S2:g} m/s^2, the unit {unit} is probably wrong; correct it where it "
+            "stands (# units: in the file, record.unit in the case)"
         )

@@ -57,7 +57,11 @@ def make_files(folder: Path) -> dict[str, Path]:
     log = valid_files.make_log(folder, result)
     command_trials.in_a_process_slow(folder, RECORDED)
     data = next(path for path in valid_files.foreign_files(folder) if path.name == "data.csv")
-    return {"short.csv": folder / "short.csv", "result.h5": result, log.name: log, "data.csv": data}
+    sweep = ("sweep", *QUICK, "--seeds", "2", "--part", "1/2", "--quiet")
+    code, _, _, said = command_trials.in_a_process_slow(folder, sweep)
+    assert code in (0, 1), said.decode()
+    (part,) = folder.glob("sweeps/*-part1of2.h5")
+    return {"short.csv": folder / "short.csv", "result.h5": result, "part.h5": part, log.name: log, "data.csv": data}
 
 
 def run_all(work: Path, files: dict[str, Path], chosen: Sequence[Trial]) -> int:

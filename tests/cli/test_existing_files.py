@@ -34,6 +34,7 @@ COMMANDS = {
     "run --junit": Writes(("run", CASE, *SHORT, "--set", "runs=[sim]", "--output", "new", "--junit", "j.xml"), "j.xml"),
     "sweep": Writes(("sweep", CASE, *SHORT), f"sweeps/{CASE}.h5"),
     "sweep --csv": Writes(("sweep", CASE, *SHORT, "--csv", "s.csv"), "s.csv"),
+    "merge": Writes(("merge", *(f"sweeps/{CASE}-part{k}of2.h5" for k in (1, 2)), "--output", "both.h5"), "both.h5"),
     "identify": Writes(("identify", CASE, *QUICK, "--no-figure", "--output", "m.h5"), "m.h5"),
     "identify --figure": Writes(("identify", CASE, *QUICK, "--figure", "m.png"), "m.png"),
     "report --output": Writes(("report", "demo.h5", "--output", "r.txt"), "r.txt"),
@@ -96,6 +97,8 @@ def rths(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.Capture
 def test_the_rule_of_existing_files(rths: Call, command: str) -> None:
     words, file = COMMANDS[command]
     path = Path(file)
+    for part in ("1/2", "2/2") if command == "merge" else ():
+        assert rths("sweep", CASE, *SHORT, "--seeds", "2", "--part", part)[0] == 0
     code, said = rths(*words)
     assert code == 0 and "replaced" not in said, said
     made = path.read_bytes()

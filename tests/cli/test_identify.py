@@ -161,7 +161,7 @@ def test_a_rejected_model_is_written_and_says_so(
     assert "verdict                 rejected: too much friction" in shown.out
     assert tree() == ["m.h5"]
     run = rths("run", "el_centro_low_ff", "--set", 'identification.model="m.h5"', "--set", "runs=[exp_rths]")
-    assert run.code == 1 and "too much friction" in run.err
+    assert run.code == 1 and "too much friction" in run.out
 
 
 def test_a_rig_with_a_dead_channel_gives_a_page_but_no_model(

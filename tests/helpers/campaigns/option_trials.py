@@ -26,6 +26,7 @@ NEEDED: dict[str, tuple[str, ...]] = {
     "run": (*QUICK, "--set", "runs=[sim]"),
     "identify": (*QUICK, "--set", "sample_rate_hz=500", "--set", "identification.duration_s=40", "--no-figure"),
     "sweep": (*QUICK, "--seeds", "1", "--jobs", "1"),
+    "merge": ("part.h5", "--output", "whole.h5"),
     "report": ("result.h5",),
     "export": ("result.h5", "--to", "csv", "--group", "sim"),
     "recover": ("killed.exp_rths.rthslog",),

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import Field
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer
 
 from rths_cli.case.field_types import Range, Strict
 from rths_cli.case.storey_law_schema import StoreyLaws
@@ -38,6 +38,12 @@ class VirtualPhysics(Strict):
         description="laws of the specimen's storeys from the table, which nobody knows of: per storey a law, a list of "
         "laws in parallel, or nothing; none: the specimen is linear",
     )
+
+    @model_serializer(mode="wrap")
+    def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out laws that there are none of, so that models of older versions stay those of their rig."""
+        data: dict[str, Any] = write(self)
+        return data if self.specimen_laws else {key: data[key] for key in data if key != "specimen_laws"}
 
 
 class AfterIdentification(Strict):

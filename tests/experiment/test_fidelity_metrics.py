@@ -150,6 +150,7 @@ def test_a_hybrid_run_has_every_path_known_beforehand(parts: Parts) -> None:
         ".ductility",
         ".residual_drift_m",
         ".restoring_work_j",
+        ".true_reference_",
     )
     assert {path for path in known if not any(part in path for part in others)} == {
         path for path in figures if ".tracking_" not in path

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import signal
 import socket
 import threading
@@ -111,7 +112,7 @@ def way_to_rest_s(limits: GuardLimits) -> float:
     stroke = min(limits.stroke_m, limits.gain_m_per_v * limits.command_v)
     fastest = min(limits.velocity_m_s, limits.gain_m_per_v * limits.command_rate_v_s)
     braking = BRAKE_SHARE * limits.acceleration_m_s2
-    rate = min(RETURN_RATE, np.e * fastest / stroke, np.sqrt(braking / stroke))
+    rate = min(RETURN_RATE, math.e * fastest / stroke, np.sqrt(braking / stroke))
     return float(fastest / braking + RETURN_DECAYS / rate)
 
 

@@ -197,7 +197,7 @@ def test_a_gain_wrong_by_5_percent_is_rejected(tmp_path: Path, default_identific
     path = as_yaml(tmp_path / "given.yaml", default_identification.best, gain=1.05)
     ended, result = run(tmp_path / "r.h5", setup_of(path))
     assert (ended.exit_code, ended.status) == (1, "refused")
-    assert re.search(r"error \|fit / FRF - 1\|, rms in 0.7-11 Hz, is (4.9|5.0)\d% beyond", ended.reason)
+    assert re.search(r"error \|fit / FRF - 1\|, rms in 0.7-11 Hz, is (4.9|5.0)\d % beyond", ended.reason)
     assert "exp_rths.rms_error_m_s2" not in result.metrics
 
 

@@ -298,6 +298,7 @@ def _lowered(start_m_s2: float, bound: Bound) -> str:
     """Return the sentence on a level that was lowered, and on the bound that decided."""
     peak = bound.expected * start_m_s2 / bound.level_m_s2
     return (
-        f"excitation lowered from {start_m_s2:g} to {bound.allowed_m_s2:.2f} m/s^2 rms: {bound.name}, {peak:.3g} "
-        f"{bound.unit} expected, at most {100.0 * bound.share:.0f} % of {bound.limit:.3g} {bound.unit} is used"
+        f"excitation of the identification lowered from {start_m_s2:g} to {bound.allowed_m_s2:.2f} m/s^2 rms: "
+        f"{bound.name}, {peak:.3g} {bound.unit} expected, at most {100.0 * bound.share:.0f} % of "
+        f"{bound.limit:.3g} {bound.unit} is used"
     )

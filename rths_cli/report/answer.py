@@ -155,14 +155,14 @@ def verdict(result: Result) -> str:
     said = f"{found.grade.upper()}: {', '.join(parts)}"
     if found.grade != GOOD:
         said += f"; {_limiting(found, result)}"
-    checked = str(result.attributes.get("check_verdict") or "")
-    if checked and checked != "safe":
-        said += f"; the check called the test {checked} and was overridden"
     reason = str(result.attributes.get("status_reason") or "")
     if status != COMPLETE:
         said += f"; {status}: {reason or 'no reason stored'}"
     elif reason:
         said = f"{'NOT ACCEPTED' if not_accepted(result) else 'BUT'}: {reason}. {said}"
+    checked = str(result.attributes.get("check_verdict") or "")
+    if checked and checked != "safe":
+        said = f"BUT: the check called the test {checked} and was overridden. {said}"
     return f"{said}, {IF_DECLARED}."
 
 

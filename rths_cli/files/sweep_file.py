@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rths_cli.errors import InputError
-from rths_cli.files.durable_files import open_regular
+from rths_cli.files.durable_files import open_regular, written_whole
 from rths_cli.files.hdf5 import Dataset, Written, as_declared, datasets, text, write_group
 from rths_cli.files.hdf5_heaps import check_heaps
 from rths_cli.files.hdf5_safety import LayoutError, attribute, attributes, member, values_of
@@ -265,15 +265,11 @@ def check_csv(path: Path, result: Path) -> None:
 
 def write_csv(path: Path, sweep: Sweep) -> None:
     """Write the table of a sweep as CSV, one line per run, one column per figure and storey; raises InputError."""
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        part.write_text(_csv(sweep), encoding="utf-8")
-        os.replace(part, path)
+        with written_whole(path) as part:
+            part.write_text(_csv(sweep), encoding="utf-8")
     except OSError as error:
         raise InputError(refusal(path, "cannot write the table", error)) from error
-    finally:
-        with suppress(OSError):
-            part.unlink()
 
 
 def _csv(sweep: Sweep) -> str:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rths_cli.errors import InputError
+from rths_cli.files.durable_files import written_whole
 from rths_cli.files.result_writer import refusal
 from rths_cli.files.sweep_file import Sweep, stored_values
 from rths_cli.quantities.axes import AXES
@@ -48,15 +47,11 @@ def write_parquet(path: Path, sweep: Sweep) -> None:
     about = {"rths": json.dumps(sweep.attributes), "case_yaml": sweep.case_yaml, "case_resolved": sweep.resolved_yaml}
     about |= {"study_yaml": sweep.study_yaml} if sweep.study_yaml else {}
     table = pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=about))
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        parquet.write_table(table, part)
-        os.replace(part, path)
+        with written_whole(path) as part:
+            parquet.write_table(table, part)
     except OSError as error:
         raise InputError(refusal(path, "cannot write the table", error)) from error
-    finally:
-        with suppress(OSError):
-            part.unlink()
 
 
 def _columns(sweep: Sweep) -> Iterator[Column]:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 
 from rths_cli.errors import InputError
+from rths_cli.files.durable_files import written_whole
 from rths_cli.interrupts import interruptible
 
 FORMS = ("png", "svg", "pdf")
@@ -22,12 +21,8 @@ def write_figure_file(path: Path, image: Callable[[str], bytes]) -> None:
     if form not in FORMS:
         raise InputError(f"{path}: a figure's file name must end in .png, .svg or .pdf")
     content = interruptible(lambda: image(form))
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        part.write_bytes(content)
-        os.replace(part, path)
+        with written_whole(path) as part:
+            part.write_bytes(content)
     except OSError as error:
         raise InputError(f"{path}: cannot write the figure: {error.strerror}; choose another file") from error
-    finally:
-        with suppress(OSError):
-            part.unlink()

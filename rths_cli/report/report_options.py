@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from rths_cli.errors import InputError
+from rths_cli.files.durable_files import written_whole
 from rths_cli.files.existing_files import Kind, check_existing
 from rths_cli.files.result_reader import Result
 from rths_cli.files.result_writer import check_writable, refusal
@@ -148,12 +147,8 @@ def write_text(path: Path, text: str) -> None:
 
     Raises InputError if it cannot be written.
     """
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        part.write_bytes(visible(text).encode())
-        os.replace(part, path)
+        with written_whole(path) as part:
+            part.write_bytes(visible(text).encode())
     except OSError as error:
         raise InputError(refusal(path, "cannot write", error, advice=False)) from error
-    finally:
-        with suppress(OSError):
-            part.unlink()

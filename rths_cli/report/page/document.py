@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import base64
 import hashlib
-import os
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from functools import cache
 from importlib.resources import files
 from itertools import groupby
 from pathlib import Path
 
 from rths_cli.errors import InputError
+from rths_cli.files.durable_files import written_whole
 from rths_cli.files.result_reader import Result
 from rths_cli.interrupts import interruptible
 from rths_cli.report.page import case_details, frequency, histories, overview
@@ -45,15 +44,11 @@ def write_page(results: Sequence[Result], path: Path, command_line: str, compari
     file is left behind.
     """
     text = interruptible(lambda: page(results, command_line, comparison))
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
-        part.write_text(text, encoding=ENCODING)
-        os.replace(part, path)
+        with written_whole(path) as part:
+            part.write_text(text, encoding=ENCODING)
     except OSError as error:
         raise InputError(f"{path}: cannot write the page: {error.strerror}; choose another file") from error
-    finally:
-        with suppress(OSError):
-            part.unlink()
 
 
 def page(results: Sequence[Result], command_line: str, comparison: str = "") -> str:

@@ -25,7 +25,7 @@ from rths_cli.loop.linear_parts import Channels
 from rths_cli.loop.step import staircase_of
 from rths_cli.loop.step_arrays import Step
 from rths_cli.numerics.clock import IntArray
-from rths_cli.numerics.compiled import part
+from rths_cli.numerics.compiled import kept_part, part
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import RigInfo
 
@@ -90,7 +90,7 @@ def share_of_measured(r: Returning) -> float:
     return way * way * (3.0 - 2.0 * way)
 
 
-@part
+@kept_part
 def give_back(r: Returning, s: Step) -> bool:
     """Replace the samples in `s.samples` by the weighted ones that the step uses; return whether they are a mix."""
     after_gap = r.gap[NOW] > 0

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from rths_cli.loop.step import staircase_of
 from rths_cli.loop.step_arrays import EXCITATION, Step
-from rths_cli.numerics.compiled import part
+from rths_cli.numerics.compiled import kept_part, part
 
 
 @part
@@ -13,7 +13,7 @@ def bridges(s: Step) -> bool:
     return s.source != EXCITATION and s.recent.shape[0] > 1 and s.observer.can_substitute(s.samples.size)
 
 
-@part
+@kept_part
 def bridge(s: Step) -> None:
     """Write substituted samples for a step without samples: the table as desired, the floors as estimated.
 

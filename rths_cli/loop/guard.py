@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rths_cli.numerics.compiled import part
+from rths_cli.numerics.compiled import kept_part, part
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import BRAKE_SHARE
 
@@ -274,7 +274,7 @@ def take_over(g: GuardState, reason: int, value: float) -> None:
         g.flags[0], g.flags[1], g.flags[2], g.seen[0] = BRAKING, reason, NO_CHANNEL, value
 
 
-@part
+@kept_part
 def guard(
     lim: GuardLimits,
     g: GuardState,

@@ -41,7 +41,7 @@ from rths_cli.loop.run_log import Log
 from rths_cli.loop.simulated_time_run import think
 from rths_cli.loop.step_arrays import Step
 from rths_cli.numerics.clock import IntArray, monotonic_ns, sleep_until, spin_of
-from rths_cli.numerics.compiled import borrowed, entry, part
+from rths_cli.numerics.compiled import borrowed, entry, kept_part, part
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.interface import RigInfo
 from rths_cli.rigs.udp import link as udp
@@ -101,7 +101,7 @@ def take(course: Course, s: Step, samples_v: Array) -> None:
         s.samples[c] = course.signs[c] * (samples_v[c] - course.zeros_v[c])
 
 
-@part
+@kept_part
 def take_or_bridge(course: Course, s: Step, samples_v: Array, lost: int) -> int:
     """Write samples to the step: the rig's, substituted ones if they were lost, or a mix after a gap.
 
@@ -158,7 +158,7 @@ def is_over(course: Course, g: GuardState) -> bool:
     return g.flags[1] != END or course.marks[AT_REST_STEPS] > course.rest or course.orders[0] != 0
 
 
-@part
+@kept_part
 def conduct(
     course: Course,
     s: Step,
@@ -299,7 +299,7 @@ def pass_by(course: Course, s: Step, limits: GuardLimits, log: Log, way: Way, wa
     note_command(s, log, k - 1, course.drift[STANDS_V])
 
 
-@part
+@kept_part
 def leave(course: Course, s: Step, limits: GuardLimits, log: Log, way: Way, command: float, k: int) -> float:
     """Return the command to send for step k - 1, log it if it differs from the computed one, and write its preview."""
     left = rejoin(course.drift, limits, s.bit_v, command)
@@ -321,7 +321,7 @@ def look_ahead(course: Course, s: Step, limits: GuardLimits, g: GuardState, driv
     log.columns[log.columns.shape[0] - 1, k - 1] += monotonic_ns(course.scratch) - begun
 
 
-@part
+@kept_part
 def swap(link: udp.Link, course: Course, g: GuardState, log: Log, now: int, late: int, command: float, k: int) -> int:
     """Send a command and receive the samples of this instant for step k; return NO_ANSWER if none came, else 0.
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from rths_cli.loop.step_arrays import Step
 from rths_cli.numerics.clock import IntArray
-from rths_cli.numerics.compiled import part
+from rths_cli.numerics.compiled import kept_part, part
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities.raw_log_columns import RAW_LOG_COLUMNS
 
@@ -112,7 +112,7 @@ def signals(log: Log, sizes: Sizes) -> Signals:
     return Signals(**{**named, **alone})
 
 
-@part
+@kept_part
 def note_step(log: Log, s: Step, k: int) -> int:
     """Log the signals of step k; return the first column after them."""
     to, at = log.columns, log.truths

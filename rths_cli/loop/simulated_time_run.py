@@ -29,7 +29,7 @@ from rths_cli.loop.step import note_sent, step
 from rths_cli.loop.step_arrays import ACCELERATION, Step, assemble
 from rths_cli.loop.stop_reasons import reason_of
 from rths_cli.numerics.clock import IntArray, monotonic_ns
-from rths_cli.numerics.compiled import borrowed, entry, part
+from rths_cli.numerics.compiled import borrowed, entry, kept_part, part
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.interface import Rig, RigInfo, SimulatedRig, as_commands, simulated
 from rths_cli.rigs.virtual import plant_kernel
@@ -203,7 +203,7 @@ def _play_exchanging(
     return int(log.done[0]), "", limits
 
 
-@part
+@kept_part
 def think(
     s: Step, limits: GuardLimits, g: GuardState, drive: Array, log: Log, k: int, share: float, came: bool,
     samples: Array, accel: Array,

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from rths_cli.loop.step_arrays import ACCELERATION, EXCITATION, NUMERICAL, Step
-from rths_cli.numerics.compiled import part
+from rths_cli.numerics.compiled import kept_part, part
 from rths_cli.numerics.lti import Array
 
 
@@ -112,7 +112,7 @@ def note_sent(s: Step) -> None:
         s.sent[0, a] = s.command[a]
 
 
-@part
+@kept_part
 def step(s: Step, drive: Array) -> None:
     """Write the commands in V for the samples in `s.samples`.
 

@@ -26,7 +26,7 @@ import numpy as np
 
 from rths_cli.loop.guard import BRAKING, RUNNING, STOPPED, GuardLimits, GuardState, ramp_down
 from rths_cli.numerics.clock import SPIN_NS, IntArray, monotonic_ns, sleep_until
-from rths_cli.numerics.compiled import borrowed, entry, external, part
+from rths_cli.numerics.compiled import borrowed, entry, external, kept_part, part
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.udp import packets
 from rths_cli.rigs.udp.handshake import Greeter, answer_hello, opens_session
@@ -266,7 +266,7 @@ def approached(d: Door, t: Table, command_v: float) -> float:
     return latched
 
 
-@part
+@kept_part
 def tick(d: Door, t: Table) -> None:
     """Advance the physics by one tick, with the watchdog and the way to rest."""
     s = d.session
@@ -309,7 +309,7 @@ def arm(d: Door, t: Table, now: int) -> None:
         s[CATCHES_UP] = 0
 
 
-@part
+@kept_part
 def obey(d: Door, t: Table, now: int) -> None:
     """Latch the command of the preview, or start the way to rest if it is not a number or out of range."""
     s, command_v = d.session, t.way.volts[0]

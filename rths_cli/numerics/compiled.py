@@ -1,6 +1,7 @@
 """Compile everything that runs while a table moves, with numba, and keep the machine code in a folder of the user's.
 
-`entry` marks a function that Python calls, `part` one that compiled code calls. `part_class` marks a NamedTuple whose
+`entry` marks a function that Python calls, `part` one that compiled code calls; a `kept_part` is compiled once for all
+commands, because many entries hold the same large parts. `part_class` marks a NamedTuple whose
 methods compiled code calls: `s.numerical.advance(...)` runs the method of whatever class stands in that field, and is
 decided when the caller is compiled. Arguments are arrays, int, float, bool and NamedTuples of these; a call releases
 the interpreter lock. Compiled code may not allocate memory or call Python: an entry passes its arrays through
@@ -64,7 +65,7 @@ class Entry:
     """A compiled function that Python calls; `dispatcher` is numba's, `name` that of module and function."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
-        self.dispatcher: Any = _with_cache(function) or numba.njit(**ENTRY)(function)
+        self.dispatcher: Any = _with_cache(function, ENTRY) or numba.njit(**ENTRY)(function)
         self.name = f"{function.__module__}.{function.__qualname__}"
         self._ready: dict[object, Any] = {}  # dispatchers by kinds of arguments
         self._not_kept: Any = None  # dispatcher of code that may not be kept
@@ -131,6 +132,29 @@ def entry(function: Callable[..., Any]) -> Entry:
 def part(function: F) -> F:
     """Compile a function into its compiled callers."""
     return numba.njit(**PART)(function)
+
+
+def kept_part(function: F) -> F:
+    """Compile a function into its compiled callers and keep it for the next ones: a large one that many call."""
+    kept, name = _with_cache(function, PART), f"{function.__module__}.{function.__qualname__}"
+    if kept is None or fcntl is None:  # without a lock two processes could write into each other's index
+        return part(function)
+    not_kept, compile_or_load = numba.njit(**PART)(function), kept.compile
+
+    def compile_locked(signature: tuple[Any, ...]) -> Any:
+        if signature not in kept.overloads and not any(map(_from_outside, signature)):
+            with _lock(cache_folder(), name):
+                with suppress(OSError):  # of a cache that cannot be read or written
+                    compile_or_load(signature)
+                if signature in kept.stats.cache_misses:
+                    _seal(cache_folder())
+        if signature not in kept.overloads:  # it holds a class from outside, or the index names other code
+            not_kept.compile(signature)
+            kept.add_overload(not_kept.overloads[signature])
+        return kept.overloads[signature].entry_point
+
+    kept.compile = compile_locked
+    return kept  # type: ignore[no-any-return]
 
 
 def shared_part(function: F) -> F:
@@ -363,14 +387,14 @@ def _is_sealed(path: Path) -> bool:
         return False
 
 
-def _with_cache(function: Callable[..., Any]) -> Any:
-    """Return numba's dispatcher of an entry with its cache in our folder, None where it cannot be there."""
+def _with_cache(function: Callable[..., Any], options: dict[str, Any]) -> Any:
+    """Return numba's dispatcher of a function with its cache in our folder, None where it cannot be there."""
     folder, before = cache_folder(), numba.config.CACHE_DIR
     if folder is None:
         return None
     numba.config.CACHE_DIR = str(folder)
     try:
-        made = numba.njit(cache=True, **ENTRY)(function)
+        made = numba.njit(cache=True, **options)(function)
     except RuntimeError:  # numba finds no folder at all, or the function has no source file
         return None
     finally:

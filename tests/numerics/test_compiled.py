@@ -60,7 +60,7 @@ def test_every_source_that_compiled_code_can_come_from_is_watched() -> None:
     users = {
         path.relative_to(PACKAGE).as_posix()
         for path in PACKAGE.rglob("*.py")
-        if re.search(r"rths_cli\.numerics\.compiled import .*\b(entry|part|part_class)\b", path.read_text())
+        if re.search(r"rths_cli\.numerics\.compiled import .*(entry|part|part_class)\b", path.read_text())
     }
     named = {name.split("/")[0] for name in users}
     imported = {
@@ -236,6 +236,54 @@ def test_an_index_that_names_the_code_of_another_signature_is_found_out(tmp_path
         seal.write_text(text)
     with started(tmp_path, code) as process:
         assert finished(process)[:4] == ["0", "10.0", "10.0", "10.0"]
+
+
+PARTS = """
+from typing import NamedTuple
+from numba.core import event
+from rths_cli.numerics.compiled import entry, kept_part
+
+class Foreign(NamedTuple):
+    value: float
+
+@kept_part
+def doubled(value):
+    return 2.0 * value[0]
+
+@entry
+def one(value):
+    return doubled(value)
+
+@entry
+def other(value):
+    return doubled(value) + 1.0
+
+class Names(event.Listener):
+    def on_start(self, begun):
+        told.append(begun.data["dispatcher"].py_func.__name__)
+    def on_end(self, ended):
+        pass
+
+told = []
+event.register("numba:compile", Names())
+"""
+
+
+@POSIX
+def test_a_kept_part_is_compiled_once_for_all_its_callers(tmp_path: Path) -> None:
+    """A class from outside may change where the folder's name does not: what holds it is compiled anew."""
+    (tmp_path / "parts.py").write_text(PARTS)
+
+    def told(call: str) -> list[str]:
+        code = f"import sys; sys.path.append({str(tmp_path)!r}); import parts; print(parts.{call}, *parts.told)"
+        with started(tmp_path, code) as process:
+            return finished(process)
+
+    assert told("one((4.0,))") == ["8.0", "one", "doubled"]
+    assert told("other((4.0,))") == ["9.0", "other"]
+    assert told("one((4.0,))") == ["8.0"]
+    for _ in range(2):
+        assert told("other(parts.Foreign(4.0))") == ["9.0", "other", "doubled"]
 
 
 def test_a_cache_that_cannot_be_made_is_no_fault_and_is_told(made: tuple[Path, list[str]], tmp_path: Path) -> None:

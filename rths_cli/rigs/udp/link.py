@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from rths_cli.numerics.clock import IntArray, monotonic_ns, sleep_until
-from rths_cli.numerics.compiled import borrowed, entry, external, part
+from rths_cli.numerics.compiled import borrowed, entry, external, kept_part, part
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.udp import packets
 from rths_cli.rigs.udp.late_command_trajectory import POINTS, Way, fresh_way, put_way, words_of
@@ -194,7 +194,7 @@ def converse(link: Link, kind: int, k: int, command_v: float, deadline_ns: int) 
     return FAULT if link.status[FAULTS] != 0 or link.status[STATE] != packets.ARMED else outcome
 
 
-@part
+@kept_part
 def exchange(link: Link, command_v: float, k: int, deadline_ns: int) -> int:
     """Send command k (the instant of the session's clock, counted from `arm`'s, step 0), take its samples in V.
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rths_cli.numerics.compiled import borrowed, entry, part, shared_part
+from rths_cli.numerics.compiled import borrowed, entry, kept_part, part, shared_part
 from rths_cli.numerics.lti import Array
 from rths_cli.numerics.tiled_products import ROWS, copied, product, product_of_squares, shifted
 from rths_cli.rigs.virtual.plant import Plant
@@ -290,7 +290,7 @@ def sense_directly(plant: Plant, s: PlantState) -> None:
         s.low[c] = value
 
 
-@part
+@kept_part
 def hold(plant: Plant, s: PlantState, command_v: float) -> None:
     """Queue a command, hold the one that is due for a sample interval and note the velocities at its middle."""
     shifted(s.queue)

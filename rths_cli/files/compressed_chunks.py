@@ -37,7 +37,24 @@ def write_chunks(node: DatasetID, data: NDArray[Any]) -> None:
         for start in range(0, data.shape[-1], length):
             part = data[row][start : start + length]
             whole = part if len(part) == length else np.pad(part, (0, length - len(part)))
-            node.write_direct_chunk((*row, start), deflated(whole))
+            put_chunk(node, (*row, start), deflated(whole))
+
+
+def put_chunk(node: DatasetID, place: tuple[int, ...], packed: bytes, mask: int = 0) -> None:
+    """Write a compressed chunk, whose first value has indices `place`; `mask`: filters that it did not pass."""
+    from h5py._objects import phil
+
+    with phil:  # before 3.16 h5py calls HDF5 here while another thread may be in it
+        node.write_direct_chunk(place, packed, mask)
+
+
+def chunk_at(node: DatasetID, place: tuple[int, ...]) -> tuple[int, bytes]:
+    """Return the mask of the filters that a chunk did not pass, and its compressed bytes."""
+    from h5py._objects import phil
+
+    with phil:
+        mask, packed = node.read_direct_chunk(place)
+    return mask, packed
 
 
 def deflated(values: NDArray[Any]) -> bytes:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rths_cli.files.compressed_chunks import LEVEL, chunk_length, write_chunks
+from rths_cli.files.compressed_chunks import LEVEL, chunk_at, chunk_length, put_chunk, write_chunks
 from rths_cli.files.hdf5_safety import walk
 from rths_cli.quantities import AXES, DatasetDeclaration, Interval, Source
 from rths_cli.quantities.declaration import ROUNDED_BITS
@@ -113,8 +113,8 @@ def add_copy(group: GroupID, name: str, like: DatasetID) -> DatasetID:
     node = h5d.create(group, name.encode(), like.get_type(), like.get_space(), like.get_create_plist())
     for i in range(like.get_num_chunks()):
         place = like.get_chunk_info(i).chunk_offset
-        mask, packed = like.read_direct_chunk(place)
-        node.write_direct_chunk(place, packed, mask)
+        mask, packed = chunk_at(like, place)
+        put_chunk(node, place, packed, mask)
     return node
 
 

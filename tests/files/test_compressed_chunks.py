@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import zlib
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+from h5py._objects import phil
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from rths_cli.files.compressed_chunks import LONGEST, chunk_length, deflated
+from rths_cli.files.compressed_chunks import LONGEST, chunk_at, chunk_length, deflated, put_chunk, write_chunks
 from rths_cli.files.hdf5 import add_dataset
 
 RANDOM = np.random.default_rng(5)
@@ -66,3 +68,44 @@ def test_rows_are_divided_evenly(samples: int) -> None:
     chunks = -(-samples // length)
     assert length <= LONGEST and chunks == -(-samples // LONGEST)
     assert chunks * length - samples < chunks  # padded values
+
+
+def is_free() -> bool:
+    """Return whether this thread may call HDF5 now."""
+    got = bool(phil.acquire(False))
+    if got:
+        phil.release()
+    return got
+
+
+class Watched:
+    """A dataset that notes whether another thread could have called HDF5 during each of its calls."""
+
+    def __init__(self, of: h5py.h5d.DatasetID) -> None:
+        self.of, self.lock_was_free = of, list[bool]()
+
+    def _look(self) -> None:
+        with ThreadPoolExecutor(1) as other:
+            self.lock_was_free.append(other.submit(is_free).result())
+
+    def write_direct_chunk(self, *told: object) -> None:
+        self._look()
+        self.of.write_direct_chunk(*told)
+
+    def read_direct_chunk(self, *told: object) -> tuple[int, bytes]:
+        self._look()
+        mask, packed = self.of.read_direct_chunk(*told)
+        return mask, packed
+
+
+def test_no_other_thread_is_in_hdf5_while_chunks_are_written_or_read(tmp_path: Path) -> None:
+    """HDF5 is no library for threads: h5py calls it under one lock, but for chunks only since 3.16."""
+    values = np.sin(TIME)
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        add_dataset(file.id, "values", values)
+        node = Watched(file["values"].id)
+        mask, packed = chunk_at(node, (0,))
+        put_chunk(node, (0,), packed, mask)
+        write_chunks(node, values)
+        assert file["values"][()].tobytes() == values.tobytes()
+    assert len(node.lock_was_free) > 3 and not any(node.lock_was_free)

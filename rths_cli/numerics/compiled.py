@@ -131,7 +131,18 @@ def entry(function: Callable[..., Any]) -> Entry:
 
 def part(function: F) -> F:
     """Compile a function into its compiled callers."""
-    return numba.njit(**PART)(function)
+    return _without_constants(numba.njit(**PART)(function))
+
+
+def _without_constants(made: F) -> F:
+    """Have a call with constants use the code for variables: numba would compile the function for both."""
+    compile_or_load = made.compile  # type: ignore[attr-defined]
+
+    def compile_for_variables(signature: tuple[Any, ...]) -> Any:
+        return compile_or_load(tuple(map(types.unliteral, signature)))
+
+    made.compile = compile_for_variables  # type: ignore[attr-defined]
+    return made
 
 
 def kept_part(function: F) -> F:
@@ -154,12 +165,12 @@ def kept_part(function: F) -> F:
         return kept.overloads[signature].entry_point
 
     kept.compile = compile_locked
-    return kept  # type: ignore[no-any-return]
+    return _without_constants(kept)  # type: ignore[no-any-return]
 
 
 def shared_part(function: F) -> F:
     """Compile a function once for all its compiled callers: a large one, outside of the step."""
-    return numba.njit(error_model="numpy", **ONLY_CALLED_BY_COMPILED_CODE)(function)
+    return _without_constants(numba.njit(error_model="numpy", **ONLY_CALLED_BY_COMPILED_CODE)(function))
 
 
 def part_class(made: Class) -> Class:

@@ -11,7 +11,7 @@ import pytest
 
 from rths_cli.case.case_schema import Case
 from rths_cli.case.load import load_cases, resolved_yaml
-from rths_cli.case.named_files import shipped
+from rths_cli.case.shipped_files import shipped
 from rths_cli.errors import InputError
 
 SHIPPED = sorted(path.stem for path in shipped("cases").glob("*.yaml"))

@@ -146,8 +146,10 @@ def draw_rows(
     ratios: Sequence[float] = (2.2, 1.0),
     about: str = "",
     legend: bool = True,
+    left_out: str = "",
 ) -> Figure:
-    """Draw panels in rows of two, or below each other in a single column; `about` is added to the heading."""
+    """Draw panels in rows of two, or below each other in a single column; `about` is added to the heading, and what is
+    `left_out` to the legend."""
     panels = [panel for row in rows for panel in row]
     stacked = width == "one" or len(panels) == 1
     count = len(panels) if stacked else len(rows)
@@ -165,7 +167,7 @@ def draw_rows(
             ax.set_xlabel(SECONDS)
     figure.align_ylabels()
     if legend:
-        legend_below(figure, [line.look for panel in panels for line in panel.lines])
+        legend_below(figure, [*(line.look for panel in panels for line in panel.lines), Look(left_out, "none")])
     return figure
 
 

@@ -50,7 +50,7 @@ def answer(result: Result, width: int = WIDEST, whole: bool = False) -> str:
     for table in tables:
         lines += ["", *table]
     told = [sentence for sentence in (base_shear(result), fidelity(result)) if sentence]
-    lines += ["", *_wrapped(" ".join(told), width)] if told else []
+    lines += ["", *(line for sentence in told for line in _wrapped(sentence, width))] if told else []
     last = _wrapped(_next(result), width)
     room = MOST_LINES - len(lines) - len(last)
     return "\n".join([*lines, *_told_notes([result], width, room, whole), *last]) + "\n"

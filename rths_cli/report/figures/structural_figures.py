@@ -183,7 +183,7 @@ def _profile(ax: Axes, one: Profile, level: Array) -> None:
         if one.ground is not None:
             x, y = np.concatenate([[one.ground], values]), level
         marker = SHAPES[run] if len(level) <= MARKED_FLOORS else ""
-        ax.plot(x, y, marker=marker, ms=2.5, mfc="white", label=look.label, **look.line())
+        ax.plot(x, y, marker=marker, ms=2.5, mfc="white", label=look.label, clip_on=False, **look.line())
     if one.from_zero:
         ax.set_xlim(left=0.0)
 

@@ -49,7 +49,10 @@ def answer(result: Result, width: int = WIDEST, whole: bool = False) -> str:
         lines += _wrapped("Storeys and base shear below are computed (SIM): no hybrid test was completed.", width)
     for table in tables:
         lines += ["", *table]
-    told = [sentence for sentence in (base_shear(result), fidelity(result)) if sentence]
+    diverged = (
+        f"{_diverged(result)}." if grade(result) is None and _diverged(result) else ""
+    )  # else the verdict says it
+    told = [sentence for sentence in (base_shear(result), fidelity(result), diverged) if sentence]
     lines += ["", *(line for sentence in told for line in _wrapped(sentence, width))] if told else []
     last = _wrapped(_next(result), width)
     room = MOST_LINES - len(lines) - len(last)
@@ -413,7 +416,7 @@ def _errors(result: Result, storeys: Sequence[int]) -> Iterator[Column]:
         ("exp_rths.nrmse_percent", "EXP-RTHS", "% of SIM", 1.0),
         ("sim_delay.rms_error_m_s2", "SIM-DELAY", "mm/s^2", 1e3),
     ):
-        if path in result.metrics:
+        if path in result.metrics and np.isfinite(np.asarray(result.metrics[path], dtype=float)).any():
             yield Column(ERROR, name, unit, _cells(result.metrics[path], storeys, factor))
 
 

@@ -342,6 +342,15 @@ def test_a_diverged_sim_delay_and_another_band_are_told(tmp_path: Path) -> None:
     assert told.endswith("; SIM-DELAY diverged at 1.23 s and is not compared. Limits: good 2 %, usable 5 %.")
 
 
+def test_a_refused_test_tells_of_a_diverged_sim_delay_and_has_no_column_of_dashes(tmp_path: Path) -> None:
+    values = {"sim.peak_abs_accel_m_s2": np.ones(3), "sim_delay.rms_error_m_s2": np.full(3, np.nan)}
+    refused = {"exp_rths_status": "refused", "exp_rths_status_reason": "unsafe: margin"}
+    path = written(tmp_path / "a.h5", values | {"sim_delay.diverged_at_s": 1.234}, **refused)
+    lines = answer(read_result(path), 80).splitlines()
+    assert "SIM-DELAY diverged at 1.23 s and is not compared." in lines
+    assert any("abs. accel" in line for line in lines) and "RMS error of acceleration" not in str(lines)
+
+
 def test_effective_delay_and_gain_stand_below_the_errors(tmp_path: Path) -> None:
     values = figures() | {
         "exp_rths.fei_delay_s": 1.25e-4,

@@ -127,10 +127,14 @@ def heading(source: Source, width: str, about: str = "") -> list[str]:
     case = f"{known.get('case_name', source.result.path.stem)}, method {known.get('method', 'unknown')}"
     lines = ["; ".join(filter(None, (case, table, scale_words(source.result), about)))]
     if not source.complete:
-        lines.append(f"{known.get('status', 'unfinished')}: {known.get('status_reason', '')}".rstrip(": "))
+        reason = str(known.get("status_reason", "")).removeprefix("EXP-RTHS refused, ")
+        lines.append(f"{known.get('status', 'unfinished')}: {reason}".rstrip(": "))
     long = HEADING_CHARACTERS[width]
-    wrapped = [part for line in lines for part in textwrap.wrap(line, long)]
-    return [*wrapped[: HEADING_LINES - 1], *(["..."] if len(wrapped) > HEADING_LINES else wrapped[HEADING_LINES - 1 :])]
+    first, *rest = lines
+    wrapped = textwrap.wrap(first, long)
+    for line in rest:
+        wrapped += textwrap.wrap(line, long, max_lines=max(HEADING_LINES - len(wrapped), 1), placeholder=" ...")
+    return wrapped
 
 
 def lettered(titles: Iterable[str]) -> Iterator[str]:

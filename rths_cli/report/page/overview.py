@@ -17,8 +17,8 @@ from rths_cli.report.page.html import Html, classed, details, element, join, tab
 from rths_cli.report.page.summary import BAD, GOOD, OPEN, name_of
 
 MOST_RESULTS_UNFOLDED = 1
-WIDE, HIGH, GROUND = 240.0, 330.0, 314.0  # of the sketch, and where its ground is, in px
-LEFT, RIGHT = 20.0, 115.0  # its columns
+WIDE, HIGH, GROUND = 264.0, 330.0, 314.0  # of the sketch, and where its ground is, in px
+LEFT, RIGHT = 20.0, 105.0  # its columns
 ROOM = 12.0  # between two labels of floors, at least
 LETTER = 6.2  # width of one
 

@@ -130,6 +130,12 @@ def test_two_cases_may_not_have_one_name(write) -> None:
     assert len(load_cases([write(), write("name: b\n", name="sub/a.yaml")])) == 2
 
 
+def test_a_shipped_case_is_named_as_it_is_typed(tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=r"^el_centro_low_ff: name: the case is given twice; name it once$"):
+        load_cases(["el_centro_low_ff", "el_centro_low_ff"])
+
+
 def test_an_unknown_level_lists_the_levels(faults_of, write) -> None:
     text = "structure: three_storey\ndamping: medium\nrecord: el_centro\nscaling: 1\ncontroller: none\n"
     assert faults_of(text=text) == (

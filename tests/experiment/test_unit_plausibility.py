@@ -111,6 +111,12 @@ def test_masses_in_grams_are_asked_about_where_the_table_cannot_carry_them(tmp_p
         assert advice in str(caught.value)
 
 
+def test_a_refusal_names_a_shipped_case_as_it_is_typed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=r"^el_centro_low_ff(:\d+:\d+)?: structure: the specimen weighs 13\.86 kg"):
+        setup_of("el_centro_low_ff", "table.nominal.payload_kg=1")
+
+
 @pytest.mark.parametrize(
     "settings",
     [

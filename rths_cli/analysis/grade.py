@@ -11,6 +11,9 @@ from numpy.typing import ArrayLike
 
 GOOD, USABLE, POOR = "good", "usable", "poor"
 BUDGET = "budget.rms_error_{}_m_s2"
+PREDICTED = "check.rms_error_{}_m_s2"
+OF_SAMPLES = ("noise", "quantisation")  # causes that are predicted alone
+WITH_SAMPLES = ("specimen", "rest")  # measured causes that hold them
 LIMITING = 0.5  # smallest share of the squared error of a cause that is named alone
 
 
@@ -77,12 +80,25 @@ def _ratios(values: Mapping[str, ArrayLike]) -> np.ndarray | None:
 
 
 def _cause(values: Mapping[str, ArrayLike], storey: int) -> str:
-    """Return the name of the cause with at least LIMITING of the squares of a storey's errors, "" without one."""
+    """Return the name of the cause with at least LIMITING of the squares of a storey's errors, "" without one.
+
+    What the budget measures as the specimen's and as the rest holds the noise and the rounding of the samples. Where
+    the check predicted at least LIMITING of it from these two, the larger one is the cause.
+    """
     first, last = BUDGET.split("{}")
     squares = {
-        path.removeprefix(first).removesuffix(last): float(np.atleast_1d(np.asarray(value, dtype=float))[storey]) ** 2
+        path.removeprefix(first).removesuffix(last): _square(value, storey)
         for path, value in values.items()
         if path.startswith(first) and path.endswith(last)
     }
     name = max(squares, key=squares.__getitem__, default="")
-    return name if name and squares[name] >= LIMITING * sum(squares.values()) > 0.0 else ""
+    if not name or not squares[name] >= LIMITING * sum(squares.values()) > 0.0:
+        return ""
+    expected = {cause: _square(values.get(PREDICTED.format(cause), 0.0), storey) for cause in OF_SAMPLES}
+    holds_them = name in WITH_SAMPLES and sum(expected.values()) >= LIMITING * squares[name]
+    return max(expected, key=expected.__getitem__) if holds_them else name
+
+
+def _square(value: ArrayLike, storey: int) -> float:
+    values = np.atleast_1d(np.asarray(value, dtype=float))
+    return float(values[min(storey, values.size - 1)]) ** 2

@@ -15,7 +15,7 @@ from rths_cli.case.advice import with_advice
 from rths_cli.case.case_schema import Case, CaseKeys
 from rths_cli.case.file_kinds import is_record, kind_of, kind_of_tree, no_case, written_by_rths
 from rths_cli.case.json_schema import schema
-from rths_cli.case.named_files import find, is_bare, known, shipped
+from rths_cli.case.named_files import find, is_bare, known
 from rths_cli.case.reference_schema import ReferenceSpec
 from rths_cli.case.resolve import (
     NOTHING_TYPED,
@@ -28,6 +28,7 @@ from rths_cli.case.resolve import (
 )
 from rths_cli.case.rig_schema import AnyRig, RigSpec
 from rths_cli.case.scale_schema import ScaleSpec
+from rths_cli.case.shipped_files import shipped
 from rths_cli.case.structure_schema import DampingSpec, StructureSpec
 from rths_cli.case.study_schema import StudyKeys
 from rths_cli.case.yaml_reader import dump, parse, read_file
@@ -374,7 +375,10 @@ def _repeated_names(cases: Sequence[Case]) -> list[Fault]:
     faults = []
     for case in cases:
         if case.name in first:
-            message = f"{case.name!r} is also the name of {display(first[case.name])}; give each case its own name"
+            if (other := first[case.name]) == case.path:
+                message = "the case is given twice; name it once"
+            else:
+                message = f"{case.name!r} is also the name of {display(other)}; give each case its own name"
             faults.append(Fault(Mark(Source(display(case.path), case.path.parent)), "name", message))
         first.setdefault(case.name, case.path)
     return faults

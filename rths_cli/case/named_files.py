@@ -9,32 +9,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from rths_cli.case.file_kinds import is_record, kind_of, no_case
+from rths_cli.case.shipped_files import FOLDERS, shipped
 from rths_cli.errors import InputError
 
 YAML = (".yaml", ".yml")
 RECORD = (".csv", ".at2", ".AT2", ".txt", ".dat")
-FOLDERS = {
-    "cases": "configs",
-    "structures": "configs/structures",
-    "rigs": "configs/rigs",
-    "references": "configs/references",
-    "records": "records",
-}
-
-
-def shipped(kind: str) -> Path:
-    """Return the folder of the shipped files of a kind (a key of FOLDERS).
-
-    It lies in the installed package, or in the source tree the package is used from.
-    """
-    package = Path(__file__).resolve().parents[1]
-    installed = package / "shipped"
-    return (installed if installed.is_dir() else package.parent) / FOLDERS[kind]
-
-
-def is_shipped(path: Path) -> bool:
-    """Return whether a file is one of the shipped ones."""
-    return path.resolve().parent in [shipped(kind).resolve() for kind in FOLDERS]
 
 
 def suffixes(kind: str) -> tuple[str, ...]:

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from rths_cli.case.shipped_files import is_shipped
+
 
 @dataclass(frozen=True)
 class Source:
@@ -88,9 +90,12 @@ def join(path: str, key: str | int) -> str:
 
 
 def display(path: Path) -> str:
-    """Return a path as faults show it: relative to the current folder when it lies below it."""
+    """Return a path as faults show it: relative to the current folder when it lies below it, the name of a shipped file
+    elsewhere."""
     relative = os.path.relpath(path)
-    return printable(str(path.absolute()) if relative.startswith("..") else relative)
+    if not relative.startswith(".."):
+        return printable(relative)
+    return printable(path.stem if is_shipped(path) else str(path.absolute()))
 
 
 def printable(text: str) -> str:

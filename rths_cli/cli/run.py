@@ -50,7 +50,9 @@ class Wanted(NamedTuple):
     show_default=True,
     help="Time series that the result keeps: essential are those of most figures, in single precision.",
 )
-@click.option("--full", is_flag=True, help="Print every figure before the answer, as rths report does.")
+@click.option(
+    "--full", is_flag=True, help="Print every figure before the answer, as rths report does, and all notes whole."
+)
 @click.option("--quiet", count=True, help="Show no progress, and one line per case; given twice, only what went wrong.")
 @click.option("--junit", type=FILE, metavar="FILE", help="Write JUnit XML: one test per accept limit.")
 @click.option("--from", "sweep", type=FILE, metavar="SWEEP", help="Run one row of a finished sweep instead of cases.")
@@ -80,7 +82,7 @@ def run(
     settings: tuple[str, ...],
     as_json: bool,
 ) -> int:
-    """Run cases and print the answer; one result file per case. Cases with a reference have its tables, too.
+    """Run cases and print the answer; one result file per case. One case with a reference has its tables, too.
 
     Example: rths run el_centro_low_ff_fb --set scaling=0.2
     """
@@ -171,14 +173,14 @@ def _show_results(ended: Sequence[Ended], as_json: bool, junit: Path | None, wan
 
 
 def _print(results: Sequence[Result], wanted: Wanted) -> None:
-    """Print the tables of cases with a reference, or of all; then the answer, where it stays on the screen."""
+    """Print the tables of one case with a reference, or of all; then the answer, where it stays on the screen."""
     from rths_cli.report.answer import answers, one_line
-    from rths_cli.report.result_tables import has_reference, tables
+    from rths_cli.report.result_tables import of_one_case, tables
 
     if wanted.quiet:
         click.echo("".join(f"{one_line(result)}\n" for result in results if wanted.quiet == 1), nl=False)
         return
-    tabled = [result for result in results if wanted.full or has_reference(result)]
+    tabled = results if wanted.full else of_one_case(results)
     if tabled:
         show_page(lambda: f"{tables(tabled, brief=not wanted.full)}\n")
-    show_page(lambda: answers(results, page_width()))
+    show_page(lambda: answers(results, page_width(), whole=wanted.full))

@@ -141,19 +141,15 @@ def check_cases(
     memory: Memory | None = None,
     parts: OwnParts | None = None,
     samples: OwnSamples = (),
-    warn: Progress = lambda _: None,
 ) -> list[Checked]:
     """Return the verdict on each case; all cases and model files are read before the first one is judged.
 
-    `warn` receives doubts on units before anything is identified; they are warnings of the result, too. `memory`:
-    identifications to use; None: a new memory with the cache of virtual rigs. Raises InputError with all faults of the
-    cases.
+    `memory`: identifications to use; None: a new memory with the cache of virtual rigs. Raises InputError with all
+    faults of the cases.
     """
     memory = memory or Memory(Cache())
     setups = make_setups(cases, overrides, parts=parts, samples=samples)
     for setup in setups:
-        for doubt in unit_doubts(setup):
-            warn(doubt)
         memory.prepare(setup)
     return [check_case(setup, memory, progress) for setup in setups]
 

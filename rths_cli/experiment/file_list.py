@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from rths_cli.case.load import load_cases, load_reference, load_rig, load_structure
-from rths_cli.case.named_files import is_shipped, known_files
+from rths_cli.case.named_files import known_files
+from rths_cli.case.shipped_files import is_shipped
 from rths_cli.case.yaml_tree import display
 from rths_cli.errors import InputError
 
@@ -35,13 +35,13 @@ def list_files(kind: str) -> list[Listed]:
 
 def _listed(kind: str, name: str, path: Path) -> Listed:
     own = not is_shipped(path)
+    where = display(path) if own else str(path)
     try:
-        description, details = DESCRIBED[kind](Path(display(path)) if own else path)
+        description, details = DESCRIBED[kind](Path(where))
     except InputError as error:
         more = f" (and {len(error.faults) - 1} more)" if len(error.faults) > 1 else ""
-        fault = error.faults[0] if own else error.faults[0].replace(f"{path.parent}{os.sep}", "")
-        return Listed(name, display(path), own, f"cannot be used: {fault}{more}", {})
-    return Listed(name, display(path), own, description, details)
+        return Listed(name, where, own, f"cannot be used: {error.faults[0]}{more}", {})
+    return Listed(name, where, own, description, details)
 
 
 def _case(path: Path) -> tuple[str, Details]:

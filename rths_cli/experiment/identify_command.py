@@ -75,9 +75,9 @@ def make_model(
     """Identify as asked and write the model file, also for a rejected model: the file states the verdict.
 
     `permit` is called before a rig is excited and refuses by raising InputError; before that, `warn` receives doubts on
-    units, which precede the warnings of the model, or the reasons why there is none. Case, excitation and output files
-    are checked before a rig moves. Raises InputError if the case, the data or an output file cannot be used, LimitError
-    or RigError if the excitation was stopped.
+    units if a real rig is to be excited. They precede the warnings of the model, or the reasons why there is none.
+    Case, excitation and output files are checked before a rig moves. Raises InputError if the case, the data or an
+    output file cannot be used, LimitError or RigError if the excitation was stopped.
     """
     setup = make_setup(load_cases([asked.case], asked.settings)[0])
     outputs = _outputs(asked, setup)
@@ -85,7 +85,7 @@ def make_model(
     planned = None if asked.data else plan(setup)
     present = check_outputs(outputs, _inputs(asked, setup), asked.replace)
     doubts = specimen_doubts(setup)
-    for doubt in doubts:
+    for doubt in doubts if setup.rig.can.moves_hardware and not asked.data else ():
         warn(doubt)
     if not asked.data:
         permit(setup)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.case.resolve import expand_case
+from rths_cli.case.shipped_files import is_shipped
 from rths_cli.case.yaml_reader import parse
 from rths_cli.case.yaml_tree import Source
 from rths_cli.control.storeys_with_laws import computed_storeys
@@ -204,8 +205,8 @@ def _accept_faults(case: Case) -> list[str]:
 
 
 def shown(path: Path) -> str:
-    """Return a path as a user would type it here."""
+    """Return a path as a user would type it here: of a shipped file elsewhere, its name."""
     try:
         return str(path.resolve().relative_to(Path.cwd()))
     except ValueError:
-        return str(path)
+        return path.stem if is_shipped(path) else str(path)

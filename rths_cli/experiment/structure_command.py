@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rths_cli.case.load import load_structure
-from rths_cli.case.named_files import is_shipped
+from rths_cli.case.shipped_files import is_shipped
 from rths_cli.case.structure_schema import DampingSpec, StructureSpec
 from rths_cli.case.yaml_tree import display
 from rths_cli.errors import InputError
@@ -103,6 +103,7 @@ def inspect_structure(name: str) -> Inspected:
     spec, damping, path, scale = load_structure(name)
     try:
         found = interruptible(lambda: _inspected(spec, damping, "" if is_shipped(path) else display(path)))
+        found = replace(found, warnings=tuple(f"{display(path)}: {doubt}" for doubt in found.warnings))
         return found if scale is None else replace(found, scale=similitude_of(scale))
     except InputError as error:
         raise InputError(*(f"{display(path)}: {fault}" for fault in error.faults)) from error

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rths_cli.experiment.setup import placed
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.numerics.lti import Array
 from rths_cli.structure import Building, mode_shapes, storey_values
@@ -24,41 +25,52 @@ SMALLEST_PEAK_M_S2 = 0.5  # of a record that is scaled down further
 
 
 def unit_doubts(setup: Setup) -> tuple[str, ...]:
-    """Return a sentence for each doubt on the units of a case: building, specimen on its table, record."""
-    return (*specimen_doubts(setup), *_record_doubts(setup))
+    """Return a sentence for each doubt on the units of a case: building, specimen on its table, record.
+
+    Each begins with file and line of the key in doubt.
+    """
+    return (*specimen_doubts(setup), *(placed(setup.case, doubt) for doubt in _record_doubts(setup)))
 
 
 def specimen_doubts(setup: Setup) -> tuple[str, ...]:
-    """Return a sentence for each doubt on the units of a building and of its specimen on the case's table."""
+    """Return a sentence for each doubt on the units of a building and of its specimen on the case's table, with file
+    and line of the key."""
+    return tuple(placed(setup.case, f"structure.{doubt}") for doubt in _specimen_doubts(setup))
+
+
+def _specimen_doubts(setup: Setup) -> tuple[str, ...]:
     found = building_doubts(setup.building)
     weight = float(setup.building.specimen.masses_kg.sum()) + setup.building.interface_experimental_mass_kg
     payload = setup.case.table.nominal.payload_kg
     if found or weight >= LIGHTEST_SPECIMEN * payload:
         return found
     share = f"{100.0 * weight / payload:.2g} % of what rig {setup.case.table.name} carries"
-    return (f"the specimen weighs {weight:.3g} kg, {share}: are masses_kg in kg?",)
+    return (f"experimental.masses_kg: the specimen weighs {weight:.3g} kg, {share}: are they in kg?",)
 
 
 def building_doubts(building: Building) -> tuple[str, ...]:
-    """Return a sentence for each doubt on the units of a building, () if its masses and stiffnesses are plausible."""
+    """Return a sentence for each doubt on the units of a building, () if its masses and stiffnesses are plausible.
+
+    Each begins with the key in a structure file.
+    """
     drift = drift_under_1_g(building)
     worst = int(np.argmax(drift))
     if drift[worst] > LARGEST_DRIFT_M:
         part = "numerical" if worst < len(building.numerical.masses_kg) else "experimental"
         return (
-            f"first mode {_first_hz(building):.2g} Hz (under 1 g sideways storey {worst + 1}, {part}, would drift "
-            f"{drift[worst]:.3g} m): are stiffness_n_per_m in N/m and masses_kg in kg?",
+            f"{part}.stiffness_n_per_m: first mode {_first_hz(building):.2g} Hz (under 1 g sideways storey "
+            f"{worst + 1} would drift {drift[worst]:.3g} m): is it in N/m, and masses_kg in kg?",
         )
     if drift[worst] < SMALLEST_DRIFT_M:
         return (
-            f"first mode {_first_hz(building):.2g} Hz (under 1 g sideways no storey would drift more than "
-            f"{1e3 * drift[worst]:.2g} mm): are masses_kg in kg and stiffness_n_per_m in N/m?",
+            f"numerical.masses_kg: first mode {_first_hz(building):.2g} Hz (under 1 g sideways no storey would drift "
+            f"more than {1e3 * drift[worst]:.2g} mm): are they in kg, and stiffness_n_per_m in N/m?",
         )
     numerical, experimental = np.diag(building.M)[: len(building.numerical.masses_kg)], building.specimen.masses_kg
     if numerical.max() < LIGHTEST_FLOOR * experimental.mean():
         return (
-            f"numerical floors of at most {numerical.max():.3g} kg carry experimental ones of "
-            f"{experimental.mean():.3g} kg: are masses_kg in kg in both parts?",
+            f"numerical.masses_kg: floors of at most {numerical.max():.3g} kg carry experimental ones of "
+            f"{experimental.mean():.3g} kg: are they in kg in both parts?",
         )
     return ()
 
@@ -79,7 +91,7 @@ def _record_doubts(setup: Setup) -> tuple[str, ...]:
     """Return a sentence if the record is stronger than any, or is weak and scaled down further."""
     scaling = setup.case.scaling
     peak = float(np.abs(setup.motion.accel_m_s2).max()) / scaling
-    size = f"record {setup.case.record.name} peaks at {peak:.3g} m/s^2 ({peak / STANDARD_GRAVITY_M_S2:.2g} g)"
+    size = f"record: {setup.case.record.name} peaks at {peak:.3g} m/s^2 ({peak / STANDARD_GRAVITY_M_S2:.2g} g)"
     if peak > LARGEST_PEAK_M_S2:
         return (f"{size} before scaling: is its unit right (m/s^2, cm/s^2, g)?",)
     if peak < SMALLEST_PEAK_M_S2 and scaling < 1.0:

@@ -4,9 +4,12 @@ is and what to do next."""
 from __future__ import annotations
 
 import math
+import re
 import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
+from itertools import groupby
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,15 +24,22 @@ from rths_cli.report.results_by_case import TABLE_RUNS
 
 MOST_STOREYS = 5  # of which all are shown; of taller buildings the three that drift most, and the roof
 WIDEST, NARROW = 100, 60  # columns
-LABEL, COLUMN, WIDE_COLUMN = 13, 11, 12
-NAMES = {"exp_rths": "(EXP-RTHS)", "sim": "(SIM)"}  # whose response is shown: the first that there is
+COLUMN = 11  # at most, where all columns fit; at least as wide as its words
+MOST_LINES, MOST_LINES_OF_SEVERAL = 25, 40  # of an answer, before its notes are shortened
+LEAST_LINES_OF_NOTES = 4
+MOST_NAMES = 3  # of cases before a note
+OFF_PEAK = 0.10  # of SIM's: a peak of EXP-RTHS that is farther off is told
+NAMES = {"exp_rths": "EXP-RTHS", "sim": "SIM"}  # whose response is shown: the first that there is
 RESPONSES = tuple(NAMES)
 USUAL = asdict(GradeLimits())
 IF_DECLARED = "if sensors and masses are as declared"
 
 
-def answer(result: Result, width: int = WIDEST) -> str:
-    """Return the answer of one result as text, some ten lines of at most `width` columns."""
+def answer(result: Result, width: int = WIDEST, whole: bool = False) -> str:
+    """Return the answer of one result as text, some fifteen lines of at most `width` columns.
+
+    `whole`: every note as it is stored, however long the answer becomes.
+    """
     width = min(max(width, NARROW), WIDEST)
     head = f"{result.attributes.get('case_name') or result.path.stem}: {about(result)}"
     lines = [*_wrapped(head, width), *_wrapped(verdict(result), width)]
@@ -39,29 +49,119 @@ def answer(result: Result, width: int = WIDEST) -> str:
         lines += _wrapped("Storeys and base shear below are computed (SIM): no hybrid test was completed.", width)
     for table in tables:
         lines += ["", *table]
-    told = [sentence for sentence in (base_shear(result), fidelity(result)) if sentence]
+    diverged = (
+        f"{_diverged(result)}." if grade(result) is None and _diverged(result) else ""
+    )  # else the verdict says it
+    told = [sentence for sentence in (base_shear(result), fidelity(result), diverged) if sentence]
     lines += ["", *(line for sentence in told for line in _wrapped(sentence, width))] if told else []
-    lines += [line for note in notes([result]) for line in _wrapped(f"note: {note}", width)]
-    return "\n".join([*lines, *_wrapped(_next(result), width)]) + "\n"
+    last = _wrapped(_next(result), width)
+    room = MOST_LINES - len(lines) - len(last)
+    return "\n".join([*lines, *_told_notes([result], width, room, whole), *last]) + "\n"
 
 
-def answers(results: Sequence[Result], width: int = WIDEST) -> str:
-    """Return the answer of one result, or the comparison of several: a row for each."""
+def answers(results: Sequence[Result], width: int = WIDEST, whole: bool = False) -> str:
+    """Return the answer of one result, or the comparison of several: a row for each. `whole` as for one."""
     if len(results) == 1:
-        return answer(results[0], width)
-    return "\n".join(_comparison(results, min(max(width, NARROW), WIDEST))) + "\n" if results else ""
+        return answer(results[0], width, whole)
+    return "\n".join(_comparison(results, min(max(width, NARROW), WIDEST), whole)) + "\n" if results else ""
 
 
-def notes(results: Sequence[Result]) -> list[str]:
-    """Return the notes of results, each once, with the cases that it is of unless it is of all; none that a verdict
-    has said already."""
+class Note(NamedTuple):
+    """A note with the cases that it is of, none if of all."""
+
+    text: str
+    cases: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        return f"{', '.join(self.cases)}: {self.text}" if self.cases else self.text
+
+
+def notes(results: Sequence[Result]) -> list[Note]:
+    """Return the notes of results, each once, those that each case has first before those that it has second; none
+    that a verdict has said already."""
     cases: dict[str, list[str]] = {}
+    place: dict[str, int] = {}
     for result in results:
         said = verdict(result)
-        for note in dict.fromkeys(str(result.attributes.get("warnings") or "").splitlines()):
-            if note not in said:
-                cases.setdefault(note, []).append(result.path.stem)
-    return [note if len(of) == len(results) else f"{', '.join(of)}: {note}" for note, of in cases.items()]
+        stored = dict.fromkeys([*_peaks_off(result), *str(result.attributes.get("warnings") or "").splitlines()])
+        for number, note in enumerate(note for note in stored if note not in said):
+            cases.setdefault(note, []).append(result.path.stem)
+            place[note] = min(number, place.get(note, number))
+    ranked = sorted(cases, key=place.__getitem__)
+    return [Note(note, () if len(cases[note]) == len(results) else tuple(cases[note])) for note in ranked]
+
+
+FIGURE = re.compile(r"[-+]?\d[\d.]*(?:e[-+]?\d+)?")
+
+
+def _alike(all_of: Sequence[Note], count: int) -> list[str]:
+    """Return notes that differ in nothing but figures as one, with the figures of its first case; `count` cases."""
+    grouped: dict[str, list[Note]] = {}
+    for note in all_of:
+        grouped.setdefault(FIGURE.sub("#", note.text), []).append(note)
+    return [_of_cases(group, count) for group in grouped.values()]
+
+
+def _of_cases(group: Sequence[Note], count: int) -> str:
+    first, names = group[0], list(dict.fromkeys(name for note in group for name in note.cases))
+    if not names:
+        return first.text
+    of = "all" if len(names) == count else ", ".join(names[:MOST_NAMES])
+    if of != "all" and len(names) > MOST_NAMES:
+        of += f" and {len(names) - MOST_NAMES} more"
+    return f"{of}: {first.text}" if len(group) == 1 else f"{of} (figures of {first.cases[0]}): {first.text}"
+
+
+def _told_notes(results: Sequence[Result], width: int, room: int, whole: bool) -> list[str]:
+    """Return the lines of the notes: alike ones of several cases as one; where they need more than `room` lines, the
+    beginning of each in one line, of as many as there is room for, which is said. `whole`: each note as it is."""
+    found = notes(results)
+    told = [str(note) for note in found] if whole else _alike(found, len(results))
+    lines = [_wrapped(f"note: {note}", width) for note in told]
+    room = max(room, LEAST_LINES_OF_NOTES)
+    if not whole and sum(map(len, lines)) > room:
+        begun = (textwrap.shorten(f"note: {note.split('; ')[0]}", width, placeholder=" ...") for note in told)
+        lines = [[line] for line in begun][: room - 1]
+        left = len(told) - len(lines)
+        more = f", {left} more left out" if left else ""
+        lines.append(_wrapped(f"(notes shortened{more}; rths run --full prints them whole)", width))
+    return [line for note in lines for line in note]
+
+
+def _peaks_off(result: Result) -> list[str]:
+    """Return a sentence if peaks of EXP-RTHS are far from SIM's although its error is small: they hold what the test
+    band leaves out, as the noise of the sensors."""
+    found = grade(result)
+    if found is None or found.percent > grade_limits(result).usable_percent:
+        return []
+    off = []
+    for name, (what, unit, factor) in PEAKS.items():
+        pair = [result.metrics.get(f"{run}.{name}") for run in ("exp_rths", "sim")]
+        if pair[0] is None or pair[1] is None:
+            continue
+        tested, exact = (np.atleast_1d(np.asarray(values, dtype=float)) for values in pair)
+        if tested.shape != exact.shape:
+            continue
+        share = np.abs(tested / np.where(exact > 0.0, exact, np.nan) - 1.0)
+        if np.isfinite(share).any() and float(np.nanmax(share)) > OFF_PEAK:
+            worst = int(np.nanargmax(share))
+            where = f" of storey {worst + 1}" if share.size > 1 else ""
+            has, should = (f"{three(factor * float(values[worst]))} {unit}" for values in (tested, exact))
+            off.append(f"{what}{where} {has}, in SIM {should}")
+    if not off:
+        return []
+    return [
+        f"peaks of EXP-RTHS are more than {100.0 * OFF_PEAK:g} % off: {', '.join(off)}; errors are judged in the test "
+        "band and peaks are not, so noise of sensors and converters is in them: use SIM's, or finer converters"
+    ]
+
+
+PEAKS = {
+    "peak_abs_accel_m_s2": ("acceleration", "m/s^2", 1.0),
+    "peak_rel_disp_m": ("displacement", "mm", 1e3),
+    "peak_inter_storey_drift_m": ("drift", "mm", 1e3),
+    "peak_building_base_shear_n": ("base shear", "N", 1.0),
+}
 
 
 def one_line(result: Result) -> str:
@@ -69,29 +169,62 @@ def one_line(result: Result) -> str:
     name, found = result.path.stem, grade(result)
     if found is None or result.attributes.get("status_reason"):
         return f"{name}: {verdict(result)}; {result.path}"
-    ratio = "" if found.ratio is None else f", ratio {three(found.ratio)} to SIM-DELAY's"
-    return f"{name}: {found.grade}, error {three(found.percent)} % of SIM{ratio}; {result.path}"
+    ratio = "" if found.ratio is None else f" and {three(found.ratio)} of SIM-DELAY's"
+    where = " on a virtual rig" if _virtual(result) else ""
+    return f"{name}: {found.grade}{where}, worst RMS error {three(found.percent)} % of SIM{ratio}; {result.path}"
 
 
-def _comparison(results: Sequence[Result], width: int) -> Iterator[str]:
+def _comparison(results: Sequence[Result], width: int, whole: bool) -> Iterator[str]:
     """Yield the lines of the comparison of several results, and a sentence for each that has no grade."""
     names, grades = [result.path.stem for result in results], [grade(result) for result in results]
-    columns: list[Column] = [
-        ("grade", "", [_end(one, found) for one, found in zip(results, grades, strict=True)]),
-        ("worst error", "% of SIM", [three(found.percent) if found else "-" for found in grades]),
-        ("ratio to", "SIM-DELAY", [_over_sim_delay(found) for found in grades]),
-        ("roof accel", "m/s^2", [_of_roof(one) for one in results]),
-        ("base shear", "N", [_of_base(one) for one in results]),
+    runs = dict.fromkeys(run for result in results if (run := _shown_run(result)))
+    peaks = f"peaks in {' or '.join(NAMES[run] for run in runs)}"
+    columns = [
+        Column("", "grade", "", [_end(one, found) for one, found in zip(results, grades, strict=True)]),
+        Column(WORST, "% of SIM", "", [three(found.percent) if found else "-" for found in grades]),
+        Column(WORST, "over that of", "SIM-DELAY", [_over_sim_delay(found) for found in grades]),
+        Column(peaks, "roof accel", "m/s^2", [_of_roof(one) for one in results]),
+        Column(peaks, "base shear", "N", [_of_base(one) for one in results]),
     ]
-    label = min(max(len(name) for name in names), width - 4 * WIDE_COLUMN) + 1
-    fit = max((width - label) // WIDE_COLUMN, 1)
-    yield from _laid_out(columns[:fit], [name[: label - 1] for name in names], ("case", ""), label, WIDE_COLUMN)
-    for result, found in zip(results, grades, strict=True):
-        if found is None or result.attributes.get("status_reason"):
-            yield from _wrapped(f"{result.path.stem}: {verdict(result)}", width)
-    for told in [*scale_lines(results), *(f"note: {note}" for note in notes(results))]:
-        yield from _wrapped(told, width)
-    yield from _wrapped(f"Grades hold {IF_DECLARED}; more by: rths report {results[0].path.parent}", width)
+    longest = max(len("case"), *map(len, names))
+    label = min(longest, width - sum(_wide(one) for one in columns[:2]))
+    while len(columns) > 2 and label + sum(_wide(one) for one in columns) > width:
+        columns.pop()
+    for table in _laid_out(columns, [name[:label] for name in names], "case", width):
+        yield from table
+    told = [
+        sentence
+        for result, found in zip(results, grades, strict=True)
+        if found is None or result.attributes.get("status_reason")
+        for sentence in _wrapped(f"{result.path.stem}: {verdict(result)}", width)
+    ]
+    told += [line for said in scale_lines(results) for line in _wrapped(said, width)]
+    yield from told
+    last = _wrapped(_said_of_all(results, grades), width) + _wrapped(_next_of(results), width)
+    yield from _told_notes(results, width, MOST_LINES_OF_SEVERAL - len(results) - len(told) - len(last) - 3, whole)
+    yield from last
+
+
+def _said_of_all(results: Sequence[Result], grades: Sequence[Grade | None]) -> str:
+    """Return the sentence on all grades: the limits, where cases share them, and on which rigs the tests were."""
+    graded = [result for result, found in zip(results, grades, strict=True) if found]
+    limits = dict.fromkeys(_limits(result) for result in graded)
+    virtual = [result.path.stem for result in graded if _virtual(result)]
+    some = f" ({', '.join(virtual)}: virtual)" if virtual else ""
+    on = " on virtual rigs" if virtual and len(virtual) == len(graded) else some
+    said = f" {next(iter(limits))}" if len(limits) == 1 else ""
+    return f"Grades of tests{on} hold {IF_DECLARED}.{said}"
+
+
+def _next_of(results: Sequence[Result]) -> str:
+    """Return what to do next with several results."""
+    folder = results[0].path.parent
+    tables = ", with the tables of their reference" if any(_has_published(one) for one in results) else ""
+    return f"more by: rths report {folder}{tables}"
+
+
+def _has_published(result: Result) -> bool:
+    return bool(result.attributes.get("reference_title"))
 
 
 def _end(result: Result, found: Grade | None) -> str:
@@ -140,21 +273,22 @@ def grade_limits(result: Result) -> GradeLimits:
 
 
 def verdict(result: Result) -> str:
-    """Return the sentence that says whether the test can be trusted."""
+    """Return the sentences that say whether the test can be trusted, and by which limits."""
     status = str(result.attributes.get("status", COMPLETE))
     found = grade(result)
     if found is None:
         return _without_grade(result, status)
     band = float(result.attributes.get("test_band_hz", TEST_BAND_HZ))
     up_to = "" if band == TEST_BAND_HZ else f" up to {band:g} Hz"
-    parts = [f"error {three(found.percent)} % of SIM{up_to} in the worst storey ({found.storey})"]
+    rig = "on a virtual rig the" if _virtual(result) else "the"
+    said = f"{found.grade.upper()}: {rig} worst RMS error{up_to} is {three(found.percent)} % of SIM "
+    said += f"(storey {found.storey})"
     if found.ratio is not None:
-        parts.append(f"ratio {three(found.ratio)} to SIM-DELAY's")
+        said += f" and {three(found.ratio)} of SIM-DELAY's (storey {found.ratio_storey})"
+    said += f", most of it by {CAUSES.get(found.cause, found.cause)}" if found.grade != GOOD and found.cause else ""
+    said += f", {IF_DECLARED}"
     if diverged := _diverged(result):
-        parts.append(diverged)
-    said = f"{found.grade.upper()}: {', '.join(parts)}"
-    if found.grade != GOOD:
-        said += f"; {_limiting(found, result)}"
+        said += f"; {diverged}"
     reason = str(result.attributes.get("status_reason") or "")
     if status != COMPLETE:
         said += f"; {status}: {reason or 'no reason stored'}"
@@ -163,7 +297,18 @@ def verdict(result: Result) -> str:
     checked = str(result.attributes.get("check_verdict") or "")
     if checked and checked != "safe":
         said = f"BUT: the check called the test {checked} and was overridden. {said}"
-    return f"{said}, {IF_DECLARED}."
+    return f"{said}. {_limits(result, found.ratio is not None)}"
+
+
+def _virtual(result: Result) -> bool:
+    return result.attributes.get("rig_kind") == "virtual"
+
+
+def _limits(result: Result, with_ratio: bool = True) -> str:
+    """Return the sentence on the limits of the grades."""
+    limits = grade_limits(result)
+    ratio = f" and {limits.good_ratio:g}" if with_ratio else ""
+    return f"Limits: good {limits.good_percent:g} %{ratio}, usable {limits.usable_percent:g} %."
 
 
 def not_accepted(result: Result) -> bool:
@@ -197,18 +342,6 @@ def _without_grade(result: Result, status: str) -> str:
     return f"NO HYBRID TEST: the case asks for {' and '.join(done) or 'nothing'} alone."
 
 
-def _limiting(found: Grade, result: Result) -> str:
-    """Return what keeps a test from a better grade."""
-    limits = grade_limits(result)
-    bounds = {
-        "percent": f"{limits.good_percent:g} % of SIM",
-        "ratio": f"a ratio of {limits.good_ratio:g} to SIM-DELAY's",
-    }
-    bound = bounds[found.missed]
-    cause = f", most of it by {CAUSES.get(found.cause, found.cause)}" if found.cause else ""
-    return f"good is at most {bound}{cause}"
-
-
 def _ended(result: Result, run: str) -> str | None:
     """Return the status of a run on the table, None where the case has none."""
     status = result.attributes.get(f"{run}_status")
@@ -231,48 +364,60 @@ def about(result: Result) -> str:
     return f"{words}, {controller} by method {a.get('method')}, {kind} {a.get('rig')}"
 
 
+class Column(NamedTuple):
+    """A column of a table: three lines of heading and a cell for each row."""
+
+    group: str  # of this column and its neighbours
+    name: str
+    unit: str
+    cells: list[str]
+
+
+WORST = "worst RMS error"
+PEAK, ERROR = "peaks in {}", "RMS error of acceleration"
+
+
+def _shown_run(result: Result) -> str:
+    """Return the run whose response is shown, "" if there is none."""
+    return next((run for run in NAMES if f"{run}.peak_abs_accel_m_s2" in result.metrics), "")
+
+
 def _tables(result: Result, width: int) -> Iterator[list[str]]:
     """Yield the response by storey and the errors by storey, beside each other where they fit."""
-    run = next((one for one in RESPONSES if f"{one}.peak_abs_accel_m_s2" in result.metrics), "")
+    run = _shown_run(result)
     storeys = shown_storeys(result, run)
     columns = [*_response(result, run, storeys), *_errors(result, storeys)]
-    room = max((width - LABEL) // COLUMN, 1)
-    for first in range(0, len(columns), room):
-        yield _laid_out(columns[first : first + room], _labels(result, storeys), ("storey", NAMES.get(run, "")))
+    yield from _laid_out(columns, _labels(result, storeys), "storey", width)
 
 
-def storey_columns(result: Result) -> tuple[str, list[str], list[Column]]:
-    """Return whose response it is, the storeys, the roof first, and the columns of response and errors of all."""
-    run = next((one for one in RESPONSES if f"{one}.peak_abs_accel_m_s2" in result.metrics), "")
+def storey_columns(result: Result) -> tuple[list[str], list[Column]]:
+    """Return the storeys, the roof first, and the columns of response and errors of all."""
+    run = _shown_run(result)
     path = f"{run}.peak_abs_accel_m_s2" if run else "exp_rths.rms_error_m_s2"
     storeys = list(range(np.size(result.metrics.get(path, ()))))[::-1]
     columns = [*_response(result, run, storeys), *_errors(result, storeys)]
-    return NAMES.get(run, ""), _labels(result, storeys), columns if storeys else []
-
-
-Column = tuple[str, str, list[str]]
-"""Two lines of heading and a cell for each storey."""
+    return _labels(result, storeys), columns if storeys else []
 
 
 def _response(result: Result, run: str, storeys: Sequence[int]) -> Iterator[Column]:
     for path, name, unit, factor in (
-        ("peak_abs_accel_m_s2", "peak accel", "m/s^2", 1.0),
-        ("peak_rel_disp_m", "peak displ", "mm", 1e3),
-        ("peak_inter_storey_drift_m", "peak drift", "mm", 1e3),
-        ("peak_drift_ratio", "peak drift", "% height", 1e2),
+        ("peak_abs_accel_m_s2", "abs. accel", "m/s^2", 1.0),
+        ("peak_rel_disp_m", "displ", "mm", 1e3),
+        ("peak_inter_storey_drift_m", "drift", "mm", 1e3),
+        ("peak_drift_ratio", "drift", "% height", 1e2),
     ):
         if f"{run}.{path}" in result.metrics:
-            yield name, unit, _cells(result.metrics[f"{run}.{path}"], storeys, factor)
+            yield Column(PEAK.format(NAMES[run]), name, unit, _cells(result.metrics[f"{run}.{path}"], storeys, factor))
 
 
 def _errors(result: Result, storeys: Sequence[int]) -> Iterator[Column]:
     for path, name, unit, factor in (
-        ("exp_rths.rms_error_m_s2", "RMS error", "mm/s^2", 1e3),
-        ("exp_rths.nrmse_percent", "of SIM", "%", 1.0),
+        ("exp_rths.rms_error_m_s2", "EXP-RTHS", "mm/s^2", 1e3),
+        ("exp_rths.nrmse_percent", "EXP-RTHS", "% of SIM", 1.0),
         ("sim_delay.rms_error_m_s2", "SIM-DELAY", "mm/s^2", 1e3),
     ):
-        if path in result.metrics:
-            yield name, unit, _cells(result.metrics[path], storeys, factor)
+        if path in result.metrics and np.isfinite(np.asarray(result.metrics[path], dtype=float)).any():
+            yield Column(ERROR, name, unit, _cells(result.metrics[path], storeys, factor))
 
 
 def shown_storeys(result: Result, run: str) -> list[int]:
@@ -298,15 +443,43 @@ def _labels(result: Result, storeys: Sequence[int]) -> list[str]:
     return [f"{storey + 1}{names.get(storey, '')}" for storey in storeys]
 
 
-def _laid_out(
-    columns: Sequence[Column], labels: Sequence[str], heads: tuple[str, str] = ("storey", ""), label: int = LABEL,
-    column: int = COLUMN,
-) -> list[str]:  # fmt: skip
-    """Return the lines of a table: two of headings, one for each label."""
-    lines = [f"{head:<{label}}" + "".join(f"{c[i]:>{column}}" for c in columns) for i, head in enumerate(heads)]
+def _wide(column: Column) -> int:
+    """Return the least width of a column, with the space before it."""
+    return 2 + max(len(text) for text in (column.name, column.unit, *column.cells))
+
+
+def _laid_out(columns: Sequence[Column], labels: Sequence[str], corner: str, width: int) -> Iterator[list[str]]:
+    """Yield the lines of a table: all columns beside each other where they fit, else a table of each group."""
+    if not columns:
+        return
+    label = max(len(corner), *map(len, labels)) if labels else len(corner)
+    groups = [list(group) for _, group in groupby(columns, key=lambda column: column.group)]
+    wide = [[_wide(column) for column in group] for group in groups]
+    for group, sizes in zip(groups, wide, strict=True):
+        sizes[0] += max(len(group[0].group) + 2 - sum(sizes), 0)
+    if label + sum(map(sum, wide)) <= width:
+        even = [[max(size, COLUMN) for size in sizes] for sizes in wide]
+        fits = label + sum(map(sum, even)) <= width
+        yield _lines(groups, even if fits else wide, labels, corner, label)
+        return
+    first = 0
+    for end in range(1, len(groups) + 1):
+        if end == len(groups) or label + sum(map(sum, wide[first : end + 1])) > width:
+            yield _lines(groups[first:end], wide[first:end], labels, corner, label)
+            first = end
+
+
+def _lines(
+    groups: Sequence[Sequence[Column]], wide: Sequence[Sequence[int]], labels: Sequence[str], corner: str, label: int
+) -> list[str]:
+    """Return the lines of a table: three of headings, one for each label."""
+    flat = [pair for group, sizes in zip(groups, wide, strict=True) for pair in zip(group, sizes, strict=True)]
+    heads = "".join(f"{group[0].group:>{sum(sizes)}}" for group, sizes in zip(groups, wide, strict=True))
+    lines = [f"{'':<{label}}{heads}", f"{corner:<{label}}" + "".join(f"{one.name:>{size}}" for one, size in flat)]
+    lines.append(f"{'':<{label}}" + "".join(f"{one.unit:>{size}}" for one, size in flat))
     for row, name in enumerate(labels):
-        lines.append(f"{name:<{label}}" + "".join(f"{c[2][row]:>{column}}" for c in columns))
-    return [line.rstrip() for line in lines]
+        lines.append(f"{name:<{label}}" + "".join(f"{one.cells[row]:>{size}}" for one, size in flat))
+    return [line.rstrip() for line in lines if line.strip()]
 
 
 def _cells(values: object, storeys: Sequence[int], factor: float) -> list[str]:
@@ -336,18 +509,18 @@ def base_shear(result: Result) -> str:
 
 
 def fidelity(result: Result) -> str:
-    """Return the sentence on effective delay and gain of the table and on the largest peak error, "" if not known."""
-    parts = []
+    """Return the sentences on effective delay and gain of the table and on the largest peak error, "" if not known."""
+    said = []
     delay, gain = (result.metrics.get(f"exp_rths.fei_{name}") for name in ("delay_s", "amplitude"))
     if delay is not None and gain is not None:
         delay_ms, times = 1e3 * float(np.asarray(delay)), float(np.asarray(gain))
-        parts.append(f"effective delay {three(delay_ms)} ms, gain {times:.4f} (FEI)")
+        late = f"{three(abs(delay_ms))} ms {'late' if delay_ms >= 0.0 else 'early'}"
+        said.append(f"The shake table was {late} and moved {times:.4f} times as desired (FEI).")
     peaks = np.atleast_1d(np.asarray(result.metrics.get("exp_rths.peak_error_percent", ()), dtype=float))
     if peaks.size and np.isfinite(peaks).any():
         worst = int(np.nanargmax(peaks))
-        parts.append(f"peak error {three(float(peaks[worst]))} % (storey {worst + 1})")
-    said = "; ".join(parts)
-    return f"{said[0].upper()}{said[1:]}." if said else ""
+        said.append(f"Worst peak error {three(float(peaks[worst]))} % of SIM's peak (storey {worst + 1}).")
+    return " ".join(said)
 
 
 def _next(result: Result) -> str:

@@ -284,8 +284,8 @@ def _over_samples(intervals: Mapping[str, Interval]) -> list[str]:
 
 
 def _verdict(checked: Checked) -> list[str]:
-    """Return the lines on warnings, verdict and reasons."""
-    notes = [labelled("note", warning) for warning in checked.warnings]
+    """Return the lines on warnings, verdict and reasons; a warning that is a reason is told once."""
+    notes = [labelled("note", warning) for warning in checked.warnings if warning not in checked.reasons]
     first = checked.verdict if not checked.reasons else f"{checked.verdict}: {checked.reasons[0]}"
     return [*notes, labelled("verdict", first), *(labelled("", reason) for reason in checked.reasons[1:])]
 

@@ -65,6 +65,12 @@ def has_reference(result: Result) -> bool:
     return bool(result.attributes.get("reference_title"))
 
 
+def of_one_case(results: Sequence[Result]) -> list[Result]:
+    """Return the results with published figures if they are of one case, by whatever methods; else none."""
+    published = [result for result in results if has_reference(result)]
+    return published if len({result.attributes.get("case_name") for result in published}) == 1 else []
+
+
 def to_json(results: Sequence[Result]) -> dict[str, object]:
     """Return every result with every metric by its path; what is not a finite number is null."""
     return {"results": [_json_result(result) for result in results]}

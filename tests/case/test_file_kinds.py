@@ -11,9 +11,10 @@ import pytest
 from rths_cli.case.case_schema import CaseKeys
 from rths_cli.case.file_kinds import TELLING, is_record, kind_of, written_by_rths
 from rths_cli.case.load import load_cases
-from rths_cli.case.named_files import FOLDERS, find, known, known_files, shipped
+from rths_cli.case.named_files import find, known, known_files
 from rths_cli.case.reference_schema import ReferenceSpec
 from rths_cli.case.rig_schema import NiRigSpec, UdpRigSpec, VirtualRigSpec
+from rths_cli.case.shipped_files import FOLDERS, shipped
 from rths_cli.case.structure_schema import StructureSpec
 from rths_cli.case.study_schema import StudyKeys
 from rths_cli.errors import InputError

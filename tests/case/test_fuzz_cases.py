@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rths_cli.case.load import load_cases, resolved_yaml
-from rths_cli.case.named_files import shipped
+from rths_cli.case.shipped_files import shipped
 from rths_cli.errors import InputError
 
 INLINE = """\

@@ -11,7 +11,7 @@ import pytest
 
 from rths_cli.case.case_schema import Case
 from rths_cli.case.load import load_cases, resolved_yaml
-from rths_cli.case.named_files import shipped
+from rths_cli.case.shipped_files import shipped
 from rths_cli.errors import InputError
 
 SHIPPED = sorted(path.stem for path in shipped("cases").glob("*.yaml"))
@@ -128,6 +128,12 @@ def test_two_cases_may_not_have_one_name(write) -> None:
     with pytest.raises(InputError, match=r"^sub/a.yaml: name: 'a' is also the name of a.yaml; give each case"):
         load_cases([write(), write(name="sub/a.yaml")])
     assert len(load_cases([write(), write("name: b\n", name="sub/a.yaml")])) == 2
+
+
+def test_a_shipped_case_is_named_as_it_is_typed(tmp_path, monkeypatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=r"^el_centro_low_ff: name: the case is given twice; name it once$"):
+        load_cases(["el_centro_low_ff", "el_centro_low_ff"])
 
 
 def test_an_unknown_level_lists_the_levels(faults_of, write) -> None:

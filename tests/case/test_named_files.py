@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from rths_cli.case.named_files import FOLDERS, find, known, shipped
+from rths_cli.case.named_files import find, known
+from rths_cli.case.shipped_files import FOLDERS, shipped
 from rths_cli.errors import InputError
 
 
@@ -70,8 +71,8 @@ def test_everything_shipped_is_known(lab: Path) -> None:
 
 
 def test_an_installed_copy_goes_before_the_source_tree(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    module = put(tmp_path / "site/rths_cli/case/named_files.py")
-    monkeypatch.setattr("rths_cli.case.named_files.__file__", str(module))
+    module = put(tmp_path / "site/rths_cli/case/shipped_files.py")
+    monkeypatch.setattr("rths_cli.case.shipped_files.__file__", str(module))
     assert shipped("records") == tmp_path / "site/records"
     (tmp_path / "site/rths_cli/shipped").mkdir()
     assert shipped("rigs") == tmp_path / "site/rths_cli/shipped/configs/rigs"

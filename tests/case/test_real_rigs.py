@@ -11,7 +11,6 @@ import yaml
 
 from rths_cli.case import plugin_rig_names
 from rths_cli.case.load import load_cases, resolved_yaml
-from rths_cli.case.named_files import shipped
 from rths_cli.case.rig_schema import (
     ChannelSpec,
     NiRigSpec,
@@ -19,6 +18,7 @@ from rths_cli.case.rig_schema import (
     UdpRigSpec,
     UdpSpec,
 )
+from rths_cli.case.shipped_files import shipped
 
 CHANNEL = {"sensitivity_mv_per_g": 1000, "range_g": 5, "high_pass_hz": 0.024, "low_pass_hz": 1549}
 UDP: dict[str, Any] = {

@@ -88,6 +88,9 @@ def test_a_signal_ends_the_batch_with_its_code_and_whole_files(tmp_path: Path, n
         assert read_result(path).attributes["status"] == "complete"
 
 
+CONTROLS = ("ff", "ff_fb")
+
+
 def test_a_run_prints_as_much_as_is_asked_for(tmp_path: Path) -> None:
     """A case with a reference has its tables, an own one the answer alone; --full has all, --quiet a line."""
     (tmp_path / "own.yaml").write_text(CASE.format(scaling=0.3, runs="[sim, sim_delay, exp_rths]"))
@@ -97,6 +100,24 @@ def test_a_run_prints_as_much_as_is_asked_for(tmp_path: Path) -> None:
     full = rths("run", "own.yaml", "--full", cwd=tmp_path)
     assert full.stdout.endswith(answer.stdout) and "Error by cause" in full.stdout
     quiet = rths("run", "own.yaml", "--quiet", cwd=tmp_path)
-    assert quiet.stdout.count("\n") == 1 and quiet.stdout.startswith("own: good, error ") and quiet.stderr == ""
+    assert (
+        quiet.stdout.count("\n") == 1 and quiet.stdout.startswith("own: good on a virtual rig, ") and quiet.stderr == ""
+    )
     silent = rths("run", "own.yaml", "--quiet", "--quiet", cwd=tmp_path)
     assert silent.stdout == silent.stderr == ""
+
+
+def test_several_cases_print_a_row_each_and_leave_the_tables_to_the_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    names = [
+        f"{quake}_{level}_{c}" for quake in ("el_centro", "hachinohe") for level in ("low", "high") for c in CONTROLS
+    ]
+    eight = rths("run", *names, "--set", "runs=[sim]", cwd=tmp_path)
+    lines = eight.stdout.splitlines()
+    assert len(lines) <= 40 and max(map(len, lines)) <= 80 and "Published" not in eight.stdout
+    assert [line.split()[0] for line in lines[3:11]] == names
+    assert "rths report results, with the tables of their reference" in " ".join(eight.stdout.split())
+    alone = rths("run", names[0], "--set", "runs=[sim]", cwd=tmp_path)
+    assert "Published" in alone.stdout

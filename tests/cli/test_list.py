@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 from golden import golden
 
-from rths_cli.case.named_files import FOLDERS, known
+from rths_cli.case.named_files import known
+from rths_cli.case.shipped_files import FOLDERS
 
 TREE = Path(__file__).parents[2]
 HEAVY = ("scipy", "numba", "h5py", "matplotlib", "rich", "control")

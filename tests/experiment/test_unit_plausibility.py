@@ -39,12 +39,12 @@ NUMERICAL, EXPERIMENTAL = (
 )
 LISTS = dict(zip((*NUMERICAL, *EXPERIMENTAL), ([8.0, 8.0, 8.0], [8e3, 8e3, 7e3], [7.0, 6.0], [7e3, 6e3]), strict=True))
 STIFF, SOFT = (
-    r"^first mode 4[67] Hz \(.*0\.04\d mm\): are masses_kg in kg",
-    r"^first mode 0\.047 Hz \(.*storey 1, num.* 45\.\d m\)",
+    r"own\.yaml:1:\d+: structure\.numerical\.masses_kg: first mode 4[67] Hz \(.*0\.04\d mm\): are they in kg",
+    r"own\.yaml:1:\d+: structure\.numerical\.stiffness_n_per_m: first mode 0\.047 Hz \(.*storey 1 .* 45\.\d m\)",
 )
 LIGHT, UNEQUAL = (
-    r"^the specimen weighs 0\.013 kg, 0\.057 % of what rig aps400_virtual",
-    r"^numerical floors of at most 0\.008 kg",
+    r"structure\.experimental\.masses_kg: the specimen weighs 0\.013 kg, 0\.057 % of what rig aps400_virtual",
+    r"structure\.numerical\.masses_kg: floors of at most 0\.008 kg",
 )
 
 
@@ -76,9 +76,12 @@ MISTAKES = {
     "stiffness in kN/m": (mistaken(*SPRINGS, factor=1e-3), SOFT),
     "stiffness in N/mm, numerical only": (
         mistaken(NUMERICAL[1], factor=1e-3),
-        r"storey 1, numerical, would drift 45\.\d m",
+        r"structure\.numerical\.stiffness_n_per_m: .*storey 1 would drift 45\.\d m",
     ),
-    "stiffness in kN/m, experimental only": (mistaken(EXPERIMENTAL[1], factor=1e-3), r"storey 4, experimental, would"),
+    "stiffness in kN/m, experimental only": (
+        mistaken(EXPERIMENTAL[1], factor=1e-3),
+        r"structure\.experimental\.stiffness_n_per_m: .*storey 4 would",
+    ),
     "masses in t, stiffness in kN/m": (mistaken(*LISTS, factor=1e-3), LIGHT),
     "masses in t, numerical only": (mistaken(NUMERICAL[0], factor=1e-3), UNEQUAL),
 }
@@ -106,6 +109,12 @@ def test_masses_in_grams_are_asked_about_where_the_table_cannot_carry_them(tmp_p
         with pytest.raises(InputError, match=r"rig aps400_virtual carries at most 23 kg") as caught:
             setup_of(case_of(tmp_path, mistaken(*MASSES, factor=factor)))
         assert advice in str(caught.value)
+
+
+def test_a_refusal_names_a_shipped_case_as_it_is_typed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=r"^el_centro_low_ff(:\d+:\d+)?: structure: the specimen weighs 13\.86 kg"):
+        setup_of("el_centro_low_ff", "table.nominal.payload_kg=1")
 
 
 @pytest.mark.parametrize(
@@ -148,12 +157,12 @@ def test_random_legitimate_cases_are_not_asked_about(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("unit", "scaling", "sentence"),
     [
-        ("g", 0.1, r"^record pulse peaks at 33\.5 m/s\^2 \(3\.4 g\) before scaling: is its unit right"),
+        ("g", 0.1, r"1:\d+: record: pulse peaks at 33\.5 m/s\^2 \(3\.4 g\) before scaling: is its unit right"),
         ("m/s^2", 0.1, ""),
         (
             "cm/s^2",
             0.9,
-            r"^record pulse peaks at 0\.0342 m/s\^2 \(0\.0035 g\) before it is scaled down further: is its",
+            r"1:\d+: record: pulse peaks at 0\.0342 m/s\^2 \(0\.0035 g\) before it is scaled down further: is its",
         ),
         ("cm/s^2", 1.0, ""),  # a weak record, as it is
     ],
@@ -191,12 +200,11 @@ def test_a_rig_that_cannot_be_identified_is_not_the_first_reason(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     cases = load_cases([case_of(tmp_path, MISTAKES["stiffness in kN/m"][0])])
-    warned: list[str] = []
-    (checked,) = check_cases(cases, (), lambda _: None, Unfit(), warn=warned.append)
+    (checked,) = check_cases(cases, (), lambda _: None, Unfit())
     assert re.search(SOFT, checked.reasons[0]) and checked.reasons[1:] == (
         "a wrong unit would explain what followed: channel floor_5: dead",
     )
-    assert checked.warnings == checked.reasons[:1] == tuple(warned)
+    assert checked.warnings == checked.reasons[:1]
     monkeypatch.setattr("rths_cli.experiment.run_command.Memory", lambda _: Unfit())
     (ended,) = run_batch(Request(tuple(cases), (), tmp_path, True, "test"), Screen(quiet=True))
     assert ended.exit_code == 4 and ended.reason == "; ".join(checked.reasons)
@@ -212,17 +220,20 @@ def test_a_rejected_model_is_not_the_first_reason(tmp_path: Path, default_identi
     assert why_none(setup, Known(default_identification, "test"), verdict_on(setup, known, False)) in ("", doubt)
 
 
-def test_identification_asks_before_it_excites_and_before_it_blames_a_channel(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("rig", "asked"), [("aps400_virtual", 0), ("udp_example", 1)])
+def test_identification_asks_before_it_excites_a_real_rig_and_before_it_blames_a_channel(
+    rig: str, asked: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     said: list[str] = []
 
     def measure(setup: Setup, progress: object, planned: object) -> object:
         said.append("excited")
-        raise UnfitRig("aps400_virtual", UnfitRecord(("channel floor_5: dead",)))
+        raise UnfitRig(rig, UnfitRecord(("channel floor_5: dead",)))
 
     monkeypatch.setattr(identify_command, "measure", measure)
-    path = case_of(tmp_path, MISTAKES["stiffness in kN/m"][0])
-    made = make_model(Asked(str(path), (), output=tmp_path / "m.h5", draw=False), lambda _: None, warn=said.append)
-    assert re.search(SOFT, said[0]) and said[1:] == ["excited"]
-    assert made.unfit is not None and made.unfit.faults == (said[0], "channel floor_5: dead")
+    path = case_of(tmp_path, MISTAKES["stiffness in kN/m"][0], table=rig)
+    wanted = Asked(str(path), (), output=tmp_path / "m.h5", draw=False)
+    made = make_model(wanted, lambda _: None, warn=said.append)
+    assert made.unfit is not None and re.search(SOFT, made.unfit.faults[0])
+    assert made.unfit.faults[1:] == ("channel floor_5: dead",)
+    assert said == [*made.unfit.faults[:asked], "excited"]

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from rths_cli.analysis.grade import GOOD, POOR, USABLE, GradeLimits, grade_of
-from rths_cli.files.result_reader import ResultWriter, read_result
+from rths_cli.files.result_reader import Result, ResultWriter, read_result
 from rths_cli.report.answer import answer, answers, notes, one_line, shown_storeys, three, verdict
+from rths_cli.report.result_tables import of_one_case
 
 NAMES = ("friction", "latency")
 
@@ -72,11 +73,21 @@ def test_the_cause_is_named_where_it_makes_half_of_the_squares() -> None:
     assert grade_of(values, GradeLimits()).cause == ""  # type: ignore[union-attr]
 
 
+def test_the_noise_of_samples_is_not_blamed_on_the_specimen() -> None:
+    """The budget measures both in one; what the check predicted of the samples tells them apart."""
+    rms = figures()["exp_rths.rms_error_m_s2"]
+    values = figures(friction=0.2) | {"budget.rms_error_specimen_m_s2": 5.0 * rms}
+    assert grade_of(values, GradeLimits()).cause == "specimen"  # type: ignore[union-attr]
+    for rounded, noise, cause in ((4.0, 1.0, "quantisation"), (1.0, 4.0, "noise"), (3.0, 0.0, "specimen")):
+        predicted = {"check.rms_error_quantisation_m_s2": rounded * rms, "check.rms_error_noise_m_s2": noise * rms}
+        assert grade_of(values | predicted, GradeLimits()).cause == cause  # type: ignore[union-attr]
+
+
 def test_without_a_hybrid_test_there_is_no_grade(tmp_path: Path) -> None:
     values = {"sim.peak_abs_accel_m_s2": np.ones(3), "sim.peak_inter_storey_drift_m": np.ones(3)}
     path = written(tmp_path / "sim.h5", values, exp_rths_status="refused", exp_rths_status_reason="unsafe: margin")
     assert verdict(read_result(path)) == "REFUSED: unsafe: margin"
-    assert "peak accel" in answer(read_result(path))
+    assert "peaks in SIM" in answer(read_result(path))
 
 
 def test_limits_of_the_case_decide(tmp_path: Path) -> None:
@@ -84,8 +95,8 @@ def test_limits_of_the_case_decide(tmp_path: Path) -> None:
         tmp_path / "a.h5", figures(), "grade_limits: {good_percent: 0.15, good_ratio: 0.1, usable_percent: 5.0}\n"
     )
     told = verdict(read_result(strict))
-    assert told.startswith("USABLE: error 0.200 % of SIM in the worst storey (1)")
-    assert "good is at most 0.15 % of SIM, most of it by friction" in told
+    assert told.startswith("USABLE: on a virtual rig the worst RMS error is 0.200 % of SIM (storey 1)")
+    assert "most of it by friction" in told and told.endswith(". Limits: good 0.15 % and 0.1, usable 5 %.")
 
 
 def test_a_test_that_was_called_unsafe_says_so(tmp_path: Path) -> None:
@@ -112,14 +123,16 @@ def test_an_aborted_test_of_the_table_stands_beside_the_refusal(tmp_path: Path) 
 GOLDEN = """\
 own: 30 % quake, damping low (2.6 % in mode 1), FF+FB by method best, virtual
   rig bench
-GOOD: error 0.200 % of SIM in the worst storey (1), ratio 0.0100 to SIM-DELAY's,
-  if sensors and masses are as declared.
+GOOD: on a virtual rig the worst RMS error is 0.200 % of SIM (storey 1) and
+  0.0100 of SIM-DELAY's (storey 1), if sensors and masses are as declared.
+  Limits: good 2 % and 0.1, usable 5 %.
 
-storey        peak accel peak displ peak drift  RMS error     of SIM  SIM-DELAY
-(EXP-RTHS)         m/s^2         mm         mm     mm/s^2          %     mm/s^2
-3 roof              2.80       12.6       2.63      0.500      0.100        100
-2                   2.10       9.93       4.44      0.500      0.100        100
-1 interface         1.50       5.51       5.51       1.00      0.200        100
+                            peaks in EXP-RTHS        RMS error of acceleration
+storey       abs. accel      displ      drift   EXP-RTHS   EXP-RTHS  SIM-DELAY
+                  m/s^2         mm         mm     mm/s^2   % of SIM     mm/s^2
+3 roof             2.80       12.6       2.63      0.500      0.100        100
+2                  2.10       9.93       4.44      0.500      0.100        100
+1 interface        1.50       5.51       5.51       1.00      0.200        100
 
 Base shear of the building (EXP-RTHS): 40.6 N, 0.199 of its weight.
 note: one thing
@@ -157,10 +170,123 @@ def test_several_results_are_compared_row_by_row(tmp_path: Path) -> None:
         written(tmp_path / "third.h5", {}, exp_rths_status="refused", exp_rths_status_reason="unsafe: margin"),
     ]
     lines = answers([read_result(path) for path in paths], 80).splitlines()
-    assert lines[2].split() == ["first", "good", "0.200", "0.0100", "2.80", "40.6"]
-    assert lines[3].split() == ["second", "usable", "3.00", "0.150", "2.80", "40.6"]
-    assert lines[4].split() == ["third", "refused", "-", "-", "-", "-"]
-    assert "third: REFUSED: unsafe: margin" in lines and max(map(len, lines[:6])) <= 80
+    assert lines[3].split() == ["first", "good", "0.200", "0.0100", "2.80", "40.6"]
+    assert lines[4].split() == ["second", "usable", "3.00", "0.150", "2.80", "40.6"]
+    assert lines[5].split() == ["third", "refused", "-", "-", "-", "-"]
+    assert "third: REFUSED: unsafe: margin" in lines and max(map(len, lines[:7])) <= 80
+    said = " ".join(" ".join(lines).split())
+    assert (
+        "Grades of tests on virtual rigs hold if sensors and masses are as declared. Limits: good 2 % and 0.1" in said
+    )
+
+
+def test_a_real_rig_is_not_called_virtual(tmp_path: Path) -> None:
+    real, other = written(tmp_path / "real.h5", figures(), rig_kind="udp"), written(tmp_path / "v.h5", figures())
+    told = verdict(read_result(real))
+    assert told.startswith("GOOD: the worst RMS error is 0.200 % of SIM (storey 1) and ") and "virtual" not in told
+    assert "virtual" not in one_line(read_result(real))
+    both = answers([read_result(real), read_result(other)], 100)
+    assert "Grades of tests (v: virtual) hold" in both
+
+
+def test_each_error_names_its_own_storey(tmp_path: Path) -> None:
+    values = figures((0.2, 0.1, 0.1)) | {"sim_delay.rms_error_m_s2": np.array([0.2, 0.1, 0.01])}
+    told = verdict(read_result(written(tmp_path / "a.h5", values)))
+    assert "is 0.200 % of SIM (storey 1) and 0.0500 of SIM-DELAY's (storey 3)" in told
+
+
+NOTE = "a {} that stands in a sentence of so many words that it does not fit in a line; it is {}, state {} to decide"
+SHAPE = {
+    "peak_abs_accel_m_s2": 3.0,
+    "peak_rel_disp_m": 0.01,
+    "peak_inter_storey_drift_m": 0.01,
+    "peak_drift_ratio": 0.1,
+}
+
+
+def of_five_storeys() -> dict:
+    values = {f"exp_rths.{name}": np.linspace(0.5, 1.0, 5) * factor for name, factor in SHAPE.items()}
+    values |= {
+        f"exp_rths.{name}": np.full(5, 0.1) for name in ("nrmse_percent", "rms_error_m_s2", "peak_error_percent")
+    }
+    values |= {"exp_rths.peak_building_base_shear_n": 1.0, "exp_rths.building_base_shear_ratio": 0.1}
+    return values | {
+        "exp_rths.fei_delay_s": 1e-3, "exp_rths.fei_amplitude": 1.0, "sim_delay.rms_error_m_s2": np.full(5, 9.0)
+    }  # fmt: skip
+
+
+def test_one_case_with_much_to_say_takes_25_lines_of_80_columns(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    warnings = "\n".join(NOTE.format(k, k, f"key_{k}") for k in "abcdefgh")
+    result = read_result(written(Path("one.h5"), of_five_storeys(), warnings=warnings))
+    lines = answer(result, 80).splitlines()
+    assert len(lines) <= 25 and max(map(len, lines)) <= 80
+    shown = sum(line.startswith("note: ") for line in lines)
+    assert shown >= 3 and f"(notes shortened, {8 - shown} more left out; rths run --full prints them whole)" in lines
+    whole = " ".join(answer(result, 80, whole=True).split())
+    assert all(NOTE.format(k, k, f"key_{k}") in whole for k in "abcdefgh") and "shortened" not in whole
+
+
+def test_eight_cases_take_40_lines_of_80_columns_and_no_note_is_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    results = []
+    for k, letter in enumerate("abcdefgh"):
+        own = NOTE.format(letter, letter, f"key_{letter}")
+        drift = f"drift: {0.001 * (k + 1):g} m/s^2 per minute; removed"
+        said = "\n".join([own, f"more: {own}", f"and more: {own}", drift, "of all"])
+        path = written(Path(f"case_of_a_long_name_{k}.h5"), figures(), warnings=said, reference_title="a paper")
+        results.append(read_result(path))
+    lines = answers(results, 80).splitlines()
+    assert len(lines) <= 40 and max(map(len, lines)) <= 80
+    for k, letter in enumerate("abcdefgh"):
+        assert any(line.startswith(f"note: case_of_a_long_name_{k}: a {letter} that stands in") for line in lines)
+    shown = sum(line.startswith("note: ") for line in lines)
+    assert shown >= 20 and any(line.startswith(f"(notes shortened, {26 - shown} more left out;") for line in lines)
+    whole = " ".join(answers(results, 80, whole=True).split())
+    assert whole.count("per minute; removed") == 8 and whole.count("state key_h to decide") == 3
+    assert "with the tables of their reference" in " ".join(lines)
+
+
+def test_notes_that_differ_in_figures_alone_are_told_once(tmp_path: Path) -> None:
+    drift = "drift of floor_3: {:g} m/s^2 per minute; removed"
+    results = [
+        read_result(written(tmp_path / f"c{k}.h5", figures(), warnings=f"{drift.format(0.1 * k)}\nof all"))
+        for k in range(6)
+    ]
+    lines = answers(results, 80).splitlines()
+    assert [line for line in lines if line.startswith("note: ")] == [
+        "note: all (figures of c0): drift of floor_3: 0 m/s^2 per minute; removed", "note: of all"
+    ]  # fmt: skip
+    other = read_result(written(tmp_path / "other.h5", figures(), warnings="of all"))
+    text = " ".join(answers([*results, other], 80).split())
+    assert "note: c0, c1, c2 and 3 more (figures of c0): drift of floor_3" in text
+
+
+def test_tables_of_a_paper_are_printed_with_one_case_alone(tmp_path: Path) -> None:
+    def of(name: str, case: str, **more: str) -> Result:
+        return read_result(written(tmp_path / f"{name}.h5", figures(), case_name=case, **more))
+
+    paper, best = (of(name, "a", method=name, reference_title="a paper") for name in ("paper", "best"))
+    own, other = of("own", "own"), of("other", "b", reference_title="a paper")
+    assert of_one_case([paper, best, own]) == [paper, best]
+    assert of_one_case([paper, other]) == of_one_case([own]) == []
+
+
+def test_peaks_far_from_sims_are_told_where_the_error_is_small(tmp_path: Path) -> None:
+    exact = {
+        "sim.peak_abs_accel_m_s2": np.array([1.4951, 2.1, 2.8]) / np.array([1.0, 1.05, 1.2]),
+        "sim.peak_building_base_shear_n": 40.0,
+    }
+    (told,) = notes([read_result(written(tmp_path / "a.h5", figures() | exact))])
+    assert told.text.startswith("peaks of EXP-RTHS are more than 10 % off: acceleration of storey 3 2.80 m/s^2, in SIM")
+    assert "base shear" not in told.text
+    less = exact | {"sim.peak_abs_accel_m_s2": np.array([1.4951, 2.1, 2.8]) / 1.05}
+    assert notes([read_result(written(tmp_path / "b.h5", figures() | less))]) == []
+    assert notes([read_result(written(tmp_path / "c.h5", figures((7.0, 0.1, 0.1)) | exact))]) == []  # said by the grade
 
 
 @pytest.mark.parametrize(
@@ -174,7 +300,8 @@ def test_three_significant_digits(value: float, text: str) -> None:
 
 def test_a_case_in_one_line(tmp_path: Path) -> None:
     good = read_result(written(tmp_path / "own.h5", figures()))
-    assert one_line(good) == f"own: good, error 0.200 % of SIM, ratio 0.0100 to SIM-DELAY's; {good.path}"
+    told = "own: good on a virtual rig, worst RMS error 0.200 % of SIM and 0.0100 of SIM-DELAY's"
+    assert one_line(good) == f"{told}; {good.path}"
     refused = written(tmp_path / "no.h5", {}, exp_rths_status="refused", exp_rths_status_reason="unsafe: margin")
     assert one_line(read_result(refused)) == f"no: REFUSED: unsafe: margin; {refused}"
 
@@ -183,11 +310,13 @@ def test_a_test_beyond_its_accept_limits_is_not_called_good(tmp_path: Path) -> N
     said = "exp_rths.rms_error_m_s2[3] = 0.0005 is beyond its accept limit 0.0001"
     case = "accept:\n  exp_rths.rms_error_m_s2[3]: 0.0001\n"
     result = read_result(written(tmp_path / "own.h5", figures(), case, status_reason=said))
-    assert verdict(result).startswith(f"NOT ACCEPTED: {said}. GOOD: error 0.200 % of SIM")
+    assert verdict(result).startswith(
+        f"NOT ACCEPTED: {said}. GOOD: on a virtual rig the worst RMS error is 0.200 % of SIM"
+    )
     assert one_line(result).startswith(f"own: NOT ACCEPTED: {said}")
     other = read_result(written(tmp_path / "other.h5", figures()))
     lines = answers([result, other], 80).splitlines()
-    assert lines[2].split()[:3] == ["own", "not", "accept."] and any("NOT ACCEPTED" in line for line in lines)
+    assert lines[3].split()[:3] == ["own", "not", "accept."] and any("NOT ACCEPTED" in line for line in lines)
 
 
 def test_a_fault_after_the_record_is_told(tmp_path: Path) -> None:
@@ -203,13 +332,23 @@ def test_a_file_without_relative_errors_is_not_graded(tmp_path: Path) -> None:
 def test_damaged_limits_are_the_usual_ones(tmp_path: Path) -> None:
     case = "grade_limits: {good_percent: many, gut: 1, good_ratio: 0.001}\n"
     told = verdict(read_result(written(tmp_path / "a.h5", figures(), case)))
-    assert "USABLE" in told and "at most a ratio of 0.001 to SIM-DELAY" in told
+    assert told.startswith("USABLE") and told.endswith("Limits: good 2 % and 0.001, usable 5 %.")
 
 
 def test_a_diverged_sim_delay_and_another_band_are_told(tmp_path: Path) -> None:
     values = figures(delayed=np.nan) | {"sim_delay.diverged_at_s": 1.234}
     told = verdict(read_result(written(tmp_path / "a.h5", values, test_band_hz=30.0)))
-    assert "GOOD: error 0.200 % of SIM up to 30 Hz in the worst storey (1), SIM-DELAY diverged at 1.23 s" in told
+    assert told.startswith("GOOD: on a virtual rig the worst RMS error up to 30 Hz is 0.200 % of SIM (storey 1), if ")
+    assert told.endswith("; SIM-DELAY diverged at 1.23 s and is not compared. Limits: good 2 %, usable 5 %.")
+
+
+def test_a_refused_test_tells_of_a_diverged_sim_delay_and_has_no_column_of_dashes(tmp_path: Path) -> None:
+    values = {"sim.peak_abs_accel_m_s2": np.ones(3), "sim_delay.rms_error_m_s2": np.full(3, np.nan)}
+    refused = {"exp_rths_status": "refused", "exp_rths_status_reason": "unsafe: margin"}
+    path = written(tmp_path / "a.h5", values | {"sim_delay.diverged_at_s": 1.234}, **refused)
+    lines = answer(read_result(path), 80).splitlines()
+    assert "SIM-DELAY diverged at 1.23 s and is not compared." in lines
+    assert any("abs. accel" in line for line in lines) and "RMS error of acceleration" not in str(lines)
 
 
 def test_effective_delay_and_gain_stand_below_the_errors(tmp_path: Path) -> None:
@@ -218,8 +357,11 @@ def test_effective_delay_and_gain_stand_below_the_errors(tmp_path: Path) -> None
         "exp_rths.fei_amplitude": 0.9876,
         "exp_rths.peak_error_percent": np.array([0.5, 1.5, 1.0]),
     }
-    text = answer(read_result(written(tmp_path / "o.h5", values)), 80)
-    assert "\nEffective delay 0.125 ms, gain 0.9876 (FEI); peak error 1.50 % (storey 2).\n" in text
+    text = " ".join(answer(read_result(written(tmp_path / "o.h5", values)), 80).split())
+    assert "The shake table was 0.125 ms late and moved 0.9876 times as desired (FEI)." in text
+    assert "Worst peak error 1.50 % of SIM's peak (storey 2)." in text
+    early = values | {"exp_rths.fei_delay_s": -1.25e-4}
+    assert "was 0.125 ms early" in " ".join(answer(read_result(written(tmp_path / "e.h5", early)), 80).split())
 
 
 def test_a_note_is_printed_once_and_not_after_the_verdict_that_says_it(tmp_path: Path) -> None:
@@ -227,8 +369,8 @@ def test_a_note_is_printed_once_and_not_after_the_verdict_that_says_it(tmp_path:
     (tmp_path / "b").mkdir()
     one = read_result(written(tmp_path / "one.h5", figures(), warnings="same\nsame\nown"))
     two = read_result(written(tmp_path / "two.h5", {}, warnings="no room\nsame", **refused))
-    assert notes([one]) == ["same", "own"] and notes([two]) == ["same"]
-    assert notes([one, two]) == ["same", "one: own"]
+    assert list(map(str, notes([one]))) == ["same", "own"] and list(map(str, notes([two]))) == ["same"]
+    assert list(map(str, notes([one, two]))) == ["same", "one: own"]
     text = answers([one, two], 80)
     assert text.count("same") == 1 and "note: one: own\n" in text
     assert "Storeys and base shear below" not in answer(two)

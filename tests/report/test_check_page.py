@@ -161,6 +161,12 @@ def test_a_case_without_blocks_is_told_with_its_sentence_alone() -> None:
     assert "unsafe: no feedback can be designed" in text and "stability" not in text
 
 
+def test_a_doubt_that_is_a_reason_is_told_once() -> None:
+    doubt = "b.yaml:2:3: structure.numerical.masses_kg: are they in kg?"
+    text = page(replace(checked("unsafe", (doubt, "no room")), warnings=(doubt, "another")))
+    assert text.count("are they in kg") == 1 and "another" in text
+
+
 def test_several_cases_end_with_a_line_each() -> None:
     text = pages([checked(), checked("unsafe", ("too large",), case="other")])
     last = text.rstrip("\n").splitlines()[-2:]

@@ -78,7 +78,7 @@ def test_a_doubt_on_units_is_told_once_for_all_points_that_raise_it(folder: Path
     watcher, request = Watcher(), asked(tmp_path, "scaling=0.2,0.5,0.9,1")
     run_sweep(request, watcher)  # type: ignore[arg-type]
     (told,) = (text for text in watcher.messages if "unit" in text)
-    assert told.startswith("record short peaks at ") and told.endswith("(at 3 of 4 grid points)")
+    assert ": record: short peaks at " in told and told.endswith("(at 3 of 4 grid points)")
 
 
 def swept(request: SweepRequest, path: Path, **changes: object) -> Swept:

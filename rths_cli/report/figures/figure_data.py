@@ -12,6 +12,7 @@ from rths_cli.errors import InputError
 from rths_cli.files.result_listing import Outline, read_outlines
 from rths_cli.files.result_reader import Result, SeriesLeftOut
 from rths_cli.numerics.lti import Array, Integers
+from rths_cli.report.answer import three
 from rths_cli.report.result_scale import series
 from rths_cli.rigs.description import capabilities_of
 
@@ -21,6 +22,9 @@ ACCEL = "abs_accel_m_s2"
 DESIRED = "interface_accel_desired_m_s2"
 MEASURED = "interface_accel_measured_m_s2"
 MOST_STOREYS = 4
+
+
+FAR_LARGER = 10.0  # times SIM's peak: a SIM-DELAY beyond it would set the axes of what is compared
 
 
 class NotDrawn(InputError):
@@ -108,6 +112,33 @@ def interface_storey(source: Source) -> int:
         if run in source.result.groups:
             return int(source.read(f"{run}/floor")[0]) - 1
     return 0
+
+
+def without_diverged(source: Source, runs: Sequence[str]) -> tuple[list[str], str]:
+    """Return the runs whose responses are drawn together, and in words why SIM-DELAY is not among them, "" if it is.
+
+    One that diverged, or is FAR_LARGER than SIM in a storey, is drawn only where there is no other run.
+    """
+    others = [run for run in runs if run != "sim_delay"]
+    why = _why_not_sim_delay(source, runs) if others and len(others) < len(runs) else ""
+    return (others, f"SIM-DELAY {why}: not drawn") if why else (list(runs), "")
+
+
+def _why_not_sim_delay(source: Source, runs: Sequence[str]) -> str:
+    at_s = source.metric("sim_delay.diverged_at_s")
+    if at_s is not None:
+        return f"diverged at {three(float(at_s[0]))} s"
+    if "sim" not in runs:
+        return ""
+    delayed, exact = (peaks(source.read(f"{run}/{ACCEL}")) for run in ("sim_delay", "sim"))
+    times = float(np.nanmax(delayed / np.where(exact > 0.0, exact, np.nan), initial=0.0))
+    return f"is {three(times)} times SIM" if times > FAR_LARGER else ""
+
+
+def peaks(series: Array) -> Array:
+    """Return the largest absolute finite value of each series of (n_storeys, n); NaN where there is none."""
+    sizes = np.where(np.isfinite(series), np.abs(series), -np.inf).max(axis=1, initial=-np.inf)
+    return np.where(np.isfinite(sizes), sizes, np.nan)
 
 
 def chosen_storeys(storeys: int, interface: int) -> list[int]:

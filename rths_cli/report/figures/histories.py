@@ -25,6 +25,7 @@ from rths_cli.report.figures.figure_data import (
     quietest,
     reached_the_end,
     window_at,
+    without_diverged,
 )
 from rths_cli.report.figures.panels import ACCELERATION, ERROR_UNITS, MM_PER_M, Line, Panel, draw_rows, largest
 from rths_cli.report.figures.style import DESIRED as DESIRED_LOOK
@@ -83,7 +84,7 @@ def kalman(source: Source, width: str) -> Figure:
 
 def responses(source: Source, width: str) -> Figure:
     """Draw the absolute acceleration of the storeys in SIM, SIM-DELAY and EXP-RTHS (Fig. 5.3)."""
-    runs = source.runs((*COMPUTED_RUNS, "exp_rths"))
+    runs, left_out = without_diverged(source, source.runs((*COMPUTED_RUNS, "exp_rths")))
     motions = {run: (source.read(f"{run}/time_s"), source.read(f"{run}/{ACCEL}")) for run in runs}
     storeys = len(motions[runs[0]][1])
     rows = []
@@ -95,7 +96,7 @@ def responses(source: Source, width: str) -> Figure:
         whole = Panel(title, ACCELERATION, lines, reach=largest(*shown))
         close = close_look(source, guide.time_s, guide.values)
         rows.append((whole, Panel(CLOSE, "", lines, close, reach=largest(*(values[close] for values in shown)))))
-    return draw_rows(source, rows, width)
+    return draw_rows(source, rows, width, left_out=left_out)
 
 
 def errors(source: Source, width: str) -> Figure:

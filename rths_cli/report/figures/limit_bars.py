@@ -107,8 +107,9 @@ def _margin(ax: Axes, source: Source, name: str) -> None:
     values = scale * np.array([_figure(source, f"{loop}.{name}") for loop in loops])
     dot_rows(ax, [LOOPS[loop] for loop in loops], [(VALUE, np.where(np.isfinite(values), values, np.nan))])
     for place, value in enumerate(values):
-        text, at = (f"{value:.3g}", value) if np.isfinite(value) else ("none found", 0.0)
-        ax.annotate(text, (at, place), xytext=(4, 0), textcoords="offset points", va="center", fontsize=6.0)
+        text, at, off = (f"{value:.3g}", value, 4) if np.isfinite(value) else ("none found", 0.0, 8)
+        ax.annotate(text, (at, place), xytext=(off, 0), textcoords="offset points", va="center", fontsize=6.0)
+    ax.tick_params(axis="x", direction="out")  # the panel is low: inside, ticks would cross the texts
     ax.set_xlim(0.0, 1.25 * max(values[np.isfinite(values)], default=1.0))
     ax.set_xlabel(label)
 

@@ -127,10 +127,14 @@ def heading(source: Source, width: str, about: str = "") -> list[str]:
     case = f"{known.get('case_name', source.result.path.stem)}, method {known.get('method', 'unknown')}"
     lines = ["; ".join(filter(None, (case, table, scale_words(source.result), about)))]
     if not source.complete:
-        lines.append(f"{known.get('status', 'unfinished')}: {known.get('status_reason', '')}".rstrip(": "))
+        reason = str(known.get("status_reason", "")).removeprefix("EXP-RTHS refused, ")
+        lines.append(f"{known.get('status', 'unfinished')}: {reason}".rstrip(": "))
     long = HEADING_CHARACTERS[width]
-    wrapped = [part for line in lines for part in textwrap.wrap(line, long)]
-    return [*wrapped[: HEADING_LINES - 1], *(["..."] if len(wrapped) > HEADING_LINES else wrapped[HEADING_LINES - 1 :])]
+    first, *rest = lines
+    wrapped = textwrap.wrap(first, long)
+    for line in rest:
+        wrapped += textwrap.wrap(line, long, max_lines=max(HEADING_LINES - len(wrapped), 1), placeholder=" ...")
+    return wrapped
 
 
 def lettered(titles: Iterable[str]) -> Iterator[str]:
@@ -146,8 +150,10 @@ def draw_rows(
     ratios: Sequence[float] = (2.2, 1.0),
     about: str = "",
     legend: bool = True,
+    left_out: str = "",
 ) -> Figure:
-    """Draw panels in rows of two, or below each other in a single column; `about` is added to the heading."""
+    """Draw panels in rows of two, or below each other in a single column; `about` is added to the heading, and what is
+    `left_out` to the legend."""
     panels = [panel for row in rows for panel in row]
     stacked = width == "one" or len(panels) == 1
     count = len(panels) if stacked else len(rows)
@@ -165,7 +171,7 @@ def draw_rows(
             ax.set_xlabel(SECONDS)
     figure.align_ylabels()
     if legend:
-        legend_below(figure, [line.look for panel in panels for line in panel.lines])
+        legend_below(figure, [*(line.look for panel in panels for line in panel.lines), Look(left_out, "none")])
     return figure
 
 

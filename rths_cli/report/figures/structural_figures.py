@@ -18,8 +18,10 @@ from rths_cli.report.figures.figure_data import (
     Source,
     chosen_storeys,
     interface_storey,
+    peaks,
     reached_the_end,
     window_at,
+    without_diverged,
 )
 from rths_cli.report.figures.histories import CLOSE, close_look, error_panel, rms_note, role_of
 from rths_cli.report.figures.panels import (
@@ -87,7 +89,7 @@ class Profile:
 
 def profiles(source: Source, width: str) -> Figure:
     """Draw peak acceleration, displacement, drift, storey shear and the error to SIM over the height, by run."""
-    runs = source.runs(BUILDINGS)
+    runs, left_out = without_diverged(source, source.runs(BUILDINGS))
     shown = [one for one in _profiles(source, runs) if one.values]
     level, unit = levels(source, len(source.read(f"{runs[0]}/{ACCEL}")))
     across = len(shown) if width == "two" else 2
@@ -108,7 +110,7 @@ def profiles(source: Source, width: str) -> Figure:
     axes[0].set_ylim(0.0, 1.04 * level[-1])
     if unit == "floor":
         _whole_floors(axes[0])
-    legend_below(figure, [*(RUNS[run] for run in runs), *([INTERFACE] if interface else [])])
+    legend_below(figure, [*(RUNS[run] for run in runs), *([INTERFACE] if interface else []), Look(left_out, "none")])
     return figure
 
 
@@ -169,12 +171,6 @@ def _peak_of_ground(source: Source) -> float | None:
     return float(np.abs(source.read(name)).max(initial=0.0)) if source.holds(name) else None
 
 
-def peaks(series: Array) -> Array:
-    """Return the largest absolute finite value of each series of (n_storeys, n); NaN where there is none."""
-    sizes = np.where(np.isfinite(series), np.abs(series), -np.inf).max(axis=1, initial=-np.inf)
-    return np.where(np.isfinite(sizes), sizes, np.nan)
-
-
 def _profile(ax: Axes, one: Profile, level: Array) -> None:
     if not one.from_zero:
         ax.set_xscale("log")
@@ -187,7 +183,7 @@ def _profile(ax: Axes, one: Profile, level: Array) -> None:
         if one.ground is not None:
             x, y = np.concatenate([[one.ground], values]), level
         marker = SHAPES[run] if len(level) <= MARKED_FLOORS else ""
-        ax.plot(x, y, marker=marker, ms=2.5, mfc="white", label=look.label, **look.line())
+        ax.plot(x, y, marker=marker, ms=2.5, mfc="white", label=look.label, clip_on=False, **look.line())
     if one.from_zero:
         ax.set_xlim(left=0.0)
 

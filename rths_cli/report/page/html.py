@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping
 from html import escape
+from itertools import groupby
 
 UNSEEN = dict.fromkeys((*range(9), 11, 12, *range(14, 32), 127, *range(0xD800, 0xE000)), "�")
 IN_SCRIPT = {ord(sign): f"\\u{ord(sign):04x}" for sign in "<>&\u2028\u2029"}
@@ -43,12 +44,17 @@ def data_script(name: str, document: object) -> Html:
     return Html(f'<script type="application/json" id="{safe(name)}">{text}</script>')
 
 
-def table(head: Iterable[Iterable[str]], body: Iterable[Iterable[str]], kind: str = "texts") -> Html:
+def table(
+    head: Iterable[Iterable[str]], body: Iterable[Iterable[str]], kind: str = "texts", groups: Iterable[str] = ()
+) -> Html:
     """Return a table in a frame that scrolls if it is wider than the page; the first column holds the row labels.
 
-    `kind`: class of the table, "texts" or "figures" (right-aligned numbers).
+    `kind`: class of the table, "texts" or "figures" (right-aligned numbers). `groups`: heading above each column,
+    which columns beside each other share.
     """
-    heads = join(element("tr", *(element("th", cell) for cell in row)) for row in head)
+    shared = [(name, str(len(list(same)))) for name, same in groupby(groups)]
+    top = [element("tr", *(element("th", name, attributes={"colspan": span}) for name, span in shared))]
+    heads = join([*(top if shared else []), *(element("tr", *(element("th", cell) for cell in row)) for row in head)])
     rows = join(_row(list(row)) for row in body)
     return framed(classed("table", kind, element("thead", heads), element("tbody", rows)))
 

@@ -17,8 +17,8 @@ from rths_cli.report.page.html import Html, classed, details, element, join, tab
 from rths_cli.report.page.summary import BAD, GOOD, OPEN, name_of
 
 MOST_RESULTS_UNFOLDED = 1
-WIDE, HIGH, GROUND = 240.0, 330.0, 314.0  # of the sketch, and where its ground is, in px
-LEFT, RIGHT = 20.0, 115.0  # its columns
+WIDE, HIGH, GROUND = 264.0, 330.0, 314.0  # of the sketch, and where its ground is, in px
+LEFT, RIGHT = 20.0, 105.0  # its columns
 ROOM = 12.0  # between two labels of floors, at least
 LETTER = 6.2  # width of one
 
@@ -133,10 +133,11 @@ def responses(results: Sequence[Result]) -> Html:
 
 
 def _response(result: Result) -> Html:
-    name, labels, columns = storey_columns(result)
+    labels, columns = storey_columns(result)
     if not columns:
         return Html("")
-    heads = [["storey", *(head for head, _, _ in columns)], [name, *(typeset(unit) for _, unit, _ in columns)]]
-    rows = ([label, *(cells[place] for _, _, cells in columns)] for place, label in enumerate(labels))
+    heads = [["storey", *(one.name for one in columns)], ["", *(typeset(one.unit) for one in columns)]]
+    rows = ([label, *(one.cells[place] for one in columns)] for place, label in enumerate(labels))
     shear = base_shear(result)
-    return join([table(heads, rows, "figures"), classed("p", "note", shear) if shear else Html("")])
+    shown = table(heads, rows, "figures", ["", *(one.group for one in columns)])
+    return join([shown, classed("p", "note", shear) if shear else Html("")])

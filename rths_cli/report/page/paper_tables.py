@@ -79,4 +79,4 @@ def _row(kind: str, label: str, cells: Sequence[Cell], shown: Table) -> Html:
 
 def _heading(row: Row, shown: Table) -> Html:
     attributes = {"colspan": str(sum(shown.groups) + 1), "class": "heading"}
-    return element("tr", element("th", row.label, attributes=attributes))
+    return element("tr", element("th", element("span", row.label), attributes=attributes))

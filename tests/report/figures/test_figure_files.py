@@ -198,3 +198,13 @@ def test_importing_the_figures_is_cheap():
     code = f"import sys, rths_cli.report.figures; print(sorted({heavy} & set(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert done.stdout.strip() == "[]", done.stdout + done.stderr
+
+
+def test_a_long_reason_ends_with_dots_in_the_fourth_line_of_the_heading(tmp_path):
+    why = "EXP-RTHS refused, unsafe: " + "with much of the gain the loop tolerates little; " * 5
+    path = write_result(tmp_path / "refused.h5", n=600)
+    with h5py.File(path, "a") as file:
+        file.attrs.update({"status": "refused", "status_reason": why})
+    lines = draw("errors", read_result(path), "one").get_suptitle().splitlines()
+    assert len(lines) == 4 and lines[-1].endswith(" ...") and len(lines[-1]) > 30
+    assert any(line.startswith("refused: unsafe: with much") for line in lines)

@@ -1,5 +1,7 @@
 """Lines of the time histories are the file's samples; errors are differences through scipy's own filter."""
 
+import re
+
 import numpy as np
 import pytest
 from made_up_results import RATE, write_result
@@ -91,7 +93,7 @@ def test_errors_are_differences_in_the_test_band(made_up, data, line_of):
     assert by_title(figure, "storey 2, SIM − SIM-DELAY").get_title(loc="right") == "RMS 160 mm/s²"
 
 
-def test_a_diverged_sim_delay_is_drawn_up_to_its_end_and_hides_nothing(tmp_path, line_of):
+def test_the_error_of_a_diverged_sim_delay_is_drawn_up_to_its_end_and_its_response_is_left_out(tmp_path, line_of):
     import h5py
 
     path = write_result(tmp_path / "diverged.h5", runs=("sim", "sim_delay"))
@@ -107,8 +109,11 @@ def test_a_diverged_sim_delay_is_drawn_up_to_its_end_and_hides_nothing(tmp_path,
     known = np.isfinite(v)
     expected = banded(error)[np.round(t[known] * RATE).astype(int)]
     assert np.allclose(v[known], 1e3 * expected, atol=1e-3) and 880 / RATE < t[known].max() <= 899 / RATE
-    top = draw("responses", result).axes[0].get_ylim()[1]
+    figure = draw("responses", result)
+    top = figure.axes[0].get_ylim()[1]
     assert peak < top < 1.2 * peak
+    assert not any(line.get_color() == VERMILLION for ax in figure.axes for line in ax.lines)
+    assert re.search(r"SIM-DELAY is \d+ times SIM: not drawn", figure.legends[0].get_texts()[-1].get_text())
 
 
 @pytest.mark.parametrize(

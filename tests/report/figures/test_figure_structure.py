@@ -146,3 +146,31 @@ def test_a_prototype_has_its_own_heights_and_shears(tmp_path, data, line_of):
     assert y[-1] == pytest.approx(4.0 * sum(HEIGHTS))
     x, _ = line_of(axes["drift"], BLACK)  # of the height: the same in both scales
     assert x == pytest.approx(np.repeat(0.1 * wanted["drift"] / HEIGHTS, 2))
+
+
+@pytest.mark.parametrize(
+    ("times", "at_s", "told"),
+    [
+        (5.0, None, ""),
+        (10.5, None, "SIM-DELAY is 10.5 times SIM: not drawn"),
+        (1.0, 3.21, "SIM-DELAY diverged at 3.21 s: not drawn"),
+    ],
+)
+def test_a_sim_delay_far_from_sim_does_not_set_the_axes_and_the_figure_says_so(tmp_path, times, at_s, told):
+    path = write_result(tmp_path / "delayed.h5")
+    with h5py.File(path, "a") as file:
+        exact = file["sim/abs_accel_m_s2"][()]
+        file["sim_delay/abs_accel_m_s2"][...] = 0.9 * exact
+        file["sim_delay/abs_accel_m_s2"][1] = times * exact[1]
+        if at_s is not None:
+            end = file["metrics/sim_delay"].create_dataset("diverged_at_s", data=at_s)
+            end.attrs.update({"units": "s", "definition": "instant", "better": "none"})
+    for name, width in (("profiles", "one"), ("profiles", "two"), ("responses", "one")):
+        figure = draw(name, read_result(path), width)
+        drawn = [line for ax in figure.axes for line in ax.lines if line.get_color() == VERMILLION]
+        words = [text.get_text() for text in figure.legends[0].get_texts()]
+        assert bool(drawn) == (told == "") == ("SIM-DELAY" in words)
+        assert told == "" or words[-1] == told
+        if told and name == "profiles":
+            largest = 1.0 * np.abs(exact).max()
+            assert titled(figure)["acceleration"].get_xlim()[1] < 1.3 * largest

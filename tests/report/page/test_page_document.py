@@ -117,9 +117,14 @@ def test_the_first_section_shows_verdict_building_and_record(tmp_path: Path) -> 
     text = page([result], COMMAND)
     found = page_reader.read(text)
     words = " ".join(found.words().split())
-    assert verdict(result) in words and verdict(result).startswith("USABLE: error 3.10 % of SIM")
+    assert verdict(result) in words and verdict(result).startswith(
+        "USABLE: on a virtual rig the worst RMS error is 3.10 % of SIM (storey 2)"
+    )
     assert words.index(verdict(result)) < words.index("Response by storey") < words.index("Status and limits")
-    assert "storey peak accel peak drift RMS error of SIM (EXP-RTHS) m/s² mm mm/s² %" in words
+    assert (
+        "peaks in EXP-RTHS RMS error of acceleration storey abs. accel drift EXP-RTHS EXP-RTHS m/s² mm mm/s² % of SIM"
+        in words
+    )
     assert "3 roof 3.12 2.00 3.00 0.200" in words and "1 interface 1.50 4.00 1.00 0.500" in words
     assert words.index("3 roof 3.12") < words.index("1 interface 1.50")
     (sketch,) = found.all("svg")
@@ -273,7 +278,7 @@ def test_a_case_of_sim_alone_has_no_table_of_dashes(tmp_path: Path) -> None:
     result = page_results.write(tmp_path / "x.h5", runs=("sim",), metrics=metrics, resolved="runs: [sim]\n")
     words = " ".join(page_reader.read(page([result], COMMAND)).words().split())
     assert "No run on virtual shake table aps400_virtual has errors." in words and "Tracking error of" not in words
-    assert "NO HYBRID TEST: the case asks for SIM alone." in words and "storey peak accel (SIM) m/s²" in words
+    assert "NO HYBRID TEST: the case asks for SIM alone." in words and "peaks in SIM storey abs. accel m/s²" in words
 
 
 def test_a_result_without_any_run_has_a_page(tmp_path: Path) -> None:

@@ -69,9 +69,10 @@ def open_loop(rig: IdentifiedRig, blocks: Blocks) -> Block:
     shear_desired = _coupled(rows, blocks, numerical, corrected, estimated)
     into = np.vstack([np.zeros(rows.width), shear_desired[0]])
     interface = rows.output("numerical", numerical, into)
+    driving = np.vstack([interface, corrected])[: feedforward.B.shape[1]]
     recent = np.vstack([rows.of("recent"), interface[0]])
     error = (recent[0] - corrected[0])[None]
-    wanted = rows.output("feedforward", feedforward, interface) + rows.output("feedback", feedback, error)
+    wanted = rows.output("feedforward", feedforward, driving) + rows.output("feedback", feedback, error)
     following = {
         "recent": recent[1:],
         "sent": np.vstack([command, rows.of("sent")[:-1]]),
@@ -79,7 +80,7 @@ def open_loop(rig: IdentifiedRig, blocks: Blocks) -> Block:
         "correction": rows.following("correction", rig.correction, samples),
         "estimator": rows.following("estimator", blocks.estimator, corrected),
         "numerical": rows.following("numerical", numerical, into),
-        "feedforward": rows.following("feedforward", feedforward, interface),
+        "feedforward": rows.following("feedforward", feedforward, driving),
         "feedback": rows.following("feedback", feedback, error),
     }
     whole, signals = np.vstack([following[name] for name in sizes]), (("command_v",), ("command_v",))

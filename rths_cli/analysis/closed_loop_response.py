@@ -3,7 +3,7 @@
 On each line the loop is two equations for base shear f and command u. Signals of the numerical substructure are taken
 at k + n_p and signals of the table at k; z^-n_p converts from the first clock to the second:
 
-    f = S_c c + S_d d,  d = N_g g + N_f f,  u = F_a d + F_v v + F_x x + B (z^-n_p d - c_0),  c = P u + e,
+    f = S_c c + S_d d,  d = N_g g + N_f f,  u = F_a d + F_v v + F_x x + R c + B (z^-n_p d - c_0),  c = P u + e,
 
 with the corrected samples c and their disturbances e, desired acceleration, velocity and displacement d, v, x of the
 interface, and ground acceleration g.
@@ -32,6 +32,7 @@ class LoopResponse:
     feedforward: ComplexArray  # (3, m) desired motion to command
     feedback: ComplexArray  # (m,) tracking error to command
     ahead: ComplexArray  # (m,) z^n_p
+    reaction: ComplexArray  # (c, m) corrected samples to command, by the feedforward of the specimen's reaction
 
     @property
     def loop(self) -> ComplexArray:
@@ -45,7 +46,8 @@ class LoopResponse:
     def _loop(self, rig: ComplexArray) -> ComplexArray:
         inner = 1.0 - self.from_desired * self.numerical[0, 1]
         through = np.sum(self.from_samples * rig, axis=0) / inner
-        return self.feedback * rig[0] - self._command_of_shear() * through
+        returned = np.sum(self.reaction * rig, axis=0)
+        return self.feedback * rig[0] - returned - self._command_of_shear() * through
 
     def _command_of_shear(self) -> ComplexArray:
         desired = self.numerical[0, 1]
@@ -78,6 +80,8 @@ def loop_response(rig: IdentifiedRig, blocks: Blocks, storeys: Block, z: Complex
     estimator = _at(blocks.estimator, frequency)
     late = z[None, :] ** (np.arange(blocks.lead_samples) - blocks.lead_samples)[:, None]
     numerical, accels = _numerical(interface, storeys, frequency)
+    driving, reaction = _at(feedforward, frequency)[0], np.zeros_like(samples)
+    reaction[: len(driving) - 3] = driving[3:]
     estimates, recent, measured, desired = blocks.interface.force.of_one()
     return LoopResponse(
         rig=samples,
@@ -85,9 +89,10 @@ def loop_response(rig: IdentifiedRig, blocks: Blocks, storeys: Block, z: Complex
         from_desired=recent @ late + desired,
         numerical=numerical,
         storeys=accels,
-        feedforward=_at(feedforward, frequency)[0],
+        feedforward=driving[:3],
         feedback=_at(feedback, frequency)[0, 0],
         ahead=z**blocks.lead_samples,
+        reaction=reaction,
     )
 
 
@@ -124,6 +129,7 @@ def hybrid(
     shear = np.sum(loop.from_samples * disturbed, axis=0) + loop.from_desired * free[0]
     whole = np.vstack([free[:1], free[1:] + ground[1:]])
     command = np.sum(loop.feedforward * whole, axis=0) + loop.feedback * (free[0] / loop.ahead - disturbed[0])
+    command = command + np.sum(loop.reaction * disturbed, axis=0)
     to_command = loop._command_of_shear()
     sent = (command + to_command * shear / inner) / (1.0 + loop.loop)
     shear = (np.sum(loop.from_samples * loop.rig, axis=0) * sent + shear) / inner

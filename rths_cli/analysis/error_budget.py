@@ -160,7 +160,7 @@ def split(known: Known, signals: Signals) -> Budget:
     sim, reported = lines.of(signals.sim), np.vstack([lines.of(signals.computed), stored])
     desired = lines.of_motion(*signals.desired)
     drifted = np.zeros_like(stored) if signals.drift is None else lines.of(signals.drift)
-    rounded, held = _added(known, signals, command - _wanted(known, desired, corrected[0] + drifted[0] / loop.ahead))
+    rounded, held = _added(known, signals, command - _wanted(known, desired, corrected + drifted / loop.ahead))
     disturbed = came / loop.ahead - loop.rig * command
     instants = None if signals.lost is None else inside(lines)
     parts, fitted = _disturbances(known, disturbed, command, signals.desired[1], instants)
@@ -227,10 +227,11 @@ def _rms(known: Known, lines: ComplexArray) -> Array:
     return rms(known.lines.evaluated(lines, CUT_PERIODS / known.lines.highest_hz))
 
 
-def _wanted(known: Known, desired: ComplexArray, table: ComplexArray) -> ComplexArray:
-    """Return the command (m,) that feedforward and feedback compute from desired motion (3, m) and table (m,)."""
-    error = desired[0] / known.loop.ahead - table
-    return np.sum(known.loop.feedforward * desired, axis=0) + known.loop.feedback * error
+def _wanted(known: Known, desired: ComplexArray, samples: ComplexArray) -> ComplexArray:
+    """Return the command (m,) that feedforward and feedback compute from desired motion (3, m) and samples (c, m)."""
+    loop, error = known.loop, desired[0] / known.loop.ahead - samples[0]
+    forward = np.sum(loop.feedforward * desired, axis=0) + np.sum(loop.reaction * samples, axis=0)
+    return np.asarray(forward + loop.feedback * error)
 
 
 def _disturbances(

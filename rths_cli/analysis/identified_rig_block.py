@@ -15,6 +15,7 @@ from scipy.linalg import expm
 
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.kalman_filter import specimen_state_space
+from rths_cli.control.reaction import Compliance, table_with_another
 from rths_cli.control.sensor_correction import correction
 from rths_cli.control.state_space import discretise, from_roots
 from rths_cli.numerics.bands import USUAL, ComparedBand
@@ -64,6 +65,23 @@ def identified_rig(
     own, excess = _own_alias(plant, fixed, model, compared) if model.delay_s > 0.0 else (0.0, 0.0)
     beyond = model.ripple_m_s2_per_v - own
     return IdentifiedRig(plant, fixed, beyond, model.latency_samples, model.ripple_sum_m_s2_per_v, excess)
+
+
+def with_another_specimen(
+    rig: IdentifiedRig,
+    model: Model,
+    identified: Specimen,
+    there: Specimen,
+    table: Compliance,
+    info: RigInfo,
+    removes_sensors: bool,
+) -> IdentifiedRig:
+    """Return an identified rig on whose table another specimen stands than the identified one, with the same alias."""
+    corners = [c.low_pass_hz if removes_sensors else 0.0 for c in info.channels]
+    scale = np.array([c.sensitivity_v_per_m_s2 for c in info.channels])
+    chain = _with_sensors(table_with_another(_table(model), identified, there, table), corners)
+    sampled = _held(chain, model, info.dt_s) if model.delay_s > 0.0 else _smooth(chain, info.dt_s)
+    return replace(rig, plant=replace(sampled, C=scale[:, None] * sampled.C, D=scale[:, None] * sampled.D))
 
 
 def _table(model: Model) -> StateSpace:

@@ -114,6 +114,12 @@ class ControllerSpec(Strict):
         default=None, description="largest share of the feedback in the command; default: what the range leaves"
     )
 
+    reaction_feedforward: bool = Field(
+        default=False,
+        description="method best: the command also counters what a specimen that yields or is damaged does to the "
+        "table; judged at both ends of check.specimen_range (default: 0.5 to 1)",
+    )
+
     @classmethod
     def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
         band = listed(data, "disturbance_hz")

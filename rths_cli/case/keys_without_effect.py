@@ -41,6 +41,11 @@ USES = {
 } | {
     ".".join(("kalman", "residual_hz")): Use(TABLE_RUNS, lambda case: case.method == "best", "method best reads it"),
     **{".".join(("controller", key)): FEEDBACK for key in OF_FEEDBACK},
+    ".".join(("controller", "reaction_feedforward")): Use(
+        TABLE_RUNS,
+        lambda case: case.method == "best" and case.controller.kind != "none",
+        "a feedforward of method best reads it",
+    ),
 }
 """The keys that not everything reads; of a key below another one the longest path counts."""
 

@@ -132,7 +132,7 @@ def tracking_lag_s(feedforward: Block, model: Model, frequency_hz: Array) -> Arr
     way = GRID_HZ * max(frequency_hz.max() / GRID_HZ[-1], 1.0)
     grid = np.unique(np.concatenate([way[: np.searchsorted(way, frequency_hz.max())], frequency_hz]))
     s = 2j * np.pi * grid
-    command = np.einsum("cf,cf->f", feedforward.response(grid)[0], np.array([s**0, 1.0 / s, 1.0 / s**2]))
+    command = np.einsum("cf,cf->f", feedforward.response(grid)[0, :3], np.array([s**0, 1.0 / s, 1.0 / s**2]))
     lag = -np.unwrap(np.angle(command * model.response(grid))) / (2.0 * np.pi * grid)
     return lag[np.searchsorted(grid, frequency_hz)]
 

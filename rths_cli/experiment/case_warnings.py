@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.case.keys_without_effect import sentence
-from rths_cli.experiment.tangent_verdicts import ASSUMPTIONS, RANGE_ASSUMPTIONS
+from rths_cli.experiment.tangent_verdicts import ASSUMPTIONS, range_assumption
 from rths_cli.experiment.unit_plausibility import unit_doubts
 from rths_cli.structure import modes
 
@@ -43,8 +43,8 @@ def of_case(setup: Setup, identified: Identification | None, design: Design | No
     ]
     if setup.building.has_laws:
         found.append(ASSUMPTIONS)
-    if setup.case.check is not None and setup.case.check.specimen_range is not None:
-        found.append(RANGE_ASSUMPTIONS)
+    if told := range_assumption(setup.case):
+        found.append(told)
     if "numerical" in setup.parts:
         found.append(_of_own_storeys(setup))
     if design is not None:

@@ -6,12 +6,13 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from rths_cli.control import feedback, feedforward, kalman_filter, sensor_correction
+from rths_cli.control import feedback, feedforward, kalman_filter, reaction, sensor_correction
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.interface import Interface
 from rths_cli.control.storeys_with_laws import computed_storeys
+from rths_cli.errors import InputError
 from rths_cli.experiment.feedback_choice import choose_feedback
-from rths_cli.experiment.loop_stability_of_case import loop_faults
+from rths_cli.experiment.loop_stability_of_case import counters_reaction, loop_faults
 from rths_cli.experiment.own_parts import NUMERICAL, made
 from rths_cli.numerics.shared_values import SharedValues
 
@@ -53,7 +54,7 @@ def design_blocks(setup: Setup, identified: Identification, shared: SharedValues
         correction=sensor_correction.correction(setup.rig.channels, dt, setup.removes_sensors),
         estimator=_estimator(setup, _specimen(identified), lead),
         numerical=computed_storeys(setup.building, dt, case.integration),
-        feedforward=_feedforward(model, dt, lead, best, driven),
+        feedforward=_feedforward(setup, identified, model, lead),
         feedback=feedback.none(dt),
         interface=Interface(shear),
         shaping_step_v=setup.rig.converters.step_v if best else 0.0,
@@ -78,6 +79,11 @@ def design_blocks(setup: Setup, identified: Identification, shared: SharedValues
 
 def _exchanged(blocks: Blocks, setup: Setup) -> Blocks:
     """Return the blocks with the parts that the caller puts in the place of designed ones."""
+    if "feedforward" in setup.parts and counters_reaction(setup.case):
+        raise InputError(
+            "controller.reaction_feedforward: it belongs to the designed feedforward, and parts has another; remove "
+            "the key"
+        )
     own: dict[str, Any] = {
         place: made(place, make, getattr(blocks, place)) for place, make in setup.parts.items() if place != NUMERICAL
     }
@@ -91,10 +97,18 @@ def _specimen(identified: Identification) -> Specimen:
     return identified.specimen.specimen
 
 
-def _feedforward(model: Model, dt_s: float, lead: int, best: bool, driven: bool) -> Block:
-    if not driven:
+def _feedforward(setup: Setup, identified: Identification, model: Model, lead: int) -> Block:
+    case, dt_s = setup.case, setup.rig.dt_s
+    if case.controller.kind == "none":
         return feedforward.direct(model.low_frequency_gain_m_per_v, dt_s)
-    return feedforward.lagged_inverse(model, dt_s, lead) if best else feedforward.leaky_inverse(model, dt_s)
+    if case.method == "paper":
+        return feedforward.leaky_inverse(model, dt_s)
+    inverse, specimen = feedforward.lagged_inverse(model, dt_s, lead), _specimen(identified)
+    if not case.controller.reaction_feedforward:
+        return inverse
+    table = reaction.compliance(model, specimen)
+    counter = reaction.reaction_block(specimen, table, model.delay_s, case.kalman.residual_hz, dt_s)
+    return reaction.with_reaction(inverse, counter)
 
 
 def _command_limit_v(rig: RigInfo) -> float:

@@ -7,34 +7,58 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from rths_cli.analysis import stability_check as preflight
-from rths_cli.analysis.identified_rig_block import identified_rig
+from rths_cli.analysis.identified_rig_block import identified_rig, with_another_specimen
 from rths_cli.control.feedback import none
 from rths_cli.control.numerical_substructure import all_storeys
+from rths_cli.control.reaction import compliance
 from rths_cli.numerics.content_key import content_key
 from rths_cli.numerics.shared_values import SharedValues
 
 if TYPE_CHECKING:
     from rths_cli.analysis.identified_rig_block import IdentifiedRig
+    from rths_cli.case.case_schema import Case
     from rths_cli.control.designed_blocks import Blocks
     from rths_cli.experiment.setup import Setup
     from rths_cli.identification.results import Identification
     from rths_cli.numerics.bands import ComparedBand
     from rths_cli.numerics.lti import Block
+    from rths_cli.structure import Specimen
 
 
-def loop_parts(setup: Setup, identified: Identification) -> tuple[IdentifiedRig, Block]:
-    """Return the parts of a case's loop that are not designed: the identified rig, and all numerical storeys."""
+def counters_reaction(case: Case) -> bool:
+    """Tell whether a case's feedforward counters a reaction of the specimen that was not identified."""
+    driven = case.method == "best" and case.controller.kind != "none"
+    return driven and case.controller.reaction_feedforward
+
+
+def loop_parts(setup: Setup, identified: Identification, there: Specimen | None = None) -> tuple[IdentifiedRig, Block]:
+    """Return the parts of a case's loop that are not designed: the identified rig, and all numerical storeys.
+
+    `there`: the specimen that stands on the table instead of the identified one. With a feedforward of the reaction the
+    table moves as the other reaction makes it; without, its response stays as identified.
+    """
     assert identified.specimen is not None  # every case has experimental storeys
-    specimen, compared = identified.specimen.specimen, setup.compared
-    rig = identified_rig(identified.best, specimen, setup.rig, setup.removes_sensors, compared)
+    specimen, model, compared = identified.specimen.specimen, identified.best, setup.compared
+    judged = specimen if there is None or counters_reaction(setup.case) else there
+    rig = identified_rig(model, judged, setup.rig, setup.removes_sensors, compared)
+    if there is not None and judged is specimen:
+        table = compliance(model, specimen)
+        rig = with_another_specimen(rig, model, specimen, there, table, setup.rig, setup.removes_sensors)
     return rig, all_storeys(setup.building.numerical, setup.rig.dt_s, setup.case.integration)
 
 
 def loop_stability(
-    setup: Setup, identified: Identification, blocks: Blocks, shared: SharedValues | None = None
+    setup: Setup,
+    identified: Identification,
+    blocks: Blocks,
+    shared: SharedValues | None = None,
+    there: Specimen | None = None,
 ) -> preflight.Stability:
-    """Return the stability of a case's loop with these blocks; with `shared`, equal loops are evaluated once."""
-    rig, storeys = loop_parts(setup, identified)
+    """Return the stability of a case's loop with these blocks; with `shared`, equal loops are evaluated once.
+
+    `there` as in `loop_parts`.
+    """
+    rig, storeys = loop_parts(setup, identified, there)
     blocks, samples = blocks.linearised(), len(setup.motion.time_s)
     asked = content_key(rig, blocks, storeys, identified.best, identified.frfs[0], identified.levels, setup.compared)
     found = (shared or SharedValues()).get(
@@ -44,10 +68,17 @@ def loop_stability(
 
 
 def loop_faults(
-    setup: Setup, identified: Identification, blocks: Blocks, shared: SharedValues | None = None
+    setup: Setup,
+    identified: Identification,
+    blocks: Blocks,
+    shared: SharedValues | None = None,
+    there: Specimen | None = None,
 ) -> list[preflight.Fault]:
-    """Return the reasons why a case's loop with these blocks is not safe with any record; empty if it is safe."""
-    found = loop_stability(setup, identified, blocks, shared)
+    """Return the reasons why a case's loop with these blocks is not safe with any record; empty if it is safe.
+
+    `there` as in `loop_parts`.
+    """
+    found = loop_stability(setup, identified, blocks, shared, there)
     feedback = setup.case.controller.kind == "FF+FB"
     return preflight.faults_of_loop(found, feedback, required_delay_s(setup, identified, blocks))
 

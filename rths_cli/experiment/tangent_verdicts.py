@@ -12,11 +12,12 @@ from typing import TYPE_CHECKING
 from rths_cli.analysis import stability_check as preflight
 from rths_cli.analysis.critical_delay import critical_delay
 from rths_cli.control.numerical_substructure import interface
-from rths_cli.experiment.loop_stability_of_case import loop_faults, loop_stability
+from rths_cli.experiment.loop_stability_of_case import counters_reaction, loop_faults, loop_stability
 from rths_cli.structure.tangents import Tangent, at_rest, at_tangents, with_specimen
 
 if TYPE_CHECKING:
     from rths_cli.analysis.critical_delay import CriticalDelay
+    from rths_cli.case.case_schema import Case
     from rths_cli.control.designed_blocks import Blocks
     from rths_cli.experiment.setup import Setup
     from rths_cli.identification.results import Identification
@@ -34,6 +35,12 @@ RANGE_ASSUMPTIONS = (
     "check.specimen_range: the loop is judged at both ends of the specimen's stiffness, with the table's response as "
     "identified; a specimen that changes in the test is not simulated"
 )
+REACTION_ASSUMPTIONS = (
+    "controller.reaction_feedforward: the loop is judged at both ends of the specimen's stiffness ({:g} and {:g} of "
+    "the identified one), with a table that moves as the changed reaction makes it; a specimen that changes in the "
+    "test is not simulated"
+)
+REACTION_RANGE = 0.5, 1.0  # of a case with a feedforward of the reaction that states no specimen_range
 TANGENT = "tangent "  # begins the cause of each reason
 
 
@@ -45,6 +52,14 @@ class TangentVerdict:
     stability: preflight.Stability
     critical: CriticalDelay
     faults: tuple[preflight.Fault, ...]  # why it is not safe
+
+
+def range_assumption(case: Case) -> str:
+    """Return how a specimen with a range of stiffness is judged, "" without a range."""
+    ends = _ends(case)
+    if ends is None:
+        return ""
+    return REACTION_ASSUMPTIONS.format(*ends) if counters_reaction(case) else RANGE_ASSUMPTIONS
 
 
 def tangent_verdicts(
@@ -80,17 +95,23 @@ def _frozen(setup: Setup, building: Building) -> list[Tangent]:
     """Return the linear buildings to judge, the one at rest first."""
     rest = Tangent(AT_REST, at_rest(building))
     frozen = [rest, *at_tangents(building, SOFTEST)]
-    stated = setup.case.check
-    if stated is None or stated.specimen_range is None:
+    ends = _ends(setup.case)
+    if ends is None:
         return frozen
     together = [one for one in frozen if one.name.startswith("all")] or frozen[1:]
     found = list(frozen)
-    for factor in stated.specimen_range:
+    for factor in ends:
         if factor != 1.0:
             for one in (rest, *together):
                 name = f"specimen at {100.0 * factor:.3g} % of its stiffness, {one.name}"
                 found.append(Tangent(name, with_specimen(one.building, factor)))
     return found
+
+
+def _ends(case: Case) -> tuple[float, ...] | None:
+    """Return the stated ends of the specimen's stiffness, or those of a case that counters its reaction."""
+    stated = case.check.specimen_range if case.check is not None else None
+    return REACTION_RANGE if stated is None and counters_reaction(case) else stated
 
 
 def _verdict(
@@ -102,7 +123,8 @@ def _verdict(
         setup = replace(setup, building=replace(setup.building, numerical=at.building.numerical))
         numerical = interface(at.building.numerical, setup.rig.dt_s, setup.case.integration)
         blocks = replace(blocks, numerical=numerical)
-    identified = replace(identified, specimen=replace(identified.specimen, specimen=at.building.specimen))
-    found = loop_stability(setup, identified, blocks, shared)
-    faults = tuple(loop_faults(setup, identified, blocks, shared))
+    specimen = at.building.specimen
+    there = None if specimen is identified.specimen.specimen else specimen
+    found = loop_stability(setup, identified, blocks, shared, there)
+    faults = tuple(loop_faults(setup, identified, blocks, shared, there))
     return TangentVerdict(at.name, found, critical_delay(at.building), faults)

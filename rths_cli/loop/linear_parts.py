@@ -110,7 +110,9 @@ class KalmanFilter(NamedTuple):
 class LinearFeedforward(NamedTuple):
     """Commands as a linear block of the desired motion."""
 
-    block: Linear  # desired accelerations, velocities, displacements (3 i,) -> commands in V (a,)
+    # desired accelerations, velocities, displacements (3 i,), then corrected accelerations (c,) or nothing -> commands
+    # in V (a,)
+    block: Linear
     logged: Array  # nothing
     axes: tuple[int, ...]  # (i,)
     actuators: tuple[int, ...]  # (a,)
@@ -120,6 +122,9 @@ class LinearFeedforward(NamedTuple):
         for q in range(3):
             for i in range(len(self.axes)):
                 self.block.given[self.block.states + q * len(self.axes) + i] = motion[q, i]
+        first = self.block.states + 3 * len(self.axes)
+        for c in range(self.block.given.size - first):
+            self.block.given[first + c] = corrected[c]
         self.block.apply()
         for a in range(len(self.actuators)):
             command[a] = self.block.made[self.block.states + a]

@@ -69,7 +69,8 @@ class ReferenceStep:
         self.sense(samples_v)
         self.interface = self.advance_numerical(source) if numerical else np.outer(source, np.ones(self.force_n.size))
         awaited = np.vstack([self.awaited, self.interface[self.commanded]])  # of k .. k + n_p
-        forward = self.feedforward(self.interface.ravel())
+        inputs = np.append(self.interface.ravel(), self.corrected)[: self.feedforward.B.shape[1]]
+        forward = self.feedforward(inputs)
         command = forward + self.feed_back(awaited[0] - self.corrected[self.measured_by], forward)
         self.recent, self.awaited = np.vstack([self.recent, self.interface[0]])[1:], awaited[1:]
         return self.shape(command)

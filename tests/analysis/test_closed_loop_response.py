@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from bench import DT_S, ideal_info, specimen
-from hybrid import best_like, closed_loop, paper_like, storeys
+from hybrid import best_like, closed_loop, paper_like, reacting, storeys
 from open_loop import OpenLoop, floors_per_table, open_loop, points, rig_as_identified, true_rig
 
 from rths_cli.analysis import closed_loop_matrix as loop_block
@@ -46,7 +46,14 @@ def same(found: ComplexArray, wanted: ComplexArray) -> None:
     assert found == pytest.approx(wanted, rel=1e-6, abs=1e-9 * float(np.abs(wanted).max(initial=1e-3)))
 
 
-CASES = [(paper_like, 1, 0.0), (paper_like, 0, 1.2), (best_like, 1, 0.0), (best_like, 2, 1.2), (several, 1, 0.0)]
+CASES = [
+    (paper_like, 1, 0.0),
+    (paper_like, 0, 1.2),
+    (best_like, 1, 0.0),
+    (best_like, 2, 1.2),
+    (several, 1, 0.0),
+    (reacting, 2, 1.2),
+]
 
 
 @pytest.mark.parametrize(("make", "latency", "mass"), CASES)

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from bench import DT_S, LINEAR, held, linear_table, specimen
 
-from rths_cli.control import feedback, feedforward, kalman_filter, numerical_substructure, sensor_correction
+from rths_cli.control import feedback, feedforward, kalman_filter, numerical_substructure, reaction, sensor_correction
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.interface import Interface
 from rths_cli.loop.guard import GuardLimits
@@ -61,6 +61,13 @@ def best_like(
         ripple_sum_m_s2_per_v=1e-3 * ripple,
         open_loop=kalman_filter.open_loop(specimen(), info.dt_s),
     )
+
+
+def reacting(info: RigInfo, interface_mass_kg: float = 0.0) -> Blocks:
+    """Return the same with a feedforward of the reaction, which expects a specimen of 70 % of the stiffness."""
+    blocks, softer = best_like(info, interface_mass_kg), specimen((0.7 * 7331.56, 0.7 * 7376.40))
+    counter = reaction.reaction_block(softer, reaction.Compliance(8e-4, 1.5e-3, 0.0), 7.5e-4, 40.0, info.dt_s)
+    return replace(blocks, feedforward=reaction.with_reaction(blocks.feedforward, counter))
 
 
 def paper_like(info: RigInfo, interface_mass_kg: float = 0.0, dashpot_n_s_per_m: float = 22.163) -> Blocks:

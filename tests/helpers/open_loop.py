@@ -111,10 +111,11 @@ def open_loop(rig: Block, blocks: Blocks, numerical_storeys: int = 1, mass_kg: f
         interface = out(3, forces) + ground * np.array([0.0, 1.0, 1.0])
         issued = np.append(recent, interface[0])
         error = np.array([issued[0] - corrected[0]])
-        wanted = out(4, interface) + out(5, error)
+        driving = np.concatenate([interface, corrected])[: parts[4].B.shape[1]]
+        wanted = out(4, driving) + out(5, error)
         p = len(every.C) // 3
         floors = (every.C @ states[3] + every.D @ forces)[2 * p :]
-        inputs = [command, samples, corrected, forces, interface, error]
+        inputs = [command, samples, corrected, forces, driving, error]
         following = [q.A @ x + q.B[:, : len(v)] @ v for q, x, v in zip(parts, states, inputs, strict=True)]
         return np.concatenate(
             [*following, issued[1:], command, old[:-1], wanted, corrected, interface[:1], [shear], floors]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from bare_rig import BareRig
 from bench import DT_S, LINEAR, ideal_info, rig_info, specimen
-from hybrid import best_like, ground, open_limits, paper_like
+from hybrid import best_like, ground, open_limits, paper_like, reacting
 
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.loop.reference_step import ReferenceStep
@@ -55,7 +55,7 @@ def difference(outcome: Outcome, wanted: dict[str, Array]) -> float:
 
 @pytest.mark.parametrize("latency", [0, 1, 2])
 @pytest.mark.parametrize("interface_mass", [0.0, 1.2])
-@pytest.mark.parametrize("make", [paper_like, best_like])
+@pytest.mark.parametrize("make", [paper_like, best_like, reacting])
 def test_linear_blocks_give_the_same_to_a_few_roundings(make: Make, interface_mass: float, latency: int) -> None:
     info, drive = ideal_info(latency_samples=latency), ground(2000)
     blocks = make(info, interface_mass)

@@ -3,9 +3,8 @@ JSON."""
 
 from __future__ import annotations
 
-import json
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,12 +14,13 @@ import numpy as np
 from rths_cli.files.sweep_file import Sweep
 from rths_cli.numerics.lti import Array
 from rths_cli.report.result_scale import MODEL, stored_scale
+from rths_cli.report.study_indices import indices_document, indices_text
+from rths_cli.report.sweep_metric import STOREYS, as_text, short_key
 from rths_cli.report.sweep_summary import summary, summary_text
 from rths_cli.report.text_layout import WIDTH, Cell, Row, Table, number, render, wrapped
 from rths_cli.structure.similitude import factors_text
 
 TRACKING = "exp_rths.tracking_rms_m_s2"
-STOREYS = "exp_rths.rms_error_m_s2"
 STATISTICS = {"median": 50.0, "95 %": 95.0, "largest": 100.0}
 POINTS_SHOWN = 40
 REASONS_SHOWN = 5
@@ -56,21 +56,6 @@ def label(varied: dict[str, Any]) -> str:
     return ", ".join(told) or "the case as it is"
 
 
-def short_key(key: str, keys: Sequence[str]) -> str:
-    """Return the shortest end of a dotted key that no other key has, and that is not the seed of a run."""
-    parts = key.split(".")
-    ends = (".".join(parts[start:]) for start in range(len(parts) - 1, 0, -1))
-    others = [".seed", *(f".{other}" for other in keys if other != key)]
-    return next((end for end in ends if not any(other.endswith(f".{end}") for other in others)), key)
-
-
-def as_text(value: Any) -> str:
-    """Return a varied value as short text."""
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    return value if isinstance(value, str) else json.dumps(value).replace('"', "")
-
-
 def statistics(errors: Array) -> dict[str, Array]:
     """Return median, 95 % quantile and largest of errors (n_runs, m), each (m,); {} without runs."""
     if len(errors) == 0:
@@ -89,6 +74,7 @@ def page(sweep: Sweep, path: Path) -> str:
         *_extremes(sweep),
         *_not_run(sweep),
         *summary_text(sweep),
+        *indices_text(sweep),
     ]
     parts += _explained(sweep, path)
     return wrapped([line for part in parts for line in part.split("\n")], 2) + "\n"
@@ -112,6 +98,8 @@ def document(sweep: Sweep, path: Path) -> dict[str, Any]:
     about |= {} if sweep.numbers is None else {"part": sweep.attributes["part"]}
     scale = stored_scale(sweep.attributes)
     about |= {} if scale is None or _varies(sweep) else {"scale": {"reported_in": MODEL, "factors": scale.factors}}
+    indices = indices_document(sweep) if sweep.numbers is None else {}
+    about |= {"sobol_indices": indices} if indices else {}
     return {"sweep": str(path), **about, "runs": len(sweep.seed), "summary": summary(sweep), "points": points}
 
 

@@ -1,9 +1,9 @@
 """Draw samples: points of the unit cube, their correlation by a Gaussian copula, and quantiles of distributions.
 
-Latin hypercubes and Sobol sequences are scipy's (`scipy.stats.qmc`); both depend on the seed alone. A Gaussian copula
-(Nelsen, An Introduction to Copulas, 2006, section 2.3) puts correlations in: the samples become normal variables, are
-mixed by the Cholesky factor of their correlations, and become samples of the unit cube again. Their distributions stay
-what they are.
+Latin hypercubes and Sobol sequences are scipy's (`scipy.stats.qmc`), the rows for Sobol indices are SALib's; all depend
+on the seed alone. A Gaussian copula (Nelsen, An Introduction to Copulas, 2006, section 2.3) puts correlations in: the
+samples become normal variables, are mixed by the Cholesky factor of their correlations, and become samples of the unit
+cube again. Their distributions stay what they are.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from rths_cli.case.study_schema import (
     UniformAxis,
 )
 from rths_cli.errors import InputError
+from rths_cli.studies.sensitivity import index_samples
 
 if TYPE_CHECKING:
     from rths_cli.numerics.lti import Array
@@ -33,9 +34,7 @@ INSIDE = 1 - 1e-10  # of the unit interval, about its middle: a quantile at its 
 def unit_samples(method: Method, count: int, axes: int, seed: int) -> Array:
     """Return samples (n, axes) in (0, 1); n is `count`, for `sobol_indices` count (axes + 2).
 
-    `sobol_indices` gives the rows A, B, then for each axis A with that axis taken from B (Saltelli et al., Computer
-    Physics Communications 181, 2010, table 2), A and B the halves of one scrambled Sobol sequence. `count` is a power
-    of 2 for both Sobol methods.
+    `count` is a power of 2 for both Sobol methods. Raises InputError where a package for the method is missing.
     """
     from scipy.stats import qmc
 
@@ -45,11 +44,7 @@ def unit_samples(method: Method, count: int, axes: int, seed: int) -> Array:
     elif method == "sobol":
         found = qmc.Sobol(axes, seed=rng).random_base2(count.bit_length() - 1)
     else:
-        both = qmc.Sobol(2 * axes, seed=rng).random_base2(count.bit_length() - 1)
-        first, second = both[:, :axes], both[:, axes:]
-        mixed = np.tile(first, (axes, 1, 1))
-        mixed[np.arange(axes), :, np.arange(axes)] = second.T
-        found = np.concatenate([first, second, *mixed])
+        found = index_samples(count, axes, rng)
     return np.asarray(0.5 + INSIDE * (found - 0.5))
 
 

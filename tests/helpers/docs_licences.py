@@ -29,7 +29,8 @@ LICENCES = {  # SPDX identifiers; of several, those of the Python code
     "pyarrow": "Apache-2.0", "pydantic": "MIT", "pydantic-core": "MIT",
     "pygments": "BSD-2-Clause", "pyparsing": "MIT", "pytest": "MIT",
     "pytest-xdist": "MIT", "python-dateutil": "BSD-3-Clause OR Apache-2.0", "pyyaml": "MIT", "rich": "MIT",
-    "ruff": "MIT", "scipy": "BSD-3-Clause", "six": "MIT", "types-pyyaml": "Apache-2.0", "typing-extensions": "PSF-2.0",
+    "ruff": "MIT", "salib": "MIT", "scipy": "BSD-3-Clause", "six": "MIT",
+    "types-pyyaml": "Apache-2.0", "typing-extensions": "PSF-2.0",
     "typing-inspection": "MIT", "tzdata": "Apache-2.0", "xarray": "Apache-2.0",
 }  # fmt: skip
 SOMETIMES = ("colorama", "commonmark", "six", "tzdata")  # on Windows, or with some versions of what needs them

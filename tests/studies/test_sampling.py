@@ -28,7 +28,7 @@ def test_the_seed_alone_decides(method: Method) -> None:
 def test_the_rows_of_sobol_indices_take_one_axis_at_a_time_from_the_second_sample() -> None:
     rows = unit_samples("sobol_indices", 16, 3, seed=0)
     assert rows.shape == (16 * 5, 3)
-    first, second, *mixed = rows.reshape(5, 16, 3)
+    first, *mixed, second = rows.reshape(16, 5, 3).transpose(1, 0, 2)
     assert not np.any(first == second)
     for axis, block in enumerate(mixed):
         assert np.array_equal(block[:, axis], second[:, axis])

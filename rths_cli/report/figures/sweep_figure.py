@@ -4,94 +4,26 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rths_cli.errors import InputError
 from rths_cli.files.sweep_file import Sweep
 from rths_cli.numerics.lti import Array
-from rths_cli.quantities.units import ENDINGS, typeset, unit_of_name
+from rths_cli.quantities.units import typeset, unit_of_name
 from rths_cli.report.answer import three
 from rths_cli.report.figures.figure_data import NotDrawn
 from rths_cli.report.figures.panels import GREY_TEXT, HEADING_CHARACTERS, empty_figure
 from rths_cli.report.figures.style import BLUE, VERMILLION, plain
-from rths_cli.report.sweep_page import STOREYS, as_text, short_key
+from rths_cli.report.sweep_metric import Gridded, as_text, gridded, named, short_key
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-PLAYED = "exp_rths."
-WHOSE = {"exp_rths": "EXP-RTHS:", "check": "predicted:"}
-IN_THOUSANDTHS = {"m/s^2": "mm/s^2", "m": "mm", "s": "ms"}
 NUMBERED_CELLS = {"one": 30, "two": 120}  # of a heat map, up to which each shows its number
 MOST_LABELS = {"one": 6, "two": 12}  # of a value on an axis
 LOG_STEP = 0.01  # relative; steps of equal ratio get a logarithmic axis
-
-
-@dataclass(frozen=True)
-class Gridded:
-    """A metric at the grid points of a sweep.
-
-    `values` (n_points, n_seeds) in `unit`, NaN where a run has none; `unfinished` (n_points,): whether a run of the
-    point was refused, aborted or failed.
-    """
-
-    label: str
-    unit: str
-    values: Array
-    unfinished: NDArray[np.bool_]
-    keys: dict[str, list[Any]]  # values (n_points,) by varied key
-
-
-def gridded(sweep: Sweep, metric: str = "") -> Gridded:
-    """Return a metric of a sweep by grid point: of the storey in brackets, from 1, or the largest of all storeys.
-
-    Metrics of EXP-RTHS are those of complete runs. Raises InputError for a metric that the sweep does not hold.
-    """
-    path, _, index = (metric or STOREYS).partition("[")
-    figure = sweep.figures.get(path)
-    if figure is None:
-        raise InputError(f"--metric {metric}: is not in the sweep; known: {', '.join(sweep.figures)}.")
-    values, where = _of_storey(figure.values, metric, index)
-    ended = np.array([status == "complete" for status in sweep.texts["status"]])
-    if path.startswith(PLAYED):
-        values = np.where(ended, values, np.nan)
-    unit = IN_THOUSANDTHS.get(figure.units, figure.units)
-    factor = 1e3 if figure.units in IN_THOUSANDTHS else 1.0
-    shape = (-1, sweep.seeds_per_point)
-    keys = {key: list(found[:: sweep.seeds_per_point]) for key, found in sweep.varied.items()}
-    kept = np.where(np.isfinite(values), factor * values, np.nan).reshape(shape)
-    return Gridded(f"{_in_words(path)}{where}", unit, kept, np.any(~ended.reshape(shape), axis=1), keys)
-
-
-def _in_words(path: str) -> str:
-    """Return the name of a metric as an axis shows it: without its unit, which stands in brackets behind it."""
-    run, _, leaf = path.partition(".")
-    for ending, _ in ENDINGS:
-        head, found, kind = leaf.rpartition(ending)
-        if found and (not kind or kind.startswith("_")):
-            leaf = f"{head}{kind}"
-            break
-    return f"{WHOSE.get(run, run)} {leaf.replace('_', ' ').replace('rms', 'RMS')}"
-
-
-def _of_storey(values: Array, metric: str, index: str) -> tuple[Array, str]:
-    """Return one number per run (n_runs,), and which storey that is in words."""
-    if values.ndim == 1:
-        if index:
-            raise InputError(f"--metric {metric}: is one number, not one per storey; leave out the brackets.")
-        return values, ""
-    if not index:
-        return np.where(np.isnan(values), -np.inf, values).max(axis=1), ", worst storey"
-    count = values.shape[1]
-    storey = index.removesuffix("]")
-    if not storey.isdecimal() or not 1 <= int(storey) <= count:
-        raise InputError(f"--metric {metric}: name a storey from 1 to {count} in the brackets.")
-    return values[:, int(storey) - 1], f", storey {int(storey)}"
 
 
 def sweep_figure(sweep: Sweep, width: str, metric: str = "", headed: bool = True) -> Figure:
@@ -104,28 +36,27 @@ def sweep_figure(sweep: Sweep, width: str, metric: str = "", headed: bool = True
     figure = empty_figure(width, 65.0 if len(found.keys) == 1 else 75.0)
     ax = figure.subplots()
     (_line if len(found.keys) == 1 else _map)(figure, ax, found, width)
+    seeds = sweep.seeds_per_point
+    return heading_of(figure, sweep, width, headed, f"{seeds} seeds, median and range" if seeds > 1 else "")
+
+
+def heading_of(figure: Figure, sweep: Sweep, width: str, headed: bool, note: str = "") -> Figure:
+    """Return the figure of a sweep, `headed` by its case and table and a note."""
     if headed:
-        seeds = sweep.seeds_per_point
         text = f"{sweep.attributes['case_name']}, EXP-RTHS; virtual shake table {sweep.attributes['rig']}"
-        text += f"; {seeds} seeds, median and range" if seeds > 1 else ""
+        text += f"; {note}" if note else ""
         figure.suptitle(
             plain(textwrap.fill(text, HEADING_CHARACTERS[width])), x=0.01, ha="left", fontsize=6.5, color=GREY_TEXT
         )
     return figure
 
 
-def named(found: Gridded) -> str:
-    """Return a metric with its unit, as an axis names it."""
-    unit = typeset(found.unit)
-    return f"{found.label} ({unit})" if unit not in ("", "1") else found.label
-
-
 def _line(figure: Figure, ax: Axes, found: Gridded, width: str) -> None:
     """Draw the median over the seeds, the band from the smallest to the largest, and points with unfinished runs."""
     ((key, varied),) = found.keys.items()
-    place, numeric = _places(varied)
+    place, numeric = places_of(varied)
     order = np.argsort(place)
-    low, middle, high = (_over_seeds(found.values, share)[order] for share in (0.0, 50.0, 100.0))
+    low, middle, high = (over_seeds(found.values, share)[order] for share in (0.0, 50.0, 100.0))
     if found.values.shape[1] > 1:
         ax.fill_between(place[order], low, high, color=BLUE, alpha=0.25, lw=0.0, label="range of the seeds")
     label = "median of the seeds" if found.values.shape[1] > 1 else "each run"
@@ -142,14 +73,14 @@ def _line(figure: Figure, ax: Axes, found: Gridded, width: str) -> None:
     if not numeric:
         ax.set_xticks(place, [as_text(value) for value in varied])
         ax.margins(x=0.15)
-    ax.set(xlabel=_axis_name(key, list(found.keys)), ylabel=_two_lines(named(found)))
+    ax.set(xlabel=axis_name(key, list(found.keys)), ylabel=two_lines(named(found)))
 
 
 def _map(figure: Figure, ax: Axes, found: Gridded, width: str) -> None:
     """Draw the median over the seeds as a heat map: the first key along the vertical axis, the second along the other;
     grey where no run has a value."""
     (rows, columns) = [_distinct(values) for values in found.keys.values()]
-    middle = _over_seeds(found.values, 50.0)
+    middle = over_seeds(found.values, 50.0)
     table = np.full((len(rows), len(columns)), np.nan)
     for first, second, value in zip(*found.keys.values(), middle, strict=True):
         table[rows.index(first), columns.index(second)] = value
@@ -157,14 +88,14 @@ def _map(figure: Figure, ax: Axes, found: Gridded, width: str) -> None:
     ax.set_facecolor("#DDDDDD")
     mesh = ax.imshow(np.ma.masked_invalid(table), origin="lower", aspect="auto", cmap="viridis")
     bar = figure.colorbar(mesh, ax=ax)
-    bar.set_label(_two_lines(named(found)))
+    bar.set_label(two_lines(named(found)))
     keys = list(found.keys)
     for values, place, text, name in (
         (columns, ax.set_xticks, ax.set_xlabel, keys[1]), (rows, ax.set_yticks, ax.set_ylabel, keys[0]),
     ):  # fmt: skip
         step = -(-len(values) // MOST_LABELS[width])
         place(range(0, len(values), step), [as_text(value) for value in values[::step]])
-        text(_axis_name(name, keys))
+        text(axis_name(name, keys))
     if table.size <= NUMBERED_CELLS[width]:
         light = float(np.nanmin(table)) + 0.6 * float(np.nanmax(table) - np.nanmin(table))
         for (row, column), value in np.ndenumerate(table):
@@ -179,7 +110,7 @@ def _distinct(values: Sequence[Any]) -> list[Any]:
     return sorted(found) if all(isinstance(value, int | float) for value in found) else found
 
 
-def _places(values: Sequence[Any]) -> tuple[Array, bool]:
+def places_of(values: Sequence[Any]) -> tuple[Array, bool]:
     """Return where the values of a key lie on an axis, and whether they are numbers."""
     if all(isinstance(value, int | float) and not isinstance(value, bool) for value in values):
         return np.asarray(values, dtype=float), True
@@ -194,7 +125,7 @@ def _geometric(places: Array) -> bool:
     return bool(np.ptp(ratios) < LOG_STEP * ratios.max() and np.ptp(steps) > LOG_STEP * steps.max())
 
 
-def _over_seeds(values: Array, share: float) -> Array:
+def over_seeds(values: Array, share: float) -> Array:
     """Return a quantile in percent over the seeds of each grid point (n_points,); NaN where no run has a value."""
     found = np.full(len(values), np.nan)
     known = np.isfinite(values).any(axis=1)
@@ -202,12 +133,13 @@ def _over_seeds(values: Array, share: float) -> Array:
     return found
 
 
-def _axis_name(key: str, keys: Sequence[str]) -> str:
+def axis_name(key: str, keys: Sequence[str]) -> str:
+    """Return a varied key as an axis names it: its end, with its unit."""
     unit = unit_of_name(key, "")
     return f"{short_key(key, keys)} ({typeset(unit)})" if unit else short_key(key, keys)
 
 
-def _two_lines(text: str) -> str:
+def two_lines(text: str) -> str:
     """Return a long name of an axis in two lines."""
     head, comma, rest = text.partition(", ")
     return f"{head},\n{rest}" if comma else text

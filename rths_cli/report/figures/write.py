@@ -23,10 +23,12 @@ from rths_cli.report.figures import error_figures, frequency, histories, structu
 from rths_cli.report.figures.figure_data import NotDrawn, Source
 from rths_cli.report.figures.limit_bars import limits
 from rths_cli.report.figures.panels import heading
+from rths_cli.report.figures.study_figures import has_boundary, parallel, sobol, stability, tornado
 from rths_cli.report.figures.style import DPI, FORMS, METADATA, WIDTHS_MM, in_house_style
 from rths_cli.report.figures.sweep_figure import sweep_figure
 from rths_cli.report.figures.timing import timing
 from rths_cli.report.result_scale import in_model_scale
+from rths_cli.report.study_indices import indexed_keys
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -56,6 +58,10 @@ FIGURES: dict[str, Callable[[Source, str], Figure]] = {
 }
 
 
+SWEEP_FIGURES: dict[str, Callable[[Sweep, str, str, bool], Figure]] = {
+    SWEEP: sweep_figure, "tornado": tornado, "parallel": parallel, "sobol": sobol, "stability": stability,
+}  # fmt: skip
+"""Figures of sweeps by name."""
 IN_MODEL_SCALE = ("table_response", "spectra", "delay_and_gain", "limits", "timing")
 """Figures of the rig and of the loop, which have no prototype."""
 
@@ -108,7 +114,9 @@ def write_sweep_figures(
     sweeps: Sequence[tuple[Path, Sweep]], folder: Path, form: str = "pdf", width: str = "one",
     tell: Tell | None = None, header: str = CASE_HEADER, metric: str = "", replace: bool = True,
 ) -> list[Path]:  # fmt: skip
-    """Write the figure of every sweep, each given with its file, into `folder` as NAME-sweep.pdf (svg, png).
+    """Write the figures of every sweep, each given with its file, into `folder` as NAME-FIGURE.pdf (svg, png).
+
+    Which they are follows from what is varied (`sweep_figure_names`).
 
     `metric`: path of what is drawn over the varied keys, with the storey in brackets or the largest of all storeys;
     "": the RMS error of EXP-RTHS. Otherwise as `write_figures`; also raises InputError where no sweep has the metric.
@@ -116,10 +124,27 @@ def write_sweep_figures(
     _check(header, HEADERS, "header")
     stems = tuple(_stems([path for path, _ in sweeps]))
     planned = (
-        (path, stem, SWEEP, partial(sweep_figure, sweep, width, metric, header == CASE_HEADER), f"{SWEEP}: {stem}")
+        (path, stem, name, partial(SWEEP_FIGURES[name], sweep, width, metric, header == CASE_HEADER), f"{name}: {stem}")
         for stem, (path, sweep) in zip(stems, sweeps, strict=True)
+        for name in sweep_figure_names(sweep)
     )
-    return _write(planned, (f"{stem}-{SWEEP}" for stem in stems), folder, form, width, tell, replace)
+    named = (
+        f"{stem}-{name}" for stem, (_, sweep) in zip(stems, sweeps, strict=True) for name in sweep_figure_names(sweep)
+    )
+    return _write(planned, named, folder, form, width, tell, replace)
+
+
+def sweep_figure_names(sweep: Sweep) -> tuple[str, ...]:
+    """Return the figures that are drawn of a sweep, by the number of its varied keys and how they were sampled."""
+    keys = len(sweep.varied)
+    wanted = {
+        SWEEP: keys <= 2,
+        "tornado": keys >= 2,
+        "parallel": keys >= 3,
+        "sobol": bool(indexed_keys(sweep)),
+        "stability": has_boundary(sweep),
+    }
+    return tuple(name for name, asked in wanted.items() if asked)
 
 
 def _write(

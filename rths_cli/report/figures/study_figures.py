@@ -1,0 +1,277 @@
+"""Figures of a study: tornado, parallel coordinates, Sobol indices, and the boundary of stability over two keys."""
+
+from __future__ import annotations
+
+import textwrap
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rths_cli.errors import InputError
+from rths_cli.files.sweep_file import Sweep
+from rths_cli.numerics.lti import Array
+from rths_cli.report.answer import three
+from rths_cli.report.figures.figure_data import NotDrawn
+from rths_cli.report.figures.panels import empty_figure
+from rths_cli.report.figures.style import BLACK, BLUE, GREY, ORANGE, VERMILLION, plain
+from rths_cli.report.figures.sweep_figure import axis_name, heading_of, over_seeds, places_of, two_lines
+from rths_cli.report.study_indices import indexed_keys, indices_of
+from rths_cli.report.sweep_metric import Gridded, as_text, gridded, named, short_key
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+RADIUS = "check.spectral_radius"
+FEW_VALUES = 8  # of a key, up to which each value is a group of its own
+SHARE = 0.2  # of the grid points at either end of a key with more values
+MOST_LINES = 1000  # of parallel coordinates
+ROW_MM, AROUND_MM = 9.0, 24.0
+BAR = 0.6
+LABEL_CHARACTERS = {"one": 16, "two": 40}
+
+
+def tornado(sweep: Sweep, width: str, metric: str = "", headed: bool = True) -> Figure:
+    """Draw how far the median of a metric moves when one key goes from its smallest to its largest values.
+
+    A key with up to 8 values has a group of grid points for each, one with more has the lowest and the highest fifth.
+    A bar spans the medians of the groups; keys are in the order of their bars. Raises NotDrawn for fewer than two keys.
+    """
+    found = _checked(sweep, metric, fewest=2, what="a tornado")
+    middle = over_seeds(found.values, 50.0)
+    known = np.isfinite(middle)
+    groups = {key: _groups(values, known) for key, values in found.keys.items()}
+    spans = {
+        key: [(label, float(np.median(middle[where]))) for label, where in each] for key, each in groups.items() if each
+    }
+    order = sorted(spans, key=lambda key: _span(spans[key]))
+    figure = empty_figure(width, AROUND_MM + ROW_MM * len(order))
+    ax = figure.subplots()
+    for row, key in enumerate(order):
+        values = [value for _, value in spans[key]]
+        numeric = places_of(found.keys[key])[1]
+        low, high = (0, -1) if numeric else (int(np.argmin(values)), int(np.argmax(values)))
+        ends = spans[key][low], spans[key][high]
+        ax.barh(row, max(values) - min(values), left=min(values), height=BAR, color="#DDDDDD")
+        for (label, value), color in zip(ends, (BLUE, VERMILLION) if numeric else (GREY, GREY), strict=True):
+            ax.plot(value, row, "o", color=color, ms=4.0)
+            other = ends[1][1] if value == ends[0][1] else ends[0][1]
+            right = value >= other if label == ends[1][0] else value > other
+            ax.annotate(
+                plain(label), (value, row), (5 if right else -5, 0), textcoords="offset points", va="center",
+                ha="left" if right else "right", fontsize=5.5,
+            )  # fmt: skip
+    ax.axvline(float(np.median(middle[known])), color=BLACK, lw=0.8)
+    keys = list(found.keys)
+    ax.set_yticks(range(len(order)), [_wrapped(axis_name(key, keys), width) for key in order])
+    ax.set_ylim(-0.6, len(order) - 0.4)
+    ax.use_sticky_edges = False
+    ax.margins(x=0.25)
+    ax.grid(False, axis="y")
+    ax.set_xlabel(f"median {named(found)}")
+    _dots(figure, [("at the small values", BLUE), ("at the large values", VERMILLION), ("at texts", GREY)], found.keys)
+    return heading_of(figure, sweep, width, headed, "black line: median of all")
+
+
+def _groups(values: Sequence[Any], known: NDArray[np.bool_]) -> list[tuple[str, NDArray[np.bool_]]]:
+    """Return labels and grid points (n_points,) of the groups of a key, numbers ascending; those without value left
+    out."""
+    place, numeric = places_of(values)
+    texts = np.array([as_text(value) for value in values], dtype=object)
+    distinct = np.unique(place) if numeric else np.array(list(dict.fromkeys(texts)), dtype=object)
+    if len(distinct) <= FEW_VALUES:
+        each = place if numeric else texts
+        groups = [(as_text(float(one)) if numeric else str(one), each == one) for one in distinct]
+    else:
+        low, high = np.quantile(place[known], [SHARE, 1.0 - SHARE])
+        groups = [(f"≤ {low:.3g}", place <= low), (f"≥ {high:.3g}", place >= high)]
+    return [(label, where & known) for label, where in groups if np.any(where & known)]
+
+
+def _span(groups: Sequence[tuple[str, float]]) -> float:
+    values = [value for _, value in groups]
+    return max(values) - min(values)
+
+
+def parallel(sweep: Sweep, width: str, metric: str = "", headed: bool = True) -> Figure:
+    """Draw every grid point as a line across its varied keys to its metric, coloured by the metric.
+
+    Grid points with an unfinished run are grey and end before the metric. Of more than 1,000 grid points as
+    many, evenly spread, are drawn. Raises NotDrawn for fewer than two keys.
+    """
+    found = _checked(sweep, metric, fewest=2, what="parallel coordinates")
+    from matplotlib import colormaps
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.collections import LineCollection
+    from matplotlib.colors import Normalize
+
+    keys = list(found.keys)
+    middle = over_seeds(found.values, 50.0)
+    shown = np.unique(np.linspace(0, len(middle) - 1, min(len(middle), MOST_LINES)).astype(int))
+    columns = [_scaled(found.keys[key]) for key in keys]
+    known = np.isfinite(middle)
+    low, high = float(middle[known].min()), float(middle[known].max())
+    last = (middle - low) / (high - low) if high > low else np.full(len(middle), 0.5)
+    heights = np.stack([*(column for column, _ in columns), last], axis=1)[shown]
+    figure = empty_figure(width, 80.0)
+    ax = figure.subplots()
+    across = np.arange(len(keys) + 1)
+    whole = known[shown]
+    unknown = [np.stack([across[:-1], row[:-1]], axis=1) for row in heights[~whole]]
+    ax.add_collection(LineCollection(unknown, colors="#BBBBBB", linewidths=0.6))
+    order = np.argsort(middle[shown][whole])  # the largest on top
+    lines = [np.stack([across, row], axis=1) for row in heights[whole][order]]
+    colors = colormaps["viridis"](Normalize(low, high)(middle[shown][whole][order]))
+    ax.add_collection(LineCollection(lines, colors=colors, linewidths=0.7, alpha=0.8))
+    for place, (_, ticks) in enumerate([*columns, (last, ((0.0, three(low)), (1.0, three(high))))]):
+        ax.axvline(place, color=BLACK, lw=0.6)
+        for height, text in ticks:
+            ax.annotate(plain(text), (place, height), (2, 0), textcoords="offset points", va="center", fontsize=5.5,
+                        bbox={"facecolor": "white", "alpha": 0.7, "lw": 0.0, "pad": 0.6})  # fmt: skip
+    names = [*(axis_name(key, keys) for key in keys), found.label.rpartition(", ")[0] or found.label]
+    ax.set_xticks(across, [_wrapped(name, "two") for name in names], rotation=25.0, ha="right")
+    ax.set_yticks([])
+    ax.grid(False)
+    for side in ("left", "right", "top", "bottom"):
+        ax.spines[side].set_visible(False)
+    ax.tick_params(axis="x", length=0)
+    ax.set(xlim=(-0.05, len(keys) + 0.25), ylim=(-0.04, 1.04))
+    bar = figure.colorbar(ScalarMappable(Normalize(low, high), "viridis"), ax=ax)
+    bar.set_label(two_lines(named(found)))
+    told = [f"{len(shown)} of {len(middle)} grid points"] if len(shown) < len(middle) else []
+    told += ["grey: a run was refused, aborted or failed"] if not whole.all() else []
+    return heading_of(figure, sweep, width, headed, "; ".join(told))
+
+
+def _scaled(values: Sequence[Any]) -> tuple[Array, tuple[tuple[float, str], ...]]:
+    """Return the heights (n_points,) of a key from 0 to 1, and its ticks: both ends of numbers, every text."""
+    place, numeric = places_of(values)
+    if numeric:
+        low, high = float(place.min()), float(place.max())
+        height = (place - low) / (high - low) if high > low else np.full(len(place), 0.5)
+        return height, ((0.0, f"{low:.4g}"), (1.0, f"{high:.4g}")) if high > low else ((0.5, f"{low:.4g}"),)
+    texts = list(dict.fromkeys(as_text(value) for value in values))
+    each = {text: (k / (len(texts) - 1) if len(texts) > 1 else 0.5) for k, text in enumerate(texts)}
+    return np.array([each[as_text(value)] for value in values]), tuple((height, text) for text, height in each.items())
+
+
+def sobol(sweep: Sweep, width: str, metric: str = "", headed: bool = True) -> Figure:
+    """Draw first-order and total Sobol indices of a metric with their standard errors.
+
+    Raises NotDrawn for a study that was not sampled for them, or with a run that has no metric.
+    """
+    keys = indexed_keys(sweep)
+    if not keys:
+        raise NotDrawn("no study with samples.method: sobol_indices")
+    try:
+        found, indices = indices_of(sweep, metric)
+    except InputError as error:
+        raise NotDrawn(str(error)) from error
+    order = np.argsort(indices.total)
+    figure = empty_figure(width, AROUND_MM + ROW_MM * len(keys))
+    ax = figure.subplots()
+    for values, errors, color, place, label in (
+        (indices.first, indices.first_error, BLUE, 0.15, "first order: this key alone"),
+        (indices.total, indices.total_error, ORANGE, -0.15, "total: with all its interactions"),
+    ):
+        ax.errorbar(values[order], np.arange(len(keys)) + place, xerr=errors[order], fmt="o", color=color, ms=3.5,
+                    elinewidth=1.0, capsize=2.0, label=label)  # fmt: skip
+    ax.axvline(0.0, color=BLACK, lw=0.6)
+    ax.set_yticks(range(len(keys)), [_wrapped(short_key(keys[k], keys), width) for k in order])
+    ax.set_ylim(-0.6, len(keys) - 0.4)
+    ax.set_xlabel(_indexed(found, sweep))
+    figure.legend(loc="outside lower center", ncols=1 if width == "one" else 2)
+    return heading_of(figure, sweep, width, headed, "bars: one standard error")
+
+
+def _indexed(found: Gridded, sweep: Sweep) -> str:
+    seeds = f",\nmean of {sweep.seeds_per_point} seeds" if sweep.seeds_per_point > 1 else ""
+    return f"Sobol index of {found.label}{seeds}"
+
+
+def stability(sweep: Sweep, width: str, metric: str = "", headed: bool = True) -> Figure:
+    """Draw where the check forecasts a stable loop over two keys with numbers, and how the runs there ended.
+
+    The boundary is the line of spectral radius 1 between the grid points. `metric` is not used. Raises NotDrawn for
+    other keys, and where no boundary runs between the grid points.
+    """
+    if not has_boundary(sweep):
+        raise NotDrawn("no boundary of stability runs between grid points over two keys with numbers")
+    keys, across, up, radius = _plane(sweep)
+    known = np.isfinite(radius)
+    figure = empty_figure(width, 82.0)
+    ax = figure.subplots()
+    ax.set(xlim=_beyond(across), ylim=_beyond(up))
+    ax.tricontourf(across[known], up[known], radius[known], levels=[1.0, np.inf], colors=["#F3D9C8"], extend="neither")
+    ax.tricontour(across[known], up[known], radius[known], levels=[1.0], colors=[BLACK], linewidths=1.2)
+    for label, marker, color, filled, where in _ended(sweep):
+        ax.plot(across[where], up[where], marker, color=color, ms=3.5, ls="none", label=label,
+                markerfacecolor=color if filled else "none")  # fmt: skip
+    ax.set(xlabel=axis_name(keys[1], keys), ylabel=axis_name(keys[0], keys))
+    ax.plot([], [], color=BLACK, lw=1.2, label="boundary by the check")
+    figure.legend(loc="outside lower center", ncols=1 if width == "one" else 4)
+    return heading_of(figure, sweep, width, headed, "shaded: the check forecasts an unstable loop")
+
+
+def has_boundary(sweep: Sweep) -> bool:
+    """Return whether two keys with numbers are varied, and the check forecasts both stable and unstable loops."""
+    numeric = [places_of(list(values))[1] for values in sweep.varied.values()]
+    if RADIUS not in sweep.figures or numeric != [True, True]:
+        return False
+    _, across, up, radius = _plane(sweep)
+    known = np.isfinite(radius)
+    spread = [len(np.unique(values[known])) > 1 for values in (across, up)]
+    return bool(known.sum() > 3 and all(spread) and radius[known].min() < 1.0 <= radius[known].max())
+
+
+def _plane(sweep: Sweep) -> tuple[list[str], Array, Array, Array]:
+    """Return two keys, the values (n_points,) of the second and of the first, and the forecast spectral radius."""
+    size, keys = sweep.seeds_per_point, list(sweep.varied)
+    across, up = (places_of(list(sweep.varied[key]))[0][::size] for key in (keys[1], keys[0]))
+    return keys, across, up, sweep.figures[RADIUS].values[::size]
+
+
+def _ended(sweep: Sweep) -> list[tuple[str, str, str, bool, NDArray[np.bool_]]]:
+    """Return label, marker, colour, whether it is filled, and grid points (n_points,), by a run's worst end."""
+    size = sweep.seeds_per_point
+    statuses = np.array(sweep.texts["status"]).reshape(-1, size)
+    refused = (statuses == "refused").all(axis=1)
+    stopped = ((statuses != "complete") & (statuses != "refused")).any(axis=1)
+    kinds = (
+        ("simulated: reached the end", "o", BLUE, True, ~refused & ~stopped),
+        ("simulated: stopped by a limit", "x", VERMILLION, True, stopped),
+        ("refused by the check, not simulated", "s", GREY, False, refused & ~stopped),
+    )
+    return [kind for kind in kinds if kind[-1].any()]
+
+
+def _beyond(values: Array) -> tuple[float, float]:
+    """Return the ends of an axis a little beyond its values."""
+    low, high = float(values.min()), float(values.max())
+    return low - 0.05 * (high - low), high + 0.05 * (high - low)
+
+
+def _checked(sweep: Sweep, metric: str, fewest: int, what: str) -> Gridded:
+    """Return a metric by grid point; raises NotDrawn for too few keys or no value."""
+    found = gridded(sweep, metric)
+    if len(found.keys) < fewest:
+        raise NotDrawn(f"{what} needs {fewest} varied keys or more")
+    if not np.any(np.isfinite(found.values)):
+        raise NotDrawn(f"no run has a finite {found.label}")
+    return found
+
+
+def _dots(figure: Figure, kinds: Sequence[tuple[str, str]], keys: dict[str, list[Any]]) -> None:
+    """Draw the legend of the dots that occur: of numbers, of texts."""
+    from matplotlib.lines import Line2D
+
+    numbers = [places_of(values)[1] for values in keys.values()]
+    shown = [*(kinds[:2] if any(numbers) else ()), *(kinds[2:] if not all(numbers) else ())]
+    handles = [Line2D([], [], marker="o", ls="none", ms=4.0, color=color, label=label) for label, color in shown]
+    figure.legend(handles=handles, loc="outside lower center", ncols=3)
+
+
+def _wrapped(text: str, width: str) -> str:
+    """Return a long name in several lines."""
+    return plain("\n".join(textwrap.wrap(text.replace("_", " "), LABEL_CHARACTERS[width], break_long_words=True)))

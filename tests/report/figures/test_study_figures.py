@@ -1,0 +1,106 @@
+"""Figures of a study of hand-made rows: tornado, parallel coordinates, Sobol indices, boundary of stability."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from campaigns.synthetic_study import ishigami
+
+from rths_cli.errors import InputError
+from rths_cli.files.sweep_file import Figure, Sweep
+from rths_cli.report.figures import NotDrawn
+from rths_cli.report.figures.study_figures import has_boundary, parallel, sobol, stability, tornado
+from rths_cli.report.study_indices import indices_document, indices_of, indices_text
+from rths_cli.studies.sampling import unit_samples
+
+STOREYS, TRACKING, RADIUS = "exp_rths.rms_error_m_s2", "exp_rths.tracking_rms_m_s2", "check.spectral_radius"
+
+
+def made(varied, errors, statuses=None, more=None, study=""):
+    """Return a sweep with errors (n,) in mm/s^2 of the worst storey."""
+    count = len(errors)
+    figures = {
+        TRACKING: Figure(np.asarray(errors) / 1e3, "m/s^2", "t"),
+        STOREYS: Figure(np.outer(np.asarray(errors) / 1e3, [1.0, 0.5]), "m/s^2", "s"),
+        **(more or {}),
+    }
+    texts = {"status": statuses or ("complete",) * count}
+    about = {"case_name": "quake", "rig": "bench"}
+    return Sweep(about, "", "", 1, varied, np.zeros(count, int), texts, figures, study)
+
+
+def test_a_tornado_has_the_medians_at_both_ends_of_each_key_the_longest_bar_on_top():
+    weak, strong = np.tile([0.0, 1.0, 2.0], 3), np.repeat([1.0, 2.0, 3.0], 3)
+    figure = tornado(made({"weak": tuple(weak), "strong": tuple(strong)}, weak + 10 * strong), "one")
+    (ax,) = figure.axes
+    assert [text.get_text() for text in ax.get_yticklabels()] == ["weak", "strong"]
+    ends = [(bar.get_x(), bar.get_x() + bar.get_width()) for bar in ax.patches]
+    assert ends == [pytest.approx((20.0, 22.0)), pytest.approx((11.0, 31.0))]
+    assert [text.get_text() for text in ax.texts] == ["0", "2", "1", "3"]
+    with pytest.raises(NotDrawn, match="2 varied keys or more"):
+        tornado(made({"weak": tuple(weak)}, weak), "one")
+
+
+def test_parallel_coordinates_go_from_each_key_to_the_metric_and_unfinished_points_end_before():
+    sweep = made({"a": (0.0, 1.0, 2.0), "b": ("x", "y", "x"), "c": (3.0, 3.0, 5.0)}, [1.0, 2.0, 3.0],
+                 ("complete", "refused", "complete"))  # fmt: skip
+    unknown, known = parallel(sweep, "two").axes[0].collections[:2]
+    (grey,) = unknown.get_segments()
+    assert grey == pytest.approx(np.array([[0, 0.5], [1, 1.0], [2, 0.0]]))
+    first, last = known.get_segments()
+    assert first == pytest.approx(np.array([[0, 0.0], [1, 0.0], [2, 0.0], [3, 0.0]]))
+    assert last == pytest.approx(np.array([[0, 1.0], [1, 0.0], [2, 1.0], [3, 1.0]]))
+
+
+def test_the_boundary_is_where_the_spectral_radius_is_one():
+    delay, mass = (each.ravel() for each in np.meshgrid(np.linspace(1, 3, 5), np.linspace(0, 1, 5)))
+    radius = 0.8 + 0.1 * delay
+    statuses = tuple(np.where(radius > 1.05, "refused", np.where(radius > 1.0, "aborted", "complete")))
+    sweep = made({"delay": tuple(delay), "mass": tuple(mass)}, delay, statuses, {RADIUS: Figure(radius, "1", "r")})
+    ax = stability(sweep, "one").axes[0]
+    line = ax.collections[1].get_paths()[0].vertices
+    assert line[:, 1] == pytest.approx(2.0) and np.ptp(line[:, 0]) == pytest.approx(1.0)
+    shown = {one.get_label(): len(one.get_xdata()) for one in ax.lines}
+    assert shown["simulated: reached the end"] == 15 and shown["simulated: stopped by a limit"] == 5
+    assert shown["refused by the check, not simulated"] == 5
+    safe = replace(sweep, figures=sweep.figures | {RADIUS: Figure(radius / 2, "1", "r")})
+    assert has_boundary(sweep) and not has_boundary(safe)
+    with pytest.raises(NotDrawn):
+        stability(safe, "one")
+
+
+@pytest.fixture
+def sampled() -> Sweep:
+    """Return a study of Ishigami's function, sampled for Sobol indices."""
+    known = ishigami()
+    rows = -np.pi + 2 * np.pi * unit_samples("sobol_indices", 1024, 3, 0)
+    keys = ("one", "two", "three")
+    axes = "".join(f"  {key}: {{distribution: uniform, low: -3, high: 3}}\n" for key in keys)
+    study = f"case: x\naxes:\n{axes}samples: {{method: sobol_indices, count: 1024}}\n"
+    return made(
+        {key: tuple(column) for key, column in zip(keys, rows.T, strict=True)}, 20 + known.of(rows), study=study
+    )
+
+
+def test_sobol_indices_are_drawn_and_printed_as_they_are_estimated(sampled):
+    _, found = indices_of(sampled)
+    assert found.first == pytest.approx(ishigami().first, abs=0.1)
+    order = np.argsort(found.total)
+    first, total = (each[0].get_xdata() for each in sobol(sampled, "one").axes[0].containers)
+    assert first == pytest.approx(found.first[order]) and total == pytest.approx(found.total[order])
+    text = "\n".join(indices_text(sampled))
+    assert f"{found.total[1]:.4f} +- {found.total_error[1]:.4f}" in text
+    assert indices_document(sampled)[f"{STOREYS}[1]"]["two"]["total"] == pytest.approx(found.total[1])
+    assert (
+        indices_text(replace(sampled, study_yaml="")) == [] == list(indices_document(replace(sampled, study_yaml="")))
+    )
+
+
+def test_indices_need_every_run_and_no_other_key(sampled):
+    lost = replace(sampled, texts={"status": ("refused", *sampled.texts["status"][1:])})
+    assert "1 of 5120 have none" in "\n".join(indices_text(lost))
+    with pytest.raises(NotDrawn, match="1 of 5120 have none"):
+        sobol(lost, "one")
+    other = replace(sampled, varied=sampled.varied | {"method": ("best",) * 5120})
+    with pytest.raises(InputError, match="also varies method"):
+        indices_of(other)

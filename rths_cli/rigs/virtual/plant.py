@@ -18,7 +18,7 @@ from rths_cli.numerics.content_key import content_key
 from rths_cli.numerics.lti import Array
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.numerics.tiled_products import ROWS, padded, squares, tiled
-from rths_cli.rigs.virtual.specimen_laws import SpecimenLaws
+from rths_cli.rigs.virtual.specimen_laws import NoLaws, SpecimenLaws
 from rths_cli.structure import Specimen
 
 if TYPE_CHECKING:
@@ -176,7 +176,7 @@ class Plant(NamedTuple):
     sensor_steps_per_v: float
     noise_rms_m_s2: float
     refine: int  # levels added to the one chosen (0; more to check the integration)
-    laws: SpecimenLaws
+    laws: NoLaws | SpecimenLaws
 
 
 def continuous(

@@ -11,13 +11,15 @@ implementations of their own.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.numerics.compiled import part
+from rths_cli.numerics.compiled import borrowed, part, part_class, shared_part
 from rths_cli.numerics.lti import Array, Integers
+from rths_cli.numerics.tiled_products import ROWS
+from rths_cli.rigs.virtual.friction_and_clipping import clipped, solve, tanh
 from rths_cli.structure import Specimen, storey_matrix, storey_values
 from rths_cli.structure.storey_laws import (
     BILINEAR,
@@ -33,8 +35,13 @@ from rths_cli.structure.storey_laws import (
     law_of,
 )
 
+if TYPE_CHECKING:
+    from rths_cli.rigs.virtual.plant import Plant
+    from rths_cli.rigs.virtual.plant_kernel import PlantState
+
 REMEMBERED = 12  # numbers of a law
 PHASE = 1e-3  # rad in an inner step, of the specimen's fastest vibration
+ROUNDS = 40  # of the fixed point
 CONTRACTION = 0.25  # of an error in the forces by one round of the fixed point
 FASTEST_M_S = 1.0  # rate of a storey up to which a damper's tangent is bounded
 MOST_PIECES = 8
@@ -42,8 +49,32 @@ MOST_CORNERS = 8
 ELASTIC, BACKBONE, UNLOADING, RELOADING = range(4)
 
 
+@part_class
+class NoLaws(NamedTuple):
+    """A linear specimen: its plant is compiled without what laws need."""
+
+    storeys: int = 0
+
+    def accel_by_laws(self, state: Array, forces: int, channel: int) -> float:
+        """Return what laws add to the absolute acceleration of table or floor at a step's end: nothing."""
+        return 0.0
+
+    def inner_level(self, level: int, refine: int, most: int) -> int:
+        """Return the level of inner steps where friction and clipping need `level`: the same."""
+        return level
+
+    def tiles_used(self, used: int, all_of_them: int) -> int:
+        """Return how many column tiles of the state act where friction and clipping use so many: these."""
+        return used
+
+    def find_forces(self, plant: Plant, s: PlantState, level: int, active: int) -> None:
+        """Find the acting nonlinearities at start, middle and end of an inner step."""
+        solve(plant, s, level, active)
+
+
+@part_class
 class SpecimenLaws(NamedTuple):
-    """Constant arrays of l laws in q storeys of the specimen; l = q = 0 for a linear one.
+    """Constant arrays of l laws in q storeys of the specimen; `storeys` is q.
 
     `which` (l,) place of the storey among the q, `code` (l,), `numbers` (l, NUMBERS). `arguments` (levels, 2, 2 + 2 q,
     columns): v / v_s, F_ref, drifts, rates at middle and end of an inner step, from the columns of the plant's state.
@@ -51,6 +82,7 @@ class SpecimenLaws(NamedTuple):
     force at which the iteration ends.
     """
 
+    storeys: int
     which: Integers
     code: Integers
     numbers: Array
@@ -58,6 +90,25 @@ class SpecimenLaws(NamedTuple):
     accel: Array
     level: int
     solved_n: float
+
+    def accel_by_laws(self, state: Array, forces: int, channel: int) -> float:
+        """Return what the laws add to the absolute acceleration of table or floor at a step's end."""
+        value = 0.0
+        for q in range(self.storeys):
+            value += self.accel[channel, q] * state[forces + ROWS * (2 + q) + 2]
+        return value
+
+    def inner_level(self, level: int, refine: int, most: int) -> int:
+        """Return the level of inner steps where friction and clipping need `level`."""
+        return max(level, min(self.level + refine, most))
+
+    def tiles_used(self, used: int, all_of_them: int) -> int:
+        """Return how many column tiles of the state act where friction and clipping use so many: all."""
+        return all_of_them
+
+    def find_forces(self, plant: Plant, s: PlantState, level: int, active: int) -> None:
+        """Find friction, clipping and the laws' forces at start, middle and end of an inner step (fixed point)."""
+        solve_with_laws(self, plant, s, level, active == 2)
 
 
 def specimen_with_laws(specimen: Specimen, stated: tuple[tuple[LawSpec, ...], ...], g: float) -> tuple[Specimen, Laws]:
@@ -135,10 +186,62 @@ def level_of(laws: Laws, which: Integers, specimen: Specimen, arguments: Array, 
     )
 
 
-def no_laws(channels: int) -> SpecimenLaws:
-    """Return the arrays of a linear specimen."""
-    none = np.zeros(0, dtype=np.int64)
-    return SpecimenLaws(none, none, np.zeros((0, 1)), np.zeros((1, 1, 1, 1)), np.zeros((channels, 0)), 0, 0.0)
+@shared_part
+def solve_with_laws(laws: SpecimenLaws, plant: Plant, s: PlantState, level: int, clips: bool) -> None:
+    """Find friction, clipping and the laws' forces at start, middle and end of an inner step (fixed point)."""
+    laws, plant, s = borrowed((laws, plant, s))
+    n, first = plant.mechanical, plant.forces
+    arguments, storeys, state, memory = laws.arguments[level], laws.storeys, s.state, s.law_memory
+    half_s = 0.5 * plant.dt_s / (1 << level)
+    reference = plant.start[0, n, 1] * state[n]
+    for i in range(n):
+        reference += plant.start[0, i, 1] * state[i]
+    state[first + ROWS + 2] = clipped(reference, plant) if clips else 0.0
+    for place in range(first, state.size, ROWS):
+        state[place] = state[place + 1] = state[place + 2]
+    for node in range(2):
+        for which in range(s.law_free.shape[1]):
+            value = 0.0
+            for i in range(n + 1):
+                value += arguments[node, which, i] * state[i]
+            s.law_free[node, which] = value
+    for _ in range(ROUNDS):
+        solved = True
+        for node in range(2):
+            friction = tanh(value_of(laws, plant, s, level, node, 0))
+            clip = clipped(value_of(laws, plant, s, level, node, 1), plant) if clips else 0.0
+            solved &= abs(friction - state[first + 1 + node]) < 1e-10
+            solved &= abs(clip - state[first + ROWS + 1 + node]) < 1e-10
+            for i in range(laws.code.size):
+                for m in range(memory.shape[2]):
+                    memory[node + 1, i, m] = memory[node, i, m]
+            for q in range(storeys):
+                u, v = (
+                    value_of(laws, plant, s, level, node, 2 + q),
+                    value_of(laws, plant, s, level, node, 2 + storeys + q),
+                )
+                force = 0.0
+                for i in range(laws.code.size):
+                    if laws.which[i] == q:
+                        force += law_force(laws.code[i], laws.numbers[i], memory[node + 1, i], u, v, half_s)
+                place = first + ROWS * (2 + q) + 1 + node
+                solved &= abs(force - state[place]) <= laws.solved_n + 1e-12 * abs(force)
+                state[place] = force
+            state[first + 1 + node], state[first + ROWS + 1 + node] = friction, clip
+        if solved:
+            break
+    for i in range(laws.code.size):
+        for m in range(memory.shape[2]):
+            memory[0, i, m] = memory[2, i, m]
+
+
+@part
+def value_of(laws: SpecimenLaws, plant: Plant, s: PlantState, level: int, node: int, which: int) -> float:
+    """Return an argument of the nonlinearities at middle (node = 0) or end (1) of an inner step, as solved so far."""
+    value = s.law_free[node, which]
+    for i in range(plant.forces, s.state.size):
+        value += laws.arguments[level, node, which, i] * s.state[i]
+    return value
 
 
 @part

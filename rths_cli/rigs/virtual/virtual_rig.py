@@ -15,11 +15,11 @@ from rths_cli.rigs.interface import COMPILED_PLANT, Commands, RigInfo, one_actua
 from rths_cli.rigs.virtual import plant_kernel
 from rths_cli.rigs.virtual.plant import Parts, Plant, accelerations, continuous, levels, velocities, with_sensors
 from rths_cli.rigs.virtual.specimen_laws import (
+    NoLaws,
     SpecimenLaws,
     law_columns,
     law_rows,
     level_of,
-    no_laws,
     specimen_with_laws,
 )
 from rths_cli.structure import Specimen
@@ -83,12 +83,12 @@ def build_plant(
     inputs, drifts = np.column_stack([full_n[:, :2], full_u, full_n[:, 2:]]), law_rows(floors, storeys, len(a))
     parts = Parts(full, inputs, len(a), rows, row_command, velocities(len(full), floors), scale, drifts)
     steps = levels(parts, info.dt_s, LEVELS + refine)
-    laws = no_laws(1 + floors)
+    laws: NoLaws | SpecimenLaws = NoLaws()
     if len(storeys):
         arguments, forces = np.array([one.arguments for one in steps]), padded(len(a) + 1)
         level = level_of(stated, which, specimen, arguments[:LEVELS], forces, info.dt_s)
         solved_n = LAWS_SOLVED * STANDARD_GRAVITY_M_S2 * float(specimen.masses_kg.sum())
-        laws = SpecimenLaws(which, stated.code, stated.numbers, arguments, accel_laws, level, solved_n)
+        laws = SpecimenLaws(len(storeys), which, stated.code, stated.numbers, arguments, accel_laws, level, solved_n)
     swing = rows[1, 0] * np.eye(a.shape[0])[1] + rows[1, 1] * accel_rows[0]
     surge = a[1, 2] * (rows[1] - np.eye(a.shape[0])[2]) * info.dt_s / physics.actuator_time_constant_s
     surge_hold = a[1, 2] * row_command[1] * info.dt_s / physics.actuator_time_constant_s

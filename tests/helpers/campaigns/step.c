@@ -50,7 +50,7 @@ typedef struct {
 } GuardLimits;
 typedef struct { Integers flags; Array motion, codes, expected_at, moved; Integers same; Array slip, energy, seen; int64_t actuators[ACTUATORS], axes[AXES]; } GuardState;
 
-typedef struct { Integers which, code; Array numbers, arguments, accel; int64_t level; double solved_n; } SpecimenLaws; /* none here */
+typedef struct { int64_t storeys; } NoLaws;
 typedef struct {
   Array push, filters, nodes, feed, start, accel_rows, accel_friction;
   double steps_cubed, bend, reference_per_velocity;
@@ -58,7 +58,7 @@ typedef struct {
   double dt_s, per_friction_velocity, force_limit_n, stroke_m, command_range_v, command_step_v, command_steps_per_v;
   double sensor_range_m_s2, sensor_v_per_m_s2, sensor_range_v, sensor_step_v, sensor_steps_per_v, noise_rms_m_s2;
   int64_t refine;
-  SpecimenLaws laws;
+  NoLaws laws;
 } Plant;
 typedef struct { Array state, state_tiles, low, coupled, made, made_tiles, begin, offsets, queue, middle_velocity; Integers fault; Array law_memory, law_free; } PlantState;
 

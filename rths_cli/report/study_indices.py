@@ -5,11 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
-from rths_cli.case.study_schema import StudyKeys, is_sampled
-from rths_cli.case.yaml_reader import parse
-from rths_cli.case.yaml_tree import Source, plain
 from rths_cli.errors import InputError
 from rths_cli.files.sweep_file import Sweep
 from rths_cli.report.sweep_metric import Gridded, gridded, short_key
@@ -23,6 +18,12 @@ def indexed_keys(sweep: Sweep) -> tuple[str, ...]:
     """Return the keys of a study that was sampled for Sobol indices, () for another sweep."""
     if not sweep.study_yaml:
         return ()
+    from pydantic import ValidationError
+
+    from rths_cli.case.study_schema import StudyKeys, is_sampled
+    from rths_cli.case.yaml_reader import parse
+    from rths_cli.case.yaml_tree import Source, plain
+
     tree, _ = parse(sweep.study_yaml, Source("study_yaml", Path.cwd()))
     try:
         study = StudyKeys.model_validate(plain(tree)) if tree is not None else None

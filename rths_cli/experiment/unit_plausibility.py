@@ -32,6 +32,12 @@ def unit_doubts(setup: Setup) -> tuple[str, ...]:
     return (*specimen_doubts(setup), *(placed(setup.case, doubt) for doubt in _record_doubts(setup)))
 
 
+def key_in_doubt(setup: Setup) -> str:
+    """Return the first key whose value speaks for another unit than it must have, "" if none does."""
+    doubts = (*(f"structure.{doubt}" for doubt in _specimen_doubts(setup)), *_record_doubts(setup))
+    return doubts[0].partition(": ")[0] if doubts else ""
+
+
 def specimen_doubts(setup: Setup) -> tuple[str, ...]:
     """Return a sentence for each doubt on the units of a building and of its specimen on the case's table, with file
     and line of the key."""

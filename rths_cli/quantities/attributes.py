@@ -86,6 +86,9 @@ OF_FILE = (
     AttributeDeclaration("check_verdict", "text", "of the check before the run: safe, unsafe or unstable"),
     AttributeDeclaration("overrides", "text", "what was overridden: check, model"),
     AttributeDeclaration(
+        "units_in_doubt", "text", "key whose value speaks for another unit, empty if none does", present=SINCE_0_2
+    ),
+    AttributeDeclaration(
         "own_parts", "text", "places of the step whose parts the caller of the Python interface made", present=SINCE_0_2
     ),
     AttributeDeclaration(

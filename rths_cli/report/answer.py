@@ -114,18 +114,28 @@ def _of_cases(group: Sequence[Note], count: int) -> str:
 
 def _told_notes(results: Sequence[Result], width: int, room: int, whole: bool) -> list[str]:
     """Return the lines of the notes: alike ones of several cases as one; where they need more than `room` lines, the
-    beginning of each in one line, of as many as there is room for, which is said. `whole`: each note as it is."""
+    last ones are cut first, and what has no room at all is left out, which is said. `whole`: each note as it is."""
     found = notes(results)
     told = [str(note) for note in found] if whole else _alike(found, len(results))
     lines = [_wrapped(f"note: {note}", width) for note in told]
     room = max(room, LEAST_LINES_OF_NOTES)
     if not whole and sum(map(len, lines)) > room:
-        begun = (textwrap.shorten(f"note: {note.split('; ')[0]}", width, placeholder=" ...") for note in told)
-        lines = [[line] for line in begun][: room - 1]
-        left = len(told) - len(lines)
+        lines, left = lines[: room - 1], max(len(lines) - (room - 1), 0)
+        for place in reversed(range(len(lines))):
+            others = sum(map(len, lines)) - len(lines[place])
+            lines[place] = _cut(lines[place], max(room - 1 - others, 1), width)
         more = f", {left} more left out" if left else ""
         lines.append(_wrapped(f"(notes shortened{more}; rths run --full prints them whole)", width))
     return [line for note in lines for line in note]
+
+
+def _cut(lines: list[str], most: int, width: int) -> list[str]:
+    """Return the first lines of a note, which say that more follows."""
+    if len(lines) <= most:
+        return lines
+    rest = " ".join(line.strip() for line in lines[most - 1 :])
+    indent = " " * (len(lines[most - 1]) - len(lines[most - 1].lstrip()))
+    return [*lines[: most - 1], indent + textwrap.shorten(rest, width - len(indent), placeholder=" ...")]
 
 
 def _peaks_off(result: Result) -> list[str]:
@@ -297,6 +307,8 @@ def verdict(result: Result) -> str:
     checked = str(result.attributes.get("check_verdict") or "")
     if checked and checked != "safe":
         said = f"BUT: the check called the test {checked} and was overridden. {said}"
+    if doubted := str(result.attributes.get("units_in_doubt") or ""):
+        said = f"BUT: a wrong unit is likely in {doubted}, so this may be another test than you mean. {said}"
     return f"{said}. {_limits(result, found.ratio is not None)}"
 
 

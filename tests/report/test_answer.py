@@ -104,6 +104,12 @@ def test_a_test_that_was_called_unsafe_says_so(tmp_path: Path) -> None:
     assert "the check called the test unsafe and was overridden" in verdict(read_result(path))
 
 
+def test_a_doubt_on_units_stands_before_the_grade(tmp_path: Path) -> None:
+    path = written(tmp_path / "a.h5", figures(), units_in_doubt="structure.experimental.masses_kg")
+    told = verdict(read_result(path))
+    assert told.startswith("BUT: a wrong unit is likely in structure.experimental.masses_kg, so") and "GOOD: " in told
+
+
 def test_an_aborted_test_says_why(tmp_path: Path) -> None:
     path = written(
         tmp_path / "a.h5", {}, status="aborted", exp_rths_status="aborted",
@@ -227,6 +233,19 @@ def test_one_case_with_much_to_say_takes_25_lines_of_80_columns(
     assert shown >= 3 and f"(notes shortened, {8 - shown} more left out; rths run --full prints them whole)" in lines
     whole = " ".join(answer(result, 80, whole=True).split())
     assert all(NOTE.format(k, k, f"key_{k}") in whole for k in "abcdefgh") and "shortened" not in whole
+
+
+def test_the_first_note_has_the_room_that_the_others_leave(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    first = "overridden, it says unsafe: " + " ".join(f"{k} m is predicted, {k} m is the limit;" for k in range(12))
+    second = NOTE.format("b", "b", "key_b")
+    result = read_result(written(Path("one.h5"), of_five_storeys(), warnings=f"{first}\n{second}"))
+    lines = answer(result, 80).splitlines()
+    (begin,) = (place for place, line in enumerate(lines) if line.startswith("note: overridden"))
+    (end,) = (place for place, line in enumerate(lines) if line.startswith("note: a b"))
+    assert len(lines) == 25 and end - begin >= 3
+    assert " ".join(line.strip() for line in lines[begin:end])[len("note: ") : -len(" ...")] in first
+    assert lines[end].endswith(" ...") and lines[end + 1].startswith("(notes shortened; ")
 
 
 def test_eight_cases_take_40_lines_of_80_columns_and_no_note_is_lost(

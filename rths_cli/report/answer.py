@@ -181,7 +181,10 @@ def one_line(result: Result) -> str:
         return f"{name}: {verdict(result)}; {result.path}"
     ratio = "" if found.ratio is None else f" and {three(found.ratio)} of SIM-DELAY's"
     where = " on a virtual rig" if _virtual(result) else ""
-    return f"{name}: {found.grade}{where}, worst RMS error {three(found.percent)} % of SIM{ratio}; {result.path}"
+    reserved = "".join(f", {one}" for one in reservations(result))
+    return (
+        f"{name}: {found.grade}{reserved}{where}, worst RMS error {three(found.percent)} % of SIM{ratio}; {result.path}"
+    )
 
 
 def _comparison(results: Sequence[Result], width: int, whole: bool) -> Iterator[str]:
@@ -241,7 +244,9 @@ def _end(result: Result, found: Grade | None) -> str:
     """Return the grade in a word, else how the result ended."""
     status = _ended(result, "exp_rths") or str(result.attributes.get("status", COMPLETE))
     if found:
-        return "not accept." if not_accepted(result) else found.grade
+        reserved = reservations(result)
+        first = reserved[0].split()[1] if reserved else found.grade  # overridden, doubtful
+        return "not accept." if not_accepted(result) else first
     return "-" if status == COMPLETE else status
 
 
@@ -304,12 +309,29 @@ def verdict(result: Result) -> str:
         said += f"; {status}: {reason or 'no reason stored'}"
     elif reason:
         said = f"{'NOT ACCEPTED' if not_accepted(result) else 'BUT'}: {reason}. {said}"
-    checked = str(result.attributes.get("check_verdict") or "")
-    if checked and checked != "safe":
-        said = f"BUT: the check called the test {checked} and was overridden. {said}"
-    if doubted := str(result.attributes.get("units_in_doubt") or ""):
-        said = f"BUT: a wrong unit is likely in {doubted}, so this may be another test than you mean. {said}"
+    if first := reservations(result):
+        said = f"{'; '.join(first).upper()}. {'. '.join(_reserved(result))}. Its accuracy alone: {said}"
     return f"{said}. {_limits(result, found.ratio is not None)}"
+
+
+def reservations(result: Result) -> tuple[str, ...]:
+    """Return what stands against a test whatever its accuracy is, in two words each."""
+    overridden, doubtful = _overridden(result), result.attributes.get("units_in_doubt")
+    return (*(("check overridden",) if overridden else ()), *(("units doubtful",) if doubtful else ()))
+
+
+def _reserved(result: Result) -> Iterator[str]:
+    """Yield a sentence for each of the reservations."""
+    if checked := _overridden(result):
+        yield f"The check called the test {checked}"
+    if doubted := result.attributes.get("units_in_doubt"):
+        yield f"A wrong unit is likely in {doubted}, so this may be another test than you mean"
+
+
+def _overridden(result: Result) -> str:
+    """Return the verdict of a check that was overridden, "" if none was."""
+    checked = str(result.attributes.get("check_verdict") or "")
+    return "" if checked == "safe" else checked
 
 
 def _virtual(result: Result) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -76,10 +77,14 @@ def indices_document(sweep: Sweep) -> dict[str, Any]:
             except InputError:
                 continue
             found[metric] = {
-                key: {name: float(getattr(indices, name)[place]) for name in SobolIndices.__dataclass_fields__}
+                key: {name: _finite(getattr(indices, name)[place]) for name in SobolIndices.__dataclass_fields__}
                 for place, key in enumerate(keys)
             }
     return found
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
 
 
 def _told(value: float, error: float) -> str:

@@ -101,13 +101,23 @@ def test_limits_of_the_case_decide(tmp_path: Path) -> None:
 
 def test_a_test_that_was_called_unsafe_says_so(tmp_path: Path) -> None:
     path = written(tmp_path / "a.h5", figures(), check_verdict="unsafe")
-    assert "the check called the test unsafe and was overridden" in verdict(read_result(path))
+    told = verdict(read_result(path))
+    assert told.startswith("CHECK OVERRIDDEN. The check called the test unsafe. Its accuracy alone: GOOD: ")
+    assert ": good, check overridden on a virtual rig, worst RMS" in one_line(read_result(path))
 
 
 def test_a_doubt_on_units_stands_before_the_grade(tmp_path: Path) -> None:
     path = written(tmp_path / "a.h5", figures(), units_in_doubt="structure.experimental.masses_kg")
     told = verdict(read_result(path))
-    assert told.startswith("BUT: a wrong unit is likely in structure.experimental.masses_kg, so") and "GOOD: " in told
+    assert told.startswith("UNITS DOUBTFUL. A wrong unit is likely in structure.experimental.masses_kg, so")
+    assert "Its accuracy alone: GOOD: " in told
+    assert ": good, units doubtful on a virtual rig, worst RMS" in one_line(read_result(path))
+    other = written(tmp_path / "b.h5", figures(), check_verdict="unsafe")
+    compared = answers([read_result(path), read_result(other)])
+    assert [line.split()[1] for line in compared.splitlines() if line.split()[:1] in (["a"], ["b"])] == [
+        "doubtful",
+        "overridden",
+    ]
 
 
 def test_an_aborted_test_says_why(tmp_path: Path) -> None:

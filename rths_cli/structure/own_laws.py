@@ -16,6 +16,7 @@ from __future__ import annotations
 import ast
 import hashlib
 import inspect
+import math
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -93,6 +94,11 @@ class Own(Law):
     @property
     def tangents(self) -> Tangents:
         return self.declared
+
+    @property
+    def yield_drift_m(self) -> float:
+        named = dict(zip(self.definition.parameters, self.parameters, strict=True))
+        return named.get("yield_displacement_m", math.nan)
 
 
 def own_law(spec: OwnLawSpec) -> Own:

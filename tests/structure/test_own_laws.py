@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import SimpleNamespace
@@ -40,6 +41,7 @@ def test_a_law_of_a_file_has_its_numbers_and_tangents_in_the_order_of_its_parame
     (tmp_path / "yields.py").write_text(GOOD)
     law = of_file(tmp_path / "yields.py", dict(reversed(NUMBERS.items())))
     assert law.numbers[:3] == (7000.0, 0.002, 0.1) and law.numbers[-1] == 0.0
+    assert law.yield_drift_m == 0.002
     assert law.tangents == Tangents((-6300.0, 0.0)) and law.address != 0 and not law.linear
     missing, unknown = faults_of(tmp_path / "yields.py", {"k": 1.0, **dict(list(NUMBERS.items())[1:])})
     assert "yields.py: parameters.stiffness_n_per_m is missing" in missing
@@ -60,6 +62,7 @@ def test_a_law_of_a_package_is_found_by_its_name(monkeypatch: pytest.MonkeyPatch
         return own_law(SimpleNamespace(file=None, sha256=None, installed=name, parameters=stated, largest_drift_m=0.02))
 
     assert law("several").tangents.stiffness == (0.0, pytest.approx(1200.0))
+    assert math.isnan(law("several").yield_drift_m)
     with pytest.raises(InputError, match=r"0 installed packages bring a law 'other'.*installed: lost, several"):
         law("other")
     with pytest.raises(InputError, match=r"law lost \(no_such_module\) cannot be loaded: ModuleNotFoundError"):

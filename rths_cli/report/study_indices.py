@@ -12,7 +12,7 @@ from rths_cli.report.sweep_metric import Gridded, gridded, short_key
 from rths_cli.report.text_layout import Cell, Row, Table, number, render
 from rths_cli.studies.sensitivity import SobolIndices, sobol_indices
 
-COLUMN = 17
+COLUMN = 20
 
 
 def indexed_keys(sweep: Sweep) -> tuple[str, ...]:

@@ -67,7 +67,7 @@ def tornado(sweep: Sweep, width: str, metric: str = "", headed: bool = True) -> 
     ax.set_yticks(range(len(order)), [_wrapped(axis_name(key, keys), width) for key in order])
     ax.set_ylim(-0.6, len(order) - 0.4)
     ax.use_sticky_edges = False
-    ax.margins(x=0.25)
+    ax.margins(x=0.4 if width == "one" else 0.25)
     ax.grid(False, axis="y")
     ax.set_xlabel(f"median {named(found)}")
     _dots(figure, [("at the small values", BLUE), ("at the large values", VERMILLION), ("at texts", GREY)], found.keys)
@@ -210,7 +210,7 @@ def stability(sweep: Sweep, width: str, metric: str = "", headed: bool = True) -
                 markerfacecolor=color if filled else "none")  # fmt: skip
     ax.set(xlabel=axis_name(keys[1], keys), ylabel=axis_name(keys[0], keys))
     ax.plot([], [], color=BLACK, lw=1.2, label="boundary by the check")
-    figure.legend(loc="outside lower center", ncols=1 if width == "one" else 4)
+    figure.legend(loc="outside lower center", ncols=1 if width == "one" else 2)
     return heading_of(figure, sweep, width, headed, "shaded: the check forecasts an unstable loop")
 
 

@@ -47,8 +47,9 @@ def test_a_value_that_means_nothing_is_one_short_sentence(
     monkeypatch.chdir(tmp_path)
     Path("loop").symlink_to("loop")
     done = CliRunner().invoke(cli, line, standalone_mode=False)
-    assert isinstance(done.exception, click.BadParameter)
-    assert len(done.exception.format_message()) < 250
+    refused = done.exception  # Python 3.13 opens what leads to a loop of links, and the file is refused
+    assert isinstance(refused, click.BadParameter | InputError)
+    assert len(str(refused) if isinstance(refused, InputError) else refused.format_message()) < 250
     assert [path.name for path in tmp_path.iterdir()] == ["loop"]
 
 

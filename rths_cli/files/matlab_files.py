@@ -78,7 +78,9 @@ def _of_v5(path: Path) -> dict[str, Value]:
     with suppress(Exception):  # objects, which loadmat names
         logical = {name for name, _, kind in whosmat(path) if kind == "logical"}
     for name, raw in loadmat(path).items():
-        if isinstance(raw, MatlabOpaque):  # scipy names it None; its own name stands in it
+        if isinstance(raw, MatlabOpaque) and "_Class" in raw.dtype.names:
+            variables[name] = MatlabObject(raw["_Class"].item())
+        elif isinstance(raw, MatlabOpaque):  # scipy before 1.18 names it None; its own name stands in it
             variables[raw["s0"].item().decode()] = MatlabObject(raw["s2"].item().decode())
         elif not name.startswith("__"):
             variables[name] = raw.astype(bool) if name in logical else _value(raw)

@@ -29,6 +29,7 @@ MOST_LINES, MOST_LINES_OF_SEVERAL = 25, 40  # of an answer, before its notes are
 LEAST_LINES_OF_NOTES = 4
 MOST_NAMES = 3  # of cases before a note
 OFF_PEAK = 0.10  # of SIM's: a peak of EXP-RTHS that is farther off is told
+DECLARED_WRONG = 0.5  # share of the error below which one against the true specimen is told beside it
 NAMES = {"exp_rths": "EXP-RTHS", "sim": "SIM"}  # whose response is shown: the first that there is
 RESPONSES = tuple(NAMES)
 USUAL = asdict(GradeLimits())
@@ -302,6 +303,8 @@ def verdict(result: Result) -> str:
         said += f" and {three(found.ratio)} of SIM-DELAY's (storey {found.ratio_storey})"
     said += f", most of it by {CAUSES.get(found.cause, found.cause)}" if found.grade != GOOD and found.cause else ""
     said += f", {IF_DECLARED}"
+    if true := _as_it_is(result, found.percent):
+        said += f"; {true}"
     if diverged := _diverged(result):
         said += f"; {diverged}"
     reason = str(result.attributes.get("status_reason") or "")
@@ -332,6 +335,20 @@ def _overridden(result: Result) -> str:
     """Return the verdict of a check that was overridden, "" if none was."""
     checked = str(result.attributes.get("check_verdict") or "")
     return "" if checked == "safe" else checked
+
+
+def _as_it_is(result: Result, percent: float) -> str:
+    """Return words on the errors against the specimen as it is, "" where these explain less than half of `percent`."""
+    errors, ratios = (
+        np.atleast_1d(np.asarray(result.metrics.get(f"exp_rths.true_reference_{name}", ()), dtype=float))
+        for name in ("nrmse_percent", "ratio")
+    )
+    if not errors.size or not np.isfinite(errors).all() or errors.max() > DECLARED_WRONG * percent:
+        return ""
+    of_delay = f" and {three(ratios.max())} of SIM-DELAY's" if ratios.size and np.isfinite(ratios).all() else ""
+    return (
+        f"against SIM of the specimen as it is, which differs from the declared one, {three(errors.max())} %{of_delay}"
+    )
 
 
 def _virtual(result: Result) -> bool:

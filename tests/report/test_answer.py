@@ -106,6 +106,19 @@ def test_a_test_that_was_called_unsafe_says_so(tmp_path: Path) -> None:
     assert ": good, check overridden on a virtual rig, worst RMS" in one_line(read_result(path))
 
 
+def test_the_error_against_the_specimen_as_it_is_stands_beside_a_large_one(tmp_path: Path) -> None:
+    for percent, told in ((0.06, True), (0.15, False)):  # of 0.2
+        values = figures() | {
+            "exp_rths.true_reference_nrmse_percent": np.full(3, percent),
+            "exp_rths.true_reference_ratio": np.array([0.02, 0.03, 0.01]),
+        }
+        said = verdict(read_result(written(tmp_path / f"{percent}.h5", values)))
+        words = (
+            "against SIM of the specimen as it is, which differs from the declared one, 0.0600 % and 0.0300 of SIM-D"
+        )
+        assert (words in said) == told
+
+
 def test_a_doubt_on_units_stands_before_the_grade(tmp_path: Path) -> None:
     path = written(tmp_path / "a.h5", figures(), units_in_doubt="structure.experimental.masses_kg")
     told = verdict(read_result(path))

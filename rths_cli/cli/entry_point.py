@@ -123,13 +123,18 @@ def usage_sentence(error: click.ClickException) -> str:
             return f"{option.opts[0]} is missing; add {option.opts[0]} {', '.join(some)} or {last}"
         if isinstance(option.type, FileOfKind):
             return f"{name.upper().removesuffix('S')} is missing; rths list {option.type.kind} shows what can be named"
+    if isinstance(error, click.NoSuchOption):  # versions of click word it differently
+        said = f"No such option {error.option_name!r}"
+        said += f". Did you mean {error.possibilities[0]!r}?" if error.possibilities else ""
     if isinstance(error, click.NoSuchOption | click.MissingParameter) and error.ctx is not None:
         return f"{said}{'' if said.endswith('?') else ';'} rths {error.ctx.info_name} --help lists what it takes"
     if choice := re.search(r"'(.*)' is not one of (.*)", said):
         near = get_close_matches(choice[1], re.findall(r"'([^']*)'", choice[2]), 1)
         return f"{said}{f'; did you mean {near[0]}?' if near else ''}"
-    if isinstance(error, click.UsageError) and "No such command" in said:
-        return f"{said}{'' if said.endswith('?') else ';'} rths --help lists the commands"
+    if missed := re.match(r"No such command '(.*?)'", said):
+        near = get_close_matches(missed[1], cli.commands, 1)
+        advice = f". Did you mean {near[0]!r}?" if near else ";"
+        return f"{missed[0]}{advice} rths --help lists the commands"
     return said
 
 

@@ -9,9 +9,11 @@ import click
 from rths_cli.cli.command_group import cli
 from rths_cli.cli.options import json_option
 
+KINDS = ("case", "structure", "rig", "reference", "study")
+
 
 @cli.command()
-@click.argument("kind", type=click.Choice(["case", "structure", "rig", "reference", "study"]), default="case")
+@click.argument("kind", type=click.Choice(KINDS), default="case", metavar=f"[{'|'.join(KINDS)}]")
 @json_option
 def schema(kind: str, as_json: bool) -> int:
     """Print the JSON Schema of case files (or of what they name, or of a study), for editors.

@@ -33,7 +33,8 @@ LICENCES = {  # SPDX identifiers; of several, those of the Python code
     "types-pyyaml": "Apache-2.0", "typing-extensions": "PSF-2.0",
     "typing-inspection": "MIT", "tzdata": "Apache-2.0", "xarray": "Apache-2.0",
 }  # fmt: skip
-SOMETIMES = ("colorama", "commonmark", "six", "tzdata")  # on Windows, or with some versions of what needs them
+# on Windows, or with some versions of what needs them
+SOMETIMES = ("colorama", "commonmark", "markdown-it-py", "mdurl", "six", "tzdata")
 FAMILIES = {  # as licences are named in metadata: expressions, classifiers, or the text itself
     "AGPL": r"AGPL|Affero General Public", "LGPL": r"LGPL|Lesser General Public", "GPL": r"\bGPL|GNU General Public",
     "MPL": r"MPL|Mozilla Public", "Apache": r"Apache", "BSD": r"BSD|Kiwi licen[sc]e", "MIT": r"\bMIT\b|HPND",

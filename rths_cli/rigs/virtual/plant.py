@@ -18,6 +18,7 @@ from rths_cli.numerics.content_key import content_key
 from rths_cli.numerics.lti import Array
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.numerics.tiled_products import ROWS, padded, squares, tiled
+from rths_cli.rigs.virtual.further_outputs import FurtherOutputs
 from rths_cli.rigs.virtual.specimen_laws import NoLaws, SpecimenLaws
 from rths_cli.structure import Specimen
 
@@ -177,6 +178,7 @@ class Plant(NamedTuple):
     noise_rms_m_s2: float
     refine: int  # levels added to the one chosen (0; more to check the integration)
     laws: NoLaws | SpecimenLaws
+    further: FurtherOutputs
 
 
 def continuous(

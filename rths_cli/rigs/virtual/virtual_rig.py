@@ -13,6 +13,7 @@ from rths_cli.numerics.lti import Array
 from rths_cli.numerics.tiled_products import padded, tiled
 from rths_cli.rigs.interface import COMPILED_PLANT, Commands, RigInfo, one_actuator, only_command
 from rths_cli.rigs.virtual import plant_kernel
+from rths_cli.rigs.virtual.further_outputs import further_outputs
 from rths_cli.rigs.virtual.plant import Parts, Plant, accelerations, continuous, levels, velocities, with_sensors
 from rths_cli.rigs.virtual.specimen_laws import (
     NoLaws,
@@ -33,6 +34,7 @@ if TYPE_CHECKING:
 
 LEVELS = 10  # inner steps from dt to dt / 512
 NOISE_ROWS = 4096
+FURTHER = 21  # stands behind the seed of the further channels' noise
 LAWS_SOLVED = 1e-13  # of the specimen's weight, by which a law's force may still change
 INTERPOLATED_M_S2 = 5e-7  # what interpolated friction may err by, as an acceleration of the table
 
@@ -115,14 +117,15 @@ def build_plant(
         command_range_v=converters.range_v,
         command_step_v=converters.step_v,
         command_steps_per_v=inverse(converters.step_v),
-        sensor_range_m_s2=sensor.range_m_s2,
-        sensor_v_per_m_s2=sensor.sensitivity_v_per_m_s2,
+        sensor_range_m_s2=sensor.range,
+        sensor_v_per_m_s2=sensor.sensitivity_v_per_unit,
         sensor_range_v=converters.range_v,
         sensor_step_v=converters.step_v,
         sensor_steps_per_v=inverse(converters.step_v),
         noise_rms_m_s2=noise_rms_m_s2,
         refine=refine,
         laws=laws,
+        further=further_outputs(info, a.shape[0], specimen.masses_kg, interface_mass_kg),
     )
 
 
@@ -134,7 +137,8 @@ def inverse(step: float) -> float:
 class VirtualRig:
     """A simulated table and specimen with a counted clock: `exchange` returns at once, one interval later.
 
-    The noise of each run comes from its own stream: `seed` is any sequence of integers that names the run.
+    The noise of each run comes from its own stream: `seed` is any sequence of integers that names the run. Further
+    channels have a stream beside it, so that they change nothing in the accelerometers.
     """
 
     offers = (COMPILED_PLANT,)
@@ -149,13 +153,17 @@ class VirtualRig:
     def restart(self) -> None:
         """Put the table at rest and start the noise anew."""
         self._random = np.random.default_rng(self._seed)
-        self._rows = np.empty((0, len(self.info.channels)))
+        self._further_random = np.random.default_rng((*self._seed, FURTHER))
+        self._rows = np.empty((0, len(self.info.all_channels)))
         self._row = 0
         self.rest()
 
     def noise(self, rows: int) -> Array:
         """Return the next rows of standard normal noise, (rows, n_channels)."""
-        return self._random.standard_normal((rows, len(self.info.channels)))
+        own = self._random.standard_normal((rows, len(self.info.channels)))
+        if not self.info.further:
+            return own
+        return np.hstack([own, self._further_random.standard_normal((rows, len(self.info.further)))])
 
     def open(self) -> None:
         """Take hold of the rig (nothing to do)."""
@@ -176,8 +184,8 @@ class VirtualRig:
     def rest(self) -> None:
         """Bring the table to rest at zero (a virtual table may simply be put there)."""
         self.state = plant_kernel.fresh_state(self.plant, self.info.latency_samples)
-        self._command, self._noise = np.zeros(1), np.zeros(len(self.info.channels))
-        self._samples = np.zeros(len(self.info.channels))
+        self._command, self._noise = np.zeros(1), np.zeros(len(self.info.all_channels))
+        self._samples = np.zeros(len(self.info.all_channels))
         self._bound: tuple[Callable[[], object], Callable[[], object]] | None = None
 
     def close(self) -> None:

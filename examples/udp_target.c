@@ -20,7 +20,7 @@ enum { HELLO = 1, WELCOME, REFUSAL, ARM, COMMAND, SAMPLES, REST, CLOSE };
 enum { IDLE, ARMED, RESTING, RESTED };
 enum { WATCHDOG = 1, BAD_COMMAND = 8 };
 enum { NO_VERSION = 1, BUSY, OTHER_CHANNELS, TOO_FAST };
-enum { VERSION = 3, HEAD = 40, MOST = 176, POINTS = 14, LONGEST_SPACING = 1000, FARTHEST_V = 1000000 };
+enum { VERSION = 3, HEAD = 40, MOST = 544, POINTS = 14, LONGEST_SPACING = 1000, FARTHEST_V = 1000000 };
 
 struct target {
     uint8_t secret[16], key[16], boot[16]; /* shared with the runner; of the session; ours alone, drawn at the start */

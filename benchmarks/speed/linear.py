@@ -112,7 +112,7 @@ def _table(setup: Setup, blocks: Blocks, samples: tuple[str, ...]) -> Part:
     full, drive, _ = with_sensors(a, b_u, b_n, rows, friction, channel.low_pass_hz, channel.high_pass_hz)
     n, count = len(full), len(samples)
     sensed = np.zeros((count, n))
-    sensed[:, n - 2 * count :] = channel.sensitivity_v_per_m_s2 * np.hstack([np.eye(count), -np.eye(count)])
+    sensed[:, n - 2 * count :] = channel.sensitivity_v_per_unit * np.hstack([np.eye(count), -np.eye(count)])
     held, pushed = cont2discrete((full, drive[:, None], sensed, np.zeros((count, 1))), setup.rig.dt_s)[:2]
     a = np.block([[held, pushed, np.zeros((n, late - 1))], [np.zeros((late, n)), np.eye(late, k=1)]])
     b, c = np.eye(n + late)[:, -1:], np.hstack([sensed, np.zeros((count, late))])

@@ -57,7 +57,7 @@ def identified_rig(
     `compared`: band in which the model was compared with its data.
     """
     corners = [c.low_pass_hz if removes_sensors else 0.0 for c in info.channels]
-    scale = np.array([c.sensitivity_v_per_m_s2 for c in info.channels])
+    scale = np.array([c.sensitivity_v_per_unit for c in info.channels])
     chain = _with_sensors(_with_specimen(_table(model), specimen), corners)
     sampled = _held(chain, model, info.dt_s) if model.delay_s > 0.0 else _smooth(chain, info.dt_s)
     plant = replace(sampled, C=scale[:, None] * sampled.C, D=scale[:, None] * sampled.D)
@@ -78,7 +78,7 @@ def with_another_specimen(
 ) -> IdentifiedRig:
     """Return an identified rig on whose table another specimen stands than the identified one, with the same alias."""
     corners = [c.low_pass_hz if removes_sensors else 0.0 for c in info.channels]
-    scale = np.array([c.sensitivity_v_per_m_s2 for c in info.channels])
+    scale = np.array([c.sensitivity_v_per_unit for c in info.channels])
     chain = _with_sensors(table_with_another(_table(model), identified, there, table), corners)
     sampled = _held(chain, model, info.dt_s) if model.delay_s > 0.0 else _smooth(chain, info.dt_s)
     return replace(rig, plant=replace(sampled, C=scale[:, None] * sampled.C, D=scale[:, None] * sampled.D))

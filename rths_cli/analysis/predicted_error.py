@@ -166,7 +166,7 @@ def _stochastic(known: Known, nominal: Motion) -> dict[str, Array]:
     """Return the power (n_storeys + 1,) in the test band of each random cause, for the storeys, then for tracking."""
     lines, dt = known.lines, known.rig.dt_s
     bit = known.rig.converters.step_v
-    sizes = np.array([c.sensitivity_v_per_m_s2 for c in known.rig.channels])
+    sizes = np.array([c.sensitivity_v_per_unit for c in known.rig.channels])
     corrected = np.einsum("ccm->cm", known.correction.response(lines.frequency_hz[1:])) * sizes[:, None]
     corrected = np.concatenate([np.zeros((len(sizes), 1)), corrected], axis=1)
     noise, bits = white_noise_m_s2(known), bit / sizes
@@ -196,7 +196,7 @@ def _stochastic(known: Known, nominal: Motion) -> dict[str, Array]:
 
 def white_noise_m_s2(known: Known) -> Array:
     """Return the standard deviation (c,) of the channels' noise before the sensor correction and before rounding."""
-    sizes = np.array([channel.sensitivity_v_per_m_s2 for channel in known.rig.channels])
+    sizes = np.array([channel.sensitivity_v_per_unit for channel in known.rig.channels])
     return _apart(known.noise_m_s2, known.rig.converters.step_v / sizes)
 
 

@@ -414,7 +414,7 @@ def reach_of_series(
     place, speed = rig.gain_m_per_v * command_v, rig.gain_m_per_v * rate_v_s
     braked = place + 0.5 * speed * np.abs(speed) / (BRAKE_SHARE * rig.limits.acceleration_m_s2)
     force = masses_kg @ accel_m_s2
-    range_m_s2 = min(min(c.range_m_s2, rig.converters.range_v / c.sensitivity_v_per_m_s2) for c in rig.channels)
+    range_m_s2 = min(min(c.range, rig.converters.range_v / c.sensitivity_v_per_unit) for c in rig.channels)
     rounding = rig.gain_m_per_v * rig.converters.step_v / rig.dt_s
     stroke = min(rig.limits.stroke_m, rig.gain_m_per_v * rig.converters.range_v)
     return (

@@ -291,6 +291,11 @@ class CaseKeys(Strict):
     method: Literal["best", "paper"] = Field(
         default="best", description="the control: best is ours, paper that of the paper as printed"
     )
+    shear_from: Literal["accelerations", "load_cell", "both"] | None = Field(
+        default=None,
+        description="what the measured base shear is taken from; default: both where the rig has a load cell with "
+        "use: shear, weighted by their uncertainties, else accelerations",
+    )
     integration: Literal["exact", "cr", "newmark"] = Field(
         default="exact",
         description="integration of the numerical storeys: first-order hold, Chen-Ricles, or explicit Newmark",
@@ -395,10 +400,12 @@ def _limit_problems(data: Mapping[str, Any]) -> Iterator[Problem]:
 
 def _rig_problems(data: Mapping[str, Any]) -> Iterator[Problem]:
     """Yield faults of a real rig with this structure and sample rate: channels, answers that are late or lost."""
-    floors, channels = count(data, "structure", "experimental", "masses_kg"), count(data, "table", "channels")
-    if floors is not None and channels is not None and channels != 1 + floors:
+    floors, channels = count(data, "structure", "experimental", "masses_kg"), listed(data, "table", "channels") or ()
+    own = sum(entry(one, "kind") is None for one in channels)
+    if floors is not None and own not in (0, 1 + floors):
         wanted = f"the table's and one per experimental storey, {1 + floors} in all"
-        yield ("table", "channels"), f"must be {wanted}, got {channels}; list the channels of this structure"
+        yield ("table", "channels"), f"must be {wanted}, got {own}; list the channels of this structure"
+    yield from _further_channel_problems(data, channels)
     laws = entry(data, "table", "physics", "specimen_laws")
     stated = 1 if isinstance(laws, Mapping) else len(laws) if isinstance(laws, list | tuple) else 0
     if floors is not None and stated not in (0, floors):
@@ -413,6 +420,30 @@ def _rig_problems(data: Mapping[str, Any]) -> Iterator[Problem]:
         longest = f"{ANSWER_SHARE * interval_s:g}, {ANSWER_SHARE:g} of the sample interval"
         yield ("table", "udp", "timeout_s"), f"must be <= {longest}, got {timeout_s:g}; the step needs the rest"
     yield from _watchdog_problems(data, interval_s)
+
+
+def _further_channel_problems(data: Mapping[str, Any], channels: Sequence[Any]) -> Iterator[Problem]:
+    """Yield a fault for each further channel at a place that this structure has not on the table, and for a second
+    load cell of the base shear, or none."""
+    numerical = count(data, "structure", "numerical", "masses_kg")
+    experimental = count(data, "structure", "experimental", "masses_kg")
+    cells = 0
+    for i, channel in enumerate(channels):
+        place, uses = entry(channel, "position"), entry(channel, "use")
+        cells += "shear" in ([uses] if isinstance(uses, str) else uses or ())
+        found = re.fullmatch(r"(floor|storey)_([1-9][0-9]{0,3})", place) if isinstance(place, str) else None
+        if found is None or numerical is None or experimental is None:
+            continue
+        if not numerical < int(found[2]) <= numerical + experimental:
+            what, first, last = found[1], numerical + 1, numerical + experimental
+            known = f"{what}_{first}" if first == last else f"{what}_{first} to {what}_{last}"
+            yield ("table", "channels", i, "position"), f"must be on the table, which carries {known}, got {place}"
+    if cells > 1:
+        yield ("table", "channels"), f"{cells} load cells with use: shear; the base shear takes one"
+    shear = data.get("shear_from")
+    if cells == 0 and shear in ("load_cell", "both"):
+        told = "the rig has no channel with use: shear; add one to its file, or state accelerations"
+        yield ("shear_from",), f"{shear} needs a load cell, but {told}"
 
 
 def _watchdog_problems(data: Mapping[str, Any], interval_s: float) -> Iterator[Problem]:

@@ -21,6 +21,7 @@ from pydantic import (
 from pydantic_core import InitErrorDetails
 
 from rths_cli.case.field_types import Problem, Range, Strict, entry, exactly_one, listed, near, number, refusal, shown
+from rths_cli.case.further_channel_schema import DEFAULT_UNCERTAINTY, FurtherChannelSpec, Relative, corner_problems
 from rths_cli.case.plugin_rig_names import GROUP, plugin_kinds
 from rths_cli.case.rig_capabilities import DEFAULT_KIND
 from rths_cli.case.virtual_imperfections_schema import VirtualImperfections
@@ -33,12 +34,15 @@ Acceleration = Annotated[float, Range(gt=0, le=1000)]
 Force = Annotated[float, Range(gt=0, le=1e8)]
 CommandRate = Annotated[float, Range(gt=0, le=1e7)]
 EnergyRatio = Annotated[float, Range(gt=0, le=100)]
+MOST_CHANNELS = 62  # of a packet: 48 bytes and 8 for each, in one datagram of the smallest size that all networks carry
 LostSamples = Annotated[int, Range(ge=1, le=1000)]
 DEFAULT_LOST_SAMPLES = 5
 DEFAULT_ENERGY_RATIO = 0.1  # of real rigs: accurate tests stay below 0.005, unstable ones pass it early
 Corner = Annotated[float, Range(ge=0, le=1e6)]
 
 SENSITIVITY = "sensitivity of every channel"
+UNCERTAINTY = "of the sensitivity, relative, one standard deviation"
+FURTHER = "channels beside the accelerometers of table and floors, each with its kind"
 CLIPS = "+-, beyond which the sensor clips"
 HIGH_PASS = "first-order corner of AC coupling; 0: none"
 LOW_PASS = "first-order corner; 0: none"
@@ -66,15 +70,10 @@ ENERGY_RATIO = (
 )
 
 
-def corner_problems(data: Mapping[str, Any]) -> Iterator[Problem]:
-    """Yield a fault when a sensor's low pass lies below its high pass."""
-    low, high = number(data, "high_pass_hz"), number(data, "low_pass_hz")
-    if low and high and high <= low:
-        yield ("low_pass_hz",), f"must be > high_pass_hz = {low:g} or 0 (off), got {high:g}"
-
-
 class SensorKeys(Strict):
     """Hold what is stated of accelerometers, of whatever rig."""
+
+    sensitivity_uncertainty: Relative = Field(default=DEFAULT_UNCERTAINTY, description=UNCERTAINTY)
 
     @classmethod
     def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
@@ -153,16 +152,22 @@ class RigSpec(Strict):
     nominal: NominalSpec = Field(default=NominalSpec(), description=NOMINAL)
 
 
+ONLY_REAL = "belongs to a real rig; remove it"
+
+
 class VirtualRigSpec(RigSpec):
     """Hold one virtual shake table; defaults are the APS 400 of the paper."""
 
     elsewhere: ClassVar[Mapping[str, str]] = dict.fromkeys(
-        ("channels", "unattended", "watchdog_s", "overrun", "model", "udp", "ni", "options"),
+        ("unattended", "watchdog_s", "overrun", "model", "udp", "ni", "options"),
         "belongs to a real rig; remove it, or state the rig's kind",
     )
 
     kind: Literal["virtual"] = Field(description=KIND)
     sensors: SensorsSpec = Field(default=SensorsSpec(), description=SENSORS)
+    channels: tuple[FurtherChannelSpec, ...] | None = Field(
+        default=None, max_length=MOST_CHANNELS - 2, description=FURTHER
+    )
     physics: VirtualPhysics = Field(default=VirtualPhysics(), description="what only the virtual table itself knows")
     after_identification: AfterIdentification = Field(
         default=AfterIdentification(), description="what changes on the rig after it was identified; 1 changes nothing"
@@ -176,6 +181,16 @@ class VirtualRigSpec(RigSpec):
         """Leave out imperfections that there are none of, so that models of older versions stay those of their rig."""
         data: dict[str, Any] = write(self)
         return {key: data[key] for key in data if key != "imperfections" or not self.imperfections.off}
+
+    @classmethod
+    def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
+        for i, channel in enumerate(listed(data, "channels") or ()):
+            for key in ("high_pass_hz", "low_pass_hz"):
+                if number(channel, key):
+                    yield ("channels", i, key), "a virtual rig shows its further channels as they are; remove it"
+            for key in ("sign", "terminal"):
+                if entry(channel, key) not in (None, 1):
+                    yield ("channels", i, key), ONLY_REAL
 
 
 ONLY_VIRTUAL = "belongs to a virtual rig; remove it"
@@ -239,6 +254,17 @@ class ChannelSpec(RealSensorsSpec):
     )
 
 
+def read_channel(data: Any, handler: ValidatorFunctionWrapHandler) -> ChannelSpec | FurtherChannelSpec:
+    """Return a channel of checked or unchecked data: one that states its kind is a further one."""
+    if isinstance(data, ChannelSpec | FurtherChannelSpec):
+        return data
+    further = isinstance(data, Mapping) and "kind" in data
+    return FurtherChannelSpec.model_validate(data) if further else ChannelSpec.model_validate(data)
+
+
+AnyChannel = Annotated[ChannelSpec | FurtherChannelSpec, WrapValidator(read_channel)]
+
+
 class RealConvertersSpec(ConvertersSpec):
     """Hold the converters of a real rig."""
 
@@ -283,8 +309,11 @@ class RealRigSpec(RigSpec):
     }
 
     sensors: RealSensorsSpec | None = Field(default=None, description="all channels, where they are alike")
-    channels: tuple[ChannelSpec, ...] | None = Field(
-        default=None, min_length=2, max_length=16, description="the table's channel first, then the floors' upwards"
+    channels: tuple[AnyChannel, ...] | None = Field(
+        default=None,
+        max_length=MOST_CHANNELS,
+        description="without sensors the accelerometers of table and floors, upwards; then further channels, each with "
+        "its kind",
     )
     converters: RealConvertersSpec = Field(description=CONVERTERS)
     limits: RealLimitsSpec = Field(description=LIMITS)
@@ -295,9 +324,27 @@ class RealRigSpec(RigSpec):
     )
     model: Path | None = Field(default=None, description="the model file of cases that name none")
 
+    @property
+    def accelerometers(self) -> tuple[RealSensorsSpec, ...]:
+        """Return the listed accelerometers of table and floors; none where `sensors` stands for all."""
+        return tuple(one for one in self.channels or () if isinstance(one, ChannelSpec))
+
     @classmethod
     def problems(cls, data: Mapping[str, Any]) -> Iterator[Problem]:
-        yield from exactly_one(data, "channels", "sensors")
+        channels = listed(data, "channels")
+        own = [entry(one, "kind") is None for one in channels or ()]
+        if channels is None or any(own) or data.get("sensors") is None:
+            yield from exactly_one(data, "channels", "sensors")
+        if channels is not None and data.get("sensors") is None and sum(own) < 2:
+            yield ("channels",), "must list the accelerometers of the table and of each floor first, without kind"
+        if own != sorted(own, reverse=True):
+            yield (
+                ("channels", own.index(False)),
+                "is a further channel, but accelerometers of table or floors follow; list it after them",
+            )
+        for i, channel in enumerate(channels or ()):
+            if entry(channel, "noise_rms") is not None:
+                yield ("channels", i, "noise_rms"), ONLY_VIRTUAL
 
 
 class UdpSpec(Strict):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from rths_cli.control.interface import Interface
+from rths_cli.control.load_cell import CellInput, with_cell
 from rths_cli.control.part_designs import Logged, PartDesign
 from rths_cli.control.python_parts import PythonPart
 from rths_cli.errors import InputError
@@ -26,7 +27,9 @@ class Blocks:
     The feedback's part of the command is kept within +-`feedback_limit_v`, and the sum within +-`command_limit_v` as
     far as the feedback's part can. `specimen`: the identified one, by which the channels are compared after a stop;
     None where there is none. `open_loop`: the same from the table's acceleration to the floors' accelerations, by which
-    the guard knows what a floor must show; no block of the control, None where no specimen is known.
+    the guard knows what a floor must show; no block of the control, None where no specimen is known. `further`: samples
+    in V of the channels beside the accelerometers to their values; None where there are none. `cell`: the load cell of
+    the base shear; estimator and interface are those without it (control.load_cell).
     """
 
     correction: Block
@@ -43,6 +46,8 @@ class Blocks:
     ripple_sum_m_s2_per_v: float = 0.0
     specimen: Specimen | None = None
     open_loop: Block | None = None
+    further: Block | None = None
+    cell: CellInput | None = None
 
     @property
     def lead_samples(self) -> int:
@@ -114,6 +119,11 @@ class Blocks:
         )
         empty, wide, tall = np.zeros((0, 0)), np.zeros((0, gain.shape[1])), np.zeros((1, 0))
         return Block("base_shear", empty, wide, tall, gain, self.correction.dt_s, inputs, ("base_shear_n",))
+
+    def cell_block(self) -> Block | None:
+        """Return the estimator with the load cell as an input, None without one; it stands in the place of that of the
+        accelerations (control.load_cell)."""
+        return None if self.cell is None else replace(with_cell(self, self.cell)[0], name="kalman_with_load_cell")
 
     def staircase(self) -> Block:
         """Return the part of a table sample that the hold's staircase makes, from the command (V)."""

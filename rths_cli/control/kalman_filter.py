@@ -116,10 +116,7 @@ def with_residual(kalman: Block, specimen: Specimen, corner_hz: float, lead_s: f
     exp(s lead) but for terms of s^2. A specimen that is not quite the identified one (damage, payload) then errs
     in the base shear by (f / corner)^2 of the difference, not by the difference.
     """
-    n, w = len(specimen.masses_kg), 2.0 * np.pi * corner_hz
-    rates = np.array([[0.0, 1.0], [-(w**2), -2.0 * DAMPING * w]])
-    lead = StateSpace(rates, np.array([[0.0], [w**2]]), np.array([[1.0, 2.0 * DAMPING / w + lead_s]]), np.zeros((1, 1)))
-    h = discretise(lead, kalman.dt_s, "foh", "residual", ("residual_n",), RESIDUAL)
+    n, h = len(specimen.masses_kg), _lead_filter(corner_hz, lead_s, kalman.dt_s)
     floors = slice(2 * n, 3 * n)
     from_state, direct = specimen.masses_kg @ kalman.C[floors], specimen.masses_kg @ kalman.D[floors]
     direct[1:] -= specimen.masses_kg
@@ -132,6 +129,34 @@ def with_residual(kalman: Block, specimen: Specimen, corner_hz: float, lead_s: f
         kalman.dt_s,
         kalman.inputs,
         (*kalman.outputs, *RESIDUAL),
+    )
+
+
+def _lead_filter(corner_hz: float, lead_s: float, dt_s: float) -> Block:
+    """Return H of `with_residual`, discretised."""
+    w = 2.0 * np.pi * corner_hz
+    rates = np.array([[0.0, 1.0], [-(w**2), -2.0 * DAMPING * w]])
+    lead = StateSpace(rates, np.array([[0.0], [w**2]]), np.array([[1.0, 2.0 * DAMPING / w + lead_s]]), np.zeros((1, 1)))
+    return discretise(lead, dt_s, "foh", "residual", ("residual_n",), RESIDUAL)
+
+
+def cell_in_residual(kalman: Block, corner_hz: float, lead_s: float, weight: float) -> tuple[Array, Array]:
+    """Return the columns B (n,) and D (e,) of a load cell in N in a filter `with_residual`, where the cell's share of
+    the unexplained base shear is `weight` (control.load_cell)."""
+    h = _lead_filter(corner_hz, lead_s, kalman.dt_s)
+    b, d = np.zeros(len(kalman.A)), np.zeros(len(kalman.C))
+    b[-2:], d[-1] = -weight * h.B[:, 0], -weight * h.D[0, 0]
+    return b, d
+
+
+def shear_with_cell(
+    shear: InterfaceForce, specimen: Specimen, interface_mass_kg: float, weight: float
+) -> InterfaceForce:
+    """Return a base shear without prediction of which a load cell gives the share `weight`, written for the
+    accelerations that a perfect cell stands for (control.load_cell)."""
+    shown = -np.concatenate([[interface_mass_kg], specimen.masses_kg])[None, :]
+    return replace(
+        shear, estimates=(1.0 - weight) * shear.estimates, samples=(1.0 - weight) * shear.samples + weight * shown
     )
 
 

@@ -163,7 +163,7 @@ def _sensor(loop: Loop, name: str, channel: Channel, frequency_hz: Array) -> Del
 def sensor_response(channel: Channel, frequency_hz: Array) -> ComplexArray:
     """Return an accelerometer's response in V per m/s^2, (n,), its two first-order corners."""
     s = 2j * np.pi * np.asarray(frequency_hz, dtype=float)
-    value = channel.sensitivity_v_per_m_s2 * s / (s + 2.0 * np.pi * channel.high_pass_hz)
+    value = channel.sensitivity_v_per_unit * s / (s + 2.0 * np.pi * channel.high_pass_hz)
     return value / (1.0 + s / (2.0 * np.pi * channel.low_pass_hz)) if channel.low_pass_hz > 0.0 else value
 
 

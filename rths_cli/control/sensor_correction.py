@@ -1,6 +1,8 @@
-"""From raw samples (V) to accelerations: sensitivity, and the sensors' known filters taken out."""
+"""From raw samples (V) to the values of all channels: sensitivity, and the sensors' known filters taken out."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,7 +24,7 @@ def correction(channels: tuple[Channel, ...], dt_s: float, corners: bool = True)
     a, b = np.zeros((3 * count, 3 * count)), np.zeros((3 * count, count))
     c, d = np.zeros((count, 3 * count)), np.zeros((count, count))
     for i, channel in enumerate(channels):
-        scale = 1.0 / channel.sensitivity_v_per_m_s2
+        scale = 1.0 / channel.sensitivity_v_per_unit
         half = np.pi * channel.high_pass_hz * dt_s if corners else 0.0
         lead = 1.0 / (2.0 * np.pi * channel.low_pass_hz * dt_s) if corners and channel.low_pass_hz > 0.0 else 0.0
         last, before, total = 3 * i, 3 * i + 1, 3 * i + 2
@@ -35,3 +37,16 @@ def correction(channels: tuple[Channel, ...], dt_s: float, corners: bool = True)
     names = tuple(channel.name for channel in channels)
     outputs = tuple(f"{n}_accel_m_s2" for n in names)
     return Block("sensor_correction", a, b, c, d, dt_s, tuple(f"{n}_v" for n in names), outputs)
+
+
+UNIT_SUFFIX = {"acceleration": "m_s2", "displacement": "m", "force": "n", "strain": "1"}
+
+
+def further_correction(channels: tuple[Channel, ...], dt_s: float, corners: bool = True) -> Block | None:
+    """Return the block from samples in V (f,) of the channels beside the accelerometers of table and floors to their
+    values (f,), each in the unit of its kind, as `correction`; None without such channels."""
+    if not channels:
+        return None
+    block = correction(channels, dt_s, corners)
+    outputs = tuple(f"{channel.name}_{UNIT_SUFFIX[channel.kind]}" for channel in channels)
+    return replace(block, name="further_correction", outputs=outputs)

@@ -252,7 +252,7 @@ def known_of(
 def _before_correction(identified: Identification, correction: Block, rig: RigInfo) -> Array:
     """Return the channels' noise (c,) at rest in m/s^2 before the sensor correction, which amplifies white noise."""
     frequency = np.linspace(NOISE_FROM_HZ, 0.5 / rig.dt_s, NOISE_POINTS)
-    sizes = np.array([channel.sensitivity_v_per_m_s2 for channel in rig.channels])
+    sizes = np.array([channel.sensitivity_v_per_unit for channel in rig.channels])
     louder = np.abs(np.einsum("ccf->cf", correction.response(frequency)) * sizes[:, None])
     at_rest = np.array([channel.rest_rms_m_s2 or 0.0 for channel in identified.channels])
     return at_rest / np.sqrt(np.mean(louder**2, axis=1))

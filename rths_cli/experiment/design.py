@@ -6,7 +6,9 @@ import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from rths_cli.control import feedback, feedforward, kalman_filter, reaction, sensor_correction
+import numpy as np
+
+from rths_cli.control import feedback, feedforward, kalman_filter, load_cell, reaction, sensor_correction
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.interface import Interface
 from rths_cli.control.storeys_with_laws import computed_storeys
@@ -65,7 +67,9 @@ def design_blocks(setup: Setup, identified: Identification, shared: SharedValues
         feedback_limit_v=case.controller.feedback_limit_v or math.inf,
         specimen=_specimen(identified),
         open_loop=kalman_filter.open_loop(_specimen(identified), dt),
+        further=sensor_correction.further_correction(setup.rig.further, dt, setup.removes_sensors),
     )
+    blocks = replace(blocks, cell=_cell(setup, blocks.estimator, lead))
     shear_now = _shear(setup, identified, 0, residual=0.0)
     if case.controller.kind != "FF+FB":
         return Design(_exchanged(blocks, setup), model, None, shear_now)
@@ -130,4 +134,28 @@ def _shear(setup: Setup, identified: Identification, lead: int, residual: float 
     specimen, mass = _specimen(identified), setup.building.interface_experimental_mass_kg
     now = kalman_filter.measured_shear(specimen, mass)
     shear = kalman_filter.predicted_shear(specimen, mass, lead, setup.rig.dt_s) if lead else now
-    return shear if setup.case.method == "paper" else kalman_filter.plus_residual(shear, residual)
+    if setup.case.method == "paper":
+        weight = _cell_weight(setup)
+        return kalman_filter.shear_with_cell(shear, specimen, mass, weight) if weight else shear
+    return kalman_filter.plus_residual(shear, residual)
+
+
+def _cell_weight(setup: Setup) -> float:
+    """Return the weight of the load cell in the base shear, 0 without one."""
+    mass = setup.building.interface_experimental_mass_kg
+    return load_cell.cell_weight(setup.rig, setup.floor_masses_kg, mass, setup.case.shear_from)
+
+
+def _cell(setup: Setup, estimator: Block, lead: int) -> load_cell.CellInput | None:
+    """Return the load cell as an input of estimator and base shear; None where it has no part in the base shear."""
+    weight, place = _cell_weight(setup), setup.rig.shear_cell
+    if weight == 0.0 or place is None:
+        return None
+    mass, plate = setup.building.interface_experimental_mass_kg, setup.rig.further[place].plate_mass_kg
+    reads = load_cell.cell_reads(setup.floor_masses_kg, mass, plate)
+    if setup.case.method == "paper":
+        nothing = np.zeros(len(estimator.A)), np.zeros(len(estimator.C))
+        return load_cell.CellInput(place, reads, *nothing, np.array([-weight]))
+    residual_hz, dt_s = setup.case.kalman.residual_hz, setup.rig.dt_s
+    columns = kalman_filter.cell_in_residual(estimator, residual_hz, lead * dt_s, weight)
+    return load_cell.CellInput(place, reads, *columns, np.zeros(1))

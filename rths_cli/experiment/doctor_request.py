@@ -8,12 +8,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from rths_cli.errors import InputError
-from rths_cli.experiment.doctor_command import RATES_HZ, Examined, Progress, examine, wake_share
+from rths_cli.experiment.doctor_command import RATES_HZ, Examined, Progress, examine, of_counted_rig, wake_share
 from rths_cli.rigs.description import capabilities_of
 
 DEFAULT_CASE = "el_centro_low_ff_fb"  # lends its structure where only a rig was named
 
 if TYPE_CHECKING:
+    from rths_cli.experiment.doctor_channels import ChannelsExamined
     from rths_cli.experiment.setup import Setup
 
 
@@ -56,9 +57,41 @@ def examine_request(
             )
         return examine(others, wanted, request.seconds, say)
     from rths_cli.experiment.doctor_rig_test import exchange_delays
+    from rths_cli.experiment.real_rig_readiness import listened
+    from rths_cli.experiment.rig_access import EXP_RTHS, open_rig
     from rths_cli.experiment.setup import make_setup
+    from rths_cli.rigs.interface import counts_time
 
     setup = make_setup(case)
     permit(setup)
+    rig = open_rig(setup, (EXP_RTHS,), 0)
+    if counts_time(rig):
+        listened(setup, rig)
+        return of_counted_rig(case.table.name)
     delays, share = exchange_delays(case), wake_share(setup.rig)
     return examine(others, wanted, request.seconds, say, case.table.name, delays, share)
+
+
+def channels_request(
+    request: DoctorRequest,
+    moves: bool,
+    push: Callable[[], object] | None,
+    say: Progress,
+    permit: Callable[[Setup], None] = lambda _: None,
+) -> ChannelsExamined:
+    """Examine the channels of the rig of a case, or of a rig with the structure of a shipped case; raises InputError or
+    RigError. `moves` and `push` as in `examine_channels`; `permit` as in `examine_request`."""
+    from rths_cli.case.load import load_cases
+    from rths_cli.experiment.doctor_channels import examine_channels
+    from rths_cli.experiment.setup import make_setup
+
+    if request.case is None and request.rig is None:
+        raise InputError("--channels: name the rig by --rig FILE, or a case with one")
+    if request.rates_hz:
+        raise InputError("--rate: the channels are examined at the rate of the case; leave it out")
+    table = (f"table={json.dumps(request.rig)}",) if request.rig else ()
+    typed = dict.fromkeys(table, f"--rig {request.rig}")
+    case = load_cases([request.case or DEFAULT_CASE], (*table, *request.settings), typed)[0]
+    setup = make_setup(case)
+    permit(setup)
+    return examine_channels(setup, request.seconds, moves, push, say)

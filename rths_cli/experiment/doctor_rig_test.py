@@ -11,7 +11,7 @@ from rths_cli.errors import RigError
 from rths_cli.experiment.rig_access import EXP_RTHS, open_rig
 from rths_cli.experiment.setup import make_setup
 from rths_cli.files.rig_lock import locked_rig
-from rths_cli.rigs.interface import LinkedRig, as_commands, linked
+from rths_cli.rigs.interface import LinkedRig, as_commands, linked, name_session
 from rths_cli.rigs.udp import link as links
 from rths_cli.rigs.udp.fault_sentences import fault_names
 from rths_cli.rigs.udp.packets import COMMAND
@@ -33,6 +33,7 @@ def exchange_delays(case: Case) -> ExchangeDelays:
     def measure(rate_hz: float, seconds: float) -> IntArray:
         rig = open_rig(make_setup(case.model_copy(update={"sample_rate_hz": rate_hz})), (EXP_RTHS,), 0)
         steps = max(round(seconds * rate_hz), 1)
+        name_session(rig, "doctor")
         with locked_rig(rig.info.name):
             rig.open()
             try:

@@ -15,6 +15,7 @@ from rths_cli.loop.guard import INTERRUPT, TERMINATION
 from rths_cli.loop.lost_samples import NO_ANSWER, without_samples
 from rths_cli.loop.realtime_run import perform_watched
 from rths_cli.loop.step_arrays import EXCITATION
+from rths_cli.rigs.interface import name_session
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -30,15 +31,18 @@ if TYPE_CHECKING:
 SETTLED_S = 0.03  # time after which a late command no longer affects the table
 
 
-def excited(setup: Setup, blocks: Blocks, drive: Array, progress: Progress = lambda _: None) -> Outcome:
+def excited(
+    setup: Setup, blocks: Blocks, drive: Array, progress: Progress = lambda _: None, session: str = "identification"
+) -> Outcome:
     """Play an excitation (n, 3) on the case's real rig and return its outcome, with lost samples reconstructed.
 
-    `progress` hears of every second of it, for instance "25 of 80 s".
+    `progress` hears of every second of it, for instance "25 of 80 s". `session` names it to a rig that wants to know.
 
     Raises KeyboardInterrupt after an interrupt, when the table is at rest; InputError or RigError as `ready_on_rig`;
     RigError if too many samples were lost.
     """
     rig, run = ready_on_rig(setup, blocks, EXCITATION, drive)
+    name_session(rig, session)
     with opened(rig):
         outcome = perform_watched(rig, run, _seconds(progress)).outcome
     if outcome.reason in (INTERRUPT, TERMINATION):
@@ -72,7 +76,8 @@ def mended(log: Signals, course: Course, correction: Block) -> Signals:
     missing = without_samples(log.lost) | followed(late_there, round(SETTLED_S / dt_s))
     if not missing.any():
         return log
-    shown = course.signs[:, None] * (log.samples_v - course.zeros_v[:, None])
+    signs, zeros_v = course.signs[: len(log.samples_v), None], course.zeros_v[: len(log.samples_v), None]
+    shown = signs * (log.samples_v - zeros_v)
     try:
         return replace(log, corrected=run_block(correction, filled(log.command_v, shown, missing, dt_s)))
     except InputError as fault:

@@ -146,7 +146,7 @@ def _record(recording: Recording, request: DataRequest, setup: Setup) -> tuple[R
 def _as_volts(accel: Array, chosen: Chosen, setup: Setup) -> Array:
     """Return the sensors' signals in V, whatever the unit of the file, as input of the sensor correction."""
     scale = [
-        1.0 if unit == "V" else channel.sensitivity_v_per_m_s2
+        1.0 if unit == "V" else channel.sensitivity_v_per_unit
         for unit, channel in zip(chosen.units, setup.rig.channels, strict=True)
     ]
     return accel * np.array(scale)[:, None]

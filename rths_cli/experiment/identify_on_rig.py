@@ -41,6 +41,7 @@ MOST_PLAYED = 3  # times that an excitation is played if samples are lost; what 
 MOST_ATTEMPTS = 3  # excitations of a table that is overdriven, each at half the level of the one before
 SEED_STEP = 7919  # difference of the seeds of several records
 PERIOD_S = {"multisine": 20.0, "sweep": 40.0}  # longer where the compared band begins below the usual 0.7 Hz
+SESSIONS = {IDENTIFICATION: "identification", PROBE: "probe", VERIFICATION: "verification"}
 RECORDS = {IDENTIFICATION: "full level", PROBE: "probe", VERIFICATION: "verification"}
 ADVICE = "lower identification.accel_rms_m_s2"
 NOT_BY_MOTION = (LOST, OVERRUN, RIG_FAULT, OPERATOR)  # a quieter excitation would not help
@@ -271,7 +272,7 @@ def excite(
     samples, RigError if the rig did.
     """
     drive = np.column_stack([command_v, np.zeros((command_v.size, 2))])
-    outcome = _played(setup, drive, stream or (IDENTIFICATION,), progress)
+    outcome = play_excitation(setup, drive, stream or (IDENTIFICATION,), progress)
     where = f"identification of rig {setup.rig.name}, {RECORDS.get((stream or (IDENTIFICATION,))[0], 'record')}"
     advice = "" if outcome.reason in NOT_BY_MOTION else f"; {ADVICE}"
     if outcome.rig_fault:
@@ -286,18 +287,18 @@ def excite(
     return log.command_v, log.corrected, said
 
 
-def _played(setup: Setup, drive: Array, stream: tuple[int, ...], progress: Progress) -> Outcome:
+def play_excitation(setup: Setup, drive: Array, stream: tuple[int, ...], progress: Progress) -> Outcome:
     """Play an excitation (n, 3) on the rig, a real one in real time."""
     if not setup.rig.can.counts_steps:
         from rths_cli.experiment.excitation_on_real_rig import excited
 
-        return excited(setup, _listening(setup), drive, progress)
+        return excited(setup, listening_blocks(setup), drive, progress, SESSIONS.get(stream[0], "identification"))
     rig = open_rig(setup, stream, setup.case.identification.seed)
-    blocks, limits = _listening(setup), guard_limits(setup)
+    blocks, limits = listening_blocks(setup), guard_limits(setup)
     return interruptible(lambda: play(rig, setup.rig, blocks, EXCITATION, drive, limits))
 
 
-def _listening(setup: Setup) -> Blocks:
+def listening_blocks(setup: Setup) -> Blocks:
     """Return blocks that only correct the sensors, for an excitation, which uses no other block."""
     dt, channels = setup.rig.dt_s, len(setup.rig.channels)
     silent = static(np.zeros((1, channels)), dt, "kalman", (), ())
@@ -309,4 +310,5 @@ def _listening(setup: Setup) -> Blocks:
         feedback=feedback.none(dt),
         interface=no_force(channels),
         latency_samples=setup.rig.latency_samples,
+        further=sensor_correction.further_correction(setup.rig.further, dt, setup.removes_sensors),
     )

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from rths_cli.case.resolve import VARIED
+from rths_cli.case.rig_schema import RealRigSpec, RigSpec
 from rths_cli.errors import InputError
 from rths_cli.experiment.model_datasets import from_groups, to_groups
 from rths_cli.experiment.provenance import git_commit, package_version
@@ -32,7 +33,7 @@ from rths_cli.version import __version__
 ROUNDING = ("OPENBLAS_CORETYPE", "NPY_DISABLE_CPU_FEATURES", "NPY_ENABLE_CPU_FEATURES", "GLIBC_TUNABLES", "MKL_CBWR")
 KEPT = 200  # largest number of models in the cache; the oldest are removed first
 TIME = "%Y-%m-%dT%H:%M:%SZ"
-LEVELS = dict.fromkeys(("name", "warning_m_s2", "abort_m_s2"), True)
+LEVELS = dict.fromkeys(("name", "warning_m_s2", "abort_m_s2", "sensitivity_uncertainty"), True)
 HARDWARE_ONLY: dict[str, Any] = {  # of a rig file: no part of what the rig is
     **dict.fromkeys(("limits", "name", "after_identification"), True),
     **dict.fromkeys(("udp", "unattended", "watchdog_s", "overrun", "model"), True),
@@ -109,7 +110,7 @@ def identity(setup: Setup) -> dict[str, str | int | float]:
     return {
         "rig": case.table.name,
         "rig_kind": case.table.kind,
-        "rig_sha256": _hash(case.table.model_dump_json(exclude=HARDWARE_ONLY)),
+        "rig_sha256": _hash(_identified_rig(case.table)),
         "structure": case.structure.name,
         "specimen_sha256": _specimen_hash(setup),
         "floor_masses_kg": " ".join(f"{mass:g}" for mass in setup.floor_masses_kg),
@@ -123,6 +124,14 @@ def identity(setup: Setup) -> dict[str, str | int | float]:
         "rths_version": __version__,
         "git_commit": git_commit(),
     }
+
+
+def _identified_rig(table: RigSpec) -> str:
+    """Return what of a rig file a model depends on; further channels are no part of the identification."""
+    if isinstance(table, RealRigSpec):
+        own = table.model_copy(update={"channels": table.accelerometers or None})
+        return own.model_dump_json(exclude=HARDWARE_ONLY)
+    return table.model_dump_json(exclude={**HARDWARE_ONLY, "channels": True})
 
 
 def _specimen_hash(setup: Setup) -> str:

@@ -211,7 +211,7 @@ def metrics_of_record(run: Run, setup: Setup, sim: Response) -> Values:
 
 def errors_of(run: Run, setup: Setup, sim: Response, room: Array | None = None) -> Values:
     """Return a run's tracking errors and, of EXP-RTHS, its errors to SIM; `room` as `room_for_pairs` gives it."""
-    lowest_hz, truth, accel = lowest_reliable_hz(setup), setup.rig.can.records_truth, run.abs_accel_m_s2
+    lowest_hz, truth, accel = lowest_reliable_hz(setup), run.series.has_truth, run.abs_accel_m_s2
     series, storeys = run.series, None
     table = (series.desired[0], series.measured[0], series.true_accel[0] if truth else None)
     if accel is not None:
@@ -223,7 +223,7 @@ def errors_of(run: Run, setup: Setup, sim: Response, room: Array | None = None) 
 def true_accelerations(run: Run, setup: Setup) -> Array | None:
     """Return the building's true accelerations (n_storeys, n) in a complete EXP-RTHS, None where nobody knows them."""
     accel = run.abs_accel_m_s2
-    if accel is None or run.stopped is not None or not setup.rig.can.records_truth:
+    if accel is None or run.stopped is not None or not run.series.has_truth:
         return None
     return run.series.with_true(accel)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -16,7 +16,7 @@ from rths_cli.experiment.rig_access import guard_limits, open_rig
 from rths_cli.files.machine_rates import LATE_SHARE, P99_SHARE, held_rate
 from rths_cli.files.rig_lock import locked_rig
 from rths_cli.loop.realtime_run import Performance, prepare, rehearse_watched
-from rths_cli.rigs.interface import as_commands, linked
+from rths_cli.rigs.interface import as_commands, counts_time, linked, name_session
 
 if TYPE_CHECKING:
     from rths_cli.control.designed_blocks import Blocks
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from rths_cli.rigs.interface import Rig, RigInfo
 
 REHEARSAL_S = 2.0  # duration of the rehearsal
+LOOK_S = 0.2  # time between two live values
 LISTENING_S = 1.0  # duration of the measurement at rest
 ZERO_SHARE = 0.1  # largest mean of a channel at rest, as a fraction of its range
 NOISE_SHARE = 0.02  # largest rms of a channel at rest about its mean, as a fraction of its range
@@ -32,10 +33,10 @@ NOISE_SHARE = 0.02  # largest rms of a channel at rest about its mean, as a frac
 
 @dataclass(frozen=True)
 class AtRest:
-    """Statistics of the c channels with the table at rest."""
+    """Statistics of all channels with the table at rest, the further ones behind the accelerometers."""
 
-    zeros_v: Array  # (c,) mean
-    noise_v: Array  # (c,) rms about the mean
+    zeros_v: Array  # (c + f,) mean
+    noise_v: Array  # (c + f,) rms about the mean
 
 
 def ready_on_rig(setup: Setup, blocks: Blocks, source: int, drive: Array) -> tuple[Rig, Performance]:
@@ -44,12 +45,22 @@ def ready_on_rig(setup: Setup, blocks: Blocks, source: int, drive: Array) -> tup
     Raises InputError if the machine does not hold the rate or a channel is not at rest, RigError if the rig is not
     available.
     """
-    rehearsed(setup, blocks, source)
     rig = open_rig(setup, (), 0)
-    if linked(rig) is None:
-        check_measured(setup.rig)
+    check_rate(setup, rig, blocks, source)
     zeros = listened(setup, rig).zeros_v
     return rig, prepare(setup.rig, blocks, source, drive, guard_limits(setup), zeros)
+
+
+def check_rate(setup: Setup, rig: Rig, blocks: Blocks, source: int) -> None:
+    """Raise InputError unless the machine holds the rate of a run, and a rig without a link was measured at it.
+
+    A rig whose clock is counted needs neither: each of its exchanges takes one sample interval, however long it lasts.
+    """
+    if counts_time(rig):
+        return
+    rehearsed(setup, blocks, source)
+    if linked(rig) is None:
+        check_measured(setup.rig)
 
 
 @contextmanager
@@ -114,23 +125,36 @@ def listened(setup: Setup, rig: Rig) -> AtRest:
 
     Raises InputError with a sentence for each channel that is not at rest, RigError if the rig is not available.
     """
-    resting = as_commands(np.zeros(rig.info.actuators))
-    with opened(rig):
-        shown = [np.array(rig.arm(), dtype=float)]
-        shown += [np.array(rig.exchange(resting), dtype=float) for _ in range(round(LISTENING_S / setup.rig.dt_s))]
-    heard = np.array(shown)
-    found = AtRest(heard.mean(axis=0), heard.std(axis=0))
+    shown = heard(setup, rig, LISTENING_S)
+    found = AtRest(shown.mean(axis=0), shown.std(axis=0))
     faults = channel_faults(setup.rig, found)
     if faults:
         raise InputError(*faults)
     return found
 
 
+def heard(setup: Setup, rig: Rig, seconds: float, look: Callable[[Array], object] = lambda _: None) -> Array:
+    """Open and arm the rig, command zero for a time, and return its samples (n, c + f) in V.
+
+    `look` is called with the newest samples every LOOK_S. Raises RigError if the rig is not available.
+    """
+    resting = as_commands(np.zeros(rig.info.actuators))
+    name_session(rig, "listening")
+    with opened(rig):
+        shown = [np.array(rig.arm(), dtype=float)]
+        every = max(round(LOOK_S / setup.rig.dt_s), 1)
+        for k in range(round(seconds / setup.rig.dt_s)):
+            shown.append(np.array(rig.exchange(resting), dtype=float))
+            if k % every == 0:
+                look(shown[-1])
+    return np.array(shown)
+
+
 def channel_faults(info: RigInfo, found: AtRest) -> list[str]:
     """Return a sentence for each channel whose mean or noise at rest is too large or not finite."""
     faults = []
-    for channel, zero, noise in zip(info.channels, found.zeros_v, found.noise_v, strict=True):
-        range_v = min(channel.range_m_s2 * channel.sensitivity_v_per_m_s2, info.converters.range_v)
+    for channel, zero, noise in zip(info.all_channels, found.zeros_v, found.noise_v, strict=True):
+        range_v = min(channel.range_v, info.converters.range_v)
         where = f"rig {info.name}: channel {channel.name}"
         if not (np.isfinite(zero) and np.isfinite(noise)):
             faults.append(f"{where} gives no numbers at rest; check its cable")
@@ -139,7 +163,19 @@ def channel_faults(info: RigInfo, found: AtRest) -> list[str]:
             faults.append(
                 f"{where} shows {zero:.3g} V at rest, {share}; check its cable, its coupling and its mounting"
             )
+        elif "guard" in channel.uses and channel.kind == "displacement" and channel.position == "table":
+            faults += _off_centre(where, info.limits.stroke_m, zero / channel.sensitivity_v_per_unit)
         elif noise > NOISE_SHARE * range_v:
             share = f"more than {100.0 * NOISE_SHARE:.0f} % of its range"
             faults.append(f"{where} shows {noise:.3g} V rms at rest, {share}; check its cable, and that nothing moves")
     return faults
+
+
+def _off_centre(where: str, stroke_m: float, place_m: float) -> list[str]:
+    """Return a sentence if a table rests too far from the centre, where its stroke sensor reads zero."""
+    if abs(place_m) <= ZERO_SHARE * stroke_m:
+        return []
+    share = f"more than {100.0 * ZERO_SHARE:.0f} % of limits.stroke_m = {stroke_m:g}"
+    return [
+        f"{where} shows the table at {place_m:.3g} m at rest, {share}; centre the table, or adjust the sensor's zero"
+    ]

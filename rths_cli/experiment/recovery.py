@@ -285,6 +285,7 @@ def _signals(log: RawLog, setup: Setup) -> Signals:
     def rows(names: Sequence[str]) -> Array:
         return np.array([columns.get(name, unknown) for name in names])
 
+    further = len(setup.rig.further)
     single = ("command_v", "base_shear_n", "true_displacement_m", "compute_ns")
     several = ("corrected", "true_velocity_m_s", "samples_v")
     return Signals(
@@ -292,6 +293,7 @@ def _signals(log: RawLog, setup: Setup) -> Signals:
         estimated=rows(list(takewhile(columns.__contains__, _named("estimated")))),
         logged=rows(list(takewhile(columns.__contains__, _named("logged")))).reshape(-1, unknown.size),
         **{name: rows(_numbered(name, channels)) for name in several},
+        **{name: rows(_numbered(name, further)).reshape(further, -1) for name in ("further", "further_v")},
         **{name: columns.get(name, unknown) for name in single},
         **{name: columns.get(name, unknown[:0]) for name in TIMED},
     )

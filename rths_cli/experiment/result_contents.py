@@ -73,13 +73,16 @@ def write_table_run(
         scales["channel"] = np.arange(1, len(series.removed) + 1)
     if len(series.estimated) > 3 * floors:
         values["base_shear_unexplained_n"] = series.estimated[3 * floors]
+    if len(series.further):
+        names = [f"{channel.name} ({channel.unit})" for channel in setup.rig.further]
+        values |= {"further_channels": series.further, "further_channel_names": "\n".join(names)}
     if series.logs:
         values["part_values"] = series.logged
         values["part_value_names"] = "\n".join(f"{one.name} ({one.units})" for one in series.logs)
     writer.group(run, values, time, storey, scales, _remarks_on_samples(setup, series) | _remarks_on_storeys(setup))
     timed = {"compute_s": (WITH_RIG,) if setup.rig.can.counts_steps else ()}
     writer.group(f"{run}/timing", {"compute_s": series.compute_s, **series.live}, time, storey, remarks=timed)
-    if setup.rig.can.records_truth:
+    if series.has_truth:
         truth = {
             "table_accel_m_s2": series.true_accel[0],
             "table_disp_m": series.true_disp_m,
@@ -137,7 +140,7 @@ def write_identification(writer: ResultWriter, identified: Identification, desig
 def write_controller(writer: ResultWriter, design: Design) -> None:
     """Write every discrete block of the step."""
     blocks = design.blocks
-    known = (blocks.open_loop,) if blocks.open_loop else ()
+    known = tuple(block for block in (blocks.open_loop, blocks.further, blocks.cell_block()) if block is not None)
     for block in (*blocks.named(), blocks.base_shear(), blocks.staircase(), *known):
         writer.block(block.name, block.A, block.B, block.C, block.D, block.dt_s, block.inputs, block.outputs)
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.case.rig_schema import DEFAULT_ENERGY_RATIO
+from rths_cli.control.load_cell import cell_reads
 from rths_cli.rigs.from_case import driver, virtual_driver
 
 if TYPE_CHECKING:
@@ -45,11 +46,12 @@ def _changed(stream: tuple[int, ...]) -> bool:
 
 def guard_limits(setup: Setup) -> GuardLimits:
     """Return the guard's constants for the case's rig."""
-    from rths_cli.loop.guard import STUCK_BITS, GuardLimits
+    from rths_cli.loop.guard import SATURATED_SHARE, STUCK_BITS, GuardLimits, further_limits
 
     rig = setup.rig
-    bits = np.array([rig.converters.step_v / c.sensitivity_v_per_m_s2 for c in rig.channels])
-    saturation = [min(c.range_m_s2 * c.sensitivity_v_per_m_s2, rig.converters.range_v) for c in rig.channels]
+    bits = np.array([rig.converters.step_v / c.sensitivity_v_per_unit for c in rig.channels])
+    saturation = [min(c.range_v, rig.converters.range_v) for c in rig.channels]
+    mass = setup.building.interface_experimental_mass_kg
     return GuardLimits(
         stroke_m=rig.limits.stroke_m,
         velocity_m_s=rig.limits.velocity_m_s,
@@ -60,11 +62,12 @@ def guard_limits(setup: Setup) -> GuardLimits:
         gain_m_per_v=rig.gain_m_per_v,
         dt_s=rig.dt_s,
         force_weights=np.concatenate([[rig.moving_mass_kg], setup.floor_masses_kg]),
-        saturation_v=0.999 * np.array(saturation),
+        saturation_v=SATURATED_SHARE * np.array(saturation),
         stuck=np.where(bits > 0.0, STUCK_BITS * bits, math.inf),
-        abort=np.array([min(c.abort_m_s2, rig.limits.acceleration_m_s2) for c in rig.channels]),
+        abort=np.array([min(c.abort, rig.limits.acceleration_m_s2) for c in rig.channels]),
         command_rate_v_s=rig.limits.command_rate_v_s,
         energy_ratio=_energy_ratio(rig),
+        further=further_limits(rig, cell_reads(setup.floor_masses_kg, mass, 0.0)),
         energy_floor_j=0.5 * rig.specimen_mass_kg * (AT_REST_SHARE * rig.limits.velocity_m_s) ** 2,
     )
 

@@ -172,7 +172,7 @@ def of_table_run(
     dt, building, ground = setup.rig.dt_s, setup.building, setup.motion.accel_m_s2
     lowest_hz, band_hz = lowest_reliable_hz(setup), setup.case.test_band_hz
     desired, measured = series.desired[0], series.measured[0]
-    true = series.true_accel[0] if setup.rig.can.records_truth else None
+    true = series.true_accel[0] if series.has_truth else None
     figures = delays(run, desired, measured, true, dt)
     figures |= fidelity(run, desired, measured, true, dt, lowest_hz, band_hz)
     if hybrid is not None:

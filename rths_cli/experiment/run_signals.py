@@ -25,10 +25,10 @@ class Series:
 
     `desired` (3, n): acceleration, velocity, displacement; `measured` (1 + n_exp, n): corrected accelerations of table
     and floors; `estimated` (3 n_exp or more, n): the Kalman filter's displacements and velocities relative to the
-    table, and floor accelerations; `true_accel` (1 + n_exp, n), `true_disp_m` (n,): NaN unless the rig is virtual.
+    table, and floor accelerations; `true_accel` (1 + n_exp, n), `true_disp_m` (n,): NaN or empty unless the rig tells.
     `live`: delays, durations of exchanges, losses and states on a real rig, (n,) each. `removed` (1 + n_exp, n):
     offset, drift and jumps that were removed from `measured`; None: nothing was removed. `logged` (l, n): what the
-    parts of the step log, named by `logs`.
+    parts of the step log, named by `logs`. `further` (f, n): values of the further channels.
     """
 
     desired: Array
@@ -40,9 +40,15 @@ class Series:
     true_disp_m: Array
     compute_s: Array
     live: Mapping[str, Array] = field(default_factory=dict)
+    further: Array = field(default_factory=lambda: np.zeros((0, 0)))
     removed: Array | None = None
     logged: Array = field(default_factory=lambda: np.zeros((0, 0)))
     logs: tuple[Logged, ...] = ()
+
+    @property
+    def has_truth(self) -> bool:
+        """Return whether the rig told the true motion of table and floors."""
+        return self.true_accel.size > 0 and bool(np.isfinite(self.true_accel).any())
 
     @property
     def law_force_n(self) -> Array | None:
@@ -104,6 +110,7 @@ def on_record_clock(outcome: Outcome, lead_samples: int, dt_s: float, samples: i
         true_disp_m=log.true_displacement_m[table],
         compute_s=log.compute_ns[table] * 1e-9,
         live=_live(log, table),
+        further=log.further[:, table],
         logged=_logged(outcome, count, table),
         logs=outcome.logs,
     )

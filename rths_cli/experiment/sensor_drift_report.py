@@ -180,7 +180,7 @@ def stands_out(channel: ChannelDrift) -> bool:
 
 def sensitivities(rig: RigInfo) -> Array:
     """Return the sensitivity of each channel in V per m/s^2, without its sign."""
-    return np.array([channel.sensitivity_v_per_m_s2 for channel in rig.channels])
+    return np.array([channel.sensitivity_v_per_unit for channel in rig.channels])
 
 
 def as_figures(run: str, found: SensorDrift, setup: Setup, lead_samples: int) -> dict[str, ArrayLike]:
@@ -206,7 +206,7 @@ def sentences(label: str, found: SensorDrift, setup: Setup, lead_samples: int) -
     """Return the warnings on offset, drift and jumps of the channels of a run."""
     start, dt, said = found.first + lead_samples, setup.rig.dt_s, []
     for channel, each in zip(setup.rig.channels, found.channels, strict=True):
-        size, who = channel.sign * channel.sensitivity_v_per_m_s2, f"{label}: channel {channel.name}"
+        size, who = channel.sign * channel.sensitivity_v_per_unit, f"{label}: channel {channel.name}"
         if each.drifts:
             off, rate, sure = 1e3 * size * each.offset, 6e4 * size * each.rate, 6e4 * abs(size) * each.rate_uncertainty
             said.append(

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from rths_cli.errors import InputError
-from rths_cli.experiment.rig_access import EXP_RTHS, guard_limits
+from rths_cli.experiment.rig_access import EXP_RTHS, guard_limits, open_virtual
 from rths_cli.experiment.setup import Setup, make_setup
 from rths_cli.loop import udp_target
 from rths_cli.loop.guard import fresh_guard
@@ -37,7 +37,7 @@ from rths_cli.rigs.udp.key_file import KEY_FILE_VARIABLE, as_words, make_secret,
 from rths_cli.rigs.udp.late_command_trajectory import fresh_way
 from rths_cli.rigs.udp.session import ARM_WORDS, Terms
 from rths_cli.rigs.udp.sockets import bound, shown
-from rths_cli.rigs.virtual.virtual_rig import fresh_state, normals_of, virtual_rig
+from rths_cli.rigs.virtual.virtual_rig import fresh_state, virtual_rig
 from rths_cli.user_cache import user_cache
 
 if TYPE_CHECKING:
@@ -266,12 +266,14 @@ class ServedRig:
     @property
     def title(self) -> str:
         """Return rig and specimen in words."""
-        return f"rig {self.setup.rig.name} with {self.channels - 1} floors of {self.setup.case.structure.name}"
+        floors, further = len(self.setup.rig.channels) - 1, len(self.setup.rig.further)
+        beside = f" and {further} further channels" if further else ""
+        return f"rig {self.setup.rig.name} with {floors} floors of {self.setup.case.structure.name}{beside}"
 
     @property
     def channels(self) -> int:
         """Return the number of channels of the rig."""
-        return len(self.setup.rig.channels)
+        return len(self.setup.rig.all_channels)
 
     @property
     def usual_dt_s(self) -> float:
@@ -281,8 +283,7 @@ class ServedRig:
     @cached_property
     def noise(self) -> Array:
         """Return rows of standard normal noise, (NOISE_ROWS, normals of the rig)."""
-        normals = normals_of(self.table, self.channels)
-        return np.random.default_rng((self.seed, EXP_RTHS)).standard_normal((NOISE_ROWS, normals))
+        return open_virtual(self.setup, (EXP_RTHS,), self.seed).noise(NOISE_ROWS)
 
 
 def describe(rig: str, structure: str, settings: tuple[str, ...], seed: int) -> ServedRig:
@@ -308,7 +309,7 @@ def make_table(rig: ServedRig, interval_ns: int) -> Table:
         plant,
         fresh_state(plant, 0),
         guard_limits(rig.setup)._replace(dt_s=tick_s),
-        fresh_guard(rig.channels),
+        fresh_guard(len(rig.setup.rig.channels)),
         rig.noise,
         np.zeros(rig.channels),
         np.zeros(2),

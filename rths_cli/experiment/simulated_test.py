@@ -200,7 +200,7 @@ def _samples_v(known: Known, rig: IdentifiedRig, corrected: ComplexArray, rows: 
 
 
 def _sizes(setup: Setup) -> Array:
-    return np.array([channel.sensitivity_v_per_m_s2 for channel in setup.rig.channels])
+    return np.array([channel.sensitivity_v_per_unit for channel in setup.rig.channels])
 
 
 def _stopped(outcome: Outcome) -> Fault:

@@ -20,7 +20,7 @@ from rths_cli.loop.realtime_run import STOP_KEY, Performance, Performed, order, 
 from rths_cli.loop.run_log import column_names, column_units, sizes_of
 from rths_cli.loop.step_arrays import NUMERICAL
 from rths_cli.quantities.datasets import LINK_COUNTS
-from rths_cli.rigs.interface import linked
+from rths_cli.rigs.interface import linked, name_session
 
 if TYPE_CHECKING:
     from rths_cli.experiment.model_choice import Memory
@@ -31,17 +31,15 @@ if TYPE_CHECKING:
 
 
 def ask_the_rig(setup: Setup, memory: Memory, progress: Progress) -> None:
-    """Rehearse the sample rate without the rig, then measure the channels with the table at rest.
+    """Rehearse the sample rate without the rig, unless its clock is counted, then measure the channels at rest.
 
     It is called before the table moves and before the result file is begun. Raises InputError if no controller can be
     designed, the machine does not hold the rate, or a channel is not at rest; RigError if the rig is not available.
     """
     design = design_blocks(setup, memory.at_rest(setup, progress).found)
     progress("rehearsal of the rate, no rig")
-    real_rig_readiness.rehearsed(setup, design.blocks, NUMERICAL)
     rig = open_rig(setup, (), 0)
-    if linked(rig) is None:
-        real_rig_readiness.check_measured(setup.rig)
+    real_rig_readiness.check_rate(setup, rig, design.blocks, NUMERICAL)
     progress("listening to the channels at rest")
     real_rig_readiness.listened(setup, rig)
 
@@ -74,6 +72,7 @@ class RealStage:
         self._logs.append(log)
         writer.park(f"{kind.label}: {still_in(path)}")
         watching = Watching(ready)
+        name_session(rig, kind.name)
 
         def watch(performance: Performance) -> None:
             if self._show(kind.label, watching.look()):

@@ -100,7 +100,7 @@ def _signal_faults(channel: Channel, accel: Array, info: RigInfo, record: Record
     parts = record.parts
     rms = float(accel[parts.noise].std())
     quiet = float(accel[parts.silence].std()) if parts.silence is not None else 0.0
-    least = max(DEAD_BITS * info.converters.step_v / channel.sensitivity_v_per_m_s2, 1e-9)
+    least = max(DEAD_BITS * info.converters.step_v / channel.sensitivity_v_per_unit, 1e-9)
     still = "" if channel is info.channels[0] else ", or a storey so soft that this floor hardly moves"
     if rms < least:
         return [
@@ -113,12 +113,12 @@ def _signal_faults(channel: Channel, accel: Array, info: RigInfo, record: Record
             f"check sensor and cable{still}, or take a sensor of less noise"
         ]
     largest = float(np.abs(accel).max())
-    if largest > CLIPPED_SHARE * channel.range_m_s2:
+    if largest > CLIPPED_SHARE * channel.range:
         return [
             f"channel {channel.name}: clipped, {largest:.4g} m/s^2 reaches the sensor's range of "
-            f"{channel.range_m_s2:.4g}; lower identification.accel_rms_m_s2"
+            f"{channel.range:.4g}; lower identification.accel_rms_m_s2"
         ]
-    bit = info.converters.step_v / channel.sensitivity_v_per_m_s2
+    bit = info.converters.step_v / channel.sensitivity_v_per_unit
     tops = cut_off_peaks(accel, channel, info.dt_s, quiet, bit)
     if tops:
         return [
@@ -133,7 +133,7 @@ def channel_noise(record: Record, info: RigInfo) -> Array:
 
     It is the noise at rest, but at least the quantisation noise: a channel that rests within one bit shows no noise.
     """
-    rounding = [info.converters.step_v / channel.sensitivity_v_per_m_s2 / np.sqrt(12.0) for channel in info.channels]
+    rounding = [info.converters.step_v / channel.sensitivity_v_per_unit / np.sqrt(12.0) for channel in info.channels]
     silence = record.parts.silence
     at_rest = np.zeros(len(rounding)) if silence is None else record.accel_m_s2[:, silence].std(axis=1)
     return np.maximum(at_rest, rounding)

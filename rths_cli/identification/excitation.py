@@ -409,7 +409,7 @@ def reach(info: RigInfo, command_v: Array) -> dict[str, Reach]:
     accel = float(np.abs(nominal_accel(command_v, info)).max())
     velocity = info.gain_m_per_v * float(np.abs(np.diff(command_v)).max()) / info.dt_s
     mass = info.moving_mass_kg + info.specimen_mass_kg
-    sensor = min(channel.range_m_s2 for channel in info.channels)
+    sensor = min(channel.range for channel in info.channels)
     limits = info.limits
     return {
         "stroke": Reach(info.gain_m_per_v * place, limits.stroke_m, "m"),

@@ -28,7 +28,7 @@ def louder(data: Evidence) -> float:
         SHARE * limits.force_n / _peak(force),
     ]
     for channel, samples in zip(info.channels, accel, strict=True):
-        largest = min(channel.range_m_s2, info.converters.range_v / channel.sensitivity_v_per_m_s2)
+        largest = min(channel.range, info.converters.range_v / channel.sensitivity_v_per_unit)
         room.append(CHANNEL_SHARE * largest / _peak(samples))
     return min(room)
 

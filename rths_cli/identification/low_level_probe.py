@@ -94,7 +94,7 @@ def probe_plan(info: RigInfo, settings: ExcitationSettings, seed: int) -> Excita
     noise = faded(shaped_noise(PROBE_S, dt, settings.low_hz, settings.high_hz, random, compared), FADE_S, dt)
     signal = Signal(noise, slice(0, len(noise)))
     highest, _ = reachable_level(info, signal, settings.accel_rms_m_s2, compared=compared)
-    bit = max(info.converters.step_v / channel.sensitivity_v_per_m_s2 for channel in info.channels)
+    bit = max(info.converters.step_v / channel.sensitivity_v_per_unit for channel in info.channels)
     level = max(PROBE_SHARE * highest, min(MOST_PROBE_SHARE * highest, PROBE_BITS * bit))
     noise = noise * level / accel_rms(noise, info, compared=compared)
     pieces = (still(SILENCE_S, dt), noise, still(REST_S, dt))
@@ -181,7 +181,7 @@ def check_probe(info: RigInfo, probe: Excitation, accel: Array) -> None:
     faults = []
     for channel, samples in zip(info.channels, accel, strict=True):
         loud, quiet = float(samples[probe.parts.noise].std()), float(samples[probe.parts.silence].std())
-        bit = info.converters.step_v / channel.sensitivity_v_per_m_s2
+        bit = info.converters.step_v / channel.sensitivity_v_per_unit
         if not loud > LEAST_OVER_NOISE * max(quiet, bit / np.sqrt(12.0)):
             faults.append(
                 f"channel {channel.name}: nothing but noise in the probe, {quiet:.2g} m/s^2 rms at rest and {loud:.2g} "
@@ -241,7 +241,7 @@ def ringing_growth(info: RigInfo, probe: Excitation, accel: Array, planned: Exci
 def channel_bounds(info: RigInfo, shown: Array, planned: Excitation) -> Iterator[Bound]:
     """Yield the predicted peak of each channel in each stretch of a plan, with the channel's range."""
     for channel, samples in zip(info.channels, np.abs(shown), strict=True):
-        limit = min(channel.range_m_s2, info.converters.range_v / channel.sensitivity_v_per_m_s2)
+        limit = min(channel.range, info.converters.range_v / channel.sensitivity_v_per_unit)
         for loud in planned.stretches:
             peak = float(samples[loud.samples].max())
             yield Bound(f"range of channel {channel.name}", loud.level_m_s2, peak, limit, CHANNEL_SHARE, "m/s^2")

@@ -36,18 +36,18 @@ MISSED, RETURNED, NOW = range(3)  # places in Returning.gap
 
 
 class Returning(NamedTuple):
-    """State of the return of samples after a gap; c channels."""
+    """State of the return of samples after a gap; c channels, the further ones included."""
 
     gap: IntArray  # (3,) length of the last gap, samples that have come since, consecutive lost samples now
     longest: int  # largest number of samples over which they return
     came: Array  # (c,) measured samples in V
-    accel: Array  # (c,) the same, corrected, in m/s^2
+    accel: Array  # (c,) the same, corrected, in their units
     memory: Array  # (c, 4) state of that correction; the step's own correction runs on the samples that the step uses
 
 
 def returning(info: RigInfo) -> Returning:
     """Return the state without any gap."""
-    channels = len(info.channels)
+    channels = len(info.all_channels)
     return Returning(
         np.zeros(3, dtype=np.int64), round(LONGEST_S / info.dt_s), np.zeros(channels), np.zeros(channels),
         np.zeros((channels, 4)),
@@ -121,6 +121,8 @@ def hear(r: Returning, s: Step, after_gap: bool) -> None:
     correction.correct(r.came, r.accel)
     for i in range(len(s.measured_by)):
         r.accel[s.measured_by[i]] -= staircase_of(s, i)
+    if s.cell >= 0:
+        r.accel[s.cell] -= s.cell_reads[0] * staircase_of(s, 0)
 
 
 @part

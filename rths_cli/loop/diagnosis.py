@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.loop import guard as g
+from rths_cli.loop.further_channel_faults import GAIN_CHANGED, fault_of, gain_of_table, table_follows
 from rths_cli.loop.guard import GuardLimits, GuardState
 from rths_cli.loop.lost_samples import CAUGHT_UP, MIXED, NO_ANSWER, without_samples
 from rths_cli.loop.run_log import Signals
@@ -41,7 +42,8 @@ KEPT = 3.0 / g.STUCK_BITS  # fraction of the guard's threshold (10 bits): the ch
 TOGETHER = 0.9  # channels that kept their code for this fraction of the longest such time stopped together
 OF_COMMAND = (g.STROKE, g.VELOCITY, g.COMMAND, g.RATE)  # reasons that depend on the command alone
 OF_TABLE = (g.TRACKING, g.ENERGY)  # reasons that depend on the table's sensor alone
-DIAGNOSED = (*OF_COMMAND, g.ACCELERATION, g.FORCE, g.TRACKING, g.ENERGY, g.STUCK, g.SATURATED)
+OF_FURTHER = (g.MEASURED_STROKE, g.DISAGREES)  # reasons that a displacement sensor or load cell gives
+DIAGNOSED = (*OF_COMMAND, g.ACCELERATION, g.FORCE, g.TRACKING, g.ENERGY, g.STUCK, g.SATURATED, *OF_FURTHER)
 
 HOST_SHARE = 0.1  # late steps over steps without samples, from which this computer is the cause
 LATE = 0.5  # fraction of an interval by which a step of a stalled computer begins late
@@ -90,7 +92,9 @@ def cause_of(info: RigInfo, blocks: Blocks, limits: GuardLimits, state: GuardSta
         return None
     names = [channel.name for channel in info.channels]
     kept = _kept(limits, state)
-    found = _all_kept(kept, state) or _of_signals(info, blocks, state, log, kept)
+    found = _all_kept(kept, state) or _of_further(info, blocks, limits, state, log)
+    if found is None and reason not in OF_FURTHER:
+        found = _of_signals(info, blocks, state, log, kept)
     stall = None if reason == g.STUCK else _lost(log, last, info.dt_s)  # no stall lasts as long as STUCK_S
     if stall is None:
         return found
@@ -107,6 +111,35 @@ def _of_signals(info: RigInfo, blocks: Blocks, state: GuardState, log: Signals, 
     stuck = int(state.flags[2]) if reason == g.STUCK else g.NO_CHANNEL
     found = (_named(names, seen, kept, stuck, fits) if seen else None) or _group(names[0], seen, reason)
     return _or_too_fast(found) if found and found.of_table and _moved_fast(info, log, last) else found
+
+
+def _of_further(info: RigInfo, blocks: Blocks, limits: GuardLimits, state: GuardState, log: Signals) -> Cause | None:
+    """Return the cause that a displacement sensor or load cell tells of, or is; None without one."""
+    if not info.further:
+        return None
+    reason, last, own = int(state.flags[1]), int(state.flags[3]), len(info.channels)
+    named = int(state.flags[2]) - own if int(state.flags[2]) >= own else -1
+    if reason == g.MEASURED_STROKE:
+        gain = gain_of_table(info, limits, log, last, named)
+        if gain is not None and abs(gain - 1.0) > GAIN_CHANGED:
+            what = f"the table moves {gain:.2f} times as commanded: the gain of amplifier or table, or the sensor's"
+            return Cause(what, "check the amplifier and the sensor's sensitivity; identify the rig anew", of_table=True)
+        return None
+    found = fault_of(info, limits, log, last, named if reason == g.DISAGREES else -1)
+    if found is None:
+        return None
+    channel, way = info.further[found[0]], found[1]
+    sensor = Cause(f"the sensor of channel {channel.name} is wrong, {way}", CHECK_SENSOR)
+    if limits.further.duty[found[0]] == g.STROKE_SENSOR:
+        follows = table_follows(info, log, last, blocks.lead_samples)
+        if follows:
+            return sensor
+        told = f"the table does not follow its command, or the sensor of channel {channel.name} is wrong, {way}"
+        return Cause(told, CHECK_EITHER, of_table=True)
+    kept, stuck = _kept(limits, state), g.NO_CHANNEL
+    seen = _compared(info, blocks.specimen, blocks.lead_samples, log, last) if blocks.specimen else None
+    other = _named([one.name for one in info.channels], seen, kept, stuck, False) if seen else None
+    return other if other is not None and not other.of_table else sensor
 
 
 def _of_mixed(names: list[str], state: GuardState, log: Signals) -> Cause | None:
@@ -179,7 +212,7 @@ def _compared(info: RigInfo, specimen: Specimen, lead: int, log: Signals, last: 
     by_measured = _floors(specimen, table, start, info.dt_s)
     by_desired = _floors(specimen, desired, start, info.dt_s)
     latest = slice(-max(round(LATEST_S / info.dt_s), 1), None)
-    least = BITS * np.array([info.converters.step_v / channel.sensitivity_v_per_m_s2 for channel in info.channels])
+    least = BITS * np.array([info.converters.step_v / channel.sensitivity_v_per_unit for channel in info.channels])
     off_measured, off_desired = (_peak((shown - other)[:, latest]) for other in (by_measured, by_desired))
     size = np.maximum(_peak(shown), np.minimum(_peak(by_measured), _peak(by_desired)))
     off = np.maximum(off_measured, off_desired) > OFF * size + least[1:]

@@ -13,15 +13,17 @@ from typing import NamedTuple
 
 import numpy as np
 
+from rths_cli.numerics.clock import IntArray
 from rths_cli.numerics.compiled import kept_part, part
 from rths_cli.numerics.lti import Array
-from rths_cli.rigs.description import BRAKE_SHARE
+from rths_cli.rigs.description import BRAKE_SHARE, RigInfo
 
 RUNNING, BRAKING, RETURNING, STOPPED = 0, 1, 2, 3
 NONE, STROKE, VELOCITY, ACCELERATION, FORCE, COMMAND, TRACKING, NOT_A_NUMBER, SATURATED, STUCK = range(10)
 RATE, ENERGY, LOST, OVERRUN, RIG_FAULT, OPERATOR, INTERRUPT, TERMINATION, LOG_FAILED, WATCHER_FAILED, END = range(
     10, 21
 )
+MEASURED_STROKE, LEVEL, DISAGREES = range(21, 24)
 REASONS = (
     "",
     "displacement (estimated from the command, with room to brake) beyond the stroke limit",
@@ -44,6 +46,9 @@ REASONS = (
     "the log cannot be written",
     "the live view failed",
     "the end of the record",
+    "measured displacement (with room to brake) beyond the stroke limit",
+    "a channel is beyond its abort level",
+    "a channel does not show what command and accelerations demand",
 )
 RETURN_RATE = 7.5  # rad/s, less if a limit is tight: the table is back at zero within 2 s
 AT_REST_M = 1e-6  # less than half a bit of a 16-bit command
@@ -51,6 +56,30 @@ STUCK_S = 0.5  # a channel is stuck if it keeps its code for this time
 STUCK_BITS = 10.0  # while it should have moved by this many bits
 FORGET_HZ = 0.5  # an error of velocity below this frequency is attributed to sensor offsets
 NO_CHANNEL = -1
+UNWATCHED, WATCHED, STROKE_SENSOR, CELL = range(4)  # what the guard does with a further channel
+REACTION_S = 10e-3  # time from a measured displacement until the table begins to brake
+VELOCITY_S = 5e-3  # time constant of the velocity from a displacement sensor
+COMPARED_S = 1.0  # memory of the comparison of a further channel with what it must show
+COMPARED_HZ = 2.0  # corner up to which displacements are compared, where the table follows its command at once
+SATURATED_SHARE = 0.999  # of a range, from which a sensor is saturated
+TOLERATED = 0.005  # of a sensor's range, RMS difference from what it must show that is no fault
+PLACE_TOLERATED = 0.02  # of the stroke limit, the same of a displacement sensor
+DIFFERS = 0.5  # RMS difference over the RMS of what a channel must show, from which it disagrees
+LOW_1, LOW_2, OWN_1, OWN_2, DIFFERENCE, SIZE, PLACE, SPEED = range(8)  # places in a row of GuardState.compared
+
+
+class FurtherLimits(NamedTuple):
+    """Constants of the guard for f further channels, each in its unit, beside c accelerometers."""
+
+    duty: IntArray  # (f,) UNWATCHED, WATCHED, STROKE_SENSOR or CELL
+    saturation_v: Array  # (f,)
+    abort: Array  # (f,) value at which the channel stops the test
+    tolerated: Array  # (f,) RMS difference from what it must show that is no fault
+    reads: Array  # (f, c) what a load cell shows per m/s^2 of each accelerometer, in N
+
+
+NOTHING_COMPARED = np.zeros((0, 8))
+NO_FURTHER = FurtherLimits(np.zeros(0, np.int64), np.zeros(0), np.zeros(0), np.zeros(0), np.zeros((0, 0)))
 
 
 class GuardLimits(NamedTuple):
@@ -71,14 +100,17 @@ class GuardLimits(NamedTuple):
     command_rate_v_s: float = math.inf
     energy_ratio: float = math.inf  # energy that the table's errors may add, over that exchanged at the interface
     energy_floor_j: float = 0.0  # added to the exchanged energy, because noise at rest exchanges almost none
+    further: FurtherLimits = NO_FURTHER
 
 
 def without_zeros(limits: GuardLimits, zeros_v: Array) -> GuardLimits:
-    """Return the limits for samples from which the zeros (c,) in V are subtracted.
+    """Return the limits for samples from which the zeros (c + f,) in V are subtracted.
 
     A sensor is clipped before its zero is subtracted, so that a clipped sample may be below its range by the zero.
     """
-    return limits._replace(saturation_v=limits.saturation_v - np.abs(zeros_v))
+    own, beside = np.split(np.abs(zeros_v), [limits.saturation_v.size])
+    further = limits.further._replace(saturation_v=limits.further.saturation_v - beside[: limits.further.duty.size])
+    return limits._replace(saturation_v=limits.saturation_v - own, further=further)
 
 
 class GuardState(NamedTuple):
@@ -95,14 +127,38 @@ class GuardState(NamedTuple):
     seen: Array  # (1,) value that exceeded its limit, in the limit's unit; NaN if nothing was measured
     actuators: tuple[int, ...] = (0,)  # (a,) numbers of the commands; numba knows its length
     axes: tuple[int, ...] = (0,)  # (i,) numbers of the degrees of freedom, the same
+    compared: Array = NOTHING_COMPARED  # (f, 8) comparison of each further channel with what it must show
 
 
-def fresh_guard(channels: int, actuators: int = 1, axes: int = 1) -> GuardState:
-    """Return the initial state of the guard; `axes`: degrees of freedom of the interface."""
+def further_limits(rig: RigInfo, specimen_kg: Array) -> FurtherLimits:
+    """Return the guard's constants for the channels beside the accelerometers; `specimen_kg` (c,): what stands on the
+    table, the interface's part first, without the plate of a load cell.
+
+    A channel of the base shear and one with `use: guard` is watched, others are not.
+    """
+    further, count = rig.further, len(rig.further)
+    duty, tolerated, reads = np.zeros(count, np.int64), np.zeros(count), np.zeros((count, len(rig.channels)))
+    for j, channel in enumerate(further):
+        if "guard" not in channel.uses and "shear" not in channel.uses:
+            continue
+        duty[j], tolerated[j] = WATCHED, TOLERATED * channel.range
+        if channel.kind == "displacement" and channel.position == "table":
+            duty[j], tolerated[j] = STROKE_SENSOR, max(tolerated[j], PLACE_TOLERATED * rig.limits.stroke_m)
+        elif channel.kind == "force" and channel.position == "table":
+            duty[j], reads[j] = CELL, specimen_kg
+            reads[j, 0] += channel.plate_mass_kg
+    ranges = [SATURATED_SHARE * min(channel.range_v, rig.converters.range_v) for channel in further]
+    aborts = [channel.abort for channel in further]
+    return FurtherLimits(duty, np.array(ranges), np.array(aborts), tolerated, reads)
+
+
+def fresh_guard(channels: int, actuators: int = 1, axes: int = 1, further: int = 0) -> GuardState:
+    """Return the initial state of the guard; `axes`: degrees of freedom of the interface, `further`: channels beside
+    the `channels` accelerometers."""
     return GuardState(
         np.zeros(4, dtype=np.int64), np.zeros(2 * actuators), np.full(channels, np.nan), np.zeros((2, channels)),
         np.zeros((2, channels)), np.zeros(channels, dtype=np.int64), np.zeros((2, axes)), np.zeros(2),
-        np.full(1, np.nan), tuple(range(actuators)), tuple(range(axes)),
+        np.full(1, np.nan), tuple(range(actuators)), tuple(range(axes)), np.zeros((further, 8)),
     )  # fmt: skip
 
 
@@ -117,7 +173,7 @@ def beyond(g: GuardState, value: float, reason: int) -> int:
 def check_samples(lim: GuardLimits, g: GuardState, samples: Array, accel: Array, expected: Array) -> int:
     """Check the samples; return the reason to stop, or NONE. The channel concerned is stored."""
     force = 0.0
-    for c in range(samples.size):
+    for c in range(g.codes.size):
         g.flags[2] = c
         if not math.isfinite(samples[c]):
             return NOT_A_NUMBER
@@ -128,8 +184,73 @@ def check_samples(lim: GuardLimits, g: GuardState, samples: Array, accel: Array,
         if is_stuck(lim, g, c, samples[c], expected):
             return beyond(g, must_have_moved(g, c), STUCK)
         force += lim.force_weights[c] * accel[c]
+    reason = check_further(lim, g, samples, accel)
+    if reason != NONE:
+        return reason
     g.flags[2] = NO_CHANNEL
     return beyond(g, abs(force), FORCE) if abs(force) > lim.force_n else NONE
+
+
+@part
+def check_further(lim: GuardLimits, g: GuardState, samples: Array, values: Array) -> int:
+    """Check the samples in V and the values of the further channels, behind those of the accelerometers; return the
+    reason to stop, or NONE."""
+    first, further = g.codes.size, lim.further
+    for j in range(further.duty.size):
+        if further.duty[j] == UNWATCHED:
+            continue
+        value = values[first + j]
+        g.flags[2] = first + j
+        if not math.isfinite(samples[first + j]):
+            return NOT_A_NUMBER
+        if abs(samples[first + j]) >= further.saturation_v[j]:
+            return beyond(g, abs(samples[first + j]), SATURATED)
+        if abs(value) > further.abort[j]:
+            return beyond(g, abs(value), LEVEL)
+        if further.duty[j] == STROKE_SENSOR:
+            reached = measured_reach(lim, g.compared[j], value)
+            if reached > lim.stroke_m:
+                return beyond(g, reached, MEASURED_STROKE)
+            if differs(g.compared[j], g.motion[0], value, COMPARED_HZ, lim.dt_s, further.tolerated[j]):
+                return beyond(g, math.sqrt(g.compared[j, DIFFERENCE]), DISAGREES)
+        elif further.duty[j] == CELL:
+            shown = 0.0
+            for c in range(first):
+                shown += further.reads[j, c] * values[c]
+            if differs(g.compared[j], shown, value, math.inf, lim.dt_s, further.tolerated[j]):
+                return beyond(g, math.sqrt(g.compared[j, DIFFERENCE]), DISAGREES)
+    return NONE
+
+
+@part
+def measured_reach(lim: GuardLimits, state: Array, place: float) -> float:
+    """Return how far a table gets that is braked now, in m, from its measured displacement.
+
+    Its velocity is the difference of the samples behind a low pass; braking begins after REACTION_S.
+    """
+    state[SPEED] += ((place - state[PLACE]) / lim.dt_s - state[SPEED]) * lim.dt_s / (VELOCITY_S + lim.dt_s)
+    state[PLACE] = place
+    speed = state[SPEED]
+    braked = place + speed * REACTION_S + 0.5 * speed * abs(speed) / (BRAKE_SHARE * lim.acceleration_m_s2)
+    return max(abs(place), abs(braked))
+
+
+@part
+def differs(state: Array, must: float, shown: float, corner_hz: float, dt_s: float, tolerated: float) -> bool:
+    """Return whether a channel has shown something else than it must for some time.
+
+    D and E, the mean squares of the difference and of what it must show, forget within COMPARED_S; it differs where
+    D > (DIFFERS^2) E + tolerated^2. Both pass the same two low passes, unless the corner is infinite.
+    """
+    keeps = 1.0 / (1.0 + 2.0 * math.pi * corner_hz * dt_s)
+    state[LOW_1] = must + keeps * (state[LOW_1] - must)
+    state[LOW_2] = state[LOW_1] + keeps * (state[LOW_2] - state[LOW_1])
+    state[OWN_1] = shown + keeps * (state[OWN_1] - shown)
+    state[OWN_2] = state[OWN_1] + keeps * (state[OWN_2] - state[OWN_1])
+    share, off = dt_s / COMPARED_S, state[OWN_2] - state[LOW_2]
+    state[DIFFERENCE] += share * (off * off - state[DIFFERENCE])
+    state[SIZE] += share * (state[LOW_2] * state[LOW_2] - state[SIZE])
+    return state[DIFFERENCE] > DIFFERS * DIFFERS * state[SIZE] + tolerated * tolerated
 
 
 @part
@@ -290,9 +411,10 @@ def guard(
 ) -> None:
     """Leave the commands (a,) in V as they are, or write those that may be sent instead.
 
-    `samples` in V and `accel` in m/s^2, both (c,), are the measured ones; unless samples `came` in this step they are
-    not judged. `expected` (2, c) are the accelerations expected of the channels, as in Step. `error` (i,): tracking
-    errors, `of_accel` in m/s^2 or of displacement in m; `motion` (3, i) and `force` (i,) of the interface, as in Step.
+    `samples` in V and `accel`, both (c + f,), are the measured ones, accelerations in m/s^2 first, then the further
+    channels in their units; unless samples `came` in this step they are not judged. `expected` (2, c) are the
+    accelerations expected of the channels, as in Step. `error` (i,): tracking errors, `of_accel` in m/s^2 or of
+    displacement in m; `motion` (3, i) and `force` (i,) of the interface, as in Step.
     """
     if g.flags[0] == RUNNING:
         reason = check_samples(lim, g, samples, accel, expected) if came else NONE

@@ -15,7 +15,7 @@ from rths_cli.control.kalman_filter import specimen_state_space
 from rths_cli.control.sensor_correction import correction
 from rths_cli.control.state_space import discretise
 from rths_cli.loop.diagnosis import cause_of
-from rths_cli.loop.guard import STOPPED, GuardLimits, GuardState, fresh_guard
+from rths_cli.loop.guard import NO_FURTHER, STOPPED, GuardLimits, GuardState, fresh_guard
 from rths_cli.loop.run_log import Log, empty_log, signals, sizes_of
 from rths_cli.loop.simulated_time_run import Outcome, check_commands, think
 from rths_cli.loop.step_arrays import NUMERICAL, Step, assemble
@@ -100,6 +100,8 @@ def play_identified(
     `seen_by_model` or `on_perfect_table`. True signals are not known.
     """
     check_commands(info, blocks)
+    blocks = replace(blocks, further=None, cell=None)  # the model has the accelerometers alone
+    limits = limits._replace(further=NO_FURTHER)
     state = assemble(blocks, NUMERICAL)
     sizes = sizes_of(state)
     guard_state = fresh_guard(sizes.channels, sizes.actuators, sizes.axes)
@@ -136,7 +138,7 @@ def perfect_table(specimen: Specimen, info: RigInfo, lead_samples: int) -> Block
     a[n + 1 :, n:-1] = np.eye(lead_samples - 1)
     b[n, 0] = 1.0
     c[0, -1], c[1:, :n], c[1:, -1] = 1.0, floors.C, floors.D[:, 0]
-    scale = np.array([channel.sensitivity_v_per_m_s2 for channel in info.channels])[:, None]
+    scale = np.array([channel.sensitivity_v_per_unit for channel in info.channels])[:, None]
     return Block("perfect_table", a, b, scale * c, np.zeros((len(c), 1)), info.dt_s, ("desired_accel_m_s2",), ())
 
 

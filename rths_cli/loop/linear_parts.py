@@ -22,13 +22,13 @@ class Linear(NamedTuple):
     """A discrete block as one product, n states, m inputs, p outputs: made = matrix @ given."""
 
     matrix: Array  # (tiles, n + m, 4), tiled_products.tiled
-    given: Array  # (n + m,) state, then inputs
+    given: Array  # (n + m,) state, then inputs; may be longer, the rest counts for nothing
     made: Array  # (4 tiles,) next state, then outputs, then zeros
     states: int
 
     def apply(self) -> None:
         """Write outputs and next state for the inputs in `given`, and make the next state the state."""
-        product(self.matrix, self.given.size, self.given, self.made)
+        product(self.matrix, self.matrix.shape[1], self.given, self.made)
         copied(self.states, self.made, self.given)
 
 
@@ -40,7 +40,7 @@ class Channels(NamedTuple):
     given: Array  # (c, 4)
 
     def correct(self, samples: Array, accel: Array) -> None:
-        """Correct the samples (c,) in V of every channel for its sensor; write accelerations (c,) in m/s^2."""
+        """Correct the samples (c,) in V of every channel for its sensor; write its values (c,) in their unit."""
         for c in range(samples.size):
             self.given[c, 3] = samples[c]
             last, before, total, corrected = 0.0, 0.0, 0.0, 0.0
@@ -80,13 +80,14 @@ class OpenLoop(NamedTuple):
 class KalmanFilter(NamedTuple):
     """The identified specimen's state and floor accelerations from the samples; the known force is a further output."""
 
-    block: Linear  # corrected accelerations (c,) -> estimates (e,), then the known part of the interface force (i,)
-    corrected: Array  # (c,) the block's inputs
+    block: Linear  # corrected channels -> estimates (e,), then the known part of the interface force (i,)
+    corrected: Array  # (c + f,) the block's inputs, then channels that are none
     estimated: Array  # (e,) the block's outputs
     axes: tuple[int, ...]  # (i,)
+    floors: int  # c - 1
 
     def observe(self, corrected: Array, force: Array) -> None:
-        """Estimate from accelerations (c,); write the known part (i,) of the interface force, as parts.Observer."""
+        """Estimate from the channels (c + f,); write the known part (i,) of the interface force, as parts.Observer."""
         self.block.apply()
         first = self.block.states + self.estimated.size
         for i in range(len(self.axes)):
@@ -99,9 +100,9 @@ class KalmanFilter(NamedTuple):
     def substitute(self, corrected: Array) -> None:
         """Write the floors' accelerations for which the innovation is zero, so that the estimate follows the identified
         specimen alone: the solution of a fixed-point iteration, as parts.Observer."""
-        floors, block = corrected.size - 1, self.block
+        floors, block = self.floors, self.block
         for _ in range(ROUNDS):
-            product(block.matrix, block.given.size, block.given, block.made)
+            product(block.matrix, block.matrix.shape[1], block.given, block.made)
             for i in range(floors):
                 corrected[1 + i] = self.estimated[2 * floors + i]
 
@@ -155,14 +156,17 @@ class LinearFeedback(NamedTuple):
                     block.given[i] += self.shortfall[a, i] * (applied - wanted)
 
 
-def linear(block: Block, room: Room | None = None, more_c: Array | None = None, more_d: Array | None = None) -> Linear:
-    """Return a discrete block at rest; `more_c` (q, n), `more_d` (q, m) are outputs in addition to its own."""
+def linear(
+    block: Block, room: Room | None = None, more_c: Array | None = None, more_d: Array | None = None, wide: int = 0
+) -> Linear:
+    """Return a discrete block at rest; `more_c` (q, n), `more_d` (q, m) are outputs in addition to its own, `wide` the
+    number of places for inputs where there are more than it has."""
     n, m = block.B.shape
     rows = [np.hstack([block.A, block.B]), np.hstack([block.C, block.D])]
     if more_c is not None and more_d is not None:
         rows.append(np.hstack([more_c, more_d]))
     matrix = tiled(np.vstack(rows))
-    return Linear(matrix, (room or Room()).take(n + m), np.zeros(4 * len(matrix)), n)
+    return Linear(matrix, (room or Room()).take(n + max(m, wide)), np.zeros(4 * len(matrix)), n)
 
 
 def twice(block: Block | None, room: Room) -> OpenLoop:
@@ -172,12 +176,18 @@ def twice(block: Block | None, room: Room) -> OpenLoop:
     return OpenLoop(made.matrix, room.take(2, made.given.size), np.zeros((2, made.made.size)), made.states, floors)
 
 
-def channelwise(block: Block, room: Room) -> Channels:
-    """Return a block without coupling between channels as one small block per channel, at rest.
+def channelwise(blocks: tuple[Block, ...], room: Room) -> Channels:
+    """Return blocks without coupling between channels as one small block per channel, at rest.
 
-    Its states must be ordered channel by channel. Raises ValueError if it couples channels, or if it has more than
-    three states per channel.
+    Their states must be ordered channel by channel. Raises ValueError if a block couples channels, or if it has more
+    than three states per channel.
     """
+    matrix = np.concatenate([_small_blocks(block) for block in blocks])
+    return Channels(matrix, room.take(len(matrix), 4))
+
+
+def _small_blocks(block: Block) -> Array:
+    """Return the matrices (c, 4, 4) of `Channels` for a block of c channels."""
     count = block.D.shape[0]
     states = len(block.A) // count
     if states > 3 or states * count != len(block.A):
@@ -191,16 +201,19 @@ def channelwise(block: Block, room: Room) -> Channels:
         mixed[np.ix_([*own, len(block.A) + c], [*own, len(block.A) + c])] = 0.0
     if mixed.any():
         raise ValueError(f"{block.name} mixes channels: each must be corrected by itself")
-    return Channels(matrix, room.take(count, 4))
+    return matrix
 
 
-def kalman_filter(block: Block, interface: Interface, room: Room) -> KalmanFilter:
-    """Return an estimator at rest; the known part of the interface force is a further output of its block."""
+def kalman_filter(block: Block, interface: Interface, room: Room, accelerometers: int, channels: int) -> KalmanFilter:
+    """Return an estimator at rest; the known part of the interface force is a further output of its block.
+
+    Of the `channels` that stand in its place of inputs it takes the first ones, as many as its block has inputs.
+    """
     estimates, force = len(block.D), interface.force
     more_c, more_d = force.estimates @ block.C, force.estimates @ block.D + force.samples
-    made = linear(block, room, more_c, more_d)
+    made = linear(block, room, more_c, more_d, channels)
     corrected, estimated = made.given[made.states :], made.made[made.states : made.states + estimates]
-    return KalmanFilter(made, corrected, estimated, interface.channels)
+    return KalmanFilter(made, corrected, estimated, interface.channels, accelerometers - 1)
 
 
 def linear_feedforward(block: Block, interface: Interface, room: Room) -> LinearFeedforward:

@@ -70,7 +70,7 @@ class Course(NamedTuple):
     record: int  # steps of the record
     lost_samples: int  # tolerated number of consecutive lost samples
     policy: int  # HOLD, SKIP or STOP
-    signs: Array  # (c,) of the channels
+    signs: Array  # (c,) of the channels, the further ones included
     zeros_v: Array  # (c,) mean of each channel at rest
     foresight: Foresight  # prediction of the coming commands
     returning: Returning  # return of samples after a gap
@@ -88,7 +88,7 @@ def course(
     still, rest = (round(each / info.dt_s) for each in still_s)
     return Course(
         round(1e9 * info.dt_s), spin_of(round(1e9 * info.dt_s)), still + round(ramp_s / info.dt_s), still, rest, record,
-        info.limits.lost_samples, POLICIES[info.overrun], np.array([float(channel.sign) for channel in info.channels]),
+        info.limits.lost_samples, POLICIES[info.overrun], np.array([channel.sign for channel in info.all_channels]),
         zeros_v, foresight, returning(info), fresh_drift(), orders,
         np.zeros(MARKS, dtype=np.int64), np.zeros(2, dtype=np.int64),
     )  # fmt: skip

@@ -8,7 +8,7 @@ import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from types import FrameType
 
 import numpy as np
@@ -55,7 +55,7 @@ from rths_cli.loop.stop_reasons import reason_of
 from rths_cli.numerics.clock import IntArray
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import BRAKE_SHARE
-from rths_cli.rigs.interface import LinkedRig, Rig, RigInfo, as_commands, linked, missed_intervals
+from rths_cli.rigs.interface import LinkedRig, Rig, RigInfo, as_commands, linked, missed_intervals, truthful
 from rths_cli.rigs.udp import link as udp
 
 RAMP_UP_S = 1.0
@@ -74,6 +74,7 @@ class Performance:
     guard: GuardState
     drive: Array
     log: Log
+    truth: dict[str, Array] = field(default_factory=dict)  # true signals (., n), of a rig that tells them
 
 
 def prepare(
@@ -92,7 +93,7 @@ def prepare(
     `zeros_v` (c,): mean of the channels at rest, in V. `orders` (1 or more,): see Course. `still_s`: time at rest that
     is recorded before the ramp-up and after a complete record, in s.
     """
-    state, channels = assemble(blocks, source), len(info.channels)
+    state, channels = assemble(blocks, source), len(info.all_channels)
     sizes = sizes_of(state)
     check_commands(info, blocks)
     orders = np.zeros(1, dtype=np.int64) if orders is None else orders
@@ -103,7 +104,7 @@ def prepare(
     limits = without_zeros(limits, zeros_v)
     end = round(way_to_rest_s(limits) / info.dt_s) + planned.rest
     whole = np.vstack([np.zeros((planned.ramp, 3)), drive, np.zeros((end, 3))])
-    log, guard = empty_log(len(whole), sizes), fresh_guard(channels, sizes.actuators, sizes.axes)
+    log, guard = empty_log(len(whole), sizes), fresh_guard(sizes.channels, sizes.actuators, sizes.axes, sizes.further)
     return Performance(info, blocks, planned, state, limits, guard, np.ascontiguousarray(whole), log)
 
 
@@ -154,17 +155,37 @@ def _perform_linked(rig: LinkedRig, run: Performance) -> str:
 def _perform_exchanging(rig: Rig, run: Performance) -> str:
     """Play through `exchange`, one call per step, at the rate of the rig's own clock."""
     samples = rig.arm()
+    teller = truthful(rig)
+    if teller is not None:
+        _begin_truth(run)
     given, missed = np.array(samples, dtype=float), 0
     once = conduct_once.bind(run.course, run.step, run.limits, run.guard, run.drive, run.log, given)
     while run.log.done[0] < run.log.columns.shape[1] and not _is_over(run):
         given[:] = samples
         once()
         samples = rig.exchange(as_commands(run.step.command))
+        if teller is not None:
+            _note_truth(run, *teller.truth())
         passed = missed_intervals(rig)
         if passed is not None:
             note_missed(run, passed - missed)
             missed = passed
     return ""
+
+
+def _begin_truth(run: Performance) -> None:
+    """Make room for the truth of each step; the table starts at zero."""
+    steps = run.log.columns.shape[1]
+    run.truth["true_velocity_m_s"] = np.full((len(run.info.channels), steps), np.nan)
+    run.truth["true_displacement_m"] = np.full(steps, np.nan)
+    run.truth["true_displacement_m"][0] = 0.0
+
+
+def _note_truth(run: Performance, velocity_m_s: Array, place_m: float) -> None:
+    """Note the truth of the interval that the last exchange took."""
+    k = int(run.log.done[0])
+    run.truth["true_velocity_m_s"][:, k - 1] = velocity_m_s
+    run.truth["true_displacement_m"][k : k + 1] = place_m
 
 
 def _is_over(run: Performance) -> bool:
@@ -202,7 +223,7 @@ def rehearse(run: Performance, seconds: float) -> tuple[Array, Array]:
     log = run.log._replace(columns=np.ascontiguousarray(run.log.columns[:, :steps]))
     course = run.course._replace(policy=HOLD, lost_samples=steps)  # delays are judged afterwards
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as door:
-        link = udp.fresh_link(door, np.zeros(2, dtype=np.uint64), len(run.info.channels))
+        link = udp.fresh_link(door, np.zeros(2, dtype=np.uint64), len(run.info.all_channels))
         run_udp(link, course, run.step, run.limits, run.guard, run.drive, log, False)
     done = slice(1, int(log.done[0]))
     return log.columns[-5, done] * 1e-9, log.columns[-1, done] * 1e-9
@@ -337,7 +358,7 @@ def _giver(run: Performance, what: int, before: object) -> Callable[[int, FrameT
 def _outcome(run: Performance, fault: str) -> Outcome:
     """Return the outcome of the run, with its signals during the record; an order after the record is its reason."""
     ramp, still, record_steps, dt_s = run.course.ramp, run.course.still, run.course.record, run.info.dt_s
-    everything = signals(run.log, sizes_of(run.step))
+    everything = replace(signals(run.log, sizes_of(run.step)), **run.truth)
     steps = int(np.clip(run.log.done[0] - ramp, 0, record_steps))
     stopped_at_s = float((run.guard.flags[3] - ramp) * dt_s)
     reason, order_given = int(run.guard.flags[1]), int(run.course.orders[0])

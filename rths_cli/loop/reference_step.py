@@ -11,6 +11,7 @@ import numpy as np
 
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.interface import COMMANDED
+from rths_cli.control.load_cell import with_cell
 from rths_cli.numerics.lti import Array, Block
 
 
@@ -40,15 +41,19 @@ class ReferenceStep:
     """One RTHS step of c channels (the first table's first), i degrees of freedom of the interface and a commands, n_p
     samples ahead of the tables; a call is an instant.
 
-    After a call `corrected` (c,) and `estimated` (e,) are what the step found at t_k, `force_n` (i,) and `interface`
-    (3, i) in m/s^2, m/s and m what it found for k + n_p.
+    Behind the c accelerometers stand the f further channels. After a call `corrected` (c + f,) and `estimated` (e,) are
+    what the step found at t_k, `force_n` (i,) and `interface` (3, i) in m/s^2, m/s and m what it found for k + n_p.
     """
 
     def __init__(self, blocks: Blocks) -> None:
         self.blocks = blocks
         interface, axes = blocks.interface, len(blocks.interface.channels)
         numerical, feedforward, feedback = blocks.linear_parts()
-        self.correction, self.estimator = Running(blocks.correction), Running(blocks.estimator)
+        estimator, self.with_cell = blocks.estimator, interface
+        if blocks.cell is not None:
+            estimator, self.with_cell = with_cell(blocks, blocks.cell)
+        self.correction, self.estimator = Running(blocks.correction), Running(estimator)
+        self.further = None if blocks.further is None else Running(blocks.further)
         self.numerical, self.feedforward, self.feedback = Running(numerical), Running(feedforward), Running(feedback)
         self.measured_by = list(interface.channels)
         self.commanded = COMMANDED[interface.commanded]  # row of the motion
@@ -57,11 +62,13 @@ class ReferenceStep:
         # commands in V that left the guard, the latest first
         self.sent = np.zeros((max(blocks.latency_samples, 1) + 1, interface.actuators))
         self.carried_v = np.zeros(interface.actuators)  # rounding errors of the last commands
-        self.corrected, self.estimated = np.zeros(len(blocks.correction.C)), np.zeros(len(blocks.estimator.C))
+        beside = 0 if blocks.further is None else len(blocks.further.C)
+        self.corrected = np.zeros(len(blocks.correction.C) + beside)
+        self.estimated = np.zeros(len(blocks.estimator.C))
         self.force_n, self.interface = np.zeros(axes), np.zeros((3, axes))
 
     def __call__(self, samples_v: Array, source: Array, numerical: bool = True) -> Array:
-        """Return the commands (a,) in V for the samples (c,) of t_k.
+        """Return the commands (a,) in V for the samples (c + f,) of t_k.
 
         `source` (3,): ground acceleration, velocity and displacement at k + n_p; without `numerical` the motion that
         the tables are to make.
@@ -69,7 +76,8 @@ class ReferenceStep:
         self.sense(samples_v)
         self.interface = self.advance_numerical(source) if numerical else np.outer(source, np.ones(self.force_n.size))
         awaited = np.vstack([self.awaited, self.interface[self.commanded]])  # of k .. k + n_p
-        inputs = np.append(self.interface.ravel(), self.corrected)[: self.feedforward.B.shape[1]]
+        own = self.corrected[: len(self.blocks.correction.C)]
+        inputs = np.append(self.interface.ravel(), own)[: self.feedforward.B.shape[1]]
         forward = self.feedforward(inputs)
         command = forward + self.feed_back(awaited[0] - self.corrected[self.measured_by], forward)
         self.recent, self.awaited = np.vstack([self.recent, self.interface[0]])[1:], awaited[1:]
@@ -79,10 +87,14 @@ class ReferenceStep:
         """Correct the samples for their sensors, take the held commands' alias out of the tables', and estimate the
         specimen's state."""
         b, (now, before) = self.blocks, self.sent[-2:]
-        self.corrected = self.correction(samples_v)
+        own = len(b.correction.C)
+        beside = np.zeros(0) if self.further is None else self.further(samples_v[own:])
+        self.corrected = np.append(self.correction(samples_v[:own]), beside)
         alias = b.ripple_m_s2_per_v * (now - before) + b.ripple_sum_m_s2_per_v * (now + before)
         self.corrected[self.measured_by] -= alias
-        self.estimated = self.estimator(self.corrected)
+        if b.cell is not None:  # the plate on the load cell feels the alias too
+            self.corrected[own + b.cell.channel] -= b.cell.reads[0] * alias[0]
+        self.estimated = self.estimator(self.corrected[: self.estimator.B.shape[1]])
 
     def advance_numerical(self, ground: Array) -> Array:
         """Return accelerations, velocities and displacements (3, i) of the interface at k + n_p, absolute (Eq. 2.3).
@@ -94,9 +106,9 @@ class ReferenceStep:
         D is the numerical substructure's direct response to f, in m/s^2 per N. F is the weight of d in the forces, in N
         per m/s^2.
         """
-        weights, axes = self.blocks.interface.force, self.force_n.size
+        weights, axes = self.with_cell.force, self.force_n.size
         direct = self.numerical.D[:axes, 1:]
-        known = weights.estimates @ self.estimated + weights.samples @ self.corrected
+        known = weights.estimates @ self.estimated + weights.samples @ self.corrected[: weights.samples.shape[1]]
         known = known + np.einsum("ikj,kj->i", weights.recent, self.recent)
         free = self.numerical.outputs(np.append(ground[0], np.zeros(axes)))[:axes]
         self.force_n = np.linalg.solve(np.eye(axes) - weights.desired @ direct, known + weights.desired @ free)

@@ -13,7 +13,17 @@ from rths_cli.numerics.compiled import kept_part, part
 from rths_cli.numerics.lti import Array
 from rths_cli.quantities.raw_log_columns import RAW_LOG_COLUMNS
 
-SEVERAL = ("true_velocity_m_s", "corrected", "desired", "estimated", "logged", "samples_v")  # always numbered
+SEVERAL = (
+    "true_velocity_m_s",
+    "corrected",
+    "further",
+    "desired",
+    "estimated",
+    "logged",
+    "samples_v",
+    "further_v",
+)  # always numbered
+"""Signals whose columns are always numbered."""
 DESIRED = ("desired_accel_m_s2", "desired_velocity_m_s", "desired_displacement_m")
 
 
@@ -25,11 +35,13 @@ class Sizes(NamedTuple):
     logged: int = 0  # by the parts
     axes: int = 1  # degrees of freedom of the interface
     actuators: int = 1
+    further: int = 0  # channels beside the accelerometers
 
 
 def sizes_of(s: Step) -> Sizes:
     """Return the sizes of a step."""
-    return Sizes(s.corrected.size, s.estimated.size, s.logged, len(s.measured_by), len(s.actuators))
+    further = s.corrected.size - s.accelerometers
+    return Sizes(s.accelerometers, s.estimated.size, s.logged, len(s.measured_by), len(s.actuators), further)
 
 
 class Log(NamedTuple):
@@ -43,11 +55,12 @@ class Log(NamedTuple):
 
 @dataclass(frozen=True)
 class Signals:
-    """The signals of a log by name, as views of its columns; c channels, e estimator outputs, i degrees of freedom, a
-    commands; empty if not logged."""
+    """The signals of a log by name, as views of its columns: c accelerometers, f further channels, e estimator outputs,
+    i degrees of freedom, a commands; empty if not logged."""
 
     true_velocity_m_s: Array  # (c, n) in the middle between t_k and t_k+1 (virtual rigs)
     corrected: Array  # (c, n) corrected accelerations at k
+    further: Array  # (f, n) values of the further channels at k, each in its unit
     desired: Array  # (3 i, n) accelerations, velocities, displacements at k + n_p; (i, n) of a lean log
     command_v: Array  # (n,) as it left the guard; (a, n) of several
     base_shear_n: Array  # (n,) interface force at k + n_p; (i, n) of several
@@ -56,6 +69,7 @@ class Signals:
     true_displacement_m: Array  # (n,) of the table at t_k (virtual rigs)
     compute_ns: Array  # (n,) duration of step and guard; on a virtual rig, of the rig as well, mean of 16 steps
     samples_v: Array  # (c, n) as the rig gave them (real time)
+    further_v: Array  # (f, n) the same of the further channels
     late_ns: Array  # (n,) delay at which the exchange for the samples of step k began (real time)
     exchange_ns: Array  # (n,) its duration (real time)
     lost: Array  # (n,) 0, or NO_ANSWER, CAUGHT_UP or MIXED (real time)
@@ -66,12 +80,13 @@ def widths(sizes: Sizes, truths: int, lean: bool) -> dict[str, int]:
     """Return how many columns each signal has, in their order."""
     channels, axes = sizes.channels, sizes.axes
     if lean:
-        return {"true_velocity_m_s": truths, "corrected": channels, "desired": axes}
+        return {"true_velocity_m_s": truths, "corrected": channels, "further": sizes.further, "desired": axes}
     if truths:
         own = {"true_displacement_m": 1, "compute_ns": 1}
     else:
-        own = {"samples_v": channels, "late_ns": 1, "exchange_ns": 1, "lost": 1, "state": 1, "compute_ns": 1}
-    common = {"true_velocity_m_s": truths, "corrected": channels, "desired": 3 * axes}
+        own = {"samples_v": channels, "further_v": sizes.further}
+        own |= {"late_ns": 1, "exchange_ns": 1, "lost": 1, "state": 1, "compute_ns": 1}
+    common = {"true_velocity_m_s": truths, "corrected": channels, "further": sizes.further, "desired": 3 * axes}
     made = {"command_v": sizes.actuators, "base_shear_n": axes, "estimated": sizes.estimates, "logged": sizes.logged}
     return {**common, **made, **own}
 

@@ -119,13 +119,13 @@ def play(
     """
     state, compiled = assemble(blocks, source), simulated(rig)
     sizes = sizes_of(state)
-    channels, guard_state = sizes.channels, fresh_guard(sizes.channels, sizes.actuators, sizes.axes)
+    channels, guard_state = state.samples.size, fresh_guard(sizes.channels, sizes.actuators, sizes.axes, sizes.further)
     check_commands(info, blocks)
     still = still or Stillness()
     end = np.zeros((still.down + still.after, 3))
     whole = np.ascontiguousarray(np.vstack([drive, end]), dtype=float)  # any other layout would be compiled anew
     course = _Course(whole, len(drive), np.zeros((still.before, channels)), np.zeros((len(end), channels)))
-    log = log or empty_log(len(whole), sizes, truths=channels if compiled else 0)
+    log = log or empty_log(len(whole), sizes, truths=sizes.channels if compiled else 0)
     log.done[0] = 0
     rig.open()
     try:
@@ -157,10 +157,11 @@ def part_of(everything: Signals, steps: slice) -> Signals:
 
 
 def _whole(played: Signals, course: _Course, still: Stillness, dt_s: float) -> Whole:
+    own = len(played.corrected)
     after = slice(still.down, max(played.command_v.shape[-1] - course.record, still.down))
     return Whole(
-        played.corrected, played.command_v, 0, course.before_v.T, course.after_v[after].T, -still.before * dt_s,
-        (course.record + still.down) * dt_s,
+        played.corrected, played.command_v, 0, course.before_v.T[:own], course.after_v[after].T[:own],
+        -still.before * dt_s, (course.record + still.down) * dt_s,
     )  # fmt: skip
 
 

@@ -27,6 +27,8 @@ def sense(s: Step) -> None:
     s.correction.correct(s.samples, s.corrected)
     for i in range(len(s.measured_by)):
         s.corrected[s.measured_by[i]] -= staircase_of(s, i)
+    if s.cell >= 0:  # the plate on the cell feels the same
+        s.corrected[s.cell] -= s.cell_reads[0] * staircase_of(s, 0)
     s.observer.observe(s.corrected, s.force)
 
 
@@ -82,7 +84,7 @@ def compensate(s: Step) -> None:
     The feedback's part is clipped so that the command stays in its range. A feedforward beyond the range is left to the
     guard; the feedback is not used to reduce it.
     """
-    s.feedforward.feed_forward(s.motion, s.corrected, s.sent, s.forward)
+    s.feedforward.feed_forward(s.motion, s.accel, s.sent, s.forward)
     for a in range(len(s.actuators)):
         limit, room = s.feedback_limit_v[a], s.command_limit_v[a]
         s.back_limits[0, a] = max(-limit, min(-room - s.forward[a], 0.0))

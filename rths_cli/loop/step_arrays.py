@@ -9,6 +9,7 @@ import numpy as np
 
 from rths_cli.control.designed_blocks import Blocks
 from rths_cli.control.interface import COMMANDED, Interface
+from rths_cli.control.load_cell import with_cell
 from rths_cli.control.part_designs import PartDesign
 from rths_cli.control.python_parts import PythonFeedforward, PythonSubstructure
 from rths_cli.control.storeys_with_laws import StoreysWithLaws
@@ -44,7 +45,8 @@ FEEDBACK_PARTS: dict[type, Make] = {Block: linear_feedback}
 
 
 class Step(NamedTuple):
-    """One RTHS step: c channels (table first), e estimates, i degrees of freedom of the interface, a commands.
+    """One RTHS step: c accelerometers (table first), f further channels, e estimates, i degrees of freedom of the
+    interface, a commands.
 
     At t_k the hybrid clock is at k + n_p. The interface force there is
     f = force_known + force_recent . d[k .. k+n_p-1] + force_desired d[k+n_p],
@@ -54,8 +56,8 @@ class Step(NamedTuple):
     source: int  # EXCITATION, RECORD or NUMERICAL
     state: Array  # (n,) all that the step remembers: the parts take their places in it
     deciding: int  # number of its first places that decide the coming commands
-    correction: Channels  # raw samples in V (c,) -> corrected accelerations (c,)
-    observer: Observer  # corrected accelerations (c,) -> estimates (e,), known interface force (i,)
+    correction: Channels  # raw samples in V (c + f,) -> corrected accelerations (c,), values of the others (f,)
+    observer: Observer  # corrected accelerations (c,), load cell -> estimates (e,), known interface force (i,)
     numerical: NumericalSubstructure  # ground motion (3,), interface force (i,) -> interface motion (3, i)
     feedforward: Feedforward  # interface motion (3, i) -> commands in V (a,)
     feedback: Feedback  # tracking errors (i,) -> commands in V (a,)
@@ -67,8 +69,9 @@ class Step(NamedTuple):
     actuators: tuple[int, ...]  # (a,) numbers of the commands
     recent: Array  # (n_p + 1, i) desired accelerations at k .. k + n_p
     recent_commanded: Array  # (n_p + 1, i) the same of the commanded motion; the same array for accelerations
-    samples: Array  # (c,) raw samples in V
-    corrected: Array  # (c,)
+    samples: Array  # (c + f,) raw samples in V
+    corrected: Array  # (c + f,) in the unit of each channel
+    accel: Array  # (c,) the accelerations in it, the same memory
     estimated: Array  # (e,)
     force: Array  # (i,) interface force in N at k + n_p
     free_accel: Array  # (i,) accelerations without the interface force, then with its known part
@@ -87,7 +90,10 @@ class Step(NamedTuple):
     ripple_sum_m_s2_per_v: float  # integral of the alias by the AC correction, per V of the sum of two commands
     sent: Array  # (max(latency, 1) + 1, a) commands that were sent, the latest first
     logged: int  # number of values that the parts log
-    expected: Array  # (2, c) what the channels must show by the desired and by the measured motion; 0: nothing
+    expected: Array  # (2, c) what the accelerometers must show by the desired and by the measured motion; 0: nothing
+    accelerometers: int  # c
+    cell: int  # place of the load cell of the base shear in `corrected`; -1: none
+    cell_reads: Array  # (c,) what it shows per m/s^2 of each accelerometer, in N
 
 
 def assemble(blocks: Blocks, source: int) -> Step:
@@ -118,10 +124,14 @@ def _part(known: dict[type, Make], design: PartDesign, interface: Interface, roo
 
 
 def _assembled(blocks: Blocks, source: int, room: Room) -> Step:
-    channels, interface, lead = len(blocks.correction.C), blocks.interface, blocks.lead_samples
+    own, lead = len(blocks.correction.C), blocks.lead_samples
+    further, cell = blocks.further, blocks.cell
+    estimator, sensed = (blocks.estimator, blocks.interface) if cell is None else with_cell(blocks, cell)
+    interface = blocks.interface
     force, count, commands = interface.force, len(interface.channels), interface.actuators
-    correction = channelwise(blocks.correction, room)
-    observer = kalman_filter(blocks.estimator, interface, room)
+    correction = channelwise((blocks.correction,) if further is None else (blocks.correction, further), room)
+    channels = len(correction.given)
+    observer = kalman_filter(estimator, sensed, room, own, channels)
     numerical = _part(NUMERICAL_PARTS, blocks.numerical, interface, room)
     coupled = np.eye(count) - numerical.direct @ force.desired
     feedforward = _part(FEEDFORWARD_PARTS, blocks.feedforward, interface, room)
@@ -150,6 +160,7 @@ def _assembled(blocks: Blocks, source: int, room: Room) -> Step:
         recent_commanded=recent_commanded,
         samples=samples,
         corrected=observer.corrected,
+        accel=observer.corrected[:own],
         estimated=observer.estimated,
         force=np.zeros(count),
         free_accel=np.zeros(count),
@@ -168,5 +179,8 @@ def _assembled(blocks: Blocks, source: int, room: Room) -> Step:
         ripple_sum_m_s2_per_v=float(blocks.ripple_sum_m_s2_per_v),
         sent=sent,
         logged=numerical.logged.size + feedforward.logged.size + feedback.logged.size,
-        expected=np.zeros((2, channels)),
+        expected=np.zeros((2, own)),
+        accelerometers=own,
+        cell=-1 if cell is None else own + cell.channel,
+        cell_reads=np.zeros(own) if cell is None else cell.reads.copy(),
     )

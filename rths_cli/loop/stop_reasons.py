@@ -23,8 +23,11 @@ KEYS = {
     g.STUCK: ("the motion it must show", "m/s^2"),
     g.LOST: ("limits.lost_samples", ""),
     g.OVERRUN: ("limits.lost_samples", ""),
+    g.MEASURED_STROKE: ("limits.stroke_m", "m"),
+    g.LEVEL: ("its abort", ""),
+    g.DISAGREES: ("tolerated RMS difference", ""),
 }
-BY_MOTION = (g.STROKE, g.VELOCITY, g.ACCELERATION, g.FORCE, g.COMMAND, g.RATE)
+BY_MOTION = (g.STROKE, g.MEASURED_STROKE, g.LEVEL, g.VELOCITY, g.ACCELERATION, g.FORCE, g.COMMAND, g.RATE)
 SENSOR = "check its cable and power"
 TABLE = "identify the rig anew; rths check tells which error of the table the test bears"
 ADVICE = {
@@ -32,6 +35,7 @@ ADVICE = {
     g.ENERGY: TABLE,
     g.SATURATED: "check its cable, its range_g and the level of the test",
     g.STUCK: SENSOR,
+    g.DISAGREES: "check its cable, power, sign and sensitivity, and whether the table follows its command",
     g.LOST: "check target (one on this computer stalls with it) and cable, lower sample_rate_hz, or raise "
     "limits.lost_samples of the rig",
     g.OVERRUN: HOST,
@@ -52,8 +56,11 @@ def reason_of(
         return ""
     if fault and reason == g.NOT_A_NUMBER:
         return fault
-    named = f"channel {info.channels[channel].name}" if channel != g.NO_CHANNEL else ""
-    facts = ", ".join(filter(None, (named, _seen(reason, float(state.seen[0])), _limit(info, limits, reason, channel))))
+    named = f"channel {info.all_channels[channel].name}" if channel != g.NO_CHANNEL else ""
+    seen, limit = _seen(reason, float(state.seen[0])), _limit(info, limits, state, reason, channel)
+    if channel >= len(info.channels) and reason in (g.LEVEL, g.DISAGREES):
+        seen = f"{seen} {info.all_channels[channel].unit}"
+    facts = ", ".join(filter(None, (named, seen, limit)))
     advice = cause.advice if cause else _advice(reason, channel, source)
     if reason == g.OVERRUN and info.overrun == "stop":
         advice = "end other programs, lower sample_rate_hz (rths doctor recommends one), or state overrun: hold"
@@ -69,13 +76,13 @@ def _seen(reason: int, value: float) -> str:
     return f"{value:.4g} {KEYS[reason][1]}".strip()
 
 
-def _limit(info: RigInfo, limits: GuardLimits, reason: int, channel: int) -> str:
+def _limit(info: RigInfo, limits: GuardLimits, state: GuardState, reason: int, channel: int) -> str:
     """Return the key of the limit and its value, "" without one."""
     if reason not in KEYS:
         return ""
     if reason == g.OVERRUN and info.overrun == "stop":
         return "overrun is stop"
-    key, limit = KEYS[reason][0], _number(info, limits, reason, channel)
+    key, limit = KEYS[reason][0], _number(info, limits, state, reason, channel)
     if reason == g.STROKE and limit < limits.stroke_m:
         key = "converters.range_v by nominal.gain_m_per_v"
     if reason == g.ACCELERATION and limit < limits.acceleration_m_s2:
@@ -83,14 +90,21 @@ def _limit(info: RigInfo, limits: GuardLimits, reason: int, channel: int) -> str
     return f"{key} is {limit:.4g}"
 
 
-def _number(info: RigInfo, limits: GuardLimits, reason: int, channel: int) -> float:
+def _number(info: RigInfo, limits: GuardLimits, state: GuardState, reason: int, channel: int) -> float:
     """Return the value of the limit that belongs to a reason."""
     if reason in (g.LOST, g.OVERRUN):
         return info.limits.lost_samples
+    own = len(info.channels)
+    if channel >= own and reason in (g.SATURATED, g.LEVEL):
+        return float((limits.further.saturation_v if reason == g.SATURATED else limits.further.abort)[channel - own])
+    if reason == g.DISAGREES:
+        size = g.DIFFERS**2 * state.compared[channel - own, g.SIZE]
+        return math.sqrt(size + limits.further.tolerated[channel - own] ** 2)
     by_channel = {g.ACCELERATION: limits.abort, g.SATURATED: limits.saturation_v, g.STUCK: limits.stuck}
     if reason in by_channel:
         return float(by_channel[reason][channel])
     alone = {
+        g.MEASURED_STROKE: limits.stroke_m,
         g.STROKE: min(limits.stroke_m, limits.gain_m_per_v * limits.command_v),
         g.VELOCITY: limits.velocity_m_s,
         g.FORCE: limits.force_n,

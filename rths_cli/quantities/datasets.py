@@ -22,6 +22,8 @@ BLOCKS = {
     "numerical": "ground acceleration and base shear to the interface's motion",
     "feedforward": "desired motion to command",
     "feedback": "tracking error to command",
+    "further_correction": "samples (V) of the channels beside the accelerometers to their values",
+    "kalman_with_load_cell": "the filter as the step runs it where the base shear is taken from a load cell too",
     "staircase": "commands to the share of the hold's staircase in a table sample",
 }
 """The discrete blocks of the step by their names, and what each does."""
@@ -52,6 +54,7 @@ SENSED = (CORRECTED, AS_SENSED, DRIFT_REMOVED)
 
 REAL, DRIFTED, BEST, LINKED = "real rig only", "only where there was any", "method best only", "UDP rig only"
 SINCE_0_2 = "since version 0.2.0"
+BESIDE = "only of a rig with further channels"
 LOGGING = "only where parts log values of their own"
 LINK_COUNTS = {
     "sent": "packets sent to the target",
@@ -166,6 +169,12 @@ def _of_table_run() -> Iterator[DatasetDeclaration]:
     yield DatasetDeclaration(floors, ACCEL, ON_FLOORS, "measured", "floor acceleration", remarks=SENSED)
     filtered = "floor acceleration of the Kalman filter"
     yield DatasetDeclaration("RUN/floor_accel_estimated_m_s2", ACCEL, ON_FLOORS, "estimated", filtered, follows=True)
+    beside = "values of the channels beside the accelerometers, corrected for their sensors"
+    yield DatasetDeclaration(
+        "RUN/further_channels", "as their names", ("further_channel", "time_s"), "measured", beside, present=BESIDE
+    )  # fmt: skip
+    named = "names and units of the rows of further_channels, one per line"
+    yield DatasetDeclaration("RUN/further_channel_names", "1", (), "computed", named, "text", present=BESIDE)
     values = "what the parts of the step log, such as parameters of an adaptive compensator"
     yield DatasetDeclaration(
         "RUN/part_values", "as their names", ("value", "time_s"), "computed", values, present=LOGGING

@@ -6,6 +6,7 @@ from rths_cli.quantities.datasets import DATASETS
 from rths_cli.quantities.declaration import ACCEL, DatasetDeclaration
 
 STEPS, OF_CHANNELS, OF_ESTIMATES = ("step",), ("channel", "step"), ("estimate", "step")
+OF_FURTHER = ("further_channel", "step")
 OF_LOGGED = ("value", "step")
 RAW_LOG_COLUMNS: dict[str, DatasetDeclaration] = {
     one.path: one
@@ -13,6 +14,10 @@ RAW_LOG_COLUMNS: dict[str, DatasetDeclaration] = {
         DatasetDeclaration(
             "corrected", ACCEL, OF_CHANNELS, "measured", "accelerations as the step used them: samples corrected for "
             "their sensors, or what stood in for samples that did not come",
+        ),
+        DatasetDeclaration(
+            "further", "m/s^2, m, N or 1", OF_FURTHER, "measured", "values of the channels beside the "
+            "accelerometers, in the order of the rig file",
         ),
         DatasetDeclaration("desired_accel_m_s2", ACCEL, STEPS, "computed", "desired acceleration of the table"),
         DatasetDeclaration("desired_velocity_m_s", "m/s", STEPS, "computed", "desired velocity of the table"),
@@ -28,6 +33,7 @@ RAW_LOG_COLUMNS: dict[str, DatasetDeclaration] = {
             "`exp_rths/part_values` of the result file; most parts log nothing",
         ),
         DatasetDeclaration("samples_v", "V", OF_CHANNELS, "measured", "samples as the rig gave them"),
+        DatasetDeclaration("further_v", "V", OF_FURTHER, "measured", "the same of the further channels"),
         *(
             DatasetDeclaration(f"{name}_ns", "ns", STEPS, "measured", DATASETS[f"exp_rths/timing/{name}_s"].text)
             for name in ("late", "exchange")

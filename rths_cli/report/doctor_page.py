@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rths_cli.report.identification_page import aligned, labelled, wrapped
 
 if TYPE_CHECKING:
+    from rths_cli.experiment.doctor_channels import ChannelsExamined
     from rths_cli.experiment.doctor_command import Examined, Machine
     from rths_cli.files.machine_rates import RateMeasured
     from rths_cli.loop.scheduling import Granted
@@ -18,6 +19,9 @@ HEADINGS = ("rate, Hz", "p50", "p99", "p99.9", "max", "late", "missed", "held")
 
 def page(found: Examined) -> str:
     """Return the result of `rths doctor` as text."""
+    if found.counted:
+        told = f"{found.counted} counts its steps: it was listened to at rest, and no rate has to be held"
+        return wrapped([labelled("rig", told)]) + "\n"
     sections = [wrapped([*_machine(found.machine, found.granted), _granted(found.granted)])]
     sections.append("\n".join([f"Wake-up delay in us, {_duration(found.rates)}", *table(found.rates)]))
     if found.rig:
@@ -43,9 +47,50 @@ def document(found: Examined) -> dict[str, Any]:
         "wanted_hz": list(found.wanted_hz),
         "not_held_hz": list(found.not_held_hz),
         "recommended_hz": found.recommended_hz,
+        "counted_rig": found.counted,
         "advice": list(found.advice),
         "exit_code": found.exit_code,
     }
+
+
+OF_CHANNEL = ("channel", "kind", "unit", "use", "zero, V", "zero", "noise rms", "range")
+COMPARED = ("channel", "against", "ratio", "phase, deg", "permitted", "")
+SIGNS = {1: "+", -1: "-", 0: "none"}
+
+
+def channels_page(found: ChannelsExamined) -> str:
+    """Return the result of `rths doctor --channels` as text."""
+    pushed = any(row.pushed is not None for row in found.rows)
+    rows = [
+        (row.name, row.kind, row.unit, row.uses, f"{row.zero_v:.4g}", f"{row.zero:.4g}", f"{row.noise:.3g}",
+         f"{row.range:.4g}", *((SIGNS[row.pushed or 0],) if pushed else ()))
+        for row in found.rows
+    ]  # fmt: skip
+    heads = (*OF_CHANNEL, *(("push",) if pushed else ()))
+    sections = ["\n".join([f"Channels of {found.rig} at rest, {found.seconds:g} s", *aligned([heads, *rows])])]
+    if found.comparisons:
+        lines = [
+            (one.channel, one.against, f"{one.ratio:.4f}", f"{one.phase_deg:.1f}", f"{one.permitted:.3f}", one.told)
+            for one in found.comparisons
+        ]
+        title = "Shown over what it must show, in a slow motion of the table"
+        sections.append("\n".join([title, *aligned([COMPARED, *lines])]))
+    if pushed:
+        told = "after a push in the positive direction: + of accelerations, displacements and strains, - of a load cell"
+        sections.append(wrapped([labelled("push", told)]))
+    wrong = [
+        *found.faults,
+        *(f"{one.channel}: {one.told} ({one.against})" for one in found.comparisons if not one.agrees),
+    ]
+    if wrong:
+        sections.append(wrapped([labelled("faults", wrong[0]), *(labelled("", one) for one in wrong[1:])]))
+    return "\n\n".join(sections) + "\n"
+
+
+def channels_document(found: ChannelsExamined) -> dict[str, Any]:
+    """Return the result of `rths doctor --channels` as a document for JSON."""
+    compared = [{**asdict(one), "agrees": one.agrees, "told": one.told} for one in found.comparisons]
+    return {**asdict(found), "comparisons": compared, "exit_code": found.exit_code}
 
 
 def table(rates: Sequence[RateMeasured]) -> list[str]:

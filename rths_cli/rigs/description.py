@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 from rths_cli.case.rig_capabilities import Capabilities, capabilities_of
 
+CHANNEL_UNITS = {"acceleration": "m/s^2", "displacement": "m", "force": "N", "strain": "1"}
+"""The unit of each kind of channel."""
 BRAKE_SHARE = 0.45  # of the acceleration limit, with which the guard brakes
 
 
@@ -17,22 +19,42 @@ def adjective(kind: str) -> str:
 
 @dataclass(frozen=True)
 class Channel:
-    """One measured channel, as a laboratory knows it; a corner of 0 Hz means that there is none.
+    """One measured channel, as a laboratory knows it, in the unit of its kind; a corner of 0 Hz means there is none.
 
-    `sign` is -1 for a sensor that is mounted against the positive direction; the level to warn of and the one to stop
-    at are infinite where the rig file states none; `label` is the laboratory's own name, `terminal` the input's.
+    `kind`: acceleration (m/s^2), displacement (m), force (N) or strain (1). `sign` is -1 for a sensor that is mounted
+    against the positive direction; the level to warn of and the one to stop at are infinite where the rig file states
+    none; `label` is the laboratory's own name, `terminal` the input's. `position`: table, floor_N or storey_N; `uses`:
+    control, guard, shear, log. `uncertainty`: of the sensitivity, relative. `noise_rms`: white noise per sample of a
+    virtual rig. `plate_mass_kg`: mass above a load cell that is no part of the building.
     """
 
     name: str
-    sensitivity_v_per_m_s2: float
-    range_m_s2: float
+    sensitivity_v_per_unit: float
+    range: float
     high_pass_hz: float
     low_pass_hz: float
     sign: float = 1.0
-    warning_m_s2: float = math.inf
-    abort_m_s2: float = math.inf
+    warning: float = math.inf
+    abort: float = math.inf
     label: str = ""
     terminal: str = ""
+    kind: str = "acceleration"
+    position: str = ""
+    uses: tuple[str, ...] = ("control",)
+    uncertainty: float = 0.01
+    noise_rms: float = 0.0
+    plate_mass_kg: float = 0.0
+    height_m: float = 0.0
+
+    @property
+    def unit(self) -> str:
+        """Return the unit of its values."""
+        return CHANNEL_UNITS[self.kind]
+
+    @property
+    def range_v(self) -> float:
+        """Return the range in V."""
+        return self.range * self.sensitivity_v_per_unit
 
 
 @dataclass(frozen=True)
@@ -69,7 +91,8 @@ class Limits:
 class RigInfo:
     """All that the runner may know of a rig before it has measured anything.
 
-    `channels`: the table's accelerometer first, then one per experimental floor. `latency_samples`: the command
+    `channels`: the table's accelerometer first, then one per experimental floor; `further`: the channels beside them.
+    The samples of a rig are those of `all_channels`, (n_channels,). `latency_samples`: the command
     computed from the samples of t_k is held from t_(k + latency) on; hold and sensor lag are not in that number.
     `transport_s`: further delay between command and table or table and samples, as of a network link.
     `gain_m_per_v` and `moving_mass_kg` are nominal data-sheet values; `specimen_mass_kg` is weighed. `unattended`: its
@@ -96,6 +119,18 @@ class RigInfo:
     overrun: str = "skip"
     driver_verified: str = ""
     actuators: int = 1
+    further: tuple[Channel, ...] = ()
+
+    @property
+    def all_channels(self) -> tuple[Channel, ...]:
+        """Return every channel, in the order of the samples: the accelerometers of table and floors first."""
+        return (*self.channels, *self.further)
+
+    @property
+    def shear_cell(self) -> int | None:
+        """Return which of `further` is the load cell of the base shear, None without one."""
+        found = [i for i, channel in enumerate(self.further) if "shear" in channel.uses]
+        return found[0] if found else None
 
     @property
     def can(self) -> Capabilities:
@@ -104,5 +139,5 @@ class RigInfo:
 
     @property
     def signs(self) -> tuple[float, ...]:
-        """Return the factor on each channel's raw samples, +1 or -1."""
+        """Return the factor on the raw samples of each of the accelerometers of table and floors, +1 or -1."""
         return tuple(channel.sign for channel in self.channels)

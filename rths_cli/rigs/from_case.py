@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rths_cli.case.further_channel_schema import FurtherChannelSpec
 from rths_cli.case.rig_schema import (
     DEFAULT_LOST_SAMPLES,
     ChannelSpec,
@@ -27,7 +28,7 @@ from rths_cli.structure.storey_laws import stacked
 
 if TYPE_CHECKING:
     from rths_cli.case.case_schema import Case
-    from rths_cli.case.rig_schema import LimitsSpec, RealSensorsSpec
+    from rths_cli.case.rig_schema import LimitsSpec, RealSensorsSpec, RigSpec
     from rths_cli.rigs.interface import Rig
     from rths_cli.rigs.ni.ni_rig import NiRig
     from rths_cli.rigs.udp.udp_rig import UdpRig
@@ -55,6 +56,7 @@ def rig_info(case: Case) -> RigInfo:
         watchdog_s=_watchdog_s(real),
         overrun=real.overrun if real else "skip",
         driver_verified=_driver_verified(real),
+        further=_further(table),
     )
 
 
@@ -68,12 +70,18 @@ def _virtual_channels(table: VirtualRigSpec, names: tuple[str, ...]) -> tuple[Ch
     sensors: SensorsSpec = table.sensors
     sensitivity = sensors.sensitivity_mv_per_g / 1000.0 / STANDARD_GRAVITY_M_S2
     span = sensors.range_g * STANDARD_GRAVITY_M_S2
-    return tuple(Channel(name, sensitivity, span, sensors.high_pass_hz, sensors.low_pass_hz) for name in names)
+    return tuple(
+        Channel(
+            name, sensitivity, span, sensors.high_pass_hz, sensors.low_pass_hz, position=name,
+            uncertainty=sensors.sensitivity_uncertainty,
+        )
+        for name in names
+    )  # fmt: skip
 
 
 def _channels(table: RealRigSpec, names: tuple[str, ...]) -> tuple[Channel, ...]:
     """Return the channels of a real rig: listed one by one, or all alike."""
-    listed: tuple[RealSensorsSpec, ...] = table.channels or ()
+    listed: tuple[RealSensorsSpec, ...] = table.accelerometers
     alike = (table.sensors,) * len(names) if table.sensors is not None else ()
     return tuple(_channel(name, one) for name, one in zip(names, listed or alike, strict=True))
 
@@ -87,10 +95,46 @@ def _channel(name: str, spec: RealSensorsSpec) -> Channel:
         spec.high_pass_hz,
         spec.low_pass_hz,
         sign=float(spec.sign),
-        warning_m_s2=_or_none(spec.warning_m_s2),
-        abort_m_s2=_or_none(spec.abort_m_s2),
+        warning=_or_none(spec.warning_m_s2),
+        abort=_or_none(spec.abort_m_s2),
         label=own.name if own else "",
         terminal=own.terminal or "" if own else "",
+        position=name,
+        uncertainty=spec.sensitivity_uncertainty,
+    )
+
+
+def _further(table: RigSpec) -> tuple[Channel, ...]:
+    """Return the channels beside the accelerometers of table and floors, each named by kind and position."""
+    found: list[Channel] = []
+    listed = table.channels if isinstance(table, VirtualRigSpec | RealRigSpec) else None
+    for spec in listed or ():
+        if isinstance(spec, FurtherChannelSpec):
+            same = sum(one.kind == spec.kind and one.position == spec.position for one in found)
+            found.append(_further_channel(spec, f"{spec.position}_{spec.kind}{f'_{same + 1}' if same else ''}"))
+    return tuple(found)
+
+
+def _further_channel(spec: FurtherChannelSpec, name: str) -> Channel:
+    size = spec.unit_si
+    return Channel(
+        name,
+        spec.sensitivity_v_per_unit / size,
+        spec.range * size,
+        spec.high_pass_hz,
+        spec.low_pass_hz,
+        sign=float(spec.sign),
+        warning=_or_none(spec.warning) * size,
+        abort=_or_none(spec.abort) * size,
+        label=spec.name,
+        terminal=spec.terminal or "",
+        kind=spec.kind,
+        position=spec.position,
+        uses=spec.uses,
+        uncertainty=spec.sensitivity_uncertainty,
+        noise_rms=(spec.noise_rms or 0.0) * size,
+        plate_mass_kg=spec.plate_mass_kg or 0.0,
+        height_m=spec.height_m or 0.0,
     )
 
 
@@ -197,7 +241,7 @@ def _ni(rig: RigInfo, table: NiRigSpec) -> NiRig:
     from rths_cli.rigs.ni.ni_rig import NiRig
 
     card = table.ni
-    terminals = tuple(channel.terminal for channel in rig.channels)
+    terminals = tuple(channel.terminal for channel in rig.all_channels)
     wiring = Wiring(
         card.device, card.command_channel, terminals, card.enable_line or "", card.wiring,
         rig.converters.range_v, 1.0 / rig.dt_s, card.timeout_s,

@@ -17,8 +17,13 @@ if TYPE_CHECKING:
 __all__ = [
     "COMPILED_LINK",
     "COMPILED_PLANT",
+    "COUNTED_CLOCK",
     "MISSED_EDGES",
+    "OF_PLUGINS",
+    "SESSIONS",
+    "SESSION_NAMES",
     "STANDARD_GRAVITY_M_S2",
+    "TRUTH",
     "Channel",
     "Commands",
     "Converters",
@@ -27,20 +32,28 @@ __all__ = [
     "LinkedRig",
     "Rig",
     "RigInfo",
+    "SessionRig",
     "SimulatedRig",
+    "TruthfulRig",
     "as_commands",
+    "counts_time",
     "linked",
     "missed_intervals",
+    "name_session",
     "one_actuator",
     "only_command",
     "simulated",
+    "truthful",
 ]
 
 
 Commands = float | Array
 """Commands in V: a number for a rig with one actuator, an array (a,) for a rig with several."""
 COMPILED_PLANT, COMPILED_LINK, MISSED_EDGES = "compiled plant", "compiled link", "missed edges"
+COUNTED_CLOCK, TRUTH, SESSIONS = "counted clock", "truth", "sessions"
 """What a driver's class may say in `offers` that its rigs have beside `exchange`; a class without it offers nothing."""
+OF_PLUGINS = (MISSED_EDGES, COUNTED_CLOCK, TRUTH, SESSIONS)
+"""What a rig of a package may offer."""
 
 
 class Rig(Protocol):
@@ -134,6 +147,40 @@ class CountingRig(Rig, Protocol):
     missed: int
 
 
+class TruthfulRig(Rig, Protocol):
+    """A simulated rig that tells the true motion of its table and floors."""
+
+    def truth(self) -> tuple[Array, float]:
+        """Return the true absolute velocities in m/s of table and floors, (1 + n_floors,), in the middle of the
+        interval that the last exchange took, and the table's true displacement in m at its samples; zeros after arm."""
+
+
+class SessionRig(Rig, Protocol):
+    """A rig that is told what each of its sessions is for."""
+
+    def session(self, name: str) -> None:
+        """Take the name of the session that `open` begins next, one of SESSION_NAMES."""
+
+
+SESSION_NAMES = ("doctor", "listening", "probe", "identification", "verification", "shake_table", "exp_rths")
+
+
+def counts_time(rig: Rig) -> bool:
+    """Return whether a rig's clock is counted in exchanges: each returns at once, whenever it is called."""
+    return _offers(rig, COUNTED_CLOCK) or _offers(rig, COMPILED_PLANT)
+
+
+def truthful(rig: Rig) -> TruthfulRig | None:
+    """Return a rig that tells the truth of its table, None for one that does not."""
+    return cast("TruthfulRig", rig) if _offers(rig, TRUTH) else None
+
+
+def name_session(rig: Rig, name: str) -> None:
+    """Tell a rig that wants to know what its next session is for, one of SESSION_NAMES."""
+    if _offers(rig, SESSIONS):
+        cast("SessionRig", rig).session(name)
+
+
 def as_commands(command_v: Array) -> Commands:
     """Return commands (a,) in V as `exchange` takes them, in an array that is the rig's to keep."""
     return float(command_v[0]) if command_v.size == 1 else command_v.copy()
@@ -169,4 +216,4 @@ def missed_intervals(rig: Rig) -> int | None:
 
 
 def _offers(rig: Rig, what: str) -> bool:
-    return what in getattr(type(rig), "offers", ())
+    return what in getattr(rig, "offers", ())

@@ -9,16 +9,28 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from importlib.metadata import EntryPoint
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from rths_cli.case.plugin_rig_names import GROUP, plugin_kinds
 from rths_cli.errors import InputError, RigError, RthsError
 from rths_cli.numerics.lti import Array
-from rths_cli.rigs.interface import Commands, Rig, RigInfo
+from rths_cli.rigs.interface import (
+    MISSED_EDGES,
+    OF_PLUGINS,
+    SESSIONS,
+    TRUTH,
+    Commands,
+    CountingRig,
+    Rig,
+    RigInfo,
+    SessionRig,
+    TruthfulRig,
+)
 
 METHODS = ("open", "arm", "exchange", "rest", "close")
+NEEDED = {MISSED_EDGES: "missed", TRUTH: "truth", SESSIONS: "session"}  # what an offer needs
 DRIVERS = ("hardware", "loopback", "fake")  # what may be behind a driver
 
 
@@ -55,7 +67,8 @@ class PluginRig:
         self._rig = rig
         self._kind = kind
         self._who = who
-        self._samples = np.zeros(len(rig.info.channels))
+        self._samples = np.zeros(len(rig.info.all_channels))
+        self.offers = tuple(one for one in getattr(type(rig), "offers", ()) if one in OF_PLUGINS)
 
     def open(self) -> None:
         """Take hold of the rig, which may learn by that what is behind its driver; raises RigError."""
@@ -79,7 +92,28 @@ class PluginRig:
         """Let go of the rig; raises RigError."""
         self._call("close", self._rig.close)
 
-    def _call(self, what: str, method: Callable[..., Any], *values: Commands) -> Any:
+    @property
+    def missed(self) -> int:
+        """Return how many edges of the rig's own clock passed unseen."""
+        return int(cast("CountingRig", self._rig).missed)
+
+    def session(self, name: str) -> None:
+        """Tell the rig what its next session is for; raises RigError."""
+        self._call("session", cast("SessionRig", self._rig).session, name)
+
+    def truth(self) -> tuple[Array, float]:
+        """Return true velocities (1 + n_floors,) in m/s and the table's displacement in m; raises RigError."""
+        told = self._call("truth", cast("TruthfulRig", self._rig).truth)
+        try:
+            velocity, place = np.asarray(told[0], dtype=float), float(told[1])
+        except (TypeError, ValueError, IndexError) as error:
+            raise self._fault("truth", "must return velocities in m/s and a displacement in m") from error
+        if velocity.shape != (len(self.info.channels),):
+            wanted = f"{len(self.info.channels)} velocities, of table and floors"
+            raise self._fault("truth", f"must return {wanted}, got {velocity.size}")
+        return velocity, place
+
+    def _call(self, what: str, method: Callable[..., Any], *values: Commands | str) -> Any:
         try:
             return method(*values)
         except RthsError:
@@ -114,6 +148,13 @@ def _checked(rig: Any, info: RigInfo, who: str) -> Rig:
     lacking = [name for name in METHODS if not callable(getattr(rig, name, None))]
     if lacking:
         raise RigError(f"{who} made a {type(rig).__name__} without {', '.join(lacking)}; that is no rig")
+    offers = tuple(getattr(type(rig), "offers", ()))
+    unknown = [one for one in offers if one not in OF_PLUGINS]
+    if unknown:
+        raise RigError(f"{who} offers {str(unknown[0])[:40]!r}; a package's rig may offer {', '.join(OF_PLUGINS)}")
+    without = [what for one, what in NEEDED.items() if one in offers and not hasattr(rig, what)]
+    if without:
+        raise RigError(f"{who} made a {type(rig).__name__} without {without[0]}, which it offers")
     own = getattr(rig, "info", None)
     if not isinstance(own, RigInfo) or replace(own, driver_verified=info.driver_verified) != info:
         raise RigError(f"{who} must keep the info it was given; only driver_verified is its own to state")

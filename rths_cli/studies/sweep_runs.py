@@ -207,7 +207,8 @@ def _log(plan: RunPlan) -> Log:
     """Return this thread's log, lean where every storey is measured: the next run of the same size uses it again."""
     channels, estimates = len(plan.setup.rig.channels), len(plan.design.blocks.estimator.C)
     lean = len(plan.setup.building.numerical.masses_kg) == 1
-    asked = (len(plan.drive), Sizes(channels, estimates), lean, channels)
+    sizes = Sizes(channels, estimates, further=len(plan.setup.rig.further))
+    asked = (len(plan.drive), sizes, lean, channels)
     if getattr(_THREAD, "logged", None) != asked:
         _THREAD.logged, _THREAD.log = asked, empty_log(*asked)
     log: Log = _THREAD.log

@@ -48,7 +48,7 @@ def test_a_part_of_a_sample_of_delay_is_a_shifted_hold(delay_samples: float, fin
     x, wanted = np.zeros(len(a)), []
     for k in range(300 * finer):
         if k % finer == 0:
-            wanted.append(rows @ x * info.channels[0].sensitivity_v_per_m_s2)
+            wanted.append(rows @ x * info.channels[0].sensitivity_v_per_unit)
         x = step @ x + drive * fine[k]
     exact = np.array(wanted).T
     assert np.abs(played(found.plant, command) - exact).max() < 1e-9 * np.abs(exact).max()
@@ -107,7 +107,7 @@ def test_sensors_are_left_alone_when_the_model_holds_them() -> None:
     step, drive = held(a, b, DT_S)
     z = points(BAND, DT_S)
     exact = np.array([true @ np.linalg.solve(p * np.eye(len(a)) - step, drive) / p for p in z]).T
-    sensitivity = info.channels[0].sensitivity_v_per_m_s2
+    sensitivity = info.channels[0].sensitivity_v_per_unit
     assert np.abs(rig.plant.response(BAND)[:, 0] / (sensitivity * exact) - 1.0).max() < 1e-8
     gain = rig.correction.response(BAND)
     assert np.abs(gain - np.eye(3)[:, :, None] / sensitivity).max() < 1e-12

@@ -29,7 +29,7 @@ def sampled_and_smooth(rate_hz: float, high_pass_hz: float) -> tuple[ComplexArra
     s = 2j * np.pi * FREQUENCY_HZ
     z = np.exp(s * info.dt_s)
     raw = np.array([sensed[0] @ np.linalg.solve(point * np.eye(len(a)) - step, drive) for point in z])
-    scale = info.channels[0].sensitivity_v_per_m_s2
+    scale = info.channels[0].sensitivity_v_per_unit
     smooth = np.array([true[0] @ np.linalg.solve(point * np.eye(len(a)) - a, b) for point in s])
     hold = (1.0 - 1.0 / z) / (s * info.dt_s)
     return raw * scale * correction(info.channels, info.dt_s).response(FREQUENCY_HZ)[0, 0], smooth * hold
@@ -56,7 +56,7 @@ def test_the_alias_is_one_number_at_every_frequency(rate_hz: float) -> None:
 
 def test_what_integrates_the_alias_is_the_sensors_correction() -> None:
     info, dt = rig_info(high_pass_hz=3.0, low_pass_hz=0.0), 5e-4
-    integrates = correction(info.channels, dt).response(FREQUENCY_HZ)[0, 0] * info.channels[0].sensitivity_v_per_m_s2
+    integrates = correction(info.channels, dt).response(FREQUENCY_HZ)[0, 0] * info.channels[0].sensitivity_v_per_unit
     wanted = integrates * staircase(FREQUENCY_HZ, 2, dt)
     assert staircase(FREQUENCY_HZ, 2, dt, 3.0) == pytest.approx(wanted, rel=1e-9)
 

@@ -30,11 +30,11 @@ def test_the_loop_learns_what_a_rig_file_states() -> None:
     table, floor_2, floor_3 = info.channels
     assert [channel.name for channel in info.channels] == ["table", "floor_2", "floor_3"]
     assert table.label == "table, s/n 10417"
-    assert table.sensitivity_v_per_m_s2 == pytest.approx(1.0214 / G, rel=1e-14)
-    assert floor_3.sensitivity_v_per_m_s2 == 0.1022
-    assert table.range_m_s2 == pytest.approx(5 * G) and table.high_pass_hz == 0.024
+    assert table.sensitivity_v_per_unit == pytest.approx(1.0214 / G, rel=1e-14)
+    assert floor_3.sensitivity_v_per_unit == 0.1022
+    assert table.range == pytest.approx(5 * G) and table.high_pass_hz == 0.024
     assert info.signs == (1.0, -1.0, 1.0)
-    assert (table.warning_m_s2, table.abort_m_s2, floor_2.abort_m_s2) == (20.0, 35.0, math.inf)
+    assert (table.warning, table.abort, floor_2.abort) == (20.0, 35.0, math.inf)
     limits = info.limits
     assert (limits.stroke_m, limits.velocity_m_s, limits.acceleration_m_s2, limits.force_n) == (0.075, 0.9, 40, 400)
     assert (limits.command_rate_v_s, limits.tracking_error_m_s2, limits.energy_ratio, limits.lost_samples) == (
@@ -64,7 +64,7 @@ def test_before_it_is_open_only_an_address_says_what_is_behind_a_driver() -> Non
 
 def test_all_channels_alike_are_stated_once() -> None:
     info = setup_of("table=udp_loopback").rig
-    assert len(info.channels) == 3 and len({channel.sensitivity_v_per_m_s2 for channel in info.channels}) == 1
+    assert len(info.channels) == 3 and len({channel.sensitivity_v_per_unit for channel in info.channels}) == 1
     assert [channel.name for channel in info.channels] == ["table", "floor_2", "floor_3"]
 
 

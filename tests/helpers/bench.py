@@ -56,7 +56,7 @@ def rig_info(
 def ideal_info(**options: float) -> RigInfo:
     """Return a rig without quantisation, limits or saturation."""
     info = rig_info(**({"bits": 0, "range_v": 1e6, "high_pass_hz": 0.0, "limits": NO_LIMITS} | options))
-    return replace(info, channels=tuple(replace(c, range_m_s2=1e6) for c in info.channels))
+    return replace(info, channels=tuple(replace(c, range=1e6) for c in info.channels))
 
 
 def equations(

@@ -165,7 +165,7 @@ def closed_loop(info: RigInfo, blocks: Blocks, interface_mass_kg: float = 0.0) -
     def following(block: Block, u: Array) -> Array:
         return block.A @ rows(block.name) + block.B @ u
 
-    samples = sensed @ rows("table") * channel.sensitivity_v_per_m_s2
+    samples = sensed @ rows("table") * channel.sensitivity_v_per_unit
     corrected = output(blocks.correction, samples)
     now, before = rows("sent")[-2:]
     corrected[0] -= blocks.ripple_m_s2_per_v * (now - before) + blocks.ripple_sum_m_s2_per_v * (now + before)

@@ -43,7 +43,7 @@ def true_rig(info: RigInfo, interface_mass_kg: float = 0.0) -> Block:
         whole[:n, n], whole[n:-1, n + 1 :], into[-1] = drive, np.eye(late - 1), 1.0
     else:
         into[:n, 0] = drive
-    out = np.hstack([rows * info.channels[0].sensitivity_v_per_m_s2, np.zeros((len(rows), late))])
+    out = np.hstack([rows * info.channels[0].sensitivity_v_per_unit, np.zeros((len(rows), late))])
     return Block("rig", whole, into, out, np.zeros((len(rows), 1)), info.dt_s)
 
 

@@ -99,7 +99,7 @@ def offline_in_ticks(served: ServedRig, commands: Array, ticks: Array) -> Array:
     rig = virtual_rig(setup.case.table, info, setup.building.specimen, 0.0, (0,), after_identification=True)
     rig.plant = rig.plant._replace(noise_rms_m_s2=0.0)
     noise = open_rig(setup, (EXP_RTHS,), 0).noise(len(commands) + 1)
-    scale = setup.case.table.sensors.noise_rms_m_s2 * setup.rig.channels[0].sensitivity_v_per_m_s2
+    scale = setup.case.table.sensors.noise_rms_m_s2 * setup.rig.channels[0].sensitivity_v_per_unit
     made, now = [rig.arm() + scale * noise[0]], rig.arm().copy()
     for k, holds in enumerate(held_in_ticks(commands, ticks, info)):
         for held in holds:

@@ -213,7 +213,7 @@ def test_corners_put_back_are_the_inverse_of_their_correction() -> None:
     raw = np.random.default_rng(3).standard_normal(4000)
     raw[0] = 0.0
     corrected = signal.dlsim((block.A, block.B, block.C, block.D, DT), raw)[1][:, 0]
-    assert as_sampled(corrected, sensor, DT) == pytest.approx(raw / sensor.sensitivity_v_per_m_s2, abs=1e-9)
+    assert as_sampled(corrected, sensor, DT) == pytest.approx(raw / sensor.sensitivity_v_per_unit, abs=1e-9)
 
 
 def test_a_short_peak_may_have_one_sample_in_two_at_its_top() -> None:
@@ -233,7 +233,7 @@ def test_flat_tops_counts_the_peaks_of_a_sine() -> None:
 def test_channel_at_its_range_is_clipped() -> None:
     made = clean(1)
     accel = made.record.accel_m_s2.copy()
-    accel[1, 40000] = 0.985 * made.info.channels[1].range_m_s2
+    accel[1, 40000] = 0.985 * made.info.channels[1].range
     (fault,) = faults(made, accel)
     assert "channel floor_1: clipped" in fault
     assert "sensor's range" in fault

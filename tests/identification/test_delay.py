@@ -130,7 +130,7 @@ def test_what_the_channel_adds_is_the_correction_times_the_sensor(dt_s: float) -
     high, low = 2.0 * np.pi * channel.high_pass_hz, 2.0 * np.pi * channel.low_pass_hz
     sensor = s / (s + high) / (1.0 + s / low)
     corrected = (
-        sensor_correction.correction(info.channels, dt_s).response(FREQUENCY_HZ)[0, 0] * channel.sensitivity_v_per_m_s2
+        sensor_correction.correction(info.channels, dt_s).response(FREQUENCY_HZ)[0, 0] * channel.sensitivity_v_per_unit
     )
     assert channel_response(info, FREQUENCY_HZ, True) == pytest.approx(sensor * corrected, rel=1e-5)
     assert channel_response(info, FREQUENCY_HZ, False) == pytest.approx(sensor, rel=1e-9)

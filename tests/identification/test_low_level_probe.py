@@ -218,7 +218,7 @@ def test_converter_can_end_before_the_sensor() -> None:
 def with_floor(range_m_s2: float = RANGE_M_S2, sensitivity_v_per_m_s2: float = 1.0 / 9.80665) -> RigInfo:
     """Return the rig with another sensor on its floor; its table has limits of no concern."""
     table, floor = INFO.channels
-    other = replace(floor, range_m_s2=range_m_s2, sensitivity_v_per_m_s2=sensitivity_v_per_m_s2)
+    other = replace(floor, range=range_m_s2, sensitivity_v_per_unit=sensitivity_v_per_m_s2)
     return replace(INFO, channels=(table, other), limits=replace(INFO.limits, stroke_m=1.0, force_n=1e4))
 
 

@@ -108,7 +108,7 @@ def test_a_sample_beyond_its_limit_stops_the_test_however_small_its_share_is() -
     """Two samples after a gap of five, channel 1 shows 46 m/s^2; the step is given a hundredth of it."""
     info = rig_info(dt_s=1e-3)
     samples, lost = np.zeros((40, 3)), np.zeros(40, dtype=np.int64)
-    lost[20:25], samples[26, 1] = NO_ANSWER, 46.0 * info.channels[1].sensitivity_v_per_m_s2
+    lost[20:25], samples[26, 1] = NO_ANSWER, 46.0 * info.channels[1].sensitivity_v_per_unit
     limits = open_limits(info)._replace(abort=np.full(3, 45.0), acceleration_m_s2=45.0, stroke_m=0.1)
     limits = limits._replace(velocity_m_s=1.0, command_v=10.0)
     run = prepare(info, best_like(info), NUMERICAL, np.zeros((100, 3)), limits)

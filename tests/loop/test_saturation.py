@@ -42,7 +42,7 @@ class DisturbedTable:
     def samples(self) -> Array:
         accel = self.sensed @ self.state
         accel[0] += self.disturbance[self.k]
-        return accel * self.info.channels[0].sensitivity_v_per_m_s2
+        return accel * self.info.channels[0].sensitivity_v_per_unit
 
     def exchange(self, command_v: float) -> Array:
         self.state = self.step @ self.state + self.drive * self.waiting
@@ -83,7 +83,7 @@ def reference(limit_v: float) -> Array:
     for k in range(STEPS):
         sample = sensed @ table
         sample[0] += disturbance[k]
-        sample = sample * channel.sensitivity_v_per_m_s2
+        sample = sample * channel.sensitivity_v_per_unit
         accel = (blocks.correction.C @ corrector + blocks.correction.D @ sample)[0]
         accel -= blocks.ripple_m_s2_per_v * (sent[0] - sent[1]) + blocks.ripple_sum_m_s2_per_v * (sent[0] + sent[1])
         corrector = blocks.correction.A @ corrector + blocks.correction.B @ sample

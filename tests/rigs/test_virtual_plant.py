@@ -40,7 +40,7 @@ def test_without_friction_the_table_is_the_exact_linear_one() -> None:
     exact = np.zeros((len(a), 2000))
     for k in range(1999):
         exact[:, k + 1] = step @ exact[:, k] + drive * command[k]
-    accelerations = samples / info.channels[0].sensitivity_v_per_m_s2
+    accelerations = samples / info.channels[0].sensitivity_v_per_unit
     for oracle in (by_lsim.T, exact):
         for i in range(7):
             assert peak(states[i] - oracle[i]) < 1e-9 * peak(oracle[i])
@@ -161,7 +161,7 @@ def test_sensors_answer_as_their_two_corners_say(high_pass_hz: float, low_pass_h
     time = np.arange(settle + count) * dt_s
     samples, _, _ = play_plant(info, LINEAR, np.sin(2.0 * np.pi * frequency * time))
     late = np.exp(-2j * np.pi * frequency * time[settle:])
-    measured = samples[0, settle:] @ late / (count / 2j) / info.channels[0].sensitivity_v_per_m_s2
+    measured = samples[0, settle:] @ late / (count / 2j) / info.channels[0].sensitivity_v_per_unit
     a, b, _, true = linear_table(LINEAR, specimen(), 1.0)
     s = 2j * np.pi * frequency
     wanted = true[0] @ np.linalg.solve(s * np.eye(len(a)) - a, b) * (1.0 - np.exp(-s * dt_s)) / (s * dt_s)
@@ -175,7 +175,7 @@ def test_noise_has_its_size_and_no_memory() -> None:
     info = ideal_info()
     rig = VirtualRig(info, build_plant(info, SHIPPED, specimen(), 3e-4), (5,))
     rig.arm()
-    samples = np.array([rig.exchange(0.0).copy() for _ in range(10000)]) / info.channels[0].sensitivity_v_per_m_s2
+    samples = np.array([rig.exchange(0.0).copy() for _ in range(10000)]) / info.channels[0].sensitivity_v_per_unit
     assert np.std(samples, axis=0) == pytest.approx(3e-4, rel=0.03)
     assert abs(np.corrcoef(samples[1:, 0], samples[:-1, 0])[0, 1]) < 0.04
     assert abs(np.corrcoef(samples[:, 0], samples[:, 1])[0, 1]) < 0.04

@@ -134,7 +134,7 @@ def test_a_specimen_with_laws_agrees_with_an_adaptive_solver(stated: Stated, siz
     assert events >= least_events
     for i in range(7):
         assert peak(states[i] - wanted[i]) < 1e-6 * peak(wanted[i]), i
-    accel = samples / info.channels[0].sensitivity_v_per_m_s2
+    accel = samples / info.channels[0].sensitivity_v_per_unit
     for c in range(3):
         assert peak(accel[c] - accels[c]) < 1e-6 * peak(accels[c]), c
     linear = play_plant(info, VirtualPhysics(), command)[1]

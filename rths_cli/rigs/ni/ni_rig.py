@@ -35,7 +35,7 @@ class NiRig:
         self._card: Card | None = None
         self._armed = False
         self._command_v = self._rate_v_s = 0.0
-        self._samples = np.zeros(len(info.channels))
+        self._samples = np.zeros(len(info.all_channels))
 
     def open(self) -> None:
         """Reserve the card; raises RigError when package, driver, card or its single-point mode are missing."""

@@ -1,6 +1,6 @@
 """The packets byte by byte: every field, its place and type, and the tag (docs/reference/udp.md).
 
-A packet has a header of 40 bytes, up to 16 words of 8 bytes, and a tag of 8 bytes over all preceding bytes. Compiled
+A packet has a header of 40 bytes, up to 62 words of 8 bytes, and a tag of 8 bytes over all preceding bytes. Compiled
 code reads and writes packets in preallocated arrays; nothing here depends on the byte order of the machine.
 """
 
@@ -28,12 +28,12 @@ MAGIC, VERSION, KIND, COUNT, STATE, FAULTS, LOST, SEQUENCE, SENT_NS, INSTANT_NS,
 MAGIC_BYTES = b"RTHS"
 MAGIC_NUMBER = int.from_bytes(MAGIC_BYTES, "little")
 PROTOCOL = 3  # value of the field VERSION
-MOST_WORDS = 16
+MOST_WORDS = 62
 TAG_BYTES = 8
 LEAST_BYTES = WORDS + TAG_BYTES
 MOST_BYTES = (
     WORDS + 8 * MOST_WORDS + TAG_BYTES
-)  # 176: never in fragments (the smallest MTU of IPv4 is 576, of IPv6 1280)
+)  # 544: never in fragments (the smallest MTU of IPv4 is 576, less 28 for its headers, of IPv6 1280)
 
 # kinds: to the target HELLO, ARM, COMMAND, REST, CLOSE; from it WELCOME, REFUSAL, SAMPLES
 HELLO, WELCOME, REFUSAL, ARM, COMMAND, SAMPLES, REST, CLOSE = range(1, 9)
@@ -46,7 +46,7 @@ AFTER_NONCE = WORDS + NONCE_BYTES  # HELLO and ARM: channels, interval, watchdog
 
 # the words of a COMMAND: the command alone, or with the spacing of its preview in sample intervals, and its points
 COMMAND_V, SPACING, FIRST_POINT = WORDS, WORDS + 8, WORDS + 16
-MOST_POINTS = MOST_WORDS - 2
+MOST_POINTS = 14
 LONGEST_SPACING = 1000
 
 # states of the target: commands are obeyed only in ARMED; RESTING brings the table to rest, RESTED ends the session

@@ -98,7 +98,7 @@ class UdpRig:
             raise RigError("a rig over UDP needs Linux; offline runs on a virtual rig work here")
         self.close()
         self._secret = read_secret(self.target.key_file)
-        prepare(len(self.info.channels))
+        prepare(len(self.info.all_channels))
         self._door, self.peer, session = self._greet()
         self.info = replace(self.info, driver_verified="loopback" if on_this_machine(self._door) else "hardware")
         self._link = fresh_link(self._door, session.key, session.terms.channels, timeout_ns=self._timeout_ns)
@@ -215,7 +215,7 @@ class UdpRig:
 
     def _wanted(self) -> Terms:
         """Return the requested terms of a session."""
-        return Terms(len(self.info.channels), self._dt_ns, round(self.target.watchdog_s / IN_S))
+        return Terms(len(self.info.all_channels), self._dt_ns, round(self.target.watchdog_s / IN_S))
 
     def _greet(self) -> tuple[socket.socket, str, Session]:
         """Return socket, name and session for the first address of the host that answers."""
@@ -235,7 +235,7 @@ class UdpRig:
 
     def _check_terms(self, told: Terms) -> None:
         """Raise RigError if the granted terms differ from the requested ones."""
-        channels, watchdog_ns = len(self.info.channels), round(self.target.watchdog_s / IN_S)
+        channels, watchdog_ns = len(self.info.all_channels), round(self.target.watchdog_s / IN_S)
         if told.channels != channels or told.interval_ns != self._dt_ns:
             raise RigError(
                 f"rig {self.info.name}: the target {self.peer} grants {told.channels} channels every "

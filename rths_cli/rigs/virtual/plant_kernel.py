@@ -12,6 +12,7 @@ from rths_cli.numerics.compiled import borrowed, entry, kept_part, part, part_cl
 from rths_cli.numerics.lti import Array, Integers
 from rths_cli.numerics.tiled_products import ROWS, copied, product, product_of_squares, shifted
 from rths_cli.rigs.virtual.friction_and_clipping import SATURATED, friction_sign
+from rths_cli.rigs.virtual.further_outputs import FurtherOutputs
 from rths_cli.rigs.virtual.specimen_laws import REMEMBERED, NoLaws, SpecimenLaws
 
 END_STOP = 1
@@ -58,13 +59,14 @@ class Plant(NamedTuple):
     noise_rms_m_s2: float
     refine: int  # levels added to the one chosen (0; more to check the integration)
     laws: NoLaws | SpecimenLaws
+    further: FurtherOutputs
 
     def hold_command(self, s: PlantState, command_v: float) -> None:
         """Queue a command and hold the one that is due for a sample interval."""
         hold(self, s, command_v)
 
     def read_channels(self, s: PlantState, noise: Array, samples: Array) -> None:
-        """Write the converted samples in V, (c,), for one row of standard normal noise (c,)."""
+        """Write the converted samples in V, (c + f,), for one row of standard normal noise (c + f,)."""
         read(self, s, noise, samples)
 
 
@@ -152,14 +154,19 @@ def take(plant: Plant, s: PlantState, level: int, wide: int) -> None:
 
 
 @part
+def acceleration(plant: Plant, s: PlantState, c: int) -> float:
+    """Return the true absolute acceleration of table (0) or floor at this instant."""
+    value = plant.accel_friction[c] * s.state[plant.forces + 2] + plant.laws.accel_by_laws(s.state, plant.forces, c)
+    for i in range(plant.mechanical):
+        value += plant.accel_rows[c, i] * s.state[i]
+    return value
+
+
+@part
 def sense_directly(plant: Plant, s: PlantState) -> None:
     """Put the accelerations into the places of the low passes, where the sensors have none."""
-    friction = s.state[plant.forces + 2]
     for c in range(s.low.size):
-        value = plant.accel_friction[c] * friction + plant.laws.accel_by_laws(s.state, plant.forces, c)
-        for i in range(plant.mechanical):
-            value += plant.accel_rows[c, i] * s.state[i]
-        s.low[c] = value
+        s.low[c] = acceleration(plant, s, c)
 
 
 @kept_part
@@ -198,12 +205,31 @@ def note_velocity(s: PlantState, mechanical: int) -> None:
 
 @part
 def read(plant: Plant, s: PlantState, noise: Array, samples: Array) -> None:
-    """Write the converted samples in V, (c,), for one row of standard normal noise (c,)."""
-    for c in range(samples.size):
+    """Write the converted samples in V, (c + f,), for one row of standard normal noise (c + f,)."""
+    for c in range(s.low.size):
         accel = s.low[c] - s.coupled[c] + plant.noise_rms_m_s2 * noise[c]
         accel = min(max(accel, -plant.sensor_range_m_s2), plant.sensor_range_m_s2)
         volts = accel * plant.sensor_v_per_m_s2
         samples[c] = convert(volts, plant.sensor_step_v, plant.sensor_steps_per_v, plant.sensor_range_v)
+    if plant.further.range.size > 0:
+        read_further(plant, s, noise, samples)
+
+
+@kept_part
+def read_further(plant: Plant, s: PlantState, noise: Array, samples: Array) -> None:
+    """Write the converted samples in V of the further channels, behind the c others."""
+    further, own = plant.further, s.low.size
+    for f in range(further.range.size):
+        samples[own + f] = further.noise_rms[f] * noise[own + f]
+        for i in range(plant.mechanical):
+            samples[own + f] += further.states[f, i] * s.state[i]
+    for c in range(own):
+        accel = acceleration(plant, s, c)
+        for f in range(further.range.size):
+            samples[own + f] += further.accelerations[f, c] * accel
+    for f in range(further.range.size):
+        volts = min(max(samples[own + f], -further.range[f]), further.range[f]) * further.v_per_unit[f]
+        samples[own + f] = convert(volts, plant.sensor_step_v, plant.sensor_steps_per_v, plant.sensor_range_v)
 
 
 @entry

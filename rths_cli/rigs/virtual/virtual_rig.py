@@ -14,6 +14,7 @@ from rths_cli.numerics.lti import Array
 from rths_cli.numerics.tiled_products import padded, tiled
 from rths_cli.rigs.interface import COMPILED_PLANT, Commands, RigInfo, one_actuator, only_command
 from rths_cli.rigs.virtual import plant_kernel
+from rths_cli.rigs.virtual.further_outputs import further_outputs
 from rths_cli.rigs.virtual.imperfect import plant as imperfect
 from rths_cli.rigs.virtual.imperfect.from_laboratory import imperfect_plant
 from rths_cli.rigs.virtual.imperfect.plant import ImperfectPlant, ImperfectState
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 
 LEVELS = 10  # inner steps from dt to dt / 512
 NOISE_ROWS = 4096
+FURTHER = 21  # stands behind the seed of the further channels' noise
 LAWS_SOLVED = 1e-13  # of the specimen's weight, by which a law's force may still change
 INTERPOLATED_M_S2 = 5e-7  # what interpolated friction may err by, as an acceleration of the table
 
@@ -153,14 +155,15 @@ def build_plant(
         command_range_v=converters.range_v,
         command_step_v=converters.step_v,
         command_steps_per_v=inverse(converters.step_v),
-        sensor_range_m_s2=sensor.range_m_s2,
-        sensor_v_per_m_s2=sensor.sensitivity_v_per_m_s2,
+        sensor_range_m_s2=sensor.range,
+        sensor_v_per_m_s2=sensor.sensitivity_v_per_unit,
         sensor_range_v=converters.range_v,
         sensor_step_v=converters.step_v,
         sensor_steps_per_v=inverse(converters.step_v),
         noise_rms_m_s2=noise_rms_m_s2,
         refine=refine,
         laws=laws,
+        further=further_outputs(info, a.shape[0], specimen.masses_kg, interface_mass_kg),
     )
 
 
@@ -173,7 +176,7 @@ def normals(plant: Plant | ImperfectPlant) -> int:
     """Return how many standard normal numbers a reading of the channels takes."""
     if isinstance(plant, ImperfectPlant):
         return imperfect.normals(plant.sensing.kind.size)
-    return int(plant.accel_rows.shape[0])
+    return int(plant.accel_rows.shape[0] + plant.further.range.size)
 
 
 def normals_of(spec: VirtualRigSpec, channels: int) -> int:
@@ -191,7 +194,8 @@ def fresh_state(plant: Plant | ImperfectPlant, latency_samples: int) -> PlantSta
 class VirtualRig:
     """A simulated table and specimen with a counted clock: `exchange` returns at once, one interval later.
 
-    The noise of each run comes from its own stream: `seed` is any sequence of integers that names the run.
+    The noise of each run comes from its own stream: `seed` is any sequence of integers that names the run. Further
+    channels have a stream beside it, so that they change nothing in the accelerometers.
     """
 
     offers = (COMPILED_PLANT,)
@@ -206,13 +210,17 @@ class VirtualRig:
     def restart(self) -> None:
         """Put the table at rest and start the noise anew."""
         self._random = np.random.default_rng(self._seed)
+        self._further_random = np.random.default_rng((*self._seed, FURTHER))
         self._rows = np.empty((0, normals(self.plant)))
         self._row = 0
         self.rest()
 
     def noise(self, rows: int) -> Array:
         """Return the next rows of standard normal noise, (rows, normals of the plant)."""
-        return self._random.standard_normal((rows, normals(self.plant)))
+        if isinstance(self.plant, ImperfectPlant) or not self.info.further:
+            return self._random.standard_normal((rows, normals(self.plant)))
+        own = self._random.standard_normal((rows, len(self.info.channels)))
+        return np.hstack([own, self._further_random.standard_normal((rows, len(self.info.further)))])
 
     def open(self) -> None:
         """Take hold of the rig (nothing to do)."""
@@ -234,7 +242,7 @@ class VirtualRig:
         """Bring the table to rest at zero (a virtual table may simply be put there)."""
         self.state = fresh_state(self.plant, self.info.latency_samples)
         self._command, self._noise = np.zeros(1), np.zeros(normals(self.plant))
-        self._samples = np.zeros(len(self.info.channels))
+        self._samples = np.zeros(len(self.info.all_channels))
         self._bound: tuple[Callable[[], object], Callable[[], object]] | None = None
 
     def close(self) -> None:
@@ -273,10 +281,11 @@ def virtual_rig(
     physics, noise = spec.physics, spec.sensors.noise_rms_m_s2
     if after_identification:
         physics, specimen = changed(physics, specimen, spec.after_identification)
-    laboratory = true_laboratory(spec, case_seed, len(info.channels), len(specimen.masses_kg))
+    channels = len(info.all_channels)
+    laboratory = true_laboratory(spec, case_seed, channels, len(specimen.masses_kg))
     if laboratory is None:
         return VirtualRig(info, build_plant(info, physics, specimen, noise, 0, interface_mass_kg), seed)
     specimen, laws = as_it_is(spec, specimen, laboratory)
-    this_run = of_run(laboratory, seed, len(info.channels))
+    this_run = of_run(laboratory, seed, channels)
     plant = imperfect_plant(info, physics, specimen, laws, noise, interface_mass_kg, laboratory, this_run)
     return VirtualRig(info, plant, seed)

@@ -53,7 +53,7 @@ def made_chain(
     )  # fmt: skip
     command, parts = excitation(info, random, level_m_s2, duration_s)
     accel = plant.simulate(command, dt, latency_samples)
-    share = float(np.abs(accel).max()) / info.channels[0].range_m_s2
+    share = float(np.abs(accel).max()) / info.channels[0].range
     if share > MOST_RANGE:  # quieter, as a probe would have it
         level_m_s2 *= MOST_RANGE / share
         command, parts = excitation(info, np.random.default_rng(seed), level_m_s2, duration_s)

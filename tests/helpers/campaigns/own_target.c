@@ -213,7 +213,7 @@ static double through_cable(long k, double volts)
 
 enum kind { HELLO = 1, WELCOME, REFUSAL, ARM, COMMAND, SAMPLES, REST, CLOSE };
 enum state { IDLE, ARMED, RESTING, RESTED };
-enum { WORDS_AT = 40, LARGEST = 176, LATE_ANSWERS = 4096 };
+enum { WORDS_AT = 40, LARGEST = 544, LATE_ANSWERS = 4096 };
 
 static unsigned char secret[16], session_key[16], own_nonce[16];
 static uint64_t sessions;

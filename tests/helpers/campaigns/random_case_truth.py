@@ -75,7 +75,7 @@ class Truth:
         floor = len(setup.building.numerical.masses_kg) - 1
         accel = sim.abs_accel_m_s2[floor:]
         moving = setup.rig.moving_mass_kg
-        range_m_s2 = min(min(c.range_m_s2, setup.rig.converters.range_v / c.sensitivity_v_per_m_s2)
+        range_m_s2 = min(min(c.range, setup.rig.converters.range_v / c.sensitivity_v_per_unit)
                          for c in setup.rig.channels)  # fmt: skip
         place = sim.rel_disp_m[floor] + setup.motion.displacement_m
         speed = sim.rel_vel_m_s[floor] + setup.motion.velocity_m_s
@@ -94,7 +94,7 @@ class Truth:
         """Return the least of the channels' rms in bits of their converter, in SIM."""
         floor = len(self.setup.building.numerical.masses_kg) - 1
         step = max(self.setup.rig.converters.step_v, 1e-12)
-        bit = max(step / channel.sensitivity_v_per_m_s2 for channel in self.setup.rig.channels)
+        bit = max(step / channel.sensitivity_v_per_unit for channel in self.setup.rig.channels)
         return float(rms(self.sim.abs_accel_m_s2[floor:]).min()) / bit
 
     def linear(self, velocity_m_s: float, frictionless: bool = False) -> ComplexArray:

@@ -80,5 +80,5 @@ class SlowTable:
             self._place_m += dt_s * self._velocity_m_s
         span, step = self.info.converters.range_v, self.info.converters.step_v
         for i, channel in enumerate(self.info.channels):
-            volts = min(max(accel * channel.sensitivity_v_per_m_s2 * channel.sign, -span), span - step)
+            volts = min(max(accel * channel.sensitivity_v_per_unit * channel.sign, -span), span - step)
             self._samples[i] = step * round(volts / step) if step else volts

@@ -18,7 +18,8 @@ from rths_cli.rigs.virtual.imperfect.equations import DPITCH, FLOORS, PITCH, Mec
 
 ACCELERATION, DISPLACEMENT, COIL_DISPLACEMENT, FORCE, DRIFT = range(5)
 """What a channel senses: acceleration of table (place 0) or floors (1, 2, ..., between two: interpolated); displacement
-of the deck, or of the coil; force of the specimen with its base plate on the table; drift of a storey (1, 2, ...)."""
+of deck or floors, or of the coil; force on the specimen with its base plate (place 0), or on the floors from a storey
+(1, 2, ...) upwards; drift of a storey."""
 NODES = 5
 BY_NODES = np.linalg.inv(np.vander(np.linspace(0.0, 1.0, NODES), NODES, increasing=True))
 """Coefficients of the powers of the share of a step, from the values at its five instants."""
@@ -58,13 +59,15 @@ def sensed(one: Sensing, m: Mechanics, c: int, y: Array, made: Array, accel: Arr
             value += (place - floor) * (accel[floor + 1] - accel[floor])
         return (1.0 + one.lateral[c]) * value - m.gravity_m_s2 * y[PITCH] + one.vertical[c] * made[DPITCH]
     if kind == DISPLACEMENT:
-        return deck_position(m, y)
+        value, floor = deck_position(m, y), int(place)
+        return value if floor == 0 else value + y[FLOORS + floor - 1] + m.heights_m[floor - 1] * y[PITCH]
     if kind == COIL_DISPLACEMENT:
         return y[X]
     if kind == FORCE:
-        value = -one.base_plate_kg * (accel[0] - m.gravity_m_s2 * y[PITCH])
-        for i in range(m.masses_kg.size):
-            value -= m.masses_kg[i] * (accel[1 + i] - m.gravity_m_s2 * y[PITCH])
+        below = max(int(place), 1) - 1
+        value = one.base_plate_kg * (accel[0] - m.gravity_m_s2 * y[PITCH]) if place == 0.0 else 0.0
+        for i in range(below, m.masses_kg.size):
+            value += m.masses_kg[i] * (accel[1 + i] - m.gravity_m_s2 * y[PITCH])
         return value
     storey = int(place)
     value = y[FLOORS + storey - 1]

@@ -9,7 +9,7 @@ import numpy as np
 from rths_cli.errors import InputError
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.numerics.lti import Array
-from rths_cli.rigs.virtual.imperfect.channels import ACCELERATION, Sensing
+from rths_cli.rigs.virtual.imperfect.channels import ACCELERATION, DISPLACEMENT, DRIFT, FORCE, Sensing
 from rths_cli.rigs.virtual.imperfect.equations import BRISTLE, DQ, FLOORS, PITCH, F, Mechanics, X
 from rths_cli.rigs.virtual.imperfect.plant import FARTHEST, ImperfectPlant
 from rths_cli.rigs.virtual.laboratory import PER_RUN, Laboratory
@@ -92,7 +92,7 @@ def imperfect_plant(
     converters = info.converters
     return ImperfectPlant(
         mechanics=mechanics,
-        sensing=_sensing(info, laboratory, of_run, noise_rms_m_s2, interface_mass_kg, outputs),
+        sensing=_sensing(info, laboratory, of_run, noise_rms_m_s2, _above_the_cell(info, interface_mass_kg), outputs),
         tolerance=precision * _tolerance(len(masses)),
         tolerance_m_s2=precision * ERROR_M_S2,
         longest_s=_longest_s(specimen, laws, info.dt_s),
@@ -140,11 +140,11 @@ def _sensing(
     outputs: tuple[tuple[int, float], ...] | None,
 ) -> Sensing:
     """Return the constants of the channels."""
-    count, stated = len(info.channels), laboratory.stated
+    channels, stated = info.all_channels, laboratory.stated
     of_channels = {key.removeprefix("channels."): value for key, value in laboratory.values.items()}
-    kinds = outputs or tuple((ACCELERATION, float(c)) for c in range(count))
+    kinds = outputs or _outputs(info)
     across = of_channels["transverse_sensitivity"]
-    corners = np.array([[one.low_pass_hz, one.high_pass_hz] for one in info.channels])
+    corners = np.array([[one.low_pass_hz, one.high_pass_hz] for one in channels])
     _instant(info, "channels.skew_s", float(np.abs(of_channels["skew_s"]).max()))
     return Sensing(
         kind=np.array([kind for kind, _ in kinds], dtype=np.int64),
@@ -160,11 +160,27 @@ def _sensing(
         walk_v=of_channels["offset_walk_v_per_sqrt_s"] * np.sqrt(info.dt_s),
         vertical=across * stated.pitch.sensor_arm_m,
         lateral=across * laboratory.one("guides.lateral_share"),
-        noise=np.full(count, noise_rms_m_s2),
-        range=np.array([one.range_m_s2 for one in info.channels]),
-        v_per_unit=np.array([one.sensitivity_v_per_m_s2 for one in info.channels]),
+        noise=np.array([noise_rms_m_s2] * len(info.channels) + [one.noise_rms for one in info.further]),
+        range=np.array([one.range for one in channels]),
+        v_per_unit=np.array([one.sensitivity_v_per_unit for one in channels]),
         base_plate_kg=base_plate_kg,
     )
+
+
+def _above_the_cell(info: RigInfo, interface_mass_kg: float) -> float:
+    """Return the mass in kg between a load cell on the table and the specimen."""
+    return interface_mass_kg + max((one.plate_mass_kg for one in info.further), default=0.0)
+
+
+def _outputs(info: RigInfo) -> tuple[tuple[int, float], ...]:
+    """Return kind and place of each channel of a rig, the accelerometers of table and floors first."""
+    names = [channel.name for channel in info.channels]
+    found = [(ACCELERATION, float(c)) for c in range(len(names))]
+    kinds = {"acceleration": ACCELERATION, "displacement": DISPLACEMENT, "force": FORCE, "strain": DRIFT}
+    for one in info.further:
+        at = 0 if one.position == "table" else names.index(one.position.replace("storey_", "floor_"))
+        found.append((kinds[one.kind], float(at)))
+    return tuple(found)
 
 
 def _instant(info: RigInfo, key: str, skew_s: float) -> float:

@@ -3,6 +3,7 @@ with its cases."""
 
 from __future__ import annotations
 
+import json
 import tempfile
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +20,15 @@ from speed.commands import EIGHT
 from speed.process import median_s
 from speed.rows import RATIO, Row, seconds_of
 
+FURTHER = [
+    {"kind": "displacement", "position": "table", "unit": "mm", "sensitivity_v_per_unit": 0.1, "range": 95,
+     "use": "guard"},
+    {"kind": "force", "position": "table", "unit": "N", "sensitivity_v_per_unit": 0.02, "range": 450,
+     "use": ["guard", "shear"], "plate_mass_kg": 1.5},
+    {"kind": "strain", "position": "storey_3", "unit": "um/m", "sensitivity_v_per_unit": 0.001, "range": 9000},
+    {"kind": "acceleration", "position": "floor_3", "unit": "m/s^2", "sensitivity_v_per_unit": 0.1, "range": 50},
+    {"kind": "displacement", "position": "floor_2", "unit": "mm", "sensitivity_v_per_unit": 0.1, "range": 95},
+]  # fmt: skip
 STOREYS = (3, 10, 30, 100)
 FLOORS = (2, 4, 8)
 LENGTHS_S = (54.0, 27.0, 13.5)
@@ -28,15 +38,28 @@ REPETITIONS = 7
 
 
 def growth_rows(setup: Setup, given: step_run.Inputs) -> list[Row]:
-    """Measure growth over storeys, experimental floors, record length and cases."""
+    """Measure growth over storeys, channels, experimental floors, record length and cases."""
     storeys = {count: tall(setup, given, count) for count in STOREYS}
     lengths = {f"{length} s": shortened(given, round(length / setup.rig.dt_s)) for length in LENGTHS_S}
     return [
         *_rows("storeys, 2 of them on the table", {str(count): one for count, one in storeys.items()}, 15.0),
+        *channel_rows(),
         *_rows("floors on the table", {str(count): many_floors(count) for count in FLOORS}, None),
         *_rows("record", lengths, None),
         cases_row(),
     ]
+
+
+def channel_rows() -> list[Row]:
+    """Compare a step with eight channels, a displacement sensor and a load cell among them, with one of three."""
+    runs = {"3": with_channels(""), "8": with_channels(json.dumps(FURTHER))}
+    return _rows("channels", runs, 1.3)
+
+
+def with_channels(further: str) -> step_run.Inputs:
+    """Return the paper's run with further channels on its table, listed in JSON."""
+    settings = (f"table={{extends: aps400_virtual, channels: {further}}}",) if further else ()
+    return step_run.inputs(*step_run.prepared(Memory(Cache()), settings=settings))
 
 
 def _rows(what: str, runs: dict[str, step_run.Inputs], demand: float | None) -> list[Row]:

@@ -166,7 +166,7 @@ class VirtualRigSpec(RigSpec):
     kind: Literal["virtual"] = Field(description=KIND)
     sensors: SensorsSpec = Field(default=SensorsSpec(), description=SENSORS)
     channels: tuple[FurtherChannelSpec, ...] | None = Field(
-        default=None, max_length=MOST_CHANNELS - 2, description=FURTHER
+        default=None, min_length=1, max_length=MOST_CHANNELS - 2, description=FURTHER
     )
     physics: VirtualPhysics = Field(default=VirtualPhysics(), description="what only the virtual table itself knows")
     after_identification: AfterIdentification = Field(
@@ -311,6 +311,7 @@ class RealRigSpec(RigSpec):
     sensors: RealSensorsSpec | None = Field(default=None, description="all channels, where they are alike")
     channels: tuple[AnyChannel, ...] | None = Field(
         default=None,
+        min_length=1,
         max_length=MOST_CHANNELS,
         description="without sensors the accelerometers of table and floors, upwards; then further channels, each with "
         "its kind",

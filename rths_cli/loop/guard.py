@@ -57,7 +57,7 @@ STUCK_BITS = 10.0  # while it should have moved by this many bits
 FORGET_HZ = 0.5  # an error of velocity below this frequency is attributed to sensor offsets
 NO_CHANNEL = -1
 UNWATCHED, WATCHED, STROKE_SENSOR, CELL = range(4)  # what the guard does with a further channel
-REACTION_S = 10e-3  # time from a measured displacement until the table begins to brake
+REACTION_S = 20e-3  # time from a measured displacement until the table begins to brake
 VELOCITY_S = 5e-3  # time constant of the velocity from a displacement sensor
 COMPARED_S = 1.0  # memory of the comparison of a further channel with what it must show
 COMPARED_HZ = 2.0  # corner up to which displacements are compared, where the table follows its command at once
@@ -226,9 +226,11 @@ def check_further(lim: GuardLimits, g: GuardState, samples: Array, values: Array
 def measured_reach(lim: GuardLimits, state: Array, place: float) -> float:
     """Return how far a table gets that is braked now, in m, from its measured displacement.
 
-    Its velocity is the difference of the samples behind a low pass; braking begins after REACTION_S.
+    Its velocity is the difference of the samples, at most the permitted one, behind a low pass: a sensor that jumps is
+    no table that moves. Braking begins after REACTION_S.
     """
-    state[SPEED] += ((place - state[PLACE]) / lim.dt_s - state[SPEED]) * lim.dt_s / (VELOCITY_S + lim.dt_s)
+    changed = min(max((place - state[PLACE]) / lim.dt_s, -lim.velocity_m_s), lim.velocity_m_s)
+    state[SPEED] += (changed - state[SPEED]) * lim.dt_s / (VELOCITY_S + lim.dt_s)
     state[PLACE] = place
     speed = state[SPEED]
     braked = place + speed * REACTION_S + 0.5 * speed * abs(speed) / (BRAKE_SHARE * lim.acceleration_m_s2)

@@ -133,8 +133,14 @@ def _below(field: Schema, definitions: Schema, path: str, skip: tuple[str, ...])
         if "$ref" in part:
             yield from _model_rows(_resolved(part, definitions), definitions, f"{path}.", skip)
         for key, mark in inner.items():
-            if isinstance(part.get(key), Mapping) and "$ref" in part[key]:
-                yield from _model_rows(_resolved(part[key], definitions), definitions, f"{path}{mark}", skip)
+            held = part.get(key)
+            if not isinstance(held, Mapping):
+                continue
+            either = held.get("anyOf", [held]) if key == "items" else [held]
+            models = [one for one in either if "$ref" in one]
+            for i, one in enumerate(models):  # a further kind of entry is told by its key `kind`
+                where = f"{path}{mark}" if i == 0 else f"{path}[kind]."
+                yield from _model_rows(_resolved(one, definitions), definitions, where, skip)
 
 
 def _resolved(part: Schema, definitions: Schema) -> Schema:

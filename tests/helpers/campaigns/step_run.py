@@ -71,10 +71,13 @@ def inputs(setup: Setup, blocks: Blocks) -> Inputs:
 
 def fresh(given: Inputs) -> State:
     """Return table, step and guard at rest, and an empty log."""
-    channels = given.noise.shape[1]
     step = assemble(given.blocks, NUMERICAL)
-    log = empty_log(len(given.drive), sizes_of(step), truths=channels)
-    return State(fresh_state(given.plant, given.blocks.latency_samples), step, fresh_guard(channels), log)
+    sizes = sizes_of(step)
+    log, guard = (
+        empty_log(len(given.drive), sizes, truths=sizes.channels),
+        fresh_guard(sizes.channels, further=sizes.further),
+    )
+    return State(fresh_state(given.plant, given.blocks.latency_samples), step, guard, log)
 
 
 def bound(given: Inputs, state: State) -> Callable[[], int]:

@@ -18,7 +18,7 @@ enum { AXES = 1, ACTUATORS = 1 }; /* degrees of freedom of the interface and com
 typedef struct { Array matrix, given, made; int64_t states; } Linear;
 typedef struct { Array matrix, given; } Channels;
 typedef struct { Array matrix, given, made; int64_t states, floors; } OpenLoop; /* given and made twice, row by row */
-typedef struct { Linear block; Array corrected, estimated; int64_t axes[AXES]; } KalmanFilter;
+typedef struct { Linear block; Array corrected, estimated; int64_t axes[AXES], floors; } KalmanFilter;
 typedef struct { Array turn, drive, outputs, through, direct, state, made, logged; int64_t axes[AXES]; } Modal;
 typedef struct { Linear block; Array logged; int64_t axes[AXES], actuators[ACTUATORS]; } LinearFeedforward;
 typedef struct { Linear block; Array shortfall, logged; int64_t axes[AXES], actuators[ACTUATORS]; } LinearFeedback;
@@ -35,22 +35,27 @@ typedef struct {
   Array force_recent, force_returned;
   int64_t commanded;
   int64_t measured_by[AXES], actuators[ACTUATORS];
-  Array recent, recent_commanded, samples, corrected, estimated, force, free_accel, motion, error, command, forward, back, back_limits;
+  Array recent, recent_commanded, samples, corrected, accel, estimated, force, free_accel, motion, error, command, forward, back, back_limits;
   Array command_limit_v, feedback_limit_v, carried;
   double bit_v, bits_per_v, ripple_m_s2_per_v, ripple_sum_m_s2_per_v;
   Array sent;
   int64_t logged;
   Array expected;
+  int64_t accelerometers, cell;
+  Array cell_reads;
 } Step;
 
+typedef struct { Integers duty; Array saturation_v, abort, tolerated, reads; } FurtherLimits; /* none here */
 typedef struct {
   double stroke_m, velocity_m_s, acceleration_m_s2, force_n, command_v, tracking_error, gain_m_per_v, dt_s;
   Array force_weights, saturation_v, stuck, abort;
   double command_rate_v_s, energy_ratio, energy_floor_j;
+  FurtherLimits further;
 } GuardLimits;
-typedef struct { Integers flags; Array motion, codes, expected_at, moved; Integers same; Array slip, energy, seen; int64_t actuators[ACTUATORS], axes[AXES]; } GuardState;
+typedef struct { Integers flags; Array motion, codes, expected_at, moved; Integers same; Array slip, energy, seen; int64_t actuators[ACTUATORS], axes[AXES]; Array compared; } GuardState;
 
 typedef struct { int64_t storeys; } NoLaws;
+typedef struct { Array states, accelerations, range, noise_rms, v_per_unit; } FurtherOutputs; /* none here */
 typedef struct {
   Array push, filters, nodes, feed, start, accel_rows, accel_friction;
   double steps_cubed, bend, reference_per_velocity;
@@ -59,6 +64,7 @@ typedef struct {
   double sensor_range_m_s2, sensor_v_per_m_s2, sensor_range_v, sensor_step_v, sensor_steps_per_v, noise_rms_m_s2;
   int64_t refine;
   NoLaws laws;
+  FurtherOutputs further;
 } Plant;
 typedef struct { Array state, state_tiles, low, coupled, made, made_tiles, begin, offsets, queue, middle_velocity; Integers fault; Array law_memory, law_free; } PlantState;
 

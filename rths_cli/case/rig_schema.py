@@ -137,6 +137,23 @@ class NominalSpec(Strict):
     payload_kg: Annotated[float, Range(gt=0, le=1e6)] = Field(default=23.0, description=PAYLOAD)
 
 
+class UncertaintySpec(Strict):
+    """Hold the standard uncertainties of what a rig file declares and a laboratory weighs; 0: exactly as declared."""
+
+    sensitivity: Annotated[float, Range(ge=0, le=0.2)] = Field(default=0.01, description="of a sensitivity, relative")
+    corner: Annotated[float, Range(ge=0, le=0.5)] = Field(
+        default=0.1, description="of the corner of an AC coupling, relative"
+    )
+    skew_s: Annotated[float, Range(ge=0, le=1e-3)] = Field(
+        default=25e-6, description="of the instant at which a channel is sampled, its low pass included"
+    )
+    mass: Annotated[float, Range(ge=0, le=0.1)] = Field(default=0.003, description="of a weighed floor mass, relative")
+
+
+EXACT = UncertaintySpec(sensitivity=0.0, corner=0.0, skew_s=0.0, mass=0.0)
+UNCERTAINTY = "standard uncertainties of what is declared; what the identification shows better, it corrects"
+
+
 class RigSpec(Strict):
     """Hold what the file of every shake table states; each kind of rig adds its own keys."""
 
@@ -148,6 +165,7 @@ class RigSpec(Strict):
     converters: ConvertersSpec = Field(default=ConvertersSpec(), description=CONVERTERS)
     limits: LimitsSpec = Field(default=LimitsSpec(), description=LIMITS)
     nominal: NominalSpec = Field(default=NominalSpec(), description=NOMINAL)
+    uncertainty: UncertaintySpec = Field(default=UncertaintySpec(), description=UNCERTAINTY)
 
 
 class VirtualRigSpec(RigSpec):
@@ -160,6 +178,7 @@ class VirtualRigSpec(RigSpec):
 
     kind: Literal["virtual"] = Field(description=KIND)
     sensors: SensorsSpec = Field(default=SensorsSpec(), description=SENSORS)
+    uncertainty: UncertaintySpec = Field(default=EXACT, description=f"{UNCERTAINTY}; default: all 0")
     physics: VirtualPhysics = Field(default=VirtualPhysics(), description="what only the virtual table itself knows")
     after_identification: AfterIdentification = Field(
         default=AfterIdentification(), description="what changes on the rig after it was identified; 1 changes nothing"

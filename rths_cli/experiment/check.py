@@ -105,6 +105,7 @@ def _judge_sample(setup: Setup, sample: Identification, design: Design, shared: 
 
 def _judge_one(setup: Setup, identified: Identification, design: Design, shared: SharedValues) -> Judged:
     """Check a case's hybrid test on one member of the identified model, without its samples."""
+    setup = setup.calibrated(identified)
     dt, whole, as_designed = setup.rig.dt_s, _with_laws(setup, identified, design), design
     design = replace(design, blocks=design.blocks.linearised())
     building = at_rest(whole)

@@ -14,6 +14,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+from rths_cli.case.case_schema import Case
 from rths_cli.case.resolve import VARIED
 from rths_cli.errors import InputError
 from rths_cli.experiment.model_datasets import from_groups, to_groups
@@ -109,7 +110,7 @@ def identity(setup: Setup) -> dict[str, str | int | float]:
     return {
         "rig": case.table.name,
         "rig_kind": case.table.kind,
-        "rig_sha256": _hash(case.table.model_dump_json(exclude=HARDWARE_ONLY)),
+        "rig_sha256": _hash(case.table.model_dump_json(exclude=_beside_the_rig(case))),
         "structure": case.structure.name,
         "specimen_sha256": _specimen_hash(setup),
         "floor_masses_kg": " ".join(f"{mass:g}" for mass in setup.floor_masses_kg),
@@ -123,6 +124,12 @@ def identity(setup: Setup) -> dict[str, str | int | float]:
         "rths_version": __version__,
         "git_commit": git_commit(),
     }
+
+
+def _beside_the_rig(case: Case) -> dict[str, Any]:
+    """Return the keys of a case's rig that are no part of what the rig is; a usual uncertainty is not."""
+    usual = type(case.table).model_fields["uncertainty"].default
+    return HARDWARE_ONLY | ({"uncertainty": True} if case.table.uncertainty == usual else {})
 
 
 def _specimen_hash(setup: Setup) -> str:

@@ -66,6 +66,22 @@ class Limits:
 
 
 @dataclass(frozen=True)
+class Uncertainty:
+    """Standard uncertainties of what a laboratory declares: sensitivities, AC corners and weighed masses relative to
+    their values, the instants at which channels are sampled in s. 0: exactly as declared."""
+
+    sensitivity: float = 0.01
+    corner: float = 0.1
+    skew_s: float = 25e-6
+    mass: float = 0.003
+
+    @property
+    def any(self) -> bool:
+        """Return whether anything may differ from what is declared."""
+        return max(self.sensitivity, self.corner, self.skew_s, self.mass) > 0.0
+
+
+@dataclass(frozen=True)
 class RigInfo:
     """All that the runner may know of a rig before it has measured anything.
 
@@ -77,7 +93,7 @@ class RigInfo:
     leads its table to rest by itself (0: it has no watchdog). `overrun`: what a missed deadline does, hold, skip or
     stop. `driver_verified`: what is behind the driver, hardware, loopback or fake: an open rig's own info says it,
     before that it is empty or what the address of a target lets expect. Empty on a virtual rig. `actuators`: number of
-    commands, all with the same gain and limits.
+    commands, all with the same gain and limits. `uncertainty`: of sensors and masses as declared.
     """
 
     name: str
@@ -96,6 +112,7 @@ class RigInfo:
     overrun: str = "skip"
     driver_verified: str = ""
     actuators: int = 1
+    uncertainty: Uncertainty = Uncertainty()
 
     @property
     def can(self) -> Capabilities:

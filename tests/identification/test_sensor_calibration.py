@@ -65,8 +65,8 @@ def test_ratios_are_found_within_their_uncertainty_and_the_common_scale_stays(se
     errors = np.array([found.error_of(row) for row in known])
     assert np.all(np.abs(known @ off) < 4.0 * errors)
     assert np.all(errors[:2] < 5e-4) and np.all(errors[4:6] < 2e-6) and errors[6] < 3e-4
-    assert np.log(found.gain).mean() == pytest.approx(0.0, abs=2e-5)  # nothing is known of what all sensors share
-    assert np.log(found.mass).mean() == pytest.approx(0.0, abs=2e-5)
+    assert np.log(found.gain).mean() == pytest.approx(0.0, abs=1e-4)  # nothing is known of what all sensors share
+    assert np.log(found.mass).mean() == pytest.approx(0.0, abs=1e-4)
     assert found.error_of(np.repeat([1.0 / 3.0, 0.0], [3, 8])) == pytest.approx(0.01 / np.sqrt(3.0), rel=0.01)
     assert found.error_of(np.repeat([0.0, 0.5], [9, 2])) == pytest.approx(0.003 / np.sqrt(2.0), rel=0.01)
 
@@ -75,7 +75,7 @@ def test_uncertainties_cover_the_errors_of_many_records():
     """Of 40 records the errors of the gains' ratios over their uncertainty have a mean square of 1."""
     over = []
     for seed in range(40):
-        seen, dt_s = motion(np.ones(3), np.ones(3), np.zeros(3), np.ones(2), seconds=40.0, noise=5e-3, seed=seed)
+        seen, dt_s = motion(np.ones(3), np.ones(3), np.zeros(3), np.ones(2), seconds=20.0, noise=5e-3, seed=seed)
         found = calibrate([seen], dt_s, MASSES, CHANNELS, 0.5, START, priors_of(DECLARED, 2, True))
         for floor in (1, 2):
             pair = np.zeros(11)

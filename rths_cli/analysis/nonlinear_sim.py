@@ -37,6 +37,7 @@ from rths_cli.structure.storey_laws import (
     MAXWELL,
     OWN,
     OWN_STATES,
+    SOFTENING,
     VISCOUS,
     Laws,
 )
@@ -263,6 +264,8 @@ def _begin(code: int, numbers: Array, memory: Array, signs: Array) -> None:
         memory[TOP + 2], memory[TOP + 3] = -numbers[1], -numbers[0] * numbers[1]
     elif code == GAP:
         memory[LOW], memory[HIGH] = -numbers[1], numbers[1]
+    elif code == SOFTENING:
+        memory[LOW] = 0.0
 
 
 @shared_part
@@ -275,6 +278,8 @@ def _force(code: int, numbers: Array, memory: Array, signs: Array, u: float, v: 
         return memory[FORCE] + memory[SLOPE] * (u - memory[ANCHOR])
     if code == CUBIC:
         return numbers[0] * u * u * u
+    if code == SOFTENING:
+        return -numbers[0] * u * u / (u + signs[0] * numbers[1])
     if code == VISCOUS:
         if signs[0] == 0.0:
             return numbers[0] * numbers[2] ** (numbers[1] - 1.0) * v
@@ -392,6 +397,9 @@ def _switch(code: int, numbers: Array, memory: Array, signs: Array, u: float, v:
         else:
             rest = u - memory[RULE] * limit
             _set(memory, 0.0, k, rest, rest - limit, rest + limit, 0.0)
+    elif code == SOFTENING:
+        signs[0] = -signs[0]
+        _set(memory, 0.0, 0.0, 0.0, 0.0 if signs[0] > 0.0 else -np.inf, 0.0 if signs[0] < 0.0 else np.inf, 0.0)
     elif code == GAP:
         k, gap = numbers[0], numbers[1]
         if u > memory[HIGH] and memory[SLOPE] == 0.0:

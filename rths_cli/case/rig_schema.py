@@ -11,16 +11,19 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import (
     AfterValidator,
     Field,
+    SerializerFunctionWrapHandler,
     ValidationError,
     ValidatorFunctionWrapHandler,
     WrapValidator,
     field_validator,
+    model_serializer,
 )
 from pydantic_core import InitErrorDetails
 
 from rths_cli.case.field_types import Problem, Range, Strict, entry, exactly_one, listed, near, number, refusal, shown
 from rths_cli.case.plugin_rig_names import GROUP, plugin_kinds
 from rths_cli.case.rig_capabilities import DEFAULT_KIND
+from rths_cli.case.virtual_imperfections_schema import VirtualImperfections
 from rths_cli.case.virtual_physics_schema import AfterIdentification, VirtualPhysics
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 
@@ -183,6 +186,15 @@ class VirtualRigSpec(RigSpec):
     after_identification: AfterIdentification = Field(
         default=AfterIdentification(), description="what changes on the rig after it was identified; 1 changes nothing"
     )
+    imperfections: VirtualImperfections = Field(
+        default=VirtualImperfections(), description="how the laboratory differs from what its files declare"
+    )
+
+    @model_serializer(mode="wrap")
+    def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Leave out imperfections that there are none of, so that models of older versions stay those of their rig."""
+        data: dict[str, Any] = write(self)
+        return {key: data[key] for key in data if key != "imperfections" or not self.imperfections.off}
 
 
 ONLY_VIRTUAL = "belongs to a virtual rig; remove it"

@@ -140,6 +140,16 @@ class CubicLaw(StoreyLaw):
     largest_drift_m: Drift = Field(description="up to which it holds; stability is judged up to there")
 
 
+class SofteningLaw(StoreyLaw):
+    """Hold a spring that loses a share of its stiffness as the drift grows."""
+
+    kind: Literal["softening"] = Field(description=KIND)
+    share: Annotated[float, Range(ge=0, lt=1)] = Field(
+        description="of the storey's stiffness that is lost at large drifts"
+    )
+    half_drift_m: Drift = Field(default=0.001, description="drift at which half of it is lost")
+
+
 class OwnLaw(StoreyLaw):
     """Hold a law of the user's own: a function in a Python file, or of an installed package. It is run."""
 
@@ -174,6 +184,7 @@ KINDS: dict[str, type[StoreyLaw]] = {
     "viscous_power": ViscousPowerLaw,
     "maxwell": MaxwellLaw,
     "cubic": CubicLaw,
+    "softening": SofteningLaw,
     "own": OwnLaw,
 }
 
@@ -220,6 +231,7 @@ AnyLaw = Annotated[
     | ViscousPowerLaw
     | MaxwellLaw
     | CubicLaw
+    | SofteningLaw
     | OwnLaw,
     WrapValidator(_of_kind),
 ]

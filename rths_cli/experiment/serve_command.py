@@ -37,14 +37,14 @@ from rths_cli.rigs.udp.key_file import KEY_FILE_VARIABLE, as_words, make_secret,
 from rths_cli.rigs.udp.late_command_trajectory import fresh_way
 from rths_cli.rigs.udp.session import ARM_WORDS, Terms
 from rths_cli.rigs.udp.sockets import bound, shown
-from rths_cli.rigs.virtual.plant import Plant
-from rths_cli.rigs.virtual.plant_kernel import fresh_state
-from rths_cli.rigs.virtual.virtual_rig import virtual_rig
+from rths_cli.rigs.virtual.virtual_rig import fresh_state, normals_of, virtual_rig
 from rths_cli.user_cache import user_cache
 
 if TYPE_CHECKING:
     from rths_cli.case.rig_schema import VirtualRigSpec
     from rths_cli.rigs.udp.siphash import Words
+    from rths_cli.rigs.virtual.imperfect.plant import ImperfectPlant
+    from rths_cli.rigs.virtual.plant_kernel import Plant
 
 SHORTEST_INTERVAL_NS = 100_000
 LOOK_S = 0.1  # interval at which signals are handled
@@ -280,8 +280,9 @@ class ServedRig:
 
     @cached_property
     def noise(self) -> Array:
-        """Return rows of standard normal noise, (NOISE_ROWS, channels)."""
-        return np.random.default_rng((self.seed, EXP_RTHS)).standard_normal((NOISE_ROWS, self.channels))
+        """Return rows of standard normal noise, (NOISE_ROWS, normals of the rig)."""
+        normals = normals_of(self.table, self.channels)
+        return np.random.default_rng((self.seed, EXP_RTHS)).standard_normal((NOISE_ROWS, normals))
 
 
 def describe(rig: str, structure: str, settings: tuple[str, ...], seed: int) -> ServedRig:
@@ -315,8 +316,8 @@ def make_table(rig: ServedRig, interval_ns: int) -> Table:
     )
 
 
-def _plant(rig: ServedRig, tick_s: float) -> Plant:
-    info = replace(rig.setup.rig, dt_s=tick_s)
+def _plant(rig: ServedRig, tick_s: float) -> Plant | ImperfectPlant:
+    info = replace(rig.setup.rig, dt_s=tick_s, latency_samples=0)
     building = rig.setup.building
     mass = building.interface_experimental_mass_kg
-    return virtual_rig(rig.table, info, building.specimen, mass, (0,), after_identification=True).plant
+    return virtual_rig(rig.table, info, building.specimen, mass, (0,), True, case_seed=rig.seed).plant

@@ -31,9 +31,16 @@ from rths_cli.loop.stop_reasons import reason_of
 from rths_cli.numerics.clock import IntArray, monotonic_ns
 from rths_cli.numerics.compiled import borrowed, entry, kept_part, part
 from rths_cli.numerics.lti import Array
-from rths_cli.rigs.interface import Rig, RigInfo, SimulatedRig, as_commands, simulated
+from rths_cli.rigs.interface import (
+    Rig,
+    RigInfo,
+    SimulatedPlant,
+    SimulatedRig,
+    SimulatedState,
+    as_commands,
+    simulated,
+)
 from rths_cli.rigs.virtual import plant_kernel
-from rths_cli.rigs.virtual.plant import Plant
 
 Flags = NDArray[np.bool_]
 STAMPED = 16  # steps of a virtual rig per reading of the clock, which costs a quarter of a step
@@ -255,18 +262,18 @@ def stamp(log: Log, steps: int, count: int, before: int, now: int) -> int:
 
 
 @entry
-def watch_virtual(plant: Plant, table: plant_kernel.PlantState, noise: Array, shown_v: Array) -> None:
+def watch_virtual(plant: SimulatedPlant, table: SimulatedState, noise: Array, shown_v: Array) -> None:
     """Write the samples (n, c) in V of a virtual table that is commanded to rest."""
     plant, table, noise, shown_v = borrowed((plant, table, noise, shown_v))
     for k in range(shown_v.shape[0]):
-        plant_kernel.read(plant, table, noise[k], shown_v[k])
-        plant_kernel.hold(plant, table, 0.0)
+        plant.read_channels(table, noise[k], shown_v[k])
+        plant.hold_command(table, 0.0)
 
 
 @entry
 def run_virtual(
-    plant: Plant,
-    table: plant_kernel.PlantState,
+    plant: SimulatedPlant,
+    table: SimulatedState,
     s: Step,
     limits: GuardLimits,
     g: GuardState,
@@ -285,14 +292,14 @@ def run_virtual(
     drive, noise, log, after_v, scratch = borrowed((drive, noise, log, after_v, scratch))
     steps, before = 0, monotonic_ns(scratch)
     while steps < drive.shape[0] and table.fault[0] == 0 and (g.flags[0] != STOPPED or g.flags[1] == END):
-        plant_kernel.read(plant, table, noise[steps], s.samples)
+        plant.read_channels(table, noise[steps], s.samples)
         end_record(g, steps, record)
         if steps >= record:
             for c in range(s.samples.size):
                 after_v[steps - record, c] = s.samples[c] + 0.0
         displacement = table.state[0]
         place = think(s, limits, g, drive[steps], log, steps, 1.0, True, s.samples, s.corrected)
-        plant_kernel.hold(plant, table, s.command[0])
+        plant.hold_command(table, s.command[0])
         for c in range(log.truths):
             log.columns[c, steps] = table.middle_velocity[c]
         if not log.lean:

@@ -30,6 +30,7 @@ from rths_cli.structure.storey_laws import (
     OWN,
     OWN_PARAMETERS,
     OWN_STATES,
+    SOFTENING,
 )
 
 REMEMBERED = 2 * OWN_STATES  # numbers of a law
@@ -194,6 +195,8 @@ def law_force(
         return numbers[0] * (u - min(max(u, -numbers[1]), numbers[1]))
     if code == CUBIC:
         return numbers[0] * u * u * u
+    if code == SOFTENING:
+        return -numbers[0] * u * abs(u) / (abs(u) + numbers[1])
     if code == OWN:
         return own_force(address, numbers, memory, u, rate + gives * before, gives)
     if code == MAXWELL:

@@ -28,12 +28,11 @@ from rths_cli.loop.guard import BRAKING, RUNNING, STOPPED, GuardLimits, GuardSta
 from rths_cli.numerics.clock import SPIN_NS, IntArray, monotonic_ns, sleep_until
 from rths_cli.numerics.compiled import borrowed, entry, external, kept_part, part
 from rths_cli.numerics.lti import Array
+from rths_cli.rigs.interface import SimulatedPlant, SimulatedState
 from rths_cli.rigs.udp import packets
 from rths_cli.rigs.udp.handshake import Greeter, answer_hello, opens_session
 from rths_cli.rigs.udp.late_command_trajectory import POINTS, Way, place_after, take_way
 from rths_cli.rigs.udp.siphash import Bytes, Words
-from rths_cli.rigs.virtual import plant_kernel
-from rths_cli.rigs.virtual.plant import Plant
 
 BROKEN_NS = 1_000_000  # wait after an error of the socket
 
@@ -152,8 +151,8 @@ class Door(NamedTuple):
 class Table(NamedTuple):
     """The physics of one session."""
 
-    plant: Plant  # with a step of one tick
-    state: plant_kernel.PlantState
+    plant: SimulatedPlant  # with a step of one tick
+    state: SimulatedState
     limits: GuardLimits  # of the way to rest
     guard: GuardState
     noise: Array  # (rows, c)
@@ -279,7 +278,7 @@ def tick(d: Door, t: Table) -> None:
         t.latched_v[0] = t.guard.motion[0] / t.limits.gain_m_per_v
         if t.guard.flags[0] == STOPPED:
             s[STATE] = packets.RESTED
-    plant_kernel.hold(t.plant, t.state, t.latched_v[0])
+    t.plant.hold_command(t.state, t.latched_v[0])
     s[TICK] += 1
     if t.state.fault[0] != 0:
         lead_to_rest(d, t, packets.END_STOP)
@@ -363,7 +362,7 @@ def answer(d: Door, t: Table, now: int) -> None:
 @part
 def sample(t: Table, s: IntArray) -> None:
     """Read the sensors with the next row of noise."""
-    plant_kernel.read(t.plant, t.state, t.noise[s[ROW]], t.samples)
+    t.plant.read_channels(t.state, t.noise[s[ROW]], t.samples)
     s[ROW] = (s[ROW] + 1) % t.noise.shape[0]
 
 

@@ -152,7 +152,7 @@ def virtual_driver(case: Case, info: RigInfo, building: Building, seed: Sequence
     from rths_cli.rigs.virtual.virtual_rig import virtual_rig
 
     mass = building.interface_experimental_mass_kg
-    return virtual_rig(simulated(case), info, building.specimen, mass, seed=tuple(seed), after_identification=changed)
+    return virtual_rig(simulated(case), info, building.specimen, mass, tuple(seed), changed, case_seed=case.seed)
 
 
 def true_building(case: Case, declared: Building) -> Building | None:
@@ -165,7 +165,7 @@ def true_building(case: Case, declared: Building) -> Building | None:
     from rths_cli.rigs.virtual.virtual_rig import true_specimen
 
     stated = declared.specimen
-    specimen, laws = true_specimen(case.table, stated)
+    specimen, laws = true_specimen(case.table, stated, case.seed)
     pairs = ((specimen.masses_kg, stated.masses_kg), (specimen.K, stated.K), (specimen.C, stated.C))
     if laws.code.size == 0 and all(np.array_equal(*pair) for pair in pairs):
         return declared

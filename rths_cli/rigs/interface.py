@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol, cast
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 
 from rths_cli.errors import RigError
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
-from rths_cli.numerics.lti import Array
+from rths_cli.numerics.lti import Array, Integers
 from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo
 
 if TYPE_CHECKING:
     from rths_cli.rigs.udp.link import Link
-    from rths_cli.rigs.virtual.plant import Plant
-    from rths_cli.rigs.virtual.plant_kernel import PlantState
 
 __all__ = [
     "COMPILED_LINK",
@@ -70,17 +68,43 @@ class Rig(Protocol):
         """Let go of the rig; safe to call twice."""
 
 
+class SimulatedState(Protocol):
+    """What compiled code reads of a simulated table's state."""
+
+    @property
+    def state(self) -> Array:
+        """Return an array that begins with the table's displacement in m at the last sampling instant."""
+
+    @property
+    def middle_velocity(self) -> Array:
+        """Return the true absolute velocities of table and floors in the middle of the last interval."""
+
+    @property
+    def fault(self) -> Integers:
+        """Return an array (1,): 0, or plant_kernel.END_STOP."""
+
+
+class SimulatedPlant(Protocol):
+    """Equations of motion in compiled code, with methods of a `part_class`; `state` is of the plant's own kind."""
+
+    def hold_command(self, s: Any, command_v: float) -> None:
+        """Queue a command and advance by a sample interval."""
+
+    def read_channels(self, s: Any, noise: Array, samples: Array) -> None:
+        """Write the converted samples in V, (n_channels,), for one row of standard normal noise."""
+
+
 class SimulatedRig(Rig, Protocol):
     """A rig whose equations of motion compiled code can advance: a whole run needs no `exchange`."""
 
-    plant: Plant
-    state: PlantState
+    plant: SimulatedPlant
+    state: SimulatedState
 
     def restart(self) -> None:
         """Put the table at rest and start the noise anew."""
 
     def noise(self, rows: int) -> Array:
-        """Return the next rows of standard normal noise, (rows, n_channels)."""
+        """Return the next rows of standard normal noise, (rows, normals): the plant says how many it takes."""
 
 
 class LinkedRig(Rig, Protocol):

@@ -16,7 +16,7 @@ import numpy as np
 
 from rths_cli.numerics.lti import Array, Integers
 
-BILINEAR, CLOUGH, GAP, CUBIC, VISCOUS, MAXWELL, BOUC_WEN, OWN = range(8)
+BILINEAR, CLOUGH, GAP, CUBIC, VISCOUS, MAXWELL, BOUC_WEN, OWN, SOFTENING = range(9)
 """Codes by which compiled functions know a law; friction is a bilinear law without a spring beyond its limit."""
 NUMBERS = 16  # of a law in compiled functions
 OWN_PARAMETERS = NUMBERS - 1  # at most, of a user's own law; the last number is its greatest dashpot
@@ -197,6 +197,28 @@ class Cubic(Law):
 
 
 @dataclass(frozen=True)
+class Softening(Law):
+    """A force of -`share` k u abs(u) / (abs(u) + `half_drift_m`): the spring loses a share of its stiffness k."""
+
+    code: ClassVar[int] = SOFTENING
+    stiffness_n_per_m: float  # k of the storey
+    share: float
+    half_drift_m: float
+
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        return self.share * self.stiffness_n_per_m, self.half_drift_m
+
+    @property
+    def linear(self) -> bool:
+        return self.share == 0.0
+
+    @property
+    def tangents(self) -> Tangents:
+        return Tangents((-self.share * self.stiffness_n_per_m, 0.0))
+
+
+@dataclass(frozen=True)
 class ViscousPower(Law):
     """A damper of force `coefficient` abs(v)^`exponent` sign(v), coefficient in N (s/m)^exponent; a straight line below
     `linear_below_m_per_s`, because no damper has the infinite slope of an exponent below one."""
@@ -342,6 +364,7 @@ OF_KIND: dict[str, type[Law]] = {
     "viscous_power": ViscousPower,
     "maxwell": Maxwell,
     "cubic": Cubic,
+    "softening": Softening,
 }
 
 

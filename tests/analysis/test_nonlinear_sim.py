@@ -62,6 +62,7 @@ def law_of(kind: str, k: float, random: np.random.Generator) -> dict[str, Any]:
         },
         "elastic_gap": {"gap_m": drift, "contact_n_per_m": between(1, 10) * k},
         "cubic": {"cubic_n_per_m3": between(-0.1, 1) * k / drift**2, "largest_drift_m": 0.02},
+        "softening": {"share": between(0.05, 0.5), "half_drift_m": drift},
         "viscous_power": {
             "coefficient": between(1, 5),
             "exponent": between(0.2, 2),

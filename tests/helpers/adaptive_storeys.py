@@ -141,6 +141,22 @@ class Cubic(Part):
         return self.numbers["cubic_n_per_m3"] * u**3
 
 
+class Softening(Part):
+    def __init__(self, k: float, numbers: Mapping[str, float]) -> None:
+        super().__init__(k, numbers)
+        self.mode = 1
+
+    def force(self, u: float, v: float, s: Sequence[float]) -> float:
+        spent = u / (u + self.mode * self.numbers["half_drift_m"])
+        return -self.numbers["share"] * self.k * u * spent
+
+    def ends(self, u: float, v: float, s: Sequence[float]) -> tuple[float, ...]:
+        return (self.mode * u + U,)
+
+    def next(self, which: int, u: float, v: float, s: Sequence[float]) -> None:
+        self.mode = -self.mode
+
+
 class Viscous(Part):
     def __init__(self, k: float, numbers: Mapping[str, float]) -> None:
         super().__init__(k, numbers)
@@ -211,6 +227,7 @@ KINDS: dict[str, type[Part]] = {
     "clough": Clough,
     "elastic_gap": Gap,
     "cubic": Cubic,
+    "softening": Softening,
     "viscous_power": Viscous,
     "maxwell": Maxwell,
     "bouc_wen": BoucWen,

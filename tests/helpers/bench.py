@@ -13,7 +13,7 @@ from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import Channel, Converters, Limits, RigInfo
 from rths_cli.rigs.virtual import plant_kernel
-from rths_cli.rigs.virtual.plant import Plant
+from rths_cli.rigs.virtual.plant_kernel import Plant
 from rths_cli.rigs.virtual.virtual_rig import build_plant
 from rths_cli.structure import Specimen
 

@@ -19,7 +19,7 @@ from rths_cli.loop.guard import GuardLimits
 from rths_cli.numerics.lti import Array
 from rths_cli.rigs.description import Limits, RigInfo
 from rths_cli.rigs.virtual import plant_kernel
-from rths_cli.rigs.virtual.plant import Plant
+from rths_cli.rigs.virtual.plant_kernel import Plant
 from rths_cli.rigs.virtual.virtual_rig import build_plant
 from rths_cli.structure import Specimen
 

@@ -34,8 +34,7 @@ from rths_cli.numerics.lti import Array
 from rths_cli.rigs.udp.late_command_trajectory import POINTS, SPACING, Way, fresh_way
 from rths_cli.rigs.udp.link import LOST, OK
 from rths_cli.rigs.virtual import plant_kernel
-from rths_cli.rigs.virtual.plant import Plant
-from rths_cli.rigs.virtual.plant_kernel import PlantState, fresh_state
+from rths_cli.rigs.virtual.plant_kernel import Plant, PlantState, fresh_state
 
 TICKS = 4  # of the physics in a sample interval
 # what a target does while it gets no command: it holds the last one and then jumps to the newest; goes on to the points

@@ -9,8 +9,7 @@ from rths_cli.numerics.compiled import part
 from rths_cli.numerics.tiled_products import ROWS, product
 
 if TYPE_CHECKING:
-    from rths_cli.rigs.virtual.plant import Plant
-    from rths_cli.rigs.virtual.plant_kernel import PlantState
+    from rths_cli.rigs.virtual.plant_kernel import Plant, PlantState
 
 SATURATED = 10.0  # tanh(10) is 1 within 5e-9
 SOLVED = 1e-9  # of tanh(v / v_s) at a node

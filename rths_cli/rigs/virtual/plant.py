@@ -18,7 +18,6 @@ from rths_cli.numerics.content_key import content_key
 from rths_cli.numerics.lti import Array
 from rths_cli.numerics.shared_values import SharedValues
 from rths_cli.numerics.tiled_products import ROWS, padded, squares, tiled
-from rths_cli.rigs.virtual.specimen_laws import NoLaws, SpecimenLaws
 from rths_cli.structure import Specimen
 
 if TYPE_CHECKING:
@@ -137,46 +136,6 @@ def _moved(parts: Parts, time_s: float) -> Array:
     chain[n : n + m, n + m : n + 2 * m] = np.eye(m)
     chain[n + m : n + 2 * m, n + 2 * m :] = np.eye(m)
     return np.asarray(expm(chain * time_s))
-
-
-class Plant(NamedTuple):
-    """Constant arrays of the kernel for n states and c = 1 + n_floors channels.
-
-    Arrays with a leading axis of levels hold one entry per inner step: level L divides the sample interval
-    into 2^L inner steps. The columns of the matrices are the mechanical states and the command; those of `push` go
-    on, after zeros up to `forces`, with tanh(v / v_s) at start, middle and end of the inner step and a zero, then
-    clip(F_ref) - F_ref at the same and a zero, then the force of each storey with laws likewise.
-    """
-
-    push: Array  # (levels, ...) tiles.squares: state at the end of an inner step, what the sensors keep of themselves
-    #              left out, then the absolute velocities of table and floors in its middle
-    filters: Array  # (levels, 3) what a low pass keeps of itself, an AC coupling of itself, and takes of its low pass
-    nodes: Array  # (levels, 1, columns, 4) v / v_s at middle and end, F_ref at middle and end, nonlinearities left out
-    feed: Array  # (levels, 2, 2, 2, 3) node, argument: what each nonlinearity at start, middle, end adds to it
-    start: Array  # (2, columns, 4) table acceleration, F_ref, its rate, surge, nonlinearities left out; then nodes[0]
-    accel_rows: Array  # (c, n) absolute accelerations from the state
-    accel_friction: Array  # (c,) the same from tanh(v / v_s)
-    steps_cubed: float  # cube of the inner steps per q^3 + bend q, q the change of v / v_s in an interval
-    bend: float  # square of the interval times the rates of actuator and friction
-    reference_per_velocity: float  # what F_ref changes by with v
-    mechanical: int  # number of mechanical states
-    forces: int  # first column of the nonlinearities
-    has_low_pass: bool
-    dt_s: float
-    per_friction_velocity: float  # 1 / v_s
-    force_limit_n: float
-    stroke_m: float
-    command_range_v: float
-    command_step_v: float
-    command_steps_per_v: float
-    sensor_range_m_s2: float
-    sensor_v_per_m_s2: float
-    sensor_range_v: float
-    sensor_step_v: float
-    sensor_steps_per_v: float
-    noise_rms_m_s2: float
-    refine: int  # levels added to the one chosen (0; more to check the integration)
-    laws: NoLaws | SpecimenLaws
 
 
 def continuous(

@@ -8,16 +8,64 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rths_cli.numerics.compiled import borrowed, entry, kept_part, part
-from rths_cli.numerics.lti import Array
+from rths_cli.numerics.compiled import borrowed, entry, kept_part, part, part_class
+from rths_cli.numerics.lti import Array, Integers
 from rths_cli.numerics.tiled_products import ROWS, copied, product, product_of_squares, shifted
 from rths_cli.rigs.virtual.friction_and_clipping import SATURATED, friction_sign
-from rths_cli.rigs.virtual.plant import Plant
-from rths_cli.rigs.virtual.specimen_laws import REMEMBERED, NoLaws
+from rths_cli.rigs.virtual.specimen_laws import REMEMBERED, NoLaws, SpecimenLaws
 
 END_STOP = 1
 CLIPPED_LEVEL = 4
 CROSSING_LEVEL = 9  # of an interval in which clipping may begin or end
+
+
+@part_class
+class Plant(NamedTuple):
+    """Constant arrays of the kernel for n states and c = 1 + n_floors channels.
+
+    Arrays with a leading axis of levels hold one entry per inner step: level L divides the sample interval
+    into 2^L inner steps. The columns of the matrices are the mechanical states and the command; those of `push` go
+    on, after zeros up to `forces`, with tanh(v / v_s) at start, middle and end of the inner step and a zero, then
+    clip(F_ref) - F_ref at the same and a zero, then the force of each storey with laws likewise.
+    """
+
+    push: Array  # (levels, ...) tiles.squares: state at the end of an inner step, what the sensors keep of themselves
+    #              left out, then the absolute velocities of table and floors in its middle
+    filters: Array  # (levels, 3) what a low pass keeps of itself, an AC coupling of itself, and takes of its low pass
+    nodes: Array  # (levels, 1, columns, 4) v / v_s at middle and end, F_ref at middle and end, nonlinearities left out
+    feed: Array  # (levels, 2, 2, 2, 3) node, argument: what each nonlinearity at start, middle, end adds to it
+    start: Array  # (2, columns, 4) table acceleration, F_ref, its rate, surge, nonlinearities left out; then nodes[0]
+    accel_rows: Array  # (c, n) absolute accelerations from the state
+    accel_friction: Array  # (c,) the same from tanh(v / v_s)
+    steps_cubed: float  # cube of the inner steps per q^3 + bend q, q the change of v / v_s in an interval
+    bend: float  # square of the interval times the rates of actuator and friction
+    reference_per_velocity: float  # what F_ref changes by with v
+    mechanical: int  # number of mechanical states
+    forces: int  # first column of the nonlinearities
+    has_low_pass: bool
+    dt_s: float
+    per_friction_velocity: float  # 1 / v_s
+    force_limit_n: float
+    stroke_m: float
+    command_range_v: float
+    command_step_v: float
+    command_steps_per_v: float
+    sensor_range_m_s2: float
+    sensor_v_per_m_s2: float
+    sensor_range_v: float
+    sensor_step_v: float
+    sensor_steps_per_v: float
+    noise_rms_m_s2: float
+    refine: int  # levels added to the one chosen (0; more to check the integration)
+    laws: NoLaws | SpecimenLaws
+
+    def hold_command(self, s: PlantState, command_v: float) -> None:
+        """Queue a command and hold the one that is due for a sample interval."""
+        hold(self, s, command_v)
+
+    def read_channels(self, s: PlantState, noise: Array, samples: Array) -> None:
+        """Write the converted samples in V, (c,), for one row of standard normal noise (c,)."""
+        read(self, s, noise, samples)
 
 
 class PlantState(NamedTuple):
@@ -33,7 +81,7 @@ class PlantState(NamedTuple):
     offsets: Array  # (4,) v / v_s at middle and end, F_ref at middle and end, nonlinearities left out
     queue: Array  # (latency + 1,) commands under way, the oldest first
     middle_velocity: Array  # (c,) true absolute velocities in the middle of the interval
-    fault: Array  # (1,) 0 or END_STOP
+    fault: Integers  # (1,) 0 or END_STOP
     law_memory: Array  # (3, l, REMEMBERED) of the laws at start, middle and end of an inner step
     law_free: Array  # (2, 2 + 2 q) SpecimenLaws.arguments at middle and end, nonlinearities left out
 
@@ -162,11 +210,11 @@ def read(plant: Plant, s: PlantState, noise: Array, samples: Array) -> None:
 def hold_interval(plant: Plant, s: PlantState, command_v: Array) -> None:
     """Do what `hold` does with the command in an array (1,), called from Python."""
     plant, s, command_v = borrowed((plant, s, command_v))
-    hold(plant, s, command_v[0])
+    plant.hold_command(s, command_v[0])
 
 
 @entry
 def read_samples(plant: Plant, s: PlantState, noise: Array, samples: Array) -> None:
     """Do what `read` does, called from Python."""
     plant, s, noise, samples = borrowed((plant, s, noise, samples))
-    read(plant, s, noise, samples)
+    plant.read_channels(s, noise, samples)

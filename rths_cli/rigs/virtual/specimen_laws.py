@@ -27,6 +27,7 @@ from rths_cli.structure.storey_laws import (
     CUBIC,
     GAP,
     MAXWELL,
+    SOFTENING,
     VISCOUS,
     Law,
     Laws,
@@ -36,8 +37,7 @@ from rths_cli.structure.storey_laws import (
 )
 
 if TYPE_CHECKING:
-    from rths_cli.rigs.virtual.plant import Plant
-    from rths_cli.rigs.virtual.plant_kernel import PlantState
+    from rths_cli.rigs.virtual.plant_kernel import Plant, PlantState
 
 REMEMBERED = 12  # numbers of a law
 PHASE = 1e-3  # rad in an inner step, of the specimen's fastest vibration
@@ -254,6 +254,8 @@ def law_force(code: int, numbers: Array, memory: Array, u: float, v: float, time
         return numbers[0] * (max(u - numbers[1], 0.0) + min(u + numbers[1], 0.0))
     if code == CUBIC:
         return numbers[0] * u * u * u
+    if code == SOFTENING:
+        return -numbers[0] * u * abs(u) / (abs(u) + numbers[1])
     if code == VISCOUS:
         size = abs(v)
         if size <= numbers[2]:

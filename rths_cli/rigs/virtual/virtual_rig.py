@@ -7,13 +7,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rths_cli.case.storey_law_schema import FrictionLaw, SofteningLaw, StoreyLaws
 from rths_cli.errors import RigError
 from rths_cli.numerics.constants import STANDARD_GRAVITY_M_S2
 from rths_cli.numerics.lti import Array
 from rths_cli.numerics.tiled_products import padded, tiled
 from rths_cli.rigs.interface import COMPILED_PLANT, Commands, RigInfo, one_actuator, only_command
 from rths_cli.rigs.virtual import plant_kernel
-from rths_cli.rigs.virtual.plant import Parts, Plant, accelerations, continuous, levels, velocities, with_sensors
+from rths_cli.rigs.virtual.imperfect import plant as imperfect
+from rths_cli.rigs.virtual.imperfect.from_laboratory import imperfect_plant
+from rths_cli.rigs.virtual.imperfect.plant import ImperfectPlant, ImperfectState
+from rths_cli.rigs.virtual.laboratory import Laboratory, laboratory_of, of_run
+from rths_cli.rigs.virtual.plant import Parts, accelerations, continuous, levels, velocities, with_sensors
+from rths_cli.rigs.virtual.plant_kernel import Plant, PlantState
 from rths_cli.rigs.virtual.specimen_laws import (
     NoLaws,
     SpecimenLaws,
@@ -46,13 +52,45 @@ def changed(
     return worn, Specimen(masses, stiffness, specimen.C)
 
 
-def true_specimen(spec: VirtualRigSpec, specimen: Specimen) -> tuple[Specimen, Laws]:
+def true_specimen(spec: VirtualRigSpec, specimen: Specimen, seed: int) -> tuple[Specimen, Laws]:
     """Return the specimen as it stands on the table after the identification, and the laws of its storeys.
 
-    Masses, stiffness and damping hold what the laws add at rest; storeys count from 0 at the table.
+    Masses, stiffness and damping hold what the laws add at rest; storeys count from 0 at the table. `seed` is that of
+    the case, from which a laboratory is drawn whose file states no number.
     """
     _, changed_specimen = changed(spec.physics, specimen, spec.after_identification)
-    return specimen_with_laws(changed_specimen, spec.physics.specimen_laws, STANDARD_GRAVITY_M_S2)
+    floors = len(specimen.masses_kg)
+    return as_it_is(spec, changed_specimen, true_laboratory(spec, seed, 1 + floors, floors))
+
+
+def true_laboratory(spec: VirtualRigSpec, seed: int, channels: int, floors: int) -> Laboratory | None:
+    """Return the laboratory of a rig file, None for one that is exactly as declared."""
+    if spec.imperfections.off:
+        return None
+    number = seed if spec.imperfections.laboratory is None else spec.imperfections.laboratory
+    return laboratory_of(spec.imperfections, number, channels, floors)
+
+
+def as_it_is(spec: VirtualRigSpec, specimen: Specimen, laboratory: Laboratory | None) -> tuple[Specimen, Laws]:
+    """Return a specimen with its true masses and with what its laws add at rest, and its laws."""
+    stated = spec.physics.specimen_laws
+    if laboratory is not None:
+        masses = specimen.masses_kg * (1.0 + laboratory.values["masses.weighing_error"])
+        specimen, own = Specimen(masses, specimen.K, specimen.C), own_laws(laboratory)
+        stated = tuple(of + more for of, more in zip(stated, own, strict=True)) if stated else own
+    return specimen_with_laws(specimen, stated, STANDARD_GRAVITY_M_S2)
+
+
+def own_laws(laboratory: Laboratory) -> StoreyLaws:
+    """Return the laws of the storeys that a laboratory states as imperfections of its specimen."""
+    stated, values = laboratory.stated.specimen, laboratory.values
+    pairs = zip(values["specimen.softening"], values["specimen.joint_friction_n"], strict=True)
+    laws: list[tuple[SofteningLaw | FrictionLaw, ...]] = []
+    for softening, friction_n in pairs:
+        soft = SofteningLaw(kind="softening", share=softening, half_drift_m=stated.softening_drift_m)
+        joint = FrictionLaw(kind="friction", force_n=friction_n, sticking_displacement_m=stated.joint_sticking_m)
+        laws.append(tuple(law for law, size in ((soft, softening), (joint, friction_n)) if size > 0.0))
+    return tuple(laws)
 
 
 def build_plant(
@@ -131,6 +169,25 @@ def inverse(step: float) -> float:
     return 1.0 / step if step > 0.0 else 0.0
 
 
+def normals(plant: Plant | ImperfectPlant) -> int:
+    """Return how many standard normal numbers a reading of the channels takes."""
+    if isinstance(plant, ImperfectPlant):
+        return imperfect.normals(plant.sensing.kind.size)
+    return int(plant.accel_rows.shape[0])
+
+
+def normals_of(spec: VirtualRigSpec, channels: int) -> int:
+    """Return how many standard normal numbers a reading of a rig file's channels takes."""
+    return channels if spec.imperfections.off else imperfect.normals(channels)
+
+
+def fresh_state(plant: Plant | ImperfectPlant, latency_samples: int) -> PlantState | ImperfectState:
+    """Return a table at rest."""
+    if isinstance(plant, ImperfectPlant):
+        return imperfect.fresh_state(plant, latency_samples)
+    return plant_kernel.fresh_state(plant, latency_samples)
+
+
 class VirtualRig:
     """A simulated table and specimen with a counted clock: `exchange` returns at once, one interval later.
 
@@ -139,7 +196,7 @@ class VirtualRig:
 
     offers = (COMPILED_PLANT,)
 
-    def __init__(self, info: RigInfo, plant: Plant, seed: tuple[int, ...]) -> None:
+    def __init__(self, info: RigInfo, plant: Plant | ImperfectPlant, seed: tuple[int, ...]) -> None:
         one_actuator(info)
         self.info = info
         self.plant = plant
@@ -149,13 +206,13 @@ class VirtualRig:
     def restart(self) -> None:
         """Put the table at rest and start the noise anew."""
         self._random = np.random.default_rng(self._seed)
-        self._rows = np.empty((0, len(self.info.channels)))
+        self._rows = np.empty((0, normals(self.plant)))
         self._row = 0
         self.rest()
 
     def noise(self, rows: int) -> Array:
-        """Return the next rows of standard normal noise, (rows, n_channels)."""
-        return self._random.standard_normal((rows, len(self.info.channels)))
+        """Return the next rows of standard normal noise, (rows, normals of the plant)."""
+        return self._random.standard_normal((rows, normals(self.plant)))
 
     def open(self) -> None:
         """Take hold of the rig (nothing to do)."""
@@ -175,8 +232,8 @@ class VirtualRig:
 
     def rest(self) -> None:
         """Bring the table to rest at zero (a virtual table may simply be put there)."""
-        self.state = plant_kernel.fresh_state(self.plant, self.info.latency_samples)
-        self._command, self._noise = np.zeros(1), np.zeros(len(self.info.channels))
+        self.state = fresh_state(self.plant, self.info.latency_samples)
+        self._command, self._noise = np.zeros(1), np.zeros(normals(self.plant))
         self._samples = np.zeros(len(self.info.channels))
         self._bound: tuple[Callable[[], object], Callable[[], object]] | None = None
 
@@ -206,13 +263,20 @@ def virtual_rig(
     interface_mass_kg: float,
     seed: tuple[int, ...],
     after_identification: bool,
+    case_seed: int = 0,
 ) -> VirtualRig:
     """Return the rig of a rig file with this specimen on it; `seed` names the noise of the run.
 
-    `after_identification` applies the changes of table and specimen that the rig file states under that key.
+    `after_identification` applies the changes of table and specimen that the rig file states under that key. From
+    `case_seed` a laboratory with imperfections is drawn whose file states no number.
     """
     physics, noise = spec.physics, spec.sensors.noise_rms_m_s2
     if after_identification:
         physics, specimen = changed(physics, specimen, spec.after_identification)
-    plant = build_plant(info, physics, specimen, noise, interface_mass_kg=interface_mass_kg)
+    laboratory = true_laboratory(spec, case_seed, len(info.channels), len(specimen.masses_kg))
+    if laboratory is None:
+        return VirtualRig(info, build_plant(info, physics, specimen, noise, 0, interface_mass_kg), seed)
+    specimen, laws = as_it_is(spec, specimen, laboratory)
+    this_run = of_run(laboratory, seed, len(info.channels))
+    plant = imperfect_plant(info, physics, specimen, laws, noise, interface_mass_kg, laboratory, this_run)
     return VirtualRig(info, plant, seed)

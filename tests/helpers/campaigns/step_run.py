@@ -18,8 +18,7 @@ from rths_cli.loop.run_log import Log, Signals, Sizes, empty_log, signals, sizes
 from rths_cli.loop.simulated_time_run import run_virtual
 from rths_cli.loop.step_arrays import NUMERICAL, Step, assemble
 from rths_cli.numerics.lti import Array
-from rths_cli.rigs.virtual.plant import Plant
-from rths_cli.rigs.virtual.plant_kernel import PlantState, fresh_state
+from rths_cli.rigs.virtual.plant_kernel import Plant, PlantState, fresh_state
 
 CASE = "el_centro_low_ff_fb"
 SIGNALS = tuple(name for name in widths(Sizes(1, 1), 1, False) if name not in ("logged", "compute_ns"))

@@ -1,0 +1,82 @@
+"""Draw the hidden values of a virtual laboratory: the same number makes the same laboratory in every run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+from zlib import crc32
+
+import numpy as np
+
+from rths_cli.case.virtual_imperfections_schema import LARGEST_DRAW, Values
+from rths_cli.errors import InputError
+from rths_cli.numerics.lti import Array
+
+if TYPE_CHECKING:
+    from rths_cli.case.virtual_imperfections_schema import VirtualImperfections
+
+PER_RUN = "channels.gain_change_between_runs"
+PER_FLOOR = ("masses.", "specimen.", "pitch.storey_height_m")
+
+
+@dataclass(frozen=True)
+class Laboratory:
+    """A laboratory as it is.
+
+    `values` by dotted key: an array with an entry per channel, floor or storey, or of one entry. `number` is None for
+    a laboratory whose values all are stated exactly.
+    """
+
+    number: int
+    stated: VirtualImperfections
+    values: Mapping[str, Array] = field(default_factory=dict)
+
+    def one(self, key: str) -> float:
+        """Return a value of which there is one."""
+        return float(self.values[key][0])
+
+
+def laboratory_of(stated: VirtualImperfections, number: int, channels: int, floors: int) -> Laboratory:
+    """Return the laboratory of this number; raises InputError for a list with another number of entries.
+
+    Each key has a stream of its own: what is switched on or off elsewhere changes no other value.
+    """
+    values = {}
+    for part, imperfections in stated.parts():
+        for name in type(imperfections).model_fields:
+            given, key = getattr(imperfections, name), f"{part}.{name}"
+            if isinstance(given, Values) and key != PER_RUN:
+                values[key] = drawn(given, key, number, _places(key, channels, floors))
+    return Laboratory(number, stated, values)
+
+
+def of_run(laboratory: Laboratory, run: tuple[int, ...], channels: int) -> dict[str, Array]:
+    """Return what is drawn anew for each run, (channels,) each: changes of gain and phases of the hum in rad."""
+    change = drawn(laboratory.stated.channels.gain_change_between_runs, PER_RUN, laboratory.number, channels, run)
+    phase = _stream("channels.hum_phase", laboratory.number, run).uniform(0.0, 2.0 * np.pi, channels)
+    return {PER_RUN: change, "channels.hum_phase_rad": phase}
+
+
+def drawn(values: Values, key: str, number: int, count: int, run: tuple[int, ...] = ()) -> Array:
+    """Return exact or drawn values (count,) of a key."""
+    if len(values.mean) not in (1, count):
+        what = "floors on the table" if key.startswith(PER_FLOOR) else "channels" if count > 1 else "value"
+        raise InputError(
+            f"table.imperfections.{key}: {len(values.mean)} entries for {count} {what}; state one for each"
+        )
+    mean = np.broadcast_to(np.asarray(values.mean, dtype=float), (count,)).copy()
+    if values.std == 0.0:
+        return mean
+    normal = _stream(key, number, run).standard_normal(count)
+    return mean + values.std * np.clip(normal, -LARGEST_DRAW, LARGEST_DRAW)
+
+
+def _stream(key: str, number: int, run: tuple[int, ...]) -> np.random.Generator:
+    return np.random.default_rng((crc32(key.encode()), number, *run))
+
+
+def _places(key: str, channels: int, floors: int) -> int:
+    if key.startswith(PER_FLOOR):
+        return floors
+    return channels if key.startswith("channels.") else 1

@@ -14,6 +14,7 @@ from rths_cli.analysis.closed_loop_matrix import closed_loop_matrix, loop_roots,
 from rths_cli.analysis.closed_loop_response import loop_response
 from rths_cli.analysis.critical_delay import critical_delay
 from rths_cli.analysis.fourier_lines import lines_for
+from rths_cli.analysis.metrics import rms
 from rths_cli.analysis.predicted_error import Known, predict
 from rths_cli.analysis.references import reference_of
 from rths_cli.analysis.sim_fourier_lines import delayed_rms, sim_lines
@@ -61,6 +62,7 @@ class Judged:
     building: tuple[Array, Array]  # frequencies in Hz and damping ratios (n,) of the building with identified specimen
     in_loop: tuple[Array, Array]  # the same of the nearest modes of the loop
     sim_delay_rms_m_s2: Array | None  # (n_storeys,) RMS errors of SIM-DELAY; None if it would diverge
+    sim_rms_m_s2: Array  # (n_storeys,) RMS of SIM of the building as identified, in the test band
     friction_v: float  # friction of the table as a command, as used in the prediction
     largest_scaling: float  # up to which the test is safe; 0 if no scaling makes it safe
     known: Known | None  # inputs of the prediction; None for an unstable loop
@@ -148,9 +150,11 @@ def _judge_one(setup: Setup, identified: Identification, design: Design, shared:
         _delayed_with_laws(setup, whole, shared) if whole.has_laws else _sim_delay(setup, building, known, critical)
     )
     seen = known if found.radius < 1.0 else None
+    sim_rms = rms(known.lines.evaluated(known.sim))
     return Judged(
-        verdict, own, looped, delayed, friction, largest, seen, (), tangents, simulated, *(uncertain or (None, None))
-    )
+        verdict, own, looped, delayed, sim_rms, friction, largest, seen, (), tangents, simulated,
+        *(uncertain or (None, None)),
+    )  # fmt: skip
 
 
 def _true_error(

@@ -112,9 +112,7 @@ def test_calibrated_channels_undo_what_was_found():
         w = 2.0 * np.pi * CORNER_HZ
         sensor = channel.sensitivity_v_per_m_s2 * found.gain[i] * s / (s + w * found.coupling[i])
         sensor = sensor / (1.0 + s / (2.0 * np.pi * channel.low_pass_hz)) * np.exp(-s * found.late_s[i])
-        undone = [
-            (block.C @ np.linalg.solve(z * np.eye(len(block.A)) - block.A, block.B) + block.D)[i, i] for z in at
-        ]
+        undone = [(block.C @ np.linalg.solve(z * np.eye(len(block.A)) - block.A, block.B) + block.D)[i, i] for z in at]
         assert np.abs(sensor * np.array(undone) - 1.0).max() < 1e-4
 
 

@@ -1,4 +1,4 @@
-"""The error that wrong sensors and masses leave, against the whole test written as one state equation and solved anew."""
+"""The error that wrong sensors and masses leave, against the whole test as one state equation that is solved anew."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,8 @@ MASSES, K_E = np.array([6.91, 6.95]), np.array([[14707.96, -7376.4], [-7376.4, 7
 C_E = np.array([[8.0, -2.0], [-2.0, 6.0]])
 M_N, K_N, C_N = 6.93, 7354.0, 22.0
 TIME = np.arange(8000) * DT
-GROUND = sosfiltfilt(
+BAND = butter(2, [0.5, 6.0], "band", fs=1.0 / DT, output="sos")
+GROUND = sosfiltfilt(BAND, np.random.default_rng(4).standard_normal(8000))
     butter(2, [0.5, 6.0], "band", fs=1.0 / DT, output="sos"), np.random.default_rng(4).standard_normal(8000)
 )
 GROUND *= np.hanning(8000)

@@ -18,8 +18,6 @@ M_N, K_N, C_N = 6.93, 7354.0, 22.0
 TIME = np.arange(8000) * DT
 BAND = butter(2, [0.5, 6.0], "band", fs=1.0 / DT, output="sos")
 GROUND = sosfiltfilt(BAND, np.random.default_rng(4).standard_normal(8000))
-    butter(2, [0.5, 6.0], "band", fs=1.0 / DT, output="sos"), np.random.default_rng(4).standard_normal(8000)
-)
 GROUND *= np.hanning(8000)
 
 
